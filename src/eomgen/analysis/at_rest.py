@@ -144,9 +144,9 @@ def _constraint(kernel: Kernel, q: Array, force: Array, still: Mask) -> tuple[Ar
     if not kernel.constraints:
         return np.zeros(0), change
     J = kernel.constraint_jacobian(q)[:, ~still]
-    gap = kernel.constraint(q)
-    if np.abs(gap).max() > CLOSED:
-        change[~still] = -np.linalg.lstsq(J, gap, rcond=RANK)[0]
+    residual = kernel.constraint(q)
+    if np.abs(residual).max() > CLOSED:
+        change[~still] = -np.linalg.lstsq(J, residual, rcond=RANK)[0]
     return np.linalg.lstsq(J.T, force[~still], rcond=RANK)[0], change
 
 

@@ -147,10 +147,10 @@ def pose_of(robot: Robot, kernel: Kernel, pose: PoseLike | None) -> Array:
 
 def floating(kernel: Kernel, q: Array) -> tuple[str, ...]:
     """Return names of the coordinates that touch no end of their clearance at q, (n,), and of journals that do not."""
-    gaps, names = clearances(law_numbers(kernel)), acting(kernel)
+    ends, names = clearances(law_numbers(kernel)), acting(kernel)
     there = deflections(kernel) @ q
     there[kernel.n :] += kernel.follower_matrix()[1]
-    inside = np.abs(there) <= [gaps.get(name, -1.0) for name in names]
+    inside = np.abs(there) <= [ends.get(name, -1.0) for name in names]
     contacts = journal_contacts(kernel)
     touching = {i for contact in contacts if contact.penetration(q) > 0.0 for i in contact.index}
     for name in journals_in_play(kernel):
@@ -161,13 +161,13 @@ def floating(kernel: Kernel, q: Array) -> tuple[str, ...]:
 
 def floating_cuts(kernel: Kernel, q: Array) -> list[str]:
     """Return names of the loop joints' coordinates and couplings that touch no end of their clearance at q, (n,)."""
-    gaps = {name: law["clearance"] for name, law in cut_numbers(kernel).items() if law.get("clearance")}
+    ends = {name: law["clearance"] for name, law in cut_numbers(kernel).items() if law.get("clearance")}
     known = {"cut_forces", "cut_jacobian"} <= set(kernel.raw.functions)  # a kernel that the caller built may lack them
     contacts = cut_contacts(kernel)
-    if not (gaps or contacts) or not known:
+    if not (ends or contacts) or not known:
         return []
     deviations = cut_deviations(kernel, q)
-    inside = {name for name, x in zip(kernel.cut_laws, deviations, strict=True) if abs(x) <= gaps.get(name, -1.0)}
+    inside = {name for name, x in zip(kernel.cut_laws, deviations, strict=True) if abs(x) <= ends.get(name, -1.0)}
     touching = {i for contact in contacts if contact.penetration(deviations) > 0.0 for i in contact.index}
     for i in {i for contact in contacts for i in contact.index} - touching:
         name = kernel.cut_laws[i]

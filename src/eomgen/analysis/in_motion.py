@@ -73,12 +73,12 @@ def _closed_system(arm: HeldRobot, q: Array, v: Array, driving: Array, *, is_dri
     needed = kernel.residual(q, v, a, zero) - dead
     prescribed = np.isin(kernel.coordinates, kernel.prescribed)
     u = driving.copy() if is_drive else np.zeros(kernel.n)
-    ways, _ = moving_basis(kernel, q, ~prescribed)
+    basis, _ = moving_basis(kernel, q, ~prescribed)
     if not is_drive:
-        u[fixation.driven] = np.linalg.lstsq(ways[fixation.driven].T, ways.T @ needed, rcond=RANK)[0]
+        u[fixation.driven] = np.linalg.lstsq(basis[fixation.driven].T, basis.T @ needed, rcond=RANK)[0]
     held = fixation.locked if is_drive else prescribed
-    ways, _ = moving_basis(kernel, q, ~held)
-    left = np.abs(ways.T @ (needed - u)).max(initial=0.0)
+    basis, _ = moving_basis(kernel, q, ~held)
+    left = np.abs(basis.T @ (needed - u)).max(initial=0.0)
     if not left <= 1e-8 * max(1.0, float(np.abs(needed).max())):
         names = ", ".join(np.array(kernel.coordinates)[fixation.driven])
         raise LoopError(
@@ -124,7 +124,7 @@ def _jacobian_rates(arm: HeldRobot, q: Array, v: Array, a: Array) -> tuple[Array
     return H @ v, H @ a + by_q
 
 
-def _refuse_opening(kernel: Kernel, gaps: Array, size: float, what: str, per: str, allowed: str) -> None:
+def _refuse_opening(kernel: Kernel, violations: Array, size: float, what: str, per: str, allowed: str) -> None:
     """Raise LoopError if velocities or accelerations open a loop by more than round-off of their size."""
-    if np.abs(gaps).max() > OPEN * max(1.0, size):
-        raise left_open(kernel.raw, gaps, f"opens at {what}", allowed, per)
+    if np.abs(violations).max() > OPEN * max(1.0, size):
+        raise left_open(kernel.raw, violations, f"opens at {what}", allowed, per)

@@ -168,10 +168,10 @@ class Chart:
         for label, x in zip("qva", arrays[:3], strict=True):
             kernel.refuse_not_finite(label, x, (n,))
         q, g = np.atleast_2d(out)[:, :n], np.atleast_2d(out)[:, self._ends[-2] :]
-        gaps = np.abs(g).max(axis=1)
-        bad = ~(gaps <= NEARLY)
+        violations = np.abs(g).max(axis=1)
+        bad = ~(violations <= NEARLY)
         if bad.any() and np.isfinite(q[bad]).all():
-            worst = int(np.where(bad, gaps, 0.0).argmax())
+            worst = int(np.where(bad, violations, 0.0).argmax())
             return left_open(kernel.raw, g[worst], "comes open", "a motion that stays where it closes")
         worst = int((~np.isfinite(np.atleast_2d(out)).all(axis=1)).argmax())
         return self._singular(kernel.constraint_jacobian(np.where(np.isfinite(q[worst]), q[worst], self._q)))
@@ -214,8 +214,8 @@ def _beside(J: Array, others: Array) -> Array:
 
 def _loose(kernel: Kernel, J: Array, moving: Index, others: Index, free: list[str]) -> LoopError:
     """Return the error that says that some coordinates do not hold a mechanism, naming what they leave loose."""
-    ways = np.linalg.svd(J[:, others])[2]
-    name = kernel.coordinates[others[int(np.abs(ways[-1]).argmax())]]
+    null_vectors = np.linalg.svd(J[:, others])[2]
+    name = kernel.coordinates[others[int(np.abs(null_vectors[-1]).argmax())]]
     loop, freedoms, missing = joint_of(kernel.constraints[0]), moving.size - rank_of(J[:, moving]), others.size
     missing -= rank_of(J[:, others])
     return LoopError(

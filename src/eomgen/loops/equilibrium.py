@@ -54,9 +54,11 @@ def closed_equilibrium(
     forces, turns = given_forces(kernel, u), Turns(kernel, fixed)
 
     def imbalance(qs: Array) -> Array:
-        zero, told = np.zeros_like(qs), turns.q_back(qs, q)
-        u_here = turns.forces(forces(told), told, qs)
-        return np.asarray(turns.here.residual(qs, zero, zero, u_here, wrench=wrench_rows(kernel.calls, told, wrench)))
+        zero, described = np.zeros_like(qs), turns.q_back(qs, q)
+        u_here = turns.forces(forces(described), described, qs)
+        return np.asarray(
+            turns.here.residual(qs, zero, zero, u_here, wrench=wrench_rows(kernel.calls, described, wrench))
+        )
 
     for _ in range(ROUNDS):
         turns.take(singular_joints(q, turns.joints))

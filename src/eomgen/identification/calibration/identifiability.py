@@ -133,10 +133,10 @@ def unidentifiable_rows(merged: Mapping[str, str]) -> list[tuple[str, str]]:
     merged: reason by name, as in ``Identifiable``.
     """
     rows = [(name, why) for name, why in merged.items() if why not in _ALONE]
-    for why, together in _ALONE.items():
+    for why, text in _ALONE.items():
         names = [name for name, reason in merged.items() if reason == why]
         if len(names) > 1:
-            rows.append((f"{len(names)} parameters", f"{together} (their names: --json, as_dict)"))
+            rows.append((f"{len(names)} parameters", f"{text} (their names: --json, as_dict)"))
         else:
             rows += [(name, why) for name in names]
     return rows

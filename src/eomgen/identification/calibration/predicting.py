@@ -50,10 +50,11 @@ def refuse_open(model: ErrorModel, state: State) -> None:
     closing = model.closing
     if closing is None:
         return
-    gaps = np.abs(closing.residuals(model.chain, state.located, state.q)).max(axis=1)
-    bad = np.flatnonzero(~(gaps < CLOSED))
+    violations = np.abs(closing.residuals(model.chain, state.located, state.q)).max(axis=1)
+    bad = np.flatnonzero(~(violations < CLOSED))
     if bad.size:
         raise InputError(
             f"predict: row {bad[0]}: the loops of the calibrated {model.robot.name} do not close (by"
-            f" {gaps[bad[0]]:.2g}); allowed: drives within its reach, and passive coordinates near those that close"
+            f" {violations[bad[0]]:.2g}); allowed: drives within its reach, and passive coordinates near those that"
+            " close"
         )

@@ -244,8 +244,8 @@ def _offer(
     model, seen = problem.model, problem.seen
     scaled = at_rows(model, problem.rows, seen, x)[1][:, problem.active] * model.sizes[problem.active]
     S = seen.whiten(scaled, seen.sigma)
-    told = S[seen.row < first + many]
-    V = _shown_directions(told)
+    shown = S[seen.row < first + many]
+    V = _shown_directions(shown)
     order = np.argsort(seen.row, kind="stable")
     start = int(np.searchsorted(seen.row[order], first))
     numbers = (len(order) - start) // len(more.q)

@@ -65,7 +65,7 @@ class Data:
         self.names = tuple(np.array(self.relations.rows)[known].tolist())
         laws = np.asarray(kernel.inverse_dynamics(self._q, self.v, self._a))
         places = inertial_places(kernel, base.terms, self.relations)
-        for at in self.pieces():
+        for at in self.chunks():
             sought = np.asarray(kernel.regressor(self._q[at], self.v[at], self._a[at]))[..., places]
             laws[at] -= sought @ kernel.regressor_values[places]
         self.laws: Array = self.relations.forces(laws)[:, known]
@@ -90,7 +90,7 @@ class Data:
         """Number of columns."""
         return len(self.base) + self.extra_count
 
-    def pieces(self, lost: int = 0) -> Iterator[slice]:
+    def chunks(self, lost: int = 0) -> Iterator[slice]:
         """Give the samples whose columns are in memory at a time; without as many at the end as a filter loses."""
         samples = len(self.v) - lost
         return (slice(first, min(first + PIECE, samples)) for first in range(0, samples, PIECE))
@@ -104,7 +104,7 @@ class Data:
     def triangle(self, counting: Mask, size: Array | float = 1.0) -> Array:
         """Give what QR leaves of all columns, (count, count): R of the rows that count, (T, r), over their size."""
         R = np.zeros((self.count, self.count))
-        for at in self.pieces():
+        for at in self.chunks():
             R = merged(R, (self.columns(at) / size)[counting[at]])
         return R
 
@@ -182,7 +182,7 @@ class Data:
     def predicted(self, solution: Solution) -> Array:
         """Return forces of the rows, (T, r), by known terms and identified parameters."""
         values = solution.values[: self.count]
-        return np.concatenate([self.columns(at) @ values for at in self.pieces()]) + self.total - self.forces
+        return np.concatenate([self.columns(at) @ values for at in self.chunks()]) + self.total - self.forces
 
     def shown(self, base: BaseParameters) -> tuple[BaseParameters, list[str]]:
         """Return the combinations that this motion can distinguish, and a warning where these are fewer."""
@@ -450,18 +450,18 @@ class Solution:
             fitted = np.sqrt(_left(R, values).sum(axis=0) / np.maximum(counts, 1))
             weights = 1.0 / np.maximum(fitted, EXACT * max(float(fitted.max()), 1e-300))
         weighted = R * weights[:, None, None]
-        together = np.stack([np.linalg.qr(block.reshape(-1, count + 1), mode="r") for block in weighted])
+        triangles = np.stack([np.linalg.qr(block.reshape(-1, count + 1), mode="r") for block in weighted])
         noise = seen * weights**2 @ blurred
         without = [
-            _solved(np.delete(together, place, axis=0), noise.sum(axis=0) - noise[place]) for place in range(blocks)
+            _solved(np.delete(triangles, place, axis=0), noise.sum(axis=0) - noise[place]) for place in range(blocks)
         ]
         left = sum(_left(block, x) for block, x in zip(R, without, strict=True))
         off = np.stack(without) - values
         variances = (off**2).sum(axis=0) * (blocks - 1) / blocks
         held_out = np.sqrt(left / np.maximum(counts, 1))
         variances = np.maximum(variances, 1e-300)
-        covariance = _covariance(together, variances) / np.outer(size, size)
-        share = _noise_share(together, noise.sum(axis=0))
+        covariance = _covariance(triangles, variances) / np.outer(size, size)
+        share = _noise_share(triangles, noise.sum(axis=0))
         return cls(half, values / size, variances / size**2, covariance, fitted, held_out, counts, share)
 
 
@@ -494,7 +494,7 @@ def _triangles(data: Data, half: int, kept: Mask, blocks: int) -> tuple[Array, A
     R = np.zeros((blocks, kept.shape[1], data.count + 1, data.count + 1))
     squares, wide = np.zeros(data.count), bell(half)
     block_of = np.repeat(np.arange(blocks), [len(rows) for rows in np.array_split(kept, blocks)])
-    for at in data.pieces(2 * half):
+    for at in data.chunks(2 * half):
         seen = slice(at.start, at.stop + 2 * half)
         both = np.concatenate([data.columns(seen), data.forces[seen, :, None]], axis=2)
         if half:

@@ -241,8 +241,10 @@ def closed_readings(
         closed = start + share * (readings - start) + constants
         closed[:, ks, cs] = before
         closed = closing.closed(chain, closed, constants, bases, _LAST if share == 1.0 else _EACH)
-    gaps = np.abs(closing.residuals(chain, located(chain, closed, bases), closed - constants)).max(axis=1)
-    bad = np.flatnonzero(~(gaps < CLOSED))
+    violations = np.abs(closing.residuals(chain, located(chain, closed, bases), closed - constants)).max(axis=1)
+    bad = np.flatnonzero(~(violations < CLOSED))
     if bad.size:
-        raise InputError(f"{places[int(bad[0])]}: the loops of {model.name} do not close there (by {gaps[bad[0]]:.2g})")
+        raise InputError(
+            f"{places[int(bad[0])]}: the loops of {model.name} do not close there (by {violations[bad[0]]:.2g})"
+        )
     return np.asarray(closed - constants)

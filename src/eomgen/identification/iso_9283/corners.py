@@ -63,10 +63,12 @@ def corner_figures(path: Path, command: Record) -> tuple[CornerFigures, ...]:
 def corners_of(points: Array) -> list[Corner]:
     """Return corners of a path through points, (m, 3): where straight parts meet, at a point or between two of them."""
     steps = np.diff(points, axis=0)
-    ways = steps / np.linalg.norm(steps, axis=1, keepdims=True)
+    tangents = steps / np.linalg.norm(steps, axis=1, keepdims=True)
     corners, k = [], 1
-    while k < len(ways):
-        corner = _corner(points, ways, k, k) or (_corner(points, ways, k, k + 1) if k + 1 < len(ways) else None)
+    while k < len(tangents):
+        corner = _corner(points, tangents, k, k) or (
+            _corner(points, tangents, k, k + 1) if k + 1 < len(tangents) else None
+        )
         if corner is None:
             k += 1
         else:
@@ -75,28 +77,28 @@ def corners_of(points: Array) -> list[Corner]:
     return corners
 
 
-def _corner(points: Array, ways: Array, first: int, last: int) -> Corner | None:
+def _corner(points: Array, tangents: Array, first: int, last: int) -> Corner | None:
     """Return the corner between the steps in front of ``first`` and behind ``last``, points of the path.
 
     None without one.
     """
-    before, behind = ways[first - 1], ways[last]
+    before, behind = tangents[first - 1], tangents[last]
     angle = _angle(before, behind)
     if not BLUNTEST <= angle <= SHARPEST:
         return None
-    around = [(k - 1, k) for k in (first - 1, last + 1) if 1 <= k < len(ways)]
-    turns = [_angle(ways[a], ways[b]) for a, b in around]
+    around = [(k - 1, k) for k in (first - 1, last + 1) if 1 <= k < len(tangents)]
+    turns = [_angle(tangents[a], tangents[b]) for a, b in around]
     sharp = first == last and angle >= _SHARP
     if any(turn > _STRAIGHT * angle and not (sharp and turn >= _SHARP) for turn in turns):
         return None
     if first == last:
         return Corner(points[first], before, behind, angle, first, last)
-    if min(_angle(before, ways[first]), _angle(ways[first], behind)) < _STRAIGHT * angle:
+    if min(_angle(before, tangents[first]), _angle(tangents[first], behind)) < _STRAIGHT * angle:
         return None  # one of both points is the corner
-    gap = points[last] - points[first]
+    chord = points[last] - points[first]
     cosine = float(before @ behind)
-    share = (gap @ before - (gap @ behind) * cosine) / (1.0 - cosine**2)
-    back = ((gap @ before) * cosine - gap @ behind) / (1.0 - cosine**2)
+    share = (chord @ before - (chord @ behind) * cosine) / (1.0 - cosine**2)
+    back = ((chord @ before) * cosine - chord @ behind) / (1.0 - cosine**2)
     if share < 0.0 or back > 0.0:  # both lines meet in front of the one and behind the other
         return None
     point = 0.5 * (points[first] + share * before + points[last] + back * behind)
@@ -111,10 +113,10 @@ def _piece(points: Array, length: Array, record: Record, begin: float, end: floa
     """Return the attained path between lengths of the commanded one, (k, 3): as far as it goes through their planes."""
     index = np.interp((begin, end), length, np.arange(len(points)))
     steps = np.diff(points, axis=0)[np.minimum(index.astype(np.intp), len(points) - 2)]
-    ways = steps / np.linalg.norm(steps, axis=1, keepdims=True)
+    tangents = steps / np.linalg.norm(steps, axis=1, keepdims=True)
     travelled = arc(record.position)
     near = np.searchsorted(travelled, np.array([begin, end]) / length[-1] * travelled[-1]).clip(0, len(travelled) - 1)
-    places = at_planes(between(points, index), ways, near.astype(np.intp), record.position)
+    places = at_planes(between(points, index), tangents, near.astype(np.intp), record.position)
     first = 0 if np.isnan(places[0]) else int(places[0])
     last = len(travelled) - 1 if np.isnan(places[1]) else int(np.ceil(places[1]))
     return record.position[first : max(last, first + 1) + 1]

@@ -362,7 +362,7 @@ def _together(
 ) -> _System:
     """Return the equations of all coordinates of a mechanism, along the motions that are left to it."""
     places = tuple((item, column) for item in sought for column in item.columns)
-    N = _ways(kernel, model, motion, moved)
+    N = _free_motions(kernel, model, motion, moved)
     y = moved.u - np.asarray(kernel.inverse_dynamics(moved.q, moved.v, moved.a, cut=True))
     numbers = {**law_numbers(kernel), **cut_numbers(kernel)}
     columns = np.empty((*N.shape[::2], len(places)))
@@ -374,7 +374,7 @@ def _together(
     return _System(tuple(sought), places, columns, np.einsum("tnf,tn->tf", N, y))
 
 
-def _ways(kernel: Kernel, model: Model, motion: MeasuredMotion, moved: _Moved) -> Array:
+def _free_motions(kernel: Kernel, model: Model, motion: MeasuredMotion, moved: _Moved) -> Array:
     """Return motions along which neither loops, couplings nor unknown drives do work, (T, n, f).
 
     Lengths by kinetic energy.
@@ -409,9 +409,9 @@ def _solve(system: _System, half: int, width: int) -> _Solution:
 
     width: half width of all filters together, samples.
     """
-    samples, ways, count = system.columns.shape
+    samples, motions, count = system.columns.shape
     wide = bell(half)
-    X = filtered(system.columns.reshape(samples, -1), wide).reshape(-1, ways, count)
+    X = filtered(system.columns.reshape(samples, -1), wide).reshape(-1, motions, count)
     y = filtered(system.right, wide)
     of_X, of_y = np.zeros((2, count)) if system.noise is None else system.noise.behind(wide)
     square = np.mean(X**2, axis=(0, 1))
