@@ -159,7 +159,7 @@ def test_what_a_page_cannot_do_is_refused() -> None:
 
     section = Section("program", {"program": Python()})
     scenario = eomgen.Scenario(1.0, motion=section)
-    with pytest.raises(eomgen.InputError, match=r"motion: is a reference trajectory that only Python can ask; allowed on a page"):
+    with pytest.raises(eomgen.InputError, match=r"motion: is a reference trajectory that only Python can ask"):
         contents_of(eomgen.load_robot("one_link"), scenario, None, no_progress)
     with pytest.raises(eomgen.UnknownNameError, match="nothing_like_it"):
         eomgen.export_live("one_link", "unused.html", scenario=eomgen.Scenario(1.0, frame="nothing_like_it"))
