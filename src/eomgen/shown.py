@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import html
 import math
-import re
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, ClassVar, TextIO
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -20,7 +19,6 @@ LONGEST = 300  # characters of a line
 NAMED = 3  # names of a list that are shown
 PREFIXES = ((1.0, ""), (1e3, "m"), (1e6, "u"), (1e9, "n"), (1e12, "p"))
 _MOST_DIGITS = 15
-_MICRO = re.compile(r"(?<=[0-9] )u(?=(m|rad|s|N|J|W)\b)|(?<=\[)u(?=(m|rad|s|N|J|W)\b)")  # 5 um, [urad]
 
 
 class Shown:
@@ -132,15 +130,6 @@ def interval_ends(low: float, high: float, digits: int = 3) -> tuple[str, str]:
     if width > 0.0 and math.isfinite(width):
         digits = min(max(digits, math.floor(math.log10(far)) - math.floor(math.log10(width)) + 2), _MOST_DIGITS)
     return f"{low:.{digits}g}", f"{high:.{digits}g}"
-
-
-def with_micro_signs(text: str, stream: TextIO) -> str:
-    """Return the text with micro signs in the place of the u of units, on a terminal whose encoding has them."""
-    try:
-        "\N{MICRO SIGN}".encode(stream.encoding or "ascii")
-    except (UnicodeError, LookupError):
-        return text
-    return _MICRO.sub("\N{MICRO SIGN}", text) if stream.isatty() else text
 
 
 def text_of(value: Any) -> str:

@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eomgen.cli.shared import say
-from eomgen.shown import interval, interval_ends, prefixed, scale_of, with_micro_signs
+from eomgen.cli.shared import say, with_micro_signs
+from eomgen.shown import interval, interval_ends, prefixed, scale_of
 
 FACTORS = {"": 1.0, "m": 1e-3, "u": 1e-6, "n": 1e-9, "p": 1e-12}
 

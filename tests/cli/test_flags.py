@@ -32,6 +32,7 @@ from eomgen.integration.methods import METHODS
 DIFFER = {  # flags whose help or form is another one by command, and why
     "--output": "each command says what it writes",
     "--scenario": "new writes a scenario, the others read one",
+    "--plan": "new writes a plan, the others read one",
     "--report": "generate writes the derivation, the others a page about their result",
     "--box": "excite looks at any frame and names it, poses at those to measure",
     "--drives": "a free joint has no static deflection",

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from ..errors import DescriptionError
-from ..identification.tolerances.solve import tolerance_quantities
 from ..robot.model import tool_of
 from ..robot.parameter_names import expand_tunable
 from ..robot.value import Robot
@@ -71,6 +70,8 @@ def _has(robot: Robot, pattern: str) -> bool:
 
 def tolerances_file_text(robot: Robot) -> str:
     """Return a commented table of tolerances: what of the robot may be off, with sizes to begin with."""
+    from ..identification.tolerances.solve import tolerance_quantities  # imports NumPy and SciPy
+
     frame = tool_of(robot, None)
     left = _patterns(tolerance_quantities(robot, frame).items())
     name = robot.name

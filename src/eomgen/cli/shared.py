@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -18,7 +19,6 @@ from ..limits import LARGEST, MOST_COUNTED, SMALLEST, is_usable
 from ..names import printable, show
 from ..optional import NotInstalledError
 from ..progress import Progress, StageReport, no_progress
-from ..shown import with_micro_signs
 from .choices import ROTATIONS
 
 if TYPE_CHECKING:
@@ -34,6 +34,7 @@ _DRIVES = {
     "free": "free under constant forces",
     "pd": "held by gains (pd)",
 }
+_MICRO = re.compile(r"(?<=[0-9] )u(?=(m|rad|s|N|J|W)\b)|(?<=\[)u(?=(m|rad|s|N|J|W)\b)")  # 5 um, [urad]
 _DIGITS = 18  # of whole numbers, so that 64 bits hold them
 
 
@@ -188,6 +189,15 @@ def result_path(path: Path) -> Path:
 
 
 # What is shown
+
+
+def with_micro_signs(text: str, stream: TextIO) -> str:
+    """Return the text with micro signs in the place of the u of units, on a terminal whose encoding has them."""
+    try:
+        "\N{MICRO SIGN}".encode(stream.encoding or "ascii")
+    except (UnicodeError, LookupError):
+        return text
+    return _MICRO.sub("\N{MICRO SIGN}", text) if stream.isatty() else text
 
 
 def say(text: str, file: TextIO | None = None) -> None:
