@@ -72,7 +72,7 @@ def test_a_file_says_what_python_says(tmp_path: Path, capsys: pytest.CaptureFixt
     for file in files:
         words = ["calibrate", "puma560", str(tmp_path / "poses.npz"), "--folds", "0", "--covariance", str(file)]
         assert cli.main([*words, "-o", str(tmp_path / "found.npz")]) == 0
-        assert "mm, known" in capsys.readouterr().out
+        assert "um, known" in capsys.readouterr().out
         found = load_calibration(tmp_path / "found.npz")
         np.testing.assert_allclose(found.deviations, wanted.deviations, rtol=1e-6, atol=1e-12)
 
