@@ -164,7 +164,7 @@ def follower_limits(robot: Robot, name: str) -> tuple[float, float]:
 
 
 def position_limits(robot: Robot, name: str) -> tuple[float, float] | None:
-    """Limits of a principal coordinate, m or rad, infinite if there are none; None of one that is not principal.
+    """Return limits of a principal coordinate, m or rad, infinite without any; None of one that is not principal.
 
     Those of what follows it count, as far as they leave room.
     """

@@ -415,18 +415,18 @@ def program_coordinates(robot: Robot) -> tuple[str, ...]:
 
 
 def movable_limits(robot: Robot) -> dict[str, tuple[float, float]]:
-    """Give limits, m or rad, between which inverse kinematics moves coordinates, by name; infinite without any.
+    """Return limits, m or rad, between which inverse kinematics moves coordinates, by name; infinite without any.
 
     They are those that a program moves, but for the coordinates of free joints, and in a closed mechanism the others of
     the rigid robot, which follow.
     """
     driven = program_coordinates(robot)
-    found = {name: ends for name in driven if (ends := position_limits(robot, name)) is not None}
+    limits = {name: ends for name in driven if (ends := position_limits(robot, name)) is not None}
     if robot.is_closed and driven:
         model = build_model(robot.rigid())
         others = [name for i, name in enumerate(model.coordinates) if i not in model.prescribed and name not in driven]
-        found |= dict.fromkeys(others, (-math.inf, math.inf))
-    return found
+        limits |= dict.fromkeys(others, (-math.inf, math.inf))
+    return limits
 
 
 def tool_of(robot: Robot, tool: str | None, label: str = "tool") -> str:
