@@ -160,3 +160,9 @@ class DerivationError(InternalError):
 
 class EomgenWarning(UserWarning):
     """Something the user asked for on purpose, but should know about (an inertia that no body can have, say)."""
+
+
+def check_kind(label: str, value: object, fits: bool, allowed: str) -> None:
+    """Raise an InputError that names an argument, the type of its value and what is allowed, where it does not fit."""
+    if not fits:
+        raise InputError(f"{label}: got a value of type {type(value).__name__}; allowed: {allowed}")

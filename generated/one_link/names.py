@@ -192,3 +192,8 @@ def unique_identifiers(texts: Sequence[str]) -> dict[str, str]:
         names[text] = name
         taken.add(name)
     return names
+
+
+def are_names(values: object) -> bool:
+    """Return whether a value is a sequence of texts, and no text itself."""
+    return isinstance(values, Sequence) and not isinstance(values, str) and all(isinstance(x, str) for x in values)

@@ -32,6 +32,8 @@ def as_path(path: Path | str, label: str = "path") -> Path:
     """Return a path that a caller gave as text or as a Path; InputError with the label if it is neither."""
     if not isinstance(path, (str, os.PathLike)):
         raise InputError(f"{label}: got a value of type {type(path).__name__}; allowed: a path, as text or as a Path")
+    if not str(path):
+        raise InputError(f"{label}: is an empty text; allowed: a path, as text or as a Path")
     return Path(path)
 
 

@@ -28,12 +28,15 @@ class _Same(Generic[Owner]):
 def kept(function: Function) -> Function:
     """Return the function, which keeps what it gives for the last ``KEPT`` objects; errors are raised each time."""
 
+    first = function.__code__.co_varnames[0]
+
     @lru_cache(maxsize=KEPT)
     def value(same: _Same[Any], *args: Any, **further: Any) -> Any:
         return function(same.owner, *args, **further)
 
     @wraps(function)
-    def once(owner: Any, *args: Any, **further: Any) -> Any:
-        return value(_Same(owner), *args, **further)
+    def once(*args: Any, **further: Any) -> Any:
+        owner, rest = (args[0], args[1:]) if args else (further.pop(first), ())
+        return value(_Same(owner), *rest, **further)
 
     return cast(Function, once)

@@ -15,12 +15,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import Array
 from ..description import RobotLike
-from ..errors import ArrayError, InputError
+from ..errors import ArrayError, InputError, check_kind
 from ..optional import optional_import
 from ..progress import StageReport
 from ..results.kinds import Kind, SavedColumns, declare
 from ..results.stored import Stored
 from ..robot.coordinates import force_unit_of
+from ..runtime.inverse_kinematics.rotations import as_floats
 from ..shown import Plotting, Shown
 from ..tabular import Rows, TableColumn, Tabular
 from .at_rest import system_at_rest
@@ -158,6 +159,8 @@ def response(
         InputError: an argument cannot be used, or the response is infinite at a frequency.
         IntegrationError: there is no static equilibrium near the pose.
     """
+    check_kind("inputs", inputs, isinstance(inputs, Sequence), "a sequence of names")
+    check_kind("outputs", outputs, isinstance(outputs, Sequence), "a sequence of names")
     checked_kind(kind)
     hertz = checked_frequencies(frequencies)
     arm = prepared(robot, progress, **options)
@@ -204,7 +207,7 @@ def h1(
     """
     with optional_import("SciPy", "H1 of signals needs"):
         from scipy import signal
-    times, f, x = (np.asarray(values, dtype=np.float64) for values in (t, force, motion))
+    times, f, x = (as_floats(values) for values in (t, force, motion))
     if not (times.ndim == 1 and times.shape == f.shape == x.shape and len(times) > 2):
         raise ArrayError(f"t, force, motion: shapes {times.shape}, {f.shape}, {x.shape}; allowed: one shape (T,)")
     if not all(np.isfinite(values).all() for values in (times, f, x)):

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..arrays import Array, Index
 from ..description import RobotLike
-from ..errors import InputError
+from ..errors import InputError, check_kind
 from ..optional import optional_import
 from ..progress import StageReport
 from ..robot.model import tool_of
@@ -77,6 +77,7 @@ def modes_along(
     Raises:
         InputError: no pose, or SciPy is not installed.
     """
+    check_kind("poses", poses, hasattr(poses, "__len__"), "a sequence of poses")
     if not len(poses):
         raise InputError("poses: none; allowed: one or more")
     arm = prepared(robot, progress, **options)

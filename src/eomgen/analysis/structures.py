@@ -6,7 +6,7 @@ several robots that do the same.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Array
 from ..description import RobotLike, as_robot
-from ..errors import InputError
+from ..errors import InputError, check_kind
 from ..integration.methods import Method
 from ..motion.ends import default_motion, principal_limits
 from ..motion.exceeding import excess_notes, excesses
@@ -131,6 +131,7 @@ def compare(
         LoopError: the motion leads where loops cannot close.
         IntegrationError: a motion could not be integrated.
     """
+    check_kind("robots", robots, isinstance(robots, Iterable), "several robots")
     arms = [as_robot(robot) for robot in ([robots] if isinstance(robots, (Robot, str, Path)) else robots)]
     names = [robot.name for robot in arms]
     if len(arms) < 2:

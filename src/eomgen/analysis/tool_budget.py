@@ -14,7 +14,7 @@ import numpy as np
 
 from ..arrays import RANK, Array
 from ..description import RobotLike, as_robot
-from ..errors import InputError
+from ..errors import InputError, check_kind
 from ..names import joint_of
 from ..pipeline.mechanisms import mechanism_kernels
 from ..pipeline.stages import build
@@ -203,6 +203,7 @@ def budget(
         LoopError: the rigid mechanism does not close on the reference.
         UnknownNameError: no frame or link of that name.
     """
+    check_kind("result", result, hasattr(result, "trajectory"), "a SimulationResult")
     robot, motion = as_robot(robot), result.trajectory
     if build_model(robot).coordinates != motion.coordinates:
         raise InputError(

@@ -12,6 +12,7 @@ from ..description.load import SUFFIXES, load_robot
 from ..description.macros import Xacro
 from ..description.options import ReadOptions
 from ..errors import DescriptionError, InputError
+from ..files import as_path
 from ..forms.structure import faults
 from ..forms.toml_place import locate
 from ..forms.toml_text import parse_toml, read_text
@@ -66,6 +67,7 @@ def check_file(
             is a note, one that it refuses an error.
         floating_base, xacro: as in ``load_robot``.
     """
+    path = as_path(path, "path")
     options = ReadOptions(inertia=inertia, floating_base=floating_base, xacro=xacro)
     name = str(path)
     kind = "robot"

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..description.load import robot_from_toml
-from ..errors import InputError
+from ..errors import InputError, check_kind
 from ..forms.toml_text import read_text
 from ..limits import LARGEST, MOST_ENTRIES
 from ..names import IDENTIFIER_RULE, ROBOT_RULE, is_identifier, is_robot_name, listed, nearest, show, to_robot_name
@@ -80,6 +80,9 @@ def dh_file_text(name: str, table: Table, convention: str) -> str:
     Raises:
         InputError: the table is none; says line and column, what came and what is allowed.
     """
+    check_kind("name", name, isinstance(name, str), "a name")
+    check_kind("convention", convention, isinstance(convention, str), "classic or modified")
+    check_kind("table", table, isinstance(table, (str, Path, list, tuple)), "the path of a table, or its rows")
     if not is_robot_name(name):
         hint = f", such as {to_robot_name(name)!r}" if name else ""
         raise InputError(f"new: got the name {show(name)}; allowed: {ROBOT_RULE}{hint}")
@@ -91,6 +94,8 @@ def dh_file_text(name: str, table: Table, convention: str) -> str:
     if isinstance(table, (str, Path)):
         rows, source = _rows(Path(table)), Path(table).name
     else:
+        whole = all(isinstance(row, Mapping) for row in table)
+        check_kind("table", table, whole, "the path of a table, or its rows as mappings")
         rows, source = [_row(f"row {i + 1}", i, row.items()) for i, row in enumerate(table)], "rows"
     _check_rows(rows, source)
     return "\n".join(_lines(name, rows, convention, source)) + "\n"
@@ -98,6 +103,9 @@ def dh_file_text(name: str, table: Table, convention: str) -> str:
 
 def robot_from_dh(name: str, table: Table, convention: str) -> Robot:
     """Read the robot that ``dh_file_text`` describes; arguments and errors as there."""
+    check_kind("name", name, isinstance(name, str), "a name")
+    check_kind("convention", convention, isinstance(convention, str), "classic or modified")
+    check_kind("table", table, isinstance(table, (str, Path, list, tuple)), "the path of a table, or its rows")
     return robot_from_toml(dh_file_text(name, table, convention), source=f"{name}.toml")
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from ..description.builtin import builtin_robots
 from ..description.load import load_robot
-from ..errors import InputError
+from ..errors import InputError, check_kind
 from ..names import ROBOT_RULE, component_name, is_robot_name, listed, show, to_robot_name
 from ..robot.coordinates import MOTIONS
 from ..robot.model import program_coordinates, tool_of
@@ -48,6 +48,7 @@ def write_new_file(name: str, path: str | Path | None = None, kind: str = "robot
         InputError: the file exists or cannot be written, a file that is no such schema has its name, or as
             ``new_file_text``.
     """
+    check_kind("name", name, isinstance(name, str), "a name")
     return _write_beside_schema(new_file_text(name, kind), Path(f"{name}.toml" if path is None else path), kind)
 
 
@@ -67,6 +68,9 @@ def write_dh_file(name: str, table: Table, convention: str, path: str | Path | N
     Raises:
         InputError: as of ``write_new_file``, or as of ``dh_file_text``.
     """
+    check_kind("name", name, isinstance(name, str), "a name")
+    check_kind("convention", convention, isinstance(convention, str), "classic or modified")
+    check_kind("table", table, isinstance(table, (str, Path, list, tuple)), "the path of a table, or its rows")
     text = dh_file_text(name, table, convention)
     return _write_beside_schema(text, Path(f"{name}.toml" if path is None else path), "robot")
 

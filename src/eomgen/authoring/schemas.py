@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 
 from ..description.keys import ROBOT
-from ..errors import InputError
+from ..errors import InputError, check_kind
 from ..forms.keys import Json
 from ..forms.tables import Entries, Form
 from ..names import show
@@ -47,4 +47,5 @@ def schema_of(name: str) -> Json:
 
 def schema_text(name: str) -> str:
     """Return the schema as JSON, ended by a newline; errors as ``schema_of``."""
+    check_kind("name", name, isinstance(name, str), "a name")
     return json.dumps(schema_of(name), indent=1) + "\n"

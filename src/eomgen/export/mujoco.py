@@ -22,7 +22,7 @@ from ..description import RobotLike, as_robot
 from ..description.mjcf.read import VELOCITY
 from ..description.mjcf.values import about, matrix, triple
 from ..errors import EomgenWarning, InputError
-from ..files import write_atomically
+from ..files import as_path, write_atomically
 from ..names import component_name, joint_of, kind_of, show
 from ..pipeline.mechanisms import assembled_home
 from ..robot.bounds import Limits
@@ -80,6 +80,7 @@ def export_mjcf(
             the file cannot be written.
         LoopError: loops do not close near the description's home.
     """
+    path = as_path(path, "path")
     from .step import default_step
 
     robot = as_robot(robot)

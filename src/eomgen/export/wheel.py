@@ -15,7 +15,7 @@ from pathlib import Path
 from eomgen._version import __version__
 from eomgen.description import RobotLike, as_robot
 from eomgen.errors import InputError
-from eomgen.files import write_atomically
+from eomgen.files import as_path, write_atomically
 from eomgen.pipeline.stages import Options, generate
 from eomgen.progress import StageReport, no_report
 
@@ -44,6 +44,7 @@ def export_wheel(
         InputError: options ask for this processor alone, or the folder cannot be written.
         BuildError: see ``build``.
     """
+    folder = as_path(folder, "folder")
     robot, options = as_robot(robot), options or Options()
     if options.native:
         raise InputError("native: a wheel is for other machines; allowed: a level, or all of them")

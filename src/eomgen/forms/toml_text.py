@@ -6,7 +6,7 @@ import re
 import sys
 from pathlib import Path
 
-from ..errors import DescriptionError
+from ..errors import DescriptionError, check_kind
 from ..files import read_regular
 from ..limits import LARGEST
 from ..memory import without_collection
@@ -74,6 +74,7 @@ def read_text(path: Path, source: str, kind: str = ".toml, .urdf or .xml file") 
 
 def parse_toml(text: str, source: str) -> dict[str, object]:
     """Return the values of a TOML text; DescriptionError with the source if it is none."""
+    check_kind("text", text, isinstance(text, str), "a text in TOML")
     for pattern, what in (
         (_DEEP_KEY, f"a key has more than {_MOST_PARTS} parts; allowed: the few that a key of this file has"),
         (_MANY_DIGITS, f"a number has more than {_MOST_DIGITS} digits; allowed: magnitudes up to {LARGEST:g}"),

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array
-from ..errors import EomgenError, InputError
+from ..errors import EomgenError, InputError, check_kind
 from ..limits import LARGEST, is_usable
 from ..names import show
 from ..runtime.by_name import WrenchLike
@@ -152,6 +152,7 @@ def choose_method(kernel: Kernel, method: str = "auto", q: Array | None = None, 
     Raises:
         InputError: the method is unknown, or does not keep loops closed, or is one of C where that cannot be.
     """
+    check_kind("kernel", kernel, hasattr(kernel, "calls"), "a Kernel (of eomgen.build, or of a generated package)")
     return plan_integration(kernel, IntegratorOptions(method), q=q, duration=duration).method
 
 

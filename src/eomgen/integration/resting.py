@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import Array
+from ..errors import check_kind
 from ..robot.laws import SMOOTHING
 from ..runtime.kernel import Kernel
 from ..state.springs import cut_numbers, law_numbers, smoothings
@@ -39,6 +40,7 @@ def rests(kernel: Kernel, t: Array, q: Array, v: Array) -> tuple[Rest, ...]:
         t: times, (T,), s.
         q, v: coordinates and velocities, (T, n).
     """
+    check_kind("kernel", kernel, hasattr(kernel, "calls"), "a Kernel (of eomgen.build, or of a generated package)")
     widths, intervals = smoothings(kernel), list[Rest]()
     if not widths or t.size < 2:
         return ()

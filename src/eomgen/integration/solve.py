@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array
-from ..errors import InputError
+from ..errors import InputError, check_kind
 from ..progress import Progress
 from ..runtime.by_name import WrenchLike
 from ..runtime.kernel import Kernel
@@ -114,6 +114,7 @@ def integrate(  # noqa: PLR0913
             coordinate and time and has the last good state and the trajectory up to it.
         InputError: an argument is wrong, a prescribed coordinate has no motion, or SciPy is not installed.
     """
+    check_kind("kernel", kernel, hasattr(kernel, "calls"), "a Kernel (of eomgen.build, or of a generated package)")
     system = system_of(kernel, drive_of(kernel, drive), wrench, prescribed)
     q, v = (state_vector(label, x, kernel.coordinates) for label, x in (("q0", q0), ("v0", v0)))
     times = output_times(duration, output_step) if times is None else checked_times(times, duration, output_step)

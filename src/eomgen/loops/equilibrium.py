@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array
-from ..errors import IntegrationError
+from ..errors import IntegrationError, check_kind
 from ..robot.sizes import REFERENCE_ACCELERATION
 from ..runtime.by_name import WrenchLike, wrench_rows
 from ..runtime.kernel import Kernel
@@ -46,6 +46,7 @@ def closed_equilibrium(
         IntegrationError: there is no such state near the guess: a coordinate that nothing holds is named.
         UnknownNameError, ArrayError: a name or an array is wrong.
     """
+    check_kind("kernel", kernel, hasattr(kernel, "calls"), "a Kernel (of eomgen.build, or of a generated package)")
     if not kernel.constraints:
         return static_equilibrium(kernel, q_guess, u=u, held=held, wrench=wrench)[0]
     kept = known_coordinates(held, kernel) | set(kernel.prescribed)

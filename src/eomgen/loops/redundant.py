@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import independent_columns, rank_by
-from ..errors import InputError
+from ..errors import InputError, check_kind
 from ..runtime.kernel import Kernel
 from ..shown import Shown
 from ..state.vectors import prescribed_mask, state_vector
@@ -46,6 +46,7 @@ def redundancy(kernel: Kernel, q: ArrayLike) -> Redundancy:
     Raises:
         InputError: the robot has no constraint.
     """
+    check_kind("kernel", kernel, hasattr(kernel, "calls"), "a Kernel (of eomgen.build, or of a generated package)")
     if not kernel.constraints:
         raise InputError(
             f"{kernel.name} has nothing to close; allowed: a kernel of a robot with [[loops]] or [[couplings]]"

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array
-from ..errors import InputError, UnknownNameError
+from ..errors import InputError, UnknownNameError, check_kind
 from ..forms.unusual_sizes import is_unusual, unit_question
 from ..limits import LARGEST, is_usable
-from ..names import joint_of, show
+from ..names import are_names, joint_of, show
 from ..robot.coordinates import unit_of
 from ..robot.mechanism import leading_home, position_limits
 from ..robot.model import build_model
@@ -28,6 +28,8 @@ def principal_limits(robot: Robot, coordinate: str) -> tuple[float, float]:
 
     Infinite if there are none, home where it is held: of a free joint.
     """
+    check_kind("coordinate", coordinate, isinstance(coordinate, str), "the name of a coordinate")
+    check_kind("robot", robot, isinstance(robot, Robot), "a Robot (from load_robot)")
     home = leading_home(robot).get(coordinate, 0.0)
     return position_limits(robot, coordinate) or (home, home)
 
@@ -94,6 +96,8 @@ def default_motion(
         InputError: a value outside the joint's limits, a wrong number of them.
         UnknownNameError: a name that is no principal coordinate.
     """
+    check_kind("coordinates", coordinates, are_names(coordinates), "a sequence of names")
+    check_kind("robot", robot, isinstance(robot, Robot), "a Robot (from load_robot)")
     if not (is_usable(duration) and duration > 0.0):
         raise InputError(f"duration: {show(duration)} s; a motion takes a time above 0, up to {LARGEST:g}")
     default_start, default_goal = default_ends(robot, coordinates)

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Array
-from ..errors import InputError
+from ..errors import InputError, check_kind
 from ..files import as_path, check_ending, write_csv
-from ..names import listed, nearest, show
+from ..names import are_names, listed, nearest, show
 from ..npz import read_npz
 from ..shown import Shown
 from .csv_columns import COLUMNS_RULE, read_csv
@@ -80,6 +80,7 @@ def write_motion(path: Path | str, motion: MeasuredMotion, comments: Sequence[st
     Raises:
         InputError: another ending, or the file cannot be written.
     """
+    check_kind("motion", motion, hasattr(motion, "t"), "a MeasuredMotion")
     target = check_ending(path, ".csv")
     columns = {"t": motion.t}
     for suffix, key in SUFFIXES.items():
@@ -113,6 +114,8 @@ def motion_from_columns(
     columns: Mapping[str, Array], coordinates: Sequence[str], source: str = "motion"
 ) -> MeasuredMotion:
     """Return a motion from arrays (T,) by the names that a file's columns have; errors as ``read_motion``."""
+    check_kind("coordinates", coordinates, are_names(coordinates), "a sequence of names")
+    check_kind("columns", columns, isinstance(columns, Mapping), "a mapping from names to columns")
     arrays = {
         name: checked_numbers(name, values, lambda row: f"{source}: sample {row}") for name, values in columns.items()
     }

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array
-from ..errors import ArrayError, InputError
+from ..errors import ArrayError, InputError, check_kind
 from ..robot.mechanism import leading_home
 from ..robot.model import program_coordinates, tool_of
 from ..robot.value import Robot
@@ -56,6 +56,7 @@ def inverse_kinematics(
         UnknownNameError: there is no such frame.
         InputError: the robot has other coordinates than the kernel, or the kernel is of float32.
     """
+    check_kind("kernel", kernel, hasattr(kernel, "calls"), "a Kernel (of eomgen.build, or of a generated package)")
     if kernel.dtype != np.float64:
         raise InputError(f"{kernel.name}: a kernel of {kernel.dtype}; allowed: one of float64")
     known = set() if robot is None else set(program_coordinates(robot))

@@ -29,7 +29,7 @@ from .._version import __version__
 from ..codegen.kernels.signatures import DTYPES, KERNELS, OWN_KERNELS, SINGLES, available, with_beside
 from ..description import RobotLike, as_robot
 from ..errors import EomgenWarning, InputError
-from ..files import check_ending, read_regular, write_atomically
+from ..files import as_path, check_ending, read_regular, write_atomically
 from ..names import plain_path, show
 from ..progress import StageReport, no_report
 from ..robot.model import build_model
@@ -273,6 +273,7 @@ def generate(
             report has another ending.
         BuildError, DerivationError: see ``build``.
     """
+    folder = as_path(folder, "folder")
     from ..codegen.package.compile import find_compiler
 
     robot, folder = as_robot(robot), Path(folder)

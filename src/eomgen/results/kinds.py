@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..files import check_ending, write_csv
+from ..files import as_path, check_ending, write_csv
 from ..forms.plain import field_types, value_of
 from ..names import show
 from ..npz import COMPLEX, read_npz
@@ -141,7 +141,7 @@ def declare(kind: Kind[Result]) -> Loader[Result]:
     KINDS[kind.name] = kind
 
     def load(path: Path | str) -> Result:
-        return read(kind, path)
+        return read(kind, as_path(path))
 
     load.__name__ = load.__qualname__ = f"load_{kind.name}"
     load.__annotations__["return"] = kind.result.__name__

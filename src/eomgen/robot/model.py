@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NoReturn
 
-from ..errors import DescriptionError, UnknownNameError
+from ..errors import DescriptionError, UnknownNameError, check_kind
 from ..names import (
     IDENTIFIER_RULE,
     ROBOT_RULE,
@@ -262,6 +262,7 @@ def build_model(robot: Robot, *, with_followers: bool = False) -> Model:
         DescriptionError: no coordinate is active, so there is nothing to move; or a name is no identifier (the reader
             lets none through, but a Robot can be made without it), or forces that do not go together.
     """
+    check_kind("robot", robot, isinstance(robot, Robot), "a Robot (from load_robot)")
     _check_names(robot)
     _check_forces(robot)
     bodies: list[Body] = []

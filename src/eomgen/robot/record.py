@@ -8,7 +8,7 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ..errors import InputError
+from ..errors import InputError, check_kind
 from ..forms.plain import value_of
 from ..limits import LARGEST
 from ..names import show
@@ -21,6 +21,7 @@ def record_of(robot: Robot, *, whole: bool = False) -> dict[str, Any]:
     Fields that are marked LATER are left out where they have their defaults, so that records and hashes of robots that
     do not use them stay what they were; not in a ``whole`` one.
     """
+    check_kind("robot", robot, isinstance(robot, Robot), "a Robot (from load_robot)")
     plain = _plain(robot, whole=whole)
     assert isinstance(plain, dict)
     return plain

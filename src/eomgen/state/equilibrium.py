@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array, Mask
-from ..errors import ArrayError, InputError, IntegrationError, LoopError, UnknownNameError
+from ..errors import ArrayError, InputError, IntegrationError, LoopError, UnknownNameError, check_kind
 from ..robot.sizes import REFERENCE_ACCELERATION
 from ..runtime.by_name import WrenchLike
 from ..runtime.kernel import Kernel
@@ -41,6 +41,7 @@ def static_equilibrium(
         UnknownNameError, ArrayError: a name or an array is wrong.
         InputError: the robot has loops or couplings that are rigid.
     """
+    check_kind("kernel", kernel, hasattr(kernel, "calls"), "a Kernel (of eomgen.build, or of a generated package)")
     if kernel.constraints:
         raise InputError(f"static_equilibrium: {kernel.name} is to be closed; see eomgen.loops.closed_equilibrium")
     q = state_vector("q_guess", q_guess, kernel.coordinates)

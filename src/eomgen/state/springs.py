@@ -8,6 +8,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from ..arrays import Array
+from ..errors import check_kind
 from ..robot import sizes
 from ..robot.laws import contact_stiffness_of, has_springs, rate_slope_of, stiffness_of
 from ..robot.parameter_names import CUTS, JOINTS, LINES
@@ -31,11 +32,13 @@ def stiffnesses(kernel: Kernel) -> Array:
     its steepest piece, of a journal those of all its contacts.  A transmission holds its motor with stiffness / ratio^2
     and its joint with the stiffness, each as if the other stood still.
     """
+    check_kind("kernel", kernel, hasattr(kernel, "calls"), "a Kernel (of eomgen.build, or of a generated package)")
     return np.array(np.diagonal(stiffness_matrix(kernel)))
 
 
 def stiffness_matrix(kernel: Kernel) -> Array:
     """Return ``stiffnesses`` with what transmissions have beside the diagonal, (n, n), not to be written to."""
+    check_kind("kernel", kernel, hasattr(kernel, "calls"), "a Kernel (of eomgen.build, or of a generated package)")
     setup = kernel.parameters.setup
     matrix = _matrices.get(setup)
     if matrix is None:
@@ -203,6 +206,7 @@ def coordinate_sizes(kernel: Kernel, q: Array) -> tuple[Array, Array]:
 
     Stiffness is a coordinate's and that of springs between points, inertia the diagonal entry of M(q).
     """
+    check_kind("kernel", kernel, hasattr(kernel, "calls"), "a Kernel (of eomgen.build, or of a generated package)")
     stiffness = stiffnesses(kernel) + np.diagonal(line_rates(kernel, q)[0])
     inertia = np.diagonal(kernel.mass_matrix(q))
     return sizes.deviation_sizes(stiffness, inertia)

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array, Mask
-from ..errors import ArrayError
+from ..errors import ArrayError, check_kind
+from ..names import are_names
 from ..runtime.by_name import WrenchLike
 from ..runtime.kernel import Kernel
 
@@ -30,6 +31,7 @@ def state_vector(label: str, value: ArrayLike, coordinates: tuple[str, ...]) -> 
     Raises:
         ArrayError: it is none; the message begins with the label.
     """
+    check_kind("coordinates", coordinates, are_names(coordinates), "a sequence of names")
     n = len(coordinates)
     try:
         array = np.array(value, dtype=np.float64)

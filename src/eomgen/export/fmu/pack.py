@@ -22,7 +22,7 @@ import numpy as np
 from eomgen._version import __version__
 from eomgen.description import RobotLike, as_robot
 from eomgen.errors import InputError
-from eomgen.files import write_atomically
+from eomgen.files import as_path, write_atomically
 from eomgen.names import show
 from eomgen.pipeline.stages import Options, make_source
 from eomgen.progress import StageReport, no_report
@@ -84,6 +84,7 @@ def export_fmu(
         LoopError: the loops do not close near the description's home.
         BuildError: no compiler, or a compiler that fails.
     """
+    path = as_path(path, "path")
     robot = as_robot(robot)
     _check(version, method, rtol, step)
     home = assembled_home(robot, progress)

@@ -13,7 +13,7 @@ from ..._version import __version__
 from ...codegen.c.source import environment
 from ...description import RobotLike, as_robot
 from ...errors import InputError
-from ...files import write_atomically
+from ...files import as_path, write_atomically
 from ...progress import Progress, no_progress
 from ...robot.value import Robot
 from ...scenario.load import load_scenario
@@ -61,6 +61,7 @@ def export_live(
         BuildError: there is no compiler for WebAssembly.
         LoopError: loops do not close at the start.
     """
+    path = as_path(path, "path")
     text = live_page(subject, scenario=scenario, described=described, progress=progress).encode("utf-8", "replace")
     return write_atomically(Path(path), lambda stream: stream.write(text))
 

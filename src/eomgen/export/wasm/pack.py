@@ -18,7 +18,7 @@ from eomgen.codegen.kernels.signatures import available, functions, with_beside
 from eomgen.codegen.package.compile import LONG
 from eomgen.description import RobotLike, as_robot
 from eomgen.errors import InputError
-from eomgen.files import write_atomically
+from eomgen.files import as_path, write_atomically
 from eomgen.pipeline.mechanisms import assembled_home
 from eomgen.pipeline.stages import Options, make_source
 from eomgen.progress import StageReport, no_report
@@ -95,6 +95,7 @@ def export_wasm(
         LoopError: the loops do not close near the description's home.
         BuildError: no compiler for WebAssembly, or one that fails.
     """
+    folder = as_path(folder, "folder")
     return make_wasm(robot, kernels=kernels, dtype=dtype, model=model, progress=progress).write(folder)
 
 

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...arrays import Array
-from ...errors import ArrayError, InputError
+from ...errors import ArrayError, InputError, check_kind
+from ...files import as_path
 from ...motion.csv_columns import read_csv
 from ...motion.measured_numbers import ALLOWED_DIVISOR, checked_numbers, is_divisor
 from ...names import listed, show, split_component
@@ -29,8 +30,10 @@ def read_covariances(paths: Iterable[Path | str]) -> dict[str, Array]:
     Raises:
         InputError: a file cannot be read, has other columns, or has a frame that another file has.
     """
+    several = isinstance(paths, Iterable) and not isinstance(paths, (str, bytes))
+    check_kind("paths", paths, several, "a sequence of paths")
     covariances: dict[str, Array] = {}
-    for path in map(Path, paths):
+    for path in [as_path(each, "paths") for each in paths]:
         if path.suffix not in (".csv", ".npz"):
             raise InputError(f"covariance: {show(str(path))}; allowed: a path that ends in .csv or .npz")
         matrices = read_npz(path) if path.suffix == ".npz" else _from_csv(path)

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import Array, Index, Mask
-from ...errors import InputError
+from ...errors import InputError, check_kind
+from ...files import as_path
 from ...motion.csv_columns import read_csv
 from ...motion.measured_numbers import ALLOWED_DIVISOR, checked_numbers, is_divisor
 from ...names import listed, nearest, show, split_component
@@ -148,6 +149,7 @@ def read_poses(
     Raises:
         InputError: with the file, line and column, the value and what is allowed.
     """
+    path = as_path(path, "path")
     source = Path(path)
     if source.suffix not in (".csv", ".npz"):
         raise InputError(f"poses: {show(str(path))}; allowed: a path that ends in .csv or .npz")
@@ -174,6 +176,7 @@ def poses_from_columns(
 
     source, lines: the file, and the line of each row, for messages.
     """
+    check_kind("columns", columns, isinstance(columns, Mapping), "a mapping from names to columns")
     if rotation not in ROTATIONS:
         raise InputError(f"rotation: {show(rotation)}; allowed: {', '.join(ROTATIONS)}")
     table = _Table(_arrays(columns, source), source, lines)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import DescriptionError
+from ...files import as_path
 from ...forms.toml_place import locate
 from ...forms.toml_text import parse_toml, read_text
 from ...limits import LARGEST
@@ -78,7 +79,7 @@ def read_table(tolerances: Mapping[str, Any] | Path | str, known: Sequence[str])
     if isinstance(tolerances, Mapping):
         values, text, source = dict(tolerances), "", "tolerances"
     else:
-        path = Path(tolerances)
+        path = as_path(tolerances, "table")
         source = str(tolerances)
         if path.suffix != ".toml":
             raise DescriptionError(f"the table {show(source)} is no .toml file; allowed: a path that ends in .toml")
