@@ -18,7 +18,7 @@ from ..files import FIGURE_ENDINGS, check_ending
 from ..limits import LARGEST, MOST_COUNTED, SMALLEST, is_usable
 from ..names import printable, show
 from ..optional import NotInstalledError
-from ..progress import Progress, StageReport, no_progress
+from ..progress import Progress, StageReport, told_in_lines
 from .choices import ROTATIONS
 
 if TYPE_CHECKING:
@@ -213,9 +213,10 @@ def say_lines(lines: Iterable[str], file: TextIO | None = None) -> None:
 
 @contextmanager
 def progress_bar(title: str) -> Iterator[Progress]:
-    """A progress bar on a terminal, nothing in a pipe."""
+    """A progress bar on a terminal; in a pipe a line on stderr every few seconds of what takes that long."""
     if not sys.stderr.isatty():
-        yield no_progress
+        with told_in_lines(title, lambda line: print(line, file=sys.stderr, flush=True)) as report:
+            yield report
         return
     from rich.console import Console
     from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
