@@ -95,17 +95,20 @@ def write_poses_file(name: str, path: str | Path | None = None) -> Path:
     Raises:
         InputError: there is no such robot, the file exists or cannot be written.
     """
+    check_kind("name", name, isinstance(name, str), "a name")
     return _write_new(poses_file_text(_robot_here(name)), Path(f"{name}_poses.csv" if path is None else path), ".csv")
 
 
 def write_plan_file(name: str, path: str | Path | None = None) -> Path:
     """Write ``plan_file_text`` to a new file, NAME_plan.toml, and its schema; arguments as of ``write_poses_file``."""
+    check_kind("name", name, isinstance(name, str), "a name")
     target = Path(f"{name}_plan.toml" if path is None else path)
     return _write_beside_schema(plan_file_text(_robot_here(name)), target, "plan")
 
 
 def write_tolerances_file(name: str, path: str | Path | None = None) -> Path:
     """Write ``tolerances_file_text`` to a new file, NAME_tolerances.toml; arguments as of ``write_poses_file``."""
+    check_kind("name", name, isinstance(name, str), "a name")
     target = Path(f"{name}_tolerances.toml" if path is None else path)
     return _write_new(tolerances_file_text(_robot_here(name)), target, ".toml")
 
