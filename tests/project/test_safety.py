@@ -21,6 +21,10 @@ CALLS = {  # attributes that are called, of whatever they belong to
 ALLOWED = {  # file, what is called, and why that is no text of a description
     ("src/eomgen/lazily.py", "import_module"): "modules of a package of eomgen, by its table of names",
     ("src/eomgen/runtime/__init__.py", "import_module"): "modules of this package, by its table of names",
+    (
+        "src/eomgen/description/macros.py",
+        "import_module",
+    ): "ROS's index of packages, where ROS is; xacro imports it, too",
     ("src/eomgen/runtime/direct.py", "import_module"): "the one extension module that lies beside it",
     ("src/eomgen/pipeline/load.py", "exec_module"): "the extension module of a package whose hash was checked",
     ("src/eomgen/pipeline/load.py", "compile"): "declarations of a package without Python's headers; hash checked too",

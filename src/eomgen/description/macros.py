@@ -13,7 +13,6 @@ from types import ModuleType
 from ..errors import DescriptionError
 from ..names import nearest, show, show_path
 from ..optional import optional_import
-from .xml_text import one_line
 
 Xacro = bool | Mapping[str, str | Path]  # whether to expand, or the folders of packages with which to
 _WHY = "xacro runs what stands in ${...} of a .xacro file as Python, which can do whatever you can"
@@ -51,6 +50,8 @@ def expanded_urdf(path: Path, *, trusted: Xacro) -> str:
         with _packages_found(packages):
             return str(xacro.process_file(str(path)).toxml())
     except Exception as error:  # whatever the file's expressions raise
+        from .xml_text import one_line  # with expat, which descriptions in TOML do without
+
         said = f"{type(error).__name__}: {one_line(error)}"
         raise DescriptionError(f"xacro says: {said}; allowed: {_ALLOWED}", source=str(path)) from None
 

@@ -418,10 +418,14 @@ def program_coordinates(robot: Robot) -> tuple[str, ...]:
 def movable_limits(robot: Robot) -> dict[str, tuple[float, float]]:
     """Return limits, m or rad, between which inverse kinematics moves coordinates, by name; infinite without any.
 
-    They are those that a program moves, but for the coordinates of free joints, and in a closed mechanism the others of
-    the rigid robot, which follow.
+    They are those that a reference moves, but for the coordinates of free joints, and in a closed mechanism the others
+    of the rigid robot, which follow.  There are none where couplings and loops need deviations, so that there is no
+    rigid robot.
     """
-    driven = program_coordinates(robot)
+    try:
+        driven = program_coordinates(robot)
+    except DescriptionError:
+        return {}
     limits = {name: ends for name in driven if (ends := position_limits(robot, name)) is not None}
     if robot.is_closed and driven:
         model = build_model(robot.rigid())
