@@ -35,7 +35,7 @@ NASTY = [
     ("joint.freezing", "float(by_sin), float(by_cos)", "float(by_cos), float(by_sin)", "joint"),
     ("joint.kept", "FrozenStep(True, 2,", "FrozenStep(True, 1,", "joint"),
     ("joint.zeros", "(s == w) & self.before[v, w]", "(s == v) & self.before[v, w]", "zeros"),
-    ("joint.zeros", "self.same & self._look_up(found) & is_first", "self.same & self._look_up(found)", "zeros"),
+    ("joint.zeros", "self.same & self._look_up(table) & is_first", "self.same & self._look_up(table)", "zeros"),
     ("closed_form.trace", "_dot(DH, D2)", "_dot(D, D2)", "small tree"),
     ("tree.recursion", "cross(scale(2.0, w), unit(axis, v[index]))", "cross(w, unit(axis, v[index]))", "chain"),
     ("tree.recursion", "column = matvec(back, matvec(", "column = matvec(turn.matrix, matvec(", "puma560"),

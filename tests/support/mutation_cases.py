@@ -11,7 +11,7 @@ import numpy as np
 import eomgen
 from eomgen.robot.geometry import IDENTITY
 from eomgen.robot.model import Model, build_model
-from eomgen.robot.value import ANGULAR, COORDINATES, LINEAR, Coordinate, Link, Placement, Robot
+from eomgen.robot.value import ANGULAR, COORDINATES, LINEAR, Coordinate, Link, Placement, Robot, load_dependent
 from tests.oracles.force_laws import random_coordinate, resistance, with_laws
 from tests.oracles.pinocchio_models import PinocchioOracle
 from tests.oracles.springs import SpringOracle, pulled, stored
@@ -98,6 +98,18 @@ def _some_motors_given(seed: int) -> Robot:
     return geared_robot(seed, (2, 3), ("clearance", "friction", "cubic"), prescribed=0.4)
 
 
+def _falling(seed: int) -> Robot:
+    """Motors whose transmissions pull less, the more they are deflected, beside a straight line."""
+    robot = geared_robot(seed, (2, 2), ("cubic",))
+    joints = []
+    for joint in robot.joints:
+        if joint.motor is not None:
+            spring = replace(joint.motor.transmission, cubic=-300.0)
+            joint = replace(joint, motor=replace(joint.motor, transmission=spring))
+        joints.append(joint)
+    return replace(robot, joints=tuple(joints))
+
+
 MAKERS: Mapping[str, tuple[int, Callable[[int], Robot], Callable[[Robot], bool]]] = {
     "chain": (11, lambda s: random_robot(s, (3, 3), max_size=7), lambda r: len(_active(r)) == 6),
     "puma560": (0, lambda s: eomgen.load_robot("puma560"), lambda r: True),
@@ -148,6 +160,22 @@ MAKERS: Mapping[str, tuple[int, Callable[[int], Robot], Callable[[Robot], bool]]
         lambda s: _placed(random_robot(s, (3, 3), max_size=7, types=("prismatic", "fixed"))),
         lambda r: len(r.joints) == 3 and any(len(j.coordinates) > 2 for j in r.joints[1:]),
     ),
+    "falling transmissions": (100, _falling, lambda r: build_model(r).size < 10),
+    "friction under two loads": (
+        140,
+        lambda s: with_laws(random_robot(s, (2, 2), max_size=7), s),
+        lambda r: any(len(pressing) > 1 for j in r.joints for pressing in load_dependent(j.coordinates).values()),
+    ),
+    "six coordinates": (
+        150,
+        lambda s: random_robot(s, counts=(6, 6), armature=False),
+        lambda r: not _has_rods(r),
+    ),
+    "turned about y": (
+        160,
+        lambda s: random_robot(s, (3, 3), max_size=7, types=("prismatic", "revolute")),
+        lambda r: any({*j.coordinates} & {*ANGULAR} == {"beta"} for j in r.joints[1:]),
+    ),
     "parameters": (
         120,
         lambda s: _every_number(with_offsets(random_robot(s, (2, 2), max_size=5), s)),
@@ -155,6 +183,9 @@ MAKERS: Mapping[str, tuple[int, Callable[[int], Robot], Callable[[Robot], bool]]
     ),
 }
 
+
+# What formulas of this file leave open: tangents of friction by its load, pivots of translations taken out together.
+UNKNOWN = {"friction under two loads": ("implicit_step",), "six coordinates": ("forward_dynamics",)}
 
 SMALL: Mapping[str, Callable[[int], Robot]] = {  # for the closed form, whose traces are O(n^3)
     "small tree": lambda s: random_robot(s, (3, 3), max_size=3, max_coordinates=1, tree=True),
@@ -235,15 +266,15 @@ class Oracle:
             "implicit_step": self._implicit_step(s, added),
         }
         if not any(x for joint in self.robot.joints for x in joint.offset):
-            loaded = self.bodies.reactions_with(q, v, s.a[own], wrench)
-            found["external_reactions"] = loaded - self.bodies.reactions(q, v, s.a[own])
+            under_wrench = self.bodies.reactions_with(q, v, s.a[own], wrench)
+            found["external_reactions"] = under_wrench - self.bodies.reactions(q, v, s.a[own])
         if name in ("chain", "offsets") or name in SMALL:
             found["christoffel"] = self._christoffel(q)
-        if name in ("chain", "laws", "motors"):
+        if name in ("chain", "laws", "motors", "friction under two loads"):
             found["residual_jacobian"] = self._slopes(s, M)
         inputs = {"q": s.q, "v": s.v, "a": s.a, "u": s.u, "added": added, "dt": np.array([DT, DT * DT])}
         inputs |= {"wrench": wrench.ravel(), "p": np.array(list(self.model.parameters.values()))}
-        flat = {kernel: np.ravel(value) for kernel, value in found.items()}
+        flat = {kernel: np.ravel(value) for kernel, value in found.items() if kernel not in UNKNOWN.get(name, ())}
         return Case(name, self.model, inputs, flat, *self._determinant(M, given))
 
     def _determinant(self, M: Array, given: Array) -> tuple[float | None, float]:
