@@ -1,4 +1,4 @@
-"""Linear systems in discrete time: inputs that hold between samples."""
+"""Linear systems in discrete time, with inputs that are constant between samples."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ..shown import Shown
 
 @dataclass(frozen=True, kw_only=True)
 class DiscreteStateSpace(Shown):
-    """x[k+1] = A x[k] + B w[k], y[k] = C x[k] + D w[k] at times k dt, of inputs that hold between them.
+    """x[k+1] = A x[k] + B w[k], y[k] = C x[k] + D w[k] at times k dt, with inputs constant between them.
 
     Attributes:
         robot: the robot's name.
@@ -70,7 +70,7 @@ def zero_order_hold(A: Array, B: Array, dt: float) -> tuple[Array, Array]:
     """Return A and B in discrete time, exactly: the blocks of exp([[A, B], [0, 0]] dt).
 
     Raises:
-        InputError: dt is no time above 0, a number is out of range, or SciPy is not installed.
+        InputError: dt is not a time above 0, a number is out of range, or SciPy is not installed.
     """
     with optional_import("SciPy", "a system in discrete time needs"):
         from scipy.linalg import expm

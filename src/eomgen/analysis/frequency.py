@@ -1,4 +1,4 @@
-"""Frequency response functions of a robot at rest: from drives and wrenches to what moves.
+"""Frequency response functions about a static equilibrium: from actuator forces and wrenches to what moves.
 
 H(w) = Y (-w^2 M + i w D + K)^-1 F about a static equilibrium, displacements per unit force; velocities and
 accelerations are i w and -w^2 times that.  ``h1`` estimates the same from signals over time.

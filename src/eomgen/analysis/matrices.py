@@ -103,10 +103,10 @@ class StateSpace(Shown, Saved):
         )
 
     def discretize(self, dt: float) -> DiscreteStateSpace:
-        """Return the system in discrete time, exactly, of inputs that hold over dt, s (zero-order hold).
+        """Return the system in discrete time, exact for inputs that are constant over dt, s (zero-order hold).
 
         Raises:
-            InputError: dt is no time above 0, or SciPy is not installed.
+            InputError: dt is not a time above 0, or SciPy is not installed.
         """
         A, B = zero_order_hold(self.A, self.B, dt)
         names = {"states": self.states, "inputs": self.inputs, "outputs": self.outputs}

@@ -1,4 +1,4 @@
-"""Eigenfrequencies, damping ratios and mode shapes of a robot at rest, at a pose and along a path.
+"""Natural frequencies, damping ratios and mode shapes about a static equilibrium, at a pose and along a path.
 
 About a static equilibrium small motions obey M e'' + D e' + K e = 0 with the exact derivatives of the residual.  With
 e = phi exp(s t) that is a quadratic eigenproblem, solved in the scaled state (L^T e, L^T e'), M = L L^T.

@@ -1,4 +1,4 @@
-"""Alternative structures for one task: what the same motion costs each of them.
+"""Design alternatives for one task: what the same motion costs each of them.
 
 The search for a kinematic structure of the paper's section 7: drives, joint reaction wrenches and tool deviations of
 several robots that do the same.
@@ -226,7 +226,7 @@ def _largest(vectors: Array) -> float:
 
 
 def _order(label: str) -> int:
-    """Return rows that not all robots have stand with those of their kind."""
+    """Return the place of a row by its kind: rows that not all robots have stand with those of their kind."""
     kinds = ("coordinates", "moving mass", *COUNTED, "drive", "support", "tool")
     return next(place for place, kind in enumerate(kinds) if label.startswith(kind))
 

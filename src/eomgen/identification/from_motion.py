@@ -64,7 +64,8 @@ class ForcesResult(Shown, Tabular, SavedColumns):
         closing: of what closes loops and couples coordinates, rigid or elastic, (T, n), N or N m.
         springs: names of those, s of them.
         lengths, tensions: of each, (T, s), m and N; tension is positive where it pulls.
-        reactions: what each joint exerts on its child link, (T, j, 6): force, moment, moved joint's axes; N, N m.
+        reactions: what each joint exerts on its child link, (T, j, 6): force, moment, in the joint frame after
+            the motion (child side); N, N m.
         loops: names of the loop joints, l of them.
         loop_reactions: what each of those exerts on its second link, (T, l, 6): force, moment, at the origin and in the
             axes of the cut frame on that link; N, N m.
@@ -110,9 +111,8 @@ class ForcesResult(Shown, Tabular, SavedColumns):
     def as_rows(self) -> Rows:
         """Return a row per time: every coordinate, with .rate, .acceleration and each of ``parts``.
 
-        Springs with .length and
-        .tension; joints and loops with .reaction, in six components, N and N m; joints with alpha, beta and gamma with
-        .qw, .qx, .qy and .qz, unit quaternions.
+        Springs follow with .length and .tension; joints and loops with .reaction, in six components, N and N m; joints
+        with alpha, beta and gamma with .qw, .qx, .qy and .qz, unit quaternions.
         """
         columns = []
         for i, name in enumerate(self.coordinates):
@@ -169,7 +169,7 @@ class ForcesResult(Shown, Tabular, SavedColumns):
     def columns(self) -> dict[str, Array]:
         """Return forces over time by name, (T,) each: t, NAME.required, NAME.drive, ..., JOINT.reaction.fx, ...
 
-        Cut joints by the name of their loop.  Springs between two points: SPRING.length, SPRING.tension.
+        Loop joints have the name of their loop.  Springs between two points: SPRING.length, SPRING.tension.
         """
         forces = (*self.parts, "length", "tension", "reaction")
         columns = [column for column in self.as_rows().columns if split_component(column.name)[1] in forces]

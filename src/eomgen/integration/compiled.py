@@ -96,7 +96,7 @@ def _moved(
     *,
     works: bool = False,
 ) -> SingleMotion:
-    """Integrate over a span, s, from a state, (2n,), at its begin; return the finished motion."""
+    """Integrate over a span, s, from a state, (2n,), at its beginning; return the finished motion."""
     n = kernel.n
     motion = SingleMotion(kernel.calls, loads, np.array(span), y[:n], y[n:], control, works=works)
     while not motion.progress.reason:

@@ -26,7 +26,7 @@ class Reached(Exception):
         t: s.
         state: there, (2n,).
         at: t -> the state before, (2n,); None where samples before are taken.
-        begins: time and state at the begin of the step.
+        begins: time and state at the beginning of the step.
         until: what is reached.
     """
 

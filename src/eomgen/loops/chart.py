@@ -162,7 +162,7 @@ class Chart:
     def _trouble(self, arrays: tuple[Array, ...], out: Array) -> LoopError:
         """Return the error that says where C could not close states, or what cannot follow.
 
-        ArrayError of an argument.
+        It raises ArrayError where an argument is not finite.
         """
         kernel, n = self.kernel, self.kernel.n
         for label, x in zip("qva", arrays[:3], strict=True):
@@ -177,7 +177,7 @@ class Chart:
         return self._singular(kernel.constraint_jacobian(np.where(np.isfinite(q[worst]), q[worst], self._q)))
 
     def _singular(self, J: Array) -> LoopError:
-        """Return error that says that dependent coordinates do not follow where the constraint has this Jacobian."""
+        """Return the error that dependent coordinates do not follow where the constraint has this Jacobian."""
         what, allowed = "is in a singular position", "a motion that does not pass it"
         return left_open(self.kernel.raw, np.abs(J).max(axis=1), what, allowed)
 

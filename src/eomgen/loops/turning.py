@@ -111,7 +111,7 @@ class TurningChart:
     def _here(self, q: Array) -> Chart:
         """Return the chart of the joints that are turned now.
 
-        Where there is none, made about a state in their coordinates.
+        Where there is none yet, it is made about a state in their coordinates.
         """
         turned = self._turns.turned
         if turned not in self._charts:

@@ -26,7 +26,7 @@ SPAN_ANGULAR, SPAN_LINEAR = np.pi / 4, 0.2  # rad, m: default motion of a joint,
 def principal_limits(robot: Robot, coordinate: str) -> tuple[float, float]:
     """Return limits of a driven coordinate, m or rad.
 
-    Infinite if there are none, home where it is held: of a free joint.
+    They are infinite where there are none; both are home where the coordinate is fixed, as of a free joint.
     """
     check_kind("coordinate", coordinate, isinstance(coordinate, str), "the name of a coordinate")
     check_kind("robot", robot, isinstance(robot, Robot), "a Robot (from load_robot)")
@@ -88,7 +88,7 @@ def default_motion(
     start: Point | None = None,
     goal: Point | None = None,
 ) -> PointToPoint:
-    """Return point-to-point motion of these coordinates (those of ``robot.rigid()``).
+    """Return the point-to-point motion of these coordinates (those of ``robot.rigid()``).
 
     See ``simulate`` for start and goal.
 

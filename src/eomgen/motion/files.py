@@ -210,7 +210,7 @@ def _motion(
 
 
 def _which(name: str, coordinates: Sequence[str], source: str) -> tuple[str, int]:
-    """Return the kind of a column ("q", "v", "a", "u") and index of its coordinate."""
+    """Return the kind of a column ("q", "v", "a", "u") and the index of its coordinate."""
     for suffix, key in SUFFIXES.items():
         stem = name.removesuffix(suffix) if suffix else name
         if name.endswith(suffix) and stem in coordinates:

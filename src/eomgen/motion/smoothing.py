@@ -92,7 +92,7 @@ def _mirrored(right: tuple[float, ...], sign: float) -> Array:
 def noise_deviation(x: Array) -> Array:
     """Return the standard deviation of white noise on smooth samples, (k,).
 
-    From their sixth differences, by the median.
+    It is estimated from their sixth differences, by the median.
     """
     differences = np.diff(x, DIFFERENCE, axis=0)
     binomials = np.poly1d([1.0, -1.0]) ** DIFFERENCE

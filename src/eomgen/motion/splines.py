@@ -102,7 +102,7 @@ class Columns:
 
 
 def signal_of(program: Program) -> Signal | None:
-    """Return a program as data that C follows; None of one that only Python can ask."""
+    """Return a reference trajectory as a time-signal input of C; None of one that only Python can evaluate."""
     method: Callable[[], Signal | None] | None = getattr(program, "as_signal", None)
     return None if method is None else method()
 

@@ -224,7 +224,7 @@ class ToolCircle(ToolPath):
 
 
 class ToolSpline(Spline):
-    """The tool passes points in space at these times, at rest at the first and the last; errors as ``ToolPath``, and
+    """The tool passes points in space at these times, at rest at the first and the last.
 
     Its origin follows a spline of degree 5; orientations are interpolated spherically, with continuous angular
     velocity and acceleration (``turns.spherical_spline``).
@@ -236,7 +236,7 @@ class ToolSpline(Spline):
         orientation: "keep", or the tool's axes at the points as columns, (K, 3, 3); open by default.
 
     Raises:
-        ArrayError: arrays that do not fit together, or are not finite.
+        ArrayError: arrays that do not fit together, or are not finite; other errors as ``ToolPath``.
     """
 
     def __init__(

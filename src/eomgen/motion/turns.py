@@ -26,9 +26,9 @@ def rotation_of(vectors: ArrayLike) -> Array:
 
 
 def spherical(first: Array, last: Array, parts: Array) -> Array:
-    """Return rotations, (P, 3, 3), at parts (P,) of the least turn from one to another.
+    """Return rotations, (P, 3, 3), at parts (P,) of the least rotation from one to another.
 
-    About one axis, at an even rate.
+    It is about one axis, at a constant rate.
     """
     return np.asarray(first @ rotation_of(parts[:, np.newaxis] * vector_of(first.T @ last)))
 

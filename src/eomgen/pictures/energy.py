@@ -49,7 +49,7 @@ def plot_tracking(result: SimulationResult, path: Path | str | None = None, *, a
         The path where there is one, else the figure and its axes.
 
     Raises:
-        InputError: ``result`` is something else, nothing was programmed, or as of ``style.sheet``.
+        InputError: ``result`` is something else, there is no reference trajectory, or as of ``style.sheet``.
     """
     check_kind(result, SimulationResult, "result", SOURCE)
     names = result.program_coordinates

@@ -18,7 +18,7 @@ from .shapes import Shape
 SHOWN_PART = 0.1  # of the robot's size: what the largest deviation is drawn as at first
 SHOWN_ANGLE = 0.5  # rad, likewise
 ROUND_OFF = 1e-9  # of the robot's size, or rad: what is smaller is no deviation
-TOLERANCE = 1e-6  # likewise of a rigid robot, which is off its program by what integrators and drives leave
+TOLERANCE = 1e-6  # likewise of a rigid robot, whose tracking error is what integrators and drives leave
 STEP = 0.05  # of the exaggeration's power of ten
 MORE = 1.0  # powers of ten that can be added to the first exaggeration
 FILLED = 0.8  # share of the window's height and width that is used
@@ -36,7 +36,7 @@ class Camera:
 
 
 def up_of(robot: Robot) -> Array:
-    """The direction against gravity, (3,), a unit vector in base axes; +z where nothing weighs."""
+    """The direction against gravity, (3,), a unit vector in the base frame; +z where nothing weighs."""
     gravity = np.array(robot.gravity, dtype=np.float64)
     if not gravity.any():
         return np.array([0.0, 0.0, 1.0])
@@ -47,7 +47,7 @@ def up_of(robot: Robot) -> Array:
 def drawn_points(robot: Robot, coordinates: Sequence[str], q: ArrayLike, shapes: Sequence[Shape] = ()) -> Array:
     """Points within which the robot is drawn at q (..., n), m or rad: ends of capsules, corners around shapes.
 
-    In base axes, (..., P, 3), m.
+    They are in the base frame, (..., P, 3), m.
     """
     poses = link_poses(robot, coordinates, q)
     fixed = [(c.link, end) for c in capsules(robot) for end in (c.begin, c.end)]

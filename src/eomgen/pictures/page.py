@@ -31,14 +31,14 @@ def report_of(
     modes: bool = True,
     progress: Progress = no_progress,
 ) -> Report:
-    """The report of a simulation, or of a result of measurements (``measured.kinds.PAGES`` has those).
+    """Return the report of a simulation, or of a result of measurements (``measured.kinds.PAGES`` has those).
 
     Args:
         result: from ``simulate``, ``run_scenario`` or ``load_result``; or from ``calibrate``, ``accuracy`` and others,
             which need nothing else.
         robot: that was simulated; by default the one that the result keeps.  Without either the page is made of what
             the result has, and says what is missing.
-        modes: whether frequencies along the program are computed, which compiles further kernels.
+        modes: whether frequencies along the reference trajectory are computed, which compiles further kernels.
         progress: called with a fraction from 0 to 1 and a line of text.
 
     Raises:

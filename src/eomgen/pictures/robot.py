@@ -23,7 +23,7 @@ from .style import PROGRAM_COLOR, TOOL_COLOR, Plotted, set_space, sheet, ticker
 
 LINK_COLORS = ("#999999", "#0072b2", "#d55e00", "#009e73", "#882255", "#cc79a7", "#56b4e9")  # the base, then in turn
 SPRING_COLOR = "#117733"
-LIGHT = np.array([0.3, -0.5, 0.8])  # from where faces are lit, base axes
+LIGHT = np.array([0.3, -0.5, 0.8])  # from where faces are lit, base frame
 FLAT = 0.3  # height by width below which a robot is one in a plane
 AXIS_LENGTH = 0.09  # of a joint's axis, of the robot's size
 NAMED = 3  # meshes that are missing, in a warning

@@ -54,7 +54,7 @@ class Region:
         self._half, self._turn = tolerance.ellipsoids()
 
     def at(self, t: float) -> tuple[Array, Array]:
-        """Half axes, (3,), m, and a pose, (4, 4), whose rotation has their directions, base axes; nearest in time."""
+        """Half axes, (3,), m, and a pose, (4, 4), whose rotation has their directions, base frame; nearest in time."""
         k = int(np.abs(self._t - t).argmin())
         return self._half[k], _pose(self._turn[k])
 
@@ -241,7 +241,7 @@ def accelerations(kernel: Kernel, result: SimulationResult) -> Array:
 
 
 def reaction_forces(kernel: Kernel, robot: Robot, result: SimulationResult) -> Array:
-    """Force of each moving joint on its child link in base axes, (T, joints, 3), N; with a payload as without it.
+    """Force of each moving joint on its child link in the base frame, (T, joints, 3), N; with a payload as without it.
 
     The kernel has ``residual``, ``mass_matrix``, ``reactions`` and ``external_reactions``.
     """

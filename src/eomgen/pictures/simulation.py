@@ -44,7 +44,7 @@ MICRO = 1e6
 
 def plot_result(result: SimulationResult, folder: Path | str | None = None, ending: str = ".png") -> Any:
     """Plot all figures of a result: ``tool``, ``deviations`` and ``journals`` where the robot has some, ``tracking``
-    where there is a program, ``energy`` where there is a balance.
+    where there is a reference, ``energy`` where there is a balance.
 
     Args:
         result: of a simulation.

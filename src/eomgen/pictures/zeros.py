@@ -20,7 +20,7 @@ LEGEND_WIDTH = 46  # letters of a reason
 def plot_zeros(model: Model, path: Path | str | None = None, *, ax: Any = None) -> Plotted:
     """Plot entries of M by whether and why they vanish, beside how many C_s,vw survive for each s and v.
 
-    Both over all coordinates, lines between joints.  Structural zeros, see ``codegen.zeros``.
+    Both are over all coordinates, with lines between joints.  Zeros are structural ones, see ``codegen.joint.zeros``.
 
     Args:
         model: of ``robot.build_model``.

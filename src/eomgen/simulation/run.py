@@ -126,10 +126,11 @@ def run_scenario(
         stream: a new folder to which q and v are written while they are integrated, see ``eomgen.load_stream``.
 
     Raises:
-        InputError: the scenario does not fit the robot (file, key, value and what is allowed are named), the robot has
-            loops, SciPy is not installed.
-        IntegrationError: there is no equilibrium at the start, or the motion could not be integrated to its end: as
-            IntegrationStopped, whose ``result`` has the motion until then.
+        InputError: the scenario does not fit the robot (file, key, value and what is allowed are named), or SciPy
+            is not installed.
+        LoopError: as of ``simulate``.
+        IntegrationError: there is no static equilibrium at the start, or the motion could not be integrated to its
+            end: as IntegrationStopped, whose ``result`` has the motion until then.
     """
     robot, scenario, report = as_robot(robot), as_scenario(scenario), progress or no_progress
     tool = tool_of(robot, scenario.frame, scenario.label("frame") if scenario.source else "tool")

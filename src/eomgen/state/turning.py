@@ -116,7 +116,7 @@ class Turns:
     """
 
     def __init__(self, kernel: Kernel, held: Mask | None = None) -> None:
-        """The kernel as described.
+        """Begin with the kernel as described.
 
         Args:
             kernel: whose joints are turned.

@@ -63,17 +63,17 @@ def export_fmu(
 ) -> Path:
     """Write an FMU (functional mock-up unit) for model exchange and co-simulation, and return its path.
 
-    It has the binary of this machine and the C sources.  Loops are closed after every step of co-simulation; model
-    exchange is of ordinary differential equations that close them by and by.
+    It has the binary of this machine and the C sources.  Loops are closed after every step of co-simulation; in
+    model exchange, ordinary differential equations let constraint violations decay.
 
     Args:
         robot: a Robot, the name of a built-in one, or the path of a description.
         path: file to write, usually with the suffix .fmu.
         version: of the Functional Mock-up Interface, 2 or 3.
-        method: of co-simulation, as of ``Kernel.rollout``: "rosenbrock", "tsit5" or "radau", by steps that the error
-            controls, "rk4" or "implicit"; or "auto", of the first two the one that leads on further for its cost.
-        rtol: the relative tolerance of co-simulation at first, 1e-6 by default; of methods whose steps the error
-            controls.
+        method: of co-simulation, as of ``Kernel.rollout``: "rosenbrock", "tsit5" or "radau", with adaptive
+            step size; "rk4" or "implicit"; or "auto", automatic stiffness switching between the first two.
+        rtol: the relative tolerance of co-simulation at first, 1e-6 by default; of methods with adaptive
+            step size.
         step: the greatest step of co-simulation at first, s; by default 1e-3, or what "rk4" needs if that is less; of
             "rk4" and "implicit".
         flags: further flags of the compiler, behind those of $CFLAGS; none that give up IEEE arithmetic.

@@ -99,7 +99,7 @@ def step_variable(step: float) -> Variable:
 
 
 def tolerance_variable(rtol: float) -> Variable:
-    """Return the parameter of steps that the error controls."""
+    """Return the parameter of adaptive step size: the tolerance."""
     return Variable(TOLERANCE, "parameter", "1", "Relative tolerance of co-simulation", rtol, TIGHTEST, LOOSEST)
 
 

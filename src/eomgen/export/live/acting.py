@@ -83,7 +83,7 @@ def _rounded(value: float) -> float:
 def acting_on(
     robot: Robot, scenario: Scenario, tool: str, report: Progress, notes: list[str]
 ) -> tuple[dict[str, Any], Assembly]:
-    """Return the start, drives, program and loads of a scenario as JSON holds them, and its assembly.
+    """Return the start, drives, reference trajectory and loads of a scenario as JSON holds them, and its assembly.
 
     Args:
         robot: of the kernel.

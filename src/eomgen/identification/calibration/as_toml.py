@@ -94,7 +94,7 @@ def toml_text(fitted: FittedParameters, folder: Path) -> str:
 def body_of(robot: Robot, folder: Path, *more: str) -> list[str]:
     """Return lines for a file in that folder that say what the robot's file does.
 
-    These, or a URDF to refine, with more lines.
+    They are those of a robot in TOML; of a URDF they name it as the one to refine, with more lines.
 
     Raises:
         InputError: the robot was read from no file, or from one of another format.

@@ -43,7 +43,7 @@ def six_of(values: Mapping[str, float], *name: str) -> list[float | None]:
 
 
 def placements(links: Mapping[str, str], values: Mapping[str, float]) -> Iterator[tuple[str, str, Array]]:
-    """Name, link and pose on it, (4, 4), of every measured frame with a calibrated placement."""
+    """Yield name, link and pose on it, (4, 4), of every measured frame with a calibrated placement."""
     for name, link in links.items():
         pose = six_of(values, FRAMES, name)
         if None not in pose:

@@ -190,7 +190,7 @@ def _reason(model: ErrorModel, parameter: ErrorParameter, others: Sequence[Error
 def _relation(chain: Chain, first: int, second: int) -> str:
     """Return how the axes of two joints lie with all coordinates at 0.
 
-    "parallel axes", "one axis", "axes that meet" or "".
+    It is "parallel axes", "one axis", "axes that meet" or "".
     """
     at = located(chain, np.zeros((1, len(chain.stations), 6)), np.eye(4)[np.newaxis])
     a, b = at.R[first, 0, :, 2], at.R[second, 0, :, 2]

@@ -126,7 +126,7 @@ def _tried(
 
 
 def left_of(problem: Problem, start: Array) -> Left:
-    """Return the remainder of a problem with placements of base and tool alone: medians over vectors, by kind."""
+    """Return the residuals of a problem with base and tool transforms alone: medians over vectors, by kind."""
     x = roughly_placed(problem, start)
     r, _ = at_rows(problem.model, problem.rows, problem.seen, x)
     medians, shares = dict[str, float](), dict[str, float]()

@@ -44,7 +44,7 @@ class CalibrationResult(Plotting, Shown, Tabular, Saved, plot="plot_calibration"
         robot: the robot's name.
         frames: link of every measured frame.
         rows: of the file.
-        names, units: of the P parameters: placements of bases ("base.x") and of measured frames ("frames.tcp.x"),
+        names, units: of the P parameters: transforms of bases ("base.x") and of measured frames ("frames.tcp.x"),
             offsets ("joints.joint2.offset.z"), stiffness, terms of drives.
         values: what the description would say, (P,), m, rad, N/m, N m/rad; of dependent ones the least change.
         described: what it says, (P,); NaN where it says nothing.
@@ -138,8 +138,8 @@ class CalibrationResult(Plotting, Shown, Tabular, Saved, plot="plot_calibration"
             series: number of the series whose device looks; None: poses in the robot's base frame.
 
         Returns:
-            poses, (4, 4) or (N, 4, 4), and covariances of displacement and small turn, (6, 6) or (N, 6, 6), m and rad;
-            NaN where nothing could be checked and the noise is not known.
+            poses, (4, 4) or (N, 4, 4), and covariances of displacement and small rotation, (6, 6) or (N, 6, 6), m and
+            rad; NaN where nothing could be checked and the noise is not known.
 
         Raises:
             UnknownNameError: no measured frame, or no series, of that name.

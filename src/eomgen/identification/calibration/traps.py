@@ -136,9 +136,9 @@ def _axis(seen: Observations) -> Index:
 
 
 def at_once(poses: MeasuredPoses) -> Index:
-    """Return number, from 0, of what was measured at once, of every row.
+    """Return for every row the number, from 0, of the group that was measured at once.
 
-    By ``body``, or where nothing moved between rows.
+    Groups are those of ``body``, or else rows between which nothing moved.
     """
     if poses.body is not None:
         return np.unique(poses.body, return_inverse=True)[1].reshape(-1).astype(np.intp)

@@ -120,7 +120,7 @@ def only_fitted(problem: Problem, start: Array, loss: str | None) -> Fit:
 
 
 def roughly_placed(problem: Problem, start: Array) -> Array:
-    """Return values, (P,), with placements of base and tool alone after a few steps: enough to distinguish readings."""
+    """Return values, (P,), with base and tool transforms alone after a few steps, enough to distinguish readings."""
     return roughly(_restricted(problem, PLACEMENT), start, ROUGH // 2)
 
 
@@ -141,9 +141,9 @@ def rms(problem: Problem, differences: Array, trust: Array, *, whole: bool = Fal
 
 
 def medians_of(problem: Problem, variants: Variants, variant: str) -> Rms:
-    """Return the median length of what a variant leaves of vectors, by kind, m and rad.
+    """Return the median length of the vectors that a variant leaves, by kind, m and rad.
 
-    Fitted or held out, whichever is more.
+    It is the greater one of the fitted and the held-out residuals.
     """
     medians: Rms = {}
     kinds = problem.seen.kinds
@@ -227,7 +227,7 @@ def _chosen_prior(problem: Problem, fit: Fit, folds: Sequence[Mask], kept: Index
 def _held_out(problem: Problem, fit: Fit, full: Fit, folds: Sequence[Mask], is_prior: bool) -> Array:
     """Return differences of numbers, (M,), whose rows the fit has not seen.
 
-    a prior is chosen anew from the others alone.
+    A prior is chosen anew from the others alone.
     """
     differences = np.full(problem.seen.group.size, np.nan)
     for fold in folds:
@@ -265,9 +265,9 @@ def _gains(problem: Problem, held: Mapping[str, Array], trust: Array, units: Ind
 
 
 def _gain(before: Array, after: Array, trust: Array, unit: Index, inside: Mask, confidence: float) -> Gain | None:
-    """Return the ratio of the rms of two sets of held-out differences, (M,).
+    """Return the ratio of the rms of two sets of held-out differences, (M,), with its interval.
 
-    Its interval by the jackknife over units.
+    The interval is that of the jackknife over units; None where it cannot be told.
     """
     with optional_import("SciPy", "calibrate needs"):
         from scipy.special import stdtrit

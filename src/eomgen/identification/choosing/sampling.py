@@ -150,7 +150,7 @@ def sampled(
 ) -> Array:
     """Return coordinates of so many poses, (N, n): random ones within the ranges.
 
-    Near those inside if these are few.
+    Where few of them are inside, more are drawn near those.
 
     Raises:
         InputError: fewer than ``least`` are inside; it names what excludes the others.

@@ -219,9 +219,9 @@ def _measured(task: Task, after: MeasuredPoses | Path | str | None, rotation: st
 
 
 def _base(task: Task, before: MeasuredPoses | None, where: Where, measure: str) -> tuple[Array, int]:
-    """Return the pose of the base before the device, (4, 4), and the series that poses to come belong to.
+    """Return the pose of the base before the device, (4, 4), and the series that further poses belong to.
 
-    The last one.
+    It is the last one that was measured, or the first where nothing was.
     """
     if before is not None:
         series = int(before.series[-1])

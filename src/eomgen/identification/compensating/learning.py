@@ -195,7 +195,7 @@ def _point(setting: Setting, basis: Basis, x: Array, motion: SimulationResult, t
 
 
 def _commanded(setting: Setting, basis: Basis, change: Array, motion: SimulationResult) -> Array:
-    """Change of the reference by which drives change the joints so, coefficients (N, m) each.
+    """Return the change of the reference by which drives change the joints so, coefficients (N, m) each.
 
     Computed torque on the rigid model makes them one.  A PD law kp p + kd p' has to bring up what accelerates masses.
     """

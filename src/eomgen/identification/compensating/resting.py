@@ -155,7 +155,7 @@ class _States:
     def _moving(self, i: int, guess: Array) -> tuple[Array, Array, Array]:
         """Return the state at sample i with its prescribed coordinates.
 
-        Velocities and accelerations of the reference's motion.
+        With inertia forces it has the velocities and accelerations of the reference.
         """
         setting, t = self._setting, float(self._setting.t[i])
         assembly = setting.assembly
@@ -174,7 +174,7 @@ class _States:
     def _forces(self, i: int, change: Array, v: Array, a: Array) -> Any:
         """Return forces that act at sample i with a correction, less what accelerates the masses.
 
-        q -> (n,) or (N, n).
+        They are a function of q, (n,) or (N, n).
         """
         setting, t = self._setting, float(self._setting.t[i])
         assembly, kernel = setting.assembly, setting.assembly.kernel

@@ -152,11 +152,11 @@ class Sought:
     def narrowed(self, state: State, deviations: Array) -> tuple[Sought, State]:
         """Go on with coordinates alone whose static friction is more than Coulomb friction.
 
+        Those whose Stribeck velocity is at an end of what the motion can tell are left out, too.
+
         Args:
             state: with all of ``rubbing``.
             deviations: of its ``breakaway``, (k,).
-
-        Neither is there one whose rate is at an end of what the motion can tell.
         """
         shown = state.breakaway > DEVIATIONS * deviations
         slow, fast = state.rates <= SLOWEST * self.rms * (1.0 + EDGE), state.rates >= FASTEST * self.rms * (1.0 - EDGE)

@@ -63,8 +63,7 @@ def identify(  # noqa: PLR0913
     Geometry and gravity are the description's, and so are springs and all other laws of coordinates but for those that
     are sought: damping, Coulomb friction and preload of coordinates with a drive or in a rigid coupling.  The motion
     has samples at equal distances in time; coordinates that couplings make of measured ones need not be in it.  Forces
-    are
-    known where a drive is in the motion, and, 0, at coordinates that were measured and have none.
+    are known where a drive is in the motion, and are 0 at measured coordinates without a drive.
 
     Args:
         robot: a Robot, the name of a built-in one, or the path of a description.
@@ -277,7 +276,7 @@ def _without_idle_drives(robot: Robot, motion: MeasuredMotion) -> tuple[Measured
 def _known(robot: Robot, motion: MeasuredMotion, relations: Relations) -> Mask:
     """Return rows in which all forces are known, (f,).
 
-    Drives of the motion, and those of measured ones that have no drive.
+    Known are the drives in the motion, and, as 0, the forces of measured coordinates that have no drive.
     """
     model = build_model(robot)
     driven = {model.coordinates[i] for i in (*model.driven, *model.prescribed)}

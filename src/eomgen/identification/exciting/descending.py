@@ -18,10 +18,8 @@ SMALL = 1e-7  # a step that wins less, relative to the value or 1, is the last o
 def descended(function: Function, z: Array, steps: int) -> Array:
     """Return numbers near a local minimum of a function, (n,), from those where the search begins.
 
-    In so many steps at most.
-
-    Values never rise.  Source of the line search: A. S. Lewis, M. L. Overton, "Nonsmooth optimization via quasi-Newton
-    methods", Mathematical Programming 141 (2013).
+    It takes so many steps at most, and values never rise.  Source of the line search: A. S. Lewis, M. L. Overton,
+    "Nonsmooth optimization via quasi-Newton methods", Mathematical Programming 141 (2013).
     """
     value, gradient = function(z)
     H = np.eye(z.size) / max(float(np.linalg.norm(gradient)), 1e-12)

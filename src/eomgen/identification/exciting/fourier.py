@@ -79,5 +79,5 @@ def at_rest(harmonics: int) -> Array:
 
 
 def _across(row: Array) -> Array:
-    """Return an orthonormal columns, (N, N - 1), on which a row vanishes."""
+    """Return orthonormal columns, (N, N - 1), on which a row vanishes."""
     return np.asarray(np.linalg.qr(row[:, np.newaxis], mode="complete")[0][:, 1:])

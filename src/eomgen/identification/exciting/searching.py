@@ -111,13 +111,13 @@ class Search:
 
 
 def improved(search: Search, weighted: WeightedColumns, kind: str, x: Array) -> Array:
-    """Return numbers of a motion within limits at which a criterion is about as little as it gets near another one.
+    """Return numbers of a motion within limits that is about a local minimum of a criterion.
 
     Args:
         search: the series and their limits.
-        weighted: what motions tell.
+        weighted: columns of base parameters along motions.
         kind: of CRITERIA.
-        x: numbers of a motion within limits, (m, 2 N - 1).
+        x: numbers of a motion within limits, (m, 2 N - 1), near which it is looked for.
     """
     scale, better = _scale(search), x
     narrowed = [np.zeros(len(held.names)) for held in search.held]

@@ -143,7 +143,7 @@ class ErrorModel:
     def _located(self, values: Array, rows: Rows, bases: Array) -> tuple[Located, Array]:
         """Return stations by their coordinates, (N, S, 6), whose passive ones are made to close loops.
 
-        What encoders read.
+        The second value is what encoders read, (N, S, 6).
         """
         if self.closing is None:
             return located(self.chain, values, bases), rows.readings
@@ -183,7 +183,7 @@ class State:
     def sensitivities(self, tool: int) -> Array:
         """Return the motion of a station per unit of every parameter, (N, 6, P).
 
-        Displacement, small turn, the device's axes.
+        It is a displacement, then a small rotation, in the device's axes.
         """
         before, by_place = jacobian(self.model.chain, self.located, tool)
         place = {station: k for k, station in enumerate(before)}
@@ -206,7 +206,7 @@ class State:
         return np.asarray(by_place[:, :, at, component] @ by_quantity[:, which])
 
     def passive_slopes(self) -> Array:
-        """Change of the passive coordinates, without their offsets, per unit of every parameter, (N, k, P)."""
+        """Return changes of the passive coordinates, without their offsets, per unit of every parameter, (N, k, P)."""
         model = self.model
         assert model.closing is not None
         follow = model.closing.followed(model.chain, self.located)
@@ -216,7 +216,7 @@ class State:
 
 
 def factor_of(parameter: ErrorParameter, rows: Rows) -> Array:
-    """Return factor of a parameter in every row, (N,)."""
+    """Return the factor of a parameter in every row, (N,)."""
     reading = rows.readings[:, parameter.station, parameter.coordinate]
     kind = parameter.factor
     if kind == "series":
@@ -383,7 +383,7 @@ def rows_of(chain: Chain, robot: Robot, poses: MeasuredPoses, known: Mapping[str
 
 
 def _directions(values: Array, series: NDArray[np.int64]) -> Array:
-    """Return sense of the last motion before each row: -1, 1, or 0 where there was none yet."""
+    """Return the sense of the last motion before each row: -1, 1, or 0 where there was none yet."""
     directions = np.zeros(len(values))
     last: dict[int, tuple[float, float]] = {}
     for row, (number, value) in enumerate(zip(series.tolist(), values.tolist(), strict=True)):

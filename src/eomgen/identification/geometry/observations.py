@@ -233,7 +233,7 @@ def two_divisors(label: str, divisors: ArrayLike, units: str) -> tuple[float, fl
 def _mixed(
     poses: MeasuredPoses, frame: str, value: ArrayLike, starts: Mapping[tuple[str, str], tuple[int, Block]]
 ) -> tuple[Index, Array, Array]:
-    """Return index of a frame's numbers that a covariance is of, inverse Cholesky factors, and standard deviations."""
+    """Return the index of the numbers that a covariance is of, inverse Cholesky factors, and standard deviations."""
     if (frame, POSITION) not in starts:
         known = [name for name, kind in starts if kind == POSITION]
         raise InputError(f"covariance: {show(frame)} has no measured position; allowed: {listed(known)}")

@@ -114,7 +114,7 @@ def _base(about: _Seen, tool: Array) -> Array:
 def _from_distances(p: Array, distance: Array) -> Array:
     """Return the base with the device's origin where the distances meet.
 
-    Its axes as the device's, which they do not show.
+    Its axes are taken as the device's, since distances do not show them.
     """
     there = np.isfinite(distance)
     if there.sum() < 4:
@@ -140,7 +140,7 @@ def _tool(about: _Seen, base: Array) -> Array:
 def _both(about: _Seen) -> tuple[Array, Array]:
     """Return base and frame together, from positions p + R t = Q m + c, linear in t, Q and c.
 
-    Turns, if measured, join in.
+    Measured rotations count, too.
     """
     there, turned = np.isfinite(about.position[:, 0]), np.isfinite(about.turned[:, 0, 0])
     Q = np.eye(3)
@@ -172,7 +172,7 @@ def _both(about: _Seen) -> tuple[Array, Array]:
 def _turn_of_base(R: Array, measured: Array) -> Array:
     """Return Q of R_i X = Q measured_i for all i, by the null space of both rotations, (3, 3).
 
-    From the device to the base.
+    It is the rotation from the device to the base.
     """
     A = np.zeros((len(R), 9, 18))
     for i in range(3):

@@ -30,7 +30,7 @@ def about_axis(axis: int, angle: Array) -> Array:
 
 
 def from_rpy(angles: Array) -> Array:
-    """Return rz(yaw) Ry(pitch) Rx(roll), (N, 3, 3), of roll, pitch and yaw, (N, 3), rad."""
+    """Return Rz(yaw) Ry(pitch) Rx(roll), (N, 3, 3), of roll, pitch and yaw, (N, 3), rad."""
     roll, pitch, yaw = angles.T
     return np.asarray(about_axis(2, yaw) @ about_axis(1, pitch) @ about_axis(0, roll))
 
@@ -65,10 +65,7 @@ def nearest_rotation(matrix: Array) -> Array:
 
 
 def coordinates_of(pose: Array) -> Array:
-    """Return the six coordinates x, y, z, alpha, beta, gamma of T(x, y, z) Rx Ry Rz, (6,), of a pose, (4, 4).
-
-    m, rad.
-    """
+    """Return x, y, z (m) and alpha, beta, gamma (rad), (6,), of a pose T(x, y, z) Rx Ry Rz, (4, 4)."""
     R = pose[:3, :3]
     beta = np.arctan2(R[0, 2], np.hypot(R[0, 0], R[0, 1]))
     if np.hypot(R[0, 0], R[0, 1]) > 1e-9:
@@ -85,7 +82,7 @@ def pose_from(values: Array) -> Array:
 
 
 def pose_of(rotation: ArrayLike, position: ArrayLike = 0.0) -> Array:
-    """Return pose, (4, 4), of a rotation, (3, 3), and a position, (3,), m."""
+    """Return the pose, (4, 4), of a rotation, (3, 3), and a position, (3,), m."""
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = rotation, position
     return pose

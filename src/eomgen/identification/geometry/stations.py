@@ -186,7 +186,7 @@ def jacobian(chain: Chain, at: Located, tool: int) -> tuple[list[int], Array]:
     """Return the Jacobian of a station's origin and axes by its coordinates and those of the stations before it.
 
     Returns:
-        indices of these stations, K of them, and (N, 6, K, 6): displacement and small turn in the device's axes.
+        indices of these stations, K of them, and (N, 6, K, 6): displacement and small rotation in the device's axes.
     """
     before = chain.ancestors(tool)
     axes = at.axes[before]  # (K, N, 6, 3)

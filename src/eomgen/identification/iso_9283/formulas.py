@@ -44,7 +44,7 @@ def deviations(values: Array) -> Array:
 
 
 def turns_from(command: Array, attained: Array) -> Array:
-    """Return angles a, b, c from the commanded to the attained orientation, (..., 3), rad, about base frame axes.
+    """Return angles a, b, c from the commanded to the attained orientation, (..., 3), rad, about axes of the base frame.
 
     They are the components of the rotation vector of R R_c^T, so that no pose is a pole.
     """
@@ -94,7 +94,7 @@ def tangents(points: Array) -> Array:
 
 
 def arc(points: Array) -> Array:
-    """Return lengths of the path from its begin to each point, (m,), m."""
+    """Return lengths of the path from its beginning to each point, (m,), m."""
     return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
 
 
@@ -141,11 +141,10 @@ def between(values: Array, places: Array) -> Array:
 
 
 def path_scatter(command: Array, attained: Array) -> tuple[Array, Array]:
-    """Return attained points of a path, (n, m, 3), against the commanded ones, (m, 3).
+    """Return distances of attained points of a path, (n, m, 3), from the commanded ones, (m, 3): (m,) each, m.
 
-    Distances by point, (m,) each, m.
-
-    Clauses 8.2 and 8.3, whose figures are the greatest of each: that of the barycentre to the command, l-bar + 3 S_l.
+    The first are those of the barycentre from the command, the second l-bar + 3 S_l; the figures of clauses 8.2 and 8.3
+    are the greatest of each.
     """
     barycentre = attained.mean(axis=0)
     distances = np.linalg.norm(attained - barycentre, axis=2)

@@ -189,7 +189,7 @@ _Commands = Callable[[int, Index], Record]
 def _commands(table: _Rows, command_rows: _Rows | None, kind: str, frame: str, rotation: str) -> _Commands:
     """Return a function that says what is commanded of the rows of one pose or path.
 
-    From their columns or the other file.
+    It takes that from their columns, or from the other file.
     """
     owner = component_name(frame, COMMAND)
     beside = all(component_name(owner, axis) in table.columns for axis in AXES)
@@ -250,9 +250,9 @@ def _groups(*keys: NDArray[np.int64]) -> list[Index]:
 
 
 def _cycles(table: _Rows, kind: str, numbers: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the cycle of each row: as the file says.
+    """Return the cycle of each row, as the file says.
 
-    Else rows of one pose are cycles, and a file with paths is one.
+    Where it does not, rows of one pose are cycles, and a file with paths is one.
     """
     if "cycle" in table.columns:
         return _numbers(table, "cycle")

@@ -92,7 +92,7 @@ def _by_planes(path: Path, command: Record) -> tuple[Array, Array | None, Mask]:
 def _near(command: Record, record: Record, share: Array) -> Index:
     """Return samples of a cycle that are about where the points of the command are.
 
-    At the same time, or share of the way.
+    They are those at the same time, or at the same share of the way.
     """
     if command.t is not None and record.t is not None:
         nearest = np.searchsorted(record.t - record.t[0], command.t - command.t[0])

@@ -377,9 +377,8 @@ def _together(
 def _free_motions(kernel: Kernel, model: Model, motion: MeasuredMotion, moved: _Moved) -> Array:
     """Return motions along which neither loops, couplings nor unknown drives do work, (T, n, f).
 
-    Lengths by kinetic energy.
-
-    The null space's projector is smooth over time; it is seen from the directions that it has most of on average.
+    Lengths are measured by kinetic energy.  The null space's projector is smooth over time; it is seen from the
+    directions that it has most of on average.
 
     Raises:
         InputError: there are none.

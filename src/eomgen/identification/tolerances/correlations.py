@@ -78,7 +78,7 @@ def root_of(correlation: Array) -> Array:
 
 
 def plain_correlations(names: Sequence[str], correlation: Array) -> list[dict[str, Any]]:
-    """Return entries that a table has the correlation, (K, K), of K names by: names and a matrix of every group."""
+    """Return the entries of a table that state the correlation, (K, K), of K names: names and matrix of each group."""
     return [
         {"names": [names[k] for k in group], "matrix": correlation[np.ix_(group, group)].tolist()}
         for group in groups_of(correlation)
@@ -88,7 +88,7 @@ def plain_correlations(names: Sequence[str], correlation: Array) -> list[dict[st
 def _read(table: Table, i: int, entry: Any) -> tuple[list[int], Array, int]:
     """Return indices of an entry's parameters, their coefficients, and its rank.
 
-    2 where all names are written out, else 1.
+    The rank is 2 where all names are written out, else 1.
     """
     if not isinstance(entry, Mapping):
         raise _refusal(table, i, "", f"{show(entry)}; allowed: a table with names and coefficient or matrix")

@@ -102,7 +102,7 @@ def ellipsoids(covariance: Array, probability: float) -> tuple[Array, Array]:
 def _quantiles(ratios: Array, probability: float) -> Array:
     """Return quantiles of the root where the greatest variance is 1 and the others are ``ratios``, (N, 2).
 
-    Guarded Newton.
+    They are found by Newton's method, kept between bounds.
     """
     with optional_import("SciPy", "regions need"):
         from scipy.special import chdtri

@@ -38,7 +38,7 @@ class ToleranceResult(Plotting, Shown, Tabular, Saved, plot="plot_tolerance"):
         t: times of the poses, s, (N,), where they are samples of a motion.
         names, units: of the K parameters.
         described: what the description says, (K,); NaN where that is no number.
-        deviations: standard deviations, (K,); of a bound that of an even distribution, bound / sqrt(3).
+        deviations: standard deviations, (K,); of a bound that of a uniform distribution, bound / sqrt(3).
         bounds: what worst cases go up to, (K,); of a deviation three of them.
         correlation: coefficients of correlation, (K, K); ones on the diagonal, zeros beside it by default.
         sensitivities: motion of the frame per unit of a parameter, (N, 6, K): x, y, z (m), rx, ry, rz (rad), base.
@@ -56,7 +56,7 @@ class ToleranceResult(Plotting, Shown, Tabular, Saved, plot="plot_tolerance"):
             common term of two correlated parameters each has half, so that a share may be negative: one that
             compensates.
         nonlinearity: by how much the exact model is off a linear one with one parameter at its bound, or all at the
-            worst vertex, as a share of the worst displacement or turn; the greatest.
+            worst vertex, as a share of the worst displacement or rotation; the greatest.
         notes: remarks, warnings among them.
         exact, tolerances: the exact model and the table.
     """

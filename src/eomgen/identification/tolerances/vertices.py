@@ -65,6 +65,6 @@ def _across(edge: Array) -> Array:
 def _sign(values: Array, size: float) -> Array:
     """Return signs of products of a vector of that size with generators, the greatest of length 1.
 
-    0 where they are flat.
+    Signs are 0 where the products are round-off.
     """
     return np.where(values > _FLAT * size, 1.0, np.where(values < -_FLAT * size, -1.0, 0.0))
