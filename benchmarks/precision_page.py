@@ -149,9 +149,9 @@ def page(report: Report) -> str:
         " [adaptive step size](theory.md#adaptive-step-size), one call of C."
         " `implicit`, `rk4`: steps of one length, likewise. The kernel is that of"
         " `eomgen.build`, as it is.",
-        "- eomgen `auto`: `eomgen.integration.integrate`, which takes methods of C in turn, `radau` too at relative"
-        " tolerances of 1e-7 and less; its time is that of a call from Python, which also looks for contacts, and"
-        " computes energies and drives at samples.",
+        "- eomgen `auto`: `eomgen.integration.integrate`, which switches between methods of C by stiffness,"
+        " `radau` too at relative tolerances of 1e-7 and less; its time is that of a call from Python, which also looks"
+        " for contacts, and computes energies and drives at samples.",
         "- Radau, DOP853 (SciPy), CVODE, IDA (SUNDIALS): `eomgen.integration.integrate` on the same kernel, with exact"
         " derivatives. Python calls the kernel at every evaluation, and most of their time is not the kernel's.",
         "- MuJoCo: the same robot by [`eomgen.export_mjcf`](mjcf.md), `mj_step` in a loop in C. `discrete` is implicit"

@@ -44,7 +44,7 @@ def deviations(values: Array) -> Array:
 
 
 def turns_from(command: Array, attained: Array) -> Array:
-    """Return angles a, b, c from the commanded to the attained orientation, (..., 3), rad, about axes of the base frame.
+    """Return angles a, b, c from the commanded to the attained orientation, (..., 3), rad, about the base's axes.
 
     They are the components of the rotation vector of R R_c^T, so that no pose is a pole.
     """
