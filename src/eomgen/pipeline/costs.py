@@ -117,7 +117,7 @@ class RobotInfo:
         return lines
 
     def _loop_lines(self) -> list[str]:
-        """Return the cut joints and couplings, where there are some."""
+        """Return the loop joints and couplings, where there are some."""
         loops, count = self.model.robot.loops, len(self.model.constraints)
         lines = []
         for loop in loops:

@@ -21,7 +21,7 @@ Numbers = Mapping[str, Mapping[str, float]]  # by joints, then by their names in
 class JournalContact:
     """A place where a journal may touch its bearing.
 
-    Arguments q are coordinates of the kernel, of a cut joint's journal deviations by the order of ``cut_laws``.
+    Arguments q are coordinates of the kernel, of a loop joint's journal deviations by the order of ``cut_laws``.
 
     Attributes:
         name: "JOINT.radial", "LOOP.radial".
@@ -81,7 +81,7 @@ def contacts_of(journals: Numbers, coordinates: Sequence[str]) -> list[JournalCo
 
 
 def cut_contacts(kernel: Kernel) -> list[JournalContact]:
-    """Return the contacts of the journals of cut joints, in deviations as of ``Kernel.cut_forces``."""
+    """Return the contacts of the journals of loop joints, in deviations as of ``Kernel.cut_forces``."""
     return contacts_of(element_numbers(kernel, CUT_BEARINGS), kernel.cut_laws)
 
 
@@ -92,7 +92,7 @@ def cut_deviations(kernel: Kernel, q: Array) -> Array:
 
 
 def cut_stiffness(kernel: Kernel, q: Array) -> Array:
-    """Return the stiffness matrix of the journals of cut joints at q where all touch along x and along y, (n, n)."""
+    """Return the stiffness matrix of the journals of loop joints at q where all touch along x and along y, (n, n)."""
     contacts = cut_contacts(kernel)
     if not contacts:
         return np.zeros((kernel.n, kernel.n))

@@ -76,7 +76,7 @@ def damping_matrix(kernel: Kernel, least: float = 0.0) -> Array:
 
 
 def any_spring(kernel: Kernel) -> bool:
-    """Whether there is a spring now: of a coordinate, a transmission, a cut joint, a coupling, between two links.
+    """Whether there is a spring now: of a coordinate, a transmission, a loop joint, a coupling, between two links.
 
     A stop counts as one: what lies on it swings as on a spring.
     """
@@ -119,7 +119,7 @@ def law_numbers(kernel: Kernel) -> Numbers:
 
 
 def cut_numbers(kernel: Kernel) -> Numbers:
-    """Return the numbers of cut joints' coordinates and elastic couplings, by the names in ``Kernel.cut_laws``."""
+    """Return the numbers of loop joints' coordinates and elastic couplings, by the names in ``Kernel.cut_laws``."""
     laws = element_numbers(kernel, CUTS)
     return {name: laws.get(name, {}) for name in kernel.cut_laws}
 
@@ -177,9 +177,9 @@ def journals_in_play(kernel: Kernel) -> set[str]:
 
 
 def line_rates(kernel: Kernel, q: Array, least: float = 0.0, *, touching: bool = False) -> tuple[Array, Array]:
-    """Return the stiffness and damping by force elements between links, in cut joints and couplings at q, (n, n) each.
+    """Return the stiffness and damping by force elements between links, in loop joints and couplings at q, (n, n) each.
 
-    Cables count as taut, journals of cut joints as touching; the largest slopes count.
+    Cables count as taut, journals of loop joints as touching; the largest slopes count.
     touching: stops count, too, as if they were touched.  ``least`` as of ``rate_slope_of``.
     """
     stiffness, slowing = np.zeros((kernel.n, kernel.n)), np.zeros((kernel.n, kernel.n))

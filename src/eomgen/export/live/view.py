@@ -160,7 +160,7 @@ def _joint(joint: Joint) -> dict[str, Any]:
 
 
 def _loop(loop: Loop) -> dict[str, Any]:
-    """Return a loop: the frames of its cut joint, how their axes are turned by offsets, and what is blocked.
+    """Return a loop: the frames of its loop joint, how their axes are turned by offsets, and what is blocked.
 
     Where all angles are rigid, their offsets turn the axes of the first frame; otherwise alpha turns these, gamma those
     of the second one back, and beta is taken off its component.
