@@ -11,12 +11,12 @@ from typing import Any
 from .errors import InputError
 from .files import as_path
 from .names import listed, show
+from .results.beside import STREAM, SWEEP, TRAJECTORY
 from .results.contents import JSON
 from .results.kinds import KINDS, bare_kind, kind_of, read
 from .simulation.result import load_result as load_simulation
 
 CSV = ".csv"
-SIMULATION, SWEEP, STREAM = "trajectory.npz", "sweep.json", "zarr.json"  # files by which folders say what they are
 
 
 def load_result(path: Path | str) -> Any:
@@ -53,8 +53,8 @@ def load_result(path: Path | str) -> Any:
 
 
 def _of_folder(folder: Path) -> Any:
-    if (folder / SIMULATION).exists():
-        return load_simulation(folder / SIMULATION)
+    if (folder / TRAJECTORY).exists():
+        return load_simulation(folder / TRAJECTORY)
     if (folder / SWEEP).exists():
         from .sweep.result import SweepResult
 
@@ -63,5 +63,5 @@ def _of_folder(folder: Path) -> Any:
         from .simulation.stream import load_stream
 
         return load_stream(folder)
-    allowed = f"a folder that eomgen wrote, with {SIMULATION}, {SWEEP} or {STREAM}"
+    allowed = f"a folder that eomgen wrote, with {TRAJECTORY}, {SWEEP} or {STREAM}"
     raise InputError(f"{folder}: holds no result; allowed: {allowed}")

@@ -6,7 +6,8 @@ import argparse
 from pathlib import Path
 
 from ..errors import InputError
-from .shared import TRAJECTORY, Command, add_robot_of_result, progress_bar, read_robot, result_path, show_written
+from ..results.beside import TRAJECTORY
+from .shared import Command, add_robot_of_result, progress_bar, read_robot, result_path, show_written
 
 
 def _add_live(parser: argparse.ArgumentParser) -> None:

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from ..errors import InputError
+from ..results.beside import PAGE, PAGE_ENDING
 from .shared import (
     Command,
     add_result,
@@ -72,7 +73,7 @@ def _report(options: argparse.Namespace) -> None:
             raise InputError(f"{path}: is no simulation; allowed: --robot with simulations")
         robot = read_robot(options) if options.robot is not None else None
         page = report_of(result, robot, modes=not options.no_modes, progress=report)
-        usual = path.with_name("report.html") if is_simulation else path.with_suffix(".html")
+        usual = path.with_name(PAGE) if is_simulation else path.with_suffix(PAGE_ENDING)
     for line in page.missing:
         say(f"missing: {line}")
     say(f"wrote {page.save(options.output or usual)}")

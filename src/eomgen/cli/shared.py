@@ -19,6 +19,8 @@ from ..limits import LARGEST, MOST_COUNTED, SMALLEST, is_usable
 from ..names import printable, show
 from ..optional import NotInstalledError
 from ..progress import Progress, StageReport, told_in_lines
+from ..results.beside import PAGE_ENDING, TRAJECTORY, is_ours, older_than, remove_ours
+from ..results.contents import JSON, NPZ
 from .choices import ROTATIONS
 
 if TYPE_CHECKING:
@@ -27,7 +29,6 @@ if TYPE_CHECKING:
 
 VELOCITY_LIMITS = "greatest velocities of joints, rad/s or m/s"
 FORCE_LIMITS = "greatest actuator forces, N m or N"
-TRAJECTORY = "trajectory.npz"
 _NUMBERS = f"0, or a number of magnitude {SMALLEST:g} to {LARGEST:g}"
 _DRIVES = {
     "locked": "locked (brakes on)",
@@ -338,7 +339,9 @@ def pages_written(options: argparse.Namespace, result: Any) -> list[Path]:
 
 def show_measured(options: argparse.Namespace, result: Any, written: Sequence[Path] = ()) -> None:
     """Print a result of measurements as ``show_files`` does, and write its page where --report asks for it."""
-    show_files(options, result.lines(), result.as_dict(), [*written, *pages_written(options, result)])
+    written = [*written, *pages_written(options, result)]
+    show_files(options, result.lines(), result.as_dict(), written)
+    name_older_pages(written)
 
 
 def check_output(options: argparse.Namespace, *endings: str) -> None:
@@ -374,12 +377,42 @@ def show_with_page(options: argparse.Namespace, result: Any, written: Iterable[P
     show_result(options, result)
     if not options.json:
         show_written(written)
+    name_older_pages(written)
 
 
 def show_written(paths: Iterable[Path]) -> None:
     """Print the paths of files that were written."""
     for path in paths:
         say(f"wrote {path}")
+
+
+def remove_older(result: Path, names: Iterable[str], written: Iterable[Path] = (), *, replaced: bool = True) -> None:
+    """Remove figures and pages that an older result left beside a new one, and say so; name those that stay.
+
+    Args:
+        result: the file of the new result.
+        names: of files beside it, as ``results.beside`` knows them.
+        written: with the new result.
+        replaced: whether an older result was there; else the files are of something else, and stay.
+    """
+    older = older_than(result, names, written)
+    removed, left = remove_ours(older) if replaced else ([], older)
+    if removed:
+        say(f"note: removed of the older result: {', '.join(map(str, removed))}", sys.stderr)
+    _name_older(left)
+
+
+def name_older_pages(written: Iterable[Path]) -> None:
+    """Name pages that ``report`` may have written about older results, beside those that were written."""
+    written = list(written)
+    results = [path for path in written if path.suffix in (NPZ, JSON)]
+    pages = [page for path in results for page in older_than(path, [path.with_suffix(PAGE_ENDING).name], written)]
+    _name_older([page for page in pages if is_ours(page)])
+
+
+def _name_older(paths: Sequence[Path]) -> None:
+    if paths:
+        say(f"note: older than the result beside, maybe of another one: {', '.join(map(str, paths))}", sys.stderr)
 
 
 # Options about a state of a robot

@@ -7,8 +7,8 @@ import sys
 from pathlib import Path
 
 from ..errors import InputError, IntegrationStopped
+from ..results.beside import BESIDE_SIMULATION, TRAJECTORY
 from .shared import (
-    TRAJECTORY,
     Command,
     add_json,
     add_names,
@@ -17,6 +17,7 @@ from .shared import (
     progress_bar,
     read_robot,
     real,
+    remove_older,
     say,
     show_files,
 )
@@ -46,8 +47,9 @@ def _simulate(options: argparse.Namespace) -> None:
         raise InputError(f"--{next(iter(motion))}: given together with --scenario, which says it; allowed: one of both")
     if options.stream and not options.scenario:
         raise InputError("--stream: given without --scenario; allowed: with a scenario")
-    robot = read_robot(options)
+    robot, target = read_robot(options), options.output / TRAJECTORY
     scenario = load_scenario(options.scenario) if options.scenario else None
+    replaced = target.exists()
     try:
         with progress_bar("simulating") as report:
             if scenario is not None:
@@ -57,18 +59,19 @@ def _simulate(options: argparse.Namespace) -> None:
     except IntegrationStopped as error:
         if error.result is not None:  # what there is of it, marked as stopped; the status says so, too
             try:
-                path = error.result.save(options.output / TRAJECTORY)
-                say(f"wrote {path}: the motion until it stopped", sys.stderr)
+                say(f"wrote {error.result.save(target)}: the motion until it stopped", sys.stderr)
+                remove_older(target, BESIDE_SIMULATION, replaced=replaced)
             except InputError as refusal:  # why the motion stopped is said all the same
                 say(f"eomgen: {refusal}", sys.stderr)
         raise
-    written = [result.save(options.output / TRAJECTORY)]
+    written = [result.save(target)]
     if not options.no_plots:
         from ..pictures.simulation import plot_result
 
         with can_be_left_out("plots are"):
             written += plot_result(result, options.output)
     show_files(options, result.summary_lines(), result.summary(), written)
+    remove_older(target, BESIDE_SIMULATION, written, replaced=replaced)
 
 
 COMMANDS = (

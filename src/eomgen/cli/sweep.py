@@ -11,7 +11,19 @@ from typing import Any
 
 from ..errors import InputError
 from ..optional import optional_import
-from .shared import Command, add_json, add_robot, can_be_left_out, progress_bar, read_robot, say, show_files, whole
+from ..results.beside import BESIDE_SWEEP, TABLE
+from .shared import (
+    Command,
+    add_json,
+    add_robot,
+    can_be_left_out,
+    progress_bar,
+    read_robot,
+    remove_older,
+    say,
+    show_files,
+    whole,
+)
 
 
 def _add_sweep(parser: argparse.ArgumentParser) -> None:
@@ -35,6 +47,7 @@ def _add_sweep(parser: argparse.ArgumentParser) -> None:
 def _sweep(options: argparse.Namespace) -> None:
     from ..sweep.driver import run
     from ..sweep.plan import load_plan
+    from ..sweep.store import ROWS
 
     executors = [name for name in ("threads", "processes", "dask") if getattr(options, name) is not None]
     if len(executors) > 1:
@@ -56,13 +69,14 @@ def _sweep(options: argparse.Namespace) -> None:
     except KeyboardInterrupt:
         say(f"eomgen: what was done is in {options.output}; the same command goes on with it", sys.stderr)
         raise
-    written = [result.save_table(options.output / f"samples.{_table_suffix()}")]
+    written = [result.save_table(options.output / f"{TABLE}.{_table_suffix()}")]
     if not options.no_plots:
         from ..pictures.sweep import plot_sweep
 
         with can_be_left_out("plots are"):
             written += plot_sweep(result, options.output)
     show_files(options, result.lines(), result.as_dict(), written)
+    remove_older(options.output / ROWS, BESIDE_SWEEP, written)
 
 
 def _table_suffix() -> str:

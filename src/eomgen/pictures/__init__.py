@@ -1,7 +1,7 @@
 """Figures, pages and views of robots and results.
 
-Uses runtime, robot, forms, description, state, codegen (joint), templates, pipeline, simulation, analysis,
-sweep and identification.
+Uses runtime, robot, results, forms, description, state, codegen (joint), templates, pipeline, simulation,
+analysis, sweep and identification.
 """
 
 from ..lazily import imports_when_used

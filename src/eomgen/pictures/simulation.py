@@ -15,6 +15,7 @@ from ..arrays import Array
 from ..errors import InputError
 from ..files import as_path
 from ..names import component_name, joint_of, kind_of
+from ..results.beside import SIMULATION_FIGURES
 from ..robot.coordinates import unit_of
 from ..shown import scale_of
 from ..simulation.result import Series, SimulationResult
@@ -59,15 +60,14 @@ def plot_result(result: SimulationResult, folder: Path | str | None = None, endi
             cannot be written.
     """
     check_kind(result, SimulationResult, "result", SOURCE)
-    plots: dict[str, Callable[..., Any]] = {"tool": plot_tool}
-    if result.deviation_coordinates:
-        plots["deviations"] = plot_deviations
-    if result_journals(result):
-        plots["journals"] = plot_journals
-    if result.programmed and result.program_coordinates:
-        plots["tracking"] = plot_tracking
-    if result.balance is not None:
-        plots["energy"] = plot_energy
+    draws: tuple[tuple[Callable[..., Any], Any], ...] = (  # and what a result must have for it
+        (plot_tool, True),
+        (plot_deviations, result.deviation_coordinates),
+        (plot_journals, result_journals(result)),
+        (plot_tracking, result.programmed and result.program_coordinates),
+        (plot_energy, result.balance is not None),
+    )
+    plots = {name: plot for name, (plot, needed) in zip(SIMULATION_FIGURES, draws, strict=True) if needed}
     if folder is None:
         return {name: plot(result) for name, plot in plots.items()}
     target = as_path(folder, "folder")

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..files import FIGURE_ENDINGS, check_ending, write_atomically
 from ..optional import optional_import
+from ..results.beside import CREATOR
 from ..simulation.result import SimulationResult
 
 COLORS = {  # Okabe and Ito, told apart by colour-blind readers; without amber, which warnings alone have
@@ -52,7 +53,11 @@ Plotted: TypeAlias = (
     Any  # the Path that was written where a path was handed in, else (Figure, Axes), or an array of Axes
 )
 
-UNDATED = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}, ".png": {}}
+METADATA = {  # no dates, so that the same figure is the same bytes
+    ".svg": {"Creator": CREATOR, "Date": None},
+    ".pdf": {"Creator": CREATOR, "CreationDate": None},
+    ".png": {"Software": CREATOR},
+}
 BESIDE: Mapping[str, Any] = MappingProxyType(  # where a legend stands beside the curves
     {"loc": "upper left", "bbox_to_anchor": (1.01, 1.0), "borderaxespad": 0.0, "handlelength": 1.6}
 )
@@ -203,7 +208,7 @@ def canvas(width: float, height: float, path: Path | str, title: str = "") -> It
 def _write(figure: Any, target: Path) -> None:
     root = getattr(figure, "figure", figure)  # of a subfigure
     ending = target.suffix
-    write_atomically(target, lambda stream: root.savefig(stream, format=ending[1:], dpi=DPI, metadata=UNDATED[ending]))
+    write_atomically(target, lambda stream: root.savefig(stream, format=ending[1:], dpi=DPI, metadata=METADATA[ending]))
 
 
 def check_kind(value: Any, kind: type, label: str, source: str) -> None:

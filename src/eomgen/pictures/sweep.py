@@ -10,12 +10,12 @@ import numpy as np
 
 from ..errors import InputError
 from ..files import as_path
+from ..results.beside import SWEEP_FIGURES
 from ..shown import scale_of
 from ..sweep.result import SweepResult
 from .style import COLORS, PROGRAM_COLOR, Plotted, check_kind, literal, sheet
 
 MOST_BARS = 15
-NAMES = ("distribution", "sensitivity")
 
 
 def plot_sweep(
@@ -44,7 +44,7 @@ def plot_sweep(
         raise InputError("ax: comes together with a folder, which has a file for each plot; allowed: one of both")
     column = _column(result, column)
     written: list[Path] = []
-    for name, draw, left in zip(NAMES, DRAWS, (0.1, 0.36), strict=True):
+    for name, draw, left in zip(SWEEP_FIGURES, DRAWS, (0.1, 0.36), strict=True):
         with sheet(6.4, 3.8, target / f"{name}.png", f"{result.meta['robot']}: {column}") as drawn:
             [axes] = drawn.panels(1, partial(_single_panel, left=left))
             draw(result, column, axes)

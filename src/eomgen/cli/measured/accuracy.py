@@ -29,6 +29,7 @@ from ..shared import (
     check_output,
     coordinate_values,
     keywords,
+    name_older_pages,
     pages_written,
     progress_bar,
     read_robot,
@@ -129,6 +130,7 @@ def _tolerance(options: argparse.Namespace) -> None:
         regions = tolerance(robot, options.table, options.frame, **settings)
         allocation = None if options.accuracy is None else regions.allocate(options.accuracy)
     written = pages_written(options, regions) + saved_or_drawn(options, regions, plot_tolerance)
+    name_older_pages(written)
     if options.json:
         show_json({**regions.as_dict(), "allocation": None if allocation is None else allocation.as_dict()})
         return

@@ -14,6 +14,7 @@ from ...motion.measured_numbers import answers_in_numbers
 from ...names import listed, show
 from ...npz import read_npz
 from ...progress import Progress, no_progress
+from ...results.beside import SWEEP, TRAJECTORY
 from ...simulation.result import SimulationResult, load_result
 from ...sweep.plan import Plan
 from .attained import Measured
@@ -24,7 +25,6 @@ from .result import STANDARD, AccuracyResult, PathFigures, PoseFigures
 from .simulated import from_plan, from_simulations
 
 POSES, CYCLES, PATH_CYCLES = 5, 30, 10  # that the standard asks for
-TRAJECTORY, SWEEP = "trajectory.npz", "sweep.json"
 _FAR = 0.1  # m, rad: of a pose from its command, from which on a mistake is more likely than a robot
 
 
