@@ -10,6 +10,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from mkdocs.exceptions import PluginError
+from mkdocs.plugins import get_plugin_logger
 from mkdocs.structure.files import File
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -18,6 +19,7 @@ from generators import api, commands, figures, formats, gallery, live, mathemati
 
 import eomgen
 
+SAY = get_plugin_logger("eomgen").info  # lines beside those of MkDocs
 HOWTO, GUIDES = "How to", "Guides"  # sections of the menu
 HOWTO_PAGES = ("fmu.md", "mjcf.md", "embed.md")  # export and embed
 _REFERENCE = re.compile(r'\s(href|src)="([^"]*)"')
@@ -29,10 +31,11 @@ _CODE = re.compile(r"<(code|pre)\b.*?</\1>", re.DOTALL)
 
 
 def generated(robots: Sequence[str], docs: Path, run: Sequence[str] | None = None) -> dict[str, str | bytes]:
-    """Pages and figures that are in no file, by their paths in the site.
+    """Pages and figures that are in no file, by their paths in the site; a line is written for each that takes long.
 
     The gallery is one of these robots; notebooks of these names are run, all by default.
     """
+    SAY("reference, and gallery of %s", ", ".join(robots))
     found: dict[str, str | bytes] = {
         "reference/description.md": formats.description_page(),
         "reference/scenario.md": formats.scenario_page(),
@@ -42,11 +45,12 @@ def generated(robots: Sequence[str], docs: Path, run: Sequence[str] | None = Non
         "gallery.md": gallery.page(robots),
     }
     found |= {f"reference/{name}.md": text for name, text in api.pages().items()}
-    found |= live.pages(robots, docs)
+    found |= live.pages(robots, docs, SAY)
+    SAY("figures")
     drawn = {**gallery.figures(robots), **figures.figures()}
     found |= {f"figures/{name}": content for name, content in drawn.items()}
     try:
-        return found | notebooks.pages(run)
+        return found | notebooks.pages(run, SAY)
     except notebooks.NotebookError as error:
         raise PluginError(str(error)) from None
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from eomgen.export.live.page import live_page
@@ -15,12 +15,20 @@ START = "start.md"
 _ARM = re.compile(r'```toml title="arm\.toml"\n(.*?)```', re.DOTALL)
 
 
-def pages(robots: Sequence[str], docs: Path) -> dict[str, str]:
-    """Live pages by their paths in the site: those of the gallery, of the home page, and the arm of `ten minutes`."""
-    found = {f"live/{name}.html": live_page(name) for name in ROBOTS if name in {*robots, HOME}}
+def pages(robots: Sequence[str], docs: Path, say: Callable[[str, str], None]) -> dict[str, str]:
+    """Live pages by their paths in the site: those of the gallery, of the home page, and the arm of `ten minutes`.
+
+    ``say`` is called with a format and the name of each before it is made.
+    """
+    found = {}
+    for name in ROBOTS:
+        if name in {*robots, HOME}:
+            say("live page of %s", name)
+            found[f"live/{name}.html"] = live_page(name)
     description = _ARM.search((docs / START).read_text(encoding="utf-8"))
     if description is None:
         raise ValueError(f"{START}: the description of arm.toml is not there")
+    say("live page of %s", "arm.toml")
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "arm.toml"
         path.write_text(description[1], encoding="utf-8")

@@ -11,7 +11,7 @@ import re
 import shutil
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -107,15 +107,20 @@ def _said(error: Exception) -> str:
     return "\n".join(lines[-LAST_LINES:])
 
 
-def pages(wanted: Sequence[str] | None = None) -> dict[str, str | bytes]:
+def pages(wanted: Sequence[str] | None, say: Callable[[str, str], None]) -> dict[str, str | bytes]:
     """Pages, their figures, the notebooks themselves and the files that they read, by their paths in the site.
 
     Args:
-        wanted: names of notebooks to run, the others are shown without outputs; all by default.
+        wanted: names of notebooks to run, the others are shown without outputs; all where it is None.
+        say: called with a format and the name of each before it is run.
     """
     found: dict[str, str | bytes] = {}
     for name in names():
-        notebook = read(name) if wanted is not None and name not in wanted else run(name)
+        if wanted is None or name in wanted:
+            say("running the notebook %s", name)
+            notebook = run(name)
+        else:
+            notebook = read(name)
         found |= page(name, notebook)
         found[f"notebooks/{name}.ipynb"] = (NOTEBOOKS / f"{name}.ipynb").read_bytes()
         for read_by_it in re.findall(r"\]\(\.\./([\w.]+)\)", str(notebook.cells[0].source)):

@@ -240,6 +240,26 @@ def test_the_whole_gallery_is_drawn(hooks: ModuleType) -> None:
     assert all(content.startswith((b"\x89PNG", b"<?xml")) for content in found.values())
 
 
+def test_the_build_of_the_site_says_what_it_makes(
+    hooks: ModuleType, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    for module, name in ((hooks.api, "pages"), (hooks.gallery, "figures"), (hooks.figures, "figures")):
+        monkeypatch.setattr(module, name, lambda *_: {})
+    monkeypatch.setattr(hooks.gallery, "page", lambda _: "")
+    monkeypatch.setattr(hooks.live, "live_page", str)
+    monkeypatch.setattr(hooks.notebooks, "run", hooks.notebooks.read)
+    with caplog.at_level("INFO", "mkdocs.plugins.eomgen"):
+        hooks.generated(["ur5"], DOCS, ["elastic_urdf"])
+    assert [record.getMessage() for record in caplog.records] == [
+        "eomgen: reference, and gallery of ur5",
+        "eomgen: live page of puma560_elastic",
+        "eomgen: live page of ur5",
+        "eomgen: live page of arm.toml",
+        "eomgen: figures",
+        "eomgen: running the notebook elastic_urdf",
+    ]
+
+
 def test_forms_of_links(hooks: ModuleType) -> None:
     for target in ("https://example.org/a_b?c=1&amp;d=2#e", "theory.md", "#anchor", "figures/x.svg"):
         assert not hooks.what_is_wrong("href", target)
