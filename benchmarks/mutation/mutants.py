@@ -21,6 +21,7 @@ from mutmut.mutation.mutators import mutation_operators, operator_arg_removal, o
 
 LEFT_OUT = (operator_arg_removal, operator_assignment)
 SILENT = ("note", "_prove", "isinstance", "InternalError", "cast")  # calls whose arguments are messages, or no choice
+COMMUTATIVE = ("add", "sum_mat", "dot", "_dot", "min", "max")  # the order of their arguments changes nothing
 UNARY_CALLS = ("add", "scale", "cross", "matvec", "matmul", "transpose", "symmetric", "less", "sum_mat", "rotated")
 
 
@@ -54,7 +55,9 @@ class Mutant:
 
 
 def swap_arguments(node: cst.Call) -> Iterator[cst.CSTNode]:
-    """Yield mutants f(a, b) -> f(b, a) for neighbours without a keyword."""
+    """Yield mutants f(a, b) -> f(b, a) for neighbours without a keyword, where the order of arguments counts."""
+    if isinstance(node.func, cst.Name) and node.func.value in COMMUTATIVE:
+        return
     for i in range(len(node.args) - 1):
         pair = node.args[i : i + 2]
         if not any(arg.keyword or arg.star for arg in pair) and not pair[0].deep_equals(pair[1]):

@@ -37,7 +37,8 @@ Changes are those of mutmut's operators ({version}), applied to the syntax tree 
 used: it leaves out functions with decorators, which the proofs and most rules of pruning are, and it cannot be told
 that the package `eomgen.codegen` is the folder `codegen`. Two of its operators are left out because what they make
 nearly always fails at once and would flatter the figure: arguments that become None or are dropped, and assignments of
-None. In their place neighbouring arguments are swapped, operands and summands are dropped, calls of vector functions
+None. In their place neighbouring arguments are swapped where their order counts (not those of a sum, a maximum, a
+scalar product), operands and summands are dropped, calls of vector functions
 are replaced by one of their arguments, and conditions are turned round. Docstrings, annotations, decorators, messages,
 texts for people and `strict=True` are not mutated.
 """

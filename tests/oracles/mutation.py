@@ -135,6 +135,7 @@ def check_elements() -> None:
     tests.test_slopes_are_those_of_forces(tests.CASES[-1], 1)
     tests.test_an_implicit_step_is_its_linear_system(tests.CASES[-1], 1)
     tests.test_an_implicit_step_with_dampers_of_whole_joints(3)
+    tests.test_dampers_of_whole_joints_with_a_prescribed_rotation()
 
 
 def check_zeros() -> None:

@@ -145,8 +145,8 @@ def test_the_key_names_all_that_the_module_depends_on(monkeypatch: pytest.Monkey
         pytest.param("UINT32_C(0x00800000))", "UINT32_C(0))", "is taken as it is", marks=pytest.mark.soak),
         ("if (compute(f, h, call, out) >= 0) return -1;", "(void)compute(f, h, call, out);", "is taken as it is"),
         pytest.param(
-            "many_double : many_float)(call->codes[OWN], f->framed, call->reads, (size_t)call->states",
-            "many_double : many_float)(call->codes[OWN], f->framed, 1, 1",
+            "many_double : many_float)(call->codes[MAIN], f->framed, call->reads, (size_t)call->states",
+            "many_double : many_float)(call->codes[MAIN], f->framed, 1, 1",
             "twice",
             marks=pytest.mark.soak,
         ),

@@ -39,11 +39,11 @@ class Case:
     left_out: float
 
 
-def _placed(robot: Robot) -> Robot:
-    """The robot with every placement turned about one axis: y, z, x in turns."""
+def _placed(robot: Robot, first: int = 1) -> Robot:
+    """The robot with every placement turned about one axis: y, z, x in turns, or from another axis on."""
     joints = []
     for k, joint in enumerate(robot.joints):
-        rpy = tuple(0.4 + 0.1 * k if i == (k + 1) % 3 else 0.0 for i in range(3))
+        rpy = tuple(0.4 + 0.1 * k if i == (k + first) % 3 else 0.0 for i in range(3))
         placement = Placement.from_rpy((0.3, -0.2, 0.1 * k), rpy)  # type: ignore[arg-type]
         joints.append(replace(joint, placement=placement, axis_turn=IDENTITY))
     return replace(robot, joints=tuple(joints))
@@ -171,10 +171,10 @@ MAKERS: Mapping[str, tuple[int, Callable[[int], Robot], Callable[[Robot], bool]]
         lambda s: random_robot(s, counts=(6, 6), armature=False),
         lambda r: not _has_rods(r),
     ),
-    "turned about y": (
+    "placed about y": (
         160,
-        lambda s: random_robot(s, (3, 3), max_size=7, types=("prismatic", "revolute")),
-        lambda r: any({*j.coordinates} & {*ANGULAR} == {"beta"} for j in r.joints[1:]),
+        lambda s: _placed(random_robot(s, (3, 3), max_size=7), 0),
+        lambda r: len(r.joints) == 3 and len(r.joints[1].coordinates) > 2,
     ),
     "parameters": (
         120,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from eomgen.codegen.kernels.accelerations import implicit_step
 from eomgen.codegen.kernels.derivation import Derivation, Outputs, vector
 from eomgen.codegen.program.ir import evaluate, finish
 from eomgen.description.load import robot_from_toml
+from eomgen.robot.model import build_model
 from eomgen.robot.parameter_names import element_places
 from eomgen.state.elements import damping_diagonal
 from eomgen.state.journals import cut_contacts, journal_contacts
@@ -165,7 +167,9 @@ def is_plain(forces: Forces, k: int) -> bool:
     return not any(x.split(".")[0] == joint for c in forces.model.robot.couplings for x in (c.of, *c.to))
 
 
-def stepped(forces: Forces, dt: float) -> tuple[Array, Array, Array]:
+def stepped(
+    forces: Forces, dt: float, prescribed: Mapping[int, float] = MappingProxyType({})
+) -> tuple[Array, Array, Array]:
     """Accelerations of an implicit step, M and M a + bias at a = 0, of a robot without drives."""
     d, n = Derivation(forces.model), forces.n
     program = finish(d.graph, "step", implicit_step(d))
@@ -173,7 +177,8 @@ def stepped(forces: Forces, dt: float) -> tuple[Array, Array, Array]:
     bias = finish(rows.graph, "bias", rows.vector(rows.dynamics(rows.v, rows.still)))
     M = Derivation(forces.model)
     upper = finish(M.graph, "M", M.matrices(M.matrix()))
-    inputs = {"q": list(forces.q), "v": list(forces.v), "p": list(forces.p), "u": [0.0] * n, "added": [0.0] * n}
+    inputs = {"q": list(forces.q), "v": list(forces.v), "p": list(forces.p), "added": [0.0] * n}
+    inputs["u"] = [prescribed.get(i, 0.0) for i in range(n)]
 
     def numbers(found: Mapping[tuple[str, int], float], count: int) -> Array:
         return np.array([found["out", i] for i in range(count)])
@@ -270,6 +275,24 @@ def test_an_implicit_step_with_dampers_of_whole_joints(seed: int) -> None:
     expected = np.linalg.solve(mass + dt * D, -bias)
     assert np.abs(D - np.diag(np.diagonal(D))).max() > 1e-3
     assert np.abs(found - expected).max() <= 1e-6 * np.abs(expected).max()
+
+
+def test_dampers_of_whole_joints_with_a_prescribed_rotation() -> None:
+    """The rows of what is free: the prescribed acceleration, here 0.7, moves them through M + dt D."""
+    forces, dt, given = Forces((JointDampers,), 4), 0.05, 0.7
+    text = robot_with(JointDampers).replace("alpha = {}", "alpha = { role = 'prescribed' }")
+    model = build_model(robot_from_toml(text))
+    _, mass, bias = stepped(forces, dt)
+    D = forces.differences("v", forces.v, forces.rows())
+    (k,) = model.prescribed
+    free = [i for i in range(model.size) if i != k]
+    A, right = mass + dt * D, -bias - given * (mass + dt * D)[:, k]
+    expected = np.linalg.solve(A[np.ix_(free, free)], right[free])
+    forces.model = model
+    found, _, _ = stepped(forces, dt, {k: given})
+    assert np.abs(D[free, k]).max() > 1e-3
+    assert found[k] == given
+    assert np.abs(found[free] - expected).max() <= 1e-6 * np.abs(expected).max()
 
 
 @pytest.mark.parametrize("seed", seeds(1, 1, 3))
