@@ -168,7 +168,7 @@ CHANGES = {  # of a file of the library, by part: what the examination must see
     },
     "adaptive": {
         "a coefficient": "methods.h s/0\\.161\\b/0.1610000001/",
-        "a part of the implicit method": "adaptive_steps.h s/own\\[i\\] = time \\*/own[i] = inverse */",
+        "a part of the implicit method": "adaptive_steps.h s/increment\\[i\\] = time \\*/increment[i] = inverse */",
         "a gain": "forces.h s/- drive->kd\\[i\\] \\* v\\[i\\]/+ drive->kd[i] * v[i]/",
         "dense output": "adaptive_steps.h s/c5 = 6\\.0 \\* d/c5 = 6.1 * d/",
         "the cubic": "adaptive_steps.h s/double c3 = v0 + v1 - 2\\.0/double c3 = v0 + v1 - 2.1/",
