@@ -39,7 +39,7 @@ test: $(VENV)/.test | $(LINKS)
 	$(MAKE) -j 2 --no-print-directory lint suite
 
 suite: $(VENV)/.test
-	$(BIN)/python -m pytest -n auto --dist worksteal
+	MAKEFLAGS= $(BIN)/python -m pytest -n auto --dist worksteal
 
 lint: $(VENV)/.test | $(LINKS)
 	$(BIN)/ruff check .

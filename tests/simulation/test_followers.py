@@ -93,7 +93,9 @@ def test_followers_come_to_their_stops_and_energy_balances(stopped: SimulationRe
 @pytest.mark.parametrize("said", ["q = { two = 0.1 }", 'q = { "two.gamma" = 0.1 }', "v = { two = 0.1 }"])
 def test_scenarios_that_name_followers_are_refused(said: str, hand: Robot) -> None:
     scenario = scenario_from_toml(f"duration = 0.1\n{FREE}{said}\n")
-    with pytest.raises(DescriptionError, match=r"two\.gamma follows 'one\.gamma' by the coupling gear and is no coord"):
+    with pytest.raises(
+        DescriptionError, match=r"two\.gamma follows 'one\.gamma' by the coupling gear and is no independent coordinate"
+    ):
         eomgen.run_scenario(hand, scenario)
 
 

@@ -68,7 +68,7 @@ def test_a_scara_turns_its_tool_along_a_line(turning: SimulationResult) -> None:
     angle = Rotation.from_matrix(np.swapaxes(turning.program_pose[:, :3, :3], 1, 2) @ turning.pose[:, :3, :3])
     assert np.abs(angle.magnitude() - off.values).max() < 1e-12
     assert turning.summary()["tool_rotation_end"] == off.values[-1]
-    assert any("urad at the end" in line for line in turning.summary_lines())
+    assert any("rad at the end" in line for line in turning.summary_lines())
 
 
 def test_results_keep_it_and_figures_show_it(

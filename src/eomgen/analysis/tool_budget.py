@@ -203,8 +203,9 @@ def budget(
         LoopError: the rigid mechanism does not close on the reference.
         UnknownNameError: no frame or link of that name.
     """
+    robot = as_robot(robot)
     check_kind("result", result, hasattr(result, "trajectory"), "a SimulationResult")
-    robot, motion = as_robot(robot), result.trajectory
+    motion = result.trajectory
     if build_model(robot).coordinates != motion.coordinates:
         raise InputError(
             f"result: {result.robot} has not the coordinates of {robot.name}; allowed: the robot simulated"

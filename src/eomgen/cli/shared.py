@@ -19,8 +19,7 @@ from ..limits import LARGEST, MOST_COUNTED, SMALLEST, is_usable
 from ..names import printable, show
 from ..optional import NotInstalledError
 from ..progress import Progress, StageReport, told_in_lines
-from ..results.beside import PAGE_ENDING, TRAJECTORY, is_ours, older_than, remove_ours
-from ..results.contents import JSON, NPZ
+from ..results.beside import JSON, NPZ, PAGE_ENDING, TRAJECTORY, is_ours, older_than, remove_ours
 from .choices import ROTATIONS
 
 if TYPE_CHECKING:

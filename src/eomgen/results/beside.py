@@ -7,6 +7,7 @@ from pathlib import Path
 
 from ..files import FIGURE_ENDINGS, read_regular
 
+NPZ, JSON = ".npz", ".json"  # endings of files of results
 TRAJECTORY, SWEEP, STREAM = "trajectory.npz", "sweep.json", "zarr.json"  # by which folders say what they hold
 SIMULATION_FIGURES = ("tool", "deviations", "journals", "tracking", "energy")
 SWEEP_FIGURES = ("distribution", "sensitivity")

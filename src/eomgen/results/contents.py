@@ -17,10 +17,11 @@ from ..forms.plain import parse_json, value_of
 from ..limits import LARGEST_FOUND
 from ..names import show, show_path
 from ..npz import most_bytes
+from .beside import JSON as JSON
+from .beside import NPZ as NPZ
 from .stored import ALLOWED, Stored
 
 FORMAT = 1  # raised when a reader of the old one would misread it
-NPZ, JSON = ".npz", ".json"
 META = "meta"
 _MOST_BYTES = 1 << 26  # of a .json
 _MOST_MEMORY = 1 << 29

@@ -238,7 +238,7 @@ def test_roles_of_a_description() -> None:
         ('type = "revolute"\nprescribed = ["delta"]', r"prescribed.*'delta'.*allowed: x, y, z, alpha, beta, gamma"),
         ('type = "revolute"\nx = { role = "locked", stiffness = 2.0 }', r"x\.role.*locked.*stiffness would do nothing"),
         ('type = "revolute"\nx = { role = "stuck" }', "'stuck'.*free, locked, prescribed"),
-        ('type = "revolute"\nprescribed = ["x"]\nx = { role = "free" }', "x is prescribed here and free in its own"),
+        ('type = "revolute"\nprescribed = ["x"]\nx = { role = "free" }', "x is prescribed here and free in its table"),
         ('type = "revolute"\ngamma = { role = "locked" }', "nothing moves"),
     ],
 )

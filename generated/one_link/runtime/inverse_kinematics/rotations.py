@@ -63,5 +63,5 @@ def as_floats(value: ArrayLike) -> Array:
     """Return a value as a new array of floats; an empty one, of shape (0,), where it is none."""
     try:
         return np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):  # an integer beyond the largest float
         return np.zeros(0)
