@@ -26,11 +26,6 @@ ALL = ("all",)
 BEGAN = time.monotonic()
 
 
-def pytest_addoption(parser: pytest.Parser) -> None:
-    """``make soak`` names the page that a whole run writes."""
-    parser.addoption("--soak-page", type=Path, help="write the outcome of the run into this page")
-
-
 def pytest_configure(config: pytest.Config) -> None:
     """Keep out of the user's cache; pytest-xdist's workers and later runs share what was compiled."""
     root = Path(config.rootpath, ".pytest_cache", "eomgen")

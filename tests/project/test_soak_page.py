@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -41,3 +43,12 @@ def test_a_run_without_failures_lists_none(tmp_path: Path) -> None:
     assert "1 passed, 0 failed" in text
     assert "## Failed" not in text
     assert "Counts" not in text
+
+
+def test_the_option_is_known_where_the_page_exists() -> None:
+    """Pytest takes a path that exists for one of tests, and looks for options beside it."""
+    root = Path(__file__).parents[2]
+    assert (root / "docs" / "soak.md").is_file()
+    command = [sys.executable, "-m", "pytest", "-m", "soak", "--soak-page", "docs/soak.md", "--markers"]
+    asked = subprocess.run(command, cwd=root, capture_output=True, text=True, check=False)
+    assert asked.returncode == 0, asked.stderr
