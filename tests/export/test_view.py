@@ -14,9 +14,11 @@ import pytest
 
 import eomgen
 from eomgen.cli import entry as cli
+from eomgen.cli.shared import is_result
 from eomgen.errors import InputError
 from eomgen.export.live.view import RobotPage, contents_of_view, mechanism_of, robot_page, show_robot
 from eomgen.pictures.scene import link_poses
+from eomgen.results.beside import TRAJECTORY
 from eomgen.robot import build_model
 from eomgen.robot.value import Robot
 from tests.support.browser import open_page
@@ -261,8 +263,29 @@ def test_the_command_shows_a_robot(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert opened == [(tmp_path / "out" / "one_link.view.html").resolve().as_uri()]
     assert cli.main(["view", "one_lnk"]) != 0
     assert "one_link" in capsys.readouterr().err
-    assert cli.main(["view", "one_link", "--robot", "ur5"]) != 0
-    assert "--robot" in capsys.readouterr().err
+    for option in (["--robot", "ur5"], ["--port", "9000"], ["--tolerance", "t.toml"]):
+        assert cli.main(["view", "one_link", *option]) != 0
+        assert f"{option[0]}: comes together with a robot" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", ["view", "live"])
+def test_a_built_in_name_is_the_robot_beside_a_folder_of_that_name(
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    """As of a generated package; the folder is meant where a result is in it, and any other folder is no robot."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("one_link", "ur5", "empty"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "ur5" / TRAJECTORY).write_bytes(b"no archive")
+    assert [is_result(name) for name in ("one_link", "ur5", "empty", "four_bar", "gone.npz", "a.toml")] == [
+        *(False, True, True, False, True, False),
+    ]
+    assert cli.main([command, "empty"]) == 1
+    assert f"empty: has no {TRAJECTORY}; allowed: " in capsys.readouterr().err
+    assert cli.main([command, "ur5"]) == 1
+    assert TRAJECTORY in capsys.readouterr().err
+    if command == "view":
+        assert cli.main(["view", "one_link", "--no-browser"]) == 0
 
 
 def test_the_page_moves_in_a_browser(tmp_path: Path) -> None:

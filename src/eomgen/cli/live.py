@@ -6,32 +6,25 @@ import argparse
 from pathlib import Path
 
 from ..errors import InputError
-from ..results.beside import TRAJECTORY
-from .shared import Command, add_robot_of_result, progress_bar, read_robot, result_path, show_written
+from .shared import Command, add_robot_or_result, is_result, progress_bar, read_robot, result_path, show_written
 
 
 def _add_live(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "subject",
-        metavar="ROBOT|RESULT",
-        help="built-in name, or path of a .toml, .urdf or .xml (MJCF) file; folder of eomgen simulate, or its .npz",
-    )
+    add_robot_or_result(parser)
     parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="page to write (out/NAME.live.html)")
     parser.add_argument("--scenario", metavar="FILE", help="a scenario: path of a .toml file, or a built-in name")
     parser.add_argument("--open", action="store_true", help="show the page in the browser")
-    add_robot_of_result(parser, "the one that the result keeps")
 
 
 def _live(options: argparse.Namespace) -> None:
     from ..export.live.page import export_live
 
-    path = Path(options.subject)
-    if path.suffix == ".npz" or (path / TRAJECTORY).is_file():
+    if is_result(options.subject):
         from ..simulation.result import load_result
 
         if options.scenario is not None:
             raise InputError("--scenario: given together with a result, which has its own; allowed: one of both")
-        result = load_result(result_path(path))
+        result = load_result(result_path(Path(options.subject)))
         described = read_robot(options) if options.robot is not None else None
         with progress_bar("making the page") as report:
             written = export_live(result, _page(options, result.robot), described=described, progress=report)

@@ -11,6 +11,8 @@ from .shared import (
     Command,
     add_result,
     add_robot_of_result,
+    add_robot_or_result,
+    is_result,
     progress_bar,
     read_robot,
     result_path,
@@ -19,7 +21,7 @@ from .shared import (
     stage_bar,
 )
 
-KEPT = "the one that the result keeps"
+PORT = 8080  # of a view, where none is asked for
 
 
 def _add_plot(parser: argparse.ArgumentParser) -> None:
@@ -57,7 +59,7 @@ def _add_report(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--no-modes", action="store_true", help="without natural frequencies along the reference trajectory"
     )
-    add_robot_of_result(parser, KEPT)
+    add_robot_of_result(parser, "the one that the result keeps")
 
 
 def _report(options: argparse.Namespace) -> None:
@@ -80,13 +82,9 @@ def _report(options: argparse.Namespace) -> None:
 
 
 def _add_view(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "subject",
-        metavar="ROBOT|RESULT",
-        help="built-in name, or path of a .toml, .urdf or .xml (MJCF) file; folder of eomgen simulate, or its .npz",
-    )
+    add_robot_or_result(parser)
     parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="page of a robot (out/NAME.view.html)")
-    parser.add_argument("--port", type=int, default=8080, help="to listen at on this machine (8080, or the next free)")
+    parser.add_argument("--port", type=int, help=f"to listen at on this machine ({PORT}, or the next free)")
     parser.add_argument(
         "--tolerance",
         type=Path,
@@ -94,13 +92,11 @@ def _add_view(parser: argparse.ArgumentParser) -> None:
         help="a table of tolerances: draws where the TCP may be",
     )
     parser.add_argument("--no-browser", action="store_true", help="print the address only")
-    add_robot_of_result(parser, KEPT)
 
 
 def _view(options: argparse.Namespace) -> None:
-    path = Path(options.subject)
-    if path.suffix == ".npz" or path.is_dir():
-        _view_result(options, result_path(path))
+    if is_result(options.subject):
+        _view_result(options, result_path(Path(options.subject)))
     else:
         _view_robot(options)
 
@@ -111,7 +107,7 @@ def _view_robot(options: argparse.Namespace) -> None:
 
     from ..export.live.view import robot_page
 
-    for option in ("robot", "tolerance"):
+    for option in ("robot", "tolerance", "port"):
         if getattr(options, option) is not None:
             raise InputError(f"--{option}: comes together with a robot; allowed: with a result")
     options.robot = options.subject
@@ -144,7 +140,8 @@ def _view_result(options: argparse.Namespace, path: Path) -> None:
             simulated = simulated_robot(result, robot)
             regions = tolerance(simulated, options.tolerance, result.tool, along=path, progress=report)
     with progress_bar("computing reactions"):
-        view = View(result, robot, tolerance=regions, port=options.port)
+        port = PORT if options.port is None else options.port
+        view = View(result, robot, tolerance=regions, port=port)
     for note in view.notes:
         say(f"note: {note}")
     print(f"{view.address} shows {result.robot}; Ctrl-C ends it", flush=True)

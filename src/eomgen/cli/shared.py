@@ -114,6 +114,24 @@ def add_result(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("result", metavar="RESULT", type=Path, help="folder of eomgen simulate, or its trajectory.npz")
 
 
+def add_robot_or_result(parser: argparse.ArgumentParser) -> None:
+    """Add a ROBOT|RESULT, of which ``is_result`` says which it is, and the options of reading either."""
+    parser.add_argument(
+        "subject",
+        metavar="ROBOT|RESULT",
+        help="built-in name, or path of a .toml, .urdf or .xml (MJCF) file; folder of eomgen simulate, or its .npz",
+    )
+    add_robot_of_result(parser, "the one that the result keeps")
+
+
+def is_result(subject: str) -> bool:
+    """Return whether a ROBOT|RESULT is a .npz or a folder; a built-in name is one where its folder holds a result."""
+    from ..description.builtin import builtin_robots
+
+    path = Path(subject)
+    return path.suffix == NPZ or (path.is_dir() and (subject not in builtin_robots() or (path / TRAJECTORY).is_file()))
+
+
 def add_robot_of_result(parser: argparse.ArgumentParser, default: str) -> None:
     """The option --robot of a command about a result; ``default`` says which it is where the option is not given."""
     parser.add_argument("--robot", help=f"the robot that was simulated ({default})")
