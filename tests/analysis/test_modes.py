@@ -331,7 +331,9 @@ def test_command(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
         (["modes", "one_link", "--end-pose", "1", "--points", "0"], "1 or more"),
     ):
         assert cli.main(arguments) == 1
-        assert words in capsys.readouterr().err
+        said = capsys.readouterr()
+        assert words in said.err
+        assert said.out == "", "before anything is computed"
 
 
 def test_inertia_that_is_missing_is_named() -> None:

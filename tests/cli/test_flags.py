@@ -190,3 +190,17 @@ def test_other_words_are_usage(words: tuple[str, ...], capsys: pytest.CaptureFix
         main(words)
     assert left.value.code == 2
     assert re.search(rf"invalid choice: '{words[-1]}' \(choose from ", capsys.readouterr().err)
+
+
+@pytest.mark.parametrize("words", [
+    *(("deflection", "one_link"), ("modes", "one_link"), ("response", "one_link"), ("linearize", "one_link")),
+    *(("fit", "one_link", "gone.csv"), ("identify", "one_link", "gone.csv"), ("excite", "one_link")),
+    *(("calibrate", "one_link", "gone.csv"), ("poses", "one_link"), ("tolerance", "one_link", "gone.toml")),
+    *(("compensate", "one_link"), ("accuracy", "gone.csv"), ("budget", "gone.npz")),
+])  # fmt: skip
+def test_endings_are_looked_at_first(words: tuple[str, ...], capsys: pytest.CaptureFixture[str]) -> None:
+    """Before files are read and before anything is computed; what is allowed is all that the command writes."""
+    assert main([*words, "-o", "a.doc"]) == 1
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert re.match(r"eomgen: output: '?a\.doc'?; allowed: (a path|paths) that ends? in \.", said.err)

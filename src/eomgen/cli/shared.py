@@ -371,21 +371,21 @@ def check_output(options: argparse.Namespace, *endings: str) -> None:
         check_ending(options.output, *endings, *FIGURE_ENDINGS)
 
 
-def saved_or_drawn(options: argparse.Namespace, result: Any, draw: Callable[[Any, Path], Path]) -> list[Path]:
-    """Write a result where -o says: a figure by ``draw`` to a path of a figure, else what its save writes; the path."""
-    if options.output is None:
+def saved_or_drawn(options: argparse.Namespace, result: Any, *about: Any) -> list[Path]:
+    """Write a result where -o says, after ``check_output``: its plot to a path of a figure, else what its save writes.
+
+    Args:
+        options: of the command.
+        result: with ``plot`` and ``save``.
+        about: further arguments of its plot.
+
+    Returns:
+        The path that was written, or none.
+    """
+    path = options.output
+    if path is None:
         return []
-    return [(draw(result, options.output) if options.output.suffix in FIGURE_ENDINGS else result.save(options.output))]
-
-
-def write_result(options: argparse.Namespace, plot: str, result: Any, *about: Any, endings: Sequence[str] = ()) -> None:
-    """Write a result where -o says: by its save to a path with one of the endings, else as a figure of ``pictures``."""
-    if options.output is not None and options.output.suffix in endings:
-        result.save(options.output)
-    elif options.output is not None:
-        from .. import pictures
-
-        getattr(pictures, plot)(result, *about, options.output)
+    return [result.plot(*about, path=path) if path.suffix in FIGURE_ENDINGS else result.save(path)]
 
 
 def show_with_page(options: argparse.Namespace, result: Any, written: Iterable[Path] = ()) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
+from ..files import check_ending
 from .choices import KINDS
 from .shared import (
     Command,
@@ -18,16 +19,17 @@ from .shared import (
     add_robot,
     add_robot_of_result,
     add_state,
+    check_output,
     coordinate_values,
     progress_bar,
     read_robot,
     real,
     result_path,
+    saved_or_drawn,
     show_result,
     stage_bar,
     state_options,
     whole,
-    write_result,
 )
 
 if TYPE_CHECKING:
@@ -56,6 +58,7 @@ def _add_deflection(parser: argparse.ArgumentParser) -> None:
 
 
 def _deflection(options: argparse.Namespace) -> None:
+    check_output(options, ".npz")
     robot = read_robot(options)
     with progress_bar("deflecting") as report:
         about = state_options(options, lambda text: report(0.0, text))
@@ -73,7 +76,7 @@ def _deflection(options: argparse.Namespace) -> None:
         about["progress"] = report
         compliance = compliance_map(robot, corner, first, second, tuple(options.points), pose=pose, **about)
     show_result(options, compliance)
-    write_result(options, "plot_compliance", compliance, endings=(".npz",))
+    saved_or_drawn(options, compliance)
 
 
 def _add_modes(parser: argparse.ArgumentParser) -> None:
@@ -90,17 +93,18 @@ def _add_modes(parser: argparse.ArgumentParser) -> None:
 def _modes(options: argparse.Namespace) -> None:
     from ..analysis.modal import modes, modes_along
 
+    check_output(options)
     robot = read_robot(options)
     with stage_bar("linearising") as report:
         about = state_options(options, report)
         if options.along is None and options.goal is None:
             at_pose = modes(robot, coordinate_values("pose", options.pose), **about)
             show_result(options, at_pose)
-            write_result(options, "plot_mode_shapes", at_pose, robot)
+            saved_or_drawn(options, at_pose, robot)
             return
         tracks = modes_along(robot, _poses_along(robot, options), **about)
     show_result(options, tracks)
-    write_result(options, "plot_tracks", tracks)
+    saved_or_drawn(options, tracks)
 
 
 def _poses_along(robot: Robot, options: argparse.Namespace) -> Any:
@@ -155,6 +159,7 @@ def _response(options: argparse.Namespace) -> None:
     from ..analysis.frequency import response
     from ..robot.model import tool_of
 
+    check_output(options, ".csv", ".npz")
     robot = read_robot(options)
     low, high, count = options.frequencies[0], options.frequencies[1], options.points
     if not (0.0 < low < high < np.inf and count >= 2):
@@ -168,7 +173,7 @@ def _response(options: argparse.Namespace) -> None:
         pose = coordinate_values("pose", options.pose)
         amplitudes = response(robot, inputs, outputs, spaced(low, high, count), pose, kind=options.kind, **about)
     show_result(options, amplitudes)
-    write_result(options, "plot_response", amplitudes, endings=(".csv", ".npz"))
+    saved_or_drawn(options, amplitudes)
 
 
 def _add_linearize(parser: argparse.ArgumentParser) -> None:
@@ -183,6 +188,8 @@ def _add_linearize(parser: argparse.ArgumentParser) -> None:
 def _linearize(options: argparse.Namespace) -> None:
     from ..analysis.matrices import linearize
 
+    if options.output is not None:
+        check_ending(options.output, ".npz")
     robot = read_robot(options)
     with stage_bar("linearising") as report:
         about = state_options(options, report)
@@ -227,6 +234,7 @@ def _budget(options: argparse.Namespace) -> None:
     from ..description.builtin import builtin_robots
     from ..simulation.result import load_result
 
+    check_output(options)
     result = load_result(result_path(options.result))
     if options.robot is None:
         if result.robot not in builtin_robots():
@@ -234,7 +242,7 @@ def _budget(options: argparse.Namespace) -> None:
         options.robot = result.robot
     contributions = budget(result, read_robot(options), frame=options.frame)
     show_result(options, contributions)
-    write_result(options, "plot_budget", contributions)
+    saved_or_drawn(options, contributions)
 
 
 COMMANDS = (

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from ...errors import InputError
-from ...files import check_ending
+from ...files import FIGURE_ENDINGS, check_ending
 from ..choices import MODES
 from ..shared import (
     FORCE_LIMITS,
@@ -78,6 +78,10 @@ def _accuracy(options: argparse.Namespace) -> None:
     from ...identification.iso_9283.solve import accuracy
     from ...sweep.plan import load_plan
 
+    if options.output is not None:
+        check_ending(options.output, ".json")
+    if options.plot is not None:
+        check_ending(options.plot, *FIGURE_ENDINGS, label="plot")
     with progress_bar("evaluating") as report:
         settings = keywords(
             accuracy,
@@ -91,9 +95,7 @@ def _accuracy(options: argparse.Namespace) -> None:
         figures = accuracy(*options.results, **settings)
     written = [] if options.output is None else [figures.save(options.output)]
     if options.plot is not None:
-        from ...pictures.measured.accuracy import plot_accuracy
-
-        written.append(plot_accuracy(figures, options.plot))
+        written.append(figures.plot(path=options.plot))
     show_with_page(options, figures, written)
 
 
@@ -121,7 +123,6 @@ def _add_tolerance(parser: argparse.ArgumentParser) -> None:
 
 def _tolerance(options: argparse.Namespace) -> None:
     from ...identification.tolerances.solve import tolerance
-    from ...pictures.measured.tolerances import plot_tolerance
 
     check_output(options, ".json")
     robot = read_robot(options)
@@ -129,7 +130,7 @@ def _tolerance(options: argparse.Namespace) -> None:
         settings = keywords(tolerance, options, poses=coordinate_values("pose", options.pose), progress=report)
         regions = tolerance(robot, options.table, options.frame, **settings)
         allocation = None if options.accuracy is None else regions.allocate(options.accuracy)
-    written = pages_written(options, regions) + saved_or_drawn(options, regions, plot_tolerance)
+    written = pages_written(options, regions) + saved_or_drawn(options, regions)
     name_older_pages(written)
     if options.json:
         show_json({**regions.as_dict(), "allocation": None if allocation is None else allocation.as_dict()})
@@ -172,7 +173,6 @@ def _add_compensate(parser: argparse.ArgumentParser) -> None:
 
 def _compensate(options: argparse.Namespace) -> None:
     from ...identification.compensating.solve import compensate
-    from ...pictures.measured.compensation import plot_compensation
 
     check_output(options, ".npz")
     if options.toml is not None:
@@ -189,7 +189,7 @@ def _compensate(options: argparse.Namespace) -> None:
         )
         path = compensate(robot, options.scenario, **settings)
     written = [] if options.toml is None else path.to_scenario(options.toml)
-    show_measured(options, path, written + saved_or_drawn(options, path, plot_compensation))
+    show_measured(options, path, written + saved_or_drawn(options, path))
 
 
 def _numbers(label: str, texts: list[str] | None) -> dict[str, float] | None:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ...errors import InputError
-from ...files import FIGURE_ENDINGS
+from ...files import FIGURE_ENDINGS, check_ending
 from ..choices import EXCITATION_CRITERIA, FURTHER_TERMS, SHAPES, TERMS
 from ..shared import (
     FORCE_LIMITS,
@@ -85,6 +85,8 @@ def _add_fit(parser: argparse.ArgumentParser) -> None:
 def _fit(options: argparse.Namespace) -> None:
     from ...identification.stiffness.solve import fit
 
+    if options.output is not None:
+        check_ending(options.output, ".json")
     robot = read_robot(options)
     with stage_bar("fitting") as report:
         estimate = fit(robot, options.motion, **keywords(fit, options, progress=report))
@@ -117,7 +119,6 @@ def _add_identify(parser: argparse.ArgumentParser) -> None:
 
 def _identify(options: argparse.Namespace) -> None:
     from ...identification.dynamics.solve import identify
-    from ...pictures.measured.motions import plot_identification
 
     check_output(options, ".npz")
     robot = read_robot(options)
@@ -125,7 +126,7 @@ def _identify(options: argparse.Namespace) -> None:
         settings = keywords(identify, options, terms=options.terms or TERMS, progress=report)
         estimate = identify(robot, options.motion, **settings)
     written = [] if options.toml is None else [estimate.to_toml(options.toml)]
-    show_measured(options, estimate, written + saved_or_drawn(options, estimate, plot_identification))
+    show_measured(options, estimate, written + saved_or_drawn(options, estimate))
 
 
 def _add_excite(parser: argparse.ArgumentParser) -> None:
@@ -195,9 +196,7 @@ def _excite(options: argparse.Namespace) -> None:
         elif path.suffix == _SCENARIO:
             written.append(excitation.to_scenario(path, motion))
         else:
-            from ...pictures.measured.excitation import plot_excitation
-
-            written.append(plot_excitation(excitation, path))
+            written.append(excitation.plot(path=path))
     show_measured(options, excitation, written)
 
 

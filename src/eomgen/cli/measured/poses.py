@@ -79,7 +79,6 @@ def _add_measuring(parser: argparse.ArgumentParser, noise: str) -> None:
 def _calibrate(options: argparse.Namespace) -> None:
     from ...identification.calibration.solve import calibrate
     from ...identification.geometry.covariances import read_covariances
-    from ...pictures.measured.calibration import plot_calibration
 
     frames = _attached(options.attach)
     folds = options.folds if options.folds == "loo" else _whole("folds", options.folds)
@@ -97,7 +96,7 @@ def _calibrate(options: argparse.Namespace) -> None:
             refused = refused or error
             if calibration.is_explained:
                 raise
-    show_measured(options, calibration, written + saved_or_drawn(options, calibration, plot_calibration))
+    show_measured(options, calibration, written + saved_or_drawn(options, calibration))
     if refused is not None:
         raise refused
 
