@@ -128,6 +128,25 @@ def write_csv(target: Path, rows: Iterable[Iterable[Any]], comments: Iterable[st
     return write_atomically(target, lambda stream: stream.write(text.getvalue().encode("utf-8")))
 
 
+def csv_cells(place: str, line: str, *, skip_spaces: bool = False) -> list[str]:
+    """Return the cells of one line of a .csv file; a cell does not go on in the next line.
+
+    Args:
+        place: of the line, for messages.
+        line: of the file.
+        skip_spaces: whether spaces before a cell, its quote too, are left out.
+
+    Raises:
+        InputError: the line is none of a .csv file.
+    """
+    if line.count('"') % 2:
+        raise InputError(f"{place}: a quote is not closed; allowed: quotes that end in their line")
+    try:
+        return next(csv.reader([line], skipinitialspace=skip_spaces), [])
+    except csv.Error as error:
+        raise InputError(f"{place}: is no CSV ({error}); allowed: values with commas between them") from None
+
+
 def _remove_leftovers(target: Path) -> None:
     """Remove temporary files of the target whose writers were killed more than a day ago."""
     before = time.time() - 86400.0

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import eomgen
-from eomgen.authoring import dh_file_text, robot_from_dh
+from eomgen.authoring import dh_file_text, robot_from_dh, write_dh_file
 from eomgen.authoring.check import check_file
 from eomgen.cli import entry as cli
 from eomgen.errors import InputError
@@ -137,7 +137,7 @@ def test_masses_that_are_assumed(tmp_path: Path) -> None:
 
 BAD: dict[str, tuple[str, str]] = {
     "empty": ("# nothing\n", "is empty; allowed: a header of joint, type, a,"),
-    "column": ("a,alfa\n1,2\n", "table.csv:2: there is no column 'alfa'; did you mean 'alpha'?"),
+    "column": ("a,alfa\n1,2\n", "table.csv:1: there is no column 'alfa'; did you mean 'alpha'?"),
     "cells": ("a,d\n1,2,3\n", "table.csv:2: has 3 cells; allowed: 2"),
     "number": ("# x\na,d\n1,two\n", "table.csv:3: d: got 'two'; allowed: a number"),
     "infinite": ("a,d\n1,inf\n", "table.csv:2: d: got 'inf'; allowed: a number"),
@@ -153,6 +153,15 @@ BAD: dict[str, tuple[str, str]] = {
     "range": ("a,lower,upper\n1,1,-1\n", "limits: allowed: lower and upper, lower <= upper"),
     "degrees along": ("type,lower_deg,upper_deg\nprismatic,-1,1\n", "has limits in m"),
     "centre without mass": ("a,com_x\n1,1\n", "com_x stands without mass"),
+    "two numbers": ("a,d\n1 2,3\n", "table.csv:2: a: got '1 2'; allowed: a number"),
+    "other digits": ("a,d\n1_0,3\n", "table.csv:2: a: got '1_0'; allowed: a number"),
+    "large": ("a,mass\n1e30,1e30\n", "table.csv:2: a: got '1e30'; allowed: a number of magnitude up to 1e+08"),
+    "overflow": ("alpha\n1/1e400\n", "table.csv:2: alpha: got '1/1e400'; allowed: a number"),
+    "no divisor": ("alpha\npi/0\n", "table.csv:2: alpha: got 'pi/0'; allowed: a number"),
+    "mass": ("a,mass\n1,-1\n", "table.csv:2: mass: got -1; allowed: a number that is at least 0"),
+    "quote": ('a,d\n1,"2\n5"\n3,4\n', "table.csv:2: a quote is not closed"),
+    "long cell": (f"a,d\n1,{'2' * 200_000}\n", "table.csv:2: is no CSV (field larger"),
+    "line of a page": ("a,d\n1,2\u20283,4\n", "table.csv:2: has 3 cells; allowed: 2"),
     "half a tensor": ("a,mass,ixx\n1,1,1\n", "iyy is missing; allowed: ixx, iyy and izz"),
 }
 
@@ -192,3 +201,42 @@ def test_from_the_command_line(
     check_against(eomgen.load_robot(tmp_path / "arm.toml"), rows, "classic", np.array([0.3, -0.7, 1.1]))
     assert cli.main(["new", "arm", "--dh", "table.csv", "--convention", "classic"]) == 1
     assert "is there already" in capsys.readouterr().err
+
+
+def test_numbers_as_tables_have_them() -> None:
+    """Fractions of pi, signs that are typeset, spaces; degrees stay as they are."""
+    texts = {"pi": math.pi, "-pi/2": -math.pi / 2, "+3 pi / 4": 0.75 * math.pi, "2*pi/3": 2 * math.pi / 3, "1/8": 0.125}
+    for text, value in (texts | {"\u22121e-3 ": -1e-3, "\u03c0": math.pi, ".5": 0.5, "5.": 5.0}).items():
+        assert f"theta = {value!r} " in dh_file_text("arm", [{"theta": text}], "modified")
+    assert "alpha_deg = 1e-13," in dh_file_text("arm", [{"alpha_deg": "1e-13"}], "modified")
+
+
+@pytest.mark.parametrize(
+    ("row", "said"),
+    [
+        ({"a": 10**5000}, "row 1: a: got an integer of 16610 bits"),
+        ({"a": np.ones(2)}, "row 1: a: got array"),
+        ({"joint": 10**5000}, "row 1: joint: got 'an integer of"),
+        ({5: 1.0}, "row 1: there is no column 5"),
+    ],
+    ids=["large", "array", "name", "column"],
+)
+def test_rows_of_other_things(row: dict[Any, Any], said: str) -> None:
+    with pytest.raises(InputError, match=re.escape(said)):
+        dh_file_text("arm", [row], "modified")
+
+
+def test_inertias_of_bodies_without_mass_are_not_assumed() -> None:
+    text = dh_file_text("arm", [{"a": 1.0, "mass": 0.0}, {"a": 1.0}], "modified")
+    assert "assumed: the inertia of the links of 'joint2', that" in text
+
+
+@pytest.mark.parametrize("name", ["t\u00e4ble.csv", "a\nname = 'x'.csv"])
+def test_names_of_tables_that_are_no_words(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The description is ASCII, and the name a part of its comment."""
+    monkeypatch.chdir(tmp_path)
+    Path(name).write_text("a\n1\n", encoding="ascii")
+    assert write_dh_file("arm", name, "classic") == Path("arm.toml")
+    assert not check_file("arm.toml").errors
+    with pytest.raises(InputError, match="is there already"):
+        write_dh_file("arm", name, "classic")

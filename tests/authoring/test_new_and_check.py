@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 from pathlib import Path
 
@@ -60,12 +61,16 @@ def test_a_schema_of_another_version_is_replaced_and_a_file_that_is_none_stays(t
     beside.write_text(json.dumps({"title": json.loads(text)["title"]}), encoding="ascii")
     write_new_file("first", tmp_path / "first.toml")
     assert beside.read_text(encoding="ascii") == text
-    for other in ("[]", "{", '{"title": 3}'):
+    for other in ("[]", "{", '{"title": 3}', "[" * 100_000):
         beside.write_text(other, encoding="ascii")
         with pytest.raises(InputError, match=r"robot\.schema\.json' there is no schema of a robot"):
             write_new_file("second", tmp_path / "second.toml")
         assert beside.read_text(encoding="ascii") == other
         assert not (tmp_path / "second.toml").exists()
+    beside.unlink()
+    os.mkfifo(beside)  # nothing is waited for
+    with pytest.raises(InputError, match=r"robot\.schema\.json' there is no schema of a robot"):
+        write_new_file("second", tmp_path / "second.toml")
 
 
 def taken_up(text: str, *keys: str) -> str:

@@ -1,4 +1,4 @@
-"""Fuzzed descriptions, scenarios, plans and files of motions: no traceback, no crash, 2 s and 512 MB each."""
+"""Fuzzed descriptions, scenarios, plans, motions and DH tables: no traceback, no crash, 2 s and 512 MB each."""
 
 from __future__ import annotations
 
@@ -31,6 +31,7 @@ BLOCKS = {
     "scenario": 2,
     "plan": 1,
     "csv": 1,
+    "dh": 1,
     "npz": 1,
 }  # toml and urdf: a million together
 

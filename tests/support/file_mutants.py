@@ -1,4 +1,4 @@
-"""Files of measured motions that are nearly right: cells, arrays and headers that are changed, and raw bytes."""
+"""Files of measured motions and DH tables that are nearly right: changed cells, arrays and headers, and raw bytes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,14 @@ ROWS = [
 T = np.arange(5.0)
 COLUMNS: dict[str, Any] = {"t": T, "joint1.x": T**2, "joint1.x.rate": 2 * T, "joint1.gamma.drive": -T}
 SAVED: dict[str, Any] = {"t": T, "q": np.ones((5, 3)), "v": np.ones((5, 3)), "coordinates": np.array(COORDINATES)}
-FILES = ("csv", "npz")
+DH_ROWS = [
+    ["joint", "type", "a_mm", "alpha_deg", "d", "theta", "lower", "upper", "mass", "com_z", "ixx", "iyy", "izz"],
+    *([f"axis{k}", "revolute", f"{k}", "90", "-.1", "pi/2", "-1", f"{k}", "2", f" {k}", "1", "1", "1"] for k in (1, 2)),
+    ["", "prismatic", "", "0", "0.5", "-3 pi/4", *[""] * 7],
+    ["", "fixed", "1e1", "-90", "0.1", "0", *[""] * 7],
+]
+TABLES = {"csv": ROWS, "dh": DH_ROWS}
+FILES = (*TABLES, "npz")
 NAMES = [
     *COORDINATES,
     "t",
@@ -80,7 +87,7 @@ HEADERS = [
 
 def good(kind: str) -> list[bytes]:
     """Files of that kind that can be read."""
-    return [_csv(ROWS)] if kind == "csv" else [_npz(COLUMNS, ""), _npz(SAVED, "")]
+    return [_csv(TABLES[kind])] if kind in TABLES else [_npz(COLUMNS, ""), _npz(SAVED, "")]
 
 
 def any_mutant(kind: str, seed: int) -> bytes:
@@ -88,7 +95,7 @@ def any_mutant(kind: str, seed: int) -> bytes:
     if kind not in FILES:
         return mutant(kind, seed)
     chance = random.Random(f"{kind} {seed}")
-    content = _changed_csv(chance) if kind == "csv" else _changed_npz(chance)
+    content = _changed_csv(TABLES[kind], chance) if kind in TABLES else _changed_npz(chance)
     return raw(content, chance) if chance.random() < 0.3 else content
 
 
@@ -96,8 +103,8 @@ def _csv(rows: list[list[str]], end: str = "\n") -> bytes:
     return "".join(",".join(row) + end for row in rows).encode("utf-8", "surrogatepass")
 
 
-def _changed_csv(chance: random.Random) -> bytes:
-    rows = [list(row) for row in ROWS]
+def _changed_csv(table: list[list[str]], chance: random.Random) -> bytes:
+    rows = [list(row) for row in table]
     for _ in range(chance.choice((0, 1, 1, 2, 4))):
         row = chance.choice(rows[chance.choice((0, 1)) :])
         at, kind = chance.randrange(len(row) + 1), chance.random()

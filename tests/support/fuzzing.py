@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 
+from eomgen.authoring.dh import CONVENTIONS, dh_file_text
 from eomgen.description.load import load_robot, robot_from_mjcf, robot_from_toml, robot_from_urdf
 from eomgen.errors import DescriptionError, EomgenWarning, InputError
 from eomgen.motion.files import MeasuredMotion, read_motion
@@ -56,7 +57,7 @@ def accepted(kind: str, content: bytes, folder: Path) -> Any:
         if kind in FILES:
             path = folder / f"mutant.{kind}"
             path.write_bytes(content)
-            return check_motion(read_motion(path, COORDINATES))
+            return check_dh(path) if kind == "dh" else check_motion(read_motion(path, COORDINATES))
         try:
             text = content.decode("utf-8-sig")
         except UnicodeDecodeError:  # the way of a file
@@ -101,6 +102,22 @@ def check_motion(motion: MeasuredMotion) -> MeasuredMotion:
     assert len(motion.t)
     assert (np.diff(motion.t) > 0.0).all()
     return motion
+
+
+def check_dh(path: Path) -> Robot | None:
+    """What a table describes can be read, by both conventions, but for inertias that no body can have."""
+    robot = None
+    for convention in CONVENTIONS:
+        text = dh_file_text("arm", path, convention)
+        assert text.isascii()
+        try:
+            robot = robot_from_toml(text)
+        except DescriptionError as error:
+            if "inertia" not in error.where:
+                raise AssertionError(f"{convention}: {text}") from error
+            raise
+        check_robot(robot)
+    return robot
 
 
 def check_robot(robot: Robot) -> None:

@@ -11,17 +11,32 @@ are centres of mass and inertia tensors that a classic table gives, and the tool
 
 from __future__ import annotations
 
-import csv
+import io
 import math
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from numbers import Real
 from pathlib import Path
 
 from ..description.load import robot_from_toml
 from ..errors import InputError, check_kind
+from ..files import csv_cells
 from ..forms.toml_text import read_text
-from ..limits import LARGEST, MOST_ENTRIES
-from ..names import IDENTIFIER_RULE, ROBOT_RULE, is_identifier, is_robot_name, listed, nearest, show, to_robot_name
+from ..limits import MOST_ENTRIES
+from ..names import (
+    IDENTIFIER_RULE,
+    ROBOT_RULE,
+    is_identifier,
+    is_robot_name,
+    listed,
+    nearest,
+    plain_path,
+    show,
+    show_path,
+    to_robot_name,
+)
 from ..robot.geometry import IDENTITY, ZERO, Matrix, Placement, Vector, turn_inertia
 from ..robot.value import INERTIA_KEYS, Robot
 from .schema_files import schema_path
@@ -36,19 +51,24 @@ COLUMNS = (
 )
 ASSUMED_MASS = 1.0  # kg, of links whose mass the table does not give
 ASSUMED_RADIUS = 0.05  # of the arm's length: of the ball whose inertia a link has where the table gives none
+_MOST = 1e8  # m, rad, deg, kg or kg m^2: what follows from so many rows stays within the limits of descriptions
+_SIZE = r"(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:e[+-]?[0-9]+)?"
+_NUMBER = re.compile(  # 0.5, -1e-3, pi/2, -3 pi / 4
+    rf"(?P<sign>[+-]?) *(?:(?P<factor>{_SIZE})? *\*? *(?P<pi>pi)|(?P<number>{_SIZE}))(?: */ *(?P<divisor>{_SIZE}))?"
+)
 _SIGNS = str.maketrans({"\N{GREEK SMALL LETTER PI}": "pi", "\N{MINUS SIGN}": "-"})
 Table = str | Path | Sequence[Mapping[str, object]]
 
 
 @dataclass(frozen=True)
 class _Row:
-    """One row: numbers in m, rad, kg by their columns; ``degrees`` are those that the table gives in degrees."""
+    """One row: numbers in m, rad, kg by their columns; ``degrees``: angles that the table has in degrees, as there."""
 
     where: str
     joint: str
     type: str
     numbers: Mapping[str, float]
-    degrees: frozenset[str]
+    degrees: Mapping[str, float]
 
     def get(self, key: str) -> float:
         """Return a number, 0 where the table has none."""
@@ -92,20 +112,17 @@ def dh_file_text(name: str, table: Table, convention: str) -> str:
             " modified, which is Rx(alpha) Tx(a) Rz(theta) Tz(d)"
         )
     if isinstance(table, (str, Path)):
-        rows, source = _rows(Path(table)), Path(table).name
+        rows, source, place = _rows(Path(table)), show_path(Path(table).name), plain_path(table)
     else:
         whole = all(isinstance(row, Mapping) for row in table)
         check_kind("table", table, whole, "the path of a table, or its rows as mappings")
-        rows, source = [_row(f"row {i + 1}", i, row.items()) for i, row in enumerate(table)], "rows"
-    _check_rows(rows, source)
+        rows, source, place = [_row(f"row {i + 1}", i, row.items()) for i, row in enumerate(table)], "rows", "table"
+    _check_rows(rows, place)
     return "\n".join(_lines(name, rows, convention, source)) + "\n"
 
 
 def robot_from_dh(name: str, table: Table, convention: str) -> Robot:
     """Read the robot that ``dh_file_text`` describes; arguments and errors as there."""
-    check_kind("name", name, isinstance(name, str), "a name")
-    check_kind("convention", convention, isinstance(convention, str), "classic or modified")
-    check_kind("table", table, isinstance(table, (str, Path, list, tuple)), "the path of a table, or its rows")
     return robot_from_toml(dh_file_text(name, table, convention), source=f"{name}.toml")
 
 
@@ -114,70 +131,83 @@ def robot_from_dh(name: str, table: Table, convention: str) -> Robot:
 
 def _rows(path: Path) -> list[_Row]:
     """Read the rows of a .csv file; lines that are empty or begin with # are left out."""
-    text = read_text(path, str(path), ".csv file")
-    lines = [(i, line) for i, line in enumerate(text.splitlines(), 1) if line.strip() and not line.startswith("#")]
-    if not lines:
-        raise InputError(f"{path}: is empty; allowed: a header of {', '.join(COLUMNS)}, and a row for each joint")
-    cells = [[cell.strip() for cell in row] for row in csv.reader((line for _, line in lines), skipinitialspace=True)]
-    header = cells[0]
+    source = plain_path(path)
+    lines = enumerate(io.StringIO(read_text(path, str(path), ".csv file"), newline=None), 1)
+    places = [(f"{source}:{i}", line) for i, line in lines if line.strip() and line.lstrip()[0] != "#"]
+    if not places:
+        raise InputError(f"{source}: is empty; allowed: a header of {', '.join(COLUMNS)}, and a row for each joint")
+    (head, first), *rest = places
+    header = [name.strip() for name in csv_cells(head, first, skip_spaces=True)]
+    for column in header:
+        _check_column(head, column)
     if len(set(header)) < len(header):
-        raise InputError(f"{path}:{lines[0][0]}: a column is there twice; allowed: each once")
+        raise InputError(f"{head}: a column is there twice; allowed: each once")
     rows: list[_Row] = []
-    for (number, _), values in zip(lines[1:], cells[1:], strict=False):
-        if len(values) != len(header):
-            raise InputError(f"{path}:{number}: has {len(values)} cells; allowed: {len(header)}, as the header has")
-        rows.append(_row(f"{path}:{number}", len(rows), zip(header, values, strict=True)))
+    for where, line in rest:
+        cells = csv_cells(where, line, skip_spaces=True)
+        if len(cells) != len(header):
+            raise InputError(f"{where}: has {len(cells)} cells; allowed: {len(header)}, as the header has")
+        rows.append(_row(where, len(rows), zip(header, cells, strict=True)))
     return rows
 
 
+def _check_column(where: str, column: object) -> None:
+    if column not in COLUMNS:
+        near = nearest(column, COLUMNS) if isinstance(column, str) else ""
+        raise InputError(f"{where}: there is no column {show(column)}{near} (allowed: {', '.join(COLUMNS)})")
+
+
 def _row(where: str, index: int, cells: Iterable[tuple[str, object]]) -> _Row:
+    """Return the row of cells by their columns; those that are None or blank are left out."""
     numbers: dict[str, float] = {}
-    degrees, joint, kind = set(), f"joint{index + 1}", JOINTS[0]
+    degrees: dict[str, float] = {}
+    words = {"joint": f"joint{index + 1}", "type": JOINTS[0]}
     for column, cell in cells:
-        if column not in COLUMNS:
-            raise InputError(
-                f"{where}: there is no column {show(column)}{nearest(column, COLUMNS)} (allowed: {', '.join(COLUMNS)})"
-            )
-        if cell is None or cell == "":
+        _check_column(where, column)
+        if cell is None or (isinstance(cell, str) and not cell.strip()):
             continue
-        if column == "joint":
-            joint = str(cell)
-        elif column == "type":
-            kind = str(cell)
-        else:
-            key, _, unit = column.partition("_") if column not in _COM else (column, "", "")
-            if key in numbers:
-                raise InputError(f"{where}: {key} stands in two units; allowed: one of them")
-            numbers[key] = _number(f"{where}: {column}", cell) / (1e3 if unit == "mm" else 1.0)
-            if unit == "deg":
-                numbers[key] = math.radians(numbers[key])
-                degrees.add(key)
+        if column in words:
+            words[column] = cell.strip() if isinstance(cell, str) else show(cell)
+            continue
+        key, _, unit = column.partition("_") if column not in _COM else (column, "", "")
+        if key in numbers:
+            raise InputError(f"{where}: {key} stands in two units; allowed: one of them")
+        value = _number(f"{where}: {column}", cell)
+        if unit == "deg":
+            degrees[key] = value
+        numbers[key] = math.radians(value) if unit == "deg" else value / (1e3 if unit == "mm" else 1.0)
+    joint, kind = words["joint"], words["type"]
     if kind not in JOINTS:
         raise InputError(f"{where}: type: got {show(kind)}{nearest(kind, JOINTS)} (allowed: {', '.join(JOINTS)})")
     if not is_identifier(joint):
         raise InputError(f"{where}: joint: got {show(joint)}; allowed: {IDENTIFIER_RULE}")
-    return _Row(where, joint, kind, numbers, frozenset(degrees))
+    if numbers.get("mass", 0.0) < 0.0:
+        raise InputError(f"{where}: mass: got {numbers['mass']:g}; allowed: a number that is at least 0")
+    return _Row(where, joint, kind, numbers, degrees)
 
 
 def _number(where: str, cell: object) -> float:
-    """Read a number, or a fraction of pi as tables have it: pi/2, -pi."""
-    text = str(cell).translate(_SIGNS).replace(" ", "").lower()
-    sign, size = (-1.0, text[1:]) if text.startswith("-") else (1.0, text)
-    numerator, slash, denominator = size.partition("/")
-    try:
-        value = math.pi if numerator == "pi" else float(numerator)
-        value = sign * (value / float(denominator) if slash else value)
-    except (ValueError, ZeroDivisionError):
-        value = math.nan
-    if not abs(value) <= LARGEST:
-        raise InputError(f"{where}: got {show(cell)}; allowed: a number of magnitude up to {LARGEST:g}, or as pi/2")
+    """Read a number, or a fraction of pi as tables have it: pi/2, -pi, 3 pi/4."""
+    value = math.nan
+    if isinstance(cell, str):
+        match = _NUMBER.fullmatch(cell.translate(_SIGNS).strip().lower())
+        if match is not None:
+            factor, number, divisor = (float(match[key] or 1.0) for key in ("factor", "number", "divisor"))
+            size = (-1.0 if match["sign"] == "-" else 1.0) * (factor * math.pi if match["pi"] else number)
+            value = size / divisor if 0.0 < divisor < math.inf else math.nan
+    elif isinstance(cell, Real) and not isinstance(cell, bool):
+        with suppress(OverflowError):  # of a whole number
+            value = float(cell)
+    if not abs(value) <= _MOST:
+        raise InputError(f"{where}: got {show(cell)}; allowed: a number of magnitude up to {_MOST:g}, or as pi/2")
     return value + 0.0
 
 
-def _check_rows(rows: Sequence[_Row], source: str) -> None:
+def _check_rows(rows: Sequence[_Row], place: str) -> None:
+    """Raise an InputError where rows do not go together; ``place``: of the table, for messages."""
     moving = [row for row in rows if row.type != "fixed"]
     if not moving or len(rows) > MOST_ENTRIES:
-        raise InputError(f"{source}: has {len(rows)} rows; allowed: one and more that move, up to {MOST_ENTRIES}")
+        raise InputError(f"{place}: has {len(rows)} rows; allowed: one and more that move, up to {MOST_ENTRIES}")
     for row in rows[:-1]:
         if row.type == "fixed":
             raise InputError(f"{row.where}: type: got 'fixed'; allowed: in the last row, which places the frame tcp")
@@ -188,7 +218,7 @@ def _check_rows(rows: Sequence[_Row], source: str) -> None:
         ends = [end for end in _ENDS if end in row.numbers]
         if len(ends) == 1 or (ends and row.get("lower") > row.get("upper")):
             raise InputError(f"{row.where}: limits: allowed: lower and upper, lower <= upper, or none of them")
-        if row.type == "prismatic" and row.degrees & set(_ENDS):
+        if row.type == "prismatic" and row.degrees.keys() & set(_ENDS):
             raise InputError(f"{row.where}: a prismatic joint has limits in m; allowed: lower and upper")
         inertial = [key for key in (*_COM, *_INERTIA) if key in row.numbers]
         if "mass" not in row.numbers and inertial:
@@ -217,7 +247,7 @@ def _lines(name: str, rows: Sequence[_Row], convention: str, source: str) -> Ite
     assumed = [row.joint for row in moving if row.link is None]
     if assumed:
         yield f"# Not in the table, so assumed: the mass of the links of {listed(assumed)}."
-    balls = [row.joint for row in moving if not row.has_inertia]
+    balls = [row.joint for row in moving if not row.has_inertia and row.numbers.get("mass", ASSUMED_MASS)]
     if balls:
         yield f"# Not in the table, so assumed: the inertia of the links of {listed(balls)}, that of a ball."
     yield f'name = "{name}"'
@@ -263,8 +293,7 @@ def _joint(index: int, row: _Row, before: _Row | None) -> Iterator[str]:
 
 def _angle(row: _Row, key: str) -> str:
     """Write an angle in the unit in which the table has it."""
-    value = row.get(key)
-    return f"{key}_deg = {round(math.degrees(value), 12)!r}" if key in row.degrees else f"{key} = {value!r}"
+    return f"{key}_deg = {row.degrees[key]!r}" if key in row.degrees else f"{key} = {row.get(key)!r}"
 
 
 def _tool(moving: Sequence[_Row], rows: Sequence[_Row], classic: bool) -> Iterator[str]:

@@ -7,6 +7,7 @@ from pathlib import Path
 from ..description.builtin import builtin_robots
 from ..description.load import load_robot
 from ..errors import InputError, check_kind
+from ..files import write_atomically
 from ..names import ROBOT_RULE, component_name, is_robot_name, listed, show, to_robot_name
 from ..robot.coordinates import MOTIONS
 from ..robot.model import program_coordinates, tool_of
@@ -58,7 +59,7 @@ def _write_beside_schema(text: str, target: Path, kind: str) -> Path:
     if schema.exists() and not is_schema(schema, kind):
         raise InputError(f"new: {show(schema.name)} there is no schema of a {kind}; allowed: another folder")
     _write_new(text, target, ".toml")
-    schema.write_text(schema_path(kind).read_text(encoding="ascii"), encoding="ascii")
+    write_atomically(schema, lambda stream: stream.write(schema_path(kind).read_bytes()))
     return target
 
 
@@ -68,9 +69,6 @@ def write_dh_file(name: str, table: Table, convention: str, path: str | Path | N
     Raises:
         InputError: as of ``write_new_file``, or as of ``dh_file_text``.
     """
-    check_kind("name", name, isinstance(name, str), "a name")
-    check_kind("convention", convention, isinstance(convention, str), "classic or modified")
-    check_kind("table", table, isinstance(table, (str, Path, list, tuple)), "the path of a table, or its rows")
     text = dh_file_text(name, table, convention)
     return _write_beside_schema(text, Path(f"{name}.toml" if path is None else path), "robot")
 

@@ -5,6 +5,9 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+from ..files import read_regular
+
+_MOST_BYTES = 1 << 24  # of a schema, far more than one has
 _FOLDER = Path(__file__).parents[1] / "schemas"
 
 
@@ -16,7 +19,7 @@ def schema_path(name: str) -> Path:
 def is_schema(path: Path, name: str) -> bool:
     """Return whether a file is a schema of that name, of whatever version."""
     try:
-        title = json.loads(path.read_text(encoding="utf-8"))["title"]
-    except (OSError, ValueError, LookupError, TypeError):
+        title = json.loads(read_regular(path, _MOST_BYTES))["title"]
+    except (OSError, ValueError, LookupError, TypeError, RecursionError):
         return False
     return bool(title == json.loads(schema_path(name).read_text(encoding="ascii"))["title"])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import codecs
-import csv
 import io
 import re
 from collections.abc import Sequence
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..arrays import Array
 from ..errors import InputError
-from ..files import open_regular
+from ..files import csv_cells, open_regular
 from ..limits import MOST_ENTRIES
 from ..names import plain_path, show
 from .measured_numbers import ALLOWED, within_limits
@@ -106,9 +105,7 @@ class _Reader:
         numbers = np.array(kept, dtype=np.int32) + first
         open_end = next((i for i, row in enumerate(rows) if row.count('"') % 2), None)
         if open_end is not None:  # NumPy would read on in the next line
-            raise InputError(
-                f"{self._path}: line {numbers[open_end]}: a quote is not closed; allowed: quotes that end in their line"
-            )
+            self._refuse(rows[open_end:], numbers[open_end:])
         if self._blanks:
             rows = [_BLANK.sub("nan", row) for row in rows]
         try:
@@ -129,7 +126,7 @@ class _Reader:
         return dict(zip(self._header, table, strict=True)), np.concatenate(self._lines)
 
     def _names(self, place: str, line: str) -> list[str]:
-        names = [name.strip() for name in _cells(place, line)]
+        names = [name.strip() for name in csv_cells(place, line)]
         if len(names) > _MOST_COLUMNS:
             raise InputError(f"{place}: {len(names)} columns; allowed: up to {_MOST_COLUMNS}")
         seen: set[str] = set()
@@ -143,7 +140,7 @@ class _Reader:
         """Raise the InputError of the first row that is wrong."""
         for number, row in zip(numbers.tolist(), rows, strict=True):
             place = f"{self._path}: line {number}"
-            cells = _cells(place, row)
+            cells = csv_cells(place, row)
             if len(cells) != len(self._header):
                 raise InputError(f"{place}: {len(cells)} values; allowed: {len(self._header)}, one for each column")
             for name, cell in zip(self._header, cells, strict=True):
@@ -154,10 +151,3 @@ class _Reader:
         raise InputError(
             f"{self._path}: lines {numbers[0]} to {numbers[-1]} are no numbers; allowed: numbers, each {ALLOWED}"
         )
-
-
-def _cells(place: str, line: str) -> list[str]:
-    try:
-        return next(csv.reader([line]))
-    except csv.Error as error:
-        raise InputError(f"{place}: is no CSV ({error}); allowed: values with commas between them") from None
