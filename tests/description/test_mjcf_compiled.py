@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 import sys
+import threading
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 
@@ -443,6 +444,37 @@ def test_packages_are_found_where_they_are_said_to_be(
         assert said in "".join(capsys.readouterr())
     with pytest.raises(DescriptionError, match=r"no package 'arm_pkg'; did you mean 'arm_pk'\?.* --package NAME=DIR"):
         load_robot(path, xacro={"arm_pk": "arm/pkg"})
+
+
+def test_packages_of_another_thread_are_not_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A thread that begins while another reads with its packages has its own alone."""
+    xacro = pytest.importorskip("xacro")
+    (tmp_path / "pkg").mkdir()
+    (tmp_path / "pkg" / "more.xacro").write_text(MACROS)
+    path = tmp_path / "arm.xacro"
+    include = '<xacro:include filename="$(find arm_pkg)/more.xacro"/>'
+    path.write_text(f'<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">{include}</robot>')
+    real, refusals, threads = xacro.process_file, [], []
+
+    def read_without() -> None:
+        try:
+            load_robot(path, xacro=True)
+        except DescriptionError as error:
+            refusals.append(str(error))
+
+    def process_file(name: str) -> object:
+        if not threads:
+            threads.append(threading.Thread(target=read_without))
+            threads[0].start()
+            threads[0].join(0.5)
+        return real(name)
+
+    monkeypatch.setattr(xacro, "process_file", process_file)
+    assert load_robot(path, xacro={"arm_pkg": tmp_path / "pkg"}).name == "r"
+    threads[0].join()
+    assert len(refusals) == 1
+    assert "no package 'arm_pkg'" in refusals[0]
+    assert "ament_index_python" not in sys.modules
 
 
 def test_without_xacro_it_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -62,6 +62,22 @@ def _packages_found(packages: Mapping[str, str | Path]) -> Iterator[None]:
 
     xacro asks ROS's index, the module ``ament_index_python.packages``, in whose place another stands meanwhile.
     """
+    with _FOLDERS:  # also while ROS's index is looked up, or it would be the one that stands in its place
+        index = _index_of(packages)
+        before = {name: sys.modules.get(name) for name in index}
+        sys.modules |= index
+        try:
+            yield
+        finally:
+            for name, module in before.items():
+                if module is None:
+                    del sys.modules[name]
+                else:
+                    sys.modules[name] = module
+
+
+def _index_of(packages: Mapping[str, str | Path]) -> dict[str, ModuleType]:
+    """Return modules in the place of ROS's index, which knows these folders, too."""
     try:
         elsewhere = importlib.import_module(f"{_INDEX}.packages").get_package_share_directory
     except ImportError:  # no ROS
@@ -77,14 +93,4 @@ def _packages_found(packages: Mapping[str, str | Path]) -> Iterator[None]:
     index, inner = ModuleType(_INDEX), ModuleType(f"{_INDEX}.packages")
     inner.__dict__["get_package_share_directory"] = find
     index.__dict__["packages"] = inner
-    with _FOLDERS:
-        before = {name: sys.modules.get(name) for name in (_INDEX, f"{_INDEX}.packages")}
-        sys.modules |= {_INDEX: index, f"{_INDEX}.packages": inner}
-        try:
-            yield
-        finally:
-            for name, module in before.items():
-                if module is None:
-                    del sys.modules[name]
-                else:
-                    sys.modules[name] = module
+    return {_INDEX: index, f"{_INDEX}.packages": inner}
