@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from pathlib import Path
@@ -17,6 +18,7 @@ from .names import listed, show, show_path
 
 LONGEST = 300  # characters of a line
 NAMED = 3  # names of a list that are shown
+PREFIXED = ("m", "rad", "s", "N", "J", "W")  # units that take prefixes, also in front of others: N m, m/N
 PREFIXES = ((1.0, ""), (1e3, "m"), (1e6, "u"), (1e9, "n"), (1e12, "p"))
 _MOST_DIGITS = 15
 
@@ -94,10 +96,18 @@ class Plotting:
 
 
 def scale_of(values: Any, unit: str) -> tuple[float, str]:
-    """Return factor and name of the unit in which the largest of the values is at least 1: (1e6, "um")."""
-    largest = float(np.abs(values).max(initial=0.0))
+    """Return factor and name of the unit in which the largest of the values is at least 1: (1e6, "um").
+
+    Args:
+        values: numbers in the unit; those that are not finite do not count.
+        unit: without a prefix; factor 1 where the first of its units takes none: "", "kg", "m^2".
+    """
+    if re.split("[ /]", unit)[0] not in PREFIXED:
+        return 1.0, unit
+    sizes = np.abs(values)
+    largest = float(sizes[np.isfinite(sizes)].max(initial=0.0))
     for factor, prefix in PREFIXES:
-        if factor * largest >= 1.0 or largest == 0.0 or not math.isfinite(largest):
+        if factor * largest >= 1.0 or largest == 0.0:
             return factor, prefix + unit
     factor, prefix = PREFIXES[-1]
     return factor, prefix + unit

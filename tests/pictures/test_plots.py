@@ -167,6 +167,10 @@ def test_units_have_prefixes() -> None:
     }
     assert {value: scale_of(np.array([0.0, -value]), "m") for value in cases} == cases
     assert scale_of(np.zeros(0), "J") == (1.0, "J")
+    assert scale_of([np.nan, 2e-3, -np.inf], "m/s") == (1e3, "mm/s")
+    assert {unit: scale_of(2e-3, unit) for unit in ("", "1", "kg", "kg m^2", "m^2", "s^-1", "Hz")} == {
+        unit: (1.0, unit) for unit in ("", "1", "kg", "kg m^2", "m^2", "s^-1", "Hz")
+    }
 
 
 # The robot in a result

@@ -287,7 +287,7 @@ def plot_compliance(compliance: ComplianceMap, path: Path | str | None = None, *
         across = compliance.points[..., kept]
         labels = [f"{name}, m" for name in names]
         at = f" at {'xyz'[left]} = {corner[left]:.4g} m"
-    factor, unit = scale_of(compliance.softest[np.isfinite(compliance.softest)], "m/N")
+    factor, unit = scale_of(compliance.softest, "m/N")
     title = f"{compliance.robot}: static compliance of {compliance.frame}{at}"
     with sheet(5.6, 4.4, path, title, ax) as drawn:
         [axes] = drawn.panels(1, lambda figure: figure.add_axes((0.13, 0.12, 0.7, 0.76)))

@@ -96,7 +96,7 @@ def _single_panel(figure: Any, left: float) -> Any:
 def _distribution(result: SweepResult, column: str, axes: Any) -> None:
     values = result.of(column)
     values = values[np.isfinite(values)]
-    factor, unit = _scaled(values, result.units[column])
+    factor, unit = scale_of(values, result.units[column])
     axes.hist(factor * values, bins=min(60, max(5, int(np.sqrt(values.size)))), color="0.75")
     for share, style in ((50, "-"), (95, "--"), (99, ":")):
         at = factor * result.percentiles(column, (share,))[0]
@@ -105,11 +105,6 @@ def _distribution(result: SweepResult, column: str, axes: Any) -> None:
     axes.set_xlabel(literal(f"{column}, {unit or '1'}"))
     axes.set_ylabel(f"samples, of {values.size}")
     axes.grid(visible=False, axis="x")
-
-
-def _scaled(values: Any, unit: str) -> tuple[float, str]:
-    """Return factor and unit with a prefix, where the unit takes one."""
-    return scale_of(values, unit) if unit in ("m", "rad", "N", "N m", "J", "W", "s") else (1.0, unit)
 
 
 def _sensitivity(result: SweepResult, column: str, axes: Any) -> None:
