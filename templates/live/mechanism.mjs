@@ -1,23 +1,12 @@
 // Poses of a robot's links from its coordinates, eq. (3), and coordinates at which its loops are assembled.
 
+import { times } from "#live/poses";
+
 export const NEAR = 1e-9; // m, or sine of an angle: an assembled loop
 const STEPS = 40; // of Gauss and Newton
 const LONGEST = 0.3; // m or rad, of a step
 const PROBE = 1e-6; // m or rad, of differences
 const SUBSTEP = 0.1; // m or rad, in which a coordinate goes to a far value
-
-/** Product of two poses, 16 numbers each, row by row. */
-export function times(a, b) {
-  const made = new Array(16);
-  for (let i = 0; i < 4; i++) {
-    for (let j = 0; j < 4; j++) {
-      let sum = 0;
-      for (let k = 0; k < 4; k++) sum += a[4 * i + k] * b[4 * k + j];
-      made[4 * i + j] = sum;
-    }
-  }
-  return made;
-}
 
 const UNIT = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1];
 

@@ -3,12 +3,14 @@
 import { description, load } from "#live/kernel";
 import { drawChart } from "#live/chart";
 import { choice, element, group, slider, toggle } from "#live/controls";
+import { addShare, addTheme } from "#live/head";
 import { bytesOf, doublesOf, shown } from "#live/numbers";
 import { plotsOf } from "#live/plots";
+import { moved } from "#live/poses";
 import { Scene } from "#live/scene";
 import { Settings } from "#live/settings";
 import { between } from "#live/signals";
-import { Simulation, exaggerated, moved } from "#live/simulation";
+import { Simulation, exaggerated } from "#live/simulation";
 
 const SPEEDS = [0.05, 0.1, 0.25, 0.5, 1, 2];
 const BUDGET = 12; // ms of a frame that steps may take; then time goes slower
@@ -56,9 +58,8 @@ class Page {
 
   begin() {
     const refused = this.settings.read(window.location.hash);
-    if (refused.length) this.say(`The address has settings that this page does not know: ${refused.join(", ")}`);
     this.reset();
-    this.scene.theme(this.isDark());
+    if (refused.length) this.say(`The address has settings that this page does not know: ${refused.join(", ")}`);
     this.last = performance.now();
     this.frame = this.frame.bind(this);
     this.draw();
@@ -77,7 +78,7 @@ class Page {
     settings.define("exaggeration", data.exaggeration, () => { this.scene.stale = true; }, above(1));
     settings.define("beside", data.closed || !data.drives.length ? "none" : "program", () => { this.scene.stale = true; }, one("program", "rigid", "none"));
     settings.define("paths", true, (on) => Object.values(this.scene.paths).forEach((path) => { path.visible = on; }));
-    settings.define("theme", "", (value) => this.dress(value), one("", "light", "dark"));
+    addTheme(settings, this.scene);
     settings.define("compact", false, (on) => {
       document.documentElement.classList.toggle("compact", on);
       by("whole").hidden = !on;
@@ -189,18 +190,6 @@ class Page {
     this.scene.stale = true;
   }
 
-  dress(value) {
-    const root = document.documentElement;
-    if (value) root.dataset.theme = value;
-    else delete root.dataset.theme;
-    this.scene.theme(this.isDark());
-  }
-
-  isDark() {
-    const { theme } = document.documentElement.dataset;
-    return theme ? theme === "dark" : window.matchMedia("(prefers-color-scheme: dark)").matches;
-  }
-
   // Panel
 
   buildPanel() {
@@ -305,16 +294,7 @@ class Page {
     by("speed").append(...SPEEDS.map((speed) => element("option", { value: speed }, `${speed}`)));
     by("speed").addEventListener("change", () => this.settings.put("speed", by("speed").value));
     this.settings.watch("speed", (value) => { by("speed").value = value; });
-    by("theme").addEventListener("click", () => this.settings.put("theme", this.isDark() ? "light" : "dark"));
-    by("share").addEventListener("click", async () => {
-      this.keep();
-      try {
-        await navigator.clipboard.writeText(window.location.href);
-        by("share").textContent = "Copied";
-      } catch {
-        this.say(window.location.href);
-      }
-    });
+    addShare(this.settings, (text) => this.say(text));
     by("whole").addEventListener("click", () => {
       if (window.self === window.top) this.settings.put("compact", false);
       else window.open(window.location.href.replace(/([#&])compact=true&?/, "$1"), "_blank", "noopener");
@@ -328,7 +308,6 @@ class Page {
       this.changed();
     });
     window.addEventListener("hashchange", () => this.settings.read(window.location.hash));
-    window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.scene.theme(this.isDark()));
     document.addEventListener("keydown", (event) => {
       if (event.ctrlKey || event.metaKey || event.altKey || event.target.closest("input, select, button, summary")) return;
       const done = { " ": () => this.play(!this.playing), ".": () => this.step(), r: () => this.reset() }[event.key];

@@ -3,7 +3,7 @@
 import * as THREE from "three";
 import { OrbitControls } from "#live/three/OrbitControls";
 import { bytesOf } from "#live/numbers";
-import { moved } from "#live/simulation";
+import { moved } from "#live/poses";
 
 const COLORS = {
   light: { back: 0xf4f6f8, grid: 0xd5dae0, section: 0xb8c0c8, real: 0x4678aa, ghost: 0x8b939b, ground: 0x9aa4ae },

@@ -1,5 +1,6 @@
 // A robot over time: drives, loads and what carries it, held over a period each; the kernel does the steps between.
 
+import { turned } from "#live/poses";
 import { cycleAt, signalAt, wavesAt } from "#live/signals";
 
 const FILTER = 8; // rad/s with which the reference follows a target that was set
@@ -276,17 +277,6 @@ export class Simulation {
     const { kinetic, potential } = this.energies();
     return kinetic + potential;
   }
-}
-
-/** A vector of a frame in the axes of the base; pose: 16 numbers, row by row. */
-export function turned(pose, [x, y, z]) {
-  return [0, 4, 8].map((row) => pose[row] * x + pose[row + 1] * y + pose[row + 2] * z);
-}
-
-/** A point of a frame in the base. */
-export function moved(pose, point) {
-  const found = turned(pose, point);
-  return [found[0] + pose[3], found[1] + pose[7], found[2] + pose[11]];
 }
 
 /** Deviations times a factor about where they are none: what is drawn. */

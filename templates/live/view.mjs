@@ -1,11 +1,12 @@
 // The page that shows a robot: a slider for each joint, loops assembled wherever a slider is.
 
 import { element, group, slider } from "#live/controls";
+import { addShare, addTheme } from "#live/head";
 import { Mechanism, NEAR } from "#live/mechanism";
 import { shown } from "#live/numbers";
+import { moved } from "#live/poses";
 import { Scene } from "#live/scene";
 import { Settings } from "#live/settings";
-import { moved } from "#live/simulation";
 
 const by = (id) => document.getElementById(id);
 const key = (name) => `q.${name}`;
@@ -25,9 +26,11 @@ class View {
       const allowed = (value) => value >= low && value <= high;
       this.settings.define(key(name), this.q[index], (value) => this.move(index, value), this.mechanism.closed ? () => true : allowed);
     });
-    this.settings.define("theme", "", (value) => this.dress(value), (value) => ["", "light", "dark"].includes(value));
+    addTheme(this.settings, this.scene);
+    addShare(this.settings, (text) => this.say(text));
+    window.addEventListener("hashchange", () => this.read());
+    this.frame = this.frame.bind(this);
     this.build();
-    this.listen();
   }
 
   /** Sliders: of joints that are driven, and of those that follow them through loops. */
@@ -45,26 +48,17 @@ class View {
     for (const note of this.data.notes) by("panel").append(element("p", {}, note));
   }
 
-  listen() {
-    by("theme").addEventListener("click", () => this.settings.put("theme", this.isDark() ? "light" : "dark"));
-    by("share").addEventListener("click", async () => {
-      const address = window.location.href.split("#")[0] + this.settings.fragment();
-      try {
-        await navigator.clipboard.writeText(address);
-      } catch {
-        this.say(address); // where a page may not write to the clipboard
-      }
-    });
-    this.frame = this.frame.bind(this);
-  }
-
   begin() {
     this.reset();
-    const refused = this.settings.read(window.location.hash);
-    this.scene.theme(this.isDark());
-    if (refused.length) this.say(`The address has settings that this page does not know: ${refused.join(", ")}`);
+    this.read();
     document.documentElement.dataset.ready = "yes";
     requestAnimationFrame(this.frame);
+  }
+
+  /** Take the settings of the address; those that it has and the page does not know are said. */
+  read() {
+    const refused = this.settings.read(window.location.hash);
+    if (refused.length) this.say(`The address has settings that this page does not know: ${refused.join(", ")}`);
   }
 
   frame() {
@@ -112,16 +106,6 @@ class View {
   say(text) {
     by("message").textContent = text;
     by("message").hidden = !text;
-  }
-
-  isDark() {
-    return (this.settings.get("theme") || (window.matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light")) === "dark";
-  }
-
-  dress(value) {
-    if (value) document.documentElement.dataset.theme = value;
-    else delete document.documentElement.dataset.theme;
-    this.scene.theme(this.isDark());
   }
 }
 

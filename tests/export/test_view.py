@@ -6,6 +6,7 @@ import json
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ import eomgen
 from eomgen.cli import entry as cli
 from eomgen.cli.shared import is_result
 from eomgen.errors import InputError
+from eomgen.export.live.page import scripts_of
 from eomgen.export.live.view import RobotPage, contents_of_view, mechanism_of, robot_page, show_robot
 from eomgen.pictures.scene import link_poses
 from eomgen.results.beside import TRAJECTORY
@@ -146,8 +148,28 @@ def test_the_page_asks_for_nothing_and_has_sliders_with_limits() -> None:
 
 @pytest.mark.skipif(NODE is None, reason="node is not installed")
 def test_scripts_are_well_formed() -> None:
-    for name in ("mechanism", "view"):
-        subprocess.run([NODE or "node", "--check", MODULES / f"{name}.mjs"], check=True)
+    for path in MODULES.glob("*.mjs"):
+        subprocess.run([NODE or "node", "--check", path], check=True)
+
+
+@pytest.mark.parametrize(("start", "others"), [("view", set()), ("page", {"kernel", "rigid"})])
+def test_a_page_has_all_that_its_scripts_import(start: str, others: set[str]) -> None:
+    """And of names in braces those that the other module exports."""
+    texts = scripts_of(start, {f"#live/{name}" for name in others})
+    wanted = {name for text in texts.values() for name in re.findall(r'"#live/([^"]+)"', text)} | {start}
+    assert wanted == {name.removeprefix("#live/") for name in texts} | others | {"three/OrbitControls"}
+    for text in texts.values():
+        for names, module in re.findall(r'import \{ (.*) \} from "(#live/\w+)"', text):
+            if module in texts:
+                exported = set(re.findall(r"^export (?:const|function|class) (\w+)", texts[module], re.MULTILINE))
+                assert set(names.split(", ")) <= exported, module
+
+
+def test_frames_without_a_position_are_named() -> None:
+    robot = eomgen.load_robot("one_link")
+    frames = [replace(robot.frames[0], name=f"frame{k}") for k in range(6)] if robot.frames else []
+    page = robot_page(replace(robot, frames=tuple(frames)))
+    assert page.notes == ("positions of 4 of 6 frames are shown, the first ones",)
 
 
 PAGE = """
@@ -168,7 +190,9 @@ const known = new Map(), by = (id) => known.get(id) ?? known.set(id, new Element
 by("data").textContent = readFileSync(0, "utf8");
 const made = (tag) => new Element(tag), location = { hash: process.argv[2] ?? "", href: "file:///page.html" };
 globalThis.document = { getElementById: by, createElement: made, documentElement: made("html") };
-globalThis.window = { location, matchMedia: () => ({ matches: false }) };
+const system = { matches: false, addEventListener: (name, call) => { system.changed = call; } }, pageListeners = {};
+const addEventListener = (name, call) => { pageListeners[name] = call; };
+globalThis.window = { location, matchMedia: () => system, addEventListener };
 globalThis.requestAnimationFrame = () => {};
 writeFileSync("scene.mjs", `export class Scene {
   constructor() { this.ghost = { root: {} }; this.reality = {}; this.looks = 0; }
@@ -190,8 +214,18 @@ answers.shown = inputs.map((one) => Number(one.value));
 view.settings.put("q.joint3.gamma", 3.1);
 answers.stuck = [...view.q];
 answers.refusal = by("message").textContent;
+system.matches = true;
+system.changed();
+answers.dark = [view.scene.dark];
 by("theme").listeners.click();
-answers.dark = view.scene.dark;
+answers.dark.push(view.scene.dark);
+system.changed();
+answers.dark.push(view.scene.dark);
+location.hash = "#q.joint1.gamma=1.25&strange=1";
+pageListeners.hashchange();
+answers.again = [view.q[0], by("message").textContent];
+await by("share").listeners.click();
+answers.address = by("message").textContent;
 view.reset();
 answers.reset = [...view.q];
 answers.silence = by("message").hidden;
@@ -220,7 +254,9 @@ def test_sliders_move_what_is_drawn(tmp_path: Path) -> None:
     assert answers["moved"][1] != answers["opened"][1]
     np.testing.assert_allclose(answers["shown"], answers["moved"], rtol=1e-4)
     assert re.match(r"^joint4 cannot be assembled with joint3\.gamma at 3\.1 rad: .* is left$", answers["refusal"])
-    assert answers["dark"]
+    assert answers["dark"] == [True, False, False], "as the system has it, until it is chosen"
+    assert answers["again"] == [1.25, "The address has settings that this page does not know: strange"]
+    assert answers["address"].startswith("file:///page.html#q.joint1.gamma=1.25&"), "without a clipboard it is shown"
     np.testing.assert_allclose(answers["reset"], contents["home"], atol=1e-6)
     assert answers["silence"]
 

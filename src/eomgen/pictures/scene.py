@@ -56,7 +56,7 @@ class Region:
     def at(self, t: float) -> tuple[Array, Array]:
         """Half axes, (3,), m, and a pose, (4, 4), whose rotation has their directions, base frame; nearest in time."""
         k = int(np.abs(self._t - t).argmin())
-        return self._half[k], _pose(self._turn[k])
+        return self._half[k], turned(self._turn[k])
 
 
 def link_poses(robot: Robot, coordinates: Sequence[str], q: ArrayLike) -> dict[str, Array]:
@@ -72,7 +72,7 @@ def link_poses(robot: Robot, coordinates: Sequence[str], q: ArrayLike) -> dict[s
     column = {**follower_positions(robot, column), **column}
     poses: dict[str, Array] = {robot.base: np.broadcast_to(np.eye(4), (*values.shape[:-1], 4, 4))}
     for joint in robot.joints:
-        turn = _pose(np.array(joint.axis_turn))
+        turn = turned(np.array(joint.axis_turn))
         moved = _motion(joint, column, values.shape[:-1])
         poses[joint.child] = poses[joint.parent] @ placed(joint.placement) @ turn @ moved @ turn.T
     for frame in robot.frames:
@@ -80,7 +80,8 @@ def link_poses(robot: Robot, coordinates: Sequence[str], q: ArrayLike) -> dict[s
     return poses
 
 
-def _pose(rotation: Array) -> Array:
+def turned(rotation: Array) -> Array:
+    """Return a rotation as a pose, (4, 4)."""
     pose = np.eye(4)
     pose[:3, :3] = rotation
     return pose
@@ -88,7 +89,7 @@ def _pose(rotation: Array) -> Array:
 
 def placed(placement: Placement) -> Array:
     """A placement as a pose, (4, 4), m."""
-    pose = _pose(np.array(placement.rotation))
+    pose = turned(np.array(placement.rotation))
     pose[:3, 3] = placement.xyz
     return pose
 

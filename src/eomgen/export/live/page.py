@@ -5,6 +5,8 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
+import re
+from collections.abc import Collection
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -24,12 +26,9 @@ from ..wasm.pack import make_wasm
 from .contents import KERNELS, contents_of
 
 TEMPLATE = "live/page.html.jinja"
-SCRIPTS = (  # ours, as they import each other: "#live/NAME"
-    *("numbers", "signals", "fragment", "settings", "simulation"),
-    *("scene", "chart", "plots", "controls", "page"),
-)
 THREE = {"three": "three/three.module.min.js", "#live/three/OrbitControls": "three/OrbitControls.js"}
 MODEL_KERNELS = ("inverse_dynamics",)
+_IMPORTED = re.compile(r'^import .* from "#live/(\w+)";$', re.MULTILINE)  # of a script by another
 
 
 def export_live(
@@ -103,24 +102,23 @@ def _html(values: dict[str, Any], modules: dict[str, str]) -> str:
     drives, count = len(values["drives"]), len(values["coordinates"])
     words = [f"{count} coordinate{'s' * (count != 1)}", f"{drives} drive{'s' * (drives != 1)}"]
     line = f"{', '.join(words)}; simulated in this page by its equations of motion"
-    texts = {f"#live/{name}": _file(f"{name}.mjs") for name in SCRIPTS} | modules
-    return filled_page(TEMPLATE, values, texts, start="#live/page", title=f"{values['name']}: eomgen live", line=line)
+    return filled_page(TEMPLATE, values, modules, start="page", title=f"{values['name']}: eomgen live", line=line)
 
 
-def filled_page(template: str, values: dict[str, Any], scripts: dict[str, str], **about: str) -> str:
+def filled_page(template: str, values: dict[str, Any], modules: dict[str, str], **about: str) -> str:
     """Return the text of a page that asks for nothing outside of it.
 
     Args:
         template: of the page.
         values: its data, as JSON holds them; ``name`` is that of the robot.
-        scripts: texts of modules by the names that they import each other by.
-        about: ``start``, the module that begins, ``title`` and a ``line`` below the name.
+        modules: texts of modules of this page alone, by the names that scripts import them by: "#live/kernel".
+        about: ``start``, the script that begins, ``title`` and a ``line`` below the name.
     """
     from markupsafe import Markup
 
-    texts = scripts | {name: _file(place) for name, place in THREE.items()}
+    texts = scripts_of(about["start"], modules) | modules | {name: _file(place) for name, place in THREE.items()}
     imports = _json({"imports": {name: _module(text) for name, text in texts.items()}})
-    style, start = _file("style.css"), f'import "{about["start"]}";'
+    style, start = _file("style.css"), f'import "#live/{about["start"]}";'
     allowed = " ".join(f"'sha256-{_digest(text)}'" for text in (imports, start))
     policy = (
         f"default-src 'none'; script-src {allowed} data: 'wasm-unsafe-eval'; style-src 'sha256-{_digest(style)}';"
@@ -141,9 +139,22 @@ def filled_page(template: str, values: dict[str, Any], scripts: dict[str, str], 
     )
 
 
-def module_text(name: str) -> str:
-    """Return the text of a script of pages by its name."""
-    return _file(f"{name}.mjs")
+def scripts_of(start: str, others: Collection[str] = ()) -> dict[str, str]:
+    """Return texts of the script ``start`` and of all that it imports, by the names that they import each other by.
+
+    Args:
+        start: "page" or "view".
+        others: names of modules that are no files of ours.
+    """
+    texts: dict[str, str] = {}
+    waiting = [start]
+    while waiting:
+        script = waiting.pop()
+        name = f"#live/{script}"
+        if name not in texts and name not in others:
+            texts[name] = _file(f"{script}.mjs")
+            waiting += _IMPORTED.findall(texts[name])
+    return texts
 
 
 def _file(name: str) -> str:

@@ -16,20 +16,17 @@ from ...arrays import Array
 from ...description import RobotLike, as_robot
 from ...files import as_path, write_atomically
 from ...names import component_name
-from ...pictures.scene import extent, placed
+from ...pictures.scene import extent, placed, turned
 from ...robot.coordinates import unit_of
 from ...robot.cuts import rigid_components
 from ...robot.geometry import ANGULAR, COORDINATES
 from ...robot.model import Model, build_model
 from ...robot.value import Joint, Loop, Robot
+from ...runtime.turning import rotation
 from .geometry import geometry_of, tool_place
-from .page import filled_page, module_text
+from .page import filled_page
 
 TEMPLATE = "live/view.html.jinja"
-SCRIPTS = (  # as they import each other: "#live/NAME"
-    *("numbers", "signals", "fragment", "settings", "simulation"),
-    *("scene", "controls", "mechanism", "view"),
-)
 HEIGHT = 520  # in a notebook, pixels
 MOST_FRAMES = 4  # whose positions are shown
 
@@ -41,7 +38,7 @@ class RobotPage:
     Attributes:
         robot: the robot's name.
         html: its text.
-        notes: lines about what is not drawn: meshes that are missing, say.
+        notes: lines about what is not shown: meshes that are missing, say.
     """
 
     robot: str
@@ -101,8 +98,7 @@ def robot_page(robot: RobotLike) -> RobotPage:
     values = contents_of_view(described)
     count = len(values["sliders"])
     line = f"{count} joint coordinate{'s' * (count != 1)}; elastic joints are drawn rigid, nothing is simulated"
-    texts = {f"#live/{name}": module_text(name) for name in SCRIPTS}
-    text = filled_page(TEMPLATE, values, texts, start="#live/view", title=f"{described.name}: eomgen view", line=line)
+    text = filled_page(TEMPLATE, values, {}, start="view", title=f"{described.name}: eomgen view", line=line)
     return RobotPage(described.name, text, tuple(values["notes"]))
 
 
@@ -115,6 +111,8 @@ def contents_of_view(described: Robot) -> dict[str, Any]:
         dict(zip(("name", "link", "point"), (frame.name, *tool_place(robot, frame.name)), strict=True))
         for frame in robot.frames[:MOST_FRAMES]
     ]
+    if len(robot.frames) > MOST_FRAMES:
+        notes.append(f"positions of {MOST_FRAMES} of {len(robot.frames)} frames are shown, the first ones")
     return {
         "name": described.name,
         **geometry,
@@ -148,7 +146,7 @@ def mechanism_of(model: Model) -> dict[str, Any]:
 
 
 def _joint(joint: Joint) -> dict[str, Any]:
-    turn = _turned(np.array(joint.axis_turn))
+    turn = turned(np.array(joint.axis_turn))
     return {
         "parent": joint.parent,
         "child": joint.child,
@@ -172,12 +170,13 @@ def _loop(loop: Loop) -> dict[str, Any]:
     for axis, (name, angle) in enumerate(zip(ANGULAR, offset[3:], strict=True)):
         if name not in rigid:
             continue
+        turn = rotation(angle * np.eye(3)[axis])
         if len(rigid) == len(ANGULAR) or axis == 0:
-            first = first @ _about(axis, angle)
+            first = first @ turn
         elif axis == 1:
             sine = float(np.sin(angle))
         else:
-            second = second @ _about(axis, angle).T
+            second = second @ turn.T
     components = [
         {
             "axis": part.axis,
@@ -190,24 +189,9 @@ def _loop(loop: Loop) -> dict[str, Any]:
         "name": loop.name,
         "links": list(loop.links),
         "frames": [_flat(placed(placement)) for placement in loop.placements],
-        "turns": [_flat(_turned(first)), _flat(_turned(second))],
+        "turns": [_flat(turned(first)), _flat(turned(second))],
         "components": components,
     }
-
-
-def _about(axis: int, angle: float) -> Array:
-    i, j = (axis + 1) % 3, (axis + 2) % 3
-    R = np.eye(3)
-    R[i, i] = R[j, j] = np.cos(angle)
-    R[j, i] = np.sin(angle)
-    R[i, j] = -R[j, i]
-    return R
-
-
-def _turned(rotation: Array) -> Array:
-    pose = np.eye(4)
-    pose[:3, :3] = rotation
-    return pose
 
 
 def _flat(pose: Array) -> list[float]:
