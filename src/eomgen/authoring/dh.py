@@ -52,9 +52,10 @@ COLUMNS = (
 ASSUMED_MASS = 1.0  # kg, of links whose mass the table does not give
 ASSUMED_RADIUS = 0.05  # of the arm's length: of the ball whose inertia a link has where the table gives none
 _MOST = 1e8  # m, rad, deg, kg or kg m^2: what follows from so many rows stays within the limits of descriptions
-_SIZE = r"(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:e[+-]?[0-9]+)?"
-_NUMBER = re.compile(  # 0.5, -1e-3, pi/2, -3 pi / 4
-    rf"(?P<sign>[+-]?) *(?:(?P<factor>{_SIZE})? *\*? *(?P<pi>pi)|(?P<number>{_SIZE}))(?: */ *(?P<divisor>{_SIZE}))?"
+_SIZE = r"(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:e[+-]?[0-9]+)?"
+_NUMBER = re.compile(  # 0.5, -1e-3, pi/2, -3 pi / 4; no two repeats of blanks or digits side by side: in linear time
+    rf"(?P<sign>[+-]?) *(?:(?:(?P<factor>{_SIZE}) *)?(?:\* *)?(?P<pi>pi)|(?P<number>{_SIZE}))"
+    rf"(?: */ *(?P<divisor>{_SIZE}))?"
 )
 _SIGNS = str.maketrans({"\N{GREEK SMALL LETTER PI}": "pi", "\N{MINUS SIGN}": "-"})
 Table = str | Path | Sequence[Mapping[str, object]]
