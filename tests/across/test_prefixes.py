@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eomgen.cli.shared import say, with_micro_signs
+from eomgen.cli.shared.output import say, with_micro_signs
 from eomgen.shown import PREFIXED, interval, interval_ends, prefixed, scale_of
 
 FACTORS = {"": 1.0, "m": 1e-3, "u": 1e-6, "n": 1e-9, "p": 1e-12}

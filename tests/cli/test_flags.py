@@ -16,7 +16,7 @@ from eomgen.analysis.ports import KINDS
 from eomgen.authoring.schemas import FORMATS
 from eomgen.cli import choices
 from eomgen.cli.entry import COMMANDS, main, make_parser
-from eomgen.cli.shared import OldName
+from eomgen.cli.shared.options import OldName
 from eomgen.identification.calibration.variants import VARIANTS
 from eomgen.identification.choosing.information import CRITERIA as POSE_CRITERIA
 from eomgen.identification.choosing.proposals import MEASURES

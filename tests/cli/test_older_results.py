@@ -9,7 +9,7 @@ import pytest
 
 import eomgen
 from eomgen.cli import entry as cli
-from eomgen.cli import shared
+from eomgen.cli.shared.writing import name_older_pages
 from eomgen.files import FIGURE_ENDINGS
 from eomgen.pictures import Report, plot_result, plot_tool
 from eomgen.results.beside import BESIDE_SIMULATION, PAGE, TRAJECTORY, is_ours
@@ -94,5 +94,5 @@ def test_pages_of_older_measured_results_are_named(tmp_path: Path, capsys: pytes
     assert notes(capsys, *command, "--report", str(page)) == {REMOVED: set(), NAMED: set()}
     page.write_text("mine", encoding="ascii")
     os.utime(page, (1e9, 1e9))
-    shared.name_older_pages([chosen])
+    name_older_pages([chosen])
     assert capsys.readouterr().err == ""

@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from eomgen.cli import shared
+from eomgen.cli.shared.progress import progress_bar, stage_bar
 from eomgen.progress import told_in_lines
 
 
@@ -29,8 +29,8 @@ def test_lines_of_long_work() -> None:
 
 
 def test_short_work_and_errors_say_nothing(capsys: pytest.CaptureFixture[str]) -> None:
-    with shared.progress_bar("generating") as report:
+    with progress_bar("generating") as report:
         report(0.5, "half")
-    with pytest.raises(ZeroDivisionError), shared.stage_bar("generating") as stage:
+    with pytest.raises(ZeroDivisionError), stage_bar("generating") as stage:
         stage(str(1 // 0))
     assert capsys.readouterr().err == ""

@@ -16,7 +16,7 @@ import pytest
 import eomgen
 import eomgen.cli
 from eomgen.cli import entry
-from eomgen.cli.shared import add_old_name
+from eomgen.cli.shared.options import add_old_name
 
 GROUPS = {
     "describe": ("robots", "info", "new", "check", "schema"),

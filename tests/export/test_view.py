@@ -15,7 +15,7 @@ import pytest
 
 import eomgen
 from eomgen.cli import entry as cli
-from eomgen.cli.shared import is_result
+from eomgen.cli.shared.reading import is_result
 from eomgen.errors import InputError
 from eomgen.export.live.page import scripts_of
 from eomgen.export.live.view import RobotPage, contents_of_view, mechanism_of, robot_page, show_robot

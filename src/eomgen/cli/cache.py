@@ -5,7 +5,9 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from .shared import Command, add_json, say, show_json
+from .shared.command import Command
+from .shared.options import add_json
+from .shared.output import say, show_json
 
 
 def _add_cache(parser: argparse.ArgumentParser) -> None:

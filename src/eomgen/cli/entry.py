@@ -32,7 +32,8 @@ from . import (
     sweep,
 )
 from .completion import SHELLS, Completion
-from .shared import Command, Group, say_lines
+from .shared.command import Command, Group
+from .shared.output import say_lines
 
 OK, INPUT_ERROR, BUG = 0, 1, 70
 INTERRUPTED = 130

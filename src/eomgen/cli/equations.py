@@ -6,7 +6,10 @@ import argparse
 import sys
 from pathlib import Path
 
-from .shared import Command, add_robot, read_robot, say, show_written, stage_bar
+from .shared.command import Command
+from .shared.output import say, show_written
+from .shared.progress import stage_bar
+from .shared.reading import add_robot, read_robot
 
 
 def _add_derive(parser: argparse.ArgumentParser) -> None:

@@ -10,7 +10,11 @@ from typing import TYPE_CHECKING
 
 from ..errors import InputError
 from ..progress import StageReport
-from .shared import Command, add_robot, read_robot, real, say, show_written, stage_bar
+from .shared.command import Command
+from .shared.numbers import real
+from .shared.output import say, show_written
+from .shared.progress import stage_bar
+from .shared.reading import add_robot, read_robot
 
 if TYPE_CHECKING:
     from ..robot.value import Robot

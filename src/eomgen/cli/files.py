@@ -8,7 +8,10 @@ from pathlib import Path
 
 from ..errors import EomgenWarning, InputError
 from .choices import FORMATS
-from .shared import Command, add_json, add_reading, say, say_lines, show_json, xacro_of
+from .shared.command import Command
+from .shared.options import add_json
+from .shared.output import say, say_lines, show_json
+from .shared.reading import add_reading, xacro_of
 
 
 def _add_new(parser: argparse.ArgumentParser) -> None:

@@ -6,7 +6,10 @@ import argparse
 from pathlib import Path
 
 from ..errors import InputError
-from .shared import Command, add_robot_or_result, is_result, progress_bar, read_robot, result_path, show_written
+from .shared.command import Command
+from .shared.output import show_written
+from .shared.progress import progress_bar
+from .shared.reading import add_robot_or_result, is_result, read_robot, result_path
 
 
 def _add_live(parser: argparse.ArgumentParser) -> None:

@@ -7,19 +7,10 @@ from pathlib import Path
 
 from ..errors import InputError
 from ..results.beside import PAGE, PAGE_ENDING
-from .shared import (
-    Command,
-    add_result,
-    add_robot_of_result,
-    add_robot_or_result,
-    is_result,
-    progress_bar,
-    read_robot,
-    result_path,
-    say,
-    show_written,
-    stage_bar,
-)
+from .shared.command import Command
+from .shared.output import say, show_written
+from .shared.progress import progress_bar, stage_bar
+from .shared.reading import add_result, add_robot_of_result, add_robot_or_result, is_result, read_robot, result_path
 
 PORT = 8080  # of a view, where none is asked for
 

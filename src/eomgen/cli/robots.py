@@ -5,7 +5,11 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 
-from .shared import Command, add_json, add_robot, read_robot, show_json, show_result, stage_bar
+from .shared.command import Command
+from .shared.options import add_json
+from .shared.output import show_json, show_result
+from .shared.progress import stage_bar
+from .shared.reading import add_robot, read_robot
 
 
 def _robots(options: argparse.Namespace) -> None:

@@ -8,19 +8,13 @@ from pathlib import Path
 
 from ..errors import InputError, IntegrationStopped
 from ..results.beside import BESIDE_SIMULATION, TRAJECTORY
-from .shared import (
-    Command,
-    add_json,
-    add_names,
-    add_robot,
-    can_be_left_out,
-    progress_bar,
-    read_robot,
-    real,
-    remove_older,
-    say,
-    show_files,
-)
+from .shared.command import Command
+from .shared.numbers import real
+from .shared.options import add_json, add_names
+from .shared.output import can_be_left_out, say, show_files
+from .shared.progress import progress_bar
+from .shared.reading import add_robot, read_robot
+from .shared.writing import remove_older
 
 
 def _add_simulate(parser: argparse.ArgumentParser) -> None:

@@ -3,42 +3,35 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from ..files import check_ending
+from ..progress import StageReport
 from .choices import KINDS
-from .shared import (
-    Command,
-    add_choice,
-    add_json,
-    add_names,
-    add_old_name,
-    add_result,
-    add_robot,
-    add_robot_of_result,
-    add_state,
-    check_output,
-    coordinate_values,
-    progress_bar,
-    read_robot,
-    real,
-    result_path,
-    saved_or_drawn,
-    show_result,
-    stage_bar,
-    state_options,
-    whole,
-)
+from .shared.command import Command
+from .shared.numbers import by_name, coordinate_values, gains, real, reals, whole
+from .shared.options import add_choice, add_json, add_names, add_old_name, add_pose, add_rows
+from .shared.output import show_result
+from .shared.progress import progress_bar, stage_bar
+from .shared.reading import add_result, add_robot, add_robot_of_result, read_robot, result_path
+from .shared.writing import check_output, saved_or_drawn
 
 if TYPE_CHECKING:
     from ..robot.value import Robot
 
+_DRIVES = {
+    "locked": "locked (brakes on)",
+    "free": "free under constant forces",
+    "pd": "held by gains (pd)",
+}
+
 
 def _add_deflection(parser: argparse.ArgumentParser) -> None:
     add_robot(parser)
-    add_state(parser, choices=("locked", "pd"))
+    _add_state(parser, choices=("locked", "pd"))
     parser.add_argument(
         "--map",
         nargs=9,
@@ -61,7 +54,7 @@ def _deflection(options: argparse.Namespace) -> None:
     check_output(options, ".npz")
     robot = read_robot(options)
     with progress_bar("deflecting") as report:
-        about = state_options(options, lambda text: report(0.0, text))
+        about = _state_options(options, lambda text: report(0.0, text))
         pose = coordinate_values("pose", options.pose)
         if options.map is None:
             if options.output is not None:
@@ -81,7 +74,7 @@ def _deflection(options: argparse.Namespace) -> None:
 
 def _add_modes(parser: argparse.ArgumentParser) -> None:
     add_robot(parser)
-    add_state(parser)
+    _add_state(parser)
     path = parser.add_mutually_exclusive_group()
     about = "end of a path that begins at --pose, written as that"
     add_old_name(path, "--goal", path.add_argument("--end-pose", dest="goal", nargs="+", metavar="Q", help=about))
@@ -96,7 +89,7 @@ def _modes(options: argparse.Namespace) -> None:
     check_output(options)
     robot = read_robot(options)
     with stage_bar("linearising") as report:
-        about = state_options(options, report)
+        about = _state_options(options, report)
         if options.along is None and options.goal is None:
             at_pose = modes(robot, coordinate_values("pose", options.pose), **about)
             show_result(options, at_pose)
@@ -143,7 +136,7 @@ def _add_ports(parser: argparse.ArgumentParser) -> None:
 
 def _add_response(parser: argparse.ArgumentParser) -> None:
     add_robot(parser)
-    add_state(parser)
+    _add_state(parser)
     _add_ports(parser)
     parser.add_argument(
         "--frequencies", nargs=2, type=real, default=(1.0, 500.0), metavar="HZ", help="from, to (1 500)"
@@ -166,7 +159,7 @@ def _response(options: argparse.Namespace) -> None:
         raise InputError(f"frequencies: {low:g} to {high:g} Hz at {count} points; allowed: 0 < from < to, 2 or more")
     spaced = np.linspace if options.linear else np.geomspace
     with stage_bar("responding") as report:
-        about = state_options(options, report)
+        about = _state_options(options, report)
         frame = tool_of(robot, about.pop("frame"), "frame")
         inputs = options.input or [f"{frame}.f{axis}" for axis in "xyz"]
         outputs = options.output_of or [f"{frame}.{axis}" for axis in "xyz"]
@@ -178,7 +171,7 @@ def _response(options: argparse.Namespace) -> None:
 
 def _add_linearize(parser: argparse.ArgumentParser) -> None:
     add_robot(parser)
-    add_state(parser, drives="free")
+    _add_state(parser, drives="free")
     _add_ports(parser)
     parser.add_argument("--along", type=Path, metavar="RESULT", help="along a motion: of a simulation, at --time")
     parser.add_argument("--time", type=real, default=0.0, metavar="S", help="of the motion, s: the nearest sample (0)")
@@ -192,7 +185,7 @@ def _linearize(options: argparse.Namespace) -> None:
         check_ending(options.output, ".npz")
     robot = read_robot(options)
     with stage_bar("linearising") as report:
-        about = state_options(options, report)
+        about = _state_options(options, report)
         state: dict[str, Any] = {"pose": coordinate_values("pose", options.pose)}
         if options.along is not None:
             if options.pose is not None:
@@ -243,6 +236,46 @@ def _budget(options: argparse.Namespace) -> None:
     contributions = budget(result, read_robot(options), frame=options.frame)
     show_result(options, contributions)
     saved_or_drawn(options, contributions)
+
+
+# Options about a state of a robot
+
+
+def _add_state(
+    parser: argparse.ArgumentParser, *, drives: str = "locked", choices: Sequence[str] = tuple(_DRIVES)
+) -> None:
+    """Add options that say about which state a robot is looked at, and --json."""
+    add_pose(parser)
+    about = f"actuated joints: {', '.join(_DRIVES[name] for name in choices)} ({drives})"
+    parser.add_argument("--drives", choices=choices, default=drives, help=about)
+    parser.add_argument("--kp", nargs="+", metavar="K", help="proportional gains of pd: one number, or NAME=VALUE")
+    parser.add_argument("--kd", nargs="+", metavar="K", help="derivative gains of pd: one number, or NAME=VALUE (0)")
+    about = "coordinates that are fixed, in the place of principal ones"
+    fixed = parser.add_argument("--fixed-coordinates", dest="held", nargs="*", metavar="NAME", help=about)
+    add_old_name(parser, "--held", fixed)
+    about = "constant force and moment at a frame or link, base frame, N and N m; more than once"
+    add_rows(parser, "--load", "FRAME FX FY FZ MX MY MZ", about)
+    parser.add_argument("--frame", help="frame or link to look at (tcp, or the end of the robot)")
+    add_names(parser, "--set", "NAME=VALUE", "parameters, such as gravity.z=0", dest="parameters")
+    add_json(parser)
+
+
+def _state_options(options: argparse.Namespace, report: StageReport) -> dict[str, Any]:
+    """Return keywords that all analyses about a state take, but for the pose.
+
+    Raises:
+        InputError: a value is no number.
+    """
+    return {
+        "drives": options.drives,
+        "kp": gains("kp", options.kp),
+        "kd": gains("kd", options.kd),
+        "held": options.held,
+        "loads": {row[0]: reals("load", row[1:]) for row in options.load} or None,
+        "frame": options.frame,
+        "parameters": by_name("set", options.parameters) or None,
+        "progress": report,
+    }
 
 
 COMMANDS = (

@@ -4,7 +4,12 @@ from __future__ import annotations
 
 import argparse
 
-from .shared import Command, add_json, add_old_name, add_robot, progress_bar, read_robot, real, show_result
+from .shared.command import Command
+from .shared.numbers import real
+from .shared.options import add_json, add_old_name
+from .shared.output import show_result
+from .shared.progress import progress_bar
+from .shared.reading import add_robot, read_robot
 
 
 def _add_compare(parser: argparse.ArgumentParser) -> None:

@@ -12,18 +12,13 @@ from typing import Any
 from ..errors import InputError
 from ..optional import optional_import
 from ..results.beside import BESIDE_SWEEP, TABLE
-from .shared import (
-    Command,
-    add_json,
-    add_robot,
-    can_be_left_out,
-    progress_bar,
-    read_robot,
-    remove_older,
-    say,
-    show_files,
-    whole,
-)
+from .shared.command import Command
+from .shared.numbers import whole
+from .shared.options import add_json
+from .shared.output import can_be_left_out, say, show_files
+from .shared.progress import progress_bar
+from .shared.reading import add_robot, read_robot
+from .shared.writing import remove_older
 
 
 def _add_sweep(parser: argparse.ArgumentParser) -> None:

@@ -8,10 +8,11 @@ from pathlib import Path
 from ...errors import InputError
 from ...files import FIGURE_ENDINGS, check_ending
 from ..choices import MODES
-from ..shared import (
+from ..shared.command import Command
+from ..shared.numbers import coordinate_values, real, whole
+from ..shared.options import (
     FORCE_LIMITS,
     VELOCITY_LIMITS,
-    Command,
     add_amounts,
     add_choice,
     add_confidence,
@@ -20,28 +21,22 @@ from ..shared import (
     add_old_name,
     add_page,
     add_pose,
-    add_robot,
-    add_robot_of_result,
     add_rotation,
     add_rows,
     add_sample_time,
     add_seed,
-    check_output,
-    coordinate_values,
     keywords,
+)
+from ..shared.output import say_lines, show_json, show_written
+from ..shared.progress import progress_bar, stage_bar
+from ..shared.reading import add_robot, add_robot_of_result, read_robot
+from ..shared.writing import (
+    check_output,
     name_older_pages,
     pages_written,
-    progress_bar,
-    read_robot,
-    real,
     saved_or_drawn,
-    say_lines,
-    show_json,
     show_measured,
     show_with_page,
-    show_written,
-    stage_bar,
-    whole,
 )
 
 

@@ -9,10 +9,11 @@ from pathlib import Path
 from ...errors import InputError
 from ...files import FIGURE_ENDINGS, check_ending
 from ..choices import EXCITATION_CRITERIA, FURTHER_TERMS, SHAPES, TERMS
-from ..shared import (
+from ..shared.command import Command
+from ..shared.numbers import gains, real, reals, whole
+from ..shared.options import (
     FORCE_LIMITS,
     VELOCITY_LIMITS,
-    Command,
     add_amounts,
     add_choice,
     add_confidence,
@@ -20,24 +21,16 @@ from ..shared import (
     add_names,
     add_page,
     add_ranges,
-    add_robot,
     add_rows,
     add_sample_time,
     add_seed,
-    check_output,
-    gains,
     keywords,
     ranges_of,
-    read_robot,
-    real,
-    reals,
-    saved_or_drawn,
-    show_measured,
-    show_result,
-    show_with_page,
-    stage_bar,
-    whole,
 )
+from ..shared.output import show_result
+from ..shared.progress import stage_bar
+from ..shared.reading import add_robot, read_robot
+from ..shared.writing import check_output, saved_or_drawn, show_measured, show_with_page
 
 _MOTION, _RESULT, _SCENARIO = ".csv", ".npz", ".toml"
 _ENDINGS = (_MOTION, _RESULT, _SCENARIO, *FIGURE_ENDINGS)

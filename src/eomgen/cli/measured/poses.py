@@ -9,8 +9,9 @@ from pathlib import Path
 from ...errors import InputError
 from ...files import check_ending
 from ..choices import AXES, LOSSES, MEASURES, POSE_CRITERIA, VARIANTS
-from ..shared import (
-    Command,
+from ..shared.command import Command
+from ..shared.numbers import real, whole
+from ..shared.options import (
     add_choice,
     add_confidence,
     add_json,
@@ -18,20 +19,15 @@ from ..shared import (
     add_old_name,
     add_page,
     add_ranges,
-    add_robot,
     add_rotation,
     add_rows,
     add_seed,
-    check_output,
     keywords,
     ranges_of,
-    read_robot,
-    real,
-    saved_or_drawn,
-    show_measured,
-    stage_bar,
-    whole,
 )
+from ..shared.progress import stage_bar
+from ..shared.reading import add_robot, read_robot
+from ..shared.writing import check_output, saved_or_drawn, show_measured
 
 _CORNERS = "X0 Y0 Z0 X1 Y1 Z1"  # of a box
 
