@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import eomgen
-from eomgen.errors import ArrayError, InputError, ReachError, UnknownNameError
+from eomgen.errors import ArrayError, DescriptionError, InputError, ReachError, UnknownNameError
 from eomgen.motion import inverse_kinematics
 from tests.oracles.pinocchio_models import PinocchioOracle
 from tests.support.builds import Build
@@ -96,6 +97,37 @@ def test_deviations_stay(built: Build) -> None:
     one = list(elastic.limits)[-1]
     free = elastic.inverse_kinematics(elastic.frame_pose(begun, "tcp"), q0=begun, moving=[one])
     assert np.array_equal(free, begun)
+
+
+SPLIT_ARM = """
+name = "split_arm"
+gravity = [0.0, -9.81, 0.0]
+links = [
+  {name = "arm", mass = 1.0, inertia = {xx = 0.1, yy = 0.1, zz = 0.1}},
+  {name = "left", mass = 1.0, inertia = {xx = 0.1, yy = 0.1, zz = 0.1}},
+  {name = "right", mass = 1.0, inertia = {xx = 0.1, yy = 0.1, zz = 0.1}},
+]
+joints = [
+  {name = "joint1", parent = "base", child = "arm", type = "revolute", limits = [-2.0, 2.0]},
+  {name = "left", parent = "arm", child = "left", type = "fixed", x = {stiffness = 1e4}, gamma = {stiffness = 1e3}},
+  {name = "right", parent = "arm", child = "right", type = "fixed", x = {stiffness = 1e4}, gamma = {stiffness = 1e3}},
+]
+loops = [{name = "pin", links = ["left", "right"], type = "revolute"}]
+frames = [{name = "tcp", link = "right", placement = {xyz = [1.0, 0.0, 0.0]}}]
+"""
+
+
+def test_deviations_stay_where_loops_need_them(built: Build, tmp_path: Path) -> None:
+    path = tmp_path / "split_arm.toml"
+    path.write_text(SPLIT_ARM)
+    robot = eomgen.load_robot(path)
+    with pytest.raises(DescriptionError, match="do not move against each other"):
+        eomgen.build(robot.rigid(), kernels=("kinematics",))
+    kernel = built(robot)
+    assert kernel.limits == {"joint1.gamma": (-2.0, 2.0)}
+    q = kernel.inverse_kinematics([np.cos(0.7), np.sin(0.7), 0.0])
+    assert abs(q[0] - 0.7) < 1e-10
+    assert not q[1:].any()
 
 
 def test_motors_turn_with_their_joints(built: Build) -> None:

@@ -7,7 +7,7 @@ Each rule returns the place and the message of the first conflict, so that reade
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from ..names import joint_of, kind_of, listed, nearest, show
@@ -127,6 +127,21 @@ def _coupling_refusals(robot: Robot, coupling: Coupling, known: tuple[str, ...])
     conflict = cut_conflict(coupling.law)
     if conflict is not None:
         yield ".".join(filter(None, (where, conflict[0]))), conflict[1]
+
+
+def driven_coordinates(robot: Robot, coordinates: Iterable[str]) -> list[str]:
+    """Return those of some coordinates that are actuated: motors, and principal ones without, in their order.
+
+    None that is prescribed or follows others in a rigid coupling.  Where the description names them, those: a motor in
+    the place of the coordinate that it drives, a leader in that of its follower.
+    """
+    if robot.driven is not None:
+        drives = {drive_of(robot, leading_coordinate(robot, name)) for name in robot.driven}
+        return [name for name in coordinates if name in drives]
+    principal = [f"{joint.name}.{PRINCIPAL[joint.type]}" for joint in robot.joints if PRINCIPAL.get(joint.type)]
+    drives = {drive_of(robot, name) for name in principal}
+    drives -= {coupling.of for coupling in robot.couplings if coupling.law is None}
+    return [name for name in coordinates if name in drives and not coordinate_of(robot, name).prescribed]
 
 
 def leading_coordinate(robot: Robot, name: str) -> str:

@@ -28,9 +28,10 @@ from ..names import (
     show,
 )
 from ..once import kept
+from .coordinates import coordinate_names
 from .cuts import CUTS, rigid_components
 from .laws import ARMATURE, Conflict
-from .mechanism import coordinate_of, drive_of, leading_coordinate, leading_home, mechanism_conflict, position_limits
+from .mechanism import coordinate_of, driven_coordinates, leading_home, mechanism_conflict, position_limits
 from .parameter_names import number_of
 from .rules import coordinate_conflict, cut_conflict, motor_conflict, unmoved
 from .value import ANGULAR, COORDINATES, MOTOR, PRINCIPAL, Coordinate, Coupling, Joint, Loop, Robot
@@ -177,18 +178,8 @@ class Model:
 
     @property
     def driven(self) -> tuple[int, ...]:
-        """Indices of the actuated coordinates: motors, and principal ones without.
-
-        None that is prescribed or follows others in a rigid coupling.  Where the description names them, those: a motor
-        in the place of the coordinate that it drives, a leader in that of its follower.
-        """
-        if self.robot.driven is not None:
-            drives = (drive_of(self.robot, leading_coordinate(self.robot, name)) for name in self.robot.driven)
-            return tuple(sorted(map(self.coordinates.index, drives)))
-        behind = self.motors.values()
-        driving = sorted({*self.principal, *self.motors}.difference(behind))
-        following = {coupling.of for coupling in self.robot.couplings if coupling.law is None}
-        return tuple(i for i in driving if i not in self.prescribed and self.coordinates[i] not in following)
+        """Indices of the actuated coordinates, see ``mechanism.driven_coordinates``."""
+        return tuple(map(self.coordinates.index, driven_coordinates(self.robot, self.coordinates)))
 
     @property
     def home(self) -> tuple[float, ...]:
@@ -419,18 +410,16 @@ def movable_limits(robot: Robot) -> dict[str, tuple[float, float]]:
     """Return limits, m or rad, between which inverse kinematics moves coordinates, by name; infinite without any.
 
     They are those that a reference moves, but for the coordinates of free joints, and in a closed mechanism the others
-    of the rigid robot, which follow.  There are none where couplings and loops need deviations, so that there is no
-    rigid robot.
+    of the rigid robot, which follow.  Deviations are not among them, even where loops need them, so that equations of
+    the rigid robot cannot be derived.
     """
-    try:
-        driven = program_coordinates(robot)
-    except DescriptionError:
-        return {}
+    rigid = robot.rigid()
+    followers = rigid.followers
+    names = [x for x in coordinate_names(rigid) if x not in followers and not coordinate_of(rigid, x).prescribed]
+    driven = driven_coordinates(rigid, names) if robot.is_closed else names
     limits = {name: ends for name in driven if (ends := position_limits(robot, name)) is not None}
     if robot.is_closed and driven:
-        model = build_model(robot.rigid())
-        others = [name for i, name in enumerate(model.coordinates) if i not in model.prescribed and name not in driven]
-        limits |= dict.fromkeys(others, (-math.inf, math.inf))
+        limits |= {name: (-math.inf, math.inf) for name in names if name not in driven}
     return limits
 
 
