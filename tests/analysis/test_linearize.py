@@ -251,7 +251,8 @@ def test_input_that_is_refused() -> None:
         ),
         (lambda: h1([0, 1, 2], [1, 2, 3], [1, 2]), ArrayError, "one shape"),
         (lambda: h1([0, 1, 3], [1, 2, 3], [1, 2, 3]), InputError, "constant step"),
-        (lambda: h1([0, 1, 2], [1, 2, np.nan], [1, 2, 3]), ArrayError, "finite"),
+        (lambda: h1([0, 1, 2], [1, 2, np.nan], [1, 2, 3]), ArrayError, "force: .* not finite"),
+        (lambda: h1([0, 1, 2], [1, 2, 3], ["1", "2", "3"]), ArrayError, "motion: .*; allowed: finite numbers"),
         (lambda: h1(np.arange(9.0), np.ones(9), np.ones(9), segment=20), InputError, "segment: 20"),
     ):
         with pytest.raises(kind, match=words):

@@ -205,6 +205,14 @@ def test_orientations_that_cannot_be_used(ur5: eomgen.Kernel) -> None:
     ):
         with pytest.raises(ArrayError, match=r"(times|points): .*allowed"):
             ToolSpline(ur5, "tcp", points, times, **options)
+    with pytest.raises(ArrayError, match=r"^times: .* has numbers that are not finite; allowed: .* that rise, s$"):
+        ToolSpline(ur5, "tcp", ends, [0.0, np.inf], **options)
+    with pytest.raises(ArrayError, match=r"^points: 'here'; allowed: finite numbers \(2, 3\), m$"):
+        ToolSpline(ur5, "tcp", "here", [0.0, 1.0], **options)
+    with pytest.raises(ArrayError, match=r"^begin: \['a', 0.0, 0.0\]; allowed: three finite numbers, m$"):
+        ToolLine(ur5, "tcp", ["a", 0.0, 0.0], ends[1], 1.0, **options)
+    with pytest.raises(ArrayError, match=r"^end: got shape \(2,\); allowed: three finite numbers, m$"):
+        ToolLine(ur5, "tcp", ends[0], [0.4, 0.2], 1.0, **options)
 
 
 @pytest.mark.soak

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,10 @@ WRONG: tuple[Any, ...] = (
     *(np.array(["a"]), [[1], [1, 2]], 1j, b"x", True, (), {1: 2}, 2**40 + 0.5, [None], "\x1b[2J"),
 )
 FIXED, CHOSEN = {"dt": 1e-3, "steps": 3}, {"method": "tsit5", "duration": 1e-2, "samples": 2}
+MAPPINGS: dict[str, Callable[[Kernel], str]] = {  # arguments that may be values by name, and such a name
+    "wrench": lambda kernel: kernel.frames[0],
+    "limits": lambda kernel: kernel.coordinates[0],
+}
 NOT_CALLED = ("bind", "refuse_not_finite")  # of modules, and of arrays alone
 
 
@@ -41,6 +45,8 @@ def calls(kernel: Kernel, steps: dict[str, Any]) -> Iterator[tuple[str, dict[str
         needed = {key: given.get(key, still) for key, x in parameters if x.default is x.empty and x.kind not in (2, 4)}
         if name.startswith("rollout"):
             needed |= steps
+        if name == "inverse_kinematics":
+            needed |= {"pose": kernel.frame_pose(kernel.home, kernel.frames[0]), "starts": 1}
         if name == "rollout_gradient":
             needed["loss"] = lambda q, v: (0.0, np.zeros_like(q), np.zeros_like(v))
         yield name, needed
@@ -51,7 +57,8 @@ def test_any_argument_is_taken_or_refused(kernel: Kernel, steps: dict[str, Any])
     tried, wrong = 0, []
     for name, needed in calls(kernel, steps):
         for key, parameter in list(inspect.signature(getattr(type(kernel), name)).parameters.items())[1:]:
-            for value in () if parameter.kind in (2, 4) else WRONG:
+            values = () if parameter.kind in (2, 4) else WRONG
+            for value in (*values, *({MAPPINGS[key](kernel): x} for x in values if key in MAPPINGS)):
                 tried += 1
                 given = {k: x.copy() if isinstance(x, np.ndarray) else x for k, x in {**needed, key: value}.items()}
                 try:

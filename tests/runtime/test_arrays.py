@@ -10,6 +10,7 @@ import pytest
 
 import eomgen
 from eomgen.errors import ArrayError, InputError, UnknownNameError
+from eomgen.runtime.arrays import numbers_in
 from tests.support.builds import Build
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
@@ -70,6 +71,16 @@ def test_what_is_no_vector_is_refused(value: Any, got: str, kernel: eomgen.Kerne
         message = refusal(call)
         assert message.startswith(f"q: {VECTOR}, got {got}")
     assert refusal(lambda: kernel.inverse_dynamics(Q, V, value)).startswith(f"a: {VECTOR}, got {got}")
+
+
+def test_columns_of_a_table_are_vectors(kernel: eomgen.Kernel) -> None:
+    """Series of pandas have a method ``mask`` and are no masked arrays."""
+    pandas = pytest.importorskip("pandas")
+    column = pandas.DataFrame({"q": Q})["q"]
+    assert np.array_equal(kernel.mass_matrix(column), kernel.mass_matrix(Q))
+    assert np.array_equal(numbers_in("q", column, "numbers"), Q)
+    with pytest.raises(ArrayError, match=r"^q: .*; allowed: numbers$"):
+        numbers_in("q", np.ma.array(Q), "numbers")
 
 
 @pytest.mark.parametrize(

@@ -156,6 +156,44 @@ def test_float32(built: Build) -> None:
     assert caught.value.q[0] <= 0.4
 
 
+def test_what_is_no_number_is_shown(built: Build) -> None:
+    kernel = built(eomgen.load_robot("ur5"), "kinematics")
+    point = np.array([0.3, 0.2, 0.4])
+    for pose, said in (
+        ("here", "'here'; allowed"),
+        (["0.3", "0.2", "0.4"], r"\['0.3', '0.2', '0.4'\]; allowed"),
+        (point + 1j, r"array\(\[0.3\+1.j, .*allowed"),
+        (np.ma.array(point, mask=[True, False, False]), "masked_array.*allowed"),
+        ([0.3, np.nan, 0.4], r"\[0.3, nan, 0.4\] has numbers that are not finite; allowed"),
+        ([1e160, 0.2, 0.4], r"\[1e\+160, 0.2, 0.4\]; allowed: .*up to 1e\+30 m"),
+        (2.0 * np.eye(4), r"its last row is \[0.0, 0.0, 0.0, 2.0\]; allowed"),
+    ):
+        with pytest.raises(ArrayError, match=f"^pose: {said}"):
+            kernel.inverse_kinematics(pose)
+    for begun, said in (
+        ("x", "'x'"),
+        ([np.nan] * 6, r"\[nan, .* has numbers that are not finite"),
+        ([0.0], "got shape"),
+    ):
+        with pytest.raises(ArrayError, match=rf"^q0: {said}.*; allowed: finite numbers \(6,\)$"):
+            kernel.inverse_kinematics(point, q0=begun)
+    ranges = np.tile([-1.0, 1.0], (6, 1))
+    for pair in ([np.nan, 1.0], [1.0, -1.0], [np.inf, np.inf], [-np.inf, -np.inf]):
+        ranges[2] = pair
+        for limits in (ranges, {"joint3.gamma": pair}):
+            with pytest.raises(ArrayError, match=r"^limits: joint3.gamma: \[.*\]; allowed: "):
+                kernel.inverse_kinematics(point, limits=limits)
+        with pytest.raises(ArrayError, match=r"^limits: joint3.gamma: \[.*\]; allowed: "):
+            inverse_kinematics(kernel, point, limits=ranges)
+    with pytest.raises(ArrayError, match=r"^limits: 'x'; allowed"):
+        inverse_kinematics(kernel, point, limits="x")
+    single = built(eomgen.load_robot("ur5"), "kinematics", dtype="float32")
+    with pytest.raises(ArrayError, match=r"^q0: .*allowed: .*up to 3.4e\+38 \(float32\)"):
+        single.inverse_kinematics(point, q0=[1e300] * 6)
+    wide = np.tile([-1e300, 1e300], (6, 1))
+    assert single.inverse_kinematics(point, limits=wide).dtype == np.float32
+
+
 def test_what_cannot_be_asked(built: Build) -> None:
     kernel = built(eomgen.load_robot("ur5"), "kinematics")
     for wrong in (np.eye(3)[:2, :2], np.full(3, np.nan), "here", 2.0 * np.eye(4), np.diag([1.0, 1.0, -1.0, 1.0])):

@@ -148,7 +148,7 @@ def test_what_cannot_be_given(built: Build) -> None:
         kernel.forward_dynamics(q, q, q, wrench={"base": np.zeros(6)})
     with pytest.raises(UnknownNameError, match=r"wrench: 3 is unknown; known: tcp, link1"):
         kernel.external_force(q, {3: np.zeros(6)})  # type: ignore[dict-item]
-    for wrong in ([1.0, 2.0], "hard", None, [np.nan] * 6, 3.0):
+    for wrong in ([1.0, 2.0], "hard", None, [np.nan] * 6, 3.0, ["1"] * 6, [1j] * 6, np.ma.zeros(6)):
         with pytest.raises(ArrayError, match=r"wrench: tcp: .*allowed: six finite numbers"):
             kernel.reactions(q, q, q, wrench={"tcp": wrong})  # type: ignore[dict-item]
     with pytest.raises(ArrayError, match=r"wrench: tcp: leading axes|wrench: tcp: 3 states, but 2"):

@@ -21,7 +21,7 @@ from ..progress import StageReport
 from ..results.kinds import Kind, SavedColumns, declare
 from ..results.stored import Stored
 from ..robot.coordinates import force_unit_of
-from ..runtime.inverse_kinematics.rotations import as_floats
+from ..runtime.arrays import numbers_in
 from ..shown import Plotting, Shown
 from ..tabular import Rows, TableColumn, Tabular
 from .at_rest import system_at_rest
@@ -207,11 +207,10 @@ def h1(
     """
     with optional_import("SciPy", "H1 of signals needs"):
         from scipy import signal
-    times, f, x = (as_floats(values) for values in (t, force, motion))
+    signals = {"t": t, "force": force, "motion": motion}
+    times, f, x = (numbers_in(name, values, "finite numbers (T,)") for name, values in signals.items())
     if not (times.ndim == 1 and times.shape == f.shape == x.shape and len(times) > 2):
         raise ArrayError(f"t, force, motion: shapes {times.shape}, {f.shape}, {x.shape}; allowed: one shape (T,)")
-    if not all(np.isfinite(values).all() for values in (times, f, x)):
-        raise ArrayError("t, force, motion: hold NaN or infinity; numbers must be finite")
     steps = np.diff(times)
     step = float(steps.mean())
     if not (step > 0.0 and np.abs(steps - step).max() <= 1e-6 * step):

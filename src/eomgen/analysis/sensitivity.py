@@ -15,7 +15,7 @@ from ..names import joint_of, kind_of, parameter_name
 from ..pipeline.stages import build
 from ..robot.model import build_model
 from ..robot.value import COORDINATES, Coordinate
-from ..runtime.inverse_kinematics.rotations import as_floats
+from ..runtime.arrays import numbers_in
 
 
 def offset_sensitivity(
@@ -48,7 +48,7 @@ def offset_sensitivity(
     kernel = build(whole, kernels=("kinematics",))
     active = build_model(robot).coordinates
     kernel.parameters.update({name: value for name, value in (parameters or {}).items() if name in kernel.parameters})
-    states = as_floats(q)
+    states = numbers_in("q", q, f"finite numbers of shape ({len(active)},) or (N, {len(active)})")
     if states.shape[-1:] != (len(active),) or states.ndim > 2:
         raise ArrayError(f"q: expected shape ({len(active)},) or (N, {len(active)}), got {states.shape}")
     full = np.zeros((*states.shape[:-1], kernel.n))

@@ -6,12 +6,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array
-from ..errors import ArrayError, InputError, check_kind
+from ..errors import InputError, check_kind
 from ..robot.mechanism import leading_home
 from ..robot.model import program_coordinates, tool_of
 from ..robot.value import Robot
-from ..runtime.inverse_kinematics.kernel_method import reach_all, starting_states, targets_of, tool_frame
-from ..runtime.inverse_kinematics.rotations import as_floats
+from ..runtime.inverse_kinematics.kernel_method import limits_of_all, reach_all, starting_states, targets_of, tool_frame
 from ..runtime.kernel import Kernel
 from ..state.motors import turn_motors
 from ..state.vectors import prescribed_mask
@@ -101,9 +100,7 @@ def _between(kernel: Kernel, robot: Robot | None, driven: set[str], start: Array
         bounds = limits_beside(robot, kernel.coordinates, driven, start)
         stays = stays | (bounds[:, 0] == bounds[:, 1])
     if not isinstance(limits, bool):
-        bounds = as_floats(limits)
-        if bounds.shape != (kernel.n, 2) or not (bounds[:, 0] <= bounds[:, 1]).all():
-            raise ArrayError(f"limits: got shape {bounds.shape}; allowed: ({kernel.n}, 2), lower and upper ones")
+        bounds = limits_of_all(kernel, limits)
     elif not limits:
         bounds = np.tile([-np.inf, np.inf], (kernel.n, 1))
     bounds[stays] = start[stays, np.newaxis]

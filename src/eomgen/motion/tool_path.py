@@ -14,6 +14,7 @@ from ..errors import ArrayError, InputError, ReachError
 from ..forms.unusual_sizes import is_unusual, unit_question
 from ..names import show
 from ..optional import optional_import
+from ..runtime.arrays import numbers_in
 from ..runtime.inverse_kinematics.reaching import (
     Reached,
     Target,
@@ -24,7 +25,7 @@ from ..runtime.inverse_kinematics.reaching import (
     unreached,
     within_limits,
 )
-from ..runtime.inverse_kinematics.rotations import as_floats, rotation_matrices
+from ..runtime.inverse_kinematics.rotations import rotation_matrices
 from ..runtime.kernel import Kernel
 from ..runtime.stepping.input_signals import Signal
 from .point_to_point import PointToPoint
@@ -250,11 +251,14 @@ class ToolSpline(Spline):
         limits: Array,
         orientation: Literal["keep"] | ArrayLike | None = None,
     ) -> None:
-        knots, places = np.asarray(times, dtype=np.float64), np.asarray(points, dtype=np.float64)
-        if knots.ndim != 1 or knots.size < 2 or not (np.diff(knots) > 0.0).all() or not np.isfinite(knots).all():
-            raise ArrayError("times: allowed: two or more finite numbers that rise, s")
-        if places.shape != (knots.size, 3) or not np.isfinite(places).all():
-            raise ArrayError(f"points: got shape {places.shape}; allowed: finite numbers ({knots.size}, 3), m")
+        rising = "two or more finite numbers that rise, s"
+        knots = numbers_in("times", times, rising)
+        if knots.ndim != 1 or knots.size < 2 or not (np.diff(knots) > 0.0).all():
+            raise ArrayError(f"times: {show(times)}; allowed: {rising}")
+        allowed = f"finite numbers ({knots.size}, 3), m"
+        places = numbers_in("points", points, allowed)
+        if places.shape != (knots.size, 3):
+            raise ArrayError(f"points: got shape {places.shape}; allowed: {allowed}")
         pieces = max(FEWEST, -(-(POINTS - 1) // (knots.size - 1)))
         t = np.interp(np.arange(pieces * (knots.size - 1) + 1) / pieces, np.arange(knots.size), knots)
         way = Spline(knots, places, at_rest=True).at(t)[0]
@@ -371,7 +375,8 @@ def far_point(target: Target) -> str:
 
 
 def space_point(label: str, value: ArrayLike) -> Array:
-    point = as_floats(value)
-    if point.shape != (3,) or not np.isfinite(point).all():
-        raise ArrayError(f"{label}: {value!r}; allowed: three finite numbers, m")
+    allowed = "three finite numbers, m"
+    point = numbers_in(label, value, allowed)
+    if point.shape != (3,):
+        raise ArrayError(f"{label}: got shape {point.shape}; allowed: {allowed}")
     return point

@@ -141,7 +141,7 @@ class Arrays:
             raise ArrayError(
                 f"{label}: expected {self._expected(shape)}, got {type(value).__name__} ({error})"
             ) from None
-        if getattr(value, "mask", None) is not None:
+        if is_masked(value):
             raise ArrayError(f"{label}: expected {self._expected(shape)}, got a masked array; fill what is masked")
         plain = not isinstance(value, np.ndarray) and array.dtype in (np.float64, np.int64)  # Python's own numbers
         if array.dtype.kind not in "fiub" or not (plain or np.can_cast(array.dtype, self.dtype, "safe")):
@@ -192,6 +192,34 @@ def names_in(label: str, value: Any) -> list[str]:
         if not isinstance(name, str):
             raise InputError(f"{label}: {show(name)} is no name; allowed: a sequence of names")
     return names
+
+
+def numbers_in(label: str, value: Any, allowed: str, *, finite: bool = True) -> Array:
+    """Return a value as a new array of float64, of whatever shape.
+
+    Args:
+        label, allowed: begin and end the message.
+        finite: whether NaN and infinity are refused.
+
+    Raises:
+        ArrayError: it is no array of real numbers, some are masked, or one is not finite.
+    """
+    try:
+        array = np.asarray(value)
+    except (TypeError, ValueError, OverflowError):
+        array = np.zeros(0, object)
+    if array.dtype.kind not in "fiub" or is_masked(value):
+        raise ArrayError(f"{label}: {show(value)}; allowed: {allowed}")
+    with np.errstate(over="ignore"):  # of wider numbers; what becomes infinite is refused
+        numbers = np.array(array, np.float64)
+    if finite and not np.isfinite(numbers).all():
+        raise ArrayError(f"{label}: {show(value)} has numbers that are not finite; allowed: {allowed}")
+    return numbers
+
+
+def is_masked(value: Any) -> bool:
+    """Return True of NumPy's masked arrays, without an import of them; pandas has methods of that name."""
+    return isinstance(value, np.ndarray) and getattr(value, "mask", None) is not None
 
 
 def is_finite(array: Array) -> bool:

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import ArrayError, InputError, UnknownNameError
 from ..names import joint_of, listed, nearest_or_all, parameter_name, show
-from .arrays import joint_lead
+from .arrays import joint_lead, numbers_in
 from .calls import Calls
 from .compiled_code import CompiledCode
 from .raw import Array
@@ -322,13 +322,8 @@ def _centre_of_mass(calls: Calls, link: str) -> Array:
 
 def wrench_numbers(calls: Calls, name: str, value: Any) -> Array:
     """Return a wrench as an array of the kernel's dtype, (6,) or (..., 6)."""
-    try:
-        numbers = np.asarray(value, np.float64)
-    except (TypeError, ValueError):
-        numbers = np.zeros(0)
+    numbers = numbers_in(f"wrench: {name}", value, ALLOWED, finite=calls.checks)
     if not numbers.ndim or numbers.shape[-1] != 6:
         raise ArrayError(f"wrench: {name}: got {show(value)}; allowed: {ALLOWED}")
-    if calls.checks and not np.isfinite(numbers).all():
-        raise ArrayError(f"wrench: {name}: {show(value)} is not finite; allowed: {ALLOWED}")
     with np.errstate(over="ignore"):
         return np.asarray(numbers, calls.dtype)

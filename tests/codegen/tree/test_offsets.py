@@ -170,6 +170,8 @@ def test_refusals() -> None:
     robot = eomgen.load_robot("puma560")
     with pytest.raises(ArrayError, match=r"q: expected shape \(6,\) or \(N, 6\), got \(5,\)"):
         offset_sensitivity(robot, np.zeros(5), "tcp")
+    with pytest.raises(ArrayError, match=r"^q: 'home'; allowed: finite numbers of shape \(6,\) or \(N, 6\)$"):
+        offset_sensitivity(robot, "home", "tcp")  # type: ignore[arg-type]
     with pytest.raises(UnknownNameError, match="tcpp"):
         offset_sensitivity(robot, np.zeros(6), "tcpp")
     text = 'name = "r"\n[[links]]\nname = "a"\nmass = 1.0\n[[joints]]\nname = "j"\nparent = "base"\nchild = "a"\n'

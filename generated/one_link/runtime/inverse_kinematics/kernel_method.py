@@ -9,12 +9,17 @@ from numpy.typing import ArrayLike
 
 from ...errors import ArrayError, InputError, UnknownNameError
 from ...names import joint_of, listed, nearest_or_all, show
-from ..arrays import names_in
+from ..arrays import names_in, numbers_in
 from ..by_name import NamedViews
 from .reaching import GUESSES, ClosedKinematics, Target, search, unreached
-from .rotations import Array, as_floats, rotation_matrices
+from .rotations import Array, rotation_matrices
 
 MOST_STARTS = 100_000
+FARTHEST = 1e30  # m: as of all numbers that descriptions may have
+POSES = (
+    "finite numbers (..., 4, 4) with [0, 0, 0, 1] in the last row, or points (..., 3), with coordinates up to"
+    f" {FARTHEST:g} m"
+)
 
 
 class InverseKinematics(ClosedKinematics, NamedViews):
@@ -93,25 +98,24 @@ class InverseKinematics(ClosedKinematics, NamedViews):
 
     def _limits(self, limits: bool | ArrayLike | Mapping[str, ArrayLike], moving: Iterable[str] | None) -> Array:
         """Return lower and upper limits, (n, 2), with NaN where a coordinate stays."""
-        own = self.limits
-        known = dict.fromkeys([*map(joint_of, own), *self.coordinates])
+        described = self.limits
+        known = dict.fromkeys([*map(joint_of, described), *self.coordinates])
         between = np.tile([-np.inf, np.inf], (self.n, 1))
         if isinstance(limits, Mapping) or limits is True:
-            for name, ends in own.items():
+            for name, ends in described.items():
                 between[self.coordinates.index(name)] = ends
         if isinstance(limits, Mapping):
-            for name, given in limits.items():
-                pair = as_floats(given)
-                if pair.shape != (2,) or not pair[0] <= pair[1]:
-                    raise ArrayError(f"limits: {name}: {show(given)}; allowed: a lower and an upper number, m or rad")
+            allowed = "a lower and an upper number, m or rad"
+            for name, wanted in limits.items():
+                pair = numbers_in(f"limits: {name}", wanted, allowed, finite=False)
+                if pair.shape != (2,) or not are_limits(pair):
+                    raise ArrayError(f"limits: {name}: {show(wanted)}; allowed: {allowed}")
                 for place in self._places("limits", name, known):
                     between[place] = pair
         elif not isinstance(limits, bool):
-            between = as_floats(limits)
-            if between.shape != (self.n, 2) or not (between[:, 0] <= between[:, 1]).all():
-                raise ArrayError(f"limits: got shape {between.shape}; allowed: ({self.n}, 2), lower and upper ones")
+            between = limits_of_all(self, limits)
         names = (
-            list(own or self.coordinates)
+            list(described or self.coordinates)
             if moving is None
             else names_in("moving", [moving] if isinstance(moving, str) else moving)
         )
@@ -153,8 +157,8 @@ def reach_all(
         ReachError: one is not reached.
     """
     solution = np.empty((len(targets), kernel.n), kernel.dtype)
-    for k, (target, start, given) in enumerate(zip(targets, begun, limits, strict=True)):
-        between = np.where(np.isnan(given), start[:, np.newaxis], _held_exactly(given, kernel.dtype))
+    for k, (target, start, ends) in enumerate(zip(targets, begun, limits, strict=True)):
+        between = np.where(np.isnan(ends), start[:, np.newaxis], _held_exactly(ends, kernel.dtype))
         reached, is_there = search(kernel, target, start, between, starts)
         if not is_there:
             place = f" (pose {[int(i) for i in np.unravel_index(k, lead)]})" if len(lead) else ""
@@ -165,12 +169,35 @@ def reach_all(
 
 
 def _held_exactly(limits: Array, dtype: np.dtype[np.floating]) -> Array:
-    """Return limits that a dtype holds exactly, within the given ones."""
-    rounded = limits.astype(dtype)
+    """Return limits that a dtype holds exactly, within them."""
+    with np.errstate(over="ignore"):  # what becomes infinite is brought within
+        rounded = limits.astype(dtype)
     low, high = rounded[..., 0], rounded[..., 1]
     low = np.where(low < limits[..., 0], np.nextafter(low, dtype.type(np.inf)), low)
     high = np.where(high > limits[..., 1], np.nextafter(high, dtype.type(-np.inf)), high)
     return np.stack([low, high], axis=-1).astype(np.float64)
+
+
+def limits_of_all(kernel: ClosedKinematics, value: ArrayLike) -> Array:
+    """Return lower and upper limits of all coordinates, (n, 2).
+
+    Raises:
+        ArrayError: they are none; the first pair that is none is named.
+    """
+    allowed = f"lower and upper numbers, ({kernel.n}, 2), m or rad"
+    limits = numbers_in("limits", value, allowed, finite=False)
+    if limits.shape != (kernel.n, 2):
+        raise ArrayError(f"limits: got shape {limits.shape}; allowed: {allowed}")
+    for name, pair in zip(kernel.coordinates, limits, strict=True):
+        if not are_limits(pair):
+            raise ArrayError(f"limits: {name}: {show(pair.tolist())}; allowed: {allowed}")
+    return limits
+
+
+def are_limits(pair: Array) -> bool:
+    """Return whether a finite number is between two."""
+    low, high = pair
+    return bool(low <= high and low < np.inf and high > -np.inf)
 
 
 def tool_frame(kernel: ClosedKinematics, frame: str | None) -> str:
@@ -188,15 +215,17 @@ def targets_of(tool: str, pose: ArrayLike) -> tuple[list[Target], tuple[int, ...
     Raises:
         ArrayError: they are none.
     """
-    numbers = as_floats(pose)
-    if numbers.ndim and numbers.shape[-1] == 3 and np.isfinite(numbers).all():
+    numbers = numbers_in("pose", pose, POSES)
+    if np.abs(numbers).max(initial=0.0) > FARTHEST:
+        raise ArrayError(f"pose: {show(pose)}; allowed: {POSES}")
+    if numbers.ndim and numbers.shape[-1] == 3:
         return [Target(tool, point) for point in numbers.reshape(-1, 3)], numbers.shape[:-1]
-    whole = numbers.ndim > 1 and numbers.shape[-2:] == (4, 4) and np.isfinite(numbers).all()
-    if not whole or np.abs(numbers[..., 3, :] - [0.0, 0.0, 0.0, 1.0]).max(initial=0.0) > 0.0:
-        raise ArrayError(
-            f"pose: got shape {numbers.shape}; allowed: finite numbers (..., 4, 4) with [0, 0, 0, 1] in the last row,"
-            " or points (..., 3)"
-        )
+    if numbers.shape[-2:] != (4, 4):
+        raise ArrayError(f"pose: got shape {numbers.shape}; allowed: {POSES}")
+    last = numbers[..., 3, :].reshape(-1, 4)
+    wrong = last[(last != [0.0, 0.0, 0.0, 1.0]).any(axis=-1)]
+    if wrong.size:
+        raise ArrayError(f"pose: its last row is {show(wrong[0].tolist())}; allowed: {POSES}")
     lead = numbers.shape[:-2]
     axes = rotation_matrices("pose", numbers[..., :3, :3], lead).reshape(-1, 3, 3)
     points = numbers[..., :3, 3].reshape(-1, 3)
@@ -209,7 +238,12 @@ def starting_states(kernel: ClosedKinematics, label: str, value: ArrayLike, lead
     Raises:
         ArrayError: they are none; the message begins with the label.
     """
-    states, whole = as_floats(value), (*lead, kernel.n)
-    if states.shape not in ((kernel.n,), whole) or not np.isfinite(states).all():
-        raise ArrayError(f"{label}: got shape {states.shape}; allowed: finite numbers ({kernel.n},) or {whole}")
+    whole = (*lead, kernel.n)
+    allowed = f"finite numbers ({kernel.n},){f' or {whole}' if len(lead) else ''}"
+    states = numbers_in(label, value, allowed)
+    if states.shape not in ((kernel.n,), whole):
+        raise ArrayError(f"{label}: got shape {states.shape}; allowed: {allowed}")
+    largest = np.finfo(kernel.dtype).max
+    if (np.abs(states) > largest).any():
+        raise ArrayError(f"{label}: {show(value)}; allowed: {allowed}, up to {largest:.2g} ({kernel.dtype})")
     return np.broadcast_to(states, whole).reshape(-1, kernel.n)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...errors import ArrayError
-from ...names import show
+from ..arrays import numbers_in
 
 Array = NDArray[np.float64]
 
@@ -46,10 +46,10 @@ def rotation_matrices(label: str, value: ArrayLike, lead: Sequence[int] = ()) ->
     Raises:
         ArrayError: another shape, or axes that are not orthogonal, of length 1 and right-handed.
     """
-    matrices = as_floats(value)
-    if matrices.shape != (*lead, 3, 3) or not np.isfinite(matrices).all():
-        wanted = ", ".join(map(str, (*lead, 3, 3)))
-        raise ArrayError(f"{label}: got {show(type(value).__name__)}; allowed: rotations, finite numbers ({wanted})")
+    allowed = f"rotations, finite numbers ({', '.join(map(str, (*lead, 3, 3)))})"
+    matrices = numbers_in(label, value, allowed)
+    if matrices.shape != (*lead, 3, 3):
+        raise ArrayError(f"{label}: got shape {matrices.shape}; allowed: {allowed}")
     error = np.abs(matrices @ np.swapaxes(matrices, -1, -2) - np.eye(3)).max(axis=(-1, -2))
     wrong = np.argwhere((error > ORTHOGONAL) | (np.linalg.det(matrices) < 0.0))
     if len(wrong):
@@ -57,11 +57,3 @@ def rotation_matrices(label: str, value: ArrayLike, lead: Sequence[int] = ()) ->
         raise ArrayError(f"{label}{place}: is no rotation; allowed: orthogonal axes of length 1, right-handed")
     U, _, Vt = np.linalg.svd(matrices)
     return np.asarray(U @ Vt)
-
-
-def as_floats(value: ArrayLike) -> Array:
-    """Return a value as a new array of floats; an empty one, of shape (0,), where it is none."""
-    try:
-        return np.array(value, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):  # an integer beyond the largest float
-        return np.zeros(0)
