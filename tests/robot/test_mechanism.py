@@ -14,9 +14,11 @@ from eomgen.analysis.holding import pose_of
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import DescriptionError
 from eomgen.motion.ends import default_motion
-from eomgen.robot.model import build_model
+from eomgen.robot.model import build_model, movable_coordinates, program_coordinates, rigid_coordinates
 from eomgen.robot.record import record_of, robot_hash, robot_of
 from eomgen.robot.value import Robot
+from tests.support.random_mechanisms import mechanism
+from tests.support.random_robots import random_robot
 
 ARM = """
 name = "arm"
@@ -76,6 +78,21 @@ def test_the_rigid_robot_keeps_the_drives_that_move() -> None:
     assert dict(robot.rigid().home) == {"shoulder.gamma": 0.5}
     assert driven(robot.rigid()) == ["shoulder.gamma"]
     assert read().rigid().driven is None
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_rigid_robot_s_coordinates_are_those_of_its_model(seed: int) -> None:
+    for robot in (random_robot(seed), mechanism(seed).robot, mechanism(seed + 20).robot):
+        if not rigid_coordinates(robot):
+            with pytest.raises(DescriptionError, match="no active coordinate"):
+                build_model(robot.rigid())
+            continue
+        model = build_model(robot.rigid())
+        assert rigid_coordinates(robot) == model.coordinates
+        moving = [i for i in range(len(model.coordinates)) if i not in model.prescribed]
+        assert movable_coordinates(robot) == tuple(model.coordinates[i] for i in moving)
+        driven = model.driven if robot.is_closed else moving
+        assert program_coordinates(robot) == tuple(model.coordinates[i] for i in driven)
 
 
 def test_home_of_coordinates_and_of_motors() -> None:

@@ -125,9 +125,10 @@ def test_deviations_stay_where_loops_need_them(built: Build, tmp_path: Path) -> 
         eomgen.build(robot.rigid(), kernels=("kinematics",))
     kernel = built(robot)
     assert kernel.limits == {"joint1.gamma": (-2.0, 2.0)}
-    q = kernel.inverse_kinematics([np.cos(0.7), np.sin(0.7), 0.0])
-    assert abs(q[0] - 0.7) < 1e-10
-    assert not q[1:].any()
+    point = [np.cos(0.7), np.sin(0.7), 0.0]
+    for q in (kernel.inverse_kinematics(point), inverse_kinematics(kernel, point, robot=robot)):
+        assert abs(q[0] - 0.7) < 1e-10
+        assert not q[1:].any()
 
 
 def test_motors_turn_with_their_joints(built: Build) -> None:

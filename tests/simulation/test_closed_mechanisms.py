@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 import eomgen
 from eomgen import cli
-from eomgen.errors import IntegrationStopped, LoopError
+from eomgen.description.load import robot_from_toml
+from eomgen.errors import DescriptionError, IntegrationStopped, LoopError
 from eomgen.integration.methods import IN_C
 from eomgen.robot.value import Coordinate, Robot
 from eomgen.scenario.load import scenario_from_toml
@@ -19,6 +20,7 @@ from eomgen.simulation.assembly import kernels_of
 from eomgen.simulation.result import SimulationResult, load_result
 from eomgen.simulation.run import run_scenario
 from tests.loops.test_closing import GEARED
+from tests.runtime.test_inverse_kinematics import SPLIT_ARM
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -59,6 +61,17 @@ def test_drives_move_from_home_and_the_rest_follows(name: str) -> None:
     assert result.deviation_coordinates == ()
     idle = [result.trajectory.coordinates.index(x) for x in result.passive]
     assert (result.trajectory.u[:, idle] == 0.0).all()
+
+
+def test_a_robot_whose_loops_need_deviations_moves_freely() -> None:
+    """There are no equations of its rigid robot, which nothing but drives and references take."""
+    robot = robot_from_toml(SPLIT_ARM)
+    result = run(robot, "duration = 0.02\n[initial]\nv = {'joint1.gamma' = 1.0}")
+    assert result.program_coordinates == ("joint1.gamma",)
+    assert result.passive == ()
+    assert result.trajectory.q[-1, 0] == pytest.approx(0.02, rel=1e-5)
+    with pytest.raises(DescriptionError, match="do not move against each other"):
+        run(robot, "duration = 0.02\n[motion]\ntype = 'point_to_point'")
 
 
 def test_stiff_cut_joints_are_integrated_implicitly() -> None:

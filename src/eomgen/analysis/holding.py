@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import Array, Mask
-from ..errors import ArrayError, DescriptionError, InputError, UnknownNameError
+from ..errors import ArrayError, InputError, UnknownNameError
 from ..motion.ends import default_motion
 from ..names import joint_of, show
 from ..robot.laws import LAWS, has_springs
-from ..robot.model import build_model
+from ..robot.model import build_model, rigid_coordinates
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
 from ..state.journals import cut_contacts, cut_deviations, journal_contacts
@@ -119,10 +119,7 @@ def pose_of(robot: Robot, kernel: Kernel, pose: PoseLike | None) -> Array:
     model, names = build_model(robot), kernel.coordinates
     q = np.array(model.home)
     if pose is None or isinstance(pose, Mapping):
-        try:
-            rigid = build_model(robot.rigid()).coordinates
-        except DescriptionError:
-            rigid = ()  # nothing is driven
+        rigid = rigid_coordinates(robot)
         if rigid:
             q[[names.index(name) for name in rigid]] = default_motion(robot, 1.0, rigid).start
         places = {joint_of(names[i]): i for i in model.principal} | {name: i for i, name in enumerate(names)}

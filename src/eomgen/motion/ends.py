@@ -14,7 +14,7 @@ from ..limits import LARGEST, is_usable
 from ..names import are_names, joint_of, show
 from ..robot.coordinates import unit_of
 from ..robot.mechanism import leading_home, position_limits
-from ..robot.model import build_model
+from ..robot.model import movable_coordinates
 from ..robot.value import Robot
 from .point_to_point import PointToPoint
 
@@ -45,10 +45,7 @@ def limits_beside(robot: Robot, coordinates: Sequence[str], driven: Container[st
         driven: those that may be moved.
         q: where the others stay, (n,).
     """
-    follow: set[str] = set()
-    if robot.is_closed:
-        model = build_model(robot.rigid())
-        follow = {name for i, name in enumerate(model.coordinates) if i not in model.prescribed}
+    follow = set(movable_coordinates(robot)) if robot.is_closed else set()
     limits = [
         principal_limits(robot, name) if name in driven else (-np.inf, np.inf) if name in follow else (x, x)
         for name, x in zip(coordinates, q.tolist(), strict=True)

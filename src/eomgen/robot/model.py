@@ -392,34 +392,43 @@ def _parameters(robot: Robot) -> dict[str, float]:
     return {name: value or 0.0 for name, value in values.items() if name in chosen}
 
 
+def rigid_coordinates(robot: Robot) -> tuple[str, ...]:
+    """Return the names of the coordinates of the rigid robot, in their order, without followers.
+
+    Loops may need deviations, so that equations of the rigid robot cannot be derived; its coordinates are named all
+    the same.
+    """
+    rigid = robot.rigid()
+    followers = rigid.followers
+    return tuple(name for name in coordinate_names(rigid) if name not in followers)
+
+
+def movable_coordinates(robot: Robot) -> tuple[str, ...]:
+    """Return the names of those coordinates of the rigid robot that are not prescribed."""
+    rigid = robot.rigid()
+    return tuple(name for name in rigid_coordinates(robot) if not coordinate_of(rigid, name).prescribed)
+
+
 def program_coordinates(robot: Robot) -> tuple[str, ...]:
     """Return the names of the coordinates of a reference: those of the rigid robot that are not prescribed.
 
     A drive moves each of them, itself or through its motor (``Model.driven``); of free joints all six are among them.
     Where there are loops or couplings, they are those with a drive alone, and the others follow.
     """
-    if not any(joint.coordinates for joint in robot.rigid().joints):
-        return ()
-    model = build_model(robot.rigid())
-    if robot.is_closed:
-        return tuple(model.coordinates[i] for i in model.driven)
-    return tuple(name for i, name in enumerate(model.coordinates) if i not in model.prescribed)
+    names = movable_coordinates(robot)
+    return tuple(driven_coordinates(robot.rigid(), names)) if robot.is_closed else names
 
 
 def movable_limits(robot: Robot) -> dict[str, tuple[float, float]]:
     """Return limits, m or rad, between which inverse kinematics moves coordinates, by name; infinite without any.
 
     They are those that a reference moves, but for the coordinates of free joints, and in a closed mechanism the others
-    of the rigid robot, which follow.  Deviations are not among them, even where loops need them, so that equations of
-    the rigid robot cannot be derived.
+    of the rigid robot, which follow.  Deviations are not among them.
     """
-    rigid = robot.rigid()
-    followers = rigid.followers
-    names = [x for x in coordinate_names(rigid) if x not in followers and not coordinate_of(rigid, x).prescribed]
-    driven = driven_coordinates(rigid, names) if robot.is_closed else names
+    driven = program_coordinates(robot)
     limits = {name: ends for name in driven if (ends := position_limits(robot, name)) is not None}
     if robot.is_closed and driven:
-        limits |= {name: (-math.inf, math.inf) for name in names if name not in driven}
+        limits |= {name: (-math.inf, math.inf) for name in movable_coordinates(robot) if name not in driven}
     return limits
 
 

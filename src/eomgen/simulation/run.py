@@ -36,7 +36,7 @@ from ..names import component_name, show
 from ..pipeline.ahead import Ahead
 from ..progress import Progress, no_progress
 from ..robot.coordinates import force_unit_of, index_of, unit_of
-from ..robot.model import build_model, tool_of
+from ..robot.model import rigid_coordinates, tool_of
 from ..robot.value import MOTOR, Robot
 from ..runtime.kernel import Kernel
 from ..scenario.load import as_scenario
@@ -231,7 +231,7 @@ def _passive(robot: Robot, assembly: Assembly) -> tuple[str, ...]:
     if not robot.is_closed:
         return ()
     moved = {*assembly.driven, *assembly.kernel.prescribed}
-    return tuple(name for name in build_model(robot.rigid()).coordinates if name not in moved)
+    return tuple(name for name in rigid_coordinates(robot) if name not in moved)
 
 
 def _stop_record(stop: IntegrationStopped) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from ...pictures.framing import ROUND_OFF, SHOWN_ANGLE, SHOWN_PART, STEP, drawn_
 from ...pictures.scene import extent, program_positions
 from ...progress import Progress
 from ...robot.coordinates import unit_of
-from ...robot.model import build_model, tool_of
+from ...robot.model import build_model, rigid_coordinates, tool_of
 from ...robot.value import ANGULAR, MOTOR, Robot
 from ...runtime.kernel import Kernel
 from ...scenario.recorded import scenario_from_record
@@ -146,7 +146,7 @@ def _tunable(robot: Robot, scenario: Scenario, payload: str | None) -> Robot:
 
 def _deviations(robot: Robot, assembly: Assembly) -> list[int]:
     """Return places of the coordinates that no drive, prescribed motion or loop moves; motors are none."""
-    rigid = set(build_model(robot.rigid()).coordinates) if not is_rigid(robot) else set(assembly.kernel.coordinates)
+    rigid = set(rigid_coordinates(robot)) if not is_rigid(robot) else set(assembly.kernel.coordinates)
     names = assembly.kernel.coordinates
     return [i for i, name in enumerate(names) if name not in rigid and kind_of(name) != MOTOR]
 
