@@ -22,7 +22,7 @@ from eomgen.scenario.load import scenario_from_toml
 from eomgen.sweep.plan import plan_from_toml
 from tests.support import bad_robots
 from tests.support.bad_plans import BAD
-from tests.support.bad_scenarios import READING
+from tests.support.bad_scenarios import DURATION, LINE, READING
 from tests.support.description_samples import ARM
 from tests.support.mutations import DOCUMENTS, as_toml, mutant
 from tests.support.random_tables import ENTRIES, TOPS
@@ -206,6 +206,16 @@ def test_bad_scenarios_and_plans() -> None:
         values = parsed(text)
         assert values is not None
         assert refused("plan", values) or PLAN_ONLY_READ & set(reasons), text
+
+
+def test_all_faults_of_a_table_that_may_be_a_word_are_found() -> None:
+    turned = "orientation = { from = [1, 'x', 0], to_deg = [1, 0], until = 3 }"
+    found = faults(FORMATS["scenario"][0], tomllib.loads(DURATION + LINE + turned), "")
+    places = [error.where.removeprefix("motion.orientation") for error in found]
+    assert places == ["", ".from.1", ".to_deg"]
+    assert "unknown key 'until'" in str(found[0])
+    (found_one,) = faults(FORMATS["scenario"][0], tomllib.loads(DURATION + LINE + "orientation = 3"), "")
+    assert "'keep', or a table with from and to" in str(found_one)
 
 
 def soundness_of_mutants(first: int, count: int) -> dict[str, int]:

@@ -10,6 +10,7 @@ from typing import Any
 
 from ..errors import DescriptionError
 from ..limits import MOST_ENTRIES
+from .keys import Either
 from .tables import Entries, Form, Kinds, Pair, Sub, Table
 
 MOST_ERRORS = 50  # of a file
@@ -63,8 +64,9 @@ class _Walk:
         """Note the faults of a key's value."""
         kind, value, before = table.keys[key], table.values[key], len(self.errors)
         where, path = ".".join(filter(None, (table.where, key))), (*table.path, key)
-        if isinstance(kind, Sub):
-            self.table(kind.inner, value, where, path)
+        one = kind.option(value) if isinstance(kind, Either) else kind
+        if isinstance(one, Sub):
+            self.table(one.inner, value, where, path)
         elif isinstance(kind, Entries) and isinstance(value, list) and len(value) <= MOST_ENTRIES:
             for index, item in enumerate(value):
                 if len(self.errors) < MOST_ERRORS:
