@@ -17,7 +17,10 @@ from eomgen.authoring.schema_files import schema_path
 from eomgen.authoring.schemas import FORMATS, schema_of, schema_text
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import EomgenWarning, InputError
+from eomgen.forms.keys import Keys
 from eomgen.forms.structure import faults
+from eomgen.forms.tables import DEGREES, Form, Kinds
+from eomgen.robot.value import COORDINATES
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.sweep.plan import plan_from_toml
 from tests.support import bad_robots
@@ -75,7 +78,7 @@ SCENARIO_ONLY_READ = (  # reasons of bad_scenarios that the schema does not see
     *("got nan", "static equilibrium", "with equilibrium = true only", "times or speed", "increasing", "an array of 2"),
     *("does not exist", "another point", "in the plane", "not zero", "coordinates with rows", "array of 2"),
     *("got the time 0 after 1", "needs force and/or moment", "after t0", "no body can have"),
-    *("from, to, or both", "'rpy' is missing, which", "where they have none", "(rad) is given, too"),
+    *("from, to, or both", "'rpy' is missing, which", "where they have none", "(rad) is given, too", "other than 0"),
 )
 PLAN_ONLY_READ = {  # of bad_plans
     *("missing", "grids alone", "up to the period", "[integrator]", "parameter or scenario", "one of them"),
@@ -249,3 +252,31 @@ def test_any_table_that_the_schema_refuses_the_reader_refuses(top: dict[str, obj
 @given(*ENTRIES)
 def test_any_value_that_the_schema_refuses_the_reader_refuses(table: str, key: str, value: object) -> None:
     check_soundness("robot", ARM.replace(f"[[{table}]]\n", f"[[{table}]]\n{as_toml(key)} = {as_toml(value)}\n", 1))
+
+
+def forms_of(form: Form | Kinds) -> Iterator[Keys]:
+    """Keys of a form and of all that are inside."""
+    for keys in [form.keys] if isinstance(form, Form) else form.kinds.values():
+        yield keys
+        kinds = list(keys.values())
+        for kind in kinds:
+            kinds += getattr(kind, "options", ())
+            if isinstance(getattr(kind, "inner", None), (Form, Kinds)):
+                yield from forms_of(kind.inner)
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_angles_have_a_key_for_degrees(name: str) -> None:
+    """All but coordinates of joints, whose units their names say; the two take the same."""
+    angles = 0
+    for keys in forms_of(FORMATS[name][0]):
+        for key, kind in keys.items():
+            if kind.unit != "rad" or (key in COORDINATES and "x" in keys):
+                continue
+            angles += 1
+            degrees = keys[key + DEGREES]
+            assert (degrees.unit, degrees.needed) == ("deg", "")
+            assert degrees.json() == kind.json()
+        for key in keys:
+            assert not key.endswith(DEGREES) or keys[key.removesuffix(DEGREES)].unit == "rad"
+    assert bool(angles) == (name != "plan")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from eomgen.cli import entry as cli
 from eomgen.errors import InputError
 from eomgen.scenario.load import load_scenario, scenario_from_toml
 from eomgen.simulation.run import run_scenario
-from tests.support.bad_scenarios import DURATION, MOTION, READING
+from tests.support.bad_scenarios import CIRCLE, DURATION, LINE, MOTION, READING, SHAKEN
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -63,6 +64,22 @@ def test_reading(text: str, place: str, reason: str, tmp_path: Path) -> None:
     assert at[1]
     assert at[2].startswith(place)
     assert reason in message
+
+
+@pytest.mark.parametrize(
+    ("radians", "degrees"),
+    [
+        (CIRCLE + "angle = {!r}", CIRCLE + "angle_deg = 90"),
+        (SHAKEN + "phase = {!r}", SHAKEN + "phase_deg = 90"),
+        (LINE + "orientation = {{ from = [{!r}, 0, 0] }}", LINE + "orientation = {{ from_deg = [90, 0, 0] }}"),
+    ],
+)
+def test_degrees_are_taken_for_radians(radians: str, degrees: str) -> None:
+    by_radians, by_degrees = (
+        scenario_from_toml(DURATION + text) for text in (radians.format(math.pi / 2), degrees.format())
+    )
+    assert by_degrees.motion == by_radians.motion
+    assert by_degrees.prescribed == by_radians.prescribed
 
 
 @pytest.mark.parametrize(("robot", "text", "place", "reason"), MEETING)

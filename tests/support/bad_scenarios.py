@@ -5,6 +5,8 @@ from __future__ import annotations
 DURATION = "duration = 0.1\n"
 MOTION = "[motion]\ntype = 'point_to_point'\n"
 LINE = "[motion]\ntype = 'line'\nfrom = [0, 0, 1]\nto = [0, 0, 2]\n"
+CIRCLE = "[motion]\ntype = 'circle'\ncenter = [0, 0, 0]\nnormal = [0, 0, 1]\nfrom = [1, 0, 0]\n"
+SHAKEN = "[[prescribed]]\ntype = 'harmonic'\ncoordinate = 'a'\namplitude = 1\nfrequency = 1\n"
 SPLINE = "[motion]\ntype = 'spline'\nspeed = 1\n"
 
 READING = [  # what the reader refuses, whatever the robot: text, place, reason
@@ -51,6 +53,11 @@ READING = [  # what the reader refuses, whatever the robot: text, place, reason
         "motion.normal",
         "not zero",
     ),
+    (DURATION + CIRCLE + "angle = 0", "motion.angle", "got 0; allowed: an angle in rad other than 0"),
+    (DURATION + CIRCLE + "angle_deg = 0.0", "motion.angle_deg", "got 0.0; allowed: an angle in deg other than 0"),
+    (DURATION + CIRCLE + "angle_deg = 5e-324", "motion.angle_deg", "an angle in deg other than 0"),
+    (DURATION + CIRCLE + "angle = 1\nangle_deg = 9", "motion.angle_deg", "angle (rad) is given, too"),
+    (DURATION + CIRCLE + "angle_deg = 'x'", "motion.angle_deg", "got 'x'"),
     (DURATION + LINE + "orientation = 3", "motion.orientation", "'keep', or a table with from and to"),
     (DURATION + LINE + "orientation = 'kept'", "motion.orientation", "did you mean 'keep'"),
     (DURATION + LINE + "orientation = {}", "motion.orientation", "from, to, or both"),
@@ -95,6 +102,7 @@ READING = [  # what the reader refuses, whatever the robot: text, place, reason
     ),
     (DURATION + "[prescribed]\na = 1", "prescribed", "written [[prescribed]]"),
     (DURATION + "[[prescribed]]\ntype = 'harmonic'\ncoordinate = 'a'", "prescribed[0]", "'amplitude' is missing"),
+    (DURATION + SHAKEN + "phase = 1\nphase_deg = 9", "prescribed[0].phase_deg", "phase (rad) is given, too"),
     (DURATION + "[[wrenches]]\nlink = 'a'", "wrenches[0]", "needs force and/or moment"),
     (DURATION + "[[wrenches]]\nforce = [1, 2, 3]", "wrenches[0]", "'link' is missing"),
     (DURATION + "[[wrenches]]\nlink = 'a'\nforce = [1, 2]", "wrenches[0].force", "array of 3"),

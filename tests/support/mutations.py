@@ -50,7 +50,7 @@ frames = [{ name = "tcp", link = "b", placement = { xyz = [0, 0, 1], rpy = [1, 0
 name = "cut"
 links = ["b", "base"]
 type = "revolute"
-placements = [{ xyz = [1, 0, 0] }, { rpy = [0, 0, 1] }]
+placements = [{ xyz = [1, 0, 0] }, { rpy_deg = [0, 0, 90] }]
 x = { stiffness = 1e6, clearance = 1e-3 }
 alpha = {}
 offset = { y = 1e-3 }
@@ -70,6 +70,7 @@ name = "j1"
 parent = "base"
 child = "a"
 type = "revolute"
+dh = { a = 0.1, alpha_deg = -90, d = 0.2, theta_deg = 30 }
 gamma = { friction = { coulomb = 1, static = 2, stribeck = 0.1, shape = "gaussian", viscous = 0.1 }, cubic = 2 }
 beta = { stiffness = 1e3, clearance = 1e-3, smoothing = 1e-5, restitution_damping = 1 }
 motor = { inertia = 1e-4, ratio = 100, stiffness = 1e4, damping = 1, limits = { upper = 300, effort = 0.5 } }
@@ -104,6 +105,7 @@ type = "harmonic"
 coordinate = "mount.x"
 amplitude = 1e-3
 frequency = 2
+phase_deg = 30
 [[wrenches]]
 link = "link2"
 rows = [[0, 0, 0, 1, 0, 0, 0], [1, 0, 0, 2, 0, 0, 0]]
@@ -119,9 +121,20 @@ t1 = 0.5
 """
 TORQUES = """
 duration = 1
-motion = { type = "circle", center = [0, 0, 0], normal = [0, 0, 1], from = [1, 0, 0], angle = 1 }
+motion = { type = "circle", center = [0, 0, 0], normal = [0, 0, 1], from = [1, 0, 0], angle_deg = 90 }
 control = { type = "torque", coordinates = ["joint1.gamma", "joint2.z"], rows = [[0, 1, 2], [1, 2, 3]] }
 prescribed = [{ type = "sampled", file = "m.csv" }]
+"""
+LINE = """
+duration = 1
+motion = { type = "line", from = [1, 0, 0], to = [1, 1, 0], orientation = { from_deg = [0, 0, 90], to = [0, 0, 1] } }
+"""
+SPLINE = """
+duration = 1
+[motion]
+type = "spline"
+points = [{ xyz = [1, 0, 0], rpy_deg = [0, 0, 90] }, { xyz = [1, 1, 0], rpy = [0, 0, 1] }]
+times = [0, 1]
 """
 PLAN = """
 samples = 4
@@ -158,7 +171,7 @@ EMPTY = [[], {}, [[]], [{}], {"": 0}, [0, 0, 0], [[0, 1], [1, 2]]]
 VALUES = [*NUMBERS, *NAMES, *EMPTY, True, False, float("nan"), float("inf")]
 ATTRIBUTES = ["0", "1", "-1", "nan", "inf", "1e400", "0 0 1", "1 2", "0x1", "", " ", "9" * 400, "1e-300 0 0", *NAMES]
 KEYS = sorted(
-    set(re.findall(r"[a-z_]+(?= =)", ARM + WORN + SCENARIO + TORQUES + PLAN))
+    set(re.findall(r"[a-z_]+(?= =)", ARM + WORN + SCENARIO + TORQUES + LINE + SPLINE + PLAN))
     | {"stifness", "", "a b", "\n", "__class__"}
 )
 TAGS = [
@@ -195,7 +208,7 @@ def element_tree(element: Any) -> list[Any]:
 
 DOCUMENTS: dict[str, list[Any]] = {
     "toml": [tomllib.loads(text) for text in (ARM, SMALL, SMALL, SMALL, WORN)],
-    "scenario": [tomllib.loads(text) for text in (SCENARIO, TORQUES)],
+    "scenario": [tomllib.loads(text) for text in (SCENARIO, SCENARIO, TORQUES, LINE, SPLINE)],
     "plan": [tomllib.loads(PLAN)],
     "urdf": [element_tree(ElementTree.fromstring(text)) for text in (URDF, MIMICS)],
     "mjcf": [element_tree(ElementTree.fromstring(text)) for text in (MJCF, HELD)],

@@ -22,7 +22,7 @@ from ..forms.keys import (
     Text,
 )
 from ..forms.plain import field_types
-from ..forms.tables import Entries, Form, Pair, Sub
+from ..forms.tables import Entries, Form, Pair, Sub, angle_keys
 from ..names import IDENTIFIER_RULE, ROBOT_RULE
 from ..robot import laws
 from ..robot.coordinates import UNITS
@@ -160,18 +160,15 @@ def _element_numbers(kind: type[JointElement]) -> Form:
 PLACEMENT = Form(
     {
         "xyz": vector("origin", "m"),
-        "rpy": vector("roll, pitch, yaw: Rz(yaw) Ry(pitch) Rx(roll)", "rad"),
-        "rpy_deg": vector("roll, pitch, yaw in degrees, instead of rpy", "deg"),
+        **angle_keys("rpy", vector("roll, pitch, yaw: Rz(yaw) Ry(pitch) Rx(roll)", "rad")),
     }
 )
 DH = Form(
     {
         "a": Number("along x of the parent", "m"),
-        "alpha": Number("about x of the parent", "rad"),
-        "alpha_deg": Number("the same in degrees, instead of alpha", "deg"),
+        **angle_keys("alpha", Number("about x of the parent", "rad")),
         "d": Number("along z of the joint", "m"),
-        "theta": Number("about z of the joint", "rad"),
-        "theta_deg": Number("the same in degrees, instead of theta", "deg"),
+        **angle_keys("theta", Number("about z of the joint", "rad")),
     }
 )
 LINK = Form(

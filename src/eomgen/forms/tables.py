@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, NoReturn
 
 from ..errors import DescriptionError
@@ -15,10 +15,14 @@ from ..limits import LARGEST, MOST_ENTRIES
 from ..names import is_identifier, listed, nearest, show
 from .keys import Choice, Either, Flag, Json, Key, Keys, Listed, Number, Numbers, Strings, Text, Whole
 
-__all__ = ["LARGEST", "MOST_ENTRIES", "Entries", "Form", "Kinds", "Pair", "Sub", "Table"]
-
+__all__ = ["DEGREES", "LARGEST", "MOST_ENTRIES", "Entries", "Form", "Kinds", "Pair", "Sub", "Table", "angle_keys"]
 
 DEGREES = "_deg"  # behind the name of an angle's key that takes degrees, not radians
+
+
+def angle_keys(name: str, kind: Number | Numbers) -> dict[str, Key]:
+    """Return the key of an angle, or of three, in rad, and behind it the one that takes degrees instead."""
+    return {name: kind, name + DEGREES: replace(kind, about=f"the same in degrees, instead of {name}", unit="deg")}
 
 
 class Table:
@@ -68,8 +72,17 @@ class Table:
         return kind.take(self, key, self.values[key]) if key in self.values else None
 
     def present(self) -> dict[str, Any]:
-        """Return the values of present keys, but ``type``, in the order of the form."""
-        return {key: self.value(key) for key in self.keys if key in self.values and key != "type"}
+        """Return the values of present keys, but ``type``, in the order of the form; angles by the keys of radians."""
+        values: dict[str, Any] = {}
+        for key in self.keys:
+            angle = key.removesuffix(DEGREES)
+            if key not in self.values or key == "type":
+                continue
+            if angle != key and angle in self.keys:
+                values[angle] = (self.angles if isinstance(self.keys[key], Numbers) else self.angle)(angle)
+            else:
+                values[key] = self.value(key)
+        return values
 
     def text(self, key: str) -> str | None:
         """Return a string, which may have to be a name or one of a few words."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..description.keys import inertia, vector
 from ..forms.keys import ByName, Choice, Either, FileName, Flag, Key, Keys, Listed, Number, Numbers, Strings, Text
-from ..forms.tables import Entries, Form, Kinds, Sub
+from ..forms.tables import Entries, Form, Kinds, Sub, angle_keys
 from ..integration.methods import METHODS
 from ..motion.timetable import INTERPOLATIONS
 from ..names import IDENTIFIER_RULE
@@ -49,10 +49,8 @@ def _gain(about: str, unit: str) -> Either:
 _RPY = "roll, pitch, yaw of the frame, base frame"
 _AXES = Form(
     {
-        "from": vector(f"{_RPY}, where the path begins; default as the joints let it", "rad"),
-        "from_deg": vector("the same in degrees, instead of from", "deg"),
-        "to": vector(f"{_RPY}, where it ends; default that of the beginning", "rad"),
-        "to_deg": vector("the same in degrees, instead of to", "deg"),
+        **angle_keys("from", vector(f"{_RPY}, where the path begins; default as the joints let it", "rad")),
+        **angle_keys("to", vector(f"{_RPY}, where it ends; default that of the beginning", "rad")),
     }
 )
 KEEP = "keep"
@@ -60,13 +58,15 @@ _KEEP = Choice("the orientation with which the path begins stays", words=(KEEP,)
 _ORIENTATION = Either(
     "of the frame: 'keep', or turned about one axis from one to another; default as the joints let it",
     options=(_KEEP, Sub("turned from one to another", inner=_AXES)),
-    rule="'keep', or a table with from and to, each roll, pitch, yaw in rad",
+    rule="'keep', or a table with from and to, each roll, pitch, yaw in rad, or from_deg and to_deg",
 )
 _POSE = Form(
     {
         "xyz": vector("the frame's origin, base frame", "m", "a point, three numbers in m, base frame"),
-        "rpy": vector("roll, pitch, yaw: Rz(yaw) Ry(pitch) Rx(roll), base frame; of all points or of none", "rad"),
-        "rpy_deg": vector("the same in degrees, instead of rpy", "deg"),
+        **angle_keys(
+            "rpy",
+            vector("roll, pitch, yaw: Rz(yaw) Ry(pitch) Rx(roll), base frame; of all points or of none", "rad"),
+        ),
     }
 )
 _SPEED = Number("of all pieces", above=0.0)
@@ -114,7 +114,7 @@ MOTIONS: dict[str, Keys] = {
         "center": vector("of the circle, base frame", "m", "three numbers, base frame"),
         "normal": vector("of its plane, base frame; any length but 0", "", "three numbers, base frame"),
         "from": vector("where it begins, base frame, in the plane", "m", "three numbers, base frame"),
-        "angle": Number("right-handed about the normal, not 0; default 2 pi", "rad"),
+        **angle_keys("angle", Number("right-handed about the normal, not 0; default 2 pi", "rad")),
         "orientation": _ORIENTATION,
         "begin": _BEGIN,
         "duration": time("how long it takes; default 80 percent of the scenario's"),
@@ -161,7 +161,7 @@ PRESCRIBED: dict[str, Keys] = {
         "coordinate": Text("a prescribed coordinate", needed="a name such as joint1.x"),
         "amplitude": Number("of the sine", "m or rad", "m or rad"),
         "frequency": Number("of the sine", "Hz", "Hz", minimum=0.0),
-        "phase": Number("at t = 0; default 0", "rad"),
+        **angle_keys("phase", Number("at t = 0; default 0", "rad")),
         "offset": Number("what the sine is added to; default 0", "m or rad"),
     },
     "sampled": {"file": _sampled("measured motion beside this file, columns are prescribed coordinates")},

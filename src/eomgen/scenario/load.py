@@ -130,8 +130,7 @@ def _prescribed(entry: Table, folder: Path | None) -> Section:
     kind = entry.text("type") or ""
     if kind == "sampled":
         return Section(kind, read_sampled(entry, folder))
-    numbers = {key: entry.number(key) or 0.0 for key in ("amplitude", "phase", "offset", "frequency")}
-    return Section(kind, {"coordinate": entry.text("coordinate"), **numbers})
+    return Section(kind, {"phase": 0.0, "offset": 0.0, **entry.present()})
 
 
 def _times(entry: Table) -> tuple[float, float | None]:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..forms.tables import Table
+from ..forms.tables import DEGREES, Table
 from ..motion.timetable import HOLD, TimeTable, inline_table, read_table
 from ..names import show
 from .keys import LEAST_TIME
@@ -94,7 +94,7 @@ def _orientation(table: Table) -> Any:
         return orientation
     if not orientation.values:
         orientation.fail("got an empty table; allowed: from, to, or both")
-    return {key: angles for key in ("from", "to") if (angles := orientation.angles(key)) is not None}
+    return orientation.present()
 
 
 def _circle(table: Table, _: Path | None) -> dict[str, Any]:
@@ -108,8 +108,10 @@ def _circle(table: Table, _: Path | None) -> dict[str, Any]:
         table.fail(
             f"got {show(table.values['from'])}; allowed: a point in the plane through center, across normal", "from"
         )
-    if table.number("angle") == 0.0:
-        table.fail("got 0; allowed: an angle in rad other than 0", "angle")
+    for key in ("angle", "angle" + DEGREES):
+        if key in table and table.angle("angle") == 0.0:  # also where degrees are too few for a number of radians
+            unit = table.keys[key].unit
+            table.fail(f"got {show(table.values[key])}; allowed: an angle in {unit} other than 0", key)
     return {**table.present(), "orientation": _orientation(table)}
 
 
