@@ -82,7 +82,7 @@ def test_platform_on_legs_that_yield(built: Build) -> None:
         """What the legs' springs do not hold, as the leg coordinates feel it."""
         q = rest.copy()
         q[drives] += place
-        q = kernel.close(q, held=names)
+        q = kernel.assemble(q, held=names)
         zero = np.zeros(kernel.n)
         force = kernel.residual(q, zero, zero, zero)
         force -= kernel.frame_jacobian(q, "platform").T @ np.array(loads["platform"])
@@ -140,10 +140,10 @@ def test_about_a_motion_the_closed_accelerations_are_differenced(name: str, buil
     link = robot.links[1].name
     home = np.array([robot.home.get(x, 0.0) for x in kernel.coordinates])
     if name == "elastic":
-        home = kernel.close([1.0, -0.5, *[0.0] * 5, 1.94], held=["motor.gamma"])
+        home = kernel.assemble([1.0, -0.5, *[0.0] * 5, 1.94], held=["motor.gamma"])
         home[2:] += 1e-4
-    q = kernel.close(home)
-    v = kernel.close_rates(q, rng.uniform(-1.0, 1.0, kernel.n))
+    q = kernel.assemble(home)
+    v = kernel.project_velocity(q, rng.uniform(-1.0, 1.0, kernel.n))
     u = rng.uniform(-2.0, 2.0, kernel.n)
     outputs = [f"{link}.{part}" for part in ("x", "y", "rz")] + [kernel.coordinates[-1]]
     inputs = [kernel.coordinates[0]]
@@ -158,8 +158,8 @@ def test_about_a_motion_the_closed_accelerations_are_differenced(name: str, buil
     def state(y: Array) -> tuple[Array, Array]:
         place, rates = found.q.copy(), v.copy()
         place[index], rates[index] = y[:m], y[m:]
-        place = kernel.close(place, held=names)
-        return place, kernel.close_rates(place, rates, held=names)
+        place = kernel.assemble(place, held=names)
+        return place, kernel.project_velocity(place, rates, held=names)
 
     def slopes(y: Array, force: Array = u) -> Array:
         place, rates = state(y)
@@ -273,7 +273,7 @@ def test_stiff_cuts_with_play_come_to_rest(built: Build) -> None:
     other = built(there, *kernels(there))
     names = other.coordinates
     deviations = [name for name in names if "hinge" in name and name != "hinge.gamma"]
-    q = other.close([1.0, -0.5, *[0.0] * 5, 1.94], deviations)
+    q = other.assemble([1.0, -0.5, *[0.0] * 5, 1.94], deviations)
     angles = dict(zip(names, q.tolist(), strict=True))
     poses = angles, {"motor.gamma": q[0], "pin.gamma": q[1], "pivot.gamma": angles["hinge.gamma"] + q[0] + q[1]}
     found, soft = [], []

@@ -148,7 +148,7 @@ def test_random_robots_have_the_kernels_numbers(seed: int) -> None:
 def test_closed_mechanisms_move_as_the_kernels_say(name: str) -> None:
     functions, kernel = made(eomgen.load_robot(name)), eomgen.build(name)
     home = eomgen.load_robot(name).home
-    q = kernel.close(np.array([home.get(x, 0.0) for x in kernel.coordinates]))
+    q = kernel.assemble(np.array([home.get(x, 0.0) for x in kernel.coordinates]))
     zero = np.zeros(kernel.n)
     close(functions.forward_dynamics(q, zero, zero), kernel.forward_dynamics(q, zero, zero), 1e-9)
     close(functions.constraint_jacobian(q), kernel.constraint_jacobian(q))

@@ -148,8 +148,8 @@ def test_closed_mechanisms(name: str, rate: float, exported: Exported, built: Bu
     """They stay closed, keep their energy, and move as an integration with tight tolerances says."""
     robot = eomgen.load_robot(name)
     kernel, folder = built(robot, *CLOSED), exported(robot)
-    home = kernel.close([robot.home[x] for x in kernel.coordinates])
-    v = kernel.close_rates(home, [rate, 0.0, 0.0], [kernel.coordinates[0]])
+    home = kernel.assemble([robot.home[x] for x in kernel.coordinates])
+    v = kernel.project_velocity(home, [rate, 0.0, 0.0], [kernel.coordinates[0]])
     wanted = integrate(kernel, home, v, 0.5, method="tsit5", rtol=1e-11, output_step=0.5)
     errors = []
     for tolerance in (1e-5, 1e-8):

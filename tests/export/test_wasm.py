@@ -74,7 +74,7 @@ def compare_functions(folder: Path, robot: Robot, dtype: str = "float64", exact:
     kernel = eomgen.build(robot, dtype=dtype)
     x = {name: np.asarray(array, dtype).astype(np.float64) for name, array in states(kernel).items()}
     if kernel.raw.libraries.meta.get("constraints"):
-        x["q"], x["v"] = (np.asarray(y, np.float64) for y in (kernel.close(x["q"]), 0.0 * x["v"]))
+        x["q"], x["v"] = (np.asarray(y, np.float64) for y in (kernel.assemble(x["q"]), 0.0 * x["v"]))
     calls, expected = [], []
     for name, function in made.description["functions"].items():
         if function["kind"] in ("rollout", "adaptive"):
@@ -108,7 +108,7 @@ def compare_rollouts(folder: Path, robot: Robot, duration: float = 0.02, *, exac
     x = states(kernel)
     q, v, u = x["q"], x["v"], 0.1 * x["u"]
     if kernel.raw.libraries.meta.get("constraints"):
-        q, v = kernel.close(q), 0.0 * v
+        q, v = kernel.assemble(q), 0.0 * v
     target = np.repeat(q[None], 4, axis=0) + 0.01
     calls, expected = [], []
     start = [q.tolist(), v.tolist()]

@@ -521,7 +521,7 @@ def test_closed_mechanisms_are_where_kernels_close_them() -> None:
     for k, angle in enumerate(rows.readings[:, 1, 5]):
         for share in (0.5, 1.0):
             q[0] += share * (angle - q[0])
-            q = np.asarray(kernel.close(q, ["joint1.gamma"]))
+            q = np.asarray(kernel.assemble(q, ["joint1.gamma"]))
         pose = kernel.frame_pose(q, "tcp")
         np.testing.assert_allclose(state.located.p[model.chain.tools["tcp"], k], pose[:3, 3], atol=1e-9)
 

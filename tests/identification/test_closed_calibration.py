@@ -190,7 +190,7 @@ def test_a_coupler_or_rocker_that_is_longer_is_fitted(side: int, tmp_path: Path)
         for share in (0.25, 0.5, 0.75, 1.0):
             at = at.copy()
             at[0] += share * (angle - at[0])
-            at = np.asarray(kernel.close(at, ["joint1.gamma"]))
+            at = np.asarray(kernel.assemble(at, ["joint1.gamma"]))
         q.append(at)
     p = kernel.frame_pose(np.array(q), "tcp")[:, :3, 3]
     columns = {"joint1.gamma": drive} | {f"tcp.{axis}": x for axis, x in zip("xyz", p.T, strict=True)}

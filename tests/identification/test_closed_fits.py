@@ -50,9 +50,9 @@ def closed_samples(kernel: eomgen.Kernel, guess: Array, free: list[str], t: Arra
     for k in range(t.size):
         place = place.copy()
         place[index] = motions[0, k]
-        q[k] = place = kernel.close(place, free)
+        q[k] = place = kernel.assemble(place, free)
     v[:, index] = motions[1]
-    v = kernel.close_rates(q, v, free)
+    v = kernel.project_velocity(q, v, free)
     rest = [i for i in range(kernel.n) if i not in index]
     a[:, index] = motions[2]
     J = kernel.constraint_jacobian(q)
@@ -93,7 +93,7 @@ def four_bar_samples(built: Build, t: Array) -> tuple[eomgen.Robot, eomgen.Kerne
     kernel = built(robot, *fitting_kernels(robot))
     other = sprung("four_bar", SPRINGS)
     true = built(other, *fitting_kernels(other))
-    guess = true.close(np.array([1.0, -0.5, 1.0]))
+    guess = true.assemble(np.array([1.0, -0.5, 1.0]))
     return robot, kernel, closed_samples(true, guess, ["joint1.gamma"], t, sines(t, [1.2], 0.25, 3))
 
 
@@ -200,7 +200,7 @@ def test_a_platform_from_exact_samples(built: Build) -> None:
     robot, other = (sprung("gough", springs, scale) for scale in (0.5, 1.0))
     kernel, true = (built(each, *fitting_kernels(each)) for each in (robot, other))
     legs = [f"leg{i}.z" for i in range(1, 7)]
-    home = true.close(np.array([robot.home.get(name, 0.0) for name in true.coordinates]))
+    home = true.assemble(np.array([robot.home.get(name, 0.0) for name in true.coordinates]))
     means = [home[true.coordinates.index(name)] for name in legs]
     t = np.arange(900) * 2e-3
     samples = closed_samples(true, home, legs, t, sines(t, means, 0.01, 2))

@@ -67,7 +67,7 @@ def test_a_driven_mechanism_takes_the_work_of_its_drive(example) -> None:  # typ
 def test_every_method_keeps_the_balance_of_energy(example) -> None:  # type: ignore[no-untyped-def]
     """A fast crank under a constant torque, by default tolerances; nothing drifts, whatever the steps."""
     kernel = example("four_bar").kernel
-    q = kernel.close([1.0, -0.5, 1.0])
+    q = kernel.assemble([1.0, -0.5, 1.0])
     for method in ("auto", "RK45", "Radau", "BDF", "LSODA"):
         motion = integrate(kernel, q, np.zeros(3), 0.3, drive=lambda t, q, v: [20.0, 0.0, 0.0], method=method)
         energy, turned = motion.energy.sum(axis=1), motion.q[:, 0] - q[0]
@@ -100,11 +100,11 @@ def test_jacobians_are_slopes_of_the_derivatives(name: str, exact: bool, built: 
     slopes = ("forward_dynamics_jacobian",) if exact else ()
     kernel = built(robot, *KERNELS, "external_force", *slopes)
     rng, home = np.random.default_rng(2), np.array([robot.home.get(x, 0.0) for x in kernel.coordinates])
-    q, wrench = kernel.close(home), rng.uniform(-5.0, 5.0, (len(kernel.links), 6))
+    q, wrench = kernel.assemble(home), rng.uniform(-5.0, 5.0, (len(kernel.links), 6))
     place, rate = kernel.coordinates.index(kernel.prescribed[0]), np.array([0.3])
     v = rng.uniform(-1.0, 1.0, kernel.n)
     v[place] = rate[0]
-    v = kernel.close_rates(q, v, kernel.prescribed)
+    v = kernel.project_velocity(q, v, kernel.prescribed)
     motion = lambda t: (q[[place]] + t * rate, rate, 0.0 * rate)  # noqa: E731
     system = ClosedSystem(kernel, Law(kernel.n, exact), wrench, motion)
     y = system.begin(0.0, q, v)
@@ -119,7 +119,7 @@ def test_jacobians_are_slopes_of_the_derivatives(name: str, exact: bool, built: 
 def test_a_chart_follows_one_state_and_many(example) -> None:  # type: ignore[no-untyped-def]
     """Rates and accelerations are those of the constraint; what is open, singular or no number is said."""
     kernel = example("four_bar").kernel
-    q = kernel.close([1.0, -0.5, 1.0])
+    q = kernel.assemble([1.0, -0.5, 1.0])
     chart, rng = Chart(kernel, q), np.random.default_rng(1)
     guesses = q + rng.uniform(-0.1, 0.1, (5, 3))
     v, a = rng.uniform(-1.0, 1.0, (2, 5, 3))
@@ -146,14 +146,14 @@ def test_methods_that_cannot_keep_loops_closed_are_refused(example) -> None:  # 
     with pytest.raises(
         InputError, match="four_bar has loops or couplings, which 'CVODE' does not keep closed; allowed: auto"
     ):
-        integrate(kernel, kernel.close([0.5, 0.2, 1.2]), np.zeros(3), 0.1, method="CVODE")
+        integrate(kernel, kernel.assemble([0.5, 0.2, 1.2]), np.zeros(3), 0.1, method="CVODE")
 
 
 def test_other_coordinates_become_independent_where_that_is_better(example) -> None:  # type: ignore[no-untyped-def]
     """The rocker passes its dead points, where it says nothing of the crank."""
     kernel = example("four_bar").kernel
-    q = kernel.close([0.5, 0.2, 1.2], held=["joint1.gamma"])
-    v = kernel.close_rates(q, [10.0, 0.0, 0.0], held=["joint1.gamma"])
+    q = kernel.assemble([0.5, 0.2, 1.2], held=["joint1.gamma"])
+    v = kernel.project_velocity(q, [10.0, 0.0, 0.0], held=["joint1.gamma"])
     motion = integrate(kernel, q, v, 1.0)
     rates = motion.v[:, 2]
     assert (rates[1:] * rates[:-1] < 0.0).sum() >= 2
@@ -203,7 +203,7 @@ def test_andrews_squeezing_mechanism(built: Build) -> None:
     assert np.abs(found.a[places[:2]] - [14222.4439199541387, -10666.8329399655854]).max() <= 1e-8
     assert np.abs(found.a[places[2:]]).max() <= 1e-8
     assert (found.redundancy.mobility, len(found.redundancy.redundant)) == (1, 9)
-    q = loops.kernel.close(q)  # it is given to 1e-15
+    q = loops.kernel.assemble(q)  # it is given to 1e-15
     motion = integrate(loops.kernel, q, np.zeros(7), 0.03, drive=lambda t, q, v: u, rtol=1e-10, output_step=0.01)
     assert np.abs(motion.q[-1][places] - ANDREWS_END).max() <= 1e-8
     rates = np.array(ANDREWS_RATES)

@@ -113,8 +113,8 @@ def test_a_mechanism_with_a_prescribed_crank(method: str, built: Build) -> None:
     kernel = built(robot, *NAMES, *CLOSED)
     wave = Harmonic([0.6], 1.0, 1.0)
     start, rate, _ = wave(0.0)
-    q = kernel.close([float(start[0]), *(robot.home.get(x, 0.3) for x in kernel.coordinates[1:])], kernel.prescribed)
-    v = kernel.close_rates(q, [float(rate[0]), 0.0, 0.0], kernel.prescribed)
+    q = kernel.assemble([float(start[0]), *(robot.home.get(x, 0.3) for x in kernel.coordinates[1:])], kernel.prescribed)
+    v = kernel.project_velocity(q, [float(rate[0]), 0.0, 0.0], kernel.prescribed)
     motion = integrate(kernel, q, v, 0.2, prescribed=wave, method=method, rtol=1e-7, output_step=0.1, works=True)
     assert motion.works is not None
     assert residue(motion) <= 1e-6

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -47,15 +48,15 @@ def four_bar(built: Build) -> eomgen.Kernel:
 
 def test_many_guesses_close_as_each_alone_does(four_bar: eomgen.Kernel) -> None:
     guesses = np.array([[0.5, 0.2, 1.2], [1.0, -0.5, 1.0], [2.0, -0.3, 1.9], [-2.5, 2.0, 1.0]])
-    found = four_bar.close(guesses, ["joint1.gamma"])
+    found = four_bar.assemble(guesses, ["joint1.gamma"])
     assert found.shape == guesses.shape
     assert np.abs(four_bar.constraint(found)).max() <= 1e-12
     assert (found[:, 0] == guesses[:, 0]).all()
     oracle = ClosedLoops(four_bar)
     for one, guess in zip(found, guesses, strict=True):
-        assert np.array_equal(four_bar.close(guess, ["joint1.gamma"]), one)
+        assert np.array_equal(four_bar.assemble(guess, ["joint1.gamma"]), one)
         assert np.abs(oracle.consistent_positions(guess, held=["joint1.gamma"]) - one).max() <= 1e-10
-    rates = four_bar.close_rates(found, [1.0, 2.0, 3.0])
+    rates = four_bar.project_velocity(found, [1.0, 2.0, 3.0])
     for one, q in zip(rates, found, strict=True):
         assert np.abs(oracle.consistent_velocities(q, [1.0, 2.0, 3.0]) - one).max() <= 1e-12
         assert np.abs(four_bar.constraint_jacobian(q) @ one).max() <= 1e-13
@@ -64,45 +65,54 @@ def test_many_guesses_close_as_each_alone_does(four_bar: eomgen.Kernel) -> None:
 def test_both_ways_to_close_a_four_bar(four_bar: eomgen.Kernel) -> None:
     """Two circles meet in two points: rocker angles mirrored at the line from the crank's end to the rocker's pivot."""
     guess = [1.0, -0.5, 1.4]
-    found = four_bar.close(guess, ["joint1.gamma"], roots=5)
+    found = four_bar.assemble(guess, ["joint1.gamma"], roots=5)
     assert found.shape == (2, 3)
     assert np.abs(four_bar.constraint(found)).max() <= 1e-12
-    assert np.abs(found[0] - four_bar.close(guess, ["joint1.gamma"])).max() <= 1e-9
+    assert np.abs(found[0] - four_bar.assemble(guess, ["joint1.gamma"])).max() <= 1e-9
     end = 0.2 * np.array([np.cos(1.0), np.sin(1.0)])
     line = np.arctan2(*(end - [0.5, 0.0])[::-1])
     assert abs(np.remainder(found[:, 2].sum() - 2.0 * line + np.pi, 2.0 * np.pi) - np.pi) <= 1e-9
-    assert four_bar.close(guess, ["joint1.gamma"], roots=1).shape == (1, 3)
+    assert four_bar.assemble(guess, ["joint1.gamma"], roots=1).shape == (1, 3)
 
 
 def test_closing_in_single_precision() -> None:
     kernel = eomgen.build(eomgen.load_robot("four_bar"), kernels=KERNELS, dtype="float32")
-    q = kernel.close(np.float32([0.5, 0.25, 1.25]), ["joint1.gamma"])
+    q = kernel.assemble(np.float32([0.5, 0.25, 1.25]), ["joint1.gamma"])
     assert q.dtype == np.float32
     assert np.abs(kernel.constraint(q)).max() <= 2e-6
-    v = kernel.close_rates(q, np.float32([1.0, 0.0, 0.0]), ["joint1.gamma"])
+    v = kernel.project_velocity(q, np.float32([1.0, 0.0, 0.0]), ["joint1.gamma"])
     assert np.abs(kernel.constraint_jacobian(q) @ v).max() <= 1e-5
     assert redundancy(kernel, q).mobility == 1
 
 
 def test_what_does_not_close_is_named_with_its_state(four_bar: eomgen.Kernel, built: Build) -> None:
-    q = four_bar.close([0.5, 0.2, 1.2])
+    q = four_bar.assemble([0.5, 0.2, 1.2])
     with pytest.raises(LoopError, match=r"loop joint4 does not close near the guess in state 1: joint4\.[xy] is left"):
-        four_bar.close([q, q + 0.3], four_bar.coordinates)
+        four_bar.assemble([q, q + 0.3], four_bar.coordinates)
     with pytest.raises(LoopError, match=r"joint4 opens at the rates that are held: joint4\.[xy] .* m/s"):
-        four_bar.close_rates(q, [1.0, 0.0, 0.0], ["joint1.gamma", "joint3.gamma"])
+        four_bar.project_velocity(q, [1.0, 0.0, 0.0], ["joint1.gamma", "joint3.gamma"])
     with pytest.raises(UnknownNameError, match="held: 'joint9' is unknown"):
-        four_bar.close(q, ["joint9"])
+        four_bar.assemble(q, ["joint9"])
     with pytest.raises(InputError, match="roots of 0; allowed: a whole number from 1 to 1000"):
-        four_bar.close(q, roots=0)
+        four_bar.assemble(q, roots=0)
     with pytest.raises(InputError, match=r"roots of states of shape \(2, 3\)"):
-        four_bar.close([q, q], roots=2)
+        four_bar.assemble([q, q], roots=2)
     with pytest.raises(InputError, match="one_link has nothing to close"):
-        built(eomgen.load_robot("one_link"), "mass_matrix").close([0.0, 0.0])
+        built(eomgen.load_robot("one_link"), "mass_matrix").assemble([0.0, 0.0])
     robot = eomgen.load_robot("four_bar")
     far = replace(robot.joints[2], placement=Placement((5.0, 0.0, 0.0), IDENTITY))
     apart = built(replace(robot, joints=(*robot.joints[:2], far)), *KERNELS)
     with pytest.raises(LoopError, match=r"joint4\.x is left with 3\.9 m"):
-        apart.close([0.1, 0.2, 3.0], roots=2)
+        apart.assemble([0.1, 0.2, 3.0], roots=2)
+
+
+def test_names_of_before_go_on_without_a_warning(four_bar: eomgen.Kernel) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        q = four_bar.close([0.5, 0.2, 1.2], held=["joint1.gamma"])
+        v = four_bar.close_rates(q, [1.0, 0.0, 0.0], held=["joint1.gamma"])
+    assert np.array_equal(q, four_bar.assemble([0.5, 0.2, 1.2], held=["joint1.gamma"]))
+    assert np.array_equal(v, four_bar.project_velocity(q, [1.0, 0.0, 0.0], held=["joint1.gamma"]))
 
 
 def constrained(text: str) -> Robot:
@@ -113,12 +123,12 @@ def constrained(text: str) -> Robot:
 
 def test_couplings_close_and_are_counted(built: Build) -> None:
     kernel = built(constrained(GEARED), "constraint", "constraint_jacobian", "mass_matrix")
-    q = kernel.close([0.3, 0.1], ["a.gamma"])
+    q = kernel.assemble([0.3, 0.1], ["a.gamma"])
     assert q == pytest.approx([0.3, -0.6], abs=1e-12)
-    assert kernel.close_rates(q, [1.0, 0.0], ["a.gamma"]) == pytest.approx([1.0, -2.0], abs=1e-12)
+    assert kernel.project_velocity(q, [1.0, 0.0], ["a.gamma"]) == pytest.approx([1.0, -2.0], abs=1e-12)
     assert redundancy(kernel, q).mobility == 1
     with pytest.raises(LoopError, match=r"coupling gear does not close near the guess: gear is left with 0\.7"):
-        kernel.close([0.3, 0.1], kernel.coordinates)
+        kernel.assemble([0.3, 0.1], kernel.coordinates)
 
 
 def test_the_gap_of_a_rack_is_a_length(built: Build) -> None:
@@ -127,7 +137,7 @@ def test_the_gap_of_a_rack_is_a_length(built: Build) -> None:
     )
     kernel = built(constrained(rack), "constraint", "constraint_jacobian", "mass_matrix")
     with pytest.raises(LoopError, match=r"coupling gear does not close near the guess: gear is left with 0\.7 m;"):
-        kernel.close([0.3, 0.1], kernel.coordinates)
+        kernel.assemble([0.3, 0.1], kernel.coordinates)
 
 
 @pytest.mark.parametrize(

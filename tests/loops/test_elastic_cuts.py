@@ -330,12 +330,12 @@ def test_a_rigid_cut_that_an_offset_keeps_open_names_it(built: Build) -> None:
     kernel = built(robot_from_toml(GUIDE), "constraint", "constraint_jacobian", "mass_matrix", "cut_poses")
     wanted = r"weld\.alpha is left with 0\.01 rad.*other offsets: 'joints\.slide\.offset\.alpha = 0\.01'$"
     with pytest.raises(eomgen.errors.LoopError, match=wanted):
-        kernel.close([0.1])
+        kernel.assemble([0.1])
     kernel.parameters["joints.slide.offset.alpha"] = 0.0
     with pytest.raises(eomgen.errors.LoopError, match=r"weld\.x is left with 0\.001 m.*offset\.x = 0\.001'$"):
-        kernel.close([0.1])
+        kernel.assemble([0.1])
     kernel.parameters["joints.slide.offset.x"] = 0.0
-    assert abs(kernel.close([0.1])[0]) < 1e-12
+    assert abs(kernel.assemble([0.1])[0]) < 1e-12
 
 
 @pytest.mark.parametrize("seed", seeds(4700, 4, 40))

@@ -75,7 +75,7 @@ def test_what_is_redundant_everywhere_is_not_singular() -> None:
 def test_bennetts_linkage_goes_on(built: Build) -> None:
     robot = eomgen.load_robot("bennett")
     kernel = built(robot, "forward_dynamics", *assembly_kernels(robot))
-    q = kernel.close(np.array(build_model(robot).home))
+    q = kernel.assemble(np.array(build_model(robot).home))
     assert np.isfinite(kernel.forward_dynamics(q, np.zeros(3), np.array([1.0, 0.0, 0.0]))).all()
 
 

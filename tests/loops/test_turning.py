@@ -198,8 +198,8 @@ def test_a_triangle_moves_the_same_in_other_axes(seed: int, built: Build) -> Non
     """Two ball joints in one loop, whose poles lie elsewhere where their axes do."""
     kernel, other = built(triangle(), *INTEGRATED), built(triangle(turned=True), *INTEGRATED)
     rng = np.random.default_rng(seed)
-    q0 = kernel.close(rng.normal(size=6))
-    v0 = kernel.close_rates(q0, 4.0 * rng.normal(size=6))
+    q0 = kernel.assemble(rng.normal(size=6))
+    v0 = kernel.project_velocity(q0, 4.0 * rng.normal(size=6))
     q1, v1 = in_other_axes(kernel, other, q0, v0)
     (q, v), (q_other, _) = (
         kernel.rollout(q0, v0, np.zeros(6), 1e-4, 15_000, every=100),
@@ -223,7 +223,7 @@ def test_random_rings_move_the_same_in_other_axes(seed: int, built: Build) -> No
     kernel, again = built(robot, *INTEGRATED), built(other, *INTEGRATED)
     rng = np.random.default_rng(seed)
     q0 = np.array([robot.home[name] for name in kernel.coordinates])
-    v0 = kernel.close_rates(q0, 3.0 * rng.normal(size=kernel.n))
+    v0 = kernel.project_velocity(q0, 3.0 * rng.normal(size=kernel.n))
     links = [link.name for link in robot.links]
     q1, v1 = in_other_axes(kernel, again, q0, v0, links)
     still = np.zeros(kernel.n)
@@ -240,19 +240,19 @@ def test_loops_close_at_a_pole(held: Kernel) -> None:
     """Near the guess, whatever its angles; rates that the description's angles have not are refused."""
     angles = np.array([[0.3, np.pi / 2, 0.1], [0.2, 1e-3 - np.pi / 2, 0.1], [0.1, 0.2, 0.3]])
     guess = np.concatenate([np.zeros((3, 3)), angles], axis=1)
-    q = held.close(guess)
+    q = held.assemble(guess)
     assert np.abs(held.constraint(q)).max() < 1e-12
     assert np.abs(q - guess).max() < 1.0
-    v = held.close_rates(q, np.ones((3, 6)))
+    v = held.project_velocity(q, np.ones((3, 6)))
     assert np.abs(np.einsum("kij,kj->ki", held.constraint_jacobian(q), v)).max() < 1e-12 * np.abs(v).max()
     for i in range(3):
-        assert np.array_equal(held.close(guess[i]), q[i])
-        assert np.allclose(held.close_rates(q[i], np.ones(6)), v[i], rtol=1e-10, atol=0.0)
-    assert held.close(guess[0], ["free.beta"])[4] == np.pi / 2
+        assert np.array_equal(held.assemble(guess[i]), q[i])
+        assert np.allclose(held.project_velocity(q[i], np.ones(6)), v[i], rtol=1e-10, atol=0.0)
+    assert held.assemble(guess[0], ["free.beta"])[4] == np.pi / 2
     pole, _ = held_at(angles[0], np.zeros(3))
-    assert np.abs(held.close_rates(pole, np.zeros(6))).max() == 0.0
+    assert np.abs(held.project_velocity(pole, np.zeros(6))).max() == 0.0
     with pytest.raises(SingularError, match=r"free\.beta is at \+-pi/2"):
-        held.close_rates(pole, np.array([1.0, 2.0, 3.0, 0.0, 0.0, 0.0]))
+        held.project_velocity(pole, np.array([1.0, 2.0, 3.0, 0.0, 0.0, 0.0]))
 
 
 @pytest.mark.parametrize("angle", soaked((0.0, np.pi / 2), (np.pi / 2,)))
@@ -299,8 +299,8 @@ def test_a_prescribed_crank_takes_the_plate_over_the_poles(built: Build) -> None
         return np.array([3.0 * t]), np.array([3.0]), np.array([0.0])
 
     v0 = np.array([3.0, 0.0, 0.0, 0.0, 0.0, 3.0, 0.0])
-    q0 = kernel.close(np.zeros(7))
-    v0 = kernel.close_rates(q0, v0)
+    q0 = kernel.assemble(np.zeros(7))
+    v0 = kernel.project_velocity(q0, v0)
     found = integrate(kernel, q0, v0, 1.0, prescribed=motion, output_step=1e-3)
     assert np.abs(found.q[:, 5] - 3.0 * found.t).max() < 1e-9
     power = found.u[:, 0] * 3.0

@@ -313,7 +313,7 @@ def test_a_mechanism_is_drawn_closed(tmp_path: Path, figures: list[Any]) -> None
     for figure, angle in zip(figures, (1.0, 1.4), strict=True):
         home = np.array(build_model(robot).home)
         home[0] = angle
-        q = kernel.close(home, held=["joint1.gamma"])
+        q = kernel.assemble(home, held=["joint1.gamma"])
         poses = link_poses(robot, kernel.coordinates, q)
         cut = (poses["rocker"] @ [0.4, 0.0, 0.0, 1.0])[:3]
         (axes,) = figure.axes

@@ -234,7 +234,7 @@ def test_a_state_that_does_not_close_says_nothing_about_others(method: str, buil
         robot, home={}, driven=(), loops=(replace(loop, placements=short),), joints=(given, *robot.joints[1:])
     )
     kernel = built(robot, *NAMES, "constraint", "cut_poses")
-    good, bad, still = kernel.close([0.5, 0.3, 0.3], ["joint1.gamma"]), np.array([3.1, 0.0, 1.5]), np.zeros(3)
+    good, bad, still = kernel.assemble([0.5, 0.3, 0.3], ["joint1.gamma"]), np.array([3.1, 0.0, 1.5]), np.zeros(3)
     how: dict[str, Any] = {"method": method, "duration": 0.05, "samples": 2, "rtol": 1e-4}
     alone = kernel.rollout(good, still, still, **how)
     q = np.array([bad, good, good, bad, good])

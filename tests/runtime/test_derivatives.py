@@ -112,8 +112,8 @@ def test_hessians_of_chosen_parameters_and_names(kernel: eomgen.Kernel) -> None:
 def test_closed_mechanisms(built: Build) -> None:
     """Derivatives where loops are closed, and an open state is refused as by the function itself."""
     kernel = eomgen.build("four_bar")
-    q = kernel.close([0.5, 0.2, 1.2])
-    v, rng = kernel.close_rates(q, [1.0, 0.0, 0.0]), np.random.default_rng(0)
+    q = kernel.assemble([0.5, 0.2, 1.2])
+    v, rng = kernel.project_velocity(q, [1.0, 0.0, 0.0]), np.random.default_rng(0)
     u, weights = rng.uniform(-1.0, 1.0, (2, kernel.n))
     by = kernel.forward_dynamics_jacobian(q, v, u)
     for found, matrix in zip(kernel.vjp("forward_dynamics", (q, v, u), weights), by, strict=True):

@@ -51,7 +51,7 @@ def test_closed_mechanisms_reach_poses_that_they_have(number: int, built: Build)
     moving = [name for name in kernel.coordinates if name not in kernel.prescribed]
     moves = np.array([name in moving for name in kernel.coordinates])
     there = m.q + 0.05 * moves * m.v / max(1.0, float(np.abs(m.v).max()))
-    pose = kernel.frame_pose(kernel.close(there), frame)
+    pose = kernel.frame_pose(kernel.assemble(there), frame)
     q = kernel.inverse_kinematics(pose, frame, q0=m.q, limits=False, moving=moving)
     assert np.abs(kernel.frame_pose(q, frame) - pose).max() < 1e-9
     assert np.abs(kernel.constraint(q)).max() < 1e-11

@@ -171,8 +171,8 @@ def test_mechanisms(built: Build) -> None:
     rng = np.random.default_rng(1)
     gains = Gains(np.array([30.0]), np.array([2.0]))
     loads = InputSignals(DriveData(program=Track(bent(rng, 1, 0.3), np.array([0])), gains=gains))
-    q = kernel.close([0.5, 0.2, 1.2])
-    v = kernel.close_rates(q, [1.0, 0.0, 0.0])
+    q = kernel.assemble([0.5, 0.2, 1.2])
+    v = kernel.project_velocity(q, [1.0, 0.0, 0.0])
     how: dict[str, Any] = {"method": "tsit5", "duration": T, "samples": 2, "rtol": 1e-11}
     _, found = kernel.rollout_gradient(q, v, loss=last, loads=loads, **how)
     x = numbers(loads, "drive.program")

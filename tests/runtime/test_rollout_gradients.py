@@ -80,8 +80,8 @@ def test_against_differences(name: str, method: str, built: Build, monkeypatch: 
     kernel, rng = built(robot, *KERNELS, *beside), np.random.default_rng(9)
     state = {}
     if robot.loops:
-        q = kernel.close([0.5, 0.2, 1.2])
-        state = {"q": q, "v": kernel.close_rates(q, [1.0, 0.0, 0.0])}
+        q = kernel.assemble([0.5, 0.2, 1.2])
+        state = {"q": q, "v": kernel.project_velocity(q, [1.0, 0.0, 0.0])}
     case, parameters = Case(kernel, method, **state), tuple(kernel.parameters)
     value, found = case.gradient(parameters)
     assert set(found) == {"q", "v", "u", "target", "kp", "kd", *parameters}

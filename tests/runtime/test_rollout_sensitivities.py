@@ -41,8 +41,8 @@ class Case:
         n = self.n
         self.state: dict[str, Any] = {"q": rng.uniform(-0.3, 0.3, n), "v": rng.uniform(-1.0, 1.0, n)}
         if name == "four_bar":
-            q = self.kernel.close([0.5, 0.2, 1.2])
-            self.state = {"q": q, "v": self.kernel.close_rates(q, [1.0, 0.0, 0.0])}
+            q = self.kernel.assemble([0.5, 0.2, 1.2])
+            self.state = {"q": q, "v": self.kernel.project_velocity(q, [1.0, 0.0, 0.0])}
         if name == "stops":
             self.state = {"q": np.array([0.195]), "v": np.array([0.6])}
         self.state["u"] = rng.uniform(-1.0, 1.0, (STEPS, n))

@@ -250,7 +250,7 @@ def test_gradients_under_loads(method: str, case: Case) -> None:
 def test_a_mechanism_whose_drive_is_clipped(built: Build) -> None:
     """Loops stay closed; Python integrates the same by its own steps."""
     kernel = built(eomgen.load_robot("four_bar"), *ROLLED, *CLOSED)
-    q = kernel.close([0.5, 0.2, 1.2])
+    q = kernel.assemble([0.5, 0.2, 1.2])
     v, i = np.zeros(kernel.n), kernel.raw.libraries.meta["driven"][0]
     kp, target = np.zeros(kernel.n), np.full(kernel.n, 3.0)
     kp[i] = 50.0
@@ -274,8 +274,8 @@ def test_gradients_of_a_mechanism(method: str, built: Build, monkeypatch: pytest
     """Loops are closed after steps whose drive is clipped, and differentiated with that."""
     kernel = built(eomgen.load_robot("four_bar"), *ROLLED, *CLOSED, *GRADIENTS)
     case = Case(kernel)
-    case.x["q0"] = kernel.close([0.5, 0.2, 1.2])
-    case.x["v0"] = kernel.close_rates(case.x["q0"], [1.0, 0.0, 0.0])
+    case.x["q0"] = kernel.assemble([0.5, 0.2, 1.2])
+    case.x["v0"] = kernel.project_velocity(case.x["q0"], [1.0, 0.0, 0.0])
     i = case.driven[0]
     case.effort[i] = np.median(np.abs(case.asked(case.x["q0"], case.x["v0"])[:, i]))
     same_steps(monkeypatch)

@@ -245,8 +245,8 @@ def test_mechanisms(
     kernel = built(robot, *KERNELS, *(CLOSED if is_closed else ()))
     q, v, u = np.array(guess), np.zeros(kernel.n), np.array([0.5, 0.3, -0.2])
     if is_closed:
-        q = kernel.close(q, ["joint1.gamma"])
-        v = kernel.close_rates(q, [2.0, 0.0, 0.0], ["joint1.gamma"])
+        q = kernel.assemble(q, ["joint1.gamma"])
+        v = kernel.project_velocity(q, [2.0, 0.0, 0.0], ["joint1.gamma"])
     how, loss = {"method": method, **METHODS[method]}, Loss(kernel.n)
     found = kernel.rollout_gradient(q, v, u, loss=loss, **how)[1]
     for label, given in (("u", u),) if is_closed else (("q", q), ("v", v), ("u", u)):

@@ -109,7 +109,7 @@ def test_what_cannot_be_clipped_is_named() -> None:
         run_scenario(weak, scenario(CONTROLS["pd"]))
     closed = _limited(replace(eomgen.load_robot("four_bar"), driven=("joint1.gamma", "joint2.gamma")))
     kernel = eomgen.build(closed)
-    q = kernel.close([closed.home.get(name, 0.0) for name in kernel.coordinates])
+    q = kernel.assemble([closed.home.get(name, 0.0) for name in kernel.coordinates])
     closed = replace(closed, home=dict(zip(kernel.coordinates, q.tolist(), strict=True)))
     text = "duration = 0.02\n[control]\ntype = 'computed_torque'\n"
     assert run_scenario(closed, scenario_from_toml(text)).trajectory.t[-1] == 0.02

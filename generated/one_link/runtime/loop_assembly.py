@@ -70,7 +70,7 @@ class LoopClosure(CompiledCode):
         )
         return np.concatenate([poses[..., :3, 3], np.stack(angles, axis=-1)], axis=-1)
 
-    def close(self, q: ArrayLike, held: Iterable[str] = (), *, roots: int | None = None) -> Array:
+    def assemble(self, q: ArrayLike, held: Iterable[str] = (), *, roots: int | None = None) -> Array:
         """Assemble: return coordinates near a guess that close all loops, (n,), by the Levenberg-Marquardt method.
 
         Args:
@@ -94,7 +94,7 @@ class LoopClosure(CompiledCode):
         _refuse_turned_over(calls, closed, lead)
         return closed.reshape(guesses.shape)
 
-    def close_rates(self, q: ArrayLike, v: ArrayLike, held: Iterable[str] = ()) -> Array:
+    def project_velocity(self, q: ArrayLike, v: ArrayLike, held: Iterable[str] = ()) -> Array:
         """Project velocities: return those that keep loops closed, (n,), with least kinetic energy of the change.
 
         That is what a sudden closing of the loops makes of the guess, too.
@@ -107,7 +107,7 @@ class LoopClosure(CompiledCode):
         Raises:
             LoopError: the loops are open at q, or the rates that are held open one; names it and what remains.
             SingularError: M is not positive definite, or angles at +-pi/2 have no such rates.
-            UnknownNameError, InputError: as of ``close``.
+            UnknownNameError, InputError: as of ``assemble``.
         """
         calls = self.calls
         n, free = calls.n, _free(calls, held)
@@ -117,7 +117,7 @@ class LoopClosure(CompiledCode):
         states, moving = (np.broadcast_to(x, (*lead, n)).reshape(-1, n).copy() for x in (states, guesses))
         violations = calls.run("constraint", None, (states,))
         _refuse(
-            calls, violations, OPEN[calls.dtype.itemsize], "is open", "q of kernel.close", lambda i: _place(i, lead)
+            calls, violations, OPEN[calls.dtype.itemsize], "is open", "q of kernel.assemble", lambda i: _place(i, lead)
         )
         for group in _chart_groups(calls, states, free):
             place = group.place(lead)
@@ -125,6 +125,8 @@ class LoopClosure(CompiledCode):
             velocities = _closed_rates(group.calls, turned, guess, free, place)
             moving[group.rows] = group.described(turned, velocities, states[group.rows], place)[1]
         return np.asarray(moving.reshape(*lead, n))
+
+    close, close_rates = assemble, project_velocity  # their names of before
 
 
 def closed_near(calls: Calls, guess: Array, free: Mask) -> Array | None:
@@ -200,7 +202,7 @@ class _ChartGroup:
             bad = ~(lost <= OPEN[self.calls.dtype.itemsize] * np.maximum(1.0, np.abs(v).max(axis=1)))
             if bad.any():
                 state = int(bad.argmax())
-                raise self.calls.singular("close_rates", self.joints[0][0], place(state), told[0][state])
+                raise self.calls.singular("project_velocity", self.joints[0][0], place(state), told[0][state])
         return told
 
     def _seen(self, q: Array, v: Array, places: int, near: Array) -> tuple[Array, Array]:
@@ -234,7 +236,7 @@ def _chart_groups(calls: Calls, q: Array, free: Mask) -> Iterator[_ChartGroup]:
 
 
 def _roots(calls: Calls, q: ArrayLike, held: Iterable[str], number: int) -> Array:
-    """Return several assemblies about one guess, the nearest first; see ``Kernel.close``."""
+    """Return several assemblies about one guess, the nearest first; see ``Kernel.assemble``."""
     guess, lead = calls.array("q", q, (calls.n,))
     if lead or isinstance(number, bool) or not isinstance(number, (int, np.integer)) or not 1 <= number <= MOST_ROOTS:
         wrong = f"states of shape {guess.shape}" if lead else show(number)
@@ -313,7 +315,7 @@ def _scaled(calls: Calls, q: Array, J: Array, free: Mask, place: Place) -> tuple
         L = np.linalg.cholesky(M)
     except np.linalg.LinAlgError:
         worst = int(np.argmin([np.linalg.eigvalsh(one)[0] for one in M]))
-        raise calls.singular("close_rates", int(np.flatnonzero(free)[0]), place(worst), q[worst]) from None
+        raise calls.singular("project_velocity", int(np.flatnonzero(free)[0]), place(worst), q[worst]) from None
     back = np.linalg.inv(L).transpose(0, 2, 1)
     return back, J[:, :, free] @ back
 

@@ -114,7 +114,7 @@ def closed(kernel: Kernel, q: Array, still: Mask) -> Array:
     names = [name for name, stays in zip(kernel.coordinates, still, strict=True) if stays]
     if np.abs(kernel.constraint(q)).max() <= ROUND_OFF:
         names = []
-    return np.asarray(kernel.close(q, held=names))
+    return np.asarray(kernel.assemble(q, held=names))
 
 
 def _rest_state(

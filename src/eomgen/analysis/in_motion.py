@@ -62,7 +62,7 @@ def _closed_system(arm: HeldRobot, q: Array, v: Array, driving: Array, *, is_dri
     kernel, fixation = arm.kernel, arm.fixation
     zero = np.zeros(kernel.n)
     J, bias = kernel.constraint_jacobian(q), kernel.constraint_bias(q, v)
-    _refuse_opening(kernel, J @ v, np.abs(J).max() * np.abs(v).max(), "v", "/s", "v of kernel.close_rates")
+    _refuse_opening(kernel, J @ v, np.abs(J).max() * np.abs(v).max(), "v", "/s", "v of kernel.project_velocity")
     dead = load_force(kernel, q, arm.loads)
     if is_drive:
         a = _accelerations(kernel, q, v, J, bias, driving + dead, ~fixation.locked)

@@ -269,15 +269,15 @@ def _closed_inputs(robot: Robot, inputs: dict[str, Array], rng: np.random.Genera
     model = build_model(robot)
     kernel = build(robot, kernels=("mass_matrix", "forward_dynamics", *assembly_kernels(robot)))
     home, driven = np.array(model.home), [model.coordinates[i] for i in model.driven]
-    q, reach = np.tile(kernel.close(home), (STATES, 1)), 0.1
+    q, reach = np.tile(kernel.assemble(home), (STATES, 1)), 0.1
     away = rng.uniform(-1.0, 1.0, q.shape) * np.isin(model.coordinates, driven)
     while reach > SMALL:
         try:
-            q = kernel.close(q + reach * away, held=driven)
+            q = kernel.assemble(q + reach * away, held=driven)
             break
         except LoopError:
             reach *= 0.5
-    v = kernel.close_rates(q, np.minimum(np.abs(inputs["v"]), 1.0))
+    v = kernel.project_velocity(q, np.minimum(np.abs(inputs["v"]), 1.0))
     return {**inputs, "q": q, "v": v, "a": kernel.forward_dynamics(q, v, inputs["u"])}
 
 

@@ -39,16 +39,16 @@ def closed_motion(
     names = kernel.coordinates
     known = np.isin(names, measured) | (stiffnesses(kernel) > 0.0) | prescribed_mask(kernel)
     q = np.where(known, q, np.array(model.home))
-    q[0] = kernel.close(q[0], _names(kernel, known & _may_stay(kernel, q[0], known)))
+    q[0] = kernel.assemble(q[0], _names(kernel, known & _may_stay(kernel, q[0], known)))
     J = kernel.constraint_jacobian(q[0])
     _refuse_unknown(kernel, J, known)
     held = known if rank_of(J[:, ~known]) == rank_of(J) else prescribed_mask(kernel)
     stays = _names(kernel, held)
     for k in range(STRIDE, len(q), STRIDE):
-        q[k] = kernel.close(np.where(known, q[k], q[k - STRIDE]), stays)
+        q[k] = kernel.assemble(np.where(known, q[k], q[k - STRIDE]), stays)
     near = np.arange(len(q)) // STRIDE * STRIDE
-    q = kernel.close(np.where(known, q, q[near]), stays)
-    v = kernel.close_rates(q, np.where(known, v, 0.0), stays)
+    q = kernel.assemble(np.where(known, q, q[near]), stays)
+    v = kernel.project_velocity(q, np.where(known, v, 0.0), stays)
     J, bias = kernel.constraint_jacobian(q), kernel.constraint_bias(q, v)
     a = np.where(known, a, 0.0)
     missing = np.einsum("tmn,tn->tm", J, a) + bias

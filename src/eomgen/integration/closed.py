@@ -63,9 +63,9 @@ class ClosedSystem(System):
         kernel = self.here
         residuals, velocity_residuals = kernel.constraint(q), kernel.constraint_jacobian(q) @ v
         if np.abs(residuals).max() > OPEN:
-            raise left_open(kernel.raw, residuals, "is open", "q of kernel.close")
+            raise left_open(kernel.raw, residuals, "is open", "q of kernel.assemble")
         if np.abs(velocity_residuals).max() > OPEN * max(1.0, float(np.abs(v).max())):
-            raise left_open(kernel.raw, velocity_residuals, "is opening", "v of kernel.close_rates", "/s")
+            raise left_open(kernel.raw, velocity_residuals, "is opening", "v of kernel.project_velocity", "/s")
         y, self._last, _ = ClosedSystem.accept(self, t, self.resume(np.concatenate([q, v])))
         q[:], v[:] = self._last[: self.n], self._last[self.n :]
         return y

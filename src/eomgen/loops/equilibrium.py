@@ -51,7 +51,7 @@ def closed_equilibrium(
         return static_equilibrium(kernel, q_guess, u=u, held=held, wrench=wrench)[0]
     kept = known_coordinates(held, kernel) | set(kernel.prescribed)
     fixed = np.array([name in kept for name in kernel.coordinates])
-    q = kernel.close(state_vector("q_guess", q_guess, kernel.coordinates), kept)
+    q = kernel.assemble(state_vector("q_guess", q_guess, kernel.coordinates), kept)
     forces, turns = given_forces(kernel, u), Turns(kernel, fixed)
 
     def imbalance(qs: Array) -> Array:

@@ -34,7 +34,7 @@ def inverse_kinematics(
     alike.  Loops are closed.  Each of several poses is solved for by itself.
 
     Args:
-        kernel: float64, with kinematics; of a mechanism with loops with all that ``close`` takes, and mass_matrix.
+        kernel: float64, with kinematics; of a mechanism with loops with all that ``assemble`` takes, and mass_matrix.
         pose: (4, 4) as ``frame_pose`` has it, base frame, m; or (3,), the frame's origin, whatever its axes; or
             several, (..., 4, 4) or (..., 3).
         robot: whose kernel it is: its driven coordinates move, and of a mechanism those that follow; deviations stay

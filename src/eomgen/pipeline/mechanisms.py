@@ -9,7 +9,7 @@ from .stages import build
 
 
 def assembly_kernels(robot: Robot) -> tuple[str, ...]:
-    """Return names of the kernels that ``Kernel.close`` calls; none without loops and couplings."""
+    """Return names of the kernels that ``Kernel.assemble`` calls; none without loops and couplings."""
     if not build_model(robot).constraints:
         return ()
     return ("constraint", "constraint_jacobian", *(("cut_poses",) if robot.loops else ()))
@@ -31,4 +31,4 @@ def assembled_home(robot: Robot, progress: StageReport = no_report) -> tuple[flo
     if not kernels:
         return home
     kernel = build(robot, kernels=kernels, flags=("-O0",), progress=progress)
-    return tuple(kernel.close(home).tolist())
+    return tuple(kernel.assemble(home).tolist())

@@ -63,9 +63,9 @@ def mobility_of(robot: Robot, *, progress: StageReport = no_report) -> Mobility 
     try:
         kernel = build(rigid, kernels=("mass_matrix", *assembly_kernels(rigid)), flags=("-O0",), progress=progress)
         driven = [model.coordinates[i] for i in model.driven]
-        home = kernel.close(np.array(model.home))
+        home = kernel.assemble(np.array(model.home))
         constraints = redundancy(kernel, home)
-        ways = len(kernel.close(home, driven, roots=BRANCHES)) if len(driven) >= constraints.mobility else 0
+        ways = len(kernel.assemble(home, driven, roots=BRANCHES)) if len(driven) >= constraints.mobility else 0
     except (BuildError, LoopError) as error:
         return Mobility(note=str(error).splitlines()[0])
     return Mobility(constraints.mobility, constraints.rank, constraints.redundant, constraints.undetermined, ways)

@@ -17,8 +17,8 @@ Ask = Callable[[str], "Array | None"]  # what a function says of the state; None
 LOADED = "_under_load"  # ends the names of functions that methods call where there are wrenches
 WHOLE = ("constraint_forces", "loop_reactions")  # that the open tree has nothing of
 KINDS = (  # of violations: what it is, per which time, and what is allowed
-    ("is open", "", "q of kernel.close"),
-    ("is opening", "/s", "v of kernel.close_rates"),
+    ("is open", "", "q of kernel.assemble"),
+    ("is opening", "/s", "v of kernel.project_velocity"),
     ("opens at the accelerations", "/s^2", "those of a motion that keeps it closed"),
 )
 

@@ -72,8 +72,8 @@ def _closed(assembly: Assembly, q: Array, v: Array, velocities: Container[str]) 
         fixed, still = list(dict.fromkeys((*fixed, *moved))), list(dict.fromkeys((*still, *moved)))
     if not kernel.constraints:  # the loops are elastic
         return q, v
-    q = kernel.close(q, fixed)
-    return q, kernel.close_rates(q, v, still)
+    q = kernel.assemble(q, fixed)
+    return q, kernel.project_velocity(q, v, still)
 
 
 def _motors_at_home(robot: Robot, assembly: Assembly) -> set[str]:

@@ -148,7 +148,7 @@ class Path:
         if self.prescribed is not None:
             q[:, prescribed_mask(kernel)] = [self.prescribed(t)[0] for t in times.tolist()]
         fixed = [kernel.coordinates[i] for i in self.mechanism.chart.free]
-        return np.asarray(kernel.close(q, fixed))
+        return np.asarray(kernel.assemble(q, fixed))
 
 
 def mechanism_of(rigid: Kernel, driven: Sequence[str], start: Mapping[str, float]) -> Mechanism:
@@ -163,6 +163,6 @@ def mechanism_of(rigid: Kernel, driven: Sequence[str], start: Mapping[str, float
         LoopError: the loops do not close near there, or the drives do not hold the mechanism.
     """
     q = np.array([start.get(name, 0.0) for name in rigid.coordinates])
-    q = rigid.close(q, driven)
+    q = rigid.assemble(q, driven)
     index = index_of(rigid.coordinates, driven)
     return Mechanism(rigid, np.asarray(index, dtype=np.intp), TurningChart(rigid, q, list(index)))

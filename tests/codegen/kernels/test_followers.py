@@ -276,10 +276,10 @@ def test_loops_and_followers_go_together(built: Build) -> None:
     map_ = Reduction.of(robot, robot.couplings)
     rng = np.random.default_rng(1)
     for _ in range(3):
-        q = kernel.close(
+        q = kernel.assemble(
             np.array(build_model(robot).home) + 0.1 * rng.normal(size=kernel.n), ["joint1.gamma", "left.z"]
         )
-        v = kernel.close_rates(q, rng.normal(size=kernel.n), ["joint1.gamma", "left.z"])
+        v = kernel.project_velocity(q, rng.normal(size=kernel.n), ["joint1.gamma", "left.z"])
         Q, V = map_.positions(q), map_.motions(v)
         assert np.abs(whole.constraint(Q)).max() <= 1e-9
         near(kernel.constraint_jacobian(q), (whole.constraint_jacobian(Q) @ map_.S)[:-2])

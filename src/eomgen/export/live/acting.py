@@ -60,7 +60,7 @@ def default_gains(robot: Robot, driven: tuple[str, ...], start: Array) -> tuple[
     inertia: Array
     if robot.is_closed:
         kernel = build(robot.rigid())
-        q = kernel.close([leading_home(robot).get(name, 0.0) for name in kernel.coordinates])
+        q = kernel.assemble([leading_home(robot).get(name, 0.0) for name in kernel.coordinates])
         nothing, index = np.zeros(kernel.n), index_of(kernel.coordinates, driven)
         rest = kernel.forward_dynamics(q, nothing, nothing)
         moved = [kernel.forward_dynamics(q, nothing, np.eye(kernel.n)[i])[i] - rest[i] for i in index]

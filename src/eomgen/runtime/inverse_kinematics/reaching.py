@@ -126,7 +126,7 @@ def reach(
     loops it is one that their constraint allows, after which they are closed again.
 
     Args:
-        kernel: with kinematics; of a robot with loops with all that ``close`` takes.
+        kernel: with kinematics; of a robot with loops with all that ``assemble`` takes.
         target: where the tool is to be.
         q: the guess, (n,).
         limits: lower and upper limits, (n, 2); where both are equal the coordinate stays.
