@@ -1,11 +1,10 @@
-"""Write the generated parts of committed pages: python docs/tables.py.
+"""Write the generated parts of committed pages, and docs/public_arguments.txt: python docs/tables.py.
 
 With --check: status 1 if they differ instead.
 """
 
 from __future__ import annotations
 
-import importlib
 import re
 import sys
 from functools import partial
@@ -13,7 +12,6 @@ from pathlib import Path
 
 import eomgen
 from eomgen import limits
-from eomgen.cli.entry import COMMANDS
 from eomgen.codegen.kernels.equations import derive
 from eomgen.pipeline.costs import robot_info
 from eomgen.robot.model import build_model
@@ -26,11 +24,12 @@ else:
 
 sys.path[:0] = [str(ROOT), str(ROOT / "docs")]  # for benchmarks and generators
 
-from generators import rooms  # noqa: E402
+from generators import public, rooms  # noqa: E402
 
 ROBOTS = ("one_link", "puma560", "ur5", "puma560_elastic")
 DIFFERENTIATED = ("inverse_dynamics", "forward_dynamics")
 MOST_SHOWN = 7  # packages of an extra that the table names
+ARGUMENTS = "docs/public_arguments.txt"
 KERNELS = ("inverse_dynamics", "mass_matrix", "forward_dynamics", "bias_force", "generalized_force")
 
 
@@ -125,28 +124,12 @@ def sizes() -> str:
     return "\n".join(["| | at most |", "|---|---|", *(f"| {what} | {most} |" for what, most in rows)])
 
 
-PUBLIC = (
-    *("analysis", "authoring", "description", "export", "identification", "integration", "loops", "motion", "pictures"),
-    *("robot", "scenario", "simulation", "state", "sweep", "adapters.casadi", "adapters.jax"),
-)
-
-
-def names() -> str:
-    """Public names by package, and the commands."""
-    found = {"eomgen": eomgen.__all__} | {
-        f"eomgen.{name}": importlib.import_module(f"eomgen.{name}").__all__ for name in PUBLIC
-    }
-    rows = [f"| `{package}` | {', '.join(f'`{name}`' for name in sorted(names))} |" for package, names in found.items()]
-    commands = ", ".join(f"`{command.name}`" for command in COMMANDS)
-    return "\n".join(["| package | names |", "|---|---|", *rows, f"| command line | {commands} |"])
-
-
 PARTS = {
     "docs/comparison.md": {"operations": operations, "precision": precision},
     "docs/derivatives.md": {"derivatives": derivatives},
     "docs/start.md": {"extras": extras},
     "docs/limits.md": {"sizes": sizes},
-    "docs/stability.md": {"names": names},
+    "docs/stability.md": {"names": public.names, "renamed": public.renamings},
     "docs/architecture.md": {
         "rooms": partial(rooms.floors, "rooms"),
         "generator": partial(rooms.floors, "generator"),
@@ -166,8 +149,12 @@ def filled(page: str) -> str:
 
 
 def main() -> int:
+    arguments = (ROOT / ARGUMENTS).read_text(encoding="utf-8")
+    if lost := public.lost(arguments):
+        print(*lost, f"delete from {ARGUMENTS} by hand what goes with a minor version", sep="\n", file=sys.stderr)
+        return 1
     differ = False
-    for page, wanted in {page: filled(page) for page in PARTS}.items():
+    for page, wanted in {ARGUMENTS: public.arguments(), **{page: filled(page) for page in PARTS}}.items():
         now = (ROOT / page).read_text(encoding="utf-8")
         differ |= now != wanted
         if "--check" not in sys.argv[1:] and now != wanted:

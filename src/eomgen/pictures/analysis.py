@@ -17,7 +17,7 @@ from ..analysis.frequency import Response
 from ..analysis.modal_result import Modes, TrackedModes
 from ..analysis.tool_budget import Budget
 from ..description import RobotLike, as_robot
-from ..errors import InputError
+from ..errors import InputError, renamed
 from ..names import show
 from ..shown import scale_of
 from .scene import Array, capsules, extent, link_poses, placed
@@ -90,6 +90,7 @@ def plot_tracks(
     return drawn.outcome
 
 
+@renamed(found="modes")
 def plot_mode_shapes(
     modes: Modes, robot: RobotLike, path: Path | str | None = None, *, most: int = 6, ax: Any = None
 ) -> Plotted:
@@ -174,6 +175,7 @@ def _draw_lines(axes: Any, ends: Array, color: str, width: float) -> None:
         axes.plot(*line.T, color=color, linewidth=width)
 
 
+@renamed(found="response")
 def plot_response(
     response: Response, path: Path | str | None = None, *, most: int = len(CYCLE), ax: Any = None
 ) -> Plotted:
@@ -229,6 +231,7 @@ def _largest(response: Response) -> list[tuple[str, str]]:
     return sorted(shown, key=lambda pair: -shown[pair] / most[response.unit(*pair)])
 
 
+@renamed(found="budget")
 def plot_budget(budget: Budget, path: Path | str | None = None, *, most: int = 6, ax: Any = None) -> Plotted:
     """Plot the largest contributions to the displacement of a frame over time.
 
@@ -259,6 +262,7 @@ def plot_budget(budget: Budget, path: Path | str | None = None, *, most: int = 6
     return drawn.outcome
 
 
+@renamed(found="compliance")
 def plot_compliance(compliance: ComplianceMap, path: Path | str | None = None, *, ax: Any = None) -> Plotted:
     """Plot the compliance in the softest direction over a plane, in the coordinates of the base frame where it can be.
 

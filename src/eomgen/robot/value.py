@@ -16,7 +16,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, TypeVar
 
-from ..errors import UnknownNameError
+from ..errors import UnknownNameError, renamed
 from ..lazily import from_above
 from ..names import NAME_LENGTH, html_table, joint_of, kind_of, nearest_or_all, show, split_component
 from ..once import kept
@@ -346,6 +346,7 @@ class Joint(_Jointed):
         lower, upper = (x if math.isfinite(x) else None for x in self.limits)
         return replace(limits, lower=lower, upper=upper)
 
+    @renamed(given="limits")
     def with_limits(self, name: str, limits: Limits) -> Joint:
         """Return the joint with these limits of an active coordinate, or of its motor's."""
         if name == MOTOR:
