@@ -20,6 +20,7 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 NOTEBOOKS = EXAMPLES / "notebooks"
 CELL_LIMIT = 600  # s; all of a notebook takes less than a minute
 LAST_LINES = 12  # of what a cell said before it failed
+SCRIPTED = "import sys; del sys.ps1"  # as in a script: what takes long does not tell how far it has come
 IMAGES = {"image/svg+xml": "svg", "image/png": "png"}
 _COLOURS = re.compile(r"\x1b\[[0-9;]*m")
 
@@ -68,7 +69,7 @@ def run_cells(notebook: Any, name: str) -> Any:
             timeout=CELL_LIMIT,
             kernel_name="python3",
             resources={"metadata": {"path": str(folder)}},
-            extra_arguments=["--IPKernelApp.log_level=ERROR"],
+            extra_arguments=["--IPKernelApp.log_level=ERROR", f"--IPKernelApp.exec_lines={SCRIPTED}"],
         )
         with _environment({**own, "MPLBACKEND": "module://matplotlib_inline.backend_inline"}):
             try:

@@ -1,15 +1,22 @@
-"""Functions that callers hand in, and that long work tells how far it has come."""
+"""Functions that callers hand in, and that long work tells how far it has come; lines in notebooks and at a prompt."""
 
 from __future__ import annotations
 
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import wraps
+from typing import Any, ParamSpec, TypeVar
+
+Arguments = ParamSpec("Arguments")
+Returned = TypeVar("Returned")
 
 Progress = Callable[[float, str], None]  # called with the fraction that is done, from 0 to 1, and a line of text
 StageReport = Callable[[str], None]  # called with a line of text when a stage begins
 
 EVERY = 5.0  # s, after which long work says how far it has come where nothing moves on a terminal
+_SHOWN = threading.Lock()  # held while progress is shown, by whatever
 
 
 def no_progress(_fraction: float, _text: str) -> None:
@@ -49,3 +56,63 @@ def told_in_lines(title: str, say: Callable[[str], None], every: float = EVERY) 
     finally:
         done.set()
         thread.join()
+
+
+@contextmanager
+def shown_alone() -> Iterator[bool]:
+    """Give whether nothing else shows progress now; until the block ends, nothing else does by ``told_at_prompt``."""
+    first = _SHOWN.acquire(blocking=False)
+    try:
+        yield first
+    finally:
+        if first:
+            _SHOWN.release()
+
+
+def is_at_prompt() -> bool:
+    """Return whether somebody types what is run: into Python, IPython or a notebook, all of which set sys.ps1."""
+    return hasattr(sys, "ps1")
+
+
+@contextmanager
+def told_at_prompt(title: str, progress: Callable[..., None] | None = None) -> Iterator[Callable[..., None]]:
+    """Give a Progress that is a StageReport, too: the caller's, or at a prompt one of lines as of commands, on stderr.
+
+    Args:
+        title: what the block does, as commands say it.
+        progress: of the caller; None, ``no_progress`` and ``no_report`` are none.
+    """
+    if progress not in (None, no_progress, no_report):
+        yield progress
+        return
+    if not is_at_prompt():
+        yield _silent
+        return
+    with shown_alone() as first:
+        if not first:
+            yield _silent
+            return
+        with told_in_lines(title, lambda line: print(line, file=sys.stderr, flush=True), EVERY) as report:
+            yield lambda *about: report(*(0.0, *about)[-2:])
+
+
+def tells_at_prompt(title: str) -> Callable[[Callable[Arguments, Returned]], Callable[Arguments, Returned]]:
+    """Decorate a function with a keyword ``progress``: called at a prompt without one, it gets ``told_at_prompt``."""
+
+    def decorate(function: Callable[Arguments, Returned]) -> Callable[Arguments, Returned]:
+        @wraps(function)
+        def telling(*args: Arguments.args, **keywords: Arguments.kwargs) -> Returned:
+            if not is_at_prompt():
+                return function(*args, **keywords)
+            own: Any = keywords.get("progress")
+            with told_at_prompt(title, own) as report:
+                keywords["progress"] = report
+                return function(*args, **keywords)
+
+        return telling
+
+    return decorate
+
+
+def _silent(*_about: Any) -> None:
+    """Say nothing, as a Progress or a StageReport."""

@@ -72,6 +72,17 @@ def test_a_cell_that_fails_is_named(notebooks: ModuleType) -> None:
         notebooks.run_cells(new_notebook(cells=cells), "some")
 
 
+def test_pages_have_no_lines_of_progress(notebooks: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Which notebooks of users have: theirs are at a prompt."""
+    from nbformat.v4 import new_code_cell, new_notebook
+
+    asked = "from eomgen.progress import is_at_prompt\nprint(is_at_prompt())"
+    for scripted, answer in ((notebooks.SCRIPTED, "False\n"), ("pass", "True\n")):
+        monkeypatch.setattr(notebooks, "SCRIPTED", scripted)
+        notebook = notebooks.run_cells(new_notebook(cells=[new_code_cell(asked)]), "some")
+        assert [one.text for one in notebook.cells[0].outputs] == [answer]
+
+
 @pytest.mark.soak
 @pytest.mark.parametrize("name", NAMES)
 def test_they_run(name: str, notebooks: ModuleType) -> None:

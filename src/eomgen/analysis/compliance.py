@@ -18,7 +18,7 @@ from ..motion.tool_path import space_point
 from ..names import show
 from ..pipeline.mechanisms import mechanism_kernels
 from ..pipeline.stages import build
-from ..progress import Progress, StageReport, no_progress
+from ..progress import Progress, StageReport, no_progress, tells_at_prompt
 from ..results.kinds import Kind, Saved, declare
 from ..results.stored import Stored
 from ..robot.model import build_model, tool_of
@@ -94,6 +94,7 @@ class ComplianceMap(Plotting, Shown, Saved, plot="plot_compliance"):
 declare(Kind("compliance_map", ComplianceMap, is_bare=True, is_finite=False))
 
 
+@tells_at_prompt("deflecting")
 def compliance_map(
     robot: RobotLike,
     corner: ArrayLike,

@@ -17,7 +17,7 @@ from ..arrays import Array
 from ..description import RobotLike
 from ..errors import ArrayError, InputError, check_kind
 from ..optional import optional_import
-from ..progress import StageReport
+from ..progress import StageReport, tells_at_prompt
 from ..results.kinds import Kind, SavedColumns, declare
 from ..results.stored import Stored
 from ..robot.coordinates import force_unit_of
@@ -132,6 +132,7 @@ class Response(Plotting, Shown, Tabular, SavedColumns, plot="plot_response"):
 declare(Kind("response", Response, is_bare=True, is_finite=False))
 
 
+@tells_at_prompt("responding")
 def response(
     robot: RobotLike,
     inputs: Sequence[str],

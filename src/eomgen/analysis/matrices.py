@@ -13,7 +13,7 @@ from ..arrays import Array
 from ..description import RobotLike
 from ..errors import InputError, UnknownNameError
 from ..names import component_name, nearest_or_all, show
-from ..progress import StageReport
+from ..progress import StageReport, tells_at_prompt
 from ..results.kinds import Kind, Saved, declare
 from ..results.stored import Stored
 from ..robot.coordinates import MOTIONS
@@ -160,6 +160,7 @@ def _spread(A: Array) -> Array:
 declare(Kind("state_space", StateSpace, is_bare=True, is_finite=False))
 
 
+@tells_at_prompt("linearising")
 def linearize(  # noqa: PLR0913
     robot: RobotLike,
     pose: PoseLike | None = None,

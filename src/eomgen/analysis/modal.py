@@ -16,7 +16,7 @@ from ..arrays import Array, Index
 from ..description import RobotLike
 from ..errors import InputError, check_kind
 from ..optional import optional_import
-from ..progress import StageReport
+from ..progress import StageReport, tells_at_prompt
 from ..robot.model import tool_of
 from .at_rest import system_at_rest
 from .holding import PoseLike
@@ -33,6 +33,7 @@ Complex = NDArray[np.complex128]
 ROUND_OFF = 1e-14  # of the greatest stiffness over mass: what is taken to be zero
 
 
+@tells_at_prompt("linearising")
 def modes(
     robot: RobotLike,
     pose: PoseLike | None = None,
@@ -61,6 +62,7 @@ def modes(
     return modes_of(system, arm.robot.name, frame)
 
 
+@tells_at_prompt("linearising")
 def modes_along(
     robot: RobotLike,
     poses: Sequence[PoseLike] | Array,

@@ -143,4 +143,4 @@ def checked_loads(kernel: Kernel, loads: FrameLoads | None) -> dict[str, Array]:
 def warn_of(notes: Iterable[str]) -> None:
     """Warn of each note with an EomgenWarning, at the line that called the analysis."""
     for note in notes:
-        warnings.warn(note, EomgenWarning, stacklevel=3)
+        warnings.warn(note, EomgenWarning, stacklevel=4)  # above the function that tells at a prompt

@@ -10,7 +10,7 @@ import numpy as np
 from ..arrays import Array
 from ..description import RobotLike
 from ..errors import InputError
-from ..progress import StageReport
+from ..progress import StageReport, tells_at_prompt
 from ..robot.coordinates import MOTIONS
 from ..robot.model import tool_of
 from ..runtime.kernel import Kernel
@@ -96,6 +96,7 @@ class Deflection(Shown):
         return lines + [f"note: {note}" for note in self.notes]
 
 
+@tells_at_prompt("deflecting")
 def deflection(
     robot: RobotLike,
     pose: PoseLike | None = None,

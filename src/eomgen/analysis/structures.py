@@ -23,7 +23,7 @@ from ..motion.exceeding import excess_notes, excesses
 from ..motion.tool_path import ToolLine
 from ..names import joint_of, kind_of, listed
 from ..pipeline.stages import build
-from ..progress import Progress
+from ..progress import Progress, tells_at_prompt
 from ..robot.coordinates import force_unit_of, index_of, unit_of
 from ..robot.model import build_model, program_coordinates, tool_of
 from ..robot.value import PRINCIPAL, Robot
@@ -101,6 +101,7 @@ class Comparison(Shown):
         return [*lines, *(["", *self.notes] if self.notes else [])]
 
 
+@tells_at_prompt("comparing")
 def compare(
     robots: Sequence[RobotLike],
     *,

@@ -7,10 +7,11 @@ from pathlib import Path
 
 from eomgen.description import RobotLike, as_robot
 from eomgen.files import check_ending, write_atomically
-from eomgen.progress import StageReport, no_report
+from eomgen.progress import StageReport, no_report, tells_at_prompt
 from eomgen.robot.model import build_model
 
 
+@tells_at_prompt("exporting")
 def export_arrays(
     robot: RobotLike, path: Path | str, *, kernels: Sequence[str] = (), progress: StageReport = no_report
 ) -> Path:

@@ -17,13 +17,14 @@ from eomgen.description import RobotLike, as_robot
 from eomgen.errors import InputError
 from eomgen.files import as_path, write_atomically
 from eomgen.pipeline.stages import Options, generate
-from eomgen.progress import StageReport, no_report
+from eomgen.progress import StageReport, no_report, tells_at_prompt
 
 OLDEST = (1980, 1, 1, 0, 0, 0)  # the first time that an archive can hold: the same files make the same bytes
 C_LIBRARIES = {b"libc.so.6", b"libm.so.6", b"libpthread.so.0", b"ld-linux-x86-64.so.2", b"ld-linux-aarch64.so.1"}
 NEEDS = ("cffi>=1.16", "numpy>=1.26")
 
 
+@tells_at_prompt("exporting")
 def export_wheel(
     robot: RobotLike, folder: Path | str, options: Options | None = None, *, progress: StageReport = no_report
 ) -> Path:

@@ -22,7 +22,7 @@ from ..motion.smoothing import local_polynomials
 from ..names import component_name, split_component
 from ..pipeline.mechanisms import mechanism_kernels
 from ..pipeline.stages import build
-from ..progress import StageReport
+from ..progress import StageReport, tells_at_prompt
 from ..results.contents import Contents
 from ..results.kinds import Kind, SavedColumns, declare
 from ..results.stored import Stored
@@ -231,6 +231,7 @@ declare(
 
 
 @answers_in_numbers("motion")
+@tells_at_prompt("evaluating")
 def forces(
     robot: RobotLike,
     motion: MeasuredMotion | Path | str,

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Array
 from ..errors import InputError, check_kind
-from ..progress import Progress
+from ..progress import Progress, tells_at_prompt
 from ..runtime.by_name import WrenchLike
 from ..runtime.kernel import Kernel
 from ..runtime.stepping.options import ErrorControl
@@ -34,6 +34,7 @@ from .turning import ClosedTurningSystem, TurningSystem
 from .until import Reached, Until
 
 
+@tells_at_prompt("integrating")
 def integrate(  # noqa: PLR0913
     kernel: Kernel,
     q0: ArrayLike,

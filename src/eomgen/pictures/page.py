@@ -11,7 +11,7 @@ from ..description import RobotLike, as_robot
 from ..errors import EomgenError, InputError
 from ..names import component_name
 from ..pipeline.costs import RobotInfo, robot_info
-from ..progress import Progress, no_progress
+from ..progress import Progress, no_progress, tells_at_prompt
 from ..robot.coordinates import UNITS
 from ..robot.laws import number_texts
 from ..robot.model import build_model
@@ -24,6 +24,7 @@ from .report import Report, Table, sorted_notes
 ROWS = 12  # of a table that a scenario shows of a long one
 
 
+@tells_at_prompt("reporting")
 def report_of(
     result: SimulationResult | Any,
     robot: RobotLike | None = None,

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..codegen.kernels.signatures import BATCHES, SINGLES
 from ..errors import UnknownNameError
-from ..progress import StageReport, no_report
+from ..progress import StageReport, no_report, told_at_prompt
 from ..runtime.raw import BATCH, SETUP, Library, OneLibrary
 from . import cache as store
 from .direct_calls import settle
@@ -75,7 +75,11 @@ class OnDemand:
         Raises:
             BuildError: it does not compile, or computes something else than the equations.
         """
-        report = self._report(f"{kernel} for batches" if function.endswith(BATCH) else kernel)
+        what = f"{kernel} for batches" if function.endswith(BATCH) else kernel
+        with told_at_prompt(f"building {what} of {self._name}", self._report(what)) as report:
+            return self._library(kernel, function, report)
+
+    def _library(self, kernel: str, function: str, report: StageReport) -> Library:
         half = self._half(kernel, function, report)
         place = self._names(kernel, half), half
         with self._locks.setdefault(place, threading.Lock()):

@@ -31,7 +31,7 @@ from ..description import RobotLike, as_robot
 from ..errors import EomgenWarning, InputError
 from ..files import as_path, check_ending, read_regular, write_atomically
 from ..names import plain_path, show
-from ..progress import StageReport, no_report
+from ..progress import StageReport, no_report, tells_at_prompt, told_at_prompt
 from ..robot.model import build_model
 from ..robot.record import robot_hash
 from ..robot.value import Robot
@@ -137,12 +137,12 @@ def build(
     """
     robot, whole = as_robot(robot), isinstance(kernels, str) and kernels == "all"
     options = Options(() if whole else cast(tuple[str, ...], kernels), dtype, native, tuple(flags), level=level)
-    with ThreadPoolExecutor(1, "eomgen derivation") as beside:
-        at_once = whole or options.kernels
+    at_once = whole or options.kernels
+    with told_at_prompt("building", progress) as report, ThreadPoolExecutor(1, "eomgen derivation") as beside:
         if derive and at_once:  # first, so that the derivation is beside the compiler, and not beside another one
-            make_source(robot, _with_beside(robot, options), progress)
+            make_source(robot, _with_beside(robot, options), report)
         derived = _begin_derivation(beside, robot, options) if derive else None
-        kernel = _at_once(robot, options, progress) if at_once else _on_demand(robot, options, progress)
+        kernel = _at_once(robot, options, report) if at_once else _on_demand(robot, options, progress)
         if derived is not None:
             derived.result()
     return kernel
@@ -237,6 +237,7 @@ def built_again(robot: Robot, options: Options, key: str, version: str, level: s
     return _at_once(robot, options) if package is None else _loaded_again(package, robot, options, level)
 
 
+@tells_at_prompt("generating")
 def generate(
     robot: RobotLike,
     folder: Path | str,
@@ -280,7 +281,7 @@ def generate(
     page = None if report is None else check_ending(report, ".html", ".tex", label="report")
     hidden = check_module_name(robot.name)
     if hidden:
-        warnings.warn(hidden, EomgenWarning, stacklevel=2)
+        warnings.warn(hidden, EomgenWarning, stacklevel=3)  # above the function that tells at a prompt
     options = _with_beside(robot, options or Options())
     with ThreadPoolExecutor(1, "eomgen derivation") as beside:
         make_source(robot, options, progress)  # first, so that the derivation is beside the compiler alone

@@ -34,7 +34,7 @@ from ..motion.point_to_point import Program
 from ..motion.splines import Spline
 from ..names import component_name, show
 from ..pipeline.ahead import Ahead
-from ..progress import Progress, no_progress
+from ..progress import Progress, no_progress, tells_at_prompt
 from ..robot.coordinates import force_unit_of, index_of, unit_of
 from ..robot.model import rigid_coordinates, tool_of
 from ..robot.value import MOTOR, Robot
@@ -49,6 +49,7 @@ from .segments import Loads, SegmentOptions, run_segments
 from .stream import MotionStream
 
 
+@tells_at_prompt("simulating")
 def simulate(  # noqa: PLR0913
     robot: RobotLike,
     *,
@@ -110,6 +111,7 @@ def simulate(  # noqa: PLR0913
     return run_scenario(robot, scenario, progress=progress)
 
 
+@tells_at_prompt("simulating")
 def run_scenario(
     robot: RobotLike,
     scenario: Scenario | str | Path | Mapping[str, Any],

@@ -28,7 +28,7 @@ from ..forms.dotted_paths import get_path
 from ..forms.toml_text import parse_toml
 from ..integration.plan import IntegratorPlan
 from ..names import parameter_path, show
-from ..progress import Progress, no_progress
+from ..progress import Progress, no_progress, tells_at_prompt
 from ..robot.model import tool_of
 from ..robot.parameter_names import expand_each, expand_tunable
 from ..robot.value import Robot
@@ -50,6 +50,7 @@ CHUNK = 16  # samples that are done together
 FIRST, AHEAD = 8, 512  # chunks that wait at an executor: at first, at most
 
 
+@tells_at_prompt("sweeping")
 def run(
     robot: RobotLike,
     scenario: str | Path | Mapping[str, Any],

@@ -4,18 +4,31 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 
-from ...progress import Progress, StageReport, told_in_lines
+from ...progress import Progress, StageReport, shown_alone, told_in_lines
 
 
 @contextmanager
 def progress_bar(title: str) -> Iterator[Progress]:
     """Give a Progress of a bar on a terminal; in a pipe, of lines on stderr if it takes that long."""
-    if not sys.stderr.isatty():
-        with told_in_lines(title, lambda line: print(line, file=sys.stderr, flush=True)) as report:
-            yield report
-        return
+    with shown_alone(), _bar(title) if sys.stderr.isatty() else _lines(title) as report:
+        yield report
+
+
+@contextmanager
+def stage_bar(title: str) -> Iterator[StageReport]:
+    """Give a StageReport of ``progress_bar``, for work that cannot tell how long its stages take."""
+    with progress_bar(title) as report:
+        yield lambda text: report(0.0, text)
+
+
+def _lines(title: str) -> AbstractContextManager[Progress]:
+    return told_in_lines(title, lambda line: print(line, file=sys.stderr, flush=True))
+
+
+@contextmanager
+def _bar(title: str) -> Iterator[Progress]:
     from rich.console import Console
     from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
     from rich.progress import Progress as Bars
@@ -28,10 +41,3 @@ def progress_bar(title: str) -> Iterator[Progress]:
             bars.update(task, description=text or title, total=1.0 if fraction > 0 else None, completed=fraction)
 
         yield report
-
-
-@contextmanager
-def stage_bar(title: str) -> Iterator[StageReport]:
-    """Give a StageReport of ``progress_bar``, for work that cannot tell how long its stages take."""
-    with progress_bar(title) as report:
-        yield lambda text: report(0.0, text)

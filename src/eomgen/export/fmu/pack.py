@@ -25,7 +25,7 @@ from eomgen.errors import InputError
 from eomgen.files import as_path, write_atomically
 from eomgen.names import show
 from eomgen.pipeline.stages import Options, make_source
-from eomgen.progress import StageReport, no_report
+from eomgen.progress import StageReport, no_report, tells_at_prompt
 from eomgen.robot.model import Model, build_model
 from eomgen.robot.value import Robot
 from eomgen.runtime.stepping.options import ADAPTIVE as STEPPERS
@@ -50,6 +50,7 @@ CLOSED_KERNELS = (  # of robots with a constraint
 RTOL = 1e-6  # relative tolerance of co-simulation at first
 
 
+@tells_at_prompt("exporting")
 def export_fmu(
     robot: RobotLike,
     path: Path | str,

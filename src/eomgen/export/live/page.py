@@ -16,7 +16,7 @@ from ...codegen.c.source import environment
 from ...description import RobotLike, as_robot
 from ...errors import InputError
 from ...files import as_path, write_atomically
-from ...progress import Progress, no_progress
+from ...progress import Progress, no_progress, tells_at_prompt
 from ...robot.value import Robot
 from ...scenario.load import load_scenario
 from ...scenario.value import Scenario
@@ -31,6 +31,7 @@ MODEL_KERNELS = ("inverse_dynamics",)
 _IMPORTED = re.compile(r'^import .* from "#live/(\w+)";$', re.MULTILINE)  # of a script by another
 
 
+@tells_at_prompt("making the page")
 def export_live(
     subject: RobotLike | SimulationResult,
     path: Path | str,

@@ -21,7 +21,7 @@ from eomgen.errors import InputError
 from eomgen.files import as_path, write_atomically
 from eomgen.pipeline.mechanisms import assembled_home
 from eomgen.pipeline.stages import Options, make_source
-from eomgen.progress import StageReport, no_report
+from eomgen.progress import StageReport, no_report, tells_at_prompt
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
 from eomgen.runtime.stepping.options import ADAPTIVE, FIXED, LEAST, ROLLOUTS, rollout_of
@@ -68,6 +68,7 @@ class WasmModule:
         return [write_atomically(Path(folder) / file, methodcaller("write", x)) for file, x in contents.items()]
 
 
+@tells_at_prompt("exporting")
 def export_wasm(
     robot: RobotLike,
     folder: Path | str,

@@ -18,7 +18,7 @@ from ...errors import InputError, UnknownNameError
 from ...motion.measured_numbers import answers_in_numbers
 from ...names import component_name, is_identifier, listed, nearest_or_all, show, split_component
 from ...optional import optional_import
-from ...progress import StageReport, no_report
+from ...progress import StageReport, no_report, tells_at_prompt
 from ...robot.model import build_model
 from ...robot.value import COORDINATES, MOTOR, Robot
 from ..geometry.error_model import (
@@ -76,6 +76,7 @@ class Task:
 
 
 @answers_in_numbers("poses")
+@tells_at_prompt("calibrating")
 def calibrate(  # noqa: PLR0913
     robot: RobotLike,
     poses: MeasuredPoses | Path | str,

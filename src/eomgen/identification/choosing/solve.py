@@ -17,7 +17,7 @@ from ...description import RobotLike, as_robot
 from ...errors import InputError, UnknownNameError
 from ...motion.exceeding import excess_notes, excesses
 from ...names import nearest_or_all, show
-from ...progress import StageReport, no_report
+from ...progress import StageReport, no_report, tells_at_prompt
 from ...robot.model import build_model, tool_of
 from ..calibration.identifiability import Identifiable, identifiable
 from ..calibration.result import CalibrationResult, load_calibration
@@ -54,6 +54,7 @@ class _Offer:
     first: int
 
 
+@tells_at_prompt("choosing poses")
 def poses(  # noqa: PLR0913
     robot: RobotLike,
     *,

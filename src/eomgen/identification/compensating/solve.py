@@ -15,7 +15,7 @@ from ...integration.steps import output_times
 from ...limits import LARGEST, SMALLEST, is_usable
 from ...motion.exceeding import excess_notes, excesses
 from ...names import listed, nearest, show
-from ...progress import Progress, no_progress
+from ...progress import Progress, no_progress, tells_at_prompt
 from ...robot.model import tool_of
 from ...robot.value import Robot
 from ...scenario.load import load_scenario
@@ -38,6 +38,7 @@ HALVINGS = 6  # of the correction's size, where drives have limits
 BETWEEN = 1.5  # times the peak at the samples, from which on that between them is told
 
 
+@tells_at_prompt("compensating")
 def compensate(  # noqa: PLR0913
     robot: RobotLike,
     scenario: Scenario | Path | str | None = None,

@@ -25,7 +25,7 @@ from ...motion.measured_numbers import answers_in_numbers
 from ...motion.smoothing import STENCIL
 from ...names import component_name, joint_of, kind_of, listed, show
 from ...pipeline.stages import build
-from ...progress import StageReport
+from ...progress import StageReport, tells_at_prompt
 from ...robot.model import build_model
 from ...robot.value import MOTOR, Friction, Robot
 from ...runtime.kernel import Kernel
@@ -46,6 +46,7 @@ SPREAD = 0.5  # relative, of the description's numbers of single links
 
 
 @answers_in_numbers("motion")
+@tells_at_prompt("identifying")
 def identify(  # noqa: PLR0913
     robot: RobotLike,
     motion: MeasuredMotion | Path | str,

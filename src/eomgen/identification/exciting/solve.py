@@ -19,7 +19,7 @@ from ...limits import LARGEST, SMALLEST, is_usable
 from ...motion.exceeding import excess_notes, excesses
 from ...names import component_name, joint_of, kind_of, listed, show
 from ...pipeline.stages import build
-from ...progress import StageReport, no_report
+from ...progress import StageReport, no_report, tells_at_prompt
 from ...robot.coordinates import force_unit_of
 from ...robot.model import build_model
 from ...robot.value import PRINCIPAL, Robot
@@ -55,6 +55,7 @@ USUAL = 0.1  # of a drive's rms: what friction and rotors are expected to take w
 SLOW = 0.05  # of a coordinate's greatest rate: over which Coulomb friction turns round in gradients
 
 
+@tells_at_prompt("exciting")
 def excite(  # noqa: PLR0913
     robot: RobotLike,
     *,

@@ -13,7 +13,7 @@ from ...errors import InputError
 from ...motion.measured_numbers import answers_in_numbers
 from ...names import listed, show
 from ...npz import read_npz
-from ...progress import Progress, no_progress
+from ...progress import Progress, no_progress, tells_at_prompt
 from ...results.beside import SWEEP, TRAJECTORY
 from ...simulation.result import SimulationResult, load_result
 from ...sweep.plan import Plan
@@ -29,6 +29,7 @@ _FAR = 0.1  # m, rad: of a pose from its command, from which on a mistake is mor
 
 
 @answers_in_numbers("results")
+@tells_at_prompt("evaluating")
 def accuracy(  # noqa: PLR0913
     *results: SimulationResult | Path | str,
     robot: RobotLike | None = None,

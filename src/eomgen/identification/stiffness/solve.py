@@ -37,7 +37,7 @@ from ...names import component_name, listed, nearest, parameter_name, split_comp
 from ...optional import optional_import
 from ...pipeline.mechanisms import mechanism_kernels
 from ...pipeline.stages import build
-from ...progress import StageReport
+from ...progress import StageReport, tells_at_prompt
 from ...robot.model import Model, build_model
 from ...robot.value import MOTOR, PRINCIPAL, Robot
 from ...runtime.kernel import Kernel
@@ -52,6 +52,7 @@ SHARE = 1e-4  # of a parameter in an undetermined direction: with less it is det
 
 
 @answers_in_numbers("motion")
+@tells_at_prompt("fitting")
 def fit(
     robot: RobotLike,
     motion: MeasuredMotion | Path | str,

@@ -22,7 +22,7 @@ from ...limits import LARGEST, is_usable
 from ...motion.files import MeasuredMotion, measured_motion
 from ...motion.measured_numbers import ALLOWED, answers_in_numbers, within_limits
 from ...names import component_name, joint_of, kind_of, listed, nearest_or_all, show
-from ...progress import StageReport, no_report
+from ...progress import StageReport, no_report, tells_at_prompt
 from ...results.contents import Contents
 from ...results.kinds import Kind, declare
 from ...robot.model import Model, build_model, tool_of
@@ -50,6 +50,7 @@ _SOFTEST = 0.2  # of a stiffness: its greatest standard deviation
 
 
 @answers_in_numbers("table")
+@tells_at_prompt("looking at tolerances")
 def tolerance(  # noqa: PLR0913
     robot: RobotLike,
     table: Mapping[str, Any] | Path | str,
