@@ -1,0 +1,176 @@
+"""Coordinates of joints: their springs, dampers, friction, contacts and limits."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+from typing import Any
+
+from ..bounds import Limits
+from ..geometry import COORDINATES, LINEAR
+from ..laws import BASIC, GAUSSIAN, NUMBERS, SHAPES, Curve, active_laws, defaults
+from .fields import LATER, Picklable
+
+ACROSS: Mapping[str, tuple[str, ...]] = MappingProxyType(  # translations across a coordinate's axis
+    {name: tuple(x for x in LINEAR if x != axis) for name, axis in zip(COORDINATES, LINEAR * 2, strict=True)}
+)
+COORDINATE_NUMBERS = tuple(number.key for number in BASIC)  # of any coordinate; each may be a run-time parameter
+
+
+@dataclass(frozen=True)
+class Friction:
+    """Friction at the velocity v: sgn(v) (C + (static - coulomb) / (1 + (v / stribeck)^2)) + viscous v.
+
+    With the shape "gaussian" the excess of static friction falls as exp(-(v / stribeck)^2).  C is coulomb, and with a
+    ``coefficient`` (load-dependent friction) coulomb + coefficient radius N, N the load of the joint (``carriers``);
+    ``radius`` (m) is the friction radius of a rotation, and 1 of a translation.
+    coulomb, static: N or N m; stribeck: m/s or rad/s; viscous: N s/m or N m s/rad.  sgn(v) is v / sqrt(v^2 +
+    smoothing^2); smoothing (m/s or rad/s) becomes 4e-8, or 1e-6 stribeck if that is less, where it is None.
+    """
+
+    coulomb: float = 0.0
+    static: float | None = None
+    stribeck: float | None = None
+    viscous: float | None = None
+    smoothing: float | None = None
+    coefficient: float | None = field(default=None, metadata=LATER)
+    radius: float | None = field(default=None, metadata=LATER)
+    shape: str | None = field(default=None, metadata=LATER)
+
+    def __post_init__(self) -> None:
+        if self.shape not in (None, *SHAPES):
+            raise ValueError(f"shape {self.shape!r}")
+        if self.shape == SHAPES[0] or self.stribeck is None:  # one value for one curve
+            object.__setattr__(self, "shape", None)
+        for key, value in defaults(self.numbers()).items():
+            object.__setattr__(self, key.removeprefix("friction."), value)
+
+    @classmethod
+    def of(cls, numbers: Mapping[str, float]) -> Friction:
+        """Make friction of its numbers, by the names of ``numbers`` without "friction."."""
+        fields: dict[str, Any] = dict(numbers)
+        if GAUSSIAN in fields:
+            fields |= {"stribeck": fields.pop(GAUSSIAN), "shape": GAUSSIAN}
+        return cls(**fields)
+
+    def numbers(self) -> dict[str, float]:
+        """Return the numbers that are set, by their names: "friction.coulomb"; stribeck has its curve's name."""
+        names = {"stribeck": self.shape or "stribeck"}
+        fields = {key: value for key, value in vars(self).items() if value is not None and key != "shape"}
+        return {f"friction.{names.get(key, key)}": value for key, value in fields.items()}
+
+
+@dataclass(frozen=True)
+class Coordinate(Picklable):
+    """Properties of one active coordinate; None means that the description does not set the value.
+
+    stiffness: N/m or N m/rad, damping: N s/m or N m s/rad (eq. 13), armature: reflected rotor inertia, kg or kg m^2,
+    added to the diagonal of the mass matrix.  prescribed: its motion is prescribed; its row is the force for that.
+
+    The others make further forces that resist a deviation s, N or N m: ``preload`` at s = 0; ``cubic`` (N/m^3 or
+    N m/rad^3) times s^3; ``stiffness_negative`` in the place of stiffness where s < 0; ``friction``; ``curve``,
+    measured points (s, force) in the place of springs.  With a ``clearance`` (half of it, m or rad) springs act on
+    the penetration d of its ends alone, times 1 + ``restitution_damping`` (s/m or s/rad) d_dot, never pulling, and set
+    in over ``smoothing`` (m or rad), which becomes a twentieth of the clearance where it is None.
+    ``further``: the numbers of laws that have no field here, by their names in ``laws.NUMBERS``.
+    ``limits``: of its motion and of its drive; of a principal coordinate ``Joint.limits`` has the range, where both
+    ends are set.
+    """
+
+    stiffness: float | None = None
+    damping: float | None = None
+    armature: float | None = None
+    preload: float | None = None
+    cubic: float | None = None
+    stiffness_negative: float | None = None
+    clearance: float | None = None
+    restitution_damping: float | None = None
+    smoothing: float | None = None
+    friction: Friction | None = None
+    curve: Curve | None = None
+    prescribed: bool = False
+    further: Mapping[str, float] = field(default_factory=dict, hash=False, metadata=LATER)
+    limits: Limits | None = field(default=None, metadata=LATER)
+
+    def __post_init__(self) -> None:
+        further = dict(self.further)
+        for key, value in defaults(self.law()).items():
+            if key in vars(self):
+                object.__setattr__(self, key, value)
+            else:
+                further[key] = value
+        object.__setattr__(self, "further", MappingProxyType(further))
+
+    @property
+    def carries(self) -> bool:
+        """Whether springs, contacts or dampers of the coordinate carry a force."""
+        laws = any(law.name != "friction" for law in active_laws(self.law()))
+        return laws or self.stiffness is not None or self.damping is not None
+
+    @property
+    def has_stiffness(self) -> bool:
+        """Whether any of its numbers counts as a stiffness."""
+        return bool(self.stiffness) or any(law.stiffness for law in active_laws(self.law()))
+
+    def numbers(self, keys: Sequence[str] = COORDINATE_NUMBERS) -> dict[str, float | None]:
+        """Return numbers by the names of parameters, some of ``COORDINATE_NUMBERS``; None where one is not set."""
+        return {key: getattr(self, key) for key in keys} | self.law()
+
+    def law(self) -> dict[str, float]:
+        """Return numbers beyond stiffness, damping and armature, by their names: "cubic", "curve.0"."""
+        fields = {**vars(self), **(self.friction.numbers() if self.friction else {}), **self.further}
+        numbers = {key: fields[key] for key in NUMBERS if key != "curve" and fields.get(key) is not None}
+        return numbers | {f"curve.{i}": force for i, (_, force) in enumerate(self.curve or ())}
+
+    def unstopped(self) -> Coordinate:
+        """Return the coordinate without stops."""
+        others = {key: number for key, number in self.further.items() if not key.startswith("stops.")}
+        return self if len(others) == len(self.further) else replace(self, further=others)
+
+    def with_numbers(self, numbers: Mapping[str, float]) -> Coordinate:
+        """Return the coordinate with these numbers, by the names of ``law`` or "stiffness", in place of the old ones.
+
+        A law that descriptions have as a table is replaced as a whole, and defaults follow anew.
+        """
+        kept = {key: value for key, value in self.law().items() if key in NUMBERS}
+        for law in active_laws(numbers):
+            for number in law.numbers:
+                if law.has_table or number.default:
+                    kept.pop(number.key, None)
+        kept.update(numbers)
+        fields: dict[str, Any] = {key: kept.pop(key, None) for key in NUMBERS if key in vars(self) and key != "curve"}
+        fields |= {key: kept.pop(key, getattr(self, key)) for key in COORDINATE_NUMBERS}
+        friction = {key[9:]: kept.pop(key) for key in NUMBERS if key.startswith("friction.") and key in kept}
+        return replace(self, **fields, friction=Friction.of(friction) if friction else None, further=kept)
+
+
+def carriers(name: str, coordinates: Mapping[str, Coordinate]) -> tuple[str, ...]:
+    """Return the names of a joint's coordinates whose springs, contacts and dampers load one with friction.
+
+    These are the translations across it; of a rotation those across its axis.  Moments, friction and rigid constraints
+    do not count.
+
+    Args:
+        name: of the coordinate with load-dependent friction.
+        coordinates: active ones of the joint, or those of a loop joint that have a table.
+    """
+    return tuple(other for other in ACROSS[name] if other in coordinates and coordinates[other].carries)
+
+
+def load_dependent(coordinates: Mapping[str, Coordinate]) -> dict[str, tuple[str, ...]]:
+    """Return coordinates with load-dependent friction, each with its ``carriers``."""
+    frictions = {
+        name: coordinate.friction for name, coordinate in coordinates.items() if coordinate.friction is not None
+    }
+    return {name: carriers(name, coordinates) for name, x in frictions.items() if x.coefficient is not None}
+
+
+def unloaded(coordinates: Mapping[str, Coordinate]) -> dict[str, Coordinate]:
+    """Return the coordinates without load-dependent friction where there is no load any more."""
+    unloaded = dict(coordinates)
+    for name, others in load_dependent(coordinates).items():
+        friction = unloaded[name].friction
+        if friction is not None and not others:
+            unloaded[name] = replace(unloaded[name], friction=replace(friction, coefficient=None, radius=None))
+    return unloaded

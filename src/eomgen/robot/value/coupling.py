@@ -1,0 +1,79 @@
+"""Couplings: coordinates that move together, rigidly or through a spring."""
+
+from __future__ import annotations
+
+from collections.abc import Container, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+
+from ...names import NAME_LENGTH
+from .coordinate import Coordinate
+from .fields import LATER, Picklable
+from .joint import CUT_NUMBERS
+
+
+@dataclass(frozen=True)
+class Coupling(Picklable):
+    """Coordinates that move together: value(of) = sum of ratio * value(coordinate) + offset.
+
+    of: the name of a coordinate; to: ratios by the names of others, in the unit of ``of`` per theirs; none where
+    ``of`` keeps to the offset.  law: forces in what value(of) deviates from the right side, in units of ``of``, without
+    armature and role; None where the coupling is rigid.  is_constraint: keeps a coordinate that a rigid coupling would
+    make a follower (``Robot.followers``), and a row of the constraint.
+    """
+
+    name: str
+    of: str
+    to: Mapping[str, float] = field(hash=False)
+    offset: float | None = None
+    law: Coordinate | None = None
+    is_constraint: bool = field(default=False, metadata=LATER)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "to", MappingProxyType(dict(self.to)))
+
+    def numbers(self) -> dict[str, float | None]:
+        """Return numbers by the names of parameters: "ratio.finger1.gamma", "offset"; None where not set."""
+        numbers: dict[str, float | None] = {f"ratio.{name}": ratio for name, ratio in self.to.items()}
+        numbers["offset"] = self.offset
+        return numbers | (self.law.numbers(CUT_NUMBERS) if self.law else {})
+
+    def rigid(self, moving: Container[str]) -> Coupling | None:
+        """Return the coupling without its spring where only some coordinates move; None if none is left."""
+        law = None if self.law is not None and self.law.has_stiffness else self.law
+        to = {name: ratio for name, ratio in self.to.items() if name in moving}
+        if self.of in moving:
+            return replace(self, to=to, law=law)
+        lead = next((name for name, ratio in to.items() if ratio != 0.0), None)
+        if lead is None or law is not None:
+            return None
+        ratio = to.pop(lead)
+        offset = None if self.offset is None else -self.offset / ratio
+        solved = {name: -x / ratio for name, x in to.items()}
+        return Coupling(self.name[: NAME_LENGTH - 6] + "_rigid", lead, solved, offset)  # its numbers are others
+
+
+def first_contradiction(couplings: Sequence[Coupling]) -> tuple[Coupling, str] | None:
+    """Return a rigid coupling that depends on others, and how; None if all of them are independent."""
+    said: dict[str, Coupling] = {}
+    for coupling in couplings:
+        if coupling.law is None:
+            if coupling.of in said:
+                return coupling, f"{coupling.of} follows from the coupling {said[coupling.of].name}"
+            said[coupling.of] = coupling
+    resolved: set[str] = set()
+    for start in said:
+        path: dict[str, Iterator[str]] = {start: iter(said[start].to)}  # coordinates that follow from the next one
+        while path:
+            last = next(reversed(path))
+            below = next((name for name in path[last] if name in said and name not in resolved), None)
+            if below is None:
+                resolved.add(last)
+                del path[last]
+            elif below in path:
+                names = list(path)
+                circle = [said[name].name for name in names[names.index(below) :]]
+                return said[last], f"it goes round in a circle: {' -> '.join([*circle, circle[0]])}"
+            else:
+                path[below] = iter(said[below].to)
+    return None

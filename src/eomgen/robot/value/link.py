@@ -1,0 +1,36 @@
+"""Links, and frames on them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from ..geometry import LINEAR, Placement, Vector
+from .fields import Numbers, below
+
+INERTIA_KEYS = ("xx", "yy", "zz", "xy", "xz", "yz")
+BASE = "base"
+
+
+@dataclass(frozen=True)
+class Link:
+    """A rigid body: mass (kg), com (m, link frame), inertia (kg m^2, INERTIA_KEYS, about com, link axes)."""
+
+    name: str
+    mass: float
+    com: Vector
+    inertia: tuple[float, float, float, float, float, float]
+
+    def numbers(self) -> Numbers:
+        """Yield all numbers by the names of parameters: "mass", "com.x"."""
+        yield "mass", self.mass
+        yield from below("com", zip(LINEAR, self.com, strict=True))
+        yield from below("inertia", zip(INERTIA_KEYS, self.inertia, strict=True))
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A point of interest on a link (or on the base)."""
+
+    name: str
+    link: str
+    placement: Placement = field(default_factory=Placement)

@@ -1,0 +1,250 @@
+"""The robot: its links, joints, loops, elements and couplings, and the copies of it that are changed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, TypeVar
+
+from ...errors import UnknownNameError
+from ...lazily import from_above
+from ...names import html_table, joint_of, kind_of, nearest_or_all, show, split_component
+from ...once import kept
+from ..bounds import Limits
+from ..elements import Element, LinkElement
+from ..elements.spring import Spring
+from ..geometry import LINEAR, Vector
+from .coordinate import Coordinate
+from .coupling import Coupling, first_contradiction
+from .fields import LATER, Numbers, Picklable, below
+from .joint import MOTOR, PRINCIPAL, Joint, Loop
+from .link import BASE, Frame, Link
+
+
+@dataclass(frozen=True)
+class Robot(Picklable):
+    """A validated robot.  Links exclude the base; ``base`` is the base link's name in the description.
+
+    joints are in depth-first order; ``loops`` are the joints that close it, cut; ``springs`` act between points of
+    links, other ``elements`` between frames of links; ``couplings`` join coordinates; ``tunable`` names parameters that
+    stay run-time values; ``notes`` are one-line remarks about the reading (an inertia that was projected, say), for the
+    user to see.
+    driven: names of the actuated coordinates (of a joint or its motor, which is the same drive); None: the
+    principal ones.  home: where simulations start and assembly begins, m or rad by coordinate; default 0.
+    """
+
+    name: str
+    gravity: Vector
+    links: tuple[Link, ...]
+    joints: tuple[Joint, ...]
+    frames: tuple[Frame, ...] = ()
+    tunable: tuple[str, ...] = ()
+    base: str = BASE
+    source: str = ""
+    notes: tuple[str, ...] = ()
+    loops: tuple[Loop, ...] = ()
+    springs: tuple[Spring, ...] = ()
+    driven: tuple[str, ...] | None = field(default=None, metadata=LATER)
+    home: Mapping[str, float] = field(default_factory=dict, hash=False, metadata=LATER)
+    couplings: tuple[Coupling, ...] = field(default=(), metadata=LATER)
+    elements: tuple[Element, ...] = field(default=(), metadata=LATER)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "home", MappingProxyType(dict(self.home)))
+
+    def _repr_html_(self) -> str:
+        """Return a small table, for notebooks."""
+        rows = {
+            "source": self.source or "none",
+            "gravity, m/s^2": ", ".join(f"{x:g}" for x in self.gravity),
+            "links": len(self.links),
+            "mass, kg": f"{sum(link.mass for link in self.links):.6g}",
+            "joints": len(self.joints),
+            "coordinates": sum(len(joint.all_coordinates) for joint in self.joints) - len(self.followers),
+            "loops": len(self.loops),
+            "springs between points": len(self.springs),
+            "other force elements": len(self.elements),
+            "couplings": len(self.couplings),
+            "frames": ", ".join(frame.name for frame in self.frames) or "none",
+        }
+        return html_table(f"Robot {self.name}", rows)
+
+    def show(self, path: Path | str | None = None, *, browser: bool | None = None) -> Any:
+        """Show the robot as a page with a slider for each joint; nothing is simulated or compiled.
+
+        Args:
+            path: to write the page to, .html; None for none.
+            browser: whether to open it; by default unless a notebook shows it, or it is written to a path.
+
+        Returns:
+            The page: notebooks show it below their cell, ``save(path)`` writes it, ``open()`` opens it in the browser.
+
+        Raises:
+            InputError: the file cannot be written.
+        """
+        return from_above(".export.live.view", "show_robot")(self, path, browser=browser)
+
+    @property
+    def link_elements(self) -> tuple[LinkElement, ...]:
+        """All force elements between two links, springs first."""
+        return (*self.springs, *self.elements)
+
+    def numbers(self) -> Numbers:
+        """Yield every number of the description that may be a parameter, by its name; None where one is not set."""
+        yield from below("gravity", zip(LINEAR, self.gravity, strict=True))
+        for link in self.links:
+            yield from below(f"links.{link.name}", link.numbers())
+        for joint in self.joints:
+            yield from below(f"joints.{joint.name}", joint.numbers())
+        for frame in self.frames:
+            yield from below(f"frames.{frame.name}.placement", frame.placement.numbers())
+        for loop in self.loops:
+            yield from below(f"loops.{loop.name}", loop.numbers())
+        for coupling in self.couplings:
+            yield from below(f"couplings.{coupling.name}", coupling.numbers().items())
+        for element in self.link_elements:
+            yield from below(element.prefix, element.numbers())
+
+    def link(self, name: str) -> Link:
+        """Return the link of that name; UnknownNameError if there is none."""
+        return _of_name("link", name, self.links)
+
+    def joint(self, name: str) -> Joint:
+        """Return the joint of that name; UnknownNameError if there is none."""
+        return _of_name("joint", name, self.joints)
+
+    def limits_of(self, coordinate: str) -> Limits:
+        """Return the limits of a coordinate by its name, "joint1.gamma"; an empty one where it has none."""
+        joint, name = split_component(coordinate)
+        return self.joint(joint).limits_of(name)
+
+    @property
+    def is_closed(self) -> bool:
+        """True if something beside the tree holds coordinates: loops, or couplings but those of ``followers``."""
+        return bool(self.loops or len(self.couplings) > len(self.followers))
+
+    @property
+    def followers(self) -> dict[str, Coupling]:
+        """Couplings by the coordinates that they make followers, each behind its leaders.
+
+        A follower is no coordinate of kernels: its position, velocity and acceleration are those that its leaders give
+        it.  Of rigid couplings those stay constraints whose dependent coordinate moves a loop, belongs to a joint with
+        a motor, a journal or damping as a whole, follows a motor, or has a drive and
+        follows several, and those that ``is_constraint`` keeps.
+        """
+        acted_on = {x.name for x in self.joints if (x.motor, x.radial, x.damping) != (None, None, None)}
+        shared = {x.of for x in self.couplings if len(x.to) - [*x.to.values()].count(0.0) != 1}
+        acted_on |= {joint_of(name) for name in self.driven or () if name in shared}
+        kept = _in_loops(self) | acted_on
+        rigid = [x for x in self.couplings if x.law is None and not x.is_constraint]
+        left = {x.of: x for x in rigid if joint_of(x.of) not in kept and all(kind_of(name) != MOTOR for name in x.to)}
+        behind: dict[str, list[str]] = {}
+        for name, coupling in left.items():
+            for other in coupling.to.keys() & left.keys():
+                behind.setdefault(other, []).append(name)
+        ahead = {name: len(coupling.to.keys() & left.keys()) for name, coupling in left.items()}
+        ready = [name for name, count in ahead.items() if not count]
+        for name in ready:  # which grows
+            for other in behind.get(name, ()):
+                ahead[other] -= 1
+                ready += [other] if not ahead[other] else []
+        return {name: left[name] for name in ready}
+
+    def with_constraints(self) -> Robot:
+        """Return the robot without followers: all rigid couplings are rows of the constraint."""
+        couplings = tuple(replace(x, is_constraint=True) if x.law is None else x for x in self.couplings)
+        return replace(self, couplings=couplings) if self.followers else self
+
+    @kept
+    def rigid(self) -> Robot:
+        """Return the robot with deviations locked: principal and prescribed coordinates and free joints move.
+
+        Stops of joints are left out.
+
+        Where there are loops, coordinates without a stiffness move, too: the loops hold them.
+
+        Loop joints are rigid in what their types block, couplings with a stiffness where that contradicts no other one.
+        Transmissions are rigid: a motor counts as an armature, and the motion of one that is prescribed as its joint's.
+        Springs and other force elements between links that then do not move against each other are left out.
+        """
+        joints = [joint.rigid(loose=bool(self.loops)) for joint in self.joints]
+        loops = [loop.rigid() for loop in self.loops]
+        carrier = {self.base: self.base}
+        for joint in joints:
+            carrier[joint.child] = joint.child if joint.coordinates else carrier[joint.parent]
+        springs = tuple(s for s in self.springs if carrier[s.links[0]] != carrier[s.links[1]])
+        elements = tuple(x for x in self.elements if carrier[x.links[0]] != carrier[x.links[1]])
+        moving = {f"{joint.name}.{name}" for joint in joints for name in joint.coordinates}
+        drives = {f"{j.name}.{MOTOR}": f"{j.name}.{PRINCIPAL[j.type]}" for j in self.joints if j.motor is not None}
+        driven = None if self.driven is None else dict.fromkeys(drives.get(name, name) for name in self.driven)
+        couplings: tuple[Coupling, ...] = ()
+        for coupling in self.couplings:
+            stiff = coupling.rigid(moving)
+            if stiff is not None:
+                fits = first_contradiction((*couplings, stiff)) is None
+                couplings += (stiff if fits else coupling,)
+        made = replace(self, name=self.name[:42] + "_rigid", joints=tuple(joints), loops=tuple(loops))
+        more = replace(made, couplings=couplings).followers.keys() - self.followers.keys()  # are coordinates here, too
+        made = replace(
+            made,
+            springs=springs,
+            elements=elements,
+            driven=None if driven is None else tuple(name for name in driven if name in moving),
+            home={name: value for name, value in self.home.items() if name in moving},
+            couplings=tuple(replace(x, is_constraint=True) if not x.law and x.of in more else x for x in couplings),
+        )
+        left = {name for name, _ in made.numbers()}
+        return replace(made, tunable=tuple(name for name in self.tunable if name in left))
+
+    def with_value(self, path: str, value: Any) -> Robot:
+        """Return the robot with one value of its description changed, checked as those that are loaded.
+
+        Args:
+            path: keys and names with dots: a parameter ("links.arm.mass", "joints.joint1.x.stiffness", "gravity.z"), or
+                a whole value ("links.arm.com", "joints.joint1.limits").
+            value: a number, a list, a text or a mapping, in SI units; numbers that follow from it follow anew.
+
+        Raises:
+            DescriptionError: there is no such value (says what is there), or no robot can have it.
+        """
+        return self.with_values({path: value})
+
+    def with_values(self, changes: Mapping[str, Any]) -> Robot:
+        """Return the robot with several values changed at once, by their paths; see ``with_value``."""
+        changed: Robot = from_above(".description.changing", "with_values")(self, changes)
+        return changed
+
+    def with_coordinates(self, coordinates: Mapping[str, Mapping[str, Coordinate]]) -> Robot:
+        """Return the robot with these coordinates (by joint, then by name) active, too."""
+        joints = tuple(
+            replace(joint, coordinates={**joint.coordinates, **coordinates.get(joint.name, {})})
+            for joint in self.joints
+        )
+        return replace(self, joints=joints)
+
+
+def _in_loops(robot: Robot) -> set[str]:
+    """Return the names of the joints on a loop: they move the two sides of its loop joint against each other."""
+    above = {joint.child: joint for joint in robot.joints}
+
+    def path(link: str) -> set[str]:
+        names = set()
+        while link in above:
+            names.add(above[link].name)
+            link = above[link].parent
+        return names
+
+    return {name for loop in robot.loops for name in path(loop.links[0]) ^ path(loop.links[1])}
+
+
+_Named = TypeVar("_Named", Link, Joint)
+
+
+def _of_name(what: str, name: str, items: Iterable[_Named]) -> _Named:
+    """Return the item of that name; UnknownNameError if there is none."""
+    known = {item.name: item for item in items}
+    if not isinstance(name, str) or name not in known:
+        raise UnknownNameError(f"{what}: {show(name)} is unknown{nearest_or_all(str(name), known)}")
+    return known[name]
