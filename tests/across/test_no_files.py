@@ -1,17 +1,20 @@
-"""FIFOs and devices where a file is expected: refused at once; and names that would steer a terminal."""
+"""FIFOs, devices and folders where a file is expected: refused at once; and names that would steer a terminal."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import pytest
 
 from eomgen.authoring.check import check_file
+from eomgen.authoring.dh import dh_file_text
 from eomgen.cli import entry as cli
 from eomgen.description.load import load_robot
 from eomgen.errors import InputError
+from eomgen.identification.tolerances.table import read_table
 from eomgen.names import printable
 from eomgen.pictures.shapes import urdf_shapes
 from eomgen.scenario.load import load_scenario
@@ -19,7 +22,7 @@ from eomgen.sweep.plan import load_plan
 from tests.support.description_samples import ARM, URDF
 
 
-@pytest.mark.parametrize("kind", ["fifo", "device"])
+@pytest.mark.parametrize("kind", ["fifo", "device", "folder"])
 @pytest.mark.parametrize(
     ("read", "suffix"),
     [
@@ -28,18 +31,23 @@ from tests.support.description_samples import ARM, URDF
         (load_robot, ".xml"),
         (load_scenario, ".toml"),
         (load_plan, ".toml"),
+        (partial(read_table, known=["base.x"]), ".toml"),
+        (partial(dh_file_text, "arm", convention="classic"), ".csv"),
     ],
 )
 def test_no_reader_waits(read: Callable[[Path], object], suffix: str, kind: str, tmp_path: Path) -> None:
     path = _none(tmp_path / f"a{suffix}", kind)
-    with pytest.raises(InputError, match=f"it is a {kind}".replace("fifo", "FIFO")):
+    with pytest.raises(InputError, match=f"it is a {kind}".replace("fifo", "FIFO")) as caught:
         read(path)
+    assert str(path) in str(caught.value)
     assert check_file(path).errors
 
 
 def _none(path: Path, kind: str) -> Path:
     if kind == "fifo":
         os.mkfifo(path)
+    elif kind == "folder":
+        path.mkdir()
     else:
         path.symlink_to("/dev/zero")
     return path

@@ -1,4 +1,4 @@
-"""Fuzzed descriptions, scenarios, plans, motions and DH tables: no traceback, no crash, 2 s and 512 MB each."""
+"""Fuzzed descriptions, scenarios, plans, motions, tables of some kinds: no traceback, no crash, 2 s and 512 MB each."""
 
 from __future__ import annotations
 
@@ -30,6 +30,7 @@ BLOCKS = {
     "mjcf": 1,
     "scenario": 2,
     "plan": 1,
+    "tolerances": 1,
     "csv": 1,
     "dh": 1,
     "npz": 1,

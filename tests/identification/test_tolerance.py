@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -17,6 +18,7 @@ from eomgen.errors import ArrayError, DescriptionError, InputError, UnknownNameE
 from eomgen.identification import ToleranceResult, load_tolerance, tolerance
 from eomgen.identification.tolerances.allocation import least
 from eomgen.identification.tolerances.regions import ellipsoids, mixed_quantiles, quantile_of_normal, radii
+from eomgen.identification.tolerances.table import meant
 from eomgen.identification.tolerances.vertices import farthest
 from eomgen.pictures import plot_tolerance
 from eomgen.robot.value import Coordinate, Robot
@@ -46,6 +48,39 @@ def arm() -> Robot:
 def soft() -> Robot:
     stiff = Coordinate(stiffness=4e5)
     return chain(4, "RRR").with_coordinates({"joint1": {"alpha": stiff}, "joint2": {"beta": stiff}})
+
+
+# Names
+
+
+@pytest.mark.parametrize(
+    ("pattern", "names"),
+    [
+        ("*.arm.*", {"joints.arm.x", "joints.arm.gamma"}),
+        ("joints.*.x", {"joints.arm.x", "joints.ooo.x"}),
+        ("joints.*", set()),  # a star is no dot
+        ("*", {"base"}),
+        ("b*e", {"base"}),
+        ("ba*ase", set()),  # pieces do not overlap
+        ("**s*", {"base"}),
+        ("joints.**.*mm*", {"joints.arm.gamma"}),
+        ("joints.o*o*o.x", {"joints.ooo.x"}),
+        ("joints.o*o*o*o.x", set()),
+        ("joints.a[r]m.*", set()),
+        ("base", {"base"}),
+        ("Base", set()),
+    ],
+)
+def test_names_with_stars(pattern: str, names: set[str]) -> None:
+    assert set(meant(pattern, ["base", "joints.arm.x", "joints.arm.gamma", "joints.ooo.x"])) == names
+
+
+def test_many_stars_take_no_time() -> None:
+    name = f"joints.{'o' * 60}.x"
+    begun = time.process_time()
+    assert meant(f"joints.{'*o' * 20}*p.x", [name]) == []
+    assert meant(f"joints.{'*o' * 20}*.x", [name]) == [name]
+    assert time.process_time() - begun < 1.0
 
 
 # Regions

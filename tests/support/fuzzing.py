@@ -25,14 +25,21 @@ import numpy as np
 from eomgen.authoring.dh import CONVENTIONS, dh_file_text
 from eomgen.description.load import load_robot, robot_from_mjcf, robot_from_toml, robot_from_urdf
 from eomgen.errors import DescriptionError, EomgenWarning, InputError
+from eomgen.identification.tolerances.correlations import read_correlations, root_of
+from eomgen.identification.tolerances.table import Table, read_table
 from eomgen.motion.files import MeasuredMotion, read_motion
 from eomgen.robot.coordinates import coordinate_names
 from eomgen.robot.model import build_model
+from eomgen.robot.value import COORDINATES as COORDINATES_OF_JOINTS
 from eomgen.robot.value import Robot
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.sweep.plan import plan_from_toml
 from tests.support.file_mutants import COORDINATES, FILES, any_mutant
 
+KNOWN = (  # parameters that tables of tolerances name
+    *(f"joints.{joint}.offset.{key}" for joint in ("j1", "j2", "o" * 60) for key in COORDINATES_OF_JOINTS),
+    *("joints.j2.stiffness", "base.x", "base.y", "base.z", "frames.tcp.x", "frames.tcp.y"),
+)
 SECONDS, MEGABYTES = 2.0, 512  # of one description
 LENGTH = 900
 KINDS: dict[str, Any] = {
@@ -43,6 +50,7 @@ KINDS: dict[str, Any] = {
     "mjcf": lambda text, folder: robot_from_mjcf(text, source="r.mjcf", inertia="project"),
     "scenario": lambda text, folder: scenario_from_toml(text, source="s.toml", folder=folder),
     "plan": lambda text, folder: plan_from_toml(text, source="p.toml"),
+    "tolerances": lambda text, folder: check_tolerances(text, folder / "t.toml"),
     **dict.fromkeys(FILES),
 }
 
@@ -102,6 +110,24 @@ def check_motion(motion: MeasuredMotion) -> MeasuredMotion:
     assert len(motion.t)
     assert (np.diff(motion.t) > 0.0).all()
     return motion
+
+
+def check_tolerances(text: str, path: Path) -> Table:
+    """Names are known ones, each once, with one size; coefficients are those of a matrix that has a root."""
+    path.write_text(text, encoding="utf-8", newline="")
+    table = read_table(path, KNOWN)
+    names = [entry.name for entry in table.entries]
+    assert names == [name for name in KNOWN if name in names]
+    for entry in table.entries:
+        (size,) = (each for each in (entry.deviation, entry.bound) if each is not None)
+        assert 0.0 <= size < math.inf
+        assert 0.0 < entry.cost < math.inf
+    correlation = read_correlations(table)
+    root = root_of(correlation)
+    assert correlation.shape == (len(names), len(names))
+    np.testing.assert_allclose(root @ root.T, correlation, atol=1e-9)
+    np.testing.assert_array_equal(np.diag(correlation), 1.0)
+    return table
 
 
 def check_dh(path: Path) -> Robot | None:

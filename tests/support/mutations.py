@@ -1,4 +1,4 @@
-"""Random descriptions, scenarios and plans that are nearly right: trees that are changed where it hurts, and raw bytes.
+"""Random descriptions, scenarios, plans and tolerances that are nearly right: trees changed where it hurts, raw bytes.
 
 A document is a tree (TOML values, or XML elements as [tag, attributes, children]); a mutant is a function of the kind
 and the seed alone.
@@ -150,6 +150,20 @@ relative = true
 scenario = "control.kd"
 grid = { low = 1, high = 2, count = 3 }
 """
+TOLERANCES = """
+"joints.*.offset.*" = { deviation = 1e-4 }
+"frames.tcp.*" = { bound = 1e-4, cost = 2 }
+"*.x" = { deviation = 0.01, relative = true }
+joints.j1.offset.gamma = { deviation = 1e-5, fixed = true }
+joints.j2 = { stiffness = { deviation = 0.1, relative = true } }
+correlations = [
+    { names = ["base.x", "base.y", "joints.j1.offset.x"], matrix = [[1, 0.5, 0], [0.5, 1, 0.1], [0, 0.1, 1]] },
+    { names = ["joints.*.offset.z", "joints.j2.offset.y"], coefficient = 0.6 },
+]
+[base]
+x = { deviation = 1e-3 }
+y = { deviation = 1e-3, cost = 0.5 }
+"""
 
 PIECES = [
     *('"', "'", '"""', "'''", "\\", "\n", "\r", "\0", "#", "=", ".", ",", "[", "]", "[[", "]]", "{", "}", "<"),
@@ -163,6 +177,7 @@ NAMES = [
     *("ground", "tcp"),
     *("elbow", "shoulder", "revolute", "prismatic", "continuous", "floating", "planar", "fixed", "free", "locked", "x"),
     *("gamma", "prescribed", "project", "warn", "error", "links.*.mass", "*", "*.*.*", "joints", "a.urdf", "m.csv", ""),
+    *("base.x", "joints.*.offset.z", "*.*", "**", "joints.*o*o*o*o*o*o*o*o*o*o*o*o*o*o*p.*.x", "frames.tcp.x"),
     *("..", "../../etc/passwd.csv", "\0.csv", "\n", "\x1b[31m", "\u202e", "int", "*/", "%s%n", "a" * 200),
     *("\U0001f600" * 90,),
 ]
@@ -171,7 +186,7 @@ EMPTY = [[], {}, [[]], [{}], {"": 0}, [0, 0, 0], [[0, 1], [1, 2]]]
 VALUES = [*NUMBERS, *NAMES, *EMPTY, True, False, float("nan"), float("inf")]
 ATTRIBUTES = ["0", "1", "-1", "nan", "inf", "1e400", "0 0 1", "1 2", "0x1", "", " ", "9" * 400, "1e-300 0 0", *NAMES]
 KEYS = sorted(
-    set(re.findall(r"[a-z_]+(?= =)", ARM + WORN + SCENARIO + TORQUES + LINE + SPLINE + PLAN))
+    set(re.findall(r"[a-z_]+(?= =)", ARM + WORN + SCENARIO + TORQUES + LINE + SPLINE + PLAN + TOLERANCES))
     | {"stifness", "", "a b", "\n", "__class__"}
 )
 TAGS = [
@@ -210,6 +225,7 @@ DOCUMENTS: dict[str, list[Any]] = {
     "toml": [tomllib.loads(text) for text in (ARM, SMALL, SMALL, SMALL, WORN)],
     "scenario": [tomllib.loads(text) for text in (SCENARIO, SCENARIO, TORQUES, LINE, SPLINE)],
     "plan": [tomllib.loads(PLAN)],
+    "tolerances": [tomllib.loads(TOLERANCES)],
     "urdf": [element_tree(ElementTree.fromstring(text)) for text in (URDF, MIMICS)],
     "mjcf": [element_tree(ElementTree.fromstring(text)) for text in (MJCF, HELD)],
 }

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -124,11 +123,35 @@ def _entries(
 
 
 def meant(name: str, known: Sequence[str]) -> list[str]:
-    """Return the known names that a name means: itself, or those that its pattern matches."""
+    """Return the known names that a name means: itself, or those that it matches; a * stands for letters, not dots."""
     if "*" not in name:
         return [name] if name in known else []
-    pattern = re.compile(r"[^.]*".join(re.escape(piece) for piece in re.split(r"\*+", name)))
-    return [one for one in known if pattern.fullmatch(one)]
+    parts = [part.split("*") for part in name.split(".")]
+    return [one for one in known if _matches(parts, one.split("."))]
+
+
+def _matches(parts: Sequence[Sequence[str]], components: Sequence[str]) -> bool:
+    """Return whether each component consists of the pieces of its part, with any letters between them."""
+    return len(parts) == len(components) and all(map(_has_pieces, parts, components))
+
+
+def _has_pieces(pieces: Sequence[str], text: str) -> bool:
+    """Return whether a text begins with the first piece, ends with the last one, and has the others between in order.
+
+    Each piece is taken where it stands first, without going back; a regular expression takes minutes for many stars.
+    """
+    if len(pieces) == 1:
+        return text == pieces[0]
+    first, *between, last = pieces
+    at, end = len(first), len(text) - len(last)
+    if at > end or not (text.startswith(first) and text.endswith(last)):
+        return False
+    for piece in between:
+        found = text.find(piece, at, end)
+        if found < 0:
+            return False
+        at = found + len(piece)
+    return True
 
 
 def _read(table: Table, entry: Mapping[str, Any], keys: Sequence[str]) -> dict[str, Any]:
