@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import inspect
+import pkgutil
+import re
 import struct
 import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import cache
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -136,6 +139,24 @@ def test_a_plot_returns_figure_and_axes_writes_a_path_and_draws_in_axes(name: st
         flat = [mine.add_subplot(1, count, k + 1) for k in range(count)]
         with pytest.raises(InputError, match=r"^ax(\[0\])?: is flat; allowed: axes in space"):
             plot(subject, *about, ax=flat)
+
+
+def kinds_with_plots() -> Iterator[type[Plotting]]:
+    """All classes of results that plot themselves, from all rooms that have some."""
+    for room in (analysis, eomgen.identification, eomgen.simulation, eomgen.sweep):
+        for module in pkgutil.walk_packages(room.__path__, f"{room.__name__}."):
+            import_module(module.name)
+    yield from Plotting.__subclasses__()
+
+
+def test_the_plot_of_every_kind_is_a_function_that_takes_it() -> None:
+    """A class names it as a text, as pictures are a room above it."""
+    kinds = list(kinds_with_plots())
+    assert len(kinds) > 10
+    for kind in kinds:
+        assert kind._plot in pictures.__all__, kind
+        subject = next(iter(inspect.signature(getattr(pictures, kind._plot)).parameters.values()))
+        assert re.search(rf"\b{kind.__name__}\b", str(subject.annotation)), (kind, subject)
 
 
 def test_results_plot_themselves(tmp_path: Path) -> None:
