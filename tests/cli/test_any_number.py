@@ -68,6 +68,22 @@ def test_numbers_behind_names_are_refused(words: tuple[str, ...], capsys: pytest
     assert "is not a number; allowed: 0, or a number of magnitude 1e-30 to 1e+30" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(("words", "refused"), [
+    (("deflection", "one_link", "--load", "tcp", *"001000", "--load", "tcp", *"100000"), "load: 'tcp'"),
+    (("deflection", "one_link", "--set", "gravity.z=0", "gravity.z=-1"), "set: 'gravity.z'"),
+    (("modes", "one_link", "--pose", "joint1.gamma=1", "joint1.gamma=2"), "pose: 'joint1.gamma'"),
+    (("modes", "one_link", "--drives", "pd", "--kp", "joint1.gamma=1", "joint1.gamma=2"), "kp: 'joint1.gamma'"),
+    (("poses", "ur5", *("--range", "joint1.gamma", "0", "1") * 2), "range: 'joint1.gamma'"),
+    (("excite", "ur5", "--box", "tcp", *"000111", "--box", "tcp", *"000222"), "box: 'tcp'"),
+    (("compensate", "ur5", "--scenario", "gone.toml", "--weights", "x=1", "x=2"), "weights: 'x'"),
+    (("info", "robot.xacro", "--xacro", "--package", "arm=a", "--package", "arm=b"), "package: 'arm'"),
+])  # fmt: skip
+def test_a_name_is_given_once(words: tuple[str, ...], refused: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """The last value does not silently take the place of the first."""
+    assert main(words) == 1
+    assert f"{refused} is given twice; allowed: once" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("value", [1e300, 1e-300, 10**400, float("nan"), "1", True, [1.0], None], ids=range(8))
 def test_functions_refuse_them_as_well(value: object) -> None:
     robot = load_robot("ur5")

@@ -12,7 +12,7 @@ from ..files import check_ending
 from ..progress import StageReport
 from .choices import KINDS
 from .shared.command import Command
-from .shared.numbers import by_name, coordinate_values, gains, real, reals, whole
+from .shared.numbers import by_name, coordinate_values, gains, once_each, real, reals, whole
 from .shared.options import add_choice, add_json, add_names, add_old_name, add_pose, add_rows
 from .shared.output import show_result
 from .shared.progress import progress_bar, stage_bar
@@ -264,14 +264,14 @@ def _state_options(options: argparse.Namespace, report: StageReport) -> dict[str
     """Return keywords that all analyses about a state take, but for the pose.
 
     Raises:
-        InputError: a value is no number.
+        InputError: a value is no number, or a name is given twice.
     """
     return {
         "drives": options.drives,
         "kp": gains("kp", options.kp),
         "kd": gains("kd", options.kd),
         "held": options.held,
-        "loads": {row[0]: reals("load", row[1:]) for row in options.load} or None,
+        "loads": once_each("load", ((row[0], reals("load", row[1:])) for row in options.load)) or None,
         "frame": options.frame,
         "parameters": by_name("set", options.parameters) or None,
         "progress": report,

@@ -5,11 +5,10 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ...errors import InputError
 from ...files import FIGURE_ENDINGS, check_ending
 from ..choices import MODES
 from ..shared.command import Command
-from ..shared.numbers import coordinate_values, real, whole
+from ..shared.numbers import by_name, coordinate_values, real, whole
 from ..shared.options import (
     FORCE_LIMITS,
     VELOCITY_LIMITS,
@@ -188,11 +187,8 @@ def _compensate(options: argparse.Namespace) -> None:
 
 
 def _numbers(label: str, texts: list[str] | None) -> dict[str, float] | None:
-    """Numbers by name; InputError where one has none."""
-    values = coordinate_values(label, texts)
-    if values is not None and not isinstance(values, dict):
-        raise InputError(f"{label}: {texts[0] if texts else ''!r}; allowed: NAME=VALUE")
-    return values
+    """Return numbers by name; InputError where one has none, or a name is given twice."""
+    return None if texts is None else by_name(label, texts)
 
 
 COMMANDS = (

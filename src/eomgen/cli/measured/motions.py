@@ -10,7 +10,7 @@ from ...errors import InputError
 from ...files import FIGURE_ENDINGS, check_ending
 from ..choices import EXCITATION_CRITERIA, FURTHER_TERMS, SHAPES, TERMS
 from ..shared.command import Command
-from ..shared.numbers import gains, real, reals, whole
+from ..shared.numbers import gains, once_each, real, reals, whole
 from ..shared.options import (
     FORCE_LIMITS,
     VELOCITY_LIMITS,
@@ -159,12 +159,8 @@ def _excite(options: argparse.Namespace) -> None:
     from ...identification.exciting.solve import excite
 
     motion = _outputs(options.output)
-    boxes = {}
-    for frame, *texts in options.box:
-        if frame in boxes:
-            raise InputError(f"box: {frame!r} is given twice; allowed: once")
-        corner = reals(f"box: {frame}", texts)
-        boxes[frame] = [corner[:3], corner[3:]]
+    corners = once_each("box", ((frame, reals(f"box: {frame}", texts)) for frame, *texts in options.box))
+    boxes = {frame: [corner[:3], corner[3:]] for frame, corner in corners.items()}
     robot = read_robot(options)
     with stage_bar("exciting") as report:
         limits = {name: gains(option, getattr(options, name)) for option, name in _LIMITS}

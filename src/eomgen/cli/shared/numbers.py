@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from typing import TypeVar
 
 from ...errors import InputError
 from ...limits import LARGEST, MOST_COUNTED, SMALLEST, is_usable
 from ...names import show
+
+Value = TypeVar("Value")
 
 _NUMBERS = f"0, or a number of magnitude {SMALLEST:g} to {LARGEST:g}"
 _DIGITS = 18  # of whole numbers, so that 64 bits hold them
@@ -45,7 +48,8 @@ def coordinate_values(label: str, texts: Sequence[str] | None) -> list[float] | 
     """Return numbers in order, numbers by name if a text is NAME=VALUE, or None where no texts are given.
 
     Raises:
-        InputError: a value is no number, or has no name where others have one; it begins with the label.
+        InputError: a value is no number, or has no name where others have one, or a name is given twice; it begins
+            with the label.
     """
     if texts is None:
         return None
@@ -66,12 +70,22 @@ def gains(label: str, texts: Sequence[str] | None) -> float | dict[str, float] |
 
 def by_name(label: str, texts: Sequence[str]) -> dict[str, float]:
     """Read numbers by name, from NAME=VALUE; errors as of ``coordinate_values``."""
-    values = {}
+    rows = []
     for text in texts:
         name, sign, value = text.partition("=")
         if not sign:
-            raise InputError(f"{label}: {text!r}; allowed: NAME=VALUE")
-        values[name.strip()] = _number(f"{label}: {name}", value)
+            raise InputError(f"{label}: {show(text)}; allowed: NAME=VALUE")
+        rows.append((name.strip(), _number(f"{label}: {name}", value)))
+    return once_each(label, rows)
+
+
+def once_each(label: str, rows: Iterable[tuple[str, Value]]) -> dict[str, Value]:
+    """Return values by name; InputError, which begins with the label, of a name that is given twice."""
+    values: dict[str, Value] = {}
+    for name, value in rows:
+        if name in values:
+            raise InputError(f"{label}: {show(name)} is given twice; allowed: once")
+        values[name] = value
     return values
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ..choices import ROTATIONS
-from .numbers import as_seed, real, reals
+from .numbers import as_seed, once_each, real, reals
 
 VELOCITY_LIMITS = "greatest velocities of joints, rad/s or m/s"
 FORCE_LIMITS = "greatest actuator forces, N m or N"
@@ -81,8 +81,8 @@ def add_ranges(parser: argparse.ArgumentParser) -> None:
 
 
 def ranges_of(options: argparse.Namespace) -> dict[str, list[float]]:
-    """Return least and greatest values of coordinates by --range; InputError of what is no number."""
-    return {name: reals(f"range: {name}", ends) for name, *ends in options.range}
+    """Return least and greatest values of coordinates by --range; InputError of no number, and of a name twice."""
+    return once_each("range", ((name, reals(f"range: {name}", ends)) for name, *ends in options.range))
 
 
 def add_pose(parser: argparse.ArgumentParser | argparse._ArgumentGroup) -> None:

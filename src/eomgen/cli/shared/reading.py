@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from ...errors import InputError
 from ...names import show
 from ...results.beside import NPZ, TRAJECTORY
-from .numbers import by_name
+from .numbers import by_name, once_each
 from .output import say
 
 if TYPE_CHECKING:
@@ -97,13 +97,14 @@ def read_robot(options: argparse.Namespace) -> Robot:
 
 
 def xacro_of(options: argparse.Namespace) -> Xacro:
-    """Return what --xacro and --package ask for; InputError of packages without --xacro."""
-    packages: dict[str, str] = {}
+    """Return what --xacro and --package ask for; InputError of packages without --xacro, and of a name twice."""
+    rows = []
     for text in options.packages:
         name, sign, folder = text.partition("=")
         if not (name and sign and folder):
             raise InputError(f"package: {show(text)}; allowed: NAME=DIR")
-        packages[name] = folder
+        rows.append((name, folder))
+    packages = once_each("package", rows)
     if packages and not options.xacro:
         raise InputError("--package: given without --xacro; allowed: with it, for files of people whom you trust")
     return packages or bool(options.xacro)
