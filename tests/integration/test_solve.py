@@ -267,7 +267,7 @@ def test_a_drive_that_fails_later(built: Build) -> None:
         ({"times": [0.0, 1.0], "output_step": 0.1}, "times and output_step are both set"),
         ({"q0": [0.0, 0.0]}, r"q0: expected float64 of shape \(1,\)"),
         ({"v0": [np.nan]}, "v0: slide.z is nan"),
-        ({"v0": "fast"}, "v0: expected 1 numbers"),
+        ({"v0": "fast"}, "v0: 'fast'; allowed: 1 finite numbers"),
     ],
 )
 def test_arguments_that_are_refused(changes: dict[str, object], text: str, built: Build) -> None:

@@ -61,7 +61,7 @@ def test_is_a_value() -> None:
         (([0.0], [1.0, 2.0], 1.0), ArrayError, "goal: expected 1 values"),
         (([[0.0]], [1.0], 1.0), ArrayError, "start: .*shape \\(1, 1\\)"),
         (([], [], 1.0), ArrayError, "start"),
-        (("far", [1.0], 1.0), ArrayError, "start: expected numbers"),
+        (("far", [1.0], 1.0), ArrayError, "start: 'far'; allowed: finite numbers"),
         (([0.0, np.nan], [1.0, 1.0], 1.0), ArrayError, "start: element 1 is nan"),
         (([0.0], [1.0], 0.0), InputError, "duration: 0.0 s"),
         (([0.0], [1.0], np.inf), InputError, "duration: inf s"),

@@ -11,7 +11,10 @@ import pytest
 
 from eomgen.description.load import load_robot
 from eomgen.errors import ArrayError, InputError, IntegrationStopped
+from eomgen.integration import integrate
+from eomgen.motion.point_to_point import Harmonic, PointToPoint
 from eomgen.runtime import Kernel
+from eomgen.runtime.stepping.input_signals import DriveData, InputSignals, LinkWrench, Signal, Track
 from tests.support.builds import Build
 
 WRONG: tuple[Any, ...] = (
@@ -70,6 +73,53 @@ def test_any_argument_is_taken_or_refused(kernel: Kernel, steps: dict[str, Any])
                     wrong.append(f"{name}: {key}={value!r}: {type(error).__name__}: {error}")
     assert tried > 1000
     assert wrong == []
+
+
+NO_NUMBERS: tuple[Any, ...] = (
+    *([10**400] * 2, ["1", "2"], [1j, 2j], np.ma.array([1.0, 2.0], mask=[True, False]), [[1], [1, 2]], "x", object()),
+    *([None, None], {}, [1.0, np.nan]),
+)
+
+
+@pytest.mark.parametrize("value", NO_NUMBERS, ids=lambda value: type(value).__name__)
+def test_no_numbers_become_some(value: Any, built: Build) -> None:
+    """Texts are not read, imaginary parts and masks not dropped, wherever numbers come in beside a kernel's arrays."""
+    kernel, q, v = built(load_robot("one_link"), "all"), np.zeros(2), np.ones(2)
+    row = value * 3 if isinstance(value, list) else value
+    through = Signal.constant(v)
+
+    def rolled(**options: Any) -> None:
+        kernel.rollout(q, q, q, duration=1e-2, **options)
+
+    def driven(torque: Signal = through, place: Any = (0, 1), **options: Any) -> InputSignals:
+        return InputSignals(DriveData(torque=Track(torque, place), **options))
+
+    tried: dict[str, Callable[[], Any]] = {
+        "q0": lambda: integrate(kernel, value, q, 1e-2),
+        "drive": lambda: integrate(kernel, q, q, 1e-2, drive=lambda t, q, v: value),
+        "wrench": lambda: integrate(kernel, q, q, 1e-2, wrench=[row]),
+        "wrench at t": lambda: integrate(kernel, q, q, 1e-2, wrench=lambda t, q, v: [row]),
+        "atol": lambda: integrate(kernel, q, q, 1e-2, atol=row),
+        "rollout: atol": lambda: rolled(atol=row),
+        "saturate": lambda: rolled(saturate=value),
+        "loads: wrench": lambda: rolled(loads={"wrench": [row]}),
+        "coefficients": lambda: rolled(loads=driven(Signal(np.array([0.0, 1.0]), row))),
+        "knots": lambda: rolled(loads=driven(Signal(row, through.coefficients))),
+        "place": lambda: rolled(loads=driven(place=row)),
+        "effort": lambda: rolled(loads=driven(effort=value)),
+        "first": lambda: rolled(loads=InputSignals(first=value)),
+        "t0": lambda: rolled(loads=InputSignals(wrenches=[LinkWrench(0, Signal.constant(np.ones(6)), t0=value)])),
+        "start": lambda: PointToPoint(value, v, 1.0),
+        "t": lambda: PointToPoint(q, v, 1.0).at(value),
+        "amplitude": lambda: Harmonic(value, 1.0),
+        "frequency": lambda: Harmonic(v, value),
+        "phase": lambda: Harmonic(v, 1.0, value),
+    }
+    for call in tried.values():
+        with pytest.raises(InputError) as caught:
+            call()
+        assert str(caught.value).isascii()
+        assert str(caught.value).isprintable()
 
 
 def test_lengths_of_time_that_are_none_are_refused_as_such(kernel: Kernel) -> None:

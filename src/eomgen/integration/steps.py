@@ -16,6 +16,7 @@ from ..names import show
 from ..optional import optional_import
 from ..progress import Progress
 from ..robot.laws import COARSE
+from ..runtime.arrays import numbers_in
 from ..runtime.kernel import Kernel
 from ..runtime.stepping.options import ErrorControl
 from ..state.springs import coordinate_sizes, fastest_rates, rubbing_rates
@@ -241,9 +242,10 @@ def tolerances(system: System, q0: Array, options: IntegratorOptions) -> Array:
     if atol is None:
         q_sizes, v_sizes = coordinate_sizes(system.kernel, q0)
         return np.concatenate([rtol * q_sizes, np.minimum(rtol * v_sizes, rubbing_rates(system.kernel, q0))])
+    wanted = numbers_in("atol", atol, f"a number or shape ({2 * n},)", finite=False)
     try:
-        tolerance = np.broadcast_to(np.asarray(atol, dtype=np.float64), (2 * n,))
-    except (TypeError, ValueError):
+        tolerance = np.broadcast_to(wanted, (2 * n,))
+    except ValueError:
         raise ArrayError(f"atol: expected a number or shape ({2 * n},), got shape {np.shape(atol)}") from None
     if not (np.isfinite(tolerance).all() and (tolerance >= 0.0).all()):
         raise InputError("atol: tolerances are finite and at least 0")

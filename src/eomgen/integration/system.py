@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Array, Index
 from ..errors import ArrayError, InputError, IntegrationError, IntegrationStopped, SingularError
+from ..runtime.arrays import numbers_in
 from ..runtime.by_name import WrenchLike, wrench_rows
 from ..runtime.kernel import Kernel
 from ..runtime.stepping.packed_inputs import PackedInputs
@@ -26,6 +27,17 @@ MANY = 4096  # states of which forces are looked at together
 def concerns_state(error: Exception) -> bool:
     """Return whether a shorter step may avoid an error: the state is not finite, or its mass matrix is singular."""
     return not isinstance(error, InputError) or isinstance(error, (ArrayError, SingularError))
+
+
+def _numbers(label: str, value: ArrayLike, t: float, shape: tuple[int, ...]) -> Array:
+    """Return what a function of the user returned at a time as an array of float64, of whatever shape.
+
+    Raises:
+        ArrayError: it is no array of numbers; says which shape is expected.
+    """
+    if type(value) is np.ndarray and value.dtype == np.float64:  # in every evaluation
+        return value
+    return numbers_in(f"{label} at t = {t:.6g} s", value, f"numbers of shape {shape}", finite=False)
 
 
 class System:
@@ -67,8 +79,11 @@ class System:
         if isinstance(wrench, Mapping):
             wrench = NamedWrenches(kernel.calls, wrench)
         self._wrench = wrench
-        if wrench is not None and not callable(wrench) and np.shape(wrench) == (len(kernel.links), 6):
-            kernel.refuse_not_finite("wrench", np.asarray(wrench, dtype=np.float64), (len(kernel.links), 6))
+        if wrench is not None and not callable(wrench):
+            rows = len(kernel.links), 6
+            numbers = numbers_in("wrench", wrench, f"numbers of shape {rows}, or by frame or link", finite=False)
+            if numbers.shape == rows:  # another shape is the kernel's to refuse
+                kernel.refuse_not_finite("wrench", numbers, rows)
         self._no_drive = np.zeros(self.n)
         self.counts: dict[str, float] = {"steps": 0, "evaluations": 0, "jacobians": 0}
         self.trouble: Exception | None = None
@@ -125,7 +140,7 @@ class System:
         """Write q and v of prescribed coordinates into a state's arrays; return their accelerations, (m,)."""
         if self._prescribed is None:
             return np.zeros(0)
-        motion = [np.asarray(x, dtype=np.float64) for x in self._prescribed(t)]
+        motion = [_numbers("prescribed", x, t, (len(self._prescribed_index),)) for x in self._prescribed(t)]
         if [x.shape for x in motion] != [(len(self._prescribed_index),)] * 3 or not np.isfinite(motion).all():
             bad = np.argwhere(~np.isfinite(motion)) if len({x.shape for x in motion}) == 1 else np.zeros((0, 2), int)
             raise ArrayError(
@@ -209,7 +224,7 @@ class System:
             return self._no_drive if q.ndim == 1 else np.zeros_like(q)
         if q.ndim == 2 and not self._batched:
             return np.array([self.drives(t, *state) for state in zip(q, v, strict=True)])
-        u = np.asarray(self._drive(t, q, v), dtype=np.float64)
+        u = _numbers("drive", self._drive(t, q, v), t, q.shape)
         if u.shape != q.shape:
             raise ArrayError(f"drive: expected forces of shape {q.shape}, got shape {u.shape} at t = {t:.6g} s")
         self._refuse_not_finite("drive", u, t)
@@ -222,9 +237,11 @@ class System:
         wrench = wrench_rows(self.kernel.calls, q, self._wrench(t, q, v))
         if wrench is None:
             return None
-        if np.shape(wrench)[-2:] == (len(self.kernel.links), 6):  # another shape is the kernel's to refuse
-            self._refuse_not_finite("wrench", np.asarray(wrench, dtype=np.float64), t)
-        return wrench
+        rows = len(self.kernel.links), 6
+        numbers = _numbers("wrench", wrench, t, rows)
+        if numbers.shape[-2:] == rows:  # another shape is the kernel's to refuse
+            self._refuse_not_finite("wrench", numbers, t)
+        return numbers
 
     def _refuse_not_finite(self, label: str, values: Array, t: float) -> None:
         """Raise ArrayError where one of the values, (n,), (N, n) or wrenches, is not finite."""

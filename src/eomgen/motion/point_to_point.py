@@ -12,6 +12,7 @@ from ..arrays import Array
 from ..errors import ArrayError, InputError
 from ..limits import LARGEST, is_usable
 from ..names import show
+from ..runtime.arrays import numbers_in
 from ..runtime.stepping.input_signals import Signal, Waves
 from ..shown import Shown
 
@@ -47,11 +48,10 @@ class Harmonic(Shown):
     def __post_init__(self) -> None:
         object.__setattr__(self, "amplitude", _vector("amplitude", self.amplitude, ()))
         for name in ("frequency", "phase"):
-            numbers = np.asarray(getattr(self, name), dtype=np.float64)
-            if numbers.shape not in ((), np.shape(self.amplitude)) or not np.isfinite(numbers).all():
-                raise ArrayError(
-                    f"{name}: expected a finite number, or one for each of the {np.size(self.amplitude)} amplitudes"
-                )
+            allowed = f"a finite number, or one for each of the {np.size(self.amplitude)} amplitudes"
+            numbers = numbers_in(name, getattr(self, name), allowed)
+            if numbers.shape not in ((), np.shape(self.amplitude)):
+                raise ArrayError(f"{name}: got shape {numbers.shape}; allowed: {allowed}")
             object.__setattr__(self, name, numbers)
 
     def __call__(self, t: float) -> tuple[Array, Array, Array]:
@@ -121,12 +121,9 @@ class PointToPoint(Shown):
         """Return coordinates, velocities and accelerations at times t of any shape, (*t.shape, n) each; m, rad, s.
 
         Raises:
-            ArrayError: a time that is NaN.
+            ArrayError: a time that is no number.
         """
-        times = np.asarray(t, dtype=np.float64)
-        if np.isnan(times).any():
-            raise ArrayError("t: holds NaN; times must be numbers")
-        r = np.clip((times - self.begin) / self.duration, 0.0, 1.0)[..., np.newaxis]
+        r = np.clip((times_in(t) - self.begin) / self.duration, 0.0, 1.0)[..., np.newaxis]
         span, rate = self.goal - self.start, 1.0 / self.duration
         s = r**3 * (10.0 + r * (6.0 * r - 15.0))
         ds = 30.0 * (r * (1.0 - r)) ** 2 * rate
@@ -142,12 +139,19 @@ class PointToPoint(Shown):
         return Signal(np.array([self.begin, self.end]), powers[np.newaxis])
 
 
+def times_in(t: ArrayLike) -> Array:
+    """Return times as an array of float64; ArrayError where one is no number."""
+    if isinstance(t, float) and t == t:  # in every evaluation
+        return np.asarray(t, dtype=np.float64)
+    times = numbers_in("t", t, "times, s", finite=False)
+    if np.isnan(times).any():
+        raise ArrayError("t: holds NaN; allowed: times, s")
+    return times
+
+
 def _vector(label: str, value: Any, names: tuple[str, ...]) -> Array:
     """Return a read-only copy of a vector of finite numbers."""
-    try:
-        array = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise ArrayError(f"{label}: expected numbers of shape (n,), got {type(value).__name__} ({error})") from None
+    array = numbers_in(label, value, "finite numbers of shape (n,)", finite=False)
     if array.ndim != 1 or array.size == 0 or (names and array.size != len(names)):
         expected = f"({len(names)},)" if names else "(n,)"
         raise ArrayError(f"{label}: expected numbers of shape {expected}, got shape {array.shape}")

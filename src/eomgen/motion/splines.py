@@ -14,7 +14,7 @@ from ..arrays import Array, Index
 from ..optional import optional_import
 from ..runtime.stepping.input_signals import Signal
 from ..shown import Shown
-from .point_to_point import Program
+from .point_to_point import Program, times_in
 
 DEGREE = 5  # of splines: accelerations, and their rates too, are continuous
 
@@ -67,7 +67,7 @@ class Spline:
 
     def at(self, t: ArrayLike) -> tuple[Array, Array, Array]:
         """Return coordinates, velocities and accelerations; see ``Program``."""
-        times = np.asarray(t, dtype=np.float64)
+        times = times_in(t)
         inside = ((times >= self.t[0]) & (times <= self.t[-1]))[..., np.newaxis]
         times = np.clip(times, self.t[0], self.t[-1])
         q, v, *a = (spline(times) for spline in self._splines)

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from ..arrays import Array, Mask
 from ..errors import ArrayError, check_kind
 from ..names import are_names
+from ..runtime.arrays import numbers_in
 from ..runtime.by_name import WrenchLike
 from ..runtime.kernel import Kernel
 
@@ -33,10 +34,7 @@ def state_vector(label: str, value: ArrayLike, coordinates: tuple[str, ...]) -> 
     """
     check_kind("coordinates", coordinates, are_names(coordinates), "a sequence of names")
     n = len(coordinates)
-    try:
-        array = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise ArrayError(f"{label}: expected {n} numbers, got {type(value).__name__} ({error})") from None
+    array = numbers_in(label, value, f"{n} finite numbers, one per coordinate", finite=False)
     if array.shape != (n,):
         raise ArrayError(f"{label}: expected float64 of shape ({n},), got shape {array.shape}")
     bad = np.flatnonzero(~np.isfinite(array))

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from ...errors import ArrayError, InputError
 from ...names import show
-from ..arrays import flag
+from ..arrays import flag, numbers_in
 from ..calls import Calls
 from ..raw import Array
 
@@ -165,9 +165,10 @@ class StepOptions:
             for i, name in meta["rubbing"]:
                 tolerances[calls.n + i] = min(tolerances[calls.n + i], calls.parameters[name])
             return ErrorControl(self.method, float(rtol), tolerances.astype(calls.dtype))
+        wanted = numbers_in("rollout: atol", atol, f"a number or ({2 * calls.n},)", finite=False)
         try:
-            tolerances = np.broadcast_to(np.asarray(atol, dtype=np.float64), (2 * calls.n,)).astype(calls.dtype)
-        except (ValueError, TypeError, OverflowError):
+            tolerances = np.broadcast_to(wanted, (2 * calls.n,)).astype(calls.dtype)
+        except ValueError:
             raise ArrayError(f"rollout: atol: expected a number or ({2 * calls.n},), got {show(atol)}") from None
         if not ((tolerances > 0.0) & (tolerances < np.inf)).all():
             raise InputError(f"rollout: atol = {show(atol)} is not allowed; finite numbers above 0 are")

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...errors import ArrayError, InputError
 from ...names import listed, show
+from ..arrays import numbers_in
 from ..by_name import place_of_wrench, wrench_numbers, wrench_rows
 from ..calls import Calls
 from .input_signals import DriveData, InputSignals, LinkWrench, ModelDrive, Signal, Track, Waves
@@ -66,12 +67,10 @@ def _wrenches(calls: Calls, source: Any) -> Sequence[LinkWrench]:
     if isinstance(wrenches, (list, tuple)) and all(isinstance(wrench, LinkWrench) for wrench in wrenches):
         return wrenches
     links = len(calls.raw.libraries.meta["links"])
-    try:
-        rows = np.asarray(wrenches, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InputError(f"loads: wrench: got {show(source)}; allowed: LinkWrenches, ({links}, 6), {OWN}") from None
-    if rows.shape != (links, 6) or not np.isfinite(rows).all():
-        raise ArrayError(f"loads: wrench: got {show(source)}; allowed: finite numbers of shape ({links}, 6)")
+    allowed = f"LinkWrenches, finite numbers of shape ({links}, 6), wrenches by frame or link, {OWN}"
+    rows = numbers_in("loads: wrench", wrenches, allowed)
+    if rows.shape != (links, 6):
+        raise ArrayError(f"loads: wrench: got {show(source)}; allowed: {allowed}")
     return [LinkWrench(link, Signal.constant(row)) for link, row in enumerate(rows) if row.any()]
 
 
@@ -138,8 +137,7 @@ def check_signals(calls: Calls, loads: InputSignals) -> None:
     drive, waves = loads.drive, loads.prescribed
     moved = () if waves is not None else calls.prescribed  # without motions their drives are accelerations
     free = [i for i, name in enumerate(calls.coordinates) if name not in moved]
-    if np.isnan([loads.first, loads.last]).any():
-        _refuse("first and last", (loads.first, loads.last), "times, s")
+    _check_times("first and last", loads.first, loads.last)
     if drive.torque is not None:
         _check_track("drive.torque", drive.torque, free)
     if drive.program is not None:
@@ -172,23 +170,31 @@ def _refuse(label: str, got: object, allowed: str) -> None:
 
 def _check_numbers(label: str, values: ArrayLike, shape: tuple[int, ...], *, nonzero: bool = False) -> Array:
     """Return the numbers, finite and of the shape, in which -1 stands for any length from 1 on."""
-    try:
-        numbers = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError):
-        numbers = np.zeros(0)
+    named = ", ".join("any" if x < 0 else str(x) for x in shape)
+    kind = "finite numbers, none 0," if nonzero else "finite numbers"
+    allowed = f"{kind} of shape ({named}{',' if len(shape) == 1 else ''})"
+    numbers = numbers_in(f"loads: {label}", values, allowed)
     fits = numbers.ndim == len(shape) and all(
         x == wanted or (wanted < 0 < x) for x, wanted in zip(numbers.shape, shape, strict=True)
     )
-    if not fits or not np.isfinite(numbers).all() or (nonzero and not numbers.all()):
-        named = ", ".join("any" if x < 0 else str(x) for x in shape)
-        kind = "finite numbers, none 0," if nonzero else "finite numbers"
-        _refuse(label, values, f"{kind} of shape ({named}{',' if len(shape) == 1 else ''})")
+    if not fits or (nonzero and not numbers.all()):
+        _refuse(label, values, allowed)
     return numbers
+
+
+def _check_times(label: str, first: Any, last: Any) -> None:
+    """Refuse what is no pair of times, which may be infinite."""
+    times = numbers_in(f"loads: {label}", [first, last], "times, s", finite=False)
+    if times.shape != (2,) or np.isnan(times).any():
+        _refuse(label, (first, last), "times, s")
 
 
 def _check_places(label: str, places: Any, allowed: Sequence[int], count: int) -> None:
     """Refuse places that are not so many whole numbers among those that are allowed."""
-    indices = np.asarray(places)
+    try:
+        indices = np.asarray(places)
+    except ValueError:  # rows of different lengths
+        indices = np.zeros(0)
     if indices.shape != (count,) or indices.dtype.kind not in "iu" or not np.isin(indices, list(allowed)).all():
         _refuse(label, places, f"{count} whole numbers among {', '.join(map(str, allowed))}")
 
@@ -196,6 +202,8 @@ def _check_places(label: str, places: Any, allowed: Sequence[int], count: int) -
 def _check_signal(label: str, signal: Any, columns: int = -1, *, inner: bool = False) -> None:
     if not isinstance(signal, Signal):
         _refuse(label, signal, "a Signal")
+    if not isinstance(signal.coefficients, np.ndarray):
+        _refuse(f"{label}.coefficients", signal.coefficients, "a NumPy array")
     coefficients = _check_numbers(f"{label}.coefficients", signal.coefficients, (-1, -1, columns))
     knots = _check_numbers(f"{label}.knots", signal.knots, (len(coefficients) + 1,))
     if not (np.diff(knots) > 0.0).all():
@@ -230,9 +238,10 @@ def _check_model(calls: Calls, model: ModelDrive, program: Track | None, motions
 
 def _check_efforts(calls: Calls, drive: DriveData) -> None:
     """Refuse efforts that are none, or of drives of which nothing says what others do where they are clipped."""
-    efforts = np.asarray(drive.effort, dtype=np.float64)
+    allowed = f"numbers of shape ({calls.n},)"
+    efforts = numbers_in("loads: drive.effort", drive.effort, allowed, finite=False)
     if efforts.shape != (calls.n,):
-        _refuse("drive.effort", drive.effort, f"numbers of shape ({calls.n},)")
+        _refuse("drive.effort", drive.effort, allowed)
     check_efforts(calls, efforts, "loads: drive.effort")
     shared = shared_drives(drive.model)
     if shared:
@@ -243,8 +252,7 @@ def _check_wrench(label: str, wrench: LinkWrench, links: int) -> None:
     _check_places(f"{label}.link", [wrench.link], range(links), 1)
     _check_signal(f"{label}.signal", wrench.signal, 6)
     _check_numbers(f"{label}.arm", wrench.arm, (3,))
-    if np.isnan([wrench.t0, wrench.t1]).any():
-        _refuse(f"{label}.t0 and t1", (wrench.t0, wrench.t1), "times, s")
+    _check_times(f"{label}.t0 and t1", wrench.t0, wrench.t1)
 
 
 def place_prescribed(calls: Calls, loads: InputSignals | Sequence[InputSignals], q: Array, v: Array) -> None:

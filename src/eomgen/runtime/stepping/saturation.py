@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...errors import ArrayError, InputError, UnknownNameError
 from ...names import listed, nearest, show
+from ..arrays import numbers_in
 from ..calls import Calls
 from .input_signals import InputSignals, ModelDrive
 
@@ -103,12 +104,8 @@ def _number(label: str, value: Any) -> float:
 
 
 def _array(calls: Calls, requested: Any) -> Array:
-    try:
-        efforts = np.array(requested, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        efforts = np.zeros(0)
+    allowed = f"True, efforts by coordinate, or numbers of shape ({calls.n},)"
+    efforts = numbers_in("saturate", requested, allowed, finite=False)
     if efforts.shape != (calls.n,):
-        raise ArrayError(
-            f"saturate: got {show(requested)}; allowed: True, efforts by coordinate, or numbers of shape ({calls.n},)"
-        )
+        raise ArrayError(f"saturate: got {show(requested)}; allowed: {allowed}")
     return efforts
