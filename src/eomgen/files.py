@@ -18,6 +18,7 @@ from .errors import InputError
 from .names import plain_path, show_path
 
 FIGURE_ENDINGS = (".svg", ".pdf", ".png")  # of files that figures are written to
+PAGE_ENDING = ".html"
 
 _KINDS = {  # what a path may lead to, and what a reader would wait for, or never come to the end of
     stat.S_IFIFO: "a FIFO",

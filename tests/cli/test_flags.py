@@ -16,7 +16,8 @@ from eomgen.analysis.ports import KINDS
 from eomgen.authoring.schemas import FORMATS
 from eomgen.cli import choices
 from eomgen.cli.entry import COMMANDS, main, make_parser
-from eomgen.cli.shared.options import OldName
+from eomgen.cli.shared.options import OldName, page_path
+from eomgen.errors import InputError
 from eomgen.identification.calibration.variants import VARIANTS
 from eomgen.identification.choosing.information import CRITERIA as POSE_CRITERIA
 from eomgen.identification.choosing.proposals import MEASURES
@@ -28,6 +29,9 @@ from eomgen.identification.geometry.poses import ROTATIONS
 from eomgen.identification.geometry.solve import LOSSES
 from eomgen.identification.identifiable import TERMS, TRANSMISSIONS
 from eomgen.integration.methods import METHODS
+from eomgen.pictures import Report
+
+PAGES = ("report", "view", "live")  # commands whose output is a page
 
 DIFFER = {  # flags whose help or form is another one by command, and why
     "--output": "each command says what it writes",
@@ -204,3 +208,30 @@ def test_endings_are_looked_at_first(words: tuple[str, ...], capsys: pytest.Capt
     said = capsys.readouterr()
     assert said.out == ""
     assert re.match(r"eomgen: output: '?a\.doc'?; allowed: (a path|paths) that ends? in \.", said.err)
+
+
+def test_pages_are_written_to_html_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Not over the result that they are about, nor into a file that its ending calls a figure; before any work."""
+    seen = 0
+    for name, parser in commands():
+        for action in parser._actions:
+            if (action.dest == "report" and name != "generate") or (action.dest == "output" and name in PAGES):
+                seen += 1
+                assert action.type is page_path, name
+    assert seen == 8 + len(PAGES)
+    kept = tmp_path / "trajectory.npz"
+    kept.write_bytes(b"a result")
+    for words in (("report", str(kept)), ("view", "one_link"), ("live", "one_link")):
+        with pytest.raises(SystemExit) as caught:
+            main([*words, "-o", str(kept)])
+        assert caught.value.code == 2
+        assert "trajectory.npz'; allowed: a path that ends in .html" in capsys.readouterr().err
+    robot = eomgen.load_robot("one_link")
+    for write in (
+        Report("page", (), (), (), ()).save,
+        robot.show,
+        lambda path: eomgen.export_live(robot, path),
+    ):
+        with pytest.raises(InputError, match=r"^path: '.*trajectory\.npz'; allowed: a path that ends in \.html$"):
+            write(kept)
+    assert kept.read_bytes() == b"a result"

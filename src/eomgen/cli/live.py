@@ -7,6 +7,7 @@ from pathlib import Path
 
 from ..errors import InputError
 from .shared.command import Command
+from .shared.options import page_path
 from .shared.output import show_written
 from .shared.progress import progress_bar
 from .shared.reading import add_robot_or_result, is_result, read_robot, result_path
@@ -14,7 +15,7 @@ from .shared.reading import add_robot_or_result, is_result, read_robot, result_p
 
 def _add_live(parser: argparse.ArgumentParser) -> None:
     add_robot_or_result(parser)
-    parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="page to write (out/NAME.live.html)")
+    parser.add_argument("-o", "--output", type=page_path, metavar="FILE", help="page to write (out/NAME.live.html)")
     parser.add_argument("--scenario", metavar="FILE", help="a scenario: path of a .toml file, or a built-in name")
     parser.add_argument("--open", action="store_true", help="show the page in the browser")
 

@@ -6,8 +6,10 @@ import argparse
 from pathlib import Path
 
 from ..errors import InputError
-from ..results.beside import PAGE, PAGE_ENDING
+from ..files import PAGE_ENDING
+from ..results.beside import PAGE
 from .shared.command import Command
+from .shared.options import page_path
 from .shared.output import say, show_written
 from .shared.progress import progress_bar, stage_bar
 from .shared.reading import add_result, add_robot_of_result, add_robot_or_result, is_result, read_robot, result_path
@@ -43,7 +45,7 @@ def _add_report(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-o",
         "--output",
-        type=Path,
+        type=page_path,
         metavar="FILE",
         help="page to write (report.html at a simulation; the file with .html of a calibration and the like)",
     )
@@ -74,7 +76,7 @@ def _report(options: argparse.Namespace) -> None:
 
 def _add_view(parser: argparse.ArgumentParser) -> None:
     add_robot_or_result(parser)
-    parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="page of a robot (out/NAME.view.html)")
+    parser.add_argument("-o", "--output", type=page_path, metavar="FILE", help="page of a robot (out/NAME.view.html)")
     parser.add_argument("--port", type=int, help=f"to listen at on this machine ({PORT}, or the next free)")
     parser.add_argument(
         "--tolerance",

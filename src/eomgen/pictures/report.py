@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from .._version import __version__
-from ..files import write_atomically
+from ..files import PAGE_ENDING, check_ending, write_atomically
 from .svg import inline_svg
 
 TEMPLATE = "report/report.html.jinja"
@@ -78,9 +78,10 @@ class Report:
         return environment.get_template(TEMPLATE).render(report=self, version=__version__)
 
     def save(self, path: Path | str) -> Path:
-        """Write the page and return its path; InputError if it cannot be written."""
+        """Write the page and return its path; InputError of another ending than .html, or if it cannot be written."""
+        target = check_ending(path, PAGE_ENDING, label="path")
         text = self.html().encode("utf-8", "replace")  # a lone surrogate of a name
-        return write_atomically(Path(path), lambda stream: stream.write(text))
+        return write_atomically(target, lambda stream: stream.write(text))
 
 
 def sorted_notes(notes: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
-from ..files import FIGURE_ENDINGS, read_regular
+from ..files import FIGURE_ENDINGS, PAGE_ENDING, read_regular
 
 NPZ, JSON = ".npz", ".json"  # endings of files of results
 TRAJECTORY, SWEEP, STREAM = "trajectory.npz", "sweep.json", "zarr.json"  # by which folders say what they hold
 SIMULATION_FIGURES = ("tool", "deviations", "journals", "tracking", "energy")
 SWEEP_FIGURES = ("distribution", "sensitivity")
-PAGE, PAGE_ENDING = "report.html", ".html"  # of a simulation; of other results, behind the name of their file
+PAGE = f"report{PAGE_ENDING}"  # of a simulation; of other results, behind the name of their file
 TABLE, TABLE_ENDINGS = "samples", (".csv", ".parquet")
 CREATOR = "eomgen"  # in the metadata of all figures
 

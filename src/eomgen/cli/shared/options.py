@@ -9,6 +9,8 @@ from inspect import signature
 from pathlib import Path
 from typing import Any
 
+from ...files import PAGE_ENDING
+from ...names import show_path
 from ..choices import ROTATIONS
 from .numbers import as_seed, once_each, real, reals
 
@@ -60,9 +62,16 @@ def add_json(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="print JSON")
 
 
+def page_path(text: str) -> Path:
+    """Read the path of a page to write, as ``type`` of an argument."""
+    if Path(text).suffix != PAGE_ENDING:
+        raise argparse.ArgumentTypeError(f"{show_path(text)}; allowed: a path that ends in {PAGE_ENDING}")
+    return Path(text)
+
+
 def add_page(parser: argparse.ArgumentParser) -> None:
     """Add the option --report of commands about measurements."""
-    parser.add_argument("--report", type=Path, metavar="FILE", help="write a page about it: figures, tables")
+    parser.add_argument("--report", type=page_path, metavar="FILE", help="write a page about it: figures, tables")
 
 
 def add_rotation(parser: argparse.ArgumentParser) -> None:

@@ -8,8 +8,8 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from ...files import FIGURE_ENDINGS, check_ending
-from ...results.beside import JSON, NPZ, PAGE_ENDING, is_ours, older_than, remove_ours
+from ...files import FIGURE_ENDINGS, PAGE_ENDING, check_ending
+from ...results.beside import JSON, NPZ, is_ours, older_than, remove_ours
 from .output import say, show_files, show_result, show_written
 
 

@@ -15,7 +15,7 @@ from ..._version import __version__
 from ...codegen.c.source import environment
 from ...description import RobotLike, as_robot
 from ...errors import InputError
-from ...files import as_path, write_atomically
+from ...files import PAGE_ENDING, check_ending, write_atomically
 from ...progress import Progress, no_progress, tells_at_prompt
 from ...robot.value import Robot
 from ...scenario.load import load_scenario
@@ -57,13 +57,14 @@ def export_live(
         The path.
 
     Raises:
-        InputError: the scenario does not fit the robot, has a program that only Python can ask, or comes with a result.
+        InputError: the scenario does not fit the robot, has a program that only Python can ask, or comes with a result;
+            or the path has another ending.
         BuildError: there is no compiler for WebAssembly.
         LoopError: loops do not close at the start.
     """
-    path = as_path(path, "path")
+    target = check_ending(path, PAGE_ENDING, label="path")
     text = live_page(subject, scenario=scenario, described=described, progress=progress).encode("utf-8", "replace")
-    return write_atomically(Path(path), lambda stream: stream.write(text))
+    return write_atomically(target, lambda stream: stream.write(text))
 
 
 def live_page(

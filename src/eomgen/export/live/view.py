@@ -14,7 +14,7 @@ import numpy as np
 
 from ...arrays import Array
 from ...description import RobotLike, as_robot
-from ...files import as_path, write_atomically
+from ...files import PAGE_ENDING, check_ending, write_atomically
 from ...names import component_name
 from ...pictures.scene import extent, placed, turned
 from ...robot.coordinates import unit_of
@@ -54,9 +54,10 @@ class RobotPage:
         return f'<iframe srcdoc="{text}" width="100%" height="{HEIGHT}" style="border: 0"></iframe>'
 
     def save(self, path: Path | str) -> Path:
-        """Write the page and return its path; InputError if it cannot be written."""
+        """Write the page and return its path; InputError of another ending than .html, or if it cannot be written."""
+        target = check_ending(path, PAGE_ENDING, label="path")
         text = self.html.encode("utf-8", "replace")  # a lone surrogate of a name
-        return write_atomically(as_path(path), lambda stream: stream.write(text))
+        return write_atomically(target, lambda stream: stream.write(text))
 
     def open(self) -> Path:
         """Open the page in the browser, from a temporary file; returns its path."""
@@ -80,7 +81,7 @@ def show_robot(robot: RobotLike, path: Path | str | None = None, *, browser: boo
         The page, which notebooks show below their cell.
 
     Raises:
-        InputError: the robot is none, or the file cannot be written.
+        InputError: the robot is none, or the file cannot be written, or has another ending.
     """
     page = robot_page(robot)
     if path is not None:
