@@ -155,6 +155,11 @@ def test_float32(built: Build) -> None:
     with pytest.raises(ReachError, match=r"joint1\.gamma is at its limit 0\.4 rad") as caught:
         kernel.inverse_kinematics(turned, q0=begun, limits={"joint1": (0.1, 0.4)}, moving=["joint1"], starts=0)
     assert caught.value.q[0] <= 0.4
+    point = kernel.frame_pose(begun + np.float32([-0.2, 0.1, 0.1, 0.0, 0.0, 0.0]), "tcp")[:3, 3]
+    for ends in ((0.1, 0.1), (0.1, 0.1 + 1e-12)):  # float32 has no number between them
+        q = kernel.inverse_kinematics(point, q0=begun, limits={"joint1": ends})
+        assert q[0] == np.float32(0.1)
+        assert np.abs(kernel.frame_pose(q, "tcp")[:3, 3] - point).max() < 3e-5
 
 
 def test_what_is_no_number_is_shown(built: Build) -> None:

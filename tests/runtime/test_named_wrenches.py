@@ -103,6 +103,28 @@ def test_motions_rollouts_and_equilibria() -> None:
     assert abs(kernel.inverse_dynamics(at_rest, v, v)[0]) > 0.1
 
 
+def test_gradients_by_named_wrenches_are_in_their_order() -> None:
+    kernel = eomgen.build("one_link")
+    q, zero = np.array([0.0, 0.3]), np.zeros(2)
+    wrench: dict[str, Array] = {"tcp": np.array([1.0, 2.0, 0.5, 0.1, 0.2, 0.3]), "link1": np.array([0.5] + [0.0] * 5)}
+
+    def last(t: Array, q: Array, v: Array) -> tuple[float, Array, Array]:
+        by_q = np.zeros_like(q)
+        by_q[-1] = 1.0
+        return float(q[-1].sum()), by_q, np.zeros_like(v)
+
+    def of(wrenches: dict[str, Array]) -> tuple[float, dict[str, Array]]:
+        options = {"duration": 0.2, "rtol": 1e-10, "loads": {"wrench": wrenches}}
+        value, slopes = kernel.rollout_gradient(q, zero, zero, loss=last, **options)  # type: ignore[arg-type]
+        return value, slopes["loads"]
+
+    slopes = of(wrench)[1]
+    for k, (name, numbers) in enumerate(wrench.items()):
+        for i, step in enumerate(1e-5 * np.eye(6)):
+            ends = [of({**wrench, name: numbers + x})[0] for x in (step, -step)]
+            assert slopes[f"wrench[{k}]"][0, 0, i] == pytest.approx((ends[0] - ends[1]) / 2e-5, rel=1e-6, abs=1e-9)
+
+
 def test_equilibria_of_loops() -> None:
     robot = eomgen.load_robot("four_bar")
     springs = [

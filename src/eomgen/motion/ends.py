@@ -35,7 +35,7 @@ def principal_limits(robot: Robot, coordinate: str) -> tuple[float, float]:
 
 
 def limits_beside(robot: Robot, coordinates: Sequence[str], driven: Container[str], q: Array) -> Array:
-    """Lower and upper limits, (n, 2), between which coordinates of a rigid robot are looked for.
+    """Return lower and upper limits, (n, 2), between which coordinates of a rigid robot are looked for.
 
     Driven ones within their limits, those that follow in a closed mechanism anywhere; all others stay.
 
@@ -54,7 +54,7 @@ def limits_beside(robot: Robot, coordinates: Sequence[str], driven: Container[st
 
 
 def default_ends(robot: Robot, coordinates: Sequence[str]) -> tuple[Array, Array]:
-    """Start and goal of a default motion, (n,) each; from the description's home where it names a coordinate."""
+    """Return start and goal of a default motion, (n,) each; from the description's home where it names a coordinate."""
     ends = []
     for name in coordinates:
         limits, home = position_limits(robot, name), leading_home(robot).get(name)

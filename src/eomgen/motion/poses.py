@@ -93,7 +93,7 @@ def _guess(kernel: Kernel, robot: Robot | None) -> Array:
 
 
 def _between(kernel: Kernel, robot: Robot | None, driven: set[str], start: Array, limits: bool | ArrayLike) -> Array:
-    """Lower and upper limits, (n, 2); both are the guess where a coordinate stays."""
+    """Return lower and upper limits, (n, 2); both are the guess where a coordinate stays."""
     stays = prescribed_mask(kernel)
     bounds = np.tile([-np.inf, np.inf], (kernel.n, 1))
     if robot is not None:

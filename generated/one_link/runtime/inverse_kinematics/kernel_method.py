@@ -169,13 +169,15 @@ def reach_all(
 
 
 def _held_exactly(limits: Array, dtype: np.dtype[np.floating]) -> Array:
-    """Return limits that a dtype holds exactly, within them."""
+    """Return limits that a dtype holds exactly, within them; where it has no number there, both are the nearest one."""
     with np.errstate(over="ignore"):  # what becomes infinite is brought within
         rounded = limits.astype(dtype)
     low, high = rounded[..., 0], rounded[..., 1]
     low = np.where(low < limits[..., 0], np.nextafter(low, dtype.type(np.inf)), low)
     high = np.where(high > limits[..., 1], np.nextafter(high, dtype.type(-np.inf)), high)
-    return np.stack([low, high], axis=-1).astype(np.float64)
+    nothing = low > high
+    within = np.stack([np.where(nothing, rounded[..., 0], low), np.where(nothing, rounded[..., 0], high)], axis=-1)
+    return within.astype(np.float64)
 
 
 def limits_of_all(kernel: ClosedKinematics, value: ArrayLike) -> Array:

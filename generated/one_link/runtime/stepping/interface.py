@@ -158,6 +158,7 @@ class Rollouts(CompiledCode):
             ``loads`` "loads": a dictionary, or one for each of a list, with "drive.torque", "drive.program",
             "prescribed.tracks[k]" and "wrench[k]", derivatives by the coefficients of signals (``Signal.by_samples``
             gives those by samples), "drive.gains.kp", "drive.gains.kd" and "drive.model.bandwidth".
+            Wrenches by name are counted in the order of their mapping.
 
         Raises:
             UnknownNameError: no such parameter, or the kernel was built without the method's gradient.
