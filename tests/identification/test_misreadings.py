@@ -15,6 +15,7 @@ from eomgen.errors import InputError
 from eomgen.identification import MeasuredPoses, calibrate, load_calibration, poses_from_columns
 from eomgen.identification.calibration.misreadings import readings_of
 from eomgen.motion.turns import rotation_of
+from eomgen.pictures.page import report_of
 from eomgen.robot.model import build_model
 from eomgen.runtime.inverse_kinematics.rotations import rpy_of, vector_of
 from tests.identification.test_calibration import TCP, turned, write_csv
@@ -179,5 +180,5 @@ def test_a_wrong_reading_can_be_forced() -> None:
     made = blind()
     columns = made.columns | {"tcp.y": -made.columns["tcp.y"]}
     found = calibrate(made.robot, poses_of(made, columns), folds=0, force=True)
-    assert any("read as y mirrored" in note for note in found.notes)
+    assert any("read as y mirrored" in note for note in report_of(found).warnings), "amber on the page"
     assert not found.is_explained

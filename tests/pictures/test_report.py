@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ast
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from datetime import date
 from html.parser import HTMLParser
@@ -16,6 +18,7 @@ from eomgen.analysis.modal import modes
 from eomgen.cli import entry as cli
 from eomgen.errors import InputError
 from eomgen.pictures.page import report_of
+from eomgen.pictures.report import WARNS, sorted_notes
 from eomgen.robot.value import Robot
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.result import SimulationResult
@@ -260,3 +263,29 @@ def test_the_page_has_its_date_and_amber_is_for_warnings(
     assert plain not in amber
     monkeypatch.delenv("SOURCE_DATE_EPOCH")
     assert report_of(result, modes=False).made == date.today().isoformat()
+
+
+def texts_of_notes() -> Iterator[str]:
+    """Texts in the source of the rooms whose results have notes, with 0 for what is put into them."""
+    for room in ("description", "identification", "integration", "motion", "runtime", "simulation", "state"):
+        for path in (Path(eomgen.__file__).parent / room).rglob("*.py"):
+            nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+            described = [node.value for node in nodes if isinstance(node, ast.Expr)]  # docstrings
+            for node in nodes:
+                if isinstance(node, ast.JoinedStr):
+                    yield "".join(str(x.value) if isinstance(x, ast.Constant) else "0" for x in node.values)
+                elif isinstance(node, ast.Constant) and isinstance(node.value, str) and node not in described:
+                    yield node.value
+
+
+def test_words_by_which_notes_are_warnings_stand_in_notes() -> None:
+    """A note in other words would lose its amber without a word."""
+    texts = list(texts_of_notes())
+    for words in WARNS.pattern.split("|"):
+        assert any(re.search(words, text) for text in texts), words
+    fine = "no drive was clipped at a sample"
+    assert fine in texts
+    assert sorted_notes((fine, "drives were clipped: joint1.gamma")) == (
+        ("drives were clipped: joint1.gamma",),
+        (fine,),
+    )

@@ -16,9 +16,10 @@ from ..files import PAGE_ENDING, check_ending, write_atomically
 from .svg import inline_svg
 
 TEMPLATE = "report/report.html.jinja"
-_WARNS = re.compile(  # notes of results that ask to be minded, among those that say how it was done
+WARNS = re.compile(  # notes of results that ask to be minded, among those that say how it was done
     r"\?$|\bexceed|\bbeyond\b|\bfailed\b|does not close|not in balance|no better|\bstopped\b|more may lead further"
-    r"|never measured|still moves|\bsaturated\b|cannot be|check little|\bclipped\b|MuJoCo warns|\bsuspicious\b"
+    r"|never measured|still moves|\bsaturated\b|cannot be|check little|\bwere clipped\b|MuJoCo warns|\bsuspicious\b"
+    r"|look at them|^not linear|is not explained|^lack of fit|as it is read, placements"
 )
 
 
@@ -87,7 +88,7 @@ class Report:
 def sorted_notes(notes: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return the notes that are warnings, and those that say how it was done or what was assumed."""
     lines = tuple(notes)
-    return tuple(x for x in lines if _WARNS.search(x)), tuple(x for x in lines if not _WARNS.search(x))
+    return tuple(x for x in lines if WARNS.search(x)), tuple(x for x in lines if not WARNS.search(x))
 
 
 def _today() -> date:

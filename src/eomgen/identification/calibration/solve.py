@@ -153,7 +153,7 @@ def calibrate(  # noqa: PLR0913
         notes += _other_readings(task, poses, problem, {}, is_explained=True, force=force)
         if not force:
             raise InputError(suspicion)
-        notes += [suspicion]
+        notes += [f"suspicious, and taken as it is: {suspicion}"]
     report("fitting")
     if drives:
         fit = only_fitted(problem, start, loss)
