@@ -245,6 +245,7 @@ def closed_readings(
     bad = np.flatnonzero(~(violations < CLOSED))
     if bad.size:
         raise InputError(
-            f"{places[int(bad[0])]}: the loops of {model.name} do not close there (by {violations[bad[0]]:.2g})"
+            f"{places[int(bad[0])]}: the loops of {model.name} do not close there (by {violations[bad[0]]:.2g});"
+            f" allowed: drives at which they close to {CLOSED:g} m or rad"
         )
     return np.asarray(closed - constants)
