@@ -11,12 +11,16 @@ from typing import Any
 
 import pytest
 
+from eomgen.authoring.studies import plan_file_text, tolerances_file_text
 from eomgen.cli import entry as cli
 from eomgen.codegen.c.sources import render
 from eomgen.codegen.kernels.equations import derive_equations
-from eomgen.errors import EomgenWarning
+from eomgen.errors import EomgenWarning, InputError
+from eomgen.identification.tolerances.solve import tolerance_quantities
+from eomgen.identification.tolerances.table import read_table
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
+from eomgen.sweep.plan import plan_from_toml
 from tests.support import fuzzing
 from tests.support.fuzzing import accepted
 from tests.support.mutations import mutant
@@ -117,6 +121,33 @@ def test_what_was_read_can_be_rendered(kind: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("kind", ["toml", "urdf"])
 def test_more_of_what_was_read_can_be_rendered(kind: str, tmp_path: Path) -> None:
     print(f"\n60 robots of {kind} mutants: {rendered(kind, 30_000_000, 60, tmp_path)} characters of C")
+
+
+def studied(kind: str, first: int, count: int, folder: Path) -> int:
+    """How many robots that mutants describe get a table of tolerances; first files of all of them can be read."""
+    path, tables = folder / "table.toml", 0
+    for robot in robots(kind, first, count, folder):
+        plan_from_toml(plan_file_text(robot))
+        try:
+            text = tolerances_file_text(robot)
+        except InputError as error:  # its loops are open, or elastic, or its drives do not say where all is
+            fuzzing.check_message(error)
+            continue
+        path.write_text(text, encoding="ascii")
+        assert read_table(path, tuple(tolerance_quantities(robot))).entries
+        tables += 1
+    return tables
+
+
+@pytest.mark.parametrize("kind", ["toml", "urdf"])
+def test_first_files_for_studies_can_be_read(kind: str, tmp_path: Path) -> None:
+    assert studied(kind, 60_000_000, 8, tmp_path)
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("kind", ["toml", "urdf"])
+def test_more_first_files_for_studies_can_be_read(kind: str, tmp_path: Path) -> None:
+    assert studied(kind, 61_000_000, 100, tmp_path) > 10
 
 
 def test_the_command_line_refuses_with_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
