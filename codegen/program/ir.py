@@ -12,9 +12,11 @@ so sharing is a dictionary and most pruning is free.
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import compress
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -335,9 +337,11 @@ def first_values(program: Program) -> list[bool]:
 def needed(instructions: Sequence[Instruction], wanted: Iterable[int]) -> list[bool]:
     """Say of every value whether some of them need it, themselves among them."""
     marked = [False] * len(instructions)
+    last = -1
     for index in wanted:
         marked[index] = True
-    for index in range(len(marked) - 1, -1, -1):
+        last = max(last, index)
+    for index in range(last, -1, -1):
         if marked[index]:
             for arg in instructions[index].args:
                 marked[arg] = True
@@ -377,21 +381,21 @@ def select(
 ) -> Program:
     """Keep the instructions that the outputs need, renumbered; notes move to the next instruction that stays."""
     alive = needed(instructions, outputs.values())
-    renumbered = [-1] * len(instructions)
+    staying = list(compress(range(len(alive)), alive))
+    renumbered = [-1] * len(alive)
+    for place, index in enumerate(staying):
+        renumbered[index] = place
     kept: list[Instruction] = []
-    kept_notes: dict[int, str] = {}
-    for index, instruction in enumerate(instructions):
-        if index in notes:
-            kept_notes[len(kept)] = notes[index]
-        if alive[index]:
-            renumbered[index] = len(kept)
-            args = instruction.args
-            if args:
-                moved = tuple([renumbered[arg] for arg in args])
-                if moved != args:
-                    instruction = Instruction(instruction.op, moved, instruction.leaf)
-            kept.append(instruction)
-    kept_notes.pop(len(kept), None)
+    for index in staying:
+        instruction = instructions[index]
+        args = instruction.args
+        if args:
+            moved = tuple([renumbered[arg] for arg in args])
+            if moved != args:
+                instruction = Instruction(instruction.op, moved, instruction.leaf)
+        kept.append(instruction)
+    places = {index: bisect_left(staying, index) for index in sorted(notes)}
+    kept_notes = {place: notes[index] for index, place in places.items() if place < len(kept)}
     return Program(name, tuple(kept), {key: renumbered[index] for key, index in outputs.items()}, kept_notes)
 
 

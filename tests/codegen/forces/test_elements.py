@@ -17,7 +17,7 @@ from eomgen.codegen.forces.joint_damping import JointDampers
 from eomgen.codegen.forces.laws import Effect
 from eomgen.codegen.kernels.accelerations import implicit_step
 from eomgen.codegen.kernels.derivation import Derivation, Outputs, vector
-from eomgen.codegen.program.ir import evaluate, finish
+from eomgen.codegen.program.ir import Program, evaluate, finish
 from eomgen.description.load import robot_from_toml
 from eomgen.robot.model import build_model
 from eomgen.robot.parameter_names import element_places
@@ -45,10 +45,17 @@ class Forces:
         self.d = Derivation(self.model)
         self.elements = [self.d.elements[ELEMENTS.index(family)] for family in families]
         self.n = self.model.size
+        self.finished: dict[int, tuple[Outputs, Program]] = {}
+
+    def program(self, outputs: Outputs) -> Program:
+        """The program of outputs, finished once."""
+        if id(outputs) not in self.finished:
+            self.finished[id(outputs)] = outputs, finish(self.d.graph, "law", outputs)
+        return self.finished[id(outputs)][1]
 
     def run(self, outputs: Outputs, **given: Array) -> Array:
         inputs = {"q": self.q, "v": self.v, "p": self.p, "u": np.zeros(self.n), "added": np.zeros(self.n)} | given
-        found = evaluate(finish(self.d.graph, "law", outputs), {name: list(x) for name, x in inputs.items()})
+        found = evaluate(self.program(outputs), {name: list(x) for name, x in inputs.items()})
         return np.array([found["out", i] for i in range(len(outputs))], dtype=float)
 
     def resisting(self, **given: Array) -> Array:
@@ -129,7 +136,7 @@ def test_every_number_is_a_parameter(families: Sequence[type[ForceElement]], see
         for key, place in numbers.items():
             other = forces.p.copy()
             other[place] = other[place] * 1.1 + 0.01
-            changed = [forces.run(rows, q=q, v=v, p=other) for q, v in states]
+            changed = (forces.run(rows, q=q, v=v, p=other) for q, v in states)  # as far as it is needed
             moved = any(np.any(x != y) for x, y in zip(before, changed, strict=True))
             assert moved or key in ("armature", "inertia") or not acts(forces, owner, key), names[place]
 
