@@ -110,6 +110,7 @@ def test_hessians_are_the_kernels(seed: int, built: Build, figures: Figures) -> 
 
 
 @pytest.mark.parametrize("name", ["one_link", pytest.param("four_bar", marks=pytest.mark.soak)])
+@pytest.mark.soak
 def test_hessians_of_mechanisms(name: str, built: Build) -> None:
     """Of open and closed ones, beside closed states, too."""
     robot, asked = eomgen.load_robot(name), ["inverse_dynamics", "forward_dynamics", "energy", "frame_pose", "residual"]

@@ -25,6 +25,7 @@ from tests.support.builds import Build
 from tests.support.figures import Figures
 from tests.support.random_followers import with_followers
 from tests.support.random_robots import Array, random_robot, random_state, seeds
+from tests.support.soak import soaked
 
 
 @pytest.fixture(autouse=True)
@@ -186,7 +187,7 @@ def test_frames_have_derivatives_of_any_order(built: Build) -> None:
 
 
 SECOND = [
-    pytest.param(robot, name, marks=() if at in (1, 3) else pytest.mark.soak, id=f"{robot}-{name}")
+    pytest.param(robot, name, marks=() if at == 1 else pytest.mark.soak, id=f"{robot}-{name}")
     for at, (robot, name) in enumerate(
         product(("one_link", "four_bar"), ("forward_dynamics", "inverse_dynamics", "energy", "frame_pose"))
     )
@@ -232,7 +233,7 @@ def test_a_batch_of_hessians_is_one_call(built: Build, calls: list[tuple[str, in
     assert np.allclose(found, expected, rtol=1e-12, atol=1e-12)
 
 
-@pytest.mark.parametrize("controlled", [False, True])
+@pytest.mark.parametrize("controlled", soaked([False, True], [True]))
 def test_rollouts_of_the_kernel_have_gradients(controlled: bool, built: Build) -> None:
     """As ``rollout_gradient`` gives them; of a batch each state its own."""
     kernel = built(eomgen.load_robot("one_link"), "rollout", "explicit_gradient", "implicit_gradient")

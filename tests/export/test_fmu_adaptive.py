@@ -32,7 +32,7 @@ from tests.support.turning_loops import INTEGRATED, held_at, held_pendulum
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
-VERSIONS = (2, 3)
+VERSIONS = soaked((2, 3), (3,))
 NAMES = ("adaptive_rollout", "forward_dynamics", "mass_matrix", "inverse_dynamics", "energy", "external_force")
 CLOSED = (*NAMES, "constraint", "constraint_jacobian", "constrained_dynamics", "kinematics", "cut_poses")
 
@@ -86,7 +86,9 @@ def test_the_description_says_it(version: int, exported: Exported) -> None:
     assert float(root.find("DefaultExperiment").attrib["tolerance"]) == 1e-6  # type: ignore[union-attr]
 
 
-@pytest.mark.parametrize(("version", "method"), [(2, "rosenbrock"), (3, "tsit5"), (3, "radau")])
+@pytest.mark.parametrize(
+    ("version", "method"), soaked([(2, "rosenbrock"), (3, "tsit5"), (3, "radau")], {(2, "rosenbrock")})
+)
 def test_a_first_step_is_the_rollouts(version: int, method: str, exported: Exported, built: Build) -> None:
     """Bit by bit, where all of it is one communication step."""
     robot = eomgen.load_robot("one_link")
@@ -143,7 +145,8 @@ def test_prescribed_coordinates_and_wrenches(exported: Exported, built: Build) -
     np.testing.assert_allclose(found, np.concatenate([wanted.q[-1], wanted.v[-1]]), atol=1e-7)
 
 
-@pytest.mark.parametrize(("name", "rate"), [("four_bar", 3.0), pytest.param("bennett", 2.0, marks=pytest.mark.soak)])
+@pytest.mark.parametrize(("name", "rate"), [("four_bar", 3.0), ("bennett", 2.0)])
+@pytest.mark.soak
 def test_closed_mechanisms(name: str, rate: float, exported: Exported, built: Build) -> None:
     """They stay closed, keep their energy, and move as an integration with tight tolerances says."""
     robot = eomgen.load_robot(name)

@@ -226,6 +226,7 @@ def build_driver(unpacked: Path, target: Path, flags: Sequence[str]) -> None:
 
 
 @pytest.mark.skipif("gcc" not in COMPILERS, reason="needs gcc and its sanitizers")
+@pytest.mark.soak
 def test_memory_is_used_as_it_should_be(unpacked: Path, tmp_path: Path) -> None:
     """Instances, steps, derivatives and states under the address, leak and undefined-behaviour sanitizers."""
     build_driver(unpacked, tmp_path / "driver", ("-fsanitize=address,undefined", "-fno-sanitize-recover=all"))

@@ -26,7 +26,7 @@ KERNELS = (
     *("forward_dynamics", "constraint_forces", "constraint", "constraint_jacobian", "constrained_dynamics"),
     *("kinematics", "energy", "external_force", "settling", "rollout"),
 )
-VERSIONS = (2, 3)
+VERSIONS = soaked((2, 3), (3,))
 CLOSING = 0.01  # s
 DRIVE = np.array([2.0, 0.0, 0.0])
 RATE = 3.0  # rad/s, of the crank
@@ -125,7 +125,7 @@ def test_initialization_closes_near_what_is_set(version: int, unit: Unit, kernel
     assert "does not close" in other.messages[-1] or "cannot be inverted" in other.messages[-1]
 
 
-@pytest.mark.parametrize(("version", "method"), [(2, "rk4"), (3, "rk4"), (3, "implicit")])
+@pytest.mark.parametrize(("version", "method"), soaked([(2, "rk4"), (3, "rk4"), (3, "implicit")], {(3, "implicit")}))
 def test_co_simulation_stays_closed_and_is_the_rollout(version: int, method: str, unit: Unit, kernel: Kernel) -> None:
     q, v = start(kernel)
     host = unit(version, method, stepping=True)

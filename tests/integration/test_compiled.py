@@ -405,7 +405,7 @@ PUSHED = "[[wrenches]]\nlink = 'coupler'\nforce = [30.0, -20.0, 0.0]\n"
 @pytest.mark.parametrize(
     ("label", "text"),
     [
-        ("driven", MOVED + PUSHED),
+        pytest.param("driven", MOVED + PUSHED, marks=pytest.mark.soak),
         pytest.param("driven", MOVED + "[control]\ntype = 'computed_torque'\n" + PUSHED, marks=pytest.mark.soak),
         ("shaken", SHAKEN_BARS.replace("frequency", FROM_REST + "frequency") + HELD + PUSHED),
         pytest.param("plate", SWUNG + HELD, marks=pytest.mark.soak),

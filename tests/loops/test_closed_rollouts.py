@@ -47,6 +47,7 @@ def test_batches_are_single_states_to_the_bit(number: int, built: Build, figures
 
 @pytest.mark.parametrize("dtype", ["float64", pytest.param("float32", marks=pytest.mark.soak)])
 @pytest.mark.parametrize("number", seeds(2, 1, 30))
+@pytest.mark.soak
 def test_steps_of_radau(number: int, dtype: str, built: Build) -> None:
     """They are closed, go where the explicit ones go, and have the same bits in a batch."""
     m = mechanism(number)

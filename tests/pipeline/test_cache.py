@@ -88,6 +88,7 @@ def test_processes_build_the_same_kernel_at_once(count: int, empty_cache: Path, 
     assert len(calls) == 4 + 2
 
 
+@pytest.mark.soak
 def test_a_build_that_was_killed_does_not_block_the_next(empty_cache: Path, tmp_path: Path) -> None:
     """kill -9 in the middle of compiling: the lock is free, and half a package is not taken for a whole one."""
     began = tmp_path / "began"
@@ -302,6 +303,7 @@ def test_no_key_of_a_file_names_a_compiler_or_a_flag() -> None:
             robot_from_toml(f'name = "arm"\n{key} = "-O3"\n')
 
 
+@pytest.mark.soak
 def test_without_python_headers(empty_cache: Path, monkeypatch: pytest.MonkeyPatch, built: Build) -> None:
     """cffi's ABI mode gives the same numbers, and a package that stands on its own."""
     expected = one_link()

@@ -271,7 +271,7 @@ LIMITED = """
 
 
 @pytest.mark.skipif(os.name != "posix", reason="limits of file sizes as POSIX has them")
-@pytest.mark.parametrize("size", [500, 15000])
+@pytest.mark.parametrize("size", [500, pytest.param(15000, marks=pytest.mark.soak)])
 def test_no_room_for_a_build(size: int, empty_cache: Path) -> None:
     """The same without a small disk: files may not grow beyond a size, of Python's and of the compiler's."""
     found = subprocess.run(

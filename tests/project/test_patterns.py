@@ -255,7 +255,7 @@ def test_patterns_of_quadratic_time_are_seen(text: str, limited: None) -> None:
 
 HEAVY = {
     *("eomgen.identification.calibration.as_toml", "eomgen.pipeline.generator_key"),
-    *("eomgen.forms.toml_place", "eomgen.forms.toml_text"),
+    *("eomgen.forms.toml_place", "eomgen.forms.toml_text", "eomgen.export.wasm.layout"),
 }  # of whose patterns many are tried, or with long texts
 MATCHING = {module for module, _ in PATTERNS}
 

@@ -55,7 +55,7 @@ def calls(kernel: Kernel, steps: dict[str, Any]) -> Iterator[tuple[str, dict[str
         yield name, needed
 
 
-@pytest.mark.parametrize("steps", [FIXED, CHOSEN], ids=["fixed", "chosen"])
+@pytest.mark.parametrize("steps", [FIXED, pytest.param(CHOSEN, marks=pytest.mark.soak)], ids=["fixed", "chosen"])
 def test_any_argument_is_taken_or_refused(kernel: Kernel, steps: dict[str, Any]) -> None:
     tried, wrong = 0, []
     for name, needed in calls(kernel, steps):

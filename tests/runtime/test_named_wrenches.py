@@ -39,7 +39,7 @@ def drawn(kernel: eomgen.Kernel, rng: np.random.Generator, lead: tuple[int, ...]
     }
 
 
-@pytest.mark.parametrize("seed", seeds(40, 2, 20))
+@pytest.mark.parametrize("seed", seeds(40, 1, 20))
 def test_frames_and_links_as_jacobians_have_them(seed: int, built: Build) -> None:
     rng = np.random.default_rng(seed)
     robot = framed(random_robot(seed, tree=seed % 2 == 0, joints=(2, 4)), rng)
@@ -70,7 +70,7 @@ def test_frames_and_links_as_jacobians_have_them(seed: int, built: Build) -> Non
         assert np.allclose(call(*(x[2] for x in arguments), wrench=one), call(*arguments, wrench=rows)[2], atol=1e-11)
 
 
-@pytest.mark.parametrize("number", seeds(0, 2, 20))
+@pytest.mark.parametrize("number", seeds(0, 1, 20))
 def test_closed_mechanisms(number: int, built: Build) -> None:
     m, rng = mechanism(number), np.random.default_rng(number)
     kernel = built(framed(m.robot, rng))

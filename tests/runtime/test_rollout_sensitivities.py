@@ -20,6 +20,7 @@ from tests.codegen.forces.test_stops import stopped
 from tests.oracles.complex_step import COMPLEX
 from tests.runtime.test_rollout_gradients import DT, METHODS, STEPS, frozen
 from tests.support.builds import Build
+from tests.support.soak import across
 
 GRADIENTS = ("rollout", "adaptive_rollout", "explicit_gradient", "implicit_gradient", "rosenbrock_gradient")
 KERNELS = (*GRADIENTS, "explicit_sensitivity", "implicit_sensitivity", "rosenbrock_sensitivity")
@@ -64,8 +65,7 @@ class Case:
         return self.call("rollout_sensitivity", parameters=self.parameters, along=self.along, **more)
 
 
-@pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize(("name", "method"), across(ROBOTS, METHODS))
 def test_equal_to_the_gradient(name: str, method: str, built: Build, monkeypatch: pytest.MonkeyPatch) -> None:
     """Weighted and summed up they are what goes back through the steps; in parts of steps to the bit."""
     case = Case(built, name, method)

@@ -17,6 +17,7 @@ from eomgen.errors import ArrayError
 from eomgen.robot.value import Coordinate, Robot, Spring
 from tests.runtime.test_rollout_gradients import frozen
 from tests.support.builds import Build
+from tests.support.soak import across
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -125,8 +126,7 @@ class Case:
         return float(self.gradient(q, v)[0])
 
 
-@pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("where", STATES)
+@pytest.mark.parametrize(("where", "method"), across(STATES, METHODS))
 def test_on_both_sides(where: str, method: str, built: Build, monkeypatch: pytest.MonkeyPatch) -> None:
     """By coordinates and rates where motions begin, and by all numbers of what holds the carts."""
     frozen(monkeypatch)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Container, Iterable, Sequence
+from itertools import product
 from typing import Any, TypeVar
 
 import pytest
@@ -28,3 +29,10 @@ def soaked(cases: Iterable[Case], but: Container[Case]) -> list[Any]:
         case if case in but else pytest.param(*(case if isinstance(case, tuple) else (case,)), marks=pytest.mark.soak)
         for case in cases
     ]
+
+
+def across(first: Iterable[Any], second: Iterable[Any]) -> list[Any]:
+    """Return all pairs, of which those are quick in which every member is once, as on a diagonal."""
+    one, other = list(first), list(second)
+    quick = {(one[i % len(one)], other[i % len(other)]) for i in range(max(len(one), len(other)))}
+    return soaked(product(one, other), quick)

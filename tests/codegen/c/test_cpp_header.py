@@ -266,6 +266,7 @@ int main()
 """
 
 
+@pytest.mark.soak
 def test_rollouts(tmp_path: Path) -> None:
     robot, kernels = eomgen.load_robot("one_link"), ("rollout",)
     package, kernel = package_of(robot, tmp_path, *kernels), kernel_of(robot, *kernels)

@@ -268,6 +268,7 @@ def test_a_version_that_does_not_fit_is_refused(tmp_path: Path) -> None:
         assert answer.stderr.split() == [eomgen.__version__, fits]
 
 
+@pytest.mark.soak
 def test_headers_that_a_header_includes_are_installed_with_it(tmp_path: Path) -> None:
     """CMake installs the robot's header and all that it includes, which users alone would miss."""
     folder = generate("one_link", tmp_path, options=Options(("rollout",), level=BASE), cmake=True)

@@ -164,6 +164,7 @@ def levels_of(name: str, compiler: str) -> tuple[str, ...]:
 
 
 @corpus
+@pytest.mark.soak
 def test_compilers_and_levels_give_the_same_bits(name: str, dtype: str, tmp_path: Path) -> None:
     """gcc and clang, -O0, -O2 and -O3, without contraction: single states, batches, rollouts."""
     source, results = prepared(name, dtype, tmp_path), {}

@@ -30,6 +30,7 @@ from tests.support.every_element import ROBOTS, robot_with
 from tests.support.random_followers import with_followers
 from tests.support.random_motors import with_motors
 from tests.support.random_robots import random_robot, seeds, with_offsets, with_random_loops
+from tests.support.soak import soaked
 
 KINDS: dict[str, Callable[[int], Robot]] = {
     "trees of all coordinates": lambda seed: random_robot(
@@ -51,7 +52,7 @@ def short(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(report, "MOST_COORDINATES", 2)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", soaked(KINDS, list(KINDS)[::2]))
 @pytest.mark.parametrize("seed", seeds(2, 1, 12))
 def test_random_robots(kind: str, seed: int, tmp_path: Path, short: None) -> None:
     """Programs agree, no term that is dropped is there, and none that survives vanishes; reports are documents."""
