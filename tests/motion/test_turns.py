@@ -6,10 +6,19 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
-from eomgen.errors import ArrayError
+from eomgen.errors import ArrayError, InputError
 from eomgen.motion.turns import rotation_of, spherical, spherical_spline
 from eomgen.robot.geometry import rotation_from_rpy
 from eomgen.runtime.inverse_kinematics.rotations import rotation_matrices, rpy_of, vector_of
+
+
+def test_angles_of_numpy_are_angles() -> None:
+    exact = rotation_from_rpy((0.0, 1.0, 2.0))
+    for rpy in (np.array([0, 1, 2]), np.array([0.0, 1.0, 2.0], np.float32), [np.int32(0), 1.0, 2]):
+        assert rotation_from_rpy(rpy) == exact  # type: ignore[arg-type]
+    for wrong in ((0.0, np.nan, 0.0), (0.0, np.inf, 0.0), (10**400, 0.0, 0.0), ("1", "2", "3"), (0.0, 1.0)):
+        with pytest.raises(InputError, match=r"^rpy: .*three numbers of magnitude up to 1e\+30, rad"):
+            rotation_from_rpy(wrong)  # type: ignore[arg-type]
 
 
 def test_vectors_and_rotations_are_those_of_scipy() -> None:

@@ -12,6 +12,7 @@ import pytest
 from eomgen.description.load import load_robot
 from eomgen.errors import ArrayError, InputError, IntegrationStopped
 from eomgen.integration import integrate
+from eomgen.integration.until import Until
 from eomgen.motion.point_to_point import Harmonic, PointToPoint
 from eomgen.runtime import Kernel
 from eomgen.runtime.stepping.input_signals import DriveData, InputSignals, LinkWrench, Signal, Track
@@ -111,6 +112,10 @@ def test_no_numbers_become_some(value: Any, built: Build) -> None:
         "t0": lambda: rolled(loads=InputSignals(wrenches=[LinkWrench(0, Signal.constant(np.ones(6)), t0=value)])),
         "start": lambda: PointToPoint(value, v, 1.0),
         "t": lambda: PointToPoint(q, v, 1.0).at(value),
+        "times of samples": lambda: Signal.through(row, [[0.0], [1.0]]),
+        "samples": lambda: Signal.through([0.0, 1.0], row),
+        "times": lambda: integrate(kernel, q, q, 1.0, times=row),
+        "point": lambda: Until.distance(kernel, "tcp", row, 1.0),
         "amplitude": lambda: Harmonic(value, 1.0),
         "frequency": lambda: Harmonic(v, value),
         "phase": lambda: Harmonic(v, 1.0, value),

@@ -48,10 +48,10 @@ def output_times(duration: float, output_step: float | None) -> Array:
 
 
 def checked_times(times: ArrayLike, duration: float, output_step: float | None) -> Array:
-    samples = np.array(times, dtype=np.float64)
+    samples = numbers_in("times", times, "two or more finite times, increasing")
     if output_step is not None:
         raise InputError("times and output_step are both set; allowed: one of them")
-    if samples.ndim != 1 or samples.size < 2 or not np.isfinite(samples).all() or not (np.diff(samples) > 0.0).all():
+    if samples.ndim != 1 or samples.size < 2 or not (np.diff(samples) > 0.0).all():
         raise InputError("times: allowed: two or more finite times, increasing")
     if samples[-1] != duration:
         raise InputError(f"times: end at {samples[-1]:g} s; allowed: at the duration, {duration:g} s")

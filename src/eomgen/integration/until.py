@@ -12,6 +12,7 @@ from ..arrays import Array
 from ..errors import InputError
 from ..names import listed, nearest, show
 from ..robot.coordinates import unit_of
+from ..runtime.arrays import numbers_in
 from ..runtime.kernel import Kernel
 
 HALVINGS = 52  # of a step, to the last bit of a time
@@ -95,11 +96,11 @@ class Until:
             raise InputError(
                 f"until: {show(frame)}{nearest(frame, kernel.frames)} is no frame; allowed: {listed(kernel.frames)}"
             )
-        place = np.array(point, dtype=np.float64)
+        allowed = "three finite numbers, m"
+        place = numbers_in("until: point", point, allowed)
         if place.shape != (3,):
-            raise InputError(f"until: point: got {show(point)}; allowed: three numbers, m")
-        for number in (*place.tolist(), distance):
-            _refuse_not_finite("point or distance", number)
+            raise InputError(f"until: point: got {show(point)}; allowed: {allowed}")
+        _refuse_not_finite("distance", distance)
         if not distance > 0.0:
             raise InputError(f"until: distance: got {distance!r}; allowed: a distance in m greater than 0")
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from numbers import Real
 
 from ..errors import check_kind
+from ..limits import LARGEST
 
 LINEAR = ("x", "y", "z")
 ANGULAR = ("alpha", "beta", "gamma")
@@ -31,7 +33,7 @@ _TURNS: dict[Vector, Matrix] = {
 
 def snap(value: float) -> float:
     """Return the value; a sine or cosine that misses -1, 0 or 1 by round-off of a right angle becomes exact."""
-    check_kind("value", value, isinstance(value, (int, float)), "a number")
+    check_kind("value", value, isinstance(value, Real), "a number")
     for exact in (-1.0, 0.0, 1.0):
         if abs(value - exact) < 4e-16:
             return exact
@@ -40,8 +42,9 @@ def snap(value: float) -> float:
 
 def rotation_from_rpy(rpy: Vector) -> Matrix:
     """Return the rotation matrix Rz(yaw) Ry(pitch) Rx(roll) of URDF's roll, pitch, yaw, rad."""
-    three = hasattr(rpy, "__len__") and len(rpy) == 3 and all(isinstance(x, (int, float)) for x in rpy)
-    check_kind("rpy", rpy, three, "three numbers, rad")
+    allowed = f"three numbers of magnitude up to {LARGEST:g}, rad"
+    three = hasattr(rpy, "__len__") and len(rpy) == 3 and all(isinstance(x, Real) and abs(x) <= LARGEST for x in rpy)
+    check_kind("rpy", rpy, three, allowed)
     (cr, sr), (cp, sp), (cy, sy) = ((snap(math.cos(t)), snap(math.sin(t))) for t in rpy)
     return (
         (cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr),

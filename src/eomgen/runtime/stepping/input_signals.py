@@ -8,6 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...errors import ArrayError
+from ...names import show
+from ..arrays import numbers_in
 from ..calls import Calls
 
 Array = NDArray[np.float64]
@@ -33,8 +36,19 @@ class Signal:
 
     @classmethod
     def through(cls, times: ArrayLike, samples: ArrayLike) -> Signal:
-        """Make a signal of straight lines between samples, (T, columns), at times, s, (T,), increasing."""
-        knots, x = np.array(times, dtype=np.float64), np.array(samples, dtype=np.float64)
+        """Make a signal of straight lines between samples, (T, columns), at times, s, (T,), increasing.
+
+        Raises:
+            ArrayError: they are none, or do not go together.
+        """
+        rising = "two or more finite numbers (T,) that increase, s"
+        knots = numbers_in("times", times, rising)
+        if knots.ndim != 1 or knots.size < 2 or not (np.diff(knots) > 0.0).all():
+            raise ArrayError(f"times: {show(times)}; allowed: {rising}")
+        allowed = f"finite numbers ({knots.size}, columns)"
+        x = numbers_in("samples", samples, allowed)
+        if x.ndim != 2 or len(x) != knots.size:
+            raise ArrayError(f"samples: got shape {x.shape}; allowed: {allowed}")
         rates = np.diff(x, axis=0) / np.diff(knots)[:, None]
         return cls(knots, np.stack([x[:-1], rates], axis=1))
 
@@ -49,8 +63,9 @@ class Signal:
 
     @classmethod
     def constant(cls, values: ArrayLike) -> Signal:
-        """Make a signal of constant columns, (columns,)."""
-        return cls(np.array([0.0, 1.0]), np.array(values, dtype=np.float64).reshape(1, 1, -1))
+        """Make a signal of constant columns, (columns,); ArrayError where they are no numbers."""
+        columns = numbers_in("values", values, "numbers (columns,)", finite=False)
+        return cls(np.array([0.0, 1.0]), columns.reshape(1, 1, -1))
 
     @property
     def columns(self) -> int:
