@@ -13,9 +13,10 @@ import pytest
 
 import eomgen
 from eomgen.analysis.ports import KINDS
-from eomgen.authoring.schemas import FORMATS
+from eomgen.authoring.schemas import FORMATS as SCHEMAS
 from eomgen.cli import choices
 from eomgen.cli.entry import COMMANDS, main, make_parser
+from eomgen.cli.export import FORMATS
 from eomgen.cli.shared.options import OldName, page_path
 from eomgen.errors import InputError
 from eomgen.identification.calibration.variants import VARIANTS
@@ -155,7 +156,7 @@ def test_reading_of_descriptions_is_a_group_of_its_own(capsys: pytest.CaptureFix
 
 
 CHOICES = [
-    (choices.FORMATS, FORMATS),
+    (choices.FORMATS, SCHEMAS),
     (choices.LOSSES, LOSSES),
     (choices.VARIANTS, VARIANTS),
     (choices.MEASURES, MEASURES),
@@ -235,3 +236,27 @@ def test_pages_are_written_to_html_alone(tmp_path: Path, capsys: pytest.CaptureF
         with pytest.raises(InputError, match=r"^path: '.*trajectory\.npz'; allowed: a path that ends in \.html$"):
             write(kept)
     assert kept.read_bytes() == b"a result"
+
+
+@pytest.mark.parametrize(("words", "refused"), [
+    (("--mjcf", "--kernels", "mass_matrix"), "--kernels: given without its format; allowed: with --arrays or --wasm"),
+    (("--arrays", "--dtype", "float32"), "--dtype: given without its format; allowed: with --wasm"),
+    (("--wasm", "--fmi", "3"), "--fmi: given without its format; allowed: with --fmu"),
+    (("--fmu", "--mjcf", "--model"), "--model: given without its format; allowed: with --wasm"),
+    (("--arrays", "--step", "1e-3"), "--step: given without its format; allowed: with --fmu or --mjcf"),
+    (("--fmu", "--approximate"), "--approximate: given without its format; allowed: with --mjcf"),
+])  # fmt: skip
+def test_options_of_a_format_that_is_not_written_are_refused(
+    words: tuple[str, ...], refused: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["export", "one_link", *words, "-o", str(tmp_path)]) == 1
+    assert refused in " ".join(capsys.readouterr().err.split())
+    assert not list(tmp_path.iterdir())
+
+
+def test_every_option_of_export_has_its_format() -> None:
+    parser = dict(commands())["export"]
+    (reading,) = (group for group in parser._action_groups if group.title == "reading of descriptions")
+    general = {"help", "robot", "output", *FORMATS, *(action.dest for action in reading._group_actions)}
+    taken = {option for target in FORMATS.values() for option in target.takes}
+    assert {action.dest for action in parser._actions} - general == taken

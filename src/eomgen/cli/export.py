@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -73,11 +74,34 @@ def _export_arrays(robot: Robot, options: argparse.Namespace, report: StageRepor
     return [export_arrays(robot, path, kernels=options.kernels, progress=report)]
 
 
-FORMATS: Mapping[str, tuple[str, Export]] = {  # an option's name, what it says, and what it does
-    "fmu": ("FMUs (functional mock-up units) for co-simulation and model exchange", _export_fmu),
-    "mjcf": ("a model of MuJoCo", _export_mjcf),
-    "arrays": ("a module of Python on arrays of NumPy or JAX", _export_arrays),
-    "wasm": ("WebAssembly, with an ES module that calls it and TypeScript's declarations", _export_wasm),
+@dataclass(frozen=True)
+class Format:
+    """A format to write.
+
+    Attributes:
+        about: what its option says.
+        write: writes it, and returns paths.
+        takes: names of further options that it takes.
+    """
+
+    about: str
+    write: Export
+    takes: tuple[str, ...]
+
+
+FORMATS: Mapping[str, Format] = {  # by the names of their options
+    "fmu": Format(
+        "FMUs (functional mock-up units) for co-simulation and model exchange",
+        _export_fmu,
+        ("fmi", "method", "rtol", "step"),
+    ),
+    "mjcf": Format("a model of MuJoCo", _export_mjcf, ("approximate", "step")),
+    "arrays": Format("a module of Python on arrays of NumPy or JAX", _export_arrays, ("kernels",)),
+    "wasm": Format(
+        "WebAssembly, with an ES module that calls it and TypeScript's declarations",
+        _export_wasm,
+        ("kernels", "model", "dtype"),
+    ),
 }
 
 
@@ -86,8 +110,8 @@ def _add_export(parser: argparse.ArgumentParser) -> None:
     from ..export.fmu.choices import AUTO, METHODS, VERSIONS
 
     add_robot(parser)
-    for name, (text, _) in FORMATS.items():
-        parser.add_argument(f"--{name}", action="store_true", help=text)
+    for name, target in FORMATS.items():
+        parser.add_argument(f"--{name}", action="store_true", help=target.about)
     parser.add_argument(
         "-o",
         "--output",
@@ -119,15 +143,21 @@ def _add_export(parser: argparse.ArgumentParser) -> None:
     modules.add_argument(
         "--dtype", choices=DTYPES, default="float64", help="type of all numbers: of WebAssembly (float64)"
     )
+    taken = {option for target in FORMATS.values() for option in target.takes}
+    parser.set_defaults(unset={option: parser.get_default(option) for option in sorted(taken)})
 
 
 def _export(options: argparse.Namespace) -> None:
     wanted = [name for name in FORMATS if getattr(options, name)]
     if not wanted:
         raise InputError(f"export: no format is given; allowed: {', '.join(f'--{name}' for name in FORMATS)}")
+    for option, default in options.unset.items():
+        takers = [name for name, target in FORMATS.items() if option in target.takes]
+        if getattr(options, option) != default and not set(takers) & set(wanted):
+            raise InputError(f"--{option}: given without its format; allowed: with --{' or --'.join(takers)}")
     robot = read_robot(options)
     with stage_bar("exporting") as report:
-        written = [path for name in wanted for path in FORMATS[name][1](robot, options, report)]
+        written = [path for name in wanted for path in FORMATS[name].write(robot, options, report)]
     show_written(written)
 
 
