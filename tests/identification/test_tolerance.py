@@ -17,8 +17,9 @@ from eomgen.cli import entry as cli
 from eomgen.errors import ArrayError, DescriptionError, InputError, UnknownNameError
 from eomgen.identification import ToleranceResult, load_tolerance, tolerance
 from eomgen.identification.tolerances.allocation import least
+from eomgen.identification.tolerances.correlations import read_correlations
 from eomgen.identification.tolerances.regions import ellipsoids, mixed_quantiles, quantile_of_normal, radii
-from eomgen.identification.tolerances.table import meant
+from eomgen.identification.tolerances.table import meant, read_table
 from eomgen.identification.tolerances.vertices import farthest
 from eomgen.pictures import plot_tolerance
 from eomgen.robot.value import Coordinate, Robot
@@ -81,6 +82,32 @@ def test_many_stars_take_no_time() -> None:
     assert meant(f"joints.{'*o' * 20}*p.x", [name]) == []
     assert meant(f"joints.{'*o' * 20}*.x", [name]) == [name]
     assert time.process_time() - begun < 1.0
+
+
+def endless() -> dict[str, Any]:
+    table: dict[str, Any] = {}
+    table["a"] = table
+    return table
+
+
+@pytest.mark.parametrize(
+    ("table", "reason"),
+    [
+        ({"x" * 100_000: {"bound": 1.0}}, "there is no such parameter"),
+        ({"\x1b" * 1000: {"bound": 1.0}}, "there is no such parameter"),
+        ({"base.x": {"y" * 100_000: 1.0}}, "is unknown"),
+        ({"base.x": {"bound": 1.0}, "correlations": [{"y" * 100_000: 1.0}]}, "is unknown"),
+        (endless(), "a.a.a: is nested too deeply"),
+    ],
+)
+def test_long_names_and_endless_tables_are_refused_in_short(table: dict[str, Any], reason: str) -> None:
+    with pytest.raises(DescriptionError, match=reason) as caught:
+        read_correlations(read_table(table, ["base.x"]))
+    message = str(caught.value)
+    assert message.isascii()
+    assert message.isprintable()
+    assert len(message) < 400
+    assert "allowed" in message
 
 
 # Regions

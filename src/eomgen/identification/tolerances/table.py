@@ -19,6 +19,8 @@ CORRELATIONS = "correlations"  # the key beside the parameters
 MOST = 400  # parameters: a worst case looks at every pair of them
 _LARGEST_COST = 1e12
 _SIZES = ("deviation", "bound")
+_LONGEST = 400  # characters of a name that a message has as it is, more than names of parameters have
+_MOST_PARTS = 20  # of a name, more than those of parameters have
 
 
 @dataclass(frozen=True)
@@ -57,7 +59,7 @@ class Table:
 
     def refused(self, keys: Sequence[str], where: str, message: str) -> DescriptionError:
         """Return the error of what has these keys, with its line in the file."""
-        where = where if where.isascii() and where.isprintable() else ascii(where)
+        where = where if len(where) <= _LONGEST and where.isascii() and where.isprintable() else show(where)
         error = DescriptionError(message, where=where, source=self.source, path=tuple(keys))
         if self.text:
             locate([error], self.text, parse_toml(self.text, self.source))
@@ -115,6 +117,9 @@ def _entries(
         keys = (*before, str(key))
         if not isinstance(value, Mapping):
             message = f"{show(value)}; allowed: a table such as {{ deviation = 1e-5 }} or {{ bound = 1e-5 }}"
+            raise table.refused(keys, ".".join(keys), message)
+        if len(keys) > _MOST_PARTS:
+            message = "is nested too deeply; allowed: names of a few parts, such as base.x"
             raise table.refused(keys, ".".join(keys), message)
         if value and all(isinstance(inner, Mapping) for inner in value.values()):
             yield from _entries(table, value, keys)
