@@ -302,6 +302,9 @@ def test_what_is_refused(built: Build, monkeypatch: pytest.MonkeyPatch) -> None:
         made(s.q, s.v)
     with pytest.raises(ArrayError, match="u: expected float64, got complex128"):
         made(s.q, s.v, s.u * 1j)
+    for wrong in ({"joint1": 0.0}, "x", None, [[1], [1, 2]], 10**400, np.ma.zeros(6), ["1"] * 6):
+        with pytest.raises(ArrayError, match=r"^v: .*; allowed: numbers of shape \(6,\)$"):
+            made(s.q, wrong, s.u)
     with pytest.raises(InputError, match="third derivatives are asked for"):
         jax.jacfwd(jax.hessian(lambda q: made(q, s.v, s.u).sum()))(s.q)
     first = function(built(robot, *kernels_for("energy", order=1)), "energy")

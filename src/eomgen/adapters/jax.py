@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ..description import RobotLike, as_robot
 from ..errors import ArrayError, InputError
+from ..names import show
 from ..optional import optional_import
 from ..robot.model import build_model
 from ..runtime.kernel import Kernel
@@ -109,7 +110,11 @@ def _refuse_single(jax: Any, name: str, kernel: Kernel) -> None:
 
 
 def _array(jnp: Any, label: str, shapes: Sequence[tuple[int, ...]], dtype: Any, value: Any) -> Any:
-    array = jnp.asarray(value)
+    try:
+        array = jnp.asarray(value)
+    except (TypeError, ValueError, OverflowError) as error:
+        allowed = " or ".join(map(str, shapes))
+        raise ArrayError(f"{label}: {show(value)}; allowed: numbers of shape {allowed}") from error
     weak = isinstance(value, (list, tuple)) or getattr(array, "weak_type", False)
     if array.shape not in shapes:
         allowed = " or ".join(map(str, shapes))
