@@ -226,10 +226,11 @@ class NamedViews(CompiledCode):
         """
         here, lead = self.calls.array("q", q, self.raw.shapes["q"])
         rates = np.zeros_like(here) if v is None else self.calls.array("v", v, self.raw.shapes["v"])[0]
-        joint_lead("v", rates.shape[:-1], lead)
+        lead = joint_lead("v", rates.shape[:-1], lead)
+        here, rates = (np.broadcast_to(x, (*lead, self.n)) for x in (here, rates))
         matrix, offsets = self.follower_matrix()
         pairs = zip(self._followers, matrix.astype(self.dtype), offsets.astype(self.dtype), strict=True)
-        return {name: (here @ row + offset, rates @ row + 0 * here[..., 0]) for name, row, offset in pairs}
+        return {name: (here @ row + offset, rates @ row) for name, row, offset in pairs}
 
     def follower_matrix(self) -> tuple[Array, Array]:
         """Return the matrix (followers, n) and offsets (followers,) that map q to positions of followers.

@@ -75,6 +75,9 @@ def test_kernels_are_those_of_the_tree_reduced(seed: int, built: Build) -> None:
     for name, (here, rate) in kernel.followers(q, v).items():
         near(here, Q[:, tree.coordinates.index(name)])
         near(rate, V[:, tree.coordinates.index(name)])
+    for name, (here, rate) in kernel.followers(q[0], v).items():  # one state stands for all
+        near(here, np.full(len(v), Q[0, tree.coordinates.index(name)]))
+        near(rate, V[:, tree.coordinates.index(name)])
     near(kernel.mass_matrix(q), map_.matrix(tree.mass_matrix(Q)))
     near(kernel.bias_force(q, v), map_.forces(tree.bias_force(Q, V)))
     near(kernel.generalized_force(q, v), map_.forces(tree.generalized_force(Q, V)))
