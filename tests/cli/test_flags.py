@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import re
 from collections import defaultdict
 from collections.abc import Iterator
@@ -201,7 +202,7 @@ def test_other_words_are_usage(words: tuple[str, ...], capsys: pytest.CaptureFix
     *(("deflection", "one_link"), ("modes", "one_link"), ("response", "one_link"), ("linearize", "one_link")),
     *(("fit", "one_link", "gone.csv"), ("identify", "one_link", "gone.csv"), ("excite", "one_link")),
     *(("calibrate", "one_link", "gone.csv"), ("poses", "one_link"), ("tolerance", "one_link", "gone.toml")),
-    *(("compensate", "one_link"), ("accuracy", "gone.csv"), ("budget", "gone.npz")),
+    *(("compensate", "one_link"), ("accuracy", "gone.csv"), ("budget", "gone.npz"), ("forces", "one_link", "gone.csv")),
 ])  # fmt: skip
 def test_endings_are_looked_at_first(words: tuple[str, ...], capsys: pytest.CaptureFixture[str]) -> None:
     """Before files are read and before anything is computed; what is allowed is all that the command writes."""
@@ -209,6 +210,33 @@ def test_endings_are_looked_at_first(words: tuple[str, ...], capsys: pytest.Capt
     said = capsys.readouterr()
     assert said.out == ""
     assert re.match(r"eomgen: output: '?a\.doc'?; allowed: (a path|paths) that ends? in \.", said.err)
+
+
+@pytest.mark.parametrize(("words", "option", "ending"), [
+    (("identify", "one_link", "gone.csv"), "toml", ".toml"),
+    (("calibrate", "one_link", "gone.csv"), "toml", ".toml"),
+    (("calibrate", "one_link", "gone.csv"), "urdf", ".urdf"),
+])  # fmt: skip
+def test_endings_of_descriptions_as_well(
+    words: tuple[str, ...], option: str, ending: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([*words, f"--{option}", "a.doc"]) == 1
+    assert f"{option}: 'a.doc'; allowed: a path that ends in {ending}" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("words", [
+    ("modes", "one_link", "-o", "shapes.svg"), ("linearize", "one_link", "--drives", "locked", "-o", "system.npz"),
+    ("response", "one_link", "--points", "3", "-o", "r.csv"),
+])  # fmt: skip
+def test_analyses_say_what_they_write(
+    words: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(words) == 0
+    assert capsys.readouterr().out.splitlines()[-1] == f"wrote {words[-1]}"
+    assert (tmp_path / words[-1]).is_file()
+    assert main([*words, "--json"]) == 0
+    json.loads(capsys.readouterr().out)
 
 
 def test_pages_are_written_to_html_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -17,7 +17,7 @@ from .shared.options import add_choice, add_json, add_names, add_old_name, add_p
 from .shared.output import show_result
 from .shared.progress import progress_bar, stage_bar
 from .shared.reading import add_result, add_robot, add_robot_of_result, read_robot, result_path
-from .shared.writing import check_output, saved_or_drawn
+from .shared.writing import check_output, show_and_write
 
 if TYPE_CHECKING:
     from ..robot.value import Robot
@@ -68,8 +68,7 @@ def _deflection(options: argparse.Namespace) -> None:
         corner, first, second = options.map[:3], options.map[3:6], options.map[6:]
         about["progress"] = report
         compliance = compliance_map(robot, corner, first, second, tuple(options.points), pose=pose, **about)
-    show_result(options, compliance)
-    saved_or_drawn(options, compliance)
+    show_and_write(options, compliance)
 
 
 def _add_modes(parser: argparse.ArgumentParser) -> None:
@@ -92,12 +91,10 @@ def _modes(options: argparse.Namespace) -> None:
         about = _state_options(options, report)
         if options.along is None and options.goal is None:
             at_pose = modes(robot, coordinate_values("pose", options.pose), **about)
-            show_result(options, at_pose)
-            saved_or_drawn(options, at_pose, robot)
+            show_and_write(options, at_pose, robot)
             return
         tracks = modes_along(robot, _poses_along(robot, options), **about)
-    show_result(options, tracks)
-    saved_or_drawn(options, tracks)
+    show_and_write(options, tracks)
 
 
 def _poses_along(robot: Robot, options: argparse.Namespace) -> Any:
@@ -165,8 +162,7 @@ def _response(options: argparse.Namespace) -> None:
         outputs = options.output_of or [f"{frame}.{axis}" for axis in "xyz"]
         pose = coordinate_values("pose", options.pose)
         amplitudes = response(robot, inputs, outputs, spaced(low, high, count), pose, kind=options.kind, **about)
-    show_result(options, amplitudes)
-    saved_or_drawn(options, amplitudes)
+    show_and_write(options, amplitudes)
 
 
 def _add_linearize(parser: argparse.ArgumentParser) -> None:
@@ -192,9 +188,7 @@ def _linearize(options: argparse.Namespace) -> None:
                 raise InputError("pose and along are both given; allowed: one of them")
             state = _state_at(options.along, options.time)
         system = linearize(robot, **state, inputs=options.input, outputs=options.output_of, kind=options.kind, **about)
-    if options.output is not None:
-        system.save(options.output)
-    show_result(options, system)
+    show_and_write(options, system)
 
 
 def _state_at(path: Path, time: float) -> dict[str, Any]:
@@ -234,8 +228,7 @@ def _budget(options: argparse.Namespace) -> None:
             raise InputError(f"robot: {options.result} is of {result.robot}, which is not built in; give --robot")
         options.robot = result.robot
     contributions = budget(result, read_robot(options), frame=options.frame)
-    show_result(options, contributions)
-    saved_or_drawn(options, contributions)
+    show_and_write(options, contributions)
 
 
 # Options about a state of a robot

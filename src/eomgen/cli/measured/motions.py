@@ -27,10 +27,9 @@ from ..shared.options import (
     keywords,
     ranges_of,
 )
-from ..shared.output import show_result
 from ..shared.progress import stage_bar
 from ..shared.reading import add_robot, read_robot
-from ..shared.writing import check_output, saved_or_drawn, show_measured, show_with_page
+from ..shared.writing import check_output, saved_or_drawn, show_and_write, show_measured, show_with_page
 
 _MOTION, _RESULT, _SCENARIO = ".csv", ".npz", ".toml"
 _ENDINGS = (_MOTION, _RESULT, _SCENARIO, *FIGURE_ENDINGS)
@@ -59,12 +58,12 @@ def _add_forces(parser: argparse.ArgumentParser) -> None:
 def _forces(options: argparse.Namespace) -> None:
     from ...identification.from_motion import forces
 
+    if options.output is not None:
+        check_ending(options.output, _MOTION, _RESULT)
     robot = read_robot(options)
     with stage_bar("evaluating") as report:
         history = forces(robot, options.motion, window=options.window, progress=report)
-    if options.output is not None:
-        history.save(options.output)
-    show_result(options, history)
+    show_and_write(options, history)
 
 
 def _add_fit(parser: argparse.ArgumentParser) -> None:
@@ -114,6 +113,8 @@ def _identify(options: argparse.Namespace) -> None:
     from ...identification.dynamics.solve import identify
 
     check_output(options, ".npz")
+    if options.toml is not None:
+        check_ending(options.toml, ".toml", label="toml")
     robot = read_robot(options)
     with stage_bar("identifying") as report:
         settings = keywords(identify, options, terms=options.terms or TERMS, progress=report)

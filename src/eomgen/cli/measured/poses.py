@@ -79,6 +79,9 @@ def _calibrate(options: argparse.Namespace) -> None:
     frames = _attached(options.attach)
     folds = options.folds if options.folds == "loo" else _whole("folds", options.folds)
     check_output(options, ".npz")
+    for name in ("toml", "urdf"):
+        if getattr(options, name) is not None:
+            check_ending(getattr(options, name), f".{name}", label=name)
     robot = read_robot(options)
     with stage_bar("calibrating") as report:
         covariance = read_covariances(options.covariance)

@@ -56,6 +56,14 @@ def show_measured(options: argparse.Namespace, result: Any, written: Sequence[Pa
     name_older_pages(written)
 
 
+def show_and_write(options: argparse.Namespace, result: Any, *about: Any) -> None:
+    """Print a result as ``show_result`` does, write it as ``saved_or_drawn`` does, and print what was written."""
+    show_result(options, result)
+    written = saved_or_drawn(options, result, *about)
+    if not options.json:
+        show_written(written)
+
+
 def show_with_page(options: argparse.Namespace, result: Any, written: Iterable[Path] = ()) -> None:
     """Print a result as ``show_result`` does, with files that were written; and its page where --report asks for it."""
     written = [*written, *pages_written(options, result)]
