@@ -29,7 +29,7 @@ export class Simulation {
     this.compensates = data.compensates; // whether a model is asked for what the motion takes
     this.known = { ...kernel.parameters };
     this.payload = 0;
-    this.push = null; // { link, point (link's frame), force (base axes) }
+    this.push = null; // { link, point (link's frame), force (base frame) }
     this.events = data.events ?? [];
     this.work = 0;
     this.reset();
@@ -213,7 +213,7 @@ export class Simulation {
     for (let i = 0; i < u.length; i++) u[i] += forces[i];
   }
 
-  /** Add a force at an arm (base axes) and a moment to a link's row of wrenches. */
+  /** Add a force at an arm (base frame) and a moment to a link's row of wrenches. */
   put(wrench, k, force, arm, moment) {
     const turning = [
       arm[1] * force[2] - arm[2] * force[1],

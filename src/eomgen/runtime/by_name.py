@@ -263,12 +263,12 @@ class Place(NamedTuple):
 
 
 def wrench_rows(calls: Calls, q: ArrayLike, wrench: WrenchLike | None) -> ArrayLike | None:
-    """Return rows of links, (..., links, 6), about centres of mass in base axes; what is no mapping as it came.
+    """Return rows of links, (..., links, 6), about centres of mass in the base frame; what is no mapping as it came.
 
     Args:
         calls: of a kernel with kinematics, where wrenches are at frames.
         q: (n,) or (..., n).
-        wrench: by name, (6,) or (..., 6), base axes: at a frame's origin, or about a link's centre of mass.
+        wrench: by name, (6,) or (..., 6), base frame: at a frame's origin, or about a link's centre of mass.
 
     Raises:
         UnknownNameError: a name is none of a frame or link that moves.

@@ -97,8 +97,8 @@ class Kernel(Differentiation, InverseKinematics, Rollouts):
 
         Args:
             q, v: coordinates and their rates, (n,).
-            wrench: (links, 6), per link force (N) then moment (N m) about its centre of mass, base axes; or a mapping
-                from frames and links to six numbers, (6,) or (..., 6), base axes: at a frame's origin, about a link's
+            wrench: (links, 6), per link force (N) then moment (N m) about its centre of mass, base frame; or a mapping
+                from frames and links to six numbers, (6,) or (..., 6), base frame: at a frame's origin, about a link's
                 centre of mass.  Frames take kinematics.
             out: array to write to.
         """
@@ -245,7 +245,7 @@ class Kernel(Differentiation, InverseKinematics, Rollouts):
         return self.calls.run("euler_cosines", out, (q,))
 
     def external_force(self, q: ArrayLike, wrench: WrenchLike, *, out: Array | None = None) -> Array:
-        """Return Q_F of eq. (14), its moment term corrected, (n,), N or N m, of wrenches in base axes.
+        """Return Q_F of eq. (14), its moment term corrected, (n,), N or N m, of wrenches in the base frame.
 
         Args:
             q: (n,).

@@ -28,7 +28,7 @@ class Kinematics(CompiledCode):
         return self.calls.run("frame_pose", out, (q,), (self.frame_index(frame),))
 
     def frame_jacobian(self, q: ArrayLike, frame: str, *, out: Array | None = None) -> Array:
-        """Return a frame's Jacobian, (6, n), in base axes: velocity of its origin, then angular velocity, per rate.
+        """Return a frame's Jacobian, (6, n), in the base frame: its origin's velocity, then angular velocity, per rate.
 
         Raises:
             UnknownNameError: no frame or link of that name.
@@ -36,11 +36,11 @@ class Kinematics(CompiledCode):
         return self.calls.run("frame_jacobian", out, (q,), (self.frame_index(frame),))
 
     def frame_velocities(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
-        """Return velocities of frames, (frames, 6), in base axes: of the origin (m/s), then angular (rad/s)."""
+        """Return velocities of frames, (frames, 6), in the base frame: of the origin (m/s), then angular (rad/s)."""
         return self.calls.run("frame_velocities", out, (q, v))
 
     def frame_accelerations(self, q: ArrayLike, v: ArrayLike, a: ArrayLike, *, out: Array | None = None) -> Array:
-        """Return accelerations of frames, (frames, 6), in base axes: of the origin (m/s^2), then angular (rad/s^2).
+        """Return accelerations of frames, (frames, 6), in the base frame: of origins (m/s^2), then angular (rad/s^2).
 
         Gravity is not in it: a frame at rest has none.
         """
@@ -54,9 +54,9 @@ class Kinematics(CompiledCode):
         Args:
             q, v: (n,).
             frame: one of ``frames``.
-            reference: as in Pinocchio: "LOCAL_WORLD_ALIGNED", the velocity of the frame's origin in base axes; "LOCAL",
-                the same in the frame's axes; "WORLD", in base axes, the velocity of that point of the body that is at
-                the base's origin.
+            reference: as in Pinocchio: "LOCAL_WORLD_ALIGNED", the velocity of the frame's origin in the base frame;
+                "LOCAL", the same in the frame's axes; "WORLD", in the base frame, the velocity of that point of the
+                body that is at the base's origin.
 
         Raises:
             UnknownNameError: no frame or link of that name.
@@ -76,9 +76,9 @@ class Kinematics(CompiledCode):
         Args:
             q, v, a: (n,).
             frame: one of ``frames``.
-            reference: "LOCAL_WORLD_ALIGNED", the acceleration of the frame's origin in base axes; "LOCAL", the same in
-                the frame's axes (Pinocchio's classical accelerations); "WORLD", the rate of ``frame_velocity`` in
-                "WORLD" (Pinocchio's spatial acceleration).
+            reference: "LOCAL_WORLD_ALIGNED", the acceleration of the frame's origin in the base frame; "LOCAL", the
+                same in the frame's axes (Pinocchio's classical accelerations); "WORLD", the rate of ``frame_velocity``
+                in "WORLD" (Pinocchio's spatial acceleration).
 
         Raises:
             UnknownNameError: no frame or link of that name.
@@ -111,7 +111,7 @@ class Kinematics(CompiledCode):
         return self.frame_acceleration(q, v, np.zeros(len(self.coordinates), self.dtype), frame, reference)
 
     def _in_axes(self, q: ArrayLike, frame: str, reference: str, linear: Array, angular: Array) -> Array:
-        """Return two vectors of base axes one behind the other, in the axes of a reference."""
+        """Return two vectors of the base frame one behind the other, in the axes of a reference."""
         both = np.stack([linear, angular], axis=-2)
         if reference == "LOCAL":
             both = both @ self.frame_pose(q, frame)[..., :3, :3]

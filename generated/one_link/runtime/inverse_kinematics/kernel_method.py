@@ -63,7 +63,7 @@ class InverseKinematics(ClosedKinematics, NamedViews):
         1e-5) m, times the largest coordinate of the point or 1 m, and rad.  Motors turn with their joints.
 
         Args:
-            pose: (4, 4) as ``frame_pose`` has it, base axes, m; or (3,), the frame's origin, whatever its axes; or
+            pose: (4, 4) as ``frame_pose`` has it, base frame, m; or (3,), the frame's origin, whatever its axes; or
                 many, (..., 4, 4) or (..., 3).
             frame: one of ``frames``; "tcp" if not given.
             q0: where the search begins, (n,), or one for each pose, (..., n); ``home`` if not given.

@@ -33,7 +33,7 @@ class Target:
 
     Attributes:
         tool: a frame or link.
-        point: of its origin, (3,), m, base axes.
+        point: of its origin, (3,), m, base frame.
         axes: its axes as columns, (3, 3); None leaves them open.
     """
 
@@ -42,7 +42,7 @@ class Target:
     axes: Array | None = None
 
     def error(self, kernel: ClosedKinematics, q: Array) -> Array:
-        """Return what is missing at q: displacement, m, and rotation vector, rad, base axes, (3,) or (6,)."""
+        """Return what is missing at q: displacement, m, and rotation vector, rad, base frame, (3,) or (6,)."""
         pose = kernel.frame_pose(q, self.tool)
         off = self.point - pose[:3, 3]
         return off if self.axes is None else np.concatenate([off, vector_of(self.axes @ pose[:3, :3].T)])

@@ -208,7 +208,7 @@ def _other_readings(
         return left_of(*problem_of(simple, replace(other, frames=frames), careful=False, closed=closed))
 
     judgement = judged(poses, again, is_closed=task.robot.is_closed)
-    as_read = f"as it is read, placements of base and tool leave {judgement.as_read}"
+    as_read = f"as it is read, a calibration of base and tool alone leaves {judgement.as_read}"
     if judgement.cause:
         (text, left), *tied = judgement.cause
         more = f"; these poses do not distinguish it from: {'; '.join(name for name, _ in tied)}" if tied else ""

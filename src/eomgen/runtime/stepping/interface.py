@@ -49,7 +49,7 @@ class Rollouts(CompiledCode):
         1e-10 m or rad; where they are open at the beginning, the first step closes them.
 
         Two methods take ``steps`` of length ``dt``.  "rk4" is the classical Runge-Kutta method: fourth order, stable
-        while dt is below about 2.8 over the fastest eigenfrequency.  "implicit" takes springs, dampers and the
+        while dt is below about 2.8 over the highest natural frequency.  "implicit" takes springs, dampers and the
         controller at the end of a step: first order, and stable whatever their stiffness; theory section "Stiff joints
         without small steps".  Springs between points are taken so along their lines, and across them as they are at a
         step's beginning.
