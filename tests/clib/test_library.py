@@ -138,9 +138,27 @@ def reference() -> Array:
     return np.asarray(solved.y.T)
 
 
+SANITIZED = ("gcc", *WARNINGS, "-O1", "-fsanitize=address,undefined")
+
+
 @pytest.fixture(scope="module")
-def pendulum(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return compiled(HERE / "pendulum.c", tmp_path_factory.mktemp("pendulum"), "-fsanitize=address,undefined")
+def sanitized(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The library's object that looks at its memory."""
+    made = tmp_path_factory.mktemp("library") / "integrate.o"
+    subprocess.run([*SANITIZED, "-c", str(LIBRARY / "integrate.c"), "-o", str(made)], check=True)
+    return made
+
+
+def linked(source: Path, folder: Path, library: Path) -> Path:
+    """The program of a file and that object."""
+    program = folder / "program"
+    subprocess.run([*SANITIZED, f"-I{LIBRARY}", str(source), str(library), "-o", str(program), "-lm"], check=True)
+    return program
+
+
+@pytest.fixture(scope="module")
+def pendulum(sanitized: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return linked(HERE / "pendulum.c", tmp_path_factory.mktemp("pendulum"), sanitized)
 
 
 OSCILLATOR = """
@@ -201,8 +219,8 @@ def test_calls_of_few_steps_go_on_to_the_bit(method: str, pendulum: Path) -> Non
 
 
 @pytest.fixture(scope="module")
-def shaken(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return compiled(HERE / "shaken_pendulum.c", tmp_path_factory.mktemp("shaken"), "-fsanitize=address,undefined")
+def shaken(sanitized: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return linked(HERE / "shaken_pendulum.c", tmp_path_factory.mktemp("shaken"), sanitized)
 
 
 @pytest.fixture(scope="module")

@@ -54,7 +54,7 @@ def fuzzed(kind: str, first: int, count: int) -> dict[str, Any]:
 
 @pytest.mark.parametrize("kind", BLOCKS)
 def test_mutants_are_refused_or_read(kind: str) -> None:
-    fuzzed(kind, 10_000_000, 300)
+    fuzzed(kind, 10_000_000, 150)
 
 
 @pytest.mark.soak

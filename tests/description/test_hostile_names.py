@@ -227,7 +227,7 @@ def test_nothing_is_written_beside_the_output(name: str, tmp_path: Path, monkeyp
     assert all(path.is_relative_to(folder) or path == work / "out" for path in new)
 
 
-@pytest.mark.parametrize("flags", [("-std=c99",), ("-std=gnu17",)], ids=str)
+@pytest.mark.parametrize("flags", [("-std=c99",), pytest.param(("-std=gnu17",), marks=pytest.mark.soak)], ids=str)
 def test_words_of_c_as_names_of_everything(flags: tuple[str, ...], tmp_path: Path) -> None:
     """Keywords and macros: names stand in comments and behind prefixes only."""
     robot = robot_from_urdf(urdf_of(["arm", *WORDS]), inertia="project")

@@ -24,6 +24,7 @@ from tests.support.figures import Figures
 from tests.support.fuzzing import check_message
 from tests.support.mjcf_models import random_model
 from tests.support.random_robots import seeds
+from tests.support.soak import soaked
 
 KERNELS = ("mass_matrix", "inverse_dynamics", "energy", "kinematics")
 
@@ -199,7 +200,7 @@ DAMPED = """<mujoco><worldbody><body pos="0.1 0.2 0.3" euler="20 30 40"><joint n
 <inertial mass="0.5" pos="0.05 0.1 -0.02" diaginertia="0.02 0.03 0.04"/></body></body></worldbody></mujoco>"""
 
 
-@pytest.mark.parametrize("kind", ["free", "ball"])
+@pytest.mark.parametrize("kind", soaked(["free", "ball"], ["ball"]))
 def test_damped_balls_move_as_mujocos(kind: str, built: Build, figures: Figures) -> None:
     """Alike in all directions, and so they turn freely; the way there and back."""
     text = DAMPED.format(f'type="{kind}" damping="0.7"')

@@ -55,7 +55,7 @@ def _more(rng: np.random.Generator, given: Coordinate) -> Coordinate:
     return given
 
 
-@pytest.mark.parametrize("seed", seeds(0, 3, 60))
+@pytest.mark.parametrize("seed", seeds(0, 1, 60))
 def test_random_robots_move_as_written(seed: int, built: Build, figures: Figures) -> None:
     """And as they are read again."""
     robot = expressible(seed)

@@ -589,7 +589,7 @@ def turned(columns: dict[str, Array]) -> Array:
 
 SLOW = {
     *("read as rotvector in degrees", "read as rotvector, from the frame to the device", "read as rpy"),
-    *("joint2.gamma copies column joint1.gamma", "tcp.y copies column tcp.x"),
+    *("joint2.gamma copies column joint1.gamma", "tcp.y copies column tcp.x", "motor angles for joint angles"),
 }
 
 

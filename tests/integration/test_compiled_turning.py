@@ -29,6 +29,7 @@ from eomgen.runtime.stepping.single_motion import SingleMotion
 from eomgen.simulation.controls import JointPD, actuators
 from tests.support.builds import Build
 from tests.support.small_robots import free_body
+from tests.support.soak import soaked
 from tests.support.turning_loops import INTEGRATED, held_at, held_pendulum
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
@@ -147,7 +148,7 @@ class Pull:
         return [LinkWrench(self._place, Signal.constant(self._row), self._arm, turns=self._turns)]
 
 
-@pytest.mark.parametrize("method", ["auto", "radau", pytest.param("rosenbrock", marks=pytest.mark.soak)])
+@pytest.mark.parametrize("method", soaked(["auto", "radau", "rosenbrock"], ["radau"]))
 @pytest.mark.parametrize("turns", [pytest.param(True, marks=pytest.mark.soak), False])
 def test_a_floating_arm_under_pd_control_and_a_force(method: str, turns: bool, built: Build) -> None:
     """Two joints that turn at times of their own; what acts is asked in described states, and acts on all links."""

@@ -42,6 +42,7 @@ from tests.support.quick_builds import (
     truncate,
     without_headers,
 )
+from tests.support.soak import soaked
 
 
 def reported(error: pytest.ExceptionInfo[BuildError]) -> str:
@@ -131,7 +132,7 @@ DAMAGES = [
 ]
 
 
-@pytest.mark.parametrize(("kind", "pattern", "damage"), DAMAGES)
+@pytest.mark.parametrize(("kind", "pattern", "damage"), soaked(DAMAGES, DAMAGES[::3]))
 def test_damaged_entries_are_made_again(
     kind: str, pattern: str, damage: Any, filled_cache: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

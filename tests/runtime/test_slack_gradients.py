@@ -229,8 +229,8 @@ def worn_four_bar() -> Robot:
 @pytest.mark.parametrize(
     ("name", "guess"),
     [
-        ("balanced_arm", (0.0, 0.5, 1.0)),
-        ("balanced_arm", (0.0, 1.0, 0.4)),
+        pytest.param("balanced_arm", (0.0, 0.5, 1.0), marks=pytest.mark.soak),
+        pytest.param("balanced_arm", (0.0, 1.0, 0.4), marks=pytest.mark.soak),
         ("four_bar", (1.0, -0.5, 1.4)),
         ("four_bar", (2.8, -0.5, 2.5)),
     ],

@@ -19,7 +19,7 @@ TEMPLATE = "report/report.html.jinja"
 WARNS = re.compile(  # notes of results that ask to be minded, among those that say how it was done
     r"\?$|\bexceed|\bbeyond\b|\bfailed\b|does not close|not in balance|no better|\bstopped\b|more may lead further"
     r"|never measured|still moves|\bsaturated\b|cannot be|check little|\bwere clipped\b|MuJoCo warns|\bsuspicious\b"
-    r"|look at them|^not linear|is not explained|^lack of fit|as it is read, placements"
+    r"|look at them|^not linear|is not explained|^lack of fit|as it is read, a calibration"
 )
 
 

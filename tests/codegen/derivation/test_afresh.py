@@ -140,7 +140,7 @@ def test_a_dropped_term_that_does_not_vanish_stops() -> None:
         assert error.value.place == "; ".join(model.coordinates[i] for i in key)
 
 
-@pytest.mark.parametrize("kernel", CHECKED)
+@pytest.mark.parametrize("kernel", soaked(CHECKED, CHECKED[::3]))
 def test_a_wrong_constant_in_a_program_stops(kernel: str) -> None:
     """A number that is off by 1e-6 of itself is refused with the kernel's name."""
     model = build_model(load_robot("ur5"))

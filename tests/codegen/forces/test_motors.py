@@ -24,6 +24,7 @@ from tests.support.builds import Build
 from tests.support.closeness import close
 from tests.support.random_motors import KINDS, STIFF, MotorOracle, geared_robot, gears, motor_state, without_motors
 from tests.support.random_robots import Array, random_robot, seeds
+from tests.support.soak import soaked
 
 ROD = Link("rod", 2.0, (0.0, 0.0, 0.0), (0.3, 0.3, 0.4, 0.0, 0.0, 0.0))
 
@@ -294,9 +295,7 @@ def test_the_rigid_robot_has_the_rotors_as_armatures(built: Build) -> None:
     )
 
 
-@pytest.mark.parametrize(
-    "kind", ["clearance", "curve", *(pytest.param(kind, marks=pytest.mark.soak) for kind in ("plain", "one-sided"))]
-)
+@pytest.mark.parametrize("kind", soaked(["clearance", "curve", "plain", "one-sided"], ["clearance"]))
 def test_energy_stays(kind: str, built: Build) -> None:
     """Without damping: springs, backlash and curves of transmissions give back what they take."""
     rng = np.random.default_rng(7)
@@ -334,7 +333,7 @@ def test_backlash_lets_go(built: Build) -> None:
     assert np.array_equal(q[:, 0], np.zeros(11))
 
 
-@pytest.mark.parametrize("seed", [1995, 1996])
+@pytest.mark.parametrize("seed", seeds(1995, 1, 2))
 def test_inertia_and_ratio_are_parameters(seed: int, built: Build) -> None:
     """Set without recompiling, they do what they do in the description."""
     robot = geared_robot(seed, (2, 2), kinds=("clearance",))

@@ -50,7 +50,7 @@ def check_frames(kernel: eomgen.Kernel, q: Array, v: Array, a: Array) -> None:
     assert np.abs(accelerations - rates).max() <= limit * (1.0 + np.abs(rates).max() + np.abs(velocities).max() ** 2)
 
 
-@pytest.mark.parametrize("seed", seeds(0, 2, 40))
+@pytest.mark.parametrize("seed", seeds(0, 1, 40))
 def test_followers_springs_offsets_motors_and_prescribed_coordinates(seed: int, built: Build) -> None:
     robot, _ = sample(seed)
     kernel, rng = built(robot, *QUANTITIES, *DERIVATIVES, *MOTIONS), np.random.default_rng(seed)
@@ -98,7 +98,7 @@ def test_references_of_frames(built: Build) -> None:
         kernel.frame_acceleration(q, v, a, "tpc")
 
 
-@pytest.mark.parametrize("seed", seeds(20, 2, 10))
+@pytest.mark.parametrize("seed", seeds(20, 1, 10))
 def test_a_flying_robot_keeps_its_momentum_but_for_its_weight(seed: int, built: Build) -> None:
     """Of its rate under forces within: the weight, and no moment about the center of mass."""
     robot = random_robot(seed, joints=(3, 4), rods=False)
