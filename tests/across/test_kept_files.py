@@ -99,7 +99,7 @@ def test_commands_take_each_changed_result(raw: Raw, tmp_path: Path, capsys: pyt
     accepted = [item for i, item in found if i % 6 == 0 or not item[0].startswith("meta")]
     for number, (name, path) in enumerate(accepted):
         for words in (["plot", "--format", "svg"], ["report", "--no-modes"], ["budget"]):
-            out = tmp_path / "out" / ("plots" if words[0] == "plot" else f"{words[0]}.svg")
+            out = tmp_path / "out" / {"plot": "plots", "report": "report.html"}.get(words[0], f"{words[0]}.svg")
             code = cli.main([words[0], str(path), *words[1:], "-o", str(out)])
             assert code in (0, 1), (name, words, capsys.readouterr().err[-2000:])
         if number % 20 == 0:
