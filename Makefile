@@ -46,6 +46,7 @@ lint: $(VENV)/.test | $(LINKS)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy -p eomgen
 	$(BIN)/lint-imports
+	$(BIN)/python -m tests.support.first_words
 
 bench: $(VENV)/.bench
 	$(BIN)/python benchmarks/run.py
