@@ -19,6 +19,7 @@ import pytest
 
 import eomgen
 from release.packages import packages, with_packages
+from tests.support import first_words
 
 ROOT = Path(__file__).parents[2]
 EOMGEN = Path(eomgen.__path__[0])
@@ -270,7 +271,6 @@ def test_importing_eomgen_is_light() -> None:
     code = """
 import json, sys
 import eomgen
-from tests.support.first_words import leaning, modules
 heavy = ("numpy", "sympy", "scipy", "matplotlib", "cffi", "jinja2", "setuptools", "rich", "casadi", "jax")
 print(json.dumps([name for name in heavy if name in sys.modules]))
 """
@@ -314,6 +314,6 @@ def test_the_folders_beside_the_package_are_found_inside_it() -> None:
 def test_docstrings_that_lean_on_what_stands_before_are_seen() -> None:
     """Whose first word is "Of", "What", "Where" or of that kind; ``make lint`` refuses them."""
     text = '"""Arms."""\nclass A:\n    """Of x."""\n    def f(self):\n        """Where it is.\n\n        More."""\n'
-    assert list(leaning(text)) == [(2, "A", "Of x."), (4, "f", "Where it is.")]
-    assert len(list(modules())) > 500
+    assert list(first_words.leaning(text)) == [(2, "A", "Of x."), (4, "f", "Where it is.")]
+    assert len(list(first_words.modules())) > 500
     assert "-m tests.support.first_words" in (ROOT / "Makefile").read_text(encoding="utf-8")
