@@ -94,13 +94,22 @@ def _reader(kind: Any, largest: float) -> Read:
         return lambda data: None if data is None else inner(data)
     if origin is tuple:
         return _sequence(tuple(_reader(one, largest) for one in arguments if one is not ...), ... in arguments)
-    if getattr(origin, "__name__", "") == "ndarray":  # NumPy is not asked for its type
+    if _is_array(origin):
         return _array(largest)
     if isinstance(origin, type) and issubclass(origin, Mapping):
         return _table(_reader(arguments[1], largest))
     if dataclasses.is_dataclass(kind):
         return _fields(typing.cast(type, kind), largest)
     return {float: lambda data: _number(data, largest), int: _whole, bool: _flag, str: _text}.get(kind, _nothing)
+
+
+def _is_array(origin: Any) -> bool:
+    """Tell whether the origin of a type is that of NumPy's arrays, without asking NumPy.
+
+    ``NDArray`` is their class up to NumPy 2.4 and Python 3.11, behind these a name of it (PEP 695).
+    """
+    named = typing.get_origin(getattr(origin, "__value__", None)) or origin
+    return getattr(named, "__name__", "") == "ndarray"
 
 
 def _number(data: Any, largest: float) -> Any:
