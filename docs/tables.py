@@ -112,6 +112,7 @@ def sizes() -> str:
 
     rows = [
         ("links, joints, frames, springs ... of a description, each", f"{limits.MOST_ENTRIES}"),
+        ("segments of a beam", f"{limits.MOST_SEGMENTS}"),
         ("numbers in descriptions, scenarios and plans", f"below {limits.LARGEST:g} in size"),
         (
             "numbers in measured files and tables of tolerances",

@@ -42,16 +42,27 @@ MUTANTS = {"toml": "robot", "scenario": "scenario", "plan": "plan"}  # what test
 
 # What the readers alone find, by classes of errors; cases of bad_robots.
 SEMANTIC = {
-    "JSON has no NaN": {"nan", "point that is none"},
+    "JSON has no NaN": {"nan", "point that is none", "beam of no modulus"},
     "no body has this inertia": {"impossible inertia", "indefinite inertia", "product of inertia"},
     "names that do not exist": {
         *("unknown parent", "unknown child", "unknown link of frame", "spring of no link", "loop of no link"),
         *("tunable of no link", "tunable of no joint", "tunable of inactive", "tunable of a spring"),
         *("tunable rpy of dh", "tunable half wildcard", "drive that is not there", "home that is not there"),
+        *("beam of no link", "beam to no link"),
     },
-    "names that are taken": {"duplicate link", "duplicate joint", "spring twice", "link named base"},
+    "names that are taken": {
+        *("duplicate link", "duplicate joint", "spring twice", "link named base"),
+        *("link of a beam's name", "joint of a beam's name", "beam of a long name"),
+    },
     "no tree, or nothing moves": {
         *("two parents", "cycle", "own parent", "base as child", "link without joint", "nothing moves"),
+        *(
+            "beam to its root",
+            "beam to the base",
+            "beam to a link of a joint",
+            "beam in a circle",
+            "beam that is rigid",
+        ),
     },
     "ends on one link": {"spring of one link", "loop of one link"},
     "keys that exclude or need each other": {
@@ -61,6 +72,8 @@ SEMANTIC = {
         *("stribeck without static", "curve and stiffness", "curve and friction that is none", "sharp clearance"),
         *("angles of a loop twice", "angle of dh twice"),
         *("clearance of stiffness zero", "friction without coulomb", "limits twice", "no limits"),
+        *("beam without section", "beam without shear", "beam of two sections", "beam of no section"),
+        *("damping of a beam twice", "damping of a beam of none"),
     },
     "numbers out of order": {
         *(
@@ -70,6 +83,8 @@ SEMANTIC = {
             "static below coulomb",
             "curve that turns back",
         ),
+        *("tube that is none", "box of thick walls", "I-beam of thick flanges", "Poisson's ratio of no body"),
+        *("beam too stiff for numbers", "beam too short for numbers"),
     },
     "files beside it": {"curve from nowhere", "urdf without folder"},
     "$ of Python's regular expressions stands before a newline, too": {"trailing newline", "robot name with newline"},

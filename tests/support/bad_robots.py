@@ -23,6 +23,14 @@ def spring(*extra: str, links: str = 'links = ["link2", "base"]') -> tuple[str, 
     return "[[frames]]", "\n".join(["[[springs]]", 'name = "rope"', links, *extra, "[[frames]]"])
 
 
+def beam(**changes: str) -> tuple[str, str]:
+    """What is replaced, and a beam from link2 to a further link in its place, with other texts of keys; "" for none."""
+    keys = {"name": '"boom"', "parent": '"link2"', "child": '"tip"', "length": "0.5", "segments": "2"}
+    keys |= {"E": "7e10", "G": "2.6e10", "density": "2700", "section": "{ rod = 0.02 }"} | changes
+    lines = [f"{key} = {text}" for key, text in keys.items() if text]
+    return "[[frames]]", "\n".join(["[[links]]", 'name = "tip"\nmass = 1', "[[beams]]", *lines, "[[frames]]"])
+
+
 def limits(given: str) -> tuple[str, str]:
     """What is replaced, and a joint whose principal coordinate has these limits in its place."""
     return '"prismatic"', f'"prismatic"\nz = {{ limits = {{ {given} }} }}'
@@ -195,6 +203,77 @@ TOML_CASES = {
         'tunable = ["springs.rope.stiffness", ',
         ["tunable", "'springs.rope.stiffness'", "springs.SPRING.points"],
     ),
+    "beam without length": (*beam(length=""), ["beams.boom", "'length' is missing", "greater than 0"]),
+    "key of a beam": (*beam(lenght="1"), ["beams.boom", "'lenght'", "mean 'length'", "segments"]),
+    "beam of length zero": (*beam(length="0"), ["beams.boom.length", "got 0", "greater than 0"]),
+    "beam of no segments": (*beam(segments="0"), ["beams.boom.segments", "got 0", "from 1 to 100"]),
+    "beam of many segments": (*beam(segments="101"), ["beams.boom.segments", "got 101", "from 1 to 100"]),
+    "beam of half segments": (*beam(segments="2.5"), ["beams.boom.segments", "2.5", "whole number"]),
+    "beam of no modulus": (*beam(E="nan"), ["beams.boom.E", "nan", "greater than 0"]),
+    "beam along no axis": (*beam(axis='"w"'), ["beams.boom.axis", "'w'", "x, y, z, -x"]),
+    "beam of no link": (*beam(parent='"lnk2"'), ["beams.boom.parent", "'lnk2'", "mean 'link2'", "the base or a link"]),
+    "beam to no link": (*beam(child='"tpi"'), ["beams.boom.child", "'tpi'", "mean 'tip'"]),
+    "beam to its root": (*beam(child='"link2"'), ["beams.boom.child", "the parent", "two different links"]),
+    "beam to the base": (*beam(child='"base"'), ["beams.boom.child", "'base'", "nothing carries", "a link"]),
+    "beam to a link of a joint": (
+        *beam(child='"link1"'),
+        ["beams.boom.child", "'link1'", "the child of joint 'joint1'", "one parent"],
+    ),
+    "beam in a circle": (*beam(parent='"tip"', child='"boom1"'), ["beams.boom.child", "child of joint 'boom1'"]),
+    "link of a beam's name": (*beam(name='"link"'), ["beams.link.name", "link", "'link1', 'link2'", "another name"]),
+    "joint of a beam's name": (*beam(name='"joint"'), ["beams.joint.name", "joint", "'joint1', 'joint2'", "another"]),
+    "beam of a long name": (*beam(name=f'"{"b" * 126}"'), [".name", "called after it", "124 characters"]),
+    "beam without section": (*beam(section=""), ["beams.boom", "'A' is missing", "A, Iy, Iz, J, shear, or a section"]),
+    "beam without shear": (
+        *beam(section="", A="1e-4", Iy="1e-9", Iz="1e-9", J="2e-9"),
+        ["beams.boom", "'shear' is missing", "or a section"],
+    ),
+    "beam of two sections": (
+        *beam(section="{ rod = 0.02, bar = [0.01, 0.02] }"),
+        ["beams.boom.section", "2 keys", "one of tube, rod, bar, box, I"],
+    ),
+    "beam of no section": (*beam(section="{}"), ["beams.boom.section", "0 keys", "one of tube, rod"]),
+    "beam of an unknown section": (*beam(section="{ L = [1, 2] }"), ["beams.boom.section", "'L'", "tube, rod"]),
+    "tube that is none": (
+        *beam(section="{ tube = [0.02, 0.02] }"),
+        ["section.tube", "[0.02, 0.02]", "below the outer"],
+    ),
+    "box of thick walls": (
+        *beam(section="{ box = [0.02, 0.01, 0.005] }"),
+        ["section.box", "[height, width, thickness]", "below half"],
+    ),
+    "I-beam of thick flanges": (
+        *beam(section="{ I = [0.02, 0.01, 0.01, 0.001] }"),
+        ["section.I", "[height, width, flange, web]", "thinner than half"],
+    ),
+    "I-beam of three numbers": (*beam(section="{ I = [0.02, 0.01, 0.001] }"), ["section.I", "4 numbers"]),
+    "negative section": (*beam(section="{ rod = -0.02 }"), ["section.rod", "-0.02", "greater than 0"]),
+    "Poisson's ratio of no body": (
+        *beam(G="1e10"),
+        ["beams.boom.G", "ratio E / (2 G) - 1 is 2.5", "up to 0.5", "shear = [ky, kz]"],
+    ),
+    "three shear coefficients": (*beam(shear="[0.8, 0.8, 0.8]"), ["beams.boom.shear", "2 numbers"]),
+    "damping of a beam twice": (
+        *beam(damping="{ ratio = 0.1, loss_factor = 0.1, at_hz = 1 }"),
+        ["beams.boom.damping", "both are given", "one of ratio, loss_factor"],
+    ),
+    "damping of a beam of none": (*beam(damping="{ at_hz = 1 }"), ["beams.boom.damping", "none is given"]),
+    "damping of a beam at no frequency": (
+        *beam(damping="{ ratio = 0.1 }"),
+        ["beams.boom.damping", "'at_hz' is missing", "Hz"],
+    ),
+    "damping of a beam of five": (*beam(damping="[1, 1, 1, 1, 1]"), ["beams.boom.damping", "6 numbers"]),
+    "damping of a beam as a word": (*beam(damping='"much"'), ["beams.boom.damping", "'much'", "a number in s, or six"]),
+    "beam that is rigid": (
+        *beam(rigid='["x", "y", "z", "alpha", "beta", "gamma"]'),
+        ["beams.boom.rigid", "each once, not all"],
+    ),
+    "beam rigid in what is none": (*beam(rigid='["w"]'), ["beams.boom.rigid", "'w'", "x, y, z, alpha"]),
+    "beam too stiff for numbers": (
+        *beam(E="1e30", G="5e29", length="1e-6"),
+        ["beams.boom", "stiffness x", "from 1e-30 to 1e+30"],
+    ),
+    "beam too short for numbers": (*beam(length="1e-200"), ["beams.boom", "its segments have", "allowed"]),
     "loop of three links": (*loop('links = ["base", "link1", "link2"]'), ["loops.loop.links", "two names"]),
     "loop of a string": (*loop('links = "link1"'), ["loops.loop.links", "strings"]),
     "loop of no link": (*loop('links = ["link2", "lnk1"]'), ["loops.loop.links.1", "'lnk1'", "mean 'link1'"]),

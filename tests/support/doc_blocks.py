@@ -143,7 +143,7 @@ def completed(text: str, values: dict[str, Any]) -> str:
     """A part of a description with the name, the links and the joints that it lacks."""
     if "name" in values or "urdf" in values:
         return text
-    joints = values.get("joints", [])
+    joints = [*values.get("joints", []), *values.get("beams", [])]
     named = [
         link for key in ("springs", "bushings", "loops") for entry in values.get(key, []) for link in entry["links"]
     ]

@@ -151,6 +151,7 @@ def check_robot(robot: Robot) -> None:
     items = (*robot.links, *robot.joints, *robot.frames, *robot.loops, *robot.couplings, *robot.springs)
     for name in (robot.name, robot.base, *(item.name for item in items)):
         assert re.fullmatch("[A-Za-z_][A-Za-z0-9_]*", name)
+    assert {name for beam in robot.beams for name in beam.link_names} <= {link.name for link in robot.links}
     for link in robot.links:
         assert all(map(math.isfinite, (link.mass, *link.com, *link.inertia)))
     for joint in robot.joints:

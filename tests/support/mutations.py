@@ -92,6 +92,44 @@ free_length = 0.5
 stiffness = 100.0
 tension_only = true
 """
+BENT = """
+name = "crane"
+[[links]]
+name = "a"
+mass = 2
+[[links]]
+name = "b"
+mass = 1
+[[beams]]
+name = "boom"
+parent = "base"
+child = "a"
+placement = { xyz = [0, 0, 1], rpy_deg = [0, 0, 30] }
+axis = "-z"
+length = 1.5
+segments = 1
+E = 7e10
+G = 2.6e10
+density = 2700
+section = { tube = [0.1, 0.09] }
+damping = { ratio = 0.01, at_hz = 40 }
+[[beams]]
+name = "jib"
+parent = "a"
+child = "b"
+length = 0.5
+segments = 1
+E = 7e10
+G = 2.6e10
+density = 2700
+A = 1e-3
+Iy = 1e-7
+Iz = 2e-7
+J = 2e-7
+shear = [0.8, 0.5]
+damping = [1e-4, 0, 0, 1e-3, 1e-3, 1e-3]
+rigid = ["x", "y", "z", "alpha"]
+"""
 SCENARIO = """
 duration = 1.0
 output_step = 0.01
@@ -186,7 +224,7 @@ EMPTY = [[], {}, [[]], [{}], {"": 0}, [0, 0, 0], [[0, 1], [1, 2]]]
 VALUES = [*NUMBERS, *NAMES, *EMPTY, True, False, float("nan"), float("inf")]
 ATTRIBUTES = ["0", "1", "-1", "nan", "inf", "1e400", "0 0 1", "1 2", "0x1", "", " ", "9" * 400, "1e-300 0 0", *NAMES]
 KEYS = sorted(
-    set(re.findall(r"[a-z_]+(?= =)", ARM + WORN + SCENARIO + TORQUES + LINE + SPLINE + PLAN + TOLERANCES))
+    set(re.findall(r"[A-Za-z_]+(?= =)", ARM + WORN + BENT + SCENARIO + TORQUES + LINE + SPLINE + PLAN + TOLERANCES))
     | {"stifness", "", "a b", "\n", "__class__"}
 )
 TAGS = [
@@ -222,7 +260,7 @@ def element_tree(element: Any) -> list[Any]:
 
 
 DOCUMENTS: dict[str, list[Any]] = {
-    "toml": [tomllib.loads(text) for text in (ARM, SMALL, SMALL, SMALL, WORN)],
+    "toml": [tomllib.loads(text) for text in (ARM, SMALL, SMALL, SMALL, WORN, BENT)],
     "scenario": [tomllib.loads(text) for text in (SCENARIO, SCENARIO, TORQUES, LINE, SPLINE)],
     "plan": [tomllib.loads(PLAN)],
     "tolerances": [tomllib.loads(TOLERANCES)],

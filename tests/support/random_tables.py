@@ -21,6 +21,7 @@ KEYS = [
     "loops",
     "springs",
     "bushings",
+    "beams",
     "couplings",
     "driven",
     "home",
@@ -49,6 +50,10 @@ KEYS = [
     "placements",
     "xyz",
     "rpy",
+    "segments",
+    "section",
+    "shear",
+    "E",
     "xx",
     "stiffness",
     "a",
@@ -80,7 +85,7 @@ TOPS = st.dictionaries(st.sampled_from(KEYS), TABLES, max_size=6)
 
 
 ENTRIES = (
-    st.sampled_from(["links", "joints", "frames", "loops", "couplings", "springs", "bushings"]),
+    st.sampled_from(["links", "joints", "frames", "loops", "couplings", "springs", "bushings", "beams"]),
     st.sampled_from(KEYS),
     TABLES,
 )

@@ -16,6 +16,7 @@ from ..robot.geometry import Placement, rotation_from_rpy
 from ..robot.inertia_policy import Judged, apply_inertia_policy, link_sizes, lowest_moments
 from ..robot.record import record_of
 from ..robot.value import COORDINATES, INERTIA_KEYS, Robot
+from .beams import with_changed_beams
 from .recorded import robot_from_record
 
 AXES = ("x", "y", "z")
@@ -47,7 +48,8 @@ def with_values(robot: Robot, changes: Mapping[str, Any]) -> Robot:
     Args:
         robot: it stays what it is.
         changes: values by path: names of parameters ("links.arm.mass", "joints.joint1.x.stiffness"), and whole ones
-            ("links.arm.com", "joints.joint1.limits").  Numbers that follow from others follow anew.
+            ("links.arm.com", "joints.joint1.limits").  Numbers that follow from others follow anew, and all links and
+            joints of a beam one of whose numbers ("beams.boom.length") is changed.
 
     Raises:
         DescriptionError: there is no such value; says what there is.  Or the robot would be none that can be loaded.
@@ -62,6 +64,9 @@ def with_values(robot: Robot, changes: Mapping[str, Any]) -> Robot:
     said = "; ".join(f"{path} = {show(value)}" for path, value in changes.items())
     try:
         changed = robot_from_record(record, robot.source)
+        if changed.beams != robot.beams:
+            whole = with_changed_beams(changed, robot.beams)
+            changed = robot_from_record(record_of(whole, whole=True), robot.source)
         _refuse_inertias(robot, changed)
     except InputError as error:
         raise DescriptionError(f"{getattr(error, 'message', error)}", where=_where(said, error)) from None

@@ -10,7 +10,7 @@ from ..errors import DescriptionError
 from ..names import listed, nearest, show
 from ..robot.elements import LinkElement
 from ..robot.geometry import Vector
-from ..robot.value import BASE, Coupling, Frame, Joint, Link, Loop
+from ..robot.value import BASE, Beam, Coupling, Frame, Joint, Link, Loop
 
 Place = tuple[int, int]  # line and column, from 1
 GRAVITY: Vector = (0.0, 0.0, -9.81)
@@ -44,6 +44,7 @@ class Draft:
     loops: dict[str, Loop] = field(default_factory=dict)
     couplings: dict[str, Coupling] = field(default_factory=dict)
     elements: dict[str, LinkElement] = field(default_factory=dict)
+    beams: dict[str, Beam] = field(default_factory=dict)
     ranges: dict[str, tuple[float, float]] | None = None
     unstopped: list[str] = field(default_factory=list)
     driven: tuple[str, ...] | None = None

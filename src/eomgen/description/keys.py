@@ -20,9 +20,11 @@ from ..forms.keys import (
     RobotName,
     Strings,
     Text,
+    Whole,
 )
 from ..forms.plain import field_types
 from ..forms.tables import Entries, Form, Pair, Sub, angle_keys
+from ..limits import MOST_SEGMENTS
 from ..names import IDENTIFIER_RULE, ROBOT_RULE
 from ..robot import laws
 from ..robot.coordinates import UNITS
@@ -31,7 +33,8 @@ from ..robot.elements import JOINT_ELEMENTS, KINDS, JointElement, LinkElement
 from ..robot.geometry import Placement, Vector
 from ..robot.inertia_policy import POLICIES
 from ..robot.laws import POINTS
-from ..robot.value import COORDINATES, INERTIA_KEYS, JOINT_TYPES, LINEAR, MOTOR
+from ..robot.sections import SHAPES
+from ..robot.value import AXES, COORDINATES, INERTIA_KEYS, JOINT_TYPES, LINEAR, MOTOR
 
 ROLES = ("free", "locked", "prescribed")
 _LINKS = "two names, each 'base' or a link"
@@ -230,6 +233,70 @@ FRAME = Form(
     }
 )
 CUT_COORDINATE = Form({key: kind for key, kind in _LAW.items() if key != "armature"})
+SECTION = Form(
+    {
+        name: Number(shape.about, "m", above=0.0)
+        if len(shape.names) == 1
+        else Numbers(shape.about, "m", count=len(shape.names), item=Number("", above=0.0))
+        for name, shape in SHAPES.items()
+    }
+)
+BEAM = Form(
+    {
+        "name": Name("of the beam, unique: its links and joints are NAME0, NAME1, ...", needed=IDENTIFIER_RULE),
+        "parent": Text("'base' or the link that its root is fixed to", needed="'base' or a link"),
+        "child": Text("the link that its tip carries", needed="a link"),
+        "placement": Sub("pose of its root in the parent link's frame", "m, rad", inner=PLACEMENT),
+        "axis": Choice("of the root's frame along which it runs; default x", words=tuple(AXES)),
+        "length": Number("from the root to the tip", "m", "a length in m, greater than 0", above=0.0),
+        "segments": Whole(
+            "number of segments, each with an elastic joint in its middle",
+            needed=f"a whole number from 1 to {MOST_SEGMENTS}",
+            least=1,
+            most=MOST_SEGMENTS,
+        ),
+        "E": Number("Young's modulus", "N/m^2", "Young's modulus in N/m^2, greater than 0", above=0.0),
+        "G": Number("shear modulus", "N/m^2", "the shear modulus in N/m^2, greater than 0", above=0.0),
+        "density": Number("of its material", "kg/m^3", "a density in kg/m^3, greater than 0", above=0.0),
+        "section": Sub(f"from which A, Iy, Iz, J and shear follow: {', '.join(SHAPES)}", inner=SECTION),
+        "A": Number("area of the section", "m^2", above=0.0),
+        "Iy": Number("second moment of area about y of the section", "m^4", above=0.0),
+        "Iz": Number("second moment of area about z of the section", "m^4", above=0.0),
+        "J": Number("torsion constant", "m^4", above=0.0),
+        "shear": Numbers("shear coefficients along y and z of the section", "1", count=2, item=Number("", above=0.0)),
+        "damping": Either(
+            "of its material, proportional to the stiffness",
+            options=(
+                Sub(
+                    "ratio or loss_factor, at the frequency at_hz",
+                    inner=Form(
+                        {
+                            "ratio": Number("of critical damping", "1", minimum=0.0),
+                            "loss_factor": Number("tangent of the loss angle", "1", minimum=0.0),
+                            "at_hz": Number(
+                                "frequency where that holds", "Hz", "a frequency in Hz, greater than 0", above=0.0
+                            ),
+                        }
+                    ),
+                ),
+                Number("damping by stiffness", "s", minimum=0.0),
+                Numbers(
+                    f"the same for each of {', '.join(COORDINATES)}",
+                    "s",
+                    count=len(COORDINATES),
+                    item=Number("", minimum=0.0),
+                ),
+            ),
+            rule="a table with ratio or loss_factor and at_hz, a number in s, or six",
+        ),
+        "rigid": Strings(
+            "coordinates of segments that do not move; x along the beam, alpha its twist",
+            rule=f"some of {', '.join(COORDINATES)}, each once",
+            words=COORDINATES,
+            some=True,
+        ),
+    }
+)
 LOOP = Form(
     {
         "name": Name("of the loop joint, unique", needed=IDENTIFIER_RULE),
@@ -322,6 +389,7 @@ ROBOT = Form(
         "home": ByName("where simulations start and assembly begins, by coordinate; default 0", "m or rad"),
         "links": Entries("rigid bodies", inner=LINK),
         "joints": Entries("joints with one to six coordinates", inner=JOINT),
+        "beams": Entries("elastic beams between two links, as chains of segments", inner=BEAM),
         "frames": Entries("points whose pose and Jacobian can be asked for", inner=FRAME),
         "loops": Entries("loop joints, cut so that the rest is a tree", inner=LOOP),
         "couplings": Entries(

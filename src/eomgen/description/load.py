@@ -39,6 +39,7 @@ from ..robot.value import (
     Placement,
     Robot,
 )
+from .beams import add_beam, check_beam_ends
 from .builtin import BUILTIN, builtin_robots
 from .draft import Draft, ordered_joints
 from .elements import read_element
@@ -211,6 +212,8 @@ def _robot_from_table(top: Table, draft: Draft, folder: Path | None, options: Re
         draft.links[name] = _link(name, entry, draft)
     for name, entry in top.entries("joints"):
         draft.joints[name] = _joint(name, entry, draft, folder)
+    for name, entry in top.entries("beams"):
+        add_beam(name, entry, draft)
     for name, entry in top.entries("frames"):
         draft.frames[name] = _frame(name, entry)
     for name, entry in top.entries("loops"):
@@ -226,6 +229,7 @@ def _robot_from_table(top: Table, draft: Draft, folder: Path | None, options: Re
     draft.driven = tuple(top.strings("driven")) if "driven" in top else draft.driven
     draft.home = top.value("home", ByName) or draft.home
     _resolve_base(draft)
+    check_beam_ends(draft)
     table = top.table("stops")
     said = None if table is None else stop_numbers(table)
     _equip(draft, said if options.stops is None else requested_stops(options.stops), options.floating_base)
@@ -416,6 +420,8 @@ def _resolve_base(draft: Draft) -> None:
         for name, joint in draft.joints.items():
             if joint.parent == BASE:
                 draft.joints[name] = Joint(**{**vars(joint), "parent": root})
+        for name, beam in draft.beams.items():
+            draft.beams[name] = replace(beam, parent=root if beam.parent == BASE else beam.parent)
         for name, frame in draft.frames.items():
             if frame.link == BASE:
                 draft.frames[name] = Frame(name, root, frame.placement)
@@ -452,6 +458,7 @@ def _finish(draft: Draft, policy: str | None, tunable: list[str]) -> Robot:
         driven=draft.driven,
         home=draft.home,
         couplings=tuple(draft.couplings.values()),
+        beams=tuple(draft.beams.values()),
     )
     conflict = mechanism_conflict(robot)
     if conflict is not None:

@@ -30,6 +30,7 @@ with imports_when_used(globals()):
     from .value import LINEAR as LINEAR
     from .value import MOTOR as MOTOR
     from .value import PRINCIPAL as PRINCIPAL
+    from .value import Beam as Beam
     from .value import Coordinate as Coordinate
     from .value import Coupling as Coupling
     from .value import Curve as Curve

@@ -24,7 +24,7 @@ def check_values(robot: Robot) -> None:
     Raises:
         DescriptionError: with the place, what came and what is allowed.
     """
-    kinds = ("links", "joints", "frames", "loops", "couplings")
+    kinds = ("links", "joints", "frames", "loops", "couplings", "beams")
     groups = [[(kind, item.name) for item in getattr(robot, kind)] for kind in kinds]
     for group in (*groups, [(element.TABLE, element.name) for element in robot.link_elements]):
         seen = set[str]()
@@ -37,6 +37,10 @@ def check_values(robot: Robot) -> None:
     for loop in robot.loops:
         if len(loop.offset) != len(COORDINATES):
             _fail(robot, f"loops.{loop.name}.offset", f"got {len(loop.offset)} numbers; allowed: {len(COORDINATES)}")
+    for beam in robot.beams:
+        conflict = beam.conflict()
+        if conflict is not None:
+            _fail(robot, ".".join(filter(None, ("beams", beam.name, conflict[0]))), conflict[1])
     for where, rotation in _rotations(robot):
         if not _turns(rotation):
             _fail(robot, where, "the axes are no rotation; allowed: orthogonal axes of length 1, right-handed")
@@ -66,6 +70,8 @@ def _rotations(robot: Robot) -> Iterator[tuple[str, Matrix]]:
         yield f"joints.{joint.name}.axis_turn", joint.axis_turn
     for frame in robot.frames:
         yield f"frames.{frame.name}.placement", frame.placement.rotation
+    for beam in robot.beams:
+        yield f"beams.{beam.name}.placement", beam.placement.rotation
     for loop in robot.loops:
         for place, placement in enumerate(loop.placements):
             yield f"loops.{loop.name}.placements[{place}]", placement.rotation

@@ -6,6 +6,8 @@ from ..geometry import COORDINATES as COORDINATES
 from ..geometry import LINEAR as LINEAR
 from ..geometry import Placement as Placement
 from ..laws import Curve as Curve
+from .beam import AXES as AXES
+from .beam import Beam as Beam
 from .coordinate import ACROSS as ACROSS
 from .coordinate import COORDINATE_NUMBERS as COORDINATE_NUMBERS
 from .coordinate import Coordinate as Coordinate

@@ -16,6 +16,7 @@ from ..bounds import Limits
 from ..elements import Element, LinkElement
 from ..elements.spring import Spring
 from ..geometry import LINEAR, Vector
+from .beam import Beam
 from .coordinate import Coordinate
 from .coupling import Coupling, first_contradiction
 from .fields import LATER, Numbers, Picklable, below
@@ -33,6 +34,7 @@ class Robot(Picklable):
     user to see.
     driven: names of the actuated coordinates (of a joint or its motor, which is the same drive); None: the
     principal ones.  home: where simulations start and assembly begins, m or rad by coordinate; default 0.
+    beams: what some links and joints were made of, for ``with_value``; nothing else looks at them.
     """
 
     name: str
@@ -50,6 +52,7 @@ class Robot(Picklable):
     home: Mapping[str, float] = field(default_factory=dict, hash=False, metadata=LATER)
     couplings: tuple[Coupling, ...] = field(default=(), metadata=LATER)
     elements: tuple[Element, ...] = field(default=(), metadata=LATER)
+    beams: tuple[Beam, ...] = field(default=(), metadata=LATER)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "home", MappingProxyType(dict(self.home)))
@@ -194,6 +197,7 @@ class Robot(Picklable):
             driven=None if driven is None else tuple(name for name in driven if name in moving),
             home={name: value for name, value in self.home.items() if name in moving},
             couplings=tuple(replace(x, is_constraint=True) if not x.law and x.of in more else x for x in couplings),
+            beams=(),
         )
         left = {name for name, _ in made.numbers()}
         return replace(made, tunable=tuple(name for name in self.tunable if name in left))
@@ -203,7 +207,8 @@ class Robot(Picklable):
 
         Args:
             path: keys and names with dots: a parameter ("links.arm.mass", "joints.joint1.x.stiffness", "gravity.z"), or
-                a whole value ("links.arm.com", "joints.joint1.limits").
+                a whole value ("links.arm.com", "joints.joint1.limits").  A number of a beam ("beams.boom.E") makes all
+                its links and joints anew.
             value: a number, a list, a text or a mapping, in SI units; numbers that follow from it follow anew.
 
         Raises:
