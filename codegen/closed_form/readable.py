@@ -15,11 +15,13 @@ import sympy as sp
 from sympy.simplify.fu import TR10i
 
 from eomgen.errors import InputError
-from eomgen.names import parameter_path, split_component
+from eomgen.names import parameter_name, parameter_path, split_component
 from eomgen.robot.coordinates import force_unit_of, unit_of
-from eomgen.robot.elements.joint_damping import JOINT_DAMPING, JointDamping
+from eomgen.robot.elements import MATRICES
+from eomgen.robot.elements.joint_damping import MOVED
 from eomgen.robot.model import Model
-from eomgen.robot.value import ANGULAR, MOTOR
+from eomgen.robot.parameter_names import number_of
+from eomgen.robot.value import ANGULAR, COORDINATES, MOTOR
 
 from ..kernels.constraint_rows import Rank, rank_at_home
 from .trace import ClosedForm, closed_form, exact, refuse_springs
@@ -327,15 +329,24 @@ def _parameters(model: Model) -> Iterator[tuple[str, Letter]]:
             owner = f"{owner}_{'ab'[int(parts[3])]}"  # the cut frame on its first or second link
         if kind in ("xyz", "rpy"):
             detail = "xyz"[int(detail)]
-        if parts[0] == "joints" and parts[2] == JOINT_DAMPING:
-            detail, unit = parts[3], JointDamping.NUMBERS[parts[3]].unit[0]
+        words: Sequence[str] = (detail,)
+        if parts[0] in ("joints", "loops") and parts[2] in MATRICES:
+            number, words = number_of(name), parts[3:]
+            if number is None or not _is_linear(words):
+                continue
+            detail, unit = "_".join(words), number.unit[0]
         elif of_motor:
             unit = _motor_unit(kind, owner in turning)
         elif detail in ANGULAR:
             unit = ANGULAR_UNITS[kind]
         symbol = sp.Symbol("_".join(word for word in (letter, detail, owner) if word), real=True)
-        below = ",".join(word for word in (_greek(detail), owner.replace("_", "\\_")) if word)
+        below = ",".join(word for word in (" ".join(map(_greek, words)), owner.replace("_", "\\_")) if word)
         yield name, Letter(symbol, f"{letter}_{{{below}}}", name, value, unit)
+
+
+def _is_linear(key: Sequence[str]) -> bool:
+    """Whether a number of a joint's stiffness or damping as a whole is a slope: isotropic, or an entry of a matrix."""
+    return set(key) <= set(COORDINATES) or parameter_name(*key) in MOVED
 
 
 def _motor_unit(kind: str, turning: bool) -> str:
@@ -354,7 +365,7 @@ def _owner(component: str) -> str:
 
 
 def _greek(name: str) -> str:
-    if name == MOTOR or name in JointDamping.NUMBERS:
+    if name == MOTOR or name in MOVED:
         return f"\\mathrm{{{name}}}"
     return f"\\{name}" if name in ANGULAR else name
 

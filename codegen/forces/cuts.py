@@ -11,15 +11,17 @@ from functools import cached_property
 from typing import ClassVar
 
 from eomgen.names import parameter_name
+from eomgen.robot.elements.joint_damping import JOINT_DAMPING
+from eomgen.robot.elements.joint_stiffness import JOINT_STIFFNESS
 from eomgen.robot.laws import stiffness_of
-from eomgen.robot.parameter_names import CUTS
+from eomgen.robot.parameter_names import CUT_MOTIONS, CUT_STIFFNESSES, CUTS
 from eomgen.robot.value import COORDINATES
 
 from ..tree.bound import Bound
 from ..tree.constraints import Closure
 from ..tree.recursion import Wrench
 from ..tree.spatial import Scalar
-from .elastic_coordinates import ElasticCoordinate, ElasticCoordinates
+from .elastic_coordinates import CoupledCoordinates, ElasticCoordinate, ElasticCoordinates
 from .element import Kernels
 from .relative_placement import coordinates_of
 from .scalar_functions import Functions
@@ -45,6 +47,22 @@ class ElasticLoopCoordinates(ElasticCoordinates):
                 members.append(ElasticCoordinate(coupling.residual(at.q), dict(coupling.jacobian_row), coupling.law))
         return [replace(coordinate, described=k) for coordinate, k in zip(members, self._described(), strict=True)]
 
+    @classmethod
+    def has(cls, family: str, owner: str) -> bool:
+        """Tell whether numbers are those of its coordinates or of matrices between them."""
+        return family in (cls.FAMILY, CUT_STIFFNESSES, CUT_MOTIONS)
+
+    @cached_property
+    def coupled(self) -> Sequence[CoupledCoordinates]:
+        """The coordinates of cut joints with matrices."""
+        matrices, coupled = self.at.bound.cut_matrices, list[CoupledCoordinates]()
+        for number in dict.fromkeys(number for number, _ in matrices):
+            members = {x.name: x for x in self.members if isinstance(x.pair, Closure) and x.pair.number == number}
+            tables = [matrices.get((number, table)) for table in (JOINT_STIFFNESS, JOINT_DAMPING)]
+            stiffness, damping = ({} if x is None else x.numbers for x in tables)
+            coupled.append(CoupledCoordinates.of(members, stiffness, damping))
+        return coupled
+
     def _described(self) -> Iterator[float]:
         """Yield stiffnesses by the description's numbers."""
         for owner, name, coordinate in self.at.model.cut_laws:
@@ -54,14 +72,14 @@ class ElasticLoopCoordinates(ElasticCoordinates):
 
     def wrenches_in_cuts(self, v: Sequence[Scalar]) -> Iterator[tuple[int, Wrench]]:
         """Give the forces on the loops' second links."""
-        for coordinate in self.members:
+        for coordinate, force in self.forces(v):
             if isinstance(coordinate.pair, Closure):
-                yield coordinate.pair.number, coordinate.on_second(coordinate.resists(v, self.at.functions).force)
+                yield coordinate.pair.number, coordinate.on_second(force)
 
     KERNELS: ClassVar[Kernels] = {
         "cut_forces": (
             "values",
-            lambda self, v: [x for s in self.members for x in (s.s, s.resists(v, self.at.functions).force)],
+            lambda self, v: [x for s in self.members for x in (s.s, self.force_on(s, v))],
         ),
         "cut_jacobian": ("rows", lambda self, v: [s.jacobian_row for s in self.members]),
     }

@@ -7,8 +7,9 @@ couplings are off.  A deviation s with the row J = ds/dq is resisted like that o
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 from eomgen.names import kind_of
 from eomgen.robot.geometry import ANGULAR
@@ -17,7 +18,8 @@ from ..tree.bound import BoundLaw
 from ..tree.constraints import Direction, FramePair
 from ..tree.recursion import Wrench
 from ..tree.spatial import Scalar, along, is_zero
-from .element import ForceElement, ImplicitShare, Slopes
+from .element import ForceElement, ImplicitShare, Slopes, SparseRow
+from .joint_stiffness import CoordinateMatrix, StiffnessMatrix
 from .laws import Effect, bearing_load, effect, without_friction
 from .relative_placement import cosine_of
 from .scalar_functions import Functions
@@ -85,6 +87,81 @@ class ElasticCoordinate:
         return self.s if is_zero(dt) else self.s + dt * rate, rate
 
 
+@dataclass(frozen=True)
+class CoupledCoordinates:
+    """Coordinates of one frame as seen from another that matrices couple: K (s + tau s') + D s' + p resists them.
+
+    members: the coordinates, by whose places here the matrices go.
+    """
+
+    members: Sequence[ElasticCoordinate]
+    spring: StiffnessMatrix
+    damping: CoordinateMatrix
+
+    @classmethod
+    def of(
+        cls,
+        members: Mapping[str, ElasticCoordinate],
+        stiffness: Mapping[str, Scalar],
+        damping: Mapping[str, Scalar],
+    ) -> CoupledCoordinates:
+        """Make them of coordinates by their names, and of the numbers of both matrices."""
+        index = {name: place for place, name in enumerate(members)}
+        spring = StiffnessMatrix.of(stiffness, damping, index)
+        return cls(tuple(members.values()), spring, CoordinateMatrix.of(damping, index))
+
+    def forces(self, v: Sequence[Scalar], dt: Scalar = 0.0) -> Iterator[tuple[ElasticCoordinate, Scalar]]:
+        """Yield coordinates with the forces against the deviations to which the rates v lead after dt."""
+        rates = [coordinate.rate(v) for coordinate in self.members]
+        here = [coordinate.s for coordinate in self.members]
+        there = here if is_zero(dt) else [s + dt * rate for s, rate in zip(here, rates, strict=True)]
+        spring, damper = self.spring.rows(there, rates), self.damping.times(rates)
+        for place in sorted({*spring, *damper}):
+            yield self.members[place], spring.get(place, 0.0) + damper.get(place, 0.0)
+
+    def rows(self, v: Sequence[Scalar], dt: Scalar = 0.0) -> dict[int, Scalar]:
+        """Return the same forces by coordinates of the tree."""
+        rows: dict[int, Scalar] = {}
+        for coordinate, force in self.forces(v, dt):
+            for i, arm in coordinate.jacobian_row.items():
+                rows[i] = rows.get(i, 0.0) + force * arm
+        return rows
+
+    def energy(self) -> Scalar:
+        """Return what the springs store."""
+        return self.spring.energy([coordinate.s for coordinate in self.members])
+
+    def moved_by(self) -> list[int]:
+        """Return the indices of the coordinates on which its forces depend."""
+        return list(dict.fromkeys(i for coordinate in self.members for i in coordinate.jacobian_row))
+
+    def directions(self, f: Functions, c: Scalar, square: Scalar) -> list[tuple[SparseRow, Scalar]]:
+        """Return rank-one rows with slopes, whose sum is c D + square K with the coordinates' directions.
+
+        Those of each matrix depend on numbers alone, and on neither c nor square.
+        """
+        directions = [(row, (c * self.spring.lag + square) * d) for row, d in self.spring.matrix.directions(f)]
+        directions += [(row, c * d) for row, d in self.damping.directions(f)]
+        return [(self._of_tree(row), slope) for row, slope in directions]
+
+    def stiffnesses(self) -> Iterator[tuple[int, Scalar]]:
+        """Give what each coordinate of the tree feels of the springs by itself."""
+        for i in self.moved_by():
+            arms = [coordinate.jacobian_row.get(i, 0.0) for coordinate in self.members]
+            felt: Scalar = 0.0
+            for place, force in self.spring.matrix.times(arms).items():
+                felt = felt + force * arms[place]
+            yield i, felt
+
+    def _of_tree(self, row: Mapping[int, Scalar]) -> dict[int, Scalar]:
+        """Map a row by places to one by the tree's coordinates."""
+        mapped: dict[int, Scalar] = {}
+        for place, factor in row.items():
+            for i, arm in self.members[place].jacobian_row.items():
+                mapped[i] = mapped.get(i, 0.0) + factor * arm
+        return mapped
+
+
 class ElasticCoordinates(ForceElement):
     """All such coordinates of one family."""
 
@@ -93,20 +170,40 @@ class ElasticCoordinates(ForceElement):
     def members(self) -> Sequence[ElasticCoordinate]:
         """The coordinates where q is."""
 
+    @property
+    @abstractmethod
+    def coupled(self) -> Sequence[CoupledCoordinates]:
+        """Coordinates of them that matrices couple."""
+
+    def forces(self, v: Sequence[Scalar]) -> Iterator[tuple[ElasticCoordinate, Scalar]]:
+        """Give coordinates with resisting forces; one may have several."""
+        for coordinate in self.members:
+            yield coordinate, coordinate.resists(v, self.at.functions).force
+        for coupled in self.coupled:
+            yield from coupled.forces(v)
+
+    def force_on(self, coordinate: ElasticCoordinate, v: Sequence[Scalar]) -> Scalar:
+        """Return the whole force on one of the coordinates."""
+        force = coordinate.resists(v, self.at.functions).force
+        for coupled in self.coupled:
+            for other, more in coupled.forces(v):
+                force = force + more if other is coordinate else force
+        return force
+
     def resist(self, v: Sequence[Scalar]) -> Iterator[tuple[int, Scalar]]:
         """Give the forces along ds/dq."""
-        for coordinate in self.members:
-            force = coordinate.resists(v, self.at.functions).force
+        for coordinate, force in self.forces(v):
             yield from ((i, force * arm) for i, arm in coordinate.jacobian_row.items())
 
     def energies(self) -> Iterator[Scalar]:
         """Give energies of the deviations."""
         yield from (coordinate.resists(self.at.still, self.at.functions).energy for coordinate in self.members)
+        yield from (coupled.energy() for coupled in self.coupled)
 
     def wrenches(self, v: Sequence[Scalar]) -> Iterator[tuple[int, Wrench]]:
         """Give what joints between both frames hold of the forces."""
-        for coordinate in self.members:
-            yield from coordinate.wrenches(coordinate.resists(v, self.at.functions).force)
+        for coordinate, force in self.forces(v):
+            yield from coordinate.wrenches(force)
 
     def add_slopes(self, slopes: Slopes) -> None:
         """Add derivatives, differentiating the graph."""
@@ -116,17 +213,23 @@ class ElasticCoordinates(ForceElement):
                 slopes.differentiate(
                     {i: force * arm for i, arm in coordinate.jacobian_row.items()}, coordinate.moved_by()
                 )
+        for coupled in self.coupled:
+            slopes.differentiate(coupled.rows(slopes.v), coupled.moved_by())
 
     def add_rows(self, share: ImplicitShare) -> None:
         """Add forces where the rates lead to, and their slopes."""
         for coordinate in self.members:
             if coordinate.has_force:
                 share.along(coordinate.jacobian_row, coordinate.resists(share.v, self.at.functions, share.ahead))
+        for coupled in self.coupled:
+            share.along_all(coupled.rows(share.v, share.ahead), partial(coupled.directions, self.at.functions))
 
     def stiffnesses(self) -> Iterator[tuple[int, Scalar]]:
         """Give those of the description's numbers."""
         for coordinate in self.members:
             yield from ((i, coordinate.described * (arm * arm)) for i, arm in coordinate.jacobian_row.items())
+        for coupled in self.coupled:
+            yield from coupled.stiffnesses()
 
     def poles(self, moving: Collection[int]) -> Iterator[tuple[str, Scalar]]:
         """Give cos(beta) of frames whose angles have forces, and are moved by these coordinates."""

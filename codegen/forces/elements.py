@@ -10,6 +10,7 @@ from .cut_journals import LoopBearingContacts
 from .cuts import ElasticLoopCoordinates
 from .element import ForceElement
 from .joint_damping import JointDampers
+from .joint_stiffness import JointStiffnesses
 from .journals import BearingContacts
 from .springs import PointSprings
 from .transmissions import Transmissions
@@ -19,6 +20,7 @@ ELEMENTS: Sequence[type[ForceElement]] = (
     Transmissions,
     PointSprings,
     BearingContacts,
+    JointStiffnesses,
     JointDampers,
     ElasticLoopCoordinates,
     LoopBearingContacts,

@@ -6,14 +6,15 @@ both others, and the first and the third enclose the angle whose cosine is sin(b
 
     |w|^2 = alpha'^2 + beta'^2 + gamma'^2 + 2 sin(beta) alpha' gamma' = v^T G v,
 
-and a damping d of w, which takes the power d |w|^2 whatever the axes, resists the coordinates with r = d G v.
+and a damping d of w, which takes the power d |w|^2 whatever the axes, resists the coordinates with r = d G v.  A
+damping matrix D resists them with D v; what is proportional to a stiffness matrix acts with that (``joint_stiffness``).
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import ClassVar
 
 from eomgen.robot.elements.joint_damping import MOVED
@@ -22,6 +23,7 @@ from eomgen.robot.parameter_names import MOTIONS
 from ..tree.composite import Rows
 from ..tree.spatial import Scalar
 from .element import ForceElement, ImplicitShare, Slopes
+from .joint_stiffness import CoordinateMatrix
 
 FRONT, MIDDLE, BACK = MOVED["angular"]
 
@@ -69,7 +71,7 @@ class Damper:
 
 
 class JointDampers(ForceElement):
-    """Dampings of all joints' motions."""
+    """Dampings of all joints' motions, but those that are proportional to a stiffness matrix."""
 
     FAMILY: ClassVar[str] = MOTIONS
 
@@ -78,8 +80,10 @@ class JointDampers(ForceElement):
         """The dampings where q is, each joint with a comment in front of its values."""
         at, dampers = self.at, list[Damper]()
         for joint in at.bound.joint_damping:
-            at.note(f"{joint.joint}: damping of its motion")
-            for key, damping in joint.numbers.items():
+            numbers = {key: damping for key, damping in joint.numbers.items() if key in MOVED}
+            if numbers:
+                at.note(f"{joint.joint}: damping of its motion")
+            for key, damping in numbers.items():
                 moved = {name: joint.index[name] for name in MOVED[key] if name in joint.index}
                 if FRONT not in moved or BACK not in moved:
                     dampers.append(Damper(damping, tuple(moved.values())))
@@ -90,22 +94,44 @@ class JointDampers(ForceElement):
                 dampers.append(Damper(damping, tuple(moved.values()), (moved[FRONT], moved[BACK], sine, beta, cosine)))
         return dampers
 
+    @cached_property
+    def matrices(self) -> list[CoordinateMatrix]:
+        """The damping matrices, each joint with a comment in front of its values."""
+        matrices = list[CoordinateMatrix]()
+        for joint in self.at.bound.joint_damping:
+            matrix = CoordinateMatrix.of(joint.numbers, joint.index)
+            if matrix.entries:
+                self.at.note(f"{joint.joint}: its damping matrix")
+                matrices.append(matrix)
+        return matrices
+
     def resist(self, v: Sequence[Scalar]) -> Iterator[tuple[int, Scalar]]:
-        """Give d G v."""
+        """Give d G v and D v."""
         for damper in self.dampers:
             yield from damper.rows(v).items()
+        for matrix in self.matrices:
+            yield from matrix.times(v).items()
 
     def add_slopes(self, slopes: Slopes) -> None:
         """Add dr/dq and dr/dv."""
         for damper in self.dampers:
             damper.add_slopes(slopes)
+        for matrix in self.matrices:
+            matrix.add_to(slopes.by_v)
 
     def advance(self, share: ImplicitShare) -> None:
-        """Push d G v, with the directions of the step's beginning."""
+        """Push d G v and D v, with the directions of the step's beginning."""
         for i, force in self.resist(share.v):
             share.push(i, force)
 
     def add_blocks(self, share: ImplicitShare) -> None:
-        """Add d G."""
+        """Add d G and D."""
         for damper in self.dampers:
             share.in_joint(damper.slopes)
+        for matrix in self.matrices:
+            share.in_joint(partial(_damped, matrix))
+
+
+def _damped(matrix: CoordinateMatrix, c: Scalar, _square: Scalar) -> Rows:
+    """Return c D on and above the diagonal."""
+    return matrix.scaled(c)

@@ -11,7 +11,7 @@ from eomgen.names import component_name, joint_of, parameter_path
 from eomgen.robot.cuts import UPRIGHT
 from eomgen.robot.mechanism import effort_of, leading_home
 from eomgen.robot.model import Model, movable_limits
-from eomgen.robot.parameter_names import element_places, least_of
+from eomgen.robot.parameter_names import element_places, least_of, matrices
 from eomgen.robot.value import MOTOR, Loop
 
 from ..tree.regressor import described_values, regressor_names
@@ -19,7 +19,7 @@ from .signatures import KERNELS, element_rows, functions, shapes
 
 IF_ANY = (  # entries of the metadata that are there only where there is something to tell
     *("motors", "efforts", "ranges", "home", "frame_links", "turning", "loops", "upright", "constraints", "couplings"),
-    *("followers", "cut_laws", "regressor", "springs", "element_rows"),
+    *("followers", "cut_laws", "regressor", "springs", "element_rows", "matrices"),
 )
 
 
@@ -78,6 +78,7 @@ def describe_kernels(model: Model, kernels: Sequence[str], dtype: str) -> dict[s
         "regressor": regressor_names(model) if "regressor" in kernels else (),
         "springs": [spring.name for spring in robot.springs],
         "element_rows": element_rows(model),
+        "matrices": matrices(model.parameters),
     }
     return {key: value for key, value in described.items() if value or key not in IF_ANY}
 

@@ -14,8 +14,9 @@ from typing import Any
 
 from eomgen.errors import InputError
 from eomgen.names import component_name, joint_of
-from eomgen.robot.elements import KINDS
+from eomgen.robot.elements import KINDS, MATRICES
 from eomgen.robot.elements.joint_damping import JOINT_DAMPING
+from eomgen.robot.elements.joint_stiffness import JOINT_STIFFNESS
 from eomgen.robot.elements.journal import RADIAL
 from eomgen.robot.geometry import IDENTITY, snap
 from eomgen.robot.laws import active_laws
@@ -144,7 +145,8 @@ class Bound:
     ``cut_offsets`` holds per loop what its six coordinates keep to, ``cut_laws`` the forces of some of them by the
     loop's number and the coordinate's name; ``couplings`` are those of coordinates; ``journals`` stand in bearings,
     ``cut_journals`` in those of cut joints, by the loop's number.
-    ``joint_damping`` is that of joints whatever their coordinates.
+    ``joint_damping`` is that of joints as wholes, ``joint_stiffness`` that of their stiffness matrices;
+    ``cut_matrices`` are both of cut joints, by the loop's number and their tables.
     """
 
     gravity: Vec
@@ -164,6 +166,8 @@ class Bound:
     journals: tuple[BoundJointElement, ...] = ()
     cut_journals: Mapping[int, BoundJointElement] = field(default_factory=dict)
     joint_damping: tuple[BoundJointElement, ...] = ()
+    joint_stiffness: tuple[BoundJointElement, ...] = ()
+    cut_matrices: Mapping[tuple[int, str], BoundJointElement] = field(default_factory=dict)
 
 
 def bind(
@@ -218,6 +222,8 @@ def bind(
         journals=binder.joint_elements(RADIAL),
         cut_journals=binder.cut_journals(),
         joint_damping=binder.joint_elements(JOINT_DAMPING),
+        joint_stiffness=binder.joint_elements(JOINT_STIFFNESS),
+        cut_matrices=binder.cut_matrices(),
     )
 
 
@@ -369,7 +375,8 @@ class _Binder:
         for body in self.model.bodies:
             element = self.model.robot.joint(body.joint).elements.get(table)
             if element is not None:
-                numbers = self._values(f"joints.{body.joint}.{table}", element.law())
+                law = {key: number or 0.0 for key, number in element.numbers(body.active)}
+                numbers = self._values(f"joints.{body.joint}.{table}", law)
                 index = dict(zip(body.active, body.indices, strict=True))
                 elements.append(BoundJointElement(body.joint, index, numbers))
         return tuple(elements)
@@ -383,6 +390,18 @@ class _Binder:
                 index = {name: place for place, name in enumerate(loop.radial.felt)}
                 journals[number] = BoundJointElement(loop.name, index, numbers)
         return journals
+
+    def cut_matrices(self) -> dict[tuple[int, str], BoundJointElement]:
+        """Bind the stiffness and damping matrices of cut joints; places are those among their coordinates."""
+        matrices = {}
+        for number, loop in enumerate(self.model.robot.loops):
+            for table in MATRICES:
+                if table in loop.elements:
+                    law = {key: x or 0.0 for key, x in loop.elements[table].numbers(tuple(loop.coordinates))}
+                    index = {name: place for place, name in enumerate(loop.coordinates)}
+                    numbers = self._values(f"loops.{loop.name}.{table}", law)
+                    matrices[number, table] = BoundJointElement(loop.name, index, numbers)
+        return matrices
 
     def _values(self, prefix: str, law: Mapping[str, float]) -> dict[str, Scalar]:
         """Return the numbers of a law, parameters where they are tunable."""

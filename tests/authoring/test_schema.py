@@ -44,6 +44,9 @@ MUTANTS = {"toml": "robot", "scenario": "scenario", "plan": "plan"}  # what test
 SEMANTIC = {
     "JSON has no NaN": {"nan", "point that is none", "beam of no modulus"},
     "no body has this inertia": {"impossible inertia", "indefinite inertia", "product of inertia"},
+    "matrices that no springs and dampers have": {
+        *("indefinite stiffness", "matrix of other coordinates", "damping in proportion to nothing"),
+    },
     "names that do not exist": {
         *("unknown parent", "unknown child", "unknown link of frame", "spring of no link", "loop of no link"),
         *("tunable of no link", "tunable of no joint", "tunable of inactive", "tunable of a spring"),

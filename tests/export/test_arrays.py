@@ -13,11 +13,16 @@ import pytest
 import eomgen
 from eomgen.codegen.arrays.sources import render_arrays
 from eomgen.codegen.arrays.statements import FORMS
+from eomgen.codegen.forces.bushings import Bushings
+from eomgen.codegen.forces.element import ForceElement
+from eomgen.codegen.forces.joint_stiffness import JointStiffnesses
 from eomgen.codegen.program.operations import OPERATIONS
+from eomgen.description.load import robot_from_toml
 from eomgen.errors import InputError
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
 from tests.oracles.force_laws import with_laws
+from tests.support.every_element import robot_with
 from tests.support.random_robots import random_robot
 from tests.support.turning_loops import OFFSET, STAND, held_pendulum
 
@@ -76,6 +81,12 @@ def test_one_link_with_numpy_alone(tmp_path: Path) -> None:
 
 def test_one_link_has_the_kernels_numbers() -> None:
     compare(eomgen.load_robot("one_link"))
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("family", [JointStiffnesses, Bushings])
+def test_matrices_have_the_kernels_numbers(family: type[ForceElement]) -> None:
+    compare(robot_from_toml(robot_with(family)))
 
 
 def test_axes_parameters_and_rollouts() -> None:

@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 import eomgen
 from eomgen.export.fmu.pack import KERNELS, export_fmu
 from eomgen.integration import integrate
+from eomgen.robot import JointStiffness
 from eomgen.robot.record import robot_hash
 from eomgen.robot.value import COORDINATES, Robot
 from eomgen.runtime.kernel import Array, Kernel
@@ -481,6 +482,24 @@ BAD = [
     ("a.joint1.gamma", 1.0, "a.joint1.gamma cannot be set; allowed"),
     ("time", 1.0, "time cannot be set"),
 ]
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_matrices_stay_positive_semidefinite(version: int, exported: Export) -> None:
+    """Values that are set together are looked at together; what is refused changes nothing."""
+    robot = eomgen.load_robot("one_link")
+    joint = replace(robot.joints[0], stiffness=JointStiffness({"x.x": 9.0, "x.gamma": 2.0, "gamma.gamma": 4.0}))
+    host = exported(replace(robot, joints=(joint,)), version).host(stepping=True).start()
+    prefix, everything = "joints.joint1.stiffness", list(host.references)
+    before = host.get(everything)
+    for values in ({"x.gamma": 7.0}, {"x.x": 0.0}, {"gamma.gamma": 1.0, "x.x": 2.0}):
+        with pytest.raises(Exception, match="fmi"):
+            host.set([f"{prefix}.{key}" for key in values], list(values.values()))
+        assert f"{prefix} would have a negative energy" in host.messages[-1]
+        np.testing.assert_array_equal(host.get(everything), before)
+    for values in ({"x.gamma": 7.0, "x.x": 13.0}, {"x.gamma": 0.0}, {"x.x": 0.0, "gamma.gamma": 0.0}):
+        host.set([f"{prefix}.{key}" for key in values], list(values.values()))
+        np.testing.assert_array_equal(host.get([f"{prefix}.{key}" for key in values]), list(values.values()))
 
 
 @pytest.mark.parametrize("version", VERSIONS)

@@ -6,6 +6,7 @@ import json
 import shutil
 import struct
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ import eomgen
 from eomgen.errors import BuildError, InputError
 from eomgen.export.wasm import compile as compiling
 from eomgen.export.wasm.pack import make_wasm
+from eomgen.robot import JointStiffness
 from eomgen.robot.value import Robot
 from tests.oracles.force_laws import with_laws
 from tests.support.random_robots import random_robot
@@ -176,6 +178,34 @@ def test_errors_name_what_is_wrong(tmp_path: Path) -> None:
     )
     for call, message, got in zip(calls, expected, with_node(tmp_path, "one_link", calls), strict=True):
         assert message in got["error"], (call, got)
+
+
+@needs_node
+def test_matrices_stay_positive_semidefinite(tmp_path: Path) -> None:
+    """Entries are looked at together: what is refused changes nothing."""
+    robot = eomgen.load_robot("one_link")
+    joint = replace(robot.joints[0], stiffness=JointStiffness({"x.x": 9.0, "x.gamma": 2.0, "gamma.gamma": 4.0}))
+    eomgen.export_wasm(replace(robot, joints=(joint,)), tmp_path, kernels=("generalized_force",))
+    prefix, q, v = "joints.joint1.stiffness", [0.1, 0.2], [0.0, 0.0]
+    calls: list[list[Any]] = [
+        ["generalizedForce", q, v],
+        ["set", {f"{prefix}.x.gamma": 7.0}],
+        ["set", {f"{prefix}.x.x": 0.0}],
+        ["set", {f"{prefix}.x.x": -1.0}],
+        ["generalizedForce", q, v],
+        ["set", {f"{prefix}.x.gamma": 7.0, f"{prefix}.x.x": 13.0}],
+        ["set", {f"{prefix}.x.gamma": 0.0}],
+        ["set", {f"{prefix}.x.x": 0.0, f"{prefix}.gamma.gamma": 0.0}],
+        ["generalizedForce", q, v],
+    ]
+    first, *refused, same, taken, less, none, last = with_node(tmp_path, robot.name, calls)
+    assert [taken, less, none] == ["set"] * 3
+    for answer, said in zip(refused, ("negative energy", "negative energy", "0 on is"), strict=True):
+        assert prefix in answer["error"]
+        assert said in answer["error"]
+    assert same == first
+    moved = np.subtract(*(np.frombuffer(bytes.fromhex(answer)) for answer in (first, last)))
+    np.testing.assert_allclose(moved, [-(9.0 * 0.1 + 2.0 * 0.2), -(2.0 * 0.1 + 4.0 * 0.2)], rtol=1e-12)
 
 
 def test_under_wasmtime_it_needs_nothing_and_has_the_same_bits() -> None:

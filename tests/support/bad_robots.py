@@ -71,6 +71,21 @@ TOML_CASES = {
     "negative stiffness": ("1e6", "-1e6", ["joints.joint1.x.stiffness", "-1000000.0", "at least 0"]),
     "negative damping": ("damping = 10", "damping = -10", ["joints.joint1.x.damping", "-10", "at least 0"]),
     "negative armature": ("0.02", "-0.02", ["joints.joint1.gamma.armature", "-0.02", "at least 0"]),
+    "indefinite stiffness": (
+        "x = { stiffness = 1e6, damping = 10 }",
+        "x = {}\nstiffness = { matrix = [[1e6, 1e3], [1e3, 0.5]] }",
+        ["joints.joint1.stiffness.matrix", "x.gamma", "1000.0", "up to 707.107", "units?"],
+    ),
+    "matrix of other coordinates": (
+        "x = { stiffness = 1e6, damping = 10 }",
+        "x = {}\ndamping = { matrix = [[1.0]] }",
+        ["joints.joint1.damping.matrix", "1 row", "2, for x, gamma, or six"],
+    ),
+    "damping in proportion to nothing": (
+        "x = { stiffness = 1e6, damping = 10 }",
+        "x = {}\ndamping = { ratio = 0.02, at_hz = 40 }",
+        ["joints.joint1.damping", "no table stiffness", "matrix"],
+    ),
     "impossible inertia": ("zz = 0.2", "zz = 0.5", ["links.link1.inertia", "-0.1", '"warn"', '"project"', "--inertia"]),
     "indefinite inertia": ("xx = 0.1", "xx = -0.1", ["links.link1.inertia", "(-0.1, 0.2, 0.2", "allowed"]),
     "product of inertia": ("zz = 0.2", "zz = 0.2, xy = 0.3", ["links.link1.inertia", "eigenvalue -", "allowed"]),

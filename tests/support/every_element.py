@@ -13,6 +13,7 @@ from eomgen.codegen.forces.cut_journals import LoopBearingContacts
 from eomgen.codegen.forces.cuts import ElasticLoopCoordinates
 from eomgen.codegen.forces.element import ForceElement
 from eomgen.codegen.forces.joint_damping import JointDampers
+from eomgen.codegen.forces.joint_stiffness import JointStiffnesses
 from eomgen.codegen.forces.journals import BearingContacts
 from eomgen.codegen.forces.springs import PointSprings
 from eomgen.codegen.forces.transmissions import Transmissions
@@ -76,6 +77,39 @@ motor = { inertia = 1e-2, ratio = 3.0, stiffness = 10.0, damping = 2.0, cubic = 
 """
 BEARING = "{ clearance = 1e-2, stiffness = 100.0, length = 0.5, smoothing = 0.1, restitution_damping = 0.5, \
 friction = { coefficient = 0.1, radius = 0.2, smoothing = 0.1 } }\n"
+STIFFNESS = """
+[[links]]
+name = "head"
+mass = 0.5
+com = [0.05, 0.02, 0.1]
+inertia = { xx = 1e-2, yy = 2e-2, zz = 1e-2 }
+[[joints]]
+name = "neck"
+parent = "rocker"
+child = "head"
+type = "revolute"
+placement = { xyz = [0.3, 0.0, 0.1], rpy = [0.2, 0.1, 0.0] }
+x = {}
+beta = { stiffness = 2.0 }
+stiffness = { matrix = [[40.0, 3.0, -2.0], [3.0, 5.0, 1.0], [-2.0, 1.0, 4.0]], preload = [1.0, -0.5, 0.2] }
+damping = { loss_factor = 0.9, at_hz = 1.5 }
+"""
+DAMPING = """
+[[links]]
+name = "hand"
+mass = 0.4
+com = [0.05, 0.02, 0.1]
+inertia = { xx = 1e-2, yy = 2e-2, zz = 1e-2 }
+[[joints]]
+name = "wrist"
+parent = "fore"
+child = "hand"
+type = "revolute"
+placement = { xyz = [0.3, 0.0, 0.1] }
+z = {}
+alpha = {}
+damping = { matrix = [[4.0, 0.2, 0.0], [0.2, 0.5, -0.1], [0.0, -0.1, 0.3]] }
+"""
 SPRINGS = """
 [[springs]]
 name = "coil"
@@ -112,6 +146,21 @@ z = { stiffness = 10.0, damping = 2.0 }
 alpha = { stiffness = 1.0, damping = 0.2 }
 beta = { stiffness = 1.0, damping = 0.2 }
 gamma = { friction = { coefficient = 0.8, radius = 0.2, smoothing = 0.1 } }
+[[loops]]
+name = "clamp"
+links = ["base", "rocker"]
+type = "fixed"
+placements = [{ xyz = [0.6, 0.2, 0.1] }, { xyz = [0.0, 0.1, 0.1], rpy = [-0.1, 0.2, 0.0] }]
+x = {}
+y = {}
+z = { stiffness = 3.0 }
+alpha = {}
+beta = {}
+gamma = {}
+stiffness = { matrix = [[9.0, 1.0, -2.0, 0.3, 0.1, 0.0], [1.0, 8.0, 0.5, 0.2, -0.3, 0.4], \
+[-2.0, 0.5, 7.0, 0.1, 0.6, 0.2], [0.3, 0.2, 0.1, 1.0, 0.2, 0.1], [0.1, -0.3, 0.6, 0.2, 1.5, -0.2], \
+[0.0, 0.4, 0.2, 0.1, -0.2, 1.2]], preload = [0.1, 0.0, 0.2, 0.0, -0.1, 0.0] }
+damping = { ratio = 0.8, at_hz = 1.5 }
 [[couplings]]
 name = "belt"
 of = "pivot.gamma"
@@ -144,6 +193,16 @@ damping = [1.0, 2.0, 0.5, 0.1, 0.2, 0.0]
 name = "pad"
 links = ["fore", "rocker"]
 stiffness = [20.0, 10.0, 15.0, 0.0, 0.0, 0.0]
+[[bushings]]
+name = "block"
+links = ["fore", "base"]
+placements = [{ xyz = [0.1, 0.0, 0.1] }, { xyz = [0.5, 0.0, 0.1], rpy = [0.1, -0.2, 0.2] }]
+stiffness = { matrix = [[9.0, 1.0, -2.0, 0.3, 0.1, 0.0], [1.0, 8.0, 0.5, 0.2, -0.3, 0.4], \
+[-2.0, 0.5, 7.0, 0.1, 0.6, 0.2], [0.3, 0.2, 0.1, 1.0, 0.2, 0.1], [0.1, -0.3, 0.6, 0.2, 1.5, -0.2], \
+[0.0, 0.4, 0.2, 0.1, -0.2, 1.2]], preload = [0.1, 0.0, 0.2, 0.0, -0.1, 0.0] }
+damping = { matrix = [[2.0, 0.1, 0.0, 0.1, 0.0, 0.0], [0.1, 1.0, 0.2, 0.0, 0.0, 0.1], \
+[0.0, 0.2, 1.5, 0.0, 0.0, 0.0], [0.1, 0.0, 0.0, 0.2, 0.0, 0.1], [0.0, 0.0, 0.0, 0.0, 0.3, 0.0], \
+[0.0, 0.1, 0.0, 0.1, 0.0, 0.4]] }
 """
 
 ROBOTS: Mapping[type[ForceElement], Mapping[str, str]] = {
@@ -151,7 +210,8 @@ ROBOTS: Mapping[type[ForceElement], Mapping[str, str]] = {
     Transmissions: {"hip": MOTOR},
     PointSprings: {"beside": SPRINGS},
     BearingContacts: {"hip": FREE + "radial = " + BEARING},
-    JointDampers: {"hip": FREE + "damping = { linear = 3.0, angular = 0.2 }\n"},
+    JointStiffnesses: {"beside": STIFFNESS},
+    JointDampers: {"hip": FREE + "damping = { linear = 3.0, angular = 0.2 }\n", "beside": DAMPING},
     ElasticLoopCoordinates: {"beside": CUT},
     LoopBearingContacts: {"beside": CUT_BEARING},
     Bushings: {"beside": BUSHING},

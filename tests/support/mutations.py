@@ -53,6 +53,7 @@ type = "revolute"
 placements = [{ xyz = [1, 0, 0] }, { rpy_deg = [0, 0, 90] }]
 x = { stiffness = 1e6, clearance = 1e-3 }
 alpha = {}
+stiffness = { matrix = [[1e4, 3], [3, 10]] }
 offset = { y = 1e-3 }
 [[couplings]]
 name = "gear"
@@ -83,6 +84,8 @@ type = "prismatic"
 x = { curve = [[-1, -2], [0, 0], [1, 3]], limits = { lower = -2, velocity = 3 } }
 y = { role = "prescribed" }
 prescribed = ["y"]
+stiffness = { matrix = [[200, 1, 0], [1, 10, 0], [0, 0, 5]], preload = [1, 0, 2] }
+damping = { ratio = 0.1, at_hz = 5 }
 limits = [-1, 1]
 [[springs]]
 name = "rope"

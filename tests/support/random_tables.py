@@ -56,6 +56,13 @@ KEYS = [
     "E",
     "xx",
     "stiffness",
+    "damping",
+    "matrix",
+    "at",
+    "preload",
+    "ratio",
+    "loss_factor",
+    "at_hz",
     "a",
 ]
 

@@ -15,6 +15,7 @@ from ..robot.laws import LAWS, has_springs
 from ..robot.model import build_model, rigid_coordinates
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
+from ..state.elements import cut_matrices, joint_stiffness
 from ..state.journals import cut_contacts, cut_deviations, journal_contacts
 from ..state.motors import acting, deflections, turn_motors
 from ..state.springs import clearances, cut_numbers, journals_in_play, law_numbers
@@ -148,6 +149,7 @@ def floating(kernel: Kernel, q: Array) -> tuple[str, ...]:
     there = deflections(kernel) @ q
     there[kernel.n :] += kernel.follower_matrix()[1]
     inside = np.abs(there) <= [ends.get(name, -1.0) for name in names]
+    inside[: kernel.n] &= np.diagonal(joint_stiffness(kernel)) == 0.0
     contacts = journal_contacts(kernel)
     touching = {i for contact in contacts if contact.penetration(q) > 0.0 for i in contact.index}
     for name in journals_in_play(kernel):
@@ -170,7 +172,8 @@ def floating_cuts(kernel: Kernel, q: Array) -> list[str]:
         name = kernel.cut_laws[i]
         if not has_springs(cut_numbers(kernel)[name], kernel.knots.get(name, ())):
             inside.add(name)
-    return [name for name in kernel.cut_laws if name in inside]
+    springs = np.diagonal(cut_matrices(kernel)[0])
+    return [name for name, k in zip(kernel.cut_laws, springs, strict=True) if name in inside and k == 0.0]
 
 
 def notes_of_play(kernel: Kernel, q: Array) -> list[str]:
@@ -180,12 +183,13 @@ def notes_of_play(kernel: Kernel, q: Array) -> list[str]:
 
 
 def _loose(kernel: Kernel) -> Mask:
-    """Return coordinates that no spring, no transmission, journal or spring between points holds, (n,)."""
+    """Return coordinates that no spring, matrix, transmission, journal or spring between points holds, (n,)."""
     elastic = [
         name in kernel.knots or any(law.get(key) for key in SPRINGS) for name, law in law_numbers(kernel).items()
     ]
     held = np.array(elastic[: kernel.n]) | kernel.follower_matrix()[0][np.array(elastic[kernel.n :], bool)].any(axis=0)
     held |= _mask(kernel.coordinates, map(kernel.coordinates.index, kernel.motors.values()))
+    held |= np.diagonal(joint_stiffness(kernel)) > 0.0
     if kernel.springs:
         anywhere = 0.3 + 0.1 * np.arange(kernel.n)
         held |= np.asarray(kernel.spring_jacobian(anywhere)).any(axis=0)

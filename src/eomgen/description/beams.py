@@ -15,7 +15,7 @@ from ..names import listed, show
 from ..robot.sections import POISSON, SHAPES, Section
 from ..robot.value import BASE, COORDINATES, Beam, Placement, Robot
 from .draft import Draft, ordered_joints
-from .loops import read_placement
+from .forces import read_placement
 
 _OF_SECTION = ("A", "Iy", "Iz", "J", "shear")
 

@@ -12,6 +12,8 @@ from ..forms.dotted_paths import CURVE, numbered
 from ..limits import LARGEST
 from ..names import listed, nearest, show
 from ..robot.elements import KINDS
+from ..robot.elements.joint_element import MatrixElement
+from ..robot.elements.matrices import PAIRS, entry_name
 from ..robot.geometry import Placement, rotation_from_rpy
 from ..robot.inertia_policy import Judged, apply_inertia_policy, link_sizes, lowest_moments
 from ..robot.record import record_of
@@ -20,8 +22,8 @@ from .beams import with_changed_beams
 from .recorded import robot_from_record
 
 AXES = ("x", "y", "z")
-NAMED_BY_KEY = ("home", "to", "further")  # mappings whose keys may have dots, and where others may be added
-INSIDE = ("coordinates", "transmission", "law", "further")  # whose values stand for ones of what they are in
+NAMED_BY_KEY = ("home", "to", "further", "preload")  # mappings whose keys may have dots, and where others may be added
+INSIDE = ("coordinates", "transmission", "law", "further", "entries")  # whose values stand for ones of what they are in
 OTHER_NAMES = {"to": "ratio"}  # of parameters
 
 
@@ -143,6 +145,9 @@ def _below(here: _Value) -> Iterator[tuple[str, _Value]]:
                 for name, inner in _below(value):
                     if name not in now:
                         yield name, replace(inner, parts=[*value.parts, *inner.parts])
+                if isinstance(origin, MatrixElement):  # entries that are 0
+                    zeros = [name for pair in PAIRS if (name := entry_name(*pair)) not in now[key]]
+                    yield from ((name, _Value(now[key], name, None)) for name in zeros)
 
 
 def _item(origin: Any, key: Any) -> Any:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..forms.keys import Key, Listed
+from ..forms.keys import Either, Key, Listed
 from ..forms.tables import Pair, Table
 from ..names import show
-from ..robot.elements import KINDS, LinkElement
-from .forces import ReadText, read_curve
-from .loops import read_placement
+from ..robot.elements import JOINT_ELEMENTS, KINDS, LinkElement
+from ..robot.value import COORDINATES
+from .forces import ReadText, read_curve, read_placement, whole_element
 
 
 def read_element(table: str, name: str, entry: Table, read_text: ReadText) -> LinkElement:
@@ -43,6 +43,8 @@ def _value(entry: Table, key: str, form: Key, read_text: ReadText) -> Any:
     """Return the value of a key as its field has it."""
     if key == "curve":
         return read_curve(entry, read_text, "elongation")
+    if isinstance(form, Either) and isinstance(entry.values[key], dict):
+        return whole_element(JOINT_ELEMENTS[key], entry.value(key), dict.fromkeys(COORDINATES), [])
     value = entry.value(key)
     if isinstance(form, Pair):
         return tuple(read_placement(table) for table in value)

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 from ..forms.keys import Number
 from ..forms.plain import value_of
 from ..forms.tables import Sub, Table
-from ..names import show
+from ..names import listed, show
 from ..robot.bounds import LIMIT_KEYS, Limits
-from ..robot.elements import JOINT_ELEMENTS
+from ..robot.elements import JOINT_ELEMENTS, JointElement
+from ..robot.elements.joint_element import MatrixElement, missing_table
+from ..robot.elements.joint_stiffness import JointStiffness
+from ..robot.elements.matrices import Rows, matrix_conflict
+from ..robot.geometry import ZERO
 from ..robot.laws import GAUSSIAN
 from ..robot.rules import ROTORS, coordinate_conflict
-from ..robot.value import Coordinate, Curve, Motor
+from ..robot.value import COORDINATES, Coordinate, Curve, Motor, Placement
 from .keys import COORDINATE
 
 _ROTOR = ("role", "limits", *ROTORS)  # of the motor's coordinate; the rest of its table is the transmission's
@@ -82,8 +86,15 @@ def _limits(table: Table, old: Limits | None) -> Limits | None:
     return replace(old or Limits(), **numbers)
 
 
-def joint_elements(entry: Table, coordinates: Mapping[str, Coordinate]) -> dict[str, Any]:
+def joint_elements(
+    entry: Table, coordinates: Mapping[str, Coordinate], notes: list[str], free: Sequence[str] = ()
+) -> dict[str, Any]:
     """Return force elements of a tree or loop joint as a whole, which has these coordinates, by their keys.
+
+    Args:
+        entry: the joint's table.
+        notes: is told what is left out.
+        free: coordinates that move, too, and have no table.
 
     Raises:
         DescriptionError: a number is missing or out of range, or the coordinates do not go with an element.
@@ -92,11 +103,68 @@ def joint_elements(entry: Table, coordinates: Mapping[str, Coordinate]) -> dict[
     for key, kind in JOINT_ELEMENTS.items():
         table = entry.table(key) if key in entry.keys else None
         if table is not None:
-            elements[key] = value_of(kind, _numbers_in(table), table.where)
-            conflict = elements[key].conflict(coordinates)
+            elements[key] = whole_element(kind, table, coordinates, notes, free)
+            conflict = elements[key].conflict(coordinates) or missing_table(elements, key)
             if conflict is not None:
                 table.fail(conflict[1], conflict[0])
     return elements
+
+
+def whole_element(
+    kind: type[JointElement], table: Table, coordinates: Mapping[str, Any], notes: list[str], free: Sequence[str] = ()
+) -> JointElement:
+    """Return the element of a table of numbers, or of a matrix of which the rows of what does not move are left out.
+
+    Arguments and errors as of ``joint_elements``.
+    """
+    if issubclass(kind, MatrixElement) and "matrix" in table:
+        return _of_matrix(kind, table, coordinates, notes, free)
+    if kind is JointStiffness:
+        table.require_one("matrix", f"rows over {', '.join(coordinates) or 'coordinates'}, or six rows")
+    if "at" in table:
+        table.fail("there is no matrix; allowed: a frame of a matrix of six rows", "at")
+    element: JointElement = value_of(kind, _numbers_in(table), table.where)
+    return element
+
+
+def _of_matrix(
+    kind: type[MatrixElement], table: Table, coordinates: Mapping[str, Any], notes: list[str], free: Sequence[str]
+) -> MatrixElement:
+    """Return an element with a matrix; errors and notes as of ``joint_elements``."""
+    matrix: Rows = table.value("matrix")
+    active = [name for name in COORDINATES if name in coordinates]
+    names = COORDINATES if len(matrix) == len(COORDINATES) else active
+    if len(matrix) != len(names):
+        fewer = f"{len(active)}, for {', '.join(active)}, or " if 0 < len(active) < len(COORDINATES) else ""
+        rows = "1 row" if len(matrix) == 1 else f"{len(matrix)} rows"
+        table.fail(f"got {rows}; allowed: {fewer}six, for {', '.join(COORDINATES)}", "matrix")
+    conflict = matrix_conflict(matrix, names)
+    if conflict is not None:
+        table.fail(": ".join(filter(None, conflict)), "matrix")
+    arguments: dict[str, Any] = {"preload": table.numbers("preload", len(names))} if "preload" in table else {}
+    place = table.table("at")
+    if place is not None:
+        if len(names) != len(COORDINATES):
+            table.fail(f"the matrix has {len(names)} rows; allowed: a frame of a matrix of six rows", "at")
+        arguments["at"] = read_placement(place)
+    whole = kind.of(matrix, names, **arguments)
+    struck = [name for name in whole.coordinates if name not in active]
+    loose = [name for name in struck if name in free]
+    if loose:
+        table.fail(f"{loose[0]} is free and has no table; allowed: {loose[0]} = {{}}, or rows of 0", "matrix")
+    left = whole.left_with(coordinates)
+    assert left is None or isinstance(left, MatrixElement)
+    if left is None and struck:
+        table.fail(f"it has rows of {', '.join(struck)} alone, which do not move; allowed: rows of {listed(active)}")
+    if struck:
+        notes.append(f"{table.where}: rows of coordinates that do not move are left out: {', '.join(struck)}")
+    return replace(left or whole, **{key: x for key, x in _numbers_in(table).items() if key in kind.NUMBERS})
+
+
+def read_placement(table: Table) -> Placement:
+    """Read the pose of a table of ``xyz`` (m) and ``rpy`` (rad) or ``rpy_deg``; what is left out is zero."""
+    xyz, rpy = table.vector("xyz") or ZERO, table.angles("rpy")
+    return Placement(xyz) if rpy is None else Placement.from_rpy(xyz, rpy)
 
 
 def _numbers_in(table: Table) -> dict[str, Any]:

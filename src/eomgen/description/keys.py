@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, ClassVar
 
 from ..forms.keys import (
     ByName,
@@ -30,6 +30,9 @@ from ..robot import laws
 from ..robot.coordinates import UNITS
 from ..robot.cuts import CUTS
 from ..robot.elements import JOINT_ELEMENTS, KINDS, JointElement, LinkElement
+from ..robot.elements.joint_damping import MOVED
+from ..robot.elements.joint_element import MatrixElement
+from ..robot.elements.matrices import ABOUT
 from ..robot.geometry import Placement, Vector
 from ..robot.inertia_policy import POLICIES
 from ..robot.laws import POINTS
@@ -144,20 +147,47 @@ MOTOR_FORM = Form(
 def _joint_elements(owner: str) -> dict[str, Key]:
     """Return the tables of force elements of joints as wholes, "joints" or "loops"."""
     return {
-        table: Sub(kind.ABOUT[owner], kind.UNITS[0], inner=_element_numbers(kind))
+        table: Sub(kind.ABOUT[owner], kind.UNITS[0], inner=_element_numbers(kind, owner == "joints"))
         for table, kind in JOINT_ELEMENTS.items()
         if owner in kind.FAMILIES
     }
 
 
-def _element_numbers(kind: type[JointElement]) -> Form:
-    """Return the keys of such a table: numbers, then tables of those whose names have a dot."""
+def _element_numbers(kind: type[JointElement], in_tree: bool) -> Form:
+    """Return the keys of such a table: numbers, then tables of those whose names have a dot, or a matrix.
+
+    Isotropic damping is that of joints of the tree alone.
+    """
     keys: dict[str, Key] = {}
     inner: dict[str, dict[str, Key]] = {}
+    if issubclass(kind, MatrixElement):
+        left = () if in_tree else tuple(MOVED)
+        plain: dict[str, Key] = {x: _number(y) for x, y in kind.NUMBERS.items() if "." not in x and x not in left}
+        return Form(plain | {key: form for key, form in _MATRIX.items() if key in kind.ABOUT})
     for key, number in kind.NUMBERS.items():
         table, _, name = key.rpartition(".")
         (inner.setdefault(table, {}) if table else keys)[name] = _number(number)
     return Form(keys | {table: Sub(kind.ABOUT[table], inner=Form(entries)) for table, entries in inner.items()})
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Matrix(Key):
+    """A square matrix of numbers, one to six rows."""
+
+    form = list
+    rule: ClassVar[str] = "rows of as many numbers as there are rows, one to six, [[...], ...]"
+    row: ClassVar[Numbers] = Numbers("")
+
+    def take(self, table: Place, key: str, value: Any) -> list[tuple[float, ...]]:
+        if not isinstance(value, list) or not 1 <= len(value) <= len(COORDINATES):
+            self.refuse(table, key, value, self.rule)
+        if not all(isinstance(row, list) for row in value):
+            self.refuse(table, key, value, self.rule)
+        return [self.row.take(table, f"{key}.{i}", row, len(value)) for i, row in enumerate(value)]
+
+    def json(self) -> dict[str, Any]:
+        row = {"type": "array", "items": self.row.item.json(), "minItems": 1, "maxItems": len(COORDINATES)}
+        return {"type": "array", "items": row, "minItems": 1, "maxItems": len(COORDINATES)}
 
 
 PLACEMENT = Form(
@@ -166,6 +196,11 @@ PLACEMENT = Form(
         **angle_keys("rpy", vector("roll, pitch, yaw: Rz(yaw) Ry(pitch) Rx(roll)", "rad")),
     }
 )
+_MATRIX: dict[str, Key] = {
+    "matrix": Matrix(ABOUT["matrix"]),
+    "at": Sub(ABOUT["at"], "m, rad", inner=PLACEMENT),
+    "preload": Numbers(ABOUT["preload"], "N, N m"),
+}
 DH = Form(
     {
         "a": Number("along x of the parent", "m"),
@@ -337,8 +372,8 @@ class Diagonal(Numbers):
     count: int | None = len(COORDINATES)
 
     def take(self, table: Place, key: str, value: Any, count: int | None = None) -> tuple[float, ...]:
-        if isinstance(value, dict) or (isinstance(value, list) and any(isinstance(x, list) for x in value)):
-            self.refuse(table, key, value, f"six numbers, for {', '.join(COORDINATES)}, and no matrix")
+        if isinstance(value, list) and any(isinstance(x, list) for x in value):
+            self.refuse(table, key, value, f"six numbers, for {', '.join(COORDINATES)}, or a table {{ matrix = ... }}")
         if not isinstance(value, list) or len(value) != self.count:
             self.refuse(table, key, value, f"six numbers, for {', '.join(COORDINATES)}")
         return super().take(table, key, value, count)
@@ -357,8 +392,10 @@ def _element_key(kind: type[LinkElement], name: str, hint: Any) -> Key:
         return Pair(about, "m, rad", inner=PLACEMENT)
     if hint == tuple[Vector, Vector]:
         return Listed(about, "m", item=vector("", ""), fewest=2, most=2, rule="two points, one on each link")
-    units = dict.fromkeys(unit for key, x in kind.NUMBERS.items() if key.startswith(f"{name}.") for unit in x.unit)
-    return Diagonal(about, " and ".join(units), item=Number("", minimum=0.0))
+    six = [kind.NUMBERS[f"{name}.{x}"] for x in COORDINATES]
+    numbers = Diagonal(about, " and ".join(dict.fromkeys(x.unit[0] for x in six)), item=Number("", minimum=0.0))
+    matrix = Sub(JOINT_ELEMENTS[name].ABOUT["frames"], inner=_element_numbers(JOINT_ELEMENTS[name], False))
+    return Either(about, options=(numbers, matrix))
 
 
 def _element_form(kind: type[LinkElement]) -> Form:

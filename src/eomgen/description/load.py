@@ -44,9 +44,9 @@ from .builtin import BUILTIN, builtin_robots
 from .draft import Draft, ordered_joints
 from .elements import read_element
 from .floating import float_base
-from .forces import joint_elements, read_coordinate, read_motor
+from .forces import joint_elements, read_coordinate, read_motor, read_placement
 from .keys import ROBOT
-from .loops import read_coupling, read_loop, read_offset, read_placement
+from .loops import read_coupling, read_loop, read_offset
 from .macros import Xacro
 from .options import ReadKeywords, ReadOptions
 from .stops import joint_stops, requested_stops, stop_all, stop_numbers
@@ -217,7 +217,7 @@ def _robot_from_table(top: Table, draft: Draft, folder: Path | None, options: Re
     for name, entry in top.entries("frames"):
         draft.frames[name] = _frame(name, entry)
     for name, entry in top.entries("loops"):
-        draft.loops[name] = read_loop(name, entry, lambda table: _beside(table, folder))
+        draft.loops[name] = read_loop(name, entry, lambda table: _beside(table, folder), draft.notes)
     for name, entry in top.entries("couplings"):
         draft.couplings[name] = read_coupling(name, entry, _beside(entry, folder))
     for key in KINDS:
@@ -343,7 +343,7 @@ def _joint(name: str, entry: Table, draft: Draft, folder: Path | None) -> Joint:
     coordinates = dict(made.coordinates)
     if "stops" in entry:
         coordinates[PRINCIPAL.get(kind, "")] = joint_stops(entry, kind, coordinates, made.range)
-    return replace(made, coordinates=coordinates, **joint_elements(entry, coordinates))
+    return replace(made, coordinates=coordinates, **joint_elements(entry, coordinates, draft.notes))
 
 
 def _motor(entry: Table, kind: str, coordinates: dict[str, Coordinate], folder: Path | None) -> Motor | None:

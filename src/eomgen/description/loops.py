@@ -8,18 +8,19 @@ from dataclasses import replace
 from ..forms.keys import ByName
 from ..forms.tables import Pair, Table
 from ..names import show
-from ..robot.geometry import ZERO
-from ..robot.value import COORDINATES, Coordinate, Coupling, Loop, Placement
-from .forces import ReadText, joint_elements, read_coordinate
+from ..robot.cuts import CUTS
+from ..robot.value import COORDINATES, Coordinate, Coupling, Loop
+from .forces import ReadText, joint_elements, read_coordinate, read_placement
 from .keys import CUT_COORDINATE
 
 
-def read_loop(name: str, entry: Table, beside: Callable[[Table], ReadText]) -> Loop:
+def read_loop(name: str, entry: Table, beside: Callable[[Table], ReadText], notes: list[str]) -> Loop:
     """Read one entry of [[loops]].
 
     Args:
         entry: of the keys ``LOOP``.
         beside: returns, of a coordinate's table, a reader of the file that its curve names.
+        notes: is told what is left out.
 
     Raises:
         DescriptionError: a key is missing or wrong, keys do not go together, or the loop joins a link to itself.
@@ -34,7 +35,9 @@ def read_loop(name: str, entry: Table, beside: Callable[[Table], ReadText]) -> L
     coordinates = {key: read_coordinate(table, Coordinate(), beside(table)) for key, table in tables.items()}
     made = Loop(name, (links[0], links[1]), kind, coordinates=coordinates, offset=read_offset(entry))
     first, second = map(read_placement, entry.value("placements", Pair)) if "placements" in entry else made.placements
-    return replace(made, placements=(first, second), **joint_elements(entry, coordinates))
+    blocked = {component.name for component in CUTS[kind]}
+    free = [name for name in COORDINATES if name not in blocked and name not in coordinates]
+    return replace(made, placements=(first, second), **joint_elements(entry, coordinates, notes, free))
 
 
 def read_offset(entry: Table, old: Sequence[float | None] = (None,) * len(COORDINATES)) -> tuple[float | None, ...]:
@@ -42,12 +45,6 @@ def read_offset(entry: Table, old: Sequence[float | None] = (None,) * len(COORDI
     table = entry.table("offset")
     numbers = [None if table is None or key not in table else table.number(key) for key in COORDINATES]
     return tuple(before if new is None else new for before, new in zip(old, numbers, strict=True))
-
-
-def read_placement(table: Table) -> Placement:
-    """Read the pose of a table of ``xyz`` (m) and ``rpy`` (rad) or ``rpy_deg``; what is left out is zero."""
-    xyz, rpy = table.vector("xyz") or ZERO, table.angles("rpy")
-    return Placement(xyz) if rpy is None else Placement.from_rpy(xyz, rpy)
 
 
 def read_coupling(name: str, entry: Table, read_text: ReadText) -> Coupling:

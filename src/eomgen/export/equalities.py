@@ -36,8 +36,8 @@ def held_softly(robot: Robot) -> Iterator[str]:
             continue
         yield f"{where}: {_SOFT}"
         blocked = {component.name for component in CUTS[loop.type]}
-        if loop.radial is not None:
-            yield f"{where}.radial: without clearance"
+        for table in loop.elements:
+            yield f"{where}.{table}: {'without clearance' if loop.elements[table] is loop.radial else 'left out'}"
         for name in loop.coordinates:
             yield f"{where}.{name}: {'without clearance or spring' if name in blocked else 'without force'}"
     for coupling in robot.couplings:

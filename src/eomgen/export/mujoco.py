@@ -27,6 +27,7 @@ from ..names import component_name, joint_of, kind_of, show
 from ..pipeline.mechanisms import assembled_home
 from ..robot.bounds import Limits
 from ..robot.coordinates import coordinate_names
+from ..robot.elements.matrices import entry_name
 from ..robot.geometry import IDENTITY
 from ..robot.inertia_policy import link_sizes, lowest_moments, second_moments
 from ..robot.laws import active_laws
@@ -150,8 +151,8 @@ def left_out(robot: Robot) -> list[str]:
     """Return notes on all that MuJoCo has no equal for: its name, and what becomes of it."""
     notes = [*held_softly(robot), *damped_otherwise(robot)]
     for joint in robot.joints:
-        for name, coordinate in joint.coordinates.items():
-            notes += [f"joints.{joint.name}.{name}.{what}" for what in _unknown(coordinate)]
+        for name in joint.coordinates:
+            notes += [f"joints.{joint.name}.{name}.{what}" for what in _unknown(_by_itself(joint, name))]
         if joint.motor is not None:
             where = f"joints.{joint.name}.{MOTOR}"
             notes += [f"{where}.{what}" for what in (*_unknown(joint.motor.transmission), *_unknown(joint.motor.rotor))]
@@ -219,7 +220,7 @@ def _add_body(
 
 
 def _add_joint(body: ElementTree.Element, joint: Joint, name: str, axis: Array, offset: float) -> None:
-    coordinate, more = joint.coordinates[name], hinge_damping(joint, name)
+    coordinate, more = _by_itself(joint, name), hinge_damping(joint, name)
     if more:
         coordinate = replace(coordinate, damping=(coordinate.damping or 0.0) + more)
     values = {
@@ -239,6 +240,16 @@ def _add_joint(body: ElementTree.Element, joint: Joint, name: str, axis: Array, 
     if "damping" in friction:
         friction["damping"] = repr(float(friction["damping"]) + (coordinate.damping or 0.0))
     ElementTree.SubElement(body, "joint", values | friction)
+
+
+def _by_itself(joint: Joint, name: str) -> Coordinate:
+    """Return a coordinate with what the diagonal and the preload of the joint's stiffness matrix add to it."""
+    coordinate, matrix = joint.coordinates[name], joint.stiffness
+    if matrix is None or name not in matrix.coordinates:
+        return coordinate
+    stiffness = (coordinate.stiffness or 0.0) + matrix.entries.get(entry_name(name, name), 0.0)
+    preload = (coordinate.preload or 0.0) + matrix.preload.get(name, 0.0)
+    return replace(coordinate, stiffness=stiffness or None, preload=preload or None)
 
 
 def _limited(coordinate: Coordinate, limits: Limits) -> dict[str, str]:

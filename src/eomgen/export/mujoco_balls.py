@@ -7,7 +7,8 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from ..names import component_name
-from ..robot.elements.joint_damping import JOINT_DAMPING
+from ..robot.elements.joint_damping import JOINT_DAMPING, lag_of
+from ..robot.elements.matrices import entry_name
 from ..robot.value import ANGULAR, COORDINATES, Coordinate, Joint, Robot
 from ..state.turning import quaternions
 
@@ -20,7 +21,7 @@ def balls(robot: Robot) -> dict[str, tuple[str, ...]]:
     coupled = {name for coupling in robot.couplings for name in (coupling.of, *coupling.to)}
     joints: dict[str, tuple[str, ...]] = {}
     for joint in robot.joints:
-        if not _on_hinges(joint) and _is_bare(joint, ANGULAR, coupled):
+        if joint.stiffness is None and not _on_hinges(joint) and _is_bare(joint, ANGULAR, coupled):
             floats = joint.parent == robot.base and not (robot.loops or robot.couplings)
             alike = joint.damping is not None and joint.damping.linear == joint.damping.angular
             whole = floats and alike and _is_bare(joint, COORDINATES, coupled)
@@ -29,10 +30,13 @@ def balls(robot: Robot) -> dict[str, tuple[str, ...]]:
 
 
 def hinge_damping(joint: Joint, name: str) -> float:
-    """Return the damping that a joint's as a whole adds to that of a slide or hinge."""
+    """Return the damping that a joint's as a whole adds to that of a slide or hinge; of a matrix its diagonal."""
     if joint.damping is None:
         return 0.0
-    return (joint.damping.angular if name in ANGULAR else joint.damping.linear) or 0.0
+    isotropic = (joint.damping.angular if name in ANGULAR else joint.damping.linear) or 0.0
+    entry, stiffness = entry_name(name, name), joint.stiffness.entries if joint.stiffness else {}
+    lag: float = lag_of(joint.damping.law())
+    return isotropic + joint.damping.entries.get(entry, 0.0) + lag * stiffness.get(entry, 0.0)
 
 
 def damped_otherwise(robot: Robot) -> Iterator[str]:

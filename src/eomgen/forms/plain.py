@@ -90,8 +90,11 @@ def _reader(kind: Any, largest: float) -> Read:
     if kind is Any:
         return _anything(largest)
     if origin in (types.UnionType, typing.Union):
-        (inner,) = (_reader(argument, largest) for argument in arguments if argument is not type(None))
-        return lambda data: None if data is None else inner(data)
+        kinds = {dataclasses.is_dataclass(x): _reader(x, largest) for x in arguments if x is not type(None)}
+        if len(kinds) == 1:
+            (inner,) = kinds.values()
+            return lambda data: None if data is None else inner(data)
+        return lambda data: None if data is None else kinds[isinstance(data, Mapping)](data)
     if origin is tuple:
         return _sequence(tuple(_reader(one, largest) for one in arguments if one is not ...), ... in arguments)
     if _is_array(origin):

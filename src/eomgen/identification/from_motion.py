@@ -32,7 +32,7 @@ from ..robot.parameter_names import JOINTS
 from ..robot.value import ANGULAR, Robot
 from ..runtime.kernel import Kernel
 from ..shown import Shown
-from ..state.elements import damping_forces
+from ..state.elements import damping_forces, stiffness_forces
 from ..state.motors import deflections
 from ..state.springs import law_numbers
 from ..state.turning import quaternion_columns
@@ -279,7 +279,7 @@ def forces(
     off = np.concatenate([np.zeros(kernel.n), kernel.follower_matrix()[1]])  # of followers, where coordinates are 0
     pairs_of = zip((q, v), (off, 0.0 * off), numbers, strict=True)
     spring, damper = (-((x @ rows.T + shift) * k) @ rows for x, shift, k in pairs_of)
-    damper = damper - damping_forces(kernel, q, v)
+    spring, damper = spring - stiffness_forces(kernel, q), damper - damping_forces(kernel, q, v)
     line, pairs = np.zeros_like(q), np.zeros((len(q), 0, 2))
     if kernel.springs:
         pairs = np.asarray(kernel.spring_forces(q, v))

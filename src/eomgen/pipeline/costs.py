@@ -63,6 +63,7 @@ class RobotInfo:
             "mass": self._mass(),
             "journals": {component_name(x.name, x.radial.TABLE): x.radial.law() for x in owners if x.radial},
             "joint_damping": {joint.name: joint.damping.law() for joint in model.robot.joints if joint.damping},
+            **self._stiffness_matrices(),
             "springs": [x.as_dict() for x in model.robot.springs],
             **({"elements": [x.as_dict() for x in model.robot.elements]} if model.robot.elements else {}),
             **({"beams": [x.as_dict() for x in model.robot.beams]} if model.robot.beams else {}),
@@ -81,7 +82,7 @@ class RobotInfo:
             [f"{model.name}: {count}"],
             self._joint_lines(),
             self._loop_lines(),
-            [element.line() for element in model.robot.link_elements],
+            [line for element in model.robot.link_elements for line in element.lines()],
             [beam.line() for beam in model.robot.beams],
             self._start_lines(),
             self.mobility.lines() if self.mobility else [],
@@ -90,6 +91,11 @@ class RobotInfo:
             [f"run-time parameters: {parameters}", f"frames: {', '.join(model.frames)}"],
         )
         return [line for section in sections if section for line in ("", *section)][1:]
+
+    def _stiffness_matrices(self) -> dict[str, Any]:
+        """Return numbers of joints' stiffness matrices, where there are some."""
+        matrices = {x.name: x.stiffness for x in self.model.robot.joints if x.stiffness is not None}
+        return {"joint_stiffness": {name: matrix.law() for name, matrix in matrices.items()}} if matrices else {}
 
     def _mass(self) -> float:
         robot = self.model.robot
@@ -115,7 +121,7 @@ class RobotInfo:
                 further += limit_texts(joint.limits_of(name), UNITS[name])
                 lines += [f"  {', '.join(further)}"] if further else []
             for table, element in joint.elements.items():
-                lines.append(f"{component_name(joint.name, table)}: {', '.join(number_texts(element.law()))}")
+                lines += element.lines(component_name(joint.name, table))
         return lines
 
     def _loop_lines(self) -> list[str]:
@@ -127,7 +133,7 @@ class RobotInfo:
             lines += [
                 f"  {name} [{UNITS[name]}]: {_law_text(coordinate)}" for name, coordinate in loop.coordinates.items()
             ]
-            lines += [f"  {table}: {', '.join(number_texts(x.law()))}" for table, x in loop.elements.items()]
+            lines += [f"  {line}" for table, x in loop.elements.items() for line in x.lines(table)]
         lines += [_coupling_line(coupling) for coupling in self.model.robot.couplings]
         if not lines:
             return []

@@ -10,6 +10,7 @@ with imports_when_used(globals()):
     from .elements import Bushing as Bushing
     from .elements import LinkElement as LinkElement
     from .elements.joint_damping import JointDamping as JointDamping
+    from .elements.joint_stiffness import JointStiffness as JointStiffness
     from .elements.journal import Radial as Radial
     from .elements.journal import SlidingFriction as SlidingFriction
     from .geometry import IDENTITY as IDENTITY

@@ -30,6 +30,8 @@ from ..names import (
 from ..once import kept
 from .coordinates import coordinate_names
 from .cuts import CUTS, rigid_components
+from .elements import MATRICES
+from .elements.joint_element import missing_table
 from .laws import ARMATURE, Conflict
 from .mechanism import coordinate_of, driven_coordinates, leading_home, mechanism_conflict, position_limits
 from .parameter_names import number_of
@@ -143,11 +145,13 @@ class Model:
         """Force laws of deflections that are no coordinates of the tree: (owner, coordinate, properties), in order.
 
         Coordinates of loop joints, by the loop's name and the coordinate's; then elastic couplings, by their names and
-        "".  Those without a number, set or tunable, have no force and are not among them, unless a journal depends on
-        them.
+        "".  Those without a number, set or tunable, have no force and are not among them, unless a journal or a matrix
+        depends on them.
         """
         known = {parameter_path(name)[:3] for name in self.parameters}
-        known |= {("loops", x.name, name) for x in self.robot.loops if x.radial for name in x.radial.felt}
+        known |= {("loops", x.name, name) for x in self.robot.loops for y in x.elements.values() for name in y.felt}
+        for kind, owner, *path in map(parameter_path, self.parameters):  # entries of matrices that are 0
+            known |= {(kind, owner, name) for name in path[1:] if path[0] in MATRICES and kind == "loops"}
         cut = [(loop.name, name, law) for loop in self.robot.loops for name, law in loop.coordinates.items()]
         coupled = [
             (coupling.name, "", coupling.law)
@@ -204,8 +208,8 @@ class Model:
 
         Such a joint and its damping do not depend on the choice of angles, so that integrations switch the chart of
         its Euler angles where they are singular.  Whatever acts on a coordinate, moves it or refers to one of its
-        angles keeps the joint as it is described: laws, armatures, motors, journals, prescribed motions, couplings,
-        offsets of angles.
+        angles keeps the joint as it is described: laws, armatures, motors, journals, matrices, prescribed motions,
+        couplings, offsets of angles.
         """
         coupled = {x for coupling in self.robot.couplings for x in (coupling.of, *coupling.to)}
         return tuple(k for k, body in enumerate(self.bodies) if self._turns(body, coupled))
@@ -214,7 +218,7 @@ class Model:
         joint, plain = self.robot.joint(body.joint), Coordinate()
         if body.active != (COORDINATES if joint.type == "free" else ANGULAR):
             return False
-        if joint.motor is not None or joint.radial is not None:
+        if joint.motor is not None or any(not element.is_isotropic for element in joint.elements.values()):
             return False
         if any(coordinate != plain for coordinate in joint.coordinates.values()) or any(joint.offset[3:]):
             return False
@@ -335,6 +339,8 @@ def _check_loops(robot: Robot, body_of: Mapping[str, int]) -> None:
             _refuse(robot, f"{where}.type", f"got {show(loop.type)}; allowed: {', '.join(CUTS)}")
         _check_pair(robot, body_of, loop.links, f"{where}.links")
         conflicts = {name: cut_conflict(coordinate) for name, coordinate in loop.coordinates.items()}
+        if loop.damping is not None and (loop.damping.linear, loop.damping.angular) != (None, None):
+            _refuse(robot, f"{where}.damping", "it is isotropic; allowed: a matrix, ratio or loss_factor")
         _refuse_first(robot, where, conflicts | _element_conflicts(loop))
 
 
@@ -365,7 +371,8 @@ def _check_forces(robot: Robot) -> None:
 
 
 def _element_conflicts(owner: Joint | Loop) -> dict[str, Conflict | None]:
-    return {table: element.conflict(owner.coordinates) for table, element in owner.elements.items()}
+    elements = owner.elements
+    return {x: element.conflict(owner.coordinates) or missing_table(elements, x) for x, element in elements.items()}
 
 
 def _refuse_first(robot: Robot, where: str, conflicts: Mapping[str, Conflict | None]) -> None:

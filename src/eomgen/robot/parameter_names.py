@@ -17,7 +17,8 @@ from .value import COORDINATES, MOTOR, Robot
 FORMS = (
     "gravity[.x], links.LINK.mass, links.LINK.com[.x], links.LINK.inertia[.xx], "
     "joints.JOINT.COORDINATE.stiffness (or damping, armature), joints.JOINT.offset[.x], "
-    "joints.JOINT.damping.linear (or angular), joints.JOINT.motor.inertia (or ratio), "
+    "joints.JOINT.stiffness.x.beta (or damping, damping.linear), "
+    "joints.JOINT.motor.inertia (or ratio), "
     "joints.JOINT.placement.xyz[.0] (or rpy), frames.FRAME.placement.xyz[.0] (or rpy), "
     "loops.LOOP.COORDINATE.stiffness (or damping), loops.LOOP.offset[.x], "
     "loops.LOOP.placements[.0.xyz.0] (or rpy), couplings.COUPLING.ratio[.JOINT.COORDINATE], "
@@ -28,6 +29,7 @@ FORMS = (
 )
 Places = dict[str, dict[str, dict[str, int]]]  # of numbers in parameters, by family, owner, and name in its table
 JOINTS, CUTS, BEARINGS, CUT_BEARINGS, MOTIONS = "coordinates", "cut_laws", "bearings", "cut_bearings", "joint_damping"
+STIFFNESSES, CUT_STIFFNESSES, CUT_MOTIONS = "joint_stiffness", "cut_stiffness", "cut_damping"
 LINES = Spring.TABLE
 _OF_COORDINATES: Mapping[str, Number] = MappingProxyType({**{number.key: number for number in BASIC}, **NUMBERS})
 FAMILIES: Mapping[str, Mapping[str, Number]] = MappingProxyType(  # of forces, with their numbers
@@ -82,6 +84,28 @@ def _element_of(path: tuple[str, ...]) -> tuple[str, tuple[str, ...], tuple[str,
         return {"joints": JOINTS, "loops": CUTS}[kind], path[1:3], path[3:]
     family = JOINT_ELEMENTS[table].FAMILIES.get(kind) if table in JOINT_ELEMENTS else None
     return None if family is None else (family, path[1:2], path[3:])
+
+
+def is_entry(parameter: str) -> bool:
+    """Whether a run-time parameter is an entry of a symmetric matrix: "joints.joint1.stiffness.x.beta"."""
+    path = parameter_path(parameter)
+    return _element_of(path) is not None and path[-1] in COORDINATES and path[-2] in COORDINATES
+
+
+def matrices(names: Iterable[str]) -> dict[str, list[str]]:
+    """Return the symmetric matrices whose entries are among run-time parameters: coordinates, in their order, by name.
+
+    A matrix is called as its entries are in front of their coordinates: "joints.joint1.stiffness".
+
+    Args:
+        names: of the run-time parameters.
+    """
+    found: dict[str, set[str]] = {}
+    for name in names:
+        path = parameter_path(name)
+        if is_entry(name):
+            found.setdefault(parameter_name(*path[:-2]), set()).update(path[-2:])
+    return {owner: [name for name in COORDINATES if name in moved] for owner, moved in found.items()}
 
 
 def expand_tunable(robot: Robot, patterns: Sequence[str]) -> tuple[str, ...]:

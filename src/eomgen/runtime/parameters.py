@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Iterator, Mapping, MutableMapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,13 +14,80 @@ from ..names import nearest_or_all, show
 from .direct import State
 from .raw import RawKernel, Setup
 
+ROUND_OFF = 1e-9  # of a matrix scaled by its diagonal, and as many roundings of entries in single precision:
+ROUNDINGS = 8.0
+SEEN = 0.1  # of a direction's largest share, from which on its coordinates are named
+
+
+@dataclass(frozen=True)
+class Entries:
+    """Entries of a symmetric matrix among parameters: the others are 0.
+
+    owner: its name, "joints.joint1.stiffness".  coordinates: of its rows.  slots: of the entries.  places: of the
+    entries, as indices of coordinates, row and column.
+    """
+
+    owner: str
+    coordinates: tuple[str, ...]
+    slots: tuple[int, ...]
+    places: tuple[tuple[int, int], ...]
+
+    def negative(self, values: Sequence[float], round_off: float) -> list[str]:
+        """Return coordinates of a motion that has a negative energy with these values; none where no motion has.
+
+        The matrix is scaled by its diagonal, as units are mixed, and may be negative by this ``round_off`` per row.
+        """
+        matrix = np.zeros((len(self.coordinates),) * 2)
+        for (i, j), value in zip(self.places, values, strict=True):
+            matrix[i, j] = matrix[j, i] = value
+        sizes = np.sqrt(np.maximum(matrix.diagonal(), 0.0))
+        loose = matrix.any(axis=1) & (sizes == 0.0)
+        if loose.any():  # what has no stiffness of its own, and what it is coupled to
+            coupled = matrix[loose].any(axis=0) | loose
+            return [name for name, is_coupled in zip(self.coordinates, coupled, strict=True) if is_coupled]
+        held = sizes > 0.0
+        scaled = matrix[np.ix_(held, held)] / np.outer(sizes[held], sizes[held])
+        if not held.any() or not np.isfinite(scaled).all():
+            return [] if not held.any() else list(self.coordinates)
+        energies, motions = np.linalg.eigh(scaled)
+        if energies[0] >= -round_off * len(scaled):
+            return []
+        shares = np.abs(motions[:, 0]) / np.abs(motions[:, 0]).max()
+        names = [name for name, is_held in zip(self.coordinates, held, strict=True) if is_held]
+        return [name for name, share in zip(names, shares, strict=True) if share >= SEEN]
+
+
+@dataclass(frozen=True)
+class Ranges:
+    """Ranges of parameters: the least of some, the most of all, and matrices by the names of their entries.
+
+    round_off: by which matrices that are scaled by their diagonals may be negative, per row.
+    """
+
+    least: Mapping[str, float]
+    most: float
+    entries: Mapping[str, Entries]
+    round_off: float
+
+
+def matrices_among(slots: Mapping[str, int], matrices: Mapping[str, Sequence[str]]) -> dict[str, Entries]:
+    """Return the matrices by the names of their entries that are parameters."""
+    owners: dict[str, Entries] = {}
+    for owner, coordinates in matrices.items():
+        pairs = [(i, j) for i in range(len(coordinates)) for j in range(i, len(coordinates))]
+        names = {f"{owner}.{coordinates[i]}.{coordinates[j]}": (i, j) for i, j in pairs}
+        known = {name: place for name, place in names.items() if name in slots}
+        entries = Entries(owner, tuple(coordinates), tuple(slots[name] for name in known), tuple(known.values()))
+        owners |= dict.fromkeys(known, entries)
+    return owners
+
 
 class Parameters(MutableMapping[str, float]):
     """Run-time parameters by name; assigning computes what depends on them alone.
 
     ``update`` sets several at once. Masses, stiffnesses, dampings, armatures, clearances, free lengths and friction
-    forces are at least 0, what is divided by 1e-12; that an inertia stays one that a body can have is up to the
-    caller.
+    forces are at least 0, what is divided by 1e-12, and matrices of stiffness and damping stay positive semidefinite;
+    that an inertia stays one that a body can have is up to the caller.
 
     They can be copied and pickled without the kernel that they are of.
 
@@ -29,10 +97,10 @@ class Parameters(MutableMapping[str, float]):
 
     _again: tuple[Callable[..., Any], tuple[Any, ...]] | None = None  # see ``of``
 
-    def __init__(
-        self, raw: RawKernel, slots: Mapping[str, int], least: Mapping[str, float], most: float, state: State
-    ) -> None:
-        self._raw, self._slots, self._least, self._most, self.state = raw, slots, least, most, state
+    def __init__(self, raw: RawKernel, slots: Mapping[str, int], ranges: Ranges, state: State) -> None:
+        self._raw, self._slots, self._ranges, self.state = raw, slots, ranges, state
+        self._least, self._most = ranges.least, ranges.most
+        self._alone = {**ranges.least, **dict.fromkeys(ranges.entries, math.inf)}  # no entry of a matrix is set alone
 
     @classmethod
     def of(
@@ -40,6 +108,7 @@ class Parameters(MutableMapping[str, float]):
         raw: RawKernel,
         values: Mapping[str, float],
         least: Mapping[str, float],
+        matrices: Mapping[str, Sequence[str]],
         again: tuple[Callable[..., Any], tuple[Any, ...]] | None = None,
     ) -> Parameters:
         """Make the parameters of a compiled module.
@@ -48,18 +117,22 @@ class Parameters(MutableMapping[str, float]):
             raw: the compiled module.
             values: by name, in the order of the slots.
             least: the least value of those that have one.
+            matrices: coordinates of symmetric matrices, by their entries' names in front of these.
             again: a function and its arguments that make the same kernel in another process; none can be pickled
                 without.
         """
         slots = {name: slot for slot, name in enumerate(values)}
         state = State(np.array([*values.values(), *(0.0 for _ in raw.turning)], raw.dtype))
-        made = cls(raw, slots, least, float(np.finfo(raw.dtype).max), state)
+        limits = np.finfo(raw.dtype)
+        round_off = max(ROUND_OFF, ROUNDINGS * float(limits.eps))
+        ranges = Ranges(least, float(limits.max), matrices_among(slots, matrices), round_off)
+        made = cls(raw, slots, ranges, state)
         made._again = again
         return made
 
     def copy(self) -> Parameters:
         """Return the same names and values for the same code; neither sees the other's assignments."""
-        other = Parameters(self._raw, self._slots, self._least, self._most, self.state.copy())
+        other = Parameters(self._raw, self._slots, self._ranges, self.state.copy())
         other._again = self._again
         return other
 
@@ -93,7 +166,7 @@ class Parameters(MutableMapping[str, float]):
 
     def __setitem__(self, name: str, value: float) -> None:
         known = type(value) is float and type(name) is str and name in self._slots
-        if known and self._least.get(name, -self._most) <= value <= self._most:  # as in nearly all assignments
+        if known and self._alone.get(name, -self._most) <= value <= self._most:  # as in nearly all assignments
             self.state.assign(self._slots[name], value)
         else:
             self.update({name: value})
@@ -123,7 +196,7 @@ class Parameters(MutableMapping[str, float]):
         Raises:
             UnknownNameError: not a run-time parameter of this kernel.
             InputError: not a finite number, a whole one that the dtype cannot hold exactly, or negative where that
-                cannot be.
+                cannot be; or a matrix of stiffness or damping would not be positive semidefinite.
         """
         wanted: list[float] = []
         try:
@@ -138,6 +211,7 @@ class Parameters(MutableMapping[str, float]):
                 wrong = "too small" if least > 0.0 else "negative"
                 raise InputError(f"parameters: {name} = {show(value)} is {wrong}; at least {least:g} is allowed")
             wanted += (slot, held)
+        self._refuse_indefinite(values, dict(zip(map(int, wanted[::2]), wanted[1::2], strict=True)))
         if wanted:
             self.state.assign(*wanted)
 
@@ -159,6 +233,24 @@ class Parameters(MutableMapping[str, float]):
         if rounded != value:
             raise InputError(f"parameters: {name} = {show(value)} is a number that {dtype} cannot hold exactly")
         return held
+
+    def _refuse_indefinite(self, values: Mapping[str, Any], held: Mapping[int, float]) -> None:
+        """Refuse entries by which a matrix has a direction of negative energy; as a whole, with the others as they are.
+
+        Args:
+            values: new ones by name.  held: the same by slot, as the dtype has them.
+        """
+        entries_of = self._ranges.entries
+        touched = {entries.owner: entries for name in values if (entries := entries_of.get(name))}
+        for owner, entries in touched.items():
+            numbers = [held.get(slot, float(self.state.values[slot])) for slot in entries.slots]
+            moving = entries.negative(numbers, self._ranges.round_off)
+            if moving:
+                changed = ", ".join(f"{x} = {show(y)}" for x, y in values.items() if entries_of.get(x) is entries)
+                raise InputError(
+                    f"parameters: {changed}: {owner} would have a negative energy where {' and '.join(moving)} move;"
+                    " allowed: entries of a positive semidefinite matrix (``update`` changes several at once)"
+                )
 
     def _ipython_key_completions_(self) -> list[str]:
         return list(self._slots)

@@ -14,7 +14,15 @@ from ..robot.laws import contact_stiffness_of, has_springs, rate_slope_of, stiff
 from ..robot.parameter_names import CUTS, JOINTS, LINES
 from ..runtime.kernel import Kernel
 from ..runtime.raw import Setup
-from .elements import Numbers, damping_diagonal, element_numbers, element_slopes
+from .elements import (
+    Numbers,
+    cut_matrices,
+    element_couplings,
+    element_numbers,
+    element_slopes,
+    joint_damping,
+    joint_stiffness,
+)
 from .journals import cut_contacts, cut_stiffness, journal_contacts, journal_stiffness
 from .motors import acting, deflections
 from .vectors import V_STEP, prescribed_mask
@@ -37,7 +45,7 @@ def stiffnesses(kernel: Kernel) -> Array:
 
 
 def stiffness_matrix(kernel: Kernel) -> Array:
-    """Return ``stiffnesses`` with what transmissions have beside the diagonal, (n, n), not to be written to."""
+    """Return ``stiffnesses`` with what transmissions and matrices have beside the diagonal, (n, n), read-only."""
     check_kind("kernel", kernel, hasattr(kernel, "calls"), "a Kernel (of eomgen.build, or of a generated package)")
     setup = kernel.parameters.setup
     matrix = _matrices.get(setup)
@@ -45,7 +53,7 @@ def stiffness_matrix(kernel: Kernel) -> Array:
         numbers = law_numbers(kernel).items()
         slopes = np.array([stiffness_of(law, kernel.knots.get(name, ())) for name, law in numbers])
         rows = deflections(kernel)
-        matrix = np.asarray(rows.T @ (slopes[:, None] * rows)) + journal_stiffness(kernel)
+        matrix = np.asarray(rows.T @ (slopes[:, None] * rows)) + journal_stiffness(kernel) + joint_stiffness(kernel)
         matrix.flags.writeable = False
         if kernel.parameters.setup is setup:  # nobody has assigned others in the meantime
             _matrices[setup] = matrix
@@ -66,13 +74,13 @@ def _on_diagonal(kernel: Kernel, slopes: Sequence[float]) -> Array:
 def damping_matrix(kernel: Kernel, least: float = 0.0) -> Array:
     """Return the largest damping of dampers, friction and stops by the coordinates' rates, (n, n), N s/m or N m s/rad.
 
-    A damper between motor and joint acts on the deflection, friction and stops of a motor on its shaft; damping of a
-    joint's motion counts on the diagonal alone.  ``least`` as of ``rate_slope_of``.
+    A damper between motor and joint acts on the deflection, friction and stops of a motor on its shaft; isotropic
+    damping of a joint's motion counts on the diagonal alone.  ``least`` as of ``rate_slope_of``.
     """
     rows, numbers = deflections(kernel), law_numbers(kernel).values()
     damping = np.array([law.get("damping", 0.0) for law in numbers])
-    diagonal = _on_diagonal(kernel, [rate_slope_of(x, least) for x in numbers]) + damping_diagonal(kernel)
-    return np.asarray(rows.T @ (damping[:, None] * rows) + np.diag(diagonal))
+    diagonal = _on_diagonal(kernel, [rate_slope_of(x, least) for x in numbers])
+    return np.asarray(rows.T @ (damping[:, None] * rows) + np.diag(diagonal) + joint_damping(kernel))
 
 
 def any_spring(kernel: Kernel) -> bool:
@@ -85,7 +93,7 @@ def any_spring(kernel: Kernel) -> bool:
         return True
     if any(contact.stiffness for contact in (*journal_contacts(kernel), *cut_contacts(kernel))):
         return True
-    if element_slopes(kernel)[0].any():
+    if element_slopes(kernel)[0].any() or joint_stiffness(kernel).any() or cut_matrices(kernel)[0].any():
         return True
     springs = element_numbers(kernel, LINES).values()
     return any(name in kernel.knots for name in kernel.springs) or any(x.get("stiffness") for x in springs)
@@ -172,7 +180,8 @@ def journals_in_play(kernel: Kernel) -> set[str]:
     """Return names of the coordinates of journals that no spring but the contact holds."""
     index = {i for contact in journal_contacts(kernel) for i in contact.index}
     laws = law_numbers(kernel) if index else {}
-    names = (kernel.coordinates[i] for i in index)
+    springs = np.diagonal(joint_stiffness(kernel))
+    names = {kernel.coordinates[i] for i in index if not springs[i]}
     return {name for name in names if not has_springs(laws[name], kernel.knots.get(name, ()))}
 
 
@@ -191,6 +200,8 @@ def line_rates(kernel: Kernel, q: Array, least: float = 0.0, *, touching: bool =
     if kernel.element_rows:
         rows, (k, c) = np.asarray(kernel.element_jacobian(q)), element_slopes(kernel)
         stiffness, slowing = stiffness + rows.T @ (k[:, None] * rows), slowing + rows.T @ (c[:, None] * rows)
+        between, beside = element_couplings(kernel)
+        stiffness, slowing = stiffness + rows.T @ between @ rows, slowing + rows.T @ beside @ rows
     if kernel.cut_laws:
         rows, numbers = kernel.cut_jacobian(q), cut_numbers(kernel)
         k = np.array([stiffness_of(numbers[name], kernel.knots.get(name, ())) for name in kernel.cut_laws])
@@ -198,6 +209,8 @@ def line_rates(kernel: Kernel, q: Array, least: float = 0.0, *, touching: bool =
         k = k + [contact_stiffness_of(law) for law in numbers.values()] if touching else k
         stiffness = stiffness + rows.T @ (k[:, None] * rows) + cut_stiffness(kernel, q)
         slowing = slowing + rows.T @ (c[:, None] * rows)
+        between, beside = cut_matrices(kernel)
+        stiffness, slowing = stiffness + rows.T @ between @ rows, slowing + rows.T @ beside @ rows
     return np.asarray(stiffness), np.asarray(slowing)
 
 

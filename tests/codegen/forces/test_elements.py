@@ -287,7 +287,7 @@ def test_an_implicit_step_with_dampers_of_whole_joints(seed: int) -> None:
 def test_dampers_of_whole_joints_with_a_prescribed_rotation() -> None:
     """The rows of what is free: the prescribed acceleration, here 0.7, moves them through M + dt D."""
     forces, dt, given = Forces((JointDampers,), 4), 0.05, 0.7
-    text = robot_with(JointDampers).replace("alpha = {}", "alpha = { role = 'prescribed' }")
+    text = robot_with(JointDampers).replace("alpha = {}", "alpha = { role = 'prescribed' }", 1)
     model = build_model(robot_from_toml(text))
     _, mass, bias = stepped(forces, dt)
     D = forces.differences("v", forces.v, forces.rows())
@@ -328,6 +328,11 @@ def test_places_of_numbers(built: Build) -> None:
         ("bearings", "hip", "friction.radius", "joints.hip.radial.friction.radius"),
         ("cut_bearings", "bush", "stiffness", "loops.bush.radial.stiffness"),
         ("joint_damping", "hip", "angular", "joints.hip.damping.angular"),
+        ("joint_damping", "wrist", "z.alpha", "joints.wrist.damping.z.alpha"),
+        ("joint_stiffness", "neck", "x.beta", "joints.neck.stiffness.x.beta"),
+        ("cut_stiffness", "clamp", "preload.z", "loops.clamp.stiffness.preload.z"),
+        ("cut_damping", "clamp", "at_hz", "loops.clamp.damping.at_hz"),
+        ("bushings", "block", "stiffness.y.gamma", "bushings.block.stiffness.y.gamma"),
         ("springs", "coil", "free_length", "springs.coil.free_length"),
     ):
         assert names[kernel.elements[family][owner][key]] == name

@@ -266,7 +266,7 @@ def test_it_is_read_kept_and_named() -> None:
     for key, number in JointDamping.NUMBERS.items():
         name = f"joints.root.damping.{key}"
         assert number_of(name) is number
-        assert least_of(name) == 0.0
+        assert least_of(name) == number.least
         assert parameter_unit(robot, name) in UNITS
     assert parameter_unit(robot, "joints.root.damping.angular") == "N.m.s/rad"
     info = RobotInfo(build_model(robot), {}, (), {}, {})

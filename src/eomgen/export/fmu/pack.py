@@ -170,6 +170,7 @@ def _files(
         "turning": len(turning["joints"]),
         "turned_size": turning["room"],
         "prescribed": model.prescribed,
+        "matrices": _matrices(layout.at["parameters"], list(model.parameters), meta.get("matrices", {})),
         "method": method,
         **_stepping(model, method, meta),
     }
@@ -202,6 +203,24 @@ def _stepping(model: Model, method: str, meta: Mapping[str, Any]) -> dict[str, o
         "stepping": rollout_of(method),
         "most": 2**62,
     }
+
+
+def _matrices(
+    first: int, parameters: Sequence[str], matrices: Mapping[str, Sequence[str]]
+) -> list[tuple[str, list[list[int]]]]:
+    """Return symmetric matrices among parameters, each with value references of its entries; 0 of those always 0.
+
+    Args:
+        first: value reference of the first parameter.
+        parameters: their names.
+        matrices: coordinates of each, in their order, by what stands in front of them in the entries' names.
+    """
+    places = {name: first + i for i, name in enumerate(parameters)}
+    tables = []
+    for owner, names in matrices.items():
+        upper = {(one, other): places.get(f"{owner}.{one}.{other}", 0) for one in names for other in names}
+        tables.append((owner, [[upper[one, other] or upper[other, one] for other in names] for one in names]))
+    return tables
 
 
 def _rendered(templates: Mapping[str, str], context: Mapping[str, object]) -> dict[str, str]:

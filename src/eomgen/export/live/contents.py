@@ -16,6 +16,7 @@ from ...pictures.scene import extent, program_positions
 from ...progress import Progress
 from ...robot.coordinates import unit_of
 from ...robot.model import build_model, rigid_coordinates, tool_of
+from ...robot.parameter_names import is_entry
 from ...robot.value import ANGULAR, MOTOR, Robot
 from ...runtime.kernel import Kernel
 from ...scenario.recorded import scenario_from_record
@@ -74,7 +75,8 @@ def contents_of(robot: Robot, scenario: Scenario | None, result: SimulationResul
     payload = link if link in model.links else None
     hidden = set(body_parameters(robot.link(payload))) - set(kernel.parameters) if payload else set()
     changed = {name for event in acting["events"] for name in event["parameters"]}
-    sliders = parameter_sliders(tunable, values, frozenset(hidden | changed))
+    entries = set(filter(is_entry, values))  # of matrices, which are more than single numbers
+    sliders = parameter_sliders(tunable, values, frozenset(hidden | changed | entries))
     factor = 1.0  # what is exaggerated in a mechanism would tear its loops
     if not robot.is_closed:
         factor = first_factor(result, robot) if result else _factor(robot, kernel, start, deviations, acting)

@@ -428,6 +428,9 @@ def _notes(task: Task, problem: Problem) -> list[str]:
     ]
     if bent:
         notes.append(f"of {listed(bent)} the linear stiffness alone counts")
+    coupled = [joint.name for joint in task.robot.joints if joint.stiffness is not None]
+    if coupled:
+        notes.append(f"stiffness matrices do not count: those of {listed(coupled)}")
     return notes
 
 

@@ -102,9 +102,19 @@ class LinkElement(ABC):
         """Return its forces as the description has them, for JSON."""
         return {"name": self.name, "links": list(self.links), **self.law()}
 
+    @property
+    def said(self) -> dict[str, float]:
+        """Numbers that its line has, of ``law``."""
+        return self.law()
+
     def line(self) -> str:
         """Return a line with its kind, its links and its numbers."""
-        return f"{self.kind} {self.name} from {self.links[0]} to {self.links[1]}: {', '.join(number_texts(self.law()))}"
+        texts = ", ".join(number_texts(self.said))
+        return f"{self.kind} {self.name} from {self.links[0]} to {self.links[1]}" + (f": {texts}" if texts else "")
+
+    def lines(self) -> list[str]:
+        """Return its line, and those about what has several."""
+        return [self.line()]
 
     @property
     def kind(self) -> str:

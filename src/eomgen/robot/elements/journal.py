@@ -102,6 +102,11 @@ class Radial(JointElement):
         return CROSSWISE if self.length is None else (*CROSSWISE, *TILTING)
 
     @property
+    def held(self) -> tuple[str, ...]:
+        """Coordinates that the contacts hold."""
+        return self.coordinates
+
+    @property
     def felt(self) -> tuple[str, ...]:
         """The joint's coordinates on which the contacts depend: with a sliding radius its rotation, too."""
         slides = self.friction is not None and self.friction.radius is not None

@@ -8,9 +8,9 @@ from types import MappingProxyType
 from typing import Any
 
 from ..bounds import Limits
+from ..fields import LATER, Picklable
 from ..geometry import COORDINATES, LINEAR
 from ..laws import BASIC, GAUSSIAN, NUMBERS, SHAPES, Curve, active_laws, defaults
-from .fields import LATER, Picklable
 
 ACROSS: Mapping[str, tuple[str, ...]] = MappingProxyType(  # translations across a coordinate's axis
     {name: tuple(x for x in LINEAR if x != axis) for name, axis in zip(COORDINATES, LINEAR * 2, strict=True)}

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
 from ...names import NAME_LENGTH
+from ..fields import LATER, Picklable
 from .coordinate import Coordinate
-from .fields import LATER, Picklable
 from .joint import CUT_NUMBERS
 
 

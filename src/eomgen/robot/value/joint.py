@@ -20,10 +20,12 @@ from ..bounds import Limits
 from ..cuts import CUTS
 from ..elements import JOINT_ELEMENTS, JointElement
 from ..elements.joint_damping import JointDamping
+from ..elements.joint_element import elements_left
+from ..elements.joint_stiffness import JointStiffness
 from ..elements.journal import Radial
+from ..fields import LATER, Numbers, Picklable, below
 from ..geometry import COORDINATES, IDENTITY, Matrix, Placement
 from .coordinate import Coordinate, Friction, unloaded
-from .fields import LATER, Numbers, Picklable, below
 
 JOINT_TYPES = ("revolute", "prismatic", "fixed", "free")
 PRINCIPAL = {"revolute": "gamma", "prismatic": "z"}
@@ -100,6 +102,7 @@ class Joint(Jointed):
     limits: range of the principal coordinate, m or rad; ``limits_of`` has all that bounds a coordinate.
     radial: contact of the child's journal in the parent's round bearing; None where there is none.
     damping: of its motion as a whole, beside that of its coordinates; None where there is none.
+    stiffness: between its coordinates, beside that of each of them; None where there is none.
     """
 
     name: str
@@ -114,6 +117,7 @@ class Joint(Jointed):
     motor: Motor | None = None
     radial: Radial | None = field(default=None, metadata=LATER)
     damping: JointDamping | None = field(default=None, metadata=LATER)
+    stiffness: JointStiffness | None = field(default=None, metadata=LATER)
 
     @property
     def all_coordinates(self) -> dict[str, Coordinate]:
@@ -127,7 +131,7 @@ class Joint(Jointed):
         if self.motor is not None:
             yield from below(MOTOR, self.motor.numbers().items())
         for table, element in self.elements.items():
-            yield from below(table, element.law().items())
+            yield from below(table, element.numbers(tuple(self.coordinates)))
         yield from below("offset", zip(COORDINATES, self.offset, strict=True))
         yield from below("placement", self.placement.numbers())
 
@@ -166,15 +170,15 @@ class Joint(Jointed):
         loose: keep deviations without a stiffness, which loops hold: those of a universal joint, say.
         """
         keep = COORDINATES if self.type == "free" else (PRINCIPAL.get(self.type),)
-        touching = self.radial.coordinates if self.radial else ()
-        locked = {k for k, v in self.coordinates.items() if v.has_stiffness or k in touching or not loose}
+        held = {name for element in self.elements.values() for name in element.held}
+        locked = {k for k, v in self.coordinates.items() if v.has_stiffness or k in held or not loose}
         kept = {k: v.unstopped() for k, v in self.coordinates.items() if k in keep or v.prescribed or k not in locked}
         if self.motor is not None:
             name = PRINCIPAL[self.type]
             principal = kept[name]
             armature = (principal.armature or 0.0) + self.motor.inertia * self.motor.ratio**2
             kept[name] = replace(principal, armature=armature, prescribed=principal.prescribed or self.motor.prescribed)
-        left: dict[str, Any] = {table: element.left_with(kept) for table, element in self.elements.items()}
+        left: dict[str, Any] = elements_left(self.elements, kept)
         made = replace(self, coordinates=unloaded(kept), motor=None, **left)
         if self.motor is None or self.motor.limits is None:
             return made
@@ -190,6 +194,7 @@ class Loop(Jointed):
     that the type leaves free are free, the rest are rigid.  offset: as that of a joint: a rigid coordinate keeps to it,
     and forces act on what it deviates from it.
     radial: contact of the second link's journal in the first one's round bearing; None where there is none.
+    stiffness, damping: between those coordinates that have properties, by matrices; None where there are none.
     """
 
     name: str
@@ -199,13 +204,15 @@ class Loop(Jointed):
     coordinates: Mapping[str, Coordinate] = field(default_factory=dict, hash=False, metadata=LATER)
     offset: tuple[float | None, ...] = field(default=(None,) * 6, metadata=LATER)
     radial: Radial | None = field(default=None, metadata=LATER)
+    damping: JointDamping | None = field(default=None, metadata=LATER)
+    stiffness: JointStiffness | None = field(default=None, metadata=LATER)
 
     def numbers(self) -> Numbers:
         """Yield all numbers that may be parameters, by their names below the loop's; None where one is not set."""
         for name, coordinate in self.coordinates.items():
             yield from below(name, coordinate.numbers(CUT_NUMBERS).items())
         for table, element in self.elements.items():
-            yield from below(table, element.law().items())
+            yield from below(table, element.numbers(tuple(self.coordinates)))
         yield from below("offset", zip(COORDINATES, self.offset, strict=True))
         for place, placement in enumerate(self.placements):
             yield from below(f"placements.{place}", placement.numbers())
@@ -214,5 +221,5 @@ class Loop(Jointed):
         """Return the loop with every coordinate that its type blocks rigid."""
         blocked = [component.name for component in CUTS[self.type]]
         kept = {name: coordinate for name, coordinate in self.coordinates.items() if name not in blocked}
-        left: dict[str, Any] = {table: element.left_with(kept) for table, element in self.elements.items()}
+        left: dict[str, Any] = elements_left(self.elements, kept)
         return replace(self, coordinates=unloaded(kept), **left)

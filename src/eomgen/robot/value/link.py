@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from ..fields import Numbers, below
 from ..geometry import LINEAR, Placement, Vector
-from .fields import Numbers, below
 
 INERTIA_KEYS = ("xx", "yy", "zz", "xy", "xz", "yz")
 BASE = "base"

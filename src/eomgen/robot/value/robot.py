@@ -15,11 +15,11 @@ from ...once import kept
 from ..bounds import Limits
 from ..elements import Element, LinkElement
 from ..elements.spring import Spring
+from ..fields import LATER, Numbers, Picklable, below
 from ..geometry import LINEAR, Vector
 from .beam import Beam
 from .coordinate import Coordinate
 from .coupling import Coupling, first_contradiction
-from .fields import LATER, Numbers, Picklable, below
 from .joint import MOTOR, PRINCIPAL, Joint, Loop
 from .link import BASE, Frame, Link
 
@@ -134,10 +134,10 @@ class Robot(Picklable):
 
         A follower is no coordinate of kernels: its position, velocity and acceleration are those that its leaders give
         it.  Of rigid couplings those stay constraints whose dependent coordinate moves a loop, belongs to a joint with
-        a motor, a journal or damping as a whole, follows a motor, or has a drive and
-        follows several, and those that ``is_constraint`` keeps.
+        a motor, a journal, or stiffness or damping as a whole, follows a motor, or has a drive and follows
+        several, and those that ``is_constraint`` keeps.
         """
-        acted_on = {x.name for x in self.joints if (x.motor, x.radial, x.damping) != (None, None, None)}
+        acted_on = {x.name for x in self.joints if x.motor is not None or x.elements}
         shared = {x.of for x in self.couplings if len(x.to) - [*x.to.values()].count(0.0) != 1}
         acted_on |= {joint_of(name) for name in self.driven or () if name in shared}
         kept = _in_loops(self) | acted_on

@@ -1,0 +1,427 @@
+"""Stiffness and damping matrices of joints: against linear algebra, beams, MuJoCo and Lagrange."""
+
+from __future__ import annotations
+
+import pickle
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import sympy as sp
+from numpy.typing import NDArray
+
+import eomgen
+from eomgen.analysis import modes
+from eomgen.codegen.closed_form.readable import readable_closed_form
+from eomgen.codegen.closed_form.trace import closed_form
+from eomgen.codegen.kernels.equations import derive, derive_equations
+from eomgen.codegen.kernels.operation_counts import operations
+from eomgen.codegen.program.ir import evaluate
+from eomgen.description.load import robot_from_toml
+from eomgen.errors import DescriptionError, InputError
+from eomgen.export.mujoco import left_out, mjcf
+from eomgen.robot import JointDamping, JointStiffness, Placement, Robot
+from eomgen.robot.elements.matrices import matrix_of
+from eomgen.robot.elements.stiffness_center import PrincipalStiffness, principal_stiffness
+from eomgen.robot.model import build_model
+from eomgen.robot.value import COORDINATES, Coordinate
+from eomgen.state.elements import damping_forces, joint_damping, joint_stiffness, stiffness_forces
+from eomgen.state.springs import fastest_rates, stiffnesses
+from tests.oracles.complex_step import complex_steps
+from tests.oracles.mjcf import MjcfOracle
+from tests.support.builds import Build
+from tests.support.closeness import close
+from tests.support.random_robots import random_robot, random_state, seeds
+from tests.support.small_robots import free_body
+
+Array = NDArray[np.float64]
+NAMES = ("inverse_dynamics", "generalized_force", "forward_dynamics", "energy", "residual_jacobian", "mass_matrix")
+
+
+def definite(rng: np.random.Generator, names: tuple[str, ...], scale: float = 1.0) -> Array:
+    """A random positive definite matrix of springs of all directions."""
+    rows = rng.normal(size=(len(names) + 1, len(names)))
+    return np.asarray(scale * (rows.T @ rows))
+
+
+def with_matrices(seed: int, share: str = "", joints: tuple[int, int] = (1, 3)) -> Robot:
+    """A random robot whose joints have a stiffness matrix, preloads, and a damping matrix or a proportional one."""
+    rng, made = np.random.default_rng(seed), []
+    robot = random_robot(seed, joints=joints, types=("revolute", "fixed", "free"), max_coordinates=4)
+    for joint in robot.joints:
+        names = tuple(joint.coordinates)
+        if not names:
+            made.append(joint)
+            continue
+        stiffness = JointStiffness.of(definite(rng, names, 20.0).tolist(), names, preload=rng.normal(size=len(names)))
+        damping = JointDamping.of(definite(rng, names).tolist(), names)
+        if share:
+            damping = JointDamping(**{share: float(rng.uniform(0.1, 0.5))}, at_hz=2.5)
+        made.append(replace(joint, stiffness=stiffness, damping=damping))
+    return replace(robot, joints=tuple(made))
+
+
+def bare(robot: Robot) -> Robot:
+    return replace(robot, joints=tuple(replace(joint, stiffness=None, damping=None) for joint in robot.joints))
+
+
+def matrices(robot: Robot) -> tuple[Array, Array, Array]:
+    """K, D and p over all coordinates, from the description."""
+    names = build_model(robot).coordinates
+    K, D, p = np.zeros((len(names),) * 2), np.zeros((len(names),) * 2), np.zeros(len(names))
+    for joint in robot.joints:
+        own = [i for i, name in enumerate(names) if name.rpartition(".")[0] == joint.name]
+        if joint.stiffness is None or joint.damping is None or not own:
+            continue
+        kinds = tuple(names[i].rpartition(".")[2] for i in own)
+        block, at_hz = np.array(matrix_of(joint.stiffness.entries, kinds)), joint.damping.at_hz or 1.0
+        K[np.ix_(own, own)] = block
+        w = 2.0 * np.pi * at_hz
+        D[np.ix_(own, own)] = matrix_of(joint.damping.entries, kinds)
+        D[np.ix_(own, own)] += (2.0 * (joint.damping.ratio or 0.0) + (joint.damping.loss_factor or 0.0)) * block / w
+        p[own] = [joint.stiffness.preload.get(kind, 0.0) for kind in kinds]
+    return K, D, p
+
+
+@pytest.mark.parametrize("share", ["", "ratio", "loss_factor"])
+@pytest.mark.parametrize("seed", seeds(2600, 1, 8))
+def test_forces_are_those_of_linear_algebra(seed: int, share: str, built: Build) -> None:
+    """What they add to a robot without them: one state, several on vectors, single precision, derivatives, state's."""
+    robot = with_matrices(seed, share)
+    kernel, other = built(robot, *NAMES), built(bare(robot), *NAMES)
+    single = built(robot, "generalized_force", dtype="float32")
+    (K, D, p), states = matrices(robot), [random_state(robot, seed + i) for i in range(9)]
+    for s in states:
+        force = -K @ s.q - D @ s.v - p
+        assert close(kernel.inverse_dynamics(s.q, s.v, s.a), other.inverse_dynamics(s.q, s.v, s.a) - force)
+        assert close(kernel.forward_dynamics(s.q, s.v, s.u), other.forward_dynamics(s.q, s.v, s.u + force), 1e-8)
+        stored = np.array([0.0, 0.5 * s.q @ K @ s.q + p @ s.q])
+        assert close(kernel.energy(s.q, s.v), other.energy(s.q, s.v) + stored)
+        slopes, rigid = (x.residual_jacobian(s.q, s.v, s.a) for x in (kernel, other))
+        assert close(slopes[0], rigid[0] + K)
+        assert close(slopes[1], rigid[1] + D)
+    q, v = (np.array([getattr(s, x) for s in states]) for x in "qv")
+    forces = -q @ K - v @ D - p
+    assert close(kernel.generalized_force(q, v), other.generalized_force(q, v) + forces)
+    few = (q.astype(np.float32), v.astype(np.float32))
+    assert close(single.generalized_force(*few), kernel.generalized_force(*(x.astype(float) for x in few)), 1e-4)
+    assert close(joint_stiffness(kernel), K)
+    assert close(joint_damping(kernel), D)
+    assert close(stiffness_forces(kernel, q) + damping_forces(kernel, q, v), -forces)
+    held = stiffnesses(other) + np.diag(K)
+    assert close(stiffnesses(kernel), held)
+    swing, slowing = fastest_rates(kernel, 0.0 * q[0])
+    assert swing > 0.0
+    assert slowing > 0.0
+
+
+@pytest.mark.parametrize("share", ["", "ratio"])
+@pytest.mark.parametrize("seed", seeds(2620, 1, 8))
+def test_an_implicit_step_is_the_linear_system(seed: int, share: str) -> None:
+    """(M + dt D + dt^2 K) a = u - K (q + dt v) - D v - p - bias, with what the robot has beside them."""
+    robot, dt = with_matrices(seed, share, (1, 2)), 0.05
+    model, s, (K, D, p) = build_model(robot), random_state(robot, seed), matrices(robot)
+    given = {"q": s.q, "v": s.v, "a": s.a, "u": s.u, "added": np.zeros(model.size), "dt": [dt, dt * dt]}
+    found = evaluate(derive(model, "implicit_step"), {**given, "p": list(model.parameters.values())})
+    a, other = np.array([found["out", i] for i in range(model.size)]), build_model(bare(robot))
+    u = s.u - K @ (s.q + dt * s.v) - p - D @ s.v - (dt * D + dt * dt * K) @ a
+    wanted = evaluate(derive(other, "implicit_step"), {**given, "u": u, "p": list(other.parameters.values())})
+    assert close(a, np.array([wanted["out", i] for i in range(model.size)]), 1e-6)
+
+
+@pytest.mark.parametrize("seed", seeds(2640, 1, 6))
+def test_slopes_are_those_of_complex_steps(seed: int) -> None:
+    robot = with_matrices(seed, "loss_factor", (1, 2))
+    model, s = build_model(robot), random_state(robot, seed)
+    inputs = {"q": s.q, "v": s.v, "a": s.a, "u": s.u, "p": list(model.parameters.values())}
+    found = evaluate(derive(model, "residual_jacobian"), inputs)
+    blocks = np.array(list(found.values())).reshape(3, model.size, model.size)
+    for block, name in zip(blocks, "qva", strict=True):
+        assert close(block, complex_steps(robot, s, name), 1e-10)
+
+
+def held(stiffness: JointStiffness | None, damping: JointDamping | None = None, *names: str) -> Robot:
+    """A body on a joint with these coordinates, all six without."""
+    body = free_body()
+    table = dict.fromkeys(names or COORDINATES, Coordinate())
+    joint = replace(body.joints[0], type="fixed", coordinates=table, stiffness=stiffness, damping=damping)
+    return replace(body, name="held", joints=(joint,))
+
+
+def test_a_beams_end_has_its_closed_form(built: Build) -> None:
+    """Timoshenko's stiffness is diagonal in the middle; at the end deflections and slopes couple."""
+    E, G, A, Iy, Iz, J, length, k = 7e10, 2.6e10, 1.2e-3, 8e-7, 3e-7, 1e-6, 0.4, 5.0 / 6.0
+    in_plane, across = (12.0 * E * moment / (G * A * k * length**2) for moment in (Iz, Iy))
+    one, two, axial = 1.0 + in_plane, 1.0 + across, E * A / length
+    middle = [axial, 12.0 * E * Iz / (length**3 * one), 12.0 * E * Iy / (length**3 * two)]
+    middle += [G * J / length, E * Iy / length, E * Iz / length]
+    stiffness = JointStiffness.of(np.diag(middle).tolist(), at=Placement((-0.5 * length, 0.0, 0.0)))
+    found = np.array(matrix_of(stiffness.entries, COORDINATES))
+    expected = np.diag([*middle[:4], (4.0 + across) * middle[4] / two, (4.0 + in_plane) * middle[5] / one])
+    expected[1, 5] = expected[5, 1] = -6.0 * E * Iz / (length**2 * one)
+    expected[2, 4] = expected[4, 2] = 6.0 * E * Iy / (length**2 * two)
+    sizes = np.sqrt(np.diag(expected))
+    assert np.abs((found - expected) / np.outer(sizes, sizes)).max() < 1e-12
+    force = np.array([0.0, 30.0, -20.0, 0.0, 0.0, 0.0])
+    tip = np.linalg.solve(found, force)
+    deflections = length**3 / (3.0 * E) / np.array([Iz, Iy]) + length / (G * A * k)  # of a cantilever, per force
+    np.testing.assert_allclose(tip[1:3], force[1:3] * deflections, rtol=1e-12)
+    np.testing.assert_allclose(tip[[4, 5]], 0.5 * length**2 / E * np.array([20.0 / Iy, 30.0 / Iz]), rtol=1e-12)
+    kernel = built(replace(held(stiffness), gravity=(0.0, 0.0, 0.0)), "inverse_dynamics")
+    assert close(kernel.inverse_dynamics(tip, 0.0 * tip, 0.0 * tip), force, 1e-9)
+    principal = principal_stiffness(stiffness.entries)
+    assert isinstance(principal, PrincipalStiffness)
+    np.testing.assert_allclose(principal.center, (-0.5 * length, 0.0, 0.0), atol=1e-12)
+    np.testing.assert_allclose(principal.rotational, sorted(middle[3:]), rtol=1e-9)
+    np.testing.assert_allclose(principal.translational, sorted(middle[:3]), rtol=1e-12)
+
+
+def test_a_frame_moves_with_the_joint() -> None:
+    """K at a turned frame: the energy of small motions of that frame."""
+    rng, at = np.random.default_rng(5), Placement.from_rpy((0.3, -0.2, 0.5), (0.4, -0.7, 0.2))
+    K, preload, motion = definite(rng, COORDINATES), rng.normal(size=6), rng.normal(size=6)
+    made = JointStiffness.of(K.tolist(), at=at, preload=preload.tolist())
+    R, moved, turned = np.array(at.rotation), motion[:3], motion[3:]
+    there = np.concatenate([R.T @ (moved + np.cross(turned, at.xyz)), R.T @ turned])
+    assert close(motion @ np.array(matrix_of(made.entries, COORDINATES)) @ motion, there @ K @ there, 1e-12)
+    assert close(sum(made.preload[x] * y for x, y in zip(COORDINATES, motion, strict=True)), preload @ there, 1e-12)
+
+
+@pytest.mark.parametrize("seed", seeds(2660, 1, 4))
+def test_mujoco_with_these_forces_moves_so(seed: int, built: Build) -> None:
+    robot = with_matrices(seed, joints=(1, 2))
+    plain, (K, D, p) = bare(robot), matrices(robot)
+    kernel, oracle = built(robot, "inverse_dynamics"), MjcfOracle(mjcf(plain, 1e-3, approximate=True), plain)
+    rng = np.random.default_rng(seed)
+    q, v, a = rng.uniform(-0.5, 0.5, (3, kernel.n))
+    wanted = oracle.inverse_dynamics(q, v, a) + K @ q + D @ v + p
+    assert np.abs(kernel.inverse_dynamics(q, v, a) - wanted).max() < 1e-10 * np.abs(wanted).max()
+
+
+def test_a_diagonal_is_written_for_mujoco(built: Build) -> None:
+    """A matrix without entries beside the diagonal has an equal; of others that is written on request."""
+    diagonal = JointStiffness.of(np.diag([9e3, 8e3, 7e3, 60.0, 50.0, 40.0]).tolist(), preload=[3.0] * 6)
+    robot = held(diagonal, JointDamping(ratio=0.1, at_hz=3.0))
+    assert left_out(robot) == []
+    kernel, oracle = built(robot, "inverse_dynamics"), MjcfOracle(mjcf(robot, 1e-3), robot)
+    q, v, a = np.random.default_rng(3).uniform(-0.5, 0.5, (3, kernel.n))
+    wanted = oracle.inverse_dynamics(q, v, a)
+    assert np.abs(kernel.inverse_dynamics(q, v, a) - wanted).max() < 1e-10 * np.abs(wanted).max()
+    coupled = replace(diagonal, entries={**diagonal.entries, "x.beta": 20.0})
+    damping = JointDamping(entries={"x.x": 2.0, "beta.beta": 3.0, "x.beta": 1.0})
+    robot = held(coupled, damping)
+    assert [note.partition(": ")[0] for note in left_out(robot)] == ["joints.free.stiffness", "joints.free.damping"]
+    with pytest.raises(InputError, match=r"joints\.free\.stiffness: its diagonal alone"):
+        mjcf(robot, 1e-3)
+    assert 'stiffness="9000.0"' in mjcf(robot, 1e-3, approximate=True)
+
+
+def test_lagranges_equations() -> None:
+    """A rod on a slide that turns, both coupled by the matrix: SymPy's Euler-Lagrange equations."""
+    m, c, inertia, g = 2.0, 0.3, 0.05, 9.81
+    K, D = sp.Matrix([[90, 12], [12, 8]]), sp.Matrix([[3, sp.Rational(-1, 2)], [sp.Rational(-1, 2), 1]])
+    text = """
+name = "rod"
+gravity = [0.0, -9.81, 0.0]
+[[links]]
+name = "rod"
+mass = 2.0
+com = [0.3, 0.0, 0.0]
+inertia = { xx = 0.0, yy = 0.05, zz = 0.05 }
+[[joints]]
+name = "joint"
+parent = "base"
+child = "rod"
+type = "revolute"
+x = {}
+stiffness = { matrix = [[90.0, 12.0], [12.0, 8.0]], preload = [0.7, -0.2] }
+damping = { matrix = [[3.0, -0.5], [-0.5, 1.0]] }
+"""
+    robot, t = robot_from_toml(text), sp.Symbol("t")
+    x, angle = sp.Function("x")(t), sp.Function("gamma")(t)
+    s = sp.Matrix([x, angle])
+    place = sp.Matrix([x + c * sp.cos(angle), c * sp.sin(angle)])
+    kinetic = (m * place.diff(t).dot(place.diff(t)) + inertia * angle.diff(t) ** 2) / 2
+    potential = m * g * place[1] + (s.T * K * s)[0] / 2 + 0.7 * x - 0.2 * angle
+    L, rows = kinetic - potential, D * s.diff(t)
+    wanted = [L.diff(y.diff(t)).diff(t) - L.diff(y) + rows[i] for i, y in enumerate(s)]
+    values = random_state(robot, 4)
+    swap = {
+        y.diff(t, k): value[i] for k, value in ((2, values.a), (1, values.v), (0, values.q)) for i, y in enumerate(s)
+    }
+    numbers = [float(row.doit().subs(swap)) for row in wanted]
+    model, inputs = build_model(robot), {name: getattr(values, name) for name in "qvau"}
+    found = evaluate(derive(model, "inverse_dynamics"), {**inputs, "p": list(model.parameters.values())})
+    assert close(np.array(list(found.values())), np.array(numbers), 1e-12)
+    form = closed_form(model)
+    zero = 0.0 * values.u
+    assert close(form.function("residual")(values.q, values.v, values.a, zero), np.array(numbers), 1e-12)
+    letters = {str(letter.symbol): letter for letter in readable_closed_form(model).letters}
+    assert letters["a_x_gamma_joint"].unit == "N/rad"
+    assert letters["b_x_gamma_joint"].unit == "N s/rad"
+    assert letters["a_x_gamma_joint"].latex == "a_{x \\gamma,joint}"
+
+
+def products(robot: Robot, kernel: str = "inverse_dynamics") -> int:
+    return operations(derive_equations(build_model(robot), (kernel,)))[kernel]["mul"]
+
+
+def test_what_matrices_cost() -> None:
+    """36 products in the place of six, and the same for damping; a proportional one takes six, for its factor."""
+    full = JointStiffness.of(definite(np.random.default_rng(1), COORDINATES).tolist())
+    damping = JointDamping.of(definite(np.random.default_rng(2), COORDINATES).tolist())
+    sixfold = held(None)
+    table = dict.fromkeys(COORDINATES, Coordinate(stiffness=2.0))
+    springs = replace(sixfold, joints=(replace(sixfold.joints[0], coordinates=table),))
+    both = dict.fromkeys(COORDINATES, Coordinate(stiffness=2.0, damping=1.0))
+    dampers = replace(sixfold, joints=(replace(sixfold.joints[0], coordinates=both),))
+    assert products(held(full)) - products(springs) == 30
+    assert products(held(full, damping)) - products(dampers) == 60
+    assert products(held(full, JointDamping(ratio=0.1, at_hz=2.0))) - products(held(full)) == 6
+    few = JointStiffness.of(np.diag([1.0, 2.0, 3.0, 4.0, 5.0, 6.0]).tolist())
+    assert products(held(few)) == products(springs)
+
+
+def test_a_ratio_is_that_of_its_frequency(built: Build) -> None:
+    """One coordinate that swings at at_hz has this damping ratio; a loss factor is twice that."""
+    body, w = free_body(), 2.0 * np.pi * 7.0
+    for damping, ratio in (
+        (JointDamping(ratio=0.03, at_hz=7.0), 0.03),
+        (JointDamping(loss_factor=0.03, at_hz=7.0), 0.015),
+    ):
+        robot = held(JointStiffness({"x.x": body.links[0].mass * w * w}), damping, "x")
+        kernel = built(robot, "residual_jacobian", "mass_matrix")
+        q = np.zeros(1)
+        K, D, _ = kernel.residual_jacobian(q, q, q)
+        M = kernel.mass_matrix(q)
+        roots = np.roots([M[0, 0], D[0, 0], K[0, 0]])
+        assert close(np.abs(roots), np.array([w, w]), 1e-9)
+        assert close(-roots.real / np.abs(roots), np.array([ratio, ratio]), 1e-9)
+
+
+def test_entries_are_parameters_checked_as_a_whole(built: Build) -> None:
+    """One, several at once, those of float32, copies; what is refused changes nothing and says which motion."""
+    rng = np.random.default_rng(8)
+    K = definite(rng, ("x", "beta", "gamma"), 10.0)
+    robot = held(JointStiffness.of(K.tolist(), ("x", "beta", "gamma")), None, "x", "beta", "gamma")
+    for dtype in ("float64", "float32"):
+        kernel = built(robot, "generalized_force", dtype=dtype)
+        q = np.array([0.1, 0.2, 0.3], dtype)
+        prefix, p = "joints.free.stiffness", kernel.parameters
+        bound = float(np.sqrt(p[f"{prefix}.x.x"] * p[f"{prefix}.beta.beta"]))
+        before, force = dict(p), kernel.generalized_force(q, 0 * q)
+        for name, value in {"x.beta": 1.1 * bound, "x.x": 0.0, "gamma.gamma": -1.0}.items():
+            with pytest.raises(InputError, match=rf"{prefix}\.{name}"):
+                p[f"{prefix}.{name}"] = value
+            with pytest.raises(InputError, match=rf"{prefix}\.{name}"):
+                p.update({f"{prefix}.beta.beta": p[f"{prefix}.beta.beta"], f"{prefix}.{name}": value})
+        with pytest.raises(InputError, match="negative energy where x and beta"):
+            kernel.with_parameters({f"{prefix}.x.beta": -1.1 * bound})
+        assert dict(p) == before
+        assert np.array_equal(kernel.generalized_force(q, 0 * q), force)
+        swapped = {f"{prefix}.x.x": before[f"{prefix}.x.x"] * 4.0, f"{prefix}.x.beta": 1.5 * bound}
+        swapped |= {f"{prefix}.x.gamma": 0.0, f"{prefix}.beta.gamma": 0.0}
+        p.update(swapped)
+        assert p[f"{prefix}.x.beta"] == pytest.approx(1.5 * bound)
+        assert close(
+            kernel.generalized_force(q, 0 * q)[0],
+            force[0]
+            - 3.0 * before[f"{prefix}.x.x"] * 0.1
+            - (1.5 * bound - before[f"{prefix}.x.beta"]) * 0.2
+            + before[f"{prefix}.x.gamma"] * 0.3,
+            1e-4,
+        )
+        p.update({name: 0.0 for name in p if name.startswith(prefix)})
+        rank_one = np.outer([1.0, 2.0, 3.0], [1.0, 2.0, 3.0]) / 7.0  # semidefinite, of rounded numbers
+        names = ("x", "beta", "gamma")
+        p.update(
+            {f"{prefix}.{a}.{b}": rank_one[i, j] for i, a in enumerate(names) for j, b in enumerate(names) if i <= j}
+        )
+        assert pickle.loads(pickle.dumps(kernel)).parameters == dict(p)
+
+
+def test_a_zero_has_no_term_and_no_parameter_unless_asked_for(built: Build) -> None:
+    full = JointStiffness({"x.x": 5.0, "beta.beta": 2.0})
+    robot = held(full, JointDamping(entries={"x.x": 1.0, "beta.beta": 1.0}), "x", "beta")
+    names = [name for name in build_model(robot).parameters if name.startswith("joints")]
+    assert names == [
+        f"joints.free.{x}" for x in ("stiffness.x.x", "stiffness.beta.beta", "damping.x.x", "damping.beta.beta")
+    ]
+    asked = replace(
+        robot, tunable=("joints.free.stiffness.x.beta", "joints.free.damping.x.beta", "joints.free.stiffness.preload.x")
+    )
+    kernel = built(asked, "generalized_force")
+    q, v = np.array([0.1, 0.2]), np.array([0.3, -0.1])
+    before = kernel.generalized_force(q, v)
+    kernel.parameters.update(dict(zip(asked.tunable, (1.5, 0.4, 0.25), strict=True)))
+    change = -np.array([1.5 * 0.2 - 0.4 * 0.1 + 0.25, 1.5 * 0.1 + 0.4 * 0.3])
+    assert close(kernel.generalized_force(q, v) - before, change, 1e-12)
+    with pytest.raises(DescriptionError, match=r"joints\.free\.stiffness\.x\.y"):
+        robot.with_value("joints.free.stiffness.x.y", 1.0)
+    assert robot.with_value("joints.free.stiffness.x.beta", 1.0).joints[0].stiffness == replace(
+        full, entries={**full.entries, "x.beta": 1.0}
+    )
+
+
+def test_derivatives_by_entries(built: Build) -> None:
+    K = definite(np.random.default_rng(4), COORDINATES, 10.0)
+    robot = held(JointStiffness.of(K.tolist()), JointDamping(ratio=0.1, at_hz=2.0))
+    kernel, s = built(robot, "inverse_dynamics", "inverse_dynamics_parameter_tangent"), random_state(robot, 1)
+    entry, tau = "joints.free.stiffness.x.beta", 0.1 / (np.pi * 2.0)
+    J = kernel.parameter_jacobian("inverse_dynamics", (s.q, s.v, s.a), [entry, "joints.free.damping.ratio"])
+    wanted = np.zeros(6)
+    wanted[[0, 4]] = (s.q + tau * s.v)[[4, 0]]
+    assert close(J[:, 0], wanted, 1e-12)
+    assert close(J[:, 1], joint_stiffness(kernel) @ s.v / (np.pi * 2.0), 1e-12)
+
+
+@pytest.mark.parametrize("method", ["implicit", "rosenbrock"])
+def test_gradients_of_rollouts_by_entries(method: str) -> None:
+    K = definite(np.random.default_rng(4), COORDINATES, 10.0)
+    robot = held(JointStiffness.of(K.tolist()), JointDamping(ratio=0.3, at_hz=2.0))
+    kernel, q0, still = eomgen.build(robot), np.array([0.1, -0.2, 0.1, 0.2, 0.1, -0.1]), np.zeros(6)
+    adaptive, fixed = {"duration": 0.1, "samples": 2, "rtol": 1e-9}, {"dt": 1e-3, "steps": 20}
+    options = {"method": method, **(adaptive if method == "rosenbrock" else fixed)}
+    names = ("joints.free.stiffness.x.beta", "joints.free.damping.ratio")
+
+    def loss(t: float, q: Array, v: Array) -> tuple[float, Array, Array]:
+        return float((q**2).sum() + (v**2).sum()), 2.0 * q, 2.0 * v
+
+    _, gradient = kernel.rollout_gradient(q0, still, still, loss=loss, parameters=names, **options)
+    for name in names:
+        x, ends = kernel.parameters[name], list[float]()
+        for step in (1e-4, -1e-4):
+            q, v = kernel.with_parameters({name: x + step}).rollout(q0, still, still, **options)
+            ends.append(float((q**2).sum() + (v**2).sum()))
+        assert gradient[name] == pytest.approx((ends[0] - ends[1]) / 2e-4, rel=1e-4)
+
+
+def test_modes_are_those_of_the_matrices() -> None:
+    K = definite(np.random.default_rng(4), COORDINATES, 400.0)
+    robot = replace(held(JointStiffness.of(K.tolist())), gravity=(0.0, 0.0, 0.0))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = modes(robot)
+    M = eomgen.build(robot, kernels=("mass_matrix",)).mass_matrix(np.zeros(6))
+    wanted = np.sqrt(np.linalg.eigvals(np.linalg.solve(M, K)).real) / (2.0 * np.pi)
+    np.testing.assert_allclose(np.sort(found.frequencies), np.sort(wanted), rtol=1e-6)
+
+
+@pytest.mark.parametrize("method", ["implicit", "rosenbrock", "rk4"])
+def test_rollouts_of_a_body_on_springs(method: str, built: Build) -> None:
+    """Small translations without gravity: the exponential of a matrix."""
+    from scipy.linalg import expm
+
+    rng = np.random.default_rng(6)
+    K, names = definite(rng, ("x", "y", "z"), 400.0), ("x", "y", "z")
+    robot = held(JointStiffness.of(K.tolist(), names), JointDamping(loss_factor=0.2, at_hz=3.0), *names)
+    robot = replace(robot, gravity=(0.0, 0.0, 0.0))
+    kernel = built(robot, "rollout", "adaptive_rollout", "mass_matrix", "forward_dynamics")
+    q0, v0, T, m = rng.normal(size=3) * 1e-2, rng.normal(size=3), 0.2, robot.links[0].mass
+    A = np.block([[np.zeros((3, 3)), np.eye(3)], [-K / m, -K * 0.2 / (6.0 * np.pi) / m]])
+    wanted = expm(A * T) @ np.concatenate([q0, v0])
+    fixed, loose = {"dt": T / 4000, "steps": 4000}, {"duration": T, "samples": 1, "rtol": 1e-9}
+    q, v = kernel.rollout(q0, v0, np.zeros(3), method=method, **(loose if method == "rosenbrock" else fixed))
+    found = np.concatenate([q[-1], v[-1]])
+    assert np.abs(found - wanted).max() < (5e-3 if method == "implicit" else 1e-6) * np.abs(wanted).max()
