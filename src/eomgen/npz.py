@@ -45,7 +45,9 @@ _DAMAGED = (  # what NumPy and zipfile raise for files that are not what NumPy w
 )
 
 
-def read_npz(path: Path | str, names: Collection[str] | None = None, kinds: str = REAL) -> dict[str, NDArray[Any]]:
+def read_npz(
+    path: Path | str, names: Collection[str] | None = None, kinds: str = REAL, most: int | None = None
+) -> dict[str, NDArray[Any]]:
     """Read arrays of numbers and texts by name, as ``numpy.savez`` and ``numpy.savez_compressed`` write them.
 
     Arrays may have 256 MB together; the environment's ``EOMGEN_NPZ_MB`` says otherwise.  It is known before anything is
@@ -55,17 +57,21 @@ def read_npz(path: Path | str, names: Collection[str] | None = None, kinds: str 
         path: of the file.
         names: of the arrays to read, as far as they are there; None: all.
         kinds: of dtypes that arrays may have, REAL or COMPLEX.
+        most: bytes that they may have together, where that is less than what is said above.
 
     Raises:
         InputError: the file cannot be read, is no such file or a damaged one, holds a name twice or an array of
             something else, or is larger.
     """
-    place, most = as_path(path), most_bytes()
+    place, usual = as_path(path), most_bytes()
+    allowed = f"{usual} (the environment's {VARIABLE} has their MB)"
+    if most is not None and most < usual:
+        usual, allowed = most, str(most)
     try:
-        with open_regular(place, most) as stream:
+        with open_regular(place, usual) as stream:
             _check_end(stream, plain_path(path))
             with zipfile.ZipFile(stream) as archive:
-                return _arrays(archive, plain_path(path), most, names, kinds)
+                return _arrays(archive, plain_path(path), (usual, allowed), names, kinds)
     except InputError:
         raise
     except OSError as error:
@@ -99,8 +105,9 @@ def _check_end(stream: BinaryIO, path: Path | str) -> None:
 
 
 def _arrays(
-    archive: zipfile.ZipFile, path: Path | str, most: int, names: Collection[str] | None, kinds: str
+    archive: zipfile.ZipFile, path: Path | str, most: tuple[int, str], names: Collection[str] | None, kinds: str
 ) -> dict[str, NDArray[Any]]:
+    """Read arrays; ``most``: bytes that they may have together, and how that is said."""
     entries: dict[str, zipfile.ZipInfo] = {}
     for entry in archive.infolist():
         name = entry.filename.removesuffix(".npy")
@@ -108,10 +115,8 @@ def _arrays(
             raise InputError(f"{path}: array {show(name)} is there twice; allowed: once")
         entries[name] = entry
     total = sum(entry.file_size for entry in entries.values())
-    if total > most:
-        raise InputError(
-            f"{path}: its arrays have {total} bytes; allowed: up to {most} (the environment's {VARIABLE} has their MB)"
-        )
+    if total > most[0]:
+        raise InputError(f"{path}: its arrays have {total} bytes; allowed: up to {most[1]}")
     arrays = {}
     for name, entry in entries.items():
         if names is not None and name not in names:

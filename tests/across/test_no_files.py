@@ -57,7 +57,9 @@ def _none(path: Path, kind: str) -> Path:
 def test_files_that_files_name_are_not_waited_for(kind: str, tmp_path: Path) -> None:
     _none(tmp_path / "m.csv", kind)
     _none(tmp_path / "a.urdf", kind)
+    _none(tmp_path / "K.mtx", kind)
     cases = {
+        "matrix.toml": ARM.replace("limits = [-1, 2]", 'stiffness = { matrix = "K.mtx" }'),
         "curve.toml": ARM.replace("stiffness = 1e6", 'curve = "m.csv"'),
         "refined.toml": 'name = "a"\nurdf = "a.urdf"\n',
     }

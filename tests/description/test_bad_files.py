@@ -41,7 +41,7 @@ def test_diagnosis(
     place, line = case.spot
     assert line in (None, caught.value.line)
     at = "" if caught.value.line is None else f":{caught.value.line}:"
-    assert message.startswith(f"{case.name}{at}" if place != "spring.csv" else "spring.csv: ")
+    assert message.startswith(f"{case.name}{at}" if place not in ("spring.csv", "K.mtx") else f"{place}: ")
     for part in (place, case.reason, case.remedy):
         assert part in message
     arguments = {

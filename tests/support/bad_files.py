@@ -13,6 +13,7 @@ from tests.support.description_samples import ARM, URDF
 
 SCENARIO = 'duration = 1.0\n[motion]\ntype = "point_to_point"\ngoal = [1.0]\n'
 PLAN = '[[vary]]\nscenario = "control.kd"\ngrid = { values = [1, 2] }\n'
+MATRIX = ARM.replace("limits = [-1, 2]", "stiffness = { matrix = 'K.mtx' }")
 CSV = ARM.replace("stiffness = 1e6", 'curve = "spring.csv"')
 
 
@@ -268,6 +269,14 @@ BAD_FILES = {
         "joints.joint1.x.curve (line 23)",
         "got",
         ".csv file",
+    ),
+    "matrix without its file": bad("robot.toml", MATRIX, "K.mtx", "there is no such file", "of one to six rows"),
+    "matrix of a folder above": bad(
+        "robot.toml",
+        MATRIX.replace("K.mtx", "../../etc/passwd"),
+        "joints.joint1.stiffness.matrix (line 25)",
+        "got",
+        ".mtx or .npz or .csv file",
     ),
     "scenario of infinity": bad("scenario.toml", "duration = inf\n", "duration (line 1)", "got inf", "at least 1e-09"),
     "scenario of a wrong type": bad(

@@ -25,7 +25,12 @@ DH_ROWS = [
     ["", "prismatic", "", "0", "0.5", "-3 pi/4", *[""] * 7],
     ["", "fixed", "1e1", "-90", "0.1", "0", *[""] * 7],
 ]
-TABLES = {"csv": ROWS, "dh": DH_ROWS}
+MATRIX_ROWS = [
+    ["%%MatrixMarket", "matrix", "coordinate", "real", "symmetric"],
+    ["2", "2", "3"],
+    *(["1", "1", "2e3"], ["2", "1", "-4.5"], ["2", "2", ".5"]),
+]
+TABLES = {"csv": ROWS, "dh": DH_ROWS, "mtx": MATRIX_ROWS}
 FILES = (*TABLES, "npz")
 NAMES = [
     *COORDINATES,
@@ -87,7 +92,7 @@ HEADERS = [
 
 def good(kind: str) -> list[bytes]:
     """Files of that kind that can be read."""
-    return [_csv(TABLES[kind])] if kind in TABLES else [_npz(COLUMNS, ""), _npz(SAVED, "")]
+    return [_csv(TABLES[kind], kind)] if kind in TABLES else [_npz(COLUMNS, ""), _npz(SAVED, "")]
 
 
 def any_mutant(kind: str, seed: int) -> bytes:
@@ -95,30 +100,31 @@ def any_mutant(kind: str, seed: int) -> bytes:
     if kind not in FILES:
         return mutant(kind, seed)
     chance = random.Random(f"{kind} {seed}")
-    content = _changed_csv(TABLES[kind], chance) if kind in TABLES else _changed_npz(chance)
+    content = _changed_csv(TABLES[kind], kind, chance) if kind in TABLES else _changed_npz(chance)
     return raw(content, chance) if chance.random() < 0.3 else content
 
 
-def _csv(rows: list[list[str]], end: str = "\n") -> bytes:
-    return "".join(",".join(row) + end for row in rows).encode("utf-8", "surrogatepass")
+def _csv(rows: list[list[str]], kind: str, end: str = "\n") -> bytes:
+    between = " " if kind == "mtx" else ","
+    return "".join(between.join(row) + end for row in rows).encode("utf-8", "surrogatepass")
 
 
-def _changed_csv(table: list[list[str]], chance: random.Random) -> bytes:
+def _changed_csv(table: list[list[str]], kind: str, chance: random.Random) -> bytes:
     rows = [list(row) for row in table]
     for _ in range(chance.choice((0, 1, 1, 2, 4))):
         row = chance.choice(rows[chance.choice((0, 1)) :])
-        at, kind = chance.randrange(len(row) + 1), chance.random()
-        if kind < 0.6:
+        at, change = chance.randrange(len(row) + 1), chance.random()
+        if change < 0.6:
             row[at : at + 1] = [chance.choice(CELLS)]
-        elif kind < 0.7:
+        elif change < 0.7:
             row.insert(at, chance.choice(CELLS))
-        elif kind < 0.8:
+        elif change < 0.8:
             rows.insert(chance.randrange(len(rows) + 1), [chance.choice(["", "# a", " ", *CELLS, *PIECES])])
-        elif kind < 0.9:
+        elif change < 0.9:
             rows.append(list(row))
         else:
             del row[at:]
-    return _csv(rows, chance.choice(("\n", "\n", "\r\n", "\r")))
+    return _csv(rows, kind, chance.choice(("\n", "\n", "\r\n", "\r")))
 
 
 def _changed_npz(chance: random.Random) -> bytes:

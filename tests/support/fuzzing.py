@@ -24,6 +24,7 @@ import numpy as np
 
 from eomgen.authoring.dh import CONVENTIONS, dh_file_text
 from eomgen.description.load import load_robot, robot_from_mjcf, robot_from_toml, robot_from_urdf
+from eomgen.description.matrix_files import FileMatrix, read_matrix
 from eomgen.errors import DescriptionError, EomgenWarning, InputError
 from eomgen.identification.tolerances.correlations import read_correlations, root_of
 from eomgen.identification.tolerances.table import Table, read_table
@@ -65,6 +66,8 @@ def accepted(kind: str, content: bytes, folder: Path) -> Any:
         if kind in FILES:
             path = folder / f"mutant.{kind}"
             path.write_bytes(content)
+            if kind == "mtx":
+                return check_matrix(read_matrix(path))
             return check_dh(path) if kind == "dh" else check_motion(read_motion(path, COORDINATES))
         try:
             text = content.decode("utf-8-sig")
@@ -110,6 +113,13 @@ def check_motion(motion: MeasuredMotion) -> MeasuredMotion:
     assert len(motion.t)
     assert (np.diff(motion.t) > 0.0).all()
     return motion
+
+
+def check_matrix(found: FileMatrix) -> FileMatrix:
+    """It is square and finite, of one to six rows."""
+    assert 1 <= len(found.rows) <= len(COORDINATES_OF_JOINTS)
+    assert all(len(row) == len(found.rows) and all(map(math.isfinite, row)) for row in found.rows)
+    return found
 
 
 def check_tolerances(text: str, path: Path) -> Table:

@@ -70,7 +70,7 @@ KEYS = [
 SCALARS = st.one_of(
     st.none().map(lambda _: "base"),
     st.sampled_from(
-        ["arm", "link1", "joint1", "revolute", "fixed", "free", "project", "links.*.mass", "*", "a.urdf", ""]
+        ["arm", "link1", "joint1", "revolute", "fixed", "free", "project", "links.*.mass", "*", "a.urdf", "K.mtx", ""]
     ),
     st.text(max_size=8),
     st.integers(-(2**70), 2**70),

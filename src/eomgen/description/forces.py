@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
+from ..errors import DescriptionError, InputError
 from ..forms.keys import Number
 from ..forms.plain import value_of
 from ..forms.tables import Sub, Table
@@ -20,6 +22,7 @@ from ..robot.laws import GAUSSIAN
 from ..robot.rules import ROTORS, coordinate_conflict
 from ..robot.value import COORDINATES, Coordinate, Curve, Motor, Placement
 from .keys import COORDINATE
+from .matrix_files import ENDINGS, read_matrix
 
 _ROTOR = ("role", "limits", *ROTORS)  # of the motor's coordinate; the rest of its table is the transmission's
 ReadText = Callable[[str], str]  # the text of a file beside the description
@@ -87,12 +90,17 @@ def _limits(table: Table, old: Limits | None) -> Limits | None:
 
 
 def joint_elements(
-    entry: Table, coordinates: Mapping[str, Coordinate], notes: list[str], free: Sequence[str] = ()
+    entry: Table,
+    coordinates: Mapping[str, Coordinate],
+    folder: Path | None,
+    notes: list[str],
+    free: Sequence[str] = (),
 ) -> dict[str, Any]:
     """Return force elements of a tree or loop joint as a whole, which has these coordinates, by their keys.
 
     Args:
         entry: the joint's table.
+        folder: where files of matrices are looked for; None where there is none.
         notes: is told what is left out.
         free: coordinates that move, too, and have no table.
 
@@ -103,7 +111,7 @@ def joint_elements(
     for key, kind in JOINT_ELEMENTS.items():
         table = entry.table(key) if key in entry.keys else None
         if table is not None:
-            elements[key] = whole_element(kind, table, coordinates, notes, free)
+            elements[key] = whole_element(kind, table, coordinates, folder, notes, free)
             conflict = elements[key].conflict(coordinates) or missing_table(elements, key)
             if conflict is not None:
                 table.fail(conflict[1], conflict[0])
@@ -111,14 +119,19 @@ def joint_elements(
 
 
 def whole_element(
-    kind: type[JointElement], table: Table, coordinates: Mapping[str, Any], notes: list[str], free: Sequence[str] = ()
+    kind: type[JointElement],
+    table: Table,
+    coordinates: Mapping[str, Any],
+    folder: Path | None,
+    notes: list[str],
+    free: Sequence[str] = (),
 ) -> JointElement:
     """Return the element of a table of numbers, or of a matrix of which the rows of what does not move are left out.
 
     Arguments and errors as of ``joint_elements``.
     """
     if issubclass(kind, MatrixElement) and "matrix" in table:
-        return _of_matrix(kind, table, coordinates, notes, free)
+        return _of_matrix(kind, table, coordinates, folder, notes, free)
     if kind is JointStiffness:
         table.require_one("matrix", f"rows over {', '.join(coordinates) or 'coordinates'}, or six rows")
     if "at" in table:
@@ -128,16 +141,24 @@ def whole_element(
 
 
 def _of_matrix(
-    kind: type[MatrixElement], table: Table, coordinates: Mapping[str, Any], notes: list[str], free: Sequence[str]
+    kind: type[MatrixElement],
+    table: Table,
+    coordinates: Mapping[str, Any],
+    folder: Path | None,
+    notes: list[str],
+    free: Sequence[str],
 ) -> MatrixElement:
     """Return an element with a matrix; errors and notes as of ``joint_elements``."""
-    matrix: Rows = table.value("matrix")
+    matrix, labels = _matrix_in(table, folder)
     active = [name for name in COORDINATES if name in coordinates]
-    names = COORDINATES if len(matrix) == len(COORDINATES) else active
+    names = COORDINATES if len(matrix) == len(COORDINATES) else tuple(active)
     if len(matrix) != len(names):
         fewer = f"{len(active)}, for {', '.join(active)}, or " if 0 < len(active) < len(COORDINATES) else ""
         rows = "1 row" if len(matrix) == 1 else f"{len(matrix)} rows"
         table.fail(f"got {rows}; allowed: {fewer}six, for {', '.join(COORDINATES)}", "matrix")
+    if labels and labels != names:
+        said = f"{table.values['matrix']}: its rows are of {', '.join(labels)}"
+        table.fail(f"{said}; allowed: {', '.join(names)}", "matrix")
     conflict = matrix_conflict(matrix, names)
     if conflict is not None:
         table.fail(": ".join(filter(None, conflict)), "matrix")
@@ -159,6 +180,23 @@ def _of_matrix(
     if struck:
         notes.append(f"{table.where}: rows of coordinates that do not move are left out: {', '.join(struck)}")
     return replace(left or whole, **{key: x for key, x in _numbers_in(table).items() if key in kind.NUMBERS})
+
+
+def _matrix_in(table: Table, folder: Path | None) -> tuple[Rows, tuple[str, ...]]:
+    """Return the rows of the key ``matrix``, of the table or of a file, and their names where the file has them."""
+    value = table.value("matrix")
+    if not isinstance(value, str):
+        return value, ()
+    if folder is None:
+        allowed = f"the path of a file that ends in {', '.join(ENDINGS)}, relative to this file"
+        table.fail(f"got {show(value)}; allowed: {allowed}", "matrix")
+    try:
+        read = read_matrix(folder / value)
+    except DescriptionError:
+        raise
+    except InputError as error:
+        table.fail(str(error), "matrix")
+    return read.rows, read.names
 
 
 def read_placement(table: Table) -> Placement:

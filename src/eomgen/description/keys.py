@@ -38,6 +38,7 @@ from ..robot.inertia_policy import POLICIES
 from ..robot.laws import POINTS
 from ..robot.sections import SHAPES
 from ..robot.value import AXES, COORDINATES, INERTIA_KEYS, JOINT_TYPES, LINEAR, MOTOR
+from .matrix_files import ENDINGS
 
 ROLES = ("free", "locked", "prescribed")
 _LINKS = "two names, each 'base' or a link"
@@ -175,7 +176,10 @@ class Matrix(Key):
     """A square matrix of numbers, one to six rows."""
 
     form = list
-    rule: ClassVar[str] = "rows of as many numbers as there are rows, one to six, [[...], ...]"
+    rule: ClassVar[str] = (
+        "rows of as many numbers as there are rows, one to six, [[...], ...], or the path of a file that ends in"
+        f" {', '.join(ENDINGS)}"
+    )
     row: ClassVar[Numbers] = Numbers("")
 
     def take(self, table: Place, key: str, value: Any) -> list[tuple[float, ...]]:
@@ -197,7 +201,10 @@ PLACEMENT = Form(
     }
 )
 _MATRIX: dict[str, Key] = {
-    "matrix": Matrix(ABOUT["matrix"]),
+    "matrix": Either(
+        ABOUT["matrix"],
+        options=(Matrix("rows"), FileName("path of a file with it beside this one", suffixes=ENDINGS)),
+    ),
     "at": Sub(ABOUT["at"], "m, rad", inner=PLACEMENT),
     "preload": Numbers(ABOUT["preload"], "N, N m"),
 }

@@ -217,7 +217,7 @@ def _robot_from_table(top: Table, draft: Draft, folder: Path | None, options: Re
     for name, entry in top.entries("frames"):
         draft.frames[name] = _frame(name, entry)
     for name, entry in top.entries("loops"):
-        draft.loops[name] = read_loop(name, entry, lambda table: _beside(table, folder), draft.notes)
+        draft.loops[name] = read_loop(name, entry, lambda table: _beside(table, folder), folder, draft.notes)
     for name, entry in top.entries("couplings"):
         draft.couplings[name] = read_coupling(name, entry, _beside(entry, folder))
     for key in KINDS:
@@ -225,7 +225,7 @@ def _robot_from_table(top: Table, draft: Draft, folder: Path | None, options: Re
             if name in draft.elements:
                 earlier = draft.elements[name].TABLE
                 entry.fail(f"the name {name!r} is taken by an earlier entry of [[{earlier}]]; allowed: unique names")
-            draft.elements[name] = read_element(key, name, entry, _beside(entry, folder))
+            draft.elements[name] = read_element(key, name, entry, _beside(entry, folder), folder)
     draft.driven = tuple(top.strings("driven")) if "driven" in top else draft.driven
     draft.home = top.value("home", ByName) or draft.home
     _resolve_base(draft)
@@ -343,7 +343,7 @@ def _joint(name: str, entry: Table, draft: Draft, folder: Path | None) -> Joint:
     coordinates = dict(made.coordinates)
     if "stops" in entry:
         coordinates[PRINCIPAL.get(kind, "")] = joint_stops(entry, kind, coordinates, made.range)
-    return replace(made, coordinates=coordinates, **joint_elements(entry, coordinates, draft.notes))
+    return replace(made, coordinates=coordinates, **joint_elements(entry, coordinates, folder, draft.notes))
 
 
 def _motor(entry: Table, kind: str, coordinates: dict[str, Coordinate], folder: Path | None) -> Motor | None:

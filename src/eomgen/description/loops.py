@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 from ..forms.keys import ByName
 from ..forms.tables import Pair, Table
@@ -14,12 +15,15 @@ from .forces import ReadText, joint_elements, read_coordinate, read_placement
 from .keys import CUT_COORDINATE
 
 
-def read_loop(name: str, entry: Table, beside: Callable[[Table], ReadText], notes: list[str]) -> Loop:
+def read_loop(
+    name: str, entry: Table, beside: Callable[[Table], ReadText], folder: Path | None, notes: list[str]
+) -> Loop:
     """Read one entry of [[loops]].
 
     Args:
         entry: of the keys ``LOOP``.
         beside: returns, of a coordinate's table, a reader of the file that its curve names.
+        folder: where files of matrices are looked for; None where there is none.
         notes: is told what is left out.
 
     Raises:
@@ -37,7 +41,7 @@ def read_loop(name: str, entry: Table, beside: Callable[[Table], ReadText], note
     first, second = map(read_placement, entry.value("placements", Pair)) if "placements" in entry else made.placements
     blocked = {component.name for component in CUTS[kind]}
     free = [name for name in COORDINATES if name not in blocked and name not in coordinates]
-    return replace(made, placements=(first, second), **joint_elements(entry, coordinates, notes, free))
+    return replace(made, placements=(first, second), **joint_elements(entry, coordinates, folder, notes, free))
 
 
 def read_offset(entry: Table, old: Sequence[float | None] = (None,) * len(COORDINATES)) -> tuple[float | None, ...]:

@@ -1,0 +1,239 @@
+"""Matrices out of files: as SciPy and NumPy write them, and all else refused by file, line and value."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy import io, sparse
+
+from eomgen.authoring.check import check_file
+from eomgen.description.load import load_robot, robot_from_toml
+from eomgen.description.matrix_files import ENDINGS, read_matrix
+from eomgen.errors import DescriptionError, InputError
+from eomgen.robot import JointStiffness, Robot, record_of, robot_hash, robot_of
+from eomgen.robot.value import COORDINATES
+
+TEXT = """name = "test"
+[[links]]
+name = "plate"
+mass = 2
+inertia = { xx = 0.1, yy = 0.1, zz = 0.1 }
+[[joints]]
+name = "mount"
+parent = "base"
+child = "plate"
+type = "fixed"
+x = {}
+z = {}
+beta = {}
+stiffness = { matrix = "K" }
+"""
+
+
+def symmetric(seed: int, size: int) -> NDArray[np.float64]:
+    rows = np.random.default_rng(seed).normal(size=(size + 1, size))
+    return np.asarray(1e5 * (rows.T @ rows))
+
+
+def written(path: Path, K: NDArray[np.float64]) -> Path:
+    """A matrix in a file of any ending, as SciPy and NumPy write it."""
+    if path.suffix == ".mtx":
+        io.mmwrite(path, K, precision=17)
+    elif path.suffix == ".npz":
+        np.savez(path, K)
+    else:
+        np.savetxt(path, K, delimiter=",", fmt="%.17g")
+    return path
+
+
+@pytest.mark.parametrize("kept", ["array", "coordinate", "integer", "sparse"])
+@pytest.mark.parametrize("symmetry", ["general", "symmetric"])
+@pytest.mark.parametrize("size", [1, 2, 6])
+def test_matrix_market_is_read_as_scipy_reads_it(size: int, symmetry: str, kept: str, tmp_path: Path) -> None:
+    K = symmetric(size, size).round() if kept == "integer" else symmetric(size, size)
+    whole = K.astype(np.int64) if kept == "integer" else K
+    matrix = {"coordinate": sparse.coo_matrix(K), "sparse": sparse.coo_matrix(np.diag(np.diag(K)))}.get(kept, whole)
+    io.mmwrite(tmp_path / "k.mtx", matrix, comment="of a bearing\nin N and m", symmetry=symmetry, precision=17)
+    expected = io.mmread(tmp_path / "k.mtx")
+    expected = expected.toarray() if sparse.issparse(expected) else expected
+    np.testing.assert_array_equal(read_matrix(tmp_path / "k.mtx").rows, expected)
+
+
+def test_arrays_and_rows_are_read(tmp_path: Path) -> None:
+    K, single = symmetric(1, 6), symmetric(2, 3).astype(np.float32)
+    np.savez(tmp_path / "a.npz", single)
+    np.savez_compressed(tmp_path / "b.npz", K=np.asfortranarray(K), M=np.eye(2), coordinates=np.array(COORDINATES))
+    (tmp_path / "c.csv").write_text("# N/m\n\nx, beta\n 1e3,-2.\n-2.,+.5E1\n", encoding="ascii")
+    np.testing.assert_array_equal(read_matrix(tmp_path / "a.npz").rows, single)
+    assert read_matrix(tmp_path / "a.npz").names == ()
+    np.testing.assert_array_equal(read_matrix(tmp_path / "b.npz").rows, K)
+    assert read_matrix(tmp_path / "b.npz").names == COORDINATES
+    assert read_matrix(tmp_path / "c.csv").rows == [[1e3, -2.0], [-2.0, 5.0]]
+    assert read_matrix(tmp_path / "c.csv").names == ("x", "beta")
+    np.testing.assert_array_equal(read_matrix(written(tmp_path / "d.csv", K)).rows, K)
+
+
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_a_robot_keeps_the_numbers_and_not_the_path(ending: str, tmp_path: Path) -> None:
+    K = symmetric(3, 3)
+    path = written(tmp_path / f"K{ending}", K)
+    text = TEXT.replace('"K"', f'"{path.name}"')
+    (tmp_path / "a.toml").write_text(text + 'damping = { matrix = "K.mtx" }\n', encoding="ascii")
+    written(tmp_path / "K.mtx", K)
+    robot = load_robot(tmp_path / "a.toml")
+    rows = str(np.asarray(K).tolist())
+    inline = robot_from_toml(TEXT.replace('"K"', rows) + f"damping = {{ matrix = {rows} }}\n")
+    stiffness, damping = robot.joint("mount").stiffness, robot.joint("mount").damping
+    assert stiffness == JointStiffness.of(K.tolist(), ("x", "z", "beta")) == inline.joint("mount").stiffness
+    assert damping == inline.joint("mount").damping
+    assert robot_hash(robot) == robot_hash(inline)
+    for file in tmp_path.iterdir():
+        file.unlink()
+    again: Robot = robot_of(record_of(robot))
+    assert again.joint("mount").stiffness == stiffness
+    assert path.name not in str(record_of(robot))
+    assert robot.with_value("joints.mount.stiffness.x.beta", 0.0).joint("mount").stiffness != stiffness
+
+
+def test_rows_of_what_is_rigid_are_left_out_of_a_file_too(tmp_path: Path) -> None:
+    K = symmetric(4, 6)
+    written(tmp_path / "K.npz", K)
+    (tmp_path / "a.toml").write_text(TEXT.replace('"K"', '"K.npz"'), encoding="ascii")
+    robot = load_robot(tmp_path / "a.toml")
+    assert "rows of coordinates that do not move are left out: y, alpha, gamma" in "".join(robot.notes)
+    kept = [COORDINATES.index(name) for name in ("x", "z", "beta")]
+    assert robot.joint("mount").stiffness == JointStiffness.of(K[np.ix_(kept, kept)].tolist(), ("x", "z", "beta"))
+
+
+REAL, PLACES = "%%MatrixMarket matrix array real general\n", "%%MatrixMarket matrix coordinate real symmetric\n"
+REFUSED = {
+    ".mtx": {
+        "": (1, "a header %%MatrixMarket"),
+        "1 1\n2\n": (1, "a header"),
+        REAL.replace("real", "complex"): (1, "real or integer"),
+        REAL.replace("real", "pattern"): (1, "real or integer"),
+        REAL.replace("general", "skew-symmetric"): (1, "general or symmetric"),
+        REAL.replace("general", "hermitian"): (1, "general or symmetric"),
+        REAL.replace("array", "vector"): (1, "array or coordinate"),
+        REAL: (1, "rows and columns"),
+        REAL + "2 2 4\n": (2, "rows and columns"),
+        REAL + "2 3\n": (2, "a square matrix of 1 to 6 rows"),
+        REAL + "12 12\n": (2, "1 to 6 rows"),
+        REAL + "0 0\n": (2, "1 to 6 rows"),
+        REAL + "-1 -1\n": (2, "rows and columns"),
+        REAL + "1000000000000 1\n": (2, "rows and columns"),
+        REAL + "2 2\n1\n2\n3\n": (5, "after 3 numbers; allowed: 4"),
+        REAL + "1 1\n% a\n1\n2\n": (5, "a number a line, 1 of them"),
+        REAL + "2 2\n1 2\n": (3, "a number a line"),
+        REAL + "1 1\nnan\n": (3, "a finite number"),
+        REAL + "1 1\n1_0\n": (3, "a finite number"),
+        REAL + "1 1\n1e31\n": (3, "up to 1e+30"),
+        REAL + "1 1\n1.0D+05\n": (3, "got '1.0D+05'"),
+        PLACES + "2 2\n": (2, "rows, columns and entries"),
+        PLACES + "2 2 2\n1 1 1\n": (3, "after 1 numbers; allowed: 2"),
+        PLACES + "2 2 1\n1 1 1\n2 2 1\n": (4, "1 entries, as the file says"),
+        PLACES + "2 2 2\n1 1 1\n3 1 1\n": (4, "each from 1 to 2"),
+        PLACES + "2 2 2\n0 1 1\n": (3, "each from 1 to 2"),
+        PLACES + "2 2 2\n1 1\n": (3, "a row and a column"),
+        PLACES + "2 2 3\n1 1 1\n1 2 1\n2 1 1\n": (5, "only one half"),
+        PLACES.replace("symmetric", "general") + "2 2 2\n1 2 1\n1 2 1\n": (4, "each entry once"),
+    },
+    ".csv": {
+        "": (0, "after 0 rows; allowed: 1 to 6 rows"),
+        "x,beta\n": (1, "after 0 rows; allowed: 2 rows of 2"),
+        "1,2\n": (1, "after 1 rows; allowed: 2 rows of 2 numbers"),
+        "1,2\n2,3\n4,5\n": (3, "2 rows"),
+        "1,2\n2\n": (2, "2 numbers with commas"),
+        "1;2\n2;3\n": (1, "a finite number"),
+        "1,x\nx,1\n": (1, "got 'x'"),
+        ",".join("1" * 7): (1, "1 to 6 rows"),
+        "1,inf\ninf,1\n": (1, "got 'inf'"),
+        '1,"2"\n': (1, "a finite number"),
+    },
+}
+CASES = [(ending, text) for ending, texts in REFUSED.items() for text in texts]
+
+
+@pytest.mark.parametrize(("ending", "text"), CASES)
+def test_what_is_no_matrix_is_refused_with_its_line(ending: str, text: str, tmp_path: Path) -> None:
+    line, allowed = REFUSED[ending][text]
+    (tmp_path / f"K{ending}").write_text(text, encoding="ascii")
+    with pytest.raises(InputError) as caught:
+        read_matrix(tmp_path / f"K{ending}")
+    assert allowed in str(caught.value)
+    assert f"K{ending}, line {line}: " in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("arrays", "said"),
+    [
+        ({"a": np.eye(2), "b": np.eye(2)}, "has the arrays 'a', 'b'; allowed: one array, or one of the name K"),
+        ({}, "has the arrays none"),
+        ({"K": np.eye(12)}, r"has shape \(12, 12\)"),
+        ({"K": np.ones((2, 3))}, r"has shape \(2, 3\)"),
+        ({"K": np.ones(4)}, r"has shape \(4,\)"),
+        ({"K": np.ones((0, 0))}, r"has shape \(0, 0\)"),
+        ({"K": np.eye(2, dtype=bool)}, "has dtype bool; allowed: numbers"),
+        ({"K": np.eye(2, dtype=complex)}, "has dtype"),
+        ({"K": np.array([["a"]])}, "has dtype <U1; allowed: numbers"),
+        ({"K": np.array([[1.0, np.nan], [np.nan, 1.0]])}, "got nan in row 1, column 2"),
+        ({"K": np.array([[1e31]])}, r"got 1e\+31 in row 1, column 1"),
+        ({"K": np.eye(2), "coordinates": np.array(["x", "q"])}, "got .'x', 'q'.; allowed: x, y"),
+        ({"K": np.zeros((400, 400))}, "1280[0-9]* bytes; allowed: up to 1048576$"),
+    ],
+)
+def test_what_is_no_array_of_a_matrix_is_refused(
+    arrays: dict[str, NDArray[np.float64]], said: str, tmp_path: Path
+) -> None:
+    np.savez(tmp_path / "K.npz", **arrays)
+    with pytest.raises(InputError, match=said) as caught:
+        read_matrix(tmp_path / "K.npz")
+    assert str(tmp_path / "K.npz") in str(caught.value)
+
+
+def test_a_small_file_of_many_zeros_is_not_unpacked(tmp_path: Path) -> None:
+    np.savez_compressed(tmp_path / "K.npz", K=np.zeros((2000, 2000)))
+    assert (tmp_path / "K.npz").stat().st_size < 1 << 20
+    with pytest.raises(InputError, match="its arrays have 32000128 bytes; allowed: up to 1048576$"):
+        read_matrix(tmp_path / "K.npz")
+
+
+def test_a_refusal_says_where_the_file_is_named(tmp_path: Path) -> None:
+    for name, content, said in (
+        ("K.csv", "1,0,0\n0,1,0\n0,0\n", r"a.toml:14.*joints.mount.stiffness.matrix.*K.csv, line 3: got '0,0'"),
+        ("K.csv", "1,0\n0,1\n", r"joints.mount.stiffness.matrix.*got 2 rows; allowed: 3, for x, z, beta, or six"),
+        ("K.csv", "x,beta,z\n1,0,0\n0,1,0\n0,0,1\n", "its rows are of x, beta, z; allowed: x, z, beta"),
+        ("K.csv", "1,5,0\n5,1,0\n0,0,1\n", r"joints.mount.stiffness.matrix.*x\.z: got 5"),
+        ("K.txt", "1\n", r"got 'K.txt'; allowed: .*\.mtx or \.npz or \.csv"),
+    ):
+        (tmp_path / name).write_text(content, encoding="ascii")
+        (tmp_path / "a.toml").write_text(TEXT.replace('"K"', f'"{name}"'), encoding="ascii")
+        with pytest.raises(DescriptionError, match=said):
+            load_robot(tmp_path / "a.toml")
+        assert check_file(tmp_path / "a.toml").errors
+    with pytest.raises(DescriptionError, match=r"got 'K.mtx'; allowed: the path of a file that ends in \.mtx"):
+        robot_from_toml(TEXT.replace('"K"', '"K.mtx"'))
+    with pytest.raises(DescriptionError, match="got 3; allowed: rows of"):
+        robot_from_toml(TEXT.replace('"K"', "3"))
+
+
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_what_is_no_file_is_not_waited_for(ending: str, tmp_path: Path) -> None:
+    path = tmp_path / f"K{ending}"
+    (tmp_path / "a.toml").write_text(TEXT.replace('"K"', f'"{path.name}"'), encoding="ascii")
+    with pytest.raises(InputError, match=r"no such file|No such file"):
+        load_robot(tmp_path / "a.toml")
+    for kind, make in (
+        ("FIFO", lambda: os.mkfifo(path)),
+        ("folder", path.mkdir),
+        ("device", lambda: path.symlink_to("/dev/zero")),
+    ):
+        make()
+        with pytest.raises(InputError, match=f"it is a {kind}") as caught:
+            load_robot(tmp_path / "a.toml")
+        assert str(path) in str(caught.value)
+        path.rmdir() if kind == "folder" else path.unlink()
