@@ -7,6 +7,7 @@ from ..lazily import public_names
 from .compliance import ComplianceMap, compliance_map
 from .discrete import DiscreteStateSpace
 from .frequency import Response, h1, response
+from .joint_stiffness import JointStiffnessMatrix, joint_stiffness_matrix
 from .matrices import StateSpace, linearize
 from .modal import modes, modes_along
 from .modal_result import Modes, TrackedModes
@@ -22,6 +23,7 @@ __all__ = [
     "ComplianceMap",
     "Deflection",
     "DiscreteStateSpace",
+    "JointStiffnessMatrix",
     "Modes",
     "Response",
     "StateOptions",
@@ -32,6 +34,7 @@ __all__ = [
     "compliance_map",
     "deflection",
     "h1",
+    "joint_stiffness_matrix",
     "linearize",
     "modes",
     "modes_along",

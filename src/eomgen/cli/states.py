@@ -47,10 +47,16 @@ def _add_deflection(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="how many points: of the map (21 21)",
     )
-    parser.add_argument("-o", "--output", type=Path, help="the map: .npz, or a figure .svg, .pdf or .png")
+    about = "stiffness matrix of a joint over its coordinates, in the place of the frame's"
+    parser.add_argument("--matrix", metavar="JOINT", help=about)
+    about = "the map: .npz, or a figure .svg, .pdf or .png; or the matrix: .csv, .npz or .mtx"
+    parser.add_argument("-o", "--output", type=Path, help=about)
 
 
 def _deflection(options: argparse.Namespace) -> None:
+    if options.matrix is not None:
+        _deflection_of_joint(options)
+        return
     check_output(options, ".npz")
     robot = read_robot(options)
     with progress_bar("deflecting") as report:
@@ -58,7 +64,7 @@ def _deflection(options: argparse.Namespace) -> None:
         pose = coordinate_values("pose", options.pose)
         if options.map is None:
             if options.output is not None:
-                raise InputError("output: a file is of a map; allowed: with --map")
+                raise InputError("output: a file is of a map or a matrix; allowed: with --map or --matrix")
             from ..analysis.statics import deflection
 
             show_result(options, deflection(robot, pose, **about))
@@ -69,6 +75,24 @@ def _deflection(options: argparse.Namespace) -> None:
         about["progress"] = report
         compliance = compliance_map(robot, corner, first, second, tuple(options.points), pose=pose, **about)
     show_and_write(options, compliance)
+
+
+def _deflection_of_joint(options: argparse.Namespace) -> None:
+    from ..analysis.joint_stiffness import ENDINGS, joint_stiffness_matrix
+
+    for name in ("map", "frame"):
+        if getattr(options, name) is not None:
+            raise InputError(f"matrix and {name} are both given; allowed: one of them")
+    if options.output is not None:
+        check_ending(options.output, *ENDINGS)
+    robot = read_robot(options)
+    with stage_bar("deflecting") as report:
+        about = _state_options(options, report)
+        del about["frame"]
+        matrix = joint_stiffness_matrix(robot, options.matrix, coordinate_values("pose", options.pose), **about)
+    if options.output is not None:
+        matrix.save(options.output)
+    show_result(options, matrix)
 
 
 def _add_modes(parser: argparse.ArgumentParser) -> None:
@@ -276,7 +300,10 @@ COMMANDS = (
         _add_deflection,
         _deflection,
         "static deflection and stiffness of a frame under load",
-        {"deflection arm.toml --load tcp 0 0 -50 0 0 0": "static deflection and stiffness of a frame"},
+        {
+            "deflection arm.toml --load tcp 0 0 -50 0 0 0": "static deflection and stiffness of a frame",
+            "deflection arm.toml --matrix joint2 -o K.csv": "stiffness matrix of a joint, for other programs",
+        },
     ),
     Command(
         _add_modes,
