@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -198,7 +199,7 @@ def test_what_is_no_array_of_a_matrix_is_refused(
 def test_a_small_file_of_many_zeros_is_not_unpacked(tmp_path: Path) -> None:
     np.savez_compressed(tmp_path / "K.npz", K=np.zeros((2000, 2000)))
     assert (tmp_path / "K.npz").stat().st_size < 1 << 20
-    with pytest.raises(InputError, match="its arrays have 32000128 bytes; allowed: up to 1048576$"):
+    with pytest.raises(InputError, match=r"its arrays have 32000128 bytes; allowed: up to 1048576$"):
         read_matrix(tmp_path / "K.npz")
 
 
@@ -237,3 +238,21 @@ def test_what_is_no_file_is_not_waited_for(ending: str, tmp_path: Path) -> None:
             load_robot(tmp_path / "a.toml")
         assert str(path) in str(caught.value)
         path.rmdir() if kind == "folder" else path.unlink()
+
+
+def test_loops_and_bushings_take_files_too(tmp_path: Path) -> None:
+    K = symmetric(5, 6)
+    text = TEXT.replace('stiffness = { matrix = "K" }\n', "") + (
+        '[[loops]]\nname = "closing"\nlinks = ["base", "plate"]\ntype = "fixed"\n'
+        + "".join(f"{name} = {{}}\n" for name in COORDINATES)
+        + 'stiffness = { matrix = "K" }\ndamping = { matrix = "K" }\n'
+        '[[bushings]]\nname = "rubber"\nlinks = ["base", "plate"]\nstiffness = { matrix = "K" }\n'
+        'damping = { matrix = "K" }\n'
+    )
+    inline = robot_from_toml(text.replace('"K"', str(K.tolist())))
+    for ending in ENDINGS:
+        written(tmp_path / f"K{ending}", K)
+        (tmp_path / "a.toml").write_text(text.replace('"K"', f'"K{ending}"'), encoding="ascii")
+        assert load_robot(tmp_path / "a.toml") == replace(inline, source=str(tmp_path / "a.toml"))
+    with pytest.raises(DescriptionError, match=r"bushings\.rubber\.stiffness\.matrix.*got .K\.mtx.; allowed: the path"):
+        robot_from_toml(text.replace('"K"', str(K.tolist()), 2).replace('"K"', '"K.mtx"'))
