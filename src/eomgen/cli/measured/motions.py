@@ -69,6 +69,8 @@ def _forces(options: argparse.Namespace) -> None:
 def _add_fit(parser: argparse.ArgumentParser) -> None:
     _add_motion(parser)
     add_names(parser, "--coordinates", "NAME", "those to fit (all that can be)")
+    about = "entries of joints' matrices, joints.joint2.stiffness.x.beta, or joints.joint2.stiffness for all of one"
+    add_names(parser, "--matrices", "NAME", about, default=None)
     add_confidence(parser)
     parser.add_argument("-o", "--output", type=Path, help="the result, .json")
     add_page(parser)

@@ -7,9 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import UnknownNameError
-from ...names import component_name, parameter_name
+from ...errors import InputError, UnknownNameError
+from ...names import component_name, parameter_name, show
 from ...results.kinds import Kind, Saved, declare
+from ...robot.elements import JointDamping, JointStiffness
+from ...robot.elements.matrices import ROUND_OFF
 from ...shown import Plotting, Shown, interval
 from ...tabular import Rows, TableColumn, Tabular
 
@@ -48,6 +50,66 @@ class FittedCoordinate:
     owner: str = "joints"
 
 
+@dataclass(frozen=True)
+class FittedEntry:
+    """An estimate for one entry of a matrix, "x.beta"; described with what a coordinate's own table says."""
+
+    entry: str
+    estimate: Estimate
+
+
+@dataclass(frozen=True)
+class FittedMatrix:
+    """The stiffness or damping matrix of a joint, with estimates for its entries.
+
+    key: "stiffness" (N/m, N/rad, N m/rad) or "damping" (times s).  coordinates: of its rows, n of "x" to "gamma".
+    entries: those that were found.  matrix: (n, n), with what the description says where nothing was found.
+    taken_in: coordinates whose own tables' stiffness (or damping) is in it, and goes where the matrix is described.
+    open: entries that were looked for and are not determined; in the matrix they are as described.
+    lowest: eigenvalue of the matrix scaled by its diagonal, with its standard error: negative where the matrix is none
+    that a joint can have; nothing is cut off.
+    """
+
+    joint: str
+    key: str
+    coordinates: tuple[str, ...]
+    entries: tuple[FittedEntry, ...]
+    matrix: tuple[tuple[float, ...], ...]
+    taken_in: tuple[str, ...]
+    open: tuple[str, ...]
+    lowest: float
+    lowest_error: float
+
+    @property
+    def name(self) -> str:
+        """Its name in messages, "joint2.stiffness"."""
+        return component_name(self.joint, self.key)
+
+    @property
+    def is_definite(self) -> bool:
+        """Whether no motion has a negative energy, up to round-off: whether a description takes it."""
+        positive = all(row[i] >= 0.0 for i, row in enumerate(self.matrix))
+        return positive and self.lowest >= -ROUND_OFF * len(self.coordinates)
+
+    def __getitem__(self, entry: str) -> Estimate:
+        """Return the estimate for an entry, "x.beta"; UnknownNameError if it was not found."""
+        known = {x.entry: x.estimate for x in self.entries}
+        if entry not in known:
+            raise UnknownNameError(f"{self.name}: {show(entry)} was not found; found: {', '.join(known)}")
+        return known[entry]
+
+    def element(self) -> JointStiffness | JointDamping:
+        """Return it as a joint of a ``Robot`` has it, as its stiffness or damping.
+
+        Raises:
+            InputError: it is not positive semidefinite.
+        """
+        if not self.is_definite:
+            raise InputError(f"{self.name}: is not positive semidefinite; allowed: a matrix that a joint can have")
+        kind = JointStiffness if self.key == KEYS[0] else JointDamping
+        return kind.of(self.matrix, self.coordinates)
+
+
 def doubts(entry: FittedCoordinate) -> list[str]:
     """Return warnings about a fitted coordinate."""
     doubts = []
@@ -67,13 +129,14 @@ def doubts(entry: FittedCoordinate) -> list[str]:
 
 @dataclass(frozen=True)
 class FitResult(Plotting, Shown, Tabular, Saved, plot="plot_fit"):
-    """Fitted coordinates, warnings about what could not be fitted, and notes about the method."""
+    """Fitted coordinates and matrices, warnings about what could not be fitted, and notes about the method."""
 
     robot: str
     confidence: float
     fitted: tuple[FittedCoordinate, ...]
     warnings: tuple[str, ...]
     notes: tuple[str, ...]
+    matrices: tuple[FittedMatrix, ...] = ()
 
     def __getitem__(self, coordinate: str) -> FittedCoordinate:
         """Return the result of one coordinate; UnknownNameError if it was not fitted."""
@@ -82,25 +145,44 @@ class FitResult(Plotting, Shown, Tabular, Saved, plot="plot_fit"):
             raise UnknownNameError(f"fit: {coordinate!r} was not fitted; fitted: {', '.join(names) or 'none'}")
         return self.fitted[names.index(coordinate)]
 
+    def matrix(self, joint: str, key: str = "stiffness") -> FittedMatrix:
+        """Return the matrix of a joint, its stiffness or "damping"; UnknownNameError if it was not fitted."""
+        names = [(entry.joint, entry.key) for entry in self.matrices]
+        if (joint, key) not in names:
+            known = ", ".join(entry.name for entry in self.matrices) or "none"
+            raise UnknownNameError(f"fit: {component_name(joint, key)} was not fitted; fitted: {known}")
+        return self.matrices[names.index((joint, key))]
+
+    @property
+    def estimates(self) -> dict[str, Estimate]:
+        """Estimates by the names of their parameters, "joint2.x.stiffness" and "joint2.stiffness.x.beta"."""
+        pairs = [(entry.coordinate, key, getattr(entry, key)) for entry in self.fitted for key in KEYS]
+        found = {component_name(owner, key): estimate for owner, key, estimate in pairs if estimate is not None}
+        return found | {f"{x.name}.{entry.entry}": entry.estimate for x in self.matrices for entry in x.entries}
+
     @property
     def parameters(self) -> dict[str, float]:
-        """Fitted values that a kernel takes, by parameter name: those that are not negative."""
+        """Fitted values that a kernel takes, by parameter name: those that are not negative, and whole matrices.
+
+        Of matrices those that are positive semidefinite, with 0 for what they take in of tables; entries that the
+        description does not have are parameters only where they are ``tunable``.
+        """
         parameters = {}
         for entry in self.fitted:
             for key in KEYS:
                 estimate = getattr(entry, key)
                 if estimate is not None and estimate.value >= 0.0:
                     parameters[parameter_name(entry.owner, entry.coordinate, key)] = estimate.value
+        for found in self.matrices:
+            if found.is_definite:
+                taken_in = {parameter_name("joints", found.joint, name, found.key): 0.0 for name in found.taken_in}
+                values = {parameter_name("joints", found.name, x.entry): x.estimate.value for x in found.entries}
+                parameters |= values | taken_in
         return parameters
 
     def as_rows(self) -> Rows:
         """Return a row per fitted parameter: value, standard error, interval, what is described; SI units."""
-        estimates = {
-            parameter_name(entry.coordinate, key): getattr(entry, key)
-            for entry in self.fitted
-            for key in KEYS
-            if getattr(entry, key) is not None
-        }
+        estimates = self.estimates
         columns = []
         for field in fields(Estimate):
             unit = {"width": "s", "unexplained": "1"}.get(field.name, "SI")
@@ -117,15 +199,10 @@ class FitResult(Plotting, Shown, Tabular, Saved, plot="plot_fit"):
         share = f"{100 * self.confidence:g} % interval"
         lines = [f"{self.robot}: stiffness and damping by least squares", ""]
         lines.append(f"{'parameter':<34}{'value':>12}{'std. error':>12}{share:>26}{'described':>12}")
-        for entry in self.fitted:
-            for key in KEYS:
-                estimate = getattr(entry, key)
-                if estimate is not None:
-                    span = interval(estimate.low, estimate.high, 5)
-                    row = (
-                        f"{estimate.value:>12.5g}{estimate.standard_error:>12.2g}{span:>26}{estimate.described:>12.5g}"
-                    )
-                    lines.append(f"{entry.coordinate + '.' + key:<34}{row}")
+        for name, estimate in self.estimates.items():
+            span = interval(estimate.low, estimate.high, 5)
+            row = f"{estimate.value:>12.5g}{estimate.standard_error:>12.2g}{span:>26}{estimate.described:>12.5g}"
+            lines.append(f"{name:<34}{row}")
         lines += ["", *(f"warning: {text}" for text in self.warnings), *(f"note: {text}" for text in self.notes)]
         return lines
 

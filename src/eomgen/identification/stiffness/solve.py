@@ -22,7 +22,7 @@ columns, of parameters that the description has, in 0.5 s more, and after 0.5 s 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -32,23 +32,23 @@ from ...description import RobotLike, as_robot
 from ...errors import InputError, UnknownNameError
 from ...motion.files import MeasuredMotion, measured_motion
 from ...motion.measured_numbers import answers_in_numbers
-from ...motion.smoothing import Differentiator, bell, filtered, noise_deviation
-from ...names import component_name, listed, nearest, parameter_name, split_component
-from ...optional import optional_import
+from ...motion.smoothing import Differentiator, noise_deviation
+from ...names import component_name, joint_of, listed, nearest, parameter_name, split_component
 from ...pipeline.mechanisms import mechanism_kernels
 from ...pipeline.stages import build
 from ...progress import StageReport, tells_at_prompt
+from ...robot.coordinates import index_of
 from ...robot.model import Model, build_model
 from ...robot.value import MOTOR, PRINCIPAL, Robot
 from ...runtime.kernel import Kernel
 from ...state.springs import cut_numbers, law_numbers
 from ..closed_motions import closed_motion
-from ..estimating import FIRST, HALF_WIDTHS, SIGNAL, block_count, even_step, least_samples
+from ..estimating import FIRST, HALF_WIDTHS, SIGNAL, even_step, least_samples
 from ..relations import refuse_followers
-from .result import KEYS, Estimate, FitResult, FittedCoordinate, doubts
-
-INDEPENDENT = 1e-10  # of the greatest eigenvalue of the scaled normal equations: below it a direction is undetermined
-SHARE = 1e-4  # of a parameter in an undetermined direction: with less it is determined
+from .least_squares import Noise, System
+from .matrix_entries import Entry, MatrixNumbers, entries_sought
+from .matrix_fitting import doubts_about, fitted_matrices, forces_of, shares_of
+from .result import KEYS, Estimate, FitResult, FittedCoordinate, FittedMatrix, doubts
 
 
 @answers_in_numbers("motion")
@@ -58,6 +58,7 @@ def fit(
     motion: MeasuredMotion | Path | str,
     *,
     coordinates: Sequence[str] = (),
+    matrices: Sequence[str] | None = None,
     confidence: float = 0.95,
     kernel: Kernel | None = None,
     progress: StageReport | None = None,
@@ -73,11 +74,17 @@ def fit(
     forces need not be known.  A drive that is not in the motion takes its coordinate out of the equations.  There what
     noise adds on average is not taken off.
 
+    Of matrices between a joint's coordinates those entries are fitted that the description gives, or that are asked
+    for; all of a joint together, from the forces in all of its coordinates.
+
     Args:
         robot: a Robot, the name of a built-in one, or the path of a description.  Masses, geometry,
             gravity and point-to-point springs count, its coordinates' stiffness and damping do not.
         motion: from ``read_motion`` or ``motion_from_columns``, or the path of a file.
         coordinates: names of those to fit; all that can be if empty.
+        matrices: names of entries to fit, "joints.joint2.stiffness.x.beta", or of whole matrices,
+            "joints.joint2.stiffness"; ``*`` stands for any word.  By default the entries that the description gives,
+            or none where there are ``coordinates``.
         confidence: of the intervals, between 0 and 1; Student's t over blocks of time.
         kernel: of that robot, float64, with ``fitting_kernels``; built if None.
 
@@ -98,6 +105,12 @@ def fit(
     moved = _moved(kernel, model, motion, step)
     noise = dict(zip(kernel.coordinates, noise_deviation(motion.q).tolist(), strict=True))
     sought, warnings = _sought(model, kernel, motion, coordinates, moved.following)
+    numbers = MatrixNumbers.of(kernel)
+    entries = entries_sought(robot, () if matrices is None and coordinates else matrices)
+    entries, blind = _seen(model, kernel, motion, entries, moved.following)
+    sought = _beside_matrices(robot, sought, entries)
+    if blind:
+        warnings.append(f"not fitted, as no measured coordinate with a known drive has them: {listed(blind)}")
     if not motion.driven:
         driven = [kernel.coordinates[i] for i in model.driven]
         such = f" such as {component_name(driven[0], 'drive')}" if driven else ""
@@ -107,35 +120,47 @@ def fit(
         still = [item for item in sought if not _moves(kernel, moved, item, noise)]
         warnings += [f"{item.name} does not move enough to say anything" for item in still]
         sought = [item for item in sought if item not in still]
-        systems = iter([_together(kernel, model, motion, moved, sought)] if sought else [])
+        together = _together(kernel, model, motion, moved, (*sought, *entries))
+        systems = iter([together] if sought or entries else [])
     else:
-        systems = _alone(kernel, motion, moved, sought, noise)
+        systems = _of_tree(kernel, model, motion, moved, sought, entries, noise)
     described, fitted, open_names = dict(robot.numbers()), list[FittedCoordinate](), list[str]()
-    for system in systems:
+    found = list[FittedMatrix]()
+    for equations in systems:
         able = [half for half in HALF_WIDTHS if len(motion.t) >= least_samples(FIRST + half)]
-        solutions = [_solve(system, half, moved.half + half) for half in able]
-        for item in system.sought:
+        solutions = [equations.system.solved(half, moved.half + half) for half in able]
+        own = [(place, item) for place, (item, _) in enumerate(equations.places) if isinstance(item, Entry)]
+        found += fitted_matrices(own, solutions, numbers, confidence, step)
+        open_names += [entry.name for place, entry in own if not np.isfinite(solutions[0].values[place])]
+        for item in equations.sought:
             estimates: dict[str, Estimate | None] = dict.fromkeys(KEYS)
             for column in item.columns:
-                place = system.places.index((item, column))
+                place = equations.places.index((item, column))
                 best = min(solutions, key=lambda one: float(one.variances[place]))
                 if np.isfinite(best.values[place]):
                     before = described.get(item.parameter(column)) or 0.0
-                    estimates[KEYS[column]] = _estimate(best, place, confidence, before, step)
-                elif system.noise is None:
+                    estimates[KEYS[column]] = best.estimate(place, confidence, before, step)
+                elif equations.system.of_one is None:
                     open_names.append(component_name(item.name, KEYS[column]))
             if any(estimates.values()):
                 entry = FittedCoordinate(item.name, **estimates, noise=noise.get(item.name, 0.0), owner=item.owner)
                 warnings += doubts(entry)
                 fitted.append(entry)
-            elif system.noise is not None:
+            elif equations.system.of_one is not None:
                 rms = float(np.sqrt(np.mean(motion.q[:, kernel.coordinates.index(item.name)] ** 2)))
                 said = f"rms {rms:.2g}, its noise {noise[item.name]:.2g}"
                 warnings.append(f"{item.name} does not move enough to say anything: {said}")
     if open_names:
         warnings.append(f"the motion and its drives do not determine {listed(open_names)}, or not one beside another")
+    warnings += [text for matrix in found for text in doubts_about(matrix)]
     notes = _closed_notes(motion) if robot.is_closed else _notes(motion)
-    return FitResult(robot.name, confidence, tuple(fitted), tuple(warnings), notes)
+    notes += tuple(_taken_in(matrix) for matrix in found if matrix.taken_in)
+    return FitResult(robot.name, confidence, tuple(fitted), tuple(warnings), notes, tuple(found))
+
+
+def _taken_in(matrix: FittedMatrix) -> str:
+    names = listed([component_name(matrix.joint, name) for name in matrix.taken_in])
+    return f"{matrix.name} is the whole {matrix.key}: with it the tables of {names} have none"
 
 
 def fitting_kernels(robot: Robot) -> tuple[str, ...]:
@@ -161,6 +186,15 @@ class _Sought:
 
 
 @dataclass(frozen=True)
+class _Equations:
+    """Equations of the coordinates and entries sought, and what each of their columns is of, with its place in KEYS."""
+
+    sought: tuple[_Sought, ...]
+    places: tuple[tuple[_Sought | Entry, int], ...]
+    system: System
+
+
+@dataclass(frozen=True)
 class _Moved:
     """A motion with its loops closed, and the drives that are known, (T, n) each.
 
@@ -175,52 +209,6 @@ class _Moved:
     half: int
     weights: Array
     following: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class _Noise:
-    """White noise of a coordinate: its standard deviation, the filter's weights by order (3, w), the inertia that its
-    second derivative acts on (0 where rates were measured), and whether rates are derivatives of it.
-    """
-
-    sigma: float
-    weights: Array
-    inertia: float
-    is_derived: bool
-
-    def behind(self, wide: Array) -> tuple[Array, Array]:
-        """Return its average share in squares of s and s_dot, and in their products with y, (2,) each, filtered."""
-        both = np.stack([np.convolve(row, wide) for row in self.weights])
-        square = self.sigma**2 * (both @ both.T)
-        if not self.is_derived:  # with measured velocities or accelerations, the noise of q is in no other term
-            return np.array([square[0, 0], 0.0]), np.zeros(2)
-        return np.array([square[0, 0], square[1, 1]]), np.array([-self.inertia * square[0, 2], 0.0])
-
-
-@dataclass(frozen=True)
-class _System:
-    """Equations of some parameters: columns, (T, f, p), and right sides, (T, f).
-
-    places: coordinate and place in KEYS of every column.  noise: of the one coordinate of a tree, whose columns are
-    s and s_dot; None of a mechanism, where nothing is taken off.
-    """
-
-    sought: tuple[_Sought, ...]
-    places: tuple[tuple[_Sought, int], ...]
-    columns: Array
-    right: Array
-    noise: _Noise | None = None
-
-
-@dataclass(frozen=True)
-class _Solution:
-    """Values and variances of all parameters behind one filter; NaN and infinite where one is not determined."""
-
-    values: Array
-    variances: Array
-    half: int
-    freedoms: int
-    unexplained: float
 
 
 def _moved(kernel: Kernel, model: Model, motion: MeasuredMotion, step: float) -> _Moved:
@@ -342,37 +330,139 @@ def _deviation(kernel: Kernel, moved: _Moved, item: _Sought) -> tuple[Array, Arr
     return np.asarray(kernel.cut_forces(moved.q, moved.v))[:, i, 0], np.einsum("tn,tn->t", rows, moved.v), rows
 
 
-def _alone(
-    kernel: Kernel, motion: MeasuredMotion, moved: _Moved, sought: Sequence[_Sought], noise: dict[str, float]
-) -> Iterator[_System]:
-    """Yield the equation of every coordinate of a tree by itself."""
-    y = moved.u - np.asarray(kernel.inverse_dynamics(moved.q, moved.v, moved.a))
-    inertia = np.diagonal(kernel.mass_matrix(moved.q), axis1=1, axis2=2).mean(axis=0)
-    numbers = law_numbers(kernel)
+def _seen(
+    model: Model, kernel: Kernel, motion: MeasuredMotion, entries: Sequence[Entry], following: Sequence[str]
+) -> tuple[tuple[Entry, ...], list[str]]:
+    """Return the entries that have a share in equations that can be written, and the names of the others."""
+    rows = set(_rows(model, kernel, motion)) if not model.robot.is_closed else set(kernel.coordinates)
+    moving = {*motion.measured, *following}
+    seen = [entry for entry in entries if any(row in rows and by in moving for row, by in entry.pairs)]
+    return tuple(seen), [entry.name for entry in entries if entry not in seen]
+
+
+def _rows(model: Model, kernel: Kernel, motion: MeasuredMotion) -> list[str]:
+    """Return names of a tree's coordinates whose equation of motion has no unknown force."""
+    unknown = {kernel.coordinates[i] for i in model.driven} | set(kernel.prescribed)
+    return [x for x in kernel.coordinates if x in motion.measured and (x in motion.driven or x not in unknown)]
+
+
+def _beside_matrices(robot: Robot, sought: Sequence[_Sought], entries: Sequence[Entry]) -> list[_Sought]:
+    """Return coordinates without what entries stand for, and of a joint with damping as a whole without their own.
+
+    Coordinates' own damping is fitted beside that where it is described.
+    """
+    whole = {(entry.ends[0], entry.column) for entry in entries if len(entry.ends) == 1}
+    joints, described, left = {entry.joint for entry in entries}, dict(robot.numbers()), list[_Sought]()
     for item in sought:
+        joint = joint_of(item.name) if item.owner == "joints" else ""
+        damped = joint in joints and robot.joint(joint).damping is not None
+        gone = [column for column in item.columns if (item.name, column) in whole]
+        if damped and not described.get(item.parameter(1)):
+            gone.append(1)
+        columns = tuple(column for column in item.columns if item.owner != "joints" or column not in gone)
+        left += [replace(item, columns=columns)] if columns else []
+    return left
+
+
+def _of_tree(
+    kernel: Kernel,
+    model: Model,
+    motion: MeasuredMotion,
+    moved: _Moved,
+    sought: Sequence[_Sought],
+    entries: Sequence[Entry],
+    noise: dict[str, float],
+) -> Iterator[_Equations]:
+    """Yield the equation of every coordinate of a tree by itself, those of joints with matrices together."""
+    y = moved.u - np.asarray(kernel.inverse_dynamics(moved.q, moved.v, moved.a))
+    M = kernel.mass_matrix(moved.q)
+    inertia = np.diagonal(M, axis1=1, axis2=2).mean(axis=0)
+    numbers = law_numbers(kernel)
+    ends = {name for entry in entries for name in entry.ends}
+    for item in sought:
+        if item.name in ends:
+            continue
         i = kernel.coordinates.index(item.name)
         columns = np.stack([moved.q[:, i], moved.v[:, i]], axis=1)
         right = y[:, i] + columns @ np.array([numbers[item.name].get(key, 0.0) for key in KEYS])
-        measured = _Noise(noise[item.name], moved.weights, float(inertia[i]), motion.v is None)
-        places = tuple((item, column) for column in range(len(KEYS)))
-        yield _System((item,), places, columns[:, np.newaxis], right[:, np.newaxis], measured)
+        shares = np.eye(2).reshape(2, 1, 1, 2)
+        sigma, own = np.array([noise[item.name]]), inertia[[i]].reshape(1, 1)
+        measured = Noise(sigma, shares, own, moved.weights, motion.v is None)
+        wanted = np.isin(np.arange(len(KEYS)), item.columns)
+        system = System(columns[:, np.newaxis], right[:, np.newaxis], measured, wanted)
+        yield _Equations((item,), tuple((item, column) for column in range(len(KEYS))), system)
+    tree = _Tree(kernel.coordinates, _rows(model, kernel, motion), y, M.mean(axis=0), noise)
+    for joint in dict.fromkeys(entry.joint for entry in entries):
+        own_entries = [entry for entry in entries if entry.joint == joint]
+        own_ends = {name for entry in own_entries for name in entry.ends}
+        beside = [item for item in sought if item.name in own_ends]
+        yield _of_joint(kernel, motion, moved, tree, own_entries, beside)
+
+
+@dataclass(frozen=True)
+class _Tree:
+    """What all equations of a tree have: names, rows that can be written, forces y, (T, n), inertia, (n, n), noise."""
+
+    coordinates: tuple[str, ...]
+    rows: Sequence[str]
+    y: Array
+    inertia: Array
+    noise: dict[str, float]
+
+
+def _of_joint(
+    kernel: Kernel,
+    motion: MeasuredMotion,
+    moved: _Moved,
+    tree: _Tree,
+    entries: Sequence[Entry],
+    beside: Sequence[_Sought],
+) -> _Equations:
+    """Return the equations of a joint's coordinates, in units of the root of their kinetic energy."""
+    numbers, laws = MatrixNumbers.of(kernel), law_numbers(kernel)
+    ends = {name for entry in entries for name in entry.ends}
+    moving = [name for name in tree.coordinates if name in ends and name in motion.measured]
+    rows = [name for name in moving if name in tree.rows]
+    places: list[tuple[_Sought | Entry, int]] = [(entry, entry.column) for entry in entries]
+    shares = [shares_of(entry, numbers.lag(entry), rows, moving) for entry in entries]
+    described = [numbers.described(entry) for entry in entries]
+    for item in beside:
+        for column in item.columns if item.name in rows else ():
+            places.append((item, column))
+            shares.append(np.zeros((len(rows), len(moving), 2)))
+            shares[-1][rows.index(item.name), moving.index(item.name), column] = 1.0
+            described.append(laws[item.name].get(KEYS[column], 0.0))
+    i, j = index_of(tree.coordinates, rows), index_of(tree.coordinates, moving)
+    weights = 1.0 / np.sqrt(np.maximum(np.diagonal(tree.inertia)[i], 1e-12 * np.diagonal(tree.inertia).max()))
+    both, weighed = np.stack([moved.q[:, j], moved.v[:, j]], axis=2), np.array(shares) * weights[:, None, None]
+    columns = np.einsum("tkd,pfkd->tfp", both, weighed, optimize=True)
+    right = tree.y[:, i] * weights + columns @ np.array(described)
+    sigma = np.array([tree.noise[name] for name in moving])
+    inertia = tree.inertia[np.ix_(i, j)] * weights[:, None]
+    measured = Noise(sigma, weighed, inertia, moved.weights, motion.v is None)
+    return _Equations(tuple(x for x in beside if x.name in rows), tuple(places), System(columns, right, measured))
 
 
 def _together(
-    kernel: Kernel, model: Model, motion: MeasuredMotion, moved: _Moved, sought: Sequence[_Sought]
-) -> _System:
+    kernel: Kernel, model: Model, motion: MeasuredMotion, moved: _Moved, sought: Sequence[_Sought | Entry]
+) -> _Equations:
     """Return the equations of all coordinates of a mechanism, along the motions that are left to it."""
     places = tuple((item, column) for item in sought for column in item.columns)
     N = _free_motions(kernel, model, motion, moved)
     y = moved.u - np.asarray(kernel.inverse_dynamics(moved.q, moved.v, moved.a, cut=True))
-    numbers = {**law_numbers(kernel), **cut_numbers(kernel)}
+    numbers, of_matrices = {**law_numbers(kernel), **cut_numbers(kernel)}, MatrixNumbers.of(kernel)
     columns = np.empty((*N.shape[::2], len(places)))
     for place, (item, column) in enumerate(places):
-        s, rate, rows = _deviation(kernel, moved, item)
-        x = (s, rate)[column][:, np.newaxis] * rows
-        y = y + numbers[item.name].get(KEYS[column], 0.0) * x
+        if isinstance(item, Entry):
+            x = forces_of(item, of_matrices.lag(item), kernel.coordinates, moved.q, moved.v)
+            y = y + of_matrices.described(item) * x
+        else:
+            s, rate, rows = _deviation(kernel, moved, item)
+            x = (s, rate)[column][:, np.newaxis] * rows
+            y = y + numbers[item.name].get(KEYS[column], 0.0) * x
         columns[:, :, place] = np.einsum("tnf,tn->tf", N, x)
-    return _System(tuple(sought), places, columns, np.einsum("tnf,tn->tf", N, y))
+    of_coordinates = tuple(item for item in sought if not isinstance(item, Entry))
+    return _Equations(of_coordinates, places, System(columns, np.einsum("tnf,tn->tf", N, y)))
 
 
 def _free_motions(kernel: Kernel, model: Model, motion: MeasuredMotion, moved: _Moved) -> Array:
@@ -402,56 +492,6 @@ def _free_motions(kernel: Kernel, model: Model, motion: MeasuredMotion, moved: _
         )
     _, directions = np.linalg.eigh(projector.mean(axis=0))
     return np.asarray(size[:, np.newaxis] * (projector @ directions[:, -left:]))
-
-
-def _solve(system: _System, half: int, width: int) -> _Solution:
-    """Return least squares behind a bell of that half width; variances are the jackknife's over blocks of time.
-
-    width: half width of all filters together, samples.
-    """
-    samples, motions, count = system.columns.shape
-    wide = bell(half)
-    X = filtered(system.columns.reshape(samples, -1), wide).reshape(-1, motions, count)
-    y = filtered(system.right, wide)
-    of_X, of_y = np.zeros((2, count)) if system.noise is None else system.noise.behind(wide)
-    square = np.mean(X**2, axis=(0, 1))
-    moving = square > (1.0 + SIGNAL) * of_X + 1e-30
-    if system.noise is not None:
-        moving &= moving[0] & np.isin(np.arange(count), system.sought[0].columns)
-    blocks, size = block_count(len(X), max(width, 1)), np.sqrt(square[moving])
-    values, variances = np.full(count, np.nan), np.full(count, np.inf)
-    freedoms = blocks - (1 if system.noise is None else int(moving.sum()))
-    if not moving.any():
-        return _Solution(values, variances, width, freedoms, 1.0)
-    X, of_X, of_y = X[..., moving] / size, of_X[moving] / size**2, of_y[moving] / size
-    parts = list(zip(np.array_split(X, blocks), np.array_split(y, blocks), strict=True))
-    A = np.stack([np.einsum("tfp,tfq->pq", x, x) - len(x) * np.diag(of_X) for x, _ in parts])
-    c = np.stack([np.einsum("tfp,tf->p", x, r) - len(x) * of_y for x, r in parts])
-    normal, right = (np.concatenate([x.sum(axis=0, keepdims=True), x.sum(axis=0) - x]) for x in (A, c))
-    eigenvalues, vectors = np.linalg.eigh(normal)  # of all, then without one block each
-    kept = np.abs(eigenvalues) > INDEPENDENT * np.abs(eigenvalues).max(axis=1, keepdims=True)
-    lost = (np.linalg.norm(np.where(kept[:, np.newaxis], 0.0, vectors), axis=2) > SHARE).any(axis=0)
-    inverse = (
-        np.where(kept, 1.0 / np.where(kept, eigenvalues, 1.0), 0.0)[:, np.newaxis] * vectors @ vectors.swapaxes(1, 2)
-    )
-    solved = np.einsum("bpq,bq->bp", inverse, right)
-    solved += np.einsum("bpq,bq->bp", inverse, right - np.einsum("bpq,bq->bp", normal, solved))  # against round-off
-    off = solved[1:] - solved[0]
-    residual = y - X @ solved[0]
-    explained = float(np.sqrt(np.mean(residual**2) / max(float(np.mean(y**2)), 1e-300)))
-    values[moving] = np.where(lost, np.nan, solved[0] / size)
-    variances[moving] = np.where(lost, np.inf, (off**2).sum(axis=0) * (blocks - 1) / blocks / size**2)
-    return _Solution(values, variances, width, freedoms, explained)
-
-
-def _estimate(solution: _Solution, place: int, confidence: float, described: float, step: float) -> Estimate:
-    """Return a parameter with its interval, by Student's t."""
-    with optional_import("SciPy", "fit needs"):
-        from scipy.stats import t as student
-    quantile = float(student.ppf(0.5 + confidence / 2, solution.freedoms))
-    value, error = float(solution.values[place]), float(np.sqrt(float(solution.variances[place])))
-    low, high = value - quantile * error, value + quantile * error
-    return Estimate(value, error, low, high, described, 2 * solution.half * step, solution.unexplained)
 
 
 def _notes(motion: MeasuredMotion) -> tuple[str, ...]:

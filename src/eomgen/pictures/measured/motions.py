@@ -10,8 +10,7 @@ import numpy as np
 from ...errors import renamed
 from ...identification.dynamics.result import IdentifyResult
 from ...identification.from_motion import ForcesResult
-from ...identification.stiffness.result import KEYS, Estimate, FitResult
-from ...names import component_name
+from ...identification.stiffness.result import Estimate, FitResult
 from ...robot.coordinates import force_unit_of
 from ..report import Report, drawn, sorted_notes
 from ..style import (
@@ -37,7 +36,7 @@ _DRIVES, _SAMPLES = 6, 2000  # of drives over time, and of each
 def fit_page(fit: FitResult) -> Report:
     """A page about a fit of stiffness and damping: values with intervals, beside what is described."""
     share = f"{100 * fit.confidence:g} %"
-    estimates = _estimates(fit)
+    estimates = fit.estimates
     rows = [
         (
             name,
@@ -56,7 +55,7 @@ def fit_page(fit: FitResult) -> Report:
     noise = [(entry.coordinate, number(entry.noise, 1.0, 3)) for entry in fit.fitted]
     return Report(
         title=f"{fit.robot}: stiffness and damping by least squares",
-        summary=(f"{len(rows)} parameters of {len(fit.fitted)} coordinates",),
+        summary=(_fitted_in_all(fit),),
         warnings=fit.warnings,
         notes=fit.notes,
         figures=drawn(fit, figures),
@@ -65,6 +64,12 @@ def fit_page(fit: FitResult) -> Report:
             *table("Noise of the coordinates", ("coordinate", "std. deviation, m or rad"), noise),
         ),
     )
+
+
+def _fitted_in_all(fit: FitResult) -> str:
+    entries = sum(len(matrix.entries) for matrix in fit.matrices)
+    text = f"{len(fit.estimates) - entries} parameters of {len(fit.fitted)} coordinates"
+    return f"{text}, {entries} entries of {len(fit.matrices)} matrices" if entries else text
 
 
 def forces_page(forces: ForcesResult) -> Report:
@@ -81,12 +86,6 @@ def forces_page(forces: ForcesResult) -> Report:
         notes=sorted_notes(forces.notes)[1],
         tables=(*table("Largest values over time", ("coordinate", "unit", *forces.parts), rows),),
     )
-
-
-def _estimates(fit: FitResult) -> dict[str, Estimate]:
-    """Return the estimates by the names of their parameters."""
-    pairs = [(entry, key, getattr(entry, key)) for entry in fit.fitted for key in KEYS]
-    return {component_name(entry.coordinate, key): value for entry, key, value in pairs if value is not None}
 
 
 def _drawn(estimates: dict[str, Estimate]) -> list[str]:
@@ -109,7 +108,7 @@ def plot_fit(fit: FitResult, path: Path | str | None = None, *, ax: Any = None) 
         InputError: ``fit`` is something else, or as of ``style.sheet``.
     """
     check_kind(fit, FitResult, "fit", "identification.fit")
-    estimates = _estimates(fit)
+    estimates = fit.estimates
     names = _drawn(estimates)
     with sheet(6.4, 1.0 + _ROW * len(names), path, f"{fit.robot}: stiffness and damping", ax) as drawn:
         [axes] = drawn.panels(1, lambda figure: row_panel(figure, 0.28, 0.69))
