@@ -18,10 +18,26 @@ from ...errors import DescriptionError, InputError
 from ...files import check_ending, write_atomically
 from ...forms.toml_text import read_text
 from ...names import parameter_name, show_path
+from ...robot.elements import JointStiffness
+from ...robot.elements.joint_stiffness import JOINT_STIFFNESS
+from ...robot.elements.matrices import matrix_of as matrix_rows
 from ...robot.value import COORDINATES, Joint, Placement, Robot
 from ..geometry.error_model import BASE, FRAMES, JOINTS, LOOPS, SECOND, TILT
 from ..geometry.stations import Chain, matrix_of
-from .calibrated import OF_LINK, calibrated_robot, offset_of, placement_of, placements, second_of, stiffness_of, tilt_of
+from .calibrated import (
+    ENTRIES,
+    OF_LINK,
+    calibrated_robot,
+    fitted_entries,
+    matrix_of_joint,
+    offset_of,
+    placement_of,
+    placements,
+    second_of,
+    stiffness_of,
+    taken_in,
+    tilt_of,
+)
 
 Numbers = Callable[[Robot], Iterator[tuple[str, Sequence[float | None]]]]  # by name
 
@@ -124,7 +140,7 @@ def own_text(robot: Robot, source: Path, folder: Path) -> list[str]:
         return f'{match[1]}"{relative_path(source.parent / match[2], folder)}"'
 
     text = read_text(source, str(source))
-    return [re.sub(r'\b((?:urdf|curve)\s*=\s*)"([^"]+)"', moved, line) for line in text.splitlines()]
+    return [re.sub(r'\b((?:urdf|curve|matrix)\s*=\s*)"([^"]+)"', moved, line) for line in text.splitlines()]
 
 
 def relative_path(path: Path, folder: Path) -> str:
@@ -139,6 +155,8 @@ def _comments(fitted: FittedParameters) -> list[str]:
         is_joint = parts[0] in (JOINTS, LOOPS) and (parts[2] in ("offset", TILT, SECOND) or parts[-1] == "stiffness")
         if is_joint and parts[-1] == "stiffness":
             is_joint = parts[2] in stiffness_of(fitted.robot.joint(parts[1]), fitted.values)
+        if parts[0] == JOINTS and parts[2] == JOINT_STIFFNESS:
+            is_joint = matrix_of_joint(fitted.robot.joint(parts[1]), fitted.values) is not None
         if BASE in parts[:-1] or not (is_joint or parts[0] == FRAMES):
             lines.append(f"# {name} = {value!r} +- {deviation_text(fitted.deviations[name])} {fitted.units[name]}")
     return lines
@@ -146,8 +164,8 @@ def _comments(fitted: FittedParameters) -> list[str]:
 
 def _put_joint(fitted: FittedParameters, joint: Joint, body: list[str], robot: Robot) -> None:
     offset, stiffness = offset_of(joint, fitted.values), stiffness_of(joint, fitted.values)
-    tilt = tilt_of(joint, fitted.values)
-    if not offset and not stiffness and tilt is None:
+    tilt, matrix = tilt_of(joint, fitted.values), matrix_of_joint(joint, fitted.values)
+    if not offset and not stiffness and tilt is None and matrix is None:
         return
     if block_of(body, JOINTS, joint.name) is None:
         if 'urdf = "' not in "\n".join(body):
@@ -166,6 +184,32 @@ def _put_joint(fitted: FittedParameters, joint: Joint, body: list[str], robot: R
         key = parameter_name(JOINTS, joint.name, kind, "stiffness")
         changed = re.sub(r"(?<!_)\bstiffness\s*=\s*[^,}\s]+", f"stiffness = {value!r}", body[at[0]], count=1)
         body[at[0]] = f"{changed}  # stiffness +- {deviation_text(fitted.deviations[key])}"
+
+    if matrix is not None:
+        _put_matrix(fitted, joint, matrix, body)
+
+
+def _put_matrix(fitted: FittedParameters, joint: Joint, matrix: JointStiffness, body: list[str]) -> None:
+    """Write the stiffness matrix of a joint into its entry, and take out what tables of its coordinates had."""
+    robot = fitted.robot
+    for kind in taken_in(joint, matrix, fitted.values):
+        block = block_of(body, JOINTS, joint.name)
+        assert block is not None
+        at = [i for i in range(*block) if re.match(rf"\s*{kind}\s*=\s*\{{", body[i])]
+        if len(at) != 1 or "stiffness" not in body[at[0]]:
+            raise unwritable(robot, f"{joint.name}.{kind}")
+        without = re.sub(r"(?<!_)\bstiffness\s*=\s*[^,}\s]+\s*,?\s*", "", body[at[0]], count=1)
+        body[at[0]] = re.sub(r",\s*\}", " }", without)
+    names = [name for name in COORDINATES if name in joint.coordinates]
+    rows = ", ".join(numbers_text(row) for row in matrix_rows(matrix.entries, names))
+    forces = [matrix.preload.get(name, 0.0) for name in names]
+    preload = f", preload = {numbers_text(forces)}" if any(forces) else ""
+    block = block_of(body, JOINTS, joint.name)
+    assert block is not None
+    keys = [parameter_name(JOINTS, joint.name, JOINT_STIFFNESS, key) for key in fitted_entries(joint, fitted.values)]
+    said = ", ".join(f"{key.partition('.stiffness.')[2]} {deviation_text(fitted.deviations[key])}" for key in keys)
+    line = f"stiffness = {{ matrix = [{rows}]{preload} }}  # over {', '.join(names)}; +- {said}"
+    replace_line(body, block, JOINT_STIFFNESS, line, robot)
 
 
 def _put_offset(fitted: FittedParameters, table: str, name: str, offset: Mapping[str, float], body: list[str]) -> None:
@@ -246,7 +290,9 @@ def _numbers(robot: Robot) -> Iterator[tuple[str, Sequence[float | None]]]:
     for joint in robot.joints:
         coordinates = (joint.coordinates.get(kind) for kind in COORDINATES)
         stiffness = (coordinate.stiffness if coordinate else None for coordinate in coordinates)
-        yield joint.name, (*joint.offset, *stiffness, *matrix_of(joint.placement).ravel().tolist())
+        entries = joint.stiffness.entries if joint.stiffness else {}
+        coupled = (entries.get(key) for key in ENTRIES)
+        yield joint.name, (*joint.offset, *stiffness, *coupled, *matrix_of(joint.placement).ravel().tolist())
     for loop in robot.loops:
         yield loop.name, (*loop.offset, *np.ravel([matrix_of(placement) for placement in loop.placements]).tolist())
 

@@ -9,12 +9,17 @@ import numpy as np
 
 from ...arrays import Array
 from ...names import component_name, parameter_name
-from ...robot.value import COORDINATES, MOTOR, Frame, Joint, Loop, Placement, Robot
+from ...robot.elements import JointStiffness
+from ...robot.elements.joint_stiffness import JOINT_STIFFNESS
+from ...robot.elements.matrices import PAIRS, entry_name, matrix_conflict
+from ...robot.elements.matrices import matrix_of as rows_of
+from ...robot.value import COORDINATES, MOTOR, PRINCIPAL, Frame, Joint, Loop, Placement, Robot
 from ...runtime.inverse_kinematics.rotations import rpy_of
 from ..geometry.error_model import FRAMES, JOINTS, LOOPS, SECOND, TILT
 from ..geometry.rotations import pose_from, pose_of
 from ..geometry.stations import Chain, matrix_of
 
+ENTRIES = tuple(entry_name(*pair) for pair in PAIRS)
 OF_LINK = "_calibrated"  # behind the name of a link whose frame was measured: its placement is a new frame
 
 
@@ -89,6 +94,38 @@ def stiffness_of(joint: Joint, values: Mapping[str, float]) -> dict[str, float]:
     return {kind: values[key] for kind, key in keys.items() if values.get(key, -1.0) > 0.0 and np.isfinite(values[key])}
 
 
+def matrix_of_joint(joint: Joint, values: Mapping[str, float]) -> JointStiffness | None:
+    """Return the stiffness matrix of a joint with fitted entries, into which the tables of their coordinates go.
+
+    None where none was fitted, or where no description can say it: coordinates that it does not have, tables whose
+    stiffness is no linear spring, a matrix that is not positive semidefinite.
+    """
+    fitted = fitted_entries(joint, values)
+    ends = {name for key in fitted for name in key.split(".")}
+    names = [name for name in COORDINATES if name in joint.coordinates]
+    if not fitted or not ends.issubset(names) or not all(np.isfinite(x) for x in fitted.values()):
+        return None
+    if joint.motor is not None and PRINCIPAL.get(joint.type) in ends:  # its transmission's stiffness is in the entry
+        return None
+    if any(joint.coordinates[name].law().keys() & {"clearance", "stiffness_negative"} for name in ends):
+        return None
+    old = joint.stiffness or JointStiffness()
+    made = replace(old, entries={**old.entries, **fitted})
+    return None if matrix_conflict(rows_of(made.entries, names), names) else made
+
+
+def fitted_entries(joint: Joint, values: Mapping[str, float]) -> dict[str, float]:
+    """Return the fitted entries of a joint's stiffness matrix, by their names, "x.beta"."""
+    pairs = {key: values.get(parameter_name(JOINTS, joint.name, JOINT_STIFFNESS, key)) for key in ENTRIES}
+    return {key: value for key, value in pairs.items() if value is not None}
+
+
+def taken_in(joint: Joint, matrix: JointStiffness | None, values: Mapping[str, float]) -> list[str]:
+    """Return the coordinates whose tables' stiffness has gone into the joint's matrix."""
+    ends = {name for key in fitted_entries(joint, values) for name in key.split(".")} if matrix is not None else ()
+    return [name for name in ends if joint.coordinates[name].stiffness is not None]
+
+
 def placement_of(pose: Array) -> Placement:
     """Return a pose, (4, 4), as a placement with roll, pitch and yaw."""
     x, y, z = (float(value) for value in pose[:3, 3])
@@ -114,7 +151,12 @@ def _joint(joint: Joint, values: Mapping[str, float]) -> Joint:
             motor = replace(motor, transmission=replace(motor.transmission, stiffness=value))
         else:
             coordinates[kind] = replace(coordinates[kind], stiffness=value)
-    return replace(joint, offset=offset, coordinates=coordinates, motor=motor, placement=placement)
+    matrix = matrix_of_joint(joint, values)
+    for kind in taken_in(joint, matrix, values):
+        coordinates[kind] = replace(coordinates[kind], stiffness=None)
+    stiffness = joint.stiffness if matrix is None else matrix
+    moved = {"offset": offset, "placement": placement}
+    return replace(joint, **moved, coordinates=coordinates, motor=motor, stiffness=stiffness)
 
 
 def _tilted(joint: Joint, tilt: Array) -> Array:

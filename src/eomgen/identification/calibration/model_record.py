@@ -21,6 +21,7 @@ from ..geometry.loop_constraints import closing_of
 from ..geometry.stations import chain_of
 
 _KINDS = (PLACEMENT, ZERO, OFFSET, COMPLIANCE, DRIVE)
+_PLACES = tuple(map(str, range(len(COORDINATES))))
 _NUMBER = re.compile(r"-?[0-9]{1,18}")
 _HARMONIC = re.compile(r"[0-9]{1,20}(?:\.[0-9]{1,20})?(?:e[+-]?[0-9]{1,3})?")
 
@@ -85,7 +86,8 @@ def _check(parameter: ErrorParameter, stations: int, path: str) -> None:
         raise InputError(f"{where}: factor: got {show(parameter.factor)}")
     for key, value, allowed in (
         ("kind", parameter.kind, _KINDS),
-        ("coordinate", str(parameter.coordinate), tuple(map(str, range(len(COORDINATES))))),
+        ("coordinate", str(parameter.coordinate), _PLACES),
+        ("other", str(parameter.other), ("None", *_PLACES)),
     ):
         if value not in allowed:
             raise InputError(f"{where}: {key}: got {show(value)}; allowed: {listed(allowed)}")

@@ -5,7 +5,7 @@ file -> MeasuredPoses -> ErrorModel -> Problem -> placed -> fitted -> Variants -
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -19,17 +19,18 @@ from ...motion.measured_numbers import answers_in_numbers
 from ...names import component_name, is_identifier, listed, nearest_or_all, show, split_component
 from ...optional import optional_import
 from ...progress import StageReport, no_report, tells_at_prompt
+from ...robot.elements.joint_stiffness import JOINT_STIFFNESS
 from ...robot.model import build_model
 from ...robot.value import COORDINATES, MOTOR, Robot
+from ..geometry.compliances import compliances_of
 from ..geometry.error_model import (
     COMPLIANCE,
+    JOINTS,
     OFFSET,
-    PLACEMENT,
     SIZES,
     ZERO,
     ErrorModel,
     ErrorParameter,
-    compliances_of,
     model_parameters,
     rows_of,
 )
@@ -37,9 +38,10 @@ from ..geometry.loop_constraints import LoopConstraints, closed_readings, closin
 from ..geometry.observations import ENCODER, ORIENTATION, POSITION, Block, at_rows, observations_of, two_divisors
 from ..geometry.placing import placed
 from ..geometry.poses import MeasuredPoses, read_poses
-from ..geometry.rotations import coordinates_of, pose_from
 from ..geometry.solve import LOSSES, Fit, Loss, Problem, whitened
 from ..geometry.stations import Chain, chain_of, matrix_of
+from ..stiffness.matrix_entries import entries_sought
+from .described_values import described_values, indefinite_notes
 from .diagnosing import Diagnosis, diagnosed, diagnosis_notes
 from .drives import with_drives
 from .identifiability import Identifiable, identifiable, refuse_too_few
@@ -57,7 +59,6 @@ _FAR = 30.0  # expected sizes: offsets that are larger are those of another robo
 _SUSPECT = 0.15  # of both: what is left where other readings are tried
 _ROWS, _ROWS_CLOSED = 32, 12  # rows that readings are tried with
 _SOFT = 1e-3  # rad or m: what a stiffness that nothing is said of is expected to deflect in all
-_ROUND_OFF = 1e-9  # of the terms of a variance
 
 
 @dataclass(frozen=True)
@@ -110,7 +111,9 @@ def calibrate(  # noqa: PLR0913
         folds: contiguous parts of the poses that are held out, one after the other; "loo": every pose; 0: none, and the
             full variant alone.
         fixed: names of parameters that stay as described, or beginnings of them ("joints.joint1", "frames").
-        stiffness: coordinates ("joint2.gamma") that are elastic though the description does not say so; those with a
+        stiffness: coordinates ("joint2.gamma") that are elastic though the description does not say so, and entries of
+            stiffness matrices ("joints.joint2.stiffness.x.beta", or "joints.joint2.stiffness" for all of them, ``*``
+            for any word); what a matrix couples is fitted with all entries between its coordinates.  Those with a
             stiffness in the description are fitted in any case.
         drives: whether to look for terms of drives: gain, eccentricity, backlash, coupling, drift with warmth.
         variant: "placement", "zeros", "full" or "prior": the one that values are of.
@@ -360,21 +363,31 @@ def _compliances(
         InputError: a coordinate that is asked for follows from the loops, or is held by them.
     """
     names = [component_name(s.name, kind) for s in chain.stations if s.joint for kind in COORDINATES]
+    entries = [name for name in task.stiffness if name.startswith(f"{JOINTS}.")]
     for name in task.stiffness:
-        if name not in names:
+        if name not in names and name not in entries:
             raise UnknownNameError(f"stiffness: there is no coordinate {name!r}{nearest_or_all(name, names)}")
-    compliances = list(compliances_of(chain, poses.coordinates, task.stiffness))
-    return compliances if closing is None else _free_ones(task, chain, closing, compliances)
+    couplings: dict[str, list[tuple[str, str]]] = {}
+    for entry in entries_sought(task.robot, entries, "stiffness", rigid=True):
+        if entry.key != JOINT_STIFFNESS:
+            raise InputError(f"stiffness: {entry.name} is a damping; allowed: entries of stiffness matrices")
+        couplings.setdefault(entry.joint, []).append((entry.one, entry.other))
+    asked = poses.coordinates, task.stiffness, couplings
+    compliances = list(compliances_of(chain, *asked))
+    if closing is None:
+        return compliances
+    return list(compliances_of(chain, *asked, rigid=_held_ones(task, chain, closing, compliances)))
 
 
-def _free_ones(
+def _held_ones(
     task: Task, chain: Chain, closing: LoopConstraints, compliances: Sequence[ErrorParameter]
-) -> list[ErrorParameter]:
-    """Return compliances of a closed mechanism whose deflections passive coordinates can take up.
+) -> list[tuple[int, int]]:
+    """Return stations and coordinates of a closed mechanism whose deflections passive coordinates cannot take up.
 
     See ``_compliances``.
     """
-    places = [(parameter.station, parameter.coordinate) for parameter in compliances]
+    ends = [(q.station, c) for q in compliances for c in (q.coordinate, q.other) if c is not None]
+    places = list(dict.fromkeys(ends))
     held = held_by_loops(build_model(task.robot), chain, closing, places)
     for k, c in places:
         name = component_name(chain.stations[k].name, COORDINATES[c])
@@ -384,7 +397,7 @@ def _free_ones(
                 f"stiffness: {name} {why}; allowed: drives of {task.robot.name}, and coordinates whose deflections the"
                 " passive ones can take up"
             )
-    return [parameter for parameter, place in zip(compliances, places, strict=True) if place not in held]
+    return held
 
 
 def _sized(model: ErrorModel, problem: Problem) -> ErrorModel:
@@ -393,11 +406,16 @@ def _sized(model: ErrorModel, problem: Problem) -> ErrorModel:
         return model
     state = model.at(model.nominal, problem.rows)
     forces = np.abs(model.forces(state.located, problem.rows)).max(axis=0)
-    parameters = tuple(
-        replace(q, size=_SOFT / max(float(forces[q.station, q.coordinate]), 1e-3)) if q.size == 0.0 else q
-        for q in model.parameters
-    )
-    return replace(model, parameters=parameters)
+    single = {(q.station, q.coordinate): q.size for q in model.parameters if q.kind == COMPLIANCE and q.is_diagonal}
+
+    def size(k: int, c: int) -> float:
+        return single.get((k, c)) or _SOFT / max(float(forces[k, c]), 1e-3)
+
+    def sized(q: ErrorParameter) -> ErrorParameter:
+        other = q.coordinate if q.other is None else q.other
+        return replace(q, size=float(np.sqrt(size(q.station, q.coordinate) * size(q.station, other))))
+
+    return replace(model, parameters=tuple(q if q.size else sized(q) for q in model.parameters))
 
 
 def _notes(task: Task, problem: Problem) -> list[str]:
@@ -468,7 +486,8 @@ def _result(
     notes: list[str],
 ) -> CalibrationResult:
     model, fit, full = problem.model, variants.fits[uncertainty.variant], variants.fits["full"]
-    values, described, deviations = _described(task, model, fit.x, uncertainty.covariance)
+    values, described, deviations = described_values(task.links, task.known, model, fit.x, uncertainty.covariance)
+    notes += indefinite_notes(model, fit.x)
     chosen = problem.active
     names = tuple(model.parameters[i].name for i in chosen)
     is_known = not np.isnan(problem.seen.sigma).any()
@@ -503,58 +522,6 @@ def _result(
         source=poses.source,
         **vars(uncertainty),
     )
-
-
-def _described(task: Task, model: ErrorModel, x: Array, covariance: Array) -> tuple[Array, Array, Array]:
-    """Return values as a description has them, what it says, and standard deviations, (P,) each.
-
-    Placements are whole ones, of the frame on its link and of the base before the device; compliances are stiffnesses.
-    """
-    values, described = x.copy(), model.nominal
-    variance = np.diagonal(covariance).copy()
-    groups: dict[tuple[int, int], list[int]] = {}
-    for i, parameter in enumerate(model.parameters):
-        if parameter.kind == PLACEMENT:
-            groups.setdefault((parameter.station, parameter.series), []).append(i)
-        elif parameter.kind == COMPLIANCE:
-            values[i] = 1.0 / x[i] if x[i] != 0.0 else np.inf
-            described[i] = 1.0 / parameter.nominal if parameter.nominal else np.nan
-            variance[i] *= values[i] ** 4
-    for (station, number), places in groups.items():
-        if station == 0:
-            before, said = model.bases[number], np.full(6, np.nan)
-        else:
-            frame = model.chain.stations[station].name
-            link, pose = task.links[frame]
-            before = model.tool_on_link(frame, link)
-            said = coordinates_of(pose) if task.known[frame] else np.full(6, np.nan)
-
-        def whole(vector: Array, before: Array = before) -> Array:
-            return coordinates_of(before @ pose_from(vector))
-
-        values[places], described[places] = whole(x[places]), said
-        slope = _slope(whole, x[places])
-        block = covariance[np.ix_(places, places)]
-        size = np.einsum("ij,jk,ik->i", np.abs(slope), np.abs(block), np.abs(slope))
-        variances = np.einsum("ij,jk,ik->i", slope, block, slope)
-        variance[places] = np.where((variances < 0.0) & (variances > -_ROUND_OFF * size), 0.0, variances)
-    if (variance < 0.0).any():
-        raise np.linalg.LinAlgError("a variance comes out negative")
-    with np.errstate(invalid="ignore"):
-        return values, described, np.sqrt(variance)
-
-
-def _slope(function: Callable[[Array], Array], x: Array, step: float = 1e-6) -> Array:
-    """Return derivatives of six coordinates by six, (6, 6), by central differences."""
-    columns = []
-    for i in range(6):
-        off = np.zeros(6)
-        off[i] = step
-        ahead, behind = function(x + off), function(x - off)
-        change = ahead - behind
-        change[3:] = (change[3:] + np.pi) % (2.0 * np.pi) - np.pi
-        columns.append(change / (2.0 * step))
-    return np.stack(columns, axis=1)
 
 
 def _noise(problem: Problem, fit: Fit) -> dict[str, float]:

@@ -8,7 +8,7 @@ its compliance, the reading itself of a gain, and so on.
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,7 +18,7 @@ from ...arrays import Array, Index
 from ...names import component_name, parameter_name
 from ...robot.coordinates import UNITS
 from ...robot.cuts import rigid_components
-from ...robot.value import COORDINATES, MOTOR, Robot
+from ...robot.value import COORDINATES, Robot
 from .loop_constraints import LoopConstraints
 from .poses import MeasuredPoses, rows_at
 from .stations import Chain, Located, Station, forces_on, jacobian, located
@@ -40,6 +40,8 @@ class ErrorParameter:
     harmonic behind it, such as "cos2", where that is not 1), "backlash", "coupling", "temperature".
     series: the series' number, or of a coupling the station whose reading counts.
     nominal: its value in the description.  size: by how much it is expected to be off.
+    other: of a compliance in a matrix its second coordinate, whose force moves the first and which the first's moves;
+        None of one that stands alone.
     """
 
     name: str
@@ -50,11 +52,20 @@ class ErrorParameter:
     nominal: float
     size: float
     series: int = 0
+    other: int | None = None
+
+    @property
+    def is_diagonal(self) -> bool:
+        """Whether it moves one coordinate alone."""
+        return self.other is None or self.other == self.coordinate
 
     @property
     def unit(self) -> str:
         """Unit of its value."""
         unit = UNITS[COORDINATES[self.coordinate]]
+        if self.kind == COMPLIANCE and self.other is not None:
+            force = "N" if unit == "m" else "N m"
+            return f"{force}/{UNITS[COORDINATES[self.other]]}"
         if self.kind == COMPLIANCE:
             return "N/m" if unit == "m" else "N m/rad"
         if self.factor == "temperature":
@@ -105,6 +116,12 @@ class ErrorModel:
         """Expected sizes, (P,)."""
         return np.array([parameter.size for parameter in self.parameters])
 
+    @property
+    def crossed(self) -> list[tuple[int, int, int]]:
+        """Indices of compliances between two coordinates, which move both, with station and second coordinate."""
+        rows = [(i, q.station, q.other, q.coordinate) for i, q in enumerate(self.parameters)]
+        return [(i, k, other) for i, k, other, c in rows if other is not None and other != c]
+
     def tool_on_link(self, frame: str, link: str) -> Array:
         """Return the pose of a measured frame on its link before its six coordinates, (4, 4)."""
         return np.asarray(np.linalg.inv(self.chain.link_pose[link][1]) @ self._tool(frame).before)
@@ -127,6 +144,7 @@ class ErrorModel:
         soft = [i for i, parameter in enumerate(self.parameters) if parameter.kind == COMPLIANCE]
         bases = np.array([self.bases[k] for k in rows.series.tolist()]).reshape(-1, 4, 4)
         places = [(q.station, q.coordinate) for q in self.parameters]
+        crossed, back = self.crossed, np.zeros((len(factors), 0))
         rigid = rows.readings.copy()
         for i in moved:
             rigid[:, places[i][0], places[i][1]] += x[i] * factors[:, i]
@@ -135,10 +153,15 @@ class ErrorModel:
             forces = self.forces(located, rows)
             values = rigid.copy()
             for i in soft:
-                factors[:, i] = forces[:, places[i][0], places[i][1]]
-                values[:, places[i][0], places[i][1]] += x[i] * factors[:, i]
+                (k, c), second = places[i], self.parameters[i].other
+                factors[:, i] = forces[:, k, c if second is None else second]
+                values[:, k, c] += x[i] * factors[:, i]
+            if crossed:
+                back = np.stack([forces[:, k, places[i][1]] for i, k, _ in crossed], axis=1)
+            for (i, k, other), factor in zip(crossed, back.T, strict=True):
+                values[:, k, other] += x[i] * factor
             located, q = self._located(values, rows, bases)
-        return State(self, located, factors, q)
+        return State(self, located, factors, q, back)
 
     def _located(self, values: Array, rows: Rows, bases: Array) -> tuple[Located, Array]:
         """Return stations by their coordinates, (N, S, 6), whose passive ones are made to close loops.
@@ -173,12 +196,14 @@ class State:
     """Stations of an error model at some values, with what one unit of each parameter does.
 
     q: coordinates without offsets and deflections, (N, S, 6): what ideal encoders read of passive ones.
+    back: factors by which ``ErrorModel.crossed`` move their second coordinates, (N, crossed).
     """
 
     model: ErrorModel
     located: Located
     factors: Array
     q: Array
+    back: Array
 
     def sensitivities(self, tool: int) -> Array:
         """Return the motion of a station per unit of every parameter, (N, 6, P).
@@ -192,6 +217,9 @@ class State:
         sensitivities = np.zeros((*by_place.shape[:2], len(self.model.parameters)))
         columns = by_place.reshape(*by_place.shape[:2], -1)
         sensitivities[:, :, chosen] = columns[:, :, flat] * self.factors[:, np.newaxis, chosen]
+        for (i, k, other), factor in zip(self.model.crossed, self.back.T, strict=True):
+            if k in place:
+                sensitivities[:, :, i] += by_place[:, :, place[k], other] * factor[:, np.newaxis]
         if self.model.closing is not None:
             sensitivities += self._through_loops(by_place, before)
         return sensitivities
@@ -212,7 +240,10 @@ class State:
         follow = model.closing.followed(model.chain, self.located)
         places = [(parameter.station, parameter.coordinate) for parameter in model.parameters]
         ks, cs = np.array(places, dtype=np.intp).T
-        return np.asarray(follow[:, :, ks, cs] * self.factors[:, np.newaxis])
+        slopes = follow[:, :, ks, cs] * self.factors[:, np.newaxis]
+        for (i, k, other), factor in zip(model.crossed, self.back.T, strict=True):
+            slopes[:, :, i] += follow[:, :, k, other] * factor[:, np.newaxis]
+        return np.asarray(slopes)
 
 
 def factor_of(parameter: ErrorParameter, rows: Rows) -> Array:
@@ -294,29 +325,6 @@ def _placements(chain: Chain, frames: Sequence[str], size: tuple[float, float]) 
         for c, name in enumerate(COORDINATES):
             key = parameter_name(FRAMES, frame, name)
             yield ErrorParameter(key, PLACEMENT, chain.tools[frame], c, "one", 0.0, size[c // 3])
-
-
-def compliances_of(
-    chain: Chain, motors: Container[str] | None = None, others: Container[str] = ()
-) -> Iterator[ErrorParameter]:
-    """Yield compliances of deviations and transmissions, in m/N and rad/(N m), by the names of the described stiffness.
-
-    motors: names of those whose transmissions count; None: all.  others: coordinates without a stiffness that count.
-    """
-    for k, station in enumerate(chain.stations):
-        joint = station.joint
-        for c, kind in enumerate(COORDINATES if joint else ()):
-            assert joint is not None
-            name, coordinate = component_name(joint.name, kind), joint.coordinates.get(kind)
-            key, stiffness = name, None if coordinate is None or c == station.principal else coordinate.stiffness
-            motor = component_name(joint.name, MOTOR)
-            if c == station.principal and joint.motor and (motors is None or motor in motors):
-                key, stiffness = motor, joint.motor.transmission.stiffness
-            if stiffness or name in others:
-                nominal = 1.0 / stiffness if stiffness else 0.0
-                yield ErrorParameter(
-                    parameter_name(JOINTS, key, "stiffness"), COMPLIANCE, k, c, "force", nominal, nominal
-                )
 
 
 def drive_terms(chain: Chain, rows: Rows) -> Iterator[tuple[ErrorParameter, ...]]:

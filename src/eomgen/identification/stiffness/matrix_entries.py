@@ -7,7 +7,7 @@ coordinate's own table is in it, so that what is found is positive semidefinite 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from ...errors import InputError, UnknownNameError
@@ -102,44 +102,55 @@ class MatrixNumbers:
         return float(lag_of(self.matrices[KEYS[1]].get(entry.joint, {}))) if entry.key == KEYS[0] else 0.0
 
 
-def entries_sought(robot: Robot, patterns: Sequence[str] | None) -> tuple[Entry, ...]:
+def entries_sought(
+    robot: Robot, patterns: Sequence[str] | None, label: str = "matrices", *, rigid: bool = False
+) -> tuple[Entry, ...]:
     """Return the entries that patterns name, in the order of the joints; those that are described where it is None.
 
     A pattern is the name of a parameter, ``joints.JOINT.stiffness.x.beta``, in which ``*`` stands for any word; what is
     left out at its end may be anything.  Principal coordinates are named by their word alone, or described.
 
+    Args:
+        robot: whose joints they are of.
+        patterns: of their names.
+        label: of messages.
+        rigid: whether coordinates count that the description does not have; ``*`` stands for them in joints without
+            deviations alone.
+
     Raises:
         UnknownNameError: a pattern names no entry.
         InputError: it names damping that is isotropic, or proportional to the stiffness.
     """
-    every = [entry for joint in robot.joints for entry in _entries(joint)]
+    every = [entry for joint in robot.joints for entry in _entries(joint, COORDINATES if rigid else joint.coordinates)]
     given = {entry for joint in robot.joints for entry in _described(joint)}
     if patterns is None:
         return tuple(entry for entry in every if entry in given)
-    principal = {component_name(x.name, PRINCIPAL[x.type]) for x in robot.joints if x.type in PRINCIPAL}
+    unwanted = {component_name(x.name, PRINCIPAL[x.type]) for x in robot.joints if x.type in PRINCIPAL}
+    for joint in robot.joints if rigid else ():
+        if any(component_name(joint.name, name) not in unwanted for name in joint.coordinates):
+            unwanted |= {component_name(joint.name, x) for x in COORDINATES if x not in joint.coordinates}
     chosen: set[Entry] = set()
     for pattern in patterns:
         words = pattern.split(".")
-        named = {x for x in every if _is_named(words, x, set().intersection if x in given else principal.intersection)}
+        named = {x for x in every if _is_named(words, x, set().intersection if x in given else unwanted.intersection)}
         if not named:
             known = list(dict.fromkeys(".".join(("joints", x.joint, x.key)) for x in every))
             hint = nearest(pattern, known)
-            raise UnknownNameError(f"matrices: {show(pattern)} names no entry{hint}; allowed: {_FORMS}")
+            raise UnknownNameError(f"{label}: {show(pattern)} names no entry{hint}; allowed: {_FORMS}")
         chosen |= named
     for entry in chosen:
         damping = robot.joint(entry.joint).damping
         if entry.key == KEYS[1] and damping is not None and not damping.entries:
             form = f"proportional to its stiffness ({damping.share})" if damping.share else "isotropic"
             raise InputError(
-                f"matrices: the damping of {entry.joint} is {form}; allowed: entries of a joint whose damping is a"
+                f"{label}: the damping of {entry.joint} is {form}; allowed: entries of a joint whose damping is a"
                 " matrix, or has none"
             )
     return tuple(entry for entry in every if entry in chosen)
 
 
-def _entries(joint: Joint) -> Iterator[Entry]:
-    """Yield all entries of a joint's two matrices."""
-    active = [name for name in COORDINATES if name in joint.coordinates]
+def _entries(joint: Joint, active: Collection[str]) -> Iterator[Entry]:
+    """Yield all entries of a joint's two matrices over some coordinates."""
     for key in KEYS:
         yield from (Entry(joint.name, key, *pair) for pair in PAIRS if set(pair) <= set(active))
 

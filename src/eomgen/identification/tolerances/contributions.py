@@ -1,6 +1,8 @@
 """Subjects of tolerances, as directions in the parameters of the error model; the exact model of all of them.
 
 x = nominal + D y    but 1 / (k + y) of a stiffness    where y are deviations of what the table names
+
+and of entries of a stiffness matrix the inverse of what they make together.
 """
 
 from __future__ import annotations
@@ -14,6 +16,7 @@ from ...arrays import Array, Index
 from ...names import parameter_name
 from ...robot.coordinates import UNITS
 from ...robot.value import COORDINATES, Robot
+from ..geometry.compliances import blocks_of, compliances_of
 from ..geometry.error_model import (
     COMPLIANCE,
     DRIVE,
@@ -21,7 +24,6 @@ from ..geometry.error_model import (
     ErrorModel,
     ErrorParameter,
     Rows,
-    compliances_of,
     model_parameters,
 )
 from ..geometry.loop_constraints import LoopConstraints
@@ -71,14 +73,21 @@ def _drives(chain: Chain) -> Iterator[ErrorParameter]:
 
 def contributions_of(model: ErrorModel) -> dict[str, Contribution]:
     """Return everything that a table may name, by name."""
-    contributions = [_of_parameter(i, parameter) for i, parameter in enumerate(model.parameters)]
+    entries = {}
+    for block in blocks_of(model.parameters):
+        K = block.stiffness(model.nominal)
+        entries |= {at: float(K[i, j]) for at, i, j in block.pairs}
+    contributions = [_of_parameter(i, parameter, entries.get(i)) for i, parameter in enumerate(model.parameters)]
     index = {parameter.name: i for i, parameter in enumerate(model.parameters)}
     for station in model.chain.stations:
         contributions += _of_joint(station, index)
     return {one.name: one for one in contributions}
 
 
-def _of_parameter(i: int, parameter: ErrorParameter) -> Contribution:
+def _of_parameter(i: int, parameter: ErrorParameter, entry: float | None) -> Contribution:
+    """Return that of a parameter; ``entry``: of a stiffness matrix, the described one."""
+    if entry is not None:
+        return Contribution(parameter.name, parameter.unit, entry, ((i, 1.0),), True)
     if parameter.kind == COMPLIANCE:
         return Contribution(parameter.name, parameter.unit, 1.0 / parameter.nominal, ((i, 1.0),), True)
     return Contribution(parameter.name, parameter.unit, parameter.nominal, ((i, 1.0),))
@@ -126,9 +135,23 @@ class Exact:
     def values(self, y: Array) -> Array:
         """Return values of the error model's parameters, (P, M), of deviations of the contributions, (K, M)."""
         x = np.repeat(self.model.nominal[:, np.newaxis], y.shape[1], axis=1)
+        blocks = blocks_of(self.model.parameters)
+        coupled, changed = {at for block in blocks for at, _, _ in block.pairs}, dict[int, Array]()
         for one, off in zip(self.contributions, y, strict=True):
             for i, factor in one.parts:
-                x[i] = 1.0 / (one.described + off) if one.is_stiffness and one.described else x[i] + factor * off
+                if i in coupled:
+                    changed[i] = off
+                else:
+                    x[i] = 1.0 / (one.described + off) if one.is_stiffness and one.described else x[i] + factor * off
+        for block in blocks:
+            if changed.keys() & {at for at, _, _ in block.pairs}:
+                K = np.repeat(block.stiffness(self.model.nominal)[np.newaxis], y.shape[1], axis=0)
+                for at, i, j in block.pairs:
+                    K[:, i, j] += changed.get(at, 0.0)
+                    K[:, j, i] = K[:, i, j]
+                C = np.linalg.inv(K)
+                for at, i, j in block.pairs:
+                    x[at] = C[:, i, j]
         return x
 
     def poses(self, y: Array, chosen: Index) -> tuple[Array, Array]:
