@@ -150,6 +150,20 @@ def test_wrong_options_are_refused_by_name(options: list[str], said: str, capsys
     assert said in capsys.readouterr().err
 
 
+def test_of_closed_mechanisms_it_is_the_joints_own() -> None:
+    """A joint in a loop has its springs alone; one that others hold has none, and that is said."""
+    four_bar, K = load_robot("four_bar"), definite(6, 2)
+    joint = four_bar.joint("joint2")
+    soft = {**joint.coordinates, "x": Coordinate(stiffness=1e5), "y": Coordinate()}
+    joint = replace(joint, coordinates=soft, stiffness=JointStiffness.of(K.tolist(), ("x", "y")))
+    found = joint_stiffness_matrix(replace(four_bar, joints=(four_bar.joints[0], joint, four_bar.joints[2])), "joint2")
+    expected = np.pad(K + np.diag([1e5, 0.0]), (0, 1))
+    np.testing.assert_allclose(found.matrix, expected, rtol=1e-10, atol=1e-9)
+    bare = joint_stiffness_matrix(four_bar, "joint2")
+    assert not bare.matrix.any()
+    assert "no spring of joint2 acts here" in bare.notes[-1]
+
+
 def test_wrong_arguments_are_refused_by_name() -> None:
     robot, _ = whole()
     rigid = replace(robot, joints=(robot.joints[0], replace(robot.joints[1], type="fixed", coordinates={})))

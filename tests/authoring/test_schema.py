@@ -89,7 +89,7 @@ SEMANTIC = {
         *("tube that is none", "box of thick walls", "I-beam of thick flanges", "Poisson's ratio of no body"),
         *("beam too stiff for numbers", "beam too short for numbers"),
     },
-    "files beside it": {"curve from nowhere", "urdf without folder"},
+    "files beside it": {"curve from nowhere", "matrix from nowhere", "urdf without folder"},
     "$ of Python's regular expressions stands before a newline, too": {"trailing newline", "robot name with newline"},
 }
 SCENARIO_ONLY_READ = (  # reasons of bad_scenarios that the schema does not see

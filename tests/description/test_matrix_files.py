@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -256,3 +257,20 @@ def test_loops_and_bushings_take_files_too(tmp_path: Path) -> None:
         assert load_robot(tmp_path / "a.toml") == replace(inline, source=str(tmp_path / "a.toml"))
     with pytest.raises(DescriptionError, match=r"bushings\.rubber\.stiffness\.matrix.*got .K\.mtx.; allowed: the path"):
         robot_from_toml(text.replace('"K"', str(K.tolist()), 2).replace('"K"', '"K.mtx"'))
+
+
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_any_byte_of_a_file_may_be_wrong(ending: str, tmp_path: Path) -> None:
+    path = written(tmp_path / f"K{ending}", symmetric(6, 2))
+    data = path.read_bytes()
+    for at in range(len(data)):
+        for change in (1, 0x10, 0x80):
+            path.write_bytes(data[:at] + bytes([data[at] ^ change]) + data[at + 1 :])
+            with suppress(InputError):  # anything else that is raised ends the test
+                found = read_matrix(path).rows
+                assert [len(row) for row in found] == [len(found)] * len(found)
+                assert np.isfinite(found).all()
+    for end in range(0, len(data) - 2, 3):
+        path.write_bytes(data[:end])
+        with suppress(InputError):
+            read_matrix(path)

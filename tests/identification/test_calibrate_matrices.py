@@ -268,6 +268,9 @@ def test_tolerances_of_entries(tmp_path: Path) -> None:
     (block,) = blocks_of(model.parameters)
     np.testing.assert_allclose(x[:, 0][block.index], np.linalg.inv(changed), rtol=1e-8, atol=1e-15)
     np.testing.assert_allclose(x[:, 1], model.nominal, rtol=1e-12)
+    assert [one.is_stiffness for one in chosen] == [False, True]
+    with pytest.raises(InputError, match=r"deviations of its entries make joints\.joint2\.stiffness indefinite"):
+        exact.values(np.array([[0.0], [-whole[1, 1]]]))
 
 
 def test_an_indefinite_matrix_is_said_and_not_written(built: Build, tmp_path: Path) -> None:

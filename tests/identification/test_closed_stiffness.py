@@ -11,9 +11,11 @@ from numpy.typing import NDArray
 import eomgen
 from eomgen.errors import InputError
 from eomgen.identification import MeasuredPoses, calibrate, poses_from_columns
+from eomgen.identification.geometry.compliances import compliances_of
 from eomgen.identification.geometry.error_model import COMPLIANCE, OFFSET, ErrorModel, ErrorParameter, Rows, rows_of
 from eomgen.identification.geometry.loop_constraints import closed_readings, closing_of
 from eomgen.identification.geometry.stations import chain_of, matrix_of
+from eomgen.robot import Coordinate, JointStiffness
 from eomgen.robot.model import build_model
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
@@ -71,6 +73,42 @@ def test_deflections_are_those_of_least_energy() -> None:
             force = (work(row, found[row] + step) - work(row, found[row] - step)) / (2.0 * h)
             assert found[row, i] == pytest.approx(model.nominal[i] * force, rel=1e-4, abs=1e-12)
     np.testing.assert_allclose(other.at(found[7], rows.part(np.array([7]))).located.p[tool], state.located.p[tool, 7:8])
+
+
+MATRIX = np.array([[1e6, -6e5], [-6e5, 8e5]])  # N/m, between x and y of joint2
+
+
+def test_deflections_by_a_matrix_couple_coordinates() -> None:
+    """e = C f between two coordinates that the loop takes up; sensitivities are derivatives through it, too."""
+    robot = eomgen.load_robot("four_bar")
+    joint = replace(
+        robot.joint("joint2"),
+        coordinates={**robot.joint("joint2").coordinates, "x": Coordinate(), "y": Coordinate()},
+        stiffness=JointStiffness.of(MATRIX.tolist(), ("x", "y")),
+    )
+    robot = replace(robot, joints=tuple(joint if x.name == "joint2" else x for x in robot.joints))
+    chain = chain_of(robot, {"tcp": ("coupler", matrix_of(robot.frames[0].placement))})
+    parameters = tuple(compliances_of(chain))
+    assert [parameter.name.partition("stiffness.")[2] for parameter in parameters] == ["x.x", "x.y", "y.y"]
+    plain, rows = linkage(columns(), parameters)
+    tree = build_model(robot)
+    model = replace(plain, robot=robot, chain=chain, closing=closing_of(tree, chain, [(1, 5)], "poses"))
+    state, C, tool = model.at(model.nominal, rows), np.linalg.inv(MATRIX), model.chain.tools["tcp"]
+    forces = state.factors[:, [0, 2]]  # in x and in y
+    np.testing.assert_allclose(state.factors[:, 1], forces[:, 1])
+    np.testing.assert_allclose(state.back[:, 0], forces[:, 0])
+    offsets = tuple(ErrorParameter(f"offset {c}", OFFSET, 2, c, "one", 0.0, 1.0) for c in (0, 1))
+    rigid = replace(model, parameters=offsets)
+    for row in (0, 7, 15):
+        bent = rigid.at(C @ forces[row], rows.part(np.array([row])))
+        np.testing.assert_allclose(bent.located.p[tool, 0], state.located.p[tool, row], atol=1e-12)
+    x = 1e-3 * model.nominal
+    S = model.at(x, rows).sensitivities(tool)[:, :3]
+    for i, c in enumerate(x):
+        step = 0.1 * abs(c) * np.eye(3)[i]
+        ahead, behind = (model.at(x + change, rows).located.p[tool] for change in (step, -step))
+        slope = (ahead - behind) / (2.0 * step[i])
+        np.testing.assert_allclose(S[:, :, i], slope, atol=2e-3 * np.abs(slope).max())
 
 
 def test_sensitivities_of_compliances_are_derivatives() -> None:

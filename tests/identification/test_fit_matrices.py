@@ -19,6 +19,7 @@ from eomgen.identification.stiffness.least_squares import Noise
 from eomgen.identification.stiffness.solve import fitting_kernels
 from eomgen.motion.files import MeasuredMotion, motion_from_columns
 from eomgen.motion.smoothing import Differentiator
+from eomgen.pictures import report_of
 from eomgen.robot import Coordinate, JointDamping, JointStiffness, Robot
 from eomgen.robot.elements.matrices import PAIRS
 from eomgen.robot.value import COORDINATES, Joint, Link
@@ -318,6 +319,8 @@ def test_results_are_kept_and_shown(tmp_path: Path, built: Build, capsys: pytest
     text = str(found)
     assert "mount.stiffness.x.beta" in text
     assert len(found.as_rows().values) == 12 + len([x for x in found.estimates if x.count(".") == 2])
+    page = report_of(found)
+    assert page.summary == ("10 parameters of 5 coordinates, 12 entries of 2 matrices",)
     t, q, _, _ = motion(20.0)
     names = (*(f"mount.{name}" for name in COORDINATES), "arm.gamma")
     u = rigid_forces(20.0) + np.pad(q[:, :6] @ K, ((0, 0), (0, 1)))

@@ -412,6 +412,16 @@ TOML_CASES = {
     "curve of words": ("stiffness = 1e6", 'curve = [[0, 0], [1, "a"]]', ["joints.joint1.x.curve.1.1", "'a'", "finite"]),
     "curve as a number": ("stiffness = 1e6", "curve = 3", ["joints.joint1.x.curve", "3", "array of arrays"]),
     "curve from nowhere": ("stiffness = 1e6", 'curve = "a.csv"', ["joints.joint1.x.curve", "'a.csv'", "relative"]),
+    "matrix from nowhere": (
+        "limits = [-1, 2]",
+        'stiffness = { matrix = "K.mtx" }',
+        ["joints.joint1.stiffness.matrix", "'K.mtx'", "relative"],
+    ),
+    "matrix of another file": (
+        "limits = [-1, 2]",
+        'stiffness = { matrix = "K.txt" }',
+        ["joints.joint1.stiffness.matrix", "'K.txt'", ".mtx or .npz or .csv"],
+    ),
     "curve and stiffness": (
         "stiffness = 1e6",
         "stiffness = 1, curve = [[0, 0], [1, 2]]",

@@ -7,13 +7,12 @@ from ..lazily import public_names
 from .compliance import ComplianceMap, compliance_map
 from .discrete import DiscreteStateSpace
 from .frequency import Response, h1, response
-from .joint_stiffness import JointStiffnessMatrix, joint_stiffness_matrix
 from .matrices import StateSpace, linearize
 from .modal import modes, modes_along
 from .modal_result import Modes, TrackedModes
 from .options import StateOptions
 from .sensitivity import offset_sensitivity
-from .statics import Deflection, deflection
+from .statics import Deflection, JointStiffnessMatrix, deflection, joint_stiffness_matrix
 from .structures import Comparison, compare
 from .tool_budget import Budget, budget
 

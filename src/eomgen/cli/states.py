@@ -78,21 +78,19 @@ def _deflection(options: argparse.Namespace) -> None:
 
 
 def _deflection_of_joint(options: argparse.Namespace) -> None:
-    from ..analysis.joint_stiffness import ENDINGS, joint_stiffness_matrix
+    from ..analysis.statics import MATRIX_ENDINGS, joint_stiffness_matrix
 
     for name in ("map", "frame"):
         if getattr(options, name) is not None:
             raise InputError(f"matrix and {name} are both given; allowed: one of them")
     if options.output is not None:
-        check_ending(options.output, *ENDINGS)
+        check_ending(options.output, *MATRIX_ENDINGS)
     robot = read_robot(options)
     with stage_bar("deflecting") as report:
         about = _state_options(options, report)
         del about["frame"]
         matrix = joint_stiffness_matrix(robot, options.matrix, coordinate_values("pose", options.pose), **about)
-    if options.output is not None:
-        matrix.save(options.output)
-    show_result(options, matrix)
+    show_and_write(options, matrix)
 
 
 def _add_modes(parser: argparse.ArgumentParser) -> None:

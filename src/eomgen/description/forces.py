@@ -1,4 +1,4 @@
-"""Reading of the tables of one coordinate and of a motor: stiffness, damping, clearance, friction, measured curves."""
+"""Reading of the tables of forces: of one coordinate, a motor, a joint as a whole, elements between two links."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import DescriptionError, InputError
-from ..forms.keys import Number
+from ..forms.keys import Either, Key, Listed, Number
 from ..forms.plain import value_of
-from ..forms.tables import Sub, Table
+from ..forms.tables import Pair, Sub, Table
 from ..names import listed, show
 from ..robot.bounds import LIMIT_KEYS, Limits
-from ..robot.elements import JOINT_ELEMENTS, JointElement
+from ..robot.elements import JOINT_ELEMENTS, KINDS, JointElement, LinkElement
 from ..robot.elements.joint_element import MatrixElement, missing_table
 from ..robot.elements.joint_stiffness import JointStiffness
 from ..robot.elements.matrices import Rows, matrix_conflict
@@ -228,6 +228,46 @@ def _inner_numbers(table: Table, name: str) -> dict[str, float]:
     if shape == GAUSSIAN:
         numbers[f"{name}.{GAUSSIAN}"] = numbers.pop(f"{name}.stribeck")
     return numbers
+
+
+def read_element(table: str, name: str, entry: Table, read_text: ReadText, folder: Path | None) -> LinkElement:
+    """Read one entry of force elements between two links, such as [[springs]].
+
+    Args:
+        table: key that lists such elements, one of ``robot.elements.KINDS``.
+        entry: of the keys ``ELEMENTS[table]``.
+        read_text: returns the text of the file that a curve names.
+        folder: where files of matrices are looked for; None where there is none.
+
+    Raises:
+        DescriptionError: a key is missing or wrong, or keys do not go together.
+    """
+    entry.require()
+    links = entry.strings("links")
+    if links[0] == links[1]:
+        entry.fail(f"got {show(links)}; both ends are on one link; allowed: two different links", "links")
+    values: dict[str, Any] = {
+        key: _element_value(entry, key, form, read_text, folder)
+        for key, form in entry.keys.items()
+        if key not in ("name", "links") and key in entry
+    }
+    element = KINDS[table](name, (links[0], links[1]), **values)
+    conflict = element.conflict()
+    if conflict is not None:
+        entry.fail(conflict[1], conflict[0])
+    return element
+
+
+def _element_value(entry: Table, key: str, form: Key, read_text: ReadText, folder: Path | None) -> Any:
+    """Return the value of a key as its field has it."""
+    if key == "curve":
+        return read_curve(entry, read_text, "elongation")
+    if isinstance(form, Either) and isinstance(entry.values[key], dict):
+        return whole_element(JOINT_ELEMENTS[key], entry.value(key), dict.fromkeys(COORDINATES), folder, [])
+    value = entry.value(key)
+    if isinstance(form, Pair):
+        return tuple(read_placement(table) for table in value)
+    return tuple(value) if isinstance(form, Listed) else value
 
 
 def read_curve(table: Table, read_text: ReadText, what: str = "deviation") -> Curve | None:

@@ -42,9 +42,8 @@ from ..robot.value import (
 from .beams import add_beam, check_beam_ends
 from .builtin import BUILTIN, builtin_robots
 from .draft import Draft, ordered_joints
-from .elements import read_element
 from .floating import float_base
-from .forces import joint_elements, read_coordinate, read_motor, read_placement
+from .forces import joint_elements, read_coordinate, read_element, read_motor, read_placement
 from .keys import ROBOT
 from .loops import read_coupling, read_loop, read_offset
 from .macros import Xacro

@@ -28,7 +28,7 @@ _MOST_NPZ = 1 << 20  # bytes of all arrays
 _BANNER = ("%%matrixmarket", "matrix")
 _FORMATS, _FIELDS, _SYMMETRIES = ("array", "coordinate"), ("real", "integer"), ("general", "symmetric")
 _HEADER = f"%%MatrixMarket matrix {' or '.join(_FORMATS)} {' or '.join(_FIELDS)} {' or '.join(_SYMMETRIES)}"
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+_NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _DIGITS = re.compile(r"\d{1,9}", re.ASCII)
 _ALLOWED_ROWS = f"1 to {ROWS} rows of as many numbers"
 
@@ -148,7 +148,7 @@ def _csv(path: Path, lines: list[str]) -> FileMatrix:
         if not rows and not names and set(cells) <= set(COORDINATES):
             names = tuple(cells)
             continue
-        width = len(names or (rows or [cells])[0])
+        width = len(names) or len(rows[0] if rows else cells)
         if len(cells) != width or not width <= ROWS:
             allowed = f"{width} numbers with commas between them" if width <= ROWS else _ALLOWED_ROWS
             raise _refusal(path, line, text, allowed)

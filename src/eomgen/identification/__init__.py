@@ -21,7 +21,7 @@ from .geometry.poses import Measured, MeasuredPoses, poses_from_columns, read_po
 from .identifiable import BaseParameters, base_parameters
 from .iso_9283.result import AccuracyResult, load_accuracy
 from .iso_9283.solve import accuracy
-from .stiffness.result import Estimate, FitResult, FittedCoordinate, load_fit
+from .stiffness.result import Estimate, FitResult, FittedCoordinate, FittedEntry, FittedMatrix, load_fit
 from .stiffness.solve import fit
 from .tolerances.allocation import Allocation
 from .tolerances.result import ToleranceResult
@@ -37,6 +37,8 @@ __all__ = [
     "ExciteResult",
     "FitResult",
     "FittedCoordinate",
+    "FittedEntry",
+    "FittedMatrix",
     "ForcesResult",
     "Further",
     "IdentifyResult",

@@ -69,7 +69,9 @@ def _add_measuring(parser: argparse.ArgumentParser, noise: str) -> None:
     add_names(
         parser, "--fixed", "NAME", "parameters, or the joints, frames and links that have them, to leave as they are"
     )
-    add_names(parser, "--stiffness", "NAME", "compliant coordinates, such as joint2.gamma")
+    add_names(
+        parser, "--stiffness", "NAME", "compliant coordinates, joint2.gamma, or matrices, joints.joint2.stiffness"
+    )
 
 
 def _calibrate(options: argparse.Namespace) -> None:

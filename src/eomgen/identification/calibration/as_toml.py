@@ -18,8 +18,7 @@ from ...errors import DescriptionError, InputError
 from ...files import check_ending, write_atomically
 from ...forms.toml_text import read_text
 from ...names import parameter_name, show_path
-from ...robot.elements import JointStiffness
-from ...robot.elements.joint_stiffness import JOINT_STIFFNESS
+from ...robot.elements.joint_stiffness import JOINT_STIFFNESS, JointStiffness
 from ...robot.elements.matrices import matrix_of as matrix_rows
 from ...robot.value import COORDINATES, Joint, Placement, Robot
 from ..geometry.error_model import BASE, FRAMES, JOINTS, LOOPS, SECOND, TILT

@@ -9,8 +9,7 @@ import numpy as np
 
 from ...arrays import Array
 from ...names import component_name, parameter_name
-from ...robot.elements import JointStiffness
-from ...robot.elements.joint_stiffness import JOINT_STIFFNESS
+from ...robot.elements.joint_stiffness import JOINT_STIFFNESS, JointStiffness
 from ...robot.elements.matrices import PAIRS, entry_name, matrix_conflict
 from ...robot.elements.matrices import matrix_of as rows_of
 from ...robot.value import COORDINATES, MOTOR, PRINCIPAL, Frame, Joint, Loop, Placement, Robot
@@ -155,8 +154,8 @@ def _joint(joint: Joint, values: Mapping[str, float]) -> Joint:
     for kind in taken_in(joint, matrix, values):
         coordinates[kind] = replace(coordinates[kind], stiffness=None)
     stiffness = joint.stiffness if matrix is None else matrix
-    moved = {"offset": offset, "placement": placement}
-    return replace(joint, **moved, coordinates=coordinates, motor=motor, stiffness=stiffness)
+    made = replace(joint, offset=offset, coordinates=coordinates, motor=motor, placement=placement)
+    return replace(made, stiffness=stiffness)
 
 
 def _tilted(joint: Joint, tilt: Array) -> Array:

@@ -41,7 +41,7 @@ from ..geometry.poses import MeasuredPoses, read_poses
 from ..geometry.solve import LOSSES, Fit, Loss, Problem, whitened
 from ..geometry.stations import Chain, chain_of, matrix_of
 from ..stiffness.matrix_entries import entries_sought
-from .described_values import described_values, indefinite_notes
+from .as_described import described_values, indefinite_notes
 from .diagnosing import Diagnosis, diagnosed, diagnosis_notes
 from .drives import with_drives
 from .identifiability import Identifiable, identifiable, refuse_too_few

@@ -158,9 +158,10 @@ def closing_of(model: Model, chain: Chain, read: Sequence[Place], source: str) -
     kept = {place(name) for name in driven}
     passive = []
     for joint in robot.joints:
+        coupled = () if joint.stiffness is None else joint.stiffness.held
         for kind, coordinate in joint.coordinates.items():
             at = place(component_name(joint.name, kind))
-            if at not in kept and not coordinate.has_stiffness:
+            if at not in kept and not coordinate.has_stiffness and kind not in coupled:
                 passive.append(at)
     couplings = tuple(
         (place(x.of), tuple((place(name), ratio) for name, ratio in x.to.items()), x.offset or 0.0)

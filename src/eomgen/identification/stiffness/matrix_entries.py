@@ -52,7 +52,7 @@ class Entry:
 
     @property
     def columns(self) -> tuple[int, ...]:
-        """The same, as of a coordinate that is sought."""
+        """Places in KEYS of all that is sought of it: one."""
         return (self.column,)
 
     @property
@@ -63,8 +63,8 @@ class Entry:
     @property
     def pairs(self) -> tuple[tuple[str, str], ...]:
         """Names of coordinates that it resists, each with the one whose deviation or rate counts."""
-        ends = self.ends
-        return ((ends[0], ends[0]),) if len(ends) == 1 else (ends, ends[::-1])
+        one, other = (component_name(self.joint, name) for name in (self.one, self.other))
+        return ((one, one),) if one == other else ((one, other), (other, one))
 
     def parameter(self, _column: int = 0) -> str:
         """Name of the parameter in ``Kernel.parameters``."""
@@ -73,7 +73,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class MatrixNumbers:
-    """What the description, or a kernel, says of the matrices of joints, and of the tables beside them.
+    """Numbers of the matrices of joints, and of the tables beside them, as a kernel has them now.
 
     matrices: by KEYS, then joint and entry.  tables: of coordinates' laws, by their names.
     """
@@ -121,10 +121,13 @@ def entries_sought(
         UnknownNameError: a pattern names no entry.
         InputError: it names damping that is isotropic, or proportional to the stiffness.
     """
-    every = [entry for joint in robot.joints for entry in _entries(joint, COORDINATES if rigid else joint.coordinates)]
     given = {entry for joint in robot.joints for entry in _described(joint)}
     if patterns is None:
-        return tuple(entry for entry in every if entry in given)
+        some = [joint for joint in robot.joints if joint.stiffness is not None or joint.damping is not None]
+        return tuple(x for joint in some for x in _entries(joint, joint.coordinates) if x in given)
+    if not patterns:
+        return ()
+    every = [entry for joint in robot.joints for entry in _entries(joint, COORDINATES if rigid else joint.coordinates)]
     unwanted = {component_name(x.name, PRINCIPAL[x.type]) for x in robot.joints if x.type in PRINCIPAL}
     for joint in robot.joints if rigid else ():
         if any(component_name(joint.name, name) not in unwanted for name in joint.coordinates):

@@ -93,7 +93,7 @@ def _described(joint: str, key: str, names: Sequence[str], numbers: MatrixNumber
 
 def _stack(names: Sequence[str], entries: Sequence[Entry], values: Array, described: Array) -> Array:
     """Return matrices with the values of entries, (N, entries), in a described one, (N, n, n)."""
-    stack = np.broadcast_to(described, (len(values), *described.shape)).copy()
+    stack: Array = np.broadcast_to(described, (len(values), *described.shape)).copy()
     for entry, column in zip(entries, values.T, strict=True):
         i, j = names.index(entry.one), names.index(entry.other)
         stack[:, i, j] = stack[:, j, i] = column

@@ -10,7 +10,8 @@ import numpy as np
 from ...errors import InputError, UnknownNameError
 from ...names import component_name, parameter_name, show
 from ...results.kinds import Kind, Saved, declare
-from ...robot.elements import JointDamping, JointStiffness
+from ...robot.elements.joint_damping import JointDamping
+from ...robot.elements.joint_stiffness import JointStiffness
 from ...robot.elements.matrices import ROUND_OFF
 from ...shown import Plotting, Shown, interval
 from ...tabular import Rows, TableColumn, Tabular

@@ -391,7 +391,8 @@ def _of_tree(
         wanted = np.isin(np.arange(len(KEYS)), item.columns)
         system = System(columns[:, np.newaxis], right[:, np.newaxis], measured, wanted)
         yield _Equations((item,), tuple((item, column) for column in range(len(KEYS))), system)
-    tree = _Tree(kernel.coordinates, _rows(model, kernel, motion), y, M.mean(axis=0), noise)
+    mean = M.mean(axis=0) if entries else M[0]
+    tree = _Tree(kernel.coordinates, _rows(model, kernel, motion), y, mean, noise)
     for joint in dict.fromkeys(entry.joint for entry in entries):
         own_entries = [entry for entry in entries if entry.joint == joint]
         own_ends = {name for entry in own_entries for name in entry.ends}
@@ -401,7 +402,7 @@ def _of_tree(
 
 @dataclass(frozen=True)
 class _Tree:
-    """What all equations of a tree have: names, rows that can be written, forces y, (T, n), inertia, (n, n), noise."""
+    """Parts of all equations of a tree: names, rows that can be written, forces y, (T, n), inertia, (n, n), noise."""
 
     coordinates: tuple[str, ...]
     rows: Sequence[str]

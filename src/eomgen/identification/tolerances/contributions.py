@@ -13,10 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...arrays import Array, Index
+from ...errors import InputError
 from ...names import parameter_name
 from ...robot.coordinates import UNITS
+from ...robot.elements.joint_stiffness import JOINT_STIFFNESS
 from ...robot.value import COORDINATES, Robot
-from ..geometry.compliances import blocks_of, compliances_of
+from ..geometry.compliances import Block, blocks_of, compliances_of
 from ..geometry.error_model import (
     COMPLIANCE,
     DRIVE,
@@ -73,7 +75,7 @@ def _drives(chain: Chain) -> Iterator[ErrorParameter]:
 
 def contributions_of(model: ErrorModel) -> dict[str, Contribution]:
     """Return everything that a table may name, by name."""
-    entries = {}
+    entries = dict[int, float]()
     for block in blocks_of(model.parameters):
         K = block.stiffness(model.nominal)
         entries |= {at: float(K[i, j]) for at, i, j in block.pairs}
@@ -87,7 +89,7 @@ def contributions_of(model: ErrorModel) -> dict[str, Contribution]:
 def _of_parameter(i: int, parameter: ErrorParameter, entry: float | None) -> Contribution:
     """Return that of a parameter; ``entry``: of a stiffness matrix, the described one."""
     if entry is not None:
-        return Contribution(parameter.name, parameter.unit, entry, ((i, 1.0),), True)
+        return Contribution(parameter.name, parameter.unit, entry, ((i, 1.0),), parameter.is_diagonal)
     if parameter.kind == COMPLIANCE:
         return Contribution(parameter.name, parameter.unit, 1.0 / parameter.nominal, ((i, 1.0),), True)
     return Contribution(parameter.name, parameter.unit, parameter.nominal, ((i, 1.0),))
@@ -149,10 +151,22 @@ class Exact:
                 for at, i, j in block.pairs:
                     K[:, i, j] += changed.get(at, 0.0)
                     K[:, j, i] = K[:, i, j]
-                C = np.linalg.inv(K)
+                C = self._inverse(block, K)
                 for at, i, j in block.pairs:
                     x[at] = C[:, i, j]
         return x
+
+    def _inverse(self, block: Block, K: Array) -> Array:
+        """Return inverses of stiffness matrices, (M, n, n); InputError where one of them would not be positive."""
+        try:
+            np.linalg.cholesky(K)
+        except np.linalg.LinAlgError:
+            joint = parameter_name(JOINTS, self.model.chain.stations[block.station].name, JOINT_STIFFNESS)
+            raise InputError(
+                f"tolerance: deviations of its entries make {joint} indefinite; allowed: smaller ones, with which it"
+                " resists every motion"
+            ) from None
+        return np.asarray(np.linalg.inv(K))
 
     def poses(self, y: Array, chosen: Index) -> tuple[Array, Array]:
         """Return rotation (M, 3, 3) and position (M, 3), m, of the tool, with deviations (K, M), at poses chosen."""
