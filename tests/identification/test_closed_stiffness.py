@@ -157,3 +157,18 @@ def test_loops_that_nothing_closes_rigidly_are_refused() -> None:
     poses = poses_from_columns(given, tree.coordinates, [robot.frames[0].name])
     with pytest.raises(InputError, match="hexapod_elastic: all loops are elastic in all coordinates"):
         calibrate(robot, poses, folds=0)
+
+
+@pytest.mark.parametrize("kind", ["table", "matrix"])
+def test_mechanisms_that_springs_alone_place_are_refused(kind: str) -> None:
+    robot = eomgen.load_robot("four_bar")
+    given = measured()
+    joints = []
+    for joint in robot.joints:
+        if joint.name != "joint1" and kind == "matrix":
+            joint = replace(joint, stiffness=JointStiffness.of([[50.0]], ("gamma",)))
+        elif joint.name != "joint1":
+            joint = replace(joint, coordinates={"gamma": replace(joint.coordinates["gamma"], stiffness=50.0)})
+        joints.append(joint)
+    with pytest.raises(InputError, match="four_bar: springs hold all coordinates but those of drives"):
+        calibrate(replace(robot, joints=tuple(joints)), given, folds=0)

@@ -173,6 +173,11 @@ def closing_of(model: Model, chain: Chain, read: Sequence[Place], source: str) -
             f"{robot.name}: all loops are elastic in all coordinates, so that forces alone say where it stands;"
             " allowed: loops with rigid coordinates"
         )
+    if not passive:
+        raise InputError(
+            f"{robot.name}: springs hold all coordinates but those of drives, so that forces alone say where it stands;"
+            " allowed: coordinates that follow from the drives"
+        )
     return _independent(model, chain, LoopConstraints(robot, tuple(passive), couplings))
 
 
