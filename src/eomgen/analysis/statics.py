@@ -11,7 +11,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..description import RobotLike
-from ..errors import InputError, UnknownNameError
+from ..errors import InputError, UnknownNameError, check_kind
 from ..files import check_ending, write_atomically, write_csv
 from ..names import component_name, joint_of, nearest_or_all, parameter_name
 from ..progress import StageReport, tells_at_prompt
@@ -325,6 +325,7 @@ def joint_stiffness_matrix(
         InputError: an argument cannot be used, or drives are free.
         IntegrationError: there is no static equilibrium near the pose.
     """
+    check_kind("joint", joint, isinstance(joint, str), "the name of a joint")
     arm = fixed_at_rest(prepared(robot, progress, **options))
     kernel, fixation = arm.kernel, arm.fixation
     active = _coordinates_of(arm.robot, joint)
