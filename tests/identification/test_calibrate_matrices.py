@@ -131,6 +131,7 @@ def test_a_random_matrix_is_recovered(built: Build, tmp_path: Path) -> None:
     assert np.abs(off_by(exact)).max() < 1e-6
     found = calibrated(robot, columns, stiffness=WHOLE)
     assert np.abs(off_by(found)).max() < 3e-4
+    assert any("about an origin that its offsets move" in note for note in found.notes)
     before = dict(zip(found.names, found.described, strict=True))
     assert np.isnan(before["joints.joint2.stiffness.x.x"])  # z is rigid there
     units = dict(zip(found.names, found.units, strict=True))
@@ -187,18 +188,18 @@ def test_intervals_cover_with_noise(runs: int, built: Build, tmp_path: Path) -> 
     exact = loaded(true(robot), built)
     for seed in range(runs):
         rng = np.random.default_rng(seed)
-        off = {name: rng.normal(scale=1e-5 if "r" in name else 5e-6, size=exact[name].size) for name in PLACES}
+        off = {name: rng.normal(scale=4e-7 if "r" in name else 2e-7, size=exact[name].size) for name in PLACES}
         columns = exact | {name: exact[name] + noise for name, noise in off.items()}
-        found = calibrated(robot, columns, stiffness=WHOLE)
+        found = calibrated(robot, columns, stiffness=WHOLE, fixed=FIXED)
         deviations = dict(zip(found.names, found.deviations, strict=True))
         for one, other in PAIRS:
             name = f"joints.joint2.stiffness.{one}.{other}"
             if name in deviations:
                 value = K[NAMES.index(one), NAMES.index(other)]
                 inside.append(abs(found[name] - value) <= found.quantile * deviations[name])
+        assert not any("offsets move" in note for note in found.notes)
     assert len(inside) == 15 * runs
     assert np.mean(inside) >= 0.85
-    assert runs < 5 or np.mean(inside) < 1.0
 
 
 def test_what_loads_do_not_show_is_named(built: Build, tmp_path: Path) -> None:
