@@ -125,6 +125,7 @@ def pytest_terminal_summary(terminalreporter: Any, exitstatus: pytest.ExitCode, 
         terminalreporter.write_sep("-", name)
         terminalreporter.write_line("\n".join(lines(figures_of_test)))
     page, ended = config.getoption("--soak-page"), (pytest.ExitCode.OK, pytest.ExitCode.TESTS_FAILED)
-    if page is not None and exitstatus in ended:  # one that was interrupted leaves the page as it was
+    gathers = not hasattr(config, "workerinput")  # xdist's workers know their own share alone
+    if page is not None and exitstatus in ended and gathers:  # one that was interrupted leaves the page as it was
         processes = getattr(config.option, "numprocesses", None) or 1
         write_soak_page(Path(config.rootpath, page), terminalreporter.stats, time.monotonic() - BEGAN, processes)

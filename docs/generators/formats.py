@@ -9,6 +9,7 @@ from functools import singledispatch
 from markdown.extensions.toc import slugify
 
 from eomgen.authoring.schemas import FORMATS
+from eomgen.description.keys import Matrix
 from eomgen.forms.keys import (
     ByName,
     Choice,
@@ -166,6 +167,11 @@ def _(kind: Strings) -> str:
 @takes.register
 def _(kind: Numbers) -> str:
     return "an array of numbers" if kind.count is None else f"an array of {kind.count} numbers"
+
+
+@takes.register
+def _(kind: Matrix) -> str:
+    return "rows of as many numbers as there are rows, one to six"
 
 
 @takes.register
