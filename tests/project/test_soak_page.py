@@ -45,10 +45,15 @@ def test_a_run_without_failures_lists_none(tmp_path: Path) -> None:
     assert "Counts" not in text
 
 
-def test_the_option_is_known_where_the_page_exists() -> None:
-    """Pytest takes a path that exists for one of tests, and looks for options beside it."""
+def test_make_soak_gathers_where_the_page_exists() -> None:
+    """A path in a word of its own pytest takes for one of tests, and then no process gathers what the workers say."""
     root = Path(__file__).parents[2]
     assert (root / "docs" / "soak.md").is_file()
-    command = [sys.executable, "-m", "pytest", "-m", "soak", "--soak-page", "docs/soak.md", "--markers"]
-    asked = subprocess.run(command, cwd=root, capture_output=True, text=True, check=False)
+    makefile = (root / "Makefile").read_text(encoding="utf-8")
+    (words,) = (line.split()[1:] for line in makefile.splitlines() if "--soak-page" in line)
+    command = [sys.executable, *(word for word in words if word not in ("-n", "auto", "--dist", "worksteal"))]
+    asked = subprocess.run(
+        [*command, "--trace-config", "--markers"], cwd=root, capture_output=True, text=True, check=False
+    )
     assert asked.returncode == 0, asked.stderr
+    assert str(root / "tests" / "conftest.py") in asked.stdout
