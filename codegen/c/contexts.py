@@ -65,7 +65,7 @@ def header_context(equations: Equations, dtype: str, meta: Mapping[str, Any], ba
         "closed": bool(model.constraints),
         "batches": batches,
         "declared": [name for names in meta["halves"].values() for name in names],
-        "coordinates": model.coordinates,
+        "coordinates": model.velocities,
         "links": model.links,
         "frames": model.frames,
         "constraints": model.constraints,

@@ -93,6 +93,20 @@ class Deflection:
     jacobian_row: SparseRow
 
 
+@dataclass(frozen=True)
+class StateSlopes:
+    """Slopes of a resisting force f(v, z) and of the rate g(v, z) of its state; g_z is never positive."""
+
+    f_v: Scalar
+    f_z: Scalar
+    g_v: Scalar
+    g_z: Scalar
+
+    def share(self, c: Scalar, square: Scalar) -> Scalar:
+        """Return c f_v + c^2 f_z g_v / (1 - c g_z): the coordinate's share in a matrix once z is eliminated."""
+        return c * self.f_v + square * (self.f_z * self.g_v) * (1.0 / (1.0 - c * self.g_z))
+
+
 class ImplicitShare(ABC):
     """Shares of elements in M + c D + c^2 K of an implicit method, and in the forces on its right side.
 
@@ -121,6 +135,12 @@ class ImplicitShare(ABC):
     @abstractmethod
     def bend(self, i: int, law: Effect) -> None:
         """Add slopes of a law on coordinate i; none where its tangent falls."""
+
+    @abstractmethod
+    def in_memory(self, i: int, k: int, law: StateSlopes) -> None:
+        """Add slopes of a law on coordinate i with the state k: all of them, or those of the state's rate alone where
+        the force would fall with the coordinate's rate.
+        """
 
     @abstractmethod
     def in_joint(self, slopes: Callable[[Scalar, Scalar], Rows]) -> None:
@@ -169,6 +189,10 @@ class ForceElement(ABC):
 
     def energies(self) -> Iterator[Scalar]:
         """Give stored energies, J."""
+        yield from ()
+
+    def state_energies(self, v: Sequence[Scalar]) -> Iterator[Scalar]:
+        """Give energies, J, that states of laws store, which are among the velocities."""
         yield from ()
 
     def deflections(self, v: Sequence[Scalar]) -> Iterator[Deflection]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from .bristles import BristleFriction
 from .bushings import Bushings
 from .coordinates import CoordinateLaws
 from .cut_journals import LoopBearingContacts
@@ -17,6 +18,7 @@ from .transmissions import Transmissions
 
 ELEMENTS: Sequence[type[ForceElement]] = (
     CoordinateLaws,
+    BristleFriction,
     Transmissions,
     PointSprings,
     BearingContacts,

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from ..forces.element import ImplicitShare, SparseRow
+from ..forces.element import ImplicitShare, SparseRow, StateSlopes
 from ..forces.laws import Effect
 from ..solve.factorised import Factors
 from ..solve.reduced import ReducedTree
 from ..solve.responses import EliminatedTree, FactorisedTree, Tree
 from ..solve.rows import Row, elastic_row
+from ..solve.states import ScalarSlopes, StateRow
 from ..tree.composite import Rows
 from ..tree.spatial import ZERO, Scalar
 from .closed import Pivots, constrained, eliminated, pivot_outputs, projection, with_rows
@@ -69,6 +70,7 @@ class _Step(ImplicitShare):
         self.armature = list(d.bound.armature)
         self.beside: Rows = {}
         self.slopes: dict[int, Scalar] = {}
+        self.states: dict[int, StateRow] = {}
         self.rows: list[Row] = []
 
     def push(self, i: int, force: Scalar) -> None:
@@ -79,6 +81,11 @@ class _Step(ImplicitShare):
 
     def bend(self, i: int, law: Effect) -> None:
         self.armature[i] = self.armature[i] + self._ahead(law)
+
+    def in_memory(self, i: int, k: int, law: StateSlopes) -> None:
+        share, f = law.share(self.dt, self.square), self.functions
+        self.armature[i] = self.armature[i] + f.max(share, 0.0)
+        self.states[k] = StateRow.of(i, law, self.dt, f.step(share))
 
     def in_joint(self, slopes: Callable[[Scalar, Scalar], Rows]) -> None:
         for (i, j), slope in slopes(self.dt, self.square).items():
@@ -134,7 +141,8 @@ def implicit_step(d: Derivation) -> Outputs:
     for element in d.elements:
         element.add_rows(step)
     drives, coupled = drives_left(d, step.forces), bool(step.rows)
-    tree, pivots = eliminated(d, step.armature, drives, d.v, step.slopes, coupled=coupled, beside=step.beside)
+    slopes = ScalarSlopes(step.slopes, step.states)
+    tree, pivots = eliminated(d, step.armature, drives, d.v, slopes, coupled=coupled, beside=step.beside)
     return solved_accelerations(d, tree, pivots, step.rows)
 
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from types import MappingProxyType
 from typing import Any
 
 from ..solve.elimination import NO_COUPLINGS, Elimination
@@ -17,6 +16,7 @@ from ..solve.refining import precision_of, refined
 from ..solve.responses import EliminatedTree, Tree, total
 from ..solve.rotors import Rotors
 from ..solve.rows import Row, RowSystem
+from ..solve.states import ScalarSlopes, States
 from ..tree.bound import Bound
 from ..tree.composite import mass_matrix
 from ..tree.recursion import inertial_rows
@@ -25,7 +25,7 @@ from .constraint_rows import closure_residuals, general_rank
 from .derivation import Derivation, Outputs, vector
 
 Pivots = list[tuple[Scalar, Scalar]]
-NO_SLOPES: Mapping[int, Scalar] = MappingProxyType({})
+NO_SLOPES = ScalarSlopes()
 
 
 def eliminated(
@@ -33,27 +33,29 @@ def eliminated(
     armature: Sequence[Scalar],
     drives: list[Scalar],
     v: list[Any],
-    slopes: Mapping[int, Scalar] = NO_SLOPES,
+    slopes: ScalarSlopes = NO_SLOPES,
     *,
     bound: Bound | None = None,
     coupled: bool = False,
     beside: Mapping[tuple[int, int], Scalar] = NO_COUPLINGS,
 ) -> tuple[EliminatedTree | ReducedTree, Pivots]:
-    """Eliminate the tree, motors first: its accelerations, and pivots with what they are compared to.
+    """Eliminate the tree, states and motors first: its accelerations, and pivots with what they are compared to.
 
     Args:
-        slopes: of the transmissions in an implicit step.
+        slopes: of the transmissions and of laws with states in an implicit step.
         bound: the model's numbers, where they are not the derivation's.
         beside: slopes that couple coordinates of one joint beside the diagonal, see ``Elimination``.
     """
     bound = bound or d.bound
     if d.followers:
         return _reduced(d, replace(bound, armature=tuple(armature)), drives, v, slopes, beside)
-    rotors = Rotors(d.model, bound, armature, drives, slopes)
+    states = States(d.model, drives, slopes.states)
+    rotors = Rotors(d.model, bound, armature, states.drives, slopes.transmissions)
     left = replace(bound, armature=tuple(rotors.armature))
     solved = Elimination(d.model, left, d.joints, v, rotors.drives, d.graph.note, coupled=coupled, slopes=beside)
     rotors.release(solved.accelerations, solved.pivots)
-    return EliminatedTree(rotors, solved, solved.accelerations), solved.pivots
+    states.release(solved.accelerations, solved.pivots)
+    return EliminatedTree(states, rotors, solved, solved.accelerations), solved.pivots
 
 
 def _reduced(
@@ -61,11 +63,12 @@ def _reduced(
     bound: Bound,
     drives: list[Scalar],
     v: list[Any],
-    slopes: Mapping[int, Scalar],
+    slopes: ScalarSlopes,
     beside: Mapping[tuple[int, int], Scalar],
 ) -> tuple[ReducedTree, Pivots]:
     """Solve where coordinates follow others: by S^T M S, since a tree with shared coordinates is none."""
-    rotors = Rotors(d.model, bound, bound.armature, drives, slopes)
+    states = States(d.model, drives, slopes.states)
+    rotors = Rotors(d.model, bound, bound.armature, states.drives, slopes.transmissions)
     active, prescribed = frozenset(d.active), d.model.prescribed
     left, still = replace(bound, armature=tuple(rotors.armature)), [0.0] * d.model.size
     bias, _ = inertial_rows(d.model, left, d.joints, v, still, left.gravity, d.graph.note)
@@ -74,6 +77,7 @@ def _reduced(
         whole[pair] = whole.get(pair, 0.0) + slope
     whole = d.followers.symmetric(whole)
     alone = {i for i in range(d.model.size) if i in prescribed or i in rotors.rows or i not in active}
+    alone.update(states.rows)
     matrix = {pair: entry for pair, entry in whole.items() if alone.isdisjoint(pair)}
     free: list[Scalar] = [0.0 if i in prescribed else x for i, x in enumerate(rotors.drives)]
     right = d.followers.gather([drive - force for drive, force in zip(free, bias, strict=True)])
@@ -87,9 +91,10 @@ def _reduced(
     for place, i in enumerate(d.active):
         parents[i] = d.active[places[place]] if places[place] >= 0 else -1
     factors = Factors(d.model, matrix, parents)
-    tree = ReducedTree(rotors, d.followers, factors, right)
+    tree = ReducedTree(states, rotors, d.followers, factors, right)
     pivots = [(pivot, matrix[i, i]) for i, pivot in enumerate(factors.pivots)]
-    return tree, [tree.pivot_pairs[i] if i in rotors.rows else pivot for i, pivot in enumerate(pivots)]
+    apart = {*rotors.rows, *states.rows}
+    return tree, [tree.pivot_pairs[i] if i in apart else pivot for i, pivot in enumerate(pivots)]
 
 
 def with_rows(

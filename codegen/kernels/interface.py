@@ -19,7 +19,7 @@ from .signatures import KERNELS, element_rows, functions, shapes
 
 IF_ANY = (  # entries of the metadata that are there only where there is something to tell
     *("motors", "efforts", "ranges", "home", "frame_links", "turning", "loops", "upright", "constraints", "couplings"),
-    *("followers", "cut_laws", "regressor", "springs", "element_rows", "matrices"),
+    *("memory", "followers", "cut_laws", "regressor", "springs", "element_rows", "matrices"),
 )
 
 
@@ -36,7 +36,8 @@ def describe_kernels(model: Model, kernels: Sequence[str], dtype: str) -> dict[s
         "generator": f"eomgen {__version__}",
         "name": model.name,
         "dtype": dtype,
-        "coordinates": model.coordinates,
+        "coordinates": model.velocities,
+        "memory": model.memory,
         "joints": [body.joint for body in model.bodies],
         "links": model.links,
         "frames": model.frames,

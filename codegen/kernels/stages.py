@@ -24,13 +24,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from ..forces.element import ImplicitShare, SparseRow
+from ..forces.element import ImplicitShare, SparseRow, StateSlopes
 from ..forces.laws import Effect
 from ..program.complex_pairs import on_pairs
 from ..program.cutting import cut
 from ..program.ir import Program, finish
 from ..program.passes import PARAMETERS, run_passes
 from ..solve.rows import Row, elastic_row
+from ..solve.states import ScalarSlopes, StateRow
 from ..tree.composite import Rows
 from ..tree.spatial import ZERO, Scalar, along
 from .accelerations import solved_accelerations
@@ -76,6 +77,8 @@ class _Stage(ImplicitShare):
         self.forces, self.armature = list[Scalar](), list[Scalar]()
         self.beside: Rows = {}
         self.slopes: dict[int, Scalar] = {}
+        self.states: dict[int, StateRow] = {}
+        self.laws: list[tuple[int, int, StateSlopes]] = []
         self.directions: list[tuple[SparseRow, _Slope]] = []
 
     def push(self, i: int, force: Scalar) -> None:
@@ -87,11 +90,28 @@ class _Stage(ImplicitShare):
     def bend(self, i: int, law: Effect) -> None:
         self.diagonal[i] = self.diagonal[i] + self._rising(law)
 
+    def in_memory(self, i: int, k: int, law: StateSlopes) -> None:
+        self.laws.append((i, k, law))
+
     def settle(self) -> None:
         """Add the slopes of coordinates by themselves to their inertia, and what they make to the forces."""
         pairs = zip(self.diagonal, self.rates, self.shifts, strict=True)
         self.forces = [slope.force(rate, shift) for slope, rate, shift in pairs]
         self.armature = [x + slope.whole for x, slope in zip(self.d.bound.armature, self.diagonal, strict=True)]
+        for i, k, law in self.laws:
+            self._settle_state(i, k, law)
+
+    def _settle_state(self, i: int, k: int, law: StateSlopes) -> None:
+        """Add a law with a state: c (f_v r + f_z r_z) and -c (g_v r + g_z r_z), and what eliminating it leaves."""
+        acts, (at_i, at_k) = self._acts(law), (self.rates[i], self.rates[k])
+        self.forces[i] = self.forces[i] + acts * (self.c * (law.f_v * at_i + law.f_z * at_k))
+        self.forces[k] = self.forces[k] - self.c * (law.g_v * at_i + law.g_z * at_k)
+        self.armature[i] = self.armature[i] + acts * law.share(self.c, self.square)
+        self.states[k] = StateRow.of(i, law, self.c, acts)
+
+    def _acts(self, law: StateSlopes) -> Scalar:
+        """Return 1 where a force with a state counts in the matrix, 0 where it would fall."""
+        return self.d.functions.step(law.share(self.c, self.square))
 
     def in_joint(self, slopes: Callable[[Scalar, Scalar], Rows]) -> None:
         whole, by_shift = slopes(self.c, self.square), slopes(0.0, self.c)
@@ -161,6 +181,9 @@ class _PairStage(_Stage):
         rises = f.step(self.size * law.by_v + self.size_square * law.by_s)
         return _Slope(rises * share.whole + self.c * f.max(law.friction_tangent, 0.0), rises * share.by_shift)
 
+    def _acts(self, law: StateSlopes) -> Scalar:
+        return self.d.functions.step(law.share(self.size, self.size_square))
+
 
 def stage(d: Derivation, kind: type[_Stage] = _Stage) -> Outputs:
     """Solve a stage: w, (n,), and the pivots."""
@@ -186,8 +209,9 @@ def stage(d: Derivation, kind: type[_Stage] = _Stage) -> Outputs:
     prescribed = frozenset(d.model.prescribed)
     drives: list[Scalar] = [0.0 if i in prescribed else -1.0 * force for i, force in enumerate(here.forces)]
     rest, coupled = replace(d.bound, gravity=ZERO), bool(rows)
+    slopes = ScalarSlopes(here.slopes, here.states)
     tree, pivots = eliminated(
-        d, here.armature, drives, d.still, here.slopes, bound=rest, coupled=coupled, beside=here.beside
+        d, here.armature, drives, d.still, slopes, bound=rest, coupled=coupled, beside=here.beside
     )
     return solved_accelerations(d, tree, pivots, rows)
 

@@ -107,6 +107,8 @@ def _energy(d: Derivation) -> Outputs:
     for element in d.elements:
         for energy in element.energies():
             potential = potential + energy
+        for energy in element.state_energies(d.v):
+            potential = potential + energy
     return vector([kinetic, potential])
 
 

@@ -20,6 +20,7 @@ from .elimination import Elimination
 from .factorised import Factors
 from .rotors import Rotors
 from .rows import Entries, Response, Row, Sparse
+from .states import States
 
 
 class Tree(ABC):
@@ -70,11 +71,11 @@ class FactorisedTree(Tree):
 
 
 class EliminatedTree(Tree):
-    """A tree whose joints are eliminated one after the other, and its motors before them."""
+    """A tree whose joints are eliminated one after the other, its motors before them, and states of laws first."""
 
-    def __init__(self, rotors: Rotors, tree: Elimination, free: Sequence[Scalar]) -> None:
-        """Keep the elimination; ``free``: its accelerations, motors included."""
-        self.rotors, self.tree, self.free, self.model = rotors, tree, free, tree.model
+    def __init__(self, states: States, rotors: Rotors, tree: Elimination, free: Sequence[Scalar]) -> None:
+        """Keep the elimination; ``free``: its accelerations, those of motors and states of laws included."""
+        self.states, self.rotors, self.tree, self.free, self.model = states, rotors, tree, free, tree.model
 
     def respond(self, row: Row) -> Response:
         response, tree, model = Response(), self.tree, self.model
@@ -171,7 +172,7 @@ class EliminatedTree(Tree):
             parent = (ZERO, ZERO) if body.parent == FIXED_BODY else bodies[body.parent]
             bodies.append(self._released(k, parent, more, accelerations))
         self.rotors.released(more, accelerations)
-        return accelerations
+        return self.states.released(accelerations)
 
     def _released(
         self, k: int, parent: tuple[Vec, Vec], more: Mapping[int, Scalar], accelerations: list[Scalar]

@@ -136,7 +136,8 @@ class Bound:
     """A model with its numbers, in the model's order; ``links`` and ``frames`` hold (body, pose in that body).
 
     ``coms`` are the links' centres of mass in their bodies' frames, ``cuts`` per loop the cut frame on both links;
-    ``laws``, ``armature`` and ``angle_offsets`` (added to an angle before it turns, rad) are per coordinate.
+    ``laws``, ``armature`` and ``angle_offsets`` (added to an angle before it turns, rad) are per coordinate, the first
+    two then of states of laws (``Model.memory``), whose inertia is 1.
     ``at_rest`` is the first moment (kg m, base frame) of mass that regrouping moved to the base: its weight is a
     constant of the potential energy.
     ``transmissions`` holds, by the index of a motor's coordinate, what is between it and its joint; its inertia is an
@@ -450,6 +451,9 @@ class _Binder:
                 BoundLaw(0.0 if _is_bent(coordinate) else k, c, law, _knots(coordinate), carriers.get(prefix, ()))
             )
             armatures.append(armature)
+        for _ in self.model.memory:  # unit inertias, whose forces are in their laws
+            laws.append(BoundLaw(0.0, 0.0))
+            armatures.append(1.0)
         return tuple(laws), tuple(armatures)
 
     def transmissions(self) -> dict[int, BoundTransmission]:

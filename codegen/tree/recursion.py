@@ -276,7 +276,8 @@ def kinetic_energy(model: Model, bound: Bound, joints: Sequence[JointGeometry], 
         momentum = add(scale(H.mass, W.origin), cross(W.rate, H.first))
         spin = add(rotational_inertia(H, W.rate), cross(H.first, W.origin))
         energy = energy + 0.5 * (dot(momentum, W.origin) + dot(spin, W.rate))
-    for c, rate in zip(bound.armature, v, strict=True):
+    n = len(model.coordinates)  # states of laws are no motion
+    for c, rate in zip(bound.armature[:n], v[:n], strict=True):
         energy = energy + 0.5 * c * rate * rate
     return energy
 

@@ -9,7 +9,8 @@ import numpy as np
 from eomgen.arrays import Array
 from eomgen.errors import InputError
 from eomgen.names import joint_of
-from eomgen.robot.laws import stiffness_of
+from eomgen.robot.laws import BRISTLES, stiffness_of
+from eomgen.robot.mechanism import coordinate_of
 from eomgen.robot.model import Model
 from eomgen.robot.parameter_names import CUTS, JOINTS, element_places
 from eomgen.robot.sizes import deviation_sizes
@@ -20,11 +21,17 @@ from ...program.passes import PARAMETERS
 from ..derivation import Derivation, vector
 from ..interface import knots
 
+UNUSED = 1e30  # size of a number that acts on nothing, whose error no step looks at
+
 
 def coordinate_sizes(model: Model) -> tuple[Array, Array]:
     """Return sizes of coordinates and rates, (n,) each, at home: see ``deviation_sizes``."""
     inertia, beside = _at_home(model)
-    return deviation_sizes(_coordinate_stiffness(model) + beside, inertia)
+    n = len(model.coordinates)
+    q, v = deviation_sizes(_coordinate_stiffness(model) + beside[:n], inertia[:n])
+    states = [coordinate_of(model.robot, owner).law() for owner in model.owners]
+    sizes = np.array([law["friction.coulomb"] / law[BRISTLES] for law in states])
+    return np.concatenate([q, np.full(len(states), UNUSED)]), np.concatenate([v, sizes])
 
 
 def rubbing_parameters(model: Model) -> list[tuple[int, str]]:
@@ -103,4 +110,4 @@ def _refuse_poles(d: Derivation) -> None:
 
 def _numbers_at_home(model: Model) -> dict[str, list[float]]:
     """Return inputs of programs: the coordinates at home, and the description's parameters."""
-    return {"q": list(model.home), PARAMETERS: list(model.parameters.values())}
+    return {"q": [*model.home, *(0.0 for _ in model.memory)], PARAMETERS: list(model.parameters.values())}

@@ -18,7 +18,7 @@ from ..robot.elements.joint_element import MatrixElement, missing_table
 from ..robot.elements.joint_stiffness import JointStiffness
 from ..robot.elements.matrices import Rows, matrix_conflict
 from ..robot.geometry import ZERO
-from ..robot.laws import GAUSSIAN
+from ..robot.laws import BRISTLES, GAUSSIAN, LUGRE
 from ..robot.rules import ROTORS, coordinate_conflict
 from ..robot.value import COORDINATES, Coordinate, Curve, Motor, Placement
 from .keys import COORDINATE
@@ -220,14 +220,25 @@ def _inner_numbers(table: Table, name: str) -> dict[str, float]:
         inner.require_one("coulomb", "a force in N or N m, or a coefficient")
     if inner is None:
         return {}
-    read = {f"{name}.{key}": inner.number(key) for key in inner.keys if key != "shape"}
+    read = {f"{name}.{key}": inner.number(key) for key in inner.keys if key not in ("shape", "model")}
     numbers = {key: number for key, number in read.items() if number is not None}
     shape = inner.text("shape") if "shape" in inner else None
     if shape is not None and f"{name}.stribeck" not in numbers:
         inner.fail(f"got {show(shape)}, and there is no stribeck; allowed: with static and stribeck", "shape")
-    if shape == GAUSSIAN:
+    if name == "friction":
+        _check_model(inner, numbers)
+    if shape == GAUSSIAN or (BRISTLES in numbers and shape is None and f"{name}.stribeck" in numbers):
         numbers[f"{name}.{GAUSSIAN}"] = numbers.pop(f"{name}.stribeck")
     return numbers
+
+
+def _check_model(inner: Table, numbers: Mapping[str, float]) -> None:
+    """Refuse LuGre friction without a stiffness, and its numbers without ``model = "lugre"``."""
+    is_lugre = "model" in inner and inner.text("model") == LUGRE
+    if is_lugre and BRISTLES not in numbers:
+        inner.require_one("bristle_stiffness", "a stiffness in N/m or N m/rad, greater than 0")
+    elif not is_lugre and BRISTLES in numbers:
+        inner.fail(f'the model is not {LUGRE}; allowed: with model = "{LUGRE}"', "bristle_stiffness")
 
 
 def read_element(table: str, name: str, entry: Table, read_text: ReadText, folder: Path | None) -> LinkElement:

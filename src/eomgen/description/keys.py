@@ -91,6 +91,7 @@ def _numbers(law: laws.Law) -> dict[str, Key]:
         if number.key not in laws.SHAPED
     }
     if law.name == "friction":
+        keys["model"] = Choice("lugre: friction with a state; without it a function of the velocity", words=laws.MODELS)
         keys["shape"] = Choice("of Stribeck's curve: lorentzian (as it is without) or gaussian", words=laws.SHAPES)
     return keys
 

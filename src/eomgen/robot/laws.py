@@ -7,6 +7,7 @@ also those of the run-time parameters: "cubic", "friction.coulomb", "curve.0".
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -21,8 +22,11 @@ SHARE = 0.05  # of a clearance over which contact sets in
 SMOOTHING = 4e-8  # m/s or rad/s over which friction reverses: 90 % of the limit creep by 0.8 um in 10 s
 SHARP = 1e-6  # of the Stribeck velocity, at most: so little of the peak is lost where friction reverses
 SHAPES = LORENTZIAN, GAUSSIAN = "lorentzian", "gaussian"  # of Stribeck's curve
+BRISTLES = "friction.bristle_stiffness"  # is there where friction is LuGre's, which has a state
+MODELS = (LUGRE,) = ("lugre",)  # of friction, beside the one without a state
 SHAPED = {f"friction.{GAUSSIAN}": "friction.stribeck"}  # numbers that descriptions have under another key and a shape
 COARSE = 1e-3  # m/s or rad/s by which explicit steps chatter where the smoothing of friction is too narrow for them
+GRID = 4000  # speeds, evenly spaced in their logarithms, at which the passivity of bristles is looked at
 ONSET = 1e-4  # m or rad over which a stop sets in
 
 Curve = tuple[tuple[float, float], ...]  # (deviation, force)
@@ -150,6 +154,14 @@ def _between_stops(numbers: Values) -> Conflict | None:
 
 def _stribeck(numbers: Values) -> Conflict | None:
     coulomb, static = numbers["friction.coulomb"], numbers.get("friction.static")
+    if BRISTLES in numbers:
+        conflict = _bristles(numbers)
+        if conflict is not None:
+            return conflict
+    else:
+        for key in ("bristle_damping", "fade"):
+            if f"friction.{key}" in numbers:
+                return f"friction.{key}", "there is no bristle_stiffness; allowed: with it"
     if (static is None) != (not any(f"friction.{key}" in numbers for key in ("stribeck", GAUSSIAN))):
         return "friction", "static and stribeck belong together; allowed: both or none"
     if static is not None and static < coulomb:
@@ -159,13 +171,73 @@ def _stribeck(numbers: Values) -> Conflict | None:
     return None
 
 
-def _friction_smoothing(numbers: Values) -> float:
+def _bristles(numbers: Values) -> Conflict | None:
+    """Return the conflict of LuGre friction: other models' numbers, no force to slide at, a fade that is too wide."""
+    coulomb = numbers["friction.coulomb"]
+    if coulomb < SMALLEST:
+        return "friction.coulomb", f"got {coulomb!r}; allowed: at least {SMALLEST:g}, as bristles yield at it"
+    for key in ("smoothing", "coefficient", "radius", "stribeck"):
+        if f"friction.{key}" in numbers:
+            what = "a Gaussian Stribeck curve" if key == "stribeck" else "LuGre friction without it"
+            return f"friction.{key}", f"the model is lugre; allowed: {what}"
+    excess = _unfaded(numbers)
+    if "friction.fade" in numbers and excess is not None:
+        v, force, most = excess
+        said = f"bristle damping resists with {force:.4g} at the velocity {v:.4g}, more than 4 times {0.25 * most:.4g}"
+        return "friction.fade", f"got {numbers['friction.fade']!r}: {said}; allowed: a lower velocity, or less damping"
+    return None
+
+
+def sliding_force(numbers: Values, v: float) -> float:
+    """Return LuGre's g(v), N or N m: the force at which bristles slide at the speed v, with a Gaussian curve."""
+    coulomb = numbers["friction.coulomb"]
+    more = numbers.get("friction.static", coulomb) - coulomb
+    rate = numbers.get(f"friction.{GAUSSIAN}", 1.0)
+    return coulomb + more * math.exp(-min((v / rate) ** 2, 700.0))
+
+
+def _unfaded(numbers: Values) -> tuple[float, float, float] | None:
+    """Return the least speed v of a fine grid at which sigma_1(v) v > 4 g(v), with both; None without any."""
+    damping, fade = numbers.get("friction.bristle_damping", 0.0), numbers.get("friction.fade", math.inf)
+    scales = [x for x in (fade, numbers.get(f"friction.{GAUSSIAN}")) if x is not None and math.isfinite(x)]
+    scales.append(4.0 * numbers["friction.coulomb"] / max(damping, SMALLEST))
+    low, high = 1e-3 * min(scales), 10.0 * max(scales)
+    ratio = (high / low) ** (1.0 / (GRID - 1))
+    v = low
+    for _ in range(GRID):
+        resists = damping * math.exp(-min((v / fade) ** 2, 700.0)) * v
+        most = 4.0 * sliding_force(numbers, v)
+        if resists > most:
+            return v, resists, most
+        v *= ratio
+    return None
+
+
+def active_above(numbers: Values) -> float | None:
+    """Return the speed (m/s or rad/s) above which LuGre friction can give energy back; None where it is passive.
+
+    It is where sigma_1(v) |v| exceeds 4 g(v), to a percent; viscous friction, which raises it, is left out.
+    """
+    found = _unfaded(numbers) if BRISTLES in numbers else None
+    return None if found is None else found[0]
+
+
+def memory_of(numbers: Values) -> tuple[str, ...]:
+    """Name the states of a coordinate's laws, below its name: "friction.z"."""
+    return ("friction.z",) if BRISTLES in numbers else ()
+
+
+def _friction_smoothing(numbers: Values) -> float | None:
+    if BRISTLES in numbers:
+        return None
     velocity = numbers.get("friction.stribeck", numbers.get(f"friction.{GAUSSIAN}", 1.0))
     return max(min(SMOOTHING, SHARP * velocity), SMALLEST)
 
 
 def _friction_slope(numbers: Values, least: float) -> float:
-    """Return the slope at zero velocity, where friction reverses."""
+    """Return the slope at zero velocity, where friction reverses; of LuGre's that of its dampers."""
+    if BRISTLES in numbers:
+        return numbers.get("friction.bristle_damping", 0.0) + numbers.get("friction.viscous", 0.0)
     level = max(numbers["friction.coulomb"], numbers.get("friction.static", 0.0))
     level += numbers.get("friction.coefficient", 0.0) * numbers.get("friction.radius", 1.0)  # of a load of 1 N
     smoothing = numbers["friction.smoothing"]
@@ -257,7 +329,7 @@ _LAWS = (
     Law(
         name="friction",
         about="Coulomb, Stribeck and viscous friction: coulomb, static, stribeck, shape, viscous, smoothing,"
-        " coefficient, radius",
+        ' coefficient, radius; with model = "lugre" bristles: bristle_stiffness, bristle_damping, fade',
         numbers=(
             Number("friction.coulomb", "force that resists any motion; 0 where there is a coefficient", FORCE),
             Number("friction.static", "breakaway force, at least coulomb; with stribeck", FORCE),
@@ -276,6 +348,9 @@ _LAWS = (
                 ("1", "1"),
             ),
             Number("friction.radius", "friction radius of a rotation; with coefficient", ("m", "m")),
+            divisor(BRISTLES, "of the bristles of LuGre friction, sigma_0", STIFFNESS),
+            Number("friction.bristle_damping", "of these bristles, sigma_1", DAMPING),
+            divisor("friction.fade", "velocity over which bristle_damping fades as exp(-(v / fade)^2)", RATE),
         ),
         is_spring=False,
         stiffness=None,

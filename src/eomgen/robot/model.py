@@ -32,7 +32,7 @@ from .coordinates import coordinate_names
 from .cuts import CUTS, rigid_components
 from .elements import MATRICES
 from .elements.joint_element import missing_table
-from .laws import ARMATURE, Conflict
+from .laws import ARMATURE, Conflict, memory_of
 from .mechanism import coordinate_of, driven_coordinates, leading_home, mechanism_conflict, position_limits
 from .parameter_names import number_of
 from .rules import coordinate_conflict, cut_conflict, motor_conflict, unmoved
@@ -93,8 +93,43 @@ class Model:
 
     @property
     def size(self) -> int:
-        """n, the number of degrees of freedom."""
-        return len(self.coordinates)
+        """n, the number of coordinates and, behind them, of states of laws (``memory``)."""
+        return len(self.coordinates) + len(self.memory)
+
+    @cached_property
+    def memory(self) -> tuple[str, ...]:
+        """Names of the states of laws, such as "joint1.gamma.friction.z": velocities of unit inertias without a link.
+
+        In arrays of the state they stand behind the coordinates.  What their positions are acts on nothing.
+        """
+        return tuple(component_name(owner, state) for owner, state in self._states)
+
+    @cached_property
+    def _states(self) -> tuple[tuple[str, str], ...]:
+        """Coordinates with their laws' states, by their names below the coordinate's."""
+        laws = {
+            component_name(joint.name, kind): coordinate.law()
+            for joint in self.robot.joints
+            for kind, coordinate in joint.all_coordinates.items()
+        }
+        return tuple((name, state) for name, law in laws.items() for state in memory_of(law))
+
+    @property
+    def owners(self) -> tuple[str, ...]:
+        """Names of the coordinates whose laws have the states in ``memory``, in their order."""
+        return tuple(owner for owner, _ in self._states)
+
+    @property
+    def remembering(self) -> dict[int, int]:
+        """Index of every coordinate that has a state of a law, with that of the state; none of those that follow."""
+        places = {name: i for i, name in enumerate(self.coordinates)}
+        states = enumerate(self.owners, len(self.coordinates))
+        return {places[owner]: k for k, owner in states if owner in places}
+
+    @property
+    def velocities(self) -> tuple[str, ...]:
+        """Names of all that has a velocity in arrays of the state: coordinates, then states of laws."""
+        return (*self.coordinates, *self.memory)
 
     @property
     def frames(self) -> tuple[str, ...]:
@@ -316,7 +351,7 @@ def with_offset_angles(model: Model) -> tuple[Model, tuple[int, ...]]:
         more = {name: Coordinate(prescribed=True) for name in extra}
         joints.append(replace(joint, coordinates={**joint.coordinates, **more}))
     whole = build_model(replace(model.robot, joints=tuple(joints)), with_followers=True)
-    return whole, tuple(whole.coordinates.index(name) for name in model.coordinates)
+    return whole, tuple(whole.velocities.index(name) for name in model.velocities)
 
 
 def _check_names(robot: Robot) -> None:

@@ -27,6 +27,10 @@ class Friction:
     ``radius`` (m) is the friction radius of a rotation, and 1 of a translation.
     coulomb, static: N or N m; stribeck: m/s or rad/s; viscous: N s/m or N m s/rad.  sgn(v) is v / sqrt(v^2 +
     smoothing^2); smoothing (m/s or rad/s) becomes 4e-8, or 1e-6 stribeck if that is less, where it is None.
+
+    With a ``bristle_stiffness`` sigma_0 (N/m or N m/rad) it is LuGre's, which has a state z (m or rad):
+    z' = v - sigma_0 |v| z / g(v), F = sigma_0 z + sigma_1(v) z' + viscous v, with the Gaussian g(v) and
+    sigma_1(v) = ``bristle_damping`` exp(-(v / ``fade``)^2), constant without ``fade`` (m/s or rad/s).
     """
 
     coulomb: float = 0.0
@@ -37,10 +41,15 @@ class Friction:
     coefficient: float | None = field(default=None, metadata=LATER)
     radius: float | None = field(default=None, metadata=LATER)
     shape: str | None = field(default=None, metadata=LATER)
+    bristle_stiffness: float | None = field(default=None, metadata=LATER)
+    bristle_damping: float | None = field(default=None, metadata=LATER)
+    fade: float | None = field(default=None, metadata=LATER)
 
     def __post_init__(self) -> None:
         if self.shape not in (None, *SHAPES):
             raise ValueError(f"shape {self.shape!r}")
+        if self.bristle_stiffness is not None and self.shape is None:
+            object.__setattr__(self, "shape", GAUSSIAN)
         if self.shape == SHAPES[0] or self.stribeck is None:  # one value for one curve
             object.__setattr__(self, "shape", None)
         for key, value in defaults(self.numbers()).items():
