@@ -4,7 +4,8 @@
     g(v) = coulomb + (static - coulomb) exp(-(v / stribeck)^2),    sigma_1(v) = bristle_damping exp(-(v / fade)^2).
 
 C. Canudas de Wit, H. Olsson, K. J. Astrom, P. Lischinsky, "A New Model for Control of Systems with Friction", IEEE
-Transactions on Automatic Control 40 (1995).  It stores sigma_0 z^2 / 2.
+Transactions on Automatic Control 40 (1995).  It stores sigma_0 z^2 / 2: sigma_0 is the inertia of the state, so that
+powers of generalized forces are those that friction takes.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ def bristles(numbers: Mapping[str, Scalar], v: Scalar, z: Scalar, f: Functions) 
     damping, fading = _damping(numbers, v, f)
     force, f_v, f_z = stiffness * z + damping * rate, damping * g_v + fading * rate, stiffness + damping * g_z
     viscous = numbers.get("friction.viscous", 0.0)
-    return Bristles(force + viscous * v, rate, StateSlopes(f_v + viscous, f_z, g_v, g_z))
+    return Bristles(force + viscous * v, rate, StateSlopes(f_v + viscous, f_z, g_v, g_z, stiffness))
 
 
 def _sliding(numbers: Mapping[str, Scalar], v: Scalar, f: Functions) -> tuple[Scalar, Scalar]:
@@ -79,10 +80,10 @@ class BristleFriction(ForceElement):
         return False
 
     def resist(self, v: Sequence[Scalar]) -> Iterator[tuple[int, Scalar]]:
-        """Give forces on coordinates, and minus the rates of their states."""
+        """Give forces on coordinates, and minus the rates of their states times sigma_0, their inertia."""
         for (i, k), law in self._laws(v).items():
             yield i, law.force
-            yield k, -1.0 * law.rate
+            yield k, -1.0 * (law.slopes.inertia * law.rate)
 
     def state_energies(self, v: Sequence[Scalar]) -> Iterator[Scalar]:
         """Give what the bristles store."""
@@ -95,11 +96,11 @@ class BristleFriction(ForceElement):
             by = law.slopes
             slopes.add((i, i), 0.0, by.f_v)
             slopes.add((i, k), 0.0, by.f_z)
-            slopes.add((k, i), 0.0, -1.0 * by.g_v)
-            slopes.add((k, k), 0.0, -1.0 * by.g_z)
+            slopes.add((k, i), 0.0, -1.0 * (by.inertia * by.g_v))
+            slopes.add((k, k), 0.0, -1.0 * (by.inertia * by.g_z))
 
     def advance(self, share: ImplicitShare) -> None:
-        """Push forces, and minus the rates of the states."""
+        """Push forces, and what drives the states."""
         for i, force in self.resist(share.v):
             share.push(i, force)
 

@@ -95,12 +95,16 @@ class Deflection:
 
 @dataclass(frozen=True)
 class StateSlopes:
-    """Slopes of a resisting force f(v, z) and of the rate g(v, z) of its state; g_z is never positive."""
+    """Slopes of a resisting force f(v, z) and of the rate g(v, z) of its state; g_z is never positive.
+
+    inertia: of the state, which stores inertia z^2 / 2.
+    """
 
     f_v: Scalar
     f_z: Scalar
     g_v: Scalar
     g_z: Scalar
+    inertia: Scalar
 
     def share(self, c: Scalar, square: Scalar) -> Scalar:
         """Return c f_v + c^2 f_z g_v / (1 - c g_z): the coordinate's share in a matrix once z is eliminated."""

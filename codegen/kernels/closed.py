@@ -49,7 +49,7 @@ def eliminated(
     bound = bound or d.bound
     if d.followers:
         return _reduced(d, replace(bound, armature=tuple(armature)), drives, v, slopes, beside)
-    states = States(d.model, drives, slopes.states)
+    states = States(d.model, bound.armature, drives, slopes.states)
     rotors = Rotors(d.model, bound, armature, states.drives, slopes.transmissions)
     left = replace(bound, armature=tuple(rotors.armature))
     solved = Elimination(d.model, left, d.joints, v, rotors.drives, d.graph.note, coupled=coupled, slopes=beside)
@@ -67,7 +67,7 @@ def _reduced(
     beside: Mapping[tuple[int, int], Scalar],
 ) -> tuple[ReducedTree, Pivots]:
     """Solve where coordinates follow others: by S^T M S, since a tree with shared coordinates is none."""
-    states = States(d.model, drives, slopes.states)
+    states = States(d.model, bound.armature, drives, slopes.states)
     rotors = Rotors(d.model, bound, bound.armature, states.drives, slopes.transmissions)
     active, prescribed = frozenset(d.active), d.model.prescribed
     left, still = replace(bound, armature=tuple(rotors.armature)), [0.0] * d.model.size

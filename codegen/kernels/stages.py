@@ -102,10 +102,10 @@ class _Stage(ImplicitShare):
             self._settle_state(i, k, law)
 
     def _settle_state(self, i: int, k: int, law: StateSlopes) -> None:
-        """Add a law with a state: c (f_v r + f_z r_z) and -c (g_v r + g_z r_z), and what eliminating it leaves."""
+        """Add a law with a state: c (f_v r + f_z r_z), -c w (g_v r + g_z r_z), and what eliminating it leaves."""
         acts, (at_i, at_k) = self._acts(law), (self.rates[i], self.rates[k])
         self.forces[i] = self.forces[i] + acts * (self.c * (law.f_v * at_i + law.f_z * at_k))
-        self.forces[k] = self.forces[k] - self.c * (law.g_v * at_i + law.g_z * at_k)
+        self.forces[k] = self.forces[k] - law.inertia * (self.c * (law.g_v * at_i + law.g_z * at_k))
         self.armature[i] = self.armature[i] + acts * law.share(self.c, self.square)
         self.states[k] = StateRow.of(i, law, self.c, acts)
 

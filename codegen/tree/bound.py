@@ -19,7 +19,7 @@ from eomgen.robot.elements.joint_damping import JOINT_DAMPING
 from eomgen.robot.elements.joint_stiffness import JOINT_STIFFNESS
 from eomgen.robot.elements.journal import RADIAL
 from eomgen.robot.geometry import IDENTITY, snap
-from eomgen.robot.laws import active_laws
+from eomgen.robot.laws import BRISTLES, active_laws
 from eomgen.robot.model import FIXED_BODY, Model, turned_name
 from eomgen.robot.value import (
     ANGULAR,
@@ -137,7 +137,7 @@ class Bound:
 
     ``coms`` are the links' centres of mass in their bodies' frames, ``cuts`` per loop the cut frame on both links;
     ``laws``, ``armature`` and ``angle_offsets`` (added to an angle before it turns, rad) are per coordinate, the first
-    two then of states of laws (``Model.memory``), whose inertia is 1.
+    two then of states of laws (``Model.memory``), whose inertia w makes w z^2 / 2 the energy that they store.
     ``at_rest`` is the first moment (kg m, base frame) of mass that regrouping moved to the base: its weight is a
     constant of the potential energy.
     ``transmissions`` holds, by the index of a motor's coordinate, what is between it and its joint; its inertia is an
@@ -451,9 +451,10 @@ class _Binder:
                 BoundLaw(0.0 if _is_bent(coordinate) else k, c, law, _knots(coordinate), carriers.get(prefix, ()))
             )
             armatures.append(armature)
-        for _ in self.model.memory:  # unit inertias, whose forces are in their laws
+        named = {prefix: law for (_, prefix, _), law in zip(self._coordinates(), laws, strict=True)}
+        for owner in self.model.owners:  # their forces are their coordinates' laws
             laws.append(BoundLaw(0.0, 0.0))
-            armatures.append(1.0)
+            armatures.append(named[f"joints.{owner}"].numbers[BRISTLES])
         return tuple(laws), tuple(armatures)
 
     def transmissions(self) -> dict[int, BoundTransmission]:

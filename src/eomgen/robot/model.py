@@ -98,7 +98,7 @@ class Model:
 
     @cached_property
     def memory(self) -> tuple[str, ...]:
-        """Names of the states of laws, such as "joint1.gamma.friction.z": velocities of unit inertias without a link.
+        """Names of the states of laws, such as "joint1.gamma.friction.z": velocities of inertias without a link.
 
         In arrays of the state they stand behind the coordinates.  What their positions are acts on nothing.
         """
