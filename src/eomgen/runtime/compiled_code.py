@@ -45,6 +45,7 @@ class CompiledCode:
         self.name: str = self.raw.name
         self.dtype: np.dtype[Any] = self.raw.dtype
         self.coordinates: tuple[str, ...] = tuple(meta["coordinates"])
+        self.memory: tuple[str, ...] = tuple(meta.get("memory", ()))
         self.links: tuple[str, ...] = tuple(meta["links"])
         self.frames: tuple[str, ...] = tuple(meta["frames"])
         self.joints: tuple[str, ...] = tuple(meta["joints"])
