@@ -90,7 +90,7 @@ def _header_context(meta: Mapping[str, Any]) -> dict[str, Any]:
         "version": __version__,
         "dtype": meta["dtype"],
         "real": scalar.name,
-        "n": len(meta["coordinates"]),
+        "n": len(meta["coordinates"]) + len(meta.get("memory", ())),
         "hoisted": max(meta["hoisted"], 1),
         "tables": _tables(meta),
         "parameters": [(key, scalar.literal(value)) for key, value in meta["parameters"].items()],
@@ -99,7 +99,7 @@ def _header_context(meta: Mapping[str, Any]) -> dict[str, Any]:
         "rolls": any(function.is_rollout for function in public),
         "solving": any(function.signature.solves for function in public),
         "m": len(meta.get("constraints", ())),
-        "statuses": meta.get("statuses", len(meta["coordinates"])),
+        "statuses": meta.get("statuses", len(meta["coordinates"]) + len(meta.get("memory", ()))),
     }
 
 

@@ -36,7 +36,7 @@ def describe_kernels(model: Model, kernels: Sequence[str], dtype: str) -> dict[s
         "generator": f"eomgen {__version__}",
         "name": model.name,
         "dtype": dtype,
-        "coordinates": model.velocities,
+        "coordinates": model.coordinates,
         "memory": model.memory,
         "joints": [body.joint for body in model.bodies],
         "links": model.links,

@@ -120,7 +120,7 @@ def arm(built: Build) -> eomgen.Kernel:
 
 def state_of(kernel: eomgen.Kernel, seed: int = 3) -> tuple[Any, Any, Any, Any]:
     """Return q, v, u of coordinates and z, as large as bristles bend."""
-    rng, n = np.random.default_rng(seed), len(kernel.coordinates) - len(kernel.memory)
+    rng, n = np.random.default_rng(seed), len(kernel.coordinates)
     q, v, u = (rng.normal(size=n) * size for size in (0.1, 0.1, 1.0))
     places = {name: i for i, name in enumerate(kernel.coordinates)}
     for name, led in kernel.motors.items():
@@ -179,7 +179,7 @@ def test_implicit_step_is_the_dense_one(kernel: eomgen.Kernel, v: float) -> None
 def test_arm_is_consistent(arm: eomgen.Kernel) -> None:
     """Motors, prescribed coordinates, matrices, springs: residual, slopes, mass matrix."""
     q, v, u, z = state_of(arm)
-    n, free = q.size, np.array([name not in arm.prescribed for name in arm.coordinates])
+    n, free = q.size, np.array([name not in arm.prescribed for name in arm.velocities])
     Q, V, U = np.r_[q, 0.0 * z], np.r_[v, z], np.r_[u, 0.0 * z]
     a = arm.forward_dynamics(Q, V, U)
     assert (a[:n] == arm.forward_dynamics(q, v, u, z)).all()

@@ -29,7 +29,7 @@ class Kernel(Differentiation, InverseKinematics, Rollouts):
 
     Attributes:
         name: the robot's name.
-        coordinates: n names such as "joint1.x"; behind them those of ``memory``.
+        coordinates: names such as "joint1.x"; n of them, but for states of laws.
         memory: names of the states of laws, such as "joint1.gamma.friction.z".  Arrays have them behind coordinates, in
             v as they are, in a their rates, in q and u numbers that act on nothing; or ``z`` has them apart.
         joints: names of the joints that move, in the order of ``reactions``.

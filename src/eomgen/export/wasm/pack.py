@@ -162,7 +162,7 @@ def _context(robot: Robot, meta: Mapping[str, Any], rigid: Source | None) -> dic
         "name": robot.name,
         "version": __version__,
         "real": SCALARS[meta["dtype"]].name,
-        "n": len(meta["coordinates"]),
+        "n": len(meta["coordinates"]) + len(meta.get("memory", ())),
         "rolls": "rollout" in kinds,
         "adapts": "adaptive" in kinds,
         "places": checked_places(meta["dtype"]) if "adaptive" in kinds else [],
@@ -182,7 +182,7 @@ def _description(
     return {
         **{name: meta[name] for name in _SAID},
         "constraints": meta.get("constraints", []),
-        "statuses": meta.get("statuses", len(meta["coordinates"])),
+        "statuses": meta.get("statuses", len(meta["coordinates"]) + len(meta.get("memory", ()))),
         "sizes": meta.get("sizes", []),
         "rubbing": meta.get("rubbing", []),
         "least_rtol": LEAST[meta["dtype"]],
