@@ -9,11 +9,11 @@ import numpy as np
 from eomgen.arrays import Array
 from eomgen.errors import InputError
 from eomgen.names import joint_of
-from eomgen.robot.laws import BRISTLES, stiffness_of
+from eomgen.robot.laws import state_sizes, stiffness_of
 from eomgen.robot.mechanism import coordinate_of
 from eomgen.robot.model import Model
 from eomgen.robot.parameter_names import CUTS, JOINTS, element_places
-from eomgen.robot.sizes import deviation_sizes
+from eomgen.robot.sizes import deviation_sizes, with_states
 
 from ...forces.element import POLE
 from ...program.ir import evaluate, finish
@@ -21,17 +21,14 @@ from ...program.passes import PARAMETERS
 from ..derivation import Derivation, vector
 from ..interface import knots
 
-UNUSED = 1e30  # size of a number that acts on nothing, whose error no step looks at
-
 
 def coordinate_sizes(model: Model) -> tuple[Array, Array]:
     """Return sizes of coordinates and rates, (n,) each, at home: see ``deviation_sizes``."""
     inertia, beside = _at_home(model)
     n = len(model.coordinates)
     q, v = deviation_sizes(_coordinate_stiffness(model) + beside[:n], inertia[:n])
-    states = [coordinate_of(model.robot, owner).law() for owner in model.owners]
-    sizes = np.array([law["friction.coulomb"] / law[BRISTLES] for law in states])
-    return np.concatenate([q, np.full(len(states), UNUSED)]), np.concatenate([v, sizes])
+    owners = dict.fromkeys(model.owners)
+    return with_states(q, v, [x for owner in owners for x in state_sizes(coordinate_of(model.robot, owner).law())])
 
 
 def rubbing_parameters(model: Model) -> list[tuple[int, str]]:

@@ -7,7 +7,7 @@ TOML syntax and keys: docs and the built-in robots in ``robots/``.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,6 +22,7 @@ from ..robot.bounds import Limits, limits_conflict
 from ..robot.elements import KINDS, Element, Spring
 from ..robot.geometry import ZERO
 from ..robot.inertia_policy import POLICIES, Judged, apply_inertia_policy, link_sizes
+from ..robot.laws import active_above
 from ..robot.mechanism import mechanism_conflict
 from ..robot.parameter_names import expand_tunable
 from ..robot.rules import motor_conflict, unmoved
@@ -29,6 +30,7 @@ from ..robot.value import (
     BASE,
     COORDINATES,
     INERTIA_KEYS,
+    LINEAR,
     MOTOR,
     PRINCIPAL,
     Coordinate,
@@ -430,6 +432,20 @@ def _resolve_base(draft: Draft) -> None:
                 items[name] = replace(item, links=tuple(root if link == BASE else link for link in item.links))
 
 
+def _active_friction(joints: Sequence[Joint]) -> Iterator[str]:
+    """Say where the damping of bristles can give energy back."""
+    for joint in joints:
+        for name, coordinate in joint.all_coordinates.items():
+            numbers = coordinate.law()
+            above = active_above(numbers)
+            if above is not None:
+                unit = "m/s" if name in LINEAR else "rad/s"
+                yield (
+                    f"joints.{joint.name}.{name}.friction: above {above:.3g} {unit} its bristle_damping can give energy"
+                    " back, as that of the published model; fade makes it passive"
+                )
+
+
 def _finish(draft: Draft, policy: str | None, tunable: list[str]) -> Robot:
     """Make a Robot of the draft, with the checks that need the whole description."""
     joints = ordered_joints(draft)
@@ -450,7 +466,7 @@ def _finish(draft: Draft, policy: str | None, tunable: list[str]) -> Robot:
         frames=tuple(draft.frames.values()),
         base=draft.base,
         source=draft.source,
-        notes=(*draft.notes, *notes),
+        notes=(*draft.notes, *notes, *_active_friction(joints)),
         loops=tuple(draft.loops.values()),
         springs=tuple(x for x in elements if isinstance(x, Spring)),
         elements=tuple(x for x in elements if isinstance(x, Element)),

@@ -49,7 +49,7 @@ def held_softly(robot: Robot) -> Iterator[str]:
             yield f"{where}.preload: left out"
         numbers = coupling.law.law() | {"stiffness": coupling.law.stiffness or 0.0}
         for law in active_laws(numbers):
-            note = law.mjcf(numbers) and ("left out" if law.contact else law.mjcf(numbers))
+            note = law.mjcf(numbers) and ("left out" if law.name == "stops" else law.mjcf(numbers))
             if note and law.name != "preload":
                 yield f"{where}.{law.name}: {note}"
 

@@ -117,7 +117,7 @@ def integrate(  # noqa: PLR0913
     """
     check_kind("kernel", kernel, hasattr(kernel, "calls"), "a Kernel (of eomgen.build, or of a generated package)")
     system = system_of(kernel, drive_of(kernel, drive), wrench, prescribed)
-    q, v = (state_vector(label, x, kernel.coordinates) for label, x in (("q0", q0), ("v0", v0)))
+    q, v = (state_vector(label, x, kernel.velocities) for label, x in (("q0", q0), ("v0", v0)))
     times = output_times(duration, output_step) if times is None else checked_times(times, duration, output_step)
     span = float(times[-1] - times[0])
     plan = plan_integration(kernel, IntegratorOptions(method, rtol, atol, step), system.loads, q, span)

@@ -419,14 +419,14 @@ class System:
         bad = np.flatnonzero(~np.isfinite(seen))
         name, where = getattr(self.trouble, "coordinate", ""), f"{self.kernel.name}, t = {t:.6g} s"
         if bad.size:
-            name = self.kernel.coordinates[int(bad[0]) % self.n]
+            name = self.kernel.velocities[int(bad[0]) % self.n]
             what = f"{name} is not finite"
         elif name:  # the trouble says it
             return IntegrationStopped(f"{where}: {reason}; {self.trouble}", t, q, v, name)
         else:
             velocities, sizes = np.abs(seen[self.n :]), coordinate_sizes(self.kernel, q)[1]
             worst = int(np.argmax(velocities / sizes) if velocities.any() else np.argmin(sizes))
-            name = self.kernel.coordinates[worst]
+            name = self.kernel.velocities[worst]
             what = f"{name} moves fastest for its size, at {seen[self.n + worst]:.3g} per second"
             if not velocities.any():
                 what = f"nothing moves, {name} is the stiffest"

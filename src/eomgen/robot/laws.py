@@ -78,8 +78,8 @@ class Law:
         rate_slope: (numbers, least) -> the largest slope of its force by the velocity, N s/m or N m s/rad, ``least`` as
             of ``rate_slope_of``, for the choice of a method, too; None where its force does not depend on the velocity
             alone.
-        contact: numbers -> the stiffness of a contact, N/m or N m/rad, which steps have to resolve; None where it is no
-            contact.  It does not count in ``stiffness``.
+        contact: numbers -> the stiffness of a contact or of bristles, N/m or N m/rad, which steps have to resolve; None
+            where there is none.  It does not count in ``stiffness``.
         mjcf: numbers -> what becomes of it in MuJoCo where it is not written as it is; empty where it is.
         takes_stiffness: whether its formula has the coordinate's stiffness, too.
         of_rotor: whether in a motor's table it is a law of the rotor's angle, rad at the shaft, and not of the
@@ -227,6 +227,11 @@ def memory_of(numbers: Values) -> tuple[str, ...]:
     return ("friction.z",) if BRISTLES in numbers else ()
 
 
+def state_sizes(numbers: Values) -> tuple[float, ...]:
+    """Return sizes that tolerances refer to, m or rad, of the states that ``memory_of`` names."""
+    return (numbers["friction.coulomb"] / numbers[BRISTLES],) if BRISTLES in numbers else ()
+
+
 def _friction_smoothing(numbers: Values) -> float | None:
     if BRISTLES in numbers:
         return None
@@ -356,6 +361,7 @@ _LAWS = (
         stiffness=None,
         mjcf=_soft_friction,
         rate_slope=_friction_slope,
+        contact=lambda numbers: numbers.get(BRISTLES, 0.0),
         of_rotor=True,
         rule=_stribeck,
     ),
@@ -475,7 +481,7 @@ def rate_slope_of(numbers: Values, least: float = 0.0) -> float:
 
 
 def contact_stiffness_of(numbers: Values) -> float:
-    """Return the contact stiffness of a coordinate's stops, N/m or N m/rad; 0 without any."""
+    """Return the stiffness of a coordinate's stops and bristles, N/m or N m/rad; 0 without any."""
     return sum((law.contact(numbers) for law in active_laws(numbers) if law.contact), 0.0)
 
 

@@ -55,7 +55,7 @@ def element_couplings(kernel: Kernel) -> tuple[Array, Array]:
 
 def joint_stiffness(kernel: Kernel) -> Array:
     """Return the stiffness matrices of joints, (n, n), N/m, N/rad, N m/rad."""
-    return _matrices(kernel, STIFFNESSES, kernel.coordinates)
+    return _matrices(kernel, STIFFNESSES, kernel.velocities)
 
 
 def cut_matrices(kernel: Kernel) -> tuple[Array, Array]:
@@ -79,7 +79,7 @@ def joint_damping(kernel: Kernel) -> Array:
 
     Isotropic damping counts on the diagonal alone.
     """
-    return _damping_matrices(kernel, STIFFNESSES, MOTIONS, kernel.coordinates) + np.diag(damping_diagonal(kernel))
+    return _damping_matrices(kernel, STIFFNESSES, MOTIONS, kernel.velocities) + np.diag(damping_diagonal(kernel))
 
 
 def damping_diagonal(kernel: Kernel) -> Array:
@@ -92,7 +92,7 @@ def damping_diagonal(kernel: Kernel) -> Array:
 
 def damping_forces(kernel: Kernel, q: Array, v: Array) -> Array:
     """Return the generalized forces of joint dampers against the motion in states, (T, n) each; (T, n)."""
-    forces = np.asarray(v @ _damping_matrices(kernel, STIFFNESSES, MOTIONS, kernel.coordinates))
+    forces = np.asarray(v @ _damping_matrices(kernel, STIFFNESSES, MOTIONS, kernel.velocities))
     for joint, damping, index in _dampers(kernel):
         places = list(index.values())
         forces[:, places] += damping * v[:, places]

@@ -16,8 +16,8 @@ def shafts(kernel: Kernel) -> dict[str, str]:
 
 
 def acting(kernel: Kernel) -> tuple[str, ...]:
-    """Return names of what laws of joints act on: coordinates, and behind them what follows them."""
-    return (*kernel.coordinates, *kernel.follower_names)
+    """Return names of what laws of joints act on: coordinates, states of laws, and behind them what follows them."""
+    return (*kernel.velocities, *kernel.follower_names)
 
 
 def deflections(kernel: Kernel) -> Array:

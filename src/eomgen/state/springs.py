@@ -10,7 +10,8 @@ import numpy as np
 from ..arrays import Array
 from ..errors import check_kind
 from ..robot import sizes
-from ..robot.laws import contact_stiffness_of, has_springs, rate_slope_of, stiffness_of
+from ..robot.coordinates import owners_of
+from ..robot.laws import contact_stiffness_of, has_springs, rate_slope_of, state_sizes, stiffness_of
 from ..robot.parameter_names import CUTS, JOINTS, LINES
 from ..runtime.kernel import Kernel
 from ..runtime.raw import Setup
@@ -222,4 +223,7 @@ def coordinate_sizes(kernel: Kernel, q: Array) -> tuple[Array, Array]:
     check_kind("kernel", kernel, hasattr(kernel, "calls"), "a Kernel (of eomgen.build, or of a generated package)")
     stiffness = stiffnesses(kernel) + np.diagonal(line_rates(kernel, q)[0])
     inertia = np.diagonal(kernel.mass_matrix(q))
-    return sizes.deviation_sizes(stiffness, inertia)
+    n = len(kernel.coordinates)
+    laws = element_numbers(kernel, JOINTS) if kernel.memory else {}
+    states = [x for owner in owners_of(kernel.memory) for x in state_sizes(laws[owner])]
+    return sizes.with_states(*sizes.deviation_sizes(stiffness[:n], inertia[:n]), states)
