@@ -109,7 +109,7 @@ def is_redundant(model: Model) -> bool:
     residuals = [residual for residual in closure_residuals(d, d.still) if residual.jacobian_row]
     if not residuals:
         return False
-    moving = [i for i in d.active if i not in d.model.prescribed]
+    moving = [i for i in d.active if i not in d.model.prescribed and i < len(d.model.coordinates)]
     J = _Jacobian(d, residuals).at(*_regular(model, np.array(model.home)))[:, moving]
     return rank_of(J, REDUNDANT) < len(residuals)
 
@@ -185,7 +185,8 @@ def _closed_jacobian(
     """
     jacobian, q = _Jacobian(d, residuals), np.array(begin)
     values = finish(d.graph, "gaps", vector([residual.value for residual in residuals]))
-    places = [place for place, i in enumerate(d.active) if i not in d.model.prescribed]
+    moves = [i not in d.model.prescribed and i < len(d.model.coordinates) for i in d.active]  # states of laws do not
+    places = [place for place, moved in enumerate(moves) if moved]
     moving = [d.active[place] for place in places]
     closest, last = None, np.inf
     for _ in range(_ROUNDS):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -264,3 +265,81 @@ def test_states_of_no_law_and_of_another_shape_are_refused(kernel: eomgen.Kernel
     assert plain.memory == ()
     with pytest.raises(InputError, match="no law"):
         plain.forward_dynamics([0.0], [0.0], [0.0], [0.0])
+
+
+FRICTION = (
+    'gamma = { friction = { model = "lugre", coulomb = 0.3, static = 0.4, stribeck = 0.1, bristle_stiffness = 300.0,'
+    " bristle_damping = 0.5, fade = 0.5 } }"
+)
+GEARED = """
+name = "geared"
+gravity = [0.0, -9.81, 0.0]
+[[links]]
+name = "a"
+mass = 1.0
+com = [0.2, 0.0, 0.0]
+inertia = {{ xx = 0.01, yy = 0.02, zz = 0.02 }}
+[[links]]
+name = "b"
+mass = 0.5
+com = [0.1, 0.0, 0.0]
+inertia = {{ xx = 0.01, yy = 0.01, zz = 0.01 }}
+[[joints]]
+name = "j1"
+parent = "base"
+child = "a"
+type = "revolute"
+{friction}
+[[joints]]
+name = "j2"
+parent = "a"
+child = "b"
+type = "revolute"
+placement = {{ xyz = [0.4, 0.0, 0.0] }}
+{friction}
+[[couplings]]
+name = "gear"
+of = "j2.gamma"
+to = {{ "j1.gamma" = -2.0 }}
+"""
+
+
+def crank_rocker() -> eomgen.Robot:
+    """Return the built-in linkage with bristles in two joints."""
+    text = (Path(str(eomgen.__file__)).parent / "robots" / "four_bar.toml").read_text()
+    for name in ("joint1", "joint2"):
+        text = text.replace(f'name = "{name}"\n', f'name = "{name}"\n{FRICTION}\n')
+    return robot_from_toml(text)
+
+
+@pytest.mark.parametrize("closed", [True, False])
+def test_states_in_loops_and_of_followers(closed: bool, built: Build) -> None:
+    """Explicit and implicit steps go to one motion whose energies balance; a follower's bristles feel its rate."""
+    robot = crank_rocker() if closed else robot_from_toml(GEARED.format(friction=FRICTION))
+    kernel = built(robot, "forward_dynamics", "energy", "rollout", "adaptive_rollout", "generalized_force")
+    assert len(kernel.memory) == 2
+    q = [robot.home[name] for name in kernel.coordinates] if closed else [0.3]
+    v, u, z = [0.0, 0.0, 0.0] if closed else [0.4], [3.0, 0.0, 0.0] if closed else [1.0], [5e-4, -8e-4]
+    if not closed:
+        level = 0.3 + 0.1 * np.exp(-64.0)
+        assert kernel.memory_rates(q, v, z)[1] == pytest.approx(-0.8 + 300.0 * 0.8 * 8e-4 / level, rel=1e-12)
+    ends, duration = [], 0.2
+    for options in (
+        {"duration": duration, "method": "tsit5", "rtol": 1e-9},
+        {"duration": duration, "method": "rosenbrock", "rtol": 1e-9, "works": True},
+        {"dt": 2e-4, "steps": 1000, "method": "rk4"},
+        {"dt": 1e-4, "steps": 2000, "method": "implicit"},
+    ):
+        motion = kernel.rollout(q, v, u, z=z, **options)
+        ends.append(np.concatenate([motion[0][-1], motion[1][-1], motion.z[-1]]))
+        if "works" in options:
+            states = (
+                [np.r_[motion[0][i], 0.0, 0.0] for i in (0, -1)],
+                [np.r_[motion[1][i], motion.z[i]] for i in (0, -1)],
+            )
+            before, after = (kernel.energy(*x).sum() for x in zip(*states, strict=True))
+            works = motion.works[-1]
+            assert after - before == pytest.approx(works[:3].sum() - works[3], abs=1e-6)
+    assert ends[1] == pytest.approx(ends[0], rel=1e-5)
+    assert ends[2] == pytest.approx(ends[0], rel=1e-5)
+    assert ends[3] == pytest.approx(ends[0], rel=1e-2)
