@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from eomgen.codegen.forces.bristles import BristleFriction
 from eomgen.codegen.forces.bushings import Bushings
 from eomgen.codegen.forces.coordinates import CoordinateLaws
 from eomgen.codegen.forces.cut_journals import LoopBearingContacts
@@ -204,9 +205,26 @@ damping = { matrix = [[2.0, 0.1, 0.0, 0.1, 0.0, 0.0], [0.1, 1.0, 0.2, 0.0, 0.0, 
 [0.0, 0.2, 1.5, 0.0, 0.0, 0.0], [0.1, 0.0, 0.0, 0.2, 0.0, 0.1], [0.0, 0.0, 0.0, 0.0, 0.3, 0.0], \
 [0.0, 0.1, 0.0, 0.1, 0.0, 0.4]] }
 """
+BRISTLES = """
+[[links]]
+name = "finger"
+mass = 0.4
+com = [0.05, 0.01, 0.0]
+inertia = { xx = 3e-3, yy = 4e-3, zz = 5e-3 }
+[[joints]]
+name = "knuckle"
+parent = "fore"
+child = "finger"
+type = "revolute"
+placement = { xyz = [0.3, 0.0, 0.0], rpy = [0.2, 0.0, 0.1] }
+beta = { friction = { model = "lugre", coulomb = 3.0, bristle_stiffness = 2.0, bristle_damping = 1.0, fade = 0.7 } }
+gamma = { friction = { model = "lugre", coulomb = 2.0, static = 3.0, stribeck = 0.5, bristle_stiffness = 1.5, \
+bristle_damping = 0.8, viscous = 0.2 } }
+"""
 
 ROBOTS: Mapping[type[ForceElement], Mapping[str, str]] = {
     CoordinateLaws: {"knee": LAWS},
+    BristleFriction: {"beside": BRISTLES},
     Transmissions: {"hip": MOTOR},
     PointSprings: {"beside": SPRINGS},
     BearingContacts: {"hip": FREE + "radial = " + BEARING},
