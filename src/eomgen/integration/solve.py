@@ -121,7 +121,8 @@ def integrate(  # noqa: PLR0913
     times = output_times(duration, output_step) if times is None else checked_times(times, duration, output_step)
     span = float(times[-1] - times[0])
     plan = plan_integration(kernel, IntegratorOptions(method, rtol, atol, step), system.loads, q, span)
-    return integrate_by(plan, system, (q, v), times, progress=progress, record=record, until=until, works=works)
+    motion = integrate_by(plan, system, (q, v), times, progress=progress, record=record, until=until, works=works)
+    return motion.apart(kernel.coordinates)
 
 
 def integrate_by(

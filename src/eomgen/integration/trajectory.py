@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any
 
@@ -44,6 +44,7 @@ class Trajectory(Shown, Tabular):
         works: work integrals, (T, 4), J, from the first sample on, integrated with the motion; None where that was not
             asked for.  Of the drives, of the forces of prescribed motions, of external wrenches, and what dampers and
             friction dissipated (``eomgen.runtime.stepping.input_signals.WORKS``).
+        z: states of laws, (T, memory), by the names in ``Kernel.memory``; None without any.
     """
 
     t: Array
@@ -57,9 +58,18 @@ class Trajectory(Shown, Tabular):
     contacts: tuple[Contact, ...] = ()
     rests: tuple[Rest, ...] = ()
     works: Array | None = None
+    z: Array | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "info", MappingProxyType(dict(self.info)))
+
+    def apart(self, coordinates: tuple[str, ...]) -> Trajectory:
+        """Return the motion of these coordinates, and states of laws, which stood behind them in v, as ``z``."""
+        n = len(coordinates)
+        if n == len(self.coordinates):
+            return self
+        q, v, u, z = (np.ascontiguousarray(x) for x in (self.q[:, :n], self.v[:, :n], self.u[:, :n], self.v[:, n:]))
+        return replace(self, q=q, v=v, u=u, z=z, coordinates=coordinates)
 
     def of(self, coordinate: str) -> Array:
         """Return one coordinate over time, (T,), m or rad; InputError if there is none of that name."""
@@ -142,7 +152,7 @@ def trajectory_of(
     trajectory = None
     if last >= 0:
         about = described(rows["t"], rows["q"], rows["v"])
-        trajectory = Trajectory(**rows, coordinates=system.kernel.coordinates, **about)
+        trajectory = Trajectory(**rows, coordinates=system.kernel.velocities, **about)
     if stop is not None:
         stop.trajectory = trajectory
         raise stop from (stop.__cause__ or trouble)

@@ -28,7 +28,7 @@ def initial_state(robot: Robot, scenario: Scenario, assembly: Assembly) -> tuple
     """Return q and v at t = 0, and the names of the coordinates that nothing holds."""
     initial, kernel = scenario.initial, assembly.kernel
     home = leading_home(robot)
-    q, v = np.array([home.get(name, 0.0) for name in kernel.coordinates]), np.zeros(kernel.n)
+    q, v = np.array([home.get(name, 0.0) for name in kernel.velocities]), np.zeros(kernel.n)
     driven = index_of(kernel.coordinates, assembly.driven)
     if assembly.program is not None:
         q[driven], v[driven] = (x for x in assembly.program.at(0.0)[:2])

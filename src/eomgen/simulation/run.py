@@ -167,7 +167,7 @@ def run_assembly(
     plan = plan_of(assembly, scenario, q0)
     options = SegmentOptions(plan, report, opened, balance, assembly.until)
     segments = run_segments(kernel, robot, scenario, loads, q0, v0, options)
-    motion = segments.trajectory
+    motion, n = segments.trajectory, len(kernel.coordinates)
     t, q = motion.t, motion.q
     driven = index_of(kernel.coordinates, assembly.driven)
     program_q = q[:, driven] if assembly.shown is None else assembly.shown.at(t)[0]
@@ -184,14 +184,16 @@ def run_assembly(
         *_assumptions(robot, loose, scenario, assembly),
         *_beyond_stops(kernel, q0),
         *_large_goals(scenario, assembly.driven, program_q),
-        *excess_notes("the motion", excesses(robot, kernel.coordinates, t=t, q=q, v=motion.v, u=motion.u)),
+        *excess_notes(
+            "the motion", excesses(robot, kernel.coordinates, t=t, q=q[:, :n], v=motion.v[:, :n], u=motion.u[:, :n])
+        ),
         *_clipped_note(assembly, motion),
         None if segments.balance is None else segments.balance.note(),
         *_end_note(assembly.until, motion),
     ]
     result = SimulationResult(
         robot=robot.name,
-        trajectory=motion,
+        trajectory=motion.apart(kernel.coordinates),
         program_coordinates=assembly.driven,
         program_q=program_q,
         tool=tool,
@@ -288,7 +290,7 @@ def _assumptions(robot: Robot, loose: tuple[str, ...], scenario: Scenario, assem
 
 def _beyond_stops(kernel: Kernel, q: Array) -> Iterator[str]:
     """Say which coordinates start beyond a stop, in lines."""
-    places = dict(zip(kernel.coordinates, q.tolist(), strict=True))
+    places = dict(zip(kernel.velocities, q.tolist(), strict=True))
     places |= {name: float(place) for name, (place, _) in kernel.followers(q).items()}
     for name, (lower, upper) in stops(law_numbers(kernel)).items():
         place, unit = places[name], unit_of(name)

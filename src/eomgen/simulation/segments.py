@@ -113,7 +113,8 @@ def run_segments(
     grid, stream = output_times(scenario.duration, scenario.output_step), options.stream
     record = None if stream is None else _recorder(kernel, loads, grid, stream)
     if stream is not None:
-        stream.append(grid[:1], q[np.newaxis], v[np.newaxis])
+        n = len(kernel.coordinates)
+        stream.append(grid[:1], q[np.newaxis, :n], v[np.newaxis, :n])
     pieces: list[dict[str, Array]] = []
     done = np.zeros(len(TERMS))
     info: dict[str, float] = {}
@@ -154,7 +155,7 @@ def run_segments(
     sticking = rests(kernel, whole["t"], whole["q"], whole["v"])
     taken = options.plan.leading(info, float(whole["t"][-1]))
     about: dict[str, Any] = {"method": taken, "info": info, "contacts": tuple(contacts), "rests": sticking}
-    trajectory = Trajectory(**whole, coordinates=kernel.coordinates, **about)
+    trajectory = Trajectory(**whole, coordinates=kernel.velocities, **about)
     return SegmentedMotion(
         trajectory, EnergyBalance(work, trajectory.energy) if options.balance else None, wrench, stop
     )
@@ -183,7 +184,7 @@ def _good_rows(whole: dict[str, Array]) -> dict[str, Array]:
 
 def _recorder(kernel: Kernel, loads: Loads, grid: Array, stream: MotionStream) -> Record:
     """Return a function that passes the samples of the grid on, prescribed coordinates as they are prescribed."""
-    prescribed = [kernel.coordinates.index(name) for name in kernel.prescribed]
+    prescribed, n = [kernel.coordinates.index(name) for name in kernel.prescribed], len(kernel.coordinates)
 
     def record(times: Array, states: Array) -> None:
         chosen = grid[np.minimum(np.searchsorted(grid, times), grid.size - 1)] == times
@@ -192,7 +193,7 @@ def _recorder(kernel: Kernel, loads: Loads, grid: Array, stream: MotionStream) -
             for i, at in enumerate(t.tolist()):
                 q[i, prescribed], v[i, prescribed], _ = loads.prescribed(at)
         if t.size:
-            stream.append(t, q, v)
+            stream.append(t, q[:, :n], v[:, :n])
 
     return record
 
