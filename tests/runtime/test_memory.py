@@ -13,6 +13,8 @@ import eomgen
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import ArrayError, DescriptionError, InputError
 from eomgen.runtime.stepping.input_signals import DriveData, InputSignals, Signal, Track
+from eomgen.scenario.load import scenario_from_toml
+from eomgen.simulation.run import run_scenario
 from tests.support.builds import Build
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
@@ -343,3 +345,23 @@ def test_states_in_loops_and_of_followers(closed: bool, built: Build) -> None:
     assert ends[1] == pytest.approx(ends[0], rel=1e-5)
     assert ends[2] == pytest.approx(ends[0], rel=1e-5)
     assert ends[3] == pytest.approx(ends[0], rel=1e-2)
+
+
+def test_simulations_have_states_and_balance(tmp_path: Path) -> None:
+    """A block that its spring pulls back: results keep z, also in files, and the energies of all methods balance."""
+    scenario = 'duration = 0.3\n[initial]\nq = {{ "slide.z" = 1.0 }}\n[integrator]\nmethod = "{}"\nrtol = 1e-8\n'
+    ends = []
+    for method in ("auto", "rosenbrock", "radau", "DOP853"):
+        result = run_scenario(block(), scenario_from_toml(scenario.format(method)))
+        motion = result.trajectory
+        assert (motion.coordinates, motion.memory) == (("slide.z",), ("slide.z.friction.z",))
+        assert motion.z is not None
+        assert motion.z.shape == motion.q.shape == motion.u.shape
+        assert result.balance is not None
+        assert result.balance.relative_residue < 1e-5
+        ends.append(np.r_[motion.q[-1], motion.v[-1], motion.z[-1]])
+    assert all(end == pytest.approx(ends[-1], rel=1e-6) for end in ends)
+    result.save(tmp_path / "motion.npz")
+    again = eomgen.load_result(tmp_path / "motion.npz").trajectory
+    assert again.memory == motion.memory
+    assert (again.z == motion.z).all()

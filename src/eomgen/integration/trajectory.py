@@ -44,7 +44,7 @@ class Trajectory(Shown, Tabular):
         works: work integrals, (T, 4), J, from the first sample on, integrated with the motion; None where that was not
             asked for.  Of the drives, of the forces of prescribed motions, of external wrenches, and what dampers and
             friction dissipated (``eomgen.runtime.stepping.input_signals.WORKS``).
-        z: states of laws, (T, memory), by the names in ``Kernel.memory``; None without any.
+        z: states of laws, (T, states), by the names in ``memory``; both None without any.
     """
 
     t: Array
@@ -59,6 +59,7 @@ class Trajectory(Shown, Tabular):
     rests: tuple[Rest, ...] = ()
     works: Array | None = None
     z: Array | None = None
+    memory: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "info", MappingProxyType(dict(self.info)))
@@ -69,7 +70,7 @@ class Trajectory(Shown, Tabular):
         if n == len(self.coordinates):
             return self
         q, v, u, z = (np.ascontiguousarray(x) for x in (self.q[:, :n], self.v[:, :n], self.u[:, :n], self.v[:, n:]))
-        return replace(self, q=q, v=v, u=u, z=z, coordinates=coordinates)
+        return replace(self, q=q, v=v, u=u, z=z, coordinates=coordinates, memory=self.coordinates[n:])
 
     def of(self, coordinate: str) -> Array:
         """Return one coordinate over time, (T,), m or rad; InputError if there is none of that name."""

@@ -30,7 +30,7 @@ from ..names import (
     show,
 )
 from ..results.stored import Stored
-from ..robot.coordinates import UNITS, rotating_joints, unit_of
+from ..robot.coordinates import UNITS, owners_of, rotating_joints, unit_of
 from ..robot.elements.journal import RADIAL
 from .balance import TERMS
 
@@ -44,7 +44,7 @@ class Owned(Stored):
     """An array of the file: its contents, its name in the file, and whose attribute of that name it is.
 
     Letters of shapes are T (samples), n (coordinates), p (driven coordinates), k (joints that have alpha, beta and
-    gamma), links.  Those that are None otherwise are not in older files, nor of results that have no such thing.
+    gamma), s (states of laws), links.  Those that are None otherwise are not in older files, nor of results that have no such thing.
     """
 
     name: str
@@ -64,6 +64,8 @@ ARRAYS = (
     _array("v", TRAJECTORY, ("T", "n"), "m/s, rad/s"),
     _array("u", TRAJECTORY, ("T", "n"), "N, N m", largest=_LARGEST_SUM),
     _array("energy", TRAJECTORY, ("T", 2), "J", largest=_LARGEST_SUM),
+    _array("memory", TRAJECTORY, ("s",), of=str, otherwise=None),
+    _array("z", TRAJECTORY, ("T", "s"), "m, rad", otherwise=None),
     _array("rotating", TRAJECTORY, ("k",), of=str, otherwise=None),
     _array("quaternions", TRAJECTORY, ("T", "k", 4), otherwise=None, largest=1.0 + 1e-12),
     _array("program_q", RESULT, ("T", "p"), "m, rad"),
@@ -201,6 +203,12 @@ def _check_coordinates(meta: Meta, arrays: Mapping[str, Any], where: str) -> Non
     """Refuse names of coordinates that the result does not have, wherever they stand."""
     coordinates = arrays["coordinates"]
     check_coordinates(coordinates, arrays["units"], where)
+    memory = arrays.get("memory") or ()
+    if ("memory" in arrays) != ("z" in arrays):
+        raise InputError(f"{where}: arrays memory and z: got one of them; allowed: both, or none")
+    _check_names(
+        where, "array memory", memory, lambda x: owners_of([x])[0] in coordinates, "states of coordinates' laws"
+    )
     rotating = rotating_joints(coordinates)
     if arrays.get("rotating", rotating) != rotating:
         got = listed(arrays["rotating"])
@@ -222,7 +230,7 @@ def _check_coordinates(meta: Meta, arrays: Mapping[str, Any], where: str) -> Non
             raise InputError(f"{where}: {key}: got {listed(what)}; allowed: each once, of {listed(allowed)}")
     if meta.stopped:
         stop: Stop = value_of(Stop, meta.stopped, f"{where}: stopped", LARGEST_FINITE)
-        if not len(stop.q) == len(stop.v) == len(coordinates) or stop.coordinate not in ("", *coordinates):
+        if not len(stop.q) == len(stop.v) == len(coordinates) or stop.coordinate not in ("", *coordinates, *memory):
             raise InputError(f"{where}: stopped: is not of these coordinates; allowed: {listed(coordinates)}")
 
 

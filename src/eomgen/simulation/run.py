@@ -210,7 +210,7 @@ def run_assembly(
         wrench=segments.wrench,
         balance=segments.balance,
         description=MappingProxyType(dict(assembly.facts.description)),
-        stopped=MappingProxyType({} if segments.stop is None else _stop_record(segments.stop)),
+        stopped=MappingProxyType({} if segments.stop is None else _stop_record(segments.stop, n)),
     )
     if segments.stop is not None:
         segments.stop.trajectory, segments.stop.result = result.trajectory, result
@@ -238,9 +238,9 @@ def _passive(robot: Robot, assembly: Assembly) -> tuple[str, ...]:
     return tuple(name for name in rigid_coordinates(robot) if name not in moved)
 
 
-def _stop_record(stop: IntegrationStopped) -> dict[str, Any]:
-    """Return the record of why a result ends too early, in values that JSON holds."""
-    state = {name: getattr(stop, name).tolist() for name in ("q", "v")}
+def _stop_record(stop: IntegrationStopped, n: int) -> dict[str, Any]:
+    """Return the record of why a result of n coordinates ends too early, in values that JSON holds."""
+    state = {name: getattr(stop, name)[:n].tolist() for name in ("q", "v")}
     return {"reason": str(stop), "t": stop.t, "coordinate": stop.coordinate, **state}
 
 
