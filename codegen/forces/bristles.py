@@ -31,7 +31,7 @@ class Bristles:
     slopes: StateSlopes
 
 
-def bristles(numbers: Mapping[str, Scalar], v: Scalar, z: Scalar, f: Functions) -> Bristles:
+def lugre(numbers: Mapping[str, Scalar], v: Scalar, z: Scalar, f: Functions) -> Bristles:
     """Return the friction of a coordinate's numbers at its velocity v, m/s or rad/s, and the deflection z, m or rad."""
     stiffness = numbers[BRISTLES]
     level, bend = _sliding(numbers, v, f)
@@ -112,4 +112,4 @@ class BristleFriction(ForceElement):
     def _laws(self, v: Sequence[Scalar]) -> dict[tuple[int, int], Bristles]:
         """Return the friction of each coordinate by its index and that of its state."""
         laws, f = self.at.bound.laws, self.at.functions
-        return {(i, k): bristles(laws[i].numbers, v[i], v[k], f) for i, k in self.at.model.remembering.items()}
+        return {(i, k): lugre(laws[i].numbers, v[i], v[k], f) for i, k in self.at.model.remembering.items()}

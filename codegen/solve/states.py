@@ -13,11 +13,31 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Protocol
 
 from eomgen.robot.model import Model
 
-from ..forces.element import StateSlopes
 from ..tree.spatial import Scalar
+
+
+class Slopes(Protocol):
+    """Slopes of a law that its state's row takes, and the state's inertia."""
+
+    @property
+    def f_z(self) -> Scalar:
+        """Of the force by the state."""
+
+    @property
+    def g_v(self) -> Scalar:
+        """Of the state's rate by the coordinate's."""
+
+    @property
+    def g_z(self) -> Scalar:
+        """Of the state's rate by the state."""
+
+    @property
+    def inertia(self) -> Scalar:
+        """The state stores inertia z^2 / 2."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +50,7 @@ class StateRow:
     coupling: Scalar
 
     @classmethod
-    def of(cls, i: int, law: StateSlopes, c: Scalar, acts: Scalar) -> StateRow:
+    def of(cls, i: int, law: Slopes, c: Scalar, acts: Scalar) -> StateRow:
         """Return the row of a law with a step c; ``acts``: 1, or 0 where its force is left out of the matrix."""
         inverse = 1.0 / (1.0 - c * law.g_z)
         return cls(i, inverse * (1.0 / law.inertia), inverse * (c * law.g_v), acts * (c * law.f_z))

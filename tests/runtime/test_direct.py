@@ -251,7 +251,7 @@ def test_plain_calls_do_not_go_through_python(built: Build, monkeypatch: pytest.
     """And all others do."""
     kernel = built(eomgen.load_robot("one_link"))
     wrench = np.zeros(kernel.raw.shapes["wrench"])
-    given = {"q": Q, "v": V, "a": U, "u": U, "wrench": wrench, "frame": "tcp"}
+    given = {"q": Q, "v": V, "a": U, "u": U, "wrench": wrench, "frame": "tcp", "z": None}
     methods = [x for x in kernel.raw.functions if hasattr(Kernel, x)]
     arguments = {}
     for name in methods:

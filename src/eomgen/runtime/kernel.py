@@ -7,10 +7,10 @@ from numpy.typing import ArrayLike
 
 from .arrays import flag, joint_lead
 from .by_name import WrenchLike, wrench_rows
+from .calls import Memory
 from .derivatives import Differentiation
 from .inverse_kinematics.kernel_method import InverseKinematics
 from .loop_errors import LOADED
-from .memory import Memory
 from .raw import Array
 from .stepping.interface import Rollouts
 

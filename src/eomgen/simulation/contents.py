@@ -44,7 +44,8 @@ class Owned(Stored):
     """An array of the file: its contents, its name in the file, and whose attribute of that name it is.
 
     Letters of shapes are T (samples), n (coordinates), p (driven coordinates), k (joints that have alpha, beta and
-    gamma), s (states of laws), links.  Those that are None otherwise are not in older files, nor of results that have no such thing.
+    gamma), s (states of laws), links.  Those that are None otherwise are not in older files, nor of results that have
+    no such thing.
     """
 
     name: str

@@ -7,8 +7,8 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
+from ..calls import Memory
 from ..compiled_code import CompiledCode
-from ..memory import Memory
 from ..raw import Array
 from .adaptive import adaptive_rollout
 from .gradients import Loss, rollout_gradient
