@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from .bristles import BristleFriction
 from .bushings import Bushings
-from .coordinates import CoordinateLaws
+from .coordinates import BristleFriction, CoordinateLaws
 from .cut_journals import LoopBearingContacts
 from .cuts import ElasticLoopCoordinates
 from .element import ForceElement

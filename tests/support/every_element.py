@@ -7,9 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from eomgen.codegen.forces.bristles import BristleFriction
 from eomgen.codegen.forces.bushings import Bushings
-from eomgen.codegen.forces.coordinates import CoordinateLaws
+from eomgen.codegen.forces.coordinates import BristleFriction, CoordinateLaws
 from eomgen.codegen.forces.cut_journals import LoopBearingContacts
 from eomgen.codegen.forces.cuts import ElasticLoopCoordinates
 from eomgen.codegen.forces.element import ForceElement
