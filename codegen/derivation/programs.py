@@ -63,7 +63,7 @@ class _Point:
         q, self.v, self.a = ([Fraction(0)] * self.whole.size for _ in range(3))
         for index in self.active:
             q[index], self.v[index], self.a[index] = (Fraction(2 * rng.randint(-9, 9) + 1, 7) for _ in range(3))
-            if self.whole.coordinates[index].endswith(ANGULAR):
+            if self.whole.velocities[index].endswith(ANGULAR):
                 t = Fraction(rng.choice((-1, 1)) * rng.randint(1, 9), 11)
                 angle = Fraction(2.0 * math.atan(t))
                 q[index] = angle - Fraction(bound.angle_offsets[index])

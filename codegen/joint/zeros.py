@@ -22,6 +22,7 @@ from .kept import KEPT
 Mask = NDArray[np.bool_]
 
 ROTOR = "motor: its rotor's inertia about its own axis stands on the diagonal of M alone"
+STATE = "state of a law: its inertia stands on the diagonal of M alone"
 TREE = "not in one chain: no body is moved by all of the coordinates"
 LEMMA_7 = "lemma (7): the second derivative by two translations vanishes"
 SHARPER = "sharper lemma: nothing at or after a joint turns its translations"
@@ -97,11 +98,11 @@ def zero_map(model: Model) -> ZeroMap:
 def _led(model: Model) -> ZeroMap:
     """Count zeros of S^T M S and of C likewise: each under the reason that the leaders' entry has."""
     whole = model.tree
-    zeros, names = zero_map(whole), {name: i for i, name in enumerate(whole.coordinates)}
-    places = [names[name] for name in model.coordinates]
+    zeros, names = zero_map(whole), {name: i for i, name in enumerate(whole.velocities)}
+    places = [names[name] for name in model.velocities]
     moves = np.eye(whole.size, dtype=bool)[:, places]
     for follower, leaders in model.leaders.items():
-        moves[names[follower]] = np.isin(model.coordinates, leaders)
+        moves[names[follower]] = np.isin(model.velocities, leaders)
     upper = np.triu(np.ones((model.size,) * 2, dtype=bool))
 
     def tally(of: Tally) -> Tally:
@@ -127,20 +128,24 @@ class _Structure:
             self.body[list(body.indices)] = k
             self.names[list(body.indices)] = [COORDINATES.index(name) for name in body.active]
         self.motor = np.isin(np.arange(model.size), list(model.motors))
-        spatial = ~(self.motor[:, None] | self.motor)
+        self.state = np.arange(model.size) >= len(model.coordinates)
+        self.apart = self.motor | self.state  # have an inertia of their own alone
+        spatial = ~(self.apart[:, None] | self.apart)
         above = np.zeros((len(model.bodies),) * 2, dtype=bool)
         for k in range(len(model.bodies)):
             above[list(model.ancestors(k)), k] = True
         # the body of row is an ancestor of that of column, or the same
         upstream = above[np.ix_(self.body, self.body)] & spatial
         self.same = (self.body[:, None] == self.body) & spatial
-        self.related = upstream | upstream.T | np.diag(self.motor)
+        self.related = upstream | upstream.T | np.diag(self.apart)
         self.before = upstream & (~self.same | (np.arange(len(self.names))[:, None] <= np.arange(len(self.names))))
         self.coaxial = self._coaxial(model)
 
     def mass_rules(self) -> Iterator[tuple[str, Mask]]:
         if self.motor.any():
             yield ROTOR, (self.motor[:, None] | self.motor) & ~np.eye(len(self.motor), dtype=bool)
+        if self.state.any():
+            yield STATE, (self.state[:, None] | self.state) & ~np.eye(len(self.state), dtype=bool)
         yield TREE, ~self.related
         orthogonal = _table(KEPT.orthogonal)
         yield ORTHOGONAL, self.same & self._look_up(orthogonal | orthogonal.T)
@@ -151,6 +156,8 @@ class _Structure:
         s, v, w = np.ix_(*(np.arange(len(self.names)),) * 3)
         if self.motor.any():
             yield ROTOR, self.motor[s] | self.motor[v] | self.motor[w]
+        if self.state.any():
+            yield STATE, self.state[s] | self.state[v] | self.state[w]
         together = self.related[s, v] & self.related[s, w] & self.related[v, w]
         yield TREE, ~together
         yield LEMMA_7, self._second_derivative_zero(facts.LEMMA_7)[v, w]

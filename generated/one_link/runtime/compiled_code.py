@@ -45,6 +45,7 @@ class CompiledCode:
         self.name: str = self.raw.name
         self.dtype: np.dtype[Any] = self.raw.dtype
         self.coordinates: tuple[str, ...] = tuple(meta["coordinates"])
+        self.memory: tuple[str, ...] = tuple(meta.get("memory", ()))
         self.links: tuple[str, ...] = tuple(meta["links"])
         self.frames: tuple[str, ...] = tuple(meta["frames"])
         self.joints: tuple[str, ...] = tuple(meta["joints"])
@@ -68,10 +69,15 @@ class CompiledCode:
         self._ratios: dict[str, float] = {name: ratio for name, (_, ratio) in meta.get("motors", {}).items()}
         self.knots: dict[str, tuple[float, ...]] = {k: tuple(x) for k, x in meta["knots"].items()}
         self.parameters = Parameters.of(self.raw, meta["parameters"], meta["least"], meta.get("matrices", {}), again)
-        self.calls = Calls(self.raw, self.parameters, Arrays(self.raw, self.coordinates, self.links), self.prescribed)
+        self.calls = Calls(self.raw, self.parameters, Arrays(self.raw, self.velocities, self.links), self.prescribed)
         self._binding = binding or ExtensionBinding()
         self._functions: tuple[ModuleType, tuple[Any, ...]] | None = None
         self._binding.take(self)
+
+    @property
+    def velocities(self) -> tuple[str, ...]:
+        """Names of the numbers in arrays of the state, (n,): ``coordinates``, then ``memory``."""
+        return (*self.coordinates, *self.memory)
 
     def __repr__(self) -> str:
         return f"<Kernel {self.name}: {len(self.coordinates)} coordinates, {self.dtype}>"
@@ -117,7 +123,7 @@ class CompiledCode:
     @property
     def n(self) -> int:
         """Number of coordinates."""
-        return len(self.coordinates)
+        return len(self.velocities)
 
     def source(self, ending: str) -> str:
         """Return the C that it was compiled from: "h", the header, or "c".

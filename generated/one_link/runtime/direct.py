@@ -20,7 +20,13 @@ from .chunking import states_at_once
 from .raw import Array, Library, RawKernel, Setup
 
 NAME = "_direct"
-ROLES = {"frame": "frame", "out": "out", "wrench": "nothing", "cut": "cut"}  # of parameters that are not read
+ROLES = {
+    "frame": "frame",
+    "out": "out",
+    "wrench": "nothing",
+    "z": "nothing",
+    "cut": "cut",
+}  # of parameters that are not read
 
 
 class Added(NamedTuple):

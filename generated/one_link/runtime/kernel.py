@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike
 
 from .arrays import flag, joint_lead
 from .by_name import WrenchLike, wrench_rows
+from .calls import Memory
 from .derivatives import Differentiation
 from .inverse_kinematics.kernel_method import InverseKinematics
 from .loop_errors import LOADED
@@ -28,7 +29,9 @@ class Kernel(Differentiation, InverseKinematics, Rollouts):
 
     Attributes:
         name: the robot's name.
-        coordinates: n names such as "joint1.x".
+        coordinates: names such as "joint1.x"; n of them, but for states of laws.
+        memory: names of the states of laws, such as "joint1.gamma.friction.z".  Arrays have them behind coordinates, in
+            v as they are, in a their rates, in q and u numbers that act on nothing; or ``z`` has them apart.
         joints: names of the joints that move, in the order of ``reactions``.
         links: names of the links that move, in the order of ``wrench``.
         frames: names that ``frame_pose`` knows: frames, then links.
@@ -150,6 +153,7 @@ class Kernel(Differentiation, InverseKinematics, Rollouts):
         q: ArrayLike,
         v: ArrayLike,
         u: ArrayLike,
+        z: ArrayLike | None = None,
         *,
         wrench: WrenchLike | None = None,
         out: Array | None = None,
@@ -162,6 +166,7 @@ class Kernel(Differentiation, InverseKinematics, Rollouts):
 
         Args:
             q, v, u: (n,).
+            z: states of laws, (memory,); the arrays and the result are then those of coordinates alone.
             wrench: as in ``generalized_force``.
             out: array to write to.
             cut: of a robot with loops, that its loops are open: of the tree alone.
@@ -171,10 +176,26 @@ class Kernel(Differentiation, InverseKinematics, Rollouts):
             LoopError: a loop is open, or opening, by more than 1e-9 (float32: 1e-5) m or rad (per second and the
                 largest rate).
         """
+        if z is not None:
+            memory = Memory.of(self.calls, self.memory)
+            q, v, u = memory.packed((("q", q), ("v", v), ("u", u)), z)
+            return memory.coordinates_of(self.forward_dynamics(q, v, u, wrench=wrench, cut=cut), out)
         if wrench is not None:
             u = self._with_wrench(q, u, wrench)
         name = "forward_dynamics"
         return self.calls.run(self.calls.of_tree(name) if flag("cut", cut) else name, out, (q, v, u))
+
+    def memory_rates(self, q: ArrayLike, v: ArrayLike, z: ArrayLike, u: ArrayLike | None = None) -> Array:
+        """Return the rates of the states of laws, (memory,), per s.
+
+        Args:
+            q, v: coordinates and their rates, (n,).
+            z: states, (memory,).
+            u: drives, (n,); zeros by default.
+        """
+        memory = Memory.of(self.calls, self.memory)
+        drives = np.zeros(memory.coordinates, self.dtype) if u is None else u
+        return memory.states_of(self.forward_dynamics(*memory.packed((("q", q), ("v", v), ("u", drives)), z)))
 
     def constraint_forces(
         self, q: ArrayLike, v: ArrayLike, u: ArrayLike, *, wrench: WrenchLike | None = None, out: Array | None = None

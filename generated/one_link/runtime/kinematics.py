@@ -108,7 +108,7 @@ class Kinematics(CompiledCode):
             UnknownNameError: no frame or link of that name.
             InputError: another reference.
         """
-        return self.frame_acceleration(q, v, np.zeros(len(self.coordinates), self.dtype), frame, reference)
+        return self.frame_acceleration(q, v, np.zeros(self.n, self.dtype), frame, reference)
 
     def _in_axes(self, q: ArrayLike, frame: str, reference: str, linear: Array, angular: Array) -> Array:
         """Return two vectors of the base frame one behind the other, in the axes of a reference."""

@@ -17,7 +17,7 @@ from ..robot.elements.matrices import PAIRS, entry_name
 from ..robot.geometry import Placement, rotation_from_rpy
 from ..robot.inertia_policy import Judged, apply_inertia_policy, link_sizes, lowest_moments
 from ..robot.record import record_of
-from ..robot.value import COORDINATES, INERTIA_KEYS, Robot
+from ..robot.value import COORDINATES, INERTIA_KEYS, Friction, Robot
 from .beams import with_changed_beams
 from .recorded import robot_from_record
 
@@ -135,6 +135,8 @@ def _below(here: _Value) -> Iterator[tuple[str, _Value]]:
             yield key, value
             if key in OTHER_NAMES:
                 yield OTHER_NAMES[key], value
+            if isinstance(origin, Friction) and key == "stribeck" and origin.shape:
+                yield origin.shape, value  # as the parameter is named
             if key == "elements" and here.key == "robot":
                 for table in KINDS:
                     chosen = [i for i, x in enumerate(child) if table == x.TABLE]

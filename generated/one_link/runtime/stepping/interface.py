@@ -7,6 +7,7 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
+from ..calls import Memory
 from ..compiled_code import CompiledCode
 from ..raw import Array
 from .adaptive import adaptive_rollout
@@ -42,6 +43,7 @@ class Rollouts(CompiledCode):
         loads: InputsLike | Sequence[InputsLike] | None = None,
         works: bool = False,
         saturate: Saturate = None,
+        z: ArrayLike | None = None,
     ) -> Rollout:
         """Integrate in C, one state or many at a time; external wrenches are some of the ``loads``.
 
@@ -91,6 +93,8 @@ class Rollouts(CompiledCode):
             saturate: True: all that drives do at a coordinate (u, controller, drives of loads) is clipped at +- the
                 effort of its description (``efforts``); or efforts by coordinate, or (n,), infinite where there is
                 none.  What is clipped does not answer to the state in the matrix of an implicit step.
+            z: states of laws at the beginning, (memory,) or (N, memory); all other arrays are then those of coordinates
+                alone, and so are q and v, beside which the attribute ``z`` has the states.
 
         Returns:
             q and v, (steps // every + 1, n) or (N, steps // every + 1, n), the states at the beginning first; with
@@ -106,11 +110,17 @@ class Rollouts(CompiledCode):
                 was stored.
             InputError: another argument is wrong, or does not belong to the method.
         """
+        memory = None if z is None else Memory.of(self.calls, self.memory)
+        if memory is not None and z is not None:
+            q0, v0 = memory.packed((("q0", q0), ("v0", v0)), z)
+            u, target, kp, kd = map(memory.padded, (u, target, kp, kd))
+            atol = memory.tolerance(atol)
         inputs = Inputs(q0, v0, u, Control(kp, kd, target, efforts_of(self.calls, saturate)))
         options = InputStepOptions(
             method_for(method, duration), dt, steps, every, duration, samples, rtol, atol, loads, works
         )
-        return (adaptive_rollout if options.is_adaptive else rollout)(self.calls, inputs, options)
+        motion = (adaptive_rollout if options.is_adaptive else rollout)(self.calls, inputs, options)
+        return motion if memory is None else motion.apart(memory.coordinates)
 
     def rollout_gradient(  # noqa: PLR0913
         self,

@@ -25,6 +25,7 @@ class Rollout(tuple[Array, Array]):
         rejected: steps that were tried again, shorter, likewise.
         largest, smallest: the longest and the shortest step, s, likewise.
         works: where they were integrated, of ``input_signals.WORKS``, J, (samples + 1, 4), of many (N, samples + 1, 4).
+        z: where a rollout was given them, states of laws, as q and v.
     """
 
     steps: Any
@@ -32,6 +33,7 @@ class Rollout(tuple[Array, Array]):
     largest: Any
     smallest: Any
     works: Any
+    z: Array
 
     @classmethod
     def of(cls, q: Array, v: Array, **figures: Any) -> Rollout:
@@ -39,6 +41,11 @@ class Rollout(tuple[Array, Array]):
         rollout = cls((q, v))
         vars(rollout).update(figures)
         return rollout
+
+    def apart(self, coordinates: int) -> Rollout:
+        """Return q and v of so many coordinates, and what stands behind these in v as ``z``."""
+        q, v = (np.ascontiguousarray(x[..., :coordinates]) for x in self)
+        return Rollout.of(q, v, **vars(self), z=np.ascontiguousarray(self[1][..., coordinates:]))
 
 
 @dataclass(frozen=True)
