@@ -95,20 +95,19 @@ class Deflection:
 
 @dataclass(frozen=True)
 class StateSlopes:
-    """Slopes of a resisting force f(v, z) and of the rate g(v, z) of its state; g_z is never positive.
+    """Slopes of a resisting force f(s, v, z) and of the rates g(s, v, z) of its states, (k,).
 
-    inertia: of the state, which stores inertia z^2 / 2.
+    f_z, g_v, g_s, inertias: (k,); the states store inertias[k] z[k]^2 / 2.
+    g_z: entries of (k, k) that do not vanish, by row and column, whose leading blocks are those of stable systems.
     """
 
     f_v: Scalar
-    f_z: Scalar
-    g_v: Scalar
-    g_z: Scalar
-    inertia: Scalar
-
-    def share(self, c: Scalar, square: Scalar) -> Scalar:
-        """Return c f_v + c^2 f_z g_v / (1 - c g_z): the coordinate's share in a matrix once z is eliminated."""
-        return c * self.f_v + square * (self.f_z * self.g_v) * (1.0 / (1.0 - c * self.g_z))
+    f_z: Sequence[Scalar]
+    g_v: Sequence[Scalar]
+    g_s: Sequence[Scalar]
+    g_z: Rows
+    inertias: Sequence[Scalar]
+    f_s: Scalar = 0.0
 
 
 class ImplicitShare(ABC):
@@ -141,8 +140,8 @@ class ImplicitShare(ABC):
         """Add slopes of a law on coordinate i; none where its tangent falls."""
 
     @abstractmethod
-    def in_memory(self, i: int, k: int, law: StateSlopes) -> None:
-        """Add slopes of a law on coordinate i with the state k: all of them, or those of the state's rate alone where
+    def in_memory(self, i: int, states: Sequence[int], law: StateSlopes) -> None:
+        """Add slopes of a law on coordinate i with these states: all of them, or those of the states' rates alone where
         the force would fall with the coordinate's rate.
         """
 

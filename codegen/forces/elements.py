@@ -5,19 +5,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from .bushings import Bushings
-from .coordinates import BristleFriction, CoordinateLaws
+from .coordinates import CoordinateLaws
 from .cut_journals import LoopBearingContacts
 from .cuts import ElasticLoopCoordinates
 from .element import ForceElement
 from .joint_damping import JointDampers
 from .joint_stiffness import JointStiffnesses
 from .journals import BearingContacts
+from .memory.coordinate_memory import MemoryLaws
 from .springs import PointSprings
 from .transmissions import Transmissions
 
 ELEMENTS: Sequence[type[ForceElement]] = (
     CoordinateLaws,
-    BristleFriction,
+    MemoryLaws,
     Transmissions,
     PointSprings,
     BearingContacts,

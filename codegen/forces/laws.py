@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
-from eomgen.robot.laws import BRISTLES, LAWS, active_laws
+from eomgen.robot.laws import LAWS, active_laws, states_of
 
 from ..tree.bound import BoundLaw
 from ..tree.spatial import Scalar
@@ -90,7 +90,7 @@ def effect(
 ) -> Effect:
     """Sum of a coordinate's laws beyond linear stiffness and damping, without some; arguments as of ``Deflection``."""
     names = {law.name for law in active_laws(numbers)}
-    names -= set(FRICTION) if BRISTLES in numbers else set()  # it has a state: ``coordinates.BristleFriction``
+    names -= {law for law, _ in states_of(numbers)}  # which ``memory`` has
     acting = names.difference(without, *(LAWS[name].absorbs for name in names))
     x, total = Deflection(numbers, knots, s, v, f, load), Effect()
     for group in GROUPS:

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from eomgen.robot.elements import Spring
-from eomgen.robot.laws import SMALLEST
+from eomgen.robot.law_states import SMALLEST
 from eomgen.robot.model import Model
 
 from ..tree.bound import BoundElement

@@ -11,7 +11,7 @@ from ..solve.factorised import Factors
 from ..solve.reduced import ReducedTree
 from ..solve.responses import EliminatedTree, FactorisedTree, Tree
 from ..solve.rows import Row, elastic_row
-from ..solve.states import ScalarSlopes, StateRow
+from ..solve.states import ScalarSlopes, StateRow, share, state_rows
 from ..tree.composite import Rows
 from ..tree.spatial import ZERO, Scalar
 from .closed import Pivots, constrained, eliminated, pivot_outputs, projection, with_rows
@@ -82,10 +82,10 @@ class _Step(ImplicitShare):
     def bend(self, i: int, law: Effect) -> None:
         self.armature[i] = self.armature[i] + self._ahead(law)
 
-    def in_memory(self, i: int, k: int, law: StateSlopes) -> None:
-        share, f = law.share(self.dt, self.square), self.functions
-        self.armature[i] = self.armature[i] + f.max(share, 0.0)
-        self.states[k] = StateRow.of(i, law, self.dt, f.step(share))
+    def in_memory(self, i: int, states: Sequence[int], law: StateSlopes) -> None:
+        whole, f = share(law, self.dt, self.square), self.functions
+        self.armature[i] = self.armature[i] + f.max(whole, 0.0)
+        self.states |= state_rows(i, states, law, self.dt, f.step(whole))
 
     def in_joint(self, slopes: Callable[[Scalar, Scalar], Rows]) -> None:
         for (i, j), slope in slopes(self.dt, self.square).items():

@@ -31,7 +31,7 @@ from ..program.cutting import cut
 from ..program.ir import Program, finish
 from ..program.passes import PARAMETERS, run_passes
 from ..solve.rows import Row, elastic_row
-from ..solve.states import ScalarSlopes, StateRow
+from ..solve.states import ScalarSlopes, StateRow, share, state_rows
 from ..tree.composite import Rows
 from ..tree.spatial import ZERO, Scalar, along
 from .accelerations import solved_accelerations
@@ -78,7 +78,7 @@ class _Stage(ImplicitShare):
         self.beside: Rows = {}
         self.slopes: dict[int, Scalar] = {}
         self.states: dict[int, StateRow] = {}
-        self.laws: list[tuple[int, int, StateSlopes]] = []
+        self.laws: list[tuple[int, Sequence[int], StateSlopes]] = []
         self.directions: list[tuple[SparseRow, _Slope]] = []
 
     def push(self, i: int, force: Scalar) -> None:
@@ -90,28 +90,38 @@ class _Stage(ImplicitShare):
     def bend(self, i: int, law: Effect) -> None:
         self.diagonal[i] = self.diagonal[i] + self._rising(law)
 
-    def in_memory(self, i: int, k: int, law: StateSlopes) -> None:
-        self.laws.append((i, k, law))
+    def in_memory(self, i: int, states: Sequence[int], law: StateSlopes) -> None:
+        self.laws.append((i, states, law))
 
     def settle(self) -> None:
         """Add the slopes of coordinates by themselves to their inertia, and what they make to the forces."""
         pairs = zip(self.diagonal, self.rates, self.shifts, strict=True)
         self.forces = [slope.force(rate, shift) for slope, rate, shift in pairs]
         self.armature = [x + slope.whole for x, slope in zip(self.d.bound.armature, self.diagonal, strict=True)]
-        for i, k, law in self.laws:
-            self._settle_state(i, k, law)
+        for i, states, law in self.laws:
+            self._settle_states(i, states, law)
 
-    def _settle_state(self, i: int, k: int, law: StateSlopes) -> None:
-        """Add a law with a state: c (f_v r + f_z r_z), -c w (g_v r + g_z r_z), and what eliminating it leaves."""
-        acts, (at_i, at_k) = self._acts(law), (self.rates[i], self.rates[k])
-        self.forces[i] = self.forces[i] + acts * (self.c * (law.f_v * at_i + law.f_z * at_k))
-        self.forces[k] = self.forces[k] - law.inertia * (self.c * (law.g_v * at_i + law.g_z * at_k))
-        self.armature[i] = self.armature[i] + acts * law.share(self.c, self.square)
-        self.states[k] = StateRow.of(i, law, self.c, acts)
+    def _settle_states(self, i: int, states: Sequence[int], law: StateSlopes) -> None:
+        """Add a law with states: c (f_v r + f_z r_z) + c f_s (c r + s), -w times the same of g, and what eliminating
+        them leaves.
+        """
+        acts, at_i, at = self._acts(law), self.rates[i], [self.rates[k] for k in states]
+        led = self.c * at_i + self.shifts[i]
+        force = law.f_v * at_i + law.f_s * led
+        rates = [g_v * at_i + g_s * led for g_v, g_s in zip(law.g_v, law.g_s, strict=True)]
+        for slope, z in zip(law.f_z, at, strict=True):
+            force = force + slope * z
+        for (row, column), slope in law.g_z.items():
+            rates[row] = rates[row] + slope * at[column]
+        self.forces[i] = self.forces[i] + acts * (self.c * force)
+        for k, w, rate in zip(states, law.inertias, rates, strict=True):
+            self.forces[k] = self.forces[k] - w * (self.c * rate)
+        self.armature[i] = self.armature[i] + acts * share(law, self.c, self.square)
+        self.states |= state_rows(i, states, law, self.c, acts)
 
     def _acts(self, law: StateSlopes) -> Scalar:
         """Return 1 where a force with a state counts in the matrix, 0 where it would fall."""
-        return self.d.functions.step(law.share(self.c, self.square))
+        return self.d.functions.step(share(law, self.c, self.square))
 
     def in_joint(self, slopes: Callable[[Scalar, Scalar], Rows]) -> None:
         whole, by_shift = slopes(self.c, self.square), slopes(0.0, self.c)
@@ -182,7 +192,7 @@ class _PairStage(_Stage):
         return _Slope(rises * share.whole + self.c * f.max(law.friction_tangent, 0.0), rises * share.by_shift)
 
     def _acts(self, law: StateSlopes) -> Scalar:
-        return self.d.functions.step(law.share(self.size, self.size_square))
+        return self.d.functions.step(share(law, self.size, self.size_square))
 
 
 def stage(d: Derivation, kind: type[_Stage] = _Stage) -> Outputs:

@@ -1,12 +1,14 @@
-"""States of laws, eliminated before motors and joints: their rows of an implicit method's matrix are scalars.
+"""States of laws, eliminated before motors and joints: blocks of an implicit method's matrix, one for each law.
 
-A law with the resisting force f(v, z) and the rate g(v, z) of its state couples its coordinate i to the state k, whose
-inertia w makes w z^2 / 2 the energy that it stores and whose acceleration is z':
+A law with the resisting force f(s, v, z) and the rates g(s, v, z) of its states couples its coordinate i to these,
+whose inertias w make w z^2 / 2 the energy that they store and whose accelerations are z' = a_z:
 
-    (M a)_i + c (f_v a_i + f_z a_k) = r_i,        w ((1 - c g_z) a_k - c g_v a_i) = r_k,
+    (M a)_i + (c f_v + c^2 f_s) a_i + c f_z a_z = r_i,        w ((1 - c g_z) a_z - c (g_v + c g_s) a_i) = r_z.
 
-and taking a_k out leaves c f_v + c^2 f_z g_v / (1 - c g_z) on the diagonal of i and c f_z r_k / (w (1 - c g_z)) less on
-its right side.  In forward dynamics c is 0.  No row of a loop or spring pushes a state.
+With E = (1 - c g_z)^-1, taking a_z out leaves c f_v + c^2 (f_s + f_z E (g_v + c g_s)) on the diagonal of i and
+c f_z E r_z / w less on its right side.  In forward dynamics c is 0.  No row of a loop or spring pushes a state.
+
+E is found without a choice of pivots: 1 - c g_z has none that vanish where the leading blocks of g_z are stable.
 """
 
 from __future__ import annotations
@@ -17,43 +19,109 @@ from typing import Protocol
 
 from eomgen.robot.model import Model
 
-from ..tree.spatial import Scalar
+from ..tree.composite import Rows
+from ..tree.spatial import Scalar, is_zero
 
 
 class Slopes(Protocol):
-    """Slopes of a law that its state's row takes, and the state's inertia."""
+    """Slopes of a law with k states and their inertias, (k,); g_z holds those that do not vanish, by row and column."""
 
     @property
-    def f_z(self) -> Scalar:
-        """Of the force by the state."""
+    def f_v(self) -> Scalar:
+        """Of the force by the coordinate's rate."""
 
     @property
-    def g_v(self) -> Scalar:
-        """Of the state's rate by the coordinate's."""
+    def f_s(self) -> Scalar:
+        """Of the force by the coordinate."""
 
     @property
-    def g_z(self) -> Scalar:
-        """Of the state's rate by the state."""
+    def f_z(self) -> Sequence[Scalar]:
+        """Of the force by the states."""
 
     @property
-    def inertia(self) -> Scalar:
-        """The state stores inertia z^2 / 2."""
+    def g_v(self) -> Sequence[Scalar]:
+        """Of the states' rates by the coordinate's."""
+
+    @property
+    def g_s(self) -> Sequence[Scalar]:
+        """Of the states' rates by the coordinate."""
+
+    @property
+    def g_z(self) -> Rows:
+        """Of the states' rates by the states."""
+
+    @property
+    def inertias(self) -> Sequence[Scalar]:
+        """State k stores inertias[k] z[k]^2 / 2."""
+
+
+def _inverse(law: Slopes, c: Scalar) -> Rows:
+    """Return the entries of E = (1 - c g_z)^-1 that do not vanish."""
+    k = len(law.inertias)
+    left: list[dict[int, Scalar]] = [{i: 1.0} for i in range(k)]
+    right: list[dict[int, Scalar]] = [{i: 1.0} for i in range(k)]
+    for (i, j), slope in law.g_z.items():
+        left[i][j] = left[i].get(j, 0.0) - c * slope
+    for p in range(k):
+        inverse = 1.0 / left[p][p]
+        right[p] = {j: x * inverse for j, x in right[p].items()}
+        left[p] = {j: x * inverse for j, x in left[p].items() if j > p}
+        for i in range(k):
+            factor = left[i].get(p, 0.0)
+            if i == p or is_zero(factor):
+                continue
+            for into, row in ((left[i], left[p]), (right[i], right[p])):
+                for j, x in row.items():
+                    into[j] = into.get(j, 0.0) - factor * x
+    return {(i, j): x for i in range(k) for j, x in right[i].items()}
+
+
+def share(law: Slopes, c: Scalar, square: Scalar) -> Scalar:
+    """Return c f_v + c^2 (f_s + f_z E (g_v + c g_s)): the coordinate's share in a matrix once the states are out."""
+    whole = c * law.f_v + square * law.f_s
+    for (i, j), x in _inverse(law, c).items():
+        whole = whole + square * (law.f_z[i] * (law.g_v[j] + c * law.g_s[j])) * x
+    return whole
 
 
 @dataclass(frozen=True)
 class StateRow:
-    """a_k = inverse r_k + gain a_i, of a state k of a law on coordinate i; ``coupling`` is c f_z."""
+    """a_k = sum of inverse[j] r_j + gain a_i, of a state k of a law on coordinate i; ``coupling`` is c f_z."""
 
     coordinate: int
-    inverse: Scalar
+    inverse: Mapping[int, Scalar]
     gain: Scalar
     coupling: Scalar
 
-    @classmethod
-    def of(cls, i: int, law: Slopes, c: Scalar, acts: Scalar) -> StateRow:
-        """Return the row of a law with a step c; ``acts``: 1, or 0 where its force is left out of the matrix."""
-        inverse = 1.0 / (1.0 - c * law.g_z)
-        return cls(i, inverse * (1.0 / law.inertia), inverse * (c * law.g_v), acts * (c * law.f_z))
+    def free(self, right: Sequence[Scalar]) -> Scalar:
+        """Return the rate where the coordinate stays."""
+        rate: Scalar = 0.0
+        for j, x in self.inverse.items():
+            rate = rate + x * right[j]
+        return rate
+
+
+def state_rows(i: int, states: Sequence[int], law: Slopes, c: Scalar, acts: Scalar) -> dict[int, StateRow]:
+    """Return the rows of a law's states, by their indices, with a step c.
+
+    Args:
+        i: index of the coordinate that the law acts on.
+        states: indices of the states.
+        law: its slopes.
+        c: the step.
+        acts: 1, or 0 where its force is left out of the matrix.
+    """
+    by_row: list[dict[int, Scalar]] = [{} for _ in states]
+    for (row, column), x in _inverse(law, c).items():
+        by_row[row][column] = x
+    rows = {}
+    for place, k in enumerate(states):
+        inverse = {states[j]: x * (1.0 / law.inertias[j]) for j, x in by_row[place].items()}
+        gain: Scalar = 0.0
+        for j, x in by_row[place].items():
+            gain = gain + x * (c * (law.g_v[j] + c * law.g_s[j]))
+        rows[k] = StateRow(i, inverse, gain, acts * (c * law.f_z[place]))
+    return rows
 
 
 @dataclass(frozen=True)
@@ -79,18 +147,19 @@ class States:
             rows: of an implicit method, by the index of the state; none in forward dynamics.
         """
         first = len(model.coordinates)
-        self.inertias = inertias
         self.drives, self.rows = list(drives), {k: rows.get(k) for k in range(first, model.size)}
+        self.free = {
+            k: (1.0 / inertias[k]) * drives[k] if row is None else row.free(drives) for k, row in self.rows.items()
+        }
         for k, row in rows.items():
             if row.coordinate not in model.prescribed:  # there the right side is the acceleration itself
                 i = row.coordinate
-                self.drives[i] = self.drives[i] - row.coupling * (row.inverse * drives[k])
+                self.drives[i] = self.drives[i] - row.coupling * self.free[k]
 
     def release(self, accelerations: list[Scalar], pivots: list[tuple[Scalar, Scalar]]) -> None:
         """Put rates of the states into the accelerations of the tree, and pivots that never vanish."""
         for k, row in self.rows.items():
-            inverse = 1.0 / self.inertias[k] if row is None else row.inverse
-            free = inverse * self.drives[k]
+            free = self.free[k]
             accelerations[k] = free if row is None else free + row.gain * accelerations[row.coordinate]
             pivots[k] = (1.0, 1.0)
 

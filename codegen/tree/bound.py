@@ -19,7 +19,8 @@ from eomgen.robot.elements.joint_damping import JOINT_DAMPING
 from eomgen.robot.elements.joint_stiffness import JOINT_STIFFNESS
 from eomgen.robot.elements.journal import RADIAL
 from eomgen.robot.geometry import IDENTITY, snap
-from eomgen.robot.laws import BRISTLES, active_laws
+from eomgen.robot.law_states import WEIGHTLESS
+from eomgen.robot.laws import active_laws
 from eomgen.robot.model import FIXED_BODY, Model, turned_name
 from eomgen.robot.value import (
     ANGULAR,
@@ -452,9 +453,10 @@ class _Binder:
             )
             armatures.append(armature)
         named = {prefix: law for (_, prefix, _), law in zip(self._coordinates(), laws, strict=True)}
-        for owner in self.model.owners:  # their forces are their coordinates' laws
+        for owner, _, state in self.model.states:  # their forces are their coordinates' laws
             laws.append(BoundLaw(0.0, 0.0))
-            armatures.append(named[f"joints.{owner}"].numbers[BRISTLES])
+            inertia = state.inertia(named[f"joints.{owner}"].numbers) if state.inertia else WEIGHTLESS
+            armatures.append(inertia)
         return tuple(laws), tuple(armatures)
 
     def transmissions(self) -> dict[int, BoundTransmission]:

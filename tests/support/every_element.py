@@ -8,13 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eomgen.codegen.forces.bushings import Bushings
-from eomgen.codegen.forces.coordinates import BristleFriction, CoordinateLaws
+from eomgen.codegen.forces.coordinates import CoordinateLaws
 from eomgen.codegen.forces.cut_journals import LoopBearingContacts
 from eomgen.codegen.forces.cuts import ElasticLoopCoordinates
 from eomgen.codegen.forces.element import ForceElement
 from eomgen.codegen.forces.joint_damping import JointDampers
 from eomgen.codegen.forces.joint_stiffness import JointStiffnesses
 from eomgen.codegen.forces.journals import BearingContacts
+from eomgen.codegen.forces.memory.coordinate_memory import MemoryLaws
 from eomgen.codegen.forces.springs import PointSprings
 from eomgen.codegen.forces.transmissions import Transmissions
 from eomgen.description.load import robot_from_toml
@@ -223,7 +224,7 @@ bristle_damping = 0.8, viscous = 0.2 } }
 
 ROBOTS: Mapping[type[ForceElement], Mapping[str, str]] = {
     CoordinateLaws: {"knee": LAWS},
-    BristleFriction: {"beside": BRISTLES},
+    MemoryLaws: {"beside": BRISTLES},
     Transmissions: {"hip": MOTOR},
     PointSprings: {"beside": SPRINGS},
     BearingContacts: {"hip": FREE + "radial = " + BEARING},

@@ -9,7 +9,7 @@ import numpy as np
 from eomgen.arrays import Array
 from eomgen.errors import InputError
 from eomgen.names import joint_of
-from eomgen.robot.laws import state_sizes, stiffness_of
+from eomgen.robot.laws import stiffness_of
 from eomgen.robot.mechanism import coordinate_of
 from eomgen.robot.model import Model
 from eomgen.robot.parameter_names import CUTS, JOINTS, element_places
@@ -27,8 +27,7 @@ def coordinate_sizes(model: Model) -> tuple[Array, Array]:
     inertia, beside = _at_home(model)
     n = len(model.coordinates)
     q, v = deviation_sizes(_coordinate_stiffness(model) + beside[:n], inertia[:n])
-    owners = dict.fromkeys(model.owners)
-    return with_states(q, v, [x for owner in owners for x in state_sizes(coordinate_of(model.robot, owner).law())])
+    return with_states(q, v, [x.size(coordinate_of(model.robot, owner).law()) for owner, _, x in model.states])
 
 
 def rubbing_parameters(model: Model) -> list[tuple[int, str]]:

@@ -18,7 +18,8 @@ from ..robot.elements.joint_element import MatrixElement, missing_table
 from ..robot.elements.joint_stiffness import JointStiffness
 from ..robot.elements.matrices import Rows, matrix_conflict
 from ..robot.geometry import ZERO
-from ..robot.laws import BRISTLES, GAUSSIAN, LUGRE
+from ..robot.law_states import BRISTLES, LUGRE
+from ..robot.laws import GAUSSIAN
 from ..robot.rules import ROTORS, coordinate_conflict
 from ..robot.value import COORDINATES, Coordinate, Curve, Motor, Placement
 from .keys import COORDINATE

@@ -26,7 +26,7 @@ from ..forms.plain import field_types
 from ..forms.tables import Entries, Form, Pair, Sub, angle_keys
 from ..limits import MOST_SEGMENTS
 from ..names import IDENTIFIER_RULE, ROBOT_RULE
-from ..robot import laws
+from ..robot import law_states, laws
 from ..robot.coordinates import UNITS
 from ..robot.cuts import CUTS
 from ..robot.elements import JOINT_ELEMENTS, KINDS, JointElement, LinkElement
@@ -91,7 +91,9 @@ def _numbers(law: laws.Law) -> dict[str, Key]:
         if number.key not in laws.SHAPED
     }
     if law.name == "friction":
-        keys["model"] = Choice("lugre: friction with a state; without it a function of the velocity", words=laws.MODELS)
+        keys["model"] = Choice(
+            "lugre: friction with a state; without it a function of the velocity", words=law_states.MODELS
+        )
         keys["shape"] = Choice("of Stribeck's curve: lorentzian (as it is without) or gaussian", words=laws.SHAPES)
     return keys
 

@@ -7,26 +7,20 @@ also those of the run-time parameters: "cubic", "friction.coulomb", "curve.0".
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
 from types import MappingProxyType
 
-Values = Mapping[str, float]
-Conflict = tuple[str, str]  # key, message
+from .law_states import BRISTLES, SMALLEST, Conflict, State, Values, bristle_conflict, bristles
 
-SMALLEST = 1e-12  # least value of what is divided by, m, rad or per s
 SHARE = 0.05  # of a clearance over which contact sets in
 SMOOTHING = 4e-8  # m/s or rad/s over which friction reverses: 90 % of the limit creep by 0.8 um in 10 s
 SHARP = 1e-6  # of the Stribeck velocity, at most: so little of the peak is lost where friction reverses
 SHAPES = LORENTZIAN, GAUSSIAN = "lorentzian", "gaussian"  # of Stribeck's curve
-BRISTLES = "friction.bristle_stiffness"  # is there where friction is LuGre's, which has a state
-MODELS = (LUGRE,) = ("lugre",)  # of friction, beside the one without a state
 SHAPED = {f"friction.{GAUSSIAN}": "friction.stribeck"}  # numbers that descriptions have under another key and a shape
 COARSE = 1e-3  # m/s or rad/s by which explicit steps chatter where the smoothing of friction is too narrow for them
-GRID = 4000  # speeds, evenly spaced in their logarithms, at which the passivity of bristles is looked at
 ONSET = 1e-4  # m or rad over which a stop sets in
 
 Curve = tuple[tuple[float, float], ...]  # (deviation, force)
@@ -88,6 +82,7 @@ class Law:
         excludes: numbers and laws that it cannot stand beside; ``instead`` is what the message calls allowed.
         rule: numbers, "stiffness" among them -> key and message of what does not go together, None if all does.
         has_points: whether it is a curve: its forces are the numbers "NAME.0", "NAME.1", ...
+        states: numbers -> what it remembers; None of a law that is a function of deviation and velocity.
     """
 
     name: str
@@ -105,6 +100,7 @@ class Law:
     instead: str = ""
     rule: Callable[[Values], Conflict | None] | None = None
     has_points: bool = False
+    states: Callable[[Values], tuple[State, ...]] | None = None
 
     @property
     def first(self) -> str:
@@ -155,7 +151,7 @@ def _between_stops(numbers: Values) -> Conflict | None:
 def _stribeck(numbers: Values) -> Conflict | None:
     coulomb, static = numbers["friction.coulomb"], numbers.get("friction.static")
     if BRISTLES in numbers:
-        conflict = _bristles(numbers)
+        conflict = bristle_conflict(numbers)
         if conflict is not None:
             return conflict
     else:
@@ -169,67 +165,6 @@ def _stribeck(numbers: Values) -> Conflict | None:
     if "friction.radius" in numbers and "friction.coefficient" not in numbers:
         return "friction.radius", "there is no coefficient; allowed: radius with coefficient"
     return None
-
-
-def _bristles(numbers: Values) -> Conflict | None:
-    """Return the conflict of LuGre friction: other models' numbers, no force to slide at, a fade that is too wide."""
-    coulomb = numbers["friction.coulomb"]
-    if coulomb < SMALLEST:
-        return "friction.coulomb", f"got {coulomb!r}; allowed: at least {SMALLEST:g}, as bristles yield at it"
-    for key in ("smoothing", "coefficient", "radius", "stribeck"):
-        if f"friction.{key}" in numbers:
-            what = "a Gaussian Stribeck curve" if key == "stribeck" else "LuGre friction without it"
-            return f"friction.{key}", f"the model is lugre; allowed: {what}"
-    excess = _unfaded(numbers)
-    if "friction.fade" in numbers and excess is not None:
-        v, force, most = excess
-        said = f"bristle damping resists with {force:.4g} at the velocity {v:.4g}, more than 4 times {0.25 * most:.4g}"
-        return "friction.fade", f"got {numbers['friction.fade']!r}: {said}; allowed: a lower velocity, or less damping"
-    return None
-
-
-def sliding_force(numbers: Values, v: float) -> float:
-    """Return LuGre's g(v), N or N m: the force at which bristles slide at the speed v, with a Gaussian curve."""
-    coulomb = numbers["friction.coulomb"]
-    more = numbers.get("friction.static", coulomb) - coulomb
-    rate = numbers.get(f"friction.{GAUSSIAN}", 1.0)
-    return coulomb + more * math.exp(-min((v / rate) ** 2, 700.0))
-
-
-def _unfaded(numbers: Values) -> tuple[float, float, float] | None:
-    """Return the least speed v of a fine grid at which sigma_1(v) v > 4 g(v), with both; None without any."""
-    damping, fade = numbers.get("friction.bristle_damping", 0.0), numbers.get("friction.fade", math.inf)
-    scales = [x for x in (fade, numbers.get(f"friction.{GAUSSIAN}")) if x is not None and math.isfinite(x)]
-    scales.append(4.0 * numbers["friction.coulomb"] / max(damping, SMALLEST))
-    low, high = 1e-3 * min(scales), 10.0 * max(scales)
-    ratio = (high / low) ** (1.0 / (GRID - 1))
-    v = low
-    for _ in range(GRID):
-        resists = damping * math.exp(-min((v / fade) ** 2, 700.0)) * v
-        most = 4.0 * sliding_force(numbers, v)
-        if resists > most:
-            return v, resists, most
-        v *= ratio
-    return None
-
-
-def active_above(numbers: Values) -> float | None:
-    """Return the speed (m/s or rad/s) above which LuGre friction can give energy back; None where it is passive.
-
-    It is where sigma_1(v) |v| exceeds 4 g(v), to a percent; viscous friction, which raises it, is left out.
-    """
-    found = _unfaded(numbers) if BRISTLES in numbers else None
-    return None if found is None else found[0]
-
-
-def memory_of(numbers: Values) -> tuple[str, ...]:
-    """Name the states of a coordinate's laws, below its name: "friction.z"."""
-    return ("friction.z",) if BRISTLES in numbers else ()
-
-
-def state_sizes(numbers: Values) -> tuple[float, ...]:
-    """Return sizes that tolerances refer to, m or rad, of the states that ``memory_of`` names."""
-    return (numbers["friction.coulomb"] / numbers[BRISTLES],) if BRISTLES in numbers else ()
 
 
 def _friction_smoothing(numbers: Values) -> float | None:
@@ -364,6 +299,7 @@ _LAWS = (
         contact=lambda numbers: numbers.get(BRISTLES, 0.0),
         of_rotor=True,
         rule=_stribeck,
+        states=bristles,
     ),
     Law(
         name="stops",
@@ -419,6 +355,21 @@ NUMBERS: Mapping[str, Number] = by_key(*(number for law in _LAWS for number in l
 def active_laws(numbers: Values) -> Iterator[Law]:
     """Return the laws that numbers belong to, in the order of the table."""
     return (law for law in _LAWS if law.first in numbers)
+
+
+def states_of(numbers: Values) -> tuple[tuple[str, State], ...]:
+    """Return the states of a coordinate's laws, each with the law's name, in the order of the table."""
+    return tuple((law.name, state) for law in active_laws(numbers) if law.states for state in law.states(numbers))
+
+
+def memory_of(numbers: Values) -> tuple[str, ...]:
+    """Name the states of a coordinate's laws, below its name: "friction.z"."""
+    return tuple(f"{law}.{state.name}" for law, state in states_of(numbers))
+
+
+def state_sizes(numbers: Values) -> tuple[float, ...]:
+    """Return sizes that tolerances refer to of the states that ``memory_of`` names."""
+    return tuple(state.size(numbers) for _, state in states_of(numbers))
 
 
 def defaults(numbers: Values) -> dict[str, float]:

@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from ..errors import DescriptionError, UnknownNameError, check_kind
 from ..names import (
@@ -32,7 +32,8 @@ from .coordinates import coordinate_names
 from .cuts import CUTS, rigid_components
 from .elements import MATRICES
 from .elements.joint_element import missing_table
-from .laws import ARMATURE, Conflict, memory_of
+from .law_states import Conflict, State
+from .laws import ARMATURE, states_of
 from .mechanism import coordinate_of, driven_coordinates, leading_home, mechanism_conflict, position_limits
 from .parameter_names import number_of
 from .rules import coordinate_conflict, cut_conflict, motor_conflict, unmoved
@@ -102,29 +103,27 @@ class Model:
 
         In arrays of the state they stand behind the coordinates.  What their positions are acts on nothing.
         """
-        return tuple(component_name(owner, state) for owner, state in self._states)
+        return tuple(component_name(owner, f"{law}.{state.name}") for owner, law, state in self.states)
 
     @cached_property
-    def _states(self) -> tuple[tuple[str, str], ...]:
-        """Coordinates with their laws' states, by their names below the coordinate's."""
+    def states(self) -> tuple[tuple[str, str, State], ...]:
+        """States of laws, in the order of ``memory``: the coordinate's name, the law's, and the state."""
         laws = {
             component_name(joint.name, kind): coordinate.law()
             for joint in self.robot.joints
             for kind, coordinate in joint.all_coordinates.items()
         }
-        return tuple((name, state) for name, law in laws.items() for state in memory_of(law))
+        return tuple((name, *state) for name, law in laws.items() for state in states_of(law))
 
-    @property
-    def owners(self) -> tuple[str, ...]:
-        """Names of the coordinates whose laws have the states in ``memory``, in their order."""
-        return tuple(owner for owner, _ in self._states)
-
-    @property
-    def remembering(self) -> dict[int, int]:
-        """Index of every coordinate that has a state of a law, with that of the state; none of those that follow."""
-        places = {name: i for i, name in enumerate(self.coordinates)}
-        states = enumerate(self.owners, len(self.coordinates))
-        return {places[owner]: k for k, owner in states if owner in places}
+    @cached_property
+    def remembering(self) -> dict[str, dict[int, tuple[int, ...]]]:
+        """Coordinates that have states, by their laws: their indices with those of the states; no followers."""
+        places, remembering = {name: i for i, name in enumerate(self.coordinates)}, dict[str, Any]()
+        for k, (owner, law, _) in enumerate(self.states, len(self.coordinates)):
+            if owner in places:
+                states = remembering.setdefault(law, {})
+                states[places[owner]] = (*states.get(places[owner], ()), k)
+        return remembering
 
     @property
     def velocities(self) -> tuple[str, ...]:

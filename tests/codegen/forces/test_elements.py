@@ -18,6 +18,7 @@ from eomgen.codegen.forces.laws import Effect
 from eomgen.codegen.kernels.accelerations import implicit_step
 from eomgen.codegen.kernels.derivation import Derivation, Outputs, vector
 from eomgen.codegen.program.ir import Program, evaluate, finish
+from eomgen.codegen.solve.states import share
 from eomgen.description.load import robot_from_toml
 from eomgen.robot.model import build_model
 from eomgen.robot.parameter_names import element_places
@@ -232,12 +233,14 @@ class Dense(ImplicitShare):
     def bend(self, i: int, law: Effect) -> None:
         self.rank_one({i: 1.0}, law.ahead(self.dt, self.square, self.d.functions))
 
-    def in_memory(self, i: int, k: int, law: StateSlopes) -> None:
-        acts = self.d.functions.step(law.share(self.dt, self.square))
-        for key, slope in (((i, i), law.f_v), ((i, k), law.f_z)):
-            add_to(self.matrix, key, acts * (self.dt * slope))
-        for key, slope in (((k, i), law.g_v), ((k, k), law.g_z)):
-            add_to(self.matrix, key, -1.0 * (self.dt * (law.inertia * slope)))
+    def in_memory(self, i: int, states: Sequence[int], law: StateSlopes) -> None:
+        acts = self.d.functions.step(share(law, self.dt, self.square))
+        add_to(self.matrix, (i, i), acts * (self.dt * law.f_v + self.square * law.f_s))
+        for k, w, f_z, g_v, g_s in zip(states, law.inertias, law.f_z, law.g_v, law.g_s, strict=True):
+            add_to(self.matrix, (i, k), acts * (self.dt * f_z))
+            add_to(self.matrix, (k, i), -1.0 * (w * (self.dt * g_v + self.square * g_s)))
+        for (row, column), slope in law.g_z.items():
+            add_to(self.matrix, (states[row], states[column]), -1.0 * (self.dt * (law.inertias[row] * slope)))
 
     def in_joint(self, slopes: Callable[[Any, Any], Mapping[tuple[int, int], Any]]) -> None:
         for (i, j), slope in slopes(self.dt, self.square).items():

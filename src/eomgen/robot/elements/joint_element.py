@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from ..geometry import COORDINATES, Placement
-from ..laws import Conflict, Number, number_texts
+from ..law_states import Conflict
+from ..laws import Number, number_texts
 from .matrices import Rows, matrix_lines, names_of
 
 

@@ -9,7 +9,8 @@ from typing import Any, ClassVar
 
 from ..fields import Picklable
 from ..geometry import COORDINATES, Placement
-from ..laws import Conflict, Number, by_key
+from ..law_states import Conflict
+from ..laws import Number, by_key
 from .joint_element import MatrixElement
 from .matrices import (
     ABOUT,

@@ -12,7 +12,8 @@ from types import MappingProxyType
 
 from ...limits import LARGEST
 from ..geometry import ANGULAR, COORDINATES, Placement, Vector
-from ..laws import Conflict, Number
+from ..law_states import Conflict
+from ..laws import Number
 
 Rows = Sequence[Sequence[float]]
 Matrix = list[list[float]]

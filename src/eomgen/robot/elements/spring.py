@@ -8,7 +8,8 @@ from types import MappingProxyType
 from typing import ClassVar
 
 from ..geometry import ZERO, Placement, Vector
-from ..laws import SMALLEST, Curve, Number, by_key, curve_conflict, divisor
+from ..law_states import SMALLEST
+from ..laws import Curve, Number, by_key, curve_conflict, divisor
 from .element import LinkElement, Slopes
 
 TAUT = 1e-4  # of a cable's free length over which its tension sets in: a tenth of steel's strain at 200 MPa

@@ -1,0 +1,35 @@
+"""What formulas of laws with states take and give."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from ...tree.spatial import Scalar
+from ..element import StateSlopes
+from ..scalar_functions import Functions
+
+
+@dataclass(frozen=True)
+class Remembered:
+    """Arguments of a law: the numbers of its coordinate's laws, deviation s, rate v, states z (k,), their inertias.
+
+    s: m or rad; v: per s.  f: functions of the scalars.
+    """
+
+    numbers: Mapping[str, Scalar]
+    s: Scalar
+    v: Scalar
+    z: Sequence[Scalar]
+    inertias: Sequence[Scalar]
+    f: Functions
+
+
+@dataclass(frozen=True)
+class StateEffect:
+    """Resisting force (N, N m), rates of the states (k,), slopes of both, and the energy (J) that s alone stores."""
+
+    force: Scalar
+    rates: Sequence[Scalar]
+    slopes: StateSlopes
+    energy: Scalar = 0.0

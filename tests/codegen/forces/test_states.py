@@ -1,0 +1,160 @@
+"""Laws with several states that feel each other: rows, energies and implicit shares beside dense matrices of NumPy."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from eomgen.codegen.forces.element import StateSlopes
+from eomgen.codegen.forces.memory import coordinate_memory
+from eomgen.codegen.forces.memory.formula import Remembered, StateEffect
+from eomgen.codegen.kernels.accelerations import implicit_step
+from eomgen.codegen.kernels.derivation import Derivation, Outputs
+from eomgen.codegen.kernels.stages import derive_pair_stage, derive_stage
+from eomgen.codegen.kernels.writers import WRITERS
+from eomgen.codegen.program.ir import Program, evaluate, finish
+from eomgen.codegen.solve.states import share, state_rows
+from eomgen.description.load import robot_from_toml
+from eomgen.robot import laws
+from eomgen.robot.law_states import WEIGHTLESS, State
+from eomgen.robot.model import Model, build_model
+
+Array = NDArray[np.float64]
+ROBOT = """
+name = "spiral"
+gravity = [0.0, 0.0, -9.81]
+[[links]]
+name = "body"
+mass = 2.0
+inertia = { xx = 0.1, yy = 0.1, zz = 0.1 }
+[[joints]]
+name = "slide"
+type = "prismatic"
+parent = "base"
+child = "body"
+z = { friction = { model = "lugre", coulomb = 1.0, bristle_stiffness = 3.0 } }
+"""
+F_S, F_V, F_Z = 3.0, 0.5, np.array([2.0, -1.5])
+G_S, G_V = np.array([0.3, -0.2]), np.array([1.0, 0.7])
+G_Z = np.array([[-4.0, 2.0], [-3.0, 0.5]])  # its second diagonal entry alone would grow
+INERTIAS = np.array([3.0, WEIGHTLESS])
+
+
+def spiral(x: Remembered) -> StateEffect:
+    """Return a linear law whose two states feel each other."""
+    rates = [a * x.s + b * x.v + row @ np.array(x.z) for a, b, row in zip(G_S, G_V, G_Z, strict=True)]
+    slopes = StateSlopes(
+        F_V, [*F_Z], [*G_V], [*G_S], {(i, j): float(G_Z[i, j]) for i in (0, 1) for j in (0, 1)}, x.inertias, F_S
+    )
+    return StateEffect(F_S * x.s + F_V * x.v + F_Z @ np.array(x.z), rates, slopes, 0.5 * F_S * x.s * x.s)
+
+
+@pytest.fixture
+def model(monkeypatch: pytest.MonkeyPatch) -> Model:
+    """A slide whose friction is such a law; its first state stores energy."""
+    ones = State(name="a", unit=("m", "rad"), size=lambda n: 1.0, inertia=lambda n: n["friction.bristle_stiffness"])
+    both = (ones, State(name="b", unit=("1", "1"), size=lambda n: 2.0))
+    changed = tuple(replace(law, states=lambda n: both) if law.name == "friction" else law for law in laws._LAWS)
+    monkeypatch.setattr(laws, "_LAWS", changed)
+    monkeypatch.setitem(coordinate_memory.STATE_FORMULAS, "friction", spiral)  # type: ignore[arg-type]
+    return build_model(robot_from_toml(ROBOT))
+
+
+def run(program: Program, inputs: Mapping[str, list[float]]) -> Array:
+    found = evaluate(program, inputs)
+    return np.array([value for (name, _), value in sorted(found.items()) if name == "out"], dtype=float)
+
+
+def slopes() -> tuple[Array, Array, Array]:
+    """M, B and K of the slide and its states."""
+    M = np.diag([2.0, *INERTIAS])
+    B, K = np.zeros((3, 3)), np.zeros((3, 3))
+    B[0], K[0, 0] = [F_V, *F_Z], F_S
+    B[1:, 0], B[1:, 1:], K[1:, 0] = -INERTIAS * G_V, -INERTIAS[:, None] * G_Z, -INERTIAS * G_S
+    return M, B, K
+
+
+def written(model: Model, name: str) -> Program:
+    d = Derivation(model)
+    outputs: Outputs = implicit_step(d) if name == "implicit_step" else WRITERS[name](d)
+    return finish(d.graph, name, outputs)
+
+
+STATE: dict[str, list[float]] = {"q": [0.4, 0.0, 0.0], "v": [0.3, -0.7, 1.2], "u": [0.6, 0.0, 0.0]}
+STATE["p"] = list(build_model(robot_from_toml(ROBOT)).parameters.values())
+
+
+def test_rows_and_energies(model: Model) -> None:
+    assert model.memory == ("slide.z.friction.a", "slide.z.friction.b")
+    assert model.remembering == {"friction": {0: (1, 2)}}
+    M, B, K = slopes()
+    q, v, a = np.array(STATE["q"]), np.array(STATE["v"]), np.array([0.2, 0.5, -0.4])
+    weight = np.array([2.0 * 9.81, 0.0, 0.0])
+    found = run(written(model, "inverse_dynamics"), STATE | {"a": a.tolist()})
+    assert found == pytest.approx(M @ a + B @ v + K @ q + weight, rel=1e-14)
+    jacobian = run(written(model, "residual_jacobian"), STATE | {"a": a.tolist()}).reshape(3, 3, 3)
+    for matrix, expected in zip(jacobian, (K, B, M), strict=True):
+        assert matrix == pytest.approx(expected, rel=1e-14, abs=0.0)
+    kinetic, potential = run(written(model, "energy"), STATE)
+    assert kinetic == pytest.approx(0.5 * 2.0 * v[0] ** 2, rel=1e-14)
+    weight_energy = 2.0 * 9.81 * q[0]
+    assert potential == pytest.approx(weight_energy + 0.5 * F_S * q[0] ** 2 + 0.5 * 3.0 * v[1] ** 2, rel=1e-14)
+
+
+@pytest.mark.parametrize("dt", [1e-3, 0.3, 20.0])
+def test_implicit_step_is_the_dense_one(model: Model, dt: float) -> None:
+    M, B, K = slopes()
+    q, v = np.array(STATE["q"]), np.array(STATE["v"])
+    forces = np.array([STATE["u"][0] - 2.0 * 9.81, 0.0, 0.0]) - B @ v - K @ (q + dt * v)
+    expected = np.linalg.solve(M + dt * B + dt * dt * K, forces)
+    found = run(written(model, "implicit_step"), STATE | {"dt": [dt, dt * dt], "added": [0.0] * 3})
+    assert found == pytest.approx(expected, rel=1e-11)
+
+
+@pytest.mark.parametrize("c", [1e-3, 0.3, 20.0, 0.2 + 0.3j, 2.0 - 5.0j])
+def test_stages_are_the_dense_ones(model: Model, c: complex) -> None:
+    """(M + c B + c^2 K) w = -((c B + c^2 K) r + c K s), also of the complex c of Radau's method."""
+    M, B, K = slopes()
+    is_pair = isinstance(c, complex)
+    rng = np.random.default_rng(0)
+    r, s = (rng.normal(size=(2, 3)) for _ in range(2))
+    rates, shifts = (x[0] + 1j * x[1] if is_pair else x[0] for x in (r, s))
+    expected = np.linalg.solve(M + c * B + c * c * K, -((c * B + c * c * K) @ rates + c * K @ shifts))
+    first, second = (derive_pair_stage if is_pair else derive_stage)(Derivation(model)).values()
+    names = (
+        ("pair_times", "pair_rates", "pair_shifts", "pair_kept") if is_pair else ("times", "rates", "shifts", "kept")
+    )
+    times = [c.real, (c * c).real, c.imag, (c * c).imag] if is_pair else [c, c * c]
+    inputs: dict[str, Any] = STATE | {"kp": [0.0] * 3, "kd": [0.0] * 3, "spans": [abs(c), abs(c) ** 2]}
+    inputs |= {names[0]: times, names[1]: [*r.ravel()] if is_pair else [*r[0]]}
+    inputs[names[2]] = [*s.ravel()] if is_pair else [*s[0]]
+    found = run(second, inputs | {names[3]: run(first, inputs).tolist()})
+    found = found[:3] + 1j * found[3:] if is_pair else found
+    assert found == pytest.approx(expected, rel=1e-11)
+
+
+@pytest.mark.parametrize("k", [1, 2, 4])
+@pytest.mark.parametrize("seed", range(3))
+def test_elimination_is_a_dense_solve(k: int, seed: int) -> None:
+    """Of random blocks whose g_z is that of a stable system, beside the whole system of a coordinate and its states."""
+    rng = np.random.default_rng(seed)
+    g_z = rng.normal(size=(k, k)) - 3.0 * np.eye(k)
+    f_z, g_v, g_s, right = (rng.normal(size=k) for _ in range(4))
+    inertias, (f_v, f_s, r, c) = rng.uniform(0.1, 2.0, k), rng.uniform(0.5, 2.0, 4)
+    entries = {(i, j): float(g_z[i, j]) for i in range(k) for j in range(k)}
+    law = StateSlopes(f_v, f_z.tolist(), g_v.tolist(), g_s.tolist(), entries, inertias.tolist(), f_s)
+    whole = np.zeros((k + 1, k + 1))
+    whole[0] = [1.3 + c * f_v + c * c * f_s, *(c * f_z)]
+    whole[1:, 0], whole[1:, 1:] = -inertias * c * (g_v + c * g_s), inertias[:, None] * (np.eye(k) - c * g_z)
+    expected = np.linalg.solve(whole, [r, *right])
+    rows = state_rows(0, range(1, k + 1), law, c, 1.0)
+    given = [0.0, *right.tolist()]
+    pivot, left = 1.3 + share(law, c, c * c), r - sum(row.coupling * row.free(given) for row in rows.values())
+    first = left / pivot
+    assert first == pytest.approx(expected[0], rel=1e-9)
+    assert [row.free(given) + row.gain * first for row in rows.values()] == pytest.approx(expected[1:], rel=1e-9)
