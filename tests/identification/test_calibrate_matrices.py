@@ -131,7 +131,6 @@ def test_a_random_matrix_is_recovered(built: Build, tmp_path: Path) -> None:
     assert np.abs(off_by(exact)).max() < 1e-6
     found = calibrated(robot, columns, stiffness=WHOLE)
     assert np.abs(off_by(found)).max() < 3e-4
-    assert any("about an origin that its offsets move" in note for note in found.notes)
     before = dict(zip(found.names, found.described, strict=True))
     assert np.isnan(before["joints.joint2.stiffness.x.x"])  # z is rigid there
     units = dict(zip(found.names, found.units, strict=True))
@@ -182,24 +181,25 @@ def test_chosen_entries_take_in_what_they_hang_together_with(built: Build, tmp_p
     assert joint.stiffness.coordinates == ("x", "beta")
 
 
+@pytest.mark.parametrize("fixed", [FIXED, ()], ids=["known offsets", "unknown offsets"])
 @pytest.mark.parametrize("runs", [2, pytest.param(15, marks=pytest.mark.soak)])
-def test_intervals_cover_with_noise(runs: int, built: Build, tmp_path: Path) -> None:
+def test_intervals_cover_with_noise(runs: int, fixed: tuple[str, ...], built: Build, tmp_path: Path) -> None:
+    """Offsets move the origin that the matrix is about, and with it what its couplings are."""
     robot, inside = described(tmp_path), []
     exact = loaded(true(robot), built)
     for seed in range(runs):
         rng = np.random.default_rng(seed)
         off = {name: rng.normal(scale=4e-7 if "r" in name else 2e-7, size=exact[name].size) for name in PLACES}
         columns = exact | {name: exact[name] + noise for name, noise in off.items()}
-        found = calibrated(robot, columns, stiffness=WHOLE, fixed=FIXED)
+        found = calibrated(robot, columns, stiffness=WHOLE, fixed=fixed)
         deviations = dict(zip(found.names, found.deviations, strict=True))
         for one, other in PAIRS:
             name = f"joints.joint2.stiffness.{one}.{other}"
             if name in deviations:
                 value = K[NAMES.index(one), NAMES.index(other)]
                 inside.append(abs(found[name] - value) <= found.quantile * deviations[name])
-        assert not any("offsets move" in note for note in found.notes)
     assert len(inside) == 15 * runs
-    assert np.mean(inside) >= 0.85
+    assert np.mean(inside) >= 0.9
 
 
 def test_what_loads_do_not_show_is_named(built: Build, tmp_path: Path) -> None:
@@ -239,7 +239,7 @@ def test_sensitivities_are_derivatives_and_deflections_linear_algebra(tmp_path: 
         step[i] = 1e-3 * parameter.size
         ahead, behind = (model.at(model.nominal + sign * step, rows).located for sign in (1.0, -1.0))
         slope = (ahead.p[tool] - behind.p[tool]) / (2.0 * step[i])
-        np.testing.assert_allclose(S[:, :3, i], slope, rtol=1e-3, atol=1e-3 * np.abs(slope).max() + 1e-12)
+        np.testing.assert_allclose(S[:, :3, i], slope, rtol=1e-6, atol=1e-6 * np.abs(slope).max() + 1e-12)
     slopes = block.slopes(whole)
     C = np.linalg.inv(whole)
     for column, (_, a, b) in enumerate(block.pairs):

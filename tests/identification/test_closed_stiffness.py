@@ -172,3 +172,19 @@ def test_mechanisms_that_springs_alone_place_are_refused(kind: str) -> None:
         joints.append(joint)
     with pytest.raises(InputError, match="four_bar: springs hold all coordinates but those of drives"):
         calibrate(replace(robot, joints=tuple(joints)), given, folds=0)
+
+
+def test_offsets_move_what_loads_deflect() -> None:
+    """Sensitivities are derivatives: an offset changes the arms of loads, and a deflection those of others."""
+    given = columns()
+    offsets = tuple(ErrorParameter(f"offset {k} {c}", OFFSET, k, c, "one", 0.0, 1.0) for k in (1, 2) for c in (0, 1, 5))
+    model, rows = linkage(given, (*compliances(), *offsets))
+    x, tool = model.nominal, model.chain.tools["tcp"]
+    S = model.at(x, rows).sensitivities(tool)[:, :3]
+    for i, size in enumerate([*(1e-3 * x[:2]), *[1e-5] * len(offsets)]):
+        step = size * np.eye(len(x))[i]
+        ahead, behind = (model.at(x + change, rows).located.p[tool] for change in (step, -step))
+        slope = (ahead - behind) / (2.0 * size)
+        np.testing.assert_allclose(
+            S[:, :, i], slope, rtol=3e-6, atol=1e-9 + 3e-6 * np.abs(slope).max(), err_msg=model.parameters[i].name
+        )

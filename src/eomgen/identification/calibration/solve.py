@@ -22,7 +22,7 @@ from ...progress import StageReport, no_report, tells_at_prompt
 from ...robot.elements.joint_stiffness import JOINT_STIFFNESS
 from ...robot.model import build_model
 from ...robot.value import COORDINATES, MOTOR, Robot
-from ..geometry.compliances import blocks_of, compliances_of
+from ..geometry.compliances import compliances_of
 from ..geometry.error_model import (
     COMPLIANCE,
     JOINTS,
@@ -427,16 +427,6 @@ def _notes(task: Task, problem: Problem) -> list[str]:
     soft = any(parameter.kind == COMPLIANCE for parameter in problem.model.parameters)
     if soft and task.robot.springs:
         notes.append("point-to-point springs are left out of the loads")
-    parameters = problem.model.parameters
-    moved = {parameters[i].station for i in problem.active if parameters[i].kind in (ZERO, OFFSET)}
-    for block in blocks_of(parameters):
-        joint = problem.model.chain.stations[block.station].name
-        if block.station in moved and len(block.coordinates) > 1:
-            notes.append(
-                f"the stiffness matrix of {joint} is about an origin that its offsets move: entries that couple"
-                " coordinates are less sure than their deviations say, unless the offsets are known (fixed:"
-                f" joints.{joint}.offset)"
-            )
     if problem.model.closing is not None:
         fitted = {(q.station, q.coordinate) for q in problem.model.parameters if q.kind == COMPLIANCE}
         left = [

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +30,9 @@ SECOND = "second"  # of a loop joint: loops.NAME.second.x moves its frame on the
 SIZES = (1e-3, 3e-3)  # of an offset that is expected: of the reach (1), and rad
 PLACEMENT, ZERO, OFFSET, COMPLIANCE, DRIVE = "placement", "zero", "offset", "compliance", "drive"
 PASSES = 3  # of loads on what they deflect; each is as exact as the last times the deflection
+Place = tuple[int, int]  # station and coordinate
+_STEP = 1e-5  # m, rad, of differences of forces
+_ROWS = 20_000  # of differences at once
 
 
 @dataclass(frozen=True)
@@ -148,31 +152,57 @@ class ErrorModel:
         rigid = rows.readings.copy()
         for i in moved:
             rigid[:, places[i][0], places[i][1]] += x[i] * factors[:, i]
-        located, q = self._located(rigid, rows, bases)
+        values, q = self._closed(rigid, rows, bases)
+        at = located(self.chain, values, bases)
         for _ in range(PASSES if soft else 0):
-            forces = self.forces(located, rows)
-            values = rigid.copy()
+            forces = self.forces(at, rows)
+            bent = rigid.copy()
             for i in soft:
                 (k, c), second = places[i], self.parameters[i].other
                 factors[:, i] = forces[:, k, c if second is None else second]
-                values[:, k, c] += x[i] * factors[:, i]
+                bent[:, k, c] += x[i] * factors[:, i]
             if crossed:
                 back = np.stack([forces[:, k, places[i][1]] for i, k, _ in crossed], axis=1)
             for (i, k, other), factor in zip(crossed, back.T, strict=True):
-                values[:, k, other] += x[i] * factor
-            located, q = self._located(values, rows, bases)
-        return State(self, located, factors, q, back)
+                bent[:, k, other] += x[i] * factor
+            values, q = self._closed(bent, rows, bases)
+            at = located(self.chain, values, bases)
+        return State(self, at, factors, q, back, Loaded(x, values, bases, rows))
 
-    def _located(self, values: Array, rows: Rows, bases: Array) -> tuple[Located, Array]:
-        """Return stations by their coordinates, (N, S, 6), whose passive ones are made to close loops.
-
-        The second value is what encoders read, (N, S, 6).
-        """
+    def _closed(self, values: Array, rows: Rows, bases: Array) -> tuple[Array, Array]:
+        """Return coordinates, (N, S, 6), whose passive ones are made to close loops, and what encoders read of them."""
         if self.closing is None:
-            return located(self.chain, values, bases), rows.readings
+            return values, rows.readings
         constants = values - rows.readings
         values = self.closing.closed(self.chain, values, constants, bases)
-        return located(self.chain, values, bases), values - constants
+        return values, values - constants
+
+    def force_slopes(self, loaded: Loaded, q: Array, elastic: Sequence[Place], moved: Sequence[Place]) -> Array:
+        """Return changes of forces in elastic coordinates per change of constants of coordinates, (N, elastic, moved).
+
+        They are central differences: a force changes by its square alone within a step.
+
+        q: coordinates without constants, (N, S, 6).
+        """
+        many, (ks, cs) = len(q), np.array(elastic, dtype=np.intp).T
+        slopes = np.empty((many, len(elastic), len(moved)))
+        at_once = max(1, _ROWS // (2 * many))
+        for first in range(0, len(moved), at_once):
+            places = moved[first : first + at_once]
+            rows = loaded.rows.part(np.tile(np.arange(many), 2 * len(places)))
+            steps = np.zeros((2, len(places), *q.shape))
+            for i, (k, c) in enumerate(places):
+                steps[:, i, :, k, c] = [[_STEP], [-_STEP]]
+            steps = steps.reshape(-1, *q.shape[1:])
+            values, bases = (np.tile(x, (2 * len(places), 1, 1)) for x in (loaded.values, loaded.bases))
+            values = values + steps
+            if self.closing is not None:
+                constants = np.tile(loaded.values - q, (2 * len(places), 1, 1)) + steps
+                values = self.closing.closed(self.chain, values, constants, bases)
+            forces = self.forces(located(self.chain, values, bases), rows)[:, ks, cs]
+            plus, minus = forces.reshape(2, len(places), many, len(elastic))
+            slopes[:, :, first : first + len(places)] = np.moveaxis((plus - minus) / (2.0 * _STEP), 0, -1)
+        return slopes
 
     def forces(self, located: Located, rows: Rows) -> Array:
         """Return generalized forces of gravity and of loads at all stations' coordinates, (N, S, 6), N and N m.
@@ -192,6 +222,18 @@ class ErrorModel:
 
 
 @dataclass(frozen=True)
+class Loaded:
+    """What a state of an error model came from: values x of parameters, (P,) or (P, N), coordinates, (N, S, 6), the
+    poses of bases, (N, 4, 4), and rows.
+    """
+
+    x: Array
+    values: Array
+    bases: Array
+    rows: Rows
+
+
+@dataclass(frozen=True)
 class State:
     """Stations of an error model at some values, with what one unit of each parameter does.
 
@@ -204,6 +246,37 @@ class State:
     factors: Array
     q: Array
     back: Array
+    loaded: Loaded
+
+    @cached_property
+    def bending(self) -> tuple[list[Place], Array]:
+        """Elastic coordinates, and how these bend because a parameter moves loads, per unit of it, (N, elastic, P).
+
+        Loads act at other arms once an offset or a deflection has moved the robot, s = x + C f(s); the factors hold
+        f itself alone.
+        """
+        model = self.model
+        soft = {i: q for i, q in enumerate(model.parameters) if q.kind == COMPLIANCE and np.any(self.loaded.x[i])}
+        ends = {i: (q.coordinate, q.coordinate if q.other is None else q.other) for i, q in soft.items()}
+        elastic = sorted({(q.station, c) for i, q in soft.items() for c in ends[i]})
+        if not elastic:
+            return [], np.zeros((len(self.q), 0, len(model.parameters)))
+        moved = sorted({*elastic, *((q.station, q.coordinate) for q in model.parameters)})
+        moved = sorted({*moved, *((k, other) for _, k, other in model.crossed)})
+        by_place = model.force_slopes(self.loaded, self.q, elastic, moved)
+        column = {place: i for i, place in enumerate(moved)}
+        direct = np.zeros((len(self.q), len(moved), len(model.parameters)))
+        for i, parameter in enumerate(model.parameters):
+            direct[:, column[parameter.station, parameter.coordinate], i] = self.factors[:, i]
+        for (i, k, other), factor in zip(model.crossed, self.back.T, strict=True):
+            direct[:, column[k, other], i] += factor
+        C, row = np.zeros((len(self.q), len(elastic), len(elastic))), {place: i for i, place in enumerate(elastic)}
+        for i, parameter in soft.items():
+            a, b = (row[parameter.station, c] for c in ends[i])
+            C[:, a, b] = C[:, b, a] = self.loaded.x[i]
+        own = by_place[:, :, [column[place] for place in elastic]]
+        forces = np.linalg.solve(np.eye(len(elastic)) - own @ C, by_place @ direct)
+        return elastic, np.asarray(C @ forces)
 
     def sensitivities(self, tool: int) -> Array:
         """Return the motion of a station per unit of every parameter, (N, 6, P).
@@ -220,6 +293,10 @@ class State:
         for (i, k, other), factor in zip(self.model.crossed, self.back.T, strict=True):
             if k in place:
                 sensitivities[:, :, i] += by_place[:, :, place[k], other] * factor[:, np.newaxis]
+        elastic, bending = self.bending
+        for i, (k, c) in enumerate(elastic):
+            if k in place:
+                sensitivities += by_place[:, :, place[k], c, np.newaxis] * bending[:, i, np.newaxis]
         if self.model.closing is not None:
             sensitivities += self._through_loops(by_place, before)
         return sensitivities
@@ -243,6 +320,9 @@ class State:
         slopes = follow[:, :, ks, cs] * self.factors[:, np.newaxis]
         for (i, k, other), factor in zip(model.crossed, self.back.T, strict=True):
             slopes[:, :, i] += follow[:, :, k, other] * factor[:, np.newaxis]
+        elastic, bending = self.bending
+        for i, (k, c) in enumerate(elastic):
+            slopes += follow[:, :, k, c, np.newaxis] * bending[:, i, np.newaxis]
         return np.asarray(slopes)
 
 
