@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -14,9 +15,11 @@ from .arithmetic import SAFETY, Arithmetic, Array, spread, with_copies
 from .composed import COMPOSED, FRAMED, status_of
 from .states import sample_inputs, sample_parameters
 from .steps import clipped, one_adapted_step, one_step
-from .stored import STATES, pack_samples
+from .stored import MEASURED, STATES, pack_samples
 
 _STEP = {"float64": 2.0**-60, "float32": 2.0**-40}  # s; coordinates stay what they are to the bit, and so their sines
+_SHORTEST = {"float64": 2.0**-250, "float32": 2.0**-60}  # s; whose squares are no denormal numbers yet
+_LARGEST = 2.0**64  # by which steps are shortened at once
 _METHODS = {"rollout": 2, "adaptive_rollout": 2, "radau_rollout": 3}  # the last of the last is iterated
 _ITERATED = 256.0  # how much more than others answers of iterations differ: increments are transformed and back
 _RESTING = 2  # states that steps are taken from
@@ -106,9 +109,8 @@ class _Samples:
         self.samples[f"{name} bits"] = certain and all(map(self.arithmetic.has_no_choice, programs))
 
     def _store_steps(self, name: str, step: Callable[..., tuple[Array, Array]], programs: list[Program]) -> None:
-        dt = self.arithmetic.dtype.type(_STEP[str(self.arithmetic.dtype)])
         u = clipped(self.inputs["u"], with_copies(self._efforts()))
-        q = self.inputs["q"]
+        q, dt = self.inputs["q"], self._step(u)
         ways = [step(method, self.run, q, np.zeros_like(q), u, dt) for method in range(_METHODS[name])]
         n, lanes = q.shape
         answers, iterated = np.stack([way[0].reshape(2 * n, lanes) for way in ways]), name == "radau_rollout"
@@ -121,6 +123,23 @@ class _Samples:
             self.samples[name + suffix] = np.moveaxis(self.samples[name + suffix][:_RESTING], 0, 1)
         self.samples[f"{name} status"] = np.stack([way[1][:_RESTING] for way in ways])
         self.samples["dt"] = dt
+
+    def _step(self, u: Array) -> Any:
+        """Return the length of steps, s, so short that accelerations at both ends are one within rounding.
+
+        Radau's step is compared with one of Euler's: stiff dampers on light links tell them apart in 1e-18 s.
+        """
+        name = str(self.arithmetic.dtype)
+        dt, q, still = _STEP[name], self.inputs["q"], np.zeros_like(self.inputs["q"])
+        a = self.run("forward_dynamics", v=still, u=u)[0]
+        within = 2.0 * SAFETY * np.maximum(spread(a), np.finfo(a.dtype).eps * np.abs(a[:, :MEASURED]))
+        while dt > _SHORTEST[name]:
+            end = self.run("forward_dynamics", q=q, v=q.dtype.type(dt) * a, u=u)[0]
+            ratio = float(np.nanmax((np.abs(end - a)[:, :MEASURED] / within)[:, :_RESTING], initial=0.0))
+            if not ratio > 1.0:
+                break
+            dt = max(dt * 2.0 ** -math.ceil(math.log2(min(ratio, _LARGEST))), _SHORTEST[name])
+        return q.dtype.type(dt)
 
     def _efforts(self) -> Array:
         """Return efforts of drives (n, states): half of what the last resting state has, infinite in others."""

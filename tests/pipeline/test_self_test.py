@@ -202,6 +202,43 @@ def test_native_builds_are_compared_within_rounding() -> None:
         assert found.function == name
 
 
+LIGHT = """
+name = "light"
+[[links]]
+name = "a"
+mass = {mass}
+com = [0.0, 0.0, 0.0]
+inertia = {{ xx = 1e-3, yy = 1e-3, zz = 1e-3 }}
+[[joints]]
+name = "j"
+type = "prismatic"
+parent = "base"
+child = "a"
+z = {{ {laws} }}
+"""
+
+
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+@pytest.mark.parametrize(
+    ("mass", "laws"),
+    [
+        (0.01, "stiffness = 1e7, damping = 5e5"),
+        (0.01, "friction = { coulomb = 1.0 }"),
+        pytest.param(1e-6, "stiffness = 1e9, damping = 5e6", marks=pytest.mark.soak),
+    ],
+)
+def test_stiff_dampers_of_light_links_are_let_through(mass: float, laws: str, dtype: str) -> None:
+    """A step of Radau is that of Euler's method it is compared with however fast a damper is, and nothing else."""
+    robot, names = robot_from_toml(LIGHT.format(mass=mass, laws=laws)), ("forward_dynamics", "radau_rollout")
+    kernel = eomgen.build(robot, kernels=names, dtype=dtype, flags=("-O0",))
+    meta = json.loads(kernel.source("json"))
+    given = read_samples(samples(derive_equations(build_model(robot), names, dtype), dtype))
+    given["radau_rollout"][..., -1] *= 1.0 + (1e-9 if dtype == "float64" else 1e-2)
+    found = first_difference(lambda: kernel.raw.libraries.library("radau_rollout"), meta, given, bits=True)
+    assert found is not None
+    assert found.function == "radau_rollout"
+
+
 @pytest.mark.parametrize(("off", "refused"), [(100 * 5e-324, False), (1e-300, True)])
 def test_rounding_of_denormal_numbers_is_let_through(off: float, refused: bool, built: Build) -> None:
     """A fused product is not rounded to a denormal number, and an inverse inertia makes that more."""
