@@ -179,8 +179,10 @@ def stiff_in_real_time(kernel: Kernel, q: Array) -> bool:
     """Return whether fixed steps in real time must be implicit at q, (n,): eigenvalues there are above REAL_TIME.
 
     Explicit steps are then as short as that all the time.  Where M is singular at q, eigenvalues are not known, and
-    steps are implicit.
+    steps are implicit; so they are where laws have states.
     """
+    if kernel.memory:  # whose laws follow the faster, the faster the motion is
+        return True
     try:
         return max(fastest_rates(kernel, q)) > REAL_TIME
     except (np.linalg.LinAlgError, EomgenError):
@@ -190,11 +192,13 @@ def stiff_in_real_time(kernel: Kernel, q: Array) -> bool:
 def why_stiff(kernel: Kernel, q: Array | None = None, duration: float = 1.0) -> str:
     """Say why a method must be implicit; empty where none need be.  Arguments as of ``choose_method``.
 
-    Stiff is any spring, and dampers and friction whose time constant, by the largest slopes of their laws and the
-    inertia at q, is below 1 / ``STIFF`` of the duration: explicit steps are as short as that as long as the motion
-    lasts, whatever moves.  Without the kernels that implicit methods need, dampers and friction are left to explicit
-    ones.
+    Stiff is any spring, any law with a state, and dampers and friction whose time constant, by the largest slopes of
+    their laws and the inertia at q, is below 1 / ``STIFF`` of the duration: explicit steps are as short as that as long
+    as the motion lasts, whatever moves.  Without the kernels that implicit methods need, dampers and friction are left
+    to explicit ones.
     """
+    if kernel.memory:
+        return "laws have states, which follow fast motions in no time"
     if any_spring(kernel):
         return "there are springs"
     if not ({"mass_matrix"} if kernel.constraints else {"mass_matrix", "inverse_dynamics"}) <= set(kernel.operations):

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Array
+from ..arrays import Array, Mask
 from ..errors import check_kind
-from ..robot.laws import SMOOTHING
+from ..names import component_name
+from ..robot.laws import BRISTLES, GAUSSIAN, SMOOTHING
 from ..runtime.kernel import Kernel
+from ..state.motors import acting
 from ..state.springs import cut_numbers, law_numbers, smoothings
 
 NEAR = 25.0  # smoothings: slower than this friction is below 0.9992 of its limit
+YIELDING = 0.9992  # of the force at which bristles slide: so far they hold
+CROSSINGS = 10.0  # 1/s: of the bristles' deflection; what is faster passes through it on its way back
+BRISTLE_STATE = "friction.z"  # of LuGre friction, below the coordinate's name
 
 
 @dataclass(frozen=True)
@@ -33,31 +39,51 @@ def rests(kernel: Kernel, t: Array, q: Array, v: Array) -> tuple[Rest, ...]:
     """Return the intervals in which friction held coordinates along a motion, by time, to the distance of samples.
 
     A coordinate sticks where it has Coulomb friction and its velocity is below ``NEAR`` smoothings, or as many of the
-    default one, in two successive samples at least.
+    default one, in two successive samples at least; with LuGre friction, where its bristles bend and do not yet yield,
+    and it is slower than ``CROSSINGS`` of their largest deflections per second.
 
     Args:
         kernel: with the parameters of the motion.
         t: times, (T,), s.
-        q, v: coordinates and velocities, (T, n).
+        q, v: coordinates and velocities with the states of laws behind them, (T, n).
     """
     check_kind("kernel", kernel, hasattr(kernel, "calls"), "a Kernel (of eomgen.build, or of a generated package)")
     widths, intervals = smoothings(kernel), list[Rest]()
-    if not widths or t.size < 2:
+    if not (widths or kernel.memory) or t.size < 2:
         return ()
     numbers = {name: laws for name, laws in law_numbers(kernel).items() if name not in kernel.prescribed}
-    names = [name for name, laws in numbers.items() if _has_coulomb_friction(laws)]
+    names = [name for name, laws in numbers.items() if _has_coulomb_friction(laws) and BRISTLES not in laws]
     cut = [name for name, laws in cut_numbers(kernel).items() if _has_coulomb_friction(laws)]
-    velocities = v[:, [kernel.coordinates.index(name) for name in names]]
+    rates = dict(zip(acting(kernel), np.hstack([v, v @ kernel.follower_matrix()[0].T]).T, strict=True))
+    velocities = np.array([rates[name] for name in names]).reshape(-1, t.size).T
     if cut:
         rows = kernel.cut_jacobian(q)[:, [kernel.cut_laws.index(name) for name in cut]]
         velocities = np.hstack([velocities, np.einsum("tij,tj->ti", rows, v)])
     for name, column in zip((*names, *cut), velocities.T, strict=True):
-        slow = np.abs(column) <= NEAR * max(widths[name], SMOOTHING)
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], slow, [False]])))
-        for first, behind in edges.reshape(-1, 2).tolist():
-            if behind - first > 1:
-                intervals.append(Rest(name, float(t[first]), float(t[behind - 1])))
+        intervals += _intervals(name, t, np.abs(column) <= NEAR * max(widths[name], SMOOTHING))
+    for name, laws in numbers.items():
+        if BRISTLES in laws:
+            z = rates[component_name(name, BRISTLE_STATE)]
+            intervals += _intervals(name, t, _bristles_hold(laws, rates[name], z))
     return tuple(sorted(intervals, key=lambda rest: (rest.begins, rest.ends)))
+
+
+def _intervals(name: str, t: Array, held: Mask) -> Iterator[Rest]:
+    """Give the intervals of two samples and more in which a coordinate is held."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], held, [False]])))
+    for first, behind in edges.reshape(-1, 2).tolist():
+        if behind - first > 1:
+            yield Rest(name, float(t[first]), float(t[behind - 1]))
+
+
+def _bristles_hold(numbers: Mapping[str, float], v: Array, z: Array) -> Mask:
+    """Return where bristles bend and do not yield: LuGre friction of these numbers at v and z, (T,) each."""
+    coulomb, stiffness = numbers["friction.coulomb"], numbers[BRISTLES]
+    static = numbers.get("friction.static", coulomb)
+    ratio = v / numbers.get(f"friction.{GAUSSIAN}", 1.0)
+    level = coulomb + (static - coulomb) * np.exp(-np.minimum(ratio**2, 700.0))
+    slow = np.abs(v) <= CROSSINGS * max(static, coulomb) / stiffness
+    return np.asarray(slow & (stiffness * np.abs(z) < YIELDING * level))
 
 
 def _has_coulomb_friction(laws: dict[str, float]) -> bool:

@@ -12,15 +12,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array
-from ..errors import InputError, check_kind
+from ..errors import InputError, IntegrationStopped, check_kind
 from ..progress import Progress, tells_at_prompt
 from ..runtime.by_name import WrenchLike
 from ..runtime.kernel import Kernel
 from ..runtime.stepping.options import ErrorControl
 from ..runtime.stepping.reading_inputs import input_signals
-from ..state.vectors import DriveFunction, MotionFunction, WrenchFunction, state_vector
+from ..state.vectors import DriveFunction, MotionFunction, WrenchFunction
 from . import compiled, sundials
 from .advance import Advance
+from .beside_states import begin_of, drive_beside_states, record_apart, wrench_beside_states
 from .closed import ClosedSystem
 from .contacts import ContactWatch
 from .drives import drive_of
@@ -54,6 +55,7 @@ def integrate(  # noqa: PLR0913
     record: Record | None = None,
     until: Until | None = None,
     works: bool = False,
+    z0: ArrayLike | None = None,
 ) -> Trajectory:
     """Integrate M(q) a + bias = generalized force + u from a state; loops are closed to 1e-12 throughout.
 
@@ -67,6 +69,7 @@ def integrate(  # noqa: PLR0913
             loops or couplings constrained_dynamics, constraint, constraint_jacobian, mass_matrix and residual in their
             place; implicit methods take forward_dynamics_jacobian there, and finite differences without it.
         q0, v0: the state at t = 0, (n,).
+        z0: states of laws at t = 0, (memory,); zeros by default.
         duration: s.
         drive, wrench, prescribed: loads and prescribed motions, each described below.  C takes constant forces and
             wrenches, and objects with a method ``load_data`` (time-signal inputs), as those of scenarios and
@@ -87,17 +90,20 @@ def integrate(  # noqa: PLR0913
             the first two by stiffness and cost, and "radau", too, where rtol is 1e-7 or less and there are
             springs, dampers or friction (see ``plan.turns_of``); where C cannot do it, Radau if there are springs,
             stiff dampers or friction (see ``plan.why_stiff``), else DOP853.
-        rtol, atol: tolerances; atol is a number or (2n,), first of q, then of v.  By default rtol times the size of
+        rtol, atol: tolerances; atol is a number or (2n,), first of q, then of v, behind which may be those of states of
+            laws (which a number leaves as they are).  By default rtol times the size of
             each coordinate: ``coordinate_sizes``; of a velocity that friction resists at most the smoothing of that.
         step: of rk4, s; shortened so that it divides ``output_step``.  Default: half the shortest time constant, 1 /
-            the angular frequency of a spring, or the decay time by 1 / e of a damper or friction.
+            the angular frequency of a spring, or the decay time by 1 / e of a damper or friction; of states of laws as
+            they follow at the velocity of each sample.
         output_step: distance of the samples, s, shortened so that it divides the duration; default duration / 1000.
         times: of the samples, s, (T,), increasing; instead of ``output_step``.  q0, v0 are the state at the first,
             which need not be 0; the last must be the duration.
         progress: called with a fraction from 0 to 1 and a line of text.
         until: what the motion ends at, if that comes before the duration does: its last sample is there, and ``info``
             has the time as ended_at.  Not with SUNDIALS' methods.
-        record: called with times of samples (k,) and states (k, 2n) as they are reached, the first one not among them.
+        record: called with times of samples (k,) and states (k, 2n), behind which are states of laws, as they are
+            reached, the first one not among them.
         works: whether the trajectory's work integrals ``works`` are computed by the same steps, which they do not
             change.  By the kernel's C alone, without joints of 3-DOF rotation; the kernel must have generalized_force,
             and, of prescribed coordinates, inverse_dynamics (with loops residual).
@@ -116,12 +122,20 @@ def integrate(  # noqa: PLR0913
         InputError: an argument is wrong, a prescribed coordinate has no motion, or SciPy is not installed.
     """
     check_kind("kernel", kernel, hasattr(kernel, "calls"), "a Kernel (of eomgen.build, or of a generated package)")
-    system = system_of(kernel, drive_of(kernel, drive), wrench, prescribed)
-    q, v = (state_vector(label, x, kernel.velocities) for label, x in (("q0", q0), ("v0", v0)))
+    drive = drive_beside_states(drive_of(kernel, drive), kernel)
+    system = system_of(kernel, drive, wrench_beside_states(wrench, kernel), prescribed)
+    q, v = begin_of(kernel, q0, v0, z0)
     times = output_times(duration, output_step) if times is None else checked_times(times, duration, output_step)
     span = float(times[-1] - times[0])
     plan = plan_integration(kernel, IntegratorOptions(method, rtol, atol, step), system.loads, q, span)
-    motion = integrate_by(plan, system, (q, v), times, progress=progress, record=record, until=until, works=works)
+    record = record_apart(record, kernel)
+    try:
+        motion = integrate_by(plan, system, (q, v), times, progress=progress, record=record, until=until, works=works)
+    except IntegrationStopped as stop:
+        stop.set_apart(len(kernel.coordinates))
+        if stop.trajectory is not None:
+            stop.trajectory = stop.trajectory.apart(kernel.coordinates)
+        raise
     return motion.apart(kernel.coordinates)
 
 
@@ -166,7 +180,8 @@ def integrate_by(
 
     def run() -> None:
         if method == "rk4" or not (y0.size or plan.in_c):  # nothing is free to be integrated
-            rk4(system, y0, samples, fixed_step(kernel, q, plan.step, times), report, watch)
+            step = fixed_step(kernel, q, plan.step, times)
+            rk4(system, y0, samples, step, report, watch, chosen=plan.step is not None)
             return
         control = ErrorControl(method, plan.rtol, tolerances(system, q, plan), plan.turns)
         if plan.in_c:

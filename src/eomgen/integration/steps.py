@@ -17,9 +17,11 @@ from ..optional import optional_import
 from ..progress import Progress
 from ..robot.laws import COARSE
 from ..runtime.arrays import numbers_in
+from ..runtime.calls import Memory
 from ..runtime.kernel import Kernel
 from ..runtime.stepping.options import ErrorControl
-from ..state.springs import coordinate_sizes, fastest_rates, rubbing_rates
+from ..runtime.stepping.watched_states import StateBounds
+from ..state.springs import coordinate_sizes, fastest_rates, memory_sizes, rubbing_rates
 from .contacts import ContactWatch
 from .methods import SCIPY_IMPLICIT
 from .plan import IntegratorOptions
@@ -28,6 +30,7 @@ from .until import Reached
 
 Record = Callable[[Array, Array], None]
 
+DIFFERENCE = 1e-4  # of a law's state, or of its size: for the slope of its rate
 MOST_SAMPLES = 100_000_000  # of a motion: with one coordinate some 5 GB
 
 
@@ -88,6 +91,21 @@ def fixed_step(kernel: Kernel, q0: Array, step: float | None, times: Array) -> f
     return min(1e-3, 0.5 / fastest if fastest else np.inf, float(np.diff(times).max()))
 
 
+def _decay(kernel: Kernel, state: Array) -> float:
+    """Return how fast the fastest state of a law follows in (q, v), (2n,), 1/s: the largest slope of a rate by itself.
+
+    Of bristles that is sigma_0 |v| / g(v): it depends on the velocity, and no default for all of a motion is good.
+    """
+    n, states = kernel.n, len(kernel.memory)
+    change = DIFFERENCE * np.maximum(np.abs(state[-states:]), memory_sizes(kernel))
+    vs, q, u = np.tile(state[n:], (2, states, 1)), np.broadcast_to(state[:n], (2, states, n)), np.zeros(n)
+    each, places = np.arange(states), np.arange(n - states, n)
+    for side, sign in enumerate((-1.0, 1.0)):
+        vs[side, each, places] += sign * change
+    rates = np.asarray(kernel.forward_dynamics(q.reshape(-1, n), vs.reshape(-1, n), u)).reshape(2, states, n)
+    return float(np.abs((rates[1] - rates[0])[each, places] / (2.0 * change)).max())
+
+
 class Samples:
     """States of a motion at sample times, as they are reached.
 
@@ -135,10 +153,23 @@ def rk4(
     step: float,
     report: Progress,
     watch: ContactWatch | None = None,
+    *,
+    chosen: bool = True,
 ) -> None:
-    """Fill the samples by the classical Runge-Kutta method of order 4, from y at the first of them."""
-    f, whole = system.derivative, samples.states[0]
+    """Fill the samples by the classical Runge-Kutta method of order 4, from y at the first of them.
+
+    Args:
+        chosen: whether somebody chose the step; else it is shortened from sample to sample to what states of laws need.
+
+    Raises:
+        IntegrationStopped: the state diverges, or that of a law leaves the bounds that it cannot leave.
+    """
+    f, whole, kernel, longest = system.derivative, samples.states[0], system.kernel, step
+    bounds = StateBounds.of(kernel.calls, kernel.memory, whole) if kernel.memory else None
     for t0, t1 in pairwise(samples.times):
+        if bounds is not None and not chosen:
+            decay = _decay(kernel, whole)
+            step = min(longest, 0.5 / decay) if decay > 0.0 else longest
         count = max(1, int(np.ceil((t1 - t0) / step - 1e-9)))
         h = (t1 - t0) / count
         for j in range(count):
@@ -158,6 +189,11 @@ def rk4(
                 raise system.stopped(f"rk4 cannot go on with a step of {h:.3g} s", t, good) from error
             if not np.isfinite(y).all():
                 raise system.stopped(f"rk4 diverged with a step of {h:.3g} s", t, good, y)
+            beyond = None if bounds is None else bounds.first_beyond(whole[np.newaxis, kernel.n :])
+            if beyond is not None:
+                (_, state), said = beyond
+                system.trouble = ArrayError(said, kernel.memory[state])
+                raise system.stopped(f"rk4 cannot go on with a step of {h:.3g} s", t, good)
             if watch is not None:
                 watch.find(t, before, t + h, whole)
             system.counts["steps"] += 1
@@ -238,10 +274,13 @@ def _between(solver: Any, system: System, times: Array, begin: tuple[float, Arra
 
 def tolerances(system: System, q0: Array, options: IntegratorOptions) -> Array:
     """Return absolute tolerances of (q, v), (2n,)."""
-    n, rtol, atol = system.n, options.rtol, options.atol
-    if atol is None:
-        q_sizes, v_sizes = coordinate_sizes(system.kernel, q0)
-        return np.concatenate([rtol * q_sizes, np.minimum(rtol * v_sizes, rubbing_rates(system.kernel, q0))])
+    n, rtol, atol, kernel = system.n, options.rtol, options.atol, system.kernel
+    if atol is None or kernel.memory:
+        q_sizes, v_sizes = coordinate_sizes(kernel, q0)
+        sizes = np.concatenate([rtol * q_sizes, np.minimum(rtol * v_sizes, rubbing_rates(kernel, q0))])
+        if atol is None:
+            return sizes
+        atol = Memory.of(kernel.calls, kernel.memory).tolerance(atol, sizes)
     wanted = numbers_in("atol", atol, f"a number or shape ({2 * n},)", finite=False)
     try:
         tolerance = np.broadcast_to(wanted, (2 * n,))

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from ..arrays import Array
 from ..errors import InputError
 from ..names import listed, nearest, show
-from ..robot.coordinates import unit_of
+from ..robot.coordinates import state_unit, unit_of
 from ..runtime.arrays import numbers_in
 from ..runtime.kernel import Kernel
 
@@ -71,18 +71,18 @@ class Until:
 
     @classmethod
     def coordinate(cls, kernel: Kernel, name: str, value: float) -> Until:
-        """Return the event that a coordinate reaches a value, m or rad.
+        """Return the event that a coordinate, or a law's state by its name in ``memory``, reaches a value, m or rad.
 
         Raises:
-            InputError: there is no coordinate of that name, or the value is not finite.
+            InputError: there is no coordinate or state of that name, or the value is not finite.
         """
-        if name not in kernel.coordinates:
-            known = listed(kernel.coordinates)
-            raise InputError(
-                f"until: {show(name)}{nearest(name, kernel.coordinates)} is no coordinate; allowed: {known}"
-            )
+        names = kernel.velocities
+        if name not in names:
+            raise InputError(f"until: {show(name)}{nearest(name, names)} is no coordinate; allowed: {listed(names)}")
         _refuse_not_finite("value", value)
-        i = kernel.coordinates.index(name)
+        i = names.index(name)
+        if name in kernel.memory:
+            return cls(f"{name} = {value:g} {state_unit(name)}", lambda q, v: v[:, i] - value)
         return cls(f"{name} = {value:g} {unit_of(name)}", lambda q, v: q[:, i] - value)
 
     @classmethod

@@ -38,6 +38,11 @@ def owners_of(memory: Sequence[str]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(".".join(name.split(".")[:2]) for name in memory))
 
 
+def state_unit(name: str) -> str:
+    """Return the unit of a law's state by its name: a deflection's, that of the coordinate."""
+    return unit_of(owners_of([name])[0])
+
+
 def rotating_joints(names: Sequence[str]) -> tuple[str, ...]:
     """Return the names of the joints whose alpha, beta and gamma are all among these coordinates, in their order."""
     known = set(names)

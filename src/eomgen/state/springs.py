@@ -224,6 +224,10 @@ def coordinate_sizes(kernel: Kernel, q: Array) -> tuple[Array, Array]:
     stiffness = stiffnesses(kernel) + np.diagonal(line_rates(kernel, q)[0])
     inertia = np.diagonal(kernel.mass_matrix(q))
     n = len(kernel.coordinates)
+    return sizes.with_states(*sizes.deviation_sizes(stiffness[:n], inertia[:n]), memory_sizes(kernel))
+
+
+def memory_sizes(kernel: Kernel) -> list[float]:
+    """Return sizes of the states of laws that tolerances refer to, (memory,)."""
     laws = element_numbers(kernel, JOINTS) if kernel.memory else {}
-    states = [x for owner in owners_of(kernel.memory) for x in state_sizes(laws[owner])]
-    return sizes.with_states(*sizes.deviation_sizes(stiffness[:n], inertia[:n]), states)
+    return [x for owner in owners_of(kernel.memory) for x in state_sizes(laws[owner])]

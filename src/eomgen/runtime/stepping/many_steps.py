@@ -15,6 +15,7 @@ from ..loop_errors import stays_open
 from ..raw import Array, RawFunction
 from .options import FIXED, StepOptions
 from .rollouts import SHARE, Inputs, Rollout, RolloutArrays, allocate_states, read_arrays
+from .watched_states import StateBounds
 
 BUFFER = 2**15  # numbers of many states that are stored at once where a piece of work does not reach the end
 SHORT = 1e-12  # s, in which nothing moves
@@ -31,6 +32,7 @@ def rollout(calls: Calls, inputs: Inputs, options: StepOptions) -> Rollout:
     shape = (() if count is None else (count,)) + (steps // every + 1, calls.n)
     result = allocate_states(calls, shape, "a larger `every`"), allocate_states(calls, shape, "a larger `every`")
     code = _call(calls, arrays, (dt, steps, every, method), result)
+    _refuse_wrong_states(calls, options.method, result, every * dt)
     if code < 0 and all(np.isfinite(array).all() for array in result):
         figures: dict[str, Any] = {"steps": steps, "rejected": 0, "largest": dt, "smallest": dt}
         return Rollout.of(*result, **{k: x if count is None else np.full(count, x) for k, x in figures.items()})
@@ -62,6 +64,31 @@ def rollout(calls: Calls, inputs: Inputs, options: StepOptions) -> Rollout:
     advice = _turned_about(calls, arrays) or ADVICE
     what = f"{calls.coordinates[i]} is not finite after step {row * every}{place};{advice}"
     raise _stopped(calls, result, state, every * dt, i, what, trouble)
+
+
+def _refuse_wrong_states(calls: Calls, method: str, result: tuple[Array, Array], apart: float) -> None:
+    """Refuse explicit steps that are too long for laws with states: motions are then wrong, if finite.
+
+    Args:
+        apart: time between two rows of the result, s.
+
+    Raises:
+        IntegrationStopped: a state of a law leaves the bounds that it cannot leave.
+    """
+    memory = tuple(calls.raw.libraries.meta.get("memory", ()))
+    if method != "rk4" or not memory:
+        return
+    q, v = result
+    bounds = StateBounds.of(calls, memory, v[..., 0, :])
+    beyond = bounds.first_beyond(v)
+    if beyond is None:
+        return
+    (*lead, row, state), said = beyond
+    good = np.logical_and.accumulate(bounds.within(v).all(axis=-1), axis=-1)
+    q[~good], v[~good] = np.nan, np.nan
+    place = f" of state {lead[0]}" if lead else ""
+    what = f"dt is too long: at t = {row * apart:.6g} s{place} {said}"
+    raise _stopped(calls, result, lead[0] if lead else 0, apart, calls.n - len(memory) + state, what, None)
 
 
 def _turned_about(calls: Calls, arrays: RolloutArrays) -> str:
