@@ -129,6 +129,7 @@ class IntegrationStopped(IntegrationError):
     Attributes:
         t: time of the last good state, s.
         q, v: that state, (n,).
+        z: states of laws there, (memory,); None where v has them behind the coordinates, or there are none.
         coordinate: name of the coordinate that is to blame: it, its drive or its acceleration is not finite, or it
             moves fastest for its size.
         trajectory: the ``Trajectory`` up to the last good state, which is its last sample (of ``simulate``: up to the
@@ -137,16 +138,21 @@ class IntegrationStopped(IntegrationError):
         stored: of ``Kernel.rollout`` q and v, shaped as its results; NaN where nothing good was reached.
     """
 
-    def __init__(self, message: str, t: float, q: Any, v: Any, coordinate: str) -> None:
+    def __init__(self, message: str, t: float, q: Any, v: Any, coordinate: str, z: Any = None) -> None:
         super().__init__(message)
-        self.t, self.q, self.v, self.coordinate = t, q, v, coordinate
+        self.t, self.q, self.v, self.z, self.coordinate = t, q, v, z, coordinate
         self.trajectory: Any = None
         self.result: Any = None
         self.stored: Any = None
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle the last good state alone; the trajectory and the result, which may be large, stay behind."""
-        return type(self), (self.args[0], self.t, self.q, self.v, self.coordinate)
+        return type(self), (self.args[0], self.t, self.q, self.v, self.coordinate, self.z)
+
+    def set_apart(self, coordinates: int) -> None:
+        """Take what stands behind so many coordinates in the last good state as ``z``: states of laws."""
+        if self.z is None and len(self.v) > coordinates:
+            self.q, self.v, self.z = self.q[:coordinates], self.v[:coordinates], self.v[coordinates:]
 
 
 class InternalError(EomgenError):

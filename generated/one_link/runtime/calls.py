@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import ArrayError, InputError, SingularError
-from ..names import listed, split_component
-from .arrays import Arrays, Lead, is_finite, joint_lead, place_of, rows_of
+from ..names import split_component
+from .arrays import Arrays, Lead, is_finite, joint_lead, numbers_in, place_of, rows_of
 from .chunking import shared, states_at_once
 from .direct import WRENCHED
 from .loop_errors import loop_error, singular_loop
@@ -332,12 +332,13 @@ class Memory:
             whole.append(np.concatenate(parts, axis=-1))
         return whole
 
-    def padded(self, value: ArrayLike | None) -> Any:
-        """Return numbers of coordinates, (..., n), with zeros of states behind them; a number, or nothing, as it is."""
+    def padded(self, value: ArrayLike | None, number: float = 0.0) -> Any:
+        """Return numbers of coordinates, (..., n), with others for states behind them; what is no array as it is."""
         if value is None or not np.ndim(value) or np.shape(value)[-1] != self.coordinates:
             return value
         array = np.asarray(value)
-        return np.concatenate([array, np.zeros((*array.shape[:-1], len(self.names)), array.dtype)], axis=-1)
+        behind = np.full((*array.shape[:-1], len(self.names)), number, array.dtype)
+        return np.concatenate([array, behind], axis=-1)
 
     def coordinates_of(self, array: Array, out: Array | None = None) -> Array:
         """Return the numbers of coordinates, in ``out`` if there is one."""
@@ -354,18 +355,25 @@ class Memory:
         out[...] = part
         return out
 
-    def tolerance(self, atol: ArrayLike | None) -> Array | None:
-        """Return absolute tolerances of q, then of v, of which those of states are by default; None for all such.
+    def tolerance(self, atol: ArrayLike, defaults: Array) -> Array:
+        """Return absolute tolerances of arrays of the state, q, then v, (2n,).
+
+        Args:
+            atol: a number or numbers of coordinates, of q, then of v, behind which may be those of states; or (2n,).
+            defaults: for states whose tolerances are not given, (2n,).
 
         Raises:
-            InputError: an array, which would lack those of the states.
+            ArrayError: another shape.
         """
-        if atol is None:
-            return None
-        if np.ndim(atol):
-            raise InputError(f"atol: an array beside z lacks tolerances of {listed(self.names)}; allowed: a number")
-        sizes = np.asarray(self.calls.raw.libraries.meta["sizes"])
-        n, whole = self.coordinates, np.full(2 * self.calls.n, float(np.asarray(atol)))
-        behind = np.r_[n : self.calls.n, self.calls.n + n : 2 * self.calls.n]
-        whole[behind] = 1e-6 * sizes[behind]
-        return whole
+        n, states, whole = self.coordinates, len(self.names), 2 * self.calls.n
+        shapes = f"({2 * n},), with tolerances of states of laws ({2 * n + states},)"
+        given = numbers_in("atol", atol, f"a number or shape {shapes}", finite=False)
+        if given.shape not in ((), (2 * n,), (2 * n + states,), (whole,)):
+            raise ArrayError(f"atol: expected a number or shape {shapes}, got shape {given.shape}")
+        if given.shape == (whole,):
+            return given
+        tolerances = np.array(defaults, np.float64)
+        tolerances[np.r_[:n, self.calls.n : self.calls.n + n]] = given[: 2 * n] if given.ndim else given
+        if given.size == 2 * n + states:
+            tolerances[self.calls.n + n :] = given[2 * n :]
+        return tolerances

@@ -10,7 +10,8 @@ import numpy as np
 from ..arrays import Array, Mask
 from ..errors import check_kind
 from ..names import component_name
-from ..robot.laws import BRISTLES, GAUSSIAN, SMOOTHING
+from ..robot.law_states import BELL, BRISTLES
+from ..robot.laws import SMOOTHING
 from ..runtime.kernel import Kernel
 from ..state.motors import acting
 from ..state.springs import cut_numbers, law_numbers, smoothings
@@ -80,7 +81,7 @@ def _bristles_hold(numbers: Mapping[str, float], v: Array, z: Array) -> Mask:
     """Return where bristles bend and do not yield: LuGre friction of these numbers at v and z, (T,) each."""
     coulomb, stiffness = numbers["friction.coulomb"], numbers[BRISTLES]
     static = numbers.get("friction.static", coulomb)
-    ratio = v / numbers.get(f"friction.{GAUSSIAN}", 1.0)
+    ratio = v / numbers.get(BELL, 1.0)
     level = coulomb + (static - coulomb) * np.exp(-np.minimum(ratio**2, 700.0))
     slow = np.abs(v) <= CROSSINGS * max(static, coulomb) / stiffness
     return np.asarray(slow & (stiffness * np.abs(z) < YIELDING * level))

@@ -21,10 +21,9 @@ from ..runtime.stepping.reading_inputs import input_signals
 from ..state.vectors import DriveFunction, MotionFunction, WrenchFunction
 from . import compiled, sundials
 from .advance import Advance
-from .beside_states import begin_of, drive_beside_states, record_apart, wrench_beside_states
 from .closed import ClosedSystem
 from .contacts import ContactWatch
-from .drives import drive_of
+from .drives import begin_of, drive_beside_states, drive_of, record_apart, wrench_beside_states
 from .methods import SUNDIALS, Method
 from .plan import IntegratorOptions, IntegratorPlan, plan_integration
 from .resting import rests

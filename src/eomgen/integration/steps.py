@@ -19,8 +19,8 @@ from ..robot.laws import COARSE
 from ..runtime.arrays import numbers_in
 from ..runtime.calls import Memory
 from ..runtime.kernel import Kernel
+from ..runtime.stepping.many_steps import StateBounds
 from ..runtime.stepping.options import ErrorControl
-from ..runtime.stepping.watched_states import StateBounds
 from ..state.springs import coordinate_sizes, fastest_rates, memory_sizes, rubbing_rates
 from .contacts import ContactWatch
 from .methods import SCIPY_IMPLICIT

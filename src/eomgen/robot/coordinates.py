@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from ..names import component_name, joint_of, kind_of
+from .law_states import NAMED
 from .value import ANGULAR, LINEAR, MOTOR, Robot
 
 if TYPE_CHECKING:
@@ -39,8 +40,10 @@ def owners_of(memory: Sequence[str]) -> tuple[str, ...]:
 
 
 def state_unit(name: str) -> str:
-    """Return the unit of a law's state by its name: a deflection's, that of the coordinate."""
-    return unit_of(owners_of([name])[0])
+    """Return the unit of a law's state by its name; that of the coordinate, as of a deflection, where it is unknown."""
+    _, kind, state = name.split(".", 2)
+    units = NAMED[state].unit if state in NAMED else ("m", "rad")
+    return units[0 if kind in LINEAR else 1]
 
 
 def rotating_joints(names: Sequence[str]) -> tuple[str, ...]:

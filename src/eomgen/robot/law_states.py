@@ -47,6 +47,9 @@ BRISTLE = State(
 )
 
 
+NAMED: Mapping[str, State] = {"friction.z": BRISTLE}  # states by their names below a coordinate's
+
+
 def bristles(numbers: Values) -> tuple[State, ...]:
     """Return the state of friction: the deflection of LuGre's bristles, and none of other friction."""
     return (BRISTLE,) if BRISTLES in numbers else ()

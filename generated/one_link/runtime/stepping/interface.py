@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
 from numpy.typing import ArrayLike
 
+from ...errors import IntegrationStopped
 from ..calls import Memory
 from ..compiled_code import CompiledCode
 from ..raw import Array
@@ -114,13 +116,21 @@ class Rollouts(CompiledCode):
         if memory is not None and z is not None:
             q0, v0 = memory.packed((("q0", q0), ("v0", v0)), z)
             u, target, kp, kd = map(memory.padded, (u, target, kp, kd))
-            atol = memory.tolerance(atol)
+            saturate = saturate if isinstance(saturate, Mapping) else memory.padded(saturate, np.inf)
         inputs = Inputs(q0, v0, u, Control(kp, kd, target, efforts_of(self.calls, saturate)))
         options = InputStepOptions(
             method_for(method, duration), dt, steps, every, duration, samples, rtol, atol, loads, works
         )
-        motion = (adaptive_rollout if options.is_adaptive else rollout)(self.calls, inputs, options)
-        return motion if memory is None else motion.apart(memory.coordinates)
+        steps_taken = adaptive_rollout if options.is_adaptive else rollout
+        if memory is None:
+            return steps_taken(self.calls, inputs, options)
+        try:
+            return steps_taken(self.calls, inputs, options).apart(memory.coordinates)
+        except IntegrationStopped as error:
+            error.set_apart(memory.coordinates)
+            if error.stored is not None:
+                error.stored = Rollout.of(*error.stored).apart(memory.coordinates)
+            raise
 
     def rollout_gradient(  # noqa: PLR0913
         self,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -19,7 +19,64 @@ from .rollouts import SHARE, Inputs, Rollout, RolloutArrays, allocate_states, re
 BUFFER = 2**15  # numbers of many states that are stored at once where a piece of work does not reach the end
 SHORT = 1e-12  # s, in which nothing moves
 FAR = 1e6  # m or rad, beyond which no robot is: the integration has failed
+MARGIN = 1.1  # of the bounds of laws' states, which errors of good steps do not reach
+METHODS = "method='rosenbrock' or 'radau', or a shorter step"
 ADVICE = " take a shorter dt, or method='implicit' where springs are stiff"
+
+
+def _bristles(numbers: Mapping[str, float]) -> float:
+    """Return the deflection at which bristles yield at the latest, m or rad."""
+    level = max(numbers["friction.coulomb"], numbers.get("friction.static", 0.0))
+    return level / numbers["friction.bristle_stiffness"]
+
+
+BOUNDS: Mapping[str, Callable[[Mapping[str, float]], float]] = {"friction.z": _bristles}  # by a state's name
+
+
+@dataclass(frozen=True)
+class StateBounds:
+    """Bounds of the states of a kernel's laws.
+
+    Attributes:
+        names: of the states, (s,).
+        bounds: of their sizes, (..., s), infinite where nothing bounds one.
+    """
+
+    names: tuple[str, ...]
+    bounds: Array
+
+    @classmethod
+    def of(cls, calls: Calls, names: tuple[str, ...], begin: Array) -> StateBounds:
+        """Return the bounds with the kernel's parameters as they are; what begins beyond one is bounded by itself.
+
+        Args:
+            begin: what a motion begins with, (..., n), whose last numbers are the states.
+        """
+        meta, values = calls.raw.libraries.meta, calls.parameters.state.values
+        laws, limits = meta["elements"].get("coordinates", {}), []
+        for name in names:
+            joint, kind, state = name.split(".", 2)
+            numbers = {key: float(values[place]) for key, place in laws.get(f"{joint}.{kind}", {}).items()}
+            limits.append(BOUNDS[state](numbers) if state in BOUNDS else np.inf)
+        return cls(names, np.maximum(MARGIN * np.array(limits), np.abs(begin[..., -len(names) :])))
+
+    def within(self, v: Array) -> Array:
+        """Return which states are within their bounds, (..., rows, s), in velocities with states behind them."""
+        return np.asarray(np.abs(v[..., -len(self.names) :]) <= self.bounds[..., np.newaxis, :])
+
+    def first_beyond(self, v: Array) -> tuple[tuple[int, ...], str] | None:
+        """Return the place, (..., row, state), of the first state beyond its bound, and say so; None where none is.
+
+        Args:
+            v: velocities with states behind them, (..., rows, n); what is no number is left to others.
+        """
+        within = self.within(v) | np.isnan(v[..., -len(self.names) :])
+        if within.all():
+            return None
+        place = tuple(int(i) for i in np.unravel_index(int(within.argmin()), within.shape))
+        bound = np.broadcast_to(self.bounds[..., np.newaxis, :], within.shape)[place]
+        size, name = abs(v[..., -len(self.names) :][place]), self.names[place[-1]]
+        return place, f"{name} is {size:.3g}, and cannot exceed {bound:.3g}; allowed: {METHODS}"
 
 
 def rollout(calls: Calls, inputs: Inputs, options: StepOptions) -> Rollout:
@@ -31,6 +88,7 @@ def rollout(calls: Calls, inputs: Inputs, options: StepOptions) -> Rollout:
     shape = (() if count is None else (count,)) + (steps // every + 1, calls.n)
     result = allocate_states(calls, shape, "a larger `every`"), allocate_states(calls, shape, "a larger `every`")
     code = _call(calls, arrays, (dt, steps, every, method), result)
+    _refuse_wrong_states(calls, options.method, result, every * dt)
     if code < 0 and all(np.isfinite(array).all() for array in result):
         figures: dict[str, Any] = {"steps": steps, "rejected": 0, "largest": dt, "smallest": dt}
         return Rollout.of(*result, **{k: x if count is None else np.full(count, x) for k, x in figures.items()})
@@ -62,6 +120,31 @@ def rollout(calls: Calls, inputs: Inputs, options: StepOptions) -> Rollout:
     advice = _turned_about(calls, arrays) or ADVICE
     what = f"{calls.coordinates[i]} is not finite after step {row * every}{place};{advice}"
     raise _stopped(calls, result, state, every * dt, i, what, trouble)
+
+
+def _refuse_wrong_states(calls: Calls, method: str, result: tuple[Array, Array], apart: float) -> None:
+    """Refuse explicit steps that are too long for laws with states: motions are then wrong, if finite.
+
+    Args:
+        apart: time between two rows of the result, s.
+
+    Raises:
+        IntegrationStopped: a state of a law leaves the bounds that it cannot leave.
+    """
+    memory = tuple(calls.raw.libraries.meta.get("memory", ()))
+    if method != "rk4" or not memory:
+        return
+    q, v = result
+    bounds = StateBounds.of(calls, memory, v[..., 0, :])
+    beyond = bounds.first_beyond(v)
+    if beyond is None:
+        return
+    (*lead, row, state), said = beyond
+    good = np.logical_and.accumulate(bounds.within(v).all(axis=-1), axis=-1)
+    q[~good], v[~good] = np.nan, np.nan
+    place = f" of state {lead[0]}" if lead else ""
+    what = f"dt is too long: at t = {row * apart:.6g} s{place} {said}"
+    raise _stopped(calls, result, lead[0] if lead else 0, apart, calls.n - len(memory) + state, what, None)
 
 
 def _turned_about(calls: Calls, arrays: RolloutArrays) -> str:

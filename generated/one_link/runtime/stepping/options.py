@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from ...errors import ArrayError, InputError
 from ...names import show
 from ..arrays import flag, numbers_in
-from ..calls import Calls
+from ..calls import Calls, Memory
 from ..raw import Array
 
 StepMethod = Literal["rk4", "implicit", "rosenbrock", "tsit5", "radau"]
@@ -165,6 +165,8 @@ class StepOptions:
             for i, name in meta["rubbing"]:
                 tolerances[calls.n + i] = min(tolerances[calls.n + i], calls.parameters[name])
             return ErrorControl(self.method, float(rtol), tolerances.astype(calls.dtype))
+        if meta.get("memory"):
+            atol = Memory(calls, tuple(meta["memory"])).tolerance(atol, float(rtol) * np.array(meta["sizes"]))
         wanted = numbers_in("rollout: atol", atol, f"a number or ({2 * calls.n},)", finite=False)
         try:
             tolerances = np.broadcast_to(wanted, (2 * calls.n,)).astype(calls.dtype)
