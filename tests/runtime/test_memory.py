@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -365,3 +366,11 @@ def test_simulations_have_states_and_balance(tmp_path: Path) -> None:
     again = eomgen.load_result(tmp_path / "motion.npz").trajectory
     assert again.memory == motion.memory
     assert (again.z == motion.z).all()
+
+
+def test_states_that_velocities_drive_pass_the_samples_of_radau() -> None:
+    """Their rates have the velocity of the end of a step in Euler's, and its mean in Radau's: 2e-19 s of it."""
+    numbers = "coulomb = 1.0, static = 1.5, stribeck = 0.01, bristle_stiffness = 1e4, bristle_damping = 60.0"
+    hanging = block(f'model = "lugre", {numbers}, viscous = 0.4', pull=0.0)
+    kernel = eomgen.build(replace(hanging, gravity=(0.0, 0.0, -9.81)), kernels=("radau_rollout",))
+    assert kernel.memory == ("slide.z.friction.z",)

@@ -42,10 +42,12 @@ _LIMITS = {  # an option and its old name, which is that of the function's keywo
 }
 
 
+_ABOUT = ".csv or .npz: t, coordinates, velocities, actuator forces"
+
+
 def _add_motion(parser: argparse.ArgumentParser) -> None:
     add_robot(parser)
-    about = ".csv or .npz: t, coordinates, velocities, actuator forces"
-    parser.add_argument("motion", metavar="MOTION", type=Path, help=about)
+    parser.add_argument("motion", metavar="MOTION", type=Path, help=_ABOUT)
     add_json(parser)
 
 
@@ -67,10 +69,16 @@ def _forces(options: argparse.Namespace) -> None:
 
 
 def _add_fit(parser: argparse.ArgumentParser) -> None:
-    _add_motion(parser)
+    add_robot(parser)
+    parser.add_argument("motion", metavar="MOTION", type=Path, nargs="+", help=f"{_ABOUT}; several for --parameters")
+    add_json(parser)
     add_names(parser, "--coordinates", "NAME", "those to fit (all that can be)")
     about = "entries of joints' matrices, joints.joint2.stiffness.x.beta, or joints.joint2.stiffness for all of one"
     add_names(parser, "--matrices", "NAME", about, default=None)
+    about = "parameters to find by simulations, joints.joint2.gamma.friction (those of laws that have states)"
+    add_names(parser, "--parameters", "NAME", about, default=None)
+    about = "that leads these simulations along the motion, rad/s (0, none)"
+    parser.add_argument("--bandwidth", type=real, default=0.0, metavar="RATE", help=about)
     add_confidence(parser)
     parser.add_argument("-o", "--output", type=Path, help="the result, .json")
     add_page(parser)
@@ -83,7 +91,8 @@ def _fit(options: argparse.Namespace) -> None:
         check_ending(options.output, ".json")
     robot = read_robot(options)
     with stage_bar("fitting") as report:
-        estimate = fit(robot, options.motion, **keywords(fit, options, progress=report))
+        motions = options.motion if len(options.motion) > 1 else options.motion[0]
+        estimate = fit(robot, motions, **keywords(fit, options, progress=report))
     show_with_page(options, estimate, [] if options.output is None else [estimate.save(options.output)])
 
 

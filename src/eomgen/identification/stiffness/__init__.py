@@ -1,4 +1,4 @@
-"""Stiffness and damping from measured motion and known drives: of trees, and of what loops and couplings leave free.
+"""Stiffness and damping from measured motion and known drives, numbers of laws by simulations (``output_error``).
 
 Uses runtime, robot, results, description, state, motion and pipeline.
 """

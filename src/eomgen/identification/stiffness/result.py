@@ -111,6 +111,14 @@ class FittedMatrix:
         return kind.of(self.matrix, self.coordinates)
 
 
+@dataclass(frozen=True)
+class FittedNumber:
+    """An estimate for a run-time parameter, by its name: "joints.joint1.gamma.friction.coulomb"."""
+
+    name: str
+    estimate: Estimate
+
+
 def doubts(entry: FittedCoordinate) -> list[str]:
     """Return warnings about a fitted coordinate."""
     doubts = []
@@ -130,7 +138,7 @@ def doubts(entry: FittedCoordinate) -> list[str]:
 
 @dataclass(frozen=True)
 class FitResult(Plotting, Shown, Tabular, Saved, plot="plot_fit"):
-    """Fitted coordinates and matrices, warnings about what could not be fitted, and notes about the method."""
+    """Fitted coordinates, matrices and parameters, warnings about what could not be fitted, notes about the method."""
 
     robot: str
     confidence: float
@@ -138,6 +146,7 @@ class FitResult(Plotting, Shown, Tabular, Saved, plot="plot_fit"):
     warnings: tuple[str, ...]
     notes: tuple[str, ...]
     matrices: tuple[FittedMatrix, ...] = ()
+    numbers: tuple[FittedNumber, ...] = ()
 
     def __getitem__(self, coordinate: str) -> FittedCoordinate:
         """Return the result of one coordinate; UnknownNameError if it was not fitted."""
@@ -155,15 +164,25 @@ class FitResult(Plotting, Shown, Tabular, Saved, plot="plot_fit"):
         return self.matrices[names.index((joint, key))]
 
     @property
+    def title(self) -> str:
+        """What it is, with the robot's name."""
+        what = "numbers by the output-error method" if self.numbers else "stiffness and damping by least squares"
+        return f"{self.robot}: {what}"
+
+    @property
     def estimates(self) -> dict[str, Estimate]:
-        """Estimates by the names of their parameters, "joint2.x.stiffness" and "joint2.stiffness.x.beta"."""
+        """Estimates by the names of their parameters, "joint2.x.stiffness" and "joint2.stiffness.x.beta".
+
+        Those of ``numbers`` have the whole name of the run-time parameter.
+        """
         pairs = [(entry.coordinate, key, getattr(entry, key)) for entry in self.fitted for key in KEYS]
         found = {component_name(owner, key): estimate for owner, key, estimate in pairs if estimate is not None}
-        return found | {f"{x.name}.{entry.entry}": entry.estimate for x in self.matrices for entry in x.entries}
+        found |= {f"{x.name}.{entry.entry}": entry.estimate for x in self.matrices for entry in x.entries}
+        return found | {number.name: number.estimate for number in self.numbers}
 
     @property
     def parameters(self) -> dict[str, float]:
-        """Fitted values that a kernel takes, by parameter name: those that are not negative, and whole matrices.
+        """Fitted values that a kernel takes, by parameter name: those that it may have, and whole matrices.
 
         Of matrices those that are positive semidefinite, with 0 for what they take in of tables; entries that the
         description does not have are parameters only where they are ``tunable``.
@@ -179,7 +198,7 @@ class FitResult(Plotting, Shown, Tabular, Saved, plot="plot_fit"):
                 taken_in = {parameter_name("joints", found.joint, name, found.key): 0.0 for name in found.taken_in}
                 values = {parameter_name("joints", found.name, x.entry): x.estimate.value for x in found.entries}
                 parameters |= values | taken_in
-        return parameters
+        return parameters | {number.name: number.estimate.value for number in self.numbers}
 
     def as_rows(self) -> Rows:
         """Return a row per fitted parameter: value, standard error, interval, what is described; SI units."""
@@ -198,12 +217,12 @@ class FitResult(Plotting, Shown, Tabular, Saved, plot="plot_fit"):
     def lines(self) -> list[str]:
         """Return a table for people."""
         share = f"{100 * self.confidence:g} % interval"
-        lines = [f"{self.robot}: stiffness and damping by least squares", ""]
-        lines.append(f"{'parameter':<34}{'value':>12}{'std. error':>12}{share:>26}{'described':>12}")
+        lines, width = [self.title, ""], max(34, *(len(name) + 2 for name in ("", *self.estimates)))
+        lines.append(f"{'parameter':<{width}}{'value':>12}{'std. error':>12}{share:>26}{'described':>12}")
         for name, estimate in self.estimates.items():
             span = interval(estimate.low, estimate.high, 5)
-            row = f"{estimate.value:>12.5g}{estimate.standard_error:>12.2g}{span:>26}{estimate.described:>12.5g}"
-            lines.append(f"{name:<34}{row}")
+            row = f"{estimate.value:>12.5g}{estimate.standard_error:>12.2g}  {span:>24}{estimate.described:>12.5g}"
+            lines.append(f"{name:<{width}}{row}")
         lines += ["", *(f"warning: {text}" for text in self.warnings), *(f"note: {text}" for text in self.notes)]
         return lines
 

@@ -24,6 +24,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
@@ -36,7 +37,7 @@ from ...motion.smoothing import Differentiator, noise_deviation
 from ...names import component_name, joint_of, listed, nearest, parameter_name, split_component
 from ...pipeline.mechanisms import mechanism_kernels
 from ...pipeline.stages import build
-from ...progress import StageReport, tells_at_prompt
+from ...progress import StageReport, no_report, tells_at_prompt
 from ...robot.coordinates import index_of
 from ...robot.model import Model, build_model
 from ...robot.value import MOTOR, PRINCIPAL, Robot
@@ -48,17 +49,22 @@ from ..relations import refuse_followers
 from .least_squares import Noise, System
 from .matrix_entries import Entry, MatrixNumbers, entries_sought
 from .matrix_fitting import doubts_about, fitted_matrices, forces_of, shares_of
+from .output_error import fit_numbers, numbers_sought
 from .result import KEYS, Estimate, FitResult, FittedCoordinate, FittedMatrix, doubts
+
+Motion = MeasuredMotion | Path | str
 
 
 @answers_in_numbers("motion")
 @tells_at_prompt("fitting")
-def fit(
+def fit(  # noqa: PLR0913
     robot: RobotLike,
-    motion: MeasuredMotion | Path | str,
+    motion: Motion | Sequence[Motion],
     *,
     coordinates: Sequence[str] = (),
     matrices: Sequence[str] | None = None,
+    parameters: Sequence[str] | None = None,
+    bandwidth: float = 0.0,
     confidence: float = 0.95,
     kernel: Kernel | None = None,
     progress: StageReport | None = None,
@@ -80,11 +86,15 @@ def fit(
     Args:
         robot: a Robot, the name of a built-in one, or the path of a description.  Masses, geometry,
             gravity and point-to-point springs count, its coordinates' stiffness and damping do not.
-        motion: from ``read_motion`` or ``motion_from_columns``, or the path of a file.
+        motion: from ``read_motion`` or ``motion_from_columns``, or the path of a file; with ``parameters`` several.
         coordinates: names of those to fit; all that can be if empty.
         matrices: names of entries to fit, "joints.joint2.stiffness.x.beta", or of whole matrices,
             "joints.joint2.stiffness"; ``*`` stands for any word.  By default the entries that the description gives,
             or none where there are ``coordinates``.
+        parameters: names of run-time parameters to find by simulations, "joints.joint1.gamma.friction.coulomb", or
+            what they begin with; ``*`` stands for any word.
+        bandwidth: rad/s, with which these simulations are led along the motion by gains, for robots that do not stay
+            near to it under their drives alone; 0 for none.
         confidence: of the intervals, between 0 and 1; Student's t over blocks of time.
         kernel: of that robot, float64, with ``fitting_kernels``; built if None.
 
@@ -96,10 +106,25 @@ def fit(
     robot = as_robot(robot).with_constraints()
     if not 0.0 < confidence < 1.0:
         raise InputError(f"confidence: {confidence!r}; allowed: a number between 0 and 1")
+    if not 0.0 <= bandwidth < np.inf:
+        raise InputError(f"bandwidth: {bandwidth!r}; allowed: a number of rad/s, at least 0")
+    memory = build_model(robot).memory
+    if parameters is not None or memory:
+        _refuse_beside(memory, coordinates, matrices, parameters)
+        names = numbers_sought(robot, parameters)
+        report, motions = progress or no_report, _each(motion)
+        return fit_numbers(
+            robot, motions, names, confidence=confidence, bandwidth=bandwidth, kernel=kernel, progress=report
+        )
+    if bandwidth:
+        raise InputError(f"bandwidth: {bandwidth!r}; allowed: with parameters, which are found by simulations")
     if kernel is None:
         kernel = build(robot, kernels=fitting_kernels(robot), progress=progress or (lambda _: None))
     refuse_followers(kernel)
-    motion = measured_motion(robot.name, motion, kernel.coordinates)
+    [*others, last] = _each(motion)
+    if others:
+        raise InputError(f"motion: got {len(others) + 1} of them; allowed: one, or several with parameters")
+    motion = measured_motion(robot.name, last, kernel.coordinates)
     step = even_step(motion)
     model = build_model(robot)
     moved = _moved(kernel, model, motion, step)
@@ -156,6 +181,29 @@ def fit(
     notes = _closed_notes(motion) if robot.is_closed else _notes(motion)
     notes += tuple(_taken_in(matrix) for matrix in found if matrix.taken_in)
     return FitResult(robot.name, confidence, tuple(fitted), tuple(warnings), notes, tuple(found))
+
+
+def _each(motion: Motion | Sequence[Motion]) -> list[Motion]:
+    """Return motions, one or several, as a list; InputError for none."""
+    if isinstance(motion, (MeasuredMotion, Path, str)):
+        return [motion]
+    motions: list[Motion] = list(motion) if isinstance(motion, (list, tuple)) else [cast("Motion", motion)]
+    if not motions:
+        raise InputError("motion: got none; allowed: one at least")
+    return motions
+
+
+def _refuse_beside(
+    memory: Sequence[str], coordinates: Sequence[str], matrices: Sequence[str] | None, parameters: Sequence[str] | None
+) -> None:
+    """Raise InputError for what is found from forces where simulations are asked for, or states of laws need them."""
+    for label, value in (("coordinates", coordinates), ("matrices", matrices)):
+        if value:
+            reason = f"laws have states ({listed(memory)})" if parameters is None else "parameters are asked for"
+            raise InputError(
+                f"{label}: {listed(value)}, and {reason}, so that numbers are found by simulations; allowed: names of"
+                " parameters alone"
+            )
 
 
 def _taken_in(matrix: FittedMatrix) -> str:

@@ -54,19 +54,21 @@ def fit_page(fit: FitResult) -> Report:
     figures = [("fit", text, plot_fit)] if _drawn(estimates) else []
     noise = [(entry.coordinate, number(entry.noise, 1.0, 3)) for entry in fit.fitted]
     return Report(
-        title=f"{fit.robot}: stiffness and damping by least squares",
+        title=fit.title,
         summary=(_fitted_in_all(fit),),
         warnings=fit.warnings,
         notes=fit.notes,
         figures=drawn(fit, figures),
         tables=(
-            *table("Stiffness and damping", (*head, "unexplained, %"), rows),
+            *table("Numbers" if fit.numbers else "Stiffness and damping", (*head, "unexplained, %"), rows),
             *table("Noise of the coordinates", ("coordinate", "std. deviation, m or rad"), noise),
         ),
     )
 
 
 def _fitted_in_all(fit: FitResult) -> str:
+    if fit.numbers:
+        return f"{len(fit.numbers)} parameters"
     entries = sum(len(matrix.entries) for matrix in fit.matrices)
     text = f"{len(fit.estimates) - entries} parameters of {len(fit.fitted)} coordinates"
     return f"{text}, {entries} entries of {len(fit.matrices)} matrices" if entries else text
@@ -110,7 +112,7 @@ def plot_fit(fit: FitResult, path: Path | str | None = None, *, ax: Any = None) 
     check_kind(fit, FitResult, "fit", "identification.fit")
     estimates = fit.estimates
     names = _drawn(estimates)
-    with sheet(6.4, 1.0 + _ROW * len(names), path, f"{fit.robot}: stiffness and damping", ax) as drawn:
+    with sheet(6.4, 1.0 + _ROW * len(names), path, fit.title, ax) as drawn:
         [axes] = drawn.panels(1, lambda figure: row_panel(figure, 0.28, 0.69))
         rows = label_rows(axes, names)
         values = np.array([[x.low, x.value, x.high] for x in (estimates[name] for name in names)]).reshape(-1, 3)

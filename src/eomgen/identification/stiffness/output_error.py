@@ -1,0 +1,231 @@
+"""Numbers of laws from measured motions and known drives, by the output-error method.
+
+The robot is simulated under the drives of the file, and its parameters, with the states at the beginning, are those
+with which it comes closest to the measured coordinates: least squares of white noise of these.  Nothing is
+differentiated and nothing filtered, so that noise stays as it is, and states of laws need not be measured: z at the
+beginning is found as q and v there are.  Derivatives are those of the steps themselves, by sensitivities in C.
+
+A motion with wrong numbers may be far from the measured one.  So the model is led along it at first, by gains that
+fade away: while they are high, errors are those of forces, of which there is but one least square near by.
+L. Ljung, "System Identification", 2nd ed. (1999), section 7.2, has predictors of which this is one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from ...arrays import Array
+from ...errors import DescriptionError, InputError, UnknownNameError
+from ...motion.files import MeasuredMotion, measured_motion
+from ...names import listed
+from ...optional import optional_import
+from ...pipeline.stages import build
+from ...progress import StageReport
+from ...robot.model import build_model
+from ...robot.parameter_names import expand_tunable, least_of
+from ...robot.value import Robot
+from ...runtime.kernel import Kernel
+from ..estimating import even_step
+from ..relations import refuse_followers
+from .levenberg_marquardt import BLOCKS, Certainty, Descent, certainty, descend
+from .result import Estimate, FitResult, FittedNumber
+from .simulated import METHOD, Simulation, run_of
+
+KEPT = ("fade", "smoothing")  # numbers of laws with states that are looked for only by their names
+LED = (0.1, 0.01)  # bandwidths of the first descents, per step of the samples
+STEPS = 30, 100  # of each of these, and of the last descent
+ROUGH = 0.05  # of the noise: changes of the motion below which the first descents end
+FINE = 0.01  # and the last one
+SCALINGS = 3  # times that weights of several coordinates follow the residuals
+UNEXPLAINED = 0.5  # of the motion's rms, from which on the fit is doubted
+
+
+def numbers_sought(robot: Robot, patterns: Sequence[str] | None) -> tuple[str, ...]:
+    """Return names of the parameters that patterns name; by default those of laws that have states.
+
+    Raises:
+        UnknownNameError: a pattern names no parameter.
+    """
+    if patterns is None:
+        laws = {name.rpartition(".")[0] for name in build_model(robot).memory}
+        own = [name for name, value in robot.numbers() if value is not None]
+        return tuple(
+            x for x in own if x.startswith(tuple(f"joints.{law}." for law in laws)) and x.rpartition(".")[2] not in KEPT
+        )
+    try:
+        return expand_tunable(robot, patterns)
+    except DescriptionError as error:
+        raise UnknownNameError(f"parameters: {error}") from None
+
+
+def output_error_kernels() -> tuple[str, ...]:
+    """Return names of the kernels that such a fit calls."""
+    return ("mass_matrix", "forward_dynamics", "adaptive_rollout", f"{METHOD}_sensitivity")
+
+
+def fit_numbers(
+    robot: Robot,
+    motions: Sequence[MeasuredMotion | Path | str],
+    names: Sequence[str],
+    *,
+    confidence: float,
+    bandwidth: float,
+    kernel: Kernel | None,
+    progress: StageReport,
+) -> FitResult:
+    """Return parameters of a robot from measured motions.
+
+    Args:
+        robot: with constraints.
+        motions: measured ones, or the paths of files.
+        names: of the parameters.
+        confidence: of intervals.
+        bandwidth: rad/s, with which the model is led along the motions to the end.
+        kernel: of that robot; built if None.
+        progress: is told of steps.
+
+    Raises:
+        InputError: the robot has loops, the parameters are none, or a motion cannot be used.
+    """
+    if robot.is_closed:
+        raise InputError(f"fit: {robot.name} has loops or couplings; allowed for parameters: robots without")
+    if not names:
+        raise InputError("parameters: none; allowed: one at least")
+    if kernel is None:
+        tunable = tuple(dict.fromkeys((*robot.tunable, *names)))
+        kernel = build(replace(robot, tunable=tunable), kernels=output_error_kernels(), progress=progress)
+    refuse_followers(kernel)
+    missing = [name for name in names if name not in kernel.parameters]
+    if missing:
+        raise UnknownNameError(f"kernel: has no parameters {listed(missing)}; allowed: one in which they are tunable")
+    model, own = build_model(robot), copy(kernel)
+    measured = [measured_motion(robot.name, motion, kernel.coordinates) for motion in motions]
+    shortest = min(even_step(motion) for motion in measured)
+    runs = [run_of(own, model, motion) for motion in measured]
+    simulation = Simulation(own, tuple(names), runs)
+    return _Fit(robot, simulation, 1.0 / shortest, bandwidth, progress).result(confidence)
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """A robot, its simulation, the rate of its samples, per s, and the bandwidth of the last descent, rad/s."""
+
+    robot: Robot
+    simulation: Simulation
+    rate: float
+    bandwidth: float
+    progress: StageReport
+
+    def result(self, confidence: float) -> FitResult:
+        """Return the parameters that bring the simulation onto the motions."""
+        simulation, values = self.simulation, self.simulation.values()
+        names, described = simulation.names, values.copy()
+        rough = replace(simulation, runs=[run.roughly() for run in simulation.runs])
+        for share in LED:
+            wide = share * self.rate
+            if wide > self.bandwidth:
+                led = self._descended(rough, values, wide, STEPS[0], ROUGH)
+                values = values if led is None else led.values
+        descent = self._descended(simulation, values, self.bandwidth, STEPS[1], FINE)
+        for _ in range(SCALINGS if len(simulation.columns()) > 1 else 0):
+            if descent is not None:
+                simulation = _rescaled(simulation, descent)
+                descent = self._descended(simulation, descent.values, self.bandwidth, STEPS[1], FINE)
+        if descent is None:
+            raise InputError(
+                f"fit: the simulation of {self.robot.name} does not reach the end of the motion with these numbers;"
+                " allowed: numbers nearer to it, or a bandwidth that leads the model along it"
+            )
+        sizes = [rms for run in simulation.runs for rms in (_rms(run.q) / run.noise).tolist()]
+        sure = certainty(descent.residuals, descent.values, simulation.columns(), np.array(sizes))
+        share = float(np.sqrt(descent.residuals.cost / max(_power(simulation), 1e-300)))
+        with optional_import("SciPy", "fit needs"):
+            from scipy.stats import t as student
+        quantile = float(student.ppf(0.5 + confidence / 2.0, sure.freedoms))
+        numbers, blind = [], []
+        for place, name in enumerate(names):
+            value, error = float(descent.values[place]), float(sure.errors[place])
+            if np.isfinite(error):
+                ends = value - quantile * error, value + quantile * error
+                estimate = Estimate(value, error, *ends, float(described[place]), 0.0, share)
+                numbers.append(FittedNumber(name, estimate))
+            else:
+                blind.append(name)
+        warnings = self._warnings(descent, numbers, blind, share)
+        notes = self._notes(simulation, descent, sure)
+        return FitResult(self.robot.name, confidence, (), warnings, notes, (), tuple(numbers))
+
+    def _descended(
+        self, simulation: Simulation, values: Array, bandwidth: float, most: int, small: float
+    ) -> Descent | None:
+        """Return the end of a descent with a bandwidth; None where its beginning has no motion."""
+
+        def tell(step: int, error: float) -> None:
+            self.progress(f"bandwidth {bandwidth:.3g} rad/s, step {step}: errors {error:.3g} times the noise")
+
+        led = replace(simulation, runs=[run.led(simulation.kernel, bandwidth) for run in simulation.runs])
+        least = np.full(values.size, -np.inf)
+        for place, name in enumerate(simulation.names):
+            lower = least_of(name)
+            least[place] = -np.inf if lower is None else lower
+        return descend(led, values, least, most, small=small, tell=tell)
+
+    def _warnings(
+        self, descent: Descent, numbers: Sequence[FittedNumber], blind: Sequence[str], share: float
+    ) -> tuple[str, ...]:
+        """Say what cannot be seen, and what is doubtful."""
+        warnings = []
+        if blind:
+            warnings.append(f"the motion and its drives do not determine {listed(blind)}, or not one beside another")
+        for number in numbers:
+            if number.estimate.low <= 0.0 <= number.estimate.high:
+                warnings.append(f"{number.name}: its interval holds zero, so the motion does not determine it")
+        values = {number.name: number.estimate.value for number in numbers}
+        for name, value in values.items():
+            coulomb = values.get(f"{name.rpartition('.')[0]}.coulomb")
+            if name.endswith(".friction.static") and coulomb is not None and value < coulomb:
+                warnings.append(f"{name} is below coulomb, {coulomb:.5g}, and no description takes it")
+        if share > UNEXPLAINED:
+            warnings.append(f"{100 * share:.0f} % of the motion stays unexplained; are the drives known?")
+        if not descent.is_converged:
+            warnings.append(f"{descent.steps} steps did not come to an end; begin with the values that were found")
+        return tuple(warnings)
+
+    def _notes(self, simulation: Simulation, descent: Descent, sure: Certainty) -> tuple[str, ...]:
+        """Say how the fit was made."""
+        memory, width = simulation.kernel.memory, simulation.moving.size
+        led = f", led along the motion with {self.bandwidth:g} rad/s" if self.bandwidth else ""
+        notes = [
+            f"simulated under the drives of the motion, straight lines between samples{led}; positions alone are"
+            " compared; states at the beginning are fitted, too"
+        ]
+        for k in range(len(simulation.runs) if memory else 0):
+            start = descent.values[len(simulation.names) + k * width :][:width][-len(memory) :]
+            found = ", ".join(f"{name} {z:.3g}" for name, z in zip(memory, start.tolist(), strict=True))
+            notes.append(f"states of laws at the beginning of {simulation.runs[k].source}: {found}")
+        if not sure.is_white:
+            notes.append(f"what the simulation leaves is no white noise: intervals come from {BLOCKS} blocks of time")
+        return tuple(notes)
+
+
+def _rescaled(simulation: Simulation, descent: Descent) -> Simulation:
+    """Return the simulation with what its residuals say of the noise of each coordinate."""
+    runs, columns = [], iter(simulation.columns())
+    for run in simulation.runs:
+        spread = [np.sqrt(np.mean(descent.residuals.errors[next(columns)] ** 2)) for _ in run.places]
+        runs.append(run.with_noise(run.noise * np.maximum(spread, 1e-3)))
+    return replace(simulation, runs=runs)
+
+
+def _rms(q: Array) -> Array:
+    return np.asarray(np.sqrt(np.mean((q - q.mean(axis=0)) ** 2, axis=0)))
+
+
+def _power(simulation: Simulation) -> float:
+    """Return the sum of squares of the motions over their noise."""
+    return float(sum(len(run.times) * ((_rms(run.q) / run.noise) ** 2).sum() for run in simulation.runs))

@@ -1,0 +1,250 @@
+"""fit by the output-error method: LuGre friction from motions, what they do not show, intervals, other parameters."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import eomgen
+from eomgen.description.load import robot_from_toml
+from eomgen.errors import InputError, UnknownNameError
+from eomgen.identification import FitResult, fit, load_fit
+from eomgen.identification.stiffness.levenberg_marquardt import Residuals, certainty, descend
+from eomgen.identification.stiffness.output_error import output_error_kernels
+from eomgen.motion.files import MeasuredMotion, motion_from_columns
+from eomgen.runtime.stepping.input_signals import DriveData, InputSignals, Signal, Track
+from tests.support.builds import Build
+
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
+BLOCK = """
+name = "block"
+gravity = [0.0, -9.81, 0.0]
+[[links]]
+name = "body"
+mass = 1.0
+inertia = {{ xx = 0.1, yy = 0.1, zz = 0.1 }}
+[[joints]]
+name = "slide"
+type = "prismatic"
+parent = "base"
+child = "body"
+z = {{ friction = {{ model = "lugre", {friction} }} }}
+"""
+TRUE = {
+    "coulomb": 1.0,
+    "static": 1.5,
+    "stribeck": 0.01,
+    "viscous": 0.4,
+    "bristle_stiffness": 1e4,
+    "bristle_damping": 60.0,
+}
+FAR = {
+    "coulomb": 0.5,
+    "static": 2.4,
+    "stribeck": 0.03,
+    "viscous": 0.8,
+    "bristle_stiffness": 2e4,
+    "bristle_damping": 100.0,
+}
+PREFIX = "joints.slide.z.friction."
+NAMES = {f"{PREFIX}{'gaussian' if key == 'stribeck' else key}": value for key, value in TRUE.items()}
+COLUMNS = tuple[float, int]
+
+
+def block(**numbers: float) -> eomgen.Robot:
+    return robot_from_toml(BLOCK.format(friction=", ".join(f"{key} = {value!r}" for key, value in numbers.items())))
+
+
+def pushes(duration: float, samples: int, hold: float = 1.4) -> tuple[Any, Any]:
+    """Return times and forces that rock a block before it breaks away, and then let it slide, (T,) each."""
+    t = np.linspace(0.0, duration, samples + 1)
+    slow = hold * np.sin(2.0 * np.pi * 2.0 * t / duration) * t / duration
+    return t, slow + 0.9 * np.sin(2.0 * np.pi * 6.8 * t / duration)
+
+
+def measured(
+    kernel: eomgen.Kernel, t: Any, u: Any, z: float = 0.0, noise: float = 0.0, seed: int = 1
+) -> MeasuredMotion:
+    """Return a motion of a block as radau integrates it, with white noise."""
+    loads = InputSignals(DriveData(torque=Track(Signal.through(t, u[:, None]), np.array([0]))))
+    span = {"duration": float(t[-1]), "samples": t.size - 1}
+    q, _ = kernel.rollout([0.0, 0.0], [0.0, z], loads=loads, method="radau", rtol=1e-10, atol=1e-13, **span)
+    more = noise * np.random.default_rng(seed).standard_normal(t.size)
+    return motion_from_columns({"t": t, "slide.z": q[:, 0] + more, "slide.z.drive": u}, kernel.coordinates)
+
+
+@pytest.fixture(scope="module")
+def kernel(built: Build) -> eomgen.Kernel:
+    return built(block(**TRUE), *output_error_kernels(), "radau_rollout")
+
+
+def off(found: FitResult) -> dict[str, float]:
+    """Return how far found numbers are off, relative."""
+    return {name: abs(estimate.value / NAMES[name] - 1.0) for name, estimate in found.estimates.items()}
+
+
+def test_bristles_are_found_from_far_away(kernel: eomgen.Kernel) -> None:
+    motion = measured(kernel, *pushes(4.0, 2000), z=5e-5)
+    found = fit(block(**FAR), motion)
+    assert set(found.estimates) == set(NAMES)
+    assert max(off(found).values()) < 1e-6
+    assert found.warnings == ()
+    assert found.parameters == {name: estimate.value for name, estimate in found.estimates.items()}
+    assert [x.estimate.described for x in found.numbers] == [FAR[key] for key in TRUE]
+    [start] = [note for note in found.notes if "at the beginning of" in note]
+    assert float(start.rsplit(" ", 1)[1]) == pytest.approx(5e-5, rel=1e-4)
+
+
+def test_kernels_keep_their_parameters(kernel: eomgen.Kernel) -> None:
+    before = dict(kernel.parameters)
+    found = fit(block(**TRUE), measured(kernel, *pushes(1.0, 400), noise=1e-6), kernel=kernel)
+    assert dict(kernel.parameters) == before
+    assert found.estimates[PREFIX + "coulomb"].value != before[PREFIX + "coulomb"]
+
+
+def deviations(kernel: eomgen.Kernel, seeds: range) -> Any:
+    """Return found less true numbers of motions with noise, over standard errors, and whether intervals hold them."""
+    t, u = pushes(2.0, 1000)
+    clean, rows = measured(kernel, t, u), []
+    for seed in seeds:
+        more = 1e-6 * np.random.default_rng(seed).standard_normal(clean.q.shape)
+        found = fit(block(**TRUE), replace(clean, q=clean.q + more), kernel=kernel)
+        estimates = found.estimates
+        assert set(estimates) == set(NAMES)
+        rows.append([(x.value - NAMES[name]) / x.standard_error for name, x in estimates.items()])
+        low_high = [(x.low <= NAMES[name] <= x.high) for name, x in estimates.items()]
+        rows[-1] += low_high
+    return np.array(rows, float)
+
+
+def test_intervals_are_those_of_noise(kernel: eomgen.Kernel) -> None:
+    rows = deviations(kernel, range(6))
+    off_by, held = rows[:, : len(NAMES)], rows[:, len(NAMES) :]
+    assert 0.5 < np.sqrt(np.mean(off_by**2)) < 1.6
+    assert held.mean() > 0.85
+
+
+@pytest.mark.soak
+def test_intervals_cover(kernel: eomgen.Kernel) -> None:
+    held = deviations(kernel, range(100, 160))[:, len(NAMES) :]
+    assert 0.91 < held.mean() < 0.985
+    assert held.mean(axis=0).min() > 0.85
+
+
+def test_what_a_motion_does_not_show_is_named(kernel: eomgen.Kernel) -> None:
+    t = np.linspace(0.0, 1.0, 501)
+    sticks = measured(kernel, t, 0.05 * np.sin(2.0 * np.pi * 3.0 * t), noise=1e-9)
+    found = fit(block(**TRUE), sticks)
+    doubted = " ".join(found.warnings)
+    assert PREFIX + "viscous" in doubted
+    assert PREFIX + "coulomb" in doubted  # at no speed beside that of the Stribeck curve
+    assert PREFIX + "bristle_stiffness" not in doubted
+    assert found.estimates[PREFIX + "bristle_stiffness"].value == pytest.approx(1e4, rel=1e-3)
+
+
+def test_several_motions_count_together(kernel: eomgen.Kernel) -> None:
+    t, u = pushes(1.0, 500)
+    sliding = measured(kernel, t, u, noise=1e-6, seed=2)
+    rocking = measured(kernel, t, 0.8 * np.sin(2.0 * np.pi * 3.0 * t), z=2e-5, noise=1e-8, seed=3)
+    alone, both = (fit(block(**TRUE), motions, kernel=kernel) for motions in (sliding, [sliding, rocking]))
+    name = PREFIX + "bristle_stiffness"
+    assert both.estimates[name].standard_error < 0.2 * alone.estimates[name].standard_error
+    assert abs(both.estimates[name].value - 1e4) < 5.0 * both.estimates[name].standard_error
+    assert sum("at the beginning of" in note for note in both.notes) == 2
+
+
+def test_numbers_can_be_chosen_and_saved(kernel: eomgen.Kernel, tmp_path: Any) -> None:
+    motion = measured(kernel, *pushes(1.0, 500), noise=1e-7)
+    found = fit(block(**{**TRUE, "coulomb": 0.8}), motion, parameters=[PREFIX + "coulomb"])
+    assert list(found.estimates) == [PREFIX + "coulomb"]
+    assert found.estimates[PREFIX + "coulomb"].value == pytest.approx(1.0, rel=1e-4)
+    assert load_fit(found.save(tmp_path / "fit.json")) == found
+    assert found.lines()[0] == "block: numbers by the output-error method"
+
+
+PENDULUM = """
+name = "standing"
+gravity = [0.0, -9.81, 0.0]
+[[links]]
+name = "rod"
+mass = 2.0
+com = [0.0, 0.4, 0.0]
+inertia = { xx = 0.1, yy = 0.01, zz = 0.1 }
+[[joints]]
+name = "foot"
+type = "revolute"
+parent = "base"
+child = "rod"
+gamma = { damping = 0.3 }
+"""
+
+
+def test_a_pendulum_that_falls_is_led_along_its_motion() -> None:
+    robot = robot_from_toml(PENDULUM)
+    kernel = eomgen.build(robot, kernels=(*output_error_kernels(), "inverse_dynamics"), flags=("-O0",))
+    t = np.linspace(0.0, 12.0, 1201)
+    phase = 2.0 * np.pi * 0.5 * t
+    q, v, a = 0.3 * np.sin(phase), 0.3 * np.pi * np.cos(phase), -0.3 * np.pi**2 * np.sin(phase)
+    u = kernel.inverse_dynamics(*(x[:, None] for x in (q, v, a)))[:, 0]
+    noise = 1e-4 * np.random.default_rng(5).standard_normal(t.size)
+    motion = motion_from_columns({"t": t, "foot.gamma": q + noise, "foot.gamma.drive": u}, kernel.coordinates)
+    heavier = replace(robot, links=(replace(robot.links[0], mass=2.5),))
+    names = ["links.rod.mass", "joints.foot.gamma.damping"]
+    found = fit(heavier, motion, parameters=names, bandwidth=8.0)
+    assert found.estimates["links.rod.mass"].value == pytest.approx(2.0, rel=2e-3)
+    assert found.estimates["joints.foot.gamma.damping"].value == pytest.approx(0.3, rel=2e-2)
+    assert any("led along the motion with 8 rad/s" in note for note in found.notes)
+    for name, true in zip(names, (2.0, 0.3), strict=True):
+        assert abs(found.estimates[name].value - true) < 4.0 * found.estimates[name].standard_error + 1e-3 * true
+
+
+def test_refusals(kernel: eomgen.Kernel) -> None:
+    motion = measured(kernel, *pushes(1.0, 400))
+    robot = block(**TRUE)
+    with pytest.raises(UnknownNameError, match="no parameter has this name"):
+        fit(robot, motion, parameters=["joints.slide.z.friction.colour"])
+    with pytest.raises(InputError, match=r"coordinates: 'slide.z', and laws have states \('slide.z.friction.z'\)"):
+        fit(robot, motion, coordinates=["slide.z"])
+    with pytest.raises(InputError, match="parameters: none"):
+        fit(robot, motion, parameters=[])
+    with pytest.raises(InputError, match=r"has no 'slide\.z\.drive'"):
+        fit(robot, motion_from_columns({"t": motion.t, "slide.z": motion.q[:, 0]}, kernel.coordinates))
+    with pytest.raises(InputError, match=r"bandwidth: -1.0; allowed: a number of rad/s, at least 0"):
+        fit(robot, motion, bandwidth=-1.0)
+    with pytest.raises(InputError, match=r"bandwidth: 2.0; allowed: with parameters"):
+        fit(robot_from_toml(PENDULUM), motion, bandwidth=2.0)
+    with pytest.raises(InputError, match="has loops or couplings"):
+        fit("four_bar", motion, parameters=["links.rocker.mass"])
+
+
+def test_steps_stay_above_bounds_and_end_where_there_is_no_way_on() -> None:
+    x = np.linspace(0.0, 1.0, 50)
+
+    def decay(values: Any) -> Residuals:
+        curve = np.exp(-values[0] * x)
+        return Residuals(np.exp(0.5 * x) - curve, (-x * curve)[:, None])  # asks for -0.5
+
+    found = descend(decay, np.array([3.0]), np.array([0.0]), 60, small=1e-12, tell=lambda *_: None)
+    assert found is not None
+    assert 0.0 <= found.values[0] < 1e-3
+    free = descend(decay, np.array([3.0]), np.array([-np.inf]), 60, small=1e-12, tell=lambda *_: None)
+    assert free is not None
+    assert free.is_converged
+    assert free.values[0] == pytest.approx(-0.5, rel=1e-9)
+    assert descend(lambda _: None, np.array([3.0]), np.array([0.0]), 60, small=0.0, tell=lambda *_: None) is None
+
+
+def test_dependent_columns_are_not_determined() -> None:
+    rng = np.random.default_rng(3)
+    columns = rng.standard_normal((400, 3))
+    columns[:, 2] = 2.0 * columns[:, 1]
+    jacobian = np.hstack([columns, np.zeros((400, 1))])
+    sure = certainty(Residuals(rng.standard_normal(400), jacobian), np.ones(4), [slice(0, 400)], np.ones(1))
+    assert np.isfinite(sure.errors).tolist() == [True, False, False, False]
+    assert sure.is_white
+    walk = np.cumsum(rng.standard_normal(400))
+    assert not certainty(Residuals(walk, jacobian), np.ones(4), [slice(0, 400)], np.ones(1)).is_white
