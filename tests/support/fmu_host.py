@@ -30,14 +30,14 @@ CLASSES = {(2, False): FMU2Model, (2, True): FMU2Slave, (3, False): FMU3Model, (
 class Host:
     """An instance of a unit in a folder that it was unpacked to.
 
-    ``references`` are value references by name, ``n`` the number of coordinates, ``messages`` what was logged.
+    ``references`` are value references by name, ``states`` the number of states, ``messages`` what was logged.
     """
 
     def __init__(self, folder: Path, *, stepping: bool = False, guid: str = "") -> None:
         self.description: ModelDescription = fmpy.read_model_description(str(folder), validate=False)
         self.version = int(self.description.fmiVersion[0])
         self.references: dict[str, int] = {x.name: x.valueReference for x in self.description.modelVariables}
-        self.n = len(self.description.derivatives) // 2
+        self.states = len(self.description.derivatives)
         self.messages: list[str] = []
         self.unit: Any = CLASSES[self.version, stepping](
             guid=guid or self.description.guid,
@@ -92,8 +92,8 @@ class Host:
         self.unit.setContinuousStates(values.ctypes.data_as(ctypes.POINTER(ctypes.c_double)), values.size)
 
     def rates(self) -> Array:
-        """Derivatives of the continuous states, (2 n,)."""
-        out = np.empty(2 * self.n)
+        """Derivatives of the continuous states, (states,)."""
+        out = np.empty(self.states)
         call = self.unit.getDerivatives if self.version == 2 else self.unit.getContinuousStateDerivatives
         call(out.ctypes.data_as(ctypes.POINTER(ctypes.c_double)), out.size)
         return out

@@ -50,10 +50,10 @@ def _open(robot: Robot, progress: StageReport) -> tuple[Array, Array]:
 
 def _closed(robot: Robot, progress: StageReport) -> tuple[Array, Array]:
     """Return the step of a robot with loops at its assembled home, at rest."""
-    q = np.array(assembled_home(robot, progress))
     names = ("constrained_dynamics", "constrained_dynamics_tangent")
     kernel = build(robot, kernels=names, flags=("-O0",), progress=progress)
     n, zero = kernel.n, np.zeros(kernel.n)
+    q = np.array([*assembled_home(robot, progress), *(0.0 for _ in kernel.memory)])
     kernel.calls.run("constrained_dynamics", None, (q, zero, zero))  # or a singular mass matrix would go unseen
     directions, still = np.eye(n), np.zeros((n, n))
     states = [

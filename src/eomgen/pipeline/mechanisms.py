@@ -31,4 +31,5 @@ def assembled_home(robot: Robot, progress: StageReport = no_report) -> tuple[flo
     if not kernels:
         return home
     kernel = build(robot, kernels=kernels, flags=("-O0",), progress=progress)
-    return tuple(kernel.assemble(home).tolist())
+    whole = [*home, *(0.0 for _ in kernel.memory)]
+    return tuple(kernel.assemble(whole)[: len(home)].tolist())

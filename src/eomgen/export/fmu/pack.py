@@ -162,6 +162,7 @@ def _files(
         "guard": f"EOMGEN_{name.upper()}_H",
         "version": __version__,
         "n": model.size,
+        "memory": len(model.memory),
         "hoisted": meta["hoisted"],
         "m": len(model.constraints),
         "dynamics": "constrained_dynamics" if model.constraints else "forward_dynamics",

@@ -1,8 +1,11 @@
 """Variables of a robot's FMU: names, units, start values, and what each depends on.
 
-A variable's value reference is its place in the list: time, parameters, coordinates q, rates v, drives u, wrenches, and
-then what is computed: der(q), accelerations a, poses of frames, reactions of joints, energies.  Where loops or rigid
-couplings are closed, multipliers of their constraint follow on the accelerations, and there are no reactions.
+A variable's value reference is its place in the list: time, parameters, coordinates q, rates v, states of laws z, drives
+u, wrenches, and then what is computed: der(q), accelerations a, der(z), poses of frames, reactions of joints, energies.
+Where loops or rigid couplings are closed, multipliers of their constraint follow on these, and there are no reactions.
+
+Kernels have states of laws behind the coordinates in all arrays; what is beside them in q, u and der(q) acts on nothing.
+These numbers have value references, but are no variables of the description (``Layout.shown``).
 """
 
 from __future__ import annotations
@@ -14,6 +17,8 @@ from dataclasses import dataclass
 from eomgen.names import joint_of, parameter_name, parameter_path
 from eomgen.robot.coordinates import FORCES, force_unit_of, unit_of
 from eomgen.robot.elements import KINDS
+from eomgen.robot.laws import state_sizes
+from eomgen.robot.mechanism import coordinate_of
 from eomgen.robot.model import FIXED_BODY, Model
 from eomgen.robot.parameter_names import FAMILIES, least_of, number_of
 from eomgen.robot.rules import ROTORS
@@ -65,7 +70,7 @@ class Variable:
     start: its value at first, of what can be set and of states.  minimum, maximum: the least and the most that a
     parameter may be.  nominal: the size of a state.  derivative: the value reference of the state that it is the
     derivative of.  depends: value references of the states and inputs that it depends on; None for all.  is_guess:
-    whether initialization looks for its value from ``start`` on.
+    whether initialization looks for its value from ``start`` on.  is_shown: whether it is a variable to others.
     """
 
     name: str
@@ -79,6 +84,7 @@ class Variable:
     derivative: int | None = None
     depends: tuple[int, ...] | None = None
     is_guess: bool = False
+    is_shown: bool = True
 
 
 @dataclass(frozen=True)
@@ -91,6 +97,11 @@ class Layout:
     variables: tuple[Variable, ...]
     at: Mapping[str, int]
     frames: tuple[int, ...]
+
+    @property
+    def shown(self) -> dict[int, Variable]:
+        """Variables of the description, by their value references."""
+        return {reference: variable for reference, variable in enumerate(self.variables) if variable.is_shown}
 
 
 def step_variable(step: float) -> Variable:
@@ -125,24 +136,26 @@ def make_layout(model: Model, solver: Variable, home: Sequence[float]) -> Layout
     if model.constraints:
         text = "Time constant with which model exchange closes loops"
         add("closing", [Variable(CLOSING, "parameter", "s", text, CLOSING_TIME, SHORTEST)])
-    add("q", _states(model, "q", "Coordinate", "", len(layout_variables), home))
-    add("v", _states(model, "v", "Rate", "/s", len(layout_variables), [0.0] * model.size))
-    add("u", _drives(model))
+    add("q", [*_states(model, "q", "Coordinate", "", len(layout_variables), home), *_beside_states(model, "q")])
+    add("v", _states(model, "v", "Rate", "/s", len(layout_variables), [0.0] * len(model.coordinates)))
+    add("z", _states_of_laws(model, len(layout_variables)))
+    add("u", [*_drives(model), *_beside_states(model, "u")])
     add("wrench", _wrenches("wrench", "input", model.links, "on link", "about its centre of mass, base frame", 0.0))
-    add("rates", _rates(model, at))
-    add("a", _accelerations(model, at))
+    add("rates", [*_rates(model, at), *_beside_states(model, "v")])
+    add("a", [*_accelerations(model, at), *_rates_of_laws(model, at)])
     add("multipliers", _multipliers(model))
     add("poses", _poses(model, frames, at["q"]))
     joints = [] if model.constraints else [body.joint for body in model.bodies]
     add(
         "reactions", _wrenches("reaction", "output", joints, "on the child of joint", "at the joint, in its axes", None)
     )
-    q, states = (tuple(range(at["q"], at[end])) for end in ("v", "u"))
+    n = len(model.coordinates)
+    q, v, z = (tuple(range(at[kind], at[kind] + size)) for kind, size in (("q", n), ("v", n), ("z", model.size - n)))
     add(
         "energy",
         [
-            Variable("energy.kinetic", "output", "J", "Kinetic energy", depends=states),
-            Variable("energy.potential", "output", "J", "Energy of gravity and springs", depends=q),
+            Variable("energy.kinetic", "output", "J", "Kinetic energy", depends=(*q, *v)),
+            Variable("energy.potential", "output", "J", "Energy of gravity, springs, states of laws", depends=(*q, *z)),
         ],
     )
     at["end"] = len(layout_variables)
@@ -163,6 +176,27 @@ def _states(model: Model, kind: str, text: str, per: str, first: int, start: Seq
             depends=(first + i,),
             is_guess=bool(model.constraints) and i not in model.prescribed,
         )
+
+
+def _states_of_laws(model: Model, first: int) -> Iterator[Variable]:
+    """Give the states of laws, from the value reference ``first`` on."""
+    owners = dict.fromkeys(model.owners)
+    sizes = [x for owner in owners for x in state_sizes(coordinate_of(model.robot, owner).law())]
+    for i, (name, owner, size) in enumerate(zip(model.memory, model.owners, sizes, strict=True)):
+        unit, text = unit_of(owner), f"State of a law of {owner}"
+        yield Variable(f"z.{name}", "output", unit, text, 0.0, nominal=size, depends=(first + i,))
+
+
+def _rates_of_laws(model: Model, at: Mapping[str, int]) -> Iterator[Variable]:
+    for i, (name, owner) in enumerate(zip(model.memory, model.owners, strict=True)):
+        yield Variable(f"der(z.{name})", "local", f"{unit_of(owner)}/s", "Rate", derivative=at["z"] + i)
+
+
+def _beside_states(model: Model, kind: str) -> Iterator[Variable]:
+    """Give what stands behind coordinates where states of laws do among rates; it acts on nothing."""
+    start = 0.0 if kind in ("q", "u") else None
+    for name in model.memory:
+        yield Variable(f"{kind}.{name}", "local", "1", "Acts on nothing", start, is_shown=False)
 
 
 def _drives(model: Model) -> Iterator[Variable]:

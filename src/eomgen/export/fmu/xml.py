@@ -86,19 +86,20 @@ def _version_2(fmu: Fmu) -> Element:
         files = SubElement(interface, "SourceFiles")
         for name in fmu.sources:
             SubElement(files, "File", name=name)
-    _common(root, fmu.layout.variables)
+    _common(root, fmu.layout)
     variables = SubElement(root, "ModelVariables")
-    for reference, variable in enumerate(fmu.layout.variables):
+    places = {reference: place for place, reference in enumerate(fmu.layout.shown, 1)}
+    for reference, variable in fmu.layout.shown.items():
         said, numbers = _attributes(reference, variable)
         if variable.derivative is not None:
-            numbers["derivative"] = str(variable.derivative + 1)
+            numbers["derivative"] = str(places[variable.derivative])
         SubElement(SubElement(variables, "ScalarVariable", said), "Real", numbers)
     structure = SubElement(root, "ModelStructure")
     for kind, references in _structure(fmu.layout).items():
         group = SubElement(structure, kind)
         for reference in references:
-            dependencies = {} if kind == "InitialUnknowns" else _dependencies(fmu.layout, reference, 1)
-            SubElement(group, "Unknown", {"index": str(reference + 1), **dependencies})
+            dependencies = {} if kind == "InitialUnknowns" else _dependencies(fmu.layout, reference, places)
+            SubElement(group, "Unknown", {"index": str(places[reference]), **dependencies})
     return root
 
 
@@ -112,24 +113,26 @@ def _version_3(fmu: Fmu) -> Element:
     }
     SubElement(root, "ModelExchange", common)
     SubElement(root, "CoSimulation", common, canHandleVariableCommunicationStepSize="true")
-    _common(root, fmu.layout.variables)
+    _common(root, fmu.layout)
     variables = SubElement(root, "ModelVariables")
-    for reference, variable in enumerate(fmu.layout.variables):
+    references = {reference: reference for reference in fmu.layout.shown}
+    for reference, variable in fmu.layout.shown.items():
         about, numbers = _attributes(reference, variable)
         if variable.derivative is not None:
             numbers["derivative"] = str(variable.derivative)
         SubElement(variables, "Float64", {**about, **numbers})
     structure = SubElement(root, "ModelStructure")
     names = {"Outputs": "Output", "Derivatives": "ContinuousStateDerivative", "InitialUnknowns": "InitialUnknown"}
-    for kind, references in _structure(fmu.layout).items():
-        for reference in references:
-            dependencies = {} if kind == "InitialUnknowns" else _dependencies(fmu.layout, reference, 0)
+    for kind, unknowns in _structure(fmu.layout).items():
+        for reference in unknowns:
+            dependencies = {} if kind == "InitialUnknowns" else _dependencies(fmu.layout, reference, references)
             SubElement(structure, names[kind], {"valueReference": str(reference), **dependencies})
     return root
 
 
-def _common(root: Element, variables: Sequence[Variable]) -> None:
+def _common(root: Element, layout: Layout) -> None:
     """Add elements that both versions have between interface types and variables."""
+    variables = layout.shown.values()
     used = {variable.unit for variable in variables}
     units = SubElement(root, "UnitDefinitions")
     for name, exponents in UNITS.items():
@@ -168,7 +171,7 @@ def _attributes(reference: int, variable: Variable) -> tuple[dict[str, str], dic
 
 def _structure(layout: Layout) -> Mapping[str, list[int]]:
     """Return the value references of outputs, of derivatives of states, and of what is computed at first."""
-    numbered = list(enumerate(layout.variables))
+    numbered = layout.shown.items()
     derivatives = [i for i, x in numbered if x.derivative is not None]
     outputs = [i for i, x in numbered if x.causality == "output"]
     without_start = {i for i in outputs if layout.variables[i].start is None or layout.variables[i].is_guess}
@@ -176,7 +179,7 @@ def _structure(layout: Layout) -> Mapping[str, list[int]]:
     return {"Outputs": outputs, "Derivatives": derivatives, "InitialUnknowns": sorted(unknown)}
 
 
-def _dependencies(layout: Layout, reference: int, first: int) -> dict[str, str]:
-    """Return states and inputs that a variable depends on, counted from ``first``; nothing: it may be all of them."""
+def _dependencies(layout: Layout, reference: int, places: Mapping[int, int]) -> dict[str, str]:
+    """Return states and inputs that a variable depends on, by their places; nothing: it may be all of them."""
     depends = layout.variables[reference].depends
-    return {} if depends is None else {"dependencies": " ".join(str(i + first) for i in depends)}
+    return {} if depends is None else {"dependencies": " ".join(str(places[i]) for i in depends)}

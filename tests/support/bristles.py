@@ -1,0 +1,86 @@
+"""Robots whose laws have states: LuGre friction in joints, in a motor, in a closed loop."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import eomgen
+from eomgen.description import robot_from_toml
+from eomgen.robot.value import Robot
+
+FRICTION = (
+    'friction = { model = "lugre", coulomb = 0.3, static = 0.4, stribeck = 0.1, bristle_stiffness = 300.0,'
+    " bristle_damping = 0.5, fade = 0.5 }"
+)
+SIZE = 1e-3  # m or rad, by which its bristles bend before they slide
+ARM = f"""
+name = "bristle_arm"
+gravity = [0.0, -9.81, 0.0]
+[[links]]
+name = "l1"
+mass = 2.0
+com = [0.2, 0.01, 0.0]
+inertia = {{ xx = 0.1, yy = 0.12, zz = 0.13 }}
+[[links]]
+name = "l2"
+mass = 1.0
+com = [0.2, 0.0, 0.05]
+inertia = {{ xx = 0.02, yy = 0.03, zz = 0.04 }}
+[[joints]]
+name = "j1"
+type = "revolute"
+parent = "base"
+child = "l1"
+gamma = {{ {FRICTION} }}
+[[joints]]
+name = "j2"
+type = "revolute"
+parent = "l1"
+child = "l2"
+placement = {{ xyz = [0.4, 0.0, 0.0], rpy = [0.5, 0.0, 0.0] }}
+x = {{ stiffness = 1e4, damping = 10.0 }}
+gamma = {{ damping = 0.1 }}
+[joints.motor]
+inertia = 1e-3
+ratio = 5.0
+stiffness = 100.0
+damping = 0.5
+{FRICTION}
+[[frames]]
+name = "tcp"
+link = "l2"
+placement = {{ xyz = [0.3, 0.0, 0.0] }}
+"""
+
+
+def bristle_arm() -> Robot:
+    """Return an arm of 4 coordinates with bristles in a joint and in a motor."""
+    return robot_from_toml(ARM)
+
+
+def bristle_linkage() -> Robot:
+    """Return the built-in four-bar linkage with bristles in two joints."""
+    text = (Path(str(eomgen.__file__)).parent / "robots" / "four_bar.toml").read_text()
+    for name in ("joint1", "joint2"):
+        text = text.replace(f'name = "{name}"\n', f'name = "{name}"\ngamma = {{ {FRICTION} }}\n')
+    return robot_from_toml(text)
+
+
+def bent(kernel: eomgen.Kernel, seed: int = 3) -> tuple[Any, Any, Any, Any]:
+    """Return q, v, u of coordinates near home, motors behind their gears, and z."""
+    rng, n = np.random.default_rng(seed), len(kernel.coordinates)
+    q, v, u = (rng.normal(size=n) * size for size in (0.1, 0.1, 1.0))
+    q += kernel.home[:n]
+    places = {name: i for i, name in enumerate(kernel.coordinates)}
+    for motor, joint in kernel.motors.items():
+        q[places[motor]] = kernel.ratio(motor) * q[places[joint]] + 0.01
+    return q, v, u, SIZE * rng.uniform(-0.8, 0.8, len(kernel.memory))
+
+
+def wide(kernel: eomgen.Kernel, q: Any, v: Any, u: Any, z: Any) -> tuple[Any, Any, Any]:
+    """Return q, v and u as arrays of the C have them: states of laws stand behind the coordinates of v."""
+    nothing = np.zeros(len(kernel.memory))
+    return np.r_[q, nothing], np.r_[v, z], np.r_[u, nothing]
