@@ -6,6 +6,7 @@ import json
 import shutil
 import struct
 import subprocess
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from eomgen.export.wasm.pack import make_wasm
 from eomgen.robot import JointStiffness
 from eomgen.robot.value import Robot
 from tests.oracles.force_laws import with_laws
+from tests.support.bristles import bent, bristle_arm, bristle_linkage, wide
 from tests.support.random_robots import random_robot
 
 pytest.importorskip("ziglang", reason="the compiler for WebAssembly is not installed")
@@ -144,6 +146,49 @@ def test_under_node_functions_and_rollouts_have_the_same_bits(tmp_path: Path) ->
     robot = eomgen.load_robot("one_link")
     assert compare_functions(tmp_path, robot) >= 12
     compare_rollouts(tmp_path, robot)
+
+
+@needs_node
+@pytest.mark.parametrize("make", [bristle_arm, pytest.param(bristle_linkage, marks=pytest.mark.soak)])
+def test_states_of_laws_stand_behind_coordinates(make: Callable[[], Robot], tmp_path: Path) -> None:
+    """Arrays are those of the C: coordinates, then states; messages name both."""
+    robot = make()
+    assert compare_functions(tmp_path, robot, exact=False) >= 12
+    kernel, made = eomgen.build(robot), make_wasm(robot)
+    made.write(tmp_path)
+    description, nz = made.description, len(kernel.memory)
+    assert tuple(description["memory"]) == kernel.memory
+    home = np.array(description["home"])
+    assert home[kernel.n - nz :].tolist() == [0.0] * nz
+    q, v, u, z = (home[: kernel.n - nz], *bent(kernel)[1:])
+    v = 0.0 * v if robot.is_closed else v
+    Q, V, U = wide(kernel, q, v, u, z)
+    methods: dict[str, dict[str, Any]] = {
+        "rk4": {"dt": 1e-4, "steps": 60},
+        "implicit": {"dt": 1e-4, "steps": 60},
+        "tsit5": {"duration": 6e-3, "rtol": 1e-8},
+        "rosenbrock": {"duration": 6e-3, "rtol": 1e-8},
+    }
+    start = [Q.tolist(), V.tolist()]
+    calls = [
+        ["rollout" if "dt" in how else "adaptiveRollout", *start, U.tolist(), {**how, "method": method}]
+        for method, how in methods.items()
+    ]
+    for (method, how), got in zip(methods.items(), with_node(tmp_path, robot.name, calls), strict=True):
+        motion = kernel.rollout(q, v, u, z=z, method=method, **how)
+        found = [np.frombuffer(bytes.fromhex(got[name])).reshape(-1, kernel.n) for name in "qv"]
+        for array, wanted in zip((*found, found[1][:, kernel.n - nz :]), (*motion, motion.z), strict=True):
+            part = array[:, : wanted.shape[1]]
+            np.testing.assert_allclose(part, wanted, rtol=1e-9, atol=1e-12, err_msg=method)
+    last = kernel.n - 1
+    bad = [
+        ["forwardDynamics", Q.tolist(), [*V[:-1], "heavy"], U.tolist()],
+        ["rollout", *start, None, {"dt": 1e-4, "steps": 1, "kp": np.eye(kernel.n)[last].tolist(), "target": start[0]}],
+    ]
+    for got in with_node(tmp_path, robot.name, bad):
+        assert kernel.memory[-1] in got["error"]
+    with pytest.raises(InputError, match="loops" if robot.is_closed else "states of laws, 'j1.gamma.friction.z'"):
+        make_wasm(robot, model=True)
 
 
 @needs_node

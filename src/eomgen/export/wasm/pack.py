@@ -19,6 +19,7 @@ from eomgen.codegen.package.compile import LONG
 from eomgen.description import RobotLike, as_robot
 from eomgen.errors import InputError
 from eomgen.files import as_path, write_atomically
+from eomgen.names import listed
 from eomgen.pipeline.mechanisms import assembled_home
 from eomgen.pipeline.stages import Options, make_source
 from eomgen.progress import StageReport, no_report, tells_at_prompt
@@ -91,8 +92,8 @@ def export_wasm(
         progress: called with a line of text when a stage begins.
 
     Raises:
-        InputError: a kernel is unknown or not for JavaScript, a dtype is unknown, a model has loops, or the folder
-            cannot be written.
+        InputError: a kernel is unknown or not for JavaScript, a dtype is unknown, a model has loops or states of laws,
+            or the folder cannot be written.
         LoopError: the loops do not close near the description's home.
         BuildError: no compiler for WebAssembly, or one that fails.
     """
@@ -142,9 +143,15 @@ def make_wasm(
 def _rigid(robot: Robot, progress: StageReport) -> Source:
     """Return inverse dynamics of the rigid robot, in double precision, with function names that differ."""
     rigid = replace(robot.rigid(), name=f"{robot.name}_rigid")
-    if build_model(rigid).constraints:
+    model = build_model(rigid)
+    if model.constraints:
         raise InputError(
             f"model: {robot.name} has loops or couplings; allowed: robots without, whose drives can ask it"
+        )
+    if model.memory:
+        raise InputError(
+            f"model: {robot.name} has states of laws, {listed(model.memory)}; allowed: robots whose rigid joints have"
+            " none, as drives do not know them"
         )
     return make_source(rigid, Options(("inverse_dynamics",), batches=False), progress)
 
@@ -179,16 +186,18 @@ def _description(
     meta: Mapping[str, Any], pushed: bool, home: Sequence[float], rigid: Mapping[str, Any] | None
 ) -> dict[str, Any]:
     """Return plain values that the script says of the kernel, and reads itself."""
+    memory = meta.get("memory", [])
     return {
         **{name: meta[name] for name in _SAID},
+        "memory": memory,
         "constraints": meta.get("constraints", []),
-        "statuses": meta.get("statuses", len(meta["coordinates"]) + len(meta.get("memory", ()))),
+        "statuses": meta.get("statuses", len(meta["coordinates"]) + len(memory)),
         "sizes": meta.get("sizes", []),
         "rubbing": meta.get("rubbing", []),
         "least_rtol": LEAST[meta["dtype"]],
         **({"matrices": meta["matrices"]} if "matrices" in meta else {}),
         "pushed": pushed,
-        "home": list(home),
+        "home": [*home, *(0.0 for _ in memory)],
         "model": None if rigid is None else {key: rigid[key] for key in ("coordinates", "parameters", "hoisted")},
     }
 
@@ -214,6 +223,7 @@ def _declared(meta: Mapping[str, Any]) -> dict[str, Any]:
         "methods": _literals(methods),
         "array": {"float64": "Float64Array", "float32": "Float32Array"}[meta["dtype"]],
         **{key: _literals(meta[key]) for key in ("coordinates", "links", "frames", "parameters")},
+        "memory": _literals(meta.get("memory", ())),
     }
 
 
