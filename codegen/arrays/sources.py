@@ -49,6 +49,7 @@ def render_arrays(model: Model, kernels: Sequence[str] = ()) -> str:
         "name": model.name,
         "version": __version__,
         "coordinates": model.coordinates,
+        "memory": model.memory,
         "links": model.links,
         "frames": model.frames,
         "parameters": {key: float(value) for key, value in model.parameters.items()},

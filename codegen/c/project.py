@@ -82,7 +82,7 @@ def quoted(text: str) -> str:
 def _header_context(meta: Mapping[str, Any]) -> dict[str, Any]:
     """Return names that the templates of the headers use."""
     name, scalar = meta["name"], SCALARS[meta["dtype"]]
-    public = functions(meta["kernels"])
+    public, n = functions(meta["kernels"]), len(meta["coordinates"]) + len(meta.get("memory", ()))
     return {
         "name": name,
         "space": safe(name),
@@ -90,7 +90,8 @@ def _header_context(meta: Mapping[str, Any]) -> dict[str, Any]:
         "version": __version__,
         "dtype": meta["dtype"],
         "real": scalar.name,
-        "n": len(meta["coordinates"]) + len(meta.get("memory", ())),
+        "n": n,
+        "memory": len(meta.get("memory", ())),
         "hoisted": max(meta["hoisted"], 1),
         "tables": _tables(meta),
         "parameters": [(key, scalar.literal(value)) for key, value in meta["parameters"].items()],
@@ -99,15 +100,27 @@ def _header_context(meta: Mapping[str, Any]) -> dict[str, Any]:
         "rolls": any(function.is_rollout for function in public),
         "solving": any(function.signature.solves for function in public),
         "m": len(meta.get("constraints", ())),
-        "statuses": meta.get("statuses", len(meta["coordinates"]) + len(meta.get("memory", ()))),
+        "statuses": meta.get("statuses", n),
     }
 
 
 def _tables(meta: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return tables of names by which arrays are numbered, with identifiers; frames' numbers have a separate type."""
+    """Return tables of names by which arrays are numbered, with identifiers; frames' numbers have a separate type.
+
+    ``first``: the place of a table's first name in arrays; states of laws stand behind coordinates.
+    """
     names = {key: meta[f"{key}s"] for key in ("coordinate", "joint", "link", "frame", "parameter")}
     names |= {key: meta[f"{key}s"] for key in ("spring", "constraint") if f"{key}s" in meta}
-    return [{"key": key, "names": identifiers(list(x)), "has_type": key == "frame"} for key, x in names.items()]
+    names |= {"state": meta["memory"]} if "memory" in meta else {}
+    return [
+        {
+            "key": key,
+            "names": identifiers(list(x)),
+            "has_type": key == "frame",
+            "first": len(meta["coordinates"]) if key == "state" else 0,
+        }
+        for key, x in names.items()
+    ]
 
 
 def _function(function: Function, shapes: Mapping[str, Sequence[int]]) -> dict[str, Any]:

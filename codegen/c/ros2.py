@@ -44,5 +44,6 @@ def ros2_files(meta: Mapping[str, Any]) -> dict[str, str]:
         "space": safe(name),
         "version": __version__,
         "three_numbers": ".".join(numbers),
+        "memory": len(meta.get("memory", ())),
     }
     return {file: environment().get_template(f"ros2/{text}").render(context) for file, text in TEMPLATES.items()}

@@ -61,12 +61,17 @@ def bristle_arm() -> Robot:
     return robot_from_toml(ARM)
 
 
-def bristle_linkage() -> Robot:
-    """Return the built-in four-bar linkage with bristles in two joints."""
+def linkage_text() -> str:
+    """Describe the built-in four-bar linkage with bristles in two joints."""
     text = (Path(str(eomgen.__file__)).parent / "robots" / "four_bar.toml").read_text()
     for name in ("joint1", "joint2"):
         text = text.replace(f'name = "{name}"\n', f'name = "{name}"\ngamma = {{ {FRICTION} }}\n')
-    return robot_from_toml(text)
+    return text
+
+
+def bristle_linkage() -> Robot:
+    """Return the built-in four-bar linkage with bristles in two joints."""
+    return robot_from_toml(linkage_text())
 
 
 def bent(kernel: eomgen.Kernel, seed: int = 3) -> tuple[Any, Any, Any, Any]:

@@ -105,9 +105,11 @@ class MatrixRule(Rule):
         return (symbols + np.swapaxes(symbols, -3, -2),)
 
     def patterns(self, f: Subject) -> tuple[Array, list[Array]]:
-        blocks = f.kernel.blocks(np.zeros(f.kernel.n, f.kernel.dtype))
-        symbols = blocks.christoffel.mask
-        return blocks.mass.mask, [symbols | np.swapaxes(symbols, 0, 1)]
+        n = f.kernel.n
+        blocks, part = f.kernel.blocks(np.zeros(n, f.kernel.dtype)), slice(len(f.kernel.coordinates))
+        mass, symbols = np.eye(n, dtype=np.bool_), np.zeros((n, n, n), np.bool_)  # states of laws stand by themselves
+        mass[part, part], symbols[part, part, part] = blocks.mass.mask, blocks.christoffel.mask
+        return mass, [symbols | np.swapaxes(symbols, 0, 1)]
 
     def spare(self, f: Subject) -> int:
         return f.kernel.n**3
@@ -132,11 +134,12 @@ class TangentRule(Rule):
 
 
 class EnergyRule(TangentRule):
-    """Directional derivatives; potential energy does not change with the rates."""
+    """Directional derivatives; potential energy changes with states of laws alone among the rates, kinetic does not."""
 
     def patterns(self, f: Subject) -> tuple[Array, list[Array]]:
         whole, blocks = super().patterns(f)
-        blocks[1][1] = False
+        n = len(f.kernel.coordinates)
+        blocks[1][0, n:] = blocks[1][1, :n] = False
         return whole, blocks
 
 

@@ -134,6 +134,8 @@ def _ends(numbers: Values) -> Conflict | None:
 
 
 def _soft_friction(numbers: Values) -> str:
+    if BRISTLES in numbers:
+        return "frictionloss = coulomb, a soft constraint, without bristles and Stribeck term"
     coulomb = any(numbers.get(f"friction.{key}") for key in ("coulomb", "static", "coefficient"))
     lost = "smoothing, load and Stribeck term" if numbers.get("friction.coefficient") else "smoothing and Stribeck term"
     return f"frictionloss, a soft constraint, without {lost}" if coulomb else ""

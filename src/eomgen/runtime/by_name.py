@@ -138,9 +138,21 @@ class Blocks:
         return result
 
 
-def make_blocks(mass: Array, christoffel: Array, meta: Mapping[str, Sequence[str]], names: Sequence[str]) -> Blocks:
-    """Return blocks of the whole arrays; ``meta`` is the metadata's entry "survivors", ``names`` the coordinates."""
-    n = len(names)
+def make_blocks(
+    mass: Array,
+    christoffel: Array,
+    meta: Mapping[str, Sequence[str]],
+    names: Sequence[str],
+    n: int,
+) -> Blocks:
+    """Return blocks of the whole arrays.
+
+    Args:
+        mass, christoffel: of coordinates.
+        meta: the metadata's entry "survivors", of n numbers: coordinates, and states of laws behind them.
+        names: of the coordinates.
+    """
+    part = slice(len(names))
     rows = np.stack([_bits(text, n) for text in meta["mass_matrix"]])
     upper = np.stack([_bits(text, n * (n + 1) // 2) for text in meta["christoffel"]])
     mask = np.zeros((n, n, n), dtype=np.bool_)
@@ -148,7 +160,8 @@ def make_blocks(mass: Array, christoffel: Array, meta: Mapping[str, Sequence[str
     mask[:, v, w] = upper
     mask |= np.swapaxes(mask, 1, 2)
     joints = list(dict.fromkeys(map(joint_of, names)))
-    return Blocks(BlockMap("M", mass, rows, names), BlockMap("C", christoffel, mask, names), joints)
+    blocks = BlockMap("M", mass, rows[part, part], names), BlockMap("C", christoffel, mask[part, part, part], names)
+    return Blocks(*blocks, joints)
 
 
 def _bits(text: str, count: int) -> Mask:
@@ -168,7 +181,9 @@ class NamedViews(CompiledCode):
         """
         mass, christoffel = (self.calls.run(name, None, (q,)) for name in ("mass_matrix", "christoffel"))
         survivors = self.raw.libraries.about("christoffel")["survivors"]
-        return make_blocks(mass, christoffel, survivors, self.coordinates)
+        part = slice(len(self.coordinates))  # without states of laws
+        arrays = mass[..., part, part], christoffel[..., part, part, part]
+        return make_blocks(*arrays, survivors, self.coordinates, self.n)
 
     @property
     def regressor_names(self) -> tuple[str, ...]:

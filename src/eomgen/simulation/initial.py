@@ -91,17 +91,14 @@ def _loose(robot: Robot, assembly: Assembly) -> tuple[str, ...]:
     """Return the names of deviations that nothing holds, as in a clearance; a motor takes up its gear's backlash."""
     kernel = assembly.kernel
     motors = shafts(kernel)
+    stiff = dict(zip(kernel.coordinates, stiffnesses(kernel).tolist(), strict=False))  # states of laws stand behind
     moved = {*kernel.prescribed, *(motors.get(name, name) for name in assembly.driven)}
     if robot.is_closed:  # which hold what has no stiffness
-        moved |= {name for name, k in zip(kernel.coordinates, stiffnesses(kernel), strict=True) if k == 0.0}
+        moved |= {name for name, k in stiff.items() if k == 0.0}
     played = {kernel.motors.get(name, name) for name in clearances(law_numbers(kernel))} | journals_in_play(kernel)
     for name, row in zip(kernel.follower_names, kernel.follower_matrix()[0], strict=True):
         played |= {kernel.coordinates[i] for i in np.flatnonzero(row)} if name in played else set()
-    return tuple(
-        name
-        for name, k in zip(kernel.coordinates, stiffnesses(kernel), strict=True)
-        if (k == 0.0 or name in played) and name not in moved
-    )
+    return tuple(name for name, k in stiff.items() if (k == 0.0 or name in played) and name not in moved)
 
 
 def _balanced(robot: Robot, scenario: Scenario, assembly: Assembly, q: Array, still: set[str]) -> Array:

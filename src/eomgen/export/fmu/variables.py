@@ -1,11 +1,12 @@
 """Variables of a robot's FMU: names, units, start values, and what each depends on.
 
-A variable's value reference is its place in the list: time, parameters, coordinates q, rates v, states of laws z, drives
-u, wrenches, and then what is computed: der(q), accelerations a, der(z), poses of frames, reactions of joints, energies.
-Where loops or rigid couplings are closed, multipliers of their constraint follow on these, and there are no reactions.
+A variable's value reference is its place in the list: time, parameters, coordinates q, rates v, states of laws z,
+drives u, wrenches, and then what is computed: der(q), accelerations a, der(z), poses of frames, reactions of joints,
+energies.  Where loops or rigid couplings are closed, multipliers of their constraint follow on these, and there are no
+reactions.
 
-Kernels have states of laws behind the coordinates in all arrays; what is beside them in q, u and der(q) acts on nothing.
-These numbers have value references, but are no variables of the description (``Layout.shown``).
+Kernels have states of laws behind the coordinates in all arrays; what is beside them in q acts on nothing, and is 0 in
+u.  These numbers have value references, but are no variables of the description (``Layout.shown``).
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from dataclasses import dataclass
 from eomgen.names import joint_of, parameter_name, parameter_path
 from eomgen.robot.coordinates import FORCES, force_unit_of, unit_of
 from eomgen.robot.elements import KINDS
-from eomgen.robot.laws import state_sizes
+from eomgen.robot.law_states import State
 from eomgen.robot.mechanism import coordinate_of
 from eomgen.robot.model import FIXED_BODY, Model
 from eomgen.robot.parameter_names import FAMILIES, least_of, number_of
@@ -28,6 +29,7 @@ from eomgen.runtime.stepping.options import LEAST
 BASE = {  # exponents of SI base units, and of rad
     "N": {"kg": 1, "m": 1, "s": -2},
     "J": {"kg": 1, "m": 2, "s": -2},
+    "V": {"kg": 1, "m": 2, "s": -3, "A": -1},
 }
 
 
@@ -47,7 +49,7 @@ def exponents(name: str) -> dict[str, int]:
 
 
 _OF_FORCES = (unit_name(unit) for table in FAMILIES.values() for number in table.values() for unit in number.unit)
-UNITS: Mapping[str, Mapping[str, int]] = {
+UNITS: Mapping[str, Mapping[str, int]] = {  # but for those that states of laws alone have
     name: exponents(name)
     for name in (
         *("1", "s", "m", "rad", "m/s", "rad/s", "m/s2", "rad/s2", "kg", "kg.m2", "N", "N.m", "J", "N/m", "N.m/rad"),
@@ -180,23 +182,35 @@ def _states(model: Model, kind: str, text: str, per: str, first: int, start: Seq
 
 def _states_of_laws(model: Model, first: int) -> Iterator[Variable]:
     """Give the states of laws, from the value reference ``first`` on."""
-    owners = dict.fromkeys(model.owners)
-    sizes = [x for owner in owners for x in state_sizes(coordinate_of(model.robot, owner).law())]
-    for i, (name, owner, size) in enumerate(zip(model.memory, model.owners, sizes, strict=True)):
-        unit, text = unit_of(owner), f"State of a law of {owner}"
-        yield Variable(f"z.{name}", "output", unit, text, 0.0, nominal=size, depends=(first + i,))
+    for i, (name, (owner, law, state)) in enumerate(zip(model.memory, model.states, strict=True)):
+        size, text = state.size(coordinate_of(model.robot, owner).law()), f"State of the {law} of {owner}"
+        yield Variable(
+            f"z.{name}", "output", _unit_of_state(owner, state), text, 0.0, nominal=size, depends=(first + i,)
+        )
 
 
 def _rates_of_laws(model: Model, at: Mapping[str, int]) -> Iterator[Variable]:
-    for i, (name, owner) in enumerate(zip(model.memory, model.owners, strict=True)):
-        yield Variable(f"der(z.{name})", "local", f"{unit_of(owner)}/s", "Rate", derivative=at["z"] + i)
+    for i, (name, (owner, _, state)) in enumerate(zip(model.memory, model.states, strict=True)):
+        unit = _per_second(_unit_of_state(owner, state))
+        yield Variable(f"der(z.{name})", "local", unit, "Rate", derivative=at["z"] + i)
+
+
+def _unit_of_state(owner: str, state: State) -> str:
+    return unit_name(state.unit[0 if unit_of(owner) == "m" else 1])
+
+
+def _per_second(unit: str) -> str:
+    """Return the unit over time: "rad/s", "m/s2"."""
+    if "/" not in unit:
+        return f"{unit}/s"
+    return f"{unit}2" if unit.endswith("/s") else f"{unit}.s"
 
 
 def _beside_states(model: Model, kind: str) -> Iterator[Variable]:
-    """Give what stands behind coordinates where states of laws do among rates; it acts on nothing."""
+    """Give what stands behind coordinates where states of laws do among rates."""
     start = 0.0 if kind in ("q", "u") else None
     for name in model.memory:
-        yield Variable(f"{kind}.{name}", "local", "1", "Acts on nothing", start, is_shown=False)
+        yield Variable(f"{kind}.{name}", "local", "1", "Nothing", start, is_shown=False)
 
 
 def _drives(model: Model) -> Iterator[Variable]:

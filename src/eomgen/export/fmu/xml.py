@@ -13,7 +13,7 @@ from xml.etree.ElementTree import Element, SubElement
 
 from eomgen._version import __version__
 
-from .variables import TOLERANCE, UNITS, Layout, Variable
+from .variables import TOLERANCE, UNITS, Layout, Variable, exponents
 
 COMMUNICATION_STEP = 0.01  # s, proposed to who simulates
 CLOSED = (
@@ -135,9 +135,9 @@ def _common(root: Element, layout: Layout) -> None:
     variables = layout.shown.values()
     used = {variable.unit for variable in variables}
     units = SubElement(root, "UnitDefinitions")
-    for name, exponents in UNITS.items():
-        if name in used:
-            SubElement(SubElement(units, "Unit", name=name), "BaseUnit", {k: str(n) for k, n in exponents.items()})
+    for name in (*(x for x in UNITS if x in used), *sorted(used - UNITS.keys())):
+        powers = {base: str(power) for base, power in exponents(name).items()}
+        SubElement(SubElement(units, "Unit", name=name), "BaseUnit", powers)
     category, text = LOG_CATEGORY
     SubElement(SubElement(root, "LogCategories"), "Category", name=category, description=text)
     experiment = {"startTime": "0.0", "stopTime": "1.0", "stepSize": repr(COMMUNICATION_STEP)}

@@ -19,7 +19,6 @@ from eomgen.codegen.package.compile import LONG
 from eomgen.description import RobotLike, as_robot
 from eomgen.errors import InputError
 from eomgen.files import as_path, write_atomically
-from eomgen.names import listed
 from eomgen.pipeline.mechanisms import assembled_home
 from eomgen.pipeline.stages import Options, make_source
 from eomgen.progress import StageReport, no_report, tells_at_prompt
@@ -92,8 +91,8 @@ def export_wasm(
         progress: called with a line of text when a stage begins.
 
     Raises:
-        InputError: a kernel is unknown or not for JavaScript, a dtype is unknown, a model has loops or states of laws,
-            or the folder cannot be written.
+        InputError: a kernel is unknown or not for JavaScript, a dtype is unknown, a model has loops, or the folder
+            cannot be written.
         LoopError: the loops do not close near the description's home.
         BuildError: no compiler for WebAssembly, or one that fails.
     """
@@ -143,15 +142,9 @@ def make_wasm(
 def _rigid(robot: Robot, progress: StageReport) -> Source:
     """Return inverse dynamics of the rigid robot, in double precision, with function names that differ."""
     rigid = replace(robot.rigid(), name=f"{robot.name}_rigid")
-    model = build_model(rigid)
-    if model.constraints:
+    if build_model(rigid).constraints:
         raise InputError(
             f"model: {robot.name} has loops or couplings; allowed: robots without, whose drives can ask it"
-        )
-    if model.memory:
-        raise InputError(
-            f"model: {robot.name} has states of laws, {listed(model.memory)}; allowed: robots whose rigid joints have"
-            " none, as drives do not know them"
         )
     return make_source(rigid, Options(("inverse_dynamics",), batches=False), progress)
 

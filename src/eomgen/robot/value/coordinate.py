@@ -132,6 +132,18 @@ class Coordinate(Picklable):
         numbers = {key: fields[key] for key in NUMBERS if key != "curve" and fields.get(key) is not None}
         return numbers | {f"curve.{i}": force for i, (_, force) in enumerate(self.curve or ())}
 
+    def without_states(self) -> Coordinate:
+        """Return the coordinate with the friction that bristles slide with, and without other laws that have states."""
+        numbers = self.law()
+        remembering = {law.name for law in active_laws(numbers) if law.states is not None and law.states(numbers)}
+        if not remembering:
+            return self
+        friction = self.friction
+        if friction is not None and "friction" in remembering:
+            friction = replace(friction, bristle_stiffness=None, bristle_damping=None, fade=None)
+        further = {key: number for key, number in self.further.items() if key.partition(".")[0] not in remembering}
+        return replace(self, friction=friction, further=further)
+
     def unstopped(self) -> Coordinate:
         """Return the coordinate without stops."""
         others = {key: number for key, number in self.further.items() if not key.startswith("stops.")}

@@ -165,14 +165,15 @@ class Joint(Jointed):
     def rigid(self, *, loose: bool = False) -> Joint:
         """Return the joint with deviations locked, and its motor's inertia as an armature of inertia ratio^2.
 
-        Without stops: drives use this model, and do not push a joint off its stop.
+        Without stops and states of laws: drives use this model, do not push a joint off its stop, and know no bristles.
 
         loose: keep deviations without a stiffness, which loops hold: those of a universal joint, say.
         """
         keep = COORDINATES if self.type == "free" else (PRINCIPAL.get(self.type),)
         held = {name for element in self.elements.values() for name in element.held}
         locked = {k for k, v in self.coordinates.items() if v.has_stiffness or k in held or not loose}
-        kept = {k: v.unstopped() for k, v in self.coordinates.items() if k in keep or v.prescribed or k not in locked}
+        left_free = (k for k, v in self.coordinates.items() if k in keep or v.prescribed or k not in locked)
+        kept = {k: self.coordinates[k].unstopped().without_states() for k in left_free}
         if self.motor is not None:
             name = PRINCIPAL[self.type]
             principal = kept[name]
@@ -220,6 +221,6 @@ class Loop(Jointed):
     def rigid(self) -> Loop:
         """Return the loop with every coordinate that its type blocks rigid."""
         blocked = [component.name for component in CUTS[self.type]]
-        kept = {name: coordinate for name, coordinate in self.coordinates.items() if name not in blocked}
+        kept = {k: coordinate.without_states() for k, coordinate in self.coordinates.items() if k not in blocked}
         left: dict[str, Any] = elements_left(self.elements, kept)
         return replace(self, coordinates=unloaded(kept), **left)

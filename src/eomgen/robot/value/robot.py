@@ -164,7 +164,7 @@ class Robot(Picklable):
     def rigid(self) -> Robot:
         """Return the robot with deviations locked: principal and prescribed coordinates and free joints move.
 
-        Stops of joints are left out.
+        Stops of joints and states of laws are left out: friction is that with which bristles slide.
 
         Where there are loops, coordinates without a stiffness move, too: the loops hold them.
 

@@ -1,0 +1,172 @@
+"""Exports and packages of robots whose laws have states: each takes them, or says by name what becomes of them."""
+
+from __future__ import annotations
+
+import json
+import pickle
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import eomgen
+from eomgen.cli.entry import main
+from eomgen.cli.export import FORMATS
+from eomgen.codegen.arrays.sources import render_arrays
+from eomgen.export.mujoco import left_out, mjcf
+from eomgen.pipeline.stages import Options, generate
+from eomgen.robot.model import build_model
+from eomgen.robot.value import Robot
+from eomgen.runtime.levels import BASE
+from tests.support.bristles import ARM, bent, bristle_arm, bristle_linkage, linkage_text, wide
+from tests.support.builds import Build
+from tests.support.c_project import NO_EIGEN, WARNINGS, need, run
+
+ROBOTS = [bristle_arm, bristle_linkage]
+PACKAGE = """
+import json, sys
+sys.modules["eomgen"] = None
+import numpy as np
+import bristle_arm as package
+kernel, given = package.kernel, json.load(sys.stdin)
+q, v, u, z = (np.array(given[key]) for key in "qvuz")
+motion = kernel.rollout(q, v, u, 1e-4, 20, method="implicit", z=z)
+found = [kernel.forward_dynamics(q, v, u, z), kernel.memory_rates(q, v, z, u), *(x[-1] for x in (*motion, motion.z))]
+print(json.dumps([list(kernel.memory), [[x.hex() for x in array.tolist()] for array in found]]))
+"""
+PLANT = """
+#include "plant.hpp"
+#include <cstdio>
+namespace arm = eomgen::bristle_arm;
+static_assert(arm::state_names.size() == BRISTLE_ARM_MEMORY && arm::dof == BRISTLE_ARM_DOF);
+static_assert(arm::states::{first} == arm::coordinate_names.size() && arm::state_names[0] == "{name}");
+static_assert(arm::coordinate_names.size() + arm::state_names.size() == arm::dof);
+int main()
+{{
+    arm::Plant plant;
+    const arm::Plant::Numbers q{{{q}}}, v{{{v}}}, u{{{u}}};
+    plant.reset(q, v);
+    bool good = true;
+    for (int k = 0; k < 20; ++k) good = plant.step(u, 1e-4, arm::Method::implicit) && good;
+    for (const double x : plant.q()) std::printf("%a ", x);
+    for (const double x : plant.v()) std::printf("%a ", x);
+    std::printf("%d %g\\n", good, plant.v()[arm::states::{first}]);
+}}
+"""
+
+
+@pytest.mark.parametrize("make", ROBOTS)
+@pytest.mark.parametrize("name", FORMATS)
+def test_every_format_is_written(
+    name: str, make: Callable[[], Robot], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    if name == "wasm":
+        pytest.importorskip("ziglang", reason="the compiler for WebAssembly is not installed")
+    path = tmp_path / "robot.toml"
+    path.write_text(ARM if make is bristle_arm else linkage_text(), encoding="utf-8")
+    more = {"mjcf": ["--approximate"], "fmu": ["--fmi", "3", "--method", "implicit"], "wasm": ["--kernels", "energy"]}
+    assert main(["export", str(path), f"--{name}", "-o", str(tmp_path / "out"), *more.get(name, [])]) == 0
+    assert any((tmp_path / "out").iterdir())
+    if name == "mjcf":
+        assert capsys.readouterr().err.count("without bristles") == 2
+        assert main(["export", str(path), "--mjcf", "-o", str(tmp_path / "refused")]) == 1
+        assert "without bristles" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("make", ROBOTS)
+def test_models_of_mujoco_have_coulomb_friction_in_their_place(make: Callable[[], Robot]) -> None:
+    robot = make()
+    notes = [note.split(":")[0].removeprefix("joints.") for note in left_out(robot) if "bristles" in note]
+    assert notes == [f"{owner}.{law}" for owner, law, _ in build_model(robot).states]
+    text = mjcf(robot, 1e-4, approximate=True)
+    assert text.count('frictionloss="0.3"') == 2
+
+
+@pytest.mark.parametrize("make", ROBOTS)
+def test_python_on_arrays_has_the_kernels_numbers(make: Callable[[], Robot], built: Build) -> None:
+    robot, module = make(), dict[str, Any]()
+    kernel = built(robot, "forward_dynamics", "energy", "rollout")
+    exec(render_arrays(build_model(robot), ("forward_dynamics", "energy")), module)
+    assert tuple(module["STATES"]) == kernel.memory
+    functions, (q, v, u, z) = module["make"](np), bent(kernel)
+    if robot.is_closed:
+        q, v = kernel.home[: q.size], 0.0 * v
+    Q, V, U = wide(kernel, q, v, u, z)
+    np.testing.assert_allclose(
+        functions.forward_dynamics(Q, V, U), kernel.forward_dynamics(Q, V, U), rtol=1e-12, atol=1e-12
+    )
+    np.testing.assert_allclose(functions.energy(Q, V), kernel.energy(Q, V), rtol=1e-12)
+    if not robot.is_closed:
+        found = functions.rollout(Q, V, U, 1e-4, 10)
+        motion = kernel.rollout(q, v, u, 1e-4, 10, z=z)
+        np.testing.assert_allclose(found[1][:, q.size :], motion.z, rtol=1e-12)
+        np.testing.assert_allclose(found[0][:, : q.size], motion[0], rtol=1e-12, atol=1e-15)
+
+
+@pytest.fixture(scope="module")
+def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The arm's generated package with its headers and its package of ROS 2."""
+    options = Options(("forward_dynamics", "energy", "rollout"), level=BASE)
+    return generate(bristle_arm(), tmp_path_factory.mktemp("generated"), options, ros2=True)
+
+
+def test_packages_have_states_with_numpy_and_cffi_alone(package: Path) -> None:
+    """Their names, their rates, rollouts with them: the bits of a kernel that was built here."""
+    kernel = eomgen.build(bristle_arm(), kernels=("forward_dynamics", "energy", "rollout"))
+    q, v, u, z = bent(kernel)
+    given = json.dumps(dict(zip("qvuz", (x.tolist() for x in (q, v, u, z)), strict=True)))
+    command = [sys.executable, "-c", PACKAGE]
+    found = subprocess.run(command, input=given, cwd=package.parent, capture_output=True, text=True, check=False)
+    assert found.returncode == 0, found.stderr
+    memory, arrays = json.loads(found.stdout)
+    assert tuple(memory) == kernel.memory
+    motion = kernel.rollout(q, v, u, 1e-4, 20, method="implicit", z=z)
+    wanted = [
+        kernel.forward_dynamics(q, v, u, z),
+        kernel.memory_rates(q, v, z, u),
+        motion[0][-1],
+        motion[1][-1],
+        motion.z[-1],
+    ]
+    for numbers, array in zip(arrays, wanted, strict=True):
+        assert [float.fromhex(x) for x in numbers] == array.tolist()
+    again = pickle.loads(pickle.dumps(kernel))
+    assert again.memory == kernel.memory
+    assert (again.memory_rates(q, v, z, u) == kernel.memory_rates(q, v, z, u)).all()
+
+
+def test_headers_name_states_and_plants_move_with_them(package: Path, tmp_path: Path) -> None:
+    """In C++: places by name, and the rollout of Python to the bit; the component takes z beside q."""
+    need("gcc", "g++")
+    kernel = eomgen.build(bristle_arm(), kernels=("forward_dynamics", "energy", "rollout"))
+    Q, V, U = wide(kernel, *bent(kernel))
+    numbers = {key: ", ".join(x.hex() for x in array.tolist()) for key, array in zip("qvu", (Q, V, U), strict=True)}
+    first = kernel.memory[0]
+    (tmp_path / "main.cpp").write_text(PLANT.format(first=first.replace(".", "_"), name=first, **numbers))
+    (tmp_path / "include").mkdir()
+    (tmp_path / "include/eomgen").symlink_to(package)
+    plain = ("-std=c99", "-O2", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math")
+    run("gcc", *plain, *WARNINGS, "-c", package / "bristle_arm.c", "-o", tmp_path / "kernel.o")
+    places = ("-I", tmp_path / "include", "-I", package / "ros2")
+    made = tmp_path / "main"
+    sources = (tmp_path / "main.cpp", tmp_path / "kernel.o")
+    run("g++", "-std=c++17", *WARNINGS, NO_EIGEN, *places, *sources, "-o", made, "-lm")
+    *found, good, z = run(made).split()
+    q, v = kernel.rollout(Q, V, U, 1e-4, 20, method="implicit")
+    np.testing.assert_array_equal([float.fromhex(x) for x in found], np.r_[q[-1], v[-1]])
+    assert good == "1"
+    assert float(z) == pytest.approx(v[-1, len(kernel.coordinates)], rel=1e-5)
+    header = (package / "bristle_arm.h").read_text(encoding="ascii")
+    for place, name in enumerate(kernel.velocities):
+        assert f" *   {place:3d}  {name}\n" in header
+    names = (package / "bristle_arm_names.h").read_text(encoding="ascii")
+    assert f"BRISTLE_ARM_STATE_{first.replace('.', '_')} = {len(kernel.coordinates)}" in names
+    mex = (package / "bristle_arm_mex.c").read_text(encoding="ascii")
+    assert f'"{first}",' in mex and 'strcmp(name, "states")' in mex  # noqa: PT018
+    component = (package / "ros2" / "component.cpp").read_text(encoding="ascii")
+    assert 'declare_parameter<std::vector<double>>("z"' in component
+    assert "resize(dof)" not in component
