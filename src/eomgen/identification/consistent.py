@@ -215,11 +215,14 @@ def _motor(motor: Motor, values: Mapping[str, float]) -> Motor:
 def _friction(old: Friction, values: Mapping[str, float], viscous: float | None) -> Friction:
     """Return identified Coulomb friction in the place of an old one, with Stribeck's where that was identified."""
     coulomb = values.get("dry", old.coulomb)
+    bristles = {key: getattr(old, key) for key in ("bristle_stiffness", "bristle_damping", "fade")}
     if "breakaway" not in values:
+        if old.bristle_stiffness is not None:
+            return Friction(coulomb=coulomb, viscous=viscous, **bristles)
         return Friction(coulomb=coulomb, viscous=viscous, smoothing=old.smoothing)
     static, shape = coulomb + values["breakaway"], "gaussian" if "gaussian" in values else None
     rate = values["gaussian"] if shape else values["stribeck"]
-    return Friction(coulomb=coulomb, static=static, stribeck=rate, viscous=viscous, shape=shape)
+    return Friction(coulomb=coulomb, static=static, stribeck=rate, viscous=viscous, shape=shape, **bristles)
 
 
 def _coordinate(coordinate: Coordinate, values: Mapping[str, float]) -> Coordinate:

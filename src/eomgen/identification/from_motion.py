@@ -38,6 +38,7 @@ from ..state.springs import law_numbers
 from ..state.turning import quaternion_columns
 from ..tabular import Rows, TableColumn, Tabular
 from .closed_motions import closed_motion
+from .relations import refuse_memory
 from .rotating import rotation_derivatives
 from .stiffness.result import KEYS
 
@@ -257,13 +258,15 @@ def forces(
             are ``cut_laws``; built if None.  Its parameters count.
 
     Raises:
-        InputError: the file or an argument cannot be used, or a motion leaves a mechanism's coordinates open.
+        InputError: the file or an argument cannot be used, a motion leaves a mechanism's coordinates open, or laws have
+            states, which are not measured.
         LoopError: loops do not close near a sample, or the drives cannot make the motion.
     """
     robot = as_robot(robot)
     if kernel is None:
         names = ("inverse_dynamics", "reactions", *mechanism_kernels(robot), *_cut_kernels(robot))
         kernel = build(robot, kernels=names, progress=progress or (lambda _: None))
+    refuse_memory(kernel, "robots without, as robot.without_states() is")
     motion = measured_motion(robot.name, motion, kernel.coordinates)
     _refuse_transmissions(kernel, motion)
     model = build_model(robot)

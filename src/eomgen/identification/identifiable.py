@@ -21,7 +21,7 @@ from ..pipeline.stages import build
 from ..results.contents import Contents
 from ..runtime.kernel import Kernel
 from ..shown import Shown
-from .relations import Relations, refuse_followers, relations_of, tree_relations
+from .relations import Relations, refuse_followers, refuse_memory, relations_of, tree_relations
 
 TERMS = ("links", "rotors", "viscous", "dry", "offset")
 LINKS, ROTORS, FRICTION, TRANSMISSIONS = TERMS[0], TERMS[1], TERMS[2:], "transmissions"
@@ -152,15 +152,17 @@ def base_parameters(
             rate), "dry" (times the sign of its rate) and "offset" (a constant force); "transmissions" (stiffness and
             damping between motors and their joints).
         static: whether the robot stands still in every sample.
-        kernel: of that robot, with its regressor; built if None.  Its parameters count, gravity among them.
+        kernel: of that robot, ``without_states``, with its regressor; built if None.  Its parameters count, gravity
+            among them.
         known: names of links whose parameters are known, and not among those of "links".
 
     Raises:
         InputError: terms that there are not, or whose effect no motion shows.
     """
     robot = as_robot(robot).with_constraints()
-    kernel = kernel or build(robot, kernels=("regressor",))
+    kernel = kernel or build(robot.without_states(), kernels=("regressor",))
     refuse_followers(kernel)
+    refuse_memory(kernel, "a kernel of robot.without_states()")
     is_tree = bool(robot.loops) or any(coupling.law is not None for coupling in robot.couplings)
     relations = (tree_relations if is_tree else relations_of)(robot, known)
     everything = np.ones(len(relations.free), dtype=np.bool_)

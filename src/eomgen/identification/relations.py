@@ -16,6 +16,7 @@ from ..arrays import Array, Mask
 from ..errors import InputError
 from ..motion.files import MeasuredMotion
 from ..names import joint_of, listed, nearest, show
+from ..robot.coordinates import owners_of
 from ..robot.model import Model, build_model
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
@@ -81,6 +82,12 @@ def refuse_followers(kernel: Kernel) -> None:
             f"kernel: {listed(kernel.follower_names)} of {kernel.name} is no coordinate of it; allowed: a kernel of"
             " robot.with_constraints()"
         )
+
+
+def refuse_memory(kernel: Kernel, allowed: str) -> None:
+    """Raise InputError where laws of a kernel have states, which nobody has measured; with what is allowed."""
+    if kernel.memory:
+        raise InputError(f"{kernel.name}: laws of {listed(owners_of(kernel.memory))} have states; allowed: {allowed}")
 
 
 def relations_of(robot: Robot, known: Collection[str] = ()) -> Relations:

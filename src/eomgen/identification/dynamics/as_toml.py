@@ -12,6 +12,7 @@ from ...errors import DescriptionError
 from ...files import check_ending
 from ...forms.toml_text import parse_toml
 from ...names import joint_of, kind_of, split_component
+from ...robot.law_states import LUGRE
 from ...robot.value import INERTIA_KEYS, MOTOR, Joint, Link, Robot
 from ..calibration.as_toml import block_of, body_of, headed, numbers_text, replace_line, unwritable, write_compared
 
@@ -135,6 +136,8 @@ def _numbers(joint: Joint, kind: str, keys: set[str]) -> dict[str, Any]:
         )
     if keys & {"dry", "viscous"}:
         plain = None if friction is None else {key: value for key, value in vars(friction).items() if value is not None}
+        if plain is not None and friction is not None and friction.bristle_stiffness is not None:
+            plain = {"model": LUGRE, **plain}
         law["friction"] = plain
     return law
 

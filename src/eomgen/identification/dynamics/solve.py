@@ -32,7 +32,7 @@ from ...runtime.kernel import Kernel
 from ..consistent import doubt, nearest_bodies, with_parameters
 from ..estimating import HALF_WIDTHS, even_step
 from ..identifiable import LINEAR, TERMS, TRANSMISSIONS, BaseParameters, combinations, parameter_names
-from ..relations import Relations, anchored, completed, refuse_followers, relations_of
+from ..relations import Relations, anchored, completed, refuse_followers, refuse_memory, relations_of
 from .further import FURTHER, GAINS, GAUSSIAN, SHAPES, STRIBECK, Sought, further_doubts
 from .regression import Data, Solution, best_of, shaped
 from .result import IdentifyResult
@@ -64,7 +64,8 @@ def identify(  # noqa: PLR0913
     Geometry and gravity are the description's, and so are springs and all other laws of coordinates but for those that
     are sought: damping, Coulomb friction and preload of coordinates with a drive or in a rigid coupling.  The motion
     has samples at equal distances in time; coordinates that couplings make of measured ones need not be in it.  Forces
-    are known where a drive is in the motion, and are 0 at measured coordinates without a drive.
+    are known where a drive is in the motion, and are 0 at measured coordinates without a drive.  Friction with bristles
+    counts as it slides, and keeps them.
 
     Args:
         robot: a Robot, the name of a built-in one, or the path of a description.
@@ -98,6 +99,8 @@ def identify(  # noqa: PLR0913
         bare = without_sought(robot, terms)
         kernel = build(bare, kernels=("regressor", "inverse_dynamics"), progress=progress or (lambda _: None))
     refuse_followers(kernel)
+    such = "those of friction at drives, with the term dry; fit finds numbers of all laws with states"
+    refuse_memory(kernel, such)
     if TRANSMISSIONS in linear:
         relations = anchored(relations)
     parameter_names(kernel, linear, relations)
@@ -119,7 +122,7 @@ def identify(  # noqa: PLR0913
     if len(shown) < len(base):
         data.base = shown
     width = best_of(data, widths).half
-    asked = _further(data, terms, shape or "")
+    asked = _further(data, terms, _shape(described, shape))
     (data, best, sought, state), more, curves = shaped(data, asked, width)
     warnings += more
     drawn = _described(robot, kernel, shown)
@@ -194,6 +197,16 @@ def _check_transmissions(relations: Relations, motion: MeasuredMotion) -> None:
                 f"{motion.source}: transmissions: there is no column {missing[0]}; allowed: columns of both"
                 f" {motion.coordinates[rotor]} and {motion.coordinates[joint]}, the angle of the shaft and the joint's"
             )
+
+
+def _shape(robot: Robot, shape: str | None) -> str:
+    """Return the shape of Stribeck's curve, "" for the better one; bristles slide by a Gaussian one alone."""
+    frictions = [coordinate.friction for joint in robot.joints for coordinate in joint.all_coordinates.values()]
+    if not any(friction is not None and friction.bristle_stiffness is not None for friction in frictions):
+        return shape or ""
+    if shape not in (None, GAUSSIAN):
+        raise InputError(f"shape: {show(shape)}; allowed: {GAUSSIAN}, of friction with bristles")
+    return GAUSSIAN
 
 
 def _further(data: Data, terms: Sequence[str], shape: str) -> Sought:

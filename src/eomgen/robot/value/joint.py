@@ -86,6 +86,12 @@ class Motor(Picklable):
             limits=self.limits,
         )
 
+    def without_states(self) -> Motor:
+        """Return the motor as ``Coordinate.without_states`` leaves its rotor and transmission."""
+        rotor = self.rotor.without_states()
+        transmission = self.transmission.without_states()
+        return replace(self, transmission=transmission, friction=rotor.friction, further=rotor.further)
+
     def numbers(self) -> dict[str, float | None]:
         """Return numbers by the names of parameters: "inertia", "stiffness", "friction.coulomb"; None where not set."""
         drive = {"inertia": self.inertia, "ratio": self.ratio}
@@ -161,6 +167,14 @@ class Joint(Jointed):
     def range(self) -> tuple[float, float]:
         """Lower and upper limit of the principal coordinate, m or rad; infinite where there is none."""
         return self.limits_of(PRINCIPAL.get(self.type, "")).range
+
+    def without_states(self) -> Joint:
+        """Return the joint without laws that have states, or as it is."""
+        coordinates = {name: coordinate.without_states() for name, coordinate in self.coordinates.items()}
+        motor = None if self.motor is None else self.motor.without_states()
+        if coordinates == self.coordinates and motor == self.motor:
+            return self
+        return replace(self, coordinates=coordinates, motor=motor)
 
     def rigid(self, *, loose: bool = False) -> Joint:
         """Return the joint with deviations locked, and its motor's inertia as an armature of inertia ratio^2.

@@ -161,6 +161,16 @@ class Robot(Picklable):
         return replace(self, couplings=couplings) if self.followers else self
 
     @kept
+    def without_states(self) -> Robot:
+        """Return the robot without laws that have states; friction with bristles slides as at steady velocities."""
+        joints = [joint.without_states() for joint in self.joints]
+        if all(new is old for new, old in zip(joints, self.joints, strict=True)):
+            return self
+        made = replace(self, joints=tuple(joints))
+        left = {name for name, _ in made.numbers()}
+        return replace(made, tunable=tuple(name for name in self.tunable if name in left))
+
+    @kept
     def rigid(self) -> Robot:
         """Return the robot with deviations locked: principal and prescribed coordinates and free joints move.
 
