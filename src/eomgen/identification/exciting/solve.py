@@ -184,8 +184,8 @@ def excite(  # noqa: PLR0913
 
 
 def moving_robot(robot: Robot) -> Robot:
-    """Return the robot whose equations the search takes: rigid, without states of laws and Coulomb friction."""
-    return without_sought(robot.rigid().without_states(), ("dry",))
+    """Return the robot whose equations the search takes: rigid, and without Coulomb friction."""
+    return without_sought(robot.rigid(), ("dry",))
 
 
 def moving_coordinates(robot: Robot) -> tuple[str, ...]:
@@ -354,7 +354,7 @@ def _limited(search: Search, rubbing: Array, x: Array) -> dict[str, Any]:
 
 def _drives(robot: Robot, kernel: Kernel, course: Course) -> Array:
     """Return drives of a motion, Coulomb friction included, (T, n)."""
-    rigid = replace(robot.rigid().without_states(), tunable=())
+    rigid = replace(robot.rigid(), tunable=())
     if rigid == replace(moving_robot(robot), tunable=()):
         return np.asarray(kernel.inverse_dynamics(*course))
     return np.asarray(build(rigid, kernels=("inverse_dynamics",)).inverse_dynamics(*course))

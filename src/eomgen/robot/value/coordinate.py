@@ -63,12 +63,6 @@ class Friction:
             fields |= {"stribeck": fields.pop(GAUSSIAN), "shape": GAUSSIAN}
         return cls(**fields)
 
-    def sliding(self) -> Friction:
-        """Return it without bristles: friction that depends on the velocity alone, as it is at steady ones."""
-        if self.bristle_stiffness is None:
-            return self
-        return replace(self, bristle_stiffness=None, bristle_damping=None, fade=None)
-
     def numbers(self) -> dict[str, float]:
         """Return the numbers that are set, by their names: "friction.coulomb"; stribeck has its curve's name."""
         names = {"stribeck": self.shape or "stribeck"}
@@ -154,19 +148,6 @@ class Coordinate(Picklable):
         """Return the coordinate without stops."""
         others = {key: number for key, number in self.further.items() if not key.startswith("stops.")}
         return self if len(others) == len(self.further) else replace(self, further=others)
-
-    def without_states(self) -> Coordinate:
-        """Return the coordinate without laws that have states; of friction with bristles its sliding friction stays."""
-        law = self.law()
-        gone = {
-            number.key
-            for one in active_laws(law)
-            if one.name != "friction" and one.states and one.states(law)
-            for number in one.numbers
-        }
-        friction = None if self.friction is None else self.friction.sliding()
-        further = {key: number for key, number in self.further.items() if key not in gone}
-        return replace(self, friction=friction, further=further)
 
     def with_numbers(self, numbers: Mapping[str, float]) -> Coordinate:
         """Return the coordinate with these numbers, by the names of ``law`` or "stiffness", in place of the old ones.
