@@ -15,6 +15,7 @@ from ..arrays import RANK, Array, Mask
 from ..errors import IntegrationError
 from ..runtime.kernel import Kernel
 from ..shown import Shown
+from ..state.vectors import at_rest_with
 from .holding import Fixation, notes_of_play
 from .tangent_system import LinearSystem, MotionState, Tangent, load_force, moving_basis, reduced, tangent
 
@@ -33,7 +34,7 @@ class RestState(Shown):
     """A static equilibrium.
 
     Attributes:
-        q: coordinates, (n,).
+        q: coordinates, (n,), n the kernel's: with room for states of laws behind them.
         u: forces that hold it, (n,), N or N m: of drives, and of what is held.
         multipliers: of the loops' constraint, (constraints,).
         tangent: derivatives there, gains of drives not among them.
@@ -55,7 +56,7 @@ def rest(
     *,
     sagging: bool = False,
 ) -> RestState:
-    """Return the static equilibrium near q, (n,).
+    """Return the static equilibrium near q, (n,); states of laws stay as ``fixation.z`` has them.
 
     Args:
         kernel: float64, with the kernels of ``options.KERNELS`` and ``mechanism_kernels``.
@@ -68,16 +69,18 @@ def rest(
         IntegrationError: there is none near q; names the coordinate that stays out of balance.
         LoopError: loops do not close near q.
     """
-    loads, zero = loads or {}, np.zeros(kernel.n)
+    loads, zero, rates = loads or {}, np.zeros(kernel.n), at_rest_with(kernel, fixation.z)
     target, springs = q.copy(), fixation.kp if sagging else zero
     still = fixation.still & ~(fixation.driven & (springs > 0.0))
     q = closed(kernel, q, still)
     inertia = np.maximum(np.diagonal(kernel.residual_jacobian(q, zero, zero)[2]), 1e-12)
     tau, before = FIRST, np.inf
     for _ in range(STEPS):
-        force = kernel.inverse_dynamics(q, zero, zero, cut=True) - load_force(kernel, q, loads) + springs * (q - target)
+        force = (
+            kernel.inverse_dynamics(q, rates, zero, cut=True) - load_force(kernel, q, loads) + springs * (q - target)
+        )
         multipliers, closing = _constraint(kernel, q, force, still)
-        slopes = tangent(kernel, q, zero, zero, loads, multipliers)
+        slopes = tangent(kernel, q, rates, zero, loads, multipliers)
         basis, _ = moving_basis(kernel, q, ~still)
         K = slopes.K + np.diag(springs)
         change = closing
@@ -89,7 +92,7 @@ def rest(
         imbalance = float(np.linalg.norm((basis.T @ force) / np.sqrt(basis.T**2 @ inertia)))
         small = (np.abs(change) <= SMALL * size + POSE * max(1.0, np.abs(q).max())).all()
         if small and (tau > 1.0 or imbalance == before):
-            return _rest_state(kernel, q + change, target, springs, still, loads)
+            return _rest_state(kernel, (q + change, rates), target, springs, still, loads)
         q = q + change * min(1.0, LONGEST / max(float(np.abs(change).max()), 1e-300))
         tau = min(tau * (GROWTH if imbalance <= before else 0.5), LAST)
         before = imbalance
@@ -111,21 +114,27 @@ def closed(kernel: Kernel, q: Array, still: Mask) -> Array:
     """
     if not kernel.constraints:
         return np.array(q)
-    names = [name for name, stays in zip(kernel.coordinates, still, strict=True) if stays]
+    names = [name for name, stays in zip(kernel.coordinates, still[: len(kernel.coordinates)], strict=True) if stays]
     if np.abs(kernel.constraint(q)).max() <= ROUND_OFF:
         names = []
     return np.asarray(kernel.assemble(q, held=names))
 
 
 def _rest_state(
-    kernel: Kernel, q: Array, target: Array, springs: Array, still: Mask, loads: Mapping[str, Array]
+    kernel: Kernel,
+    state: tuple[Array, Array],
+    target: Array,
+    springs: Array,
+    still: Mask,
+    loads: Mapping[str, Array],
 ) -> RestState:
-    zero = np.zeros(kernel.n)
-    needed = kernel.inverse_dynamics(q, zero, zero, cut=True) - load_force(kernel, q, loads)
+    (q, rates), zero = state, np.zeros(kernel.n)
+    needed = kernel.inverse_dynamics(q, rates, zero, cut=True) - load_force(kernel, q, loads)
     multipliers, _ = _constraint(kernel, q, needed + springs * (q - target), still)
     reaction = kernel.constraint_jacobian(q).T @ multipliers if kernel.constraints else zero
     u = np.where(still, needed - reaction, -springs * (q - target))
-    slopes = tangent(kernel, q, zero, zero, loads, multipliers)
+    u[len(kernel.coordinates) :] = 0.0  # nothing drives states of laws
+    slopes = tangent(kernel, q, rates, zero, loads, multipliers)
     notes = notes_of_play(kernel, q)
     basis, independent = moving_basis(kernel, q, ~still)
     if independent:
@@ -177,5 +186,5 @@ def system_at_rest(
 ) -> tuple[LinearSystem, RestState]:
     """Return the linear system about the static equilibrium near q, and that; arguments and errors as of ``rest``."""
     state, zero = rest(kernel, q, fixation, loads), np.zeros(kernel.n)
-    still = MotionState(state.q, zero, zero, state.u)
+    still = MotionState(state.q, at_rest_with(kernel, fixation.z), zero, state.u)
     return reduced(kernel, still, state.tangent, fixation, state.notes), state

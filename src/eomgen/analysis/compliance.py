@@ -136,7 +136,7 @@ def compliance_map(
     driven = {names[model.motors.get(i, i)] for i in model.driven}  # joints, where motors are behind gears
     limits = limits_beside(robot, rigid.coordinates, driven, q0[index])
     shape = places.shape[:2]
-    q, deflected, matrix = (np.full((*shape, *size), np.nan) for size in ((kernel.n,), (6,), (6, 6)))
+    q, deflected, matrix = (np.full((*shape, *size), np.nan) for size in ((len(kernel.coordinates),), (6,), (6, 6)))
     guess, notes, unbalanced = q0, dict[str, None](), 0
     for count, (i, j) in enumerate(_serpentine(shape)):
         report(count / (shape[0] * shape[1]), "compliance")

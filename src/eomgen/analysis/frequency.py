@@ -168,7 +168,7 @@ def response(
     kernel = arm.kernel
     system, _ = system_at_rest(kernel, arm.coordinates(pose), arm.fixation, arm.loads)
     warn_of(system.notes)
-    forces = system.basis.T @ input_matrix(kernel, system.q, inputs, arm.fixation)
+    forces = input_matrix(kernel, system.q, inputs, arm.fixation)
     rows = output_matrices(kernel, system.q, system.v, outputs)[0] @ system.basis
     H = _solved(system, forces, rows, hertz)
     H *= {"displacement": 1.0, "velocity": 2j * np.pi, "acceleration": -4.0 * np.pi**2}[kind] * np.power(
@@ -182,7 +182,7 @@ def response(
         outputs=tuple(outputs),
         kind=kind,
         coordinates=kernel.coordinates,
-        q=system.q,
+        q=system.q[: len(kernel.coordinates)],
         notes=system.notes,
     )
 
@@ -257,19 +257,33 @@ def transfer_function(A: Array, B: Array, C: Array, D: Array, hertz: Array) -> C
     return H
 
 
-def _solved(system: LinearSystem, forces: Array, rows: Array, hertz: Array) -> Complex:
-    """Return rows Z^-1 forces at all frequencies, rows and columns of Z scaled to one size."""
+def _solved(system: LinearSystem, whole: Array, rows: Array, hertz: Array) -> Complex:
+    """Return rows Z^-1 forces at all frequencies, rows and columns of Z scaled to one size; ``whole`` (kernel.n, ...).
+
+    States of laws stand behind the coordinates; those that stick, and that no input drives, hold as springs.
+    """
+    forces = system.basis.T @ whole
     if not system.independent:
         return np.zeros((len(hertz), len(rows), forces.shape[1]), dtype=np.complex128)
+    system = system.condensed(system.memory.stick & ~system.memory.rates_by(whole).any(axis=1))
+    memory, driven = system.memory, system.memory.rates_by(whole)
     size = 1.0 / np.sqrt(np.diagonal(system.M))
     M, D, K = (matrix * np.outer(size, size) for matrix in (system.M, system.D, system.K))
+    heft, largest = np.sqrt(memory.inertia), float(np.linalg.norm(K, 2))
+    speed = np.sqrt(largest) or 1.0  # by which states of laws are as large as coordinates
+    right = np.vstack([size[:, np.newaxis] * forces, heft[:, np.newaxis] * driven])
     result = np.empty((len(hertz), len(rows), forces.shape[1]), dtype=np.complex128)
     for k, w in enumerate(2.0 * np.pi * hertz):
         Z = K - w * w * M + 1j * w * D
+        if memory.names:
+            acts = memory.acts * np.outer(size, speed / heft)
+            led = (memory.by_q + 1j * w * memory.by_v) * np.outer(heft, size)
+            own = (1j * w * np.eye(len(heft)) - memory.by_z) * np.outer(heft, speed / heft)
+            Z = np.block([[Z, acts], [-led, own]])
         values = np.linalg.svd(Z, compute_uv=False)
-        if values[-1] <= ROUND_OFF * len(Z) * max(values[0], float(np.linalg.norm(K, 2))):
+        if values[-1] <= ROUND_OFF * len(Z) * max(values[0], largest):
             raise InputError(
                 f"response: infinite at {hertz[k]:g} Hz (a rigid-body or undamped mode); allowed: other frequencies"
             )
-        result[k] = (rows * size) @ np.linalg.solve(Z, size[:, np.newaxis] * forces)
+        result[k] = (rows * size) @ np.linalg.solve(Z, right)[: len(size)]
     return result

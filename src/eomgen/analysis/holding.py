@@ -11,6 +11,7 @@ from ..arrays import Array, Mask
 from ..errors import ArrayError, InputError, UnknownNameError
 from ..motion.ends import default_motion
 from ..names import joint_of, show
+from ..robot.coordinates import owners_of
 from ..robot.laws import LAWS, has_springs
 from ..robot.model import build_model, rigid_coordinates
 from ..robot.value import Robot
@@ -19,6 +20,8 @@ from ..state.elements import cut_matrices, joint_stiffness
 from ..state.journals import cut_contacts, cut_deviations, journal_contacts
 from ..state.motors import acting, deflections, turn_motors
 from ..state.springs import clearances, cut_numbers, journals_in_play, law_numbers
+from ..state.vectors import StatesLike, memory_vector
+from .law_states import kept_note
 
 PoseLike = Mapping[str, float] | Sequence[float] | Array
 Gains = float | Mapping[str, float]
@@ -31,12 +34,15 @@ SPRINGS = ("stiffness", *(law.first for law in LAWS.values() if law.is_spring))
 class Fixation:
     """Fixed coordinates of an analysis, and the gains of drives.
 
+    Arrays are of the length n of the kernel's: states of laws behind the coordinates are still and locked.
+
     Attributes:
         drives: "locked", "free" or "pd".
         still: coordinates that stay at the pose while the others come to rest, (n,).
         locked: those that do not move about the state either, (n,).
         driven: coordinates that drives move, (n,).
         kp, kd: gains that drives add to K and D, (n,), N/m, N m/rad and per rate; 0 where there is none.
+        z: states of laws at the state, (memory,).
         notes: lines about what was assumed.
     """
 
@@ -46,6 +52,7 @@ class Fixation:
     driven: Mask
     kp: Array
     kd: Array
+    z: Array
     notes: tuple[str, ...]
 
 
@@ -57,6 +64,7 @@ def fixation_of(
     kp: Gains | None = None,
     kd: Gains | None = None,
     held: Iterable[str] | None = None,
+    z: StatesLike | None = None,
 ) -> Fixation:
     """Return which coordinates an analysis holds fixed, and its drives' gains.
 
@@ -71,21 +79,23 @@ def fixation_of(
         kp, kd: gains of "pd": a number for all driven coordinates, or by their names; kd is 0 by default.
         held: names of the coordinates that stay at the state and, if drives are "locked", about it; instead of the
             above.
+        z: states of laws, (memory,), or by name; 0 by default.
 
     Raises:
-        InputError: an option is unknown, a gain missing or negative.
-        UnknownNameError: a name is no coordinate.
+        InputError: an option is unknown, a gain missing or negative, or there is no law with a state.
+        UnknownNameError: a name is no coordinate, or no state.
     """
     if drives not in DRIVES:
         raise InputError(f"drives: {drives!r} is unknown; allowed: {', '.join(DRIVES)}")
-    model, names = build_model(robot), kernel.coordinates
-    driven, prescribed = _mask(names, model.driven), _mask(names, model.prescribed)
+    model, names = build_model(robot), kernel.velocities
+    driven, memory = _mask(names, model.driven), np.isin(names, kernel.memory)
+    prescribed = _mask(names, model.prescribed) | memory
     notes: list[str] = []
     if held is not None:
         chosen = list(held)
         for name in chosen:
-            if name not in names:
-                raise UnknownNameError(f"held: {show(str(name))} is unknown; known: {', '.join(names)}")
+            if name not in kernel.coordinates:
+                raise UnknownNameError(f"held: {show(str(name))} is unknown; known: {', '.join(kernel.coordinates)}")
         still = prescribed | np.array([name in chosen for name in names])
         locked = still.copy()
     else:
@@ -102,7 +112,12 @@ def fixation_of(
         gains = np.zeros(kernel.n), np.zeros(kernel.n)
     if drives != "locked":
         locked = prescribed
-    return Fixation(drives, still, locked, driven, *gains, tuple(notes))
+    states = memory_vector(kernel, z)
+    locked_names = set(np.array(names)[locked].tolist())
+    places = [k for k, name in enumerate(kernel.memory) if owners_of([name])[0] not in locked_names]
+    if places:
+        notes.append(kept_note([kernel.memory[k] for k in places], states[places]))
+    return Fixation(drives, still, locked, driven, *gains, states, tuple(notes))
 
 
 def pose_of(robot: Robot, kernel: Kernel, pose: PoseLike | None) -> Array:
@@ -131,15 +146,15 @@ def pose_of(robot: Robot, kernel: Kernel, pose: PoseLike | None) -> Array:
         turn_motors(kernel, q, robot.home if pose is None else pose)
         return q
     values = np.atleast_1d(np.asarray(pose, dtype=object))
-    where = model.principal if values.shape == (len(model.principal),) else range(kernel.n)
+    where = model.principal if values.shape == (len(model.principal),) else range(len(names))
     if values.shape != (len(where),):
         raise ArrayError(
             f"pose: expected {len(model.principal)} numbers ({', '.join(names[i] for i in model.principal)}) or one"
-            f" for each of the {kernel.n} coordinates, got {np.size(values)}"
+            f" for each of the {len(names)} coordinates, got {np.size(values)}"
         )
     for i, value in zip(where, values, strict=True):
         q[i] = _number(f"pose: {names[i]}", value)
-    turn_motors(kernel, q, names if len(values) == kernel.n else ())
+    turn_motors(kernel, q, names if len(values) == len(names) else ())
     return q
 
 
@@ -188,7 +203,7 @@ def _loose(kernel: Kernel) -> Mask:
         name in kernel.knots or any(law.get(key) for key in SPRINGS) for name, law in law_numbers(kernel).items()
     ]
     held = np.array(elastic[: kernel.n]) | kernel.follower_matrix()[0][np.array(elastic[kernel.n :], bool)].any(axis=0)
-    held |= _mask(kernel.coordinates, map(kernel.coordinates.index, kernel.motors.values()))
+    held |= _mask(kernel.velocities, map(kernel.coordinates.index, kernel.motors.values()))
     held |= np.diagonal(joint_stiffness(kernel)) > 0.0
     if kernel.springs:
         anywhere = 0.3 + 0.1 * np.arange(kernel.n)
@@ -228,7 +243,7 @@ def _mask(names: tuple[str, ...], places: Iterable[int]) -> Mask:
 
 def _gains(label: str, value: Gains | None, kernel: Kernel, driven: Mask) -> Array:
     """Return a gain for every driven coordinate, 0 for the others."""
-    names = [name for name, drives in zip(kernel.coordinates, driven, strict=True) if drives]
+    names = [name for name, drives in zip(kernel.velocities, driven, strict=True) if drives]
     if value is None:
         raise InputError(f"{label}: drives 'pd' need it; allowed: a number, or numbers by names of {', '.join(names)}")
     table = value if isinstance(value, Mapping) else dict.fromkeys(names, value)

@@ -16,6 +16,7 @@ from ..runtime.loop_errors import left_open
 from ..state.vectors import state_vector
 from .at_rest import closed
 from .holding import notes_of_play
+from .law_states import state_rates
 from .options import HeldRobot
 from .tangent_system import LinearSystem, MotionState, constraint_hessian, load_force, moving_basis, reduced, tangent
 
@@ -28,7 +29,7 @@ def moving_system(arm: HeldRobot, q: Array, v: ArrayLike, a: ArrayLike | None, u
     Args:
         arm: the robot.
         q: coordinates, (n,); loops are closed near them, what is still stays.
-        v: rates, (n,).
+        v: rates of coordinates, (n,).
         a, u: accelerations or drives, (n,); one of them.
 
     Raises:
@@ -39,8 +40,9 @@ def moving_system(arm: HeldRobot, q: Array, v: ArrayLike, a: ArrayLike | None, u
     if driving is None or (a is not None and u is not None):
         raise InputError("a and u: a motion is set by one of them; allowed: v and a, or v and u")
     kernel = arm.kernel
-    rates = state_vector("v", v, kernel.coordinates)
-    wanted = state_vector("a" if u is None else "u", driving, kernel.coordinates)
+    rates = np.concatenate([state_vector("v", v, kernel.coordinates), arm.fixation.z])
+    wanted = np.zeros(kernel.n)
+    wanted[: len(kernel.coordinates)] = state_vector("a" if u is None else "u", driving, kernel.coordinates)
     if kernel.constraints:
         return _closed_system(arm, closed(kernel, q, arm.fixation.still), rates, wanted, is_drive=u is not None)
     dead = load_force(kernel, q, arm.loads)
@@ -51,6 +53,7 @@ def moving_system(arm: HeldRobot, q: Array, v: ArrayLike, a: ArrayLike | None, u
         M, free = kernel.residual_jacobian(q, rates, 0 * q)[2], ~arm.fixation.locked
         acceleration = np.zeros(kernel.n)
         acceleration[free] = np.linalg.solve(M[np.ix_(free, free)], missing[free])
+    acceleration = state_rates(kernel, q, rates, acceleration)
     forces = kernel.inverse_dynamics(q, rates, acceleration, cut=True) - dead
     slopes = tangent(kernel, q, rates, acceleration, arm.loads)
     state, unsaid = MotionState(q, rates, acceleration, forces), replace(arm.fixation, notes=())  # those are about rest
@@ -70,8 +73,9 @@ def _closed_system(arm: HeldRobot, q: Array, v: Array, driving: Array, *, is_dri
         a = driving
         size = max(float(np.abs(J).max() * np.abs(a).max()), float(np.abs(bias).max()))
         _refuse_opening(kernel, J @ a + bias, size, "a", "/s^2", "those of its motion, or u")
+    a = state_rates(kernel, q, v, a)
     needed = kernel.residual(q, v, a, zero) - dead
-    prescribed = np.isin(kernel.coordinates, kernel.prescribed)
+    prescribed = np.isin(kernel.velocities, (*kernel.prescribed, *kernel.memory))
     u = driving.copy() if is_drive else np.zeros(kernel.n)
     basis, _ = moving_basis(kernel, q, ~prescribed)
     if not is_drive:
@@ -80,7 +84,7 @@ def _closed_system(arm: HeldRobot, q: Array, v: Array, driving: Array, *, is_dri
     basis, _ = moving_basis(kernel, q, ~held)
     left = np.abs(basis.T @ (needed - u)).max(initial=0.0)
     if not left <= 1e-8 * max(1.0, float(np.abs(needed).max())):
-        names = ", ".join(np.array(kernel.coordinates)[fixation.driven])
+        names = ", ".join(np.array(kernel.velocities)[fixation.driven])
         raise LoopError(
             f"{kernel.name}: drives at {names or 'no coordinate'} cannot make this motion: {left:.3g} N or N m are"
             " left; allowed: drives that hold the mechanism, or v and u",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
@@ -33,18 +33,24 @@ if TYPE_CHECKING:
     from typing_extensions import Unpack
 
 
+NO_STATES = np.zeros(0)
+NO_STATES.flags.writeable = False
+
+
 @dataclass(frozen=True, kw_only=True)
 class StateSpace(Shown, Saved):
     """x' = A x + B w, y = C x + D w: small changes about a static equilibrium, or about a motion at one time.
 
     Attributes:
         robot: the robot's name.
-        A, B, C, D: (2m, 2m), (2m, inputs), (outputs, 2m), (outputs, inputs); SI units, rad.
-        states: names, 2m: the m independent coordinates, then their rates ("joint1.gamma.rate").
+        A, B, C, D: (2m + p, 2m + p), (2m + p, inputs), (outputs, 2m + p), (outputs, inputs); SI units, rad.
+        states: names, 2m + p: the m independent coordinates, their rates ("joint1.gamma.rate"), then p states of laws
+            ("joint1.gamma.friction.z"), those of locked coordinates left out.
         inputs, outputs: names, see ``ports``.
         kind: of the outputs: displacement, velocity or acceleration.
         coordinates: names of all coordinates, n.
         q, v, a, u: the state about which it is, (n,) each.
+        memory, z: names of all states of laws, and the states about which it is, (memory,).
         notes: lines about what was assumed.
     """
 
@@ -62,6 +68,10 @@ class StateSpace(Shown, Saved):
     v: Annotated[Array, Stored(("n",), "m/s, rad/s", unknown=True)]
     a: Annotated[Array, Stored(("n",), "m/s^2, rad/s^2", unknown=True)]
     u: Annotated[Array, Stored(("n",), "N, N m", unknown=True)]
+    memory: Annotated[tuple[str, ...], Stored(("s",), of=str, otherwise=())] = ()
+    z: Annotated[Array, Stored(("s",), "m, rad", unknown=True, otherwise=NO_STATES)] = field(
+        default_factory=lambda: NO_STATES
+    )
     notes: Annotated[tuple[str, ...], Stored(otherwise=())]
 
     @property
@@ -115,6 +125,8 @@ class StateSpace(Shown, Saved):
     def as_dict(self) -> dict[str, Any]:
         """Return plain values, for JSON."""
         state = {name: dict(zip(self.coordinates, getattr(self, name).tolist(), strict=True)) for name in "qvau"}
+        if self.memory:
+            state["z"] = dict(zip(self.memory, self.z.tolist(), strict=True))
         return {
             "robot": self.robot,
             **{name: getattr(self, name).tolist() for name in "ABCD"},
@@ -125,9 +137,11 @@ class StateSpace(Shown, Saved):
 
     def lines(self) -> list[str]:
         """Return sizes, names and eigenvalues for people."""
+        moving = sum(name not in self.memory for name in self.states) // 2
         lines = [
             f"{self.robot}: {len(self.states)} states, {len(self.inputs)} inputs, {len(self.outputs)} outputs",
-            f"  states: {', '.join(self.states[: len(self.states) // 2])}, and their rates",
+            f"  states: {', '.join(self.states[:moving])}, and their rates",
+            *([f"  states of laws: {', '.join(behind)}"] if (behind := self.states[2 * moving :]) else []),
             f"  inputs: {', '.join(self.inputs)}",
             f"  outputs: {', '.join(self.outputs)} ({self.kind})",
         ]
@@ -225,18 +239,22 @@ def state_space(
     Raises:
         InputError: a name is unknown, or accelerations are asked for about a motion.
     """
-    kernel, m, moving = system.kernel, len(system.independent), bool(system.v.any() or system.a.any())
-    forces = np.linalg.solve(system.M, system.basis.T @ input_matrix(kernel, system.q, inputs, fixation))
-    lower = -np.linalg.solve(system.M, np.hstack([system.K, system.D]))
-    A = np.vstack([np.hstack([np.zeros((m, m)), np.eye(m)]), lower])
-    B = np.vstack([np.zeros_like(forces), forces])
+    kernel, m = system.kernel, len(system.independent)
+    moving = bool(system.v[: len(kernel.coordinates)].any() or system.a[: len(kernel.coordinates)].any())
+    whole, laws = input_matrix(kernel, system.q, inputs, fixation), system.memory
+    p, n = len(laws.names), len(kernel.coordinates)
+    forces = np.linalg.solve(system.M, system.basis.T @ whole)
+    lower = -np.linalg.solve(system.M, np.hstack([system.K, system.D, laws.acts]))
+    A = np.vstack([np.eye(m, 2 * m + p, m), lower, np.hstack([laws.by_q, laws.by_v, laws.by_z])])
+    B = np.vstack([np.zeros_like(forces), forces, laws.rates_by(whole)])
     by_q, by_q_rate = output_matrices(kernel, system.q, system.v, outputs)
     rows, rates = by_q @ system.basis, by_q_rate @ system.basis + by_q @ system.basis_rate
     D = np.zeros((len(outputs), len(inputs)))
+    behind = np.zeros((len(outputs), p))
     if kind == "displacement":
-        C = np.hstack([rows, np.zeros_like(rows)])
+        C = np.hstack([rows, np.zeros_like(rows), behind])
     elif kind == "velocity":
-        C = np.hstack([rates, rows])
+        C = np.hstack([rates, rows, behind])
     elif moving:
         raise InputError("kind: 'acceleration' about a motion; allowed: displacement, velocity (accelerations at rest)")
     else:
@@ -247,14 +265,16 @@ def state_space(
         B=B,
         C=C,
         D=D,
-        states=(*system.independent, *(f"{name}.rate" for name in system.independent)),
+        states=(*system.independent, *(f"{name}.rate" for name in system.independent), *laws.names),
         inputs=tuple(inputs),
         outputs=tuple(outputs),
         kind=kind,
         coordinates=kernel.coordinates,
-        q=system.q,
-        v=system.v,
-        a=system.a,
-        u=system.u,
+        q=system.q[:n],
+        v=system.v[:n],
+        a=system.a[:n],
+        u=system.u[:n],
+        memory=kernel.memory,
+        z=system.v[n:],
         notes=system.notes,
     )

@@ -1,7 +1,8 @@
 """Natural frequencies, damping ratios and mode shapes about a static equilibrium, at a pose and along a path.
 
 About a static equilibrium small motions obey M e'' + D e' + K e = 0 with the exact derivatives of the residual.  With
-e = phi exp(s t) that is a quadratic eigenproblem, solved in the scaled state (L^T e, L^T e'), M = L L^T.
+e = phi exp(s t) that is a quadratic eigenproblem, solved in the scaled state (L^T e, L^T e'), M = L L^T.  States z of
+laws stand behind, as sqrt(w) z; those that stick (``law_states``) are springs, and each has an eigenvalue of 0.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ Complex = NDArray[np.complex128]
 
 
 ROUND_OFF = 1e-14  # of the greatest stiffness over mass: what is taken to be zero
+STILL = 1e-9  # of a whole motion: coordinates that move less do not move in it
 
 
 @tells_at_prompt("linearising")
@@ -88,76 +90,119 @@ def modes_along(
     for pose in poses:
         system, _ = system_at_rest(arm.kernel, arm.coordinates(pose), arm.fixation, arm.loads)
         entries.append(modes_of(system, arm.robot.name, frame))
-        metrics.append(system.kernel.residual_jacobian(system.q, system.v, system.a)[2])
+        n = len(system.kernel.coordinates)
+        metrics.append(system.kernel.residual_jacobian(system.q, system.v, system.a)[2][:n, :n])
     warn_of(dict.fromkeys(note for entry in entries for note in entry.notes))
     return TrackedModes(tuple(entries), _tracked(entries, metrics))
 
 
 def modes_of(system: LinearSystem, robot: str, frame: str) -> Modes:
     """Return the modes of a linear system; ``robot`` is the robot's name, ``frame`` a frame's."""
-    eigenvalues, shapes, undamped, resolution = _solved(system)
+    n, sticks = len(system.kernel.coordinates), system.memory.stick
+    eigenvalues, scaled, undamped, resolution = _solved(system.condensed())
+    scaled, live = scaled[: len(system.independent)], scaled[len(system.independent) :]
+    shapes = scaled.T @ system.basis.T
+    states = np.empty((len(shapes), sticks.size), dtype=np.complex128)
+    states[:, ~sticks], states[:, sticks] = live.T, scaled.T @ system.memory.by_v[sticks].T
     return Modes(
         robot=robot,
         coordinates=system.kernel.coordinates,
-        q=system.q,
+        q=system.q[:n],
         eigenvalues=eigenvalues,
-        shapes=shapes,
+        shapes=shapes[:, :n],
         frame=frame,
         frame_shapes=shapes @ system.kernel.frame_jacobian(system.q, frame).T,
         undamped=undamped,
         resolution=resolution,
+        memory=system.memory.names,
+        states=states,
+        zeros=tuple(np.array(system.memory.names, dtype=np.str_)[sticks].tolist()),
         notes=system.notes,
     )
 
 
 def _solved(system: LinearSystem) -> tuple[Complex, Complex, Array, float]:
-    """Return eigenvalues, shapes, undamped frequencies and resolution, as ``Modes`` has them."""
-    m = len(system.independent)
+    """Return eigenvalues, motions of independent coordinates and of states in columns, undamped frequencies, resolution.
+
+    As ``Modes`` has them; no state sticks.
+    """
+    m, laws = len(system.independent), system.memory
     if not m:
-        return np.zeros(0, complex), np.zeros((0, system.kernel.n), complex), np.zeros(0), 0.0
+        return np.zeros(0, complex), np.zeros((len(laws.names), 0), complex), np.zeros(0), 0.0
     L: Array = np.asarray(np.linalg.cholesky(system.M))
     S, B = (np.linalg.solve(L, np.linalg.solve(L, matrix).T).T for matrix in (system.K, system.D))
     state = np.block([[np.zeros((m, m)), np.eye(m)], [-S, -B]])
+    heft = np.sqrt(laws.inertia)
+    if laws.names:
+        acts = np.linalg.solve(L, laws.acts) / heft
+        led = (np.linalg.solve(L, x.T).T * heft[:, np.newaxis] for x in (laws.by_q, laws.by_v))
+        own = laws.by_z * np.outer(heft, 1.0 / heft)
+        state = np.block([[state, np.vstack([np.zeros_like(acts), -acts])], [*led, own]])
     # states of one size: a rate is a frequency times a deflection
     weight = float(np.sqrt(np.linalg.norm(S, 2))) or 1.0
-    scale = np.concatenate([np.full(m, weight), np.ones(m)])
+    scale = np.concatenate([np.full(m, weight), np.ones(len(state) - m)])
     s, vectors = np.linalg.eig(state * np.outer(scale, 1.0 / scale))
-    rigid, zeros = _rigid(system, L)
+    rigid, zeros = _rigid(system, L, weight)
     s[np.argsort(np.abs(s), kind="stable")[:zeros]] = 0.0
     chosen = np.flatnonzero((s.imag >= 0.0) & (s != 0.0))
     chosen = chosen[np.lexsort((s[chosen].real, s[chosen].imag, np.abs(s[chosen])))]
-    scaled = vectors[:m, chosen] / np.linalg.norm(vectors[:m, chosen], axis=0)
-    scaled = np.concatenate([rigid.astype(np.complex128), scaled], axis=1)
-    shapes = np.linalg.solve(L.T, _most_real(scaled)).T @ system.basis.T
+    moved = np.concatenate([rigid.astype(np.complex128), _normalised(vectors[:, chosen], m, heft / weight)], axis=1)
+    moved = _most_real(moved, m)
     values = np.linalg.eigvalsh(0.5 * (S + S.T))
     values[np.argsort(np.abs(values), kind="stable")[: rigid.shape[1]]] = 0.0
     eigenvalues = np.concatenate([np.zeros(rigid.shape[1]), s[chosen]])
     undamped = np.sign(values) * np.sqrt(np.abs(values)) / (2.0 * np.pi)
-    return eigenvalues, shapes, undamped, float(np.sqrt(ROUND_OFF * m) * weight / (2.0 * np.pi))
+    motions = np.vstack([np.linalg.solve(L.T, moved[:m]), moved[m:]])
+    return eigenvalues, motions, undamped, float(np.sqrt(ROUND_OFF * m) * weight / (2.0 * np.pi))
 
 
-def _rigid(system: LinearSystem, L: Array) -> tuple[Array, int]:
-    """Return rigid-body modes, an orthonormal basis of the null space of S in columns, and how many eigenvalues are 0.
+def _normalised(vectors: Complex, m: int, per_state: Array) -> Complex:
+    """Return scaled coordinates of norm 1 over states of laws, from eigenvectors; of states alone these have norm 1."""
+    size = np.linalg.norm(vectors[:m], axis=0)
+    behind = vectors[2 * m :] / per_state[:, np.newaxis]
+    if len(behind):
+        alone = size <= STILL * np.linalg.norm(vectors, axis=0)
+        size = np.where(alone, np.linalg.norm(behind, axis=0), size)
+        return np.vstack([np.where(alone, 0.0, vectors[:m]), behind]) / size
+    return vectors[:m] / size
 
-    A mode that dampers brake has one eigenvalue of 0 and one that is negative; one that nothing brakes has two of 0.
+
+def _rigid(system: LinearSystem, L: Array, speed: float) -> tuple[Array, int]:
+    """Return rigid-body modes and how many eigenvalues are 0.
+
+    The modes are an orthonormal basis of the null space of S in columns, with states of laws behind the coordinates.  A
+    mode that dampers brake has one eigenvalue of 0 and one that is negative; one that nothing brakes has two of 0.
     """
+    m, laws = len(system.independent), system.memory
     size = 1.0 / np.sqrt(np.diagonal(system.M))
-    U, values, Vt = np.linalg.svd(system.K * np.outer(size, size))
+    static, braking = (matrix * np.outer(size, size) for matrix in (system.K, system.D))
+    largest = float(np.abs(system.D).max() * size.max() ** 2)
+    heft = np.sqrt(laws.inertia)
+    if laws.names:
+        acts, own = laws.acts * np.outer(size, speed / heft), laws.by_z * np.outer(heft, speed / heft)
+        static = np.block([[static, acts], [-laws.by_q * np.outer(heft, size), -own]])
+        braking = np.block([[braking, 0.0 * acts], [-laws.by_v * np.outer(heft, size), speed * np.eye(len(heft))]])
+        largest = float(np.abs(braking).max())
+    U, values, Vt = np.linalg.svd(static)
     null = values <= ROUND_OFF * len(values) * values[0]
     left, right = U[:, null], Vt[null].T
-    braked = left.T @ (system.D * np.outer(size, size)) @ right
-    brakes = np.linalg.svd(braked, compute_uv=False)
-    rank = int(np.count_nonzero(brakes > ROUND_OFF * max(float(np.abs(system.D).max() * size.max() ** 2), 1e-300)))
-    basis = np.linalg.qr(L.T @ (size[:, np.newaxis] * right))[0]
-    return np.asarray(basis, dtype=np.float64), 2 * right.shape[1] - rank
+    brakes = np.linalg.svd(left.T @ braking @ right, compute_uv=False)
+    rank = int(np.count_nonzero(brakes > ROUND_OFF * max(largest, 1e-300)))
+    moved, zeros = L.T @ (size[:, np.newaxis] * right[:m]), 2 * right.shape[1] - rank
+    if not laws.names:
+        return np.asarray(np.linalg.qr(moved)[0], dtype=np.float64), zeros
+    basis, sizes, turn = np.linalg.svd(moved, full_matrices=False)
+    moves = sizes > STILL
+    behind = (speed / heft)[:, np.newaxis] * right[m:] @ turn[moves].T / sizes[moves]
+    return np.vstack([basis[:, moves], behind]), zeros
 
 
-def _most_real(scaled: Complex) -> Complex:
-    """Return columns with the phase that makes them most real, the largest entry positive."""
+def _most_real(scaled: Complex, m: int) -> Complex:
+    """Return columns with the phase that makes their first m entries most real, the largest of these positive."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        square = (scaled**2).sum(axis=0)
+        square = (scaled[:m] ** 2).sum(axis=0)
         turned = scaled * np.exp(-0.5j * np.angle(square))
-    largest = np.take_along_axis(turned, np.abs(turned).argmax(axis=0)[np.newaxis], axis=0)[0]
+    largest = np.take_along_axis(turned, np.abs(turned[:m]).argmax(axis=0)[np.newaxis], axis=0)[0]
     return np.asarray(turned * np.where(largest.real < 0.0, -1.0, 1.0))
 
 

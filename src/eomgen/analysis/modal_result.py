@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -33,6 +33,11 @@ class Modes(Plotting, Shown, Tabular, plot="plot_mode_shapes"):
         frame_shapes: its displacement and rotation, (m, 6), base frame, m and rad, in the scale of ``shapes``.
         undamped: natural frequencies without dampers, Hz, of the symmetric K; negative where it is unstable.
         resolution: Hz; slower oscillations cannot be told from rigid-body modes, whose frequency is 0.
+        memory: names of states of laws, p, those of locked coordinates left out.
+        states: what they do in the scale of ``shapes``, (m, p), complex; a mode in which only they move has a shape of
+            zeros.
+        zeros: those of them that stick, as bristles do at rest: springs in the modes, each has an eigenvalue of 0 that is
+            not among the ``eigenvalues``.
         notes: lines about what was assumed.
     """
 
@@ -46,6 +51,9 @@ class Modes(Plotting, Shown, Tabular, plot="plot_mode_shapes"):
     undamped: Array
     resolution: float
     notes: tuple[str, ...]
+    memory: tuple[str, ...] = ()
+    states: Complex = field(default_factory=lambda: np.zeros((0, 0), dtype=np.complex128))
+    zeros: tuple[str, ...] = ()
 
     @property
     def frequencies(self) -> Array:
@@ -79,11 +87,14 @@ class Modes(Plotting, Shown, Tabular, plot="plot_mode_shapes"):
                     "frame_shape": dict(zip(MOTIONS, _pairs(self.frame_shapes[k]), strict=True)),
                 }
             )
+            if self.memory:
+                rows[-1]["states"] = dict(zip(self.memory, _pairs(self.states[k]), strict=True))
         return {
             "robot": self.robot,
             "q": dict(zip(self.coordinates, self.q.tolist(), strict=True)),
             "frame": self.frame,
             "modes": rows,
+            **({"zeros": list(self.zeros)} if self.memory else {}),
             "undamped": self.undamped.tolist(),
             "resolution": self.resolution,
             "notes": list(self.notes),
@@ -104,6 +115,8 @@ class Modes(Plotting, Shown, Tabular, plot="plot_mode_shapes"):
             shape,
             moved,
         ]
+        if self.memory:
+            columns.append(TableColumn("states", "m or rad", self.states, self.memory, "state"))
         about = {"robot": self.robot, "frame": self.frame}
         return Rows("mode", "1", np.arange(1, len(self.eigenvalues) + 1), columns, about)
 

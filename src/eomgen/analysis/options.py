@@ -19,6 +19,7 @@ from ..progress import StageReport, no_report
 from ..robot.model import build_model
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
+from ..state.vectors import StatesLike, whole_vector
 from .holding import Fixation, Gains, PoseLike, fixation_of, pose_of
 
 if TYPE_CHECKING:
@@ -39,6 +40,7 @@ class StateKeywords(TypedDict, total=False):
     loads: FrameLoads | None
     parameters: Mapping[str, float] | None
     kernel: Kernel | None
+    z: StatesLike | None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,6 +58,8 @@ class StateOptions:
         parameters: values that differ from the description's, {"gravity.z": 0.0} say.
         kernel: of the robot, float64, with KERNELS and ``mechanism_kernels``, and with cut_forces and
             cut_jacobian for what floats in the clearance of a loop joint; built if None.  Its parameters count.
+        z: states of laws at the state, (memory,), or by their names, those left out 0: they stay as they are, since a
+            robot with bristles is at rest whatever they are.
     """
 
     drives: str = "locked"
@@ -65,6 +69,7 @@ class StateOptions:
     loads: FrameLoads | None = None
     parameters: Mapping[str, float] | None = None
     kernel: Kernel | None = None
+    z: StatesLike | None = None
 
 
 @dataclass(frozen=True)
@@ -77,8 +82,8 @@ class HeldRobot:
     loads: Mapping[str, Array]
 
     def coordinates(self, pose: PoseLike | None) -> Array:
-        """Return coordinates of a pose, (n,), m or rad; arguments and errors as ``pose_of``."""
-        return pose_of(self.robot, self.kernel, pose)
+        """Return coordinates of a pose, (kernel.n,), m or rad; arguments and errors as ``pose_of``."""
+        return whole_vector(self.kernel, "pose", pose_of(self.robot, self.kernel, pose))[0]
 
 
 def prepared(robot: RobotLike, progress: StageReport | None = None, **options: Unpack[StateKeywords]) -> HeldRobot:
@@ -89,7 +94,8 @@ def prepared(robot: RobotLike, progress: StageReport | None = None, **options: U
     """
     settings, arm = StateOptions(**options), as_robot(robot)
     kernel = kernel_of(arm, settings.kernel, settings.parameters, progress)
-    fixation = fixation_of(arm, kernel, settings.drives, kp=settings.kp, kd=settings.kd, held=settings.held)
+    gains: dict[str, Gains | None] = {"kp": settings.kp, "kd": settings.kd}
+    fixation = fixation_of(arm, kernel, settings.drives, **gains, held=settings.held, z=settings.z)
     return HeldRobot(arm, kernel, fixation, checked_loads(kernel, settings.loads))
 
 
@@ -111,7 +117,8 @@ def kernel_of(
         return kernel
     if parameters:
         raise InputError("parameters and kernel are both set; allowed: one of them (a kernel has parameters)")
-    if kernel.coordinates != build_model(robot).coordinates:
+    model = build_model(robot)
+    if (kernel.coordinates, kernel.memory) != (model.coordinates, model.memory):
         raise InputError(
             f"kernel: {kernel.name} has not the coordinates of {robot.name}; allowed: a kernel of {robot.name}"
         )

@@ -162,8 +162,8 @@ def deflection_of(arm: HeldRobot, q: Array, frame: str) -> Deflection:
         robot=arm.robot.name,
         frame=frame,
         coordinates=kernel.coordinates,
-        q=state.q,
-        u=state.u,
+        q=state.q[: len(kernel.coordinates)],
+        u=state.u[: len(kernel.coordinates)],
         rigid_pose=rigid_pose,
         pose=pose,
         deflection=whole,
@@ -191,7 +191,7 @@ def motion_between(first: Array, second: Array) -> Array:
 
 def _compliance(kernel: Kernel, q: Array, K: Array, fixation: Fixation, frame: str) -> Array:
     """Return J K^-1 J^T over what may move; coordinates that float in their clearance stay, also of loop joints."""
-    stuck = np.isin(kernel.coordinates, floating(kernel, q))
+    stuck = np.isin(kernel.velocities, floating(kernel, q))
     refuse_singular_pose(kernel, q, ~(fixation.locked | stuck))
     cuts = np.isin(kernel.cut_laws, floating_cuts(kernel, q))
     stays = kernel.cut_jacobian(q)[cuts] if cuts.any() else None

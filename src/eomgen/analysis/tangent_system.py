@@ -12,7 +12,7 @@ in closed form; the last two are the geometric stiffness.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -20,10 +20,12 @@ import numpy as np
 from ..arrays import RANK, Array, Index, Mask, independent_columns, rank_by
 from ..errors import InputError, SingularError
 from ..names import joint_of
+from ..robot.coordinates import owners_of
 from ..runtime.kernel import Kernel
 from ..runtime.singular import null_coordinates, scaled_eigenvalues
 from ..shown import Shown
 from .holding import Fixation
+from .law_states import LawStates, slopes_of, states_of, zero_note
 
 SINGULAR = 1e-5  # of the greatest singular value: what less belongs to a singular pose that is met to 1e-12 m
 BENT = 1e-6  # of second derivatives, m/rad^2 and the like: round-off
@@ -67,7 +69,7 @@ def load_force(kernel: Kernel, q: Array, loads: Mapping[str, Array]) -> Array:
 
 
 class MotionState(NamedTuple):
-    """State of a motion: q, v, a and the drives u that make it, (n,) each."""
+    """State of a motion: q, v, a and the drives u that make it, (n,) each; n is the kernel's, with states of laws."""
 
     q: Array
     v: Array
@@ -88,7 +90,7 @@ def tangent(
     kernel: Kernel, q: Array, v: Array, a: Array, loads: Mapping[str, Array], multipliers: Array | None = None
 ) -> Tangent:
     """Return the derivatives at a state, drives constant."""
-    by_q, by_v, by_a = kernel.residual_jacobian(q, v, a)
+    by_q, by_v, by_a = slopes_of(kernel, q, v, a)
     K = by_q.copy()
     for frame, w in loads.items():
         K -= np.einsum("k,kij->ij", w, frame_hessian(kernel.frame_jacobian(q, frame)))
@@ -171,14 +173,17 @@ def _basis_rates(
 class LinearSystem(Shown):
     """M e'' + D e' + K e = basis^T f about a state; e the change of m independent coordinates, f generalized forces.
 
+    With states of laws, ``memory``, they resist by F dz on the left side.
+
     Attributes:
         kernel: of the robot.
-        q, v, a: the state, (n,) each.
+        q, v, a: the state, (n,) each, n the kernel's: with states of laws in v, their rates in a.
         u: drives and held forces there, (n,), N or N m.
         independent: names of the independent coordinates, m.
         basis: change of all coordinates per independent one, (n, m).
         basis_rate: of it along the motion, (n, m); 0 at rest and without loops.
         M, D, K: (m, m).
+        memory: states of laws, of coordinates that are not locked.
         notes: lines about what was assumed.
     """
 
@@ -193,7 +198,16 @@ class LinearSystem(Shown):
     M: Array
     D: Array
     K: Array
+    memory: LawStates
     notes: tuple[str, ...]
+
+    def condensed(self, mask: Mask | None = None) -> LinearSystem:
+        """Return the system in which states that stick hold as springs do, those of the mask, or all."""
+        which = self.memory.stick if mask is None else mask
+        if not which.any():
+            return self
+        stiffness = self.memory.acts[:, which] @ self.memory.by_v[which]
+        return replace(self, K=self.K + stiffness, memory=self.memory.without(which))
 
 
 def reduced(
@@ -238,6 +252,10 @@ def reduced(
     elif scaled_eigenvalues(M)[0][0] <= 1e-13:
         null = " and ".join(null_coordinates(M, names))
         raise SingularError(f"{kernel.name}: the mass matrix cannot be inverted at {null}: it moves no inertia there")
+    memory = _memory(kernel, tangents, fixation, basis, rate)
+    sticking = [name for name, sticks in zip(memory.names, memory.stick, strict=True) if sticks]
+    if sticking:
+        notes = (*notes, zero_note(sticking))
     return LinearSystem(
         kernel=kernel,
         **state._asdict(),
@@ -247,5 +265,15 @@ def reduced(
         M=M,
         D=D,
         K=K,
+        memory=memory,
         notes=(*fixation.notes, *notes),
     )
+
+
+def _memory(kernel: Kernel, slopes: Tangent, fixation: Fixation, basis: Array, rate: Array) -> LawStates:
+    """Return states of laws; those of coordinates that are locked are left out with them."""
+    first, locked = len(kernel.coordinates), {kernel.velocities[i] for i in np.flatnonzero(fixation.locked)}
+    owners = [owners_of([name])[0] for name in kernel.memory]
+    places = [first + k for k, owner in enumerate(owners) if owner not in locked]
+    names = [kernel.velocities[i] for i in places]
+    return states_of(names, places, (slopes.K, slopes.D, slopes.M), basis, rate)

@@ -16,7 +16,7 @@ from ..runtime.turning import singular_joints
 from ..state.equilibrium import given_forces, known_coordinates, refuse_singular, static_equilibrium
 from ..state.springs import coordinate_sizes, line_rates, stiffnesses
 from ..state.turning import Turns
-from ..state.vectors import Q_STEP, state_vector
+from ..state.vectors import Q_STEP, StatesLike, at_rest_with, memory_vector, whole_vector
 from .chart import Chart
 
 ROUNDS = 100
@@ -31,15 +31,19 @@ def closed_equilibrium(
     u: ArrayLike | Callable[[Array], ArrayLike] | None = None,
     held: Iterable[str] = (),
     wrench: WrenchLike | None = None,
+    z: StatesLike | None = None,
 ) -> Array:
     """Return the static equilibrium near a guess, loops closed, (n,); without loops ``static_equilibrium``.
 
+    States of laws stay as they are, as there.
+
     Args:
         kernel: float64, with residual, mass_matrix and the constraint.
-        q_guess: coordinates, (n,).
+        q_guess: coordinates, (n,), or with room for states of laws behind them, (kernel.n,).
         u: drives, (n,), N or N m, or a function of q, (n,) or (N, n), to the same shape; none by default.
         held: names of coordinates that stay at their guess, whatever drive that takes; prescribed ones do.
         wrench: external wrenches, as of the kernel's methods: (links, 6), or by frame and link.
+        z: states of laws, (memory,), or by name; 0 by default.
 
     Raises:
         LoopError: the loops do not close near the guess.
@@ -48,17 +52,20 @@ def closed_equilibrium(
     """
     check_kind("kernel", kernel, hasattr(kernel, "calls"), "a Kernel (of eomgen.build, or of a generated package)")
     if not kernel.constraints:
-        return static_equilibrium(kernel, q_guess, u=u, held=held, wrench=wrench)[0]
+        return static_equilibrium(kernel, q_guess, u=u, held=held, wrench=wrench, z=z)[0]
     kept = known_coordinates(held, kernel) | set(kernel.prescribed)
-    fixed = np.array([name in kept for name in kernel.coordinates])
-    q = kernel.assemble(state_vector("q_guess", q_guess, kernel.coordinates), kept)
-    forces, turns = given_forces(kernel, u), Turns(kernel, fixed)
+    fixed = np.array([name in kept or name in kernel.memory for name in kernel.velocities])
+    guess, width = whole_vector(kernel, "q_guess", q_guess)
+    q = kernel.assemble(guess, kept)
+    forces, turns = given_forces(kernel, u, width), Turns(kernel, fixed)
+    rates = at_rest_with(kernel, memory_vector(kernel, z))
 
     def imbalance(qs: Array) -> Array:
-        zero, described = np.zeros_like(qs), turns.q_back(qs, q)
+        zero, still = np.zeros_like(qs), np.broadcast_to(rates, qs.shape)
+        described = turns.q_back(qs, q)
         u_here = turns.forces(forces(described), described, qs)
         return np.asarray(
-            turns.here.residual(qs, zero, zero, u_here, wrench=wrench_rows(kernel.calls, described, wrench))
+            turns.here.residual(qs, still, zero, u_here, wrench=wrench_rows(kernel.calls, described, wrench))
         )
 
     for _ in range(ROUNDS):
@@ -66,12 +73,12 @@ def closed_equilibrium(
         here = turns.q_on(q)
         chart = Chart(turns.here, here, prescribed=fixed)
         if not chart.free.size:
-            return q
+            return q[:width]
         change, size = _newton_step(chart, here, imbalance)
         here, done = _taken(chart, here, change, imbalance)
         q = turns.q_back(here, q)
         if done or (np.abs(change) <= SMALL * size + 1e-13 * np.abs(here[chart.free])).all():
-            return q
+            return q[:width]
     worst = kernel.coordinates[chart.free[int(np.argmax(np.abs(change) / size))]]
     raise IntegrationError(f"{kernel.name}: no static equilibrium near the guess; {worst} stays out of balance")
 

@@ -13,7 +13,7 @@ from ..robot.sizes import REFERENCE_ACCELERATION
 from ..runtime.by_name import WrenchLike
 from ..runtime.kernel import Kernel
 from .springs import coordinate_sizes, line_rates, stiffnesses
-from .vectors import Q_STEP, state_vector
+from .vectors import Q_STEP, StatesLike, at_rest_with, memory_vector, state_vector, whole_vector
 
 
 def static_equilibrium(
@@ -23,18 +23,23 @@ def static_equilibrium(
     u: ArrayLike | Callable[[Array], ArrayLike] | None = None,
     held: Iterable[str] = (),
     wrench: WrenchLike | None = None,
+    z: StatesLike | None = None,
 ) -> tuple[Array, Array]:
     """Find the static equilibrium near a guess by Newton's method: springs, gravity, drives and wrenches in balance.
 
+    States of laws stay as they are: whatever z bristles have, they may be at rest, so that the equilibria of a robot
+    that has some are a continuum.
+
     Args:
         kernel: float64, with inverse_dynamics and mass_matrix.
-        q_guess: coordinates, (n,).
+        q_guess: coordinates, (n,), or with room for states of laws behind them, (kernel.n,).
         u: actuator forces, (n,), N or N m, or a function of q, (n,) or (N, n), to the same shape; None: zero.
         held: names of coordinates that stay at their guess, whatever drive that takes; prescribed ones do.
         wrench: external wrenches, as of the kernel's methods: (links, 6), or by frame and link.
+        z: states of laws, (memory,), or by name; 0 by default.
 
     Returns:
-        q, (n,), and the drives that hold it, (n,): u, and in held coordinates what is needed.
+        q, (n,), and the drives that hold it, (n,): u, and in held coordinates what is needed; of the guess's length.
 
     Raises:
         IntegrationError: there is no such state near the guess: a coordinate that nothing holds is named.
@@ -44,29 +49,41 @@ def static_equilibrium(
     check_kind("kernel", kernel, hasattr(kernel, "calls"), "a Kernel (of eomgen.build, or of a generated package)")
     if kernel.constraints:
         raise InputError(f"static_equilibrium: {kernel.name} is to be closed; see eomgen.loops.closed_equilibrium")
-    q = state_vector("q_guess", q_guess, kernel.coordinates)
-    kept = known_coordinates(held, kernel) | set(kernel.prescribed)
-    free = np.array([name not in kept for name in kernel.coordinates])
-    zero = np.zeros(kernel.n)
+    q, width = whole_vector(kernel, "q_guess", q_guess)
+    kept = known_coordinates(held, kernel) | set(kernel.prescribed) | set(kernel.memory)
+    free = np.array([name not in kept for name in kernel.velocities])
+    zero, rates = np.zeros(kernel.n), at_rest_with(kernel, memory_vector(kernel, z))
 
-    applied = given_forces(kernel, u)
+    applied = given_forces(kernel, u, width)
 
     def needed(qs: Array) -> Array:
-        return np.asarray(kernel.inverse_dynamics(qs, zero, zero, wrench=wrench, cut=True))
+        return np.asarray(kernel.inverse_dynamics(qs, rates, zero, wrench=wrench, cut=True))
 
     q = _newton(kernel, q, free, lambda qs: needed(qs) - applied(qs))
-    return q, np.where(free, applied(q), needed(q))
+    return q[:width], np.where(free, applied(q), needed(q))[:width]
 
 
-def given_forces(kernel: Kernel, u: ArrayLike | Callable[[Array], ArrayLike] | None) -> Callable[[Array], Array]:
-    """Return forces as a function of q, (n,) or (N, n), that checks shapes; ``u`` as of ``static_equilibrium``."""
-    constant = np.zeros(kernel.n) if u is None or callable(u) else state_vector("u", u, kernel.coordinates)
+def given_forces(
+    kernel: Kernel, u: ArrayLike | Callable[[Array], ArrayLike] | None, width: int
+) -> Callable[[Array], Array]:
+    """Return forces as a function of q, (kernel.n,) or (N, kernel.n), that checks shapes.
+
+    Args:
+        u: as of ``static_equilibrium``, over the first ``width`` numbers of q.
+    """
+    names = kernel.velocities[:width]
+    constant = np.zeros(width) if u is None or callable(u) else state_vector("u", u, names)
 
     def applied(qs: Array) -> Array:
-        forces = np.asarray(u(qs), dtype=np.float64) if callable(u) else np.broadcast_to(constant, qs.shape)
-        if forces.shape != qs.shape:
-            raise ArrayError(f"u: expected forces of shape {qs.shape}, got shape {forces.shape}")
-        return forces
+        seen = qs[..., :width]
+        forces = np.asarray(u(seen), dtype=np.float64) if callable(u) else np.broadcast_to(constant, seen.shape)
+        if forces.shape != seen.shape:
+            raise ArrayError(f"u: expected forces of shape {seen.shape}, got shape {forces.shape}")
+        if width == kernel.n:
+            return forces
+        whole = np.zeros(qs.shape)
+        whole[..., :width] = forces
+        return whole
 
     return applied
 
@@ -99,7 +116,7 @@ def _newton(kernel: Kernel, q: Array, free: Mask, residual: Callable[[Array], Ar
         states[np.arange(1, index.size + 1), index] += Q_STEP
         r = residual(states)[:, free] / inertia  # as accelerations
         slopes = (r[1:] - r[0]).T / Q_STEP * size
-        refuse_singular(slopes, [kernel.coordinates[i] for i in index], kernel.name)
+        refuse_singular(slopes, [kernel.velocities[i] for i in index], kernel.name)
         change = -np.linalg.solve(slopes, r[0]) * size
         change *= min(1.0, 0.5 / np.abs(change).max(initial=0.0)) if change.any() else 1.0
         for factor in 0.5 ** np.arange(12):

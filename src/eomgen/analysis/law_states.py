@@ -1,0 +1,130 @@
+"""States of laws in linear systems: z' = G_q dq + G_v dv + G_z dz, which resist motion by F dz.
+
+A state whose rate depends on velocities alone, G_q = 0 and G_z = 0, as of bristles that stick, is z = G_v e and a
+constant: it adds the stiffness F G_v, and an eigenvalue of 0 for the constant.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..arrays import Array, Mask
+from ..names import listed
+from ..runtime.kernel import Kernel
+from ..shown import Shown
+
+FINE = 1e-300  # m/s or rad/s: a velocity that only has a direction
+STICKS = 1e-200  # 1/s: a rate of a state at such a velocity
+
+
+@dataclass(frozen=True, kw_only=True)
+class LawStates(Shown):
+    """States of laws beside m independent coordinates, p of them.
+
+    Attributes:
+        names: of the states.
+        places: where they stand in arrays of the state, (p,).
+        inertia: w, such that w z^2 / 2 is what a state stores, (p,).
+        acts: generalized forces against the motion per state, F, (m, p).
+        by_q, by_v, by_z: slopes of the states' rates, (p, m), (p, m), (p, p).
+    """
+
+    names: tuple[str, ...]
+    places: Array
+    inertia: Array
+    acts: Array
+    by_q: Array
+    by_v: Array
+    by_z: Array
+
+    @property
+    def stick(self) -> Mask:
+        """Which rates depend on velocities alone, (p,)."""
+        return ~(self.by_q.any(axis=1) | self.by_z.any(axis=1))
+
+    def without(self, mask: Mask) -> LawStates:
+        """Return the other states; those of the mask, which stick, follow the coordinates: z = G_v e."""
+        left = ~mask
+        return LawStates(
+            names=tuple(name for name, stays in zip(self.names, left, strict=True) if stays),
+            places=self.places[left],
+            inertia=self.inertia[left],
+            acts=self.acts[:, left],
+            by_q=self.by_q[left] + self.by_z[np.ix_(left, mask)] @ self.by_v[mask],
+            by_v=self.by_v[left],
+            by_z=self.by_z[np.ix_(left, left)],
+        )
+
+    def rates_by(self, forces: Array) -> Array:
+        """Return rates of the states, (p, inputs), by inputs that enter the equations as forces, (kernel.n, inputs)."""
+        return np.asarray(forces[self.places.astype(np.intp)] / self.inertia[:, np.newaxis])
+
+
+def states_of(
+    names: Sequence[str], places: Sequence[int], slopes: tuple[Array, Array, Array], basis: Array, basis_rate: Array
+) -> LawStates:
+    """Return the states of laws at places in arrays of the state, from slopes of the equations of motion.
+
+    Args:
+        names, places: of the states.
+        slopes: derivatives of the residual by q, v and a, (kernel.n, kernel.n) each.
+        basis, basis_rate: change of all coordinates per independent one, and its rate along the motion, (kernel.n, m).
+    """
+    index = np.asarray(places, dtype=np.intp)
+    K, D, M = slopes
+    inertia = np.diagonal(M)[index]
+    by_q, by_v = (-matrix[index] / inertia[:, np.newaxis] for matrix in (K, D))
+    return LawStates(
+        names=tuple(names),
+        places=index,
+        inertia=inertia,
+        acts=basis.T @ D[:, index],
+        by_q=by_q @ basis + by_v @ basis_rate,
+        by_v=by_v @ basis,
+        by_z=by_v[:, index],
+    )
+
+
+def slopes_of(kernel: Kernel, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
+    """Return derivatives of the residual by q, v and a, of laws with states at rest the means of both directions.
+
+    Bristles that are bent yield in the one direction and not in the other.
+    """
+    n = len(kernel.coordinates)
+    rests = np.flatnonzero(v[:n] == 0.0)
+    if not (kernel.memory and v[n:].any() and rests.size):
+        K, D, M = kernel.residual_jacobian(q, v, a)
+        return K, D, M
+    sides = np.tile(v, (2, 1))
+    sides[0, rests], sides[1, rests] = FINE, -FINE
+    K, D, M = (0.5 * (slopes[0] + slopes[1]) for slopes in kernel.residual_jacobian(q, sides, a))
+    for slopes in (K, D):
+        rows = slopes[n:]
+        rows[np.abs(rows) < STICKS * np.diagonal(M)[n:, np.newaxis]] = 0.0
+    return K, D, M
+
+
+def state_rates(kernel: Kernel, q: Array, v: Array, a: Array) -> Array:
+    """Return accelerations, (kernel.n,), with the rates of states of laws behind those of coordinates."""
+    n = len(kernel.coordinates)
+    if n == kernel.n:
+        return a
+    whole = np.concatenate([a[:n], np.zeros(kernel.n - n)])
+    inertia = np.diagonal(kernel.residual_jacobian(q, v, whole)[2])[n:]
+    whole[n:] = -kernel.inverse_dynamics(q, v, whole, cut=True)[n:] / inertia
+    return whole
+
+
+def kept_note(names: Sequence[str], z: Array) -> str:
+    """Return a line about states that an equilibrium leaves as they are."""
+    values = ", ".join(f"{x:g}" for x in z) if z.any() else "0"
+    return f"{listed(names)}: kept at {values}; a robot with bristles is at rest whatever they are"
+
+
+def zero_note(names: Sequence[str]) -> str:
+    """Return a line about states that stick about the state of a linear system."""
+    what = "has an eigenvalue of 0" if len(names) == 1 else "have an eigenvalue of 0 each"
+    return f"{listed(names)}: {what}: about a state at rest bristles stick, and hold as springs"
