@@ -21,7 +21,7 @@ from ..state.journals import cut_contacts, cut_deviations, journal_contacts
 from ..state.motors import acting, deflections, turn_motors
 from ..state.springs import clearances, cut_numbers, journals_in_play, law_numbers
 from ..state.vectors import StatesLike, memory_vector
-from .law_states import kept_note
+from .state_rows import kept_note
 
 PoseLike = Mapping[str, float] | Sequence[float] | Array
 Gains = float | Mapping[str, float]

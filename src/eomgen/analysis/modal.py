@@ -2,7 +2,7 @@
 
 About a static equilibrium small motions obey M e'' + D e' + K e = 0 with the exact derivatives of the residual.  With
 e = phi exp(s t) that is a quadratic eigenproblem, solved in the scaled state (L^T e, L^T e'), M = L L^T.  States z of
-laws stand behind, as sqrt(w) z; those that stick (``law_states``) are springs, and each has an eigenvalue of 0.
+laws stand behind, as sqrt(w) z; those that stick (``state_rows``) are springs, and each has an eigenvalue of 0.
 """
 
 from __future__ import annotations
@@ -122,9 +122,9 @@ def modes_of(system: LinearSystem, robot: str, frame: str) -> Modes:
 
 
 def _solved(system: LinearSystem) -> tuple[Complex, Complex, Array, float]:
-    """Return eigenvalues, motions of independent coordinates and of states in columns, undamped frequencies, resolution.
+    """Return eigenvalues, motions in columns, undamped frequencies and resolution, of a system in which no state sticks.
 
-    As ``Modes`` has them; no state sticks.
+    Motions are those of independent coordinates and, behind them, of states of laws, scaled as ``Modes`` has them.
     """
     m, laws = len(system.independent), system.memory
     if not m:

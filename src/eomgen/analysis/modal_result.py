@@ -36,8 +36,8 @@ class Modes(Plotting, Shown, Tabular, plot="plot_mode_shapes"):
         memory: names of states of laws, p, those of locked coordinates left out.
         states: what they do in the scale of ``shapes``, (m, p), complex; a mode in which only they move has a shape of
             zeros.
-        zeros: those of them that stick, as bristles do at rest: springs in the modes, each has an eigenvalue of 0 that is
-            not among the ``eigenvalues``.
+        zeros: those of them that stick, as bristles do at rest: they are springs in the modes, and each has an
+            eigenvalue of 0 that is not among the ``eigenvalues``.
         notes: lines about what was assumed.
     """
 

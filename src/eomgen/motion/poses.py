@@ -62,15 +62,15 @@ def inverse_kinematics(
     if robot is not None and not known <= set(kernel.coordinates):
         raise InputError(f"robot: {robot.name} has other coordinates than {kernel.name}; allowed: the kernel's robot")
     targets, lead = targets_of(_frame(kernel, robot, frame), pose)
-    begun = starting_states(kernel, "guess", _guess(kernel, robot) if guess is None else guess, lead)
-    between = np.empty((len(targets), kernel.n, 2))
+    begun, _ = starting_states(kernel, "guess", _guess(kernel, robot) if guess is None else guess, lead)
+    between = np.empty((len(targets), len(kernel.coordinates), 2))
     for k, start in enumerate(begun):
         between[k] = _between(kernel, robot, known, start, limits)
     q = reach_all(kernel, targets, lead, begun, between, remark=far_point)
     if robot is not None:
         for state in q:
             turn_motors(kernel, state, ())
-    return q.reshape(*lead, kernel.n)
+    return q.reshape(*lead, len(kernel.coordinates))
 
 
 def _frame(kernel: Kernel, robot: Robot | None, frame: str | None) -> str:
@@ -84,7 +84,7 @@ def _frame(kernel: Kernel, robot: Robot | None, frame: str | None) -> str:
 def _guess(kernel: Kernel, robot: Robot | None) -> Array:
     """Return where a search begins, (n,): home, or the middle of a default motion; 0 without a robot."""
     if robot is None:
-        return np.zeros(kernel.n)
+        return np.zeros(len(kernel.coordinates))
     names = program_coordinates(robot)
     start, goal = default_ends(robot, names)
     begun = dict(zip(names, start if robot.is_closed else (start + goal) / 2, strict=True))
@@ -94,14 +94,14 @@ def _guess(kernel: Kernel, robot: Robot | None) -> Array:
 
 def _between(kernel: Kernel, robot: Robot | None, driven: set[str], start: Array, limits: bool | ArrayLike) -> Array:
     """Return lower and upper limits, (n, 2); both are the guess where a coordinate stays."""
-    stays = prescribed_mask(kernel)
-    bounds = np.tile([-np.inf, np.inf], (kernel.n, 1))
+    n = len(kernel.coordinates)
+    stays, bounds = prescribed_mask(kernel)[:n], np.tile([-np.inf, np.inf], (n, 1))
     if robot is not None:
         bounds = limits_beside(robot, kernel.coordinates, driven, start)
         stays = stays | (bounds[:, 0] == bounds[:, 1])
     if not isinstance(limits, bool):
         bounds = limits_of_all(kernel, limits)
     elif not limits:
-        bounds = np.tile([-np.inf, np.inf], (kernel.n, 1))
+        bounds = np.tile([-np.inf, np.inf], (n, 1))
     bounds[stays] = start[stays, np.newaxis]
     return bounds

@@ -326,7 +326,7 @@ def _tracked(
     kernel: Kernel, targets: list[Target], course: Course, begun: Array, limits: Array, *, sparing: bool
 ) -> Array:
     """Return coordinates at all targets, each from those before; ``sparing`` is for those near their limits."""
-    q = np.empty((len(targets), kernel.n))
+    q = np.empty((len(targets), len(kernel.coordinates)))
     q[0] = begun
     for k in range(1, len(targets)):
         weights = _willingness(q[k - 1], limits) if sparing else None

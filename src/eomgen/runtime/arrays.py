@@ -24,6 +24,7 @@ BY_COORDINATE = {  # how many of the last axes of a result are coordinates
     "tensor": 3,
     "derivatives": 2,
     "jacobian": 1,
+    "jacobians": 1,
     "constraint_rows": 1,
     "spring_rows": 1,
     "element_rows": 1,
@@ -36,6 +37,7 @@ class Arrays:
     def __init__(self, raw: RawKernel, coordinates: tuple[str, ...], links: tuple[str, ...]) -> None:
         self.dtype, self.coordinates, self.links, self._shapes = raw.dtype, coordinates, links, raw.shapes
         self._followers = tuple(raw.libraries.meta.get("followers", ()))
+        self._memory = len(raw.libraries.meta.get("memory", ()))
         self._bits = np.finfo(raw.dtype).nmant + 1  # of the whole numbers that are all held exactly
 
     def taken(self, label: str, value: ArrayLike, shape: tuple[int, ...], checks: bool) -> tuple[Array, Lead]:
@@ -81,7 +83,7 @@ class Arrays:
         if is_finite(array):
             return
         where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
-        name = self.coordinates[where[-1]] if self._is_by_coordinate(label) else ""
+        name = self.coordinates[where[-1]] if self.is_by_coordinate(label) else ""
         element = self._element(label, where, shape)
         raise ArrayError(f"{label}: {element} is {array[where]}{place}; numbers must be finite", name)
 
@@ -158,10 +160,13 @@ class Arrays:
     def _expected(self, shape: tuple[int, ...]) -> str:
         inner = ", ".join(map(str, shape))
         comma = "," if len(shape) == 1 else ""
-        return f"{self.dtype} of shape ({inner}{comma}) or (..., {inner})"
+        alone = ""
+        if self._memory and shape == (len(self.coordinates),):
+            alone = f", with states of laws behind, or ({shape[0] - self._memory},) of coordinates alone"
+        return f"{self.dtype} of shape ({inner}{comma}) or (..., {inner}){alone}"
 
     @staticmethod
-    def _is_by_coordinate(label: str) -> bool:
+    def is_by_coordinate(label: str) -> bool:
         """Whether an argument has a number for each coordinate; not weights of results, and rates of parameters."""
         return label not in (*WRENCHES, *NUMBERED) and not label.startswith(WEIGHTS)
 
@@ -169,7 +174,7 @@ class Arrays:
         inner = where[-len(shape) :]
         if label in WRENCHES:
             text = f"{WRENCH_PARTS[inner[1]]} of link {self.links[inner[0]]}"
-        elif not self._is_by_coordinate(label):
+        elif not self.is_by_coordinate(label):
             text = f"[{', '.join(map(str, inner))}]"
         else:
             text = self.coordinates[inner[-1]] + (f" in step {inner[0]}" if len(inner) > 1 else "")

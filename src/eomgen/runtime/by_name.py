@@ -17,6 +17,7 @@ from ..names import joint_of, listed, nearest_or_all, parameter_name, show
 from .arrays import joint_lead, numbers_in
 from .calls import Calls
 from .compiled_code import CompiledCode
+from .narrow import whole_array
 from .raw import Array
 
 Mask = NDArray[np.bool_]
@@ -239,8 +240,8 @@ class NamedViews(CompiledCode):
         Returns:
             Per follower a pair of numbers, or of arrays with the leading axes of q and v.
         """
-        here, lead = self.calls.array("q", q, self.raw.shapes["q"])
-        rates = np.zeros_like(here) if v is None else self.calls.array("v", v, self.raw.shapes["v"])[0]
+        here, lead = whole_array(self.calls, "q", q)
+        rates = np.zeros_like(here) if v is None else whole_array(self.calls, "v", v)[0]
         lead = joint_lead("v", rates.shape[:-1], lead)
         here, rates = (np.broadcast_to(x, (*lead, self.n)) for x in (here, rates))
         matrix, offsets = self.follower_matrix()
@@ -292,7 +293,7 @@ def wrench_rows(calls: Calls, q: ArrayLike, wrench: WrenchLike | None) -> ArrayL
     if not isinstance(wrench, Mapping):
         return wrench
     values = {name: (place_of_wrench(calls, name), wrench_numbers(calls, name, x)) for name, x in wrench.items()}
-    states, lead = calls.array("q", q, (calls.n,))
+    states, lead = whole_array(calls, "q", q)
     for name, (_, numbers) in values.items():
         lead = joint_lead(f"wrench: {name}", numbers.shape[:-1], lead)
     rows = np.zeros((*lead, len(calls.raw.libraries.meta["links"]), 6), calls.dtype)
