@@ -122,7 +122,7 @@ def modes_of(system: LinearSystem, robot: str, frame: str) -> Modes:
 
 
 def _solved(system: LinearSystem) -> tuple[Complex, Complex, Array, float]:
-    """Return eigenvalues, motions in columns, undamped frequencies and resolution, of a system in which no state sticks.
+    """Return eigenvalues, motions in columns, undamped frequencies and resolution; no state sticks in the system.
 
     Motions are those of independent coordinates and, behind them, of states of laws, scaled as ``Modes`` has them.
     """
@@ -163,8 +163,8 @@ def _normalised(vectors: Complex, m: int, per_state: Array) -> Complex:
     if len(behind):
         alone = size <= STILL * np.linalg.norm(vectors, axis=0)
         size = np.where(alone, np.linalg.norm(behind, axis=0), size)
-        return np.vstack([np.where(alone, 0.0, vectors[:m]), behind]) / size
-    return vectors[:m] / size
+        return np.asarray(np.vstack([np.where(alone, 0.0, vectors[:m]), behind]) / size)
+    return np.asarray(vectors[:m] / size)
 
 
 def _rigid(system: LinearSystem, L: Array, speed: float) -> tuple[Array, int]:

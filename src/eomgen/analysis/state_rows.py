@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Array, Mask
+from ..arrays import Array, Index, Mask
 from ..names import listed
 from ..runtime.kernel import Kernel
 from ..shown import Shown
@@ -33,7 +33,7 @@ class LawStates(Shown):
     """
 
     names: tuple[str, ...]
-    places: Array
+    places: Index
     inertia: Array
     acts: Array
     by_q: Array
@@ -43,7 +43,7 @@ class LawStates(Shown):
     @property
     def stick(self) -> Mask:
         """Which rates depend on velocities alone, (p,)."""
-        return ~(self.by_q.any(axis=1) | self.by_z.any(axis=1))
+        return np.asarray(~(self.by_q.any(axis=1) | self.by_z.any(axis=1)))
 
     def without(self, mask: Mask) -> LawStates:
         """Return the other states; those of the mask, which stick, follow the coordinates: z = G_v e."""
@@ -60,7 +60,7 @@ class LawStates(Shown):
 
     def rates_by(self, forces: Array) -> Array:
         """Return rates of the states, (p, inputs), by inputs that enter the equations as forces, (kernel.n, inputs)."""
-        return np.asarray(forces[self.places.astype(np.intp)] / self.inertia[:, np.newaxis])
+        return np.asarray(forces[self.places] / self.inertia[:, np.newaxis])
 
 
 def states_of(

@@ -264,7 +264,8 @@ class Calls:
             q: coordinates in that state, (n,), where they are known.
         """
         where, reason = self.coordinates[coordinate], ELIMINATED
-        q = widened(self, "q", q) if is_narrow(self, q) else q
+        if q is not None and is_narrow(self, q):
+            q = widened(self, "q", q)
         if q is not None:
             if (loop := self._singular_loop(q)) is not None:
                 return SingularError(f"{name}: {self.raw.name}: {loop}{place}")

@@ -153,11 +153,12 @@ class Differentiated:
         part = tuple(slice(x) for x in narrow_shape(self.calls, shape, self.writes))
         weights, lead = self.calls.array(COTANGENT, cotangent, tuple(x.stop for x in part))
         whole = np.zeros((*lead, *shape), self.calls.dtype)
-        whole[(..., *part)] = weights
+        place: tuple[Any, ...] = (..., *part)
+        whole[place] = weights
         return whole, lead
 
     def coordinate_places(self) -> list[int]:
-        """Return places of coordinates, without states of laws, among the numbers of all arguments one behind the other."""
+        """Return places of coordinates, without states of laws, among the numbers of all arguments in a row."""
         places, begin = list[int](), 0
         for label in self.reads:
             size = math.prod(self.shape(label))

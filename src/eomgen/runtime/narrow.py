@@ -1,26 +1,23 @@
 """Arrays of coordinates alone, of kernels whose arrays have states of laws behind them.
 
-The one rule: arrays have the numbers of ``kernel.velocities``, states of laws behind coordinates, and so have results; or
-those of ``kernel.coordinates`` alone, all of them, and so have results.  Functions that depend on the states take them
-apart then, as z; the others need none.
+There is one rule.  Arrays have the numbers of ``kernel.velocities``, states of laws behind coordinates, and so have
+results; or all have those of ``kernel.coordinates`` alone, and so have results.  Functions that depend on the states
+take them apart then, as z; the others need none.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import ArrayError, InputError
 from ..names import listed
-from .arrays import BY_COORDINATE, joint_lead
-from .raw import Array
-
-if TYPE_CHECKING:
-    from .calls import Calls
+from .arrays import BY_COORDINATE, Arrays, Lead, joint_lead
+from .raw import Array, RawKernel
 
 DERIVATIVE = re.compile(r"(_parameter)?_(tangent|adjoint|hessian)$")
 REMEMBERING = frozenset(  # functions, also of the open tree and under load, whose results depend on states of laws
@@ -30,6 +27,24 @@ REMEMBERING = frozenset(  # functions, also of the open tree and under load, who
         *("constrained_dynamics", "constrained_drives"),
     )
 )
+
+
+class Calls(Protocol):
+    """What of checked calls is needed here: see ``calls.Calls``, whose arrays have n numbers, of coordinates narrow."""
+
+    raw: RawKernel
+    arrays: Arrays
+    dtype: np.dtype[Any]
+    memory: tuple[str, ...]
+    n: int
+    narrow: int
+
+    @property
+    def checks(self) -> bool:
+        """Whether NaN and infinity are refused."""
+
+    def array(self, label: str, value: ArrayLike, shape: tuple[int, ...]) -> tuple[Array, Lead]:
+        """Convert a value to an array of that shape, and tell the axes in front of it."""
 
 
 def remembers(name: str) -> bool:
@@ -43,7 +58,7 @@ def is_narrow(calls: Calls, value: Any) -> bool:
     if not calls.memory:
         return False
     try:
-        return np.shape(value)[-1:] == (calls.narrow,)
+        return bool(np.shape(value)[-1:] == (calls.narrow,))
     except ValueError:  # no array at all: checks say so
         return False
 
@@ -170,4 +185,5 @@ def cut(calls: Calls, result: Array, writes: str) -> Array:
     part = slice(calls.narrow)
     if writes == "regressor":  # its columns are parameters
         return np.ascontiguousarray(result[..., part, :])
-    return np.ascontiguousarray(result[(..., *(part,) * BY_COORDINATE.get(writes, 0))])
+    place: tuple[Any, ...] = (..., *((part,) * BY_COORDINATE.get(writes, 0)))
+    return np.ascontiguousarray(result[place])

@@ -1,0 +1,262 @@
+"""Analyses of robots with states of laws, against differences of their equations of motion and their motions."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scipy.linalg
+
+import eomgen
+from eomgen.analysis.at_rest import rest
+from eomgen.analysis.compliance import compliance_map
+from eomgen.analysis.frequency import response
+from eomgen.analysis.holding import fixation_of
+from eomgen.analysis.matrices import linearize
+from eomgen.analysis.modal import modes, modes_along
+from eomgen.analysis.statics import deflection, joint_stiffness_matrix
+from eomgen.errors import ArrayError, EomgenWarning, InputError, UnknownNameError
+from eomgen.loops.equilibrium import closed_equilibrium
+from eomgen.state.equilibrium import static_equilibrium
+from tests.support.bristled import bristled_arm, bristled_linkage, geared_arm
+from tests.support.builds import Build
+from tests.support.random_robots import Array
+
+pytestmark = [pytest.mark.usefixtures("unoptimised"), pytest.mark.filterwarnings("ignore::eomgen.errors.EomgenWarning")]
+
+POSE = {"j1": 0.3, "j2": 0.4}
+BENT = {"j1.gamma.friction.z": 3e-5, "j2.beta.friction.z": -2e-5}
+
+
+def by_differences(kernel: eomgen.Kernel, x: Array, u: Array) -> Array:
+    """Return derivatives of (v, a, z') by (q, v, z)."""
+    n = len(kernel.coordinates)
+
+    def rates(x: Array) -> Array:
+        q, v, z = np.split(x, [n, 2 * n])
+        return np.concatenate([v, kernel.forward_dynamics(q, v, u, z), kernel.memory_rates(q, v, z, u)])
+
+    h = np.repeat([1e-6, 1e-6, 1e-9], [n, n, x.size - 2 * n])
+    return np.array([(rates(x + h[i] * e) - rates(x - h[i] * e)) / (2 * h[i]) for i, e in enumerate(np.eye(x.size))]).T
+
+
+@pytest.mark.parametrize("moving", [True, False])
+def test_linear_systems_are_differences(moving: bool, built: Build) -> None:
+    """In motion with bent bristles, and at rest with unbent ones, where both directions are alike."""
+    robot = bristled_arm()
+    kernel = built(robot)
+    q, v = np.array([0.3, 1e-5, -1e-4, 0.4]), np.array([0.2, 0.01, -0.05, 0.3])
+    if moving:
+        z = np.array([3e-5, -2e-5])
+        system = linearize(robot, q, v=v, u=np.array([1.0, 0.0, 0.0, 2.0]), kernel=kernel, z=z)
+        x = np.concatenate([q, v, z])
+        assert system.z == pytest.approx(z)
+    else:
+        system = linearize(robot, POSE, kernel=kernel)
+        x = np.concatenate([system.q, 0 * v, [0.0, 0.0]])
+    names = (*kernel.coordinates, *(f"{name}.rate" for name in kernel.coordinates), *kernel.memory)
+    assert system.states == names
+    expected = by_differences(kernel, x, system.u)
+    size = np.abs(expected).max(axis=1, keepdims=True)
+    assert (np.abs(system.A - expected) <= 2e-5 * size).all()
+    assert system.a == pytest.approx(kernel.forward_dynamics(x[:4], x[4:8], system.u, x[8:]), abs=1e-8)
+    M = kernel.mass_matrix(system.q)
+    assert system.B[4:8] == pytest.approx(np.linalg.inv(M)[:, [0, 3]], rel=1e-9, abs=1e-9)
+    assert not system.B[8:].any()
+    assert not system.C[:, 4:].any()
+    assert system.C[:, :4] == pytest.approx(kernel.frame_jacobian(system.q, "tcp"), abs=1e-12)
+    rates = linearize(robot, q, v=v, u=system.u, kernel=kernel, kind="velocity") if moving else None
+    assert rates is None or (rates.C[:, 4:8] == system.C[:, :4]).all()
+    discrete = system.discretize(1e-3)
+    assert pytest.approx(scipy.linalg.expm(1e-3 * system.A), rel=1e-9, abs=1e-12) == discrete.A
+    assert discrete.states == names
+
+
+def test_bent_bristles_at_rest_have_the_mean_of_both_directions(built: Build) -> None:
+    robot = bristled_arm()
+    kernel = built(robot)
+    system = linearize(robot, POSE, kernel=kernel, z=BENT)
+    sides = []
+    for sign in (1.0, -1.0):
+        v = sign * 1e-300 * np.ones(4)
+        sides.append(linearize(robot, system.q, v=v, u=system.u, kernel=kernel, z=BENT).A)
+    assert np.abs(sides[0] - sides[1]).max() > 0.1
+    assert pytest.approx(0.5 * (sides[0] + sides[1]), rel=1e-9, abs=1e-6) == system.A
+    assert (system.A[8:, 4:8] == [[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]]).all()
+    assert not system.A[8:, 8:].any()
+    assert any("kept at 3e-05, -2e-05" in note for note in system.notes)
+
+
+@pytest.mark.parametrize("drives", ["free", "pd", "locked"])
+def test_modes_are_eigenvalues_of_the_linear_system(drives: str, built: Build) -> None:
+    """Bristles at rest are springs, and each has an eigenvalue of 0, by name; those of locked joints are left out."""
+    robot = bristled_arm()
+    kernel = built(robot)
+    options = {"drives": drives, "kernel": kernel} | ({"kp": 1e3, "kd": 2.0} if drives == "pd" else {})
+    found, system = modes(robot, POSE, **options), linearize(robot, POSE, **options)  # type: ignore[arg-type]
+    states = kernel.memory[1:] if drives == "locked" else kernel.memory
+    assert found.zeros == found.memory == states
+    assert system.states[-len(states) :] == states
+    s = found.eigenvalues
+    whole = np.concatenate([s, s[s.imag > 0.0].conj(), np.zeros(len(states))])
+    expected = np.linalg.eigvals(system.A)
+    assert whole.size == expected.size
+    for value in expected:
+        assert np.abs(whole - value).min() < 1e-5 * max(1.0, abs(value)) + 2e-3 * (abs(value) < 1e-2)
+    for k, value in enumerate(s):
+        moved = found.shapes[k][[kernel.coordinates.index(name.rpartition(".friction")[0]) for name in states]]
+        assert found.states[k] == pytest.approx(moved), value  # they stick: z goes as the coordinate does
+    text = "\n".join(found.lines())
+    assert "j2.beta.friction.z" in text
+    assert "eigenvalue of 0" in text
+    assert found.as_dict()["zeros"] == list(states)
+    assert found.as_rows() is not None
+
+
+def test_presliding_holds_a_joint(built: Build) -> None:
+    """A rotor's mode under its bristles: sqrt(sigma_0 / I) of the arm with a joint that nothing else holds."""
+    robot = bristled_arm().rigid()
+    kernel = built(robot)
+    found = modes(robot, POSE, drives="free", held=["j2.gamma"], parameters={"gravity.y": 0.0})
+    inertia = kernel.mass_matrix([0.3, 0.4])
+    system = linearize(robot, POSE, kernel=kernel, parameters=None)
+    assert system.states == ("j1.gamma", "j2.gamma", "j1.gamma.rate", "j2.gamma.rate", "j1.gamma.friction.z")
+    stiff = np.diag([1e4, 0.0])
+    squares = scipy.linalg.eigh(stiff, inertia, eigvals_only=True)
+    assert found.undamped[-1] == pytest.approx(np.sqrt(squares[-1]) / (2.0 * np.pi), rel=1e-9)
+
+
+def test_responses_are_those_of_the_linear_system(built: Build) -> None:
+    robot = bristled_arm()
+    kernel = built(robot)
+    hertz = np.array([0.0, 0.5, 5.0, 40.0])
+    inputs, outputs = ("j1.gamma", "tcp.fz"), ("tcp.x", "j2.beta")
+    options = {"drives": "pd", "kp": 1e3, "kd": 2.0, "kernel": kernel, "z": BENT}
+    for kind in ("displacement", "velocity", "acceleration"):
+        found = response(robot, inputs, outputs, hertz, POSE, kind=kind, **options)  # type: ignore[arg-type]
+        system = linearize(robot, POSE, inputs=inputs, outputs=outputs, kind=kind, **options)  # type: ignore[arg-type]
+        assert found.H[1:] == pytest.approx(system.bode(frequencies=hertz[1:]).H, rel=1e-6, abs=1e-12)
+        near = system.bode(frequencies=[1e-4]).H  # bristles hold as springs down to rest
+        assert found.H[0] == pytest.approx(near[0], rel=1e-3, abs=1e-3 * max(1e-4, np.abs(near).max()))
+
+
+def test_statics_leave_states_as_they_are(built: Build) -> None:
+    """Forces of bent bristles deflect; the stiffness about the state is that of springs alone."""
+    robot = bristled_arm()
+    kernel = built(robot)
+    plain, bent = (deflection(robot, POSE, kernel=kernel, z=z) for z in (None, BENT))
+    force = 2e3 * BENT["j2.beta.friction.z"]
+    beta = kernel.coordinates.index("j2.beta")
+    assert bent.q[beta] - plain.q[beta] == pytest.approx(-force / 1e3, rel=1e-3)
+    assert bent.u[0] - plain.u[0] == pytest.approx(1e4 * BENT["j1.gamma.friction.z"], rel=1e-3)
+    assert bent.compliance == pytest.approx(plain.compliance, rel=1e-3, abs=1e-7)
+    assert any("'j2.beta.friction.z': kept at 0;" in note for note in plain.notes)
+    matrix = joint_stiffness_matrix(robot, "j2", POSE, kernel=kernel)
+    assert matrix.matrix == pytest.approx(np.diag([1e5, 1e3]))
+    grid = compliance_map(robot, [0.5, 0.1, 0.0], [0.1, 0, 0], [0, 0.1, 0], (2, 2), pose=POSE, kernel=kernel)
+    assert grid.q.shape == (2, 2, 4)
+    assert np.isfinite(grid.softest).all()
+
+
+def test_equilibria(built: Build) -> None:
+    robot = bristled_arm()
+    kernel = built(robot)
+    z = np.array([*BENT.values()])
+    q, u = static_equilibrium(kernel, [0.3, 0.0, 0.0, 0.4], held=["j1.gamma"], z=BENT)
+    assert q.shape == u.shape == (4,)
+    assert kernel.forward_dynamics(q, 0 * q, u, z) == pytest.approx(0 * q, abs=1e-9)
+    assert not kernel.memory_rates(q, 0 * q, z, u).any()
+    wide, drives = static_equilibrium(kernel, [0.3, 0.0, 0.0, 0.4, 0.0, 0.0], held=["j1.gamma"], z=z)
+    assert (wide == np.r_[q, 0.0, 0.0]).all()
+    assert (drives == np.r_[u, 0.0, 0.0]).all()
+    seen: list[tuple[int, ...]] = []
+
+    def push(x: Array) -> Array:
+        seen.append(x.shape)
+        return 0.1 * np.ones_like(x)
+
+    static_equilibrium(kernel, [0.3, 0.0, 0.0, 0.4], held=["j1.gamma"], u=push)
+    assert {shape[-1] for shape in seen} == {4}
+    linkage = built(bristled_linkage())
+    bent = np.array([4e-4, -3e-4])
+    closed = closed_equilibrium(linkage, linkage.home, z=bent, held=["joint1.gamma"])
+    forces = linkage.inverse_dynamics(closed, np.zeros(3), np.zeros(3), z=bent)
+    assert not forces[1:].any()
+    free = closed_equilibrium(linkage, linkage.home, z=bent, u=lambda x: np.zeros_like(x))
+    assert linkage.forward_dynamics(free, np.zeros(3), np.zeros(3), bent) == pytest.approx(np.zeros(3), abs=1e-7)
+    geared = built(geared_arm())
+    q, u = static_equilibrium(geared, [0.3], z=[1e-4, 2e-4], held=["j1.gamma"])
+    assert geared.forward_dynamics(q, [0.0], u, [1e-4, 2e-4]) == pytest.approx([0.0], abs=1e-9)
+
+
+@pytest.mark.parametrize("closed", [True, False])
+def test_loops_and_followers_move_as_their_linear_system_says(closed: bool, built: Build) -> None:
+    """A small push: the motion of the whole equations is that of A, also of bristles in followers."""
+    robot = bristled_linkage() if closed else geared_arm()
+    kernel = built(robot)
+    n = len(kernel.coordinates)
+    options = {"kernel": kernel, "held": [kernel.coordinates[0]], "drives": "free"}
+    system = linearize(robot, dict(zip(kernel.coordinates, kernel.home, strict=True)), **options)  # type: ignore[arg-type]
+    assert len(system.states) == 2 + len(kernel.memory)
+    lead = kernel.coordinates.index(system.states[0])
+    x0, duration = np.array([0.0, 1e-5, 0.0, 0.0]), 0.02
+    v = np.zeros(n)
+    v[lead] = 1e-5
+    v = kernel.project_velocity(system.q, v, [system.states[0]]) if closed else v
+    motion = kernel.rollout(
+        system.q, v, system.u, z=np.zeros(2), duration=duration, samples=4, method="tsit5", rtol=1e-9
+    )
+    for k, t in enumerate(np.linspace(0.0, duration, 5)):
+        expected = scipy.linalg.expm(t * system.A) @ x0
+        found = np.r_[motion[0][k][lead] - system.q[lead], motion[1][k][lead], motion.z[k]]
+        assert found == pytest.approx(expected, rel=2e-3, abs=1e-3 * np.abs(expected[2:]).max() + 1e-12), t
+    found = modes(robot, system.q, **options)  # type: ignore[arg-type]
+    assert found.zeros == kernel.memory
+    about = linearize(robot, system.q, v=v, u=system.u, kernel=kernel, z=[1e-4, -1e-4])
+    assert about.A.shape == (4, 4)
+    assert about.A[2:, 2:].any()
+
+
+def test_modes_along_a_path(built: Build) -> None:
+    robot = bristled_arm()
+    tracks = modes_along(robot, [POSE, {"j1": 0.35, "j2": 0.45}], kernel=built(robot), drives="pd", kp=1e3, kd=1.0)
+    assert (tracks.tracks[1] == tracks.tracks[0]).all()
+
+
+def test_results_are_kept(built: Build, tmp_path: object) -> None:
+    robot = bristled_arm()
+    system = linearize(robot, POSE, kernel=built(robot), z=BENT)
+    system.save(tmp_path / "system.npz")  # type: ignore[operator]
+    again = eomgen.load_result(tmp_path / "system.npz")  # type: ignore[operator]
+    assert again.memory == system.memory
+    assert (again.z == system.z).all()
+    assert system.as_dict()["state"]["z"] == BENT
+    assert any("states of laws: j1.gamma.friction.z" in line for line in system.lines())
+
+
+def test_what_cannot_be_is_refused(built: Build) -> None:
+    robot = bristled_arm()
+    kernel = built(robot)
+    with pytest.raises(UnknownNameError, match=r"z: 'j1\.friction' is unknown"):
+        modes(robot, POSE, kernel=kernel, z={"j1.friction": 0.0})
+    with pytest.raises(ArrayError, match=r"z: expected float64 of shape \(2,\)"):
+        linearize(robot, POSE, kernel=kernel, z=[0.0])
+    with pytest.raises(ArrayError, match=r"z: j2\.beta\.friction\.z is nan"):
+        static_equilibrium(kernel, np.zeros(4), z=[0.0, np.nan])
+    with pytest.raises(UnknownNameError, match=r"held: 'j1\.gamma\.friction\.z' is unknown"):
+        modes(robot, POSE, kernel=kernel, held=["j1.gamma.friction.z"])
+    with pytest.raises(UnknownNameError, match=r"held: 'j1\.gamma\.friction\.z' is unknown"):
+        static_equilibrium(kernel, np.zeros(4), held=["j1.gamma.friction.z"])
+    with pytest.raises(InputError, match="z: no law of one_link has a state"):
+        modes("one_link", z=[0.0])
+    with pytest.warns(EomgenWarning, match="a robot with bristles is at rest whatever they are"):
+        deflection(robot, POSE, kernel=kernel)
+
+
+def test_fixation_keeps_states(built: Build) -> None:
+    robot = bristled_arm()
+    kernel = built(robot)
+    fixation = fixation_of(robot, kernel, z=BENT)
+    state = rest(kernel, np.r_[0.3, 0.0, 0.0, 0.4, 0.0, 0.0], fixation)
+    assert not state.q[4:].any()
+    assert not state.u[4:].any()
+    assert not state.tangent.K[:, 4:].any()

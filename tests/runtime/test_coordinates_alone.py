@@ -1,0 +1,235 @@
+"""Robots with states of laws: arrays of coordinates alone, and z apart, have the numbers of whole arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+import eomgen
+from eomgen.errors import ArrayError, InputError
+from eomgen.runtime.narrow import DERIVATIVE, REMEMBERING, remembers
+from tests.support.bristled import bristled_arm, bristled_linkage, geared_arm
+from tests.support.builds import Build
+
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
+ROBOTS: dict[str, Callable[[], eomgen.Robot]] = {
+    "arm": bristled_arm,
+    "linkage": bristled_linkage,
+    "gear": geared_arm,
+}
+PLAIN = ("mass_matrix", "gravity", "euler_cosines", "christoffel", "center_of_mass")
+MOVING = ("bias_force", "nonlinear_effects", "coriolis_matrix", "frame_velocities", "centroidal_momentum")
+WITH_Z = {"generalized_force": "qv", "energy": "qv", "inverse_dynamics": "qva", "reactions": "qva", "residual": "qvau"}
+LOOPED = {"constraint": "q", "constraint_jacobian": "q", "constraint_bias": "qv", "cut_poses": "q"}
+
+
+class State:
+    """A state of a kernel, apart and with states of laws behind coordinates."""
+
+    def __init__(self, kernel: eomgen.Kernel, lead: tuple[int, ...] = (), seed: int = 1) -> None:
+        rng, n = np.random.default_rng(seed), len(kernel.coordinates)
+        near = np.asarray(kernel.home, np.float64)
+        self.apart = {name: 0.1 * rng.normal(size=(*lead, n)) for name in "qvau"}
+        self.z = 1e-5 * rng.normal(size=(*lead, len(kernel.memory)))
+        self.apart["q"] += near
+        if kernel.constraints:
+            self.apart["q"] = np.broadcast_to(kernel.assemble(near), (*lead, n)).copy()
+            self.apart["v"] *= 0.0
+            self.apart["a"] *= 0.0
+        self.apart = {name: x.astype(kernel.dtype) for name, x in self.apart.items()}
+        self.z = self.z.astype(kernel.dtype)
+        self.whole = {
+            name: np.concatenate([x, self.z if name == "v" else 0 * self.z], axis=-1) for name, x in self.apart.items()
+        }
+
+
+@pytest.fixture(scope="module", params=ROBOTS)
+def kernel(request: pytest.FixtureRequest, built: Build) -> eomgen.Kernel:
+    return built(ROBOTS[request.param]())
+
+
+def equal(narrow: Any, wide: Any, axes: int) -> bool:
+    """Whether a result is the part of coordinates of another, to the bit; its last axes are by coordinates."""
+    n = narrow.shape[-1]
+    part = wide[(..., *(slice(n),) * axes)]
+    return narrow.shape == part.shape and bool((narrow == part).all())
+
+
+@pytest.mark.parametrize("lead", [(), (3,), (2, 2)])
+def test_all_methods_take_coordinates_alone(kernel: eomgen.Kernel, lead: tuple[int, ...]) -> None:
+    s = State(kernel, lead)
+    axes = {"mass_matrix": 2, "gravity": 1, "christoffel": 3, "bias_force": 1, "nonlinear_effects": 1}
+    axes |= {"coriolis_matrix": 2, "generalized_force": 1, "inverse_dynamics": 1, "residual": 1}
+    axes |= {"constraint_jacobian": 1}
+    calls = dict.fromkeys(PLAIN, "q") | dict.fromkeys(MOVING, "qv") | WITH_Z
+    calls |= LOOPED if kernel.constraints else {}
+    for name, reads in calls.items():
+        method, apart = getattr(kernel, name), {"z": s.z} if name in WITH_Z else {}
+        narrow = method(*(s.apart[x] for x in reads), **apart)
+        assert equal(narrow, method(*(s.whole[x] for x in reads)), axes.get(name, 0)), name
+        out = np.empty_like(narrow)
+        assert method(*(s.apart[x] for x in reads), **apart, out=out) is out, name
+        assert (out == narrow).all(), name
+    q, v, u = (s.apart[x] for x in "qvu")
+    wide = kernel.forward_dynamics(*(s.whole[x] for x in "qvu"))
+    assert equal(kernel.forward_dynamics(q, v, u, s.z), wide, 1)
+    assert (kernel.memory_rates(q, v, s.z, u) == wide[..., len(kernel.coordinates) :]).all()
+    frame = kernel.links[-1]
+    assert equal(kernel.frame_jacobian(q, frame), kernel.frame_jacobian(s.whole["q"], frame), 1)
+    assert (
+        kernel.frame_bias_acceleration(q, v, frame)
+        == kernel.frame_bias_acceleration(*(s.whole[x] for x in "qv"), frame)
+    ).all()
+    regressor = kernel.regressor(*(s.apart[x] for x in "qva"))
+    assert (regressor == kernel.regressor(*(s.whole[x] for x in "qva"))[..., : len(kernel.coordinates), :]).all()
+    load = {frame: [1.0, 2.0, 3.0, 0.1, 0.2, 0.3]}
+    for name, reads in (("inverse_dynamics", "qva"), ("residual", "qvau"), ("reactions", "qva")):
+        method = getattr(kernel, name)
+        narrow = method(*(s.apart[x] for x in reads), wrench=load, z=s.z)
+        assert equal(narrow, method(*(s.whole[x] for x in reads), wrench=load), int(name != "reactions")), name
+    under = kernel.forward_dynamics(q, v, u, s.z, wrench=load)
+    assert equal(under, kernel.forward_dynamics(*(s.whole[x] for x in "qvu"), wrench=load), 1)
+    if kernel.constraints:
+        assert equal(
+            kernel.loop_reactions(q, v, s.apart["a"], z=s.z), kernel.loop_reactions(*(s.whole[x] for x in "qva")), 0
+        )
+        forces = kernel.constraint_forces(q, v, u, z=s.z)
+        assert (forces == kernel.constraint_forces(*(s.whole[x] for x in "qvu"))).all()
+        assert equal(
+            kernel.assemble(q + 1e-3),
+            kernel.assemble(s.whole["q"] + np.r_[1e-3 * np.ones(q.shape[-1]), 0 * s.z.reshape(-1, s.z.shape[-1])[0]]),
+            1,
+        )
+        assert equal(kernel.project_velocity(q, v + 1.0), kernel.project_velocity(s.whole["q"], s.whole["v"] + 1.0), 1)
+    if kernel.couplings:
+        forces = kernel.coupling_forces(q, v, s.apart["a"], z=s.z)
+        assert (forces == kernel.coupling_forces(*(s.whole[x] for x in "qva"))).all()
+        followers = kernel.followers(q, v)
+        assert all(
+            (a == b).all()
+            for name, pair in kernel.followers(*(s.whole[x] for x in "qv")).items()
+            for a, b in zip(pair, followers[name], strict=True)
+        )
+
+
+def test_blocks_and_inverse_kinematics(built: Build) -> None:
+    kernel = built(bristled_arm())
+    s = State(kernel)
+    for blocks in (kernel.blocks(s.apart["q"]), kernel.blocks(s.whole["q"])):
+        assert (blocks.mass["j1", "j2"] == kernel.mass_matrix(s.apart["q"])[:1, 1:]).all()
+        assert set(blocks.mass) == {("j1", "j1"), ("j1", "j2"), ("j2", "j1"), ("j2", "j2")}
+    pose = kernel.frame_pose(s.apart["q"], "tcp")
+    q = kernel.inverse_kinematics(pose, q0=s.apart["q"] + [0.1, 0.0, 0.0, 0.1])
+    assert q == pytest.approx(s.apart["q"], abs=1e-9)
+    wide = kernel.inverse_kinematics(pose, q0=s.whole["q"] + [0.1, 0.0, 0.0, 0.1, 0.0, 0.0])
+    assert (wide == np.r_[q, 0.0, 0.0]).all()
+    linkage = built(bristled_linkage())
+    home = linkage.assemble(linkage.home)
+    moved = linkage.assemble(home + [0.1, 0.0, 0.0], ["joint1.gamma"])
+    frame = linkage.links[1]
+    again = linkage.inverse_kinematics(
+        linkage.frame_pose(moved, frame)[:3, 3], frame, q0=home, moving=linkage.coordinates
+    )
+    assert again == pytest.approx(moved, abs=1e-8)
+    assert linkage.assemble(home, roots=2).shape[-1] == 3
+
+
+def test_derivatives(built: Build) -> None:
+    """Of functions that no state acts on in arrays of coordinates alone; of others in whole arrays."""
+    kernel = built(bristled_arm())
+    s, n = State(kernel), 4
+    weights = np.random.default_rng(0).normal(size=(n,))
+    wide = np.r_[weights, 0.0, 0.0]
+    args, whole = tuple(s.apart[x] for x in "qv"), tuple(s.whole[x] for x in "qv")
+    for narrow, full in zip(
+        kernel.vjp("bias_force", args, weights), kernel.vjp("bias_force", whole, wide), strict=True
+    ):
+        assert equal(narrow, full, 1)
+    assert equal(
+        kernel.jvp("bias_force", args, args), kernel.jvp("bias_force", whole, (s.whole["q"], np.r_[args[1], 0, 0])), 1
+    )
+    second = kernel.hessian("bias_force", args, weights)
+    places = [0, 1, 2, 3, 6, 7, 8, 9]
+    assert (second == kernel.hessian("bias_force", whole, wide)[np.ix_(places, places)]).all()
+    by_numbers = kernel.parameter_jacobian("mass_matrix", args[:1])
+    assert (by_numbers == kernel.parameter_jacobian("mass_matrix", whole[:1])[:n, :n]).all()
+    assert kernel.parameter_jacobian("mass_matrix", args[:1], []).shape == (n, n, 0)
+    turned = kernel.vjp("frame_jacobian", (args[0], "tcp"), np.ones((6, n)))[0]
+    ones = np.concatenate([np.ones((6, n)), np.zeros((6, 2))], axis=1)
+    assert (turned == kernel.vjp("frame_jacobian", (whole[0], "tcp"), ones)[0][:n]).all()
+    for call in (
+        lambda: kernel.vjp("energy", args, [1.0, 1.0]),
+        lambda: kernel.jvp("energy", args, args),
+        lambda: kernel.hessian("energy", args, [1.0, 1.0]),
+        lambda: kernel.parameter_jacobian("energy", args),
+    ):
+        with pytest.raises(ArrayError, match=r"derivatives of energy.*lack.*allowed: arrays of 6 numbers"):
+            call()
+
+
+def test_what_depends_on_states_is_known(built: Build) -> None:
+    """Functions whose results change with z are those that ``remembers`` knows, reactions in loops among them."""
+    changed, same = set[str](), set[str]()
+    for name in ROBOTS:
+        kernel = built(ROBOTS[name]())
+        s, n = State(kernel), len(kernel.coordinates)
+        shift = np.r_[np.zeros(n), 1e-3 * np.ones(len(kernel.memory))]
+        for function in kernel.raw.functions.values():
+            values = [s.whole.get(x) for x in function.reads]
+            steps = any(part in function.name for part in ("rollout", "gradient", "sensitivity"))
+            if steps or DERIVATIVE.search(function.name) or "v" not in function.reads or any(x is None for x in values):
+                continue
+            other = [x + shift if label == "v" else x for x, label in zip(values, function.reads, strict=True)]
+            one, two = (kernel.calls.run(function.name, None, x) for x in (values, other))
+            differs = (one != two)[..., : n if one.shape[-1:] == (kernel.n,) else None].any()
+            (changed if differs else same).add(function.name)
+    assert all(remembers(name) for name in changed)
+    assert not any(remembers(name) for name in same - changed - {"tree_reactions"})
+    assert {name.removeprefix("tree_").removesuffix("_under_load") for name in changed} == REMEMBERING
+
+
+def test_float32(built: Build) -> None:
+    kernel = built(bristled_arm(), "inverse_dynamics", "mass_matrix", dtype="float32")
+    s = State(kernel)
+    narrow = kernel.inverse_dynamics(*(s.apart[x] for x in "qva"), z=s.z)
+    assert narrow.dtype == np.float32
+    assert equal(narrow, kernel.inverse_dynamics(*(s.whole[x] for x in "qva")), 1)
+    with pytest.raises(ArrayError, match="z: expected float32 of shape"):
+        kernel.inverse_dynamics(*(s.apart[x] for x in "qva"), z=np.zeros(2) + 1e-3)
+
+
+def test_what_cannot_be_is_refused(built: Build) -> None:
+    kernel = built(bristled_arm())
+    s = State(kernel)
+    (q, v, a), wide = (s.apart[x] for x in "qva"), s.whole["v"]
+    calls: dict[str, Callable[[], Any]] = {
+        r"inverse_dynamics: arrays of 4 numbers lack.*j1\.gamma\.friction\.z.*allowed: z, \(\.\.\., 2\)": lambda: (
+            kernel.inverse_dynamics(q, v, a)
+        ),
+        r"forward_dynamics: arrays of 4 numbers": lambda: kernel.forward_dynamics(q, v, a),
+        r"v: got shape \(6,\); allowed: 4 numbers, as q has": lambda: kernel.bias_force(q, wide),
+        r"q: got shape \(6,\); allowed: 4 numbers, as z stands apart": lambda: kernel.energy(s.whole["q"], wide, z=s.z),
+        r"q: expected float64 of shape \(6,\).*or \(4,\) of coordinates alone, got shape \(3,\)": lambda: (
+            kernel.mass_matrix(q[:3])
+        ),
+        r"z: expected float64 of shape \(2,\)": lambda: kernel.energy(q, v, z=[0.0]),
+        r"z: j2\.beta\.friction\.z is nan": lambda: kernel.energy(q, v, z=[0.0, np.nan]),
+        r"v: 3 states, but 2 in other arrays": lambda: kernel.energy(np.tile(q, (2, 1)), v, z=np.zeros((3, 2))),
+        r"v: got list": lambda: kernel.bias_force(q, [1.0, [2.0]]),
+        r"v: j1\.gamma is nan": lambda: kernel.bias_force(q, np.nan * v),
+        r"out: expected float64 of shape \(4,\)": lambda: kernel.bias_force(q, v, out=np.zeros(6)),
+    }
+    for said, call in calls.items():
+        with pytest.raises(ArrayError, match=said):
+            call()
+    plain = built(eomgen.load_robot("one_link"), "energy", "inverse_dynamics")
+    for call in (
+        lambda: plain.energy([0.0], [0.0], z=[0.0]),
+        lambda: plain.inverse_dynamics([0.0], [0.0], [0.0], z=[0.0]),
+    ):
+        with pytest.raises(InputError, match="z: no law of one_link has a state"):
+            call()
