@@ -10,7 +10,7 @@ import pytest
 
 import eomgen
 from eomgen.errors import ArrayError, InputError
-from eomgen.runtime.narrow import DERIVATIVE, REMEMBERING, remembers
+from eomgen.runtime.arrays import DERIVATIVE, REMEMBERING, remembers
 from tests.support.bristled import bristled_arm, bristled_linkage, geared_arm
 from tests.support.builds import Build
 

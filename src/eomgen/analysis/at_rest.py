@@ -15,7 +15,7 @@ from ..arrays import RANK, Array, Mask
 from ..errors import IntegrationError
 from ..runtime.kernel import Kernel
 from ..shown import Shown
-from ..state.vectors import at_rest_with
+from ..state.law_states import at_rest_with
 from .holding import Fixation, notes_of_play
 from .tangent_system import LinearSystem, MotionState, Tangent, load_force, moving_basis, reduced, tangent
 

@@ -18,10 +18,9 @@ from ..robot.value import Robot
 from ..runtime.kernel import Kernel
 from ..state.elements import cut_matrices, joint_stiffness
 from ..state.journals import cut_contacts, cut_deviations, journal_contacts
+from ..state.law_states import StatesLike, kept_note, memory_vector
 from ..state.motors import acting, deflections, turn_motors
 from ..state.springs import clearances, cut_numbers, journals_in_play, law_numbers
-from ..state.vectors import StatesLike, memory_vector
-from .state_rows import kept_note
 
 PoseLike = Mapping[str, float] | Sequence[float] | Array
 Gains = float | Mapping[str, float]

@@ -13,11 +13,11 @@ from ..names import joint_of
 from ..pipeline.stages import build
 from ..runtime.kernel import Kernel
 from ..runtime.loop_errors import left_open
+from ..state.law_states import state_rates
 from ..state.vectors import state_vector
 from .at_rest import closed
 from .holding import notes_of_play
 from .options import HeldRobot
-from .state_rows import state_rates
 from .tangent_system import LinearSystem, MotionState, constraint_hessian, load_force, moving_basis, reduced, tangent
 
 OPEN = 1e-9  # of the greatest of what adds up: more is not round-off

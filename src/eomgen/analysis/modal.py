@@ -2,7 +2,7 @@
 
 About a static equilibrium small motions obey M e'' + D e' + K e = 0 with the exact derivatives of the residual.  With
 e = phi exp(s t) that is a quadratic eigenproblem, solved in the scaled state (L^T e, L^T e'), M = L L^T.  States z of
-laws stand behind, as sqrt(w) z; those that stick (``state_rows``) are springs, and each has an eigenvalue of 0.
+laws stand behind, as sqrt(w) z; those that stick (``state.law_states``) are springs, and each has an eigenvalue of 0.
 """
 
 from __future__ import annotations

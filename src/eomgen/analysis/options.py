@@ -19,7 +19,7 @@ from ..progress import StageReport, no_report
 from ..robot.model import build_model
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
-from ..state.vectors import StatesLike, whole_vector
+from ..state.law_states import StatesLike, whole_vector
 from .holding import Fixation, Gains, PoseLike, fixation_of, pose_of
 
 if TYPE_CHECKING:

@@ -24,8 +24,8 @@ from ..robot.coordinates import owners_of
 from ..runtime.kernel import Kernel
 from ..runtime.singular import null_coordinates, scaled_eigenvalues
 from ..shown import Shown
+from ..state.law_states import LawStates, slopes_of, states_of, zero_note
 from .holding import Fixation
-from .state_rows import LawStates, slopes_of, states_of, zero_note
 
 SINGULAR = 1e-5  # of the greatest singular value: what less belongs to a singular pose that is met to 1e-12 m
 BENT = 1e-6  # of second derivatives, m/rad^2 and the like: round-off

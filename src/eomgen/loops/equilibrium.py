@@ -14,9 +14,10 @@ from ..runtime.by_name import WrenchLike, wrench_rows
 from ..runtime.kernel import Kernel
 from ..runtime.turning import singular_joints
 from ..state.equilibrium import given_forces, known_coordinates, refuse_singular, static_equilibrium
+from ..state.law_states import StatesLike, at_rest_with, memory_vector, whole_vector
 from ..state.springs import coordinate_sizes, line_rates, stiffnesses
 from ..state.turning import Turns
-from ..state.vectors import Q_STEP, StatesLike, at_rest_with, memory_vector, whole_vector
+from ..state.vectors import Q_STEP
 from .chart import Chart
 
 ROUNDS = 100

@@ -14,10 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import ArrayError, InputError, UnknownNameError
 from ..names import joint_of, listed, nearest_or_all, parameter_name, show
-from .arrays import joint_lead, numbers_in
+from .arrays import joint_lead, numbers_in, whole_array
 from .calls import Calls
 from .compiled_code import CompiledCode
-from .narrow import whole_array
 from .raw import Array
 
 Mask = NDArray[np.bool_]

@@ -13,11 +13,10 @@ from numpy.typing import ArrayLike
 
 from ..errors import ArrayError, InputError, SingularError
 from ..names import split_component
-from .arrays import Arrays, Lead, is_finite, joint_lead, numbers_in, place_of, rows_of
+from .arrays import Arrays, Lead, is_finite, is_narrow, joint_lead, numbers_in, place_of, rows_of, run_narrow, widened
 from .chunking import shared, states_at_once
 from .direct import WRENCHED
 from .loop_errors import loop_error, singular_loop
-from .narrow import is_narrow, run_narrow, widened
 from .parameters import Parameters
 from .raw import Array, RawFunction, RawKernel
 from .singular import NEARLY, VANISHED, null_coordinates, scaled_eigenvalues, singular_place

@@ -12,11 +12,10 @@ from numpy.typing import ArrayLike
 
 from ..errors import InputError, UnknownNameError
 from ..names import nearest_or_all, show
-from .arrays import flag, names_in
+from .arrays import cut, flag, is_narrow, names_in, narrow_shape, refuse_mixed, widened
 from .calls import Calls
 from .compiled_code import CompiledCode
 from .loop_errors import LOADED
-from .narrow import cut, is_narrow, narrow_shape, refuse_mixed, widened
 from .parameters import Parameters
 from .raw import Array
 

@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .arrays import flag, joint_lead
+from .arrays import flag, joint_lead, states_apart, widened
 from .by_name import WrenchLike, wrench_rows
 from .derivatives import Differentiation
 from .inverse_kinematics.kernel_method import InverseKinematics
 from .loop_errors import LOADED
-from .narrow import states_apart, widened
 from .raw import Array
 from .stepping.interface import Rollouts
 

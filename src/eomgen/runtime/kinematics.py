@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike
 
 from ..errors import InputError
 from ..names import show
+from .arrays import is_narrow
 from .compiled_code import CompiledCode
-from .narrow import is_narrow
 from .raw import Array
 
 Reference = Literal["LOCAL_WORLD_ALIGNED", "LOCAL", "WORLD"]

@@ -10,11 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError, LoopError, UnknownNameError
 from ..names import joint_of, kind_of, listed, parameter_name, parameter_path, show
-from .arrays import joint_lead, names_in, place_of
+from .arrays import cut, is_narrow, joint_lead, names_in, place_of, whole_array, widened
 from .calls import Calls
 from .compiled_code import CompiledCode
 from .loop_errors import left_open
-from .narrow import cut, is_narrow, whole_array, widened
 from .raw import Array
 from .turning import BACK, ON, Places, seen, singular_joints
 

@@ -12,8 +12,9 @@ from ..errors import ArrayError, InputError, IntegrationError, LoopError, Unknow
 from ..robot.sizes import REFERENCE_ACCELERATION
 from ..runtime.by_name import WrenchLike
 from ..runtime.kernel import Kernel
+from .law_states import StatesLike, at_rest_with, memory_vector, whole_vector
 from .springs import coordinate_sizes, line_rates, stiffnesses
-from .vectors import Q_STEP, StatesLike, at_rest_with, memory_vector, state_vector, whole_vector
+from .vectors import Q_STEP, state_vector
 
 
 def static_equilibrium(

@@ -9,9 +9,8 @@ from numpy.typing import ArrayLike
 
 from ...errors import ArrayError, InputError, UnknownNameError
 from ...names import joint_of, listed, nearest_or_all, show
-from ..arrays import names_in, numbers_in
+from ..arrays import is_narrow, names_in, numbers_in
 from ..by_name import NamedViews
-from ..narrow import is_narrow
 from .reaching import GUESSES, ClosedKinematics, Target, search, unreached
 from .rotations import Array, rotation_matrices
 

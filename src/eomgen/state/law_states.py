@@ -1,23 +1,72 @@
-"""States of laws in linear systems: z' = G_q dq + G_v dv + G_z dz, which resist motion by F dz.
+"""States of laws beside a kernel's coordinates: vectors of both, and their rows in linear systems.
 
+There z' = G_q dq + G_v dv + G_z dz, and they resist motion by F dz.
 A state whose rate depends on velocities alone, G_q = 0 and G_z = 0, as of bristles that stick, is z = G_v e and a
 constant: it adds the stiffness F G_v, and an eigenvalue of 0 for the constant.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..arrays import Array, Index, Mask
-from ..names import listed
+from ..errors import InputError, UnknownNameError
+from ..names import listed, nearest_or_all, show
 from ..runtime.kernel import Kernel
 from ..shown import Shown
+from .vectors import state_vector
+
+StatesLike = Mapping[str, float] | ArrayLike  # of laws, (memory,), or by their names
 
 FINE = 1e-300  # m/s or rad/s: a velocity that only has a direction
 STICKS = 1e-200  # 1/s: a rate of a state at such a velocity
+
+
+def memory_vector(kernel: Kernel, z: StatesLike | None) -> Array:
+    """Return states of laws, (memory,), m or rad: zeros where nothing is said, or by names, those left out 0.
+
+    Raises:
+        InputError: no law of the robot has a state.
+        UnknownNameError: a name is none of ``kernel.memory``.
+        ArrayError: another shape, or numbers that are not finite.
+    """
+    if z is None:
+        return np.zeros(len(kernel.memory))
+    if not kernel.memory:
+        raise InputError(f"z: no law of {kernel.name} has a state; allowed: a call without z")
+    if not isinstance(z, Mapping):
+        return state_vector("z", z, kernel.memory)
+    for name in z:
+        if name not in kernel.memory:
+            raise UnknownNameError(f"z: {show(str(name))} is unknown{nearest_or_all(str(name), kernel.memory)}")
+    return state_vector("z", [z.get(name, 0.0) for name in kernel.memory], kernel.memory)
+
+
+def whole_vector(kernel: Kernel, label: str, value: ArrayLike) -> tuple[Array, int]:
+    """Return a vector over coordinates and, behind them, states of laws, and how many numbers it was given with.
+
+    Args:
+        kernel: n of whose ``velocities`` are coordinates.
+        label: begins what errors say.
+        value: (n,), behind which zeros stand then, or (kernel.n,).
+
+    Raises:
+        ArrayError: it is none of both.
+    """
+    n = len(kernel.coordinates)
+    names = kernel.velocities if np.shape(value) == (kernel.n,) else kernel.coordinates
+    whole = np.zeros(kernel.n)
+    whole[: len(names)] = state_vector(label, value, names)
+    return whole, n if kernel.n == n else len(names)
+
+
+def at_rest_with(kernel: Kernel, z: Array) -> Array:
+    """Return velocities of a robot at rest whose laws have states z, (memory,): (kernel.n,), zeros, then z."""
+    return np.concatenate([np.zeros(len(kernel.coordinates)), z])
 
 
 @dataclass(frozen=True, kw_only=True)
