@@ -165,11 +165,11 @@ def _response(_: Path) -> Response:
 def _state_space(_: Path) -> StateSpace:
     return StateSpace(
         robot="arm",
-        A=np.array([[0.0, 1.0], [-2.0, -0.5]]),
-        B=np.array([[0.0], [1.0]]),
-        C=np.array([[1.0, 0.0]]),
+        A=np.array([[0.0, 1.0, 0.0], [-2.0, -0.5, -9.0], [0.0, 1.0, 0.0]]),
+        B=np.array([[0.0], [1.0], [0.0]]),
+        C=np.array([[1.0, 0.0, 0.0]]),
         D=np.zeros((1, 1)),
-        states=("joint1.gamma", "joint1.gamma.rate"),
+        states=("joint1.gamma", "joint1.gamma.rate", "joint1.gamma.friction.z"),
         inputs=("joint1.gamma",),
         outputs=("tcp.x",),
         kind="displacement",
@@ -178,6 +178,8 @@ def _state_space(_: Path) -> StateSpace:
         v=np.zeros(1),
         a=np.zeros(1),
         u=np.array([3.0]),
+        memory=("joint1.gamma.friction.z",),
+        z=np.array([1e-5]),
         notes=("a note",),
     )
 

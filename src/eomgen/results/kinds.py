@@ -120,6 +120,11 @@ class Kind(Generic[Result]):
         """How files hold the fields that are arrays, by name."""
         return {name: self.stored[name] for name, kind in self.types.items() if _is_array(kind, self.stored.get(name))}
 
+    @property
+    def first_arrays(self) -> set[str]:
+        """Names of the arrays that files of all versions have."""
+        return {name for name, stored in self.arrays.items() if stored.otherwise is REQUIRED}
+
     @cached_property
     def stored(self) -> dict[str, Stored]:
         """How files hold fields of which that is declared, by name."""
@@ -229,7 +234,7 @@ def bare_kind(path: Path | str) -> str | None:
         InputError: the file cannot be read; names the file.
     """
     names = set(read_npz(path, kinds=COMPLEX))
-    return next((kind.name for kind in KINDS.values() if kind.is_bare and names == set(kind.arrays)), None)
+    return next((kind.name for kind in KINDS.values() if kind.is_bare and names == kind.first_arrays), None)
 
 
 def _of_declared(kind: Kind[Result], contents: Contents) -> Result:
