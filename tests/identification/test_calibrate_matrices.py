@@ -324,9 +324,9 @@ def test_files_of_matrices_are_found_from_where_the_result_is_written(built: Bui
     (tmp_path / "b.toml").write_text(text, encoding="ascii")
     other = eomgen.load_robot(tmp_path / "b.toml")
     found = calibrated(other, loaded(true(robot), built), fixed=["joints.joint1.stiffness"])
-    (tmp_path / "deeper").mkdir()
-    written = found.to_toml(tmp_path / "deeper" / "c.toml")
-    assert eomgen.load_robot(written).joint("joint1").stiffness == other.joint("joint1").stiffness
+    for place in ("deeper", "new/and deeper"):  # folders that are made for it
+        written = found.to_toml(tmp_path / place / "c.toml")
+        assert eomgen.load_robot(written).joint("joint1").stiffness == other.joint("joint1").stiffness
 
 
 def test_parameters_of_files_are_checked(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ import os
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -78,7 +79,7 @@ def write_toml(fitted: FittedParameters, target: Path) -> Path:
         InputError: see ``CalibrationResult.to_toml``.
     """
     check_ending(target, ".toml")
-    return write_compared((fitted.robot, fitted.calibrated), toml_text(fitted, target.parent), target, _numbers)
+    return write_compared((fitted.robot, fitted.calibrated), partial(toml_text, fitted), target, _numbers)
 
 
 def toml_text(fitted: FittedParameters, folder: Path) -> str:
@@ -296,17 +297,23 @@ def _numbers(robot: Robot) -> Iterator[tuple[str, Sequence[float | None]]]:
         yield loop.name, (*loop.offset, *np.ravel([matrix_of(placement) for placement in loop.placements]).tolist())
 
 
-def write_compared(robots: tuple[Robot, Robot], text: str, target: Path, numbers: Numbers) -> Path:
+def write_compared(robots: tuple[Robot, Robot], text: Callable[[Path], str], target: Path, numbers: Numbers) -> Path:
     """Write a text, which is read again and compared with the calibrated robot, and return the path.
 
-    robots: as described, and as calibrated.  numbers: that are compared, by names for messages.
+    Args:
+        robots: as described, and as calibrated.
+        text: folder -> the text of a file there.  It is read in a folder that there is: paths through one that is only
+            made once all is right lead nowhere before.
+        target: of the file.
+        numbers: that are compared, by names for messages.
 
     Raises:
         InputError: the text says something else, or the file cannot be written.
     """
     described, wanted = robots
+    folder = next((place for place in target.absolute().parents if place.is_dir()), target.parent)
     try:
-        read = robot_from_toml(text, source=str(target), folder=target.parent, inertia="warn")
+        read = robot_from_toml(text(folder), source=str(target), folder=folder, inertia="warn")
     except DescriptionError as error:
         raise InputError(f"{described.name}: the calibrated values make no robot: {error}") from None
     for (name, ours), (other, theirs) in zip(numbers(wanted), numbers(read), strict=False):
@@ -314,7 +321,8 @@ def write_compared(robots: tuple[Robot, Robot], text: str, target: Path, numbers
         far = any(abs(a - b) > _CLOSE * max(1.0, abs(a)) for a, b in pairs)
         if far or name != other or len(ours) != len(theirs):
             raise unwritable(described, name)
-    return write_atomically(target, lambda stream: stream.write(text.encode("utf-8")))
+    written = text(target.parent).encode("utf-8")
+    return write_atomically(target, lambda stream: stream.write(written))
 
 
 def deviation_text(value: float) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -40,8 +41,7 @@ def write_toml(robot: Robot, parameters: Mapping[str, float], comments: Sequence
             be changed.
     """
     check_ending(target, ".toml")
-    text = toml_text(robot, parameters, comments, target.parent)
-    return write_compared((robot, robot), text, target, _changed)
+    return write_compared((robot, robot), partial(toml_text, robot, parameters, comments), target, _changed)
 
 
 def toml_text(robot: Robot, parameters: Mapping[str, float], comments: Sequence[str], folder: Path) -> str:
