@@ -500,12 +500,12 @@ class Page {
   }
 
   row() {
-    const { simulation, data } = this, { q, t } = simulation;
+    const { simulation, data } = this, { q, v, t } = simulation;
     const stiff = simulation.stiff(false), programmed = data.closed ? stiff : simulation.stiff(true);
     const [real, rigid, program] = [q, stiff, programmed].map((x) => this.placeOf(x, data.tool));
     const off = (a) => Math.hypot(...real.map((x, i) => x - a[i]));
     const energy = simulation.energies();
-    return { t, q: Float64Array.from(q), stiff, reference: simulation.reference[0].slice(), real, program, tool: [off(program), off(rigid)], energy };
+    return { t, q: Float64Array.from(q), states: v.slice(data.coordinates.length), stiff, reference: simulation.reference[0].slice(), real, program, tool: [off(program), off(rigid)], energy };
   }
 
   poseOf(q, link) {

@@ -10,7 +10,7 @@ function unitOf(drives, slides, turns) {
 
 /**
  * Plots by key: label, unit, names and value(row) -> numbers.  A row has q, stiff, reference (joints' values of the
- * drives), tool (what it is off by: [from the program, from the rigid robot], m), energy ({kinetic, potential}), u.
+ * drives), states (of laws), tool (what it is off by: [from the program, from the rigid robot], m), energy ({kinetic, potential}), u.
  */
 export function plotsOf(data) {
   const found = new Map();
@@ -43,6 +43,15 @@ export function plotsOf(data) {
       unit: unitOf(data.drives, "m", "rad"),
       names: data.drives.map(({ label }) => label).slice(0, 7),
       value: ({ q }) => data.drives.slice(0, 7).map(({ joint }) => q[joint]),
+    });
+  }
+  for (const unit of new Set(data.states.map((state) => state.unit))) {
+    const [shownUnit, factor] = MILLI[unit] ?? [unit, 1], places = [...data.states.keys()].filter((i) => data.states[i].unit === unit).slice(0, 7);
+    found.set(`states.${unit}`, {
+      label: `states of laws, ${shownUnit}`,
+      unit: shownUnit,
+      names: places.map((i) => data.states[i].name),
+      value: ({ states }) => places.map((i) => factor * states[i]),
     });
   }
   for (const unit of ["rad", "m"]) {

@@ -14,7 +14,7 @@ from ...names import kind_of
 from ...pictures.framing import ROUND_OFF, SHOWN_ANGLE, SHOWN_PART, STEP, drawn_points, first_factor
 from ...pictures.scene import extent, program_positions
 from ...progress import Progress
-from ...robot.coordinates import unit_of
+from ...robot.coordinates import state_unit, unit_of
 from ...robot.model import build_model, rigid_coordinates, tool_of
 from ...robot.parameter_names import is_entry
 from ...robot.value import ANGULAR, MOTOR, Robot
@@ -68,7 +68,7 @@ def contents_of(robot: Robot, scenario: Scenario | None, result: SimulationResul
     link, point = tool_place(robot, tool)
     tunable = _tunable(robot, acts, link if link in model.links else None)
     values, deviations = dict(build_model(tunable).parameters), _deviations(robot, assembly)
-    start = np.array(acting["start"]["q"])
+    start = np.array(acting["start"]["q"])[: len(kernel.coordinates)]
     ends = [start, _at_goal(start, acting)] if result is None else list(_few(result.trajectory.q))
     report(0.0, "shapes of the robot")
     drawn, missing = geometry_of(robot, kernel.coordinates, np.array(ends))
@@ -80,7 +80,7 @@ def contents_of(robot: Robot, scenario: Scenario | None, result: SimulationResul
     factor = 1.0  # what is exaggerated in a mechanism would tear its loops
     if not robot.is_closed:
         factor = first_factor(result, robot) if result else _factor(robot, kernel, start, deviations, acting)
-    stiff = stiff_in_real_time(kernel, start)
+    stiff = stiff_in_real_time(kernel, np.array(acting["start"]["q"]))
     moving = sum(robot.link(name).mass for name in model.links)
     fine = acting["control"] == "model" or acting["prescribed"] or acting["wrenches"] or acting["torque"]
     rigid = None if acting["model"] is None else robot.rigid()
@@ -90,6 +90,7 @@ def contents_of(robot: Robot, scenario: Scenario | None, result: SimulationResul
         "name": robot.name,
         "coordinates": list(kernel.coordinates),
         "units": [unit_of(name) for name in kernel.coordinates],
+        "states": [{"name": name, "unit": state_unit(name)} for name in kernel.memory],
         "deviations": deviations,
         "closed": bool(robot.is_closed),
         "moving": list(kernel.links),
@@ -108,7 +109,7 @@ def contents_of(robot: Robot, scenario: Scenario | None, result: SimulationResul
         "rtol": RTOL,
         "recorded": None if result is None else _recorded(result, acting, assembly),
         "notes": [*robot.notes, *missing, *notes],
-        "about": f"{robot.name}: {len(kernel.coordinates)} coordinates, {len(model.links)} moving links.",
+        "about": f"{robot.name}: {len(kernel.coordinates)} coordinates, {_states(kernel)}{len(model.links)} moving links.",
     }
     return Contents(tunable, rigid, contents)
 
@@ -189,10 +190,11 @@ def _in_motion(robot: Robot, kernel: Kernel, q: Array, deviations: list[int], ac
     deflection, cycle = np.zeros_like(q), acting["cycle"]
     if cycle is None:
         return deflection
-    a, still = np.zeros_like(q), np.zeros_like(q)
+    a, still = np.zeros(kernel.n), np.zeros(kernel.n)
     for drive, first, last in zip(acting["drives"], cycle["start"], cycle["goal"], strict=True):
         a[drive["joint"]] = QUINTIC * (last - first) / cycle["duration"] ** 2
-    force = kernel.inverse_dynamics(q, still, a) - kernel.inverse_dynamics(q, still, still)
+    at = np.concatenate([q, still[q.size :]])  # states of laws rest
+    force = kernel.inverse_dynamics(at, still, a) - kernel.inverse_dynamics(at, still, still)
     stiffness = stiffnesses(kernel)
     for i in deviations:
         deflection[i] = force[i] / stiffness[i] if stiffness[i] > 0.0 else 0.0
@@ -215,13 +217,21 @@ def _recorded(result: SimulationResult, acting: dict[str, Any], assembly: Assemb
     rows = np.unique(np.linspace(0, motion.t.size - 1, min(motion.t.size, MOST_SAMPLES)).astype(np.intp))
     if motion.coordinates != assembly.kernel.coordinates:
         raise InputError(f"the result has coordinates of another robot than {assembly.kernel.name}")
+    z = np.zeros((motion.t.size, 0)) if motion.z is None else motion.z
+    q, v = np.hstack([motion.q, np.zeros_like(z)]), np.hstack([motion.v, z])
     program = program_positions(result)[rows][:, [drive["joint"] for drive in acting["drives"]]]
     return {
         "t": packed(motion.t[rows]),
-        "q": packed(motion.q[rows]),
-        "v": packed(motion.v[rows]),
+        "q": packed(q[rows]),
+        "v": packed(v[rows]),
         "program": packed(program),
     }
+
+
+def _states(kernel: Kernel) -> str:
+    """Count the states of laws in words, with a comma behind; nothing where there are none."""
+    count = len(kernel.memory)
+    return f"{count} state{'s' * (count != 1)} of laws, " if count else ""
 
 
 def _rounded(value: float) -> float:
