@@ -22,8 +22,9 @@ from eomgen.cli import entry as cli
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import InputError
 from eomgen.pipeline.cache import VARIABLE
+from eomgen.robot import JointStiffness
 from eomgen.robot.value import Robot
-from eomgen.scenario.load import scenario_from_toml
+from eomgen.scenario.load import scenario_from_toml, scenario_from_values
 from eomgen.simulation.result import SimulationResult
 from eomgen.simulation.run import run_scenario
 from eomgen.sweep.driver import KernelBundle, prepare, run, work
@@ -388,6 +389,30 @@ def test_folders_of_something_else_are_refused(tmp_path: Path) -> None:
     manifest = json.loads((tmp_path / "a" / "sweep.json").read_text())
     with opened(tmp_path / "a", manifest), pytest.raises(InputError, match="another process"):
         run(slider(), RELEASE, plan, tmp_path / "a")
+
+
+@pytest.mark.parametrize("engine", [pytest.param("integrate", marks=pytest.mark.soak), "rollout"])
+def test_entries_of_matrices_vary(engine: str, tmp_path: Path) -> None:
+    """Samples are simulations of robots of these numbers; one whose matrix is indefinite fails by its name alone."""
+    robot = arm()
+    matrix = JointStiffness({"x.x": 5e5, "x.gamma": 100.0, "gamma.gamma": 50.0})
+    robot = replace(robot, joints=(robot.joints[0], replace(robot.joints[1], stiffness=matrix)))
+    key = "joints.elbow.stiffness.x.gamma"
+    plan = f"record = ['coordinate_end']\n[engine]\ntype = '{engine}'\n[[vary]]\nparameter = '{key}'\n"
+    plan += "grid = { values = [-4000.0, 6000.0, 100.0, 4000.0] }\n"
+    result = run(robot, REACH, plan_from_toml(plan), tmp_path)
+    assert list(result.errors) == [1]
+    assert "joints.elbow.stiffness" in result.errors[1]
+    ends = []
+    for i in (0, 2, 3):
+        entries = {**matrix.entries, "x.gamma": float(result.samples[i, 0])}
+        joint = replace(robot.joints[1], stiffness=JointStiffness(entries))
+        scenario = scenario_from_values(REACH, source="scenario", folder=Path())
+        motion = run_scenario(replace(robot, joints=(robot.joints[0], joint)), scenario).trajectory
+        found = [result.of(f"coordinate_end.{name}")[i] for name in motion.coordinates]
+        ends.append(motion.q[-1])
+        assert found == pytest.approx(motion.q[-1].tolist(), rel=1e-2, abs=1e-6)
+    assert np.ptp(ends, axis=0).max() > 1e-4
 
 
 # Samples that fail

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ import eomgen
 from eomgen.cli import entry as cli
 from eomgen.codegen.closed_form.readable import ReadableClosedForm, readable_closed_form, simplified
 from eomgen.codegen.kernels.constraint_rows import Rank
+from eomgen.robot import JointDamping, JointStiffness
 from eomgen.robot.model import build_model
 from tests.loops.test_elastic_cuts import coupled, linkages
 from tests.oracles.paper_example import equal
@@ -92,6 +94,26 @@ def test_printed_equations_of_random_robots_are_those_of_pinocchio(seed: int, nu
     found = [float((left - right).evalf(subs=values)) for left, right in parsed(form)]
     expected = oracle.inverse_dynamics(state.q, state.v, state.a)
     assert np.abs(np.array(found) - expected).max() < 1e-9 * max(np.abs(expected).max(), 1.0)
+
+
+@pytest.mark.parametrize("numbers", [False, True])
+def test_matrices_are_in_the_printed_equations(numbers: bool, built: Build) -> None:
+    """Entries have symbols of their own; the equations are the kernel's residual, the preload among the forces."""
+    robot = eomgen.load_robot("one_link")
+    stiffness = JointStiffness({"x.x": 9.0, "x.gamma": 2.0, "gamma.gamma": 4.0}, {"gamma": 0.5})
+    damping = JointDamping(entries={"x.x": 0.9, "x.gamma": -0.2, "gamma.gamma": 0.3})
+    robot = replace(robot, joints=(replace(robot.joints[0], stiffness=stiffness, damping=damping),))
+    form, kernel = readable_closed_form(build_model(robot), numbers=numbers), built(robot, "residual")
+    rng = np.random.default_rng(2)
+    q, v, a, u = rng.uniform(-0.5, 0.5, (4, kernel.n))
+    u[0] = 0.0  # printed drives are those of joints
+    values = {letter.symbol: letter.value for letter in form.letters if letter.value is not None}
+    assert bool(values) != numbers
+    assert numbers or {2.0, -0.2} <= set(values.values())
+    for symbols, row in zip((form.form.q, form.form.v, form.form.a, form.form.u), (q, v, a, u), strict=True):
+        values |= dict(zip(symbols, row.tolist(), strict=True))
+    found = [float((left - right).evalf(subs=values)) for left, right in parsed(form)]
+    assert found == pytest.approx(kernel.residual(q, v, a, u), rel=1e-12, abs=1e-12)
 
 
 @pytest.mark.soak
