@@ -15,11 +15,12 @@ from eomgen.names import kind_of
 from eomgen.robot.geometry import ANGULAR
 
 from ..tree.bound import BoundLaw
+from ..tree.composite import Rows
 from ..tree.constraints import Direction, FramePair
 from ..tree.recursion import Wrench
 from ..tree.spatial import Scalar, along, is_zero
 from .element import ForceElement, ImplicitShare, Slopes, SparseRow
-from .joint_stiffness import CoordinateMatrix, StiffnessMatrix
+from .joint_stiffness import CoordinateMatrix, StiffnessMatrix, combined
 from .laws import Effect, bearing_load, effect, without_friction
 from .relative_placement import cosine_of
 from .scalar_functions import Functions
@@ -135,6 +136,25 @@ class CoupledCoordinates:
         """Return the indices of the coordinates on which its forces depend."""
         return list(dict.fromkeys(i for coordinate in self.members for i in coordinate.jacobian_row))
 
+    def add_to(self, share: ImplicitShare, f: Functions) -> None:
+        """Add forces where the velocities lead to, and c D + c^2 K with the coordinates' directions.
+
+        One matrix alone is written as rank-one rows that depend on numbers alone, once for all steps; the sum of both
+        makes as many rows, which depend on c.
+        """
+        forces = self.rows(share.v, share.ahead)
+        if self.spring.matrix.entries and self.damping.entries:
+            share.among(forces, [coordinate.jacobian_row for coordinate in self.members], self.slopes)
+        else:
+            share.along_all(forces, partial(self.directions, f))
+
+    def slopes(self, c: Scalar, square: Scalar) -> Rows:
+        """Return c D + square K by places of coordinates, on and above the diagonal."""
+        slopes = self.spring.slopes(c, square)
+        for pair, entry in self.damping.scaled(c).items():
+            slopes[pair] = slopes.get(pair, 0.0) + entry
+        return slopes
+
     def directions(self, f: Functions, c: Scalar, square: Scalar) -> list[tuple[SparseRow, Scalar]]:
         """Return rank-one rows with slopes, whose sum is c D + square K with the coordinates' directions.
 
@@ -142,7 +162,8 @@ class CoupledCoordinates:
         """
         directions = [(row, (c * self.spring.lag + square) * d) for row, d in self.spring.matrix.directions(f)]
         directions += [(row, c * d) for row, d in self.damping.directions(f)]
-        return [(self._of_tree(row), slope) for row, slope in directions]
+        arms = [coordinate.jacobian_row for coordinate in self.members]
+        return [(combined(row, arms), slope) for row, slope in directions]
 
     def stiffnesses(self) -> Iterator[tuple[int, Scalar]]:
         """Give what each coordinate of the tree feels of the springs by itself."""
@@ -152,14 +173,6 @@ class CoupledCoordinates:
             for place, force in self.spring.matrix.times(arms).items():
                 felt = felt + force * arms[place]
             yield i, felt
-
-    def _of_tree(self, row: Mapping[int, Scalar]) -> dict[int, Scalar]:
-        """Map a row by places to one by the tree's coordinates."""
-        mapped: dict[int, Scalar] = {}
-        for place, factor in row.items():
-            for i, arm in self.members[place].jacobian_row.items():
-                mapped[i] = mapped.get(i, 0.0) + factor * arm
-        return mapped
 
 
 class ElasticCoordinates(ForceElement):
@@ -222,7 +235,7 @@ class ElasticCoordinates(ForceElement):
             if coordinate.has_force:
                 share.along(coordinate.jacobian_row, coordinate.resists(share.v, self.at.functions, share.ahead))
         for coupled in self.coupled:
-            share.along_all(coupled.rows(share.v, share.ahead), partial(coupled.directions, self.at.functions))
+            coupled.add_to(share, self.at.functions)
 
     def stiffnesses(self) -> Iterator[tuple[int, Scalar]]:
         """Give those of the description's numbers."""

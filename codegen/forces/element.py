@@ -163,6 +163,12 @@ class ImplicitShare(ABC):
     ) -> None:
         """Add forces by coordinates, and rank-one rows with slopes by c and c^2, which are never negative."""
 
+    @abstractmethod
+    def among(self, rows: SparseRow, members: Sequence[SparseRow], slopes: Callable[[Scalar, Scalar], Rows]) -> None:
+        """Add forces by coordinates, and slopes between values with the derivatives ``members``, by their places, on and
+        above the diagonal, by c and c^2; never negative.
+        """
+
 
 class ForceElement(ABC):
     """All forces of one family in a tree.

@@ -22,6 +22,7 @@ from .element import ForceElement, ImplicitShare, Slopes
 from .scalar_functions import Functions
 
 SMALLEST_PIVOT = 1e-30  # what a pivot that is 0 is divided by, which single precision can hold, too
+ROUND_OFFS = {"float64": ROUND_OFF, "float32": 5e-6}  # of a matrix scaled by its diagonal that is summed and factored
 
 
 @dataclass(frozen=True)
@@ -44,11 +45,18 @@ class CoordinateMatrix:
                 rows[row] = rows.get(row, 0.0) + entry * x[column]
         return rows
 
-    def directions(self, f: Functions) -> list[tuple[dict[int, Scalar], Scalar]]:
+    def directions(
+        self, f: Functions, round_off: float = ROUND_OFF, kept: Mapping[int, Scalar] | None = None
+    ) -> list[tuple[dict[int, Scalar], Scalar]]:
         """Return directions l with slopes d, so that the matrix is the sum of d l l^T: L D L^T with the pivots D.
 
         Slopes are never negative: a pivot that is none but for round-off has a column that is none, too, and is left
         out.
+
+        Args:
+            f: functions of scalars.
+            round_off: share of the diagonal below which a pivot is none.
+            kept: of a matrix of complex numbers, 1 or 0 by index, as of ``pivots_kept``: which pivots are some.
         """
         indices, left = sorted({i for pair in self.entries for i in pair}), dict(self.entries)
         directions = []
@@ -56,13 +64,21 @@ class CoordinateMatrix:
             if (k, k) not in self.entries:
                 continue
             pivot, behind = left[k, k], [i for i in indices[place + 1 :] if (k, i) in left]
-            kept = f.step(pivot - ROUND_OFF * self.entries[k, k])
-            inverse = kept / f.max(pivot, SMALLEST_PIVOT)
+            if kept is None:
+                some = f.step(pivot - round_off * self.entries[k, k])
+                inverse = some / f.max(pivot, SMALLEST_PIVOT)
+            else:
+                some = kept[k]
+                inverse = some / (pivot + (1.0 - some))
             column = {i: left[k, i] * inverse for i in behind}
-            directions.append(({k: 1.0, **column}, kept * pivot))
+            directions.append(({k: 1.0, **column}, some * pivot))
             for i, j in combinations_with_replacement(behind, 2):
                 left[i, j] = left.get((i, j), 0.0) - column[i] * left[k, j]
         return directions
+
+    def pivots_kept(self, f: Functions, round_off: float) -> dict[int, Scalar]:
+        """Return by index whether a pivot is more than round-off, 1 or 0."""
+        return {min(row): f.step(slope) for row, slope in self.directions(f, round_off)}
 
     def scaled(self, factor: Scalar) -> Rows:
         """Return the entries times a factor."""
@@ -73,6 +89,24 @@ class CoordinateMatrix:
         for (i, j), entry in self.scaled(factor).items():
             for key in {(i, j), (j, i)}:
                 rows[key] = rows.get(key, 0.0) + entry
+
+
+def combined(factors: Mapping[int, Scalar], rows: Sequence[Mapping[int, Scalar]]) -> dict[int, Scalar]:
+    """Return the sum of sparse rows times factors, by the rows' places."""
+    total: dict[int, Scalar] = {}
+    for place, factor in factors.items():
+        for i, arm in rows[place].items():
+            total[i] = total.get(i, 0.0) + factor * arm
+    return total
+
+
+def symmetric_product(entries: Rows, x: Sequence[Scalar]) -> list[Scalar]:
+    """Return the product of a symmetric matrix, on and above the diagonal, with a vector of as many numbers."""
+    product: list[Scalar] = [0.0] * len(x)
+    for (i, j), entry in entries.items():
+        for row, column in [(i, j)] if i == j else [(i, j), (j, i)]:
+            product[row] = product[row] + entry * x[column]
+    return product
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from ..forces.element import ImplicitShare, SparseRow, StateSlopes
+from ..forces.joint_stiffness import ROUND_OFFS, CoordinateMatrix, combined
 from ..forces.laws import Effect
 from ..solve.factorised import Factors
 from ..solve.reduced import ReducedTree
@@ -65,7 +66,7 @@ class _Step(ImplicitShare):
     def __init__(self, d: Derivation) -> None:
         self.dt, self.square = d.graph.input("dt", 0), d.graph.input("dt", 1)
         super().__init__([q + self.dt * v for q, v in zip(d.q, d.v, strict=True)], d.v, self.dt)
-        self.functions = d.functions
+        self.functions, self.round_off = d.functions, ROUND_OFFS[d.dtype]
         self.forces: list[Scalar] = [0.0] * d.model.size
         self.armature = list(d.bound.armature)
         self.beside: Rows = {}
@@ -109,6 +110,10 @@ class _Step(ImplicitShare):
         for i, force in rows.items():
             self.push(i, force)
         self.rows += [elastic_row(row, slope) for row, slope in directions(self.dt, self.square)]
+
+    def among(self, rows: SparseRow, members: Sequence[SparseRow], slopes: Callable[[Scalar, Scalar], Rows]) -> None:
+        directions = CoordinateMatrix(slopes(self.dt, self.square)).directions(self.functions, self.round_off)
+        self.along_all(rows, lambda c, square: [(combined(x, members), slope) for x, slope in directions])
 
     def _ahead(self, law: Effect) -> Scalar:
         return law.ahead(self.dt, self.square, self.functions)

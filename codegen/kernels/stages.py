@@ -25,6 +25,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from ..forces.element import ImplicitShare, SparseRow, StateSlopes
+from ..forces.joint_stiffness import ROUND_OFFS, CoordinateMatrix, combined, symmetric_product
 from ..forces.laws import Effect
 from ..program.complex_pairs import on_pairs
 from ..program.cutting import cut
@@ -80,6 +81,7 @@ class _Stage(ImplicitShare):
         self.states: dict[int, StateRow] = {}
         self.laws: list[tuple[int, Sequence[int], StateSlopes]] = []
         self.directions: list[tuple[SparseRow, _Slope]] = []
+        self.rows: list[Row] = []
 
     def push(self, i: int, force: Scalar) -> None:
         raise NotImplementedError("stages take no forces of elements")
@@ -152,6 +154,21 @@ class _Stage(ImplicitShare):
         pairs = zip(directions(self.c, self.square), directions(0.0, self.c), strict=True)
         self.directions += [(row, _Slope(whole, by_shift)) for (row, whole), (_, by_shift) in pairs]
 
+    def among(self, rows: SparseRow, members: Sequence[SparseRow], slopes: Callable[[Scalar, Scalar], Rows]) -> None:
+        whole, by_shift = slopes(self.c, self.square), slopes(0.0, self.c)
+        rates, shifts = ([along(row, x) for row in members] for x in (self.rates, self.shifts))
+        pairs = zip(symmetric_product(whole, rates), symmetric_product(by_shift, shifts), strict=True)
+        for row, (by_rate, more) in zip(members, pairs, strict=True):
+            for i, arm in row.items():
+                self.forces[i] = self.forces[i] + (by_rate + more) * arm
+        self.rows += [elastic_row(combined(x, members), slope) for x, slope in self._factored(whole, slopes)]
+
+    def _factored(
+        self, whole: Rows, slopes: Callable[[Scalar, Scalar], Rows]
+    ) -> list[tuple[dict[int, Scalar], Scalar]]:
+        """Return directions with slopes that make a matrix of slopes at c and c^2."""
+        return CoordinateMatrix(whole).directions(self.d.functions, ROUND_OFFS[self.d.dtype])
+
     def _linear(self, stiffness: Scalar, damping: Scalar) -> _Slope:
         """Return the share of a spring and a damper."""
         return _Slope(self.c * damping + self.square * stiffness, self.c * stiffness)
@@ -167,7 +184,8 @@ class _PairStage(_Stage):
     """Stage with a complex c, whose size and its square are ``spans``.
 
     A law rises or falls by these, as real numbers alone are more or less than 0; of slopes between coordinates those by
-    positions and by velocities each alone are taken where they rise.
+    positions and by velocities each alone are taken where they rise.  A matrix c D + c^2 K, of which c has a positive
+    real part, has factors without pivoting, as D + c K is accretive, and pivots vanish where those of the sizes do.
     """
 
     arrays = PAIR_ARRAYS
@@ -185,6 +203,22 @@ class _PairStage(_Stage):
     ) -> None:
         pairs = list(zip(directions(1.0, 0.0), directions(0.0, 1.0), strict=True))
         super().along_all(rows, lambda c, square: [(row, c * v + square * s) for (row, v), (_, s) in pairs])
+
+    def among(self, rows: SparseRow, members: Sequence[SparseRow], slopes: Callable[[Scalar, Scalar], Rows]) -> None:
+        by_v, by_s = slopes(1.0, 0.0), slopes(0.0, 1.0)
+        pairs = sorted({*by_v, *by_s})
+
+        def linear(c: Scalar, square: Scalar) -> Rows:
+            return {at: c * by_v.get(at, 0.0) + square * by_s.get(at, 0.0) for at in pairs}
+
+        super().among(rows, members, linear)
+
+    def _factored(
+        self, whole: Rows, slopes: Callable[[Scalar, Scalar], Rows]
+    ) -> list[tuple[dict[int, Scalar], Scalar]]:
+        f = self.d.functions
+        kept = CoordinateMatrix(slopes(self.size, self.size_square)).pivots_kept(f, ROUND_OFFS[self.d.dtype])
+        return CoordinateMatrix(whole).directions(f, kept=kept)
 
     def _rising(self, law: Effect) -> _Slope:
         share, f = self._linear(law.by_s, law.by_v), self.d.functions
@@ -216,6 +250,7 @@ def stage(d: Derivation, kind: type[_Stage] = _Stage) -> Outputs:
         for i, arm in row.items():
             here.forces[i] = here.forces[i] + force * arm
         rows.append(elastic_row(row, slope.whole))
+    rows += here.rows
     prescribed = frozenset(d.model.prescribed)
     drives: list[Scalar] = [0.0 if i in prescribed else -1.0 * force for i, force in enumerate(here.forces)]
     rest, coupled = replace(d.bound, gravity=ZERO), bool(rows)

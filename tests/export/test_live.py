@@ -41,7 +41,8 @@ import { readFileSync } from "node:fs";
 
 const given = JSON.parse(readFileSync(0, "utf8"));
 const kernel = { parameters: given.values, set() {}, energy: () => [0, 0] };
-const data = { coordinates: ["a"], states: [], drives: [], start: { q: [0], v: [0] }, payload: given.payload, period: 1e-3 };
+const start = { q: [0], v: [0] }, coordinates = ["a"];
+const data = { coordinates, states: [], drives: [], start, payload: given.payload, period: 1e-3 };
 const simulation = new Simulation(kernel, null, data);
 simulation.payload = given.mass;
 const taken = [];

@@ -130,11 +130,12 @@ def test_rollouts_are_those_of_a_joint(method: str, made: type[Robot], built: Bu
 
 
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
-@pytest.mark.parametrize("method", ["implicit", "rosenbrock"])
+@pytest.mark.parametrize("method", ["implicit", "rosenbrock", "radau"])
 def test_matrices_may_lose_their_rank(method: str, dtype: str, built: Build) -> None:
     """Parameters may be 0, or those of one direction alone: the rows of the others are none."""
     parts, q0 = elements(6, "matrices"), np.array([0.1, -0.2, 0.1, 0.2, 0.1, -0.1], dtype)
-    name, ends = {"implicit": "rollout", "rosenbrock": "adaptive_rollout"}[method], []
+    names = {"implicit": "rollout", "rosenbrock": "adaptive_rollout", "radau": "radau_rollout"}
+    name, ends = names[method], []
     steps = {"dt": 1e-3, "steps": 50} if method == "implicit" else {"duration": 0.05, "samples": 1, "rtol": 1e-4}
     one = 3.0 * np.outer(np.arange(1.0, 7.0), np.arange(1.0, 7.0))
     for made, prefix in ((on_joint, "joints.free"), (on_bushing, "bushings.mount"), (on_loop, "loops.mount")):

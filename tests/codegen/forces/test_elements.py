@@ -263,6 +263,14 @@ class Dense(ImplicitShare):
         for arms, slope in directions(self.dt, self.square):
             self.rank_one(arms, slope)
 
+    def among(self, rows: Mapping[int, Any], members: Sequence[Mapping[int, Any]], slopes: Callable[..., Any]) -> None:
+        self.along_all(rows, lambda *c: [])
+        for (one, other), slope in slopes(self.dt, self.square).items():
+            for i, arm in members[one].items():
+                for j, other_arm in members[other].items():
+                    for key in [(i, j)] if one == other else [(i, j), (j, i)]:
+                        add_to(self.matrix, key, slope * (arm * other_arm))
+
 
 @EVERY
 @pytest.mark.parametrize("seed", seeds(1, 2, 6))

@@ -109,7 +109,7 @@ def contents_of(robot: Robot, scenario: Scenario | None, result: SimulationResul
         "rtol": RTOL,
         "recorded": None if result is None else _recorded(result, acting, assembly),
         "notes": [*robot.notes, *missing, *notes],
-        "about": f"{robot.name}: {len(kernel.coordinates)} coordinates, {_states(kernel)}{len(model.links)} moving links.",
+        "about": _about(kernel),
     }
     return Contents(tunable, rigid, contents)
 
@@ -228,10 +228,11 @@ def _recorded(result: SimulationResult, acting: dict[str, Any], assembly: Assemb
     }
 
 
-def _states(kernel: Kernel) -> str:
-    """Count the states of laws in words, with a comma behind; nothing where there are none."""
+def _about(kernel: Kernel) -> str:
+    """Count coordinates, states of laws and moving links in words."""
     count = len(kernel.memory)
-    return f"{count} state{'s' * (count != 1)} of laws, " if count else ""
+    states = f" {count} state{'s' * (count != 1)} of laws," if count else ""
+    return f"{kernel.name}: {len(kernel.coordinates)} coordinates,{states} {len(kernel.links)} moving links."
 
 
 def _rounded(value: float) -> float:
