@@ -165,8 +165,9 @@ class ImplicitShare(ABC):
 
     @abstractmethod
     def among(self, rows: SparseRow, members: Sequence[SparseRow], slopes: Callable[[Scalar, Scalar], Rows]) -> None:
-        """Add forces by coordinates, and slopes between values with the derivatives ``members``, by their places, on and
-        above the diagonal, by c and c^2; never negative.
+        """Add forces by coordinates, and slopes between values with the derivatives ``members``, by their places.
+
+        The slopes are those on and above the diagonal, by c and c^2; never negative.
         """
 
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import re
 import shutil
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +15,11 @@ import numpy as np
 import pytest
 
 import eomgen
-from eomgen.export.live.contents import contents_of
+from eomgen.codegen.forces.joint_stiffness import JointStiffnesses
+from eomgen.description.load import robot_from_toml
+from eomgen.export.live.contents import KERNELS, contents_of
 from eomgen.export.live.page import live_page
+from eomgen.export.wasm.pack import make_wasm
 from eomgen.export.wasm.signals import as_json
 from eomgen.motion.point_to_point import PointToPoint
 from eomgen.motion.splines import Spline
@@ -24,7 +28,9 @@ from eomgen.robot.value import INERTIA_KEYS, Robot
 from eomgen.runtime.stepping.packed_inputs import plain_signal
 from eomgen.scenario.value import Section
 from eomgen.simulation.loads import combined_body
+from tests.support.bristles import bristle_arm, bristle_linkage
 from tests.support.browser import Page, open_page
+from tests.support.every_element import robot_with
 
 ROOT = Path(__file__).parents[2]
 MODULES = ROOT / "templates" / "live"
@@ -121,6 +127,92 @@ def test_the_modules_of_the_page(tmp_path: Path) -> None:
     np.testing.assert_allclose(found["scales"], [[0.0, 0.3, 1.0]] * 3, atol=1e-12)
     assert found["shown"] == ["0", "1235", "1e-7", "2.5e6", "-0.25"]
     np.testing.assert_allclose(found["ticks"], [0.0, 0.5, 1.0], atol=1e-12)
+
+
+MOVING = """
+import { readFileSync } from "node:fs";
+import { load } from "./NAME.mjs";
+import { Simulation } from "#live/simulation";
+import { plotsOf } from "#live/plots";
+
+const { data, ticks, changed } = JSON.parse(readFileSync(0, "utf8"));
+const simulation = new Simulation(await load(), null, data);
+simulation.drive = "none";
+simulation.reset();
+for (const [name, value] of Object.entries(changed)) simulation.set(name, value);
+for (let i = 0; i < ticks; i++) simulation.tick();
+const n = data.coordinates.length, states = simulation.v.slice(n);
+const shown = [...plotsOf(data)].filter(([key]) => key.startsWith("states.")).map(([, plot]) => plot);
+const plots = shown.map((plot) => [plot.names, plot.value({ states })]);
+console.log(JSON.stringify({ q: [...simulation.q], v: [...simulation.v], t: simulation.t, plots }));
+"""
+
+
+def with_matrix() -> Robot:
+    """Return a robot whose joint has matrices, of which one entry is moved on the page's kernel."""
+    return robot_from_toml(robot_with(JointStiffnesses))
+
+
+@pytest.mark.skipif(NODE is None, reason="node is not installed")
+@pytest.mark.parametrize(
+    ("make", "changed"),
+    [
+        (bristle_arm, {"joints.j1.gamma.friction.coulomb": 0.2}),
+        pytest.param(bristle_linkage, {}, marks=pytest.mark.soak),
+        (with_matrix, {"joints.neck.stiffness.x.beta": 1.0}),
+    ],
+)
+def test_what_moves_on_a_page_moves_as_rollouts_of_python(
+    make: Callable[[], Robot], changed: dict[str, float], tmp_path: Path
+) -> None:
+    """Under node, without a browser: states of laws, loops, matrices; drives off, parameters as they were changed."""
+    pytest.importorskip("ziglang", reason="the compiler for WebAssembly is not installed")
+    contents = contents_of(make(), None, None, no_progress)
+    values, start = contents.values, contents.values["start"]
+    kernel = eomgen.build(contents.robot, kernels=KERNELS)
+    n, ticks = len(kernel.coordinates), 40
+    assert len(start["q"]) == len(start["v"]) == kernel.n
+    assert [state["name"] for state in values["states"]] == list(kernel.memory)
+    assert not any(
+        name in {slider["name"] for slider in values["parameters"]} for name in changed if ".stiffness." in name
+    )
+    shutil.copytree(MODULES, tmp_path / "live")
+    make_wasm(contents.robot, kernels=KERNELS).write(tmp_path / "live")
+    (tmp_path / "live" / "moving.mjs").write_text(MOVING.replace("NAME", kernel.name), encoding="ascii")
+    command = [str(NODE), str(tmp_path / "live" / "moving.mjs")]
+    given = json.dumps({"data": {**values, "drive": "none"}, "ticks": ticks, "changed": changed})
+    done = subprocess.run(command, input=given, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    kernel.parameters.update(changed)
+    q, v = np.array(start["q"]), np.array(start["v"])
+    for _ in range(ticks):
+        q, v = (
+            x[-1]
+            for x in kernel.rollout(q, v, **{key: values[key] for key in ("rtol", "method")}, duration=values["period"])
+        )
+    np.testing.assert_allclose(found["q"][:n], q[:n], rtol=0.0, atol=NEAR)
+    np.testing.assert_allclose(found["v"], v, rtol=1e-10, atol=NEAR)
+    assert np.abs(q[:n] - start["q"][:n]).max() > 1e-3
+    if kernel.memory:
+        ((names, shown),) = found["plots"]
+        assert names == list(kernel.memory)
+        np.testing.assert_allclose(shown, 1e3 * v[n:], rtol=1e-9)
+        assert np.abs(v[n:]).min() > 1e-5
+    else:
+        assert found["plots"] == []
+
+
+def test_a_recording_has_states_of_laws_behind_the_rates() -> None:
+    robot = bristle_arm()
+    result = eomgen.run_scenario(robot, eomgen.Scenario(0.05))
+    recorded = contents_of(robot, None, result, no_progress).values["recorded"]
+    motion = result.trajectory
+    assert motion.z is not None
+    q, v = (np.frombuffer(base64.b64decode(recorded[key])).reshape(motion.t.size, -1) for key in "qv")
+    np.testing.assert_array_equal(v, np.hstack([motion.v, motion.z]))
+    np.testing.assert_array_equal(q[:, : motion.q.shape[1]], motion.q)
+    assert q.shape == v.shape
 
 
 @pytest.mark.soak
