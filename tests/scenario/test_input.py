@@ -23,6 +23,7 @@ MEETING = [  # what a robot cannot do: robot, text, place, reason
     ("one_link", "[initial]\nq = { joint9 = 1 }", "initial.q.joint9", "did you mean 'joint1'"),
     ("one_link", "[initial]\nq = { joint1 = 1, joint1.gamma = 1 }", None, "not valid TOML"),
     ("one_link", "[initial]\nequilibrium = true\nheld = ['joint1.y']", "initial.held", "'joint1.y'"),
+    ("one_link", "[initial]\nz = { joint1.friction.z = 1 }", "initial.z.joint1.friction.z", "no law of one_link has a"),
     ("one_link", MOTION + "goal = [1, 2]", "motion.goal", "expected 1 numbers (joint1.gamma), got 2"),
     ("one_link", MOTION + "goal = { joint1.x = 1 }", "motion.goal", "no principal coordinate"),
     ("puma560", MOTION + "goal = { joint2 = 3.0 }", "motion.goal", "joint2.gamma = 3 rad; its limits are"),

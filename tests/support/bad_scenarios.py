@@ -22,6 +22,13 @@ READING = [  # what the reader refuses, whatever the robot: text, place, reason
     (DURATION + "[initial]\nq = [1.0]", "initial.q", "a table of numbers"),
     (DURATION + "[initial]\nq = { a = 'x' }", "initial.q.a", "got 'x'; allowed: a finite number"),
     (DURATION + "[initial]\nq = { 'a b' = 1 }", "initial.q", "got the name 'a b'"),
+    (DURATION + "[initial]\nz = 1.0", "initial.z", "a table of numbers by state"),
+    (
+        DURATION + "[initial]\nz = { a.x.friction.z = 'x' }",
+        "initial.z.a.x.friction.z",
+        "got 'x'; allowed: a finite number",
+    ),
+    (DURATION + "[initial]\nz = { 'a b' = 1 }", "initial.z", "got the name 'a b'; allowed: names of states"),
     (DURATION + "[initial]\nequilibrium = 1", "initial.equilibrium", "got 1; allowed: true or false"),
     (DURATION + "[initial]\nequilibrium = true\nv = { a = 1 }", "initial.v", "static equilibrium"),
     (DURATION + "[initial]\nheld = ['a']", "initial.held", "with equilibrium = true only"),

@@ -137,7 +137,7 @@ SCENARIO = """
 duration = 1.0
 output_step = 0.01
 frame = "tcp"
-initial = { q = { joint1.x = 0.1, joint2 = 1 }, v = {}, equilibrium = false }
+initial = { q = { joint1.x = 0.1, joint2 = 1 }, v = {}, z = { joint1.x.friction.z = 1e-6 }, equilibrium = false }
 motion = { type = "via", points = [[0, 0], { joint1 = 1 }, [1, 1]], times = [0, 1, 2] }
 control = { type = "pd", kp = { joint1 = 10 }, kd = 1, gravity = true, saturate = true }
 integrator = { method = "auto", rtol = 1e-6, atol = 1e-8 }

@@ -27,12 +27,12 @@ def inertia_notes(robot: Robot) -> tuple[str, ...]:
         return (f"0 kg: no link that moves has mass or inertia, so that there are no accelerations; {ADVICE}",)
     if model.size > MOST:
         return ()
-    free = [i for i in range(model.size) if i not in model.prescribed]
+    free = [i for i in range(len(model.coordinates)) if i not in model.prescribed]
     names = [model.coordinates[i] for i in free]
     singular: list[str] = list(names)
     rng = np.random.default_rng(0)
     for _ in range(STATES if free else 0):
-        M = mass_matrix(model, rng.uniform(0.2, 0.9, model.size))[np.ix_(free, free)]
+        M = mass_matrix(model, rng.uniform(0.2, 0.9, len(model.coordinates)))[np.ix_(free, free)]
         if scaled_eigenvalues(M)[0][0] > VANISHED:
             return ()
         null = null_coordinates(M, names)
@@ -45,7 +45,7 @@ def inertia_notes(robot: Robot) -> tuple[str, ...]:
 
 
 def mass_matrix(model: Model, q: Array) -> Array:
-    """Return M of the tree in one state, (n, n), by the generator's recursion on floats; q (n,), m or rad."""
+    """Return M of the tree in one state, (n, n), by the generator's recursion on floats; q of coordinates."""
     from ..codegen.tree.bound import bind  # SymPy, which only a robot's check needs
     from ..codegen.tree.composite import mass_matrix as entries
     from ..codegen.tree.followers import Followers

@@ -300,21 +300,29 @@ class Listed(Key):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ByName(Key):
-    """Numbers by the names of joints or coordinates; ``joint1.x = 1`` and ``joint1 = { x = 1 }`` are the same TOML."""
+    """Numbers by the names of joints, coordinates or others; ``joint1.x = 1`` and ``joint1 = { x = 1 }`` are one TOML.
+
+    Attributes:
+        named: what names are those of.
+        by: by which of them a number is.
+        depth: of tables in tables, at most.
+    """
 
     item: Number = Number("")
     form = dict
-    _DEPTH: ClassVar[int] = 3  # of tables in tables
+    named: str = "joints or coordinates"
+    by: str = "joint or coordinate"
+    depth: int = 3
 
     def take(self, table: Place, key: str, value: Any) -> dict[str, float]:
         numbers: dict[str, float] = {}
 
         def walk(inner: object, path: tuple[str, ...]) -> None:
             where = ".".join((key, *path))
-            if isinstance(inner, dict) and len(path) < self._DEPTH:
+            if isinstance(inner, dict) and len(path) < self.depth:
                 for name, value in inner.items():
                     if not all(is_identifier(word) for word in name.split(".")):
-                        table.fail(f"got the name {show(name)}; allowed: names of joints or coordinates", where)
+                        table.fail(f"got the name {show(name)}; allowed: names of {self.named}", where)
                     walk(value, (*path, *name.split(".")))
             elif path:
                 name = ".".join(path)
@@ -322,7 +330,7 @@ class ByName(Key):
                     table.fail(f"{show(name)} stands twice; allowed: once", key)
                 numbers[name] = self.item.take(table, where, inner)
             else:
-                self.refuse(table, key, inner, "a table of numbers by joint or coordinate")
+                self.refuse(table, key, inner, f"a table of numbers by {self.by}")
 
         walk(value, ())
         return numbers
@@ -330,7 +338,7 @@ class ByName(Key):
     def json(self) -> Json:
         name = IDENTIFIER.pattern
         schema: Json = self.item.json()
-        for _ in range(self._DEPTH):
+        for _ in range(self.depth):
             inner = schema if schema.get("type") == "number" else {"anyOf": [self.item.json(), schema]}
             names = {"pattern": rf"^{name}(\.{name})*$"}
             schema = {"type": "object", "propertyNames": names, "additionalProperties": inner}

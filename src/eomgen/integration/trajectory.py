@@ -12,7 +12,7 @@ import numpy as np
 from ..arrays import Array
 from ..errors import ArrayError, InputError, IntegrationStopped
 from ..names import component_name
-from ..robot.coordinates import force_unit_of, rotating_joints, unit_of
+from ..robot.coordinates import force_unit_of, rotating_joints, state_unit, unit_of
 from ..robot.value import ANGULAR
 from ..shown import Shown
 from ..state.turning import joint_quaternions, quaternion_columns, quaternions
@@ -72,10 +72,21 @@ class Trajectory(Shown, Tabular):
         q, v, u, z = (np.ascontiguousarray(x) for x in (self.q[:, :n], self.v[:, :n], self.u[:, :n], self.v[:, n:]))
         return replace(self, q=q, v=v, u=u, z=z, coordinates=coordinates, memory=self.coordinates[n:])
 
+    def joined(self) -> tuple[Array, Array, Array]:
+        """Return q, v and u as kernels take them, (T, n) each: with states of laws behind the coordinates, if any."""
+        if self.z is None:
+            return self.q, self.v, self.u
+        nothing = np.zeros_like(self.z)
+        return tuple(np.hstack(pair) for pair in ((self.q, nothing), (self.v, self.z), (self.u, nothing)))  # type: ignore[return-value]
+
     def of(self, coordinate: str) -> Array:
-        """Return one coordinate over time, (T,), m or rad; InputError if there is none of that name."""
+        """Return a coordinate or a law's state over time, (T,); InputError if there is none of that name."""
+        memory = self.memory or ()
+        if self.z is not None and coordinate in memory:
+            return self.z[:, memory.index(coordinate)]
         if coordinate not in self.coordinates:
-            raise InputError(f"coordinate: {coordinate!r} is unknown; known: {', '.join(self.coordinates)}")
+            known = ", ".join((*self.coordinates, *memory))
+            raise InputError(f"coordinate: {coordinate!r} is unknown; known: {known}")
         return self.q[:, self.coordinates.index(coordinate)]
 
     def quaternion(self, joint: str) -> Array:
@@ -101,7 +112,7 @@ class Trajectory(Shown, Tabular):
         return np.stack(list(by_joint.values()), axis=1) if by_joint else None
 
     def as_rows(self) -> Rows:
-        """Return a row per time: every coordinate, with .rate and .drive, and energy.kinetic and energy.potential.
+        """Return a row per time: every coordinate, with .rate and .drive, states of laws, kinetic and potential energy.
 
         Joints with alpha, beta and gamma have .qw, .qx, .qy and .qz besides, the unit quaternions of ``quaternion``.
         """
@@ -112,12 +123,13 @@ class Trajectory(Shown, Tabular):
 
 
 def motion_columns(motion: Trajectory) -> dict[str, tuple[str, Array]]:
-    """Return unit and values over time, (T,), by name: coordinates with .rate and .drive, then joint quaternions."""
+    """Return unit and values over time, (T,), by name: coordinates with .rate and .drive, states, quaternions."""
     columns: dict[str, tuple[str, Array]] = {}
     for i, name in enumerate(motion.coordinates):
         unit = unit_of(name)
         columns[name], columns[f"{name}.rate"] = (unit, motion.q[:, i]), (f"{unit}/s", motion.v[:, i])
         columns[f"{name}.drive"] = (force_unit_of(name), motion.u[:, i])
+    columns |= {name: (state_unit(name), motion.of(name)) for name in motion.memory or ()}
     return columns | {name: ("", x) for name, x in quaternion_columns(motion.coordinates, motion.q).items()}
 
 

@@ -122,7 +122,8 @@ def _initial(table: Table | None) -> Initial | None:
         table.fail("velocities stand beside equilibrium = true, a static equilibrium; allowed: one of both", "v")
     if "held" in table and not equilibrium:
         table.fail("allowed: with equilibrium = true only", "held")
-    return Initial(MappingProxyType(q), MappingProxyType(v), equilibrium, tuple(table.strings("held")))
+    z = MappingProxyType(table.value("z") or {})
+    return Initial(MappingProxyType(q), MappingProxyType(v), equilibrium, tuple(table.strings("held")), z)
 
 
 def _prescribed(entry: Table, folder: Path | None) -> Section:

@@ -45,16 +45,17 @@ class Initial:
     """The state at t = 0.
 
     q, v: by coordinate or joint, m, rad, per s.  equilibrium: static equilibrium near q; None without the key.
-    held: coordinates that are fixed at their q.
+    held: coordinates that are fixed at their q.  z: states of laws by their names, which an equilibrium keeps.
     """
 
     q: Mapping[str, float] = field(default_factory=dict)
     v: Mapping[str, float] = field(default_factory=dict)
     equilibrium: bool | None = None
     held: tuple[str, ...] = ()
+    z: Mapping[str, float] = field(default_factory=dict)
 
     def __reduce__(self) -> tuple[object, ...]:
-        return (Initial, (dict(self.q), dict(self.v), self.equilibrium, self.held))
+        return (Initial, (dict(self.q), dict(self.v), self.equilibrium, self.held, dict(self.z)))
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from ..pipeline.ahead import Ahead
 from ..pipeline.mechanisms import mechanism_kernels
 from ..pipeline.stages import build, build_groups
 from ..progress import Progress
-from ..robot.coordinates import coordinate_names, index_of
+from ..robot.coordinates import coordinate_names, index_of, owners_of
 from ..robot.mechanism import drive_of, following_text, leading_coordinate, leading_home
 from ..robot.model import build_model, program_coordinates
 from ..robot.record import record_of, robot_hash
@@ -294,6 +294,28 @@ def by_coordinate(robot: Robot, scenario: Scenario, key: str, values: Mapping[st
             scenario.fail(where, f"{full} is prescribed, and [[prescribed]] says where it begins; allowed: others")
         positions[full] = value
     return positions
+
+
+def states_of_laws(robot: Robot, scenario: Scenario, memory: tuple[str, ...]) -> dict[str, float]:
+    """Return numbers of ``initial.z`` by the full names of states of laws, which begin with a coordinate's."""
+    owners = names_in_scenarios(robot)
+    short: dict[str, list[str]] = {}
+    for name, full in owners.items():
+        short.setdefault(full, []).append(name)
+    places = {name: name for name in memory}
+    for full in memory:
+        owner = owners_of([full])[0]
+        places |= {name + full.removeprefix(owner): full for name in short.get(owner, ())}
+    states: dict[str, float] = {}
+    for name, value in (scenario.initial.z if scenario.initial else {}).items():
+        where = f"initial.z.{name}"
+        if name not in places:
+            allowed = ", ".join(places) or f"none, as no law of {robot.name} has a state"
+            scenario.fail(where, f"no state of that name{nearest(name, places)}; allowed: {allowed}")
+        if places[name] in states:
+            scenario.fail(where, f"{places[name]} stands twice; allowed: once")
+        states[places[name]] = value
+    return states
 
 
 def names_in_scenarios(robot: Robot) -> dict[str, str]:

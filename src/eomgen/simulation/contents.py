@@ -108,6 +108,7 @@ class Stop:
     coordinate: str
     q: tuple[float, ...]
     v: tuple[float, ...]
+    z: tuple[float, ...] = ()
 
 
 _MOST_NAMES = len(UNITS) * MOST_ENTRIES
@@ -200,6 +201,17 @@ def check_coordinates(names: Sequence[str], units: Sequence[str], where: str) ->
         raise InputError(f"{where}: units: got {listed(units)}; allowed: {listed(wanted)}")
 
 
+def check_memory(names: Sequence[str], coordinates: Sequence[str], where: str, key: str) -> None:
+    """Refuse names that are none of states of laws of these coordinates, or that are there twice."""
+
+    def is_state(name: str) -> bool:
+        owner = owners_of([name])[0]
+        words = name.removeprefix(owner).split(".")[1:]
+        return owner in coordinates and len(words) > 1 and all(map(is_identifier, words))
+
+    _check_names(where, key, names, is_state, f"COORDINATE.LAW.STATE with a coordinate of {listed(coordinates)}")
+
+
 def _check_coordinates(meta: Meta, arrays: Mapping[str, Any], where: str) -> None:
     """Refuse names of coordinates that the result does not have, wherever they stand."""
     coordinates = arrays["coordinates"]
@@ -207,9 +219,7 @@ def _check_coordinates(meta: Meta, arrays: Mapping[str, Any], where: str) -> Non
     memory = arrays.get("memory") or ()
     if ("memory" in arrays) != ("z" in arrays):
         raise InputError(f"{where}: arrays memory and z: got one of them; allowed: both, or none")
-    _check_names(
-        where, "array memory", memory, lambda x: owners_of([x])[0] in coordinates, "states of coordinates' laws"
-    )
+    check_memory(memory, coordinates, where, "array memory")
     rotating = rotating_joints(coordinates)
     if arrays.get("rotating", rotating) != rotating:
         got = listed(arrays["rotating"])
@@ -231,7 +241,8 @@ def _check_coordinates(meta: Meta, arrays: Mapping[str, Any], where: str) -> Non
             raise InputError(f"{where}: {key}: got {listed(what)}; allowed: each once, of {listed(allowed)}")
     if meta.stopped:
         stop: Stop = value_of(Stop, meta.stopped, f"{where}: stopped", LARGEST_FINITE)
-        if not len(stop.q) == len(stop.v) == len(coordinates) or stop.coordinate not in ("", *coordinates, *memory):
+        sizes = [len(x) for x in (stop.q, stop.v, stop.z)]
+        if sizes != [len(coordinates)] * 2 + [len(memory)] or stop.coordinate not in ("", *coordinates, *memory):
             raise InputError(f"{where}: stopped: is not of these coordinates; allowed: {listed(coordinates)}")
 
 

@@ -20,7 +20,7 @@ from ..runtime.kernel import Kernel
 from ..scenario.value import Scenario
 from ..state.motors import shafts, turn_motors
 from ..state.springs import clearances, journals_in_play, law_numbers, stiffnesses
-from .assembly import Assembly, by_coordinate, names_in_scenarios
+from .assembly import Assembly, by_coordinate, names_in_scenarios, states_of_laws
 from .loads import loaded_parameters
 
 
@@ -34,6 +34,8 @@ def initial_state(robot: Robot, scenario: Scenario, assembly: Assembly) -> tuple
         q[driven], v[driven] = (x for x in assembly.program.at(0.0)[:2])
     for name, value in assembly.initial_q.items():
         q[kernel.coordinates.index(name)] = value
+    for name, value in states_of_laws(robot, scenario, kernel.memory).items():
+        v[kernel.velocities.index(name)] = value
     velocities = by_coordinate(robot, scenario, "v", initial.v if initial else {})
     for name, value in velocities.items():
         v[kernel.coordinates.index(name)] = value
@@ -55,7 +57,7 @@ def initial_state(robot: Robot, scenario: Scenario, assembly: Assembly) -> tuple
             scenario.refuse("initial.held", name, kernel.coordinates)
     loose = _loose(robot, assembly)
     still = {*loose, *(names_in_scenarios(robot)[name] for name in fixed)}
-    return _balanced(robot, scenario, assembly, q, still), v, loose
+    return _balanced(robot, scenario, assembly, (q, v[len(kernel.coordinates) :]), still), v, loose
 
 
 def _closed(assembly: Assembly, q: Array, v: Array, velocities: Container[str]) -> tuple[Array, Array]:
@@ -101,9 +103,16 @@ def _loose(robot: Robot, assembly: Assembly) -> tuple[str, ...]:
     return tuple(name for name, k in stiff.items() if (k == 0.0 or name in played) and name not in moved)
 
 
-def _balanced(robot: Robot, scenario: Scenario, assembly: Assembly, q: Array, still: set[str]) -> Array:
-    """Solve the static equilibrium near q under drives and wrenches at t = 0; clearances start in their middle."""
-    kernel, drive, wrenches = assembly.kernel, assembly.drive.standstill(), assembly.wrenches
+def _balanced(
+    robot: Robot, scenario: Scenario, assembly: Assembly, begin: tuple[Array, Array], still: set[str]
+) -> Array:
+    """Solve the static equilibrium near q under drives and wrenches at t = 0; clearances start in their middle.
+
+    Args:
+        begin: q, (n,), and the states of laws, (memory,), which stay.
+        still: coordinates that are held.
+    """
+    kernel, drive, wrenches, (q, z) = assembly.kernel, assembly.drive.standstill(), assembly.wrenches, begin
     zero = np.zeros(kernel.n)
     kernel.parameters.update(loaded_parameters(robot, scenario, 0.0))
 
@@ -115,22 +124,25 @@ def _balanced(robot: Robot, scenario: Scenario, assembly: Assembly, q: Array, st
             return u + kernel.external_force(qs, wrenches(0.0, qs, zero))
         return u + kernel.external_force(qs, np.array([wrenches(0.0, x, zero) for x in qs]))
 
+    states = z if z.size else None
     try:
         tight = _without_clearances(kernel)
         if tight is None:
-            return closed_equilibrium(kernel, q, u=forces, held=still)
-        q = closed_equilibrium(tight, q, u=forces, held=still)
+            return closed_equilibrium(kernel, q, u=forces, held=still, z=states)
+        q = closed_equilibrium(tight, q, u=forces, held=still, z=states)
         with suppress(IntegrationError):  # where something floats in its clearance, that is as good as any other place
-            q = closed_equilibrium(kernel, q, u=forces, held=still)
+            q = closed_equilibrium(kernel, q, u=forces, held=still, z=states)
         return q
     except IntegrationError as error:
-        overloaded = _overloaded(robot, scenario, assembly, q, still)
+        overloaded = _overloaded(robot, scenario, assembly, (q, z), still)
         if not overloaded and not scenario.source:
             raise
         raise IntegrationError(f"{scenario.label('initial')}: {overloaded or error}") from None
 
 
-def _overloaded(robot: Robot, scenario: Scenario, assembly: Assembly, q: Array, still: set[str]) -> str:
+def _overloaded(
+    robot: Robot, scenario: Scenario, assembly: Assembly, begin: tuple[Array, Array], still: set[str]
+) -> str:
     """Say which clipped drives cannot hold the robot at the start; "" where others are to blame."""
     drive: Any = assembly.drive
     effort: Array | None = getattr(drive, "effort", None)
@@ -138,7 +150,7 @@ def _overloaded(robot: Robot, scenario: Scenario, assembly: Assembly, q: Array, 
         return ""
     free = replace(assembly, drive=replace(drive, effort=None))
     try:
-        posture = _balanced(robot, scenario, free, q, still)
+        posture = _balanced(robot, scenario, free, begin, still)
     except IntegrationError:
         return ""
     names = assembly.kernel.coordinates

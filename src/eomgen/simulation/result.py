@@ -69,7 +69,7 @@ class SimulationResult(Plotting, Shown, Tabular, plot="plot_series"):
         balance: the energy balance; None in files of eomgen 0.1 before it was there.
         description: the robot that was simulated, as ``robot.record.record_of`` has it; empty in older files.
         stopped: empty where the motion came to its end; else its ``reason`` (text), the ``coordinate`` to blame, and
-            the last good state: ``t`` (s), ``q`` and ``v`` (n numbers each).
+            the last good state: ``t`` (s), ``q`` and ``v`` (n numbers each), and ``z`` of states of laws, if any.
     """
 
     robot: str
@@ -233,7 +233,8 @@ class SimulationResult(Plotting, Shown, Tabular, plot="plot_series"):
     def series(self, name: str) -> Series:
         """Return values over time by name, with their unit.
 
-        Names are those of coordinates ("joint1.x"), with .rate, .drive or .program behind them; JOINT.qw, .qx, .qy and
+        Names are those of coordinates ("joint1.x"), with .rate, .drive or .program behind them; of states of laws
+        ("joint1.gamma.friction.z"); JOINT.qw, .qx, .qy and
         .qz of joints with alpha, beta and gamma (see ``Trajectory.quaternion``); TOOL.position (base frame) and
         TOOL.program; TOOL.rotation, the orientation error; LINK.force and LINK.moment of wrenches (about the centre of
         mass, base frame); energy.kinetic, energy.potential, energy.residue, and

@@ -163,11 +163,18 @@ def run_assembly(
         "versions": versions,
     }
     samples = output_times(scenario.duration, scenario.output_step).size
-    opened = None if stream is None else MotionStream(stream, kernel.coordinates, samples, about)
+    opened = None if stream is None else MotionStream(stream, kernel.coordinates, samples, about, kernel.memory)
     plan = plan_of(assembly, scenario, q0)
     options = SegmentOptions(plan, report, opened, balance, assembly.until)
-    segments = run_segments(kernel, robot, scenario, loads, q0, v0, options)
-    motion, n = segments.trajectory, len(kernel.coordinates)
+    n = len(kernel.coordinates)
+    try:
+        segments = run_segments(kernel, robot, scenario, loads, q0, v0, options)
+    except IntegrationStopped as stop:
+        stop.set_apart(n)
+        if stop.trajectory is not None:
+            stop.trajectory = stop.trajectory.apart(kernel.coordinates)
+        raise
+    motion = segments.trajectory
     t, q = motion.t, motion.q
     driven = index_of(kernel.coordinates, assembly.driven)
     program_q = q[:, driven] if assembly.shown is None else assembly.shown.at(t)[0]
@@ -240,7 +247,8 @@ def _passive(robot: Robot, assembly: Assembly) -> tuple[str, ...]:
 
 def _stop_record(stop: IntegrationStopped, n: int) -> dict[str, Any]:
     """Return the record of why a result of n coordinates ends too early, in values that JSON holds."""
-    state = {name: getattr(stop, name)[:n].tolist() for name in ("q", "v")}
+    stop.set_apart(n)
+    state = {name: x.tolist() for name, x in (("q", stop.q), ("v", stop.v), ("z", stop.z)) if x is not None}
     return {"reason": str(stop), "t": stop.t, "coordinate": stop.coordinate, **state}
 
 

@@ -114,7 +114,7 @@ def run_segments(
     record = None if stream is None else _recorder(kernel, loads, grid, stream)
     if stream is not None:
         n = len(kernel.coordinates)
-        stream.append(grid[:1], q[np.newaxis, :n], v[np.newaxis, :n])
+        stream.append(grid[:1], q[np.newaxis, :n], v[np.newaxis, :n], v[np.newaxis, n:])
     pieces: list[dict[str, Array]] = []
     done = np.zeros(len(TERMS))
     info: dict[str, float] = {}
@@ -193,7 +193,7 @@ def _recorder(kernel: Kernel, loads: Loads, grid: Array, stream: MotionStream) -
             for i, at in enumerate(t.tolist()):
                 q[i, prescribed], v[i, prescribed], _ = loads.prescribed(at)
         if t.size:
-            stream.append(t, q[:, :n], v[:, :n])
+            stream.append(t, q[:, :n], v[:, :n], v[:, n:])
 
     return record
 

@@ -218,12 +218,13 @@ class _Batch:
             for name in member.rows[0]
         }
         q, v, nothing = whole["q"], whole["v"], np.empty((0, kernel.n))
+        parts = t, q, v, whole.get("u", nothing), np.empty((0, 2))
         info = {"steps": member.steps, **implicit_spans(self.plan.turns, member.spans)}
         method = self.plan.leading(info, float(t[-1]))
         driven = index_of(kernel.coordinates, assembly.driven)
         return SimulationResult(
             robot=self.robot.name,
-            trajectory=Trajectory(t, q, v, whole.get("u", nothing), np.empty((0, 2)), kernel.coordinates, method, info),
+            trajectory=Trajectory(*parts, kernel.velocities, method, info).apart(kernel.coordinates),
             program_coordinates=assembly.driven,
             program_q=q[:, driven] if programmed is None else programmed,
             tool=tool,

@@ -1,6 +1,7 @@
 """Motions that are written while they are integrated: a Zarr group whose writer may be killed at any time.
 
-Layout: arrays ``t`` (T,), ``q`` and ``v`` (T, n), as long as they are to become; times that are not reached are NaN.
+Layout: arrays ``t`` (T,), ``q`` and ``v`` (T, n), ``z`` (T, states) where laws have states, as long as they are to
+become; times that are not reached are NaN.
 Zarr renames chunks into place, and those of t come last, so that up to the first NaN everything is there.  Attributes
 hold names, units, and what is simulated.
 """
@@ -28,16 +29,16 @@ from ..limits import LARGEST_FINITE
 from ..names import show
 from ..npz import VARIABLE, most_bytes
 from ..optional import optional_import
-from ..robot.coordinates import unit_of
+from ..robot.coordinates import state_unit, unit_of
 from ..shown import Shown
 from ..state.turning import quaternion_columns
-from .contents import check_coordinates
+from .contents import check_coordinates, check_memory
 from .result import Series
 
 FORMAT = 1  # raised when a reader of the old one would misread it
 ROWS = 256  # of a chunk
 SECONDS = 1.0  # after which rows are written that fill no chunk
-_NAMES = ("q", "v", "t")  # in the order of writing
+_NAMES = ("q", "v", "z", "t")  # in the order of writing
 _MOST_METADATA = 1 << 24  # bytes: a scenario is in them
 _CODECS = ["bytes", "zstd"]
 _LONGEST_HEADER = 18  # bytes of a frame's header
@@ -47,7 +48,8 @@ _LONGEST_HEADER = 18  # bytes of a frame's header
 class StreamedMotion(Shown):
     """A motion read from a stream: t (T,), s; q and v (T, n), m, rad, per s; ``complete`` if it came to its end.
 
-    meta: robot, robot_hash, scenario and versions as ``SimulationResult`` has them.
+    meta: robot, robot_hash, scenario and versions as ``SimulationResult`` has them.  z: states of laws, (T, states), by
+    the names in ``memory``; both None without any.
     """
 
     t: Array
@@ -56,17 +58,22 @@ class StreamedMotion(Shown):
     coordinates: tuple[str, ...]
     complete: bool
     meta: Mapping[str, Any]
+    z: Array | None = None
+    memory: tuple[str, ...] | None = None
 
     def series(self, name: str) -> Series:
-        """Return a coordinate, or its velocity (NAME.rate), over time; InputError if there is none of that name.
+        """Return a coordinate, its velocity (NAME.rate) or a law's state over time; InputError if there is none of it.
 
         Joints with alpha, beta and gamma have JOINT.qw, .qx, .qy and .qz as well, as ``SimulationResult.series`` says.
         """
         stem, rotations = name.removesuffix(".rate"), quaternion_columns(self.coordinates, self.q)
         if name in rotations:
             return Series(name, "", self.t, rotations[name])
+        memory = self.memory or ()
+        if self.z is not None and name in memory:
+            return Series(name, state_unit(name), self.t, self.z[:, memory.index(name)])
         if stem not in self.coordinates:
-            known = ", ".join([f"{', '.join(self.coordinates)}, with .rate or without", *rotations])
+            known = ", ".join([f"{', '.join(self.coordinates)}, with .rate or without", *memory, *rotations])
             raise InputError(f"series: {show(name)} is unknown; known: {known}")
         values, unit = (self.q, unit_of(stem)) if stem == name else (self.v, f"{unit_of(stem)}/s")
         return Series(name, unit, self.t, values[:, self.coordinates.index(stem)])
@@ -80,14 +87,24 @@ class MotionStream:
         coordinates: n names.
         samples: T.
         meta: values that JSON holds.
+        memory: names of states of laws.
 
     Raises:
         InputError: Zarr is not installed, or the folder has something in it or cannot be written.
     """
 
-    def __init__(self, folder: Path | str, coordinates: Sequence[str], samples: int, meta: Mapping[str, Any]) -> None:
+    def __init__(
+        self,
+        folder: Path | str,
+        coordinates: Sequence[str],
+        samples: int,
+        meta: Mapping[str, Any],
+        memory: Sequence[str] = (),
+    ) -> None:
         zarr, self._folder = _zarr(), Path(folder)
-        shapes = {"t": (samples,), "q": (samples, len(coordinates)), "v": (samples, len(coordinates))}
+        shapes: dict[str, tuple[int, ...]] = {"t": (samples,), **dict.fromkeys("qv", (samples, len(coordinates)))}
+        if memory:
+            shapes["z"] = samples, len(memory)
         try:
             if self._folder.exists() and any(self._folder.iterdir()):
                 raise InputError(f"{folder}: is not empty; allowed: a folder that does not exist, or is empty")
@@ -99,17 +116,18 @@ class MotionStream:
                 for name, shape in shapes.items()
             }
             about = {"format": FORMAT, "coordinates": list(coordinates), "units": [unit_of(x) for x in coordinates]}
-            group.attrs.update({**about, "meta": dict(meta)})
+            group.attrs.update({**about, **({"memory": list(memory)} if memory else {}), "meta": dict(meta)})
         except OSError as error:
             raise InputError(f"{folder}: cannot be written: {error.strerror or error}") from None
         self._written = 0
-        self._rows: dict[str, list[Array]] = {name: [] for name in _NAMES}
+        self._rows: dict[str, list[Array]] = {name: [] for name in _NAMES if name in shapes}
         self._last = time.monotonic()
 
-    def append(self, t: Array, q: Array, v: Array) -> None:
-        """Take further samples, t (k,), q and v (k, n); written after a second, or when a chunk is full."""
-        for name, values in zip(("t", "q", "v"), (t, q, v), strict=True):
-            self._rows[name].append(np.array(values))
+    def append(self, t: Array, q: Array, v: Array, z: Array | None = None) -> None:
+        """Take further samples, t (k,), q and v (k, n), z (k, states); written after a second, or of a full chunk."""
+        for name, values in {"t": t, "q": q, "v": v, "z": z}.items():
+            if name in self._rows:
+                self._rows[name].append(np.array(values))
         if sum(map(len, self._rows["t"])) >= ROWS or time.monotonic() - self._last > SECONDS:
             self.flush()
 
@@ -125,7 +143,7 @@ class MotionStream:
         rows = {name: np.concatenate(pieces) for name, pieces in self._rows.items()}
         end = self._written + len(rows["t"])
         try:
-            for name in _NAMES:
+            for name in rows:
                 self._arrays[name][self._written : end] = rows[name]
                 self._rows[name].clear()
         except OSError as error:
@@ -148,19 +166,21 @@ def load_stream(folder: Path | str) -> StreamedMotion:
         t = np.asarray(group["t"][:], dtype=np.float64)
         unknown = np.flatnonzero(np.isnan(t))
         count = int(unknown[0]) if unknown.size else t.size
-        q, v = (np.asarray(group[name][:count], dtype=np.float64) for name in ("q", "v"))
+        names = ("q", "v", "z") if about.memory else ("q", "v")
+        arrays = {name: np.asarray(group[name][:count], dtype=np.float64) for name in names}
     except InputError:
         raise
     except (OSError, KeyError, ValueError, TypeError, RuntimeError, MemoryError, OverflowError) as error:
         raise InputError(
             f"{folder}: is no stream of a simulation ({show(str(error))}); allowed: what eomgen wrote"
         ) from None
-    for name, values in (("t", t[:count]), ("q", q), ("v", v)):
+    for name, values in {"t": t[:count], **arrays}.items():
         if not (np.abs(values) <= LARGEST_FINITE).all():
             raise InputError(f"{folder}: array {name}: got a number that is none; allowed: finite ones up to its end")
     if (np.diff(t[:count]) <= 0.0).any():
         raise InputError(f"{folder}: array t: got times that do not increase; allowed: increasing times")
-    return StreamedMotion(t[:count], q, v, about.coordinates, count == t.size, MappingProxyType(dict(about.meta)))
+    q, v, z, meta = arrays["q"], arrays["v"], arrays.get("z"), MappingProxyType(dict(about.meta))
+    return StreamedMotion(t[:count], q, v, about.coordinates, count == t.size, meta, z, about.memory or None)
 
 
 @dataclass(frozen=True)
@@ -171,6 +191,7 @@ class _About:
     coordinates: tuple[str, ...]
     units: tuple[str, ...]
     meta: Mapping[str, Any]
+    memory: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -204,16 +225,17 @@ def _checked_layout(folder: Path, most: int) -> _About:
         raise InputError(f"{folder}: written by a newer eomgen than this one; allowed: up to format {FORMAT}")
     about: _About = value_of(_About, written, f"{folder}: is no stream of a simulation: attributes")
     check_coordinates(about.coordinates, about.units, f"{folder}: attributes")
-    n = len(about.coordinates)
+    check_memory(about.memory, about.coordinates, f"{folder}: attributes", "memory")
+    n, states = len(about.coordinates), len(about.memory)
     samples = 0
-    for name in ("t", "q", "v"):
+    for name in ("t", "q", "v", *(("z",) if states else ())):
         where = f"{folder}: array {name}"
         declared = _metadata(folder / name)
         known = {key: declared[key] for key in ("shape", "data_type", "chunk_grid", "codecs") if key in declared}
         stored: _Stored = value_of(_Stored, known, where)
         chunk: tuple[int, ...] = value_of(tuple[int, ...], stored.chunk_grid.configuration.get("chunk_shape"), where)
         samples = stored.shape[0] if name == "t" and stored.shape else samples
-        wanted = (samples,) if name == "t" else (samples, n)
+        wanted = (samples,) if name == "t" else (samples, states if name == "z" else n)
         if stored.data_type != "float64" or stored.shape != wanted or samples < 1:
             shown = f"{printable(stored.data_type)} {stored.shape}"
             raise InputError(f"{where}: is {shown:.80}; allowed: float64 {wanted}, one row for each time")
@@ -222,7 +244,7 @@ def _checked_layout(folder: Path, most: int) -> _About:
         if [codec.name for codec in stored.codecs] != _CODECS:
             raise InputError(f"{where}: its codecs are others than eomgen's; allowed: {', '.join(_CODECS)}")
         _check_chunks(folder / name / "c", 8 * prod(chunk), where)
-    size = 8 * samples * (1 + 2 * n)
+    size = 8 * samples * (1 + 2 * n + states)
     if size > most:
         raise InputError(
             f"{folder}: its arrays have {size} bytes; allowed: up to {most} (the environment's {VARIABLE} has their MB)"

@@ -10,7 +10,7 @@ ENGINES = ("auto", "rollout", "integrate")
 RECORDS = (
     *("tool_deviation_max", "tool_deviation_rms", "tool_deviation_end", "tool_rotation_max"),
     *("drive_max", "drive_rms", "tracking_max", "deviation_max", "reaction_max"),
-    *("coordinate_max", "coordinate_end", "quaternion_end", "energy_residue"),
+    *("coordinate_max", "coordinate_end", "state_max", "state_end", "quaternion_end", "energy_residue"),
 )
 DEFAULT_RECORD = ("tool_deviation_max", "tool_deviation_rms", "tool_deviation_end", "drive_max", "deviation_max")
 MOST_SAMPLES = 10**8

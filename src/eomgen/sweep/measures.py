@@ -11,7 +11,7 @@ from ..arrays import Array
 from ..errors import InputError
 from ..motion.exceeding import excesses
 from ..names import joint_of
-from ..robot.coordinates import force_unit_of, index_of, rotating_joints, unit_of
+from ..robot.coordinates import force_unit_of, index_of, rotating_joints, state_unit, unit_of
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
 from ..scenario.value import Scenario
@@ -50,6 +50,8 @@ def check_record(plan: Plan, scenario: Scenario, assembly: Assembly) -> None:
         plan.fail("record", "tracking_max: there is no reference; allowed: with a motion, pd or computed_torque")
     if "reaction_max" in plan.record and scenario.payloads:
         plan.fail("record", "reaction_max: the scenario has payloads, whose masses change; allowed: without them")
+    if not assembly.kernel.memory and (states := [name for name in ("state_max", "state_end") if name in plan.record]):
+        plan.fail("record", f"{states[0]}: no law has a state; allowed: of robots with such laws")
     if "quaternion_end" in plan.record and not rotating_joints(assembly.kernel.coordinates):
         plan.fail("record", "quaternion_end: no joint has alpha, beta and gamma; allowed: with a free or ball joint")
 
@@ -122,6 +124,15 @@ def _coordinates(name: str, result: SimulationResult, _: Assembly) -> Measured:
     return [(f"{name}.{x}", unit_of(x), value) for x, value in zip(names, values.tolist(), strict=True)]
 
 
+def _states(name: str, result: SimulationResult, _: Assembly) -> Measured:
+    """Return the largest size of each law's state, or what it is at the end."""
+    z, names = result.trajectory.z, result.trajectory.memory
+    assert z is not None
+    assert names is not None
+    values = np.abs(z).max(axis=0) if name == "state_max" else z[-1]
+    return [(f"{name}.{x}", state_unit(x), value) for x, value in zip(names, values.tolist(), strict=True)]
+
+
 def _quaternions(name: str, result: SimulationResult, _: Assembly) -> Measured:
     """Return components at the end; signs are continued from sample time to sample time, alike in all samples."""
     columns = quaternion_columns(result.trajectory.coordinates, result.trajectory.q)
@@ -130,12 +141,13 @@ def _quaternions(name: str, result: SimulationResult, _: Assembly) -> Measured:
 
 def _reactions(name: str, result: SimulationResult, assembly: Assembly) -> Measured:
     motion, kernel = result.trajectory, assembly.kernel
-    u = motion.u.copy()
+    q, v, u = motion.joined()
+    u = u.copy()
     if assembly.prescribed is not None:
         prescribed = index_of(kernel.coordinates, kernel.prescribed)
         u[:, prescribed] = [assembly.prescribed(t)[2] for t in motion.t.tolist()]
-    a = kernel.forward_dynamics(motion.q, motion.v, u, wrench=result.wrench)
-    wrenches = kernel.reactions(motion.q, motion.v, a, wrench=result.wrench)
+    a = kernel.forward_dynamics(q, v, u, wrench=result.wrench)
+    wrenches = kernel.reactions(q, v, a, wrench=result.wrench)
     force, moment = (
         np.linalg.norm(components, axis=2).max(axis=0) for components in (wrenches[..., :3], wrenches[..., 3:])
     )
@@ -163,6 +175,8 @@ _READERS: dict[str, Callable[[str, SimulationResult, Assembly], Measured]] = {
     "reaction_max": _reactions,
     "coordinate_max": _coordinates,
     "coordinate_end": _coordinates,
+    "state_max": _states,
+    "state_end": _states,
     "quaternion_end": _quaternions,
     "energy_residue": _residue,
 }
