@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import ArrayError, InputError, UnknownNameError
 from ..names import joint_of, listed, nearest_or_all, parameter_name, show
-from .arrays import joint_lead, numbers_in
+from .arrays import joint_lead, numbers_in, whole_array
 from .calls import Calls
 from .compiled_code import CompiledCode
 from .raw import Array
@@ -138,9 +138,21 @@ class Blocks:
         return result
 
 
-def make_blocks(mass: Array, christoffel: Array, meta: Mapping[str, Sequence[str]], names: Sequence[str]) -> Blocks:
-    """Return blocks of the whole arrays; ``meta`` is the metadata's entry "survivors", ``names`` the coordinates."""
-    n = len(names)
+def make_blocks(
+    mass: Array,
+    christoffel: Array,
+    meta: Mapping[str, Sequence[str]],
+    names: Sequence[str],
+    n: int,
+) -> Blocks:
+    """Return blocks of the whole arrays.
+
+    Args:
+        mass, christoffel: of coordinates.
+        meta: the metadata's entry "survivors", of n numbers: coordinates, and states of laws behind them.
+        names: of the coordinates.
+    """
+    part = slice(len(names))
     rows = np.stack([_bits(text, n) for text in meta["mass_matrix"]])
     upper = np.stack([_bits(text, n * (n + 1) // 2) for text in meta["christoffel"]])
     mask = np.zeros((n, n, n), dtype=np.bool_)
@@ -148,7 +160,8 @@ def make_blocks(mass: Array, christoffel: Array, meta: Mapping[str, Sequence[str
     mask[:, v, w] = upper
     mask |= np.swapaxes(mask, 1, 2)
     joints = list(dict.fromkeys(map(joint_of, names)))
-    return Blocks(BlockMap("M", mass, rows, names), BlockMap("C", christoffel, mask, names), joints)
+    blocks = BlockMap("M", mass, rows[part, part], names), BlockMap("C", christoffel, mask[part, part, part], names)
+    return Blocks(*blocks, joints)
 
 
 def _bits(text: str, count: int) -> Mask:
@@ -168,7 +181,9 @@ class NamedViews(CompiledCode):
         """
         mass, christoffel = (self.calls.run(name, None, (q,)) for name in ("mass_matrix", "christoffel"))
         survivors = self.raw.libraries.about("christoffel")["survivors"]
-        return make_blocks(mass, christoffel, survivors, self.coordinates)
+        part = slice(len(self.coordinates))  # without states of laws
+        arrays = mass[..., part, part], christoffel[..., part, part, part]
+        return make_blocks(*arrays, survivors, self.coordinates, self.n)
 
     @property
     def regressor_names(self) -> tuple[str, ...]:
@@ -224,8 +239,8 @@ class NamedViews(CompiledCode):
         Returns:
             Per follower a pair of numbers, or of arrays with the leading axes of q and v.
         """
-        here, lead = self.calls.array("q", q, self.raw.shapes["q"])
-        rates = np.zeros_like(here) if v is None else self.calls.array("v", v, self.raw.shapes["v"])[0]
+        here, lead = whole_array(self.calls, "q", q)
+        rates = np.zeros_like(here) if v is None else whole_array(self.calls, "v", v)[0]
         lead = joint_lead("v", rates.shape[:-1], lead)
         here, rates = (np.broadcast_to(x, (*lead, self.n)) for x in (here, rates))
         matrix, offsets = self.follower_matrix()
@@ -277,7 +292,7 @@ def wrench_rows(calls: Calls, q: ArrayLike, wrench: WrenchLike | None) -> ArrayL
     if not isinstance(wrench, Mapping):
         return wrench
     values = {name: (place_of_wrench(calls, name), wrench_numbers(calls, name, x)) for name, x in wrench.items()}
-    states, lead = calls.array("q", q, (calls.n,))
+    states, lead = whole_array(calls, "q", q)
     for name, (_, numbers) in values.items():
         lead = joint_lead(f"wrench: {name}", numbers.shape[:-1], lead)
     rows = np.zeros((*lead, len(calls.raw.libraries.meta["links"]), 6), calls.dtype)

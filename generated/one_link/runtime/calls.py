@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from ..errors import ArrayError, InputError, SingularError
 from ..names import split_component
-from .arrays import Arrays, Lead, is_finite, joint_lead, numbers_in, place_of, rows_of
+from .arrays import Arrays, Lead, is_finite, is_narrow, joint_lead, numbers_in, place_of, rows_of, run_narrow, widened
 from .chunking import shared, states_at_once
 from .direct import WRENCHED
 from .loop_errors import loop_error, singular_loop
@@ -38,6 +38,8 @@ class Calls:
     ) -> None:
         self.raw, self.parameters, self.arrays, self.prescribed = raw, parameters, arrays, prescribed
         self.dtype, self.coordinates, self.n = raw.dtype, arrays.coordinates, len(arrays.coordinates)
+        self.memory: tuple[str, ...] = tuple(raw.libraries.meta.get("memory", ()))
+        self.narrow = self.n - len(self.memory)
 
     @property
     def threads(self) -> int:
@@ -58,11 +60,20 @@ class Calls:
         return f"{TREE}{name}" if self.raw.libraries.meta.get("constraints") else name
 
     def run_with_wrench(
-        self, name: str, out: Array | None, values: Sequence[ArrayLike], wrench: ArrayLike | None
+        self,
+        name: str,
+        out: Array | None,
+        values: Sequence[ArrayLike],
+        wrench: ArrayLike | None,
+        z: ArrayLike | None = None,
     ) -> Array:
         """Run a function, and add the contribution of wrenches to its result, as ``WRENCHED`` says."""
         if wrench is None:
-            return self.run(name, out, values)
+            return self.run(name, out, values, z=z)
+        if self.memory or z is not None:
+            result = run_narrow(self, name, out, values, z, lambda x: self.run_with_wrench(name, None, x, wrench))
+            if result is not None:
+                return result
         added, sign, _ = WRENCHED[name]
         external = self.run(added, None, (values[0], wrench))
         single = self.raw.shapes[self.raw.functions[added].writes]
@@ -85,6 +96,7 @@ class Calls:
         extra: tuple[int, ...] = (),
         lead: Lead = (),
         inner: int = 0,
+        z: ArrayLike | None = None,
     ) -> Array:
         """Check the arrays, call the C, and say what went wrong.
 
@@ -93,12 +105,17 @@ class Calls:
             extra: the number of a frame, for a function that takes one.
             lead: leading axes that the result has at least.
             inner: how many of the last leading axes are not of states: errors name none of them.
+            z: states of laws apart, see ``narrow``.
 
         Raises:
             UnknownNameError: the kernel was built without this function.
             ArrayError: an array of wrong shape or dtype, or with NaN or infinity, or a result that would be one.
             SingularError: the mass matrix cannot be inverted in a state.
         """
+        if self.memory or z is not None:
+            narrow = run_narrow(self, name, out, values, z, lambda x: self.run(name, None, x, extra, lead, inner))
+            if narrow is not None:
+                return narrow
         raw, take, checks = self.raw, self.arrays.taken, self.checks
         if name not in raw.functions:
             raise raw.missing(name)
@@ -246,6 +263,8 @@ class Calls:
             q: coordinates in that state, (n,), where they are known.
         """
         where, reason = self.coordinates[coordinate], ELIMINATED
+        if q is not None and is_narrow(self, q):
+            q = widened(self, "q", q)
         if q is not None:
             if (loop := self._singular_loop(q)) is not None:
                 return SingularError(f"{name}: {self.raw.name}: {loop}{place}")

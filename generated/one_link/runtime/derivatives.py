@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from ..errors import InputError, UnknownNameError
 from ..names import nearest_or_all, show
-from .arrays import flag, names_in
+from .arrays import cut, flag, is_narrow, names_in, narrow_shape, refuse_mixed, widened
 from .calls import Calls
 from .compiled_code import CompiledCode
 from .loop_errors import LOADED
@@ -97,6 +97,24 @@ class Differentiated:
             self.calls.run(self.name, None, arrays)
         return arrays, frame
 
+    def wide(self, arrays: Sequence[ArrayLike]) -> tuple[list[ArrayLike], bool]:
+        """Return arrays of the kernel's length, and whether they had numbers of coordinates alone.
+
+        Raises:
+            ArrayError: some of them had, or the function depends on the states of laws that are missing.
+        """
+        pairs = [
+            (x, value) for x, value in zip(self.reads, arrays, strict=True) if self.calls.arrays.is_by_coordinate(x)
+        ]
+        if not any(is_narrow(self.calls, value) for _, value in pairs):
+            return list(arrays), False
+        refuse_mixed(self.calls, f"{self.name}_{TANGENT}", pairs)
+        known = {label for label, _ in pairs}
+        whole = [
+            widened(self.calls, x, value) if x in known else value for x, value in zip(self.reads, arrays, strict=True)
+        ]
+        return whole, True
+
     def run(self, kind: str, arrays: Sequence[ArrayLike], inner: int = 0) -> Array:
         """Call one of its derivatives; the last ``inner`` leading axes are not of states.
 
@@ -107,20 +125,46 @@ class Differentiated:
             raise self.calls.raw.missing(f"{self.name}_{kind}")
         return self.calls.run(f"{self.name}_{kind}", None, arrays, inner=inner)
 
-    def weights(self, cotangent: ArrayLike, frame: int | None) -> Array:
+    def weights(self, cotangent: ArrayLike, frame: int | None, narrow: bool = False) -> Array:
         """Return weights of the results in the layout that derivatives read.
+
+        Args:
+            cotangent: of the result's shape.
+            frame: its number, of a function of a frame.
+            narrow: whether the result is of coordinates alone.
 
         Raises:
             ArrayError: another shape or dtype than the function's result.
         """
         if frame is None:
-            return self.calls.array(COTANGENT, cotangent, self.shape(self.writes))[0]
+            return self._weights(cotangent, self.shape(self.writes), narrow)[0]
         frames, *inner = self.shape(self.writes)
         outer = (4, 4) if self.writes == "poses" else tuple(inner)
-        weights, lead = self.calls.array(COTANGENT, cotangent, outer)
+        weights, lead = self._weights(cotangent, outer, narrow)
         whole = np.zeros((*lead, frames, *inner), self.calls.dtype)
         whole[..., frame, :, :] = weights[..., : inner[0], :]
         return whole
+
+    def _weights(self, cotangent: ArrayLike, shape: tuple[int, ...], narrow: bool) -> tuple[Array, tuple[int, ...]]:
+        """Return weights of that shape, and leading axes; where they are of coordinates alone, with zeros behind."""
+        if not narrow:
+            return self.calls.array(COTANGENT, cotangent, shape)
+        part = tuple(slice(x) for x in narrow_shape(self.calls, shape, self.writes))
+        weights, lead = self.calls.array(COTANGENT, cotangent, tuple(x.stop for x in part))
+        whole = np.zeros((*lead, *shape), self.calls.dtype)
+        place: tuple[Any, ...] = (..., *part)
+        whole[place] = weights
+        return whole, lead
+
+    def coordinate_places(self) -> list[int]:
+        """Return places of coordinates, without states of laws, among the numbers of all arguments in a row."""
+        places, begin = list[int](), 0
+        for label in self.reads:
+            size = math.prod(self.shape(label))
+            alone = self.calls.narrow if self.calls.arrays.is_by_coordinate(label) else size
+            places += range(begin, begin + alone)
+            begin += size
+        return places
 
     def of_frame(self, result: Array, frame: int | None) -> Array:
         """Select a frame's result of one for all frames; derivatives of a pose's last row are zero."""
@@ -131,13 +175,15 @@ class Differentiated:
             return rows
         return np.concatenate([rows, np.zeros_like(rows[..., :1, :])], axis=-2)
 
-    def rows(self, gradient: Array) -> tuple[Array, ...]:
-        """Split a gradient into one array per argument, in its shape."""
+    def rows(self, gradient: Array, narrow: bool = False) -> tuple[Array, ...]:
+        """Split a gradient into one array per argument, in its shape; ``narrow``: of coordinates alone."""
         gradients, begin = list[Array](), 0
         for label in self.reads:
             shape = self.shape(label)
             end = begin + math.prod(shape)
             gradients.append(gradient[..., begin:end].reshape(*gradient.shape[:-1], *shape))
+            if narrow and self.calls.arrays.is_by_coordinate(label):
+                gradients[-1] = cut(self.calls, gradients[-1], "vector")
             begin = end
         return tuple(gradients)
 
@@ -261,12 +307,13 @@ class Differentiation(CompiledCode):
         f = self._differentiated(name)
         arrays, frame = f.state(args)
         slots = parameter_slots(self.parameters, parameters)
-        arguments = [*arrays, f.weights(cotangent, frame)]
+        arrays, narrow = f.wide(arrays)
+        arguments = [*arrays, f.weights(cotangent, frame, narrow)]
         if not slots:
-            return f.rows(f.run(ADJOINT, arguments))
+            return f.rows(f.run(ADJOINT, arguments), narrow)
         gradient = f.run(f"{BY_PARAMETERS}{ADJOINT}", arguments)
         split = gradient.shape[-1] - len(self.parameters)
-        return (*f.rows(gradient[..., :split]), gradient[..., split:][..., slots])
+        return (*f.rows(gradient[..., :split], narrow), gradient[..., split:][..., slots])
 
     def hessian(self, name: str, args: Sequence[Any], cotangent: ArrayLike) -> Array:
         """Return exact second derivatives, symmetric, of the sum of a method's weighted results by its arguments.
@@ -284,7 +331,12 @@ class Differentiation(CompiledCode):
         """
         f = self._differentiated(name)
         arrays, frame = f.state(args)
-        return f.run(HESSIAN, [*arrays, f.weights(cotangent, frame)])
+        arrays, narrow = f.wide(arrays)
+        second = f.run(HESSIAN, [*arrays, f.weights(cotangent, frame, narrow)])
+        if not narrow:
+            return second
+        places = np.array(f.coordinate_places())
+        return np.ascontiguousarray(second[..., places[:, np.newaxis], places])
 
     def parameter_jacobian(self, name: str, args: Sequence[Any], parameters: Sequence[str] | None = None) -> Array:
         """Return derivatives of a method's results by run-time parameters, exact.
@@ -302,15 +354,18 @@ class Differentiation(CompiledCode):
         f = self._differentiated(name)
         slots = parameter_slots(self.parameters, tuple(self.parameters) if parameters is None else parameters)
         arrays, frame = f.state(args)
+        arrays, narrow = f.wide(arrays)
         shaped = [self.calls.array(label, value, f.shape(label)) for label, value in zip(f.reads, arrays, strict=True)]
         lead = np.broadcast_shapes(*(leading for _, leading in shaped))
         if not slots:
             result = f.of_frame(np.zeros((*lead, *f.shape(f.writes)), self.dtype), frame)
+            result = cut(self.calls, result, f.writes) if narrow else result
             return np.zeros((*result.shape, 0), self.dtype)
         units = np.zeros((len(slots), len(self.parameters)), self.dtype)
         units[range(len(slots)), slots] = 1.0
         beside = [x.reshape(*leading, 1, *f.shape(label)) for label, (x, leading) in zip(f.reads, shaped, strict=True)]
         columns = f.of_frame(f.run(f"{BY_PARAMETERS}{TANGENT}", [*beside, units], inner=1), frame)
+        columns = cut(self.calls, columns, f.writes) if narrow else columns
         return np.moveaxis(columns, len(lead), -1)
 
     def _differentiated(self, name: str) -> Differentiated:

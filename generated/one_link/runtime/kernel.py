@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .arrays import flag, joint_lead
+from .arrays import flag, joint_lead, states_apart, widened
 from .by_name import WrenchLike, wrench_rows
-from .calls import Memory
 from .derivatives import Differentiation
 from .inverse_kinematics.kernel_method import InverseKinematics
 from .loop_errors import LOADED
@@ -31,7 +30,7 @@ class Kernel(Differentiation, InverseKinematics, Rollouts):
         name: the robot's name.
         coordinates: names such as "joint1.x"; n of them, but for states of laws.
         memory: names of the states of laws, such as "joint1.gamma.friction.z".  Arrays have them behind coordinates, in
-            v as they are, in a their rates, in q and u numbers that act on nothing; or ``z`` has them apart.
+            v as they are, in a their rates, in q numbers that act on nothing, in u zeros; or ``z`` has them apart.
         joints: names of the joints that move, in the order of ``reactions``.
         links: names of the links that move, in the order of ``wrench``.
         frames: names that ``frame_pose`` knows: frames, then links.
@@ -94,7 +93,13 @@ class Kernel(Differentiation, InverseKinematics, Rollouts):
         return self.calls.run("nonlinear_effects", out, (q, v))
 
     def generalized_force(
-        self, q: ArrayLike, v: ArrayLike, *, wrench: WrenchLike | None = None, out: Array | None = None
+        self,
+        q: ArrayLike,
+        v: ArrayLike,
+        *,
+        wrench: WrenchLike | None = None,
+        out: Array | None = None,
+        z: ArrayLike | None = None,
     ) -> Array:
         """Return Q_P + Q_G, eqs. (13) and (14), (n,), N or N m; with wrenches Q_F, too.
 
@@ -104,8 +109,9 @@ class Kernel(Differentiation, InverseKinematics, Rollouts):
                 from frames and links to six numbers, (6,) or (..., 6), base frame: at a frame's origin, about a link's
                 centre of mass.  Frames take kinematics.
             out: array to write to.
+            z: states of laws, (memory,), where arrays are of coordinates alone.
         """
-        return self._loaded("generalized_force", out, (q, v), wrench)
+        return self._loaded("generalized_force", out, (q, v), wrench, z)
 
     def residual(
         self,
@@ -116,9 +122,17 @@ class Kernel(Differentiation, InverseKinematics, Rollouts):
         *,
         wrench: WrenchLike | None = None,
         out: Array | None = None,
+        z: ArrayLike | None = None,
     ) -> Array:
-        """Return M a + bias - generalized_force - u, (n,), N or N m; zero on a motion."""
-        return self._loaded("residual", out, (q, v, a, u), wrench)
+        """Return M a + bias - generalized_force - u, (n,), N or N m; zero on a motion.
+
+        Args:
+            q, v, a, u: (n,).
+            wrench: as in ``generalized_force``.
+            out: array to write to.
+            z: states of laws, (memory,), where arrays are of coordinates alone.
+        """
+        return self._loaded("residual", out, (q, v, a, u), wrench, z)
 
     def inverse_dynamics(
         self,
@@ -129,6 +143,7 @@ class Kernel(Differentiation, InverseKinematics, Rollouts):
         wrench: WrenchLike | None = None,
         out: Array | None = None,
         cut: bool = False,
+        z: ArrayLike | None = None,
     ) -> Array:
         """Return the actuator forces u, (n,), N or N m, that make a motion: the residual is zero, but for loop forces.
 
@@ -140,13 +155,14 @@ class Kernel(Differentiation, InverseKinematics, Rollouts):
             wrench: as in ``generalized_force``.
             out: array to write to.
             cut: of a robot with loops, that its loops are open: of the tree alone, at every coordinate.
+            z: states of laws, (memory,), where arrays are of coordinates alone.
 
         Raises:
             LoopError: a loop is open, opening, or opens at the accelerations, by more than 1e-9 (float32: 1e-5) m or
                 rad (per second and the largest rate; per second squared and the largest acceleration); or these drives
                 cannot make the motion.
         """
-        return self._driving("inverse_dynamics", out, (q, v, a), wrench, cut=cut)
+        return self._driving("inverse_dynamics", out, (q, v, a), wrench, cut=cut, z=z)
 
     def forward_dynamics(
         self,
@@ -176,14 +192,10 @@ class Kernel(Differentiation, InverseKinematics, Rollouts):
             LoopError: a loop is open, or opening, by more than 1e-9 (float32: 1e-5) m or rad (per second and the
                 largest rate).
         """
-        if z is not None:
-            memory = Memory.of(self.calls, self.memory)
-            q, v, u = memory.packed((("q", q), ("v", v), ("u", u)), z)
-            return memory.coordinates_of(self.forward_dynamics(q, v, u, wrench=wrench, cut=cut), out)
         if wrench is not None:
             u = self._with_wrench(q, u, wrench)
         name = "forward_dynamics"
-        return self.calls.run(self.calls.of_tree(name) if flag("cut", cut) else name, out, (q, v, u))
+        return self.calls.run(self.calls.of_tree(name) if flag("cut", cut) else name, out, (q, v, u), z=z)
 
     def memory_rates(self, q: ArrayLike, v: ArrayLike, z: ArrayLike, u: ArrayLike | None = None) -> Array:
         """Return the rates of the states of laws, (memory,), per s.
@@ -193,12 +205,21 @@ class Kernel(Differentiation, InverseKinematics, Rollouts):
             z: states, (memory,).
             u: drives, (n,); zeros by default.
         """
-        memory = Memory.of(self.calls, self.memory)
-        drives = np.zeros(memory.coordinates, self.dtype) if u is None else u
-        return memory.states_of(self.forward_dynamics(*memory.packed((("q", q), ("v", v), ("u", drives)), z)))
+        states, n = states_apart(self.calls, z), len(self.coordinates)
+        drives = np.zeros(n, self.dtype) if u is None else u
+        under = (widened(self.calls, label, x) for label, x in (("q", q), ("u", drives)))
+        whole = self.forward_dynamics(next(under), widened(self.calls, "v", v, states), next(under))
+        return np.ascontiguousarray(whole[..., n:])
 
     def constraint_forces(
-        self, q: ArrayLike, v: ArrayLike, u: ArrayLike, *, wrench: WrenchLike | None = None, out: Array | None = None
+        self,
+        q: ArrayLike,
+        v: ArrayLike,
+        u: ArrayLike,
+        *,
+        wrench: WrenchLike | None = None,
+        out: Array | None = None,
+        z: ArrayLike | None = None,
     ) -> Array:
         """Return multipliers lambda of the constraint, (constraints,), N or N m: M a + h = u + J^T lambda.
 
@@ -210,6 +231,7 @@ class Kernel(Differentiation, InverseKinematics, Rollouts):
             q, v, u: (n,), as in ``forward_dynamics``.
             wrench: as in ``generalized_force``.
             out: array to write to.
+            z: states of laws, (memory,), where arrays are of coordinates alone.
 
         Raises:
             SingularError, LoopError: as of ``forward_dynamics``.
@@ -217,18 +239,25 @@ class Kernel(Differentiation, InverseKinematics, Rollouts):
         """
         under = u if wrench is None else self._with_wrench(q, u, wrench)
         if not self.couplings:
-            return self.calls.run("constraint_forces", out, (q, v, under))
-        a = self.forward_dynamics(q, v, under)
-        forces = self.coupling_forces(q, v, a, wrench=wrench)
+            return self.calls.run("constraint_forces", out, (q, v, under), z=z)
+        a = self.forward_dynamics(q, v, under, z)
+        forces = self.coupling_forces(q, v, a, wrench=wrench, z=z)
         if self.constraints:
-            forces = np.concatenate([self.calls.run("constraint_forces", None, (q, v, under)), forces], axis=-1)
+            forces = np.concatenate([self.calls.run("constraint_forces", None, (q, v, under), z=z), forces], axis=-1)
         if out is not None:
             out = self.calls.arrays.checked_out(out, forces.shape, ())
             out[...] = forces
         return forces if out is None else out
 
     def coupling_forces(
-        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, *, wrench: WrenchLike | None = None, out: Array | None = None
+        self,
+        q: ArrayLike,
+        v: ArrayLike,
+        a: ArrayLike,
+        *,
+        wrench: WrenchLike | None = None,
+        out: Array | None = None,
+        z: ArrayLike | None = None,
     ) -> Array:
         """Return forces on the followers of ``couplings`` that a motion takes, (couplings,), N or N m.
 
@@ -238,20 +267,28 @@ class Kernel(Differentiation, InverseKinematics, Rollouts):
             q, v, a: (n,).
             wrench: as in ``generalized_force``.
             out: array to write to.
+            z: states of laws, (memory,), where arrays are of coordinates alone.
 
         Raises:
             UnknownNameError: no rigid coupling makes followers of coordinates.
         """
-        return self._loaded("coupling_forces", out, (q, v, a), wrench)
+        return self._loaded("coupling_forces", out, (q, v, a), wrench, z)
 
-    def _loaded(self, name: str, out: Array | None, values: tuple[ArrayLike, ...], wrench: WrenchLike | None) -> Array:
+    def _loaded(
+        self,
+        name: str,
+        out: Array | None,
+        values: tuple[ArrayLike, ...],
+        wrench: WrenchLike | None,
+        z: ArrayLike | None,
+    ) -> Array:
         """Compute a function of q and more with what wrenches add to it."""
-        return self.calls.run_with_wrench(name, out, values, wrench_rows(self.calls, values[0], wrench))
+        return self.calls.run_with_wrench(name, out, values, wrench_rows(self.calls, values[0], wrench), z)
 
     def _with_wrench(self, q: ArrayLike, u: ArrayLike, wrench: WrenchLike) -> Array:
         """Return drives with the generalized forces of wrenches; of a prescribed coordinate its acceleration."""
-        drives, lead = self.calls.array("u", u, self.raw.shapes["u"])
         external = self.external_force(q, wrench)
+        drives, lead = self.calls.array("u", u, external.shape[-1:])
         joint_lead("u", lead, external.shape[:-1])
         external[..., self._given] = 0  # where u is an acceleration
         total: Array = drives + external
@@ -285,9 +322,15 @@ class Kernel(Differentiation, InverseKinematics, Rollouts):
         """Return Christoffel symbols of the first kind, (n, n, n): C^svw of eq. (12), symmetric in the last two."""
         return self.calls.run("christoffel", out, (q,))
 
-    def energy(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
-        """Return (kinetic, potential) energy, (2,), J: eq. (4); gravity (zero at the base's origin) and springs."""
-        return self.calls.run("energy", out, (q, v))
+    def energy(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None, z: ArrayLike | None = None) -> Array:
+        """Return (kinetic, potential) energy, (2,), J: eq. (4); gravity (zero at the base's origin), springs, states z.
+
+        Args:
+            q, v: (n,).
+            out: array to write to.
+            z: states of laws, (memory,), where arrays are of coordinates alone.
+        """
+        return self.calls.run("energy", out, (q, v), z=z)
 
     def reactions(
         self,
@@ -298,6 +341,7 @@ class Kernel(Differentiation, InverseKinematics, Rollouts):
         wrench: WrenchLike | None = None,
         out: Array | None = None,
         cut: bool = False,
+        z: ArrayLike | None = None,
     ) -> Array:
         """Return the wrench of each joint on its child link, (joints, 6): force (N), moment (N m) at the joint.
 
@@ -311,11 +355,12 @@ class Kernel(Differentiation, InverseKinematics, Rollouts):
             wrench: external wrenches as in ``generalized_force``.
             out: array to write to.
             cut: of a robot with loops, that its loops are open: no force passes through them.
+            z: states of laws, (memory,), where arrays are of coordinates alone.
 
         Raises:
             LoopError: as of ``inverse_dynamics``.
         """
-        return self._driving("reactions", out, (q, v, a), wrench, cut=cut)
+        return self._driving("reactions", out, (q, v, a), wrench, cut=cut, z=z)
 
     def regressor(self, q: ArrayLike, v: ArrayLike, a: ArrayLike, *, out: Array | None = None) -> Array:
         """Return Y(q, v, a), (n, parameters): inverse dynamics without springs and dampers is Y theta, N or N m.
@@ -333,7 +378,14 @@ class Kernel(Differentiation, InverseKinematics, Rollouts):
         return self.calls.run("regressor", out, (q, v, a))
 
     def loop_reactions(
-        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, *, wrench: WrenchLike | None = None, out: Array | None = None
+        self,
+        q: ArrayLike,
+        v: ArrayLike,
+        a: ArrayLike,
+        *,
+        wrench: WrenchLike | None = None,
+        out: Array | None = None,
+        z: ArrayLike | None = None,
     ) -> Array:
         """Return the wrench that each loop's cut joint exerts on its second link, (loops, 6): force (N), moment (N m).
 
@@ -345,27 +397,35 @@ class Kernel(Differentiation, InverseKinematics, Rollouts):
             q, v, a: (n,), a motion that keeps the loops closed, made by drives at the coordinates that have one.
             wrench: as in ``generalized_force``.
             out: array to write to.
+            z: states of laws, (memory,), where arrays are of coordinates alone.
 
         Raises:
             LoopError: as of ``inverse_dynamics``.
             UnknownNameError: the robot has no loops.
         """
         if wrench is None or not self.constraints:
-            return self.calls.run("loop_reactions", out, (q, v, a))
-        return self.calls.run("loop_reactions_under_load", out, (q, v, a, self.external_force(q, wrench)))
+            return self.calls.run("loop_reactions", out, (q, v, a), z=z)
+        return self.calls.run("loop_reactions_under_load", out, (q, v, a, self.external_force(q, wrench)), z=z)
 
     def _driving(
-        self, name: str, out: Array | None, values: tuple[ArrayLike, ...], wrench: WrenchLike | None, *, cut: bool
+        self,
+        name: str,
+        out: Array | None,
+        values: tuple[ArrayLike, ...],
+        wrench: WrenchLike | None,
+        *,
+        cut: bool,
+        z: ArrayLike | None,
     ) -> Array:
         """Compute what a motion takes, with its loops closed or cut; see ``Calls.run_with_wrench``."""
         if flag("cut", cut) or not self.constraints:
-            return self._loaded(self.calls.of_tree(name), out, values, wrench)
+            return self._loaded(self.calls.of_tree(name), out, values, wrench, z)
         if wrench is None:
-            return self.calls.run(name, out, values)
+            return self.calls.run(name, out, values, z=z)
         under = (*values, self.external_force(values[0], wrench))
         if name != "reactions":
-            return self.calls.run(f"{name}{LOADED}", out, under)
-        return self._loaded(f"{name}{LOADED}", out, under, wrench)
+            return self.calls.run(f"{name}{LOADED}", out, under, z=z)
+        return self._loaded(f"{name}{LOADED}", out, under, wrench, z)
 
     def spring_forces(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
         """Return length (m) and tension (N) of every point-to-point spring, (springs, 2), in the order of ``springs``.

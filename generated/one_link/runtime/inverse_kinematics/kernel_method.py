@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from ...errors import ArrayError, InputError, UnknownNameError
 from ...names import joint_of, listed, nearest_or_all, show
-from ..arrays import names_in, numbers_in
+from ..arrays import is_narrow, names_in, numbers_in
 from ..by_name import NamedViews
 from .reaching import GUESSES, ClosedKinematics, Target, search, unreached
 from .rotations import Array, rotation_matrices
@@ -66,7 +66,8 @@ class InverseKinematics(ClosedKinematics, NamedViews):
             pose: (4, 4) as ``frame_pose`` has it, base frame, m; or (3,), the frame's origin, whatever its axes; or
                 many, (..., 4, 4) or (..., 3).
             frame: one of ``frames``; "tcp" if not given.
-            q0: where the search begins, (n,), or one for each pose, (..., n); ``home`` if not given.
+            q0: where the search begins, (n,), or one for each pose, (..., n); ``home`` if not given.  With room for
+                states of laws behind them the result has that, too.
             limits: True for ``limits``, False for none, a mapping from coordinates or joints to lower and upper ones,
                 beside those of ``limits``, or both for all, (n, 2).
             moving: names of coordinates or joints that may move; those of ``limits`` if not given (of a robot without
@@ -84,7 +85,7 @@ class InverseKinematics(ClosedKinematics, NamedViews):
         """
         tool = tool_frame(self, frame)
         targets, lead = targets_of(tool, pose)
-        begun = starting_states(self, "q0", self.home if q0 is None else q0, lead)
+        begun, width = starting_states(self, "q0", self.home if q0 is None else q0, lead)
         between = self._limits(limits, moving)
         if isinstance(starts, bool) or not isinstance(starts, (int, np.integer)) or not 0 <= starts <= MOST_STARTS:
             raise InputError(f"starts: {show(starts)}; allowed: a whole number from 0 to {MOST_STARTS}")
@@ -94,13 +95,14 @@ class InverseKinematics(ClosedKinematics, NamedViews):
         for motor, principal in self.motors.items():
             turned = self.ratio(motor) * reached[:, self.coordinates.index(principal)]
             reached[:, self.coordinates.index(motor)] = turned
-        return reached.reshape(*lead, self.n)
+        behind = np.zeros((len(reached), width - reached.shape[1]), self.dtype)
+        return np.concatenate([reached, behind], axis=1).reshape(*lead, width)
 
     def _limits(self, limits: bool | ArrayLike | Mapping[str, ArrayLike], moving: Iterable[str] | None) -> Array:
         """Return lower and upper limits, (n, 2), with NaN where a coordinate stays."""
         described = self.limits
         known = dict.fromkeys([*map(joint_of, described), *self.coordinates])
-        between = np.tile([-np.inf, np.inf], (self.n, 1))
+        between = np.tile([-np.inf, np.inf], (len(self.coordinates), 1))
         if isinstance(limits, Mapping) or limits is True:
             for name, ends in described.items():
                 between[self.coordinates.index(name)] = ends
@@ -121,7 +123,7 @@ class InverseKinematics(ClosedKinematics, NamedViews):
         )
         move = {place for name in names for place in self._places("moving", name, known)}
         prescribed = {self.coordinates.index(name) for name in self.prescribed}
-        between[[i for i in range(self.n) if i not in move - prescribed]] = np.nan
+        between[[i for i in range(len(between)) if i not in move - prescribed]] = np.nan
         return between
 
     def _places(self, label: str, name: object, known: Iterable[str]) -> list[int]:
@@ -156,7 +158,7 @@ def reach_all(
     Raises:
         ReachError: one is not reached.
     """
-    solution = np.empty((len(targets), kernel.n), kernel.dtype)
+    solution = np.empty((len(targets), len(kernel.coordinates)), kernel.dtype)
     for k, (target, start, ends) in enumerate(zip(targets, begun, limits, strict=True)):
         between = np.where(np.isnan(ends), start[:, np.newaxis], _held_exactly(ends, kernel.dtype))
         reached, is_there = search(kernel, target, start, between, starts)
@@ -186,9 +188,9 @@ def limits_of_all(kernel: ClosedKinematics, value: ArrayLike) -> Array:
     Raises:
         ArrayError: they are none; the first pair that is none is named.
     """
-    allowed = f"lower and upper numbers, ({kernel.n}, 2), m or rad"
+    allowed = f"lower and upper numbers, ({len(kernel.coordinates)}, 2), m or rad"
     limits = numbers_in("limits", value, allowed, finite=False)
-    if limits.shape != (kernel.n, 2):
+    if limits.shape != (len(kernel.coordinates), 2):
         raise ArrayError(f"limits: got shape {limits.shape}; allowed: {allowed}")
     for name, pair in zip(kernel.coordinates, limits, strict=True):
         if not are_limits(pair):
@@ -234,18 +236,20 @@ def targets_of(tool: str, pose: ArrayLike) -> tuple[list[Target], tuple[int, ...
     return [Target(tool, point, R) for point, R in zip(points, axes, strict=True)], lead
 
 
-def starting_states(kernel: ClosedKinematics, label: str, value: ArrayLike, lead: Sequence[int]) -> Array:
-    """Return a state to begin from for each pose, (N, n), of one for all or one for each.
+def starting_states(kernel: ClosedKinematics, label: str, value: ArrayLike, lead: Sequence[int]) -> tuple[Array, int]:
+    """Return a state to begin from for each pose, (N, n), of one for all or one for each, and how long they were.
 
     Raises:
         ArrayError: they are none; the message begins with the label.
     """
-    whole = (*lead, kernel.n)
-    allowed = f"finite numbers ({kernel.n},){f' or {whole}' if len(lead) else ''}"
+    n = len(kernel.coordinates)
+    width = n if kernel.n == n or is_narrow(kernel.calls, value) else kernel.n
+    whole = (*lead, width)
+    allowed = f"finite numbers ({width},){f' or {whole}' if len(lead) else ''}"
     states = numbers_in(label, value, allowed)
-    if states.shape not in ((kernel.n,), whole):
+    if states.shape not in ((width,), whole):
         raise ArrayError(f"{label}: got shape {states.shape}; allowed: {allowed}")
     largest = np.finfo(kernel.dtype).max
     if (np.abs(states) > largest).any():
         raise ArrayError(f"{label}: {show(value)}; allowed: {allowed}, up to {largest:.2g} ({kernel.dtype})")
-    return np.broadcast_to(states, whole).reshape(-1, kernel.n)
+    return np.broadcast_to(states, whole).reshape(-1, width)[:, :n], width

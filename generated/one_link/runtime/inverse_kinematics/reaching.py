@@ -134,7 +134,7 @@ def reach(
         weights: how willingly coordinates move, (n,), 1 for all if not given: changes are divided by them before
             they are squared.
     """
-    w = np.ones(kernel.n) if weights is None else weights
+    w = np.ones(len(kernel.coordinates)) if weights is None else weights
     low, high = limits.T
     held = low == high
     q = (np.clip(q, low, high) if bounded else q).astype(kernel.dtype)
