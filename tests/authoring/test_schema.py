@@ -77,6 +77,8 @@ SEMANTIC = {
         *("clearance of stiffness zero", "friction without coulomb", "limits twice", "no limits"),
         *("beam without section", "beam without shear", "beam of two sections", "beam of no section"),
         *("damping of a beam twice", "damping of a beam of none"),
+        *("bristles without a stiffness", "bristles of no model", "bristles and smoothing", "damping of no bristles"),
+        "bristles on a lorentzian curve",
     },
     "numbers out of order": {
         *(
@@ -88,6 +90,7 @@ SEMANTIC = {
         ),
         *("tube that is none", "box of thick walls", "I-beam of thick flanges", "Poisson's ratio of no body"),
         *("beam too stiff for numbers", "beam too short for numbers"),
+        *("bristles that nothing bends", "bristles that fade too late"),
     },
     "files beside it": {"curve from nowhere", "matrix from nowhere", "urdf without folder"},
     "$ of Python's regular expressions stands before a newline, too": {"trailing newline", "robot name with newline"},

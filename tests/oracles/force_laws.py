@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -10,11 +10,14 @@ import numpy as np
 from scipy.integrate import quad
 from scipy.interpolate import PchipInterpolator
 
+from eomgen.robot.laws import memory_of
 from eomgen.robot.value import LINEAR, Coordinate, Friction, Robot, carriers
 from tests.oracles.pinocchio_models import PinocchioOracle
 from tests.support.random_robots import Array
 
-KINDS = ("clearance", "one-sided", "curve", "friction", "cubic", "preload", "exponential", "stops", "plain")
+IN_TURNS = ("clearance", "one-sided", "curve", "friction", "cubic", "preload", "exponential", "stops", "plain")
+REMEMBERING = ("bristles",)  # kinds that have states
+KINDS = (*IN_TURNS, *REMEMBERING)
 
 
 def random_coordinate(rng: np.random.Generator, kind: str, old: Coordinate) -> Coordinate:
@@ -72,18 +75,29 @@ def random_coordinate(rng: np.random.Generator, kind: str, old: Coordinate) -> C
         return replace(
             old, friction=Friction(coulomb, static, stribeck, maybe(0.1, 2.0), maybe(0.05, 0.5), shape=shape)
         )
+    if kind == "bristles":
+        gaussian, coulomb, damping = maybe(0.1, 1.0), draw(0.5, 5.0), maybe(0.1, 3.0)
+        static = None if gaussian is None else coulomb + draw(0.0, 3.0)
+        fade = None if damping is None else draw(0.3, 1.0) * 4.0 * coulomb / (0.43 * damping)  # passive
+        friction = Friction(
+            coulomb, static, gaussian, maybe(0.1, 2.0), bristle_stiffness=draw(1.0, 20.0), bristle_damping=damping,
+            fade=None if rng.random() < 0.3 else fade,
+        )  # fmt: skip
+        return replace(old, friction=friction)
     return old if kind == "plain" else replace(old, **{kind: draw(1.0, 10.0)})
 
 
 def with_laws(robot: Robot, seed: int) -> Robot:
-    """The robot with random forces in its coordinates, all kinds in turns."""
-    rng = np.random.default_rng(seed)
-    order = [str(kind) for kind in rng.permutation(KINDS)]
+    """The robot with random forces in its coordinates, all kinds in turns; about half of all friction has bristles."""
+    rng, other = np.random.default_rng(seed), np.random.default_rng([seed, 1])
+    order = [str(kind) for kind in rng.permutation(IN_TURNS)]
     joints, count = [], 0
     for joint in robot.joints:
         table = {}
         for name, given in joint.coordinates.items():
             table[name] = random_coordinate(rng, order[count % len(order)], given)
+            if table[name].friction is not None and other.random() < 0.5:
+                table[name] = random_coordinate(other, "bristles", table[name])
             count += 1
         joints.append(replace(joint, coordinates=_pressed(np.random.default_rng([seed, len(joints)]), table)))
     return replace(robot, joints=tuple(joints))
@@ -93,7 +107,7 @@ def _pressed(rng: np.random.Generator, table: dict[str, Coordinate]) -> dict[str
     """The coordinates, with friction that depends on a load where something presses."""
     found = dict(table)
     for name, given in table.items():
-        if given.friction is not None and carriers(name, table):
+        if given.friction is not None and not memory_of(given.law()) and carriers(name, table):
             radius = None if name in LINEAR else float(rng.uniform(0.1, 0.5))
             loaded = replace(given.friction, coefficient=float(rng.uniform(0.1, 1.0)), radius=radius)
             found[name] = replace(given, friction=loaded)
@@ -112,8 +126,28 @@ def smooth(x: float, w: float) -> float:
     return x * x / (2.0 * w) if x < w else x - w / 2.0
 
 
+def remembered(c: Coordinate, v: float, z: Sequence[float]) -> tuple[float, list[float], list[float]]:
+    """The force of laws with states, the rates of these, and their inertias."""
+    if not z:
+        return 0.0, [], []
+    assert c.friction is not None
+    force, rate = bristles(c.friction, v, z[0])
+    return force, [rate], [c.friction.bristle_stiffness or 0.0]
+
+
+def bristles(f: Friction, v: float, z: float) -> tuple[float, float]:
+    """The force of friction with bristles, and the rate of z."""
+    assert f.bristle_stiffness is not None
+    level = f.coulomb
+    if f.static is not None and f.stribeck is not None:
+        level += (f.static - f.coulomb) * np.exp(-((v / f.stribeck) ** 2))
+    damping = (f.bristle_damping or 0.0) * (1.0 if f.fade is None else np.exp(-((v / f.fade) ** 2)))
+    rate = v - f.bristle_stiffness * abs(v) / level * z
+    return float(f.bristle_stiffness * z + damping * rate + (f.viscous or 0.0) * v), float(rate)
+
+
 def resistance(c: Coordinate, s: float, v: float, load: float = 0.0) -> float:
-    """Force against a deviation, without linear damping; ``load`` presses the joint, N."""
+    """Force against a deviation, without linear damping and laws with states; ``load`` presses the joint, N."""
     total = c.preload or 0.0
     k, k_negative, cubic = c.stiffness or 0.0, c.stiffness_negative, c.cubic or 0.0
     if k_negative is None:
@@ -132,7 +166,7 @@ def resistance(c: Coordinate, s: float, v: float, load: float = 0.0) -> float:
     if c.curve is not None:
         total += measured(c, s)
     total += stopped(c, s, v)
-    if c.friction is not None:
+    if c.friction is not None and c.friction.bristle_stiffness is None:
         f = c.friction
         level = f.coulomb
         if f.static is not None and f.stribeck is not None:
@@ -185,7 +219,7 @@ def stored(c: Coordinate, s: float) -> float:
 
 
 class LawOracle:
-    """Pinocchio for the bodies, and the forces of coordinates from here."""
+    """Pinocchio for the bodies, and the forces of coordinates from here; states of laws stand behind coordinates."""
 
     def __init__(self, robot: Robot) -> None:
         self.table, self.robot = list(coordinates(robot)), robot
@@ -194,9 +228,23 @@ class LawOracle:
             for j in robot.joints
         ]
         self.bodies = PinocchioOracle(replace(robot, joints=tuple(bare)))
+        self.n, ends = len(self.table), np.cumsum([len(self.table), *(len(memory_of(c.law())) for c in self.table)])
+        self.states = [slice(begin, end) for begin, end in pairwise(ends.tolist())]
 
     def forces(self, q: Array, v: Array) -> Array:
-        return np.array([resistance(*x) for x in zip(self.table, q, v, self.loads(q, v), strict=True)])
+        """Of coordinates, then minus rates of states times their inertias."""
+        laws = self.memory(v)
+        own = [resistance(*x) for x in zip(self.table, q[: self.n], v[: self.n], self.loads(q, v), strict=True)]
+        resisting = [force + more for force, (more, _, _) in zip(own, laws, strict=True)]
+        return np.array(resisting + [-x * w for _, rates, sizes in laws for x, w in zip(rates, sizes, strict=True)])
+
+    def memory(self, v: Array) -> list[tuple[float, list[float], list[float]]]:
+        """Force, rates and inertias of each coordinate's laws with states."""
+        each = zip(self.table, v[: self.n].tolist(), self.states, strict=True)
+        return [remembered(c, rate, v[places].tolist()) for c, rate, places in each]
+
+    def inertias(self) -> Array:
+        return np.array([w for _, _, sizes in self.memory(np.zeros(self.states[-1].stop)) for w in sizes])
 
     def loads(self, q: Array, v: Array) -> list[float]:
         """What presses each coordinate: the forces across it without friction, with damping, of the same joint."""
@@ -213,15 +261,20 @@ class LawOracle:
         return found
 
     def inverse_dynamics(self, q: Array, v: Array, a: Array) -> Array:
-        return np.asarray(self.bodies.inverse_dynamics(q, v, a) + self.forces(q, v))
+        bodies = self.bodies.inverse_dynamics(*(x[: self.n] for x in (q, v, a)))
+        return np.concatenate([bodies, self.inertias() * a[self.n :]]) + self.forces(q, v)
 
     def generalized_force(self, q: Array, v: Array) -> Array:
-        return np.asarray(self.bodies.generalized_force(q, v) - self.forces(q, v))
+        bodies = self.bodies.generalized_force(q[: self.n], v[: self.n])
+        return np.concatenate([bodies, np.zeros(len(q) - self.n)]) - self.forces(q, v)
 
     def forward_dynamics(self, q: Array, v: Array, u: Array) -> Array:
-        return np.asarray(self.bodies.forward_dynamics(q, v, u - self.forces(q, v)))
+        left = u - self.forces(q, v)
+        bodies = self.bodies.forward_dynamics(q[: self.n], v[: self.n], left[: self.n])
+        return np.concatenate([bodies, left[self.n :] / self.inertias()])
 
     def energy(self, q: Array, v: Array) -> Array:
-        found = np.array(self.bodies.energy(q, v))
-        found[1] += sum(stored(c, s) for c, s in zip(self.table, q, strict=True))
+        found = np.array(self.bodies.energy(q[: self.n], v[: self.n]))
+        found[1] += sum(stored(c, s) for c, s in zip(self.table, q[: self.n], strict=True))
+        found[1] += 0.5 * self.inertias() @ v[self.n :] ** 2
         return found

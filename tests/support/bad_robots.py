@@ -393,6 +393,47 @@ TOML_CASES = {
         "friction = { coulomb = 1.0, statik = 2.0 }",
         ["joints.joint1.x.friction", "'statik'", "mean 'static'"],
     ),
+    "bristles without a stiffness": (
+        "stiffness = 1e6",
+        'friction = { model = "lugre", coulomb = 1.0 }',
+        ["joints.joint1.x.friction", "'bristle_stiffness' is missing"],
+    ),
+    "bristles of no model": (
+        "stiffness = 1e6",
+        "friction = { coulomb = 1.0, bristle_stiffness = 1e4 }",
+        ["joints.joint1.x.friction.bristle_stiffness", "the model is not lugre", 'with model = "lugre"'],
+    ),
+    "friction of another model": (
+        "stiffness = 1e6",
+        'friction = { model = "dahl", coulomb = 1.0, bristle_stiffness = 1e4 }',
+        ["joints.joint1.x.friction.model", "'dahl'", "lugre"],
+    ),
+    "bristles that nothing bends": (
+        "stiffness = 1e6",
+        'friction = { model = "lugre", coulomb = 0.0, bristle_stiffness = 1e4 }',
+        ["joints.joint1.x.friction.coulomb", "0.0", "at least 1e-12"],
+    ),
+    "bristles and smoothing": (
+        "stiffness = 1e6",
+        'friction = { model = "lugre", coulomb = 1.0, bristle_stiffness = 1e4, smoothing = 1e-3 }',
+        ["joints.joint1.x.friction.smoothing", "the model is lugre"],
+    ),
+    "bristles on a lorentzian curve": (
+        "stiffness = 1e6",
+        'friction = { model = "lugre", coulomb = 1, static = 2, stribeck = 0.1, shape = "lorentzian", '
+        "bristle_stiffness = 1e4 }",
+        ["joints.joint1.x.friction.shape", "'lorentzian'", "the model is lugre", "gaussian"],
+    ),
+    "bristles that fade too late": (
+        "stiffness = 1e6",
+        'friction = { model = "lugre", coulomb = 1.0, bristle_stiffness = 1e4, bristle_damping = 50.0, fade = 1.0 }',
+        ["joints.joint1.x.friction.fade", "1.0", "a lower velocity"],
+    ),
+    "damping of no bristles": (
+        "stiffness = 1e6",
+        "friction = { coulomb = 1.0, bristle_damping = 5.0 }",
+        ["joints.joint1.x.friction.bristle_damping", "there is no bristle_stiffness"],
+    ),
     "curve of one point": ("stiffness = 1e6", "curve = [[0, 0]]", ["joints.joint1.x.curve", "1 points", "2 to 64"]),
     "curve of many points": (
         "stiffness = 1e6",

@@ -74,7 +74,8 @@ type = "revolute"
 dh = { a = 0.1, alpha_deg = -90, d = 0.2, theta_deg = 30 }
 gamma = { friction = { coulomb = 1, static = 2, stribeck = 0.1, shape = "gaussian", viscous = 0.1 }, cubic = 2 }
 beta = { stiffness = 1e3, clearance = 1e-3, smoothing = 1e-5, restitution_damping = 1 }
-motor = { inertia = 1e-4, ratio = 100, stiffness = 1e4, damping = 1, limits = { upper = 300, effort = 0.5 } }
+motor = { inertia = 1e-4, ratio = 100, stiffness = 1e4, damping = 1, limits = { upper = 300, effort = 0.5 }, \
+friction = { model = "lugre", coulomb = 0.1, bristle_stiffness = 10, bristle_damping = 0.1, fade = 0.5 } }
 offset = { x = 1e-3, alpha = 1e-3 }
 [[joints]]
 name = "j2"
@@ -82,7 +83,8 @@ parent = "a"
 child = "b"
 type = "prismatic"
 x = { curve = [[-1, -2], [0, 0], [1, 3]], limits = { lower = -2, velocity = 3 } }
-y = { role = "prescribed" }
+y = { role = "prescribed", friction = { model = "lugre", coulomb = 2, static = 3, stribeck = 0.1, \
+viscous = 1, bristle_stiffness = 1e4 } }
 prescribed = ["y"]
 stiffness = { matrix = [[200, 1, 0], [1, 10, 0], [0, 0, 5]], preload = [1, 0, 2] }
 damping = { ratio = 0.1, at_hz = 5 }

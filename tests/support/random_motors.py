@@ -9,7 +9,7 @@ import numpy as np
 
 from eomgen.robot.value import PRINCIPAL, Coordinate, Motor, Robot
 from tests.oracles.force_laws import KINDS, LawOracle, random_coordinate, resistance, stored
-from tests.support.random_robots import Array, State, random_robot, random_state
+from tests.support.random_robots import Array, State, random_robot, state_of_coordinates, with_states_of_laws
 
 TYPES = ("revolute", "prismatic", "fixed")
 STIFF = Coordinate(stiffness=60.0, damping=2.0)
@@ -82,7 +82,7 @@ def without_motors(robot: Robot) -> Robot:
 
 def motor_state(robot: Robot, seed: int) -> State:
     """A random state whose transmissions are deflected by up to 0.5."""
-    s, motors = random_state(without_motors(robot), seed), gears(robot)
+    s, motors = state_of_coordinates(without_motors(robot), np.random.default_rng(seed)), gears(robot)
     rng = np.random.default_rng(seed + 5)
     n = len(s.q) + len(motors)
     own = np.setdiff1d(np.arange(n), [gear.at for gear in motors])
@@ -93,7 +93,7 @@ def motor_state(robot: Robot, seed: int) -> State:
         q[gear.at] = gear.motor.ratio * (q[gear.principal] + rng.uniform(-0.5, 0.5))
         v[gear.at] = gear.motor.ratio * (v[gear.principal] + rng.uniform(-1.0, 1.0))
         a[gear.at], u[gear.at] = rng.uniform(-2.0, 2.0, 2)
-    return State(q, v, a, u)
+    return with_states_of_laws(robot, State(q, v, a, u), rng)
 
 
 class MotorOracle:

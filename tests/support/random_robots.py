@@ -14,6 +14,7 @@ import pytest
 from numpy.typing import NDArray
 
 from eomgen.robot.geometry import IDENTITY, Matrix
+from eomgen.robot.laws import state_sizes
 from eomgen.robot.model import build_model
 from eomgen.robot.value import ANGULAR, COORDINATES, PRINCIPAL, Coordinate, Frame, Joint, Link, Loop, Placement, Robot
 from tests.support.soak import SHARE, share
@@ -123,8 +124,26 @@ def seeds(first: int, quick: int, all_of_them: int, soak: int = SHARE) -> list[A
 
 
 def random_state(robot: Robot, seed: int | np.random.Generator) -> State:
-    """A random state: any principal coordinate, deviations up to 0.3, no beta near the singular +-pi/2."""
+    """A random state: any principal coordinate, deviations up to 0.3, no beta near the singular +-pi/2.
+
+    Behind the coordinates stand states of laws, as in a kernel's arrays.
+    """
     rng = np.random.default_rng(seed)
+    return with_states_of_laws(robot, state_of_coordinates(robot, rng), rng)
+
+
+def with_states_of_laws(robot: Robot, s: State, rng: np.random.Generator) -> State:
+    """The state with random ones of laws behind it, of their sizes; the arrays as they are without any."""
+    laws = [c.law() for joint in robot.joints for c in joint.all_coordinates.values()]
+    sizes = np.array([size for law in laws for size in state_sizes(law)])
+    if not sizes.size:
+        return s
+    behind = [np.zeros(sizes.size), *rng.uniform(-0.8, 0.8, (3, sizes.size)) * [sizes, sizes, np.ones(sizes.size)]]
+    return State(*(np.concatenate(pair) for pair in zip((s.q, s.v, s.a, s.u), behind, strict=True)))
+
+
+def state_of_coordinates(robot: Robot, rng: np.random.Generator) -> State:
+    """A random state of coordinates alone, without those of motors."""
     spans = []
     for joint in robot.joints:
         for coordinate in joint.coordinates:

@@ -8,6 +8,14 @@ KEYS = [
     "x",
     "curve",
     "friction",
+    "model",
+    "coulomb",
+    "static",
+    "stribeck",
+    "viscous",
+    "bristle_stiffness",
+    "bristle_damping",
+    "fade",
     "clearance",
     "stops",
     "name",
@@ -70,7 +78,10 @@ KEYS = [
 SCALARS = st.one_of(
     st.none().map(lambda _: "base"),
     st.sampled_from(
-        ["arm", "link1", "joint1", "revolute", "fixed", "free", "project", "links.*.mass", "*", "a.urdf", "K.mtx", ""]
+        [
+            *("arm", "link1", "joint1", "revolute", "fixed", "free", "project", "links.*.mass", "*", "a.urdf"),
+            *("K.mtx", "lugre", ""),
+        ]
     ),
     st.text(max_size=8),
     st.integers(-(2**70), 2**70),

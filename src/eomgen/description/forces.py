@@ -240,6 +240,8 @@ def _check_model(inner: Table, numbers: Mapping[str, float]) -> None:
         inner.require_one("bristle_stiffness", "a stiffness in N/m or N m/rad, greater than 0")
     elif not is_lugre and BRISTLES in numbers:
         inner.fail(f'the model is not {LUGRE}; allowed: with model = "{LUGRE}"', "bristle_stiffness")
+    if is_lugre and "shape" in inner and inner.text("shape") != GAUSSIAN:
+        inner.fail(f"got {show(inner.text('shape'))}, and the model is {LUGRE}; allowed: {GAUSSIAN}, or none", "shape")
 
 
 def read_element(table: str, name: str, entry: Table, read_text: ReadText, folder: Path | None) -> LinkElement:
