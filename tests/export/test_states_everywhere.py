@@ -6,6 +6,7 @@ import json
 import pickle
 import subprocess
 import sys
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -17,12 +18,16 @@ import eomgen
 from eomgen.cli.entry import main
 from eomgen.cli.export import FORMATS
 from eomgen.codegen.arrays.sources import render_arrays
+from eomgen.description.load import robot_from_toml
+from eomgen.errors import InputError
+from eomgen.export.fmu.pack import export_fmu
 from eomgen.export.mujoco import left_out, mjcf
+from eomgen.export.step import default_step
 from eomgen.pipeline.stages import Options, generate
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
 from eomgen.runtime.levels import BASE
-from tests.support.bristles import ARM, bent, bristle_arm, bristle_linkage, linkage_text, wide
+from tests.support.bristles import ARM, BRISTLES, bent, bristle_arm, bristle_linkage, linkage_text, wide
 from tests.support.builds import Build
 from tests.support.c_project import NO_EIGEN, WARNINGS, need, run
 
@@ -84,6 +89,28 @@ def test_models_of_mujoco_have_coulomb_friction_in_their_place(make: Callable[[]
     assert notes == [f"{owner}.{law}" for owner, law, _ in build_model(robot).states]
     text = mjcf(robot, 1e-4, approximate=True)
     assert text.count('frictionloss="0.3"') == 2
+
+
+def test_default_steps_follow_states_at_limits_of_velocity(tmp_path: Path) -> None:
+    """Bristles at 40 rad/s: 300 N m/rad 40 rad/s / 0.3 N m = 4e4 1/s; MuJoCo has none, nor friction in its steps."""
+    with pytest.raises(
+        InputError, match=r"step: states of laws of 'j1\.gamma', 'j2\.motor' .*: a step, limits"
+    ):
+        export_fmu(bristle_arm(), tmp_path / "a.fmu", method="rk4")
+    text = ARM.replace("friction = {", "limits = { velocity = 10.0 }, friction = {", 1)
+    text = text.replace("ratio = 5.0\n", "ratio = 5.0\nlimits = { velocity = 40.0 }\n")
+    limited = robot_from_toml(text)
+    assert default_step(limited, "rk4") == 5e-6
+    assert default_step(limited, "implicit") == 1e-3
+    with warnings.catch_warnings(action="ignore", category=eomgen.EomgenWarning):
+        written = eomgen.export_mjcf(bristle_arm(), tmp_path / "a.xml", approximate=True)
+    assert 'timestep="0.001"' in written.read_text()
+    plain = robot_from_toml(ARM.replace('model = "lugre", ', "").replace(BRISTLES, ""))
+    assert plain.without_states() is plain
+    assert 1e-7 < default_step(plain, "rk4") < 1e-6  # 400 N m s/rad, over 1e-3 rad/s, beside 1e-3 kg m^2
+    with warnings.catch_warnings(action="ignore", category=eomgen.EomgenWarning):
+        written = eomgen.export_mjcf(plain, tmp_path / "b.xml", approximate=True)
+    assert 'timestep="0.001"' in written.read_text()
 
 
 @pytest.mark.parametrize("make", ROBOTS)

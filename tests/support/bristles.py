@@ -11,10 +11,8 @@ import eomgen
 from eomgen.description import robot_from_toml
 from eomgen.robot.value import Robot
 
-FRICTION = (
-    'friction = { model = "lugre", coulomb = 0.3, static = 0.4, stribeck = 0.1, bristle_stiffness = 300.0,'
-    " bristle_damping = 0.5, fade = 0.5 }"
-)
+BRISTLES = ", bristle_stiffness = 300.0, bristle_damping = 0.5, fade = 0.5"
+FRICTION = f'friction = {{ model = "lugre", coulomb = 0.3, static = 0.4, stribeck = 0.1{BRISTLES} }}'
 SIZE = 1e-3  # m or rad, by which its bristles bend before they slide
 ARM = f"""
 name = "bristle_arm"

@@ -87,7 +87,7 @@ def export_mjcf(
     robot = as_robot(robot)
     _check(robot, integrator, approximate)
     if step is None:
-        step = default_step(robot, integrator.lower())
+        step = default_step(_without_friction(robot), integrator.lower())
     text = mjcf(robot, step, integrator, approximate=approximate, actuators=True)
     for what in left_out(robot):
         warnings.warn(f"{robot.name}: {what}", EomgenWarning, stacklevel=2)
@@ -132,6 +132,20 @@ def mjcf(
             ElementTree.SubElement(section, "motor", name=name, joint=name)
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="unicode") + "\n"
+
+
+def _without_friction(robot: Robot) -> Robot:
+    """Return the robot as MuJoCo integrates it: Coulomb friction is a constraint there, states of laws are left out."""
+    joints = []
+    for joint in robot.without_states().joints:
+        coordinates = {k: replace(x, friction=_viscous(x.friction)) for k, x in joint.coordinates.items()}
+        motor = joint.motor and replace(joint.motor, friction=_viscous(joint.motor.friction))
+        joints.append(replace(joint, coordinates=coordinates, motor=motor))
+    return replace(robot.without_states(), joints=tuple(joints))
+
+
+def _viscous(friction: Friction | None) -> Friction | None:
+    return None if friction is None else Friction(viscous=friction.viscous)
 
 
 def _check(robot: Robot, integrator: str, approximate: bool) -> None:
