@@ -14,7 +14,7 @@ from scipy.integrate import solve_ivp
 from eomgen.export.fmu.pack import export_fmu
 from eomgen.robot.value import Robot
 from eomgen.runtime.kernel import Array, Kernel
-from tests.support.bristles import SIZE, bent, bristle_arm, bristle_linkage, wide
+from tests.support.bristles import SIZE, bent, bristle_arm, bristle_gear, bristle_linkage, wide
 from tests.support.builds import Build
 from tests.support.fmu_host import Host
 from tests.support.soak import soaked
@@ -24,7 +24,8 @@ KERNELS = (
     *("forward_dynamics", "external_force", "kinematics", "energy", "reactions", "external_reactions"),
     *("rollout", "adaptive_rollout", "radau_rollout"),
 )
-ROBOTS = {"arm": bristle_arm, "linkage": bristle_linkage}
+ROBOTS = {"arm": bristle_arm, "linkage": bristle_linkage, "gear": bristle_gear}
+NAMES = ["arm", "linkage", pytest.param("gear", marks=pytest.mark.soak)]
 STATES = {"arm": ("j1.gamma.friction.z", "j2.motor.friction.z")}
 
 Unit = Callable[..., Host]
@@ -129,7 +130,7 @@ def test_outputs_and_derivatives(version: int, unit: Unit, kernels: Callable[[st
 
 
 @pytest.mark.parametrize("version", VERSIONS)
-@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("method", soaked(["rk4", "implicit", "rosenbrock", "radau"], ["implicit", "rosenbrock"]))
 def test_co_simulation_is_the_rollout(
     method: str, name: str, version: int, unit: Unit, kernels: Callable[[str], Kernel]
@@ -148,7 +149,7 @@ def test_co_simulation_is_the_rollout(
 
 
 @pytest.mark.parametrize("version", VERSIONS)
-@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("name", NAMES)
 def test_model_exchange_is_the_direct_simulation(
     name: str, version: int, unit: Unit, kernels: Callable[[str], Kernel]
 ) -> None:

@@ -27,11 +27,22 @@ from eomgen.pipeline.stages import Options, generate
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
 from eomgen.runtime.levels import BASE
-from tests.support.bristles import ARM, BRISTLES, bent, bristle_arm, bristle_linkage, linkage_text, wide
+from tests.support.bristles import (
+    ARM,
+    BRISTLES,
+    GEARED,
+    bent,
+    bristle_arm,
+    bristle_gear,
+    bristle_linkage,
+    linkage_text,
+    wide,
+)
 from tests.support.builds import Build
 from tests.support.c_project import NO_EIGEN, WARNINGS, need, run
 
-ROBOTS = [bristle_arm, bristle_linkage]
+ROBOTS = [bristle_arm, bristle_linkage, pytest.param(bristle_gear, marks=pytest.mark.soak)]
+TEXTS = {bristle_arm: ARM, bristle_linkage: linkage_text(), bristle_gear: GEARED}
 PACKAGE = """
 import json, sys
 sys.modules["eomgen"] = None
@@ -72,7 +83,7 @@ def test_every_format_is_written(
     if name == "wasm":
         pytest.importorskip("ziglang", reason="the compiler for WebAssembly is not installed")
     path = tmp_path / "robot.toml"
-    path.write_text(ARM if make is bristle_arm else linkage_text(), encoding="utf-8")
+    path.write_text(TEXTS[make], encoding="utf-8")
     more = {"mjcf": ["--approximate"], "fmu": ["--fmi", "3", "--method", "implicit"], "wasm": ["--kernels", "energy"]}
     assert main(["export", str(path), f"--{name}", "-o", str(tmp_path / "out"), *more.get(name, [])]) == 0
     assert any((tmp_path / "out").iterdir())
@@ -93,9 +104,7 @@ def test_models_of_mujoco_have_coulomb_friction_in_their_place(make: Callable[[]
 
 def test_default_steps_follow_states_at_limits_of_velocity(tmp_path: Path) -> None:
     """Bristles at 40 rad/s: 300 N m/rad 40 rad/s / 0.3 N m = 4e4 1/s; MuJoCo has none, nor friction in its steps."""
-    with pytest.raises(
-        InputError, match=r"step: states of laws of 'j1\.gamma', 'j2\.motor' .*: a step, limits"
-    ):
+    with pytest.raises(InputError, match=r"step: states of laws of 'j1\.gamma', 'j2\.motor' .*: a step, limits"):
         export_fmu(bristle_arm(), tmp_path / "a.fmu", method="rk4")
     text = ARM.replace("friction = {", "limits = { velocity = 10.0 }, friction = {", 1)
     text = text.replace("ratio = 5.0\n", "ratio = 5.0\nlimits = { velocity = 40.0 }\n")

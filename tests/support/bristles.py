@@ -54,6 +54,44 @@ placement = {{ xyz = [0.3, 0.0, 0.0] }}
 """
 
 
+GEARED = f"""
+name = "bristle_gear"
+gravity = [0.0, -9.81, 0.0]
+[[links]]
+name = "a"
+mass = 1.0
+com = [0.2, 0.0, 0.0]
+inertia = {{ xx = 0.01, yy = 0.02, zz = 0.02 }}
+[[links]]
+name = "b"
+mass = 0.5
+com = [0.1, 0.0, 0.0]
+inertia = {{ xx = 0.01, yy = 0.01, zz = 0.01 }}
+[[joints]]
+name = "j1"
+parent = "base"
+child = "a"
+type = "revolute"
+gamma = {{ {FRICTION} }}
+[[joints]]
+name = "j2"
+parent = "a"
+child = "b"
+type = "revolute"
+placement = {{ xyz = [0.4, 0.0, 0.0] }}
+gamma = {{ {FRICTION} }}
+[[couplings]]
+name = "gear"
+of = "j2.gamma"
+to = {{ "j1.gamma" = -2.0 }}
+"""
+
+
+def bristle_gear() -> Robot:
+    """Return two links of which the second one follows the first, with bristles on both sides of the gear."""
+    return robot_from_toml(GEARED)
+
+
 def bristle_arm() -> Robot:
     """Return an arm of 4 coordinates with bristles in a joint and in a motor."""
     return robot_from_toml(ARM)

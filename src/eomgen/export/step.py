@@ -24,8 +24,8 @@ PART = 0.2  # of 1 / the fastest eigenvalue: a step of the Runge-Kutta method
 def default_step(robot: Robot, method: str, progress: StageReport = no_report) -> float:
     """Return LONGEST_STEP, or less where the Runge-Kutta method needs it: of 1, 2 or 5 times a power of ten, s.
 
-    By the eigenvalues about the state where all coordinates are zero, of robots with loops about their closed home, with
-    friction that reverses over COARSE at least, as for ``integrate``: explicit steps chatter where it is narrower.
+    By the eigenvalues about the state where all coordinates are zero, of robots with loops about their closed home,
+    with friction that reverses over COARSE at least, as for ``integrate``: explicit steps chatter where it is narrower.
     Where laws have states also with velocities at their limits, as these states follow the faster.
 
     Raises:
