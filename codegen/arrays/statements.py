@@ -19,6 +19,7 @@ FORMS: Mapping[str, str] = MappingProxyType(  # every operation that has argumen
         "cos": "cos({0})",
         "sqrt": "sqrt({0})",
         "exp": "exp({0})",
+        "log": "log({0})",
         "atan2": "atan2({0}, {1})",
         "max": "larger({0}, {1})",
         "step": "positive({0})",

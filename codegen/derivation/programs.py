@@ -289,5 +289,6 @@ _FUNCTIONS: Mapping[str, Callable[..., Fraction]] = {  # of forces, the same on 
     "sqrt": _root,
     "step": lambda x: Fraction(x > 0),
     "exp": lambda x: Fraction(math.exp(min(max(_float(x), -700.0), 700.0))),
+    "log": lambda x: Fraction(math.log(_float(x)) if x > 0 else -700.0),
     "atan2": lambda y, x: Fraction(math.atan2(_float(y), _float(x))),
 }

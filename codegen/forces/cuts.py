@@ -23,6 +23,7 @@ from ..tree.recursion import Wrench
 from ..tree.spatial import Scalar
 from .elastic_coordinates import CoupledCoordinates, ElasticCoordinate, ElasticCoordinates
 from .element import Kernels
+from .memory.formulas import StateLaw, state_laws
 from .relative_placement import coordinates_of
 from .scalar_functions import Functions
 
@@ -45,7 +46,8 @@ class ElasticLoopCoordinates(ElasticCoordinates):
         for coupling in at.bound.couplings:
             if coupling.law is not None:
                 members.append(ElasticCoordinate(coupling.residual(at.q), dict(coupling.jacobian_row), coupling.law))
-        return [replace(coordinate, described=k) for coordinate, k in zip(members, self._described(), strict=True)]
+        laws = zip(members, self._described(), self._remembered(members), strict=True)
+        return [replace(coordinate, described=k, remembers=states) for coordinate, k, states in laws]
 
     @classmethod
     def has(cls, family: str, owner: str) -> bool:
@@ -69,6 +71,13 @@ class ElasticLoopCoordinates(ElasticCoordinates):
             path = ("loops", owner, name) if name else ("couplings", owner)
             k = self.at.model.parameters.get(parameter_name(*path, "stiffness"), 0.0)
             yield stiffness_of({"stiffness": k, **coordinate.law()}, tuple(x for x, _ in coordinate.curve or ()))
+
+    def _remembered(self, members: Sequence[ElasticCoordinate]) -> Iterator[tuple[StateLaw, ...]]:
+        """Yield the laws with states of each."""
+        model, bound = self.at.model, self.at.bound
+        for coordinate, (owner, name, _) in zip(members, model.cut_laws, strict=True):
+            prefix = parameter_name(*(("loops", owner, name) if name else ("couplings", owner)))
+            yield tuple(state_laws(model, bound, prefix, coordinate.law.numbers))
 
     def wrenches_in_cuts(self, v: Sequence[Scalar]) -> Iterator[tuple[int, Wrench]]:
         """Give the forces on the loops' second links."""

@@ -110,6 +110,19 @@ class StateSlopes:
     f_s: Scalar = 0.0
 
 
+@dataclass(frozen=True)
+class StateSite:
+    """Where a law with states acts: along a row, which may be that of one coordinate or of a motor's transmission.
+
+    states: their indices.
+    """
+
+    row: SparseRow
+    states: Sequence[int]
+    coordinate: int | None = None
+    motor: int | None = None
+
+
 class ImplicitShare(ABC):
     """Shares of elements in M + c D + c^2 K of an implicit method, and in the forces on its right side.
 
@@ -140,9 +153,9 @@ class ImplicitShare(ABC):
         """Add slopes of a law on coordinate i; none where its tangent falls."""
 
     @abstractmethod
-    def in_memory(self, i: int, states: Sequence[int], law: StateSlopes) -> None:
-        """Add slopes of a law on coordinate i with these states: all of them, or those of the states' rates alone where
-        the force would fall with the coordinate's rate.
+    def in_memory(self, site: StateSite, law: StateSlopes) -> None:
+        """Add slopes of a law with states: all of them, or those of the states' rates alone where the force would fall
+        with the deviation's rate.
         """
 
     @abstractmethod

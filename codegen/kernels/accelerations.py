@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from ..forces.element import ImplicitShare, SparseRow, StateSlopes
+from ..forces.element import ImplicitShare, SparseRow, StateSite, StateSlopes
 from ..forces.joint_stiffness import ROUND_OFFS, CoordinateMatrix, combined
 from ..forces.laws import Effect
 from ..solve.factorised import Factors
@@ -83,10 +83,16 @@ class _Step(ImplicitShare):
     def bend(self, i: int, law: Effect) -> None:
         self.armature[i] = self.armature[i] + self._ahead(law)
 
-    def in_memory(self, i: int, states: Sequence[int], law: StateSlopes) -> None:
+    def in_memory(self, site: StateSite, law: StateSlopes) -> None:
         whole, f = share(law, self.dt, self.square), self.functions
-        self.armature[i] = self.armature[i] + f.max(whole, 0.0)
-        self.states |= state_rows(i, states, law, self.dt, f.step(whole))
+        slope = f.max(whole, 0.0)
+        if site.motor is not None:
+            self.slopes[site.motor] = self.slopes.get(site.motor, 0.0) + slope
+        elif site.coordinate is not None:
+            self.armature[site.coordinate] = self.armature[site.coordinate] + slope
+        else:
+            self.rows.append(elastic_row(site.row, slope))
+        self.states |= state_rows(site.row, site.states, law, self.dt, f.step(whole))
 
     def in_joint(self, slopes: Callable[[Scalar, Scalar], Rows]) -> None:
         for (i, j), slope in slopes(self.dt, self.square).items():
@@ -97,7 +103,8 @@ class _Step(ImplicitShare):
 
     def in_transmission(self, motor: int, linear: Effect, law: Effect) -> None:
         nonlinear = self._ahead(law)
-        self.slopes[motor] = self.dt * linear.by_v + self.square * linear.by_s + nonlinear
+        slope = self.dt * linear.by_v + self.square * linear.by_s + nonlinear
+        self.slopes[motor] = self.slopes.get(motor, 0.0) + slope
 
     def along(self, row: SparseRow, law: Effect) -> None:
         for i, arm in row.items():

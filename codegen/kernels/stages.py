@@ -24,7 +24,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from ..forces.element import ImplicitShare, SparseRow, StateSlopes
+from ..forces.element import ImplicitShare, SparseRow, StateSite, StateSlopes
 from ..forces.joint_stiffness import ROUND_OFFS, CoordinateMatrix, combined, symmetric_product
 from ..forces.laws import Effect
 from ..program.complex_pairs import on_pairs
@@ -79,7 +79,7 @@ class _Stage(ImplicitShare):
         self.beside: Rows = {}
         self.slopes: dict[int, Scalar] = {}
         self.states: dict[int, StateRow] = {}
-        self.laws: list[tuple[int, Sequence[int], StateSlopes]] = []
+        self.laws: list[tuple[int, StateSite, StateSlopes]] = []
         self.directions: list[tuple[SparseRow, _Slope]] = []
         self.rows: list[Row] = []
 
@@ -92,34 +92,41 @@ class _Stage(ImplicitShare):
     def bend(self, i: int, law: Effect) -> None:
         self.diagonal[i] = self.diagonal[i] + self._rising(law)
 
-    def in_memory(self, i: int, states: Sequence[int], law: StateSlopes) -> None:
-        self.laws.append((i, states, law))
+    def in_memory(self, site: StateSite, law: StateSlopes) -> None:
+        if site.coordinate is not None:
+            self.laws.append((site.coordinate, site, law))
+        elif site.motor is not None:
+            self.slopes[site.motor] = self.slopes.get(site.motor, 0.0) + self._settle_states(site, law)
+        else:
+            self.rows.append(elastic_row(site.row, self._settle_states(site, law)))
 
     def settle(self) -> None:
         """Add the slopes of coordinates by themselves to their inertia, and what they make to the forces."""
         pairs = zip(self.diagonal, self.rates, self.shifts, strict=True)
         self.forces = [slope.force(rate, shift) for slope, rate, shift in pairs]
         self.armature = [x + slope.whole for x, slope in zip(self.d.bound.armature, self.diagonal, strict=True)]
-        for i, states, law in self.laws:
-            self._settle_states(i, states, law)
+        for i, site, law in self.laws:
+            self.armature[i] = self.armature[i] + self._settle_states(site, law)
 
-    def _settle_states(self, i: int, states: Sequence[int], law: StateSlopes) -> None:
-        """Add a law with states: c (f_v r + f_z r_z) + c f_s (c r + s), -w times the same of g, and what eliminating
-        them leaves.
+    def _settle_states(self, site: StateSite, law: StateSlopes) -> Scalar:
+        """Add a law with states along a row, c (f_v r + f_z r_z) + c f_s (c r + s) and -w times the same of g; return
+        its share in the matrix once the states are eliminated.
         """
-        acts, at_i, at = self._acts(law), self.rates[i], [self.rates[k] for k in states]
-        led = self.c * at_i + self.shifts[i]
+        row, states = site.row, site.states
+        acts, at_i, at = self._acts(law), along(row, self.rates), [self.rates[k] for k in states]
+        led = self.c * at_i + along(row, self.shifts)
         force = law.f_v * at_i + law.f_s * led
         rates = [g_v * at_i + g_s * led for g_v, g_s in zip(law.g_v, law.g_s, strict=True)]
         for slope, z in zip(law.f_z, at, strict=True):
             force = force + slope * z
-        for (row, column), slope in law.g_z.items():
-            rates[row] = rates[row] + slope * at[column]
-        self.forces[i] = self.forces[i] + acts * (self.c * force)
+        for (k, j), slope in law.g_z.items():
+            rates[k] = rates[k] + slope * at[j]
+        for i, arm in row.items():
+            self.forces[i] = self.forces[i] + arm * (acts * (self.c * force))
         for k, w, rate in zip(states, law.inertias, rates, strict=True):
             self.forces[k] = self.forces[k] - w * (self.c * rate)
-        self.armature[i] = self.armature[i] + acts * share(law, self.c, self.square)
-        self.states |= state_rows(i, states, law, self.c, acts)
+        self.states |= state_rows(row, states, law, self.c, acts)
+        return acts * share(law, self.c, self.square)
 
     def _acts(self, law: StateSlopes) -> Scalar:
         """Return 1 where a force with a state counts in the matrix, 0 where it would fall."""
@@ -143,7 +150,7 @@ class _Stage(ImplicitShare):
         force = slope.force(rate, shift)
         self.forces[motor] = self.forces[motor] + force * between.inverse_ratio
         self.forces[between.principal] = self.forces[between.principal] - force
-        self.slopes[motor] = slope.whole
+        self.slopes[motor] = self.slopes.get(motor, 0.0) + slope.whole
 
     def along(self, row: SparseRow, law: Effect) -> None:
         self.directions.append((row, self._rising(law)))

@@ -87,6 +87,9 @@ OPERATIONS: Mapping[str, Operation] = MappingProxyType(
         "exp": Operation(
             1, "sincos", math.exp, lambda g, x, y, dx: y * dx[0], "exponential", lambda sympy, x: sympy.exp(x)
         ),
+        "log": Operation(
+            1, "sincos", math.log, lambda g, x, y, dx: dx[0] * (1.0 / x[0]), "logarithm", lambda sympy, x: sympy.log(x)
+        ),
         "atan2": Operation(  # the angle of (x[1], x[0]), as in C
             2,
             "sincos",

@@ -1,12 +1,13 @@
 """States of laws, eliminated before motors and joints: blocks of an implicit method's matrix, one for each law.
 
-A law with the resisting force f(s, v, z) and the rates g(s, v, z) of its states couples its coordinate i to these,
-whose inertias w make w z^2 / 2 the energy that they store and whose accelerations are z' = a_z:
+A law with the resisting force f(s, v, z) along the row J = ds/dq, and the rates g(s, v, z) of its states, couples
+coordinates to these, whose inertias w make w z^2 / 2 the energy that they store and whose accelerations are z' = a_z:
 
-    (M a)_i + (c f_v + c^2 f_s) a_i + c f_z a_z = r_i,        w ((1 - c g_z) a_z - c (g_v + c g_s) a_i) = r_z.
+    M a + J^T ((c f_v + c^2 f_s) J a + c f_z a_z) = r,        w ((1 - c g_z) a_z - c (g_v + c g_s) J a) = r_z.
 
-With E = (1 - c g_z)^-1, taking a_z out leaves c f_v + c^2 (f_s + f_z E (g_v + c g_s)) on the diagonal of i and
-c f_z E r_z / w less on its right side.  In forward dynamics c is 0.  No row of a loop or spring pushes a state.
+With E = (1 - c g_z)^-1, taking a_z out leaves J^T (c f_v + c^2 (f_s + f_z E (g_v + c g_s))) J in the matrix, of a law
+on a coordinate on the diagonal alone, and J^T c f_z E r_z / w less on the right side.  In forward dynamics c is 0.  No
+row of a loop or spring pushes a state.
 
 E is found without a choice of pivots: 1 - c g_z has none that vanish where the leading blocks of g_z are stable.
 """
@@ -20,7 +21,7 @@ from typing import Protocol
 from eomgen.robot.model import Model
 
 from ..tree.composite import Rows
-from ..tree.spatial import Scalar, is_zero
+from ..tree.spatial import Scalar, along, is_zero
 
 
 class Slopes(Protocol):
@@ -28,11 +29,11 @@ class Slopes(Protocol):
 
     @property
     def f_v(self) -> Scalar:
-        """Of the force by the coordinate's rate."""
+        """Of the force by the deviation's rate."""
 
     @property
     def f_s(self) -> Scalar:
-        """Of the force by the coordinate."""
+        """Of the force by the deviation."""
 
     @property
     def f_z(self) -> Sequence[Scalar]:
@@ -40,11 +41,11 @@ class Slopes(Protocol):
 
     @property
     def g_v(self) -> Sequence[Scalar]:
-        """Of the states' rates by the coordinate's."""
+        """Of the states' rates by the deviation's."""
 
     @property
     def g_s(self) -> Sequence[Scalar]:
-        """Of the states' rates by the coordinate."""
+        """Of the states' rates by the deviation."""
 
     @property
     def g_z(self) -> Rows:
@@ -77,7 +78,7 @@ def _inverse(law: Slopes, c: Scalar) -> Rows:
 
 
 def share(law: Slopes, c: Scalar, square: Scalar) -> Scalar:
-    """Return c f_v + c^2 (f_s + f_z E (g_v + c g_s)): the coordinate's share in a matrix once the states are out."""
+    """Return c f_v + c^2 (f_s + f_z E (g_v + c g_s)): the law's share in a matrix once the states are out."""
     whole = c * law.f_v + square * law.f_s
     for (i, j), x in _inverse(law, c).items():
         whole = whole + square * (law.f_z[i] * (law.g_v[j] + c * law.g_s[j])) * x
@@ -86,41 +87,47 @@ def share(law: Slopes, c: Scalar, square: Scalar) -> Scalar:
 
 @dataclass(frozen=True)
 class StateRow:
-    """a_k = sum of inverse[j] r_j + gain a_i, of a state k of a law on coordinate i; ``coupling`` is c f_z."""
+    """a_k = sum of inverse[j] r_j + gain J a, of a state k of a law along the row J; ``coupling`` is c f_z."""
 
-    coordinate: int
+    along: Mapping[int, Scalar]
     inverse: Mapping[int, Scalar]
     gain: Scalar
     coupling: Scalar
 
     def free(self, right: Sequence[Scalar]) -> Scalar:
-        """Return the rate where the coordinate stays."""
+        """Return the rate where the law's deviation stays."""
         rate: Scalar = 0.0
         for j, x in self.inverse.items():
             rate = rate + x * right[j]
         return rate
 
+    def gained(self, accelerations: Sequence[Scalar]) -> Scalar:
+        """Return what accelerations add to the rate."""
+        return self.gain * along(self.along, accelerations)
 
-def state_rows(i: int, states: Sequence[int], law: Slopes, c: Scalar, acts: Scalar) -> dict[int, StateRow]:
+
+def state_rows(
+    row: Mapping[int, Scalar], states: Sequence[int], law: Slopes, c: Scalar, acts: Scalar
+) -> dict[int, StateRow]:
     """Return the rows of a law's states, by their indices, with a step c.
 
     Args:
-        i: index of the coordinate that the law acts on.
+        row: J, along which the law acts, by the coordinates' indices.
         states: indices of the states.
         law: its slopes.
         c: the step.
         acts: 1, or 0 where its force is left out of the matrix.
     """
     by_row: list[dict[int, Scalar]] = [{} for _ in states]
-    for (row, column), x in _inverse(law, c).items():
-        by_row[row][column] = x
+    for (i, j), x in _inverse(law, c).items():
+        by_row[i][j] = x
     rows = {}
     for place, k in enumerate(states):
         inverse = {states[j]: x * (1.0 / law.inertias[j]) for j, x in by_row[place].items()}
         gain: Scalar = 0.0
         for j, x in by_row[place].items():
             gain = gain + x * (c * (law.g_v[j] + c * law.g_s[j]))
-        rows[k] = StateRow(i, inverse, gain, acts * (c * law.f_z[place]))
+        rows[k] = StateRow(row, inverse, gain, acts * (c * law.f_z[place]))
     return rows
 
 
@@ -152,19 +159,19 @@ class States:
             k: (1.0 / inertias[k]) * drives[k] if row is None else row.free(drives) for k, row in self.rows.items()
         }
         for k, row in rows.items():
-            if row.coordinate not in model.prescribed:  # there the right side is the acceleration itself
-                i = row.coordinate
-                self.drives[i] = self.drives[i] - row.coupling * self.free[k]
+            for i, arm in row.along.items():
+                if i not in model.prescribed:  # there the right side is the acceleration itself
+                    self.drives[i] = self.drives[i] - arm * (row.coupling * self.free[k])
 
     def release(self, accelerations: list[Scalar], pivots: list[tuple[Scalar, Scalar]]) -> None:
         """Put rates of the states into the accelerations of the tree, and pivots that never vanish."""
         for k, row in self.rows.items():
             free = self.free[k]
-            accelerations[k] = free if row is None else free + row.gain * accelerations[row.coordinate]
+            accelerations[k] = free if row is None else free + row.gained(accelerations)
             pivots[k] = (1.0, 1.0)
 
     def released(self, accelerations: list[Scalar]) -> list[Scalar]:
         """Write into accelerations by forces along rows what the states' rates change by; return them."""
         for k, row in self.rows.items():
-            accelerations[k] = 0.0 if row is None else row.gain * accelerations[row.coordinate]
+            accelerations[k] = 0.0 if row is None else row.gained(accelerations)
         return accelerations

@@ -452,11 +452,10 @@ class _Binder:
                 BoundLaw(0.0 if _is_bent(coordinate) else k, c, law, _knots(coordinate), carriers.get(prefix, ()))
             )
             armatures.append(armature)
-        named = {prefix: law for (_, prefix, _), law in zip(self._coordinates(), laws, strict=True)}
-        for owner, _, state in self.model.states:  # their forces are their coordinates' laws
+        for x in self.model.states:  # their forces are laws of others
             laws.append(BoundLaw(0.0, 0.0))
-            inertia = state.inertia(named[f"joints.{owner}"].numbers) if state.inertia else WEIGHTLESS
-            armatures.append(inertia)
+            inertia = x.state.inertia
+            armatures.append(WEIGHTLESS if inertia is None else inertia(self._values(x.prefix, x.numbers)))
         return tuple(laws), tuple(armatures)
 
     def transmissions(self) -> dict[int, BoundTransmission]:

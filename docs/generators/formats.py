@@ -27,7 +27,7 @@ from eomgen.forms.keys import (
     Text,
     Whole,
 )
-from eomgen.forms.tables import Entries, Form, Kinds, Pair, Sub
+from eomgen.forms.tables import Entries, Few, Form, Kinds, Pair, Sub
 from eomgen.names import IDENTIFIER_RULE, ROBOT_RULE
 
 
@@ -181,7 +181,16 @@ def _(kind: ByName) -> str:
 
 @takes.register
 def _(kind: Either) -> str:
-    return ", or ".join(takes(option) for option in kind.options)
+    return ", or ".join(map(_option, kind.options))
+
+
+def _option(kind: Key) -> str:
+    """What one of several kinds takes; of a table, which has no section of its own then, its keys, too."""
+    return (
+        f"a table of {', '.join(kind.inner.keys)}"
+        if isinstance(kind, Sub) and isinstance(kind.inner, Form)
+        else takes(kind)
+    )
 
 
 @takes.register
@@ -197,3 +206,8 @@ def _(kind: Entries) -> str:
 @takes.register
 def _(kind: Pair) -> str:
     return "two tables"
+
+
+@takes.register
+def _(kind: Few) -> str:
+    return f"an array of 1 to {kind.most} tables of {', '.join(kind.inner.keys)}"

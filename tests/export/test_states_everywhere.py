@@ -97,7 +97,7 @@ def test_every_format_is_written(
 def test_models_of_mujoco_have_coulomb_friction_in_their_place(make: Callable[[], Robot]) -> None:
     robot = make()
     notes = [note.split(":")[0].removeprefix("joints.") for note in left_out(robot) if "bristles" in note]
-    assert notes == [f"{owner}.{law}" for owner, law, _ in build_model(robot).states]
+    assert notes == [f"{x.owner}.{x.law}" for x in build_model(robot).states]
     text = mjcf(robot, 1e-4, approximate=True)
     assert text.count('frictionloss="0.3"') == 2
 

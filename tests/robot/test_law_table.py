@@ -12,11 +12,14 @@ import pytest
 
 import eomgen
 from eomgen.codegen.forces.laws import FORMULAS
+from eomgen.codegen.forces.memory.formulas import STATE_FORMULAS
 from eomgen.description.keys import COORDINATE, MOTOR_FORM
 from eomgen.errors import DescriptionError
 from eomgen.export.fmu.variables import UNITS, exponents, unit_name
-from eomgen.forms.tables import Sub
+from eomgen.forms.keys import Either
+from eomgen.forms.tables import Few, Sub
 from eomgen.robot.elements import Spring
+from eomgen.robot.law_states import BRANCHES
 from eomgen.robot.laws import BASIC, LAWS, NUMBERS, SHAPED
 from eomgen.robot.model import build_model
 from eomgen.robot.parameter_names import least_of, number_of
@@ -29,7 +32,8 @@ ROOT = Path(__file__).parents[2]
 
 
 def test_every_law_has_a_formula() -> None:
-    assert FORMULAS.keys() == LAWS.keys()
+    assert FORMULAS.keys() | STATE_FORMULAS.keys() == LAWS.keys()
+    assert {law for law in LAWS if LAWS[law].states} == STATE_FORMULAS.keys()
 
 
 @pytest.mark.parametrize("name", LAWS)
@@ -43,11 +47,12 @@ def test_every_law_has_texts_units_and_keys(name: str) -> None:
         inner = form.keys
         if law.has_table:
             table = form.keys[name]
-            assert isinstance(table, Sub)
             assert table.about == law.about
-            inner = table.inner.keys  # type: ignore[union-attr]
+            listed = table.options[0] if isinstance(table, Either) else table  # an array of tables, or one
+            assert isinstance(listed, (Few, Sub))
+            inner = listed.inner.keys  # type: ignore[union-attr]
         for number in law.numbers:
-            key = number.key.removeprefix(f"{name}.")
+            key = number.key.rpartition(".")[2] if name == BRANCHES else number.key.removeprefix(f"{name}.")
             assert number.about
             if number.key in SHAPED:  # a word of the key shape stands for it
                 assert key in json.dumps(inner["shape"].schema())
@@ -66,7 +71,7 @@ def test_every_law_is_among_those_of_random_robots() -> None:
         robot = with_laws(random_robot(seed, joints=(2, 4)), seed)
         numbers = {key for joint in robot.joints for c in joint.coordinates.values() for key in c.law()}
         found |= {name for name, law in LAWS.items() if law.first in numbers}
-    assert found == set(LAWS)
+    assert found == set(FORMULAS)
 
 
 def test_units_of_fmi() -> None:

@@ -143,9 +143,9 @@ type = "revolute"
 placements = [{ xyz = [0.3, 0.0, 0.0] }, { xyz = [0.3, 0.1, 0.0], rpy = [0.2, 0.0, 0.0] }]
 x = { stiffness = 10.0, damping = 2.0 }
 y = { stiffness = 10.0, damping = 2.0, clearance = 2e-2 }
-z = { stiffness = 10.0, damping = 2.0 }
-alpha = { stiffness = 1.0, damping = 0.2 }
-beta = { stiffness = 1.0, damping = 0.2 }
+z = { stiffness = 10.0, damping = 2.0, friction = { model = "lugre", coulomb = 2.0, bristle_stiffness = 3.0 } }
+alpha = { stiffness = 1.0, damping = 0.2, maxwell = [{ stiffness = 2.0, damping = 1.0 }] }
+beta = { stiffness = 1.0, damping = 0.2, hysteresis = { stiffness = 3.0, beta = 0.9, gamma = 0.4, n = 1.4 } }
 gamma = { friction = { coefficient = 0.8, radius = 0.2, smoothing = 0.1 } }
 [[loops]]
 name = "clamp"
@@ -168,6 +168,7 @@ of = "pivot.gamma"
 to = { "knee.gamma" = -1.5 }
 stiffness = 10.0
 damping = 2.0
+maxwell = [{ stiffness = 3.0, damping = 0.5 }]
 """
 CUT_BEARING = f"""
 [[loops]]
@@ -205,7 +206,7 @@ damping = { matrix = [[2.0, 0.1, 0.0, 0.1, 0.0, 0.0], [0.1, 1.0, 0.2, 0.0, 0.0, 
 [0.0, 0.2, 1.5, 0.0, 0.0, 0.0], [0.1, 0.0, 0.0, 0.2, 0.0, 0.1], [0.0, 0.0, 0.0, 0.0, 0.3, 0.0], \
 [0.0, 0.1, 0.0, 0.1, 0.0, 0.4]] }
 """
-BRISTLES = """
+REMEMBERING = """
 [[links]]
 name = "finger"
 mass = 0.4
@@ -219,12 +220,32 @@ type = "revolute"
 placement = { xyz = [0.3, 0.0, 0.0], rpy = [0.2, 0.0, 0.1] }
 beta = { friction = { model = "lugre", coulomb = 3.0, bristle_stiffness = 2.0, bristle_damping = 1.0, fade = 0.7 } }
 gamma = { friction = { model = "lugre", coulomb = 2.0, static = 3.0, stribeck = 0.5, bristle_stiffness = 1.5, \
-bristle_damping = 0.8, viscous = 0.2 } }
+bristle_damping = 0.8, viscous = 0.2 }, \
+hysteresis = { stiffness = 3.0, A = 1.2, beta = 0.9, gamma = -0.4, n = 1.6, share = 0.3 }, \
+maxwell = [{ stiffness = 2.0, damping = 1.0 }, { stiffness = 1.5, damping = 0.2 }] }
+[[links]]
+name = "thumb"
+mass = 0.3
+com = [0.04, 0.01, 0.01]
+inertia = { xx = 3e-3, yy = 4e-3, zz = 5e-3 }
+[[joints]]
+name = "saddle"
+parent = "rocker"
+child = "thumb"
+type = "revolute"
+placement = { xyz = [0.2, 0.0, 0.1], rpy = [0.1, -0.2, 0.1] }
+[joints.motor]
+inertia = 2e-2
+ratio = -2.0
+stiffness = 5.0
+hysteresis = { stiffness = 4.0, beta = 1.1, gamma = 0.5, n = 1.3, share = 0.2 }
+maxwell = [{ stiffness = 3.0, damping = 0.4 }]
+friction = { model = "lugre", coulomb = 1.0, bristle_stiffness = 0.8, viscous = 0.1 }
 """
 
 ROBOTS: Mapping[type[ForceElement], Mapping[str, str]] = {
     CoordinateLaws: {"knee": LAWS},
-    MemoryLaws: {"beside": BRISTLES},
+    MemoryLaws: {"beside": REMEMBERING},
     Transmissions: {"hip": MOTOR},
     PointSprings: {"beside": SPRINGS},
     BearingContacts: {"hip": FREE + "radial = " + BEARING},

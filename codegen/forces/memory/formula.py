@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from ...tree.spatial import Scalar
@@ -33,3 +33,8 @@ class StateEffect:
     rates: Sequence[Scalar]
     slopes: StateSlopes
     energy: Scalar = 0.0
+
+    def state_rows(self, states: Sequence[int]) -> Iterator[tuple[int, Scalar]]:
+        """Give what resists states, by their indices: minus their rates times their inertias."""
+        for k, w, rate in zip(states, self.slopes.inertias, self.rates, strict=True):
+            yield k, -1.0 * (w * rate)

@@ -10,7 +10,6 @@ from eomgen.arrays import Array
 from eomgen.errors import InputError
 from eomgen.names import joint_of
 from eomgen.robot.laws import stiffness_of
-from eomgen.robot.mechanism import coordinate_of
 from eomgen.robot.model import Model
 from eomgen.robot.parameter_names import CUTS, JOINTS, element_places
 from eomgen.robot.sizes import deviation_sizes, with_states
@@ -27,7 +26,7 @@ def coordinate_sizes(model: Model) -> tuple[Array, Array]:
     inertia, beside = _at_home(model)
     n = len(model.coordinates)
     q, v = deviation_sizes(_coordinate_stiffness(model) + beside[:n], inertia[:n])
-    return with_states(q, v, [x.size(coordinate_of(model.robot, owner).law()) for owner, _, x in model.states])
+    return with_states(q, v, [x.state.size(x.numbers) for x in model.states])
 
 
 def rubbing_parameters(model: Model) -> list[tuple[int, str]]:

@@ -152,10 +152,11 @@ EOM_INLINE EOM_SCALAR chosen(EOM_SCALAR gate, EOM_SCALAR x, EOM_SCALAR y) { retu
 /* Tell whether a gate is greater than 0. */
 EOM_INLINE int beyond(EOM_SCALAR gate) { return (gate > C(0.0)) ? 1 : 0; }
 
-/* Return the square root; the angle of the point (x, y); the exponential function. */
+/* Return the square root; the angle of the point (x, y); the exponential function; the natural logarithm. */
 EOM_INLINE EOM_SCALAR root(EOM_SCALAR x) { return EOM_MATH(sqrt)(x); }
 EOM_INLINE EOM_SCALAR bearing(EOM_SCALAR y, EOM_SCALAR x) { return EOM_MATH(atan2)(y, x); }
 EOM_INLINE EOM_SCALAR exponential(EOM_SCALAR x) { return EOM_MATH(exp)(x); }
+EOM_INLINE EOM_SCALAR logarithm(EOM_SCALAR x) { return EOM_MATH(log)(x); }
 
 /* The same of all lanes; beyond tells of any of them. */
 #if EOMGEN_VECTOR
@@ -204,6 +205,12 @@ EOM_INLINE lanes exponential_lanes(lanes x)
     for (int l = 0; l < LANES; ++l) { x[l] = EOM_MATH(exp)(x[l]); }
     return x;
 }
+
+EOM_INLINE lanes logarithm_lanes(lanes x)
+{
+    for (int l = 0; l < LANES; ++l) { x[l] = EOM_MATH(log)(x[l]); }
+    return x;
+}
 #else
 EOM_INLINE lanes larger_lanes(lanes x, lanes y) { return larger(x, y); }
 EOM_INLINE lanes positive_lanes(lanes x) { return positive(x); }
@@ -212,6 +219,7 @@ EOM_INLINE int beyond_lanes(lanes gate) { return beyond(gate); }
 EOM_INLINE lanes root_lanes(lanes x) { return root(x); }
 EOM_INLINE lanes bearing_lanes(lanes y, lanes x) { return bearing(y, x); }
 EOM_INLINE lanes exponential_lanes(lanes x) { return exponential(x); }
+EOM_INLINE lanes logarithm_lanes(lanes x) { return logarithm(x); }
 #endif
 
 /* Return 0, or 1 + i for the first of n coordinates whose pivot vanishes beside its scale, which stands behind it; what is no number

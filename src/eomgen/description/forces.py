@@ -16,9 +16,10 @@ from ..robot.bounds import LIMIT_KEYS, Limits
 from ..robot.elements import JOINT_ELEMENTS, KINDS, JointElement, LinkElement
 from ..robot.elements.joint_element import MatrixElement, missing_table
 from ..robot.elements.joint_stiffness import JointStiffness
+from ..robot.elements.loss_factor import fitted_branches
 from ..robot.elements.matrices import Rows, matrix_conflict
 from ..robot.geometry import ZERO
-from ..robot.law_states import BRISTLES, LUGRE
+from ..robot.law_states import BRANCHES, BRISTLES, LUGRE
 from ..robot.laws import GAUSSIAN
 from ..robot.rules import ROTORS, coordinate_conflict
 from ..robot.value import COORDINATES, Coordinate, Curve, Motor, Placement
@@ -29,13 +30,14 @@ _ROTOR = ("role", "limits", *ROTORS)  # of the motor's coordinate; the rest of i
 ReadText = Callable[[str], str]  # the text of a file beside the description
 
 
-def read_coordinate(table: Table, old: Coordinate, read_text: ReadText) -> Coordinate:
+def read_coordinate(table: Table, old: Coordinate, read_text: ReadText, notes: list[str]) -> Coordinate:
     """Return the coordinate ``old`` with the overrides of its table.
 
     Args:
         table: of the keys ``COORDINATE``.
         old: the coordinate of a URDF, or Coordinate().
         read_text: returns the text of the file that a curve names.
+        notes: is told how well Maxwell branches have a loss factor.
 
     Raises:
         DescriptionError: a number out of range, a curve that does not rise, or numbers that do not go together.
@@ -46,6 +48,8 @@ def read_coordinate(table: Table, old: Coordinate, read_text: ReadText) -> Coord
             numbers |= {} if key == "limits" else _inner_numbers(table, key)
         elif isinstance(kind, Number) and (number := table.number(key)) is not None:
             numbers[key] = number
+    if BRANCHES in table:
+        numbers |= _branches(table, numbers.get("stiffness", old.stiffness), notes)
     curve, role = read_curve(table, read_text), table.choice("role") if "role" in table.keys else None
     if role == "locked" and len(table.values) > 1:
         others = ", ".join(key for key in table.keys if key in table and key != "role")
@@ -63,8 +67,8 @@ def read_coordinate(table: Table, old: Coordinate, read_text: ReadText) -> Coord
     return made
 
 
-def read_motor(table: Table, read_text: ReadText) -> Motor:
-    """Return the motor of a table of the keys ``MOTOR_FORM``; ``read_text`` and errors as ``read_coordinate``."""
+def read_motor(table: Table, read_text: ReadText, notes: list[str]) -> Motor:
+    """Return the motor of a table of the keys ``MOTOR_FORM``; other arguments and errors as ``read_coordinate``."""
     inertia, ratio = table.number("inertia"), table.number("ratio")
     assert inertia is not None
     assert ratio is not None
@@ -72,7 +76,7 @@ def read_motor(table: Table, read_text: ReadText) -> Motor:
         table.fail("a motor cannot be locked; leave its table out, and the drive acts on the joint itself", "role")
     spring = {key: value for key, value in table.values.items() if key in COORDINATE.keys and key not in _ROTOR}
     inner = COORDINATE.read(spring, table.where, table.source, table.path)
-    transmission = read_coordinate(inner, Coordinate(), read_text)
+    transmission = read_coordinate(inner, Coordinate(), read_text, notes)
     rotor_numbers = {key: number for name in ROTORS for key, number in _inner_numbers(table, name).items()}
     rotor = Coordinate().with_numbers(rotor_numbers)
     prescribed, limits = table.text("role") == "prescribed", _limits(table, None)
@@ -214,6 +218,37 @@ def _numbers_in(table: Table) -> dict[str, Any]:
     return {key: value for key, value in read.items() if value is not None}
 
 
+def _branches(table: Table, stiffness: float | None, notes: list[str]) -> dict[str, float]:
+    """Return the numbers of Maxwell branches, listed or fitted to a loss factor."""
+    given: list[Table] | Table = table.value(BRANCHES)
+    if isinstance(given, Table):
+        pairs = _fitted_pairs(given, stiffness, notes)
+    else:
+        pairs = [(k, c) for k, c in ((one.number("stiffness"), one.number("damping")) for one in given) if k and c]
+    numbers: dict[str, float] = {}
+    for i, (k, c) in enumerate(pairs):
+        numbers |= {f"{BRANCHES}.{i}.stiffness": k, f"{BRANCHES}.{i}.damping": c}
+    return numbers
+
+
+def _fitted_pairs(table: Table, stiffness: float | None, notes: list[str]) -> list[tuple[float, float]]:
+    """Return stiffness and damping of branches that have a loss factor over a band; a note says how well."""
+    loss_factor, band = table.number("loss_factor"), table.numbers("band_hz")
+    assert loss_factor is not None
+    assert band is not None
+    low, high = band
+    if not stiffness:
+        table.fail("the coordinate has no stiffness that branches lose a part of; allowed: with stiffness > 0")
+    if not 0.0 < low < high:
+        table.fail(f"got {show(list(band))}; allowed: two frequencies that rise, greater than 0", "band_hz")
+    fit = fitted_branches(loss_factor, (low, high), table.whole("branches", 4))
+    notes.append(
+        f"{table.where}: from {low:g} to {high:g} Hz the loss factor of {len(fit.branches)} branches is {loss_factor:g}"
+        f" within {fit.deviation:.2g}"
+    )
+    return [(stiffness * k, stiffness * c) for k, c in fit.branches]
+
+
 def _inner_numbers(table: Table, name: str) -> dict[str, float]:
     """Return the numbers of a law that has a separate table, by their names: "friction.coulomb"."""
     inner = table.table(name)
@@ -228,6 +263,8 @@ def _inner_numbers(table: Table, name: str) -> dict[str, float]:
         inner.fail(f"got {show(shape)}, and there is no stribeck; allowed: with static and stribeck", "shape")
     if name == "friction":
         _check_model(inner, numbers)
+    elif "model" in inner:
+        inner.choice("model")
     if shape == GAUSSIAN or (BRISTLES in numbers and shape is None and f"{name}.stribeck" in numbers):
         numbers[f"{name}.{GAUSSIAN}"] = numbers.pop(f"{name}.stribeck")
     return numbers

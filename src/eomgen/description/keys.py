@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar
 
 from ..forms.keys import (
@@ -23,7 +23,7 @@ from ..forms.keys import (
     Whole,
 )
 from ..forms.plain import field_types
-from ..forms.tables import Entries, Form, Pair, Sub, angle_keys
+from ..forms.tables import Entries, Few, Form, Pair, Sub, angle_keys
 from ..limits import MOST_SEGMENTS
 from ..names import IDENTIFIER_RULE, ROBOT_RULE
 from ..robot import law_states, laws
@@ -95,11 +95,34 @@ def _numbers(law: laws.Law) -> dict[str, Key]:
             "lugre: friction with a state; without it a function of the velocity", words=law_states.MODELS
         )
         keys["shape"] = Choice("of Stribeck's curve: lorentzian (as it is without) or gaussian", words=laws.SHAPES)
+    if law.name == law_states.WOUND:
+        keys["model"] = Choice("bouc_wen, as it is without", words=law_states.LOOPS)
     return keys
+
+
+def _branches(law: laws.Law) -> dict[str, Key]:
+    """Return the key of Maxwell branches: an array of them, or what they are fitted to."""
+    first = {number.key.split(".")[2]: _number(number) for number in law.numbers[:2]}
+    branch = {key: replace(kind, needed=f"a {key} in {kind.unit}, greater than 0") for key, kind in first.items()}
+    fitted: dict[str, Key] = {
+        "loss_factor": Number(
+            "ratio of the imaginary to the real part of the complex stiffness over the band, with the stiffness there",
+            "1",
+            "a loss factor greater than 0",
+            above=0.0,
+        ),
+        "band_hz": Numbers("lower and upper frequency of the band", "Hz", "two frequencies [lower, upper]", count=2),
+        "branches": Whole("how many branches; default 4", least=1, most=law_states.MOST_BRANCHES),
+    }
+    options = (Few(law.about, inner=Form(branch), most=law_states.MOST_BRANCHES), Sub(law.about, inner=Form(fitted)))
+    rule = "an array of branches { stiffness, damping }, or a table { loss_factor, band_hz, branches }"
+    return {law.name: Either(law.about, options=options, rule=rule)}
 
 
 def _law(law: laws.Law) -> dict[str, Key]:
     """Return the keys of a law in the table of its coordinate."""
+    if law.name == law_states.BRANCHES:
+        return _branches(law)
     if law.has_points:
         return {law.name: _curve(law.numbers[0], "deviation", " or ".join(laws.LENGTH))}
     keys = _numbers(law)

@@ -220,7 +220,7 @@ def _robot_from_table(top: Table, draft: Draft, folder: Path | None, options: Re
     for name, entry in top.entries("loops"):
         draft.loops[name] = read_loop(name, entry, lambda table: _beside(table, folder), folder, draft.notes)
     for name, entry in top.entries("couplings"):
-        draft.couplings[name] = read_coupling(name, entry, _beside(entry, folder))
+        draft.couplings[name] = read_coupling(name, entry, _beside(entry, folder), draft.notes)
     for key in KINDS:
         for name, entry in top.entries(key):
             if name in draft.elements:
@@ -324,10 +324,10 @@ def _joint(name: str, entry: Table, draft: Draft, folder: Path | None) -> Joint:
         table = entry.table(key)
         if table is not None:
             old_one = coordinates.get(key, Coordinate())
-            coordinates[key] = read_coordinate(table, old_one, _beside(table, folder))
+            coordinates[key] = read_coordinate(table, old_one, _beside(table, folder), draft.notes)
             if table.text("role") == "locked":
                 del coordinates[key]
-    motor = _motor(entry, kind, coordinates, folder)
+    motor = _motor(entry, kind, coordinates, folder, draft.notes)
     for key in dict.fromkeys(entry.strings("prescribed")):
         known = COORDINATES if motor is None else (*COORDINATES, MOTOR)
         if key not in known:
@@ -347,12 +347,14 @@ def _joint(name: str, entry: Table, draft: Draft, folder: Path | None) -> Joint:
     return replace(made, coordinates=coordinates, **joint_elements(entry, coordinates, folder, draft.notes))
 
 
-def _motor(entry: Table, kind: str, coordinates: dict[str, Coordinate], folder: Path | None) -> Motor | None:
+def _motor(
+    entry: Table, kind: str, coordinates: dict[str, Coordinate], folder: Path | None, notes: list[str]
+) -> Motor | None:
     """Return the motor behind the joint's principal coordinate."""
     table = entry.table(MOTOR)
     if table is None:
         return None
-    motor = read_motor(table, _beside(table, folder))
+    motor = read_motor(table, _beside(table, folder), notes)
     conflict = motor_conflict(motor, kind, coordinates)
     if conflict is not None:
         table.fail(conflict[1], conflict[0])

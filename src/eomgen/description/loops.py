@@ -36,7 +36,7 @@ def read_loop(
     kind = entry.choice("type")
     assert kind is not None
     tables = {key: table for key in COORDINATES if (table := entry.table(key)) is not None}
-    coordinates = {key: read_coordinate(table, Coordinate(), beside(table)) for key, table in tables.items()}
+    coordinates = {key: read_coordinate(table, Coordinate(), beside(table), notes) for key, table in tables.items()}
     made = Loop(name, (links[0], links[1]), kind, coordinates=coordinates, offset=read_offset(entry))
     first, second = map(read_placement, entry.value("placements", Pair)) if "placements" in entry else made.placements
     blocked = {component.name for component in CUTS[kind]}
@@ -51,13 +51,13 @@ def read_offset(entry: Table, old: Sequence[float | None] = (None,) * len(COORDI
     return tuple(before if new is None else new for before, new in zip(old, numbers, strict=True))
 
 
-def read_coupling(name: str, entry: Table, read_text: ReadText) -> Coupling:
-    """Read one entry of [[couplings]], of the keys ``COUPLING``; ``read_text`` and errors as ``read_coordinate``."""
+def read_coupling(name: str, entry: Table, read_text: ReadText, notes: list[str]) -> Coupling:
+    """Read one entry of [[couplings]], of the keys ``COUPLING``; other arguments and errors as ``read_coordinate``."""
     entry.require()
     forces = {key: value for key, value in entry.values.items() if key in CUT_COORDINATE.keys}
     law = None
     if forces:
         inner = CUT_COORDINATE.read(forces, entry.where, entry.source, entry.path)
-        law = read_coordinate(inner, Coordinate(), read_text)
+        law = read_coordinate(inner, Coordinate(), read_text, notes)
     ratios: dict[str, float] = entry.value("to", ByName)
     return Coupling(name, entry.text("of") or "", ratios, entry.number("offset"), law)

@@ -15,7 +15,19 @@ from ..limits import LARGEST, MOST_ENTRIES
 from ..names import is_identifier, listed, nearest, show
 from .keys import Choice, Either, Flag, Json, Key, Keys, Listed, Number, Numbers, Strings, Text, Whole
 
-__all__ = ["DEGREES", "LARGEST", "MOST_ENTRIES", "Entries", "Form", "Kinds", "Pair", "Sub", "Table", "angle_keys"]
+__all__ = [
+    "DEGREES",
+    "LARGEST",
+    "MOST_ENTRIES",
+    "Entries",
+    "Few",
+    "Form",
+    "Kinds",
+    "Pair",
+    "Sub",
+    "Table",
+    "angle_keys",
+]
 
 DEGREES = "_deg"  # behind the name of an angle's key that takes degrees, not radians
 
@@ -255,8 +267,12 @@ class Pair(Key):
     inner: Form = Form({})
     form: ClassVar[type] = list
 
+    def takes(self, count: int) -> bool:
+        """Return whether it may have so many."""
+        return count == 2
+
     def take(self, table: Table, key: str, value: Any) -> list[Table]:  # type: ignore[override]
-        if not isinstance(value, list) or len(value) != 2:
+        if not isinstance(value, list) or not self.takes(len(value)):
             names = ", ".join(self.inner.keys)
             self.refuse(table, key, value, f"two tables, [{{ {names} }}, {{ {names} }}]")
         return [
@@ -266,6 +282,33 @@ class Pair(Key):
 
     def json(self) -> Json:
         return {"type": "array", "items": self.inner.json(), "minItems": 2, "maxItems": 2}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Few(Key):
+    """An array of one or a few tables, up to ``most``."""
+
+    inner: Form = Form({})
+    most: int = 1
+    form: ClassVar[type] = list
+
+    def takes(self, count: int) -> bool:
+        """Return whether it may have so many."""
+        return 1 <= count <= self.most
+
+    def take(self, table: Table, key: str, value: Any) -> list[Table]:  # type: ignore[override]
+        if not isinstance(value, list) or not self.takes(len(value)):
+            self.refuse(table, key, value, f"1 to {self.most} tables, [{{ {', '.join(self.inner.keys)} }}, ...]")
+        tables = [
+            table.inside(key, item, self.inner, f"{table.where}.{key}.{index}", str(index))
+            for index, item in enumerate(value)
+        ]
+        for inner in tables:
+            inner.require()
+        return tables
+
+    def json(self) -> Json:
+        return {"type": "array", "items": self.inner.json(), "minItems": 1, "maxItems": self.most}
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 Values = Mapping[str, float]
@@ -17,6 +17,9 @@ SMALLEST = 1e-12  # least value of what is divided by, m, rad or per s
 BRISTLES = "friction.bristle_stiffness"  # is there where friction is LuGre's, which has a state
 BELL = "friction.gaussian"  # the velocity of its Stribeck curve
 MODELS = (LUGRE,) = ("lugre",)  # of friction, beside the one without a state
+WOUND, BRANCHES = "hysteresis", "maxwell"  # laws all of which have states
+LOOPS = ("bouc_wen",)  # models of hysteresis
+MOST_BRANCHES = 8  # of a generalized Maxwell element
 GRID = 4000  # speeds, evenly spaced in their logarithms, at which the passivity of bristles is looked at
 WEIGHTLESS = 2.0**-80  # inertia of what stores no energy: exact to divide by, and far below what sums of energies see
 
@@ -39,6 +42,41 @@ class State:
     inertia: Callable[[Mapping[str, Any]], Any] | None = None
 
 
+@dataclass(frozen=True)
+class OwnedState:
+    """A state of a law of somebody.
+
+    Attributes:
+        prefix: of the law's parameters: "joints.joint1.gamma", "joints.joint1.motor" of a rotor or a transmission,
+            "loops.loop1.x", "couplings.gear".
+        law: its name.
+        numbers: of all laws there.
+        state: what is said of it.
+        is_linear: whether the law is that of a translation.
+    """
+
+    prefix: str
+    law: str
+    numbers: Values = field(hash=False)
+    state: State
+    is_linear: bool
+
+    @property
+    def owner(self) -> str:
+        """Whose law it is: "joint1.gamma"."""
+        return self.prefix.partition(".")[2]
+
+    @property
+    def name(self) -> str:
+        """Its name, such as "joint1.gamma.friction.z"."""
+        return f"{self.owner}.{self.law}.{self.state.name}"
+
+    @property
+    def unit(self) -> str:
+        """Its unit."""
+        return self.state.unit[0 if self.is_linear else 1]
+
+
 BRISTLE = State(
     name="z",
     unit=("m", "rad"),
@@ -47,12 +85,81 @@ BRISTLE = State(
 )
 
 
-NAMED: Mapping[str, State] = {"friction.z": BRISTLE}  # states by their names below a coordinate's
-
-
 def bristles(numbers: Values) -> tuple[State, ...]:
     """Return the state of friction: the deflection of LuGre's bristles, and none of other friction."""
     return (BRISTLE,) if BRISTLES in numbers else ()
+
+
+def hysteresis_states(numbers: Values) -> tuple[State, ...]:
+    """Return the state of Bouc-Wen hysteresis, which stores (1 - share) stiffness z^2 / (2 A)."""
+    return (HYSTERETIC,)
+
+
+def _yield_size(numbers: Values) -> float:
+    """Return the |z| at which hysteresis yields, (A / (beta + gamma))^(1 / n), at most 1; 1 where it never does."""
+    A, beta, gamma, n = (numbers[f"{WOUND}.{key}"] for key in ("A", "beta", "gamma", "n"))
+    level = beta + gamma if beta + gamma > 0.0 else beta
+    return min(1.0, (A / level) ** (1.0 / n)) if level > 0.0 else 1.0
+
+
+HYSTERETIC = State(
+    name="z",
+    unit=("m", "rad"),
+    size=_yield_size,
+    inertia=lambda numbers: (
+        (1.0 - numbers["hysteresis.share"]) * numbers["hysteresis.stiffness"] * (1.0 / numbers["hysteresis.A"])
+    ),
+)
+
+
+def hysteresis_conflict(numbers: Values) -> Conflict | None:
+    """Return the key and the message of numbers with which hysteresis could give energy back."""
+    beta, gamma, share = (numbers[f"{WOUND}.{key}"] for key in ("beta", "gamma", "share"))
+    if abs(gamma) > beta:
+        allowed = f"from -{beta!r} to {beta!r}, beta, beyond which hysteresis gives energy back"
+        return f"{WOUND}.gamma", f"got {gamma!r}; allowed: {allowed}"
+    if share >= 1.0:
+        return f"{WOUND}.share", f"got {share!r}; allowed: less than 1; a spring without hysteresis is stiffness"
+    return None
+
+
+def branches_of(numbers: Values) -> int:
+    """Return how many Maxwell branches numbers have, from the first on without a gap."""
+    return next((i for i in range(MOST_BRANCHES) if f"{BRANCHES}.{i}.stiffness" not in numbers), MOST_BRANCHES)
+
+
+def branch_states(numbers: Values) -> tuple[State, ...]:
+    """Return the states of Maxwell branches: what their springs are stretched by."""
+    return tuple(_branch(i) for i in range(branches_of(numbers)))
+
+
+def _branch(i: int) -> State:
+    k, c = f"{BRANCHES}.{i}.stiffness", f"{BRANCHES}.{i}.damping"
+    return State(
+        name=f"{i}.z",
+        unit=("m", "rad"),
+        size=lambda numbers: min(1.0, numbers[c] / numbers[k]),
+        inertia=lambda numbers: numbers[k],
+    )
+
+
+NAMED: Mapping[str, State] = {  # states by their names below a coordinate's
+    "friction.z": BRISTLE,
+    f"{WOUND}.z": HYSTERETIC,
+    **{f"{BRANCHES}.{i}.z": _branch(i) for i in range(MOST_BRANCHES)},
+}
+
+
+def branch_conflict(numbers: Values) -> Conflict | None:
+    """Return the key and the message of branches that lack a number, or follow a gap."""
+    count = branches_of(numbers)
+    for key in (f"{BRANCHES}.{i}.{name}" for i in range(MOST_BRANCHES) for name in ("stiffness", "damping")):
+        place = int(key.split(".")[1])
+        if place < count and key not in numbers:
+            return key, "it is missing; allowed: a damping in N s/m or N m s/rad, greater than 0"
+        if place >= count and key in numbers:
+            return key, f"branch {count} has no stiffness; allowed: branches without a gap, each with a stiffness"
+    return None
 
 
 def bristle_conflict(numbers: Values) -> Conflict | None:

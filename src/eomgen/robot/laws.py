@@ -13,7 +13,23 @@ from functools import partial
 from itertools import pairwise
 from types import MappingProxyType
 
-from .law_states import BRISTLES, SMALLEST, Conflict, State, Values, bristle_conflict, bristles
+from .law_states import (
+    BRANCHES,
+    BRISTLES,
+    MOST_BRANCHES,
+    SMALLEST,
+    WOUND,
+    Conflict,
+    State,
+    Values,
+    branch_conflict,
+    branch_states,
+    branches_of,
+    bristle_conflict,
+    bristles,
+    hysteresis_conflict,
+    hysteresis_states,
+)
 
 SHARE = 0.05  # of a clearance over which contact sets in
 SMOOTHING = 4e-8  # m/s or rad/s over which friction reverses: 90 % of the limit creep by 0.8 um in 10 s
@@ -27,6 +43,7 @@ Curve = tuple[tuple[float, float], ...]  # (deviation, force)
 POINTS = (2, 64)  # fewest and most points of a curve
 
 FORCE, LENGTH, RATE = ("N", "N m"), ("m", "rad"), ("m/s", "rad/s")
+YIELD = ("1/m", "1/rad")
 STIFFNESS, DAMPING, INERTIA = ("N/m", "N m/rad"), ("N s/m", "N m s/rad"), ("kg", "kg m^2")
 
 
@@ -72,8 +89,8 @@ class Law:
         rate_slope: (numbers, least) -> the largest slope of its force by the velocity, N s/m or N m s/rad, ``least`` as
             of ``rate_slope_of``, for the choice of a method, too; None where its force does not depend on the velocity
             alone.
-        contact: numbers -> the stiffness of a contact or of bristles, N/m or N m/rad, which steps have to resolve; None
-            where there is none.  It does not count in ``stiffness``.
+        contact: numbers -> the stiffness of a contact or of what a state stretches, N/m or N m/rad, which steps have
+            to resolve; None where there is none.  It does not count in ``stiffness``.
         mjcf: numbers -> what becomes of it in MuJoCo where it is not written as it is; empty where it is.
         takes_stiffness: whether its formula has the coordinate's stiffness, too.
         of_rotor: whether in a motor's table it is a law of the rotor's angle, rad at the shaft, and not of the
@@ -304,6 +321,61 @@ _LAWS = (
         states=bristles,
     ),
     Law(
+        name=WOUND,
+        about="Bouc-Wen hysteresis, a spring with a state: stiffness, A, beta, gamma, n, share",
+        numbers=(
+            divisor(f"{WOUND}.stiffness", "where the motion begins, of A = 1", STIFFNESS),
+            divisor(f"{WOUND}.A", "rate of the state per velocity; default 1", ("1", "1"), default=lambda numbers: 1.0),
+            Number(f"{WOUND}.beta", "how fast the state yields, of n = 1 per deviation", YIELD, needed="a number"),
+            Number(
+                f"{WOUND}.gamma",
+                "the same by the sense of the motion, from -beta to beta",
+                YIELD,
+                least=None,
+                needed="a number from -beta to beta",
+            ),
+            Number(
+                f"{WOUND}.n",
+                "exponent of the state, at least 1: sharpness of yielding; default 1",
+                ("1", "1"),
+                least=1.0,
+                default=lambda numbers: 1.0,
+            ),
+            Number(
+                f"{WOUND}.share",
+                "of the stiffness that has no hysteresis, less than 1; default 0",
+                ("1", "1"),
+                default=lambda numbers: 0.0,
+            ),
+        ),
+        is_spring=False,
+        stiffness=lambda k, numbers, knots: k + numbers["hysteresis.share"] * numbers["hysteresis.stiffness"],
+        mjcf=lambda numbers: "left out",
+        contact=lambda numbers: (
+            (1.0 - numbers["hysteresis.share"]) * numbers["hysteresis.stiffness"] * numbers["hysteresis.A"]
+        ),
+        rule=hysteresis_conflict,
+        states=hysteresis_states,
+    ),
+    Law(
+        name=BRANCHES,
+        about="generalized Maxwell element: branches, each a spring in series with a damper",
+        numbers=tuple(
+            divisor(f"{BRANCHES}.{i}.{key}", about, unit)
+            for i in range(MOST_BRANCHES)
+            for key, about, unit in (
+                ("stiffness", "of a branch's spring", STIFFNESS),
+                ("damping", "of the damper in series with it", DAMPING),
+            )
+        ),
+        is_spring=False,
+        stiffness=None,
+        mjcf=lambda numbers: "left out",
+        contact=lambda numbers: sum(numbers[f"{BRANCHES}.{i}.stiffness"] for i in range(branches_of(numbers))),
+        rule=branch_conflict,
+        states=branch_states,
+    ),
+    Law(
         name="stops",
         about="contacts at which a coordinate ends: stiffness, damping, restitution_damping, smoothing, lower, upper",
         numbers=(
@@ -362,16 +434,6 @@ def active_laws(numbers: Values) -> Iterator[Law]:
 def states_of(numbers: Values) -> tuple[tuple[str, State], ...]:
     """Return the states of a coordinate's laws, each with the law's name, in the order of the table."""
     return tuple((law.name, state) for law in active_laws(numbers) if law.states for state in law.states(numbers))
-
-
-def memory_of(numbers: Values) -> tuple[str, ...]:
-    """Name the states of a coordinate's laws, below its name: "friction.z"."""
-    return tuple(f"{law}.{state.name}" for law, state in states_of(numbers))
-
-
-def state_sizes(numbers: Values) -> tuple[float, ...]:
-    """Return sizes that tolerances refer to of the states that ``memory_of`` names."""
-    return tuple(state.size(numbers) for _, state in states_of(numbers))
 
 
 def defaults(numbers: Values) -> dict[str, float]:

@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, NoReturn
+from typing import NoReturn
 
 from ..errors import DescriptionError, UnknownNameError, check_kind
 from ..names import (
@@ -32,12 +32,12 @@ from .coordinates import coordinate_names
 from .cuts import CUTS, rigid_components
 from .elements import MATRICES
 from .elements.joint_element import missing_table
-from .law_states import Conflict, State
+from .law_states import Conflict, OwnedState
 from .laws import ARMATURE, states_of
 from .mechanism import coordinate_of, driven_coordinates, leading_home, mechanism_conflict, position_limits
 from .parameter_names import number_of
 from .rules import coordinate_conflict, cut_conflict, motor_conflict, unmoved
-from .value import ANGULAR, COORDINATES, MOTOR, PRINCIPAL, Coordinate, Coupling, Joint, Loop, Robot
+from .value import ANGULAR, COORDINATES, LINEAR, MOTOR, PRINCIPAL, Coordinate, Coupling, Joint, Loop, Robot
 
 FIXED_BODY = -1  # links on the base without a moving joint
 
@@ -103,26 +103,33 @@ class Model:
 
         In arrays of the state they stand behind the coordinates.  What their positions are acts on nothing.
         """
-        return tuple(component_name(owner, f"{law}.{state.name}") for owner, law, state in self.states)
+        return tuple(state.name for state in self.states)
 
     @cached_property
-    def states(self) -> tuple[tuple[str, str, State], ...]:
-        """States of laws, in the order of ``memory``: the coordinate's name, the law's, and the state."""
-        laws = {
-            component_name(joint.name, kind): coordinate.law()
-            for joint in self.robot.joints
-            for kind, coordinate in joint.all_coordinates.items()
-        }
-        return tuple((name, *state) for name, law in laws.items() for state in states_of(law))
+    def states(self) -> tuple[OwnedState, ...]:
+        """States of laws in the order of ``memory``: of coordinates, transmissions, loop joints and couplings."""
+        robot, states = self.robot, list[OwnedState]()
+        for joint in robot.joints:
+            for kind, law in joint.all_coordinates.items():
+                states += _states(parameter_name("joints", joint.name, kind), law, kind)
+        for joint in robot.joints:
+            if joint.motor is not None:
+                prefix = parameter_name("joints", joint.name, MOTOR)
+                states += _states(prefix, joint.motor.transmission, PRINCIPAL[joint.type])
+        for loop in robot.loops:
+            for kind, law in loop.coordinates.items():
+                states += _states(parameter_name("loops", loop.name, kind), law, kind)
+        for coupling in robot.couplings:
+            if coupling.law is not None:
+                states += _states(parameter_name("couplings", coupling.name), coupling.law, kind_of(coupling.of))
+        return tuple(states)
 
     @cached_property
-    def remembering(self) -> dict[str, dict[int, tuple[int, ...]]]:
-        """Coordinates that have states, by their laws: their indices with those of the states; no followers."""
-        places, remembering = {name: i for i, name in enumerate(self.coordinates)}, dict[str, Any]()
-        for k, (owner, law, _) in enumerate(self.states, len(self.coordinates)):
-            if owner in places:
-                states = remembering.setdefault(law, {})
-                states[places[owner]] = (*states.get(places[owner], ()), k)
+    def remembering(self) -> dict[tuple[str, str], tuple[int, ...]]:
+        """Indices of states, by the prefix of their law's parameters and its name."""
+        remembering: dict[tuple[str, str], tuple[int, ...]] = {}
+        for k, x in enumerate(self.states, len(self.coordinates)):
+            remembering[x.prefix, x.law] = (*remembering.get((x.prefix, x.law), ()), k)
         return remembering
 
     @property
@@ -277,6 +284,12 @@ class Model:
     def children(self, body: int) -> list[int]:
         """Return the bodies whose parent is the body."""
         return [k for k, other in enumerate(self.bodies) if other.parent == body]
+
+
+def _states(prefix: str, coordinate: Coordinate, kind: str) -> list[OwnedState]:
+    """Return the states of laws whose parameters have a prefix, along a coordinate of a kind such as "x"."""
+    numbers = coordinate.law()
+    return [OwnedState(prefix, law, numbers, state, kind in LINEAR) for law, state in states_of(numbers)]
 
 
 @kept

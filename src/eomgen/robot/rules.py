@@ -12,7 +12,7 @@ from dataclasses import fields
 from ..limits import LARGEST
 from ..names import show
 from .bounds import limits_conflict
-from .laws import LAWS, NUMBERS, active_laws, curve_conflict, law_conflict, memory_of
+from .laws import LAWS, NUMBERS, active_laws, curve_conflict, law_conflict
 from .value import CUT_NUMBERS, MOTOR, PRINCIPAL, Coordinate, Motor
 
 ROTORS = tuple(law.name for law in LAWS.values() if law.of_rotor)
@@ -71,8 +71,6 @@ def cut_conflict(coordinate: Coordinate) -> tuple[str, str] | None:
         return "armature", f"it moves no inertia; allowed: {', '.join((*CUT_NUMBERS, *LAWS))}"
     if coordinate.prescribed:
         return "", "it has no motion to prescribe; allowed: prescribed coordinates of joints"
-    if memory_of(coordinate.law()):
-        return "friction.model", "bristles have a state; allowed: in coordinates of joints, and of motors"
     if coordinate.limits is not None:
         return "limits", "it has no drive and no motion; allowed: limits of joints' coordinates"
     return coordinate_conflict(coordinate)

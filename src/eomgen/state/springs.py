@@ -10,8 +10,7 @@ import numpy as np
 from ..arrays import Array
 from ..errors import check_kind
 from ..robot import sizes
-from ..robot.coordinates import owners_of
-from ..robot.laws import contact_stiffness_of, has_springs, rate_slope_of, state_sizes, stiffness_of
+from ..robot.laws import contact_stiffness_of, has_springs, rate_slope_of, states_of, stiffness_of
 from ..robot.parameter_names import CUTS, JOINTS, LINES
 from ..runtime.kernel import Kernel
 from ..runtime.raw import Setup
@@ -229,5 +228,8 @@ def coordinate_sizes(kernel: Kernel, q: Array) -> tuple[Array, Array]:
 
 def memory_sizes(kernel: Kernel) -> list[float]:
     """Return sizes of the states of laws that tolerances refer to, (memory,)."""
-    laws = element_numbers(kernel, JOINTS) if kernel.memory else {}
-    return [x for owner in owners_of(kernel.memory) for x in state_sizes(laws[owner])]
+    sizes: dict[str, float] = {}
+    for family in (JOINTS, CUTS) if kernel.memory else ():
+        for owner, numbers in element_numbers(kernel, family).items():
+            sizes |= {f"{owner}.{law}.{x.name}": x.size(numbers) for law, x in states_of(numbers)}
+    return [sizes[name] for name in kernel.memory]

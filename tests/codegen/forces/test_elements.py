@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from eomgen.codegen.forces.coordinates import CoordinateLaws
-from eomgen.codegen.forces.element import ForceElement, ImplicitShare, Slopes, StateSlopes, add_to
+from eomgen.codegen.forces.element import ForceElement, ImplicitShare, Slopes, StateSite, StateSlopes, add_to
 from eomgen.codegen.forces.elements import ELEMENTS
 from eomgen.codegen.forces.joint_damping import JointDampers
 from eomgen.codegen.forces.laws import Effect
@@ -233,12 +233,14 @@ class Dense(ImplicitShare):
     def bend(self, i: int, law: Effect) -> None:
         self.rank_one({i: 1.0}, law.ahead(self.dt, self.square, self.d.functions))
 
-    def in_memory(self, i: int, states: Sequence[int], law: StateSlopes) -> None:
+    def in_memory(self, site: StateSite, law: StateSlopes) -> None:
+        row, states = site.row, site.states
         acts = self.d.functions.step(share(law, self.dt, self.square))
-        add_to(self.matrix, (i, i), acts * (self.dt * law.f_v + self.square * law.f_s))
+        self.rank_one(row, acts * (self.dt * law.f_v + self.square * law.f_s))
         for k, w, f_z, g_v, g_s in zip(states, law.inertias, law.f_z, law.g_v, law.g_s, strict=True):
-            add_to(self.matrix, (i, k), acts * (self.dt * f_z))
-            add_to(self.matrix, (k, i), -1.0 * (w * (self.dt * g_v + self.square * g_s)))
+            for i, arm in row.items():
+                add_to(self.matrix, (i, k), acts * (self.dt * f_z * arm))
+                add_to(self.matrix, (k, i), -1.0 * (w * (self.dt * g_v + self.square * g_s)) * arm)
         for (row, column), slope in law.g_z.items():
             add_to(self.matrix, (states[row], states[column]), -1.0 * (self.dt * (law.inertias[row] * slope)))
 

@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from eomgen.codegen.forces.element import StateSlopes
-from eomgen.codegen.forces.memory import coordinate_memory
+from eomgen.codegen.forces.memory import formulas
 from eomgen.codegen.forces.memory.formula import Remembered, StateEffect
 from eomgen.codegen.kernels.accelerations import implicit_step
 from eomgen.codegen.kernels.derivation import Derivation, Outputs
@@ -61,7 +61,7 @@ def model(monkeypatch: pytest.MonkeyPatch) -> Model:
     both = (ones, State(name="b", unit=("1", "1"), size=lambda n: 2.0))
     changed = tuple(replace(law, states=lambda n: both) if law.name == "friction" else law for law in laws._LAWS)
     monkeypatch.setattr(laws, "_LAWS", changed)
-    monkeypatch.setitem(coordinate_memory.STATE_FORMULAS, "friction", spiral)  # type: ignore[arg-type]
+    monkeypatch.setitem(formulas.STATE_FORMULAS, "friction", spiral)  # type: ignore[arg-type]
     return build_model(robot_from_toml(ROBOT))
 
 
@@ -91,7 +91,7 @@ STATE["p"] = list(build_model(robot_from_toml(ROBOT)).parameters.values())
 
 def test_rows_and_energies(model: Model) -> None:
     assert model.memory == ("slide.z.friction.a", "slide.z.friction.b")
-    assert model.remembering == {"friction": {0: (1, 2)}}
+    assert model.remembering == {("joints.slide.z", "friction"): (1, 2)}
     M, B, K = slopes()
     q, v, a = np.array(STATE["q"]), np.array(STATE["v"]), np.array([0.2, 0.5, -0.4])
     weight = np.array([2.0 * 9.81, 0.0, 0.0])
@@ -116,26 +116,34 @@ def test_implicit_step_is_the_dense_one(model: Model, dt: float) -> None:
     assert found == pytest.approx(expected, rel=1e-11)
 
 
-@pytest.mark.parametrize("c", [1e-3, 0.3, 20.0, 0.2 + 0.3j, 2.0 - 5.0j])
-def test_stages_are_the_dense_ones(model: Model, c: complex) -> None:
-    """(M + c B + c^2 K) w = -((c B + c^2 K) r + c K s), also of the complex c of Radau's method."""
-    M, B, K = slopes()
-    is_pair = isinstance(c, complex)
-    rng = np.random.default_rng(0)
-    r, s = (rng.normal(size=(2, 3)) for _ in range(2))
+def dense_stage(matrices: tuple[Array, Array, Array], c: complex, r: Array, s: Array) -> Any:
+    """Solve (M + c B + c^2 K) w = -((c B + c^2 K) r + c K s); of a complex c r and s are pairs, else of row 0 each."""
+    (M, B, K), is_pair = matrices, isinstance(c, complex)
     rates, shifts = (x[0] + 1j * x[1] if is_pair else x[0] for x in (r, s))
-    expected = np.linalg.solve(M + c * B + c * c * K, -((c * B + c * c * K) @ rates + c * K @ shifts))
+    return np.linalg.solve(M + c * B + c * c * K, -((c * B + c * c * K) @ rates + c * K @ shifts))
+
+
+def staged(model: Model, state: Mapping[str, Any], c: complex, r: Array, s: Array) -> Any:
+    """The same by the programs of a stage."""
+    is_pair, n = isinstance(c, complex), model.size
     first, second = (derive_pair_stage if is_pair else derive_stage)(Derivation(model)).values()
     names = (
         ("pair_times", "pair_rates", "pair_shifts", "pair_kept") if is_pair else ("times", "rates", "shifts", "kept")
     )
     times = [c.real, (c * c).real, c.imag, (c * c).imag] if is_pair else [c, c * c]
-    inputs: dict[str, Any] = STATE | {"kp": [0.0] * 3, "kd": [0.0] * 3, "spans": [abs(c), abs(c) ** 2]}
+    inputs = {**state, "kp": [0.0] * n, "kd": [0.0] * n, "spans": [abs(c), abs(c) ** 2]}
     inputs |= {names[0]: times, names[1]: [*r.ravel()] if is_pair else [*r[0]]}
     inputs[names[2]] = [*s.ravel()] if is_pair else [*s[0]]
     found = run(second, inputs | {names[3]: run(first, inputs).tolist()})
-    found = found[:3] + 1j * found[3:] if is_pair else found
-    assert found == pytest.approx(expected, rel=1e-11)
+    return found[:n] + 1j * found[n:] if is_pair else found
+
+
+@pytest.mark.parametrize("c", [1e-3, 0.3, 20.0, 0.2 + 0.3j, 2.0 - 5.0j])
+def test_stages_are_the_dense_ones(model: Model, c: complex) -> None:
+    """Also of the complex c of Radau's method."""
+    rng = np.random.default_rng(0)
+    r, s = rng.normal(size=(2, 3)), rng.normal(size=(2, 3))
+    assert staged(model, STATE, c, r, s) == pytest.approx(dense_stage(slopes(), c, r, s), rel=1e-11)
 
 
 @pytest.mark.parametrize("k", [1, 2, 4])
@@ -152,9 +160,67 @@ def test_elimination_is_a_dense_solve(k: int, seed: int) -> None:
     whole[0] = [1.3 + c * f_v + c * c * f_s, *(c * f_z)]
     whole[1:, 0], whole[1:, 1:] = -inertias * c * (g_v + c * g_s), inertias[:, None] * (np.eye(k) - c * g_z)
     expected = np.linalg.solve(whole, [r, *right])
-    rows = state_rows(0, range(1, k + 1), law, c, 1.0)
+    rows = state_rows({0: 1.0}, range(1, k + 1), law, c, 1.0)
     given = [0.0, *right.tolist()]
     pivot, left = 1.3 + share(law, c, c * c), r - sum(row.coupling * row.free(given) for row in rows.values())
     first = left / pivot
     assert first == pytest.approx(expected[0], rel=1e-9)
-    assert [row.free(given) + row.gain * first for row in rows.values()] == pytest.approx(expected[1:], rel=1e-9)
+    assert [row.free(given) + row.gained([first]) for row in rows.values()] == pytest.approx(expected[1:], rel=1e-9)
+
+
+RAILS = """
+name = "rails"
+gravity = [0.0, 0.0, 0.0]
+[[links]]
+name = "sled"
+mass = 2.0
+inertia = { xx = 0.1, yy = 0.1, zz = 0.1 }
+[[links]]
+name = "tray"
+mass = 1.0
+inertia = { xx = 0.1, yy = 0.1, zz = 0.1 }
+[[joints]]
+name = "first"
+type = "prismatic"
+parent = "base"
+child = "sled"
+z = { stiffness = 4.0, maxwell = [{ stiffness = 3.0, damping = 0.7 }, { stiffness = 2.0, damping = 5.0 }] }
+[joints.motor]
+inertia = 0.02
+ratio = 5.0
+stiffness = 9.0
+damping = 0.3
+maxwell = [{ stiffness = 6.0, damping = 0.5 }]
+[[joints]]
+name = "second"
+type = "prismatic"
+parent = "sled"
+child = "tray"
+placement = { rpy = [0.4, 0.3, 0.0] }
+[[couplings]]
+name = "belt"
+of = "second.z"
+to = { "first.z" = -1.5 }
+stiffness = 2.0
+maxwell = [{ stiffness = 5.0, damping = 0.4 }, { stiffness = 1.0, damping = 3.0 }]
+"""
+
+
+@pytest.mark.parametrize("c", [0.01, 3.0, 2.0 - 5.0j])
+def test_transmissions_and_couplings_remember(c: complex) -> None:
+    """Of linear laws along rows that do not change, steps and stages are those of M, B and K."""
+    rails = build_model(robot_from_toml(RAILS))
+    names = ("first.z.maxwell.0.z", "first.z.maxwell.1.z", "first.motor.maxwell.0.z", "belt.maxwell.0.z")
+    assert rails.memory == (*names, "belt.maxwell.1.z")
+    n, rng, is_pair = rails.size, np.random.default_rng(1), isinstance(c, complex)
+    q, v = np.r_[rng.normal(size=3), np.zeros(5)], rng.normal(size=n)
+    state: dict[str, Any] = {"q": q.tolist(), "v": v.tolist(), "u": [0.0] * n, "p": [*rails.parameters.values()]}
+    state |= {"a": [0.0] * n, "added": [0.0] * n, "kp": [0.0] * n, "kd": [0.0] * n}
+    K, B, M = run(written(rails, "residual_jacobian"), state).reshape(3, n, n)
+    if not is_pair:
+        h = run(written(rails, "inverse_dynamics"), state | {"q": (q + c * v * (np.arange(n) < 3)).tolist()})
+        expected = np.linalg.solve(M + c * B + c * c * K, -h)
+        found = run(written(rails, "implicit_step"), state | {"dt": [c, c * c]})
+        assert found == pytest.approx(expected, rel=1e-10, abs=1e-12)
+    r, s = rng.normal(size=(2, n)), rng.normal(size=(2, n))
+    assert staged(rails, state, c, r, s) == pytest.approx(dense_stage((M, B, K), c, r, s), rel=1e-10, abs=1e-12)

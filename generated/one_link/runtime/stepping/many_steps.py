@@ -30,7 +30,16 @@ def _bristles(numbers: Mapping[str, float]) -> float:
     return level / numbers["friction.bristle_stiffness"]
 
 
-BOUNDS: Mapping[str, Callable[[Mapping[str, float]], float]] = {"friction.z": _bristles}  # by a state's name
+def _hysteresis(numbers: Mapping[str, float]) -> float:
+    """Return the deflection at which Bouc-Wen hysteresis yields, m or rad; infinite where it never does."""
+    A, beta, gamma, n = (numbers[f"hysteresis.{key}"] for key in ("A", "beta", "gamma", "n"))
+    return float((A / (beta + gamma)) ** (1.0 / n)) if beta + gamma > 0.0 else np.inf
+
+
+BOUNDS: Mapping[str, Callable[[Mapping[str, float]], float]] = {  # by a state's name
+    "friction.z": _bristles,
+    "hysteresis.z": _hysteresis,
+}
 
 
 @dataclass(frozen=True)
@@ -53,11 +62,13 @@ class StateBounds:
             begin: what a motion begins with, (..., n), whose last numbers are the states.
         """
         meta, values = calls.raw.libraries.meta, calls.parameters.state.values
-        laws, limits = meta["elements"].get("coordinates", {}), []
+        tables = {**meta["elements"].get("coordinates", {}), **meta["elements"].get("cut_laws", {})}
+        limits = []
         for name in names:
-            joint, kind, state = name.split(".", 2)
-            numbers = {key: float(values[place]) for key, place in laws.get(f"{joint}.{kind}", {}).items()}
-            limits.append(BOUNDS[state](numbers) if state in BOUNDS else np.inf)
+            owner, law, state = name.rsplit(".", 2)
+            bound = BOUNDS.get(f"{law}.{state}")
+            numbers = {key: float(values[place]) for key, place in tables.get(owner, {}).items()}
+            limits.append(bound(numbers) if bound is not None and numbers else np.inf)
         return cls(names, np.maximum(MARGIN * np.array(limits), np.abs(begin[..., -len(names) :])))
 
     def within(self, v: Array) -> Array:

@@ -18,8 +18,6 @@ from dataclasses import dataclass
 from eomgen.names import joint_of, parameter_name, parameter_path
 from eomgen.robot.coordinates import FORCES, force_unit_of, unit_of
 from eomgen.robot.elements import KINDS
-from eomgen.robot.law_states import State
-from eomgen.robot.mechanism import coordinate_of
 from eomgen.robot.model import FIXED_BODY, Model
 from eomgen.robot.parameter_names import FAMILIES, least_of, number_of
 from eomgen.robot.rules import ROTORS
@@ -182,21 +180,14 @@ def _states(model: Model, kind: str, text: str, per: str, first: int, start: Seq
 
 def _states_of_laws(model: Model, first: int) -> Iterator[Variable]:
     """Give the states of laws, from the value reference ``first`` on."""
-    for i, (name, (owner, law, state)) in enumerate(zip(model.memory, model.states, strict=True)):
-        size, text = state.size(coordinate_of(model.robot, owner).law()), f"State of the {law} of {owner}"
-        yield Variable(
-            f"z.{name}", "output", _unit_of_state(owner, state), text, 0.0, nominal=size, depends=(first + i,)
-        )
+    for i, x in enumerate(model.states):
+        size, text = x.state.size(x.numbers), f"State of the {x.law} of {x.owner}"
+        yield Variable(f"z.{x.name}", "output", unit_name(x.unit), text, 0.0, nominal=size, depends=(first + i,))
 
 
 def _rates_of_laws(model: Model, at: Mapping[str, int]) -> Iterator[Variable]:
-    for i, (name, (owner, _, state)) in enumerate(zip(model.memory, model.states, strict=True)):
-        unit = _per_second(_unit_of_state(owner, state))
-        yield Variable(f"der(z.{name})", "local", unit, "Rate", derivative=at["z"] + i)
-
-
-def _unit_of_state(owner: str, state: State) -> str:
-    return unit_name(state.unit[0 if unit_of(owner) == "m" else 1])
+    for i, x in enumerate(model.states):
+        yield Variable(f"der(z.{x.name})", "local", _per_second(unit_name(x.unit)), "Rate", derivative=at["z"] + i)
 
 
 def _per_second(unit: str) -> str:

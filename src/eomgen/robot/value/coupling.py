@@ -40,7 +40,7 @@ class Coupling(Picklable):
 
     def rigid(self, moving: Container[str]) -> Coupling | None:
         """Return the coupling without its spring where only some coordinates move; None if none is left."""
-        law = None if self.law is not None and self.law.has_stiffness else self.law
+        law = None if self.law is None or self.law.has_stiffness else self.law.without_states()
         to = {name: ratio for name, ratio in self.to.items() if name in moving}
         if self.of in moving:
             return replace(self, to=to, law=law)

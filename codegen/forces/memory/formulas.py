@@ -1,0 +1,45 @@
+"""The table of formulas of laws with states."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+from eomgen.robot.laws import states_of
+from eomgen.robot.model import Model
+
+from ...tree.bound import Bound
+from ...tree.spatial import Scalar
+from ..scalar_functions import Functions
+from .bouc_wen import hysteresis
+from .branches import maxwell
+from .bristles import lugre
+from .formula import Remembered, StateEffect
+
+STATE_FORMULAS: Mapping[str, Callable[[Remembered], StateEffect]] = {  # by the names of the laws
+    "friction": lugre,
+    "hysteresis": hysteresis,
+    "maxwell": maxwell,
+}
+
+
+@dataclass(frozen=True)
+class StateLaw:
+    """A law with states: its name, its numbers with those of laws beside it, the indices of its states, (k,)."""
+
+    name: str
+    numbers: Mapping[str, Scalar]
+    states: tuple[int, ...]
+    bound: Bound
+
+    def effect(self, s: Scalar, rate: Scalar, v: Sequence[Scalar], f: Functions) -> StateEffect:
+        """Return what it does at the deviation s and its rate; states are among the velocities v, (n,)."""
+        inertias = [self.bound.armature[k] for k in self.states]
+        x = Remembered(self.numbers, s, rate, [v[k] for k in self.states], inertias, f)
+        return STATE_FORMULAS[self.name](x)
+
+
+def state_laws(model: Model, bound: Bound, prefix: str, numbers: Mapping[str, Scalar]) -> list[StateLaw]:
+    """Return the laws with states among those whose parameters have a prefix."""
+    names = dict.fromkeys(name for name, _ in states_of(numbers)) if numbers else {}
+    return [StateLaw(name, numbers, model.remembering[prefix, name], bound) for name in names]
