@@ -11,7 +11,7 @@
 #   make mutation mutation testing of the derivation, ten minutes of one core; writes docs/mutation.md
 #   make sample   regenerate the committed sample in generated/one_link
 #   make tables   regenerate the tables in docs/architecture.md, docs/comparison.md, docs/start.md and others
-#   make picture  simulate and draw the picture of README.md, docs/picture.svg
+#   make picture  simulate and draw the pictures of README.md and of the harmonic drive
 #   make packages write the list of packages in pyproject.toml, after a folder of code was added, renamed or removed
 #   make schemas  regenerate the JSON Schemas in src/eomgen/schemas
 #   make misra    what MISRA C finds in generated code and in the C library; writes the tables of two pages in docs
@@ -82,6 +82,7 @@ tables: sample
 
 picture: $(VENV)/.sim
 	$(BIN)/python docs/picture.py
+	$(BIN)/python docs/hysteresis.py
 
 packages:
 	$(PYTHON) -m release.packages

@@ -49,7 +49,17 @@ VOID = {
 }  # elements without an end
 GALLERY = "one_link puma560_elastic four_bar"  # pictures that pages show, and a closed mechanism
 HOWTO = (
-    *("accuracy", "closed_loop", "compensate", "elastic_urdf", "excite", "identify", "platform", "sweep"),
+    *(
+        "accuracy",
+        "closed_loop",
+        "compensate",
+        "elastic_urdf",
+        "excite",
+        "harmonic_drive",
+        "identify",
+        "platform",
+        "sweep",
+    ),
     *("tolerance", "tool_path"),
 )
 SLOW = (

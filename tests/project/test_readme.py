@@ -139,3 +139,14 @@ def test_the_picture_is_what_its_command_draws(tmp_path: Path) -> None:
     texts = re.findall(r"<text[^>]*>([^<]*)</text>", kept)
     assert texts == re.findall(r"<text[^>]*>([^<]*)</text>", drawn), "run: make picture"
     assert any("TCP error" in text for text in texts)
+
+
+def test_the_loop_of_the_harmonic_drive_is_what_its_command_draws(tmp_path: Path) -> None:
+    """As the picture of this page: its texts, numbers on axes among them."""
+    hysteresis = script("hysteresis")
+    assert f"]({hysteresis.TARGET.name})" in hysteresis.PAGE.read_text("utf-8")
+    hysteresis.draw(tmp_path / "loop.svg")
+    drawn, kept = (path.read_text("utf-8") for path in (tmp_path / "loop.svg", hysteresis.TARGET))
+    texts = re.findall(r"<text[^>]*>([^<]*)</text>", kept)
+    assert texts == re.findall(r"<text[^>]*>([^<]*)</text>", drawn), "run: make picture"
+    assert "torsion, mrad" in texts
