@@ -253,6 +253,8 @@ def _tables(model: Model) -> dict[str, Any]:
         "coordinate_parents": coordinate_parents(model),
         "prescribed": model.prescribed,
         "is_prescribed": [int(i in model.prescribed) for i in range(model.size)],
+        "beside": [model.beside.get(i, i) for i in range(model.size)] if model.beside else [],
+        "states": len(model.memory),
         "christoffel_words": lambda: christoffel_words(model),  # asked for by one template alone
     }
 

@@ -140,7 +140,7 @@ def closed_form(
     bias = tuple(sum(C[s][i][j] * v[i] * v[j] for i, j in pairs) for s in range(len(q)))
     joints = geometry(model, bound, q, _sincos)
     loops = list(closures(model, bound, joints, _sincos, no_note))
-    setting = Setting(model, bound, joints, q, _sincos, SYMBOLS, no_note, lambda: loops)
+    setting = Setting(model, bound, joints, q, _sincos, SYMBOLS, no_note, lambda: loops, {})
     elements = [family(setting) for family in ELEMENTS]
     Q = _elastic_and_weight(bound, bodies, inertias, elements, v)
     for s, force in _external_force(model, bound, bodies, wrench):
@@ -161,6 +161,9 @@ def refuse_springs(model: Model) -> None:
         names = ", ".join(element.name for element in model.robot.link_elements if element.TABLE == kind.TABLE)
         if names:
             raise InputError(f"{model.name}: the closed form knows no {kind.SHORT} ({names}); leave them out")
+    drives = ", ".join(model.coordinates[i] for i in model.beside)
+    if drives:
+        raise InputError(f"{model.name}: the closed form knows no servo drives ({drives}); leave the tables drive out")
     journals = ", ".join(loop.name for loop in model.robot.loops if loop.radial is not None)
     if journals:
         raise InputError(f"{model.name}: the closed form knows no journals of cut joints ({journals}); leave them out")

@@ -37,6 +37,7 @@ class Setting:
     """A tree where q is, which forces act in.
 
     sincos, functions, note: of the scalars.  closures: gives the loops where q is.
+    inputs: of drives, by the indices of their coordinates.
     """
 
     model: Model
@@ -47,6 +48,7 @@ class Setting:
     functions: Functions
     note: Note
     closures: Callable[[], Sequence[Closure]]
+    inputs: Mapping[int, Scalar]
 
     @property
     def still(self) -> list[Scalar]:
@@ -127,10 +129,12 @@ class ImplicitShare(ABC):
     """Shares of elements in M + c D + c^2 K of an implicit method, and in the forces on its right side.
 
     q, v: where forces are taken, (n,) each; ``ahead`` is how long velocities have led there, 0 in stages.
+    inputs: of drives, by the indices of their coordinates.  gains: of a controller of these inputs, kp and kd likewise.
     """
 
-    def __init__(self, q: Sequence[Scalar], v: Sequence[Scalar], ahead: Scalar) -> None:
-        self.q, self.v, self.ahead = q, v, ahead
+    def __init__(self, q: Sequence[Scalar], v: Sequence[Scalar], ahead: Scalar, inputs: Mapping[int, Scalar]) -> None:
+        self.q, self.v, self.ahead, self.inputs = q, v, ahead, inputs
+        self.gains: dict[int, tuple[Scalar, Scalar]] = {}
         self._made: dict[ForceElement, Any] = {}
 
     def made(self, element: ForceElement, make: Callable[[Sequence[Scalar]], list[Member]]) -> list[Member]:
@@ -192,6 +196,7 @@ class ForceElement(ABC):
     """
 
     FAMILY: ClassVar[str]  # of its numbers, one of ``robot.parameter_names.FAMILIES``
+    IS_DRIVE: ClassVar[bool] = False  # whether it drives the robot, so that inverse dynamics asks for what it does
     KERNELS: ClassVar[Kernels] = {}  # which tell of this family alone
 
     def __init__(self, setting: Setting) -> None:
@@ -209,6 +214,18 @@ class ForceElement(ABC):
     @abstractmethod
     def add_slopes(self, slopes: Slopes) -> None:
         """Add derivatives of the resisting forces by q and v."""
+
+    def passive(self, v: Sequence[Scalar]) -> Iterator[tuple[int, Scalar]]:
+        """Give those of the resisting forces that no input of a drive makes."""
+        yield from self.resist(v)
+
+    def driving(self, v: Sequence[Scalar]) -> Iterator[tuple[int, Scalar]]:
+        """Give generalized forces by which drives take energy in; nothing of others."""
+        yield from ()
+
+    def input_slopes(self, v: Sequence[Scalar]) -> Rows:
+        """Return derivatives of the resisting forces by inputs of drives, columns by their coordinates."""
+        return {}
 
     def energies(self) -> Iterator[Scalar]:
         """Give stored energies, J."""

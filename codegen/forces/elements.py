@@ -13,12 +13,14 @@ from .joint_damping import JointDampers
 from .joint_stiffness import JointStiffnesses
 from .journals import BearingContacts
 from .memory.coordinate_memory import MemoryLaws
+from .memory.drives import Drives
 from .springs import PointSprings
 from .transmissions import Transmissions
 
 ELEMENTS: Sequence[type[ForceElement]] = (
     CoordinateLaws,
     MemoryLaws,
+    Drives,
     Transmissions,
     PointSprings,
     BearingContacts,

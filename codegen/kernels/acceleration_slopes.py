@@ -8,9 +8,9 @@ neighbours, and the angular velocity that it is carried with.
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 
-from ..forces.element import Slopes
+from ..forces.element import ForceElement, Slopes
 from ..program.accumulation import jacobian
 from ..program.ir import Node
 from ..solve.factorised import Factors, coordinates_in_front
@@ -31,11 +31,21 @@ MOST_COORDINATES = 80  # of an elimination whose values are accumulated
 def residual_slopes(d: Derivation, a: Sequence[Scalar]) -> Derivatives:
     """Differentiate the residual by q, v and a, at accelerations a."""
     slopes = residual_derivatives(d.model, d.bound, d.joints, d.v, a, d.graph.note)
-    _add_forces(d, slopes.by_q, slopes.by_v)
+    _add_forces(d, slopes.by_q, slopes.by_v, [element for element in d.elements if not element.IS_DRIVE])
     return slopes
 
 
-def _add_forces(d: Derivation, by_q: Rows, by_v: Rows) -> None:
+def drive_slopes(d: Derivation) -> tuple[Rows, Rows, Rows]:
+    """Differentiate what drives take from forces by q, v and their inputs."""
+    by_q, by_v, by_u = dict[tuple[int, int], Scalar](), dict[tuple[int, int], Scalar](), dict[tuple[int, int], Scalar]()
+    drives = [element for element in d.elements if element.IS_DRIVE]
+    _add_forces(d, by_q, by_v, drives)
+    for element in drives:
+        by_u |= element.input_slopes(d.v)
+    return by_q, by_v, by_u
+
+
+def _add_forces(d: Derivation, by_q: Rows, by_v: Rows, elements: Iterable[ForceElement]) -> None:
     """Add derivatives of what resists the drives, but those of linear springs and dampers of single coordinates.
 
     Those by a coordinate that others follow are by their motions, too.
@@ -45,7 +55,7 @@ def _add_forces(d: Derivation, by_q: Rows, by_v: Rows) -> None:
         return [i for i in d.followers.leaders(indices) if i in d.active]
 
     slopes = Slopes(d.graph, by_q, by_v, d.q, d.v, moving)
-    for element in d.elements:
+    for element in elements:
         element.add_slopes(slopes)
 
 
@@ -55,11 +65,12 @@ def _by_values(d: Derivation) -> Outputs:
     tree, pivots = eliminated(d, d.bound.armature, drives, d.v)
     by_q: Rows = {(i, i): law.stiffness for i, law in enumerate(d.bound.laws)}
     by_v: Rows = {(i, i): law.damping for i, law in enumerate(d.bound.laws)}
-    _add_forces(d, by_q, by_v)
+    _add_forces(d, by_q, by_v, d.elements)
+    by_inputs = _by_inputs(d)
     partials: dict[Hashable, dict[Hashable, Scalar]] = {}
     for i, drive in enumerate(drives):
         if i not in d.model.prescribed and isinstance(drive, Node) and _key(drive) != _key(d.u[i]):
-            partials[drive.index] = _turned_round(d, i, by_q, by_v) | {_key(d.u[i]): 1.0}
+            partials[drive.index] = _turned_round(d, i, by_q, by_v) | {_key(d.u[i]): 1.0} | by_inputs[i]
     return _written(d, [_key(a) for a in tree.free], partials, pivots)
 
 
@@ -69,20 +80,21 @@ def _by_factors(d: Derivation) -> Outputs:
     Rows of prescribed coordinates: their accelerations are u; in the other rows they stand on the right.
     """
     n, known = d.model.size, frozenset(d.model.prescribed)
-    bias = d.dynamics(d.v, d.still)
+    bias = d.dynamics_with_drives(d.v, d.still)
     whole = d.matrix()
     matrix = {pair: entry for pair, entry in whole.items() if known.isdisjoint(pair)} | {(i, i): 1.0 for i in known}
     held = {i: {j: whole.get((min(i, j), max(i, j)), 0.0) for j in known} for i in range(n) if i not in known}
     right = [d.u[i] if i in known else _right(d.u, bias[i], i, held[i]) for i in range(n)]
     factors = Factors(d.model, matrix)
     a = factors.solve(right)
-    slopes = residual_slopes(d, a)
+    slopes, by_inputs = residual_slopes(d, a), _by_inputs(d)
+    _add_forces(d, slopes.by_q, slopes.by_v, [element for element in d.elements if element.IS_DRIVE])
     partials: dict[Hashable, dict[Hashable, Scalar]] = {}
     for i in range(n):
         row = {i: 1.0} if i in known else {i: 1.0} | {j: -1.0 * entry for j, entry in held[i].items()}
-        partials["row", i] = {_key(d.u[j]): entry for j, entry in row.items() if j in d.active}
+        partials["row", i] = {_key(d.u[j]): entry for j, entry in row.items() if isinstance(d.u[j], Node)}
         if i not in known:
-            partials["row", i] |= _turned_round(d, i, slopes.by_q, slopes.by_v)
+            partials["row", i] |= _turned_round(d, i, slopes.by_q, slopes.by_v) | by_inputs[i]
     front = coordinates_in_front(d.model)
     for i in range(n):
         partials["back", i] = {("row", i): 1.0}
@@ -103,6 +115,15 @@ def _right(u: Sequence[Scalar], bias: Scalar, i: int, held: Mapping[int, Scalar]
     return value
 
 
+def _by_inputs(d: Derivation) -> list[dict[Hashable, Scalar]]:
+    """Return derivatives of the right sides by inputs of drives."""
+    rows: list[dict[Hashable, Scalar]] = [{} for _ in range(d.model.size)]
+    for element in d.elements:
+        for (i, place), slope in element.input_slopes(d.v).items():
+            rows[i][_key(d.columns_of_u[place])] = -1.0 * slope
+    return rows
+
+
 def _turned_round(d: Derivation, i: int, by_q: Rows, by_v: Rows) -> dict[Hashable, Scalar]:
     """Return row i of the derivatives by q and v, on the other side of the equation."""
     row: dict[Hashable, Scalar] = {}
@@ -117,13 +138,14 @@ def _written(
     partials: Mapping[Hashable, Mapping[Hashable, Scalar]],
     pivots: Pivots,
 ) -> Outputs:
-    """Write three matrices, column by column; that by u is symmetric, but for prescribed accelerations."""
+    """Write three matrices, column by column; that by u is symmetric, but for prescribed ones and inputs of drives."""
     active, size = d.active, len(d.active)
-    inputs = [_key(x[i]) for x in (d.q, d.v, d.u) for i in active]
+    inputs = [_key(x[i]) for x in (d.q, d.v, d.columns_of_u) for i in active]
     rows = jacobian(d.graph, [accelerations[i] for i in active], inputs, partials)
+    apart = {*d.model.prescribed, *d.drive_inputs, *d.model.states_of_drives}
     for place, i in enumerate(active):
         for other in range(place):
-            if not {i, active[other]} & set(d.model.prescribed):
+            if {i, active[other]}.isdisjoint(apart):
                 rows[other][2 * size + place] = rows[place][2 * size + other]
     outputs = pivot_outputs(d, pivots)
     for column in range(size):

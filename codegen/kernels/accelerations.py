@@ -38,7 +38,7 @@ def _moving_by_elimination(d: Derivation, *, coupled: bool = False) -> tuple[Eli
 
 def _moving_by_factors(d: Derivation) -> tuple[FactorisedTree, Pivots]:
     """Solve M = L^T D L for u minus everything but M a."""
-    return _by_factors(d, [drive - row for row, drive in zip(d.dynamics(d.v, d.still), d.u, strict=True)])
+    return _by_factors(d, [drive - row for row, drive in zip(d.dynamics_with_drives(d.v, d.still), d.u, strict=True)])
 
 
 def _resting_by_elimination(d: Derivation) -> tuple[EliminatedTree | ReducedTree, Pivots]:
@@ -65,8 +65,12 @@ class _Step(ImplicitShare):
 
     def __init__(self, d: Derivation) -> None:
         self.dt, self.square = d.graph.input("dt", 0), d.graph.input("dt", 1)
-        super().__init__([q + self.dt * v for q, v in zip(d.q, d.v, strict=True)], d.v, self.dt)
+        super().__init__([q + self.dt * v for q, v in zip(d.q, d.v, strict=True)], d.v, self.dt, d.drive_inputs)
         self.functions, self.round_off = d.functions, ROUND_OFFS[d.dtype]
+        places = {index: place for place, index in enumerate(d.active)}
+        if d.drive_inputs:
+            inverse = 1.0 / self.dt
+            self.gains = {i: (0.0, inverse * d.graph.input("added", places[i])) for i in d.drive_inputs}
         self.forces: list[Scalar] = [0.0] * d.model.size
         self.armature = list(d.bound.armature)
         self.beside: Rows = {}
@@ -147,7 +151,7 @@ def implicit_step(d: Derivation) -> Outputs:
         element.add_blocks(step)
     driven = frozenset(d.model.driven)
     for place, i in enumerate(d.active):
-        if i in driven:
+        if i in driven and i not in d.drive_inputs:  # others act on inputs
             step.armature[i] = step.armature[i] + d.graph.input("added", place)
     step.rows += _closing_rows(d, step.dt)
     for element in d.elements:

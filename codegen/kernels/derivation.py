@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -41,6 +41,9 @@ class Derivation:
 
     Coordinates that follow others are coordinates here, too, and no inputs: ``followers`` moves them after their
     leaders, and maps what is written.
+
+    ``u`` are forces on coordinates, ``drive_inputs`` those of drives by the indices of their coordinates, and
+    ``columns_of_u`` is as kernels read it, with inputs at coordinates and forces beside drives at their first states.
     """
 
     def __init__(self, model: Model, *, regrouped: bool = True, dtype: str = "float64", turned: bool = False) -> None:
@@ -55,6 +58,11 @@ class Derivation:
             return self.graph.input(PARAMETERS, slots[name]) if name in slots else number
 
         self.q, self.v, self.a, self.u = (self.inputs(name) for name in "qvau")
+        self.columns_of_u = list(self.u)
+        self.drive_inputs = {i: self.u[i] for i in self.model.beside}
+        self.u = [self.u[self.model.beside.get(i, i)] for i in range(self.model.size)]
+        for k in self.model.states_of_drives:
+            self.u[k] = 0.0  # what stands there is a force on a coordinate
         bound = bind(self.model, value, self.graph.sincos)
         self.followers = Followers(self.model, self.described, bound)
         self.followers.follow(self.q, positions=True)
@@ -91,7 +99,19 @@ class Derivation:
         return vector([rows.get((i, j), 0.0) for rows in blocks for i in self.active for j in self.active])
 
     def dynamics(self, v: list[Any], a: list[Any]) -> list[Scalar]:
-        """Compute inertial, gravity, spring and damper terms: the drives that the motion needs."""
+        """Compute inertial, gravity, spring and damper terms: the forces on coordinates that the motion needs.
+
+        Whatever drives make is not among them, and rows of their states are 0.
+        """
+        rows, _ = inertial_rows(self.model, self.bound, self.joints, v, a, self.bound.gravity, self.graph.note)
+        forces = self._sum(x for element in self.elements if not element.IS_DRIVE for x in element.resist(v))
+        needed = [row + force for row, force in zip(rows, forces, strict=True)]
+        for k in self.model.states_of_drives:
+            needed[k] = 0.0
+        return needed
+
+    def dynamics_with_drives(self, v: list[Any], a: list[Any]) -> list[Scalar]:
+        """Compute the same less what drives do with their inputs; of states the rows of their rates."""
         rows, _ = inertial_rows(self.model, self.bound, self.joints, v, a, self.bound.gravity, self.graph.note)
         return [row + force for row, force in zip(rows, self.forces(v), strict=True)]
 
@@ -107,15 +127,22 @@ class Derivation:
             self.functions,
             self.graph.note,
             lambda: self.closures,
+            self.drive_inputs,
         )
         return tuple(family(setting) for family in ELEMENTS)
 
     def forces(self, v: list[Any]) -> list[Scalar]:
-        """Sum the forces, (n,), that all elements take from the drives."""
+        """Sum the forces, (n,), that all elements take, those of drives negative."""
+        return self._sum(x for element in self.elements for x in element.resist(v))
+
+    def passive_forces(self, v: list[Any]) -> list[Scalar]:
+        """Sum those of the same forces, (n,), that no input of a drive makes."""
+        return self._sum(x for element in self.elements for x in element.passive(v))
+
+    def _sum(self, forces: Iterable[tuple[int, Scalar]]) -> list[Scalar]:
         rows: list[Scalar] = [0.0] * self.model.size
-        for element in self.elements:
-            for index, force in element.resist(v):
-                rows[index] = rows[index] + force
+        for index, force in forces:
+            rows[index] = rows[index] + force
         return rows
 
     @cached_property

@@ -28,8 +28,9 @@ NEEDS = {
     "constraints": "rigid [[loops]] or [[couplings]]",
     "laws": "forces in cut joints or couplings",
     "followers": "rigid [[couplings]] whose followers are no coordinates",
+    "drives": "coordinates with a table drive",
 }
-SMALL = ("springs", "elements", "laws")  # needs of kernels that come with any
+SMALL = ("springs", "elements", "laws", "drives")  # needs of kernels that come with any
 STRAIGHT_COLUMNS = 12000  # up to so many operations all columns are written out, above it is a loop over them
 
 

@@ -7,19 +7,20 @@ from collections.abc import Sequence
 from typing import Any
 
 from eomgen._version import __version__
-from eomgen.names import component_name, joint_of, parameter_path
+from eomgen.names import component_name, joint_of, kind_of, parameter_path
 from eomgen.robot.cuts import UPRIGHT
-from eomgen.robot.mechanism import effort_of, leading_home
+from eomgen.robot.mechanism import coordinate_of, effort_of, leading_home
+from eomgen.robot.memory.drives import input_of
 from eomgen.robot.model import Model, movable_limits
 from eomgen.robot.parameter_names import element_places, least_of, matrices
-from eomgen.robot.value import MOTOR, Loop
+from eomgen.robot.value import LINEAR, MOTOR, Loop
 
 from ..tree.regressor import described_values, regressor_names
 from .signatures import KERNELS, element_rows, functions, shapes
 
 IF_ANY = (  # entries of the metadata that are there only where there is something to tell
     *("motors", "efforts", "ranges", "home", "frame_links", "turning", "loops", "upright", "constraints", "couplings"),
-    *("memory", "followers", "cut_laws", "regressor", "springs", "element_rows", "matrices"),
+    *("memory", "inputs", "followers", "cut_laws", "regressor", "springs", "element_rows", "matrices"),
 )
 
 
@@ -38,6 +39,11 @@ def describe_kernels(model: Model, kernels: Sequence[str], dtype: str) -> dict[s
         "dtype": dtype,
         "coordinates": model.coordinates,
         "memory": model.memory,
+        "inputs": {
+            model.coordinates[i]: [*input_of(law, linear=kind_of(model.coordinates[i]) in LINEAR), place]
+            for i, place in model.beside.items()
+            for law in [coordinate_of(robot, model.coordinates[i]).law()]
+        },
         "joints": [body.joint for body in model.bodies],
         "links": model.links,
         "frames": model.frames,

@@ -245,6 +245,17 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         needs="elements",
     ),
     kernel(
+        "drive_forces(q, v, u) -> vector",
+        "Forces of drives on coordinates, and voltages on currents less what the motion induces; their power by v is"
+        " what drives take in.",
+        needs="drives",
+    ),
+    kernel(
+        "drive_jacobian(q, v, u) -> derivatives",
+        "Derivatives by q, v and u of what drives with states do, of forces and of the states' rates times inertias.",
+        needs="drives",
+    ),
+    kernel(
         "spring_stiffness(q) -> matrix",
         "Largest stiffness of the point-to-point springs: sum of k (dd/dq)^T dd/dq.",
         symmetric=True,
@@ -356,6 +367,7 @@ def available(model: Model) -> tuple[str, ...]:
         "cuts": bool(model.robot.loops and model.constraints),
         "laws": bool(model.cut_laws),
         "followers": bool(model.followers),
+        "drives": bool(model.beside),
     }
     return tuple(
         name

@@ -67,7 +67,9 @@ class _Stage(ImplicitShare):
     arrays = ARRAYS
 
     def __init__(self, d: Derivation) -> None:
-        super().__init__(d.q, d.v, 0.0)
+        places = {index: place for place, index in enumerate(d.active)}
+        super().__init__(d.q, d.v, 0.0, {i: d.graph.input("kp", places[d.model.beside[i]]) for i in d.drive_inputs})
+        self.gains = {i: (d.graph.input("kp", places[i]), d.graph.input("kd", places[i])) for i in d.drive_inputs}
         self.d = d
         times, rates, shifts, _ = self.arrays
         self.c, self.square = d.graph.input(times, 0), d.graph.input(times, 1)
@@ -242,7 +244,7 @@ def stage(d: Derivation, kind: type[_Stage] = _Stage) -> Outputs:
     for element in d.elements:
         element.add_diagonal(here)
     for place, i in enumerate(d.active):
-        if i in driven:
+        if i in driven and i not in d.drive_inputs:
             here.on_coordinate(i, d.graph.input("kp", place), d.graph.input("kd", place))
     here.settle()
     for element in d.elements:

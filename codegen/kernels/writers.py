@@ -17,7 +17,7 @@ from ..tree.momentum import center_of_mass, total_momentum
 from ..tree.recursion import Wrench, inertial_rows, kinetic_energy
 from ..tree.regressor import INERTIAL, armatures, inertial_columns
 from ..tree.spatial import ZERO, Scalar, cross, is_zero, subtract
-from .acceleration_slopes import SLOPES, residual_slopes
+from .acceleration_slopes import SLOPES, drive_slopes, residual_slopes
 from .accelerations import CONSTRAINED, PROJECTION, SOLVERS, Variant, implicit_step
 from .bodies import axes_of
 from .closed_motion import closing_derivatives, closing_reactions, drives, loop_reactions, loop_wrenches, wrench_outputs
@@ -44,8 +44,23 @@ def _nonlinear_effects(d: Derivation, v: list[Scalar]) -> list[Scalar]:
 
 def _generalized_force(d: Derivation) -> Outputs:
     weights = inertial_rows(d.model, d.bound, d.joints, d.still, d.still, d.bound.gravity)[0]
-    springs = d.forces(d.v)
+    springs = d.passive_forces(d.v)
     return d.vector([-(weight + spring) for weight, spring in zip(weights, springs, strict=True)])
+
+
+def _drive_forces(d: Derivation) -> Outputs:
+    """Write forces on coordinates, and what a winding's voltage has more than its motion induces."""
+    forces = list(d.u)
+    for element in d.elements:
+        for i, force in element.driving(d.v):
+            forces[i] = forces[i] + force
+    return d.vector(forces)
+
+
+def _drive_jacobian(d: Derivation) -> Outputs:
+    """Write derivatives of what drives make by q, v and their inputs."""
+    by_q, by_v, by_u = drive_slopes(d)
+    return d.matrices(*({key: -1.0 * x for key, x in rows.items()} for rows in (by_q, by_v, by_u)))
 
 
 def _external(d: Derivation) -> tuple[list[Scalar], list[Wrench]]:
@@ -187,7 +202,11 @@ WRITERS: Mapping[str, Callable[[Derivation], Outputs]] = {
     "generalized_force": _generalized_force,
     "external_force": lambda d: d.vector(_external(d)[0]),
     "external_reactions": lambda d: wrench_outputs([x.scaled(-1.0) for x in _external(d)[1]]),
-    "residual": lambda d: d.vector([row - drive for row, drive in zip(d.dynamics(d.v, d.a), d.u, strict=True)]),
+    "residual": lambda d: d.vector(
+        [row - drive for row, drive in zip(d.dynamics_with_drives(d.v, d.a), d.u, strict=True)]
+    ),
+    "drive_forces": _drive_forces,
+    "drive_jacobian": _drive_jacobian,
     "inverse_dynamics": lambda d: d.vector(d.dynamics(d.v, d.a)),
     "tree_inverse_dynamics": lambda d: d.vector(d.dynamics(d.v, d.a)),
     "constrained_drives": drives,

@@ -12,7 +12,7 @@ from ..kernels.equations import Equations
 from ..kernels.signatures import functions
 from ..program.ir import Program
 from .arithmetic import SAFETY, Arithmetic, Array, spread, with_copies
-from .composed import COMPOSED, FRAMED, status_of
+from .composed import COMPOSED, FRAMED, Run, status_of
 from .states import sample_inputs, sample_parameters
 from .steps import clipped, one_adapted_step, one_step
 from .stored import MEASURED, STATES, pack_samples
@@ -108,21 +108,45 @@ class _Samples:
         certain = self.certain if certain is None else certain
         self.samples[f"{name} bits"] = certain and all(map(self.arithmetic.has_no_choice, programs))
 
+    def _with_inputs(self, u: Array) -> Run:
+        """Return ``run``, with the inputs of drives among the gains of stages, as integrations put them there."""
+        beside = self.model.beside
+
+        def run(name: str, **changed: Array) -> tuple[Array, Array]:
+            if name == "stage_factors" and beside:
+                changed["kp"] = changed["kp"].copy()
+                changed["kp"][list(beside.values())] = u[list(beside)]
+            return self.run(name, **changed)
+
+        return run
+
     def _store_steps(self, name: str, step: Callable[..., tuple[Array, Array]], programs: list[Program]) -> None:
         u = clipped(self.inputs["u"], with_copies(self._efforts()))
-        q, dt = self.inputs["q"], self._step(u)
-        ways = [step(method, self.run, q, np.zeros_like(q), u, dt) for method in range(_METHODS[name])]
+        q, dt, run = self.inputs["q"], self._step(u), self._with_inputs(u)
+        ways = [step(method, run, q, np.zeros_like(q), u, dt) for method in range(_METHODS[name])]
         n, lanes = q.shape
         answers, iterated = np.stack([way[0].reshape(2 * n, lanes) for way in ways]), name == "radau_rollout"
         self._store(name, answers, None, *programs, certain=False if iterated else None)
         if iterated:
             near = self.samples[f"{name} near"]
             size = float(np.finfo(self.arithmetic.dtype).eps) * np.abs(self.samples[name][: len(near)])
-            self.samples[f"{name} near"] = _ITERATED * np.fmax(near, size)
+            turned = np.moveaxis(self._second_order(u, dt), -1, 0)[:, np.newaxis]
+            self.samples[f"{name} near"] = _ITERATED * np.fmax(near, size) + turned
         for suffix in ("", " near"):
             self.samples[name + suffix] = np.moveaxis(self.samples[name + suffix][:_RESTING], 0, 1)
         self.samples[f"{name} status"] = np.stack([way[1][:_RESTING] for way in ways])
         self.samples["dt"] = dt
+
+    def _second_order(self, u: Array, dt: Any) -> Array:
+        """Return how much of coordinates and velocities after a step comes of accelerations that change in it, (2n, k).
+
+        Of a number whose acceleration vanishes where the step begins, as of a filter's state, that is all there is.
+        """
+        q, still = self.inputs["q"], np.zeros_like(self.inputs["q"])
+        a = self.run("forward_dynamics", v=still, u=u)[0]
+        change = np.abs(self.run("forward_dynamics", q=q, v=dt * a, u=u)[0] - a)[:, :MEASURED]
+        change = np.where(np.isfinite(change), change, 0.0).astype(np.float64)
+        return np.concatenate([2.0 * float(dt) ** 2 * change, 2.0 * float(dt) * change])
 
     def _step(self, u: Array) -> Any:
         """Return the length of steps, s, so short that accelerations at both ends are one within rounding.
@@ -135,7 +159,8 @@ class _Samples:
         within = 2.0 * SAFETY * np.maximum(spread(a), np.finfo(a.dtype).eps * np.abs(a[:, :MEASURED]))
         while dt > _SHORTEST[name]:
             end = self.run("forward_dynamics", q=q, v=q.dtype.type(dt) * a, u=u)[0]
-            ratio = float(np.nanmax((np.abs(end - a)[:, :MEASURED] / within)[:, :_RESTING], initial=0.0))
+            changes = np.where(within > 0.0, np.abs(end - a)[:, :MEASURED], 0.0)[:, :_RESTING]
+            ratio = float(np.nanmax(changes / within[:, :_RESTING], initial=0.0))
             if not ratio > 1.0:
                 break
             dt = max(dt * 2.0 ** -math.ceil(math.log2(min(ratio, _LARGEST))), _SHORTEST[name])

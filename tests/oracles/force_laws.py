@@ -10,7 +10,7 @@ import numpy as np
 from scipy.integrate import quad
 from scipy.interpolate import PchipInterpolator
 
-from eomgen.robot.laws import memory_of
+from eomgen.robot.laws import states_of
 from eomgen.robot.value import LINEAR, Coordinate, Friction, Robot, carriers
 from tests.oracles.pinocchio_models import PinocchioOracle
 from tests.support.random_robots import Array
@@ -107,7 +107,7 @@ def _pressed(rng: np.random.Generator, table: dict[str, Coordinate]) -> dict[str
     """The coordinates, with friction that depends on a load where something presses."""
     found = dict(table)
     for name, given in table.items():
-        if given.friction is not None and not memory_of(given.law()) and carriers(name, table):
+        if given.friction is not None and not states_of(given.law()) and carriers(name, table):
             radius = None if name in LINEAR else float(rng.uniform(0.1, 0.5))
             loaded = replace(given.friction, coefficient=float(rng.uniform(0.1, 1.0)), radius=radius)
             found[name] = replace(given, friction=loaded)
@@ -228,7 +228,7 @@ class LawOracle:
             for j in robot.joints
         ]
         self.bodies = PinocchioOracle(replace(robot, joints=tuple(bare)))
-        self.n, ends = len(self.table), np.cumsum([len(self.table), *(len(memory_of(c.law())) for c in self.table)])
+        self.n, ends = len(self.table), np.cumsum([len(self.table), *(len(states_of(c.law())) for c in self.table)])
         self.states = [slice(begin, end) for begin, end in pairwise(ends.tolist())]
 
     def forces(self, q: Array, v: Array) -> Array:

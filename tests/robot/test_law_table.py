@@ -21,6 +21,7 @@ from eomgen.forms.tables import Few, Sub
 from eomgen.robot.elements import Spring
 from eomgen.robot.law_states import BRANCHES
 from eomgen.robot.laws import BASIC, LAWS, NUMBERS, SHAPED
+from eomgen.robot.memory.drives import DRIVE
 from eomgen.robot.model import build_model
 from eomgen.robot.parameter_names import least_of, number_of
 from eomgen.robot.record import record_of, robot_hash, robot_of
@@ -32,8 +33,8 @@ ROOT = Path(__file__).parents[2]
 
 
 def test_every_law_has_a_formula() -> None:
-    assert FORMULAS.keys() | STATE_FORMULAS.keys() == LAWS.keys()
-    assert {law for law in LAWS if LAWS[law].states} == STATE_FORMULAS.keys()
+    assert FORMULAS.keys() | STATE_FORMULAS.keys() | {DRIVE} == LAWS.keys()  # a drive is an element by itself
+    assert {law for law in LAWS if LAWS[law].states} == STATE_FORMULAS.keys() | {DRIVE}
 
 
 @pytest.mark.parametrize("name", LAWS)
@@ -58,8 +59,15 @@ def test_every_law_has_texts_units_and_keys(name: str) -> None:
                 assert key in json.dumps(inner["shape"].schema())
                 assert f'shape = "{key}"' in page
                 continue
-            assert number.about in json.dumps(inner[key].schema(), ensure_ascii=False)
-            assert key in page, f"docs/description.md does not name {key}"
+            *tables, last = key.split(".")
+            keys = inner
+            for outer in tables:
+                deeper = keys[outer]
+                assert isinstance(deeper, Sub)
+                keys = deeper.inner.keys  # type: ignore[union-attr]
+            assert number.about in json.dumps(keys[last].schema(), ensure_ascii=False)
+            for part in (*tables, last):
+                assert part in page, f"docs/description.md does not name {part}"
     for number in law.numbers:
         assert len(number.unit) == 2
         assert all(unit_name(unit) in UNITS for unit in number.unit)

@@ -16,6 +16,7 @@ from eomgen.codegen.forces.joint_damping import JointDampers
 from eomgen.codegen.forces.joint_stiffness import JointStiffnesses
 from eomgen.codegen.forces.journals import BearingContacts
 from eomgen.codegen.forces.memory.coordinate_memory import MemoryLaws
+from eomgen.codegen.forces.memory.drives import Drives
 from eomgen.codegen.forces.springs import PointSprings
 from eomgen.codegen.forces.transmissions import Transmissions
 from eomgen.description.load import robot_from_toml
@@ -243,9 +244,46 @@ maxwell = [{ stiffness = 3.0, damping = 0.4 }]
 friction = { model = "lugre", coulomb = 1.0, bristle_stiffness = 0.8, viscous = 0.1 }
 """
 
+DRIVES = """
+[[links]]
+name = "tool"
+mass = 0.5
+com = [0.04, 0.02, 0.0]
+inertia = { xx = 6e-3, yy = 5e-3, zz = 7e-3 }
+[[links]]
+name = "slide"
+mass = 0.3
+com = [0.0, 0.02, 0.0]
+inertia = { xx = 2e-3, yy = 3e-3, zz = 4e-3 }
+[[joints]]
+name = "swivel"
+parent = "rocker"
+child = "tool"
+type = "revolute"
+placement = { xyz = [0.2, 0.1, 0.0], rpy = [0.1, 0.3, 0.0] }
+[joints.gamma.drive]
+winding = { resistance = 2.0, inductance = 0.3, torque_constant = 0.8 }
+current_limit = 0.3
+voltage_limit = 0.8
+[joints.gamma.drive.controller]
+position = { kp = 2.0, ki = 1.0, kd = 0.5, filter = 0.4, limit = 0.5 }
+velocity = { kp = 0.7, ki = 1.5, kd = 0.2, filter = 0.3 }
+current = { kp = 1.5, ki = 2.0, kd = 0.1, filter = 0.5 }
+[[joints]]
+name = "rail"
+parent = "tool"
+child = "slide"
+type = "prismatic"
+placement = { xyz = [0.1, 0.0, 0.0], rpy = [0.4, 0.0, 0.2] }
+[joints.z.drive]
+lag = 0.2
+controller = { kp = 3.0, ki = 2.0, kd = 1.0, limit = 0.7 }
+"""
+
 ROBOTS: Mapping[type[ForceElement], Mapping[str, str]] = {
     CoordinateLaws: {"knee": LAWS},
     MemoryLaws: {"beside": REMEMBERING},
+    Drives: {"beside": DRIVES},
     Transmissions: {"hip": MOTOR},
     PointSprings: {"beside": SPRINGS},
     BearingContacts: {"hip": FREE + "radial = " + BEARING},

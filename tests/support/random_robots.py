@@ -14,7 +14,7 @@ import pytest
 from numpy.typing import NDArray
 
 from eomgen.robot.geometry import IDENTITY, Matrix
-from eomgen.robot.laws import state_sizes
+from eomgen.robot.laws import states_of
 from eomgen.robot.model import build_model
 from eomgen.robot.value import ANGULAR, COORDINATES, PRINCIPAL, Coordinate, Frame, Joint, Link, Loop, Placement, Robot
 from tests.support.soak import SHARE, share
@@ -135,7 +135,7 @@ def random_state(robot: Robot, seed: int | np.random.Generator) -> State:
 def with_states_of_laws(robot: Robot, s: State, rng: np.random.Generator) -> State:
     """The state with random ones of laws behind it, of their sizes; the arrays as they are without any."""
     laws = [c.law() for joint in robot.joints for c in joint.all_coordinates.values()]
-    sizes = np.array([size for law in laws for size in state_sizes(law)])
+    sizes = np.array([size for law in laws for size in (x.size(law) for _, x in states_of(law))])
     if not sizes.size:
         return s
     behind = [np.zeros(sizes.size), *rng.uniform(-0.8, 0.8, (3, sizes.size)) * [sizes, sizes, np.ones(sizes.size)]]

@@ -40,6 +40,7 @@ class StateLaw:
 
 
 def state_laws(model: Model, bound: Bound, prefix: str, numbers: Mapping[str, Scalar]) -> list[StateLaw]:
-    """Return the laws with states among those whose parameters have a prefix."""
-    names = dict.fromkeys(name for name, _ in states_of(numbers)) if numbers else {}
+    """Return the laws with states among those whose parameters have a prefix; drives are ``drives.Drives``."""
+    known = dict.fromkeys(name for name, _ in states_of(numbers)) if numbers else {}
+    names = [name for name in known if name in STATE_FORMULAS]
     return [StateLaw(name, numbers, model.remembering[prefix, name], bound) for name in names]

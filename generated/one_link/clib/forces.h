@@ -276,21 +276,27 @@ EOM_LOCAL void F(control_gains)(const F(problem) *restrict problem, REAL *restri
     }
 }
 
-/* Gains of drives and of tracking control, by coordinate and lane, none where drives saturate.  work: as of forces, and 4 n. */
+/* Gains of drives and of tracking control, by coordinate and lane, none where drives saturate; in kp inputs of drives with
+ * states, where forces beside them stand.  work: as of forces, and 4 n. */
 EOM_LOCAL void F(gains)(const F(problem) *restrict problem, const REAL *restrict x, REAL *restrict kp, REAL *restrict kd, F(workspace) work)
 {
-    const int n = N_OF(problem->motion.robot->sizes);
+    const EOM(sizes) *const sizes = problem->motion.robot->sizes;
+    const int n = N_OF(sizes);
+    const int some = F(saturates)(problem); /* what saturates does not answer to the state */
     F(control_gains)(problem, kp, kd);
-    if (F(saturates)(problem) != 0) { /* what saturates does not answer to the state */
+    if ((some != 0) || (sizes->beside != NULL)) {
         REAL *restrict const x_here = work.state;
         REAL *restrict const slope = &x_here[PADDED_TO_BLOCKS(2 * n)];
         REAL *restrict const force = &slope[PADDED_TO_BLOCKS(n)];
         work.state = &force[PADDED_TO_BLOCKS(n)];
         F(copy)(2 * n, x, x_here);
         F(forces)(problem, 0.0, INSIDE_STAGE, x_here, &x_here[n], force, slope, work);
-        for (int i = 0; i < n; ++i) {
+        for (int i = 0; (some != 0) && (i < n); ++i) {
             kp[i] *= slope[i];
             kd[i] *= slope[i];
+        }
+        for (int i = 0; i < n; ++i) {
+            if (eom_force_place(sizes, i) != i) { kp[eom_force_place(sizes, i)] = force[i]; }
         }
     }
 }

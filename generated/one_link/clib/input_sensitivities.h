@@ -166,7 +166,7 @@ EOM_LOCAL void EOM(wrenches_adjoint)(const EOM(interval) *restrict interval, eom
     (void)memset(by_poses, 0, (size_t)KNOWN(interval->derivatives)->poses * sizeof *by_poses);
     for (int i = 0; i < n; ++i) {
         q[i] = (EOM_SCALAR)position[i];
-        pushed[i] = (eom_is_prescribed(sizes, i) != 0) ? (EOM_SCALAR)0.0 : (EOM_SCALAR)weight[i];
+        pushed[i] = (eom_is_prescribed(sizes, i) != 0) ? (EOM_SCALAR)0.0 : (EOM_SCALAR)weight[eom_force_place(sizes, i)];
     }
     eom_wrenches_at(inputs, sizes->wrench, at, q, total);
     (void)inputs->force_back(inputs->force_back_h, q, total, pushed, gradient);
@@ -449,7 +449,7 @@ EOM_LOCAL void EOM(inputs_tangent)(const EOM(interval) *restrict interval, doubl
     for (int i = 0; i < n; ++i) { du[i] = (EOM_SCALAR)force[i]; }
     if (inputs->wrenches > 0U) {
         EOM(wrenches_tangent)(interval, eom_within_span(inputs->first, inputs->last, EOM(instant_within)(interval, share)), position, moved, dp, pushed, &pushed[n]);
-        for (int i = 0; i < n; ++i) { du[i] += (eom_is_prescribed(sizes, i) != 0) ? (EOM_SCALAR)0.0 : pushed[i]; }
+        for (int i = 0; i < n; ++i) { du[eom_force_place(sizes, i)] += (eom_is_prescribed(sizes, i) != 0) ? (EOM_SCALAR)0.0 : pushed[i]; }
     }
 }
 

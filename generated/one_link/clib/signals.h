@@ -263,15 +263,22 @@ EOM_LOCAL int eom_is_prescribed(const EOM(sizes) *restrict sizes, int i)
     return ((sizes->is_prescribed != NULL) && (sizes->is_prescribed[i] != 0)) ? 1 : 0;
 }
 
+/* Where a force on a coordinate stands in arrays of drives. */
+EOM_LOCAL int eom_force_place(const EOM(sizes) *restrict sizes, int i)
+{
+    return (sizes->beside == NULL) ? i : sizes->beside[i];
+}
+
 /* Add forces of wrenches to those of drives. */
 EOM_LOCAL void eom_add_forces(const EOM(sizes) *restrict sizes, const double *restrict force, double *restrict u)
 {
     for (int i = 0; i < N_OF(sizes); ++i) {
-        if (eom_is_prescribed(sizes, i) == 0) { u[i] += force[i]; }
+        if (eom_is_prescribed(sizes, i) == 0) { u[eom_force_place(sizes, i)] += force[i]; }
     }
 }
 
-/* Powers of drives and of wrenches, and what dampers and friction dissipate, W.  work: 5 n. */
+/* Powers of drives and of wrenches, and what dampers and friction dissipate, W.  Of drives with states the power that they take
+ * in; where motions are prescribed power[1] is how much more that is than they give to coordinates.  work: 5 n. */
 EOM_LOCAL void eom_powers_at(const EOM(sizes) *restrict sizes, const EOM(energy_balance) *restrict balance, const double *restrict q, const double *restrict v, const double *restrict u, const double *restrict pushed, double *restrict power, EOM_SCALAR *restrict work)
 {
     const int n = N_OF(sizes);
@@ -291,6 +298,15 @@ EOM_LOCAL void eom_powers_at(const EOM(sizes) *restrict sizes, const EOM(energy_
     for (int i = 0; i < n; ++i) {
         power[2] += pushed[i] * v[i];
         power[3] += ((double)still[i] - (double)moving[i]) * v[i];
-        if (eom_is_prescribed(sizes, i) == 0) { power[0] += u[i] * v[i]; }
+        if ((eom_is_prescribed(sizes, i) == 0) && (balance->drive_forces == NULL)) { power[0] += u[i] * v[i]; }
+    }
+    if (balance->drive_forces != NULL) {
+        for (int i = 0; i < n; ++i) { rest[i] = (EOM_SCALAR)u[i]; }
+        (void)balance->drive_forces(balance->drive_h, q_here, v_here, rest, moving);
+        for (int i = 0; i < n; ++i) {
+            const double part = (eom_is_prescribed(sizes, i) == 0) ? (double)moving[i] * v[i] : 0.0;
+            power[0] += part;
+            if ((sizes->is_prescribed != NULL) && (i >= sizes->coordinates)) { power[1] += part; }
+        }
     }
 }

@@ -9,18 +9,19 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Sequence
-from typing import Any, Protocol
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import ArrayError, InputError
-from ..names import listed, show
+from ..names import kind_of, listed, show
 from .raw import Array, RawFunction, RawKernel
 
 Lead = tuple[int, ...]  # axes in front of a state's: () for one state, (N,) for N of them
 
+LINEAR = ("x", "y", "z")
 WRENCHES = ("wrench", "dwrench")  # arguments with rows of links
 WEIGHTS, NUMBERED = "cotangent", ("dp",)  # arguments whose elements have numbers, no names
 WRENCH_PARTS = ("force.x", "force.y", "force.z", "moment.x", "moment.y", "moment.z")
@@ -41,9 +42,36 @@ REMEMBERING = frozenset(  # functions, also of the open tree and under load, who
     (
         *("generalized_force", "residual", "inverse_dynamics", "forward_dynamics", "constraint_forces", "energy"),
         *("reactions", "loop_reactions", "coupling_forces", "residual_jacobian", "forward_dynamics_jacobian"),
-        *("constrained_dynamics", "constrained_drives"),
+        *("constrained_dynamics", "constrained_drives", "drive_forces", "drive_jacobian"),
     )
 )
+
+
+class DriveInput(NamedTuple):
+    """Meaning of u at a coordinate, "torque", "voltage" or "reference of position", and its unit."""
+
+    meaning: str
+    unit: str
+
+    @property
+    def is_force(self) -> bool:
+        """Whether it is a force or torque, if one that the drive follows with a lag."""
+        return self.meaning in ("force", "torque")
+
+
+def inputs_of(meta: Mapping[str, Any]) -> dict[str, DriveInput]:
+    """Return what u means at each coordinate of a kernel, in their order; of prescribed ones it is an acceleration."""
+    own, prescribed = meta.get("inputs", {}), meta["prescribed"]
+    inputs = {}
+    for name in meta["coordinates"]:
+        linear = kind_of(name) in LINEAR
+        if name in own:
+            inputs[name] = DriveInput(*own[name][:2])
+        elif name in prescribed:
+            inputs[name] = DriveInput("acceleration", "m/s^2" if linear else "rad/s^2")
+        else:
+            inputs[name] = DriveInput("force", "N") if linear else DriveInput("torque", "N m")
+    return inputs
 
 
 class Arrays:
@@ -51,9 +79,24 @@ class Arrays:
 
     def __init__(self, raw: RawKernel, coordinates: tuple[str, ...], links: tuple[str, ...]) -> None:
         self.dtype, self.coordinates, self.links, self._shapes = raw.dtype, coordinates, links, raw.shapes
+        own = raw.libraries.meta.get("inputs", {})
+        self._beside = [(coordinates.index(name), place) for name, (_, _, place) in own.items()]
+        self.has_drives = bool(own)
         self._followers = tuple(raw.libraries.meta.get("followers", ()))
         self._memory = len(raw.libraries.meta.get("memory", ()))
         self._bits = np.finfo(raw.dtype).nmant + 1  # of the whole numbers that are all held exactly
+
+    def beside_drives(self, u: Array, forces: Array) -> Array:
+        """Return u, (..., n), with generalized forces, (..., n), beside what drives do.
+
+        Where a drive has states, u is its input, and a force beside it stands at the place of the first of these.
+        """
+        wide = forces.shape[-1] == len(self.coordinates)  # others lack states of laws, which is refused by name
+        moved = forces.copy() if self._beside else forces
+        for i, place in self._beside if wide else ():
+            moved[..., place], moved[..., i] = forces[..., i], 0.0
+        total: Array = u + moved
+        return total
 
     def taken(self, label: str, value: ArrayLike, shape: tuple[int, ...], checks: bool) -> tuple[Array, Lead]:
         """Convert a value to a C-contiguous array of the kernel's dtype; return it and the axes in front of a state's.

@@ -16,6 +16,7 @@ from ..robot.laws import LAWS, has_springs
 from ..robot.model import build_model, rigid_coordinates
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
+from ..state.drives import is_of_drive
 from ..state.elements import cut_matrices, joint_stiffness
 from ..state.journals import cut_contacts, cut_deviations, journal_contacts
 from ..state.law_states import StatesLike, kept_note, memory_vector
@@ -104,6 +105,12 @@ def fixation_of(
             free = ", ".join(np.array(names)[loose])
             notes.append(f"nothing holds {free}: constant forces do at the state")
     if drives == "pd":
+        for name in np.array(names)[driven].tolist():
+            if not kernel.inputs[name].is_force:
+                what = f"{name} takes a {kernel.inputs[name].meaning}"
+                raise InputError(
+                    f"drives: 'pd' are forces, and {what}; allowed: locked, or free with its own controller"
+                )
         gains = _gains("kp", kp, kernel, driven), _gains("kd", 0.0 if kd is None else kd, kernel, driven)
     else:
         if kp is not None or kd is not None:
@@ -113,7 +120,8 @@ def fixation_of(
         locked = prescribed
     states = memory_vector(kernel, z)
     locked_names = set(np.array(names)[locked].tolist())
-    places = [k for k, name in enumerate(kernel.memory) if owners_of([name])[0] not in locked_names]
+    kept = [k for k, name in enumerate(kernel.memory) if not is_of_drive(name)]
+    places = [k for k in kept if owners_of([kernel.memory[k]])[0] not in locked_names]
     if places:
         notes.append(kept_note([kernel.memory[k] for k in places], states[places]))
     return Fixation(drives, still, locked, driven, *gains, states, tuple(notes))

@@ -12,6 +12,7 @@ from ..errors import InputError, UnknownNameError
 from ..names import show, split_component
 from ..robot.coordinates import FORCES, MOTIONS, unit_of
 from ..runtime.kernel import Kernel
+from ..state.drives import drive_jacobian, has_drives, inputs_at
 from .holding import Fixation
 from .tangent_system import frame_hessian
 
@@ -22,20 +23,22 @@ KINDS: tuple[str, ...] = get_args(PortKind)
 def input_matrix(kernel: Kernel, q: Array, names: Sequence[str], fixation: Fixation) -> Array:
     """Return generalized forces per unit of each input, (n, inputs).
 
-    An input is a coordinate's name (its drive, or a force like one; N or N m), or a frame or link with a component of a
-    wrench at its origin, base frame: "tcp.fx", "link3.mz".
+    An input is a coordinate's name (its drive, as ``Kernel.inputs`` has it, or a force like one; N or N m), or a frame
+    or link with a component of a wrench at its origin, base frame: "tcp.fx", "link3.mz".
 
     Raises:
         UnknownNameError: a name is neither.
         InputError: a coordinate is locked, and its drive cannot move it.
     """
-    columns = []
+    columns, rest, drives = [], np.zeros(kernel.n), np.eye(kernel.n)
+    if has_drives(kernel):
+        drives = drive_jacobian(kernel, q, rest, inputs_at(kernel, q, rest))[2]
     for name in names:
         if name in kernel.coordinates:
             i = kernel.coordinates.index(name)
             if fixation.locked[i]:
                 raise InputError(f"input: {name} does not move; allowed: drives that are free or pd, or another input")
-            columns.append(np.eye(kernel.n)[i])
+            columns.append(drives[:, i])
             continue
         frame, component = _component("input", name, kernel, FORCES)
         columns.append(kernel.frame_jacobian(q, frame)[component])

@@ -24,6 +24,7 @@ from ..robot.coordinates import owners_of
 from ..runtime.kernel import Kernel
 from ..runtime.singular import null_coordinates, scaled_eigenvalues
 from ..shown import Shown
+from ..state.drives import is_of_drive
 from ..state.law_states import LawStates, slopes_of, states_of, zero_note
 from .holding import Fixation
 
@@ -253,7 +254,8 @@ def reduced(
         null = " and ".join(null_coordinates(M, names))
         raise SingularError(f"{kernel.name}: the mass matrix cannot be inverted at {null}: it moves no inertia there")
     memory = _memory(kernel, tangents, fixation, basis, rate)
-    sticking = [name for name, sticks in zip(memory.names, memory.stick, strict=True) if sticks]
+    sticks = zip(memory.names, memory.stick, strict=True)
+    sticking = [name for name, stays in sticks if stays and not is_of_drive(name)]
     if sticking:
         notes = (*notes, zero_note(sticking))
     return LinearSystem(

@@ -53,7 +53,7 @@ EOM_LOCAL void F(power_of_prescribed)(const F(problem) *restrict problem, int st
         } else {
             (void)balance->needed(balance->needed_h, position, rate, second, needed);
         }
-        double moving = -power[0] - power[2 * (int)WIDTH];
+        double moving = power[(int)WIDTH] - power[0] - power[2 * (int)WIDTH];
         for (int i = 0; i < n; ++i) { moving += (double)needed[i] * (double)rate[i]; }
         power[(int)WIDTH] = moving;
     }

@@ -12,6 +12,9 @@ typedef struct {
     int rotations;  /* joints of three rotations that change charts */
     int has_friction;         /* Coulomb friction: the error counts what the matrix of the end leaves */
     int has_redundant_rows;   /* states of stages are assembled, too */
+    int coordinates;          /* of these n, where drives have states; other states of laws stand behind them */
+    const int *beside;        /* NULL without such drives; n, where in arrays of drives forces on a coordinate stand: drives have
+                                 their inputs at coordinates, and forces at the places of their first states */
     const int *is_prescribed; /* n, or NULL */
     const int *angles_at;     /* first angle of each joint of three rotations */
     const int *origin_at;     /* its x, or -1 */
@@ -25,7 +28,8 @@ typedef struct {
  * 0, or 1 + the number of the pivot that vanishes; statuses of lane l are 2 n + 3 m higher per lane, n for a tree.
  * forward_dynamics writes n accelerations, with closed loops 3 m numbers behind them; settling n changes of q, n of v and m
  * violations.  stage_factors, stage_solution: M + time D + time^2 K of a stage, times = (time, time^2), and the solution w by
- * which accelerations differ from right, of changes of velocities shifts.  pair_factors, pair_solution: the same with a complex
+ * which accelerations differ from right, of changes of velocities shifts; where forces beside drives
+ * stand kp has the inputs of these, on which their slopes depend.  pair_factors, pair_solution: the same with a complex
  * time, all imaginary parts behind the real ones, spans = (|time|, |time|^2); NULL where method 2 is not asked for. */
 typedef struct {
     const EOM(sizes) *sizes;

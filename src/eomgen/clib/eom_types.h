@@ -15,11 +15,13 @@ typedef struct {
     EOM_SCALAR *turned;       /* NULL, or per state how joints of three rotations are turned, kept for what goes on */
 } EOM(drive);
 
-/* What an energy balance needs of a robot: its passive forces, and the forces that a motion needs, by its inverse dynamics, or
- * with closed loops by its residual. */
+/* What an energy balance needs of a robot: its passive forces, those of drives with states, NULL without any, and the forces
+ * that a motion needs, by its inverse dynamics, or with closed loops by its residual. */
 typedef struct {
     int (*generalized_force)(const EOM_SCALAR *h, const EOM_SCALAR *q, const EOM_SCALAR *v, EOM_SCALAR *out);
     const EOM_SCALAR *passive_h;
+    int (*drive_forces)(const EOM_SCALAR *h, const EOM_SCALAR *q, const EOM_SCALAR *v, const EOM_SCALAR *u, EOM_SCALAR *out);
+    const EOM_SCALAR *drive_h;
     int (*needed)(const EOM_SCALAR *h, const EOM_SCALAR *q, const EOM_SCALAR *v, const EOM_SCALAR *a, EOM_SCALAR *out);
     const EOM_SCALAR *needed_h;
     int (*residual)(const EOM_SCALAR *h, const EOM_SCALAR *q, const EOM_SCALAR *v, const EOM_SCALAR *a, const EOM_SCALAR *u, EOM_SCALAR *out);

@@ -189,13 +189,14 @@ EOM_LOCAL int eom_gains_of(const eom_tracking *restrict control)
 }
 
 /* Gains of the controller and of tracking control in the matrix of a step, by coordinate, none where drives saturate: there
- * slope is 0, else 1. */
+ * slope is 0, else 1; in kp inputs of drives with states, where forces beside them stand. */
 EOM_LOCAL void EOM(gains_within)(const EOM(interval) *restrict interval, EOM_SCALAR ahead, double share, const EOM_SCALAR *restrict q, const EOM_SCALAR *restrict v, EOM_SCALAR *restrict kp, EOM_SCALAR *restrict kd, EOM_SCALAR *restrict slope)
 {
     const EOM(drive) *const drive = interval->drive;
     const eom_tracking *const control = (interval->inputs == NULL) ? NULL : interval->inputs->control;
+    const EOM(sizes) *const sizes = EOM(sizes_of)(interval);
     const int gains = eom_gains_of(control);
-    const int n = EOM(size_of)(interval);
+    const int n = N_OF(sizes);
     for (int i = 0; i < n; ++i) {
         kp[i] = (drive->kp == NULL) ? (EOM_SCALAR)0.0 : drive->kp[i];
         kd[i] = (drive->kp == NULL) ? (EOM_SCALAR)0.0 : drive->kd[i];
@@ -209,5 +210,12 @@ EOM_LOCAL void EOM(gains_within)(const EOM(interval) *restrict interval, EOM_SCA
     for (int i = 0; i < n; ++i) {
         kp[i] *= slope[i];
         kd[i] *= slope[i];
+    }
+    if (sizes->beside != NULL) {
+        EOM_SCALAR *const force = &interval->room.state[n];
+        EOM(forces_within)(interval, share, ahead, q, v, force, NULL);
+        for (int i = 0; i < n; ++i) {
+            if (eom_force_place(sizes, i) != i) { kp[eom_force_place(sizes, i)] = force[i]; }
+        }
     }
 }

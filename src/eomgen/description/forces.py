@@ -21,6 +21,7 @@ from ..robot.elements.matrices import Rows, matrix_conflict
 from ..robot.geometry import ZERO
 from ..robot.law_states import BRANCHES, BRISTLES, LUGRE
 from ..robot.laws import GAUSSIAN
+from ..robot.memory.drives import DRIVE, LOOPS
 from ..robot.rules import ROTORS, coordinate_conflict
 from ..robot.value import COORDINATES, Coordinate, Curve, Motor, Placement
 from .keys import COORDINATE
@@ -256,6 +257,8 @@ def _inner_numbers(table: Table, name: str) -> dict[str, float]:
         inner.require_one("coulomb", "a force in N or N m, or a coefficient")
     if inner is None:
         return {}
+    if name == DRIVE:
+        return _drive_numbers(inner)
     read = {f"{name}.{key}": inner.number(key) for key in inner.keys if key not in ("shape", "model")}
     numbers = {key: number for key, number in read.items() if number is not None}
     shape = inner.text("shape") if "shape" in inner else None
@@ -268,6 +271,34 @@ def _inner_numbers(table: Table, name: str) -> dict[str, float]:
     if shape == GAUSSIAN or (BRISTLES in numbers and shape is None and f"{name}.stribeck" in numbers):
         numbers[f"{name}.{GAUSSIAN}"] = numbers.pop(f"{name}.stribeck")
     return numbers
+
+
+def _drive_numbers(table: Table) -> dict[str, float]:
+    """Return the numbers of a drive, by their names: "drive.controller.velocity.kp"."""
+    numbers = _plain_numbers(table, DRIVE)
+    winding, controller = table.table("winding"), table.table("controller")
+    numbers |= {} if winding is None else _plain_numbers(winding, f"{DRIVE}.winding")
+    if controller is not None:
+        alone = _plain_numbers(controller, f"{DRIVE}.controller.{LOOPS[0]}")
+        loops = [loop for loop in LOOPS if loop in controller]
+        if alone and loops:
+            key = next(iter(alone)).rpartition(".")[2]
+            allowed = f"numbers in the tables {', '.join(LOOPS)}, or those of one loop alone"
+            controller.fail(f"{loops[0]} has a table, too; allowed: {allowed}", key)
+        numbers |= alone
+        for loop in loops:
+            inner = controller.table(loop)
+            assert inner is not None
+            numbers |= _plain_numbers(inner, f"{DRIVE}.controller.{loop}")
+    if not numbers:
+        table.fail("there is nothing in it; allowed: one or more of lag, winding, controller")
+    return numbers
+
+
+def _plain_numbers(table: Table, name: str) -> dict[str, float]:
+    """Return the numbers of a table, below a name."""
+    read = {key: table.number(key) for key, form in table.keys.items() if isinstance(form, Number)}
+    return {f"{name}.{key}": number for key, number in read.items() if number is not None}
 
 
 def _check_model(inner: Table, numbers: Mapping[str, float]) -> None:

@@ -36,6 +36,7 @@ from ..robot.elements.matrices import ABOUT
 from ..robot.geometry import Placement, Vector
 from ..robot.inertia_policy import POLICIES
 from ..robot.laws import POINTS
+from ..robot.memory.drives import DRIVE, LOOPS
 from ..robot.sections import SHAPES
 from ..robot.value import AXES, COORDINATES, INERTIA_KEYS, JOINT_TYPES, LINEAR, MOTOR
 from .matrix_files import ENDINGS
@@ -119,13 +120,34 @@ def _branches(law: laws.Law) -> dict[str, Key]:
     return {law.name: Either(law.about, options=options, rule=rule)}
 
 
+def _drive() -> dict[str, Key]:
+    """Return the keys of a drive: numbers, the winding, and the loops of a controller, of which one may stand alone."""
+    keys: dict[str, Key] = {}
+    inner: dict[str, dict[str, Key]] = {"winding": {}, **{loop: {} for loop in LOOPS}}
+    for number in laws.LAWS[DRIVE].numbers:
+        *tables, name = number.key.split(".")[1:]
+        (inner[tables[-1]] if tables else keys)[name] = _number(number)
+    loops: dict[str, Key] = {
+        loop: Sub(f"loop that controls the {loop}: kp, ki, kd, filter, limit, tracking_time", inner=Form(inner[loop]))
+        for loop in LOOPS
+    }
+    controller = Form(loops | inner[LOOPS[0]])
+    about = "loops in cascade: position, velocity, current; or the numbers of one that controls the position"
+    return {
+        "lag": keys.pop("lag"),
+        "winding": Sub("of its motor: resistance, inductance, torque_constant", inner=Form(inner["winding"])),
+        **keys,
+        "controller": Sub(about, inner=controller),
+    }
+
+
 def _law(law: laws.Law) -> dict[str, Key]:
     """Return the keys of a law in the table of its coordinate."""
     if law.name == law_states.BRANCHES:
         return _branches(law)
     if law.has_points:
         return {law.name: _curve(law.numbers[0], "deviation", " or ".join(laws.LENGTH))}
-    keys = _numbers(law)
+    keys = _drive() if law.name == DRIVE else _numbers(law)
     return {law.name: Sub(law.about, inner=Form(keys))} if law.has_table else {**keys}
 
 
@@ -300,7 +322,7 @@ FRAME = Form(
         "placement": Sub("pose in the link's frame", "m, rad", inner=PLACEMENT),
     }
 )
-CUT_COORDINATE = Form({key: kind for key, kind in _LAW.items() if key != "armature"})
+CUT_COORDINATE = Form({key: kind for key, kind in _LAW.items() if key not in ("armature", DRIVE)})
 SECTION = Form(
     {
         name: Number(shape.about, "m", above=0.0)

@@ -190,7 +190,7 @@ class ClosedSystem(System):
         """Compute forces of prescribed motions, at their columns of (T, n), where u has their accelerations."""
         kernel, n, loads = self.here.with_checks(False), self.n, u
         if wrench is not None:
-            loads = np.where(self._free, u + kernel.external_force(q, wrench), u)
+            loads = np.where(self._free, kernel.calls.arrays.beside_drives(u, kernel.external_force(q, wrench)), u)
         solution = kernel.calls.run("constrained_dynamics", None, (q, v, loads))
         a, multipliers = np.ascontiguousarray(solution[:, :n]), solution[:, n : n + len(kernel.constraints)]
         needed = kernel.residual(q, v, a, np.zeros(n), wrench=wrench)
@@ -295,7 +295,7 @@ class ClosedSystem(System):
         u = np.array(self.drives(t, q, v)) if drives else np.zeros(q.shape)
         wrench = self._wrenches(t, q, v)
         if wrench is not None:
-            u += self.here.external_force(q, wrench)
+            u = self.here.calls.arrays.beside_drives(u, self.here.external_force(q, wrench))
         return u
 
     def _wrenches(self, t: float, q: Array, v: Array) -> ArrayLike | None:

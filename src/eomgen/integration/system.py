@@ -16,6 +16,7 @@ from ..runtime.kernel import Kernel
 from ..runtime.stepping.packed_inputs import PackedInputs
 from ..runtime.stepping.reading_inputs import NamedWrenches
 from ..runtime.stepping.single_motion import SingleMotion
+from ..state.drives import drive_jacobian, has_drives
 from ..state.springs import coordinate_sizes, rate_step, smoothings
 from ..state.vectors import Q_STEP, DriveFunction, MotionFunction, WrenchFunction, prescribed_mask
 from .advance import Advance
@@ -317,7 +318,7 @@ class System:
         """Differentiate accelerations by (q, v), (n, 2n); ``prescribed`` are those of prescribed coordinates, (m,)."""
         u, wrench = np.array(self.drives(t, q, v)), self.wrench(t, q, v)
         if wrench is not None:
-            u += self.here.external_force(q, wrench)
+            u = self.here.calls.arrays.beside_drives(u, self.here.external_force(q, wrench))
         u[self._prescribed_index] = prescribed
         da_dq, da_dv, da_du = self.here.forward_dynamics_jacobian(q, v, u)
         slopes, loads = np.hstack([da_dq, da_dv]), self._load_slopes(t, q, v)
@@ -330,8 +331,12 @@ class System:
         q, v, a = y[:n], y[n:], slopes[n:].copy()
         prescribed = self.prescribe(t, q, v)
         wrench = self.wrench(t, q, v)
-        residuals = np.concatenate([slopes[:n] - v, self.here.inverse_dynamics(q, v, a, wrench=wrench, cut=True)])
-        residuals[n:] -= self.drives(t, q, v)
+        u = self.drives(t, q, v)
+        if has_drives(self.here):
+            left = self.here.residual(q, v, a, u, wrench=wrench)
+        else:
+            left = self.here.inverse_dynamics(q, v, a, wrench=wrench, cut=True) - u
+        residuals = np.concatenate([slopes[:n] - v, left])
         if self._prescribed_index:
             residuals[n:][self._prescribed_index] = a[self._prescribed_index] - prescribed
         self._refuse_not_finite("velocity residual", residuals[:n], t)
@@ -367,6 +372,10 @@ class System:
             forces = kernel.inverse_dynamics(qs, vs, a, cut=True)
             slopes, M = (forces[1:] - forces[0]).T / steps, kernel.mass_matrix(q)
         loads = self._load_slopes(t, q, v)
+        if has_drives(kernel):
+            by_q, by_v, by_u = drive_jacobian(kernel, q, v, np.array(self.drives(t, q, v)))
+            slopes = slopes - np.hstack([by_q, by_v])
+            loads = None if loads is None else by_u @ loads
         if loads is not None:
             slopes = slopes - loads
         return slopes[:, :n], slopes[:, n:], M
@@ -401,6 +410,7 @@ class System:
             slopes[:] = (drives[1:] - drives[0]).T / steps
         if wrench is not None:
             forces = self.here.external_force(qs[: n + 1], wrench)
+            forces = self.here.calls.arrays.beside_drives(np.zeros_like(forces), forces)
             slopes[:, :n] += (forces[1:] - forces[0]).T / steps[:n]
         return slopes
 

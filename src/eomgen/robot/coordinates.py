@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from ..names import component_name, joint_of, kind_of
 from .law_states import NAMED
+from .memory.drives import DRIVE, STATES
 from .value import ANGULAR, LINEAR, MOTOR, Robot
 
 if TYPE_CHECKING:
@@ -42,7 +43,9 @@ def owners_of(memory: Sequence[str]) -> tuple[str, ...]:
 def state_unit(name: str) -> str:
     """Return the unit of a law's state by its name; that of the coordinate, as of a deflection, where it is unknown."""
     _, kind, state = name.split(".", 2)
-    units = NAMED[state].unit if state in NAMED else ("m", "rad")
+    law, _, short = state.partition(".")
+    known = NAMED.get(state) or (STATES.get(short) if law == DRIVE else None)
+    units = ("m", "rad") if known is None else known.unit
     return units[0 if kind in LINEAR else 1]
 
 

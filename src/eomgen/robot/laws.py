@@ -30,6 +30,7 @@ from .law_states import (
     hysteresis_conflict,
     hysteresis_states,
 )
+from .memory.drives import DRIVE, LOOPS, drive_conflict, drive_numbers, drive_states, number_key, tracking_time
 
 SHARE = 0.05  # of a clearance over which contact sets in
 SMOOTHING = 4e-8  # m/s or rad/s over which friction reverses: 90 % of the limit creep by 0.8 um in 10 s
@@ -100,6 +101,7 @@ class Law:
         rule: numbers, "stiffness" among them -> key and message of what does not go together, None if all does.
         has_points: whether it is a curve: its forces are the numbers "NAME.0", "NAME.1", ...
         states: numbers -> what it remembers; None of a law that is a function of deviation and velocity.
+        any_number: whether each of its numbers says that the law is there, not the first of them alone.
     """
 
     name: str
@@ -118,6 +120,11 @@ class Law:
     rule: Callable[[Values], Conflict | None] | None = None
     has_points: bool = False
     states: Callable[[Values], tuple[State, ...]] | None = None
+    any_number: bool = False
+
+    def is_in(self, numbers: Values) -> bool:
+        """Tell whether the law is there."""
+        return self.first in numbers or (self.any_number and any(number.key in numbers for number in self.numbers))
 
     @property
     def first(self) -> str:
@@ -210,6 +217,7 @@ def _steepest(k: float, numbers: Values, knots: Sequence[float]) -> float:
     return max(k, *((high - low) / (b - a) for (low, high), (a, b) in pairs))
 
 
+_TRACKING = {number_key(loop, "tracking_time"): partial(tracking_time, loop) for loop in LOOPS}
 ARMATURE = "armature"
 BASIC = (
     Number("stiffness", "linear spring", STIFFNESS),
@@ -421,6 +429,18 @@ _LAWS = (
         instead="a curve instead of stiffness, stiffness_negative, cubic, clearance",
         has_points=True,
     ),
+    Law(
+        name=DRIVE,
+        about="an electrical drive that acts on it: lag, winding, current_limit, voltage_limit, controller",
+        numbers=tuple(Number(x.key, x.about, x.unit, x.least, default=_TRACKING.get(x.key)) for x in drive_numbers()),
+        is_spring=False,
+        stiffness=None,
+        mjcf=lambda numbers: "left out: the actuator is a motor, whose control is the force",
+        of_rotor=True,
+        rule=drive_conflict,
+        states=drive_states,
+        any_number=True,
+    ),
 )
 LAWS: Mapping[str, Law] = MappingProxyType({law.name: law for law in _LAWS})
 NUMBERS: Mapping[str, Number] = by_key(*(number for law in _LAWS for number in law.numbers))
@@ -428,7 +448,7 @@ NUMBERS: Mapping[str, Number] = by_key(*(number for law in _LAWS for number in l
 
 def active_laws(numbers: Values) -> Iterator[Law]:
     """Return the laws that numbers belong to, in the order of the table."""
-    return (law for law in _LAWS if law.first in numbers)
+    return (law for law in _LAWS if law.is_in(numbers))
 
 
 def states_of(numbers: Values) -> tuple[tuple[str, State], ...]:
@@ -455,7 +475,7 @@ def law_conflict(numbers: Values) -> Conflict | None:
     """
     for law in _LAWS:
         first, *others = law.numbers
-        if law.first not in numbers:
+        if not law.is_in(numbers):
             for number in others:
                 if number.key in numbers:
                     return number.key, f"there is no {first.key}; allowed: {number.key} with {first.key}"

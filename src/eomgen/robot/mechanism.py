@@ -13,6 +13,7 @@ from typing import Any
 from ..names import joint_of, kind_of, listed, nearest, show
 from .bounds import Limits
 from .coordinates import coordinate_names, unit_of
+from .memory.drives import DRIVE, has_drive
 from .rules import cut_conflict
 from .value import (
     ACROSS,
@@ -68,6 +69,11 @@ def _drive_refusals(robot: Robot, known: tuple[str, ...]) -> Iterator[Refused]:
             twin = f"{show(name)} is there twice" if seen[drive] == name else f"{show(drive)} drives {show(name)}, too"
             yield "driven", f"{twin}; allowed: one name for each drive"
         seen[drive] = name
+    actuated = driven_coordinates(robot, known)
+    for name in known:
+        if name not in actuated and has_drive(coordinate_of(robot, name).law()):
+            allowed = f"coordinates that are driven: {listed(actuated) or 'none here'}"
+            yield f"joints.{name}.{DRIVE}", f"nothing drives {show(name)} (see driven); allowed: {allowed}"
 
 
 def _home_refusals(robot: Robot, known: tuple[str, ...]) -> Iterator[Refused]:

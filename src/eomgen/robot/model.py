@@ -35,6 +35,7 @@ from .elements.joint_element import missing_table
 from .law_states import Conflict, OwnedState
 from .laws import ARMATURE, states_of
 from .mechanism import coordinate_of, driven_coordinates, leading_home, mechanism_conflict, position_limits
+from .memory.drives import DRIVE
 from .parameter_names import number_of
 from .rules import coordinate_conflict, cut_conflict, motor_conflict, unmoved
 from .value import ANGULAR, COORDINATES, LINEAR, MOTOR, PRINCIPAL, Coordinate, Coupling, Joint, Loop, Robot
@@ -131,6 +132,25 @@ class Model:
         for k, x in enumerate(self.states, len(self.coordinates)):
             remembering[x.prefix, x.law] = (*remembering.get((x.prefix, x.law), ()), k)
         return remembering
+
+    @cached_property
+    def beside(self) -> dict[int, int]:
+        """Index of every coordinate with a drive, with the place in arrays of drives of a force beside the drive.
+
+        At the coordinate stands the drive's input; the other place is that of the drive's first state.
+        """
+        return {i: states[0] for i, states in self.drives.items()}
+
+    @cached_property
+    def drives(self) -> dict[int, tuple[int, ...]]:
+        """Index of every coordinate with a drive, with those of the drive's states."""
+        keys = {i: (parameter_name("joints", name), DRIVE) for i, name in enumerate(self.coordinates)}
+        return {i: self.remembering[key] for i, key in keys.items() if key in self.remembering}
+
+    @cached_property
+    def states_of_drives(self) -> tuple[int, ...]:
+        """Indices of the states of drives."""
+        return tuple(k for states in self.drives.values() for k in states)
 
     @property
     def velocities(self) -> tuple[str, ...]:

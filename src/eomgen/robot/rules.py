@@ -13,6 +13,7 @@ from ..limits import LARGEST
 from ..names import show
 from .bounds import limits_conflict
 from .laws import LAWS, NUMBERS, active_laws, curve_conflict, law_conflict
+from .memory.drives import DRIVE, has_drive
 from .value import CUT_NUMBERS, MOTOR, PRINCIPAL, Coordinate, Motor
 
 ROTORS = tuple(law.name for law in LAWS.values() if law.of_rotor)
@@ -59,6 +60,8 @@ def coordinate_conflict(coordinate: Coordinate) -> tuple[str, str] | None:
     if first is not None:
         return first
     numbers = coordinate.law()
+    if coordinate.prescribed and has_drive(numbers):
+        return "drive", "the motion is prescribed, so that a drive would do nothing; allowed: coordinates that are not"
     if coordinate.stiffness is not None:
         numbers["stiffness"] = coordinate.stiffness
     first = law_conflict(numbers)
@@ -68,9 +71,12 @@ def coordinate_conflict(coordinate: Coordinate) -> tuple[str, str] | None:
 def cut_conflict(coordinate: Coordinate) -> tuple[str, str] | None:
     """Return the key and the message of what is wrong with forces in a loop joint or coupling; None if nothing is."""
     if coordinate.armature is not None:
-        return "armature", f"it moves no inertia; allowed: {', '.join((*CUT_NUMBERS, *LAWS))}"
+        laws = [name for name in LAWS if name != DRIVE]
+        return "armature", f"it moves no inertia; allowed: {', '.join((*CUT_NUMBERS, *laws))}"
     if coordinate.prescribed:
         return "", "it has no motion to prescribe; allowed: prescribed coordinates of joints"
+    if has_drive(coordinate.law()):
+        return DRIVE, "nothing drives it; allowed: drives of joints' coordinates, and of motors"
     if coordinate.limits is not None:
         return "limits", "it has no drive and no motion; allowed: limits of joints' coordinates"
     return coordinate_conflict(coordinate)

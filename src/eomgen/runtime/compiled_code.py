@@ -11,7 +11,7 @@ import numpy as np
 
 from ..errors import InputError, UnknownNameError
 from ..names import html_table, joint_of, nearest_or_all, show
-from .arrays import Arrays, names_in
+from .arrays import Arrays, DriveInput, inputs_of, names_in
 from .calls import Calls
 from .direct import ExtensionBinding, functions
 from .parameters import Parameters
@@ -46,6 +46,7 @@ class CompiledCode:
         self.dtype: np.dtype[Any] = self.raw.dtype
         self.coordinates: tuple[str, ...] = tuple(meta["coordinates"])
         self.memory: tuple[str, ...] = tuple(meta.get("memory", ()))
+        self.inputs: dict[str, DriveInput] = inputs_of(meta)
         self.links: tuple[str, ...] = tuple(meta["links"])
         self.frames: tuple[str, ...] = tuple(meta["frames"])
         self.joints: tuple[str, ...] = tuple(meta["joints"])

@@ -206,7 +206,9 @@ def functions(
 def _place(label: str, reads: tuple[str, ...], raw: RawKernel, name: str) -> tuple[str, str, tuple[int, ...]]:
     """Return the name, role and shape of a parameter of a method, as the module takes them."""
     role = "read" if label in reads else ROLES.get(label, "beside")
-    if label == "wrench" and name in WRENCHED and WRENCHED[name].function in raw.functions:
+    added = WRENCHED.get(name) if label == "wrench" else None
+    beside = added is not None and added.into and raw.libraries.meta.get("inputs")  # where forces stand elsewhere
+    if added is not None and added.function in raw.functions and not beside:
         role = "wrench"
     return label, role, raw.shapes[label] if role in ("read", "beside", "wrench") else ()
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .arrays import cut as cut_states
 from .arrays import flag, joint_lead, states_apart, widened
 from .by_name import WrenchLike, wrench_rows
 from .derivatives import Differentiation
@@ -192,6 +193,9 @@ class Kernel(Differentiation, InverseKinematics, Rollouts):
             LoopError: a loop is open, or opening, by more than 1e-9 (float32: 1e-5) m or rad (per second and the
                 largest rate).
         """
+        if wrench is not None and z is not None and self.calls.arrays.has_drives:
+            whole = self.forward_dynamics(*self._behind(q, v, u, z), wrench=wrench, cut=cut)
+            return self._written(cut_states(self.calls, whole, "vector"), out)
         if wrench is not None:
             u = self._with_wrench(q, u, wrench)
         name = "forward_dynamics"
@@ -237,6 +241,8 @@ class Kernel(Differentiation, InverseKinematics, Rollouts):
             SingularError, LoopError: as of ``forward_dynamics``.
             UnknownNameError: the robot has no loops or rigid couplings.
         """
+        if wrench is not None and z is not None and self.calls.arrays.has_drives:
+            (q, v, u), z = self._behind(q, v, u, z), None
         under = u if wrench is None else self._with_wrench(q, u, wrench)
         if not self.couplings:
             return self.calls.run("constraint_forces", out, (q, v, under), z=z)
@@ -291,8 +297,36 @@ class Kernel(Differentiation, InverseKinematics, Rollouts):
         drives, lead = self.calls.array("u", u, external.shape[-1:])
         joint_lead("u", lead, external.shape[:-1])
         external[..., self._given] = 0  # where u is an acceleration
-        total: Array = drives + external
-        return total
+        return self.calls.arrays.beside_drives(drives, external)
+
+    def drive_forces(
+        self, q: ArrayLike, v: ArrayLike, u: ArrayLike, z: ArrayLike | None = None, *, out: Array | None = None
+    ) -> Array:
+        """Return the forces of all drives on coordinates, (n,), N or N m, where u means what ``inputs`` says.
+
+        Args:
+            q, v, u: (n,).
+            z: states of laws, (memory,); the arrays and the result are then those of coordinates alone.  Without it
+                arrays have these states, and behind the forces stand, of windings' currents, the voltages less what
+                the motion induces: by v the power of all is what drives take in.
+            out: array to write to.
+        """
+        if not self.calls.arrays.has_drives:
+            return self._written(self.calls.array("u", u, np.shape(u)[-1:])[0].copy(), out)
+        return self.calls.run("drive_forces", out, (q, v, u), z=z)
+
+    def _behind(self, q: ArrayLike, v: ArrayLike, u: ArrayLike, z: ArrayLike) -> tuple[Array, Array, Array]:
+        """Return arrays of coordinates with room for states of laws behind them, z behind v."""
+        states = states_apart(self.calls, z)
+        return widened(self.calls, "q", q), widened(self.calls, "v", v, states), widened(self.calls, "u", u)
+
+    def _written(self, result: Array, out: Array | None) -> Array:
+        """Return a result, in ``out`` if there is one."""
+        if out is None:
+            return result
+        out = self.calls.arrays.checked_out(out, result.shape, ())
+        out[...] = result
+        return out
 
     def euler_cosines(self, q: ArrayLike, *, out: Array | None = None) -> Array:
         """Return the cosine of beta of each joint with three angles, (joints,); 1 for other joints.

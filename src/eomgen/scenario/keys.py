@@ -141,7 +141,7 @@ CONTROLS: dict[str, Keys] = {
     "torque": {
         "file": FileName("CSV file with columns t and coordinates; or coordinates and rows", suffixes=(".csv",)),
         "coordinates": Strings("names of the columns behind the time", some=True, rule="one or more different names"),
-        "rows": _rows("drives in N or N m"),
+        "rows": _rows("drives in N or N m, or what their inputs are"),
         "interpolation": _INTERPOLATION,
         "saturate": _SATURATE,
     },
@@ -151,6 +151,7 @@ CONTROLS: dict[str, Keys] = {
         "gravity": Flag("true adds gravity compensation of the rigid robot"),
         "saturate": _SATURATE,
     },
+    "reference": {},
     "computed_torque": {
         "bandwidth": Number("w of the error's dynamics; default 30", "rad/s", above=0.0),
         "saturate": _SATURATE,

@@ -141,4 +141,4 @@ MOTION_READERS = {
     "circle": _circle,
     "spline": _spline,
 }
-CONTROL_READERS = {"none": _present, "torque": _torque, "pd": _present, "computed_torque": _present}
+CONTROL_READERS = {**dict.fromkeys(("none", "reference", "pd", "computed_torque"), _present), "torque": _torque}

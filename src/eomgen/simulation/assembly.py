@@ -23,17 +23,28 @@ from ..pipeline.mechanisms import mechanism_kernels
 from ..pipeline.stages import build, build_groups
 from ..progress import Progress
 from ..robot.coordinates import coordinate_names, index_of, owners_of
-from ..robot.mechanism import drive_of, following_text, leading_coordinate, leading_home
+from ..robot.mechanism import coordinate_of, drive_of, following_text, leading_coordinate, leading_home
+from ..robot.memory.drives import LOOPS, loops_of
 from ..robot.model import build_model, program_coordinates
 from ..robot.record import record_of, robot_hash
 from ..robot.value import PRINCIPAL, Robot
+from ..runtime.arrays import DriveInput
 from ..runtime.kernel import Kernel
 from ..runtime.stepping.options import AUTO, RADAU, rollout_of
 from ..runtime.stepping.saturation import efforts_of
 from ..scenario.value import Scenario, Section
 from ..state.motors import shafts
 from ..state.springs import any_spring
-from .controls import ComputedTorque, Control, JointMotion, JointPD, NoControl, TableTorque, actuators
+from .controls import (
+    ComputedTorque,
+    Control,
+    JointMotion,
+    JointPD,
+    NoControl,
+    ReferenceControl,
+    TableTorque,
+    actuators,
+)
 from .loads import Wrenches, check_loads, with_payload_parameters
 from .mechanism import Mechanism, Path, mechanism_of
 from .references import PrescribedMotion, make_reference
@@ -46,6 +57,8 @@ CLOSED_KERNELS = ("constrained_dynamics", "kinematics", "external_force", "energ
 SINGLES = ("inverse_dynamics", "forward_dynamics", "mass_matrix")  # of these what is called for one state
 BATCHES = ("inverse_dynamics", "kinematics", "energy")  # and for several
 BANDWIDTH = 30.0  # rad/s, of drives by computed torque
+FOLLOWING = ("pd", "computed_torque", "reference")  # controls that follow a motion, or hold the pose
+REFERENCES = ("reference of position", "reference of velocity")  # that drives take
 
 
 @dataclass(frozen=True)
@@ -108,18 +121,18 @@ def assemble(
     names = [model.coordinates[i] for i in model.prescribed]
     check_loads(scenario, robot)
     prescribed = PrescribedMotion(scenario, model.coordinates, names) if names or scenario.prescribed else None
-    control = scenario.control or Section("none" if scenario.motion is None else "computed_torque")
     driven = program_coordinates(robot)
-    if not driven and control.type in ("pd", "computed_torque"):
+    control = scenario.control or Section(_default_control(robot, scenario, driven))
+    if not driven and control.type in FOLLOWING:
         raise InputError(
             f"{robot.name}: no joint has a principal coordinate, so there is nothing to drive; "
             "eomgen.integration.integrate integrates free motions"
         )
-    if control.type in ("pd", "computed_torque"):
+    if control.type in FOLLOWING:
         _refuse_undriven(robot, driven)
     if scenario.motion is not None and control.type in ("none", "torque"):
         scenario.fail(
-            "motion", f"nothing follows it under control.type = {control.type!r}; allowed: pd, computed_torque"
+            "motion", f"nothing follows it under control.type = {control.type!r}; allowed: {', '.join(FOLLOWING)}"
         )
     initial_q = by_coordinate(robot, scenario, "q", scenario.initial.q if scenario.initial else {})
     changing = with_payload_parameters(robot, scenario)
@@ -145,7 +158,7 @@ def assemble(
     elif scenario.motion is not None:
         program = make_reference(scenario, robot, driven, rigid, tool, start)
         wanted = _wanted(scenario, robot, lambda whole: make_reference(whole, robot, driven, rigid, tool, start))
-    elif control.type in ("pd", "computed_torque"):
+    elif control.type in FOLLOWING:
         program = Standstill(np.array([start.get(name, 0.0) for name in driven]))
     path = None
     if robot.is_closed and program is not None:
@@ -354,6 +367,9 @@ def _drive(
         return _torque(robot, scenario, control.get("table"), kernel)
     if program is None:
         return NoControl()
+    meant = _inputs(scenario, control, kernel, driven)
+    if control.type == "reference":
+        return ReferenceControl(program, actuators(kernel, driven), np.array([x.unit.endswith("/s") for x in meant]))
     if control.type == "pd":
         kp, kd = (_gains(robot, scenario, key, control.get(key), driven) for key in ("kp", "kd"))
         if not control.get("gravity", False):
@@ -363,6 +379,27 @@ def _drive(
     joint_motion = None if prescribed is None else _joint_motion(kernel, rigid(), prescribed)
     whole = actuators(kernel, rigid().coordinates)
     return ComputedTorque(rigid(), program, whole, control.get("bandwidth", BANDWIDTH), joint_motion, mechanism)
+
+
+def _default_control(robot: Robot, scenario: Scenario, driven: tuple[str, ...]) -> str:
+    """Return the control of a scenario that names none: references where drives control positions by themselves."""
+    laws = (coordinate_of(robot, drive_of(robot, name)).law() for name in driven)
+    if any(loops_of(law)[:1] == (LOOPS[0],) for law in laws):
+        return "reference"
+    return "none" if scenario.motion is None else "computed_torque"
+
+
+def _inputs(scenario: Scenario, control: Section, kernel: Kernel, driven: tuple[str, ...]) -> list[DriveInput]:
+    """Return what u means at the driven coordinates; DescriptionError where the control gives something else."""
+    motors = shafts(kernel)
+    meant = [kernel.inputs[motors.get(name, name)] for name in driven]
+    for name, one in zip(driven, meant, strict=True):
+        takes = one.meaning in REFERENCES if control.type == "reference" else one.is_force
+        if not takes:
+            other = "a torque table, pd, computed_torque" if one.is_force else "a torque table"
+            allowed = "reference" if one.meaning in REFERENCES else other
+            scenario.fail("control", f"{name} takes a {one.meaning}, {one.unit}; allowed: {allowed}")
+    return meant
 
 
 def _saturated(

@@ -11,6 +11,7 @@ from ..arrays import Array
 from ..runtime.kernel import Kernel
 from ..runtime.stepping.input_signals import WORKS
 from ..shown import Shown
+from ..state.drives import has_drives
 from ..state.vectors import prescribed_mask
 
 CLOSED = 1e-3  # relative residue from which a balance is said not to close
@@ -112,7 +113,7 @@ def works(kernel: Kernel, t: Array, q: Array, v: Array, u: Array, wrench: ArrayL
     """Integrate work between the edges of ``with_nodes``, (E - 1, 5), J: TERMS; arguments at all of its times."""
     prescribed = prescribed_mask(kernel)
     power = np.zeros((t.size, len(TERMS)))
-    by_drive = u * v
+    by_drive = (kernel.drive_forces(q, v, u) if has_drives(kernel) else u) * v
     power[:, 0], power[:, 1] = by_drive[:, ~prescribed].sum(axis=1), by_drive[:, prescribed].sum(axis=1)
     if wrench is not None:
         power[:, 2] = (kernel.external_force(q, wrench) * v).sum(axis=1)

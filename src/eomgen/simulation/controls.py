@@ -80,6 +80,38 @@ class TableTorque(_OpenLoop):
         return DriveData(torque=Track(self.table.as_signal(), self.index), effort=self.effort)
 
 
+@dataclass(frozen=True, eq=False)
+class ReferenceControl(_OpenLoop):
+    """Inputs of drives that control positions or velocities by themselves: the reference, at shafts times the ratio.
+
+    Attributes:
+        motion: reference trajectory of the m driven coordinates.
+        actuators: where the drives are.
+        of_velocity: which of them take a velocity, (m,); the others take a position.
+    """
+
+    motion: Program
+    actuators: Actuators
+    of_velocity: Mask
+
+    def __call__(self, t: float, q: Array, v: Array) -> Array:
+        q_d, v_d, _ = self.motion.at(t)
+        u = np.zeros_like(q)
+        u[..., self.actuators.index] = np.where(self.of_velocity, v_d, q_d) * self.actuators.ratio
+        return u
+
+    def standstill(self) -> Control:
+        return replace(self, motion=Standstill(self.motion.start))
+
+    def load_data(self) -> DriveData | None:
+        """Return the time-signal input for integrations in C; None of velocities, and where only Python knows it."""
+        signal = signal_of(self.motion)
+        if signal is None or self.of_velocity.any():
+            return None
+        scaled = replace(signal, coefficients=signal.coefficients * self.actuators.ratios)
+        return DriveData(torque=Track(scaled, self.actuators.index))
+
+
 def clipped(u: Array, effort: Array | None) -> Array:
     """Return drives, (n,) or (N, n), within +- their efforts, (n,), infinite where there is none; None clips none."""
     return u if effort is None else np.minimum(np.maximum(u, -effort), effort)

@@ -56,7 +56,8 @@ def initial_state(robot: Robot, scenario: Scenario, assembly: Assembly) -> tuple
         if name not in names_in_scenarios(robot):
             scenario.refuse("initial.held", name, kernel.coordinates)
     loose = _loose(robot, assembly)
-    still = {*loose, *(names_in_scenarios(robot)[name] for name in fixed)}
+    servos = (name for name, x in kernel.inputs.items() if not x.is_force and name not in kernel.prescribed)
+    still = {*loose, *servos, *(names_in_scenarios(robot)[name] for name in fixed)}
     return _balanced(robot, scenario, assembly, (q, v[len(kernel.coordinates) :]), still), v, loose
 
 

@@ -41,8 +41,10 @@ from ..robot.value import MOTOR, Robot
 from ..runtime.kernel import Kernel
 from ..scenario.load import as_scenario
 from ..scenario.value import Integrator, Scenario, Section
+from ..state.drives import has_drives
 from ..state.springs import law_numbers, stops
 from .assembly import BANDWIDTH, Assembly, assemble
+from .controls import ComputedTorque
 from .initial import initial_state
 from .result import SimulationResult
 from .segments import Loads, SegmentOptions, run_segments
@@ -186,13 +188,14 @@ def run_assembly(
         rigid_q[:, mechanism] = assembly.path.at(t)
     elif kernel.constraints:
         rigid_q = q
+    exerted = kernel.drive_forces(q, motion.v, motion.u) if has_drives(kernel) else motion.u
     notes = [
         *_method_note(motion, plan),
         *_assumptions(robot, loose, scenario, assembly),
         *_beyond_stops(kernel, q0),
         *_large_goals(scenario, assembly.driven, program_q),
         *excess_notes(
-            "the motion", excesses(robot, kernel.coordinates, t=t, q=q[:, :n], v=motion.v[:, :n], u=motion.u[:, :n])
+            "the motion", excesses(robot, kernel.coordinates, t=t, q=q[:, :n], v=motion.v[:, :n], u=exerted[:, :n])
         ),
         *_clipped_note(assembly, motion),
         None if segments.balance is None else segments.balance.note(),
@@ -278,7 +281,7 @@ def _method_note(motion: Trajectory, plan: IntegratorPlan) -> tuple[str, ...]:
 
 def _assumptions(robot: Robot, loose: tuple[str, ...], scenario: Scenario, assembly: Assembly) -> tuple[str, ...]:
     notes, programmed = [], assembly.program is not None
-    computed = scenario.control is None or scenario.control.type == "computed_torque"
+    computed = isinstance(assembly.drive, ComputedTorque)
     undisturbed = programmed and computed and not scenario.wrenches and not scenario.payloads
     if undisturbed and assembly.facts.is_rigid:
         notes.append("no joint has a deviation: the tool's tracking error is the integration's error")

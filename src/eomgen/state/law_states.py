@@ -18,6 +18,7 @@ from ..errors import InputError, UnknownNameError
 from ..names import listed, nearest_or_all, show
 from ..runtime.kernel import Kernel
 from ..shown import Shown
+from .drives import drive_jacobian, has_drives, inputs_at
 from .vectors import state_vector
 
 StatesLike = Mapping[str, float] | ArrayLike  # of laws, (memory,), or by their names
@@ -140,8 +141,16 @@ def states_of(
 def slopes_of(kernel: Kernel, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
     """Return derivatives of the residual by q, v and a, of laws with states at rest the means of both directions.
 
-    Bristles that are bent yield in the one direction and not in the other.
+    Bristles that are bent yield in the one direction and not in the other.  Drives are within their limits.
     """
+    K, D, M = _passive_slopes(kernel, q, v, a)
+    if has_drives(kernel):
+        by_q, by_v, _ = drive_jacobian(kernel, q, v, inputs_at(kernel, q, v))
+        K, D = K - by_q, D - by_v
+    return K, D, M
+
+
+def _passive_slopes(kernel: Kernel, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
     n = len(kernel.coordinates)
     rests = np.flatnonzero(v[:n] == 0.0)
     if not (kernel.memory and v[n:].any() and rests.size):

@@ -60,12 +60,13 @@ class Forces:
         return np.array([found["out", i] for i in range(len(outputs))], dtype=float)
 
     def resisting(self, **given: Array) -> Array:
-        return self.run(self.rows(), **given)
+        """What resists without inputs of drives."""
+        return self.run(self.rows(passive=True), **given)
 
-    def rows(self, v: Sequence[object] | None = None) -> Outputs:
+    def rows(self, *, passive: bool = False) -> Outputs:
         rows = [0.0] * self.n
         for element in self.elements:
-            for i, force in element.resist(self.d.v if v is None else v):
+            for i, force in element.passive(self.d.v) if passive else element.resist(self.d.v):
                 rows[i] = rows[i] + force
         return vector(rows)
 
@@ -182,7 +183,7 @@ def stepped(
     d, n = Derivation(forces.model), forces.n
     program = finish(d.graph, "step", implicit_step(d))
     rows = Derivation(forces.model)
-    bias = finish(rows.graph, "bias", rows.vector(rows.dynamics(rows.v, rows.still)))
+    bias = finish(rows.graph, "bias", rows.vector(rows.dynamics_with_drives(rows.v, rows.still)))
     M = Derivation(forces.model)
     upper = finish(M.graph, "M", M.matrices(M.matrix()))
     inputs = {"q": list(forces.q), "v": list(forces.v), "p": list(forces.p), "added": [0.0] * n}
@@ -215,7 +216,7 @@ class Dense(ImplicitShare):
 
     def __init__(self, d: Derivation) -> None:
         self.d, self.dt, self.square = d, d.graph.input("dt", 0), d.graph.input("dt", 1)
-        super().__init__([q + self.dt * v for q, v in zip(d.q, d.v, strict=True)], d.v, self.dt)
+        super().__init__([q + self.dt * v for q, v in zip(d.q, d.v, strict=True)], d.v, self.dt, d.drive_inputs)
         self.forces: list[Any] = [0.0] * d.model.size
         self.matrix: dict[tuple[int, int], Any] = {}
 

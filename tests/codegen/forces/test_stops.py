@@ -282,7 +282,7 @@ def test_what_is_refused() -> None:
             build_model(stopped(**numbers))
     motor = Motor(0.02, 10.0, Coordinate(300.0, further=STOPS))
     joint = replace(geared(name="refused").joints[0], motor=motor)
-    with pytest.raises(DescriptionError, match=r"j\.motor: friction, stops, limits and role belong to the motor"):
+    with pytest.raises(DescriptionError, match=r"j\.motor: friction, stops, drive, limits and role belong"):
         build_model(replace(geared(name="refused"), joints=(joint,)))
     joint = replace(joint, motor=Motor(0.02, 10.0, Coordinate(3.0), further={"exponential.force": 1.0}))
     with pytest.raises(DescriptionError, match=r"j\.motor\.further: exponential is no law of a rotor; allowed: fr"):

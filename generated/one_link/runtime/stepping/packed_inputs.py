@@ -268,8 +268,9 @@ class PackedInputs:
         passive, *needed = work_kernels(self._calls)
         fields["generalized_force"], fields["passive_h"] = self._function(self._calls, passive)
         for name in needed:
-            field = "residual" if name == "residual" else "needed"
-            fields[field], fields["needed_h"] = self._function(self._calls, name)
+            field = {"inverse_dynamics": "needed"}.get(name, name)
+            setup = "drive_h" if name == "drive_forces" else "needed_h"
+            fields[field], fields[setup] = self._function(self._calls, name)
         return self._new("work", **fields)
 
     def _of_model(self, model: ModelDrive) -> dict[str, Any]:

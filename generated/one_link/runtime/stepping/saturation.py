@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...errors import ArrayError, InputError, UnknownNameError
 from ...names import listed, nearest, show
-from ..arrays import numbers_in
+from ..arrays import inputs_of, numbers_in
 from ..calls import Calls
 from .input_signals import InputSignals, ModelDrive
 
@@ -23,8 +23,8 @@ def efforts_of(calls: Calls, saturate: Saturate) -> Array | None:
     """Return the greatest forces of drives, (n,), N or N m, infinite where there is none; None where none is clipped.
 
     Args:
-        saturate: True for the efforts of the description, a mapping from coordinates to efforts, or efforts, (n,),
-            infinite where there is no limit; False or None for none.
+        saturate: True for the efforts of the description where u is a force or torque, a mapping from coordinates to
+            efforts, or efforts, (n,), infinite where there is no limit; False or None for none.
 
     Raises:
         InputError: there are no efforts, one is not above 0, or one is of a coordinate that has no drive to clip.
@@ -33,7 +33,9 @@ def efforts_of(calls: Calls, saturate: Saturate) -> Array | None:
     """
     if saturate is None or saturate is False:
         return None
-    requested = calls.raw.libraries.meta.get("efforts", {}) if saturate is True else saturate
+    own = inputs_of(calls.raw.libraries.meta)
+    described = {name: x for name, x in calls.raw.libraries.meta.get("efforts", {}).items() if own[name].is_force}
+    requested = described if saturate is True else saturate
     if isinstance(requested, Mapping):
         efforts = np.full(calls.n, np.inf)
         for name, value in requested.items():
@@ -58,6 +60,7 @@ def check_efforts(calls: Calls, effort: Array, label: str) -> None:
     Raises:
         InputError: with the coordinate, what came and what is allowed.
     """
+    own = inputs_of(calls.raw.libraries.meta)
     turning = [i for at, origin in calls.raw.turning.values() for i in _places(at, origin)]
     for i, value in enumerate(effort.tolist()):
         name = calls.coordinates[i]
@@ -65,6 +68,9 @@ def check_efforts(calls: Calls, effort: Array, label: str) -> None:
             raise InputError(f"{label}: {name} is {value!r}; allowed: a number above 0, infinity for none")
         if np.isfinite(value) and name in calls.prescribed:
             raise InputError(f"{label}: {name} has {value:g}, but its motion is prescribed; allowed: drives")
+        if np.isfinite(value) and name in own and not own[name].is_force:
+            what = f"its drive takes a {own[name].meaning}"
+            raise InputError(f"{label}: {name} has {value:g}, but {what}; allowed: drives that take a force or torque")
         if np.isfinite(value) and i in turning:
             raise InputError(f"{label}: {name} has {value:g}, but its joint has 3-DOF rotation; allowed: other joints")
 

@@ -11,6 +11,7 @@ from ..bounds import Limits
 from ..fields import LATER, Picklable
 from ..geometry import COORDINATES, LINEAR
 from ..laws import BASIC, GAUSSIAN, NUMBERS, SHAPES, Curve, active_laws, defaults
+from ..memory.drives import DRIVE
 
 ACROSS: Mapping[str, tuple[str, ...]] = MappingProxyType(  # translations across a coordinate's axis
     {name: tuple(x for x in LINEAR if x != axis) for name, axis in zip(COORDINATES, LINEAR * 2, strict=True)}
@@ -114,7 +115,7 @@ class Coordinate(Picklable):
     @property
     def carries(self) -> bool:
         """Whether springs, contacts or dampers of the coordinate carry a force."""
-        laws = any(law.name != "friction" for law in active_laws(self.law()))
+        laws = any(law.name not in ("friction", DRIVE) for law in active_laws(self.law()))
         return laws or self.stiffness is not None or self.damping is not None
 
     @property

@@ -214,8 +214,10 @@ class InputSignals:
 
 def work_kernels(calls: Calls) -> tuple[str, ...]:
     """Return names of the kernels that work integrals need."""
-    needed = "residual" if calls.raw.libraries.meta.get("constraints") else "inverse_dynamics"
-    return ("generalized_force", *((needed,) if calls.prescribed else ()))
+    meta = calls.raw.libraries.meta
+    needed = "residual" if meta.get("constraints") else "inverse_dynamics"
+    drives = ("drive_forces",) if meta.get("inputs") else ()
+    return ("generalized_force", *drives, *((needed,) if calls.prescribed else ()))
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,1 @@
+"""Laws with states of their own: their numbers, rules and states, one file each."""

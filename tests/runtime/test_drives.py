@@ -1,0 +1,337 @@
+"""Drives with windings, lags and controllers beside equations of their own, closed forms, and balances."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pytest
+import tomllib
+from scipy.integrate import solve_ivp
+
+import eomgen
+from eomgen.description.load import robot_from_toml
+from eomgen.errors import DescriptionError, InputError
+from eomgen.integration.solve import integrate
+from eomgen.runtime.stepping.input_signals import InputSignals, LinkWrench, Signal
+from tests.support.builds import Build
+from tests.support.drive_reference import drive, rates_of
+
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
+AXIS = """
+name = "servo"
+[[links]]
+name = "arm"
+mass = 1.0
+com = [0.2, 0.0, 0.0]
+inertia = { xx = 0.01, yy = 0.02, zz = 0.02 }
+[[joints]]
+name = "joint1"
+parent = "base"
+child = "arm"
+type = "revolute"
+"""
+INERTIA, DAMPING = 0.08, 0.05
+WINDING = "winding = { resistance = 1.0, inductance = 1e-3, torque_constant = 0.5 }"
+LIMITS = "current_limit = 5.0, voltage_limit = 20.0"
+POSITION = "position = { kp = 20.0, ki = 5.0, kd = 0.3, filter = 0.01, limit = 3.0 }"
+VELOCITY = "velocity = { kp = 4.0, ki = 40.0, kd = 0.02, filter = 0.01, limit = 9.0 }"
+CURRENT = "current = { kp = 3.0, ki = 300.0, kd = 1e-3, filter = 1e-2 }"
+DRIVES: Mapping[str, tuple[str, float]] = {  # tables of drives, and what their inputs become
+    "cascade": (f"{WINDING}, {LIMITS}, controller = {{ {POSITION}, {VELOCITY}, {CURRENT} }}", 2.0),
+    "without current loop": (f"{WINDING}, {LIMITS}, controller = {{ {POSITION}, {VELOCITY} }}", 1.0),
+    "position": (f"{WINDING}, {LIMITS}, controller = {{ kp = 20.0, ki = 5.0, kd = 0.3 }}", 0.3),
+    "voltage": (f"{WINDING}, {LIMITS}", 12.0),
+    "current": (f"{WINDING}, {LIMITS}, controller = {{ {CURRENT} }}", 3.0),
+    "lag": ("lag = 0.05", 0.5),
+    "lagging cascade": (f"lag = 0.005, controller = {{ {POSITION}, {VELOCITY} }}", 1.0),
+    "torque": ("controller = { kp = 30.0, kd = 1.0, limit = 5.0 }", 1.0),
+    "velocity": ("controller = { velocity = { kp = 3.0, ki = 10.0, limit = 2.0, tracking_time = 0.2 } }", 1.5),
+}
+
+
+def _robot(table: str, more: str = "") -> eomgen.Robot:
+    return robot_from_toml(f"{AXIS}gamma = {{ damping = {DAMPING}, armature = 0.02, drive = {{ {table} }}{more} }}\n")
+
+
+def _numbers(table: str) -> Any:
+    return tomllib.loads(f"drive = {{ {table} }}")["drive"]
+
+
+def _names(kernel: eomgen.Kernel) -> list[str]:
+    return [name.rpartition(".")[2] for name in kernel.memory]
+
+
+@pytest.mark.parametrize("name", DRIVES)
+def test_accelerations_and_their_derivatives_are_those_of_the_equations(name: str, built: Build) -> None:
+    table, _ = DRIVES[name]
+    kernel, numbers, rng = built(_robot(table)), _numbers(table), np.random.default_rng(1)
+    for size in (0.1, 1.0, 10.0, 100.0):
+        q, v, u = rng.normal(size=(3, kernel.n))
+        v[1:] *= size
+        u[0] *= size
+        force, rates, voltage = drive(numbers, q[0], v[0], dict(zip(_names(kernel), v[1:], strict=True)), u[0])
+        wanted = [(force + u[1] - DAMPING * v[0]) / INERTIA, *(rates[x] for x in _names(kernel))]
+        a = kernel.forward_dynamics(q, v, u)
+        np.testing.assert_allclose(a, wanted, rtol=1e-12, atol=1e-12 * size)
+        np.testing.assert_allclose(kernel.residual(q, v, a, u), 0.0, atol=1e-12 * size)
+        exerted = kernel.drive_forces(q, v, u)
+        assert exerted[0] == pytest.approx(force + u[1], rel=1e-14)
+        if "current" in _names(kernel):
+            assert exerted[-1] == pytest.approx(voltage - 0.5 * v[0], rel=1e-12, abs=1e-12 * size)
+        for slopes, x in zip(kernel.forward_dynamics_jacobian(q, v, u), (q, v, u), strict=True):
+            for i in range(kernel.n):
+                step = 1e-6 * max(1.0, abs(x[i]))
+                ends = []
+                for sign in (1.0, -1.0):
+                    moved = [y.copy() for y in (q, v, u)]
+                    moved[next(k for k, y in enumerate((q, v, u)) if y is x)][i] += sign * step
+                    ends.append(kernel.forward_dynamics(*moved))
+                differences = (ends[0] - ends[1]) / (2.0 * step)
+                np.testing.assert_allclose(slopes[:, i], differences, rtol=1e-5, atol=1e-5 * max(1.0, size))
+
+
+@pytest.mark.parametrize("name", DRIVES)
+def test_all_methods_follow_an_integration_to_twelve_digits(name: str, built: Build) -> None:
+    table, u = DRIVES[name]
+    kernel, numbers, samples = built(_robot(table)), _numbers(table), 40
+    assert kernel.inputs["joint1.gamma"].meaning == kernel.inputs["joint1.gamma"].meaning
+    rates = rates_of(numbers, _names(kernel), u, lambda s, v, force: (force - DAMPING * v) / INERTIA)
+    begin, t = np.zeros(2 + len(kernel.memory)), np.linspace(0.0, 0.5, samples + 1)
+    wanted = solve_ivp(rates, (0.0, 0.5), begin, "DOP853", t, rtol=1e-12, atol=1e-14, max_step=2e-4).y.T
+    size = np.abs(wanted).max(axis=0) + 1e-9
+    within = {"tsit5": 3e-6, "rosenbrock": 1e-4, "radau": 3e-6}
+    zero = np.zeros(len(kernel.memory))
+    for method, bound in within.items():
+        motion = kernel.rollout([0.0], [0.0], [u], duration=0.5, samples=samples, method=method, rtol=1e-8, z=zero)
+        assert np.abs((np.hstack([*motion, motion.z]) - wanted) / size).max() < bound, method
+    for method, steps, bound in (("rk4", 4000, 1e-4), ("implicit", 8000, 2e-2)):
+        motion = kernel.rollout(
+            [0.0], [0.0], [u], dt=0.5 / steps, steps=steps, every=steps // samples, method=method, z=zero
+        )
+        assert np.abs((np.hstack([*motion, motion.z]) - wanted) / size).max() < bound, method
+    for method in ("Radau", "LSODA"):
+        motion = integrate(kernel, [0.0], [0.0], duration=0.5, times=t, drive=[u], method=method, rtol=1e-8)
+        assert np.abs((np.hstack([motion.q, motion.v, motion.z]) - wanted) / size).max() < 1e-4, method
+
+
+def test_a_voltage_turns_a_motor_as_its_closed_form_says(built: Build) -> None:
+    """Without limits and load: the velocity is a sum of two exponentials."""
+    R, L, k, V = 2.0, 0.02, 0.4, 6.0
+    kernel = built(_robot(f"winding = {{ resistance = {R}, inductance = {L}, torque_constant = {k} }}"))
+    roots = np.roots([L * INERTIA, L * DAMPING + R * INERTIA, R * DAMPING + k * k])
+    final = k * V / (R * DAMPING + k * k)
+    t = np.linspace(0.0, 1.0, 51)
+    a, b = roots
+    wanted = final * (1.0 + (b * np.exp(a * t) - a * np.exp(b * t)) / (a - b))
+    motion = kernel.rollout([0.0], [0.0], [V], duration=1.0, samples=50, method="radau", rtol=1e-10, z=[0.0])
+    np.testing.assert_allclose(motion[1][:, 0], wanted.real, atol=1e-8 * final)
+    assert kernel.inputs["joint1.gamma"] == ("voltage", "V")
+    assert kernel.memory == ("joint1.gamma.drive.current",)
+
+
+def test_a_current_loop_has_the_bandwidth_that_its_gains_are_for(built: Build) -> None:
+    """kp = w L and ki = w R cancel the winding's pole: the current follows with the time constant 1 / w."""
+    R, L, w = 0.7, 1.4e-3, 2000.0
+    winding = f"winding = {{ resistance = {R}, inductance = {L}, torque_constant = 1e-9 }}"
+    kernel = built(_robot(f"{winding}, controller = {{ current = {{ kp = {w * L}, ki = {w * R} }} }}"))
+    zero, u = np.zeros(kernel.n), np.zeros(kernel.n)
+    _, by_v, by_u = kernel.forward_dynamics_jacobian(zero, zero, u)
+    states = slice(1, kernel.n)
+    A, B, row = by_v[states, states], by_u[states, 0], _names(kernel).index("current")
+    for frequency in (0.1 * w, w, 10.0 * w):
+        gain = np.linalg.solve(1j * frequency * np.eye(len(A)) - A, B)[row]
+        assert gain == pytest.approx(1.0 / (1.0 + 1j * frequency / w), abs=1e-9)
+    motion = kernel.rollout([0.0], [0.0], [3.0], duration=3e-3, samples=30, method="radau", rtol=1e-9, z=[0.0, 0.0])
+    np.testing.assert_allclose(motion.z[:, row], 3.0 * (1.0 - np.exp(-w * np.linspace(0.0, 3e-3, 31))), atol=1e-7)
+
+
+def test_integrals_do_not_wind_up(built: Build) -> None:
+    """A torque that is limited: with back-calculation the coordinate overshoots less than without."""
+    loop = "kp = 6.0, ki = 12.0, kd = 0.8, limit = 1.0"
+    peaks = {}
+    for tracking in (0.2, 1e6):
+        kernel = built(_robot(f"controller = {{ {loop}, tracking_time = {tracking} }}"))
+        motion = kernel.rollout([0.0], [0.0], [1.0], duration=6.0, samples=600, method="radau", rtol=1e-8, z=[0.0])
+        peaks[tracking] = motion[0].max()
+        assert np.abs(kernel.drive_forces(motion[0], motion[1], [1.0], motion.z)).max() <= 1.0
+    assert peaks[0.2] < 1.2
+    assert peaks[1e6] > 1.6
+
+
+def test_fast_windings_need_no_small_steps(built: Build) -> None:
+    """With L / R = 1e-4 s and a current loop of 1e-5 s linearly implicit steps are as long as the motion allows."""
+    winding = "winding = { resistance = 1.0, inductance = 1e-4, torque_constant = 0.5 }"
+    loops = "velocity = { kp = 0.5, ki = 2.0 }, current = { kp = 10.0, ki = 1e5 }"
+    kernel = built(_robot(f"{winding}, controller = {{ {loops} }}"))
+    zero = np.zeros(3)
+    steps = {
+        method: kernel.rollout([0.0], [0.0], [2.0], duration=2.0, samples=2, method=method, rtol=1e-4, z=zero).steps
+        for method in ("tsit5", "rosenbrock", "radau")
+    }
+    assert steps["tsit5"] > 20000
+    assert steps["rosenbrock"] < 400
+    assert steps["radau"] < 400
+    _, coarse = kernel.rollout([0.0], [0.0], [2.0], dt=1e-2, steps=200, method="implicit", z=zero)
+    _, fine = kernel.rollout([0.0], [0.0], [2.0], duration=2.0, samples=200, method="radau", rtol=1e-8, z=zero)
+    assert np.abs(coarse - fine).max() < 0.05 * np.abs(fine).max()
+
+
+@pytest.mark.parametrize("name", ["cascade", "voltage", "lagging cascade", "velocity"])
+def test_what_drives_take_in_is_stored_or_dissipated(name: str, built: Build) -> None:
+    """Of a winding V i; it stores L i^2 / 2, and its resistance dissipates R i^2."""
+    table, u = DRIVES[name]
+    kernel = built(_robot(table))
+    motion = integrate(
+        kernel, [0.0], [0.0], duration=0.5, output_step=0.05, drive=[u], method="radau", rtol=1e-9, works=True
+    )
+    assert motion.works is not None
+    assert motion.z is not None
+    balance = motion.energy.sum(axis=1) - motion.energy.sum(axis=1)[0] - motion.works[:, 0] + motion.works[:, 3]
+    assert np.abs(balance).max() < 1e-7 * np.abs(motion.works).max()
+    if "current" in _names(kernel):
+        i = motion.z[:, _names(kernel).index("current")]
+        kinetic = 0.5 * INERTIA * motion.v[:, 0] ** 2
+        np.testing.assert_allclose(motion.energy.sum(axis=1), kinetic + 0.5e-3 * i * i, rtol=1e-12, atol=1e-15)
+
+
+def test_batches_lanes_and_single_states_have_the_same_bits(built: Build) -> None:
+    table, u = DRIVES["cascade"]
+    kernel, rng = built(_robot(table)), np.random.default_rng(3)
+    q, v, z = rng.normal(size=(13, 1)), rng.normal(size=(13, 1)), rng.normal(size=(13, len(kernel.memory)))
+    us = u * rng.normal(size=(13, 1))
+    for method in ("tsit5", "rosenbrock", "radau"):
+        together = kernel.rollout(q, v, us, duration=0.1, samples=3, method=method, z=z)
+        for state in range(13):
+            alone = kernel.rollout(q[state], v[state], us[state], duration=0.1, samples=3, method=method, z=z[state])
+            for x, y in zip((*together, together.z), (*alone, alone.z), strict=True):
+                assert (x[state] == y).all(), (method, state)
+
+
+def test_single_precision_follows_double_precision(built: Build) -> None:
+    table, u = DRIVES["cascade"]
+    motions, options = [], {"duration": 0.3, "samples": 3, "method": "rosenbrock", "rtol": 1e-4}
+    for dtype in ("float32", "float64"):
+        kernel, begin = built(_robot(table), dtype=dtype), np.zeros((3, 1), dtype)
+        begin[2] = u
+        motions.append(kernel.rollout(*begin, z=np.zeros(7, dtype), **options))
+    np.testing.assert_allclose(motions[0][0], motions[1][0], atol=2e-3)
+
+
+def test_gradients_go_through_drives(built: Build) -> None:
+    """Of a sum over the last state by inputs, states at the beginning and a number, beside differences."""
+    table, u = DRIVES["without current loop"]
+    kernel, rng, number = built(_robot(table)), np.random.default_rng(7), "joints.joint1.gamma.drive.winding.resistance"
+    n = kernel.n
+    weights = rng.normal(size=n) * np.r_[1.0, 1.0, 0.01 * np.ones(n - 2)]
+    begin = {"q": np.zeros(n), "v": 0.01 * rng.normal(size=n), "u": 0.02 * u * np.eye(n)[0]}
+
+    def loss(_: Any, q: Any, v: Any) -> Any:
+        slopes = np.zeros_like(v)
+        slopes[-1] = weights
+        return float(weights @ v[-1]), np.zeros_like(q), slopes
+
+    for method in ("rk4", "implicit"):
+        options: dict[str, Any] = {"dt": 1e-3, "steps": 40, "every": 10, "method": method, "loss": loss}
+
+        def total(x: Mapping[str, Any], options: Any = options, where: eomgen.Kernel = kernel) -> float:
+            return float(where.rollout_gradient(x["q"], x["v"], x["u"], **options)[0])
+
+        _, slopes = kernel.rollout_gradient(begin["q"], begin["v"], begin["u"], parameters=[number], **options)
+        for key, place in (("u", 0), ("u", 1), ("v", 0), ("v", n - 1)):
+            ends = [total(begin | {key: begin[key] + sign * 1e-6 * np.eye(n)[place]}) for sign in (1.0, -1.0)]
+            assert slopes[key][..., place].sum() == pytest.approx((ends[0] - ends[1]) / 2e-6, rel=1e-5), (method, key)
+        changed = [kernel.with_parameters({number: 1.0 + sign * 1e-5}) for sign in (1.0, -1.0)]
+        ends = [total(begin, where=x) for x in changed]
+        assert slopes[number] == pytest.approx((ends[0] - ends[1]) / 2e-5, rel=1e-5), method
+
+
+def test_forces_beside_a_drive_act_on_its_coordinate(built: Build) -> None:
+    """External wrenches act on the arm, whatever u means, in forward dynamics, C and Python."""
+    table, u = DRIVES["voltage"]
+    kernel = built(_robot(table))
+    q, v, drives = np.zeros(2), np.array([0.3, 1.0]), np.array([u, 0.0])
+    wrench = {"arm": [0.0, 2.0, 0.0, 0.0, 0.0, 0.5]}
+    free = kernel.forward_dynamics(q, v, drives)
+    pushed = kernel.forward_dynamics(q, v, drives, wrench=wrench)
+    assert pushed[0] - free[0] == pytest.approx((0.2 * 2.0 + 0.5) / INERTIA)
+    assert pushed[1] == free[1]
+    row = Signal.constant(np.array(wrench["arm"]))
+    loads = InputSignals(wrenches=[LinkWrench(0, row)])
+    in_c = kernel.rollout([0.0], [0.0], [u], duration=0.2, samples=4, method="radau", rtol=1e-9, loads=loads, z=[0.0])
+    motion = integrate(
+        kernel, [0.0], [0.0], duration=0.2, output_step=0.05, drive=[u], wrench=wrench, method="Radau", rtol=1e-9
+    )
+    np.testing.assert_allclose(in_c[0], motion.q, atol=1e-7)
+    still = kernel.rollout([0.0], [0.0], [u], duration=0.2, samples=4, method="radau", rtol=1e-9, z=[0.0])
+    assert np.abs(in_c[0] - still[0]).max() > 0.05
+
+
+def test_a_motor_behind_a_gear_has_a_drive(built: Build) -> None:
+    """Its drive acts on the rotor: in N m at the shaft."""
+    motor = "motor = { inertia = 1e-3, ratio = 20.0, stiffness = 500.0, damping = 0.5, drive = { lag = 0.01 } }\n"
+    kernel = built(robot_from_toml(f"{AXIS}gamma = {{ damping = 0.05 }}\n{motor}"))
+    assert kernel.memory == ("joint1.motor.drive.force",)
+    assert kernel.inputs == {"joint1.gamma": ("torque", "N m"), "joint1.motor": ("torque", "N m")}
+    a = kernel.forward_dynamics([0.0, 0.0], [0.0, 0.0], [0.0, 0.7], [0.2])
+    assert a[1] == pytest.approx(0.2 / 1e-3)
+    assert kernel.memory_rates([0.0, 0.0], [0.0, 0.0], [0.2], [0.0, 0.7])[0] == pytest.approx(0.5 / 0.01)
+
+
+BAD = {
+    "drive = {}": "drive: there is nothing in it",
+    "drive = { current_limit = 1.0, lag = 0.1 }": "drive.current_limit: there is no winding",
+    "drive = { winding = { resistance = 1.0, inductance = 1e-3 } }": "torque_constant: it is missing",
+    "drive = { lag = 0.0 }": "drive.lag: got 0.0",
+    f"drive = {{ lag = 0.1, {WINDING} }}": "drive.lag: there is a winding",
+    "drive = { controller = { current = { kp = 1.0 } } }": "controller.current: there is no winding",
+    "drive = { controller = { position = { limit = 1.0 } } }": "controller.position: there is no gain",
+    "drive = { controller = { velocity = { kp = 1.0, kd = 1.0 } } }": "controller.velocity.kd: there is no filter",
+    "drive = { controller = { kp = 1.0, filter = 1.0 } }": "controller.position.filter: there is no kd",
+    "drive = { controller = { kp = 1.0, position = { kp = 1.0 } } }": "controller.kp: position has a table, too",
+    "drive = { controller = { kp = 1.0, tracking_time = 1.0 } }": "tracking_time: there is no ki",
+    "drive = { controller = { kp = 1.0, ki = 1.0, tracking_time = 1.0 } }": "nothing limits the output",
+    "drive = { controller = { ki = 1.0, limit = 1.0 } }": "there is no kp and no tracking_time",
+    'drive = { lag = 0.1 }, role = "prescribed"': "the motion is prescribed",
+}
+
+
+@pytest.mark.parametrize("table", BAD)
+def test_tables_that_say_nothing_are_refused_by_name(table: str) -> None:
+    with pytest.raises(DescriptionError) as caught:
+        robot_from_toml(f"{AXIS}gamma = {{ {table} }}\n")
+    assert BAD[table] in str(caught.value), str(caught.value)
+
+
+def test_what_nothing_drives_has_no_drive() -> None:
+    with pytest.raises(DescriptionError, match=r"joints\.joint1\.x\.drive: nothing drives 'joint1\.x'"):
+        robot_from_toml(f"{AXIS}x = {{ stiffness = 1e5, drive = {{ lag = 0.1 }} }}\n")
+
+
+def test_efforts_clip_forces_alone(built: Build) -> None:
+    voltage = built(_robot(DRIVES["voltage"][0], ", limits = { effort = 1.0 }"))
+    with pytest.raises(InputError, match=r"saturate: joint1\.gamma has 1, but its drive takes a voltage"):
+        voltage.rollout([0.0], [0.0], [1.0], dt=1e-3, steps=2, saturate={"joint1.gamma": 1.0}, z=[0.0])
+    lag = built(_robot("lag = 0.05", ", limits = { effort = 1.0 }"))
+    motion = lag.rollout([0.0], [0.0], [5.0], duration=1.0, samples=1, saturate=True, z=[0.0])
+    assert motion.z[-1, 0] == pytest.approx(1.0, abs=1e-4)
+
+
+def test_linear_systems_have_drives(built: Build) -> None:
+    """Free drives work about the state: eigenvalues, and responses to their inputs."""
+    robot = _robot(DRIVES["cascade"][0])
+    kernel = built(robot)
+    system = eomgen.analysis.linearize(robot, drives="free", inputs=["joint1.gamma"], outputs=["joint1.gamma"])
+    zero = np.zeros(kernel.n)
+    by_q, by_v, by_u = kernel.forward_dynamics_jacobian(zero, zero, zero)
+    A = np.zeros((kernel.n + 1, kernel.n + 1))
+    A[0, 1] = 1.0
+    A[1:, 0], A[1:, 1:] = by_q[:, 0], by_v
+    np.testing.assert_allclose(system.A, A, rtol=1e-9, atol=1e-6)
+    np.testing.assert_allclose(system.B[1:, 0], by_u[:, 0], rtol=1e-9, atol=1e-9)
+    slow = system.bode(frequencies=[1e-3]).H
+    np.testing.assert_allclose(np.abs(slow), 1.0, atol=1e-2)  # the position follows its reference
+    with pytest.raises(InputError, match=r"joint1\.gamma takes a reference of position"):
+        eomgen.analysis.linearize(robot, drives="pd", kp=1.0)
