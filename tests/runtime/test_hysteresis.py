@@ -15,6 +15,7 @@ import eomgen
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import DescriptionError
 from eomgen.robot.elements.loss_factor import fitted_branches, loss_factors
+from eomgen.robot.model import build_model
 from eomgen.runtime.stepping.input_signals import DriveData, InputSignals, Signal, Track, Waves
 from tests.support.builds import Build
 
@@ -385,3 +386,30 @@ def test_what_cannot_be_is_refused(law: str, place: str, said: str) -> None:
     assert "rail.z" in str(caught.value)
     assert place in str(caught.value)
     assert said in str(caught.value)
+
+
+def test_friction_by_a_load_that_a_state_carries_is_refused() -> None:
+    def loaded(law: str) -> eomgen.Robot:
+        return slide(f"friction = {{ coefficient = 0.1 }} }}\nx = {{ stiffness = 1e3, {law}")
+
+    assert loaded("damping = 1.0").joint("rail").coordinates["x"].damping == 1.0
+    said = r"rail\.z\.friction.*x carries .* a law with states, hysteresis, maxwell"
+    with pytest.raises(DescriptionError, match=said):
+        loaded(f"{SHARP}, {MAXWELL}")
+
+
+def test_a_transmission_has_a_spring_without_states() -> None:
+    """So that robots without laws that have states have one."""
+    with pytest.raises(DescriptionError, match="no spring between motor and joint"):
+        robot_from_toml(SEA.replace("stiffness = 200.0\n", ""))
+
+
+@pytest.mark.parametrize("name", ["drive", "four_bar", "belt", "gear"])
+def test_robots_without_states_keep_all_else(name: str) -> None:
+    robot = robot_from_toml(SEA) if name == "drive" else looped(name)
+    plain = robot.without_states()
+    assert plain.without_states() is plain
+    assert build_model(plain).memory == ()
+    kept = {key: x for key, x in robot.numbers() if "hysteresis" not in key and "maxwell" not in key}
+    assert {key: x for key, x in plain.numbers() if x is not None} == {k: x for k, x in kept.items() if x is not None}
+    assert build_model(robot.rigid()).memory == ()

@@ -135,7 +135,7 @@ def random_state(robot: Robot, seed: int | np.random.Generator) -> State:
 def with_states_of_laws(robot: Robot, s: State, rng: np.random.Generator) -> State:
     """The state with random ones of laws behind it, of their sizes; the arrays as they are without any."""
     laws = [c.law() for joint in robot.joints for c in joint.all_coordinates.values()]
-    sizes = np.array([size for law in laws for size in (x.size(law) for _, x in states_of(law))])
+    sizes = np.array([state.size(law) for law in laws for _, state in states_of(law)])
     if not sizes.size:
         return s
     behind = [np.zeros(sizes.size), *rng.uniform(-0.8, 0.8, (3, sizes.size)) * [sizes, sizes, np.ones(sizes.size)]]

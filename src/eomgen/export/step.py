@@ -12,6 +12,7 @@ from ..names import listed
 from ..pipeline.mechanisms import assembled_home
 from ..pipeline.stages import build
 from ..progress import StageReport, no_report
+from ..robot.law_states import BRANCHES
 from ..robot.laws import COARSE
 from ..robot.model import build_model
 from ..robot.value import Robot
@@ -45,9 +46,10 @@ def _velocities(robot: Robot) -> list[Array]:
     still = np.zeros(model.size)
     if not model.memory:
         return [still]
-    owners = dict.fromkeys(owner for owner, _, _ in model.states)
-    limits = {name: robot.limits_of(name).velocity for name in (*model.coordinates, *owners)}
-    unlimited = [name for name in owners if limits[name] is None]
+    owners = dict.fromkeys((x.owner, x.prefix) for x in model.states if x.law != BRANCHES)  # whose rates are constant
+    of_joints = [owner for owner, prefix in owners if prefix.startswith("joints.")]
+    limits = {name: robot.limits_of(name).velocity for name in (*model.coordinates, *of_joints)}
+    unlimited = [owner for owner, _ in owners if limits.get(owner) is None]
     if unlimited:
         raise InputError(
             f"step: states of laws of {listed(unlimited)} follow the faster, the faster these move, and there is no"

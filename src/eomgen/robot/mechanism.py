@@ -13,6 +13,7 @@ from typing import Any
 from ..names import joint_of, kind_of, listed, nearest, show
 from .bounds import Limits
 from .coordinates import coordinate_names, unit_of
+from .laws import states_of
 from .memory.drives import DRIVE, has_drive
 from .rules import cut_conflict
 from .value import (
@@ -109,6 +110,11 @@ def _load_refusals(robot: Robot) -> Iterator[Refused]:
             which = " or ".join(ACROSS[name])
             message = f"there is no load: no spring or damper carries a force across it; allowed: with {which} active"
             yield f"{where}.friction.coefficient", f"{message} beside it, with a stiffness, damping, or another force"
+        for other in carriers(name, coordinates):
+            laws = dict.fromkeys(law for law, _ in states_of(coordinates[other].law()) if law != "friction")
+            if laws:
+                message = f"{other} carries a part of the load by a law with states, {', '.join(laws)}"
+                yield f"{where}.friction.coefficient", f"{message}; allowed: springs, contacts and dampers across it"
     alone = [(f"joints.{x.name}.{MOTOR}", x.motor.friction) for x in robot.joints if x.motor is not None]
     alone += [(f"couplings.{x.name}", x.law.friction) for x in robot.couplings if x.law is not None]
     for where, friction in alone:

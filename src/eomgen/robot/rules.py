@@ -17,7 +17,10 @@ from .memory.drives import DRIVE, has_drive
 from .value import CUT_NUMBERS, MOTOR, PRINCIPAL, Coordinate, Motor
 
 ROTORS = tuple(law.name for law in LAWS.values() if law.of_rotor)
-STIFF = ("stiffness", *(law.name for law in LAWS.values() if law.stiffness and not law.takes_stiffness))  # by itself
+STIFF = (  # springs by themselves, of robots without states of laws, too
+    "stiffness",
+    *(law.name for law in LAWS.values() if law.stiffness and not (law.takes_stiffness or law.states)),
+)
 FURTHER = tuple(  # numbers of laws that a Coordinate has no field for
     key for key in NUMBERS if key.partition(".")[0] not in {item.name for item in fields(Coordinate)}
 )

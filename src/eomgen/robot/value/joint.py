@@ -232,6 +232,11 @@ class Loop(Jointed):
         for place, placement in enumerate(self.placements):
             yield from below(f"placements.{place}", placement.numbers())
 
+    def without_states(self) -> Loop:
+        """Return the loop without laws that have states, or as it is."""
+        coordinates = {name: coordinate.without_states() for name, coordinate in self.coordinates.items()}
+        return self if coordinates == self.coordinates else replace(self, coordinates=coordinates)
+
     def rigid(self) -> Loop:
         """Return the loop with every coordinate that its type blocks rigid."""
         blocked = [component.name for component in CUTS[self.type]]

@@ -163,12 +163,15 @@ class Robot(Picklable):
     @kept
     def without_states(self) -> Robot:
         """Return the robot without laws that have states; friction with bristles slides as at steady velocities."""
-        joints = [joint.without_states() for joint in self.joints]
-        if all(new is old for new, old in zip(joints, self.joints, strict=True)):
+        joints = tuple(x.without_states() for x in self.joints)
+        loops = tuple(x.without_states() for x in self.loops)
+        couplings = tuple(x.without_states() for x in self.couplings)
+        pairs = zip((*joints, *loops, *couplings), (*self.joints, *self.loops, *self.couplings), strict=True)
+        if all(new is old for new, old in pairs):
             return self
-        made = replace(self, joints=tuple(joints))
-        left = {name for name, _ in made.numbers()}
-        return replace(made, tunable=tuple(name for name in self.tunable if name in left))
+        made = replace(self, joints=joints, loops=loops, couplings=couplings)
+        known = {name for name, _ in made.numbers()}
+        return replace(made, tunable=tuple(name for name in self.tunable if name in known))
 
     @kept
     def rigid(self) -> Robot:
@@ -209,8 +212,8 @@ class Robot(Picklable):
             couplings=tuple(replace(x, is_constraint=True) if not x.law and x.of in more else x for x in couplings),
             beams=(),
         )
-        left = {name for name, _ in made.numbers()}
-        return replace(made, tunable=tuple(name for name in self.tunable if name in left))
+        known = {name for name, _ in made.numbers()}
+        return replace(made, tunable=tuple(name for name in self.tunable if name in known))
 
     def with_value(self, path: str, value: Any) -> Robot:
         """Return the robot with one value of its description changed, checked as those that are loaded.
