@@ -31,6 +31,7 @@ from eomgen.shown import Plotting
 from eomgen.simulation import SimulationResult, run_scenario
 from eomgen.sweep import plan_from_toml, run
 from tests.pictures.test_measured_pages import MEASURED, calibration, fitted, identified
+from tests.runtime.test_memory import block
 from tests.support.measured_results import _compensation, _excitation
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
@@ -75,6 +76,7 @@ def _accuracy(folder: Path) -> Any:
 RESULTS: dict[str, tuple[Callable[[Path], Any], tuple[Any, ...], int]] = {  # what is plotted, more arguments, axes
     "plot_tool": (lambda _: simulated(), (), 4),
     "plot_series": (lambda _: simulated(), ("joint1.gamma", "joint1.gamma.drive", "joint1.x"), 3),
+    "plot_states": (lambda _: run_scenario(block(), {"duration": 0.01}), (), 1),
     "plot_deviations": (lambda _: simulated(), (), 1),
     "plot_tracking": (lambda _: simulated(), (), 2),
     "plot_energy": (lambda _: simulated(), (), 2),

@@ -20,7 +20,7 @@ from eomgen.sweep import job as jobs
 from eomgen.sweep.driver import prepare
 from eomgen.sweep.job import SampleRunner
 from eomgen.sweep.plan import plan_from_toml
-from tests.runtime.test_memory import block
+from tests.runtime.test_memory import GEARED, block
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -115,6 +115,7 @@ def test_series_tables_and_files(result: SimulationResult, tmp_path: Path) -> No
         arrays = dict(archive)
     for key, value, said in (
         ("memory", np.array(["a.x.friction.z", *NAMES[1:]]), "array memory"),
+        ("memory", np.array(["elbow.gamma", *NAMES[1:]]), "array memory"),
         ("memory", np.array([*NAMES[:2], NAMES[1]]), "array memory"),
         ("z", arrays["z"][:, :2], "array z"),
         ("z", np.where(arrays["z"] == 0.0, np.nan, arrays["z"]), "array z"),
@@ -125,6 +126,15 @@ def test_series_tables_and_files(result: SimulationResult, tmp_path: Path) -> No
     np.savez(tmp_path / "bad.npz", **{key: x for key, x in arrays.items() if key != "z"})
     with pytest.raises(InputError, match="memory and z"):
         eomgen.load_result(tmp_path / "bad.npz")
+
+
+def test_states_of_followers_are_kept(tmp_path: Path) -> None:
+    """A gear's follower has bristles, and is no coordinate."""
+    law = f"gamma = {{ friction = {{ {BRISTLES.format(0.2, 0.3)} }} }}"
+    result = run_scenario(robot_from_toml(GEARED.format(friction=law)), scenario_from_toml("duration = 0.01"))
+    again = eomgen.load_result(result.save(tmp_path / "motion.npz")).trajectory
+    assert again.memory == ("j1.gamma.friction.z", "j2.gamma.friction.z")
+    assert again.coordinates == ("j1.gamma",)
 
 
 def test_streams_have_states(result: SimulationResult, robot: Robot, tmp_path: Path) -> None:

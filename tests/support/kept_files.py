@@ -47,8 +47,8 @@ point = [1.0, 0.0, 0.0]
 """
 
 
-def sample_result(name: str = "one_link") -> SimulationResult:
-    """A result of a robot that nobody simulated: a few samples of numbers that do not matter."""
+def sample_result(name: str = "one_link", *, states: bool = False) -> SimulationResult:
+    """A result of a robot that nobody simulated: a few samples of numbers that do not matter; with states of laws."""
     robot = eomgen.load_robot(name)
     model = build_model(robot)
     samples, n = 5, model.size
@@ -60,9 +60,13 @@ def sample_result(name: str = "one_link") -> SimulationResult:
     names = model.coordinates
     contacts = (Contact(0.1, names[0], 1, True, 0.2),)
     driven = tuple(names[i] for i in model.driven)
+    memory = tuple(f"{names[0]}.{law}.z" for law in ("friction", "maxwell.0")) if states else None
+    z = None if memory is None else 1e-5 * np.sin(np.outer(t, [3.0, 5.0]))
+    laws: dict[str, Any] = {"memory": memory, "z": z}
+    end = {"q": q[-1].tolist(), "v": q[-1].tolist(), **({} if z is None else {"z": z[-1].tolist()})}
     return SimulationResult(
         robot=robot.name,
-        trajectory=Trajectory(t, q, np.cos(q), 0.1 * q, energy, names, "rk4", info, contacts),
+        trajectory=Trajectory(t, q, np.cos(q), 0.1 * q, energy, names, "rk4", info, contacts, **laws),
         program_coordinates=driven,
         program_q=q[:, list(model.driven)],
         tool=model.frames[0],
@@ -77,9 +81,7 @@ def sample_result(name: str = "one_link") -> SimulationResult:
         wrench=np.zeros((samples, len(model.links), 6)),
         balance=EnergyBalance(np.outer(t, np.arange(5.0)), energy),
         description=MappingProxyType(record_of(robot)),
-        stopped=MappingProxyType(
-            {"reason": "why", "t": 0.5, "coordinate": names[0], "q": q[-1].tolist(), "v": q[-1].tolist()}
-        ),
+        stopped=MappingProxyType({"reason": "why", "t": 0.5, "coordinate": names[0], **end}),
     )
 
 

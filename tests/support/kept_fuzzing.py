@@ -62,7 +62,8 @@ def _with_raw_bytes(path: Path, seed: int) -> None:
 
 
 def results(folder: Path) -> Callable[[int], SingleMotion | None]:
-    samples = [raw_result(sample_result(name), folder) for name in ("one_link", "geared_arm", "balanced_arm")]
+    names = ("one_link", "geared_arm", "balanced_arm")
+    samples = [raw_result(sample_result(name, states=name != names[1]), folder) for name in names]
 
     def tried(seed: int) -> SingleMotion | None:
         path = write_raw(folder / "r.npz", *random_result(samples[seed % len(samples)], seed))

@@ -22,6 +22,7 @@ from ..names import (
     ROBOT_RULE,
     is_identifier,
     is_robot_name,
+    is_word,
     nearest,
     show,
     to_identifier,
@@ -306,6 +307,7 @@ class ByName(Key):
         named: what names are those of.
         by: by which of them a number is.
         depth: of tables in tables, at most.
+        numbered: whether numbers may stand among the words of a name.
     """
 
     item: Number = Number("")
@@ -313,6 +315,7 @@ class ByName(Key):
     named: str = "joints or coordinates"
     by: str = "joint or coordinate"
     depth: int = 3
+    numbered: bool = False
 
     def take(self, table: Place, key: str, value: Any) -> dict[str, float]:
         numbers: dict[str, float] = {}
@@ -321,7 +324,7 @@ class ByName(Key):
             where = ".".join((key, *path))
             if isinstance(inner, dict) and len(path) < self.depth:
                 for name, value in inner.items():
-                    if not all(is_identifier(word) for word in name.split(".")):
+                    if not all(map(is_word if self.numbered else is_identifier, name.split("."))):
                         table.fail(f"got the name {show(name)}; allowed: names of {self.named}", where)
                     walk(value, (*path, *name.split(".")))
             elif path:
@@ -336,7 +339,7 @@ class ByName(Key):
         return numbers
 
     def json(self) -> Json:
-        name = IDENTIFIER.pattern
+        name = r"[A-Za-z0-9_]+" if self.numbered else IDENTIFIER.pattern
         schema: Json = self.item.json()
         for _ in range(self.depth):
             inner = schema if schema.get("type") == "number" else {"anyOf": [self.item.json(), schema]}

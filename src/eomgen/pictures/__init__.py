@@ -30,6 +30,7 @@ with imports_when_used(globals()):
     from .simulation import plot_deviations as plot_deviations
     from .simulation import plot_result as plot_result
     from .simulation import plot_series as plot_series
+    from .simulation import plot_states as plot_states
     from .simulation import plot_tool as plot_tool
     from .sweep import plot_column as plot_column
     from .sweep import plot_sweep as plot_sweep

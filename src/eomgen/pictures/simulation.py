@@ -39,6 +39,7 @@ from .style import (
 
 SHOWN_PART = 0.25  # a magnified deviation is about this share of the path's extent
 WHISKERS = 25
+MOST_STATES = 12  # of laws in a figure
 ACROSS = 3  # panels beside each other
 MICRO = 1e6
 
@@ -66,6 +67,7 @@ def plot_result(result: SimulationResult, folder: Path | str | None = None, endi
         (plot_journals, result_journals(result)),
         (plot_tracking, result.programmed and result.program_coordinates),
         (plot_energy, result.balance is not None),
+        (plot_states, result.trajectory.memory),
     )
     plots = {name: plot for name, (plot, needed) in zip(SIMULATION_FIGURES, draws, strict=True) if needed}
     if folder is None:
@@ -116,6 +118,23 @@ def plot_series(result: SimulationResult, *names: str, path: Path | str | None =
             mark_end(panel, result)
         panels[-1].set_xlabel("time, s")
     return drawn.outcome
+
+
+def plot_states(result: SimulationResult, path: Path | str | None = None, *, ax: Any = None) -> Plotted:
+    """Plot the states of laws over time, the largest ones where there are many.
+
+    Arguments, what comes back and errors as of ``plot_series``.
+
+    Raises:
+        InputError: no law has a state.
+    """
+    check_kind(result, SimulationResult, "result", SOURCE)
+    memory, z = result.trajectory.memory, result.trajectory.z
+    if z is None or not memory:
+        raise InputError(f"result: no law of {result.robot} has a state; allowed: results of robots with such laws")
+    sizes = {name: float(np.abs(values).max()) for name, values in zip(memory, z.T, strict=True)}
+    largest = set(sorted(memory, key=lambda name: -sizes[name])[:MOST_STATES])
+    return plot_series(result, *(name for name in memory if name in largest), path=path, ax=ax)
 
 
 def _components(curves: Sequence[Series]) -> Iterator[tuple[str, Array, Array]]:

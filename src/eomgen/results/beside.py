@@ -9,7 +9,7 @@ from ..files import FIGURE_ENDINGS, PAGE_ENDING, read_regular
 
 NPZ, JSON = ".npz", ".json"  # endings of files of results
 TRAJECTORY, SWEEP, STREAM = "trajectory.npz", "sweep.json", "zarr.json"  # by which folders say what they hold
-SIMULATION_FIGURES = ("tool", "deviations", "journals", "tracking", "energy")
+SIMULATION_FIGURES = ("tool", "deviations", "journals", "tracking", "energy", "states")
 SWEEP_FIGURES = ("distribution", "sensitivity")
 PAGE = f"report{PAGE_ENDING}"  # of a simulation; of other results, behind the name of their file
 TABLE, TABLE_ENDINGS = "samples", (".csv", ".parquet")

@@ -24,13 +24,14 @@ from ..names import (
     component_name,
     is_identifier,
     is_robot_name,
+    is_state_name,
     joint_of,
     kind_of,
     listed,
     show,
 )
 from ..results.stored import Stored
-from ..robot.coordinates import UNITS, owners_of, rotating_joints, unit_of
+from ..robot.coordinates import UNITS, rotating_joints, unit_of
 from ..robot.elements.journal import RADIAL
 from .balance import TERMS
 
@@ -201,15 +202,13 @@ def check_coordinates(names: Sequence[str], units: Sequence[str], where: str) ->
         raise InputError(f"{where}: units: got {listed(units)}; allowed: {listed(wanted)}")
 
 
-def check_memory(names: Sequence[str], coordinates: Sequence[str], where: str, key: str) -> None:
-    """Refuse names that are none of states of laws of these coordinates, or that are there twice."""
+def check_memory(names: Sequence[str], where: str, key: str, owners: Sequence[str] = ()) -> None:
+    """Refuse names that are none of states of laws, of some owners where they are known, or that are there twice."""
 
     def is_state(name: str) -> bool:
-        owner = owners_of([name])[0]
-        words = name.removeprefix(owner).split(".")[1:]
-        return owner in coordinates and len(words) > 1 and all(map(is_identifier, words))
+        return is_state_name(name) and (not owners or any(name.startswith(f"{owner}.") for owner in owners))
 
-    _check_names(where, key, names, is_state, f"COORDINATE.LAW.STATE with a coordinate of {listed(coordinates)}")
+    _check_names(where, key, names, is_state, "OWNER.LAW.STATE with an owner of " + (listed(owners) or "any name"))
 
 
 def _check_coordinates(meta: Meta, arrays: Mapping[str, Any], where: str) -> None:
@@ -219,7 +218,6 @@ def _check_coordinates(meta: Meta, arrays: Mapping[str, Any], where: str) -> Non
     memory = arrays.get("memory") or ()
     if ("memory" in arrays) != ("z" in arrays):
         raise InputError(f"{where}: arrays memory and z: got one of them; allowed: both, or none")
-    check_memory(memory, coordinates, where, "array memory")
     rotating = rotating_joints(coordinates)
     if arrays.get("rotating", rotating) != rotating:
         got = listed(arrays["rotating"])
@@ -229,6 +227,7 @@ def _check_coordinates(meta: Meta, arrays: Mapping[str, Any], where: str) -> Non
     contacts = dict.fromkeys(contact.coordinate for contact in meta.contacts if contact.coordinate not in journals)
     followers = (str(coupling.get("of")) for coupling in _tables(meta.description, "couplings"))
     known = (*coordinates, *_cut_names(meta.description), *followers)
+    check_memory(memory, where, "array memory", known)
     for key, names, allowed in (
         ("array program_coordinates", arrays["program_coordinates"], coordinates),
         ("prescribed", meta.prescribed, coordinates),

@@ -225,7 +225,7 @@ def _checked_layout(folder: Path, most: int) -> _About:
         raise InputError(f"{folder}: written by a newer eomgen than this one; allowed: up to format {FORMAT}")
     about: _About = value_of(_About, written, f"{folder}: is no stream of a simulation: attributes")
     check_coordinates(about.coordinates, about.units, f"{folder}: attributes")
-    check_memory(about.memory, about.coordinates, f"{folder}: attributes", "memory")
+    check_memory(about.memory, f"{folder}: attributes", "memory")
     n, states = len(about.coordinates), len(about.memory)
     samples = 0
     for name in ("t", "q", "v", *(("z",) if states else ())):
