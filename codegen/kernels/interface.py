@@ -20,7 +20,7 @@ from .signatures import KERNELS, element_rows, functions, shapes
 
 IF_ANY = (  # entries of the metadata that are there only where there is something to tell
     *("motors", "efforts", "ranges", "home", "frame_links", "turning", "loops", "upright", "constraints", "couplings"),
-    *("memory", "inputs", "followers", "cut_laws", "regressor", "springs", "element_rows", "matrices"),
+    *("memory", "memory_units", "inputs", "followers", "cut_laws", "regressor", "springs", "element_rows", "matrices"),
 )
 
 
@@ -39,6 +39,7 @@ def describe_kernels(model: Model, kernels: Sequence[str], dtype: str) -> dict[s
         "dtype": dtype,
         "coordinates": model.coordinates,
         "memory": model.memory,
+        "memory_units": tuple(state.unit for state in model.states),
         "inputs": {
             model.coordinates[i]: [*input_of(law, linear=kind_of(model.coordinates[i]) in LINEAR), place]
             for i, place in model.beside.items()

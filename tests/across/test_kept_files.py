@@ -420,7 +420,7 @@ def test_rows_have_a_limit(sweep: Sweep, tmp_path: Path, monkeypatch: pytest.Mon
 def _stream(folder: Path) -> Path:
     from eomgen.simulation.stream import MotionStream
 
-    stream = MotionStream(folder, ["a.x", "b.gamma"], 300, {"robot": "r"}, ["a.x.friction.z"])
+    stream = MotionStream(folder, ["a.x", "b.gamma"], 300, {"robot": "r"}, {"a.x.friction.z": "m"})
     t = np.linspace(0.0, 1.0, 200)
     stream.append(t, np.outer(t, [1.0, 2.0]), np.outer(t, [3.0, 4.0]), 1e-5 * t[:, np.newaxis])
     stream.flush()
@@ -439,7 +439,8 @@ STREAM_CHANGES: dict[str, tuple[str, tuple[Any, ...], Any, str]] = {
     "more names": ("", ("attributes", "coordinates"), ["a.x"], "units: got"),
     "other states": ("", ("attributes", "memory"), ["a.x"], "memory: got 'a.x'; allowed: OWNER.LAW.STATE"),
     "states twice": ("", ("attributes", "memory"), ["a.x.b.c"] * 2, "memory: got 'a.x.b.c', 'a.x.b.c'"),
-    "more states": ("", ("attributes", "memory"), ["a.x.b.c", "a.x.b.d"], "array z: is float64"),
+    "more states": ("", ("attributes", "memory"), ["a.x.b.c", "a.x.b.d"], "memory_units: got 'm'"),
+    "units of no state": ("", ("attributes", "memory_units"), [ESC], r"memory_units: got '\\x1b[31m"),
     "huge states": ("z", ("shape",), [10**15, 1], "array z: is float64"),
     "other units": ("", ("attributes", "units"), ["m", "m"], "units: got 'm', 'm'"),
     "other codecs": ("q", ("codecs", 1, "name"), "gzip", "its codecs are others than eomgen's"),

@@ -123,8 +123,11 @@ def test_series_tables_and_files(result: SimulationResult, tmp_path: Path) -> No
         np.savez(tmp_path / "bad.npz", **{**arrays, key: value})
         with pytest.raises(InputError, match=said):
             eomgen.load_result(tmp_path / "bad.npz")
+    np.savez(tmp_path / "bad.npz", **{**arrays, "memory_units": np.array(["rad", "<b>", "rad"])})
+    with pytest.raises(InputError, match="memory_units"):
+        eomgen.load_result(tmp_path / "bad.npz")
     np.savez(tmp_path / "bad.npz", **{key: x for key, x in arrays.items() if key != "z"})
-    with pytest.raises(InputError, match="memory and z"):
+    with pytest.raises(InputError, match="memory, memory_units and z"):
         eomgen.load_result(tmp_path / "bad.npz")
 
 

@@ -62,7 +62,7 @@ def sample_result(name: str = "one_link", *, states: bool = False) -> Simulation
     driven = tuple(names[i] for i in model.driven)
     memory = tuple(f"{names[0]}.{law}.z" for law in ("friction", "maxwell.0")) if states else None
     z = None if memory is None else 1e-5 * np.sin(np.outer(t, [3.0, 5.0]))
-    laws: dict[str, Any] = {"memory": memory, "z": z}
+    laws: dict[str, Any] = {"memory": memory, "memory_units": ("rad", "rad") if states else None, "z": z}
     end = {"q": q[-1].tolist(), "v": q[-1].tolist(), **({} if z is None else {"z": z[-1].tolist()})}
     return SimulationResult(
         robot=robot.name,

@@ -52,20 +52,20 @@ def rests(kernel: Kernel, t: Array, q: Array, v: Array) -> tuple[Rest, ...]:
     widths, intervals = smoothings(kernel), list[Rest]()
     if not (widths or kernel.memory) or t.size < 2:
         return ()
-    numbers = {name: laws for name, laws in law_numbers(kernel).items() if name not in kernel.prescribed}
-    names = [name for name, laws in numbers.items() if _has_coulomb_friction(laws) and BRISTLES not in laws]
-    cut = [name for name, laws in cut_numbers(kernel).items() if _has_coulomb_friction(laws)]
     rates = dict(zip(acting(kernel), np.hstack([v, v @ kernel.follower_matrix()[0].T]).T, strict=True))
-    velocities = np.array([rates[name] for name in names]).reshape(-1, t.size).T
+    laws = {name: x for name, x in law_numbers(kernel).items() if name not in kernel.prescribed}
+    cut = {name: x for name, x in cut_numbers(kernel).items() if _has_coulomb_friction(x)}
     if cut:
         rows = kernel.cut_jacobian(q)[:, [kernel.cut_laws.index(name) for name in cut]]
-        velocities = np.hstack([velocities, np.einsum("tij,tj->ti", rows, v)])
-    for name, column in zip((*names, *cut), velocities.T, strict=True):
-        intervals += _intervals(name, t, np.abs(column) <= NEAR * max(widths[name], SMOOTHING))
-    for name, laws in numbers.items():
-        if BRISTLES in laws:
-            z = rates[component_name(name, BRISTLE_STATE)]
-            intervals += _intervals(name, t, _bristles_hold(laws, rates[name], z))
+        rates |= dict(zip(cut, np.einsum("tij,tj->it", rows, v), strict=True))
+    for name, numbers in (laws | cut).items():
+        if not _has_coulomb_friction(numbers):
+            continue
+        if BRISTLES in numbers:
+            held = _bristles_hold(numbers, rates[name], rates[component_name(name, BRISTLE_STATE)])
+        else:
+            held = np.abs(rates[name]) <= NEAR * max(widths[name], SMOOTHING)
+        intervals += _intervals(name, t, held)
     return tuple(sorted(intervals, key=lambda rest: (rest.begins, rest.ends)))
 
 

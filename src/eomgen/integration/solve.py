@@ -133,9 +133,9 @@ def integrate(  # noqa: PLR0913
     except IntegrationStopped as stop:
         stop.set_apart(len(kernel.coordinates))
         if stop.trajectory is not None:
-            stop.trajectory = stop.trajectory.apart(kernel.coordinates)
+            stop.trajectory = stop.trajectory.apart(kernel)
         raise
-    return motion.apart(kernel.coordinates)
+    return motion.apart(kernel)
 
 
 def integrate_by(

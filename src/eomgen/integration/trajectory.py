@@ -12,8 +12,9 @@ import numpy as np
 from ..arrays import Array
 from ..errors import ArrayError, InputError, IntegrationStopped
 from ..names import component_name
-from ..robot.coordinates import force_unit_of, rotating_joints, state_unit, unit_of
+from ..robot.coordinates import force_unit_of, rotating_joints, unit_of
 from ..robot.value import ANGULAR
+from ..runtime.kernel import Kernel
 from ..shown import Shown
 from ..state.turning import joint_quaternions, quaternion_columns, quaternions
 from ..tabular import Rows, TableColumn, Tabular
@@ -44,7 +45,7 @@ class Trajectory(Shown, Tabular):
         works: work integrals, (T, 4), J, from the first sample on, integrated with the motion; None where that was not
             asked for.  Of the drives, of the forces of prescribed motions, of external wrenches, and what dampers and
             friction dissipated (``eomgen.runtime.stepping.input_signals.WORKS``).
-        z: states of laws, (T, states), by the names in ``memory``; both None without any.
+        z: states of laws, (T, states), by the names in ``memory``, in their ``memory_units``; None without any.
     """
 
     t: Array
@@ -60,17 +61,23 @@ class Trajectory(Shown, Tabular):
     works: Array | None = None
     z: Array | None = None
     memory: tuple[str, ...] | None = None
+    memory_units: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "info", MappingProxyType(dict(self.info)))
 
-    def apart(self, coordinates: tuple[str, ...]) -> Trajectory:
-        """Return the motion of these coordinates, and states of laws, which stood behind them in v, as ``z``."""
-        n = len(coordinates)
+    def apart(self, kernel: Kernel) -> Trajectory:
+        """Return the motion of a kernel's coordinates, and states of laws, which stood behind them in v, as ``z``."""
+        n = len(kernel.coordinates)
         if n == len(self.coordinates):
             return self
         q, v, u, z = (np.ascontiguousarray(x) for x in (self.q[:, :n], self.v[:, :n], self.u[:, :n], self.v[:, n:]))
-        return replace(self, q=q, v=v, u=u, z=z, coordinates=coordinates, memory=self.coordinates[n:])
+        names: dict[str, Any] = {
+            "coordinates": kernel.coordinates,
+            "memory": kernel.memory,
+            "memory_units": kernel.memory_units,
+        }
+        return replace(self, q=q, v=v, u=u, z=z, **names)
 
     def joined(self) -> tuple[Array, Array, Array]:
         """Return q, v and u as kernels take them, (T, n) each: with states of laws behind the coordinates, if any."""
@@ -129,7 +136,8 @@ def motion_columns(motion: Trajectory) -> dict[str, tuple[str, Array]]:
         unit = unit_of(name)
         columns[name], columns[f"{name}.rate"] = (unit, motion.q[:, i]), (f"{unit}/s", motion.v[:, i])
         columns[f"{name}.drive"] = (force_unit_of(name), motion.u[:, i])
-    columns |= {name: (state_unit(name), motion.of(name)) for name in motion.memory or ()}
+    units = motion.memory_units or ()
+    columns |= {name: (unit, motion.of(name)) for name, unit in zip(motion.memory or (), units, strict=True)}
     return columns | {name: ("", x) for name, x in quaternion_columns(motion.coordinates, motion.q).items()}
 
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from ..arrays import Array
 from ..errors import InputError
 from ..names import listed, nearest, show
-from ..robot.coordinates import state_unit, unit_of
+from ..robot.coordinates import unit_of
 from ..runtime.arrays import numbers_in
 from ..runtime.kernel import Kernel
 
@@ -82,7 +82,8 @@ class Until:
         _refuse_not_finite("value", value)
         i = names.index(name)
         if name in kernel.memory:
-            return cls(f"{name} = {value:g} {state_unit(name)}", lambda q, v: v[:, i] - value)
+            unit = kernel.memory_units[kernel.memory.index(name)]
+            return cls(f"{name} = {value:g} {unit}", lambda q, v: v[:, i] - value)
         return cls(f"{name} = {value:g} {unit_of(name)}", lambda q, v: q[:, i] - value)
 
     @classmethod

@@ -6,8 +6,6 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from ..names import component_name, joint_of, kind_of
-from .law_states import NAMED
-from .memory.drives import DRIVE, STATES
 from .value import ANGULAR, LINEAR, MOTOR, Robot
 
 if TYPE_CHECKING:
@@ -38,15 +36,6 @@ def coordinate_names(robot: Robot) -> tuple[str, ...]:
 def owners_of(memory: Sequence[str]) -> tuple[str, ...]:
     """Return the names of the coordinates whose laws have these states, once each: "j1.x" of "j1.x.friction.z"."""
     return tuple(dict.fromkeys(".".join(name.split(".")[:2]) for name in memory))
-
-
-def state_unit(name: str) -> str:
-    """Return the unit of a law's state by its name; that of the coordinate, as of a deflection, where it is unknown."""
-    _, kind, state = name.split(".", 2)
-    law, _, short = state.partition(".")
-    known = NAMED.get(state) or (STATES.get(short) if law == DRIVE else None)
-    units = ("m", "rad") if known is None else known.unit
-    return units[0 if kind in LINEAR else 1]
 
 
 def rotating_joints(names: Sequence[str]) -> tuple[str, ...]:

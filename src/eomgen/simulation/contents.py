@@ -35,6 +35,7 @@ from ..robot.coordinates import UNITS, rotating_joints, unit_of
 from ..robot.elements.journal import RADIAL
 from .balance import TERMS
 
+UNIT = re.compile(r"1|[A-Za-z]{1,3}(\^-?[1-9])?([ /][A-Za-z]{1,3}(\^-?[1-9])?){0,3}")  # of a law's state
 _LARGEST_SUM = LARGEST_FOUND**2  # of energies: a motion that diverged has large ones
 RESULT, TRAJECTORY, BALANCE = "result", "trajectory", "balance"  # where an array belongs
 DERIVED = ("units", "rotating", "quaternions")  # arrays that follow from others, for those who read with NumPy alone
@@ -67,7 +68,8 @@ ARRAYS = (
     _array("u", TRAJECTORY, ("T", "n"), "N, N m", largest=_LARGEST_SUM),
     _array("energy", TRAJECTORY, ("T", 2), "J", largest=_LARGEST_SUM),
     _array("memory", TRAJECTORY, ("s",), of=str, otherwise=None),
-    _array("z", TRAJECTORY, ("T", "s"), "m, rad", otherwise=None),
+    _array("memory_units", TRAJECTORY, ("s",), of=str, otherwise=None),
+    _array("z", TRAJECTORY, ("T", "s"), otherwise=None),
     _array("rotating", TRAJECTORY, ("k",), of=str, otherwise=None),
     _array("quaternions", TRAJECTORY, ("T", "k", 4), otherwise=None, largest=1.0 + 1e-12),
     _array("program_q", RESULT, ("T", "p"), "m, rad"),
@@ -202,22 +204,27 @@ def check_coordinates(names: Sequence[str], units: Sequence[str], where: str) ->
         raise InputError(f"{where}: units: got {listed(units)}; allowed: {listed(wanted)}")
 
 
-def check_memory(names: Sequence[str], where: str, key: str, owners: Sequence[str] = ()) -> None:
-    """Refuse names that are none of states of laws, of some owners where they are known, or that are there twice."""
+def check_memory(names: Sequence[str], units: Sequence[str], where: str, key: str, owners: Sequence[str] = ()) -> None:
+    """Refuse names that are none of states of laws, of some owners where they are known, or that are there twice.
+
+    Units are those of names, one for each: SI units and their products.
+    """
 
     def is_state(name: str) -> bool:
         return is_state_name(name) and (not owners or any(name.startswith(f"{owner}.") for owner in owners))
 
     _check_names(where, key, names, is_state, "OWNER.LAW.STATE with an owner of " + (listed(owners) or "any name"))
+    if len(units) != len(names) or not all(UNIT.fullmatch(unit) for unit in units):
+        raise InputError(f"{where}: {key}_units: got {listed(units)}; allowed: a unit for each of {listed(names)}")
 
 
 def _check_coordinates(meta: Meta, arrays: Mapping[str, Any], where: str) -> None:
     """Refuse names of coordinates that the result does not have, wherever they stand."""
     coordinates = arrays["coordinates"]
     check_coordinates(coordinates, arrays["units"], where)
-    memory = arrays.get("memory") or ()
-    if ("memory" in arrays) != ("z" in arrays):
-        raise InputError(f"{where}: arrays memory and z: got one of them; allowed: both, or none")
+    memory, there = arrays.get("memory") or (), [name in arrays for name in ("memory", "memory_units", "z")]
+    if any(there) and not all(there):
+        raise InputError(f"{where}: arrays memory, memory_units and z: got some of them; allowed: all, or none")
     rotating = rotating_joints(coordinates)
     if arrays.get("rotating", rotating) != rotating:
         got = listed(arrays["rotating"])
@@ -227,7 +234,7 @@ def _check_coordinates(meta: Meta, arrays: Mapping[str, Any], where: str) -> Non
     contacts = dict.fromkeys(contact.coordinate for contact in meta.contacts if contact.coordinate not in journals)
     followers = (str(coupling.get("of")) for coupling in _tables(meta.description, "couplings"))
     known = (*coordinates, *_cut_names(meta.description), *followers)
-    check_memory(memory, where, "array memory", known)
+    check_memory(memory, arrays.get("memory_units") or (), where, "array memory", known)
     for key, names, allowed in (
         ("array program_coordinates", arrays["program_coordinates"], coordinates),
         ("prescribed", meta.prescribed, coordinates),

@@ -165,7 +165,8 @@ def run_assembly(
         "versions": versions,
     }
     samples = output_times(scenario.duration, scenario.output_step).size
-    opened = None if stream is None else MotionStream(stream, kernel.coordinates, samples, about, kernel.memory)
+    states = dict(zip(kernel.memory, kernel.memory_units, strict=True))
+    opened = None if stream is None else MotionStream(stream, kernel.coordinates, samples, about, states)
     plan = plan_of(assembly, scenario, q0)
     options = SegmentOptions(plan, report, opened, balance, assembly.until)
     n = len(kernel.coordinates)
@@ -174,7 +175,7 @@ def run_assembly(
     except IntegrationStopped as stop:
         stop.set_apart(n)
         if stop.trajectory is not None:
-            stop.trajectory = stop.trajectory.apart(kernel.coordinates)
+            stop.trajectory = stop.trajectory.apart(kernel)
         raise
     motion = segments.trajectory
     t, q = motion.t, motion.q
@@ -203,7 +204,7 @@ def run_assembly(
     ]
     result = SimulationResult(
         robot=robot.name,
-        trajectory=motion.apart(kernel.coordinates),
+        trajectory=motion.apart(kernel),
         program_coordinates=assembly.driven,
         program_q=program_q,
         tool=tool,

@@ -224,7 +224,7 @@ class _Batch:
         driven = index_of(kernel.coordinates, assembly.driven)
         return SimulationResult(
             robot=self.robot.name,
-            trajectory=Trajectory(*parts, kernel.velocities, method, info).apart(kernel.coordinates),
+            trajectory=Trajectory(*parts, kernel.velocities, method, info).apart(kernel),
             program_coordinates=assembly.driven,
             program_q=q[:, driven] if programmed is None else programmed,
             tool=tool,

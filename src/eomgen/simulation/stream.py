@@ -29,7 +29,7 @@ from ..limits import LARGEST_FINITE
 from ..names import show
 from ..npz import VARIABLE, most_bytes
 from ..optional import optional_import
-from ..robot.coordinates import state_unit, unit_of
+from ..robot.coordinates import unit_of
 from ..shown import Shown
 from ..state.turning import quaternion_columns
 from .contents import check_coordinates, check_memory
@@ -49,7 +49,7 @@ class StreamedMotion(Shown):
     """A motion read from a stream: t (T,), s; q and v (T, n), m, rad, per s; ``complete`` if it came to its end.
 
     meta: robot, robot_hash, scenario and versions as ``SimulationResult`` has them.  z: states of laws, (T, states), by
-    the names in ``memory``; both None without any.
+    the names in ``memory``, in their ``memory_units``; None without any.
     """
 
     t: Array
@@ -60,6 +60,7 @@ class StreamedMotion(Shown):
     meta: Mapping[str, Any]
     z: Array | None = None
     memory: tuple[str, ...] | None = None
+    memory_units: tuple[str, ...] | None = None
 
     def series(self, name: str) -> Series:
         """Return a coordinate, its velocity (NAME.rate) or a law's state over time; InputError if there is none of it.
@@ -71,7 +72,8 @@ class StreamedMotion(Shown):
             return Series(name, "", self.t, rotations[name])
         memory = self.memory or ()
         if self.z is not None and name in memory:
-            return Series(name, state_unit(name), self.t, self.z[:, memory.index(name)])
+            i = memory.index(name)
+            return Series(name, (self.memory_units or ())[i], self.t, self.z[:, i])
         if stem not in self.coordinates:
             known = ", ".join([f"{', '.join(self.coordinates)}, with .rate or without", *memory, *rotations])
             raise InputError(f"series: {show(name)} is unknown; known: {known}")
@@ -87,7 +89,7 @@ class MotionStream:
         coordinates: n names.
         samples: T.
         meta: values that JSON holds.
-        memory: names of states of laws.
+        memory: units of states of laws, by their names.
 
     Raises:
         InputError: Zarr is not installed, or the folder has something in it or cannot be written.
@@ -99,7 +101,7 @@ class MotionStream:
         coordinates: Sequence[str],
         samples: int,
         meta: Mapping[str, Any],
-        memory: Sequence[str] = (),
+        memory: Mapping[str, str] = MappingProxyType({}),
     ) -> None:
         zarr, self._folder = _zarr(), Path(folder)
         shapes: dict[str, tuple[int, ...]] = {"t": (samples,), **dict.fromkeys("qv", (samples, len(coordinates)))}
@@ -116,7 +118,8 @@ class MotionStream:
                 for name, shape in shapes.items()
             }
             about = {"format": FORMAT, "coordinates": list(coordinates), "units": [unit_of(x) for x in coordinates]}
-            group.attrs.update({**about, **({"memory": list(memory)} if memory else {}), "meta": dict(meta)})
+            states = {"memory": list(memory), "memory_units": list(memory.values())} if memory else {}
+            group.attrs.update({**about, **states, "meta": dict(meta)})
         except OSError as error:
             raise InputError(f"{folder}: cannot be written: {error.strerror or error}") from None
         self._written = 0
@@ -180,7 +183,8 @@ def load_stream(folder: Path | str) -> StreamedMotion:
     if (np.diff(t[:count]) <= 0.0).any():
         raise InputError(f"{folder}: array t: got times that do not increase; allowed: increasing times")
     q, v, z, meta = arrays["q"], arrays["v"], arrays.get("z"), MappingProxyType(dict(about.meta))
-    return StreamedMotion(t[:count], q, v, about.coordinates, count == t.size, meta, z, about.memory or None)
+    states = (z, about.memory, about.memory_units) if about.memory else ()
+    return StreamedMotion(t[:count], q, v, about.coordinates, count == t.size, meta, *states)
 
 
 @dataclass(frozen=True)
@@ -192,6 +196,7 @@ class _About:
     units: tuple[str, ...]
     meta: Mapping[str, Any]
     memory: tuple[str, ...] = ()
+    memory_units: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -225,7 +230,7 @@ def _checked_layout(folder: Path, most: int) -> _About:
         raise InputError(f"{folder}: written by a newer eomgen than this one; allowed: up to format {FORMAT}")
     about: _About = value_of(_About, written, f"{folder}: is no stream of a simulation: attributes")
     check_coordinates(about.coordinates, about.units, f"{folder}: attributes")
-    check_memory(about.memory, f"{folder}: attributes", "memory")
+    check_memory(about.memory, about.memory_units, f"{folder}: attributes", "memory")
     n, states = len(about.coordinates), len(about.memory)
     samples = 0
     for name in ("t", "q", "v", *(("z",) if states else ())):

@@ -11,7 +11,7 @@ from ..arrays import Array
 from ..errors import InputError
 from ..motion.exceeding import excesses
 from ..names import joint_of
-from ..robot.coordinates import force_unit_of, index_of, rotating_joints, state_unit, unit_of
+from ..robot.coordinates import force_unit_of, index_of, rotating_joints, unit_of
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
 from ..scenario.value import Scenario
@@ -124,13 +124,13 @@ def _coordinates(name: str, result: SimulationResult, _: Assembly) -> Measured:
     return [(f"{name}.{x}", unit_of(x), value) for x, value in zip(names, values.tolist(), strict=True)]
 
 
-def _states(name: str, result: SimulationResult, _: Assembly) -> Measured:
+def _states(name: str, result: SimulationResult, assembly: Assembly) -> Measured:
     """Return the largest size of each law's state, or what it is at the end."""
-    z, names = result.trajectory.z, result.trajectory.memory
+    z, kernel = result.trajectory.z, assembly.kernel
     assert z is not None
-    assert names is not None
     values = np.abs(z).max(axis=0) if name == "state_max" else z[-1]
-    return [(f"{name}.{x}", state_unit(x), value) for x, value in zip(names, values.tolist(), strict=True)]
+    each = zip(kernel.memory, kernel.memory_units, values.tolist(), strict=True)
+    return [(f"{name}.{x}", unit, value) for x, unit, value in each]
 
 
 def _quaternions(name: str, result: SimulationResult, _: Assembly) -> Measured:

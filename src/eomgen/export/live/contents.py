@@ -14,7 +14,7 @@ from ...names import kind_of
 from ...pictures.framing import ROUND_OFF, SHOWN_ANGLE, SHOWN_PART, STEP, drawn_points, first_factor
 from ...pictures.scene import extent, program_positions
 from ...progress import Progress
-from ...robot.coordinates import state_unit, unit_of
+from ...robot.coordinates import unit_of
 from ...robot.model import build_model, rigid_coordinates, tool_of
 from ...robot.parameter_names import is_entry
 from ...robot.value import ANGULAR, MOTOR, Robot
@@ -90,7 +90,7 @@ def contents_of(robot: Robot, scenario: Scenario | None, result: SimulationResul
         "name": robot.name,
         "coordinates": list(kernel.coordinates),
         "units": [unit_of(name) for name in kernel.coordinates],
-        "states": [{"name": name, "unit": state_unit(name)} for name in kernel.memory],
+        "states": [{"name": name, "unit": unit} for name, unit in zip(kernel.memory, kernel.memory_units, strict=True)],
         "deviations": deviations,
         "closed": bool(robot.is_closed),
         "moving": list(kernel.links),
