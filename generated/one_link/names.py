@@ -30,6 +30,17 @@ def is_identifier(text: str) -> bool:
     return len(text) <= NAME_LENGTH and IDENTIFIER.fullmatch(text) is not None
 
 
+def is_state_name(text: str) -> bool:
+    """Return True for the name of a law's state: OWNER.LAW.STATE, such as "joint1.gamma.maxwell.0.z"."""
+    first, *words = text.split(".")
+    return len(text) <= 4 * NAME_LENGTH and is_identifier(first) and len(words) > 1 and all(map(is_word, words))
+
+
+def is_word(text: str) -> bool:
+    """Return True for an identifier, or a number of letters, digits or _: what stands between dots of names."""
+    return is_identifier(f"_{text}") and text != ""
+
+
 def is_robot_name(text: str) -> bool:
     """Return True for a robot name, which becomes file, module and C prefix."""
     return len(text) <= ROBOT_LENGTH and ROBOT_NAME.fullmatch(text) is not None and not keyword.iskeyword(text)

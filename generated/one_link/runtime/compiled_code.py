@@ -46,6 +46,7 @@ class CompiledCode:
         self.dtype: np.dtype[Any] = self.raw.dtype
         self.coordinates: tuple[str, ...] = tuple(meta["coordinates"])
         self.memory: tuple[str, ...] = tuple(meta.get("memory", ()))
+        self.memory_units: tuple[str, ...] = tuple(meta.get("memory_units", ()))
         self.inputs: dict[str, DriveInput] = inputs_of(meta)
         self.links: tuple[str, ...] = tuple(meta["links"])
         self.frames: tuple[str, ...] = tuple(meta["frames"])

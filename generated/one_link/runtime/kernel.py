@@ -32,6 +32,7 @@ class Kernel(Differentiation, InverseKinematics, Rollouts):
         coordinates: names such as "joint1.x"; n of them, but for states of laws.
         memory: names of the states of laws, such as "joint1.gamma.friction.z".  Arrays have them behind coordinates, in
             v as they are, in a their rates, in q numbers that act on nothing, in u zeros; or ``z`` has them apart.
+        memory_units: their units, such as "rad".
         joints: names of the joints that move, in the order of ``reactions``.
         links: names of the links that move, in the order of ``wrench``.
         frames: names that ``frame_pose`` knows: frames, then links.

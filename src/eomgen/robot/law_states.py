@@ -147,13 +147,6 @@ def _branch(i: int) -> State:
     )
 
 
-NAMED: Mapping[str, State] = {  # states by their names below a coordinate's
-    "friction.z": BRISTLE,
-    f"{WOUND}.z": HYSTERETIC,
-    **{f"{BRANCHES}.{i}.z": _branch(i) for i in range(MOST_BRANCHES)},
-}
-
-
 def branch_conflict(numbers: Values) -> Conflict | None:
     """Return the key and the message of branches that lack a number, or follow a gap."""
     count = branches_of(numbers)

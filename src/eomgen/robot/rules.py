@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import fields
 
 from ..limits import LARGEST
-from ..names import show
+from ..names import listed, nearest, show
 from .bounds import limits_conflict
 from .laws import LAWS, NUMBERS, active_laws, curve_conflict, law_conflict
 from .memory.drives import DRIVE, has_drive
@@ -58,7 +58,8 @@ def coordinate_conflict(coordinate: Coordinate) -> tuple[str, str] | None:
     """Return the key and the message of numbers of a coordinate that do not go together; None if all do."""
     for key in coordinate.further:
         if key not in FURTHER:
-            return "further", f"{show(key)} is no number of a law; allowed: {', '.join(FURTHER) or 'none'}"
+            known = listed(FURTHER) or "none"
+            return "further", f"{show(key)} is no number of a law{nearest(key, FURTHER)}; allowed: {known}"
     first = limits_conflict(coordinate.limits) if coordinate.limits is not None else None
     if first is not None:
         return first
