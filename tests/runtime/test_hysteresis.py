@@ -12,8 +12,10 @@ from scipy.integrate import quad, solve_ivp
 from scipy.interpolate import CubicSpline
 
 import eomgen
+from eomgen.codegen.arrays.sources import render_arrays
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import DescriptionError
+from eomgen.export.mujoco import left_out
 from eomgen.robot.elements.loss_factor import fitted_branches, loss_factors
 from eomgen.robot.model import build_model
 from eomgen.runtime.stepping.input_signals import DriveData, InputSignals, Signal, Track, Waves
@@ -413,3 +415,22 @@ def test_robots_without_states_keep_all_else(name: str) -> None:
     kept = {key: x for key, x in robot.numbers() if "hysteresis" not in key and "maxwell" not in key}
     assert {key: x for key, x in plain.numbers() if x is not None} == {k: x for k, x in kept.items() if x is not None}
     assert build_model(robot.rigid()).memory == ()
+
+
+def test_python_on_arrays_is_the_kernel(kernel: eomgen.Kernel) -> None:
+    """Logarithms among its functions."""
+    module: dict[str, Any] = {}
+    exec(render_arrays(build_model(slide(HYSTERESIS)), ("forward_dynamics", "energy")), module)
+    functions, rng = module["make"](np), np.random.default_rng(5)
+    for q, v, u in rng.normal(size=(10, 3, 2)):
+        given = functions.forward_dynamics(q, v, u), functions.energy(q, v)
+        for found, expected in zip(given, (kernel.forward_dynamics(q, v, u), kernel.energy(q, v)), strict=True):
+            np.testing.assert_allclose(found, expected, rtol=1e-13)
+
+
+@pytest.mark.parametrize("name", ["drive", "belt"])
+def test_models_of_mujoco_leave_them_out_by_name(name: str) -> None:
+    model = build_model(robot_from_toml(SEA) if name == "drive" else looped(name))
+    assert {f"{x.prefix}.{x.law}: left out" for x in model.states} <= set(left_out(model.robot))
+    assert {x.unit for x in model.states} == {"rad"}
+    assert {x.unit for x in build_model(slide(f"{HYSTERESIS}, {MAXWELL}")).states} == {"m"}

@@ -76,6 +76,7 @@ def mechanism(
 
 def _in_motion(rng: np.random.Generator, family: str, robot: Robot, q: Array, given: int) -> Mechanism | None:
     """The mechanism with rates and drives, up to ``given`` coordinates prescribed; None near singular poses."""
+    robot, q = robot.without_states(), q[: len(build_model(robot).coordinates)]  # which the oracle does not know
     oracle = ClosedOracle(robot)
     g, J, _ = oracle.constraint(q, 0.0 * q)
     assert np.abs(g).max() <= 1e-13, "open by construction"
