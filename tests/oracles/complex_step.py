@@ -20,6 +20,7 @@ COMPLEX = {
     "step": lambda x: float(complex(x).real > 0.0),
     "choose": lambda gate, x, y: x if complex(gate).real > 0.0 else y,
     "exp": cmath.exp,
+    "log": cmath.log,
     "atan2": lambda y, x: bearing(complex(y), complex(x)),
 }
 
