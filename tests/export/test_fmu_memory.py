@@ -14,7 +14,16 @@ from scipy.integrate import solve_ivp
 from eomgen.export.fmu.pack import export_fmu
 from eomgen.robot.value import Robot
 from eomgen.runtime.kernel import Array, Kernel
-from tests.support.bristles import SIZE, bent, bristle_arm, bristle_gear, bristle_linkage, wide
+from tests.support.bristles import (
+    SIZE,
+    bent,
+    bristle_arm,
+    bristle_gear,
+    bristle_linkage,
+    remembering_arm,
+    remembering_linkage,
+    wide,
+)
 from tests.support.builds import Build
 from tests.support.fmu_host import Host
 from tests.support.soak import soaked
@@ -24,8 +33,14 @@ KERNELS = (
     *("forward_dynamics", "external_force", "kinematics", "energy", "reactions", "external_reactions"),
     *("rollout", "adaptive_rollout", "radau_rollout"),
 )
-ROBOTS = {"arm": bristle_arm, "linkage": bristle_linkage, "gear": bristle_gear}
-NAMES = ["arm", "linkage", pytest.param("gear", marks=pytest.mark.soak)]
+ROBOTS = {
+    "arm": bristle_arm,
+    "linkage": bristle_linkage,
+    "gear": bristle_gear,
+    "laws": remembering_arm,
+    "loop": remembering_linkage,
+}
+NAMES = ["laws", "linkage", *(pytest.param(name, marks=pytest.mark.soak) for name in ("arm", "gear", "loop"))]
 STATES = {"arm": ("j1.gamma.friction.z", "j2.motor.friction.z")}
 
 Unit = Callable[..., Host]

@@ -31,18 +31,29 @@ from tests.support.bristles import (
     ARM,
     BRISTLES,
     GEARED,
+    all_laws_text,
     bent,
     bristle_arm,
     bristle_gear,
     bristle_linkage,
     linkage_text,
+    loop_text,
+    remembering_arm,
+    remembering_linkage,
     wide,
 )
 from tests.support.builds import Build
 from tests.support.c_project import NO_EIGEN, WARNINGS, need, run
 
-ROBOTS = [bristle_arm, bristle_linkage, pytest.param(bristle_gear, marks=pytest.mark.soak)]
-TEXTS = {bristle_arm: ARM, bristle_linkage: linkage_text(), bristle_gear: GEARED}
+SOAKED = (bristle_arm, bristle_gear, remembering_linkage)
+ROBOTS = [remembering_arm, bristle_linkage, *(pytest.param(make, marks=pytest.mark.soak) for make in SOAKED)]
+TEXTS = {
+    bristle_arm: ARM,
+    bristle_linkage: linkage_text(),
+    bristle_gear: GEARED,
+    remembering_arm: all_laws_text(),
+    remembering_linkage: loop_text(),
+}
 PACKAGE = """
 import json, sys
 sys.modules["eomgen"] = None
@@ -96,8 +107,9 @@ def test_every_format_is_written(
 @pytest.mark.parametrize("make", ROBOTS)
 def test_models_of_mujoco_have_coulomb_friction_in_their_place(make: Callable[[], Robot]) -> None:
     robot = make()
-    notes = [note.split(":")[0].removeprefix("joints.") for note in left_out(robot) if "bristles" in note]
-    assert notes == [f"{x.owner}.{x.law}" for x in build_model(robot).states]
+    notes = {note.split(":")[0].partition(".")[2] for note in left_out(robot)}
+    named = {x.owner if x.prefix.startswith("loops.") else f"{x.owner}.{x.law}" for x in build_model(robot).states}
+    assert notes >= named
     text = mjcf(robot, 1e-4, approximate=True)
     assert text.count('frictionloss="0.3"') == 2
 

@@ -1,4 +1,4 @@
-"""Robots whose laws have states: LuGre friction in joints, in a motor, in a closed loop."""
+"""Robots whose laws have states: LuGre friction, hysteresis and Maxwell branches in joints, motors and closed loops."""
 
 from __future__ import annotations
 
@@ -85,6 +85,41 @@ name = "gear"
 of = "j2.gamma"
 to = {{ "j1.gamma" = -2.0 }}
 """
+
+
+HYSTERESIS = "hysteresis = {{ stiffness = {}, beta = 30.0, gamma = 10.0, n = 1.5, share = 0.3 }}"
+MAXWELL = "maxwell = [{ stiffness = 2e3, damping = 5.0 }, { stiffness = 1e3, damping = 50.0 }]"
+LAWS = (  # in the place of others of ARM
+    ("x = { stiffness = 1e4, damping = 10.0 }", f"x = {{ stiffness = 1e4, {MAXWELL} }}"),
+    ("gamma = { damping = 0.1 }", f"gamma = {{ damping = 0.1, {HYSTERESIS.format(30.0)} }}"),
+    ("stiffness = 100.0\ndamping = 0.5\n", f"stiffness = 100.0\ndamping = 0.5\n{HYSTERESIS.format(50.0)}\n"),
+    ('name = "bristle_arm"', 'name = "remembering_arm"'),
+)
+
+
+def all_laws_text() -> str:
+    """Describe the arm with hysteresis in a joint and a transmission, and Maxwell branches, beside its bristles."""
+    text = ARM
+    for old, new in LAWS:
+        text = text.replace(old, new)
+    return text
+
+
+def remembering_arm() -> Robot:
+    """Return the arm with all kinds of laws that have states."""
+    return robot_from_toml(all_laws_text())
+
+
+def loop_text() -> str:
+    """Describe the four-bar linkage with bristles in its loop joint, and hysteresis in an elastic coupling."""
+    text = linkage_text().replace('name = "joint4"\n', f'name = "joint4"\ngamma = {{ {FRICTION} }}\n')
+    coupling = '[[couplings]]\nname = "belt"\nof = "joint2.gamma"\nto = { "joint1.gamma" = 0.5 }\n'
+    return f"{text}\n{coupling}{HYSTERESIS.format(20.0)}\n"
+
+
+def remembering_linkage() -> Robot:
+    """Return the linkage whose loop joint and elastic coupling have states, too."""
+    return robot_from_toml(loop_text())
 
 
 def bristle_gear() -> Robot:
