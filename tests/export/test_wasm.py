@@ -21,7 +21,7 @@ from eomgen.export.wasm.pack import make_wasm
 from eomgen.robot import JointStiffness
 from eomgen.robot.value import Robot
 from tests.oracles.force_laws import with_laws
-from tests.support.bristles import bent, bristle_arm, bristle_linkage, wide
+from tests.support.bristles import bent, bristle_linkage, remembering_arm, wide
 from tests.support.random_robots import random_robot
 
 pytest.importorskip("ziglang", reason="the compiler for WebAssembly is not installed")
@@ -149,7 +149,7 @@ def test_under_node_functions_and_rollouts_have_the_same_bits(tmp_path: Path) ->
 
 
 @needs_node
-@pytest.mark.parametrize("make", [bristle_arm, pytest.param(bristle_linkage, marks=pytest.mark.soak)])
+@pytest.mark.parametrize("make", [remembering_arm, pytest.param(bristle_linkage, marks=pytest.mark.soak)])
 def test_states_of_laws_stand_behind_coordinates(make: Callable[[], Robot], tmp_path: Path) -> None:
     """Arrays are those of the C: coordinates, then states; messages name both."""
     robot = make()
