@@ -20,7 +20,7 @@ def _robots(options: argparse.Namespace) -> None:
     rows = []
     for name in builtin_robots():
         model = build_model(load_robot(name))
-        rows.append({"name": name, "coordinates": model.size, "links": len(model.links)})
+        rows.append({"name": name, "coordinates": len(model.coordinates), "links": len(model.links)})
     if options.json:
         show_json(rows)
         return

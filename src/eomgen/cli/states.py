@@ -138,7 +138,7 @@ def _poses_along(robot: Robot, options: argparse.Namespace) -> Any:
     if result.trajectory.coordinates != kernel.coordinates:
         raise InputError(f"{options.along}: has not the coordinates of {robot.name}; allowed: a result of this robot")
     rows = np.unique(np.linspace(0, len(result.program_q) - 1, options.points).round().astype(int))
-    poses = np.zeros((len(rows), kernel.n))
+    poses = np.zeros((len(rows), len(kernel.coordinates)))
     passive = index_of(kernel.coordinates, result.passive)
     poses[:, passive] = result.trajectory.q[rows][:, passive]
     poses[:, index_of(kernel.coordinates, result.program_coordinates)] = result.program_q[rows]
@@ -208,6 +208,9 @@ def _linearize(options: argparse.Namespace) -> None:
         if options.along is not None:
             if options.pose is not None:
                 raise InputError("pose and along are both given; allowed: one of them")
+            if options.states:
+                raise InputError("state and along are both given; allowed: one of them (a motion has its states)")
+            del about["z"]
             state = _state_at(options.along, options.time)
         system = linearize(robot, **state, inputs=options.input, outputs=options.output_of, kind=options.kind, **about)
     show_and_write(options, system)
@@ -227,6 +230,7 @@ def _state_at(path: Path, time: float) -> dict[str, Any]:
         "pose": dict(zip(motion.coordinates, motion.q[k].tolist(), strict=True)),
         "v": motion.v[k],
         "u": motion.u[k],
+        **({} if motion.z is None else {"z": motion.z[k]}),
     }
 
 
@@ -272,6 +276,7 @@ def _add_state(
     add_rows(parser, "--load", "FRAME FX FY FZ MX MY MZ", about)
     parser.add_argument("--frame", help="frame or link to look at (tcp, or the end of the robot)")
     add_names(parser, "--set", "NAME=VALUE", "parameters, such as gravity.z=0", dest="parameters")
+    add_names(parser, "--state", "NAME=VALUE", "states of laws, such as j1.gamma.friction.z=1e-5 (0)", dest="states")
     add_json(parser)
 
 
@@ -289,6 +294,7 @@ def _state_options(options: argparse.Namespace, report: StageReport) -> dict[str
         "loads": once_each("load", ((row[0], reals("load", row[1:])) for row in options.load)) or None,
         "frame": options.frame,
         "parameters": by_name("set", options.parameters) or None,
+        "z": by_name("state", options.states) or None,
         "progress": report,
     }
 

@@ -12,6 +12,7 @@ from ..progress import StageReport, no_report
 from ..robot.bounds import limit_texts
 from ..robot.coordinates import UNITS, unit_of
 from ..robot.laws import number_texts
+from ..robot.mechanism import coordinate_of
 from ..robot.model import Model, build_model
 from ..robot.value import CUT_NUMBERS, MOTOR, PRINCIPAL, Coordinate, Coupling, Joint, Loop
 from .mobility import Mobility
@@ -41,6 +42,7 @@ class RobotInfo:
             "source": model.robot.source,
             "notes": list(model.robot.notes),
             "coordinates": list(model.coordinates),
+            **({"memory": _states_of(model)} if model.memory else {}),
             "driven": [model.coordinates[i] for i in model.driven],
             "motors": {model.coordinates[i]: model.coordinates[p] for i, p in model.motors.items()},
             "joints": [body.joint for body in model.bodies],
@@ -76,11 +78,12 @@ class RobotInfo:
     def lines(self) -> list[str]:
         """Return a page of text."""
         model = self.model
-        count = f"{model.size} coordinates, {len(model.bodies)} joints that move, {self._mass():.6g} kg moving"
+        count = f"{len(model.coordinates)} coordinates, {len(model.bodies)} joints that move, {self._mass():.6g} kg moving"
         parameters = f"{len(model.parameters)} (kernel.parameters; list more under `tunable`)"
         sections = (
             [f"{model.name}: {count}"],
             self._joint_lines(),
+            self._memory_lines(),
             self._loop_lines(),
             [line for element in model.robot.link_elements for line in element.lines()],
             [beam.line() for beam in model.robot.beams],
@@ -124,6 +127,15 @@ class RobotInfo:
                 lines += element.lines(component_name(joint.name, table))
         return lines
 
+    def _memory_lines(self) -> list[str]:
+        """Return the states of laws, where there are some, with what they store."""
+        lines = [f"{'state of a law (kernel.memory)':<38}{'law':<14}stores"] if self.model.memory else []
+        for name, state in _states_of(self.model).items():
+            stored = "nothing" if state["inertia"] is None else f"{0.5 * state['inertia']:.4g} z^2 J"
+            label = f"{name} [{state['unit']}]"
+            lines.append(f"{label:<38}{state['law']:<14}{stored}")
+        return lines
+
     def _loop_lines(self) -> list[str]:
         """Return the loop joints and couplings, where there are some."""
         loops, count = self.model.robot.loops, len(self.model.constraints)
@@ -158,6 +170,16 @@ class RobotInfo:
         return lines
 
 
+def _states_of(model: Model) -> dict[str, dict[str, Any]]:
+    """Return the states of laws by name: the law, the unit, and w where w z^2 / 2 is what they store, else None."""
+    found = {}
+    for name, (owner, law, state) in zip(model.memory, model.states, strict=True):
+        numbers = coordinate_of(model.robot, owner).law()
+        inertia = None if state.inertia is None else float(state.inertia(numbers))
+        found[name] = {"law": law, "unit": state.unit[int(unit_of(owner) == "rad")], "inertia": inertia}
+    return found
+
+
 def _linear(coordinate: Coordinate) -> dict[str, float]:
     """Return stiffness and damping, as far as they are set."""
     return {key: value for key in CUT_NUMBERS if (value := getattr(coordinate, key)) is not None}
@@ -181,7 +203,7 @@ def robot_info(robot: RobotLike, *, progress: StageReport = no_report) -> RobotI
     from ..codegen.kernels.operation_counts import operations
 
     model = build_model(as_robot(robot))
-    progress(f"deriving the equations of {model.size} coordinates")
+    progress(f"deriving the equations of {len(model.coordinates)} coordinates")
     equations = derive_equations(model)
     zeros = zero_map(model)
     return RobotInfo(model, zeros.as_dict(), tuple(zeros.lines()), operations(equations), equations.choices)

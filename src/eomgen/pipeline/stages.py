@@ -464,7 +464,7 @@ def _derive(robot: Robot, options: Options, folder: Path, progress: StageReport)
     from ..codegen.samples.answers import samples
 
     model = build_model(robot)  # Robot -> Model
-    progress(f"deriving the equations of {model.size} coordinates")
+    progress(f"deriving the equations of {len(model.coordinates)} coordinates")
     equations = derive_equations(model, options.kernels, options.dtype)  # Model -> Equations
     source = render(equations, options.dtype, batches=options.batches)  # Equations -> Source
     (folder / _SOURCE).write_text(json.dumps(asdict(source)), encoding="ascii")
