@@ -83,6 +83,7 @@ class ReadableClosedForm:
     mass_matrix: {(s, v): entry}, s <= v; christoffel: {(s, v, w): entry}, v <= w; by index, zeros left out.
     force: Q_P + Q_G of every coordinate, the drive where there is one, and J^T lambda of what closes the robot.
     constraint: of loops and rigid couplings.  rank: of it at the description's home, if that closes.
+    rates: of states of laws, in the order of ``form.z``.
     """
 
     model: Model
@@ -93,12 +94,13 @@ class ReadableClosedForm:
     force: tuple[Expr, ...]
     constraint: tuple[Component, ...] = ()
     rank: Rank | None = None
+    rates: tuple[Expr, ...] = ()
 
     @property
     def left(self) -> tuple[Expr, ...]:
         """Left sides of eq. (10): M a + the terms of C."""
         form, sides = self.form, []
-        for s in range(self.model.size):
+        for s in range(len(form.q)):
             terms = [self.mass_matrix.get((min(s, v), max(s, v)), 0) * a for v, a in enumerate(form.a)]
             for (i, v, w), entry in self.christoffel.items():
                 if i == s:
@@ -124,10 +126,14 @@ class ReadableClosedForm:
             ]
             lines += [f"  {note}" for note in self._rank_notes()]
         lines += ["", "equations of motion, eq. (10)"]
-        return lines + [f"  {left} = {right}" for left, right in zip(self.left, self.force, strict=True)]
+        lines += [f"  {left} = {right}" for left, right in zip(self.left, self.force, strict=True)]
+        if self.rates:
+            lines += ["", "rates of states of laws"]
+            lines += [f"  d/dt {z} = {rate}" for z, rate in zip(self.form.z, self.rates, strict=True)]
+        return lines
 
     def latex(self) -> str:
-        """Write LaTeX for amsmath: the symbols as comments, then two align* environments, of loops three."""
+        """Write LaTeX for amsmath: the symbols as comments, then align* environments as of ``equations``."""
         text = [f"% {self.model.name}: closed form of the equations of motion, eqs. (10)-(12)"]
         text += [f"% ${letter.latex}$ = {letter.said}" for letter in self.letters]
         text += [f"% {note}" for note in self.notes()]
@@ -137,7 +143,7 @@ class ReadableClosedForm:
         return "\n".join(text)
 
     def equations(self, **printing: Any) -> list[list[tuple[str, str]]]:
-        """Return sides of all equations in LaTeX: coefficients, the constraint if there is one, motion.
+        """Return sides of all equations in LaTeX: coefficients, the constraint if there is one, motion, states of laws.
 
         Args:
             **printing: further settings of SymPy's printer.
@@ -160,7 +166,8 @@ class ReadableClosedForm:
             for i, arm in component.jacobian_row.items():
                 slope = f"\\frac{{\\partial g_{{{_owner(component.name)}}}}}{{\\partial {names[self.form.q[i]]}}}"
                 closing.append((slope, show(arm)))
-        return [rows, closing, sides] if closing else [rows, sides]
+        changing = [(f"\\dot{{{names[z]}}}", show(rate)) for z, rate in zip(self.form.z, self.rates, strict=True)]
+        return [block for block in (rows, closing, sides, changing) if block or block is rows]
 
     def notes(self) -> list[str]:
         """Return lines about components of g that nothing moves, and about what is redundant at home."""
@@ -203,15 +210,15 @@ def readable_closed_form(model: Model, *, numbers: bool = False) -> ReadableClos
         InputError: too many coordinates, too many operations to be simplified and read, or point-to-point springs.
     """
     model = model.tree
-    if model.size > MOST_COORDINATES:
+    n = len(model.coordinates)
+    if n > MOST_COORDINATES:
         raise InputError(
-            f"{model.name} has {model.size} coordinates; a closed form is derived for at most {MOST_COORDINATES},"
+            f"{model.name} has {n} coordinates; a closed form is derived for at most {MOST_COORDINATES},"
             " larger robots are what `eomgen generate` is for"
         )
     refuse_springs(model)
     letters = {} if numbers else dict(_parameters(model))
     form = closed_form(model, {name: letter.symbol for name, letter in letters.items()})
-    n = model.size
     entries = [form.mass_matrix[s, v] for s in range(n) for v in range(s, n)]
     entries += [form.christoffel[s][v][w] for s in range(n) for v in range(n) for w in range(v, n)]
     entries += [*form.constraint.values, *(arm for row in form.constraint.jacobian for arm in row.values())]
@@ -236,12 +243,13 @@ def readable_closed_form(model: Model, *, numbers: bool = False) -> ReadableClos
     )
     mass = {key: entry for key, entry in mass.items() if entry != 0}
     christoffel = {key: entry for key, entry in christoffel.items() if entry != 0}
-    shown = (*mass.values(), *christoffel.values(), *force, *(component.value for component in constraint))
+    rates = tuple(map(simplified, form.rates))
+    shown = (*mass.values(), *christoffel.values(), *force, *rates, *(component.value for component in constraint))
     used = set().union(*(expr.free_symbols for expr in shown))
     named = [letter for letter in letters.values() if letter.symbol in used]
     named += [letter for letter in _multipliers(model, constraint) if letter.symbol in used]
-    symbols = (*_coordinates(model, form), *named)
-    return ReadableClosedForm(model, symbols, form, mass, christoffel, force, constraint, rank)
+    symbols = (*_coordinates(model, form), *_states(model, form), *named)
+    return ReadableClosedForm(model, symbols, form, mass, christoffel, force, constraint, rank, rates)
 
 
 def _components(form: ClosedForm) -> Iterator[Component]:
@@ -306,6 +314,23 @@ def _driven(model: Model) -> set[int]:
 def _coordinates(model: Model, form: ClosedForm) -> Iterator[Letter]:
     for symbol, name in zip(form.q, model.coordinates, strict=True):
         yield Letter(symbol, _latex_of(str(symbol)), name, None, unit_of(name))
+
+
+def _states(model: Model, form: ClosedForm) -> Iterator[Letter]:
+    """Yield a letter for every state of a law: z with the coordinate above and the joint's number below."""
+    joints = {body.joint for body in model.bodies}
+    for symbol, state in zip(form.z, model.states, strict=True):
+        if split_component(state.owner)[0] in joints:
+            letter, coordinate, number = str(symbol).rsplit("_", 2)
+            latex = f"{_upright(letter)}_{{{number}}}^{{{_greek(coordinate)}}}"
+        else:
+            latex = f"{_upright(state.state.name)}_{{{_upright(state.owner)}}}"
+        yield Letter(symbol, latex, state.name, None, state.unit)
+
+
+def _upright(name: str) -> str:
+    """Write a name: one letter as it is, a word upright."""
+    return name if len(name) == 1 else f"\\mathrm{{{name}}}".replace("_", "\\_")
 
 
 def _parameters(model: Model) -> Iterator[tuple[str, Letter]]:

@@ -9,6 +9,7 @@ vanish by lemma (7) and its sharper form come out as zero matrices there and are
 from __future__ import annotations
 
 from collections import Counter
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
@@ -58,6 +59,7 @@ class ClosedForm:
     """The equations of motion M a + bias - Q - u = 0 of a robot with n coordinates, in SymPy.
 
     q, v, a, u: symbols of positions (m, rad), velocities, accelerations and drives (N, N m), n each.
+    z, rates: symbols of states of laws, and their rates by v and z.
     wrench: symbols (F_x, F_y, F_z, M_x, M_y, M_z) per moving link, base frame, about its centre of mass; or ().
     parameters: symbols that stand for numbers of the description, by name.
     mass_matrix: (n, n), eq. (11) and armatures on the diagonal.
@@ -71,6 +73,8 @@ class ClosedForm:
     v: Row
     a: Row
     u: Row
+    z: Row
+    rates: Row
     wrench: tuple[Row, ...]
     parameters: Mapping[str, Expr]
     mass_matrix: Matrix
@@ -83,17 +87,20 @@ class ClosedForm:
     constraint: ConstraintExpressions
 
     def function(self, *fields: str) -> Callable[..., Any]:
-        """Return a function (q, v, a, u[, wrench]) -> the named fields as float arrays, for numbers as parameters."""
+        """Return a function (q, v, a, u[, wrench, z]) -> the named fields as float arrays, for numbers as parameters."""
         named = [getattr(self, name) for name in fields]
         flat = [list(_flat(value)) for value in named]
-        arguments = [*self.q, *self.v, *self.a, *self.u, *chain.from_iterable(self.wrench)]
+        arguments = [*self.q, *self.v, *self.a, *self.u, *self.z, *chain.from_iterable(self.wrench)]
         evaluate = sp.lambdify(arguments, flat, modules="math", cse=_share)
         n = len(self.q)
-        shapes = {"mass_matrix": (n, n), "christoffel": (n, n, n), "kinetic": (), "potential": ()}
+        shapes: dict[str, tuple[int, ...]] = {"mass_matrix": (n, n), "christoffel": (n, n, n)}
+        shapes |= {"kinetic": (), "potential": (), "rates": (len(self.z),)}
 
-        def call(q: Array, v: Array, a: Array, u: Array, wrench: Sequence[Sequence[float]] = ()) -> Any:
+        def call(
+            q: Array, v: Array, a: Array, u: Array, wrench: Sequence[Sequence[float]] = (), z: Sequence[float] = ()
+        ) -> Any:
             forces = wrench if len(wrench) else [[0.0] * 6 for _ in self.wrench]
-            numbers = evaluate(*q, *v, *a, *u, *chain.from_iterable(forces))
+            numbers = evaluate(*q, *v, *a, *u, *z, *chain.from_iterable(forces))
             arrays = [
                 np.array(values, dtype=float).reshape(shapes.get(name, (n,)))
                 for name, values in zip(fields, numbers, strict=True)
@@ -131,32 +138,34 @@ def closed_form(
     binder = _Values(symbolic_parameters)
     bound = bind(model, binder, _sincos)
     q, v, a, u = _symbols(model)
+    z = state_symbols(model)
     bodies = _chain_rule(model, bound, q)
     inertias = [_matrix(body.inertia) for body in bound.bodies]
     wrench = _wrench_symbols(model) if external_forces else ()
-    M = _mass_matrix(bodies, inertias, bound.armature)
+    M = _mass_matrix(bodies, inertias, bound.armature[: len(q)])
     C = _christoffel(bodies, inertias, len(q))
     pairs = [(i, j) for i in range(len(q)) for j in range(len(q))]
     bias = tuple(sum(C[s][i][j] * v[i] * v[j] for i, j in pairs) for s in range(len(q)))
     joints = geometry(model, bound, q, _sincos)
     loops = list(closures(model, bound, joints, _sincos, no_note))
-    setting = Setting(model, bound, joints, q, _sincos, SYMBOLS, no_note, lambda: loops, {})
+    placed = (*q, *(sp.S.Zero for _ in z))  # nothing depends on positions of states
+    setting = Setting(model, bound, joints, placed, _sincos, SYMBOLS, no_note, lambda: loops, {})
     elements = [family(setting) for family in ELEMENTS]
-    Q = _elastic_and_weight(bound, bodies, inertias, elements, v)
+    Q, rates = _elastic_and_weight(bound, bodies, inertias, elements, (*v, *z))
     for s, force in _external_force(model, bound, bodies, wrench):
         Q[s] += force
     constraint = constraint_of(model, bound, q, loops)
     Ma = M * sp.Matrix(a)
     residual = tuple(Ma[s] + bias[s] - Q[s] - u[s] for s in range(len(q)))
-    kinetic = _kinetic(bodies, inertias, bound.armature, v)
-    potential = _potential(bound, bodies, inertias, elements)
+    kinetic = _kinetic(bodies, inertias, bound.armature[: len(q)], v)
+    potential = _potential(bound, bodies, inertias, elements, (*v, *z))
     return ClosedForm(
-        q, v, a, u, wrench, binder.symbols, M, C, bias, tuple(Q), residual, kinetic, potential, constraint
+        q, v, a, u, z, rates, wrench, binder.symbols, M, C, bias, tuple(Q), residual, kinetic, potential, constraint
     )
 
 
 def refuse_springs(model: Model) -> None:
-    """Refuse a robot with force elements between links, or journals in cut joints."""
+    """Refuse a robot with force elements between links, journals in cut joints, or drives with states."""
     for kind in KINDS.values():
         names = ", ".join(element.name for element in model.robot.link_elements if element.TABLE == kind.TABLE)
         if names:
@@ -164,6 +173,9 @@ def refuse_springs(model: Model) -> None:
     drives = ", ".join(model.coordinates[i] for i in model.beside)
     if drives:
         raise InputError(f"{model.name}: the closed form knows no servo drives ({drives}); leave the tables drive out")
+    drives = ", ".join(model.coordinates[i] for i in model.drives)
+    if drives:
+        raise InputError(f"{model.name}: the closed form knows no drives with states ({drives}); leave them out")
     journals = ", ".join(loop.name for loop in model.robot.loops if loop.radial is not None)
     if journals:
         raise InputError(f"{model.name}: the closed form knows no journals of cut joints ({journals}); leave them out")
@@ -201,6 +213,18 @@ def _symbols(model: Model) -> tuple[Row, Row, Row, Row]:
     patterns = ("{}_{}", "{}dot_{}", "{}ddot_{}", "D_{}_{}")
     q, v, a, u = (tuple(sp.Symbol(p.format(*name), real=True) for name in names) for p in patterns)
     return q, v, a, u
+
+
+def state_symbols(model: Model) -> Row:
+    """Return a symbol for every state of a law: z_gamma_1 of the friction of gamma_1, z_loop1_x of a loop joint's."""
+    number = {body.joint: k + 1 for k, body in enumerate(model.bodies)}
+    alike, names = Counter((state.owner, state.state.name) for state in model.states), list[str]()
+    for state in model.states:
+        joint, coordinate = split_component(state.owner)
+        place = f"{coordinate}_{number[joint]}" if joint in number else state.owner.replace(".", "_")
+        letter = state.state.name if alike[state.owner, state.state.name] == 1 else f"{state.state.name}_{state.law}"
+        names.append(f"{letter}_{place}")
+    return tuple(sp.Symbol(name, real=True) for name in names)
 
 
 def _wrench_symbols(model: Model) -> tuple[Row, ...]:
@@ -269,17 +293,29 @@ def _elastic_and_weight(
     inertias: Sequence[Matrix],
     elements: Sequence[ForceElement],
     v: Row,
-) -> list[Expr]:
-    """Compute Q_P of eq. (13), and Q_G: eq. (14) with weights; the last column of H is (m r_C, m)."""
+) -> tuple[list[Expr], Row]:
+    """Compute Q_P of eq. (13), and Q_G: eq. (14) with weights; the last column of H is (m r_C, m).
+
+    Also the rates of states of laws, which stand behind the rates in v: what resists them is minus their inertia times
+    their rate.
+    """
     Q = [sp.S.Zero] * len(v)
     for element in elements:
         for s, force in element.resist(v):
-            Q[s] -= exact(force)
+            Q[s] -= exact(_with_sizes(force))
     g = sp.Matrix([*bound.gravity, 0])
     for body, H in zip(bodies, inertias, strict=True):
         for s, D in body.first.items():
             Q[s] += _dot(g, D * H[:, 3])
-    return Q
+    n = len(bound.angle_offsets)
+    return Q[:n], tuple(exact(sp.expand(rate / w)) for rate, w in zip(Q[n:], bound.armature[n:], strict=True))
+
+
+def _with_sizes(force: Any) -> Expr:
+    """Return a force with |x| where it has the larger of x and -x."""
+    expression = sp.sympify(force)
+    larger = {x: sp.Abs(exact(x.args[0])) for x in expression.atoms(sp.Max) if sp.Add(*x.args) == 0}
+    return expression.xreplace(larger)
 
 
 def _external_force(
@@ -309,11 +345,16 @@ def _kinetic(bodies: Sequence[_Derivatives], inertias: Sequence[Matrix], armatur
 
 
 def _potential(
-    bound: Bound, bodies: Sequence[_Derivatives], inertias: Sequence[Matrix], elements: Sequence[ForceElement]
+    bound: Bound,
+    bodies: Sequence[_Derivatives],
+    inertias: Sequence[Matrix],
+    elements: Sequence[ForceElement],
+    v: Row,
 ) -> Expr:
-    """Compute energies of springs, and of weights with respect to the base's origin."""
+    """Compute energies of springs, of states of laws, and of weights with respect to the base's origin."""
     g = sp.Matrix([*bound.gravity, 0])
     springs = sum(exact(energy) for element in elements for energy in element.energies())
+    springs += sum(exact(energy) for element in elements for energy in element.state_energies(v))
     return springs - sum(_dot(g, body.pose * H[:, 3]) for body, H in zip(bodies, inertias, strict=True))
 
 

@@ -201,15 +201,15 @@ def _line_motion(robot: Robot, line: Line, duration: float, tool: str | None) ->
 def _entry(robot: Robot, result: SimulationResult) -> Entry:
     kernel = build(robot) if robot.is_closed else build(robot, kernels=(*COUNTED, "reactions"))
     motion = result.trajectory
-    a = kernel.forward_dynamics(motion.q, motion.v, motion.u)
-    reactions = np.asarray(kernel.reactions(motion.q, motion.v, a))
+    q, v, u = motion.joined()
+    reactions = np.asarray(kernel.reactions(q, v, kernel.forward_dynamics(q, v, u)))
     index = actuators(kernel, result.program_coordinates).index
     deviation = np.linalg.norm(result.tool_deviation, axis=1)
     model = build_model(robot)
     path = np.diff(result.program_pose[:, :3, 3], axis=0)
     return Entry(
         robot=robot.name,
-        coordinates=kernel.n,
+        coordinates=len(kernel.coordinates),
         mass=float(sum(robot.link(name).mass for name in model.links)),
         operations={name: (kernel.operations[name]["mul"], kernel.operations[name]["add"]) for name in COUNTED},
         drives={motion.coordinates[i]: float(np.abs(motion.u[:, i]).max()) for i in index},

@@ -236,7 +236,7 @@ def accelerations(kernel: Kernel, result: SimulationResult) -> Array:
     The kernel has ``residual`` and ``mass_matrix``.
     """
     motion = result.trajectory
-    left = kernel.residual(motion.q, motion.v, np.zeros_like(motion.q), motion.u, wrench=result.wrench)
+    left = kernel.residual(motion.q, motion.v, np.zeros_like(motion.q), motion.u, wrench=result.wrench, z=motion.z)
     values: Array = -np.linalg.solve(kernel.mass_matrix(motion.q), left[..., np.newaxis])[..., 0]
     return values
 
@@ -247,7 +247,7 @@ def reaction_forces(kernel: Kernel, robot: Robot, result: SimulationResult) -> A
     The kernel has ``residual``, ``mass_matrix``, ``reactions`` and ``external_reactions``.
     """
     motion = result.trajectory
-    wrenches = kernel.reactions(motion.q, motion.v, accelerations(kernel, result), wrench=result.wrench)
+    wrenches = kernel.reactions(motion.q, motion.v, accelerations(kernel, result), wrench=result.wrench, z=motion.z)
     poses = link_poses(robot, motion.coordinates, motion.q)
     forces = np.zeros((motion.t.size, len(kernel.joints), 3))
     for i, name in enumerate(kernel.joints):

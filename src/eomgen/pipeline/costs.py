@@ -78,7 +78,9 @@ class RobotInfo:
     def lines(self) -> list[str]:
         """Return a page of text."""
         model = self.model
-        count = f"{len(model.coordinates)} coordinates, {len(model.bodies)} joints that move, {self._mass():.6g} kg moving"
+        count = (
+            f"{len(model.coordinates)} coordinates, {len(model.bodies)} joints that move, {self._mass():.6g} kg moving"
+        )
         parameters = f"{len(model.parameters)} (kernel.parameters; list more under `tunable`)"
         sections = (
             [f"{model.name}: {count}"],

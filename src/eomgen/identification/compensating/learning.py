@@ -207,7 +207,9 @@ def _commanded(setting: Setting, basis: Basis, change: Array, motion: Simulation
     zero, a = np.zeros_like(q), np.zeros_like(q)
     rows, column = places.T
     a[:, rows] = ratios * (basis.accelerations @ change)[:, column]
-    force = np.asarray(kernel.inverse_dynamics(q, zero, a)) - np.asarray(kernel.inverse_dynamics(q, zero, zero))
+    z = None if motion.trajectory.z is None else motion.trajectory.z[::2]
+    moving, still = (np.asarray(kernel.inverse_dynamics(q, zero, x, z=z)) for x in (a, zero))
+    force = moving - still
     needed = drive.kp * (basis.values @ change) + drive.kd * (basis.rates @ change)
     for j, share in zip(column.tolist(), (ratios * force[:, rows]).T, strict=True):
         needed[:, j] += share

@@ -72,7 +72,9 @@ class _States:
         self._setting, self._accelerations = setting, accelerations
         assembly, scenario = setting.assembly, setting.scenario
         kernel = assembly.kernel
-        self.q0, _, loose = initial_state(setting.robot, scenario, assembly)
+        n = len(kernel.coordinates)
+        q0, v0, loose = initial_state(setting.robot, scenario, assembly)
+        self.q0, self._z = q0[:n], v0[n:] if kernel.memory else None  # states of laws stay
         places = names_in_scenarios(setting.robot)
         held = scenario.initial.held if scenario.initial else ()
         self._held = sorted({*loose, *(places[name] for name in held)})
@@ -135,18 +137,18 @@ class _States:
         def drives(correction: Array) -> Any:
             return self._forces(i, correction, v, a)
 
-        q = static_equilibrium(kernel, q, u=drives(change), held=self._held)[0]
+        q = static_equilibrium(kernel, q, u=drives(change), held=self._held, z=self._z)[0]
         free, zero = np.flatnonzero(self._free), np.zeros_like(q)
         states = np.tile(q, (free.size + 1, 1))
         states[np.arange(1, free.size + 1), free] += CHANGE
-        left = np.asarray(kernel.inverse_dynamics(states, zero, zero, cut=True)) - drives(change)(states)
+        left = np.asarray(kernel.inverse_dynamics(states, zero, zero, cut=True, z=self._z)) - drives(change)(states)
         stiffness = (left[1:] - left[0])[:, free].T / CHANGE
         by_program = np.empty((free.size, change.size))
         for j in range(change.size):
             moved = change.copy()
             moved[j] += CHANGE
             by_program[:, j] = (drives(moved)(q) - drives(change)(q))[free] / CHANGE
-        moves = np.zeros((kernel.n, change.size))
+        moves = np.zeros((len(kernel.coordinates), change.size))
         moves[places[led, 0], places[led, 1]] = ratios[led]
         moves[free] = np.linalg.solve(stiffness, by_program)
         slopes = (np.asarray(kernel.frame_jacobian(q, setting.frame)) @ moves)[np.newaxis] * setting.movable
@@ -187,7 +189,8 @@ class _States:
         def forces(q: Array) -> Array:
             u = drive(t, q, np.broadcast_to(v, q.shape))
             if self._accelerations:
-                moving, still = (kernel.inverse_dynamics(q, x, y, cut=True) for x, y in ((v, a), (zero, zero)))
+                pairs = ((v, a), (zero, zero))
+                moving, still = (kernel.inverse_dynamics(q, x, y, cut=True, z=self._z) for x, y in pairs)
                 u = u - (np.asarray(moving) - np.asarray(still))
             if assembly.wrenches is None:
                 return np.asarray(u)
