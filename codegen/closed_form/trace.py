@@ -9,7 +9,6 @@ vanish by lemma (7) and its sharper form come out as zero matrices there and are
 from __future__ import annotations
 
 from collections import Counter
-from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
@@ -87,7 +86,7 @@ class ClosedForm:
     constraint: ConstraintExpressions
 
     def function(self, *fields: str) -> Callable[..., Any]:
-        """Return a function (q, v, a, u[, wrench, z]) -> the named fields as float arrays, for numbers as parameters."""
+        """Return a function (q, v, a, u[, wrench, z]) -> the named fields as float arrays; parameters are numbers."""
         named = [getattr(self, name) for name in fields]
         flat = [list(_flat(value)) for value in named]
         arguments = [*self.q, *self.v, *self.a, *self.u, *self.z, *chain.from_iterable(self.wrench)]

@@ -14,10 +14,11 @@ from eomgen.analysis.holding import fixation_of
 from eomgen.analysis.matrices import linearize
 from eomgen.analysis.modal import modes, modes_along
 from eomgen.analysis.statics import deflection, joint_stiffness_matrix
+from eomgen.description.load import robot_from_toml
 from eomgen.errors import ArrayError, EomgenWarning, InputError, UnknownNameError
 from eomgen.loops.equilibrium import closed_equilibrium
 from eomgen.state.equilibrium import static_equilibrium
-from tests.support.bristled import bristled_arm, bristled_linkage, geared_arm
+from tests.support.bristled import ARM, bristled_arm, bristled_linkage, geared_arm, served_arm
 from tests.support.builds import Build
 from tests.support.random_robots import Array
 
@@ -260,3 +261,77 @@ def test_fixation_keeps_states(built: Build) -> None:
     assert not state.q[4:].any()
     assert not state.u[4:].any()
     assert not state.tangent.K[:, 4:].any()
+
+
+def test_branches_and_servo_drives(built: Build) -> None:
+    """Branches and drives live in modes and responses as in A, however little energy their states store."""
+    robot = served_arm()
+    kernel = built(robot)
+    system = linearize(robot, POSE, kernel=kernel)
+    assert len(system.states) == 8 + len(kernel.memory)
+    found = modes(robot, POSE, drives="free", kernel=kernel)
+    s = found.eigenvalues
+    whole = np.concatenate([s, s[s.imag > 0.0].conj(), np.zeros(len(found.zeros))])
+    expected = np.linalg.eigvals(system.A)
+    assert whole.size <= expected.size
+    for value in expected:
+        assert np.abs(whole - value).min() < 1e-5 * max(10.0, abs(value)), value
+    for value in s:
+        assert np.abs(expected - value).min() < 1e-5 * max(10.0, abs(value)), value
+    assert set(found.zeros) == {"j1.gamma.friction.z", "j2.beta.friction.z"}
+    hertz, inputs, outputs = [0.0, 0.7, 8.0, 90.0], ["j2.gamma", "tcp.fy"], ["j2.gamma", "tcp.x"]
+    H = response(robot, inputs, outputs, hertz, POSE, drives="free", held=["j1.gamma"], kernel=kernel).H
+    about = linearize(robot, POSE, inputs=inputs, outputs=outputs, held=["j1.gamma"], kernel=kernel)
+    assert H[1:] == pytest.approx(about.bode(frequencies=hertz[1:]).H, rel=1e-6, abs=1e-12)
+    assert H[0, 0, 0] == pytest.approx(1.0, abs=1e-6)  # the integral leaves no error of the reference
+    fixed = linearize(robot, POSE, drives="locked", kernel=kernel)
+    assert fixed.states[4:] == ("j2.x.maxwell.0.z", "j2.x.maxwell.1.z", "j2.beta.friction.z")
+    notes = " ".join(modes(robot, POSE, kernel=kernel).notes)
+    assert "'j2.beta.friction.z': kept at 0" in notes
+    assert "maxwell" not in notes
+
+
+def test_branches_have_their_complex_stiffness(built: Build) -> None:
+    """1 / (k + i w (c + c_i k_i / (k_i + i w c_i)) - m w^2) of a mass on a spring with branches."""
+    text = """
+name = "branched"
+gravity = [0.0, 0.0, 0.0]
+[[links]]
+name = "body"
+mass = 2.0
+inertia = { xx = 0.1, yy = 0.1, zz = 0.1 }
+[[joints]]
+name = "j"
+type = "fixed"
+parent = "base"
+child = "body"
+x = { stiffness = 1e4, damping = 3.0, maxwell = [{ stiffness = 4e3, damping = 50.0 }, \
+{ stiffness = 2e3, damping = 5.0 }] }
+"""
+    robot = robot_from_toml(text)
+    hertz = np.geomspace(0.1, 1e3, 30)
+    w = 2.0 * np.pi * hertz
+    stiffness = 1e4 + 3j * w - 2.0 * w**2
+    stiffness = stiffness + sum(1j * w * c * k / (k + 1j * w * c) for k, c in ((4e3, 50.0), (2e3, 5.0)))
+    found = response(robot, ["body.fx"], ["j.x"], hertz)
+    assert found.H[:, 0, 0] == pytest.approx(1.0 / stiffness, rel=1e-10)
+    assert response(robot, ["body.fx"], ["j.x"], [0.0]).H[0, 0, 0] == pytest.approx(1e-4, rel=1e-12)
+    with pytest.raises(InputError, match=r"z: j\.x\.maxwell\.1\.z = 0\.1, which settles to 0 at rest"):
+        modes(robot, z={"j.x.maxwell.1.z": 0.1})
+    first, second = np.poly1d([1.0, 80.0]), np.poly1d([1.0, 400.0])
+    roots = (np.poly1d([2.0, 3.0, 1e4]) * first * second + np.poly1d([4e3, 0]) * second + np.poly1d([2e3, 0]) * first).r
+    expected = sorted((s for s in roots if s.imag >= 0.0), key=abs)
+    assert sorted(modes(robot).eigenvalues, key=abs) == pytest.approx(expected, rel=1e-9)
+
+
+def test_bristles_of_a_transmission_move_beside_a_locked_motor(built: Build) -> None:
+    """With its motor locked a joint winds its transmission up, whose hysteresis is a state of the system."""
+    motor = (
+        "[joints.motor]\ninertia = 1e-4\nratio = 50.0\nstiffness = 1e4\ndamping = 5.0\n"
+        'hysteresis = { model = "bouc_wen", stiffness = 2e3, beta = 50.0, gamma = 20.0, n = 1.0, share = 0.5 }\n'
+    )
+    head, rest_of_it = ARM.split("bristle_damping = 30.0, viscous = 0.5, fade = 0.05 } }\n")
+    robot = robot_from_toml(f"{head}bristle_damping = 30.0, viscous = 0.5, fade = 0.05 }} }}\n{motor}{rest_of_it}")
+    system = linearize(robot, drives="locked", kernel=built(robot))
+    assert "j1.motor.hysteresis.z" in system.states
+    assert "j1.gamma.friction.z" in system.states

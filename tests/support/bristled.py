@@ -77,6 +77,20 @@ to = {{ "j1.gamma" = -2.0 }}
 """
 
 
+SERVO = ARM.replace('name = "bristled"', 'name = "served"').replace(
+    "x = { stiffness = 1e5, damping = 100.0 }",
+    "x = { stiffness = 1e5, damping = 100.0, maxwell = [{ stiffness = 2e4, damping = 50.0 },"
+    " { stiffness = 2e4, damping = 500.0 }] }\ngamma = { armature = 0.1, drive = { winding = { resistance = 0.5,"
+    " inductance = 1e-3, torque_constant = 2.0 }, controller = { position = { kp = 5.0 }, velocity = { kp = 20.0,"
+    " ki = 50.0 }, current = { kp = 2.0, ki = 400.0 } } } }",
+)
+
+
+def served_arm() -> eomgen.Robot:
+    """Return the bristled arm with Maxwell branches, and a servo drive at the second joint."""
+    return robot_from_toml(SERVO)
+
+
 def bristled_arm() -> eomgen.Robot:
     """Return an arm of two links, elastic at the second joint, with bristles in both."""
     return robot_from_toml(ARM)

@@ -15,7 +15,7 @@ from ..arrays import RANK, Array, Mask
 from ..errors import IntegrationError
 from ..runtime.kernel import Kernel
 from ..shown import Shown
-from ..state.law_states import at_rest_with
+from ..state.law_states import at_rest_with, refuse_moving
 from .holding import Fixation, notes_of_play
 from .tangent_system import LinearSystem, MotionState, Tangent, load_force, moving_basis, reduced, tangent
 
@@ -70,6 +70,7 @@ def rest(
         LoopError: loops do not close near q.
     """
     loads, zero, rates = loads or {}, np.zeros(kernel.n), at_rest_with(kernel, fixation.z)
+    refuse_moving(kernel, fixation.z)
     target, springs = q.copy(), fixation.kp if sagging else zero
     still = fixation.still & ~(fixation.driven & (springs > 0.0))
     q = closed(kernel, q, still)

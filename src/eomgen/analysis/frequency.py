@@ -269,7 +269,7 @@ def _solved(system: LinearSystem, whole: Array, rows: Array, hertz: Array) -> Co
     memory, driven = system.memory, system.memory.rates_by(whole)
     size = 1.0 / np.sqrt(np.diagonal(system.M))
     M, D, K = (matrix * np.outer(size, size) for matrix in (system.M, system.D, system.K))
-    heft, largest = np.sqrt(memory.inertia), float(np.linalg.norm(K, 2))
+    heft, largest = system.hefts(), float(np.linalg.norm(K, 2))
     speed = np.sqrt(largest) or 1.0  # by which states of laws are as large as coordinates
     right = np.vstack([size[:, np.newaxis] * forces, heft[:, np.newaxis] * driven])
     result = np.empty((len(hertz), len(rows), forces.shape[1]), dtype=np.complex128)

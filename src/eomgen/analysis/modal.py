@@ -132,7 +132,7 @@ def _solved(system: LinearSystem) -> tuple[Complex, Complex, Array, float]:
     L: Array = np.asarray(np.linalg.cholesky(system.M))
     S, B = (np.linalg.solve(L, np.linalg.solve(L, matrix).T).T for matrix in (system.K, system.D))
     state = np.block([[np.zeros((m, m)), np.eye(m)], [-S, -B]])
-    heft = np.sqrt(laws.inertia)
+    heft = system.hefts()
     if laws.names:
         acts = np.linalg.solve(L, laws.acts) / heft
         led = (np.linalg.solve(L, x.T).T * heft[:, np.newaxis] for x in (laws.by_q, laws.by_v))
@@ -177,7 +177,7 @@ def _rigid(system: LinearSystem, L: Array, speed: float) -> tuple[Array, int]:
     size = 1.0 / np.sqrt(np.diagonal(system.M))
     static, braking = (matrix * np.outer(size, size) for matrix in (system.K, system.D))
     largest = float(np.abs(system.D).max() * size.max() ** 2)
-    heft = np.sqrt(laws.inertia)
+    heft = system.hefts()
     if laws.names:
         acts, own = laws.acts * np.outer(size, speed / heft), laws.by_z * np.outer(heft, speed / heft)
         static = np.block([[static, acts], [-laws.by_q * np.outer(heft, size), -own]])

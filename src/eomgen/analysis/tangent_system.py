@@ -20,7 +20,7 @@ import numpy as np
 from ..arrays import RANK, Array, Index, Mask, independent_columns, rank_by
 from ..errors import InputError, SingularError
 from ..names import joint_of
-from ..robot.coordinates import owners_of
+from ..robot.law_states import WEIGHTLESS
 from ..runtime.kernel import Kernel
 from ..runtime.singular import null_coordinates, scaled_eigenvalues
 from ..shown import Shown
@@ -29,6 +29,7 @@ from ..state.law_states import LawStates, slopes_of, states_of, zero_note
 from .holding import Fixation
 
 SINGULAR = 1e-5  # of the greatest singular value: what less belongs to a singular pose that is met to 1e-12 m
+SWEEPS = 10  # of balancing states of laws
 BENT = 1e-6  # of second derivatives, m/rad^2 and the like: round-off
 
 
@@ -184,7 +185,7 @@ class LinearSystem(Shown):
         basis: change of all coordinates per independent one, (n, m).
         basis_rate: of it along the motion, (n, m); 0 at rest and without loops.
         M, D, K: (m, m).
-        memory: states of laws, of coordinates that are not locked.
+        memory: states of laws, without those of what is locked.
         notes: lines about what was assumed.
     """
 
@@ -201,6 +202,25 @@ class LinearSystem(Shown):
     K: Array
     memory: LawStates
     notes: tuple[str, ...]
+
+    def hefts(self) -> Array:
+        """Return factors that make states of laws as large as rates of coordinates, (p,).
+
+        They are sqrt(w); of states that store no energy those by which what they act with and what moves them is alike.
+        """
+        laws, size = self.memory, 1.0 / np.sqrt(np.diagonal(self.M))
+        factors = np.sqrt(laws.inertia)
+        light = np.flatnonzero(laws.inertia <= WEIGHTLESS)
+        factors[light] = 1.0
+        speed = np.sqrt(np.linalg.norm(self.K * np.outer(size, size))) or 1.0
+        for k in np.tile(light, SWEEPS):
+            beside = np.arange(factors.size) != k
+            acting = np.linalg.norm(size * laws.acts[:, k]) + np.linalg.norm((laws.by_z[:, k] * factors)[beside])
+            moved = np.linalg.norm(laws.by_v[k] * size) + np.linalg.norm(laws.by_q[k] * size) / speed
+            moved += np.linalg.norm((laws.by_z[k] / factors)[beside])
+            if acting > 0.0 and moved > 0.0:
+                factors[k] = np.sqrt(acting / moved)
+        return factors
 
     def condensed(self, mask: Mask | None = None) -> LinearSystem:
         """Return the system in which states that stick hold as springs do, those of the mask, or all."""
@@ -253,7 +273,7 @@ def reduced(
     elif scaled_eigenvalues(M)[0][0] <= 1e-13:
         null = " and ".join(null_coordinates(M, names))
         raise SingularError(f"{kernel.name}: the mass matrix cannot be inverted at {null}: it moves no inertia there")
-    memory = _memory(kernel, tangents, fixation, basis, rate)
+    memory = states_of(kernel, (tangents.K, tangents.D, tangents.M), basis, rate).taking_part()
     sticks = zip(memory.names, memory.stick, strict=True)
     sticking = [name for name, stays in sticks if stays and not is_of_drive(name)]
     if sticking:
@@ -270,12 +290,3 @@ def reduced(
         memory=memory,
         notes=(*fixation.notes, *notes),
     )
-
-
-def _memory(kernel: Kernel, slopes: Tangent, fixation: Fixation, basis: Array, rate: Array) -> LawStates:
-    """Return states of laws; those of coordinates that are locked are left out with them."""
-    first, locked = len(kernel.coordinates), {kernel.velocities[i] for i in np.flatnonzero(fixation.locked)}
-    owners = [owners_of([name])[0] for name in kernel.memory]
-    places = [first + k for k, owner in enumerate(owners) if owner not in locked]
-    names = [kernel.velocities[i] for i in places]
-    return states_of(names, places, (slopes.K, slopes.D, slopes.M), basis, rate)

@@ -14,7 +14,7 @@ from ..runtime.by_name import WrenchLike, wrench_rows
 from ..runtime.kernel import Kernel
 from ..runtime.turning import singular_joints
 from ..state.equilibrium import given_forces, known_coordinates, refuse_singular, static_equilibrium
-from ..state.law_states import StatesLike, at_rest_with, memory_vector, whole_vector
+from ..state.law_states import StatesLike, at_rest_with, memory_vector, refuse_moving, whole_vector
 from ..state.springs import coordinate_sizes, line_rates, stiffnesses
 from ..state.turning import Turns
 from ..state.vectors import Q_STEP
@@ -59,7 +59,9 @@ def closed_equilibrium(
     guess, width = whole_vector(kernel, "q_guess", q_guess)
     q = kernel.assemble(guess, kept)
     forces, turns = given_forces(kernel, u, width), Turns(kernel, fixed)
-    rates = at_rest_with(kernel, memory_vector(kernel, z))
+    states = memory_vector(kernel, z)
+    refuse_moving(kernel, states)
+    rates = at_rest_with(kernel, states)
 
     def imbalance(qs: Array) -> Array:
         zero, still = np.zeros_like(qs), np.broadcast_to(rates, qs.shape)

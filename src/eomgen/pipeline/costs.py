@@ -12,7 +12,6 @@ from ..progress import StageReport, no_report
 from ..robot.bounds import limit_texts
 from ..robot.coordinates import UNITS, unit_of
 from ..robot.laws import number_texts
-from ..robot.mechanism import coordinate_of
 from ..robot.model import Model, build_model
 from ..robot.value import CUT_NUMBERS, MOTOR, PRINCIPAL, Coordinate, Coupling, Joint, Loop
 from .mobility import Mobility
@@ -175,10 +174,9 @@ class RobotInfo:
 def _states_of(model: Model) -> dict[str, dict[str, Any]]:
     """Return the states of laws by name: the law, the unit, and w where w z^2 / 2 is what they store, else None."""
     found = {}
-    for name, (owner, law, state) in zip(model.memory, model.states, strict=True):
-        numbers = coordinate_of(model.robot, owner).law()
-        inertia = None if state.inertia is None else float(state.inertia(numbers))
-        found[name] = {"law": law, "unit": state.unit[int(unit_of(owner) == "rad")], "inertia": inertia}
+    for own in model.states:
+        inertia = None if own.state.inertia is None else float(own.state.inertia(own.numbers))
+        found[own.name] = {"law": own.law, "unit": own.unit, "inertia": inertia}
     return found
 
 

@@ -12,7 +12,7 @@ from ..errors import ArrayError, InputError, IntegrationError, LoopError, Unknow
 from ..robot.sizes import REFERENCE_ACCELERATION
 from ..runtime.by_name import WrenchLike
 from ..runtime.kernel import Kernel
-from .law_states import StatesLike, at_rest_with, memory_vector, whole_vector
+from .law_states import StatesLike, at_rest_with, memory_vector, refuse_moving, whole_vector
 from .springs import coordinate_sizes, line_rates, stiffnesses
 from .vectors import Q_STEP, state_vector
 
@@ -53,7 +53,9 @@ def static_equilibrium(
     q, width = whole_vector(kernel, "q_guess", q_guess)
     kept = known_coordinates(held, kernel) | set(kernel.prescribed) | set(kernel.memory)
     free = np.array([name not in kept for name in kernel.velocities])
-    zero, rates = np.zeros(kernel.n), at_rest_with(kernel, memory_vector(kernel, z))
+    states = memory_vector(kernel, z)
+    refuse_moving(kernel, states)
+    zero, rates = np.zeros(kernel.n), at_rest_with(kernel, states)
 
     applied = given_forces(kernel, u, width)
 

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from ..arrays import Array, Index, Mask
 from ..errors import InputError, UnknownNameError
 from ..names import listed, nearest_or_all, show
+from ..robot.law_states import BRANCHES
 from ..runtime.kernel import Kernel
 from ..shown import Shown
 from .drives import drive_jacobian, has_drives, inputs_at
@@ -65,6 +66,23 @@ def whole_vector(kernel: Kernel, label: str, value: ArrayLike) -> tuple[Array, i
     return whole, n if kernel.n == n else len(names)
 
 
+def law_of(state: str) -> str:
+    """Return the law of a state by its name: "friction" of "j1.gamma.friction.z", "maxwell" of "j1.x.maxwell.0.z"."""
+    *_, before, law, _ = state.split(".")
+    return before if law.isdigit() else law
+
+
+def refuse_moving(kernel: Kernel, z: Array) -> None:
+    """Refuse states of Maxwell branches, which a robot at rest does not have: they settle to 0.
+
+    Raises:
+        InputError: there is one.
+    """
+    for name, value in zip(kernel.memory, z, strict=True):
+        if law_of(name) == BRANCHES and value != 0.0:
+            raise InputError(f"z: {name} = {value:g}, which settles to 0 at rest; allowed: 0, or a motion")
+
+
 def at_rest_with(kernel: Kernel, z: Array) -> Array:
     """Return velocities of a robot at rest whose laws have states z, (memory,): (kernel.n,), zeros, then z."""
     return np.concatenate([np.zeros(len(kernel.coordinates)), z])
@@ -95,6 +113,14 @@ class LawStates(Shown):
         """Which rates depend on velocities alone, (p,)."""
         return np.asarray(~(self.by_q.any(axis=1) | self.by_z.any(axis=1)))
 
+    def taking_part(self) -> LawStates:
+        """Return the states that motions change or that act on them, and those that are coupled to these."""
+        part = self.by_q.any(axis=1) | self.by_v.any(axis=1) | self.acts.any(axis=0)
+        coupled = (self.by_z != 0.0) | (self.by_z != 0.0).T
+        for _ in range(part.size):
+            part = part | coupled[:, part].any(axis=1)
+        return self.without(np.asarray(~part))
+
     def without(self, mask: Mask) -> LawStates:
         """Return the other states; those of the mask, which stick, follow the coordinates: z = G_v e."""
         left = ~mask
@@ -113,22 +139,20 @@ class LawStates(Shown):
         return np.asarray(forces[self.places] / self.inertia[:, np.newaxis])
 
 
-def states_of(
-    names: Sequence[str], places: Sequence[int], slopes: tuple[Array, Array, Array], basis: Array, basis_rate: Array
-) -> LawStates:
-    """Return the states of laws at places in arrays of the state, from slopes of the equations of motion.
+def states_of(kernel: Kernel, slopes: tuple[Array, Array, Array], basis: Array, basis_rate: Array) -> LawStates:
+    """Return the states of a kernel's laws, from slopes of the equations of motion.
 
     Args:
-        names, places: of the states.
+        kernel: whose they are.
         slopes: derivatives of the residual by q, v and a, (kernel.n, kernel.n) each.
         basis, basis_rate: change of all coordinates per independent one, and its rate along the motion, (kernel.n, m).
     """
-    index = np.asarray(places, dtype=np.intp)
+    index = np.arange(len(kernel.coordinates), kernel.n)
     K, D, M = slopes
     inertia = np.diagonal(M)[index]
     by_q, by_v = (-matrix[index] / inertia[:, np.newaxis] for matrix in (K, D))
     return LawStates(
-        names=tuple(names),
+        names=kernel.memory,
         places=index,
         inertia=inertia,
         acts=basis.T @ D[:, index],
