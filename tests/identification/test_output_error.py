@@ -72,7 +72,8 @@ def measured(
     """Return a motion of a block as radau integrates it, with white noise."""
     loads = InputSignals(DriveData(torque=Track(Signal.through(t, u[:, None]), np.array([0]))))
     span = {"duration": float(t[-1]), "samples": t.size - 1}
-    q, _ = kernel.rollout([0.0, 0.0], [0.0, z], loads=loads, method="radau", rtol=1e-10, atol=1e-13, **span)
+    start = [0.0] * kernel.n, [0.0, *(z for _ in kernel.memory)]
+    q, _ = kernel.rollout(*start, loads=loads, method="radau", rtol=1e-11, atol=1e-14, **span)
     more = noise * np.random.default_rng(seed).standard_normal(t.size)
     return motion_from_columns({"t": t, "slide.z": q[:, 0] + more, "slide.z.drive": u}, kernel.coordinates)
 
@@ -164,6 +165,63 @@ def test_numbers_can_be_chosen_and_saved(kernel: eomgen.Kernel, tmp_path: Any) -
     assert found.estimates[PREFIX + "coulomb"].value == pytest.approx(1.0, rel=1e-4)
     assert load_fit(found.save(tmp_path / "fit.json")) == found
     assert found.lines()[0] == "block: numbers by the output-error method"
+
+
+RAIL = """
+name = "rail"
+gravity = [0.0, -9.81, 0.0]
+[[links]]
+name = "body"
+mass = 1.0
+inertia = {{ xx = 0.1, yy = 0.1, zz = 0.1 }}
+[[joints]]
+name = "slide"
+type = "prismatic"
+parent = "base"
+child = "body"
+z = {{ {laws} }}
+"""
+WOUND = "damping = 20.0, hysteresis = {{ stiffness = {}, beta = {}, gamma = {}, n = {}, share = {} }}"
+BRANCHES = (
+    "stiffness = 1e5, damping = 1.0, maxwell = [{{ stiffness = {}, damping = {} }}, {{ stiffness = {}, damping = {} }}]"
+)
+LAWS = {  # with true numbers, and those to begin with
+    WOUND: ((2e4, 300.0, 100.0, 1.5, 0.7), (3e4, 150.0, 50.0, 1.2, 0.5)),
+    BRANCHES: ((2e4, 4000.0, 3e4, 300.0), (1e4, 3000.0, 5e4, 200.0)),
+}
+
+
+def rocked(law: str, noise: float) -> tuple[eomgen.Robot, MeasuredMotion, list[float]]:
+    """Return a rail with numbers to begin with, its motion under a force that rises, and the true numbers."""
+    true, begun = LAWS[law]
+    robot, guess = (robot_from_toml(RAIL.format(laws=law.format(*numbers))) for numbers in (true, begun))
+    t = np.linspace(0.0, 4.0, 2001)
+    slow = 50.0 * t * np.sin(2.0 * np.pi * t) + 40.0 * np.sin(6.2 * np.pi * t)
+    force = slow + (10.0 * np.sin(60.0 * np.pi * t) if law == BRANCHES else 0.0)
+    kernel = eomgen.build(robot, kernels=("radau_rollout",), flags=("-O0",))
+    return guess, measured(kernel, t, force, noise=noise), list(true)
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_hysteresis_and_branches_are_found(law: str) -> None:
+    guess, motion, true = rocked(law, 0.0)
+    found = fit(guess, motion)
+    assert [x.estimate.value for x in found.numbers] == pytest.approx(true, rel=1e-6)
+    guess, motion, true = rocked(law, 1e-7)
+    noisy = fit(guess, motion)
+    off = [(x.estimate.value - y) / x.estimate.standard_error for x, y in zip(noisy.numbers, true, strict=True)]
+    assert max(map(abs, off)) < 4.0
+    assert all(x.estimate.low < y < x.estimate.high for x, y in zip(noisy.numbers, true, strict=True)) or max(off) > 2.0
+
+
+def test_the_rate_of_hysteresis_and_its_stiffness_are_one_number() -> None:
+    guess, motion, _ = rocked(WOUND, 1e-7)
+    found = fit(guess, motion, parameters=["joints.slide.z.hysteresis"])
+    assert [x.name for x in found.numbers] == ["joints.slide.z.hysteresis.n"]
+    [warning] = found.warnings
+    assert "do not determine" in warning
+    assert "hysteresis.A" in warning
+    assert "hysteresis.stiffness" in warning
 
 
 PENDULUM = """

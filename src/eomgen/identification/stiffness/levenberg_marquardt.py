@@ -49,7 +49,14 @@ class Descent:
 
 
 def descend(
-    simulate: Simulate, values: Array, least: Array, most: int, *, small: float, tell: Callable[[int, float], None]
+    simulate: Simulate,
+    values: Array,
+    least: Array,
+    most: int,
+    *,
+    small: float,
+    enough: float = 0.0,
+    tell: Callable[[int, float], None],
 ) -> Descent | None:
     """Return where the sum of squares is least, from some values on; None where these have no motion.
 
@@ -59,6 +66,7 @@ def descend(
         least: what they have to be at least, (p,), -inf where any will do.
         most: steps.
         small: change of the motion, rms over its noise, that a simulation hardly resolves.
+        enough: rms of the residuals at which steps end, too.
         tell: is told of each step, with the rms of the residuals.
     """
     here = simulate(values)
@@ -66,7 +74,10 @@ def descend(
         return None
     damping, none, endless = DAMPING
     for step in range(most):
-        tell(step, float(np.sqrt(here.cost / here.errors.size)))
+        error = float(np.sqrt(here.cost / here.errors.size))
+        tell(step, error)
+        if error <= enough:
+            return Descent(values, here, is_converged=True, steps=step)
         while True:
             ahead = _step(here, values, least, damping)
             change = float(np.sqrt(np.mean((here.jacobian @ (ahead - values)) ** 2)))

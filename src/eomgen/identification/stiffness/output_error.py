@@ -26,6 +26,7 @@ from ...names import listed
 from ...optional import optional_import
 from ...pipeline.stages import build
 from ...progress import StageReport
+from ...robot.laws import law_conflict
 from ...robot.model import build_model
 from ...robot.parameter_names import expand_tunable, least_of
 from ...robot.value import Robot
@@ -34,14 +35,15 @@ from ..estimating import even_step
 from ..relations import refuse_followers
 from .levenberg_marquardt import BLOCKS, Certainty, Descent, certainty, descend
 from .result import Estimate, FitResult, FittedNumber
-from .simulated import METHOD, Simulation, run_of
+from .simulated import LEAST_NOISE, METHOD, Simulation, run_of
 
-KEPT = ("fade", "smoothing")  # numbers of laws with states that are looked for only by their names
+KEPT = ("fade", "smoothing", "A")  # numbers of laws with states that are looked for by their names alone
 LED = (0.1, 0.01)  # bandwidths of the first descents, per step of the samples
 STEPS = 30, 100  # of each of these, and of the last descent
+ENOUGH = 2.0  # times the noise: errors at which the first descents end
 ROUGH = 0.05  # of the noise: changes of the motion below which the first descents end
 FINE = 0.01  # and the last one
-SCALINGS = 3  # times that weights of several coordinates follow the residuals
+SCALINGS, SCALED = 6, 0.7  # times that noise is taken from the residuals, and the logarithm of what counts as the same
 UNEXPLAINED = 0.5  # of the motion's rms, from which on the fit is doubted
 
 
@@ -52,11 +54,9 @@ def numbers_sought(robot: Robot, patterns: Sequence[str] | None) -> tuple[str, .
         UnknownNameError: a pattern names no parameter.
     """
     if patterns is None:
-        laws = {name.rpartition(".")[0] for name in build_model(robot).memory}
-        own = [name for name, value in robot.numbers() if value is not None]
-        return tuple(
-            x for x in own if x.startswith(tuple(f"joints.{law}." for law in laws)) and x.rpartition(".")[2] not in KEPT
-        )
+        laws = tuple(f"{x.prefix}.{x.law}." for x in build_model(robot).states)
+        own = [name for name, value in robot.numbers() if value is not None and name.startswith(laws)]
+        return tuple(name for name in own if name.rpartition(".")[2] not in KEPT)
     try:
         return expand_tunable(robot, patterns)
     except DescriptionError as error:
@@ -129,19 +129,19 @@ class _Fit:
         for share in LED:
             wide = share * self.rate
             if wide > self.bandwidth:
-                led = self._descended(rough, values, wide, STEPS[0], ROUGH)
+                led = self._descended(rough, values, wide, STEPS[0], ROUGH, ENOUGH)
                 values = values if led is None else led.values
         descent = self._descended(simulation, values, self.bandwidth, STEPS[1], FINE)
-        for _ in range(SCALINGS if len(simulation.columns()) > 1 else 0):
-            if descent is not None:
-                simulation = _rescaled(simulation, descent)
+        for _ in range(SCALINGS):
+            if descent is not None and (np.abs(np.log(spreads := _spreads(simulation, descent))) > SCALED).any():
+                simulation = _rescaled(simulation, spreads)
                 descent = self._descended(simulation, descent.values, self.bandwidth, STEPS[1], FINE)
         if descent is None:
             raise InputError(
                 f"fit: the simulation of {self.robot.name} does not reach the end of the motion with these numbers;"
                 " allowed: numbers nearer to it, or a bandwidth that leads the model along it"
             )
-        sizes = [rms for run in simulation.runs for rms in (_rms(run.q) / run.noise).tolist()]
+        sizes = [size for run in simulation.runs for size in (run.sizes / run.noise).tolist()]
         sure = certainty(descent.residuals, descent.values, simulation.columns(), np.array(sizes))
         share = float(np.sqrt(descent.residuals.cost / max(_power(simulation), 1e-300)))
         with optional_import("SciPy", "fit needs"):
@@ -161,7 +161,7 @@ class _Fit:
         return FitResult(self.robot.name, confidence, (), warnings, notes, (), tuple(numbers))
 
     def _descended(
-        self, simulation: Simulation, values: Array, bandwidth: float, most: int, small: float
+        self, simulation: Simulation, values: Array, bandwidth: float, most: int, small: float, enough: float = 0.0
     ) -> Descent | None:
         """Return the end of a descent with a bandwidth; None where its beginning has no motion."""
 
@@ -173,7 +173,7 @@ class _Fit:
         for place, name in enumerate(simulation.names):
             lower = least_of(name)
             least[place] = -np.inf if lower is None else lower
-        return descend(led, values, least, most, small=small, tell=tell)
+        return descend(led, values, least, most, small=small, enough=enough, tell=tell)
 
     def _warnings(
         self, descent: Descent, numbers: Sequence[FittedNumber], blind: Sequence[str], share: float
@@ -186,10 +186,11 @@ class _Fit:
             if number.estimate.low <= 0.0 <= number.estimate.high:
                 warnings.append(f"{number.name}: its interval holds zero, so the motion does not determine it")
         values = {number.name: number.estimate.value for number in numbers}
-        for name, value in values.items():
-            coulomb = values.get(f"{name.rpartition('.')[0]}.coulomb")
-            if name.endswith(".friction.static") and coulomb is not None and value < coulomb:
-                warnings.append(f"{name} is below coulomb, {coulomb:.5g}, and no description takes it")
+        for prefix, law in {x.prefix: x.numbers for x in build_model(self.robot).states}.items():
+            found = {name.removeprefix(f"{prefix}."): x for name, x in values.items() if name.startswith(f"{prefix}.")}
+            conflict = law_conflict({**law, **found})
+            if conflict is not None:
+                warnings.append(f"no description takes what was found: {prefix}.{conflict[0]}: {conflict[1]}")
         if share > UNEXPLAINED:
             warnings.append(f"{100 * share:.0f} % of the motion stays unexplained; are the drives known?")
         if not descent.is_converged:
@@ -213,19 +214,20 @@ class _Fit:
         return tuple(notes)
 
 
-def _rescaled(simulation: Simulation, descent: Descent) -> Simulation:
+def _spreads(simulation: Simulation, descent: Descent) -> Array:
+    """Return the rms of residuals over the noise, of each coordinate of each run; 1 where these are round-off."""
+    spreads = [np.sqrt(np.mean(descent.residuals.errors[place] ** 2)) for place in simulation.columns()]
+    noise = np.concatenate([run.noise / np.maximum(run.sizes, 1e-300) for run in simulation.runs])
+    return np.where(noise <= LEAST_NOISE * 1.001, np.maximum(spreads, 1.0), np.maximum(spreads, 1e-6))
+
+
+def _rescaled(simulation: Simulation, spreads: Array) -> Simulation:
     """Return the simulation with what its residuals say of the noise of each coordinate."""
-    runs, columns = [], iter(simulation.columns())
-    for run in simulation.runs:
-        spread = [np.sqrt(np.mean(descent.residuals.errors[next(columns)] ** 2)) for _ in run.places]
-        runs.append(run.with_noise(run.noise * np.maximum(spread, 1e-3)))
+    each = np.split(spreads, np.cumsum([run.places.size for run in simulation.runs])[:-1])
+    runs = [run.with_noise(run.noise * spread) for run, spread in zip(simulation.runs, each, strict=True)]
     return replace(simulation, runs=runs)
-
-
-def _rms(q: Array) -> Array:
-    return np.asarray(np.sqrt(np.mean((q - q.mean(axis=0)) ** 2, axis=0)))
 
 
 def _power(simulation: Simulation) -> float:
     """Return the sum of squares of the motions over their noise."""
-    return float(sum(len(run.times) * ((_rms(run.q) / run.noise) ** 2).sum() for run in simulation.runs))
+    return float(sum(len(run.times) * ((run.sizes / run.noise) ** 2).sum() for run in simulation.runs))

@@ -67,9 +67,22 @@ class Run:
         rtol = ACCURACY[2]
         return replace(self, rtol=rtol, atol=self.atol * (rtol / self.rtol))
 
+    @property
+    def sizes(self) -> Array:
+        """Standard deviations of the measured coordinates over time, (k,)."""
+        return np.asarray(np.std(self.q, axis=0))
+
     def with_noise(self, noise: Array) -> Run:
-        """Return it with other standard deviations."""
-        return replace(self, noise=noise)
+        """Return it with other standard deviations, and steps as exact as these ask for."""
+        noise = np.maximum(noise, np.maximum(LEAST_NOISE * self.sizes, 1e-15))
+        rtol = accuracy(noise, self.sizes)
+        return replace(self, noise=noise, rtol=rtol, atol=self.atol * (rtol / self.rtol))
+
+
+def accuracy(noise: Array, sizes: Array) -> float:
+    """Return a relative tolerance of steps that is well below the noise of coordinates of these sizes."""
+    share, least, most = ACCURACY
+    return float(np.clip(share * (noise / np.maximum(sizes, 1e-300)).min(), least, most))
 
 
 def run_of(kernel: Kernel, model: Model, motion: MeasuredMotion) -> Run:
@@ -99,14 +112,13 @@ def run_of(kernel: Kernel, model: Model, motion: MeasuredMotion) -> Run:
         start[0][:width], start[1][:width] = parabola[:2]
     else:
         start[1][:width] = motion.v[0]
-    sizes = np.sqrt(np.mean((q - q.mean(axis=0)) ** 2, axis=0))
-    noise = np.maximum(noise_deviation(q), np.maximum(LEAST_NOISE * sizes, 1e-15))
-    share, least, most = ACCURACY
-    rtol = float(np.clip(share * (noise / np.maximum(sizes, 1e-300)).min(), least, most))
+    noise = noise_deviation(q)
+    rtol = accuracy(noise, np.std(q, axis=0))
     drive = DriveData(torque=Track(Signal.through(times, motion.u), np.arange(width)))
     prescribed = _prescribed(kernel, motion, times) if kernel.prescribed else None
     atol = _tolerances(kernel, motion, times, rtol)
-    return Run(motion.source, times, q, places, noise, start, InputSignals(drive, prescribed=prescribed), rtol, atol)
+    run = Run(motion.source, times, q, places, noise, start, InputSignals(drive, prescribed=prescribed), rtol, atol)
+    return run.with_noise(noise)
 
 
 def _prescribed(kernel: Kernel, motion: MeasuredMotion, times: Array) -> Waves:
