@@ -224,6 +224,24 @@ def test_the_rate_of_hysteresis_and_its_stiffness_are_one_number() -> None:
     assert "hysteresis.stiffness" in warning
 
 
+WINDING = "damping = 3.0, drive = {{ winding = {{ resistance = {}, inductance = {}, torque_constant = {} }} }}"
+
+
+def test_windings_are_found_by_their_voltages() -> None:
+    true = 1.2, 6e-3, 4.0
+    robot, guess = (robot_from_toml(RAIL.format(laws=WINDING.format(*numbers))) for numbers in (true, (2.0, 1e-2, 3.0)))
+    t = np.linspace(0.0, 2.0, 1001)
+    volts = 10.0 * np.sin(2.0 * np.pi * (0.3 * t + 8.0 * t**2))
+    kernel = eomgen.build(robot, kernels=("radau_rollout",), flags=("-O0",))
+    motion = measured(kernel, t, volts, noise=1e-6)
+    found = fit(guess, motion, parameters=["joints.slide.z.drive.winding"])
+    assert [x.estimate.value for x in found.numbers] == pytest.approx(true, rel=1e-3)
+    off = [(x.estimate.value - y) / x.estimate.standard_error for x, y in zip(found.numbers, true, strict=True)]
+    assert max(map(abs, off)) < 4.0
+    with pytest.raises(InputError, match="parameters: none; allowed: one at least, by name, as numbers of drives"):
+        fit(guess, motion)
+
+
 PENDULUM = """
 name = "standing"
 gravity = [0.0, -9.81, 0.0]

@@ -349,7 +349,7 @@ def test_derivatives_of_random_trees_with_offsets_and_elastic_cuts(seed: int) ->
     robot = replace(robot, loops=(Loop("weld", (robot.base, robot.links[-1].name), "fixed", places, coordinates=law),))
     model, s = build_model(robot), random_state(robot, seed)
     given = {x: list(getattr(s, x)) for x in "qvau"} | {"p": [*model.parameters.values(), *[0.0] * len(model.turning)]}
-    calls = {"sqrt": math.sqrt, "exp": math.exp, "atan2": math.atan2}
+    calls = {"sqrt": math.sqrt, "exp": math.exp, "log": math.log, "atan2": math.atan2}
     found = evaluate(derive(model, "residual_jacobian"), given, calls=calls)
     for label, block in zip("qv", np.reshape([*found.values()], (3, model.size, model.size)), strict=False):
         wanted = complex_steps(robot, s, label)

@@ -11,12 +11,14 @@ from scipy.integrate import quad
 from scipy.interpolate import PchipInterpolator
 
 from eomgen.robot.laws import states_of
-from eomgen.robot.value import LINEAR, Coordinate, Friction, Robot, carriers
+from eomgen.robot.value import LINEAR, Coordinate, Friction, Joint, Robot, carriers
 from tests.oracles.pinocchio_models import PinocchioOracle
 from tests.support.random_robots import Array
 
 IN_TURNS = ("clearance", "one-sided", "curve", "friction", "cubic", "preload", "exponential", "stops", "plain")
-REMEMBERING = ("bristles",)  # kinds that have states
+REMEMBERING = ("bristles", "hysteresis", "branches")  # kinds that have states
+KEYS = ("stiffness", "damping")
+WOUND = ("stiffness", "A", "beta", "gamma", "n", "share")
 KINDS = (*IN_TURNS, *REMEMBERING)
 
 
@@ -84,6 +86,17 @@ def random_coordinate(rng: np.random.Generator, kind: str, old: Coordinate) -> C
             fade=None if rng.random() < 0.3 else fade,
         )  # fmt: skip
         return replace(old, friction=friction)
+    if kind == "hysteresis":
+        found = {
+            "stiffness": draw(5.0, 50.0), "A": draw(0.5, 2.0), "beta": draw(0.3, 2.0), "n": draw(1.0, 3.0),
+            "share": draw(0.0, 0.8),
+        }  # fmt: skip
+        found["gamma"] = found["beta"] * draw(-1.0, 1.0)
+        return replace(old, further={**old.further, **{f"hysteresis.{key}": value for key, value in found.items()}})
+    if kind == "branches":
+        numbers = ((f"maxwell.{i}", draw(5.0, 50.0), draw(0.5, 20.0)) for i in range(int(rng.integers(1, 4))))
+        branches = {f"{name}.{key}": x for name, *two in numbers for key, x in zip(KEYS, two, strict=True)}
+        return replace(old, further={**old.further, **branches})
     return old if kind == "plain" else replace(old, **{kind: draw(1.0, 10.0)})
 
 
@@ -100,7 +113,17 @@ def with_laws(robot: Robot, seed: int) -> Robot:
                 table[name] = random_coordinate(other, "bristles", table[name])
             count += 1
         joints.append(replace(joint, coordinates=_pressed(np.random.default_rng([seed, len(joints)]), table)))
-    return replace(robot, joints=tuple(joints))
+    further = np.random.default_rng([seed, 2])
+    return replace(robot, joints=tuple(_remembering(further, joint) for joint in joints))
+
+
+def _remembering(rng: np.random.Generator, joint: Joint) -> Joint:
+    """The joint with hysteresis and Maxwell branches at about a third of its coordinates; none where one presses."""
+    kinds = [str(kind) for kind in rng.choice(["hysteresis", "branches", "plain", "plain"], len(joint.coordinates))]
+    if any(c.friction is not None and c.friction.coefficient is not None for c in joint.coordinates.values()):
+        return joint
+    pairs = zip(joint.coordinates.items(), kinds, strict=True)
+    return replace(joint, coordinates={name: random_coordinate(rng, kind, c) for (name, c), kind in pairs})
 
 
 def _pressed(rng: np.random.Generator, table: dict[str, Coordinate]) -> dict[str, Coordinate]:
@@ -126,13 +149,24 @@ def smooth(x: float, w: float) -> float:
     return x * x / (2.0 * w) if x < w else x - w / 2.0
 
 
-def remembered(c: Coordinate, v: float, z: Sequence[float]) -> tuple[float, list[float], list[float]]:
+def remembered(c: Coordinate, s: float, v: float, states: Sequence[float]) -> tuple[float, list[float], list[float]]:
     """The force of laws with states, the rates of these, and their inertias."""
-    if not z:
-        return 0.0, [], []
-    assert c.friction is not None
-    force, rate = bristles(c.friction, v, z[0])
-    return force, [rate], [c.friction.bristle_stiffness or 0.0]
+    force, rates, inertias, left = 0.0, list[float](), list[float](), list(states)
+    if c.friction is not None and c.friction.bristle_stiffness is not None:
+        force, rate = bristles(c.friction, v, left.pop(0))
+        rates, inertias = [rate], [c.friction.bristle_stiffness]
+    if "hysteresis.stiffness" in c.further:
+        k, A, beta, gamma, n, share = (c.further[f"hysteresis.{key}"] for key in WOUND)
+        z = left.pop(0)
+        force += share * k * s + (1.0 - share) * k * z
+        rates.append(A * v - beta * abs(v) * abs(z) ** (n - 1.0) * z - gamma * v * abs(z) ** n)
+        inertias.append((1.0 - share) * k / A)
+    for i, z in enumerate(left):
+        k, damping = (c.further[f"maxwell.{i}.{key}"] for key in KEYS)
+        force += k * z
+        rates.append(v - k / damping * z)
+        inertias.append(k)
+    return force, rates, inertias
 
 
 def bristles(f: Friction, v: float, z: float) -> tuple[float, float]:
@@ -233,18 +267,19 @@ class LawOracle:
 
     def forces(self, q: Array, v: Array) -> Array:
         """Of coordinates, then minus rates of states times their inertias."""
-        laws = self.memory(v)
+        laws = self.memory(q, v)
         own = [resistance(*x) for x in zip(self.table, q[: self.n], v[: self.n], self.loads(q, v), strict=True)]
         resisting = [force + more for force, (more, _, _) in zip(own, laws, strict=True)]
         return np.array(resisting + [-x * w for _, rates, sizes in laws for x, w in zip(rates, sizes, strict=True)])
 
-    def memory(self, v: Array) -> list[tuple[float, list[float], list[float]]]:
+    def memory(self, q: Array, v: Array) -> list[tuple[float, list[float], list[float]]]:
         """Force, rates and inertias of each coordinate's laws with states."""
-        each = zip(self.table, v[: self.n].tolist(), self.states, strict=True)
-        return [remembered(c, rate, v[places].tolist()) for c, rate, places in each]
+        each = zip(self.table, q[: self.n].tolist(), v[: self.n].tolist(), self.states, strict=True)
+        return [remembered(c, s, rate, v[places].tolist()) for c, s, rate, places in each]
 
     def inertias(self) -> Array:
-        return np.array([w for _, _, sizes in self.memory(np.zeros(self.states[-1].stop)) for w in sizes])
+        still = np.zeros(self.states[-1].stop)
+        return np.array([w for _, _, sizes in self.memory(still, still) for w in sizes])
 
     def loads(self, q: Array, v: Array) -> list[float]:
         """What presses each coordinate: the forces across it without friction, with damping, of the same joint."""
@@ -277,4 +312,8 @@ class LawOracle:
         found = np.array(self.bodies.energy(q[: self.n], v[: self.n]))
         found[1] += sum(stored(c, s) for c, s in zip(self.table, q[: self.n], strict=True))
         found[1] += 0.5 * self.inertias() @ v[self.n :] ** 2
+        shares = [
+            c.further.get("hysteresis.share", 0.0) * c.further.get("hysteresis.stiffness", 0.0) for c in self.table
+        ]
+        found[1] += 0.5 * np.array(shares) @ q[: self.n] ** 2
         return found

@@ -36,6 +36,7 @@ static double larger(double x, double y) { return x < y ? y : x; }
 static double positive(double x) { return x > 0.0 ? 1.0 : 0.0; }
 static double chosen(double gate, double x, double y) { return gate > 0.0 ? x : y; }
 static double exponential(double x) { return exp(x); }
+static double logarithm(double x) { return log(x); }
 static double bearing(double y, double x) { return atan2(y, x); }
 """
 
@@ -94,7 +95,8 @@ def operators(text: str) -> Iterator[str]:
             yield "add"
         elif isinstance(node, ast.Call):
             called = {operation.function: operation.cost for operation in CALLS.values()}
-            yield called.get(ast.unparse(node.func)) or f"sincos {ast.unparse(node.args[0])}"
+            cost = called.get(ast.unparse(node.func))
+            yield f"sincos {ast.unparse(node if cost else node.args[0])}" if cost in (None, "sincos") else cost
 
 
 def counted(lines: Sequence[str]) -> dict[str, int]:
@@ -144,7 +146,7 @@ def float_program(rng: np.random.Generator, length: int) -> Program:
             nodes.extend(graph.sincos(x))
         elif op == "neg":
             nodes.append(graph.neg(x))
-        elif op == "sqrt":
+        elif op in ("sqrt", "log"):
             nodes.append(graph.call(op, graph.add(graph.mul(x, x), 0.5)))
         elif op == "exp":
             nodes.append(graph.call(op, graph.neg(graph.mul(x, x))))

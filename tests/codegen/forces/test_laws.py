@@ -83,7 +83,7 @@ def test_slopes_are_those_of_the_forces(seed: int, built: Build) -> None:
 @pytest.mark.parametrize("seed", [1330, 1331, 1332])
 def test_closed_form_has_them(seed: int) -> None:
     """SymPy's equations against the program, on floats."""
-    robot = with_laws(random_robot(seed, joints=(1, 2), max_size=3), seed)
+    robot = with_laws(random_robot(seed, joints=(1, 2), max_size=3), seed).without_states()
     model, s = build_model(robot), random_state(robot, seed)
     inputs = {"q": s.q, "v": s.v, "a": s.a, "u": s.u, "p": list(model.parameters.values())}
     residual, potential = closed_form(model).function("residual", "potential")(s.q, s.v, s.a, s.u)
@@ -165,7 +165,7 @@ def elastic_part(given: Coordinate) -> dict[str, float]:
 @pytest.mark.parametrize("seed", seeds(1360, 1, 6))
 def test_closed_cycles_take_energy(seed: int, built: Build) -> None:
     """Work of the forces of every coordinate along closed paths: never gained, and none where all is elastic."""
-    robot = worn(seed)
+    robot = worn(seed).without_states()  # whose cycles are not those of a motion
     elastic = [
         replace(
             j,

@@ -47,7 +47,7 @@ def by_program(robot: Robot, s: State, way: str) -> Array:
     program, n = derive_cheapest(model, NAME, way)[0], model.size
     values = {x: [float(y) for y in getattr(s, x)] for x in "qvu"}
     values["p"] = [*model.parameters.values(), *[0.0] * len(model.turning)]
-    calls = {"sqrt": math.sqrt, "exp": math.exp, "atan2": math.atan2}
+    calls = {"sqrt": math.sqrt, "exp": math.exp, "log": math.log, "atan2": math.atan2}
     out = evaluate(program, values, calls=calls)
     return np.array([float(out["out", i]) for i in range(3 * n * n)]).reshape(3, n, n)
 

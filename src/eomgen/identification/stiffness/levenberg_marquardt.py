@@ -17,7 +17,7 @@ SHARE = 1e-4  # of a parameter in an undetermined direction: with less it is det
 BLIND = 1e-10  # of the motion: a parameter that changes it by less, all of it, is not seen
 FACTOR = 4.0  # by which a number with a bound changes in a step, at most
 DAMPING = 1e-3, 1e-12, 1e8  # of the first step, of the last ones, and where there is no way on
-CHANGE = 0.01  # standard errors of all parameters together: steps that change them by less are the last ones
+CHANGE = 1e-3  # standard errors of all parameters together: steps that change them by less are the last ones
 BLOCKS = 40  # of time, over which errors are summed up where they are not white
 WHITE = 5.0  # standard deviations of the autocorrelation of white noise, beyond which errors are not white
 

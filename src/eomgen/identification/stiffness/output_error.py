@@ -27,6 +27,7 @@ from ...optional import optional_import
 from ...pipeline.stages import build
 from ...progress import StageReport
 from ...robot.laws import law_conflict
+from ...robot.memory.drives import DRIVE
 from ...robot.model import build_model
 from ...robot.parameter_names import expand_tunable, least_of
 from ...robot.value import Robot
@@ -48,13 +49,13 @@ UNEXPLAINED = 0.5  # of the motion's rms, from which on the fit is doubted
 
 
 def numbers_sought(robot: Robot, patterns: Sequence[str] | None) -> tuple[str, ...]:
-    """Return names of the parameters that patterns name; by default those of laws that have states.
+    """Return names of the parameters that patterns name; by default those of laws that have states, but for drives.
 
     Raises:
         UnknownNameError: a pattern names no parameter.
     """
     if patterns is None:
-        laws = tuple(f"{x.prefix}.{x.law}." for x in build_model(robot).states)
+        laws = tuple(f"{x.prefix}.{x.law}." for x in build_model(robot).states if x.law != DRIVE)
         own = [name for name, value in robot.numbers() if value is not None and name.startswith(laws)]
         return tuple(name for name in own if name.rpartition(".")[2] not in KEPT)
     try:
@@ -95,7 +96,7 @@ def fit_numbers(
     if robot.is_closed:
         raise InputError(f"fit: {robot.name} has loops or couplings; allowed for parameters: robots without")
     if not names:
-        raise InputError("parameters: none; allowed: one at least")
+        raise InputError("parameters: none; allowed: one at least, by name, as numbers of drives are always")
     if kernel is None:
         tunable = tuple(dict.fromkeys((*robot.tunable, *names)))
         kernel = build(replace(robot, tunable=tunable), kernels=output_error_kernels(), progress=progress)
