@@ -254,6 +254,7 @@ def _tables(model: Model) -> dict[str, Any]:
         "prescribed": model.prescribed,
         "is_prescribed": [int(i in model.prescribed) for i in range(model.size)],
         "beside": [model.beside.get(i, i) for i in range(model.size)] if model.beside else [],
+        "drives": [{"at": i, "states": states} for i, states in model.drives.items()],
         "states": len(model.memory),
         "christoffel_words": lambda: christoffel_words(model),  # asked for by one template alone
     }

@@ -96,6 +96,8 @@ def derive_equations(model: Model, kernels: Sequence[str] = (), dtype: str = "fl
             calls[name] = (signature.columns_of,)
             words = signature.columns_of.replace("_", " ").capitalize()
             choices[name] = f"a loop in C, one {words} per unit velocity"
+        if model.beside and "residual_jacobian" in calls.get(name, ()):
+            calls[name] = (*calls[name], "drive_jacobian")
         for program in calls.get(name, (name,)):
             if program in raw:
                 continue

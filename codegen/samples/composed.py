@@ -116,6 +116,12 @@ def forward_dynamics_jacobian(model: Model, run: Run, inputs: Mapping[str, Array
             by_q[np.ix_(columns, columns)] -= D[at - len(columns) ** 2 : at].reshape(len(columns), len(columns), -1)
         status = _with_residuals(model, solution[n + m :], status, inputs["v"])
     by_u = np.broadcast_to(np.eye(n, dtype=M.dtype)[..., np.newaxis], M.shape)
+    if model.beside:
+        driven = run("drive_jacobian")[0].reshape(3, n, n, -1)
+        by_q, by_v, by_u = by_q - driven[0], by_v - driven[1], by_u.copy()
+        by_u[:, list(model.states_of_drives)] = 0.0
+        for i, place in model.beside.items():
+            by_u[i, place], by_u[:, i] = 1.0, driven[2, :, i]
     B = np.concatenate([-by_q, -by_v, by_u], axis=1)
     B[known, : 2 * n], M[known], M[known, known] = 0.0, 0.0, 1.0
     moving = [i for i in range(n) if i not in known]

@@ -77,6 +77,8 @@ SEMANTIC = {
         *("clearance of stiffness zero", "friction without coulomb", "limits twice", "no limits"),
         *("beam without section", "beam without shear", "beam of two sections", "beam of no section"),
         *("damping of a beam twice", "damping of a beam of none"),
+        *("drive with nothing in it", "drive of what nothing drives", "winding without its constant"),
+        *("voltage limit of no winding", "loop without a gain"),
         *("bristles without a stiffness", "bristles of no model", "bristles and smoothing", "damping of no bristles"),
         "bristles on a lorentzian curve",
     },

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,9 +17,12 @@ from eomgen.description.load import robot_from_toml
 from eomgen.errors import DescriptionError, InputError
 from eomgen.integration.solve import integrate
 from eomgen.runtime.stepping.input_signals import InputSignals, LinkWrench, Signal
+from eomgen.scenario.load import scenario_from_toml
+from eomgen.simulation.run import run_scenario
 from tests.support.builds import Build
 from tests.support.drive_reference import drive, rates_of
 
+EXAMPLE = Path(__file__).parents[2] / "examples" / "servo_axis.toml"
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
 AXIS = """
@@ -335,3 +340,160 @@ def test_linear_systems_have_drives(built: Build) -> None:
     np.testing.assert_allclose(np.abs(slow), 1.0, atol=1e-2)  # the position follows its reference
     with pytest.raises(InputError, match=r"joint1\.gamma takes a reference of position"):
         eomgen.analysis.linearize(robot, drives="pd", kp=1.0)
+
+
+def test_simulations_follow_references_from_rest() -> None:
+    """Integrals hold the weight at the start: nothing moves before the reference does."""
+    robot = eomgen.load_robot(EXAMPLE)
+    still = run_scenario(robot, scenario_from_toml("duration = 0.1\n"))
+    motion = still.trajectory
+    weight = 4.0 * 9.81 * 0.25
+    assert motion.z is not None
+    assert np.abs(motion.q - motion.q[0]).max() < 1e-7
+    np.testing.assert_allclose(motion.z[0], [weight / 6.0 / 80.0, 0.8 * weight / 6.0 / 800.0, weight / 6.0], rtol=1e-9)
+    motion_text = '[motion]\ntype = "point_to_point"\nduration = 1.0\ngoal = { axis = 0.6 }\n'
+    moved = run_scenario(robot, scenario_from_toml(f"duration = 1.5\n{motion_text}"))
+    assert moved.trajectory.q[-1, 0] == pytest.approx(0.6, abs=1e-3)
+    assert moved.balance is not None
+    assert moved.balance.relative_residue < 1e-5
+    for control, named in (
+        ('type = "pd"\nkp = 3.0\nkd = 1.0', r"axis\.gamma takes a reference of position, rad; allowed: reference"),
+        ('type = "computed_torque"', r"axis\.gamma takes a reference of position"),
+    ):
+        with pytest.raises(DescriptionError, match=named):
+            run_scenario(robot, scenario_from_toml(f"duration = 0.1\n[control]\n{control}\n"))
+    with pytest.raises(DescriptionError, match=r"joint1\.gamma takes a voltage, V; allowed: a torque table"):
+        run_scenario(
+            _robot(DRIVES["voltage"][0]), scenario_from_toml('duration = 0.1\n[control]\ntype = "reference"\n')
+        )
+
+
+LINKAGE = """
+name = "driven_bar"
+gravity = [0.0, -9.81, 0.0]
+driven = ["crank.gamma"]
+home = { "crank.gamma" = 0.9 }
+[[links]]
+name = "a"
+mass = 1.0
+com = [0.1, 0.0, 0.0]
+inertia = { xx = 0.01, yy = 0.01, zz = 0.01 }
+[[links]]
+name = "b"
+mass = 1.0
+com = [0.25, 0.0, 0.0]
+inertia = { xx = 0.01, yy = 0.03, zz = 0.03 }
+[[links]]
+name = "c"
+mass = 1.0
+com = [0.2, 0.0, 0.0]
+inertia = { xx = 0.01, yy = 0.02, zz = 0.02 }
+[[joints]]
+name = "crank"
+type = "revolute"
+parent = "base"
+child = "a"
+[joints.gamma.drive]
+winding = { resistance = 1.0, inductance = 1e-3, torque_constant = 0.5 }
+voltage_limit = 60.0
+controller = { velocity = { kp = 4.0, ki = 10.0 }, current = { kp = 1.0, ki = 1000.0 } }
+[[joints]]
+name = "coupler"
+type = "revolute"
+parent = "a"
+child = "b"
+placement = { xyz = [0.2, 0.0, 0.0] }
+gamma = { damping = 0.1 }
+[[joints]]
+name = "rocker"
+type = "revolute"
+parent = "base"
+child = "c"
+placement = { xyz = [0.4, 0.0, 0.0] }
+gamma = { damping = 0.1 }
+[[loops]]
+name = "pin"
+links = ["b", "c"]
+type = "revolute"
+placements = [{ xyz = [0.5, 0.0, 0.0] }, { xyz = [0.4, 0.0, 0.0] }]
+"""
+
+
+def test_drives_move_closed_loops(built: Build) -> None:
+    """Methods agree, works and energies balance, and derivatives are those of the accelerations."""
+    kernel = built(robot_from_toml(LINKAGE))
+    n, m = kernel.n, len(kernel.coordinates)
+    begin = kernel.assemble([0.9, 0.0, 0.0], ["crank.gamma"])
+    q, v, u = np.zeros((3, n))
+    q[:m] = begin
+    v[:m] = kernel.project_velocity(begin, [1.0, 0.0, 0.0], ["crank.gamma"])
+    v[m:], u[0], u[m] = [0.1, 0.02, 0.5], 2.0, 0.3
+    _, by_v, by_u = kernel.forward_dynamics_jacobian(q, v, u)
+    for slopes, places in ((by_v, range(m, n)), (by_u, range(n))):
+        for i in places:
+            step = 1e-5 * np.eye(n)[i]
+            ends = [(v + s * step, u) if slopes is by_v else (v, u + s * step) for s in (1.0, -1.0)]
+            ahead, behind = (kernel.forward_dynamics(q, *end) for end in ends)
+            np.testing.assert_allclose(slopes[:, i], (ahead - behind) / 2e-5, rtol=1e-6, atol=1e-6)
+    options: dict[str, Any] = {"duration": 1.0, "output_step": 0.25, "drive": [2.0, 0.0, 0.0]}
+    motions = [
+        integrate(kernel, begin, np.zeros(m), method=method, rtol=1e-9, works=method == "radau", **options)
+        for method in ("radau", "rosenbrock", "tsit5", "Radau")
+    ]
+    for motion in motions[1:]:
+        np.testing.assert_allclose(motion.q, motions[0].q, atol=1e-5)
+    energy, works = motions[0].energy.sum(axis=1), motions[0].works
+    assert works is not None
+    assert np.abs(energy - energy[0] - works[:, 0] + works[:, 3]).max() < 1e-8 * np.abs(works).max()
+
+
+UR5 = """
+[joints.gamma.drive]
+winding = { resistance = 0.8, inductance = 8e-4, torque_constant = %g }
+current_limit = 12.0
+voltage_limit = 48.0
+[joints.gamma.drive.controller]
+position = { kp = 12.0, limit = 2.0 }
+velocity = { kp = %g, ki = %g }
+current = { kp = 0.8, ki = 800.0 }
+"""
+
+
+def test_six_servo_axes_follow_an_integration_to_twelve_digits(built: Build) -> None:
+    """Of a robot arm: M and the bias are those of the arm without drives, and drives those of their own equations."""
+    plain = eomgen.load_robot("ur5")
+    drives, joints = [], []
+    for joint in plain.joints:
+        if joint.type != "revolute":
+            joints.append(joint)
+            continue
+        strong = len(drives) < 3
+        text = UR5 % ((12.0, 20.0, 200.0) if strong else (3.0, 4.0, 40.0))
+        numbers = tomllib.loads("[[joints]]" + text)["joints"][0]["gamma"]["drive"]
+        given = robot_from_toml(AXIS + text).joints[0].coordinates["gamma"].further
+        coordinate = replace(joint.coordinates["gamma"], armature=0.3 if strong else 0.03, damping=1.0)
+        joints.append(replace(joint, coordinates={"gamma": replace(coordinate, further=given)}))
+        drives.append(numbers)
+    robot = replace(plain, joints=tuple(joints))
+    mechanical = [replace(x, coordinates={k: c.without_states() for k, c in x.coordinates.items()}) for x in joints]
+    arm = built(replace(plain, joints=tuple(mechanical)), "mass_matrix", "inverse_dynamics")
+    kernel = built(robot, "forward_dynamics", "rollout", "adaptive_rollout", "radau_rollout")
+    n, names = 6, ("integral_velocity", "integral_current", "current")
+    assert kernel.memory == tuple(f"{x}.drive.{name}" for x in kernel.coordinates for name in names)
+    begin, goal = np.array([0.2, -1.0, 0.8, -0.5, 0.3, 0.1]), np.array([0.5, -1.4, 1.2, -0.2, 0.1, 0.4])
+
+    def rates(_: float, y: Any) -> Any:
+        q, v, z = y[:n], y[n : 2 * n], y[2 * n :].reshape(n, 3)
+        found = [
+            drive(numbers, q[i], v[i], dict(zip(names, z[i], strict=True)), goal[i]) for i, numbers in enumerate(drives)
+        ]
+        torque = np.array([force for force, _, _ in found])
+        a = np.linalg.solve(arm.mass_matrix(q), torque - arm.inverse_dynamics(q, v, np.zeros(n)))
+        return np.concatenate([v, a, [by[name] for _, by, _ in found for name in names]])
+
+    t, y = np.linspace(0.0, 0.2, 5), np.concatenate([begin, np.zeros(n + 3 * n)])
+    wanted = solve_ivp(rates, (0.0, 0.2), y, "DOP853", t, rtol=1e-12, atol=1e-13, max_step=1e-3).y.T
+    size, zero = np.abs(wanted).max(axis=0) + 1e-6, np.zeros(3 * n)
+    for method, rtol, bound in (("rosenbrock", 1e-8, 1e-4), ("radau", 1e-8, 1e-5), ("tsit5", 1e-8, 1e-5)):
+        motion = kernel.rollout(begin, np.zeros(n), goal, duration=0.2, samples=4, method=method, rtol=rtol, z=zero)
+        assert np.abs((np.hstack([*motion, motion.z]) - wanted) / size).max() < bound, method

@@ -393,6 +393,41 @@ TOML_CASES = {
         "friction = { coulomb = 1.0, statik = 2.0 }",
         ["joints.joint1.x.friction", "'statik'", "mean 'static'"],
     ),
+    "drive with nothing in it": (
+        "stiffness = 1e6",
+        "drive = {}",
+        ["joints.joint1.x.drive", "there is nothing in it", "lag, winding, controller"],
+    ),
+    "drive of what nothing drives": (
+        "stiffness = 1e6",
+        "stiffness = 1e6, drive = { lag = 0.1 }",
+        ["joints.joint1.x.drive", "nothing drives 'joint1.x'", "joint1.gamma"],
+    ),
+    "winding without its constant": (
+        "stiffness = 1e6",
+        "drive = { winding = { resistance = 1.0, inductance = 1e-3 } }",
+        ["joints.joint1.x.drive.winding.torque_constant", "it is missing"],
+    ),
+    "voltage limit of no winding": (
+        "stiffness = 1e6",
+        "drive = { lag = 0.1, voltage_limit = 24.0 }",
+        ["joints.joint1.x.drive.voltage_limit", "there is no winding"],
+    ),
+    "loop without a gain": (
+        "stiffness = 1e6",
+        "drive = { controller = { velocity = { limit = 1.0 } } }",
+        ["joints.joint1.x.drive.controller.velocity", "there is no gain", "kp, ki, kd"],
+    ),
+    "loop of no such quantity": (
+        "stiffness = 1e6",
+        "drive = { controller = { torque = { kp = 1.0 } } }",
+        ["joints.joint1.x.drive.controller", "'torque'", "position, velocity, current"],
+    ),
+    "lag that is no time": (
+        "stiffness = 1e6",
+        "drive = { lag = -0.1 }",
+        ["joints.joint1.x.drive.lag", "-0.1", "at least 1e-12"],
+    ),
     "bristles without a stiffness": (
         "stiffness = 1e6",
         'friction = { model = "lugre", coulomb = 1.0 }',

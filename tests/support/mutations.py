@@ -42,7 +42,7 @@ WORN = """
 name = "worn"
 gravity = [0, 0, -9.81]
 inertia = "project"
-driven = ["j1.gamma"]
+driven = ["j1.gamma", "j2.z"]
 home = { j1.gamma = 0.1, j2 = { z = 0.2 } }
 links = [{ name = "a", mass = 2, com = [0, 0, 1] }, { name = "b", mass = 1, inertia = { xx = 1, yy = 1, zz = 1 } }]
 frames = [{ name = "tcp", link = "b", placement = { xyz = [0, 0, 1], rpy = [1, 0, 0] } }]
@@ -82,6 +82,9 @@ name = "j2"
 parent = "a"
 child = "b"
 type = "prismatic"
+z = { drive = { winding = { resistance = 1, inductance = 1e-3, torque_constant = 2 }, current_limit = 5, \
+voltage_limit = 24, controller = { position = { kp = 9, kd = 0.1, filter = 0.01, limit = 2 }, velocity = { kp = 4, ki = 40 }, \
+current = { kp = 1, ki = 100, tracking_time = 0.01 } } } }
 x = { curve = [[-1, -2], [0, 0], [1, 3]], limits = { lower = -2, velocity = 3 } }
 y = { role = "prescribed", friction = { model = "lugre", coulomb = 2, static = 3, stribeck = 0.1, \
 viscous = 1, bristle_stiffness = 1e4 } }

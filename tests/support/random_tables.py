@@ -71,6 +71,15 @@ KEYS = [
     "ratio",
     "loss_factor",
     "at_hz",
+    "drive",
+    "lag",
+    "winding",
+    "controller",
+    "position",
+    "velocity",
+    "kp",
+    "ki",
+    "limit",
     "a",
 ]
 

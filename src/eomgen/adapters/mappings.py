@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any
 
@@ -162,6 +162,8 @@ class DifferentiableFunction:
 
     def __init__(self, kernel: Kernel, name: str, frame: str | None = None, *, cut: bool = False) -> None:
         entry = _entry(name, bool(kernel.constraints), cut)
+        if name == "residual" and kernel.calls.arrays.has_drives:  # its derivatives by q and v depend on u
+            entry = replace(entry, rule=_TANGENTS, flat=())
         if (name in FRAMES) != (frame is not None):
             wanted = f"one of {', '.join(kernel.frames)}" if name in FRAMES else "none"
             raise InputError(f"frame: {name} got {show(frame)}; allowed: {wanted}")

@@ -14,6 +14,7 @@ from ..pipeline.stages import build
 from ..progress import StageReport, no_report
 from ..robot.law_states import BRANCHES
 from ..robot.laws import COARSE
+from ..robot.memory.drives import DRIVE
 from ..robot.model import build_model
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
@@ -46,7 +47,7 @@ def _velocities(robot: Robot) -> list[Array]:
     still = np.zeros(model.size)
     if not model.memory:
         return [still]
-    owners = dict.fromkeys((x.owner, x.prefix) for x in model.states if x.law != BRANCHES)  # whose rates are constant
+    owners = dict.fromkeys((x.owner, x.prefix) for x in model.states if x.law not in (BRANCHES, DRIVE))
     of_joints = [owner for owner, prefix in owners if prefix.startswith("joints.")]
     limits = {name: robot.limits_of(name).velocity for name in (*model.coordinates, *of_joints)}
     unlimited = [owner for owner, _ in owners if limits.get(owner) is None]

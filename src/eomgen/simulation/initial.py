@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array
-from ..errors import IntegrationError
+from ..errors import IntegrationError, LoopError
 from ..loops.equilibrium import closed_equilibrium
 from ..robot.coordinates import force_unit_of, index_of
 from ..robot.mechanism import leading_home
@@ -18,6 +18,7 @@ from ..robot.parameter_names import CUT_BEARINGS, CUTS
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
 from ..scenario.value import Scenario
+from ..state.drives import has_drives, settled
 from ..state.motors import shafts, turn_motors
 from ..state.springs import clearances, journals_in_play, law_numbers, stiffnesses
 from .assembly import Assembly, by_coordinate, names_in_scenarios, states_of_laws
@@ -58,7 +59,22 @@ def initial_state(robot: Robot, scenario: Scenario, assembly: Assembly) -> tuple
     loose = _loose(robot, assembly)
     servos = (name for name, x in kernel.inputs.items() if not x.is_force and name not in kernel.prescribed)
     still = {*loose, *servos, *(names_in_scenarios(robot)[name] for name in fixed)}
-    return _balanced(robot, scenario, assembly, (q, v[len(kernel.coordinates) :]), still), v, loose
+    q = _balanced(robot, scenario, assembly, (q, v[len(kernel.coordinates) :]), still)
+    if has_drives(kernel) and not (initial and initial.z):
+        v, lost = _settled(assembly, q, v)
+        loose = (*loose, *lost)
+    return q, v, loose
+
+
+def _settled(assembly: Assembly, q: Array, v: Array) -> tuple[Array, tuple[str, ...]]:
+    """Return v with states of drives that hold the robot where it is, and the coordinates of drives that cannot."""
+    kernel, zero, wrenches = assembly.kernel, np.zeros(assembly.kernel.n), assembly.wrenches
+    u, wrench = assembly.drive.standstill()(0.0, q, zero), None if wrenches is None else wrenches(0.0, q, zero)
+    try:
+        forces = kernel.inverse_dynamics(q, v, zero, wrench=wrench)
+    except LoopError:  # these drives cannot hold it
+        return v, tuple(name for name, x in kernel.inputs.items() if not x.is_force)
+    return settled(kernel, q, v, u, forces)
 
 
 def _closed(assembly: Assembly, q: Array, v: Array, velocities: Container[str]) -> tuple[Array, Array]:

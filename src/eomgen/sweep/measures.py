@@ -11,7 +11,9 @@ from ..arrays import Array
 from ..errors import InputError
 from ..motion.exceeding import excesses
 from ..names import joint_of
-from ..robot.coordinates import force_unit_of, index_of, rotating_joints, unit_of
+from ..robot.coordinates import index_of, rotating_joints, unit_of
+from ..robot.mechanism import coordinate_of
+from ..robot.memory.drives import input_of
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
 from ..scenario.value import Scenario
@@ -69,8 +71,11 @@ Measured = list[tuple[str, str, float]]
 
 def exceeded_limits(robot: Robot, result: SimulationResult) -> tuple[str, ...]:
     """Return the limits of a robot that a motion exceeds, as far as it knows its drives: "joint1.gamma speed", say."""
-    motion = result.trajectory
-    beyond = excesses(robot, motion.coordinates, q=motion.q, v=motion.v, u=motion.u)
+    motion, u = result.trajectory, result.trajectory.u.copy()
+    for i, name in enumerate(motion.coordinates):  # inputs of drives that are no forces do not tell of these
+        if input_of(coordinate_of(robot, name).law(), linear=unit_of(name) == "m").unit not in ("N", "N m"):
+            u[:, i] = 0.0
+    beyond = excesses(robot, motion.coordinates, q=motion.q, v=motion.v, u=u)
     return tuple(f"{excess.coordinate} {excess.kind}" for excess in beyond)
 
 
@@ -96,7 +101,7 @@ def _drives(name: str, result: SimulationResult, assembly: Assembly) -> Measured
     for coordinate in (motors.get(x, x) for x in assembly.driven):
         u = motion.u[:, motion.coordinates.index(coordinate)]
         value = np.abs(u).max() if name == "drive_max" else _rms(u)
-        largest.append((f"{name}.{coordinate}", force_unit_of(coordinate), float(value)))
+        largest.append((f"{name}.{coordinate}", assembly.kernel.inputs[coordinate].unit, float(value)))
     return largest
 
 

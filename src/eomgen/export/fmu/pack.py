@@ -171,6 +171,7 @@ def _files(
         "turning": len(turning["joints"]),
         "turned_size": turning["room"],
         "prescribed": model.prescribed,
+        "beside": [model.beside.get(i, i) for i in range(model.size)] if model.beside else [],
         "matrices": _matrices(layout.at["parameters"], list(model.parameters), meta.get("matrices", {})),
         "method": method,
         **_stepping(model, method, meta),

@@ -18,6 +18,8 @@ from dataclasses import dataclass
 from eomgen.names import joint_of, parameter_name, parameter_path
 from eomgen.robot.coordinates import FORCES, force_unit_of, unit_of
 from eomgen.robot.elements import KINDS
+from eomgen.robot.mechanism import coordinate_of
+from eomgen.robot.memory.drives import input_of
 from eomgen.robot.model import FIXED_BODY, Model
 from eomgen.robot.parameter_names import FAMILIES, least_of, number_of
 from eomgen.robot.rules import ROTORS
@@ -28,6 +30,8 @@ BASE = {  # exponents of SI base units, and of rad
     "N": {"kg": 1, "m": 1, "s": -2},
     "J": {"kg": 1, "m": 2, "s": -2},
     "V": {"kg": 1, "m": 2, "s": -3, "A": -1},
+    "ohm": {"kg": 1, "m": 2, "s": -3, "A": -2},
+    "H": {"kg": 1, "m": 2, "s": -2, "A": -2},
 }
 
 
@@ -210,7 +214,9 @@ def _drives(model: Model) -> Iterator[Variable]:
         if i in model.prescribed:
             yield Variable(f"u.{name}", "input", f"{unit}/s2", "Given acceleration", 0.0)
         else:
-            yield Variable(f"u.{name}", "input", unit_name(force_unit_of(name)), "Drive", 0.0)
+            meant = input_of(coordinate_of(model.robot, name).law(), linear=unit == "m")
+            text = "Drive" if i not in model.beside else f"Drive: {meant.meaning}"
+            yield Variable(f"u.{name}", "input", unit_name(meant.unit), text, 0.0)
 
 
 def _wrenches(

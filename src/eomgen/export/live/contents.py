@@ -10,7 +10,7 @@ import numpy as np
 from ...arrays import Array
 from ...errors import EomgenError, InputError
 from ...integration.plan import stiff_in_real_time
-from ...names import kind_of
+from ...names import kind_of, listed
 from ...pictures.framing import ROUND_OFF, SHOWN_ANGLE, SHOWN_PART, STEP, drawn_points, first_factor
 from ...pictures.scene import extent, program_positions
 from ...progress import Progress
@@ -61,6 +61,12 @@ def contents_of(robot: Robot, scenario: Scenario | None, result: SimulationResul
         InputError: the scenario does not fit, or has a program that only Python can ask.
         LoopError: loops do not close at the start.
     """
+    drives = [build_model(robot).coordinates[i] for i in build_model(robot).beside]
+    if drives:
+        raise InputError(
+            f"{robot.name}: live pages have drives of their own, and {listed(drives)} servo drives; allowed: robots"
+            " without the tables drive"
+        )
     notes: list[str] = []
     tool = result.tool if result is not None else tool_of(robot, scenario.frame if scenario else None)
     acting, assembly, acts = _acting(robot, scenario, result, tool, report, notes)
