@@ -469,6 +469,47 @@ TOML_CASES = {
         "friction = { coulomb = 1.0, bristle_damping = 5.0 }",
         ["joints.joint1.x.friction.bristle_damping", "there is no bristle_stiffness"],
     ),
+    "hysteresis that gives energy back": (
+        "stiffness = 1e6",
+        "hysteresis = { stiffness = 1e5, beta = 10, gamma = -20 }",
+        ["joints.joint1.x.hysteresis.gamma", "-20.0", "from -10.0 to 10.0"],
+    ),
+    "hysteresis of nothing that yields": (
+        "stiffness = 1e6",
+        "hysteresis = { stiffness = 1e5, beta = 10, gamma = 5, share = 1 }",
+        ["joints.joint1.x.hysteresis.share", "1.0", "less than 1"],
+    ),
+    "hysteresis without a number": (
+        "stiffness = 1e6",
+        "hysteresis = { stiffness = 1e5, beta = 10 }",
+        ["joints.joint1.x.hysteresis", "'gamma' is missing"],
+    ),
+    "hysteresis of another model": (
+        "stiffness = 1e6",
+        'hysteresis = { model = "preisach", stiffness = 1e5, beta = 10, gamma = 5 }',
+        ["joints.joint1.x.hysteresis.model", "'preisach'", "bouc_wen"],
+    ),
+    "branches that are no table": (
+        "stiffness = 1e6",
+        "maxwell = 3",
+        ["joints.joint1.x.maxwell", "got 3", "an array of branches"],
+    ),
+    "no branch": ("stiffness = 1e6", "maxwell = []", ["joints.joint1.x.maxwell", "1 to 8 tables"]),
+    "branch without a damper": (
+        "stiffness = 1e6",
+        "maxwell = [{ stiffness = 1, damping = 1 }, { stiffness = 1 }]",
+        ["joints.joint1.x.maxwell.1", "'damping' is missing"],
+    ),
+    "loss factor of no stiffness": (
+        "stiffness = 1e6",
+        "maxwell = { loss_factor = 0.1, band_hz = [1, 10] }",
+        ["joints.joint1.x.maxwell", "no stiffness"],
+    ),
+    "loss factor over a band that falls": (
+        "stiffness = 1e6",
+        "stiffness = 1e6, maxwell = { loss_factor = 0.1, band_hz = [10, 1] }",
+        ["joints.joint1.x.maxwell.band_hz", "that rise"],
+    ),
     "curve of one point": ("stiffness = 1e6", "curve = [[0, 0]]", ["joints.joint1.x.curve", "1 points", "2 to 64"]),
     "curve of many points": (
         "stiffness = 1e6",

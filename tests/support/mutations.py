@@ -66,6 +66,7 @@ of = "j1.motor"
 to = { j2.z = 2 }
 stiffness = 1e3
 friction = { coulomb = 1 }
+maxwell = [{ stiffness = 1, damping = 2 }]
 [[joints]]
 name = "j1"
 parent = "base"
@@ -73,8 +74,10 @@ child = "a"
 type = "revolute"
 dh = { a = 0.1, alpha_deg = -90, d = 0.2, theta_deg = 30 }
 gamma = { friction = { coulomb = 1, static = 2, stribeck = 0.1, shape = "gaussian", viscous = 0.1 }, cubic = 2 }
+alpha = { stiffness = 1e4, maxwell = { loss_factor = 0.1, band_hz = [1, 10], branches = 2 } }
 beta = { stiffness = 1e3, clearance = 1e-3, smoothing = 1e-5, restitution_damping = 1 }
 motor = { inertia = 1e-4, ratio = 100, stiffness = 1e4, damping = 1, limits = { upper = 300, effort = 0.5 }, \
+hysteresis = { model = "bouc_wen", stiffness = 1e3, A = 1, beta = 100, gamma = 50, n = 1.5, share = 0.5 }, \
 friction = { model = "lugre", coulomb = 0.1, bristle_stiffness = 10, bristle_damping = 0.1, fade = 0.5 } }
 offset = { x = 1e-3, alpha = 1e-3 }
 [[joints]]
