@@ -8,14 +8,15 @@ logarithms, from the band's ends or from beyond them; the k_i, none below 0, are
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
 from ...arrays import Array
 
-SAMPLES = 200  # frequencies of the band
-ROUNDS = 10  # of weights by the real part
-MARGINS = np.linspace(0.0, 1.0, 21)  # of the distance between neighbours, by which the outermost stand outside
+SAMPLES = 100  # frequencies of the band
+ROUNDS = 6  # of weights by the real part
+MARGINS = np.linspace(0.0, 1.0, 11)  # of the distance between neighbours, by which the outermost stand outside
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,7 @@ def loss_factors(branches: tuple[tuple[float, float], ...], w: Array) -> Array:
     return np.asarray(whole.imag / whole.real)
 
 
+@lru_cache(maxsize=100)
 def fitted_branches(loss_factor: float, band_hz: tuple[float, float], count: int) -> FittedBranches:
     """Fit ``count`` branches; those whose stiffness is 0 fall away.
 
