@@ -19,6 +19,7 @@ from eomgen.names import parameter_name, parameter_path, split_component
 from eomgen.robot.coordinates import force_unit_of, unit_of
 from eomgen.robot.elements import MATRICES
 from eomgen.robot.elements.joint_damping import MOVED
+from eomgen.robot.laws import LAWS
 from eomgen.robot.model import Model
 from eomgen.robot.parameter_names import number_of
 from eomgen.robot.value import ANGULAR, COORDINATES, MOTOR
@@ -344,7 +345,7 @@ def _parameters(model: Model) -> Iterator[tuple[str, Letter]]:
             continue
         parts = parameter_path(name)
         kind = next((word for word in parts if word in SYMBOLS), "")
-        if not kind or parts[0] == "couplings":
+        if not kind or parts[0] == "couplings" or (parts[3:4] and parts[3] in LAWS):
             continue
         of_motor = parts[0] == "joints" and parts[2] == MOTOR
         letter, unit = SYMBOLS["armature" if of_motor and kind == "inertia" else kind]

@@ -221,9 +221,16 @@ def state_symbols(model: Model) -> Row:
     for state in model.states:
         joint, coordinate = split_component(state.owner)
         place = f"{coordinate}_{number[joint]}" if joint in number else state.owner.replace(".", "_")
-        letter = state.state.name if alike[state.owner, state.state.name] == 1 else f"{state.state.name}_{state.law}"
+        letter = _letter(state.state.name)
+        letter = letter if alike[state.owner, state.state.name] == 1 else f"{letter}_{state.law}"
         names.append(f"{letter}_{place}")
     return tuple(sp.Symbol(name, real=True) for name in names)
+
+
+def _letter(state: str) -> str:
+    """Return a state's name as a letter: "z0" of the branch "0.z"."""
+    number, _, name = state.rpartition(".")
+    return f"{name}{number}" if number.isdigit() else state.replace(".", "_")
 
 
 def _wrench_symbols(model: Model) -> tuple[Row, ...]:
