@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -75,6 +76,15 @@ def test_rollouts_with_steps_that_are_too_long_are_refused(kernel: eomgen.Kernel
     kernel.rollout([0.0], [1e-6], z=[0.0], **how)
     kernel.rollout([0.0], [0.0], z=[1e-3], **how)  # what begins beyond the bound goes back
     kernel.rollout([0.0], [1.0], z=[0.0], **{**how, "method": "implicit"})
+
+
+def test_derivatives_of_steps_that_are_too_long_are_refused() -> None:
+    kernel = eomgen.build(block(), flags=("-O0",))
+    state, how = ([0.0, 0.0], [1.0, 0.0]), {"dt": 1e-4, "steps": 3, "method": "rk4"}
+    with pytest.raises(IntegrationStopped, match="dt is too long"):
+        kernel.rollout_gradient(*state, loss=lambda t, q, v: (q[-1].sum(), np.zeros_like(q), np.zeros_like(v)), **how)
+    with pytest.raises(IntegrationStopped, match="dt is too long"):
+        kernel.rollout_sensitivity(*state, parameters=("joints.slide.z.stiffness",), **how)
 
 
 def test_arguments_are_of_coordinates(kernel: eomgen.Kernel) -> None:
@@ -191,3 +201,18 @@ def test_friction_of_followers_holds_them(friction: str, built: Build) -> None:
     kernel = built(robot, "forward_dynamics", "energy", "adaptive_rollout", "mass_matrix", "inverse_dynamics")
     motion = integrate(kernel, [-np.pi / 2.0], [0.0], 1.0, drive=[0.1], method="rosenbrock", output_step=0.01)
     assert {rest.coordinate for rest in motion.rests} == {"j1.gamma", "j2.gamma"}
+
+
+def test_bristles_of_loop_joints_hold() -> None:
+    """A four-bar without drive comes to rest where the friction in the pin of its cut holds it."""
+    text = (Path(str(eomgen.__file__)).parent / "robots" / "four_bar.toml").read_text()
+    pin = 'gamma = { friction = { model = "lugre", coulomb = 20.0, bristle_stiffness = 3e3, bristle_damping = 9.0 } }'
+    robot = robot_from_toml(text.replace("[[loops]]\n", f"[[loops]]\n{pin}\n"))
+    kernel = eomgen.build(robot, flags=("-O0",))
+    assert kernel.memory == ("joint4.gamma.friction.z",)
+    q = [robot.home[name] for name in kernel.coordinates]
+    motion = integrate(kernel, q, [0.0, 0.0, 0.0], 1.0, method="rosenbrock", output_step=0.01)
+    assert [rest.coordinate for rest in motion.rests][-1] == "joint4.gamma"
+    assert motion.rests[-1].ends == 1.0
+    assert motion.z is not None
+    assert 3e3 * np.abs(motion.z).max() < 20.0
