@@ -16,7 +16,6 @@ from ..robot.bounds import LIMIT_KEYS, Limits
 from ..robot.elements import JOINT_ELEMENTS, KINDS, JointElement, LinkElement
 from ..robot.elements.joint_element import MatrixElement, missing_table
 from ..robot.elements.joint_stiffness import JointStiffness
-from ..robot.elements.loss_factor import fitted_branches
 from ..robot.elements.matrices import Rows, matrix_conflict
 from ..robot.geometry import ZERO
 from ..robot.law_states import BRANCHES, BRISTLES, LUGRE
@@ -242,6 +241,8 @@ def _fitted_pairs(table: Table, stiffness: float | None, notes: list[str]) -> li
         table.fail("the coordinate has no stiffness that branches lose a part of; allowed: with stiffness > 0")
     if not 0.0 < low < high:
         table.fail(f"got {show(list(band))}; allowed: two frequencies that rise, greater than 0", "band_hz")
+    from ..robot.elements.loss_factor import fitted_branches  # NumPy, which new files do without
+
     fit = fitted_branches(loss_factor, (low, high), table.whole("branches", 4))
     notes.append(
         f"{table.where}: from {low:g} to {high:g} Hz the loss factor of {len(fit.branches)} branches is {loss_factor:g}"

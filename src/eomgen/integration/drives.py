@@ -40,26 +40,34 @@ class ConstantDrive:
 
 
 def drive_of(kernel: Kernel, drive: DriveFunction | ArrayLike | None) -> DriveFunction | None:
-    """Return a drive as a function of (t, q, v): one as it is, constant forces, (n,), wrapped; None stays.
+    """Return a drive as a function of (t, q, v): one as it is, constant forces wrapped; None stays.
+
+    Constant forces are those of coordinates, or of all of the kernel's arrays, (n,).
 
     Raises:
         ArrayError: forces that are not finite, or not as many as there are coordinates.
     """
     if drive is None or callable(drive):
         return drive
-    return ConstantDrive(state_vector("drive", drive, kernel.coordinates))
+    names = kernel.velocities if np.shape(drive) == (kernel.n,) else kernel.coordinates
+    return ConstantDrive(state_vector("drive", drive, names))
 
 
 def begin_of(kernel: Kernel, q0: ArrayLike, v0: ArrayLike, z0: ArrayLike | None) -> tuple[Array, Array]:
     """Return q and v of a kernel's arrays, (n,) each: with states of laws behind the velocities, zeros by default.
 
+    Arrays that have them there already stay as they are.
+
     Raises:
         ArrayError: another shape, or a number that is not finite.
         InputError: states of a kernel whose laws have none.
     """
-    q, v = (state_vector(label, x, kernel.coordinates) for label, x in (("q0", q0), ("v0", v0)))
     if z0 is not None and not kernel.memory:
         raise InputError(f"z0: no law of {kernel.name} has a state; allowed: none")
+    if z0 is None and np.shape(q0) == np.shape(v0) == (kernel.n,):
+        q, v = (state_vector(label, x, kernel.velocities) for label, x in (("q0", q0), ("v0", v0)))
+        return q, v
+    q, v = (state_vector(label, x, kernel.coordinates) for label, x in (("q0", q0), ("v0", v0)))
     still = np.zeros(len(kernel.memory))
     z = still if z0 is None else state_vector("z0", z0, kernel.memory)
     return np.concatenate([q, still]), np.concatenate([v, z])
@@ -108,7 +116,7 @@ class SlopedDriveBesideStates(DriveBesideStates):
 
 def drive_beside_states(drive: DriveFunction | None, kernel: Kernel) -> DriveFunction | None:
     """Return a drive of a kernel's coordinates for its arrays; as it is where no law has a state."""
-    if drive is None or not kernel.memory:
+    if drive is None or not kernel.memory or (isinstance(drive, ConstantDrive) and drive.u.size == kernel.n):
         return drive
     kind = SlopedDriveBesideStates if hasattr(drive, "slopes") else DriveBesideStates
     return kind(drive, len(kernel.coordinates), len(kernel.memory))

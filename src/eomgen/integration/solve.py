@@ -67,7 +67,7 @@ def integrate(  # noqa: PLR0913
             finite differences; IDA inverse_dynamics in any case, and the first for its derivatives.  Of a robot with
             loops or couplings constrained_dynamics, constraint, constraint_jacobian, mass_matrix and residual in their
             place; implicit methods take forward_dynamics_jacobian there, and finite differences without it.
-        q0, v0: the state at t = 0, (n,).
+        q0, v0: the state at t = 0, (n,); without z0 v0 may have states of laws behind it, and q0 as many zeros.
         z0: states of laws at t = 0, (memory,); zeros by default.
         duration: s.
         drive, wrench, prescribed: loads and prescribed motions, each described below.  C takes constant forces and
