@@ -133,6 +133,18 @@ def rollout(calls: Calls, inputs: Inputs, options: StepOptions) -> Rollout:
     raise _stopped(calls, result, state, every * dt, i, what, trouble)
 
 
+def has_wrong_states(calls: Calls, method: str, v: Array) -> bool:
+    """Return whether explicit steps of a length let a law's state leave its bounds.
+
+    Args:
+        v: velocities with the states behind them, (..., rows, n).
+    """
+    memory = tuple(calls.raw.libraries.meta.get("memory", ()))
+    if method != "rk4" or not memory:
+        return False
+    return StateBounds.of(calls, memory, v[..., 0, :]).first_beyond(v) is not None
+
+
 def _refuse_wrong_states(calls: Calls, method: str, result: tuple[Array, Array], apart: float) -> None:
     """Refuse explicit steps that are too long for laws with states: motions are then wrong, if finite.
 
@@ -142,14 +154,13 @@ def _refuse_wrong_states(calls: Calls, method: str, result: tuple[Array, Array],
     Raises:
         IntegrationStopped: a state of a law leaves the bounds that it cannot leave.
     """
-    memory = tuple(calls.raw.libraries.meta.get("memory", ()))
-    if method != "rk4" or not memory:
-        return
     q, v = result
+    if not has_wrong_states(calls, method, v):
+        return
+    memory = tuple(calls.raw.libraries.meta["memory"])
     bounds = StateBounds.of(calls, memory, v[..., 0, :])
     beyond = bounds.first_beyond(v)
-    if beyond is None:
-        return
+    assert beyond is not None
     (*lead, row, state), said = beyond
     good = np.logical_and.accumulate(bounds.within(v).all(axis=-1), axis=-1)
     q[~good], v[~good] = np.nan, np.nan
