@@ -39,6 +39,7 @@ from .style import (
 
 SHOWN_PART = 0.25  # a magnified deviation is about this share of the path's extent
 WHISKERS = 25
+LONG_LABEL = 20  # characters of a label beside a panel, from which on it is written small
 MOST_STATES = 12  # of laws in a figure
 ACROSS = 3  # panels beside each other
 MICRO = 1e6
@@ -104,7 +105,9 @@ def plot_series(result: SimulationResult, *names: str, path: Path | str | None =
     count = len(by_unit)
     height = 0.9 + 1.9 * count
     with sheet(6.4, height, path, f"{result.robot}: over time", ax) as drawn:
-        room = {"top": 1.0 - 0.4 / height, "bottom": 0.45 / height, "left": 0.12, "right": 0.7}
+        longest = max(len(label) for curves in by_unit.values() for label, *_ in _components(curves))
+        small, right = longest > LONG_LABEL, 0.7 - min(max(0.0045 * (longest - LONG_LABEL), 0.0), 0.25)
+        room = {"top": 1.0 - 0.4 / height, "bottom": 0.45 / height, "left": 0.12, "right": right}
         panels = drawn.panels(
             count, lambda figure: figure.subplots(count, 1, sharex=True, squeeze=False, gridspec_kw=room)
         )
@@ -114,7 +117,8 @@ def plot_series(result: SimulationResult, *names: str, path: Path | str | None =
                 panel.plot(t, factor * values, color=CYCLE[k % len(CYCLE)], label=literal(label))
             panel.set_ylabel(prefixed)
             panel.set_xlim(curves[0].t[0], curves[0].t[-1])
-            panel.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0, handlelength=1.4)
+            beside: dict[str, Any] = {"borderaxespad": 0.0, "handlelength": 1.4, **({"fontsize": 6.5} if small else {})}
+            panel.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), **beside)
             mark_end(panel, result)
         panels[-1].set_xlabel("time, s")
     return drawn.outcome
