@@ -80,7 +80,7 @@ SEMANTIC = {
         *("drive with nothing in it", "drive of what nothing drives", "winding without its constant"),
         *("voltage limit of no winding", "loop without a gain"),
         *("bristles without a stiffness", "bristles of no model", "bristles and smoothing", "damping of no bristles"),
-        "bristles on a lorentzian curve",
+        *("bristles on a lorentzian curve", "loop of no stiffness"),
     },
     "numbers out of order": {
         *(

@@ -510,6 +510,20 @@ TOML_CASES = {
         "stiffness = 1e6, maxwell = { loss_factor = 0.1, band_hz = [10, 1] }",
         ["joints.joint1.x.maxwell.band_hz", "that rise"],
     ),
+    **{
+        name: ("stiffness = 1e6", law, [f"joints.joint1.x.{place}", said])
+        for name, law, place, said in (
+            ("loop of no stiffness", "hysteresis = { beta = 1, gamma = 0.5 }", "hysteresis", "no hysteresis.stiffness"),
+            (
+                "blunt loop",
+                "hysteresis = { stiffness = 1.0, beta = 1.0, gamma = 0.5, n = 0.5 }",
+                "hysteresis.n",
+                "at least 1",
+            ),
+            ("branch of no damping", "maxwell = [{ stiffness = 1, damping = 0.0 }]", "maxwell.0.damping", "0.0"),
+            ("no loss", "stiffness = 1.0, maxwell = { band_hz = [1.0, 2.0] }", "maxwell", "loss_factor"),
+        )
+    },
     "curve of one point": ("stiffness = 1e6", "curve = [[0, 0]]", ["joints.joint1.x.curve", "1 points", "2 to 64"]),
     "curve of many points": (
         "stiffness = 1e6",

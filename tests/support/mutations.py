@@ -89,7 +89,8 @@ z = { drive = { winding = { resistance = 1, inductance = 1e-3, torque_constant =
 voltage_limit = 24, controller = { position = { kp = 9, kd = 0.1, filter = 0.01, limit = 2 }, \
 velocity = { kp = 4, ki = 40 }, \
 current = { kp = 1, ki = 100, tracking_time = 0.01 } } } }
-x = { curve = [[-1, -2], [0, 0], [1, 3]], limits = { lower = -2, velocity = 3 } }
+x = { curve = [[-1, -2], [0, 0], [1, 3]], limits = { lower = -2, velocity = 3 }, \
+maxwell = [{ stiffness = 10, damping = 1 }, { stiffness = 5, damping = 9 }] }
 y = { role = "prescribed", friction = { model = "lugre", coulomb = 2, static = 3, stribeck = 0.1, \
 viscous = 1, bristle_stiffness = 1e4 } }
 prescribed = ["y"]

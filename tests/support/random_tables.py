@@ -15,6 +15,18 @@ KEYS = [
     "viscous",
     "bristle_stiffness",
     "bristle_damping",
+    "hysteresis",
+    "beta",
+    "share",
+    "maxwell",
+    "band_hz",
+    "branches",
+    "drive",
+    "winding",
+    "resistance",
+    "controller",
+    "kp",
+    "lag",
     "fade",
     "hysteresis",
     "A",
@@ -98,7 +110,7 @@ SCALARS = st.one_of(
     st.sampled_from(
         [
             *("arm", "link1", "joint1", "revolute", "fixed", "free", "project", "links.*.mass", "*", "a.urdf"),
-            *("K.mtx", "lugre", ""),
+            *("K.mtx", "lugre", "bouc_wen", ""),
         ]
     ),
     st.text(max_size=8),
