@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from eomgen.description.load import load_robot
+from eomgen.description.load import load_robot, robot_from_toml
 from eomgen.errors import ArrayError, InputError, IntegrationStopped
 from eomgen.integration import integrate
 from eomgen.integration.until import Until
@@ -30,9 +30,24 @@ MAPPINGS: dict[str, Callable[[Kernel], str]] = {  # arguments that may be values
 NOT_CALLED = ("bind", "refuse_not_finite")  # of modules, and of arrays alone
 
 
-@pytest.fixture(scope="module", params=["one_link", "four_bar"])
+RAIL = """
+name = "rail"
+[[links]]
+name = "body"
+mass = 1.0
+inertia = { xx = 0.1, yy = 0.1, zz = 0.1 }
+[[joints]]
+name = "slide"
+type = "prismatic"
+parent = "base"
+child = "body"
+z.friction = { model = "lugre", coulomb = 1.0, bristle_stiffness = 1e3 }
+"""  # with a state
+
+
+@pytest.fixture(scope="module", params=["one_link", "four_bar", "rail"])
 def kernel(request: pytest.FixtureRequest, built: Build) -> Kernel:
-    return built(load_robot(request.param), "all")
+    return built(robot_from_toml(RAIL) if request.param == "rail" else load_robot(request.param), "all")
 
 
 def calls(kernel: Kernel, steps: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
@@ -45,6 +60,7 @@ def calls(kernel: Kernel, steps: dict[str, Any]) -> Iterator[tuple[str, dict[str
             continue
         parameters = list(inspect.signature(method).parameters.items())[1:]
         given: dict[str, Any] = {"frame": kernel.frames[0], "name": kernel.frames[0], "motor": "none"}
+        given["z"] = np.zeros(len(kernel.memory))
         given |= derived if "args" in dict(parameters) else {}
         needed = {key: given.get(key, still) for key, x in parameters if x.default is x.empty and x.kind not in (2, 4)}
         if name.startswith("rollout"):
