@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .arrays import cut as cut_states
-from .arrays import flag, joint_lead, states_apart, widened
+from .arrays import flag, is_narrow, joint_lead, states_apart, widened
 from .by_name import WrenchLike, wrench_rows
 from .derivatives import Differentiation
 from .inverse_kinematics.kernel_method import InverseKinematics
@@ -313,7 +313,8 @@ class Kernel(Differentiation, InverseKinematics, Rollouts):
             out: array to write to.
         """
         if not self.calls.arrays.has_drives:
-            return self._written(self.calls.array("u", u, np.shape(u)[-1:])[0].copy(), out)
+            width = self.calls.narrow if z is not None or is_narrow(self.calls, u) else self.n
+            return self._written(self.calls.array("u", u, (width,))[0].copy(), out)
         return self.calls.run("drive_forces", out, (q, v, u), z=z)
 
     def _behind(self, q: ArrayLike, v: ArrayLike, u: ArrayLike, z: ArrayLike) -> tuple[Array, Array, Array]:
