@@ -80,7 +80,7 @@ SEMANTIC = {
         *("drive with nothing in it", "drive of what nothing drives", "winding without its constant"),
         *("voltage limit of no winding", "loop without a gain"),
         *("bristles without a stiffness", "bristles of no model", "bristles and smoothing", "damping of no bristles"),
-        *("bristles on a lorentzian curve", "loop of no stiffness"),
+        *("bristles on a lorentzian curve", "loop of no stiffness", "loss factor of no stiffness"),
     },
     "numbers out of order": {
         *(
@@ -92,7 +92,8 @@ SEMANTIC = {
         ),
         *("tube that is none", "box of thick walls", "I-beam of thick flanges", "Poisson's ratio of no body"),
         *("beam too stiff for numbers", "beam too short for numbers"),
-        *("bristles that nothing bends", "bristles that fade too late"),
+        *("bristles that nothing bends", "bristles that fade too late", "hysteresis that gives energy back"),
+        *("hysteresis of nothing that yields", "loss factor over a band that falls"),
     },
     "files beside it": {"curve from nowhere", "matrix from nowhere", "urdf without folder"},
     "$ of Python's regular expressions stands before a newline, too": {"trailing newline", "robot name with newline"},
