@@ -19,6 +19,7 @@ from eomgen.export.mujoco import left_out
 from eomgen.robot.elements.loss_factor import fitted_branches, loss_factors
 from eomgen.robot.model import build_model
 from eomgen.runtime.stepping.input_signals import DriveData, InputSignals, Signal, Track, Waves
+from eomgen.state.springs import fastest_rates
 from tests.support.builds import Build
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
@@ -434,3 +435,16 @@ def test_models_of_mujoco_leave_them_out_by_name(name: str) -> None:
     assert {f"{x.prefix}.{x.law}: left out" for x in model.states} <= set(left_out(model.robot))
     assert {x.unit for x in model.states} == {"rad"}
     assert {x.unit for x in build_model(slide(f"{HYSTERESIS}, {MAXWELL}")).states} == {"m"}
+
+
+def test_fixed_steps_know_what_states_stretch(built: Build) -> None:
+    """A transmission swings with all its springs between both inertias; a slide with what is stiff at first."""
+    names = ("forward_dynamics", "mass_matrix", "inverse_dynamics")
+    drive, block = (
+        built(robot_from_toml(SEA), *names),
+        built(slide(f"stiffness = 100.0, {HYSTERESIS}, {MAXWELL}"), *names),
+    )
+    inertias = 1e-4 * 50.0**2, 0.02 + 1.0 * 0.2**2
+    assert fastest_rates(drive, np.zeros(drive.n))[0] == pytest.approx(np.sqrt(600.0 * sum(1.0 / x for x in inertias)))
+    k = 100.0 + SHARE * K + (1.0 - SHARE) * K * A + sum(k for k, _ in BRANCHES)
+    assert fastest_rates(block, np.zeros(block.n))[0] == pytest.approx(np.sqrt(k))

@@ -515,9 +515,15 @@ def rate_slope_of(numbers: Values, least: float = 0.0) -> float:
     return sum((law.rate_slope(numbers, least) for law in active_laws(numbers) if law.rate_slope), 0.0)
 
 
-def contact_stiffness_of(numbers: Values) -> float:
-    """Return the stiffness of a coordinate's stops and bristles, N/m or N m/rad; 0 without any."""
-    return sum((law.contact(numbers) for law in active_laws(numbers) if law.contact), 0.0)
+def contact_stiffness_of(numbers: Values, of_rotor: bool | None = None) -> float:
+    """Return the stiffness of a coordinate's stops and of what its laws' states stretch, N/m or N m/rad; 0 without any.
+
+    Args:
+        numbers: of all laws of the coordinate.
+        of_rotor: which laws count of a motor: those of the rotor's angle, or of the transmission's deflection.
+    """
+    laws = (law for law in active_laws(numbers) if law.contact and of_rotor in (None, law.of_rotor))
+    return sum((law.contact(numbers) for law in laws if law.contact), 0.0)
 
 
 def has_springs(numbers: Values, knots: Sequence[float]) -> bool:

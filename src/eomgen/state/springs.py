@@ -60,9 +60,12 @@ def stiffness_matrix(kernel: Kernel) -> Array:
     return matrix
 
 
-def _contact_stiffnesses(kernel: Kernel) -> Array:
-    """Return the stiffness of the stops of every coordinate, (n,), a motor's at its shaft, and of its followers."""
-    return _on_diagonal(kernel, [contact_stiffness_of(law) for law in law_numbers(kernel).values()])
+def _contact_stiffness(kernel: Kernel) -> Array:
+    """Return the stiffness of stops and of what states stretch, (n, n): of motors at shafts and in transmissions."""
+    rows, numbers = deflections(kernel), law_numbers(kernel).items()
+    at_shafts = [contact_stiffness_of(law, True if name in kernel.motors else None) for name, law in numbers]
+    between = np.array([contact_stiffness_of(law, False) if name in kernel.motors else 0.0 for name, law in numbers])
+    return np.asarray(rows.T @ (between[:, None] * rows) + np.diag(_on_diagonal(kernel, at_shafts)))
 
 
 def _on_diagonal(kernel: Kernel, slopes: Sequence[float]) -> Array:
@@ -111,7 +114,7 @@ def fastest_rates(kernel: Kernel, q: Array, least: float = 0.0) -> tuple[float, 
     between, damping = line_rates(kernel, q, least, touching=True)
     free = ~prescribed_mask(kernel)
     grid = np.ix_(free, free)
-    stiffness = stiffness_matrix(kernel) + np.diag(_contact_stiffnesses(kernel))
+    stiffness = stiffness_matrix(kernel) + _contact_stiffness(kernel)
     slopes = [(stiffness + between)[grid], (damping_matrix(kernel, least) + damping)[grid]]
     if not np.any(slopes):
         return 0.0, 0.0
