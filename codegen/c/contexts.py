@@ -67,6 +67,7 @@ def header_context(equations: Equations, dtype: str, meta: Mapping[str, Any], ba
         "declared": [name for names in meta["halves"].values() for name in names],
         "coordinates": model.coordinates,
         "memory": model.memory,
+        "inputs": meta.get("inputs", {}),
         "links": model.links,
         "frames": model.frames,
         "constraints": model.constraints,

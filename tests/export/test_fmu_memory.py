@@ -22,6 +22,7 @@ from tests.support.bristles import (
     bristle_linkage,
     remembering_arm,
     remembering_linkage,
+    servo_arm,
     wide,
 )
 from tests.support.builds import Build
@@ -39,8 +40,9 @@ ROBOTS = {
     "gear": bristle_gear,
     "laws": remembering_arm,
     "loop": remembering_linkage,
+    "servo": servo_arm,
 }
-NAMES = ["laws", "linkage", *(pytest.param(name, marks=pytest.mark.soak) for name in ("arm", "gear", "loop"))]
+NAMES = ["laws", "linkage", *(pytest.param(name, marks=pytest.mark.soak) for name in ("arm", "gear", "loop", "servo"))]
 STATES = {"arm": ("j1.gamma.friction.z", "j2.motor.friction.z")}
 
 Unit = Callable[..., Host]
@@ -112,9 +114,10 @@ def test_the_description_has_the_states_and_nothing_beside_them(version: int, un
 
 
 @pytest.mark.parametrize("version", VERSIONS)
-def test_outputs_and_derivatives(version: int, unit: Unit, kernels: Callable[[str], Kernel]) -> None:
+@pytest.mark.parametrize("name", ["arm", *(pytest.param(name, marks=pytest.mark.soak) for name in ("laws", "servo"))])
+def test_outputs_and_derivatives(name: str, version: int, unit: Unit, kernels: Callable[[str], Kernel]) -> None:
     """What is computed is the kernel's; directional derivatives are differences of fourth order."""
-    host, twin, kernel, rng = unit("arm", version), unit("arm", version), kernels("arm"), np.random.default_rng(4)
+    host, twin, kernel, rng = unit(name, version), unit(name, version), kernels(name), np.random.default_rng(4)
     q, v, u, z = state(kernel)
     wrench = rng.uniform(-5.0, 5.0, (len(kernel.links), 6))
     point, names, unknown = np.concatenate([q, v, z, u, wrench.ravel()]), knowns(host), outputs(host)

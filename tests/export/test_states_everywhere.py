@@ -40,12 +40,14 @@ from tests.support.bristles import (
     loop_text,
     remembering_arm,
     remembering_linkage,
+    servo_arm,
+    servo_text,
     wide,
 )
 from tests.support.builds import Build
 from tests.support.c_project import NO_EIGEN, WARNINGS, need, run
 
-SOAKED = (bristle_arm, bristle_gear, remembering_linkage)
+SOAKED = (bristle_arm, bristle_gear, remembering_linkage, servo_arm)
 ROBOTS = [remembering_arm, bristle_linkage, *(pytest.param(make, marks=pytest.mark.soak) for make in SOAKED)]
 TEXTS = {
     bristle_arm: ARM,
@@ -53,6 +55,7 @@ TEXTS = {
     bristle_gear: GEARED,
     remembering_arm: all_laws_text(),
     remembering_linkage: loop_text(),
+    servo_arm: servo_text(),
 }
 PACKAGE = """
 import json, sys

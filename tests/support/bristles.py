@@ -110,6 +110,26 @@ def remembering_arm() -> Robot:
     return robot_from_toml(all_laws_text())
 
 
+DRIVE = (
+    "drive = { winding = { resistance = 0.8, inductance = 8e-4, torque_constant = 0.5 }, controller = {"
+    " position = { kp = 5.0 }, velocity = { kp = 2.0, ki = 20.0 }, current = { kp = 0.8, ki = 80.0 } } }"
+)
+WOUND = "drive = { winding = { resistance = 2.0, inductance = 1e-3, torque_constant = 0.05 } }"
+
+
+def servo_text() -> str:
+    """Describe the arm with a servo drive in its first joint and a winding of its motor, beside their bristles."""
+    text = ARM.replace('name = "bristle_arm"', 'name = "servo_arm"').replace(
+        "gamma = { friction", f"gamma = {{ {DRIVE}, friction", 1
+    )
+    return text.replace("ratio = 5.0\n", f"ratio = 5.0\n{WOUND}\n")
+
+
+def servo_arm() -> Robot:
+    """Return the arm whose drives have states and inputs of their own."""
+    return robot_from_toml(servo_text())
+
+
 def loop_text() -> str:
     """Describe the four-bar linkage with bristles in its loop joint, and hysteresis in an elastic coupling."""
     text = linkage_text().replace('name = "joint4"\n', f'name = "joint4"\ngamma = {{ {FRICTION} }}\n')

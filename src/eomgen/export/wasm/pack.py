@@ -183,6 +183,10 @@ def _description(
     return {
         **{name: meta[name] for name in _SAID},
         "memory": memory,
+        "inputs": {
+            name: {"meaning": meaning, "unit": unit, "force": place}
+            for name, (meaning, unit, place) in meta.get("inputs", {}).items()
+        },
         "constraints": meta.get("constraints", []),
         "statuses": meta.get("statuses", len(meta["coordinates"]) + len(memory)),
         "sizes": meta.get("sizes", []),
