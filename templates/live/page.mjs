@@ -146,7 +146,7 @@ class Page {
     if (data.program || data.torque) modes.push(["program", "the scenario's program"]);
     if (data.cycle && data.control !== "none") modes.push(["cycle", "to and fro"]);
     if (data.drives.length && data.control !== "none") modes.push(["target", "to targets"]);
-    modes.push(["none", "off"]);
+    if (data.control !== "reference") modes.push(["none", "off"]);
     return modes;
   }
 

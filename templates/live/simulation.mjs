@@ -147,6 +147,9 @@ export class Simulation {
       data.torque.place.forEach((to, i) => { u[to] += forces[i]; });
     }
     if (this.drive !== "none" && data.control !== "none") {
+      if (data.control === "reference") { // servo drives control by themselves, at the shaft
+        data.drives.forEach(({ place, ratio, rate }, i) => { u[place] += (rate ? vd[i] : qd[i]) * ratio; });
+      }
       if (data.control === "pd") {
         [kp, kd, target] = [new Float64Array(n), new Float64Array(n), new Float64Array(n)];
         data.drives.forEach(({ place, ratio }, i) => {
@@ -210,7 +213,7 @@ export class Simulation {
       }
     }
     const forces = this.kernel.externalForce(this.q, wrench);
-    for (let i = 0; i < u.length; i++) u[i] += forces[i];
+    for (let i = 0; i < u.length; i++) u[this.data.beside[i]] += forces[i];
   }
 
   /** Add a force at an arm (base frame) and a moment to a link's row of wrenches. */

@@ -28,7 +28,7 @@ from eomgen.robot.value import INERTIA_KEYS, Robot
 from eomgen.runtime.stepping.packed_inputs import plain_signal
 from eomgen.scenario.value import Section
 from eomgen.simulation.loads import combined_body
-from tests.support.bristles import bristle_arm, bristle_linkage
+from tests.support.bristles import bristle_arm, bristle_linkage, servo_arm, servo_axes
 from tests.support.browser import Page, open_page
 from tests.support.every_element import robot_with
 
@@ -48,7 +48,7 @@ import { readFileSync } from "node:fs";
 const given = JSON.parse(readFileSync(0, "utf8"));
 const kernel = { parameters: given.values, set() {}, energy: () => [0, 0] };
 const start = { q: [0], v: [0] }, coordinates = ["a"];
-const data = { coordinates, states: [], drives: [], start, payload: given.payload, period: 1e-3 };
+const data = { coordinates, beside: [0], states: [], drives: [], start, payload: given.payload, period: 1e-3 };
 const simulation = new Simulation(kernel, null, data);
 simulation.payload = given.mass;
 const taken = [];
@@ -201,6 +201,60 @@ def test_what_moves_on_a_page_moves_as_rollouts_of_python(
         assert np.abs(v[n:]).min() > 1e-5
     else:
         assert found["plots"] == []
+
+
+@pytest.mark.skipif(NODE is None, reason="node is not installed")
+def test_servo_drives_take_references_from_a_page(tmp_path: Path) -> None:
+    """Positions of the program at the shafts, held over a period, and a push beside the drives, as in Python."""
+    pytest.importorskip("ziglang", reason="the compiler for WebAssembly is not installed")
+    robot, ticks = servo_axes(), 60
+    motion = Section("point_to_point", {"duration": 0.2, "goal": {"j1": 0.6, "j2": -0.3}})
+    contents = contents_of(robot, eomgen.Scenario(0.2, motion=motion), None, no_progress)
+    values, kernel = contents.values, eomgen.build(contents.robot, kernels=(*KERNELS, "forward_dynamics"))
+    assert (values["control"], values["drive"], [x["rate"] for x in values["drives"]]) == (
+        "reference",
+        "program",
+        [False, False],
+    )
+    assert contents_of(robot, None, None, no_progress).values["control"] == "reference"
+    shutil.copytree(MODULES, tmp_path / "live")
+    make_wasm(contents.robot, kernels=KERNELS).write(tmp_path / "live")
+    text = MOVING.replace("NAME", kernel.name).replace('simulation.drive = "none";\n', "")
+    push = {"link": "l2", "point": [0.2, 0.0, 0.05], "force": [0.0, 5.0, 0.0]}
+    text = text.replace(
+        "for (let i = 0; i < ticks", f"simulation.push = {json.dumps(push)};\nfor (let i = 0; i < ticks"
+    )
+    (tmp_path / "live" / "moving.mjs").write_text(text, encoding="ascii")
+    given = json.dumps({"data": values, "ticks": ticks, "changed": {}})
+    command = [str(NODE), str(tmp_path / "live" / "moving.mjs")]
+    done = subprocess.run(command, input=given, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    found, program = json.loads(done.stdout), signal_program(values)
+    q, v, h = np.array(values["start"]["q"]), np.array(values["start"]["v"]), values["period"]
+    wrench = np.zeros((len(kernel.links), 6))
+    wrench[kernel.links.index("l2"), :3] = push["force"]
+    for k in range(ticks):
+        u = np.zeros(kernel.n)
+        for drive, at in zip(values["drives"], program((k + 0.5) * h), strict=True):
+            u[drive["place"]] = at * drive["ratio"]
+        np.add.at(u, values["beside"], kernel.external_force(q, wrench))
+        q, v = (x[-1] for x in kernel.rollout(q, v, u, rtol=values["rtol"], method=values["method"], duration=h))
+    np.testing.assert_allclose(
+        found["q"][: len(kernel.coordinates)], q[: len(kernel.coordinates)], rtol=0.0, atol=1e-10
+    )
+    np.testing.assert_allclose(found["v"], v, rtol=1e-7, atol=1e-9)
+    assert np.abs(q[:4] - values["start"]["q"][:4]).max() > 1e-2
+
+
+def test_drives_that_take_a_voltage_rest_on_a_page() -> None:
+    values = contents_of(servo_arm(), None, None, no_progress).values
+    assert (values["control"], values["drive"], values["drives"]) == ("none", "none", [])
+
+
+def signal_program(values: dict[str, Any]) -> Callable[[float], Any]:
+    """Return the page's program as Python evaluates it."""
+    motion = PointToPoint(np.array([d["start"] for d in values["drives"]]), np.array([0.6, -0.3]), 0.2)
+    return lambda t: motion.at(t)[0]
 
 
 def test_a_recording_has_states_of_laws_behind_the_rates() -> None:

@@ -21,7 +21,7 @@ from eomgen.export.wasm.pack import make_wasm
 from eomgen.robot import JointStiffness
 from eomgen.robot.value import Robot
 from tests.oracles.force_laws import with_laws
-from tests.support.bristles import bent, bristle_linkage, remembering_arm, wide
+from tests.support.bristles import bent, bristle_linkage, remembering_arm, servo_arm, wide
 from tests.support.random_robots import random_robot
 
 pytest.importorskip("ziglang", reason="the compiler for WebAssembly is not installed")
@@ -149,7 +149,9 @@ def test_under_node_functions_and_rollouts_have_the_same_bits(tmp_path: Path) ->
 
 
 @needs_node
-@pytest.mark.parametrize("make", [remembering_arm, pytest.param(bristle_linkage, marks=pytest.mark.soak)])
+@pytest.mark.parametrize(
+    "make", [remembering_arm, *(pytest.param(x, marks=pytest.mark.soak) for x in (bristle_linkage, servo_arm))]
+)
 def test_states_of_laws_stand_behind_coordinates(make: Callable[[], Robot], tmp_path: Path) -> None:
     """Arrays are those of the C: coordinates, then states; messages name both."""
     robot = make()
@@ -158,6 +160,13 @@ def test_states_of_laws_stand_behind_coordinates(make: Callable[[], Robot], tmp_
     made.write(tmp_path)
     description, nz = made.description, len(kernel.memory)
     assert tuple(description["memory"]) == kernel.memory
+    if robot.name == "servo_arm":  # of which a drive takes a position, and the other one a voltage
+        assert description["inputs"]["j2.motor"] == {"meaning": "voltage", "unit": "V", "force": kernel.n - 1}
+        header = kernel.source("h")
+        assert "j1.gamma: reference of position, rad; 5\n" in header
+        assert "j2.motor: voltage, V; 9\n" in header
+    else:
+        assert description["inputs"] == {}
     home = np.array(description["home"])
     assert home[kernel.n - nz :].tolist() == [0.0] * nz
     q, v, u, z = (home[: kernel.n - nz], *bent(kernel)[1:])

@@ -125,6 +125,12 @@ def servo_text() -> str:
     return text.replace("ratio = 5.0\n", f"ratio = 5.0\n{WOUND}\n")
 
 
+def servo_axes() -> Robot:
+    """Return the arm with a servo drive in its first joint, and its second one's motor behind one, too."""
+    text = servo_text().replace(WOUND, DRIVE.replace("kp = 5.0", "kp = 2.0"))
+    return robot_from_toml(text.replace('name = "servo_arm"', 'name = "servo_axes"'))
+
+
 def servo_arm() -> Robot:
     """Return the arm whose drives have states and inputs of their own."""
     return robot_from_toml(servo_text())

@@ -12,17 +12,20 @@ import numpy as np
 from ...arrays import Array, Index
 from ...errors import EomgenError, InputError, LoopError
 from ...motion.ends import default_ends, principal_limits
+from ...motion.splines import signal_of
 from ...names import joint_of
 from ...pipeline.stages import build
 from ...progress import Progress
 from ...robot.coordinates import index_of, unit_of
-from ...robot.mechanism import leading_home
+from ...robot.mechanism import coordinate_of, drive_of, leading_home
+from ...robot.memory.drives import input_of
 from ...robot.model import build_model, program_coordinates
 from ...robot.value import Robot
-from ...runtime.stepping.input_signals import ModelDrive, Waves
+from ...runtime.stepping.input_signals import DriveData, ModelDrive, Track, Waves
 from ...runtime.stepping.packed_inputs import plain_model, plain_prescribed, plain_signal, plain_track, plain_wrench
 from ...scenario.value import Initial, Scenario, Section
-from ...simulation.assembly import Assembly, assemble, rigid_kernels
+from ...simulation.assembly import REFERENCES, Assembly, assemble, rigid_kernels
+from ...simulation.controls import Control, ReferenceControl
 from ...simulation.initial import initial_state
 from ...simulation.loads import loaded_parameters
 from ..wasm.signals import as_json
@@ -50,9 +53,19 @@ def default_scenario(robot: Robot) -> Scenario:
         return Scenario(HELD, prescribed=motions)
     start, _ = default_ends(robot, driven)
     initial = None if robot.is_closed else Initial(q=dict(zip(driven, start.tolist(), strict=True)))
+    return Scenario(HELD, initial=initial, control=_default_control(robot, driven, start), prescribed=motions)
+
+
+def _default_control(robot: Robot, driven: tuple[str, ...], start: Array) -> Section:
+    """Return what holds the robot: references of servo drives, or gains where drives are forces; else nothing."""
+    laws = {name: coordinate_of(robot, drive_of(robot, name)).law() for name in driven}
+    meanings = {input_of(law, linear=unit_of(name) == "m").meaning for name, law in laws.items()}
+    if meanings <= set(REFERENCES):
+        return Section("reference", {})
+    if not meanings <= {"force", "torque"}:
+        return Section("none", {})
     gains = default_gains(robot, driven, start)
-    control = Section("pd", {"kp": gains[0], "kd": gains[1], "gravity": True})
-    return Scenario(HELD, initial=initial, control=control, prescribed=motions)
+    return Section("pd", {"kp": gains[0], "kd": gains[1], "gravity": True})
 
 
 def default_gains(robot: Robot, driven: tuple[str, ...], start: Array) -> tuple[dict[str, float], dict[str, float]]:
@@ -102,7 +115,7 @@ def acting_on(
     if loose:
         notes.append(f"nothing holds {', '.join(loose)}, so not in balance at the start")
     kernel = assembly.kernel
-    data = assembly.drive.load_data()
+    data = _data_of(assembly.drive)
     if data is not None and data.effort is not None:
         raise InputError(
             f"{scenario.label('control.saturate')}: drives that are clipped are not in a page; allowed: without"
@@ -134,6 +147,9 @@ def acting_on(
         first = assembly.program.at(0.0)[0]
         gains = _gains_of(robot, data, assembly, first)
         acting["drives"] = _drives(robot, assembly, data.program.place, ratio, gains, first)
+        if isinstance(assembly.drive, ReferenceControl):
+            for drive, takes_velocity in zip(acting["drives"], assembly.drive.of_velocity.tolist(), strict=True):
+                drive["rate"] = takes_velocity
         acting["program"] = as_json(plain_signal(data.program.signal))
         acting["drive"] = "target" if scenario.motion is None else "program"
         begin, goal = default_ends(robot, assembly.driven)
@@ -151,10 +167,20 @@ def acting_on(
     return acting, assembly
 
 
+def _data_of(drive: Control) -> DriveData | None:
+    """Return time signals of drives; of servo drives the reference, which the page hands to them."""
+    if not isinstance(drive, ReferenceControl):
+        return drive.load_data()
+    signal, actuators = signal_of(drive.motion), drive.actuators
+    return None if signal is None else DriveData(program=Track(signal, actuators.index), ratio=actuators.ratios)
+
+
 def _control(scenario: Scenario, assembly: Assembly) -> str:
-    """Return which law of drives the page runs: "pd", "model" (computed torque) or "none"."""
+    """Return which law of drives the page runs: "pd", "model" (computed torque), "reference" or "none"."""
     if assembly.program is None:
         return "none"
+    if isinstance(assembly.drive, ReferenceControl):
+        return "reference"
     kind = "computed_torque" if scenario.control is None else scenario.control.type
     return "pd" if kind == "pd" or assembly.path is not None else "model"
 

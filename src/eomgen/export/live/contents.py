@@ -10,7 +10,7 @@ import numpy as np
 from ...arrays import Array
 from ...errors import EomgenError, InputError
 from ...integration.plan import stiff_in_real_time
-from ...names import kind_of, listed
+from ...names import kind_of
 from ...pictures.framing import ROUND_OFF, SHOWN_ANGLE, SHOWN_PART, STEP, drawn_points, first_factor
 from ...pictures.scene import extent, program_positions
 from ...progress import Progress
@@ -61,12 +61,6 @@ def contents_of(robot: Robot, scenario: Scenario | None, result: SimulationResul
         InputError: the scenario does not fit, or has a program that only Python can ask.
         LoopError: loops do not close at the start.
     """
-    drives = [build_model(robot).coordinates[i] for i in build_model(robot).beside]
-    if drives:
-        raise InputError(
-            f"{robot.name}: live pages have drives of their own, and {listed(drives)} servo drives; allowed: robots"
-            " without the tables drive"
-        )
     notes: list[str] = []
     tool = result.tool if result is not None else tool_of(robot, scenario.frame if scenario else None)
     acting, assembly, acts = _acting(robot, scenario, result, tool, report, notes)
@@ -88,7 +82,7 @@ def contents_of(robot: Robot, scenario: Scenario | None, result: SimulationResul
         factor = first_factor(result, robot) if result else _factor(robot, kernel, start, deviations, acting)
     stiff = stiff_in_real_time(kernel, np.array(acting["start"]["q"]))
     moving = sum(robot.link(name).mass for name in model.links)
-    fine = acting["control"] == "model" or acting["prescribed"] or acting["wrenches"] or acting["torque"]
+    fine = acting["control"] in ("model", "reference") or acting["prescribed"] or acting["wrenches"] or acting["torque"]
     rigid = None if acting["model"] is None else robot.rigid()
     contents = {
         **acting,
@@ -96,6 +90,7 @@ def contents_of(robot: Robot, scenario: Scenario | None, result: SimulationResul
         "name": robot.name,
         "coordinates": list(kernel.coordinates),
         "units": [unit_of(name) for name in kernel.coordinates],
+        "beside": [model.beside.get(i, i) for i in range(model.size)],
         "states": [{"name": name, "unit": unit} for name, unit in zip(kernel.memory, kernel.memory_units, strict=True)],
         "deviations": deviations,
         "closed": bool(robot.is_closed),
