@@ -15,6 +15,7 @@ from ..runtime.by_name import WrenchLike
 from ..runtime.kernel import Kernel
 from ..runtime.stepping.input_signals import DriveData, Signal, Track
 from ..runtime.stepping.reading_inputs import signals_of
+from ..state.law_states import is_whole
 from ..state.vectors import DriveFunction, WrenchFunction, state_vector
 from .steps import Record
 
@@ -49,7 +50,7 @@ def drive_of(kernel: Kernel, drive: DriveFunction | ArrayLike | None) -> DriveFu
     """
     if drive is None or callable(drive):
         return drive
-    names = kernel.velocities if np.shape(drive) == (kernel.n,) else kernel.coordinates
+    names = kernel.velocities if is_whole(kernel, drive) else kernel.coordinates
     return ConstantDrive(state_vector("drive", drive, names))
 
 
@@ -64,7 +65,7 @@ def begin_of(kernel: Kernel, q0: ArrayLike, v0: ArrayLike, z0: ArrayLike | None)
     """
     if z0 is not None and not kernel.memory:
         raise InputError(f"z0: no law of {kernel.name} has a state; allowed: none")
-    if z0 is None and np.shape(q0) == np.shape(v0) == (kernel.n,):
+    if z0 is None and is_whole(kernel, q0) and is_whole(kernel, v0):
         q, v = (state_vector(label, x, kernel.velocities) for label, x in (("q0", q0), ("v0", v0)))
         return q, v
     q, v = (state_vector(label, x, kernel.coordinates) for label, x in (("q0", q0), ("v0", v0)))

@@ -48,6 +48,14 @@ def memory_vector(kernel: Kernel, z: StatesLike | None) -> Array:
     return state_vector("z", [z.get(name, 0.0) for name in kernel.memory], kernel.memory)
 
 
+def is_whole(kernel: Kernel, value: ArrayLike) -> bool:
+    """Return whether a vector has all numbers of the kernel's arrays, (n,), states of laws among them."""
+    try:
+        return np.shape(value) == (kernel.n,)
+    except ValueError:  # no array at all: checks say so
+        return False
+
+
 def whole_vector(kernel: Kernel, label: str, value: ArrayLike) -> tuple[Array, int]:
     """Return a vector over coordinates and, behind them, states of laws, and how many numbers it was given with.
 
@@ -60,7 +68,7 @@ def whole_vector(kernel: Kernel, label: str, value: ArrayLike) -> tuple[Array, i
         ArrayError: it is none of both.
     """
     n = len(kernel.coordinates)
-    names = kernel.velocities if np.shape(value) == (kernel.n,) else kernel.coordinates
+    names = kernel.velocities if is_whole(kernel, value) else kernel.coordinates
     whole = np.zeros(kernel.n)
     whole[: len(names)] = state_vector(label, value, names)
     return whole, n if kernel.n == n else len(names)
