@@ -204,6 +204,76 @@ def test_float32(built: Build) -> None:
         kernel.inverse_dynamics(*(s.apart[x] for x in "qva"), z=np.zeros(2) + 1e-3)
 
 
+@pytest.mark.parametrize("method", ["implicit", "rosenbrock"])
+def test_gradients_and_sensitivities_of_rollouts(method: str, built: Build) -> None:
+    """With z apart they are those of whole arrays, to the bit, and those of differences."""
+    kernel = built(bristled_arm())
+    s, n = State(kernel), 4
+    q, v, u = (s.apart[x] for x in "qvu")
+    options: dict[str, Any] = {"method": method}
+    options |= {"dt": 1e-4, "steps": 20} if method == "implicit" else {"duration": 2e-3, "samples": 4, "rtol": 1e-8}
+    name = "joints.j2.beta.friction.bristle_stiffness"
+    weights = np.random.default_rng(5).normal(size=3) * [1.0, 1.0, 1e3]
+
+    def loss(t: Any, q: Any, v: Any, z: Any) -> Any:
+        value = sum(w * (x[-1] ** 2).sum() for w, x in zip(weights, (q, v, z), strict=True))
+        return value, *(
+            np.concatenate([0.0 * x[:-1], 2.0 * w * x[-1:]]) for w, x in zip(weights, (q, v, z), strict=True)
+        )
+
+    def whole_loss(t: Any, q: Any, v: Any) -> Any:
+        value, by_q, by_v, by_z = loss(t, q[:, :n], v[:, :n], v[:, n:])
+        return value, np.hstack([by_q, 0.0 * by_z]), np.hstack([by_v, by_z])
+
+    value, gradient = kernel.rollout_gradient(q, v, u, z=s.z, loss=loss, parameters=[name], **options)
+    wide = [s.whole[x] for x in "qvu"]
+    other, whole = kernel.rollout_gradient(*wide, loss=whole_loss, parameters=[name], **options)
+    assert value == other
+    assert gradient.keys() == whole.keys() | {"z"}
+    assert all((gradient[x] == whole[x][:n]).all() for x in "qvu")
+    assert (gradient["z"] == whole["v"][n:]).all()
+    assert gradient[name] == whole[name]
+    for k, h in ((0, 1e-9), (1, 1e-9)) if method == "implicit" else ():  # others choose their steps
+        ends = []
+        for sign in (1.0, -1.0):
+            z = s.z + sign * h * np.eye(2)[k]
+            motion = kernel.rollout(q, v, u, z=z, **options)
+            ends.append(loss(None, motion[0], motion[1], motion.z)[0])
+        assert gradient["z"][k] == pytest.approx((ends[0] - ends[1]) / (2.0 * h), rel=2e-3, abs=1e-4)
+    along = {"z": np.eye(2)[:1], "q": np.eye(n)[1:2]}
+    states, rates = kernel.rollout_sensitivity(q, v, u, z=s.z, along=along, parameters=[name], **options)
+    directions = {"q": np.eye(6)[1:2], "v": np.r_[np.zeros(n), 1.0, 0.0][np.newaxis]}
+    ends_of, rates_of = kernel.rollout_sensitivity(*wide, along=directions, parameters=[name], **options)
+    for narrow, full in ((states, ends_of), (rates, rates_of)):
+        assert (narrow[0] == full[0][..., :n]).all()
+        assert (narrow[1] == full[1][..., :n]).all()
+        assert (narrow[2] == full[1][..., n:]).all()
+
+
+def test_what_rollouts_refuse(built: Build) -> None:
+    kernel = built(bristled_arm())
+    s = State(kernel)
+    q, v = (s.apart[x] for x in "qv")
+    options: dict[str, Any] = {"method": "implicit", "dt": 1e-4, "steps": 2, "z": s.z}
+    with pytest.raises(InputError, match=r"allowed: \(value, dq, dv, dz\)"):
+        kernel.rollout_gradient(q, v, loss=lambda t, q, v, z: (0.0, q, v), **options)
+    with pytest.raises(ArrayError, match=r"loss: dz has shape \(3, 4\); expected shape \(3, 2\)"):
+        kernel.rollout_gradient(q, v, loss=lambda t, q, v, z: (0.0, q, v, v), **options)
+    with pytest.raises(InputError, match="out: results with z are new arrays"):
+        kernel.rollout_gradient(q, v, loss=lambda t, q, v, z: (0.0, q, v, z), out={}, **options)
+    with pytest.raises(ArrayError, match=r"z: expected float64 of shape \(2,\)"):
+        kernel.rollout_sensitivity(q, v, along={"z": np.eye(3)}, **options)
+    with pytest.raises(ArrayError, match=r"along: z has shape \(2,\)"):
+        kernel.rollout_sensitivity(q, v, along={"z": [1.0, 0.0]}, **options)
+    with pytest.raises(ArrayError, match=r"along: v has shape \(1, 4\); expected \(2, 4\)"):
+        kernel.rollout_sensitivity(q, v, along={"z": np.eye(2), "v": np.ones((1, 4))}, **options)
+    with pytest.raises(InputError, match=r"along: .* allowed: arrays by"):
+        kernel.rollout_sensitivity(q, v, along=[1.0], **options)
+    plain = built(eomgen.load_robot("one_link"))
+    with pytest.raises(InputError, match="z: no law of one_link has a state"):
+        plain.rollout_sensitivity([0.0], [0.0], dt=1e-3, steps=2, method="implicit", z=[0.0])
+
+
 def test_what_cannot_be_is_refused(built: Build) -> None:
     kernel = built(bristled_arm())
     s = State(kernel)
