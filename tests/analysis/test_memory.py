@@ -249,7 +249,7 @@ def test_what_cannot_be_is_refused(built: Build) -> None:
         static_equilibrium(kernel, np.zeros(4), held=["j1.gamma.friction.z"])
     with pytest.raises(InputError, match="z: no law of one_link has a state"):
         modes("one_link", z=[0.0])
-    with pytest.warns(EomgenWarning, match="a robot with bristles is at rest whatever they are"):
+    with pytest.warns(EomgenWarning, match="a robot is at rest whatever they are"):
         deflection(robot, POSE, kernel=kernel)
 
 

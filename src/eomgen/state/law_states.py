@@ -211,10 +211,10 @@ def state_rates(kernel: Kernel, q: Array, v: Array, a: Array) -> Array:
 def kept_note(names: Sequence[str], z: Array) -> str:
     """Return a line about states that an equilibrium leaves as they are."""
     values = ", ".join(f"{x:g}" for x in z) if z.any() else "0"
-    return f"{listed(names)}: kept at {values}; a robot with bristles is at rest whatever they are"
+    return f"{listed(names)}: kept at {values}; with bristles and hysteresis a robot is at rest whatever they are"
 
 
 def zero_note(names: Sequence[str]) -> str:
     """Return a line about states that stick about the state of a linear system."""
     what = "has an eigenvalue of 0" if len(names) == 1 else "have an eigenvalue of 0 each"
-    return f"{listed(names)}: {what}: about a state at rest bristles stick, and hold as springs"
+    return f"{listed(names)}: {what}: about a state at rest bristles and hysteresis stick, and hold as springs"
