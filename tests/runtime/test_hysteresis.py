@@ -19,6 +19,8 @@ from eomgen.export.mujoco import left_out
 from eomgen.robot.elements.loss_factor import fitted_branches, loss_factors
 from eomgen.robot.model import build_model
 from eomgen.runtime.stepping.input_signals import DriveData, InputSignals, Signal, Track, Waves
+from eomgen.scenario.load import scenario_from_toml
+from eomgen.simulation.run import run_scenario
 from eomgen.state.springs import fastest_rates
 from tests.support.builds import Build
 
@@ -448,3 +450,20 @@ def test_fixed_steps_know_what_states_stretch(built: Build) -> None:
     assert fastest_rates(drive, np.zeros(drive.n))[0] == pytest.approx(np.sqrt(600.0 * sum(1.0 / x for x in inertias)))
     k = 100.0 + SHARE * K + (1.0 - SHARE) * K * A + sum(k for k, _ in BRANCHES)
     assert fastest_rates(block, np.zeros(block.n))[0] == pytest.approx(np.sqrt(k))
+
+
+def test_simulations_of_all_methods_agree_and_balance() -> None:
+    """A slide that is let go: results have z by name."""
+    robot = slide(f"stiffness = 100.0, {HYSTERESIS}, {MAXWELL}")
+    text = 'duration = 0.5\n[initial]\nq = {{ "rail.z" = 0.3 }}\n[integrator]\nmethod = "{}"\nrtol = 1e-8\n'
+    ends = []
+    for method in ("auto", "rosenbrock", "radau", "DOP853"):
+        result = run_scenario(robot, scenario_from_toml(text.format(method)))
+        motion = result.trajectory
+        assert motion.memory == ("rail.z.hysteresis.z", "rail.z.maxwell.0.z", "rail.z.maxwell.1.z")
+        assert motion.z is not None
+        assert result.balance is not None
+        assert result.balance.relative_residue < 1e-5
+        assert result.balance.of("dissipated")[-1] > 0.5
+        ends.append(np.r_[motion.q[-1], motion.v[-1], motion.z[-1]])
+    assert np.abs(np.array(ends) - ends[-1]).max() < 1e-5, ends
