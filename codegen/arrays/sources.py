@@ -14,6 +14,7 @@ from eomgen.robot.model import Model
 
 from ..c.source import environment
 from ..kernels.equations import Equations, derive_equations
+from ..kernels.interface import drive_inputs
 from ..kernels.signatures import KERNELS, SIGNATURES, available, shapes
 from ..program.ir import Program
 from .statements import Statements, write_statements
@@ -50,6 +51,7 @@ def render_arrays(model: Model, kernels: Sequence[str] = ()) -> str:
         "version": __version__,
         "coordinates": model.coordinates,
         "memory": model.memory,
+        "inputs": drive_inputs(model),
         "links": model.links,
         "frames": model.frames,
         "parameters": {key: float(value) for key, value in model.parameters.items()},

@@ -45,5 +45,6 @@ def ros2_files(meta: Mapping[str, Any]) -> dict[str, str]:
         "version": __version__,
         "three_numbers": ".".join(numbers),
         "memory": len(meta.get("memory", ())),
+        "inputs": meta.get("inputs", {}),
     }
     return {file: environment().get_template(f"ros2/{text}").render(context) for file, text in TEMPLATES.items()}

@@ -40,11 +40,7 @@ def describe_kernels(model: Model, kernels: Sequence[str], dtype: str) -> dict[s
         "coordinates": model.coordinates,
         "memory": model.memory,
         "memory_units": tuple(state.unit for state in model.states),
-        "inputs": {
-            model.coordinates[i]: [*input_of(law, linear=kind_of(model.coordinates[i]) in LINEAR), place]
-            for i, place in model.beside.items()
-            for law in [coordinate_of(robot, model.coordinates[i]).law()]
-        },
+        "inputs": drive_inputs(model),
         "joints": [body.joint for body in model.bodies],
         "links": model.links,
         "frames": model.frames,
@@ -89,6 +85,16 @@ def describe_kernels(model: Model, kernels: Sequence[str], dtype: str) -> dict[s
         "matrices": matrices(model.parameters),
     }
     return {key: value for key, value in described.items() if value or key not in IF_ANY}
+
+
+def drive_inputs(model: Model) -> dict[str, list[Any]]:
+    """Return what u means at coordinates with a drive, its unit, and the place in u of a force beside the drive."""
+    inputs = {}
+    for i, place in model.beside.items():
+        name = model.coordinates[i]
+        law = coordinate_of(model.robot, name).law()
+        inputs[name] = [*input_of(law, linear=kind_of(name) in LINEAR), place]
+    return inputs
 
 
 def inertial_parameters(model: Model) -> dict[str, Any]:

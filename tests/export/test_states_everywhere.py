@@ -18,12 +18,13 @@ import eomgen
 from eomgen.cli.entry import main
 from eomgen.cli.export import FORMATS
 from eomgen.codegen.arrays.sources import render_arrays
+from eomgen.codegen.c.ros2 import ros2_files
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import InputError
 from eomgen.export.fmu.pack import export_fmu
 from eomgen.export.mujoco import left_out, mjcf
 from eomgen.export.step import default_step
-from eomgen.pipeline.stages import Options, generate
+from eomgen.pipeline.stages import Options, generate, make_source
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
 from eomgen.runtime.levels import BASE
@@ -143,6 +144,9 @@ def test_python_on_arrays_has_the_kernels_numbers(make: Callable[[], Robot], bui
     kernel = built(robot, "forward_dynamics", "energy", "rollout")
     exec(render_arrays(build_model(robot), ("forward_dynamics", "energy")), module)
     assert tuple(module["STATES"]) == kernel.memory
+    assert {name: tuple(x[:2]) for name, x in module.get("INPUTS", {}).items()} == {
+        name: tuple(x) for name, x in kernel.inputs.items() if x.meaning not in ("force", "torque")
+    }
     functions, (q, v, u, z) = module["make"](np), bent(kernel)
     if robot.is_closed:
         q, v = kernel.home[: q.size], 0.0 * v
@@ -156,6 +160,15 @@ def test_python_on_arrays_has_the_kernels_numbers(make: Callable[[], Robot], bui
         motion = kernel.rollout(q, v, u, 1e-4, 10, z=z)
         np.testing.assert_allclose(found[1][:, q.size :], motion.z, rtol=1e-12)
         np.testing.assert_allclose(found[0][:, : q.size], motion[0], rtol=1e-12, atol=1e-15)
+
+
+def test_components_of_ros_2_publish_no_inputs_of_drives_as_efforts() -> None:
+    """Text alone: a robot with servo drives, and one without."""
+    for make, has_efforts in ((servo_arm, False), (remembering_arm, True)):
+        meta = json.loads(make_source(make(), Options(("rollout",), level=BASE)).meta)
+        component = ros2_files(meta)["component.cpp"]
+        assert ("message_.effort[i] =" in component) == has_efforts
+        assert ("inputs of drives" in component) != has_efforts
 
 
 @pytest.fixture(scope="module")
