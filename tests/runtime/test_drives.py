@@ -16,6 +16,7 @@ import eomgen
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import DescriptionError, InputError
 from eomgen.integration.solve import integrate
+from eomgen.integration.trajectory import motion_columns
 from eomgen.runtime.stepping.input_signals import InputSignals, LinkWrench, Signal
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.run import run_scenario
@@ -342,7 +343,7 @@ def test_linear_systems_have_drives(built: Build) -> None:
         eomgen.analysis.linearize(robot, drives="pd", kp=1.0)
 
 
-def test_simulations_follow_references_from_rest() -> None:
+def test_simulations_follow_references_from_rest(tmp_path: Path) -> None:
     """Integrals hold the weight at the start: nothing moves before the reference does."""
     robot = eomgen.load_robot(EXAMPLE)
     still = run_scenario(robot, scenario_from_toml("duration = 0.1\n"))
@@ -354,6 +355,11 @@ def test_simulations_follow_references_from_rest() -> None:
     motion_text = '[motion]\ntype = "point_to_point"\nduration = 1.0\ngoal = { axis = 0.6 }\n'
     moved = run_scenario(robot, scenario_from_toml(f"duration = 1.5\n{motion_text}"))
     assert moved.trajectory.q[-1, 0] == pytest.approx(0.6, abs=1e-3)
+    assert moved.trajectory.input_units == ("rad",)
+    moved.save(tmp_path / "moved.npz")
+    again = eomgen.load_result(tmp_path / "moved.npz").trajectory
+    assert again.input_units == ("rad",)
+    assert motion_columns(again)["axis.gamma.drive"][0] == "rad"
     assert moved.balance is not None
     assert moved.balance.relative_residue < 1e-5
     for control, named in (

@@ -46,6 +46,7 @@ class Trajectory(Shown, Tabular):
             asked for.  Of the drives, of the forces of prescribed motions, of external wrenches, and what dampers and
             friction dissipated (``eomgen.runtime.stepping.input_signals.WORKS``).
         z: states of laws, (T, states), by the names in ``memory``, in their ``memory_units``; None without any.
+        input_units: of u where drives take something else than forces, (n,), see ``Kernel.inputs``; None without such.
     """
 
     t: Array
@@ -62,6 +63,7 @@ class Trajectory(Shown, Tabular):
     z: Array | None = None
     memory: tuple[str, ...] | None = None
     memory_units: tuple[str, ...] | None = None
+    input_units: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "info", MappingProxyType(dict(self.info)))
@@ -77,6 +79,8 @@ class Trajectory(Shown, Tabular):
             "memory": kernel.memory,
             "memory_units": kernel.memory_units,
         }
+        if any(not x.is_force for x in kernel.inputs.values()):
+            names["input_units"] = tuple(x.unit for x in kernel.inputs.values())
         return replace(self, q=q, v=v, u=u, z=z, **names)
 
     def joined(self) -> tuple[Array, Array, Array]:
@@ -135,7 +139,8 @@ def motion_columns(motion: Trajectory) -> dict[str, tuple[str, Array]]:
     for i, name in enumerate(motion.coordinates):
         unit = unit_of(name)
         columns[name], columns[f"{name}.rate"] = (unit, motion.q[:, i]), (f"{unit}/s", motion.v[:, i])
-        columns[f"{name}.drive"] = (force_unit_of(name), motion.u[:, i])
+        force = force_unit_of(name) if motion.input_units is None else motion.input_units[i]
+        columns[f"{name}.drive"] = (force, motion.u[:, i])
     units = motion.memory_units or ()
     columns |= {name: (unit, motion.of(name)) for name, unit in zip(motion.memory or (), units, strict=True)}
     return columns | {name: ("", x) for name, x in quaternion_columns(motion.coordinates, motion.q).items()}

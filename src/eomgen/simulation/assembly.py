@@ -122,7 +122,8 @@ def assemble(
     check_loads(scenario, robot)
     prescribed = PrescribedMotion(scenario, model.coordinates, names) if names or scenario.prescribed else None
     driven = program_coordinates(robot)
-    control = scenario.control or Section(_default_control(robot, scenario, driven))
+    usual = default_control(robot)
+    control = scenario.control or Section("none" if scenario.motion is None and usual != "reference" else usual)
     if not driven and control.type in FOLLOWING:
         raise InputError(
             f"{robot.name}: no joint has a principal coordinate, so there is nothing to drive; "
@@ -249,8 +250,11 @@ def kernels_of(robot: Robot, scenario: Scenario) -> tuple[str, ...]:
     """Return the names of the kernels that the scenario's integrator may call."""
     rollouts = _rollouts(scenario)
     closing = mechanism_kernels(robot)
+    drives = ("inverse_dynamics", "residual", "residual_jacobian") if build_model(robot).beside else ()
     if closing:
-        return (*closing, *CLOSED_KERNELS, *rollouts)
+        return (*closing, *CLOSED_KERNELS, *drives, *rollouts)
+    if drives:
+        return (*dict.fromkeys((*KERNELS, *drives, *rollouts)),)
     return (*KERNELS, *rollouts) if scenario.integrator.method in EXPLICIT or rollouts else IMPLICIT_KERNELS
 
 
@@ -381,12 +385,10 @@ def _drive(
     return ComputedTorque(rigid(), program, whole, control.get("bandwidth", BANDWIDTH), joint_motion, mechanism)
 
 
-def _default_control(robot: Robot, scenario: Scenario, driven: tuple[str, ...]) -> str:
-    """Return the control of a scenario that names none: references where drives control positions by themselves."""
-    laws = (coordinate_of(robot, drive_of(robot, name)).law() for name in driven)
-    if any(loops_of(law)[:1] == (LOOPS[0],) for law in laws):
-        return "reference"
-    return "none" if scenario.motion is None else "computed_torque"
+def default_control(robot: Robot) -> str:
+    """Return the control by which drives follow a motion: references where they control positions by themselves."""
+    laws = (coordinate_of(robot, drive_of(robot, name)).law() for name in program_coordinates(robot))
+    return "reference" if any(loops_of(law)[:1] == (LOOPS[0],) for law in laws) else "computed_torque"
 
 
 def _inputs(scenario: Scenario, control: Section, kernel: Kernel, driven: tuple[str, ...]) -> list[DriveInput]:

@@ -69,6 +69,7 @@ ARRAYS = (
     _array("energy", TRAJECTORY, ("T", 2), "J", largest=_LARGEST_SUM),
     _array("memory", TRAJECTORY, ("s",), of=str, otherwise=None),
     _array("memory_units", TRAJECTORY, ("s",), of=str, otherwise=None),
+    _array("input_units", TRAJECTORY, ("n",), of=str, otherwise=None),
     _array("z", TRAJECTORY, ("T", "s"), otherwise=None),
     _array("rotating", TRAJECTORY, ("k",), of=str, otherwise=None),
     _array("quaternions", TRAJECTORY, ("T", "k", 4), otherwise=None, largest=1.0 + 1e-12),
@@ -225,6 +226,9 @@ def _check_coordinates(meta: Meta, arrays: Mapping[str, Any], where: str) -> Non
     memory, there = arrays.get("memory") or (), [name in arrays for name in ("memory", "memory_units", "z")]
     if any(there) and not all(there):
         raise InputError(f"{where}: arrays memory, memory_units and z: got some of them; allowed: all, or none")
+    inputs = arrays.get("input_units") or ()
+    if not all(UNIT.fullmatch(unit) for unit in inputs):
+        raise InputError(f"{where}: input_units: got {listed(inputs)}; allowed: units")
     rotating = rotating_joints(coordinates)
     if arrays.get("rotating", rotating) != rotating:
         got = listed(arrays["rotating"])

@@ -43,7 +43,7 @@ from ..scenario.load import as_scenario
 from ..scenario.value import Integrator, Scenario, Section
 from ..state.drives import has_drives
 from ..state.springs import law_numbers, stops
-from .assembly import BANDWIDTH, Assembly, assemble
+from .assembly import BANDWIDTH, Assembly, assemble, default_control
 from .controls import ComputedTorque
 from .initial import initial_state
 from .result import SimulationResult
@@ -79,7 +79,7 @@ def simulate(  # noqa: PLR0913
             ("joint2", "joint2.gamma") to values.  By default from zero (or the nearest pose that is well inside the
             limits) by 45 degrees or 0.2 m to where there is more room, by less if the limits demand it.
         motion: of all driven coordinates of ``robot.rigid()``, instead of start and goal.
-        bandwidth: of the drives' PD law, rad/s.
+        bandwidth: of the drives' PD law, rad/s; without use where drives control positions by themselves.
         tool: frame or link of poses and TCP errors; default "tcp", else the first frame, else a link
             whose name ends with "tcp" or "tool0", else the end of the longest chain.
         method, rtol, step, output_step: see ``integrate``.
@@ -101,13 +101,14 @@ def simulate(  # noqa: PLR0913
     integrator = Integrator(method, rtol, None, step)
     if motion is not None and (start is not None or goal is not None):
         raise InputError("motion stands beside start or goal; allowed: one of them")
+    kind = default_control(robot)
     ends = {key: value for key, value in (("start", start), ("goal", goal)) if value is not None}
     scenario = Scenario(
         float(duration),
         output_step=output_step,
         frame=tool,
         motion=Section("point_to_point", ends) if motion is None else Section("program", {"program": motion}),
-        control=Section("computed_torque", {"bandwidth": float(bandwidth)}),
+        control=Section(kind, {"bandwidth": float(bandwidth)} if kind == "computed_torque" else {}),
         integrator=integrator,
     )
     return run_scenario(robot, scenario, progress=progress)

@@ -65,7 +65,7 @@ def settled(kernel: Kernel, q: Array, v: Array, u: Array, forces: Array) -> tupl
         begin = v[states].copy()
         for _ in range(ROUNDS):
             _, by_v, _ = drive_jacobian(kernel, q, v, u)
-            rates, exerted = _rates(kernel, q, v, u)[states], kernel.drive_forces(q, v, u)[i]
+            rates, exerted = kernel.forward_dynamics(q, v, u)[states], kernel.drive_forces(q, v, u)[i]
             left = np.append(-rates, forces[i] - exerted)
             rows = np.vstack([by_v[np.ix_(states, states)] / inertia[states, np.newaxis], by_v[i, states]])
             scale = np.maximum(np.abs(rows).max(axis=1), 1e-300)
@@ -76,9 +76,3 @@ def settled(kernel: Kernel, q: Array, v: Array, u: Array, forces: Array) -> tupl
             v[states] = begin
             lost.append(name)
     return v, tuple(lost)
-
-
-def _rates(kernel: Kernel, q: Array, v: Array, u: Array) -> Array:
-    """Return rates of states behind what stands for accelerations of coordinates, (n,)."""
-    left = kernel.residual(q, v, np.zeros(kernel.n), u)
-    return np.asarray(-left / np.diagonal(kernel.mass_matrix(q)))

@@ -21,7 +21,8 @@ from ...robot.value import Robot
 from ...scenario.load import load_scenario
 from ...scenario.value import Initial, Scenario, Section
 from ...shown import prefixed
-from ...simulation.assembly import BANDWIDTH, Assembly, assemble, names_in_scenarios
+from ...simulation.assembly import BANDWIDTH, Assembly, assemble, default_control, names_in_scenarios
+from ...simulation.controls import ReferenceControl
 from ...simulation.result import SimulationResult
 from ...state.motors import shafts
 from .bounds import held_back, within_limits
@@ -156,7 +157,7 @@ def _check(mode: str, iterations: int, robustness: float | None, draws: int) -> 
 
 def _scenario(scenario: Scenario | Path | str | None) -> Scenario:
     if scenario is None:
-        return Scenario(2.0, motion=Section("point_to_point"), control=Section("computed_torque"))
+        return Scenario(2.0, motion=Section("point_to_point"))
     return scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
 
 
@@ -175,8 +176,8 @@ def _check_program(robot: Robot, scenario: Scenario, assembly: Assembly) -> None
     """Raise InputError where nothing is programmed, or where the tool cannot be off the reference."""
     if assembly.program is None:
         scenario.fail("motion", "nothing is programmed that could be corrected; allowed: a scenario with a motion")
-    control = scenario.control
-    computed = control is None or control.type == "computed_torque"
+    kind = default_control(robot) if scenario.control is None else scenario.control.type
+    computed = kind == "computed_torque"
     if assembly.facts.is_rigid and computed and not scenario.wrenches and not scenario.payloads:
         raise InputError(
             f"{robot.name}: no joint deviates, and its drives know its masses: there is nothing to correct; allowed: a"
@@ -276,7 +277,9 @@ def _followed(scenario: Scenario, frame: str, assembly: Assembly, t: Array) -> S
             initial.equilibrium,
             initial.held,
         )
-    control = scenario.control or Section("computed_torque")
+    control = scenario.control or Section(
+        "reference" if isinstance(assembly.drive, ReferenceControl) else "computed_torque"
+    )
     if control.type == "computed_torque":
         control = Section(control.type, {"bandwidth": BANDWIDTH, **control.values})
     step = float(t[1] - t[0])
