@@ -60,7 +60,7 @@ def check_every_number(robot: Robot, most: int = 30) -> None:
         after = dict(changed.numbers())
         assert after[path] == new, path
         others = [key for key in before if key != path and after[key] != before[key]]
-        assert all(key.endswith("smoothing") for key in others), (path, others)
+        assert all(key.endswith(("smoothing", "tracking_time")) for key in others), (path, others)
         assert others or changed.with_value(path, value) == robot, path
 
 

@@ -305,3 +305,15 @@ def test_what_cannot_be_is_refused(built: Build) -> None:
     ):
         with pytest.raises(InputError, match="z: no law of one_link has a state"):
             call()
+
+
+def test_forces_of_drives_without_a_servo_drive_are_what_they_are_given(built: Build) -> None:
+    """Of as many states as the arrays have; z where no law has a state is refused."""
+    kernel = built(bristled_arm())
+    q, u = np.zeros((3, len(kernel.coordinates))), np.arange(float(len(kernel.coordinates)))
+    found = kernel.drive_forces(q, q, u, np.zeros((3, len(kernel.memory))))
+    assert np.array_equal(found, np.tile(u, (3, 1)))
+    assert np.array_equal(kernel.drive_forces(q, q, u), found)
+    plain = built(eomgen.load_robot("one_link"))
+    with pytest.raises(InputError, match="z: no law of one_link has a state"):
+        plain.drive_forces([0.0, 0.0], [0.0, 0.0], [1.0, 0.0], [0.0])

@@ -94,7 +94,7 @@ READING = [  # what the reader refuses, whatever the robot: text, place, reason
         "motion.orientation",
         "where they have none",
     ),
-    (DURATION + "[control]\ntype = 'lqr'", "control.type", "allowed: none, torque, pd, computed_torque"),
+    (DURATION + "[control]\ntype = 'lqr'", "control.type", "allowed: none, torque, pd, reference, computed_torque"),
     (DURATION + "[control]\ntype = 'pd'\nkp = 1", "control", "the key 'kd' is missing"),
     (DURATION + "[control]\ntype = 'pd'\nkp = -1\nkd = 1", "control.kp", "at least 0"),
     (DURATION + "[control]\ntype = 'pd'\nkp = { a = -1 }\nkd = 1", "control.kp.a", "at least 0"),

@@ -475,7 +475,7 @@ def refuse_mixed(calls: Calls, name: str, pairs: Sequence[tuple[str, Any]], *, a
     for label, value in pairs:
         if label not in short:
             why = "z stands apart" if apart else f"{short[0]} has"
-            raise ArrayError(f"{label}: got {got(value)}; allowed: {n} numbers, as {why}")
+            raise ArrayError(f"{label}: got {shape_or_type(value)}; allowed: {n} numbers, as {why}")
     if not apart and remembers(name):
         plain = DERIVATIVE.sub("", name)
         said, or_z = (name, f"z, (..., {len(calls.memory)}), or ") if plain == name else (f"derivatives of {plain}", "")
@@ -483,7 +483,7 @@ def refuse_mixed(calls: Calls, name: str, pairs: Sequence[tuple[str, Any]], *, a
         raise ArrayError(f"{said}: arrays of {n} numbers lack states of laws, {listed(calls.memory)}; {what}")
 
 
-def got(value: Any) -> str:
+def shape_or_type(value: Any) -> str:
     """Say what an argument is: its shape, or its type where it has none."""
     try:
         return f"shape {np.shape(value)}"

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .arrays import cut as cut_states
-from .arrays import flag, is_narrow, joint_lead, states_apart, widened
+from .arrays import flag, is_narrow, joint_lead, states_apart, whole_array, widened
 from .by_name import WrenchLike, wrench_rows
 from .derivatives import Differentiation
 from .inverse_kinematics.kernel_method import InverseKinematics
@@ -308,14 +308,23 @@ class Kernel(Differentiation, InverseKinematics, Rollouts):
         Args:
             q, v, u: (n,).
             z: states of laws, (memory,); the arrays and the result are then those of coordinates alone.  Without it
-                arrays have these states, and behind the forces stand, of windings' currents, the voltages less what
-                the motion induces: by v the power of all is what drives take in.
+                arrays have these states, and behind the forces stand those on the states: of a winding's current the
+                voltage less what the motion induces, so that forces by velocities are the power that drives take in.
             out: array to write to.
         """
         if not self.calls.arrays.has_drives:
-            width = self.calls.narrow if z is not None or is_narrow(self.calls, u) else self.n
-            return self._written(self.calls.array("u", u, (width,))[0].copy(), out)
+            return self._written(self._undriven(q, v, u, z), out)
         return self.calls.run("drive_forces", out, (q, v, u), z=z)
+
+    def _undriven(self, q: ArrayLike, v: ArrayLike, u: ArrayLike, z: ArrayLike | None) -> Array:
+        """Return u, which is the forces where no drive takes it otherwise, as long as the arrays are."""
+        if z is not None:
+            states_apart(self.calls, z)
+        forces, lead = whole_array(self.calls, "u", u)
+        for label, value in (("q", q), ("v", v)):
+            lead = joint_lead(label, whole_array(self.calls, label, value)[1], lead)
+        width = self.calls.narrow if z is not None or is_narrow(self.calls, u) else self.n
+        return np.array(np.broadcast_to(forces, (*lead, self.n))[..., :width])
 
     def _behind(self, q: ArrayLike, v: ArrayLike, u: ArrayLike, z: ArrayLike) -> tuple[Array, Array, Array]:
         """Return arrays of coordinates with room for states of laws behind them, z behind v."""

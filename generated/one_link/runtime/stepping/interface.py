@@ -2,24 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...errors import IntegrationStopped
+from ...errors import ArrayError, InputError, IntegrationStopped
+from ...names import listed, show
+from ..arrays import shape_or_type
 from ..calls import Memory
 from ..compiled_code import CompiledCode
 from ..raw import Array
 from .adaptive import adaptive_rollout
-from .gradients import Loss, rollout_gradient
+from .gradients import NAMES, Loss, rollout_gradient
 from .many_steps import rollout
 from .options import Control, InputStepOptions, StepMethod, StepOptions, method_for
 from .reading_inputs import InputsLike
 from .rollouts import Inputs, Rollout
 from .saturation import Saturate, efforts_of
 from .sensitivities import rollout_sensitivity
+
+LossApart = Callable[[Array, Array, Array, Array], tuple[Any, ArrayLike, ArrayLike, ArrayLike]]
+LABELS = ("dq", "dv", "dz")
 
 
 class Rollouts(CompiledCode):
@@ -113,11 +118,7 @@ class Rollouts(CompiledCode):
             InputError: another argument is wrong, or does not belong to the method.
         """
         memory = None if z is None else Memory.of(self.calls, self.memory)
-        if memory is not None and z is not None:
-            q0, v0 = memory.packed((("q0", q0), ("v0", v0)), z)
-            u, target, kp, kd = map(memory.padded, (u, target, kp, kd))
-            saturate = saturate if isinstance(saturate, Mapping) else memory.padded(saturate, np.inf)
-        inputs = Inputs(q0, v0, u, Control(kp, kd, target, efforts_of(self.calls, saturate)))
+        inputs = self._inputs(memory, z, Inputs(q0, v0, u, Control(kp, kd, target)), saturate)
         options = InputStepOptions(
             method_for(method, duration), dt, steps, every, duration, samples, rtol, atol, loads, works
         )
@@ -132,6 +133,16 @@ class Rollouts(CompiledCode):
                 error.stored = Rollout.of(*error.stored).apart(memory.coordinates)
             raise
 
+    def _inputs(self, memory: Memory | None, z: ArrayLike | None, inputs: Inputs, saturate: Saturate) -> Inputs:
+        """Return inputs with efforts, and with room for states of laws where these are apart: z behind v."""
+        q0, v0, u, control = inputs.q0, inputs.v0, inputs.u, inputs.control
+        kp, kd, target = control.kp, control.kd, control.target
+        if memory is not None and z is not None:
+            q0, v0 = memory.packed((("q0", q0), ("v0", v0)), z)
+            u, target, kp, kd = map(memory.padded, (u, target, kp, kd))
+            saturate = saturate if isinstance(saturate, Mapping) else memory.padded(saturate, np.inf)
+        return Inputs(q0, v0, u, Control(kp, kd, target, efforts_of(self.calls, saturate)))
+
     def rollout_gradient(  # noqa: PLR0913
         self,
         q0: ArrayLike,
@@ -140,7 +151,7 @@ class Rollouts(CompiledCode):
         dt: float | None = None,
         steps: int | None = None,
         *,
-        loss: Loss,
+        loss: Loss | LossApart,
         parameters: Sequence[str] = (),
         method: StepMethod | None = None,
         every: int = 1,
@@ -154,6 +165,7 @@ class Rollouts(CompiledCode):
         loads: InputsLike | Sequence[InputsLike] | None = None,
         saturate: Saturate = None,
         out: Mapping[str, Array] | None = None,
+        z: ArrayLike | None = None,
     ) -> tuple[Any, dict[str, Any]]:
         """Return the gradient of a function of a rollout's states, exact for its steps, by their adjoints.
 
@@ -170,7 +182,9 @@ class Rollouts(CompiledCode):
                 kernel external_force_parameter_adjoint, in points and axes of links frame_pose_parameter_adjoint; a
                 model that drives know needs inverse_dynamics_adjoint, and has no loops.
             saturate: as of ``rollout``; drives that are clipped have the slope 0, those at their effort 1.
-            out: arrays to write derivatives to, by the names that they are returned by; others are new.
+            out: arrays to write derivatives to, by the names that they are returned by; others are new.  Not with z.
+            z: states of laws as of ``rollout``: it is ``loss(t, q, v, z)`` then, which returns a derivative by z, too,
+                and one of the derivatives that are returned is "z".
 
         Returns:
             The value, and derivatives by name: "q" and "v" by the states at the beginning, "u", and with a controller
@@ -186,9 +200,16 @@ class Rollouts(CompiledCode):
                 that derivatives of tsit5's steps are not those of the motion.
             SingularError, IntegrationStopped: as of ``rollout``; a mechanism begins in a singular pose.
         """
-        inputs = Inputs(q0, v0, u, Control(kp, kd, target, efforts_of(self.calls, saturate)))
+        memory = None if z is None else Memory.of(self.calls, self.memory)
+        inputs = self._inputs(memory, z, Inputs(q0, v0, u, Control(kp, kd, target)), saturate)
         options = StepOptions(method_for(method, duration), dt, steps, every, duration, samples, rtol, atol)
-        return rollout_gradient(self.calls, inputs, options, loss=loss, parameters=parameters, loads=loads, out=out)
+        more: dict[str, Any] = {"parameters": parameters, "loads": loads, "out": out}
+        if memory is None:
+            return rollout_gradient(self.calls, inputs, options, loss=cast("Loss", loss), **more)
+        _refuse_out(out)
+        joined = _joined_loss(memory, cast("LossApart", loss))
+        value, gradients = rollout_gradient(self.calls, inputs, options, loss=joined, **more)
+        return value, _gradients_apart(memory, gradients, NAMES)
 
     def rollout_sensitivity(  # noqa: PLR0913
         self,
@@ -212,7 +233,8 @@ class Rollouts(CompiledCode):
         loads: InputsLike | Sequence[InputsLike] | None = None,
         saturate: Saturate = None,
         out: Sequence[Array] | None = None,
-    ) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+        z: ArrayLike | None = None,
+    ) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
         """Return derivatives of a rollout's states along few directions, exact for its steps: they carry them forwards.
 
         Adaptive steps count as constant, as of ``rollout_gradient``.  Every direction costs some rollouts,
@@ -227,19 +249,100 @@ class Rollouts(CompiledCode):
                 external_force_parameter_tangent, in points and axes of links those of frame_pose, and a model that
                 drives know inverse_dynamics_tangent.
             saturate: as of ``rollout_gradient``.
-            out: q, v, dq and dv to write to.
+            out: q, v, dq and dv to write to.  Not with z.
+            z: states of laws as of ``rollout``; ``along`` may have rates of them then, "z", (directions, memory).
 
         Returns:
             q and v as of ``rollout``, then dq and dv, (samples, directions, n); of many states (N, samples, directions,
-            n), all along the same directions.
+            n), all along the same directions.  With z they are q, v and z, then dq, dv and dz.
 
         Raises:
             UnknownNameError: no such parameter, or the kernel was built without the method's sensitivity.
             InputError: as of ``rollout``; no direction; joints with 3-DOF rotation; a robot that is too stiff.
             SingularError, IntegrationStopped: as of ``rollout``.
         """
-        inputs = Inputs(q0, v0, u, Control(kp, kd, target, efforts_of(self.calls, saturate)))
+        memory = None if z is None else Memory.of(self.calls, self.memory)
+        inputs = self._inputs(memory, z, Inputs(q0, v0, u, Control(kp, kd, target)), saturate)
         options = StepOptions(method_for(method, duration), dt, steps, every, duration, samples, rtol, atol)
-        return rollout_sensitivity(
+        if memory is not None:
+            _refuse_out(out)
+            along = None if along is None else _joined_directions(memory, along)
+        states, rates = rollout_sensitivity(
             self.calls, inputs, options, parameters=parameters, along=along, loads=loads, out=out
         )
+        return (states, rates) if memory is None else (_cut_apart(memory, *states), _cut_apart(memory, *rates))
+
+
+def _refuse_out(out: object) -> None:
+    """Refuse arrays to write to beside z."""
+    if out is not None:
+        raise InputError("out: results with z are new arrays; allowed: without out, or states of laws behind v")
+
+
+def _joined_loss(memory: Memory, loss: LossApart) -> Callable[[Array, Array, Array], tuple[Any, Array, Array]]:
+    """Return a loss of arrays that have states of laws behind coordinates, of one that takes them apart.
+
+    Args:
+        memory: of the kernel.
+        loss: (t, q, v, z) -> its value, and derivatives by q, v and z, in their shapes.
+    """
+    n = memory.coordinates
+
+    def joined(t: Array, q: Array, v: Array) -> tuple[Any, Array, Array]:
+        apart = [np.ascontiguousarray(x) for x in (q[..., :n], v[..., :n], v[..., n:])]
+        answer = loss(t, *apart)
+        if not isinstance(answer, tuple) or len(answer) != 1 + len(LABELS):
+            raise InputError(f"loss: it returned {show(answer)}; allowed: (value, {', '.join(LABELS)})")
+        value, *by = answer
+        arrays = []
+        for label, array, of in zip(LABELS, by, apart, strict=True):
+            if np.shape(array) != of.shape:
+                raise ArrayError(f"loss: {label} has {shape_or_type(array)}; expected shape {of.shape}")
+            arrays.append(np.asarray(array))
+        by_q, by_v, by_z = arrays
+        return value, np.concatenate([by_q, np.zeros_like(by_z)], axis=-1), np.concatenate([by_v, by_z], axis=-1)
+
+    return joined
+
+
+def _gradients_apart(memory: Memory, gradients: Mapping[str, Any], names: tuple[str, ...]) -> dict[str, Any]:
+    """Return gradients of coordinates alone, and that by states of laws at the beginning, as ``z``.
+
+    Args:
+        names: of the gradients that are by coordinates.
+    """
+    n = memory.coordinates
+    apart = {name: np.ascontiguousarray(x[..., :n]) if name in names else x for name, x in gradients.items()}
+    return apart | {"z": np.ascontiguousarray(gradients["v"][..., n:])}
+
+
+def _joined_directions(memory: Memory, along: Mapping[str, ArrayLike]) -> dict[str, ArrayLike]:
+    """Return directions of a sensitivity as rates of arrays that have states of laws behind coordinates.
+
+    Args:
+        along: rates by names "q", "v" and "u", (directions, n) each, and "z", (directions, memory).
+
+    Raises:
+        ArrayError: another shape of those of states.
+    """
+    if not isinstance(along, Mapping):
+        raise InputError(f"along: {show(along)}; allowed: arrays by {listed(('q', 'v', 'u', 'z'))}")
+    joined = {name: memory.padded(x) for name, x in along.items() if name != "z"}
+    if "z" in along:
+        states, _ = memory.calls.array("z", along["z"], (len(memory.names),))
+        if states.ndim != 2:
+            raise ArrayError(f"along: z has shape {states.shape}; expected (directions, {len(memory.names)})")
+        rates = np.zeros((len(states), memory.coordinates), states.dtype) if "v" not in along else along["v"]
+        rates = np.asarray(rates)
+        expected = (len(states), memory.coordinates)
+        if rates.shape != expected:
+            raise ArrayError(f"along: v has shape {rates.shape}; expected {expected}, as many directions as z")
+        joined["v"] = np.concatenate([rates, states], axis=1)
+    return joined
+
+
+def _cut_apart(memory: Memory, q: Array, v: Array) -> tuple[Array, Array, Array]:
+    """Return q and v of coordinates alone, and states of laws."""
+    n = memory.coordinates
+    parts = (q[..., :n], v[..., :n], v[..., n:])
+    return tuple(np.ascontiguousarray(x) for x in parts)  # type: ignore[return-value]
