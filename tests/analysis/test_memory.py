@@ -18,7 +18,7 @@ from eomgen.description.load import robot_from_toml
 from eomgen.errors import ArrayError, EomgenWarning, InputError, UnknownNameError
 from eomgen.loops.equilibrium import closed_equilibrium
 from eomgen.state.equilibrium import static_equilibrium
-from tests.support.bristled import ARM, bristled_arm, bristled_linkage, geared_arm, served_arm
+from tests.support.bristled import ARM, FRICTION, GEARED, bristled_arm, bristled_linkage, geared_arm, served_arm
 from tests.support.builds import Build
 from tests.support.random_robots import Array
 
@@ -322,6 +322,27 @@ x = { stiffness = 1e4, damping = 3.0, maxwell = [{ stiffness = 4e3, damping = 50
     roots = (np.poly1d([2.0, 3.0, 1e4]) * first * second + np.poly1d([4e3, 0]) * second + np.poly1d([2e3, 0]) * first).r
     expected = sorted((s for s in roots if s.imag >= 0.0), key=abs)
     assert sorted(modes(robot).eigenvalues, key=abs) == pytest.approx(expected, rel=1e-9)
+
+
+def test_bristles_of_couplings_and_loop_joints(built: Build) -> None:
+    """Their states are in A as differences of the equations have it, also bent, and between equal rates."""
+    friction = 'friction = { model = "lugre", coulomb = 0.3, bristle_stiffness = 300.0, bristle_damping = 0.5 }'
+    head, gear = GEARED.replace(FRICTION, "").split('to = { "j1.gamma" = -2.0 }')
+    robot = robot_from_toml(f'{head}to = {{ "j1.gamma" = 1.0 }}\nstiffness = 500.0\ndamping = 0.1\n{friction}{gear}')
+    kernel = built(robot)
+    assert kernel.memory == ("gear.friction.z",)
+    for z in (0.0, 4e-4):
+        system = linearize(robot, kernel=kernel, z=[z], held=["j1.gamma"])
+        assert system.states[4:] == kernel.memory
+        assert system.A[4] == pytest.approx([0.0, 0.0, -1.0, 1.0, 0.0], abs=1e-12)
+        x = np.concatenate([system.q, np.zeros(2), [z]])
+        expected = by_differences(kernel, x, system.u)[:4]
+        assert (np.abs(system.A[:4] - expected) <= 1e-4 * np.abs(expected).max(axis=1, keepdims=True)).all()
+        moved = np.concatenate([system.q, [0.1, -0.2], [z]])
+        about = linearize(robot, system.q, v=[0.1, -0.2], u=system.u, kernel=kernel, z=[z])
+        expected = by_differences(kernel, moved, system.u)
+        assert (np.abs(about.A - expected) <= 1e-4 * np.abs(expected).max(axis=1, keepdims=True)).all()
+    assert modes(robot, kernel=kernel, drives="free", held=["j1.gamma"]).zeros == kernel.memory
 
 
 def test_bristles_of_a_transmission_move_beside_a_locked_motor(built: Build) -> None:

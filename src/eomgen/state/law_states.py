@@ -24,6 +24,7 @@ from .vectors import state_vector
 
 StatesLike = Mapping[str, float] | ArrayLike  # of laws, (memory,), or by their names
 
+GOLDEN = 0.6180339887498949
 FINE = 1e-300  # m/s or rad/s: a velocity that only has a direction
 STICKS = 1e-200  # 1/s: a rate of a state at such a velocity
 
@@ -189,7 +190,8 @@ def _passive_slopes(kernel: Kernel, q: Array, v: Array, a: Array) -> tuple[Array
         K, D, M = kernel.residual_jacobian(q, v, a)
         return K, D, M
     sides = np.tile(v, (2, 1))
-    sides[0, rests], sides[1, rests] = FINE, -FINE
+    fine = FINE * (1.0 + GOLDEN * rests % 1.0)  # no two alike, so that no deviation of a loop or coupling stands still
+    sides[0, rests], sides[1, rests] = fine, -fine
     K, D, M = (0.5 * (slopes[0] + slopes[1]) for slopes in kernel.residual_jacobian(q, sides, a))
     for slopes in (K, D):
         rows = slopes[n:]
