@@ -164,7 +164,7 @@ def closed_form(
 
 
 def refuse_springs(model: Model) -> None:
-    """Refuse a robot with force elements between links, journals in cut joints, or drives with states."""
+    """Refuse a robot with force elements between links, journals in cut joints, or servo drives."""
     for kind in KINDS.values():
         names = ", ".join(element.name for element in model.robot.link_elements if element.TABLE == kind.TABLE)
         if names:
@@ -172,9 +172,6 @@ def refuse_springs(model: Model) -> None:
     drives = ", ".join(model.coordinates[i] for i in model.beside)
     if drives:
         raise InputError(f"{model.name}: the closed form knows no servo drives ({drives}); leave the tables drive out")
-    drives = ", ".join(model.coordinates[i] for i in model.drives)
-    if drives:
-        raise InputError(f"{model.name}: the closed form knows no drives with states ({drives}); leave them out")
     journals = ", ".join(loop.name for loop in model.robot.loops if loop.radial is not None)
     if journals:
         raise InputError(f"{model.name}: the closed form knows no journals of cut joints ({journals}); leave them out")

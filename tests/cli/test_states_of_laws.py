@@ -27,7 +27,7 @@ RANGES = ("--range", "j1.gamma", "-1", "1", "--range", "j2.gamma", "0.2", "2")
 Z1, Z2 = "j1.gamma.friction.z", "j2.beta.friction.z"
 CALLS: dict[str, tuple[tuple[str, ...], int, str]] = {  # words, exit code, what is said
     "robots": ((), 0, "one_link"),
-    "info": (("arm.toml",), 0, rf"{Z1} [rad]             friction      5000 z^2 J"),
+    "info": (("arm.toml",), 0, f"{Z1} [rad]  friction      5000 z^2 J"),
     "new": (("arm", "-o", "new.toml"), 0, "new.toml"),
     "check": (("arm.toml", "scenario.toml"), 0, "ok: 2 links, 4 coordinates"),
     "schema": (("robot",), 0, "bristle_stiffness"),

@@ -130,11 +130,12 @@ class RobotInfo:
 
     def _memory_lines(self) -> list[str]:
         """Return the states of laws, where there are some, with what they store."""
-        lines = [f"{'state of a law (kernel.memory)':<38}{'law':<14}stores"] if self.model.memory else []
-        for name, state in _states_of(self.model).items():
+        states = {f"{name} [{state['unit']}]": state for name, state in _states_of(self.model).items()}
+        width = max(map(len, states), default=0) + 2
+        lines = [f"{'state of a law':<{width}}{'law':<14}stores"] if states else []
+        for label, state in states.items():
             stored = "nothing" if state["inertia"] is None else f"{0.5 * state['inertia']:.4g} z^2 J"
-            label = f"{name} [{state['unit']}]"
-            lines.append(f"{label:<38}{state['law']:<14}{stored}")
+            lines.append(f"{label:<{width}}{state['law']:<14}{stored}")
         return lines
 
     def _loop_lines(self) -> list[str]:
