@@ -80,38 +80,48 @@ def robot_of(seed: int) -> Robot:
 
 @dataclass(frozen=True)
 class Point:
-    """A state, drives and wrenches."""
+    """A state, drives and wrenches; n coordinates stand before states of laws."""
 
     q: Array
     v: Array
     u: Array
     wrench: Array
+    n: int
+
+    @property
+    def states(self) -> Array:
+        return np.concatenate([self.q[: self.n], self.v])
 
     @property
     def all(self) -> Array:
-        return np.concatenate([self.q, self.v, self.u, self.wrench.ravel()])
+        return np.concatenate([self.states, self.u[: self.n], self.wrench.ravel()])
 
 
 def point_of(robot: Robot, kernel: Kernel, seed: int, size: float = 1.0) -> Point:
     state, rng = motor_state(robot, seed), np.random.default_rng(seed + 9)
     wrench = rng.uniform(-5.0, 5.0, (len(kernel.links), 6))
-    return Point(size * state.q, size * state.v, state.u, wrench)
+    n = len(kernel.coordinates)
+    drives = np.concatenate([state.u[:n], np.zeros(kernel.n - n)])
+    return Point(size * state.q, size * state.v, drives, wrench, n)
 
 
 def knowns(host: Host) -> list[str]:
     """States and inputs, in their order."""
-    return [name for kind in ("q.", "v.", "u.", "wrench.") for name in host.names(kind)]
+    return [name for kind in ("q.", "v.", "z.", "u.", "wrench.") for name in host.names(kind)]
+
+
+COMPUTED = ("der(q.", "a.", "der(z.", "pose.", "reaction.", "energy.")
 
 
 def outputs(host: Host) -> list[str]:
     """What is computed."""
-    return [name for kind in ("der(", "a.", "pose.", "reaction.", "energy.") for name in host.names(kind)]
+    return [name for kind in COMPUTED for name in host.names(kind)]
 
 
 def expected(kernel: Kernel, p: Point) -> Array:
     """What the kernel says of ``outputs``."""
     a = kernel.forward_dynamics(p.q, p.v, p.u, wrench=p.wrench)
-    found = [p.v, a]
+    found = [p.v[: p.n], a]
     for frame in kernel.frames:
         if frame != "base":
             pose = kernel.frame_pose(p.q, frame)
@@ -225,10 +235,10 @@ def test_derivatives(name: str, version: int, exported: Export) -> None:
 
 def check_derivatives(unit: Unit, p: Point, seed: int) -> None:
     host, twin, rng = unit.host().start(), unit.host(), np.random.default_rng(seed)
-    names, unknown, n = knowns(host), outputs(host), unit.kernel.n
+    names, unknown, states = knowns(host), outputs(host), p.states.size
     host.to_continuous_time()
-    host.set_states(np.concatenate([p.q, p.v]))
-    host.set(names[2 * n :], p.all[2 * n :])
+    host.set_states(p.states)
+    host.set(names[states:], p.all[states:])
 
     def at(x: Array) -> Array:
         twin.set(names, x)
@@ -238,14 +248,14 @@ def check_derivatives(unit: Unit, p: Point, seed: int) -> None:
     for i in range(3):
         direction = rng.uniform(-1.0, 1.0, len(names))
         if i == 2:  # the wrenches' rotation with the links alone
-            direction[n:] = 0.0
+            direction[p.n :] = 0.0
         h = 1e-4 * min(1.0, 10.0 * float(np.abs(p.q).max()))
         difference = (
             8.0 * (at(p.all + h * direction) - at(p.all - h * direction))
             - (at(p.all + 2 * h * direction) - at(p.all - 2 * h * direction))
         ) / (12.0 * h)
         found = host.derivative(unknown, names, direction)
-        groups = [host.names(kind) for kind in ("der(", "a.", "pose.", "reaction.", "energy.")]
+        groups = [group for kind in COMPUTED if (group := host.names(kind))]
         first = 0
         for group in groups:
             part = slice(first, first + len(group))
