@@ -93,7 +93,7 @@ def test_balances_are_as_good_as_tolerances(kind: str, method: str, built: Build
     assert np.array_equal(ends[1], ends[2])  # steps do not end at samples
     assert found[1] <= 1e-6
     assert found[2] <= 2e-6
-    if method != "auto" and not kernel.memory:  # where bristles turn, errors are those of kinks
+    if method != "auto":
         assert found[1] <= max(0.1 * found[0], 1e-9)
     assert (np.abs(ends[1][[WORKS.index("drives"), WORKS.index("wrenches")]]) > 0.0).all()
     assert (ends[1][WORKS.index("prescribed")] != 0.0) == bool(kernel.prescribed)
