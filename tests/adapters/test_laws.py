@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import casadi
@@ -25,13 +26,19 @@ from tests.support.bristles import bent, bristle_arm, bristle_linkage, wide
 from tests.support.builds import Build
 from tests.support.every_element import robot_with
 
-jax.config.update("jax_enable_x64", True)
 NAMES = ("forward_dynamics", "generalized_force", "energy", "mass_matrix")
 FAMILIES = [
     JointStiffnesses,
     MemoryLaws,
     *(pytest.param(family, marks=pytest.mark.soak) for family in (JointDampers, Bushings)),
 ]
+
+
+@pytest.fixture(autouse=True)
+def doubles() -> Iterator[None]:
+    jax.config.update("jax_enable_x64", True)
+    yield
+    jax.config.update("jax_enable_x64", False)
 
 
 def states(kernel: Kernel, seed: int) -> dict[str, Array]:
