@@ -114,7 +114,7 @@ class StateSlopes:
 
 @dataclass(frozen=True)
 class StateSite:
-    """Where a law with states acts: along a row, which may be that of one coordinate or of a motor's transmission.
+    """Place at which a law with states acts: a row, which may be that of one coordinate or of a motor's transmission.
 
     states: their indices.
     """

@@ -29,27 +29,27 @@ class Slopes(Protocol):
 
     @property
     def f_v(self) -> Scalar:
-        """Of the force by the deviation's rate."""
+        """Slope of the force by the deviation's rate."""
 
     @property
     def f_s(self) -> Scalar:
-        """Of the force by the deviation."""
+        """Slope of the force by the deviation."""
 
     @property
     def f_z(self) -> Sequence[Scalar]:
-        """Of the force by the states."""
+        """Slopes of the force by the states."""
 
     @property
     def g_v(self) -> Sequence[Scalar]:
-        """Of the states' rates by the deviation's."""
+        """Slopes of the states' rates by the deviation's."""
 
     @property
     def g_s(self) -> Sequence[Scalar]:
-        """Of the states' rates by the deviation."""
+        """Slopes of the states' rates by the deviation."""
 
     @property
     def g_z(self) -> Rows:
-        """Of the states' rates by the states."""
+        """Slopes of the states' rates by the states."""
 
     @property
     def inertias(self) -> Sequence[Scalar]:

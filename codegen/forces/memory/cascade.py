@@ -78,7 +78,7 @@ class Signal:
 
 @dataclass(frozen=True)
 class Driven:
-    """What a drive does: force on its coordinate, voltage (0 without a winding), and rates of its states, by name."""
+    """Action of a drive: force on its coordinate, voltage (0 without a winding), and rates of its states, by name."""
 
     force: Signal
     voltage: Signal

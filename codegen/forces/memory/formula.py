@@ -1,4 +1,4 @@
-"""What formulas of laws with states take and give."""
+"""Arguments and results of formulas of laws with states."""
 
 from __future__ import annotations
 

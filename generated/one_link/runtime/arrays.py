@@ -349,7 +349,7 @@ def _first_rounded(numbers: Array, bits: int) -> int | None:
 
 
 class Calls(Protocol):
-    """What of checked calls is needed here: see ``calls.Calls``, whose arrays have n numbers, of coordinates narrow."""
+    """Protocol of checked calls: see ``calls.Calls``, whose arrays have n numbers, of coordinates narrow."""
 
     raw: RawKernel
     arrays: Arrays

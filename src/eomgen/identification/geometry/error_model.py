@@ -223,8 +223,8 @@ class ErrorModel:
 
 @dataclass(frozen=True)
 class Loaded:
-    """What a state of an error model came from: values x of parameters, (P,) or (P, N), coordinates, (N, S, 6), the
-    poses of bases, (N, 4, 4), and rows.
+    """Origin of a state of an error model: values x of parameters, (P,) or (P, N), coordinates, (N, S, 6), poses of
+    bases, (N, 4, 4), and rows.
     """
 
     x: Array

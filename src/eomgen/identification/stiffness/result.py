@@ -165,7 +165,7 @@ class FitResult(Plotting, Shown, Tabular, Saved, plot="plot_fit"):
 
     @property
     def title(self) -> str:
-        """What it is, with the robot's name."""
+        """Name of the table, with the robot's name."""
         what = "numbers by the output-error method" if self.numbers else "stiffness and damping by least squares"
         return f"{self.robot}: {what}"
 

@@ -32,7 +32,7 @@ ERROR, WHILE = 0.1, 0.01  # m, rad, m/s, rad/s, or a share of the current, and s
 
 
 class Input(NamedTuple):
-    """What u at a coordinate means, and its unit."""
+    """Meaning of u at a coordinate, and its unit."""
 
     meaning: str
     unit: str
