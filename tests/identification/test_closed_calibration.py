@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 import eomgen
 from eomgen.errors import ArrayError, InputError
-from eomgen.identification import CalibrationResult, calibrate, load_calibration, poses_from_columns
+from eomgen.identification import CalibrationResult, MeasuredPoses, calibrate, load_calibration, poses_from_columns
 from eomgen.identification.calibration.calibrated import placement_of
 from eomgen.identification.geometry.error_model import ErrorModel, Rows, model_parameters, rows_of
 from eomgen.identification.geometry.loop_constraints import closed_readings, closing_of, constants_of
@@ -292,3 +292,61 @@ def test_nothing_measured_is_said() -> None:
         found_of(eomgen.load_robot("four_bar"), drawn(BAR, 20, 1))
     with pytest.raises(InputError, match="nothing is measured"):
         poses_from_columns(drawn(BAR, 20, 1), build_model(eomgen.load_robot("four_bar")).coordinates, ["tcp"])
+
+
+# A linkage with one drive
+
+
+def four_bar(count: int = 25) -> tuple[ErrorModel, Rows, Array]:
+    """The error model of a linkage, rows of its one drive, and values whose sizes are those expected."""
+    model, rows = model_of(eomgen.load_robot("four_bar"), {"joint1.gamma": np.linspace(0.3, 6.0, count)})
+    values = model.nominal + model.sizes * np.random.default_rng(2).normal(size=len(model.parameters))
+    return model, rows, np.where(model.sizes > 0.05, 0.0, values)
+
+
+def test_closed_mechanisms_are_where_kernels_close_them() -> None:
+    model, rows, _ = four_bar()
+    kernel = eomgen.build(model.robot)
+    state = model.at(model.nominal, rows)
+    q = np.array(build_model(model.robot).home)
+    for k, angle in enumerate(rows.readings[:, 1, 5]):
+        for share in (0.5, 1.0):
+            q[0] += share * (angle - q[0])
+            q = np.asarray(kernel.assemble(q, ["joint1.gamma"]))
+        pose = kernel.frame_pose(q, "tcp")
+        np.testing.assert_allclose(state.located.p[model.chain.tools["tcp"], k], pose[:3, 3], atol=1e-9)
+
+
+def test_sensitivities_through_loops_are_derivatives() -> None:
+    model, rows, values = four_bar(count=6)
+    tool = model.chain.tools["tcp"]
+    S = model.at(values, rows).sensitivities(tool)[:, :3]
+    for i in range(len(values)):
+        step = 1e-6 * np.eye(len(values))[i]
+        ahead, behind = (model.at(values + x, rows).located.p[tool] for x in (step, -step))
+        np.testing.assert_allclose(S[:, :, i], (ahead - behind) / 2e-6, atol=1e-6)
+
+
+@pytest.mark.soak
+def test_a_linkage_is_calibrated_by_its_drive_alone(tmp_path: Path) -> None:
+    model, rows, values = four_bar()
+    p = model.at(values, rows).located.p[model.chain.tools["tcp"]]
+    columns = {"joint1.gamma": rows.readings[:, 1, 5]} | {f"tcp.{axis}": x for axis, x in zip("xyz", p.T, strict=True)}
+    poses = poses_from_columns(columns, build_model(model.robot).coordinates, ["tcp"])
+    found = calibrate(model.robot, poses, folds=5)
+    assert found.residuals["placement"]["fitted"]["position"] > 1e-5
+    assert found.residuals["full"]["fitted"]["position"] < 1e-9
+    assert found.residuals["full"]["held_out"]["position"] < 1e-6
+    assert "loops.joint4.offset.x" in found.names
+    read = eomgen.load_robot(found.to_toml(tmp_path / "linkage.toml"))
+    assert read.loops[0].offset[0] == pytest.approx(found["loops.joint4.offset.x"], abs=1e-15)
+    again = load_calibration(found.save(tmp_path / "linkage.npz"))
+    np.testing.assert_array_equal(again.predict([1.0, -0.5, 1.4], "tcp")[0], found.predict([1.0, -0.5, 1.4], "tcp")[0])
+    with pytest.raises(InputError, match=r"the column joint1.gamma is missing; allowed: all drives"):
+        calibrate(model.robot, renamed(columns, model.robot), folds=0)
+
+
+def renamed(columns: dict[str, Array], robot: Robot) -> MeasuredPoses:
+    """The same poses with the drive's column under another joint's name."""
+    other = {name.replace("joint1", "joint2"): values for name, values in columns.items()}
+    return poses_from_columns(other, build_model(robot).coordinates, ["tcp"])

@@ -15,7 +15,7 @@ from eomgen.identification.iso_9283.attained import Record
 from eomgen.identification.iso_9283.corners import corners_of
 from eomgen.identification.iso_9283.formulas import corner_overshoot, distance_to_path
 from eomgen.identification.iso_9283.solve import figures_of
-from tests.identification.test_iso_9283 import MM, at, measured, turned, write
+from tests.support.pose_files import MM, at, measured, turned, write
 
 Array = NDArray[np.float64]
 SQUARE = np.array([[0.0, 0.0, 0.0], [0.2, 0.0, 0.0], [0.2, 0.1, 0.0], [0.0, 0.1, 0.0]])

@@ -18,8 +18,7 @@ from eomgen.motion.turns import rotation_of
 from eomgen.pictures.page import report_of
 from eomgen.robot.model import build_model
 from eomgen.runtime.inverse_kinematics.rotations import rpy_of, vector_of
-from tests.identification.test_calibration import TCP, turned, write_csv
-from tests.support.measured_poses import Trial, chain, trial
+from tests.support.measured_poses import TCP, Trial, chain, trial, turned, write_csv
 from tests.support.soak import share, soaked
 
 pytestmark = pytest.mark.usefixtures("unoptimised")

@@ -19,9 +19,8 @@ from eomgen.identification.geometry.observations import observations_of
 from eomgen.identification.geometry.rotations import vectors_of
 from eomgen.motion.turns import rotation_of
 from eomgen.robot.model import build_model
-from tests.identification.test_calibration import write_csv
 from tests.identification.test_calibration_coverage import KINDS, NOISE, elsewhere, with_truth
-from tests.support.measured_poses import Trial, chain, trial
+from tests.support.measured_poses import Trial, chain, trial, write_csv
 from tests.support.soak import WHOLE
 
 pytestmark = pytest.mark.usefixtures("unoptimised")

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+import eomgen
 from eomgen.identification.geometry.error_model import ErrorModel, ErrorParameter, Rows, model_parameters, rows_of
 from eomgen.identification.geometry.poses import MeasuredPoses, poses_from_columns
 from eomgen.identification.geometry.rotations import pose_from, vectors_of
@@ -17,6 +20,7 @@ from eomgen.robot.model import build_model, program_coordinates
 from eomgen.robot.value import Coordinate, Frame, Joint, Link, Placement, Robot
 
 Array = NDArray[np.float64]
+TCP = [f"tcp.{part}" for part in ("x", "y", "z", "rx", "ry", "rz")]
 BASE = np.array([1.0, 2.0, 0.5, 0.3, 1.0, -2.0])  # of the robot before the device
 
 
@@ -103,3 +107,25 @@ def trial(
         found |= {f"{frame}.{axis}": values for axis, values in zip("xyz", p.T, strict=True)}
         found |= {f"{frame}.r{axis}": values for axis, values in zip("xyz", vectors_of(R).T, strict=True)}
     return Trial(robot, found, model, rows, truth)
+
+
+@cache
+def arm() -> Robot:
+    """Two joints that turn and one that slides, with axes that are parallel and that meet."""
+    return chain(4, "RRP", special=True)
+
+
+@cache
+def puma() -> Trial:
+    return trial(eomgen.load_robot("puma560"), 0, 100)
+
+
+def turned(columns: dict[str, Array]) -> Array:
+    """Rotations of a file's rotation vectors."""
+    return rotation_of(np.stack([columns[name] for name in TCP[3:]], axis=1))
+
+
+def write_csv(path: Path, columns: dict[str, Array]) -> None:
+    """Write a file of columns, empty cells where there is no number."""
+    rows = [",".join("" if np.isnan(x) else repr(float(x)) for x in row) for row in zip(*columns.values(), strict=True)]
+    path.write_text("\n".join(["# measured", ",".join(columns), *rows]) + "\n")

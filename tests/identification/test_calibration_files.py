@@ -1,0 +1,253 @@
+"""Files of calibrations: traps by name, options, the command line, TOML and URDF written, results loaded again."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import eomgen
+from eomgen.cli import entry as cli
+from eomgen.errors import ArrayError, InputError, UnknownNameError
+from eomgen.identification import CalibrationResult, calibrate, load_calibration, poses_from_columns
+from eomgen.identification.calibration.as_toml import FittedParameters, write_toml
+from eomgen.identification.geometry.rotations import from_rpy
+from eomgen.identification.geometry.stations import chain_of, located, matrix_of
+from eomgen.robot.model import build_model
+from eomgen.robot.value import COORDINATES, Robot
+from eomgen.runtime.inverse_kinematics.rotations import rpy_of, vector_of
+from tests.support.measured_poses import TCP, arm, puma, trial, turned, write_csv
+from tests.support.soak import soaked
+
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
+Array = NDArray[np.float64]
+
+TRAPS = {
+    "millimetres for metres": lambda c: {name: 1e3 * c[name] for name in TCP[:3]},
+    "degrees for radians": lambda c: {f"joint{i}.gamma": np.rad2deg(c[f"joint{i}.gamma"]) for i in range(1, 7)},
+    "motor angles for joint angles": lambda c: {"joint2.gamma": 107.8 * c["joint2.gamma"]},
+    "joint2.gamma copies column joint1.gamma": lambda c: {"joint2.gamma": c["joint1.gamma"]},
+    "tcp.y copies column tcp.x": lambda c: {"tcp.y": c["tcp.x"]},
+    "poses are all alike": lambda c: {f"joint{i}.gamma": 1.0 + 1e-6 * c[f"joint{i}.gamma"] for i in range(1, 7)},
+    "fewer poses than unknowns": lambda c: {name: values[:4] for name, values in c.items()},
+    "column 'weight': 0; allowed: a positive number": lambda c: {"weight": np.zeros(100)},
+    "there is no frame 'tpc'; did you mean 'tcp'": lambda c: {"tpc.x": c["tcp.x"]},
+    "column 'series': 0.5; allowed: a whole number": lambda c: {"series": np.full(100, 0.5)},
+    "column 'tcp.sigma.x': -1; allowed: a positive number": lambda c: {"tcp.sigma.x": np.full(100, -1.0)},
+    "column 'joint7.gamma' is unknown": lambda c: {"joint7.gamma": c["tcp.x"]},
+    "read as rpy": lambda c: dict(zip(TCP[3:], np.array([rpy_of(x) for x in turned(c)]).T, strict=True)),
+    "read as rotvector, from the frame to the device": lambda c: {name: -c[name] for name in TCP[3:]},
+    "read as rotvector in degrees": lambda c: {name: np.rad2deg(c[name]) for name in TCP[3:]},
+}
+
+
+SLOW = {
+    *("read as rotvector in degrees", "read as rotvector, from the frame to the device", "read as rpy"),
+    *("joint2.gamma copies column joint1.gamma", "tcp.y copies column tcp.x", "motor angles for joint angles"),
+}
+
+
+@pytest.mark.parametrize("said", soaked(TRAPS, set(TRAPS) - SLOW))
+def test_traps_are_told_by_name(said: str) -> None:
+    columns = puma().columns | TRAPS[said](puma().columns)
+    names = build_model(puma().robot).coordinates
+    with pytest.raises(InputError, match=said):
+        calibrate(puma().robot, poses_from_columns(columns, names, ["tcp"]), folds=0)
+
+
+def test_options_are_checked(tmp_path: Path) -> None:
+    poses = trial(arm(), 3, 30).poses()
+    cases: list[tuple[dict[str, Any], type[Exception], str]] = [
+        ({"loss": "l1"}, InputError, "loss: 'l1'; allowed: huber"),
+        ({"variant": "best"}, InputError, "variant: 'best'; allowed: placement"),
+        ({"folds": 1}, InputError, "folds: 1; allowed"),
+        ({"noise": (0.0, 1e-4)}, ArrayError, "noise: "),
+        ({"sizes": (1.0,)}, ArrayError, "sizes: "),
+        ({"confidence": 1.0}, InputError, "confidence: 1.0"),
+        ({"frames": {"ball": "link9"}}, UnknownNameError, "there is no link 'link9'"),
+        ({"frames": {"tcp": "link1"}}, InputError, "frames: 'tcp'"),
+        ({"stiffness": ["joint9.x"]}, UnknownNameError, "there is no coordinate 'joint9.x'"),
+        ({"covariance": {"tcp": np.zeros((6, 6))}}, ArrayError, "not symmetric and positive definite"),
+    ]
+    for options, error, said in cases:
+        with pytest.raises(error, match=said):
+            calibrate(arm(), poses, **{"folds": 0, **options})
+    with pytest.raises(InputError, match=r"ends in \.csv or \.npz"):
+        calibrate(arm(), tmp_path / "poses.txt")
+
+
+# Files
+
+
+def test_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    """Text, JSON, TOML, URDF and a result that loads again."""
+    monkeypatch.chdir(tmp_path)
+    columns = {name: values.copy() for name, values in puma().columns.items()}
+    for name in TCP:
+        columns[name][7] = np.nan
+    write_csv(Path("poses.csv"), columns)
+    words = ["calibrate", "puma560", "poses.csv", "--folds", "0"]
+    files = ["--toml", "better.toml", "--urdf", "better.urdf", "-o", "found.npz"]
+    assert cli.main([*words, *files, "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["files"] == ["better.toml", "better.urdf", "found.npz"]
+    assert said["rank"] == 30
+    found = load_calibration("found.npz")
+    assert found.as_dict() == {key: value for key, value in said.items() if key != "files"}
+    q = np.stack([puma().columns[f"joint{i}.gamma"] for i in range(1, 7)], axis=1)[:9]
+    predicted = found.predict(q, "tcp")[0]
+    for name in ("better.toml", "better.urdf"):
+        robot = eomgen.load_robot(name)
+        stations = chain_of(robot, {"tcp": frame_of(robot)})
+        values = np.zeros((9, len(stations.stations), 6))
+        for i, station in enumerate(stations.stations):
+            if station.joint is not None and station.offset is not None:
+                values[:, i] = station.offset
+                values[:, i, 5] += q[:, int(station.name[-1]) - 1]
+        at = located(stations, values, np.tile(np.eye(4), (9, 1, 1)))
+        np.testing.assert_allclose(at.p[stations.tools["tcp"]], predicted[:, :3, 3], atol=1e-12)
+        np.testing.assert_allclose(at.R[stations.tools["tcp"]], predicted[:, :3, :3], atol=1e-12)
+    text = Path("better.toml").read_text()
+    assert "# +- " in text
+    assert "with the sign of the coordinate" in text
+    assert cli.main([*words, "-o", "figure.svg"]) == 0
+    assert "joints.joint2.offset.gamma" in capsys.readouterr().out
+    assert "<svg" in Path("figure.svg").read_text()
+    assert cli.main([*words, "--attach", "tcp"]) == 1
+    assert "attach: 'tcp'; allowed: F=LINK" in capsys.readouterr().err
+
+
+def frame_of(robot: Robot) -> tuple[str, Array]:
+    """Link and pose of the tool: a frame of TOML, a link of a URDF."""
+    for frame in robot.frames:
+        return frame.link, matrix_of(frame.placement)
+    return "tcp", np.eye(4)
+
+
+def test_an_urdf_gets_its_origins(tmp_path: Path) -> None:
+    """Of joints with any axis, prismatic ones among them: a file that is read, changed and read again."""
+    source = tmp_path / "arm.urdf"
+    source.write_text(
+        '<robot name="arm"><link name="base"/><link name="a"/><link name="b"/><link name="c"/>'
+        '<joint name="j1" type="revolute"><parent link="base"/><child link="a"/><origin xyz="0 0 0.3" rpy="0.1 0 0"/>'
+        '<axis xyz="0 1 0"/><limit lower="-2" upper="2" effort="1" velocity="1"/></joint>'
+        '<joint name="j2" type="prismatic"><parent link="a"/><child link="b"/><origin xyz="0.2 0 0.1"/>'
+        '<axis xyz="1 0 1"/><limit lower="-0.3" upper="0.3" effort="1" velocity="1"/></joint>'
+        '<joint name="j3" type="continuous"><parent link="b"/><child link="c"/><origin xyz="0 0.2 0" rpy="0 1 0"/>'
+        '<axis xyz="1 0 0"/></joint></robot>'
+    )
+    robot = eomgen.load_robot(source)
+    made = trial(robot, 1, 50, frames={"c": ("c", np.eye(4))})
+    found = calibrate(robot, made.poses(), folds=0)
+    q = np.stack([made.columns[name] for name in build_model(robot).coordinates], axis=1)
+    wanted = found.predict(q, "c")[0]
+    for path in (found.to_urdf(tmp_path / "out" / "new.urdf"), found.to_toml(tmp_path / "out" / "new.toml")):
+        other = eomgen.load_robot(path)
+        kernel = eomgen.build(other, kernels=("kinematics",))
+        np.testing.assert_allclose(kernel.frame_pose(q, "c_calibrated"), wanted, atol=1e-12)
+
+
+RAIL = """name = "rail"
+[[links]]
+name = "slide"
+mass = 1.0
+[[joints]]
+name = "rail"
+parent = "base"
+child = "slide"
+type = "prismatic"
+dh = { a = 0.2, alpha_deg = 90.0 }
+[[frames]]
+name = "tcp"
+link = "slide"
+placement = { xyz = [0.0, 0.0, 0.1], rpy_deg = [0.0, 45.0, 0.0] }
+"""
+
+
+@pytest.mark.parametrize("unit", ["_deg", ""])
+def test_angles_are_written_in_the_unit_of_the_file(tmp_path: Path, unit: str) -> None:
+    """Degrees stay degrees and radians radians, and both say the same robot to the last digits."""
+    source = tmp_path / "rail.toml"
+    text = RAIL if unit else RAIL.replace("alpha_deg = 90.0", "alpha = 1.5707963267948966").replace("rpy_deg", "rpy")
+    source.write_text(text, encoding="utf-8")
+    robot = eomgen.load_robot(source)
+    values = {"joints.rail.axis.alpha": 0.02, "joints.rail.axis.beta": -0.01}
+    values |= {f"frames.tcp.{kind}": 0.1 * i for i, kind in enumerate(COORDINATES)}
+    stations = chain_of(robot, {"tcp": frame_of(robot)})
+    found = FittedParameters(
+        robot, stations, {"tcp": "slide"}, values, dict.fromkeys(values, 1e-4), dict.fromkeys(values, "rad")
+    )
+    path = write_toml(found, tmp_path / "new.toml")
+    lines = [line.split("#")[0] for line in path.read_text().splitlines() if line.startswith("placement")]
+    assert len(lines) == 2
+    assert all(f"rpy{unit} = " in line for line in lines)
+    again = eomgen.load_robot(path)
+    for new, old in ((again.joints[0], found.calibrated.joints[0]), (again.frames[0], found.calibrated.frames[0])):
+        np.testing.assert_allclose(matrix_of(new.placement), matrix_of(old.placement), atol=1e-14)
+    assert not np.allclose(matrix_of(again.joints[0].placement), matrix_of(robot.joints[0].placement), atol=1e-3)
+
+
+def test_a_file_to_begin_with(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["new", "puma560", "--poses"]) == 0
+    text = Path("puma560_poses.csv").read_text()
+    header = next(line for line in text.splitlines() if not line.startswith("#"))
+    assert header.split(",") == [*(f"joint{i}.gamma" for i in range(1, 7)), *TCP]
+    assert cli.main(["calibrate", "puma560", "puma560_poses.csv"]) == 1
+    assert "has no values; allowed: a header" in capsys.readouterr().err
+    assert cli.main(["new", "nothing", "--poses"]) == 1
+    assert "there is no robot 'nothing'" in capsys.readouterr().err
+
+
+def test_damaged_results_are_refused(tmp_path: Path) -> None:
+    made = trial(arm(), 3, 40)
+    found = calibrate(arm(), made.poses(), folds=0)
+    path = found.save(tmp_path / "found.npz")
+    assert isinstance(load_calibration(path), CalibrationResult)
+    arrays = dict(np.load(path))
+    for key, value in (("meta", np.array("{}")), ("x", np.zeros(3)), ("covariance", np.full((3, 3), np.nan))):
+        np.savez(path, **{**arrays, key: value})
+        with pytest.raises(InputError):
+            load_calibration(path)
+
+
+def test_results_of_before_load(tmp_path: Path) -> None:
+    """Files with the gain of the full fit alone, and without norms."""
+    found = calibrate(arm(), trial(arm(), 3, 40).poses(), folds=4)
+    arrays = dict(np.load(found.save(tmp_path / "found.npz")))
+    meta = json.loads(str(arrays["meta"]))
+    meta["gain"] = meta.pop("gains")["full"]["position"]
+    meta["residuals"] = {
+        name: {part: parts[part] for part in ("fitted", "held_out")} for name, parts in meta["residuals"].items()
+    }
+    np.savez(tmp_path / "before.npz", **{**arrays, "meta": np.array(json.dumps(meta))})
+    read = load_calibration(tmp_path / "before.npz")
+    assert read.gain == found.gain
+    assert read.lines()
+
+
+def test_readings_of_orientations() -> None:
+    """Roll, pitch and yaw, quaternions, and rotation vectors say the same."""
+    made = trial(arm(), 3, 40)
+    R = turned(made.columns)
+    angles = np.array([rpy_of(x) for x in R])
+    np.testing.assert_allclose(from_rpy(angles), R, atol=1e-12)
+    vectors = np.array([vector_of(x) for x in R])
+    half = 0.5 * np.linalg.norm(vectors, axis=1, keepdims=True)
+    quaternion = np.hstack([np.cos(half), np.sin(half) * vectors / (2.0 * half)])
+    plain = {name: values for name, values in made.columns.items() if name not in TCP[3:]}
+    names = build_model(arm()).coordinates
+    wanted = calibrate(arm(), made.poses(), folds=0)
+    for rotation, columns in (
+        ("rpy", dict(zip(TCP[3:], angles.T, strict=True))),
+        ("quaternion", dict(zip(("tcp.qw", "tcp.qx", "tcp.qy", "tcp.qz"), quaternion.T, strict=True))),
+    ):
+        poses = poses_from_columns(plain | columns, names, ["tcp"], rotation=rotation)
+        np.testing.assert_allclose(calibrate(arm(), poses, folds=0).values, wanted.values, atol=1e-8)
