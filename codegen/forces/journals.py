@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from eomgen.robot.elements.journal import CROSSWISE, TILTING, TURNING
-from eomgen.robot.law_states import SMALLEST
+from eomgen.robot.numbers import SMALLEST
 from eomgen.robot.parameter_names import BEARINGS
 
 from ..tree.bound import BoundJointElement

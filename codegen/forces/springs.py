@@ -21,8 +21,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from eomgen.robot.elements import Spring
-from eomgen.robot.law_states import SMALLEST
 from eomgen.robot.model import Model
+from eomgen.robot.numbers import SMALLEST
 
 from ..tree.bound import BoundElement
 from ..tree.composite import Rows

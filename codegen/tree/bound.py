@@ -19,8 +19,8 @@ from eomgen.robot.elements.joint_damping import JOINT_DAMPING
 from eomgen.robot.elements.joint_stiffness import JOINT_STIFFNESS
 from eomgen.robot.elements.journal import RADIAL
 from eomgen.robot.geometry import IDENTITY, snap
-from eomgen.robot.law_states import WEIGHTLESS
 from eomgen.robot.laws import active_laws
+from eomgen.robot.memory.states import WEIGHTLESS
 from eomgen.robot.model import FIXED_BODY, Model, turned_name
 from eomgen.robot.value import (
     ANGULAR,

@@ -19,8 +19,8 @@ from eomgen.export.fmu.variables import UNITS, exponents, unit_name
 from eomgen.forms.keys import Either
 from eomgen.forms.tables import Few, Sub
 from eomgen.robot.elements import Spring
-from eomgen.robot.law_states import BRANCHES
 from eomgen.robot.laws import BASIC, LAWS, NUMBERS, SHAPED
+from eomgen.robot.memory.branches import BRANCHES
 from eomgen.robot.memory.drives import DRIVE
 from eomgen.robot.model import build_model
 from eomgen.robot.parameter_names import least_of, number_of

@@ -9,7 +9,7 @@ It stores share k s^2 / 2 + (1 - share) k z^2 / (2 A) and takes energy for good 
 
 from __future__ import annotations
 
-from eomgen.robot.law_states import WOUND
+from eomgen.robot.memory.bouc_wen import WOUND
 
 from ...tree.spatial import Scalar
 from ..element import StateSlopes

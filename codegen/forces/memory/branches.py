@@ -7,7 +7,7 @@ of every branch, z what its spring is stretched by.  It stores k z^2 / 2.
 
 from __future__ import annotations
 
-from eomgen.robot.law_states import BRANCHES
+from eomgen.robot.memory.branches import BRANCHES
 
 from ...tree.composite import Rows
 from ...tree.spatial import Scalar

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from eomgen.robot.law_states import BRISTLES
+from eomgen.robot.memory.bristles import BRISTLES
 
 from ...tree.spatial import Scalar
 from ..element import StateSlopes

@@ -11,8 +11,8 @@ from ..arrays import Array, Mask
 from ..errors import ArrayError, InputError, UnknownNameError
 from ..motion.ends import default_motion
 from ..names import joint_of, show
-from ..robot.law_states import BRANCHES
 from ..robot.laws import LAWS, has_springs
+from ..robot.memory.branches import BRANCHES
 from ..robot.model import build_model, rigid_coordinates
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel

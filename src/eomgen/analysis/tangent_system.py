@@ -20,7 +20,7 @@ import numpy as np
 from ..arrays import RANK, Array, Index, Mask, independent_columns, rank_by
 from ..errors import InputError, SingularError
 from ..names import joint_of
-from ..robot.law_states import WEIGHTLESS
+from ..robot.memory.states import WEIGHTLESS
 from ..runtime.kernel import Kernel
 from ..runtime.singular import null_coordinates, scaled_eigenvalues
 from ..shown import Shown

@@ -26,7 +26,7 @@ from ..forms.plain import field_types
 from ..forms.tables import Entries, Few, Form, Pair, Sub, angle_keys
 from ..limits import MOST_SEGMENTS
 from ..names import IDENTIFIER_RULE, ROBOT_RULE
-from ..robot import law_states, laws
+from ..robot import laws, numbers
 from ..robot.coordinates import UNITS
 from ..robot.cuts import CUTS
 from ..robot.elements import JOINT_ELEMENTS, KINDS, JointElement, LinkElement
@@ -36,6 +36,7 @@ from ..robot.elements.matrices import ABOUT
 from ..robot.geometry import Placement, Vector
 from ..robot.inertia_policy import POLICIES
 from ..robot.laws import POINTS
+from ..robot.memory import bouc_wen, branches, bristles
 from ..robot.memory.drives import DRIVE, LOOPS
 from ..robot.sections import SHAPES
 from ..robot.value import AXES, COORDINATES, INERTIA_KEYS, JOINT_TYPES, LINEAR, MOTOR
@@ -61,12 +62,12 @@ def inertia(needed: str) -> Form:
     )
 
 
-def _number(number: laws.Number) -> Number:
+def _number(number: numbers.Number) -> Number:
     """Return the key of a law's number."""
     return Number(number.about, " or ".join(number.unit), number.needed, minimum=number.least)
 
 
-def _curve(number: laws.Number, what: str, unit: str) -> Either:
+def _curve(number: numbers.Number, what: str, unit: str) -> Either:
     """Return the key of a curve: force over ``what``, in ``unit``."""
     return Either(
         number.about,
@@ -93,11 +94,11 @@ def _numbers(law: laws.Law) -> dict[str, Key]:
     }
     if law.name == "friction":
         keys["model"] = Choice(
-            "lugre: friction with a state; without it a function of the velocity", words=law_states.MODELS
+            "lugre: friction with a state; without it a function of the velocity", words=bristles.MODELS
         )
         keys["shape"] = Choice("of Stribeck's curve: lorentzian (as it is without) or gaussian", words=laws.SHAPES)
-    if law.name == law_states.WOUND:
-        keys["model"] = Choice("bouc_wen, as it is without", words=law_states.LOOPS)
+    if law.name == bouc_wen.WOUND:
+        keys["model"] = Choice("bouc_wen, as it is without", words=bouc_wen.MODELS)
     return keys
 
 
@@ -113,9 +114,9 @@ def _branches(law: laws.Law) -> dict[str, Key]:
             above=0.0,
         ),
         "band_hz": Numbers("lower and upper frequency of the band", "Hz", "two frequencies [lower, upper]", count=2),
-        "branches": Whole("how many branches; default 4", least=1, most=law_states.MOST_BRANCHES),
+        "branches": Whole("how many branches; default 4", least=1, most=branches.MOST_BRANCHES),
     }
-    options = (Few(law.about, inner=Form(branch), most=law_states.MOST_BRANCHES), Sub(law.about, inner=Form(fitted)))
+    options = (Few(law.about, inner=Form(branch), most=branches.MOST_BRANCHES), Sub(law.about, inner=Form(fitted)))
     rule = "an array of branches { stiffness, damping }, or a table { loss_factor, band_hz, branches }"
     return {law.name: Either(law.about, options=options, rule=rule)}
 
@@ -143,10 +144,10 @@ def _drive() -> dict[str, Key]:
 
 def _law(law: laws.Law) -> dict[str, Key]:
     """Return the keys of a law in the table of its coordinate."""
-    if law.name == law_states.BRANCHES:
+    if law.name == branches.BRANCHES:
         return _branches(law)
     if law.has_points:
-        return {law.name: _curve(law.numbers[0], "deviation", " or ".join(laws.LENGTH))}
+        return {law.name: _curve(law.numbers[0], "deviation", " or ".join(numbers.LENGTH))}
     keys = _drive() if law.name == DRIVE else _numbers(law)
     return {law.name: Sub(law.about, inner=Form(keys))} if law.has_table else {**keys}
 

@@ -12,8 +12,8 @@ from ..names import listed
 from ..pipeline.mechanisms import assembled_home
 from ..pipeline.stages import build
 from ..progress import StageReport, no_report
-from ..robot.law_states import BRANCHES
 from ..robot.laws import COARSE
+from ..robot.memory.branches import BRANCHES
 from ..robot.memory.drives import DRIVE
 from ..robot.model import build_model
 from ..robot.value import Robot

@@ -10,8 +10,8 @@ import numpy as np
 from ..arrays import Array, Mask
 from ..errors import check_kind
 from ..names import component_name
-from ..robot.law_states import BELL, BRISTLES
 from ..robot.laws import SMOOTHING
+from ..robot.memory.bristles import BELL, BRISTLES
 from ..runtime.kernel import Kernel
 from ..state.motors import acting
 from ..state.springs import cut_numbers, law_numbers, smoothings

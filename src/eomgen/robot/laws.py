@@ -9,28 +9,29 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from itertools import pairwise
 from types import MappingProxyType
 
-from .law_states import (
-    BRANCHES,
-    BRISTLES,
-    MOST_BRANCHES,
+from .memory.bouc_wen import WOUND, hysteresis_conflict, hysteresis_states
+from .memory.branches import BRANCHES, MOST_BRANCHES, branch_conflict, branch_states, branches_of
+from .memory.bristles import BRISTLES, bristle_conflict, bristle_states
+from .memory.drives import DRIVE, drive_conflict, drive_numbers, drive_states
+from .memory.states import State
+from .numbers import (
+    DAMPING,
+    FORCE,
+    INERTIA,
+    LENGTH,
+    RATE,
     SMALLEST,
-    WOUND,
+    STIFFNESS,
+    YIELD,
     Conflict,
-    State,
+    Number,
     Values,
-    branch_conflict,
-    branch_states,
-    branches_of,
-    bristle_conflict,
-    bristles,
-    hysteresis_conflict,
-    hysteresis_states,
+    by_key,
+    divisor,
 )
-from .memory.drives import DRIVE, LOOPS, drive_conflict, drive_numbers, drive_states, number_key, tracking_time
 
 SHARE = 0.05  # of a clearance over which contact sets in
 SMOOTHING = 4e-8  # m/s or rad/s over which friction reverses: 90 % of the limit creep by 0.8 um in 10 s
@@ -42,39 +43,6 @@ ONSET = 1e-4  # m or rad over which a stop sets in
 
 Curve = tuple[tuple[float, float], ...]  # (deviation, force)
 POINTS = (2, 64)  # fewest and most points of a curve
-
-FORCE, LENGTH, RATE = ("N", "N m"), ("m", "rad"), ("m/s", "rad/s")
-YIELD = ("1/m", "1/rad")
-STIFFNESS, DAMPING, INERTIA = ("N/m", "N m/rad"), ("N s/m", "N m s/rad"), ("kg", "kg m^2")
-
-
-@dataclass(frozen=True)
-class Number:
-    """One number of a law.
-
-    Attributes:
-        key: its name below the coordinate, with a dot where the law has a table.
-        about: a line for who writes a description.
-        unit: of translations and of rotations.
-        least: the least value, None where any will do.
-        needed: what the message calls allowed where it is missing; empty where it may be.
-        default: its value from the law's other numbers, None where nothing follows from them.
-    """
-
-    key: str
-    about: str
-    unit: tuple[str, ...]
-    least: float | None = 0.0
-    needed: str = ""
-    default: Callable[[Values], float | None] | None = None
-
-
-divisor = partial(Number, least=SMALLEST)  # a number that something is divided by
-
-
-def by_key(*numbers: Number) -> Mapping[str, Number]:
-    """Return the numbers by their keys."""
-    return MappingProxyType({number.key: number for number in numbers})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -217,7 +185,6 @@ def _steepest(k: float, numbers: Values, knots: Sequence[float]) -> float:
     return max(k, *((high - low) / (b - a) for (low, high), (a, b) in pairs))
 
 
-_TRACKING = {number_key(loop, "tracking_time"): partial(tracking_time, loop) for loop in LOOPS}
 ARMATURE = "armature"
 BASIC = (
     Number("stiffness", "linear spring", STIFFNESS),
@@ -326,7 +293,7 @@ _LAWS = (
         contact=lambda numbers: numbers.get(BRISTLES, 0.0),
         of_rotor=True,
         rule=_stribeck,
-        states=bristles,
+        states=bristle_states,
     ),
     Law(
         name=WOUND,
@@ -432,7 +399,7 @@ _LAWS = (
     Law(
         name=DRIVE,
         about="an electrical drive that acts on it: lag, winding, current_limit, voltage_limit, controller",
-        numbers=tuple(Number(x.key, x.about, x.unit, x.least, default=_TRACKING.get(x.key)) for x in drive_numbers()),
+        numbers=drive_numbers(),
         is_spring=False,
         stiffness=None,
         mjcf=lambda numbers: "left out: the actuator is a motor, whose control is the force",

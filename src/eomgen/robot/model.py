@@ -32,10 +32,11 @@ from .coordinates import coordinate_names
 from .cuts import CUTS, rigid_components
 from .elements import MATRICES
 from .elements.joint_element import missing_table
-from .law_states import Conflict, OwnedState
 from .laws import ARMATURE, states_of
 from .mechanism import coordinate_of, driven_coordinates, leading_home, mechanism_conflict, position_limits
 from .memory.drives import DRIVE
+from .memory.states import OwnedState
+from .numbers import Conflict
 from .parameter_names import number_of
 from .rules import coordinate_conflict, cut_conflict, motor_conflict, unmoved
 from .value import ANGULAR, COORDINATES, LINEAR, MOTOR, PRINCIPAL, Coordinate, Coupling, Joint, Loop, Robot

@@ -11,7 +11,8 @@ from typing import NoReturn
 from ..errors import DescriptionError
 from ..names import nearest, parameter_name, parameter_path, show
 from .elements import JOINT_ELEMENTS, KINDS, Spring
-from .laws import BASIC, NUMBERS, Number
+from .laws import BASIC, NUMBERS
+from .numbers import Number
 from .value import COORDINATES, MOTOR, Robot
 
 FORMS = (

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from ..arrays import Array, Index, Mask
 from ..errors import InputError, UnknownNameError
 from ..names import listed, nearest_or_all, show
-from ..robot.law_states import BRANCHES
+from ..robot.memory.branches import BRANCHES
 from ..runtime.kernel import Kernel
 from ..shown import Shown
 from .drives import drive_jacobian, has_drives, inputs_at

@@ -21,7 +21,7 @@ from eomgen.codegen.program.ir import Program, evaluate, finish
 from eomgen.codegen.solve.states import share, state_rows
 from eomgen.description.load import robot_from_toml
 from eomgen.robot import laws
-from eomgen.robot.law_states import WEIGHTLESS, State
+from eomgen.robot.memory.states import WEIGHTLESS, State
 from eomgen.robot.model import Model, build_model
 
 Array = NDArray[np.float64]

@@ -13,7 +13,7 @@ from ...errors import DescriptionError
 from ...files import check_ending
 from ...forms.toml_text import parse_toml
 from ...names import joint_of, kind_of, split_component
-from ...robot.law_states import LUGRE
+from ...robot.memory.bristles import LUGRE
 from ...robot.value import INERTIA_KEYS, MOTOR, Joint, Link, Robot
 from ..calibration.as_toml import block_of, body_of, headed, numbers_text, replace_line, unwritable, write_compared
 

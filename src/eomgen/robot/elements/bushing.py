@@ -10,8 +10,7 @@ from typing import ClassVar
 
 from ...limits import LARGEST
 from ..geometry import ANGULAR, COORDINATES, Placement, Vector
-from ..law_states import Conflict
-from ..laws import DAMPING, STIFFNESS, Number, by_key
+from ..numbers import DAMPING, STIFFNESS, Conflict, Number, by_key
 from .element import LinkElement, Slopes
 from .joint_damping import FREQUENCY, SHARES, JointDamping, lag_of
 from .joint_element import MatrixElement, missing_table

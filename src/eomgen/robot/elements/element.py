@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from ..geometry import Placement, Vector
-from ..laws import Number, number_texts
+from ..laws import number_texts
+from ..numbers import Number
 
 Slopes = dict[str, tuple[float, float]]  # stiffness and damping along coordinates, by their names
 

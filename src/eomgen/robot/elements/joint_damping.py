@@ -11,8 +11,7 @@ from typing import Any, ClassVar
 from ...limits import LARGEST
 from ..fields import LATER, Picklable
 from ..geometry import ANGULAR, COORDINATES, LINEAR, Placement
-from ..law_states import Conflict
-from ..laws import Number, by_key, divisor
+from ..numbers import Conflict, Number, by_key, divisor
 from .joint_element import MatrixElement
 from .joint_stiffness import JOINT_STIFFNESS
 from .matrices import (

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from ..geometry import COORDINATES, Placement
-from ..law_states import Conflict
-from ..laws import Number, number_texts
+from ..laws import number_texts
+from ..numbers import Conflict, Number
 from .matrices import Rows, matrix_lines, names_of
 
 

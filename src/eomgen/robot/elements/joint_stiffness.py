@@ -9,8 +9,7 @@ from typing import Any, ClassVar
 
 from ..fields import Picklable
 from ..geometry import COORDINATES, Placement
-from ..law_states import Conflict
-from ..laws import Number, by_key
+from ..numbers import Conflict, Number, by_key
 from .joint_element import MatrixElement
 from .matrices import (
     ABOUT,

@@ -8,8 +8,8 @@ from types import MappingProxyType
 from typing import Any, ClassVar
 
 from ...limits import LARGEST
-from ..law_states import SMALLEST, Conflict
-from ..laws import SHARE, SMOOTHING, Number, by_key, divisor
+from ..laws import SHARE, SMOOTHING
+from ..numbers import SMALLEST, Conflict, Number, by_key, divisor
 from .joint_element import JointElement
 
 RADIAL = "radial"  # a joint's table of its journal

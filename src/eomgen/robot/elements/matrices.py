@@ -12,8 +12,7 @@ from types import MappingProxyType
 
 from ...limits import LARGEST
 from ..geometry import ANGULAR, COORDINATES, Placement, Vector
-from ..law_states import Conflict
-from ..laws import Number
+from ..numbers import Conflict, Number
 
 Rows = Sequence[Sequence[float]]
 Matrix = list[list[float]]

@@ -8,8 +8,8 @@ from types import MappingProxyType
 from typing import ClassVar
 
 from ..geometry import ZERO, Placement, Vector
-from ..law_states import SMALLEST
-from ..laws import Curve, Number, by_key, curve_conflict, divisor
+from ..laws import Curve, curve_conflict
+from ..numbers import SMALLEST, Number, by_key, divisor
 from .element import LinkElement, Slopes
 
 TAUT = 1e-4  # of a cable's free length over which its tension sets in: a tenth of steel's strain at 200 MPa

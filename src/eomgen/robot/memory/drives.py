@@ -12,11 +12,12 @@ reference, and the last one to the winding as its voltage, or it is the force it
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping
 from functools import partial
 from typing import NamedTuple
 
-from ..law_states import INTEGRATOR, SETTLES, SMALLEST, Conflict, State, Values
+from ..numbers import Conflict, Number, Values, divisor
+from .states import INTEGRATOR, SETTLES, State
 
 LOOPS = ("position", "velocity", "current")  # from the outside
 DRIVE = "drive"
@@ -203,51 +204,38 @@ def _states() -> Iterator[State]:
 STATES: Mapping[str, State] = {state.name: state for state in _states()}
 
 
-class Named(NamedTuple):
-    """A number of drives: its name, a line about it, units of translations and rotations, and its least value."""
-
-    key: str
-    about: str
-    unit: tuple[str, str]
-    least: float
-
-
-def drive_numbers() -> Sequence[Named]:
+def drive_numbers() -> tuple[Number, ...]:
     """Return all numbers of drives, in the order of descriptions."""
     numbers = [
-        Named(
-            LAG, "time constant with which the force follows what asks for it; without winding", ("s", "s"), SMALLEST
-        ),
-        Named(RESISTANCE, "of the winding", ("ohm", "ohm"), 0.0),
-        Named(INDUCTANCE, "of the winding, greater than 0", ("H", "H"), SMALLEST),
-        Named(
+        divisor(LAG, "time constant with which the force follows what asks for it; without winding", ("s", "s")),
+        Number(RESISTANCE, "of the winding", ("ohm", "ohm")),
+        divisor(INDUCTANCE, "of the winding, greater than 0", ("H", "H")),
+        divisor(
             TORQUE_CONSTANT,
             "force per current, and voltage that the motion induces per velocity; a gear's ratio is in it",
             ("N/A", "N m/A"),
-            SMALLEST,
         ),
-        Named(
+        divisor(
             CURRENT_LIMIT,
             "of the current: of the current loop's reference; without that loop the voltage stays where the current"
             " within it leads",
             ("A", "A"),
-            SMALLEST,
         ),
-        Named(VOLTAGE_LIMIT, "greatest voltage in both directions", ("V", "V"), SMALLEST),
+        divisor(VOLTAGE_LIMIT, "greatest voltage in both directions", ("V", "V")),
     ]
     for loop in LOOPS:
         error = "position error" if loop == "position" else f"{loop} error"
         numbers += [
-            Named(number_key(loop, "kp"), f"output per {error}", ("1", "1"), 0.0),
-            Named(number_key(loop, "ki"), f"output per {error} and second; greater than 0", ("1/s", "1/s"), SMALLEST),
-            Named(number_key(loop, "kd"), f"output per rate of the measured {loop}, against it", ("s", "s"), 0.0),
-            Named(number_key(loop, "filter"), "time constant that smooths that rate", ("s", "s"), SMALLEST),
-            Named(number_key(loop, "limit"), "greatest output in both directions", ("1", "1"), SMALLEST),
-            Named(
+            Number(number_key(loop, "kp"), f"output per {error}", ("1", "1")),
+            divisor(number_key(loop, "ki"), f"output per {error} and second; greater than 0", ("1/s", "1/s")),
+            Number(number_key(loop, "kd"), f"output per rate of the measured {loop}, against it", ("s", "s")),
+            divisor(number_key(loop, "filter"), "time constant that smooths that rate", ("s", "s")),
+            divisor(number_key(loop, "limit"), "greatest output in both directions", ("1", "1")),
+            divisor(
                 number_key(loop, "tracking_time"),
                 "time constant of anti-windup by back-calculation; default kp / ki",
                 ("s", "s"),
-                SMALLEST,
+                default=partial(tracking_time, loop),
             ),
         ]
-    return numbers
+    return tuple(numbers)

@@ -1,0 +1,71 @@
+"""States of laws: their names, inertias and sizes.
+
+A state z is a velocity of an inertia w without a link: w z^2 / 2 is the energy that it stores.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from ..numbers import Values
+
+KEPT, SETTLES, INTEGRATOR = "kept", "settles", "integrator"  # what states are in a static equilibrium
+WEIGHTLESS = 2.0**-80  # inertia of what stores no energy: exact to divide by, and far below what sums of energies see
+
+
+@dataclass(frozen=True, kw_only=True)
+class State:
+    """A state of a law.
+
+    Attributes:
+        name: below the law's: "z".
+        unit: of the laws of translations and of rotations.
+        size: numbers -> what tolerances refer to.
+        inertia: numbers, or scalars of a program in their places -> w, where the state stores w z^2 / 2; None of one
+            that stores no energy, as integrals, filters and lags.
+        kind: KEPT where any state rests, as bristles do; SETTLES where its rate vanishes at one value, which follows
+            from all else; INTEGRATOR where its rate does not depend on it, so that all else must make that vanish.
+    """
+
+    name: str
+    unit: tuple[str, str]
+    size: Callable[[Values], float]
+    inertia: Callable[[Mapping[str, Any]], Any] | None = None
+    kind: str = KEPT
+
+
+@dataclass(frozen=True)
+class OwnedState:
+    """A state of a law of somebody.
+
+    Attributes:
+        prefix: of the law's parameters: "joints.joint1.gamma", "joints.joint1.motor" of a rotor or a transmission,
+            "loops.loop1.x", "couplings.gear".
+        law: its name.
+        numbers: of all laws there.
+        state: what is said of it.
+        is_linear: whether the law is that of a translation.
+    """
+
+    prefix: str
+    law: str
+    numbers: Values = field(hash=False)
+    state: State
+    is_linear: bool
+
+    @property
+    def owner(self) -> str:
+        """Whose law it is: "joint1.gamma"."""
+        return self.prefix.partition(".")[2]
+
+    @property
+    def name(self) -> str:
+        """Its name, such as "joint1.gamma.friction.z"."""
+        return f"{self.owner}.{self.law}.{self.state.name}"
+
+    @property
+    def unit(self) -> str:
+        """Its unit."""
+        return self.state.unit[0 if self.is_linear else 1]
