@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import re
 import sys
 import warnings
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -156,7 +158,33 @@ def test_files_are_current(name: str) -> None:
 @pytest.mark.parametrize("name", FORMATS)
 def test_schemas_are_schemas(name: str) -> None:
     jsonschema.Draft7Validator.check_schema(schema_of(name))
-    assert "$ref" not in schema_text(name)
+
+
+def expanded(schema: Any, definitions: dict[str, Any], used: list[str]) -> Any:
+    """A part of a schema with definitions in the places of references, whose names are added to ``used``."""
+    if isinstance(schema, list):
+        return [expanded(item, definitions, used) for item in schema]
+    if not isinstance(schema, dict):
+        return schema
+    if "$ref" in schema:
+        (reference,) = schema.values()  # editors ignore what stands beside it
+        used.append(reference.removeprefix("#/definitions/"))
+        return expanded(definitions[used[-1]], definitions, used)
+    return {key: expanded(value, definitions, used) for key, value in schema.items() if key != "definitions"}
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_definitions_are_those_of_keys_that_stand_in_several_tables(name: str) -> None:
+    """Each is used at least twice, and with all of them in their places the schema is that of the forms."""
+    schema, used = schema_of(name), list[str]()
+    definitions = schema.get("definitions", {})
+    whole = expanded(schema, definitions, used)
+    assert Counter(used).keys() == definitions.keys()
+    assert min(Counter(used).values(), default=2) >= 2
+    if name != "robot":  # whose keys a URDF may have
+        assert whole == {"$schema": schema["$schema"], "title": schema["title"], **FORMATS[name][0].json()}
+    assert whole["properties"] == FORMATS[name][0].json()["properties"]
+    assert (len(json.dumps(schema)) < 0.5 * len(json.dumps(whole))) == (name == "robot")
 
 
 def properties(schema: Any) -> Iterator[tuple[str, dict[str, Any]]]:
@@ -172,7 +200,8 @@ def properties(schema: Any) -> Iterator[tuple[str, dict[str, Any]]]:
 
 @pytest.mark.parametrize("name", FORMATS)
 def test_every_property_is_described(name: str) -> None:
-    found = list(properties(schema_of(name)))
+    schema = schema_of(name)
+    found = list(properties(expanded(schema, schema.get("definitions", {}), [])))
     assert len(found) > 20
     for key, schema in found:
         assert len(schema["description"]) > 3, key
