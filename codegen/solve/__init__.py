@@ -1,4 +1,4 @@
 """Accelerations from forces: joints eliminated from the tips, the factorised mass matrix, free bodies, rotors.
 
-Uses robot and tree.
+Uses robot, tree and forces.
 """

@@ -16,47 +16,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
 
 from eomgen.robot.model import Model
 
+from ..forces.element import StateSlopes
 from ..tree.composite import Rows
 from ..tree.spatial import Scalar, along, is_zero
 
 
-class Slopes(Protocol):
-    """Slopes of a law with k states and their inertias, (k,); g_z holds those that do not vanish, by row and column."""
-
-    @property
-    def f_v(self) -> Scalar:
-        """Slope of the force by the deviation's rate."""
-
-    @property
-    def f_s(self) -> Scalar:
-        """Slope of the force by the deviation."""
-
-    @property
-    def f_z(self) -> Sequence[Scalar]:
-        """Slopes of the force by the states."""
-
-    @property
-    def g_v(self) -> Sequence[Scalar]:
-        """Slopes of the states' rates by the deviation's."""
-
-    @property
-    def g_s(self) -> Sequence[Scalar]:
-        """Slopes of the states' rates by the deviation."""
-
-    @property
-    def g_z(self) -> Rows:
-        """Slopes of the states' rates by the states."""
-
-    @property
-    def inertias(self) -> Sequence[Scalar]:
-        """State k stores inertias[k] z[k]^2 / 2."""
-
-
-def _inverse(law: Slopes, c: Scalar) -> Rows:
+def _inverse(law: StateSlopes, c: Scalar) -> Rows:
     """Return the entries of E = (1 - c g_z)^-1 that do not vanish."""
     k = len(law.inertias)
     left: list[dict[int, Scalar]] = [{i: 1.0} for i in range(k)]
@@ -77,7 +45,7 @@ def _inverse(law: Slopes, c: Scalar) -> Rows:
     return {(i, j): x for i in range(k) for j, x in right[i].items()}
 
 
-def share(law: Slopes, c: Scalar, square: Scalar) -> Scalar:
+def share(law: StateSlopes, c: Scalar, square: Scalar) -> Scalar:
     """Return c f_v + c^2 (f_s + f_z E (g_v + c g_s)): the law's share in a matrix once the states are out."""
     whole = c * law.f_v + square * law.f_s
     for (i, j), x in _inverse(law, c).items():
@@ -107,7 +75,7 @@ class StateRow:
 
 
 def state_rows(
-    row: Mapping[int, Scalar], states: Sequence[int], law: Slopes, c: Scalar, acts: Scalar
+    row: Mapping[int, Scalar], states: Sequence[int], law: StateSlopes, c: Scalar, acts: Scalar
 ) -> dict[int, StateRow]:
     """Return the rows of a law's states, by their indices, with a step c.
 

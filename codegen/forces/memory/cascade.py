@@ -103,7 +103,8 @@ class Cascade:
         for place, loop in enumerate(loops):
             signal = self._loop(loop, signal, ("", *loops), place + 1)
         if has_winding(self.numbers):
-            return Driven(self._force(), signal, self._in_order(self._current(signal)))
+            self.rates["current"] = self._current(signal)
+            return Driven(self.states["current"].times(self.numbers[TORQUE_CONSTANT]), signal, self.rates)
         if LAG in self.numbers:
             force = self.states["force"]
             self.rates["force"] = (signal - force).times(1.0 / self.numbers[LAG])
@@ -112,17 +113,11 @@ class Cascade:
             self.rates.setdefault(name, state.times(-1.0))  # "input", which stays 0
         return Driven(signal, nothing, self.rates)
 
-    def _force(self) -> Signal:
-        return self.states["current"].times(self.numbers[TORQUE_CONSTANT])
-
     def _current(self, voltage: Signal) -> Signal:
         numbers = self.numbers
         left = voltage - self.states["current"].times(numbers[RESISTANCE])
         left = left - self.measured["velocity"].times(numbers[TORQUE_CONSTANT])
         return left.times(1.0 / numbers[INDUCTANCE])
-
-    def _in_order(self, current: Signal) -> Mapping[str, Signal]:
-        return {**self.rates, "current": current}
 
     def _loop(self, loop: str, reference: Signal, loops: Sequence[str], place: int) -> Signal:
         """Return the output of a loop within its limits; its states get their rates."""

@@ -39,7 +39,7 @@ class Drives(ForceElement):
 
     def passive(self, v: Sequence[Scalar]) -> Iterator[tuple[int, Scalar]]:
         """Give what windings do without a voltage: force, resistance and induced voltage."""
-        for i, states in self._places():
+        for i, states in self.at.model.drives.items():
             numbers = self.at.bound.laws[i].numbers
             if has_winding(numbers):
                 current, constant = v[states[-1]], numbers[TORQUE_CONSTANT]
@@ -125,7 +125,7 @@ class Drives(ForceElement):
         inputs: Mapping[int, Scalar],
         gains: Mapping[int, tuple[Scalar, Scalar]] = NO_GAINS,
     ) -> Iterator[tuple[Places, Driven]]:
-        for i, states in self._places():
+        for i, states in self.at.model.drives.items():
             z = {name: v[k] for k, name in zip(states, self._names(i), strict=True)}
             numbers = self.at.bound.laws[i].numbers
             slopes = {"u": 1.0}
@@ -133,9 +133,6 @@ class Drives(ForceElement):
                 slopes |= {name: -1.0 * gain for name, gain in zip("sv", gains[i], strict=True)}
             drive = Cascade(numbers, q[i], v[i], z, self.at.functions)
             yield (i, states), drive.driven(Signal(inputs[i], slopes))
-
-    def _places(self) -> Iterator[Places]:
-        yield from self.at.model.drives.items()
 
     def _names(self, i: int) -> list[str]:
         """Return the names of the states of the drive on coordinate i, in their order."""

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from eomgen.robot.laws import states_of
+from eomgen.robot.memory.drives import DRIVE
 from eomgen.robot.model import Model
 
 from ...tree.bound import Bound
@@ -41,6 +42,5 @@ class StateLaw:
 
 def state_laws(model: Model, bound: Bound, prefix: str, numbers: Mapping[str, Scalar]) -> list[StateLaw]:
     """Return the laws with states among those whose parameters have a prefix; drives are ``drives.Drives``."""
-    known = dict.fromkeys(name for name, _ in states_of(numbers)) if numbers else {}
-    names = [name for name in known if name in STATE_FORMULAS]
+    names = dict.fromkeys(name for name, _ in states_of(numbers) if name != DRIVE) if numbers else ()
     return [StateLaw(name, numbers, model.remembering[prefix, name], bound) for name in names]
