@@ -117,6 +117,14 @@ def bearing_load(carried: Sequence[Effect], f: Functions) -> tuple[Scalar, list[
     return load, [one.force * inverse for one in carried]
 
 
+def bell(height: Scalar, width: Scalar, v: Scalar, f: Functions) -> tuple[Scalar, Scalar]:
+    """Return height exp(-(v / width)^2) and its slope by v."""
+    inverse = 1.0 / width
+    x = v * inverse
+    value = height * f.exp(-1.0 * (x * x))
+    return value, -2.0 * inverse * (x * value)
+
+
 def tension(numbers: Numbers, knots: Sequence[float], e: Scalar, rate: Scalar, f: Functions) -> Effect:
     """Return a point-to-point spring's tension, from its elongation e (m) and the rate of that (m/s).
 
@@ -239,10 +247,8 @@ def _friction(x: Deflection) -> Effect:
     level: Scalar = numbers["friction.coulomb"]
     level_slope: Scalar = 0.0
     if "friction.static" in numbers and "friction.gaussian" in numbers:
-        rate = 1.0 / numbers["friction.gaussian"]
-        z = v * rate
-        more = (numbers["friction.static"] - level) * x.f.exp(-1.0 * (z * z))
-        level, level_slope = level + more, -2.0 * rate * (z * more)
+        more, level_slope = bell(numbers["friction.static"] - level, numbers["friction.gaussian"], v, x.f)
+        level = level + more
     elif "friction.static" in numbers:
         rate = 1.0 / numbers["friction.stribeck"]
         z = v * rate

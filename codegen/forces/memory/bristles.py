@@ -15,6 +15,7 @@ from eomgen.robot.memory.bristles import BRISTLES
 
 from ...tree.spatial import Scalar
 from ..element import StateSlopes
+from ..laws import bell
 from ..scalar_functions import Functions
 from .formula import Remembered, StateEffect
 
@@ -42,18 +43,11 @@ def _sliding(numbers: Mapping[str, Scalar], v: Scalar, f: Functions) -> tuple[Sc
     coulomb = numbers["friction.coulomb"]
     if "friction.static" not in numbers:
         return coulomb, 0.0
-    inverse = 1.0 / numbers["friction.gaussian"]
-    x = v * inverse
-    more = (numbers["friction.static"] - coulomb) * f.exp(-1.0 * (x * x))
-    return coulomb + more, -2.0 * inverse * (x * more)
+    more, slope = bell(numbers["friction.static"] - coulomb, numbers["friction.gaussian"], v, f)
+    return coulomb + more, slope
 
 
 def _damping(numbers: Mapping[str, Scalar], v: Scalar, f: Functions) -> tuple[Scalar, Scalar]:
     """Return sigma_1(v) and its slope."""
     damping = numbers.get("friction.bristle_damping", 0.0)
-    if "friction.fade" not in numbers:
-        return damping, 0.0
-    inverse = 1.0 / numbers["friction.fade"]
-    x = v * inverse
-    faded = damping * f.exp(-1.0 * (x * x))
-    return faded, -2.0 * inverse * (x * faded)
+    return bell(damping, numbers["friction.fade"], v, f) if "friction.fade" in numbers else (damping, 0.0)
