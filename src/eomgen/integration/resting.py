@@ -11,7 +11,7 @@ from ..arrays import Array, Mask
 from ..errors import check_kind
 from ..names import component_name
 from ..robot.laws import SMOOTHING
-from ..robot.memory.bristles import BELL, BRISTLES
+from ..robot.memory.bristles import BRISTLES, sliding_force
 from ..runtime.kernel import Kernel
 from ..state.motors import acting
 from ..state.springs import cut_numbers, law_numbers, smoothings
@@ -79,12 +79,9 @@ def _intervals(name: str, t: Array, held: Mask) -> Iterator[Rest]:
 
 def _bristles_hold(numbers: Mapping[str, float], v: Array, z: Array) -> Mask:
     """Return where bristles bend and do not yield: LuGre friction of these numbers at v and z, (T,) each."""
-    coulomb, stiffness = numbers["friction.coulomb"], numbers[BRISTLES]
-    static = numbers.get("friction.static", coulomb)
-    ratio = v / numbers.get(BELL, 1.0)
-    level = coulomb + (static - coulomb) * np.exp(-np.minimum(ratio**2, 700.0))
-    slow = np.abs(v) <= CROSSINGS * max(static, coulomb) / stiffness
-    return np.asarray(slow & (stiffness * np.abs(z) < YIELDING * level))
+    stiffness, static = numbers[BRISTLES], numbers.get("friction.static", 0.0)
+    slow = np.abs(v) <= CROSSINGS * max(static, numbers["friction.coulomb"]) / stiffness
+    return np.asarray(slow & (stiffness * np.abs(z) < YIELDING * sliding_force(numbers, v)))
 
 
 def _has_coulomb_friction(laws: dict[str, float]) -> bool:

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
+from ...arrays import Array
 from ..numbers import SMALLEST, Conflict, Values
 from .states import State
 
@@ -42,12 +45,16 @@ def bristle_conflict(numbers: Values) -> Conflict | None:
     return None
 
 
-def sliding_force(numbers: Values, v: float) -> float:
-    """Return LuGre's g(v), N or N m: the force at which bristles slide at the speed v, with a Gaussian curve."""
+def sliding_force(numbers: Values, v: Array) -> Array:
+    """Return LuGre's g(v), N or N m: the force at which bristles slide at speeds v, with a Gaussian curve."""
     coulomb = numbers["friction.coulomb"]
     more = numbers.get("friction.static", coulomb) - coulomb
-    rate = numbers.get(BELL, 1.0)
-    return coulomb + more * math.exp(-min((v / rate) ** 2, 700.0))
+    return np.asarray(coulomb + more * _bell(v / numbers.get(BELL, 1.0)))
+
+
+def _bell(x: Array) -> Array:
+    """Return exp(-x^2), of large x the number at 26, which is none beside others."""
+    return np.asarray(np.exp(-(np.minimum(np.abs(x), 26.0) ** 2)))
 
 
 def _unfaded(numbers: Values) -> tuple[float, float, float] | None:
@@ -55,16 +62,10 @@ def _unfaded(numbers: Values) -> tuple[float, float, float] | None:
     damping, fade = numbers.get("friction.bristle_damping", 0.0), numbers.get("friction.fade", math.inf)
     scales = [x for x in (fade, numbers.get(BELL)) if x is not None and math.isfinite(x)]
     scales.append(4.0 * numbers["friction.coulomb"] / max(damping, SMALLEST))
-    low, high = 1e-3 * min(scales), 10.0 * max(scales)
-    ratio = (high / low) ** (1.0 / (GRID - 1))
-    v = low
-    for _ in range(GRID):
-        resists = damping * math.exp(-min((v / fade) ** 2, 700.0)) * v
-        most = 4.0 * sliding_force(numbers, v)
-        if resists > most:
-            return v, resists, most
-        v *= ratio
-    return None
+    v = np.geomspace(1e-3 * min(scales), 10.0 * max(scales), GRID)
+    resists, most = damping * _bell(v / fade) * v, 4.0 * sliding_force(numbers, v)
+    i = int(np.argmax(resists > most))
+    return (float(v[i]), float(resists[i]), float(most[i])) if resists[i] > most[i] else None
 
 
 def active_above(numbers: Values) -> float | None:
