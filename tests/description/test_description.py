@@ -19,6 +19,7 @@ from eomgen.robot.bounds import Limits
 from eomgen.robot.inertia_policy import second_moments
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Coordinate, Friction, Link, Robot
+from tests.support import bristles
 from tests.support.description_samples import ARM, URDF, example_urdfs, homogeneous, link_poses
 
 
@@ -339,3 +340,18 @@ def test_loading_imports_nothing_heavy() -> None:
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert run.returncode == 0, run.stderr
+
+
+def test_notes_say_where_bristles_can_give_energy_back() -> None:
+    """Of joints, motors, loop joints and couplings: 0.5 N m s/rad is more than four times 0.3 N m above 2.4 rad/s."""
+    for text, owners in (
+        (bristles.ARM, ("joints.j1.gamma", "joints.j2.motor")),
+        (
+            bristles.loop_text() + bristles.FRICTION,
+            ("joints.joint1.gamma", "joints.joint2.gamma", "loops.joint4.gamma", "couplings.belt"),
+        ),
+    ):
+        assert not [note for note in robot_from_toml(text).notes if "energy" in note]
+        notes = robot_from_toml(text.replace(", fade = 0.5", "")).notes
+        said = [note.partition(" its ")[0] for note in notes if "bristle_damping can give energy back" in note]
+        assert said == [f"{owner}.friction: above 2.4 rad/s" for owner in owners]

@@ -434,18 +434,16 @@ def _resolve_base(draft: Draft) -> None:
                 items[name] = replace(item, links=tuple(root if link == BASE else link for link in item.links))
 
 
-def _active_friction(joints: Sequence[Joint]) -> Iterator[str]:
+def _active_friction(robot: Robot) -> Iterator[str]:
     """Say where the damping of bristles can give energy back."""
-    for joint in joints:
-        for name, coordinate in joint.all_coordinates.items():
-            numbers = coordinate.law()
-            above = active_above(numbers)
-            if above is not None:
-                unit = "m/s" if name in LINEAR else "rad/s"
-                yield (
-                    f"joints.{joint.name}.{name}.friction: above {above:.3g} {unit} its bristle_damping can give energy"
-                    " back, as that of the published model; fade makes it passive"
-                )
+    for prefix, kind, coordinate in robot.coordinate_laws():
+        above = active_above(coordinate.law())
+        if above is not None:
+            unit = "m/s" if kind in LINEAR else "rad/s"
+            yield (
+                f"{prefix}.friction: above {above:.3g} {unit} its bristle_damping can give energy back, as that of the"
+                " published model; fade makes it passive"
+            )
 
 
 def _finish(draft: Draft, policy: str | None, tunable: list[str]) -> Robot:
@@ -468,7 +466,7 @@ def _finish(draft: Draft, policy: str | None, tunable: list[str]) -> Robot:
         frames=tuple(draft.frames.values()),
         base=draft.base,
         source=draft.source,
-        notes=(*draft.notes, *notes, *_active_friction(joints)),
+        notes=(*draft.notes, *notes),
         loops=tuple(draft.loops.values()),
         springs=tuple(x for x in elements if isinstance(x, Spring)),
         elements=tuple(x for x in elements if isinstance(x, Element)),
@@ -480,7 +478,8 @@ def _finish(draft: Draft, policy: str | None, tunable: list[str]) -> Robot:
     conflict = mechanism_conflict(robot)
     if conflict is not None:
         draft.fail(*conflict)
-    return Robot(**{**vars(robot), "tunable": expand_tunable(robot, tunable)})
+    more = {"notes": (*robot.notes, *_active_friction(robot)), "tunable": expand_tunable(robot, tunable)}
+    return Robot(**{**vars(robot), **more})
 
 
 def _check_pairs(draft: Draft, joints: Sequence[Joint]) -> None:

@@ -110,21 +110,12 @@ class Model:
     @cached_property
     def states(self) -> tuple[OwnedState, ...]:
         """States of laws in the order of ``memory``: of coordinates, transmissions, loop joints and couplings."""
-        robot, states = self.robot, list[OwnedState]()
-        for joint in robot.joints:
-            for kind, law in joint.all_coordinates.items():
-                states += _states(parameter_name("joints", joint.name, kind), law, kind)
-        for joint in robot.joints:
-            if joint.motor is not None:
-                prefix = parameter_name("joints", joint.name, MOTOR)
-                states += _states(prefix, joint.motor.transmission, PRINCIPAL[joint.type])
-        for loop in robot.loops:
-            for kind, law in loop.coordinates.items():
-                states += _states(parameter_name("loops", loop.name, kind), law, kind)
-        for coupling in robot.couplings:
-            if coupling.law is not None:
-                states += _states(parameter_name("couplings", coupling.name), coupling.law, kind_of(coupling.of))
-        return tuple(states)
+        laws = ((prefix, kind, coordinate.law()) for prefix, kind, coordinate in self.robot.coordinate_laws())
+        return tuple(
+            OwnedState(prefix, law, numbers, state, kind in LINEAR)
+            for prefix, kind, numbers in laws
+            for law, state in states_of(numbers)
+        )
 
     @cached_property
     def remembering(self) -> dict[tuple[str, str], tuple[int, ...]]:
@@ -305,12 +296,6 @@ class Model:
     def children(self, body: int) -> list[int]:
         """Return the bodies whose parent is the body."""
         return [k for k, other in enumerate(self.bodies) if other.parent == body]
-
-
-def _states(prefix: str, coordinate: Coordinate, kind: str) -> list[OwnedState]:
-    """Return the states of laws whose parameters have a prefix, along a coordinate of a kind such as "x"."""
-    numbers = coordinate.law()
-    return [OwnedState(prefix, law, numbers, state, kind in LINEAR) for law, state in states_of(numbers)]
 
 
 @kept

@@ -39,9 +39,8 @@ class Coupling(Picklable):
         return numbers | (self.law.numbers(CUT_NUMBERS) if self.law else {})
 
     def without_states(self) -> Coupling:
-        """Return the coupling without laws that have states, or as it is."""
-        law = None if self.law is None else self.law.without_states()
-        return self if law == self.law else replace(self, law=law)
+        """Return the coupling without laws that have states."""
+        return replace(self, law=self.law and self.law.without_states())
 
     def rigid(self, moving: Container[str]) -> Coupling | None:
         """Return the coupling without its spring where only some coordinates move; None if none is left."""

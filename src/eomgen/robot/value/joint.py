@@ -169,12 +169,9 @@ class Joint(Jointed):
         return self.limits_of(PRINCIPAL.get(self.type, "")).range
 
     def without_states(self) -> Joint:
-        """Return the joint without laws that have states, or as it is."""
+        """Return the joint without laws that have states."""
         coordinates = {name: coordinate.without_states() for name, coordinate in self.coordinates.items()}
-        motor = None if self.motor is None else self.motor.without_states()
-        if coordinates == self.coordinates and motor == self.motor:
-            return self
-        return replace(self, coordinates=coordinates, motor=motor)
+        return replace(self, coordinates=coordinates, motor=self.motor and self.motor.without_states())
 
     def rigid(self, *, loose: bool = False) -> Joint:
         """Return the joint with deviations locked, and its motor's inertia as an armature of inertia ratio^2.
@@ -233,9 +230,8 @@ class Loop(Jointed):
             yield from below(f"placements.{place}", placement.numbers())
 
     def without_states(self) -> Loop:
-        """Return the loop without laws that have states, or as it is."""
-        coordinates = {name: coordinate.without_states() for name, coordinate in self.coordinates.items()}
-        return self if coordinates == self.coordinates else replace(self, coordinates=coordinates)
+        """Return the loop without laws that have states."""
+        return replace(self, coordinates={name: x.without_states() for name, x in self.coordinates.items()})
 
     def rigid(self) -> Loop:
         """Return the loop with every coordinate that its type blocks rigid."""

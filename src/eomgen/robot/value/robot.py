@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 from ...errors import UnknownNameError
 from ...lazily import from_above
-from ...names import html_table, joint_of, kind_of, nearest_or_all, show, split_component
+from ...names import html_table, joint_of, kind_of, nearest_or_all, parameter_name, show, split_component
 from ...once import kept
 from ..bounds import Limits
 from ..elements import Element, LinkElement
@@ -123,6 +123,24 @@ class Robot(Picklable):
         joint, name = split_component(coordinate)
         return self.joint(joint).limits_of(name)
 
+    def coordinate_laws(self) -> Iterator[tuple[str, str, Coordinate]]:
+        """Yield prefixes of parameters of laws, the kinds of their deviations ("x", "motor"), and their numbers.
+
+        They are those of joints' coordinates and motors, then of transmissions, loop joints and couplings.
+        """
+        for joint in self.joints:
+            for kind, coordinate in joint.all_coordinates.items():
+                yield parameter_name("joints", joint.name, kind), kind, coordinate
+        for joint in self.joints:
+            if joint.motor is not None:
+                prefix = parameter_name("joints", joint.name, MOTOR)
+                yield prefix, PRINCIPAL[joint.type], joint.motor.transmission
+        for loop in self.loops:
+            yield from ((parameter_name("loops", loop.name, kind), kind, x) for kind, x in loop.coordinates.items())
+        for coupling in self.couplings:
+            if coupling.law is not None:
+                yield parameter_name("couplings", coupling.name), kind_of(coupling.of), coupling.law
+
     @property
     def is_closed(self) -> bool:
         """True if something beside the tree holds coordinates: loops, or couplings but those of ``followers``."""
@@ -163,13 +181,14 @@ class Robot(Picklable):
     @kept
     def without_states(self) -> Robot:
         """Return the robot without laws that have states; friction with bristles slides as at steady velocities."""
-        joints = tuple(x.without_states() for x in self.joints)
-        loops = tuple(x.without_states() for x in self.loops)
-        couplings = tuple(x.without_states() for x in self.couplings)
-        pairs = zip((*joints, *loops, *couplings), (*self.joints, *self.loops, *self.couplings), strict=True)
-        if all(new is old for new, old in pairs):
+        made = replace(
+            self,
+            joints=tuple(x.without_states() for x in self.joints),
+            loops=tuple(x.without_states() for x in self.loops),
+            couplings=tuple(x.without_states() for x in self.couplings),
+        )
+        if made == self:
             return self
-        made = replace(self, joints=joints, loops=loops, couplings=couplings)
         known = {name for name, _ in made.numbers()}
         return replace(made, tunable=tuple(name for name in self.tunable if name in known))
 
