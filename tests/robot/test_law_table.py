@@ -18,6 +18,7 @@ from eomgen.errors import DescriptionError
 from eomgen.export.fmu.variables import UNITS, exponents, unit_name
 from eomgen.forms.keys import Either
 from eomgen.forms.tables import Few, Sub
+from eomgen.names import split_state
 from eomgen.robot.elements import Spring
 from eomgen.robot.laws import BASIC, LAWS, NUMBERS, SHAPED
 from eomgen.robot.memory.branches import BRANCHES
@@ -27,6 +28,7 @@ from eomgen.robot.parameter_names import least_of, number_of
 from eomgen.robot.record import record_of, robot_hash, robot_of
 from eomgen.robot.value import Coordinate, Friction, Joint, Link, Robot
 from tests.oracles.force_laws import KINDS, random_coordinate, with_laws
+from tests.support.bristles import remembering_arm, remembering_linkage, servo_arm
 from tests.support.random_robots import random_robot
 
 ROOT = Path(__file__).parents[2]
@@ -80,6 +82,15 @@ def test_every_law_is_among_those_of_random_robots() -> None:
         numbers = {key for joint in robot.joints for c in joint.coordinates.values() for key in c.law()}
         found |= {name for name, law in LAWS.items() if law.first in numbers}
     assert found == set(LAWS) - {DRIVE}
+
+
+def test_names_of_states_say_whose_they_are() -> None:
+    """Of joints, motors, branches, servo drives, loop joints and couplings."""
+    states = [x for robot in (remembering_arm(), remembering_linkage(), servo_arm()) for x in build_model(robot).states]
+    assert {"j1.gamma", "j2.motor", "joint4.gamma", "belt"} <= {x.owner for x in states}
+    assert {x.law for x in states} == STATE_FORMULAS.keys() | {DRIVE}
+    for x in states:
+        assert split_state(x.name) == (x.owner, x.law, x.state.name)
 
 
 def test_units_of_fmi() -> None:

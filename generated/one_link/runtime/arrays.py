@@ -194,6 +194,14 @@ class Arrays:
             raise ArrayError("out: overlaps an argument; give it separate memory")
         return out
 
+    def written(self, result: Array, out: Array | None) -> Array:
+        """Return a result, in ``out`` if there is one; errors as of ``checked_out``."""
+        if out is None:
+            return result
+        out = self.checked_out(out, result.shape, ())
+        out[...] = result
+        return out
+
     def _converted(self, label: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
         try:
             array = np.asarray(value)
@@ -398,6 +406,12 @@ def whole_array(calls: Calls, label: str, value: ArrayLike) -> tuple[Array, tupl
     return calls.array(label, value, (calls.n,))
 
 
+def refuse_z(calls: Calls) -> None:
+    """Raise InputError where no law has a state, so that z means nothing."""
+    if not calls.memory:
+        raise InputError(f"z: no law of {calls.raw.name} has a state; allowed: a call without z")
+
+
 def states_apart(calls: Calls, z: ArrayLike) -> Array:
     """Return states of laws, (..., memory).
 
@@ -405,8 +419,7 @@ def states_apart(calls: Calls, z: ArrayLike) -> Array:
         InputError: no law has a state.
         ArrayError: another shape, or numbers that are not finite.
     """
-    if not calls.memory:
-        raise InputError(f"z: no law of {calls.raw.name} has a state; allowed: a call without z")
+    refuse_z(calls)
     states, _ = calls.arrays.taken("z", z, (len(calls.memory),), False)
     if calls.checks and not np.isfinite(states).all():
         where = np.argwhere(~np.isfinite(states))[0]
@@ -452,12 +465,7 @@ def run_narrow(
         for label, value in pairs
     ]
     result = run([*wide, *values[len(pairs) :]])
-    narrow = cut(calls, result, function.writes)
-    if out is None:
-        return narrow
-    out = calls.arrays.checked_out(out, narrow.shape, ())
-    out[...] = narrow
-    return out
+    return calls.arrays.written(cut(calls, result, function.writes), out)
 
 
 def refuse_mixed(calls: Calls, name: str, pairs: Sequence[tuple[str, Any]], *, apart: bool = False) -> None:

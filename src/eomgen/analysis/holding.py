@@ -10,16 +10,16 @@ import numpy as np
 from ..arrays import Array, Mask
 from ..errors import ArrayError, InputError, UnknownNameError
 from ..motion.ends import default_motion
-from ..names import joint_of, show
+from ..names import joint_of, show, split_state
 from ..robot.laws import LAWS, has_springs
 from ..robot.memory.branches import BRANCHES
+from ..robot.memory.drives import DRIVE
 from ..robot.model import build_model, rigid_coordinates
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
-from ..state.drives import is_of_drive
 from ..state.elements import cut_matrices, joint_stiffness
 from ..state.journals import cut_contacts, cut_deviations, journal_contacts
-from ..state.law_states import StatesLike, kept_note, law_of, memory_vector
+from ..state.law_states import StatesLike, kept_note, memory_vector
 from ..state.motors import acting, deflections, turn_motors
 from ..state.springs import clearances, cut_numbers, journals_in_play, law_numbers
 
@@ -120,8 +120,10 @@ def fixation_of(
         locked = prescribed
     states = memory_vector(kernel, z)
     locked_names = set(np.array(names)[locked].tolist())
-    kept = [k for k, name in enumerate(kernel.memory) if not is_of_drive(name) and law_of(name) != BRANCHES]
-    places = [k for k in kept if kernel.memory[k].rpartition(f".{law_of(kernel.memory[k])}.")[0] not in locked_names]
+    parts = map(split_state, kernel.memory)
+    places = [
+        k for k, (owner, law, _) in enumerate(parts) if law not in (BRANCHES, DRIVE) and owner not in locked_names
+    ]
     if places:
         notes.append(kept_note([kernel.memory[k] for k in places], states[places]))
     return Fixation(drives, still, locked, driven, *gains, states, tuple(notes))

@@ -11,7 +11,7 @@ from typing import Any
 from ..errors import DescriptionError
 from ..limits import MOST_ENTRIES
 from .keys import Either
-from .tables import Entries, Few, Form, Kinds, Pair, Sub, Table
+from .tables import Entries, Few, Form, Kinds, Sub, Table
 
 MOST_ERRORS = 50  # of a file
 
@@ -75,7 +75,7 @@ class _Walk:
                 self.tried(list, table.entries(key))
         elif isinstance(kind, Entries):
             self.tried(list, table.entries(key))
-        elif isinstance(one, (Few, Pair)) and isinstance(value, list) and one.takes(len(value)):
+        elif isinstance(one, Few) and isinstance(value, list) and one.takes(len(value)):
             for index, item in enumerate(value):
                 self.table(one.inner, item, f"{where}.{index}", (*path, str(index)))
         else:

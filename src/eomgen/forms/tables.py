@@ -261,44 +261,26 @@ class Sub(Key):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Pair(Key):
-    """An array of two tables."""
-
-    inner: Form = Form({})
-    form: ClassVar[type] = list
-
-    def takes(self, count: int) -> bool:
-        """Return whether it may have so many."""
-        return count == 2
-
-    def take(self, table: Table, key: str, value: Any) -> list[Table]:  # type: ignore[override]
-        if not isinstance(value, list) or not self.takes(len(value)):
-            names = ", ".join(self.inner.keys)
-            self.refuse(table, key, value, f"two tables, [{{ {names} }}, {{ {names} }}]")
-        return [
-            table.inside(key, item, self.inner, f"{table.where}.{key}.{index}", str(index))
-            for index, item in enumerate(value)
-        ]
-
-    def json(self) -> Json:
-        return {"type": "array", "items": self.inner.json(), "minItems": 2, "maxItems": 2}
-
-
-@dataclass(frozen=True, eq=False, repr=False)
 class Few(Key):
-    """An array of one or a few tables, up to ``most``."""
+    """An array of a few tables, from ``fewest`` to ``most``."""
 
     inner: Form = Form({})
     most: int = 1
+    fewest: int = 1
     form: ClassVar[type] = list
+
+    @property
+    def rule(self) -> str:
+        """What is allowed, in words."""
+        return f"{self.fewest} to {self.most} tables, [{{ {', '.join(self.inner.keys)} }}, ...]"
 
     def takes(self, count: int) -> bool:
         """Return whether it may have so many."""
-        return 1 <= count <= self.most
+        return self.fewest <= count <= self.most
 
     def take(self, table: Table, key: str, value: Any) -> list[Table]:  # type: ignore[override]
         if not isinstance(value, list) or not self.takes(len(value)):
-            self.refuse(table, key, value, f"1 to {self.most} tables, [{{ {', '.join(self.inner.keys)} }}, ...]")
+            self.refuse(table, key, value, self.rule)
         tables = [
             table.inside(key, item, self.inner, f"{table.where}.{key}.{index}", str(index))
             for index, item in enumerate(value)
@@ -308,7 +290,21 @@ class Few(Key):
         return tables
 
     def json(self) -> Json:
-        return {"type": "array", "items": self.inner.json(), "minItems": 1, "maxItems": self.most}
+        return {"type": "array", "items": self.inner.json(), "minItems": self.fewest, "maxItems": self.most}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Pair(Few):
+    """An array of two tables."""
+
+    most: int = 2
+    fewest: int = 2
+
+    @property
+    def rule(self) -> str:
+        """What is allowed, in words."""
+        names = ", ".join(self.inner.keys)
+        return f"two tables, [{{ {names} }}, {{ {names} }}]"
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
-from .tables import Entries, Form, Kinds, Pair, Sub
+from .tables import Entries, Few, Form, Kinds, Sub
 
 UNUSUAL = {"m": 50.0, "rad": 20.0, "m or rad": 20.0}  # by the unit of a key: larger sizes are asked about
 MOST_QUESTIONS = 5
@@ -42,7 +42,7 @@ def _large(form: Form | Kinds, values: dict[str, Any], where: str) -> Iterator[t
         elif isinstance(kind, Entries):
             for index, item in enumerate(value):
                 yield from _large(kind.inner, item, kind.where(key, index, item))
-        elif isinstance(kind, Pair):
+        elif isinstance(kind, Few):
             for index, item in enumerate(value):
                 yield from _large(kind.inner, item, f"{place}.{index}")
         elif kind is not None and kind.unit in UNUSUAL:

@@ -15,8 +15,7 @@ import numpy as np
 from ..arrays import Array, Mask
 from ..errors import InputError
 from ..motion.files import MeasuredMotion
-from ..names import joint_of, listed, nearest, show
-from ..robot.coordinates import owners_of
+from ..names import joint_of, listed, nearest, show, split_state
 from ..robot.model import Model, build_model
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
@@ -87,7 +86,8 @@ def refuse_followers(kernel: Kernel) -> None:
 def refuse_memory(kernel: Kernel, allowed: str) -> None:
     """Raise InputError where laws of a kernel have states, which nobody has measured; with what is allowed."""
     if kernel.memory:
-        raise InputError(f"{kernel.name}: laws of {listed(owners_of(kernel.memory))} have states; allowed: {allowed}")
+        owners = dict.fromkeys(split_state(name)[0] for name in kernel.memory)
+        raise InputError(f"{kernel.name}: laws of {listed(owners)} have states; allowed: {allowed}")
 
 
 def relations_of(robot: Robot, known: Collection[str] = ()) -> Relations:

@@ -169,7 +169,7 @@ def rk4(
         IntegrationStopped: the state diverges, or that of a law leaves the bounds that it cannot leave.
     """
     f, whole, kernel, longest = system.derivative, samples.states[0], system.kernel, step
-    bounds = StateBounds.of(kernel.calls, kernel.memory, whole) if kernel.memory else None
+    bounds = StateBounds.of(kernel.calls, whole) if kernel.memory else None
     for t0, t1 in pairwise(samples.times):
         if bounds is not None and not chosen:
             decay = _decay(kernel, whole)
@@ -284,7 +284,7 @@ def tolerances(system: System, q0: Array, options: IntegratorOptions) -> Array:
         sizes = np.concatenate([rtol * q_sizes, np.minimum(rtol * v_sizes, rubbing_rates(kernel, q0))])
         if atol is None:
             return sizes
-        atol = Memory.of(kernel.calls, kernel.memory).tolerance(atol, sizes)
+        atol = Memory(kernel.calls).tolerance(atol, sizes)
     wanted = numbers_in("atol", atol, f"a number or shape ({2 * n},)", finite=False)
     try:
         tolerance = np.broadcast_to(wanted, (2 * n,))

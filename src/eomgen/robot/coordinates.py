@@ -33,11 +33,6 @@ def coordinate_names(robot: Robot) -> tuple[str, ...]:
     return tuple(component_name(joint.name, kind) for joint in robot.joints for kind in joint.all_coordinates)
 
 
-def owners_of(memory: Sequence[str]) -> tuple[str, ...]:
-    """Return the names of the coordinates whose laws have these states, once each: "j1.x" of "j1.x.friction.z"."""
-    return tuple(dict.fromkeys(".".join(name.split(".")[:2]) for name in memory))
-
-
 def rotating_joints(names: Sequence[str]) -> tuple[str, ...]:
     """Return the names of the joints whose alpha, beta and gamma are all among these coordinates, in their order."""
     known = set(names)

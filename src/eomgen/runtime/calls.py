@@ -11,9 +11,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import ArrayError, InputError, SingularError
+from ..errors import ArrayError, SingularError
 from ..names import split_component
-from .arrays import Arrays, Lead, is_finite, is_narrow, joint_lead, numbers_in, place_of, rows_of, run_narrow, widened
+from .arrays import (
+    Arrays,
+    Lead,
+    is_finite,
+    is_narrow,
+    joint_lead,
+    numbers_in,
+    place_of,
+    refuse_z,
+    rows_of,
+    run_narrow,
+    widened,
+)
 from .chunking import shared, states_at_once
 from .direct import WRENCHED
 from .loop_errors import loop_error, singular_loop
@@ -303,53 +315,29 @@ class Calls:
 
 @dataclass(frozen=True)
 class Memory:
-    """States of a kernel's laws apart from coordinates: arrays of n numbers and z, packed as the C has them.
+    """States of a kernel's laws apart from coordinates: numbers that stand beside them in arrays of the C.
 
     In the C a state stands behind the coordinates as a velocity: q has a number there that acts on nothing, v the
     state, a its rate.
 
     Attributes:
         calls: of the kernel.
-        names: of the states, such as "joint1.gamma.friction.z".
     """
 
     calls: Calls
-    names: tuple[str, ...]
 
-    @classmethod
-    def of(cls, calls: Calls, names: tuple[str, ...]) -> Memory:
-        """Return the states of that names; InputError where there are none, so that z means nothing."""
-        if not names:
-            raise InputError(f"z: no law of {calls.raw.name} has a state; allowed: a call without z")
-        return cls(calls, names)
+    def __post_init__(self) -> None:
+        refuse_z(self.calls)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the states, such as "joint1.gamma.friction.z"."""
+        return self.calls.memory
 
     @property
     def coordinates(self) -> int:
         """Number of coordinates before the states."""
-        return self.calls.n - len(self.names)
-
-    def packed(self, values: Sequence[tuple[str, ArrayLike]], z: ArrayLike) -> list[Array]:
-        """Return arrays of coordinates with room for states behind them: z behind v, zeros behind all others.
-
-        Args:
-            values: label and array, (..., n), the second one those of velocities.
-            z: (..., states).
-
-        Raises:
-            ArrayError: another shape, or numbers that are not finite.
-        """
-        arrays = [self.calls.array(label, value, (self.coordinates,)) for label, value in values]
-        states, lead = self.calls.arrays.taken("z", z, (len(self.names),), False)
-        if self.calls.checks and not np.isfinite(states).all():
-            where = np.argwhere(~np.isfinite(states))[0]
-            raise ArrayError(f"z: {self.names[where[-1]]} is {states[tuple(where)]}; numbers must be finite")
-        whole = []
-        for place, (label, (array, own)) in enumerate(zip((label for label, _ in values), arrays, strict=True)):
-            behind = states if place == 1 else np.zeros(len(self.names), self.calls.dtype)
-            both = joint_lead(label, own, lead) if place == 1 else own
-            parts = [np.broadcast_to(x, (*both, x.shape[-1])) for x in (array, behind)]
-            whole.append(np.concatenate(parts, axis=-1))
-        return whole
+        return self.calls.narrow
 
     def padded(self, value: ArrayLike | None, number: float = 0.0) -> Any:
         """Return numbers of coordinates, (..., n), with others for states behind them; what is no array as it is."""
@@ -358,21 +346,6 @@ class Memory:
         array = np.asarray(value)
         behind = np.full((*array.shape[:-1], len(self.names)), number, array.dtype)
         return np.concatenate([array, behind], axis=-1)
-
-    def coordinates_of(self, array: Array, out: Array | None = None) -> Array:
-        """Return the numbers of coordinates, in ``out`` if there is one."""
-        return self._written(array[..., : self.coordinates], out)
-
-    def states_of(self, array: Array, out: Array | None = None) -> Array:
-        """Return the numbers of states, in ``out`` if there is one."""
-        return self._written(array[..., self.coordinates :], out)
-
-    def _written(self, part: Array, out: Array | None) -> Array:
-        if out is None:
-            return np.ascontiguousarray(part)
-        out = self.calls.arrays.checked_out(out, part.shape, ())
-        out[...] = part
-        return out
 
     def tolerance(self, atol: ArrayLike, defaults: Array) -> Array:
         """Return absolute tolerances of arrays of the state, q, then v, (2n,).

@@ -196,7 +196,7 @@ class Kernel(Differentiation, InverseKinematics, Rollouts):
         """
         if wrench is not None and z is not None and self.calls.arrays.has_drives:
             whole = self.forward_dynamics(*self._behind(q, v, u, z), wrench=wrench, cut=cut)
-            return self._written(cut_states(self.calls, whole, "vector"), out)
+            return self.calls.arrays.written(cut_states(self.calls, whole, "vector"), out)
         if wrench is not None:
             u = self._with_wrench(q, u, wrench)
         name = "forward_dynamics"
@@ -210,11 +210,9 @@ class Kernel(Differentiation, InverseKinematics, Rollouts):
             z: states, (memory,).
             u: drives, (n,); zeros by default.
         """
-        states, n = states_apart(self.calls, z), len(self.coordinates)
+        n = len(self.coordinates)
         drives = np.zeros(n, self.dtype) if u is None else u
-        under = (widened(self.calls, label, x) for label, x in (("q", q), ("u", drives)))
-        whole = self.forward_dynamics(next(under), widened(self.calls, "v", v, states), next(under))
-        return np.ascontiguousarray(whole[..., n:])
+        return np.ascontiguousarray(self.forward_dynamics(*self._behind(q, v, drives, z))[..., n:])
 
     def constraint_forces(
         self,
@@ -251,10 +249,7 @@ class Kernel(Differentiation, InverseKinematics, Rollouts):
         forces = self.coupling_forces(q, v, a, wrench=wrench, z=z)
         if self.constraints:
             forces = np.concatenate([self.calls.run("constraint_forces", None, (q, v, under), z=z), forces], axis=-1)
-        if out is not None:
-            out = self.calls.arrays.checked_out(out, forces.shape, ())
-            out[...] = forces
-        return forces if out is None else out
+        return self.calls.arrays.written(forces, out)
 
     def coupling_forces(
         self,
@@ -313,7 +308,7 @@ class Kernel(Differentiation, InverseKinematics, Rollouts):
             out: array to write to.
         """
         if not self.calls.arrays.has_drives:
-            return self._written(self._undriven(q, v, u, z), out)
+            return self.calls.arrays.written(self._undriven(q, v, u, z), out)
         return self.calls.run("drive_forces", out, (q, v, u), z=z)
 
     def _undriven(self, q: ArrayLike, v: ArrayLike, u: ArrayLike, z: ArrayLike | None) -> Array:
@@ -330,14 +325,6 @@ class Kernel(Differentiation, InverseKinematics, Rollouts):
         """Return arrays of coordinates with room for states of laws behind them, z behind v."""
         states = states_apart(self.calls, z)
         return widened(self.calls, "q", q), widened(self.calls, "v", v, states), widened(self.calls, "u", u)
-
-    def _written(self, result: Array, out: Array | None) -> Array:
-        """Return a result, in ``out`` if there is one."""
-        if out is None:
-            return result
-        out = self.calls.arrays.checked_out(out, result.shape, ())
-        out[...] = result
-        return out
 
     def euler_cosines(self, q: ArrayLike, *, out: Array | None = None) -> Array:
         """Return the cosine of beta of each joint with three angles, (joints,); 1 for other joints.

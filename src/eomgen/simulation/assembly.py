@@ -17,12 +17,12 @@ from ..integration.until import Until
 from ..motion.point_to_point import Program
 from ..motion.splines import Standstill, signal_of
 from ..motion.timetable import TimeTable
-from ..names import joint_of, listed, nearest, split_component
+from ..names import joint_of, listed, nearest, split_component, split_state
 from ..pipeline.ahead import Ahead
 from ..pipeline.mechanisms import mechanism_kernels
 from ..pipeline.stages import build, build_groups
 from ..progress import Progress
-from ..robot.coordinates import coordinate_names, index_of, owners_of
+from ..robot.coordinates import coordinate_names, index_of
 from ..robot.mechanism import coordinate_of, drive_of, following_text, leading_coordinate, leading_home
 from ..robot.memory.drives import LOOPS, loops_of
 from ..robot.model import build_model, program_coordinates
@@ -321,7 +321,7 @@ def states_of_laws(robot: Robot, scenario: Scenario, memory: tuple[str, ...]) ->
         short.setdefault(full, []).append(name)
     places = {name: name for name in memory}
     for full in memory:
-        owner = owners_of([full])[0]
+        owner, *_ = split_state(full)
         places |= {name + full.removeprefix(owner): full for name in short.get(owner, ())}
     states: dict[str, float] = {}
     for name, value in (scenario.initial.z if scenario.initial else {}).items():

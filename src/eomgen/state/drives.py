@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..arrays import Array
+from ..names import split_state
 from ..robot.memory.drives import DRIVE
 from ..runtime.kernel import Kernel
 
@@ -14,12 +15,12 @@ SETTLED = 1e-9  # of the states, their residual
 
 def has_drives(kernel: Kernel) -> bool:
     """Tell whether a kernel has drives with states, so that u is what ``Kernel.inputs`` says."""
-    return bool(kernel.calls.raw.libraries.meta.get("inputs"))
+    return kernel.calls.arrays.has_drives
 
 
 def is_of_drive(state: str) -> bool:
     """Tell of a state of a law, by its name, whether it is one of a drive: "joint1.gamma.drive.current"."""
-    return state.split(".")[2] == DRIVE
+    return split_state(state)[1] == DRIVE
 
 
 def inputs_at(kernel: Kernel, q: Array, v: Array) -> Array:

@@ -15,8 +15,9 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Array, Index, Mask
 from ..errors import InputError, UnknownNameError
-from ..names import listed, nearest_or_all, show
+from ..names import listed, nearest_or_all, show, split_state
 from ..robot.memory.branches import BRANCHES
+from ..runtime.arrays import refuse_z
 from ..runtime.kernel import Kernel
 from ..shown import Shown
 from .drives import drive_jacobian, has_drives, inputs_at
@@ -39,8 +40,7 @@ def memory_vector(kernel: Kernel, z: StatesLike | None) -> Array:
     """
     if z is None:
         return np.zeros(len(kernel.memory))
-    if not kernel.memory:
-        raise InputError(f"z: no law of {kernel.name} has a state; allowed: a call without z")
+    refuse_z(kernel.calls)
     if not isinstance(z, Mapping):
         return state_vector("z", z, kernel.memory)
     for name in z:
@@ -75,12 +75,6 @@ def whole_vector(kernel: Kernel, label: str, value: ArrayLike) -> tuple[Array, i
     return whole, n if kernel.n == n else len(names)
 
 
-def law_of(state: str) -> str:
-    """Return the law of a state by its name: "friction" of "j1.gamma.friction.z", "maxwell" of "j1.x.maxwell.0.z"."""
-    *_, before, law, _ = state.split(".")
-    return before if law.isdigit() else law
-
-
 def refuse_moving(kernel: Kernel, z: Array) -> None:
     """Refuse states of Maxwell branches, which a robot at rest does not have: they settle to 0.
 
@@ -88,7 +82,7 @@ def refuse_moving(kernel: Kernel, z: Array) -> None:
         InputError: there is one.
     """
     for name, value in zip(kernel.memory, z, strict=True):
-        if law_of(name) == BRANCHES and value != 0.0:
+        if split_state(name)[1] == BRANCHES and value != 0.0:
             raise InputError(f"z: {name} = {value:g}, which settles to 0 at rest; allowed: 0, or a motion")
 
 

@@ -20,7 +20,7 @@ from ..raw import FFI, Array, Library, RawFunction
 from .adaptive import DONE, adaptive_rollout
 from .input_signals import BACK, Slopes
 from .input_slopes import DifferentiatedInputs
-from .many_steps import has_wrong_states, rollout
+from .many_steps import rollout, wrong_state
 from .options import ADAPTIVE, ErrorControl, InputStepOptions, StepOptions, rollout_of
 from .reading_inputs import InputsLike
 from .rollouts import Inputs, RolloutArrays, allocate_states, read_arrays
@@ -265,7 +265,7 @@ def rollout_gradient(
     trajectories = [motion.trajectory(method, state, steps) for state, steps in enumerate(taken) if steps is not None]
     buffer = CheckpointBuffer(calls, trajectories)
     samples = _forward_samples(motion, trajectories, times.size, buffer)
-    if samples is None or has_wrong_states(calls, method, samples[1]):  # the rollout says why
+    if samples is None or wrong_state(calls, method, samples[1]) is not None:  # the rollout says why
         raise stopped(calls, inputs, options, loads)
     value, by_q, by_v = _asked(calls, loss, times, *samples, single=motion.is_single)
     substeps = [substep_counts(trajectory.steps.stiffness) for trajectory in trajectories]

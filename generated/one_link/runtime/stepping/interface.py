@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from ...errors import ArrayError, InputError, IntegrationStopped
 from ...names import listed, show
-from ..arrays import shape_or_type
+from ..arrays import shape_or_type, states_apart, widened
 from ..calls import Memory
 from ..compiled_code import CompiledCode
 from ..raw import Array
@@ -117,7 +117,7 @@ class Rollouts(CompiledCode):
                 was stored.
             InputError: another argument is wrong, or does not belong to the method.
         """
-        memory = None if z is None else Memory.of(self.calls, self.memory)
+        memory = None if z is None else Memory(self.calls)
         inputs = self._inputs(memory, z, Inputs(q0, v0, u, Control(kp, kd, target)), saturate)
         options = InputStepOptions(
             method_for(method, duration), dt, steps, every, duration, samples, rtol, atol, loads, works
@@ -138,7 +138,8 @@ class Rollouts(CompiledCode):
         q0, v0, u, control = inputs.q0, inputs.v0, inputs.u, inputs.control
         kp, kd, target = control.kp, control.kd, control.target
         if memory is not None and z is not None:
-            q0, v0 = memory.packed((("q0", q0), ("v0", v0)), z)
+            states = states_apart(self.calls, z)
+            q0, v0 = widened(self.calls, "q0", q0), widened(self.calls, "v0", v0, states)
             u, target, kp, kd = map(memory.padded, (u, target, kp, kd))
             saturate = saturate if isinstance(saturate, Mapping) else memory.padded(saturate, np.inf)
         return Inputs(q0, v0, u, Control(kp, kd, target, efforts_of(self.calls, saturate)))
@@ -200,7 +201,7 @@ class Rollouts(CompiledCode):
                 that derivatives of tsit5's steps are not those of the motion.
             SingularError, IntegrationStopped: as of ``rollout``; a mechanism begins in a singular pose.
         """
-        memory = None if z is None else Memory.of(self.calls, self.memory)
+        memory = None if z is None else Memory(self.calls)
         inputs = self._inputs(memory, z, Inputs(q0, v0, u, Control(kp, kd, target)), saturate)
         options = StepOptions(method_for(method, duration), dt, steps, every, duration, samples, rtol, atol)
         more: dict[str, Any] = {"parameters": parameters, "loads": loads, "out": out}
@@ -261,7 +262,7 @@ class Rollouts(CompiledCode):
             InputError: as of ``rollout``; no direction; joints with 3-DOF rotation; a robot that is too stiff.
             SingularError, IntegrationStopped: as of ``rollout``.
         """
-        memory = None if z is None else Memory.of(self.calls, self.memory)
+        memory = None if z is None else Memory(self.calls)
         inputs = self._inputs(memory, z, Inputs(q0, v0, u, Control(kp, kd, target)), saturate)
         options = StepOptions(method_for(method, duration), dt, steps, every, duration, samples, rtol, atol)
         if memory is not None:

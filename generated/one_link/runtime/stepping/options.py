@@ -166,7 +166,7 @@ class StepOptions:
                 tolerances[calls.n + i] = min(tolerances[calls.n + i], calls.parameters[name])
             return ErrorControl(self.method, float(rtol), tolerances.astype(calls.dtype))
         if meta.get("memory"):
-            atol = Memory(calls, tuple(meta["memory"])).tolerance(atol, float(rtol) * np.array(meta["sizes"]))
+            atol = Memory(calls).tolerance(atol, float(rtol) * np.array(meta["sizes"]))
         wanted = numbers_in("rollout: atol", atol, f"a number or ({2 * calls.n},)", finite=False)
         try:
             tolerances = np.broadcast_to(wanted, (2 * calls.n,)).astype(calls.dtype)

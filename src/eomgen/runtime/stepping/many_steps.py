@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import ArrayError, IntegrationStopped
+from ...names import split_state
 from ..calls import Calls
 from ..chunking import OPERATIONS, ROUND, shared
 from ..loop_errors import stays_open
@@ -55,7 +56,7 @@ class StateBounds:
     bounds: Array
 
     @classmethod
-    def of(cls, calls: Calls, names: tuple[str, ...], begin: Array) -> StateBounds:
+    def of(cls, calls: Calls, begin: Array) -> StateBounds:
         """Return the bounds with the kernel's parameters as they are; what begins beyond one is bounded by itself.
 
         Args:
@@ -64,12 +65,12 @@ class StateBounds:
         meta, values = calls.raw.libraries.meta, calls.parameters.state.values
         tables = {**meta["elements"].get("coordinates", {}), **meta["elements"].get("cut_laws", {})}
         limits = []
-        for name in names:
-            owner, law, state = name.rsplit(".", 2)
+        for name in calls.memory:
+            owner, law, state = split_state(name)
             bound = BOUNDS.get(f"{law}.{state}")
             numbers = {key: float(values[place]) for key, place in tables.get(owner, {}).items()}
             limits.append(bound(numbers) if bound is not None and numbers else np.inf)
-        return cls(names, np.maximum(MARGIN * np.array(limits), np.abs(begin[..., -len(names) :])))
+        return cls(calls.memory, np.maximum(MARGIN * np.array(limits), np.abs(begin[..., -len(limits) :])))
 
     def within(self, v: Array) -> Array:
         """Return which states are within their bounds, (..., rows, s), in velocities with states behind them."""
@@ -133,16 +134,18 @@ def rollout(calls: Calls, inputs: Inputs, options: StepOptions) -> Rollout:
     raise _stopped(calls, result, state, every * dt, i, what, trouble)
 
 
-def has_wrong_states(calls: Calls, method: str, v: Array) -> bool:
-    """Return whether explicit steps of a length let a law's state leave its bounds.
+def wrong_state(calls: Calls, method: str, v: Array) -> tuple[StateBounds, tuple[int, ...], str] | None:
+    """Return the bounds of laws' states, and of the first one that steps of a length let leave them what
+    ``StateBounds.first_beyond`` does; None where none leaves them.
 
     Args:
         v: velocities with the states behind them, (..., rows, n).
     """
-    memory = tuple(calls.raw.libraries.meta.get("memory", ()))
-    if method != "rk4" or not memory:
-        return False
-    return StateBounds.of(calls, memory, v[..., 0, :]).first_beyond(v) is not None
+    if method != "rk4" or not calls.memory:
+        return None
+    bounds = StateBounds.of(calls, v[..., 0, :])
+    beyond = bounds.first_beyond(v)
+    return None if beyond is None else (bounds, *beyond)
 
 
 def _refuse_wrong_states(calls: Calls, method: str, result: tuple[Array, Array], apart: float) -> None:
@@ -155,18 +158,15 @@ def _refuse_wrong_states(calls: Calls, method: str, result: tuple[Array, Array],
         IntegrationStopped: a state of a law leaves the bounds that it cannot leave.
     """
     q, v = result
-    if not has_wrong_states(calls, method, v):
+    found = wrong_state(calls, method, v)
+    if found is None:
         return
-    memory = tuple(calls.raw.libraries.meta["memory"])
-    bounds = StateBounds.of(calls, memory, v[..., 0, :])
-    beyond = bounds.first_beyond(v)
-    assert beyond is not None
-    (*lead, row, state), said = beyond
+    bounds, (*lead, row, state), said = found
     good = np.logical_and.accumulate(bounds.within(v).all(axis=-1), axis=-1)
     q[~good], v[~good] = np.nan, np.nan
     place = f" of state {lead[0]}" if lead else ""
     what = f"dt is too long: at t = {row * apart:.6g} s{place} {said}"
-    raise _stopped(calls, result, lead[0] if lead else 0, apart, calls.n - len(memory) + state, what, None)
+    raise _stopped(calls, result, lead[0] if lead else 0, apart, calls.narrow + state, what, None)
 
 
 def _turned_about(calls: Calls, arrays: RolloutArrays) -> str:

@@ -15,7 +15,7 @@ from ..raw import FFI, Array
 from .gradients import STEP_CODES, Motion, Steps, stopped, taken_steps
 from .input_signals import ALONG
 from .input_slopes import DifferentiatedInputs
-from .many_steps import has_wrong_states
+from .many_steps import wrong_state
 from .options import StepOptions
 from .reading_inputs import InputsLike
 from .rollouts import Inputs, allocate_states, shape_of
@@ -103,7 +103,7 @@ def rollout_sensitivity(
         substeps = substep_counts(carried.steps.stiffness)
         if substeps is not None:
             carried.refuse_stiff(substeps, of_state)
-    if has_wrong_states(calls, options.method, samples[1]):
+    if wrong_state(calls, options.method, samples[1]) is not None:
         raise stopped(calls, inputs, options, loads)
     results = [x[0] if motion.is_single else x for x in samples]
     if out is not None:
