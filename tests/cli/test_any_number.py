@@ -11,6 +11,7 @@ import pytest
 from eomgen.cli.entry import NAMES, main, make_parser
 from eomgen.description.load import load_robot
 from eomgen.errors import InputError
+from eomgen.identification import calibrate, fit
 from eomgen.identification.exciting.solve import excite
 from eomgen.identification.tolerances.solve import tolerance
 from eomgen.motion.ends import default_motion
@@ -56,21 +57,10 @@ def test_they_are_usage(words: tuple[str, ...], capsys: pytest.CaptureFixture[st
     assert f"argument {words[-2]}: '{words[-1]}'; allowed: " in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("words", [
-    ("excite", "ur5", "--force-noise", "1e-300"),
-    ("excite", "ur5", "--force-noise", "joint1.gamma=1e300"),
-    ("excite", "ur5", "--half-space", "tcp", "0", "0", "1", "1e300"),
-    ("modes", "puma560_elastic", "--pose", "joint1.gamma=1e300"),
-    ("modes", "puma560_elastic", "--load", "tcp", "1e300", "0", "0", "0", "0", "0"),
-])  # fmt: skip
-def test_numbers_behind_names_are_refused(words: tuple[str, ...], capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(words) == 1
-    assert "is not a number; allowed: 0, or a number of magnitude 1e-30 to 1e+30" in capsys.readouterr().err
-
-
 @pytest.mark.parametrize(("words", "refused"), [
     (("deflection", "one_link", "--load", "tcp", *"001000", "--load", "tcp", *"100000"), "load: 'tcp'"),
     (("deflection", "one_link", "--set", "gravity.z=0", "gravity.z=-1"), "set: 'gravity.z'"),
+    (("modes", "one_link", "--state", "one.x.friction.z=1", "one.x.friction.z=2"), "state: 'one.x.friction.z'"),
     (("modes", "one_link", "--pose", "joint1.gamma=1", "joint1.gamma=2"), "pose: 'joint1.gamma'"),
     (("modes", "one_link", "--drives", "pd", "--kp", "joint1.gamma=1", "joint1.gamma=2"), "kp: 'joint1.gamma'"),
     (("poses", "ur5", *("--range", "joint1.gamma", "0", "1") * 2), "range: 'joint1.gamma'"),
@@ -98,6 +88,11 @@ def test_functions_refuse_them_as_well(value: object) -> None:
     for given in ({"duration": value}, {"step": value}):
         with pytest.raises(InputError, match="allowed"):
             excite(robot, **given)  # type: ignore[arg-type]
+    for given in ({"bandwidth": value}, {"confidence": value}):
+        with pytest.raises(InputError, match=rf"{next(iter(given))}: .*; allowed: a number"):
+            fit(robot, "gone.csv", **given)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=r"confidence: .*; allowed: a number between 0 and 1"):
+        calibrate(robot, "gone.csv", confidence=value)  # type: ignore[arg-type]
     if value is not None:
         with pytest.raises(InputError, match="allowed"):
             excite(robot, noise=value)  # type: ignore[arg-type]

@@ -195,7 +195,7 @@ def _line_motion(robot: Robot, line: Line, duration: float, tool: str | None) ->
     limits = np.array([principal_limits(robot, name) for name in rigid.coordinates])
     guess = default_motion(robot, duration, rigid.coordinates)
     middle = (guess.start + guess.goal) / 2
-    return ToolLine(rigid, tool_of(robot, tool), *line, duration, guess=middle, limits=limits)
+    return ToolLine(rigid, tool_of(robot, tool, "tool"), *line, duration, guess=middle, limits=limits)
 
 
 def _entry(robot: Robot, result: SimulationResult) -> Entry:

@@ -179,7 +179,7 @@ def _response(options: argparse.Namespace) -> None:
     spaced = np.linspace if options.linear else np.geomspace
     with stage_bar("responding") as report:
         about = _state_options(options, report)
-        frame = tool_of(robot, about.pop("frame"), "frame")
+        frame = tool_of(robot, about.pop("frame"))
         inputs = options.input or [f"{frame}.f{axis}" for axis in "xyz"]
         outputs = options.output_of or [f"{frame}.{axis}" for axis in "xyz"]
         pose = coordinate_values("pose", options.pose)

@@ -492,7 +492,7 @@ def movable_limits(robot: Robot) -> dict[str, tuple[float, float]]:
     return limits
 
 
-def tool_of(robot: Robot, tool: str | None, label: str = "tool") -> str:
+def tool_of(robot: Robot, tool: str | None, label: str = "frame") -> str:
     """Return the tool frame; by default "tcp", the first frame, a link called so, or the end of the longest chain."""
     known = build_model(robot).frames
     if tool is not None and (not isinstance(tool, str) or tool not in known):

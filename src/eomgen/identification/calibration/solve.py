@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from ...arrays import Array
 from ...description import RobotLike, as_robot
 from ...errors import InputError, UnknownNameError
+from ...limits import is_usable
 from ...motion.measured_numbers import answers_in_numbers
 from ...names import component_name, is_identifier, listed, nearest_or_all, show, split_component
 from ...optional import optional_import
@@ -142,8 +143,8 @@ def calibrate(  # noqa: PLR0913
     _one_of("variant", variant, VARIANTS)
     if variant != "full" and not count:
         raise InputError(f"variant: {show(variant)} without folds; allowed: full, or folds from 2 on")
-    if not 0.0 < confidence < 1.0:
-        raise InputError(f"confidence: {confidence!r}; allowed: a number between 0 and 1")
+    if not (is_usable(confidence) and 0.0 < confidence < 1.0):
+        raise InputError(f"confidence: {show(confidence)}; allowed: a number between 0 and 1")
     report("reading poses")
     if not isinstance(poses, MeasuredPoses):
         columns = build_model(robot).coordinates

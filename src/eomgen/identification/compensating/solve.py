@@ -97,7 +97,7 @@ def compensate(  # noqa: PLR0913
         )
     planned = _scenario(scenario)
     if frame is not None:
-        tool_of(arm, frame, "frame")  # refuses a name that is none, before anything is built
+        tool_of(arm, frame)  # refuses a name that is none, before anything is built
     tool = tool_of(arm, planned.frame, planned.label("frame") if planned.source else "frame")
     t = _samples(planned, step)
     assembly = assemble(arm, planned, tool, report)

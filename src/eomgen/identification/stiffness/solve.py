@@ -31,10 +31,11 @@ import numpy as np
 from ...arrays import RANK, Array
 from ...description import RobotLike, as_robot
 from ...errors import InputError, UnknownNameError
+from ...limits import is_usable
 from ...motion.files import MeasuredMotion, measured_motion
 from ...motion.measured_numbers import answers_in_numbers
 from ...motion.smoothing import Differentiator, noise_deviation
-from ...names import component_name, joint_of, listed, nearest, parameter_name, split_component
+from ...names import component_name, joint_of, listed, nearest, parameter_name, show, split_component
 from ...pipeline.mechanisms import mechanism_kernels
 from ...pipeline.stages import build
 from ...progress import StageReport, no_report, tells_at_prompt
@@ -104,10 +105,10 @@ def fit(  # noqa: PLR0913
         LoopError: loops do not close near a sample.
     """
     robot = as_robot(robot).with_constraints()
-    if not 0.0 < confidence < 1.0:
-        raise InputError(f"confidence: {confidence!r}; allowed: a number between 0 and 1")
-    if not 0.0 <= bandwidth < np.inf:
-        raise InputError(f"bandwidth: {bandwidth!r}; allowed: a number of rad/s, at least 0")
+    if not (is_usable(confidence) and 0.0 < confidence < 1.0):
+        raise InputError(f"confidence: {show(confidence)}; allowed: a number between 0 and 1")
+    if not (is_usable(bandwidth) and bandwidth >= 0.0):
+        raise InputError(f"bandwidth: {show(bandwidth)}; allowed: a number of rad/s, at least 0")
     memory = build_model(robot).memory
     if parameters is not None or memory:
         _refuse_beside(memory, coordinates, matrices, parameters)

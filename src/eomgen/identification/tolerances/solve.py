@@ -88,7 +88,7 @@ def tolerance(  # noqa: PLR0913
         UnknownNameError: there is no frame or coordinate of a name.
     """
     robot, report = as_robot(robot).with_constraints(), progress or no_report
-    frame = tool_of(robot, frame, "frame")
+    frame = tool_of(robot, frame)
     if not (is_usable(confidence) and 0.0 < confidence < 1.0):
         raise InputError(f"confidence: {show(confidence)}; allowed: a number between 0 and 1")
     if isinstance(random, bool) or not isinstance(random, (int, np.integer)):
@@ -120,7 +120,7 @@ def tolerance_quantities(robot: RobotLike, frame: str | None = None) -> dict[str
     robot = as_robot(robot).with_constraints()
     model = build_model(robot)
     names = _coordinates(robot, model)
-    exact = _exact(robot, model, tool_of(robot, frame, "frame"), names, _checked_poses(model, names, None), None)
+    exact = _exact(robot, model, tool_of(robot, frame), names, _checked_poses(model, names, None), None)
     return {name: known.unit for name, known in contributions_of(exact.model).items()}
 
 
