@@ -15,9 +15,11 @@ from eomgen.errors import ArrayError, InputError, IntegrationStopped
 from eomgen.integration.methods import METHODS, SUNDIALS
 from eomgen.integration.plan import stiff_in_real_time, why_stiff
 from eomgen.integration.solve import integrate
+from eomgen.integration.trajectory import Trajectory, motion_columns
 from eomgen.integration.until import Until
 from tests.runtime.test_drives import DRIVES, _robot
 from tests.runtime.test_memory import GEARED, KERNELS, block, rates
+from tests.support.bristled import ARM, SERVO
 from tests.support.builds import Build
 
 FAST = {"output_step": 0.002}  # a block at 1 m/s: bristles follow within 17 us
@@ -229,3 +231,15 @@ def test_steps_of_rk4_are_as_short_as_drives_need(built: Build) -> None:
         ends.append(np.r_[motion.q[-1], motion.v[-1], motion.z[-1]])
     assert ends[1] == pytest.approx(ends[0], rel=1e-5, abs=1e-6)
     assert motion.info["steps"] > 200
+
+
+@pytest.mark.parametrize(("text", "expected"), [(ARM, None), (SERVO, ("N m", "N", "N m", "rad"))])
+def test_drives_of_prescribed_coordinates_are_forces(text: str, expected: Any, built: Build) -> None:
+    """What kernels take there is an acceleration; motions have the force that it needs."""
+    robot = robot_from_toml(text.replace('name = "j1"\n', 'name = "j1"\nprescribed = ["gamma"]\n'))
+    kernel = built(robot, "mass_matrix")
+    wide = np.zeros((2, kernel.n))
+    motion = Trajectory(np.arange(2.0), wide, wide, wide, np.zeros((2, 2)), kernel.velocities, "rk4").apart(kernel)
+    assert kernel.inputs["j1.gamma"].unit == "rad/s^2"
+    assert motion.input_units == expected
+    assert motion_columns(motion)["j1.gamma.drive"][0] == "N m"

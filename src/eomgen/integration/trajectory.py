@@ -79,8 +79,10 @@ class Trajectory(Shown, Tabular):
             "memory": kernel.memory,
             "memory_units": kernel.memory_units,
         }
-        if any(not x.is_force for x in kernel.inputs.values()):
-            names["input_units"] = tuple(x.unit for x in kernel.inputs.values())
+        inputs = {name: x for name, x in kernel.inputs.items() if name not in kernel.prescribed}  # there u has forces
+        if any(not x.is_force for x in inputs.values()):
+            units = (inputs[name].unit if name in inputs else force_unit_of(name) for name in kernel.coordinates)
+            names["input_units"] = tuple(units)
         return replace(self, q=q, v=v, u=u, z=z, **names)
 
     def joined(self) -> tuple[Array, Array, Array]:

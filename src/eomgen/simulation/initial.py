@@ -57,13 +57,17 @@ def initial_state(robot: Robot, scenario: Scenario, assembly: Assembly) -> tuple
         if name not in names_in_scenarios(robot):
             scenario.refuse("initial.held", name, kernel.coordinates)
     loose = _loose(robot, assembly)
-    servos = (name for name, x in kernel.inputs.items() if not x.is_force and name not in kernel.prescribed)
-    still = {*loose, *servos, *(names_in_scenarios(robot)[name] for name in fixed)}
+    still = {*loose, *_servos(kernel), *(names_in_scenarios(robot)[name] for name in fixed)}
     q = _balanced(robot, scenario, assembly, (q, v[len(kernel.coordinates) :]), still)
     if has_drives(kernel) and not (initial and initial.z):
         v, lost = _settled(assembly, q, v)
         loose = (*loose, *lost)
     return q, v, loose
+
+
+def _servos(kernel: Kernel) -> tuple[str, ...]:
+    """Return the coordinates whose drives take something else than forces."""
+    return tuple(name for name, x in kernel.inputs.items() if not x.is_force and name not in kernel.prescribed)
 
 
 def _settled(assembly: Assembly, q: Array, v: Array) -> tuple[Array, tuple[str, ...]]:
@@ -73,7 +77,7 @@ def _settled(assembly: Assembly, q: Array, v: Array) -> tuple[Array, tuple[str, 
     try:
         forces = kernel.inverse_dynamics(q, v, zero, wrench=wrench)
     except LoopError:  # these drives cannot hold it
-        return v, tuple(name for name, x in kernel.inputs.items() if not x.is_force)
+        return v, _servos(kernel)
     return settled(kernel, q, v, u, forces)
 
 

@@ -12,8 +12,6 @@ from ..errors import InputError
 from ..motion.exceeding import excesses
 from ..names import joint_of
 from ..robot.coordinates import index_of, rotating_joints, unit_of
-from ..robot.mechanism import coordinate_of
-from ..robot.memory.drives import input_of
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
 from ..scenario.value import Scenario
@@ -72,9 +70,8 @@ Measured = list[tuple[str, str, float]]
 def exceeded_limits(robot: Robot, result: SimulationResult) -> tuple[str, ...]:
     """Return the limits of a robot that a motion exceeds, as far as it knows its drives: "joint1.gamma speed", say."""
     motion, u = result.trajectory, result.trajectory.u.copy()
-    for i, name in enumerate(motion.coordinates):  # inputs of drives that are no forces do not tell of these
-        if input_of(coordinate_of(robot, name).law(), linear=unit_of(name) == "m").unit not in ("N", "N m"):
-            u[:, i] = 0.0
+    others = [unit not in ("N", "N m") for unit in motion.input_units or ()]
+    u[:, np.flatnonzero(others)] = 0.0  # inputs of drives that are no forces do not tell of these
     beyond = excesses(robot, motion.coordinates, q=motion.q, v=motion.v, u=u)
     return tuple(f"{excess.coordinate} {excess.kind}" for excess in beyond)
 
