@@ -17,7 +17,7 @@ from functools import partial
 from typing import NamedTuple
 
 from ..numbers import Conflict, Number, Values, divisor
-from .states import INTEGRATOR, SETTLES, State
+from .states import State
 
 LOOPS = ("position", "velocity", "current")  # from the outside
 DRIVE = "drive"
@@ -187,18 +187,12 @@ def _states() -> Iterator[State]:
     for loop in LOOPS:
         unit = MEASURED["velocity" if loop == "position" else loop]
         size = _current_size if loop == "current" else _one
-        yield State(name=f"filter_{loop}", unit=unit, size=size, kind=SETTLES)
+        yield State(name=f"filter_{loop}", unit=unit, size=size)
         size = partial(_integral_size, loop)
-        yield State(name=f"integral_{loop}", unit=INTEGRALS[loop], size=size, kind=INTEGRATOR)
-    yield State(
-        name="current",
-        unit=("A", "A"),
-        size=_current_size,
-        inertia=lambda numbers: numbers[INDUCTANCE],
-        kind=SETTLES,
-    )
-    yield State(name="force", unit=("N", "N m"), size=_one, kind=SETTLES)
-    yield State(name="input", unit=("1", "1"), size=_one, kind=SETTLES)
+        yield State(name=f"integral_{loop}", unit=INTEGRALS[loop], size=size)
+    yield State(name="current", unit=("A", "A"), size=_current_size, inertia=lambda numbers: numbers[INDUCTANCE])
+    yield State(name="force", unit=("N", "N m"), size=_one)
+    yield State(name="input", unit=("1", "1"), size=_one)
 
 
 STATES: Mapping[str, State] = {state.name: state for state in _states()}

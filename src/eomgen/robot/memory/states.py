@@ -11,7 +11,6 @@ from typing import Any
 
 from ..numbers import Values
 
-KEPT, SETTLES, INTEGRATOR = "kept", "settles", "integrator"  # what states are in a static equilibrium
 WEIGHTLESS = 2.0**-80  # inertia of what stores no energy: exact to divide by, and far below what sums of energies see
 
 
@@ -25,15 +24,12 @@ class State:
         size: numbers -> what tolerances refer to.
         inertia: numbers, or scalars of a program in their places -> w, where the state stores w z^2 / 2; None of one
             that stores no energy, as integrals, filters and lags.
-        kind: KEPT where any state rests, as bristles do; SETTLES where its rate vanishes at one value, which follows
-            from all else; INTEGRATOR where its rate does not depend on it, so that all else must make that vanish.
     """
 
     name: str
     unit: tuple[str, str]
     size: Callable[[Values], float]
     inertia: Callable[[Mapping[str, Any]], Any] | None = None
-    kind: str = KEPT
 
 
 @dataclass(frozen=True)
