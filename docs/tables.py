@@ -106,6 +106,7 @@ def extras() -> str:
 
 def sizes() -> str:
     """Limits of what files may hold."""
+    from eomgen.bending.finite_elements import MOST_ENTRIES, MOST_NODES
     from eomgen.motion.measured_numbers import SHORTEST
     from eomgen.npz import most_bytes
     from eomgen.runtime.levels import LEVELS
@@ -120,6 +121,7 @@ def sizes() -> str:
             f" least {SHORTEST:g} s apart",
         ),
         ("arrays of a .npz file", f"{most_bytes() // 1_000_000} MB, or what EOMGEN_NPZ_MB says"),
+        ("nodes, and entries of a matrix, of a link's finite elements", f"{MOST_NODES}, {MOST_ENTRIES}"),
         ("levels of processors that packages have code for, on x86-64", ", ".join(LEVELS)),
     ]
     return "\n".join(["| | at most |", "|---|---|", *(f"| {what} | {most} |" for what, most in rows)])

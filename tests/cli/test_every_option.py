@@ -24,6 +24,7 @@ ARGUMENTS = {"robot": "one_link", "others": "four_bar", "subject": "one_link", "
 BASE = {  # words of commands that need more than a robot
     "new": "new {name}",
     "check": "check {files}",
+    "reduce": "reduce {files}",
     "export": "export {robot} --mjcf",
     "compare": "compare {robot} {others}",
     "sweep": "sweep {robot} --scenario gone.toml --plan plan.toml -o out",
@@ -75,6 +76,7 @@ NAMES = {  # words behind the option, X in the place of a name
 LATER = {  # once a file was read: tests of analysis, identification and pages try them
     *("budget stops", "report stops", "budget robot", "report robot", "view robot", "live robot", "tolerance"),
     *("fit parameters", "coordinates", "matrices", "known", "distance", "calibrate attach", "calibrate fixed"),
+    *("reduce root", "reduce node", "reduce rigid", "reduce mean", "reduce stress"),
     *("calibrate stiffness", "budget frame", "accuracy frame", "compensate frame", "tolerance frame", "plot output"),
 }
 ANY = {  # any text will do: folders, addresses, words for a report

@@ -19,7 +19,7 @@ from eomgen.cli import entry
 from eomgen.cli.shared.options import add_old_name
 
 GROUPS = {
-    "describe": ("robots", "info", "new", "check", "schema"),
+    "describe": ("robots", "info", "new", "check", "schema", "reduce"),
     "build": ("derive", "generate", "export", "bench", "cache"),
     "simulate": ("simulate", "sweep"),
     "analyse": ("deflection", "modes", "response", "linearize", "budget", "compare"),

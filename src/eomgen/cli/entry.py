@@ -25,6 +25,7 @@ from . import (
     live,
     measured,
     pictures,
+    reduce,
     robots,
     simulate,
     states,
@@ -39,7 +40,7 @@ OK, INPUT_ERROR, BUG = 0, 1, 70
 INTERRUPTED = 130
 
 GROUPS = (  # in the order of eomgen --help
-    Group("describe", "robots, and files about them", (*robots.COMMANDS, *files.COMMANDS)),
+    Group("describe", "robots, and files about them", (*robots.COMMANDS, *files.COMMANDS, *reduce.COMMANDS)),
     Group(
         "build",
         "equations, code, models for other tools",

@@ -1,0 +1,358 @@
+"""Files of finite elements -> a reduced link: which file is what, units, sets of nodes, interfaces."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..arrays import Array, Index
+from ..errors import InputError
+from ..files import as_path
+from ..names import nearest_or_all, plain_path, show
+from ..progress import StageReport, no_report
+from .element_files import COUNT, read_elements
+from .finite_elements import FiniteElements, Interface, checked, stress_cases
+from .readers import abaqus, ansys, calculix, nastran
+from .readers import nodes as node_files
+from .readers.contents import Entries, Labels, Nodes, assembled, is_point, merged
+from .readers.text import lines_of
+from .reduced_link import ReducedLink
+from .reduction import reduce
+from .units import UNITS
+
+ROLES = ("K", "M", "nodes", "map")
+NASTRAN = (".pch", ".bdf", ".dat", ".nas")
+MATRICES = (".mtx", ".mmf", ".matrix", ".hb", ".rb", ".txt")
+KINDS = {
+    ".npz": "finite elements of eomgen",
+    ".sti, .mas, .dof": "CalculiX",
+    ".mtx, .inp": "Abaqus",
+    ".mmf, .hb, .matrix, .mapping": "Ansys",
+    ".pch, .bdf": "Nastran",
+    ".csv": "node,x,y,z",
+}
+_PLANE = re.compile(r"([xyz])=([+-]?(?:[0-9]{1,20}\.?[0-9]{0,20}|\.[0-9]{1,20})(?:[eE][+-]?[0-9]{1,2})?)")
+_RANGES = re.compile(r"[0-9]{1,15}(-[0-9]{1,15})?(,[0-9]{1,15}(-[0-9]{1,15})?)*")
+_SHOWN = 12  # sets of a file
+_ON_PLANE = 1e-6  # of the link's size
+_ALLOWED = 'numbers of nodes ("1-12,40"), a plane ("x=0.5"), or the name of a set of *NSET'
+
+
+@dataclass(frozen=True)
+class LinkSets:
+    """Sets of nodes by which a link stands and is taken hold of.
+
+    Each set is a text: numbers of nodes ("1-12,40"), a plane ("x=0.5", in the files' units), or the name of a set that
+    an input file of Abaqus or CalculiX has.  root: clamped; None: the link is free.  node, rigid, mean: interfaces by
+    their names, of one node, of rigid sets (RBE2) and of mean displacements (RBE3); behind an @ the place, "x=1@1,0,0",
+    in the files' units; without, the mean of the set's nodes.
+    """
+
+    root: str | None = None
+    node: Mapping[str, str] = field(default_factory=dict)
+    rigid: Mapping[str, str] = field(default_factory=dict)
+    mean: Mapping[str, str] = field(default_factory=dict)
+
+
+def reduce_files(
+    files: Sequence[Path | str],
+    sets: LinkSets | None = None,
+    *,
+    modes: int | None = None,
+    units: str = "m",
+    stress: Mapping[str, Path | str] | None = None,
+    craig_bampton: bool = False,
+    report: StageReport = no_report,
+) -> ReducedLink:
+    """Reduce the finite elements of a link, of one .npz or of files of a program, to modes.
+
+    Args:
+        files: a .npz as ``element_files`` has it, alone; or files with matrices and nodes.  Their endings and names say
+            what they are; "K=FILE", "M=FILE", "nodes=FILE" and "map=FILE" say it where these do not.
+        sets: root and interfaces; of a .npz None, as it has its own.
+        modes: beside those of interfaces (6, or what a .npz says).
+        units: "m" (m, kg, s, N) or "mm" (mm, t, s, N) of the files; those of a .npz are SI.
+        stress: files of geometric stiffness matrices by load case, all that ``stress_cases`` names or none.
+        craig_bampton: whether modes stay displacements of interfaces and fixed-interface modes.
+        report: called with what is done next.
+
+    Raises:
+        InputError: a file cannot be read, is missing, or does not hold a link; the message has the place.
+    """
+    named = [_named(file) for file in files]
+    if units not in UNITS:
+        raise InputError(f"units: got {show(units)}; allowed: {', '.join(UNITS)}")
+    if any(path.suffix == ".npz" for _, path in named):
+        elements = _of_npz([path for _, path in named], sets, units, stress, report)
+    else:
+        elements = _of_program(named, LinkSets() if sets is None else sets, units, stress or {}, report)
+    if modes is not None:
+        elements = replace(elements, count=modes)
+    return reduce(elements, craig_bampton=craig_bampton, report=report)
+
+
+def _named(file: Path | str) -> tuple[str, Path]:
+    """Return what a file is said to be, or "", and its path."""
+    role, sign, path = str(file).partition("=")
+    return (role, as_path(path, "files")) if sign and role in ROLES else ("", as_path(file, "files"))
+
+
+def _of_npz(paths: list[Path], sets: LinkSets | None, units: str, stress: Any, report: StageReport) -> FiniteElements:
+    if len(paths) > 1:
+        raise InputError(f"files: got {len(paths)} with a .npz among them; allowed: a .npz alone, which has all")
+    given = [name for name, value in (("sets", sets), ("stress", stress), ("units", units != "m")) if value]
+    if given:
+        raise InputError(
+            f"files: got {', '.join(given)} beside a .npz; allowed: none, as the file has its own, in SI units"
+        )
+    report(f"reading {plain_path(paths[0])}")
+    return read_elements(paths[0])
+
+
+@dataclass
+class _Found:
+    """What files hold so far."""
+
+    matrices: dict[str, Entries] = field(default_factory=dict)
+    nodes: list[Nodes] = field(default_factory=list)
+    keys: Labels | None = None
+    reduced: bool = False
+    waiting: list[tuple[str, Path]] = field(default_factory=list)  # matrices whose rows a mapping names
+
+    def take(self, name: str, entries: Entries) -> None:
+        """Keep a matrix; InputError where there is one of its kind."""
+        if name in self.matrices:
+            other = plain_path(self.matrices[name].path)
+            raise InputError(f"{plain_path(entries.path)}: is {name}, as is {other}; allowed: one of each")
+        self.matrices[name] = entries
+
+
+def _of_program(
+    named: list[tuple[str, Path]], sets: LinkSets, units: str, stress: Mapping[str, Path | str], report: StageReport
+) -> FiniteElements:
+    """Read matrices and nodes of a program's files, and make finite elements of them."""
+    found = _Found()
+    for role, path in named:
+        report(f"reading {plain_path(path)}")
+        _read(role, path, found)
+    for name, file in stress.items():
+        report(f"reading {plain_path(file)}")
+        _read_matrix(f"stress {name}", as_path(file, "stress"), found)
+    for name, path in found.waiting:
+        if found.keys is None:
+            raise InputError(
+                f"{plain_path(path)}: has no names of its rows; allowed: with a .mapping or a .dof file beside it"
+            )
+        found.take(name, _by_mapping(path, found.keys))
+    missing = [name for name in ("K", "M") if name not in found.matrices]
+    if missing:
+        kinds = "; ".join(f"{endings} ({program})" for endings, program in KINDS.items())
+        raise InputError(
+            f"files: have no {' and no '.join(missing)}; allowed: both, in {kinds}, or as K=FILE and M=FILE"
+        )
+    nodes = merged(found.nodes)
+    dofs, matrices = assembled(nodes, found.matrices, found.reduced)
+    elements = FiniteElements(
+        nodes.places,
+        dofs,
+        matrices["M"],
+        matrices["K"],
+        _set("root", sets.root, nodes) if sets.root is not None else np.array([], dtype=np.intp),
+        _interfaces(sets, nodes),
+        COUNT,
+        nodes.labels.astype(np.intp),
+        found.reduced,
+        {name: matrices[f"stress {name}"] for name in stress},
+    )
+    _check_cases(elements, stress)
+    return checked(_in_si(_with_used_nodes(elements), units))
+
+
+def _check_cases(elements: FiniteElements, stress: Mapping[str, Any]) -> None:
+    cases = stress_cases(elements.interfaces)
+    for name in stress:
+        if name not in cases:
+            raise InputError(f"stress: got {show(name)}; allowed: {nearest_or_all(name, cases)}")
+
+
+def _read(role: str, path: Path, found: _Found) -> None:
+    """Read a file into what is found, by its ending and what it is said to be."""
+    ending = path.suffix.lower()
+    if role == "map" or ending in (".dof", ".mapping"):
+        found.keys = ansys.read_mapping(path) if ending == ".mapping" else calculix.read_directions(path)
+    elif ending == ".csv":
+        found.nodes.append(node_files.read_nodes(path))
+    elif role == "nodes" or ending == ".inp":
+        found.nodes.append(nastran.read(path)[0] if ending in NASTRAN else abaqus.read_nodes(path))
+    elif ending in NASTRAN:
+        nodes, matrices = nastran.read(path)
+        if len(nodes.labels):
+            found.nodes.append(nodes)
+        for name, entries in matrices.items():
+            found.take(role or name, entries)
+        found.reduced = found.reduced or any(_has_amplitudes(entries) for entries in matrices.values())
+    elif ending in (".sti", ".mas"):
+        _read_matrix(role or {".sti": "K", ".mas": "M"}[ending], path, found)
+    elif ending == ".op4":
+        raise InputError(
+            f"{plain_path(path)}: does not say what its rows are; allowed: DMIG entries in a .pch, which do"
+        )
+    elif ending in MATRICES or role:
+        if ending == ".mtx" and not role and abaqus.is_substructure(path):
+            for name, entries in abaqus.read_substructure(path).items():
+                found.take(name, entries)
+            found.reduced = True
+            return
+        _read_matrix(role or _by_name(path), path, found)
+    else:
+        kinds = "; ".join(f"{endings} ({program})" for endings, program in KINDS.items())
+        raise InputError(f"files: {plain_path(path)}; allowed: {kinds}, or K=FILE, M=FILE, nodes=FILE, map=FILE")
+
+
+def _has_amplitudes(entries: Entries) -> bool:
+    """Whether a matrix has points without a direction."""
+    return bool(is_point(entries.rows).any())
+
+
+def _by_name(path: Path) -> str:
+    """Return K or M, as the name of a file says."""
+    stem = path.stem.upper()
+    kinds = [kind for kind, word in (("K", "STIF"), ("M", "MASS")) if word in stem]
+    if len(kinds) != 1:
+        raise InputError(
+            f"files: {plain_path(path)} may be K or M; allowed: K=FILE or M=FILE, or STIF or MASS in its name"
+        )
+    return kinds[0]
+
+
+def _read_matrix(name: str, path: Path, found: _Found) -> None:
+    """Read a matrix that names its rows by itself, or let it wait for the file that does."""
+    if path.suffix.lower() in (".sti", ".mas") or not _names_rows(path):
+        found.waiting.append((name, path))
+    else:
+        found.take(name, abaqus.read_matrix(path))
+
+
+def _names_rows(path: Path) -> bool:
+    """Whether a matrix has nodes and directions in its lines, five numbers with commas between them."""
+    for _, text in lines_of(path):
+        if text.strip() and not text.startswith("*"):
+            return text.count(",") >= 4
+    return True
+
+
+def _by_mapping(path: Path, keys: Labels) -> Entries:
+    is_calculix = path.suffix.lower() in (".sti", ".mas")
+    return calculix.read_matrix(path, keys) if is_calculix else ansys.read_matrix(path, keys)
+
+
+def _set(name: str, text: str, nodes: Nodes) -> Index:
+    """Return the rows of the nodes of a set."""
+    plane = _PLANE.fullmatch(text.replace(" ", ""))
+    if plane is not None:
+        axis, at = "xyz".index(plane[1]), float(plane[2])
+        size = float(np.ptp(nodes.places, axis=0).max(initial=0.0))
+        rows = np.flatnonzero(np.abs(nodes.places[:, axis] - at) <= _ON_PLANE * size)
+        if len(rows) == 0:
+            lowest, highest = nodes.places[:, axis].min(), nodes.places[:, axis].max()
+            got = f"{show(text)} of nodes from {plane[1]} = {lowest:g} to {highest:g}"
+            raise InputError(f"{name}: got {got}; allowed: a plane with nodes on it")
+        return rows
+    if text.upper() in nodes.sets:
+        labels = nodes.sets[text.upper()]
+    elif _RANGES.fullmatch(text.replace(" ", "")):
+        labels = _labels(name, text.replace(" ", ""), nodes)
+    else:
+        known = f"; sets: {', '.join(sorted(nodes.sets)[:_SHOWN])}" if nodes.sets else ""
+        raise InputError(f"{name}: got {show(text)}; allowed: {_ALLOWED}{known}")
+    order = np.argsort(nodes.labels)
+    at_row = np.minimum(np.searchsorted(nodes.labels[order], labels), len(order) - 1)
+    missing = np.flatnonzero(nodes.labels[order][at_row] != labels)
+    if len(missing):
+        raise InputError(f"{name}: there is no node {labels[missing[0]]}; allowed: nodes of the files")
+    return order[at_row]
+
+
+def _labels(name: str, text: str, nodes: Nodes) -> Labels:
+    """Return the numbers of a text "1-12,40"."""
+    parts = []
+    for part in text.split(","):
+        first, sign, last = part.partition("-")
+        begin, end = int(first), int(last if sign else first)
+        if end < begin or end > int(nodes.labels.max(initial=0)):
+            raise InputError(f"{name}: got {show(part)}; allowed: first-last, up to node {nodes.labels.max(initial=0)}")
+        parts.append(np.arange(begin, end + 1, dtype=np.int64))
+    return np.unique(np.concatenate(parts))
+
+
+def _interfaces(sets: LinkSets, nodes: Nodes) -> tuple[Interface, ...]:
+    """Return the interfaces of sets, in the order node, rigid, mean."""
+    faces = []
+    for kind, named in (("node", sets.node), ("rbe2", sets.rigid), ("rbe3", sets.mean)):
+        for name, text in named.items():
+            words, sign, at = text.partition("@")
+            rows = _set(name, words, nodes)
+            place = _place(name, at) if sign else nodes.places[rows].mean(axis=0)
+            faces.append(Interface(name, kind, rows, place))
+    return tuple(faces)
+
+
+def _place(name: str, text: str) -> Array:
+    try:
+        place = np.array([float(word) for word in text.split(",")])
+    except ValueError:
+        place = np.array([])
+    if place.shape != (3,) or not np.all(np.isfinite(place)):
+        raise InputError(f"{name}: got the place {show(text)}; allowed: three numbers, x,y,z")
+    return place
+
+
+def _with_used_nodes(elements: FiniteElements) -> FiniteElements:
+    """Return finite elements without nodes that neither matrices nor sets have."""
+    used = np.unique(
+        np.concatenate(
+            [elements.dofs[elements.dofs[:, 0] >= 0, 0], elements.root] + [i.nodes for i in elements.interfaces]
+        )
+    )
+    row = np.full(len(elements.nodes) + 1, -1, dtype=np.intp)  # the last one of amplitudes
+    row[used] = np.arange(len(used))
+    dofs = np.column_stack([row[elements.dofs[:, 0]], elements.dofs[:, 1]])
+    faces = tuple(replace(face, nodes=row[face.nodes]) for face in elements.interfaces)
+    return replace(
+        elements,
+        nodes=elements.nodes[used],
+        labels=elements.labels[used],
+        dofs=dofs,
+        root=row[elements.root],
+        interfaces=faces,
+    )
+
+
+def _in_si(elements: FiniteElements, units: str) -> FiniteElements:
+    """Return finite elements in m, kg, s and N: lengths and entries by their directions."""
+    length, mass = UNITS[units]
+    if length == mass == 1.0:
+        return elements
+    from scipy.sparse import diags_array
+
+    is_rotation = (elements.dofs[:, 0] >= 0) & (elements.dofs[:, 1] > 2)
+    by_row = diags_array(np.where(is_rotation, length, 1.0))
+
+    def scaled(matrix: Any) -> Any:
+        return (mass * (by_row @ matrix @ by_row)).tocsr()
+
+    faces = tuple(replace(face, place=length * face.place) for face in elements.interfaces)
+    stress = {name: scaled(matrix) for name, matrix in elements.stress.items()}
+    return replace(
+        elements,
+        nodes=length * elements.nodes,
+        M=scaled(elements.M),
+        K=scaled(elements.K),
+        interfaces=faces,
+        stress=stress,
+    )

@@ -1,0 +1,283 @@
+"""Readers of other programs' matrices and nodes: the same link out of each, and what is refused, with its line."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from eomgen.bending.reducing import LinkSets, reduce_files
+from eomgen.bending.reduction import reduce
+from eomgen.errors import InputError
+from tests.support import element_texts
+from tests.support.finite_elements import bar, beam
+
+SMALL = {"counts": (3, 1, 1)}
+BY_PLANES = LinkSets("x=0", rigid={"tip": "x=1@1,0,0"})
+
+
+def _placed(folder: Path, words: list[str]) -> list[str]:
+    """Return words of files with their folder."""
+    return [
+        f"{role}={folder / path}" if (role := word.partition("=")[0]) != word else str(folder / word)
+        for word, path in ((word, word.rpartition("=")[2]) for word in words)
+    ]
+
+
+@pytest.mark.parametrize("program", element_texts.PROGRAMS)
+def test_each_program_has_the_same_link(program: str, tmp_path: Path) -> None:
+    elements = bar(**SMALL)
+    files = _placed(tmp_path, element_texts.PROGRAMS[program](tmp_path, elements))
+    found, expected = reduce_files(files, BY_PLANES), reduce(elements)
+    digits = 1e-5 if program == "nastran" else 1e-8  # its files have nine of them
+    assert found.frequencies == pytest.approx(expected.frequencies, rel=digits)
+    assert found.mass == pytest.approx(expected.mass, rel=1e-8)
+    assert found.inertia == pytest.approx(expected.inertia, rel=digits, abs=1e-8)
+    assert np.abs(found.interface_Phi) == pytest.approx(
+        np.abs(expected.interface_Phi), rel=1e2 * digits, abs=1e2 * digits
+    )
+
+
+@pytest.mark.parametrize("program", ["calculix", "abaqus"])
+def test_sets_of_input_files_are_known_by_name(program: str, tmp_path: Path) -> None:
+    elements = bar("rbe3", **SMALL)
+    files = _placed(tmp_path, element_texts.PROGRAMS[program](tmp_path, elements))
+    found = reduce_files(files, LinkSets("clamp", mean={"tip": "FLANGE"}), modes=2)
+    assert found.frequencies == pytest.approx(reduce(replace(elements, count=2)).frequencies, rel=1e-9)
+
+
+def test_rotations_of_nodes_and_numbers_of_nodes(tmp_path: Path) -> None:
+    elements = beam()
+    files = _placed(tmp_path, element_texts.nastran(tmp_path, elements))
+    found = reduce_files(files, LinkSets("1", node={"tip": "11"}), modes=4)
+    assert found.frequencies == pytest.approx(reduce(elements).frequencies, rel=1e-7)
+
+
+def test_millimetres_and_tonnes_become_si(tmp_path: Path) -> None:
+    """The same beam in mm, t, s and N: rotations keep their unit, entries by their directions do not."""
+    elements = beam()
+    length, mass = 1e-3, 1e3
+    scale = np.where(elements.dofs[:, 1] > 2, 1.0 / length, 1.0)
+    by_row = np.outer(scale, scale) / mass
+    in_mm = replace(
+        elements,
+        nodes=elements.nodes / length,
+        K=elements.K.multiply(by_row).tocsr(),
+        M=elements.M.multiply(by_row).tocsr(),
+    )
+    files = _placed(tmp_path, element_texts.calculix(tmp_path, in_mm))
+    found, expected = reduce_files(files, LinkSets("1", node={"tip": "11"}), modes=4, units="mm"), reduce(elements)
+    assert found.frequencies == pytest.approx(expected.frequencies, rel=1e-9)
+    assert pytest.approx(expected.H00, rel=1e-9, abs=1e-12) == found.H00
+    assert found.interface_places[0] == pytest.approx([0.8, 0.0, 0.0])
+
+
+def test_a_substructure_is_a_reduced_model(tmp_path: Path) -> None:
+    elements = beam(count=3, pieces=4)
+    files = _placed(tmp_path, element_texts.substructure(tmp_path, elements))
+    found = reduce_files(files, LinkSets("CLAMP", node={"tip": "FLANGE"}), modes=3)
+    assert found.frequencies == pytest.approx(reduce(elements).frequencies, rel=1e-9)
+    assert any("reduced model" in note for note in found.notes())
+
+
+def test_points_of_nastran_are_amplitudes(tmp_path: Path) -> None:
+    """A free beam reduced to its ends and two modes: SPOINTs carry the amplitudes."""
+    elements = beam(pieces=6)
+    ends, inner = np.r_[0:6, 36:42], np.arange(6, 36)
+    K, M = elements.K.toarray(), elements.M.toarray()
+    from scipy.linalg import eigh
+
+    T = np.zeros((42, 14))
+    T[ends, :12] = np.eye(12)
+    T[inner, :12] = -np.linalg.solve(K[np.ix_(inner, inner)], K[np.ix_(inner, ends)])
+    T[inner, 12:] = eigh(K[np.ix_(inner, inner)], M[np.ix_(inner, inner)])[1][:, :2]
+    lines = []
+    for name, matrix in (("K", T.T @ K @ T), ("M", T.T @ M @ T)):
+        lines.append(f"DMIG,{name},0,6,2")
+        rows = [(1, k + 1) for k in range(6)] + [(2, k + 1) for k in range(6)] + [(101, 0), (102, 0)]
+        for j, column in enumerate(rows):
+            lines.append(f"DMIG*,{name},{column[0]},{column[1]}")
+            lines += [f"*,{a},{b},{float(matrix[i, j])!r}" for i, (a, b) in enumerate(rows[: j + 1]) if matrix[i, j]]
+    (tmp_path / "arm.pch").write_text("\n".join([*lines, "GRID,1,,0.,0.,0.", "GRID,2,,.8,0.,0."]))
+    found = reduce_files([tmp_path / "arm.pch"], LinkSets("1", node={"tip": "2"}), modes=2)
+    kept = T[:, 6:]
+    squares = eigh(kept.T @ K @ kept, kept.T @ M @ kept, eigvals_only=True)
+    assert (2.0 * np.pi * found.frequencies) ** 2 == pytest.approx(squares, rel=1e-8)
+    assert any("reduced model" in note for note in found.notes())
+
+
+CHANGES = (
+    ("calculix", "arm.sti", 3, "4 4", "arm.sti, line 3: got '4 4'; allowed: 3 finite numbers, row, column, entry"),
+    ("calculix", "arm.sti", 3, "1 900 2.0", "arm.sti: got column 900; allowed: 1 to 48"),
+    ("calculix", "arm.mas", 2, "1 2 nan", "arm.mas, line 2: got '1 2 nan'"),
+    ("calculix", "arm.dof", 5, "7", "arm.dof, line 5: got '7'; allowed: node.direction"),
+    ("calculix", "arm.dof", 5, "2.9", "arm.dof: got direction 9 of node 2; allowed: 1 to 6"),
+    ("calculix", "arm.inp", 4, "1, a, b", "arm.inp, line 4: got '1, a, b'; allowed: a node, x, y and z"),
+    (
+        "calculix",
+        "arm.inp",
+        2,
+        "*NODE, SYSTEM=C",
+        "arm.inp, line 2: got '*NODE, SYSTEM=C'; allowed: nodes by *NODE alone",
+    ),
+    ("calculix", "arm.inp", 20, "NOTHING", "arm.inp, line 20: got"),
+    ("abaqus", "arm_STIF2.mtx", 1, "1,1, 1, 5.0", "may be K or M|arm_STIF2.mtx"),
+    (
+        "abaqus",
+        "arm_STIF2.mtx",
+        2,
+        "1,1, 1,1, x",
+        "arm_STIF2.mtx, line 2: got '1,1, 1,1, x'; allowed: 5 finite numbers",
+    ),
+    ("abaqus", "arm_STIF2.mtx", 2, "-5,1, 1,1, 2.0", "got node -5; allowed: numbers of nodes from 1 on"),
+    ("abaqus", "arm_STIF2.mtx", 2, "99,1, 1,1, 2.0", "node 99, direction 1 has no place among the 16 nodes"),
+    ("market", "k.mmf", 1, "%%MatrixMarket matrix array real general", "k.mmf, line 1: got .*; allowed: a header"),
+    ("market", "k.mmf", 3, "48 47 900", "k.mmf, line 3: got '48 47 900'; allowed: a square matrix"),
+    ("market", "k.mmf", 3, "48 48 3", "k.mmf: has .* entries; allowed: 3, as line 3 says"),
+    ("market", "arm.mapping", 4, "4 1 UX", "arm.mapping, line 4: got '4 1 UX'; allowed: row 3 next"),
+    (
+        "market",
+        "arm.mapping",
+        4,
+        "temperature",
+        "arm.mapping, line 4: got 'temperature'; allowed: row, node and one of UX",
+    ),
+    ("market", "arm.csv", 1, "n,x,y,z", "arm.csv, line 1: got 'n,x,y,z'; allowed: a header node,x,y,z"),
+    (
+        "harwell_boeing",
+        "STIFF.matrix",
+        3,
+        "CUA 1 1 1 0",
+        "STIFF.matrix, line 3: got 'CUA 1 1 1 0'; allowed: a kind RSA or RUA",
+    ),
+    ("harwell_boeing", "STIFF.matrix", 5, "       2" * 10, "STIFF.matrix: got pointers 2 to"),
+    ("harwell_boeing", "STIFF.matrix", 4, "free", "STIFF.matrix, line 4: got 'free'; allowed: formats"),
+    (
+        "nastran",
+        "arm.pch",
+        2,
+        "DMIG    KAAX           0       9       2",
+        "line 2: got 'form 9, type 2'; allowed: form 6 or 1",
+    ),
+    (
+        "nastran",
+        "arm.pch",
+        4,
+        f"*       {1:16d}{1:16d}{'what':>16}",
+        "line 3: got 'what'; allowed: a finite number",
+    ),
+    ("nastran", "arm.bdf", 4, "GRID,2,7,0.,0.,0.", "arm.bdf, line 4: got 'CP = 7'; allowed: 0 or nothing"),
+    ("nastran", "arm.bdf", 4, "GRID,2,,a,0.,0.", "arm.bdf, line 4: got 'a, 0., 0.'; allowed: three finite numbers"),
+)
+
+
+@pytest.mark.parametrize(("program", "file", "line", "text", "message"), CHANGES)
+def test_a_wrong_line_is_refused_with_its_number(
+    program: str, file: str, line: int, text: str, message: str, tmp_path: Path
+) -> None:
+    files = _placed(tmp_path, element_texts.PROGRAMS[program](tmp_path, bar(**SMALL)))
+    lines = (tmp_path / file).read_text().split("\n")
+    lines[line - 1] = text
+    (tmp_path / file).write_text("\n".join(lines))
+    with pytest.raises(InputError, match=message.replace("(", r"\(").replace("*NODE", r"\*NODE")):
+        reduce_files(files, BY_PLANES)
+
+
+@pytest.mark.parametrize("program", [*element_texts.PROGRAMS, "substructure"])
+def test_random_changes_are_read_or_refused(program: str, tmp_path: Path) -> None:
+    """Whatever a text has, the answer is a link or an InputError."""
+    write = getattr(element_texts, program)
+    files = _placed(tmp_path, write(tmp_path, bar(counts=(1, 1, 1), count=0)))
+    rng = np.random.default_rng(7)
+    paths = [Path(file.rpartition("=")[2]) for file in files]
+    texts = {path: path.read_text() for path in paths}
+    words = [
+        "",
+        "nan",
+        "1e400",
+        "-1",
+        "*",
+        "**",
+        ",",
+        "0",
+        "999999999999999999",
+        "*MATRIX,TYPE=MASS",
+        "\x00",
+        "K",
+        "1.5",
+        "%",
+    ]
+    refused = 0
+    for _ in range(60):
+        path = paths[int(rng.integers(len(paths)))]
+        text = texts[path]
+        at = int(rng.integers(len(text)))
+        kind = int(rng.integers(3))
+        word = words[int(rng.integers(len(words)))]
+        changed = (text[:at], text[:at] + word + text[at + 3 :], text[:at] + text[at + int(rng.integers(200)) :])[kind]
+        path.write_text(changed)
+        try:
+            reduce_files(files, BY_PLANES)
+        except InputError:
+            refused += 1
+        path.write_text(text)
+    assert refused > 5
+
+
+def test_files_that_do_not_belong_together_are_refused(tmp_path: Path) -> None:
+    files = _placed(tmp_path, element_texts.calculix(tmp_path, bar(**SMALL)))
+    sti, mas, dof, inp = files
+    for given, message in (
+        ([sti, dof, inp], "files: have no M; allowed: both"),
+        ([sti, mas, inp], "arm.sti: has no names of its rows; allowed: with a .mapping or a .dof"),
+        ([sti, mas, dof], "nodes: no file has them"),
+        ([*files, f"K={mas}"], "is K, as is"),
+        ([*files, str(tmp_path / "arm.xyz")], "arm.xyz; allowed: .npz"),
+        ([*files, str(tmp_path / "arm.op4")], "does not say what its rows are; allowed: DMIG"),
+        ([*files, str(tmp_path / "arm.npz")], "got 5 with a .npz among them"),
+        ([str(tmp_path / "none.sti"), mas, dof, inp], "none.sti: cannot be read"),
+        ([str(tmp_path / "some.mtx"), mas, dof, inp], "cannot be read"),
+    ):
+        with pytest.raises(InputError, match=message.replace("(", r"\(")):
+            reduce_files(given, BY_PLANES)
+    for sets, message in (
+        (
+            LinkSets("x=0.1", rigid={"tip": "x=1"}),
+            "root: got 'x=0.1' of nodes from x = 0 to 1; allowed: a plane with nodes",
+        ),
+        (LinkSets("x=1.2.3", rigid={"tip": "x=1"}), "root: got 'x=1.2.3'; allowed: numbers of nodes"),
+        (LinkSets("x=0", rigid={"tip": "900-901"}), "tip: got '900-901'; allowed: first-last, up to node 16"),
+        (LinkSets("x=0", rigid={"tip": "WRIST"}), "tip: got 'WRIST'; allowed: numbers .*; sets: ALL, CLAMP, FLANGE"),
+        (LinkSets("x=0", rigid={"tip": "x=1@1,2"}), "tip: got the place '1,2'; allowed: three numbers"),
+        (LinkSets("x=0", rigid={"2nd": "x=1"}), "interface_names: got '2nd'; allowed: an identifier"),
+        (LinkSets("x=0", rigid={"tip": "x=1", "end": "16"}), "node 16 is in tip and in end; allowed: in one rigid set"),
+    ):
+        with pytest.raises(InputError, match=message):
+            reduce_files(files, sets)
+    with pytest.raises(InputError, match="units: got 'inch'; allowed: m, mm"):
+        reduce_files(files, BY_PLANES, units="inch")
+    with pytest.raises(InputError, match=r"stress: got 'body.q.x'; allowed: "):
+        reduce_files(files, BY_PLANES, stress={"body.q.x": sti})
+    with pytest.raises(InputError, match=r"stress: lacks body.x.y.*; allowed: none, or all 15 load cases"):
+        reduce_files(files, BY_PLANES, stress={"body.x.x": sti})
+
+
+def test_texts_are_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    files = _placed(tmp_path, element_texts.calculix(tmp_path, bar(**SMALL)))
+    monkeypatch.setenv("EOMGEN_MATRIX_MB", "1")
+    with (tmp_path / "arm.sti").open("a") as stream:
+        stream.write("1 1 0.0\n" * 140_000)
+    with pytest.raises(InputError, match=r"arm.sti: cannot be read: .*EOMGEN_MATRIX_MB"):
+        reduce_files(files, BY_PLANES)
+    monkeypatch.setenv("EOMGEN_MATRIX_MB", "64")
+    monkeypatch.setattr("eomgen.bending.readers.text.MOST_ENTRIES", 1000)
+    with pytest.raises(InputError, match=r"arm.sti: got more than 1000 entries at line"):
+        reduce_files(files, BY_PLANES)
+    (tmp_path / "arm.sti").write_text("1" * 5000)
+    with pytest.raises(InputError, match=r"arm.sti, line 1: has more than 4096 bytes"):
+        reduce_files(files, BY_PLANES)
+    monkeypatch.setattr("eomgen.bending.readers.abaqus.MOST_NODES", 5)
+    with pytest.raises(InputError, match="more than 5 nodes"):
+        reduce_files(files[::-1], BY_PLANES)

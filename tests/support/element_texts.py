@@ -1,0 +1,168 @@
+"""Finite elements as texts of other programs, written for tests by what their manuals say of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from eomgen.bending.finite_elements import FiniteElements
+
+Write = Callable[[Path, FiniteElements], list[str]]
+
+
+def _triangle(matrix: Any) -> list[tuple[int, int, float]]:
+    """Return row, column and entry of the upper triangle, rows from 0 on."""
+    found = matrix.tocoo()
+    return [
+        (i, j, x) for i, j, x in zip(found.row.tolist(), found.col.tolist(), found.data.tolist(), strict=True) if i <= j
+    ]
+
+
+def _name(elements: FiniteElements, row: int) -> tuple[int, int]:
+    """Return label and direction, 1 to 6, of a row."""
+    node, way = elements.dofs[row].tolist()
+    return int(elements.labels[node]), way + 1
+
+
+def _nodes(elements: FiniteElements) -> list[tuple[int, float, float, float]]:
+    return [(int(label), *place) for label, place in zip(elements.labels, elements.nodes.tolist(), strict=True)]
+
+
+def _input_file(elements: FiniteElements, with_sets: bool) -> str:
+    lines = ["** a link", "*NODE, NSET=ALL"] + [f"{a}, {x!r}, {y!r}, {z!r}" for a, x, y, z in _nodes(elements)]
+    if with_sets:
+        end = [str(elements.labels[node]) for node in elements.interfaces[0].nodes]
+        root = [str(elements.labels[node]) for node in elements.root]
+        lines += [
+            "*NSET, NSET=CLAMP",
+            ", ".join(root),
+            "*NSET, NSET=FLANGE",
+            ", ".join(end),
+            "*ELEMENT, TYPE=C3D8",
+            "1, 2",
+        ]
+    return "\n".join(lines) + "\n"
+
+
+def calculix(folder: Path, elements: FiniteElements) -> list[str]:
+    """Write .sti, .mas, .dof and .inp."""
+    for name, matrix in (("sti", elements.K), ("mas", elements.M)):
+        text = "".join(f"{i + 1} {j + 1} {x:20.13e}\n" for i, j, x in _triangle(matrix))
+        (folder / f"arm.{name}").write_text(text)
+    rows = [_name(elements, row) for row in range(len(elements.dofs))]
+    (folder / "arm.dof").write_text("".join(f"{label}.{way}\n" for label, way in rows))
+    (folder / "arm.inp").write_text(_input_file(elements, with_sets=True))
+    return ["arm.sti", "arm.mas", "arm.dof", "arm.inp"]
+
+
+def abaqus(folder: Path, elements: FiniteElements) -> list[str]:
+    """Write matrices in matrix input text, and .inp."""
+    for name, matrix in (("arm_STIF2", elements.K), ("arm_MASS2", elements.M)):
+        lines = []
+        for i, j, x in _triangle(matrix):
+            (a, b), (c, d) = _name(elements, i), _name(elements, j)
+            lines.append(f"{a},{b}, {c},{d}, {x:.15e}\n")
+        (folder / f"{name}.mtx").write_text("".join(lines))
+    (folder / "arm.inp").write_text(_input_file(elements, with_sets=True))
+    return ["arm_STIF2.mtx", "arm_MASS2.mtx", "arm.inp"]
+
+
+def substructure(folder: Path, elements: FiniteElements) -> list[str]:
+    """Write a *USER ELEMENT with both matrices, and .inp; rows have to be in the order of nodes."""
+    ways = sorted({_name(elements, row)[1] for row in range(len(elements.dofs))})
+    lines = ["** ABAQUS", f"*USER ELEMENT, NODES={len(elements.labels)}, LINEAR", "** ELEMENT NODES"]
+    labels = elements.labels.tolist()
+    lines += ["** " + ", ".join(map(str, labels[k : k + 8])) + "," for k in range(0, len(labels), 8)]
+    lines += [", ".join(map(str, ways))]
+    for kind, matrix in (("STIFFNESS", elements.K.toarray()), ("MASS", elements.M.toarray())):
+        lines.append(f"*MATRIX,TYPE={kind}")
+        for column in range(len(matrix)):
+            numbers = [f"{x:.15e}" for x in matrix[: column + 1, column].tolist()]
+            lines += [" , ".join(numbers[k : k + 4]) for k in range(0, len(numbers), 4)]
+    (folder / "arm.mtx").write_text("\n".join(lines) + "\n")
+    (folder / "arm.inp").write_text(_input_file(elements, with_sets=True))
+    return ["arm.mtx", "arm.inp"]
+
+
+def _ansys_rows(folder: Path, elements: FiniteElements) -> None:
+    names = ("UX", "UY", "UZ", "ROTX", "ROTY", "ROTZ")
+    rows = [_name(elements, row) for row in range(len(elements.dofs))]
+    text = "".join(f"{k:12d}{label:12d}   {names[way - 1]}\n" for k, (label, way) in enumerate(rows, 1))
+    (folder / "arm.mapping").write_text(f"  Matrix Eqn        Node   DOF\n{text}")
+    lines = [f"{a},{x!r},{y!r},{z!r}\n" for a, x, y, z in _nodes(elements)]
+    (folder / "arm.csv").write_text("node,x,y,z\n" + "".join(lines))
+
+
+def market(folder: Path, elements: FiniteElements) -> list[str]:
+    """Write Matrix Market files, .mapping and .csv."""
+    _ansys_rows(folder, elements)
+    for name, matrix in (("k", elements.K), ("m", elements.M)):
+        entries = _triangle(matrix)
+        n = len(elements.dofs)
+        head = f"%%MatrixMarket matrix coordinate real symmetric\n% a link\n{n} {n} {len(entries)}\n"
+        (folder / f"{name}.mmf").write_text(head + "".join(f"{j + 1} {i + 1} {x:.15e}\n" for i, j, x in entries))
+    return ["K=k.mmf", "M=m.mmf", "arm.mapping", "arm.csv"]
+
+
+def harwell_boeing(folder: Path, elements: FiniteElements) -> list[str]:
+    """Write Harwell-Boeing files of lower triangles by columns, with numbers that touch, .mapping and .csv."""
+    _ansys_rows(folder, elements)
+    n = len(elements.dofs)
+    for name, matrix in (("STIFF", elements.K), ("MASS", elements.M)):
+        by_column = sorted((i, j, x) for i, j, x in _triangle(matrix))
+        counts = np.bincount([i for i, _, _ in by_column], minlength=n)
+        pointers = (1 + np.concatenate([[0], np.cumsum(counts)])).tolist()
+        cards = [
+            _cards([f"{p:8d}" for p in pointers], 10),
+            _cards([f"{j + 1:8d}" for _, j, _ in by_column], 10),
+            _cards([f"{x:24.15E}".replace("E", "D") for _, _, x in by_column], 3),
+        ]
+        lines = [
+            f"{'a link':<72}{'arm':<8}",
+            "".join(f"{k:14d}" for k in (sum(map(len, cards)), *map(len, cards), 0)),
+            f"RSA{'':11}{n:14d}{n:14d}{len(by_column):14d}{0:14d}",
+            f"{'(10I8)':<16}{'(10I8)':<16}{'(1P,3D24.15)':<20}{'':<20}",
+        ]
+        (folder / f"{name}.matrix").write_text("\n".join(lines + [line for part in cards for line in part]) + "\n")
+    return ["STIFF.matrix", "MASS.matrix", "arm.mapping", "arm.csv"]
+
+
+def _cards(words: list[str], count: int) -> list[str]:
+    return ["".join(words[k : k + count]) for k in range(0, len(words), count)]
+
+
+def nastran(folder: Path, elements: FiniteElements) -> list[str]:
+    """Write DMIG entries in large fields and in small ones, and GRID entries in free and in large fields."""
+    lines = ["$ a link"]
+    for name, matrix in (("KAAX", elements.K), ("MAAX", elements.M)):
+        lines.append(f"DMIG    {name:<8}{0:8d}{6:8d}{2:8d}")
+        columns: dict[int, list[tuple[int, float]]] = {}
+        for i, j, x in _triangle(matrix):
+            columns.setdefault(j, []).append((i, x))
+        for j, entries in columns.items():
+            label, way = _name(elements, j)
+            lines.append(f"DMIG*   {name:<16}{label:16d}{way:16d}")
+            for i, x in entries:
+                label, way = _name(elements, i)
+                lines.append(f"*       {label:16d}{way:16d}{f'{x:.9E}'.replace('E', 'D'):>16}")
+    (folder / "arm.pch").write_text("\n".join(lines) + "\n")
+    grids = []
+    for k, (label, x, y, z) in enumerate(_nodes(elements)):
+        if k % 2:
+            grids.append(f"GRID,{label},,{x!r},{y!r},{z!r}")
+        else:
+            grids += [f"GRID*   {label:16d}{'':16}{x:16.9E}{y:16.9E}*", f"*       {z:16.9E}"]
+    (folder / "arm.bdf").write_text("BEGIN BULK\n" + "\n".join(grids) + "\nENDDATA\n")
+    return ["arm.pch", "arm.bdf"]
+
+
+PROGRAMS: dict[str, Write] = {
+    "calculix": calculix,
+    "abaqus": abaqus,
+    "market": market,
+    "harwell_boeing": harwell_boeing,
+    "nastran": nastran,
+}
