@@ -18,7 +18,8 @@ from eomgen.description.load import robot_from_toml
 from eomgen.errors import ArrayError, EomgenWarning, InputError, UnknownNameError
 from eomgen.loops.equilibrium import closed_equilibrium
 from eomgen.state.equilibrium import static_equilibrium
-from tests.support.bristled import ARM, FRICTION, GEARED, bristled_arm, bristled_linkage, geared_arm, served_arm
+from tests.support.bristled import ARM, bristled_arm, served_arm
+from tests.support.bristles import FRICTION, GEARED, bristle_gear, bristle_linkage
 from tests.support.builds import Build
 from tests.support.random_robots import Array
 
@@ -177,14 +178,14 @@ def test_equilibria(built: Build) -> None:
 
     static_equilibrium(kernel, [0.3, 0.0, 0.0, 0.4], held=["j1.gamma"], u=push)
     assert {shape[-1] for shape in seen} == {4}
-    linkage = built(bristled_linkage())
+    linkage = built(bristle_linkage())
     bent = np.array([4e-4, -3e-4])
     closed = closed_equilibrium(linkage, linkage.home, z=bent, held=["joint1.gamma"])
     forces = linkage.inverse_dynamics(closed, np.zeros(3), np.zeros(3), z=bent)
     assert not forces[1:].any()
     free = closed_equilibrium(linkage, linkage.home, z=bent, u=lambda x: np.zeros_like(x))
     assert linkage.forward_dynamics(free, np.zeros(3), np.zeros(3), bent) == pytest.approx(np.zeros(3), abs=1e-7)
-    geared = built(geared_arm())
+    geared = built(bristle_gear())
     q, u = static_equilibrium(geared, [0.3], z=[1e-4, 2e-4], held=["j1.gamma"])
     assert geared.forward_dynamics(q, [0.0], u, [1e-4, 2e-4]) == pytest.approx([0.0], abs=1e-9)
 
@@ -192,7 +193,7 @@ def test_equilibria(built: Build) -> None:
 @pytest.mark.parametrize("closed", [True, False])
 def test_loops_and_followers_move_as_their_linear_system_says(closed: bool, built: Build) -> None:
     """A small push: the motion of the whole equations is that of A, also of bristles in followers."""
-    robot = bristled_linkage() if closed else geared_arm()
+    robot = bristle_linkage() if closed else bristle_gear()
     kernel = built(robot)
     n = len(kernel.coordinates)
     options = {"kernel": kernel, "held": [kernel.coordinates[0]], "drives": "free"}
@@ -327,7 +328,7 @@ x = { stiffness = 1e4, damping = 3.0, maxwell = [{ stiffness = 4e3, damping = 50
 def test_bristles_of_couplings_and_loop_joints(built: Build) -> None:
     """Their states are in A as differences of the equations have it, also bent, and between equal rates."""
     friction = 'friction = { model = "lugre", coulomb = 0.3, bristle_stiffness = 300.0, bristle_damping = 0.5 }'
-    head, gear = GEARED.replace(FRICTION, "").split('to = { "j1.gamma" = -2.0 }')
+    head, gear = GEARED.replace(f"gamma = {{ {FRICTION} }}", "").split('to = { "j1.gamma" = -2.0 }')
     robot = robot_from_toml(f'{head}to = {{ "j1.gamma" = 1.0 }}\nstiffness = 500.0\ndamping = 0.1\n{friction}{gear}')
     kernel = built(robot)
     assert kernel.memory == ("gear.friction.z",)

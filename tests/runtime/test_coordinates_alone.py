@@ -11,15 +11,16 @@ import pytest
 import eomgen
 from eomgen.errors import ArrayError, InputError
 from eomgen.runtime.arrays import DERIVATIVE, REMEMBERING, remembers
-from tests.support.bristled import bristled_arm, bristled_linkage, geared_arm, served_arm
+from tests.support.bristled import bristled_arm, served_arm
+from tests.support.bristles import bristle_gear, bristle_linkage
 from tests.support.builds import Build
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
 ROBOTS: dict[str, Callable[[], eomgen.Robot]] = {
     "arm": bristled_arm,
-    "linkage": bristled_linkage,
-    "gear": geared_arm,
+    "linkage": bristle_linkage,
+    "gear": bristle_gear,
     "servo": served_arm,
 }
 PLAIN = ("mass_matrix", "gravity", "euler_cosines", "christoffel", "center_of_mass")
@@ -128,7 +129,7 @@ def test_blocks_and_inverse_kinematics(built: Build) -> None:
     assert q == pytest.approx(s.apart["q"], abs=1e-9)
     wide = kernel.inverse_kinematics(pose, q0=s.whole["q"] + [0.1, 0.0, 0.0, 0.1, 0.0, 0.0])
     assert (wide == np.r_[q, 0.0, 0.0]).all()
-    linkage = built(bristled_linkage())
+    linkage = built(bristle_linkage())
     home = linkage.assemble(linkage.home)
     moved = linkage.assemble(home + [0.1, 0.0, 0.0], ["joint1.gamma"])
     frame = linkage.links[1]
