@@ -37,8 +37,8 @@ def bristle_conflict(numbers: Values) -> Conflict | None:
         if f"friction.{key}" in numbers:
             what = "a Gaussian Stribeck curve" if key == "stribeck" else "LuGre friction without it"
             return f"friction.{key}", f"the model is lugre; allowed: {what}"
-    excess = _unfaded(numbers)
-    if "friction.fade" in numbers and excess is not None:
+    excess = _unfaded(numbers) if "friction.fade" in numbers else None
+    if excess is not None:
         v, force, most = excess
         said = f"bristle damping resists with {force:.4g} at the velocity {v:.4g}, more than 4 times {0.25 * most:.4g}"
         return "friction.fade", f"got {numbers['friction.fade']!r}: {said}; allowed: a lower velocity, or less damping"
