@@ -73,7 +73,7 @@ def _add_fit(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("motion", metavar="MOTION", type=Path, nargs="+", help=f"{_ABOUT}; several for --parameters")
     add_json(parser)
     add_names(parser, "--coordinates", "NAME", "those to fit (all that can be)")
-    about = "entries of joints' matrices, joints.joint2.stiffness.x.beta, or joints.joint2.stiffness for all of one"
+    about = "of matrices: entries, joints.joint2.stiffness.x.beta, or all, loops.cut.stiffness, bushings.b.damping"
     add_names(parser, "--matrices", "NAME", about, default=None)
     about = "parameters to find by simulations, joints.joint2.gamma.friction (those of laws that have states)"
     add_names(parser, "--parameters", "NAME", about, default=None)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
 from ...arrays import Array
+from ...robot.elements.matrices import entry_name
 from ...robot.value import COORDINATES
 from .least_squares import Solution, best_of
 from .matrix_entries import Entry, MatrixNumbers
@@ -27,16 +28,6 @@ def shares_of(entry: Entry, lag: float, rows: Sequence[str], moving: Sequence[st
     return shares
 
 
-def forces_of(entry: Entry, lag: float, names: Sequence[str], q: Array, v: Array) -> Array:
-    """Return the forces of an entry of 1 on all coordinates, (T, n), in states (T, n) each."""
-    forces = np.zeros_like(q)
-    for row, by in entry.pairs:
-        if row in names and by in names:
-            i, j = names.index(row), names.index(by)
-            forces[:, i] += (q[:, j] + lag * v[:, j]) if entry.column == 0 else v[:, j]
-    return forces
-
-
 def fitted_matrices(
     entries: Sequence[tuple[int, Entry]],
     solutions: Sequence[Solution],
@@ -48,16 +39,17 @@ def fitted_matrices(
     if not entries:
         return
     best = best_of(solutions, [place for place, _ in entries])
-    groups: dict[tuple[str, str], list[tuple[int, Entry]]] = {}
+    groups: dict[tuple[str, str, str], list[tuple[int, Entry]]] = {}
     for place, entry in entries:
-        groups.setdefault((entry.joint, entry.key), []).append((place, entry))
-    for (joint, key), own in groups.items():
+        groups.setdefault((entry.owner, entry.joint, entry.key), []).append((place, entry))
+    for (owner, joint, key), own in groups.items():
         known = [(place, entry) for place, entry in own if np.isfinite(best.values[place])]
         if not known:
             continue
-        names = _coordinates(joint, key, [entry for _, entry in known], numbers)
+        described = numbers.entries(owner, joint, key)
+        names = _coordinates([entry for _, entry in known], described)
         values = np.vstack([best.values, best.replicates])[:, [place for place, _ in known]]
-        stack = _stack(names, [entry for _, entry in known], values, _described(joint, key, names, numbers))
+        stack = _stack(names, [entry for _, entry in known], values, _described(names, described))
         lowest = _lowest(stack)
         yield FittedMatrix(
             joint=joint,
@@ -72,22 +64,23 @@ def fitted_matrices(
             taken_in=tuple(entry.one for _, entry in known if numbers.takes_in(entry)),
             lowest=float(lowest[0]),
             lowest_error=best.deviation_of(lowest[0], lowest[1:]),
+            owner=owner,
         )
 
 
-def _coordinates(joint: str, key: str, entries: Sequence[Entry], numbers: MatrixNumbers) -> tuple[str, ...]:
+def _coordinates(entries: Sequence[Entry], described: Mapping[str, float]) -> tuple[str, ...]:
     """Return the coordinates of what is found and of what is described beside it."""
     found = {name for entry in entries for name in (entry.one, entry.other)}
-    beside = {name for path in numbers.matrices[key].get(joint, {}) for name in path.split(".")}
+    beside = {name for path in described for name in path.split(".")}
     return tuple(name for name in COORDINATES if name in found | beside)
 
 
-def _described(joint: str, key: str, names: Sequence[str], numbers: MatrixNumbers) -> Array:
+def _described(names: Sequence[str], described: Mapping[str, float]) -> Array:
     """Return the matrix that is described, without tables of coordinates, (n, n)."""
-    own, matrix = numbers.matrices[key].get(joint, {}), np.zeros((len(names), len(names)))
+    matrix = np.zeros((len(names), len(names)))
     for i, one in enumerate(names):
         for j, other in enumerate(names[i:], i):
-            matrix[i, j] = matrix[j, i] = own.get(f"{one}.{other}", 0.0)
+            matrix[i, j] = matrix[j, i] = described.get(entry_name(one, other), 0.0)
     return matrix
 
 

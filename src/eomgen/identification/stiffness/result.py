@@ -63,6 +63,8 @@ class FittedEntry:
 class FittedMatrix:
     """The stiffness or damping matrix of a joint, with estimates for its entries.
 
+    joint: name of the joint, of the loop joint or of the bushing between two frames, as ``owner`` says: "joints",
+    "loops" or "bushings".
     key: "stiffness" (N/m, N/rad, N m/rad) or "damping" (times s).  coordinates: of its rows, n of "x" to "gamma".
     entries: those that were found.  matrix: (n, n), with what the description says where nothing was found.
     taken_in: coordinates whose own tables' stiffness (or damping) is in it, and goes where the matrix is described.
@@ -80,6 +82,7 @@ class FittedMatrix:
     open: tuple[str, ...]
     lowest: float
     lowest_error: float
+    owner: str = "joints"
 
     @property
     def name(self) -> str:
@@ -156,12 +159,17 @@ class FitResult(Plotting, Shown, Tabular, Saved, plot="plot_fit"):
         return self.fitted[names.index(coordinate)]
 
     def matrix(self, joint: str, key: str = "stiffness") -> FittedMatrix:
-        """Return the matrix of a joint, its stiffness or "damping"; UnknownNameError if it was not fitted."""
-        names = [(entry.joint, entry.key) for entry in self.matrices]
-        if (joint, key) not in names:
-            known = ", ".join(entry.name for entry in self.matrices) or "none"
-            raise UnknownNameError(f"fit: {component_name(joint, key)} was not fitted; fitted: {known}")
-        return self.matrices[names.index((joint, key))]
+        """Return the matrix of a joint, its stiffness or "damping"; UnknownNameError if it was not fitted.
+
+        Args:
+            joint: name of the joint, loop joint or bushing; "loops.cut" where joints of several kinds have that name.
+            key: of the matrix.
+        """
+        for entry in self.matrices:
+            if key == entry.key and joint in (entry.joint, component_name(entry.owner, entry.joint)):
+                return entry
+        known = ", ".join(entry.name for entry in self.matrices) or "none"
+        raise UnknownNameError(f"fit: {component_name(joint, key)} was not fitted; fitted: {known}")
 
     @property
     def title(self) -> str:
@@ -177,7 +185,10 @@ class FitResult(Plotting, Shown, Tabular, Saved, plot="plot_fit"):
         """
         pairs = [(entry.coordinate, key, getattr(entry, key)) for entry in self.fitted for key in KEYS]
         found = {component_name(owner, key): estimate for owner, key, estimate in pairs if estimate is not None}
-        found |= {f"{x.name}.{entry.entry}": entry.estimate for x in self.matrices for entry in x.entries}
+        names = [matrix.name for matrix in self.matrices]
+        for x in self.matrices:  # joints of several kinds may have one name
+            name = x.name if names.count(x.name) == 1 else component_name(x.owner, x.name)
+            found |= {f"{name}.{entry.entry}": entry.estimate for entry in x.entries}
         return found | {number.name: number.estimate for number in self.numbers}
 
     @property
@@ -195,8 +206,8 @@ class FitResult(Plotting, Shown, Tabular, Saved, plot="plot_fit"):
                     parameters[parameter_name(entry.owner, entry.coordinate, key)] = estimate.value
         for found in self.matrices:
             if found.is_definite:
-                taken_in = {parameter_name("joints", found.joint, name, found.key): 0.0 for name in found.taken_in}
-                values = {parameter_name("joints", found.name, x.entry): x.estimate.value for x in found.entries}
+                taken_in = {parameter_name(found.owner, found.joint, name, found.key): 0.0 for name in found.taken_in}
+                values = {parameter_name(found.owner, found.name, x.entry): x.estimate.value for x in found.entries}
                 parameters |= values | taken_in
         return parameters | {number.name: number.estimate.value for number in self.numbers}
 

@@ -21,14 +21,13 @@ columns, of parameters that the description has, in 0.5 s more, and after 0.5 s 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import cast
 
 import numpy as np
 
-from ...arrays import RANK, Array
 from ...description import RobotLike, as_robot
 from ...errors import InputError, UnknownNameError
 from ...limits import is_usable
@@ -39,17 +38,17 @@ from ...names import component_name, joint_of, listed, nearest, parameter_name, 
 from ...pipeline.mechanisms import mechanism_kernels
 from ...pipeline.stages import build
 from ...progress import StageReport, no_report, tells_at_prompt
-from ...robot.coordinates import index_of
 from ...robot.model import Model, build_model
 from ...robot.value import MOTOR, PRINCIPAL, Robot
 from ...runtime.kernel import Kernel
-from ...state.springs import cut_numbers, law_numbers
+from ...state.springs import cut_numbers
 from ..closed_motions import closed_motion
 from ..estimating import FIRST, HALF_WIDTHS, SIGNAL, even_step, least_samples
 from ..relations import refuse_followers
-from .least_squares import Noise, System
-from .matrix_entries import Entry, MatrixNumbers, entries_sought
-from .matrix_fitting import doubts_about, fitted_matrices, forces_of, shares_of
+from .equations import Moved, Sought, deviation_of, known_rows, moved_by, of_mechanism, of_tree
+from .frame_pairs import PAIR_KERNELS, frame_pairs
+from .matrix_entries import OF_JOINTS, Entry, MatrixNumbers, entries_sought
+from .matrix_fitting import doubts_about, fitted_matrices
 from .output_error import fit_numbers, numbers_sought
 from .result import KEYS, Estimate, FitResult, FittedCoordinate, FittedMatrix, doubts
 
@@ -82,7 +81,9 @@ def fit(  # noqa: PLR0913
     noise adds on average is not taken off.
 
     Of matrices between a joint's coordinates those entries are fitted that the description gives, or that are asked
-    for; all of a joint together, from the forces in all of its coordinates.
+    for; all of a joint together, from the forces in all of its coordinates.  So are those of loop joints and of
+    bushings between two frames, from the forces in all coordinates that move these frames; of such coordinates in a
+    tree, what the description gives is fitted beside them.
 
     Args:
         robot: a Robot, the name of a built-in one, or the path of a description.  Masses, geometry,
@@ -90,8 +91,8 @@ def fit(  # noqa: PLR0913
         motion: from ``read_motion`` or ``motion_from_columns``, or the path of a file; with ``parameters`` several.
         coordinates: names of those to fit; all that can be if empty.
         matrices: names of entries to fit, "joints.joint2.stiffness.x.beta", or of whole matrices,
-            "joints.joint2.stiffness"; ``*`` stands for any word.  By default the entries that the description gives,
-            or none where there are ``coordinates``.
+            "joints.joint2.stiffness", "loops.cut.damping", "bushings.mount.stiffness"; ``*`` stands for any word.  By
+            default the entries that the description gives, or none where there are ``coordinates``.
         parameters: names of run-time parameters to find by simulations, "joints.joint1.gamma.friction.coulomb", or
             what they begin with; ``*`` stands for any word.
         bandwidth: rad/s, with which these simulations are led along the motion by gains, for robots that do not stay
@@ -133,8 +134,11 @@ def fit(  # noqa: PLR0913
     sought, warnings = _sought(model, kernel, motion, coordinates, moved.following)
     numbers = MatrixNumbers.of(kernel)
     entries = entries_sought(robot, () if matrices is None and coordinates else matrices)
-    entries, blind = _seen(model, kernel, motion, entries, moved.following)
+    between = moved_by(kernel, moved, entries)
+    entries, blind = _seen(model, kernel, motion, entries, {*motion.measured, *moved.following}, between)
     sought = _beside_matrices(robot, sought, entries)
+    if not coordinates:
+        sought = _described_ones(robot, sought, between)
     if blind:
         warnings.append(f"not fitted, as no measured coordinate with a known drive has them: {listed(blind)}")
     if not motion.driven:
@@ -146,10 +150,10 @@ def fit(  # noqa: PLR0913
         still = [item for item in sought if not _moves(kernel, moved, item, noise)]
         warnings += [f"{item.name} does not move enough to say anything" for item in still]
         sought = [item for item in sought if item not in still]
-        together = _together(kernel, model, motion, moved, (*sought, *entries))
-        systems = iter([together] if sought or entries else [])
+        everything: list[Sought | Entry] = [*sought, *entries]
+        systems = iter([of_mechanism(kernel, model, motion, moved, everything, noise)] if everything else [])
     else:
-        systems = _of_tree(kernel, model, motion, moved, sought, entries, noise)
+        systems = of_tree(kernel, model, motion, moved, sought, entries, between, noise)
     described, fitted, open_names = dict(robot.numbers()), list[FittedCoordinate](), list[str]()
     found = list[FittedMatrix]()
     for equations in systems:
@@ -179,7 +183,7 @@ def fit(  # noqa: PLR0913
     if open_names:
         warnings.append(f"the motion and its drives do not determine {listed(open_names)}, or not one beside another")
     warnings += [text for matrix in found for text in doubts_about(matrix)]
-    notes = _closed_notes(motion) if robot.is_closed else _notes(motion)
+    notes = _closed_notes(motion, bool(kernel.constraints)) if robot.is_closed else _notes(motion)
     notes += tuple(_taken_in(matrix) for matrix in found if matrix.taken_in)
     return FitResult(robot.name, confidence, tuple(fitted), tuple(warnings), notes, tuple(found))
 
@@ -215,52 +219,11 @@ def _taken_in(matrix: FittedMatrix) -> str:
 def fitting_kernels(robot: Robot) -> tuple[str, ...]:
     """Return names of the kernels that a fit calls."""
     laws = ("cut_forces", "cut_jacobian") if robot.is_closed and build_model(robot).cut_laws else ()
-    return ("inverse_dynamics", *dict.fromkeys(("mass_matrix", *mechanism_kernels(robot), *laws)))
+    pairs = PAIR_KERNELS if frame_pairs(robot) else ()
+    return ("inverse_dynamics", *dict.fromkeys(("mass_matrix", *mechanism_kernels(robot), *laws, *pairs)))
 
 
-@dataclass(frozen=True)
-class _Sought:
-    """A coordinate whose parameters are looked for: of a joint, a loop joint or an elastic coupling.
-
-    owner: "joints", "loops" or "couplings".  columns: places in KEYS.
-    """
-
-    owner: str
-    name: str
-    columns: tuple[int, ...]
-
-    def parameter(self, column: int) -> str:
-        """Name of the parameter in ``Kernel.parameters``."""
-        return parameter_name(self.owner, self.name, KEYS[column])
-
-
-@dataclass(frozen=True)
-class _Equations:
-    """Equations of the coordinates and entries sought, and what each of their columns is of, with its place in KEYS."""
-
-    sought: tuple[_Sought, ...]
-    places: tuple[tuple[_Sought | Entry, int], ...]
-    system: System
-
-
-@dataclass(frozen=True)
-class _Moved:
-    """A motion with its loops closed, and the drives that are known, (T, n) each.
-
-    half: of the filter that they have passed.  weights: of that filter by order of the derivative, (3, w).  following:
-    names of the coordinates that follow from the others.
-    """
-
-    q: Array
-    v: Array
-    a: Array
-    u: Array
-    half: int
-    weights: Array
-    following: tuple[str, ...]
-
-
-def _moved(kernel: Kernel, model: Model, motion: MeasuredMotion, step: float) -> _Moved:
+def _moved(kernel: Kernel, model: Model, motion: MeasuredMotion, step: float) -> Moved:
     """Return the motion with its loops closed; velocities and accelerations are a file's, or derivatives.
 
     The narrowest filter gives the derivatives, so that it hardly bends what is not linear in the motion.  Of a tree it
@@ -282,12 +245,12 @@ def _moved(kernel: Kernel, model: Model, motion: MeasuredMotion, step: float) ->
     following: tuple[str, ...] = ()
     if kernel.constraints:
         q, v, a, following = closed_motion(kernel, model, motion.measured, q, v, a)
-    return _Moved(q, v, a, u, half, narrow.weights, following)
+    return Moved(q, v, a, u, half, narrow.weights, following, frame_pairs(model.robot))
 
 
 def _sought(
     model: Model, kernel: Kernel, motion: MeasuredMotion, asked: Sequence[str], following: Sequence[str]
-) -> tuple[list[_Sought], list[str]]:
+) -> tuple[list[Sought], list[str]]:
     """Return coordinates to fit, and warnings about those that cannot be.
 
     Of a tree's deviations both parameters are fitted; elsewhere those that are described, or asked for.
@@ -310,7 +273,7 @@ def _sought(
         if reason:
             warnings.append(f"{name} {reason}")
         elif columns:
-            sought.append(_Sought(owner, name, columns))
+            sought.append(Sought(owner, name, columns))
     return sought, warnings
 
 
@@ -363,185 +326,65 @@ def _reason(
     return ""
 
 
-def _moves(kernel: Kernel, moved: _Moved, item: _Sought, noise: dict[str, float]) -> bool:
+def _moves(kernel: Kernel, moved: Moved, item: Sought, noise: dict[str, float]) -> bool:
     """Return whether a coordinate moves more than its noise does."""
-    s, _, _ = _deviation(kernel, moved, item)
+    s, _, _ = deviation_of(kernel, moved, item)
     return bool(np.mean(s**2) > (1.0 + SIGNAL) * noise.get(item.name, 0.0) ** 2 + 1e-30)
 
 
-def _deviation(kernel: Kernel, moved: _Moved, item: _Sought) -> tuple[Array, Array, Array]:
-    """Return deviation and rate of a coordinate, (T,) each, and its derivatives by all coordinates, (T, n)."""
-    if item.owner == "joints":
-        i = kernel.coordinates.index(item.name)
-        return moved.q[:, i], moved.v[:, i], np.broadcast_to(np.eye(kernel.n)[i], moved.q.shape)
-    i = kernel.cut_laws.index(item.name)
-    rows = np.asarray(kernel.cut_jacobian(moved.q))[:, i]
-    return np.asarray(kernel.cut_forces(moved.q, moved.v))[:, i, 0], np.einsum("tn,tn->t", rows, moved.v), rows
-
-
 def _seen(
-    model: Model, kernel: Kernel, motion: MeasuredMotion, entries: Sequence[Entry], following: Sequence[str]
+    model: Model,
+    kernel: Kernel,
+    motion: MeasuredMotion,
+    entries: Sequence[Entry],
+    moving: set[str],
+    between: set[str],
 ) -> tuple[tuple[Entry, ...], list[str]]:
-    """Return the entries that have a share in equations that can be written, and the names of the others."""
-    rows = set(_rows(model, kernel, motion)) if not model.robot.is_closed else set(kernel.coordinates)
-    moving = {*motion.measured, *following}
-    seen = [entry for entry in entries if any(row in rows and by in moving for row, by in entry.pairs)]
-    return tuple(seen), [entry.name for entry in entries if entry not in seen]
+    """Return the entries that have a share in equations that can be written, and the names of the others.
+
+    Args:
+        model, kernel, motion: of the fit.
+        entries: sought.
+        moving: coordinates that are known.
+        between: those that move the frames of loop joints and bushings of which entries are.
+    """
+    rows = set(known_rows(model, kernel, motion)) if not model.robot.is_closed else set(kernel.coordinates)
+
+    def is_seen(entry: Entry) -> bool:
+        if entry.owner != OF_JOINTS:
+            return bool(rows & between) and bool(moving & between)
+        return any(row in rows and by in moving for row, by in entry.pairs)
+
+    return tuple(filter(is_seen, entries)), [entry.name for entry in entries if not is_seen(entry)]
 
 
-def _rows(model: Model, kernel: Kernel, motion: MeasuredMotion) -> list[str]:
-    """Return names of a tree's coordinates whose equation of motion has no unknown force."""
-    unknown = {kernel.coordinates[i] for i in model.driven} | set(kernel.prescribed)
-    return [x for x in kernel.coordinates if x in motion.measured and (x in motion.driven or x not in unknown)]
-
-
-def _beside_matrices(robot: Robot, sought: Sequence[_Sought], entries: Sequence[Entry]) -> list[_Sought]:
+def _beside_matrices(robot: Robot, sought: Sequence[Sought], entries: Sequence[Entry]) -> list[Sought]:
     """Return coordinates without what entries stand for, and of a joint with damping as a whole without their own.
 
     Coordinates' own damping is fitted beside that where it is described.
     """
-    whole = {(entry.ends[0], entry.column) for entry in entries if len(entry.ends) == 1}
-    joints, described, left = {entry.joint for entry in entries}, dict(robot.numbers()), list[_Sought]()
+    whole = {(entry.owner, entry.ends[0], entry.column) for entry in entries if len(entry.ends) == 1}
+    joints, described = {entry.joint for entry in entries if entry.owner == OF_JOINTS}, dict(robot.numbers())
+    left = list[Sought]()
     for item in sought:
-        joint = joint_of(item.name) if item.owner == "joints" else ""
+        joint = joint_of(item.name) if item.owner == OF_JOINTS else ""
         damped = joint in joints and robot.joint(joint).damping is not None
-        gone = [column for column in item.columns if (item.name, column) in whole]
+        gone = [column for column in item.columns if (item.owner, item.name, column) in whole]
         if damped and not described.get(item.parameter(1)):
             gone.append(1)
-        columns = tuple(column for column in item.columns if item.owner != "joints" or column not in gone)
+        columns = tuple(column for column in item.columns if column not in gone)
         left += [replace(item, columns=columns)] if columns else []
     return left
 
 
-def _of_tree(
-    kernel: Kernel,
-    model: Model,
-    motion: MeasuredMotion,
-    moved: _Moved,
-    sought: Sequence[_Sought],
-    entries: Sequence[Entry],
-    noise: dict[str, float],
-) -> Iterator[_Equations]:
-    """Yield the equation of every coordinate of a tree by itself, those of joints with matrices together."""
-    y = moved.u - np.asarray(kernel.inverse_dynamics(moved.q, moved.v, moved.a))
-    M = kernel.mass_matrix(moved.q)
-    inertia = np.diagonal(M, axis1=1, axis2=2).mean(axis=0)
-    numbers = law_numbers(kernel)
-    ends = {name for entry in entries for name in entry.ends}
+def _described_ones(robot: Robot, sought: Sequence[Sought], between: set[str]) -> list[Sought]:
+    """Return coordinates, of those that move bushings whose entries are sought what the description gives alone."""
+    described, left = dict(robot.numbers()), list[Sought]()
     for item in sought:
-        if item.name in ends:
-            continue
-        i = kernel.coordinates.index(item.name)
-        columns = np.stack([moved.q[:, i], moved.v[:, i]], axis=1)
-        right = y[:, i] + columns @ np.array([numbers[item.name].get(key, 0.0) for key in KEYS])
-        shares = np.eye(2).reshape(2, 1, 1, 2)
-        sigma, own = np.array([noise[item.name]]), inertia[[i]].reshape(1, 1)
-        measured = Noise(sigma, shares, own, moved.weights, motion.v is None)
-        wanted = np.isin(np.arange(len(KEYS)), item.columns)
-        system = System(columns[:, np.newaxis], right[:, np.newaxis], measured, wanted)
-        yield _Equations((item,), tuple((item, column) for column in range(len(KEYS))), system)
-    mean = M.mean(axis=0) if entries else M[0]
-    tree = _Tree(kernel.coordinates, _rows(model, kernel, motion), y, mean, noise)
-    for joint in dict.fromkeys(entry.joint for entry in entries):
-        own_entries = [entry for entry in entries if entry.joint == joint]
-        own_ends = {name for entry in own_entries for name in entry.ends}
-        beside = [item for item in sought if item.name in own_ends]
-        yield _of_joint(kernel, motion, moved, tree, own_entries, beside)
-
-
-@dataclass(frozen=True)
-class _Tree:
-    """Parts of all equations of a tree: names, rows that can be written, forces y, (T, n), inertia, (n, n), noise."""
-
-    coordinates: tuple[str, ...]
-    rows: Sequence[str]
-    y: Array
-    inertia: Array
-    noise: dict[str, float]
-
-
-def _of_joint(
-    kernel: Kernel,
-    motion: MeasuredMotion,
-    moved: _Moved,
-    tree: _Tree,
-    entries: Sequence[Entry],
-    beside: Sequence[_Sought],
-) -> _Equations:
-    """Return the equations of a joint's coordinates, in units of the root of their kinetic energy."""
-    numbers, laws = MatrixNumbers.of(kernel), law_numbers(kernel)
-    ends = {name for entry in entries for name in entry.ends}
-    moving = [name for name in tree.coordinates if name in ends and name in motion.measured]
-    rows = [name for name in moving if name in tree.rows]
-    places: list[tuple[_Sought | Entry, int]] = [(entry, entry.column) for entry in entries]
-    shares = [shares_of(entry, numbers.lag(entry), rows, moving) for entry in entries]
-    described = [numbers.described(entry) for entry in entries]
-    for item in beside:
-        for column in item.columns if item.name in rows else ():
-            places.append((item, column))
-            shares.append(np.zeros((len(rows), len(moving), 2)))
-            shares[-1][rows.index(item.name), moving.index(item.name), column] = 1.0
-            described.append(laws[item.name].get(KEYS[column], 0.0))
-    i, j = index_of(tree.coordinates, rows), index_of(tree.coordinates, moving)
-    weights = 1.0 / np.sqrt(np.maximum(np.diagonal(tree.inertia)[i], 1e-12 * np.diagonal(tree.inertia).max()))
-    both, weighed = np.stack([moved.q[:, j], moved.v[:, j]], axis=2), np.array(shares) * weights[:, None, None]
-    columns = np.einsum("tkd,pfkd->tfp", both, weighed, optimize=True)
-    right = tree.y[:, i] * weights + columns @ np.array(described)
-    sigma = np.array([tree.noise[name] for name in moving])
-    inertia = tree.inertia[np.ix_(i, j)] * weights[:, None]
-    measured = Noise(sigma, weighed, inertia, moved.weights, motion.v is None)
-    return _Equations(tuple(x for x in beside if x.name in rows), tuple(places), System(columns, right, measured))
-
-
-def _together(
-    kernel: Kernel, model: Model, motion: MeasuredMotion, moved: _Moved, sought: Sequence[_Sought | Entry]
-) -> _Equations:
-    """Return the equations of all coordinates of a mechanism, along the motions that are left to it."""
-    places = tuple((item, column) for item in sought for column in item.columns)
-    N = _free_motions(kernel, model, motion, moved)
-    y = moved.u - np.asarray(kernel.inverse_dynamics(moved.q, moved.v, moved.a, cut=True))
-    numbers, of_matrices = {**law_numbers(kernel), **cut_numbers(kernel)}, MatrixNumbers.of(kernel)
-    columns = np.empty((*N.shape[::2], len(places)))
-    for place, (item, column) in enumerate(places):
-        if isinstance(item, Entry):
-            x = forces_of(item, of_matrices.lag(item), kernel.coordinates, moved.q, moved.v)
-            y = y + of_matrices.described(item) * x
-        else:
-            s, rate, rows = _deviation(kernel, moved, item)
-            x = (s, rate)[column][:, np.newaxis] * rows
-            y = y + numbers[item.name].get(KEYS[column], 0.0) * x
-        columns[:, :, place] = np.einsum("tnf,tn->tf", N, x)
-    of_coordinates = tuple(item for item in sought if not isinstance(item, Entry))
-    return _Equations(of_coordinates, places, System(columns, np.einsum("tnf,tn->tf", N, y)))
-
-
-def _free_motions(kernel: Kernel, model: Model, motion: MeasuredMotion, moved: _Moved) -> Array:
-    """Return motions along which neither loops, couplings nor unknown drives do work, (T, n, f).
-
-    Lengths are measured by kinetic energy.  The null space's projector is smooth over time; it is seen from the
-    directions that it has most of on average.
-
-    Raises:
-        InputError: there are none.
-    """
-    names = kernel.coordinates
-    unknown = {names[i] for i in model.driven}.difference(motion.driven) | set(kernel.prescribed)
-    units = np.eye(kernel.n)[[name in unknown for name in names]]
-    rows = np.broadcast_to(units, (len(moved.q), *units.shape))
-    if kernel.constraints:
-        rows = np.concatenate([kernel.constraint_jacobian(moved.q), rows], axis=1)
-    inertia = np.diagonal(kernel.mass_matrix(moved.q), axis1=1, axis2=2).mean(axis=0)
-    size = 1.0 / np.sqrt(np.maximum(inertia, 1e-12 * inertia.max()))
-    scaled = rows * size
-    projector = np.eye(kernel.n) - np.linalg.pinv(scaled, rcond=RANK) @ scaled
-    left = round(float(np.trace(projector, axis1=1, axis2=2).max()))
-    if not left:
-        raise InputError(
-            f"fit: {kernel.name}: the drives of {listed(sorted(unknown.difference(kernel.prescribed)))} are not known,"
-            " and they hold all else; allowed: their drives as columns NAME.drive"
-        )
-    _, directions = np.linalg.eigh(projector.mean(axis=0))
-    return np.asarray(size[:, np.newaxis] * (projector @ directions[:, -left:]))
+        given = tuple(column for column in item.columns if described.get(item.parameter(column)) is not None)
+        columns = given if item.owner == OF_JOINTS and item.name in between else item.columns
+        left += [replace(item, columns=columns)] if columns else []
+    return left
 
 
 def _notes(motion: MeasuredMotion) -> tuple[str, ...]:
@@ -557,12 +400,15 @@ def _notes(motion: MeasuredMotion) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def _closed_notes(motion: MeasuredMotion) -> tuple[str, ...]:
+def _closed_notes(motion: MeasuredMotion, is_closed: bool) -> tuple[str, ...]:
+    """Return notes about a mechanism; ``is_closed``: whether loops or couplings of it are rigid."""
     how = (
         "rates and accelerations: from the file"
         if motion.v is not None and motion.a is not None
         else "derivatives: central differences of eighth order behind a bell of 9 samples"
     )
+    if not is_closed:
+        return (f"{how}; nothing is rigid in loops and couplings; what white noise adds on average is taken off",)
     return (
         f"{how}; loops closed at every sample; balanced along what loops and couplings leave free",
         "noise of the motion makes stiffness look softer: what it adds is not taken off",
