@@ -11,7 +11,7 @@ import pytest
 
 from eomgen.errors import InputError, UnknownNameError
 from eomgen.identification import FitResult, fit, load_fit
-from eomgen.identification.stiffness.frame_pairs import frame_pairs
+from eomgen.identification.stiffness.frame_pairs import pairs_of
 from eomgen.identification.stiffness.solve import fitting_kernels
 from eomgen.motion.files import MeasuredMotion, motion_from_columns
 from eomgen.robot import Coordinate, JointDamping, JointStiffness, Robot
@@ -96,7 +96,7 @@ def test_coordinates_are_those_of_the_generated_code(owner: str, links: tuple[st
     robot = held(owner, *links, **of_numbers(NUMBERS))
     kernel = kernel_of(built, robot)
     q, v, _ = motion(20.0)
-    s, rows = frame_pairs(robot)[owner, "mount"].deviations(kernel, q[:50])
+    s, rows = pairs_of(robot)[owner, "mount"].deviations(kernel, q[:50])
     if owner == "loops":
         values, jacobian = kernel.cut_forces(q[:50], v[:50]), kernel.cut_jacobian(q[:50])
     else:

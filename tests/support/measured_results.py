@@ -21,6 +21,8 @@ from eomgen.identification import (
     ExciteResult,
     FitResult,
     FittedCoordinate,
+    FittedEntry,
+    FittedMatrix,
     ForcesResult,
     Further,
     IdentifyResult,
@@ -144,7 +146,11 @@ def _forces(_: Path) -> ForcesResult:
 
 def _fit(_: Path) -> FitResult:
     found = Estimate(1100.0, 20.0, 1060.0, 1140.0, 1000.0, 0.02, 0.013)
-    return FitResult("arm", 0.95, (FittedCoordinate("gear.gamma", found, None, 1e-6),), ("a warning",), ("a note",))
+    entries = FittedEntry("x.x", found), FittedEntry("x.beta", found)
+    rows = (found.value, found.value), (found.value, 1e6)
+    held = FittedMatrix("mount", "stiffness", ("x", "beta"), entries, rows, (), ("beta.beta",), 0.5, 0.1, "bushings")
+    gear = FittedCoordinate("gear.gamma", found, None, 1e-6)
+    return FitResult("arm", 0.95, (gear,), ("a warning",), ("a note",), (held,))
 
 
 def _response(_: Path) -> Response:

@@ -69,9 +69,8 @@ def _add_measuring(parser: argparse.ArgumentParser, noise: str) -> None:
     add_names(
         parser, "--fixed", "NAME", "parameters, or the joints, frames and links that have them, to leave as they are"
     )
-    add_names(
-        parser, "--stiffness", "NAME", "compliant coordinates, joint2.gamma, or matrices, joints.joint2.stiffness"
-    )
+    about = "compliant coordinates, joint2.gamma, matrices, joints.joint2.stiffness, or entries of them, ... .x.beta"
+    add_names(parser, "--stiffness", "NAME", about)
 
 
 def _calibrate(options: argparse.Namespace) -> None:

@@ -11,8 +11,9 @@ from ...names import component_name
 from ...robot.elements.joint_stiffness import JOINT_STIFFNESS
 from ...robot.elements.matrices import matrix_conflict
 from ...robot.value import COORDINATES
-from ..geometry.compliances import blocks_of
+from ..geometry.blocks import blocks_of
 from ..geometry.error_model import COMPLIANCE, PLACEMENT, ErrorModel
+from ..geometry.loop_constraints import joint_at
 from ..geometry.rotations import coordinates_of, pose_from
 
 _ROUND_OFF = 1e-9  # of the terms of a variance
@@ -58,6 +59,8 @@ def described_values(
         slope = _slope(whole, x[places])
         variance[places] = _variances(slope, covariance[np.ix_(places, places)])
     for block in blocks_of(model.parameters):
+        if block.of_stiffness:
+            continue
         at, row, column = (np.array(each, dtype=np.intp) for each in zip(*block.pairs, strict=True))
         K, before = block.stiffness(x), block.stiffness(model.nominal)
         values[at] = K[row, column]
@@ -85,7 +88,7 @@ def indefinite_notes(model: ErrorModel, x: Array) -> list[str]:
         K = block.stiffness(x)
         names = [COORDINATES[c] for c in block.coordinates]
         if np.isfinite(K).all() and matrix_conflict(K.tolist(), names) is not None:
-            joint = component_name(model.chain.stations[block.station].name, JOINT_STIFFNESS)
+            joint = component_name(joint_at(model.chain, model.robot, block.station), JOINT_STIFFNESS)
             notes.append(
                 f"{joint} between {', '.join(names)} is not positive semidefinite, and no description takes it: the"
                 " loads say too little, or are others than the file says"

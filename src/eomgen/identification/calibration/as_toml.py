@@ -21,7 +21,7 @@ from ...forms.toml_text import read_text
 from ...names import parameter_name, show_path
 from ...robot.elements.joint_stiffness import JOINT_STIFFNESS, JointStiffness
 from ...robot.elements.matrices import matrix_of as matrix_rows
-from ...robot.value import COORDINATES, Joint, Placement, Robot
+from ...robot.value import COORDINATES, Joint, Loop, Placement, Robot
 from ..geometry.error_model import BASE, FRAMES, JOINTS, LOOPS, SECOND, TILT
 from ..geometry.stations import Chain, matrix_of
 from .calibrated import (
@@ -31,6 +31,7 @@ from .calibrated import (
     fitted_entries,
     matrix_of_joint,
     offset_of,
+    owner_of,
     placement_of,
     placements,
     second_of,
@@ -92,6 +93,7 @@ def toml_text(fitted: FittedParameters, folder: Path) -> str:
         offset = offset_of(loop, fitted.values)
         if offset:
             _put_offset(fitted, LOOPS, loop.name, offset, body)
+        _put_springs(fitted, loop, body)
         if second_of(loop, fitted.values) is not None:
             _put_second(fitted, loop.name, body)
     links = {robot.base, *(link.name for link in robot.links)}
@@ -154,12 +156,17 @@ def _comments(fitted: FittedParameters) -> list[str]:
         parts = name.split(".")
         is_joint = parts[0] in (JOINTS, LOOPS) and (parts[2] in ("offset", TILT, SECOND) or parts[-1] == "stiffness")
         if is_joint and parts[-1] == "stiffness":
-            is_joint = parts[2] in stiffness_of(fitted.robot.joint(parts[1]), fitted.values)
-        if parts[0] == JOINTS and parts[2] == JOINT_STIFFNESS:
-            is_joint = matrix_of_joint(fitted.robot.joint(parts[1]), fitted.values) is not None
+            is_joint = parts[2] in stiffness_of(_named(fitted.robot, *parts[:2]), fitted.values)
+        if parts[0] in (JOINTS, LOOPS) and parts[2] == JOINT_STIFFNESS:
+            is_joint = matrix_of_joint(_named(fitted.robot, *parts[:2]), fitted.values) is not None
         if BASE in parts[:-1] or not (is_joint or parts[0] == FRAMES):
             lines.append(f"# {name} = {value!r} +- {deviation_text(fitted.deviations[name])} {fitted.units[name]}")
     return lines
+
+
+def _named(robot: Robot, owner: str, name: str) -> Joint | Loop:
+    """Return a joint, or a loop joint, as ``owner`` says."""
+    return robot.joint(name) if owner == JOINTS else next(loop for loop in robot.loops if loop.name == name)
 
 
 def _put_joint(fitted: FittedParameters, joint: Joint, body: list[str], robot: Robot) -> None:
@@ -175,13 +182,20 @@ def _put_joint(fitted: FittedParameters, joint: Joint, body: list[str], robot: R
         _put_offset(fitted, JOINTS, joint.name, offset, body)
     if tilt is not None:
         _put_placement(fitted, joint, body)
-    for kind, value in stiffness.items():
-        block = block_of(body, JOINTS, joint.name)
-        assert block is not None
+    _put_springs(fitted, joint, body)
+
+
+def _put_springs(fitted: FittedParameters, joint: Joint | Loop, body: list[str]) -> None:
+    """Write the stiffness of a joint, or of a loop joint, into tables of its coordinates and into its matrix."""
+    owner, matrix = owner_of(joint), matrix_of_joint(joint, fitted.values)
+    for kind, value in stiffness_of(joint, fitted.values).items():
+        block = block_of(body, owner, joint.name)
+        if block is None:
+            raise unwritable(fitted.robot, joint.name)
         at = [i for i in range(*block) if re.match(rf"\s*{kind}\s*=\s*\{{", body[i])]
         if len(at) != 1 or "stiffness" not in body[at[0]]:
-            raise unwritable(robot, f"{joint.name}.{kind}")
-        key = parameter_name(JOINTS, joint.name, kind, "stiffness")
+            raise unwritable(fitted.robot, f"{joint.name}.{kind}")
+        key = parameter_name(owner, joint.name, kind, "stiffness")
         changed = re.sub(r"(?<!_)\bstiffness\s*=\s*[^,}\s]+", f"stiffness = {value!r}", body[at[0]], count=1)
         body[at[0]] = f"{changed}  # stiffness +- {deviation_text(fitted.deviations[key])}"
 
@@ -189,12 +203,13 @@ def _put_joint(fitted: FittedParameters, joint: Joint, body: list[str], robot: R
         _put_matrix(fitted, joint, matrix, body)
 
 
-def _put_matrix(fitted: FittedParameters, joint: Joint, matrix: JointStiffness, body: list[str]) -> None:
+def _put_matrix(fitted: FittedParameters, joint: Joint | Loop, matrix: JointStiffness, body: list[str]) -> None:
     """Write the stiffness matrix of a joint into its entry, and take out what tables of its coordinates had."""
-    robot = fitted.robot
+    robot, owner = fitted.robot, owner_of(joint)
     for kind in taken_in(joint, matrix, fitted.values):
-        block = block_of(body, JOINTS, joint.name)
-        assert block is not None
+        block = block_of(body, owner, joint.name)
+        if block is None:
+            raise unwritable(robot, joint.name)
         at = [i for i in range(*block) if re.match(rf"\s*{kind}\s*=\s*\{{", body[i])]
         if len(at) != 1 or "stiffness" not in body[at[0]]:
             raise unwritable(robot, f"{joint.name}.{kind}")
@@ -204,9 +219,10 @@ def _put_matrix(fitted: FittedParameters, joint: Joint, matrix: JointStiffness, 
     rows = ", ".join(numbers_text(row) for row in matrix_rows(matrix.entries, names))
     forces = [matrix.preload.get(name, 0.0) for name in names]
     preload = f", preload = {numbers_text(forces)}" if any(forces) else ""
-    block = block_of(body, JOINTS, joint.name)
-    assert block is not None
-    keys = [parameter_name(JOINTS, joint.name, JOINT_STIFFNESS, key) for key in fitted_entries(joint, fitted.values)]
+    block = block_of(body, owner, joint.name)
+    if block is None:
+        raise unwritable(robot, joint.name)
+    keys = [parameter_name(owner, joint.name, JOINT_STIFFNESS, key) for key in fitted_entries(joint, fitted.values)]
     said = ", ".join(f"{key.partition('.stiffness.')[2]} {deviation_text(fitted.deviations[key])}" for key in keys)
     line = f"stiffness = {{ matrix = [{rows}]{preload} }}  # over {', '.join(names)}; +- {said}"
     replace_line(body, block, JOINT_STIFFNESS, line, robot)
@@ -288,13 +304,18 @@ def replace_line(body: list[str], block: tuple[int, int], key: str, line: str, r
 def _numbers(robot: Robot) -> Iterator[tuple[str, Sequence[float | None]]]:
     """Yield numbers of a description that a calibration changes, by the joints' names."""
     for joint in robot.joints:
-        coordinates = (joint.coordinates.get(kind) for kind in COORDINATES)
-        stiffness = (coordinate.stiffness if coordinate else None for coordinate in coordinates)
-        entries = joint.stiffness.entries if joint.stiffness else {}
-        coupled = (entries.get(key) for key in ENTRIES)
-        yield joint.name, (*joint.offset, *stiffness, *coupled, *matrix_of(joint.placement).ravel().tolist())
+        yield joint.name, (*joint.offset, *_springs_of(joint), *matrix_of(joint.placement).ravel().tolist())
     for loop in robot.loops:
-        yield loop.name, (*loop.offset, *np.ravel([matrix_of(placement) for placement in loop.placements]).tolist())
+        places = np.ravel([matrix_of(placement) for placement in loop.placements]).tolist()
+        yield loop.name, (*loop.offset, *_springs_of(loop), *places)
+
+
+def _springs_of(joint: Joint | Loop) -> Iterator[float | None]:
+    """Yield the stiffness of tables of a joint, then the entries of its matrix."""
+    for kind in COORDINATES:
+        yield joint.coordinates[kind].stiffness if kind in joint.coordinates else None
+    entries = joint.stiffness.entries if joint.stiffness else {}
+    yield from (entries.get(key) for key in ENTRIES)
 
 
 def write_compared(robots: tuple[Robot, Robot], text: Callable[[Path], str], target: Path, numbers: Numbers) -> Path:

@@ -12,7 +12,7 @@ from ...names import component_name, parameter_name
 from ...robot.elements.joint_stiffness import JOINT_STIFFNESS, JointStiffness
 from ...robot.elements.matrices import PAIRS, entry_name, matrix_conflict
 from ...robot.elements.matrices import matrix_of as rows_of
-from ...robot.value import COORDINATES, MOTOR, PRINCIPAL, Frame, Joint, Loop, Placement, Robot
+from ...robot.value import COORDINATES, MOTOR, PRINCIPAL, Coordinate, Frame, Joint, Loop, Motor, Placement, Robot
 from ...runtime.inverse_kinematics.rotations import rpy_of
 from ..geometry.error_model import FRAMES, JOINTS, LOOPS, SECOND, TILT
 from ..geometry.rotations import pose_from, pose_of
@@ -82,18 +82,29 @@ def _pose(six: Sequence[float | None]) -> Array:
     return pose_from(np.array([value or 0.0 for value in six]))
 
 
-def stiffness_of(joint: Joint, values: Mapping[str, float]) -> dict[str, float]:
+def owner_of(joint: Joint | Loop) -> str:
+    """Return with what names of a joint's parameters begin: "joints", or "loops" of a loop joint."""
+    return JOINTS if isinstance(joint, Joint) else LOOPS
+
+
+def motor_of(joint: Joint | Loop) -> Motor | None:
+    """Return the motor of a joint; None where it has none, as a loop joint."""
+    return joint.motor if isinstance(joint, Joint) else None
+
+
+def stiffness_of(joint: Joint | Loop, values: Mapping[str, float]) -> dict[str, float]:
     """Return stiffness by coordinate, or "motor" for the transmission's, N/m and N m/rad: fitted and greater than 0.
 
     That of coordinates whose stiffness is described: elsewhere, at a driven coordinate say, it would be another spring.
     """
     described = [kind for kind, coordinate in joint.coordinates.items() if coordinate.stiffness is not None]
-    described += [MOTOR] if joint.motor is not None else []
-    keys = {kind: component_name(parameter_name(JOINTS, joint.name, kind), "stiffness") for kind in described}
+    described += [MOTOR] if motor_of(joint) is not None else []
+    owner = owner_of(joint)
+    keys = {kind: component_name(parameter_name(owner, joint.name, kind), "stiffness") for kind in described}
     return {kind: values[key] for kind, key in keys.items() if values.get(key, -1.0) > 0.0 and np.isfinite(values[key])}
 
 
-def matrix_of_joint(joint: Joint, values: Mapping[str, float]) -> JointStiffness | None:
+def matrix_of_joint(joint: Joint | Loop, values: Mapping[str, float]) -> JointStiffness | None:
     """Return the stiffness matrix of a joint with fitted entries, into which the tables of their coordinates go.
 
     None where none was fitted, or where no description can say it: coordinates that it does not have, tables whose
@@ -104,22 +115,24 @@ def matrix_of_joint(joint: Joint, values: Mapping[str, float]) -> JointStiffness
     names = [name for name in COORDINATES if name in joint.coordinates]
     if not fitted or not ends.issubset(names) or not all(np.isfinite(x) for x in fitted.values()):
         return None
-    if joint.motor is not None and PRINCIPAL.get(joint.type) in ends:  # its transmission's stiffness is in the entry
-        return None
+    if isinstance(joint, Joint) and joint.motor is not None and PRINCIPAL.get(joint.type) in ends:
+        return None  # its transmission's stiffness is in the entry
     if any(joint.coordinates[name].law().keys() & {"clearance", "stiffness_negative"} for name in ends):
         return None
     old = joint.stiffness or JointStiffness()
-    made = replace(old, entries={**old.entries, **fitted})
+    own = {entry_name(name, name): joint.coordinates[name].stiffness or 0.0 for name in ends}
+    whole = {key: old.entries.get(key, 0.0) + stiffness for key, stiffness in own.items()}  # where they stay
+    made = replace(old, entries={**old.entries, **whole, **fitted})
     return None if matrix_conflict(rows_of(made.entries, names), names) else made
 
 
-def fitted_entries(joint: Joint, values: Mapping[str, float]) -> dict[str, float]:
+def fitted_entries(joint: Joint | Loop, values: Mapping[str, float]) -> dict[str, float]:
     """Return the fitted entries of a joint's stiffness matrix, by their names, "x.beta"."""
-    pairs = {key: values.get(parameter_name(JOINTS, joint.name, JOINT_STIFFNESS, key)) for key in ENTRIES}
+    pairs = {key: values.get(parameter_name(owner_of(joint), joint.name, JOINT_STIFFNESS, key)) for key in ENTRIES}
     return {key: value for key, value in pairs.items() if value is not None}
 
 
-def taken_in(joint: Joint, matrix: JointStiffness | None, values: Mapping[str, float]) -> list[str]:
+def taken_in(joint: Joint | Loop, matrix: JointStiffness | None, values: Mapping[str, float]) -> list[str]:
     """Return the coordinates whose tables' stiffness has gone into the joint's matrix."""
     ends = {name for key in fitted_entries(joint, values) for name in key.split(".")} if matrix is not None else ()
     return [name for name in ends if joint.coordinates[name].stiffness is not None]
@@ -137,23 +150,30 @@ def _loop(loop: Loop, values: Mapping[str, float]) -> Loop:
     offset = tuple(fitted.get(k, old) for k, old in zip(COORDINATES, loop.offset, strict=True))
     second = second_of(loop, values)
     placed = loop.placements if second is None else (loop.placements[0], placement_of(second))
-    return replace(loop, offset=offset, placements=placed)
+    coordinates, stiffness = _springs(loop, values)
+    return replace(loop, offset=offset, placements=placed, coordinates=coordinates, stiffness=stiffness)
+
+
+def _springs(joint: Joint | Loop, values: Mapping[str, float]) -> tuple[dict[str, Coordinate], JointStiffness | None]:
+    """Return a joint's coordinates and its stiffness matrix with what was fitted."""
+    coordinates = dict(joint.coordinates)
+    for kind, value in stiffness_of(joint, values).items():
+        if kind != MOTOR:
+            coordinates[kind] = replace(coordinates[kind], stiffness=value)
+    matrix = matrix_of_joint(joint, values)
+    for kind in taken_in(joint, matrix, values):
+        coordinates[kind] = replace(coordinates[kind], stiffness=None)
+    return coordinates, joint.stiffness if matrix is None else matrix
 
 
 def _joint(joint: Joint, values: Mapping[str, float]) -> Joint:
     fitted, tilt = offset_of(joint, values), tilt_of(joint, values)
     placement = joint.placement if tilt is None else placement_of(_tilted(joint, tilt))
     offset = tuple(fitted.get(kind, before) for kind, before in zip(COORDINATES, joint.offset, strict=True))
-    coordinates, motor = dict(joint.coordinates), joint.motor
-    for kind, value in stiffness_of(joint, values).items():
-        if kind == MOTOR and motor is not None:
-            motor = replace(motor, transmission=replace(motor.transmission, stiffness=value))
-        else:
-            coordinates[kind] = replace(coordinates[kind], stiffness=value)
-    matrix = matrix_of_joint(joint, values)
-    for kind in taken_in(joint, matrix, values):
-        coordinates[kind] = replace(coordinates[kind], stiffness=None)
-    stiffness = joint.stiffness if matrix is None else matrix
+    (coordinates, stiffness), motor = _springs(joint, values), joint.motor
+    value = stiffness_of(joint, values).get(MOTOR)
+    if value is not None and motor is not None:
+        motor = replace(motor, transmission=replace(motor.transmission, stiffness=value))
     made = replace(joint, offset=offset, coordinates=coordinates, motor=motor, placement=placement)
     return replace(made, stiffness=stiffness)
 

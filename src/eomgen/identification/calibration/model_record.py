@@ -16,8 +16,9 @@ from ...results.contents import Contents
 from ...robot.model import build_model
 from ...robot.record import record_of
 from ...robot.value import COORDINATES
+from ..geometry.blocks import ENTRY, FORCE, unfinished
 from ..geometry.error_model import COMPLIANCE, DRIVE, OFFSET, PLACEMENT, ZERO, ErrorModel, ErrorParameter
-from ..geometry.loop_constraints import closing_of
+from ..geometry.loop_constraints import closed_robot, closing_of
 from ..geometry.stations import chain_of
 
 _KINDS = (PLACEMENT, ZERO, OFFSET, COMPLIANCE, DRIVE)
@@ -58,9 +59,13 @@ def model_from_record(file: Contents, links: Mapping[str, str]) -> ErrorModel:
     chain, closing = chain_of(robot, frames), None
     for parameter in parameters:
         _check(parameter, len(chain.stations), file.path)
+    alone = unfinished(parameters)
+    if alone:
+        raise InputError(f"{file.path}: quantities: {show(alone)}: got it alone; allowed: all entries of its matrix")
     if robot.is_closed:
         every = [(k, c) for k in range(len(chain.stations)) for c in range(6)]
-        closing = closing_of(build_model(robot), chain, every, file.path)
+        soft = [parameter for parameter in parameters if parameter.kind == COMPLIANCE]
+        closing = closing_of(build_model(closed_robot(robot, chain, soft)), chain, every, file.path)
     return ErrorModel(robot, chain, parameters, bases, closing)
 
 
@@ -91,6 +96,9 @@ def _check(parameter: ErrorParameter, stations: int, path: str) -> None:
     ):
         if value not in allowed:
             raise InputError(f"{where}: {key}: got {show(value)}; allowed: {listed(allowed)}")
+    if (parameter.kind == COMPLIANCE) != (parameter.factor in (FORCE, ENTRY)):
+        known = f"{FORCE} or {ENTRY}" if parameter.kind == COMPLIANCE else f"another than {FORCE} and {ENTRY}"
+        raise InputError(f"{where}: factor: got {show(parameter.factor)}; allowed of a {parameter.kind}: {known}")
     if not 0 <= parameter.station < stations:
         raise InputError(
             f"{path}: {show(parameter.name)} is of station {parameter.station}; allowed: 0 to {stations - 1}"

@@ -20,13 +20,16 @@ from ...motion.measured_numbers import answers_in_numbers
 from ...names import component_name, is_identifier, listed, nearest_or_all, show, split_component
 from ...optional import optional_import
 from ...progress import StageReport, no_report, tells_at_prompt
+from ...robot.cuts import CUTS
 from ...robot.elements.joint_stiffness import JOINT_STIFFNESS
-from ...robot.model import build_model
-from ...robot.value import COORDINATES, MOTOR, Robot
-from ..geometry.compliances import compliances_of
+from ...robot.model import Model, build_model
+from ...robot.value import COORDINATES, MOTOR, Joint, Loop, Robot
+from ..geometry.blocks import FORCE
+from ..geometry.compliances import Chosen, compliances_of, is_below
 from ..geometry.error_model import (
     COMPLIANCE,
     JOINTS,
+    LOOPS,
     OFFSET,
     SIZES,
     ZERO,
@@ -35,13 +38,20 @@ from ..geometry.error_model import (
     model_parameters,
     rows_of,
 )
-from ..geometry.loop_constraints import LoopConstraints, closed_readings, closing_of, held_by_loops
+from ..geometry.loop_constraints import (
+    LoopConstraints,
+    closed_readings,
+    closed_robot,
+    closing_of,
+    held_by_loops,
+    joint_at,
+)
 from ..geometry.observations import ENCODER, ORIENTATION, POSITION, Block, at_rows, observations_of, two_divisors
 from ..geometry.placing import placed
 from ..geometry.poses import MeasuredPoses, read_poses
 from ..geometry.solve import LOSSES, Fit, Loss, Problem, whitened
 from ..geometry.stations import Chain, chain_of, matrix_of
-from ..stiffness.matrix_entries import entries_sought
+from ..stiffness.matrix_entries import OF_BUSHINGS, entries_sought
 from .as_described import described_values, indefinite_notes
 from .diagnosing import Diagnosis, diagnosed, diagnosis_notes
 from .drives import with_drives
@@ -114,7 +124,8 @@ def calibrate(  # noqa: PLR0913
         fixed: names of parameters that stay as described, or beginnings of them ("joints.joint1", "frames").
         stiffness: coordinates ("joint2.gamma") that are elastic though the description does not say so, and entries of
             stiffness matrices ("joints.joint2.stiffness.x.beta", or "joints.joint2.stiffness" for all of them, ``*``
-            for any word); what a matrix couples is fitted with all entries between its coordinates.  Those with a
+            for any word; "loops.cut.stiffness" of loop joints).  Of a joint with such names all other entries stay as
+            described, with the tables of the coordinates that they hang together with.  Otherwise those with a
             stiffness in the description are fitted in any case.
         drives: whether to look for terms of drives: gain, eccentricity, backlash, coupling, drift with warmth.
         variant: "placement", "zeros", "full" or "prior": the one that values are of.
@@ -274,6 +285,8 @@ def problem_of(
     rows = rows_of(chain, robot, poses, columns)
     if careful:
         refuse_impossible(poses, chain)
+    asked = _chosen(task, chain, poses)
+    compliances = list(compliances_of(chain, robot, asked))
     closing = None
     if closed is not None:
         closing = closed[0]
@@ -282,15 +295,20 @@ def problem_of(
         odd = odd_angles(poses, chain, rows) if careful else ""
         if odd:  # they need not close
             raise InputError(odd)
-        tree = build_model(robot)
-        closing = closing_of(tree, chain, [place[:2] for place in columns.values()], poses.source)
+        read = [place[:2] for place in columns.values()]
+        tree, closing = _closing(robot, chain, compliances, read, poses.source)
+        held = _held_ones(task, tree, chain, closing, compliances)
+        if held:
+            compliances = list(compliances_of(chain, robot, asked, rigid=held))
+            tree, closing = _closing(robot, chain, compliances, read, poses.source)
         places = [poses.place(row) for row in range(len(poses.q))]
         rows = replace(rows, readings=closed_readings(chain, closing, tree, rows.readings, places))
     series = sorted(set(poses.series.tolist()))
     known = {name: task.known[name] for name in measured}
-    parameters = tuple(model_parameters(robot, chain, series, known, task.sizes))
+    where = robot if closing is None else closing.robot  # with loop joints rigid in what they deflect by
+    parameters = tuple(model_parameters(where, chain, series, known, task.sizes))
     bases = {number: np.eye(4) for number in series}
-    model = ErrorModel(robot, chain, (*parameters, *_compliances(task, chain, poses, closing)), bases, closing)
+    model = ErrorModel(robot, chain, (*parameters, *compliances), bases, closing)
     encoders = _encoders(poses, columns, closing)
     if not encoders and not any(m.is_measured for m in poses.frames.values()):
         raise InputError(
@@ -299,9 +317,9 @@ def problem_of(
     seen = observations_of(poses, task.noise, task.covariance, encoders)
     model = placed(model, rows, seen, {name: known[name] for name in known if poses.frames[name].is_measured})
     model = _sized(model, Problem(model, rows, seen, np.zeros(0, dtype=np.intp)))
-    chosen = [i for i, parameter in enumerate(model.parameters) if not _is_fixed(parameter.name, task.fixed)]
+    chosen = [i for i, parameter in enumerate(model.parameters) if not asked.stays(parameter)]
     for name in task.fixed:
-        if not any(_is_fixed(parameter.name, (name,)) for parameter in model.parameters):
+        if not any(is_below(parameter.name, (name,)) for parameter in model.parameters):
             names = [parameter.name for parameter in model.parameters]
             raise UnknownNameError(f"fixed: there is no parameter {name!r}{nearest_or_all(name, names)}")
     problem = Problem(model, rows, seen, np.array(chosen, dtype=np.intp))
@@ -321,10 +339,6 @@ def _encoders(
         for name, (k, c, factor) in columns.items()
         if (k, c) in passive
     ]
-
-
-def _is_fixed(name: str, fixed: Sequence[str]) -> bool:
-    return any(name == prefix or name.startswith(f"{prefix}.") for prefix in fixed)
 
 
 def _columns(robot: Robot, chain: Chain, poses: MeasuredPoses) -> dict[str, tuple[int, int, float]]:
@@ -355,43 +369,48 @@ def _columns(robot: Robot, chain: Chain, poses: MeasuredPoses) -> dict[str, tupl
     return columns
 
 
-def _compliances(
-    task: Task, chain: Chain, poses: MeasuredPoses, closing: LoopConstraints | None
-) -> list[ErrorParameter]:
-    """Return compliances that are fitted; of closed mechanisms those whose deflections the loops let happen.
+def _chosen(task: Task, chain: Chain, poses: MeasuredPoses) -> Chosen:
+    """Return what is asked for: coordinates, and entries of stiffness matrices of joints and loop joints."""
+    names = [component_name(s.name, kind) for s in chain.stations if s.joint for kind in COORDINATES]
+    names += [component_name(loop.name, x.name) for loop in task.robot.loops for x in CUTS[loop.type]]
+    entries = [name for name in task.stiffness if name.startswith((f"{JOINTS}.", f"{LOOPS}.", f"{OF_BUSHINGS}."))]
+    for name in task.stiffness:
+        if name not in names and name not in entries:
+            raise UnknownNameError(f"stiffness: there is no coordinate {name!r}{nearest_or_all(name, names)}")
+    couplings: dict[tuple[str, str], list[tuple[str, str]]] = {}
+    for entry in entries_sought(task.robot, entries, "stiffness", rigid=True):
+        if entry.key != JOINT_STIFFNESS:
+            raise InputError(f"stiffness: {entry.name} is a damping; allowed: entries of stiffness matrices")
+        if entry.owner == OF_BUSHINGS:
+            raise InputError(
+                f"stiffness: {entry.name} is of a bushing; allowed: entries of joints and loop joints (fit finds those"
+                " of bushings, from motions and their drives)"
+            )
+        couplings.setdefault((entry.owner, entry.joint), []).append((entry.one, entry.other))
+    return Chosen(poses.coordinates, task.stiffness, couplings, task.fixed)
+
+
+def _closing(
+    robot: Robot, chain: Chain, compliances: Sequence[ErrorParameter], read: Sequence[tuple[int, int]], source: str
+) -> tuple[Model, LoopConstraints]:
+    """Return the tree of a closed mechanism, and what closes it where elastic coordinates of loop joints are rigid."""
+    tree = build_model(closed_robot(robot, chain, compliances))
+    return tree, closing_of(tree, chain, read, source)
+
+
+def _held_ones(
+    task: Task, tree: Model, chain: Chain, closing: LoopConstraints, compliances: Sequence[ErrorParameter]
+) -> list[tuple[int, int]]:
+    """Return stations and coordinates of a closed mechanism whose deflections passive coordinates cannot take up.
 
     Raises:
         InputError: a coordinate that is asked for follows from the loops, or is held by them.
     """
-    names = [component_name(s.name, kind) for s in chain.stations if s.joint for kind in COORDINATES]
-    entries = [name for name in task.stiffness if name.startswith(f"{JOINTS}.")]
-    for name in task.stiffness:
-        if name not in names and name not in entries:
-            raise UnknownNameError(f"stiffness: there is no coordinate {name!r}{nearest_or_all(name, names)}")
-    couplings: dict[str, list[tuple[str, str]]] = {}
-    for entry in entries_sought(task.robot, entries, "stiffness", rigid=True):
-        if entry.key != JOINT_STIFFNESS:
-            raise InputError(f"stiffness: {entry.name} is a damping; allowed: entries of stiffness matrices")
-        couplings.setdefault(entry.joint, []).append((entry.one, entry.other))
-    asked = poses.coordinates, task.stiffness, couplings
-    compliances = list(compliances_of(chain, *asked))
-    if closing is None:
-        return compliances
-    return list(compliances_of(chain, *asked, rigid=_held_ones(task, chain, closing, compliances)))
-
-
-def _held_ones(
-    task: Task, chain: Chain, closing: LoopConstraints, compliances: Sequence[ErrorParameter]
-) -> list[tuple[int, int]]:
-    """Return stations and coordinates of a closed mechanism whose deflections passive coordinates cannot take up.
-
-    See ``_compliances``.
-    """
     ends = [(q.station, c) for q in compliances for c in (q.coordinate, q.other) if c is not None]
     places = list(dict.fromkeys(ends))
-    held = held_by_loops(build_model(task.robot), chain, closing, places)
+    held = held_by_loops(tree, chain, closing, places)
     for k, c in places:
-        name = component_name(chain.stations[k].name, COORDINATES[c])
+        name = component_name(joint_at(chain, task.robot, k), COORDINATES[c])
         if name in task.stiffness and (k, c) in (*closing.passive, *held):
             why = "follows from the drives" if (k, c) in closing.passive else "is held by the loops, too"
             raise InputError(
@@ -407,7 +426,7 @@ def _sized(model: ErrorModel, problem: Problem) -> ErrorModel:
         return model
     state = model.at(model.nominal, problem.rows)
     forces = np.abs(model.forces(state.located, problem.rows)).max(axis=0)
-    single = {(q.station, q.coordinate): q.size for q in model.parameters if q.kind == COMPLIANCE and q.is_diagonal}
+    single = {(q.station, q.coordinate): q.size for q in model.parameters if q.factor == FORCE and q.is_diagonal}
 
     def size(k: int, c: int) -> float:
         return single.get((k, c)) or _SOFT / max(float(forces[k, c]), 1e-3)
@@ -425,20 +444,22 @@ def _notes(task: Task, problem: Problem) -> list[str]:
     encoders = [block.frame for block in problem.seen.blocks if block.kind == ENCODER]
     if encoders:
         notes.append(f"encoders of passive coordinates count as measured: {listed(encoders)}")
-    soft = any(parameter.kind == COMPLIANCE for parameter in problem.model.parameters)
-    if soft and task.robot.springs:
+    model = problem.model
+    fitted = {(q.station, c) for q in model.parameters if q.kind == COMPLIANCE for c in (q.coordinate, q.other)}
+    if fitted and task.robot.springs:
         notes.append("point-to-point springs are left out of the loads")
-    if problem.model.closing is not None:
-        fitted = {(q.station, q.coordinate) for q in problem.model.parameters if q.kind == COMPLIANCE}
-        left = [
-            component_name(station.name, kind)
-            for k, station in enumerate(problem.model.chain.stations)
-            if station.joint is not None
-            for kind, coordinate in station.joint.coordinates.items()
-            if coordinate.stiffness and (k, COORDINATES.index(kind)) not in fitted
-        ]
-        if left:
-            notes.append(f"stiffness of {listed(left)} is not fitted: the loops hold these coordinates, too")
+    if fitted and task.robot.elements:
+        notes.append(f"bushings are left out of the loads: {listed([x.name for x in task.robot.elements])}")
+    joints: dict[int, Joint | Loop] = {k: s.joint for k, s in enumerate(model.chain.stations) if s.joint is not None}
+    joints |= {first: loop for loop, (first, _) in zip(task.robot.loops, model.chain.cuts, strict=True)}
+    left = [
+        component_name(joint.name, kind)
+        for k, joint in joints.items()
+        for kind in COORDINATES
+        if _is_elastic(joint, kind) and (k, COORDINATES.index(kind)) not in fitted
+    ]
+    if left and model.closing is not None:
+        notes.append(f"stiffness of {listed(left)} is not fitted: the loops hold these coordinates, too")
     bent = [
         component_name(joint.name, kind)
         for joint in task.robot.joints
@@ -447,10 +468,14 @@ def _notes(task: Task, problem: Problem) -> list[str]:
     ]
     if bent:
         notes.append(f"of {listed(bent)} the linear stiffness alone counts")
-    coupled = [joint.name for joint in task.robot.joints if joint.stiffness is not None]
-    if coupled:
-        notes.append(f"stiffness matrices do not count: those of {listed(coupled)}")
     return notes
+
+
+def _is_elastic(joint: Joint | Loop, kind: str) -> bool:
+    """Return whether the description gives a coordinate of a joint or a loop joint a stiffness."""
+    coordinate, matrix = joint.coordinates.get(kind), joint.stiffness
+    own = coordinate is not None and coordinate.stiffness is not None and coordinate.stiffness > 0.0
+    return own or (matrix is not None and kind in matrix.held)
 
 
 def _far_off(problem: Problem, fit: Fit) -> list[str]:

@@ -20,6 +20,7 @@ from ...names import component_name, parameter_name
 from ...robot.coordinates import UNITS
 from ...robot.cuts import rigid_components
 from ...robot.value import COORDINATES, Robot
+from .blocks import ENTRY, FORCE, Block, blocks_of
 from .loop_constraints import LoopConstraints
 from .poses import MeasuredPoses, rows_at
 from .stations import Chain, Located, Station, forces_on, jacobian, located
@@ -40,12 +41,13 @@ class ErrorParameter:
     """One unknown parameter of the error model.
 
     name: such as "joints.joint2.offset.z"; of a compliance that of its stiffness.  kind: one of the five above.
-    station, coordinate: what it moves.  factor: "one", "series", "force", "gain", "cos", "sin" (with the number of the
-    harmonic behind it, such as "cos2", where that is not 1), "backlash", "coupling", "temperature".
+    station, coordinate: what it moves.  factor: "one", "series", "force", "entry" (of K, where the others are of C),
+    "gain", "cos", "sin" (with the number of the harmonic behind it, such as "cos2", where that is not 1), "backlash",
+    "coupling", "temperature".
     series: the series' number, or of a coupling the station whose reading counts.
     nominal: its value in the description.  size: by how much it is expected to be off.
-    other: of a compliance in a matrix its second coordinate, whose force moves the first and which the first's moves;
-        None of one that stands alone.
+    other: of a compliance in a matrix, or an entry of K, its second coordinate, whose force moves the first and which
+        the first's moves; None of one that stands alone.
     """
 
     name: str
@@ -120,11 +122,22 @@ class ErrorModel:
         """Expected sizes, (P,)."""
         return np.array([parameter.size for parameter in self.parameters])
 
-    @property
+    @cached_property
+    def blocks(self) -> list[Block]:
+        """Groups of coordinates of which entries of K are parameters."""
+        return [block for block in blocks_of(self.parameters) if block.of_stiffness]
+
+    @cached_property
     def crossed(self) -> list[tuple[int, int, int]]:
-        """Indices of compliances between two coordinates, which move both, with station and second coordinate."""
-        rows = [(i, q.station, q.other, q.coordinate) for i, q in enumerate(self.parameters)]
-        return [(i, k, other) for i, k, other, c in rows if other is not None and other != c]
+        """Indices of compliances between two coordinates, which move both, with station and second coordinate.
+
+        Behind them those of entries of K, which move all of their block.
+        """
+        rows = [(i, q.station, q.other, q.coordinate) for i, q in enumerate(self.parameters) if q.factor != ENTRY]
+        crossed = [(i, k, other) for i, k, other, c in rows if other is not None and other != c]
+        for block in self.blocks:
+            crossed += [(at, block.station, c) for at, i, _ in block.pairs for c in block.others(i)]
+        return crossed
 
     def tool_on_link(self, frame: str, link: str) -> Array:
         """Return the pose of a measured frame on its link before its six coordinates, (4, 4)."""
@@ -145,26 +158,33 @@ class ErrorModel:
         """Return all stations with these values, (P,), or (P, N) of every row, and the factors of the parameters."""
         factors = self._factors(rows)
         moved = [i for i, parameter in enumerate(self.parameters) if parameter.kind != COMPLIANCE]
-        soft = [i for i, parameter in enumerate(self.parameters) if parameter.kind == COMPLIANCE]
+        soft = [i for i, parameter in enumerate(self.parameters) if parameter.factor == FORCE]
         bases = np.array([self.bases[k] for k in rows.series.tolist()]).reshape(-1, 4, 4)
         places = [(q.station, q.coordinate) for q in self.parameters]
-        crossed, back = self.crossed, np.zeros((len(factors), 0))
+        crossed = [each for each in self.crossed if self.parameters[each[0]].factor == FORCE]
+        blocks, back = [(block, block.compliance(x)) for block in self.blocks], np.zeros((len(factors), 0))
         rigid = rows.readings.copy()
         for i in moved:
             rigid[:, places[i][0], places[i][1]] += x[i] * factors[:, i]
         values, q = self._closed(rigid, rows, bases)
         at = located(self.chain, values, bases)
-        for _ in range(PASSES if soft else 0):
+        for _ in range(PASSES if soft or blocks else 0):
             forces = self.forces(at, rows)
             bent = rigid.copy()
             for i in soft:
                 (k, c), second = places[i], self.parameters[i].other
                 factors[:, i] = forces[:, k, c if second is None else second]
                 bent[:, k, c] += x[i] * factors[:, i]
-            if crossed:
-                back = np.stack([forces[:, k, places[i][1]] for i, k, _ in crossed], axis=1)
+            back = np.stack([forces[:, k, places[i][1]] for i, k, _ in crossed], axis=1) if crossed else back[:, :0]
             for (i, k, other), factor in zip(crossed, back.T, strict=True):
                 bent[:, k, other] += x[i] * factor
+            for block, C in blocks:
+                places_of, s = list(block.coordinates), block.bend(C, forces)
+                bent[:, block.station, places_of] += s
+                for i, moves in block.bent(C, s):
+                    own = places_of.index(places[i][1])
+                    factors[:, i] = moves[:, own]
+                    back = np.concatenate([back, np.delete(moves, own, axis=1)], axis=1)
             values, q = self._closed(bent, rows, bases)
             at = located(self.chain, values, bases)
         return State(self, at, factors, q, back, Loaded(x, values, bases, rows))
@@ -272,8 +292,13 @@ class State:
             direct[:, column[k, other], i] += factor
         C, row = np.zeros((len(self.q), len(elastic), len(elastic))), {place: i for i, place in enumerate(elastic)}
         for i, parameter in soft.items():
+            if parameter.factor == ENTRY:
+                continue
             a, b = (row[parameter.station, c] for c in ends[i])
             C[:, a, b] = C[:, b, a] = self.loaded.x[i]
+        for block in model.blocks:
+            at = [row[block.station, c] for c in block.coordinates]
+            C[:, np.array(at)[:, np.newaxis], at] = block.compliance(self.loaded.x)
         own = by_place[:, :, [column[place] for place in elastic]]
         forces = np.linalg.solve(np.eye(len(elastic)) - own @ C, by_place @ direct)
         return elastic, np.asarray(C @ forces)

@@ -16,6 +16,7 @@ from ...names import component_name, joint_of, kind_of, listed
 from ...robot.cuts import rigid_components
 from ...robot.model import Model
 from ...robot.value import COORDINATES, MOTOR, PRINCIPAL, Robot
+from .blocks import Unknown
 from .stations import Chain, Located, cross, jacobian, located
 
 Place = tuple[int, int]  # station and coordinate
@@ -121,6 +122,24 @@ class LoopConstraints:
         ks, cs = np.array(self.passive, dtype=np.intp).T
         passed_on = np.einsum("nqsc,nq->nsc", self.followed(chain, at), forces[:, ks, cs])
         return np.asarray(forces + passed_on)
+
+
+def closed_robot(robot: Robot, chain: Chain, compliances: Sequence[Unknown]) -> Robot:
+    """Return the robot with loop joints that are rigid in what they deflect by: the deflection moves their frame."""
+    places, loops = {(q.station, c) for q in compliances for c in (q.coordinate, q.other)}, []
+    for loop, (first, _) in zip(robot.loops, chain.cuts, strict=True):
+        kept = {x: y for x, y in loop.coordinates.items() if (first, COORDINATES.index(x)) not in places}
+        is_same = len(kept) == len(loop.coordinates)
+        loops.append(loop if is_same else replace(loop, coordinates=kept, stiffness=None, damping=None, radial=None))
+    return replace(robot, loops=tuple(loops))
+
+
+def joint_at(chain: Chain, robot: Robot, station: int) -> str:
+    """Return the name of the joint at a station, or of the loop joint whose first frame it is."""
+    for loop, (first, _) in zip(robot.loops, chain.cuts, strict=True):
+        if first == station:
+            return loop.name
+    return chain.stations[station].name
 
 
 def held_by_loops(model: Model, chain: Chain, closing: LoopConstraints, places: Sequence[Place]) -> list[Place]:

@@ -46,7 +46,7 @@ class FramePair:
         return s, np.concatenate([back @ moved, turned], axis=1)
 
 
-def frame_pairs(robot: Robot) -> dict[tuple[str, str], FramePair]:
+def pairs_of(robot: Robot) -> dict[tuple[str, str], FramePair]:
     """Return those of the loop joints with forces and of the bushings of a robot, by "loops" or "bushings" and name."""
     pairs = dict[tuple[str, str], FramePair]()
     for loop in robot.loops:

@@ -46,7 +46,7 @@ from ..closed_motions import closed_motion
 from ..estimating import FIRST, HALF_WIDTHS, SIGNAL, even_step, least_samples
 from ..relations import refuse_followers
 from .equations import Moved, Sought, deviation_of, known_rows, moved_by, of_mechanism, of_tree
-from .frame_pairs import PAIR_KERNELS, frame_pairs
+from .frame_pairs import PAIR_KERNELS, pairs_of
 from .matrix_entries import OF_JOINTS, Entry, MatrixNumbers, entries_sought
 from .matrix_fitting import doubts_about, fitted_matrices
 from .output_error import fit_numbers, numbers_sought
@@ -219,7 +219,7 @@ def _taken_in(matrix: FittedMatrix) -> str:
 def fitting_kernels(robot: Robot) -> tuple[str, ...]:
     """Return names of the kernels that a fit calls."""
     laws = ("cut_forces", "cut_jacobian") if robot.is_closed and build_model(robot).cut_laws else ()
-    pairs = PAIR_KERNELS if frame_pairs(robot) else ()
+    pairs = PAIR_KERNELS if pairs_of(robot) else ()
     return ("inverse_dynamics", *dict.fromkeys(("mass_matrix", *mechanism_kernels(robot), *laws, *pairs)))
 
 
@@ -245,7 +245,7 @@ def _moved(kernel: Kernel, model: Model, motion: MeasuredMotion, step: float) ->
     following: tuple[str, ...] = ()
     if kernel.constraints:
         q, v, a, following = closed_motion(kernel, model, motion.measured, q, v, a)
-    return Moved(q, v, a, u, half, narrow.weights, following, frame_pairs(model.robot))
+    return Moved(q, v, a, u, half, narrow.weights, following, pairs_of(model.robot))
 
 
 def _sought(

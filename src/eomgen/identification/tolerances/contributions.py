@@ -18,7 +18,8 @@ from ...names import parameter_name
 from ...robot.coordinates import UNITS
 from ...robot.elements.joint_stiffness import JOINT_STIFFNESS
 from ...robot.value import COORDINATES, Robot
-from ..geometry.compliances import Block, blocks_of, compliances_of
+from ..geometry.blocks import Block, blocks_of
+from ..geometry.compliances import compliances_of
 from ..geometry.error_model import (
     COMPLIANCE,
     DRIVE,
@@ -56,7 +57,7 @@ def model_of(robot: Robot, chain: Chain, closing: LoopConstraints | None) -> Err
     known = dict.fromkeys(chain.tools, True)
     parameters = list(model_parameters(robot, chain, [0], known))
     if closing is None:
-        parameters += compliances_of(chain)
+        parameters += compliances_of(chain, robot)
     parameters += _drives(chain)
     return ErrorModel(robot, chain, tuple(parameters), {0: np.eye(4)}, closing)
 
