@@ -22,7 +22,7 @@ from ..names import is_identifier, show
 DIRECTIONS = ("x", "y", "z", "alpha", "beta", "gamma")
 KINDS = ("node", "rbe2", "rbe3")
 MODAL = -1  # node of a coordinate that is an amplitude of a mode
-MOST_NODES = 100_000  # 300 000 unknowns of solids, which a sparse factorisation takes in some GB
+MOST_NODES = 50_000  # 150 000 unknowns of solids: their sparse factors take some GB, and minutes
 MOST_ENTRIES = 30_000_000  # of one matrix: 480 MB
 MOST_MODES = 200
 BODY_CASES = tuple(f"body.{j}.{i}" for j in ("x", "y", "z", "1") for i in ("x", "y", "z"))

@@ -120,8 +120,6 @@ class ReducedLink:
         arrays["interface_places"], arrays["interface_Phi"] = self.interface_places, self.interface_Phi
         if self.Q is not None and self.interface_Psi is not None:
             arrays["Q"], arrays["interface_Psi"] = self.Q, self.interface_Psi
-        if self.is_free:
-            arrays["is_free"] = np.array(True)
         return arrays
 
     def save(self, path: Path | str) -> Path:
