@@ -197,3 +197,54 @@ def test_notes_say_what_is_left_out() -> None:
     assert f"keep rates below {0.1 * first:.3g} rad/s" in notes[0]
     assert any("mean translational masses" in note for note in reduce(beam()).notes())
     assert any("reduced model" in note for note in reduce(replace(beam(), reduced=True)).notes())
+
+
+@pytest.mark.parametrize("kind", ["rbe2", "rbe3"])
+def test_the_energy_of_a_bent_link_that_moves_is_that_of_all_its_nodes(kind: str) -> None:
+    """T = 1/2 tr(W H W^T) + e'_k tr(W G_k) + 1/2 m_kl e'_k e'_l of the constants, beside nodes where they are."""
+    elements = bar(kind, counts=(4, 1, 1), count=3)
+    link, shapes = reduce(elements, craig_bampton=True), []
+    for mode in np.eye(9):  # displacements of all nodes by each mode, out of full matrices
+        shapes.append(_shape(elements, mode))
+    modes = np.array(shapes).T
+    signs = np.sign(np.einsum("kab,kab->k", integrals(elements, modes).H0, link.H0))  # of modes by another solver
+    assert np.all(signs[:6] == 1.0)
+    modes = modes * signs
+    found = integrals(elements, modes)
+    assert pytest.approx(found.H0, rel=1e-7, abs=1e-8 * np.abs(found.H0).max()) == link.H0
+    rng = np.random.default_rng(3)
+    for _ in range(4):
+        e, rates, twist = 0.05 * rng.standard_normal(9), rng.standard_normal(9), rng.standard_normal(6)
+        W = np.hstack([skew(twist[3:]), twist[:3, None]])  # of points in the link's axes, (3, 4)
+        G = link.H0 + 0.0
+        G[:, :3] += np.einsum("l,lkab->kab", e, link.P)
+        C = link.H0 + 0.5 * (G - link.H0)
+        bent = np.zeros((4, 4))
+        bent[:, :3] = np.einsum("k,kab->ab", e, C)
+        H = link.H00 + bent + bent.T
+        energy = 0.5 * np.trace(W @ H @ W.T) + rates @ np.einsum("ab,kba->k", W, G)
+        energy += 0.5 * rates @ np.einsum("klaa->kl", link.P) @ rates
+        places = elements.nodes + (modes @ e).reshape(-1, 3)
+        velocities = (np.cross(twist[3:], places) + twist[:3]).ravel() + modes @ rates
+        assert energy == pytest.approx(0.5 * velocities @ elements.M @ velocities, rel=1e-8)
+
+
+def _shape(elements: FiniteElements, mode: np.ndarray) -> np.ndarray:
+    """Return the displacements of all coordinates by a Craig-Bampton mode: 6 of the tip, then fixed-interface modes."""
+    rows, K, M = free_rows(elements), *_full(elements)
+    end = np.isin(elements.dofs[rows, 0], elements.interfaces[0].nodes)
+    motions = rigid_motions(elements.nodes, elements.dofs[rows[end]], TIP)
+    moved = np.zeros(len(elements.dofs))
+    if elements.interfaces[0].kind == "rbe2":
+        T = np.zeros((len(rows), np.count_nonzero(~end) + 6))
+        T[~end, :-6], T[end, -6:] = np.eye(np.count_nonzero(~end)), motions
+        A = np.eye(6, len(T[0]), k=len(T[0]) - 6)
+    else:
+        T, A = np.eye(len(rows)), np.zeros((6, len(rows)))
+        A[:, end] = np.linalg.pinv(motions)
+    K, M = T.T @ K @ T, T.T @ M @ T
+    X = np.linalg.solve(K, A.T)
+    Z = np.linalg.svd(A)[2][6:].T
+    fixed = Z @ eigh(Z.T @ K @ Z, Z.T @ M @ Z, subset_by_index=(0, 2))[1]
+    moved[rows] = T @ (X @ np.linalg.solve(A @ X, mode[:6]) + fixed @ mode[6:])
+    return moved
