@@ -115,13 +115,21 @@ WRONG: dict[str, tuple[Callable[[FiniteElements], FiniteElements], str]] = {
         "interface_names: got 'root'; allowed: an identifier other than",
     ),
     "no finite place": (lambda e: _face(e, place=np.array([np.nan, 0, 0])), "interface tip: got the place"),
+    "place in other units": (
+        lambda e: _face(e, place=np.array([1000.0, 0.0, 0.0])),
+        "interface tip: its place is 999 m from its nodes, the link has 1 m; allowed: 100 times that",
+    ),
+    "one weight that counts": (
+        lambda e: _face(e, kind="rbe3", weights=np.array([1.0, 1e-20, 1e-20, 1e-20])),
+        "interface tip: its displacements have rank 3",
+    ),
     "no positive weight": (
         lambda e: _face(e, kind="rbe3", weights=np.zeros(4)),
         "interface tip: allowed: a positive weight",
     ),
     "no finite node": (
         lambda e: replace(e, nodes=np.where(e.nodes == 0.05, np.inf, e.nodes)),
-        "nodes: got inf as y of node 3; allowed: finite numbers",
+        "nodes: got inf as y of node 3; allowed: numbers up to",
     ),
     "a translation is missing": (
         lambda e: replace(e, dofs=e.dofs[:-1], M=e.M[:-1][:, :-1], K=e.K[:-1][:, :-1]),
@@ -229,3 +237,41 @@ def test_models_beyond_memory_are_refused_by_size(monkeypatch: pytest.MonkeyPatc
 def test_interfaces_are_values() -> None:
     face = Interface("tip", "rbe2", np.array([1]), np.zeros(3))
     assert face.weights is None
+
+
+def _changed(array: np.ndarray, rng: np.random.Generator) -> Any:
+    """Return an array that is wrong in some way, or None for none at all."""
+    values = [0, -1, 1, 2**40, np.nan, np.inf, -1e300, 1e300, 1e-300, 3.5]
+    kind = int(rng.integers(6))
+    if kind == 0 or array.size == 0:
+        return None
+    if kind == 1:
+        return array.ravel()[: int(rng.integers(array.size))]
+    if kind == 2:
+        return np.array(["rbe3", "tip"])[: int(rng.integers(3))]
+    if kind == 3 and array.dtype.kind in "iuf":
+        return array * float(rng.choice([-1.0, 0.0, 1e-9, 1e12]))
+    if array.dtype.kind == "U":
+        return np.array([rng.choice(["node", "rbe2", "rbe3", "", "root", "a b", "\x1b"])] * array.size)
+    changed = array.astype(float if kind == 4 else array.dtype).copy()
+    with np.errstate(invalid="ignore", over="ignore"):
+        changed.flat[int(rng.integers(array.size))] = np.array(values[int(rng.integers(len(values)))]).astype(
+            changed.dtype
+        )
+    return changed
+
+
+@pytest.mark.parametrize("seed", [*range(4), *(pytest.param(seed, marks=pytest.mark.soak) for seed in range(4, 40))])
+def test_random_changes_of_arrays_are_reduced_or_refused(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    elements = bar(("rbe2", "rbe3")[seed % 2], counts=(2, 1, 1), count=2, clamped=seed != 3)
+    arrays, refused = arrays_of(elements), 0
+    for _ in range(60):
+        changed = dict(arrays)
+        for name in rng.choice(list(arrays), size=int(rng.integers(1, 3)), replace=False):
+            changed[name] = _changed(arrays[name], rng)
+        try:
+            reduce(elements_of({name: array for name, array in changed.items() if array is not None}))
+        except InputError as error:
+            refused += str(error).count("allowed") > 0
+    assert refused > 30

@@ -185,12 +185,13 @@ def test_a_wrong_line_is_refused_with_its_number(
         reduce_files(files, BY_PLANES)
 
 
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.soak) for seed in range(1, 8))])
 @pytest.mark.parametrize("program", [*element_texts.PROGRAMS, "substructure"])
-def test_random_changes_are_read_or_refused(program: str, tmp_path: Path) -> None:
+def test_random_changes_are_read_or_refused(program: str, seed: int, tmp_path: Path) -> None:
     """Whatever a text has, the answer is a link or an InputError."""
     write = getattr(element_texts, program)
     files = _placed(tmp_path, write(tmp_path, bar(counts=(1, 1, 1), count=0)))
-    rng = np.random.default_rng(7)
+    rng = np.random.default_rng(seed)
     paths = [Path(file.rpartition("=")[2]) for file in files]
     texts = {path: path.read_text() for path in paths}
     words = [

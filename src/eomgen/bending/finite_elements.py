@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from ..arrays import Array, Index
 from ..errors import InputError
+from ..limits import LARGEST
 from ..names import is_identifier, show
 
 DIRECTIONS = ("x", "y", "z", "alpha", "beta", "gamma")
@@ -25,6 +26,7 @@ MODAL = -1  # node of a coordinate that is an amplitude of a mode
 MOST_NODES = 50_000  # 150 000 unknowns of solids: their sparse factors take some GB, and minutes
 MOST_ENTRIES = 30_000_000  # of one matrix: 480 MB
 MOST_MODES = 200
+FAR = 100.0  # of a link's size: interfaces that are further away were given in other units
 BODY_CASES = tuple(f"body.{j}.{i}" for j in ("x", "y", "z", "1") for i in ("x", "y", "z"))
 _NAMED = 5  # of things that are wrong
 
@@ -103,10 +105,12 @@ def symmetric_from(rows: NDArray[Any], columns: NDArray[Any], entries: Array, si
         if len(outside):
             k = int(outside[0])
             raise InputError(f"{what}: entry {k + 1} has {name} {places[k]}; allowed: 0 to {size - 1}")
-    wrong = np.flatnonzero(~np.isfinite(entries))
+    wrong = np.flatnonzero(~(np.abs(entries) <= LARGEST))
     if len(wrong):
         k = int(wrong[0])
-        raise InputError(f"{what}: got {entries[k]} at row {rows[k]}, column {columns[k]}; allowed: finite numbers")
+        raise InputError(
+            f"{what}: got {entries[k]} at row {rows[k]}, column {columns[k]}; allowed: numbers up to {LARGEST:g}"
+        )
     matrix = csr_array((entries, (rows, columns)), shape=(size, size))
     if np.any(rows != columns) and (bool(np.all(rows >= columns)) or bool(np.all(rows <= columns))):
         diagonal = matrix.diagonal()
@@ -126,11 +130,11 @@ def checked(elements: FiniteElements) -> FiniteElements:
         raise InputError(
             f"nodes: got {nodes} nodes; allowed: 1 to {MOST_NODES}, reduce larger models where they are made"
         )
-    wrong = np.argwhere(~np.isfinite(elements.nodes))
+    wrong = np.argwhere(~(np.abs(elements.nodes) <= LARGEST))
     if len(wrong):
         i, j = wrong[0].tolist()
         got = f"{elements.nodes[i, j]} as {DIRECTIONS[j]} of node {elements.labels[i]}"
-        raise InputError(f"nodes: got {got}; allowed: finite numbers")
+        raise InputError(f"nodes: got {got}; allowed: numbers up to {LARGEST:g}")
     for name, matrix in (("M", elements.M), ("K", elements.K), *elements.stress.items()):
         if matrix.shape != (n, n):
             raise InputError(f"{name}: got a matrix of {matrix.shape}; allowed: {(n, n)}, as there are {n} dofs")
@@ -209,13 +213,19 @@ def _check_sets(elements: FiniteElements) -> None:
                 twice = f"node {elements.labels[node]} is in {rigid[node]} and in {name}"
                 raise InputError(f"{twice}; allowed: in one rigid set (rbe3 sets may share nodes)")
             rigid[node] = name
+    size = float(np.ptp(elements.nodes, axis=0).max())
     for interface in elements.interfaces:
-        if not np.all(np.isfinite(interface.place)):
-            raise InputError(
-                f"interface {interface.name}: got the place {interface.place.tolist()}; allowed: finite numbers"
-            )
+        if not np.all(np.abs(interface.place) <= LARGEST):
+            got = f"got the place {interface.place.tolist()}"
+            raise InputError(f"interface {interface.name}: {got}; allowed: numbers up to {LARGEST:g}")
+        far = float(np.abs(interface.place - elements.nodes[interface.nodes].mean(axis=0)).max())
+        if far > FAR * size:
+            got = f"its place is {far:.3g} m from its nodes, the link has {size:.3g} m"
+            raise InputError(f"interface {interface.name}: {got}; allowed: {FAR:g} times that, in units of the nodes")
         weights = interface.weights
-        if weights is not None and not (len(weights) == len(interface.nodes) and bool(np.all(weights > 0.0))):
+        if weights is not None and not (
+            len(weights) == len(interface.nodes) and bool(np.all((weights > 0.0) & (weights <= LARGEST)))
+        ):
             raise InputError(f"interface {interface.name}: allowed: a positive weight for each of its nodes")
 
 

@@ -28,7 +28,7 @@ from ..optional import optional_import
 from ..progress import StageReport, no_report
 from .checks import check_matrices, check_pivots, check_rank, rigid_motions
 from .finite_elements import DIRECTIONS, FiniteElements, Interface, checked
-from .mass_integrals import integrals
+from .mass_integrals import integrals, skew
 from .reduced_link import ReducedLink
 
 DENSE = 400  # unknowns up to which eigenvalues are those of full matrices
@@ -165,11 +165,14 @@ def _rows_of_interface(
         start = kept + 6 * rigid.index(interface)
         return csr_array((np.ones(6), (np.arange(6), start + np.arange(6))), shape=(6, size))
     mine = rows[interface.nodes, :3].ravel()
-    motions = rigid_motions(elements.nodes, elements.dofs[mine], interface.place)
-    _check_set(elements, f"interface {interface.name}", interface.nodes, mine)
+    middle = elements.nodes[interface.nodes].mean(axis=0)
+    motions = rigid_motions(elements.nodes, elements.dofs[mine], middle)
     weights = np.ones(len(interface.nodes)) if interface.weights is None else interface.weights
-    weighted = motions * np.repeat(weights / weights.sum(), 3)[:, None]
-    mean = np.linalg.solve(motions.T @ weighted, weighted.T)
+    roots = np.sqrt(np.repeat(weights / weights.max(), 3))[:, None]
+    check_rank(f"interface {interface.name}", roots * motions, _ADVICE)
+    shift = np.eye(6)  # from the middle of the set to the interface's place
+    shift[:3, 3:] = -skew(interface.place - middle)
+    mean = shift @ np.linalg.pinv(roots * motions) * roots.T
     places = (np.repeat(np.arange(6), len(mine)), np.tile(mine, 6))
     return csr_array(csr_array((mean.ravel(), places), shape=(6, T.shape[0])) @ T)
 
