@@ -21,6 +21,7 @@ SOUGHT = (  # what engineers search for; in the column of terms, in any case of 
     *("backlash", "clearance", "Coulomb friction", "Stribeck friction", "reflected rotor inertia", "base parameters"),
     *("D-optimal", "joint reaction wrenches", "work-precision", "constraint violation", "loop closure"),
     *("nonlinear effects", "bias", "centroidal momentum", "MISRA", "WebAssembly", "MEX"),
+    *("Craig-Bampton", "static condensation", "RBE2", "RBE3"),
 )
 
 
