@@ -48,6 +48,8 @@ from tests.support.kept_fuzzing import KINDS, MEASURED, loaded
 from tests.support.measured_results import RESULTS, loaded_measured, raw_measured, write_measured
 from tests.support.soak import WHOLE
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 ROOT = Path(__file__).parents[2]
 
 

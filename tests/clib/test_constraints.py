@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 @pytest.fixture(scope="module")
 def crank(tmp_path_factory: pytest.TempPathFactory) -> Path:
     program = tmp_path_factory.mktemp("crank") / "crank"
-    command = ["gcc", *WARNINGS, "-O1", "-fsanitize=address,undefined", f"-I{LIBRARY}", str(HERE / "crank.c"), "-lm"]
+    command = ["gcc", *WARNINGS, "-O0", "-fsanitize=address,undefined", f"-I{LIBRARY}", str(HERE / "crank.c"), "-lm"]
     subprocess.run([*command, "-o", str(program)], check=True)
     return program
 

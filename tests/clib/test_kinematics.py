@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 def answers(states: Array, folder: Path, *flags: str) -> Array:
     """What the program says of all frames and states, (3, states, 17 + 6 n)."""
     program = folder / "arm"
-    command = ["gcc", *WARNINGS, "-O1", "-ffp-contract=off", "-fsanitize=address,undefined", *flags]
+    command = ["gcc", *WARNINGS, "-O0", "-ffp-contract=off", "-fsanitize=address,undefined", *flags]
     subprocess.run([*command, f"-I{LIBRARY}", str(HERE / "arm.c"), "-lm", "-o", str(program)], check=True)
     words = [str(program), str(UPPER), str(FOREARM), *map(repr, states.ravel().tolist())]
     text = subprocess.run(words, capture_output=True, text=True, check=True).stdout

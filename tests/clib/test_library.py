@@ -119,7 +119,7 @@ def test_the_rule_of_gauss_is_exact_for_polynomials_of_degree_9() -> None:
 def compiled(source: Path, folder: Path, *flags: str, compiler: str = "gcc") -> Path:
     """The program of a file and the library."""
     program = folder / "program"
-    command = [compiler, *WARNINGS, "-O1", *flags, f"-I{LIBRARY}", str(source), str(LIBRARY / "integrate.c")]
+    command = [compiler, *WARNINGS, "-O0", *flags, f"-I{LIBRARY}", str(source), str(LIBRARY / "integrate.c")]
     done = subprocess.run([*command, "-o", str(program), "-lm"], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return program
@@ -138,7 +138,7 @@ def reference() -> Array:
     return np.asarray(solved.y.T)
 
 
-SANITIZED = ("gcc", *WARNINGS, "-O1", "-fsanitize=address,undefined")
+SANITIZED = ("gcc", *WARNINGS, "-O0", "-fsanitize=address,undefined")
 
 
 @pytest.fixture(scope="module")

@@ -17,7 +17,7 @@ from .test_library import HERE, LIBRARY, WARNINGS
 @pytest.fixture(scope="module")
 def switching(tmp_path_factory: pytest.TempPathFactory) -> Path:
     program = tmp_path_factory.mktemp("switching") / "switching"
-    command = ["gcc", *WARNINGS, "-O1", f"-I{LIBRARY}", str(HERE / "switching.c"), "-o", str(program)]
+    command = ["gcc", *WARNINGS, "-O0", f"-I{LIBRARY}", str(HERE / "switching.c"), "-o", str(program)]
     subprocess.run(command, check=True)
     return program
 

@@ -18,6 +18,8 @@ from tests.support.every_element import ROBOTS, robot_with
 from tests.support.many_robots import many_robot
 from tests.support.random_robots import seeds
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 ARM = """
 name = "arm"
 [[links]]

@@ -24,6 +24,8 @@ from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.run import run_scenario
 from tests.support.description_samples import ARM, MJCF, URDF
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 ASKED = {"stiffness": 1e5, "damping": 10.0}
 HARD = {"stops.stiffness": 1e5, "stops.damping": 10.0, "stops.smoothing": 1e-4}
 TEXT = "stops = { stiffness = 1e5, damping = 10.0 }"

@@ -26,6 +26,8 @@ from tests.support.every_element import robot_with
 from tests.support.random_robots import random_robot
 from tests.support.turning_loops import OFFSET, STAND, held_pendulum
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 NAMES = ("inverse_dynamics", "forward_dynamics", "mass_matrix", "bias_force", "generalized_force", "energy", "residual")
 WITHOUT_EOMGEN = """
 import sys, json

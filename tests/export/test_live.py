@@ -32,6 +32,8 @@ from tests.support.bristles import bristle_arm, bristle_linkage, servo_arm, serv
 from tests.support.browser import Page, open_page
 from tests.support.every_element import robot_with
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 ROOT = Path(__file__).parents[2]
 MODULES = ROOT / "templates" / "live"
 NODE = shutil.which("node")

@@ -20,6 +20,8 @@ from tests.support.builds import Build
 from tests.support.random_robots import Array
 from tests.support.soak import soaked
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 NEEDED = ("forward_dynamics", "residual_jacobian", "mass_matrix", "inverse_dynamics", "energy", "rollout")
 LIMIT = 3.0 / 0.9  # N, of which a load of 3 N is 90 %
 INERTIA = (1.0, 1.0, 1.0, 0.0, 0.0, 0.0)

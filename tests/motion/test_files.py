@@ -11,6 +11,8 @@ import eomgen
 from eomgen.errors import InputError
 from eomgen.motion.files import MeasuredMotion, motion_from_columns, read_motion, write_motion
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 NAMES = ("joint1.x", "joint1.gamma")
 
 

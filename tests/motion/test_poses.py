@@ -17,6 +17,8 @@ from tests.support.builds import Build
 from tests.support.random_robots import random_robot, seeds
 from tests.support.scaras import scara
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 
 def arm(seed: int, axes: int) -> Robot:
     return random_robot(seed, types=("revolute",), rigid=True, forces=False, counts=[1] * axes, name="arm")

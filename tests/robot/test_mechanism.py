@@ -20,6 +20,8 @@ from eomgen.robot.value import Robot
 from tests.support.random_mechanisms import mechanism
 from tests.support.random_robots import random_robot
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 ARM = """
 name = "arm"
 {top}

@@ -12,6 +12,8 @@ from eomgen.errors import ArrayError, InputError, LoopError, UnknownNameError
 from tests.support.builds import Build
 from tests.support.soak import soaked
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 ENDINGS = ("tangent", "adjoint", "parameter_tangent", "parameter_adjoint", "hessian")
 FUNCTIONS = ("inverse_dynamics", "forward_dynamics", "energy", "frame_pose", "frame_jacobian")
 KERNELS = tuple(f"{name}_{ending}" for name in FUNCTIONS for ending in ENDINGS)

@@ -13,6 +13,8 @@ from eomgen.export.wasm.layout import layouts, of_c
 from eomgen.runtime.stepping.input_signals import DriveData, Gains, InputSignals, LinkWrench, Signal, Track, jump_times
 from eomgen.runtime.stepping.packed_inputs import STRUCTS, PackedInputs
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 FUNCTIONS = re.compile(r"\(\*(\w+)\)\(")
 OWN = {"mechanism", "work", "h", "batch_h", "force_turned"}  # of functions, or filled by themselves
 

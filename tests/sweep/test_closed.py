@@ -12,6 +12,8 @@ from eomgen.scenario.load import scenario_from_values
 from eomgen.simulation.run import run_scenario
 from eomgen.sweep import plan_from_toml, run
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 PLAN = """
 samples = 2
 seed = 5

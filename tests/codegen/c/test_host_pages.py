@@ -21,7 +21,7 @@ from tests.support.doc_blocks import Block, blocks_of
 DOCS = Path(__file__).parents[3] / "docs"
 SIMULINK, ROS2 = ((DOCS / name).read_text(encoding="utf-8") for name in ("howto/simulink.md", "howto/ros2_control.md"))
 KERNELS = ("forward_dynamics", "inverse_dynamics", "mass_matrix", "kinematics", "rollout")
-FLAGS = ("-O2", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math")
+FLAGS = ("-O0", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math")
 
 SIMSTRUC = """
 typedef double real_T;
@@ -146,7 +146,9 @@ def titled(page: str, title: str) -> str:
 def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of one_link with all that both pages speak of."""
     need("gcc", "g++")
-    return generate("one_link", tmp_path_factory.mktemp("pages"), Options(KERNELS, level=BASE), ros2=True)
+    return generate(
+        "one_link", tmp_path_factory.mktemp("pages"), Options(KERNELS, flags=("-O0",), level=BASE), ros2=True
+    )
 
 
 def compiled_kernel(package: Path, folder: Path) -> Path:
@@ -165,7 +167,7 @@ def test_the_s_function_has_the_kernels_accelerations(package: Path, tmp_path: P
     places = ("-I", tmp_path, "-I", package, "-DMATLAB_MEX_FILE")
     kernel_object = compiled_kernel(package, tmp_path)
     run("gcc", "-std=c99", *WARNINGS, *places, tmp_path / "one_link_sfun.c", kernel_object, "-o", made, "-lm")
-    kernel = eomgen.build("one_link", kernels=("forward_dynamics",))
+    kernel = eomgen.build("one_link", kernels=("forward_dynamics",), flags=("-O0",))
     q, v, u = np.random.default_rng(4).uniform(-1.0, 1.0, (3, kernel.n))
     numbers = [float.fromhex(x) for x in run(made, *(float(x).hex() for x in (*q, *v, *u))).split()]
     np.testing.assert_array_equal(numbers, [*v, *kernel.forward_dynamics(q, v, u), *q, *v])
@@ -188,7 +190,7 @@ def test_the_hardware_component_moves_as_the_kernel_says(package: Path, tmp_path
     places = ("-I", tmp_path, "-I", tmp_path / "include", "-I", package / "ros2", NO_EIGEN)
     kernel_object = compiled_kernel(package, tmp_path)
     run("g++", "-std=c++17", *WARNINGS, *places, tmp_path / "main.cpp", kernel_object, "-o", made, "-lm")
-    kernel = eomgen.build("one_link", kernels=("rollout",))
+    kernel = eomgen.build("one_link", kernels=("rollout",), flags=("-O0",))
     state = np.zeros(2), np.zeros(2)
     for _ in range(40):
         qs, vs = kernel.rollout(*state, [0.0, 4.0], 1e-3 / 2, 1, method="implicit")

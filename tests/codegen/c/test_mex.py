@@ -49,8 +49,8 @@ def _matlab(name: str, x: np.ndarray) -> str:
 def test_octave_gets_the_kernels_bits(name: str, tmp_path: Path) -> None:
     need("mkoctfile", "octave")
     robot = eomgen.load_robot(name)
-    kernel = eomgen.build(robot, kernels=KERNELS)
-    package = generate(robot, tmp_path, Options(KERNELS, level=BASE), cmake=True)
+    kernel = eomgen.build(robot, kernels=KERNELS, flags=("-O0",))
+    package = generate(robot, tmp_path, Options(KERNELS, flags=("-O0",), level=BASE), cmake=True)
     flags = [x for x in FLAGS if x.startswith("-f")]
     run("mkoctfile", "--mex", *flags, "-std=c99", *WARNINGS, f"{name}_mex.c", f"{name}.c", cwd=package)
     rng = np.random.default_rng(6)

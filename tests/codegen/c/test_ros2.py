@@ -46,8 +46,8 @@ int main()
 )
 def test_the_plant_moves_as_the_kernel_says(name: str, method: str, tmp_path: Path) -> None:
     need("gcc", "g++")
-    kernel = eomgen.build(name, kernels=("rollout",))
-    package = generate(name, tmp_path, Options(("rollout",), level=BASE), ros2=True)
+    kernel = eomgen.build(name, kernels=("rollout",), flags=("-O0",))
+    package = generate(name, tmp_path, Options(("rollout",), flags=("-O0",), level=BASE), ros2=True)
     rng = np.random.default_rng(3)
     q, u, dt = rng.uniform(-1e-3, 1e-3, kernel.n), rng.uniform(-1.0, 1.0, kernel.n), 1e-4
     text = PROGRAM.format(
@@ -56,7 +56,7 @@ def test_the_plant_moves_as_the_kernel_says(name: str, method: str, tmp_path: Pa
     (tmp_path / "main.cpp").write_text(text, encoding="ascii")
     (tmp_path / "include").mkdir()
     (tmp_path / "include/eomgen").symlink_to(package)
-    kernel_flags = ("-std=c99", "-O2", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math")
+    kernel_flags = ("-std=c99", "-O0", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math")
     run("gcc", *kernel_flags, *WARNINGS, "-c", package / f"{name}.c", "-o", tmp_path / "kernel.o")
     places = ("-I", tmp_path / "include", "-I", package / "ros2")
     made = tmp_path / "main"
@@ -83,7 +83,7 @@ def test_the_plant_moves_as_the_kernel_says(name: str, method: str, tmp_path: Pa
 
 
 def test_the_package_is_one_of_ament(tmp_path: Path) -> None:
-    package = generate("one_link", tmp_path, Options(("rollout",), level=BASE), ros2=True) / "ros2"
+    package = generate("one_link", tmp_path, Options(("rollout",), flags=("-O0",), level=BASE), ros2=True) / "ros2"
     root = ElementTree.parse(package / "package.xml").getroot()
     name = root.findtext("name")
     assert root.get("format") == "3"
@@ -100,5 +100,5 @@ def test_the_package_is_one_of_ament(tmp_path: Path) -> None:
 
 def test_a_package_without_rollouts_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="rollout"):
-        generate("one_link", tmp_path, Options(("energy",), level=BASE), ros2=True)
+        generate("one_link", tmp_path, Options(("energy",), flags=("-O0",), level=BASE), ros2=True)
     assert not (tmp_path / "one_link").exists()

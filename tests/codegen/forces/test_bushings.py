@@ -22,6 +22,8 @@ from tests.support.every_element import TREE
 from tests.support.random_robots import seeds
 from tests.support.soak import soaked
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 Array = NDArray[np.float64]
 STIFFNESS, DAMPING = [900.0, 700.0, 800.0, 30.0, 20.0, 10.0], [3.0, 2.0, 1.0, 0.3, 0.2, 0.1]
 PLACEMENTS = "placements = [{ xyz = [0.5, 0.1, 0.0], rpy = [0.2, -0.1, 0.3] }, { xyz = [0.1, 0.0, 0.05] }]\n"

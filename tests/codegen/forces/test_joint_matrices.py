@@ -35,6 +35,8 @@ from tests.support.closeness import close
 from tests.support.random_robots import random_robot, random_state, seeds
 from tests.support.small_robots import free_body
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 Array = NDArray[np.float64]
 NAMES = ("inverse_dynamics", "generalized_force", "forward_dynamics", "energy", "residual_jacobian", "mass_matrix")
 

@@ -22,6 +22,8 @@ from tests.support.builds import Build
 from tests.support.closeness import close
 from tests.support.random_robots import random_state
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 LOADED = Friction(0.3, 0.7, 0.2, 0.05, 0.1, coefficient=0.4, radius=0.5)
 X, Y = Coordinate(50.0, 2.0, cubic=30.0), Coordinate(80.0, 1.0, preload=3.0)
 LINK = Link("wheel", 2.0, (0.1, 0.05, 0.02), (0.1, 0.2, 0.25, 0.0, 0.0, 0.0))
