@@ -48,6 +48,8 @@ from tests.support.bristles import (
 from tests.support.builds import Build
 from tests.support.c_project import NO_EIGEN, WARNINGS, need, run
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 SOAKED = (bristle_arm, bristle_gear, remembering_linkage, servo_arm)
 ROBOTS = [remembering_arm, bristle_linkage, *(pytest.param(make, marks=pytest.mark.soak) for make in SOAKED)]
 TEXTS = {
@@ -174,7 +176,7 @@ def test_components_of_ros_2_publish_no_inputs_of_drives_as_efforts() -> None:
 @pytest.fixture(scope="module")
 def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The arm's generated package with its headers and its package of ROS 2."""
-    options = Options(("forward_dynamics", "energy", "rollout"), level=BASE)
+    options = Options(("forward_dynamics", "energy", "rollout"), flags=("-O0",), level=BASE)
     return generate(bristle_arm(), tmp_path_factory.mktemp("generated"), options, ros2=True)
 
 

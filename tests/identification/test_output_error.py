@@ -88,6 +88,7 @@ def off(found: FitResult) -> dict[str, float]:
     return {name: abs(estimate.value / NAMES[name] - 1.0) for name, estimate in found.estimates.items()}
 
 
+@pytest.mark.soak
 def test_bristles_are_found_from_far_away(kernel: eomgen.Kernel) -> None:
     motion = measured(kernel, *pushes(4.0, 2000), z=5e-5)
     found = fit(block(**FAR), motion)
@@ -202,6 +203,7 @@ def rocked(law: str, noise: float) -> tuple[eomgen.Robot, MeasuredMotion, list[f
     return guess, measured(kernel, t, force, noise=noise), list(true)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("law", LAWS)
 def test_hysteresis_and_branches_are_found(law: str) -> None:
     guess, motion, true = rocked(law, 0.0)

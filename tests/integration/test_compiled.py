@@ -431,11 +431,11 @@ def test_radau_moves_closed_mechanisms_as_tsit5_does(label: str, text: str) -> N
 @pytest.mark.parametrize(
     ("label", "text"),
     [
-        ("driven", MOVED),
+        pytest.param("driven", MOVED, marks=pytest.mark.soak),
         ("driven", MOVED + HELD),
-        ("more", "[control]\ntype = 'computed_torque'\n"),  # three drives, one freedom
-        ("more", HELD),
-        ("shaken", SHAKEN_BARS),
+        pytest.param("more", "[control]\ntype = 'computed_torque'\n", marks=pytest.mark.soak),
+        ("more", HELD),  # three drives, one freedom
+        pytest.param("shaken", SHAKEN_BARS, marks=pytest.mark.soak),
         ("shaken", SHAKEN_BARS + HELD),
         pytest.param("plate", SWUNG, marks=pytest.mark.soak),  # whose free joint's angles pass a pole
         ("plate", SWUNG + HELD),

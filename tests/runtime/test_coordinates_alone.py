@@ -14,6 +14,7 @@ from eomgen.runtime.arrays import DERIVATIVE, REMEMBERING, remembers
 from tests.support.bristled import bristled_arm, served_arm
 from tests.support.bristles import bristle_gear, bristle_linkage
 from tests.support.builds import Build
+from tests.support.soak import soaked
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -49,7 +50,7 @@ class State:
         }
 
 
-@pytest.fixture(scope="module", params=ROBOTS)
+@pytest.fixture(scope="module", params=soaked(ROBOTS, ("linkage", "servo")))
 def kernel(request: pytest.FixtureRequest, built: Build) -> eomgen.Kernel:
     return built(ROBOTS[request.param]())
 
@@ -173,6 +174,7 @@ def test_derivatives(built: Build) -> None:
             call()
 
 
+@pytest.mark.soak
 def test_what_depends_on_states_is_known(built: Build) -> None:
     """Functions whose results change with z are those that ``remembers`` knows, reactions in loops among them."""
     changed, same = set[str](), set[str]()

@@ -22,6 +22,7 @@ from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.run import run_scenario
 from tests.support.builds import Build
 from tests.support.drive_reference import drive, rates_of
+from tests.support.soak import soaked
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "servo_axis.toml"
 pytestmark = pytest.mark.usefixtures("unoptimised")
@@ -99,7 +100,7 @@ def test_accelerations_and_their_derivatives_are_those_of_the_equations(name: st
                 np.testing.assert_allclose(slopes[:, i], differences, rtol=1e-5, atol=1e-5 * max(1.0, size))
 
 
-@pytest.mark.parametrize("name", DRIVES)
+@pytest.mark.parametrize("name", soaked(DRIVES, ("cascade", "lag")))
 def test_all_methods_follow_an_integration_to_twelve_digits(name: str, built: Build) -> None:
     table, u = DRIVES[name]
     kernel, numbers, samples = built(_robot(table)), _numbers(table), 40
@@ -185,7 +186,7 @@ def test_fast_windings_need_no_small_steps(built: Build) -> None:
     assert np.abs(coarse - fine).max() < 0.05 * np.abs(fine).max()
 
 
-@pytest.mark.parametrize("name", ["cascade", "voltage", "lagging cascade", "velocity"])
+@pytest.mark.parametrize("name", soaked(("cascade", "voltage", "lagging cascade", "velocity"), ("cascade", "velocity")))
 def test_what_drives_take_in_is_stored_or_dissipated(name: str, built: Build) -> None:
     """Of a winding V i; it stores L i^2 / 2, and its resistance dissipates R i^2."""
     table, u = DRIVES[name]
@@ -465,6 +466,7 @@ current = { kp = 0.8, ki = 800.0 }
 """
 
 
+@pytest.mark.soak
 def test_six_servo_axes_follow_an_integration_to_twelve_digits(built: Build) -> None:
     """Of a robot arm: M and the bias are those of the arm without drives, and drives those of their own equations."""
     plain = eomgen.load_robot("ur5")

@@ -235,9 +235,8 @@ def measured(
 
 
 if __name__ == "__main__":
-    name, *numbers = sys.argv[1:]
-    accepted(
-        name, any_mutant(name, 0), Path(tempfile.gettempdir())
-    )  # what is imported on first use is no part of a description's memory
+    *names, first_seed, seeds = sys.argv[1:]
+    for name in names:  # what is imported on first use is no part of a description's memory
+        accepted(name, any_mutant(name, 0), Path(tempfile.gettempdir()))
     limit_memory()
-    print(json.dumps(run(name, *map(int, numbers))))
+    print(json.dumps({name: run(name, int(first_seed), int(seeds)) for name in names}))

@@ -31,6 +31,7 @@ from tests.support.closeness import close
 from tests.support.every_element import TREE
 from tests.support.random_robots import random_state, seeds
 from tests.support.small_robots import free_body
+from tests.support.soak import across
 
 Array = NDArray[np.float64]
 KERNELS = ("inverse_dynamics", "forward_dynamics", "energy", "residual_jacobian", "mass_matrix", "generalized_force")
@@ -68,8 +69,7 @@ def on_loop(stiffness: JointStiffness | None, damping: JointDamping) -> Robot:
     return replace(body, name="on_loop", joints=(replace(body.joints[0], type="fixed"),), loops=(loop,))
 
 
-@pytest.mark.parametrize("made", [on_bushing, on_loop])
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize(("form", "made"), across(FORMS, (on_bushing, on_loop)))
 @pytest.mark.parametrize("seed", seeds(2700, 1, 4))
 def test_they_are_those_of_a_joint(seed: int, form: str, made: type[Robot], built: Build) -> None:
     parts = elements(seed, form)
@@ -110,8 +110,7 @@ def test_implicit_steps_are_those_of_a_joint(form: str, made: type[Robot]) -> No
     assert close(*found, 1e-8)
 
 
-@pytest.mark.parametrize("made", [on_bushing, on_loop])
-@pytest.mark.parametrize("method", ["implicit", "rosenbrock", "radau"])
+@pytest.mark.parametrize(("method", "made"), across(("implicit", "rosenbrock", "radau"), (on_bushing, on_loop)))
 def test_rollouts_are_those_of_a_joint(method: str, made: type[Robot], built: Build) -> None:
     """Also where stiffness is so large that nothing but its place in the matrix keeps steps stable."""
     stiffness, damping = elements(6, "ratio")
@@ -129,8 +128,7 @@ def test_rollouts_are_those_of_a_joint(method: str, made: type[Robot], built: Bu
     assert np.abs(ends[0] - ends[1]).max() < 1e-3 * np.abs(ends[1]).max()
 
 
-@pytest.mark.parametrize("dtype", ["float64", "float32"])
-@pytest.mark.parametrize("method", ["implicit", "rosenbrock", "radau"])
+@pytest.mark.parametrize(("method", "dtype"), across(("implicit", "rosenbrock", "radau"), ("float64", "float32")))
 def test_matrices_may_lose_their_rank(method: str, dtype: str, built: Build) -> None:
     """Parameters may be 0, or those of one direction alone: the rows of the others are none."""
     parts, q0 = elements(6, "matrices"), np.array([0.1, -0.2, 0.1, 0.2, 0.1, -0.1], dtype)

@@ -34,6 +34,7 @@ from tests.support.builds import Build
 from tests.support.closeness import close
 from tests.support.random_robots import random_robot, random_state, seeds
 from tests.support.small_robots import free_body
+from tests.support.soak import soaked
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -378,7 +379,7 @@ def test_derivatives_by_entries(built: Build) -> None:
     assert close(J[:, 1], joint_stiffness(kernel) @ s.v / (np.pi * 2.0), 1e-12)
 
 
-@pytest.mark.parametrize("method", ["implicit", "rosenbrock"])
+@pytest.mark.parametrize("method", soaked(("implicit", "rosenbrock"), ("rosenbrock",)))
 def test_gradients_of_rollouts_by_entries(method: str) -> None:
     K = definite(np.random.default_rng(4), COORDINATES, 10.0)
     robot = held(JointStiffness.of(K.tolist()), JointDamping(ratio=0.3, at_hz=2.0))
