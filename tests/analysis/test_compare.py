@@ -55,6 +55,7 @@ def test_peaks_of_rigid_robots_are_those_of_pinocchio(seed: int) -> None:
         assert entry.tool_travel == pytest.approx(np.linalg.norm(np.diff(places, axis=0), axis=1).sum(), rel=1e-6)
 
 
+@pytest.mark.soak
 def test_twice_the_stiffness_is_half_the_deviation() -> None:
     soft = eomgen.load_robot("one_link")
     joint = soft.joints[0]

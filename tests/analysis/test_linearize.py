@@ -138,6 +138,7 @@ def test_one_mass_has_its_closed_form() -> None:
         assert not found.of("tcp.y", "tcp.fx").any()
 
 
+@pytest.mark.soak
 def test_a_long_harmonic_simulation_swings_as_the_response_says() -> None:
     """The whole, nonlinear worn-free arm under a small harmonic force, after its transient has died away."""
     robot = eomgen.load_robot("shaken_arm")
@@ -168,6 +169,7 @@ def test_a_long_harmonic_simulation_swings_as_the_response_says() -> None:
         assert amplitude == pytest.approx(found.of(name, "tcp.fz")[0], rel=2e-3)
 
 
+@pytest.mark.soak
 def test_h1_of_noise_is_the_response() -> None:
     """A linear oscillator under band-limited noise, integrated exactly by SciPy; noise in the motion averages out."""
     robot = chain(1, damping=30.0)

@@ -156,6 +156,7 @@ def test_contenders_that_differ_are_refused(built: Build) -> None:
         compare([found[0], many], arrays, 6, 1e-12, "")
 
 
+@pytest.mark.soak
 def test_steps_alone_and_in_a_batch() -> None:
     """What is timed is ten linearly implicit steps of every state."""
     robot = eomgen.load_robot("one_link")

@@ -129,6 +129,7 @@ def test_a_stiff_robot_against_tight_tolerances(method: str, exported: Exported,
     assert errors[2] < min(0.1 * errors[1], 1e-6)
 
 
+@pytest.mark.soak
 def test_prescribed_coordinates_and_wrenches(exported: Exported, built: Build) -> None:
     """A wrench on a shaken platform does not change how that is shaken."""
     robot = eomgen.load_robot("shaken_arm")

@@ -413,6 +413,7 @@ def test_a_matrix_without_an_inverse_is_refused_by_name(tmp_path: Path) -> None:
         calibrated(robot, columns)
 
 
+@pytest.mark.soak
 def test_files_of_matrices_are_found_from_where_the_result_is_written(built: Build, tmp_path: Path) -> None:
     robot = described(tmp_path)
     np.savez(tmp_path / "K.npz", np.diag([1e6, 0.0, 0.0, 0.0, 5e3, 0.0]))

@@ -319,6 +319,7 @@ def test_ends_that_make_no_sense_are_refused(table: str, says: str) -> None:
         run_scenario("one_link", scenario_from_toml(f"duration = 0.1\n[until]\n{table}\n"))
 
 
+@pytest.mark.soak
 def test_a_batch_under_loads_has_the_bits_of_its_states() -> None:
     """Lanes have times of their own: each state of a batch moves as it does alone, on a platform that shakes."""
     assembly = assembled("shaken_arm", "duration = 0.1\n" + SHAKEN)
@@ -402,13 +403,14 @@ PUSHED = "[[wrenches]]\nlink = 'coupler'\nforce = [30.0, -20.0, 0.0]\n"
 
 
 @pytest.mark.usefixtures("unoptimised")
+@pytest.mark.soak
 @pytest.mark.parametrize(
     ("label", "text"),
     [
-        pytest.param("driven", MOVED + PUSHED, marks=pytest.mark.soak),
-        pytest.param("driven", MOVED + "[control]\ntype = 'computed_torque'\n" + PUSHED, marks=pytest.mark.soak),
+        ("driven", MOVED + PUSHED),
+        ("driven", MOVED + "[control]\ntype = 'computed_torque'\n" + PUSHED),
         ("shaken", SHAKEN_BARS.replace("frequency", FROM_REST + "frequency") + HELD + PUSHED),
-        pytest.param("plate", SWUNG + HELD, marks=pytest.mark.soak),
+        ("plate", SWUNG + HELD),
     ],
 )
 def test_radau_moves_closed_mechanisms_as_tsit5_does(label: str, text: str) -> None:

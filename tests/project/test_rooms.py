@@ -13,6 +13,8 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -40,6 +42,29 @@ def modules() -> Iterator[tuple[str, Path]]:
 
 
 MODULES = dict(modules())
+
+
+@dataclass(frozen=True)
+class Parsed:
+    """What tests look at of a module: its docstring, imports, names from above, functions and classes."""
+
+    docstring: str
+    imports: tuple[ast.Import | ast.ImportFrom, ...]
+    from_above: tuple[ast.Call, ...]
+    defined: frozenset[str]
+
+
+@cache
+def parsed(path: Path) -> Parsed:
+    """Parse a module once for all tests; whole trees would take much memory."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    nodes = list(ast.walk(tree))
+    return Parsed(
+        ast.get_docstring(tree) or "",
+        tuple(node for node in nodes if isinstance(node, (ast.Import, ast.ImportFrom))),
+        tuple(node for node in nodes if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "from_above"),
+        frozenset(node.name for node in tree.body if isinstance(node, (ast.FunctionDef, ast.ClassDef))),
+    )
 
 
 def lint(tree: Path) -> subprocess.CompletedProcess[str]:
@@ -107,7 +132,7 @@ def test_every_room_says_what_it_is_for() -> None:
     """In two to four lines, in its ``__init__.py``."""
     for name, path in MODULES.items():
         if path.name == "__init__.py" and name != "eomgen":
-            text = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
+            text = parsed(path).docstring
             assert 1 <= len(text.splitlines()) <= 4, name
 
 
@@ -120,11 +145,11 @@ def room_of(module: str) -> str:
 def imported(module: str, path: Path) -> Iterator[str]:
     """Full names of what a module imports from."""
     package = module.split(".") if path.name == "__init__.py" else module.split(".")[:-1]
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in parsed(path).imports:
         if isinstance(node, ast.ImportFrom):
             above = package[: len(package) - node.level + 1] if node.level else []
             yield ".".join([*above, node.module] if node.module else above)
-        elif isinstance(node, ast.Import):
+        else:
             yield from (alias.name for alias in node.names)
 
 
@@ -133,7 +158,7 @@ def test_every_room_says_what_it_uses() -> None:
     seen = 0
     for module, path in MODULES.items():
         room = room_of(module)
-        text = ast.get_docstring(ast.parse(MODULES[room].read_text(encoding="utf-8"))) or "" if room else ""
+        text = parsed(MODULES[room]).docstring if room else ""
         said = set(re.findall(r"\w+", text.partition("Uses ")[2]))
         for name in imported(module, path):
             other = room_of(name)
@@ -145,7 +170,7 @@ def test_every_room_says_what_it_uses() -> None:
 
 def test_no_private_name_is_imported() -> None:
     for name, path in MODULES.items():
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in parsed(path).imports:
             if isinstance(node, ast.ImportFrom) and (node.level or (node.module or "").startswith("eomgen")):
                 private = [alias.name for alias in node.names if alias.name.startswith("_")]
                 assert set(private) <= {"__version__", "_version"}, (name, private)
@@ -155,20 +180,17 @@ def test_names_from_above_are_there() -> None:
     """Which no checker of imports or types sees: they are texts."""
     seen = 0
     for path in MODULES.values():
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "from_above":
-                module, *name = (x.value for x in node.args if isinstance(x, ast.Constant))
-                seen += len(name)
-                assert not name or callable(getattr(importlib.import_module(str(module), "eomgen"), name[0]))
+        for node in parsed(path).from_above:
+            module, *name = (x.value for x in node.args if isinstance(x, ast.Constant))
+            seen += len(name)
+            assert not name or callable(getattr(importlib.import_module(str(module), "eomgen"), name[0]))
     assert seen >= 2
 
 
 def test_no_module_has_the_name_of_what_is_in_it() -> None:
     """A room that re-exported ``modes`` from a module ``modes`` would have one name for two things."""
     for name, path in MODULES.items():
-        tree = ast.parse(path.read_text(encoding="utf-8"))
-        defined = {node.name for node in tree.body if isinstance(node, (ast.FunctionDef, ast.ClassDef))}
-        assert name.rpartition(".")[2] not in defined, name
+        assert name.rpartition(".")[2] not in parsed(path).defined, name
 
 
 # The facade

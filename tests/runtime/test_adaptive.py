@@ -185,6 +185,7 @@ def test_drives_of_every_sample_and_a_controller(method: str, built: Build) -> N
     assert np.abs(q[:, 0] - expected).max() <= 1e-7
 
 
+@pytest.mark.soak
 def test_prescribed_coordinates_have_their_accelerations(built: Build) -> None:
     robot = some_prescribed(random_robot(1453, joints=(2, 3), types=("revolute", "prismatic")), 1453)
     kernel, s = built(robot, *NAMES), random_state(robot, 3)

@@ -84,6 +84,7 @@ def test_closed_mechanisms(number: int, built: Build) -> None:
     assert np.array_equal(cut, kernel.inverse_dynamics(m.q, m.v, a, wrench=rows, cut=True))
 
 
+@pytest.mark.soak
 def test_motions_rollouts_and_equilibria() -> None:
     robot = eomgen.load_robot("one_link")
     kernel = eomgen.build(replace(robot, frames=(Frame("tip", "link1", Placement((1.0, 0.1, 0.0))),)))
@@ -125,6 +126,7 @@ def test_gradients_by_named_wrenches_are_in_their_order() -> None:
             assert slopes[f"wrench[{k}]"][0, 0, i] == pytest.approx((ends[0] - ends[1]) / 2e-5, rel=1e-6, abs=1e-9)
 
 
+@pytest.mark.soak
 def test_equilibria_of_loops() -> None:
     robot = eomgen.load_robot("four_bar")
     springs = [

@@ -274,6 +274,7 @@ gamma = { damping = 0.2 }
 """
 
 
+@pytest.mark.soak
 def test_prescribed_motions(tmp_path: Path) -> None:
     """Harmonic as ``integrate`` has it; the same motion sampled; and computed torque that knows the platform's."""
     robot = robot_from_toml(SHAKEN)

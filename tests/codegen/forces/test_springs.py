@@ -160,6 +160,7 @@ def test_a_spring_of_free_length_zero_balances_a_pendulum(built: Build) -> None:
     assert close(twice, -mass * 9.81 * com * np.cos(angles[:, 0]), 1e-12)
 
 
+@pytest.mark.soak
 def test_points_that_meet_give_finite_forces(built: Build) -> None:
     """Length 0: no force of a free length of 0, whatever law; and no NaN of any."""
     for number, spring in enumerate((
@@ -263,6 +264,7 @@ def test_implicit_steps_are_stable_whatever_the_stiffness(built: Build) -> None:
     assert length[-1000:] == pytest.approx(1.2, abs=2e-5)
 
 
+@pytest.mark.soak
 def test_default_steps_know_a_stiff_cable(built: Build) -> None:
     """Slack at the start: rk4 has a step that stays stable when it gets taut; its damper counts, too."""
     cable = Spring(
@@ -315,6 +317,7 @@ def test_what_moves_both_points_has_no_row() -> None:
     assert {i.leaf for i in program.instructions if i.op == "input" and i.leaf[0] == "q"} == {("q", 2)}
 
 
+@pytest.mark.soak
 def test_numbers_are_parameters(built: Build) -> None:
     """Set at run time they give what a description with these numbers gives."""
     robot = sprung(2070, (2, 2))

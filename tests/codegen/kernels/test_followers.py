@@ -269,6 +269,7 @@ def gripping_bars() -> Robot:
     )  # fmt: skip
 
 
+@pytest.mark.soak
 def test_loops_and_followers_go_together(built: Build) -> None:
     """Against the same mechanism whose couplings are rows of the constraint as the loop is."""
     robot = gripping_bars()

@@ -235,6 +235,7 @@ def test_refusals(built: Build) -> None:
         eomgen.build(eomgen.load_robot("ur5"), kernels=("constraint",))
 
 
+@pytest.mark.soak
 def test_dynamics_of_the_open_tree_are_not_taken_for_those_of_the_robot(built: Build) -> None:
     pytest.importorskip("pinocchio")
     from eomgen.state.equilibrium import static_equilibrium
