@@ -16,6 +16,7 @@ from eomgen.identification.stiffness.levenberg_marquardt import Residuals, certa
 from eomgen.identification.stiffness.output_error import output_error_kernels
 from eomgen.motion.files import MeasuredMotion, motion_from_columns
 from eomgen.runtime.stepping.input_signals import DriveData, InputSignals, Signal, Track
+from tests.loops.test_elastic_cuts import linkages
 from tests.support.builds import Build
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
@@ -295,7 +296,9 @@ def test_refusals(kernel: eomgen.Kernel) -> None:
         fit(robot, motion, bandwidth=-1.0)
     with pytest.raises(InputError, match=r"bandwidth: 2.0; allowed: with parameters"):
         fit(robot_from_toml(PENDULUM), motion, bandwidth=2.0)
-    with pytest.raises(InputError, match="has loops or couplings"):
+    with pytest.raises(
+        InputError, match=r"four_bar has rigid loops or couplings \(joint4\.x, .*, \.\.\.\); allowed for parameters"
+    ):
         fit("four_bar", motion, parameters=["links.rocker.mass"])
 
 
@@ -326,3 +329,32 @@ def test_dependent_columns_are_not_determined() -> None:
     assert sure.is_white
     walk = np.cumsum(rng.standard_normal(400))
     assert not certainty(Residuals(walk, jacobian), np.ones(4), [slice(0, 400)], np.ones(1)).is_white
+
+
+def test_springs_of_elastic_loops(built: Build) -> None:
+    """A linkage whose pin is compliant in all that closes it, by the one drive of its crank."""
+    pin = "x = {{ stiffness = {}, damping = {} }}\ny = {{ stiffness = {}, damping = 4.0 }}\ngamma = {{}}\n"
+    text = pin + "".join(f"{name} = {{{{ stiffness = 1e3 }}}}\n" for name in ("z", "alpha", "beta"))
+    names = ("loops.cut.x.stiffness", "loops.cut.x.damping", "loops.cut.y.stiffness")
+    values, wrong = (2e3, 3.0, 4e3), (2.5e3, 4.0, 3e3)
+
+    def linkage(numbers: tuple[float, ...]) -> eomgen.Robot:
+        (robot, _) = linkages(text.format(*numbers))
+        return replace(robot, driven=("motor.gamma",))
+
+    kernel = built(linkage(values), *output_error_kernels())
+    assert not kernel.constraints
+    t = np.linspace(0.0, 0.6, 401)
+    u = np.zeros((t.size, kernel.n))
+    u[:, 0] = 0.4 * np.sin(25.0 * t)
+    loads = InputSignals(DriveData(torque=Track(Signal.through(t, u), np.arange(kernel.n))))
+    span = {"duration": float(t[-1]), "samples": t.size - 1, "method": "rosenbrock", "rtol": 1e-9, "atol": 1e-11}
+    q, _ = kernel.rollout([1.0, -0.5, 1.44], [0.0] * 3, loads=loads, **span)
+    noisy = q + 1e-6 * np.random.default_rng(2).standard_normal(q.shape)
+    columns = {"t": t, "motor.gamma.drive": u[:, 0]} | dict(zip(kernel.coordinates, noisy.T, strict=True))
+    found = fit(linkage(wrong), motion_from_columns(columns, kernel.coordinates), parameters=names, kernel=kernel)
+    assert not found.warnings
+    for name, value in zip(names, values, strict=True):
+        estimate = found.estimates[name]
+        assert estimate.value == pytest.approx(value, rel=0.01)
+        assert abs(estimate.value - value) < 4.0 * estimate.standard_error

@@ -91,10 +91,15 @@ def fit_numbers(
         progress: is told of steps.
 
     Raises:
-        InputError: the robot has loops, the parameters are none, or a motion cannot be used.
+        InputError: loops or couplings of the robot are rigid, the parameters are none, or a motion cannot be used.
     """
-    if robot.is_closed:
-        raise InputError(f"fit: {robot.name} has loops or couplings; allowed for parameters: robots without")
+    rigid = build_model(robot).constraints
+    if rigid:
+        some = ", ".join(rigid[:3]) + (", ..." if len(rigid) > 3 else "")
+        raise InputError(
+            f"fit: {robot.name} has rigid loops or couplings ({some}); allowed for parameters: robots whose loops and"
+            " couplings are elastic, or that have none"
+        )
     if not names:
         raise InputError("parameters: none; allowed: one at least, by name, as numbers of drives are always")
     if kernel is None:
