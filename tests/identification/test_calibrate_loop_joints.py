@@ -201,7 +201,7 @@ def test_chosen_entries_stand_beside_what_is_described(built: Build, tmp_path: P
     assert load_calibration(found.save(tmp_path / "c.npz")).calibrated == found.calibrated
 
 
-@pytest.mark.parametrize("runs", [2, pytest.param(12, marks=pytest.mark.soak)])
+@pytest.mark.parametrize("runs", [2, pytest.param(5, marks=pytest.mark.soak)])
 def test_intervals_cover_with_noise(runs: int, built: Build, tmp_path: Path) -> None:
     """Where the device stands and where the tool is measured is found, too."""
     robot, inside = described(tmp_path), []

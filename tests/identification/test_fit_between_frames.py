@@ -143,7 +143,7 @@ def test_intervals_cover_with_noise(level: float, runs: int, owner: str, built: 
         given = measured(true, noise=level, seed=seed, rates=False, fastest=40.0)
         found = fitted(built, bare, given, *(f"{owner}.mount.{key}" for key in KEYS))
         for key, matrix in NUMBERS.items():
-            assert off_by(found, key, matrix) < (0.6 if key == "stiffness" else 2.0) * level
+            assert off_by(found, key, matrix) < (0.6 if key == "stiffness" else 4.0) * level
             size, part = np.sqrt(np.diag(matrix)), found.matrix("mount", key)
             lowest = np.linalg.eigvalsh(matrix / np.outer(size, size))[0]
             assert abs(part.lowest - lowest) < 5.0 * part.lowest_error
