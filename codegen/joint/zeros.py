@@ -127,8 +127,10 @@ class _Structure:
         for k, body in enumerate(model.bodies):
             self.body[list(body.indices)] = k
             self.names[list(body.indices)] = [COORDINATES.index(name) for name in body.active]
+            self.body[list(body.modes)], self.names[list(body.modes)] = k, MODAL
         self.motor = np.isin(np.arange(model.size), list(model.motors))
         self.state = np.arange(model.size) >= len(model.coordinates)
+        self.modal = self.names == MODAL  # whose blocks are those of the tree: no rule of joints is known of them
         self.apart = self.motor | self.state  # have an inertia of their own alone
         spatial = ~(self.apart[:, None] | self.apart)
         above = np.zeros((len(model.bodies),) * 2, dtype=bool)
@@ -162,7 +164,7 @@ class _Structure:
         yield TREE, ~together
         yield LEMMA_7, self._second_derivative_zero(facts.LEMMA_7)[v, w]
         yield SHARPER, self._second_derivative_zero(facts.SHARPER)[v, w]
-        yield GYRO, (s == w) & self.before[v, w]
+        yield GYRO, (s == w) & self.before[v, w] & ~(self.modal[v] | self.modal[w])
         yield COAXIAL, self.coaxial[s, v] & self.before[v, w] | self.coaxial[s, w] & self.before[w, v]
 
     def coaxial_swaps(self) -> int:
@@ -185,7 +187,8 @@ class _Structure:
         table = _table(KEPT.coaxial)
         turned = [{*body.active, *model.offset_angles(body.joint)} for body in model.bodies]
         turns = [next((name for name in ANGULAR if name in angles), None) for angles in turned]
-        is_first = np.array([turns[k] == COORDINATES[i] for k, i in zip(self.body, self.names, strict=True)])
+        kinds = (*COORDINATES, "")
+        is_first = np.array([turns[k] == kinds[i] for k, i in zip(self.body, self.names, strict=True)])
         coaxial: Mask = self.same & self._look_up(table) & is_first
         return coaxial
 
@@ -195,8 +198,8 @@ class _Structure:
 
 
 def _table(pairs: Iterable[tuple[str, str]]) -> Mask:
-    """Return a (6, 6) mask of coordinate names."""
-    table = np.zeros((6, 6), dtype=bool)
+    """Return a (7, 7) mask of coordinate names, the last one that of modes."""
+    table = np.zeros((MODAL + 1,) * 2, dtype=bool)
     for a, b in pairs:
         table[COORDINATES.index(a), COORDINATES.index(b)] = True
     return table

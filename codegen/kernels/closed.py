@@ -70,8 +70,9 @@ def _reduced(
     states = States(d.model, bound.armature, drives, slopes.states)
     rotors = Rotors(d.model, bound, bound.armature, states.drives, slopes.transmissions)
     active, prescribed = frozenset(d.active), d.model.prescribed
-    left, still = replace(bound, armature=tuple(rotors.armature)), [0.0] * d.model.size
-    bias, _ = inertial_rows(d.model, left, d.joints, v, still, left.gravity, d.graph.note)
+    left = replace(bound, armature=tuple(rotors.armature))
+    coasting = d.followers.accelerate([0.0] * d.model.size, v)
+    bias, _ = inertial_rows(d.model, left, d.joints, v, coasting, left.gravity, d.graph.note)
     whole = mass_matrix(d.model, left, d.joints, d.graph.note)
     for pair, slope in beside.items():
         whole[pair] = whole.get(pair, 0.0) + slope

@@ -53,10 +53,12 @@ def closure_residuals(d: Derivation, v: Sequence[Scalar]) -> list[ClosureResidua
     moves them.
     """
     residuals = []
+    coasting = d.followers.accelerate([0.0] * d.model.size, v)
     for closure in d.closures:
         parts = zip(closure.parts, closure.values(), closure.jacobian(), closure.bias(v), strict=True)
         for component, value, row, bias in parts:
             jacobian_row = {index: arm for index, arm in d.followers.row(row).items() if not is_zero(arm)}
+            bias = bias + (along(row, coasting) if d.followers.bends else 0.0)
             residuals.append(ClosureResidual(value, jacobian_row, bias, (closure.number, component.axis is None)))
     for number, coupling in enumerate(d.bound.couplings):
         if coupling.law is None and next(iter(coupling.jacobian_row)) not in d.followers.shares:

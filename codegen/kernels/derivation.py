@@ -13,6 +13,7 @@ from ..forces.elements import ELEMENTS
 from ..forces.scalar_functions import Functions
 from ..program.ir import Graph, Value
 from ..program.passes import PARAMETERS
+from ..tree.bending import bent
 from ..tree.bound import Bound, bind
 from ..tree.composite import Rows, mass_matrix
 from ..tree.constraints import Closure, closures
@@ -65,12 +66,14 @@ class Derivation:
             self.u[k] = 0.0  # what stands there is a force on a coordinate
         bound = bind(self.model, value, self.graph.sincos)
         self.followers = Followers(self.model, self.described, bound)
-        self.followers.follow(self.q, positions=True)
-        for x in (self.v, self.a):
-            self.followers.follow(x)
-        self.bound: Bound = regroup(self.model, choose_frames(self.model, bound)) if regrouped else bound
+        self.followers.place(self.q)
+        self.followers.follow(self.v)
+        self.followers.accelerate(self.a, self.v)
+        bound = regroup(self.model, choose_frames(self.model, bound)) if regrouped else bound
+        self.bound: Bound = bent(self.model, bound, self.q)
         self.joints: list[JointGeometry] = geometry(self.model, self.bound, self.q, self.graph.sincos)
         self.still: list[Scalar] = [0.0] * self.model.size
+        self.coasting = self.followers.accelerate(list(self.still), self.v)  # leaders are not accelerated
         self.functions = Functions(self.graph.call)
 
     def inputs(self, name: str) -> list[Scalar]:

@@ -75,7 +75,7 @@ def describe_kernels(model: Model, kernels: Sequence[str], dtype: str) -> dict[s
         "constraints": model.constraints,
         "couplings": {coupling.name: coupling.of for coupling in robot.couplings if coupling.law is None},
         "followers": {
-            name: {"coupling": x.name, "to": dict(x.to), "offset": x.offset or 0.0}
+            name: {"coupling": x.name, "to": dict(x.to), "offset": x.offset or 0.0, **_bends(x)}
             for name, x in model.followers.items()
         },
         "cut_laws": [component_name(owner, name) if name else owner for owner, name, _ in model.cut_laws],
@@ -85,6 +85,11 @@ def describe_kernels(model: Model, kernels: Sequence[str], dtype: str) -> dict[s
         "matrices": matrices(model.parameters),
     }
     return {key: value for key, value in described.items() if value or key not in IF_ANY}
+
+
+def _bends(coupling: Coupling) -> dict[str, Any]:
+    """Return what a coupling adds of products of coordinates: pairs and numbers, where there are some."""
+    return {"bends": [list(bend) for bend in coupling.bends]} if coupling.bends else {}
 
 
 def drive_inputs(model: Model) -> dict[str, list[Any]]:

@@ -23,6 +23,7 @@ from .bodies import axes_of
 from .closed_motion import closing_derivatives, closing_reactions, drives, loop_reactions, loop_wrenches, wrench_outputs
 from .constraint_rows import closure_residuals
 from .derivation import Derivation, Outputs, vector
+from .modal_slopes import bends, modal_christoffel, modal_coriolis_matrix, modal_residual_jacobian
 from .signatures import CLOSURE_KERNELS, element_rows
 
 DESCRIPTION_FRAMES = (  # report, or are asked, in the description's frames
@@ -39,7 +40,8 @@ def _mass_matrix(d: Derivation) -> Outputs:
 
 
 def _nonlinear_effects(d: Derivation, v: list[Scalar]) -> list[Scalar]:
-    return inertial_rows(d.model, d.bound, d.joints, v, d.still, d.bound.gravity, d.graph.note)[0]
+    coasting = d.coasting if v is d.v else d.still
+    return inertial_rows(d.model, d.bound, d.joints, v, coasting, d.bound.gravity, d.graph.note)[0]
 
 
 def _generalized_force(d: Derivation) -> Outputs:
@@ -69,8 +71,16 @@ def _external(d: Derivation) -> tuple[list[Scalar], list[Wrench]]:
 
 
 def _residual_jacobian(d: Derivation) -> Outputs:
+    if bends(d):
+        return modal_residual_jacobian(d)
     slopes = residual_slopes(d, d.a)
     return d.matrices(slopes.by_q, slopes.by_v, slopes.by_a)
+
+
+def _coriolis_matrix(d: Derivation) -> Outputs:
+    if bends(d):
+        return modal_coriolis_matrix(d)
+    return d.matrices(coriolis_matrix(d.model, d.bound, d.joints, d.v, d.graph.note))
 
 
 def _euler_cosines(d: Derivation) -> Outputs:
@@ -89,6 +99,8 @@ def _christoffel(d: Derivation) -> Outputs:
     What vanishes only by an identity (C_i,ji = 0, say) would be left as round-off; the zero map knows it.
     """
     n = len(d.active)
+    if bends(d):
+        return modal_christoffel(d)
     survives = zero_map(d.described if d.followers else d.model).christoffel.mask
     survives = (survives if d.followers else survives[np.ix_(d.active, d.active, d.active)]).reshape(n * n, n)
     outputs: Outputs = {}
@@ -192,7 +204,7 @@ def _deflections(d: Derivation) -> list[Deflection]:
 
 WRITERS: Mapping[str, Callable[[Derivation], Outputs]] = {
     "mass_matrix": _mass_matrix,
-    "bias_force": lambda d: d.vector(inertial_rows(d.model, d.bound, d.joints, d.v, d.still, ZERO, d.graph.note)[0]),
+    "bias_force": lambda d: d.vector(inertial_rows(d.model, d.bound, d.joints, d.v, d.coasting, ZERO, d.graph.note)[0]),
     "gravity": lambda d: d.vector(_nonlinear_effects(d, d.still)),
     "nonlinear_effects": lambda d: d.vector(_nonlinear_effects(d, d.v)),
     "center_of_mass": lambda d: vector([*center_of_mass(d.model, d.bound, d.joints)]),
@@ -211,7 +223,7 @@ WRITERS: Mapping[str, Callable[[Derivation], Outputs]] = {
     "tree_inverse_dynamics": lambda d: d.vector(d.dynamics(d.v, d.a)),
     "constrained_drives": drives,
     "residual_jacobian": _residual_jacobian,
-    "coriolis_matrix": lambda d: d.matrices(coriolis_matrix(d.model, d.bound, d.joints, d.v, d.graph.note)),
+    "coriolis_matrix": _coriolis_matrix,
     "christoffel": _christoffel,
     "kinematics": _kinematics,
     "energy": _energy,

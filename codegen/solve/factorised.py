@@ -51,7 +51,7 @@ def _tree_parents(model: Model) -> list[int]:
     last: dict[int, int] = {-1: -1}
     for k, body in enumerate(model.bodies):
         before = last[body.parent]
-        for index in body.indices:
+        for index in (*body.indices, *body.modes):
             parents[index] = before
             before = index
         last[k] = before

@@ -13,7 +13,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from eomgen.errors import InputError
-from eomgen.names import component_name, joint_of
+from eomgen.names import component_name, joint_of, kind_of
+from eomgen.robot.coordinates import MODE
 from eomgen.robot.elements import KINDS, MATRICES
 from eomgen.robot.elements.joint_damping import JOINT_DAMPING
 from eomgen.robot.elements.joint_stiffness import JOINT_STIFFNESS
@@ -30,10 +31,12 @@ from eomgen.robot.value import (
     MOTOR,
     Coordinate,
     Joint,
+    Link,
     Placement,
     load_dependent,
 )
 
+from .modal import Bent, Modal, modal
 from .spatial import (
     ZERO,
     Mat,
@@ -59,10 +62,16 @@ Cuts = tuple[tuple[tuple[int, Pose], tuple[int, Pose]], ...]  # per loop, on bot
 
 @dataclass(frozen=True)
 class BoundBody:
-    """A body with its numbers: placement of its joint frame in the parent body's frame, and its pseudo-inertia."""
+    """A body with its numbers: placement of its joint frame in the parent body's frame, and its pseudo-inertia.
+
+    modal: constants of a body that bends, whose pseudo-inertia is that while nothing bends.  bent: the same where q
+    is (``bending``), with the pseudo-inertia of then.
+    """
 
     placement: Pose
     inertia: PseudoInertia
+    modal: Modal | None = None
+    bent: Bent | None = None
 
 
 @dataclass(frozen=True)
@@ -121,11 +130,15 @@ class BoundJointElement:
 
 @dataclass(frozen=True)
 class BoundCoupling:
-    """value(of) - sum of ratio * coordinate - offset, which vanishes or has a law; coordinates by their indices."""
+    """value(of) - sum of ratio * coordinate - offset, which vanishes or has a law; coordinates by their indices.
+
+    bends: by pairs of indices (i, j), i <= j, the second derivative of what a follower's value has of their product.
+    """
 
     jacobian_row: Mapping[int, Scalar]
     offset: Scalar
     law: BoundLaw | None
+    bends: Mapping[tuple[int, int], float] = field(default_factory=dict)
 
     def residual(self, q: Sequence[Scalar]) -> Scalar:
         """Return by how much the coordinates are off."""
@@ -208,7 +221,10 @@ def bind(
             coms[link.name] = (body, add(matvec(pose.rotation, com), pose.origin))
     laws, armature = binder.laws()
     return Bound(
-        bodies=tuple(BoundBody(p, h) for p, h in zip(placements, inertias, strict=True)),
+        bodies=tuple(
+            BoundBody(p, h, _modal(robot.link(body.name), poses[body.name][1]))
+            for p, h, body in zip(placements, inertias, model.bodies, strict=True)
+        ),
         coms=coms,
         laws=laws,
         armature=armature,
@@ -275,11 +291,11 @@ class _Binder:
                     f"joints.{body.joint}.offset.{name}: the closed form and the textbook's algorithms know no offset"
                     " of an angle that is not active; give the angle a table, or leave the offset out"
                 )
-        return tuple(
-            self.offset(joint, name) if name in ANGULAR else 0.0
-            for joint in self.model.robot.joints
-            for name in joint.all_coordinates
-        )
+        robot = self.model.robot
+        offsets = {
+            component_name(joint.name, name): self.offset(joint, name) for joint in robot.joints for name in ANGULAR
+        }
+        return tuple(offsets.get(name, 0.0) for name in robot.coordinates)
 
     def placed(self, prefix: str, placement: Placement) -> Pose:
         """Return the pose of a placement whose numbers have names that begin with ``prefix``."""
@@ -366,7 +382,8 @@ class _Binder:
                 row[place(name)] = -1.0 * self.value(f"{prefix}.ratio.{name}", ratio)
             offset = self.value(f"{prefix}.offset", coupling.offset or 0.0)
             if coupling.law is None:
-                couplings.append(BoundCoupling(row, offset, None))
+                bends = {(place(one), place(other)): bend for one, other, bend in coupling.bends}
+                couplings.append(BoundCoupling(row, offset, None, bends))
             elif coupling.name in acting:
                 couplings.append(BoundCoupling(row, offset, self._bound_law(prefix, coupling.law)))
         return tuple(couplings)
@@ -477,9 +494,18 @@ class _Binder:
         return law
 
     def _coordinates(self) -> Iterator[tuple[str, str, Coordinate]]:
-        for joint in self.model.robot.joints:
-            for name, coordinate in joint.all_coordinates.items():
-                yield name, f"joints.{joint.name}.{name}", coordinate
+        """Yield kinds of coordinates, the prefixes of their parameters, and their properties, in the order of q."""
+        for name, coordinate in self.model.robot.coordinates.items():
+            owner, kind = joint_of(name), kind_of(name)
+            if name in self.model.robot.modal_coordinates:
+                yield kind, f"links.{owner}.modes.{kind.removeprefix(MODE)}", coordinate
+            else:
+                yield kind, f"joints.{owner}.{kind}", coordinate
+
+
+def _modal(link: Link, pose: Pose) -> Modal | None:
+    """Return the constants of a link's modes in its body's axes; None of a rigid one."""
+    return None if link.modes is None else modal(link.modes, pose.rotation)
 
 
 def _knots(coordinate: Coordinate) -> tuple[float, ...]:

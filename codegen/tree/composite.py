@@ -15,6 +15,7 @@ from eomgen.robot.model import FIXED_BODY, Model
 
 from .bound import Bound
 from .frozen_joints import JointGeometry, Rotation, unit
+from .modal import Bent
 from .recursion import Note, Velocity, Wrench, no_note, rotational_inertia, through_joint_back, velocities
 from .spatial import (
     ZERO,
@@ -46,6 +47,9 @@ def mass_matrix(model: Model, bound: Bound, joints: Sequence[JointGeometry], not
     whole = _whole_rotations(model, joints)
     for k in range(len(model.bodies) - 1, -1, -1):
         note(f"{model.bodies[k].joint}: columns of M from the composite pseudo-inertia, eq. (11)")
+        bent = bound.bodies[k].bent
+        if bent is not None:
+            _read_modes(model, joints, whole, k, bent, rows)
         columns, at_joint = _columns(composite[k], joints[k])
         for index, wrench in columns:
             _read_column(model, joints, whole, k, index, wrench, rows)
@@ -57,6 +61,26 @@ def mass_matrix(model: Model, bound: Bound, joints: Sequence[JointGeometry], not
     for index, c in enumerate(bound.armature):
         rows[index, index] = rows.get((index, index), 0.0) + c
     return rows
+
+
+def _read_modes(
+    model: Model,
+    joints: Sequence[JointGeometry],
+    whole: Mapping[int, Mat],
+    k: int,
+    bent: Bent,
+    rows: Rows,
+) -> None:
+    """Read columns of a body's modes: what their unit accelerations need of its joint and of those in front of it."""
+    for i, j, mass in bent.masses():
+        rows[i, j] = mass
+    for index, G in zip(bent.indices, bent.G, strict=True):
+        read: list[Scalar] = [None] * model.size
+        wrench, body = Wrench(G.row, G.about()), k
+        while body != FIXED_BODY:
+            wrench = through_joint_back(wrench, joints[body], read, whole.get(body) if body != k else None)
+            body = model.bodies[body].parent
+        rows.update({(row, index): value for row, value in enumerate(read) if value is not None})
 
 
 def _columns(H: PseudoInertia, joint: JointGeometry) -> tuple[list[tuple[int, Wrench]], PseudoInertia]:

@@ -1,6 +1,8 @@
 """Coordinates of the tree that follow others by rigid couplings: q = S q_lead + offset, v = S v_lead, a = S a_lead.
 
 The tree keeps them all.  What depends on them is mapped at the ends: forces and rows of matrices by S^T, columns by S.
+Those of nodes of links that bend have squares of modes, 1/2 e B e more, too: S is their slope where q is, and the
+accelerations have v B v more.
 """
 
 from __future__ import annotations
@@ -11,7 +13,7 @@ from eomgen.robot.model import Model
 
 from .bound import Bound
 from .composite import Rows
-from .spatial import Scalar, is_zero
+from .spatial import Scalar, along, is_zero
 
 Shares = dict[int, Scalar]  # of a follower by its leaders' indices
 
@@ -29,6 +31,7 @@ class Followers:
         """
         self.shares: dict[int, Shares] = {}
         self.offsets: dict[int, Scalar] = {}
+        self.bends: dict[int, Mapping[tuple[int, int], Scalar]] = {}
         self._rows: dict[int, Mapping[int, Scalar]] = {}  # of each follower's coupling
         rigid = {next(iter(coupling.jacobian_row)): coupling for coupling in bound.couplings if coupling.law is None}
         for index in map(whole.coordinates.index, described.followers):
@@ -44,18 +47,40 @@ class Followers:
                 offset = offset + ratio * self.offsets.get(other, 0.0)
             self.shares[index] = {leader: value for leader, value in share.items() if not is_zero(value)}
             self.offsets[index] = offset
+            if rigid[index].bends:
+                self.bends[index] = rigid[index].bends
 
     def __bool__(self) -> bool:
         return bool(self.shares)
 
-    def follow(self, x: list[Scalar], *, positions: bool = False) -> list[Scalar]:
-        """Write what followers do into values of all coordinates, (n,): S x, of positions with the offsets."""
+    def place(self, q: list[Scalar]) -> list[Scalar]:
+        """Write positions of followers into those of all coordinates, (n,), and take S where they are."""
         for index, share in self.shares.items():
-            value: Scalar = self.offsets[index] if positions else 0.0
+            half = _products(self.bends.get(index, {}), [0.5 * x for x in q])
+            leaders = dict.fromkeys((*share, *half))
+            position = self.offsets[index]
+            for leader in leaders:
+                position = position + (share.get(leader, 0.0) + half.get(leader, 0.0)) * q[leader]
+            q[index] = position
+            if half:
+                self.shares[index] = {i: (share.get(i, 0.0) + half.get(i, 0.0)) + half.get(i, 0.0) for i in leaders}
+        return q
+
+    def follow(self, x: list[Scalar]) -> list[Scalar]:
+        """Write what followers do into changes of all coordinates, (n,): S x, as of velocities."""
+        for index, share in self.shares.items():
+            value: Scalar = 0.0
             for leader, ratio in share.items():
                 value = value + ratio * x[leader]
             x[index] = value
         return x
+
+    def accelerate(self, a: list[Scalar], v: Sequence[Scalar]) -> list[Scalar]:
+        """Write accelerations of followers into those of all coordinates, (n,), which move with velocities v."""
+        self.follow(a)
+        for index, bends in self.bends.items():
+            a[index] = a[index] + along(_products(bends, v), v)
+        return a
 
     def gather(self, forces: Sequence[Scalar]) -> list[Scalar]:
         """Add forces of followers to their leaders', S^T f, (n,); zeros are left at the followers."""
@@ -111,3 +136,13 @@ class Followers:
     def leaders(self, indices: Iterable[int]) -> list[int]:
         """Return the coordinates that move these, themselves where they follow no others; each once."""
         return list(dict.fromkeys(j for i in indices for j in self.shares.get(i, (i,))))
+
+
+def _products(bends: Mapping[tuple[int, int], Scalar], x: Sequence[Scalar]) -> Shares:
+    """Return B x of a symmetric matrix whose entries (i, j), i <= j, are given, by index."""
+    product: Shares = {}
+    for (i, j), entry in bends.items():
+        product[i] = product.get(i, 0.0) + entry * x[j]
+        if i != j:
+            product[j] = product.get(j, 0.0) + entry * x[i]
+    return product

@@ -29,6 +29,8 @@ def choose_frames(model: Model, bound: Bound) -> Bound:
     """Shift and turn body frames where that leaves fewer non-zero numbers."""
     bodies, offsets, elements, cuts = list(bound.bodies), list(bound.angle_offsets), bound.elements, bound.cuts
     for k, body in enumerate(model.bodies):
+        if bodies[k].modal is not None:  # whose constants are those of its frame
+            continue
         children = model.children(k)
         plain = _plain(bodies, [k]) and set(body.active) <= {"z", "gamma"}
         if plain and "gamma" in body.active:
@@ -77,7 +79,7 @@ def _move(bodies: list[BoundBody], k: int, children: Sequence[int], by: Pose, *,
     """Move body k's frame by ``pose``, in its axes; ``placed``: the joint's placement moves too."""
     back = _back(by)
     placement = bodies[k].placement @ by if placed else bodies[k].placement
-    bodies[k] = BoundBody(placement, congruence(back, bodies[k].inertia))
+    bodies[k] = replace(bodies[k], placement=placement, inertia=congruence(back, bodies[k].inertia))
     for child in children:
         moved = back @ bodies[child].placement
         if not placed:

@@ -13,6 +13,7 @@ from eomgen.robot.model import Model
 from .bound import Bound
 from .frozen_joints import JointGeometry
 from .kinematics import body_poses
+from .modal import NOTHING
 from .recursion import rotational_inertia, velocities
 from .spatial import ZERO, Scalar, Vec, add, cross, is_zero, matvec, scale
 
@@ -39,9 +40,10 @@ def total_momentum(model: Model, bound: Bound, joints: Sequence[JointGeometry], 
     poses, _ = body_poses(model, joints)
     linear, angular = ZERO, ZERO
     for pose, (_, W), body in zip(poses, velocities(model, joints, v), bound.bodies, strict=True):
-        H = body.inertia
-        body_momentum = matvec(pose.rotation, add(scale(H.mass, W.origin), cross(W.rate, H.first)))
-        spin = matvec(pose.rotation, add(rotational_inertia(H, W.rate), cross(H.first, W.origin)))
+        H, moving = body.inertia, body.bent.sum(v) if body.bent is not None else NOTHING
+        body_momentum = matvec(pose.rotation, add(add(scale(H.mass, W.origin), cross(W.rate, H.first)), moving.row))
+        spin = add(add(rotational_inertia(H, W.rate), cross(H.first, W.origin)), moving.about())
+        spin = matvec(pose.rotation, spin)
         linear = add(linear, body_momentum)
         angular = add(angular, add(spin, cross(pose.origin, body_momentum)))
     return linear, angular

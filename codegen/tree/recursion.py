@@ -16,6 +16,7 @@ from eomgen.robot.model import FIXED_BODY, Model
 
 from .bound import Bound
 from .frozen_joints import JointGeometry, unit
+from .modal import modal_energy, modal_rows, modal_wrench
 from .spatial import (
     ZERO,
     Mat,
@@ -231,6 +232,11 @@ def inertial_rows(
         K = _through_joint(still if body.parent == FIXED_BODY else moving[body.parent], joints[k], v, a)
         moving.append(K)
         total.append(body_wrench(K, bound.bodies[k].inertia))
+        bent = bound.bodies[k].bent
+        if bent is not None:
+            total[k] = total[k] + Wrench(*modal_wrench(bent, K.rate, v, a))
+            for index, row in modal_rows(bent, K.rate, K.U, K.origin, v, a).items():
+                rows[index] = row
         path.append(k)
     back_to(FIXED_BODY)
     return [row + c * acc for row, c, acc in zip(rows, bound.armature, a, strict=True)], total
@@ -276,6 +282,8 @@ def kinetic_energy(model: Model, bound: Bound, joints: Sequence[JointGeometry], 
         momentum = add(scale(H.mass, W.origin), cross(W.rate, H.first))
         spin = add(rotational_inertia(H, W.rate), cross(H.first, W.origin))
         energy = energy + 0.5 * (dot(momentum, W.origin) + dot(spin, W.rate))
+        if body.bent is not None:
+            energy = energy + modal_energy(body.bent, W.rate, W.origin, v)
     n = len(model.coordinates)  # states of laws are no motion
     for c, rate in zip(bound.armature[:n], v[:n], strict=True):
         energy = energy + 0.5 * c * rate * rate

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 from eomgen.robot.model import FIXED_BODY, Model
 
-from .bound import Bound, BoundBody
+from .bound import Bound
 from .frozen_joints import freeze
 from .spatial import PseudoInertia, add, congruence, mat3, vec3
 
@@ -28,7 +28,7 @@ def regroup(model: Model, bound: Bound) -> Bound:
             inertias[body.parent] = inertias[body.parent] + moved
         else:
             at_rest = add(at_rest, moved.first)
-    bodies = tuple(BoundBody(b.placement, h) for b, h in zip(bound.bodies, inertias, strict=True))
+    bodies = tuple(replace(b, inertia=h) for b, h in zip(bound.bodies, inertias, strict=True))
     return replace(bound, bodies=bodies, at_rest=at_rest)
 
 

@@ -13,24 +13,27 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 UNITS = {"x": "m", "y": "m", "z": "m", "alpha": "rad", "beta": "rad", "gamma": "rad", MOTOR: "rad"}
+MODE = "mode"  # and a number: kinds of modal coordinates, whose mode shapes have units of their own
 MOTIONS = ("x", "y", "z", "rx", "ry", "rz")  # of a frame: displacement (m) and rotation vector (rad)
 QUATERNION = ("qw", "qx", "qy", "qz")  # of a joint's rotation, unit, scalar first
 FORCES = ("fx", "fy", "fz", "mx", "my", "mz")  # of a wrench: force (N) and moment (N m)
 
 
 def unit_of(name: str) -> str:
-    """Return the unit of a coordinate, or of a component of a frame's motion, by its name: "m" or "rad"."""
-    return "m" if kind_of(name) in LINEAR else "rad"
+    """Return the unit of a coordinate, or of a component of a frame's motion, by its name: "m", "rad" or "1"."""
+    kind = kind_of(name)
+    return "m" if kind in LINEAR else "1" if kind.startswith(MODE) else "rad"
 
 
 def force_unit_of(name: str) -> str:
-    """Return the unit of a generalized force of a coordinate, or of a wrench's component, by name: "N" or "N m"."""
-    return "N" if kind_of(name) in (*LINEAR, *FORCES[:3]) else "N m"
+    """Return the unit of a generalized force of a coordinate, or of a wrench's component: "N", "N m" or "J"."""
+    kind = kind_of(name)
+    return "N" if kind in (*LINEAR, *FORCES[:3]) else "J" if kind.startswith(MODE) else "N m"
 
 
 def coordinate_names(robot: Robot) -> tuple[str, ...]:
     """Return the names of all coordinates, motors among them, in the order of q."""
-    return tuple(component_name(joint.name, kind) for joint in robot.joints for kind in joint.all_coordinates)
+    return tuple(robot.coordinates)
 
 
 def rotating_joints(names: Sequence[str]) -> tuple[str, ...]:

@@ -195,6 +195,8 @@ def position_limits(robot: Robot, name: str) -> tuple[float, float] | None:
 
     Those of what follows it count, as far as they leave room.
     """
+    if name in robot.modal_coordinates:
+        return None
     joint = robot.joint(joint_of(name))
     if PRINCIPAL.get(joint.type) != kind_of(name):
         return None
@@ -234,8 +236,7 @@ def follower_positions(robot: Robot, values: Mapping[str, Any]) -> dict[str, Any
     """
     positions: dict[str, Any] = {}
     for name, coupling in robot.followers.items():
-        moved = (ratio * positions.get(x, values.get(x, 0.0)) for x, ratio in coupling.to.items())
-        positions[name] = sum(moved, coupling.offset or 0.0)
+        positions[name] = coupling.value(lambda x: positions.get(x, values.get(x, 0.0)))
     return positions
 
 
@@ -246,7 +247,7 @@ def unknown(name: str, known: tuple[str, ...]) -> str:
 
 def coordinate_of(robot: Robot, name: str) -> Coordinate:
     """Return the properties of a coordinate by its name; of a motor those of its rotor."""
-    return robot.joint(joint_of(name)).all_coordinates[kind_of(name)]
+    return robot.coordinates[name]
 
 
 def effort_of(robot: Robot, name: str) -> float | None:
@@ -254,6 +255,8 @@ def effort_of(robot: Robot, name: str) -> float | None:
 
     A joint's limit holds behind the gear of its motor, too.
     """
+    if name in robot.modal_coordinates:
+        return None
     joint, kind = robot.joint(joint_of(name)), kind_of(name)
     limits = joint.limits_of(kind)
     if kind == MOTOR and joint.motor is not None:
@@ -264,5 +267,7 @@ def effort_of(robot: Robot, name: str) -> float | None:
 
 def drive_of(robot: Robot, name: str) -> str:
     """Return the coordinate that a drive at a coordinate acts on: the motor, where one drives it."""
+    if name in robot.modal_coordinates:
+        return name
     joint = robot.joint(joint_of(name))
     return f"{joint.name}.{MOTOR}" if joint.motor is not None and kind_of(name) == PRINCIPAL[joint.type] else name

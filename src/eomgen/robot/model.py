@@ -50,7 +50,7 @@ class Body:
 
     ``active`` names the active coordinates of its joint in canonical order, but for followers; ``links`` the links it
     is made of, the joint's child first.  A joint's motor moves no body: its coordinate is behind these
-    (``Model.motors``).
+    (``Model.motors``).  ``modes`` are the indices of modal coordinates, behind those of the joint, of a body that bends.
     """
 
     joint: str
@@ -58,6 +58,7 @@ class Body:
     first: int
     active: tuple[str, ...]
     links: tuple[str, ...]
+    modes: range = range(0)
 
     @property
     def name(self) -> str:
@@ -189,7 +190,7 @@ class Model:
         """Leaders of each follower, directly or through other followers; in the order of q."""
         leaders: dict[str, tuple[str, ...]] = {}
         for name, coupling in self.followers.items():
-            names = {leader for x in coupling.to for leader in leaders.get(x, (x,))}
+            names = {leader for x in coupling.others for leader in leaders.get(x, (x,))}
             leaders[name] = tuple(x for x in self.coordinates if x in names)
         return leaders
 
@@ -317,6 +318,7 @@ def build_model(robot: Robot, *, with_followers: bool = False) -> Model:
     coordinates: list[str] = []
     body_of = {robot.base: FIXED_BODY}
     links: list[list[str]] = []
+    bending = {link.name: link.modes for link in robot.links if link.modes is not None}
     followers = {} if with_followers else robot.followers
     for joint in robot.joints:  # depth first: a parent comes before its children
         parent = body_of[joint.parent]
@@ -324,10 +326,17 @@ def build_model(robot: Robot, *, with_followers: bool = False) -> Model:
             kinds = [kind for kind in joint.all_coordinates if component_name(joint.name, kind) not in followers]
             active = tuple(kind for kind in kinds if kind != MOTOR)
             body_of[joint.child] = len(bodies)
-            bodies.append(Body(joint.name, parent, len(coordinates), active, (joint.child,)))
-            links.append([joint.child])
+            first = len(coordinates)
             coordinates.extend(component_name(joint.name, kind) for kind in kinds)
+            modes = bending[joint.child].names if joint.child in bending else ()
+            own = range(len(coordinates), len(coordinates) + len(modes))
+            bodies.append(Body(joint.name, parent, first, active, (joint.child,), own))
+            links.append([joint.child])
+            coordinates.extend(component_name(joint.child, kind) for kind in modes)
         else:
+            if joint.child in bending:
+                allowed = "a joint that moves, so that it is a body of its own"
+                _refuse(robot, f"links.{joint.child}.modes", f"the joint {show(joint.name)} is rigid; allowed: {allowed}")
             body_of[joint.child] = parent
             if parent != FIXED_BODY:
                 links[parent].append(joint.child)
@@ -343,7 +352,7 @@ def build_model(robot: Robot, *, with_followers: bool = False) -> Model:
         fixed = f"rigid couplings hold all coordinates ({listed(followers)})"
         _refuse(robot, "couplings", f"nothing is left to move: {fixed}; allowed: couplings that leave one")
     merged = tuple(
-        Body(body.joint, body.parent, body.first, body.active, tuple(names))
+        replace(body, links=tuple(names))
         for body, names in zip(bodies, links, strict=True)
     )
     moving = tuple(link.name for link in robot.links if body_of[link.name] != FIXED_BODY)

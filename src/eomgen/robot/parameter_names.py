@@ -10,6 +10,7 @@ from typing import NoReturn
 
 from ..errors import DescriptionError
 from ..names import nearest, parameter_name, parameter_path, show
+from .coordinates import MODE
 from .elements import JOINT_ELEMENTS, KINDS, Spring
 from .laws import BASIC, NUMBERS
 from .numbers import Number
@@ -17,6 +18,7 @@ from .value import COORDINATES, MOTOR, Robot
 
 FORMS = (
     "gravity[.x], links.LINK.mass, links.LINK.com[.x], links.LINK.inertia[.xx], "
+    "links.LINK.modes.1.stiffness (or damping), "
     "joints.JOINT.COORDINATE.stiffness (or damping, armature), joints.JOINT.offset[.x], "
     "joints.JOINT.stiffness.x.beta (or damping, damping.linear), "
     "joints.JOINT.motor.inertia (or ratio), "
@@ -81,6 +83,8 @@ def _element_of(path: tuple[str, ...]) -> tuple[str, tuple[str, ...], tuple[str,
     kind, table = path[0], path[2] if len(path) > 2 else ""
     if kind == "couplings" or kind in KINDS:
         return CUTS if kind == "couplings" else kind, path[1:2], path[2:]
+    if kind == "links" and table == "modes":
+        return JOINTS, (path[1], f"{MODE}{path[3]}"), path[4:]
     if kind in ("joints", "loops") and table in (*COORDINATES, MOTOR):
         return {"joints": JOINTS, "loops": CUTS}[kind], path[1:3], path[3:]
     family = JOINT_ELEMENTS[table].FAMILIES.get(kind) if table in JOINT_ELEMENTS else None
@@ -175,6 +179,8 @@ def _meaning(start: _Node, item: Parameter) -> Iterator[str]:
 
 def _shortest(path: tuple[str, ...]) -> int:
     """Return the least number of components of a pattern for this parameter."""
+    if path[2:3] == ("modes",):
+        return 5
     return {"gravity": 1, "joints": 4, "frames": 4}.get(path[0], 3)
 
 

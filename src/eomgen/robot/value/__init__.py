@@ -27,4 +27,8 @@ from .link import BASE as BASE
 from .link import INERTIA_KEYS as INERTIA_KEYS
 from .link import Frame as Frame
 from .link import Link as Link
+from .modes import LinkModes as LinkModes
+from .modes import Node as Node
+from .nodes import made_of as made_of
+from .nodes import node_link as node_link
 from .robot import Robot as Robot

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
+from typing import Any
 
 from ...names import NAME_LENGTH
 from ..fields import LATER, Picklable
@@ -20,6 +21,8 @@ class Coupling(Picklable):
     ``of`` keeps to the offset.  law: forces in what value(of) deviates from the right side, in units of ``of``, without
     armature and role; None where the coupling is rigid.  is_constraint: keeps a coordinate that a rigid coupling would
     make a follower (``Robot.followers``), and a row of the constraint.
+    bends: pairs of coordinates, each pair once, and a number b for what else is added: b x y of two, b x^2 / 2 of one
+    with itself; how far the node of a link that bends is drawn in.
     """
 
     name: str
@@ -28,15 +31,34 @@ class Coupling(Picklable):
     offset: float | None = None
     law: Coordinate | None = None
     is_constraint: bool = field(default=False, metadata=LATER)
+    bends: tuple[tuple[str, str, float], ...] = field(default=(), metadata=LATER)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "to", MappingProxyType(dict(self.to)))
+
+    @property
+    def others(self) -> tuple[str, ...]:
+        """Names of the coordinates that ``of`` depends on."""
+        return tuple(dict.fromkeys((*self.to, *(name for pair in self.bends for name in pair[:2]))))
 
     def numbers(self) -> dict[str, float | None]:
         """Return numbers by the names of parameters: "ratio.finger1.gamma", "offset"; None where not set."""
         numbers: dict[str, float | None] = {f"ratio.{name}": ratio for name, ratio in self.to.items()}
         numbers["offset"] = self.offset
         return numbers | (self.law.numbers(CUT_NUMBERS) if self.law else {})
+
+    def value(self, of: Callable[[str], Any]) -> Any:
+        """Return what the coordinate has to be by the description's numbers.
+
+        Args:
+            of: gives the value of another coordinate by its name, a number or an array.
+        """
+        value: Any = self.offset or 0.0
+        for name, ratio in self.to.items():
+            value = value + ratio * of(name)
+        for name, other, bend in self.bends:
+            value = value + bend * (0.5 if name == other else 1.0) * of(name) * of(other)
+        return value
 
     def without_states(self) -> Coupling:
         """Return the coupling without laws that have states."""

@@ -10,7 +10,16 @@ from typing import Any, TypeVar
 
 from ...errors import UnknownNameError
 from ...lazily import from_above
-from ...names import html_table, joint_of, kind_of, nearest_or_all, parameter_name, show, split_component
+from ...names import (
+    component_name,
+    html_table,
+    joint_of,
+    kind_of,
+    nearest_or_all,
+    parameter_name,
+    show,
+    split_component,
+)
 from ...once import kept
 from ..bounds import Limits
 from ..elements import Element, LinkElement
@@ -22,6 +31,7 @@ from .coordinate import Coordinate
 from .coupling import Coupling, first_contradiction
 from .joint import MOTOR, PRINCIPAL, Joint, Loop
 from .link import BASE, Frame, Link
+from .nodes import node_link
 
 
 @dataclass(frozen=True)
@@ -65,7 +75,7 @@ class Robot(Picklable):
             "links": len(self.links),
             "mass, kg": f"{sum(link.mass for link in self.links):.6g}",
             "joints": len(self.joints),
-            "coordinates": sum(len(joint.all_coordinates) for joint in self.joints) - len(self.followers),
+            "coordinates": len(self.coordinates) - len(self.followers),
             "loops": len(self.loops),
             "springs between points": len(self.springs),
             "other force elements": len(self.elements),
@@ -118,8 +128,50 @@ class Robot(Picklable):
         """Return the joint of that name; UnknownNameError if there is none."""
         return _of_name("joint", name, self.joints)
 
+    @property
+    @kept
+    def coordinates(self) -> Mapping[str, Coordinate]:
+        """Properties of all coordinates by their names, in the order of q, followers among them.
+
+        Behind those of a joint stand the modes of the link that it carries; a motor's are its rotor's.
+        """
+        modes = {link.name: link.modes for link in self.links if link.modes is not None}
+        found: dict[str, Coordinate] = {}
+        for joint in self.joints:
+            found |= {component_name(joint.name, kind): x for kind, x in joint.all_coordinates.items()}
+            if joint.child in modes:
+                own = modes[joint.child].coordinates()
+                found |= {component_name(joint.child, kind): x for kind, x in own.items()}
+        return MappingProxyType(found)
+
+    @property
+    @kept
+    def modal_coordinates(self) -> tuple[str, ...]:
+        """Names of the coordinates that are modes of links, in the order of q."""
+        bending = {link.name for link in self.links if link.modes is not None}
+        joints = {joint.name: joint for joint in self.joints}
+        kinds = {name: split_component(name) for name in self.coordinates}
+        return tuple(
+            name
+            for name, (owner, kind) in kinds.items()
+            if owner in bending and not (owner in joints and kind in joints[owner].all_coordinates)
+        )
+
+    @property
+    @kept
+    def nodes(self) -> dict[str, str]:
+        """Links that bend, by the joints that their nodes are made of."""
+        return {
+            node_link(link.name, node.name): link.name
+            for link in self.links
+            if link.modes is not None
+            for node in link.modes.nodes
+        }
+
     def limits_of(self, coordinate: str) -> Limits:
         """Return the limits of a coordinate by its name, "joint1.gamma"; an empty one where it has none."""
+        if coordinate in self.modal_coordinates:
+            return Limits()
         joint, name = split_component(coordinate)
         return self.joint(joint).limits_of(name)
 
@@ -158,7 +210,7 @@ class Robot(Picklable):
         acted_on = {x.name for x in self.joints if x.motor is not None or x.elements}
         shared = {x.of for x in self.couplings if len(x.to) - [*x.to.values()].count(0.0) != 1}
         acted_on |= {joint_of(name) for name in self.driven or () if name in shared}
-        kept = _in_loops(self) | acted_on
+        kept = (_in_loops(self) | acted_on).difference(self.nodes)  # which carry no mass of their own
         rigid = [x for x in self.couplings if x.law is None and not x.is_constraint]
         left = {x.of: x for x in rigid if joint_of(x.of) not in kept and all(kind_of(name) != MOTOR for name in x.to)}
         behind: dict[str, list[str]] = {}
@@ -196,7 +248,7 @@ class Robot(Picklable):
     def rigid(self) -> Robot:
         """Return the robot with deviations locked: principal and prescribed coordinates and free joints move.
 
-        Stops of joints and states of laws are left out: friction is that with which bristles slide.
+        Stops of joints and states of laws are left out: friction is that with which bristles slide.  Links do not bend.
 
         Where there are loops, coordinates without a stiffness move, too: the loops hold them.
 
@@ -204,7 +256,8 @@ class Robot(Picklable):
         Transmissions are rigid: a motor counts as an armature, and the motion of one that is prescribed as its joint's.
         Springs and other force elements between links that then do not move against each other are left out.
         """
-        joints = [joint.rigid(loose=bool(self.loops)) for joint in self.joints]
+        nodes = self.nodes
+        joints = [joint.rigid(loose=bool(self.loops) and joint.name not in nodes) for joint in self.joints]
         loops = [loop.rigid() for loop in self.loops]
         carrier = {self.base: self.base}
         for joint in joints:
@@ -220,7 +273,8 @@ class Robot(Picklable):
             if stiff is not None:
                 fits = first_contradiction((*couplings, stiff)) is None
                 couplings += (stiff if fits else coupling,)
-        made = replace(self, name=self.name[:42] + "_rigid", joints=tuple(joints), loops=tuple(loops))
+        links = tuple(replace(link, modes=None) if link.modes is not None else link for link in self.links)
+        made = replace(self, name=self.name[:42] + "_rigid", links=links, joints=tuple(joints), loops=tuple(loops))
         more = replace(made, couplings=couplings).followers.keys() - self.followers.keys()  # are coordinates here, too
         made = replace(
             made,

@@ -1,0 +1,175 @@
+"""Links that bend, in the trace form: the pseudo-inertia of the bent body, and what its modes add to eq. (5).
+
+With rho = rho0 + phi_k e_k + 1/2 psi_kl e_k e_l, link axes, and G_k the integral of rho (d rho / d e_k)^T,
+
+    T = 1/2 tr(A' H A'^T) + e'_k tr(A' G_k A^T) + 1/2 m_kl e'_k e'_l,
+    G_k = H0_k + e_l ([P_lk; 0] + Q_kl),        H = H00 + e_k (C_k + C_k^T),  C_k half way between H0_k and G_k,
+
+and m_kl = tr P_kl is constant.  As in ``recursion``, R cancels in all traces.
+
+Source: W. J. Book, "Recursive Lagrangian Dynamics of Flexible Manipulator Arms", The International Journal of Robotics
+Research 3(3), 1984; his rotations 1 + e_k M_k of what stands on a link are those of eq. (3) here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from eomgen.robot.value import LinkModes
+
+from .spatial import (
+    ZERO,
+    Mat,
+    Scalar,
+    Vec,
+    add,
+    cross,
+    dot,
+    mat3,
+    matmul,
+    matvec,
+    scale,
+    subtract,
+    sum_mat,
+    trace,
+    transpose,
+    vec3,
+)
+
+NONE: Mat = (ZERO, ZERO, ZERO)
+
+
+@dataclass(frozen=True)
+class Moment:
+    """An integral of rho x^T: ``block`` 3 x 3 of rho's x, y and z, and ``row`` of its 1, so the integral of x."""
+
+    block: Mat
+    row: Vec
+
+    def __add__(self, other: Moment) -> Moment:
+        return Moment(sum_mat(self.block, other.block), add(self.row, other.row))
+
+    def scaled(self, factor: Scalar) -> Moment:
+        """Return the integral times a number."""
+        return Moment(mat3(scale(factor, row) for row in self.block), scale(factor, self.row))
+
+    def turned(self, R: Mat) -> Moment:
+        """Return the integral in other axes."""
+        return Moment(matmul(matmul(R, self.block), transpose(R)), matvec(R, self.row))
+
+    def about(self) -> Vec:
+        """Return the integral of rho x x."""
+        return antisymmetric(transpose(self.block))
+
+
+NOTHING = Moment(NONE, ZERO)
+
+
+def antisymmetric(X: Mat) -> Vec:
+    """Return the integral of r x a, of X the integral of a r^T."""
+    return (X[2][1] - X[1][2], X[0][2] - X[2][0], X[1][0] - X[0][1])
+
+
+@dataclass(frozen=True)
+class Modal:
+    """Constants of a body's modes in its axes: of H0 and Q by modes; ``crossed`` twice phi_l x phi_k; masses.
+
+    ``slopes``: [P_lk; 0] + Q_kl by (k, l); ``squares`` Q_kl, empty where deflections are linear in e.
+    """
+
+    first: tuple[Moment, ...]
+    slopes: tuple[tuple[Moment, ...], ...]
+    squares: tuple[tuple[Moment, ...], ...]
+    crossed: tuple[tuple[Vec, ...], ...]
+    masses: tuple[tuple[float, ...], ...]
+
+
+@dataclass(frozen=True)
+class Bent:
+    """A body that bends, where it is: its modes' indices in q, their constants, G_k."""
+
+    indices: range
+    modal: Modal
+    G: tuple[Moment, ...]
+
+    def sum(self, x: Sequence[Scalar]) -> Moment:
+        """Return sum G_k x_k, of x by all coordinates."""
+        total = NOTHING
+        for k, G in zip(self.indices, self.G, strict=True):
+            total = total + G.scaled(x[k])
+        return total
+
+    def squared(self, v: Sequence[Scalar]) -> Moment:
+        """Return sum Q_kl e'_k e'_l, of velocities of all coordinates."""
+        total = NOTHING
+        rates = [v[k] for k in self.indices]
+        for k, row in enumerate(self.modal.squares):
+            for j in range(k + 1):
+                both = rates[k] * rates[j]
+                total = total + row[j].scaled(both if j == k else 2.0 * both)
+        return total
+
+    def masses(self) -> Iterator[tuple[int, int, float]]:
+        """Yield entries of the modal mass matrix by indices (i, j), i <= j."""
+        for k, i in enumerate(self.indices):
+            for j in range(k, len(self.indices)):
+                yield i, self.indices[j], self.modal.masses[k][j]
+
+
+def modal(modes: LinkModes, rotation: Mat) -> Modal:
+    """Return a link's constants in axes in which its own have this rotation."""
+
+    def moment(rows: Sequence[Sequence[float]]) -> Moment:
+        block, row = mat3(rows[:3]), vec3(rows[3]) if len(rows) > 3 else ZERO
+        return Moment(block, row).turned(rotation)
+
+    m = range(modes.count)
+    P = [[moment(modes.P[k][j]) for j in m] for k in m]
+    squares = tuple(tuple(moment(modes.Q[k][j]) for j in m) for k in m) if modes.Q is not None else ()
+    slopes = tuple(tuple(P[j][k] + squares[k][j] if squares else P[j][k] for j in m) for k in m)
+    crossed = tuple(tuple(scale(-2.0, antisymmetric(P[j][k].block)) for j in m) for k in m)
+    return Modal(tuple(moment(x) for x in modes.H0), slopes, squares, crossed, modes.masses)
+
+
+def modal_wrench(body: Bent, rate: Vec, v: Sequence[Scalar], a: Sequence[Scalar]) -> tuple[Vec, Vec]:
+    """Return what moving modes add to the force and the moment that a body takes, at its origin.
+
+    Args:
+        rate: the body's angular velocity, in its axes.
+        v, a: of all coordinates.
+    """
+    moving, grown = body.sum(v), body.sum(a) + body.squared(v)
+    force = add(scale(2.0, cross(rate, moving.row)), grown.row)
+    turning = subtract(scale(trace(moving.block), rate), matvec(transpose(moving.block), rate))
+    return force, add(scale(2.0, turning), grown.about())
+
+
+def modal_rows(
+    body: Bent, rate: Vec, U: Mat, origin: Vec, v: Sequence[Scalar], a: Sequence[Scalar]
+) -> dict[int, Scalar]:
+    """Return the rows of eq. (5) of a body's modes, by their indices: tr([U a] G_k) and what moving modes add."""
+    rows: dict[int, Scalar] = {}
+    for k, index in enumerate(body.indices):
+        G = body.G[k]
+        row = dot(G.row, origin)
+        for i in range(3):
+            row = row + dot(U[i], transpose(G.block)[i])
+        spin = ZERO
+        for place, pair in zip(body.indices, body.modal.crossed[k], strict=True):
+            spin = add(spin, scale(v[place], pair))
+        row = row + dot(rate, spin)
+        for place, mass in zip(body.indices, body.modal.masses[k], strict=True):
+            row = row + mass * a[place]
+        rows[index] = row
+    return rows
+
+
+
+def modal_energy(body: Bent, rate: Vec, shift: Vec, v: Sequence[Scalar]) -> Scalar:
+    """Return what moving modes add to the kinetic energy of a body with these angular and linear velocities."""
+    moving = body.sum(v)
+    energy = dot(moving.row, shift) + dot(moving.about(), rate)
+    for i, j, mass in body.masses():
+        energy = energy + ((0.5 if i == j else 1.0) * mass) * (v[i] * v[j])
+    return energy
