@@ -8,6 +8,7 @@ from textwrap import wrap
 
 import sympy
 
+from eomgen.errors import InputError
 from eomgen.robot.model import Model, with_offset_angles
 
 from ..joint.facts import Facts
@@ -76,7 +77,14 @@ def derive_afresh(
 
     Raises:
         DerivationError: something differs.
+        InputError: a link bends.
     """
+    bending = [link.name for link in model.robot.links if link.modes is not None]
+    if bending:
+        raise InputError(
+            f"links.{bending[0]}.modes: SymPy derives joints afresh, and no link that bends; allowed: robots whose"
+            " links are rigid"
+        )
     tree, (whole, _) = model.tree, with_offset_angles(model)
     blocks = derive_blocks(tree, whole, kept=kept)
     zeros = zero_map(tree) if tree.size <= MOST_COUNTED else None

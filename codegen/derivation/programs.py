@@ -68,7 +68,7 @@ class _Point:
                 angle = Fraction(2.0 * math.atan(t))
                 q[index] = angle - Fraction(bound.angle_offsets[index])
                 self.circle[angle] = _circle(t)
-        self.q = self._moved(q, positions=True)
+        self.q = list(map(Fraction, self.followers.place(list(q))))
         self.placements = [_matrix(x.placement.rotation, x.placement.origin, 1.0) for x in bound.bodies]
         self.inertias = [_matrix(x.inertia.second, x.inertia.first, x.inertia.mass) for x in bound.bodies]
         for H in self.inertias:
@@ -86,9 +86,9 @@ class _Point:
         """Return sine and cosine of an angle, exact where it was drawn, else within rounding."""
         return self.circle.get(x) or _circle(Fraction(math.tan(float(x) / 2.0)))
 
-    def _moved(self, x: Row, *, positions: bool = False) -> Row:
+    def _moved(self, x: Row) -> Row:
         """Move followers after their leaders."""
-        return list(map(Fraction, self.followers.follow(list(x), positions=positions)))
+        return list(map(Fraction, self.followers.follow(list(x))))
 
     def rows(self, v: Row, a: Row) -> _Rows:
         """Compute rows of the model's coordinates for velocities and accelerations of the whole's."""

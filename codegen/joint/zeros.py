@@ -20,6 +20,7 @@ from . import facts
 from .kept import KEPT
 
 Mask = NDArray[np.bool_]
+MODAL = len(COORDINATES)  # behind the six, in tables of kinds of coordinates
 
 ROTOR = "motor: its rotor's inertia about its own axis stands on the diagonal of M alone"
 STATE = "state of a law: its inertia stands on the diagonal of M alone"

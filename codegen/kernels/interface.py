@@ -13,7 +13,7 @@ from eomgen.robot.mechanism import coordinate_of, effort_of, leading_home
 from eomgen.robot.memory.drives import input_of
 from eomgen.robot.model import Model, movable_limits
 from eomgen.robot.parameter_names import element_places, least_of, matrices
-from eomgen.robot.value import LINEAR, MOTOR, Loop
+from eomgen.robot.value import LINEAR, MOTOR, Coupling, Loop
 
 from ..tree.regressor import described_values, regressor_names
 from .signatures import KERNELS, element_rows, functions, shapes

@@ -195,7 +195,9 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         "Joint reaction wrenches to external wrenches alone, joint frames after the motion.",
     ),
     kernel(
-        "regressor(q, v, a) -> regressor", "Y of inverse dynamics without springs and dampers, u = Y theta; loops cut."
+        "regressor(q, v, a) -> regressor",
+        "Y of inverse dynamics without springs and dampers, u = Y theta; loops cut.",
+        needs="rigid",
     ),
     kernel("euler_cosines(q) -> joints", "Cosine of beta of every joint with three angles, 1 for the others."),
     kernel(
@@ -368,6 +370,7 @@ def available(model: Model) -> tuple[str, ...]:
         "laws": bool(model.cut_laws),
         "followers": bool(model.followers),
         "drives": bool(model.beside),
+        "rigid": not any(body.modes for body in model.bodies),
     }
     return tuple(
         name

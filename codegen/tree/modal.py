@@ -165,7 +165,6 @@ def modal_rows(
     return rows
 
 
-
 def modal_energy(body: Bent, rate: Vec, shift: Vec, v: Sequence[Scalar]) -> Scalar:
     """Return what moving modes add to the kinetic energy of a body with these angular and linear velocities."""
     moving = body.sum(v)

@@ -40,11 +40,9 @@ def regressor_names(model: Model) -> tuple[str, ...]:
 def armatures(model: Model) -> tuple[str, ...]:
     """Name the coordinates, followers too, that have a column for their armature; in the order of the tree."""
     names = {model.coordinates[i] for i in (*model.driven, *model.motors)}
-    for joint in model.robot.joints:
-        for kind, coordinate in joint.all_coordinates.items():
-            name = component_name(joint.name, kind)
-            if coordinate.armature or f"joints.{name}.armature" in model.parameters:
-                names.add(name)
+    for name, coordinate in model.robot.coordinates.items():
+        if coordinate.armature or f"joints.{name}.armature" in model.parameters:
+            names.add(name)
     return tuple(name for name in coordinate_names(model.robot) if name in names)
 
 

@@ -46,6 +46,7 @@ def inertia_notes(robot: Robot) -> tuple[str, ...]:
 
 def mass_matrix(model: Model, q: Array) -> Array:
     """Return M of the tree in one state, (n, n), by the generator's recursion on floats; q of coordinates."""
+    from ..codegen.tree.bending import bent
     from ..codegen.tree.bound import bind  # SymPy, which only a robot's check needs
     from ..codegen.tree.composite import mass_matrix as entries
     from ..codegen.tree.followers import Followers
@@ -55,7 +56,8 @@ def mass_matrix(model: Model, q: Array) -> Array:
     at = dict(zip(model.coordinates, q.tolist(), strict=True))
     bound = bind(whole, lambda _, number: number, _sincos)
     followers = Followers(whole, model, bound)
-    placed = followers.follow([at.get(name, 0.0) for name in whole.coordinates], positions=True)
+    placed = followers.place([at.get(name, 0.0) for name in whole.coordinates])
+    bound = bent(whole, bound, placed)
     M, places = np.zeros((model.size, model.size)), {place: i for i, place in enumerate(indices)}
     upper = entries(whole, bound, geometry(whole, bound, placed, _sincos))
     for (i, j), value in followers.symmetric(upper).items() if followers else upper.items():

@@ -50,7 +50,7 @@ class Body:
 
     ``active`` names the active coordinates of its joint in canonical order, but for followers; ``links`` the links it
     is made of, the joint's child first.  A joint's motor moves no body: its coordinate is behind these
-    (``Model.motors``).  ``modes`` are the indices of modal coordinates, behind those of the joint, of a body that bends.
+    (``Model.motors``).  ``modes`` are the indices of the modal coordinates of a body that bends, behind those.
     """
 
     joint: str
@@ -336,7 +336,9 @@ def build_model(robot: Robot, *, with_followers: bool = False) -> Model:
         else:
             if joint.child in bending:
                 allowed = "a joint that moves, so that it is a body of its own"
-                _refuse(robot, f"links.{joint.child}.modes", f"the joint {show(joint.name)} is rigid; allowed: {allowed}")
+                _refuse(
+                    robot, f"links.{joint.child}.modes", f"the joint {show(joint.name)} is rigid; allowed: {allowed}"
+                )
             body_of[joint.child] = parent
             if parent != FIXED_BODY:
                 links[parent].append(joint.child)
@@ -351,10 +353,7 @@ def build_model(robot: Robot, *, with_followers: bool = False) -> Model:
     if not coordinates:
         fixed = f"rigid couplings hold all coordinates ({listed(followers)})"
         _refuse(robot, "couplings", f"nothing is left to move: {fixed}; allowed: couplings that leave one")
-    merged = tuple(
-        replace(body, links=tuple(names))
-        for body, names in zip(bodies, links, strict=True)
-    )
+    merged = tuple(replace(body, links=tuple(names)) for body, names in zip(bodies, links, strict=True))
     moving = tuple(link.name for link in robot.links if body_of[link.name] != FIXED_BODY)
     return Model(robot, merged, tuple(coordinates), moving, body_of, _parameters(robot), followers)
 
