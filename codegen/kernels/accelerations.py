@@ -15,7 +15,7 @@ from ..solve.rows import Row, elastic_row
 from ..solve.states import ScalarSlopes, StateRow, share, state_rows
 from ..tree.composite import Rows
 from ..tree.spatial import ZERO, Scalar
-from .closed import Pivots, constrained, eliminated, pivot_outputs, projection, with_rows
+from .closed import Pivots, constrained, eliminated, led_by_modes, pivot_outputs, projection, reduced, with_rows
 from .constraint_rows import closure_residuals, general_rank
 from .derivation import Derivation, Outputs
 
@@ -34,6 +34,11 @@ def drives_left(d: Derivation, springs: list[Scalar]) -> list[Scalar]:
 def _moving_by_elimination(d: Derivation, *, coupled: bool = False) -> tuple[EliminatedTree | ReducedTree, Pivots]:
     """Eliminate joints from the tips, without a mass matrix; of a tree with followers those of its leaders."""
     return eliminated(d, d.bound.armature, drives_left(d, d.forces(d.v)), d.v, coupled=coupled)
+
+
+def _moving_by_leaders(d: Derivation) -> tuple[ReducedTree, Pivots]:
+    """Factor M of the coordinates that follow no others."""
+    return reduced(d, d.bound, drives_left(d, d.forces(d.v)), d.v)
 
 
 def _moving_by_factors(d: Derivation) -> tuple[FactorisedTree, Pivots]:
@@ -187,15 +192,24 @@ class Variant:
 
 
 def _variants(
-    by_factors: Callable[[Derivation], Outputs], by_elimination: Callable[[Derivation], Outputs]
+    by_factors: Callable[[Derivation], Outputs],
+    by_elimination: Callable[[Derivation], Outputs],
+    by_leaders: Callable[[Derivation], Outputs] | None = None,
 ) -> Mapping[str, Variant]:
+    """Return the variants; ``by_leaders``: another one where whatever follows others follows modes."""
     return {
         FACTORISED: Variant(
             by_factors, STRAIGHT_SOLVE, prescribes=False
         ),  # M would have to be divided by what is known
-        ELIMINATED: Variant(by_elimination),
-        REDUCED: Variant(by_elimination, suits=lambda d: bool(d.followers)),
+        ELIMINATED: Variant(by_elimination, suits=lambda d: not d.followers or bool(by_leaders and led_by_modes(d))),
+        REDUCED: Variant(by_leaders or by_elimination, suits=_suits_leaders),
     }
+
+
+def _suits_leaders(d: Derivation) -> bool:
+    """Whether some coordinates follow others; modes alone in small robots, as elimination wins in others."""
+    small = d.model.size <= STRAIGHT_SOLVE
+    return bool(d.followers) and (small or not led_by_modes(d) or bool(d.described.constraints))
 
 
 CONSTRAINED = _variants(
@@ -208,4 +222,5 @@ PROJECTION = _variants(
 SOLVERS = _variants(
     lambda d: solved_accelerations(d, *_moving_by_factors(d)),
     lambda d: solved_accelerations(d, *_moving_by_elimination(d)),
+    lambda d: solved_accelerations(d, *_moving_by_leaders(d)),
 )

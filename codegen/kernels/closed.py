@@ -47,24 +47,44 @@ def eliminated(
         beside: slopes that couple coordinates of one joint beside the diagonal, see ``Elimination``.
     """
     bound = bound or d.bound
+    if d.followers and (coupled or not led_by_modes(d)):
+        return reduced(d, replace(bound, armature=tuple(armature)), drives, v, slopes, beside)
     if d.followers:
-        return _reduced(d, replace(bound, armature=tuple(armature)), drives, v, slopes, beside)
+        coasting = d.followers.accelerate([0.0] * d.model.size, v)
+        drives = d.followers.gather(drives)
+        for index in d.followers.shares:
+            drives[index] = coasting[index]
     states = States(d.model, bound.armature, drives, slopes.states)
     rotors = Rotors(d.model, bound, armature, states.drives, slopes.transmissions)
     left = replace(bound, armature=tuple(rotors.armature))
-    solved = Elimination(d.model, left, d.joints, v, rotors.drives, d.graph.note, coupled=coupled, slopes=beside)
+    solved = Elimination(
+        d.model,
+        left,
+        d.joints,
+        v,
+        rotors.drives,
+        d.graph.note,
+        coupled=coupled,
+        slopes=beside,
+    )
     rotors.release(solved.accelerations, solved.pivots)
     states.release(solved.accelerations, solved.pivots)
     return EliminatedTree(states, rotors, solved, solved.accelerations), solved.pivots
 
 
-def _reduced(
+def led_by_modes(d: Derivation) -> bool:
+    """Whether whatever follows others follows modes of links: no tree of joints is shared."""
+    modes = {i for body in d.model.bodies for i in body.modes}
+    return all(modes.issuperset(share) for share in d.followers.shares.values())
+
+
+def reduced(
     d: Derivation,
     bound: Bound,
     drives: list[Scalar],
     v: list[Any],
-    slopes: ScalarSlopes,
-    beside: Mapping[tuple[int, int], Scalar],
+    slopes: ScalarSlopes = NO_SLOPES,
+    beside: Mapping[tuple[int, int], Scalar] = NO_COUPLINGS,
 ) -> tuple[ReducedTree, Pivots]:
     """Solve where coordinates follow others: by S^T M S, since a tree with shared coordinates is none."""
     states = States(d.model, bound.armature, drives, slopes.states)

@@ -70,7 +70,7 @@ class Derivation:
         self.followers.follow(self.v)
         self.followers.accelerate(self.a, self.v)
         bound = regroup(self.model, choose_frames(self.model, bound)) if regrouped else bound
-        self.bound: Bound = bent(self.model, bound, self.q)
+        self.bound: Bound = bent(self.model, bound, self.q, self.followers)
         self.joints: list[JointGeometry] = geometry(self.model, self.bound, self.q, self.graph.sincos)
         self.still: list[Scalar] = [0.0] * self.model.size
         self.coasting = self.followers.accelerate(list(self.still), self.v)  # leaders are not accelerated

@@ -9,6 +9,9 @@ one rank-one term away (R. Featherstone, Rigid Body Dynamics Algorithms, chapter
 Coordinates that slopes of an implicit step couple in one joint go together (``coupled``).
 
 A joint with all six coordinates hands on no inertia at all: what hangs on such joints is a free body (``free_bodies``).
+
+Modes of a body that bends are eliminated before its joint (``modal``).  The joints of its nodes have no coordinates of
+their own: like prescribed ones these have accelerations that are known, once those of the modes are.
 """
 
 from __future__ import annotations
@@ -21,6 +24,7 @@ from eomgen.robot.model import FIXED_BODY, Model
 
 from ..tree.bound import Bound
 from ..tree.frozen_joints import JointGeometry, unit
+from ..tree.modal import modal_wrench
 from ..tree.recursion import NO_WRENCH, Acceleration, Note, Wrench, acceleration, no_note
 from ..tree.spatial import ZERO, Mat, Scalar, Vec, add, cross, dot, is_zero, matmul, matvec, scale, sum_mat, transpose
 from .articulated import (
@@ -40,6 +44,7 @@ from .articulated import (
 )
 from .coupled import Coupled, directions_of, eliminate_coupled
 from .free_bodies import FreeBodies, Speeds
+from .modal import Modes
 
 NO_COUPLINGS: Mapping[tuple[int, int], Scalar] = MappingProxyType({})
 
@@ -85,15 +90,19 @@ class Elimination:
         """Eliminate all joints.
 
         Args:
+            drives: of coordinates that follow modes their accelerations where these have none.
             slopes: what couples coordinates of one joint beside the diagonal, by their indices (i, j) with i < j; their
                 armatures are not zero.
             coupled: whether rows of closed loops come on top, which ``respond`` to them needs; armatures then couple
                 no free bodies.
         """
-        self.model, self.bound, self.joints, self.v, self.drives, self.note = model, bound, joints, v, drives, note
-        self.prescribed, self.slopes = frozenset(model.prescribed), slopes
+        self.model, self.bound, self.joints, self.v, self.note = model, bound, joints, v, note
+        self.drives = list(drives)
+        self.shares = {index: share for body in bound.bodies for index, share in body.shares.items()}
+        self.prescribed, self.slopes = frozenset(model.prescribed).union(self.shares), slopes
         self.coupled: dict[int, Coupled] = {}
-        beside = {i for pair in slopes for i in pair}
+        self.modes: dict[int, Modes] = {}
+        beside = {i for pair in slopes for i in pair}.union(self.shares)
         self.bodies = FreeBodies(model, bound, joints, v, drives, alone=coupled, coupled=beside)
         self.free, self.accelerations, self.pivots = self.bodies.free, self.bodies.accelerations, self.bodies.pivots
         self.sizes = self._sizes()
@@ -103,7 +112,7 @@ class Elimination:
         self._backward()
         self._forward()
         for index in self.prescribed:
-            self.accelerations[index] = drives[index]
+            self.accelerations[index] = self.drives[index]
 
     def _speeds(self) -> list[Speeds]:
         speeds: list[Speeds] = []
@@ -124,12 +133,18 @@ class Elimination:
         inertias = [self._body(k) for k in range(len(self.joints))]
         for k in range(len(self.joints) - 1, -1, -1):
             self.note(f"{self.model.bodies[k].joint}: eliminated, from the tips to the base")
+            if k in self.modes:
+                inertias[k] = self.modes[k].eliminate(inertias[k])
+                for index, pivot in self.modes[k].pivots.items():
+                    self.pivots[index] = pivot
             if self.free[k]:
                 at_joint = self.bodies.eliminate(k, inertias[k].p, self.speeds[k])
             else:
                 at_joint = self._eliminate_steps(k, inertias[k])
             parent = self.model.bodies[k].parent
             if parent != FIXED_BODY:
+                if self.bound.bodies[k].shares:
+                    self.modes[parent].add_node(at_joint, self.joints[k], self.bound.bodies[k].shares)
                 inertias[parent] = inertias[parent] + to_parent(at_joint, self.joints[k])
 
     def _body(self, k: int) -> Articulated:
@@ -141,6 +156,10 @@ class Elimination:
         coupling: Mat = ((0.0, z, -y), (-z, 0.0, x), (y, -x, 0.0))
         mass: Mat = (unit(0, H.mass), unit(1, H.mass), unit(2, H.mass))
         p = Wrench(matvec(acceleration(w, ZERO, ZERO).U, H.first), gyroscopic_moment(H.second, w))
+        bent = self.bound.bodies[k].bent
+        if bent is not None:
+            p = p + Wrench(*modal_wrench(bent, w, self.v, [0.0] * self.model.size))
+            self.modes[k] = Modes(bent, w, self.v, self.drives, self.bound.armature, self.slopes)
         return Articulated(mass, coupling, inertia_tensor(H.second), p)
 
     def _eliminate_steps(self, k: int, inertia: Articulated) -> Articulated:
@@ -279,7 +298,18 @@ class Elimination:
                 a, d = self.bodies.release(k, parent, self.speeds[k])
             else:
                 a, d = self._release_steps(k, parent)
+            if k in self.modes:
+                self._release_modes(self.modes[k].released(a, d))
             accelerations.append(acceleration(self.speeds[k].behind[-1], d, a))
+
+    def _release_modes(self, found: Mapping[int, Scalar]) -> None:
+        """Write accelerations of a body's modes, and of what follows them."""
+        for index, value in found.items():
+            self.accelerations[index] = value
+        for follower, share in self.shares.items():
+            for index, ratio in share.items():
+                if index in found:
+                    self.drives[follower] = self.drives[follower] + ratio * found[index]
 
     def _release_steps(self, k: int, parent: Acceleration) -> tuple[Vec, Vec]:
         joint, speeds = self.joints[k], self.speeds[k]

@@ -338,7 +338,7 @@ def bodies_apart(model: Model, bound: Bound, *, alone: bool = False, coupled: Co
             body.active == COORDINATES and prescribed.isdisjoint(body.indices) and all(is_zero(c) for c in armature[:3])
         )
         bare = all(is_zero(c) for c in armature[3:]) or not (alone or _flat(bound.bodies[k].inertia))
-        apart = not any(i in coupled for i in body.indices)
+        apart = not any(i in coupled for i in body.indices) and bound.bodies[k].modal is None
         free[k] = light and bare and apart and all(free[child] for child in model.children(k))
     return free
 

@@ -5,19 +5,30 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from eomgen.robot.model import Model
+from eomgen.robot.model import FIXED_BODY, Model
 
 from .bound import Bound, BoundBody
+from .followers import Followers
 from .modal import NOTHING, Bent, Moment
 from .spatial import Mat, PseudoInertia, Scalar, add, mat3, scale, sum_mat
 
 
-def bent(model: Model, bound: Bound, q: Sequence[Scalar]) -> Bound:
-    """Return the bodies as the modes at q have bent them."""
+def bent(model: Model, bound: Bound, q: Sequence[Scalar], followers: Followers) -> Bound:
+    """Return the bodies as the modes at q have bent them.
+
+    Args:
+        followers: where q is (``Followers.place``); those of nodes are handed to their bodies.
+    """
     if not any(body.modes for body in model.bodies):
         return bound
-    pairs = zip(model.bodies, bound.bodies, strict=True)
-    return replace(bound, bodies=tuple(_bent(own, body.modes, q) if body.modes else own for body, own in pairs))
+    bodies = []
+    for body, own in zip(model.bodies, bound.bodies, strict=True):
+        made = _bent(own, body.modes, q) if body.modes else own
+        parent = model.bodies[body.parent].modes if body.parent != FIXED_BODY else ()
+        shares = {i: followers.shares[i] for i in body.indices if i in followers.shares}
+        nodes = all(not set(share).isdisjoint(parent) for share in shares.values())
+        bodies.append(replace(made, shares=shares) if shares and nodes else made)
+    return replace(bound, bodies=tuple(bodies))
 
 
 def _bent(body: BoundBody, indices: range, q: Sequence[Scalar]) -> BoundBody:

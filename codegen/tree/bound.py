@@ -65,13 +65,15 @@ class BoundBody:
     """A body with its numbers: placement of its joint frame in the parent body's frame, and its pseudo-inertia.
 
     modal: constants of a body that bends, whose pseudo-inertia is that while nothing bends.  bent: the same where q
-    is (``bending``), with the pseudo-inertia of then.
+    is (``bending``), with the pseudo-inertia of then.  shares: of a node's coordinates in the modes of the body that it
+    stands on, both by their indices.
     """
 
     placement: Pose
     inertia: PseudoInertia
     modal: Modal | None = None
     bent: Bent | None = None
+    shares: Mapping[int, Mapping[int, Scalar]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

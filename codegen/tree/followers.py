@@ -13,7 +13,7 @@ from eomgen.robot.model import Model
 
 from .bound import Bound
 from .composite import Rows
-from .spatial import Scalar, along, is_zero
+from .spatial import Scalar, is_zero
 
 Shares = dict[int, Scalar]  # of a follower by its leaders' indices
 
@@ -56,7 +56,7 @@ class Followers:
     def place(self, q: list[Scalar]) -> list[Scalar]:
         """Write positions of followers into those of all coordinates, (n,), and take S where they are."""
         for index, share in self.shares.items():
-            half = _products(self.bends.get(index, {}), [0.5 * x for x in q])
+            half = _products({pair: 0.5 * bend for pair, bend in self.bends.get(index, {}).items()}, q)
             leaders = dict.fromkeys((*share, *half))
             position = self.offsets[index]
             for leader in leaders:
@@ -79,7 +79,8 @@ class Followers:
         """Write accelerations of followers into those of all coordinates, (n,), which move with velocities v."""
         self.follow(a)
         for index, bends in self.bends.items():
-            a[index] = a[index] + along(_products(bends, v), v)
+            for (i, j), bend in bends.items():
+                a[index] = a[index] + (bend if i == j else 2.0 * bend) * (v[i] * v[j])
         return a
 
     def gather(self, forces: Sequence[Scalar]) -> list[Scalar]:

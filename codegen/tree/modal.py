@@ -13,6 +13,7 @@ Research 3(3), 1984; his rotations 1 + e_k M_k of what stands on a link are thos
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -38,6 +39,7 @@ from .spatial import (
 )
 
 NONE: Mat = (ZERO, ZERO, ZERO)
+ROUND_OFF = 1e-13  # of modal masses, as a part of those on the diagonal
 
 
 @dataclass(frozen=True)
@@ -100,15 +102,17 @@ class Bent:
             total = total + G.scaled(x[k])
         return total
 
-    def squared(self, v: Sequence[Scalar]) -> Moment:
-        """Return sum Q_kl e'_k e'_l, of velocities of all coordinates."""
-        total = NOTHING
-        rates = [v[k] for k in self.indices]
-        for k, row in enumerate(self.modal.squares):
+    def grown(self, v: Sequence[Scalar], a: Sequence[Scalar]) -> tuple[Vec, Vec]:
+        """Return the row of sum G_k e''_k + Q_kl e'_k e'_l and its integral of rho x x, of all coordinates."""
+        row, about = ZERO, ZERO
+        for k, G in zip(self.indices, self.G, strict=True):
+            row, about = add(row, scale(a[k], G.row)), add(about, scale(a[k], G.about()))
+        for k, squares in enumerate(self.modal.squares):
             for j in range(k + 1):
-                both = rates[k] * rates[j]
-                total = total + row[j].scaled(both if j == k else 2.0 * both)
-        return total
+                Q = squares[j].scaled(1.0 if j == k else 2.0)
+                both = v[self.indices[j]] * v[self.indices[k]]
+                row, about = add(row, scale(both, Q.row)), add(about, scale(both, Q.about()))
+        return row, about
 
     def masses(self) -> Iterator[tuple[int, int, float]]:
         """Yield entries of the modal mass matrix by indices (i, j), i <= j."""
@@ -129,7 +133,18 @@ def modal(modes: LinkModes, rotation: Mat) -> Modal:
     squares = tuple(tuple(moment(modes.Q[k][j]) for j in m) for k in m) if modes.Q is not None else ()
     slopes = tuple(tuple(P[j][k] + squares[k][j] if squares else P[j][k] for j in m) for k in m)
     crossed = tuple(tuple(scale(-2.0, antisymmetric(P[j][k].block)) for j in m) for k in m)
-    return Modal(tuple(moment(x) for x in modes.H0), slopes, squares, crossed, modes.masses)
+    return Modal(tuple(moment(x) for x in modes.H0), slopes, squares, crossed, _cleaned(modes.masses))
+
+
+def _cleaned(masses: Sequence[Sequence[float]]) -> tuple[tuple[float, ...], ...]:
+    """Return modal masses without what rounding has left of orthogonal modes, and of those whose masses are 1."""
+    sizes = [math.sqrt(abs(row[k])) for k, row in enumerate(masses)]
+
+    def entry(k: int, j: int) -> float:
+        exact = 1.0 if k == j else 0.0
+        return exact if abs(masses[k][j] - exact) <= ROUND_OFF * sizes[k] * sizes[j] else masses[k][j]
+
+    return tuple(tuple(entry(k, j) for j in range(len(row))) for k, row in enumerate(masses))
 
 
 def modal_wrench(body: Bent, rate: Vec, v: Sequence[Scalar], a: Sequence[Scalar]) -> tuple[Vec, Vec]:
@@ -139,10 +154,9 @@ def modal_wrench(body: Bent, rate: Vec, v: Sequence[Scalar], a: Sequence[Scalar]
         rate: the body's angular velocity, in its axes.
         v, a: of all coordinates.
     """
-    moving, grown = body.sum(v), body.sum(a) + body.squared(v)
-    force = add(scale(2.0, cross(rate, moving.row)), grown.row)
-    turning = subtract(scale(trace(moving.block), rate), matvec(transpose(moving.block), rate))
-    return force, add(scale(2.0, turning), grown.about())
+    moving, (force, moment), twice = body.sum(v), body.grown(v, a), scale(2.0, rate)
+    turning = subtract(scale(trace(moving.block), twice), matvec(transpose(moving.block), twice))
+    return add(cross(twice, moving.row), force), add(turning, moment)
 
 
 def modal_rows(

@@ -19,9 +19,11 @@ from .spatial import PseudoInertia, add, congruence, mat3, vec3
 def regroup(model: Model, bound: Bound) -> Bound:
     """Move every movable block of a pseudo-inertia towards the base."""
     inertias = [body.inertia for body in bound.bodies]
-    at_rest = bound.at_rest
+    at_rest, nodes = bound.at_rest, model.robot.nodes
     for k in range(len(inertias) - 1, -1, -1):
         body = model.bodies[k]
+        if body.parent != FIXED_BODY and model.bodies[body.parent].joint in nodes:
+            continue  # of a link that bends: what stands there has no inertia that could take it in
         moved, inertias[k] = split(inertias[k], body.active)
         moved = congruence(bound.bodies[k].placement, moved)
         if body.parent != FIXED_BODY:

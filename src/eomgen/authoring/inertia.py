@@ -57,7 +57,7 @@ def mass_matrix(model: Model, q: Array) -> Array:
     bound = bind(whole, lambda _, number: number, _sincos)
     followers = Followers(whole, model, bound)
     placed = followers.place([at.get(name, 0.0) for name in whole.coordinates])
-    bound = bent(whole, bound, placed)
+    bound = bent(whole, bound, placed, followers)
     M, places = np.zeros((model.size, model.size)), {place: i for i, place in enumerate(indices)}
     upper = entries(whole, bound, geometry(whole, bound, placed, _sincos))
     for (i, j), value in followers.symmetric(upper).items() if followers else upper.items():

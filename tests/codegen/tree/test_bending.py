@@ -10,6 +10,11 @@ from numpy.typing import NDArray
 
 import eomgen
 from eomgen import InputError, Kernel, Robot
+from eomgen.codegen.kernels.accelerations import ELIMINATED, REDUCED
+from eomgen.codegen.kernels.equations import derive_cheapest
+from eomgen.codegen.program.ir import evaluate
+from eomgen.integration import integrate
+from eomgen.robot.model import build_model
 from tests.support.bending_links import Points, bending_chain
 
 Array = NDArray[np.float64]
@@ -104,7 +109,7 @@ def test_the_mass_matrix_is_that_of_the_particles(case: Case) -> None:
     M = np.einsum("n,inx,jnx->ij", mass, J, J)
     assert np.abs(kernel.mass_matrix(q) - M).max() < 1e-13 * np.abs(M).max()
     kinetic, potential = kernel.energy(q, v)
-    springs = [robot.coordinates[name].stiffness or 0.0 for name in kernel.coordinates]
+    springs = np.array([robot.coordinates[name].stiffness or 0.0 for name in kernel.coordinates])
     weight = -np.einsum("n,nx,x->", mass, place, robot.gravity)
     assert kinetic == pytest.approx(0.5 * v @ M @ v, rel=1e-13)
     assert potential == pytest.approx(weight + 0.5 * (springs * q) @ q, rel=1e-12)
@@ -204,3 +209,25 @@ def test_what_is_not_there_is_refused_by_name(case: Case) -> None:
     robot, _, _ = case
     with pytest.raises(InputError, match="'regressor' is for robots with links that are rigid, all of them"):
         eomgen.build(robot, kernels=["regressor"])
+
+
+@pytest.mark.parametrize("variant", [ELIMINATED, REDUCED])
+def test_both_ways_of_forward_dynamics_agree(stiffening: Case, variant: str) -> None:
+    robot, _, kernel = stiffening
+    program, _ = derive_cheapest(build_model(robot), "forward_dynamics", variant)
+    q, v, a = random_state(kernel, 6)
+    u = kernel.inverse_dynamics(q, v, a)
+    inputs = {"q": q.tolist(), "v": v.tolist(), "u": u.tolist(), "p": list(kernel.parameters.values())}
+    found = evaluate(program, inputs, lambda x: (np.sin(x), np.cos(x)))
+    assert np.abs([found["out", i] for i in range(kernel.n)] - a).max() < 1e-12
+
+
+@pytest.mark.parametrize("method", ["rk4", "tsit5", "rosenbrock", "radau"])
+def test_methods_agree_with_one_of_scipy(stiffening: Case, method: Any) -> None:
+    """Springs and dampers of modes are among what implicit methods solve for."""
+    _, _, kernel = stiffening
+    q, v, _ = random_state(kernel, 7)
+    steps: dict[str, Any] = {"step": 2e-4} if method == "rk4" else {"rtol": 1e-9}
+    motion = integrate(kernel, 0.3 * q, 0.3 * v, 0.4, method=method, **steps)
+    reference = integrate(kernel, 0.3 * q, 0.3 * v, 0.4, method="DOP853", rtol=1e-11, atol=1e-13)
+    assert np.abs(motion.q[-1] - reference.q[-1]).max() < 1e-7
