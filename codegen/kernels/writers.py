@@ -23,7 +23,7 @@ from .bodies import axes_of
 from .closed_motion import closing_derivatives, closing_reactions, drives, loop_reactions, loop_wrenches, wrench_outputs
 from .constraint_rows import closure_residuals
 from .derivation import Derivation, Outputs, vector
-from .modal_slopes import bends, modal_christoffel, modal_coriolis_matrix, modal_residual_jacobian
+from .derivatives.modal_slopes import bends, modal_christoffel, modal_coriolis_matrix, modal_residual_jacobian
 from .signatures import CLOSURE_KERNELS, element_rows
 
 DESCRIPTION_FRAMES = (  # report, or are asked, in the description's frames

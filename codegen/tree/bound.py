@@ -36,7 +36,7 @@ from eomgen.robot.value import (
     load_dependent,
 )
 
-from .modal import Bent, Modal, modal
+from .modal import Bent, Modal, constants_of
 from .spatial import (
     ZERO,
     Mat,
@@ -507,7 +507,7 @@ class _Binder:
 
 def _modal(link: Link, pose: Pose) -> Modal | None:
     """Return the constants of a link's modes in its body's axes; None of a rigid one."""
-    return None if link.modes is None else modal(link.modes, pose.rotation)
+    return None if link.modes is None else constants_of(link.modes, pose.rotation)
 
 
 def _knots(coordinate: Coordinate) -> tuple[float, ...]:

@@ -121,7 +121,7 @@ class Bent:
                 yield i, self.indices[j], self.modal.masses[k][j]
 
 
-def modal(modes: LinkModes, rotation: Mat) -> Modal:
+def constants_of(modes: LinkModes, rotation: Mat) -> Modal:
     """Return a link's constants in axes in which its own have this rotation."""
 
     def moment(rows: Sequence[Sequence[float]]) -> Moment:

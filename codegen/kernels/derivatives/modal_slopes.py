@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
 
-from ..program.accumulation import jacobian
-from ..program.ir import Node
-from ..tree.recursion import inertial_rows
-from ..tree.spatial import ZERO, Scalar
-from .derivation import Derivation, Outputs, vector
+from ...program.accumulation import jacobian
+from ...program.ir import Node
+from ...tree.recursion import inertial_rows
+from ...tree.spatial import ZERO, Scalar
+from ..derivation import Derivation, Outputs, vector
 
 
 def bends(d: Derivation) -> bool:
