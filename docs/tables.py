@@ -114,6 +114,7 @@ def sizes() -> str:
     rows = [
         ("links, joints, frames, springs ... of a description, each", f"{limits.MOST_ENTRIES}"),
         ("segments of a beam", f"{limits.MOST_SEGMENTS}"),
+        ("modes of a link that bends; of a beam, in one direction", f"{limits.MOST_MODES}; {limits.MOST_BEAM_MODES}"),
         ("numbers in descriptions, scenarios and plans", f"below {limits.LARGEST:g} in size"),
         (
             "numbers in measured files and tables of tolerances",

@@ -10,6 +10,8 @@ LARGEST_FOUND = 1e150  # of what was computed: sums of squares stay finite
 LARGEST_FINITE = 1.7e308  # of what is only shown
 MOST_ENTRIES = 5_000  # links, joints, ...: far beyond what can be derived, and read in a second
 MOST_SEGMENTS = 100  # of a beam: 600 coordinates, and far more than its first frequencies need
+MOST_MODES = 200  # of a link that bends, out of a file
+MOST_BEAM_MODES = 12  # of a link that is a beam, in one direction: more are far above what such a link is modelled for
 SMALLEST = 1e-30  # of numbers that are not 0 and are divided by: their inverse squares stay finite
 MOST_COUNTED = 1_000_000  # points, poses, draws, searches: what an option of a command may ask for
 

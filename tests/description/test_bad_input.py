@@ -23,7 +23,7 @@ def refusal(read: Callable[[str], Robot], text: str) -> str:
     message = str(caught.value)
     assert message.isascii()
     assert message.isprintable()
-    assert len(message) < 900
+    assert len(message) < 1000
     assert caught.value.__cause__ is None
     return message
 

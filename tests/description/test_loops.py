@@ -86,7 +86,7 @@ def test_parameters_by_name() -> None:
     [
         ("x = { armature = 1.0 }", r"loops\.pin\.x: unknown key 'armature' \(allowed: stiffness, damping, preload"),
         ('x = { role = "prescribed" }', r"loops\.pin\.x: unknown key 'role' \(allowed: stiffness"),
-        ('prescribed = ["x"]', r"loops\.pin: unknown key 'prescribed' \(allowed: name, links, type, placements, x"),
+        ('prescribed = ["x"]', r"loops\.pin: unknown key 'prescribed' \(allowed: name, links, nodes, type"),
         ("limits = [0.0, 1.0]", r"loops\.pin: unknown key 'limits' \(allowed: "),
         ("x = { clearance = 0.1 }", r"loops\.pin\.x\.clearance: there is no stiffness at the end of it; allowed: "),
         ("x = { stiffness = -1.0 }", r"loops\.pin\.x\.stiffness: got -1\.0; allowed: a number that is at least 0"),

@@ -31,6 +31,16 @@ def beam(**changes: str) -> tuple[str, str]:
     return "[[frames]]", "\n".join(["[[links]]", 'name = "tip"\nmass = 1', "[[beams]]", *lines, "[[frames]]"])
 
 
+def bent(more: str = "", entries: str = "", **changes: str) -> tuple[str, str]:
+    """What is replaced, and a link that is a beam behind link2 in its place: more keys, more entries, other texts."""
+    keys = {"length": "0.5", "E": "7e10", "G": "2.6e10", "density": "2700", "section": "{ rod = 0.02 }"}
+    keys |= {"modes": "{ y = 2 }"} | changes
+    table = ", ".join(f"{key} = {text}" for key, text in keys.items() if text)
+    link = f'[[links]]\nname = "boom"\nbeam = {{ {table} }}\n{more}'
+    joint = '[[joints]]\nname = "hinge"\nparent = "link2"\nchild = "boom"\ntype = "revolute"'
+    return "[[frames]]", "\n".join([link, joint, entries, "[[frames]]"])
+
+
 def limits(given: str) -> tuple[str, str]:
     """What is replaced, and a joint whose principal coordinate has these limits in its place."""
     return '"prismatic"', f'"prismatic"\nz = {{ limits = {{ {given} }} }}'
@@ -289,6 +299,65 @@ TOML_CASES = {
         ["beams.boom", "stiffness x", "from 1e-30 to 1e+30"],
     ),
     "beam too short for numbers": (*beam(length="1e-200"), ["beams.boom", "its segments have", "allowed"]),
+    "bending link without length": (*bent(length=""), ["links.boom.beam", "'length' is missing", "greater than 0"]),
+    "bending link of no modulus": (*bent(E="-1"), ["links.boom.beam.E", "-1", "greater than 0"]),
+    "bending link without modes": (*bent(modes=""), ["links.boom.beam", "'modes' is missing", "whole numbers"]),
+    "bending link of no modes": (*bent(modes="{}"), ["links.boom.beam.modes", "there are none", "y, z, torsion"]),
+    "bending link of half a mode": (*bent(modes="{ y = 0.5 }"), ["links.boom.beam.modes.y", "0.5", "from 0 to 12"]),
+    "bending link of many modes": (*bent(modes="{ z = 13 }"), ["links.boom.beam.modes.z", "13", "from 0 to 12"]),
+    "modes of a bending link in x": (*bent(modes="{ x = 1 }"), ["links.boom.beam.modes", "'x'", "torsion, axial"]),
+    "bending link along no axis": (*bent(axis='"w"'), ["links.boom.beam.axis", "'w'", "x, y, z, -x"]),
+    "bending link without section": (*bent(section=""), ["links.boom.beam", "'A' is missing", "or a section"]),
+    "bending link of no body's ratio": (*bent(G="1e10"), ["links.boom.beam.G", "2.5", "up to 0.5"]),
+    "bending link too short for numbers": (*bent(length="1e-200"), ["links.boom.beam", "allowed"]),
+    "bending link of another mass": (*bent("mass = 1"), ["links.boom.mass", "got 1", "0.4241", "no mass"]),
+    "bending link of another center": (*bent("com = [0, 0.1, 0]"), ["links.boom.com[0]", "0.25", "no com"]),
+    "bending link of another inertia": (
+        *bent("inertia = { xx = 1, yy = 1, zz = 1 }"),
+        ["links.boom.inertia.xx", "got 1", "no inertia"],
+    ),
+    "bending link of two kinds": (*bent('modes = "a.npz"'), ["links.boom.modes", "both beam and modes", "one of them"]),
+    "negative modal damping": (*bent("modal_damping = -0.1"), ["links.boom.modal_damping", "-0.1", "at least 0"]),
+    "modal damping of a rigid link": (
+        "mass = 3.0",
+        "mass = 3.0\nmodal_damping = 0.1",
+        ["links.link1.modal_damping", "no modes", "beam or modes"],
+    ),
+    "modes from a text": (
+        "mass = 3.0",
+        'mass = 3.0\nmodes = "arm.txt"',
+        ["links.link1.modes", "'arm.txt'", "a .npz file"],
+    ),
+    "modes from nowhere": ("mass = 3.0", 'modes = "arm.npz"', ["links.link1.modes", "'arm.npz'", "relative to this"]),
+    "node of a rigid link": (
+        "child = ",
+        'node = "tip"\nchild = ',
+        ["joints.joint1.node", "'tip'", "does not bend", "root"],
+    ),
+    "node that is not there": (
+        *bent(entries='[[frames]]\nname = "eye"\nlink = "boom"\nnode = "tpi"'),
+        ["frames.eye.node", "'tpi'", "mean 'tip'", "root, tip"],
+    ),
+    "node of the base": (
+        *bent(entries='[[springs]]\nname = "s"\nlinks = ["base", "boom"]\nnodes = ["tip", "tip"]\nstiffness = 1'),
+        ["springs.s.nodes[0]", "'tip'", "'base'", "does not bend"],
+    ),
+    "one node of two": (
+        *bent(entries='[[springs]]\nname = "s"\nlinks = ["base", "boom"]\nnodes = ["tip"]\nstiffness = 1'),
+        ["springs.s.nodes", "two names of nodes"],
+    ),
+    "link of a node's name": (
+        *bent(
+            entries='[[links]]\nname = "boom_tip"\nmass = 1\n'
+            '[[joints]]\nname = "j"\nparent = "boom"\nchild = "boom_tip"\ntype = "revolute"'
+        ),
+        ["links.boom", "'boom_tip'", "taken", "another name"],
+    ),
+    "bending link that nothing moves": (
+        "[[frames]]",
+        bent()[1].replace('"revolute"', '"fixed"'),
+        ["links.boom", "'hinge' is rigid", "a joint that moves"],
+    ),
     "loop of three links": (*loop('links = ["base", "link1", "link2"]'), ["loops.loop.links", "two names"]),
     "loop of a string": (*loop('links = "link1"'), ["loops.loop.links", "strings"]),
     "loop of no link": (*loop('links = ["link2", "lnk1"]'), ["loops.loop.links.1", "'lnk1'", "mean 'link1'"]),

@@ -142,6 +142,31 @@ J = 2e-7
 shear = [0.8, 0.5]
 damping = [1e-4, 0, 0, 1e-3, 1e-3, 1e-3]
 rigid = ["x", "y", "z", "alpha"]
+[[links]]
+name = "arm"
+modal_damping = 0.01
+[links.beam]
+axis = "y"
+length = 0.7
+E = 7e10
+G = 2.6e10
+density = 2700
+section = { rod = 0.02 }
+modes = { y = 1, torsion = 1 }
+[[joints]]
+name = "hinge"
+parent = "b"
+child = "arm"
+type = "revolute"
+[[frames]]
+name = "eye"
+link = "arm"
+node = "tip"
+[[springs]]
+name = "stay"
+links = ["base", "arm"]
+nodes = ["root", "tip"]
+stiffness = 10.0
 """
 SCENARIO = """
 duration = 1.0

@@ -81,6 +81,12 @@ KEYS = [
     "rpy",
     "segments",
     "section",
+    "beam",
+    "modes",
+    "modal_damping",
+    "node",
+    "nodes",
+    "torsion",
     "shear",
     "E",
     "xx",
@@ -110,7 +116,7 @@ SCALARS = st.one_of(
     st.sampled_from(
         [
             *("arm", "link1", "joint1", "revolute", "fixed", "free", "project", "links.*.mass", "*", "a.urdf"),
-            *("K.mtx", "lugre", "bouc_wen", ""),
+            *("K.mtx", "lugre", "bouc_wen", "arm.npz", "tip", "root", ""),
         ]
     ),
     st.text(max_size=8),

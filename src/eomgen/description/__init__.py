@@ -1,6 +1,6 @@
 """Text -> Robot: TOML, URDF and MJCF, each read into a Draft that is checked once.
 
-Uses robot and forms.
+Uses bending, robot and forms.
 """
 
 from ..lazily import imports_when_used

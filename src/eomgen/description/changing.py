@@ -17,8 +17,9 @@ from ..robot.elements.matrices import PAIRS, entry_name
 from ..robot.geometry import Placement, rotation_from_rpy
 from ..robot.inertia_policy import Judged, apply_inertia_policy, link_sizes, lowest_moments
 from ..robot.record import record_of
-from ..robot.value import COORDINATES, INERTIA_KEYS, Friction, Robot
-from .beams import with_changed_beams
+from ..robot.value import COORDINATES, INERTIA_KEYS, Friction, LinkModes, Robot
+from .bending.beams import with_changed_beams
+from .bending.links import with_changed_bending
 from .recorded import robot_from_record
 
 AXES = ("x", "y", "z")
@@ -51,7 +52,8 @@ def with_values(robot: Robot, changes: Mapping[str, Any]) -> Robot:
         robot: it stays what it is.
         changes: values by path: names of parameters ("links.arm.mass", "joints.joint1.x.stiffness"), and whole ones
             ("links.arm.com", "joints.joint1.limits").  Numbers that follow from others follow anew, and all links and
-            joints of a beam one of whose numbers ("beams.boom.length") is changed.
+            joints of a beam one of whose numbers ("beams.boom.length") is changed, and all modes and nodes of a link
+            one of whose beam's ("links.arm.beam.E") is.
 
     Raises:
         DescriptionError: there is no such value; says what there is.  Or the robot would be none that can be loaded.
@@ -69,6 +71,10 @@ def with_values(robot: Robot, changes: Mapping[str, Any]) -> Robot:
         if changed.beams != robot.beams:
             whole = with_changed_beams(changed, robot.beams)
             changed = robot_from_record(record_of(whole, whole=True), robot.source)
+        if any(link.modes is not None for link in robot.links):
+            whole = with_changed_bending(changed, robot)
+            if whole != changed:
+                changed = robot_from_record(record_of(whole, whole=True), robot.source)
         _refuse_inertias(robot, changed)
     except InputError as error:
         raise DescriptionError(f"{getattr(error, 'message', error)}", where=_where(said, error)) from None
@@ -129,6 +135,10 @@ def _below(here: _Value) -> Iterator[tuple[str, _Value]]:
             else:
                 yield name, _Value(now, i, _item(origin, i), _part(now[i], _item(origin, i)))
     elif isinstance(now, dict):
+        if isinstance(origin, LinkModes):
+            for k in range(origin.count):
+                yield f"{k + 1}.stiffness", _Value(now["K"][k], k, None)
+                yield f"{k + 1}.damping", _Value(now["D"][k], k, None)
         for key in now:
             child = _item(origin, key)
             value = _Value(now, key, child, _part(now[key], child))

@@ -333,7 +333,7 @@ def read_element(table: str, name: str, entry: Table, read_text: ReadText, folde
     values: dict[str, Any] = {
         key: _element_value(entry, key, form, read_text, folder)
         for key, form in entry.keys.items()
-        if key not in ("name", "links") and key in entry
+        if key not in ("name", "links", "nodes") and key in entry
     }
     element = KINDS[table](name, (links[0], links[1]), **values)
     conflict = element.conflict()

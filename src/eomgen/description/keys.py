@@ -24,7 +24,7 @@ from ..forms.keys import (
 )
 from ..forms.plain import field_types
 from ..forms.tables import Entries, Few, Form, Pair, Sub, angle_keys
-from ..limits import MOST_SEGMENTS
+from ..limits import MOST_BEAM_MODES, MOST_SEGMENTS
 from ..names import IDENTIFIER_RULE, ROBOT_RULE
 from ..robot import laws, numbers
 from ..robot.coordinates import UNITS
@@ -39,11 +39,14 @@ from ..robot.laws import POINTS
 from ..robot.memory import bouc_wen, branches, bristles
 from ..robot.memory.drives import DRIVE, LOOPS
 from ..robot.sections import SHAPES
-from ..robot.value import AXES, COORDINATES, INERTIA_KEYS, JOINT_TYPES, LINEAR, MOTOR
+from ..robot.value import AXES, COORDINATES, INERTIA_KEYS, JOINT_TYPES, LINEAR, MOTOR, BeamModes
 from .matrix_files import ENDINGS
 
+MODES_FILE = ".npz"
 ROLES = ("free", "locked", "prescribed")
 _LINKS = "two names, each 'base' or a link"
+_NODE = "where it stands, as the tip of a beam; default root, the link's frame"
+_NODES = Strings("of both links, where these bend; root: the link's frame", count=2, rule="two names of nodes, or root")
 _MOMENTS = {
     **{key: f"moment of inertia about the axis {key[0]}" for key in INERTIA_KEYS[:3]},
     **{key: f"product of inertia, the entry {key} of the tensor" for key in INERTIA_KEYS[3:]},
@@ -265,19 +268,6 @@ DH = Form(
         **angle_keys("theta", Number("about z of the joint", "rad")),
     }
 )
-LINK = Form(
-    {
-        "name": Name("of the link, unique", needed=IDENTIFIER_RULE),
-        "mass": Number("mass of the body", "kg", "a mass in kg", minimum=0.0),
-        "com": vector("centre of mass in the link's frame; default its origin", "m"),
-        "inertia": Sub(
-            "inertia tensor about the centre of mass, link axes",
-            "kg m^2",
-            inner=inertia("a moment of inertia in kg m^2 about the centre of mass"),
-        ),
-    },
-    refines=True,
-)
 _AXES = {
     key: f"along {key}" if key in LINEAR else f"about {axis}" for key, axis in zip(COORDINATES, "xyzxyz", strict=True)
 }
@@ -290,6 +280,7 @@ JOINT = Form(
     {
         "name": Name("of the joint, unique", needed=IDENTIFIER_RULE),
         "parent": Text("'base' or the link that carries the joint", needed="'base' or a link"),
+        "node": Text(f"of the parent, where that bends: {_NODE}"),
         "child": Text("the link that the joint carries", needed="a link"),
         "type": Choice(
             "revolute (principal coordinate gamma), prismatic (z), fixed (none), free (all six)",
@@ -320,6 +311,7 @@ FRAME = Form(
     {
         "name": Name("of the frame, unique", needed=IDENTIFIER_RULE),
         "link": Text("'base' or the link that it stands on", needed="'base' or a link"),
+        "node": Text(f"of the link, where that bends: {_NODE}"),
         "placement": Sub("pose in the link's frame", "m, rad", inner=PLACEMENT),
     }
 )
@@ -332,6 +324,51 @@ SECTION = Form(
         for name, shape in SHAPES.items()
     }
 )
+_MATERIAL_AND_SECTION: dict[str, Key] = {
+    "E": Number("Young's modulus", "N/m^2", "Young's modulus in N/m^2, greater than 0", above=0.0),
+    "G": Number("shear modulus", "N/m^2", "the shear modulus in N/m^2, greater than 0", above=0.0),
+    "density": Number("of its material", "kg/m^3", "a density in kg/m^3, greater than 0", above=0.0),
+    "section": Sub(f"from which A, Iy, Iz, J and shear follow: {', '.join(SHAPES)}", inner=SECTION),
+    "A": Number("area of the section", "m^2", above=0.0),
+    "Iy": Number("second moment of area about y of the section", "m^4", above=0.0),
+    "Iz": Number("second moment of area about z of the section", "m^4", above=0.0),
+    "J": Number("torsion constant", "m^4", above=0.0),
+    "shear": Numbers("shear coefficients along y and z of the section", "1", count=2, item=Number("", above=0.0)),
+}
+_LENGTH = Number("from the root to the tip", "m", "a length in m, greater than 0", above=0.0)
+LINK_BEAM = Form(
+    {
+        "axis": Choice("of the link's frame along which it runs, from the origin on; default x", words=tuple(AXES)),
+        "length": _LENGTH,
+        **_MATERIAL_AND_SECTION,
+        "modes": Sub(
+            "how many: y and z bend it along these axes of the section, torsion, axial",
+            needed="a table of whole numbers, { y = 2, z = 2, torsion = 1, axial = 1 }",
+            inner=Form(
+                {
+                    item.name: Whole("number of modes; default 0", least=0, most=MOST_BEAM_MODES)
+                    for item in fields(BeamModes)
+                }
+            ),
+        ),
+    }
+)
+LINK = Form(
+    {
+        "name": Name("of the link, unique", needed=IDENTIFIER_RULE),
+        "mass": Number("mass of the body; needed unless it bends", "kg", minimum=0.0),
+        "com": vector("centre of mass in the link's frame; default its origin", "m"),
+        "inertia": Sub(
+            "inertia tensor about the centre of mass, link axes",
+            "kg m^2",
+            inner=inertia("a moment of inertia in kg m^2 about the centre of mass"),
+        ),
+        "beam": Sub("a straight beam, which bends: mass, com and inertia follow from it", inner=LINK_BEAM),
+        "modes": FileName("path of a file with modes of a link that bends, beside this one", suffixes=(MODES_FILE,)),
+        "modal_damping": Number("of each mode, as a part of critical damping", "1", minimum=0.0),
+    },
+    refines=True,
+)
 BEAM = Form(
     {
         "name": Name("of the beam, unique: its links and joints are NAME0, NAME1, ...", needed=IDENTIFIER_RULE),
@@ -339,22 +376,14 @@ BEAM = Form(
         "child": Text("the link that its tip carries", needed="a link"),
         "placement": Sub("pose of its root in the parent link's frame", "m, rad", inner=PLACEMENT),
         "axis": Choice("of the root's frame along which it runs; default x", words=tuple(AXES)),
-        "length": Number("from the root to the tip", "m", "a length in m, greater than 0", above=0.0),
+        "length": _LENGTH,
         "segments": Whole(
             "number of segments, each with an elastic joint in its middle",
             needed=f"a whole number from 1 to {MOST_SEGMENTS}",
             least=1,
             most=MOST_SEGMENTS,
         ),
-        "E": Number("Young's modulus", "N/m^2", "Young's modulus in N/m^2, greater than 0", above=0.0),
-        "G": Number("shear modulus", "N/m^2", "the shear modulus in N/m^2, greater than 0", above=0.0),
-        "density": Number("of its material", "kg/m^3", "a density in kg/m^3, greater than 0", above=0.0),
-        "section": Sub(f"from which A, Iy, Iz, J and shear follow: {', '.join(SHAPES)}", inner=SECTION),
-        "A": Number("area of the section", "m^2", above=0.0),
-        "Iy": Number("second moment of area about y of the section", "m^4", above=0.0),
-        "Iz": Number("second moment of area about z of the section", "m^4", above=0.0),
-        "J": Number("torsion constant", "m^4", above=0.0),
-        "shear": Numbers("shear coefficients along y and z of the section", "1", count=2, item=Number("", above=0.0)),
+        **_MATERIAL_AND_SECTION,
         "damping": Either(
             "of its material, proportional to the stiffness",
             options=(
@@ -392,6 +421,7 @@ LOOP = Form(
     {
         "name": Name("of the loop joint, unique", needed=IDENTIFIER_RULE),
         "links": Strings("the two links that it joins, either may be 'base'", needed=_LINKS, count=2, rule=_LINKS),
+        "nodes": _NODES,
         "type": Choice("of the loop joint", needed=", ".join(CUTS), words=tuple(CUTS)),
         "placements": Pair("the loop joint's frame on both links; default their frames", "m, rad", inner=PLACEMENT),
         **{
@@ -461,6 +491,7 @@ def _element_form(kind: type[LinkElement]) -> Form:
         {
             "name": Name(f"of the {kind.KIND}, unique", needed=IDENTIFIER_RULE),
             "links": Strings("the two links that it joins, either may be 'base'", needed=_LINKS, count=2, rule=_LINKS),
+            "nodes": _NODES,
             **{item.name: _element_key(kind, item.name, hints[item.name]) for item in fields(kind)[2:]},
         }
     )

@@ -41,7 +41,8 @@ from ..robot.value import (
     Placement,
     Robot,
 )
-from .beams import add_beam, check_beam_ends
+from .bending.beams import add_beam, check_beam_ends
+from .bending.links import add_nodes, bending_link, check_body, check_carriers, on_node, on_nodes
 from .builtin import BUILTIN, builtin_robots
 from .draft import Draft, ordered_joints
 from .floating import float_base
@@ -210,15 +211,16 @@ def _from_toml(text: str, options: ReadOptions, source: str, folder: Path | None
 def _robot_from_table(top: Table, draft: Draft, folder: Path | None, options: ReadOptions) -> Robot:
     draft.gravity = top.vector("gravity") or draft.gravity
     for name, entry in top.entries("links"):
-        draft.links[name] = _link(name, entry, draft)
+        draft.links[name] = _link(name, entry, draft, folder)
     for name, entry in top.entries("joints"):
         draft.joints[name] = _joint(name, entry, draft, folder)
     for name, entry in top.entries("beams"):
         add_beam(name, entry, draft)
     for name, entry in top.entries("frames"):
-        draft.frames[name] = _frame(name, entry)
+        draft.frames[name] = _frame(name, entry, draft)
     for name, entry in top.entries("loops"):
-        draft.loops[name] = read_loop(name, entry, lambda table: _beside(table, folder), folder, draft.notes)
+        loop = read_loop(name, entry, lambda table: _beside(table, folder), folder, draft.notes)
+        draft.loops[name] = replace(loop, links=on_nodes(entry, loop.links, draft))
     for name, entry in top.entries("couplings"):
         draft.couplings[name] = read_coupling(name, entry, _beside(entry, folder), draft.notes)
     for key in KINDS:
@@ -226,11 +228,14 @@ def _robot_from_table(top: Table, draft: Draft, folder: Path | None, options: Re
             if name in draft.elements:
                 earlier = draft.elements[name].TABLE
                 entry.fail(f"the name {name!r} is taken by an earlier entry of [[{earlier}]]; allowed: unique names")
-            draft.elements[name] = read_element(key, name, entry, _beside(entry, folder), folder)
+            element = read_element(key, name, entry, _beside(entry, folder), folder)
+            draft.elements[name] = replace(element, links=on_nodes(entry, element.links, draft))
+    add_nodes(draft)
     draft.driven = tuple(top.strings("driven")) if "driven" in top else draft.driven
     draft.home = top.value("home", ByName) or draft.home
     _resolve_base(draft)
     check_beam_ends(draft)
+    check_carriers(draft)
     table = top.table("stops")
     said = None if table is None else stop_numbers(table)
     _equip(draft, said if options.stops is None else requested_stops(options.stops), options.floating_base)
@@ -286,13 +291,20 @@ def _hint(name: str, draft: Draft) -> str:
     return f" (the URDF has no {name!r}{nearest(name, draft.inherited)})" if draft.inherited else ""
 
 
-def _link(name: str, entry: Table, draft: Draft) -> Link:
+def _link(name: str, entry: Table, draft: Draft, folder: Path | None) -> Link:
     """Return a new link, or one of the URDF with the entry's overrides."""
     old = draft.links.get(name)
     if old is None:
         if name == BASE:
             entry.fail("the name 'base' is that of the ground; allowed: another name", "name")
         entry.require(_hint(name, draft))
+    bends = bending_link(name, entry, folder, draft)
+    if bends is not None:
+        check_body(entry, bends)
+        draft.foreign.discard(name)
+        return bends
+    if old is None and "mass" not in entry:
+        entry.fail(f"the key 'mass' is missing; allowed: a mass in kg, or beam or modes{_hint(name, draft)}")
     mass, com = entry.number("mass"), entry.vector("com")
     table = entry.table("inertia")
     inertia = None
@@ -316,6 +328,7 @@ def _joint(name: str, entry: Table, draft: Draft, folder: Path | None) -> Joint:
         entry.require(_hint(name, draft))
         old = Joint(name, "", "", "fixed")
     parent, child = entry.text("parent") or old.parent, entry.text("child") or old.child
+    parent = on_node(entry, "node", parent, entry.text("node"), draft)
     kind = entry.choice("type") or old.type
     coordinates = dict(old.coordinates) if kind == old.type else {}
     for key in COORDINATES if kind == "free" else filter(None, [PRINCIPAL.get(kind)]):
@@ -404,9 +417,10 @@ def _placement(entry: Table, old: Placement) -> Placement:
     return old if placement is None else read_placement(placement)
 
 
-def _frame(name: str, entry: Table) -> Frame:
+def _frame(name: str, entry: Table, draft: Draft) -> Frame:
     entry.require()
-    return Frame(name, entry.text("link") or "", _placement(entry, Placement()))
+    link = on_node(entry, "node", entry.text("link") or "", entry.text("node"), draft)
+    return Frame(name, link, _placement(entry, Placement()))
 
 
 def _resolve_base(draft: Draft) -> None:

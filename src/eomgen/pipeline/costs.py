@@ -36,6 +36,7 @@ class RobotInfo:
         """Return plain values, for JSON."""
         model = self.model
         owners: tuple[Joint | Loop, ...] = (*model.robot.joints, *model.robot.loops)
+        bending = {x.name: x.modes.as_dict() for x in model.robot.links if x.modes is not None}
         return {
             "name": model.name,
             "source": model.robot.source,
@@ -68,6 +69,7 @@ class RobotInfo:
             "springs": [x.as_dict() for x in model.robot.springs],
             **({"elements": [x.as_dict() for x in model.robot.elements]} if model.robot.elements else {}),
             **({"beams": [x.as_dict() for x in model.robot.beams]} if model.robot.beams else {}),
+            **({"bending": bending} if bending else {}),
             "parameters": dict(model.parameters),
             "zeros": dict(self.zeros),
             "operations": {name: dict(count) for name, count in self.operations.items()},
@@ -88,6 +90,7 @@ class RobotInfo:
             self._loop_lines(),
             [line for element in model.robot.link_elements for line in element.lines()],
             [beam.line() for beam in model.robot.beams],
+            [link.modes.line(link.name) for link in model.robot.links if link.modes is not None],
             self._start_lines(),
             self.mobility.lines() if self.mobility else [],
             self.zero_lines,

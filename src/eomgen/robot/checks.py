@@ -41,6 +41,11 @@ def check_values(robot: Robot) -> None:
         conflict = beam.conflict()
         if conflict is not None:
             _fail(robot, ".".join(filter(None, ("beams", beam.name, conflict[0]))), conflict[1])
+    for link in robot.links:
+        for part, made in (("modes", link.modes), ("beam", link.beam)):
+            conflict = None if made is None else made.conflict()
+            if conflict is not None:
+                _fail(robot, ".".join(filter(None, ("links", link.name, part, conflict[0]))), conflict[1])
     for where, rotation in _rotations(robot):
         if not _turns(rotation):
             _fail(robot, where, "the axes are no rotation; allowed: orthogonal axes of length 1, right-handed")

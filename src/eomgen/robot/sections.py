@@ -13,6 +13,19 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
+from .geometry import IDENTITY, Matrix
+
+# columns: the axes of the section, x along the beam; y and z follow cyclically, and the other way round z is kept
+AXES: Mapping[str, Matrix] = MappingProxyType(
+    {
+        "x": IDENTITY,
+        "y": ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)),
+        "z": ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)),
+        "-x": ((-1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, 1.0)),
+        "-y": ((0.0, 0.0, 1.0), (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0)),
+        "-z": ((0.0, -1.0, 0.0), (0.0, 0.0, 1.0), (-1.0, 0.0, 0.0)),
+    }
+)
 POISSON = (-1.0, 0.5)  # ratios that an isotropic material may have
 _TERMS = 40  # of the series of a rectangle's torsion, whose terms fall as n^-5: far below round-off
 

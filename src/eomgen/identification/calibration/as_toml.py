@@ -142,7 +142,7 @@ def own_text(robot: Robot, source: Path, folder: Path) -> list[str]:
         return f'{match[1]}"{relative_path(source.parent / match[2], folder)}"'
 
     text = read_text(source, str(source))
-    return [re.sub(r'\b((?:urdf|curve|matrix)\s*=\s*)"([^"]+)"', moved, line) for line in text.splitlines()]
+    return [re.sub(r'\b((?:urdf|curve|matrix|modes)\s*=\s*)"([^"]+)"', moved, line) for line in text.splitlines()]
 
 
 def relative_path(path: Path, folder: Path) -> str:

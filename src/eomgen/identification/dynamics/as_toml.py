@@ -50,7 +50,7 @@ def toml_text(robot: Robot, parameters: Mapping[str, float], comments: Sequence[
     owners = {split_component(name)[0] for name in parameters}
     if owners.intersection(link.name for link in robot.links):
         for link in robot.links:
-            if link.name in owners or link.mass == 0.0:
+            if link.name in owners or (link.mass == 0.0 and link.name not in robot.nodes):
                 _put_link(robot, link, body)
     for joint in robot.joints:
         for kind in dict.fromkeys(kind_of(name) for name in owners if joint_of(name) == joint.name):

@@ -6,7 +6,7 @@ from ..geometry import COORDINATES as COORDINATES
 from ..geometry import LINEAR as LINEAR
 from ..geometry import Placement as Placement
 from ..laws import Curve as Curve
-from .beam import AXES as AXES
+from ..sections import AXES as AXES
 from .beam import Beam as Beam
 from .coordinate import ACROSS as ACROSS
 from .coordinate import COORDINATE_NUMBERS as COORDINATE_NUMBERS
@@ -27,8 +27,11 @@ from .link import BASE as BASE
 from .link import INERTIA_KEYS as INERTIA_KEYS
 from .link import Frame as Frame
 from .link import Link as Link
+from .link_beam import BeamModes as BeamModes
+from .link_beam import LinkBeam as LinkBeam
 from .modes import LinkModes as LinkModes
 from .modes import Node as Node
+from .nodes import ROOT as ROOT
 from .nodes import made_of as made_of
 from .nodes import node_link as node_link
 from .robot import Robot as Robot

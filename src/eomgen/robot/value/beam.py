@@ -8,29 +8,17 @@ sixth of a segment inside of them (the first correction of Euler and Maclaurin),
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
-from types import MappingProxyType
 from typing import Any
 
 from ...limits import LARGEST, MOST_SEGMENTS, is_usable
 from ...names import NAME_LENGTH, is_identifier, show
-from ..geometry import COORDINATES, IDENTITY, Matrix, Placement, Vector, turn_inertia
+from ..geometry import COORDINATES, Matrix, Placement, Vector, turn_inertia
+from ..sections import AXES
 from .coordinate import Coordinate
 from .joint import Joint
 from .link import Link
 
-# columns: the axes of the section, x along the beam; y and z follow cyclically, and the other way round z is kept
-AXES: Mapping[str, Matrix] = MappingProxyType(
-    {
-        "x": IDENTITY,
-        "y": ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)),
-        "z": ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)),
-        "-x": ((-1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, 1.0)),
-        "-y": ((0.0, 0.0, 1.0), (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0)),
-        "-z": ((0.0, -1.0, 0.0), (0.0, 0.0, 1.0), (-1.0, 0.0, 0.0)),
-    }
-)
 TIP = "_tip"  # behind a beam's name: the fixed joint that carries its child
 _POSITIVE = ("length", "E", "G", "A", "Iy", "Iz", "J", "density")
 _INSIDE = 1.0 / 6.0  # of a segment: by how much the halves of both ends stand inside of them

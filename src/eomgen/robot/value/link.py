@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 from ..fields import LATER, Numbers, below
 from ..geometry import LINEAR, Placement, Vector
+from .link_beam import LinkBeam
 from .modes import LinkModes
 
 INERTIA_KEYS = ("xx", "yy", "zz", "xy", "xz", "yz")
@@ -17,6 +18,7 @@ class Link:
     """A body: mass (kg), com (m, link frame), inertia (kg m^2, INERTIA_KEYS, about com, link axes).
 
     modes: of a link that bends, whose mass, com and inertia are those while nothing bends; None of a rigid one.
+    beam, modal_damping: what modes were made of, for ``with_value``; nothing else looks at them.
     """
 
     name: str
@@ -24,6 +26,8 @@ class Link:
     com: Vector
     inertia: tuple[float, float, float, float, float, float]
     modes: LinkModes | None = field(default=None, metadata=LATER)
+    beam: LinkBeam | None = field(default=None, metadata=LATER)
+    modal_damping: float | None = field(default=None, metadata=LATER)
 
     def numbers(self) -> Numbers:
         """Yield all numbers by the names of parameters: "mass", "com.x"."""

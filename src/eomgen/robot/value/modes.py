@@ -11,6 +11,7 @@ calls inertia shape integrals.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -79,6 +80,22 @@ class LinkModes(Picklable):
     def masses(self) -> Table:
         """Modal mass matrix, tr P_kl, m x m."""
         return tuple(tuple(block[0][0] + block[1][1] + block[2][2] for block in row) for row in self.P)
+
+    def frequencies(self) -> tuple[float, ...]:
+        """Return the frequency of each mode by itself, Hz: of a link clamped at its root where m and K are diagonal."""
+        squares = (self.K[k][k] / mass for k, mass in enumerate(self.masses[k][k] for k in range(self.count)))
+        return tuple(math.sqrt(x) / (2.0 * math.pi) for x in squares)
+
+    def line(self, link: str) -> str:
+        """Return what bends the link of that name, on one line."""
+        frequencies = ", ".join(f"{x:.4g}" for x in self.frequencies())
+        nodes = ", ".join(node.name for node in self.nodes) or "none"
+        second = "" if self.Q is not None else "; not stiffened by rotation"
+        return f"link {link} bends: {self.count} modes of {frequencies} Hz, each by itself; nodes {nodes}{second}"
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain values, for JSON."""
+        return {"frequencies_hz": list(self.frequencies()), "nodes": [node.name for node in self.nodes]}
 
     def coordinates(self) -> dict[str, Coordinate]:
         """Return the modal coordinates by their kinds, with the diagonals of K and D."""

@@ -15,6 +15,8 @@ from .joint import Joint
 from .link import Link
 from .modes import Node
 
+ROOT = "root"  # node where the link stands on its joint: the link itself
+
 
 def node_link(link: str, node: str) -> str:
     """Name the link without mass, and its joint, that a node of a link is made of: "arm_tip"."""

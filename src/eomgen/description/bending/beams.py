@@ -7,15 +7,15 @@ from collections.abc import Container, Mapping, Sequence
 from dataclasses import replace
 from typing import TypeVar
 
-from ..errors import DescriptionError
-from ..forms.keys import Whole
-from ..forms.tables import Table
-from ..limits import MOST_ENTRIES
-from ..names import listed, show
-from ..robot.sections import POISSON, SHAPES, Section
-from ..robot.value import BASE, COORDINATES, Beam, Placement, Robot
-from .draft import Draft, ordered_joints
-from .forces import read_placement
+from ...errors import DescriptionError
+from ...forms.keys import Whole
+from ...forms.tables import Table
+from ...limits import MOST_ENTRIES
+from ...names import listed, show
+from ...robot.sections import POISSON, SHAPES, Section
+from ...robot.value import BASE, COORDINATES, Beam, Placement, Robot
+from ..draft import Draft, ordered_joints
+from ..forces import read_placement
 
 _OF_SECTION = ("A", "Iy", "Iz", "J", "shear")
 
@@ -45,7 +45,7 @@ def read_beam(name: str, entry: Table) -> Beam:
     if entry.text("parent") == entry.text("child"):
         entry.fail(f"got {show(entry.text('child'))}, the parent; allowed: two different links", "child")
     numbers = {key: entry.number(key) or 0.0 for key in ("length", "E", "G", "density")}  # all of them are needed
-    section, placement = _section(entry, numbers["E"], numbers["G"]), entry.table("placement")
+    section, placement = read_section(entry, numbers["E"], numbers["G"]), entry.table("placement")
     beam = Beam(
         name,
         entry.text("parent") or "",
@@ -131,7 +131,7 @@ def _check_names(what: str, names: tuple[str, ...], taken: Container[str], entry
         entry.fail(message, "name")
 
 
-def _section(entry: Table, E: float, G: float) -> Section:
+def read_section(entry: Table, E: float, G: float) -> Section:
     """Return the numbers of the section: those of its table, and in their place those that the entry has itself."""
     table = entry.table("section")
     numbers = {key: entry.number(key) for key in _OF_SECTION[:-1] if key in entry}

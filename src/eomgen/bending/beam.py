@@ -1,0 +1,280 @@
+"""Modes of a straight uniform beam that is clamped at its root, and the constants of the link that it makes.
+
+Shapes are those of S. P. Timoshenko's beam, direction by direction, x along the beam.  Bending along y, or z, by n
+modes: the deflections by a force and, from n = 2 on, by a moment at the tip, and the lowest n - 2 eigenmodes of the
+clamped beam with a free tip.  Twist and stretch by n modes: the shape by a load at the tip, and the lowest n - 1
+eigenmodes.  The modes of a direction are combinations of these that diagonalise mass and stiffness (W. Ritz), so that
+each has a frequency; each is scaled to a largest deflection of 1 m, or twist of 1 rad.  Forces at the tip deflect it
+exactly, and moments do so by two modes or more; eigenmodes alone would leave a part of that out.
+
+Curvature, shear, twist and stretch are series of A.-M. Legendre's polynomials, which are orthogonal: their coefficients
+are coordinates in which the stiffness is diagonal, so that low frequencies have all their digits, and those of
+eigenmodes are the continuous beam's within 1e-10.  All integrals are of polynomials, and exact.  Points of the axis
+move back where it bends, by half of the integral of the slope's square: that gives the second order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+from numpy.polynomial import legendre
+
+from ..arrays import Array
+from ..robot.value import AXES, LinkBeam, LinkModes, Node
+from .constants import Constants, as_tuples, constants_of_masses, modal_damping
+
+TIP = "tip"
+# row of Phi that a direction's modes move, the row of rotations by the slope, and their sense: about y it is -dw/dx
+_ROWS: Mapping[str, tuple[int, int, float]] = {
+    "y": (1, 5, 1.0),
+    "z": (2, 4, -1.0),
+    "torsion": (3, 3, 1.0),
+    "axial": (0, 0, 1.0),
+}
+_TERMS, _PER_MODE = 18, 2  # of a series: a mode of n waves has all its digits by some 3 n and a dozen
+
+
+@dataclass(frozen=True, eq=False)
+class _Shapes:
+    """Modes of one direction at G points of integration along the beam.
+
+    deflection: (G, n), m or rad; of the tip, (n,).  rotation: of sections in bending, rad; slope: dv/dx of the axis;
+    both 0 where nothing bends.  stiffness: (n,).
+    """
+
+    deflection: Array
+    rotation: Array
+    slope: Array
+    tip: Array
+    tip_rotation: Array
+    stiffness: Array
+
+    def scaled(self) -> _Shapes:
+        """Return the modes with a largest deflection of 1, the tip's positive."""
+        largest = np.maximum(np.abs(self.deflection).max(axis=0), np.abs(self.tip))
+        largest = np.where(self.tip < 0.0, -largest, largest)
+        return _Shapes(
+            self.deflection / largest,
+            self.rotation / largest,
+            self.slope / largest,
+            self.tip / largest,
+            self.tip_rotation / largest,
+            self.stiffness / largest**2,
+        )
+
+
+def beam_modes(beam: LinkBeam, damping: float = 0.0) -> LinkModes:
+    """Return the modes of a link that is a beam: constants in its frame, stiffness, damping, and the node at its tip.
+
+    What symmetry makes zero is exactly 0.0: a mode that bends along y moves nothing along z, and masses and stiffness
+    of the modes of one direction are diagonal.
+
+    Args:
+        beam: numbers that go together (``LinkBeam.conflict``).
+        damping: of each mode of the clamped beam, a part of critical damping.
+    """
+    series = _Series(beam.length, _TERMS + _PER_MODE * max(beam.modes.counts.values()))
+    shapes = _shapes(beam, series)
+    constants = _constants(beam, series, shapes)
+    count, R = constants.count, np.array(AXES[beam.axis])
+    Phi, Psi = np.zeros((6, count)), np.zeros((3, count, count))
+    for (direction, found), own in zip(shapes.items(), _places(shapes), strict=True):
+        row, turns, sense = _ROWS[direction]
+        if found.slope.any():
+            Phi[turns, own] = sense * found.tip_rotation
+            Psi[0, own, own] = -_products(found.slope, series.weights)
+        Phi[row, own] = found.tip
+    node = Node(
+        TIP,
+        as_tuples(R @ [beam.length, 0.0, 0.0]),
+        as_tuples(np.vstack([R @ Phi[:3], R @ Phi[3:]])),
+        as_tuples(np.einsum("ij,jkl->ikl", R, Psi)) if Psi.any() else None,
+    )
+    K = np.diag(np.concatenate([found.stiffness for found in shapes.values()]))
+    return constants.turned(R).link_modes(K, modal_damping(constants.masses, K, damping), [node])
+
+
+def beam_inertia(beam: LinkBeam) -> Array:
+    """Return the integral of rho0 rho0^T over the mass of a beam, in the link's frame, (4, 4)."""
+    H00, R = np.zeros((4, 4)), np.eye(4)
+    mass, length = beam.mass, beam.length
+    H00[0, 0], H00[0, 3], H00[3, 0], H00[3, 3] = mass * length**2 / 3.0, mass * length / 2.0, mass * length / 2.0, mass
+    H00[1, 1], H00[2, 2] = beam.density * beam.Iz * length, beam.density * beam.Iy * length
+    R[:3, :3] = AXES[beam.axis]
+    return np.asarray(R @ H00 @ R.T + 0.0)
+
+
+def _shapes(beam: LinkBeam, series: _Series) -> dict[str, _Shapes]:
+    """Return the modes of each direction that has some."""
+    ky, kz = beam.shear
+    shear, along, polar = beam.G * beam.A, beam.density * beam.A, beam.density * (beam.Iy + beam.Iz)
+    counts, found = beam.modes, dict[str, _Shapes]()
+    if counts.y:
+        found["y"] = _bent(series, beam.E * beam.Iz, ky * shear, (along, beam.density * beam.Iz), counts.y)
+    if counts.z:
+        found["z"] = _bent(series, beam.E * beam.Iy, kz * shear, (along, beam.density * beam.Iy), counts.z)
+    if counts.torsion:
+        found["torsion"] = _drawn(series, beam.G * beam.J, polar, counts.torsion)
+    if counts.axial:
+        found["axial"] = _drawn(series, beam.E * beam.A, along, counts.axial)
+    return found
+
+
+def _places(shapes: Mapping[str, _Shapes]) -> list[slice]:
+    """Return where the modes of each direction stand among all."""
+    ends = np.cumsum([0, *(len(found.tip) for found in shapes.values())])
+    return [slice(int(first), int(end)) for first, end in pairwise(ends)]
+
+
+def _constants(beam: LinkBeam, series: _Series, shapes: Mapping[str, _Shapes]) -> Constants:
+    """Return the constants in the section's axes."""
+    x, weights, places = series.points, series.weights, _places(shapes)
+    count = places[-1].stop
+    moves, turns = np.zeros((2, len(x), 3, count))
+    Q = np.zeros((count, count, 4, 3))
+    along, on_axis = beam.density * beam.A, np.zeros((len(x), 3))
+    on_axis[:, 0] = x
+    for (direction, found), own in zip(shapes.items(), places, strict=True):
+        row, about, sense = _ROWS[direction]
+        (moves if row < 3 else turns)[:, row % 3, own] = found.deflection
+        if found.slope.any():
+            turns[:, about - 3, own] = sense * found.rotation
+            # what lies beyond a place moves back by what the axis loses there
+            Q[own, own, 0, 0] = -_products(found.slope, along * weights * (beam.length**2 - x**2) / 2.0)
+            Q[own, own, 3, 0] = -_products(found.slope, along * weights * (beam.length - x))
+    section = np.diag([0.0, beam.density * beam.Iz, beam.density * beam.Iy])
+    made = constants_of_masses(along * weights, on_axis, weights[:, None, None] * section, moves, turns)
+    P = (made.P + made.P.transpose(1, 0, 3, 2)) / 2.0
+    for direction, own in zip(shapes, places, strict=True):
+        _decouple(P[own, own], _ROWS[direction][0])
+    return Constants(made.H00, made.H0, P, Q)
+
+
+def _decouple(P: Array, row: int) -> None:
+    """Make the traces of P of two different modes of one direction exactly 0, which they are but for round-off.
+
+    Where it bends, sections that turn leave what the deflections cancel.
+    """
+    different = ~np.eye(len(P), dtype=bool)
+    kept = P[..., 0, 0][different] if row in (1, 2) else 0.0
+    P[different] = 0.0
+    P[different, 0, 0] = kept
+    P[different, row % 3, row % 3] -= kept
+
+
+def _products(functions: Array, weights: Array) -> Array:
+    """Return integrals of products of functions at the points of integration, symmetric, (n, n)."""
+    found = (functions * weights[:, None]).T @ functions
+    return np.asarray((found + found.T) / 2.0)
+
+
+@dataclass(frozen=True)
+class _Series:
+    """Legendre's polynomials along a beam and their integrals from its root, ``terms`` of them.
+
+    Each is (G, terms) at the points of integration, whose sums are exact for the products that are wanted.
+    """
+
+    length: float
+    terms: int
+
+    @cached_property
+    def _gauss(self) -> tuple[Array, Array]:
+        return legendre.leggauss(self.terms + 4)
+
+    @property
+    def points(self) -> Array:
+        """Places of the points of integration, (G,), m."""
+        return np.asarray((1.0 + self._gauss[0]) * self.length / 2.0)
+
+    @property
+    def weights(self) -> Array:
+        """Weights of sums over them, (G,), m."""
+        return np.asarray(self._gauss[1] * self.length / 2.0)
+
+    @property
+    def squares(self) -> Array:
+        """Integrals of the squares over the length, (terms,), m."""
+        return np.asarray(self.length / (2.0 * np.arange(self.terms) + 1.0))
+
+    @cached_property
+    def integrals(self) -> tuple[tuple[Array, Array], ...]:
+        """The polynomials, their integrals, and integrals of these: at the points, and at the tip, (terms,)."""
+        values = legendre.legvander(np.append(self._gauss[0], 1.0), self.terms + 1)
+        ways: Array = np.eye(self.terms)
+        found: list[tuple[Array, Array]] = []
+        for _ in range(3):
+            there = values[:, : len(ways)] @ ways
+            found.append((there[:-1], there[-1]))
+            ways = np.asarray(legendre.legint(ways, lbnd=-1.0, scl=self.length / 2.0))
+        return tuple(found)
+
+
+def _bent(series: _Series, bend: float, shear: float, densities: tuple[float, float], count: int) -> _Shapes:
+    """Return modes of bending in a plane.
+
+    Args:
+        series: of the curvature and of the shear.
+        bend: EI, N m^2.
+        shear: k G A, N.
+        densities: mass, kg/m, and its second moment about the axis of bending, kg m, per length.
+        count: of modes.
+    """
+    terms, length, zero = series.terms, series.length, np.zeros(series.terms)
+    # coefficients of the curvature, then those of the shear, as parts of such that store the energy 1/2
+    sizes = np.concatenate([1.0 / np.sqrt(bend * series.squares), 1.0 / np.sqrt(shear * series.squares)])
+    (plain, _), (once, once_tip), (twice, twice_tip) = series.integrals
+    deflection, rotation = np.hstack([twice, once]) * sizes, np.hstack([once, 0.0 * once]) * sizes
+    slope = np.hstack([once, plain]) * sizes
+    tip, tip_rotation = np.append(twice_tip, once_tip) * sizes, np.append(once_tip, zero) * sizes
+    along, second = densities
+    M = _products(deflection, along * series.weights) + _products(rotation, second * series.weights)
+    # by a force the curvature falls from L / EI to 0; by a moment it is 1 / EI
+    force, moment = np.zeros((2, 2 * terms))
+    force[[0, 1, terms]] = length / (2.0 * bend), -length / (2.0 * bend), 1.0 / shear
+    moment[0] = 1.0 / bend
+    ways = _ritz(M, [force / sizes, moment / sizes][:count], count)
+    moved = deflection @ ways, rotation @ ways, slope @ ways
+    return _Shapes(*moved, tip @ ways, tip_rotation @ ways, np.ones(count)).scaled()
+
+
+def _drawn(series: _Series, stiffness: float, density: float, count: int) -> _Shapes:
+    """Return modes of stretch or twist.
+
+    Args:
+        series: of the stretch or twist per length.
+        stiffness: EA, N, or GJ, N m^2.
+        density: mass, kg/m, or moment of inertia about the axis, kg m, per length.
+        count: of modes.
+    """
+    sizes = 1.0 / np.sqrt(stiffness * series.squares)
+    once, once_tip = series.integrals[1]
+    deflection, tip = once * sizes, once_tip * sizes
+    even = np.zeros(series.terms)
+    even[0] = 1.0
+    ways = _ritz(_products(deflection, density * series.weights), [even / sizes], count)
+    still = np.zeros((len(deflection), count))
+    return _Shapes(deflection @ ways, still, still, tip @ ways, np.zeros(count), np.ones(count)).scaled()
+
+
+def _ritz(M: Array, static: Sequence[Array], count: int) -> Array:
+    """Return modes in coordinates whose stiffness matrix is 1, those of the lowest frequencies first, (N, count).
+
+    Args:
+        M: masses, (N, N).
+        static: shapes that the modes hold; the rest are eigenmodes.
+        count: of modes.
+    """
+    shapes = [shape / np.linalg.norm(shape) for shape in static]
+    if count > len(static):
+        _, X = np.linalg.eigh(M)  # its eigenvalues are 1 / frequency^2
+        shapes = [*X[:, ::-1][:, : count - len(static)].T, *shapes]
+    basis = np.column_stack(shapes)
+    orthonormal, _ = np.linalg.qr(basis)
+    inner = orthonormal.T @ M @ orthonormal
+    _, mixed = np.linalg.eigh((inner + inner.T) / 2.0)
+    return np.asarray(orthonormal @ mixed[:, ::-1])

@@ -1,0 +1,101 @@
+"""A link that is a beam: what its modes are made of."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from ...limits import LARGEST, MOST_BEAM_MODES, is_usable
+from ...names import show
+from ..sections import AXES
+
+_POSITIVE = ("length", "E", "G", "A", "Iy", "Iz", "J", "density")
+
+
+@dataclass(frozen=True)
+class BeamModes:
+    """Numbers of a beam's modes: that bend it along y and z of its section, twist it, and stretch it."""
+
+    y: int = 0
+    z: int = 0
+    torsion: int = 0
+    axial: int = 0
+
+    @property
+    def counts(self) -> Mapping[str, int]:
+        """Numbers of modes by direction, in the order of the modal coordinates."""
+        return {"y": self.y, "z": self.z, "torsion": self.torsion, "axial": self.axial}
+
+
+@dataclass(frozen=True)
+class LinkBeam:
+    """A straight uniform beam from the origin of its link's frame, where it is clamped, along an axis of that.
+
+    length: m.  E, G: Young's and shear modulus, N/m^2.  A: area of the section, m^2.  Iy, Iz: its second moments about
+    its axes y and z, m^4, which follow the beam's cyclically, as those of ``Beam``.  J: torsion constant, m^4.  shear:
+    coefficients k of the shear stiffness k G A along y and z.  density: kg/m^3.
+    """
+
+    length: float
+    E: float
+    G: float
+    A: float
+    Iy: float
+    Iz: float
+    J: float
+    shear: tuple[float, float]
+    density: float
+    modes: BeamModes
+    axis: str = "x"
+
+    @property
+    def mass(self) -> float:
+        """Mass, kg."""
+        return self.density * self.A * self.length
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain values, for JSON."""
+        values = {key: getattr(self, key) for key in ("axis", *_POSITIVE)}
+        return {**values, "shear": list(self.shear), "modes": dict(self.modes.counts), "mass": self.mass}
+
+    def conflict(self) -> tuple[str, str] | None:
+        """Return the key and the message of what is not allowed; None if all is right."""
+        for key in _POSITIVE:
+            if not 0.0 < getattr(self, key) <= LARGEST:
+                return key, f"got {getattr(self, key)!r}; allowed: a number greater than 0, up to {LARGEST:g}"
+        if self.axis not in AXES:
+            return "axis", f"got {show(self.axis)}; allowed: {', '.join(AXES)}"
+        if len(self.shear) != 2 or not all(0.0 < x <= LARGEST for x in self.shear):
+            return "shear", f"got {show(list(self.shear))}; allowed: two numbers greater than 0, along y and z"
+        for key, count in self.modes.counts.items():
+            if not 0 <= count <= MOST_BEAM_MODES:
+                return f"modes.{key}", f"got {count!r}; allowed: a whole number from 0 to {MOST_BEAM_MODES}"
+        if not any(self.modes.counts.values()):
+            return "modes", f"there are none; allowed: one or more of {', '.join(self.modes.counts)}"
+        return self._unusable()
+
+    def _unusable(self) -> tuple[str, str] | None:
+        """Return the key and the message of numbers that no beam can be computed with."""
+        try:
+            bends = {key: self.E * x / self.length**3 for key, x in (("y", self.Iz), ("z", self.Iy))}
+            shears = {key: k * self.G * self.A / self.length for key, k in zip("yz", self.shear, strict=True)}
+            twist, stretch = self.G * self.J / self.length, self.E * self.A / self.length
+            about = {key: self.density * x * self.length for key, x in (("y", self.Iy), ("z", self.Iz))}
+        except (ZeroDivisionError, OverflowError):
+            return "", "its stiffness cannot be computed with; allowed: numbers of usual sizes"
+        numbers = {f"bending stiffness along {key}": x for key, x in bends.items()}
+        numbers |= {f"shear stiffness along {key}": x for key, x in shears.items()}
+        numbers |= {"torsional stiffness": twist, "axial stiffness": stretch, "mass": self.mass}
+        numbers |= {f"moment of inertia of its sections about {key}": x for key, x in about.items()}
+        for what, x in numbers.items():
+            if not is_usable(x) or x == 0.0:
+                return "", f"its {what} is {x:g}; allowed: sizes from 1e-30 to {LARGEST:g}"
+        for key, bend in bends.items():
+            if bend / shears[key] > _SOFTEST:
+                where = f"its shear stiffness along {key} is {shears[key]:.3g} N/m, that of bending {bend:.3g} N/m"
+                return "", f"{where}; allowed: a beam that does not shear above {_SOFTEST:g} times as far as it bends"
+        return None
+
+
+_SOFTEST = 1e6

@@ -1,0 +1,253 @@
+"""Files of links that bend: written and read again, modes of nodes against elements, and what is refused."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.linalg import eigh
+
+from eomgen.bending.beam import beam_inertia, beam_modes
+from eomgen.bending.files import read_bending, write_constants
+from eomgen.errors import InputError
+from eomgen.robot.value import BeamModes, LinkBeam
+from tests.support.beam_elements import Plane
+
+Arrays = dict[str, NDArray[Any]]
+BOOM = LinkBeam(1.3, 7e10, 2.6e10, 4e-4, 2e-8, 5e-8, 3e-8, (0.85, 0.8), 2700.0, BeamModes(2, 1, 1, 1))
+PLANE = Plane(3.5e3, 8.84e6, 1.08, 1.35e-4, 1.3)
+COUNT = 12  # elements
+
+
+def constants() -> Arrays:
+    """A beam's constants as arrays of a file."""
+    modes = beam_modes(BOOM, 0.01)
+    (tip,) = modes.nodes
+    return {
+        "H00": beam_inertia(BOOM),
+        **{key: np.array(getattr(modes, key)) for key in ("H0", "P", "Q", "K", "D")},
+        "interface_names": np.array(["tip"]),
+        "interface_places": np.array([tip.place]),
+        "interface_Phi": np.array([tip.Phi]),
+        "interface_Psi": np.array([tip.Psi]),
+    }
+
+
+def nodal(modes: int = 3, *, free: bool = False, moved: bool = False) -> Arrays:
+    """Modes of a beam with lumped masses, in the plane of x and y; of a free one, perhaps moved to a still root."""
+    masses = np.full(COUNT + 1, PLANE.along * PLANE.length / COUNT)
+    masses[[0, -1]] /= 2.0
+    about = masses * 1e-3
+    span = PLANE.length / COUNT
+    places = np.zeros((COUNT + 1, 3))
+    places[:, 0] = np.arange(COUNT + 1) * span
+    K = np.zeros((2 * COUNT + 2, 2 * COUNT + 2))
+    for k in range(COUNT):
+        K[2 * k : 2 * k + 4, 2 * k : 2 * k + 4] += PLANE.element(COUNT)[1]
+    M = np.diag(np.column_stack([masses, about]).ravel())
+    kept = slice(0 if free else 2, None)
+    squares, X = eigh(K[kept, kept], M[kept, kept])
+    X = X[:, 2 if free else 0 :][:, :modes]
+    shapes = np.zeros((2 * COUNT + 2, modes))
+    shapes[kept] = X
+    if moved:
+        shapes[::2] -= shapes[0] + places[:, :1] * shapes[1]
+        shapes[1::2] -= shapes[1].copy()
+    Phi = np.zeros((COUNT + 1, 6, modes))
+    Phi[:, 1], Phi[:, 5] = shapes[::2], shapes[1::2]
+    inertia = np.zeros((COUNT + 1, 3, 3))
+    inertia[:, 1, 1] = inertia[:, 2, 2] = about
+    return {
+        "nodes": places,
+        "mass": masses,
+        "inertia": inertia,
+        "Phi": Phi,
+        "K": np.diag(squares[2 if free else 0 :][:modes]),
+        "interface_names": np.array(["tip", "middle"]),
+        "interface_nodes": np.array([COUNT, COUNT // 2]),
+    }
+
+
+def saved(arrays: Arrays, folder: Path) -> Path:
+    path = folder / "arm.npz"
+    np.savez(path, **arrays)
+    return path
+
+
+def test_constants_are_written_and_read_again(tmp_path: Path) -> None:
+    modes, H00 = beam_modes(BOOM, 0.01), beam_inertia(BOOM)
+    body = read_bending(write_constants(tmp_path / "arm.npz", H00, modes))
+    assert body.modes == modes
+    assert np.all(body.H00 == H00)
+    assert not body.is_free
+    with pytest.raises(InputError, match=r"arm\.csv.*ends in \.npz"):
+        write_constants(tmp_path / "arm.csv", H00, modes)
+
+
+def test_files_without_interfaces_or_second_order(tmp_path: Path) -> None:
+    arrays = constants()
+    left = {key: x for key, x in arrays.items() if key not in ("Q", "D", "interface_Psi")}
+    body = read_bending(saved(left, tmp_path))
+    assert body.modes.Q is None
+    assert body.modes.nodes[0].Psi is None
+    assert not np.any(body.modes.D)
+    left |= {"interface_names": np.array([], dtype=str)}
+    left |= {"interface_places": np.zeros((0, 3)), "interface_Phi": np.zeros((0, 6, 5))}
+    assert read_bending(saved(left, tmp_path)).modes.nodes == ()
+
+
+def test_modes_of_nodes(tmp_path: Path) -> None:
+    """Masses and frequencies are those of the elements, nodes stand where they stood."""
+    arrays = nodal()
+    body = read_bending(saved(arrays | {"M": np.eye(3)}, tmp_path))
+    modes = body.modes
+    assert np.array(modes.masses) == pytest.approx(np.eye(3), abs=1e-12)
+    assert np.array(modes.K) == pytest.approx(arrays["K"], rel=1e-12)
+    assert [node.name for node in modes.nodes] == ["tip", "middle"]
+    assert modes.nodes[1].place == (0.65, 0.0, 0.0)
+    assert np.all(np.array(modes.nodes[0].Phi) == arrays["Phi"][COUNT])
+    assert body.H00[3, 3] == pytest.approx(PLANE.along * PLANE.length)
+    along = arrays["inertia"][:, 2, 2]  # of each node, which turns with the beam
+    assert body.H00[0, 0] == pytest.approx(arrays["mass"] @ arrays["nodes"][:, 0] ** 2 + along.sum())
+    assert np.array(modes.H0)[:, 3, 1] == pytest.approx(arrays["mass"] @ arrays["Phi"][:, 1], rel=1e-12)
+    moments = (arrays["mass"] * arrays["nodes"][:, 0]) @ arrays["Phi"][:, 1] + along @ arrays["Phi"][:, 5]
+    assert np.array(modes.H0)[:, 0, 1] == pytest.approx(moments, rel=1e-12)
+    three = {key: x for key, x in arrays.items() if not key.startswith("interface")}
+    three["Phi"] = arrays["Phi"][:, :3]
+    three["Phi"] = np.concatenate([three["Phi"], 0.0 * three["Phi"][:2]])  # two more nodes stand still
+    three["nodes"] = np.concatenate([three["nodes"], [[0.0, 0.1, 0.0], [0.0, 0.0, 0.1]]])
+    three["mass"], three["inertia"] = np.append(three["mass"], [0.0, 0.0]), np.zeros((COUNT + 3, 3, 3))
+    assert read_bending(saved(three, tmp_path)).modes.nodes == ()
+
+
+def test_modes_of_a_free_link_stay_so_or_are_refused(tmp_path: Path) -> None:
+    body = read_bending(saved(nodal(free=True), tmp_path))
+    assert body.is_free
+    with pytest.raises(InputError, match=r"'Phi': modes of a free link, moved .* allowed: .* clamped at its root"):
+        read_bending(saved(nodal(free=True, moved=True), tmp_path))
+
+
+def put(key: str, place: tuple[int, ...], value: float) -> Callable[[Arrays], None]:
+    """Change one number."""
+
+    def change(arrays: Arrays) -> None:
+        arrays[key] = arrays[key].copy()
+        arrays[key][place] = value
+
+    return change
+
+
+def become(key: str, value: Any) -> Callable[[Arrays], None]:
+    """Change a whole array; None: leave it out."""
+
+    def change(arrays: Arrays) -> None:
+        if value is None:
+            del arrays[key]
+        else:
+            arrays[key] = np.asarray(value(arrays[key]) if callable(value) else value)
+
+    return change
+
+
+BAD_CONSTANTS: dict[str, tuple[Callable[[Arrays], None], str]] = {
+    "no stiffness": (become("K", None), r"array 'K': it is missing; allowed: an array of m x m"),
+    "stiffness of no modes": (become("K", np.zeros((0, 0))), r"'K': got shape \(0, 0\).*1 to 200 rows"),
+    "stiffness that is none": (become("K", lambda x: -x), r"'K': its least eigenvalue is -.*positive definite"),
+    "singular stiffness": (put("K", (0, 0), 0.0), r"'K': its least eigenvalue is 0, .*positive definite"),
+    "stiffness of one side": (put("K", (0, 1), 1e9), r"'K': got 1e\+09 at \(1, 2\), 0 at its mirror.*symmetric"),
+    "damping that drives": (become("D", lambda x: -x), r"'D': its least eigenvalue is -.*takes energy out"),
+    "nan": (put("H0", (1, 2, 0), np.nan), r"'H0': got nan at \[1, 2, 0\]; allowed: finite numbers"),
+    "infinity": (put("P", (0, 0, 1, 1), np.inf), r"'P': got inf at \[0, 0, 1, 1\]"),
+    "texts": (become("K", np.array([["a"]])), r"'K': got shape \(1, 1\) of <U1; allowed: an array of m x m numbers"),
+    "fewer modes": (become("H0", lambda x: x[:-1]), r"'H0': got shape \(4, 4, 3\).*5 x 4 x 3 numbers"),
+    "no mass": (put("H00", (3, 3), 0.0), r"'H00': the mass is 0 kg; allowed: a number greater than 0"),
+    "pseudo-inertia of one side": (put("H00", (0, 3), 9.0), r"'H00': got 9 at \(1, 4\)"),
+    "masses of one side": (put("P", (0, 1, 0, 1), 9.0), r"'P': got 9 at \(1, 2, 1, 2\)"),
+    "second order of one side": (put("Q", (0, 1, 0, 0), 9.0), r"'Q': got 9 at \(1, 2, 1, 1\)"),
+    "mode without mass": (
+        become(
+            "P", lambda x: np.where(np.arange(5)[:, None, None, None] == 4, 0.0, x) * (np.arange(5) != 4)[:, None, None]
+        ),
+        r"'P': the mass of mode 5, tr P, is 0; allowed: a number greater than 0",
+    ),
+    "modes of another body": (
+        become("H0", lambda x: 10.0 * x),
+        r"'H0': masses of rigid motions .* eigenvalue -",
+    ),
+    "name that is none": (become("interface_names", ["a b"]), r"'interface_names': got 'a b'; allowed: an identifier"),
+    "root as a name": (become("interface_names", ["root"]), r"'interface_names': got 'root'.*other than root"),
+    "numbers as names": (become("interface_names", [1.0]), r"'interface_names': got shape \(1,\) of float64.*texts"),
+    "two names": (become("interface_names", ["tip", "tip"]), r"'interface_names': 'tip' is there twice"),
+    "more names": (become("interface_names", ["tip", "end"]), r"'interface_places': got shape \(1, 3\).*2 x 3 numbers"),
+    "free as a number": (become("is_free", 1.0), r"'is_free': got shape \(\) of float64; allowed: a truth value"),
+    "clamped modes that are free": (become("is_free", True), r"'is_free': it is true, and modes have momenta"),
+    "unknown array": (become("Qq", [1.0]), r"'Qq': it is unknown; allowed: H00, H0, P"),
+}
+BAD_NODAL: dict[str, tuple[Callable[[Arrays], None], str]] = {
+    "mass below zero": (put("mass", (3,), -1.0), r"'mass': got -1 of node 3; allowed: numbers that are at least 0"),
+    "no masses": (become("mass", lambda x: 0.0 * x), r"'mass': all masses are 0"),
+    "inertia of no body": (put("inertia", (2, 1, 1), 9.0), r"'inertia': that of node 2 has a principal moment greater"),
+    "inertia of one side": (put("inertia", (2, 0, 1), 9.0), r"'inertia': that of node 2 is off its transpose by 9"),
+    "four rows": (become("Phi", lambda x: x[:, :4]), r"'Phi': got shape \(13, 4, 3\).*13 x 6 x 3 or 13 x 3 x 3"),
+    "rows of translations": (become("Phi", lambda x: x[:, :3]), r"'Phi': .*(moves least|interfaces need rotations)"),
+    "nothing clamped": (
+        become("Phi", lambda x: x + 0.1),
+        r"'Phi': the modes move node 0 at \(0, 0, 0\), which",
+    ),
+    "modal masses of others": (
+        become("M", np.diag([2.0, 1.0, 1.0])),
+        r"'M': got 2 at \(1, 1\), where mass and Phi give 1",
+    ),
+    "node of no number": (put("interface_nodes", (0,), 13), r"'interface_nodes': got 13 of 'tip'.*0 to 12"),
+    "too few nodes": (become("interface_nodes", [1]), r"'interface_nodes': allowed: 2 numbers of nodes"),
+    "nodes that are no numbers": (become("interface_nodes", [1.5, 2.0]), r"'interface_nodes': allowed: 2 numbers"),
+    "equal modes": (
+        become("Phi", lambda x: np.repeat(x[:, :, :1], 3, axis=2)),
+        r"'P': modes are linearly dependent: the least eigenvalue",
+    ),
+    "finite elements": (become("M_data", [1.0]), r"'M_data': these are finite elements; allowed: .*eomgen reduce"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_CONSTANTS)
+def test_bad_constants(case: str, tmp_path: Path) -> None:
+    refused(constants(), *BAD_CONSTANTS[case], tmp_path)
+
+
+@pytest.mark.parametrize("case", BAD_NODAL)
+def test_bad_modes_of_nodes(case: str, tmp_path: Path) -> None:
+    refused(nodal(), *BAD_NODAL[case], tmp_path)
+
+
+def refused(arrays: Arrays, change: Callable[[Arrays], None], expected: str, folder: Path) -> None:
+    """The changed arrays are refused in one line with the file's name."""
+    change(arrays)
+    with pytest.raises(InputError) as caught:
+        read_bending(saved(arrays, folder))
+    message = str(caught.value)
+    assert message.startswith(f"{folder / 'arm.npz'}: array ")
+    assert re.search(expected, message), message
+    assert message.isprintable()
+
+
+def test_other_files(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"has the arrays 'q'; allowed: constants \(H00, H0, P, K, ...\) or modes"):
+        read_bending(saved({"q": np.zeros(3)}, tmp_path))
+    (tmp_path / "text.npz").write_text("H0", encoding="ascii")
+    with pytest.raises(InputError, match=r"text\.npz: is no \.npz"):
+        read_bending(tmp_path / "text.npz")
+    with pytest.raises(InputError, match=r"none\.npz: cannot be read"):
+        read_bending(tmp_path / "none.npz")
+
+
+def test_large_files_are_refused_before_they_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = saved(nodal(), tmp_path)
+    monkeypatch.setenv("EOMGEN_NPZ_MB", "1")
+    np.savez_compressed(path, nodes=np.zeros((10**5, 3)), Phi=np.zeros((10**5, 6, 3)))
+    with pytest.raises(InputError, match=r"its arrays have \d+ bytes; allowed: up to 1048576"):
+        read_bending(path)
