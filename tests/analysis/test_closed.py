@@ -115,6 +115,7 @@ def _drives(kernel: eomgen.Kernel, q: Array, drives: list[int], loads: dict[str,
     return np.asarray(_ways(kernel, q, drives).T @ force)
 
 
+@pytest.mark.soak
 def test_elastic_joints_that_are_cut_or_not(built: Build) -> None:
     """Modes, deflection and stiffness of one linkage, its elastic joint in the tree or between both ends of a loop."""
     results = []

@@ -34,6 +34,7 @@ def notes(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, set[
     }
 
 
+@pytest.mark.soak
 def test_files_of_figures_and_pages_say_who_wrote_them(tmp_path: Path) -> None:
     result = eomgen.load_result(KEPT / "simulation.npz")
     written = [path for ending in FIGURE_ENDINGS for path in plot_result(result, tmp_path, ending)]

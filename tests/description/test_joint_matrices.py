@@ -191,6 +191,7 @@ def test_a_joint_with_a_matrix_keeps_its_angles() -> None:
     assert turning(damping=JointDamping(entries={"x.x": 1.0})) == ()
 
 
+@pytest.mark.soak
 @pytest.mark.usefixtures("unoptimised")
 def test_a_simulation_balances_its_energy() -> None:
     scenario = scenario_from_toml(

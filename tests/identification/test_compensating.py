@@ -237,6 +237,7 @@ def test_what_drives_cannot_reach_is_named(arm: Robot, reach: Scenario) -> None:
     assert "z: 100 % of it cannot be corrected" in "\n".join(found.lines())
 
 
+@pytest.mark.soak
 def test_limits_hold_corrections_back(reach: Scenario) -> None:
     upper = -0.4999999  # rad: where the program goes, and the sagging arm would have to go further
     text = ARM.replace("limits = [-2.5, 2.5]", f"limits = [-2.5, {upper}]")

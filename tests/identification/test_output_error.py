@@ -217,6 +217,7 @@ def test_hysteresis_and_branches_are_found(law: str) -> None:
     assert all(x.estimate.low < y < x.estimate.high for x, y in zip(noisy.numbers, true, strict=True)) or max(off) > 2.0
 
 
+@pytest.mark.soak
 def test_the_rate_of_hysteresis_and_its_stiffness_are_one_number() -> None:
     guess, motion, _ = rocked(WOUND, 1e-7)
     found = fit(guess, motion, parameters=["joints.slide.z.hysteresis"])
@@ -262,6 +263,7 @@ gamma = { damping = 0.3 }
 """
 
 
+@pytest.mark.soak
 def test_a_pendulum_that_falls_is_led_along_its_motion() -> None:
     robot = robot_from_toml(PENDULUM)
     kernel = eomgen.build(robot, kernels=(*output_error_kernels(), "inverse_dynamics"), flags=("-O0",))

@@ -206,6 +206,7 @@ def test_friction_of_followers_holds_them(friction: str, built: Build) -> None:
     assert {rest.coordinate for rest in motion.rests} == {"j1.gamma", "j2.gamma"}
 
 
+@pytest.mark.soak
 def test_bristles_of_loop_joints_hold() -> None:
     """A four-bar without drive comes to rest where the friction in the pin of its cut holds it."""
     text = (Path(str(eomgen.__file__)).parent / "robots" / "four_bar.toml").read_text()

@@ -246,6 +246,7 @@ def test_a_browser_shows_the_page_without_a_word(page: str, tmp_path: Path) -> N
         assert width <= 1000
 
 
+@pytest.mark.soak
 def test_the_page_has_its_date_and_amber_is_for_warnings(
     result: SimulationResult, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -58,6 +58,7 @@ def test_a_half_is_compiled_when_it_is_asked_for(compiled: Compiled) -> None:
     assert compiled.new() == []
 
 
+@pytest.mark.soak
 def test_a_batch_needs_no_single_state(compiled: Compiled) -> None:
     kernel = eomgen.build("one_link")
     kernel.frame_pose(MANY, "link1")

@@ -164,6 +164,7 @@ def test_a_package_of_one_level(empty_cache: Path, tmp_path: Path, monkeypatch: 
         assert f"BuildError: the compiled code is for processors of level {supported()[-1]}; allowed here: v1" in said
 
 
+@pytest.mark.soak
 def test_native_packages_have_one_binary(empty_cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     package = generate("one_link", tmp_path, Options(QUICK.kernels, flags=QUICK.flags, native=True))
     assert [path.parent for path in package.rglob("*one_link*.so")] == [package]

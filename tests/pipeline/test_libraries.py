@@ -52,6 +52,17 @@ def compiles(log: Path) -> list[str]:
 def test_it_is_compiled_once_for_all_robots(empty_cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     command, log = logging_compiler(tmp_path)
     monkeypatch.setenv("CC", command)
+    for robot, wanted in (("one_link", ["fixed", "fixed_lanes"]), ("four_bar", [])):
+        eomgen.build(robot, kernels=("rollout",), flags=("-O0",))
+        assert compiles(log) == wanted
+
+
+@pytest.mark.soak
+def test_each_of_its_parts_is_compiled_once_for_flags_and_precision(
+    empty_cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    command, log = logging_compiler(tmp_path)
+    monkeypatch.setenv("CC", command)
     flags = ("-O0",)
     eomgen.build("one_link", kernels=("mass_matrix",), flags=flags)
     assert compiles(log) == []

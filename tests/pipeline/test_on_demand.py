@@ -54,6 +54,7 @@ def test_operations_are_counted_without_a_compiler() -> None:
     assert packages() == before
 
 
+@pytest.mark.soak
 def test_results_are_those_of_all_kernels_in_one_library(built: Build) -> None:
     robot = random_robot(17, joints=(2, 2))
     apart, whole = built(robot), built(robot, "energy", "residual", "rollout")

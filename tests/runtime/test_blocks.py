@@ -114,6 +114,7 @@ def test_what_is_asked_wrongly_is_said(built: Build) -> None:
         built(chain(2), "mass_matrix").blocks(np.zeros(12))
 
 
+@pytest.mark.soak
 def test_a_generated_package_has_them_too(tmp_path: Path) -> None:
     eomgen.generate(eomgen.load_robot("one_link"), tmp_path, Options(flags=("-O0",), level=BASE))
     code = (

@@ -61,6 +61,7 @@ def test_the_elastic_puma(elastic: eomgen.SimulationResult) -> None:
     assert np.abs(kernel.forward_dynamics(motion.q[0], motion.v[0], motion.u[0])).max() < 1e-9
 
 
+@pytest.mark.soak
 def test_the_default_tolerance_is_tight_enough(elastic: eomgen.SimulationResult) -> None:
     tight = simulate(eomgen.load_robot("puma560_elastic"), duration=0.8, rtol=1e-8)
     error = np.linalg.norm(tight.pose[:, :3, 3] - elastic.pose[:, :3, 3], axis=1).max()

@@ -112,6 +112,7 @@ def figures() -> str:
     return found[1]
 
 
+@pytest.mark.soak
 def test_sizes_are_those_of_binutils(example: ModuleType, task: object, tmp_path: Path) -> None:
     if not example.is_here("gcc"):
         pytest.skip("apt install gcc-arm-none-eabi libnewlib-arm-none-eabi")

@@ -311,6 +311,7 @@ int main()
 """
 
 
+@pytest.mark.soak
 def test_a_singular_mass_matrix_is_reported(tmp_path: Path) -> None:
     """Coordinate and state are those of the Python kernel's error."""
     robot, kernels = held_body(), ("forward_dynamics", "forward_dynamics_jacobian", "rollout")

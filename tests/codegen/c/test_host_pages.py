@@ -173,6 +173,7 @@ def test_the_s_function_has_the_kernels_accelerations(package: Path, tmp_path: P
     np.testing.assert_array_equal(numbers, [*v, *kernel.forward_dynamics(q, v, u), *q, *v])
 
 
+@pytest.mark.soak
 def test_the_hardware_component_moves_as_the_kernel_says(package: Path, tmp_path: Path) -> None:
     headers = {
         "hardware_interface/system_interface.hpp": SYSTEM_INTERFACE,

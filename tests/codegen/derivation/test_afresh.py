@@ -77,6 +77,7 @@ def test_float32_and_chosen_kernels() -> None:
     assert derive_afresh(model, ("kinematics",)).zeros is not None
 
 
+@pytest.mark.soak
 def test_lines_are_those_of_the_zero_map() -> None:
     found = derive_afresh(build_model(load_robot("puma560_elastic")))
     assert found.zeros is not None

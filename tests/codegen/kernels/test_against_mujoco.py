@@ -46,6 +46,7 @@ def motion(built: Build) -> Motion:
     return built(robot, "forward_dynamics", "inverse_dynamics", "mass_matrix", "energy"), q, v, u, states
 
 
+@pytest.mark.soak
 def test_motion_of_one_second_equals_mujocos_step_by_step(motion: Motion) -> None:
     """The same method with the same step: what differs is round-off."""
     kernel, q, v, u, states = motion

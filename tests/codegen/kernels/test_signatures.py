@@ -95,6 +95,7 @@ def test_functions_are_in_the_order_of_packages() -> None:
     ]
 
 
+@pytest.mark.soak
 def test_kernels_too_large_for_vectors(built: Build, empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Their batches, of every kind, are loops over single states and give the same numbers."""
     robot = eomgen.load_robot("one_link")
