@@ -15,6 +15,7 @@ from ..arrays import RANK, Array, Mask
 from ..errors import IntegrationError
 from ..runtime.kernel import Kernel
 from ..shown import Shown
+from ..state.drives import drives_at_rest
 from ..state.law_states import at_rest_with, refuse_moving
 from .holding import Fixation, notes_of_play
 from .tangent_system import LinearSystem, MotionState, Tangent, load_force, moving_basis, reduced, tangent
@@ -185,7 +186,12 @@ def _solve(matrix: Array, right: Array) -> Array:
 def system_at_rest(
     kernel: Kernel, q: Array, fixation: Fixation, loads: Mapping[str, Array] | None = None
 ) -> tuple[LinearSystem, RestState]:
-    """Return the linear system about the static equilibrium near q, and that; arguments and errors as of ``rest``."""
-    state, zero = rest(kernel, q, fixation, loads), np.zeros(kernel.n)
-    still = MotionState(state.q, at_rest_with(kernel, fixation.z), zero, state.u)
+    """Return the linear system about the static equilibrium near q, and that; arguments and errors as of ``rest``.
+
+    Drives that are not locked have the inputs and states with which they hold it, or are refused.
+    """
+    state, zero, n = rest(kernel, q, fixation, loads), np.zeros(kernel.n), len(kernel.coordinates)
+    locked = {name for name, stays in zip(kernel.velocities, fixation.locked, strict=True) if stays}
+    u, z = drives_at_rest(kernel, state.q[:n], state.u[:n], fixation.z, held=locked)
+    still = MotionState(state.q, at_rest_with(kernel, z), zero, np.append(u, state.u[n:]))
     return reduced(kernel, still, state.tangent, fixation, state.notes), state

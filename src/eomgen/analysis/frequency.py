@@ -168,7 +168,7 @@ def response(
     kernel = arm.kernel
     system, _ = system_at_rest(kernel, arm.coordinates(pose), arm.fixation, arm.loads)
     warn_of(system.notes)
-    forces = input_matrix(kernel, system.q, inputs, arm.fixation)
+    forces = input_matrix(kernel, (system.q, system.v, system.inputs), inputs, arm.fixation)
     rows = output_matrices(kernel, system.q, system.v, outputs)[0] @ system.basis
     H = _solved(system, forces, rows, hertz)
     H *= {"displacement": 1.0, "velocity": 2j * np.pi, "acceleration": -4.0 * np.pi**2}[kind] * np.power(

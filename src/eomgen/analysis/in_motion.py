@@ -13,6 +13,7 @@ from ..names import joint_of
 from ..pipeline.stages import build
 from ..runtime.kernel import Kernel
 from ..runtime.loop_errors import left_open
+from ..state.drives import has_drives
 from ..state.law_states import state_rates
 from ..state.vectors import state_vector
 from .at_rest import closed
@@ -30,7 +31,8 @@ def moving_system(arm: HeldRobot, q: Array, v: ArrayLike, a: ArrayLike | None, u
         arm: the robot.
         q: coordinates, (n,); loops are closed near them, what is still stays.
         v: rates of coordinates, (n,).
-        a, u: accelerations or drives, (n,); one of them.
+        a, u: accelerations or drives as ``Kernel.inputs`` has them, (n,); one of them.  With accelerations drives with
+            states are within their limits.
 
     Raises:
         InputError: both or none of a and u, or one is no such array.
@@ -46,24 +48,42 @@ def moving_system(arm: HeldRobot, q: Array, v: ArrayLike, a: ArrayLike | None, u
     if kernel.constraints:
         return _closed_system(arm, closed(kernel, q, arm.fixation.still), rates, wanted, is_drive=u is not None)
     dead = load_force(kernel, q, arm.loads)
+    inputs = wanted if u is not None and has_drives(kernel) else None
     if u is None:
         acceleration = wanted
     else:
-        missing = wanted + dead - kernel.inverse_dynamics(q, rates, 0 * q, cut=True)
+        missing = _exerted(kernel, q, rates, wanted) + dead - kernel.inverse_dynamics(q, rates, 0 * q, cut=True)
         M, free = kernel.residual_jacobian(q, rates, 0 * q)[2], ~arm.fixation.locked
         acceleration = np.zeros(kernel.n)
         acceleration[free] = np.linalg.solve(M[np.ix_(free, free)], missing[free])
     acceleration = state_rates(kernel, q, rates, acceleration)
     forces = kernel.inverse_dynamics(q, rates, acceleration, cut=True) - dead
-    slopes = tangent(kernel, q, rates, acceleration, arm.loads)
+    forces = forces if inputs is None else np.where(arm.fixation.locked, forces, inputs)
+    slopes = tangent(kernel, q, rates, acceleration, arm.loads, u=inputs)
     state, unsaid = MotionState(q, rates, acceleration, forces), replace(arm.fixation, notes=())  # those are about rest
-    return reduced(kernel, state, slopes, unsaid, tuple(notes_of_play(kernel, q)))
+    return replace(reduced(kernel, state, slopes, unsaid, tuple(notes_of_play(kernel, q))), inputs=inputs)
+
+
+def _exerted(kernel: Kernel, q: Array, v: Array, u: Array) -> Array:
+    """Return the forces of drives on coordinates under inputs u, (n,), N or N m."""
+    return np.asarray(kernel.drive_forces(q, v, u)) if has_drives(kernel) else u
+
+
+def _needed(kernel: Kernel, q: Array, v: Array, a: Array) -> Array:
+    """Return the forces that a motion takes, loops open, (n,): the residual without what drives do."""
+    zero = np.zeros(kernel.n)
+    needed = kernel.residual(q, v, a, zero)
+    if has_drives(kernel):
+        n = len(kernel.coordinates)
+        needed[:n] += kernel.drive_forces(q, v, zero)[:n]
+    return np.asarray(needed)
 
 
 def _closed_system(arm: HeldRobot, q: Array, v: Array, driving: Array, *, is_drive: bool) -> LinearSystem:
     """Return the system about a motion with loops closed; ``driving`` are the drives, or the accelerations, (n,)."""
     kernel, fixation = arm.kernel, arm.fixation
-    zero = np.zeros(kernel.n)
+    inputs = driving if is_drive and has_drives(kernel) else None
+    driving = _exerted(kernel, q, v, driving) if is_drive else driving
     J, bias = kernel.constraint_jacobian(q), kernel.constraint_bias(q, v)
     _refuse_opening(kernel, J @ v, np.abs(J).max() * np.abs(v).max(), "v", "/s", "v of kernel.project_velocity")
     dead = load_force(kernel, q, arm.loads)
@@ -74,7 +94,7 @@ def _closed_system(arm: HeldRobot, q: Array, v: Array, driving: Array, *, is_dri
         size = max(float(np.abs(J).max() * np.abs(a).max()), float(np.abs(bias).max()))
         _refuse_opening(kernel, J @ a + bias, size, "a", "/s^2", "those of its motion, or u")
     a = state_rates(kernel, q, v, a)
-    needed = kernel.residual(q, v, a, zero) - dead
+    needed = _needed(kernel, q, v, a) - dead
     prescribed = np.isin(kernel.velocities, (*kernel.prescribed, *kernel.memory))
     u = driving.copy() if is_drive else np.zeros(kernel.n)
     basis, _ = moving_basis(kernel, q, ~prescribed)
@@ -93,10 +113,11 @@ def _closed_system(arm: HeldRobot, q: Array, v: Array, driving: Array, *, is_dri
         )
     multipliers = np.linalg.lstsq(J[:, ~held].T, (needed - u)[~held], rcond=RANK)[0]
     u[held] = (needed - J.T @ multipliers)[held]
-    slopes = tangent(kernel, q, v, a, arm.loads, multipliers)
+    u = u if inputs is None else np.where(held, u, inputs)
+    slopes = tangent(kernel, q, v, a, arm.loads, multipliers, inputs)
     bending = _jacobian_rates(arm, q, v, a)
     state, unsaid = MotionState(q, v, a, u), replace(fixation, notes=())  # those are about rest
-    return reduced(kernel, state, slopes, unsaid, tuple(notes_of_play(kernel, q)), bending)
+    return replace(reduced(kernel, state, slopes, unsaid, tuple(notes_of_play(kernel, q)), bending), inputs=inputs)
 
 
 def _accelerations(kernel: Kernel, q: Array, v: Array, J: Array, bias: Array, forces: Array, moving: Mask) -> Array:
@@ -109,7 +130,7 @@ def _accelerations(kernel: Kernel, q: Array, v: Array, J: Array, bias: Array, fo
     basis, independent = moving_basis(kernel, q, moving)
     if independent:
         M = kernel.residual_jacobian(q, v, zero)[2]
-        missing = basis.T @ (forces - kernel.residual(q, v, a, zero))
+        missing = basis.T @ (forces - _needed(kernel, q, v, a))
         a += basis @ np.linalg.solve(basis.T @ M @ basis, missing)
     return np.asarray(a)
 

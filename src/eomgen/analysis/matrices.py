@@ -49,7 +49,8 @@ class StateSpace(Shown, Saved):
         inputs, outputs: names, see ``ports``.
         kind: of the outputs: displacement, velocity or acceleration.
         coordinates: names of all coordinates, n.
-        q, v, a, u: the state about which it is, (n,) each.
+        q, v, a, u: the state about which it is, (n,) each; u of servo drives as ``Kernel.inputs`` has it, where it was
+            given or a static equilibrium says it, else the force.
         memory, z: names of all states of laws, and the states about which it is, (memory,).
         notes: lines about what was assumed.
     """
@@ -241,7 +242,7 @@ def state_space(
     """
     kernel, m = system.kernel, len(system.independent)
     moving = bool(system.v[: len(kernel.coordinates)].any() or system.a[: len(kernel.coordinates)].any())
-    whole, laws = input_matrix(kernel, system.q, inputs, fixation), system.memory
+    whole, laws = input_matrix(kernel, (system.q, system.v, system.inputs), inputs, fixation), system.memory
     p, n = len(laws.names), len(kernel.coordinates)
     forces = np.linalg.solve(system.M, system.basis.T @ whole)
     lower = -np.linalg.solve(system.M, np.hstack([system.K, system.D, laws.acts]))

@@ -112,7 +112,9 @@ def kernel_of(
     """
     if kernel is None:
         cuts = ("cut_forces", "cut_jacobian") if build_model(robot).cut_laws else ()
-        kernel = build(robot, kernels=(*KERNELS, *mechanism_kernels(robot), *cuts), progress=progress or no_report)
+        drives = ("drive_forces",) if build_model(robot).beside else ()
+        names = (*KERNELS, *mechanism_kernels(robot), *cuts, *drives)
+        kernel = build(robot, kernels=names, progress=progress or no_report)
         kernel.parameters.update(parameters or {})
         return kernel
     if parameters:

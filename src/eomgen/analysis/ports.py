@@ -12,7 +12,7 @@ from ..errors import InputError, UnknownNameError
 from ..names import show, split_component
 from ..robot.coordinates import FORCES, MOTIONS, unit_of
 from ..runtime.kernel import Kernel
-from ..state.drives import drive_jacobian, has_drives, inputs_at
+from ..state.drives import drive_slopes, has_drives
 from .holding import Fixation
 from .tangent_system import frame_hessian
 
@@ -20,19 +20,27 @@ PortKind = Literal["displacement", "velocity", "acceleration"]
 KINDS: tuple[str, ...] = get_args(PortKind)
 
 
-def input_matrix(kernel: Kernel, q: Array, names: Sequence[str], fixation: Fixation) -> Array:
+def input_matrix(
+    kernel: Kernel, state: tuple[Array, Array, Array | None], names: Sequence[str], fixation: Fixation
+) -> Array:
     """Return generalized forces per unit of each input, (n, inputs).
 
     An input is a coordinate's name (its drive, as ``Kernel.inputs`` has it, or a force like one; N or N m), or a frame
     or link with a component of a wrench at its origin, base frame: "tcp.fx", "link3.mz".
 
+    Args:
+        kernel: of the robot.
+        state: q, v and the drives' inputs, (n,) each; None: drives are within their limits.
+        names: of the inputs.
+        fixation: what is locked.
+
     Raises:
         UnknownNameError: a name is neither.
         InputError: a coordinate is locked, and its drive cannot move it.
     """
-    columns, rest, drives = [], np.zeros(kernel.n), np.eye(kernel.n)
+    columns, drives, (q, v, u) = [], np.eye(kernel.n), state
     if has_drives(kernel):
-        drives = drive_jacobian(kernel, q, rest, inputs_at(kernel, q, rest))[2]
+        drives = drive_slopes(kernel, q, v, u)[2]
     for name in names:
         if name in kernel.coordinates:
             i = kernel.coordinates.index(name)

@@ -89,10 +89,16 @@ class Tangent(Shown):
 
 
 def tangent(
-    kernel: Kernel, q: Array, v: Array, a: Array, loads: Mapping[str, Array], multipliers: Array | None = None
+    kernel: Kernel,
+    q: Array,
+    v: Array,
+    a: Array,
+    loads: Mapping[str, Array],
+    multipliers: Array | None = None,
+    u: Array | None = None,
 ) -> Tangent:
-    """Return the derivatives at a state, drives constant."""
-    by_q, by_v, by_a = slopes_of(kernel, q, v, a)
+    """Return the derivatives at a state, drives constant: within their limits, or where inputs u leave them."""
+    by_q, by_v, by_a = slopes_of(kernel, q, v, a, u)
     K = by_q.copy()
     for frame, w in loads.items():
         K -= np.einsum("k,kij->ij", w, frame_hessian(kernel.frame_jacobian(q, frame)))
@@ -180,13 +186,15 @@ class LinearSystem(Shown):
     Attributes:
         kernel: of the robot.
         q, v, a: the state, (n,) each, n the kernel's: with states of laws in v, their rates in a.
-        u: drives and held forces there, (n,), N or N m.
+        u: drives there, (n,), as ``Kernel.inputs`` has them, or forces where only these are known; held forces, N or
+            N m.
         independent: names of the independent coordinates, m.
         basis: change of all coordinates per independent one, (n, m).
         basis_rate: of it along the motion, (n, m); 0 at rest and without loops.
         M, D, K: (m, m).
         memory: states of laws, without those of what is locked.
         notes: lines about what was assumed.
+        inputs: of drives with states, (n,); None: they are within their limits.
     """
 
     kernel: Kernel
@@ -202,6 +210,7 @@ class LinearSystem(Shown):
     K: Array
     memory: LawStates
     notes: tuple[str, ...]
+    inputs: Array | None = None
 
     def hefts(self) -> Array:
         """Return factors that make states of laws as large as rates of coordinates, (p,).

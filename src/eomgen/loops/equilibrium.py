@@ -7,13 +7,20 @@ from collections.abc import Callable, Iterable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import Array
+from ..arrays import RANK, Array, Mask
 from ..errors import IntegrationError, check_kind
 from ..robot.sizes import REFERENCE_ACCELERATION
 from ..runtime.by_name import WrenchLike, wrench_rows
 from ..runtime.kernel import Kernel
 from ..runtime.turning import singular_joints
-from ..state.equilibrium import given_forces, known_coordinates, refuse_singular, static_equilibrium
+from ..state.drives import DrivesAtRest, is_of_drive
+from ..state.equilibrium import (
+    given_forces,
+    known_coordinates,
+    refuse_singular,
+    rest_within_limits,
+    static_equilibrium,
+)
 from ..state.law_states import StatesLike, at_rest_with, memory_vector, refuse_moving, whole_vector
 from ..state.springs import coordinate_sizes, line_rates, stiffnesses
 from ..state.turning import Turns
@@ -36,19 +43,21 @@ def closed_equilibrium(
 ) -> Array:
     """Return the static equilibrium near a guess, loops closed, (n,); without loops ``static_equilibrium``.
 
-    States of laws stay as they are, as there.
+    States of laws stay as they are, those of drives settle, as there.
 
     Args:
         kernel: float64, with residual, mass_matrix and the constraint.
         q_guess: coordinates, (n,), or with room for states of laws behind them, (kernel.n,).
-        u: drives, (n,), N or N m, or a function of q, (n,) or (N, n), to the same shape; none by default.
+        u: drives, (n,), as ``Kernel.inputs`` has them, or a function of q, (n,) or (N, n), to the same shape; none by
+            default.
         held: names of coordinates that stay at their guess, whatever drive that takes; prescribed ones do.
         wrench: external wrenches, as of the kernel's methods: (links, 6), or by frame and link.
         z: states of laws, (memory,), or by name; 0 by default.
 
     Raises:
         LoopError: the loops do not close near the guess.
-        IntegrationError: there is no such state near the guess: a coordinate that nothing holds is named.
+        IntegrationError: there is no such state near the guess: a coordinate that nothing holds is named, or a drive
+            whose limits do not leave the force.
         UnknownNameError, ArrayError: a name or an array is wrong.
     """
     check_kind("kernel", kernel, hasattr(kernel, "calls"), "a Kernel (of eomgen.build, or of a generated package)")
@@ -57,33 +66,96 @@ def closed_equilibrium(
     kept = known_coordinates(held, kernel) | set(kernel.prescribed)
     fixed = np.array([name in kept or name in kernel.memory for name in kernel.velocities])
     guess, width = whole_vector(kernel, "q_guess", q_guess)
-    q = kernel.assemble(guess, kept)
-    forces, turns = given_forces(kernel, u, width), Turns(kernel, fixed)
+    inputs, drives = given_forces(kernel, u, width), DrivesAtRest(kernel)
+    places = drives.places(guess, inputs, kept)
+    guess[list(places)] = list(places.values())
+    q = kernel.assemble(guess, kept | {kernel.coordinates[i] for i in places})
     states = memory_vector(kernel, z)
     refuse_moving(kernel, states)
-    rates = at_rest_with(kernel, states)
+    states[[is_of_drive(name) for name in kernel.memory]] = 0.0  # which exert nothing where they have no error
+    balance = _Balance(kernel, at_rest_with(kernel, states), wrench, fixed)
 
-    def imbalance(qs: Array) -> Array:
-        zero, still = np.zeros_like(qs), np.broadcast_to(rates, qs.shape)
-        described = turns.q_back(qs, q)
-        u_here = turns.forces(forces(described), described, qs)
-        return np.asarray(
-            turns.here.residual(qs, still, zero, u_here, wrench=wrench_rows(kernel.calls, described, wrench))
+    def rest(limited: bool) -> tuple[Array, Array]:
+        def exerted(qs: Array) -> Array:
+            return drives.forces(qs, inputs(qs), limited=limited)
+
+        def acting(qs: Array) -> Array:
+            return drives.beside(qs, exerted(qs))
+
+        balanced = balance.near(q, acting, list(places))
+        forces = exerted(balanced) + balance.holding(balanced, acting, list(places))
+        return balanced, drives.alone(forces, inputs(balanced))
+
+    return rest_within_limits(drives, rest, kept)[0][:width]
+
+
+class _Balance:
+    """Imbalance of a mechanism's forces, in angles that are not singular."""
+
+    def __init__(self, kernel: Kernel, rates: Array, wrench: WrenchLike | None, fixed: Mask) -> None:
+        """Begin with what acts on it.
+
+        Args:
+            kernel: of the mechanism.
+            rates: velocities at rest with states of laws, (n,).
+            wrench: external wrenches.
+            fixed: which coordinates stay, (n,).
+        """
+        self.kernel, self._rates, self._wrench, self._fixed = kernel, rates, wrench, fixed
+        self._turns = Turns(kernel, fixed)
+
+    def near(self, q: Array, acting: Callable[[Array], Array], places: list[int]) -> Array:
+        """Return the balanced state near an assembled one, (n,).
+
+        Args:
+            q: to begin with, (n,).
+            acting: forces as a function of q.
+            places: indices of further coordinates that stay.
+        """
+        turns, fixed = self._turns, self._fixed.copy()
+        fixed[places] = True
+        for _ in range(ROUNDS):
+            turns.take(singular_joints(q, turns.joints))
+            here = turns.q_on(q)
+            chart = Chart(turns.here, here, prescribed=fixed)
+            if not chart.free.size:
+                return q
+            imbalance = self._imbalance(q, acting)
+            change, size = _newton_step(chart, here, imbalance)
+            here, done = _taken(chart, here, change, imbalance)
+            q = turns.q_back(here, q)
+            if done or (np.abs(change) <= SMALL * size + 1e-13 * np.abs(here[chart.free])).all():
+                return q
+        worst = self.kernel.coordinates[chart.free[int(np.argmax(np.abs(change) / size))]]
+        raise IntegrationError(
+            f"{self.kernel.name}: no static equilibrium near the guess; {worst} stays out of balance"
         )
 
-    for _ in range(ROUNDS):
-        turns.take(singular_joints(q, turns.joints))
-        here = turns.q_on(q)
-        chart = Chart(turns.here, here, prescribed=fixed)
-        if not chart.free.size:
-            return q[:width]
-        change, size = _newton_step(chart, here, imbalance)
-        here, done = _taken(chart, here, change, imbalance)
-        q = turns.q_back(here, q)
-        if done or (np.abs(change) <= SMALL * size + 1e-13 * np.abs(here[chart.free])).all():
-            return q[:width]
-    worst = kernel.coordinates[chart.free[int(np.argmax(np.abs(change) / size))]]
-    raise IntegrationError(f"{kernel.name}: no static equilibrium near the guess; {worst} stays out of balance")
+    def holding(self, q: Array, acting: Callable[[Array], Array], places: list[int]) -> Array:
+        """Return the least forces at these places, (n,), that hold a state balanced elsewhere."""
+        forces = np.zeros(self.kernel.n)
+        if not places:
+            return forces
+        here = self._turns.q_on(q)
+        chart = Chart(self._turns.here, here, prescribed=self._fixed)
+        if chart.free.size:
+            states, slopes = chart.assemble(here[np.newaxis])
+            basis, left = chart.tangent_basis(slopes)[0], self._imbalance(q, acting)(states)[0]
+            forces[places] = np.linalg.lstsq(basis[places].T, basis.T @ left, rcond=RANK)[0]
+        return forces
+
+    def _imbalance(self, near: Array, acting: Callable[[Array], Array]) -> Callable[[Array], Array]:
+        """Return what is left of the forces as a function of q, (N, n), in angles that are not singular."""
+        turns, kernel = self._turns, self.kernel
+
+        def imbalance(qs: Array) -> Array:
+            zero, still = np.zeros_like(qs), np.broadcast_to(self._rates, qs.shape)
+            described = turns.q_back(qs, near)
+            u_here = turns.forces(acting(described), described, qs)
+            wrench = wrench_rows(kernel.calls, described, self._wrench)
+            return np.asarray(turns.here.residual(qs, still, zero, u_here, wrench=wrench))
+
+        return imbalance
 
 
 def _newton_step(chart: Chart, q: Array, imbalance: Callable[[Array], Array]) -> tuple[Array, Array]:

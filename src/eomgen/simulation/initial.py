@@ -57,10 +57,14 @@ def initial_state(robot: Robot, scenario: Scenario, assembly: Assembly) -> tuple
         if name not in names_in_scenarios(robot):
             scenario.refuse("initial.held", name, kernel.coordinates)
     loose = _loose(robot, assembly)
-    still = {*loose, *_servos(kernel), *(names_in_scenarios(robot)[name] for name in fixed)}
+    settles = has_drives(kernel) and not (initial and initial.z)
+    servos = set(_servos(kernel))
+    if settles:  # what controls a position finds it
+        servos = {name for name in servos if kernel.inputs[name].meaning != "reference of position"}
+    still = {*loose, *servos, *(names_in_scenarios(robot)[name] for name in fixed)}
     q = _balanced(robot, scenario, assembly, (q, v[len(kernel.coordinates) :]), still)
-    if has_drives(kernel) and not (initial and initial.z):
-        v, lost = _settled(assembly, q, v)
+    if settles:
+        v, lost = _settled(scenario, assembly, q, v)
         loose = (*loose, *lost)
     return q, v, loose
 
@@ -70,15 +74,20 @@ def _servos(kernel: Kernel) -> tuple[str, ...]:
     return tuple(name for name, x in kernel.inputs.items() if not x.is_force and name not in kernel.prescribed)
 
 
-def _settled(assembly: Assembly, q: Array, v: Array) -> tuple[Array, tuple[str, ...]]:
-    """Return v with states of drives that hold the robot where it is, and the coordinates of drives that cannot."""
+def _settled(scenario: Scenario, assembly: Assembly, q: Array, v: Array) -> tuple[Array, tuple[str, ...]]:
+    """Return v with states of drives that hold the robot where it is, and the coordinates of drives that do not."""
     kernel, zero, wrenches = assembly.kernel, np.zeros(assembly.kernel.n), assembly.wrenches
     u, wrench = assembly.drive.standstill()(0.0, q, zero), None if wrenches is None else wrenches(0.0, q, zero)
     try:
         forces = kernel.inverse_dynamics(q, v, zero, wrench=wrench)
     except LoopError:  # these drives cannot hold it
         return v, _servos(kernel)
-    return settled(kernel, q, v, u, forces)
+    try:
+        return settled(kernel, q, v, u, forces)
+    except IntegrationError as error:
+        if not scenario.source:
+            raise
+        raise IntegrationError(f"{scenario.label('initial')}: {error}") from None
 
 
 def _closed(assembly: Assembly, q: Array, v: Array, velocities: Container[str]) -> tuple[Array, Array]:
@@ -134,7 +143,7 @@ def _balanced(
         still: coordinates that are held.
     """
     kernel, drive, wrenches, (q, z) = assembly.kernel, assembly.drive.standstill(), assembly.wrenches, begin
-    zero = np.zeros(kernel.n)
+    zero, beside = np.zeros(kernel.n), kernel.calls.arrays.beside_drives
     kernel.parameters.update(loaded_parameters(robot, scenario, 0.0))
 
     def forces(qs: Array) -> Array:
@@ -142,8 +151,8 @@ def _balanced(
         if wrenches is None:
             return u
         if qs.ndim == 1:
-            return u + kernel.external_force(qs, wrenches(0.0, qs, zero))
-        return u + kernel.external_force(qs, np.array([wrenches(0.0, x, zero) for x in qs]))
+            return beside(u, kernel.external_force(qs, wrenches(0.0, qs, zero)))
+        return beside(u, kernel.external_force(qs, np.array([wrenches(0.0, x, zero) for x in qs])))
 
     states = z if z.size else None
     try:

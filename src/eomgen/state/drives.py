@@ -1,16 +1,25 @@
-"""Derivatives of what drives with states do, beside those of inverse dynamics."""
+"""Drives with states: derivatives of what they do, beside those of inverse dynamics, and what they do at rest."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable, Container
+
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..arrays import Array
+from ..errors import IntegrationError, check_kind
 from ..names import split_state
+from ..robot.coordinates import force_unit_of
 from ..robot.memory.drives import DRIVE
+from ..robot.memory.standstill import standstill_of
+from ..robot.parameter_names import JOINTS
 from ..runtime.kernel import Kernel
+from .elements import element_numbers
+from .vectors import state_vector
 
-ROUNDS = 20  # of Newton's method for states of drives at rest, which are linear within limits
-SETTLED = 1e-9  # of the states, their residual
+NEAR, TINY = 1e-6, 1e-12  # of inputs under which drives exert the same force: relative, and in their units
 
 
 def has_drives(kernel: Kernel) -> bool:
@@ -24,11 +33,11 @@ def is_of_drive(state: str) -> bool:
 
 
 def inputs_at(kernel: Kernel, q: Array, v: Array) -> Array:
-    """Return u, (n,), by which drives have no control error: references are what they measure, other inputs 0."""
-    u = np.zeros(kernel.n)
+    """Return u, (..., n), by which drives have no control error: references are what they measure, other inputs 0."""
+    u = np.zeros(q.shape)
     for i, one in enumerate(kernel.inputs.values()):
-        measured = {"reference of position": q[i], "reference of velocity": v[i]}
-        u[i] = measured.get(one.meaning, 0.0)
+        if one.meaning in (f"reference of {name}" for name in ("position", "velocity")):
+            u[..., i] = (q if one.meaning.endswith("position") else v)[..., i]
     return u
 
 
@@ -47,33 +56,163 @@ def drive_jacobian(kernel: Kernel, q: Array, v: Array, u: Array) -> tuple[Array,
     return by_q, by_v, inputs
 
 
-def settled(kernel: Kernel, q: Array, v: Array, u: Array, forces: Array) -> tuple[Array, tuple[str, ...]]:
-    """Return v with states of drives that hold a robot at rest, and the coordinates of drives that cannot.
+def drive_slopes(kernel: Kernel, q: Array, v: Array, u: Array | None) -> tuple[Array, Array, Array]:
+    """Return ``drive_jacobian`` under inputs u; without them, within all limits, where drives are linear."""
+    if u is None:
+        v = np.zeros_like(v)
+        u = inputs_at(kernel, q, v)
+    return drive_jacobian(kernel, q, v, u)
 
-    Their rates vanish then, control errors of integrators among them, and they exert the forces that are asked for.  Of
-    drives that cannot, as without an integral, states stay as they are.
+
+class DrivesAtRest:
+    """Drives with states of a kernel in a static equilibrium, by the numbers that the kernel has now.
+
+    Attributes:
+        kernel: whose they are.
+        drives: what each does at rest, by the index of its coordinate.
+    """
+
+    def __init__(self, kernel: Kernel) -> None:
+        laws, own = element_numbers(kernel, JOINTS), kernel.calls.raw.libraries.meta.get("inputs", {})
+        self.kernel = kernel
+        self.drives = {kernel.coordinates.index(name): standstill_of(laws[name]) for name in own}
+        self._beside = {kernel.coordinates.index(name): place for name, (_, _, place) in own.items()}
+
+    def places(self, q: Array, inputs: Callable[[Array], Array], kept: Container[str]) -> dict[int, float]:
+        """Return where drives without an error hold their coordinates, m or rad, by index; others stay as they are.
+
+        Args:
+            q: coordinates, (kernel.n,).
+            inputs: of all drives as a function of q, (kernel.n,).
+            kept: names of coordinates that stay whatever their drives do.
+
+        Raises:
+            IntegrationError: a velocity's integral has a reference that is not 0; the drive is named.
+        """
+        if not self.drives:
+            return {}
+        held, u = dict[int, float](), inputs(q)
+        for i, one in self.drives.items():
+            name = self.kernel.coordinates[i]
+            if name in kept or one.compliance:
+                continue
+            if one.heeds and not one.follows and u[i]:
+                meant = self.kernel.inputs[name]
+                raise IntegrationError(
+                    f"{self.kernel.name}: no static equilibrium: {name} has a {meant.meaning} of {u[i]:g} {meant.unit},"
+                    " and its drive leaves no error; allowed: 0"
+                )
+            held[i] = float(u[i] if one.follows else q[i])
+        return held
+
+    def forces(self, q: Array, u: Array, *, limited: bool = True) -> Array:
+        """Return forces on coordinates of drives with an error, and of all else that u is, (..., kernel.n), N or N m.
+
+        Args:
+            q, u: coordinates and inputs, (..., kernel.n); forces beside drives as ``Arrays.beside_drives`` has them.
+            limited: whether limits of the drives count.
+        """
+        if not self.drives:
+            return u
+        total = u.copy()
+        for i, one in self.drives.items():
+            free = one if limited else one._replace(greatest=math.inf)
+            pairs = zip(np.ravel(u[..., i]).tolist(), np.ravel(q[..., i]).tolist(), strict=True)
+            exerted = [free.force(*pair) if one.compliance else 0.0 for pair in pairs]
+            beside = self._beside[i]
+            total[..., i] = np.reshape(exerted, u.shape[:-1]) + u[..., beside]
+            total[..., beside] = 0.0
+        return total
+
+    def alone(self, forces: Array, u: Array) -> Array:
+        """Return forces, (kernel.n,), less those beside drives in u, (kernel.n,): what drives exert by themselves."""
+        result = forces.copy()
+        for i, beside in self._beside.items():
+            result[i] -= u[beside]
+        return result
+
+    def beside(self, q: Array, forces: Array) -> Array:
+        """Return u, (..., kernel.n), with which forces act at rest beside drives that exert nothing."""
+        if not self.drives:
+            return forces
+        return self.kernel.calls.arrays.beside_drives(inputs_at(self.kernel, q, np.zeros_like(q)), forces)
+
+    def overload(self, forces: Array, kept: Container[str] = ()) -> str:
+        """Say which drives cannot exert forces, (n,) or more, within their limits; "" where all can."""
+        said = []
+        for i, one in self.drives.items():
+            name = self.kernel.coordinates[i]
+            if name not in kept and not one.can_exert(forces[i]):
+                unit = force_unit_of(name)
+                leaves = f"{one.limit} leaves {one.greatest:.4g} {unit}"
+                why = leaves if math.isfinite(one.compliance) else "its controller exerts none at rest"
+                said.append(f"{name} would have to exert {forces[i]:.4g} {unit}, {why}")
+        return "; ".join(said)
+
+    def refuse_overload(self, forces: Array, kept: Container[str] = ()) -> None:
+        """Raise IntegrationError where drives cannot exert forces, (n,) or more; they are named, and their limits."""
+        said = self.overload(forces, kept)
+        if said:
+            what = "no static equilibrium within the limits of its drives"
+            allowed = "allowed: another pose or load, or higher limits"
+            raise IntegrationError(f"{self.kernel.name}: {what}: {said}; {allowed}")
+
+
+def drives_at_rest(
+    kernel: Kernel, q: ArrayLike, forces: ArrayLike, z: ArrayLike | None = None, *, held: Container[str] = ()
+) -> tuple[Array, Array]:
+    """Return inputs u, (n,), and states of laws, (memory,), with which drives exert forces on a robot at rest.
+
+    Currents and filters stand at the values that these forces take, integrals where the control errors that they watch
+    are 0; without an integral a reference differs from what is measured by the steady error.
 
     Args:
-        q, v: a state at rest, (n,), with states of laws behind velocities.
-        u: inputs of the drives, (n,).
-        forces: on coordinates that hold it, (n,), N or N m.
+        kernel: of the robot.
+        q: coordinates, (n,).
+        forces: on coordinates, (n,), N or N m, as ``static_equilibrium`` returns them.
+        z: states of other laws, (memory,); 0 by default.
+        held: names of coordinates that are held by something else: u is the force there, and states stay as in z.
+
+    Raises:
+        ArrayError: an array is wrong.
+        IntegrationError: limits of a drive do not leave its force; it is named, and the limit.
     """
-    v, inertia, lost = v.copy(), np.diagonal(kernel.mass_matrix(q)), list[str]()
-    names = kernel.velocities
-    for name in kernel.calls.raw.libraries.meta["inputs"]:
-        i = kernel.coordinates.index(name)
-        states = [k for k, x in enumerate(names) if x.startswith(f"{name}.{DRIVE}.")]
-        begin = v[states].copy()
-        for _ in range(ROUNDS):
-            _, by_v, _ = drive_jacobian(kernel, q, v, u)
-            rates, exerted = kernel.forward_dynamics(q, v, u)[states], kernel.drive_forces(q, v, u)[i]
-            left = np.append(-rates, forces[i] - exerted)
-            rows = np.vstack([by_v[np.ix_(states, states)] / inertia[states, np.newaxis], by_v[i, states]])
-            scale = np.maximum(np.abs(rows).max(axis=1), 1e-300)
-            if np.abs(left / scale).max() <= SETTLED * max(1.0, float(np.abs(v[states]).max())):
-                break
-            v[states] += np.linalg.lstsq(rows / scale[:, np.newaxis], left / scale, rcond=None)[0]
-        else:
-            v[states] = begin
-            lost.append(name)
-    return v, tuple(lost)
+    check_kind("kernel", kernel, hasattr(kernel, "calls"), "a Kernel (of eomgen.build, or of a generated package)")
+    n, drives = len(kernel.coordinates), DrivesAtRest(kernel)
+    q, u = (state_vector(label, x, kernel.coordinates) for label, x in (("q", q), ("forces", forces)))
+    states = np.zeros(len(kernel.memory)) if z is None else state_vector("z", z, kernel.memory)
+    drives.refuse_overload(u, held)
+    for i, one in drives.drives.items():
+        if kernel.coordinates[i] in held:
+            continue
+        own = f"{kernel.coordinates[i]}.{DRIVE}."
+        for k, name in enumerate(kernel.memory):
+            if name.startswith(own):
+                states[k] = one.states.get(name.removeprefix(own), 0.0) * u[i]
+        u[i] = one.input(u[i], q[i])
+    return u[:n], states
+
+
+def settled(kernel: Kernel, q: Array, v: Array, u: Array, forces: Array) -> tuple[Array, tuple[str, ...]]:
+    """Return v with states of drives that hold a robot at rest, and the coordinates of drives whose input does not.
+
+    Args:
+        q, v: a state at rest, (kernel.n,), with states of laws behind velocities; those of drives that do not hold it
+            stay as they are.
+        u: inputs of the drives, (kernel.n,).
+        forces: on coordinates that hold it, (kernel.n,), N or N m.
+
+    Raises:
+        IntegrationError: limits of a drive do not leave its force; it is named, and the limit.
+    """
+    n = len(kernel.coordinates)
+    wanted, states = drives_at_rest(kernel, q[:n], forces[:n], v[n:])
+    drives, lost, result = DrivesAtRest(kernel).drives, list[str](), np.append(v[:n], states)
+    for i, one in drives.items():
+        error = abs(u[i] - wanted[i]) if one.heeds else 0.0
+        if error > NEAR * max(abs(u[i]), abs(wanted[i]), abs(wanted[i] - q[i] * one.follows), TINY):
+            own = f"{kernel.coordinates[i]}.{DRIVE}."
+            index = [k for k, name in enumerate(kernel.velocities) if name.startswith(own)]
+            result[index] = v[index]
+            lost.append(kernel.coordinates[i])
+    return result, tuple(lost)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Container, Iterable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,6 +12,7 @@ from ..errors import ArrayError, InputError, IntegrationError, LoopError, Unknow
 from ..robot.sizes import REFERENCE_ACCELERATION
 from ..runtime.by_name import WrenchLike
 from ..runtime.kernel import Kernel
+from .drives import DrivesAtRest
 from .law_states import StatesLike, at_rest_with, memory_vector, refuse_moving, whole_vector
 from .springs import coordinate_sizes, line_rates, stiffnesses
 from .vectors import Q_STEP, state_vector
@@ -29,21 +30,26 @@ def static_equilibrium(
     """Find the static equilibrium near a guess by Newton's method: springs, gravity, drives and wrenches in balance.
 
     States of laws stay as they are: whatever z bristles have, they may be at rest, so that the equilibria of a robot
-    that has some are a continuum.
+    that has some are a continuum.  Those of drives settle, see ``drives_at_rest``: a drive whose loops have an integral
+    holds its coordinate where its reference u is, of a velocity where the guess has it, and others with the error that
+    their gains leave.
 
     Args:
         kernel: float64, with inverse_dynamics and mass_matrix.
         q_guess: coordinates, (n,), or with room for states of laws behind them, (kernel.n,).
-        u: actuator forces, (n,), N or N m, or a function of q, (n,) or (N, n), to the same shape; None: zero.
+        u: drives, (n,), as ``Kernel.inputs`` has them, or a function of q, (n,) or (N, n), to the same shape, whose
+            references of drives without an error are those of the guess; None: zero.
         held: names of coordinates that stay at their guess, whatever drive that takes; prescribed ones do.
         wrench: external wrenches, as of the kernel's methods: (links, 6), or by frame and link.
         z: states of laws, (memory,), or by name; 0 by default.
 
     Returns:
-        q, (n,), and the drives that hold it, (n,): u, and in held coordinates what is needed; of the guess's length.
+        q, (n,), and the forces that hold it, (n,): u, or what drives exert under it, and in held coordinates what is
+        needed; of the guess's length.
 
     Raises:
-        IntegrationError: there is no such state near the guess: a coordinate that nothing holds is named.
+        IntegrationError: there is no such state near the guess: a coordinate that nothing holds is named, or a drive
+            whose limits do not leave the force.
         UnknownNameError, ArrayError: a name or an array is wrong.
         InputError: the robot has loops or couplings that are rigid.
     """
@@ -56,23 +62,60 @@ def static_equilibrium(
     states = memory_vector(kernel, z)
     refuse_moving(kernel, states)
     zero, rates = np.zeros(kernel.n), at_rest_with(kernel, states)
-
-    applied = given_forces(kernel, u, width)
+    applied, drives = given_forces(kernel, u, width), DrivesAtRest(kernel)
 
     def needed(qs: Array) -> Array:
         return np.asarray(kernel.inverse_dynamics(qs, rates, zero, wrench=wrench, cut=True))
 
-    q = _newton(kernel, q, free, lambda qs: needed(qs) - applied(qs))
-    return q[:width], np.where(free, applied(q), needed(q))[:width]
+    places = drives.places(q, applied, kept)
+    q[list(places)], free[list(places)] = list(places.values()), False
+
+    def rest(limited: bool) -> tuple[Array, Array]:
+        def exerted(qs: Array) -> Array:
+            return drives.forces(qs, applied(qs), limited=limited)
+
+        found = _newton(kernel, q, free, lambda qs: needed(qs) - exerted(qs))
+        return found, drives.alone(np.where(free, exerted(found), needed(found)), applied(found))
+
+    q, forces = rest_within_limits(drives, rest, kept)
+    return q[:width], forces[:width]
+
+
+def rest_within_limits(
+    drives: DrivesAtRest, rest: Callable[[bool], tuple[Array, Array]], kept: Container[str]
+) -> tuple[Array, Array]:
+    """Return q and forces of an equilibrium, or say whose limits leave none.
+
+    Args:
+        drives: of the kernel.
+        rest: returns both, with limits of the drives or without them.
+        kept: names of coordinates that stay whatever their drives do.
+
+    Raises:
+        IntegrationError: there is none.
+    """
+    try:
+        q, forces = rest(True)
+    except IntegrationError as error:
+        if not drives.drives:
+            raise
+        try:
+            q, forces = rest(False)
+        except IntegrationError:  # limits are not to blame
+            raise error from None
+        drives.refuse_overload(forces, kept)
+        raise
+    drives.refuse_overload(forces, kept)
+    return q, forces
 
 
 def given_forces(
     kernel: Kernel, u: ArrayLike | Callable[[Array], ArrayLike] | None, width: int
 ) -> Callable[[Array], Array]:
-    """Return forces as a function of q, (kernel.n,) or (N, kernel.n), that checks shapes.
+    """Return what drives are given as a function of q, (kernel.n,) or (N, kernel.n), that checks shapes.
 
     Args:
-        u: as of ``static_equilibrium``, over the first ``width`` numbers of q.
+        u: of drives, as of ``static_equilibrium``, over the first ``width`` numbers of q.
     """
     names = kernel.velocities[:width]
     constant = np.zeros(width) if u is None or callable(u) else state_vector("u", u, names)

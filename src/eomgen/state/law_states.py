@@ -20,7 +20,7 @@ from ..robot.memory.branches import BRANCHES
 from ..runtime.arrays import refuse_z
 from ..runtime.kernel import Kernel
 from ..shown import Shown
-from .drives import drive_jacobian, has_drives, inputs_at
+from .drives import drive_slopes, has_drives
 from .vectors import state_vector
 
 StatesLike = Mapping[str, float] | ArrayLike  # of laws, (memory,), or by their names
@@ -165,14 +165,15 @@ def states_of(kernel: Kernel, slopes: tuple[Array, Array, Array], basis: Array, 
     )
 
 
-def slopes_of(kernel: Kernel, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
+def slopes_of(kernel: Kernel, q: Array, v: Array, a: Array, u: Array | None = None) -> tuple[Array, Array, Array]:
     """Return derivatives of the residual by q, v and a, of laws with states at rest the means of both directions.
 
-    Bristles that are bent yield in the one direction and not in the other.  Drives are within their limits.
+    Bristles that are bent yield in the one direction and not in the other.  Drives are within their limits, or where
+    inputs u of them, (kernel.n,), leave them.
     """
     K, D, M = _passive_slopes(kernel, q, v, a)
     if has_drives(kernel):
-        by_q, by_v, _ = drive_jacobian(kernel, q, v, inputs_at(kernel, q, v))
+        by_q, by_v, _ = drive_slopes(kernel, q, v, u)
         K, D = K - by_q, D - by_v
     return K, D, M
 
