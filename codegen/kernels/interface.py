@@ -12,7 +12,7 @@ from eomgen.robot.cuts import UPRIGHT
 from eomgen.robot.mechanism import coordinate_of, effort_of, leading_home
 from eomgen.robot.memory.drives import input_of
 from eomgen.robot.model import Model, movable_limits
-from eomgen.robot.parameter_names import element_places, least_of, matrices
+from eomgen.robot.parameter_names import conditions, element_places, least_of, matrices
 from eomgen.robot.value import LINEAR, MOTOR, Coupling, Loop
 
 from ..tree.regressor import described_values, regressor_names
@@ -21,6 +21,7 @@ from .signatures import KERNELS, element_rows, functions, shapes
 IF_ANY = (  # entries of the metadata that are there only where there is something to tell
     *("motors", "efforts", "ranges", "home", "frame_links", "turning", "loops", "upright", "constraints", "couplings"),
     *("memory", "memory_units", "inputs", "followers", "cut_laws", "regressor", "springs", "element_rows", "matrices"),
+    "conditions",
 )
 
 
@@ -83,6 +84,7 @@ def describe_kernels(model: Model, kernels: Sequence[str], dtype: str) -> dict[s
         "springs": [spring.name for spring in robot.springs],
         "element_rows": element_rows(model),
         "matrices": matrices(model.parameters),
+        "conditions": conditions(robot, model.parameters),
     }
     return {key: value for key, value in described.items() if value or key not in IF_ANY}
 

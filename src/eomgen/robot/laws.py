@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from types import MappingProxyType
 
+from .memory.bouc_wen import CONDITIONS as PASSIVE
 from .memory.bouc_wen import WOUND, hysteresis_conflict, hysteresis_states
 from .memory.branches import BRANCHES, MOST_BRANCHES, branch_conflict, branch_states, branches_of
 from .memory.bristles import BRISTLES, bristle_conflict, bristle_states
@@ -26,6 +27,7 @@ from .numbers import (
     SMALLEST,
     STIFFNESS,
     YIELD,
+    Condition,
     Conflict,
     Number,
     Values,
@@ -67,6 +69,7 @@ class Law:
         absorbs: springs that act within its formula.
         excludes: numbers and laws that it cannot stand beside; ``instead`` is what the message calls allowed.
         rule: numbers, "stiffness" among them -> key and message of what does not go together, None if all does.
+        conditions: what of this rule run-time parameters must satisfy: each where all its numbers are there.
         has_points: whether it is a curve: its forces are the numbers "NAME.0", "NAME.1", ...
         states: numbers -> what it remembers; None of a law that is a function of deviation and velocity.
         any_number: whether each of its numbers says that the law is there, not the first of them alone.
@@ -86,6 +89,7 @@ class Law:
     excludes: tuple[str, ...] = ()
     instead: str = ""
     rule: Callable[[Values], Conflict | None] | None = None
+    conditions: tuple[Condition, ...] = ()
     has_points: bool = False
     states: Callable[[Values], tuple[State, ...]] | None = None
     any_number: bool = False
@@ -186,6 +190,7 @@ def _steepest(k: float, numbers: Values, knots: Sequence[float]) -> float:
 
 
 ARMATURE = "armature"
+YIELDING = f"coulomb of at least {SMALLEST:g}, at which bristles yield"
 BASIC = (
     Number("stiffness", "linear spring", STIFFNESS),
     Number("damping", "linear damper", DAMPING),
@@ -293,6 +298,14 @@ _LAWS = (
         contact=lambda numbers: numbers.get(BRISTLES, 0.0),
         of_rotor=True,
         rule=_stribeck,
+        conditions=(
+            Condition({"friction.static": 1.0, "friction.coulomb": -1.0}, 0.0, "static of at least coulomb"),
+            Condition(
+                {"friction.coulomb": 1.0, BRISTLES: 0.0},
+                SMALLEST,
+                YIELDING,
+            ),
+        ),
         states=bristle_states,
     ),
     Law(
@@ -330,6 +343,7 @@ _LAWS = (
             (1.0 - numbers["hysteresis.share"]) * numbers["hysteresis.stiffness"] * numbers["hysteresis.A"]
         ),
         rule=hysteresis_conflict,
+        conditions=PASSIVE,
         states=hysteresis_states,
     ),
     Law(
@@ -378,6 +392,7 @@ _LAWS = (
         contact=lambda numbers: numbers["stops.stiffness"],
         of_rotor=True,
         rule=_between_stops,
+        conditions=(Condition({"stops.upper": 1.0, "stops.lower": -1.0}, 0.0, "lower of at most upper"),),
     ),
     Law(
         name="curve",

@@ -38,6 +38,21 @@ class Number:
     default: Callable[[Values], float | None] | None = None
 
 
+@dataclass(frozen=True)
+class Condition:
+    """A condition between numbers of a law, which holds for run-time parameters, too.
+
+    Attributes:
+        factors: of the numbers, by their keys: the sum of the products is at least ``least``.
+        least: that value.
+        allowed: what messages call allowed.
+    """
+
+    factors: Mapping[str, float]
+    least: float
+    allowed: str
+
+
 divisor = partial(Number, least=SMALLEST)  # a number that something is divided by
 
 

@@ -6,13 +6,14 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import groupby
 from types import MappingProxyType
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from ..errors import DescriptionError
 from ..names import nearest, parameter_name, parameter_path, show
 from .coordinates import MODE
 from .elements import JOINT_ELEMENTS, KINDS, Spring
-from .laws import BASIC, NUMBERS
+from .laws import BASIC, LAWS, NUMBERS
+from .memory.bristles import FADING, PASSIVITY
 from .numbers import Number
 from .value import COORDINATES, MOTOR, Robot
 
@@ -111,6 +112,30 @@ def matrices(names: Iterable[str]) -> dict[str, list[str]]:
         if is_entry(name):
             found.setdefault(parameter_name(*path[:-2]), set()).update(path[-2:])
     return {owner: [name for name in COORDINATES if name in moved] for owner, moved in found.items()}
+
+
+def conditions(robot: Robot, names: Iterable[str]) -> list[dict[str, Any]]:
+    """Return what run-time parameters of laws must satisfy together, as plain values.
+
+    Each has its numbers with their factors, the least value of the sum of the products, and what is allowed; or "fades"
+    with the numbers of bristles whose damping has to fade, by their keys.
+
+    Args:
+        robot: whose parameters they are.
+        names: of the run-time parameters.
+    """
+    every, found = list(names), list[dict[str, Any]]()
+    for family in (JOINTS, CUTS):
+        for places in element_places(robot, every)[family].values():
+            own = {key: every[place] for key, place in places.items()}
+            for law in LAWS.values():
+                for one in law.conditions:
+                    if one.factors.keys() <= own.keys():
+                        factors = {own[key]: factor for key, factor in one.factors.items()}
+                        found.append({"factors": factors, "least": one.least, "allowed": one.allowed})
+            if own.keys() >= FADING:
+                found.append({"fades": {key: own[key] for key in PASSIVITY if key in own}})
+    return found
 
 
 def expand_tunable(robot: Robot, patterns: Sequence[str]) -> tuple[str, ...]:

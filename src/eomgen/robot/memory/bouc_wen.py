@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from ..numbers import Conflict, Values
+import math
+
+from ..numbers import Condition, Conflict, Values
 from .states import State
 
 WOUND = "hysteresis"
@@ -28,6 +30,13 @@ HYSTERETIC = State(
     inertia=lambda numbers: (
         (1.0 - numbers["hysteresis.share"]) * numbers["hysteresis.stiffness"] * (1.0 / numbers["hysteresis.A"])
     ),
+)
+
+
+_PASSIVE = "gamma from -beta to beta, beyond which hysteresis gives energy back"
+CONDITIONS = (
+    *(Condition({f"{WOUND}.beta": 1.0, f"{WOUND}.gamma": sign}, 0.0, _PASSIVE) for sign in (-1.0, 1.0)),
+    Condition({f"{WOUND}.share": -1.0}, -math.nextafter(1.0, 0.0), "share of less than 1"),
 )
 
 

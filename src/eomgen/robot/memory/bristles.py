@@ -15,6 +15,9 @@ BELL = "friction.gaussian"  # the velocity of its Stribeck curve
 MODELS = (LUGRE,) = ("lugre",)  # of friction, beside the one without a state
 GRID = 4000  # speeds, evenly spaced in their logarithms, at which the passivity of bristles is looked at
 
+FADING = {"friction.bristle_damping", "friction.fade"}  # with both bristles are passive at all speeds
+PASSIVITY = ("friction.coulomb", "friction.static", BELL, "friction.bristle_damping", "friction.fade")
+
 BRISTLE = State(
     name="z",
     unit=("m", "rad"),

@@ -9,7 +9,7 @@ import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from ..law_states import Values
+from ..numbers import Values
 from .drives import (
     CURRENT_LIMIT,
     LAG,
