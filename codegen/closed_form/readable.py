@@ -25,6 +25,7 @@ from eomgen.robot.parameter_names import number_of
 from eomgen.robot.value import ANGULAR, COORDINATES, MOTOR
 
 from ..kernels.constraint_rows import Rank, rank_at_home
+from ..kernels.interface import drive_inputs
 from .trace import ClosedForm, closed_form, exact, refuse_springs
 
 Expr = Any  # sympy.Expr
@@ -235,7 +236,7 @@ def readable_closed_form(model: Model, *, numbers: bool = False) -> ReadableClos
     christoffel = {key: simplified(form.christoffel[key[0]][key[1]][key[2]]) for key in keys}
     constraint = tuple(_components(form))
     rank = rank_at_home(model) if constraint else None
-    driven, drives = _driven(model), zip(form.generalized_force, form.u, strict=True)
+    driven, drives = _driven(model) - set(model.drives), zip(form.generalized_force, form.u, strict=True)
     force = tuple(
         simplified(Q)
         + (u if i in driven else 0)
@@ -249,7 +250,7 @@ def readable_closed_form(model: Model, *, numbers: bool = False) -> ReadableClos
     used = set().union(*(expr.free_symbols for expr in shown))
     named = [letter for letter in letters.values() if letter.symbol in used]
     named += [letter for letter in _multipliers(model, constraint) if letter.symbol in used]
-    symbols = (*_coordinates(model, form), *_states(model, form), *named)
+    symbols = (*_coordinates(model, form), *_states(model, form), *_inputs(model, form), *named)
     return ReadableClosedForm(model, symbols, form, mass, christoffel, force, constraint, rank, rates)
 
 
@@ -315,6 +316,13 @@ def _driven(model: Model) -> set[int]:
 def _coordinates(model: Model, form: ClosedForm) -> Iterator[Letter]:
     for symbol, name in zip(form.q, model.coordinates, strict=True):
         yield Letter(symbol, _latex_of(str(symbol)), name, None, unit_of(name))
+
+
+def _inputs(model: Model, form: ClosedForm) -> Iterator[Letter]:
+    """Yield a letter for every input of a drive with states: what it means there."""
+    for name, (meaning, unit, _) in drive_inputs(model).items():
+        symbol = form.u[model.coordinates.index(name)]
+        yield Letter(symbol, _latex_of(str(symbol)), f"{meaning} of {name}", None, unit)
 
 
 def _states(model: Model, form: ClosedForm) -> Iterator[Letter]:

@@ -57,7 +57,8 @@ def _sincos(angle: Expr) -> tuple[Expr, Expr]:
 class ClosedForm:
     """The equations of motion M a + bias - Q - u = 0 of a robot with n coordinates, in SymPy.
 
-    q, v, a, u: symbols of positions (m, rad), velocities, accelerations and drives (N, N m), n each.
+    q, v, a, u: symbols of positions (m, rad), velocities, accelerations and drives (N, N m, or inputs of drives with
+        states, whose forces are in Q), n each.
     z, rates: symbols of states of laws, and their rates by v and z.
     wrench: symbols (F_x, F_y, F_z, M_x, M_y, M_z) per moving link, base frame, about its centre of mass; or ().
     parameters: symbols that stand for numbers of the description, by name.
@@ -148,14 +149,15 @@ def closed_form(
     joints = geometry(model, bound, q, _sincos)
     loops = list(closures(model, bound, joints, _sincos, no_note))
     placed = (*q, *(sp.S.Zero for _ in z))  # nothing depends on positions of states
-    setting = Setting(model, bound, joints, placed, _sincos, SYMBOLS, no_note, lambda: loops, {})
+    inputs = {i: u[i] for i in model.drives}
+    setting = Setting(model, bound, joints, placed, _sincos, SYMBOLS, no_note, lambda: loops, inputs)
     elements = [family(setting) for family in ELEMENTS]
     Q, rates = _elastic_and_weight(bound, bodies, inertias, elements, (*v, *z))
     for s, force in _external_force(model, bound, bodies, wrench):
         Q[s] += force
     constraint = constraint_of(model, bound, q, loops)
     Ma = M * sp.Matrix(a)
-    residual = tuple(Ma[s] + bias[s] - Q[s] - u[s] for s in range(len(q)))
+    residual = tuple(Ma[s] + bias[s] - Q[s] - (0 if s in inputs else u[s]) for s in range(len(q)))
     kinetic = _kinetic(bodies, inertias, bound.armature[: len(q)], v)
     potential = _potential(bound, bodies, inertias, elements, (*v, *z))
     return ClosedForm(
@@ -164,14 +166,11 @@ def closed_form(
 
 
 def refuse_springs(model: Model) -> None:
-    """Refuse a robot with force elements between links, journals in cut joints, or servo drives."""
+    """Refuse a robot with force elements between links, or journals in cut joints."""
     for kind in KINDS.values():
         names = ", ".join(element.name for element in model.robot.link_elements if element.TABLE == kind.TABLE)
         if names:
             raise InputError(f"{model.name}: the closed form knows no {kind.SHORT} ({names}); leave them out")
-    drives = ", ".join(model.coordinates[i] for i in model.beside)
-    if drives:
-        raise InputError(f"{model.name}: the closed form knows no servo drives ({drives}); leave the tables drive out")
     journals = ", ".join(loop.name for loop in model.robot.loops if loop.radial is not None)
     if journals:
         raise InputError(f"{model.name}: the closed form knows no journals of cut joints ({journals}); leave them out")
@@ -315,10 +314,14 @@ def _elastic_and_weight(
 
 
 def _with_sizes(force: Any) -> Expr:
-    """Return a force with |x| where it has the larger of x and -x."""
+    """Return a force with |x| where it has the larger of x and -x, and smaller ones where it has -max(-x, -y)."""
     expression = sp.sympify(force)
     larger = {x: sp.Abs(exact(x.args[0])) for x in expression.atoms(sp.Max) if sp.Add(*x.args) == 0}
-    return expression.xreplace(larger)
+    expression = expression.xreplace(larger)
+    return expression.replace(
+        lambda e: isinstance(e, sp.Max) and all(x.could_extract_minus_sign() for x in e.args),
+        lambda e: -sp.Min(*(-x for x in e.args)),
+    )
 
 
 def _external_force(

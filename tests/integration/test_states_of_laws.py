@@ -17,10 +17,11 @@ from eomgen.integration.plan import stiff_in_real_time, why_stiff
 from eomgen.integration.solve import integrate
 from eomgen.integration.trajectory import Trajectory, motion_columns
 from eomgen.integration.until import Until
-from tests.runtime.test_drives import DRIVES, _robot
+from tests.runtime.test_drives import _robot
 from tests.runtime.test_memory import GEARED, KERNELS, block, rates
 from tests.support.bristled import ARM, SERVO
 from tests.support.builds import Build
+from tests.support.drive_reference import DRIVES
 
 FAST = {"output_step": 0.002}  # a block at 1 m/s: bristles follow within 17 us
 

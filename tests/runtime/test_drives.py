@@ -21,50 +21,15 @@ from eomgen.runtime.stepping.input_signals import InputSignals, LinkWrench, Sign
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.run import run_scenario
 from tests.support.builds import Build
-from tests.support.drive_reference import drive, rates_of
+from tests.support.drive_reference import AXIS, DAMPING, DRIVES, INERTIA, WINDING, drive, numbers_of, rates_of
 from tests.support.soak import soaked
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "servo_axis.toml"
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
-AXIS = """
-name = "servo"
-[[links]]
-name = "arm"
-mass = 1.0
-com = [0.2, 0.0, 0.0]
-inertia = { xx = 0.01, yy = 0.02, zz = 0.02 }
-[[joints]]
-name = "joint1"
-parent = "base"
-child = "arm"
-type = "revolute"
-"""
-INERTIA, DAMPING = 0.08, 0.05
-WINDING = "winding = { resistance = 1.0, inductance = 1e-3, torque_constant = 0.5 }"
-LIMITS = "current_limit = 5.0, voltage_limit = 20.0"
-POSITION = "position = { kp = 20.0, ki = 5.0, kd = 0.3, filter = 0.01, limit = 3.0 }"
-VELOCITY = "velocity = { kp = 4.0, ki = 40.0, kd = 0.02, filter = 0.01, limit = 9.0 }"
-CURRENT = "current = { kp = 3.0, ki = 300.0, kd = 1e-3, filter = 1e-2 }"
-DRIVES: Mapping[str, tuple[str, float]] = {  # tables of drives, and what their inputs become
-    "cascade": (f"{WINDING}, {LIMITS}, controller = {{ {POSITION}, {VELOCITY}, {CURRENT} }}", 2.0),
-    "without current loop": (f"{WINDING}, {LIMITS}, controller = {{ {POSITION}, {VELOCITY} }}", 1.0),
-    "position": (f"{WINDING}, {LIMITS}, controller = {{ kp = 20.0, ki = 5.0, kd = 0.3 }}", 0.3),
-    "voltage": (f"{WINDING}, {LIMITS}", 12.0),
-    "current": (f"{WINDING}, {LIMITS}, controller = {{ {CURRENT} }}", 3.0),
-    "lag": ("lag = 0.05", 0.5),
-    "lagging cascade": (f"lag = 0.005, controller = {{ {POSITION}, {VELOCITY} }}", 1.0),
-    "torque": ("controller = { kp = 30.0, kd = 1.0, limit = 5.0 }", 1.0),
-    "velocity": ("controller = { velocity = { kp = 3.0, ki = 10.0, limit = 2.0, tracking_time = 0.2 } }", 1.5),
-}
-
 
 def _robot(table: str, more: str = "") -> eomgen.Robot:
     return robot_from_toml(f"{AXIS}gamma = {{ damping = {DAMPING}, armature = 0.02, drive = {{ {table} }}{more} }}\n")
-
-
-def _numbers(table: str) -> Any:
-    return tomllib.loads(f"drive = {{ {table} }}")["drive"]
 
 
 def _names(kernel: eomgen.Kernel) -> list[str]:
@@ -74,7 +39,7 @@ def _names(kernel: eomgen.Kernel) -> list[str]:
 @pytest.mark.parametrize("name", DRIVES)
 def test_accelerations_and_their_derivatives_are_those_of_the_equations(name: str, built: Build) -> None:
     table, _ = DRIVES[name]
-    kernel, numbers, rng = built(_robot(table)), _numbers(table), np.random.default_rng(1)
+    kernel, numbers, rng = built(_robot(table)), numbers_of(table), np.random.default_rng(1)
     for size in (0.1, 1.0, 10.0, 100.0):
         q, v, u = rng.normal(size=(3, kernel.n))
         v[1:] *= size
@@ -103,7 +68,7 @@ def test_accelerations_and_their_derivatives_are_those_of_the_equations(name: st
 @pytest.mark.parametrize("name", soaked(DRIVES, ("cascade", "lag")))
 def test_all_methods_follow_an_integration_to_twelve_digits(name: str, built: Build) -> None:
     table, u = DRIVES[name]
-    kernel, numbers, samples = built(_robot(table)), _numbers(table), 40
+    kernel, numbers, samples = built(_robot(table)), numbers_of(table), 40
     assert kernel.inputs["joint1.gamma"].meaning == kernel.inputs["joint1.gamma"].meaning
     rates = rates_of(numbers, _names(kernel), u, lambda s, v, force: (force - DAMPING * v) / INERTIA)
     begin, t = np.zeros(2 + len(kernel.memory)), np.linspace(0.0, 0.5, samples + 1)

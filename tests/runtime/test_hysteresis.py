@@ -15,7 +15,7 @@ import eomgen
 from eomgen.codegen.arrays.sources import render_arrays
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import DescriptionError
-from eomgen.export.mujoco import left_out
+from eomgen.export.mujoco import left_out, mjcf
 from eomgen.robot.elements.loss_factor import fitted_branches, loss_factors
 from eomgen.robot.model import build_model
 from eomgen.runtime.stepping.input_signals import DriveData, InputSignals, Signal, Track, Waves
@@ -415,9 +415,39 @@ def test_robots_without_states_keep_all_else(name: str) -> None:
     plain = robot.without_states()
     assert plain.without_states() is plain
     assert build_model(plain).memory == ()
-    kept = {key: x for key, x in robot.numbers() if "hysteresis" not in key and "maxwell" not in key}
-    assert {key: x for key, x in plain.numbers() if x is not None} == {k: x for k, x in kept.items() if x is not None}
+    numbers = {key: x for key, x in robot.numbers() if x is not None}
+    kept = {key: x for key, x in numbers.items() if "hysteresis" not in key and "maxwell" not in key}
+    for key in [key for key in numbers if key.endswith("hysteresis.share")]:  # whose spring has no state
+        where = key.removesuffix(".hysteresis.share")
+        stiffness = f"{where}.stiffness"
+        kept[stiffness] = kept.get(stiffness, 0.0) + numbers[key] * numbers[f"{where}.hysteresis.stiffness"]
+    found = {key: x for key, x in plain.numbers() if x is not None}
+    assert found == pytest.approx({key: x for key, x in kept.items() if x or key in found})
+    assert found.keys() >= kept.keys() - {key for key, x in kept.items() if not x}
     assert build_model(robot.rigid()).memory == ()
+
+
+@pytest.mark.parametrize(
+    "beside", ["", "stiffness = 5.0, stiffness_negative = 7.0", "stiffness = 5.0, clearance = 1e-3"]
+)
+def test_the_elastic_share_of_hysteresis_stays(beside: str, built: Build) -> None:
+    """As a spring of both sides, where its force is that: far slower than any state, with z as it is at 0."""
+    robot = slide(f"{HYSTERESIS}{beside and ', '}{beside}")
+    whole, plain = built(robot), built(robot.without_states())
+    assert plain.memory == ()
+    for s in (-0.3, 0.2):
+        forces = [kernel.generalized_force([s], [0.0], **z)[0] for kernel, z in ((whole, {"z": [0.0]}), (plain, {}))]
+        lost = SHARE * K * s if "clearance" in beside else 0.0
+        assert forces[1] - forces[0] == pytest.approx(lost, abs=1e-9)
+    notes = left_out(robot)
+    assert any(note.endswith("hysteresis: left out but for its elastic share, a spring") for note in notes) == (
+        "clearance" not in beside
+    )
+    if "clearance" not in beside:
+        text = mjcf(robot, 1e-3, approximate=True)
+        assert float(text.partition('stiffness="')[2].partition('"')[0]) == pytest.approx(
+            SHARE * K + 5.0 * bool(beside)
+        )
 
 
 def test_python_on_arrays_is_the_kernel(kernel: eomgen.Kernel) -> None:
@@ -434,7 +464,8 @@ def test_python_on_arrays_is_the_kernel(kernel: eomgen.Kernel) -> None:
 @pytest.mark.parametrize("name", ["drive", "belt"])
 def test_models_of_mujoco_leave_them_out_by_name(name: str) -> None:
     model = build_model(robot_from_toml(SEA) if name == "drive" else looped(name))
-    assert {f"{x.prefix}.{x.law}: left out" for x in model.states} <= set(left_out(model.robot))
+    said = left_out(model.robot)
+    assert all(any(note.startswith(f"{x.prefix}.{x.law}: left out") for note in said) for x in model.states)
     assert {x.unit for x in model.states} == {"rad"}
     assert {x.unit for x in build_model(slide(f"{HYSTERESIS}, {MAXWELL}")).states} == {"m"}
 

@@ -6,8 +6,47 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
+import tomllib
+
 Table = Mapping[str, Any]
 LOOPS = ("position", "velocity", "current")
+
+
+AXIS = """
+name = "servo"
+[[links]]
+name = "arm"
+mass = 1.0
+com = [0.2, 0.0, 0.0]
+inertia = { xx = 0.01, yy = 0.02, zz = 0.02 }
+[[joints]]
+name = "joint1"
+parent = "base"
+child = "arm"
+type = "revolute"
+"""
+INERTIA, DAMPING = 0.08, 0.05
+WINDING = "winding = { resistance = 1.0, inductance = 1e-3, torque_constant = 0.5 }"
+LIMITS = "current_limit = 5.0, voltage_limit = 20.0"
+POSITION = "position = { kp = 20.0, ki = 5.0, kd = 0.3, filter = 0.01, limit = 3.0 }"
+VELOCITY = "velocity = { kp = 4.0, ki = 40.0, kd = 0.02, filter = 0.01, limit = 9.0 }"
+CURRENT = "current = { kp = 3.0, ki = 300.0, kd = 1e-3, filter = 1e-2 }"
+DRIVES: Mapping[str, tuple[str, float]] = {  # tables of drives, and what their inputs become
+    "cascade": (f"{WINDING}, {LIMITS}, controller = {{ {POSITION}, {VELOCITY}, {CURRENT} }}", 2.0),
+    "without current loop": (f"{WINDING}, {LIMITS}, controller = {{ {POSITION}, {VELOCITY} }}", 1.0),
+    "position": (f"{WINDING}, {LIMITS}, controller = {{ kp = 20.0, ki = 5.0, kd = 0.3 }}", 0.3),
+    "voltage": (f"{WINDING}, {LIMITS}", 12.0),
+    "current": (f"{WINDING}, {LIMITS}, controller = {{ {CURRENT} }}", 3.0),
+    "lag": ("lag = 0.05", 0.5),
+    "lagging cascade": (f"lag = 0.005, controller = {{ {POSITION}, {VELOCITY} }}", 1.0),
+    "torque": ("controller = { kp = 30.0, kd = 1.0, limit = 5.0 }", 1.0),
+    "velocity": ("controller = { velocity = { kp = 3.0, ki = 10.0, limit = 2.0, tracking_time = 0.2 } }", 1.5),
+}
+
+
+def numbers_of(table: str) -> Any:
+    """Return a table of a description as a mapping."""
+    return tomllib.loads(f"drive = {{ {table} }}")["drive"]
 
 
 def _clip(x: float, limit: float) -> float:

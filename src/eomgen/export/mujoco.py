@@ -102,6 +102,7 @@ def mjcf(
     _check(robot, integrator, approximate)
     if isinstance(step, bool) or not (isinstance(step, (int, float)) and 1e-9 <= step < 1e9):
         raise InputError(f"step: {step!r} is no length of a step; allowed: a finite number of at least 1e-9 s")
+    robot = robot.without_states()
     root = ElementTree.Element("mujoco", model=robot.name)
     ElementTree.SubElement(root, "compiler", angle="radian", autolimits="false")
     values = {"timestep": repr(float(step)), "gravity": text_of(robot.gravity), "integrator": integrator}

@@ -146,6 +146,11 @@ def _between_stops(numbers: Values) -> Conflict | None:
     return None
 
 
+def _unwound(numbers: Values) -> str:
+    stays = numbers["hysteresis.share"] and not ("clearance" in numbers or "curve.0" in numbers)
+    return "left out but for its elastic share, a spring" if stays else "left out"
+
+
 def _stribeck(numbers: Values) -> Conflict | None:
     coulomb, static = numbers["friction.coulomb"], numbers.get("friction.static")
     if BRISTLES in numbers:
@@ -338,7 +343,7 @@ _LAWS = (
         ),
         is_spring=False,
         stiffness=lambda k, numbers, knots: k + numbers["hysteresis.share"] * numbers["hysteresis.stiffness"],
-        mjcf=lambda numbers: "left out",
+        mjcf=_unwound,
         contact=lambda numbers: (
             (1.0 - numbers["hysteresis.share"]) * numbers["hysteresis.stiffness"] * numbers["hysteresis.A"]
         ),

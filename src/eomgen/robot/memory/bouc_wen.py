@@ -11,6 +11,11 @@ WOUND = "hysteresis"
 MODELS = ("bouc_wen",)  # of hysteresis
 
 
+def elastic_share(numbers: Values) -> float:
+    """Return the stiffness of hysteresis that has no state, N/m or N m/rad; 0 without hysteresis."""
+    return numbers[f"{WOUND}.share"] * numbers[f"{WOUND}.stiffness"] if f"{WOUND}.share" in numbers else 0.0
+
+
 def hysteresis_states(numbers: Values) -> tuple[State, ...]:
     """Return the state of Bouc-Wen hysteresis, which stores (1 - share) stiffness z^2 / (2 A)."""
     return (HYSTERETIC,)

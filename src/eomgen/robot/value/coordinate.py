@@ -11,6 +11,7 @@ from ..bounds import Limits
 from ..fields import LATER, Picklable
 from ..geometry import COORDINATES, LINEAR
 from ..laws import BASIC, GAUSSIAN, NUMBERS, SHAPES, Curve, active_laws, defaults
+from ..memory.bouc_wen import elastic_share
 from ..memory.drives import DRIVE
 
 ACROSS: Mapping[str, tuple[str, ...]] = MappingProxyType(  # translations across a coordinate's axis
@@ -134,7 +135,11 @@ class Coordinate(Picklable):
         return numbers | {f"curve.{i}": force for i, (_, force) in enumerate(self.curve or ())}
 
     def without_states(self) -> Coordinate:
-        """Return the coordinate with the friction that bristles slide with, and without other laws that have states."""
+        """Return the coordinate with the friction that bristles slide with, and without other laws that have states.
+
+        The share of hysteresis that is elastic stays, as stiffness, but beside a clearance or a curve, whose springs do
+        not act on the deviation alone.
+        """
         numbers = self.law()
         remembering = {law.name for law in active_laws(numbers) if law.states is not None and law.states(numbers)}
         if not remembering:
@@ -143,7 +148,15 @@ class Coordinate(Picklable):
         if friction is not None and "friction" in remembering:
             friction = replace(friction, bristle_stiffness=None, bristle_damping=None, fade=None)
         further = {key: number for key, number in self.further.items() if key.partition(".")[0] not in remembering}
-        return replace(self, friction=friction, further=further)
+        return replace(self, friction=friction, further=further, **self._with_spring(elastic_share(numbers)))
+
+    def _with_spring(self, stiffness: float) -> dict[str, float]:
+        """Return the fields by which a linear spring is added, N/m or N m/rad; none where they mean something else."""
+        if not stiffness or self.clearance is not None or self.curve is not None:
+            return {}
+        sides = {"stiffness": self.stiffness or 0.0}
+        sides |= {} if self.stiffness_negative is None else {"stiffness_negative": self.stiffness_negative}
+        return {key: side + stiffness for key, side in sides.items()}
 
     def unstopped(self) -> Coordinate:
         """Return the coordinate without stops."""

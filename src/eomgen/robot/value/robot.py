@@ -232,7 +232,10 @@ class Robot(Picklable):
 
     @kept
     def without_states(self) -> Robot:
-        """Return the robot without laws that have states; friction with bristles slides as at steady velocities."""
+        """Return the robot without laws that have states.
+
+        Friction with bristles slides as at steady velocities, and the share of hysteresis that is elastic is stiffness.
+        """
         made = replace(
             self,
             joints=tuple(x.without_states() for x in self.joints),
