@@ -247,8 +247,10 @@ def test_reports() -> None:
     zeros = zero_report(build_model(robot))
     assert zeros.as_dict()["motors"] == info.as_dict()["driven"]
     assert any(line.startswith("waist.motor, shoulder.motor, elbow.motor: motor: its") for line in zeros.lines())
-    with pytest.raises(InputError, match=r"bench: joint1\.motor: the textbook's algorithms know no motors"):
-        bench(described(MOTOR), repeat=1)
+    timed = bench(described(MOTOR), repeat=1, kernels=("inverse_dynamics",))
+    assert "know no motors behind transmissions (joint1.motor): kernels are timed alone" in timed.note
+    assert [row.counterpart for row in timed.rows] == [None] * len(timed.rows)
+    assert timed.rows[0].kernel.least > 0.0
     plain = robot_info(random_robot(2131, joints=(1, 1)))
     assert plain.as_dict()["motors"] == {}
 

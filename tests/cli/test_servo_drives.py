@@ -23,13 +23,17 @@ CALLS: dict[str, tuple[tuple[str, ...], int, str]] = {  # words, exit code, what
     "derive": (("axis.toml",), 0, "D_gamma_1 = reference of position of axis.gamma: rad"),
     "generate": (("axis.toml", "-o", "generated", "--kernels", "inverse_dynamics,residual"), 0, "generated"),
     "export": (("axis.toml", "--mjcf", "--approximate", "-o", "axis.xml"), 0, "joints.axis.gamma.drive: left out"),
-    "bench": (("axis.toml",), 1, "axis.gamma: the textbook's algorithms know linear springs and dampers only"),
+    "bench": (
+        ("axis.toml", "--kernels", "forward_dynamics"),
+        0,
+        "algorithms know linear springs and dampers only (axis.gamma): kernels are timed alone",
+    ),
     "simulate": (("axis.toml", "--scenario", "scenario.toml", "-o", "out", "--no-plots"), 0, "energy: drives"),
     "sweep": (("axis.toml", "--scenario", "scenario.toml", "--plan", "plan.toml", "-o", "sweep"), 0, "2 samples"),
     "linearize": (("axis.toml", "--drives", "free"), 0, "axis.gamma.drive.current"),
     "modes": (("axis.toml",), 0, "nothing can move"),
     "compare": (("axis.toml", "other.toml", "--duration", "0.1"), 0, "other"),
-    "identify": (("axis.toml", "out"), 1, "have states"),
+    "identify": (("axis.toml", "out/motion.npz", "--terms", "links", "rotors", "viscous"), 0, "base parameters"),
     "compensate": (("axis.toml", "--scenario", "scenario.toml"), 0, "cannot be corrected"),
     "report": (("out", "-o", "report.html"), 0, "report.html"),
     "view": (("axis.toml", "-o", "view.html"), 0, "view.html"),
@@ -54,7 +58,7 @@ def test_it_works_or_refuses_by_name(
 ) -> None:
     monkeypatch.chdir(folder)
     words, code, said = CALLS[command]
-    if "out" in words and command != "simulate" and not (folder / "out").exists():
+    if any(word.startswith("out") for word in words) and command != "simulate" and not (folder / "out").exists():
         assert main(("simulate", *CALLS["simulate"][0])) == 0
         capsys.readouterr()
     found = main((command, *words))

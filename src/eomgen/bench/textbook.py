@@ -22,7 +22,6 @@ from pycparser import c_ast, c_generator, c_parser
 
 from .._version import __version__
 from ..arrays import Array
-from ..errors import InputError
 from ..names import component_name
 from ..robot.elements import JOINT_ELEMENTS, KINDS
 from ..robot.geometry import IDENTITY, ZERO
@@ -63,18 +62,11 @@ COUNTERPARTS: Mapping[str, Counterpart] = {
 
 
 def newton_euler(model: Model) -> str:
-    """Return C source of the textbook algorithms of a model, the description's numbers in its tables.
-
-    Raises:
-        InputError: a coordinate has a force that is no linear spring or damper's, or a joint has a motor.
-    """
+    """Return C source of the textbook algorithms of a model that they know, the description's numbers in its tables."""
     from ..codegen.c.source import environment
     from ..codegen.tree.bound import bind
 
     bound = bind(model, lambda _, number: number, _sincos)
-    for what, names in _unknown(model, bound):
-        if names:
-            raise InputError(f"bench: {', '.join(names)}: the textbook's algorithms know {what}")
     links: list[dict[str, str]] = []
     for body, numbers in zip(model.bodies, bound.bodies, strict=True):
         for index, coordinate in zip(body.indices, body.active, strict=True):
@@ -100,6 +92,15 @@ def newton_euler(model: Model) -> str:
             offsets=any(bound.angle_offsets),
         )
     )
+
+
+def unknown_to_textbook(model: Model) -> str:
+    """Say what of a model the textbook's algorithms do not know; "" where they know all of it."""
+    from ..codegen.tree.bound import bind
+
+    bound = bind(model, lambda _, number: number, _sincos)
+    said = [f"{what} ({', '.join(names)})" for what, names in _unknown(model, bound) if names]
+    return f"the textbook's algorithms know {', '.join(said)}: kernels are timed alone" if said else ""
 
 
 def _unknown(model: Model, bound: Bound) -> Iterator[tuple[str, list[str]]]:
@@ -164,11 +165,15 @@ def _numbers(values: Any) -> str:
 
 @dataclass(frozen=True)
 class Yardstick:
-    """The compiled textbook algorithms: ``lib`` and ``counting`` hold the same functions, the latter count."""
+    """The compiled textbook algorithms: ``lib`` and ``counting`` hold the same functions, the latter count.
+
+    is_known: whether they know the robot; else there is the stopwatch alone.
+    """
 
     ffi: Any
     lib: Any
     counting: Any
+    is_known: bool = True
 
     def run(self, name: str, arrays: Sequence[Array], out: Array, *, counted: bool = False) -> int:
         """Call an algorithm of COUNTERPARTS for one state; 0, or 1 + the coordinate that has no inertia."""
@@ -191,8 +196,13 @@ class Yardstick:
         return {key: int(self.counting.operations[i]) for i, key in enumerate(("mul", "add", "div", "sincos"))}
 
 
-def compile_yardstick(model: Model, flags: Sequence[str]) -> Yardstick:
+def compile_yardstick(model: Model, flags: Sequence[str], *, is_known: bool = True) -> Yardstick:
     """Compile the textbook algorithms and the stopwatch, with these flags, and load them.
+
+    Args:
+        model: the tree.
+        flags: of the compiler.
+        is_known: whether the algorithms know all of the model; else the stopwatch is compiled alone.
 
     Raises:
         BuildError: no compiler, or one that fails.
@@ -206,22 +216,22 @@ def compile_yardstick(model: Model, flags: Sequence[str]) -> Yardstick:
     ffi.cdef(DECLARATIONS + _DECLARATIONS)
     for name, counterpart in COUNTERPARTS.items():
         ffi.cdef(f"int newton_euler_{name}(const double *h{', const double *' * counterpart.reads}, double *out);")
-    code = newton_euler(model)
+    code = newton_euler(model) if is_known else ""
     stopwatch = environment().get_template("bench/stopwatch.c.jinja").render()
     with tempfile.TemporaryDirectory(prefix="eomgen-bench-") as private:
         folder = Path(private)
-        for file, text in (("textbook", code), ("stopwatch", stopwatch), ("counting", instrument(code))):
+        counted = instrument(code) if is_known else ""
+        for file, text in (("textbook", code), ("stopwatch", stopwatch), ("counting", counted)):
             (folder / f"{file}.c").write_text(text, encoding="ascii")
         command = (*find_compiler().command, "-fPIC", *shared_flags(), *WARNINGS)
         timed, counting = folder / "textbook.so", folder / "counting.so"
-        sources = [str(folder / "textbook.c"), str(folder / "stopwatch.c")]
-        run_all(
-            [
-                [*command, *flags, *sources, "-o", str(timed), "-lm"],
-                [*command, "-w", "-O1", str(folder / "counting.c"), "-o", str(counting), "-lm"],
-            ]
-        )
-        return Yardstick(ffi, ffi.dlopen(str(timed)), ffi.dlopen(str(counting)))
+        sources = [str(folder / "textbook.c")] * is_known + [str(folder / "stopwatch.c")]
+        compiled = [[*command, *flags, *sources, "-o", str(timed), "-lm"]]
+        if is_known:
+            compiled.append([*command, "-w", "-O1", str(folder / "counting.c"), "-o", str(counting), "-lm"])
+        run_all(compiled)
+        loaded = ffi.dlopen(str(timed))
+        return Yardstick(ffi, loaded, ffi.dlopen(str(counting)) if is_known else loaded, is_known)
 
 
 _COUNTERS = """#include <math.h>

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,7 @@ from .csv_columns import COLUMNS_RULE, read_csv
 from .measured_numbers import SHORTEST, checked_numbers
 
 SUFFIXES = {"": "q", ".rate": "v", ".acceleration": "a", ".drive": "u"}  # of a coordinate's columns
+STATE = re.compile(r"\.(?:(?:friction|hysteresis|maxwell\.[0-9])\.z|drive\.[a-z_]+)$")  # behind a coordinate
 _MOST_NUMBERS = 10_000_000  # of all coordinates at all times: a motion has up to four arrays of so many
 
 
@@ -35,6 +37,7 @@ class MeasuredMotion(Shown):
         u: drives, (T, n), N or N m; zero where not known.
         measured, driven: names of the coordinates that q has, and of those whose drive is known.
         source: the file.
+        states: those of laws that are known, (T,) each, by their names, such as currents of drives.
     """
 
     coordinates: tuple[str, ...]
@@ -46,6 +49,7 @@ class MeasuredMotion(Shown):
     measured: tuple[str, ...]
     driven: tuple[str, ...]
     source: str = ""
+    states: Mapping[str, Array] = field(default_factory=dict)
 
 
 def read_motion(path: Path | str, coordinates: Sequence[str]) -> MeasuredMotion:
@@ -54,7 +58,8 @@ def read_motion(path: Path | str, coordinates: Sequence[str]) -> MeasuredMotion:
     A .csv has a header with the columns t (s), then names of coordinates (m, rad); NAME.rate, NAME.acceleration and
     NAME.drive are optional.  Lines that begin with # are comments.  A .npz has arrays of these names, or, as
     ``eomgen simulate`` writes it, t, q (T, k) and coordinates (k names), optionally v, a and u.  Coordinates that the
-    file does not have are zero.  Rates (accelerations) are there for all measured coordinates or for none.
+    file does not have are zero.  Rates (accelerations) are there for all measured coordinates or for none.  States of
+    laws, such as NAME.drive.current, may be there.
 
     Raises:
         InputError: with the file, line and column (or array and element), the value and what is allowed.
@@ -88,6 +93,7 @@ def write_motion(path: Path | str, motion: MeasuredMotion, comments: Sequence[st
         if values is not None:
             names = motion.driven if key == "u" else motion.measured
             columns |= {name + suffix: values[:, motion.coordinates.index(name)] for name in names}
+    columns |= motion.states
     return write_csv(target, [columns, *np.column_stack(list(columns.values())).tolist()], comments)
 
 
@@ -142,6 +148,8 @@ def _read_npz(path: Path) -> dict[str, Array]:
                     expected = f"({size[0] if size else 0}, {len(names)})"
                     raise InputError(f"{path}: array {key} has shape {arrays[key].shape}; allowed: {expected}")
                 chosen |= {name + suffix: arrays[key][:, i] for i, name in enumerate(names)}
+        if "z" in arrays and "memory" in arrays and arrays["z"].shape == (*size, arrays["memory"].size):
+            chosen |= {str(name): arrays["z"][:, i] for i, name in enumerate(arrays["memory"].ravel())}
         arrays = chosen
     for name, array in arrays.items():
         if array.dtype.kind not in "fiu" or array.ndim != 1 or array.shape != size:
@@ -166,8 +174,9 @@ def _motion(
     if "t" not in columns:
         raise InputError(f"{source}: there is no column t; allowed: {COLUMNS_RULE}")
     parts: dict[str, dict[int, Array]] = {key: {} for key in SUFFIXES.values()}
+    states = {name: values for name, values in columns.items() if _is_state(name, coordinates)}
     for name, values in columns.items():
-        if name != "t":
+        if name != "t" and name not in states:
             key, index = _which(name, coordinates, source)
             parts[key][index] = values
     t = columns["t"]
@@ -206,7 +215,13 @@ def _motion(
         measured=tuple(coordinates[i] for i in measured),
         driven=tuple(coordinates[i] for i in sorted(parts["u"])),
         source=source,
+        states=states,
     )
+
+
+def _is_state(name: str, coordinates: Sequence[str]) -> bool:
+    """Tell whether a column is a state of a coordinate's law, such as "joint1.gamma.drive.current"."""
+    return bool(STATE.search(name)) and STATE.sub("", name) in coordinates
 
 
 def _which(name: str, coordinates: Sequence[str], source: str) -> tuple[str, int]:

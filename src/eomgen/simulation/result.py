@@ -223,6 +223,7 @@ class SimulationResult(Plotting, Shown, Tabular, plot="plot_series"):
             measured=motion.coordinates,
             driven=driven,
             source=f"the simulation of {self.robot}",
+            states={} if motion.z is None else dict(zip(motion.memory or (), motion.z.T, strict=True)),
         )
 
     @property

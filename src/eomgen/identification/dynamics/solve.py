@@ -36,6 +36,7 @@ from ..relations import Relations, anchored, completed, refuse_followers, refuse
 from .further import FURTHER, GAINS, GAUSSIAN, SHAPES, STRIBECK, Sought, further_doubts
 from .regression import Data, Solution, best_of, shaped
 from .result import IdentifyResult
+from .shafts import at_shafts, without_drives
 from .traps import offset_warnings, other_readings, refuse_impossible, spoiled
 
 ALL_TERMS = (*LINEAR, *FURTHER)
@@ -65,7 +66,8 @@ def identify(  # noqa: PLR0913
     are sought: damping, Coulomb friction and preload of coordinates with a drive or in a rigid coupling.  The motion
     has samples at equal distances in time; coordinates that couplings make of measured ones need not be in it.  Forces
     are known where a drive is in the motion, and are 0 at measured coordinates without a drive.  Friction with bristles
-    counts as it slides, and keeps them.
+    counts as it slides, and keeps them.  Of a drive with states what the motion has as the drive is the force on its
+    coordinate, or its current makes it, where the motion has that (NAME.drive.current).
 
     Args:
         robot: a Robot, the name of a built-in one, or the path of a description.
@@ -86,7 +88,7 @@ def identify(  # noqa: PLR0913
             units, no force is known, or the robot has loops or elastic couplings.
     """
     described = as_robot(robot)
-    robot = described.with_constraints()
+    robot = without_drives(described.with_constraints())
     linear = _linear(terms)
     if not 0.0 < spread < np.inf:
         raise InputError(f"spread: {show(spread)}; allowed: a number above 0")
@@ -104,7 +106,7 @@ def identify(  # noqa: PLR0913
     if TRANSMISSIONS in linear:
         relations = anchored(relations)
     parameter_names(kernel, linear, relations)
-    motion = measured_motion(robot.name, motion, kernel.coordinates)
+    motion = at_shafts(described, measured_motion(robot.name, motion, kernel.coordinates))
     step = even_step(motion)
     motion, idle = _without_idle_drives(robot, motion)
     refuse_impossible(robot, motion, step)
@@ -233,9 +235,10 @@ def _unsettled(sought: Sought, solution: Solution) -> list[str]:
 def without_sought(robot: Robot, terms: Sequence[str]) -> Robot:
     """Return the robot without what is sought of damping, Coulomb friction, preload and transmissions.
 
-    These are of coordinates with a drive or in a rigid coupling; all of the latter are coordinates of it.
+    These are of coordinates with a drive or in a rigid coupling; all of the latter are coordinates of it.  Drives with
+    states are forces.
     """
-    robot = robot.with_constraints()
+    robot = without_drives(robot.with_constraints())
     model = build_model(robot)
     driven = {model.coordinates[i] for i in model.driven}
     driven |= {name for coupling in robot.couplings if coupling.law is None for name in (coupling.of, *coupling.to)}

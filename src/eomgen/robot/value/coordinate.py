@@ -158,6 +158,11 @@ class Coordinate(Picklable):
         sides |= {} if self.stiffness_negative is None else {"stiffness_negative": self.stiffness_negative}
         return {key: side + stiffness for key, side in sides.items()}
 
+    def without_drive(self) -> Coordinate:
+        """Return the coordinate with a force in the place of a drive with states."""
+        others = {key: number for key, number in self.further.items() if not key.startswith(f"{DRIVE}.")}
+        return self if len(others) == len(self.further) else replace(self, further=others)
+
     def unstopped(self) -> Coordinate:
         """Return the coordinate without stops."""
         others = {key: number for key, number in self.further.items() if not key.startswith("stops.")}
