@@ -102,6 +102,7 @@ class Page {
       if (data.control !== "pd") return;
       for (const gain of ["kp", "kd"]) settings.define(`${gain}.${drive.label}`, drive[gain], (value) => { simulation.gains[i][gain] = value; }, above(0));
     });
+    data.inputs.forEach(({ label, start }, i) => settings.define(`input.${label}`, start, (value) => { simulation.inputs[i] = value; }));
     for (const { name } of data.parameters) {
       settings.define(`p.${name}`, kernel.parameters[name], () => this.setParameter(name), (value) => this.allowed(name, value));
     }
@@ -146,7 +147,7 @@ class Page {
     if (data.program || data.torque) modes.push(["program", "the scenario's program"]);
     if (data.cycle && data.control !== "none") modes.push(["cycle", "to and fro"]);
     if (data.drives.length && data.control !== "none") modes.push(["target", "to targets"]);
-    if (data.control !== "reference") modes.push(["none", "off"]);
+    if (data.control !== "reference") modes.push(["none", data.inputs.length ? "by their inputs" : "off"]);
     return modes;
   }
 
@@ -205,6 +206,7 @@ class Page {
     const drives = [choice(settings, "drive", "drives", this.driveModes())];
     if (data.model) drives.push(toggle(settings, "compensates", data.model.bandwidth > 0 ? "computed torque" : "a rigid model helps (gravity, inertia)"));
     for (const drive of data.drives) drives.push(slider(settings, `target.${drive.label}`, drive.label, drive));
+    for (const input of data.inputs) drives.push(slider(settings, `input.${input.label}`, input.label, input));
     if (data.control === "pd" && data.drives.length) {
       const gains = data.drives.flatMap(({ label, kp, kd, unit }) => [
         slider(settings, `kp.${label}`, `${label}: kp`, { ...around(kp), unit: unit === "m" ? "N/m" : "N m/rad" }),

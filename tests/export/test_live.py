@@ -248,9 +248,42 @@ def test_servo_drives_take_references_from_a_page(tmp_path: Path) -> None:
     assert np.abs(q[:4] - values["start"]["q"][:4]).max() > 1e-2
 
 
-def test_drives_that_take_a_voltage_rest_on_a_page() -> None:
-    values = contents_of(servo_arm(), None, None, no_progress).values
+@pytest.mark.skipif(NODE is None, reason="node is not installed")
+def test_drives_that_take_a_voltage_have_sliders(tmp_path: Path) -> None:
+    """Of a position and a voltage in one robot: each input acts as in Python, from where it stands at the start."""
+    pytest.importorskip("ziglang", reason="the compiler for WebAssembly is not installed")
+    contents, ticks = contents_of(servo_arm(), None, None, no_progress), 30
+    values, kernel = contents.values, eomgen.build(contents.robot, kernels=KERNELS)
     assert (values["control"], values["drive"], values["drives"]) == ("none", "none", [])
+    first, second = values["inputs"]
+    assert first == {"label": "j1.gamma: reference of position", "place": 0, "unit": "rad", **_ends(first, 1.5)}
+    assert second == {"label": "j2.motor: voltage", "place": 3, "unit": "V", "start": 0.0, "low": -24.0, "high": 24.0}
+    assert first["start"] == values["start"]["q"][0]
+    shutil.copytree(MODULES, tmp_path / "live")
+    make_wasm(contents.robot, kernels=KERNELS).write(tmp_path / "live")
+    inputs = [first["start"] + 0.2, 3.0]
+    text = MOVING.replace("NAME", kernel.name)
+    text = text.replace("for (let i = 0; i < ticks", f"simulation.inputs = {inputs};\nfor (let i = 0; i < ticks")
+    (tmp_path / "live" / "moving.mjs").write_text(text, encoding="ascii")
+    given = json.dumps({"data": values, "ticks": ticks, "changed": {}})
+    command = [str(NODE), str(tmp_path / "live" / "moving.mjs")]
+    done = subprocess.run(command, input=given, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    found, u = json.loads(done.stdout), np.zeros(kernel.n)
+    u[[0, 3]] = inputs
+    q, v = np.array(values["start"]["q"]), np.array(values["start"]["v"])
+    for _ in range(ticks):
+        options = {key: values[key] for key in ("rtol", "method")}
+        q, v = (x[-1] for x in kernel.rollout(q, v, u, **options, duration=values["period"]))
+    n = len(kernel.coordinates)
+    np.testing.assert_allclose(found["q"][:n], q[:n], rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(found["v"], v, rtol=1e-7, atol=1e-8)
+    assert np.abs(q[:n] - values["start"]["q"][:n]).max() > 1e-2
+    assert contents_of(servo_axes(), None, None, no_progress).values["inputs"] == []
+
+
+def _ends(slider: dict[str, Any], span: float) -> dict[str, float]:
+    return {"start": slider["start"], "low": slider["start"] - span, "high": slider["start"] + span}
 
 
 def signal_program(values: dict[str, Any]) -> Callable[[float], Any]:

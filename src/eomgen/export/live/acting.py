@@ -18,14 +18,14 @@ from ...pipeline.stages import build
 from ...progress import Progress
 from ...robot.coordinates import index_of, unit_of
 from ...robot.mechanism import coordinate_of, drive_of, leading_home
-from ...robot.memory.drives import input_of
+from ...robot.memory.drives import CURRENT_LIMIT, VOLTAGE_LIMIT, input_of, loops_of
 from ...robot.model import build_model, program_coordinates
 from ...robot.value import Robot
 from ...runtime.stepping.input_signals import DriveData, ModelDrive, Track, Waves
 from ...runtime.stepping.packed_inputs import plain_model, plain_prescribed, plain_signal, plain_track, plain_wrench
 from ...scenario.value import Initial, Scenario, Section
 from ...simulation.assembly import REFERENCES, Assembly, assemble, rigid_kernels
-from ...simulation.controls import Control, ReferenceControl
+from ...simulation.controls import Control, NoControl, ReferenceControl
 from ...simulation.initial import initial_state
 from ...simulation.loads import loaded_parameters
 from ..wasm.signals import as_json
@@ -35,6 +35,8 @@ CLOSED_PART = 0.35  # of a default motion, for mechanisms: far from where they a
 WAY, PAUSE = 1.6, 0.7  # s, of the default motion to and fro
 SHAKE = {"m": 0.01, "rad": 0.01}  # amplitude of prescribed motions without another one
 SHAKE_RATE = 1.5  # Hz, likewise
+TURN = 1.5  # m or rad, to either side of a position that a servo drive is given
+INPUTS = {"voltage": 24.0, "velocity": 1.0, "current": 5.0}  # V, m/s or rad/s, A: of drives without a limit
 HELD = 1.0  # s, of a scenario whose robot is only held
 
 
@@ -134,6 +136,7 @@ def acting_on(
         "model": None,
         "compensates": False,
         "drives": [],
+        "inputs": _inputs(robot, assembly, q0),
         "cycle": None,
         "holding": None,
         "prescribed": None,
@@ -223,6 +226,29 @@ def _drives(
             }
         )
     return drives
+
+
+def _inputs(robot: Robot, assembly: Assembly, q0: Array) -> list[dict[str, Any]]:
+    """Return inputs of servo drives that nothing else gives, voltages and currents among them, with their sliders."""
+    kernel = assembly.kernel
+    if not isinstance(assembly.drive, NoControl):
+        return []
+    return [
+        {"label": f"{name}: {one.meaning}", "place": place, "unit": one.unit, **_ends_of(robot, name, float(q0[place]))}
+        for place, (name, one) in enumerate(kernel.inputs.items())
+        if not one.is_force and name not in kernel.prescribed
+    ]
+
+
+def _ends_of(robot: Robot, name: str, at: float) -> dict[str, float]:
+    """Return where the slider of a drive's input begins and ends: at its limits, where it has some."""
+    numbers = coordinate_of(robot, name).law()
+    outer = loops_of(numbers)[:1]
+    if outer == ("position",):
+        return {"start": at, "low": at - TURN, "high": at + TURN}
+    key = {(): VOLTAGE_LIMIT, ("current",): CURRENT_LIMIT}.get(outer, "")
+    most = numbers.get(key, INPUTS[outer[0] if outer else "voltage"])
+    return {"start": 0.0, "low": -most, "high": most}
 
 
 def _limits(robot: Robot, name: str, at: float, span: float) -> tuple[float, float]:
