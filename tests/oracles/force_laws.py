@@ -5,14 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from scipy.integrate import quad
 from scipy.interpolate import PchipInterpolator
 
 from eomgen.robot.laws import states_of
-from eomgen.robot.value import LINEAR, Coordinate, Friction, Joint, Robot, carriers
+from eomgen.robot.memory.states import WEIGHTLESS
+from eomgen.robot.model import build_model
+from eomgen.robot.value import LINEAR, PRINCIPAL, Coordinate, Friction, Joint, Robot, carriers
 from tests.oracles.pinocchio_models import PinocchioOracle
+from tests.support.drive_reference import drive
 from tests.support.random_robots import Array
 
 IN_TURNS = ("clearance", "one-sided", "curve", "friction", "cubic", "preload", "exponential", "stops", "plain")
@@ -98,6 +102,61 @@ def random_coordinate(rng: np.random.Generator, kind: str, old: Coordinate) -> C
         branches = {f"{name}.{key}": x for name, *two in numbers for key, x in zip(KEYS, two, strict=True)}
         return replace(old, further={**old.further, **branches})
     return old if kind == "plain" else replace(old, **{kind: draw(1.0, 10.0)})
+
+
+def random_drive(rng: np.random.Generator) -> dict[str, float]:
+    """Numbers of a servo drive: a lag, a winding or none, and some of the loops, some with integrals and limits."""
+
+    def draw(low: float, high: float) -> float:
+        return float(rng.uniform(low, high))
+
+    kind, loops = str(rng.choice(["lag", "winding", "winding", "none"])), []
+    numbers: dict[str, float] = {}
+    if kind == "lag":
+        numbers["drive.lag"] = draw(0.05, 1.0)
+    if kind == "winding":
+        numbers |= {"drive.winding.resistance": draw(0.0, 2.0), "drive.winding.inductance": draw(0.05, 0.5)}
+        numbers["drive.winding.torque_constant"] = draw(0.2, 2.0)
+        numbers |= {f"drive.{x}_limit": draw(0.5, 5.0) for x in ("current", "voltage") if rng.random() < 0.5}
+    names = ("position", "velocity", "current") if kind == "winding" else ("position", "velocity")
+    loops = [name for name in names if rng.random() < (0.9 if kind == "none" and name == "velocity" else 0.6)]
+    loops = loops or (["velocity"] if kind == "none" else [])
+    for loop in loops:
+        where = f"drive.controller.{loop}"
+        numbers[f"{where}.kp"] = draw(0.5, 5.0)
+        if rng.random() < 0.6:
+            numbers[f"{where}.ki"] = draw(0.5, 5.0)
+        if rng.random() < 0.4:
+            numbers |= {f"{where}.kd": draw(0.1, 1.0), f"{where}.filter": draw(0.05, 0.5)}
+        if rng.random() < 0.4:
+            numbers[f"{where}.limit"] = draw(0.5, 5.0)
+    return numbers
+
+
+def with_drives(robot: Robot, seed: int) -> Robot:
+    """The robot with servo drives at its principal coordinates, beside whatever laws these have."""
+    rng, joints = np.random.default_rng([seed, 3]), []
+    for joint in robot.joints:
+        name = PRINCIPAL.get(joint.type, "")
+        if name in joint.coordinates and not joint.coordinates[name].prescribed and joint.motor is None:
+            old = joint.coordinates[name]
+            driven = replace(old, further={**old.further, **random_drive(rng)})
+            joint = replace(joint, coordinates={**joint.coordinates, name: driven})
+        joints.append(joint)
+    return replace(robot, joints=tuple(joints))
+
+
+def drive_table(c: Coordinate) -> dict[str, Any]:
+    """The table of a coordinate's drive, as a description has it; empty without one."""
+    table: dict[str, Any] = {}
+    for key, value in c.further.items():
+        law, *path = key.split(".")
+        if law == "drive":
+            inner = table
+            for name in path[:-1]:
+                inner = inner.setdefault(name, {})
+            inner[path[-1]] = value
+    return table
 
 
 def with_laws(robot: Robot, seed: int) -> Robot:
@@ -316,4 +375,75 @@ class LawOracle:
             c.further.get("hysteresis.share", 0.0) * c.further.get("hysteresis.stiffness", 0.0) for c in self.table
         ]
         found[1] += 0.5 * np.array(shares) @ q[: self.n] ** 2
+        return found
+
+
+class DriveOracle:
+    """Equations of a robot with servo drives: ``LawOracle`` without them, and the drives from their own equations.
+
+    Its arrays are the kernel's: of coordinates, then of states of laws, those of drives among them.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        joints = [replace(x, coordinates=self._bare(x)) for x in robot.joints]
+        self.plain, self.model = LawOracle(replace(robot, joints=tuple(joints))), build_model(robot)
+        self.n, self.size = len(self.model.coordinates), self.model.size
+        within = {k for states in self.model.drives.values() for k in states}
+        self.others = np.array([k for k in range(self.size) if k not in within])
+        names = [state.state.name for state in self.model.states]
+        self.drives = {
+            i: (drive_table(self.plain_of(robot, i)), states, [names[k - self.n] for k in states])
+            for i, states in self.model.drives.items()
+        }
+
+    @staticmethod
+    def _bare(joint: Joint) -> dict[str, Coordinate]:
+        return {name: c.without_drive() for name, c in joint.coordinates.items()}
+
+    def plain_of(self, robot: Robot, i: int) -> Coordinate:
+        return list(coordinates(robot))[i]
+
+    def driven(self, q: Array, v: Array, u: Array) -> tuple[Array, Array, Array]:
+        """Forces on coordinates, (size,), rates of states, and voltages less what the motion induces, by drives."""
+        forces, rates, voltages = u.copy(), np.zeros(self.size), np.zeros(self.size)
+        for i, (table, states, names) in self.drives.items():
+            z = dict(zip(names, v[list(states)], strict=True))
+            force, changes, voltage = drive(table, q[i], v[i], z, u[i])
+            forces[i] = force + u[states[0]]
+            forces[list(states)] = 0.0
+            rates[list(states)] = [changes.get(name, -z[name]) for name in names]
+            if "winding" in table:
+                voltages[states[-1]] = voltage - table["winding"]["torque_constant"] * v[i]
+        return forces, rates, voltages
+
+    def inertias(self) -> Array:
+        found = np.full(self.size, np.nan)
+        for table, states, names in self.drives.values():
+            for k, name in zip(states, names, strict=True):
+                found[k] = table["winding"]["inductance"] if name == "current" else WEIGHTLESS
+        return found
+
+    def inverse_dynamics(self, q: Array, v: Array, a: Array) -> Array:
+        found = np.zeros(self.size)  # what moves states of drives is no force on the robot
+        found[self.others] = self.plain.inverse_dynamics(*(x[self.others] for x in (q, v, a)))
+        return found
+
+    def residual(self, q: Array, v: Array, a: Array, u: Array) -> Array:
+        forces, rates, _ = self.driven(q, v, u)
+        found = self.inertias() * (a - rates)
+        needed = self.plain.inverse_dynamics(*(x[self.others] for x in (q, v, a)))
+        found[self.others] = needed - forces[self.others]
+        return found
+
+    def forward_dynamics(self, q: Array, v: Array, u: Array) -> Array:
+        forces, rates, _ = self.driven(q, v, u)
+        found = rates
+        found[self.others] = self.plain.forward_dynamics(*(x[self.others] for x in (q, v, forces)))
+        return found
+
+    def energy(self, q: Array, v: Array) -> Array:
+        found = np.array(self.plain.energy(q[self.others], v[self.others]))
+        w = self.inertias()
+        for _, states, names in self.drives.values():
+            found[1] += sum(0.5 * w[k] * v[k] ** 2 for k, x in zip(states, names, strict=True) if x == "current")
         return found

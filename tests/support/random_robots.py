@@ -139,7 +139,15 @@ def with_states_of_laws(robot: Robot, s: State, rng: np.random.Generator) -> Sta
     if not sizes.size:
         return s
     behind = [np.zeros(sizes.size), *rng.uniform(-0.8, 0.8, (3, sizes.size)) * [sizes, sizes, np.ones(sizes.size)]]
+    behind[3][inner_states_of_drives(robot)] = 0.0  # nothing acts on what stores no energy
     return State(*(np.concatenate(pair) for pair in zip((s.q, s.v, s.a, s.u), behind, strict=True)))
+
+
+def inner_states_of_drives(robot: Robot) -> list[int]:
+    """Places among states of laws of those of drives, but for the first of each, where a force beside it stands."""
+    model = build_model(robot)
+    n = len(model.coordinates)
+    return [k - n for states in model.drives.values() for k in states[1:]]
 
 
 def state_of_coordinates(robot: Robot, rng: np.random.Generator) -> State:

@@ -48,10 +48,10 @@ def drive_jacobian(kernel: Kernel, q: Array, v: Array, u: Array) -> tuple[Array,
         q, v, u: a state with those of laws, (n,), u as ``Kernel.forward_dynamics`` takes it.
     """
     by_q, by_v, by_u = kernel.calls.run("drive_jacobian", None, (q, v, u))
-    inputs = np.eye(kernel.n)
+    inputs = np.diag([float(name not in kernel.memory or not is_of_drive(name)) for name in kernel.velocities])
     for name, (_, _, place) in kernel.calls.raw.libraries.meta["inputs"].items():
         i = kernel.coordinates.index(name)
-        inputs[:, place], inputs[i, place] = 0.0, 1.0  # a force beside the drive
+        inputs[i, place] = 1.0  # a force beside the drive
         inputs[:, i] = by_u[:, i]
     return by_q, by_v, inputs
 
