@@ -22,7 +22,7 @@ from eomgen.robot import JointStiffness
 from eomgen.robot.record import robot_hash
 from eomgen.robot.value import COORDINATES, Robot
 from eomgen.runtime.kernel import Array, Kernel
-from tests.oracles.force_laws import with_laws
+from tests.oracles.force_laws import with_drives, with_laws
 from tests.support.builds import Build
 from tests.support.fmu_host import Host
 from tests.support.random_motors import geared_robot, motor_state
@@ -71,11 +71,14 @@ def exported(tmp_path_factory: pytest.TempPathFactory, built: Build) -> Export:
 
 
 def robot_of(seed: int) -> Robot:
-    """In turns a plain tree, one with force laws and springs between points, and one with motors."""
+    """In turns a plain tree, one with force laws, springs between points and often drives, and one with motors."""
     if seed % 3 == 2:
         return geared_robot(seed, joints=(2, 3), prescribed=0.3)
     robot = random_robot(seed, joints=(2, 3), max_size=8, tree=True)
-    return with_springs(with_laws(robot, seed), seed) if seed % 3 else robot
+    if seed % 3 == 0:
+        return robot
+    robot = with_springs(with_laws(robot, seed), seed)
+    return with_drives(robot, seed) if seed % 2 == 0 else robot
 
 
 @dataclass(frozen=True)

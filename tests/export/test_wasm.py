@@ -20,7 +20,7 @@ from eomgen.export.wasm import compile as compiling
 from eomgen.export.wasm.pack import make_wasm
 from eomgen.robot import JointStiffness
 from eomgen.robot.value import Robot
-from tests.oracles.force_laws import with_laws
+from tests.oracles.force_laws import with_drives, with_laws
 from tests.support.bristles import bent, bristle_linkage, remembering_arm, servo_arm, wide
 from tests.support.random_robots import random_robot
 
@@ -59,9 +59,10 @@ def with_node(folder: Path, name: str, calls: list[list[Any]]) -> list[Any]:
 
 
 def laws(seed: int) -> Robot:
-    """A random tree with forces of every kind."""
+    """A random tree with forces of every kind, every other one with servo drives."""
     robot = random_robot(seed, joints=(2, 3), tree=True, types=("revolute", "prismatic"), max_coordinates=3)
-    return with_laws(robot, seed)
+    robot = with_laws(robot, seed)
+    return with_drives(robot, seed) if seed % 2 else robot
 
 
 def states(kernel: Any, seed: int = 3) -> dict[str, np.ndarray]:

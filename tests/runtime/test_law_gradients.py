@@ -86,7 +86,7 @@ def test_gradients_are_differences_of_the_motion(law: str, built: Build) -> None
     for method in METHODS:
         options: dict[str, Any] = {"method": method, **METHODS[method]}
         value, slopes = kernel.rollout_gradient(*begin, loss=_loss(kernel), parameters=names, **options)
-        assert value == pytest.approx(_total(kernel, begin, method), rel=1e-9)
+        assert value == pytest.approx(_total(kernel, begin, method), rel=1e-7)
         size = max(abs(value), 1.0)
         places = [(0, 0), (1, 0), (2, 0), *((1, i) for i in range(1, n))]
         for which, i in places:

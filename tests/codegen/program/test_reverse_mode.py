@@ -21,7 +21,7 @@ from eomgen.codegen.program.second_order import hessian
 from eomgen.robot.model import Model, build_model
 from eomgen.robot.value import Robot
 from tests.oracles.complex_step import COMPLEX
-from tests.oracles.force_laws import with_laws
+from tests.oracles.force_laws import with_drives, with_laws
 from tests.support.random_motors import geared_robot
 from tests.support.random_robots import random_robot, seeds
 from tests.support.random_springs import with_springs
@@ -35,11 +35,14 @@ OF_FIRST = 6.0  # operations of second derivatives of inverse dynamics by those 
 
 
 def robot_of(seed: int) -> Robot:
-    """In turns a plain one, one with force laws and springs between points, and one with motors."""
+    """In turns a plain one, one with force laws, springs between points and often servo drives, and one with motors."""
     if seed % 3 == 2:
         return geared_robot(seed, joints=(2, 3))
     robot = random_robot(seed, joints=(2, 3), max_size=6, tree=True)
-    return with_springs(with_laws(robot, seed), seed) if seed % 3 else robot
+    if seed % 3 == 0:
+        return robot
+    robot = with_springs(with_laws(robot, seed), seed)
+    return with_drives(robot, seed) if seed % 2 == 0 else robot
 
 
 class Inputs:

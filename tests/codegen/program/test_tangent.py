@@ -18,7 +18,7 @@ from eomgen.errors import ArrayError
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
 from tests.oracles.complex_step import COMPLEX
-from tests.oracles.force_laws import with_laws
+from tests.oracles.force_laws import with_drives, with_laws
 from tests.support.builds import Build
 from tests.support.random_motors import geared_robot, motor_state
 from tests.support.random_robots import random_robot, seeds
@@ -52,11 +52,14 @@ def close(one: np.ndarray, other: np.ndarray) -> None:
 
 
 def robot_of(seed: int) -> Robot:
-    """In turns a plain one, one with force laws and springs between points, and one with motors."""
+    """In turns a plain one, one with force laws, springs between points and often servo drives, and one with motors."""
     if seed % 3 == 2:
         return geared_robot(seed, joints=(2, 3))
     robot = random_robot(seed, joints=(2, 3), max_size=8, tree=True)
-    return with_springs(with_laws(robot, seed), seed) if seed % 3 else robot
+    if seed % 3 == 0:
+        return robot
+    robot = with_springs(with_laws(robot, seed), seed)
+    return with_drives(robot, seed) if seed % 2 == 0 else robot
 
 
 @pytest.mark.parametrize("seed", seeds(0, 1, 60))
