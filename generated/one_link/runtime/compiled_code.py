@@ -70,7 +70,8 @@ class CompiledCode:
         self._given = [self.coordinates.index(name) for name in self.prescribed]
         self._ratios: dict[str, float] = {name: ratio for name, (_, ratio) in meta.get("motors", {}).items()}
         self.knots: dict[str, tuple[float, ...]] = {k: tuple(x) for k, x in meta["knots"].items()}
-        self.parameters = Parameters.of(self.raw, meta["parameters"], meta["least"], meta.get("matrices", {}), again)
+        ranges = {key: meta.get(key, other) for key, other in (("least", {}), ("matrices", {}), ("conditions", ()))}
+        self.parameters = Parameters.of(self.raw, meta["parameters"], **ranges, again=again)
         self.calls = Calls(self.raw, self.parameters, Arrays(self.raw, self.velocities, self.links), self.prescribed)
         self._binding = binding or ExtensionBinding()
         self._functions: tuple[ModuleType, tuple[Any, ...]] | None = None

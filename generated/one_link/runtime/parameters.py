@@ -16,6 +16,7 @@ from .raw import RawKernel, Setup
 
 ROUND_OFF = 1e-9  # of a matrix scaled by its diagonal, and as many roundings of entries in single precision:
 ROUNDINGS = 8.0
+SPEEDS, TINY = 4000, 1e-12  # at which damping of bristles is looked at; least of it that counts, N s/m or N m s/rad
 SEEN = 0.1  # of a direction's largest share, from which on its coordinates are named
 
 
@@ -58,8 +59,49 @@ class Entries:
 
 
 @dataclass(frozen=True)
+class Condition:
+    """A condition between numbers of a law: their sum with ``factors`` is at least ``least``; ``allowed`` says it.
+
+    Where there are no factors, damping of bristles fades as they slide faster, so that they give no energy back at any
+    velocity: ``fades`` has the numbers by their keys.
+    """
+
+    factors: Mapping[str, float]
+    least: float
+    allowed: str
+    fades: Mapping[str, str]
+
+    @classmethod
+    def of(cls, said: Mapping[str, Any]) -> Condition:
+        """Return it from plain values."""
+        allowed = said.get("allowed", "bristle_damping or fade so low that bristles give no energy back")
+        return cls(said.get("factors", {}), said.get("least", 0.0), allowed, said.get("fades", {}))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of its numbers."""
+        return (*self.factors, *self.fades.values())
+
+    def holds(self, numbers: Mapping[str, float]) -> bool:
+        """Return whether numbers, by their names, satisfy it."""
+        if self.fades:
+            return _fades({key: numbers[name] for key, name in self.fades.items()})
+        return sum(factor * numbers[name] for name, factor in self.factors.items()) >= self.least
+
+
+def _fades(numbers: Mapping[str, float]) -> bool:
+    """Return whether bristle_damping exp(-(v / fade)^2) v is at most 4 times what bristles slide at, at any v."""
+    coulomb, damping, fade = (numbers[f"friction.{key}"] for key in ("coulomb", "bristle_damping", "fade"))
+    more, bell = numbers.get("friction.static", coulomb) - coulomb, numbers.get("friction.gaussian", 1.0)
+    scales = [fade, 4.0 * coulomb / max(damping, TINY)] + [bell] * ("friction.gaussian" in numbers)
+    v = np.geomspace(1e-3 * min(scales), 10.0 * max(scales), SPEEDS)
+    far, near = (np.exp(-np.minimum((v / scale) ** 2, 700.0)) for scale in (fade, bell))
+    return bool((damping * far * v <= 4.0 * (coulomb + more * near)).all())
+
+
+@dataclass(frozen=True)
 class Ranges:
-    """Ranges of parameters: the least of some, the most of all, and matrices by the names of their entries.
+    """Ranges of parameters: the least of some, the most of all, matrices and conditions by the names of their numbers.
 
     round_off: by which matrices that are scaled by their diagonals may be negative, per row.
     """
@@ -67,6 +109,7 @@ class Ranges:
     least: Mapping[str, float]
     most: float
     entries: Mapping[str, Entries]
+    conditions: Mapping[str, Sequence[Condition]]
     round_off: float
 
 
@@ -82,12 +125,22 @@ def matrices_among(slots: Mapping[str, int], matrices: Mapping[str, Sequence[str
     return owners
 
 
+def by_number(said: Sequence[Mapping[str, Any]]) -> dict[str, list[Condition]]:
+    """Return conditions by the names of their numbers, from plain values."""
+    found: dict[str, list[Condition]] = {}
+    for one in map(Condition.of, said):
+        for name in one.names:
+            found.setdefault(name, []).append(one)
+    return found
+
+
 class Parameters(MutableMapping[str, float]):
     """Run-time parameters by name; assigning computes what depends on them alone.
 
     ``update`` sets several at once. Masses, stiffnesses, dampings, armatures, clearances, free lengths and friction
-    forces are at least 0, what is divided by 1e-12, and matrices of stiffness and damping stay positive semidefinite;
-    that an inertia stays one that a body can have is up to the caller.
+    forces are at least 0, what is divided by 1e-12, matrices of stiffness and damping stay positive semidefinite, and
+    numbers of laws go together as in descriptions: hysteresis and bristles give no energy back.  That an inertia stays
+    one that a body can have is up to the caller.
 
     They can be copied and pickled without the kernel that they are of.
 
@@ -100,7 +153,8 @@ class Parameters(MutableMapping[str, float]):
     def __init__(self, raw: RawKernel, slots: Mapping[str, int], ranges: Ranges, state: State) -> None:
         self._raw, self._slots, self._ranges, self.state = raw, slots, ranges, state
         self._least, self._most = ranges.least, ranges.most
-        self._alone = {**ranges.least, **dict.fromkeys(ranges.entries, math.inf)}  # no entry of a matrix is set alone
+        together = (*ranges.entries, *ranges.conditions)  # none of these is set alone
+        self._alone = {**ranges.least, **dict.fromkeys(together, math.inf)}
 
     @classmethod
     def of(
@@ -109,6 +163,7 @@ class Parameters(MutableMapping[str, float]):
         values: Mapping[str, float],
         least: Mapping[str, float],
         matrices: Mapping[str, Sequence[str]],
+        conditions: Sequence[Mapping[str, Any]] = (),
         again: tuple[Callable[..., Any], tuple[Any, ...]] | None = None,
     ) -> Parameters:
         """Make the parameters of a compiled module.
@@ -118,6 +173,7 @@ class Parameters(MutableMapping[str, float]):
             values: by name, in the order of the slots.
             least: the least value of those that have one.
             matrices: coordinates of symmetric matrices, by their entries' names in front of these.
+            conditions: between numbers of laws, as plain values.
             again: a function and its arguments that make the same kernel in another process; none can be pickled
                 without.
         """
@@ -125,7 +181,7 @@ class Parameters(MutableMapping[str, float]):
         state = State(np.array([*values.values(), *(0.0 for _ in raw.turning)], raw.dtype))
         limits = np.finfo(raw.dtype)
         round_off = max(ROUND_OFF, ROUNDINGS * float(limits.eps))
-        ranges = Ranges(least, float(limits.max), matrices_among(slots, matrices), round_off)
+        ranges = Ranges(least, float(limits.max), matrices_among(slots, matrices), by_number(conditions), round_off)
         made = cls(raw, slots, ranges, state)
         made._again = again
         return made
@@ -196,7 +252,8 @@ class Parameters(MutableMapping[str, float]):
         Raises:
             UnknownNameError: not a run-time parameter of this kernel.
             InputError: not a finite number, a whole one that the dtype cannot hold exactly, or negative where that
-                cannot be; or a matrix of stiffness or damping would not be positive semidefinite.
+                cannot be; a matrix of stiffness or damping would not be positive semidefinite; or numbers of a law do
+                not go together.
         """
         wanted: list[float] = []
         try:
@@ -211,7 +268,9 @@ class Parameters(MutableMapping[str, float]):
                 wrong = "too small" if least > 0.0 else "negative"
                 raise InputError(f"parameters: {name} = {show(value)} is {wrong}; at least {least:g} is allowed")
             wanted += (slot, held)
-        self._refuse_indefinite(values, dict(zip(map(int, wanted[::2]), wanted[1::2], strict=True)))
+        held_by_slot = dict(zip(map(int, wanted[::2]), wanted[1::2], strict=True))
+        self._refuse_indefinite(values, held_by_slot)
+        self._refuse_conflict(values, held_by_slot)
         if wanted:
             self.state.assign(*wanted)
 
@@ -250,6 +309,19 @@ class Parameters(MutableMapping[str, float]):
                 raise InputError(
                     f"parameters: {changed}: {owner} would have a negative energy where {' and '.join(moving)} move;"
                     " allowed: entries of a positive semidefinite matrix (``update`` changes several at once)"
+                )
+
+    def _refuse_conflict(self, values: Mapping[str, Any], held: Mapping[int, float]) -> None:
+        """Refuse numbers of a law that do not go together, with the others as they are; arguments as above."""
+        touched = {id(one): one for name in values for one in self._ranges.conditions.get(name, ())}
+        for one in touched.values():
+            numbers = {x: held.get(self._slots[x], float(self.state.values[self._slots[x]])) for x in one.names}
+            if not one.holds(numbers):
+                changed = ", ".join(f"{x} = {show(y)}" for x, y in values.items() if x in numbers)
+                beside = ", ".join(f"{x} is {numbers[x]:g}" for x in one.names if x not in values)
+                raise InputError(
+                    f"parameters: {changed}{beside and f', where {beside}'}; allowed: {one.allowed} (``update`` changes"
+                    " several at once)"
                 )
 
     def _ipython_key_completions_(self) -> list[str]:

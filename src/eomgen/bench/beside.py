@@ -247,7 +247,7 @@ def _inputs(robot: Robot, kernel: Kernel) -> dict[str, Array]:
     that its force does not drown the others in the comparison.
     """
     rng = np.random.default_rng(1)
-    q, v = [], []
+    q, v = list[Array](), list[Array]()
     for joint in robot.joints:
         for name, coordinate in joint.all_coordinates.items():
             if name == MOTOR and joint.motor is not None:  # it turns with its joint, to which the gear is stiff

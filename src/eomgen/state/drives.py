@@ -114,7 +114,7 @@ class DrivesAtRest:
         """
         if not self.drives:
             return u
-        total = u.copy()
+        total: Array = u.copy()
         for i, one in self.drives.items():
             free = one if limited else one._replace(greatest=math.inf)
             pairs = zip(np.ravel(u[..., i]).tolist(), np.ravel(q[..., i]).tolist(), strict=True)
@@ -126,7 +126,7 @@ class DrivesAtRest:
 
     def alone(self, forces: Array, u: Array) -> Array:
         """Return forces, (kernel.n,), less those beside drives in u, (kernel.n,): what drives exert by themselves."""
-        result = forces.copy()
+        result: Array = forces.copy()
         for i, beside in self._beside.items():
             result[i] -= u[beside]
         return result

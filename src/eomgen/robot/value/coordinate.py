@@ -150,7 +150,7 @@ class Coordinate(Picklable):
         further = {key: number for key, number in self.further.items() if key.partition(".")[0] not in remembering}
         return replace(self, friction=friction, further=further, **self._with_spring(elastic_share(numbers)))
 
-    def _with_spring(self, stiffness: float) -> dict[str, float]:
+    def _with_spring(self, stiffness: float) -> dict[str, Any]:
         """Return the fields by which a linear spring is added, N/m or N m/rad; none where they mean something else."""
         if not stiffness or self.clearance is not None or self.curve is not None:
             return {}
