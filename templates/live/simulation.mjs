@@ -24,7 +24,7 @@ export class Simulation {
     this.rtol = data.rtol;
     this.gains = data.drives.map(({ kp, kd }) => ({ kp, kd }));
     this.targets = data.drives.map((drive) => drive.start);
-    this.inputs = data.inputs.map((input) => input.start); // of servo drives that nothing else gives: V, A, rad, ...
+    this.inputs = (data.inputs ?? []).map((input) => input.start); // of servo drives that nothing else gives: V, A, rad, ...
     this.waves = data.prescribed ? structuredClone(data.prescribed) : null;
     this.drive = data.drive; // "program", "cycle", "target" or "none"
     this.compensates = data.compensates; // whether a model is asked for what the motion takes
@@ -147,7 +147,7 @@ export class Simulation {
       const [forces] = signalAt(data.torque.signal, t);
       data.torque.place.forEach((to, i) => { u[to] += forces[i]; });
     }
-    data.inputs.forEach(({ place }, i) => { u[place] += this.inputs[i]; });
+    (data.inputs ?? []).forEach(({ place }, i) => { u[place] += this.inputs[i]; });
     if (this.drive !== "none" && data.control !== "none") {
       if (data.control === "reference") { // servo drives control by themselves, at the shaft
         data.drives.forEach(({ place, ratio, rate }, i) => { u[place] += (rate ? vd[i] : qd[i]) * ratio; });
