@@ -245,11 +245,22 @@ class NamedViews(CompiledCode):
         here, rates = (np.broadcast_to(x, (*lead, self.n)) for x in (here, rates))
         matrix, offsets = self.follower_matrix()
         pairs = zip(self._followers, matrix.astype(self.dtype), offsets.astype(self.dtype), strict=True)
-        return {name: (here @ row + offset, rates @ row) for name, row, offset in pairs}
+        moved = {name: (here @ row + offset, rates @ row) for name, row, offset in pairs}
+        for name, coupling in self._followers.items():
+            for one, other, bend in coupling.get("bends", ()):
+                i, j = self.coordinates.index(one), self.coordinates.index(other)
+                half, (place, rate) = self.dtype.type(0.5 * bend), moved[name]
+                if i != j:
+                    half = half + half
+                place = place + half * here[..., i] * here[..., j]
+                grown = here[..., i] * rates[..., j] + rates[..., i] * here[..., j]
+                moved[name] = place, rate + (half * grown)
+        return moved
 
     def follower_matrix(self) -> tuple[Array, Array]:
         """Return the matrix (followers, n) and offsets (followers,) that map q to positions of followers.
 
+        What nodes of links that bend are drawn in by products of modes is not among them.
         The rows are in the order of ``follower_names``, in the follower's unit per the coordinate's.
         """
         rows, offsets = dict[str, Array](), dict[str, float]()
