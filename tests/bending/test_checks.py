@@ -153,6 +153,16 @@ def test_a_wrong_link_is_refused(name: str) -> None:
         reduce(change(bar(**SMALL)))
 
 
+def test_large_links_are_refused_without_copies_of_their_factors(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("eomgen.bending.reduction.MOST_PIVOTS", 0)
+    assert reduce(bar(**SMALL)).mass == pytest.approx(12.0)
+    loose = _in_two(bar(**SMALL))
+    n = loose.K.shape[0] // 2
+    spring = 1e-9 * csr_array(np.kron([[1.0, -1.0], [-1.0, 1.0]], np.eye(n)))  # between nodes at the same places
+    with pytest.raises(InputError, match=r"K, clamped: a load moves node (1[7-9]|2[0-9]|3[0-2]), . as if it had"):
+        reduce(replace(loose, K=loose.K + spring))
+
+
 def test_what_is_asked_of_a_free_link_only_or_of_a_clamped_one() -> None:
     free = bar(clamped=False, **SMALL)
     with pytest.raises(InputError, match="root: has no node, and Craig-Bampton modes are asked for"):

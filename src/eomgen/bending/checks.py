@@ -158,3 +158,27 @@ def check_pivots(factors: Any, diagonal: Array, names: Any) -> None:
             f"K, clamped: its pivot at {names(row)} is {shares[least]:.1e} of its diagonal; allowed: above "
             f"{SINGULAR:g}: a positive definite matrix, of a link in one piece without mechanisms"
         )
+
+
+def check_responses(factors: Any, K: Any, names: Any) -> None:
+    """Refuse a clamped stiffness matrix of a large link that is singular or indefinite, without a copy of its factors.
+
+    Args:
+        factors: of K.
+        K: sparse, (n, n).
+        names: gives the name of a row by its number.
+
+    Raises:
+        InputError: a load moves a row as a mechanism does, or gains energy; the message has the number and the row.
+    """
+    load = np.random.default_rng(0).standard_normal(K.shape[0])
+    moved = np.asarray(factors.solve(load))
+    row = int(np.abs(moved).argmax())
+    share = float(np.abs(load).max() / max(K.diagonal()[row] * abs(moved[row]), np.finfo(float).tiny))
+    energy = float(load @ moved)
+    if not (share > SINGULAR and energy > 0.0):
+        got = f"a load moves {names(row)} as if it had {share:.1e} of its stiffness, with the energy {energy:.3g} J"
+        raise InputError(
+            f"K, clamped: {got}; allowed: above {SINGULAR:g} and above 0: a positive definite matrix, of a link in one "
+            "piece without mechanisms"
+        )

@@ -26,13 +26,14 @@ from ..arrays import Array, Index, independent_columns
 from ..errors import InputError
 from ..optional import optional_import
 from ..progress import StageReport, no_report
-from .checks import check_matrices, check_pivots, check_rank, rigid_motions
+from .checks import check_matrices, check_pivots, check_rank, check_responses, rigid_motions
 from .finite_elements import DIRECTIONS, FiniteElements, Interface, checked
 from .mass_integrals import integrals, skew
 from .reduced_link import ReducedLink
 
 DENSE = 400  # unknowns up to which eigenvalues are those of full matrices
 MOST_DENSE = 3000
+MOST_PIVOTS = 20_000  # unknowns: SciPy copies factors whose pivots are looked at, which doubles their memory
 NEGLIGIBLE = 1e-11  # of the greatest entry of its kind: round-off, which becomes an exact 0
 INDEPENDENT = 1e-12  # least eigenvalue of scaled matrices of shapes that do not depend on one another
 NO_MASS = 1e-14  # of the greatest 1 / w^2: round-off of coordinates without mass
@@ -192,7 +193,10 @@ def _factors(K: Any, names: Callable[[int], str]) -> Any:
         raise InputError(
             f"K: its factors of {K.shape[0]} unknowns do not fit into memory; allowed: fewer nodes"
         ) from None
-    check_pivots(factors, K.diagonal(), names)
+    if K.shape[0] > MOST_PIVOTS:
+        check_responses(factors, K, names)
+    else:
+        check_pivots(factors, K.diagonal(), names)
     return factors
 
 
@@ -312,6 +316,9 @@ def _own_modes(K: Array, masses: Array) -> tuple[Array, Array]:
         got = f"modal masses, scaled, have the eigenvalue {least:.1e}"
         raise InputError(f"M: {got}; allowed: above {INDEPENDENT:g}: masses that all shapes move, or fewer modes")
     squares, turn = eigh(K / np.outer(scale, scale), masses / np.outer(scale, scale))
+    if not squares[0] > 0.0:
+        got = f"a mode of the reduced link has the stiffness {squares[0]:.3g} N/m for each kg"
+        raise InputError(f"K: {got}; allowed: above 0, of a positive definite matrix")
     return turn / scale[:, None], squares
 
 
