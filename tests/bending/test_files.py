@@ -184,8 +184,6 @@ BAD_CONSTANTS: dict[str, tuple[Callable[[Arrays], None], str]] = {
     "numbers as names": (become("interface_names", [1.0]), r"'interface_names': got shape \(1,\) of float64.*texts"),
     "two names": (become("interface_names", ["tip", "tip"]), r"'interface_names': 'tip' is there twice"),
     "more names": (become("interface_names", ["tip", "end"]), r"'interface_places': got shape \(1, 3\).*2 x 3 numbers"),
-    "free as a number": (become("is_free", 1.0), r"'is_free': got shape \(\) of float64; allowed: a truth value"),
-    "clamped modes that are free": (become("is_free", True), r"'is_free': it is true, and modes have momenta"),
     "unknown array": (become("Qq", [1.0]), r"'Qq': it is unknown; allowed: H00, H0, P"),
 }
 BAD_NODAL: dict[str, tuple[Callable[[Arrays], None], str]] = {

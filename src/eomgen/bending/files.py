@@ -2,7 +2,7 @@
 
 Constants: ``H00`` (4, 4), ``H0`` (m, 4, 3), ``P`` (m, m, 3, 3), ``K`` (m, m), perhaps ``D`` (m, m) and ``Q``
 (m, m, 4, 3), see ``constants``; ``interface_names`` (I), ``interface_places`` (I, 3), ``interface_Phi`` (I, 6, m),
-perhaps ``interface_Psi`` (I, 3, m, m); ``is_free``, true, of modes of a free link.
+perhaps ``interface_Psi`` (I, 3, m, m).
 
 Modes of nodes: ``nodes`` (N, 3), ``mass`` (N), ``Phi`` (N, 6, m) with translations and rotations of each node by each
 mode, or (N, 3, m), ``K``, perhaps ``inertia`` (N, 3, 3) of each node about itself, ``D``, ``M`` (m, m), the masses of
@@ -41,7 +41,6 @@ _CONSTANTS = (
     "interface_places",
     "interface_Phi",
     "interface_Psi",
-    "is_free",
 )
 _NODAL = ("nodes", "mass", "inertia", "Phi", "K", "D", "M", "interface_names", "interface_nodes")
 _FINITE_ELEMENTS = "M_data"  # an array of files of finite elements
@@ -198,13 +197,7 @@ def _of_constants(file: _File) -> BendingBody:
         Node(name, as_tuples(place), as_tuples(phi), None if Psi is None or not Psi[i].any() else as_tuples(Psi[i]))
         for i, (name, place, phi) in enumerate(zip(names, places, Phi, strict=True))
     ]
-    flag = file.arrays.get("is_free")
-    if flag is not None and (flag.dtype.kind != "b" or flag.shape != ()):
-        file.fail("is_free", f"got shape {flag.shape} of {flag.dtype}; allowed: a truth value")
-    body = _checked(file, made, K, nodes)
-    if flag is not None and bool(flag) and not body.is_free:
-        file.fail("is_free", "it is true, and modes have momenta; allowed: modes of the free link in mean axes")
-    return body
+    return _checked(file, made, K, nodes)
 
 
 def _of_nodes(file: _File) -> BendingBody:
