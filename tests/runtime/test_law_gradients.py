@@ -12,6 +12,7 @@ from eomgen.description.load import robot_from_toml
 from eomgen.errors import InputError
 from tests.support.builds import Build
 from tests.support.random_robots import Array
+from tests.support.soak import soaked
 
 pytestmark = [pytest.mark.usefixtures("unoptimised"), pytest.mark.filterwarnings("ignore::eomgen.errors.EomgenWarning")]
 
@@ -77,7 +78,7 @@ def _loss(kernel: eomgen.Kernel) -> Any:
     return loss
 
 
-@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("law", soaked(LAWS, ("hysteresis",)))
 def test_gradients_are_differences_of_the_motion(law: str, built: Build) -> None:
     kernel = built(robot_from_toml(SLIDE.format(name=law, law=LAWS[law])))
     begin, n = _begin(kernel), kernel.n
@@ -109,7 +110,7 @@ def test_gradients_are_differences_of_the_motion(law: str, built: Build) -> None
         kernel.rollout_gradient(*begin, loss=_loss(kernel), method="radau", **ADAPTIVE)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("law", soaked(LAWS, ("hysteresis",)))
 def test_batches_and_sensitivities_agree(law: str, built: Build) -> None:
     kernel = built(robot_from_toml(SLIDE.format(name=law, law=LAWS[law])))
     one, n = _begin(kernel), kernel.n
@@ -135,7 +136,7 @@ def test_batches_and_sensitivities_agree(law: str, built: Build) -> None:
         assert forward == pytest.approx(alone[0][1]["v"][-1], rel=1e-6, abs=1e-8), method
 
 
-@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("law", soaked(LAWS, ("hysteresis",)))
 def test_gradients_in_single_precision(law: str, built: Build) -> None:
     robot = robot_from_toml(SLIDE.format(name=law, law=LAWS[law]))
     double, single = built(robot), built(robot, dtype="float32")

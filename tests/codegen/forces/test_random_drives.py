@@ -32,7 +32,7 @@ def driven(seed: int, joints: tuple[int, int] = (1, 3), size: int = 5) -> Robot:
     raise AssertionError(seed)
 
 
-@pytest.mark.parametrize("seed", seeds(1360, 3, 16))
+@pytest.mark.parametrize("seed", seeds(1360, 1, 16))
 def test_kernels_are_the_equations(seed: int, built: Build) -> None:
     robot = driven(seed)
     kernel, oracle = built(robot), DriveOracle(robot)
@@ -56,7 +56,7 @@ def test_kernels_are_the_equations(seed: int, built: Build) -> None:
     assert close(kernel.forward_dynamics(q, v, u), np.array([kernel.forward_dynamics(*x) for x in zip(q, v, u)]), 1e-12)  # noqa: B905
 
 
-@pytest.mark.parametrize("seed", seeds(1380, 3, 16))
+@pytest.mark.parametrize("seed", seeds(1380, 1, 16))
 def test_slopes_are_those_of_the_equations(seed: int, built: Build) -> None:
     """M da = (drives' slopes - residual's) d, and drives' slopes are differences of what they do."""
     robot = driven(seed)
@@ -102,7 +102,7 @@ def test_closed_forms_have_them(seed: int) -> None:
     assert close(rates[[k - n for k in places]], oracle.driven(s.q, s.v, s.u)[1][places])
 
 
-@pytest.mark.parametrize("seed", seeds(1410, 2, 12))
+@pytest.mark.parametrize("seed", seeds(1410, 1, 12))
 def test_motions_by_all_methods_agree_and_energies_balance(seed: int, built: Build) -> None:
     """What drives take in is what energies gain and what dissipates; friction by its own smoothing."""
     robot = driven(seed, (1, 2), 4)
