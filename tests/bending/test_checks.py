@@ -12,6 +12,7 @@ import pytest
 from scipy.sparse import block_diag, csr_array
 
 from eomgen.bending.element_files import arrays_of, elements_of, has_elements, read_elements
+from eomgen.bending.files import read_bending
 from eomgen.bending.finite_elements import FiniteElements, Interface
 from eomgen.bending.reducing import LinkSets, reduce_files
 from eomgen.bending.reduction import reduce
@@ -192,6 +193,13 @@ def test_files_of_finite_elements_hold_what_they_were_written_from(tmp_path: Pat
     assert arrays["H0"].shape == (8, 4, 3)
     assert arrays["interface_names"].tolist() == ["tip"]
     assert arrays["interface_Phi"].shape == (1, 6, 8)
+    body = read_bending(link)
+    assert body.modes.conflict() is None
+    assert not body.is_free
+    assert np.array_equal(np.array(body.modes.K), weighted.K)
+    assert np.array_equal(np.array(body.modes.nodes[0].Phi), weighted.interface_Phi[0])
+    free = reduce(bar(clamped=False, counts=(3, 1, 1), count=2)).save(tmp_path / "free.npz")
+    assert read_bending(free).is_free
     with pytest.raises(InputError, match=r"got sets, units beside a .npz; allowed: none"):
         reduce_files([path], LinkSets("x=0"), units="mm")
 
