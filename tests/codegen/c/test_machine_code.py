@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import json
+import math
 import os
 import platform
 import resource
@@ -224,9 +225,10 @@ def test_fused_multiply_add_changes_the_last_digits_alone(name: str, dtype: str,
 
 def condition(source: Source, found: Array) -> float:
     """Greatest condition number of the mass matrix, scaled to a unit diagonal, over the states."""
-    n, worst = len(json.loads(source.meta)["coordinates"]), 1.0
+    worst = 1.0
     for call, _, x in results_by_call(source, found):
         if call.name == "mass_matrix" and call.count is None:
+            n = math.isqrt(x.size)  # states of laws have rows, too
             M = x.reshape(n, n).astype(np.float64)
             scale = np.sqrt(np.maximum(M.diagonal(), 1e-300))
             worst = max(worst, float(np.linalg.cond(M / np.outer(scale, scale))))
