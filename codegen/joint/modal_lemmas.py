@@ -66,7 +66,7 @@ class Constants:
 
 @dataclass(frozen=True)
 class Equations:
-    """What a link needs to move: a force and a moment about its origin, in its axes, and its modes' rows."""
+    """Forces that a link needs to move: a force and a moment about its origin, in its axes, and its modes' rows."""
 
     force: Matrix
     moment: Matrix

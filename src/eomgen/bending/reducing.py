@@ -116,7 +116,7 @@ def _of_npz(paths: list[Path], sets: LinkSets | None, units: str, stress: Any, r
 
 @dataclass
 class _Found:
-    """What files hold so far."""
+    """Contents of files, as far as they are read."""
 
     matrices: dict[str, Entries] = field(default_factory=dict)
     nodes: list[Nodes] = field(default_factory=list)

@@ -271,7 +271,7 @@ class Few(Key):
 
     @property
     def rule(self) -> str:
-        """What is allowed, in words."""
+        """Text of what is allowed."""
         return f"{self.fewest} to {self.most} tables, [{{ {', '.join(self.inner.keys)} }}, ...]"
 
     def takes(self, count: int) -> bool:
@@ -302,7 +302,7 @@ class Pair(Few):
 
     @property
     def rule(self) -> str:
-        """What is allowed, in words."""
+        """Text of what is allowed."""
         names = ", ".join(self.inner.keys)
         return f"two tables, [{{ {names} }}, {{ {names} }}]"
 

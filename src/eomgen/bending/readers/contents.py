@@ -1,4 +1,4 @@
-"""What files of finite elements hold: nodes, sets of them, and matrices by nodes and directions."""
+"""Contents of files of finite elements: nodes, sets of them, and matrices by nodes and directions."""
 
 from __future__ import annotations
 

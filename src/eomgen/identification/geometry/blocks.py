@@ -14,7 +14,7 @@ FORCE, ENTRY = "force", "entry"  # factors of compliances C, s = C f, and of ent
 
 
 class Unknown(Protocol):
-    """What blocks know of a parameter of an error model; its attributes are those of ``ErrorParameter``."""
+    """Knowledge of blocks about a parameter of an error model; its attributes are those of ``ErrorParameter``."""
 
     @property
     def name(self) -> str:
@@ -30,7 +30,7 @@ class Unknown(Protocol):
 
     @property
     def factor(self) -> str:
-        """What it is multiplied by."""
+        """FORCE or ENTRY: of which kind its number is."""
 
     @property
     def other(self) -> int | None:

@@ -34,7 +34,7 @@ _SEEN = 0.1  # of a direction's largest share, from which on its coordinates are
 
 @dataclass(frozen=True)
 class Chosen:
-    """What is asked for beside what the description gives.
+    """Names of unknowns that are asked for beside those of the description.
 
     motors: names of those whose transmissions count; None: all.  coordinates: that count without a stiffness, too.
     couplings: entries of matrices; of a joint that has some, all others stay as they are.  fixed: names of parameters
