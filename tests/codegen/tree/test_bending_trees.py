@@ -1,0 +1,84 @@
+"""Random trees whose links bend, beside Lagrange's equations of clouds of particles."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from eomgen.codegen.kernels.equations import derive
+from eomgen.codegen.program.ir import evaluate
+from eomgen.robot.model import build_model
+from eomgen.robot.value import Robot
+from tests.oracles.complex_step import complex_steps
+from tests.support.bending_robots import Bending, bent, with_mode_follower
+from tests.support.random_robots import Array, random_robot, seeds
+
+LIMIT = 1e-12  # relative to the largest number of a result
+
+
+def answer(robot: Robot, kernel: str, **arrays: Array) -> Array:
+    """Return a kernel's outputs, (outputs,), from its program in Python's arithmetic."""
+    model = build_model(robot)
+    inputs = {name: list(map(float, array)) for name, array in arrays.items()}
+    inputs["p"] = [*model.parameters.values(), *[0.0] * len(model.turning)]
+    found = evaluate(derive(model, kernel), inputs)
+    return np.array([found[key] for key in sorted(found) if key[0] == "out"])
+
+
+def draw(seed: int) -> Bending:
+    """A tree of two to four joints with any subset of six coordinates, or all; links of 0 to 3 modes."""
+    types = ("revolute", "prismatic", "fixed", "free")
+    robot = random_robot(seed, (2, 4), 3, tree=True, types=types, name=f"bending{seed}")
+    bending = bent(robot, seed)
+    return with_mode_follower(bending, seed) if seed % 3 == 2 else bending
+
+
+def close(found: Array, expected: Array, limit: float = LIMIT) -> None:
+    assert np.abs(found - expected.ravel()).max() <= limit * np.abs(expected).max(), (found, expected)
+
+
+@pytest.mark.parametrize("seed", seeds(100, 6, 60))
+def test_random_trees_are_those_of_lagrange(seed: int) -> None:
+    bending = draw(seed)
+    robot, oracle, s = bending.robot, bending.oracle(), bending.state(seed)
+    M, residual = oracle.mass_matrix(s.q), oracle.residual(s.q, s.v, s.a, s.u)
+    close(answer(robot, "mass_matrix", q=s.q), M)
+    close(answer(robot, "residual", q=s.q, v=s.v, a=s.a, u=s.u), residual)
+    close(answer(robot, "bias_force", q=s.q, v=s.v), oracle.bias_force(s.q, s.v))
+    close(answer(robot, "inverse_dynamics", q=s.q, v=s.v, a=s.a), residual + s.u)
+    a = answer(robot, "forward_dynamics", q=s.q, v=s.v, u=residual + s.u)
+    close(a, s.a, 1e-13 * float(np.linalg.cond(M)))
+    close(answer(robot, "energy", q=s.q, v=s.v), np.array(oracle.energy(s.q, s.v)))
+    center, linear, angular = oracle.momentum(s.q, s.v)
+    close(answer(robot, "center_of_mass", q=s.q), center)
+    close(answer(robot, "centroidal_momentum", q=s.q, v=s.v), np.concatenate([linear, angular]))
+
+
+@pytest.mark.parametrize("seed", seeds(200, 3, 30))
+def test_frames_of_random_trees_move_with_the_modes(seed: int) -> None:
+    """Poses, velocities and accelerations of frames, links and nodes."""
+    bending = draw(seed)
+    robot, oracle, s = bending.robot, bending.oracle(), bending.state(seed)
+    standing = bending.standing()
+    frames = [standing[name] for name in build_model(robot).frames]
+    poses = np.array([oracle.pose(frame, s.q, node)[:3] for frame, node in frames])
+    close(answer(robot, "kinematics", q=s.q)[: poses.size], poses)
+    rates = np.array([oracle.jacobian(frame, s.q, node) @ s.v for frame, node in frames])
+    close(answer(robot, "frame_velocities", q=s.q, v=s.v), rates)
+    accelerations = np.array([oracle.acceleration(frame, (s.q, s.v, s.a), node) for frame, node in frames])
+    close(answer(robot, "frame_accelerations", q=s.q, v=s.v, a=s.a), accelerations)
+
+
+@pytest.mark.parametrize("seed", seeds(300, 3, 30))
+def test_derivatives_of_random_trees(seed: int) -> None:
+    """The residual's by complex steps of its program; C v is the bias, C + C^T the rate of M, and C is linear in v."""
+    bending = draw(seed)
+    robot, oracle, s = bending.robot, bending.oracle(), bending.state(seed)
+    n = len(s.q)
+    found = answer(robot, "residual_jacobian", q=s.q, v=s.v, a=s.a).reshape(3, n, n)
+    for block, label in zip(found, "qva", strict=True):
+        close(block.ravel(), complex_steps(robot, s, label))
+    C = answer(robot, "coriolis_matrix", q=s.q, v=s.v).reshape(n, n)
+    rate = oracle.mass_matrix_rate(s.q, s.v)
+    close((C + C.T).ravel(), rate)
+    close(C @ s.v, oracle.bias_force(s.q, s.v), 1e-11)
