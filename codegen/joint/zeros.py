@@ -9,12 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eomgen.robot.model import Model
-from eomgen.robot.value import ANGULAR, COORDINATES
+from eomgen.robot.value import ANGULAR, COORDINATES, LINEAR
 
 from . import facts
 from .kept import KEPT
@@ -29,6 +30,8 @@ LEMMA_7 = "lemma (7): the second derivative by two translations vanishes"
 SHARPER = "sharper lemma: nothing at or after a joint turns its translations"
 ORTHOGONAL = "translations of one joint are orthogonal"
 COAXIAL = "coaxial: a rotation does nothing along its own joint's translation on the same axis"
+MODES = "lemma (7) for modes: the link's own deflections are linear in them"
+MODAL_MASS = "modal masses are constant"
 GYRO = "antisymmetry: C_i,jk = -C_k,ij for j <= min(i, k), so C_i,ji = 0"
 
 
@@ -106,18 +109,43 @@ def _led(model: Model) -> ZeroMap:
         moves[names[follower]] = np.isin(model.velocities, leaders)
     upper = np.triu(np.ones((model.size,) * 2, dtype=bool))
 
-    def tally(of: Tally) -> Tally:
+    def tally(of: Tally, more: Mask | bool = False) -> Tally:
         mask = of.mask
         for axis in range(mask.ndim):
             mask = np.moveaxis(np.tensordot(moves.T.astype(int), mask.astype(int), (1, axis)) > 0, 0, axis)
+        mask = mask | more
         reason = np.where(mask, -1, of.reason[np.ix_(*(places,) * mask.ndim)]).astype(np.int8)
         entries = np.broadcast_to(upper, mask.shape)
         counts = [(name, int(((reason == place) & entries).sum())) for place, (name, _) in enumerate(of.zeros)]
         return Tally(int(entries.sum()), tuple(counts), mask, reason)
 
-    mass, christoffel = tally(zeros.mass_matrix), tally(zeros.christoffel)
+    mass = tally(zeros.mass_matrix)
+    bends = _bends(model, zeros.mass_matrix.mask @ moves)
+    christoffel = tally(zeros.christoffel, bends)
     independent = christoffel.survivors - _antisymmetric_pairs(christoffel.mask & upper)
     return ZeroMap(mass, christoffel, independent, independent)
+
+
+def _bends(model: Model, inertial: Mask) -> Mask:
+    """Return entries of C that second derivatives of followers leave: M_sf d2f/dv dw of each of them that bends.
+
+    inertial: whether M of the tree couples each of its coordinates with what a leader moves, (tree, leaders).
+    """
+    whole, names = model.tree.velocities, {name: i for i, name in enumerate(model.velocities)}
+    left = np.zeros((model.size,) * 3, dtype=bool)
+    pairs: dict[str, set[tuple[int, int]]] = {}
+
+    def moving(name: str) -> list[int]:
+        return [names[leader] for leader in model.leaders.get(name, (name,))]
+
+    for follower, coupling in model.followers.items():
+        pairs[follower] = {pair for name in coupling.to for pair in pairs.get(name, ())}
+        for one, other, _ in coupling.bends:
+            pairs[follower] |= {*product(moving(one), moving(other)), *pairs.get(one, ()), *pairs.get(other, ())}
+        for v, w in pairs[follower]:
+            left[:, v, w] |= inertial[whole.index(follower)]
+            left[:, w, v] |= inertial[whole.index(follower)]
+    return left
 
 
 class _Structure:
@@ -131,15 +159,18 @@ class _Structure:
             self.body[list(body.modes)], self.names[list(body.modes)] = k, MODAL
         self.motor = np.isin(np.arange(model.size), list(model.motors))
         self.state = np.arange(model.size) >= len(model.coordinates)
-        self.modal = self.names == MODAL  # whose blocks are those of the tree: no rule of joints is known of them
+        self.modal = self.names == MODAL
+        bent = np.array([_is_bent(model, body.links[0]) for body in model.bodies], dtype=bool)
+        self.linear = self.modal & ~bent[self.body]  # modes whose deflections have no second order
         self.apart = self.motor | self.state  # have an inertia of their own alone
         spatial = ~(self.apart[:, None] | self.apart)
         above = np.zeros((len(model.bodies),) * 2, dtype=bool)
         for k in range(len(model.bodies)):
             above[list(model.ancestors(k)), k] = True
         # the body of row is an ancestor of that of column, or the same
-        upstream = above[np.ix_(self.body, self.body)] & spatial
         self.same = (self.body[:, None] == self.body) & spatial
+        upstream = above[np.ix_(self.body, self.body)] & spatial
+        upstream &= self.same | ~self.modal[:, None]  # modes move their own bodies; nodes are joints that follow them
         self.related = upstream | upstream.T | np.diag(self.apart)
         self.before = upstream & (~self.same | (np.arange(len(self.names))[:, None] <= np.arange(len(self.names))))
         self.coaxial = self._coaxial(model)
@@ -165,7 +196,10 @@ class _Structure:
         yield TREE, ~together
         yield LEMMA_7, self._second_derivative_zero(facts.LEMMA_7)[v, w]
         yield SHARPER, self._second_derivative_zero(facts.SHARPER)[v, w]
-        yield GYRO, (s == w) & self.before[v, w] & ~(self.modal[v] | self.modal[w])
+        if self.modal.any():
+            yield MODES, self.linear[v] & self.linear[w] & self.same[v, w]
+            yield MODAL_MASS, self.modal[s] & self.modal[v] & self.modal[w]
+        yield GYRO, (s == w) & self.before[v, w] & ~self.modal[v]
         yield COAXIAL, self.coaxial[s, v] & self.before[v, w] | self.coaxial[s, w] & self.before[w, v]
 
     def coaxial_swaps(self) -> int:
@@ -181,6 +215,9 @@ class _Structure:
         same = _table([(pair.first, pair.second) for pair in pairs if pair.same_joint])
         apart = _table([(pair.first, pair.second) for pair in pairs if not pair.same_joint])
         zero: Mask = self.before & np.where(self.same, self._look_up(same), self._look_up(apart))
+        if reason == facts.SHARPER:
+            translations = self.names < len(LINEAR)
+            zero |= self.before & translations[:, None] & self.modal
         return zero
 
     def _coaxial(self, model: Model) -> Mask:
@@ -196,6 +233,12 @@ class _Structure:
     def _look_up(self, table: Mask) -> Mask:
         by_coordinate: Mask = table[np.ix_(self.names, self.names)]
         return by_coordinate
+
+
+def _is_bent(model: Model, link: str) -> bool:
+    """Return whether a link's own deflections have a second order."""
+    modes = model.robot.link(link).modes
+    return modes is not None and modes.Q is not None
 
 
 def _table(pairs: Iterable[tuple[str, str]]) -> Mask:

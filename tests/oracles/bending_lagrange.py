@@ -143,6 +143,12 @@ class BendingOracle:
         com = first / sum(cloud.mass.sum() for cloud in self.clouds.values())
         return com, linear, angular - np.cross(com, linear)
 
+    def christoffel(self, q: Array) -> Array:
+        """Return Christoffel symbols of the first kind, C_s,vw, (n, n, n)."""
+        by = np.array([self.mass_matrix_rate(q, e) for e in np.eye(self.size)])  # [w, s, v]
+        symbols: Array = (by.transpose(1, 2, 0) + by.transpose(1, 0, 2) - by) / 2
+        return symbols
+
     def _frame(self, frame: Frame, q: Complex, node: str | None) -> Pose:
         at = self._poses(q)[frame.link]
         at = at if node is None else self._node(at, frame.link, node, q)

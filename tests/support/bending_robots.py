@@ -91,7 +91,14 @@ class Bending:
         return State(*columns)
 
 
-def bent(robot: Robot, seed: int, modes: Sequence[int] = (0, 1, 2, 3), *, second: bool | None = None) -> Bending:
+def bent(
+    robot: Robot,
+    seed: int,
+    modes: Sequence[int] = (0, 1, 2, 3),
+    *,
+    second: bool | None = None,
+    generic: bool = False,
+) -> Bending:
     """Let links of a tree bend: those that joints carry which move, with numbers of modes drawn from some.
 
     Args:
@@ -99,6 +106,7 @@ def bent(robot: Robot, seed: int, modes: Sequence[int] = (0, 1, 2, 3), *, second
         seed: for modes, nodes, and what stands on them.
         modes: numbers to draw from, 0 of a link that stays rigid; the first link bends if one of them is not 0.
         second: deflections of second order (Q and Psi); at random if None.
+        generic: deflections of particles of which nothing is zero by accident.
     """
     rng = np.random.default_rng([seed, 40])
     carried = {x.child for x in robot.joints if x.coordinates}
@@ -109,7 +117,7 @@ def bent(robot: Robot, seed: int, modes: Sequence[int] = (0, 1, 2, 3), *, second
             count = count or max(modes)
         if count and link.name in carried and link.mass > 0.0:
             quadratic = bool(rng.random() < 0.5) if second is None else second
-            clouds[link.name] = _cloud(rng, link, count, second=quadratic)
+            clouds[link.name] = _cloud(rng, link, count, second=quadratic, generic=generic)
             links.append(replace(link, modes=_link_modes(rng, clouds[link.name], second=quadratic)))
         else:
             links.append(link)
@@ -136,12 +144,12 @@ def with_mode_follower(bending: Bending, seed: int) -> Bending:
     return replace(bending, plain=replace(bending.plain, couplings=(coupling,)))
 
 
-def _cloud(rng: np.random.Generator, link: Link, count: int, *, second: bool) -> Cloud:
+def _cloud(rng: np.random.Generator, link: Link, count: int, *, second: bool, generic: bool) -> Cloud:
     """Draw deflections of particles that have a rigid link's mass, centre of mass and inertia."""
     rigid = Cloud.of(link.mass, link.com, link.inertia)
     particles = len(rigid.mass)
     phi = rng.normal(size=(particles, 3, count)) * 0.3
-    if rng.random() < 0.3:  # bending in a plane
+    if rng.random() < 0.3 and not generic:  # bending in a plane
         phi[:, [0, 2]] = 0.0
     psi = rng.normal(size=(particles, 3, count, count)) * 0.2 * second
     return Cloud(rigid.mass, rigid.place, phi, psi + psi.transpose(0, 1, 3, 2))
