@@ -18,6 +18,7 @@ from eomgen.robot.model import Body, Model
 from .zeros import ROTOR, Tally, zero_map
 
 LETTERS = {"x": "x", "y": "y", "z": "z", "alpha": "a", "beta": "b", "gamma": "g"}
+MODE = "mode"  # and a number, which "m" stands for in the text
 WIDTH = 120
 SHOWN = 200  # joint pairs or triples that one line of text names
 
@@ -28,7 +29,8 @@ Zeros = tuple[tuple[str, tuple[tuple[str, ...], ...]], ...]
 class Group:
     """Blocks with the same zeros.
 
-    joints: the blocks, by their joints' names.  active: the coordinates of each of the joints.  zeros: per reason the
+    joints: the blocks, by their joints' names.  active: the coordinates of each of the joints, and modes of the link
+    that it carries.  zeros: per reason the
     names of the coordinates (s, v) or (s, v, w) whose entry vanishes, v <= w (and s <= v in M).
     """
 
@@ -68,12 +70,17 @@ class ZeroReport:
             **({"constraints": [{"row": row, "reason": reason} for row, reason in self.rows]} if self.rows else {}),
         }
 
+    def _has_modes(self) -> bool:
+        groups = (*self.mass_matrix, *self.christoffel)
+        return any(kind.startswith(MODE) for group in groups for kinds in group.active for kind in kinds)
+
     def lines(self) -> list[str]:
         """Write text for people: a paragraph per group of blocks, in it a line per reason."""
         numbers = {name: str(i + 1) for i, name in enumerate(self.joints)}
         legend = ", ".join(f"{number} {name}" for name, number in numbers.items())
         lines = [f"{self.robot}: what vanishes identically, and why", *_wrapped("joints: " + legend, "  ")]
-        lines += ["coordinates: x y z, a alpha, b beta, g gamma; a joint's pattern holds for any geometry and inertia"]
+        kinds = "x y z, a alpha, b beta, g gamma" + (", m1 mode1" if self._has_modes() else "")
+        lines += [f"coordinates: {kinds}; a joint's pattern holds for any geometry and inertia"]
         if self.motors:
             lines += _wrapped(f"{', '.join(self.motors)}: {ROTOR}", "")
         titles = ("M_sv, eq. (11), s <= v", "C_s,vw, eq. (12), v <= w: written s:vw, *:vw for every s")
@@ -110,18 +117,27 @@ def _grouped(bodies: Sequence[Body], tally: Tally, keys: Sequence[tuple[int, ...
     """Group the blocks that have zeros, the largest group first."""
     alike: dict[tuple[object, ...], list[tuple[int, ...]]] = {}
     for key in keys:
-        block = tally.reason[np.ix_(*(list(bodies[k].indices) for k in key))]
+        block = tally.reason[np.ix_(*(_places(bodies[k]) for k in key))]
         if (block >= 0).any():
-            active = tuple(bodies[k].active for k in key)
+            active = tuple(_kinds(bodies[k]) for k in key)
             alike.setdefault((active, key[-1] == key[-2], block.tobytes()), []).append(key)
     groups = []
     for members in sorted(alike.values(), key=len, reverse=True):
         first = members[0]
-        block = tally.reason[np.ix_(*(list(bodies[k].indices) for k in first))]
+        block = tally.reason[np.ix_(*(_places(bodies[k]) for k in first))]
         zeros = _entries([bodies[k] for k in first], first[-1] == first[-2], block, [r for r, _ in tally.zeros])
         names = tuple(tuple(bodies[k].joint for k in key) for key in members)
-        groups.append(Group(names, tuple(bodies[k].active for k in first), zeros))
+        groups.append(Group(names, tuple(_kinds(bodies[k]) for k in first), zeros))
     return tuple(groups)
+
+
+def _places(body: Body) -> list[int]:
+    return [*body.indices, *body.modes]
+
+
+def _kinds(body: Body) -> tuple[str, ...]:
+    """Name the coordinates of a body's joint, and behind them the modes of its link."""
+    return (*body.active, *(f"{MODE}{k + 1}" for k in range(len(body.modes))))
 
 
 def _entries(bodies: Sequence[Body], same: bool, block: NDArray[np.int8], reasons: Sequence[str]) -> Zeros:
@@ -129,7 +145,7 @@ def _entries(bodies: Sequence[Body], same: bool, block: NDArray[np.int8], reason
     zeros = []
     for place, reason in enumerate(reasons):
         entries = [
-            tuple(body.active[i] for body, i in zip(bodies, index, strict=True))
+            tuple(_kinds(body)[i] for body, i in zip(bodies, index, strict=True))
             for index in np.argwhere(block == place).tolist()
             if not same or index[-2] <= index[-1]
         ]
@@ -150,19 +166,23 @@ def _group_lines(group: Group, numbers: dict[str, str]) -> list[str]:
 
 def _short(group: Group, entries: Sequence[tuple[str, ...]]) -> str:
     """Write the entries in letters; those that hold for every s once."""
-    letters = [tuple(LETTERS[name] for name in entry) for entry in entries]
+    letters = [tuple(map(_letter, entry)) for entry in entries]
     if len(group.active) == 2:
         return " ".join("".join(entry) for entry in letters)
     rows: dict[str, list[str]] = {}
     for s, v, w in letters:
         rows.setdefault(s, []).append(v + w)
-    every = [LETTERS[name] for name in group.active[0]]
+    every = [_letter(name) for name in group.active[0]]
     always = [pair for pair in rows[letters[0][0]] if all(pair in rows.get(s, ()) for s in every)]
     parts = [f"*:{','.join(always)}"] if always else []
     for s, pairs in rows.items():
         rest = [pair for pair in pairs if pair not in always]
         parts += [f"{s}:{','.join(rest)}"] if rest else []
     return " ".join(parts)
+
+
+def _letter(kind: str) -> str:
+    return LETTERS.get(kind) or kind.replace(MODE, "m")
 
 
 def _wrapped(text: str, indent: str) -> list[str]:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from eomgen.codegen.joint import zeros
+from eomgen.codegen.joint.zero_listing import zero_report
 from eomgen.codegen.joint.zeros import ZeroMap, zero_map
 from eomgen.robot.model import build_model
 from tests.codegen.joint.test_zeros import different_sizes
@@ -60,3 +61,23 @@ def test_no_zero_is_invented_where_nodes_follow_modes(seed: int) -> None:
     assert M[~found.mass_matrix.mask].max(initial=0.0) < 1e-13
     assert C[~found.christoffel.mask].max(initial=0.0) < 1e-13
     assert found.christoffel.survivors < found.christoffel.total
+
+
+def test_zeros_of_modes_are_listed_by_name() -> None:
+    """Blocks of a link's modes stand beside those of the joint that carries it."""
+    links = draw(3, second=False).plain.links
+    alone = tuple(replace(x, modes=None if x.modes is None else replace(x.modes, nodes=())) for x in links)
+    model = build_model(replace(draw(3, second=False).plain, links=alone))
+    report = zero_report(model)
+    text = "\n".join(report.lines())
+    assert "g gamma, m1 mode1;" in text
+    assert f"{zeros.MODES}: *:m1m1" in text.replace("\n      ", " ")
+    listed = [
+        entry
+        for group in report.christoffel
+        for reason, entries in group.zeros
+        for entry in entries
+        if reason == zeros.MODES
+        for _ in group.joints
+    ]
+    assert len(listed) == dict(zero_map(model).christoffel.zeros)[zeros.MODES]
