@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from eomgen.names import component_name
 from eomgen.robot.cuts import rigid_components
 
 if TYPE_CHECKING:
@@ -46,9 +47,16 @@ def row_blocks(model: Model) -> list[Block]:
 
     for loop in model.robot.loops:
         one, other = (set(model.ancestors(model.body_of[link])) for link in loop.links)
-        columns = {i for k in one ^ other for i in model.bodies[k].indices}  # what moves both sides moves neither
+        columns = {i for k in one ^ other for i in _moving(model, k)}  # what moves both sides moves neither
         put(tuple((loop.name, component.axis is None) for component in rigid_components(loop)), columns)
     for coupling in model.rigid_couplings:
         names = {leader for x in (coupling.of, *coupling.to) for leader in model.leaders.get(x, (x,))}
         put(((coupling.name, False),), {model.coordinates.index(name) for name in names})
     return blocks
+
+
+def _moving(model: Model, body: int) -> set[int]:
+    """Return the coordinates that a body's joint moves by: its own, and those that its followers follow."""
+    joint = model.robot.joint(model.bodies[body].joint)
+    names = (component_name(joint.name, kind) for kind in joint.coordinates)
+    return {model.coordinates.index(leader) for name in names for leader in model.leaders.get(name, (name,))}

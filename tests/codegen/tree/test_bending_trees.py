@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from eomgen.codegen.kernels.blocks import row_blocks
 from eomgen.codegen.kernels.equations import derive
 from eomgen.codegen.program.ir import evaluate
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
-from tests.oracles.complex_step import complex_steps
+from tests.oracles.complex_step import complex_jacobian, complex_steps
 from tests.support.bending_robots import Bending, bent, with_mode_follower
-from tests.support.random_robots import Array, random_robot, seeds
+from tests.support.random_robots import Array, random_robot, seeds, with_random_loops
 
 LIMIT = 1e-12  # relative to the largest number of a result
 
@@ -25,12 +26,17 @@ def answer(robot: Robot, kernel: str, **arrays: Array) -> Array:
     return np.array([found[key] for key in sorted(found) if key[0] == "out"])
 
 
-def draw(seed: int) -> Bending:
+def draw(seed: int, *, follows: bool = True) -> Bending:
     """A tree of two to four joints with any subset of six coordinates, or all; links of 0 to 3 modes."""
     types = ("revolute", "prismatic", "fixed", "free")
     robot = random_robot(seed, (2, 4), 3, tree=True, types=types, name=f"bending{seed}")
     bending = bent(robot, seed)
-    return with_mode_follower(bending, seed) if seed % 3 == 2 else bending
+    return with_mode_follower(bending, seed) if seed % 3 == 2 and follows else bending
+
+
+def slopes(robot: Robot, kernel: str, label: str, **arrays: Array) -> Array:
+    """Return derivatives of a kernel's outputs by one of its arrays, (outputs, numbers), by complex steps."""
+    return complex_jacobian(robot, kernel, arrays, label)
 
 
 def close(found: Array, expected: Array, limit: float = LIMIT) -> None:
@@ -82,3 +88,38 @@ def test_derivatives_of_random_trees(seed: int) -> None:
     rate = oracle.mass_matrix_rate(s.q, s.v)
     close((C + C.T).ravel(), rate)
     close(C @ s.v, oracle.bias_force(s.q, s.v), 1e-11)
+
+
+@pytest.mark.parametrize("seed", seeds(400, 4, 30))
+def test_loops_on_random_trees(seed: int) -> None:
+    """J is the derivative of g, and J_dot v + J a that of J v along the motion; so are their own derivatives."""
+    bending = draw(seed, follows=False)
+    kinds = np.random.default_rng(seed).choice(["revolute", "prismatic", "fixed", "spherical"], 2)
+    robot, s = with_random_loops(bending.robot, seed, kinds.tolist()), bending.state(seed)
+    n, g = len(s.q), answer(robot, "constraint", q=s.q)
+    J = answer(robot, "constraint_jacobian", q=s.q)
+    close(J, slopes(robot, "constraint", "q", q=s.q))
+    bias = slopes(robot, "constraint_jacobian", "q", q=s.q).reshape(len(g), n, n) @ s.v @ s.v
+    close(answer(robot, "constraint_bias", q=s.q, v=s.v), bias)
+    multipliers = np.linspace(-1.0, 1.0, len(g))
+    values = answer(robot, "closing_derivatives", q=s.q, v=s.v, a=s.a, multipliers=multipliers)
+    by_q = slopes(robot, "constraint_bias", "q", q=s.q, v=s.v)
+    by_q = by_q + np.einsum("rij,i->rj", slopes(robot, "constraint_jacobian", "q", q=s.q).reshape(len(g), n, n), s.a)
+    by_v = slopes(robot, "constraint_bias", "v", q=s.q, v=s.v)
+    pulled = np.einsum("r,rij->ij", multipliers, slopes(robot, "constraint_jacobian", "q", q=s.q).reshape(-1, n, n))
+    at = 0
+    for block in row_blocks(build_model(robot)):
+        rows, columns = slice(block.first, block.first + block.rows), list(block.columns)
+        own = [x[rows] for x in (J.reshape(-1, n), by_q, by_v)]
+        for whole in own:
+            assert not np.delete(whole, columns, axis=1).any()
+            close(values[at : at + block.size], whole[:, columns], 1e-11)
+            at += block.size
+        at += len(columns) ** 2
+    total, at = np.zeros((n, n)), 0
+    for block in row_blocks(build_model(robot)):
+        at += 3 * block.size
+        size = len(block.columns)
+        total[np.ix_(block.columns, block.columns)] += values[at : at + size**2].reshape(size, size)
+        at += size**2
+    close(total.ravel(), pulled, 1e-11)
