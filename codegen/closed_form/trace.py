@@ -33,6 +33,7 @@ from ..tree.constraints import closures
 from ..tree.frozen_joints import geometry
 from ..tree.recursion import no_note
 from ..tree.spatial import Pose, PseudoInertia
+from . import bending
 from .constraint import ConstraintExpressions, constraint_of
 
 Expr = Any  # sympy.Expr
@@ -133,6 +134,8 @@ def closed_form(
     Raises:
         InputError: the robot has point-to-point springs, or an offset of an angle that is not active.
     """
+    if bends(model):
+        return _of_bending_links(model, _Values(symbolic_parameters), external_forces=external_forces)
     model = model.tree
     refuse_springs(model)
     binder = _Values(symbolic_parameters)
@@ -162,6 +165,56 @@ def closed_form(
     potential = _potential(bound, bodies, inertias, elements, (*v, *z))
     return ClosedForm(
         q, v, a, u, z, rates, wrench, binder.symbols, M, C, bias, tuple(Q), residual, kinetic, potential, constraint
+    )
+
+
+def bends(model: Model) -> bool:
+    """Whether a link of a robot bends."""
+    return any(body.modes for body in model.bodies)
+
+
+def _of_bending_links(model: Model, binder: _Values, *, external_forces: bool) -> ClosedForm:
+    """Derive the closed form of a robot whose links bend, in the coordinates that follow no others."""
+    refuse_springs(model)
+    if model.constraints or model.memory:
+        what = "loops and couplings" if model.constraints else "laws with states"
+        raise InputError(f"{model.name}: the closed form of links that bend knows no {what}; leave them out")
+    whole = model.tree
+    bound = bind(whole, binder, _sincos)
+    q, v, a, u = _symbols(model)
+    at = bending.placed(whole, model, q)
+    inertias = [_matrix(body.inertia) for body in bound.bodies]
+    links = bending.bend(whole, model, bound, q, inertias, binder)
+    poses = bending.poses(whole, bound, at, [_pose(body.placement) for body in bound.bodies])
+    bodies = [_Derivatives(A, {i: D for i, s in enumerate(q) if not (D := A.diff(s)).is_zero_matrix}) for A in poses]
+    shares = [{i: share for i, s in enumerate(q) if (share := x.diff(s)) != 0} for x in at]
+    S = sp.Matrix(len(at), len(q), lambda i, j: shares[i].get(j, 0))
+    armature = S.T * sp.diag(*bound.armature[: len(at)]) * S
+    M = bending.mass_matrix([(body.pose, body.first) for body in bodies], inertias, links, armature)
+    C = bending.christoffel(M, q)
+    bias = tuple(sum(C[s][i][j] * v[i] * v[j] for i in range(len(q)) for j in range(len(q))) for s in range(len(q)))
+    joints = geometry(whole, bound, at, _sincos)
+    setting = Setting(whole, bound, joints, at, _sincos, SYMBOLS, no_note, list, {})
+    elements = [family(setting) for family in ELEMENTS]
+    rates = [sum(share[i] * v[i] for i in share) for share in shares]
+    g, Q = sp.Matrix([*bound.gravity, 0]), [sp.S.Zero] * len(q)
+    weights = sum(_dot(g, body.pose * H[:, 3]) for body, H in zip(bodies, inertias, strict=True))
+    for i, s in enumerate(q):
+        Q[i] += weights.diff(s)
+    for element in elements:
+        for index, force in element.resist(rates):
+            for i, share in shares[index].items():
+                Q[i] -= share * exact(_with_sizes(force))
+    wrench = _wrench_symbols(model) if external_forces else ()
+    for i, force in _external_force(model, bound, bodies, wrench):
+        Q[i] += force
+    Ma = M * sp.Matrix(a)
+    residual = tuple(Ma[i] + bias[i] - Q[i] - u[i] for i in range(len(q)))
+    kinetic = sum(M[i, j] * v[i] * v[j] for i in range(len(q)) for j in range(len(q))) / 2
+    potential = sum(exact(energy) for element in elements for energy in element.energies()) - weights
+    nothing = ConstraintExpressions((), (), ())
+    return ClosedForm(
+        q, v, a, u, (), (), wrench, binder.symbols, M, C, bias, tuple(Q), residual, kinetic, potential, nothing
     )
 
 
@@ -204,7 +257,9 @@ def exact(number: Any) -> Expr:
 def _symbols(model: Model) -> tuple[Row, Row, Row, Row]:
     """Return symbols like the paper's: x_1, its derivatives xdot_1 and xddot_1, and the drive D_x_1."""
     number = {body.joint: k + 1 for k, body in enumerate(model.bodies)}
-    names = [(name, number[joint]) for joint, name in map(split_component, model.coordinates)]
+    number |= {body.name: k + 1 for k, body in enumerate(model.bodies) if body.modes}
+    kinds = [(kind.replace("mode", "e"), owner) for owner, kind in map(split_component, model.coordinates)]
+    names = [(kind, number[owner]) for kind, owner in kinds]
     patterns = ("{}_{}", "{}dot_{}", "{}ddot_{}", "D_{}_{}")
     q, v, a, u = (tuple(sp.Symbol(p.format(*name), real=True) for name in names) for p in patterns)
     return q, v, a, u
