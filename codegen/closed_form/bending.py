@@ -18,7 +18,7 @@ from eomgen.robot.value import LinkModes
 
 from ..joint.lemmas import Matrix, joint_transform, step
 from ..tree.bound import Bound
-from ..tree.modal import Moment, modal
+from .exact_numbers import exact
 
 Expr = Any  # sympy.Expr
 Value = Callable[[str, float], Expr]  # gives an expression for a named number
@@ -38,7 +38,7 @@ def placed(whole: Model, described: Model, q: Sequence[Expr]) -> list[Expr]:
     """Return positions of the whole tree's coordinates, followers among them, by those of the described robot."""
     at: dict[str, Expr] = dict(zip(described.coordinates, q, strict=True))
     for name, coupling in described.followers.items():
-        at[name] = sp.nsimplify(coupling.value(at.__getitem__), rational=False)
+        at[name] = exact(coupling.value(at.__getitem__))
     return [at[name] for name in whole.coordinates]
 
 
@@ -55,7 +55,7 @@ def poses(whole: Model, bound: Bound, at: Sequence[Expr], placements: Sequence[M
 
 
 def bend(
-    whole: Model, described: Model, bound: Bound, q: Sequence[Expr], inertias: list[Matrix], value: Value
+    whole: Model, described: Model, q: Sequence[Expr], inertias: list[Matrix], value: Value
 ) -> dict[int, BentLink]:
     """Bend the bodies' pseudo-inertias, which are those while nothing bends, and return the links that bend by body.
 
@@ -64,22 +64,24 @@ def bend(
         value: gives an expression for a number of a link's modes, by ``number_name``.
     """
     links: dict[int, BentLink] = {}
-    for k, (body, numbers) in enumerate(zip(whole.bodies, bound.bodies, strict=True)):
+    for k, body in enumerate(whole.bodies):
         modes = whole.robot.link(body.name).modes
-        if modes is None or numbers.modal is None:
+        if modes is None:
             continue
-        turn = whole.robot.joint(body.joint).axis_turn
-        constants = modal(_named(body.name, modes, value), tuple(zip(*turn, strict=True)))
+        turn = sp.Matrix(whole.robot.joint(body.joint).axis_turn).T.applyfunc(exact)
+        named = _named(body.name, modes, value)
         indices = [described.coordinates.index(whole.coordinates[i]) for i in body.modes]
-        e = [q[i] for i in indices]
-        m = range(len(e))
-        first = [_matrix(constants.first[i]) for i in m]
-        grown = [_sum(_matrix(constants.slopes[i][j]) * e[j] for j in m) for i in m]
+        e, m = [q[i] for i in indices], range(modes.count)
+        first = [_turned(named.H0[i], turn) for i in m]
+        pairs = {(i, j): _turned((*named.P[j][i], (0, 0, 0)), turn) for i, j in product(m, repeat=2)}
+        for i, j in pairs if named.Q is not None else ():
+            pairs[i, j] += _turned(named.Q[i][j], turn)
+        grown = [_sum(pairs[i, j] * e[j] for j in m) for i in m]
         for i in m:
             C = (first[i] + grown[i] / 2).row_join(sp.zeros(4, 1))
             inertias[k] = inertias[k] + e[i] * (C + C.T)
         G = [one + other for one, other in zip(first, grown, strict=True)]
-        links[k] = BentLink(indices, G, sp.Matrix(len(e), len(e), lambda i, j, c=constants: c.masses[i][j]))
+        links[k] = BentLink(indices, G, sp.Matrix(modes.count, modes.count, lambda i, j, of=named: of.masses[i][j]))
     return links
 
 
@@ -177,8 +179,10 @@ def _symmetric_names(link: str, rows: Sequence[Sequence[float]], value: Value, k
     return tuple(tuple(entry(a, b) for b in range(3)) for a in range(3))
 
 
-def _matrix(moment: Moment) -> Matrix:
-    return sp.Matrix([*map(list, moment.block), list(moment.row)])
+def _turned(rows: Sequence[Sequence[Expr]], turn: Matrix) -> Matrix:
+    """Return R N R^T and, below it, (R n)^T of an integral [N; n^T]."""
+    block, last = sp.Matrix([list(row) for row in rows[:3]]), sp.Matrix(list(rows[3]))
+    return (turn * block * turn.T).col_join((turn * last).T)
 
 
 def _trace(left: Matrix, right: Matrix) -> Expr:

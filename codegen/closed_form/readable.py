@@ -16,7 +16,7 @@ from sympy.simplify.fu import TR10i
 
 from eomgen.errors import InputError
 from eomgen.names import parameter_name, parameter_path, split_component
-from eomgen.robot.coordinates import force_unit_of, unit_of
+from eomgen.robot.coordinates import MODE, force_unit_of, unit_of
 from eomgen.robot.elements import MATRICES
 from eomgen.robot.elements.joint_damping import MOVED
 from eomgen.robot.laws import LAWS
@@ -26,7 +26,9 @@ from eomgen.robot.value import ANGULAR, COORDINATES, MOTOR
 
 from ..kernels.constraint_rows import Rank, rank_at_home
 from ..kernels.interface import drive_inputs
-from .trace import ClosedForm, closed_form, exact, refuse_springs
+from . import bending
+from .exact_numbers import exact
+from .trace import ClosedForm, bends, closed_form, refuse_springs
 
 Expr = Any  # sympy.Expr
 
@@ -191,12 +193,17 @@ class ReadableClosedForm:
         freedoms = f"at home: {self.rank.freedoms} degrees of freedom"
         return [f"{freedoms}; redundant there: {', '.join(self.rank.redundant) or 'none'}"]
 
+    def _motor_place(self, index: int) -> int:
+        joint = split_component(self.model.coordinates[index])[0]
+        return next((k for k, body in enumerate(self.model.bodies) if body.joint == joint), 0)
+
     def _place(self, key: Sequence[int]) -> str:
         """Write sub- and superscript of eq. (11) or (12): joints, then coordinates; one joint is named once."""
         names, joints = [], []
         for i in key:
-            joint, name = split_component(self.model.coordinates[i])
-            joints.append(str(1 + next(k for k, body in enumerate(self.model.bodies) if body.joint == joint)))
+            name = split_component(self.model.coordinates[i])[1]
+            places = (k for k, body in enumerate(self.model.bodies) if i in body.indices or i in body.modes)
+            joints.append(str(1 + next(places, self._motor_place(i))))
             names.append(_greek(name))
         below = joints[0] if len(self.model.bodies) == 1 else ",".join(joints)
         return f"{below}}}^{{{' '.join(names)}"
@@ -209,9 +216,9 @@ def readable_closed_form(model: Model, *, numbers: bool = False) -> ReadableClos
         numbers: keep the description's numbers instead of symbols.
 
     Raises:
-        InputError: too many coordinates, too many operations to be simplified and read, or point-to-point springs.
+        InputError: too many coordinates or operations to be simplified and read, or what ``closed_form`` refuses.
     """
-    model = model.tree
+    model = model if bends(model) else model.tree
     n = len(model.coordinates)
     if n > MOST_COORDINATES:
         raise InputError(
@@ -348,10 +355,14 @@ def _parameters(model: Model) -> Iterator[tuple[str, Letter]]:
     Numbers of forces beyond linear springs and dampers stay numbers, and so do those of couplings.
     """
     turning = {joint.name for joint in model.robot.joints if joint.type == "revolute"}
+    yield from _modal_numbers(model)
     for name, value in model.robot.numbers():
         if value is None or value == 0.0:
             continue
         parts = parameter_path(name)
+        if parts[0] == "links" and parts[2] == "modes":
+            yield name, _of_mode(parts[1], parts[3], parts[4], value)
+            continue
         kind = next((word for word in parts if word in SYMBOLS), "")
         if not kind or parts[0] == "couplings" or (parts[3:4] and parts[3] in LAWS):
             continue
@@ -378,6 +389,35 @@ def _parameters(model: Model) -> Iterator[tuple[str, Letter]]:
         yield name, Letter(symbol, f"{letter}_{{{below}}}", name, value, unit)
 
 
+def _of_mode(link: str, mode: str, kind: str, value: float) -> Letter:
+    """Return the letter of a mode's stiffness or damping."""
+    letter, unit = {"stiffness": ("a", "J"), "damping": ("b", "J s")}[kind]
+    symbol = sp.Symbol(f"{letter}_e{mode}_{link}", real=True)
+    return Letter(
+        symbol, f"{letter}_{{e{mode},{_upright_owner(link)}}}", f"links.{link}.modes.{mode}.{kind}", value, unit
+    )
+
+
+def _modal_numbers(model: Model) -> Iterator[tuple[str, Letter]]:
+    """Yield a symbol for every integral over a link that bends that is not zero: N, n, P, Q and q, by its name."""
+    for body in model.bodies:
+        modes = model.robot.link(body.name).modes
+        for name, value in bending.numbers(body.name, modes).items() if modes is not None else ():
+            if value == 0.0:
+                continue
+            letter, *places = name.split(".")[3:]
+            which = "".join(x for x in places if x.isdigit())
+            axes = "".join(x for x in places if not x.isdigit())
+            unit = "kg m" if letter in "nq" else "kg m^2"
+            symbol = sp.Symbol(f"{letter}{which}_{axes}_{body.name}", real=True)
+            below = f"{which},{axes},{_upright_owner(body.name)}"
+            yield name, Letter(symbol, f"{letter}_{{{below}}}", name, value, unit)
+
+
+def _upright_owner(name: str) -> str:
+    return name.replace("_", "\\_")
+
+
 def _is_linear(key: Sequence[str]) -> bool:
     """Whether a number of a joint's stiffness or damping as a whole is a slope: isotropic, or an entry of a matrix."""
     return set(key) <= set(COORDINATES) or parameter_name(*key) in MOVED
@@ -401,6 +441,8 @@ def _owner(component: str) -> str:
 def _greek(name: str) -> str:
     if name == MOTOR or name in MOVED:
         return f"\\mathrm{{{name}}}"
+    if name.startswith(MODE):
+        return f"e_{{{name.removeprefix(MODE)}}}"
     return f"\\{name}" if name in ANGULAR else name
 
 
@@ -408,6 +450,9 @@ def _latex_of(symbol: str) -> str:
     """Write LaTeX of a coordinate, rate, acceleration or drive as ``trace`` names it."""
     drive = symbol.startswith("D_")
     name, _, number = symbol.removeprefix("D_").rpartition("_")
+    kind = name.removesuffix("dot").removesuffix("d")
+    if kind[:1] == "e" and kind[1:].isdigit():  # a mode: e with the joint's number and its own
+        name, number = name.replace(kind, "e"), f"{number},{kind[1:]}"
     if drive:
         return f"D_{{{number}}}^{{{_greek(name)}}}"
     for end, accent in (("ddot", "\\ddot"), ("dot", "\\dot")):

@@ -20,6 +20,7 @@ import sympy as sp
 from eomgen.arrays import Array
 from eomgen.errors import InputError
 from eomgen.names import split_component
+from eomgen.robot.coordinates import MODE
 from eomgen.robot.elements import KINDS
 from eomgen.robot.model import FIXED_BODY, Body, Model
 
@@ -35,6 +36,7 @@ from ..tree.recursion import no_note
 from ..tree.spatial import Pose, PseudoInertia
 from . import bending
 from .constraint import ConstraintExpressions, constraint_of
+from .exact_numbers import exact
 
 Expr = Any  # sympy.Expr
 Row = tuple[Expr, ...]
@@ -184,7 +186,7 @@ def _of_bending_links(model: Model, binder: _Values, *, external_forces: bool) -
     q, v, a, u = _symbols(model)
     at = bending.placed(whole, model, q)
     inertias = [_matrix(body.inertia) for body in bound.bodies]
-    links = bending.bend(whole, model, bound, q, inertias, binder)
+    links = bending.bend(whole, model, q, inertias, binder)
     poses = bending.poses(whole, bound, at, [_pose(body.placement) for body in bound.bodies])
     bodies = [_Derivatives(A, {i: D for i, s in enumerate(q) if not (D := A.diff(s)).is_zero_matrix}) for A in poses]
     shares = [{i: share for i, s in enumerate(q) if (share := x.diff(s)) != 0} for x in at]
@@ -247,18 +249,11 @@ class _Values:
         return exact(number)
 
 
-def exact(number: Any) -> Expr:
-    """Make floats that are small multiples of 1/2 exact in a number or expression: they prune, and read better."""
-    expression = sp.sympify(number)
-    small = {f: sp.Rational(float(f)) for f in expression.atoms(sp.Float) if float(2 * f) in range(-4, 5)}
-    return expression.xreplace(small)
-
-
 def _symbols(model: Model) -> tuple[Row, Row, Row, Row]:
     """Return symbols like the paper's: x_1, its derivatives xdot_1 and xddot_1, and the drive D_x_1."""
     number = {body.joint: k + 1 for k, body in enumerate(model.bodies)}
     number |= {body.name: k + 1 for k, body in enumerate(model.bodies) if body.modes}
-    kinds = [(kind.replace("mode", "e"), owner) for owner, kind in map(split_component, model.coordinates)]
+    kinds = [(kind.replace(MODE, "e"), owner) for owner, kind in map(split_component, model.coordinates)]
     names = [(kind, number[owner]) for kind, owner in kinds]
     patterns = ("{}_{}", "{}dot_{}", "{}ddot_{}", "D_{}_{}")
     q, v, a, u = (tuple(sp.Symbol(p.format(*name), real=True) for name in names) for p in patterns)
