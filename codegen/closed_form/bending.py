@@ -74,8 +74,8 @@ def bend(
         e, m = [q[i] for i in indices], range(modes.count)
         first = [_turned(named.H0[i], turn) for i in m]
         pairs = {(i, j): _turned((*named.P[j][i], (0, 0, 0)), turn) for i, j in product(m, repeat=2)}
-        for i, j in pairs if named.Q is not None else ():
-            pairs[i, j] += _turned(named.Q[i][j], turn)
+        if named.Q is not None:
+            pairs = {(i, j): P + _turned(named.Q[i][j], turn) for (i, j), P in pairs.items()}
         grown = [_sum(pairs[i, j] * e[j] for j in m) for i in m]
         for i in m:
             C = (first[i] + grown[i] / 2).row_join(sp.zeros(4, 1))

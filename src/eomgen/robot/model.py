@@ -313,6 +313,7 @@ def build_model(robot: Robot, *, with_followers: bool = False) -> Model:
     """
     check_kind("robot", robot, isinstance(robot, Robot), "a Robot (from load_robot)")
     _check_names(robot)
+    _check_modes(robot)
     _check_forces(robot)
     bodies: list[Body] = []
     coordinates: list[str] = []
@@ -390,6 +391,14 @@ def _check_names(robot: Robot) -> None:
         if not is_allowed(name):
             rule = ROBOT_RULE if where == "name" else IDENTIFIER_RULE
             raise DescriptionError(f"got {show(name)}; allowed: {rule}", where=where, source=robot.source)
+
+
+def _check_modes(robot: Robot) -> None:
+    """Refuse modes of links that no link can have, or whose forces are not their own."""
+    for link in robot.links:
+        conflict = link.modes.conflict() if link.modes is not None else None
+        if conflict is not None:
+            _refuse(robot, f"links.{link.name}.modes.{conflict[0]}", conflict[1])
 
 
 def _check_loops(robot: Robot, body_of: Mapping[str, int]) -> None:

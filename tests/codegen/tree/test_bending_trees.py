@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,7 @@ from eomgen.codegen.kernels.blocks import row_blocks
 from eomgen.codegen.kernels.derivation import Derivation
 from eomgen.codegen.kernels.equations import derive, derive_cheapest
 from eomgen.codegen.program.ir import evaluate
+from eomgen.errors import InputError
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
 from tests.oracles.complex_step import complex_jacobian, complex_steps
@@ -140,3 +143,15 @@ def test_loops_on_random_trees(seed: int) -> None:
         total[np.ix_(block.columns, block.columns)] += values[at : at + size**2].reshape(size, size)
         at += size**2
     close(total.ravel(), pulled, 1e-11)
+
+
+@pytest.mark.parametrize(("key", "matrix"), [("K", ((4.0, 0.1), (0.1, 5.0))), ("D", ((4.0, 0.1), (0.2, 5.0)))])
+def test_matrices_that_couple_modes_are_refused(key: str, matrix: tuple[tuple[float, ...], ...]) -> None:
+    """Forces of a mode are its own: what is off the diagonal would be left out in silence."""
+    bending = bent(random_robot(1, (1, 1)), 1, (2,))
+    links = tuple(
+        x if x.modes is None else replace(x, modes=replace(x.modes, **{key: matrix})) for x in bending.plain.links
+    )
+    said = "0.1 between modes 1 and 2; allowed: a diagonal" if key == "K" else r"at \(1, 2\); allowed: a symmetric"
+    with pytest.raises(InputError, match=rf"links\.link1\.modes\.{key}: got .*{said}"):
+        build_model(replace(bending, plain=replace(bending.plain, links=links)).robot)

@@ -132,9 +132,10 @@ class LinkModes(Picklable):
         for node in self.nodes:
             if not is_identifier(node.name):
                 return "nodes", f"got {show(node.name)}; allowed: an identifier"
-        return next(self._unsymmetric(), None)
+        return next(self._wrong_matrices(), None)
 
-    def _unsymmetric(self) -> Iterator[tuple[str, str]]:
+    def _wrong_matrices(self) -> Iterator[tuple[str, str]]:
+        """Yield keys and messages of matrices that are not symmetric, or couple modes: forces of a mode are its own."""
         for key, matrix in (("K", self.K), ("D", self.D)):
             size = max((abs(x) for row in matrix for x in row), default=0.0)
             for k, row in enumerate(matrix):
@@ -142,6 +143,10 @@ class LinkModes(Picklable):
                     if abs(row[j] - matrix[j][k]) > ROUND_OFF * size:
                         where = f"{row[j]:g} at ({k + 1}, {j + 1}), {matrix[j][k]:g} at ({j + 1}, {k + 1})"
                         yield key, f"got {where}; allowed: a symmetric matrix"
+                    elif abs(row[j]) > ROUND_OFF * math.sqrt(abs(row[k] * matrix[j][j])):
+                        where = f"{row[j]:g} between modes {j + 1} and {k + 1}"
+                        how = "combine modes so that modal masses and stiffness are diagonal"
+                        yield key, f"got {where}; allowed: a diagonal matrix; {how}"
 
 
 def _has_shape(value: Any, shape: Sequence[int]) -> bool:

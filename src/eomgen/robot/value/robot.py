@@ -215,9 +215,9 @@ class Robot(Picklable):
         left = {x.of: x for x in rigid if joint_of(x.of) not in kept and all(kind_of(name) != MOTOR for name in x.to)}
         behind: dict[str, list[str]] = {}
         for name, coupling in left.items():
-            for other in coupling.to.keys() & left.keys():
+            for other in left.keys() & coupling.others:
                 behind.setdefault(other, []).append(name)
-        ahead = {name: len(coupling.to.keys() & left.keys()) for name, coupling in left.items()}
+        ahead = {name: len(left.keys() & coupling.others) for name, coupling in left.items()}
         ready = [name for name, count in ahead.items() if not count]
         for name in ready:  # which grows
             for other in behind.get(name, ()):
