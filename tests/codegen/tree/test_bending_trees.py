@@ -14,7 +14,7 @@ from eomgen.codegen.kernels.equations import derive, derive_cheapest
 from eomgen.codegen.program.ir import evaluate
 from eomgen.errors import InputError
 from eomgen.robot.model import build_model
-from eomgen.robot.value import Robot
+from eomgen.robot.value import Placement, Robot
 from tests.oracles.complex_step import complex_jacobian, complex_steps
 from tests.support.bending_robots import Bending, bent, with_mode_follower
 from tests.support.random_robots import Array, random_robot, seeds, with_random_loops
@@ -80,6 +80,22 @@ def test_random_trees_are_those_of_lagrange(seed: int) -> None:
     close(answer(robot, "centroidal_momentum", q=s.q, v=s.v), np.concatenate([linear, angular]))
 
 
+@pytest.mark.parametrize("seed", seeds(500, 3, 24))
+def test_numbers_that_are_parameters_are_those_of_the_description(seed: int) -> None:
+    """Masses, placements, springs of joints and of modes as run-time values: the same motion."""
+    bending = draw(seed)
+    oracle, s = bending.oracle(), bending.state(seed)
+    names = tuple(name for name, value in bending.robot.numbers() if value is not None)
+    assert any(".modes.1.stiffness" in name for name in names)
+    robot = replace(bending.robot, tunable=names)
+    residual = oracle.residual(s.q, s.v, s.a, s.u)
+    close(answer(robot, "residual", q=s.q, v=s.v, a=s.a, u=s.u), residual)
+    close(answer(robot, "mass_matrix", q=s.q), oracle.mass_matrix(s.q))
+    found = accelerations(robot, q=s.q, v=s.v, u=residual + s.u)
+    for a in found.values():
+        close(a, s.a, 1e-13 * float(np.linalg.cond(oracle.mass_matrix(s.q))))
+
+
 @pytest.mark.parametrize("seed", seeds(200, 3, 30))
 def test_frames_of_random_trees_move_with_the_modes(seed: int) -> None:
     """Poses, velocities and accelerations of frames, links and nodes."""
@@ -93,6 +109,20 @@ def test_frames_of_random_trees_move_with_the_modes(seed: int) -> None:
     close(answer(robot, "frame_velocities", q=s.q, v=s.v), rates)
     accelerations = np.array([oracle.acceleration(frame, (s.q, s.v, s.a), node) for frame, node in frames])
     close(answer(robot, "frame_accelerations", q=s.q, v=s.v, a=s.a), accelerations)
+
+
+@pytest.mark.parametrize("seed", seeds(600, 3, 24))
+def test_wrenches_on_links_and_nodes(seed: int) -> None:
+    """Forces and moments go to the coordinates by the Jacobians of the points that they act on, J^T w."""
+    bending = draw(seed)
+    robot, oracle, s = bending.robot, bending.oracle(), bending.state(seed)
+    links, standing = build_model(robot).links, bending.standing()
+    wrench = np.random.default_rng(seed).normal(size=(len(links), 6))
+    force = np.zeros(len(s.q))
+    for name, w in zip(links, wrench, strict=True):
+        frame, node = standing[name]
+        force += oracle.jacobian(replace(frame, placement=Placement(robot.link(name).com)), s.q, node).T @ w
+    close(answer(robot, "external_force", q=s.q, wrench=wrench.ravel()), force)
 
 
 @pytest.mark.parametrize("seed", seeds(300, 3, 30))
