@@ -20,6 +20,9 @@ from typing import Any
 import sympy as sp
 
 from eomgen.errors import InternalError
+from eomgen.robot.value import LINEAR
+
+from .lemmas import step
 
 Matrix = Any  # sympy.ImmutableMatrix: SymPy's matrices carry no usable types
 
@@ -90,6 +93,11 @@ class Particle:
             [[one * other.T for other in self.phi] for one in self.phi],
             [[rho0 * psi.T for psi in row] for row in self.psi],
         )
+
+    def bent(self) -> Matrix:
+        """Return rho without its last entry."""
+        second = _sum(self.psi[k][j] * e[k] * e[j] / 2 for k, j in product(MODES, repeat=2))
+        return self.place + _sum(self.phi[k] * e[k] for k in MODES) + second
 
     def energy(self) -> Any:
         """Return 1/2 |W rho + rho'|^2 to the second degree in e and e'."""
@@ -207,6 +215,15 @@ def prove_lemma_7_for_modes() -> None:
 
 
 @cache
+def prove_sharper_lemma_for_modes() -> None:
+    """Prove d2X/dx de_k = 0 for a translation x of a joint at or in front of a link: [0 ¦ e_x] rho = e_x for any e."""
+    particle = Particle(_vector("r"), [_vector("f0"), _vector("f1")], [[_vector("s")] * len(MODES)] * len(MODES))
+    rho = particle.bent().col_join(sp.ones(1, 1))
+    for name in LINEAR:
+        _prove(step(name).generator * rho - step(name).generator[:, 3], "sharper lemma for modes")
+
+
+@cache
 def prove_own_rate() -> None:
     """Prove C_k,jk = 0 for a mode k and any coordinate j in front of it: e'_k is in no velocity term of its own row."""
     for k, coordinate in product(MODES, [*w, *v]):
@@ -305,6 +322,8 @@ def proofs() -> Iterator[str]:
     yield "m_kl is constant: no terms e' e' in rows of modes"
     prove_lemma_7_for_modes()
     yield "lemma (7) for modes: without Q no own terms e' e' in f and n"
+    prove_sharper_lemma_for_modes()
+    yield "sharper lemma for modes: no mode turns a translation at or in front of its link"
     prove_own_rate()
     yield "C_k,jk = 0 for a mode k and j in front of it"
     prove_mean_axes()

@@ -34,6 +34,7 @@ def test_what_the_proofs_say() -> None:
         "f, n and r_k are those of eq. (5)",
         "m_kl is constant: no terms e' e' in rows of modes",
         "lemma (7) for modes: without Q no own terms e' e' in f and n",
+        "sharper lemma for modes: no mode turns a translation at or in front of its link",
         "C_k,jk = 0 for a mode k and j in front of it",
         "mean axes: no coupling with the frame at e = 0",
         "bending in a plane: one entry of n_k and of axial N_k, P_kl diagonal, no Coriolis force",
@@ -51,6 +52,7 @@ WRONG = [  # a piece of text, what it is replaced by, and the proof that must fa
     ("+ c.cross(a)", "- c.cross(a)", "prove_recursion"),
     ("w.dot(axial(constants.P[k][j]))", "w.dot(axial(constants.P[j][k]))", "prove_recursion"),
     ("self._second(j, k) for j in MODES", "self._second(k, j) for j in MODES", "prove_trace_form"),
+    ("step(name).generator * rho - step", "step(name).transform * rho - step", "prove_sharper_lemma_for_modes"),
     ("entry - generic().mass(k, j)", "entry - e[k] * generic().mass(k, j)", "prove_modal_mass_constant"),
     (
         "recursion(generic().without_stiffening())\n    for k, j",
