@@ -155,6 +155,12 @@ def _check(robot: Robot, integrator: str, approximate: bool) -> None:
         raise InputError(f"integrator: {integrator!r} is unknown; allowed: {', '.join(INTEGRATORS)}")
     if any(link.name == _GROUND for link in robot.links):
         raise InputError(f"{robot.name}: the link {_GROUND!r} has MuJoCo's name of the ground; allowed: another name")
+    bending = [link.name for link in robot.links if link.modes is not None]
+    if bending:
+        raise InputError(
+            f"links.{bending[0]}.modes: no link of MuJoCo bends; allowed: robots whose links are rigid, and [[beams]],"
+            " which are chains of segments"
+        )
     missing = [] if approximate else left_out(robot)
     if missing:
         more = f" (and {len(missing) - 4} more)" if len(missing) > 4 else ""
