@@ -106,6 +106,7 @@ def unknown_to_textbook(model: Model) -> str:
 def _unknown(model: Model, bound: Bound) -> Iterator[tuple[str, list[str]]]:
     """Say what the textbook's algorithms know in place of something, and which parts of a robot are that."""
     cuts = [component_name(owner, name) if name else owner for owner, name, _ in model.cut_laws]
+    yield "no links that bend", [model.coordinates[i] for body in model.bodies for i in body.modes]
     yield "no forces between links of a loop", cuts
     yield "no motors behind transmissions", [model.coordinates[i] for i in bound.transmissions]
     bent = [model.coordinates[i] for i, law in enumerate(bound.laws) if law.numbers]
