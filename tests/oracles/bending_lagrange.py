@@ -133,15 +133,27 @@ class BendingOracle:
 
     def momentum(self, q: Array, v: Array) -> tuple[Array, Array, Array]:
         """Return the centre of mass, the linear momentum, and the angular one about it, base axes, (3,) each."""
-        first, linear, angular = np.zeros(3), np.zeros(3), np.zeros(3)
-        for mass, at, rates in self._particles(np.asarray(q, complex)):
-            x, x_dot = [part.real for part in at], [np.tensordot(v, part.real, 1) for part in rates]
+        com, linear, angular = (x.real for x in self._momenta(np.asarray(q, complex), v))
+        return com, linear, angular - np.cross(com, linear)
+
+    def ground_wrench(self, q: Array, v: Array, a: Array) -> Array:
+        """Return force and moment about the base's origin that the ground gives a moving robot, base axes, (6,)."""
+        h = 1j * STEP
+        com, _, _ = self._momenta(np.asarray(q, complex), v)
+        _, linear, angular = (x.imag / STEP for x in self._momenta(q + h * v, v + h * a))
+        weight = sum(cloud.mass.sum() for cloud in self.clouds.values()) * np.asarray(self.robot.gravity)
+        return np.concatenate([linear - weight, angular - np.cross(com.real, weight)])
+
+    def _momenta(self, q: Complex, v: Any) -> tuple[Complex, Complex, Complex]:
+        """Return the centre of mass, the linear momentum, and the angular one about the base's origin."""
+        first, linear, angular = np.zeros((3, 3), complex)
+        for mass, x, rates in self._particles(q):
+            x_dot = [np.tensordot(v, part, 1) for part in rates]
             first = first + mass @ sum(x)
             linear = linear + mass @ sum(x_dot)
             for i in range(3):
                 angular = angular + sum(mass @ np.cross(x[i], x_dot[j]) for j in range(3 - i))
-        com = first / sum(cloud.mass.sum() for cloud in self.clouds.values())
-        return com, linear, angular - np.cross(com, linear)
+        return first / sum(cloud.mass.sum() for cloud in self.clouds.values()), linear, angular
 
     def christoffel(self, q: Array) -> Array:
         """Return Christoffel symbols of the first kind, C_s,vw, (n, n, n)."""

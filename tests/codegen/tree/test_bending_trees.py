@@ -13,8 +13,9 @@ from eomgen.codegen.kernels.derivation import Derivation
 from eomgen.codegen.kernels.equations import derive, derive_cheapest
 from eomgen.codegen.program.ir import evaluate
 from eomgen.errors import InputError
-from eomgen.robot.model import build_model
-from eomgen.robot.value import Placement, Robot
+from eomgen.robot.geometry import IDENTITY
+from eomgen.robot.model import FIXED_BODY, build_model
+from eomgen.robot.value import Frame, Placement, Robot
 from tests.oracles.complex_step import complex_jacobian, complex_steps
 from tests.support.bending_robots import Bending, bent, with_mode_follower
 from tests.support.random_robots import Array, random_robot, seeds, with_random_loops
@@ -123,6 +124,24 @@ def test_wrenches_on_links_and_nodes(seed: int) -> None:
         frame, node = standing[name]
         force += oracle.jacobian(replace(frame, placement=Placement(robot.link(name).com)), s.q, node).T @ w
     close(answer(robot, "external_force", q=s.q, wrench=wrench.ravel()), force)
+
+
+@pytest.mark.parametrize("seed", seeds(800, 3, 24))
+def test_reactions_on_the_ground_are_what_changes_the_momenta(seed: int) -> None:
+    """Newton and Euler of the whole robot: wrenches of joints on the base, drives among them, less the weight."""
+    types = ("revolute", "prismatic", "fixed")
+    plain = random_robot(seed, (2, 4), 3, tree=True, types=types, armature=False)
+    still = tuple(replace(x, axis_turn=IDENTITY) for x in plain.joints)
+    bending = bent(replace(plain, joints=still), seed)
+    robot, oracle, s = bending.robot, bending.oracle(), bending.state(seed)
+    model, total = build_model(robot), np.zeros(6)
+    reactions = answer(robot, "reactions", q=s.q, v=s.v, a=s.a).reshape(-1, 6)
+    for body, wrench in zip(model.bodies, reactions, strict=True):
+        if body.parent == FIXED_BODY:
+            A = oracle.pose(Frame(body.name, body.name), s.q)
+            force = A[:3, :3] @ wrench[:3]
+            total += np.concatenate([force, A[:3, :3] @ wrench[3:] + np.cross(A[:3, 3], force)])
+    close(total, oracle.ground_wrench(s.q, s.v, s.a), 1e-11)
 
 
 @pytest.mark.parametrize("seed", seeds(300, 3, 30))
