@@ -1,4 +1,4 @@
-"""What drives do at rest: the force and the states that follow from an input where all their rates vanish.
+"""Drives at rest: the force and the states that follow from an input where all their rates vanish.
 
 Within limits all signals of a drive are linear in its force then, so that they follow from the inside to the outside.
 """
