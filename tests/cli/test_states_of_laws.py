@@ -40,6 +40,7 @@ CALLS: dict[str, tuple[tuple[str, ...], int, str]] = {  # words, exit code, what
         "the textbook's algorithms know linear springs and dampers only",
     ),
     "cache": ((), 0, "sources"),
+    "reduce": (("arm.toml", "-o", "modes.npz"), 1, ".npz (finite elements of eomgen)"),
     "simulate": (
         ("arm.toml", "--scenario", "scenario.toml", "-o", "out", "--no-plots"),
         0,

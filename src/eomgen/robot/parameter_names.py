@@ -18,8 +18,7 @@ from .numbers import Number
 from .value import COORDINATES, MOTOR, Robot
 
 FORMS = (
-    "gravity[.x], links.LINK.mass, links.LINK.com[.x], links.LINK.inertia[.xx], "
-    "links.LINK.modes.1.stiffness (or damping), "
+    "gravity[.x], links.LINK.mass, links.LINK.com[.x] (or inertia[.xx], modes.1.stiffness), "
     "joints.JOINT.COORDINATE.stiffness (or damping, armature), joints.JOINT.offset[.x], "
     "joints.JOINT.stiffness.x.beta (or damping, damping.linear), "
     "joints.JOINT.motor.inertia (or ratio), "

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
-import numpy as np
-
-from ...arrays import Array
 from ..numbers import SMALLEST, Conflict, Values
 from .states import State
+
+if TYPE_CHECKING:
+    from ...arrays import Array
 
 BRISTLES = "friction.bristle_stiffness"  # is there where friction is LuGre's, which has a state
 BELL = "friction.gaussian"  # the velocity of its Stribeck curve
@@ -50,6 +51,8 @@ def bristle_conflict(numbers: Values) -> Conflict | None:
 
 def sliding_force(numbers: Values, v: Array) -> Array:
     """Return LuGre's g(v), N or N m: the force at which bristles slide at speeds v, with a Gaussian curve."""
+    import numpy as np  # which keys and texts of laws do without
+
     coulomb = numbers["friction.coulomb"]
     more = numbers.get("friction.static", coulomb) - coulomb
     return np.asarray(coulomb + more * _bell(v / numbers.get(BELL, 1.0)))
@@ -57,11 +60,15 @@ def sliding_force(numbers: Values, v: Array) -> Array:
 
 def _bell(x: Array) -> Array:
     """Return exp(-x^2), of large x the number at 26, which is none beside others."""
+    import numpy as np
+
     return np.asarray(np.exp(-(np.minimum(np.abs(x), 26.0) ** 2)))
 
 
 def _unfaded(numbers: Values) -> tuple[float, float, float] | None:
     """Return the least speed v of a fine grid at which sigma_1(v) v > 4 g(v), with both; None without any."""
+    import numpy as np  # which keys and texts of laws do without
+
     damping, fade = numbers.get("friction.bristle_damping", 0.0), numbers.get("friction.fade", math.inf)
     scales = [x for x in (fade, numbers.get(BELL)) if x is not None and math.isfinite(x)]
     scales.append(4.0 * numbers["friction.coulomb"] / max(damping, SMALLEST))
