@@ -44,10 +44,12 @@ def eliminated(
     Args:
         slopes: of the transmissions and of laws with states in an implicit step.
         bound: the model's numbers, where they are not the derivation's.
-        beside: slopes that couple coordinates of one joint beside the diagonal, see ``Elimination``.
+        beside: slopes that couple coordinates of one joint or modes of one link beside the diagonal, see
+            ``Elimination``.
     """
     bound = bound or d.bound
-    if d.followers and (coupled or not led_by_modes(d)):
+    bends = any(body.modes for body in d.model.bodies)  # modes answer no rows when they are eliminated
+    if (d.followers or bends) and (coupled or not led_by_modes(d)):
         return reduced(d, replace(bound, armature=tuple(armature)), drives, v, slopes, beside)
     if d.followers:
         coasting = d.followers.accelerate([0.0] * d.model.size, v)

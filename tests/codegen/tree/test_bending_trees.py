@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eomgen.codegen.kernels.accelerations import SOLVERS
+from eomgen.codegen.kernels.accelerations import CONSTRAINED, SOLVERS
 from eomgen.codegen.kernels.blocks import row_blocks
 from eomgen.codegen.kernels.derivation import Derivation
 from eomgen.codegen.kernels.equations import derive, derive_cheapest
@@ -18,7 +18,7 @@ from eomgen.robot.model import FIXED_BODY, build_model
 from eomgen.robot.value import Frame, Placement, Robot
 from tests.oracles.complex_step import complex_jacobian, complex_steps
 from tests.support.bending_robots import Bending, bent, with_mode_follower
-from tests.support.random_robots import Array, random_robot, seeds, with_random_loops
+from tests.support.random_robots import Array, State, random_robot, seeds, with_random_loops
 
 LIMIT = 1e-12  # relative to the largest number of a result
 
@@ -40,15 +40,15 @@ def draw(seed: int, *, follows: bool = True) -> Bending:
     return with_mode_follower(bending, seed) if seed % 3 == 2 and follows else bending
 
 
-def accelerations(robot: Robot, **arrays: Array) -> dict[str, Array]:
-    """Return accelerations, (n,), by the solvers that suit a robot."""
+def accelerations(robot: Robot, kernel: str = "forward_dynamics", **arrays: Array) -> dict[str, Array]:
+    """Return accelerations, (n,), and what else a kernel gives behind them, by the solvers that suit a robot."""
     model = build_model(robot)
     inputs = {name: list(map(float, array)) for name, array in arrays.items()}
     inputs["p"] = [*model.parameters.values(), *[0.0] * len(model.turning)]
     by_solver = {}
-    for solver, variant in SOLVERS.items():
+    for solver, variant in (CONSTRAINED if robot.loops else SOLVERS).items():
         if variant.suits(Derivation(model)):
-            found = evaluate(derive_cheapest(model, "forward_dynamics", solver)[0], inputs)
+            found = evaluate(derive_cheapest(model, kernel, solver)[0], inputs)
             by_solver[solver] = np.array([found[key] for key in sorted(found) if key[0] == "out"])
     return by_solver
 
@@ -192,6 +192,37 @@ def test_loops_on_random_trees(seed: int) -> None:
         total[np.ix_(block.columns, block.columns)] += values[at : at + size**2].reshape(size, size)
         at += size**2
     close(total.ravel(), pulled, 1e-11)
+
+
+@pytest.mark.parametrize("seed", seeds(700, 4, 30))
+@pytest.mark.parametrize("nodes", [True, False])
+def test_motions_of_closed_loops(seed: int, nodes: bool) -> None:
+    """M a + h = u + J^T lambda and J a + J_dot v = 0, also where no node moves with the modes."""
+    robot, bending, s, J = with_loop(seed, nodes=nodes)
+    n, oracle = len(s.q), bending.oracle()
+    whole = np.block([[oracle.mass_matrix(s.q), -J.T], [J, np.zeros((len(J), len(J)))]])
+    bias = answer(robot, "constraint_bias", q=s.q, v=s.v)
+    right = np.concatenate([-oracle.residual(s.q, s.v, np.zeros(n), s.u), -bias])
+    expected = np.linalg.solve(whole, right)
+    found = accelerations(robot, "constrained_dynamics", q=s.q, v=s.v, u=s.u)
+    assert found
+    for values in found.values():
+        assert np.abs(values[:n] - expected[:n]).max() < 1e-14 * np.linalg.cond(whole) * np.abs(expected).max()
+
+
+def with_loop(seed: int, *, nodes: bool) -> tuple[Robot, Bending, State, Array]:
+    """Draw a robot with a loop whose rows are independent in a state, and J there; ``nodes``: whether any move."""
+    for number in range(seed, seed + 20000, 1000):
+        bending = draw(number, follows=False)
+        if not nodes:
+            modes = {x.name: replace(x.modes, nodes=()) for x in bending.plain.links if x.modes is not None}
+            links = tuple(replace(x, modes=modes.get(x.name)) for x in bending.plain.links)
+            bending = replace(bending, plain=replace(bending.plain, links=links), nodes={}, frames={})
+        robot, s = with_random_loops(bending.robot, number, ["spherical"]), bending.state(number)
+        J = answer(robot, "constraint_jacobian", q=s.q).reshape(-1, len(s.q))
+        if np.linalg.matrix_rank(J, 1e-6) == len(J):
+            return robot, bending, s, J
+    raise AssertionError("no robot among twenty has independent rows")
 
 
 @pytest.mark.parametrize(("key", "matrix"), [("K", ((4.0, 0.1), (0.1, 5.0))), ("D", ((4.0, 0.1), (0.2, 5.0)))])
