@@ -22,7 +22,8 @@ from eomgen.robot.elements.joint_damping import MOVED
 from eomgen.robot.laws import LAWS
 from eomgen.robot.model import Model
 from eomgen.robot.parameter_names import number_of
-from eomgen.robot.value import ANGULAR, COORDINATES, MOTOR
+from eomgen.robot.value import ANGULAR, COORDINATES, MOTOR, LinkModes
+from eomgen.robot.value.modes import coupling_name
 
 from ..kernels.constraint_rows import Rank, rank_at_home
 from ..kernels.interface import drive_inputs
@@ -399,7 +400,7 @@ def _of_mode(link: str, mode: str, kind: str, value: float) -> Letter:
 
 
 def _modal_numbers(model: Model) -> Iterator[tuple[str, Letter]]:
-    """Yield a symbol for every integral over a link that bends that is not zero: N, n, P, Q and q, by its name."""
+    """Yield symbols for integrals over links that bend, N, n, P, Q and q, and what couples modes, by their names."""
     for body in model.bodies:
         modes = model.robot.link(body.name).modes
         for name, value in bending.numbers(body.name, modes).items() if modes is not None else ():
@@ -412,6 +413,17 @@ def _modal_numbers(model: Model) -> Iterator[tuple[str, Letter]]:
             symbol = sp.Symbol(f"{letter}{which}_{axes}_{body.name}", real=True)
             below = f"{which},{axes},{_upright_owner(body.name)}"
             yield name, Letter(symbol, f"{letter}_{{{below}}}", name, value, unit)
+        if modes is not None:
+            yield from _modal_couplings(body.name, modes)
+
+
+def _modal_couplings(link: str, modes: LinkModes) -> Iterator[tuple[str, Letter]]:
+    """Yield symbols for what K and D have beside the diagonal, by their names."""
+    for key, unit in (("K", "J"), ("D", "J s")):
+        for (k, j), value in modes.couplings(key).items():
+            name, which = coupling_name(link, key, k, j), f"{k + 1}{j + 1}"
+            symbol = sp.Symbol(f"{key}{which}_{link}", real=True)
+            yield name, Letter(symbol, f"{key}_{{{which},{_upright_owner(link)}}}", name, value, unit)
 
 
 def _upright_owner(name: str) -> str:

@@ -1,16 +1,25 @@
-"""Forces of coordinates themselves, Q_P of eq. (13): linear in coordinate and rate, and what ``laws`` add to them."""
+"""Forces of coordinates themselves, Q_P of eq. (13): linear in coordinate and rate, and what ``laws`` add to them.
+
+The coordinates e of a link's modes are resisted by K e + D e'.  The diagonals are stiffness and damping of single
+coordinates, which may be parameters; what is beside them couples coordinates of one body, and is eliminated with its
+modes.  Neither is definite by itself, their sum is never negative.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property, partial
 from typing import ClassVar
 
 from eomgen.names import kind_of
 from eomgen.robot.parameter_names import JOINTS
 from eomgen.robot.value import MOTOR
 
-from ..tree.spatial import Scalar
+from ..tree.bound import BoundModalCouplings
+from ..tree.composite import Rows
+from ..tree.spatial import Scalar, is_zero
 from .element import ForceElement, ImplicitShare, Slopes
+from .joint_stiffness import CoordinateMatrix
 from .laws import Effect, bearing_load, effect, without_friction
 
 
@@ -78,3 +87,60 @@ class CoordinateLaws(ForceElement):
     def _without_friction(self, j: int, q: Sequence[Scalar], v: Sequence[Scalar]) -> Effect:
         """Return the effect, without friction, of a coordinate that presses on others."""
         return without_friction(self.at.bound.laws[j], q[j], v[j], self.at.functions)
+
+
+class ModalCouplings(ForceElement):
+    """Entries of all links' modal stiffness and damping beside the diagonals."""
+
+    FAMILY: ClassVar[str] = JOINTS
+
+    @classmethod
+    def has(cls, family: str, owner: str) -> bool:
+        """Tell that no parameters are numbers of these forces: they are constants."""
+        return False
+
+    @cached_property
+    def matrices(self) -> list[tuple[CoordinateMatrix, CoordinateMatrix]]:
+        """Stiffness and damping, link by link."""
+        return [(_matrix(x.stiffness), _matrix(x.damping)) for x in self.at.bound.modal_couplings]
+
+    def resist(self, v: Sequence[Scalar]) -> Iterator[tuple[int, Scalar]]:
+        """Give K e + D e'."""
+        yield from self._rows(self.at.q, v)
+
+    def energies(self) -> Iterator[Scalar]:
+        """Give K_kj e_k e_j."""
+        q = self.at.q
+        for K, _ in self.matrices:
+            yield from (entry * (q[i] * q[j]) for (i, j), entry in K.entries.items())
+
+    def add_slopes(self, slopes: Slopes) -> None:
+        """Add K and D."""
+        for K, D in self.matrices:
+            K.add_to(slopes.by_q)
+            D.add_to(slopes.by_v)
+
+    def advance(self, share: ImplicitShare) -> None:
+        """Push the forces where the velocities lead to."""
+        for i, force in self._rows(share.q, share.v):
+            share.push(i, force)
+
+    def add_blocks(self, share: ImplicitShare) -> None:
+        """Add c D + c^2 K; the diagonals, by which it is never negative, are those of coordinates."""
+        for couplings in self.at.bound.modal_couplings:
+            share.in_joint(partial(_slopes, couplings))
+
+    def _rows(self, q: Sequence[Scalar], v: Sequence[Scalar]) -> Iterator[tuple[int, Scalar]]:
+        for (K, D), couplings in zip(self.matrices, self.at.bound.modal_couplings, strict=True):
+            self.at.note(f"{couplings.link}: its modes work on each other")
+            yield from K.times(q).items()
+            yield from D.times(v).items()
+
+
+def _matrix(entries: Mapping[tuple[int, int], Scalar]) -> CoordinateMatrix:
+    return CoordinateMatrix({pair: entry for pair, entry in entries.items() if not is_zero(entry)})
+
+
+def _slopes(couplings: BoundModalCouplings, c: Scalar, square: Scalar) -> Rows:
+    """Return c D + square K above the diagonal."""
+    return {pair: c * couplings.damping[pair] + square * entry for pair, entry in couplings.stiffness.items()}

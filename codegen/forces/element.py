@@ -164,7 +164,10 @@ class ImplicitShare(ABC):
 
     @abstractmethod
     def in_joint(self, slopes: Callable[[Scalar, Scalar], Rows]) -> None:
-        """Add slopes between coordinates of one joint, on and above the diagonal, by c and c^2; never negative."""
+        """Add slopes between coordinates of one joint or modes of one link, on and above the diagonal, by c and c^2.
+
+        They are never negative, with what ``on_coordinate`` adds to these coordinates.
+        """
 
     @abstractmethod
     def in_transmission(self, motor: int, linear: Effect, law: Effect) -> None:
@@ -256,7 +259,7 @@ class ForceElement(ABC):
         return
 
     def add_blocks(self, share: ImplicitShare) -> None:
-        """Add slopes between coordinates of one joint to an implicit method's matrix."""
+        """Add slopes between coordinates of one joint or modes of one link to an implicit method's matrix."""
         return
 
     def add_rows(self, share: ImplicitShare) -> None:

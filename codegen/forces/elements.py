@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from .bushings import Bushings
-from .coordinates import CoordinateLaws
+from .coordinates import CoordinateLaws, ModalCouplings
 from .cut_journals import LoopBearingContacts
 from .cuts import ElasticLoopCoordinates
 from .element import ForceElement
@@ -29,4 +29,5 @@ ELEMENTS: Sequence[type[ForceElement]] = (
     ElasticLoopCoordinates,
     LoopBearingContacts,
     Bushings,
+    ModalCouplings,
 )

@@ -12,7 +12,7 @@ from eomgen.robot.cuts import UPRIGHT
 from eomgen.robot.mechanism import coordinate_of, effort_of, leading_home
 from eomgen.robot.memory.drives import input_of
 from eomgen.robot.model import Model, movable_limits
-from eomgen.robot.parameter_names import conditions, element_places, least_of, matrices
+from eomgen.robot.parameter_names import conditions, element_places, leasts, matrices
 from eomgen.robot.value import LINEAR, MOTOR, Coupling, Loop
 
 from ..tree.regressor import described_values, regressor_names
@@ -21,7 +21,7 @@ from .signatures import KERNELS, element_rows, functions, shapes
 IF_ANY = (  # entries of the metadata that are there only where there is something to tell
     *("motors", "efforts", "ranges", "home", "frame_links", "turning", "loops", "upright", "constraints", "couplings"),
     *("memory", "memory_units", "inputs", "followers", "cut_laws", "regressor", "springs", "element_rows", "matrices"),
-    "conditions",
+    *("conditions", "modal_couplings"),
 )
 
 
@@ -54,7 +54,7 @@ def describe_kernels(model: Model, kernels: Sequence[str], dtype: str) -> dict[s
         "coms": {link: list(robot.link(link).com) for link in model.links},
         "home": {name: value for name, value in leading_home(robot).items() if name in model.coordinates},
         "parameters": dict(model.parameters),
-        "least": {name: least for name in model.parameters if (least := least_of(name)) is not None},
+        "least": leasts(robot, model.parameters),
         "shapes": {key: list(shape) for key, shape in shapes(model, kernels).items()},
         "kernels": {
             name: {"reads": KERNELS[name].reads, "writes": KERNELS[name].writes} for name in KERNELS if name in kernels
@@ -85,6 +85,7 @@ def describe_kernels(model: Model, kernels: Sequence[str], dtype: str) -> dict[s
         "element_rows": element_rows(model),
         "matrices": matrices(model.parameters),
         "conditions": conditions(robot, model.parameters),
+        "modal_couplings": modal_couplings(model),
     }
     return {key: value for key, value in described.items() if value or key not in IF_ANY}
 
@@ -102,6 +103,18 @@ def drive_inputs(model: Model) -> dict[str, list[Any]]:
         law = coordinate_of(model.robot, name).law()
         inputs[name] = [*input_of(law, linear=kind_of(name) in LINEAR), place]
     return inputs
+
+
+def modal_couplings(model: Model) -> list[list[Any]]:
+    """Return pairs of modes that work on each other: both names, the entry of K and that of D beside the diagonal."""
+    found = list[list[Any]]()
+    for link in model.robot.links:
+        if link.modes is not None:
+            K, D, names = link.modes.couplings("K"), link.modes.couplings("D"), link.modes.names
+            for k, j in sorted({*K, *D}):
+                pair = [component_name(link.name, names[i]) for i in (k, j)]
+                found.append([*pair, K.get((k, j), 0.0), D.get((k, j), 0.0)])
+    return found
 
 
 def inertial_parameters(model: Model) -> dict[str, Any]:

@@ -91,8 +91,8 @@ class Elimination:
 
         Args:
             drives: of coordinates that follow modes their accelerations where these have none.
-            slopes: what couples coordinates of one joint beside the diagonal, by their indices (i, j) with i < j; their
-                armatures are not zero.
+            slopes: what couples coordinates of one joint or modes of one link beside the diagonal, by their indices
+                (i, j) with i < j; their armatures are not zero.
             coupled: whether rows of closed loops come on top, which ``respond`` to them needs; armatures then couple
                 no free bodies.
         """

@@ -35,6 +35,7 @@ from eomgen.robot.value import (
     Placement,
     load_dependent,
 )
+from eomgen.robot.value.modes import DIAGONALS, coupling_name
 
 from .modal import Bent, Modal, constants_of
 from .spatial import (
@@ -131,6 +132,18 @@ class BoundJointElement:
 
 
 @dataclass(frozen=True)
+class BoundModalCouplings:
+    """What K and D of a link's modes have beside the diagonal, by pairs of indices (i, j), i < j.
+
+    Both have the same pairs, 0.0 where one has no such entry.
+    """
+
+    link: str
+    stiffness: Mapping[tuple[int, int], Scalar]
+    damping: Mapping[tuple[int, int], Scalar]
+
+
+@dataclass(frozen=True)
 class BoundCoupling:
     """value(of) - sum of ratio * coordinate - offset, which vanishes or has a law; coordinates by their indices.
 
@@ -164,6 +177,7 @@ class Bound:
     ``cut_journals`` in those of cut joints, by the loop's number.
     ``joint_damping`` is that of joints as wholes, ``joint_stiffness`` that of their stiffness matrices;
     ``cut_matrices`` are both of cut joints, by the loop's number and their tables.
+    ``modal_couplings`` are those of links whose modes work on each other.
     """
 
     gravity: Vec
@@ -185,6 +199,7 @@ class Bound:
     joint_damping: tuple[BoundJointElement, ...] = ()
     joint_stiffness: tuple[BoundJointElement, ...] = ()
     cut_matrices: Mapping[tuple[int, str], BoundJointElement] = field(default_factory=dict)
+    modal_couplings: tuple[BoundModalCouplings, ...] = ()
 
 
 def bind(
@@ -244,6 +259,7 @@ def bind(
         joint_damping=binder.joint_elements(JOINT_DAMPING),
         joint_stiffness=binder.joint_elements(JOINT_STIFFNESS),
         cut_matrices=binder.cut_matrices(),
+        modal_couplings=binder.modal_couplings(),
     )
 
 
@@ -423,6 +439,25 @@ class _Binder:
                     numbers = self._values(f"loops.{loop.name}.{table}", law)
                     matrices[number, table] = BoundJointElement(loop.name, index, numbers)
         return matrices
+
+    def modal_couplings(self) -> tuple[BoundModalCouplings, ...]:
+        """Bind what couples modes beside the diagonals of K and D, which are constants."""
+        bound = list[BoundModalCouplings]()
+        for body in self.model.bodies:
+            modes = self.model.robot.link(body.name).modes
+            between = {} if modes is None else {key: modes.couplings(key) for key in DIAGONALS}
+            pairs = sorted({pair for entries in between.values() for pair in entries})
+            if pairs:
+                K, D = (
+                    {
+                        (body.modes[k], body.modes[j]): self.value(coupling_name(body.name, key, k, j), x)
+                        for k, j in pairs
+                        for x in (entries.get((k, j), 0.0),)
+                    }
+                    for key, entries in between.items()
+                )
+                bound.append(BoundModalCouplings(body.name, K, D))
+        return tuple(bound)
 
     def _values(self, prefix: str, law: Mapping[str, float]) -> dict[str, Scalar]:
         """Return the numbers of a law, parameters where they are tunable."""

@@ -17,6 +17,8 @@ from eomgen.authoring.inertia import mass_matrix
 from eomgen.bending.beam import beam_inertia, beam_modes
 from eomgen.bending.files import write_constants
 from eomgen.bending.reduction import reduce
+from eomgen.codegen.kernels.equations import derive
+from eomgen.codegen.program.ir import evaluate
 from eomgen.description.load import robot_from_toml
 from eomgen.description.recorded import robot_from_record
 from eomgen.errors import DescriptionError
@@ -189,25 +191,49 @@ def test_modes_out_of_files(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("craig_bampton", [False, True])
 def test_reduced_finite_elements_are_taken(craig_bampton: bool, tmp_path: Path) -> None:
-    """What ``eomgen reduce`` writes: modes by themselves; those that work on each other are refused by name."""
+    """What ``eomgen reduce`` writes: modes by themselves, or those of the interface that work on each other."""
     reduced = reduce(bar(count=2), craig_bampton=craig_bampton)
     reduced.save(tmp_path / "arm.npz")
     text = ARM.replace(f"beam = {{ {BEAM}, modes = {MODES} }}", 'modes = "arm.npz"')
-    robot = robot_from_toml(text, folder=tmp_path)
-    if craig_bampton:  # whose modes work on each other
-        with pytest.raises(DescriptionError, match=r"links\.arm\.modes\.K: got .* between modes"):
-            build_model(robot)
-        return
-    robot = robot.with_value("links.hand.mass", 0.0)
+    robot = robot_from_toml(text, folder=tmp_path).with_value("links.hand.mass", 0.0)
     link = robot.link("arm")
     assert link.modes is not None
     assert link.mass == pytest.approx(reduced.mass, rel=1e-12)
     assert np.array(link.modes.K) == pytest.approx(reduced.K, rel=1e-12)
     assert (np.count_nonzero(np.array(link.modes.D)) == len(reduced.K)) != craig_bampton
     assert [note.partition(":")[0] for note in robot.notes] == ["links.arm.modes"]
+    assert bool(link.modes.couplings("K")) == bool(link.modes.couplings("D")) == craig_bampton
+    assert link.modes.line("arm").endswith("; coupled by K and D" if craig_bampton else "rotation")
     model = build_model(robot)
     M = mass_matrix(model, np.zeros(model.size))[1:9, 1:9]
     assert pytest.approx(np.einsum("klaa->kl", reduced.P), abs=1e-9) == M
+
+
+def test_modes_of_craig_and_bampton_move_as_their_combinations(tmp_path: Path) -> None:
+    """Forces of one motion, and its energies, in both sets of modal coordinates: e_cb = T e, r = T^T r_cb."""
+    text, robots = ARM.replace(f"beam = {{ {BEAM}, modes = {MODES} }}", 'modes = "arm.npz"'), []
+    for craig_bampton in (False, True):
+        reduce(bar(count=2), craig_bampton=craig_bampton).save(tmp_path / "arm.npz")
+        robots.append(robot_from_toml(text, folder=tmp_path))
+    models, links = [build_model(x) for x in robots], [x.link("arm").modes for x in robots]
+    alone, coupled = (x for x in links if x is not None)
+    T = eigh(np.array(coupled.K), np.array(coupled.masses))[1]
+    signs = np.sign(np.sum((np.array(coupled.nodes[0].Phi) @ T) * np.array(alone.nodes[0].Phi), axis=0))
+    T = T * signs
+    assert np.array(coupled.nodes[0].Phi) @ T == pytest.approx(np.array(alone.nodes[0].Phi), abs=1e-7)
+    n, m = models[0].size, alone.count
+    whole = np.eye(n)
+    whole[1 : 1 + m, 1 : 1 + m] = T
+    rng = np.random.default_rng(3)
+    q, v, a = rng.uniform(-1.0, 1.0, (3, n)) * np.where([".mode" in x for x in models[0].coordinates], 0.05, 1.0)
+    forces, energies = [], []
+    for model, turn in zip(models, (np.eye(n), whole), strict=True):
+        state = {"q": [*turn @ q], "v": [*turn @ v], "a": [*turn @ a], "p": list(model.parameters.values())}
+        found = evaluate(derive(model, "inverse_dynamics"), state)
+        forces.append(turn.T @ np.array([found["out", i] for i in range(n)]))
+        energies.append([float(x) for x in evaluate(derive(model, "energy"), state).values()])
+    assert forces[1] == pytest.approx(forces[0], abs=1e-7 * np.abs(forces[0]).max())
+    assert energies[1] == pytest.approx(energies[0], rel=1e-8)
 
 
 def test_modes_of_a_free_link_need_a_free_joint(tmp_path: Path) -> None:

@@ -11,13 +11,16 @@ import pytest
 import eomgen
 from eomgen import Kernel
 from eomgen.robot.value import Coordinate, Joint, Link, Robot
+from eomgen.state.springs import stiffness_matrix
 from tests.support.bending_links import nested
 from tests.support.bending_robots import Bending, bent
 from tests.support.random_robots import Array, random_placement, random_rotation
 
+COUPLED = ((300.0, 240.0), (240.0, 900.0))  # K of both links, J
+
 
 def arm() -> Bending:
-    """Two links that bend, one behind the other on revolute joints, with nodes; nothing dissipates."""
+    """Two links that bend, one behind the other on revolute joints, with nodes; K couples modes, nothing dissipates."""
     rng = np.random.default_rng(11)
     links, joints, parent = [], [], "base"
     for name in ("upper", "fore"):
@@ -30,7 +33,7 @@ def arm() -> Bending:
         parent = name
     bending = bent(Robot("bending_arm", (1.0, -2.0, -9.0), tuple(links), tuple(joints)), 3, (2,), second=True)
     still = [
-        replace(x, modes=replace(x.modes, D=((0.0, 0.0), (0.0, 0.0)), K=((300.0, 0.0), (0.0, 900.0))))
+        replace(x, modes=replace(x.modes, D=((0.0, 0.0), (0.0, 0.0)), K=COUPLED))
         for x in bending.plain.links
         if x.modes is not None
     ]
@@ -75,6 +78,37 @@ def test_all_methods_find_the_same_motion(kernel: Kernel) -> None:
     assert ends["rk4", 1000] < 1e-6
     assert ends["rk4", 500] / ends["rk4", 1000] == pytest.approx(16.0, rel=0.2)
     assert ends["implicit", 4000] / ends["implicit", 8000] == pytest.approx(2.0, rel=0.1)
+
+
+def test_a_diagonal_beside_constants_goes_down_as_long_as_no_motion_gives_energy(kernel: Kernel) -> None:
+    """300 and 900 beside 240: the matrix that is scaled to 1 has the eigenvalue 1 - 240 / sqrt(270,000) = 0.538."""
+    name = "links.upper.modes.1.stiffness"
+    with pytest.raises(eomgen.InputError, match=rf"{name}.*138\.5"):
+        kernel.with_parameters({name: 138.0})
+    assert stiffness_matrix(kernel.with_parameters({name: 139.0}))[1, 1] == 139.0
+
+
+def test_stiffness_of_analyses_is_that_of_forces(kernel: Kernel) -> None:
+    """Slopes of the springs' forces by differences, in a state in which no link weighs on them."""
+    K, q = stiffness_matrix(kernel), np.zeros(kernel.n)
+    h, found = 1e-3, []
+    for e in np.eye(kernel.n):
+        ahead, behind = (kernel.generalized_force(q + s * h * e, q) for s in (1, -1))
+        weights = [kernel.gravity(q + s * h * e) for s in (1, -1)]
+        found.append(-(ahead - behind + weights[0] - weights[1]) / (2.0 * h))
+    modal = np.array(["mode" in name for name in kernel.coordinates])
+    assert np.array_equal(K[np.ix_(modal, modal)], np.kron(np.eye(2), np.array(COUPLED)))
+    assert np.abs(np.array(found) - K).max() < 1e-9 * K.max()
+
+
+def test_frequencies_are_those_of_whole_matrices(kernel: Kernel) -> None:
+    """Without weight, joints held: of M and K of the modes of both links."""
+    weightless = kernel.with_parameters({f"gravity.{axis}": 0.0 for axis in "xyz"})
+    found = eomgen.analysis.modes(arm().robot, kernel=weightless).frequencies
+    modal = np.array(["mode" in name for name in kernel.coordinates])
+    M = kernel.mass_matrix(np.zeros(kernel.n))[np.ix_(modal, modal)]
+    squares = np.linalg.eigvals(np.linalg.solve(M, np.kron(np.eye(2), np.array(COUPLED))))
+    assert found == pytest.approx(np.sqrt(np.sort(squares)) / (2.0 * np.pi), rel=1e-9)
 
 
 def test_states_of_a_batch_are_those_alone(kernel: Kernel) -> None:

@@ -106,7 +106,7 @@ class BendingOracle:
         """Return M a + bias less what acts, (n,), N or N m."""
         q, v = np.asarray(q), np.asarray(v)
         slope = np.array([self._potential(q + 1j * STEP * e).imag for e in np.eye(self.size)]) / STEP
-        return self._inertial(q, v, np.asarray(a)) + slope + self._dissipation @ v - np.asarray(u)
+        return self._inertial(q, v, np.asarray(a)) + slope + self.dampers @ v - np.asarray(u)
 
     def energy(self, q: Array, v: Array) -> tuple[float, float]:
         """Return the kinetic and the potential energy, J; that of gravity is zero at the base's origin."""
@@ -259,7 +259,14 @@ class BendingOracle:
         return self._matrix("stiffness", "K")
 
     @cached_property
-    def _dissipation(self) -> Array:
+    def springs(self) -> Array:
+        """Stiffness of joints and modes by the coordinates, (n, n)."""
+        K: Array = self._S.T @ self._stiffness @ self._S
+        return K
+
+    @cached_property
+    def dampers(self) -> Array:
+        """Damping of joints and modes by the coordinates, (n, n)."""
         D: Array = self._S.T @ self._matrix("damping", "D") @ self._S
         return D
 

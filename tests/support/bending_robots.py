@@ -159,8 +159,20 @@ def _link_modes(rng: np.random.Generator, cloud: Cloud, *, second: bool) -> Link
     H0, P, Q = cloud.constants()
     m = cloud.modes
     K, D = (np.diag(rng.uniform(0.5, 2.0, m)) for _ in range(2))
+    beside = rng.spawn(1)[0]  # which leaves the numbers of rng as they are
+    if beside.random() < 0.6:
+        K, D = coupled(beside, K), coupled(beside, D)
     nodes = tuple(_node(rng, f"node{i + 1}", m, second=second) for i in range(int(rng.integers(1, 3))))
     return LinkModes(nested(H0), nested(P), nested(20.0 * K), nested(0.2 * D), nodes, nested(Q) if second else None)
+
+
+def coupled(rng: np.random.Generator, diagonal: Array) -> Array:
+    """Return a positive definite matrix with a diagonal, and entries beside it."""
+    A = rng.uniform(-1.0, 1.0, diagonal.shape)
+    gram = A @ A.T
+    size = np.sqrt(np.diag(gram) / np.diag(diagonal))
+    matrix: Array = 0.3 * diagonal + 0.7 * gram / np.outer(size, size)
+    return matrix
 
 
 def _node(rng: np.random.Generator, name: str, count: int, *, second: bool) -> Node:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eomgen.codegen.forces.bushings import Bushings
-from eomgen.codegen.forces.coordinates import CoordinateLaws
+from eomgen.codegen.forces.coordinates import CoordinateLaws, ModalCouplings
 from eomgen.codegen.forces.cut_journals import LoopBearingContacts
 from eomgen.codegen.forces.cuts import ElasticLoopCoordinates
 from eomgen.codegen.forces.element import ForceElement
@@ -22,6 +23,9 @@ from eomgen.codegen.forces.transmissions import Transmissions
 from eomgen.description.load import robot_from_toml
 from eomgen.robot.model import Model, build_model
 from eomgen.robot.parameter_names import FAMILIES, element_places
+from eomgen.robot.value import Link, LinkModes, Robot
+from tests.oracles.bending_lagrange import Cloud
+from tests.support.bending_links import nested
 
 Array = NDArray[np.float64]
 
@@ -292,6 +296,7 @@ ROBOTS: Mapping[type[ForceElement], Mapping[str, str]] = {
     ElasticLoopCoordinates: {"beside": CUT},
     LoopBearingContacts: {"beside": CUT_BEARING},
     Bushings: {"beside": BUSHING},
+    ModalCouplings: {},  # ``robot_of`` makes the rocker bend
 }
 PARTS = ("hip", "knee", "beside")
 
@@ -304,9 +309,26 @@ def robot_with(*families: type[ForceElement]) -> str:
     return TREE.format(**parts)
 
 
-def drawn(text: str, seed: int) -> tuple[Model, Array]:
-    """Give the model of a description, and its parameters with those of forces drawn about the described ones."""
-    rng, model = np.random.default_rng(seed), build_model(robot_from_toml(text))
+def robot_of(*families: type[ForceElement]) -> Robot:
+    """Return the robot of that description; its rocker bends, by modes that work on each other, if these are wanted."""
+    robot = robot_from_toml(robot_with(*families))
+    if ModalCouplings not in families:
+        return robot
+    return replace(robot, links=tuple(_bending(x) if x.name == "rocker" else x for x in robot.links))
+
+
+def _bending(link: Link) -> Link:
+    """Return a link with two modes, of particles that have its mass and inertia."""
+    cloud = Cloud.of(link.mass, link.com, link.inertia)
+    phi = 0.3 * np.random.default_rng(40).normal(size=(len(cloud.mass), 3, 2))
+    H0, P, _ = replace(cloud, phi=phi, psi=np.zeros((*phi.shape, 2))).constants()
+    K, D = ((40.0, 12.0), (12.0, 60.0)), ((0.6, -0.15), (-0.15, 0.4))
+    return replace(link, modes=LinkModes(nested(H0), nested(P), K, D, ()))
+
+
+def drawn(robot: Robot, seed: int) -> tuple[Model, Array]:
+    """Return a robot's model, and its parameters with those of forces drawn about the described ones."""
+    rng, model = np.random.default_rng(seed), build_model(robot)
     values, places = np.array(list(model.parameters.values())), element_places(model.robot, model.parameters)
     own = [place for family in FAMILIES for numbers in places[family].values() for place in numbers.values()]
     values[own] *= rng.uniform(0.8, 1.25, len(own))

@@ -394,7 +394,7 @@ def _check_names(robot: Robot) -> None:
 
 
 def _check_modes(robot: Robot) -> None:
-    """Refuse modes of links that no link can have, or whose forces are not their own."""
+    """Refuse modes of links that no link can have."""
     for link in robot.links:
         conflict = link.modes.conflict() if link.modes is not None else None
         if conflict is not None:

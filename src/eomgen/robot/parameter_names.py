@@ -234,3 +234,20 @@ def least_of(parameter: str) -> float | None:
         return 0.0
     number = number_of(parameter)
     return None if number is None else number.least
+
+
+def leasts(robot: Robot, names: Iterable[str]) -> dict[str, float]:
+    """Return the least values of run-time parameters by name, as of ``least_of``; more for diagonals of coupled modes.
+
+    Args:
+        robot: whose parameters they are.
+        names: of them; those that may have any value are left out.
+    """
+    bending = [link for link in robot.links if link.modes is not None]
+    higher = {
+        parameter_name("links", link.name, key): least
+        for link in bending
+        for key, least in (link.modes.least() if link.modes is not None else {}).items()
+    }
+    found = {name: higher.get(name, least_of(name)) for name in names}
+    return {name: least for name, least in found.items() if least is not None}

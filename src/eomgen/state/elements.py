@@ -54,8 +54,8 @@ def element_couplings(kernel: Kernel) -> tuple[Array, Array]:
 
 
 def joint_stiffness(kernel: Kernel) -> Array:
-    """Return the stiffness matrices of joints, (n, n), N/m, N/rad, N m/rad."""
-    return _matrices(kernel, STIFFNESSES, kernel.velocities)
+    """Return the stiffness matrices of joints, and what couples modes, (n, n), N/m, N/rad, N m/rad."""
+    return _matrices(kernel, STIFFNESSES, kernel.velocities) + _between_modes(kernel)[0]
 
 
 def cut_matrices(kernel: Kernel) -> tuple[Array, Array]:
@@ -65,7 +65,7 @@ def cut_matrices(kernel: Kernel) -> tuple[Array, Array]:
 
 
 def stiffness_forces(kernel: Kernel, q: Array) -> Array:
-    """Return the forces of joints' stiffness matrices and their preloads in states q, (T, n); (T, n), N or N m."""
+    """Return the forces of ``joint_stiffness`` and of joints' preloads in states q, (T, n); (T, n), N or N m."""
     preload = np.zeros(kernel.n)
     for joint, numbers in element_numbers(kernel, STIFFNESSES).items():
         for i, name in enumerate(kernel.coordinates):
@@ -75,11 +75,11 @@ def stiffness_forces(kernel: Kernel, q: Array) -> Array:
 
 
 def joint_damping(kernel: Kernel) -> Array:
-    """Return the largest damping by joints as wholes, (n, n), N s/m, N s/rad, N m s/rad.
+    """Return the largest damping by joints as wholes and between modes, (n, n), N s/m, N s/rad, N m s/rad.
 
     Isotropic damping counts on the diagonal alone.
     """
-    return _damping_matrices(kernel, STIFFNESSES, MOTIONS, kernel.velocities) + np.diag(damping_diagonal(kernel))
+    return _coupling_damping(kernel) + np.diag(damping_diagonal(kernel))
 
 
 def damping_diagonal(kernel: Kernel) -> Array:
@@ -91,8 +91,8 @@ def damping_diagonal(kernel: Kernel) -> Array:
 
 
 def damping_forces(kernel: Kernel, q: Array, v: Array) -> Array:
-    """Return the generalized forces of joint dampers against the motion in states, (T, n) each; (T, n)."""
-    forces = np.asarray(v @ _damping_matrices(kernel, STIFFNESSES, MOTIONS, kernel.velocities))
+    """Return the generalized forces of joint dampers, and between modes, against the motion in states, (T, n) each."""
+    forces = np.asarray(v @ _coupling_damping(kernel))
     for joint, damping, index in _dampers(kernel):
         places = list(index.values())
         forces[:, places] += damping * v[:, places]
@@ -103,6 +103,21 @@ def damping_forces(kernel: Kernel, q: Array, v: Array) -> Array:
             forces[:, alpha] += damping * sine * v[:, gamma]
             forces[:, gamma] += damping * sine * v[:, alpha]
     return forces
+
+
+def _coupling_damping(kernel: Kernel) -> Array:
+    """Return the damping matrices of joints, and what couples modes, (n, n)."""
+    return _damping_matrices(kernel, STIFFNESSES, MOTIONS, kernel.velocities) + _between_modes(kernel)[1]
+
+
+def _between_modes(kernel: Kernel) -> tuple[Array, Array]:
+    """Return stiffness and damping of modes that work on each other beside the diagonals, (n, n) each."""
+    stiffness, damping = np.zeros((2, kernel.n, kernel.n))
+    for one, other, k, d in kernel.modal_couplings:
+        i, j = kernel.velocities.index(one), kernel.velocities.index(other)
+        stiffness[i, j] = stiffness[j, i] = k
+        damping[i, j] = damping[j, i] = d
+    return stiffness, damping
 
 
 def _damping_matrices(kernel: Kernel, stiff: str, family: str, coordinates: Sequence[str]) -> Array:

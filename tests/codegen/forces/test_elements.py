@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from eomgen.codegen.forces.coordinates import CoordinateLaws
+from eomgen.codegen.forces.coordinates import CoordinateLaws, ModalCouplings
 from eomgen.codegen.forces.element import ForceElement, ImplicitShare, Slopes, StateSite, StateSlopes, add_to
 from eomgen.codegen.forces.elements import ELEMENTS
 from eomgen.codegen.forces.joint_damping import JointDampers
@@ -22,25 +22,25 @@ from eomgen.codegen.solve.states import share
 from eomgen.description.load import robot_from_toml
 from eomgen.robot.model import build_model
 from eomgen.robot.parameter_names import element_places
-from eomgen.state.elements import damping_diagonal
+from eomgen.state.elements import damping_diagonal, damping_forces, joint_damping, joint_stiffness
 from eomgen.state.journals import cut_contacts, journal_contacts
 from tests.support.builds import Build
-from tests.support.every_element import ROBOTS, drawn, robot_with
+from tests.support.every_element import ROBOTS, drawn, robot_of, robot_with
 from tests.support.random_robots import seeds
 
 Array = NDArray[np.float64]
 STEP = 1e-6
-CASES = [*((family,) for family in ELEMENTS), tuple(ELEMENTS)]
+CASES = [*(((CoordinateLaws,) if x is ModalCouplings else ()) + (x,) for x in ELEMENTS), tuple(ELEMENTS)]
 EVERY = pytest.mark.parametrize(
-    "families", CASES, ids=["all" if len(x) > 1 else x[0].__name__ for x in CASES]
-)  # alone, and beside all others
+    "families", CASES, ids=["all" if len(x) > 2 else x[-1].__name__ for x in CASES]
+)  # alone, and beside all others; what couples modes beside their diagonals, as it is not definite alone
 
 
 class Forces:
     """Forces of families in a robot, as functions of q, v and the parameters."""
 
     def __init__(self, families: Sequence[type[ForceElement]], seed: int) -> None:
-        self.model, self.p = drawn(robot_with(*families), seed)
+        self.model, self.p = drawn(robot_of(*families), seed)
         rng = np.random.default_rng([seed, 1])
         self.q, self.v = rng.uniform(-0.3, 0.3, self.model.size), rng.uniform(-1.0, 1.0, self.model.size)
         self.d = Derivation(self.model)
@@ -332,7 +332,7 @@ def test_dampers_of_whole_joints_with_a_prescribed_rotation() -> None:
 @pytest.mark.parametrize("seed", seeds(1, 1, 3))
 def test_batches_and_float32(seed: int, built: Build) -> None:
     """The robot with all families: batches have the numbers of single states, and float32 nearly so."""
-    robot = robot_from_toml(robot_with(*ELEMENTS))
+    robot = robot_of(*ELEMENTS)
     names = ("generalized_force", "energy")
     kernel, single = built(robot, *names), built(robot, *names, dtype="float32")
     rng = np.random.default_rng(seed)
@@ -346,7 +346,7 @@ def test_batches_and_float32(seed: int, built: Build) -> None:
 
 def test_places_of_numbers(built: Build) -> None:
     """A kernel tells its forces' numbers by family, owner and name."""
-    kernel = built(robot_from_toml(robot_with(*ELEMENTS)), "generalized_force", "energy")
+    kernel = built(robot_of(*ELEMENTS), "generalized_force", "energy")
     names = list(kernel.parameters)
     for family, owner, key, name in (
         ("coordinates", "hip.motor", "cubic", "joints.hip.motor.cubic"),
@@ -363,6 +363,9 @@ def test_places_of_numbers(built: Build) -> None:
         ("springs", "coil", "free_length", "springs.coil.free_length"),
     ):
         assert names[kernel.elements[family][owner][key]] == name
+    i, j = (kernel.velocities.index(f"rocker.mode{k}") for k in (1, 2))
+    assert (joint_stiffness(kernel)[i, j], joint_damping(kernel)[j, i]) == (12.0, -0.15)
+    assert damping_forces(kernel, np.zeros((1, kernel.n)), np.eye(kernel.n)[[i]])[0, j] == -0.15
     assert [contact.stiffness for contact in (*journal_contacts(kernel), *cut_contacts(kernel))] == [100.0] * 4
     hip = [name.startswith("hip.") and not name.endswith(".motor") for name in kernel.velocities]
     assert np.array_equal(damping_diagonal(kernel) > 0.0, hip)

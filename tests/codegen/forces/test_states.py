@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -15,14 +14,14 @@ from eomgen.codegen.forces.memory import formulas
 from eomgen.codegen.forces.memory.formula import Remembered, StateEffect
 from eomgen.codegen.kernels.accelerations import implicit_step
 from eomgen.codegen.kernels.derivation import Derivation, Outputs
-from eomgen.codegen.kernels.stages import derive_pair_stage, derive_stage
 from eomgen.codegen.kernels.writers import WRITERS
-from eomgen.codegen.program.ir import Program, evaluate, finish
+from eomgen.codegen.program.ir import Program, finish
 from eomgen.codegen.solve.states import share, state_rows
 from eomgen.description.load import robot_from_toml
 from eomgen.robot import laws
 from eomgen.robot.memory.states import WEIGHTLESS, State
 from eomgen.robot.model import Model, build_model
+from tests.support.dense_stages import dense_stage, run, staged
 
 Array = NDArray[np.float64]
 ROBOT = """
@@ -63,11 +62,6 @@ def model(monkeypatch: pytest.MonkeyPatch) -> Model:
     monkeypatch.setattr(laws, "_LAWS", changed)
     monkeypatch.setitem(formulas.STATE_FORMULAS, "friction", spiral)  # type: ignore[arg-type]
     return build_model(robot_from_toml(ROBOT))
-
-
-def run(program: Program, inputs: Mapping[str, list[float]]) -> Array:
-    found = evaluate(program, inputs)
-    return np.array([value for (name, _), value in sorted(found.items()) if name == "out"], dtype=float)
 
 
 def slopes() -> tuple[Array, Array, Array]:
@@ -114,28 +108,6 @@ def test_implicit_step_is_the_dense_one(model: Model, dt: float) -> None:
     expected = np.linalg.solve(M + dt * B + dt * dt * K, forces)
     found = run(written(model, "implicit_step"), STATE | {"dt": [dt, dt * dt], "added": [0.0] * 3})
     assert found == pytest.approx(expected, rel=1e-11)
-
-
-def dense_stage(matrices: tuple[Array, Array, Array], c: complex, r: Array, s: Array) -> Any:
-    """Solve (M + c B + c^2 K) w = -((c B + c^2 K) r + c K s); of a complex c r and s are pairs, else of row 0 each."""
-    (M, B, K), is_pair = matrices, isinstance(c, complex)
-    rates, shifts = (x[0] + 1j * x[1] if is_pair else x[0] for x in (r, s))
-    return np.linalg.solve(M + c * B + c * c * K, -((c * B + c * c * K) @ rates + c * K @ shifts))
-
-
-def staged(model: Model, state: Mapping[str, Any], c: complex, r: Array, s: Array) -> Any:
-    """The same by the programs of a stage."""
-    is_pair, n = isinstance(c, complex), model.size
-    first, second = (derive_pair_stage if is_pair else derive_stage)(Derivation(model)).values()
-    names = (
-        ("pair_times", "pair_rates", "pair_shifts", "pair_kept") if is_pair else ("times", "rates", "shifts", "kept")
-    )
-    times = [c.real, (c * c).real, c.imag, (c * c).imag] if is_pair else [c, c * c]
-    inputs = {**state, "kp": [0.0] * n, "kd": [0.0] * n, "spans": [abs(c), abs(c) ** 2]}
-    inputs |= {names[0]: times, names[1]: [*r.ravel()] if is_pair else [*r[0]]}
-    inputs[names[2]] = [*s.ravel()] if is_pair else [*s[0]]
-    found = run(second, inputs | {names[3]: run(first, inputs).tolist()})
-    return found[:n] + 1j * found[n:] if is_pair else found
 
 
 @pytest.mark.parametrize("c", [1e-3, 0.3, 20.0, 0.2 + 0.3j, 2.0 - 5.0j])

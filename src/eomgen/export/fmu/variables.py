@@ -21,7 +21,7 @@ from eomgen.robot.elements import KINDS
 from eomgen.robot.mechanism import coordinate_of
 from eomgen.robot.memory.drives import input_of
 from eomgen.robot.model import FIXED_BODY, Model
-from eomgen.robot.parameter_names import FAMILIES, least_of, number_of
+from eomgen.robot.parameter_names import FAMILIES, leasts, number_of
 from eomgen.robot.rules import ROTORS
 from eomgen.robot.value import LINEAR, MOTOR, PRINCIPAL, Robot
 from eomgen.runtime.stepping.options import LEAST
@@ -134,8 +134,8 @@ def make_layout(model: Model, solver: Variable, home: Sequence[float]) -> Layout
         layout_variables.extend(variables)
 
     units = {name: parameter_unit(model.robot, name) for name in model.parameters}
-    values = model.parameters.items()
-    add("parameters", (Variable(x, "parameter", units[x], "Parameter", value, least_of(x)) for x, value in values))
+    values, least = model.parameters.items(), leasts(model.robot, model.parameters)
+    add("parameters", (Variable(x, "parameter", units[x], "Parameter", value, least.get(x)) for x, value in values))
     add("solver", [solver])
     if model.constraints:
         text = "Time constant with which model exchange closes loops"

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from ...names import parameter_path
-from ...robot.parameter_names import least_of
+from ...robot.parameter_names import leasts
 from ...robot.value import Robot
 from ..fmu.variables import parameter_unit
 
@@ -42,7 +42,7 @@ def _slider(robot: Robot, name: str, value: float) -> dict[str, Any]:
     path, unit, least = (
         parameter_path(name),
         parameter_unit(robot, name).replace(".", " ").replace("s2", "s^2"),
-        least_of(name),
+        leasts(robot, [name]).get(name),
     )
     owner, group = _owner(path), _group(path)
     label = f"gravity {path[-1]}" if group == "gravity" else ".".join(path[2:]) or name

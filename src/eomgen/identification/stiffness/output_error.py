@@ -29,7 +29,7 @@ from ...progress import StageReport
 from ...robot.laws import law_conflict
 from ...robot.memory.drives import DRIVE
 from ...robot.model import build_model
-from ...robot.parameter_names import expand_tunable, least_of
+from ...robot.parameter_names import expand_tunable, leasts
 from ...robot.value import Robot
 from ...runtime.kernel import Kernel
 from ..estimating import even_step
@@ -176,9 +176,9 @@ class _Fit:
 
         led = replace(simulation, runs=[run.led(simulation.kernel, bandwidth) for run in simulation.runs])
         least = np.full(values.size, -np.inf)
+        lowest = leasts(self.robot, simulation.names)
         for place, name in enumerate(simulation.names):
-            lower = least_of(name)
-            least[place] = -np.inf if lower is None else lower
+            least[place] = lowest.get(name, -np.inf)
         return descend(led, values, least, most, small=small, enough=enough, tell=tell)
 
     def _warnings(

@@ -12,8 +12,9 @@ calls inertia shape integrals.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from ...names import is_identifier, show
@@ -25,7 +26,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 Table = tuple[tuple[float, ...], ...]  # rows
-ROUND_OFF = 1e-9  # that matrices may be off their transposes, as a part of their greatest entry
+ROUND_OFF = 1e-9  # that matrices may be off their transposes, as a part of their greatest entry, and below zero
+DIAGONALS: Mapping[str, str] = MappingProxyType({"K": "stiffness", "D": "damping"})  # what their diagonals are called
 
 
 @dataclass(frozen=True)
@@ -55,7 +57,8 @@ class LinkModes(Picklable):
 
     H0: integrals of rho0 phi_k^T dm, m x 4 x 3.  P: of phi_k phi_l^T, m x m x 3 x 3, whose traces are the modal mass
     matrix.  Q: of rho0 psi_kl^T, m x m x 4 x 3, symmetric in k and l; None where deflections are linear in e, which
-    leaves stiffening by rotation out.  K, D: stiffness and damping, m x m.  nodes: all but the root, where the link
+    leaves stiffening by rotation out.  K, D: stiffness and damping, m x m; their diagonals may be parameters, what is
+    beside them is constant.  nodes: all but the root, where the link
     stands on its joint and nothing moves.
     """
 
@@ -91,6 +94,8 @@ class LinkModes(Picklable):
         frequencies = ", ".join(f"{x:.4g}" for x in self.frequencies())
         nodes = ", ".join(node.name for node in self.nodes) or "none"
         second = "" if self.Q is not None else "; not stiffened by rotation"
+        coupled = " and ".join(key for key in DIAGONALS if self.couplings(key))
+        second += f"; coupled by {coupled}" if coupled else ""
         return f"link {link} bends: {self.count} modes of {frequencies} Hz, each by itself; nodes {nodes}{second}"
 
     def as_dict(self) -> dict[str, Any]:
@@ -134,19 +139,71 @@ class LinkModes(Picklable):
                 return "nodes", f"got {show(node.name)}; allowed: an identifier"
         return next(self._wrong_matrices(), None)
 
+    def couplings(self, key: str) -> dict[tuple[int, int], float]:
+        """Return what K or D, by its name, has beside the diagonal: by modes (k, j) with k < j, without round-off."""
+        matrix: Table = getattr(self, key)
+        between = {
+            (k, j): 0.5 * (matrix[k][j] + matrix[j][k]) for k in range(self.count) for j in range(k + 1, self.count)
+        }
+        sizes = _sizes(matrix)
+        return {(k, j): x for (k, j), x in between.items() if abs(x) > ROUND_OFF * sizes[k] * sizes[j]}
+
+    def least(self) -> dict[str, float]:
+        """Return the least values of parameters beside constants: whatever others are, K and D stay semidefinite.
+
+        With the least eigenvalue r of a matrix that is scaled by its diagonal, r times that may go.
+        """
+        found: dict[str, float] = {}
+        for key, name in DIAGONALS.items():
+            coupled = {k for pair in self.couplings(key) for k in pair}
+            if coupled:
+                matrix: Table = getattr(self, key)
+                left = (1.0 - max(_least_eigenvalue(matrix), 0.0)) * (1.0 - ROUND_OFF)
+                found |= {f"modes.{k + 1}.{name}": left * matrix[k][k] for k in sorted(coupled)}
+        return found
+
     def _wrong_matrices(self) -> Iterator[tuple[str, str]]:
-        """Yield keys and messages of matrices that are not symmetric, or couple modes: forces of a mode are its own."""
+        """Yield keys and messages of matrices that are not symmetric, or give energy to a motion."""
         for key, matrix in (("K", self.K), ("D", self.D)):
-            size = max((abs(x) for row in matrix for x in row), default=0.0)
-            for k, row in enumerate(matrix):
-                for j in range(k):
-                    if abs(row[j] - matrix[j][k]) > ROUND_OFF * size:
-                        where = f"{row[j]:g} at ({k + 1}, {j + 1}), {matrix[j][k]:g} at ({j + 1}, {k + 1})"
-                        yield key, f"got {where}; allowed: a symmetric matrix"
-                    elif abs(row[j]) > ROUND_OFF * math.sqrt(abs(row[k] * matrix[j][j])):
-                        where = f"{row[j]:g} between modes {j + 1} and {k + 1}"
-                        how = "combine modes so that modal masses and stiffness are diagonal"
-                        yield key, f"got {where}; allowed: a diagonal matrix; {how}"
+            message = next(_wrong(matrix), None)
+            if message is not None:
+                yield key, message
+
+
+def coupling_name(link: str, key: str, k: int, j: int) -> str:
+    """Name an entry of K or D beside the diagonal, of modes k and j: "links.arm.modes.K.1.2"."""
+    return f"links.{link}.modes.{key}.{k + 1}.{j + 1}"
+
+
+def _wrong(matrix: Table) -> Iterator[str]:
+    """Yield messages of what is wrong with a matrix of stiffness or damping."""
+    size = max((abs(x) for row in matrix for x in row), default=0.0)
+    for k, row in enumerate(matrix):
+        for j, x in enumerate(row):
+            if not math.isfinite(x):
+                yield f"got {x} at ({k + 1}, {j + 1}); allowed: finite numbers"
+            elif abs(x - matrix[j][k]) > ROUND_OFF * size:
+                where = f"{x:g} at ({k + 1}, {j + 1}), {matrix[j][k]:g} at ({j + 1}, {k + 1})"
+                yield f"got {where}; allowed: a symmetric matrix"
+            elif x != 0.0 and row[k] == 0.0:
+                where = f"{x:g} at ({k + 1}, {j + 1}), 0 at ({k + 1}, {k + 1})"
+                yield f"got {where}; allowed: a positive semidefinite matrix"
+    least = _least_eigenvalue(matrix)
+    if least < -ROUND_OFF * len(matrix):
+        yield f"scaled by its diagonal it has the eigenvalue {least:.4g}; allowed: a positive semidefinite matrix"
+
+
+def _sizes(matrix: Table) -> list[float]:
+    return [math.sqrt(abs(row[k])) for k, row in enumerate(matrix)]
+
+
+def _least_eigenvalue(matrix: Table) -> float:
+    """Return the least eigenvalue of a symmetric matrix that is scaled to a diagonal of 1, -1 or 0."""
+    import numpy as np
+
+    scale = 1.0 / np.array([size or 1.0 for size in _sizes(matrix)])
+    scaled = np.array(matrix) * np.outer(scale, scale)
+    return float(np.linalg.eigvalsh(0.5 * (scaled + scaled.T)).min(initial=math.inf))
 
 
 def _has_shape(value: Any, shape: Sequence[int]) -> bool:
