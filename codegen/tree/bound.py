@@ -133,7 +133,7 @@ class BoundJointElement:
 
 @dataclass(frozen=True)
 class BoundModalCouplings:
-    """What K and D of a link's modes have beside the diagonal, by pairs of indices (i, j), i < j.
+    """Entries of K and D of a link's modes beside the diagonal, by pairs of indices (i, j), i < j.
 
     Both have the same pairs, 0.0 where one has no such entry.
     """
