@@ -10,6 +10,7 @@ import sympy
 
 from eomgen.errors import InputError
 from eomgen.robot.model import Model, with_offset_angles
+from eomgen.robot.value import Robot
 
 from ..joint.facts import Facts
 from ..joint.kept import KEPT
@@ -60,6 +61,20 @@ class Derived:
         )
 
 
+def check_derivable(robot: Robot) -> None:
+    """Refuse robots that cannot be derived afresh.
+
+    Raises:
+        InputError: a link bends; names it.
+    """
+    for link in robot.links:
+        if link.modes is not None:
+            raise InputError(
+                f"links.{link.name}.modes: SymPy derives joints afresh, and no link that bends; allowed: robots whose"
+                " links are rigid"
+            )
+
+
 def derive_afresh(
     model: Model,
     kernels: Sequence[str] = (),
@@ -79,12 +94,7 @@ def derive_afresh(
         DerivationError: something differs.
         InputError: a link bends.
     """
-    bending = [link.name for link in model.robot.links if link.modes is not None]
-    if bending:
-        raise InputError(
-            f"links.{bending[0]}.modes: SymPy derives joints afresh, and no link that bends; allowed: robots whose"
-            " links are rigid"
-        )
+    check_derivable(model.robot)
     tree, (whole, _) = model.tree, with_offset_angles(model)
     blocks = derive_blocks(tree, whole, kept=kept)
     zeros = zero_map(tree) if tree.size <= MOST_COUNTED else None

@@ -22,6 +22,10 @@ from tests.support.makers import MAKERS
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
 NAMES = [name for name in eomgen.builtin_robots() if name not in MAKERS[1:]]
+WITHOUT = {  # tolerances
+    "hexapod_elastic": "all loops are elastic",
+    "flexible_arm": r"links\.upper\.modes: .*rigid links alone; allowed: .*Robot\.rigid\(\)",
+}
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -38,13 +42,21 @@ def test_plans_name_what_is_there(name: str) -> None:
     assert all(values[one] for one in flat)
 
 
-def test_what_has_no_tolerances() -> None:
-    """A mechanism all of whose loops are elastic, of which tolerance says why."""
-    with pytest.raises(eomgen.InputError, match="all loops are elastic"):
-        tolerances_file_text(eomgen.load_robot("hexapod_elastic"))
+def test_plans_of_links_that_bend() -> None:
+    """Their masses are those of their modes, and nodes have none; modal stiffness varies."""
+    plan = plan_from_toml(plan_file_text(eomgen.load_robot("flexible_arm")))
+    masses = [f"links.{name}.mass" for name in ("shoulder_hub", "elbow_hub", "payload")]
+    assert [vary.parameter for vary in plan.vary] == [*masses, "links.*.modes.*.stiffness"]
 
 
-@pytest.mark.parametrize("name", [name for name in NAMES if name != "hexapod_elastic"])
+@pytest.mark.parametrize("name", WITHOUT)
+def test_what_has_no_tolerances(name: str) -> None:
+    """A mechanism all of whose loops are elastic, and links that bend, of which tolerance says why."""
+    with pytest.raises(eomgen.InputError, match=WITHOUT[name]):
+        tolerances_file_text(eomgen.load_robot(name))
+
+
+@pytest.mark.parametrize("name", [name for name in NAMES if name not in WITHOUT])
 def test_tables_name_every_quantity(name: str) -> None:
     """Those that are put in are read; with all comments undone, every quantity that there is stands in the table."""
     robot = eomgen.load_robot(name)

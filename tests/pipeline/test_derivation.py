@@ -12,6 +12,7 @@ from eomgen.cli.entry import main
 from eomgen.codegen.derivation import fresh
 from eomgen.codegen.joint.kept import KEPT
 from eomgen.errors import DerivationError, InputError
+from eomgen.pipeline import stages
 from eomgen.pipeline.stages import Options, generate, make_source
 
 OPTIONS = Options(("mass_matrix",), flags=("-O0",), level="v1")
@@ -64,6 +65,18 @@ def test_the_report_of_the_command(ending: str, tmp_path: Path, capsys: pytest.C
     assert main([*command, "--report", str(page)]) == 0
     assert f"wrote {page}" in capsys.readouterr().out
     assert "sharper lemma" in page.read_text(encoding="ascii")
+
+
+def test_links_that_bend_are_generated_without(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """SymPy derives joints alone: a package is as its source; a report, and a build that derives, are refused first."""
+    robot = eomgen.load_robot("flexible_arm")
+    text = (generate(robot, tmp_path, OPTIONS) / "flexible_arm.h").read_text(encoding="ascii")
+    assert text == make_source(robot, OPTIONS).header
+    monkeypatch.setattr(stages, "make_source", None)
+    with pytest.raises(InputError, match=r"links\.upper\.modes: SymPy .*allowed: robots whose links are rigid"):
+        generate(robot, tmp_path, OPTIONS, report=tmp_path / "derivation.html")
+    with pytest.raises(InputError, match=r"links\.upper\.modes: SymPy"):
+        eomgen.build(robot, kernels=("mass_matrix",), derive=True)
 
 
 def test_refused_before_anything_is_derived(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -51,21 +51,28 @@ def plan_file_text(robot: Robot) -> str:
         ("joints.*.*.stiffness", "stiffness, by 10 percent", "normal = { mean = 1.0, deviation = 0.1, low = 0.5 }"),
         ("joints.*.*.damping", "damping is known least of all", "uniform = { low = 0.5, high = 2.0 }"),
         ("joints.*.*.friction.coulomb", "friction, too", "uniform = { low = 0.5, high = 1.5 }"),
+        ("links.*.modes.*.stiffness", "links that bend, by 10 percent", "uniform = { low = 0.9, high = 1.1 }"),
     )
     for pattern, about, distribution in tried:
-        if _has(robot, pattern):
-            lines += ["", f"[[vary]]  # {about}", f'parameter = "{pattern}"', distribution, "relative = true"]
+        for name in _varied(robot, pattern):
+            lines += ["", f"[[vary]]  # {about}", f'parameter = "{name}"', distribution, "relative = true"]
     lines += ["", "# [[vary]]  # the tool's load, where the scenario has a payload", '# scenario = "payloads.0.mass"']
     return "\n".join([*lines, "# uniform = { low = 0.0, high = 5.0 }"]) + "\n"
 
 
-def _has(robot: Robot, pattern: str) -> bool:
-    """Return whether parameters of that name are there, and none of them is 0, of which nothing is a multiple."""
+def _varied(robot: Robot, pattern: str) -> list[str]:
+    """Return a pattern, or the names that it stands for where some are left out.
+
+    Nothing is a multiple of 0, and the mass of a link that bends is that of its modes.
+    """
     try:
-        names = set(expand_tunable(robot, [pattern]))
+        names = expand_tunable(robot, [pattern])
     except DescriptionError:
-        return False
-    return all(value for name, value in robot.numbers() if name in names)
+        return []
+    values = dict(robot.numbers())
+    bending = [f"links.{link.name}.mass" for link in robot.links if link.modes is not None]
+    kept = [name for name in names if values[name] and name not in bending]
+    return [pattern] if len(kept) == len(names) else kept if bending else []
 
 
 def tolerances_file_text(robot: Robot) -> str:

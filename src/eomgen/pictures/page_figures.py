@@ -75,7 +75,7 @@ def _modes(result: SimulationResult, robot: Robot, folder: str) -> list[Path]:
         for name, coordinate in joint.coordinates.items()
         if coordinate.stiffness or coordinate.curve
     }
-    if not springs & set(result.deviation_coordinates):
+    if not (springs | set(robot.modal_coordinates)) & set(result.deviation_coordinates):
         raise InputError("no deviation has a stiffness")
     samples = np.unique(np.linspace(0, result.trajectory.t.size - 1, POSES).astype(int))
     moved = (*result.program_coordinates, *result.prescribed)

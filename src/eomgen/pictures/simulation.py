@@ -16,7 +16,7 @@ from ..errors import InputError
 from ..files import as_path
 from ..names import component_name, joint_of, kind_of
 from ..results.beside import SIMULATION_FIGURES
-from ..robot.coordinates import unit_of
+from ..robot.coordinates import MODE, unit_of
 from ..shown import scale_of
 from ..simulation.result import Series, SimulationResult
 from .energy import SOURCE, plot_energy, plot_tracking
@@ -42,7 +42,10 @@ WHISKERS = 25
 LONG_LABEL = 20  # characters of a label beside a panel, from which on it is written small
 MOST_STATES = 12  # of laws in a figure
 ACROSS = 3  # panels beside each other
-MICRO = 1e6
+_BESIDE = 7  # entries of a legend beside each other
+_OF_MODES = "1"
+_SCALES = {"m": (1e6, "um"), "rad": (1e6, "urad"), _OF_MODES: (1.0, "1")}  # factor and unit in figures
+_Colors = Mapping[str, str]
 
 
 def plot_result(result: SimulationResult, folder: Path | str | None = None, ending: str = ".png") -> Any:
@@ -184,12 +187,14 @@ def plot_tool(result: SimulationResult, path: Path | str | None = None, *, ax: A
 def plot_deviations(result: SimulationResult, path: Path | str | None = None, *, ax: Any = None) -> Plotted:
     """Plot every joint's deviations over time: linear in micrometres and, below, angular in microradians.
 
-    Each panel has its scale; three stand side by side.  Joints that are rigid in a unit have none of it.
+    Each panel has its scale; three stand side by side.  Joints that are rigid in a unit have none of it.  Below stand
+    links that bend, with their modal coordinates.
 
     Args:
         result: of a simulation.
         path: to write to, .png, .svg or .pdf.
-        ax: axes to draw in, one for each joint with linear deviations, then one for each with angular ones.
+        ax: axes to draw in, one for each joint with linear deviations, then one for each with angular ones, then one
+            for each link that bends.
 
     Returns:
         The path where there is one, else the figure and its axes.
@@ -199,17 +204,18 @@ def plot_deviations(result: SimulationResult, path: Path | str | None = None, *,
     """
     check_kind(result, SimulationResult, "result", SOURCE)
     pairs = dict.fromkeys((joint_of(name), unit_of(name)) for name in result.deviation_coordinates)
-    joints = {unit: [joint for joint, its in pairs if its == unit] for unit in COLORS}
     if not pairs:
         raise InputError(f"{result.robot} has no deviations to plot")
+    colors = _colors(result)
+    joints = {unit: [joint for joint, its in pairs if its == unit] for unit in colors}
     across = min(ACROSS, max(map(len, joints.values())))
     lines = [line for unit, names in joints.items() for line in _rows(names, unit, across)]
     rows = len(lines)
     places = [(row, column, joint) for row, line in enumerate(lines) for column, joint in enumerate(line)]
     width = max(4.4, 2.45 * across)
-    colors = _colors(result)
-    columns = len(colors) + 1 if width > 6.0 else 3
-    head = 0.55 + 0.17 * -(-(len(colors) + 1) // columns)
+    entries = sum(map(len, colors.values())) + 1  # of the legend
+    columns = min(entries, _BESIDE) if width > 6.0 else 3
+    head = 0.55 + 0.17 * -(-entries // columns)
     height = 1.35 * rows + head + 0.03
 
     def grid(figure: Any) -> list[Any]:
@@ -221,7 +227,7 @@ def plot_deviations(result: SimulationResult, path: Path | str | None = None, *,
 
     with sheet(width, height, path, f"{result.robot}: deviations in the joints", ax) as drawn:
         for (row, column, joint), panel in zip(places, drawn.panels(len(places), grid), strict=True):
-            _draw_joint(panel, result, *joint)
+            _draw_joint(panel, result, *joint, colors)
             last = all(column >= len(below) for below in lines[row + 1 :]) or not drawn.is_new
             panel.tick_params(labelbottom=last)
             panel.set_xlabel("time, s" if last else "")
@@ -280,32 +286,34 @@ def _draw_tool_deviation(upper: Any, middle: Any, lower: Any, result: Simulation
         mark_end(panel, result)
 
 
-def _draw_joint(panel: Any, result: SimulationResult, joint: str, unit: str) -> None:
-    """The deviations of one joint that have this unit."""
-    t, values = result.trajectory.t, MICRO * result.deviations
-    for name, color in COLORS[unit].items():
+def _draw_joint(panel: Any, result: SimulationResult, joint: str, unit: str, colors: Mapping[str, _Colors]) -> None:
+    """The deviations of one joint, or the modal coordinates of one link, that have this unit."""
+    t, factor, shown = result.trajectory.t, *_SCALES[unit]
+    for name, color in colors[unit].items():
         full = component_name(joint, name)
         if full in result.deviation_coordinates:
-            panel.plot(t, values[:, result.deviation_coordinates.index(full)], color=color)
-    panel.set_title(literal(f"{joint}, u{unit}"), loc="left", pad=3.0)
+            panel.plot(t, factor * result.deviations[:, result.deviation_coordinates.index(full)], color=color)
+    panel.set_title(literal(f"{joint}, {shown}"), loc="left", pad=3.0)
     panel.set_xlim(t[0], t[-1])
     panel.yaxis.set_major_locator(ticker().MaxNLocator(4, steps=[1, 2, 5, 10]))
     panel.margins(y=0.12)
     mark_end(panel, result)
 
 
-def _colors(result: SimulationResult) -> dict[str, str]:
-    """Colours of the kinds of deviations that occur."""
+def _colors(result: SimulationResult) -> dict[str, _Colors]:
+    """Colours of the kinds of deviations that occur, by their unit; modes in the order of their numbers."""
     present = {kind_of(name) for name in result.deviation_coordinates}
-    return {name: color for colors in COLORS.values() for name, color in colors.items() if name in present}
+    modes = sorted((x for x in present if x.startswith(MODE)), key=lambda x: int(x.removeprefix(MODE)))
+    every = {**COLORS, _OF_MODES: {name: CYCLE[k % len(CYCLE)] for k, name in enumerate(modes)}}
+    return {unit: {name: color for name, color in own.items() if name in present} for unit, own in every.items()}
 
 
-def _legend(drawn: Sheet, colors: Mapping[str, str], columns: int, size: tuple[float, float]) -> None:
+def _legend(drawn: Sheet, colors: Mapping[str, _Colors], columns: int, size: tuple[float, float]) -> None:
     """Put one legend for all panels; the figure's size in inches."""
     from matplotlib.lines import Line2D
 
-    lines: list[Any] = [Line2D([], [], color=color) for color in colors.values()]
-    labels = [f"{name}, {'um' if name in COLORS['m'] else 'urad'}" for name in colors]
+    lines: list[Any] = [Line2D([], [], color=color) for own in colors.values() for color in own.values()]
+    labels = [f"{name}, {_SCALES[unit][1]}" for unit, own in colors.items() for name in own]
     lines.append(Line2D([], [], color=PROGRAM_COLOR, linestyle=":", linewidth=0.9))
     place = (0.12 / size[0], 1.0 - 0.24 / size[1])
     labels.append("reference at a standstill")

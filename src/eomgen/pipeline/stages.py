@@ -138,6 +138,8 @@ def build(
     robot, whole = as_robot(robot), isinstance(kernels, str) and kernels == "all"
     options = Options(() if whole else cast(tuple[str, ...], kernels), dtype, native, tuple(flags), level=level)
     at_once = whole or options.kernels
+    if derive:
+        _check_derivable(robot)
     with told_at_prompt("building", progress) as report, ThreadPoolExecutor(1, "eomgen derivation") as beside:
         if derive and at_once:  # first, so that the derivation is beside the compiler, and not beside another one
             make_source(robot, _with_beside(robot, options), report)
@@ -146,6 +148,13 @@ def build(
         if derived is not None:
             derived.result()
     return kernel
+
+
+def _check_derivable(robot: Robot) -> None:
+    """Refuse, before anything is compiled, what cannot be derived."""
+    from ..codegen.derivation.afresh import check_derivable
+
+    check_derivable(robot)
 
 
 def _begin_derivation(beside: ThreadPoolExecutor, robot: Robot, options: Options) -> Future[Derived]:
@@ -254,7 +263,8 @@ def generate(
     one that runs where it is imported.  Binaries of levels beyond this processor are compiled, but not tried.
 
     Beside the compiler SymPy derives the robot's joints anew.  What is kept of joints, the terms of eqs. (11) and (12)
-    that are dropped, and the programs are compared with that; the header says what was derived.
+    that are dropped, and the programs are compared with that; the header says what was derived.  Of a robot whose links
+    bend nothing is.
 
     A package of an earlier generation there is replaced in one step; a folder that holds anything else is refused.
 
@@ -271,7 +281,7 @@ def generate(
     Raises:
         InputError: the target exists and is not a generated package, the folder cannot be written, the robot is named
             as a module that Python or the package needs, ROS 2 is asked for without the kernel ``rollout``, or the
-            report has another ending.
+            report has another ending, or is asked for where links bend.
         BuildError, DerivationError: see ``build``.
     """
     folder = as_path(folder, "folder")
@@ -279,17 +289,21 @@ def generate(
 
     robot, folder = as_robot(robot), Path(folder)
     page = None if report is None else check_ending(report, ".html", ".tex", label="report")
+    if page is not None:
+        _check_derivable(robot)
+    is_rigid = all(link.modes is None for link in robot.links)
     hidden = check_module_name(robot.name)
     if hidden:
         warnings.warn(hidden, EomgenWarning, stacklevel=3)  # above the function that tells at a prompt
     options = _with_beside(robot, options or Options())
     with ThreadPoolExecutor(1, "eomgen derivation") as beside:
         make_source(robot, options, progress)  # first, so that the derivation is beside the compiler alone
-        derivation = _begin_derivation(beside, robot, options)
+        derivation = _begin_derivation(beside, robot, options) if is_rigid else None
         files = _files_of_levels(robot, options, progress)
-        derived = derivation.result()
+        derived = None if derivation is None else derivation.result()
     header = f"{robot.name}.h"
-    files = {**files, header: derived.in_header(files[header].decode("ascii")).encode("ascii")}
+    if derived is not None:
+        files = {**files, header: derived.in_header(files[header].decode("ascii")).encode("ascii")}
     target = folder / robot.name
     _check_target(target, target)
     try:
@@ -303,7 +317,7 @@ def generate(
             put_folder(private, target, lambda place: _check_target(place, target))
     except OSError as error:
         raise InputError(f"{target} cannot be written: {error.strerror or error}") from None
-    if page is not None:
+    if page is not None and derived is not None:
         from ..codegen.derivation.report import render_report
 
         write_atomically(page, lambda stream: stream.write(render_report(derived, page.suffix).encode()))

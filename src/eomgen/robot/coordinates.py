@@ -19,6 +19,12 @@ QUATERNION = ("qw", "qx", "qy", "qz")  # of a joint's rotation, unit, scalar fir
 FORCES = ("fx", "fy", "fz", "mx", "my", "mz")  # of a wrench: force (N) and moment (N m)
 
 
+def is_kind(kind: str) -> bool:
+    """Return whether a coordinate may be of a kind: "x", "gamma", "motor", "mode12"."""
+    number = kind.removeprefix(MODE)
+    return kind in UNITS or (kind != number and number.isascii() and number.isdecimal() and number[0] != "0")
+
+
 def unit_of(name: str) -> str:
     """Return the unit of a coordinate, or of a component of a frame's motion, by its name: "m", "rad" or "1"."""
     kind = kind_of(name)

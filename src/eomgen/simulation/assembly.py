@@ -306,8 +306,7 @@ def by_coordinate(robot: Robot, scenario: Scenario, key: str, values: Mapping[st
         full = places[name]
         if full in positions:
             scenario.fail(where, f"{full} stands twice; allowed: once")
-        joint, coordinate = split_component(full)
-        if robot.joint(joint).all_coordinates[coordinate].prescribed:
+        if robot.coordinates[full].prescribed:
             scenario.fail(where, f"{full} is prescribed, and [[prescribed]] says where it begins; allowed: others")
         positions[full] = value
     return positions
@@ -344,7 +343,7 @@ def names_in_scenarios(robot: Robot) -> dict[str, str]:
     for full in (name for name in coordinate_names(robot) if name not in followers):
         names[full] = full
         joint, kind = split_component(full)
-        if PRINCIPAL.get(robot.joint(joint).type) == kind:
+        if full not in robot.modal_coordinates and PRINCIPAL.get(robot.joint(joint).type) == kind:
             names[joint] = full
     return names
 

@@ -31,7 +31,7 @@ from ..names import (
     show,
 )
 from ..results.stored import Stored
-from ..robot.coordinates import UNITS, rotating_joints, unit_of
+from ..robot.coordinates import MODE, UNITS, is_kind, rotating_joints, unit_of
 from ..robot.elements.journal import RADIAL
 from .balance import TERMS
 
@@ -196,8 +196,8 @@ def _checked(stored: Owned, array: NDArray[Any], sizes: dict[str, int], where: s
 
 def check_coordinates(names: Sequence[str], units: Sequence[str], where: str) -> None:
     """Refuse names that no coordinate has, that are there twice, or that have other units; InputError as above."""
-    rule = f"JOINT.KIND with a kind of {', '.join(UNITS)}"
-    _check_names(where, "coordinates", names, lambda x: is_identifier(joint_of(x)) and kind_of(x) in UNITS, rule)
+    rule = f"JOINT.KIND with a kind of {', '.join(UNITS)}, or LINK.{MODE}1"
+    _check_names(where, "coordinates", names, lambda x: is_identifier(joint_of(x)) and is_kind(kind_of(x)), rule)
     if not names:
         raise InputError(f"{where}: coordinates: got none; allowed: one or more")
     wanted = tuple(unit_of(name) for name in names)

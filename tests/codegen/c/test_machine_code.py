@@ -117,6 +117,9 @@ def spread_of(robot: Robot) -> Array:
             wide = name == PRINCIPAL.get(joint.type) or joint.type == "free"
             reach = {"beta": 1.2}.get(name, 2.0) if wide else 0.3
             found[f"{joint.name}.{name}"] = min(reach, 100.0 / max(given.stiffness or 0.0, 1e-9))
+    for link in robot.links:
+        for k, name in enumerate(link.modes.names) if link.modes is not None else ():
+            found[f"{link.name}.{name}"] = min(0.3, 100.0 / link.modes.K[k][k])
     return np.array([found[name] for name in build_model(robot).coordinates])
 
 

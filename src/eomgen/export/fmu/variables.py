@@ -54,8 +54,8 @@ _OF_FORCES = (unit_name(unit) for table in FAMILIES.values() for number in table
 UNITS: Mapping[str, Mapping[str, int]] = {  # but for those that states of laws alone have
     name: exponents(name)
     for name in (
-        *("1", "s", "m", "rad", "m/s", "rad/s", "m/s2", "rad/s2", "kg", "kg.m2", "N", "N.m", "J", "N/m", "N.m/rad"),
-        *("N.s/m", "N.m.s/rad", "N/m3", "N.m/rad3", "s/m", "s/rad", "rad/m", "m/rad", *_OF_FORCES),
+        *("1", "s", "m", "rad", "m/s", "rad/s", "m/s2", "rad/s2", "kg", "kg.m2", "N", "N.m", "J", "N/m"),
+        *("N.m/rad", "J.s", "N.s/m", "N.m.s/rad", "N/m3", "N.m/rad3", "s/m", "s/rad", "rad/m", "m/rad", *_OF_FORCES),
     )
 }
 STEP = "solver.step"
@@ -291,8 +291,9 @@ def parameter_unit(robot: Robot, name: str) -> str:
     parts = parameter_path(name)
     if parts[0] == "gravity":
         return "m/s2"
-    if parts[0] == "links":
-        return {"mass": "kg", "com": "m", "inertia": "kg.m2"}[parts[2]]
+    if parts[0] == "links":  # modal coordinates are plain numbers
+        key = parts[4] if parts[2] == "modes" else parts[2]
+        return {"mass": "kg", "com": "m", "inertia": "kg.m2", "stiffness": "J", "damping": "J.s"}[key]
     number = number_of(name)
     if parts[0] == "couplings":
         return _coupling_unit(robot, parts)

@@ -26,7 +26,7 @@ from ..geometry.error_model import SIZES
 from ..geometry.observations import ORIENTATION, at_rows, usual_noise
 from ..geometry.poses import MeasuredPoses, read_poses
 from ..geometry.solve import Fit, Problem, algebraic_rank, normed_triangle
-from ..geometry.stations import Chain, chain_of
+from ..geometry.stations import Chain, chain_of, check_rigid
 from .continuous import CLOSE, bound_of
 from .exchange import chosen_by
 from .information import CRITERIA, Information, PoseCriterion, criterion_of, inverse
@@ -111,6 +111,7 @@ def poses(  # noqa: PLR0913
         UnknownNameError: there is no frame, link, parameter or coordinate of a name.
     """
     robot, report = as_robot(robot), progress or no_report
+    check_rigid(robot)
     if robot.loops or robot.couplings:
         raise InputError(f"poses: {robot.name} has loops or couplings; allowed: robots that are trees")
     for label, value, allowed in (("criterion", criterion, CRITERIA), ("measure", measure, MEASURES)):

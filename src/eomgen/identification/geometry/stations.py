@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...arrays import Array
+from ...errors import InputError
 from ...robot.value import COORDINATES, PRINCIPAL, Joint, Placement, Robot
 from .rotations import pose_from, pose_of
 
@@ -89,8 +90,27 @@ class Located:
     axes: Array
 
 
+def check_rigid(robot: Robot) -> None:
+    """Refuse links that bend.
+
+    Raises:
+        InputError: names one.
+    """
+    for link in robot.links:
+        if link.modes is not None:
+            raise InputError(
+                f"links.{link.name}.modes: errors of poses are known of rigid links alone; allowed: robots whose links"
+                " are rigid (Robot.rigid()), and [[beams]], which are chains of segments"
+            )
+
+
 def chain_of(robot: Robot, frames: Mapping[str, tuple[str, Array]]) -> Chain:
-    """Return stations of a robot; ``frames`` has link and pose on it, (4, 4), of every measured frame."""
+    """Return stations of a robot; ``frames`` has link and pose on it, (4, 4), of every measured frame.
+
+    Raises:
+        InputError: a link bends; names it.
+    """
+    check_rigid(robot)
     stations = [Station("", -1, np.eye(4))]
     where: dict[str, tuple[int, Array]] = {robot.base: (0, np.eye(4))}
     for joint in robot.joints:
