@@ -51,6 +51,7 @@ GALLERY = "one_link puma560_elastic four_bar"  # pictures that pages show, and a
 HOWTO = (
     *(
         "accuracy",
+        "beam_link",
         "closed_loop",
         "compensate",
         "elastic_urdf",
