@@ -262,6 +262,9 @@ def _sought(
     driven = [kernel.coordinates[i] for i in model.driven]
     sought, warnings = [], []
     for name in asked or known:
+        if name in model.robot.modal_coordinates:
+            warnings.append(f"{name} is a mode of a link that bends, whose stiffness and damping are not fitted")
+            continue
         owner = "joints" if name in kernel.coordinates else "loops" if "." in name else "couplings"
         described = [c for c, key in enumerate(KEYS) if numbers.get(parameter_name(owner, name, key)) is not None]
         if model.robot.is_closed:
