@@ -209,6 +209,14 @@ def test_what_is_called_from_python_is_what_users_call(name: str, tiny: Robot, m
         assert "through cffi" in result.lines()[-1]
 
 
+def test_links_that_bend_are_timed() -> None:
+    """At small deflections; the textbook's algorithm knows none, and stands beside nothing."""
+    result = bench("flexible_arm", repeat=1, kernels=("forward_dynamics", "mass_matrix"), flags=("-O0",))
+    assert {row.kernel.name for row in result.rows} == {"forward_dynamics", "mass_matrix"}
+    assert result.error is None
+    assert "no links that bend (upper.mode1, " in result.note
+
+
 @pytest.mark.soak
 def test_figures_of_loops_are_the_open_trees() -> None:
     result = bench("four_bar", repeat=1, kernels=("mass_matrix",))

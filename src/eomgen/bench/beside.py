@@ -38,6 +38,7 @@ from .textbook import COUNTERPARTS, Yardstick, compile_yardstick, unknown_to_tex
 STATES = 16  # random states that every sample cycles through: enough to defeat a lucky one, all in the first cache
 CALLS = 200  # from Python, of a sample
 SMALL = 1e-3  # m or rad about home, in which a closed mechanism is not looked for any more
+BENT = 1e-2  # modal coordinates, whose deflections are small
 TREE = "tree_"  # in front of the names of kernels whose loops are cut
 TOLERANCE = 1e-9  # greatest relative difference between contenders that are timed
 
@@ -248,6 +249,7 @@ def _inputs(robot: Robot, kernel: Kernel) -> dict[str, Array]:
     """
     rng = np.random.default_rng(1)
     q, v = list[Array](), list[Array]()
+    modes = {link.name: link.modes.names for link in robot.links if link.modes is not None}
     for joint in robot.joints:
         for name, coordinate in joint.all_coordinates.items():
             if name == MOTOR and joint.motor is not None:  # it turns with its joint, to which the gear is stiff
@@ -263,6 +265,9 @@ def _inputs(robot: Robot, kernel: Kernel) -> dict[str, Array]:
             rate = min(2.0, 100.0 / max(coordinate.damping or 0.0, 1e-9))
             q.append(rng.uniform(-reach, reach, STATES))
             v.append(rng.uniform(-rate, rate, STATES))
+        for _ in modes.get(joint.child, ()):
+            q.append(rng.uniform(-BENT, BENT, STATES))
+            v.append(rng.uniform(-1.0, 1.0, STATES))
     for state in build_model(robot).states:
         size = state.state.size(state.numbers)
         q.append(np.zeros(STATES))
