@@ -43,6 +43,15 @@ def drives(kernel: eomgen.Kernel, steps: int) -> Array:
     return u
 
 
+def bounds(kernel: eomgen.Kernel) -> list[tuple[float, float]]:
+    """Ends of the logarithms' search: Coulomb's friction is at most the static one."""
+    greatest = []
+    for name in WANTED:
+        static = kernel.parameters.get(name.replace("coulomb", "static"), np.inf)
+        greatest.append(min(1.0, float(np.log(static / kernel.parameters[name]))) if "coulomb" in name else 1.0)
+    return [(-1.0, x) for x in greatest]
+
+
 class Misfit:
     """Squares of what a simulation differs from a measured motion by, in units of its noise, per number.
 
@@ -84,8 +93,8 @@ def main() -> None:
     misfit = Misfit(kernel, u, q + NOISE * np.random.default_rng(1).normal(size=q.shape))
     begin = time.perf_counter()
     first = misfit(np.zeros(len(WANTED)))[0]
-    ends, limits = {"maxiter": 300, "ftol": 1e-9, "gtol": 1e-5}, [(-1.0, 1.0)] * len(WANTED)
-    found = minimize(misfit, np.zeros(len(WANTED)), jac=True, method="L-BFGS-B", bounds=limits, options=ends)
+    ends = {"maxiter": 300, "ftol": 1e-9, "gtol": 1e-5}
+    found = minimize(misfit, np.zeros(len(WANTED)), jac=True, method="L-BFGS-B", bounds=bounds(kernel), options=ends)
     seconds = time.perf_counter() - begin
     before, after = np.exp([first, found.fun])
     print(f"misfit {before:.3g} -> {after:.3f} (0.5 is the noise), {misfit.calls} simulations with gradients")

@@ -14,7 +14,7 @@ from scipy.interpolate import PchipInterpolator
 from eomgen.robot.laws import states_of
 from eomgen.robot.memory.states import WEIGHTLESS
 from eomgen.robot.model import build_model
-from eomgen.robot.value import LINEAR, PRINCIPAL, Coordinate, Friction, Joint, Robot, carriers
+from eomgen.robot.value import LINEAR, PRINCIPAL, Coordinate, Friction, Joint, Robot, carriers, load_dependent
 from tests.oracles.pinocchio_models import PinocchioOracle
 from tests.support.drive_reference import drive
 from tests.support.random_robots import Array
@@ -138,7 +138,11 @@ def with_drives(robot: Robot, seed: int) -> Robot:
     rng, joints = np.random.default_rng([seed, 3]), []
     for joint in robot.joints:
         name = PRINCIPAL.get(joint.type, "")
-        if name in joint.coordinates and not joint.coordinates[name].prescribed and joint.motor is None:
+        carrying = {x for others in load_dependent(joint.coordinates).values() for x in others}
+        if name not in joint.coordinates or name in carrying or joint.motor is not None:
+            joints.append(joint)
+            continue
+        if not joint.coordinates[name].prescribed:
             old = joint.coordinates[name]
             driven = replace(old, further={**old.further, **random_drive(rng)})
             joint = replace(joint, coordinates={**joint.coordinates, name: driven})
