@@ -61,6 +61,9 @@ class CompiledCode:
         self.springs: tuple[str, ...] = tuple(meta.get("springs", ()))
         self.element_rows: tuple[str, ...] = tuple(meta.get("element_rows", ()))
         self.cut_laws: tuple[str, ...] = tuple(meta.get("cut_laws", ()))
+        self.modal_couplings: tuple[tuple[str, str, float, float], ...] = tuple(
+            (one, other, float(k), float(d)) for one, other, k, d in meta.get("modal_couplings", ())
+        )
         self.elements: Mapping[str, Mapping[str, Mapping[str, int]]] = meta.get("elements", {})
         self.prescribed: tuple[str, ...] = tuple(meta["prescribed"])
         self.motors: dict[str, str] = {name: drives for name, (drives, _) in meta.get("motors", {}).items()}
