@@ -10,6 +10,7 @@ import argparse
 import os
 import re
 from collections.abc import Collection, Mapping
+from importlib.util import find_spec
 from itertools import count, cycle
 from pathlib import Path
 
@@ -108,6 +109,8 @@ def kinds_of(command: str, place: str) -> list[str]:
 def of_kind(kind: str) -> list[tuple[str, argparse.Action]]:
     found = [(command, action) for command, action in OPTIONS if kinds_of(command, action.dest) == [kind]]
     assert found
+    if find_spec("ziglang") is None:  # pages ask for the compiler before they read files
+        found = [(command, action) for command, action in found if command != "live"]
     return found
 
 
