@@ -330,3 +330,8 @@ def test_frames_of_robots_with_followers(built: Build) -> None:
         found = jax.vmap(lambda x, dx, made=made: jax.jvp(made, (x,), (dx,))[1])(q, rates)
         ends = [getattr(kernel, name)(q + sign * step * rates, frame) for sign in (1.0, -1.0)]
         assert np.abs(np.asarray(found) - (ends[0] - ends[1]) / (2 * step)).max() <= 1e-8
+        weights = rng.uniform(-1.0, 1.0, found.shape[1:])
+        back = jax.grad(lambda x, made=made, weights=weights: jax.numpy.sum(weights * made(x)))(q[0])
+        assert float(back @ rates[0]) == pytest.approx(float(np.sum(weights * np.asarray(found)[0])), rel=1e-9)
+    with pytest.raises(InputError, match="second derivatives of Jacobians .* follow others; allowed: first ones"):
+        jax.hessian(function(kernel, "frame_jacobian", frame))(q[0])

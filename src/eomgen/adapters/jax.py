@@ -44,8 +44,8 @@ def function(kernel: Kernel, name: str, frame: str | None = None, *, cut: bool =
     Returns:
         A function of the arrays FUNCTIONS[name].reads, (n,) each (wrench: (links, 6)), with the kernel's dtype; it
         raises ArrayError for other shapes and dtypes, InputError where float64 is switched off, and where a third
-        derivative is asked for (those of frames are of any order), UnknownNameError where a second one is that the
-        kernel was built without.
+        derivative is asked for (those of frames are of any order, where no coordinate follows others and no link
+        bends), UnknownNameError where a second one is that the kernel was built without.
 
     Raises:
         UnknownNameError: no function or frame of that name, or a kernel that it takes was not built.
@@ -187,7 +187,10 @@ def _with_jacobian(jax: Any, jnp: Any, there: DifferentiableFunction) -> Callabl
 
 
 def _frame_functions(jax: Any, jnp: Any, there: DifferentiableFunction) -> Callable[..., Any]:
-    """Return the pose or Jacobian of a frame: derivatives of any order follow from the Jacobian."""
+    """Return the pose or Jacobian of a frame: derivatives of any order follow from the Jacobian.
+
+    Where coordinates follow others those of the Jacobian are of first order, by the kernel's tangents.
+    """
     kernel, frame = there.kernel, there.frame
     assert frame is not None
     index = kernel.frame_index(frame)
@@ -207,18 +210,27 @@ def _frame_functions(jax: Any, jnp: Any, there: DifferentiableFunction) -> Calla
         A = pose(*primals)
         return A, pose_derivative(A, jacobian(*primals), jnp) @ tangents[0]
 
-    def turned(q: Array, rates: Array) -> Array:
-        return kernel.jvp("frame_jacobian", (q, frame), (rates,))
+    def turned(q: Array) -> Array:
+        along = (np.broadcast_to(rates, q.shape) for rates in np.eye(q.shape[-1]))
+        return np.stack([kernel.jvp("frame_jacobian", (q, frame), (rates,)) for rates in along], axis=-1)
 
-    moved = jax.ShapeDtypeStruct(kernel.raw.shapes["jacobian"], kernel.dtype)
-    compiled = _callback(jax, turned, (*there.inputs, *there.inputs), moved)
+    shape = kernel.raw.shapes["jacobian"]
+    moved = jax.ShapeDtypeStruct((*shape, shape[-1]), kernel.dtype)
+    slopes = jax.custom_jvp(_callback(jax, turned, there.inputs, moved))
 
     @jacobian.defjvp  # type: ignore[untyped-decorator,unused-ignore]
     def jacobian_tangent(primals: Any, tangents: Any) -> Any:
         J = jacobian(*primals)
         if kernel.follower_names:  # whose columns are sums, of which J does not know the parts
-            return J, compiled(*primals, *tangents)
+            return J, slopes(*primals) @ tangents[0]
         return J, jacobian_derivative(J, jnp) @ tangents[0]
+
+    @slopes.defjvp  # type: ignore[untyped-decorator,unused-ignore]
+    def curvature(primals: Any, tangents: Any) -> Any:
+        raise InputError(
+            f"{there.name}: second derivatives of Jacobians are asked for, and coordinates of {kernel.name} follow"
+            " others; allowed: first ones, and second ones of poses"
+        )
 
     return both[there.name]  # type: ignore[no-any-return,unused-ignore]
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from ..errors import InputError
 from ..progress import StageReport
 from .shared.command import Command
-from .shared.numbers import real
+from .shared.numbers import real, whole
 from .shared.output import say, show_written
 from .shared.progress import stage_bar
 from .shared.reading import add_robot, read_robot
@@ -47,6 +47,8 @@ def _export_mjcf(robot: Robot, options: argparse.Namespace, report: StageReport)
     output: Path = options.output
     path = output if output.suffix == ".xml" else output / f"{robot.name}.xml"
     report("finding the step of the integrator")
+    if options.segments is not None:
+        robot = robot.with_segments(options.segments)
     written = export_mjcf(robot, path, step=options.step, approximate=options.approximate)
     for what in left_out(robot):
         say(f"note: {what}", sys.stderr)
@@ -95,7 +97,7 @@ FORMATS: Mapping[str, Format] = {  # by the names of their options
         _export_fmu,
         ("fmi", "method", "rtol", "step"),
     ),
-    "mjcf": Format("a model of MuJoCo", _export_mjcf, ("approximate", "step")),
+    "mjcf": Format("a model of MuJoCo", _export_mjcf, ("approximate", "segments", "step")),
     "arrays": Format("a module of Python on arrays of NumPy or JAX", _export_arrays, ("kernels",)),
     "wasm": Format(
         "WebAssembly, with an ES module that calls it and TypeScript's declarations",
@@ -133,6 +135,9 @@ def _add_export(parser: argparse.ArgumentParser) -> None:
     units.add_argument("--rtol", type=real, metavar="R", help="relative tolerance of co-simulation at first (1e-6)")
     models = parser.add_argument_group("models of MuJoCo")
     models.add_argument("--approximate", action="store_true", help="leave out what MuJoCo has no equal for, with notes")
+    models.add_argument(
+        "--segments", type=whole, metavar="N", help="links that bend as chains of N rigid segments; else refused"
+    )
     modules = parser.add_argument_group("WebAssembly and arrays")
     modules.add_argument(
         "--kernels", nargs="+", default=[], metavar="NAME", help="only these kernels (dynamics, kinematics, energy ...)"
@@ -169,6 +174,7 @@ COMMANDS = (
         {
             "export arm.toml --fmu -o out": "FMUs (functional mock-up units) of FMI 2.0 and 3.0",
             "export arm.toml --mjcf -o arm.xml": "the same robot for MuJoCo",
+            "export crane.toml --mjcf --segments 8": "the same of one whose links bend, as chains of segments",
             "export arm.toml --wasm -o out": "its kernel for browsers",
             "export arm.toml --arrays -o arm.py": "its equations on arrays of NumPy or JAX",
         },

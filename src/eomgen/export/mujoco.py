@@ -55,7 +55,13 @@ _GROUND = "world"  # MuJoCo's name of the base
 
 
 def export_mjcf(
-    robot: RobotLike, path: str | Path, *, step: float | None = None, integrator: str = "RK4", approximate: bool = False
+    robot: RobotLike,
+    path: str | Path,
+    *,
+    step: float | None = None,
+    integrator: str = "RK4",
+    approximate: bool = False,
+    segments: int | None = None,
 ) -> Path:
     """Write a robot as a model of MuJoCo: the same coordinates in the same order and with the same names.
 
@@ -72,6 +78,8 @@ def export_mjcf(
         integrator: "RK4", "Euler", "implicit", "implicitfast", or "discrete" of MuJoCo 3.13 and later, implicit in
             position, too.
         approximate: write the robot without what MuJoCo has no equal for, with an ``EomgenWarning`` for each.
+        segments: write links that bend as chains of so many rigid segments (``Robot.with_segments``), in the place of
+            their modes; None refuses them.
 
     Returns:
         The path.
@@ -85,6 +93,8 @@ def export_mjcf(
     from .step import default_step
 
     robot = as_robot(robot)
+    if segments is not None:
+        robot = robot.with_segments(segments)
     _check(robot, integrator, approximate)
     if step is None:
         step = default_step(_without_friction(robot), integrator.lower())
@@ -158,8 +168,8 @@ def _check(robot: Robot, integrator: str, approximate: bool) -> None:
     bending = [link.name for link in robot.links if link.modes is not None]
     if bending:
         raise InputError(
-            f"links.{bending[0]}.modes: no link of MuJoCo bends; allowed: robots whose links are rigid, and [[beams]],"
-            " which are chains of segments"
+            f"links.{bending[0]}.modes: no link of MuJoCo bends; allowed: segments=N (--segments N), which makes chains"
+            " of rigid segments of links that are beams, and [[beams]], which are such"
         )
     missing = [] if approximate else left_out(robot)
     if missing:

@@ -216,7 +216,8 @@ def _drives(model: Model) -> Iterator[Variable]:
         else:
             meant = input_of(coordinate_of(model.robot, name).law(), linear=unit == "m")
             text = "Drive" if i not in model.beside else f"Drive: {meant.meaning}"
-            yield Variable(f"u.{name}", "input", unit_name(meant.unit), text, 0.0)
+            of_input = force_unit_of(name) if unit == "1" else meant.unit  # a mode has no drive, and a force in J
+            yield Variable(f"u.{name}", "input", unit_name(of_input), text, 0.0)
 
 
 def _wrenches(

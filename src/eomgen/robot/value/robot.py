@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -309,6 +309,24 @@ class Robot(Picklable):
         """Return the robot with several values changed at once, by their paths; see ``with_value``."""
         changed: Robot = from_above(".description.changing", "with_values")(self, changes)
         return changed
+
+    def with_segments(self, segments: int, links: Collection[str] | None = None) -> Robot:
+        """Return the robot with links that bend as chains of rigid segments with elastic joints, as ``[[beams]]`` are.
+
+        A link "arm" that is a beam becomes a link without mass and a beam "arm" of links arm0, arm1, ..., which deflect
+        along and about the axes that its modes move, and may do so far.  Nodes are links of the same names; so all that
+        stands on them stays.  The first mode of each direction is damped as before, others by their frequencies more.
+
+        Args:
+            segments: of each chain, from 1 on.
+            links: names of links; None for all that bend.
+
+        Raises:
+            InputError: no link bends; one that should become a chain is no beam, its modes are no longer the beam's, or
+                couplings, drives or a home need its modes; a number of segments that no beam has; or names are taken.
+        """
+        made: Robot = from_above(".bending.segments", "with_segments")(self, segments, links)
+        return made
 
     def with_coordinates(self, coordinates: Mapping[str, Mapping[str, Coordinate]]) -> Robot:
         """Return the robot with these coordinates (by joint, then by name) active, too."""
