@@ -19,7 +19,7 @@ from eomgen.errors import BuildError, InputError, UnknownNameError
 from eomgen.pipeline import cache
 from eomgen.robot.model import build_model
 from eomgen.runtime.levels import BASE
-from tests.support.adapter_samples import built_for, functions_of, sample, states
+from tests.support.adapter_samples import BENDING, built_for, functions_of, sample, states
 from tests.support.builds import Build
 from tests.support.figures import Figures
 from tests.support.random_robots import Array, random_robot, random_state, seeds
@@ -34,7 +34,7 @@ def by_columns(block: Array, function: DifferentiableFunction, shape: tuple[int,
     return np.asarray(four.reshape(int(np.prod(rows)), int(np.prod(columns))))
 
 
-@pytest.mark.parametrize("seed", seeds(4100, 1, 60, soak=4))
+@pytest.mark.parametrize("seed", [*seeds(4100, 1, 60, soak=4), pytest.param(BENDING, marks=pytest.mark.soak)])
 def test_values_and_jacobians_are_the_kernels(seed: int, built: Build, figures: Figures) -> None:
     """All functions, compiled without a warning; sparse where something vanishes identically."""
     robot = sample(seed)
@@ -97,7 +97,7 @@ def test_forward_and_reverse_modes(built: Build) -> None:
     assert np.allclose(np.array(reverse(s.q, s.v, s.a))[:, 0], J.T @ s.a, rtol=1e-12, atol=1e-12)
 
 
-@pytest.mark.parametrize("seed", seeds(4100, 1, 20, soak=4))
+@pytest.mark.parametrize("seed", [*seeds(4100, 1, 20, soak=4), pytest.param(BENDING, marks=pytest.mark.soak)])
 def test_hessians_are_the_kernels(seed: int, built: Build, figures: Figures) -> None:
     """Of expressions with all functions: casadi.hessian against the kernel's derivatives by hand."""
     robot = sample(seed)

@@ -20,7 +20,7 @@ from eomgen.errors import ArrayError, InputError, UnknownNameError
 from eomgen.robot.model import build_model
 from eomgen.runtime.calls import Calls
 from eomgen.runtime.raw import RawFunction
-from tests.support.adapter_samples import built_for, functions_of, sample, states
+from tests.support.adapter_samples import BENDING, built_for, functions_of, sample, states
 from tests.support.builds import Build
 from tests.support.figures import Figures
 from tests.support.random_followers import with_followers
@@ -56,7 +56,7 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, int | None]]:
 
 
 @pytest.mark.parametrize("way", [eager, pytest.param(jax.jit, marks=pytest.mark.soak)], ids=["eager", "jit"])
-@pytest.mark.parametrize("seed", [4100, *seeds(4101, 0, 30, soak=3)])
+@pytest.mark.parametrize("seed", [4100, *seeds(4101, 0, 30, soak=3), pytest.param(BENDING, marks=pytest.mark.soak)])
 def test_values_and_derivatives_are_the_kernels(seed: int, way: Any, built: Build, figures: Figures) -> None:
     """Of all functions, forward and in reverse; compiling them by jit takes a second each."""
     robot = sample(seed)
@@ -333,5 +333,5 @@ def test_frames_of_robots_with_followers(built: Build) -> None:
         weights = rng.uniform(-1.0, 1.0, found.shape[1:])
         back = jax.grad(lambda x, made=made, weights=weights: jax.numpy.sum(weights * made(x)))(q[0])
         assert float(back @ rates[0]) == pytest.approx(float(np.sum(weights * np.asarray(found)[0])), rel=1e-9)
-    with pytest.raises(InputError, match="second derivatives of Jacobians .* follow others; allowed: first ones"):
+    with pytest.raises(InputError, match=r"second derivatives of Jacobians .* follow others; allowed: first ones"):
         jax.hessian(function(kernel, "frame_jacobian", frame))(q[0])

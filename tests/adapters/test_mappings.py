@@ -11,14 +11,22 @@ from eomgen.errors import InputError, UnknownNameError
 from eomgen.pipeline.mechanisms import mechanism_kernels
 from eomgen.robot.model import build_model
 from tests.oracles.complex_step import complex_jacobian
-from tests.support.adapter_samples import built_for, differences, functions_of, sample, second_differences, states
+from tests.support.adapter_samples import (
+    BENDING,
+    built_for,
+    differences,
+    functions_of,
+    sample,
+    second_differences,
+    states,
+)
 from tests.support.builds import Build
 from tests.support.figures import Figures
 from tests.support.random_robots import random_robot, seeds
 from tests.support.soak import WHOLE
 
 
-@pytest.mark.parametrize("seed", [4100, *seeds(4101, 0, 59, soak=4)])
+@pytest.mark.parametrize("seed", [4100, *seeds(4101, 0, 59, soak=4), pytest.param(BENDING, marks=pytest.mark.soak)])
 def test_derivatives_are_those_of_complex_steps(seed: int, built: Build, figures: Figures) -> None:
     """Of all functions by all arguments; of frames, whose programs are parts, those of central differences."""
     robot = sample(seed)
@@ -43,7 +51,7 @@ def test_derivatives_are_those_of_complex_steps(seed: int, built: Build, figures
         figures.count("functions")
 
 
-@pytest.mark.parametrize("seed", seeds(4100, 1, 30, soak=4))
+@pytest.mark.parametrize("seed", [*seeds(4100, 1, 30, soak=4), pytest.param(BENDING, marks=pytest.mark.soak)])
 def test_second_derivatives_are_those_of_the_first(seed: int, built: Build, figures: Figures) -> None:
     """Of all functions against central differences of the exact Jacobian, and of weighted results; zeros are zeros."""
     robot = sample(seed)

@@ -22,8 +22,10 @@ from eomgen.errors import InputError
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
 from tests.oracles.force_laws import with_drives, with_laws
+from tests.support.bending_exports import BENDING
 from tests.support.every_element import robot_with
 from tests.support.random_robots import random_robot
+from tests.support.soak import soaked
 from tests.support.turning_loops import OFFSET, STAND, held_pendulum
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
@@ -142,6 +144,11 @@ def test_jax_compiles_maps_and_differentiates() -> None:
         h = 1e-6
         rate = float(end(u[0] + [h, 0.0]) - end(u[0] - [h, 0.0])) / (2.0 * h)
         assert float(jax.grad(end)(u[0])[0]) == pytest.approx(rate, rel=1e-6)
+
+
+@pytest.mark.parametrize("name", soaked(BENDING, ("tree",)))
+def test_links_that_bend_have_the_kernels_numbers(name: str) -> None:
+    compare(BENDING[name]())
 
 
 @pytest.mark.soak

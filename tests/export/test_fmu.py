@@ -23,6 +23,7 @@ from eomgen.robot.record import robot_hash
 from eomgen.robot.value import COORDINATES, Robot
 from eomgen.runtime.kernel import Array, Kernel
 from tests.oracles.force_laws import with_drives, with_laws
+from tests.support.bending_exports import BENDING
 from tests.support.builds import Build
 from tests.support.fmu_host import Host
 from tests.support.random_motors import geared_robot, motor_state
@@ -191,6 +192,34 @@ def test_outputs_and_derivatives_of_random_robots(seed: int, exported: Export) -
     close(host.get(outputs(host)), expected(unit.kernel, p), 1e-12)
     check_derivatives(unit, p, seed)
     if seed % 3 == 0:  # without kinks, at which the order of fixed steps drops
+        check_steps(unit, replace(p, v=0.1 * p.v), 2e-5, 2e-3)
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+@pytest.mark.parametrize("name", soaked(BENDING, ("tree",)))
+def test_links_that_bend(name: str, version: int, exported: Export) -> None:
+    """Modes are coordinates without a unit, their forces in J; stiffness and damping of each are parameters."""
+    robot = BENDING[name]()
+    unit = exported(robot, version)
+    assert validate_fmu(str(unit.path)) == []
+    kernel, rng, host = unit.kernel, np.random.default_rng(5), unit.host()
+    units = {x.name: x.unit for x in host.description.modelVariables}
+    for mode in robot.modal_coordinates:
+        said = [units[f"{kind}.{mode}"] for kind in "qvau"]
+        assert said == ["1", "1/s", "1/s2", "J"]
+        link, number = mode.split(".mode")
+        assert units[f"links.{link}.modes.{number}.stiffness"] == "J"
+        assert units[f"links.{link}.modes.{number}.damping"] == "J.s"
+    q, v, u = rng.uniform(-0.1, 0.1, (3, kernel.n))
+    p = Point(q, v, u, rng.uniform(-1.0, 1.0, (len(kernel.links), 6)), kernel.n)
+    host.set(knowns(host), p.all)
+    close(host.get(outputs(host)), expected(kernel, p), 1e-12)
+    softer = {x: 1.5 * value for x, value in kernel.parameters.items() if ".modes." in x}
+    host.set(list(softer), list(softer.values()))
+    close(host.get(outputs(host)), expected(kernel.with_parameters(softer), p), 1e-12)
+    host.unit.freeInstance()
+    if version == 3:
+        check_derivatives(unit, p, 1)
         check_steps(unit, replace(p, v=0.1 * p.v), 2e-5, 2e-3)
 
 

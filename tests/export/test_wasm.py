@@ -21,6 +21,7 @@ from eomgen.export.wasm.pack import make_wasm
 from eomgen.robot import JointStiffness
 from eomgen.robot.value import Robot
 from tests.oracles.force_laws import with_drives, with_laws
+from tests.support.bending_exports import BENDING
 from tests.support.bristles import bent, bristle_linkage, remembering_arm, servo_arm, wide
 from tests.support.random_robots import random_robot
 
@@ -312,6 +313,14 @@ def test_robots_have_the_same_bits(name: str, tmp_path: Path) -> None:
         compare_rollouts(tmp_path, robot, 2e-3, exact=name != "worn_arm")
     if name in ("ur5", "puma560"):
         assert (tmp_path / f"{name}.wasm").stat().st_size < LARGEST
+
+
+@pytest.mark.soak
+@needs_node
+@pytest.mark.parametrize("name", BENDING)
+def test_links_that_bend_have_the_same_bits(name: str, tmp_path: Path) -> None:
+    compare_functions(tmp_path, BENDING[name]())
+    compare_rollouts(tmp_path, BENDING[name](), 1e-3)
 
 
 @pytest.mark.soak

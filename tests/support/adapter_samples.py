@@ -11,16 +11,20 @@ from eomgen.adapters.mappings import FRAMES, FUNCTIONS, DifferentiableFunction, 
 from eomgen.robot.value import Robot
 from tests.oracles.force_laws import KINDS as LAWS
 from tests.oracles.force_laws import with_laws
+from tests.support.bending_robots import bent
 from tests.support.random_motors import geared_robot, motor_state
-from tests.support.random_robots import Array, random_robot, random_state, with_random_loops
+from tests.support.random_robots import Array, State, random_robot, random_state, with_random_loops
 from tests.support.random_springs import with_springs
 
 KINDS = ("plain", "laws", "motors", "springs", "loops")
+BENDING = 4199  # a seed for a robot whose link bends, by two modes that are coupled
 TYPES = ("revolute", "prismatic", "fixed", "free")
 
 
 def sample(seed: int) -> Robot:
     """A random robot; its forces, motors or loops are chosen by the seed."""
+    if seed == BENDING:
+        return bent(random_robot(1, (1, 1)), 1, (2,), second=True).robot
     kind = KINDS[seed % len(KINDS)]
     if kind == "motors":
         return geared_robot(seed, (1, 3), kinds=LAWS, prescribed=0.3)
@@ -34,7 +38,11 @@ def sample(seed: int) -> Robot:
 
 def states(robot: Robot, kernel: eomgen.Kernel, seed: int) -> dict[str, Array]:
     """A random state and wrenches by the names of arrays."""
-    s = (motor_state if kernel.motors else random_state)(robot, seed)
+    if robot.modal_coordinates:
+        rng = np.random.default_rng([seed, 9])
+        s = State(*rng.uniform(-0.3, 0.3, (4, kernel.n)))
+    else:
+        s = (motor_state if kernel.motors else random_state)(robot, seed)
     wrench = np.random.default_rng(seed).uniform(-2.0, 2.0, (len(kernel.links), 6))
     return {"q": s.q, "v": s.v, "a": s.a, "u": s.u, "wrench": wrench}
 
