@@ -91,11 +91,11 @@ def test_tips_deflect_as_by_modes(segments: int, axis: str, figures: Figures) ->
 
 
 def test_frequencies_tend_to_those_of_modes(figures: Figures) -> None:
-    """With the square of the number of segments: the first three of bending, the first of twist and stretch."""
+    """The first three of bending by the cube of the number of segments, those of twist and stretch by its square."""
     modes = arm().links[0].modes
     assert modes is not None
     own = 2.0 * np.pi * np.array(modes.frequencies())
-    wanted = np.sort([*own[0:3], *own[5:8], own[10], own[14]])
+    wanted = [*own[0:3], *own[5:8], own[10], own[14]]
     errors = []
     for segments in (8, 16, 32):
         found = straight(clamped(arm().with_segments(segments))).frequencies()
@@ -103,7 +103,8 @@ def test_frequencies_tend_to_those_of_modes(figures: Figures) -> None:
     for coarse, fine in pairwise(errors):
         falls = np.array(coarse) / np.array(fine)
         print("errors fall by", falls.round(2))
-        assert (falls > 3.5).all()
+        assert (falls[:6] > 7.5).all()
+        assert (falls[6:] > 3.8).all()
     figures.at_most("with 16 segments", float(np.max(errors[1])), 4e-3)
 
 
@@ -153,12 +154,12 @@ def test_mass_matrix_and_forces_of_the_chain_are_mujocos(built: Build, figures: 
 
 @pytest.mark.soak
 def test_a_motion_tends_to_that_of_modes(built: Build, figures: Figures) -> None:
-    """An arm that falls and bends: the tip's way beside that by modes, with the square of the number of segments."""
+    """An arm that falls and bends: the tip's way tends to that by modes with the cube of the number of segments."""
 
     def tips(robot: Robot) -> Array:
         kernel = built(robot, "adaptive_rollout", "kinematics", "forward_dynamics")
         zero = np.zeros(kernel.n)
-        q = kernel.rollout(zero, zero, duration=0.4, samples=40, rtol=1e-8, method="rosenbrock").q
+        q, _ = kernel.rollout(zero, zero, duration=0.4, samples=40, rtol=1e-8, method="rosenbrock")
         return np.array([kernel.frame_pose(x, "tcp")[:3, 3] for x in q])
 
     robot = arm("y = 4", mass=0.02)
@@ -166,7 +167,7 @@ def test_a_motion_tends_to_that_of_modes(built: Build, figures: Figures) -> None
     errors = [float(np.abs(tips(robot.with_segments(n)) - wanted).max()) for n in (2, 4, 8)]
     print("m from modes:", errors)
     assert np.abs(wanted - wanted[0]).max() > 0.3
-    assert errors[0] > 3.0 * errors[1] > 9.0 * errors[2]
+    assert errors[0] > 7.0 * errors[1] > 49.0 * errors[2]
     figures.at_most("with 8 segments, m", errors[-1], 1e-4)
 
 

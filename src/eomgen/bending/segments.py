@@ -2,8 +2,8 @@
 
 A link that is a beam becomes a massless link of its name, where its joint stands, and a ``Beam`` from there to the link
 of its tip, whose segments have elastic joints in their middles.  Chains are made of the beam's material and section, so
-that forces and moments at the tip deflect them as they deflect the beam, for any number of segments; frequencies and
-motions tend to the beam's with its square.
+that forces and moments at the tip deflect them as they deflect the beam, for any number of segments; frequencies tend
+to the beam's with its cube in bending, with its square in twist and stretch.
 """
 
 from __future__ import annotations

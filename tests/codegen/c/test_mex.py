@@ -13,6 +13,7 @@ from eomgen.codegen.package.compile import FLAGS
 from eomgen.pipeline.stages import Options, generate
 from eomgen.runtime.levels import BASE
 from tests.support.c_project import WARNINGS, need, run
+from tests.support.soak import soaked
 
 KERNELS = ("forward_dynamics", "inverse_dynamics", "mass_matrix", "kinematics", "external_force", "residual_jacobian")
 SCRIPT = """
@@ -45,7 +46,7 @@ def _matlab(name: str, x: np.ndarray) -> str:
     return f"{name} = [{'; '.join(' '.join(repr(float(y)) for y in row) for row in x)}];"
 
 
-@pytest.mark.parametrize("name", ["one_link", pytest.param("puma560_elastic", marks=pytest.mark.soak)])
+@pytest.mark.parametrize("name", soaked(("one_link", "puma560_elastic", "flexible_arm"), ("one_link",)))
 def test_octave_gets_the_kernels_bits(name: str, tmp_path: Path) -> None:
     need("mkoctfile", "octave")
     robot = eomgen.load_robot(name)

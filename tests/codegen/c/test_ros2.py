@@ -13,6 +13,7 @@ from eomgen.errors import InputError
 from eomgen.pipeline.stages import Options, generate
 from eomgen.runtime.levels import BASE
 from tests.support.c_project import NO_EIGEN, WARNINGS, need, run
+from tests.support.soak import soaked
 
 PROGRAM = """
 #include "plant.hpp"
@@ -42,7 +43,8 @@ int main()
 
 
 @pytest.mark.parametrize(
-    ("name", "method"), [("one_link", "rk4"), pytest.param("puma560_elastic", "implicit", marks=pytest.mark.soak)]
+    ("name", "method"),
+    soaked([("one_link", "rk4"), ("puma560_elastic", "implicit"), ("flexible_arm", "implicit")], {("one_link", "rk4")}),
 )
 def test_the_plant_moves_as_the_kernel_says(name: str, method: str, tmp_path: Path) -> None:
     need("gcc", "g++")
