@@ -22,7 +22,10 @@ def bends(d: Derivation) -> bool:
 
 def modal_residual_jacobian(d: Derivation) -> Outputs:
     """Write derivatives of the forces that a motion needs by q, v and a, those of no drive among them."""
-    rows = d.followers.gather(d.dynamics(d.v, d.a))
+    needed = d.dynamics(d.v, d.a)
+    for k in d.model.states_of_drives:  # of their rates the inertias alone
+        needed[k] = d.bound.armature[k] * d.a[k]
+    rows = d.followers.gather(needed)
     by_all = _slopes(d, [rows[i] for i in d.active], [*_active(d, d.q), *_active(d, d.v), *_active(d, d.a)])
     n = len(d.active)
     return vector([row[block * n + j] for block in range(3) for row in by_all for j in range(n)])

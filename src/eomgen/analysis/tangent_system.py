@@ -280,6 +280,8 @@ def reduced(
     if not independent:
         notes = (*notes, "nothing can move: what is held leaves the robot rigid (free or pd drives, fewer held: move)")
     elif scaled_eigenvalues(M)[0][0] <= 1e-13:
+        if (bent := kernel.calls.bent_too_far(q)) is not None:
+            raise SingularError(f"{kernel.name}: the mass matrix cannot be inverted: {bent}")
         null = " and ".join(null_coordinates(M, names))
         raise SingularError(f"{kernel.name}: the mass matrix cannot be inverted at {null}: it moves no inertia there")
     memory = states_of(kernel, (tangents.K, tangents.D, tangents.M), basis, rate).taking_part()

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,7 +14,18 @@ from ..robot.bounds import limit_texts
 from ..robot.coordinates import UNITS, unit_of
 from ..robot.laws import number_texts
 from ..robot.model import Model, build_model
-from ..robot.value import CUT_NUMBERS, MOTOR, PRINCIPAL, Coordinate, Coupling, Joint, Loop
+from ..robot.value import (
+    CUT_NUMBERS,
+    MOTOR,
+    PRINCIPAL,
+    Coordinate,
+    Coupling,
+    Joint,
+    Loop,
+    Robot,
+    deflection_range,
+    range_line,
+)
 from .mobility import Mobility
 
 
@@ -36,7 +48,7 @@ class RobotInfo:
         """Return plain values, for JSON."""
         model = self.model
         owners: tuple[Joint | Loop, ...] = (*model.robot.joints, *model.robot.loops)
-        bending = {x.name: x.modes.as_dict() for x in model.robot.links if x.modes is not None}
+        bending = _bending(model.robot)
         return {
             "name": model.name,
             "source": model.robot.source,
@@ -90,7 +102,7 @@ class RobotInfo:
             self._loop_lines(),
             [line for element in model.robot.link_elements for line in element.lines()],
             [beam.line() for beam in model.robot.beams],
-            [link.modes.line(link.name) for link in model.robot.links if link.modes is not None],
+            list(_bending_lines(model.robot)),
             self._start_lines(),
             self.mobility.lines() if self.mobility else [],
             self.zero_lines,
@@ -182,6 +194,25 @@ def _states_of(model: Model) -> dict[str, dict[str, Any]]:
         inertia = None if own.state.inertia is None else float(own.state.inertia(own.numbers))
         found[own.name] = {"law": own.law, "unit": own.unit, "inertia": inertia}
     return found
+
+
+def _bending(robot: Robot) -> dict[str, dict[str, Any]]:
+    """Return what is said of links that bend, by name; amplitudes without a limit are None."""
+    found = {}
+    for link in robot.links:
+        if link.modes is not None:
+            ends = [x if math.isfinite(x) else None for x in deflection_range(link)]
+            found[link.name] = {**link.modes.as_dict(), "deflection_range": ends}
+    return found
+
+
+def _bending_lines(robot: Robot) -> Iterator[str]:
+    """Yield lines about links that bend: their modes, and how far these reach."""
+    for link in robot.links:
+        if link.modes is not None:
+            yield link.modes.line(link.name)
+            if (line := range_line(link)) is not None:
+                yield line
 
 
 def _linear(coordinate: Coordinate) -> dict[str, float]:

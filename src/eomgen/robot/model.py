@@ -37,7 +37,7 @@ from .mechanism import coordinate_of, driven_coordinates, leading_home, mechanis
 from .memory.drives import DRIVE
 from .memory.states import OwnedState
 from .numbers import Conflict
-from .parameter_names import number_of
+from .parameter_names import following_modes, number_of
 from .rules import coordinate_conflict, cut_conflict, motor_conflict, unmoved
 from .value import ANGULAR, COORDINATES, LINEAR, MOTOR, PRINCIPAL, Coordinate, Coupling, Joint, Loop, Robot
 
@@ -399,6 +399,9 @@ def _check_modes(robot: Robot) -> None:
         conflict = link.modes.conflict() if link.modes is not None else None
         if conflict is not None:
             _refuse(robot, f"links.{link.name}.modes.{conflict[0]}", conflict[1])
+    bound = following_modes(robot, robot.tunable)
+    if bound is not None:
+        _refuse(robot, "tunable", f"{show(bound[0])}: {bound[1]}")
 
 
 def _check_loops(robot: Robot, body_of: Mapping[str, int]) -> None:

@@ -41,6 +41,7 @@ FAMILIES: Mapping[str, Mapping[str, Number]] = MappingProxyType(  # of forces, w
     | {table: x.NUMBERS for table, x in KINDS.items()}
 )
 _OF_JOINTS = ("offset", "placement")
+BODY = ("mass", "com", "inertia")  # of a link
 _LONG = 1000  # characters of a name that no parameter has which are looked at for a hint
 
 
@@ -53,10 +54,35 @@ class Parameter:
 
 
 def parameters(robot: Robot) -> Iterator[Parameter]:
-    """Yield every number that could be a run-time parameter, a joint's offset and placement before its forces."""
-    all_numbers = (Parameter(parameter_path(name), value is not None) for name, value in robot.numbers())
+    """Yield every number that could be a run-time parameter, a joint's offset and placement before its forces.
+
+    Mass, centre of mass and inertia of a link that bends are none: its modes are of the same mass.
+    """
+    every = ((parameter_path(name), value is not None) for name, value in robot.numbers())
+    bending = _bending(robot)
+    all_numbers = (Parameter(path, is_set) for path, is_set in every if not _is_of_modes(path, bending))
     for _, owned in groupby(all_numbers, lambda item: item.path[:2]):
         yield from sorted(owned, key=lambda item: item.path[0] == "joints" and item.path[2] not in _OF_JOINTS)
+
+
+def _bending(robot: Robot) -> set[str]:
+    return {link.name for link in robot.links if link.modes is not None}
+
+
+def _is_of_modes(path: Sequence[str], bending: set[str]) -> bool:
+    """Whether a number is of a body whose modes have its mass, too."""
+    return path[0] == "links" and len(path) > 2 and path[1] in bending and path[2] in BODY
+
+
+def following_modes(robot: Robot, names: Iterable[str]) -> tuple[str, str] | None:
+    """Return the first name of a number that follows from a link's modes, and what to say of it; None if none does."""
+    bending = _bending(robot)
+    for name in names:
+        path = parameter_path(name[:_LONG])
+        if _is_of_modes(path, bending):
+            allowed = f"links.{path[1]}.modes.1.stiffness (or damping), or a payload on a node of it"
+            return name, f"the modes of {path[1]} are of the same mass, so that it is no parameter; allowed: {allowed}"
+    return None
 
 
 def element_places(robot: Robot, names: Iterable[str]) -> Places:
@@ -209,6 +235,8 @@ def _shortest(path: tuple[str, ...]) -> int:
 
 
 def _refuse(robot: Robot, pattern: str, known: Sequence[Parameter]) -> NoReturn:
+    if (bound := following_modes(robot, (pattern,))) is not None:
+        raise DescriptionError(f"{show(pattern)}: {bound[1]}", where="tunable", source=robot.source)
     wanted, reason = parameter_path(pattern[:_LONG]), "no parameter has this name"
     if "rpy" in wanted and wanted[0] in ("joints", "frames", "loops"):
         reason += " (an rpy can be tuned only where the description has it; dh has none)"

@@ -8,6 +8,8 @@ from ..geometry import Placement as Placement
 from ..laws import Curve as Curve
 from ..sections import AXES as AXES
 from .beam import Beam as Beam
+from .bending_range import deflection_range as deflection_range
+from .bending_range import range_line as range_line
 from .coordinate import ACROSS as ACROSS
 from .coordinate import COORDINATE_NUMBERS as COORDINATE_NUMBERS
 from .coordinate import Coordinate as Coordinate

@@ -1,0 +1,125 @@
+"""Robots whose links bend, with laws, motors, drives, prescribed coordinates, springs, bushings and loops at once.
+
+Equations of bodies alone are compared with Lagrange's in ``tree/test_bending_trees.py``; here kernels' programs are
+compared with each other, whatever parts a robot has.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from eomgen.codegen.derivation.afresh import derive_afresh
+from eomgen.codegen.kernels.accelerations import CONSTRAINED, SOLVERS
+from eomgen.codegen.kernels.derivation import Derivation
+from eomgen.codegen.kernels.equations import derive_cheapest
+from eomgen.codegen.program.ir import evaluate
+from eomgen.errors import InputError
+from eomgen.robot.model import Model, build_model
+from eomgen.robot.parameter_names import parameters
+from tests.oracles.complex_step import complex_jacobian
+from tests.support.bending_mixtures import PARTS, Mixture, answer, arrays, mixture
+from tests.support.random_robots import Array, State, seeds
+
+LIMIT = 1e-11  # relative to the largest number of a result, or to 1
+
+
+def close(found: Array, expected: Array, limit: float = LIMIT) -> None:
+    assert np.abs(found - expected).max(initial=0.0) <= limit * max(1.0, float(np.abs(expected).max(initial=0.0)))
+
+
+def inertias(model: Model, s: State) -> tuple[Array, Array]:
+    """Return M and derivatives of the residual by accelerations, (n, n) each, with states of laws."""
+    n = model.size
+    M = answer(model.robot, "mass_matrix", q=s.q).reshape(n, n)
+    return M, answer(model.robot, "residual_jacobian", **arrays(s, "q", "v", "a")).reshape(3, n, n)[2]
+
+
+def solved(mixed: Mixture, kernel: str, s: State) -> dict[str, Array]:
+    """Return what a kernel gives by each solver that suits the robot."""
+    model = build_model(mixed.robot)
+    inputs = {name: x.tolist() for name, x in arrays(s, "q", "v", "u").items()}
+    inputs["p"] = [*model.parameters.values(), *[0.0] * len(model.turning)]
+    found = {}
+    for solver, variant in (CONSTRAINED if model.constraints else SOLVERS).items():
+        if variant.suits(Derivation(model)):
+            values = evaluate(derive_cheapest(model, kernel, solver)[0], inputs)
+            found[solver] = np.array([values[key] for key in sorted(values) if key[0] == "out"])
+    assert found
+    return found
+
+
+@pytest.mark.parametrize("seed", seeds(0, 4, 120))
+def test_mass_matrices_and_derivatives(seed: int) -> None:
+    """M is symmetric and positive, and what inverse dynamics takes per acceleration; slopes are complex steps'."""
+    mixed = mixture(seed)
+    robot, s = mixed.robot, mixed.state(seed)
+    model = build_model(robot)
+    n, own = model.size, len(model.coordinates)
+    M, by_a = inertias(model, s)
+    assert np.array_equal(M, M.T)
+    assert np.linalg.eigvalsh(M[:own, :own])[0] > 0.0
+    close(M, by_a)
+    assert (np.diag(by_a) > 0.0).all()  # states of drives, which store nothing, too
+    needed, still = (answer(robot, "inverse_dynamics", q=s.q, v=s.v, a=a) for a in (s.a, 0.0 * s.a))
+    close((needed - still)[:own], (M @ s.a)[:own])
+    if not model.drives:  # whose slopes are apart
+        found = answer(robot, "residual_jacobian", **arrays(s, "q", "v", "a")).reshape(3, n, n)
+        for block, label in zip(found, "qva", strict=True):
+            close(block, complex_jacobian(robot, "residual", arrays(s, "q", "v", "a", "u"), label))
+
+
+@pytest.mark.parametrize("seed", seeds(200, 3, 100))
+def test_accelerations_by_all_solvers(seed: int) -> None:
+    """Those that inverse dynamics answers with the drives; of loops those that keep them closed."""
+    mixed = mixture(seed, tuple(x for x in PARTS if x != "drives")[seed % 2 :: 2])
+    robot, s = mixed.robot, mixed.state(seed)
+    model = build_model(robot)
+    own, given = len(model.coordinates), list(model.prescribed)
+    if not model.constraints:
+        u = answer(robot, "inverse_dynamics", q=s.q, v=s.v, a=s.a)
+        u[given] = s.a[given]
+        M, _ = inertias(model, s)
+        for a in solved(mixed, "forward_dynamics", replace(s, u=u)).values():
+            close(a[:own], s.a[:own], 1e-13 * float(np.linalg.cond(M[:own, :own])))
+        return
+    J = answer(robot, "constraint_jacobian", q=s.q).reshape(-1, model.size)
+    bias = answer(robot, "constraint_bias", q=s.q, v=s.v)
+    free = np.setdiff1d(np.arange(own), given)
+    for values in solved(mixed, "constrained_dynamics", s).values():
+        a, multipliers = values[: model.size], values[model.size : model.size + len(J)]
+        close(J @ a, -bias, 1e-9)
+        residual = answer(robot, "residual", q=s.q, v=s.v, a=a, u=s.u)
+        pushed = J.T @ multipliers
+        assert np.abs((residual - pushed)[free]).max() < 1e-9 * max(1.0, np.abs(pushed).max())
+
+
+@pytest.mark.parametrize("seed", seeds(400, 2, 40))
+def test_every_number_as_a_parameter(seed: int) -> None:
+    """With all numbers that may be parameters read as they run, the same equations."""
+    mixed = mixture(seed)
+    names = tuple(".".join(x.path) for x in parameters(mixed.robot) if x.is_set)
+    assert any(".modes.1.stiffness" in name for name in names)
+    robot, s = replace(mixed.robot, tunable=names), mixed.state(seed)
+    for kernel, labels in (("mass_matrix", "q"), ("inverse_dynamics", "qva"), ("energy", "qv"), ("kinematics", "q")):
+        given = arrays(s, *labels)
+        close(answer(robot, kernel, **given), answer(mixed.robot, kernel, **given))
+
+
+def test_bodies_whose_modes_have_the_same_mass() -> None:
+    """Mass, centre of mass and inertia are no parameters of a link that bends: its modes would contradict them."""
+    robot = mixture(1).robot
+    name = next(x.name for x in robot.links if x.modes is not None)
+    for key in ("mass", "com.x", "inertia.xx"):
+        said = rf"tunable: 'links\.{name}\.{key}': the modes of {name} are of the same mass.*modes\.1\.stiffness"
+        with pytest.raises(InputError, match=said):
+            build_model(replace(robot, tunable=(f"links.{name}.{key}",)))
+
+
+def test_a_derivation_by_sympy_is_refused() -> None:
+    model = build_model(mixture(600, ("laws", "springs")).robot)
+    name = next(x.name for x in model.robot.links if x.modes is not None)
+    with pytest.raises(InputError, match=rf"links\.{name}\.modes: SymPy derives joints afresh, and no link that bends"):
+        derive_afresh(model, ("mass_matrix",))
