@@ -28,6 +28,7 @@ from eomgen.robot.value import Robot
 from eomgen.runtime import Kernel
 from eomgen.runtime.chunking import states_at_once
 from eomgen.runtime.direct import WRENCHED, ExtensionBinding
+from tests.support.bending_mixtures import mixture
 from tests.support.builds import Build
 from tests.support.random_robots import random_robot, some_prescribed, with_random_loops
 from tests.support.random_springs import with_springs
@@ -214,8 +215,9 @@ ROBOTS: dict[str, Callable[[], Robot]] = {
     "a tree": lambda: with_springs(random_robot(31, joints=(2, 2), tree=True), 31),
     "loops": lambda: with_random_loops(random_robot(901, joints=(3, 3), tree=True), 901, ("revolute",)),
     "prescribed": lambda: some_prescribed(random_robot(33, joints=(2, 2)), 33),
+    "bending": lambda: mixture(34, ("laws", "prescribed", "springs"), (2, 2)).robot,
 }
-SLOW = ("a tree", "loops")
+SLOW = ("a tree", "loops", "bending")
 
 
 @pytest.mark.parametrize("calls", [25, pytest.param(400, marks=pytest.mark.soak)])

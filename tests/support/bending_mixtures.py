@@ -12,7 +12,7 @@ from eomgen.codegen.program.ir import evaluate
 from eomgen.robot.coordinates import coordinate_names
 from eomgen.robot.elements import Bushing
 from eomgen.robot.model import build_model
-from eomgen.robot.value import ANGULAR, PRINCIPAL, Coordinate, Coupling, Robot
+from eomgen.robot.value import PRINCIPAL, Coordinate, Coupling, Robot
 from tests.oracles.force_laws import with_drives, with_laws
 from tests.support.bending_robots import Bending, bent
 from tests.support.random_motors import with_motors
@@ -21,10 +21,10 @@ from tests.support.random_robots import (
     State,
     random_placement,
     random_robot,
+    random_state,
     some_prescribed,
     with_offsets,
     with_random_loops,
-    with_states_of_laws,
 )
 from tests.support.random_springs import with_springs
 
@@ -40,12 +40,8 @@ class Mixture:
     parts: frozenset[str]
 
     def state(self, seed: int) -> State:
-        """Draw a state: modes up to 0.2, principal coordinates up to 2, beta and deviations less; states of laws."""
-        rng = np.random.default_rng([seed, 42])
-        model = build_model(self.robot)
-        q = np.array([rng.uniform(-1.0, 1.0) * _span(self.robot, name) for name in model.coordinates])
-        v, a, u = rng.uniform(-1.0, 1.0, (3, len(q)))
-        return with_states_of_laws(self.robot, State(q, v, a, u), rng)
+        """Draw a state, as ``random_state`` does: modes up to 0.2."""
+        return random_state(self.robot, seed)
 
 
 def mixture(
@@ -175,17 +171,6 @@ def _bushing(rng: np.random.Generator, robot: Robot) -> Bushing:
     stiffness, damping = (tuple(map(float, rng.uniform(low, high, 6))) for low, high in ((5.0, 50.0), (0.1, 2.0)))
     links = pairs[int(rng.integers(len(pairs)))]
     return Bushing("mount", links, (random_placement(rng), random_placement(rng)), stiffness, damping)
-
-
-def _span(robot: Robot, name: str) -> float:
-    owner, kind = name.split(".")
-    if kind.startswith("mode"):
-        return 0.2
-    joint = robot.joint(owner)
-    wide = kind == PRINCIPAL.get(joint.type) or joint.type == "free"
-    if kind == "motor" or (wide and kind != "beta"):
-        return 2.0
-    return 0.6 if kind in ANGULAR and wide else 0.3
 
 
 def arrays(s: State, *labels: str) -> dict[str, Array]:

@@ -13,10 +13,23 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from eomgen.robot.coordinates import MODE
 from eomgen.robot.geometry import IDENTITY, Matrix
 from eomgen.robot.laws import states_of
 from eomgen.robot.model import build_model
-from eomgen.robot.value import ANGULAR, COORDINATES, PRINCIPAL, Coordinate, Frame, Joint, Link, Loop, Placement, Robot
+from eomgen.robot.value import (
+    ANGULAR,
+    COORDINATES,
+    MOTOR,
+    PRINCIPAL,
+    Coordinate,
+    Frame,
+    Joint,
+    Link,
+    Loop,
+    Placement,
+    Robot,
+)
 from tests.support.soak import SHARE, share
 
 Array = NDArray[np.float64]
@@ -151,16 +164,24 @@ def inner_states_of_drives(robot: Robot) -> list[int]:
 
 
 def state_of_coordinates(robot: Robot, rng: np.random.Generator) -> State:
-    """A random state of coordinates alone, without those of motors."""
-    spans = []
-    for joint in robot.joints:
-        for coordinate in joint.coordinates:
-            wide = coordinate == PRINCIPAL.get(joint.type) or joint.type == "free"
-            limit = {"beta": 1.2}.get(coordinate, 3.0)
-            spans.append(limit if wide else 0.3)
+    """A random state of coordinates alone, without those of motors where no link bends."""
+    if robot.modal_coordinates:  # in the order of q, where nodes' coordinates follow modes
+        spans = [_span(robot, name) for name in build_model(robot).coordinates]
+    else:
+        spans = [_span(robot, f"{joint.name}.{kind}") for joint in robot.joints for kind in joint.coordinates]
     q = rng.uniform(-1.0, 1.0, len(spans)) * np.array(spans)
     v, a, u = (rng.uniform(-2.0, 2.0, len(spans)) for _ in range(3))
     return State(q, v, a, u)
+
+
+def _span(robot: Robot, name: str) -> float:
+    """Return how far a coordinate goes: modes and deviations little, angles beta not to +-pi/2."""
+    owner, kind = name.split(".")
+    if kind.startswith(MODE):
+        return 0.2
+    joint = robot.joint(owner)
+    wide = kind in (PRINCIPAL.get(joint.type), MOTOR) or joint.type == "free"
+    return {"beta": 1.2}.get(kind, 3.0) if wide else 0.3
 
 
 def random_link(rng: np.random.Generator, name: str, rods: bool = True) -> Link:

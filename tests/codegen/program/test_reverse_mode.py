@@ -22,6 +22,7 @@ from eomgen.robot.model import Model, build_model
 from eomgen.robot.value import Robot
 from tests.oracles.complex_step import COMPLEX
 from tests.oracles.force_laws import with_drives, with_laws
+from tests.support.bending_mixtures import mixture
 from tests.support.random_motors import geared_robot
 from tests.support.random_robots import random_robot, seeds
 from tests.support.random_springs import with_springs
@@ -35,7 +36,12 @@ OF_FIRST = 6.0  # operations of second derivatives of inverse dynamics by those 
 
 
 def robot_of(seed: int) -> Robot:
-    """In turns a plain one, one with force laws, springs between points and often servo drives, and one with motors."""
+    """In turns a plain one, one with force laws, springs between points and often servo drives, and one with motors.
+
+    Links of every twelfth bend, with all of these.
+    """
+    if seed % 12 == 1:
+        return mixture(seed, ("laws", "drives", "motors", "springs")).robot
     if seed % 3 == 2:
         return geared_robot(seed, joints=(2, 3))
     robot = random_robot(seed, joints=(2, 3), max_size=6, tree=True)

@@ -19,6 +19,7 @@ from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
 from tests.oracles.complex_step import COMPLEX
 from tests.oracles.force_laws import with_drives, with_laws
+from tests.support.bending_mixtures import mixture
 from tests.support.builds import Build
 from tests.support.random_motors import geared_robot, motor_state
 from tests.support.random_robots import random_robot, seeds
@@ -52,7 +53,12 @@ def close(one: np.ndarray, other: np.ndarray) -> None:
 
 
 def robot_of(seed: int) -> Robot:
-    """In turns a plain one, one with force laws, springs between points and often servo drives, and one with motors."""
+    """In turns a plain one, one with force laws, springs between points and often servo drives, and one with motors.
+
+    Links of every twelfth bend, with all of these.
+    """
+    if seed % 12 == 1:
+        return mixture(seed, ("laws", "drives", "motors", "springs")).robot
     if seed % 3 == 2:
         return geared_robot(seed, joints=(2, 3))
     robot = random_robot(seed, joints=(2, 3), max_size=8, tree=True)
