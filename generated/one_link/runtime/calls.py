@@ -31,7 +31,15 @@ from .direct import WRENCHED
 from .loop_errors import loop_error, singular_loop
 from .parameters import Parameters
 from .raw import Array, RawFunction, RawKernel
-from .singular import NEARLY, VANISHED, null_coordinates, scaled_eigenvalues, singular_place
+from .singular import (
+    NEARLY,
+    VANISHED,
+    bending_links,
+    bent_too_far,
+    null_coordinates,
+    scaled_eigenvalues,
+    singular_place,
+)
 
 SHARE = 256  # states that are worth a separate thread
 POLE = 1e-7  # cosine of beta, below which alpha and gamma turn about one axis
@@ -267,14 +275,17 @@ class Calls:
     def singular(self, name: str, coordinate: int, place: str, q: Array | None = None) -> SingularError:
         """Return the error that says that a function cannot invert the mass matrix.
 
-        It names the coordinates that move without inertia, or the loop whose constraints do not say what it bears;
-        where the kernel cannot compute a mass matrix, the coordinate at which elimination fails.
+        It names the coordinates that move without inertia, the links that bend too far for their modes, or the loop
+        whose constraints do not say what it bears; where the kernel cannot compute a mass matrix, the coordinate at
+        which elimination fails.
 
         Args:
             place: what follows the coordinates' names, such as " in state 3".
             q: coordinates in that state, (n,), where they are known.
         """
         where, reason = self.coordinates[coordinate], ELIMINATED
+        if bending := bending_links(self.coordinates):
+            reason += f", or links that bend ({', '.join(bending)}) bend too far for their modes"
         if q is not None and is_narrow(self, q):
             q = widened(self, "q", q)
         if q is not None:
@@ -282,11 +293,18 @@ class Calls:
                 return SingularError(f"{name}: {self.raw.name}: {loop}{place}")
             M, names = self._moving_mass(q), [x for x in self.coordinates if x not in self.prescribed]
             limit = VANISHED if self.dtype == np.float64 else NEARLY
+            if (bent := self.bent_too_far(q)) is not None:
+                return SingularError(f"{name}: the mass matrix cannot be inverted{place}: {bent}")
             if M is not None and np.isfinite(M).all():
                 where, reason = singular_place(null_coordinates(M, names, limit), q, self.coordinates)
             elif singular_place((where,), q, self.coordinates)[0] != where:
                 where, reason = singular_place((where,), q, self.coordinates)
         return SingularError(f"{name}: the mass matrix cannot be inverted at {where}{place}; {reason}")
+
+    def bent_too_far(self, q: Array) -> str | None:
+        """Say which links bend so far at q, (n,), that the mass matrix is not positive definite; None if none does."""
+        limit = VANISHED if self.dtype == np.float64 else NEARLY
+        return bent_too_far(self._moving_mass, q, self.coordinates, limit)
 
     def _singular_loop(self, q: Array) -> str | None:
         """Say which loop has constraints that follow from others at q, (n,), where M can be inverted; else None."""
