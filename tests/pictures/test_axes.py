@@ -90,6 +90,7 @@ RESULTS: dict[str, tuple[Callable[[Path], Any], tuple[Any, ...], int]] = {  # wh
         (),
         1,
     ),
+    "plot_stress_resultants": (lambda _: analysis.deflection("flexible_arm"), (), 4),
     "plot_budget": (lambda _: analysis.budget(simulated(), "one_link"), (), 1),
     "plot_column": (lambda folder: run("one_link", VALUES, plan_from_toml(PLAN), folder / "s", threads=1), (), 2),
     "plot_accuracy": (_accuracy, (), 2),

@@ -1,6 +1,6 @@
 """A robot about a state or along a path: statics, vibration, frequency responses, linear systems, error budgets.
 
-Uses runtime, robot, results, description, state, loops, motion, pipeline, integration and simulation.
+Uses runtime, robot, results, bending, description, state, loops, motion, pipeline, integration and simulation.
 """
 
 from ..lazily import public_names
@@ -13,6 +13,7 @@ from .modal_result import Modes, TrackedModes
 from .options import StateOptions
 from .sensitivity import offset_sensitivity
 from .statics import Deflection, JointStiffnessMatrix, deflection, joint_stiffness_matrix
+from .stress_resultants import StressResultants
 from .structures import Comparison, compare
 from .tool_budget import Budget, budget
 
@@ -27,6 +28,7 @@ __all__ = [
     "Response",
     "StateOptions",
     "StateSpace",
+    "StressResultants",
     "TrackedModes",
     "budget",
     "compare",

@@ -22,10 +22,11 @@ from ..robot.model import tool_of
 from ..robot.parameter_names import number_of
 from ..robot.value import COORDINATES, Robot
 from ..runtime.kernel import Kernel
-from ..shown import Shown, scale_of
+from ..shown import Plotting, Shown, scale_of
 from .at_rest import closed, rest
 from .holding import Fixation, PoseLike, floating, floating_cuts
 from .options import HeldRobot, StateKeywords, prepared, warn_of
+from .stress_resultants import COMPONENTS, StressResultants, stress_resultants
 from .tangent_system import moving_basis, refuse_singular_pose
 
 if TYPE_CHECKING:
@@ -36,11 +37,12 @@ RANK = 1e-9  # of the greatest principal compliance: what is taken to be zero
 SOFT = 1e-13  # of the greatest stiffness, scaled: nothing holds what has less
 MATRIX_ENDINGS = (".csv", ".npz", ".mtx")  # of files that it is written to
 UNITS = "N/m, N/rad, N m/rad"
+NO_BEAM = "no link of {} is a beam, whose stress resultants could be written; allowed: with --map or --matrix"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Deflection(Shown):
-    """A frame under load, beside the rigid robot.
+class Deflection(Plotting, Shown, plot="plot_stress_resultants"):
+    """A frame under load, beside the rigid robot; its plot has the stress resultants of beams.
 
     Attributes:
         robot, frame: names.
@@ -55,6 +57,7 @@ class Deflection(Shown):
         stiffness: its inverse, (6, 6), or None where there is none.
         rank: of the compliance, in units that make both of its diagonal blocks one size.
         notes: lines about what was assumed.
+        beams: stress resultants of links that are beams.
     """
 
     robot: str
@@ -70,6 +73,7 @@ class Deflection(Shown):
     stiffness: Array | None
     rank: int
     notes: tuple[str, ...]
+    beams: tuple[StressResultants, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain values, for JSON."""
@@ -83,6 +87,7 @@ class Deflection(Shown):
             "compliance": self.compliance.tolist(),
             "stiffness": None if self.stiffness is None else self.stiffness.tolist(),
             "rank": self.rank,
+            **({"beams": [beam.as_dict() for beam in self.beams]} if self.beams else {}),
             "notes": list(self.notes),
         }
 
@@ -103,7 +108,25 @@ class Deflection(Shown):
             matrix, title = self.stiffness, "stiffness [N, N m per m, rad]"
         lines += ["", title]
         lines += ["".join(f"{value:>13.4g}" for value in row) for row in matrix]
+        for beam in self.beams:
+            lines += ["", *beam.lines()]
         return lines + [f"note: {note}" for note in self.notes]
+
+    def save(self, path: Path | str) -> Path:
+        """Write the stress resultants of beams to a .csv, a row for every section, and return the path.
+
+        Raises:
+            InputError: no link of the robot is a beam, or the file cannot be written.
+        """
+        target = check_ending(path, ".csv", label="path")
+        if not self.beams:
+            raise InputError(f"path: {NO_BEAM.format(self.robot)}")
+        rows: list[list[Any]] = [["beam", "x", *COMPONENTS, "stress"]]
+        for beam in self.beams:
+            stress = [""] * len(beam.x) if beam.stress is None else beam.stress.tolist()
+            for x, row, most in zip(beam.x.tolist(), beam.resultants.tolist(), stress, strict=True):
+                rows.append([beam.link, x, *row, most])
+        return write_csv(target, rows, [f"{self.robot}: stress resultants of beams, m, N, N m, N/m^2"])
 
 
 @tells_at_prompt("deflecting")
@@ -134,7 +157,7 @@ def deflection(
     arm = fixed_at_rest(prepared(robot, progress, **options))
     bent = deflection_of(arm, arm.coordinates(pose), tool_of(arm.robot, frame))
     warn_of(bent.notes)
-    return bent
+    return replace(bent, beams=stress_resultants(arm.robot, arm.kernel, bent.q, arm.loads, arm.fixation.z))
 
 
 def fixed_at_rest(arm: HeldRobot) -> HeldRobot:

@@ -22,6 +22,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.polynomial import legendre
+from numpy.typing import ArrayLike
 
 from ..arrays import Array
 from ..robot.value import AXES, LinkBeam, LinkModes, Node
@@ -77,7 +78,7 @@ def beam_modes(beam: LinkBeam, damping: float = 0.0) -> LinkModes:
         beam: numbers that go together (``LinkBeam.conflict``).
         damping: of each mode of the clamped beam, a part of critical damping.
     """
-    series = _Series(beam.length, _TERMS + _PER_MODE * max(beam.modes.counts.values()))
+    series = _series(beam)
     shapes = _shapes(beam, series)
     constants = _constants(beam, series, shapes)
     count, R = constants.count, np.array(AXES[beam.axis])
@@ -106,6 +107,35 @@ def beam_inertia(beam: LinkBeam) -> Array:
     H00[1, 1], H00[2, 2] = beam.density * beam.Iz * length, beam.density * beam.Iy * length
     R[:3, :3] = AXES[beam.axis]
     return np.asarray(R @ H00 @ R.T + 0.0)
+
+
+def beam_shapes(beam: LinkBeam, along: ArrayLike) -> tuple[Array, Array]:
+    """Return what the modes make of the coordinates of a beam's sections, link frame, as Phi and Psi of nodes.
+
+    Args:
+        beam: numbers that go together.
+        along: distances of the sections from the root, (S,), m.
+
+    Returns:
+        Phi, (S, 6, m), and Psi, (S, 3, m, m).
+    """
+    places, series = np.asarray(along, dtype=np.float64), _series(beam)
+    shapes = _shapes(beam, series)
+    own_places, R = _places(shapes), np.array(AXES[beam.axis])
+    count = own_places[-1].stop
+    Phi, Psi = np.zeros((len(places), 6, count)), np.zeros((len(places), 3, count, count))
+    for (direction, found), own in zip(shapes.items(), own_places, strict=True):
+        row, turns, sense = _ROWS[direction]
+        if found.slope.any():
+            Phi[:, turns, own] = sense * series.values_at(found.rotation, places)
+            Psi[:, 0, own, own] = -series.products_up_to(found.slope, places)
+        Phi[:, row, own] = series.values_at(found.deflection, places)
+    turned = R @ Phi.reshape(len(places), 2, 3, count)
+    return turned.reshape(len(places), 6, count), np.einsum("ij,sjkl->sikl", R, Psi)
+
+
+def _series(beam: LinkBeam) -> _Series:
+    return _Series(beam.length, _TERMS + _PER_MODE * max(beam.modes.counts.values()))
 
 
 def _shapes(beam: LinkBeam, series: _Series) -> dict[str, _Shapes]:
@@ -212,6 +242,20 @@ class _Series:
             found.append((there[:-1], there[-1]))
             ways = np.asarray(legendre.legint(ways, lbnd=-1.0, scl=self.length / 2.0))
         return tuple(found)
+
+    def values_at(self, functions: Array, places: Array) -> Array:
+        """Return functions (G, n) at other places (...), m, (..., n): their own polynomials are evaluated there."""
+        points, weights = self._gauss
+        degree = self.terms + 1  # of what is integrated twice
+        projections = (legendre.legvander(points, degree) * weights[:, None]).T @ functions
+        coefficients = (np.arange(degree + 1) + 0.5)[:, None] * projections
+        return np.asarray(legendre.legvander(2.0 * places / self.length - 1.0, degree) @ coefficients)
+
+    def products_up_to(self, functions: Array, places: Array) -> Array:
+        """Return integrals from the root to places (S,), m, of products of functions (G, n), (S, n, n)."""
+        points, weights = self._gauss
+        values = self.values_at(functions, places[:, None] * (1.0 + points) / 2.0)
+        return np.asarray(np.einsum("s,g,sgi,sgj->sij", places / 2.0, weights, values, values))
 
 
 def _bent(series: _Series, bend: float, shear: float, densities: tuple[float, float], count: int) -> _Shapes:

@@ -14,7 +14,6 @@ from .choices import KINDS
 from .shared.command import Command
 from .shared.numbers import by_name, coordinate_values, gains, once_each, real, reals, whole
 from .shared.options import add_choice, add_json, add_names, add_old_name, add_pose, add_rows
-from .shared.output import show_result
 from .shared.progress import progress_bar, stage_bar
 from .shared.reading import add_result, add_robot, add_robot_of_result, read_robot, result_path
 from .shared.writing import check_output, show_and_write
@@ -49,32 +48,33 @@ def _add_deflection(parser: argparse.ArgumentParser) -> None:
     )
     about = "stiffness matrix of a joint over its coordinates, in the place of the frame's"
     parser.add_argument("--matrix", metavar="JOINT", help=about)
-    about = "the map: .npz, or a figure .svg, .pdf or .png; or the matrix: .csv, .npz or .mtx"
+    about = "the map: .npz, or a figure .svg, .pdf or .png; the matrix: .csv, .npz or .mtx; else of beams: .csv, figure"
     parser.add_argument("-o", "--output", type=Path, help=about)
 
 
 def _deflection(options: argparse.Namespace) -> None:
+    from ..analysis.statics import NO_BEAM, deflection
+
     if options.matrix is not None:
         _deflection_of_joint(options)
         return
-    check_output(options, ".npz")
+    check_output(options, ".csv" if options.map is None else ".npz")
     robot = read_robot(options)
+    if options.map is None and options.output is not None and all(link.beam is None for link in robot.links):
+        raise InputError(f"output: {NO_BEAM.format(robot.name)}")
     with progress_bar("deflecting") as report:
         about = _state_options(options, lambda text: report(0.0, text))
         pose = coordinate_values("pose", options.pose)
+        result: Any
         if options.map is None:
-            if options.output is not None:
-                raise InputError("output: a file is of a map or a matrix; allowed: with --map or --matrix")
-            from ..analysis.statics import deflection
+            result = deflection(robot, pose, **about)
+        else:
+            from ..analysis.compliance import compliance_map
 
-            show_result(options, deflection(robot, pose, **about))
-            return
-        from ..analysis.compliance import compliance_map
-
-        corner, first, second = options.map[:3], options.map[3:6], options.map[6:]
-        about["progress"] = report
-        compliance = compliance_map(robot, corner, first, second, tuple(options.points), pose=pose, **about)
-    show_and_write(options, compliance)
+            corner, first, second = options.map[:3], options.map[3:6], options.map[6:]
+            about["progress"] = report
+            result = compliance_map(robot, corner, first, second, tuple(options.points), pose=pose, **about)
+    show_and_write(options, result)
 
 
 def _deflection_of_joint(options: argparse.Namespace) -> None:
@@ -306,6 +306,7 @@ COMMANDS = (
         "static deflection and stiffness of a frame under load",
         {
             "deflection arm.toml --load tcp 0 0 -50 0 0 0": "static deflection and stiffness of a frame",
+            "deflection boom.toml -o boom.svg": "beams of the robot: forces, moments and stress along them",
             "deflection arm.toml --matrix joint2 -o K.csv": "stiffness matrix of a joint, for other programs",
         },
     ),

@@ -11,6 +11,7 @@ with imports_when_used(globals()):
     from .analysis import plot_compliance as plot_compliance
     from .analysis import plot_mode_shapes as plot_mode_shapes
     from .analysis import plot_response as plot_response
+    from .analysis import plot_stress_resultants as plot_stress_resultants
     from .analysis import plot_tracks as plot_tracks
     from .browser import View as View
     from .energy import plot_energy as plot_energy

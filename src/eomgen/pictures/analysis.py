@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 from ..analysis.compliance import ComplianceMap
 from ..analysis.frequency import Response
 from ..analysis.modal_result import Modes, TrackedModes
+from ..analysis.statics import Deflection
+from ..analysis.stress_resultants import COMPONENTS
 from ..analysis.tool_budget import Budget
 from ..description import RobotLike, as_robot
 from ..errors import InputError, renamed
@@ -304,6 +306,51 @@ def plot_compliance(compliance: ComplianceMap, path: Path | str | None = None, *
         axes.set_xlabel(labels[0])
         axes.set_ylabel(labels[1])
         drawn.figure.colorbar(mesh, ax=axes, label=f"compliance in the softest direction, {unit}")
+    return drawn.outcome
+
+
+def plot_stress_resultants(deflection: Deflection, path: Path | str | None = None, *, ax: Any = None) -> Plotted:
+    """Plot stress resultants of beams along them: forces above moments, above stress where sections are known.
+
+    Args:
+        deflection: of ``analysis.deflection``, of a robot with links that are beams.
+        path: to write to, .png, .svg or .pdf.
+        ax: axes to draw in, row by row; a column is a beam.
+
+    Returns:
+        As ``plot_tracks``.
+
+    Raises:
+        InputError: no link is a beam; else as of ``plot_tracks``.
+    """
+    check_kind(deflection, Deflection, "deflection", "analysis.deflection")
+    beams = deflection.beams
+    if not beams:
+        raise InputError(f"deflection: is of {show(deflection.robot)}; allowed: of a robot with links that are beams")
+    rows = 2 + any(beam.stress is not None for beam in beams)
+    width, height = 1.4 + 3.6 * len(beams), 0.9 + 1.6 * rows
+    room = {"top": 1.0 - 0.6 / height, "bottom": 0.5 / height, "left": 0.8 / width, "right": 1.0 - 0.8 / width}
+
+    def grid(figure: Any) -> Any:
+        return figure.subplots(rows, len(beams), sharex="col", squeeze=False, gridspec_kw=room)
+
+    with sheet(width, height, path, f"{deflection.robot}: stress resultants of beams", ax) as drawn:
+        table = np.array(drawn.panels(rows * len(beams), grid), dtype=object).reshape(rows, len(beams))
+        for beam, column in zip(beams, table.T, strict=True):
+            column[0].set_title(literal(beam.link))
+            column[-1].set_xlabel("distance from the root, m")
+            for part, (axes, unit) in enumerate(zip(column, ("N", "N m"), strict=False)):
+                values = beam.resultants[:, 3 * part : 3 * part + 3]
+                factor, unit = scale_of(values, unit)
+                for k, name in enumerate(COMPONENTS[3 * part : 3 * part + 3]):
+                    axes.plot(beam.x, factor * values[:, k], label=name, **_line(k))
+                axes.set_ylabel(f"{('force', 'moment')[part]}, {unit}")
+            if beam.stress is not None:
+                column[2].plot(beam.x, 1e-6 * beam.stress, color=TOOL_COLOR)
+                column[2].set_ylabel("stress, MPa")
+                column[2].set_ylim(bottom=0.0)
+        for axes in table[:2, -1]:
+            axes.legend(**BESIDE)
     return drawn.outcome
 
 

@@ -33,13 +33,15 @@ _TERMS = 40  # of the series of a rectangle's torsion, whose terms fall as n^-5:
 @dataclass(frozen=True)
 class Section:
     """A section's area A (m^2), second moments Iy and Iz about its axes (m^4), torsion constant J (m^4), and shear
-    coefficients along y and z; () where Poisson's ratio is not one of an isotropic material."""
+    coefficients along y and z; () where Poisson's ratio is not one of an isotropic material.  form: its kind and
+    dimensions, where A, Iy, Iz and J are all those of one."""
 
     A: float
     Iy: float
     Iz: float
     J: float
     shear: tuple[float, ...]
+    form: tuple[str, tuple[float, ...]] | None = None
 
 
 @dataclass(frozen=True)
@@ -160,3 +162,11 @@ SHAPES: Mapping[str, Shape] = MappingProxyType(
         ),
     }
 )
+ROUND = ("tube", "rod")  # kinds whose first dimension is a diameter; of others it is the height, and then the width
+
+
+def reach_of(kind: str, sizes: Sequence[float]) -> tuple[float, float]:
+    """Return how far a section reaches from its centroid along y and along z, m."""
+    if kind in ROUND:
+        return sizes[0] / 2.0, sizes[0] / 2.0
+    return sizes[1] / 2.0, sizes[0] / 2.0

@@ -155,7 +155,8 @@ def read_section(entry: Table, E: float, G: float) -> Section:
         entry.fail(f"{message}; allowed: above {POISSON[0]:g}, up to {POISSON[1]:g}, or shear = [ky, kz]", "G")
     made = shape.section(sizes, nu if shear is None else None)
     values = {key: getattr(made, key) for key in _OF_SECTION} | numbers
-    return Section(values["A"], values["Iy"], values["Iz"], values["J"], shear or made.shear)
+    form = None if numbers else (kind, tuple(sizes))
+    return Section(values["A"], values["Iy"], values["Iz"], values["J"], shear or made.shear, form)
 
 
 def _damping(entry: Table) -> tuple[float, ...]:

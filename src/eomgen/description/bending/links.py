@@ -14,6 +14,7 @@ from ...forms.tables import Table
 from ...limits import LARGEST
 from ...names import listed, nearest, show
 from ...robot.value import INERTIA_KEYS, ROOT, BeamModes, Coupling, Joint, Link, LinkBeam, Robot, made_of, node_link
+from ...robot.value.link_beam import OF_SECTION
 from ..draft import Draft
 from .beams import read_section
 
@@ -167,13 +168,22 @@ def with_changed_bending(robot: Robot, before: Robot) -> Robot:
 def _remade(now: Link, old: Link) -> Link:
     """Return a changed link with what follows from its beam or its modal damping."""
     if now.beam is not None and now.beam != old.beam:
-        return link_of_beam(now.name, now.beam, now.modal_damping)
+        return link_of_beam(now.name, _same_section(now.beam, old), now.modal_damping)
     if now.modal_damping != old.modal_damping and now.modes is not None:
         from ...bending.constants import as_tuples, modal_damping
 
         D = modal_damping(now.modes.masses, now.modes.K, now.modal_damping or 0.0)
         return replace(now, modes=replace(now.modes, D=as_tuples(D)))
     return now
+
+
+def _same_section(beam: LinkBeam, old: Link) -> LinkBeam:
+    """Return a changed beam without the form of its section where that has other numbers now."""
+    if old.beam is not None and beam.section != old.beam.section:
+        message = "its numbers follow from it when a description is read; allowed: A, Iy, Iz and J"
+        raise DescriptionError(message, where=f"links.{old.name}.beam.section")
+    changed = old.beam is not None and any(getattr(beam, key) != getattr(old.beam, key) for key in OF_SECTION)
+    return replace(beam, section=None) if changed else beam
 
 
 _Item = TypeVar("_Item", Joint, Coupling)
@@ -206,6 +216,7 @@ def _beam(table: Table) -> LinkBeam:
         shear=(section.shear[0], section.shear[1]),
         modes=BeamModes(**{key: counts.value(key, Whole) for key in counts.keys if key in counts}),
         axis=table.choice("axis") or "x",
+        section=section.form,
         **numbers,
     )
     conflict = beam.conflict()

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from ...limits import LARGEST, MOST_BEAM_MODES, is_usable
-from ...names import show
-from ..sections import AXES
+from ...names import listed, show
+from ..fields import LATER
+from ..sections import AXES, SHAPES
 
-_POSITIVE = ("length", "E", "G", "A", "Iy", "Iz", "J", "density")
+OF_SECTION = ("A", "Iy", "Iz", "J")  # numbers that follow from the form of a section
+_POSITIVE = ("length", "E", "G", *OF_SECTION, "density")
 
 
 @dataclass(frozen=True)
@@ -34,7 +36,8 @@ class LinkBeam:
 
     length: m.  E, G: Young's and shear modulus, N/m^2.  A: area of the section, m^2.  Iy, Iz: its second moments about
     its axes y and z, m^4, which follow the beam's cyclically, as those of ``Beam``.  J: torsion constant, m^4.  shear:
-    coefficients k of the shear stiffness k G A along y and z.  density: kg/m^3.
+    coefficients k of the shear stiffness k G A along y and z.  density: kg/m^3.  section: its kind and dimensions, m,
+    where all of A, Iy, Iz and J are those of one.
     """
 
     length: float
@@ -48,6 +51,7 @@ class LinkBeam:
     density: float
     modes: BeamModes
     axis: str = "x"
+    section: tuple[str, tuple[float, ...]] | None = field(default=None, metadata=LATER)
 
     @property
     def mass(self) -> float:
@@ -57,7 +61,8 @@ class LinkBeam:
     def as_dict(self) -> dict[str, Any]:
         """Return plain values, for JSON."""
         values = {key: getattr(self, key) for key in ("axis", *_POSITIVE)}
-        return {**values, "shear": list(self.shear), "modes": dict(self.modes.counts), "mass": self.mass}
+        kind = {} if self.section is None else {"section": {self.section[0]: list(self.section[1])}}
+        return {**values, **kind, "shear": list(self.shear), "modes": dict(self.modes.counts), "mass": self.mass}
 
     def conflict(self) -> tuple[str, str] | None:
         """Return the key and the message of what is not allowed; None if all is right."""
@@ -73,7 +78,19 @@ class LinkBeam:
                 return f"modes.{key}", f"got {count!r}; allowed: a whole number from 0 to {MOST_BEAM_MODES}"
         if not any(self.modes.counts.values()):
             return "modes", f"there are none; allowed: one or more of {', '.join(self.modes.counts)}"
-        return self._unusable()
+        return self._wrong_section() or self._unusable()
+
+    def _wrong_section(self) -> tuple[str, str] | None:
+        """Return the key and the message of a section that there is not."""
+        if self.section is None:
+            return None
+        kind, sizes = self.section
+        shape = SHAPES.get(kind)
+        if shape is None or len(sizes) != len(shape.names):
+            return "section", f"got {show([kind, list(sizes)])}; allowed: one of {listed(SHAPES)} with its dimensions"
+        if not all(0.0 < x <= LARGEST for x in sizes) or not shape.fits(sizes):
+            return "section", f"got {show([kind, list(sizes)])}; allowed: {shape.rule}"
+        return None
 
     def _unusable(self) -> tuple[str, str] | None:
         """Return the key and the message of numbers that no beam can be computed with."""

@@ -1,0 +1,191 @@
+"""Stress resultants of links that are beams: textbook cantilevers and spans, reactions of joints, files and figures."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import eomgen
+from eomgen.analysis import deflection
+from eomgen.analysis.stress_resultants import COMPONENTS, StressResultants
+from eomgen.bending.beam import beam_shapes
+from eomgen.cli.entry import main
+from eomgen.description.load import robot_from_toml
+from eomgen.errors import DescriptionError, InputError
+from eomgen.robot.value import Robot
+
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
+LENGTH, GRAVITY = 1.5, 9.81
+BOOM = """
+name = "boom"
+gravity = {gravity}
+[[links]]
+name = "tube"
+[links.beam]
+length = 1.5
+axis = "{axis}"
+E = 7.0e10
+G = 2.63e10
+density = 2700.0
+section = {section}
+modes = {{ y = 2, z = 2 }}
+[[joints]]
+name = "slew"
+parent = "base"
+child = "tube"
+type = "revolute"
+placement = {{ xyz = [0.1, 0.0, 0.2] }}
+[[frames]]
+name = "tcp"
+link = "tube"
+node = "tip"
+"""
+
+
+def boom(axis: str = "x", section: str = "{ tube = [0.06, 0.05] }", gravity: str = "[0.0, 0.0, -9.81]") -> Robot:
+    return robot_from_toml(BOOM.format(axis=axis, section=section, gravity=gravity))
+
+
+def of(beam: StressResultants, name: str) -> np.ndarray:
+    return beam.resultants[:, COMPONENTS.index(name)]
+
+
+def test_a_cantilever_has_the_moments_of_the_textbook() -> None:
+    """M = F (L - x) + q (L - x)^2 / 2, as far as the deflection, 3e-3 of the length, leaves the arms as they were."""
+    robot = boom()
+    link = robot.links[0]
+    found = deflection(robot, loads={"tcp": [30.0, 20.0, -50.0, 3.0, 2.0, 1.0]})
+    [beam] = found.beams
+    assert link.beam is not None
+    q, arm = link.mass * GRAVITY / LENGTH, LENGTH - beam.x
+    expected = {
+        "N": np.full_like(arm, 30.0),
+        "Vy": np.full_like(arm, 20.0),
+        "Vz": -50.0 - q * arm,
+        "T": np.full_like(arm, 3.0),
+        "My": 50.0 * arm + q * arm**2 / 2 + 2.0,
+        "Mz": 20.0 * arm + 1.0,
+    }
+    for name, values in expected.items():
+        assert of(beam, name) == pytest.approx(values, abs=0.01 * 60.0), name
+    # at the root they are the joint's reaction, at the tip the load
+    kernel, still = eomgen.build(robot, kernels=("reactions", "external_reactions", "kinematics")), np.zeros(5)
+    reactions = kernel.reactions(found.q, still, still, wrench={"tcp": [30.0, 20.0, -50.0, 3.0, 2.0, 1.0]})
+    assert beam.resultants[0] == pytest.approx(-reactions[0], abs=1e-11)
+    assert beam.resultants[-1] == pytest.approx(-reactions[1], abs=1e-11)
+    # of a stiff beam they are the textbook's
+    assert link.modes is not None
+    stiffness = {f"links.tube.modes.{k + 1}.stiffness": 1e6 * row[k] for k, row in enumerate(link.modes.K)}
+    [stiff] = deflection(robot, parameters=stiffness).beams
+    assert of(stiff, "My") == pytest.approx(q * arm**2 / 2, rel=1e-9, abs=1e-9)
+    assert of(stiff, "Vz") == pytest.approx(-q * arm, rel=1e-9, abs=1e-9)
+    # curvatures of two mode shapes have 5/6 of the weight's moment at the root
+    Phi, _ = beam_shapes(link.beam, [0.0, 1e-6])
+    curvature = (Phi[1, 4] - Phi[0, 4]) / 1e-6 @ deflection(robot).q[1:]
+    assert link.beam.E * link.beam.Iy * curvature == pytest.approx(5 / 6 * q * LENGTH**2 / 2, rel=1e-3)
+
+
+def test_stress_is_that_of_the_outermost_fibre(tmp_path: Path) -> None:
+    """N / A + M r / I of a tube; of a rectangle both moments at a corner; none without the form of the section."""
+    robot = boom()
+    [beam] = deflection(robot, loads={"tcp": [1000.0, 20.0, -50.0, 0.0, 0.0, 0.0]}).beams
+    made = robot.links[0].beam
+    assert made is not None
+    assert made.section == ("tube", (0.06, 0.05))
+    M = np.hypot(of(beam, "My"), of(beam, "Mz"))
+    assert beam.stress == pytest.approx(np.abs(of(beam, "N")) / made.A + M * 0.03 / made.Iy, rel=1e-12)
+    changed = robot.with_value("links.tube.beam.Iy", 2e-7)
+    assert changed.links[0].beam is not None
+    assert changed.links[0].beam.section is None
+    assert robot.with_value("links.tube.beam.E", 8e10).links[0].beam.section == made.section  # type: ignore[union-attr]
+    with pytest.raises(DescriptionError, match=r"links.tube.beam.section: its numbers follow from it"):
+        robot.with_value("links.tube.beam.section", ["tube", [0.07, 0.05]])
+    with pytest.raises(InputError, match=r"no link of one_link is a beam"):
+        deflection("one_link").save(tmp_path / "beams.csv")
+
+
+def test_files_and_figures_have_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A row of the .csv for each section; a figure; JSON."""
+    path, table = tmp_path / "boom.toml", tmp_path / "beams.csv"
+    path.write_text(BOOM.format(axis="x", section="{ tube = [0.06, 0.05] }", gravity="[0.0, 0.0, -9.81]"))
+    assert main(["deflection", str(path), "--json", "-o", str(table)]) == 0
+    [beam] = json.loads(capsys.readouterr().out)["beams"]
+    header, *rows = csv.reader(table.read_text().splitlines()[1:])
+    assert header == ["beam", "x", *COMPONENTS, "stress"]
+    assert [float(row[header.index("My")]) for row in rows] == beam["My"]
+    assert {row[0] for row in rows} == {"tube"}
+    assert main(["deflection", str(path), "-o", str(tmp_path / "beams.svg")]) == 0
+    assert "beam tube: stress resultants" in capsys.readouterr().out
+    assert (tmp_path / "beams.svg").exists()
+    assert main(["deflection", "one_link", "-o", str(table)]) == 1
+    assert "no link of one_link is a beam" in capsys.readouterr().err
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("axis", ["y", "-z"])
+def test_they_follow_the_axes_of_the_section(axis: str) -> None:
+    """A beam along another axis under loads that are turned likewise."""
+    from eomgen.robot.value import AXES
+
+    R, load = np.array(AXES[axis]), np.array([[30.0, 20.0, -50.0], [3.0, 2.0, 1.0]])
+    section = "{ bar = [0.06, 0.03] }"
+    [straight] = deflection(boom(section=section), loads={"tcp": load.ravel()}, held=["slew.gamma"]).beams
+    turned = boom(axis, section, str((R @ [0.0, 0.0, -GRAVITY]).tolist()))
+    [beam] = deflection(turned, loads={"tcp": (load @ R.T).ravel()}, held=["slew.gamma"]).beams
+    # axes of a bent section are turned about the link's axes, in their order: of second order
+    assert beam.resultants == pytest.approx(straight.resultants, abs=2e-3)
+    height, width = 0.06, 0.03
+    made = turned.links[0].beam
+    assert made is not None
+    by_y, by_z = (np.abs(of(beam, name)) for name in ("My", "Mz"))
+    expected = np.abs(of(beam, "N")) / made.A + by_y * height / 2 / made.Iy + by_z * width / 2 / made.Iz
+    assert beam.stress == pytest.approx(expected, rel=1e-12)
+
+
+SPAN = """
+name = "span"
+gravity = [0.0, -9.81, 0.0]
+driven = []
+[[links]]
+name = "bridge"
+[links.beam]
+length = 2.0
+E = 7.0e10
+G = 2.6e10
+density = 2700.0
+section = { box = [0.1, 0.06, 0.005] }
+modes = { y = 2, axial = 1 }
+[[joints]]
+name = "pin"
+parent = "base"
+child = "bridge"
+type = "revolute"
+[[loops]]
+name = "bearing"
+links = ["base", "bridge"]
+nodes = ["root", "tip"]
+type = "spherical"
+x = {}
+placements = [{ xyz = [2.0, 0.0, 0.0] }, {}]
+[[frames]]
+name = "tcp"
+link = "bridge"
+node = "tip"
+"""
+
+
+@pytest.mark.soak
+def test_a_span_on_two_supports_has_the_moments_of_the_textbook() -> None:
+    """M = q x (L - x) / 2, and what a moment at the bearing adds; a loop carries the tip."""
+    robot = robot_from_toml(SPAN)
+    q = robot.links[0].mass * GRAVITY / 2.0
+    [beam] = deflection(robot).beams
+    assert of(beam, "Mz") == pytest.approx(q * beam.x * (2.0 - beam.x) / 2.0, abs=1e-6)
+    assert of(beam, "Vy") == pytest.approx(-q * (1.0 - beam.x), abs=1e-5)
+    [loaded] = deflection(robot, loads={"tcp": [0.0, 0.0, 0.0, 0.0, 0.0, 1.0]}).beams
+    assert of(loaded, "Mz") - of(beam, "Mz") == pytest.approx(beam.x / 2.0, abs=1e-6)
