@@ -3,6 +3,7 @@
 Uses runtime, robot, results, bending, description, state, loops, motion, pipeline, integration and simulation.
 """
 
+from ..bending.resultants import StressResultants
 from ..lazily import public_names
 from .compliance import ComplianceMap, compliance_map
 from .discrete import DiscreteStateSpace
@@ -13,7 +14,6 @@ from .modal_result import Modes, TrackedModes
 from .options import StateOptions
 from .sensitivity import offset_sensitivity
 from .statics import Deflection, JointStiffnessMatrix, deflection, joint_stiffness_matrix
-from .stress_resultants import StressResultants
 from .structures import Comparison, compare
 from .tool_budget import Budget, budget
 

@@ -22,8 +22,8 @@ from ..robot.model import tool_of
 from .at_rest import system_at_rest
 from .holding import PoseLike
 from .modal_result import Modes, TrackedModes
-from .options import StateKeywords, prepared, warn_of
-from .tangent_system import LinearSystem
+from .options import HeldRobot, StateKeywords, prepared, warn_of
+from .tangent_system import LinearSystem, Tangent
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -59,9 +59,9 @@ def modes(
     """
     arm = prepared(robot, progress, **options)
     frame = tool_of(arm.robot, frame)
-    system, _ = system_at_rest(arm.kernel, arm.coordinates(pose), arm.fixation, arm.loads)
+    system, state = system_at_rest(arm.kernel, arm.coordinates(pose), arm.fixation, arm.loads)
     warn_of(system.notes)
-    return modes_of(system, arm.robot.name, frame)
+    return modes_of(system, state.tangent, arm, frame)
 
 
 @tells_at_prompt("linearising")
@@ -88,24 +88,26 @@ def modes_along(
     frame = tool_of(arm.robot, frame)
     entries, metrics = [], []
     for pose in poses:
-        system, _ = system_at_rest(arm.kernel, arm.coordinates(pose), arm.fixation, arm.loads)
-        entries.append(modes_of(system, arm.robot.name, frame))
+        system, state = system_at_rest(arm.kernel, arm.coordinates(pose), arm.fixation, arm.loads)
+        entries.append(modes_of(system, state.tangent, arm, frame))
         n = len(system.kernel.coordinates)
         metrics.append(system.kernel.residual_jacobian(system.q, system.v, system.a)[2][:n, :n])
     warn_of(dict.fromkeys(note for entry in entries for note in entry.notes))
     return TrackedModes(tuple(entries), _tracked(entries, metrics))
 
 
-def modes_of(system: LinearSystem, robot: str, frame: str) -> Modes:
-    """Return the modes of a linear system; ``robot`` is the robot's name, ``frame`` a frame's."""
+def modes_of(system: LinearSystem, tangents: Tangent, arm: HeldRobot, frame: str) -> Modes:
+    """Return the modes of a linear system at rest, whose derivatives are ``tangents``; ``frame`` is a frame's name."""
     n, sticks = len(system.kernel.coordinates), system.memory.stick
     eigenvalues, scaled, undamped, resolution = _solved(system.condensed())
     scaled, live = scaled[: len(system.independent)], scaled[len(system.independent) :]
     shapes = scaled.T @ system.basis.T
     states = np.empty((len(shapes), sticks.size), dtype=np.complex128)
     states[:, ~sticks], states[:, sticks] = live.T, scaled.T @ system.memory.by_v[sticks].T
+    strained = _shares(shapes, tangents.K + np.diag(arm.fixation.kp))
+    strained[eigenvalues == 0.0] = 0.0
     return Modes(
-        robot=robot,
+        robot=arm.robot.name,
         coordinates=system.kernel.coordinates,
         q=system.q[:n],
         eigenvalues=eigenvalues,
@@ -118,7 +120,18 @@ def modes_of(system: LinearSystem, robot: str, frame: str) -> Modes:
         states=states,
         zeros=tuple(np.array(system.memory.names, dtype=np.str_)[sticks].tolist()),
         notes=system.notes,
+        strain_energy=strained[:, :n],
+        kinetic_energy=_shares(shapes, tangents.M)[:, :n],
     )
+
+
+def _shares(shapes: Complex, matrix: Array) -> Array:
+    """Return what each coordinate has of the energy phi^H matrix phi / 2 of shapes (m, n), (m, n); 0 where none is."""
+    parts = (shapes.conj() * (shapes @ matrix.T)).real
+    whole = parts.sum(axis=1, keepdims=True)
+    size = (np.abs(shapes) * (np.abs(shapes) @ np.abs(matrix).T)).sum(axis=1, keepdims=True)
+    known = np.abs(whole) > STILL * size
+    return np.where(known, parts / np.where(known, whole, 1.0), 0.0)
 
 
 def _solved(system: LinearSystem) -> tuple[Complex, Complex, Array, float]:

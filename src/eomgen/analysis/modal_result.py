@@ -9,11 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Array, Index
-from ..robot.coordinates import MOTIONS, unit_of
+from ..errors import InputError
+from ..names import joint_of, show
+from ..robot.coordinates import MOTIONS, owner_of, unit_of
 from ..shown import Plotting, Shown
 from ..tabular import Rows, TableColumn, Tabular
 
 Complex = NDArray[np.complex128]
+ENERGIES = ("strain_energy", "kinetic_energy")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,6 +42,8 @@ class Modes(Plotting, Shown, Tabular, plot="plot_mode_shapes"):
         zeros: those of them that stick, as bristles do at rest: they are springs in the modes, and each has an
             eigenvalue of 0 that is not among the ``eigenvalues``.
         notes: lines about what was assumed.
+        strain_energy: what each coordinate has of a mode's potential energy phi^H K phi / 2, with gravity and gains of
+            drives in K, (m, n): parts of 1; 0 of rigid-body modes.  kinetic_energy: of phi^H M phi / 2, likewise.
     """
 
     robot: str
@@ -54,6 +59,25 @@ class Modes(Plotting, Shown, Tabular, plot="plot_mode_shapes"):
     memory: tuple[str, ...] = ()
     states: Complex = field(default_factory=lambda: np.zeros((0, 0), dtype=np.complex128))
     zeros: tuple[str, ...] = ()
+    strain_energy: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    kinetic_energy: Array = field(default_factory=lambda: np.zeros((0, 0)))
+
+    def by_owner(self, energy: str = "strain_energy") -> dict[str, Array]:
+        """Return parts of an energy, (m,), by joints, and by links that bend: "arm.modes".
+
+        Args:
+            energy: "strain_energy" or "kinetic_energy".
+
+        Raises:
+            InputError: another one.
+        """
+        if energy not in ENERGIES:
+            raise InputError(f"energy: {show(energy)}; allowed: {', '.join(ENERGIES)}")
+        parts: dict[str, Array] = {}
+        for name, share in zip(self.coordinates, getattr(self, energy).T, strict=True):
+            owner = owner_of(name)
+            parts[owner] = parts[owner] + share if owner in parts else share
+        return parts
 
     @property
     def frequencies(self) -> Array:
@@ -75,6 +99,7 @@ class Modes(Plotting, Shown, Tabular, plot="plot_mode_shapes"):
     def as_dict(self) -> dict[str, Any]:
         """Return plain values, for JSON; complex numbers as [real, imaginary]."""
         rows = []
+        energies = {name: self.by_owner(name) for name in self._energies_known}
         for k, s in enumerate(self.eigenvalues):
             ratio = float(self.damping_ratios[k])
             rows.append(
@@ -85,6 +110,7 @@ class Modes(Plotting, Shown, Tabular, plot="plot_mode_shapes"):
                     "eigenvalue": [s.real, s.imag],
                     "shape": dict(zip(self.coordinates, _pairs(self.shapes[k]), strict=True)),
                     "frame_shape": dict(zip(MOTIONS, _pairs(self.frame_shapes[k]), strict=True)),
+                    **{name: {owner: float(x[k]) for owner, x in parts.items()} for name, parts in energies.items()},
                 }
             )
             if self.memory:
@@ -115,15 +141,24 @@ class Modes(Plotting, Shown, Tabular, plot="plot_mode_shapes"):
             shape,
             moved,
         ]
+        columns += [TableColumn(x, "1", getattr(self, x), self.coordinates, "coordinate") for x in self._energies_known]
         if self.memory:
             columns.append(TableColumn("states", "m or rad", self.states, self.memory, "state"))
         about = {"robot": self.robot, "frame": self.frame}
         return Rows("mode", "1", np.arange(1, len(self.eigenvalues) + 1), columns, about)
 
     def lines(self, largest: int = 3) -> list[str]:
-        """Return a table for people: each mode with the coordinates that move most in it."""
+        """Return a table for people: each mode with the coordinates that move most in it.
+
+        Of robots with links that bend also what has most of its potential energy, of a rigid-body mode of its kinetic
+        energy.
+        """
+        bends = any(owner_of(name) != joint_of(name) for name in self.coordinates) and bool(self._energies_known)
+        energies = [self._energies(k) if bends else "" for k in range(len(self.frequencies))]
+        width = max(map(len, energies), default=0) + 2
         lines = [f"{self.robot}: {len(self.eigenvalues)} modes; {self.frame} moves by this per unit of modal mass", ""]
-        lines.append(f"{'mode':>4}{'f [Hz]':>12}{'damping':>10}  {f'{self.frame} [mm, mrad]':<26}coordinates")
+        energy = f"{'energy':<{width}}" if bends else ""
+        lines.append(f"{'mode':>4}{'f [Hz]':>12}{'damping':>10}  {f'{self.frame} [mm, mrad]':<26}{energy}coordinates")
         size = np.abs(self.shapes)
         for k, f in enumerate(self.frequencies):
             ratio = self.damping_ratios[k]
@@ -131,10 +166,22 @@ class Modes(Plotting, Shown, Tabular, plot="plot_mode_shapes"):
             moved += f"{1e3 * np.linalg.norm(self.frame_shapes[k][3:]):.3g}"
             scaled = size[k] / max(float(size[k].max()), 1e-300)
             first = [i for i in np.argsort(-scaled, kind="stable")[:largest] if scaled[i] > 0.02]
-            shape = ", ".join(f"{self.coordinates[i]} {size[k, i]:.3g} {unit_of(self.coordinates[i])}" for i in first)
+            shape = ", ".join(_sized(self.coordinates[i], size[k, i]) for i in first)
             text = "rigid" if not np.isfinite(ratio) else f"{round(ratio, 12) + 0.0:.3g}"
-            lines.append(f"{k + 1:>4}{f:>12.5g}{text:>10}  {moved:<26}{shape}")
+            energy = f"{energies[k]:<{width}}" if bends else ""
+            lines.append(f"{k + 1:>4}{f:>12.5g}{text:>10}  {moved:<26}{energy}{shape}")
         return lines + [f"note: {note}" for note in self.notes]
+
+    @property
+    def _energies_known(self) -> tuple[str, ...]:
+        return tuple(name for name in ENERGIES if getattr(self, name).shape == self.shapes.shape)
+
+    def _energies(self, k: int, most: int = 2) -> str:
+        """Return the owners of most of a mode's energy, with their parts in percent."""
+        energy = "strain_energy" if self.strain_energy[k].any() else "kinetic_energy"
+        parts = {owner: float(x[k]) for owner, x in self.by_owner(energy).items()}
+        first = sorted(parts, key=lambda owner: -abs(parts[owner]))[:most]
+        return ", ".join(f"{owner} {100.0 * parts[owner]:.0f} %" for owner in first if abs(parts[owner]) >= 0.005)
 
 
 @dataclass(frozen=True)
@@ -196,6 +243,12 @@ class TrackedModes(Plotting, Shown, Tabular, plot="plot_tracks"):
             ends = f"{f[0]:>12.5g}{np.nanmin(f):>12.5g}{np.nanmax(f):>12.5g}{f[-1]:>12.5g}"
             lines.append(f"{k + 1:>5}{ends}{text:>18}")
         return lines + [f"note: {note}" for note in dict.fromkeys(n for modes in self.modes for n in modes.notes)]
+
+
+def _sized(name: str, size: float) -> str:
+    """Return a coordinate's name and its size with its unit; modes of links are numbers."""
+    unit = unit_of(name)
+    return f"{name} {size:.3g}" + ("" if unit == "1" else f" {unit}")
 
 
 def _pairs(values: Complex) -> list[list[float]]:

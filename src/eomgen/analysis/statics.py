@@ -10,23 +10,24 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..arrays import Array
+from ..bending.resultants import COMPONENTS, StressResultants, stress_resultants
 from ..description import RobotLike
 from ..errors import InputError, UnknownNameError, check_kind
 from ..files import check_ending, write_atomically, write_csv
 from ..names import component_name, joint_of, nearest_or_all, parameter_name
+from ..pipeline.stages import build
 from ..progress import StageReport, tells_at_prompt
-from ..robot.coordinates import MOTIONS
+from ..robot.coordinates import MOTIONS, index_of
 from ..robot.elements.matrices import entries_of, matrix_lines
 from ..robot.elements.stiffness_center import principal_line
 from ..robot.model import tool_of
 from ..robot.parameter_names import number_of
-from ..robot.value import COORDINATES, Robot
+from ..robot.value import COORDINATES, Robot, node_link
 from ..runtime.kernel import Kernel
 from ..shown import Plotting, Shown, scale_of
 from .at_rest import closed, rest
 from .holding import Fixation, PoseLike, floating, floating_cuts
 from .options import HeldRobot, StateKeywords, prepared, warn_of
-from .stress_resultants import COMPONENTS, StressResultants, stress_resultants
 from .tangent_system import moving_basis, refuse_singular_pose
 
 if TYPE_CHECKING:
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
 RANK = 1e-9  # of the greatest principal compliance: what is taken to be zero
 SOFT = 1e-13  # of the greatest stiffness, scaled: nothing holds what has less
 MATRIX_ENDINGS = (".csv", ".npz", ".mtx")  # of files that it is written to
+REACTING = frozenset(("external_reactions", "reactions"))  # kernels that stress resultants need
 UNITS = "N/m, N/rad, N m/rad"
 NO_BEAM = "no link of {} is a beam, whose stress resultants could be written; allowed: with --map or --matrix"
 
@@ -157,7 +159,40 @@ def deflection(
     arm = fixed_at_rest(prepared(robot, progress, **options))
     bent = deflection_of(arm, arm.coordinates(pose), tool_of(arm.robot, frame))
     warn_of(bent.notes)
-    return replace(bent, beams=stress_resultants(arm.robot, arm.kernel, bent.q, arm.loads, arm.fixation.z))
+    return replace(bent, beams=_stress_resultants(arm, bent.q))
+
+
+def _stress_resultants(arm: HeldRobot, q: Array) -> tuple[StressResultants, ...]:
+    """Return stress resultants of all links that are beams, in a static equilibrium q, (coordinates,).
+
+    Raises:
+        LoopError: as of ``Kernel.reactions``.
+    """
+    robot, kernel = arm.robot, arm.kernel
+    beams = [(link, link.beam) for link in robot.links if link.beam is not None]
+    if not beams:
+        return ()
+    reacting = kernel
+    if not frozenset(kernel.raw.functions) >= REACTING:
+        reacting = build(robot) if robot.is_closed else build(robot, kernels=("kinematics", *sorted(REACTING)))
+        reacting.parameters.update(kernel.parameters)
+    still = np.zeros(len(kernel.coordinates))
+    z = arm.fixation.z if kernel.memory else None
+    wrenches = reacting.reactions(q, still, still, wrench=arm.loads or None, z=z)
+    reactions = dict(zip(reacting.joints, wrenches, strict=True))  # of joints on their children, in their own axes
+    gravity = [kernel.parameters[parameter_name("gravity", axis)] for axis in "xyz"]
+    found = []
+    for link, beam in beams:
+        assert link.modes is not None
+        names, pose = {x.name: node_link(link.name, x.name) for x in link.modes.nodes}, kernel.frame_pose(q, link.name)
+        loads = {
+            node: (np.linalg.solve(pose, kernel.frame_pose(q, name)), -np.asarray(reactions[name]))
+            for node, name in names.items()
+            if name in reactions
+        }
+        e = q[index_of(kernel.coordinates, [component_name(link.name, kind) for kind in link.modes.names])]
+        found.append(stress_resultants(link, beam, e, pose[:3, :3].T @ gravity, loads))
+    return tuple(found)
 
 
 def fixed_at_rest(arm: HeldRobot) -> HeldRobot:

@@ -15,10 +15,9 @@ import numpy as np
 from ..arrays import RANK, Array
 from ..description import RobotLike, as_robot
 from ..errors import InputError, check_kind
-from ..names import joint_of
 from ..pipeline.mechanisms import mechanism_kernels
 from ..pipeline.stages import build
-from ..robot.coordinates import MOTIONS, index_of
+from ..robot.coordinates import MOTIONS, index_of, owner_of
 from ..robot.model import build_model, tool_of
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
@@ -84,7 +83,7 @@ class Budget(Plotting, Shown, Tabular, plot="plot_budget"):
 
         Args:
             part: "displacement" (m) or "rotation" (rad).
-            by: "coordinate" or "joint".
+            by: "coordinate", or "joint", which has links that bend, too.
 
         Raises:
             InputError: another part, or by something else.
@@ -118,12 +117,15 @@ class Budget(Plotting, Shown, Tabular, plot="plot_budget"):
         return (0.5 * (values[1:] + values[:-1]) * np.diff(self.t)).sum() / (self.t[-1] - self.t[0])
 
     def joints(self) -> dict[str, Array]:
-        """Return contributions summed over each joint's coordinates, (T, 6) by joint."""
-        by_joint: dict[str, Array] = {}
+        """Return contributions summed over each joint's coordinates, and each bending link's: (T, 6) by name.
+
+        Links that bend are "arm.modes".
+        """
+        by_owner: dict[str, Array] = {}
         for name, values in zip(self.coordinates, self._columns(), strict=True):
-            joint = joint_of(name)
-            by_joint[joint] = by_joint.get(joint, np.zeros_like(self.deviation)) + values
-        return by_joint
+            owner = owner_of(name)
+            by_owner[owner] = by_owner.get(owner, np.zeros_like(self.deviation)) + values
+        return by_owner
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain values, for JSON."""

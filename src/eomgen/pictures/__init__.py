@@ -1,6 +1,6 @@
 """Figures, pages and views of robots and results.
 
-Uses runtime, robot, results, forms, description, state, codegen (joint), templates, pipeline, simulation,
+Uses runtime, robot, results, forms, bending, description, state, codegen (joint), templates, pipeline, simulation,
 analysis, sweep and identification.
 """
 

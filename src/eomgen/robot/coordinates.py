@@ -31,6 +31,11 @@ def unit_of(name: str) -> str:
     return "m" if kind in LINEAR else "1" if kind.startswith(MODE) else "rad"
 
 
+def owner_of(name: str) -> str:
+    """Return whose coordinate it is: the joint's name, or "arm.modes" of a link "arm" that bends."""
+    return f"{joint_of(name)}.{MODE}s" if kind_of(name).startswith(MODE) else joint_of(name)
+
+
 def force_unit_of(name: str) -> str:
     """Return the unit of a generalized force of a coordinate, or of a wrench's component: "N", "N m" or "J"."""
     kind = kind_of(name)

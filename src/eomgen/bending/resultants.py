@@ -14,19 +14,14 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array
-from ..bending.beam import beam_shapes
-from ..names import component_name, parameter_name
-from ..pipeline.stages import build
-from ..robot.coordinates import index_of
 from ..robot.sections import ROUND, reach_of
-from ..robot.value import AXES, Link, LinkBeam, Robot, node_link
-from ..runtime.kernel import Kernel
+from ..robot.value import AXES, Link, LinkBeam
 from ..shown import Shown, scale_of
 from ..tabular import Rows, TableColumn, Tabular
+from .beam import beam_shapes
 
 STATIONS = 11  # sections from the root to the tip
 COMPONENTS = ("N", "Vy", "Vz", "T", "My", "Mz")
-_KERNELS = frozenset(("external_reactions", "reactions"))
 _POINTS = 32  # of sums along a beam, which are exact for polynomials of degree 63
 _NOISE = 1e-12  # of the greatest force or moment: round-off, which is shown as 0
 _AT_NODE = 1e-12  # of the length: a section at a node is on the node's near side
@@ -68,9 +63,8 @@ class StressResultants(Shown, Tabular):
 
     def lines(self) -> list[str]:
         """Return a table for people."""
-        factors, units = zip(
-            scale_of(self.resultants[:, :3], "N"), scale_of(self.resultants[:, 3:], "N m"), strict=True
-        )
+        parts = self.resultants.reshape(-1, 2, 3)
+        factors, units = zip(scale_of(parts[:, 0], "N"), scale_of(parts[:, 1], "N m"), strict=True)
         titles = [f"{name} [{units[k // 3]}]" for k, name in enumerate(COMPONENTS)]
         stress = () if self.stress is None else ("stress [MPa]",)
         lines = [f"beam {self.link}: stress resultants on the part before a section, in the section's axes", ""]
@@ -84,50 +78,28 @@ class StressResultants(Shown, Tabular):
 
 
 def stress_resultants(
-    robot: Robot, kernel: Kernel, q: Array, loads: Mapping[str, Array], z: Array | None = None
-) -> tuple[StressResultants, ...]:
-    """Return stress resultants of all links that are beams, in a static equilibrium.
+    link: Link, beam: LinkBeam, e: Array, gravity: Array, loads: Mapping[str, tuple[Array, Array]]
+) -> StressResultants:
+    """Return the stress resultants of a link that is a beam.
 
     Args:
-        robot: whose links they are.
-        kernel: of the robot, float64, with its parameters.
-        q: coordinates of the equilibrium, (coordinates,), m or rad.
-        loads: dead wrenches by frame, see ``options.checked_loads``.
-        z: states of laws there, (memory,).
-
-    Raises:
-        LoopError: as of ``Kernel.reactions``.
+        link, beam: the link, and its beam.
+        e: modal coordinates, (m,).
+        gravity: (3,), m/s^2, link frame.
+        loads: by nodes, those of which move: pose in the link's frame, (4, 4), m, and force (N) and moment (N m) that
+            act there on the link, in the axes of the node, (6,).
     """
-    beams = [(link, link.beam) for link in robot.links if link.beam is not None]
-    if not beams:
-        return ()
-    reacting = kernel
-    if not set(kernel.raw.functions) >= _KERNELS:
-        reacting = build(robot) if robot.is_closed else build(robot, kernels=("kinematics", *sorted(_KERNELS)))
-        reacting.parameters.update(kernel.parameters)
-    still = np.zeros(len(kernel.coordinates))
-    states = {"z": z} if kernel.memory else {}
-    found = reacting.reactions(q, still, still, wrench=loads or None, **states)
-    reactions = dict(zip(reacting.joints, found, strict=True))
-    return tuple(_of_beam(kernel, link, beam, q, reactions) for link, beam in beams)
-
-
-def _of_beam(kernel: Kernel, link: Link, beam: LinkBeam, q: Array, reactions: Mapping[str, Array]) -> StressResultants:
-    """Return the resultants of one beam; ``reactions``: of each joint on its child link, (6,), in the joint's axes."""
     modes = link.modes
     assert modes is not None
-    e = q[index_of(kernel.coordinates, [component_name(link.name, kind) for kind in modes.names])]
-    pose, axes = np.asarray(kernel.frame_pose(q, link.name)), np.array(AXES[beam.axis])
-    gravity = pose[:3, :3].T @ [kernel.parameters[parameter_name("gravity", axis)] for axis in "xyz"]
+    axes = np.array(AXES[beam.axis])
     x = np.linspace(0.0, beam.length, STATIONS)
     places, turns = _bent(beam, e, x)
     force, moment = _by_weight(beam, e, x, places, beam.density * beam.A * gravity)
     for node in modes.nodes:
-        name = node_link(link.name, node.name)
-        if name not in reactions:
-            continue  # no mode moves it: it stands at the root
-        there = np.linalg.solve(pose, kernel.frame_pose(q, name))
-        load, about = (-there[:3, :3] @ part for part in reactions[name].reshape(2, 3))
+        if node.name not in loads:
+            continue  # it stands at the root
+        there, wrench = loads[node.name]
+        load, about = (there[:3, :3] @ part for part in wrench.reshape(2, 3))
         beyond = (x <= axes[:, 0] @ node.place + _AT_NODE * beam.length)[:, np.newaxis]
         force += beyond * load
         moment += beyond * (about + np.cross(there[:3, 3] - places, load))
