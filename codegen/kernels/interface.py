@@ -7,13 +7,13 @@ from collections.abc import Sequence
 from typing import Any
 
 from eomgen._version import __version__
-from eomgen.names import component_name, joint_of, kind_of, parameter_path
+from eomgen.names import component_name, joint_of, parameter_path
 from eomgen.robot.cuts import UPRIGHT
 from eomgen.robot.mechanism import coordinate_of, effort_of, leading_home
 from eomgen.robot.memory.drives import input_of
 from eomgen.robot.model import Model, movable_limits
 from eomgen.robot.parameter_names import conditions, element_places, leasts, matrices
-from eomgen.robot.value import LINEAR, MOTOR, Coupling, Loop
+from eomgen.robot.value import MOTOR, Coupling, Loop
 
 from ..tree.regressor import described_values, regressor_names
 from .signatures import KERNELS, element_rows, functions, shapes
@@ -101,7 +101,7 @@ def drive_inputs(model: Model) -> dict[str, list[Any]]:
     for i, place in model.beside.items():
         name = model.coordinates[i]
         law = coordinate_of(model.robot, name).law()
-        inputs[name] = [*input_of(law, linear=kind_of(name) in LINEAR), place]
+        inputs[name] = [*input_of(law, name), place]
     return inputs
 
 

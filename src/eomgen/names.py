@@ -8,6 +8,7 @@ from __future__ import annotations
 import keyword
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple
 
 NAME_LENGTH = 128
 ROBOT_LENGTH = 48
@@ -142,6 +143,36 @@ def joint_of(coordinate: str) -> str:
 def kind_of(coordinate: str) -> str:
     """Return the kind of a coordinate: ``x`` of ``joint1.x``."""
     return split_component(coordinate)[1]
+
+
+class DriveInput(NamedTuple):
+    """Meaning of u at a coordinate, "torque", "voltage" or "reference of position", and its unit."""
+
+    meaning: str
+    unit: str
+
+    @property
+    def is_force(self) -> bool:
+        """Whether it is a force or torque, if one that the drive follows with a lag."""
+        return self in (*_FORCES, _MODAL_FORCE)
+
+
+_FORCES = (DriveInput("force", "N"), DriveInput("torque", "N m"))
+_MODAL_FORCE = DriveInput("modal force", "J")  # modal coordinates have no unit
+
+
+def plain_input(coordinate: str, *, is_prescribed: bool = False) -> DriveInput:
+    """Return what u means at a coordinate whose drive is no servo drive: a force, or an acceleration.
+
+    Args:
+        coordinate: its name.
+        is_prescribed: whether its motion is given.
+    """
+    kind = kind_of(coordinate)
+    is_linear, is_modal = kind in ("x", "y", "z"), kind.startswith("mode")
+    if is_prescribed:
+        return DriveInput("acceleration", "m/s^2" if is_linear else "1/s^2" if is_modal else "rad/s^2")
+    return _MODAL_FORCE if is_modal else _FORCES[0 if is_linear else 1]
 
 
 def parameter_name(*path: str) -> str:

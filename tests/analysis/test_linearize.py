@@ -16,12 +16,12 @@ from eomgen.analysis.frequency import h1, response
 from eomgen.analysis.matrices import linearize
 from eomgen.analysis.modal import modes
 from eomgen.analysis.options import KERNELS
-from eomgen.analysis.ports import unit_of_output
+from eomgen.analysis.ports import per_time
 from eomgen.cli import entry as cli
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import ArrayError, InputError, UnknownNameError
 from eomgen.integration.solve import integrate
-from eomgen.robot.coordinates import force_unit_of
+from eomgen.robot.coordinates import force_unit_of, unit_of
 from eomgen.robot.model import build_model
 from eomgen.simulation.run import simulate
 from tests.oracles.pinocchio_models import PinocchioOracle
@@ -262,9 +262,9 @@ def test_input_that_is_refused() -> None:
 
 
 def test_units() -> None:
-    assert unit_of_output("tcp.rz", "velocity") == "rad/s"
-    assert unit_of_output("joint1.gamma", "displacement") == "rad"
-    assert unit_of_output("tcp.z", "acceleration") == "m/s^2"
+    assert per_time(unit_of("tcp.rz"), "velocity") == "rad/s"
+    assert per_time(unit_of("joint1.gamma"), "displacement") == "rad"
+    assert per_time(unit_of("tcp.z"), "acceleration") == "m/s^2"
     assert [force_unit_of(name) for name in ("joint1.gamma", "joint1.x", "tcp.fx", "tcp.mz")] == [
         "N m",
         "N",

@@ -131,14 +131,55 @@ def test_responses_are_those_of_the_linear_system(built: Build) -> None:
     robot = bristled_arm()
     kernel = built(robot)
     hertz = np.array([0.0, 0.5, 5.0, 40.0])
-    inputs, outputs = ("j1.gamma", "tcp.fz"), ("tcp.x", "j2.beta")
+    inputs = ("j1.gamma", "tcp.fz")
     options = {"drives": "pd", "kp": 1e3, "kd": 2.0, "kernel": kernel, "z": BENT}
     for kind in ("displacement", "velocity", "acceleration"):
+        outputs = ("tcp.x", "j2.beta", *(kernel.memory if kind != "acceleration" else ()))
         found = response(robot, inputs, outputs, hertz, POSE, kind=kind, **options)  # type: ignore[arg-type]
         system = linearize(robot, POSE, inputs=inputs, outputs=outputs, kind=kind, **options)  # type: ignore[arg-type]
         assert found.H[1:] == pytest.approx(system.bode(frequencies=hertz[1:]).H, rel=1e-6, abs=1e-12)
         near = system.bode(frequencies=[1e-4]).H  # bristles hold as springs down to rest
         assert found.H[0] == pytest.approx(near[0], rel=1e-3, abs=1e-3 * max(1e-4, np.abs(near).max()))
+
+
+@pytest.mark.parametrize("moving", [True, False])
+def test_states_of_laws_are_outputs(moving: bool, built: Build) -> None:
+    """A state as an output is itself, its rate as a velocity; a locked coordinate's does not change."""
+    robot = bristled_arm()
+    kernel = built(robot)
+    motion = {"v": [0.2, 0.01, -0.05, 0.3], "u": [1.0, 0.0, 0.0, 2.0]} if moving else {}
+    q = [0.3, 1e-5, -1e-4, 0.4]
+    options = {"inputs": ["j1.gamma", "tcp.fx"], "outputs": kernel.memory, "kernel": kernel, "z": BENT, **motion}
+    itself, rate = (linearize(robot, q, kind=kind, **options) for kind in ("displacement", "velocity"))  # type: ignore[arg-type]
+    assert (np.eye(10)[8:] == itself.C).all()
+    assert not itself.D.any()
+    assert (itself.A[8:] == rate.C).all()
+    assert (itself.B[8:] == rate.D).all()
+    assert itself.output_units == kernel.memory_units == ("rad", "rad")
+    assert itself.bode(outputs="j2.beta.friction.z").unit("j2.beta.friction.z", "tcp.fx") == "rad per N"
+    with pytest.raises(
+        InputError, match=r"kind: 'acceleration' of j1\.gamma\.friction\.z, a law's state; allowed"
+    ):
+        linearize(robot, q, kind="acceleration", **options)  # type: ignore[arg-type]
+    with pytest.raises(UnknownNameError, match=r"output: 'j1\.friction\.z' .* a state of a law \(j1\.gamma\.fric"):
+        linearize(robot, q, **{**options, "outputs": ["j1.friction.z"]})  # type: ignore[arg-type]
+    if not moving:
+        locked = linearize(robot, q, held=["j1.gamma"], drives="locked", **options | {"inputs": ["tcp.fx"]})  # type: ignore[arg-type]
+        assert not locked.C[0].any()
+
+
+def test_rates_of_a_servo_drives_states_have_its_input(built: Build) -> None:
+    robot = served_arm()
+    kernel = built(robot)
+    options = {"inputs": ["j2.gamma"], "outputs": kernel.memory, "kernel": kernel}
+    rate = linearize(robot, POSE, kind="velocity", **options)  # type: ignore[arg-type]
+    assert rate.D.any()
+    hertz = [0.5, 30.0]
+    for kind in ("displacement", "velocity"):
+        found = response(robot, options["inputs"], kernel.memory, hertz, POSE, kind=kind, kernel=kernel, drives="free")  # type: ignore[arg-type]
+        system = linearize(robot, POSE, kind=kind, **options)  # type: ignore[arg-type]
+        assert pytest.approx(system.bode(frequencies=hertz).H, rel=1e-6, abs=1e-12) == found.H
+        assert found.output_units == kernel.memory_units
 
 
 def test_statics_leave_states_as_they_are(built: Build) -> None:

@@ -27,6 +27,7 @@ from eomgen.robot.model import build_model
 from eomgen.robot.parameter_names import least_of, number_of
 from eomgen.robot.record import record_of, robot_hash, robot_of
 from eomgen.robot.value import Coordinate, Friction, Joint, Link, Robot
+from eomgen.runtime.stepping.many_steps import BOUNDS
 from tests.oracles.force_laws import KINDS, random_coordinate, with_laws
 from tests.support.bristles import remembering_arm, remembering_linkage, servo_arm
 from tests.support.random_robots import random_robot
@@ -91,6 +92,9 @@ def test_names_of_states_say_whose_they_are() -> None:
     assert {x.law for x in states} == STATE_FORMULAS.keys() | {DRIVE}
     for x in states:
         assert split_state(x.name) == (x.owner, x.law, x.state.name)
+    bounded = {f"{x.law}.{x.state.name}": x.numbers for x in states if x.state.is_bounded}
+    assert bounded.keys() == BOUNDS.keys()  # a law says whether it bounds a state, integrations what the bound is
+    assert all(BOUNDS[name](numbers) > 0.0 for name, numbers in bounded.items())
 
 
 def test_units_of_fmi() -> None:

@@ -10,18 +10,17 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import ArrayError, InputError
-from ..names import kind_of, listed, show
+from ..names import DriveInput, listed, plain_input, show
 from .raw import Array, RawFunction, RawKernel
 
 Lead = tuple[int, ...]  # axes in front of a state's: () for one state, (N,) for N of them
 
-LINEAR = ("x", "y", "z")
 WRENCHES = ("wrench", "dwrench")  # arguments with rows of links
 WEIGHTS, NUMBERED = "cotangent", ("dp",)  # arguments whose elements have numbers, no names
 WRENCH_PARTS = ("force.x", "force.y", "force.z", "moment.x", "moment.y", "moment.z")
@@ -47,31 +46,13 @@ REMEMBERING = frozenset(  # functions, also of the open tree and under load, who
 )
 
 
-class DriveInput(NamedTuple):
-    """Meaning of u at a coordinate, "torque", "voltage" or "reference of position", and its unit."""
-
-    meaning: str
-    unit: str
-
-    @property
-    def is_force(self) -> bool:
-        """Whether it is a force or torque, if one that the drive follows with a lag."""
-        return self.meaning in ("force", "torque")
-
-
 def inputs_of(meta: Mapping[str, Any]) -> dict[str, DriveInput]:
     """Return what u means at each coordinate of a kernel, in their order; of prescribed ones it is an acceleration."""
-    own, prescribed = meta.get("inputs", {}), meta["prescribed"]
-    inputs = {}
-    for name in meta["coordinates"]:
-        linear = kind_of(name) in LINEAR
-        if name in own:
-            inputs[name] = DriveInput(*own[name][:2])
-        elif name in prescribed:
-            inputs[name] = DriveInput("acceleration", "m/s^2" if linear else "rad/s^2")
-        else:
-            inputs[name] = DriveInput("force", "N") if linear else DriveInput("torque", "N m")
-    return inputs
+    servos, prescribed = meta.get("inputs", {}), meta["prescribed"]
+    return {
+        name: DriveInput(*servos[name][:2]) if name in servos else plain_input(name, is_prescribed=name in prescribed)
+        for name in meta["coordinates"]
+    }
 
 
 class Arrays:

@@ -20,7 +20,7 @@ from ..optional import optional_import
 from ..progress import StageReport, tells_at_prompt
 from ..results.kinds import Kind, SavedColumns, declare
 from ..results.stored import Stored
-from ..robot.coordinates import force_unit_of
+from ..robot.coordinates import force_unit_of, unit_of
 from ..runtime.arrays import numbers_in
 from ..shown import Plotting, Shown
 from ..tabular import Rows, TableColumn, Tabular
@@ -28,7 +28,7 @@ from .at_rest import system_at_rest
 from .holding import PoseLike
 from .modal import ROUND_OFF
 from .options import StateKeywords, prepared, warn_of
-from .ports import PortKind, checked_kind, input_matrix, output_matrices, unit_of_output
+from .ports import PortKind, checked_kind, input_matrix, output_matrices, per_time, units_of_outputs
 from .tangent_system import LinearSystem
 
 if TYPE_CHECKING:
@@ -47,6 +47,7 @@ class Response(Plotting, Shown, Tabular, SavedColumns, plot="plot_response"):
         H: complex, (F, outputs, inputs): output per input, e^(+i w t); units as of ``unit``.
         inputs, outputs: names, see ``ports``.
         kind: of the outputs: displacement, velocity or acceleration.
+        output_units: of the outputs as displacements; none in files of earlier versions.
         coordinates, q: names, and the static equilibrium, (n,).
         notes: lines about what was assumed.
     """
@@ -57,6 +58,7 @@ class Response(Plotting, Shown, Tabular, SavedColumns, plot="plot_response"):
     inputs: Annotated[tuple[str, ...], Stored(("inputs",), of=str)]
     outputs: Annotated[tuple[str, ...], Stored(("outputs",), of=str)]
     kind: Annotated[str, Stored(of=str)]
+    output_units: Annotated[tuple[str, ...], Stored(("outputs",), of=str, otherwise=())] = ()
     coordinates: Annotated[tuple[str, ...], Stored(("n",), of=str)]
     q: Annotated[Array, Stored(("n",), "m, rad", unknown=True)]
     notes: Annotated[tuple[str, ...], Stored(otherwise=())]
@@ -80,7 +82,8 @@ class Response(Plotting, Shown, Tabular, SavedColumns, plot="plot_response"):
 
     def unit(self, output: str, source: str) -> str:
         """Return its unit, such as "m/s per N"."""
-        return f"{unit_of_output(output, self.kind)} per {force_unit_of(source)}"
+        own = dict(zip(self.outputs, self.output_units, strict=False)).get(output, unit_of(output))
+        return f"{per_time(own, self.kind)} per {force_unit_of(source)}"
 
     def as_rows(self) -> Rows:
         """Return a row per frequency: the complex response of every output to every input, "tcp.x from tcp.fx"."""
@@ -149,7 +152,8 @@ def response(
     Args:
         robot: a Robot, the name of a built-in one, or the path of a description; prescribed coordinates stay.
         inputs: drives ("joint1.gamma", that are not locked) and components of wrenches ("tcp.fz"); see ``ports``.
-        outputs: coordinates ("joint1.x") and components of a frame's motion ("tcp.x", "tcp.rz").
+        outputs: coordinates ("joint1.x"), components of a frame's motion ("tcp.x", "tcp.rz") and states of laws
+            ("joint1.x.friction.z").
         frequencies: (F,), Hz, at least 0.
         pose: see ``holding.pose_of``.
         kind: "displacement", "velocity" or "acceleration".
@@ -169,8 +173,7 @@ def response(
     system, _ = system_at_rest(kernel, arm.coordinates(pose), arm.fixation, arm.loads)
     warn_of(system.notes)
     forces = input_matrix(kernel, (system.q, system.v, system.inputs), inputs, arm.fixation)
-    rows = output_matrices(kernel, system.q, system.v, outputs)[0] @ system.basis
-    H = _solved(system, forces, rows, hertz)
+    H = _solved(system, forces, output_matrices(kernel, system.q, system.v, outputs)[0], hertz)
     H *= {"displacement": 1.0, "velocity": 2j * np.pi, "acceleration": -4.0 * np.pi**2}[kind] * np.power(
         hertz, {"displacement": 0, "velocity": 1, "acceleration": 2}[kind]
     )[:, np.newaxis, np.newaxis]
@@ -181,6 +184,7 @@ def response(
         inputs=tuple(inputs),
         outputs=tuple(outputs),
         kind=kind,
+        output_units=units_of_outputs(kernel, outputs),
         coordinates=kernel.coordinates,
         q=system.q[: len(kernel.coordinates)],
         notes=system.notes,
@@ -257,15 +261,23 @@ def transfer_function(A: Array, B: Array, C: Array, D: Array, hertz: Array) -> C
     return H
 
 
-def _solved(system: LinearSystem, whole: Array, rows: Array, hertz: Array) -> Complex:
-    """Return rows Z^-1 forces at all frequencies, rows and columns of Z scaled to one size; ``whole`` (kernel.n, ...).
+def _solved(system: LinearSystem, whole: Array, outputs: Array, hertz: Array) -> Complex:
+    """Return rows Z^-1 forces at all frequencies, rows and columns of Z scaled to one size.
 
     States of laws stand behind the coordinates; those that stick, and that no input drives, hold as springs.
+
+    Args:
+        system: about a static equilibrium.
+        whole: forces of the inputs, (kernel.n, inputs).
+        outputs: by coordinates and states, (outputs, kernel.n).
+        hertz: frequencies, (F,).
     """
-    forces = system.basis.T @ whole
+    forces, rows, of_laws = system.basis.T @ whole, outputs @ system.basis, outputs[:, system.memory.places]
     if not system.independent:
         return np.zeros((len(hertz), len(rows), forces.shape[1]), dtype=np.complex128)
-    system = system.condensed(system.memory.stick & ~system.memory.rates_by(whole).any(axis=1))
+    sticks = system.memory.stick & ~system.memory.rates_by(whole).any(axis=1)
+    rows, of_laws = rows + of_laws[:, sticks] @ system.memory.by_v[sticks], of_laws[:, ~sticks]
+    system = system.condensed(sticks)
     memory, driven = system.memory, system.memory.rates_by(whole)
     size = 1.0 / np.sqrt(np.diagonal(system.M))
     M, D, K = (matrix * np.outer(size, size) for matrix in (system.M, system.D, system.K))
@@ -285,5 +297,8 @@ def _solved(system: LinearSystem, whole: Array, rows: Array, hertz: Array) -> Co
             raise InputError(
                 f"response: infinite at {hertz[k]:g} Hz (a rigid-body or undamped mode); allowed: other frequencies"
             )
-        result[k] = (rows * size) @ np.linalg.solve(Z, right)[: len(size)]
+        x = np.linalg.solve(Z, right)
+        result[k] = (rows * size) @ x[: len(size)]
+        if of_laws.any():
+            result[k] += (of_laws * (speed / heft)) @ x[len(size) :]
     return result

@@ -26,7 +26,7 @@ from .frequency import Response, checked_frequencies, transfer_function
 from .holding import Fixation, PoseLike
 from .in_motion import moving_system
 from .options import StateKeywords, prepared, warn_of
-from .ports import PortKind, checked_kind, input_matrix, output_matrices
+from .ports import PortKind, checked_kind, input_matrix, output_matrices, units_of_outputs
 from .tangent_system import LinearSystem
 
 if TYPE_CHECKING:
@@ -48,6 +48,7 @@ class StateSpace(Shown, Saved):
             ("joint1.gamma.friction.z"), those of locked coordinates left out.
         inputs, outputs: names, see ``ports``.
         kind: of the outputs: displacement, velocity or acceleration.
+        output_units: of the outputs as displacements; none in files of earlier versions.
         coordinates: names of all coordinates, n.
         q, v, a, u: the state about which it is, (n,) each; u of servo drives as ``Kernel.inputs`` has it, where it was
             given or a static equilibrium says it, else the force.
@@ -64,6 +65,7 @@ class StateSpace(Shown, Saved):
     inputs: Annotated[tuple[str, ...], Stored(("inputs",), of=str)]
     outputs: Annotated[tuple[str, ...], Stored(("outputs",), of=str)]
     kind: Annotated[str, Stored(of=str)]
+    output_units: Annotated[tuple[str, ...], Stored(("outputs",), of=str, otherwise=())] = ()
     coordinates: Annotated[tuple[str, ...], Stored(("n",), of=str)]
     q: Annotated[Array, Stored(("n",), "m, rad", unknown=True)]
     v: Annotated[Array, Stored(("n",), "m/s, rad/s", unknown=True)]
@@ -108,6 +110,7 @@ class StateSpace(Shown, Saved):
             inputs=of_in,
             outputs=of_out,
             kind=self.kind,
+            output_units=tuple(self.output_units[i] for i in y) if self.output_units else (),
             coordinates=self.coordinates,
             q=self.q,
             notes=self.notes,
@@ -251,11 +254,14 @@ def state_space(
     by_q, by_q_rate = output_matrices(kernel, system.q, system.v, outputs)
     rows, rates = by_q @ system.basis, by_q_rate @ system.basis + by_q @ system.basis_rate
     D = np.zeros((len(outputs), len(inputs)))
-    behind = np.zeros((len(outputs), p))
+    of_laws = by_q[:, laws.places]
     if kind == "displacement":
-        C = np.hstack([rows, np.zeros_like(rows), behind])
+        C = np.hstack([rows, np.zeros_like(rows), of_laws])
     elif kind == "velocity":
-        C = np.hstack([rates, rows, behind])
+        C = np.hstack([rates, rows, np.zeros_like(of_laws)]) + of_laws @ A[2 * m :]
+        D = of_laws @ B[2 * m :]
+    elif states := [name for name in outputs if name in kernel.memory]:
+        raise InputError(f"kind: 'acceleration' of {states[0]}, a law's state; allowed: displacement, velocity")
     elif moving:
         raise InputError("kind: 'acceleration' about a motion; allowed: displacement, velocity (accelerations at rest)")
     else:
@@ -270,6 +276,7 @@ def state_space(
         inputs=tuple(inputs),
         outputs=tuple(outputs),
         kind=kind,
+        output_units=units_of_outputs(kernel, outputs),
         coordinates=kernel.coordinates,
         q=system.q[:n],
         v=system.v[:n],

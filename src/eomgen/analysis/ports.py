@@ -56,16 +56,17 @@ def input_matrix(
 def output_matrices(kernel: Kernel, q: Array, v: Array, names: Sequence[str]) -> tuple[Array, Array]:
     """Return displacements of the outputs per change of coordinates, (outputs, n), and their rate along the motion.
 
-    An output is a coordinate's name, or a frame or link with a component of its motion, base frame: "tcp.x", "tcp.rz".
-    With J the first matrix and J' the second, velocities change by J dv + J' dq.
+    An output is a coordinate's name, a frame or link with a component of its motion, base frame ("tcp.x", "tcp.rz"), or
+    a state of a law ("joint1.gamma.friction.z"), whose column stands at its place among ``Kernel.velocities``.  With J
+    the first matrix and J' the second, velocities change by J dv + J' dq.
 
     Raises:
-        UnknownNameError: a name is neither.
+        UnknownNameError: a name is none of these.
     """
     rows, rates = [], []
     for name in names:
-        if name in kernel.coordinates:
-            rows.append(np.eye(kernel.n)[kernel.coordinates.index(name)])
+        if name in kernel.velocities:
+            rows.append(np.eye(kernel.n)[kernel.velocities.index(name)])
             rates.append(np.zeros(kernel.n))
             continue
         frame, component = _component("output", name, kernel, MOTIONS)
@@ -83,16 +84,23 @@ def checked_kind(kind: str) -> str:
     return kind
 
 
-def unit_of_output(name: str, kind: str) -> str:
-    """Return the unit of an output by its name and kind: "m", "rad/s", "m/s^2", ..."""
-    return unit_of(name) + {"displacement": "", "velocity": "/s", "acceleration": "/s^2"}[kind]
+def units_of_outputs(kernel: Kernel, names: Sequence[str]) -> tuple[str, ...]:
+    """Return the units of outputs as displacements: "m", "rad", and of states of laws their own."""
+    memory = dict(zip(kernel.memory, kernel.memory_units, strict=True))
+    return tuple(memory[name] if name in memory else unit_of(name) for name in names)
+
+
+def per_time(unit: str, kind: str) -> str:
+    """Return the unit of an output of a kind by that of its displacement: "m", "rad/s", "m/s^2", ..."""
+    return unit + {"displacement": "", "velocity": "/s", "acceleration": "/s^2"}[kind]
 
 
 def _component(label: str, name: str, kernel: Kernel, parts: Sequence[str]) -> tuple[str, int]:
     frame, component = split_component(str(name))
     if component in parts and frame in kernel.frames:
         return frame, parts.index(component)
+    laws = f", a state of a law ({', '.join(kernel.memory)})" if kernel.memory and label == "output" else ""
     raise UnknownNameError(
-        f"{label}: {show(str(name))} is unknown; allowed: a coordinate ({', '.join(kernel.coordinates)}), or one of"
-        f" {', '.join(kernel.frames)} with .{', .'.join(parts)}"
+        f"{label}: {show(str(name))} is unknown; allowed: a coordinate ({', '.join(kernel.coordinates)}){laws}, or one"
+        f" of {', '.join(kernel.frames)} with .{', .'.join(parts)}"
     )

@@ -17,7 +17,7 @@ from ..integration.until import Until
 from ..motion.point_to_point import Program
 from ..motion.splines import Standstill, signal_of
 from ..motion.timetable import TimeTable
-from ..names import joint_of, listed, nearest, split_component, split_state
+from ..names import DriveInput, joint_of, listed, nearest, split_component, split_state
 from ..pipeline.ahead import Ahead
 from ..pipeline.mechanisms import mechanism_kernels
 from ..pipeline.stages import build, build_groups
@@ -28,7 +28,6 @@ from ..robot.memory.drives import LOOPS, loops_of
 from ..robot.model import build_model, program_coordinates
 from ..robot.record import record_of, robot_hash
 from ..robot.value import PRINCIPAL, Robot
-from ..runtime.arrays import DriveInput
 from ..runtime.kernel import Kernel
 from ..runtime.stepping.options import AUTO, RADAU, rollout_of
 from ..runtime.stepping.saturation import efforts_of

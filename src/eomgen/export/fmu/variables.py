@@ -214,7 +214,7 @@ def _drives(model: Model) -> Iterator[Variable]:
         if i in model.prescribed:
             yield Variable(f"u.{name}", "input", f"{unit}/s2", "Given acceleration", 0.0)
         else:
-            meant = input_of(coordinate_of(model.robot, name).law(), linear=unit == "m")
+            meant = input_of(coordinate_of(model.robot, name).law(), name)
             text = "Drive" if i not in model.beside else f"Drive: {meant.meaning}"
             of_input = force_unit_of(name) if unit == "1" else meant.unit  # a mode has no drive, and a force in J
             yield Variable(f"u.{name}", "input", unit_name(of_input), text, 0.0)

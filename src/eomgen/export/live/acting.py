@@ -61,7 +61,7 @@ def default_scenario(robot: Robot) -> Scenario:
 def _default_control(robot: Robot, driven: tuple[str, ...], start: Array) -> Section:
     """Return what holds the robot: references of servo drives, or gains where drives are forces; else nothing."""
     laws = {name: coordinate_of(robot, drive_of(robot, name)).law() for name in driven}
-    meanings = {input_of(law, linear=unit_of(name) == "m").meaning for name, law in laws.items()}
+    meanings = {input_of(law, name).meaning for name, law in laws.items()}
     if meanings <= set(REFERENCES):
         return Section("reference", {})
     if not meanings <= {"force", "torque"}:

@@ -54,7 +54,7 @@ def at_shafts(robot: Robot, motion: MeasuredMotion) -> MeasuredMotion:
             u[:, i] = (numbers[TORQUE_CONSTANT] if winding else 1.0) * motion.states[state]
             driven += [name] if name not in driven else []
         elif name in driven and any(x.startswith(f"{name}.{DRIVE}.") for x in motion.states):
-            meaning, unit = input_of(numbers, linear=force_unit_of(name) == "N")
+            meaning, unit = input_of(numbers, name)
             raise InputError(
                 f"{motion.source}: {name}.drive is a {meaning}, {unit}; allowed: {force_unit_of(name)} on the"
                 f" coordinate, or a column {state} of a drive with winding or lag"

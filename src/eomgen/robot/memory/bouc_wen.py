@@ -32,6 +32,7 @@ HYSTERETIC = State(
     name="z",
     unit=("m", "rad"),
     size=_yield_size,
+    is_bounded=True,
     inertia=lambda numbers: (
         (1.0 - numbers["hysteresis.share"]) * numbers["hysteresis.stiffness"] * (1.0 / numbers["hysteresis.A"])
     ),

@@ -25,6 +25,7 @@ def _branch(i: int) -> State:
         name=f"{i}.z",
         unit=("m", "rad"),
         size=lambda numbers: min(1.0, numbers[c] / numbers[k]),
+        is_bounded=False,
         inertia=lambda numbers: numbers[k],
     )
 

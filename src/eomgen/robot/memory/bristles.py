@@ -23,6 +23,7 @@ BRISTLE = State(
     name="z",
     unit=("m", "rad"),
     size=lambda numbers: numbers["friction.coulomb"] / numbers[BRISTLES],
+    is_bounded=True,
     inertia=lambda numbers: numbers[BRISTLES],
 )
 

@@ -14,8 +14,9 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterator, Mapping
 from functools import partial
-from typing import NamedTuple
 
+from ...names import DriveInput, kind_of, plain_input
+from ..geometry import LINEAR
 from ..numbers import Conflict, Number, Values, divisor
 from .states import State
 
@@ -30,13 +31,6 @@ GAINS = ("kp", "ki", "kd")
 MEASURED = {"position": ("m", "rad"), "velocity": ("m/s", "rad/s"), "current": ("A", "A")}
 INTEGRALS = {"position": ("m s", "rad s"), "velocity": ("m", "rad"), "current": ("A s", "A s")}
 ERROR, WHILE = 0.1, 0.01  # m, rad, m/s, rad/s, or a share of the current, and s: a loop's integral of an ordinary error
-
-
-class Input(NamedTuple):
-    """Meaning of u at a coordinate, and its unit."""
-
-    meaning: str
-    unit: str
 
 
 def number_key(loop: str, name: str) -> str:
@@ -59,18 +53,12 @@ def has_drive(numbers: Collection[str]) -> bool:
     return any(key.startswith(f"{DRIVE}.") for key in numbers)
 
 
-def input_of(numbers: Collection[str], *, linear: bool) -> Input:
-    """Return what u means where a drive has these numbers; without a drive it is a force.
-
-    Args:
-        linear: whether the coordinate is a translation.
-    """
+def input_of(numbers: Collection[str], coordinate: str) -> DriveInput:
+    """Return what u means at a coordinate whose law has these numbers; without a servo drive it is a force."""
     loops = loops_of(numbers)
     if loops:
-        return Input(f"reference of {loops[0]}", MEASURED[loops[0]][0 if linear else 1])
-    if has_winding(numbers):
-        return Input("voltage", "V")
-    return Input("force", "N") if linear else Input("torque", "N m")
+        return DriveInput(f"reference of {loops[0]}", MEASURED[loops[0]][0 if kind_of(coordinate) in LINEAR else 1])
+    return DriveInput("voltage", "V") if has_winding(numbers) else plain_input(coordinate)
 
 
 def is_limited(numbers: Collection[str], loop: str) -> bool:
@@ -187,12 +175,18 @@ def _states() -> Iterator[State]:
     for loop in LOOPS:
         unit = MEASURED["velocity" if loop == "position" else loop]
         size = _current_size if loop == "current" else _one
-        yield State(name=f"filter_{loop}", unit=unit, size=size)
+        yield State(name=f"filter_{loop}", unit=unit, size=size, is_bounded=False)
         size = partial(_integral_size, loop)
-        yield State(name=f"integral_{loop}", unit=INTEGRALS[loop], size=size)
-    yield State(name="current", unit=("A", "A"), size=_current_size, inertia=lambda numbers: numbers[INDUCTANCE])
-    yield State(name="force", unit=("N", "N m"), size=_one)
-    yield State(name="input", unit=("1", "1"), size=_one)
+        yield State(name=f"integral_{loop}", unit=INTEGRALS[loop], size=size, is_bounded=False)
+    yield State(
+        name="current",
+        unit=("A", "A"),
+        size=_current_size,
+        is_bounded=False,
+        inertia=lambda numbers: numbers[INDUCTANCE],
+    )
+    yield State(name="force", unit=("N", "N m"), size=_one, is_bounded=False)
+    yield State(name="input", unit=("1", "1"), size=_one, is_bounded=False)
 
 
 STATES: Mapping[str, State] = {state.name: state for state in _states()}
