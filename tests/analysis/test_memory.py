@@ -157,9 +157,7 @@ def test_states_of_laws_are_outputs(moving: bool, built: Build) -> None:
     assert (itself.B[8:] == rate.D).all()
     assert itself.output_units == kernel.memory_units == ("rad", "rad")
     assert itself.bode(outputs="j2.beta.friction.z").unit("j2.beta.friction.z", "tcp.fx") == "rad per N"
-    with pytest.raises(
-        InputError, match=r"kind: 'acceleration' of j1\.gamma\.friction\.z, a law's state; allowed"
-    ):
+    with pytest.raises(InputError, match=r"kind: 'acceleration' of j1\.gamma\.friction\.z, a law's state; allowed"):
         linearize(robot, q, kind="acceleration", **options)  # type: ignore[arg-type]
     with pytest.raises(UnknownNameError, match=r"output: 'j1\.friction\.z' .* a state of a law \(j1\.gamma\.fric"):
         linearize(robot, q, **{**options, "outputs": ["j1.friction.z"]})  # type: ignore[arg-type]

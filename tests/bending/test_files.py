@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 from scipy.linalg import eigh
 
 from eomgen.bending.beam import beam_inertia, beam_modes
-from eomgen.bending.files import read_bending, write_constants
+from eomgen.bending.bending_body import BendingBody
+from eomgen.bending.files import write_constants
+from eomgen.bending.link_files import read_link
 from eomgen.errors import InputError
 from eomgen.robot.value import BeamModes, LinkBeam
 from tests.support.beam_elements import Plane
@@ -81,30 +83,30 @@ def saved(arrays: Arrays, folder: Path) -> Path:
 
 def test_constants_are_written_and_read_again(tmp_path: Path) -> None:
     modes, H00 = beam_modes(BOOM, 0.01), beam_inertia(BOOM)
-    body = read_bending(write_constants(tmp_path / "arm.npz", H00, modes))
+    body = read_link(write_constants(tmp_path / "arm.npz", BendingBody(H00, modes, is_free=False)))
     assert body.modes == modes
     assert np.all(body.H00 == H00)
     assert not body.is_free
     with pytest.raises(InputError, match=r"arm\.csv.*ends in \.npz"):
-        write_constants(tmp_path / "arm.csv", H00, modes)
+        write_constants(tmp_path / "arm.csv", body)
 
 
 def test_files_without_interfaces_or_second_order(tmp_path: Path) -> None:
     arrays = constants()
     left = {key: x for key, x in arrays.items() if key not in ("Q", "D", "interface_Psi")}
-    body = read_bending(saved(left, tmp_path))
+    body = read_link(saved(left, tmp_path))
     assert body.modes.Q is None
     assert body.modes.nodes[0].Psi is None
     assert not np.any(body.modes.D)
     left |= {"interface_names": np.array([], dtype=str)}
     left |= {"interface_places": np.zeros((0, 3)), "interface_Phi": np.zeros((0, 6, 5))}
-    assert read_bending(saved(left, tmp_path)).modes.nodes == ()
+    assert read_link(saved(left, tmp_path)).modes.nodes == ()
 
 
 def test_modes_of_nodes(tmp_path: Path) -> None:
     """Masses and frequencies are those of the elements, nodes stand where they stood."""
     arrays = nodal()
-    body = read_bending(saved(arrays | {"M": np.eye(3)}, tmp_path))
+    body = read_link(saved(arrays | {"M": np.eye(3)}, tmp_path))
     modes = body.modes
     assert np.array(modes.masses) == pytest.approx(np.eye(3), abs=1e-12)
     assert np.array(modes.K) == pytest.approx(arrays["K"], rel=1e-12)
@@ -122,14 +124,14 @@ def test_modes_of_nodes(tmp_path: Path) -> None:
     three["Phi"] = np.concatenate([three["Phi"], 0.0 * three["Phi"][:2]])  # two more nodes stand still
     three["nodes"] = np.concatenate([three["nodes"], [[0.0, 0.1, 0.0], [0.0, 0.0, 0.1]]])
     three["mass"], three["inertia"] = np.append(three["mass"], [0.0, 0.0]), np.zeros((COUNT + 3, 3, 3))
-    assert read_bending(saved(three, tmp_path)).modes.nodes == ()
+    assert read_link(saved(three, tmp_path)).modes.nodes == ()
 
 
 def test_modes_of_a_free_link_stay_so_or_are_refused(tmp_path: Path) -> None:
-    body = read_bending(saved(nodal(free=True), tmp_path))
+    body = read_link(saved(nodal(free=True), tmp_path))
     assert body.is_free
     with pytest.raises(InputError, match=r"'Phi': modes of a free link, moved .* allowed: .* clamped at its root"):
-        read_bending(saved(nodal(free=True, moved=True), tmp_path))
+        read_link(saved(nodal(free=True, moved=True), tmp_path))
 
 
 def put(key: str, place: tuple[int, ...], value: float) -> Callable[[Arrays], None]:
@@ -208,7 +210,7 @@ BAD_NODAL: dict[str, tuple[Callable[[Arrays], None], str]] = {
         become("Phi", lambda x: np.repeat(x[:, :, :1], 3, axis=2)),
         r"'P': modes are linearly dependent: the least eigenvalue",
     ),
-    "finite elements": (become("M_data", [1.0]), r"'M_data': these are finite elements; allowed: .*eomgen reduce"),
+    "finite elements": (become("M_data", [1.0]), r"'dofs' is missing; allowed: a file of finite elements"),
 }
 
 
@@ -226,7 +228,7 @@ def refused(arrays: Arrays, change: Callable[[Arrays], None], expected: str, fol
     """The changed arrays are refused in one line with the file's name."""
     change(arrays)
     with pytest.raises(InputError) as caught:
-        read_bending(saved(arrays, folder))
+        read_link(saved(arrays, folder))
     message = str(caught.value)
     assert message.startswith(f"{folder / 'arm.npz'}: array ")
     assert re.search(expected, message), message
@@ -234,13 +236,13 @@ def refused(arrays: Arrays, change: Callable[[Arrays], None], expected: str, fol
 
 
 def test_other_files(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"has the arrays 'q'; allowed: constants \(H00, H0, P, K, ...\) or modes"):
-        read_bending(saved({"q": np.zeros(3)}, tmp_path))
+    with pytest.raises(InputError, match=r"has the arrays 'q'; allowed: constants \(H00, H0, P, K, ...\), modes of"):
+        read_link(saved({"q": np.zeros(3)}, tmp_path))
     (tmp_path / "text.npz").write_text("H0", encoding="ascii")
     with pytest.raises(InputError, match=r"text\.npz: is no \.npz"):
-        read_bending(tmp_path / "text.npz")
+        read_link(tmp_path / "text.npz")
     with pytest.raises(InputError, match=r"none\.npz: cannot be read"):
-        read_bending(tmp_path / "none.npz")
+        read_link(tmp_path / "none.npz")
 
 
 def test_large_files_are_refused_before_they_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -248,4 +250,4 @@ def test_large_files_are_refused_before_they_are_read(tmp_path: Path, monkeypatc
     monkeypatch.setenv("EOMGEN_NPZ_MB", "1")
     np.savez_compressed(path, nodes=np.zeros((10**5, 3)), Phi=np.zeros((10**5, 6, 3)))
     with pytest.raises(InputError, match=r"its arrays have \d+ bytes; allowed: up to 1048576"):
-        read_bending(path)
+        read_link(path)

@@ -15,6 +15,8 @@ from scipy.linalg import eigh
 import eomgen
 from eomgen.authoring.inertia import mass_matrix
 from eomgen.bending.beam import beam_inertia, beam_modes
+from eomgen.bending.bending_body import BendingBody
+from eomgen.bending.element_files import arrays_of
 from eomgen.bending.files import write_constants
 from eomgen.bending.reduction import reduce
 from eomgen.codegen.kernels.equations import derive
@@ -161,7 +163,7 @@ def test_modes_out_of_files(tmp_path: Path) -> None:
     link = arm().link("arm")
     assert link.beam is not None
     assert link.modes is not None
-    write_constants(tmp_path / "arm.npz", beam_inertia(link.beam), link.modes)
+    write_constants(tmp_path / "arm.npz", BendingBody(beam_inertia(link.beam), link.modes, is_free=False))
     text = ARM.replace(f"beam = {{ {BEAM}, modes = {MODES} }}\nmodal_damping = 0.01", 'modes = "arm.npz"')
     (tmp_path / "crane.toml").write_text(text, encoding="ascii")
     robot = eomgen.load_robot(tmp_path / "crane.toml")
@@ -180,13 +182,38 @@ def test_modes_out_of_files(tmp_path: Path) -> None:
     assert [node.name for node in damped.modes.nodes] == ["tip", "middle"]
     (note,) = robot_from_toml(text, folder=tmp_path).notes
     below = 0.1 * math.sqrt(np.array(damped.modes.K)[0, 0])
-    assert note.startswith("links.arm.modes: the file has no Q")
+    assert note.startswith("links.arm.modes: stiffening by rotation is left out, as there is no Q")
     assert f"below {below:.3g} rad/s" in note
     wanted = 0.04 * np.sqrt(np.diag(np.array(damped.modes.K)))  # masses are 1
     assert np.diag(np.array(damped.modes.D)) == pytest.approx(wanted, rel=1e-9)
     (tmp_path / "arm.npz").write_bytes(b"PK")
     with pytest.raises(DescriptionError, match=r"crane\.toml:\d+:\d+: links\.arm\.modes: .*arm\.npz: is no \.npz"):
         eomgen.load_robot(tmp_path / "crane.toml")
+
+
+def test_a_table_says_how_a_file_is_taken(tmp_path: Path) -> None:
+    """Finite elements, with other modes than the file asks for, and placed in the link's frame."""
+    elements = bar(counts=(2, 1, 1), count=2)
+    np.savez(tmp_path / "arm.npz", **arrays_of(elements))  # type: ignore[arg-type]
+    modes = '{ file = "arm.npz", count = 1, placement = { xyz = [0, 0.1, 0], rpy_deg = [0, 0, 90] } }'
+    text = ARM.replace(f"beam = {{ {BEAM}, modes = {MODES} }}", f"modes = {modes}")
+    robot = robot_from_toml(text, folder=tmp_path)
+    link, own = robot.link("arm"), reduce(replace(elements, count=1))
+    assert link.modes is not None
+    assert link.modes.count == 7
+    assert link.com == pytest.approx((0.0, 0.1 + own.com[0], 0.0), abs=1e-12)
+    assert link.modes.nodes[0].place == pytest.approx((0.0, 1.1, 0.0), abs=1e-12)
+    assert own.notes() == [note.partition(": ")[2] for note in robot.notes]
+    for wrong, message in (
+        ("{ count = 1 }", r"links\.arm\.modes: the key 'file' is missing; allowed: the path of a \.npz file"),
+        ('{ file = "arm.txt" }', r"links\.arm\.modes\.file: got 'arm\.txt'; allowed: the path of a \.npz file"),
+        ('{ file = "arm.npz", count = 201 }', r"links\.arm\.modes\.count: got 201; allowed: .* from 0 to 200"),
+        ('{ file = "arm.npz", count = 195 }', r"arm\.npz: got 195 modes|arm\.npz: count: got 195; allowed: 0 to 194"),
+        ('{ file = "arm.npz", units = "inch" }', r"links\.arm\.modes\.units: got 'inch'; allowed: 'm', 'mm'|m, mm"),
+        ('{ file = "arm.npz", scale = 2 }', r"links\.arm\.modes: .*'scale'"),
+    ):
+        with pytest.raises(DescriptionError, match=message):
+            robot_from_toml(text.replace(modes, wrong), folder=tmp_path)
 
 
 @pytest.mark.parametrize("craig_bampton", [False, True])

@@ -328,6 +328,16 @@ TOML_CASES = {
         'mass = 3.0\nmodes = "arm.txt"',
         ["links.link1.modes", "'arm.txt'", "a .npz file"],
     ),
+    "modes of no file": (
+        "mass = 3.0",
+        "modes = { count = 2 }",
+        ["links.link1.modes", "'file' is missing", ".npz file"],
+    ),
+    "modes in other units": (
+        "mass = 3.0",
+        'modes = { file = "arm.npz", units = "inch" }',
+        ["links.link1.modes.units", "'inch'", "mm"],
+    ),
     "modes from nowhere": ("mass = 3.0", 'modes = "arm.npz"', ["links.link1.modes", "'arm.npz'", "relative to this"]),
     "node of a rigid link": (
         "child = ",

@@ -41,13 +41,13 @@ class Constants:
         """Modal mass matrix, tr P_kl, (m, m)."""
         return np.asarray(np.trace(self.P, axis1=2, axis2=3))
 
-    def turned(self, rotation: ArrayLike) -> Constants:
-        """Return the constants in axes of which the present ones are the columns of a rotation.
+    def turned(self, rotation: ArrayLike, origin: ArrayLike = (0.0, 0.0, 0.0)) -> Constants:
+        """Return the constants in a frame in which the present one has axes, columns of a rotation, and an origin, m.
 
         Entries that are 0 stay exactly 0 where the rotation has entries 0 and +-1 alone.
         """
         R, R4 = np.array(rotation, dtype=float), np.eye(4)
-        R4[:3, :3] = R
+        R4[:3, :3], R4[:3, 3] = R, origin
         return Constants(
             _clean(R4 @ self.H00 @ R4.T),
             _clean(R4 @ self.H0 @ R.T),

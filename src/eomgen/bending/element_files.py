@@ -46,7 +46,7 @@ NAMES = (
 
 def has_elements(arrays: Arrays) -> bool:
     """Whether arrays of a file are those of finite elements."""
-    return "K_data" in arrays and "M_data" in arrays
+    return "K_data" in arrays or "M_data" in arrays
 
 
 def read_elements(path: Path | str) -> FiniteElements:

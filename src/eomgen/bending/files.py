@@ -2,7 +2,7 @@
 
 Constants: ``H00`` (4, 4), ``H0`` (m, 4, 3), ``P`` (m, m, 3, 3), ``K`` (m, m), perhaps ``D`` (m, m) and ``Q``
 (m, m, 4, 3), see ``constants``; ``interface_names`` (I), ``interface_places`` (I, 3), ``interface_Phi`` (I, 6, m),
-perhaps ``interface_Psi`` (I, 3, m, m).
+perhaps ``interface_Psi`` (I, 3, m, m), and ``velocity_terms``, a text: how these were found where they are not exact.
 
 Modes of nodes: ``nodes`` (N, 3), ``mass`` (N), ``Phi`` (N, 6, m) with translations and rotations of each node by each
 mode, or (N, 3, m), ``K``, perhaps ``inertia`` (N, 3, 3) of each node about itself, ``D``, ``M`` (m, m), the masses of
@@ -24,10 +24,11 @@ from ..errors import InputError
 from ..files import check_ending, write_atomically
 from ..limits import LARGEST, MOST_MODES
 from ..names import is_identifier, listed, plain_path, show
-from ..npz import read_npz
-from ..robot.value import ROOT, LinkModes, Node
+from ..robot.value import ROOT, Node
+from .bending_body import BendingBody
 from .consistency import clamped_conflict, constants_conflict, is_free
 from .constants import Constants, as_tuples, constants_of_masses
+from .mass_integrals import EXACT, MEAN, REDUCED
 
 ENDING = ".npz"
 _CONSTANTS = (
@@ -41,56 +42,38 @@ _CONSTANTS = (
     "interface_places",
     "interface_Phi",
     "interface_Psi",
+    "velocity_terms",
 )
 _NODAL = ("nodes", "mass", "inertia", "Phi", "K", "D", "M", "interface_names", "interface_nodes")
-_FINITE_ELEMENTS = "M_data"  # an array of files of finite elements
 _STILL = 1e-6  # of the largest entry of Phi: what a clamped node moves by at most
 _SAME_MASSES = 0.02  # that modal masses may be off those of the nodes' masses: lumping
 
 
-@dataclass(frozen=True, eq=False)
-class BendingBody:
-    """A link that bends, as a file has it.
-
-    H00: integral of rho0 rho0^T over the mass, (4, 4).  is_free: whether its modes are those of a free link in mean
-    axes, for which the joint that carries it has to be free.
-    """
-
-    H00: Array
-    modes: LinkModes
-    is_free: bool
-
-
-def read_bending(path: Path | str) -> BendingBody:
-    """Read a link that bends from a file of constants, or of modes of nodes.
+def body_of_arrays(path: Path | str, arrays: Mapping[str, NDArray[Any]]) -> BendingBody:
+    """Return the link that arrays of a file are, of constants or of modes of nodes.
 
     Raises:
-        InputError: the file cannot be read, an array is missing, of another shape or not finite, or no body can have
-            these numbers; the message has the file, the array, the place and what is allowed.
+        InputError: an array is missing, of another shape or not finite, or no body can have these numbers; the message
+            has the file, the array, the place and what is allowed.
     """
-    file = _File(plain_path(path), read_npz(path))
+    file = _File(plain_path(path), arrays)
     if "H0" in file.arrays or "H00" in file.arrays:
         file.refuse_others(_CONSTANTS)
         return _of_constants(file)
     if "Phi" in file.arrays or "nodes" in file.arrays:
-        if _FINITE_ELEMENTS in file.arrays:
-            file.fail("M_data", "these are finite elements; allowed: what `eomgen reduce` makes of them")
         file.refuse_others(_NODAL)
         return _of_nodes(file)
-    known = f"constants ({', '.join(_CONSTANTS[:4])}, ...) or modes of nodes ({', '.join(_NODAL[:5])}, ...)"
+    known = (
+        f"constants ({', '.join(_CONSTANTS[:4])}, ...), modes of nodes ({', '.join(_NODAL[:5])}, ...) or finite "
+        "elements (nodes, dofs, K_data, M_data, ...)"
+    )
     raise InputError(f"{file.path}: has the arrays {listed(sorted(file.arrays)) or 'none'}; allowed: {known}")
 
 
-def write_constants(path: Path | str, H00: NDArray[Any], modes: LinkModes) -> Path:
-    """Write the constants of a link that bends, and return the path.
-
-    Args:
-        path: of the file, which ends in .npz.
-        H00: integral of rho0 rho0^T over the mass, (4, 4).
-        modes: of the link.
-    """
-    target = check_ending(path, ENDING)
-    arrays: dict[str, Any] = {"H00": H00, "H0": modes.H0, "P": modes.P, "K": modes.K, "D": modes.D}
+def write_constants(path: Path | str, body: BendingBody) -> Path:
+    """Write the constants of a link that bends to a .npz, and return its path."""
+    target, modes = check_ending(path, ENDING), body.modes
+    arrays: dict[str, Any] = {"H00": body.H00, "H0": modes.H0, "P": modes.P, "K": modes.K, "D": modes.D}
     if modes.Q is not None:
         arrays["Q"] = modes.Q
     m, nodes = modes.count, modes.nodes
@@ -102,6 +85,8 @@ def write_constants(path: Path | str, H00: NDArray[Any], modes: LinkModes) -> Pa
     if any(node.Psi is not None for node in nodes):
         second = [np.zeros((3, m, m)) if node.Psi is None else np.array(node.Psi) for node in nodes]
         arrays["interface_Psi"] = np.array(second)
+    if body.velocity_terms != EXACT:
+        arrays["velocity_terms"] = np.array(body.velocity_terms)
     made = {key: np.asarray(value) for key, value in arrays.items()}
     return write_atomically(target, lambda stream: np.savez_compressed(stream, **made))  # type: ignore[arg-type]
 
@@ -181,6 +166,15 @@ class _File:
                 self.fail("interface_names", f"{show(name)} is there twice; allowed: unique names")
         return names
 
+    def velocity_terms(self) -> str:
+        """Return how velocity terms were found; EXACT where nothing is said."""
+        array = self.arrays.get("velocity_terms")
+        if array is None:
+            return EXACT
+        if array.dtype.kind != "U" or array.ndim or str(array) not in (EXACT, MEAN, REDUCED):
+            self.fail("velocity_terms", f"got {show(array.tolist())}; allowed: {EXACT}, {MEAN}, or {REDUCED}")
+        return str(array)
+
 
 def _of_constants(file: _File) -> BendingBody:
     K = file.stiffness()
@@ -197,7 +191,7 @@ def _of_constants(file: _File) -> BendingBody:
         Node(name, as_tuples(place), as_tuples(phi), None if Psi is None or not Psi[i].any() else as_tuples(Psi[i]))
         for i, (name, place, phi) in enumerate(zip(names, places, Phi, strict=True))
     ]
-    return _checked(file, made, K, nodes)
+    return _checked(file, made, K, nodes, file.velocity_terms())
 
 
 def _of_nodes(file: _File) -> BendingBody:
@@ -278,7 +272,7 @@ def _check_root(file: _File, Phi: Array, places: Array) -> None:
         file.fail("Phi", f"{text}; allowed: {nodes} of the root where they are 0, or a free link's modes in mean axes")
 
 
-def _checked(file: _File, made: Constants, K: Array, nodes: Sequence[Node]) -> BendingBody:
+def _checked(file: _File, made: Constants, K: Array, nodes: Sequence[Node], velocity_terms: str = EXACT) -> BendingBody:
     """Return the body; refuses what no link can have."""
     D = file.square("D", len(K))
     conflict = constants_conflict(made, K, D)
@@ -291,4 +285,4 @@ def _checked(file: _File, made: Constants, K: Array, nodes: Sequence[Node]) -> B
     P = (made.P + made.P.transpose(1, 0, 3, 2)) / 2.0
     Q = None if made.Q is None else (made.Q + made.Q.transpose(1, 0, 2, 3)) / 2.0
     exact = Constants(made.H00, made.H0, P, Q)
-    return BendingBody(made.H00, exact.link_modes((K + K.T) / 2.0, (D + D.T) / 2.0, nodes), free)
+    return BendingBody(made.H00, exact.link_modes((K + K.T) / 2.0, (D + D.T) / 2.0, nodes), free, velocity_terms)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ..arrays import Array, Index
 from ..errors import InputError
-from ..limits import LARGEST
+from ..limits import LARGEST, MOST_MODES
 from ..names import is_identifier, show
 
 DIRECTIONS = ("x", "y", "z", "alpha", "beta", "gamma")
@@ -25,7 +25,6 @@ KINDS = ("node", "rbe2", "rbe3")
 MODAL = -1  # node of a coordinate that is an amplitude of a mode
 MOST_NODES = 50_000  # 150 000 unknowns of solids: their sparse factors take some GB, and minutes
 MOST_ENTRIES = 30_000_000  # of one matrix: 480 MB
-MOST_MODES = 200
 FAR = 100.0  # of a link's size: interfaces that are further away were given in other units
 BODY_CASES = tuple(f"body.{j}.{i}" for j in ("x", "y", "z", "1") for i in ("x", "y", "z"))
 _NAMED = 5  # of things that are wrong
@@ -140,8 +139,12 @@ def checked(elements: FiniteElements) -> FiniteElements:
             raise InputError(f"{name}: got a matrix of {matrix.shape}; allowed: {(n, n)}, as there are {n} dofs")
     _check_dofs(elements)
     _check_sets(elements)
-    if not 0 <= elements.count <= MOST_MODES:
-        raise InputError(f"count: got {elements.count}; allowed: 0 to {MOST_MODES} modes")
+    most = MOST_MODES - len(DIRECTIONS) * len(elements.interfaces)
+    if most < 0:
+        faces = f"{len(elements.interfaces)} interfaces; allowed: up to {MOST_MODES // len(DIRECTIONS)}"
+        raise InputError(f"interface_names: got {faces}, each of which has {len(DIRECTIONS)} modes")
+    if not 0 <= elements.count <= most:
+        raise InputError(f"count: got {elements.count}; allowed: 0 to {most} modes beside those of interfaces")
     if not elements.interfaces and not elements.count:
         raise InputError("count: got 0 modes and no interface; allowed: at least one of either")
     _check_stress(elements)

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..arrays import Array
-from ..files import check_ending, write_atomically
-from .mass_integrals import EXACT, MEAN, REDUCED
+from ..robot.value import Node
+from .bending_body import BendingBody
+from .constants import Constants, as_tuples
+from .files import write_constants
 
-ENDING = ".npz"
-SLOW = 0.1  # of the first frequency: rotations up to which a link without stiffening by rotation is right
 _SHOWN = 12  # frequencies in lines
 
 
@@ -60,26 +60,37 @@ class ReducedLink:
         J = self.H00[:3, :3] - self.mass * np.outer(self.com, self.com)
         return np.asarray(np.trace(J) * np.eye(3) - J)
 
+    def body(self) -> BendingBody:
+        """Return the link as a description takes it."""
+        constants = Constants(self.H00, self.H0, self.P, self.Q)
+        second = [None] * len(self.interface_names) if self.interface_Psi is None else list(self.interface_Psi)
+        faces = zip(self.interface_names, self.interface_places, self.interface_Phi, second, strict=True)
+        nodes = [
+            Node(name, as_tuples(place), as_tuples(Phi), None if Psi is None or not Psi.any() else as_tuples(Psi))
+            for name, place, Phi, Psi in faces
+        ]
+        return BendingBody(self.H00, constants.link_modes(self.K, self.D, nodes), self.is_free, self.masses_are)
+
+    def placed(self, rotation: ArrayLike, origin: ArrayLike) -> ReducedLink:
+        """Return the link in a frame in which its own has axes, columns of a rotation, and an origin, (3,), m."""
+        body = self.body().placed(rotation, origin)
+        constants, nodes = body.constants, body.modes.nodes
+        shapes = [np.array(node.Phi) for node in nodes]
+        Psi = None if self.interface_Psi is None else np.einsum("ij,njkl->nikl", np.array(rotation), self.interface_Psi)
+        return replace(
+            self,
+            H00=constants.H00,
+            H0=constants.H0,
+            P=constants.P,
+            Q=constants.Q,
+            interface_places=np.array([node.place for node in nodes]).reshape(-1, 3),
+            interface_Phi=np.array(shapes).reshape(-1, 6, len(self.K)),
+            interface_Psi=Psi,
+        )
+
     def notes(self) -> list[str]:
         """Say what is left out or approximate, a line each."""
-        notes = []
-        first = 2.0 * math.pi * float(self.frequencies[0])
-        if self.Q is None and not self.is_free:
-            notes.append(
-                "stiffening by rotation is left out, as there are no load cases: at a rate W the first frequency w1 is "
-                f"off by about 0.6 (W / w1)^2 of it; keep rates below {SLOW * first:.3g} rad/s (w1 / 10)"
-            )
-        if self.masses_are == MEAN:
-            notes.append(
-                "velocity terms of the modes come from mean translational masses, with an error of the mesh's size"
-            )
-        if self.masses_are == REDUCED:
-            notes.append(
-                "M and K are those of a reduced model, which does not say velocity terms of the modes (the symmetric "
-                "part of N_k, and P_kl): they are left out, or the same in all directions; keep rates below "
-                f"{SLOW * first:.3g} rad/s"
-            )
-        return notes
+        return self.body().notes()
 
     def lines(self) -> list[str]:
         """Return what was found, a line each."""
@@ -109,20 +120,10 @@ class ReducedLink:
             "interfaces": dict(zip(self.interface_names, self.interface_places.tolist(), strict=True)),
             "is_free": self.is_free,
             "has_stiffening": self.Q is not None,
-            "velocity_terms": "exact" if self.masses_are == EXACT else self.masses_are,
+            "velocity_terms": self.masses_are,
             "notes": self.notes(),
         }
 
-    def arrays(self) -> dict[str, Any]:
-        """Return the arrays of a file of constants by their names."""
-        arrays: dict[str, Any] = {name: getattr(self, name) for name in ("H00", "H0", "P", "K", "D")}
-        arrays["interface_names"] = np.array(self.interface_names, dtype=str)
-        arrays["interface_places"], arrays["interface_Phi"] = self.interface_places, self.interface_Phi
-        if self.Q is not None and self.interface_Psi is not None:
-            arrays["Q"], arrays["interface_Psi"] = self.Q, self.interface_Psi
-        return arrays
-
     def save(self, path: Path | str) -> Path:
         """Write the constants to a .npz and return its path."""
-        arrays = self.arrays()
-        return write_atomically(check_ending(path, ENDING), lambda stream: np.savez(stream, **arrays))
+        return write_constants(path, self.body())

@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array, Index
-from ..errors import InputError
+from ..errors import InputError, check_kind
 from ..files import as_path
 from ..names import nearest_or_all, plain_path, show
 from ..progress import StageReport, no_report
+from ..robot.value import Placement
 from .element_files import COUNT, read_elements
 from .finite_elements import FiniteElements, Interface, checked, stress_cases
 from .readers import abaqus, ansys, calculix, nastran
@@ -23,7 +24,7 @@ from .readers.contents import Entries, Labels, Nodes, assembled, is_point, merge
 from .readers.text import lines_of
 from .reduced_link import ReducedLink
 from .reduction import reduce
-from .units import UNITS
+from .units import SI, UNITS, in_si
 
 ROLES = ("K", "M", "nodes", "map")
 NASTRAN = (".pch", ".bdf", ".dat", ".nas")
@@ -64,9 +65,10 @@ def reduce_files(
     sets: LinkSets | None = None,
     *,
     modes: int | None = None,
-    units: str = "m",
+    units: str = SI,
     stress: Mapping[str, Path | str] | None = None,
     craig_bampton: bool = False,
+    placement: Placement | None = None,
     report: StageReport = no_report,
 ) -> ReducedLink:
     """Reduce the finite elements of a link, of one .npz or of files of a program, to modes.
@@ -76,24 +78,27 @@ def reduce_files(
             what they are; "K=FILE", "M=FILE", "nodes=FILE" and "map=FILE" say it where these do not.
         sets: root and interfaces; of a .npz None, as it has its own.
         modes: beside those of interfaces (6, or what a .npz says).
-        units: "m" (m, kg, s, N) or "mm" (mm, t, s, N) of the files; those of a .npz are SI.
+        units: "m" (m, kg, s, N) or "mm" (mm, t, s, N) of the files.
         stress: files of geometric stiffness matrices by load case, all that ``stress_cases`` names or none.
         craig_bampton: whether modes stay displacements of interfaces and fixed-interface modes.
+        placement: pose of the files' axes in the link's frame, m; None: they are the same.
         report: called with what is done next.
 
     Raises:
         InputError: a file cannot be read, is missing, or does not hold a link; the message has the place.
     """
     named = [_named(file) for file in files]
+    check_kind("placement", placement, placement is None or isinstance(placement, Placement), "a Placement")
     if units not in UNITS:
         raise InputError(f"units: got {show(units)}; allowed: {', '.join(UNITS)}")
     if any(path.suffix == ".npz" for _, path in named):
-        elements = _of_npz([path for _, path in named], sets, units, stress, report)
+        elements = in_si(_of_npz([path for _, path in named], sets, stress, report), units)
     else:
         elements = _of_program(named, LinkSets() if sets is None else sets, units, stress or {}, report)
     if modes is not None:
         elements = replace(elements, count=modes)
-    return reduce(elements, craig_bampton=craig_bampton, report=report)
+    link = reduce(elements, craig_bampton=craig_bampton, report=report)
+    return link if placement is None else link.placed(placement.rotation, placement.xyz)
 
 
 def _named(file: Path | str) -> tuple[str, Path]:
@@ -102,14 +107,12 @@ def _named(file: Path | str) -> tuple[str, Path]:
     return (role, as_path(path, "files")) if sign and role in ROLES else ("", as_path(file, "files"))
 
 
-def _of_npz(paths: list[Path], sets: LinkSets | None, units: str, stress: Any, report: StageReport) -> FiniteElements:
+def _of_npz(paths: list[Path], sets: LinkSets | None, stress: Any, report: StageReport) -> FiniteElements:
     if len(paths) > 1:
         raise InputError(f"files: got {len(paths)} with a .npz among them; allowed: a .npz alone, which has all")
-    given = [name for name, value in (("sets", sets), ("stress", stress), ("units", units != "m")) if value]
+    given = [name for name, value in (("sets", sets), ("stress", stress)) if value]
     if given:
-        raise InputError(
-            f"files: got {', '.join(given)} beside a .npz; allowed: none, as the file has its own, in SI units"
-        )
+        raise InputError(f"files: got {', '.join(given)} beside a .npz; allowed: none, as the file has its own")
     report(f"reading {plain_path(paths[0])}")
     return read_elements(paths[0])
 
@@ -170,7 +173,7 @@ def _of_program(
         {name: matrices[f"stress {name}"] for name in stress},
     )
     _check_cases(elements, stress)
-    return checked(_in_si(_with_used_nodes(elements), units))
+    return checked(in_si(_with_used_nodes(elements), units))
 
 
 def _check_cases(elements: FiniteElements, stress: Mapping[str, Any]) -> None:
@@ -330,29 +333,4 @@ def _with_used_nodes(elements: FiniteElements) -> FiniteElements:
         dofs=dofs,
         root=row[elements.root],
         interfaces=faces,
-    )
-
-
-def _in_si(elements: FiniteElements, units: str) -> FiniteElements:
-    """Return finite elements in m, kg, s and N: lengths and entries by their directions."""
-    length, mass = UNITS[units]
-    if length == mass == 1.0:
-        return elements
-    from scipy.sparse import diags_array
-
-    is_rotation = (elements.dofs[:, 0] >= 0) & (elements.dofs[:, 1] > 2)
-    by_row = diags_array(np.where(is_rotation, length, 1.0))
-
-    def scaled(matrix: Any) -> Any:
-        return (mass * (by_row @ matrix @ by_row)).tocsr()
-
-    faces = tuple(replace(face, place=length * face.place) for face in elements.interfaces)
-    stress = {name: scaled(matrix) for name, matrix in elements.stress.items()}
-    return replace(
-        elements,
-        nodes=length * elements.nodes,
-        M=scaled(elements.M),
-        K=scaled(elements.K),
-        interfaces=faces,
-        stress=stress,
     )

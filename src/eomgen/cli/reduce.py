@@ -8,7 +8,7 @@ from pathlib import Path
 from ..errors import InputError
 from ..names import show
 from .shared.command import Command
-from .shared.numbers import once_each, whole
+from .shared.numbers import once_each, real, whole
 from .shared.options import add_json
 from .shared.output import show_files
 from .shared.progress import stage_bar
@@ -25,7 +25,7 @@ A SET: numbers of nodes (1-12,40), a plane (x=0.5), or a set of *NSET; behind an
 
 
 def _add_reduce(parser: argparse.ArgumentParser) -> None:
-    from ..bending.units import UNITS
+    from ..bending.units import SI, UNITS
 
     parser.add_argument("files", metavar="FILES", nargs="+", help="a .npz of finite elements, or matrices and nodes")
     parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="the .npz of constants to write")
@@ -37,7 +37,10 @@ def _add_reduce(parser: argparse.ArgumentParser) -> None:
     ):
         parser.add_argument(option, action="append", default=[], metavar="NAME=SET", help=f"{about}; more than once")
     parser.add_argument("--modes", type=whole, metavar="N", help="modes beside those of interfaces (6)")
-    parser.add_argument("--units", choices=tuple(UNITS), default="m", help="of the files: m, kg, s or mm, t, s (m)")
+    parser.add_argument("--units", choices=tuple(UNITS), default=SI, help="of the files: m, kg, s or mm, t, s (m)")
+    about = "pose of the files' axes in the link's frame: m, and rad as rpy of descriptions"
+    words = ("X", "Y", "Z", "ROLL", "PITCH", "YAW")
+    parser.add_argument("--placement", nargs=6, type=real, metavar=words, help=about)
     about = "geometric stiffness of a load case, for stiffening by rotation: all cases or none; more than once"
     parser.add_argument("--stress", action="append", default=[], metavar="CASE=FILE", help=about)
     about = "keep displacements of interfaces and fixed-interface modes as they are, without frequencies of their own"
@@ -46,15 +49,17 @@ def _add_reduce(parser: argparse.ArgumentParser) -> None:
 
 
 def _reduce(options: argparse.Namespace) -> None:
-    from ..bending.reduced_link import ENDING
+    from ..bending.files import ENDING
     from ..bending.reducing import LinkSets, reduce_files
     from ..files import check_ending
+    from ..robot.value import Placement
 
     if options.output is not None:
         check_ending(options.output, ENDING)
     named = {name: _by_name(name, getattr(options, name)) for name in ("node", "rigid", "mean", "stress")}
     stress = named.pop("stress")
     sets = LinkSets(options.root, **named) if options.root is not None or any(named.values()) else None
+    pose = options.placement
     with stage_bar("reducing") as report:
         link = reduce_files(
             options.files,
@@ -63,6 +68,7 @@ def _reduce(options: argparse.Namespace) -> None:
             units=options.units,
             stress=stress,
             craig_bampton=options.craig_bampton,
+            placement=None if pose is None else Placement.from_rpy((pose[0], pose[1], pose[2]), tuple(pose[3:])),
             report=report,
         )
     written = [] if options.output is None else [link.save(options.output)]

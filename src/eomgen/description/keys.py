@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar
 
+from ..bending.units import UNITS as FILE_UNITS
 from ..forms.keys import (
     ByName,
     Choice,
@@ -24,7 +25,7 @@ from ..forms.keys import (
 )
 from ..forms.plain import field_types
 from ..forms.tables import Entries, Few, Form, Pair, Sub, angle_keys
-from ..limits import MOST_BEAM_MODES, MOST_SEGMENTS
+from ..limits import MOST_BEAM_MODES, MOST_MODES, MOST_SEGMENTS
 from ..names import IDENTIFIER_RULE, ROBOT_RULE
 from ..robot import laws, numbers
 from ..robot.coordinates import UNITS
@@ -353,6 +354,20 @@ LINK_BEAM = Form(
         ),
     }
 )
+LINK_MODES = Form(
+    {
+        "file": FileName(
+            "path of the file, beside this one",
+            needed=f"the path of a {MODES_FILE} file, relative to this file",
+            suffixes=(MODES_FILE,),
+        ),
+        "placement": Sub("pose of the file's axes in the link's frame", "m, rad", inner=PLACEMENT),
+        "count": Whole(
+            "of finite elements: modes beside six of each interface; default the file's", least=0, most=MOST_MODES
+        ),
+        "units": Choice("of finite elements: m, kg, s or mm, t, s; default m", words=tuple(FILE_UNITS)),
+    }
+)
 LINK = Form(
     {
         "name": Name("of the link, unique", needed=IDENTIFIER_RULE),
@@ -364,7 +379,10 @@ LINK = Form(
             inner=inertia("a moment of inertia in kg m^2 about the centre of mass"),
         ),
         "beam": Sub("a straight beam, which bends: mass, com and inertia follow from it", inner=LINK_BEAM),
-        "modes": FileName("path of a file with modes of a link that bends, beside this one", suffixes=(MODES_FILE,)),
+        "modes": Either(
+            "of a link that bends: a file of its modes or finite elements, beside this one",
+            options=(FileName("path of the file", suffixes=(MODES_FILE,)), Sub("the file, and how", inner=LINK_MODES)),
+        ),
         "modal_damping": Number("of each mode, as a part of critical damping", "1", minimum=0.0),
     },
     refines=True,

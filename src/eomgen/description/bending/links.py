@@ -6,20 +6,35 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from ...errors import DescriptionError, InputError
 from ...forms.keys import Whole
 from ...forms.tables import Table
 from ...limits import LARGEST
 from ...names import listed, nearest, show
-from ...robot.value import INERTIA_KEYS, ROOT, BeamModes, Coupling, Joint, Link, LinkBeam, Robot, made_of, node_link
+from ...robot.value import (
+    INERTIA_KEYS,
+    ROOT,
+    BeamModes,
+    Coupling,
+    Joint,
+    Link,
+    LinkBeam,
+    Placement,
+    Robot,
+    made_of,
+    node_link,
+)
 from ...robot.value.link_beam import OF_SECTION
 from ..draft import Draft
+from ..forces import read_placement
 from .beams import read_section
 
+if TYPE_CHECKING:
+    from ...bending.link_files import HowToTake
+
 _SAME_BODY = 1e-6  # that given masses may be off those of the modes, by the link's size
-_SLOW = 0.1  # of the first frequency: rates up to which stiffening by rotation is below a hundredth of it
 _BODY = ("mass", "com", "inertia")
 
 
@@ -226,15 +241,15 @@ def _beam(table: Table) -> LinkBeam:
 
 
 def _link_of_file(name: str, entry: Table, folder: Path | None, damping: float | None, draft: Draft) -> Link:
-    """Return the link of a file of modes."""
-    from ...bending.constants import as_tuples, body_of, first_frequency, modal_damping
-    from ...bending.files import read_bending
+    """Return the link of a file of modes or of finite elements."""
+    from ...bending.constants import as_tuples, body_of, modal_damping
+    from ...bending.link_files import read_link
 
-    path = entry.text("modes") or ""
+    path, how = _file_in(entry)
     if folder is None:
         entry.fail(f"got {show(path)}; allowed: the path of a .npz file, relative to this file", "modes")
     try:
-        body = read_bending(folder / path)
+        body = read_link(folder / path, how)
         modes = body.modes
         if damping is not None:
             if any(map(any, modes.D)):
@@ -251,10 +266,19 @@ def _link_of_file(name: str, entry: Table, folder: Path | None, damping: float |
         )
     if body.is_free:
         draft.free_modes.add(name)
-    elif modes.Q is None:
-        below = _SLOW * first_frequency(modes.masses, modes.K)
-        why = "the file has no Q, so that rotation does not stiffen the link"
-        draft.notes.append(
-            f"links.{name}.modes: {why}; keep rates below {below:.3g} rad/s, a tenth of the first frequency"
-        )
+    draft.notes += [f"links.{name}.modes: {note}" for note in body.notes()]
     return link
+
+
+def _file_in(entry: Table) -> tuple[str, HowToTake | None]:
+    """Return the path under the key ``modes``, and how the file is taken where its table says so."""
+    from ...bending.link_files import HowToTake
+
+    table: str | Table = entry.value("modes")
+    if isinstance(table, str):
+        return table, None
+    place, count = table.table("placement"), table.whole("count", -1)
+    pose = Placement() if place is None else read_placement(place)
+    units = table.choice("units")
+    moved = {} if place is None else {"rotation": pose.rotation, "origin": pose.xyz}
+    return table.text("file") or "", HowToTake(count=None if count < 0 else count, units=units, **moved)
