@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import InputError, UnknownNameError
-from ..names import html_table, joint_of, nearest_or_all, show
-from .arrays import Arrays, DriveInput, inputs_of, names_in
+from ..names import DriveInput, html_table, joint_of, nearest_or_all, show
+from .arrays import Arrays, inputs_of, names_in
 from .calls import Calls
 from .direct import ExtensionBinding, functions
 from .parameters import Parameters
