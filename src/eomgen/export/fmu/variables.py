@@ -216,8 +216,7 @@ def _drives(model: Model) -> Iterator[Variable]:
         else:
             meant = input_of(coordinate_of(model.robot, name).law(), name)
             text = "Drive" if i not in model.beside else f"Drive: {meant.meaning}"
-            of_input = force_unit_of(name) if unit == "1" else meant.unit  # a mode has no drive, and a force in J
-            yield Variable(f"u.{name}", "input", unit_name(of_input), text, 0.0)
+            yield Variable(f"u.{name}", "input", unit_name(meant.unit), text, 0.0)
 
 
 def _wrenches(
