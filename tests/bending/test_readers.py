@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.sparse import coo_array
 
+from eomgen.bending.readers import calculix, op4
 from eomgen.bending.reducing import LinkSets, reduce_files
 from eomgen.bending.reduction import reduce
 from eomgen.errors import InputError
@@ -38,6 +41,84 @@ def test_each_program_has_the_same_link(program: str, tmp_path: Path) -> None:
     assert np.abs(found.interface_Phi) == pytest.approx(
         np.abs(expected.interface_Phi), rel=1e2 * digits, abs=1e2 * digits
     )
+
+
+@pytest.mark.parametrize("case", element_texts.OP4)
+def test_files_of_output4_have_the_same_link(case: str, tmp_path: Path) -> None:
+    """Dense and sparse, in ASCII and binary, of both orders of bytes; rows are named by another file."""
+    elements, about = bar(**SMALL), element_texts.OP4[case]
+    files = _placed(tmp_path, element_texts.op4(tmp_path, elements, **about))
+    keys = calculix.read_directions(tmp_path / "arm.dof")
+    matrices = op4.read_matrices(tmp_path / "arm.op4", keys)
+    assert matrices.keys() == {"K", "M"}
+    for name, matrix in (("K", elements.K), ("M", elements.M)):
+        found = matrices[name]
+        rows, columns = (np.searchsorted(keys, x) for x in (found.rows, found.columns))
+        again = coo_array((found.entries, (rows, columns)), shape=matrix.shape).toarray()
+        exact = matrix.toarray()
+        assert np.abs(again - exact).max() <= (1e-7 if "kind" in about else 1e-16) * np.abs(exact).max()
+    if not about:
+        found = reduce_files([*files[:1], *files[1:]], BY_PLANES)
+        assert found.frequencies == pytest.approx(reduce(elements).frequencies, rel=1e-9)
+
+
+OF_OUTPUT4 = (  # what is changed in a text, and what is said
+    ("1P,3E23.16", "3E23.16", r"arm\.op4, line 1: got .*; allowed: columns, rows, form, type, name and format"),
+    (
+        "       6       2KAAX",
+        "       6       3KAAX",
+        r"line 1: KAAX has 48 rows, 48 columns, form 6, type 3; allowed: square",
+    ),
+    ("MAAX", "KBBX", r"arm\.op4: has the matrices KAAX, KBBX; allowed: one that begins with K"),
+    ("       1       1", "       1      47", r"line 2: got .* entries from row 47 on in column 1; allowed: within 48"),
+    ("      49       1       1\n", "      48       1       2\n", r"arm\.op4.*line .*: got .*; allowed: .*"),
+    ("E+0", "E+400", r"allowed: finite numbers of 23 characters behind their row"),
+)
+
+
+@pytest.mark.parametrize(("old", "new", "message"), OF_OUTPUT4)
+def test_wrong_files_of_output4_are_refused_with_their_line(old: str, new: str, message: str, tmp_path: Path) -> None:
+    files = _placed(tmp_path, element_texts.op4(tmp_path, bar(**SMALL)))
+    path = tmp_path / "arm.op4"
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+    with pytest.raises(InputError, match=message):
+        reduce_files(files, BY_PLANES)
+
+
+@pytest.mark.parametrize("case", ["text", "binary", "big binary strings"])
+def test_cut_files_of_output4_are_refused(case: str, tmp_path: Path) -> None:
+    """Wherever a file ends, and whatever a byte of it becomes: a link, or an InputError."""
+    files = _placed(tmp_path, element_texts.op4(tmp_path, bar(counts=(1, 1, 1), count=0), **element_texts.OP4[case]))
+    path, keys = tmp_path / "arm.op4", calculix.read_directions(tmp_path / "arm.dof")
+    data, rng = path.read_bytes(), np.random.default_rng(3)
+    for end in rng.integers(1, len(data) - 40, size=20):
+        path.write_bytes(data[:end])
+        with pytest.raises(InputError, match=r"arm\.op4"):
+            op4.read_matrices(path, keys)
+    for at in rng.integers(0, len(data), size=100):
+        path.write_bytes(data[:at] + bytes([int(rng.integers(256))]) + data[at + 1 :])
+        with suppress(InputError):
+            assert op4.read_matrices(path, keys)
+    path.write_bytes(data)
+    with pytest.raises(
+        InputError, match=r"arm\.op4: has 2 matrices|has 3 matrices; allowed: one, as it is said to be K"
+    ):
+        reduce_files([f"K={path}", *files[1:]], BY_PLANES)
+    (tmp_path / "arm.dof").write_text("1.1\n1.2\n")
+    with pytest.raises(InputError, match=r"KAAX has 24 rows, and 2 have names; allowed: a \.dof or \.mapping"):
+        reduce_files(files, BY_PLANES)
+    with pytest.raises(InputError, match=r"arm\.op4: has no names of its rows; allowed: with a \.mapping or a \.dof"):
+        reduce_files([path, files[2]], BY_PLANES)
+
+
+def test_files_of_output4_with_long_words_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "arm.op4").write_bytes(
+        np.array([48], dtype="<i4").tobytes() + bytes(48) + np.array([48], "<i4").tobytes()
+    )
+    with pytest.raises(InputError, match=r"byte 0: has words of 64 bits; allowed: words of 32 bits"):
+        op4.read_matrices(tmp_path / "arm.op4", np.arange(3))
 
 
 @pytest.mark.parametrize("program", ["calculix", "abaqus"])
@@ -236,7 +317,7 @@ def test_files_that_do_not_belong_together_are_refused(tmp_path: Path) -> None:
         ([sti, mas, dof], "nodes: no file has them"),
         ([*files, f"K={mas}"], "is K, as is"),
         ([*files, str(tmp_path / "arm.xyz")], "arm.xyz; allowed: .npz"),
-        ([*files, str(tmp_path / "arm.op4")], "does not say what its rows are; allowed: DMIG"),
+        ([*files, str(tmp_path / "arm.op4")], "arm.op4: cannot be read"),
         ([*files, str(tmp_path / "arm.npz")], "got 5 with a .npz among them"),
         ([str(tmp_path / "none.sti"), mas, dof, inp], "none.sti: cannot be read"),
         ([str(tmp_path / "some.mtx"), mas, dof, inp], "cannot be read"),

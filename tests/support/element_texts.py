@@ -159,6 +159,92 @@ def nastran(folder: Path, elements: FiniteElements) -> list[str]:
     return ["arm.pch", "arm.bdf"]
 
 
+def _runs(column: np.ndarray, is_sparse: bool) -> list[tuple[int, np.ndarray]]:
+    """Return the strings of a column: first row, from 1 on, and entries; of a dense one all up to the last."""
+    places = np.flatnonzero(column)
+    if not is_sparse:
+        return [(int(places[0]) + 1, column[places[0] : places[-1] + 1])]
+    parts = np.split(places, np.flatnonzero(np.diff(places) > 1) + 1)
+    return [(int(part[0]) + 1, column[part]) for part in parts]
+
+
+def op4(
+    folder: Path,
+    elements: FiniteElements,
+    *,
+    order: str = "",
+    is_sparse: bool = False,
+    is_big: bool = False,
+    kind: int = 2,
+) -> list[str]:
+    """Write what OUTPUT4 does, in ASCII, or in binary of an order of bytes, as the DMAP Programmer's Guide says it.
+
+    Beside K and M the file has a matrix that is neither square nor real.
+    """
+    n = len(elements.dofs)
+    written = b""
+    for name, matrix in (("KAAX", elements.K), ("GOAT", np.eye(2, 3)), ("MAAX", elements.M)):
+        dense = matrix if isinstance(matrix, np.ndarray) else matrix.toarray()
+        rows, columns = dense.shape
+        about = (columns, -rows if is_big else rows, 6 if rows == columns else 2, kind if rows == columns else 4)
+        each = {1: 1, 2: 2, 4: 4}[about[3]]
+        records: list[tuple[tuple[int, int, int], list[tuple[list[int], np.ndarray]]]] = []
+        for j, column in enumerate(dense.T, 1):
+            if not column.any():
+                continue
+            runs = [(row, entries if each < 4 else np.repeat(entries, 2)) for row, entries in _runs(column, is_sparse)]
+            words = [each * len(entries) // (2 if each == 4 else 1) for _, entries in runs]
+            if not is_sparse:
+                records.append(((j, runs[0][0], words[0]), [([], runs[0][1])]))
+                continue
+            heads = [[w + 1, r] if is_big else [r + 65536 * (w + 1)] for (r, _), w in zip(runs, words, strict=True)]
+            count = sum(words) + sum(map(len, heads))
+            records.append(((j, 0, count), [(head, run[1]) for head, run in zip(heads, runs, strict=True)]))
+        records.append(((columns + 1, 1, 1), [([], np.ones(1))]))
+        written += _op4_binary(about, name, records, order) if order else _op4_ascii(about, name, records)
+    (folder / "arm.op4").write_bytes(written)
+    named = (_name(elements, row) for row in range(n))
+    (folder / "arm.dof").write_text("".join(f"{label}.{way}\n" for label, way in named))
+    nodes = "".join(f"{label},{x!r},{y!r},{z!r}\n" for label, x, y, z in _nodes(elements))
+    (folder / "arm.csv").write_text("node,x,y,z\n" + nodes)
+    return ["arm.op4", "arm.dof", "arm.csv"]
+
+
+def _op4_ascii(about: tuple[int, ...], name: str, records: Any) -> bytes:
+    lines = ["".join(f"{x:8d}" for x in about) + f"{name:<8}1P,3E23.16"]
+    for says, strings in records:
+        lines.append("".join(f"{x:8d}" for x in says))
+        for head, entries in strings:
+            lines += ["".join(f"{x:12d}" for x in head)] if head else []
+            lines += ["".join(f"{x:23.16E}" for x in entries[k : k + 3]) for k in range(0, len(entries), 3)]
+    return ("\n".join(lines) + "\n").encode("ascii")
+
+
+def _op4_binary(about: tuple[int, ...], name: str, records: Any, order: str) -> bytes:
+    integer, number = np.dtype(f"{order}i4"), np.dtype(f"{order}f{4 if about[3] == 1 else 8}")
+
+    def record(data: bytes) -> bytes:
+        ends = np.array([len(data)], dtype=integer).tobytes()
+        return ends + data + ends
+
+    result = record(np.array(about, dtype=integer).tobytes() + f"{name:<8}".encode("ascii"))
+    for says, strings in records:
+        data = np.array(says, dtype=integer).tobytes()
+        for head, entries in strings:
+            data += np.array(head, dtype=integer).tobytes() + entries.astype(number).tobytes()
+        result += record(data)
+    return result
+
+
+OP4: dict[str, dict[str, Any]] = {  # as OUTPUT4 writes them
+    "text": {},
+    "strings": {"is_sparse": True},
+    "big strings": {"is_sparse": True, "is_big": True},
+    "binary": {"order": "<"},
+    "binary strings": {"order": ">", "is_sparse": True},
+    "big binary strings": {"order": "<", "is_sparse": True, "is_big": True},
+    "single": {"order": "<", "kind": 1},
+}
 PROGRAMS: dict[str, Write] = {
     "calculix": calculix,
     "abaqus": abaqus,

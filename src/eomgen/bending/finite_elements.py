@@ -24,6 +24,7 @@ DIRECTIONS = ("x", "y", "z", "alpha", "beta", "gamma")
 KINDS = ("node", "rbe2", "rbe3")
 MODAL = -1  # node of a coordinate that is an amplitude of a mode
 MOST_NODES = 50_000  # 150 000 unknowns of solids: their sparse factors take some GB, and minutes
+MOST_ROWS = len(DIRECTIONS) * MOST_NODES  # of a matrix
 MOST_ENTRIES = 30_000_000  # of one matrix: 480 MB
 FAR = 100.0  # of a link's size: interfaces that are further away were given in other units
 BODY_CASES = tuple(f"body.{j}.{i}" for j in ("x", "y", "z", "1") for i in ("x", "y", "z"))

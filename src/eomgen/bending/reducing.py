@@ -18,7 +18,7 @@ from ..progress import StageReport, no_report
 from ..robot.value import Placement
 from .element_files import COUNT, read_elements
 from .finite_elements import FiniteElements, Interface, checked, stress_cases
-from .readers import abaqus, ansys, calculix, nastran
+from .readers import abaqus, ansys, calculix, nastran, op4
 from .readers import nodes as node_files
 from .readers.contents import Entries, Labels, Nodes, assembled, is_point, merged
 from .readers.text import lines_of
@@ -34,7 +34,7 @@ KINDS = {
     ".sti, .mas, .dof": "CalculiX",
     ".mtx, .inp": "Abaqus",
     ".mmf, .hb, .matrix, .mapping": "Ansys",
-    ".pch, .bdf": "Nastran",
+    ".pch, .bdf, .op4": "Nastran",
     ".csv": "node,x,y,z",
 }
 _PLANE = re.compile(r"([xyz])=([+-]?(?:[0-9]{1,20}\.?[0-9]{0,20}|\.[0-9]{1,20})(?:[eE][+-]?[0-9]{1,2})?)")
@@ -151,7 +151,12 @@ def _of_program(
             raise InputError(
                 f"{plain_path(path)}: has no names of its rows; allowed: with a .mapping or a .dof file beside it"
             )
-        found.take(name, _by_mapping(path, found.keys))
+        if path.suffix.lower() == ".op4":
+            for letter, entries in op4.read_matrices(path, found.keys, name).items():
+                found.take(letter, entries)
+                found.reduced = found.reduced or _has_amplitudes(entries)
+        else:
+            found.take(name, _by_mapping(path, found.keys))
     missing = [name for name in ("K", "M") if name not in found.matrices]
     if missing:
         kinds = "; ".join(f"{endings} ({program})" for endings, program in KINDS.items())
@@ -202,9 +207,7 @@ def _read(role: str, path: Path, found: _Found) -> None:
     elif ending in (".sti", ".mas"):
         _read_matrix(role or {".sti": "K", ".mas": "M"}[ending], path, found)
     elif ending == ".op4":
-        raise InputError(
-            f"{plain_path(path)}: does not say what its rows are; allowed: DMIG entries in a .pch, which do"
-        )
+        found.waiting.append((role, path))
     elif ending in MATRICES or role:
         if ending == ".mtx" and not role and abaqus.is_substructure(path):
             for name, entries in abaqus.read_substructure(path).items():
@@ -235,7 +238,7 @@ def _by_name(path: Path) -> str:
 
 def _read_matrix(name: str, path: Path, found: _Found) -> None:
     """Read a matrix that names its rows by itself, or let it wait for the file that does."""
-    if path.suffix.lower() in (".sti", ".mas") or not _names_rows(path):
+    if path.suffix.lower() in (".sti", ".mas", ".op4") or not _names_rows(path):
         found.waiting.append((name, path))
     else:
         found.take(name, abaqus.read_matrix(path))

@@ -17,8 +17,9 @@ _ABOUT = """\
 Reduce the finite elements of a link to modes, and write the constants of its equations of motion.
 
 FILES: a .npz of nodes, M, K, root and interfaces alone; or matrices and nodes as programs write them: .sti, .mas, .dof
-and .inp (CalculiX), .mtx and .inp (Abaqus), .mmf or .matrix, .mapping and .csv (Ansys), .pch and .bdf (Nastran); .csv
-has node,x,y,z.  K=FILE, M=FILE, nodes=FILE and map=FILE say what a file is where its name does not.
+and .inp (CalculiX), .mtx and .inp (Abaqus), .mmf or .matrix, .mapping and .csv (Ansys), .pch and .bdf (Nastran), or
+.op4 with a .dof that names its rows, a line NODE.DIRECTION for each; .csv has node,x,y,z.  K=FILE, M=FILE, nodes=FILE
+and map=FILE say what a file is where its name does not.
 
 A SET: numbers of nodes (1-12,40), a plane (x=0.5), or a set of *NSET; behind an @ the interface's place (x=1@1,0,0).
 """

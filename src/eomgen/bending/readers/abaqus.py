@@ -20,7 +20,7 @@ from ...errors import InputError
 from ...names import plain_path, show
 from ..finite_elements import MOST_NODES
 from .contents import Entries, Labels, Nodes, keys_of
-from .text import Line, integers, lines_of, number_of, refusal, rows_of_numbers
+from .text import SMALLER, Line, integers, lines_of, number_of, refusal, rows_of_numbers
 
 WHAT = "row node, direction, column node, direction, entry"
 _ELEMENT_NODES = "ELEMENT NODES"
@@ -180,9 +180,7 @@ def read_nodes(path: Path) -> Nodes:
             if "NSET" in options:
                 sets.setdefault(options["NSET"].upper(), []).append(label)
             if len(labels) > MOST_NODES:
-                raise refusal(
-                    path, line, f"more than {MOST_NODES} nodes", "up to that, reduce larger models where they are made"
-                )
+                raise refusal(path, line, f"more than {MOST_NODES} nodes", f"up to that, {SMALLER}")
         elif current == "*NSET":
             name = options.get("NSET", "").upper()
             sets.setdefault(name, []).extend(_members(path, (line, text), sets, "GENERATE" in options))

@@ -9,6 +9,7 @@ R. Grimes, J. Lewis, "Users' Guide for the Harwell-Boeing Sparse Matrix Collecti
 from __future__ import annotations
 
 import re
+from array import array
 from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
@@ -18,22 +19,21 @@ import numpy as np
 from ...arrays import Array
 from ...errors import InputError
 from ...names import plain_path, show
-from ..finite_elements import MOST_ENTRIES, MOST_NODES
+from ..finite_elements import MOST_ENTRIES, MOST_ROWS
 from .calculix import WHAT, by_numbers
 from .contents import Entries, Labels, keys_of
-from .text import Line, integers, lines_of, number_of, refusal, rows_of_numbers
+from .text import SMALLER, Line, integers, lines_of, number_of, refusal, rows_of_numbers
 
 DIRECTIONS = ("UX", "UY", "UZ", "ROTX", "ROTY", "ROTZ")
 BANNER = "%%matrixmarket"
 _HEADER = "%%MatrixMarket matrix coordinate real symmetric or general"
 _FORMAT = re.compile(r"\((?:[0-9]{1,3}P,?)?([0-9]{0,4})[IEDFG]([0-9]{1,3})(?:\.[0-9]{1,3})?(?:E[0-9]{1,3})?\)")
-_MOST_ROWS = 6 * MOST_NODES
 
 
 def read_mapping(path: Path) -> Labels:
     """Return the keys of all rows of a .mapping file, in the order of rows; lines before the first row are its
     heading."""
-    labels, directions = list[int](), list[int]()
+    labels, directions = array("q"), array("q")
     for line, text in lines_of(path):
         words = text.split()
         is_row = len(words) == 3 and words[0].isdecimal() and words[1].isdecimal() and words[2].upper() in DIRECTIONS
@@ -43,6 +43,8 @@ def read_mapping(path: Path) -> Labels:
             continue
         if int(words[0][:16]) != len(labels) + 1:
             raise refusal(path, line, text.strip(), f"row {len(labels) + 1} next")
+        if len(labels) == MOST_ROWS:
+            raise refusal(path, line, f"more than {MOST_ROWS} rows", f"up to that, {SMALLER}")
         labels.append(int(words[1][:16]))
         directions.append(DIRECTIONS.index(words[2].upper()) + 1)
     if not labels:
@@ -72,8 +74,8 @@ def _market(path: Path, first: Line, lines: Iterator[Line]) -> Array:
     if len(sizes) != 3 or not all(size.isdecimal() and len(size) < 12 for size in sizes):
         raise refusal(path, number, text, "numbers of rows, columns and entries")
     rows, columns, count = (int(size) for size in sizes)
-    if rows != columns or rows > _MOST_ROWS or count > MOST_ENTRIES:
-        raise refusal(path, number, text, f"a square matrix of up to {_MOST_ROWS} rows and {MOST_ENTRIES} entries")
+    if rows != columns or rows > MOST_ROWS or count > MOST_ENTRIES:
+        raise refusal(path, number, text, f"a square matrix of up to {MOST_ROWS} rows and {MOST_ENTRIES} entries")
     table = rows_of_numbers(path, rest, 3, WHAT)
     if len(table) != count:
         raise InputError(f"{plain_path(path)}: has {len(table)} entries; allowed: {count}, as line {number} says")
@@ -91,9 +93,9 @@ def _harwell_boeing(path: Path, lines: Iterator[Line]) -> Array:
     if kind not in ("RSA", "RUA"):
         raise refusal(path, header[1][0], header[1][1], "a kind RSA or RUA: real, symmetric or not, assembled")
     rows, columns, count = sizes[:3]
-    if rows != columns or not 1 <= rows <= _MOST_ROWS or count > MOST_ENTRIES:
+    if rows != columns or not 1 <= rows <= MOST_ROWS or count > MOST_ENTRIES:
         raise refusal(
-            path, header[1][0], header[1][1], f"a square matrix of 1 to {_MOST_ROWS} rows, {MOST_ENTRIES} entries"
+            path, header[1][0], header[1][1], f"a square matrix of 1 to {MOST_ROWS} rows, {MOST_ENTRIES} entries"
         )
     formats = _FORMAT.findall("".join(header[2][1].upper().split()))
     if len(formats) < 3:

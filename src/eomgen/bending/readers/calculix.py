@@ -7,6 +7,7 @@ which writes them.  With *TRANSFORM the directions are local ones, which these f
 
 from __future__ import annotations
 
+from array import array
 from pathlib import Path
 
 import numpy as np
@@ -14,19 +15,22 @@ import numpy as np
 from ...arrays import Array
 from ...errors import InputError
 from ...names import plain_path
+from ..finite_elements import MOST_ROWS
 from .contents import Entries, Labels, keys_of
-from .text import integers, lines_of, refusal, rows_of_numbers
+from .text import SMALLER, integers, lines_of, refusal, rows_of_numbers
 
 WHAT = "row, column, entry"
 
 
 def read_directions(path: Path) -> Labels:
     """Return the keys of all rows of a .dof file."""
-    labels, directions = [], []
+    labels, directions = array("q"), array("q")
     for line, text in lines_of(path):
         label, dot, direction = text.strip().partition(".")
         if not (dot and label.isdecimal() and direction.isdecimal() and len(label) < 16 and len(direction) == 1):
             raise refusal(path, line, text.strip(), "node.direction, as 12.3")
+        if len(labels) == MOST_ROWS:
+            raise refusal(path, line, f"more than {MOST_ROWS} rows", f"up to that, {SMALLER}")
         labels.append(int(label))
         directions.append(int(direction))
     return keys_of(path, np.array(labels, dtype=np.int64), np.array(directions, dtype=np.int64))

@@ -4,11 +4,12 @@ Fields are small (8 characters), large (16, a star behind the name) or free (com
 and component of the column, and in further fields node, component and entry of each row; the header has 0 in the place
 of the node, and form 6 of a symmetric matrix, of which one triangle is there.  Points without a component (SPOINT) are
 amplitudes of modes.  Sources: MSC Nastran Quick Reference Guide, and the references of OptiStruct and Autodesk Nastran,
-DMIG and GRID.  Files of OUTPUT4 are refused: they do not say what their rows are.
+DMIG and GRID.  ``op4`` reads files of OUTPUT4.
 """
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,7 +20,7 @@ from ...errors import InputError
 from ...names import plain_path
 from ..finite_elements import MOST_ENTRIES, MOST_NODES
 from .contents import Entries, Nodes, keys_of
-from .text import lines_of, number_of, refusal
+from .text import SMALLER, lines_of, number_of, refusal
 
 _SMALL, _LARGE = 8, 16
 _SYMMETRIC, _SQUARE = 6, 1
@@ -36,10 +37,11 @@ class _Card:
 
 @dataclass
 class _Matrix:
+    """A matrix as it is read: node, component, node and component of each entry, and the entries."""
+
     form: int
-    rows: list[tuple[int, int]] = field(default_factory=list)
-    columns: list[tuple[int, int]] = field(default_factory=list)
-    entries: list[float] = field(default_factory=list)
+    places: array[int] = field(default_factory=lambda: array("i"))
+    entries: array[float] = field(default_factory=lambda: array("d"))
 
 
 def read(path: Path) -> tuple[Nodes, dict[str, Entries]]:
@@ -53,9 +55,7 @@ def read(path: Path) -> tuple[Nodes, dict[str, Entries]]:
         if card.name == "GRID":
             labels.append(_node(path, card, places))
             if len(labels) > MOST_NODES:
-                raise refusal(
-                    path, card.line, f"more than {MOST_NODES} nodes", "up to that, reduce models where they are made"
-                )
+                raise refusal(path, card.line, f"more than {MOST_NODES} nodes", f"up to that, {SMALLER}")
         elif card.name == "DMIG":
             _take(path, card, matrices)
     nodes = Nodes(np.array(labels, dtype=np.int64), np.array(places).reshape(-1, 3))
@@ -153,15 +153,13 @@ def _take(path: Path, card: _Card, matrices: dict[str, _Matrix]) -> None:
             raise refusal(
                 path, card.line, entry.strip(), f"a finite number in the column of node {column[0]}, {column[1]}"
             )
-        matrix.rows.append((_whole(path, card, node), _whole(path, card, component, 0)))
-        matrix.columns.append(column)
+        matrix.places.extend((_whole(path, card, node), _whole(path, card, component, 0), *column))
         matrix.entries.append(number)
     if len(matrix.entries) > MOST_ENTRIES:
         raise refusal(path, card.line, f"more than {MOST_ENTRIES} entries of {name}", "up to that")
 
 
 def _entries(path: Path, matrix: _Matrix) -> Entries:
-    rows = np.array(matrix.rows, dtype=np.int64).reshape(-1, 2)
-    columns = np.array(matrix.columns, dtype=np.int64).reshape(-1, 2)
-    keys = keys_of(path, rows[:, 0], rows[:, 1]), keys_of(path, columns[:, 0], columns[:, 1])
-    return Entries(keys[0], keys[1], np.array(matrix.entries), path)
+    places = np.array(matrix.places, dtype=np.int64).reshape(-1, 4)
+    rows, columns = keys_of(path, places[:, 0], places[:, 1]), keys_of(path, places[:, 2], places[:, 3])
+    return Entries(rows, columns, np.array(matrix.entries), path)

@@ -18,9 +18,5 @@ def read_nodes(path: Path) -> Nodes:
     number, text = next(lines, (1, ""))
     if tuple(word.strip().lower() for word in text.split(",")) != HEADER:
         raise refusal(path, number, text, f"a header {','.join(HEADER)}")
-    table = rows_of_numbers(path, lines, 4, ", ".join(HEADER), ",")
-    if len(table) > MOST_NODES:
-        raise refusal(
-            path, number, f"{len(table)} nodes", f"up to {MOST_NODES}, reduce larger models where they are made"
-        )
+    table = rows_of_numbers(path, lines, 4, ", ".join(HEADER), ",", most=MOST_NODES)
     return Nodes(integers(path, table[:, 0], "node"), table[:, 1:])

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from itertools import islice
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 
@@ -19,28 +21,21 @@ VARIABLE = "EOMGEN_MATRIX_MB"  # of the environment: megabytes that a text of fi
 _MOST_MB = 2048
 _MOST_LINE = 4096  # bytes
 _CHUNK = 20_000  # lines that are made numbers at a time
+SMALLER = "reduce larger models where they are made"
 
 Line = tuple[int, str]  # its number from 1 on, and its text without the end
 
 
-def lines_of(path: Path) -> Iterator[Line]:
-    """Yield the lines of a text, one at a time.
+@contextmanager
+def opened(path: Path) -> Iterator[BinaryIO]:
+    """Open a file of finite elements to be read.
 
     Raises:
-        InputError: the file cannot be read, is larger than the environment's EOMGEN_MATRIX_MB says (2048), or has a
-        line
-            that no program writes.
+        InputError: it cannot be read, or is larger than the environment's EOMGEN_MATRIX_MB says (2048).
     """
     try:
         with open_regular(path, most_bytes(VARIABLE, _MOST_MB)) as stream:
-            number = 0
-            while data := stream.readline(_MOST_LINE + 1):
-                number += 1
-                if len(data) > _MOST_LINE:
-                    raise InputError(
-                        f"{plain_path(path)}, line {number}: has more than {_MOST_LINE} bytes; allowed: text"
-                    )
-                yield number, data.decode("ascii", "replace").rstrip("\r\n")
+            yield stream
     except (OSError, ValueError) as error:
         if isinstance(error, InputError):
             raise
@@ -48,6 +43,21 @@ def lines_of(path: Path) -> Iterator[Line]:
         more = "" if "allowed: " in reason else "; allowed: an existing file"
         size = f" (the environment's {VARIABLE} has their MB)" if "bytes" in reason else ""
         raise InputError(f"{plain_path(path)}: cannot be read: {reason}{more}{size}") from None
+
+
+def lines_of(path: Path) -> Iterator[Line]:
+    """Yield the lines of a text, one at a time.
+
+    Raises:
+        InputError: the file cannot be read, is too large, or has a line that no program writes.
+    """
+    with opened(path) as stream:
+        number = 0
+        while data := stream.readline(_MOST_LINE + 1):
+            number += 1
+            if len(data) > _MOST_LINE:
+                raise InputError(f"{plain_path(path)}, line {number}: has more than {_MOST_LINE} bytes; allowed: text")
+            yield number, data.decode("ascii", "replace").rstrip("\r\n")
 
 
 def refusal(path: Path, line: int, got: str, allowed: str) -> InputError:
@@ -70,7 +80,14 @@ def number_of(text: str) -> float | None:
     return number if np.isfinite(number) else None
 
 
-def rows_of_numbers(path: Path, lines: Iterable[Line], width: int, what: str, separator: str | None = None) -> Array:
+def rows_of_numbers(
+    path: Path,
+    lines: Iterable[Line],
+    width: int,
+    what: str,
+    separator: str | None = None,
+    most: int = MOST_ENTRIES,
+) -> Array:
     """Return the numbers of lines, (lines, width), with bounded memory beside them.
 
     Args:
@@ -79,9 +96,10 @@ def rows_of_numbers(path: Path, lines: Iterable[Line], width: int, what: str, se
         width: numbers of a line.
         what: they are, for messages: "row, column, entry".
         separator: between numbers; None: spaces.
+        most: lines that there may be.
 
     Raises:
-        InputError: a line has something else, or there are more than a matrix may have entries.
+        InputError: a line has something else, or there are too many.
     """
     rest, parts, count = (line for line in lines if line[1].strip()), list[Array](), 0
     while chunk := list(islice(rest, _CHUNK)):
@@ -94,11 +112,9 @@ def rows_of_numbers(path: Path, lines: Iterable[Line], width: int, what: str, se
         if not fits:
             part = _by_lines(path, chunk, width, what, separator)
         count += len(part)
-        if count > MOST_ENTRIES:
-            got = f"more than {MOST_ENTRIES} entries at line {chunk[-1][0]}"
-            raise InputError(
-                f"{plain_path(path)}: got {got}; allowed: up to that, reduce larger models where they are made"
-            )
+        if count > most:
+            got = f"more than {most} lines of {what}"
+            raise InputError(f"{plain_path(path)}: got {got}; allowed: up to that, {SMALLER}")
         parts.append(part)
     return np.concatenate(parts) if parts else np.zeros((0, width))
 
