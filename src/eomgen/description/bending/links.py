@@ -280,5 +280,10 @@ def _file_in(entry: Table) -> tuple[str, HowToTake | None]:
     place, count = table.table("placement"), table.whole("count", -1)
     pose = Placement() if place is None else read_placement(place)
     units = table.choice("units")
-    moved = {} if place is None else {"rotation": pose.rotation, "origin": pose.xyz}
-    return table.text("file") or "", HowToTake(count=None if count < 0 else count, units=units, **moved)
+    how = HowToTake(
+        count=None if count < 0 else count,
+        units=units,
+        rotation=None if place is None else pose.rotation,
+        origin=None if place is None else pose.xyz,
+    )
+    return table.text("file") or "", how
