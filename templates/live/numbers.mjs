@@ -40,5 +40,8 @@ export function bytesOf(text) {
   return found;
 }
 
+/** Numbers of single precision, little-endian, in base64. */
+export const floatsOf = (text) => new Float32Array(bytesOf(text).buffer);
+
 /** Numbers of double precision, little-endian, in base64. */
 export const doublesOf = (text) => new Float64Array(bytesOf(text).buffer);

@@ -540,13 +540,13 @@ class Page {
     const stiff = simulation.stiff(false), factor = settings.get("exaggeration");
     const q = exaggerated(simulation.q, stiff, factor);
     const poseOf = (link) => this.poseOf(q, link);
-    scene.pose(scene.reality, poseOf);
+    scene.pose(scene.reality, poseOf, q);
     scene.moveSprings(poseOf);
     const beside = settings.get("beside");
     scene.ghost.root.visible = beside !== "none";
     if (beside !== "none") {
       const other = beside === "rigid" ? stiff : simulation.stiff(true);
-      scene.pose(scene.ghost, (link) => this.poseOf(other, link));
+      scene.pose(scene.ghost, (link) => this.poseOf(other, link), other);
     }
     const rows = this.replays ? this.whole().filter(({ t }) => t <= this.at) : this.rows;
     if (settings.get("paths")) {

@@ -2,6 +2,7 @@
 
 import * as THREE from "three";
 import { OrbitControls } from "#live/three/OrbitControls";
+import { BentAxis } from "#live/bent";
 import { bytesOf } from "#live/numbers";
 import { moved } from "#live/poses";
 
@@ -118,18 +119,28 @@ export class Scene {
 
   robot(bodies, ghost) {
     const root = new THREE.Group(), links = new Map();
-    for (const { link, geometry, material } of bodies) {
+    const add = (link, mesh) => {
       if (!links.has(link)) {
         const group = new THREE.Group();
         group.matrixAutoUpdate = false;
         links.set(link, group);
         root.add(group);
       }
-      const mesh = new THREE.Mesh(geometry, this.materials[ghost ? "ghost" : material]);
       mesh.name = link;
       links.get(link).add(mesh);
-    }
-    return { root, links };
+    };
+    for (const { link, geometry, material } of bodies) add(link, new THREE.Mesh(geometry, this.materials[ghost ? "ghost" : material]));
+    const axes = this.data.bent.map((packed) => {
+      const axis = new BentAxis(packed), geometry = new THREE.BufferGeometry();
+      geometry.setAttribute("position", new THREE.BufferAttribute(axis.vertices, 3));
+      geometry.setIndex(axis.faces());
+      const mesh = new THREE.Mesh(geometry, this.materials[ghost ? "ghost" : "real"]);
+      mesh.frustumCulled = false; // its bounds are those of how it was bent first
+      mesh.axis = axis;
+      add(axis.link, mesh);
+      return mesh;
+    });
+    return { root, links, axes };
   }
 
   trail(color) {
@@ -151,8 +162,14 @@ export class Scene {
     return lines;
   }
 
-  /** Put a robot's links where their poses are, 16 numbers each, row by row. */
-  pose(robot, poseOf) {
+  /** Put a robot's links where their poses are, 16 numbers each, row by row, and bend them as they bend at q. */
+  pose(robot, poseOf, q) {
+    for (const { axis, geometry } of robot.axes) {
+      axis.bend(q);
+      geometry.attributes.position.needsUpdate = true;
+      geometry.computeVertexNormals();
+      geometry.boundingSphere = geometry.boundingBox = null;
+    }
     for (const [link, group] of robot.links) {
       group.matrix.set(...poseOf(link));
       group.matrixWorldNeedsUpdate = true;
@@ -213,15 +230,16 @@ export class Scene {
     return caster;
   }
 
-  /** Link and point (link's frame) of reality that a pointer is on; null where there is none. */
+  /** Link and point (link's frame) of reality that a pointer is on, of links that bend the nearest node; null: none. */
   pick(event) {
     const [hit] = this.ray(event).intersectObject(this.reality.root, true);
     if (!hit || hit.object.name === this.data.base) return null;
-    const group = this.reality.links.get(hit.object.name);
+    const { name, axis } = hit.object, nearest = axis ? axis.nearest(hit.face.a) : name;
+    const link = this.reality.links.has(nearest) ? nearest : name, group = this.reality.links.get(link);
     const point = hit.point.clone().applyMatrix4(group.matrix.clone().invert());
     const facing = this.camera.getWorldDirection(new THREE.Vector3());
     this.pulled = new THREE.Plane().setFromNormalAndCoplanarPoint(facing, hit.point);
-    return { link: hit.object.name, point: point.toArray() };
+    return { link, point: point.toArray() };
   }
 
   /** Where a pointer is in the plane through the point that was picked. */

@@ -94,7 +94,7 @@ class View {
 
   show() {
     const poses = this.mechanism.poses(this.q), poseOf = (link) => poses.get(link);
-    this.scene.pose(this.scene.reality, poseOf);
+    this.scene.pose(this.scene.reality, poseOf, this.q);
     this.scene.moveSprings(poseOf);
     const { frames } = this.data;
     by("readout").replaceChildren(...frames.flatMap(({ name, link, point }) => [

@@ -16,9 +16,12 @@ from eomgen.authoring.new import write_new_file
 from eomgen.authoring.schema_files import schema_path
 from eomgen.authoring.schemas import schema_text
 from eomgen.cli import entry as cli
+from eomgen.description.builtin import builtin_robots
 from eomgen.errors import InputError, ReachError
 from eomgen.motion.ends import point_of
 from eomgen.motion.poses import inverse_kinematics
+from eomgen.robot.model import program_coordinates
+from eomgen.scenario.load import scenario_from_toml
 from tests.support.bad_files import PLAN, SCENARIO
 from tests.support.description_samples import ARM, URDF
 
@@ -54,6 +57,28 @@ def test_a_new_robot_moves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caps
     result = eomgen.load_result("out/trajectory.npz")
     assert result.series("joint1.gamma").values[-1] == pytest.approx(0.8, abs=1e-3)
     assert abs(result.balance.relative_residue) < 1e-4
+
+
+@pytest.mark.parametrize("name", builtin_robots())
+def test_a_scenario_for_a_robot_has_its_names(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A goal of the first coordinate that is driven, within its limits; nothing of a motion where none is."""
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["new", name, "--scenario"]) == 0
+    assert capsys.readouterr().out == f"wrote {name}_scenario.toml\n"
+    text = Path(f"{name}_scenario.toml").read_text(encoding="ascii")
+    robot, scenario = eomgen.load_robot(name), scenario_from_toml(text)
+    assert f'# link = "{robot.links[0].name}"' in text
+    driven = program_coordinates(robot)[:1]
+    assert (scenario.motion is not None) == (scenario.control is not None) == bool(driven)
+    if scenario.motion is not None:
+        ((key, goal),) = scenario.motion.values["goal"].items()
+        assert key in (driven[0], driven[0].partition(".")[0])
+        low, high = robot.limits_of(driven[0]).range
+        assert low <= goal <= high
+    with pytest.raises(InputError, match="is there already"):
+        write_new_file(name, kind="scenario")
 
 
 def test_a_schema_of_another_version_is_replaced_and_a_file_that_is_none_stays(tmp_path: Path) -> None:

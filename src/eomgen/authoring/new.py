@@ -8,10 +8,11 @@ from ..description.builtin import builtin_robots
 from ..description.load import load_robot
 from ..errors import InputError, check_kind
 from ..files import write_atomically
-from ..names import ROBOT_RULE, component_name, is_robot_name, listed, show, to_robot_name
-from ..robot.coordinates import MOTIONS
+from ..motion.ends import default_ends
+from ..names import ROBOT_RULE, component_name, is_robot_name, joint_of, kind_of, listed, show, to_robot_name
+from ..robot.coordinates import MOTIONS, unit_of
 from ..robot.model import program_coordinates, tool_of
-from ..robot.value import Robot
+from ..robot.value import PRINCIPAL, Robot
 from .dh import Table, dh_file_text
 from .schema_files import is_schema, schema_path
 from .studies import plan_file_text, tolerances_file_text
@@ -22,6 +23,8 @@ _FOLDER = Path(__file__).parents[1] / "new_files"
 
 def new_file_text(name: str, kind: str = "robot") -> str:
     """Return a commented robot description of that name, or a scenario for it; its first line names its schema.
+
+    Where there is a robot of that name, as for ``write_poses_file``, the scenario moves a joint of it.
 
     Raises:
         InputError: the name is none of a robot, or there is no such kind.
@@ -36,21 +39,46 @@ def new_file_text(name: str, kind: str = "robot") -> str:
     for index, line in enumerate(lines):
         if line.startswith('name = "starter"'):
             lines[index] = f'name = "{name}"'.ljust(31) + " " + line[32:]
-    return "\n".join(lines) + "\n"
+    robot = _known_robot(name) if kind == "scenario" else None
+    return "\n".join(lines if robot is None else _scenario_lines(robot, lines)) + "\n"
+
+
+def _scenario_lines(robot: Robot, lines: list[str]) -> list[str]:
+    """Return the lines of a scenario with names of a robot; what moves nothing is a comment where nothing is driven."""
+    first = next(i for i, line in enumerate(lines) if line.startswith("[motion]"))
+    after = next(i for i, line in enumerate(lines) if line.startswith("[integrator]"))
+    driven = program_coordinates(robot)[:1]
+    if not driven:
+        lines[first:after] = [f"# {line}" if line else line for line in lines[first:after]]
+    for name in driven:
+        joint = robot.joint(joint_of(name))
+        key = joint.name if PRINCIPAL.get(joint.type) == kind_of(name) else f'"{name}"'
+        _, goal = default_ends(robot, driven)
+        goals = f"goal = {{ {key} = {float(goal[0]):.3g} }}"
+        _replace(lines, "goal = ", f"{goals:<31} # {unit_of(name)}; the others stay")
+    for link in robot.links[:1]:
+        _replace(lines, "# link = ", f'# link = "{link.name}"')
+    return lines
+
+
+def _replace(lines: list[str], start: str, line: str) -> None:
+    lines[next(i for i, old in enumerate(lines) if old.startswith(start))] = line
 
 
 def write_new_file(name: str, path: str | Path | None = None, kind: str = "robot") -> Path:
     """Write ``new_file_text`` to a new file, NAME.toml in the working folder if nothing else is said.
 
-    The schema that its first line names goes beside it, so that editors of everybody who gets the folder find it; one
-    of another version is replaced.
+    A scenario for a robot that is there is NAME_scenario.toml.  The schema that its first line names goes beside it, so
+    that editors of everybody who gets the folder find it; one of another version is replaced.
 
     Raises:
         InputError: the file exists or cannot be written, a file that is no such schema has its name, or as
             ``new_file_text``.
     """
     check_kind("name", name, isinstance(name, str), "a name")
-    return _write_beside_schema(new_file_text(name, kind), Path(f"{name}.toml" if path is None else path), kind)
+    text = new_file_text(name, kind)
+    usual = f"{name}_scenario.toml" if kind == "scenario" and _known_robot(name) is not None else f"{name}.toml"
+    return _write_beside_schema(text, Path(usual if path is None else path), kind)
 
 
 def _write_beside_schema(text: str, target: Path, kind: str) -> Path:
@@ -109,6 +137,14 @@ def write_tolerances_file(name: str, path: str | Path | None = None) -> Path:
     check_kind("name", name, isinstance(name, str), "a name")
     target = Path(f"{name}_tolerances.toml" if path is None else path)
     return _write_new(tolerances_file_text(_robot_here(name)), target, ".toml")
+
+
+def _known_robot(name: str) -> Robot | None:
+    """Return the robot of that name as ``_robot_here`` does; None where there is none, or its file is of none."""
+    try:
+        return _robot_here(name)
+    except InputError:
+        return None
 
 
 def _robot_here(name: str) -> Robot:

@@ -18,7 +18,9 @@ def _add_new(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("name", metavar="NAME", help="of the robot: lower-case letters, digits and _")
     parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="a file that does not exist yet (NAME.toml)")
     kinds = parser.add_mutually_exclusive_group()
-    kinds.add_argument("--scenario", action="store_true", help="a scenario for such a robot instead")
+    kinds.add_argument(
+        "--scenario", action="store_true", help="a scenario instead: for the robot NAME, NAME_scenario.toml"
+    )
     kinds.add_argument(
         "--poses", action="store_true", help="a file for measured poses instead, NAME_poses.csv, of that robot"
     )

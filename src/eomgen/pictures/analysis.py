@@ -6,6 +6,7 @@ figure there instead, vector graphics by the file's ending, and returns the path
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ from ..description import RobotLike, as_robot
 from ..errors import InputError, renamed
 from ..names import show
 from ..shown import scale_of
-from .scene import Array, capsules, extent, link_poses, placed
+from .scene import Array, axis_points, bent_axes, capsules, extent, link_poses, placed
 from .style import (
     BESIDE,
     CYCLE,
@@ -98,6 +99,8 @@ def plot_mode_shapes(
 ) -> Plotted:
     """Plot links as lines in the lowest modes, in equilibrium and displaced to both sides, base frame, m.
 
+    Links that bend are drawn along their axes.
+
     Displacements are those of small motions, enlarged until the largest of a mode is an eighth of the robot's size, so
     that closed loops stay closed; of a complex shape the real part is drawn.
 
@@ -122,18 +125,19 @@ def plot_mode_shapes(
     if shown < 1:
         raise InputError(f"modes: there are none to draw of {show(robot.name)}; allowed: one or more")
     lines = [(capsule.link, np.stack([capsule.begin, capsule.end])) for capsule in capsules(robot)]
+    bent = bent_axes(robot)
     slides = [joint for joint in robot.joints if joint.type == "prismatic"]  # between their links there is no capsule
 
-    def ends_of(q: Array) -> Array:
-        """Return the ends of all lines, (lines, 2, 3), m."""
+    def lines_of(q: Array) -> list[Array]:
+        """Return the points of all lines, (P, 3) each, m: two of those that are straight."""
         poses = link_poses(robot, modes.coordinates, q)
         ends = [line @ poses[link][:3, :3].T + poses[link][:3, 3] for link, line in lines]
         for joint in slides:
             begin = poses[joint.parent] @ placed(joint.placement)
             ends.append(np.stack([begin[:3, 3], poses[joint.child][:3, 3]]))
-        return np.array(ends)
+        return ends + [axis_points(axis, poses, modes.coordinates, q) for axis in bent]
 
-    rest, size = ends_of(modes.q), extent(robot)
+    rest, size = lines_of(modes.q), extent(robot)
     rows = -(-shown // COLUMNS)
 
     def grid(figure: Any) -> list[Any]:
@@ -148,14 +152,15 @@ def plot_mode_shapes(
         for k, axes in enumerate(panels):
             shape = modes.shapes[k].real
             step = 1e-6 / max(float(np.abs(shape).max()), 1e-300)
-            moved = (ends_of(modes.q + step * shape) - ends_of(modes.q - step * shape)) / (2.0 * step)
-            largest = float(np.linalg.norm(moved, axis=-1).max())
+            both = zip(lines_of(modes.q + step * shape), lines_of(modes.q - step * shape), strict=True)
+            moved = [(there - back) / (2.0 * step) for there, back in both]
+            largest = float(np.linalg.norm(np.concatenate(moved), axis=-1).max())
             scale = SWING * size / max(largest, 1e-300)
-            moves = np.abs(moved).max(axis=(1, 2)) > 0.0
             _draw_lines(axes, rest, PROGRAM_COLOR, 0.8)
-            _draw_lines(axes, (rest - scale * moved)[moves], CYCLE[3], 0.8)
-            _draw_lines(axes, (rest + scale * moved)[moves], CYCLE[0], 1.4)
-            set_space(axes, rest, 0.55, 1.4, (22.0, -58.0))
+            for sign, color, width in ((-1.0, CYCLE[3], 0.8), (1.0, CYCLE[0], 1.4)):
+                displaced = [line + sign * scale * way for line, way in zip(rest, moved, strict=True) if way.any()]
+                _draw_lines(axes, displaced, color, width)
+            set_space(axes, np.concatenate(rest), 0.55, 1.4, (22.0, -58.0))
             axes.set_axis_off()
             axes.set_title(_mode_title(modes, k), y=0.98)
         handles = [Line2D([], [], color=color) for color in (PROGRAM_COLOR, CYCLE[0], CYCLE[3])]
@@ -172,9 +177,9 @@ def _mode_title(modes: Modes, k: int) -> str:
     return f"mode {k + 1}: {modes.frequencies[k]:.4g} Hz{damping}"
 
 
-def _draw_lines(axes: Any, ends: Array, color: str, width: float) -> None:
-    for line in ends:
-        axes.plot(*line.T, color=color, linewidth=width)
+def _draw_lines(axes: Any, lines: Iterable[Array], color: str, width: float) -> None:
+    for line in lines:
+        axes.plot(*line.T, color=color, linewidth=width, clip_on=False)
 
 
 @renamed(found="response")

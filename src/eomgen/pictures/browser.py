@@ -24,6 +24,7 @@ from .scene import (
     SLENDER,
     Array,
     Region,
+    bent_axes,
     capsule_mesh,
     exaggerated,
     extent,
@@ -91,7 +92,9 @@ class View:
         )
         self.address = f"http://127.0.0.1:{self._server.get_port()}"
         self._closed = threading.Event()
+        self._axes = bent_axes(self._robot)
         self._set_stage(shapes)
+        self._bodies: dict[str, list[Any]] = {}  # of links that bend, in the order of their axes
         self._frames = {kind: self._add_robot(kind, shapes) for kind in ("reality", "program")}
         self._add_lines()
         self._add_controls()
@@ -108,6 +111,9 @@ class View:
                 poses = link_poses(self._robot, names, q[kind])
                 for link, handle in frames.items():
                     handle.position, handle.wxyz = poses[link][:3, 3], quaternions(poses[link])
+                values = {name: np.asarray(x) for name, x in zip(names, q[kind], strict=True)}
+                for axis, body in zip(self._axes, self._bodies[kind], strict=True):
+                    body.vertices = axis.mesh(values)[0].astype(np.float32)
                 if kind == "reality":
                     self._move_lines(k, poses)
                     self._move_region(poses)
@@ -151,6 +157,14 @@ class View:
         """
         handle = self._frames[kind][link]
         return np.concatenate([handle.position, handle.wxyz])
+
+    def bent(self, kind: str) -> list[Array]:
+        """Vertices of links that bend as they are drawn, (V, 3) each, m, in the frames of their links.
+
+        Args:
+            kind: "reality" or "program".
+        """
+        return [np.asarray(body.vertices, dtype=np.float64) for body in self._bodies[kind]]
 
     def _repr_html_(self) -> str:
         """The view in a notebook whose browser is on this machine; its address, where it is on another."""
@@ -214,6 +228,10 @@ class View:
         look = {"color": REAL_COLOR} if kind == "reality" else {"color": PROGRAM_COLOR, "opacity": PROGRAM_OPACITY}
         for i, (link, vertices, faces) in enumerate(meshes_of(self._robot, shapes)):
             scene.add_mesh_simple(f"/{kind}/{link}/body{i}", vertices, faces, **look)
+        self._bodies[kind] = [
+            scene.add_mesh_simple(f"/{kind}/{axis.link}/axis{i}", *axis.mesh({}), **look)
+            for i, axis in enumerate(self._axes)
+        ]
         return frames
 
     def _add_lines(self) -> None:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..names import kind_of
 from ..robot.value import ANGULAR, Robot
 from ..simulation.result import SimulationResult
-from .scene import Array, capsules, extent, link_poses, program_positions
+from .scene import Array, axis_points, bent_axes, capsules, extent, link_poses, program_positions
 from .shapes import Shape
 
 SHOWN_PART = 0.1  # of the robot's size: what the largest deviation is drawn as at first
@@ -47,14 +47,16 @@ def up_of(robot: Robot) -> Array:
 def drawn_points(robot: Robot, coordinates: Sequence[str], q: ArrayLike, shapes: Sequence[Shape] = ()) -> Array:
     """Points within which the robot is drawn at q (..., n), m or rad: ends of capsules, corners around shapes.
 
-    They are in the base frame, (..., P, 3), m.
+    Of links that bend points of their axes.  They are in the base frame, (..., P, 3), m.
     """
-    poses = link_poses(robot, coordinates, q)
-    fixed = [(c.link, end) for c in capsules(robot) for end in (c.begin, c.end)]
+    poses, axes = link_poses(robot, coordinates, q), bent_axes(robot)
+    fixed = [(c.link, end) for c in capsules(robot, axes) for end in (c.begin, c.end)]
     for shape in shapes:
         ends = shape.vertices.min(axis=0), shape.vertices.max(axis=0)
         fixed += [(shape.link, np.array(corner)) for corner in product(*np.transpose(ends))]
-    return np.stack([(poses[link] @ np.append(point, 1.0))[..., :3] for link, point in fixed], axis=-2)
+    found = [np.stack([(poses[link] @ np.append(point, 1.0))[..., :3] for link, point in fixed], axis=-2)]
+    found += [axis_points(axis, poses, coordinates, q) for axis in axes]
+    return np.concatenate(found, axis=-2)
 
 
 def visible_factor(result: SimulationResult, robot: Robot) -> float:

@@ -17,8 +17,8 @@ from ..pipeline.mechanisms import assembly_kernels
 from ..pipeline.stages import build
 from ..robot.model import build_model
 from ..robot.value import Robot
-from .scene import Array, extent, link_poses, placed, spring_lines
-from .shapes import Shape, meshes_of, urdf_shapes
+from .scene import Array, Faces, bent_axes, extent, link_poses, placed, spring_lines
+from .shapes import meshes_of, urdf_shapes
 from .style import PROGRAM_COLOR, TOOL_COLOR, Plotted, set_space, sheet, ticker
 
 LINK_COLORS = ("#999999", "#0072b2", "#d55e00", "#009e73", "#882255", "#cc79a7", "#56b4e9")  # the base, then in turn
@@ -50,7 +50,8 @@ def plot_robot(
 ) -> Plotted:
     """Plot the robot at rest in one pose, in the base frame, m.
 
-    Links are the meshes of a URDF, else capsules from their origin to whatever is on them; dashes are the z axes of
+    Links are the meshes of a URDF, else capsules from their origin to whatever is on them, and those that bend tubes
+    along their bent axes; dashes are the z axes of
     joints that move, those that are cut among them, dots frames, broken lines springs between points.  A warning names
     meshes that are missing.
 
@@ -89,7 +90,10 @@ def plot_robot(
         warnings.warn(f"{robot.name}: {'; '.join(notes[:NAMED])}{more}", EomgenWarning, stacklevel=2)
     with sheet(4.2, 4.0, path, robot.name, ax) as drawn:
         [axes] = drawn.panels(1, lambda figure: figure.add_axes((0.02, 0.04, 0.9, 0.88), projection="3d"), (0,))
-        points = [_draw_links(axes, robot, poses, shapes), _draw_joints(axes, robot, poses)]
+        bodies = meshes_of(robot, shapes)
+        values = {name: np.asarray(x) for name, x in zip(names, q, strict=True)}
+        bodies += [(axis.link, *axis.mesh(values)) for axis in bent_axes(robot)]
+        points = [_draw_links(axes, robot, poses, bodies), _draw_joints(axes, robot, poses)]
         for ends in spring_lines(robot, poses):
             axes.plot(*ends.T, color=SPRING_COLOR, linewidth=1.4, linestyle=(0, (2, 1)))
             points.append(ends)
@@ -116,13 +120,18 @@ def _set_view(axes: Any, points: Array, view: str) -> None:
         getattr(axes, f"set_{name}label")("")
 
 
-def _draw_links(axes: Any, robot: Robot, poses: Mapping[str, Array], shapes: Sequence[Shape]) -> Array:
-    """Draw shaded meshes, and capsules of links that have none; returns their vertices (V, 3), m."""
+def _draw_links(
+    axes: Any, robot: Robot, poses: Mapping[str, Array], bodies: Sequence[tuple[str, Array, Faces]]
+) -> Array:
+    """Draw shaded meshes of links; returns their vertices (V, 3), m.
+
+    ``bodies``: link, vertices in its frame, m, and faces.
+    """
     from matplotlib.colors import to_rgb
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
     light, drawn = LIGHT / np.linalg.norm(LIGHT), []
-    for link, vertices, faces in meshes_of(robot, shapes):
+    for link, vertices, faces in bodies:
         color = np.array(to_rgb(_color(robot, link)))
         vertices = vertices @ poses[link][:3, :3].T + poses[link][:3, 3]
         faces = faces[:: -(-len(faces) // MOST_FACES)]
@@ -142,11 +151,11 @@ def _color(robot: Robot, link: str) -> str:
 
 
 def _draw_joints(axes: Any, robot: Robot, poses: Mapping[str, Array]) -> Array:
-    """The z axis of every joint with coordinates or cut, through its origin; returns the ends (2 joints, 3), m."""
+    """The z axis of each joint that moves or is cut, but of nodes, through its origin; returns their ends (P, 3), m."""
     half, ends = AXIS_LENGTH * extent(robot), []
     places = []
     for joint in robot.joints:
-        if joint.coordinates:
+        if joint.coordinates and joint.name not in robot.nodes:
             pose = poses[joint.child]
             places.append((pose[:3, 3], (pose[:3, :3] @ np.array(joint.axis_turn))[:, 2]))
     for loop in robot.loops:

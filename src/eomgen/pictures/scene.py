@@ -1,5 +1,7 @@
 """Geometry of a result in space: where links, springs and reactions are at each time; nothing is drawn here.
 
+Links that bend are tubes about their axes, which follow the modes (``BentAxis``).
+
 Poses follow eqs. (1) to (3) in NumPy, so that no kernel is needed for them.
 """
 
@@ -11,12 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..bending.stations import Stations, circle, stations_of
 from ..errors import InputError
 from ..identification.tolerances.result import ToleranceResult
 from ..names import component_name, show
 from ..robot.coordinates import index_of
 from ..robot.mechanism import follower_positions
-from ..robot.value import ANGULAR, COORDINATES, LINEAR, Joint, Placement, Robot
+from ..robot.value import COORDINATES, LINEAR, Joint, Placement, Robot, node_link
 from ..runtime.kernel import Kernel
 from ..simulation.result import SimulationResult
 
@@ -24,6 +27,7 @@ Array = NDArray[np.float64]
 Faces = NDArray[np.int32]
 
 SLENDER = 0.022  # radius of capsules, of the robot's size
+THINNEST = 0.15  # least half thickness of a section that is drawn, of a capsule's radius
 RINGS, SECTORS = 6, 20  # of a capsule's mesh: rings of each cap, and around
 
 
@@ -35,6 +39,43 @@ class Capsule:
     begin: Array
     end: Array
     radius: float
+
+
+@dataclass(frozen=True, eq=False)
+class BentAxis:
+    """An axis of a link that bends, with what is drawn around it.
+
+    modes: names of the link's modal coordinates.  outline: of a section, from the axis, link frame, (K, 3), m,
+    anticlockwise seen from its tip.  nodes: places of the link's nodes, link frame, m, by the links they are made of.
+    """
+
+    link: str
+    modes: tuple[str, ...]
+    stations: Stations
+    outline: Array
+    nodes: Mapping[str, tuple[float, ...]]
+
+    def poses(self, values: Mapping[str, Array], shape: tuple[int, ...] = ()) -> Array:
+        """Return poses of the sections in the link's frame, (*shape, S, 4, 4), m.
+
+        Args:
+            values: coordinates by name, *shape each; modes that are not among them are zero.
+            shape: of what is asked for.
+        """
+        e = np.stack([np.broadcast_to(values.get(name, 0.0), shape) for name in self.modes], axis=-1)
+        s = self.stations.coordinates(e)
+        poses = _moved(np.moveaxis(s, -1, 0))
+        poses[..., :3, 3] += self.stations.places
+        return poses
+
+    def mesh(self, values: Mapping[str, Array]) -> tuple[Array, Faces]:
+        """Return vertices (V, 3), m, link frame, and triangles (F, 3) of the link as it is bent.
+
+        Rings of vertices follow each other from the root to the tip; both ends come again, for their caps.
+        """
+        poses = self.poses(values)
+        rings = np.einsum("sij,kj->ski", poses[:, :3, :3], self.outline) + poses[:, np.newaxis, :3, 3]
+        return np.concatenate([*rings, rings[0], rings[-1]]), tube_faces(len(rings), len(self.outline))
 
 
 class Region:
@@ -96,19 +137,25 @@ def placed(placement: Placement) -> Array:
 
 def _motion(joint: Joint, column: Mapping[str, Array], shape: tuple[int, ...]) -> Array:
     """T(x, y, z) Rx(alpha) Ry(beta) Rz(gamma) of eq. (3), (*shape, 4, 4)."""
-    s: dict[str, Array | float] = {name: offset or 0.0 for name, offset in zip(COORDINATES, joint.offset, strict=True)}
-    for name in joint.coordinates:
-        s[name] = s[name] + column.get(component_name(joint.name, name), 0.0)
-    pose = np.zeros((*shape, 4, 4))
+    s = np.zeros((len(COORDINATES), *shape))
+    for row, (name, offset) in enumerate(zip(COORDINATES, joint.offset, strict=True)):
+        s[row] = offset or 0.0
+        if name in joint.coordinates:
+            s[row] += column.get(component_name(joint.name, name), 0.0)
+    return _moved(s)
+
+
+def _moved(s: Array) -> Array:
+    """Poses of six coordinates, (6, ...), m and rad, as eq. (3) has them, (..., 4, 4)."""
+    pose = np.zeros((*s.shape[1:], 4, 4))
     pose[..., range(4), range(4)] = 1.0
-    for axis, name in enumerate(LINEAR):
-        pose[..., axis, 3] = s[name]
-    for axis, name in enumerate(ANGULAR):
-        turn = np.zeros((*shape, 4, 4))
+    pose[..., :3, 3] = np.moveaxis(s[:3], 0, -1)
+    for axis, angle in enumerate(s[len(LINEAR) :]):
+        turn = np.zeros_like(pose)
         turn[..., range(4), range(4)] = 1.0
         i, j = (axis + 1) % 3, (axis + 2) % 3
-        turn[..., i, i] = turn[..., j, j] = np.cos(s[name])
-        turn[..., j, i] = np.sin(s[name])
+        turn[..., i, i] = turn[..., j, j] = np.cos(angle)
+        turn[..., j, i] = np.sin(angle)
         turn[..., i, j] = -turn[..., j, i]
         pose = pose @ turn
     return pose
@@ -145,15 +192,64 @@ def extent(robot: Robot) -> float:
     return float(np.linalg.norm(spread)) or 1.0
 
 
-def capsules(robot: Robot) -> tuple[Capsule, ...]:
+def capsules(robot: Robot, axes: Sequence[BentAxis] | None = None) -> tuple[Capsule, ...]:
     """Capsules in the place of links without meshes, the base among them: from a link's origin to each thing on it.
 
     Things are joints, cut ones too, frames, ends of springs; a link without any gets one to its centre of mass, one on
     which all is at the origin, as on both parts of a telescope, one to twice that: there an even rod would end.  Where
-    begin and end are the same a capsule is a ball.
+    begin and end are the same a capsule is a ball.  None leads to a node of a link that bends.
+
+    Args:
+        robot: whose links count.
+        axes: that are drawn of links; by default those of the robot.
     """
     radius = SLENDER * extent(robot)
-    return tuple(Capsule(c.link, c.begin, c.end, radius) for c in _lines(robot))
+    bent = bent_axes(robot) if axes is None else axes
+    drawn = {(axis.link, tuple(place)) for axis in bent for place in axis.nodes.values() if any(place)}
+    lines = (c for c in _lines(robot) if (c.link, tuple(c.end.tolist())) not in drawn)
+    return tuple(Capsule(c.link, c.begin, c.end, radius) for c in lines)
+
+
+def bent_axes(robot: Robot) -> tuple[BentAxis, ...]:
+    """Axes of links that bend, from their roots to their nodes, with sections as large as they are.
+
+    Sections whose form is not known are round, as capsules are; none is drawn thinner than can be seen.
+    """
+    radius, found = SLENDER * extent(robot), list[BentAxis]()
+    for link in robot.links:
+        if link.modes is None:
+            continue
+        modes = tuple(component_name(link.name, kind) for kind in link.modes.names)
+        nodes = {node_link(link.name, node.name): node.place for node in link.modes.nodes}
+        for stations in stations_of(link):
+            outline = circle(radius) if stations.outline is None else stations.outline
+            half = np.abs(outline).max(axis=0)
+            seen = outline * np.maximum(half, THINNEST * radius) / half
+            found.append(BentAxis(link.name, modes, stations, seen @ stations.axes[:, 1:].T, nodes))
+    return tuple(found)
+
+
+def axis_points(axis: BentAxis, poses: Mapping[str, Array], coordinates: Sequence[str], q: ArrayLike) -> Array:
+    """Points of an axis in the base at q (..., n), m or rad, (..., S, 3), m; poses: of links there."""
+    values = np.asarray(q, dtype=np.float64)
+    column = {name: values[..., i] for i, name in enumerate(coordinates)}
+    sections = poses[axis.link][..., np.newaxis, :, :] @ axis.poses(column, values.shape[:-1])
+    return sections[..., :3, 3]
+
+
+def tube_faces(rings: int, around: int) -> Faces:
+    """Triangles (F, 3) of ``BentAxis.mesh``, anticlockwise seen from outside."""
+    k, ahead = np.arange(around), (np.arange(around) + 1) % around
+    faces = []
+    for low in range(0, (rings - 1) * around, around):
+        high = low + around
+        faces.append(np.stack([low + k, low + ahead, high + ahead], axis=1))
+        faces.append(np.stack([low + k, high + ahead, high + k], axis=1))
+    first, last = rings * around, (rings + 1) * around
+    inner, middle, outer = np.zeros(around - 2, dtype=np.intp), k[1:-1], k[2:]
+    faces.append(first + np.stack([inner, outer, middle], axis=1))
+    faces.append(last + np.stack([inner, middle, outer], axis=1))
+    return np.concatenate(faces).astype(np.int32)
 
 
 def _lines(robot: Robot) -> list[Capsule]:

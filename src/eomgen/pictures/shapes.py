@@ -26,7 +26,7 @@ from ..names import show, unique_identifiers
 from ..optional import optional_import
 from ..robot.geometry import rotation_from_rpy
 from ..robot.value import Robot
-from .scene import Capsule, capsule_mesh, capsules
+from .scene import BentAxis, Capsule, capsule_mesh, capsules
 
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
@@ -187,20 +187,23 @@ def _cylinder(radius: float, length: float) -> Mesh:
 
 
 def meshes_of(robot: Robot, shapes: Sequence[Shape]) -> list[tuple[str, Array, NDArray[np.int32]]]:
-    """Return link, vertices (V, 3), m, in the link's frame, and faces (F, 3), of all that is drawn of the links.
+    """Return link, vertices (V, 3), m, in the link's frame, and faces (F, 3), of all that is drawn of rigid links.
 
     These are the shapes, and capsules of links without any; beside shapes of links with a mass alone, since a URDF has
-    empty links, too.
+    empty links, too.  What bends is drawn by ``bent_axes``.
     """
     bodies = [(shape.link, shape.vertices, shape.faces) for shape in shapes]
     return bodies + [(c.link, *capsule_mesh(c.begin, c.end, c.radius)) for c in bare_capsules(robot, shapes)]
 
 
-def bare_capsules(robot: Robot, shapes: Sequence[Shape]) -> list[Capsule]:
-    """Return the capsules of links without shapes; where there are shapes, of links with a mass alone."""
+def bare_capsules(robot: Robot, shapes: Sequence[Shape], axes: Sequence[BentAxis] | None = None) -> list[Capsule]:
+    """Return the capsules of links without shapes; where there are shapes, of links with a mass alone.
+
+    ``axes``: as of ``capsules``.
+    """
     shaped = {shape.link for shape in shapes}
     heavy = {link.name for link in robot.links if link.mass > 0.0}
-    return [c for c in capsules(robot) if c.link not in shaped and (not shaped or c.link in heavy)]
+    return [c for c in capsules(robot, axes) if c.link not in shaped and (not shaped or c.link in heavy)]
 
 
 def check_mesh(data: bytes, ending: str) -> None:

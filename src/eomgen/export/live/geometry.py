@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...arrays import Array
 from ...pictures.framing import drawn_points, framed, up_of
-from ...pictures.scene import SLENDER, extent
+from ...pictures.scene import SLENDER, BentAxis, bent_axes, extent
 from ...pictures.shapes import Shape, bare_capsules, urdf_shapes
 from ...robot.value import Robot
 
@@ -19,19 +20,23 @@ MOST_MESH = 24 << 20  # bytes of all meshes of a page; more would take long to o
 DRUM = 1.7  # radius of what stands for a joint, of a capsule's
 
 
-def geometry_of(robot: Robot, coordinates: Sequence[str], poses: ArrayLike) -> tuple[dict[str, Any], list[str]]:
+def geometry_of(
+    robot: Robot, coordinates: Sequence[str], poses: ArrayLike, bending: Robot | None = None
+) -> tuple[dict[str, Any], list[str]]:
     """Return shapes, sizes and the first view, as JSON holds them; and lines about what is not drawn.
 
     Args:
         robot: as it is described.
         coordinates: n names.
         poses: coordinates of poses that the first view is to show, (K, n), m or rad.
+        bending: the robot whose links bend, where ``robot`` is that with rigid joints; its modes are zero.
     """
     shapes, notes = urdf_shapes(robot)
     if sum(shape.vertices.size * 4 + shape.faces.size * 4 for shape in shapes) > MOST_MESH:
         notes.append(f"meshes take more than {MOST_MESH >> 20} MB: links are drawn as capsules")
         shapes = []
-    bare = bare_capsules(robot, shapes)
+    axes = bent_axes(bending or robot)
+    bare = bare_capsules(robot, shapes, axes)
     size, up = extent(robot), up_of(robot)
     places = np.concatenate([drawn_points(robot, coordinates, q, shapes) for q in np.atleast_2d(np.asarray(poses))])
     camera = framed(places, up, float(FIELD_OF_VIEW), 2.0 * SLENDER * size)
@@ -41,6 +46,7 @@ def geometry_of(robot: Robot, coordinates: Sequence[str], poses: ArrayLike) -> t
             {"link": c.link, "begin": c.begin.tolist(), "end": c.end.tolist(), "radius": c.radius} for c in bare
         ],
         "meshes": [_mesh(shape) for shape in shapes],
+        "bent": [_bent(axis, coordinates) for axis in axes],
         "drums": [] if shapes else _drums(robot, DRUM * SLENDER * size),
         "rods": [] if shapes else _rods(robot, SLENDER * size),
         "springs": [{"links": list(x.links), "points": [list(p) for p in x.origins()]} for x in robot.link_elements],
@@ -71,6 +77,26 @@ def _mesh(shape: Shape) -> dict[str, Any]:
         "vertices": _packed(shape.vertices.astype("<f4")),
         "faces": _packed(shape.faces.astype("<u4")),
     }
+
+
+def _bent(axis: BentAxis, coordinates: Sequence[str]) -> dict[str, Any]:
+    """Return an axis as the script ``bent`` takes it: rows of Phi and Psi that are zero are null, and modes -1 that
+    are no coordinates."""
+    places = {name: i for i, name in enumerate(coordinates)}
+    stations = axis.stations
+    return {
+        "link": axis.link,
+        "modes": [places.get(name, -1) for name in axis.modes],
+        "places": _packed(stations.places.astype("<f4")),
+        "Phi": [_row(stations.Phi[:, row]) for row in range(6)],
+        "Psi": [_row(stations.Psi[:, row]) for row in range(3)],
+        "outline": _packed(axis.outline.astype("<f4")),
+        "nodes": [{"link": name, "place": list(place)} for name, place in axis.nodes.items()],
+    }
+
+
+def _row(values: Array) -> str | None:
+    return _packed(values.astype("<f4")) if values.any() else None
 
 
 def _packed(array: NDArray[Any]) -> str:

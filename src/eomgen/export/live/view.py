@@ -107,7 +107,7 @@ def contents_of_view(described: Robot) -> dict[str, Any]:
     """Return what the page knows: the geometry, the mechanism, and ranges of its sliders, as JSON holds them."""
     robot = described.rigid()
     model = build_model(robot)
-    geometry, notes = geometry_of(robot, model.coordinates, np.array(model.home))
+    geometry, notes = geometry_of(robot, model.coordinates, np.array(model.home), described)
     frames = [
         dict(zip(("name", "link", "point"), (frame.name, *tool_place(robot, frame.name)), strict=True))
         for frame in robot.frames[:MOST_FRAMES]

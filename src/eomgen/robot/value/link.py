@@ -18,7 +18,7 @@ class Link:
     """A body: mass (kg), com (m, link frame), inertia (kg m^2, INERTIA_KEYS, about com, link axes).
 
     modes: of a link that bends, whose mass, com and inertia are those while nothing bends; None of a rigid one.
-    beam, modal_damping: what modes were made of, for ``with_value``; nothing else looks at them.
+    beam, modal_damping: what modes were made of, for ``with_value`` and pictures; no equation has them.
     """
 
     name: str
