@@ -98,7 +98,7 @@ def test_an_axis_passes_nodes_on_its_way() -> None:
     ],
 )
 def test_outlines_are_as_large_as_sections(shape: str, sizes: tuple[float, ...], height: float, width: float) -> None:
-    """Exactly where the form follows from area and second moments, else nearly."""
+    """Exactly where it is said, or follows from area and second moments, else nearly."""
     made = SHAPES[shape].section(sizes, 0.3)
     numbers = {key: getattr(made, key) for key in ("A", "Iy", "Iz", "J")}
     (found,) = stations_of(link_of(replace(BOOM, **numbers, modes=BeamModes(1))))
@@ -106,5 +106,8 @@ def test_outlines_are_as_large_as_sections(shape: str, sizes: tuple[float, ...],
     spread = np.ptp(found.outline, axis=0)
     exact = shape != "I" and sizes[0] != 0.08
     np.testing.assert_allclose(spread, [width, height], rtol=1e-9 if exact else 0.4)
+    (said,) = stations_of(link_of(replace(BOOM, **numbers, modes=BeamModes(1), section=(shape, sizes))))
+    assert said.outline is not None
+    np.testing.assert_allclose(np.ptp(said.outline, axis=0), [width, height], rtol=1e-12)
     x, y = found.outline.T
     assert np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)) > 0.0, "anticlockwise"

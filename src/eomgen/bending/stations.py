@@ -21,6 +21,7 @@ from .beam import beam_shapes
 COUNT = 21  # of stations along an axis
 SECTORS = 16  # of a round section
 _BESIDE = 0.05  # of the distance from the root: what lies nearer to the line to a node is passed on the way
+_ROUNDS = ("tube", "rod")  # kinds of sections
 _ROUND = 1e-6  # by which a torsion constant may be off the polar moment of a round section, as a part
 
 
@@ -109,15 +110,24 @@ def circle(radius: float) -> Array:
 
 
 def _outline(beam: LinkBeam) -> Array:
-    """Return the outer outline of a section that has a beam's area and second moments, (K, 2), m.
+    """Return the outer outline of a beam's section, (K, 2), m: round, or the rectangle around it.
 
-    Where the torsion constant is the polar moment, it is a tube or a rod; else a rectangle with a hole of its form.
+    Where its form is not said, it is one that has the area and second moments: a tube or a rod where the torsion
+    constant is the polar moment, else a rectangle with a hole of its form.
     """
+    if beam.section is not None:
+        kind, (first, *others) = beam.section
+        return circle(0.5 * first) if kind in _ROUNDS else _rectangle(first, others[0])
     if abs(beam.J / (beam.Iy + beam.Iz) - 1.0) < _ROUND:
         solid = 4.0 * beam.A / math.pi  # its diameter squared
         return circle(0.5 * math.sqrt(max(4.0 * (beam.Iy + beam.Iz) / beam.A + 0.5 * solid, solid)))
     # of a rectangle h x w with a hole r h x r w: full = (1 - r^2) / (1 + r^2)
     full = min(beam.A**2 / (12.0 * math.sqrt(beam.Iy * beam.Iz)), 1.0)
-    half_height, half_width = (0.5 * math.sqrt(6.0 * (1.0 + full) * x / beam.A) for x in (beam.Iy, beam.Iz))
-    corners = np.array([(1.0, -1.0), (1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0)]) * (half_width, half_height)
+    height, width = (math.sqrt(6.0 * (1.0 + full) * x / beam.A) for x in (beam.Iy, beam.Iz))
+    return _rectangle(height, width)
+
+
+def _rectangle(height: float, width: float) -> Array:
+    """Return the outline of a rectangle, its height along z, (K, 2), m."""
+    corners = 0.5 * np.array([(width, -height), (width, height), (-width, height), (-width, -height)])
     return np.stack([corners, np.roll(corners, -1, axis=0)], axis=1).reshape(-1, 2)
