@@ -10,8 +10,9 @@ from scipy.linalg import eigh
 
 from eomgen.bending import reduction
 from eomgen.bending.checks import rigid_motions
+from eomgen.bending.constants import skew
 from eomgen.bending.finite_elements import FiniteElements
-from eomgen.bending.mass_integrals import EXACT, MEAN, REDUCED, integrals, skew
+from eomgen.bending.mass_integrals import EXACT, MEAN, REDUCED, integrals
 from eomgen.bending.reduction import reduce
 from tests.support.finite_elements import bar, beam, free_rows, stress_of_bar
 

@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Array
 from ..robot.value import AXES, LinkBeam, LinkModes, Node
-from .constants import Constants, as_tuples, constants_of_masses, modal_damping
+from .constants import Constants, as_tuples, constants_of_masses, modal_damping, placed_node
 
 TIP = "tip"
 # row of Phi that a direction's modes move, the row of rotations by the slope, and their sense: about y it is -dw/dx
@@ -83,20 +83,16 @@ def beam_modes(beam: LinkBeam, damping: float = 0.0) -> LinkModes:
     constants = _constants(beam, series, shapes)
     count, R = constants.count, np.array(AXES[beam.axis])
     Phi, Psi = np.zeros((6, count)), np.zeros((3, count, count))
-    for (direction, found), own in zip(shapes.items(), _places(shapes), strict=True):
+    for (direction, shape), columns in zip(shapes.items(), _places(shapes), strict=True):
         row, turns, sense = _ROWS[direction]
-        if found.slope.any():
-            Phi[turns, own] = sense * found.tip_rotation
-            Psi[0, own, own] = -_products(found.slope, series.weights)
-        Phi[row, own] = found.tip
-    node = Node(
-        TIP,
-        as_tuples(R @ [beam.length, 0.0, 0.0]),
-        as_tuples(np.vstack([R @ Phi[:3], R @ Phi[3:]])),
-        as_tuples(np.einsum("ij,jkl->ikl", R, Psi)) if Psi.any() else None,
-    )
-    K = np.diag(np.concatenate([found.stiffness for found in shapes.values()]))
-    return constants.turned(R).link_modes(K, modal_damping(constants.masses, K, damping), [node])
+        if shape.slope.any():
+            Phi[turns, columns] = sense * shape.tip_rotation
+            Psi[0, columns, columns] = -_products(shape.slope, series.weights)
+        Phi[row, columns] = shape.tip
+    node = Node(TIP, (beam.length, 0.0, 0.0), as_tuples(Phi), as_tuples(Psi) if Psi.any() else None)
+    tip = placed_node(node, R, np.zeros(3))
+    K = np.diag(np.concatenate([shape.stiffness for shape in shapes.values()]))
+    return constants.turned(R).link_modes(K, modal_damping(constants.masses, K, damping), [tip])
 
 
 def beam_inertia(beam: LinkBeam) -> Array:
@@ -142,21 +138,21 @@ def _shapes(beam: LinkBeam, series: _Series) -> dict[str, _Shapes]:
     """Return the modes of each direction that has some."""
     ky, kz = beam.shear
     shear, along, polar = beam.G * beam.A, beam.density * beam.A, beam.density * (beam.Iy + beam.Iz)
-    counts, found = beam.modes, dict[str, _Shapes]()
+    counts, shapes = beam.modes, dict[str, _Shapes]()
     if counts.y:
-        found["y"] = _bent(series, beam.E * beam.Iz, ky * shear, (along, beam.density * beam.Iz), counts.y)
+        shapes["y"] = _bent(series, beam.E * beam.Iz, ky * shear, (along, beam.density * beam.Iz), counts.y)
     if counts.z:
-        found["z"] = _bent(series, beam.E * beam.Iy, kz * shear, (along, beam.density * beam.Iy), counts.z)
+        shapes["z"] = _bent(series, beam.E * beam.Iy, kz * shear, (along, beam.density * beam.Iy), counts.z)
     if counts.torsion:
-        found["torsion"] = _drawn(series, beam.G * beam.J, polar, counts.torsion)
+        shapes["torsion"] = _drawn(series, beam.G * beam.J, polar, counts.torsion)
     if counts.axial:
-        found["axial"] = _drawn(series, beam.E * beam.A, along, counts.axial)
-    return found
+        shapes["axial"] = _drawn(series, beam.E * beam.A, along, counts.axial)
+    return shapes
 
 
 def _places(shapes: Mapping[str, _Shapes]) -> list[slice]:
     """Return where the modes of each direction stand among all."""
-    ends = np.cumsum([0, *(len(found.tip) for found in shapes.values())])
+    ends = np.cumsum([0, *(len(shape.tip) for shape in shapes.values())])
     return [slice(int(first), int(end)) for first, end in pairwise(ends)]
 
 
@@ -168,19 +164,19 @@ def _constants(beam: LinkBeam, series: _Series, shapes: Mapping[str, _Shapes]) -
     Q = np.zeros((count, count, 4, 3))
     along, on_axis = beam.density * beam.A, np.zeros((len(x), 3))
     on_axis[:, 0] = x
-    for (direction, found), own in zip(shapes.items(), places, strict=True):
+    for (direction, shape), modes in zip(shapes.items(), places, strict=True):
         row, about, sense = _ROWS[direction]
-        (moves if row < 3 else turns)[:, row % 3, own] = found.deflection
-        if found.slope.any():
-            turns[:, about - 3, own] = sense * found.rotation
+        (moves if row < 3 else turns)[:, row % 3, modes] = shape.deflection
+        if shape.slope.any():
+            turns[:, about - 3, modes] = sense * shape.rotation
             # what lies beyond a place moves back by what the axis loses there
-            Q[own, own, 0, 0] = -_products(found.slope, along * weights * (beam.length**2 - x**2) / 2.0)
-            Q[own, own, 3, 0] = -_products(found.slope, along * weights * (beam.length - x))
+            Q[modes, modes, 0, 0] = -_products(shape.slope, along * weights * (beam.length**2 - x**2) / 2.0)
+            Q[modes, modes, 3, 0] = -_products(shape.slope, along * weights * (beam.length - x))
     section = np.diag([0.0, beam.density * beam.Iz, beam.density * beam.Iy])
     made = constants_of_masses(along * weights, on_axis, weights[:, None, None] * section, moves, turns)
     P = (made.P + made.P.transpose(1, 0, 3, 2)) / 2.0
-    for direction, own in zip(shapes, places, strict=True):
-        _decouple(P[own, own], _ROWS[direction][0])
+    for direction, modes in zip(shapes, places, strict=True):
+        _decouple(P[modes, modes], _ROWS[direction][0])
     return Constants(made.H00, made.H0, P, Q)
 
 
@@ -198,8 +194,8 @@ def _decouple(P: Array, row: int) -> None:
 
 def _products(functions: Array, weights: Array) -> Array:
     """Return integrals of products of functions at the points of integration, symmetric, (n, n)."""
-    found = (functions * weights[:, None]).T @ functions
-    return np.asarray((found + found.T) / 2.0)
+    products = (functions * weights[:, None]).T @ functions
+    return np.asarray((products + products.T) / 2.0)
 
 
 @dataclass(frozen=True)

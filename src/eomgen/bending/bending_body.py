@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array
-from ..robot.value import LinkModes, Node
-from .constants import Constants, as_tuples, first_frequency
+from ..robot.value import LinkModes
+from .constants import Constants, first_frequency, placed_node
 from .mass_integrals import EXACT, MEAN, REDUCED
 
 SLOW = 0.1  # of the first frequency: rates up to which a link without stiffening by rotation is right
@@ -42,7 +42,7 @@ class BendingBody:
         """
         R, p = np.array(rotation, dtype=float), np.array(origin, dtype=float)
         moved = self.constants.turned(R, p)
-        nodes = [_placed(node, R, p) for node in self.modes.nodes]
+        nodes = [placed_node(node, R, p) for node in self.modes.nodes]
         return replace(self, H00=moved.H00, modes=moved.link_modes(self.modes.K, self.modes.D, nodes))
 
     def notes(self) -> list[str]:
@@ -64,14 +64,3 @@ class BendingBody:
                 f"{slow:.3g} rad/s"
             )
         return notes
-
-
-def _placed(node: Node, R: Array, origin: Array) -> Node:
-    """Return a node in a frame in which the present one has axes R and an origin."""
-    Phi = np.array(node.Phi)
-    return Node(
-        node.name,
-        as_tuples(R @ np.array(node.place) + origin),
-        as_tuples(np.vstack([R @ Phi[:3], R @ Phi[3:]])),
-        None if node.Psi is None else as_tuples(np.einsum("ij,jkl->ikl", R, np.array(node.Psi))),
-    )

@@ -49,8 +49,7 @@ def check_matrices(elements: FiniteElements) -> Array:
 
     Raises:
         InputError: a matrix is not symmetric, K has a force in a rigid-body motion, masses differ by direction, or a
-        mass
-            is not positive.
+            mass is not positive.
     """
     for name, matrix in (("M", elements.M), ("K", elements.K), *elements.stress.items()):
         _check_symmetry(elements, name, matrix)

@@ -87,7 +87,7 @@ def constants_of_masses(
     """
     mass, r, S = (np.asarray(x, dtype=float) for x in (masses, places, moments))
     u = np.moveaxis(np.asarray(translations, dtype=float), 2, 0)  # (m, N, 3)
-    turn = _skew(np.moveaxis(np.asarray(rotations, dtype=float), 2, 0))  # (m, N, 3, 3)
+    turn = skew(np.moveaxis(np.asarray(rotations, dtype=float), 2, 0))  # (m, N, 3, 3)
     m = len(u)
     H00, H0, P = np.zeros((4, 4)), np.zeros((m, 4, 3)), np.zeros((m, m, 3, 3))
     first = mass @ r
@@ -158,6 +158,17 @@ def _squares(M: Array, K: Array) -> tuple[Array, Array, Array]:
     return L, np.asarray(np.maximum(squares, 0.0)), np.asarray(X)
 
 
+def placed_node(node: Node, rotation: Array, origin: Array) -> Node:
+    """Return a node in a frame in which the present one has axes, columns of a rotation, and an origin, (3,), m."""
+    Phi = np.array(node.Phi)
+    return Node(
+        node.name,
+        as_tuples(rotation @ np.array(node.place) + origin),
+        as_tuples(np.vstack([rotation @ Phi[:3], rotation @ Phi[3:]])),
+        None if node.Psi is None else as_tuples(np.einsum("ij,jkl->ikl", rotation, np.array(node.Psi))),
+    )
+
+
 def as_tuples(values: ArrayLike) -> Any:
     """Return an array as nested tuples of floats, without negative zeros."""
     array = np.asarray(values, dtype=float) + 0.0
@@ -173,7 +184,7 @@ def _clean(values: Array) -> Array:
     return np.asarray(values + 0.0)
 
 
-def _skew(vectors: Array) -> Array:
+def skew(vectors: Array) -> Array:
     """Return the matrices of cross products of vectors, (..., 3) -> (..., 3, 3)."""
     x, y, z = np.moveaxis(vectors, -1, 0)
     zero = np.zeros_like(x)

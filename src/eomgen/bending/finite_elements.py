@@ -185,7 +185,6 @@ def _check_dofs(elements: FiniteElements) -> None:
 
 def _check_sets(elements: FiniteElements) -> None:
     """Refuse sets of nodes that are empty, twice the same, without coordinates, or rigid in two sets."""
-    has: NDArray[np.bool_] = np.min(elements.by_node()[:, :3], axis=1) >= 0
     names = [interface.name for interface in elements.interfaces]
     for name in names:
         if not is_identifier(name) or name == "root":
@@ -195,23 +194,7 @@ def _check_sets(elements: FiniteElements) -> None:
     rigid: dict[int, str] = {}
     sets = [("root", "rbe2", elements.root), *((i.name, i.kind, i.nodes) for i in elements.interfaces)]
     for name, kind, nodes in sets:
-        if kind not in KINDS:
-            raise InputError(f"interface {name}: got the kind {show(kind)}; allowed: {', '.join(KINDS)}")
-        if len(nodes) == 0 and name != "root":
-            raise InputError(f"interface {name}: has no node; allowed: at least one")
-        if kind == "node" and len(nodes) != 1:
-            raise InputError(f"interface {name}: got {len(nodes)} nodes; allowed: one for the kind node")
-        if np.any((nodes < 0) | (nodes >= len(elements.nodes))):
-            raise InputError(
-                f"{name}: got a node {nodes.min()} or {nodes.max()}; allowed: 0 to {len(elements.nodes) - 1}"
-            )
-        if len(np.unique(nodes)) != len(nodes):
-            raise InputError(f"{name}: has a node twice; allowed: once")
-        bare = [str(elements.labels[node]) for node in nodes.tolist() if not has[node]]
-        if bare:
-            raise InputError(
-                f"{name}: node {bare[0]} has no coordinates in the matrices; allowed: nodes that have them"
-            )
+        _check_set(elements, name, kind, nodes)
         for node in nodes.tolist() if kind != "rbe3" else ():
             if node in rigid:
                 twice = f"node {elements.labels[node]} is in {rigid[node]} and in {name}"
@@ -219,18 +202,41 @@ def _check_sets(elements: FiniteElements) -> None:
             rigid[node] = name
     size = float(np.ptp(elements.nodes, axis=0).max())
     for interface in elements.interfaces:
-        if not np.all(np.abs(interface.place) <= LARGEST):
-            got = f"got the place {interface.place.tolist()}"
-            raise InputError(f"interface {interface.name}: {got}; allowed: numbers up to {LARGEST:g}")
-        far = float(np.abs(interface.place - elements.nodes[interface.nodes].mean(axis=0)).max())
-        if far > FAR * size:
-            got = f"its place is {far:.3g} m from its nodes, the link has {size:.3g} m"
-            raise InputError(f"interface {interface.name}: {got}; allowed: {FAR:g} times that, in units of the nodes")
-        weights = interface.weights
-        if weights is not None and not (
-            len(weights) == len(interface.nodes) and bool(np.all((weights > 0.0) & (weights <= LARGEST)))
-        ):
-            raise InputError(f"interface {interface.name}: allowed: a positive weight for each of its nodes")
+        _check_interface(elements, interface, size)
+
+
+def _check_set(elements: FiniteElements, name: str, kind: str, nodes: Index) -> None:
+    """Refuse a set of another kind, without nodes, with nodes twice, or with such that matrices do not have."""
+    if kind not in KINDS:
+        raise InputError(f"interface {name}: got the kind {show(kind)}; allowed: {', '.join(KINDS)}")
+    if len(nodes) == 0 and name != "root":
+        raise InputError(f"interface {name}: has no node; allowed: at least one")
+    if kind == "node" and len(nodes) != 1:
+        raise InputError(f"interface {name}: got {len(nodes)} nodes; allowed: one for the kind node")
+    if np.any((nodes < 0) | (nodes >= len(elements.nodes))):
+        raise InputError(f"{name}: got a node {nodes.min()} or {nodes.max()}; allowed: 0 to {len(elements.nodes) - 1}")
+    if len(np.unique(nodes)) != len(nodes):
+        raise InputError(f"{name}: has a node twice; allowed: once")
+    bare = nodes[np.min(elements.by_node()[nodes, :3], axis=1, initial=0) < 0]
+    if len(bare):
+        label = elements.labels[bare[0]]
+        raise InputError(f"{name}: node {label} has no coordinates in the matrices; allowed: nodes that have them")
+
+
+def _check_interface(elements: FiniteElements, interface: Interface, size: float) -> None:
+    """Refuse a place that is far from the nodes of an interface, by the link's size, and weights that are none."""
+    if not np.all(np.abs(interface.place) <= LARGEST):
+        got = f"got the place {interface.place.tolist()}"
+        raise InputError(f"interface {interface.name}: {got}; allowed: numbers up to {LARGEST:g}")
+    far = float(np.abs(interface.place - elements.nodes[interface.nodes].mean(axis=0)).max())
+    if far > FAR * size:
+        got = f"its place is {far:.3g} m from its nodes, the link has {size:.3g} m"
+        raise InputError(f"interface {interface.name}: {got}; allowed: {FAR:g} times that, in units of the nodes")
+    weights = interface.weights
+    if weights is not None and not (
+        len(weights) == len(interface.nodes) and bool(np.all((weights > 0.0) & (weights <= LARGEST)))
+    ):
+        raise InputError(f"interface {interface.name}: allowed: a positive weight for each of its nodes")
 
 
 def _check_stress(elements: FiniteElements) -> None:

@@ -16,6 +16,7 @@ import numpy as np
 
 from ..arrays import Array, Index
 from .checks import rigid_motions
+from .constants import skew
 from .finite_elements import FiniteElements
 
 EXACT, MEAN, REDUCED = "exact", "mean of translational masses", "reduced model"
@@ -31,14 +32,6 @@ class MassIntegrals:
     H0: Array
     P: Array
     how: str
-
-
-def skew(v: Array) -> Array:
-    """Return the matrices of cross products, (..., 3, 3), of vectors, (..., 3)."""
-    zero = np.zeros(v.shape[:-1])
-    x, y, z = v[..., 0], v[..., 1], v[..., 2]
-    rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
 def integrals(elements: FiniteElements, modes: Array) -> MassIntegrals:

@@ -27,8 +27,9 @@ from ..errors import InputError
 from ..optional import optional_import
 from ..progress import StageReport, no_report
 from .checks import check_matrices, check_pivots, check_rank, check_responses, rigid_motions
+from .constants import skew
 from .finite_elements import DIRECTIONS, FiniteElements, Interface, checked
-from .mass_integrals import integrals, skew
+from .mass_integrals import integrals
 from .reduced_link import ReducedLink
 
 DENSE = 400  # unknowns up to which eigenvalues are those of full matrices

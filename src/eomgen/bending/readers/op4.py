@@ -97,7 +97,7 @@ def read_matrices(path: Path, keys: Labels, role: str = "") -> dict[str, Entries
     """
     with opened(path) as stream:
         start = stream.read(4)
-        order = next((x for x in ("little", "big") if int.from_bytes(start, x) in (_HEADING, _LONG_HEADING)), "")  # type: ignore[arg-type]
+        order = next((x for x in ("little", "big") if int.from_bytes(start, x) in (_HEADING, _LONG_HEADING)), "")
         stream.seek(0)
         found = _binary(path, stream, "<" if order == "little" else ">", role) if order else _ascii(path, role)
     kept = [matrix for matrix in found if matrix.is_kept]
