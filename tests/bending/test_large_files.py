@@ -63,9 +63,7 @@ FILES: dict[str, tuple[Callable[[Path], None], str]] = {
         "line 300001: got 'more than 300000 rows'; allowed: up to that",
     ),
     "k.pch": (
-        lambda path: _text(
-            path, "DMIG,K,0,6,2\n", (f"DMIG,K,{k},{d}\n,,{k},{d},1.0\n" for k in MANY for d in (1, 2, 3))
-        ),
+        lambda path: _text(path, "DMIG,K,0,6,2\n", (f"DMIG,K,{k},{d},,{k},{d},1.0\n" for k in MANY for d in (1, 2, 3))),
         "files: have no M",
     ),
     "STIF.mtx": (
