@@ -29,7 +29,6 @@ NEEDS = {
     "laws": "forces in cut joints or couplings",
     "followers": "rigid [[couplings]] whose followers are no coordinates",
     "drives": "coordinates with a table drive",
-    "rigid": "links that are rigid, all of them",
 }
 SMALL = ("springs", "elements", "laws", "drives")  # needs of kernels that come with any
 STRAIGHT_COLUMNS = 12000  # up to so many operations all columns are written out, above it is a loop over them
@@ -71,9 +70,8 @@ def derive_equations(model: Model, kernels: Sequence[str] = (), dtype: str = "fl
     known = available(model)
     for name in kernels:
         if name not in known:
-            have = "has one that bends" if KERNELS[name].needs == "rigid" else "has none"
             raise InputError(
-                f"kernels: {name!r} is for robots with {NEEDS[KERNELS[name].needs]}, and {model.name} {have}"
+                f"kernels: {name!r} is for robots with {NEEDS[KERNELS[name].needs]}, and {model.name} has none"
             )
     usual = [name for name in known if not (KERNELS[name].derivative_of or KERNELS[name].by_request)]
     wanted = kernels or usual

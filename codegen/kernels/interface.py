@@ -121,7 +121,8 @@ def inertial_parameters(model: Model) -> dict[str, Any]:
     """Return values of the regressor's parameters, and the run-time parameters of links that they come from."""
     fixed = {joint.name for joint in model.robot.joints if not joint.coordinates}
     paths = {name: parameter_path(name) for name in model.parameters}
-    moving = [name for name, path in paths.items() if path[0] == "links" or (path[0] == "joints" and path[1] in fixed)]
+    of_links = {name for name, path in paths.items() if path[0] == "links" and path[2] != "modes"}
+    moving = [name for name, path in paths.items() if name in of_links or (path[0] == "joints" and path[1] in fixed)]
     return {"values": described_values(model), "come_from": moving}
 
 

@@ -197,7 +197,6 @@ OWN_KERNELS: Mapping[str, Signature] = table(
     kernel(
         "regressor(q, v, a) -> regressor",
         "Y of inverse dynamics without springs and dampers, u = Y theta; loops cut.",
-        needs="rigid",
     ),
     kernel("euler_cosines(q) -> joints", "Cosine of beta of every joint with three angles, 1 for the others."),
     kernel(
@@ -370,7 +369,6 @@ def available(model: Model) -> tuple[str, ...]:
         "laws": bool(model.cut_laws),
         "followers": bool(model.followers),
         "drives": bool(model.beside),
-        "rigid": not any(body.modes for body in model.bodies),
     }
     return tuple(
         name

@@ -4,6 +4,8 @@ A body's wrench P = K H is linear in H, and a row of eq. (5) reads a wrench off 
 an axis e and the velocity l of the body's origin per unit rate, both in the link's axes.  So that motion goes out along
 the tree once for every body behind its coordinate, and meets ten wrenches there.  Each of these has few entries, which
 makes it cheaper than ten wrenches on their way back.  What is behind a coordinate alone has entries in its row.
+
+Of a link that bends the ten are those of H while nothing bends; G_k of its modes is known, and no column's.
 """
 
 from __future__ import annotations

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 import eomgen
-from eomgen.identification import calibrate, fit, poses, poses_from_columns, tolerance
+from eomgen.identification import calibrate, poses, poses_from_columns, tolerance
 from eomgen.robot.value import Robot
 
 ROWS = np.random.default_rng(0).uniform(-1.0, 1.0, (20, 5))
@@ -33,16 +32,3 @@ def test_errors_of_poses(ask: Callable[[Robot], Any]) -> None:
     with pytest.raises(eomgen.InputError, match=r"links\.upper\.modes: .*rigid links alone; allowed: .*rigid\(\)"):
         ask(robot)
     assert ask(robot.rigid())
-
-
-def test_modes_are_not_fitted(tmp_path: Path) -> None:
-    """Said of each, by default and where it is asked for."""
-    robot = eomgen.load_robot("flexible_arm")
-    motion = eomgen.simulate(robot, duration=0.05, rtol=1e-4).save(tmp_path / "motion.npz")
-    for asked in ((), ("forearm.mode1",)):
-        found = fit(robot, motion, coordinates=asked)
-        assert not found.fitted
-        names = asked or robot.modal_coordinates
-        assert list(found.warnings) == [
-            f"{name} is a mode of a link that bends, whose stiffness and damping are not fitted" for name in names
-        ]

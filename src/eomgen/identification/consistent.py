@@ -13,20 +13,24 @@ number that they are near to.  It is convex: Newton's method.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from ..arrays import Array
-from ..names import joint_of, kind_of, split_component
+from ..names import component_name, joint_of, kind_of, split_component
+from ..robot.coordinates import is_mode
 from ..robot.model import build_model
-from ..robot.value import MOTOR, Coordinate, Friction, Joint, Link, Motor, Robot
+from ..robot.value import MOTOR, Coordinate, Friction, Joint, Link, LinkModes, Motor, Robot
+from ..robot.value.modes import DIAGONALS
+from .geometry.rotations import pose_from, pose_of
 from .identifiable import BaseParameters
 
 INERTIAL = ("m", "mx", "my", "mz", "ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 THINNEST = 1e-4  # of the greatest number of its kind: what the drawing has at least of each
+SPRINGS = ("stiffness", "damping")  # of transmissions and modes
 WEAK = 1e-6  # of offsets: no drawing has them
 SURE = 1e-5  # of a base value: the least standard deviation that counts
 STEPS, ENOUGH = 200, 1e-10  # of Newton's method: most of them, and the decrement that ends it
@@ -114,9 +118,16 @@ class Bodies:
         return slope, curvature
 
 
-def doubt(values: Array) -> Array:
+def doubt(base: BaseParameters, values: Array) -> Array:
     """Return the least doubt of base values, (b,), so that exact ones leave Newton's method some digits."""
-    return SURE * np.maximum(np.abs(values), 1e-3 * float(np.abs(values).max()))
+    return SURE * np.maximum(np.abs(values), 1e-3 * largest(base, values))
+
+
+def largest(base: BaseParameters, values: Array) -> float:
+    """Return the greatest base value, stiffness and damping aside, which have sizes of their own."""
+    kinds = [base.parameters[place].rpartition(".")[2] for place in base.chosen]
+    others = [abs(x) for x, kind in zip(values.tolist(), kinds, strict=True) if kind not in SPRINGS]
+    return float(max(others or np.abs(values)))
 
 
 def nearest_bodies(base: BaseParameters, values: Array, covariance: Array, drawn: Array, spread: float) -> Array:
@@ -129,13 +140,13 @@ def nearest_bodies(base: BaseParameters, values: Array, covariance: Array, drawn
         drawn: the drawing's parameters, (p,).
         spread: how far they are off, relative to themselves.
     """
-    information = np.linalg.inv(covariance + np.diag(doubt(values) ** 2))
+    information = np.linalg.inv(covariance + np.diag(doubt(base, values) ** 2))
     alone = np.count_nonzero(base.matrix, axis=1) == 1
     near = drawn.copy()
     for place, value in zip(base.chosen[alone], values[alone], strict=True):
         if base.parameters[place].rpartition(".")[2] not in INERTIAL and value > 0.0:
             near[place] = value
-    bodies, share = Bodies(base.parameters, near, float(np.abs(values).max())), 1.0 / spread**2
+    bodies, share = Bodies(base.parameters, near, largest(base, values)), 1.0 / spread**2
     theta = bodies.drawn.copy()
     normal = base.matrix.T @ information @ base.matrix
 
@@ -163,16 +174,52 @@ def nearest_bodies(base: BaseParameters, values: Array, covariance: Array, drawn
 def with_parameters(robot: Robot, theta: Mapping[str, float]) -> Robot:
     """Return the robot with parameters of links, rotors and friction in the place of its values, by their names.
 
-    A link that others are fixed to gets all that moves with it, and these have no mass then.
+    A link that others are fixed to gets all that moves with it, and these have no mass then.  Of what is fixed to a
+    node of a link that bends, the first link gets it.
     """
     model = build_model(robot)
     links: dict[str, Link] = {}
     for body in model.bodies:
         if f"{body.name}.m" in theta:
             links |= {name: Link(name, 0.0, (0.0,) * 3, (0.0,) * 6) for name in body.links}
-            links[body.name] = _link(body.name, np.array([theta[f"{body.name}.{key}"] for key in INERTIAL]))
+            owner, numbers = body.name, np.array([theta[f"{body.name}.{key}"] for key in INERTIAL])
+            if owner in robot.nodes:
+                owner = carried_by(robot, body.links)
+                numbers = numbers_of(_seen_from(robot, owner, body.name, pseudo_inertias(numbers[None])))[0]
+            links[owner] = _link(owner, numbers)
+    links |= {x.name: replace(x, modes=_modes(x, theta)) for x in robot.links if x.modes is not None}
     joints = [_joint(joint, theta) for joint in robot.joints]
     return replace(robot, links=tuple(links.get(x.name, x) for x in robot.links), joints=tuple(joints))
+
+
+def carried_by(robot: Robot, links: Sequence[str]) -> str:
+    """Return the first of a body's links that is no node, which has what was identified of all of them."""
+    return next((name for name in links if name not in robot.nodes), links[0])
+
+
+def _seen_from(robot: Robot, link: str, body: str, H: Array) -> Array:
+    """Return pseudo-inertias, (k, 4, 4), of a body's frame in that of a link that is fixed to it."""
+    above, pose = {joint.child: joint for joint in robot.joints}, np.eye(4)
+    while link != body:
+        joint = above[link]
+        turn, offset = np.eye(4), np.array([x or 0.0 for x in joint.offset])
+        turn[:3, :3] = np.array(joint.axis_turn)
+        pose = pose_of(joint.placement.rotation, joint.placement.xyz) @ turn @ pose_from(offset) @ turn.T @ pose
+        link = joint.parent
+    back = np.linalg.inv(pose)
+    return np.asarray(back @ H @ back.T)
+
+
+def _modes(link: Link, theta: Mapping[str, float]) -> LinkModes:
+    """Return the modes of a link with the stiffness and damping that were identified."""
+    assert link.modes is not None
+    changed: dict[str, Any] = {}
+    for key, kind in DIAGONALS.items():
+        matrix = [list(row) for row in getattr(link.modes, key)]
+        for k, name in enumerate(link.modes.names):
+            matrix[k][k] = theta.get(component_name(component_name(link.name, name), kind), matrix[k][k])
+        changed[key] = tuple(map(tuple, matrix))
+    return replace(link.modes, **changed)
 
 
 def _link(name: str, numbers: Array) -> Link:
@@ -192,7 +239,7 @@ def _joint(joint: Joint, theta: Mapping[str, float]) -> Joint:
     by_kind: dict[str, dict[str, Any]] = {}
     for name, value in theta.items():
         coordinate, key = split_component(name)
-        if joint_of(coordinate) == joint.name:
+        if joint_of(coordinate) == joint.name and not is_mode(coordinate):
             by_kind.setdefault(kind_of(coordinate), {})[key] = value
     motor = joint.motor
     if motor is not None and MOTOR in by_kind:

@@ -19,13 +19,14 @@ from ..errors import InputError
 from ..names import component_name, show
 from ..pipeline.stages import build
 from ..results.contents import Contents
+from ..robot.coordinates import is_mode
 from ..runtime.kernel import Kernel
 from ..shown import Shown
 from .relations import Relations, refuse_followers, refuse_memory, relations_of, tree_relations
 
 TERMS = ("links", "rotors", "viscous", "dry", "offset")
-LINKS, ROTORS, FRICTION, TRANSMISSIONS = TERMS[0], TERMS[1], TERMS[2:], "transmissions"
-LINEAR = (*TERMS, TRANSMISSIONS)  # what forces are linear in
+LINKS, ROTORS, FRICTION, TRANSMISSIONS, MODES = TERMS[0], TERMS[1], TERMS[2:], "transmissions", "modes"
+LINEAR = (*TERMS, TRANSMISSIONS, MODES)  # what forces are linear in
 ZERO = 1e-9  # of the longest column: one that is shorter is round-off, or of no effect
 DEPENDENT = 1e-8  # of a column's length: what is left of one that depends on those before it
 ROUND_OFF = 1e-8  # of coefficients that are meant to be whole numbers
@@ -150,20 +151,21 @@ def base_parameters(
         terms: what parameters there are of, among LINEAR: "links" (m, m c and inertia about the origin of the link's
             frame), "rotors" (armatures); of each coordinate with a drive or in a rigid coupling "viscous" (times its
             rate), "dry" (times the sign of its rate) and "offset" (a constant force); "transmissions" (stiffness and
-            damping between motors and their joints).
+            damping between motors and their joints); "modes" (stiffness and damping of modes of links that bend).
         static: whether the robot stands still in every sample.
         kernel: of that robot, ``without_states``, with its regressor; built if None.  Its parameters count, gravity
             among them.
-        known: names of links whose parameters are known, and not among those of "links".
+        known: names of links whose parameters are known, and not among those of "links".  Those of links that bend
+            are, as the constants of their modes are; what stands on their nodes is sought.
 
     Raises:
         InputError: terms that there are not, or whose effect no motion shows.
     """
     robot = as_robot(robot).with_constraints()
     kernel = kernel or build(robot.without_states(), kernels=("regressor",))
-    refuse_followers(kernel)
+    refuse_followers(robot, kernel)
     refuse_memory(kernel, "a kernel of robot.without_states()")
-    is_tree = bool(robot.loops) or any(coupling.law is not None for coupling in robot.couplings)
+    is_tree = bool(robot.loops) or any(coupling.law is not None for coupling in robot.own_couplings)
     relations = (tree_relations if is_tree else relations_of)(robot, known)
     everything = np.ones(len(relations.free), dtype=np.bool_)
     return combinations(kernel, terms, everything, everything, relations, static=static)
@@ -223,7 +225,7 @@ def parameter_names(kernel: Kernel, terms: Collection[str], relations: Relations
     """Return names of the columns of ``columns``.
 
     Raises:
-        InputError: no terms, or unknown ones, or transmissions of a robot without motors.
+        InputError: no terms, or unknown ones, transmissions of a robot without motors, or modes of rigid links.
     """
     _check_terms(terms)
     names = kernel.regressor_names
@@ -238,7 +240,17 @@ def parameter_names(kernel: Kernel, terms: Collection[str], relations: Relations
             raise InputError(f"terms: transmissions: no joint of {kernel.name} has a motor; allowed: other terms")
         for i, _, _ in motors:
             parameters += [component_name(kernel.coordinates[i], key) for key in ("stiffness", "damping")]
+    if MODES in terms:
+        modes = modal_places(kernel)
+        if not modes:
+            raise InputError(f"terms: modes: no link of {kernel.name} bends; allowed: other terms")
+        parameters += [component_name(kernel.coordinates[i], key) for i in modes for key in ("stiffness", "damping")]
     return tuple(parameters)
+
+
+def modal_places(kernel: Kernel) -> list[int]:
+    """Return indices of the coordinates that are modes of links that bend."""
+    return [i for i, name in enumerate(kernel.coordinates) if is_mode(name)]
 
 
 def inertial_places(kernel: Kernel, terms: Collection[str], relations: Relations | None) -> Index:
@@ -278,6 +290,10 @@ def columns(
     if TRANSMISSIONS in terms and relations:
         angles = np.broadcast_to(np.asarray(q, dtype=np.float64), Y.shape[:-1])
         parts += [_transmission(x, motor) for motor in relations.motors for x in (angles, rates)]
+    if MODES in terms:
+        places = np.broadcast_to(np.asarray(q, dtype=np.float64), Y.shape[:-1])
+        units = np.eye(kernel.n)
+        parts += [x[..., i, None, None] * units[:, [i]] for i in modal_places(kernel) for x in (places, rates)]
     stacked = np.concatenate(parts, axis=-1)
     return names, relations.columns(stacked) if relations else stacked
 

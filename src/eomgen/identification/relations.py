@@ -16,6 +16,7 @@ from ..arrays import Array, Mask
 from ..errors import InputError
 from ..motion.files import MeasuredMotion
 from ..names import joint_of, listed, nearest, show, split_state
+from ..robot.coordinates import is_mode
 from ..robot.model import Model, build_model
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
@@ -33,7 +34,8 @@ class Relations:
         matrix, offset: (n, f) and (n,), all coordinates from the free ones.
         rubbing: indices of the coordinates whose friction and offset can be sought: with a drive, or coupled rigidly.
         motors: indices of a motor's coordinate and of the one that it drives, and the gear's ratio.
-        known: names of links whose inertial parameters are not sought.
+        known: names of links whose inertial parameters are not sought; among them those that bend, and nodes
+            that nothing is fixed to.
         sums: (f, f), what the rows of forces are sums of; None where they are those of the coordinates (``anchored``).
     """
 
@@ -74,11 +76,12 @@ class Relations:
         return np.asarray((marked.astype(np.float64) @ (self.onto != 0.0)) > 0.0)
 
 
-def refuse_followers(kernel: Kernel) -> None:
+def refuse_followers(robot: Robot, kernel: Kernel) -> None:
     """Raise InputError where a kernel lacks coordinates that follow others, whose forces are looked for."""
-    if kernel.follower_names:
+    lacking = [name for name in kernel.follower_names if joint_of(name) not in robot.nodes]
+    if lacking:
         raise InputError(
-            f"kernel: {listed(kernel.follower_names)} of {kernel.name} is no coordinate of it; allowed: a kernel of"
+            f"kernel: {listed(lacking)} of {kernel.name} is no coordinate of it; allowed: a kernel of"
             " robot.with_constraints()"
         )
 
@@ -100,10 +103,10 @@ def relations_of(robot: Robot, known: Collection[str] = ()) -> Relations:
     Raises:
         InputError: it has loops or elastic couplings, or no such link.
     """
-    elastic = [coupling.name for coupling in robot.couplings if coupling.law is not None]
+    elastic = [coupling.name for coupling in robot.own_couplings if coupling.law is not None]
     if robot.loops or elastic:
         raise InputError(f"identify: {robot.name} has loops or elastic couplings; allowed: robots without")
-    rules = {coupling.of: coupling for coupling in robot.couplings}
+    rules = {coupling.of: coupling for coupling in robot.own_couplings}
     tree = tree_relations(robot, known)
     names, n = tree.coordinates, len(tree.coordinates)
     free = tuple(i for i, name in enumerate(names) if name not in rules)
@@ -118,7 +121,7 @@ def relations_of(robot: Robot, known: Collection[str] = ()) -> Relations:
             matrix[i] += ratio * matrix[names.index(other)]
             offset[i] += ratio * offset[names.index(other)]
         left.remove(name)
-    coupled = {names.index(name) for x in robot.couplings for name in (x.of, *x.to)}
+    coupled = {names.index(name) for x in robot.own_couplings for name in (x.of, *x.to) if not is_mode(name)}
     rubbing = tuple(sorted(coupled.union(tree.rubbing)))
     return replace(tree, free=free, matrix=matrix, offset=offset, rubbing=rubbing)
 
@@ -147,7 +150,9 @@ def tree_relations(robot: Robot, known: Collection[str] = ()) -> Relations:
             )
     n = len(model.coordinates)
     every, driven, motors = tuple(range(n)), tuple(model.driven), _motors(robot, model)
-    return Relations(model.coordinates, every, np.eye(n), np.zeros(n), driven, motors, frozenset(known))
+    nodes = robot.nodes
+    bending = {x.name for x in model.bodies if x.modes or (x.name in nodes and len(x.links) == 1)}
+    return Relations(model.coordinates, every, np.eye(n), np.zeros(n), driven, motors, frozenset({*known, *bending}))
 
 
 def _motors(robot: Robot, model: Model) -> tuple[tuple[int, int, float], ...]:
@@ -169,8 +174,8 @@ def completed(robot: Robot, motion: MeasuredMotion) -> MeasuredMotion:
     index = {name: i for i, name in enumerate(motion.coordinates)}
     q, v, a = (None if x is None else np.array(x) for x in (motion.q, motion.v, motion.a))
     assert q is not None
-    open_rules = list(robot.couplings)
-    for _ in robot.couplings:
+    open_rules = list(robot.own_couplings)
+    for _ in robot.own_couplings:
         for rule in open_rules:
             terms = {rule.of: -1.0, **rule.to}
             missing = [name for name in terms if name not in measured and terms[name] != 0.0]
@@ -182,7 +187,7 @@ def completed(robot: Robot, motion: MeasuredMotion) -> MeasuredMotion:
                 if x is not None:
                     x[:, place] = -(x[:, list(known)] @ np.array(list(known.values())) + offset) / factor
             measured.add(missing[0])
-    for rule in robot.couplings:
+    for rule in robot.own_couplings:
         terms = {rule.of: -1.0, **rule.to}
         if measured.issuperset(terms):
             off = q[:, [index[name] for name in terms]] @ np.array(list(terms.values())) + (rule.offset or 0.0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from ..names import component_name, joint_of, kind_of
+from ..names import component_name, joint_of, kind_of, parameter_name, split_component
 from .value import ANGULAR, LINEAR, MOTOR, Robot
 
 if TYPE_CHECKING:
@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
 UNITS = {"x": "m", "y": "m", "z": "m", "alpha": "rad", "beta": "rad", "gamma": "rad", MOTOR: "rad"}
 MODE = "mode"  # and a number: kinds of modal coordinates, whose mode shapes have units of their own
+LINKS = "links"  # owners of modes, in names of parameters
 MOTIONS = ("x", "y", "z", "rx", "ry", "rz")  # of a frame: displacement (m) and rotation vector (rad)
 QUATERNION = ("qw", "qx", "qy", "qz")  # of a joint's rotation, unit, scalar first
 FORCES = ("fx", "fy", "fz", "mx", "my", "mz")  # of a wrench: force (N) and moment (N m)
@@ -23,6 +24,25 @@ def is_kind(kind: str) -> bool:
     """Return whether a coordinate may be of a kind: "x", "gamma", "motor", "mode12"."""
     number = kind.removeprefix(MODE)
     return kind in UNITS or (kind != number and number.isascii() and number.isdecimal() and number[0] != "0")
+
+
+def is_mode(name: str) -> bool:
+    """Return whether a coordinate is a mode of a link that bends, by its name: "arm.mode1"."""
+    return kind_of(name).startswith(MODE)
+
+
+def number_name(owner: str, name: str, key: str) -> str:
+    """Name the run-time parameter of a coordinate's number: "joints.joint1.x.stiffness", "links.arm.modes.1.damping".
+
+    Args:
+        owner: "joints", "loops" or "couplings"; "links" of modes.
+        name: of the coordinate.
+        key: of its number.
+    """
+    if owner != LINKS:
+        return parameter_name(owner, name, key)
+    link, kind = split_component(name)
+    return parameter_name(LINKS, link, "modes", kind.removeprefix(MODE), key)
 
 
 def unit_of(name: str) -> str:

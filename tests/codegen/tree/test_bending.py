@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,10 +10,11 @@ import pytest
 from numpy.typing import NDArray
 
 import eomgen
-from eomgen import InputError, Kernel, Robot
+from eomgen import Kernel, Robot
 from eomgen.codegen.kernels.accelerations import ELIMINATED, REDUCED
-from eomgen.codegen.kernels.equations import derive_cheapest
+from eomgen.codegen.kernels.equations import derive, derive_cheapest
 from eomgen.codegen.program.ir import evaluate
+from eomgen.codegen.tree.regressor import described_values
 from eomgen.integration import integrate
 from eomgen.robot.model import build_model
 from tests.support.bending_links import Points, bending_chain
@@ -205,10 +207,27 @@ def test_momentum_is_that_of_the_particles(case: Case) -> None:
     assert np.abs(kernel.centroidal_momentum(q, v) - np.concatenate([mass @ velocity, angular])).max() < 1e-13
 
 
-def test_what_is_not_there_is_refused_by_name(case: Case) -> None:
-    robot, _, _ = case
-    with pytest.raises(InputError, match="'regressor' is for robots with links that are rigid, all of them"):
-        eomgen.build(robot, kernels=["regressor"])
+def evaluated(robot: Robot, name: str, **state: Array) -> Array:
+    """Return what the program of a kernel writes, with the description's parameters."""
+    model = build_model(robot)
+    found = evaluate(derive(model, name), {**state, "p": list(model.parameters.values())})
+    return np.array([found["out", i] for i in range(len(found))], float)
+
+
+@pytest.mark.parametrize("link", ["arm", "arm_node0", "fore", "tool"])
+def test_regressor(link: str, stiffening: Case) -> None:
+    """Other masses, centres and inertias of a link, that bends or not, or of what is fixed to a node."""
+    robot, _, kernel = stiffening
+    q, v, a = random_state(kernel, 8)
+    old = robot.link(link)
+    inertia = np.add(old.inertia, (0.1, 0.12, 0.14, 0.01, 0.02, -0.01))
+    new = replace(old, mass=old.mass + 0.3, com=(0.05, -0.02, 0.03), inertia=tuple(inertia.tolist()))
+    other = replace(robot, links=tuple(new if x.name == link else x for x in robot.links))
+    more = evaluated(other, "inverse_dynamics", q=q, v=v, a=a) - kernel.inverse_dynamics(q, v, a)
+    Y = evaluated(robot, "regressor", q=q, v=v, a=a).reshape(kernel.n, -1)
+    theta, changed = (np.array(described_values(build_model(x))) for x in (robot, other))
+    assert np.abs(more).max() > 0.01
+    assert np.abs(Y @ (changed - theta) - more).max() < 1e-13
 
 
 @pytest.mark.parametrize("variant", [ELIMINATED, REDUCED])

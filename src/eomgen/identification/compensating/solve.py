@@ -90,7 +90,7 @@ def compensate(  # noqa: PLR0913
     """
     arm, report = as_robot(robot), progress or no_progress
     _check(mode, iterations, robustness, draws)
-    if arm.loops or arm.couplings:
+    if arm.loops or arm.own_couplings:
         raise InputError(
             f"{arm.name}: has loops or couplings, by which its other joints follow the driven ones; allowed: robots"
             " without them"

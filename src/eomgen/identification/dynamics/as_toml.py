@@ -9,13 +9,16 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from ...errors import DescriptionError
+from ...errors import DescriptionError, InputError
 from ...files import check_ending
 from ...forms.toml_text import parse_toml
 from ...names import joint_of, kind_of, split_component
+from ...robot.coordinates import is_mode
 from ...robot.memory.bristles import LUGRE
+from ...robot.model import build_model
 from ...robot.value import INERTIA_KEYS, MOTOR, Joint, Link, Robot
 from ..calibration.as_toml import block_of, body_of, headed, numbers_text, replace_line, unwritable, write_compared
+from ..consistent import carried_by
 
 _KEYS = {"armature": "armature", "viscous": "damping", "offset": "preload"}  # of a coordinate, by the terms sought
 HEAD = (
@@ -46,11 +49,20 @@ def write_toml(robot: Robot, parameters: Mapping[str, float], comments: Sequence
 
 def toml_text(robot: Robot, parameters: Mapping[str, float], comments: Sequence[str], folder: Path) -> str:
     """Return the text for a file in that folder."""
+    modes = [name for name in parameters if is_mode(split_component(name)[0])]
+    if modes:
+        raise InputError(
+            f"{modes[0]}: follows from a link's beam or file of modes, and has no place of its own in a description;"
+            " allowed: the robot of the result, or E and modal_damping as the notes say them"
+        )
     body = body_of(robot, folder, 'inertia = "warn"')
-    owners = {split_component(name)[0] for name in parameters}
+    owners, nodes = {split_component(name)[0] for name in parameters}, robot.nodes
     if owners.intersection(link.name for link in robot.links):
+        bodies = build_model(robot).bodies
+        on_nodes = {carried_by(robot, x.links) for x in bodies if x.name in owners and x.name in nodes}
         for link in robot.links:
-            if link.name in owners or (link.mass == 0.0 and link.name not in robot.nodes):
+            is_identified = link.name in owners or link.name in on_nodes or link.mass == 0.0
+            if is_identified and link.name not in nodes:
                 _put_link(robot, link, body)
     for joint in robot.joints:
         for kind in dict.fromkeys(kind_of(name) for name in owners if joint_of(name) == joint.name):

@@ -15,8 +15,18 @@ from ...motion.files import MeasuredMotion
 from ...motion.smoothing import Differentiator, bell, filtered, noise_deviation
 from ...names import component_name
 from ...runtime.kernel import Kernel
+from ...state.springs import law_numbers
 from ..estimating import FIRST, block_count, least_samples
-from ..identifiable import TRANSMISSIONS, BaseParameters, columns, inertial_places, regrouped, with_formulas
+from ..identifiable import (
+    MODES,
+    TRANSMISSIONS,
+    BaseParameters,
+    columns,
+    inertial_places,
+    modal_places,
+    regrouped,
+    with_formulas,
+)
 from .further import FRACTIONS, GAINS, NEIGHBOURS, SHAPES, STRIBECK, Sought, State, told_apart
 from .result import Residuals
 
@@ -68,6 +78,11 @@ class Data:
         for at in self.chunks():
             sought = np.asarray(kernel.regressor(self._q[at], self.v[at], self._a[at]))[..., places]
             laws[at] -= sought @ kernel.regressor_values[places]
+        if MODES in base.terms:
+            numbers = law_numbers(kernel)
+            for i in modal_places(kernel):
+                own = numbers[kernel.coordinates[i]]
+                laws[:, i] -= own["stiffness"] * self._q[:, i] + own["damping"] * self.v[:, i]
         self.laws: Array = self.relations.forces(laws)[:, known]
         still = np.abs(self.v) <= np.maximum(RESTING * np.sqrt(np.mean(self.v**2, axis=0)), NOISES * noise)
         rubs = np.zeros(kernel.n, dtype=np.bool_)
@@ -205,7 +220,9 @@ class Data:
         return np.asarray(counts[2 * half + 1 :] == counts[: -2 * half - 1])
 
     def column_noise(self, half: int, count: int) -> Array:
-        """Give variances of what white noise of the motion adds to columns of transmissions, (r, count), 0 elsewhere.
+        """Give variances of what white noise of the motion adds to columns of transmissions and modes, (r, count).
+
+        They are 0 elsewhere.
 
         Behind the first filter and a bell of that half width.  Deflections are small beside what they are the
         difference of, so that noise of both ends counts there long before it does elsewhere.
@@ -216,24 +233,31 @@ class Data:
         gains = [float((np.convolve(row, bell(half) if half else [1.0]) ** 2).sum()) for row in first]
         angles = noise_deviation(motion.q)
         rates = angles if motion.v is None else noise_deviation(motion.v)
-        for rotor, joint, ratio in self.relations.motors:
-            force = np.zeros(len(motion.coordinates))
-            force[[rotor, joint]] = 1.0 / ratio, -1.0
+        ends = [(rotor, {rotor: 1.0 / ratio, joint: -1.0}) for rotor, joint, ratio in self.relations.motors]
+        ends += [(mode, {mode: 1.0}) for mode in modal_places(self.kernel)]
+        for owner, row in ends:
+            force, places = np.zeros(len(motion.coordinates)), list(row)
+            force[places] = list(row.values())
             onto = self.relations.forces(force)[self.known]
             for key, noise, gain in (("stiffness", angles, gains[0]), ("damping", rates, gains[-1])):
-                name = component_name(motion.coordinates[rotor], key)
+                name = component_name(motion.coordinates[owner], key)
                 if name in names:
-                    variances[:, names.index(name)] = onto**2 * gain * ((noise[rotor] / ratio) ** 2 + noise[joint] ** 2)
+                    variances[:, names.index(name)] = onto**2 * gain * ((force[places] * noise[places]) ** 2).sum()
         return variances
 
     def residuals(self, solution: Solution) -> dict[str, Residuals]:
         """Give the residuals of a solution by the names of the rows' coordinates."""
-        residuals = {}
+        residuals, drives = {}, self.drive_sizes().tolist()
         for row, name in enumerate(self.names):
-            drive = float(np.sqrt(np.mean(self.total[:, row] ** 2)))
+            drive = drives[row]
             fitted, held_out = float(solution.fitted[row]), float(solution.held_out[row])
             residuals[name] = Residuals(fitted, held_out, drive, int(solution.counts[row]))
         return residuals
+
+    def drive_sizes(self) -> Array:
+        """Return the rms of the drive in each row, (r,); where there is none, of the forces that are known."""
+        drives, known = (np.sqrt(np.mean(x**2, axis=0)) for x in (self.total, self.forces))
+        return np.asarray(np.maximum(np.where(drives > 0.0, drives, known), 1e-300))
 
     def over_time(self, solution: Solution) -> tuple[Array, Array, Array, Mask]:
         """Return times, (T,), and drives, measured and predicted behind the filter, and whether they count, (T, r)."""
@@ -338,7 +362,7 @@ def shaped(data: Data, asked: Sought, half: int) -> tuple[tuple[Data, Solution, 
     by_shape = {
         shape: iterated(data, replace(asked, shape=shape), half) for shape in SHAPES if asked.shape in ("", shape)
     }
-    drive = np.maximum(np.sqrt(np.mean(data.total**2, axis=0)), 1e-300)
+    drive = data.drive_sizes()
     left = {shape: _left_of(one[1].held_out / drive) for shape, one in by_shape.items() if STRIBECK in one[2].terms}
     less = tuple(term for term in asked.terms if term != STRIBECK)
     plain = iterated(data, replace(asked, terms=less, rubbing=(), rms=asked.rms[:0], shape=SHAPES[0]), half)
@@ -356,7 +380,7 @@ def _compared(data: Data, here: Data, asked: Sought, half: int, left: dict[str, 
     """Say what each curve of friction leaves of the drives in blocks held out, and which leaves least."""
     v, onto = here.v[:, asked.rubbing], asked.matrix[list(asked.rubbing)].T
     root = Solution.of(here.beside(lambda at: (np.sign(v[at]) * np.sqrt(np.abs(v[at])))[:, None, :] * onto), half)
-    drive = np.maximum(np.sqrt(np.mean(data.total**2, axis=0)), 1e-300)
+    drive = data.drive_sizes()
     all_left = {**left, ROOT: _left_of(root.held_out / drive), "dry and viscous alone": without}
     many, base = len(data.names), here.count
     shares = ", ".join(f"{name} {100.0 * np.exp(x / many):.3g} %" for name, x in all_left.items())
@@ -381,7 +405,7 @@ def _first_gains(data: Data, sought: Sought, state: State) -> State:
     laws = data.laws if len(sought.free_gains) == len(drives) else np.zeros_like(data.laws)
     parts.append(-laws)
     both = data.beside(lambda at: np.stack([x[at] for x in parts], axis=-1))
-    R = both.triangle(~data.resting, np.maximum(np.sqrt(np.mean(data.total**2, axis=0)), 1e-300)[:, None])
+    R = both.triangle(~data.resting, data.drive_sizes()[:, None])
     size, many = np.linalg.norm(R, axis=0), data.count
     size[size == 0.0] = 1.0
     left = (R / size)[many:, many:][:, : len(drives) + bool(laws.any())]

@@ -28,7 +28,8 @@ OVERFITTED, NOTICED = 3.0, 0.1  # times a residual that was fitted; of the drive
 class Residuals:
     """Residuals of a drive, rms, N or N m: of samples that parameters were fitted to, and of blocks held out.
 
-    ``drive`` is the rms of the measured drive itself over the whole record, ``samples`` how many count.
+    ``drive`` is the rms of the measured drive itself over the whole record, or, where there is none, of the forces in
+    its row that are known; ``samples`` how many count.
     """
 
     fitted: float

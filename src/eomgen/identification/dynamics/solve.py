@@ -23,9 +23,10 @@ from ...errors import InputError
 from ...motion.files import MeasuredMotion, measured_motion
 from ...motion.measured_numbers import answers_in_numbers
 from ...motion.smoothing import STENCIL
-from ...names import component_name, joint_of, kind_of, listed, show
+from ...names import component_name, joint_of, kind_of, listed, show, split_component
 from ...pipeline.stages import build
 from ...progress import StageReport, tells_at_prompt
+from ...robot.coordinates import LINKS, is_mode, number_name
 from ...robot.model import build_model
 from ...robot.value import MOTOR, Friction, Robot
 from ...runtime.kernel import Kernel
@@ -33,6 +34,8 @@ from ..consistent import doubt, nearest_bodies, with_parameters
 from ..estimating import HALF_WIDTHS, even_step
 from ..identifiable import LINEAR, TERMS, TRANSMISSIONS, BaseParameters, combinations, parameter_names
 from ..relations import Relations, anchored, completed, refuse_followers, refuse_memory, relations_of
+from ..stiffness.beams import beam_notes
+from ..stiffness.result import Estimate
 from .further import FURTHER, GAINS, GAUSSIAN, SHAPES, STRIBECK, Sought, further_doubts
 from .regression import Data, Solution, best_of, shaped
 from .result import IdentifyResult
@@ -76,6 +79,7 @@ def identify(  # noqa: PLR0913
             rate, beside "dry"), "gains" (N or N m per unit of what the file has as drives, such as currents), "delay"
             (s, by how much the drives in the file are late).
         known: names of links whose mass, centre of mass and inertia are the description's: gains need such a measure.
+            Those of links that bend are, too; what is fixed to their nodes is sought.
         half: half width of the second filter, samples, 0 for none; the best of HALF_WIDTHS if None.
         shape: of Stribeck's curve, "lorentzian", 1 / (1 + (v / rate)^2), or "gaussian", exp(-(v / rate)^2); the one
             that is better on blocks held out if None.
@@ -100,7 +104,7 @@ def identify(  # noqa: PLR0913
     if kernel is None:
         bare = without_sought(robot, terms)
         kernel = build(bare, kernels=("regressor", "inverse_dynamics"), progress=progress or (lambda _: None))
-    refuse_followers(kernel)
+    refuse_followers(robot, kernel)
     such = "those of friction at drives, with the term dry; fit finds numbers of all laws with states"
     refuse_memory(kernel, such)
     if TRANSMISSIONS in linear:
@@ -154,11 +158,12 @@ def identify(  # noqa: PLR0913
     parameters |= {
         name: x.value for name, x in further.items() if name.endswith((".breakaway", ".stribeck", f".{GAUSSIAN}"))
     }
-    sure = np.hypot(deviations, doubt(values))
+    sure = np.hypot(deviations, doubt(shown, values))
     moved = float((np.abs(shown.matrix @ theta - values) / sure).max())
     notes = [
         *idle,
         *_notes(kernel, motion, data),
+        *beam_notes(described, _modal_estimates(shown, values, deviations, drawn)),
         f"links that are bodies: base values off by {moved:.2g} deviations at most",
     ]
     t, drives, fitted, kept = data.over_time(best)
@@ -241,7 +246,7 @@ def without_sought(robot: Robot, terms: Sequence[str]) -> Robot:
     robot = without_drives(robot.with_constraints())
     model = build_model(robot)
     driven = {model.coordinates[i] for i in model.driven}
-    driven |= {name for coupling in robot.couplings if coupling.law is None for name in (coupling.of, *coupling.to)}
+    driven |= {name for coupling in robot.own_couplings if coupling.law is None for name in (coupling.of, *coupling.to)}
     lost: dict[str, Any] = {"damping": None} if "viscous" in terms else {}
     lost |= {"preload": None} if "offset" in terms else {}
     joints = []
@@ -326,7 +331,21 @@ def _described(robot: Robot, kernel: Kernel, base: BaseParameters) -> Array:
         assert motor is not None
         theta[f"{name}.stiffness"] = motor.transmission.stiffness or 0.0
         theta[f"{name}.damping"] = motor.transmission.damping or 0.0
+    for name in robot.modal_coordinates:
+        mode = robot.coordinates[name]
+        theta[f"{name}.stiffness"], theta[f"{name}.damping"] = mode.stiffness or 0.0, mode.damping or 0.0
     return np.array([theta[name] for name in base.parameters])
+
+
+def _modal_estimates(base: BaseParameters, values: Array, deviations: Array, drawn: Array) -> dict[str, Estimate]:
+    """Return stiffness and damping of modes that stand alone in a combination, by names of run-time parameters."""
+    estimates = {}
+    for place, row, x, d in zip(base.chosen.tolist(), base.matrix, values.tolist(), deviations.tolist(), strict=True):
+        name, key = split_component(base.parameters[place])
+        if is_mode(name) and np.count_nonzero(row) == 1:
+            described = float(drawn[place])
+            estimates[number_name(LINKS, name, key)] = Estimate(x, d, x - 2.0 * d, x + 2.0 * d, described, 0.0, 0.0)
+    return estimates
 
 
 def _doubts(base: BaseParameters, values: Array, deviations: Array) -> list[str]:

@@ -125,7 +125,7 @@ def offset_warnings(motion: MeasuredMotion, robot: Robot, left: Callable[[Measur
 
 def _refuse_angles(robot: Robot, motion: MeasuredMotion) -> None:
     """Raise InputError where joints turn further than they can: degrees, or angles of motors."""
-    coupled = {name for coupling in robot.couplings for name in (coupling.of, *coupling.to)}
+    coupled = {name for coupling in robot.own_couplings for name in (coupling.of, *coupling.to)}
     turning = []
     for joint in robot.joints:
         kind = PRINCIPAL.get(joint.type)
@@ -158,8 +158,7 @@ def _refuse_foreign(motion: MeasuredMotion, slopes: Array, measured: Array, suff
 
 def other_readings(data: Data, solution: Solution) -> list[str]:
     """Return warnings about drives that fit much better with the other sign, and about too large residuals."""
-    drive = np.sqrt(np.mean(data.total**2, axis=0))
-    share = solution.fitted / np.maximum(drive, 1e-300)
+    share = solution.fitted / data.drive_sizes()
     if share.max() < BAD:
         return []
     size = float(np.log(np.maximum(solution.fitted, 1e-300)).sum())

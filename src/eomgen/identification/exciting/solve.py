@@ -79,9 +79,9 @@ def excite(  # noqa: PLR0913
 ) -> ExciteResult:
     """Return a motion that excites the parameters of a robot, so that ``identify`` finds them as well as limits allow.
 
-    Principal coordinates move along Fourier series that begin and end at rest.  Deviations are 0 and transmissions
-    rigid: what moves is ``robot.rigid()``.  All limits hold along the whole period; drives within theirs whichever way
-    Coulomb friction acts.
+    Principal coordinates move along Fourier series that begin and end at rest.  Deviations are 0, links and
+    transmissions rigid: what moves is ``robot.rigid()``.  All limits hold along the whole period; drives within theirs
+    whichever way Coulomb friction acts.
 
     Args:
         robot: a Robot, the name of a built-in one, or the path of a description.
@@ -194,7 +194,7 @@ def moving_coordinates(robot: Robot) -> tuple[str, ...]:
     Raises:
         InputError: the robot has loops, couplings, a free joint, none of these coordinates, or one without a drive.
     """
-    if robot.loops or robot.couplings:
+    if robot.loops or robot.own_couplings:
         raise InputError(f"excite: {robot.name} has loops or couplings; allowed: robots without, as of identify")
     free = [joint.name for joint in robot.joints if joint.type == "free"]
     if free:
@@ -365,5 +365,5 @@ def _about(robot: Robot, names: tuple[str, ...]) -> list[str]:
     if set(build_model(robot).coordinates) == set(names):
         return []
     motors = [joint.name for joint in robot.joints if joint.motor is not None]
-    held = "principal coordinates move, all others are 0"
+    held = "principal coordinates move, all others are 0" + ("; links do not bend" if robot.modal_coordinates else "")
     return [held + (f"; transmissions are rigid, drives are the joints': {listed(motors)}" if motors else "")]

@@ -10,8 +10,8 @@ import numpy as np
 from ...arrays import RANK, Array
 from ...errors import InputError
 from ...motion.files import MeasuredMotion
-from ...names import component_name, listed, parameter_name
-from ...robot.coordinates import index_of
+from ...names import component_name, listed
+from ...robot.coordinates import LINKS, index_of, number_name
 from ...robot.model import Model
 from ...robot.value import COORDINATES
 from ...runtime.kernel import Kernel
@@ -28,9 +28,9 @@ TIMES = 16  # samples that say what noise does on average, where directions chan
 
 @dataclass(frozen=True)
 class Sought:
-    """A coordinate whose parameters are looked for: of a joint, a loop joint or an elastic coupling.
+    """A coordinate whose parameters are looked for: of a joint, a link's mode, a loop joint or an elastic coupling.
 
-    owner: "joints", "loops" or "couplings".  columns: places in KEYS.
+    owner: "joints", "links", "loops" or "couplings".  columns: places in KEYS.
     """
 
     owner: str
@@ -39,7 +39,12 @@ class Sought:
 
     def parameter(self, column: int) -> str:
         """Name of the parameter in ``Kernel.parameters``."""
-        return parameter_name(self.owner, self.name, KEYS[column])
+        return number_name(self.owner, self.name, KEYS[column])
+
+    @property
+    def in_tree(self) -> bool:
+        """Whether it is a coordinate of the tree."""
+        return self.owner in (OF_JOINTS, LINKS)
 
 
 @dataclass(frozen=True)
@@ -261,7 +266,7 @@ def deviations_of(kernel: Kernel, moved: Moved, owner: str, name: str = "") -> D
 
 def deviation_of(kernel: Kernel, moved: Moved, item: Sought) -> Deviation:
     """Return deviation and rate of a coordinate, (T,) each, and its derivatives by all coordinates, (T, n)."""
-    if item.owner == OF_JOINTS:
+    if item.in_tree:
         return deviations_of(kernel, moved, OF_JOINTS).of(item.name)
     i = kernel.cut_laws.index(item.name)
     rows = np.asarray(kernel.cut_jacobian(moved.q))[:, i]

@@ -34,6 +34,7 @@ from ...robot.value import Robot
 from ...runtime.kernel import Kernel
 from ..estimating import even_step
 from ..relations import refuse_followers
+from .beams import beam_notes
 from .levenberg_marquardt import BLOCKS, Certainty, Descent, certainty, descend
 from .result import Estimate, FitResult, FittedNumber
 from .simulated import LEAST_NOISE, METHOD, Simulation, run_of
@@ -105,7 +106,7 @@ def fit_numbers(
     if kernel is None:
         tunable = tuple(dict.fromkeys((*robot.tunable, *names)))
         kernel = build(replace(robot, tunable=tunable), kernels=output_error_kernels(), progress=progress)
-    refuse_followers(kernel)
+    refuse_followers(robot, kernel)
     missing = [name for name in names if name not in kernel.parameters]
     if missing:
         raise UnknownNameError(f"kernel: has no parameters {listed(missing)}; allowed: one in which they are tunable")
@@ -163,7 +164,10 @@ class _Fit:
             else:
                 blind.append(name)
         warnings = self._warnings(descent, numbers, blind, share)
-        notes = self._notes(simulation, descent, sure)
+        notes = (
+            *self._notes(simulation, descent, sure),
+            *beam_notes(self.robot, {number.name: number.estimate for number in numbers}),
+        )
         return FitResult(self.robot.name, confidence, (), warnings, notes, (), tuple(numbers))
 
     def _descended(

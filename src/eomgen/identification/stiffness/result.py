@@ -10,6 +10,7 @@ import numpy as np
 from ...errors import InputError, UnknownNameError
 from ...names import component_name, parameter_name, show
 from ...results.kinds import Kind, Saved, declare
+from ...robot.coordinates import number_name
 from ...robot.elements.joint_damping import JointDamping
 from ...robot.elements.joint_stiffness import JointStiffness
 from ...robot.elements.matrices import ROUND_OFF
@@ -41,7 +42,8 @@ class FittedCoordinate:
     """Estimates for one coordinate; None where a parameter is not determined.
 
     stiffness: N/m or N m/rad; damping: N s/m or N m s/rad.  noise: standard deviation of white noise on the
-    coordinate, m or rad, as its samples show it.  owner: "joints", or of what is cut or coupled "loops", "couplings".
+    coordinate, m or rad, as its samples show it.  owner: "joints", "links" of modes (J, J s), or of what is cut or
+    coupled "loops", "couplings".
     """
 
     coordinate: str
@@ -203,7 +205,7 @@ class FitResult(Plotting, Shown, Tabular, Saved, plot="plot_fit"):
             for key in KEYS:
                 estimate = getattr(entry, key)
                 if estimate is not None and estimate.value >= 0.0:
-                    parameters[parameter_name(entry.owner, entry.coordinate, key)] = estimate.value
+                    parameters[number_name(entry.owner, entry.coordinate, key)] = estimate.value
         for found in self.matrices:
             if found.is_definite:
                 taken_in = {parameter_name(found.owner, found.joint, name, found.key): 0.0 for name in found.taken_in}

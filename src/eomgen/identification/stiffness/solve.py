@@ -34,10 +34,11 @@ from ...limits import is_usable
 from ...motion.files import MeasuredMotion, measured_motion
 from ...motion.measured_numbers import answers_in_numbers
 from ...motion.smoothing import Differentiator, noise_deviation
-from ...names import component_name, joint_of, listed, nearest, parameter_name, show, split_component
+from ...names import component_name, joint_of, listed, nearest, show, split_component
 from ...pipeline.mechanisms import mechanism_kernels
 from ...pipeline.stages import build
 from ...progress import StageReport, no_report, tells_at_prompt
+from ...robot.coordinates import LINKS, is_mode, number_name
 from ...robot.model import Model, build_model
 from ...robot.value import MOTOR, PRINCIPAL, Robot
 from ...runtime.kernel import Kernel
@@ -45,6 +46,7 @@ from ...state.springs import cut_numbers
 from ..closed_motions import closed_motion
 from ..estimating import FIRST, HALF_WIDTHS, SIGNAL, even_step, least_samples
 from ..relations import refuse_followers
+from .beams import beam_notes
 from .equations import Moved, Sought, deviation_of, known_rows, moved_by, of_mechanism, of_tree
 from .frame_pairs import PAIR_KERNELS, pairs_of
 from .matrix_entries import OF_JOINTS, Entry, MatrixNumbers, entries_sought
@@ -71,9 +73,10 @@ def fit(  # noqa: PLR0913
 ) -> FitResult:
     """Return stiffness and damping of each coordinate from motion and known drives.
 
-    Of deviations both are fitted; without a drive in the motion they have none.  Of principal coordinates, whose drive
-    must be known, those that the description gives; transmissions of motors are not fitted.  The motion has samples at
-    equal distances in time; what noise there is should be white and independent between coordinates.
+    Of deviations, and of modes of links that bend, both are fitted; without a drive in the motion they have none.  Of
+    principal coordinates, whose drive must be known, those that the description gives; transmissions of motors are not
+    fitted.  The motion has samples at equal distances in time; what noise there is should be white and independent
+    between coordinates.
 
     Of robots with loops and couplings those that the description gives are fitted, of loop joints and elastic couplings
     too, or those that are asked for: all together along what the loops leave free, so that the loops'
@@ -122,7 +125,7 @@ def fit(  # noqa: PLR0913
         raise InputError(f"bandwidth: {bandwidth!r}; allowed: with parameters, which are found by simulations")
     if kernel is None:
         kernel = build(robot, kernels=fitting_kernels(robot), progress=progress or (lambda _: None))
-    refuse_followers(kernel)
+    refuse_followers(robot, kernel)
     [*others, last] = _each(motion)
     if others:
         raise InputError(f"motion: got {len(others) + 1} of them; allowed: one, or several with parameters")
@@ -185,6 +188,13 @@ def fit(  # noqa: PLR0913
     warnings += [text for matrix in found for text in doubts_about(matrix)]
     notes = _closed_notes(motion, bool(kernel.constraints)) if robot.is_closed else _notes(motion)
     notes += tuple(_taken_in(matrix) for matrix in found if matrix.taken_in)
+    by_name = {
+        number_name(entry.owner, entry.coordinate, key): estimate
+        for entry in fitted
+        for key in KEYS
+        if (estimate := getattr(entry, key)) is not None
+    }
+    notes += tuple(beam_notes(robot, by_name))
     return FitResult(robot.name, confidence, tuple(fitted), tuple(warnings), notes, tuple(found))
 
 
@@ -263,10 +273,10 @@ def _sought(
     sought, warnings = [], []
     for name in asked or known:
         if name in model.robot.modal_coordinates:
-            warnings.append(f"{name} is a mode of a link that bends, whose stiffness and damping are not fitted")
-            continue
-        owner = "joints" if name in kernel.coordinates else "loops" if "." in name else "couplings"
-        described = [c for c, key in enumerate(KEYS) if numbers.get(parameter_name(owner, name, key)) is not None]
+            owner = LINKS
+        else:
+            owner = OF_JOINTS if name in kernel.coordinates else "loops" if "." in name else "couplings"
+        described = [c for c, key in enumerate(KEYS) if numbers.get(number_name(owner, name, key)) is not None]
         if model.robot.is_closed:
             columns = tuple(described) or ((0, 1) if asked else ())
             reason = _reason(model.robot, kernel, motion, name, following, driven) if columns else ""
@@ -281,12 +291,16 @@ def _sought(
 
 
 def _is_principal(robot: Robot, name: str) -> bool:
+    if is_mode(name):
+        return False
     joint, short = split_component(name)
     return PRINCIPAL.get(robot.joint(joint).type) == short
 
 
 def _is_transmitted(robot: Robot, name: str) -> bool:
     """Return whether a coordinate hangs on the transmission between a motor and its joint."""
+    if is_mode(name):
+        return False
     joint, short = split_component(name)
     moved = robot.joint(joint)
     return moved.motor is not None and short in (MOTOR, PRINCIPAL[moved.type])
@@ -294,6 +308,7 @@ def _is_transmitted(robot: Robot, name: str) -> bool:
 
 _TRANSMITTED = "hangs on a transmission between motor and joint, which is not fitted"
 _UNMEASURED = "was not measured, and counts as zero"
+_UNMEASURED_MODE = f"{_UNMEASURED}; parameters are found without, by simulations"
 
 
 def _reason_in_tree(
@@ -303,7 +318,7 @@ def _reason_in_tree(
     if _is_transmitted(robot, name):
         return (_TRANSMITTED if is_asked else ""), ()
     if name not in motion.measured:
-        return _UNMEASURED, ()
+        return (_UNMEASURED_MODE if is_mode(name) else _UNMEASURED), ()
     if not columns:
         return ("is a principal coordinate without stiffness or damping in the description" if is_asked else ""), ()
     if _is_principal(robot, name) and name not in motion.driven:
@@ -385,7 +400,7 @@ def _described_ones(robot: Robot, sought: Sequence[Sought], between: set[str]) -
     described, left = dict(robot.numbers()), list[Sought]()
     for item in sought:
         given = tuple(column for column in item.columns if described.get(item.parameter(column)) is not None)
-        columns = given if item.owner == OF_JOINTS and item.name in between else item.columns
+        columns = given if item.in_tree and item.name in between else item.columns
         left += [replace(item, columns=columns)] if columns else []
     return left
 

@@ -226,9 +226,22 @@ class Robot(Picklable):
         return {name: left[name] for name in ready}
 
     def with_constraints(self) -> Robot:
-        """Return the robot without followers: all rigid couplings are rows of the constraint."""
-        couplings = tuple(replace(x, is_constraint=True) if x.law is None else x for x in self.couplings)
-        return replace(self, couplings=couplings) if self.followers else self
+        """Return the robot without followers: all rigid couplings are rows of the constraint.
+
+        Coordinates of nodes follow the modes of their links as before: they are none of the robot's own.
+        """
+        own = {name for name in self.followers if joint_of(name) not in self.nodes}
+        couplings = tuple(
+            replace(x, is_constraint=True) if x.law is None and joint_of(x.of) not in self.nodes else x
+            for x in self.couplings
+        )
+        return replace(self, couplings=couplings) if own else self
+
+    @property
+    def own_couplings(self) -> tuple[Coupling, ...]:
+        """Couplings but for those that nodes of links that bend are made of."""
+        nodes = self.nodes
+        return tuple(x for x in self.couplings if joint_of(x.of) not in nodes)
 
     @kept
     def without_states(self) -> Robot:
