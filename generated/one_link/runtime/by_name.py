@@ -202,7 +202,8 @@ class NamedViews(CompiledCode):
     def regressor_values(self) -> Array:
         """Inertial parameters theta of the description, (parameters,), kg, kg m, kg m^2; armatures as they are now.
 
-        ``regressor(q, v, a) @ regressor_values`` is inverse dynamics without springs and dampers, loops cut.
+        ``regressor(q, v, a) @ regressor_values`` is inverse dynamics without springs and dampers, loops cut; of links
+        that bend without what their modes need.
 
         Raises:
             UnknownNameError: the kernel was built without the regressor.

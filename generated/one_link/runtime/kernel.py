@@ -402,6 +402,8 @@ class Kernel(Differentiation, InverseKinematics, Rollouts):
         xx, xy, xz, yy, yz, zz (kg m^2) about the origin and along the axes of its frame, not about its centre of
         mass: "link1.m", "link1.mx", "link1.ixx"; products of inertia as in the description, minus the integral of x y.
         Columns of links that do not hang on a coordinate are zero in its row.  Of a robot with loops: of its open tree.
+        Of a link that bends they are those of the link while nothing bends; what its modes need beside that is in no
+        column.  A node of it has ten of its own: of what is fixed there, such as "arm_tip.m".
 
         Args:
             q, v, a: (n,).
