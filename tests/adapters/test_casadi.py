@@ -191,6 +191,14 @@ def test_from_a_generated_package(built: Build, tmp_path: Path, monkeypatch: pyt
         function(kernel, "frame_pose", "tcp")
 
 
+def test_of_a_kernel_with_rollouts(built: Build) -> None:
+    """Whose header includes that of the C library."""
+    kernel = built(eomgen.load_robot("one_link"), *kernels_for("inverse_dynamics"), "rollout")
+    state = ([0.1, 0.2], [0.3, 0.4], [0.5, 0.6])
+    made = function(kernel, "inverse_dynamics", flags=FLAGS)
+    assert np.array_equal(np.array(made(*state))[:, 0], kernel.inverse_dynamics(*state))
+
+
 def test_after_the_cache_was_cleared(empty_cache: Path) -> None:
     """What is loaded stays; what needs the C says that it is gone."""
     kernel = eomgen.build(eomgen.load_robot("one_link"), kernels=kernels_for("inverse_dynamics"), flags=("-O0",))

@@ -11,7 +11,7 @@ import hashlib
 import json
 import math
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -74,11 +74,8 @@ def external_library(
 
     def compile_kernel(folder: Path) -> None:
         check_compiler(compiler, every)
-        (folder / f"{kernel.name}.h").write_text(header, encoding="ascii")
         (folder / f"{kernel.name}.c").write_text(code, encoding="ascii")
-        for place, text in library.items():
-            (folder / place).parent.mkdir(exist_ok=True)
-            (folder / place).write_text(text, encoding="ascii")
+        _write(folder, {f"{kernel.name}.h": header, **library})
         source = str(folder / f"{kernel.name}.c")
         run_all([[*compile_c, "-DEOMGEN_SINGLES_ONLY", source, "-o", str(folder / "kernel.o")]])
         shutil.rmtree(folder / FOLDER)
@@ -87,17 +84,24 @@ def external_library(
 
     def link(folder: Path) -> None:
         check_compiler(compiler, every)
-        source, library = folder / f"{called}.c", folder / f"{called}.so"
+        source, shared = folder / f"{called}.c", folder / f"{called}.so"
         objects = [folder / "kernel.o", folder / "wrapper.o"]
-        (folder / f"{kernel.name}.h").write_text(header, encoding="ascii")
+        _write(folder, {f"{kernel.name}.h": header, **library})  # a header with rollouts includes the library's
         source.write_text(wrapper, encoding="ascii")
         objects[0].write_bytes(made.files["kernel.o"])
         run_all([[*compile_c, "-iquote", str(folder), str(source), "-o", str(objects[1])]])
-        link_shared(compiler, objects, library, flags)
+        link_shared(compiler, objects, shared, flags)
+        shutil.rmtree(folder / FOLDER)
         for made_here in objects:
             made_here.unlink()
 
     return store.entry("externals", _key(tools, header, code, wrapper, *library.values()), link)
+
+
+def _write(folder: Path, texts: Mapping[str, str]) -> None:
+    for place, text in texts.items():
+        (folder / place).parent.mkdir(exist_ok=True)
+        (folder / place).write_text(text, encoding="ascii")
 
 
 def _library(kernel: Kernel) -> dict[str, str]:
