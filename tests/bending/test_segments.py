@@ -10,18 +10,20 @@ import numpy as np
 import pytest
 
 import eomgen
+from eomgen.description.bending.links import link_of_beam
 from eomgen.description.load import robot_from_toml
 from eomgen.description.recorded import robot_from_record
 from eomgen.errors import InputError
 from eomgen.robot.checks import check_values
 from eomgen.robot.record import record_of
-from eomgen.robot.value import COORDINATES, Coupling, Frame, Robot
+from eomgen.robot.sections import AXES
+from eomgen.robot.value import COORDINATES, BeamModes, Coupling, Frame, LinkBeam, Robot, made_of
 from tests.oracles.mujoco_models import MujocoRobot
 from tests.support.beams import straight
 from tests.support.bending_robots import bent
 from tests.support.builds import Build
 from tests.support.figures import Figures
-from tests.support.random_robots import Array, random_robot
+from tests.support.random_robots import Array, random_robot, seeds
 
 ARM = """
 name = "crane"
@@ -88,6 +90,45 @@ def test_tips_deflect_as_by_modes(segments: int, axis: str, figures: Figures) ->
     found = chain.by_weight(gravity)
     assert np.abs(found - sag)[:3].max() < 1e-9 * np.abs(sag[:3]).max()
     assert np.abs(found - sag)[3:].max() < 1e-9 * np.abs(sag[3:]).max()
+
+
+@pytest.mark.parametrize("seed", seeds(0, 2, 40))
+def test_random_beams(seed: int, figures: Figures) -> None:
+    """Of any numbers, along any axis, with modes in some directions: what these deflect at the tip, and masses."""
+    rng = np.random.default_rng([seed, 19])
+    counts = {way: int(rng.integers(0, 4)) for way in BeamModes().counts}
+    counts["yz"[seed % 2]] += 2  # a moment at the tip needs two
+    beam = LinkBeam(
+        *rng.uniform(0.3, 3.0, 1),
+        *rng.uniform(1e9, 2e11, 2),
+        *10.0 ** rng.uniform([-4, -8, -8, -8], [-2, -6, -6, -6]),
+        tuple(rng.uniform(0.3, 1.0, 2)),
+        float(rng.uniform(500.0, 9000.0)),
+        BeamModes(**counts),
+        str(rng.choice(list(AXES))),
+    )
+    robot = arm()
+    link = link_of_beam("arm", beam, 0.01)
+    made = [part for node in made_of(link) for part in node]
+    joints = tuple(made[1] if x.name == "arm_tip" else x for x in robot.joints)
+    robot = replace(robot, links=(link, *robot.links[1:]), joints=joints, couplings=made[2])
+    modes, N = link.modes, int(rng.integers(1, 9))
+    assert modes is not None
+    chain = straight(clamped(robot.with_segments(N)))
+    Phi = np.array(modes.nodes[0].Phi)
+    moved = [k for k in range(6) if Phi[k].any() and max(counts[way] for way in ways_of(k, beam.axis)) > 1]
+    assert moved
+    wanted = (Phi @ np.linalg.inv(modes.K) @ Phi.T)[np.ix_(moved, moved)]
+    found = np.array([chain.by_tip(wrench)[moved] for wrench in np.eye(6)[moved]]).T
+    size = np.sqrt(np.diag(wanted))
+    figures.at_most("tip", float(np.abs((found - wanted) / np.outer(size, size)).max()), 1e-8)
+    assert sum(chain.masses.values()) == pytest.approx(link.mass, rel=1e-13)
+
+
+def ways_of(row: int, axis: str) -> list[str]:
+    """Directions of modes that move a coordinate of the tip."""
+    section = int(np.flatnonzero(np.array(AXES[axis])[row % 3])[0])
+    return [["axial"], ["y"], ["z"], ["torsion"], ["z"], ["y"]][section + row - row % 3]
 
 
 def test_frequencies_tend_to_those_of_modes(figures: Figures) -> None:

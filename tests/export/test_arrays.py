@@ -58,8 +58,8 @@ def compare(robot: Robot) -> None:
     kernel, functions = eomgen.build(robot), made(robot)
     rng = np.random.default_rng(1)
     x = {name: rng.uniform(-0.3, 0.3, (7, kernel.n)) for name in "qvau"}
-    kernel.parameters["gravity.z"] = -3.0
-    p = {"gravity.z": -3.0}
+    p = {"gravity.z": -3.0} | {name: 1.5 * value for name, value in kernel.parameters.items() if ".modes." in name}
+    kernel.parameters.update(p)
     reads = {name: kernel.raw.functions[name].reads for name in NAMES}
     scale = np.linalg.cond(kernel.mass_matrix(x["q"])).max()
     for name in NAMES:
