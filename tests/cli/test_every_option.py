@@ -59,7 +59,6 @@ NUMBERS = {  # words behind the option, N in the place of a number
     "range": "joint1.gamma 0 N",
     "box": "tcp 0 0 0 1 1 N",
     "half_space": "tcp 0 0 1 N",
-    "placement": "0 0 0 0 0 N",
     "clear_of": "tcp 0 0 0 N",
     "weights": "x=N",
     "folds": "N",
