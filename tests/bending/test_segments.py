@@ -15,13 +15,15 @@ from eomgen.description.load import robot_from_toml
 from eomgen.description.recorded import robot_from_record
 from eomgen.errors import InputError
 from eomgen.robot.checks import check_values
+from eomgen.robot.model import build_model
 from eomgen.robot.record import record_of
 from eomgen.robot.sections import AXES
-from eomgen.robot.value import COORDINATES, BeamModes, Coupling, Frame, LinkBeam, Robot, made_of
+from eomgen.robot.value import COORDINATES, BeamModes, Coupling, Frame, LinkBeam, Node, Robot, made_of
 from tests.oracles.mujoco_models import MujocoRobot
 from tests.support.beams import straight
 from tests.support.bending_robots import bent
 from tests.support.builds import Build
+from tests.support.description_samples import link_poses
 from tests.support.figures import Figures
 from tests.support.random_robots import Array, random_robot, seeds
 
@@ -177,6 +179,30 @@ def test_all_else_stays() -> None:
     one = arms.with_segments(2, ["forearm"])
     assert [x.name for x in one.links if x.modes is not None] == ["upper"]
     assert one.with_segments(2, ("upper",)).beams == arms.with_segments(2).beams[::-1]
+
+
+@pytest.mark.parametrize("axis", ["x", "-y"])
+@pytest.mark.parametrize("segments", [1, 2, 5])
+@pytest.mark.parametrize("distance", [0.05, 0.4, 0.7, 0.8])
+def test_nodes_between_the_ends_stand_on_segments(distance: float, segments: int, axis: str) -> None:
+    """Parallel to the link's frame while nothing bends, in the link of the nearest end of a segment."""
+    robot = arm("y = 2", axis=axis)
+    link, along = robot.links[0], np.array(AXES[axis])[:, 0]
+    assert link.modes is not None
+    still = ((0.0, 0.0),) * 6
+    node = Node("eye", (*(float(x) for x in distance * along),), ((0.1, 0.0), *still[1:]))  # type: ignore[arg-type]
+    link = replace(link, modes=replace(link.modes, nodes=(*link.modes.nodes, node)))
+    _, (made, joint, couplings) = made_of(link)
+    frame = Frame("camera", "arm_eye")
+    robot = replace(robot, links=(link, *robot.links[1:], made), joints=(*robot.joints, joint), frames=(frame,))
+    chain = replace(robot, couplings=(*robot.couplings, *couplings)).with_segments(segments)
+    place = chain.joint("arm_eye")
+    assert place.parent == f"arm{min(int(distance / (0.8 / segments) + 0.5), segments)}"
+    assert [x.name for x in chain.joints].index("arm_eye") > [x.name for x in chain.joints].index(place.parent)
+    pose = link_poses(chain, np.zeros(sum(len(x.coordinates) for x in chain.joints)))["arm_eye"]
+    assert np.abs(pose[:3, 3] - distance * along).max() < 1e-14
+    assert np.abs(pose[:3, :3] - np.eye(3)).max() < 1e-14
+    assert build_model(chain).frames[0] == "camera"
 
 
 def test_mass_matrix_and_forces_of_the_chain_are_mujocos(built: Build, figures: Figures) -> None:

@@ -17,7 +17,7 @@ from ..names import component_name, joint_of, listed, nearest_or_all, show
 from ..robot.geometry import Matrix, Placement
 from ..robot.sections import AXES
 from ..robot.value import BASE, COORDINATES, Beam, Joint, Link, LinkBeam, Robot, made_of, node_link
-from .beam import TIP, beam_modes
+from .beam import beam_modes
 
 _MOVED = {"y": ("y", "gamma"), "z": ("z", "beta"), "torsion": ("alpha",), "axial": ("x",)}  # by a direction's modes
 _SAME = 1e-9  # relative: that stiffness of modes may be off the beam's
@@ -64,7 +64,7 @@ class _Chain:
         beam = Beam(
             link.name,
             link.name,
-            node_link(link.name, TIP),
+            node_link(link.name, link.modes.nodes[0].name),  # its tip
             given.length,
             segments,
             given.E,
@@ -105,9 +105,8 @@ class _Chain:
         """Yield the chain's joints, and those of nodes between its ends."""
         yield from self.beam.joints()
         assert self.link.modes is not None
-        for node in self.link.modes.nodes:
-            if node.name != TIP:
-                yield self._between(node_link(self.link.name, node.name), _distance(node.place, self.beam.axis))
+        for node in self.link.modes.nodes[1:]:
+            yield self._between(node_link(self.link.name, node.name), _distance(node.place, self.beam.axis))
 
     def _between(self, name: str, distance: float) -> Joint:
         """Return the joint that fixes a node's link, so far from the root, to the segment that it stands on."""
