@@ -107,6 +107,7 @@ def extras() -> str:
 def sizes() -> str:
     """Limits of what files may hold."""
     from eomgen.bending.finite_elements import MOST_ENTRIES, MOST_NODES
+    from eomgen.bending.link_files import MOST_COUNT, MOST_UNKNOWNS
     from eomgen.motion.measured_numbers import SHORTEST
     from eomgen.npz import most_bytes
     from eomgen.runtime.levels import LEVELS
@@ -123,6 +124,10 @@ def sizes() -> str:
         ),
         ("arrays of a .npz file", f"{most_bytes() // 1_000_000} MB, or what EOMGEN_NPZ_MB says"),
         ("nodes, and entries of a matrix, of a link's finite elements", f"{MOST_NODES}, {MOST_ENTRIES}"),
+        (
+            "rows, and modes beside those of interfaces, of finite elements that descriptions name",
+            f"{MOST_UNKNOWNS}, {MOST_COUNT}",
+        ),
         ("levels of processors that packages have code for, on x86-64", ", ".join(LEVELS)),
     ]
     return "\n".join(["| | at most |", "|---|---|", *(f"| {what} | {most} |" for what, most in rows)])

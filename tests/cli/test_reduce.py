@@ -32,6 +32,11 @@ def test_it_prints_a_link_and_writes_its_constants(tmp_path: Path, capsys: pytes
     assert values["files"] == []
     assert values["velocity_terms"] == "exact"
     assert values["frequencies_hz"] == pytest.approx(reduce(bar(counts=(3, 1, 1), count=1)).frequencies.tolist())
+    place = ["--placement", "0", "0", "0.5", "0", "0", str(np.pi / 2.0)]
+    assert main(["reduce", str(tmp_path / "bar.npz"), *place, "--json"]) == 0
+    values = json.loads(capsys.readouterr().out)
+    assert values["com"] == pytest.approx([0.0, 0.5, 0.5], abs=1e-12)
+    assert values["interfaces"]["tip"] == pytest.approx([0.0, 1.0, 0.5], abs=1e-12)
 
 
 def test_it_reads_files_of_a_program_with_load_cases(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
