@@ -28,7 +28,7 @@ export class BentAxis {
 
   /** Put the vertices, link's frame, m, where the link is at q: rings from the root to the tip, and both ends again. */
   bend(q) {
-    const e = this.modes.map((place) => (place < 0 ? 0 : q[place])), { rings, around, outline, vertices } = this;
+    const e = this.modes.map((place) => q[place]), { rings, around, outline, vertices } = this;
     for (let ring = 0; ring < rings; ring++) {
       const [x, y, z, ...angles] = this.coordinates(ring, e);
       const [[ca, sa], [cb, sb], [cg, sg]] = angles.map((angle) => [Math.cos(angle), Math.sin(angle)]);

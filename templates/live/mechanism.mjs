@@ -20,18 +20,21 @@ function about(axis, angle) {
 }
 
 export class Mechanism {
-  /** data: coordinates (names), home, joints, followers, loops, couplings, as Python writes them. */
+  /** data: coordinates (names), home, joints, followers, loops, couplings, modes (places), as Python writes them. */
   constructor(data) {
     this.data = data;
     this.index = new Map(data.coordinates.map((name, i) => [name, i]));
+    this.modes = new Set(data.modes);
     this.closed = data.loops.length + data.couplings.length > 0;
   }
 
   /** Values of all coordinates by name, those that follow others among them. */
   named(q) {
     const values = new Map(this.data.coordinates.map((name, i) => [name, q[i]]));
-    for (const { name, offset, to } of this.data.followers) {
-      values.set(name, to.reduce((sum, [leader, ratio]) => sum + ratio * (values.get(leader) ?? 0), offset));
+    const at = (name) => values.get(name) ?? 0;
+    for (const { name, offset, to, bends } of this.data.followers) {
+      const even = to.reduce((sum, [leader, ratio]) => sum + ratio * at(leader), offset);
+      values.set(name, bends.reduce((sum, [a, b, bend]) => sum + bend * at(a) * at(b), even));
     }
     return values;
   }
@@ -72,11 +75,11 @@ export class Mechanism {
   }
 
   /**
-   * Coordinates near q at which loops and couplings are assembled, those of the indices in `fixed` as they are.
+   * Coordinates near q at which loops and couplings are assembled, those of the indices in `fixed`, and modes, as they are.
    * Returns { q, off, owner }: off is what is left, below 1e-9 where it is assembled, owner the loop with the most of it.
    */
   assemble(q, fixed) {
-    const free = this.data.coordinates.map((_, i) => i).filter((i) => !fixed.has(i));
+    const free = this.data.coordinates.map((_, i) => i).filter((i) => !fixed.has(i) && !this.modes.has(i));
     let at = Float64Array.from(q), state = this.residual(at), size = largest(state.off);
     for (let step = 0; step < STEPS && size > 1e-13; step++) {
       const change = leastNorm(this.jacobian(at, free), state.off);

@@ -54,8 +54,8 @@ export function plotsOf(data) {
       value: ({ states }) => places.map((i) => factor * states[i]),
     });
   }
-  for (const unit of ["rad", "m"]) {
-    const [shownUnit, factor] = MILLI[unit];
+  for (const [unit, kind] of [["rad", "rotations"], ["m", "translations"], ["1", "modes"]]) {
+    const [shownUnit, factor] = MILLI[unit] ?? [unit, 1];
     const groups = new Map();
     for (const i of data.deviations) {
       if (data.units[i] !== unit) continue;
@@ -64,8 +64,8 @@ export function plotsOf(data) {
       groups.get(joint).push(i);
     }
     for (const [joint, places] of groups) {
-      found.set(`${joint}.${unit === "m" ? "translations" : "rotations"}`, {
-        label: `${joint}: ${unit === "m" ? "translations" : "rotations"}`,
+      found.set(`${joint}.${kind}`, {
+        label: `${joint}: ${kind}`,
         unit: shownUnit,
         names: places.map((i) => data.coordinates[i].split(".")[1]),
         value: ({ q }) => places.map((i) => factor * q[i]),

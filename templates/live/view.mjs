@@ -37,13 +37,15 @@ class View {
   build() {
     const made = this.data.sliders.map(({ name, index, low, high, unit }) =>
       [index, slider(this.settings, key(name), name, { low, high, unit })]);
-    const [first, others] = [true, false].map((held) =>
-      made.filter(([index]) => (this.held.has(index) || !this.mechanism.closed) === held).map(([, bar]) => bar));
+    const { modes, closed } = this.mechanism, bars = (fits) => made.filter(([index]) => fits(index)).map(([, bar]) => bar);
+    const [first, others] = [true, false].map((held) => bars((i) => !modes.has(i) && (this.held.has(i) || !closed) === held));
+    const bends = bars((i) => modes.has(i));
     const reset = element("button", { type: "button", onclick: () => this.reset() }, "Home");
     const look = element("button", { type: "button", onclick: () => this.scene.look() }, "First view");
     by("panel").append(element("div", { class: "row" }, reset, look));
     if (first.length) by("panel").append(group("Joints", true, ...first));
     if (others.length) by("panel").append(group("Joints that loops move", !first.length, ...others));
+    if (bends.length) by("panel").append(group("Modes of links that bend", true, ...bends));
     if (!made.length) by("panel").append(element("p", {}, "No joint moves."));
     for (const note of this.data.notes) by("panel").append(element("p", {}, note));
   }

@@ -108,12 +108,15 @@ def test_pages_bend_links_as_python_does(tmp_path: Path, boom: Robot) -> None:
     """To the digits of single precision; a vertex goes with its link near the root, with the node near the tip."""
     script = """
 import { BentAxis } from "#live/bent";
+import { plotsOf } from "#live/plots";
 import { readFileSync } from "node:fs";
 const found = JSON.parse(readFileSync(0, "utf8")).map(({ bent, q }) => bent.map((data) => {
   const axis = new BentAxis(data), vertices = [...axis.bend(q)], last = vertices.length / 3 - 1;
   return { vertices, faces: axis.faces(), near: [0, last].map((i) => axis.nearest(i)) };
 }));
-console.log(JSON.stringify(found));
+const one = { drives: [], closed: false, states: [], coordinates: ["a.gamma", "b.mode1", "b.mode2"] };
+const plot = plotsOf({ ...one, deviations: [0, 1, 2], units: ["rad", "1", "1"] }).get("b.modes");
+console.log(JSON.stringify([found, [plot.names, plot.unit, plot.value({ q: [3, 4, 5] })]]));
 """
     shutil.copytree(MODULES, tmp_path / "live", ignore=shutil.ignore_patterns("three"))
     (tmp_path / "live" / "runner.mjs").write_text(script, encoding="ascii")
@@ -127,7 +130,9 @@ console.log(JSON.stringify(found));
     command = [str(NODE), str(tmp_path / "live" / "runner.mjs")]
     done = subprocess.run(command, input=json.dumps(given), capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    for answers, wanted in zip(json.loads(done.stdout), expected, strict=True):
+    found, plot = json.loads(done.stdout)
+    assert plot == [["mode1", "mode2"], "1", [4, 5]], "plots have modes, too"
+    for answers, wanted in zip(found, expected, strict=True):
         assert wanted
         for answer, (axis, vertices, faces) in zip(answers, wanted, strict=True):
             np.testing.assert_allclose(np.reshape(answer["vertices"], (-1, 3)), vertices, atol=3e-6)
@@ -136,11 +141,17 @@ console.log(JSON.stringify(found));
             assert answer["near"][1] in axis.nodes
 
 
-def test_a_page_without_a_simulation_draws_links_straight_as_thick_as_they_are(boom: Robot) -> None:
+def test_a_page_without_a_simulation_has_a_slider_for_each_mode(boom: Robot) -> None:
+    """A mode's ends bend the link by 0.15 of the robot's size, or turn it by half a radian."""
     page = contents_of_view(boom)
     (found,) = page["bent"]
     assert found["link"] == "tube"
-    assert set(found["modes"]) == {-1}
+    assert [page["coordinates"][i] for i in found["modes"]] == [f"tube.mode{k}" for k in range(1, 5)]
+    assert page["modes"] == found["modes"]
+    sliders = {one["name"]: one for one in page["sliders"]}
+    assert sliders.keys() == set(page["coordinates"])
+    assert sliders["tube.mode1"]["high"] == -sliders["tube.mode1"]["low"] == pytest.approx(0.15 * 1.5, rel=0.05)
+    assert sliders["tube.mode4"]["high"] == pytest.approx(0.5), "which twists"
     assert all(c["link"] != "tube" for c in page["capsules"])
     assert len(json.dumps(page["bent"])) < 12_000, "pages stay small"
 

@@ -209,7 +209,8 @@ def _plot(kernel: Kernel, deviations: list[int]) -> str:
     if not names:
         return "positions"
     first = (turning or names)[min(1, len(turning or names) - 1)]
-    return f"{first.partition('.')[0]}.{'rotations' if turning else 'translations'}"
+    kind = {"rad": "rotations", "m": "translations"}.get(unit_of(first), "modes")
+    return f"{first.partition('.')[0]}.{kind}"
 
 
 def _recorded(result: SimulationResult, acting: dict[str, Any], assembly: Assembly) -> dict[str, str]:

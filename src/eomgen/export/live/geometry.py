@@ -20,22 +20,19 @@ MOST_MESH = 24 << 20  # bytes of all meshes of a page; more would take long to o
 DRUM = 1.7  # radius of what stands for a joint, of a capsule's
 
 
-def geometry_of(
-    robot: Robot, coordinates: Sequence[str], poses: ArrayLike, bending: Robot | None = None
-) -> tuple[dict[str, Any], list[str]]:
+def geometry_of(robot: Robot, coordinates: Sequence[str], poses: ArrayLike) -> tuple[dict[str, Any], list[str]]:
     """Return shapes, sizes and the first view, as JSON holds them; and lines about what is not drawn.
 
     Args:
         robot: as it is described.
         coordinates: n names.
         poses: coordinates of poses that the first view is to show, (K, n), m or rad.
-        bending: the robot whose links bend, where ``robot`` is that with rigid joints; its modes are zero.
     """
     shapes, notes = urdf_shapes(robot)
     if sum(shape.vertices.size * 4 + shape.faces.size * 4 for shape in shapes) > MOST_MESH:
         notes.append(f"meshes take more than {MOST_MESH >> 20} MB: links are drawn as capsules")
         shapes = []
-    axes = bent_axes(bending or robot)
+    axes = bent_axes(robot)
     bare = bare_capsules(robot, shapes, axes)
     size, up = extent(robot), up_of(robot)
     places = np.concatenate([drawn_points(robot, coordinates, q, shapes) for q in np.atleast_2d(np.asarray(poses))])
@@ -80,13 +77,11 @@ def _mesh(shape: Shape) -> dict[str, Any]:
 
 
 def _bent(axis: BentAxis, coordinates: Sequence[str]) -> dict[str, Any]:
-    """Return an axis as the script ``bent`` takes it: rows of Phi and Psi that are zero are null, and modes -1 that
-    are no coordinates."""
-    places = {name: i for i, name in enumerate(coordinates)}
+    """Return an axis as the script ``bent`` takes it: rows of Phi and Psi that are zero are null."""
     stations = axis.stations
     return {
         "link": axis.link,
-        "modes": [places.get(name, -1) for name in axis.modes],
+        "modes": [coordinates.index(name) for name in axis.modes],
         "places": _packed(stations.places.astype("<f4")),
         "Phi": [_row(stations.Phi[:, row]) for row in range(6)],
         "Psi": [_row(stations.Psi[:, row]) for row in range(3)],

@@ -6,7 +6,8 @@ import html
 import sys
 import tempfile
 import webbrowser
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,19 +16,20 @@ import numpy as np
 from ...arrays import Array
 from ...description import RobotLike, as_robot
 from ...files import PAGE_ENDING, check_ending, write_atomically
-from ...names import component_name
-from ...pictures.scene import extent, placed, turned
+from ...names import component_name, joint_of
+from ...pictures.scene import bent_axes, extent, placed, turned
 from ...robot.coordinates import unit_of
 from ...robot.cuts import rigid_components
 from ...robot.geometry import ANGULAR, COORDINATES
 from ...robot.model import Model, build_model
-from ...robot.value import Joint, Loop, Robot
+from ...robot.value import Joint, Loop, Robot, node_link
 from ...runtime.turning import rotation
 from .geometry import geometry_of, tool_place
 from .page import filled_page
 
 TEMPLATE = "live/view.html.jinja"
 HEIGHT = 520  # in a notebook, pixels
+BENT, BENT_ANGLE = 0.15, 0.5  # largest deflection by a mode's slider, of the robot's size; rotation, rad
 MOST_FRAMES = 4  # whose positions are shown
 
 
@@ -69,8 +71,8 @@ class RobotPage:
 def show_robot(robot: RobotLike, path: Path | str | None = None, *, browser: bool | None = None) -> RobotPage:
     """Show a robot as a page with a slider for each joint; nothing is simulated or compiled.
 
-    Elastic joints are drawn rigid.  Closed mechanisms are assembled wherever a slider is; where that cannot be, the
-    page names the loop.
+    Elastic joints are drawn rigid; links that bend have a slider for each mode.  Closed mechanisms are assembled
+    wherever a slider is; where that cannot be, the page names the loop.
 
     Args:
         robot: a Robot, the name of a built-in one, or the path of a description.
@@ -97,39 +99,77 @@ def robot_page(robot: RobotLike) -> RobotPage:
     """Return the page of ``show_robot``."""
     described = as_robot(robot)
     values = contents_of_view(described)
-    count = len(values["sliders"])
-    line = f"{count} joint coordinate{'s' * (count != 1)}; elastic joints are drawn rigid, nothing is simulated"
+    modes = len(values["modes"])
+    count = len(values["sliders"]) - modes
+    bend = f", {modes} mode{'s' * (modes != 1)} of links" if modes else ""
+    line = f"{count} joint coordinate{'s' * (count != 1)}{bend}; elastic joints are drawn rigid, nothing is simulated"
     text = filled_page(TEMPLATE, values, {}, start="view", title=f"{described.name}: eomgen view", line=line)
     return RobotPage(described.name, text, tuple(values["notes"]))
 
 
 def contents_of_view(described: Robot) -> dict[str, Any]:
     """Return what the page knows: the geometry, the mechanism, and ranges of its sliders, as JSON holds them."""
-    robot = described.rigid()
+    robot = _with_modes(described)
     model = build_model(robot)
-    geometry, notes = geometry_of(robot, model.coordinates, np.array(model.home), described)
+    geometry, notes = geometry_of(robot, model.coordinates, np.array(model.home))
+    bent = _amplitudes(robot)
     frames = [
         dict(zip(("name", "link", "point"), (frame.name, *tool_place(robot, frame.name)), strict=True))
         for frame in robot.frames[:MOST_FRAMES]
     ]
     if len(robot.frames) > MOST_FRAMES:
         notes.append(f"positions of {MOST_FRAMES} of {len(robot.frames)} frames are shown, the first ones")
+    modes = {i for i, name in enumerate(model.coordinates) if name in robot.modal_coordinates}
     return {
         "name": described.name,
         **geometry,
         **mechanism_of(model),
-        "sliders": [_slider(robot, name, i, model.home[i]) for i, name in enumerate(model.coordinates)],
+        "sliders": [
+            _mode(name, i, bent) if i in modes else _slider(robot, name, i, model.home[i])
+            for i, name in enumerate(model.coordinates)
+        ],
         "held": sorted({*model.driven, *model.prescribed}),
         "frames": frames,
         "notes": notes,
     }
 
 
+def _with_modes(described: Robot) -> Robot:
+    """Return the robot with rigid joints whose links bend: nodes follow the modes as they are described."""
+    robot, modes = described.rigid(), {link.name: link.modes for link in described.links}
+    nodes = {node_link(name, node.name) for name, own in modes.items() if own is not None for node in own.nodes}
+    joints = tuple(described.joint(joint.name) if joint.name in nodes else joint for joint in robot.joints)
+    couplings = tuple(x for x in described.couplings if joint_of(x.of) in nodes)
+    links = tuple(replace(link, modes=modes[link.name]) for link in robot.links)
+    return replace(robot, links=links, joints=joints, couplings=(*robot.couplings, *couplings))
+
+
+def _amplitudes(robot: Robot) -> dict[str, float]:
+    """Return how far modes are bent at most, by their coordinates: so that links are seen to bend, and do not fold."""
+    size, least = extent(robot), dict[str, float]()
+    for axis in bent_axes(robot):
+        moved = np.abs(axis.stations.Phi).max(axis=0) / np.repeat([BENT * size, BENT_ANGLE], 3)[:, np.newaxis]
+        for name, most in zip(axis.modes, moved.max(axis=0).tolist(), strict=True):
+            least[name] = min(least.get(name, np.inf), 1.0 / most) if most > 0.0 else least.get(name, np.inf)
+    return {name: float(f"{value:.2g}") for name, value in least.items() if np.isfinite(value)}
+
+
+def _mode(name: str, index: int, amplitudes: Mapping[str, float]) -> dict[str, Any]:
+    """Return name and range of a mode's slider."""
+    most = amplitudes.get(name, 1.0)
+    return {"name": name, "index": index, "low": -most, "high": most, "unit": ""}
+
+
 def mechanism_of(model: Model) -> dict[str, Any]:
     """Return joints, loops and couplings as the script ``mechanism`` takes them; poses are 16 numbers, row by row."""
     robot = model.robot
     followers = [
-        {"name": name, "offset": x.offset or 0.0, "to": [[key, ratio] for key, ratio in x.to.items()]}
+        {
+            "name": name,
+            "offset": x.offset or 0.0,
+            "to": [[key, ratio] for key, ratio in x.to.items()],
+            "bends": [[a, b, bend * (0.5 if a == b else 1.0)] for a, b, bend in x.bends],
+        }
         for name, x in robot.followers.items()
     ]
     couplings = [
@@ -143,6 +183,7 @@ def mechanism_of(model: Model) -> dict[str, Any]:
         "followers": followers,
         "loops": [_loop(loop) for loop in robot.loops],
         "couplings": couplings,
+        "modes": [i for i, name in enumerate(model.coordinates) if name in robot.modal_coordinates],
     }
 
 
