@@ -12,7 +12,7 @@ import pytest
 import eomgen
 from eomgen.analysis import deflection
 from eomgen.bending.beam import beam_shapes
-from eomgen.bending.resultants import COMPONENTS, StressResultants
+from eomgen.bending.beams.resultants import COMPONENTS, StressResultants
 from eomgen.cli.entry import main
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import DescriptionError, InputError

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from eomgen.bending.beam import beam_modes, beam_shapes
-from eomgen.bending.stations import COUNT, stations_of
+from eomgen.bending.beams.stations import COUNT, stations_of
 from eomgen.robot.sections import SHAPES
 from eomgen.robot.value import AXES, Link, Node
 from eomgen.robot.value.link_beam import BeamModes, LinkBeam

@@ -3,7 +3,7 @@
 Uses runtime, robot, results, bending, description, state, loops, motion, pipeline, integration and simulation.
 """
 
-from ..bending.resultants import StressResultants
+from ..bending.beams.resultants import StressResultants
 from ..lazily import public_names
 from .compliance import ComplianceMap, compliance_map
 from .discrete import DiscreteStateSpace

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..arrays import Array
-from ..bending.resultants import COMPONENTS, StressResultants, stress_resultants
+from ..bending.beams.resultants import COMPONENTS, StressResultants, stress_resultants
 from ..description import RobotLike
 from ..errors import InputError, UnknownNameError, check_kind
 from ..files import check_ending, write_atomically, write_csv

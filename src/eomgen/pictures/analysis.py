@@ -18,7 +18,7 @@ from ..analysis.frequency import Response
 from ..analysis.modal_result import Modes, TrackedModes
 from ..analysis.statics import Deflection
 from ..analysis.tool_budget import Budget
-from ..bending.resultants import COMPONENTS
+from ..bending.beams.resultants import COMPONENTS
 from ..description import RobotLike, as_robot
 from ..errors import InputError, renamed
 from ..names import show

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..bending.stations import Stations, circle, stations_of
+from ..bending.beams.stations import Stations, circle, stations_of
 from ..errors import InputError
 from ..identification.tolerances.result import ToleranceResult
 from ..names import component_name, show

@@ -338,7 +338,7 @@ class Robot(Picklable):
             InputError: no link bends; one that should become a chain is no beam, its modes are no longer the beam's, or
                 couplings, drives or a home need its modes; a number of segments that no beam has; or names are taken.
         """
-        made: Robot = from_above(".bending.segments", "with_segments")(self, segments, links)
+        made: Robot = from_above(".bending.beams.segments", "with_segments")(self, segments, links)
         return made
 
     def with_coordinates(self, coordinates: Mapping[str, Mapping[str, Coordinate]]) -> Robot:

@@ -13,12 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import Array
-from ..robot.sections import ROUND, reach_of
-from ..robot.value import AXES, Link, LinkBeam
-from ..shown import Shown, scale_of
-from ..tabular import Rows, TableColumn, Tabular
-from .beam import beam_shapes
+from ...arrays import Array
+from ...robot.sections import ROUND, reach_of
+from ...robot.value import AXES, Link, LinkBeam
+from ...shown import Shown, scale_of
+from ...tabular import Rows, TableColumn, Tabular
+from ..beam import beam_shapes
 
 STATIONS = 11  # sections from the root to the tip
 COMPONENTS = ("N", "Vy", "Vz", "T", "My", "Mz")

@@ -14,9 +14,9 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import Array
-from ..robot.value import AXES, Link, LinkBeam, Node
-from .beam import beam_shapes
+from ...arrays import Array
+from ...robot.value import AXES, Link, LinkBeam, Node
+from ..beam import beam_shapes
 
 COUNT = 21  # of stations along an axis
 SECTORS = 16  # of a round section

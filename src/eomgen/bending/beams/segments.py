@@ -11,13 +11,13 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 
-from ..errors import InputError
-from ..limits import MOST_ENTRIES, MOST_SEGMENTS
-from ..names import component_name, joint_of, listed, nearest_or_all, show
-from ..robot.geometry import Matrix, Placement
-from ..robot.sections import AXES
-from ..robot.value import BASE, COORDINATES, Beam, Joint, Link, LinkBeam, Robot, made_of, node_link
-from .beam import beam_modes
+from ...errors import InputError
+from ...limits import MOST_ENTRIES, MOST_SEGMENTS
+from ...names import component_name, joint_of, listed, nearest_or_all, show
+from ...robot.geometry import Matrix, Placement
+from ...robot.sections import AXES
+from ...robot.value import BASE, COORDINATES, Beam, Joint, Link, LinkBeam, Robot, made_of, node_link
+from ..beam import beam_modes
 
 _MOVED = {"y": ("y", "gamma"), "z": ("z", "beta"), "torsion": ("alpha",), "axial": ("x",)}  # by a direction's modes
 _SAME = 1e-9  # relative: that stiffness of modes may be off the beam's

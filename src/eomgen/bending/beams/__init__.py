@@ -1,0 +1,1 @@
+"""What is made of a beam beside its modes: a chain of segments, stress resultants, and stations to draw it by."""
