@@ -102,8 +102,8 @@ class Bent:
             total = total + G.scaled(x[k])
         return total
 
-    def grown(self, v: Sequence[Scalar], a: Sequence[Scalar]) -> tuple[Vec, Vec]:
-        """Return the row of sum G_k e''_k + Q_kl e'_k e'_l and its integral of rho x x, of all coordinates."""
+    def acceleration_moment(self, v: Sequence[Scalar], a: Sequence[Scalar]) -> tuple[Vec, Vec]:
+        """Return sum G_k e''_k + Q_kl e'_k e'_l: its row, and its integral of rho x x, of all coordinates."""
         row, about = ZERO, ZERO
         for k, G in zip(self.indices, self.G, strict=True):
             row, about = add(row, scale(a[k], G.row)), add(about, scale(a[k], G.about()))
@@ -154,7 +154,7 @@ def modal_wrench(body: Bent, rate: Vec, v: Sequence[Scalar], a: Sequence[Scalar]
         rate: the body's angular velocity, in its axes.
         v, a: of all coordinates.
     """
-    moving, (force, moment), twice = body.sum(v), body.grown(v, a), scale(2.0, rate)
+    moving, (force, moment), twice = body.sum(v), body.acceleration_moment(v, a), scale(2.0, rate)
     turning = subtract(scale(trace(moving.block), twice), matvec(transpose(moving.block), twice))
     return add(cross(twice, moving.row), force), add(turning, moment)
 

@@ -118,7 +118,7 @@ def _of_npz(paths: list[Path], sets: LinkSets | None, stress: Any, report: Stage
 
 
 @dataclass
-class _Found:
+class _Contents:
     """Contents of files, as far as they are read."""
 
     matrices: dict[str, Entries] = field(default_factory=dict)
@@ -139,32 +139,22 @@ def _of_program(
     named: list[tuple[str, Path]], sets: LinkSets, units: str, stress: Mapping[str, Path | str], report: StageReport
 ) -> FiniteElements:
     """Read matrices and nodes of a program's files, and make finite elements of them."""
-    found = _Found()
+    contents = _Contents()
     for role, path in named:
         report(f"reading {plain_path(path)}")
-        _read(role, path, found)
+        _read(role, path, contents)
     for name, file in stress.items():
         report(f"reading {plain_path(file)}")
-        _read_matrix(f"stress {name}", as_path(file, "stress"), found)
-    for name, path in found.waiting:
-        if found.keys is None:
-            raise InputError(
-                f"{plain_path(path)}: has no names of its rows; allowed: with a .mapping or a .dof file beside it"
-            )
-        if path.suffix.lower() == ".op4":
-            for letter, entries in op4.read_matrices(path, found.keys, name).items():
-                found.take(letter, entries)
-                found.reduced = found.reduced or _has_amplitudes(entries)
-        else:
-            found.take(name, _by_mapping(path, found.keys))
-    missing = [name for name in ("K", "M") if name not in found.matrices]
+        _read_matrix(f"stress {name}", as_path(file, "stress"), contents)
+    _take_waiting(contents)
+    missing = [name for name in ("K", "M") if name not in contents.matrices]
     if missing:
         kinds = "; ".join(f"{endings} ({program})" for endings, program in KINDS.items())
         raise InputError(
             f"files: have no {' and no '.join(missing)}; allowed: both, in {kinds}, or as K=FILE and M=FILE"
         )
-    nodes = merged(found.nodes)
-    dofs, matrices = assembled(nodes, found.matrices, found.reduced)
+    nodes = merged(contents.nodes)
+    dofs, matrices = assembled(nodes, contents.matrices, contents.reduced)
     elements = FiniteElements(
         nodes.places,
         dofs,
@@ -174,11 +164,26 @@ def _of_program(
         _interfaces(sets, nodes),
         COUNT,
         nodes.labels.astype(np.intp),
-        found.reduced,
+        contents.reduced,
         {name: matrices[f"stress {name}"] for name in stress},
     )
     _check_cases(elements, stress)
     return checked(in_si(_with_used_nodes(elements), units))
+
+
+def _take_waiting(contents: _Contents) -> None:
+    """Read the matrices whose rows another file names."""
+    for name, path in contents.waiting:
+        if contents.keys is None:
+            raise InputError(
+                f"{plain_path(path)}: has no names of its rows; allowed: with a .mapping or a .dof file beside it"
+            )
+        if path.suffix.lower() == ".op4":
+            for letter, entries in op4.read_matrices(path, contents.keys, name).items():
+                contents.take(letter, entries)
+                contents.reduced = contents.reduced or _has_amplitudes(entries)
+        else:
+            contents.take(name, _by_mapping(path, contents.keys))
 
 
 def _check_cases(elements: FiniteElements, stress: Mapping[str, Any]) -> None:
@@ -188,33 +193,33 @@ def _check_cases(elements: FiniteElements, stress: Mapping[str, Any]) -> None:
             raise InputError(f"stress: got {show(name)}; allowed: {nearest_or_all(name, cases)}")
 
 
-def _read(role: str, path: Path, found: _Found) -> None:
-    """Read a file into what is found, by its ending and what it is said to be."""
+def _read(role: str, path: Path, contents: _Contents) -> None:
+    """Read a file into the contents, by its ending and what it is said to be."""
     ending = path.suffix.lower()
     if role == "map" or ending in (".dof", ".mapping"):
-        found.keys = ansys.read_mapping(path) if ending == ".mapping" else calculix.read_directions(path)
+        contents.keys = ansys.read_mapping(path) if ending == ".mapping" else calculix.read_directions(path)
     elif ending == ".csv":
-        found.nodes.append(node_files.read_nodes(path))
+        contents.nodes.append(node_files.read_nodes(path))
     elif role == "nodes" or ending == ".inp":
-        found.nodes.append(nastran.read(path)[0] if ending in NASTRAN else abaqus.read_nodes(path))
+        contents.nodes.append(nastran.read(path)[0] if ending in NASTRAN else abaqus.read_nodes(path))
     elif ending in NASTRAN:
         nodes, matrices = nastran.read(path)
         if len(nodes.labels):
-            found.nodes.append(nodes)
+            contents.nodes.append(nodes)
         for name, entries in matrices.items():
-            found.take(role or name, entries)
-        found.reduced = found.reduced or any(_has_amplitudes(entries) for entries in matrices.values())
+            contents.take(role or name, entries)
+        contents.reduced = contents.reduced or any(_has_amplitudes(entries) for entries in matrices.values())
     elif ending in (".sti", ".mas"):
-        _read_matrix(role or {".sti": "K", ".mas": "M"}[ending], path, found)
+        _read_matrix(role or {".sti": "K", ".mas": "M"}[ending], path, contents)
     elif ending == ".op4":
-        found.waiting.append((role, path))
+        contents.waiting.append((role, path))
     elif ending in MATRICES or role:
         if ending == ".mtx" and not role and abaqus.is_substructure(path):
             for name, entries in abaqus.read_substructure(path).items():
-                found.take(name, entries)
-            found.reduced = True
+                contents.take(name, entries)
+            contents.reduced = True
             return
-        _read_matrix(role or _by_name(path), path, found)
+        _read_matrix(role or _by_name(path), path, contents)
     else:
         kinds = "; ".join(f"{endings} ({program})" for endings, program in KINDS.items())
         raise InputError(f"files: {plain_path(path)}; allowed: {kinds}, or K=FILE, M=FILE, nodes=FILE, map=FILE")
@@ -236,12 +241,12 @@ def _by_name(path: Path) -> str:
     return kinds[0]
 
 
-def _read_matrix(name: str, path: Path, found: _Found) -> None:
+def _read_matrix(name: str, path: Path, contents: _Contents) -> None:
     """Read a matrix that names its rows by itself, or let it wait for the file that does."""
     if path.suffix.lower() in (".sti", ".mas", ".op4") or not _names_rows(path):
-        found.waiting.append((name, path))
+        contents.waiting.append((name, path))
     else:
-        found.take(name, abaqus.read_matrix(path))
+        contents.take(name, abaqus.read_matrix(path))
 
 
 def _names_rows(path: Path) -> bool:
