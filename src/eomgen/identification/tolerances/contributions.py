@@ -131,6 +131,17 @@ class Exact:
     contributions: tuple[Contribution, ...]
 
     @property
+    def robot(self) -> Robot:
+        """The robot as it is described."""
+        return self.model.robot
+
+    @property
+    def wrench(self) -> Array | None:
+        """Force (N) and moment (N m) on the tool, (6,), base frame; None where there is none."""
+        loads = self.rows.loads.get(self.tool)
+        return None if loads is None else np.asarray(loads)[0]
+
+    @property
     def is_soft(self) -> bool:
         """Whether loads deflect the robot."""
         return any(parameter.kind == COMPLIANCE for parameter in self.model.parameters)

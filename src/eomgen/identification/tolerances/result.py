@@ -17,6 +17,7 @@ from ...shown import Plotting, Shown
 from ...tabular import Rows as TableRows
 from ...tabular import TableColumn, Tabular
 from .allocation import Allocation, allocated
+from .bending import BendingExact
 from .contributions import Exact
 from .correlations import groups_of, plain_correlations, root_of
 from .regions import ellipsoids
@@ -84,7 +85,7 @@ class ToleranceResult(Plotting, Shown, Tabular, Saved, plot="plot_tolerance"):
     nonlinearity: float
     notes: tuple[str, ...]
     t: Array | None = None
-    exact: Exact = field(repr=False)
+    exact: Exact | BendingExact = field(repr=False)
     tolerances: tuple[Tolerance, ...] = field(repr=False)
 
     @property

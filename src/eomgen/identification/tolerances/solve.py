@@ -31,6 +31,7 @@ from ...robot.value import COORDINATES, MOTOR, PRINCIPAL, Robot
 from ..geometry.error_model import Rows
 from ..geometry.loop_constraints import closed_readings, closing_of
 from ..geometry.stations import Chain, chain_of, matrix_of
+from .bending import BendingExact, bending_exact, contributions_of_bending
 from .contributions import Contribution, Exact, contributions_of, model_of
 from .correlations import groups_of, plain_correlations, read_correlations, root_of
 from .regions import mixed_quantiles, quantile_of_normal, radii, worst_deviations, worst_directions
@@ -87,7 +88,7 @@ def tolerance(  # noqa: PLR0913
         InputError: another argument cannot be used, or a mechanism does not close.
         UnknownNameError: there is no frame or coordinate of a name.
     """
-    robot, report = as_robot(robot).with_constraints(), progress or no_report
+    robot, report = _without_followers(as_robot(robot)), progress or no_report
     frame = tool_of(robot, frame)
     if not (is_usable(confidence) and 0.0 < confidence < 1.0):
         raise InputError(f"confidence: {show(confidence)}; allowed: a number between 0 and 1")
@@ -105,11 +106,10 @@ def tolerance(  # noqa: PLR0913
         t, q = _motion(model, names, along)
     else:
         q = _checked_poses(model, names, poses)
-    exact = _exact(robot, model, frame, names, q, wrench)
-    known = contributions_of(exact.model)
+    exact, known = _known(robot, model, frame, names, q, wrench, report)
     read = read_table(table, tuple(known))
     chosen = tuple(known[entry.name] for entry in read.entries)
-    exact = Exact(exact.model, exact.rows, exact.tool, chosen)
+    exact = replace(exact, contributions=chosen)
     entries = [_sized(read, entry, one) for entry, one in zip(read.entries, chosen, strict=True)]
     result = _result(exact, frame, names, q, entries, read_correlations(read), confidence, report)
     return result if t is None else replace(result, t=t)
@@ -117,11 +117,35 @@ def tolerance(  # noqa: PLR0913
 
 def tolerance_quantities(robot: RobotLike, frame: str | None = None) -> dict[str, str]:
     """Return the units of all quantities that a table may name, by name; arguments as of ``tolerance``."""
-    robot = as_robot(robot).with_constraints()
+    robot = _without_followers(as_robot(robot))
     model = build_model(robot)
     names = _coordinates(robot, model)
-    exact = _exact(robot, model, tool_of(robot, frame), names, _checked_poses(model, names, None), None)
-    return {name: known.unit for name, known in contributions_of(exact.model).items()}
+    q = _checked_poses(model, names, None)
+    _, contributions = _known(robot, model, tool_of(robot, frame), names, q, None, no_report)
+    return {name: known.unit for name, known in contributions.items()}
+
+
+def _known(
+    robot: Robot,
+    model: Model,
+    frame: str,
+    names: tuple[str, ...],
+    q: Array,
+    wrench: ArrayLike | None,
+    report: StageReport,
+) -> tuple[Exact | BendingExact, dict[str, Contribution]]:
+    """Return the exact model at the poses, without contributions, and all that a table may name."""
+    if any(link.modes is not None for link in robot.links):
+        load = None if wrench is None else _wrench(wrench)
+        bent = bending_exact(robot, frame, (names, q), load, report)
+        return bent, contributions_of_bending(bent)
+    exact = _exact(robot, model, frame, names, q, wrench)
+    return exact, contributions_of(exact.model)
+
+
+def _without_followers(robot: Robot) -> Robot:
+    """Return the robot with its rigid couplings as constraints, but where links bend, whose nodes are followers."""
+    return robot if any(link.modes is not None for link in robot.links) else robot.with_constraints()
 
 
 def _coordinates(robot: Robot, model: Model) -> tuple[str, ...]:
@@ -251,7 +275,7 @@ def _sized(table: Table, entry: Tolerance, one: Contribution) -> tuple[Tolerance
 
 
 def _result(
-    exact: Exact,
+    exact: Exact | BendingExact,
     frame: str,
     names: tuple[str, ...],
     q: Array,
@@ -304,7 +328,7 @@ def _result(
         notes.append(f"nothing in the table moves {frame}")
     chosen = exact.contributions
     return ToleranceResult(
-        robot=exact.model.robot.name,
+        robot=exact.robot.name,
         frame=frame,
         coordinates=names,
         q=q,
@@ -380,7 +404,7 @@ def _of_bounds(entries: Sequence[tuple[Tolerance, float, float]], shares: Mappin
             )
 
 
-def _at_vertices(exact: Exact, reach: Array, bounds: Array, signs: Array, pose: int) -> float:
+def _at_vertices(exact: Exact | BendingExact, reach: Array, bounds: Array, signs: Array, pose: int) -> float:
     """Return the greatest displacement by the exact model, m, at all vertices of the main contributors."""
     main = np.argsort(-np.linalg.norm(reach, axis=0), kind="stable")[:VERTICES]
     corners = np.array(list(product((1.0, -1.0), repeat=len(main)))).T
@@ -394,7 +418,7 @@ def _at_vertices(exact: Exact, reach: Array, bounds: Array, signs: Array, pose: 
 
 
 def _nonlinear(
-    exact: Exact,
+    exact: Exact | BendingExact,
     S: Array,
     bounds: Array,
     ends: Mapping[str, Sequence[tuple[float, Array]]],
@@ -426,15 +450,14 @@ def _nonlinear(
 
 def _record(result: ToleranceResult) -> dict[str, Any]:
     """Return what was asked, from which everything else follows."""
-    loads = result.exact.rows.loads.get(result.exact.tool)
     return {
-        "description": record_of(result.exact.model.robot),
+        "description": record_of(result.exact.robot),
         "table": {entry.name: entry.as_table() for entry in result.tolerances},
         CORRELATIONS: plain_correlations(result.names, result.correlation),
         "frame": result.frame,
         "q": result.q,
         "t": result.t,
-        "wrench": None if loads is None else np.asarray(loads)[0],
+        "wrench": result.exact.wrench,
         "confidence": result.confidence,
     }
 
