@@ -145,9 +145,10 @@ def contributions_of_bending(exact: BendingExact) -> dict[str, Contribution]:
             found[name] = Contribution(name, "N/m" if key[0] in LINEAR else "N m/rad", value, (), True)
     for link in exact.robot.links:
         if link.beam is not None:
-            for key, unit in ((_MODULUS, "N/m^2"), (_DENSITY, "kg/m^3")):
-                name = parameter_name("links", link.name, "beam", key)
-                found[name] = Contribution(name, unit, getattr(link.beam, key), (), key == _MODULUS)
+            beam = parameter_name("links", link.name, "beam")
+            name, other = parameter_name(beam, _MODULUS), parameter_name(beam, _DENSITY)
+            found[name] = Contribution(name, "N/m^2", link.beam.E, (), True)
+            found[other] = Contribution(other, "kg/m^3", link.beam.density, ())
     return found
 
 
