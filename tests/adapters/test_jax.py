@@ -333,5 +333,9 @@ def test_frames_of_robots_with_followers(built: Build) -> None:
         weights = rng.uniform(-1.0, 1.0, found.shape[1:])
         back = jax.grad(lambda x, made=made, weights=weights: jax.numpy.sum(weights * made(x)))(q[0])
         assert float(back @ rates[0]) == pytest.approx(float(np.sum(weights * np.asarray(found)[0])), rel=1e-9)
+    pull, weights = function(kernel, "frame_pose", frame), rng.uniform(-1.0, 1.0, (4, 4))
+    slope = jax.grad(lambda x: jax.numpy.sum(weights * pull(x)))
+    moved = (slope(q[0] + 1e-6 * rates[0]) - slope(q[0] - 1e-6 * rates[0])) / 2e-6
+    assert np.abs(np.asarray(jax.jacfwd(slope)(q[0])) @ rates[0] - np.asarray(moved)).max() <= 1e-8
     with pytest.raises(InputError, match=r"second derivatives of Jacobians .* follow others; allowed: first ones"):
         jax.hessian(function(kernel, "frame_jacobian", frame))(q[0])
