@@ -5,12 +5,13 @@ Of a function f(x) of arrays x, and of the run-time parameters p:
 - f_tangent: what f changes by along rates dx; f_parameter_tangent: along dp.
 - f_adjoint: the gradient of w . f by x for weights w, a cotangent; f_parameter_adjoint: by x and p.
 - f_hessian: the second derivatives of w . f by x.
+- f_jet1, ...: f and its time derivatives up to an order along a motion, given by the time derivatives of q and others.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from .entries import Signature
@@ -19,8 +20,12 @@ Shape = tuple[int, ...]
 
 RATES: Mapping[str, str] = {"q": "dq", "v": "dv", "a": "da", "u": "du", "wrench": "dwrench"}  # of what tangents move
 PARAMETER_RATES = "dp"
+MOTION = ("q", "v", "a", "jerk", "snap", "crackle", "pop")  # time derivatives of coordinates, by their order
+ORDERS = (1, 2, 3, 4)  # of jets
+_HIGHER = tuple(f"{array}{k}" for array in ("u", "wrench") for k in ORDERS)  # time derivatives
 WEIGHTS, GRADIENT, HESSIAN = "cotangent_", "gradient_", "hessian_"  # begin names of arrays
 WITH_PARAMETERS = "_p"  # ends the name of a gradient that has the parameters behind the arrays
+JET = "jet"  # begins the name of an array of time derivatives, before the order
 FRAMED: Mapping[str, str] = {"frame_pose": "poses", "frame_jacobian": "jacobians"}  # results of all frames at once
 TIMES = ("dt", "times")  # arrays that steps are not differentiated by
 # Kernels that are derivatives of others already, and charts, which are not differentiated
@@ -50,12 +55,37 @@ def _of(name: str, kernel: Signature) -> dict[str, Signature]:
     adjoint = replace(back, kind="adjoint", writes=f"{GRADIENT}{arrays}")
     whole = replace(adjoint, writes=f"{adjoint.writes}{WITH_PARAMETERS}", by_parameters=True)
     hessian = replace(back, kind="hessian", writes=f"{HESSIAN}{arrays}")
-    return {
+    return _jets(name, kernel) | {
         f"{name}_tangent": replace(tangent, text=f"Derivative of {name} along {', '.join(rates)}."),
         f"{name}_parameter_tangent": replace(along, text=f"Derivative of {name} along rates of the parameters."),
         f"{name}_adjoint": replace(adjoint, text=f"Gradient by {x} of {weighted}."),
         f"{name}_parameter_adjoint": replace(whole, text=f"Gradient by {x} and the parameters of {weighted}."),
         f"{name}_hessian": replace(hessian, text=f"Second derivatives by {x} of {weighted}."),
+    }
+
+
+def _jets(name: str, kernel: Signature) -> dict[str, Signature]:
+    """Return a function's time derivatives along motions, by their orders."""
+    none = Signature((), "", "", "jet", derivative_of=name, needs=kernel.needs, solves=kernel.solves)
+    jets = {}
+    for order in ORDERS:
+        series = jet_series(kernel.reads, order)
+        moving = MOTION[: 1 + max(MOTION.index(x) for names in series.values() for x in names if x in MOTION)]
+        others = [x for names in series.values() for x in names if x not in MOTION]
+        text = f"Time derivatives of {name} up to order {order}, that of order 0 first."
+        jets[f"{name}_jet{order}"] = replace(
+            none, reads=(*moving, *others), writes=f"{JET}{order}_{kernel.writes}", text=text, order=order
+        )
+    return jets
+
+
+def jet_series(reads: Sequence[str], order: int) -> dict[str, tuple[str, ...]]:
+    """Return, per array that a function reads, the arrays of its time derivatives, that of order 0 first."""
+    return {
+        array: MOTION[MOTION.index(array) :][: order + 1]
+        if array in MOTION
+        else (array, *(f"{array}{k}" for k in range(1, order + 1)))
+        for array in reads
     }
 
 
@@ -145,11 +175,16 @@ def derivative_shapes(
 ) -> dict[str, Shape]:
     """Return shapes of what derivatives, as of ``differentiated``, read and write beside arrays of these shapes."""
     table: dict[str, Shape] = {}
-    known = {RATES[array]: shapes[array] for array in RATES} | {WEIGHTS + array: shapes[array] for array in shapes}
+    known = dict.fromkeys(MOTION[3:], shapes["q"])
+    known |= {f"{array}{k}": shapes[array] for array in ("u", "wrench") for k in ORDERS}
+    known |= {RATES[array]: shapes[array] for array in RATES} | {WEIGHTS + array: shapes[array] for array in shapes}
     if parameters:
         known[PARAMETER_RATES] = (parameters,)
     for kernel in kernels.values():
         table |= {array: known[array] for array in kernel.reads if array in known}
+        written = kernel.writes.removeprefix(f"{JET}{kernel.order}_")
+        if kernel.kind == "jet" and written in shapes:
+            table[kernel.writes] = (kernel.order + 1, *shapes[written])
         if kernel.kind in ("adjoint", "hessian") and all(array in shapes for array in kernel.reads[:-1]):
             size = sum(math.prod(shapes[array]) for array in kernel.reads[:-1])
             table[kernel.writes] = (
@@ -159,5 +194,5 @@ def derivative_shapes(
 
 
 def is_direction(array: str) -> bool:
-    """Whether an array holds rates or weights, along which a derivative is taken."""
-    return array.startswith(WEIGHTS) or array == PARAMETER_RATES or array in RATES.values()
+    """Whether an array holds rates, weights or higher time derivatives, along which a derivative is taken."""
+    return array.startswith(WEIGHTS) or array in (PARAMETER_RATES, *RATES.values(), *MOTION[3:], *_HIGHER)

@@ -7,12 +7,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-Kind = Literal["program", "tangent", "adjoint", "hessian", "frames", "composed", "rollout", "adaptive", "gradient"]
+Kind = Literal["program", "tangent", "adjoint", "hessian", "jet", "frames", "composed", "rollout", "adaptive", "gradient"]
 KINDS: Mapping[Kind, str] = {  # in the order in which C and packages have them
     "program": "straight-line code of one writer",
     "tangent": "straight-line code, differentiated from another kernel's; there only if it is asked for",
     "adjoint": "the same, its gradient by a reverse sweep",
     "hessian": "the same, second derivatives",
+    "jet": "straight-line code, time derivatives of another kernel's; there only if they are asked for",
     "frames": "straight-line code in shares of bodies and frames, which functions of a frame's number call",
     "composed": "a template that calls programs: ``templates/composed``",
     "rollout": "the same, by another call: many steps at once",
@@ -32,7 +33,9 @@ class Signature:
     counts: of these the ones whose operations count as the kernel's; all if none is named.
     closed: the programs that its C calls where the robot has loops; they count, too.
     by_request: whether it is there only if it is asked for, as derivatives are.
-    derivative_of: the function that it differentiates, where the kind is "tangent", "adjoint", "hessian" or "gradient".
+    derivative_of: the function that it differentiates, where the kind is "tangent", "adjoint", "hessian", "jet" or
+        "gradient".
+    order: the highest of the time derivatives, where the kind is "jet".
     by_parameters: whether that is by run-time parameters, too, which a robot must have for it.
     functions: what users call instead of it, where the kind is "frames".
     columns_of: the program that its template calls once for every coordinate, where a program of all columns would be
@@ -57,6 +60,7 @@ class Signature:
     closed: tuple[str, ...] = ()
     by_request: bool = False
     derivative_of: str = ""
+    order: int = 0
     by_parameters: bool = False
     functions: Mapping[str, Signature] = field(default_factory=dict)
     columns_of: str = ""

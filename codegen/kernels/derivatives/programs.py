@@ -11,7 +11,8 @@ from ...program.ir import Program
 from ...program.passes import PARAMETERS, run_passes
 from ...program.reverse_mode import adjoint
 from ...program.second_order import hessian
-from ..derived import PARAMETER_RATES, TIMES
+from ...program.taylor import jet
+from ..derived import PARAMETER_RATES, RATES, TIMES, jet_series
 from ..signatures import SIGNATURES, shapes
 from .whole import Derive, whole_program
 
@@ -24,6 +25,9 @@ def derive_derivative(model: Model, kernel: str, derive: Derive) -> Program:
         rates |= {PARAMETERS: PARAMETER_RATES} if signature.by_parameters else {}
         program = whole_program(model, signature.derivative_of, derive)
         return run_passes(tangent(program, rates, kernel, {PARAMETERS: len(model.parameters)}))
+    if signature.kind == "jet":
+        series = jet_series(sorted(RATES), signature.order)
+        return run_passes(jet(whole_program(model, signature.derivative_of, derive), series, signature.order, kernel))
     *reads, weights = signature.reads
     if "kept" in reads:
         size["kept"] = (sum(key[0] == "out" for key in derive("stage_factors").outputs),)

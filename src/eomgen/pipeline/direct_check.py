@@ -63,7 +63,7 @@ def _wrong(module: ModuleType, dtype: np.dtype[Any]) -> Iterator[str]:
         places=(("q", "read", (4,)), ("out", "out", ())),
         positional=1,
         result=(4,),
-        in_three=False,
+        in_parts=False,
         cut_must_be_false=False,
         frames={},
         added=(1.0, -1, ()),
