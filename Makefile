@@ -56,6 +56,7 @@ bench: $(VENV)/.bench
 	$(BIN)/python -m benchmarks.calibrating
 	$(BIN)/python -m benchmarks.closed
 	$(BIN)/python -m benchmarks.friction
+	$(BIN)/python -m benchmarks.jets
 	$(BIN)/python -m benchmarks.levels
 	$(BIN)/python -m benchmarks.peers
 	$(BIN)/python -m benchmarks.precision

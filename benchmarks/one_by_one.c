@@ -27,6 +27,27 @@ long long one_by_one_3(size_t count, const double *handle, const double *q, size
     return -1;
 }
 
+/* Of any number of arrays, of one state each time: (h, x, count, array after array, ..., out) with n numbers a state. */
+#define NEXT(k) x[k] + i * n
+typedef const double *In;
+typedef int (*Of4)(In, In, In, In, In, double *);
+typedef int (*Of5)(In, In, In, In, In, In, double *);
+typedef int (*Of6)(In, In, In, In, In, In, In, double *);
+typedef int (*Of7)(In, In, In, In, In, In, In, In, double *);
+
+int in_turn(void (*code)(void), const double *h, const double *const *x, int reads, size_t n, size_t count, double *out)
+{
+    int failed = 0;
+    for (size_t i = 0; i < count; ++i) {
+        if (reads == 3) failed |= ((Of3)code)(h, NEXT(0), NEXT(1), NEXT(2), out);
+        if (reads == 4) failed |= ((Of4)code)(h, NEXT(0), NEXT(1), NEXT(2), NEXT(3), out);
+        if (reads == 5) failed |= ((Of5)code)(h, NEXT(0), NEXT(1), NEXT(2), NEXT(3), NEXT(4), out);
+        if (reads == 6) failed |= ((Of6)code)(h, NEXT(0), NEXT(1), NEXT(2), NEXT(3), NEXT(4), NEXT(5), out);
+        if (reads == 7) failed |= ((Of7)code)(h, NEXT(0), NEXT(1), NEXT(2), NEXT(3), NEXT(4), NEXT(5), NEXT(6), out);
+    }
+    return failed;
+}
+
 /* Whatever lay in the caches: the arguments are any batch's, and none is read. */
 long long forget(void)
 {

@@ -7,7 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-Kind = Literal["program", "tangent", "adjoint", "hessian", "jet", "frames", "composed", "rollout", "adaptive", "gradient"]
+Kind = Literal[
+    "program", "tangent", "adjoint", "hessian", "jet", "frames", "composed", "rollout", "adaptive", "gradient"
+]
 KINDS: Mapping[Kind, str] = {  # in the order in which C and packages have them
     "program": "straight-line code of one writer",
     "tangent": "straight-line code, differentiated from another kernel's; there only if it is asked for",

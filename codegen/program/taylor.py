@@ -1,8 +1,8 @@
 """Time derivatives of finished programs: truncated Taylor series through straight-line code, exact.
 
 Every value x becomes its coefficients x_0, x_1, ..., x = x_0 + x_1 t + x_2 t^2 + ..., and a product becomes a Cauchy
-product.  Zeros fold, so that what does not move costs nothing.  Where two values meet in a maximum, its coefficients are
-those of the larger one, of the second if they are equal; a choice is made by the values themselves.
+product.  Zeros fold, so that what does not move costs nothing.  Of a maximum the coefficients are those of the larger
+one, of the second if both are equal; a choice is made by the values themselves.
 
 Two values x, y that turn by an angle q take no series of sine and cosine.  With (X, Y) the pair turned by q - q_0,
 
@@ -40,7 +40,7 @@ def jet(program: Program, series: Mapping[str, Sequence[str]], order: int, name:
         order: 1 or more.
     """
     expansion = _Expansion(program, series)
-    for k in range(order + 1):
+    for _ in range(order + 1):
         expansion.advance()
     graph, sizes = expansion.graph, _sizes(program)
     outputs: dict[tuple[str, int], Value] = {}
@@ -124,8 +124,11 @@ class _Expansion:
         if rotation not in self.rotations:
             pair = self.values[rotation.x], self.values[rotation.y]
             self.rotations[rotation] = _Turning(self.graph, self._angle(rotation.angle), *pair, rotation.sense)
-        turn = next(i for i in map(self.program.instructions.__getitem__, self.program.instructions[index].args)
-                    if i.op in ("sin", "cos") and i.args[0] == rotation.angle)
+        turn = next(
+            i
+            for i in map(self.program.instructions.__getitem__, self.program.instructions[index].args)
+            if i.op in ("sin", "cos") and i.args[0] == rotation.angle
+        )
         fixed = self._angle(rotation.angle).start[turn.op == "cos"]
         return self.graph.mul(fixed, self.rotations[rotation].coefficient(is_second, k))
 

@@ -183,14 +183,17 @@ class DirectFunctions:
             prescribed: numbers of the coordinates whose motion is prescribed; to their drives wrenches add nothing.
         """
         self.module, self._raw = module, raw
-        self._frames = {name: number for number, name in reversed(list(enumerate(frames)))}  # the first of a name counts
+        self._frames = {
+            name: number for number, name in reversed(list(enumerate(frames)))
+        }  # the first of a name counts
         self._prescribed = tuple(prescribed)
         self._arming = partial(_arm, raw, {}, itertools.count())
         self._jets: dict[str, Any] = {}
         self.methods = tuple(
             self._of_method(name, methods[name], entry)
             for name, entry in raw.libraries.meta["functions"].items()
-            if name in methods and name in raw.functions
+            if name in methods
+            and name in raw.functions
             # its method calls several
             and not (name == "constraint_forces" and "followers" in raw.libraries.meta)
         )

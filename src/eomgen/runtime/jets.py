@@ -82,7 +82,9 @@ class TimeDerivatives(LoopClosure):
             ArrayError: an array of wrong shape or dtype, or with NaN or infinity.
             SingularError, LoopError: as of the method.
         """
-        direct = self._direct_jets.get((name, order)) if type(order) is int and type(name) is str else None
+        direct: _Direct | None = None
+        if type(order) is int and type(name) is str:
+            direct = self._direct_jets.get((name, order))
         if direct is not None and type(series) is tuple and len(series) == direct.arrays:
             if not direct.has_another:
                 return direct.call(*series)

@@ -157,9 +157,7 @@ def tangent_directions(calls: Calls, q: Array, weights: Array) -> Array:
     return np.asarray(Vt[rank:].T)
 
 
-def closed_rates(
-    calls: Calls, states: Array, moving: Array, free: Mask, place: Place, rest: ArrayLike = 0.0
-) -> Array:
+def closed_rates(calls: Calls, states: Array, moving: Array, free: Mask, place: Place, rest: ArrayLike = 0.0) -> Array:
     """Return rates near guesses, (N, n), that keep the loops closed; both in the coordinates that these calls know.
 
     Args:

@@ -1,0 +1,216 @@
+"""Time derivatives along motions that kernels give in C: one state and many, closed loops, and what is refused."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import eomgen
+from eomgen.description.load import robot_from_toml
+from eomgen.errors import ArrayError, InputError, LoopError, UnknownNameError
+from eomgen.pipeline.stages import Options
+from eomgen.runtime.jets import MOTION
+from eomgen.runtime.levels import BASE
+from tests.runtime.test_memory import ARM
+from tests.support.builds import Build
+from tests.support.random_robots import random_robot, seeds
+from tests.support.soak import soaked
+
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
+RATES = {"inverse_dynamics": 3, "forward_dynamics": 2, "energy": 2, "mass_matrix": 1, "bias_force": 2}
+
+
+@pytest.fixture(scope="module")
+def kernel() -> eomgen.Kernel:
+    """Built when it is called: nothing but what a test asks for."""
+    return eomgen.build("one_link")
+
+
+def motion(kernel: eomgen.Kernel, orders: int, *lead: int, seed: int = 1) -> tuple[np.ndarray, ...]:
+    """Time derivatives of the coordinates, from order 0 on."""
+    rng = np.random.default_rng(seed)
+    return tuple(rng.uniform(-0.5, 0.5, (*lead, kernel.n)) for _ in range(orders))
+
+
+@pytest.mark.parametrize("name", soaked(RATES, ("inverse_dynamics", "forward_dynamics")))
+def test_the_first_order_is_the_derivative_along_the_motion(name: str, kernel: eomgen.Kernel) -> None:
+    reads = RATES[name]
+    moving, u = motion(kernel, reads + 1, 5), motion(kernel, 2, 5, seed=2)
+    driven = name == "forward_dynamics"
+    series = (*moving, u) if driven else moving
+    value, rate = kernel.jet(name, series)
+    args = (*moving[:reads], u[0]) if driven else moving[:reads]
+    rates = (*moving[1:], u[1]) if driven else moving[1:]
+    np.testing.assert_allclose(value, getattr(kernel, name)(*args), rtol=1e-14, atol=1e-14)
+    along = kernel.jvp(name, args, rates)
+    np.testing.assert_allclose(rate, along, rtol=1e-13, atol=1e-13 * max(1.0, np.abs(along).max()))
+
+
+@pytest.mark.parametrize("seed", seeds(0, 1, 12))
+def test_forward_dynamics_follow_the_drives_of_a_motion(seed: int) -> None:
+    """Drives and their time derivatives make the accelerations of the motion and theirs."""
+    kernel = eomgen.build(random_robot(seed, joints=(1, 3), max_size=6, tree=True))
+    moving = motion(kernel, 7, 2, seed=seed)
+    drives = kernel.jet("inverse_dynamics", moving, 4)
+    found = kernel.jet("forward_dynamics", (*moving[:6], drives), 4)
+    for k, (one, other) in enumerate(zip(found, moving[2:], strict=True)):
+        np.testing.assert_allclose(one, other, atol=1e-8 * 10**k)
+
+
+def test_frames(kernel: eomgen.Kernel) -> None:
+    """Poses, Jacobians and their time derivatives, beside differences along the motion."""
+    moving, frame, h = motion(kernel, 3, 3), kernel.frames[-1], 1e-4
+
+    def at(t: float) -> np.ndarray:
+        return np.asarray(moving[0] + t * moving[1] + t**2 / 2 * moving[2])
+
+    for name in ("frame_pose", "frame_jacobian"):
+        function = getattr(kernel, name)
+        value, rate, second = kernel.jet(name, (*moving, frame), 2)
+        before, now, there = (function(at(t), frame) for t in (-h, 0.0, h))
+        np.testing.assert_array_equal(value, now)
+        np.testing.assert_allclose(rate, (there - before) / (2 * h), atol=1e-7)
+        np.testing.assert_allclose(second, (there - 2 * now + before) / h**2, atol=1e-6)
+
+
+def test_one_state_and_many_have_the_same_bits(kernel: eomgen.Kernel) -> None:
+    moving = motion(kernel, 5, 2, 19)
+    together = kernel.jet("inverse_dynamics", moving, 2)
+    assert [x.shape for x in together] == 3 * [(2, 19, kernel.n)]
+    for i in (0, 7, 18):
+        alone = kernel.jet("inverse_dynamics", tuple(x[1, i] for x in moving), 2)
+        for whole, own in zip(together, alone, strict=True):
+            np.testing.assert_array_equal(whole[1, i], own)
+
+
+def test_with_and_without_the_extension_module(kernel: eomgen.Kernel) -> None:
+    """Both give the same bits, whatever calls look like, and parameters of a copy are its own."""
+    moving, u = motion(kernel, 5), motion(kernel, 3, seed=4)
+    plain = kernel._with_methods_in_python()
+    assert kernel.is_direct
+    assert not plain.is_direct
+    heavier = kernel.with_parameters({"joints.joint1.x.stiffness": 9.0})
+    for name, series in (("inverse_dynamics", moving), ("forward_dynamics", (*moving[:4], u))):
+        wanted = plain.jet(name, series, 2)
+        for given in (series, list(series), (*series[:-1], tuple(series[-1])) if name[0] == "f" else series):
+            for _ in range(2):
+                for one, other in zip(kernel.jet(name, given, 2), wanted, strict=True):
+                    np.testing.assert_array_equal(one, other)
+        other_way = heavier._with_methods_in_python().jet(name, series, 2)
+        for _ in range(2):
+            for one, other in zip(heavier.jet(name, series, 2), other_way, strict=True):
+                np.testing.assert_array_equal(one, other)
+        assert not np.array_equal(other_way[0], wanted[0])
+
+
+def test_numbers_of_single_precision() -> None:
+    double, single = eomgen.build("one_link"), eomgen.build("one_link", dtype="float32")
+    moving = tuple(x.astype(np.float32) for x in motion(double, 5, 4))
+    exact = double.jet("inverse_dynamics", tuple(x.astype(np.float64) for x in moving), 2)
+    for one, other in zip(single.jet("inverse_dynamics", moving, 2), exact, strict=True):
+        assert one.dtype == np.float32
+        np.testing.assert_allclose(one, other, rtol=1e-5, atol=1e-5 * np.abs(other).max())
+
+
+@pytest.mark.parametrize("order", soaked([2, 4], [2]))
+def test_closed_mechanisms(order: int) -> None:
+    """Series that close loops, drives of such a motion, and the accelerations that they make again."""
+    kernel = eomgen.build("four_bar")
+    guess = (np.array([0.5, 0.2, 1.2]), *motion(kernel, order + 2))
+    moving = kernel.close_series(guess, held=["joint1.gamma"])
+    for one, other in zip(moving, guess, strict=True):
+        assert one[0] == other[0]
+    for gap in kernel.jet("constraint", moving, order):
+        np.testing.assert_allclose(gap, 0.0, atol=1e-11)
+    h = 1e-3  # a step along the motion leaves a gap of an order more than those that vanish
+    near = sum(x * h**i / math.factorial(i) for i, x in enumerate(moving))
+    assert np.abs(kernel.constraint(near)).max() < 1e2 * h ** (order + 3) + 1e-13
+    drives = kernel.jet("inverse_dynamics", moving, order)
+    found = kernel.jet("forward_dynamics", (*moving[: order + 2], drives), order)
+    for k, (one, other) in enumerate(zip(found, moving[2:], strict=True)):
+        np.testing.assert_allclose(one, other, atol=1e-8 * 10**k)
+    many = kernel.close_series([np.stack([x, x]) for x in moving])
+    np.testing.assert_allclose(many[-1][1], moving[-1], atol=1e-7)
+    with pytest.raises(LoopError, match="loop joint4 is open"):
+        kernel.jet("inverse_dynamics", (moving[0] + 0.1, *moving[1:]), 2)
+    with pytest.raises(LoopError, match="opens at the rates that are held"):
+        kernel.close_series(
+            (moving[0], moving[1], moving[2] + 0.1), held=["joint1.gamma", "joint2.gamma", "joint3.gamma"]
+        )
+    with pytest.raises(InputError, match="series: got 1; allowed: 2 to 7 arrays, q, v, a, jerk, snap, crackle, pop"):
+        kernel.close_series(guess[:1])
+
+
+def test_states_of_laws_move_as_velocities(built: Build) -> None:
+    """They stand behind the coordinates, in v as they are; functions that do not depend on them need none."""
+    kernel = built(robot_from_toml(ARM), "inverse_dynamics_jet1", "inverse_dynamics", "mass_matrix_jet1", "mass_matrix")
+    n = len(kernel.coordinates)
+    moving, h = motion(kernel, 4), 1e-6
+    rate = kernel.jet("inverse_dynamics", moving)[1]
+
+    def at(t: float) -> list[np.ndarray]:
+        return [x + t * dx for x, dx in itertools.pairwise(moving)]
+
+    slope = (kernel.inverse_dynamics(*at(h)) - kernel.inverse_dynamics(*at(-h))) / (2 * h)
+    np.testing.assert_allclose(rate, slope, rtol=1e-5, atol=1e-6 * np.abs(slope).max())
+    narrow = kernel.jet("mass_matrix", tuple(x[:n] for x in moving[:2]))
+    for one, other in zip(narrow, kernel.jet("mass_matrix", moving[:2]), strict=True):
+        np.testing.assert_array_equal(one, other[:n, :n])
+    with pytest.raises(ArrayError, match=r"derivatives of inverse_dynamics: arrays of .* lack states of laws"):
+        kernel.jet("inverse_dynamics", tuple(x[:n] for x in moving))
+
+
+@pytest.mark.soak
+def test_packages_have_those_that_are_named(tmp_path: Path) -> None:
+    names = ("inverse_dynamics", "inverse_dynamics_jet2")
+    eomgen.generate("one_link", tmp_path, Options(names, flags=("-O0",), level=BASE))
+    code = (
+        "import sys, one_link; assert 'eomgen' not in sys.modules; rows = [[0.1 * i, 0.2] for i in range(5)];"
+        "print([float(x[1]) for x in one_link.jet('inverse_dynamics', rows, 2)])"
+    )
+    found = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True)
+    kernel = eomgen.build("one_link")
+    wanted = kernel.jet("inverse_dynamics", [np.array([0.1 * i, 0.2]) for i in range(5)], 2)
+    assert json.loads(found.stdout) == pytest.approx([float(x[1]) for x in wanted], rel=1e-14), found.stderr
+    code = "import one_link; one_link.jet('energy', [[0.0, 0.0]] * 5, 2)"
+    refused = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True)
+    assert "one_link was built without time derivatives of 'energy' to order 2" in refused.stderr
+
+
+def test_what_is_wrong_is_named(kernel: eomgen.Kernel) -> None:
+    q, v, a, jerk, snap = moving = motion(kernel, 5)
+    wrong: list[tuple[tuple[Any, ...], type[Exception], str]] = [
+        (("inverse", moving, 2), UnknownNameError, "without time derivatives of 'inverse' to order 2"),
+        (("inverse_dynamics", moving, 5), InputError, "order: 5; allowed: 1 to 4"),
+        (("inverse_dynamics", moving, True), InputError, "order: true; allowed: 1 to 4"),
+        (
+            ("inverse_dynamics", moving[:4], 2),
+            InputError,
+            r"series: lacks 'snap', which inverse_dynamics to order 2 needs",
+        ),
+        (("inverse_dynamics", q, 2), InputError, r"series: got ndarray; allowed: \(q, v, a, jerk, snap\)"),
+        (("forward_dynamics", (q, v, a, v), 1), InputError, r"series of u: got ndarray; allowed: \(u, u1\)"),
+        (("forward_dynamics", (q, v, a, (v,)), 1), InputError, r"series of u: got 1; allowed: \(u, u1\)"),
+        (("forward_dynamics", (), 1), InputError, r"series: is too short.*got 0; allowed: \(q, v, a, \(u, u1\)\)"),
+        (("frame_pose", (q, v), 1), InputError, r"series: lacks 'v', .*; allowed: \(q, v, frame\)"),
+        (("frame_pose", (q, v, "nobody"), 1), UnknownNameError, "frame: 'nobody' is unknown"),
+        (("inverse_dynamics", (q, v, a, jerk, snap[:1]), 2), ArrayError, r"snap: expected float64 of shape"),
+        (("inverse_dynamics", (q, v, a, jerk, snap * np.nan), 2), ArrayError, "snap: .* is nan"),
+    ]
+    for args, kind, text in wrong:
+        for _ in range(2):
+            with pytest.raises(kind, match=text):
+                kernel.jet(*args)
+        kernel.jet("inverse_dynamics", moving, 2)  # which is bound to the extension module meanwhile
+    assert MOTION[:5] == ("q", "v", "a", "jerk", "snap")
+    with pytest.raises(InputError, match="one_link has nothing to close"):
+        kernel.close_series(moving)
