@@ -36,7 +36,8 @@ BY_COORDINATE = {  # how many of the last axes of a result are coordinates
     "element_rows": 1,
 }
 
-DERIVATIVE = re.compile(r"(_parameter)?_(tangent|adjoint|hessian)$")
+DERIVATIVE = re.compile(r"(_parameter)?_(tangent|adjoint|hessian|jet\d)$")
+OF_ORDERS = re.compile(r"^jet\d_")  # begins names of results with their time derivatives
 REMEMBERING = frozenset(  # functions, also of the open tree and under load, whose results depend on states of laws
     (
         *("generalized_force", "residual", "inverse_dynamics", "forward_dynamics", "constraint_forces", "energy"),
@@ -137,7 +138,7 @@ class Arrays:
         where = tuple(int(i) for i in np.argwhere(~np.isfinite(result))[0])
         lead, inner = where[: len(where) - len(shape)], where[len(where) - len(shape) :]
         state = int(np.ravel_multi_index(lead, result.shape[: len(lead)])) if lead else 0
-        named = len(inner) - BY_COORDINATE.get(function.writes, 0)
+        named = len(inner) - coordinate_axes(function.writes)
         names = [self.coordinates[i] for i in inner[named:]]
         entry = [f"[{', '.join(map(str, inner[:named]))}]"] if named else []
         overflowed = f"{' '.join([*entry, *names])}{place_of(lead)} is {result[where]}"
@@ -308,6 +309,11 @@ def rows_of(array: Array, shape: tuple[int, ...], lead: Lead) -> Array:
         return array.reshape(shape)
     whole = np.ascontiguousarray(np.broadcast_to(array, (*lead, *shape)))
     return whole.reshape(math.prod(lead), *shape)
+
+
+def coordinate_axes(writes: str) -> int:
+    """Return how many of the last axes of a result of that kind are coordinates."""
+    return BY_COORDINATE.get(OF_ORDERS.sub("", writes), 0)
 
 
 def place_of(state: Sequence[int]) -> str:
@@ -484,14 +490,14 @@ def narrow_shape(calls: Calls, shape: tuple[int, ...], writes: str) -> tuple[int
     """Return the shape of a result of that kind without states of laws."""
     if writes == "regressor":
         return (calls.narrow, *shape[1:])
-    axes = BY_COORDINATE.get(writes, 0)
+    axes = coordinate_axes(writes)
     return (*shape[: len(shape) - axes], *(calls.narrow,) * axes)
 
 
 def cut(calls: Calls, result: Array, writes: str) -> Array:
     """Return the entries of coordinates of a result of that kind."""
     part = slice(calls.narrow)
-    if writes == "regressor":  # its columns are parameters
+    if OF_ORDERS.sub("", writes) == "regressor":  # its columns are parameters
         return np.ascontiguousarray(result[..., part, :])
-    place: tuple[Any, ...] = (..., *((part,) * BY_COORDINATE.get(writes, 0)))
+    place: tuple[Any, ...] = (..., *((part,) * coordinate_axes(writes)))
     return np.ascontiguousarray(result[place])

@@ -13,7 +13,7 @@ from ..errors import InputError, UnknownNameError
 from ..names import DriveInput, html_table, joint_of, nearest_or_all, show
 from .arrays import Arrays, inputs_of, names_in
 from .calls import Calls
-from .direct import ExtensionBinding, functions
+from .direct import DirectFunctions, ExtensionBinding
 from .parameters import Parameters
 from .raw import Array, Libraries, Operations, RawKernel
 
@@ -77,7 +77,8 @@ class CompiledCode:
         self.parameters = Parameters.of(self.raw, meta["parameters"], **ranges, again=again)
         self.calls = Calls(self.raw, self.parameters, Arrays(self.raw, self.velocities, self.links), self.prescribed)
         self._binding = binding or ExtensionBinding()
-        self._functions: tuple[ModuleType, tuple[Any, ...]] | None = None
+        self._functions: DirectFunctions | None = None
+        self._direct_jets: dict[tuple[str, int], Any] = {}  # not those of a copy, which has other parameters
         self._binding.take(self)
 
     @property
@@ -191,21 +192,30 @@ class CompiledCode:
         Attributes of the kernel then stand before the methods of its class, which they call where a call is not plain;
         they do so for a second kernel that has none of them, so that no kernel is in a circle of references.
         """
-        if self._functions is None or self._functions[0] is not module:
+        if self._functions is None or self._functions.module is not module:
             known = {name: getattr(type(self), name, None) for name in self.raw.functions}
             methods = {  # not those of a subclass elsewhere
                 name: method
                 for name, method in known.items()
                 if isinstance(method, FunctionType) and method.__module__.startswith(PACKAGE)
             }
-            bound = functions(module, self.raw, methods, self.frames, bool(self.constraints), self._given)
-            self._functions = (module, bound)
+            self._functions = DirectFunctions(module, self.raw, methods, self.frames, self._given)
         plain = self._with_methods_in_python()
         state = self.parameters.state
         if not isinstance(state, module.State):
             state = self.parameters.state = state.moved_to(module.State)
-        module.bind(self._functions[1], plain, state, self.__dict__)
+        module.bind(self._functions.methods, plain, state, self.__dict__)
         self.__dict__["_plain"] = plain
+        self.__dict__["_direct_jets"] = {}
+
+    def bound_jet(self, name: str) -> Callable[..., tuple[Array, ...]] | None:
+        """Return a function of time derivatives through the extension module; None where there is none."""
+        if not self.is_direct or self._functions is None:
+            return None
+        plain, bound = self.__dict__["_plain"], dict[str, Any]()
+        self._functions.module.bind((self._functions.jet(name),), plain, self.parameters.state, bound)
+        found: Callable[..., tuple[Array, ...]] = bound[name]
+        return found
 
     @property
     def is_direct(self) -> bool:

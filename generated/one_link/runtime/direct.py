@@ -16,6 +16,8 @@ from functools import partial
 from types import FunctionType, ModuleType
 from typing import Any, NamedTuple, Protocol
 
+import numpy as np
+
 from .chunking import states_at_once
 from .raw import Array, Library, RawKernel, Setup
 
@@ -154,53 +156,91 @@ def packaged() -> ExtensionBinding:
         return ExtensionBinding()
 
 
-def functions(
-    module: ModuleType,
-    raw: RawKernel,
-    methods: Mapping[str, FunctionType],
-    frames: tuple[str, ...],
-    loops: bool,
-    prescribed: Sequence[int],
-) -> tuple[Any, ...]:
-    """Make the module's ``Function`` of every method that calls the function of its name.
+class DirectFunctions:
+    """The module's ``Function`` of every method that calls the function of its name, for all kernels of a package.
 
     Each is armed with the address of its code for one state, and of that for many, after a first call of that kind,
     which may have compiled it.
 
-    Args:
-        methods: of a kernel, by name; those that call no function are left out.
-        frames: names of the frames by their numbers.
-        loops: whether the robot has loops, so that methods with ``cut`` are plain only where it is False.
-        prescribed: numbers of the coordinates whose motion is prescribed; to their drives wrenches add nothing.
+    Attributes:
+        module: the extension module.
+        methods: the ``Function`` of each method.
     """
-    numbers = {name: number for number, name in reversed(list(enumerate(frames)))}  # the first of a name counts
-    arming = partial(_arm, raw, {}, itertools.count())
-    callables = []
-    for name, entry in raw.libraries.meta["functions"].items():
-        if name not in methods or name not in raw.functions:
-            continue
-        if name == "constraint_forces" and "followers" in raw.libraries.meta:  # its method calls several
-            continue
-        code = methods[name].__code__
+
+    def __init__(
+        self,
+        module: ModuleType,
+        raw: RawKernel,
+        methods: Mapping[str, FunctionType],
+        frames: tuple[str, ...],
+        prescribed: Sequence[int],
+    ) -> None:
+        """Make those of methods.
+
+        Args:
+            methods: of a kernel, by name; those that call no function are left out.
+            frames: names of the frames by their numbers.
+            prescribed: numbers of the coordinates whose motion is prescribed; to their drives wrenches add nothing.
+        """
+        self.module, self._raw = module, raw
+        self._frames = {
+            name: number for number, name in reversed(list(enumerate(frames)))
+        }  # the first of a name counts
+        self._prescribed = tuple(prescribed)
+        self._arming = partial(_arm, raw, {}, itertools.count())
+        self._jets: dict[str, Any] = {}
+        self.methods = tuple(
+            self._of_method(name, methods[name], entry)
+            for name, entry in raw.libraries.meta["functions"].items()
+            if name in methods
+            and name in raw.functions
+            # its method calls several
+            and not (name == "constraint_forces" and "followers" in raw.libraries.meta)
+        )
+
+    def _of_method(self, name: str, method: FunctionType, entry: Mapping[str, Any]) -> Any:
+        code, loops = method.__code__, bool(self._raw.libraries.meta.get("constraints"))
         parameters = code.co_varnames[1 : code.co_argcount + code.co_kwonlyargcount]
         reads = tuple(entry["reads"])
-        places = tuple(_place(label, reads, raw, "" if loops and name in DRIVING else name) for label in parameters)
         added = WRENCHED.get(name, Added("", 1.0))
-        function = module.Function(
+        under_load = "" if loops and name in DRIVING else name
+        return self.module.Function(
             name=name,
-            method=methods[name],
-            arming=arming,
-            dtype=raw.dtype,
-            places=places,
+            method=method,
+            arming=self._arming,
+            dtype=self._raw.dtype,
+            places=tuple(_place(label, reads, self._raw, under_load) for label in parameters),
             positional=code.co_argcount - 1,
-            result=raw.shapes[entry["writes"]],
-            in_three=entry["writes"] == "derivatives",
+            result=self._raw.shapes[entry["writes"]],
+            in_parts=entry["writes"] == "derivatives",
             cut_must_be_false=loops and "cut" in parameters,
-            frames=numbers,
-            added=(added.sign, reads.index(added.into), tuple(prescribed)) if added.into else (added.sign, -1, ()),
+            frames=self._frames,
+            added=(added.sign, reads.index(added.into), self._prescribed) if added.into else (added.sign, -1, ()),
         )
-        callables.append(function)
-    return tuple(callables)
+
+    def jet(self, name: str) -> Any:
+        """Return the ``Function`` of time derivatives, which gives each order as an array; it reads arrays alone."""
+        if name not in self._jets:
+            function, raw = self._raw.functions[name], self._raw
+            inner = len(raw.shapes[function.writes])
+
+            def in_python(kernel: Any, *arrays: Any) -> tuple[Array, ...]:
+                return tuple(np.moveaxis(kernel.calls.run(name, None, arrays), -inner, 0))
+
+            self._jets[name] = self.module.Function(
+                name=name,
+                method=in_python,
+                arming=self._arming,
+                dtype=raw.dtype,
+                places=tuple((label, "read", raw.shapes[label]) for label in function.reads),
+                positional=len(function.reads),
+                result=raw.shapes[function.writes],
+                in_parts=True,
+                cut_must_be_false=False,
+                frames=self._frames,
+                added=(1.0, -1, ()),
+            )
+        return self._jets[name]
 
 
 def _place(label: str, reads: tuple[str, ...], raw: RawKernel, name: str) -> tuple[str, str, tuple[int, ...]]:

@@ -19,40 +19,81 @@
 DEFINE_FINITE(finite_double, uint64_t, UINT64_C(0x7ff0000000000000), UINT64_C(0x0010000000000000))
 DEFINE_FINITE(finite_float, uint32_t, UINT32_C(0x7f800000), UINT32_C(0x00800000))
 
+/* Types of so many arrays, R each, with numbers between their states where there are many; and the arrays themselves. */
+#define R_1 R
+#define R_2 R_1, R
+#define R_3 R_2, R
+#define R_4 R_3, R
+#define R_5 R_4, R
+#define R_6 R_5, R
+#define R_7 R_6, R
+#define R_8 R_7, R
+#define R_9 R_8, R
+#define R_10 R_9, R
+#define R_11 R_10, R
+#define X_1 x[0]
+#define X_2 X_1, x[1]
+#define X_3 X_2, x[2]
+#define X_4 X_3, x[3]
+#define X_5 X_4, x[4]
+#define X_6 X_5, x[5]
+#define X_7 X_6, x[6]
+#define X_8 X_7, x[7]
+#define X_9 X_8, x[8]
+#define X_10 X_9, x[9]
+#define X_11 X_10, x[10]
+#define RS_1 R, size_t
+#define RS_2 RS_1, R, size_t
+#define RS_3 RS_2, R, size_t
+#define RS_4 RS_3, R, size_t
+#define RS_5 RS_4, R, size_t
+#define RS_6 RS_5, R, size_t
+#define RS_7 RS_6, R, size_t
+#define RS_8 RS_7, R, size_t
+#define RS_9 RS_8, R, size_t
+#define RS_10 RS_9, R, size_t
+#define RS_11 RS_10, R, size_t
+#define XS_1 x[0], s[0]
+#define XS_2 XS_1, x[1], s[1]
+#define XS_3 XS_2, x[2], s[2]
+#define XS_4 XS_3, x[3], s[3]
+#define XS_5 XS_4, x[4], s[4]
+#define XS_6 XS_5, x[5], s[5]
+#define XS_7 XS_6, x[6], s[6]
+#define XS_8 XS_7, x[7], s[7]
+#define XS_9 XS_8, x[8], s[8]
+#define XS_10 XS_9, x[9], s[9]
+#define XS_11 XS_10, x[10], s[10]
+
 /* Code of one state and of a batch, with as many arrays as it reads; -1 or the first failure. */
+#define ONE(REAL, K)                                                                                                   \
+    case K: return ((int (*)(R, R_##K, REAL *))c->address)(h, X_##K, out) - 1LL;
+#define MANY(REAL, K)                                                                                                  \
+    case K: return ((long long (*)(size_t, R, RS_##K, REAL *))c->address)(n, h, XS_##K, out);
+#define ALL(CASE, REAL)                                                                                                \
+    CASE(REAL, 1) CASE(REAL, 2) CASE(REAL, 3) CASE(REAL, 4) CASE(REAL, 5) CASE(REAL, 6) CASE(REAL, 7) CASE(REAL, 8)    \
+    CASE(REAL, 9) CASE(REAL, 10) CASE(REAL, 11)
 #define DEFINE_CALLS(REAL)                                                                                             \
     static long long one_##REAL(const Code *c, int framed, int reads, const void *h, const void *const *x,             \
-                                int frame, void *written)                                                              \
+                                int frame, void *out)                                                                  \
     {                                                                                                                  \
-        const REAL *p = h, *a = x[0], *b = x[1], *e = x[2], *d = x[3];                                                 \
-        REAL *out = written;                                                                                           \
-        typedef int (*One)(const REAL *, const REAL *, REAL *);                                                        \
-        typedef int (*Framed)(const REAL *, const REAL *, int, REAL *);                                                \
-        typedef int (*Two)(const REAL *, const REAL *, const REAL *, REAL *);                                          \
-        typedef int (*Three)(const REAL *, const REAL *, const REAL *, const REAL *, REAL *);                          \
-        typedef int (*Four)(const REAL *, const REAL *, const REAL *, const REAL *, const REAL *, REAL *);             \
-        if (framed) return ((Framed)c->address)(p, a, frame, out) - 1LL;                                               \
-        if (reads == 1) return ((One)c->address)(p, a, out) - 1LL;                                                     \
-        if (reads == 2) return ((Two)c->address)(p, a, b, out) - 1LL;                                                  \
-        if (reads == 3) return ((Three)c->address)(p, a, b, e, out) - 1LL;                                             \
-        return ((Four)c->address)(p, a, b, e, d, out) - 1LL;                                                           \
+        typedef const REAL *R;                                                                                         \
+        if (framed) return ((int (*)(R, R, int, REAL *))c->address)(h, x[0], frame, out) - 1LL;                        \
+        switch (reads) {                                                                                               \
+            ALL(ONE, REAL)                                                                                             \
+        default: return -1;                                                                                            \
+        }                                                                                                              \
     }                                                                                                                  \
     static long long many_##REAL(const Code *c, int framed, int reads, size_t n, const void *h, const void *const *x,  \
-                                 const size_t *s, int frame, void *written)                                            \
+                                 const size_t *s, int frame, void *out)                                                \
     {                                                                                                                  \
-        const REAL *p = h, *a = x[0], *b = x[1], *e = x[2], *d = x[3];                                                 \
-        REAL *out = written;                                                                                           \
         typedef const REAL *R;                                                                                         \
-        typedef long long (*One)(size_t, R, R, size_t, REAL *);                                                        \
-        typedef long long (*Framed)(size_t, R, R, size_t, int, REAL *);                                                \
-        typedef long long (*Two)(size_t, R, R, size_t, R, size_t, REAL *);                                             \
-        typedef long long (*Three)(size_t, R, R, size_t, R, size_t, R, size_t, REAL *);                                \
-        typedef long long (*Four)(size_t, R, R, size_t, R, size_t, R, size_t, R, size_t, REAL *);                      \
-        if (framed) return ((Framed)c->address)(n, p, a, s[0], frame, out);                                            \
-        if (reads == 1) return ((One)c->address)(n, p, a, s[0], out);                                                  \
-        if (reads == 2) return ((Two)c->address)(n, p, a, s[0], b, s[1], out);                                         \
-        if (reads == 3) return ((Three)c->address)(n, p, a, s[0], b, s[1], e, s[2], out);                              \
-        return ((Four)c->address)(n, p, a, s[0], b, s[1], e, s[2], d, s[3], out);                                      \
+        if (framed)                                                                                                    \
+            return ((long long (*)(size_t, R, R, size_t, int, REAL *))c->address)(n, h, x[0], s[0], frame, out);       \
+        switch (reads) {                                                                                               \
+            ALL(MANY, REAL)                                                                                            \
+        default: return -1;                                                                                            \
+        }                                                                                                              \
     }
 DEFINE_CALLS(double)
 DEFINE_CALLS(float)
@@ -101,20 +142,25 @@ static npy_intp bytes_of(const Function *f, npy_intp count)
     return count * (f->dtype->type_num == NPY_DOUBLE ? (npy_intp)sizeof(double) : (npy_intp)sizeof(float));
 }
 
-/* The three matrices of a result with derivatives, as views of it. */
-static PyObject *three_views(const Function *f, PyArrayObject *whole, npy_intp states)
+/* The parts of a result along its first axis, as views of it. */
+static PyObject *views_of(const Function *f, PyArrayObject *whole, npy_intp states)
 {
-    const npy_intp rows = f->result.lengths[1], columns = f->result.lengths[2];
-    npy_intp lengths[AXES] = {states, rows, columns};
-    npy_intp steps[AXES] = {bytes_of(f, f->result.size), bytes_of(f, columns), bytes_of(f, 1)};
-    const int skipped = states == 0;
-    PyObject *views = PyTuple_New(3);
+    const npy_intp count = f->result.lengths[0], size = count > 0 ? f->result.size / count : 0;
+    const int axes = f->result.axes, skipped = states == 0;
+    npy_intp lengths[AXES + 1] = {states}, steps[AXES + 1] = {bytes_of(f, f->result.size)};
+    npy_intp below = size;
+    for (int i = 1; i < axes; ++i) {
+        lengths[i] = f->result.lengths[i];
+        below = lengths[i] > 0 ? below / lengths[i] : 0;
+        steps[i] = bytes_of(f, below);
+    }
+    PyObject *views = PyTuple_New(count);
     if (views == NULL) return NULL;
-    for (npy_intp i = 0; i < 3; ++i) {
+    for (npy_intp i = 0; i < count; ++i) {
         PyArray_Descr *dtype = PyArray_DESCR(whole);
         Py_INCREF(dtype);
-        char *first = PyArray_BYTES(whole) + bytes_of(f, i * rows * columns);
-        PyObject *view = PyArray_NewFromDescr(&PyArray_Type, dtype, AXES - skipped, lengths + skipped, steps + skipped,
+        char *first = PyArray_BYTES(whole) + bytes_of(f, i * size);
+        PyObject *view = PyArray_NewFromDescr(&PyArray_Type, dtype, axes - skipped, lengths + skipped, steps + skipped,
                                               first, PyArray_FLAGS(whole) & NPY_ARRAY_WRITEABLE, NULL);
         if (view == NULL) goto failed;
         PyTuple_SET_ITEM(views, i, view);
@@ -414,8 +460,8 @@ static PyObject *straight(Function *f, State *state, PyObject *const *args, Py_s
         Py_END_ALLOW_THREADS
     }
     if (!failed) {
-        if (f->in_three)
-            answer = three_views(f, out, call.states);
+        if (f->in_parts)
+            answer = views_of(f, out, call.states);
         else {
             answer = (PyObject *)out;
             Py_INCREF(answer);

@@ -22,7 +22,7 @@
 #define PUBLISHED(place) (place)
 #endif
 
-enum { ARRAYS = 4, PLACES = 8, AXES = 3, LIBRARIES = 64 }; /* that a function reads, parameters, axes, libraries: at most */
+enum { ARRAYS = 11, PLACES = 12, AXES = 4, LIBRARIES = 64 }; /* that a function reads, parameters, axes, libraries: at most */
 
 /* Work that others may run beside: multiplications and additions; microseconds, in which a GIL's return is lost. */
 static const double LONG = 2e4;
@@ -82,7 +82,7 @@ typedef struct {
     int places, positional;
     Place place[PLACES];
     Shape result;
-    int framed, in_three; /* takes a frame's number; its result are three views */
+    int framed, in_parts; /* takes a frame's number; its result are views along the first axis */
     int cut_must_be_false;
     Code codes[KINDS][2]; /* of each kind for one state and for many */
     double sign;         /* of what is added to the result */

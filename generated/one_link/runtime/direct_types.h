@@ -144,7 +144,7 @@ static PyType_Spec direct_spec = {
 static int read_shape(PyObject *lengths, Shape *shape)
 {
     if (!PyTuple_Check(lengths) || PyTuple_GET_SIZE(lengths) > AXES) {
-        PyErr_SetString(PyExc_ValueError, "a shape is a tuple with at most three lengths");
+        PyErr_SetString(PyExc_ValueError, "a shape is a tuple with at most four lengths");
         return -1;
     }
     shape->axes = (int)PyTuple_GET_SIZE(lengths);
@@ -232,12 +232,12 @@ static int read_added(Function *f, PyObject *entry)
 static PyObject *function_new(PyTypeObject *type, PyObject *args, PyObject *kwargs)
 {
     static char *names[] = {"name",     "method",           "arming", "dtype", "places", "positional", "result",
-                            "in_three", "cut_must_be_false", "frames", "added", NULL};
+                            "in_parts", "cut_must_be_false", "frames", "added", NULL};
     PyObject *name, *method, *arming, *dtype, *places, *result, *frames, *added;
-    int positional, in_three, cut;
+    int positional, in_parts, cut;
     if (!PyArg_ParseTupleAndKeywords(args, kwargs, "UOOO!O!iOppO!O!:Function", names, &name, &method, &arming,
                                      &PyArrayDescr_Type, &dtype, &PyTuple_Type, &places, &positional, &result,
-                                     &in_three, &cut, &PyDict_Type, &frames, &PyTuple_Type, &added))
+                                     &in_parts, &cut, &PyDict_Type, &frames, &PyTuple_Type, &added))
         return NULL;
     const int number = ((PyArray_Descr *)dtype)->type_num;
     if ((number != NPY_DOUBLE && number != NPY_FLOAT) || !PyArray_ISNBO(((PyArray_Descr *)dtype)->byteorder)) {
@@ -252,10 +252,10 @@ static PyObject *function_new(PyTypeObject *type, PyObject *args, PyObject *kwar
     Py_INCREF(frames), f->frames = frames;
     Py_INCREF(dtype), f->dtype = (PyArray_Descr *)dtype;
     f->positional = positional;
-    f->in_three = in_three;
+    f->in_parts = in_parts;
     f->cut_must_be_false = cut;
     if (read_places(f, places) < 0 || read_shape(result, &f->result) < 0 || read_added(f, added) < 0) goto failed;
-    if (positional > f->places || (in_three && (f->result.axes != 3 || f->result.lengths[0] != 3))) {
+    if (positional > f->places || (in_parts && f->result.axes < 1)) {
         PyErr_SetString(PyExc_ValueError, "no function has such parameters or such a result");
         goto failed;
     }

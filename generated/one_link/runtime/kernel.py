@@ -10,12 +10,13 @@ from .arrays import flag, is_narrow, joint_lead, states_apart, whole_array, wide
 from .by_name import WrenchLike, wrench_rows
 from .derivatives import Differentiation
 from .inverse_kinematics.kernel_method import InverseKinematics
+from .jets import TimeDerivatives
 from .loop_errors import LOADED
 from .raw import Array
 from .stepping.interface import Rollouts
 
 
-class Kernel(Differentiation, InverseKinematics, Rollouts):
+class Kernel(Differentiation, TimeDerivatives, InverseKinematics, Rollouts):
     """Compiled equations of motion of one robot.
 
     Arrays are (n,) for one state, (N, n) for N states, or (..., n); the result gains the same leading axes.  Leading

@@ -91,7 +91,7 @@ class LoopClosure(CompiledCode):
         if roots is not None:
             return _roots(calls, q, held, roots)
         guesses, lead = calls.array("q", q, (calls.n,))
-        closed, violations = _closed(calls, guesses.reshape(-1, calls.n), _free(calls, held))
+        closed, violations = _closed(calls, guesses.reshape(-1, calls.n), free_coordinates(calls, held))
         _refuse_violations(calls, closed, violations, lead)
         _refuse_turned_over(calls, closed, lead)
         return closed.reshape(guesses.shape)
@@ -112,7 +112,7 @@ class LoopClosure(CompiledCode):
             UnknownNameError, InputError: as of ``assemble``.
         """
         calls = self.calls
-        n, free = calls.n, _free(calls, held)
+        n, free = calls.n, free_coordinates(calls, held)
         states, of_q = whole_array(calls, "q", q)
         guesses, of_v = whole_array(calls, "v", v)
         lead = joint_lead("v", of_v, of_q)
@@ -124,7 +124,7 @@ class LoopClosure(CompiledCode):
         for group in _chart_groups(calls, states, free):
             place = group.place(lead)
             turned, guess = group.turned(states[group.rows], moving[group.rows])
-            velocities = _closed_rates(group.calls, turned, guess, free, place)
+            velocities = closed_rates(group.calls, turned, guess, free, place)
             moving[group.rows] = group.described(turned, velocities, states[group.rows], place)[1]
         rates = np.asarray(moving.reshape(*lead, n))
         return cut(calls, rates, "vector") if is_narrow(calls, v) else rates
@@ -157,18 +157,22 @@ def tangent_directions(calls: Calls, q: Array, weights: Array) -> Array:
     return np.asarray(Vt[rank:].T)
 
 
-def _closed_rates(calls: Calls, states: Array, moving: Array, free: Mask, place: Place) -> Array:
-    """Return rates near guesses, (N, n), that keep the loops closed; both in the coordinates that these calls know."""
+def closed_rates(calls: Calls, states: Array, moving: Array, free: Mask, place: Place, rest: ArrayLike = 0.0) -> Array:
+    """Return rates near guesses, (N, n), that keep the loops closed; both in the coordinates that these calls know.
+
+    Args:
+        rest: of time derivatives of higher order what the constraint's has beside J times them, (N, m).
+    """
     bits, moving = calls.dtype.itemsize, moving.copy()
     J = calls.run("constraint_jacobian", None, (states,))
     if free.any():
         back, scaled = _scaled(calls, states, J, free, place)
         pseudo = np.linalg.pinv(scaled, rcond=RANK[bits])
         for _ in range(2):  # the second time for round-off
-            rates = np.einsum("kmn,kn->km", J, moving)
+            rates = np.einsum("kmn,kn->km", J, moving) + rest
             moving[:, free] -= np.einsum("kij,kjm,km->ki", back, pseudo, rates)
-    rates = np.einsum("kmn,kn->km", J, moving)
-    size = np.maximum(1.0, np.abs(J).max(axis=(1, 2)) * np.abs(moving).max(axis=1))
+    rates = np.einsum("kmn,kn->km", J, moving) + rest
+    size = np.maximum(1.0, np.abs(J).max(axis=(1, 2)) * np.abs(moving).max(axis=1) + np.abs(rest).max(initial=0.0))
     what, allowed = "opens at the rates that are held", "fewer held rates, or others"
     _refuse(calls, rates / size[:, np.newaxis], OPEN[bits], what, allowed, place, rates=rates)
     return moving
@@ -246,7 +250,7 @@ def _roots(calls: Calls, q: ArrayLike, held: Iterable[str], number: int) -> Arra
         raise InputError(
             f"close: roots of {wrong}; allowed: a whole number from 1 to {MOST_ROOTS}, for one state of shape (n,)"
         )
-    free = _free(calls, held)
+    free = free_coordinates(calls, held)
     rng = np.random.default_rng(0)
     tried = np.tile(guess, (GUESSES * int(number) + 1, 1))
     turns = _turns(calls)
@@ -323,7 +327,7 @@ def _scaled(calls: Calls, q: Array, J: Array, free: Mask, place: Place) -> tuple
     return back, J[:, :, free] @ back
 
 
-def _free(calls: Calls, held: Iterable[str]) -> Mask:
+def free_coordinates(calls: Calls, held: Iterable[str]) -> Mask:
     """Return the mask of coordinates that may change, (n,); UnknownNameError for an unknown name in ``held``."""
     if not calls.raw.libraries.meta.get("constraints"):
         allowed = "a kernel of a robot with rigid [[loops]] or [[couplings]]"

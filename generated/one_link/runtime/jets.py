@@ -1,0 +1,198 @@
+"""Time derivatives of what a kernel computes, along motions that are given by their own: exact."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..errors import InputError, UnknownNameError
+from ..names import listed, nearest_or_all, show
+from .arrays import OF_ORDERS, place_of
+from .derivatives import CLOSED, FRAMED
+from .loop_assembly import LoopClosure, closed_rates, free_coordinates
+from .raw import Array
+
+MOTION = ("q", "v", "a", "jerk", "snap", "crackle", "pop")  # time derivatives of coordinates, by their order
+ORDERS = (1, 2, 3, 4)
+JET = re.compile(r"_jet\d$")
+
+
+class _Request(NamedTuple):
+    """Function of C that a call of ``jet`` needs, and what it reads.
+
+    Attributes:
+        function: its name.
+        order: the highest of the time derivatives.
+        motion: names of the time derivatives of coordinates.
+        others: by the name of each further array those of it and of its time derivatives.
+        writes: what the function writes, without orders.
+    """
+
+    function: str
+    order: int
+    motion: tuple[str, ...]
+    others: tuple[tuple[str, ...], ...]
+    writes: str
+
+
+class _Direct(NamedTuple):
+    """Time derivatives through the extension module.
+
+    Attributes:
+        call: takes arrays in a row.
+        arrays: how many time derivatives of coordinates it takes, and tuples behind them.
+        has_another: whether there is such a tuple.
+    """
+
+    call: Callable[..., tuple[Array, ...]]
+    arrays: int
+    has_another: bool
+
+
+class TimeDerivatives(LoopClosure):
+    """Time derivatives along motions, of any order up to four."""
+
+    def jet(self, name: str, series: Sequence[Any], order: int = 1) -> tuple[Array, ...]:
+        """Return a method's result and its time derivatives along a motion: f, f', f'', ...; exact.
+
+        They are coefficients of a truncated Taylor series through the equations; run-time parameters and joints'
+        placements are constant.  With loops closed the motion has to close them, with all its time derivatives:
+        ``close_series`` completes one.
+
+        Args:
+            name: the method, such as "inverse_dynamics", "forward_dynamics", "frame_pose", "mass_matrix"; without
+                ``wrench``.
+            series: time derivatives of the coordinates, q, v, a, jerk, snap, ..., each (n,) or (..., n), as many as
+                function and order need: q'''' for the inverse dynamics to order 2.  More are not read.  Behind them
+                for each further array that the method reads, u or wrench, a tuple of the array and its time
+                derivatives, ``order`` + 1 in all, then a frame's name where the method takes one.
+            order: the highest time derivative, 1 to 4.
+
+        Returns:
+            ``order`` + 1 arrays of the result's shape.
+
+        Raises:
+            UnknownNameError: no such method or frame, or the kernel was built without its time derivatives.
+            InputError: a series that is too short for the order, or another order.
+            ArrayError: an array of wrong shape or dtype, or with NaN or infinity.
+            SingularError, LoopError: as of the method.
+        """
+        direct: _Direct | None = None
+        if type(order) is int and type(name) is str:
+            direct = self._direct_jets.get((name, order))
+        if direct is not None and type(series) is tuple and len(series) == direct.arrays:
+            if not direct.has_another:
+                return direct.call(*series)
+            if type(series[-1]) is tuple and len(series[-1]) == order + 1:
+                return direct.call(*series[:-1], *series[-1])
+        wanted = self._requested(name, order)
+        motion, others, frame = _split(name, wanted, series)
+        index = self.frame_index(frame) if wanted.writes in FRAMED else None
+        arrays = [*motion, *(x for one in others for x in one)]
+        if name in CLOSED and self.raw.libraries.meta.get("constraints"):  # refuses states in which loops are open
+            self.calls.run(name, None, [*motion[: len(wanted.motion) - order], *(one[0] for one in others)])
+        elif index is None and len(others) < 2 and (bound := self.bound_jet(wanted.function)) is not None:
+            self._direct_jets[name, order] = _Direct(bound, len(motion) + len(others), bool(others))
+            return bound(*arrays)
+        result = self.calls.run(wanted.function, None, arrays)
+        inner = len(self.raw.shapes[self.raw.functions[wanted.function].writes])
+        if index is None:
+            return tuple(np.moveaxis(result, -inner, 0))
+        return tuple(_of_frame(x, index, wanted.writes, k) for k, x in enumerate(np.moveaxis(result, -inner, 0)))
+
+    def close_series(self, series: Sequence[ArrayLike], held: Iterable[str] = ()) -> tuple[Array, ...]:
+        """Return time derivatives of coordinates that keep loops closed, those next to a guess: q, v, a, jerk, ...
+
+        Coordinates that depend on others follow by implicit differentiation of the constraint, order by order; each
+        change is that of least kinetic energy, as in ``close_rates``.
+
+        Args:
+            series: the guess, each (n,) or (..., n): zeros where nothing is known of a dependent coordinate.
+            held: names of coordinates that stay as they are given; those of prescribed ones do.
+
+        Returns:
+            As many arrays, with the leading axes of all of them.
+
+        Raises:
+            LoopError: loops cannot be closed, or not by motions that have what is held.
+            UnknownNameError, InputError: an unknown name, no loops, or other than 2 to 7 arrays.
+            SingularError: as of ``close_rates``.
+        """
+        if not isinstance(series, (tuple, list)) or not 2 <= len(series) <= len(MOTION):
+            got = len(series) if isinstance(series, (tuple, list)) else type(series).__name__
+            raise InputError(f"series: got {got}; allowed: 2 to {len(MOTION)} arrays, {', '.join(MOTION)}")
+        names = tuple(held) if not isinstance(held, str) else (held,)
+        arrays = np.broadcast_arrays(*(np.asarray(x, self.dtype) for x in series))
+        q = self.assemble(arrays[0], names)
+        motion = [q, self.project_velocity(q, arrays[1], names)]
+        free = free_coordinates(self.calls, names)
+        for guess in arrays[2:]:
+            flat = [x.reshape(-1, x.shape[-1]) for x in (*motion, guess)]
+            rest = self._constraint_rest(flat[:-1])
+            closed = closed_rates(self.calls, flat[0], flat[-1], free, lambda i: place_of([i]), rest)
+            motion.append(closed.reshape(guess.shape))
+        return tuple(motion)
+
+    def _constraint_rest(self, motion: Sequence[Array]) -> Array:
+        """Return what the constraint's next time derivative has beside J times that of the coordinates, (N, m)."""
+        order = len(motion) - 2
+        if order == 0:
+            return self.calls.run("constraint_bias", None, motion)
+        rest = self.jet("constraint_bias", motion, order)[order]
+        for i, J in enumerate(self.jet("constraint_jacobian", motion[:-1], order)[1:], 1):
+            rest = rest + math.comb(order, i) * np.einsum("kmn,kn->km", J, motion[order + 2 - i])
+        return rest
+
+    def _requested(self, name: str, order: int) -> _Request:
+        """Find the function of C of a method's time derivatives up to an order."""
+        if isinstance(order, (bool, np.bool_)) or order not in ORDERS:
+            raise InputError(f"order: {show(order)}; allowed: {ORDERS[0]} to {ORDERS[-1]}")
+        known, function = self.raw.functions, f"{name}_jet{order}"
+        if function not in known:
+            available = sorted({JET.sub("", x) for x in known if JET.search(x)})
+            raise UnknownNameError(
+                f"{self.raw.name} was built without time derivatives of {show(name)} to order {order}"
+                f"{nearest_or_all(str(name), available)}"
+            )
+        reads = known[function].reads
+        motion = tuple(x for x in reads if x in MOTION)
+        rest = reads[len(motion) :]
+        others = tuple(rest[i : i + order + 1] for i in range(0, len(rest), order + 1))
+        return _Request(function, int(order), motion, others, OF_ORDERS.sub("", known[function].writes))
+
+
+def _split(name: str, wanted: _Request, series: Sequence[Any]) -> tuple[list[Any], list[Sequence[Any]], Any]:
+    """Take a series apart: time derivatives of coordinates, those of other arrays, and a frame's name."""
+    framed = wanted.writes in FRAMED
+    behind = [f"({', '.join(names)})" for names in wanted.others] + (["frame"] if framed else [])
+    allowed = ", ".join([*wanted.motion, *behind])
+    if not isinstance(series, (tuple, list)):
+        raise InputError(f"series: got {type(series).__name__}; allowed: ({allowed})")
+    end = len(series) - len(behind)
+    motion, rest = list(series[: max(end, 0)]), series[max(end, 0) :]
+    if len(motion) < len(wanted.motion):
+        missing = wanted.motion[len(motion) :]
+        lacks = f"lacks {listed(missing)}" if end >= 0 else "is too short"
+        raise InputError(
+            f"series: {lacks}, which {name} to order {wanted.order} needs, got {len(series)}; allowed: ({allowed})"
+        )
+    others = list(rest[: len(wanted.others)])
+    for names, one in zip(wanted.others, others, strict=True):
+        if not isinstance(one, (tuple, list)) or len(one) != len(names):
+            got = len(one) if isinstance(one, (tuple, list)) else type(one).__name__
+            raise InputError(f"series of {names[0]}: got {got}; allowed: ({', '.join(names)})")
+    return motion[: len(wanted.motion)], others, rest[-1] if framed else None
+
+
+def _of_frame(result: Array, frame: int, writes: str, order: int) -> Array:
+    """Select a frame's result of one for all frames; of a pose with its last row."""
+    rows: Array = result[..., frame, :, :]
+    if writes != "poses":
+        return rows
+    last = np.broadcast_to(np.array([0.0, 0.0, 0.0, float(order == 0)], rows.dtype), (*rows.shape[:-2], 1, 4))
+    return np.concatenate([rows, last], axis=-2)
