@@ -17,7 +17,7 @@ import eomgen
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import ArrayError, InputError, LoopError, UnknownNameError
 from eomgen.pipeline.stages import Options
-from eomgen.runtime.jets import MOTION
+from eomgen.runtime.derivatives.in_time import MOTION
 from eomgen.runtime.levels import BASE
 from tests.runtime.test_memory import ARM
 from tests.support.builds import Build

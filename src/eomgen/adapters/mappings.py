@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError, UnknownNameError
 from ..names import show
-from ..runtime.derivatives import ADJOINT, HESSIAN
+from ..runtime.derivatives.by_arguments import ADJOINT, HESSIAN
 from ..runtime.kernel import Kernel
 from . import rules
 

@@ -8,9 +8,9 @@ from numpy.typing import ArrayLike
 from .arrays import cut as cut_states
 from .arrays import flag, is_narrow, joint_lead, states_apart, whole_array, widened
 from .by_name import WrenchLike, wrench_rows
-from .derivatives import Differentiation
+from .derivatives.by_arguments import Differentiation
+from .derivatives.in_time import TimeDerivatives
 from .inverse_kinematics.kernel_method import InverseKinematics
-from .jets import TimeDerivatives
 from .loop_errors import LOADED
 from .raw import Array
 from .stepping.interface import Rollouts

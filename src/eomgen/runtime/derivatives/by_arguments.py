@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import InputError, UnknownNameError
-from ..names import nearest_or_all, show
-from .arrays import cut, flag, is_narrow, names_in, narrow_shape, refuse_mixed, widened
-from .calls import Calls
-from .compiled_code import CompiledCode
-from .loop_errors import LOADED
-from .parameters import Parameters
-from .raw import Array
+from ...errors import InputError, UnknownNameError
+from ...names import nearest_or_all, show
+from ..arrays import cut, flag, is_narrow, names_in, narrow_shape, refuse_mixed, widened
+from ..calls import Calls
+from ..compiled_code import CompiledCode
+from ..loop_errors import LOADED
+from ..parameters import Parameters
+from ..raw import Array
 
 ADJOINT, TANGENT, HESSIAN = "adjoint", "tangent", "hessian"
 BY_PARAMETERS = "parameter_"

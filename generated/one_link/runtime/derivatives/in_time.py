@@ -10,12 +10,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import InputError, UnknownNameError
-from ..names import listed, nearest_or_all, show
-from .arrays import OF_ORDERS, place_of
-from .derivatives import CLOSED, FRAMED
-from .loop_assembly import LoopClosure, closed_rates, free_coordinates
-from .raw import Array
+from ...errors import InputError, UnknownNameError
+from ...names import listed, nearest_or_all, show
+from ..arrays import OF_ORDERS, place_of
+from ..loop_assembly import LoopClosure, closed_rates, free_coordinates
+from ..raw import Array
+from .by_arguments import CLOSED, FRAMED
 
 MOTION = ("q", "v", "a", "jerk", "snap", "crackle", "pop")  # time derivatives of coordinates, by their order
 ORDERS = (1, 2, 3, 4)
