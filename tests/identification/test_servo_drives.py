@@ -9,7 +9,7 @@ import pytest
 
 from eomgen.description.load import load_robot, robot_from_toml
 from eomgen.errors import InputError
-from eomgen.identification import base_parameters, identify
+from eomgen.identification import base_parameters, compensate, identify
 from eomgen.motion import motion_from_columns, read_motion, write_motion
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.result import SimulationResult
@@ -70,3 +70,9 @@ def test_an_input_that_says_nothing_of_the_force_is_refused(simulated: Simulatio
     assert np.isfinite(found.base_values).all()
     with pytest.raises(InputError, match=r"column 'axis\.gamma\.current' is unknown"):
         motion_from_columns(columns | {"axis.gamma.current": motion.t}, motion.coordinates)
+
+
+def test_static_compensation_is_refused_by_name() -> None:
+    """Where a drive's input is a reference, no force can be added to it."""
+    with pytest.raises(InputError, match=r"mode: 'static': 'axis\.gamma' of servo_axis have servo drives"):
+        compensate(load_robot(EXAMPLE), mode="static")

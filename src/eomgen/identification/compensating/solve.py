@@ -16,7 +16,7 @@ from ...limits import LARGEST, SMALLEST, is_usable
 from ...motion.exceeding import excess_notes, excesses
 from ...names import listed, nearest, show
 from ...progress import Progress, no_progress, tells_at_prompt
-from ...robot.model import tool_of
+from ...robot.model import build_model, tool_of
 from ...robot.value import Robot
 from ...scenario.load import load_scenario
 from ...scenario.value import Initial, Scenario, Section
@@ -84,7 +84,7 @@ def compensate(  # noqa: PLR0913
 
     Raises:
         InputError: an argument is wrong, the scenario has no reference trajectory, loops are to be closed, nothing is
-            to be corrected.
+            to be corrected, or a static correction is asked for of a robot with servo drives.
         ReachError: the tool cannot follow the path.
         IntegrationError: there is no static equilibrium, or a motion does not come to its end.
     """
@@ -95,6 +95,8 @@ def compensate(  # noqa: PLR0913
             f"{arm.name}: has loops or couplings, by which its other joints follow the driven ones; allowed: robots"
             " without them"
         )
+    if mode == MODES[0]:
+        _refuse_servo_drives(arm)
     planned = _scenario(scenario)
     if frame is not None:
         tool_of(arm, frame)  # refuses a name that is none, before anything is built
@@ -153,6 +155,16 @@ def _check(mode: str, iterations: int, robustness: float | None, draws: int) -> 
         raise InputError(f"robustness: {robustness!r}; allowed: a share between 0 and 1, 0.2 say")
     if draws < 0:
         raise InputError(f"draws: {draws}; allowed: 0 or more")
+
+
+def _refuse_servo_drives(robot: Robot) -> None:
+    """Raise InputError where inputs of drives are no forces, which static equilibria balance."""
+    model = build_model(robot)
+    if model.drives:
+        raise InputError(
+            f"mode: 'static': {listed(model.coordinates[i] for i in model.drives)} of {robot.name} have servo drives,"
+            " whose inputs are no forces at rest; allowed: 'dynamic', which simulates them"
+        )
 
 
 def _scenario(scenario: Scenario | Path | str | None) -> Scenario:
