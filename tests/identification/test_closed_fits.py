@@ -13,8 +13,11 @@ import pytest
 import eomgen
 from eomgen.cli import entry as cli
 from eomgen.errors import InputError
+from eomgen.identification.stiffness.output_error import output_error_kernels
 from eomgen.identification.stiffness.solve import fit, fitting_kernels
 from eomgen.motion.files import MeasuredMotion, motion_from_columns
+from eomgen.pipeline.mechanisms import mechanism_kernels
+from eomgen.runtime.stepping.input_signals import DriveData, InputSignals, Signal, Track
 from tests.loops.test_elastic_cuts import linkages
 from tests.support.builds import Build
 from tests.support.random_robots import Array
@@ -26,6 +29,7 @@ SPRINGS = {
     "joint2.gamma": (3.0, 0.05),
     "joint3.gamma": (0.7, 0.2),
 }
+FAR = {f"joints.joint{i}.gamma.damping": c for i, c in ((1, 0.5), (2, 0.02), (3, 0.1))}
 
 
 def sprung(name: str, springs: dict[str, tuple[float, float]], scale: float = 1.0) -> eomgen.Robot:
@@ -40,6 +44,26 @@ def sprung(name: str, springs: dict[str, tuple[float, float]], scale: float = 1.
                 given[key] = replace(coordinate, stiffness=scale * k or None, damping=scale * c or None)
         joints.append(replace(joint, coordinates=given))
     return replace(robot, joints=tuple(joints))
+
+
+@pytest.mark.parametrize("seen", ["joint1.gamma", "joint2.gamma"], ids=["driven", "passive"])
+def test_parameters_by_simulations(seen: str) -> None:
+    """All dampers of a rigid loop from one coordinate and the drive; where it begins follows from that one, too."""
+    true, far = (sprung("four_bar", {f"joint{i}.gamma": (0.0, c) for i, c in zip((1, 2, 3), all_c, strict=True)})
+                 for all_c in ((0.2, 0.1, 0.3), (0.5, 0.02, 0.1)))  # fmt: skip
+    names = (*output_error_kernels(), "radau_rollout", *mechanism_kernels(true))
+    kernel = eomgen.build(true, kernels=tuple(dict.fromkeys(names)))
+    q = kernel.assemble([0.8, 0.0, 0.0], held=["joint1.gamma"])
+    v = kernel.project_velocity(q, [1.0, 0.0, 0.0], ["joint1.gamma"])
+    t = np.linspace(0.0, 1.0, 301)
+    u = 6.0 * np.sin(5.0 * t) + 3.0 * np.sin(17.0 * t)
+    loads = InputSignals(DriveData(torque=Track(Signal.through(t, u[:, None]), np.array([0]))))
+    span = {"duration": 1.0, "samples": 300, "rtol": 1e-11, "atol": 1e-13}
+    found = kernel.rollout(q, v, loads=loads, method="radau", **span)[0][:, kernel.coordinates.index(seen)]
+    motion = motion_from_columns({"t": t, seen: found, "joint1.gamma.drive": u}, kernel.coordinates)
+    estimates = fit(far, motion, parameters=["joints.*.gamma.damping"], kernel=kernel.with_parameters(FAR)).estimates
+    for i, c in ((1, 0.2), (2, 0.1), (3, 0.3)):
+        assert estimates[f"joints.joint{i}.gamma.damping"].value == pytest.approx(c, rel=1e-6)
 
 
 def closed_samples(kernel: eomgen.Kernel, guess: Array, free: list[str], t: Array, motions: Array) -> tuple[Array, ...]:

@@ -298,10 +298,13 @@ def test_refusals(kernel: eomgen.Kernel) -> None:
         fit(robot, motion, bandwidth=-1.0)
     with pytest.raises(InputError, match=r"bandwidth: 2.0; allowed: with parameters"):
         fit(robot_from_toml(PENDULUM), motion, bandwidth=2.0)
+    bar = eomgen.load_robot("four_bar")
+    rubs = replace(bar.joints[0], coordinates={"gamma": robot.joint("slide").coordinates["z"]})
     with pytest.raises(
-        InputError, match=r"four_bar has rigid loops or couplings \(joint4\.x, .*, \.\.\.\); allowed for parameters"
+        InputError,
+        match=r"rigid loops or couplings \(joint4\.x, .*, \.\.\.\) and laws with states; allowed for parameters",
     ):
-        fit("four_bar", motion, parameters=["links.rocker.mass"])
+        fit(replace(bar, joints=(rubs, *bar.joints[1:])), motion)
 
 
 def test_steps_stay_above_bounds_and_end_where_there_is_no_way_on() -> None:

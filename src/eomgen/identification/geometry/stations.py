@@ -100,8 +100,8 @@ def check_rigid(robot: Robot) -> None:
         if link.modes is not None:
             raise InputError(
                 f"links.{link.name}.modes: errors of poses are known of rigid links alone; allowed: robots whose links"
-                " are rigid (Robot.rigid()), and [[beams]], which are chains of segments (fit finds stiffness of modes, from"
-                " motions)"
+                " are rigid (Robot.rigid()), and [[beams]], which are chains of segments (fit finds stiffness of modes,"
+                " from motions)"
             )
 
 

@@ -24,6 +24,7 @@ from ...errors import DescriptionError, InputError, UnknownNameError
 from ...motion.files import MeasuredMotion, measured_motion
 from ...names import listed
 from ...optional import optional_import
+from ...pipeline.mechanisms import mechanism_kernels
 from ...pipeline.stages import build
 from ...progress import StageReport
 from ...robot.laws import law_conflict
@@ -92,29 +93,32 @@ def fit_numbers(
         progress: is told of steps.
 
     Raises:
-        InputError: loops or couplings of the robot are rigid, the parameters are none, or a motion cannot be used.
+        InputError: laws of a robot with rigid loops or couplings have states, the parameters are none, or a motion
+            cannot be used.
+        LoopError: loops do not close near the beginning of a motion.
     """
-    rigid = build_model(robot).constraints
-    if rigid:
-        some = ", ".join(rigid[:3]) + (", ..." if len(rigid) > 3 else "")
+    model = build_model(robot)
+    if model.constraints and model.memory:
+        some = ", ".join(model.constraints[:3]) + (", ..." if len(model.constraints) > 3 else "")
         raise InputError(
-            f"fit: {robot.name} has rigid loops or couplings ({some}); allowed for parameters: robots whose loops and"
-            " couplings are elastic, or that have none"
+            f"fit: {robot.name} has rigid loops or couplings ({some}) and laws with states; allowed for parameters:"
+            " one of both"
         )
     if not names:
         raise InputError("parameters: none; allowed: one at least, by name, as numbers of drives are always")
     if kernel is None:
         tunable = tuple(dict.fromkeys((*robot.tunable, *names)))
-        kernel = build(replace(robot, tunable=tunable), kernels=output_error_kernels(), progress=progress)
+        names_of = (*output_error_kernels(), *mechanism_kernels(robot))
+        kernel = build(replace(robot, tunable=tunable), kernels=tuple(dict.fromkeys(names_of)), progress=progress)
     refuse_followers(robot, kernel)
     missing = [name for name in names if name not in kernel.parameters]
     if missing:
         raise UnknownNameError(f"kernel: has no parameters {listed(missing)}; allowed: one in which they are tunable")
-    model, own = build_model(robot), copy(kernel)
+    own = copy(kernel)
     measured = [measured_motion(robot.name, motion, kernel.coordinates) for motion in motions]
     shortest = min(even_step(motion) for motion in measured)
     runs = [run_of(own, model, motion) for motion in measured]
-    simulation = Simulation(own, tuple(names), runs)
+    simulation = Simulation.of(own, tuple(names), runs, np.array(model.home))
     return _Fit(robot, simulation, 1.0 / shortest, bandwidth, progress).result(confidence)
 
 

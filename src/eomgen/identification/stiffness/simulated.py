@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from ...arrays import Array
-from ...errors import ArrayError, InputError, SingularError
+from ...errors import ArrayError, InputError, LoopError, SingularError
 from ...motion.files import MeasuredMotion
 from ...motion.smoothing import noise_deviation
 from ...motion.splines import spline_signal
@@ -19,6 +19,7 @@ from ...robot.coordinates import index_of
 from ...robot.model import Model
 from ...runtime.kernel import Kernel
 from ...runtime.stepping.input_signals import DriveData, Gains, Index, InputSignals, Signal, Track, Waves
+from .closed_starts import ClosedStarts
 from .levenberg_marquardt import Residuals
 
 METHOD: Final = "rosenbrock"
@@ -156,17 +157,44 @@ class Simulation:
         kernel: whose parameters are set.
         names: of the parameters.
         runs: of the motions.
+        closing: of a closed mechanism, what its state follows from; None of a tree.
     """
 
     kernel: Kernel
     names: tuple[str, ...]
     runs: Sequence[Run]
+    closing: ClosedStarts | None = None
+
+    @staticmethod
+    def of(kernel: Kernel, names: tuple[str, ...], runs: Sequence[Run], guess: Array) -> Simulation:
+        """Return the simulation of runs, which begin with loops closed.
+
+        Args:
+            kernel, names, runs: as of the attributes.
+            guess: of coordinates that were not measured, (n,).
+
+        Raises:
+            LoopError: loops do not close near what was measured.
+        """
+        if not kernel.constraints:
+            return Simulation(kernel, names, runs)
+        closing, closed = None, list[Run]()
+        for run in runs:
+            q = guess.copy()
+            q[run.places] = run.q[0]
+            measured = [kernel.coordinates[i] for i in run.places]
+            q = np.asarray(kernel.assemble(q))
+            closing = closing or ClosedStarts.near(kernel, q, measured)
+            closed.append(replace(run, start=closing.state(q, run.start[1])))
+        return Simulation(kernel, names, closed, closing)
 
     @property
     def moving(self) -> Array:
         """Indices of the numbers of q, then v (from n on), at the beginning of a run that are free."""
         kernel, n = self.kernel, self.kernel.n
         free = [i for i, name in enumerate(kernel.coordinates) if name not in kernel.prescribed]
+        if self.closing is not None:
+            free = [i for i in free if i in self.closing.independent]
         states = range(len(kernel.coordinates), n)
         return np.array([*free, *(n + i for i in (*free, *states))])
 
@@ -192,7 +220,7 @@ class Simulation:
             begin = count + k * width
             try:
                 q, by = self._simulated(run, values[begin : begin + width])
-            except (ArrayError, InputError, SingularError):  # the motion does not reach its end
+            except (ArrayError, InputError, LoopError, SingularError):  # the motion does not reach its end
                 return None
             if not (np.isfinite(q).all() and np.isfinite(by).all()):
                 return None
@@ -209,13 +237,17 @@ class Simulation:
         state = np.concatenate(run.start)
         state[moving] = start
         units = np.eye(2 * n)[moving]
+        along = {"q": units[:, :n], "v": units[:, n:]}
+        if self.closing is not None:
+            state = np.concatenate(self.closing.state(state[:n], state[n:]))
+            along = dict(zip("qv", self.closing.slopes(state[:n], state[n:], moving), strict=True))
         (q, _), (by, _) = self.kernel.rollout_sensitivity(
             state[:n],
             state[n:],
             duration=float(run.times[-1]),
             samples=len(run.times) - 1,
             parameters=self.names,
-            along={"q": units[:, :n], "v": units[:, n:]},
+            along=along,
             method=METHOD,
             rtol=run.rtol,
             atol=run.atol,
