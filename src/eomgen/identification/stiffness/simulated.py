@@ -189,14 +189,14 @@ class Simulation:
         return Simulation(kernel, names, closed, closing)
 
     @property
-    def moving(self) -> Array:
+    def moving(self) -> Index:
         """Indices of the numbers of q, then v (from n on), at the beginning of a run that are free."""
         kernel, n = self.kernel, self.kernel.n
         free = [i for i, name in enumerate(kernel.coordinates) if name not in kernel.prescribed]
         if self.closing is not None:
             free = [i for i in free if i in self.closing.independent]
         states = range(len(kernel.coordinates), n)
-        return np.array([*free, *(n + i for i in (*free, *states))])
+        return np.array([*free, *(n + i for i in (*free, *states))], dtype=np.intp)
 
     def values(self) -> Array:
         """Return the parameters as they are, and the states at the beginning."""
