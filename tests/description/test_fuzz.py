@@ -38,6 +38,7 @@ BLOCKS = {
     "csv": 1,
     "dh": 1,
     "npz": 1,
+    "modes": 1,
     "mtx": 1,
 }  # toml and urdf: a million together
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from tests.support import mode_file_mutants
 from tests.support.mutations import ATTRIBUTES, PIECES, mutant, raw
 
 COORDINATES = ("joint1.x", "joint1.gamma", "joint2.z")
@@ -31,7 +32,7 @@ MATRIX_ROWS = [
     *(["1", "1", "2e3"], ["2", "1", "-4.5"], ["2", "2", ".5"]),
 ]
 TABLES = {"csv": ROWS, "dh": DH_ROWS, "mtx": MATRIX_ROWS}
-FILES = (*TABLES, "npz")
+FILES = (*TABLES, "npz", "modes")
 NAMES = [
     *COORDINATES,
     "t",
@@ -92,7 +93,9 @@ HEADERS = [
 
 def good(kind: str) -> list[bytes]:
     """Files of that kind that can be read."""
-    return [_csv(TABLES[kind], kind)] if kind in TABLES else [_npz(COLUMNS, ""), _npz(SAVED, "")]
+    if kind in TABLES:
+        return [_csv(TABLES[kind], kind)]
+    return [_npz(arrays, "") for arrays in (mode_file_mutants.files() if kind == "modes" else (COLUMNS, SAVED))]
 
 
 def any_mutant(kind: str, seed: int) -> bytes:
@@ -100,7 +103,10 @@ def any_mutant(kind: str, seed: int) -> bytes:
     if kind not in FILES:
         return mutant(kind, seed)
     chance = random.Random(f"{kind} {seed}")
-    content = _changed_csv(TABLES[kind], kind, chance) if kind in TABLES else _changed_npz(chance)
+    if kind == "modes":
+        content = _npz(mode_file_mutants.changed(chance), "", chance)
+    else:
+        content = _changed_csv(TABLES[kind], kind, chance) if kind in TABLES else _changed_npz(chance)
     return raw(content, chance) if chance.random() < 0.3 else content
 
 

@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from eomgen.authoring.dh import CONVENTIONS, dh_file_text
+from eomgen.bending.files import read_bending
 from eomgen.description.load import load_robot, robot_from_mjcf, robot_from_toml, robot_from_urdf
 from eomgen.description.matrix_files import FileMatrix, read_matrix
 from eomgen.errors import DescriptionError, EomgenWarning, InputError
@@ -36,6 +37,7 @@ from eomgen.robot.value import Robot
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.sweep.plan import plan_from_toml
 from tests.support.file_mutants import COORDINATES, FILES, any_mutant
+from tests.support.mode_file_mutants import check_bending
 
 KNOWN = (  # parameters that tables of tolerances name
     *(f"joints.{joint}.offset.{key}" for joint in ("j1", "j2", "o" * 60) for key in COORDINATES_OF_JOINTS),
@@ -64,8 +66,10 @@ def accepted(kind: str, content: bytes, folder: Path) -> Any:
     """What the file is, or None where it is refused; any other exception, or a message that is none, is an error."""
     try:
         if kind in FILES:
-            path = folder / f"mutant.{kind}"
+            path = folder / f"mutant.{'npz' if kind == 'modes' else kind}"
             path.write_bytes(content)
+            if kind == "modes":
+                return check_bending(read_bending(path))
             if kind == "mtx":
                 return check_matrix(read_matrix(path))
             return check_dh(path) if kind == "dh" else check_motion(read_motion(path, COORDINATES))

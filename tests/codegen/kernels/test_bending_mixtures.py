@@ -96,6 +96,41 @@ def test_accelerations_by_all_solvers(seed: int) -> None:
         assert np.abs((residual - pushed)[free]).max() < 1e-9 * max(1.0, np.abs(pushed).max())
 
 
+@pytest.mark.parametrize("seed", seeds(700, 2, 60))
+def test_forces_at_rest_are_slopes_of_energy(seed: int) -> None:
+    """Whatever stores energy: laws, transmissions, springs and bushings on nodes, modes; all that damps is silent."""
+    rng = np.random.default_rng(seed)
+    mixed = mixture(seed, tuple(x for x in PARTS if x != "drives" and rng.random() < 0.5))
+    s, n = mixed.state(seed), len(build_model(mixed.robot).coordinates)
+    still = np.zeros_like(s.v)
+    needed = answer(mixed.robot, "inverse_dynamics", q=s.q, v=still, a=still)
+    slopes = complex_jacobian(mixed.robot, "energy", {"q": s.q, "v": still}, "q").sum(axis=0)
+    close(needed[:n], slopes[:n])
+
+
+@pytest.mark.parametrize("seed", seeds(800, 2, 60))
+def test_wrenches_of_joints_have_what_drives_need(seed: int) -> None:
+    """Along each coordinate of a joint its wrench is the drive's force less those of spring, damper and rotor."""
+    mixed = mixture(seed, ("springs", "bushings", "offsets", "prescribed")[seed % 3 :])
+    robot, s = mixed.robot, mixed.state(seed)
+    model = build_model(robot)
+    needed = answer(robot, "inverse_dynamics", **arrays(s, "q", "v", "a"))
+    wrenches = answer(robot, "reactions", **arrays(s, "q", "v", "a")).reshape(-1, 6)
+    poses = answer(robot, "kinematics", q=s.q)[: 12 * len(model.frames)].reshape(-1, 3, 4)
+    found, expected = [], []
+    for body, own in zip(model.bodies, wrenches, strict=True):
+        frame = model.frames.index(body.name)
+        R = poses[frame, :, :3] @ np.array(robot.joint(body.joint).axis_turn)
+        wrench = np.concatenate([R @ own[:3], R @ own[3:]])
+        for i in body.indices:
+            rates = answer(robot, "frame_velocities", q=s.q, v=np.eye(model.size)[i]).reshape(-1, 6)
+            found.append(rates[frame] @ wrench)
+            c = robot.coordinates[model.coordinates[i]]
+            parts = ((c.stiffness, s.q), (c.damping, s.v), (c.armature, s.a))
+            expected.append(needed[i] - sum((number or 0.0) * x[i] for number, x in parts))
+    assert np.abs(np.array(found) - expected).max() < LIMIT * np.abs(wrenches).max()
+
+
 @pytest.mark.parametrize("seed", seeds(400, 2, 40))
 def test_every_number_as_a_parameter(seed: int) -> None:
     """With all numbers that may be parameters read as they run, the same equations."""
