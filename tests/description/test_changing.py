@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -11,9 +12,14 @@ import pytest
 
 import eomgen
 from eomgen.description.load import robot_from_toml
+from eomgen.description.recorded import robot_from_record
 from eomgen.errors import DescriptionError, InputError
+from eomgen.robot.checks import check_values
 from eomgen.robot.inertia_policy import link_sizes, lowest_moments
+from eomgen.robot.parameter_names import following_modes
+from eomgen.robot.record import record_of
 from eomgen.robot.value import INERTIA_KEYS, Robot
+from tests.support.bending_mixtures import mixture
 from tests.support.every_element import ROBOTS, robot_with
 from tests.support.many_robots import many_robot
 from tests.support.random_robots import seeds
@@ -54,6 +60,10 @@ def check_every_number(robot: Robot, most: int = 30) -> None:
         value = before[path]
         assert value is not None
         new = value * (1.0 + 1e-9) if value else 1e-12
+        if following_modes(robot, (path,)) is not None:
+            with pytest.raises(DescriptionError, match="it follows from the link's modes"):
+                robot.with_value(path, 1.1 * value or 0.1)
+            continue
         if ".inertia." in path and not bodily(robot, path, new):
             with pytest.raises(DescriptionError, match="no body can have the inertia"):
                 robot.with_value(path, new)
@@ -74,6 +84,15 @@ def test_every_number_by_its_parameters_name(name: str) -> None:
 @pytest.mark.parametrize("number", seeds(0, 10, 100))
 def test_random_robots(number: int) -> None:
     check_every_number(many_robot(number))
+
+
+@pytest.mark.parametrize("seed", seeds(0, 3, 60))
+def test_robots_that_bend_are_changed_and_recorded(seed: int) -> None:
+    """Whatever parts they have; and their records, as results keep them, are read as they were."""
+    robot = mixture(seed).robot
+    check_every_number(robot)
+    check_values(robot)
+    assert robot_from_record(json.loads(json.dumps(record_of(robot, whole=True))), robot.source) == robot
 
 
 def test_every_force_element() -> None:
