@@ -11,7 +11,7 @@ import pytest
 import eomgen
 from eomgen.description import robot_from_toml
 from eomgen.errors import DescriptionError, InputError
-from eomgen.robot import Robot, build_model, record_of, robot_hash
+from eomgen.robot import Coupling, Robot, build_model, record_of, robot_hash
 from eomgen.scenario import scenario_from_toml
 from eomgen.simulation.result import SimulationResult
 
@@ -105,3 +105,16 @@ def test_results_that_have_followers_are_refused_by_name(hand: Robot, tmp_path: 
     replace(old, description=record_of(hand), robot_hash=robot_hash(hand)).save(tmp_path / "old.npz")
     with pytest.raises(InputError, match=r"list of coordinates .* \('two\.gamma' follows others by couplings"):
         eomgen.load_result(tmp_path / "old.npz")
+
+
+def test_deviations_that_follow_what_drives_move_are_refused() -> None:
+    """The rigid robot, which drives know, is held where a deviation is none; free motions need no drive."""
+    robot = eomgen.load_robot("one_link")
+    tied = replace(robot, couplings=(Coupling("tie", "joint1.x", {"joint1.gamma": 0.1}),))
+    assert build_model(tied).coordinates == ("joint1.gamma",)
+    with pytest.raises(
+        InputError, match=r"one_link: without deviations, .* coupling 'tie' ties .*allowed: control\.type"
+    ):
+        eomgen.simulate(tied, duration=0.01)
+    found = eomgen.run_scenario(tied, scenario_from_toml(f"duration = 0.01\n{FREE}"))
+    assert found.trajectory.q.shape[1] == 1

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from eomgen.codegen.kernels.equations import derive
+from eomgen.codegen.kernels.steps.tolerances import coordinate_sizes
 from eomgen.codegen.program.ir import evaluate
+from eomgen.errors import InputError
 from eomgen.robot.coordinates import coordinate_names
 from eomgen.robot.elements import Bushing
 from eomgen.robot.model import build_model
@@ -63,7 +66,10 @@ def mixture(
         principal = any(joint.type in PRINCIPAL for joint in robot.joints)
         size = sum(len(joint.coordinates) for joint in robot.joints)
         if size > 2 and size < 9 and (principal or not has & {"motors", "drives"}):
-            return Mixture(_equipped(robot, number, has, modes), frozenset(has))
+            made = _equipped(robot, number, has, modes)
+            with suppress(InputError):  # a bushing's angles are at their pole
+                coordinate_sizes(build_model(made))
+                return Mixture(made, frozenset(has))
     raise AssertionError(seed)
 
 

@@ -91,7 +91,8 @@ def _refuse_poles(d: Derivation) -> None:
     Raises:
         InputError: beta is at +-pi/2 there, and coordinates move angles that have tables.
     """
-    poles = [pole for element in d.elements for pole in element.poles(d.active)]
+    moving = [*d.active, *(i for i, share in d.followers.shares.items() if share)]
+    poles = [pole for element in d.elements for pole in element.poles(moving)]
     program = finish(d.graph, "poles", vector([cosine for _, cosine in poles]))
     cosines = evaluate(program, _numbers_at_home(d.described))
     for (name, _), cosine in zip(poles, cosines.values(), strict=True):

@@ -245,6 +245,17 @@ def _refuse_undriven(robot: Robot, moved: tuple[str, ...]) -> None:
         )
 
 
+def _refuse_tied(robot: Robot) -> None:
+    """Raise InputError if a tree's couplings hold coordinates of its rigid robot, which lacks their deviations."""
+    rigid = robot.rigid()
+    ties = [x.name.removesuffix("_rigid") for x in rigid.couplings if x.is_constraint]
+    if ties and rigid.is_closed and not robot.is_closed:
+        raise InputError(
+            f"{robot.name}: without deviations, as drives know the robot, the coupling {listed(ties)} ties coordinates"
+            " that they move; allowed: control.type 'none' or 'torque', or 'pd' without gravity"
+        )
+
+
 def kernels_of(robot: Robot, scenario: Scenario) -> tuple[str, ...]:
     """Return the names of the kernels that the scenario's integrator may call."""
     rollouts = _rollouts(scenario)
@@ -376,8 +387,10 @@ def _drive(
         kp, kd = (_gains(robot, scenario, key, control.get(key), driven) for key in ("kp", "kd"))
         if not control.get("gravity", False):
             return JointPD(program, actuators(kernel, driven), kp, kd)
+        _refuse_tied(robot)
         whole = actuators(kernel, rigid().coordinates)
         return JointPD(program, actuators(kernel, driven), kp, kd, rigid(), whole, mechanism)
+    _refuse_tied(robot)
     joint_motion = None if prescribed is None else _joint_motion(kernel, rigid(), prescribed)
     whole = actuators(kernel, rigid().coordinates)
     return ComputedTorque(rigid(), program, whole, control.get("bandwidth", BANDWIDTH), joint_motion, mechanism)

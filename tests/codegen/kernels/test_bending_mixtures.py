@@ -15,10 +15,13 @@ from eomgen.codegen.derivation.afresh import derive_afresh
 from eomgen.codegen.kernels.accelerations import CONSTRAINED, SOLVERS
 from eomgen.codegen.kernels.derivation import Derivation
 from eomgen.codegen.kernels.equations import derive_cheapest
+from eomgen.codegen.kernels.steps.tolerances import coordinate_sizes
 from eomgen.codegen.program.ir import evaluate
 from eomgen.errors import InputError
+from eomgen.robot.elements import Bushing
 from eomgen.robot.model import Model, build_model
 from eomgen.robot.parameter_names import parameters
+from eomgen.robot.value import Placement
 from tests.oracles.complex_step import complex_jacobian
 from tests.support.bending_mixtures import PARTS, Mixture, answer, arrays, mixture
 from tests.support.random_robots import Array, State, seeds
@@ -158,3 +161,15 @@ def test_a_derivation_by_sympy_is_refused() -> None:
     name = next(x.name for x in model.robot.links if x.modes is not None)
     with pytest.raises(InputError, match=rf"links\.{name}\.modes: SymPy derives joints afresh, and no link that bends"):
         derive_afresh(model, ("mass_matrix",))
+
+
+def test_a_pole_that_modes_alone_move_is_refused() -> None:
+    """A bushing between a link and its own node, whose angles are singular at home: sizes divided by zero."""
+    robot = mixture(900, ("laws", "motors", "followers")).robot
+    placements = (
+        Placement.from_rpy((0.0, 0.5, 0.0), (np.pi / 2, 0.0, np.pi / 2)),
+        Placement((0.25, 0.03, 0.0), ((0.0, -1.0, 0.0), (0.0, 0.0, 1.0), (-1.0, 0.0, 0.0))),
+    )
+    mount = Bushing("mount", ("link1", "link1_node1"), placements, (10.0,) * 6, None)
+    with pytest.raises(InputError, match=r"home puts bushings\.mount at beta = \+-90 degrees"):
+        coordinate_sizes(build_model(replace(robot, elements=(mount,))))
