@@ -23,7 +23,7 @@ from ..description import RobotLike, as_robot
 from ..errors import InputError, renamed
 from ..names import show
 from ..shown import scale_of
-from .scene import Array, axis_points, bent_axes, capsules, extent, link_poses, placed
+from .scene import Array, axis_points, bent_axes, capsules, extent, link_poses, placed, slides_along_beams
 from .style import (
     BESIDE,
     CYCLE,
@@ -126,7 +126,10 @@ def plot_mode_shapes(
         raise InputError(f"modes: there are none to draw of {show(robot.name)}; allowed: one or more")
     lines = [(capsule.link, np.stack([capsule.begin, capsule.end])) for capsule in capsules(robot)]
     bent = bent_axes(robot)
-    slides = [joint for joint in robot.joints if joint.type == "prismatic"]  # between their links there is no capsule
+    on_beams = slides_along_beams(robot)
+    slides = [
+        x for x in robot.joints if x.type == "prismatic" and x not in on_beams
+    ]  # between their links there is no capsule
 
     def lines_of(q: Array) -> list[Array]:
         """Return the points of all lines, (P, 3) each, m: two of those that are straight."""

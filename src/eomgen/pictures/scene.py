@@ -206,8 +206,14 @@ def capsules(robot: Robot, axes: Sequence[BentAxis] | None = None) -> tuple[Caps
     radius = SLENDER * extent(robot)
     bent = bent_axes(robot) if axes is None else axes
     drawn = {(axis.link, tuple(place)) for axis in bent for place in axis.nodes.values() if any(place)}
-    lines = (c for c in _lines(robot) if (c.link, tuple(c.end.tolist())) not in drawn)
+    hidden = {joint.child for joint in slides_along_beams(robot)}  # they move along the straight beam
+    lines = (c for c in _lines(robot) if c.link not in hidden and (c.link, tuple(c.end.tolist())) not in drawn)
     return tuple(Capsule(c.link, c.begin, c.end, radius) for c in lines)
+
+
+def slides_along_beams(robot: Robot) -> tuple[Joint, ...]:
+    """Joints that slide along beams that bend: behind each stands a place that modes move, of the name of its child."""
+    return tuple(joint for joint in robot.joints if joint.type == "prismatic" and joint.child in robot.nodes)
 
 
 def bent_axes(robot: Robot) -> tuple[BentAxis, ...]:

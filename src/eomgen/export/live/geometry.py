@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...arrays import Array
 from ...pictures.framing import drawn_points, framed, up_of
-from ...pictures.scene import SLENDER, BentAxis, bent_axes, extent
+from ...pictures.scene import SLENDER, BentAxis, bent_axes, extent, slides_along_beams
 from ...pictures.shapes import Shape, bare_capsules, urdf_shapes
 from ...robot.value import Robot
 
@@ -106,8 +106,9 @@ def packed(array: ArrayLike) -> str:
 def _drums(robot: Robot, radius: float) -> list[dict[str, Any]]:
     """Return joints that move, in their child links: where their axes are, and whether links slide along them."""
     drums = []
+    on_beams = slides_along_beams(robot)
     for joint in robot.joints:
-        if joint.type not in ("revolute", "prismatic"):
+        if joint.type not in ("revolute", "prismatic") or joint in on_beams:
             continue
         axis = np.array(joint.axis_turn)[:, 2]
         slides = joint.type == "prismatic"
@@ -117,6 +118,7 @@ def _drums(robot: Robot, radius: float) -> list[dict[str, Any]]:
 
 def _rods(robot: Robot, radius: float) -> list[dict[str, Any]]:
     """Return rods of sliding joints: between the points of both links that are one where nothing is pushed out."""
+    on_beams = slides_along_beams(robot)
     return [
         {
             "links": [joint.parent, joint.child],
@@ -124,5 +126,5 @@ def _rods(robot: Robot, radius: float) -> list[dict[str, Any]]:
             "radius": 0.6 * radius,
         }
         for joint in robot.joints
-        if joint.type == "prismatic"
+        if joint.type == "prismatic" and joint not in on_beams
     ]

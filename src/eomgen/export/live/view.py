@@ -17,7 +17,7 @@ from ...arrays import Array
 from ...description import RobotLike, as_robot
 from ...files import PAGE_ENDING, check_ending, write_atomically
 from ...names import component_name, joint_of
-from ...pictures.scene import bent_axes, extent, placed, turned
+from ...pictures.scene import bent_axes, extent, placed, slides_along_beams, turned
 from ...robot.coordinates import unit_of
 from ...robot.cuts import rigid_components
 from ...robot.geometry import ANGULAR, COORDINATES
@@ -135,8 +135,13 @@ def contents_of_view(described: Robot) -> dict[str, Any]:
 
 
 def _with_modes(described: Robot) -> Robot:
-    """Return the robot with rigid joints whose links bend: nodes follow the modes as they are described."""
+    """Return the robot with rigid joints whose links bend: nodes follow the modes as they are described.
+
+    Where joints slide along beams, links do not bend.
+    """
     robot, modes = described.rigid(), {link.name: link.modes for link in described.links}
+    if slides_along_beams(described):
+        return robot
     nodes = {node_link(name, node.name) for name, own in modes.items() if own is not None for node in own.nodes}
     joints = tuple(described.joint(joint.name) if joint.name in nodes else joint for joint in robot.joints)
     couplings = tuple(x for x in described.couplings if joint_of(x.of) in nodes)
