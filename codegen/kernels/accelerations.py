@@ -15,9 +15,19 @@ from ..solve.rows import Row, elastic_row
 from ..solve.states import ScalarSlopes, StateRow, share, state_rows
 from ..tree.composite import Rows
 from ..tree.spatial import ZERO, Scalar
-from .closed import Pivots, constrained, eliminated, led_by_modes, pivot_outputs, projection, reduced, with_rows
+from .closed import (
+    Pivots,
+    constrained,
+    eliminated,
+    led_by_modes,
+    pivot_outputs,
+    projection,
+    reduced,
+    with_rows,
+)
 from .constraint_rows import closure_residuals, general_rank
 from .derivation import Derivation, Outputs
+from .derivatives.modal_slopes import bends
 
 FACTORISED = "M = L^T D L factorised"
 ELIMINATED = "joints eliminated in O(n)"
@@ -49,6 +59,10 @@ def _moving_by_factors(d: Derivation) -> tuple[FactorisedTree, Pivots]:
 def _resting_by_elimination(d: Derivation) -> tuple[EliminatedTree | ReducedTree, Pivots]:
     rest = replace(d.bound, gravity=ZERO)
     return eliminated(d, d.bound.armature, d.still, d.still, bound=rest, coupled=True)
+
+
+def _resting_by_leaders(d: Derivation) -> tuple[ReducedTree, Pivots]:
+    return reduced(d, replace(d.bound, gravity=ZERO), d.still, d.still)
 
 
 def _by_factors(d: Derivation, right: Sequence[Scalar]) -> tuple[FactorisedTree, Pivots]:
@@ -135,7 +149,7 @@ class _Step(ImplicitShare):
         return law.ahead(self.dt, self.square, self.functions)
 
 
-def implicit_step(d: Derivation) -> Outputs:
+def implicit_step(d: Derivation, *, by_leaders: bool = False) -> Outputs:
     """Take springs and dampers at the end of the step: they add to M's diagonal, so the elimination stays O(n).
 
     Those of transmissions couple a motor to its joint alone (``Rotors``).  A law that is not linear is taken along its
@@ -146,7 +160,27 @@ def implicit_step(d: Derivation) -> Outputs:
     diagonal, but rows like those of closed loops.  Loops are closed at the end of the step, at the level of rates:
     J v = -g / dt.  Slopes of a journal and of a joint's damping couple the coordinates of the joint, and are eliminated
     with them; the directions of such a damping are those of the step's beginning.
+
+    Args:
+        by_leaders: factor the leading coordinates' matrix, where joints are eliminated else.
     """
+    step = _written_step(d)
+    drives = drives_left(d, step.forces)
+    slopes = ScalarSlopes(step.slopes, step.states)
+    if by_leaders:
+        whole = replace(d.bound, armature=tuple(step.armature))
+        return solved_accelerations(d, *reduced(d, whole, drives, d.v, slopes, step.beside), step.rows)
+    tree, pivots = eliminated(d, step.armature, drives, d.v, slopes, coupled=bool(step.rows), beside=step.beside)
+    return solved_accelerations(d, tree, pivots, step.rows)
+
+
+def step_has_rows(d: Derivation) -> bool:
+    """Whether a linearly implicit step solves for rows."""
+    return bool(_written_step(d).rows)
+
+
+def _written_step(d: Derivation) -> _Step:
+    """Return what all elements add to a step."""
     step = _Step(d)
     for element in d.elements:
         element.advance(step)
@@ -161,10 +195,7 @@ def implicit_step(d: Derivation) -> Outputs:
     step.rows += _closing_rows(d, step.dt)
     for element in d.elements:
         element.add_rows(step)
-    drives, coupled = drives_left(d, step.forces), bool(step.rows)
-    slopes = ScalarSlopes(step.slopes, step.states)
-    tree, pivots = eliminated(d, step.armature, drives, d.v, slopes, coupled=coupled, beside=step.beside)
-    return solved_accelerations(d, tree, pivots, step.rows)
+    return step
 
 
 def _closing_rows(d: Derivation, dt: Scalar) -> list[Row]:
@@ -194,30 +225,36 @@ class Variant:
 def _variants(
     by_factors: Callable[[Derivation], Outputs],
     by_elimination: Callable[[Derivation], Outputs],
-    by_leaders: Callable[[Derivation], Outputs] | None = None,
+    by_leaders: Callable[[Derivation], Outputs],
 ) -> Mapping[str, Variant]:
-    """Return the variants; ``by_leaders``: another one where whatever follows others follows modes."""
+    """Return the variants; ``by_leaders``: another one where whatever follows others is a node."""
     return {
         FACTORISED: Variant(
             by_factors, STRAIGHT_SOLVE, prescribes=False
         ),  # M would have to be divided by what is known
-        ELIMINATED: Variant(by_elimination, suits=lambda d: not d.followers or bool(by_leaders and led_by_modes(d))),
-        REDUCED: Variant(by_leaders or by_elimination, suits=_suits_leaders),
+        ELIMINATED: Variant(by_elimination, suits=led_by_modes),
+        REDUCED: Variant(by_leaders, suits=_suits_leaders),
     }
 
 
 def _suits_leaders(d: Derivation) -> bool:
-    """Whether some coordinates follow others; modes alone in small robots, as elimination wins in others."""
-    small = d.model.size <= STRAIGHT_SOLVE
-    return bool(d.followers) and (small or not led_by_modes(d) or bool(d.described.constraints))
+    """Whether some coordinates follow others; of robots that bend, small ones and those with rows alone.
+
+    In others elimination costs less.
+    """
+    small, rows = d.model.size <= STRAIGHT_SOLVE, bool(d.described.constraints)
+    return (bool(d.followers) and (small or not led_by_modes(d))) or (bends(d) and rows)
 
 
 CONSTRAINED = _variants(
     lambda d: constrained(d, *_moving_by_factors(d)),
     lambda d: constrained(d, *_moving_by_elimination(d, coupled=True)),
+    lambda d: constrained(d, *_moving_by_leaders(d)),
 )
 PROJECTION = _variants(
-    lambda d: projection(d, *_by_factors(d, d.still)), lambda d: projection(d, *_resting_by_elimination(d))
+    lambda d: projection(d, *_by_factors(d, d.still)),
+    lambda d: projection(d, *_resting_by_elimination(d)),
+    lambda d: projection(d, *_resting_by_leaders(d)),
 )
 SOLVERS = _variants(
     lambda d: solved_accelerations(d, *_moving_by_factors(d)),

@@ -9,6 +9,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+from eomgen.robot.model import FIXED_BODY
+
 from ..solve.elimination import NO_COUPLINGS, Elimination
 from ..solve.factorised import Factors, coordinate_parents
 from ..solve.reduced import ReducedTree
@@ -41,6 +43,8 @@ def eliminated(
 ) -> tuple[EliminatedTree | ReducedTree, Pivots]:
     """Eliminate the tree, states and motors first: its accelerations, and pivots with what they are compared to.
 
+    Where joints follow joints it is no tree, and the leading coordinates' matrix is factored.
+
     Args:
         slopes: of the transmissions and of laws with states in an implicit step.
         bound: the model's numbers, where they are not the derivation's.
@@ -48,8 +52,7 @@ def eliminated(
             ``Elimination``.
     """
     bound = bound or d.bound
-    bends = any(body.modes for body in d.model.bodies)  # modes answer no rows when they are eliminated
-    if (d.followers or bends) and (coupled or not led_by_modes(d)):
+    if not led_by_modes(d):
         return reduced(d, replace(bound, armature=tuple(armature)), drives, v, slopes, beside)
     if d.followers:
         coasting = d.followers.accelerate([0.0] * d.model.size, v)
@@ -75,9 +78,14 @@ def eliminated(
 
 
 def led_by_modes(d: Derivation) -> bool:
-    """Whether whatever follows others follows modes of links: no tree of joints is shared."""
-    modes = {i for body in d.model.bodies for i in body.modes}
-    return all(modes.issuperset(share) for share in d.followers.shares.values())
+    """Whether whatever follows others is a node of the link on which it stands: no tree of joints is shared."""
+    parents = {
+        i: d.model.bodies[body.parent].modes
+        for body in d.model.bodies
+        for i in body.indices
+        if body.parent != FIXED_BODY
+    }
+    return all(share and set(share).issubset(parents.get(i, ())) for i, share in d.followers.shares.items())
 
 
 def reduced(
@@ -88,7 +96,7 @@ def reduced(
     slopes: ScalarSlopes = NO_SLOPES,
     beside: Mapping[tuple[int, int], Scalar] = NO_COUPLINGS,
 ) -> tuple[ReducedTree, Pivots]:
-    """Solve where coordinates follow others: by S^T M S, since a tree with shared coordinates is none."""
+    """Solve by S^T M S of the coordinates that follow no others, as a tree with shared coordinates is none."""
     states = States(d.model, bound.armature, drives, slopes.states)
     rotors = Rotors(d.model, bound, bound.armature, states.drives, slopes.transmissions)
     active, prescribed = frozenset(d.active), d.model.prescribed

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 from eomgen.errors import InputError
 from eomgen.memory import without_collection
@@ -13,14 +14,18 @@ from eomgen.robot.model import Model
 from ..program.ir import Program, finish
 from ..program.passes import hoist_parameters, on_demand, run_passes
 from ..program.shares import Shares
+from .accelerations import implicit_step, step_has_rows
 from .bodies import share_among_bodies
+from .closed import led_by_modes
 from .derivation import Derivation
+from .derivatives.modal_slopes import bends
 from .derivatives.programs import derive_derivative
 from .signatures import KERNELS, SIGNATURES, available, knows_turns
-from .stages import PAIR_STAGES, STAGES, derive_pair_stage, derive_stage
+from .stages import PAIR_STAGES, STAGES, derive_pair_stage, derive_stage, stage_has_rows
 from .writers import DESCRIPTION_FRAMES, VARIANTS, WRITERS
 
 DIVISION = 8  # a division takes about as long as so many products
+SOLUTIONS = 6  # of a matrix that is factored once: stages of a step
 NEEDS = {
     "loops": "[[loops]]",
     "springs": "[[springs]]",
@@ -32,6 +37,24 @@ NEEDS = {
 }
 SMALL = ("springs", "elements", "laws", "drives")  # needs of kernels that come with any
 STRAIGHT_COLUMNS = 12000  # up to so many operations all columns are written out, above it is a loop over them
+
+
+class _Writes(Protocol):
+    """Derive programs by their names, which solve for rows."""
+
+    def __call__(self, d: Derivation, *, by_leaders: bool) -> dict[str, Program]: ...
+
+
+def _derive_step(d: Derivation, *, by_leaders: bool) -> dict[str, Program]:
+    """Derive the program of a linearly implicit step, by its name."""
+    return {"implicit_step": run_passes(finish(d.graph, "implicit_step", implicit_step(d, by_leaders=by_leaders)))}
+
+
+WITH_ROWS: Mapping[str, tuple[_Writes, Callable[[Derivation], bool]]] = {
+    "implicit_step": (_derive_step, step_has_rows),
+    **dict.fromkeys(STAGES, (derive_stage, stage_has_rows)),
+    **dict.fromkeys(PAIR_STAGES, (derive_pair_stage, stage_has_rows)),
+}
 
 
 @dataclass(frozen=True)
@@ -101,10 +124,8 @@ def derive_equations(model: Model, kernels: Sequence[str] = (), dtype: str = "fl
         for program in calls.get(name, (name,)):
             if program in raw:
                 continue
-            if program in STAGES:
-                raw |= derive_stage(Derivation(model, dtype=dtype, turned=True))
-            elif program in PAIR_STAGES:
-                raw |= derive_pair_stage(Derivation(model, dtype=dtype, turned=True))
+            if program in WITH_ROWS:
+                raw |= _derived_with_rows(model, program, dtype)
             elif program in VARIANTS:
                 raw[program], choices[program] = derive_cheapest(model, program, dtype=dtype)
             else:
@@ -138,15 +159,26 @@ def _derived(model: Model, kernel: str, dtype: str, known: dict[str, Program]) -
     """Derive the program, with those that come with it."""
     if kernel in VARIANTS:
         return {kernel: derive_cheapest(model, kernel, dtype=dtype)[0]}
-    if kernel in STAGES:
-        return derive_stage(Derivation(model, dtype=dtype, turned=True))
-    if kernel in PAIR_STAGES:
-        return derive_pair_stage(Derivation(model, dtype=dtype, turned=True))
+    if kernel in WITH_ROWS:
+        return _derived_with_rows(model, kernel, dtype)
     if SIGNATURES[kernel].derivative_of:
         return {kernel: derive_derivative(model, kernel, lambda name: derive(model, name, dtype, known))}
     regrouped, turned = kernel not in DESCRIPTION_FRAMES, knows_turns(kernel, model)
     derivation = Derivation(model, regrouped=regrouped, dtype=dtype, turned=turned)
     return {kernel: run_passes(finish(derivation.graph, kernel, WRITERS[kernel](derivation)))}
+
+
+def _derived_with_rows(model: Model, kernel: str, dtype: str) -> dict[str, Program]:
+    """Derive what solves for the rows of a step; of robots that bend by their leaders' matrix, too: what costs less."""
+    write, has_rows = WITH_ROWS[kernel]
+
+    def fresh() -> Derivation:
+        return Derivation(model, dtype=dtype, turned=kernel not in WRITERS or knows_turns(kernel, model))
+
+    programs, d = write(fresh(), by_leaders=False), fresh()
+    if not (bends(d) and led_by_modes(d) and has_rows(d)):
+        return programs
+    return min((programs, write(fresh(), by_leaders=True)), key=_cost_of_step)
 
 
 def derive_cheapest(model: Model, kernel: str, chosen: str = "", dtype: str = "float64") -> tuple[Program, str]:
@@ -170,6 +202,11 @@ def _candidates(model: Model, kernel: str, chosen: str = "", dtype: str = "float
             program = run_passes(finish(derivation.graph, kernel, variant.write(derivation)))
             candidates.append((on_demand(program) if variant.on_demand else program, name))
     return candidates
+
+
+def _cost_of_step(programs: Mapping[str, Program]) -> int:
+    """Count operations of programs of a step; of two the latter is for its stages."""
+    return sum(_cost(program) * (SOLUTIONS if place else 1) for place, program in enumerate(programs.values()))
 
 
 def _cost(program: Program) -> int:

@@ -36,7 +36,7 @@ from ..solve.states import ScalarSlopes, StateRow, share, state_rows
 from ..tree.composite import Rows
 from ..tree.spatial import ZERO, Scalar, along
 from .accelerations import solved_accelerations
-from .closed import eliminated
+from .closed import eliminated, reduced
 from .constraint_rows import closure_residuals
 from .derivation import Derivation, Outputs
 
@@ -238,8 +238,33 @@ class _PairStage(_Stage):
         return self.d.functions.step(share(law, self.size, self.size_square))
 
 
-def stage(d: Derivation, kind: type[_Stage] = _Stage) -> Outputs:
-    """Solve a stage: w, (n,), and the pivots."""
+def stage(d: Derivation, kind: type[_Stage] = _Stage, *, by_leaders: bool = False) -> Outputs:
+    """Solve a stage: w, (n,), and the pivots.
+
+    Args:
+        by_leaders: factor the leading coordinates' matrix, where joints are eliminated else.
+    """
+    here, rows = _written_stage(d, kind)
+    prescribed = frozenset(d.model.prescribed)
+    drives: list[Scalar] = [0.0 if i in prescribed else -1.0 * force for i, force in enumerate(here.forces)]
+    rest = replace(d.bound, gravity=ZERO)
+    slopes = ScalarSlopes(here.slopes, here.states)
+    if by_leaders:
+        whole = replace(rest, armature=tuple(here.armature))
+        return solved_accelerations(d, *reduced(d, whole, drives, d.still, slopes, here.beside), rows)
+    tree, pivots = eliminated(
+        d, here.armature, drives, d.still, slopes, bound=rest, coupled=bool(rows), beside=here.beside
+    )
+    return solved_accelerations(d, tree, pivots, rows)
+
+
+def stage_has_rows(d: Derivation) -> bool:
+    """Whether a stage solves for rows."""
+    return bool(_written_stage(d, _Stage)[1])
+
+
+def _written_stage(d: Derivation, kind: type[_Stage]) -> tuple[_Stage, list[Row]]:
+    """Return what all elements add to a stage, and its rows."""
     here, driven = kind(d), frozenset(d.model.driven)
     for element in d.elements:
         element.add_diagonal(here)
@@ -259,25 +284,17 @@ def stage(d: Derivation, kind: type[_Stage] = _Stage) -> Outputs:
         for i, arm in row.items():
             here.forces[i] = here.forces[i] + force * arm
         rows.append(elastic_row(row, slope.whole))
-    rows += here.rows
-    prescribed = frozenset(d.model.prescribed)
-    drives: list[Scalar] = [0.0 if i in prescribed else -1.0 * force for i, force in enumerate(here.forces)]
-    rest, coupled = replace(d.bound, gravity=ZERO), bool(rows)
-    slopes = ScalarSlopes(here.slopes, here.states)
-    tree, pivots = eliminated(
-        d, here.armature, drives, d.still, slopes, bound=rest, coupled=coupled, beside=here.beside
-    )
-    return solved_accelerations(d, tree, pivots, rows)
+    return here, rows + here.rows
 
 
-def derive_stage(d: Derivation) -> dict[str, Program]:
+def derive_stage(d: Derivation, *, by_leaders: bool = False) -> dict[str, Program]:
     """Derive both programs of a stage, by their names: what a step computes once, and what each stage does with it."""
-    return _parts(run_passes(finish(d.graph, "stage", stage(d))), STAGES, ARRAYS)
+    return _parts(run_passes(finish(d.graph, "stage", stage(d, by_leaders=by_leaders))), STAGES, ARRAYS)
 
 
-def derive_pair_stage(d: Derivation) -> dict[str, Program]:
+def derive_pair_stage(d: Derivation, *, by_leaders: bool = False) -> dict[str, Program]:
     """Derive the stage with a complex c, for complex rates and shifts, imaginary parts behind real ones."""
-    whole, n = finish(d.graph, "stage", stage(d, _PairStage)), len(d.active)
+    whole, n = finish(d.graph, "stage", stage(d, _PairStage, by_leaders=by_leaders)), len(d.active)
     times, rates, shifts, _ = PAIR_ARRAYS
     pairs = on_pairs(whole, {times: 2, rates: n, shifts: n}, dropped=("pivot",), results=("out",))
     return _parts(run_passes(pairs), PAIR_STAGES, PAIR_ARRAYS)

@@ -144,7 +144,7 @@ class Elimination:
             parent = self.model.bodies[k].parent
             if parent != FIXED_BODY:
                 if self.bound.bodies[k].shares:
-                    self.modes[parent].add_node(at_joint, self.joints[k], self.bound.bodies[k].shares)
+                    self.modes[parent].add_node(k, at_joint, self.joints[k], self.bound.bodies[k].shares)
                 inertias[parent] = inertias[parent] + to_parent(at_joint, self.joints[k])
 
     def _body(self, k: int) -> Articulated:

@@ -19,6 +19,7 @@ from ..tree.recursion import NO_WRENCH, Wrench, acceleration, through_joint_back
 from ..tree.spatial import ZERO, Scalar, Vec, dot
 from .articulated import Articulated, inverse_or_zero, less, symmetric
 from .coupled import directions_of
+from .rows import Response
 
 
 @dataclass(frozen=True)
@@ -29,6 +30,7 @@ class _Step:
     lower: tuple[Scalar, ...]
     free: Scalar
     gain: Wrench
+    inverse: Scalar
 
 
 class Modes:
@@ -63,9 +65,16 @@ class Modes:
         self.sizes = [self.matrix[k, k] for k in range(len(self.indices))]
         self.pivots: dict[int, tuple[Scalar, Scalar]] = {}
         self.steps: list[_Step] = []
+        self.moves: dict[int, list[Wrench]] = {}
 
-    def add_node(self, inertia: Articulated, joint: JointGeometry, shares: Mapping[int, Mapping[int, Scalar]]) -> None:
-        """Add what hangs on a node: its inertia in front of the node's rotations, with the node's shares in modes."""
+    def add_node(
+        self, body: int, inertia: Articulated, joint: JointGeometry, shares: Mapping[int, Mapping[int, Scalar]]
+    ) -> None:
+        """Add what hangs on the node that is a body: its inertia in front of the node's rotations.
+
+        Args:
+            shares: of modes in the node's coordinates.
+        """
         directions = directions_of(joint, [*shares])
         still = Articulated(inertia.L, inertia.C, inertia.A, NO_WRENCH)
         moves, columns = [NO_WRENCH] * len(self.indices), list[Wrench]()
@@ -73,6 +82,7 @@ class Modes:
             for direction in directions:
                 moves[k] = moves[k].plus(shares[direction.index].get(index, 0.0), direction.axis)
             columns.append(still.answer(moves[k].force, moves[k].moment))
+        self.moves[body] = moves
         front = JointGeometry(joint.turn, joint.offset, (), ())
         for k, moved in enumerate(moves):
             for j in range(k + 1):
@@ -94,18 +104,41 @@ class Modes:
                     self.matrix[i, j] = self.matrix[i, j] - lower[j] * self.matrix[i, k]
                 self.columns[j] = self.columns[j].plus(-1.0 * lower[j], column)
                 self.left[j] = self.left[j] - lower[j] * self.left[k]
-            self.steps.append(_Step(self.indices[k], lower, free, gain))
+            self.steps.append(_Step(self.indices[k], lower, free, gain, inverse))
             L = symmetric(less(L, gain.force, column.force))
             C = less(C, gain.force, column.moment)
             A = symmetric(less(A, gain.moment, column.moment))
             p = p.plus(free, column)
         return Articulated(L, C, A, p)
 
-    def released(self, a: Vec, d: Vec) -> dict[int, Scalar]:
-        """Return the modes' accelerations, by index, of that of the body."""
+    def respond(self, push: Sequence[Scalar], nodes: Mapping[int, Wrench], load: Wrench, response: Response) -> Wrench:
+        """Eliminate drives of the modes at rest: what they leave at the pivots, and the wrench at the body's origin.
+
+        Args:
+            push: drives of all coordinates, (n,).
+            nodes: wrenches in front of the rotations of nodes, by their bodies.
+            load: at the body's origin, of all that hangs on it.
+        """
+        left = [push[k] for k in self.indices]
+        for body, wrench in nodes.items():
+            left = [value - _product(moved, wrench) for value, moved in zip(left, self.moves[body], strict=True)]
+        for step in self.steps:
+            rest = left.pop()
+            response.put(step.index, rest, rest * step.inverse)
+            left = [value - factor * rest for value, factor in zip(left, step.lower, strict=True)]
+            load = load.plus(rest, step.gain)
+        return load
+
+    def released(self, a: Vec, d: Vec, free: Mapping[int, Scalar] | None = None) -> dict[int, Scalar]:
+        """Return the modes' accelerations, by index, of that of the body.
+
+        Args:
+            free: those where the body has none, 0 where that is left out; None: by the drives of the elimination.
+        """
         found: dict[int, Scalar] = {}
         for step in reversed(self.steps):
-            value = step.free - (dot(step.gain.force, a) + dot(step.gain.moment, d))
+            own = step.free if free is None else free.get(step.index, 0.0)
+            value = own - (dot(step.gain.force, a) + dot(step.gain.moment, d))
             for index, factor in zip(self.indices, step.lower, strict=False):
                 value = value - factor * found[index]
             found[step.index] = value

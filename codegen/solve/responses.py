@@ -83,13 +83,20 @@ class EliminatedTree(Tree):
         for index, arm in row.jacobian_row.items():
             push[index] = arm
         self.rotors.respond(push, response)
-        moved = {k for k, body in enumerate(model.bodies) if any(not is_zero(push[i]) for i in body.indices)}
+        moved = {
+            k for k, body in enumerate(model.bodies) if any(not is_zero(push[i]) for i in (*body.indices, *body.modes))
+        }
         reached = {k for body in moved for k in model.ancestors(body)}
         loads = dict.fromkeys(reached, NO_WRENCH)
+        nodes: dict[int, dict[int, Wrench]] = {k: {} for k in reached}
         for k in sorted(reached, reverse=True):
+            if k in tree.modes:
+                loads[k] = tree.modes[k].respond(push, nodes[k], loads[k], response)
             at_joint = self._through(k, push, loads[k], response)
             parent, joint = model.bodies[k].parent, tree.joints[k]
             if parent != FIXED_BODY:
+                if tree.bound.bodies[k].shares:
+                    nodes[parent][k] = at_joint
                 loads[parent] = loads[parent] + through_joint_back(
                     at_joint, JointGeometry(joint.turn, joint.offset, (), ()), []
                 )
@@ -162,6 +169,8 @@ class EliminatedTree(Tree):
                 first = joint.translations[0][0]
                 whole = self.tree.blocks[k].whole
                 here |= {(first + i, first + j): whole[i][j] for i in range(3) for j in range(i, 3)}
+            if k in self.tree.modes:
+                here |= {(index, index): pivot for index, (pivot, _) in self.tree.modes[k].pivots.items()}
             entries.append(here)
         return entries
 
@@ -171,8 +180,19 @@ class EliminatedTree(Tree):
         for k, body in enumerate(self.model.bodies):
             parent = (ZERO, ZERO) if body.parent == FIXED_BODY else bodies[body.parent]
             bodies.append(self._released(k, parent, more, accelerations))
+            if k in self.tree.modes:
+                self._release_modes(self.tree.modes[k].released(*bodies[k], more), accelerations)
         self.rotors.released(more, accelerations)
         return self.states.released(accelerations)
+
+    def _release_modes(self, found: Mapping[int, Scalar], accelerations: list[Scalar]) -> None:
+        """Write accelerations of a body's modes, and add them to what follows them."""
+        for index, value in found.items():
+            accelerations[index] = value
+        for follower, share in self.tree.shares.items():
+            for index, ratio in share.items():
+                if index in found:
+                    accelerations[follower] = accelerations[follower] + ratio * found[index]
 
     def _released(
         self, k: int, parent: tuple[Vec, Vec], more: Mapping[int, Scalar], accelerations: list[Scalar]
@@ -203,6 +223,8 @@ class EliminatedTree(Tree):
             for index, axis in joint.translations:
                 if index in steps:
                     a = add(a, unit(axis, released(index)))
+                elif index in tree.shares:
+                    a = add(a, unit(axis, accelerations[index]))
         together: dict[int, Scalar] = {}
         if k in tree.coupled:
             together = tree.coupled[k].moved(more, a, d)
@@ -213,6 +235,8 @@ class EliminatedTree(Tree):
             a, d = matvec(turned, a), matvec(turned, d)
             if turn.index in steps:
                 d = add(d, unit(turn.axis, released(turn.index)))
+            elif turn.index in tree.shares:
+                d = add(d, unit(turn.axis, accelerations[turn.index]))
             d = add(d, unit(turn.axis, together.get(turn.index, 0.0)))
         for index, value in together.items():
             accelerations[index] = value
