@@ -12,6 +12,7 @@ from ...robot.coordinates import LINKS
 from ...robot.value import Link, Robot
 from .result import KEYS, Estimate
 
+FILTERED = 2e-4  # of a value, which filters of a motion bend and standard errors do not hold
 APART = 4.0  # standard errors of modes from what they have in common, from which on they contradict one another
 
 
@@ -71,7 +72,7 @@ def _common(values: Sequence[tuple[float, float]], size: float, name: str, unit:
     weights = 1.0 / errors**2
     mean, error = float(weights @ x / weights.sum()), float(1.0 / math.sqrt(weights.sum()))
     said = f"{name} = {size * mean:.6g} +- {size * error:.2g}{unit}"
-    worst = float((np.abs(x - mean) / errors).max())
+    worst = float((np.abs(x - mean) / np.hypot(errors, FILTERED * mean)).max())
     if worst > APART:
         return f"{said} (modes contradict one another: {', '.join(f'{size * one:.4g}' for one in x.tolist())})"
     return said
