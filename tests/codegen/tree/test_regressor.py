@@ -20,7 +20,8 @@ from eomgen.codegen.tree.spatial import PseudoInertia, congruence, mat3, vec3
 from eomgen.errors import EomgenWarning, InputError, UnknownNameError
 from eomgen.robot.geometry import ZERO
 from eomgen.robot.model import Model, build_model
-from eomgen.robot.value import Robot
+from eomgen.robot.value import Link, Robot
+from tests.support.bending_robots import bent
 from tests.support.builds import Build
 from tests.support.description_samples import example_urdfs
 from tests.support.random_motors import with_motors
@@ -85,6 +86,25 @@ def test_with_the_description_s_parameters_it_is_inverse_dynamics(kind: str, see
     laws = -run(derive(model, "generalized_force"), weightless, q=state["q"], v=state["v"])
     found = regressor(model, **state) @ described_values(model)
     assert np.abs(found + laws - drives).max() <= TOLERANCE * max(np.abs(drives).max(), np.abs(laws).max())
+
+
+@pytest.mark.parametrize("seed", seeds(5250, 2, 20))
+def test_links_that_bend(seed: int) -> None:
+    """Other masses, centres and inertias of all links and of what stands on nodes: modes need what they did before."""
+    robot = bent(random_robot(seed, joints=(2, 3), tree=True, types=TYPES), seed, modes=(0, 1, 2)).robot
+    rng, model = np.random.default_rng(seed), build_model(robot)
+
+    def heavier(link: Link) -> Link:
+        inertia = np.add(link.inertia, rng.uniform(0.0, 0.3, 6) * [1.0, 1.0, 1.0, 0.1, 0.1, 0.1])
+        com = tuple((link.com + rng.uniform(-0.2, 0.2, 3)).tolist())
+        return replace(link, mass=link.mass + float(rng.uniform(0.1, 1.0)), com=com, inertia=tuple(inertia.tolist()))
+
+    other = build_model(replace(robot, links=tuple(map(heavier, robot.links))))
+    state = motion(model, seed)
+    before, after = (run(derive(x, "inverse_dynamics"), x, **state) for x in (model, other))
+    found = regressor(model, **state) @ np.subtract(described_values(other), described_values(model))
+    assert np.abs(after - before).max() > 1e-3
+    assert np.abs(found - (after - before)).max() <= TOLERANCE * max(np.abs(after).max(), np.abs(before).max())
 
 
 @pytest.mark.parametrize("seed", seeds(5300, 3, 20))
