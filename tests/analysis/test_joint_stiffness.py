@@ -173,3 +173,9 @@ def test_wrong_arguments_are_refused_by_name() -> None:
         joint_stiffness_matrix(robot, "mount", drives="free")
     with pytest.raises(InputError, match=r"path: .*K\.pdf"):
         joint_stiffness_matrix(robot, "mount").save("K.pdf")
+
+
+def test_a_node_of_a_link_that_bends_is_no_joint() -> None:
+    """What stands there moves with the modes, whose stiffness is the link's."""
+    with pytest.raises(UnknownNameError, match=r"upper_tip is a node of link upper, which bends; allowed: a joint"):
+        joint_stiffness_matrix("flexible_arm", "upper_tip")

@@ -416,7 +416,13 @@ def joint_stiffness_matrix(
 
 
 def _coordinates_of(robot: Robot, joint: str) -> tuple[str, ...]:
-    """Return the coordinates of a joint in their order; UnknownNameError where there is none."""
+    """Return the coordinates of a joint in their order; UnknownNameError where there is none, or it is a node."""
+    if joint in robot.nodes:
+        link = robot.nodes[joint]
+        raise UnknownNameError(
+            f"joint: {joint} is a node of link {link}, which bends; allowed: a joint (that of modes is"
+            f" links.{link}.modes.1.stiffness)"
+        )
     joints = {x.name: tuple(name for name in COORDINATES if name in x.coordinates) for x in robot.joints}
     if joint not in joints:
         raise UnknownNameError(f"joint: there is no joint {joint!r}{nearest_or_all(joint, joints)}")
