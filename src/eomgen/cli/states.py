@@ -58,10 +58,12 @@ def _deflection(options: argparse.Namespace) -> None:
     if options.matrix is not None:
         _deflection_of_joint(options)
         return
-    check_output(options, ".csv" if options.map is None else ".npz")
+    check_output(options, ".npz", *(() if options.map is not None else (".csv",)))
     robot = read_robot(options)
-    if options.map is None and options.output is not None and all(link.beam is None for link in robot.links):
-        raise InputError(f"output: {NO_BEAM.format(robot.name)}")
+    if options.map is None and options.output is not None:
+        if all(link.beam is None for link in robot.links):
+            raise InputError(f"output: {NO_BEAM.format(robot.name)}")
+        check_output(options, ".csv")
     with progress_bar("deflecting") as report:
         about = _state_options(options, lambda text: report(0.0, text))
         pose = coordinate_values("pose", options.pose)
