@@ -29,7 +29,7 @@ from eomgen.identification.dynamics.further import FURTHER, SHAPES
 from eomgen.identification.exciting.weighted_columns import CRITERIA as EXCITATION_CRITERIA
 from eomgen.identification.geometry.poses import ROTATIONS
 from eomgen.identification.geometry.solve import LOSSES
-from eomgen.identification.identifiable import TERMS, TRANSMISSIONS
+from eomgen.identification.identifiable import LINEAR, TERMS
 from eomgen.integration.methods import METHODS
 from eomgen.pictures import Report
 
@@ -166,7 +166,7 @@ CHOICES = [
     (choices.ROTATIONS, ROTATIONS),
     (choices.AXES, AXES),
     (choices.TERMS, TERMS),
-    (choices.FURTHER_TERMS, (*FURTHER, TRANSMISSIONS)),
+    (choices.FURTHER_TERMS, (*FURTHER, *LINEAR[len(TERMS) :])),
     (choices.SHAPES, SHAPES),
     (choices.MODES, MODES),
     (choices.KINDS, KINDS),

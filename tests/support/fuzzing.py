@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from eomgen.authoring.dh import CONVENTIONS, dh_file_text
-from eomgen.bending.files import read_bending
+from eomgen.bending.link_files import read_link
 from eomgen.description.load import load_robot, robot_from_mjcf, robot_from_toml, robot_from_urdf
 from eomgen.description.matrix_files import FileMatrix, read_matrix
 from eomgen.errors import DescriptionError, EomgenWarning, InputError
@@ -69,7 +69,7 @@ def accepted(kind: str, content: bytes, folder: Path) -> Any:
             path = folder / f"mutant.{'npz' if kind == 'modes' else kind}"
             path.write_bytes(content)
             if kind == "modes":
-                return check_bending(read_bending(path))
+                return check_bending(read_link(path))
             if kind == "mtx":
                 return check_matrix(read_matrix(path))
             return check_dh(path) if kind == "dh" else check_motion(read_motion(path, COORDINATES))
