@@ -99,14 +99,14 @@ def _equipped(robot: Robot, seed: int, has: set[str], modes: Sequence[int]) -> R
 
 
 def _with_loop(robot: Robot, seed: int) -> Robot:
-    """Close a loop whose rows are independent where nothing is prescribed; the robot as it is if none is found."""
+    """Close a loop of independent rows that leaves a freedom; return the robot as it is if none of twenty does."""
     for number in range(seed, seed + 20):
         kind = ("revolute", "spherical", "prismatic")[number % 3]
         made = with_random_loops(robot, number, [kind])
         model = build_model(made)
         free = [i for i in range(len(model.coordinates)) if i not in model.prescribed]
         J = answer(made, "constraint_jacobian", q=Mixture(made, frozenset()).state(seed).q).reshape(-1, model.size)
-        if np.linalg.matrix_rank(J[:, free], 1e-3) == len(J):
+        if np.linalg.matrix_rank(J[:, free], 1e-3) == len(J) < len(free):
             return made
     return robot
 
