@@ -3,7 +3,7 @@
 #   make demo     derive, compile, simulate and plot the 36-DOF elastic PUMA 560; results in out/demo
 #   make test     lint, and the whole test suite beside it
 #   make lint     ruff (lint and format), mypy --strict, and which room may import which
-#   make bench    counts, times, precision beside Newton-Euler, Pinocchio, MuJoCo, CasADi, SciPy; of batches, builds, processors
+#   make bench    counts, times, precision beside Newton-Euler, Pinocchio, MuJoCo, CasADi, Exudyn, SciPy; of batches, builds, processors
 #   make soak     the long tests, with a share of their random cases; writes docs/soak.md; EOMGEN_SOAK=all make soak tries
 #                 all: hours
 #   make docs     build the documentation into out/site: open index.html there; warnings are errors
@@ -60,6 +60,7 @@ bench: $(VENV)/.bench
 	$(BIN)/python -m benchmarks.levels
 	$(BIN)/python -m benchmarks.peers
 	$(BIN)/python -m benchmarks.precision
+	$(BIN)/python -m benchmarks.rotor
 	$(BIN)/python -m benchmarks.wasm
 	$(BIN)/python docs/tables.py
 
