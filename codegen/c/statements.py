@@ -222,9 +222,10 @@ class _Writer:
                     zeros[array] = zeros.get(array, 0) + 1
         filled = {array for array, number in zeros.items() if number >= FILL}
         for array in sorted(filled):
-            size = 1 + max(position for name, position in self.program.outputs if name == array)
+            positions = [position for name, position in self.program.outputs if name == array]
+            first, size = min(positions), 1 + max(positions)  # in front of a run's places stand those of others
             zero = self.scalar.whole(self.scalar.literal(0.0))
-            yield f"for (size_t i = 0; i < {size}U; ++i) {{ {array}[i] = {zero}; }}"
+            yield f"for (size_t i = {first}{'U' if first else ''}; i < {size}U; ++i) {{ {array}[i] = {zero}; }}"
         for index, places in self.stores.items():
             if index not in self.chunk_of:
                 leaf = self._leaf(index)

@@ -140,7 +140,7 @@ def _bends(model: Model, inertial: Mask) -> Mask:
 
     for follower, coupling in model.followers.items():
         pairs[follower] = {pair for name in coupling.to for pair in pairs.get(name, ())}
-        for one, other, _ in coupling.bends:
+        for one, other in coupling.products:
             pairs[follower] |= {*product(moving(one), moving(other)), *pairs.get(one, ()), *pairs.get(other, ())}
         for v, w in pairs[follower]:
             left[:, v, w] |= inertial[whole.index(follower)]

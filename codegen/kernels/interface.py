@@ -91,8 +91,13 @@ def describe_kernels(model: Model, kernels: Sequence[str], dtype: str) -> dict[s
 
 
 def _bends(coupling: Coupling) -> dict[str, Any]:
-    """Return what a coupling adds of products of coordinates: pairs and numbers, where there are some."""
-    return {"bends": [list(bend) for bend in coupling.bends]} if coupling.bends else {}
+    """Return what a coupling adds of products of coordinates, and of a place on a beam, where there are some."""
+    added: dict[str, Any] = {"bends": [list(bend) for bend in coupling.bends]} if coupling.bends else {}
+    if coupling.sliding is not None:
+        shapes = coupling.sliding
+        first, second = [list(x) for x in shapes.first], [list(x) for x in shapes.second]
+        added["sliding"] = {"by": shapes.by, "length": shapes.length, "first": first, "second": second}
+    return added
 
 
 def drive_inputs(model: Model) -> dict[str, list[Any]]:

@@ -2,14 +2,17 @@
 
 The tree keeps them all.  What depends on them is mapped at the ends: forces and rows of matrices by S^T, columns by S.
 Those of nodes of links that bend have squares of modes, 1/2 e B e more, too: S is their slope where q is, and the
-accelerations have v B v more.
+accelerations have v B v more.  Of a place where a joint slides along a beam B itself depends on q.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 
 from eomgen.robot.model import Model
+from eomgen.robot.value import SlidingShapes
+from eomgen.robot.value.sliding import chebyshev, combined, derivative
 
 from .bound import Bound
 from .composite import Rows
@@ -32,9 +35,11 @@ class Followers:
         self.shares: dict[int, Shares] = {}
         self.offsets: dict[int, Scalar] = {}
         self.bends: dict[int, Mapping[tuple[int, int], Scalar]] = {}
+        self._sliding: dict[int, _Sliding] = {}
         self._rows: dict[int, Mapping[int, Scalar]] = {}  # of each follower's coupling
         rigid = {next(iter(coupling.jacobian_row)): coupling for coupling in bound.couplings if coupling.law is None}
-        for index in map(whole.coordinates.index, described.followers):
+        for name, coupling in described.followers.items():
+            index = whole.coordinates.index(name)
             share: Shares = {}
             self._rows[index] = rigid[index].jacobian_row
             offset = rigid[index].offset
@@ -49,6 +54,9 @@ class Followers:
             self.offsets[index] = offset
             if rigid[index].bends:
                 self.bends[index] = rigid[index].bends
+            if coupling.sliding is not None:
+                self._sliding[index] = sliding = _Sliding(coupling.sliding, whole.coordinates.index)
+                self.shares[index] = dict.fromkeys((*sliding.modes, *self._behind(sliding.by)), 1.0)
 
     def __bool__(self) -> bool:
         return bool(self.shares)
@@ -56,6 +64,9 @@ class Followers:
     def place(self, q: list[Scalar]) -> list[Scalar]:
         """Write positions of followers into those of all coordinates, (n,), and take S where they are."""
         for index, share in self.shares.items():
+            if index in self._sliding:
+                self._slide(index, q)
+                continue
             half = _products({pair: 0.5 * bend for pair, bend in self.bends.get(index, {}).items()}, q)
             leaders = dict.fromkeys((*share, *half))
             position = self.offsets[index]
@@ -65,6 +76,20 @@ class Followers:
             if half:
                 self.shares[index] = {i: (share.get(i, 0.0) + half.get(i, 0.0)) + half.get(i, 0.0) for i in leaders}
         return q
+
+    def _slide(self, index: int, q: list[Scalar]) -> None:
+        """Write the position of a place on a beam, its slopes and its second derivatives where q is."""
+        sliding = self._sliding[index]
+        at = sliding.at(q)
+        rate = at.slopes[sliding.by]
+        q[index] = self.offsets[index] + at.value
+        moved = {leader: ratio * rate for leader, ratio in self._behind(sliding.by).items()}
+        self.shares[index] = {**{mode: at.slopes[mode] for mode in sliding.modes}, **moved}
+        self.bends[index] = at.seconds
+
+    def _behind(self, index: int) -> Shares:
+        """Return the shares of a coordinate's leaders in it, itself where it follows none."""
+        return self.shares.get(index, {index: 1.0})
 
     def follow(self, x: list[Scalar]) -> list[Scalar]:
         """Write what followers do into changes of all coordinates, (n,): S x, as of velocities."""
@@ -147,3 +172,71 @@ def _products(bends: Mapping[tuple[int, int], Scalar], x: Sequence[Scalar]) -> S
         if i != j:
             product[j] = product.get(j, 0.0) + entry * x[i]
     return product
+
+
+@dataclass(frozen=True)
+class _PlaceOnBeam:
+    """A coordinate of the place on a beam's axis where q is.
+
+    slopes: derivatives by coordinates, by their indices.  seconds: second ones by (i, j), i <= j.
+    """
+
+    value: Scalar
+    slopes: dict[int, Scalar]
+    seconds: dict[tuple[int, int], Scalar]
+
+
+class _Sliding:
+    """Functions by which modes move a place on a beam, x = p_k(s) e_k + 1/2 b_kj(s) e_k e_j, by indices of q.
+
+    by: index of the coordinate s that slides.
+    """
+
+    def __init__(self, shapes: SlidingShapes, index: Callable[[str], int]) -> None:
+        self.by, self.degree, self.rate = index(shapes.by), shapes.degree, 2.0 / shapes.length
+        self.modes = tuple(map(index, shapes.modes))
+        self.first = {index(name): series for name, series in shapes.first}
+        self.second: dict[tuple[int, int], tuple[float, ...]] = {}
+        for name, other, series in shapes.second:
+            i, j = index(name), index(other)
+            self.second[min(i, j), max(i, j)] = series
+
+    def at(self, q: Sequence[Scalar]) -> _PlaceOnBeam:
+        """Return the coordinate where q is."""
+        T = chebyshev(self.rate * q[self.by] - 1.0, self.degree)
+        seconds: dict[tuple[int, int], Scalar] = {}
+        value, (sums, slopes) = self._order(0, T, q)
+        for pair in self.second:
+            seconds[pair] = sums[pair]
+        rate, (_, by_modes) = self._order(1, T, q)
+        bend, _ = self._order(2, T, q)
+        for mode in self.modes:
+            seconds[min(mode, self.by), max(mode, self.by)] = by_modes[mode]
+        seconds[self.by, self.by] = bend
+        return _PlaceOnBeam(value, {**slopes, self.by: rate}, seconds)
+
+    def _order(
+        self, order: int, T: Sequence[Scalar], q: Sequence[Scalar]
+    ) -> tuple[Scalar, tuple[dict[tuple[int, int], Scalar], dict[int, Scalar]]]:
+        """Return the derivative by s of some order, of the value; of b by pairs, and of what modes add, by index."""
+
+        def at(series: Sequence[float]) -> Scalar:
+            factor = 1.0
+            for _ in range(order):
+                series, factor = derivative(series), factor * self.rate
+            return combined([factor * x for x in series], T)
+
+        first = {mode: at(series) for mode, series in self.first.items()}
+        second = {pair: at(series) for pair, series in self.second.items()}
+        half: dict[int, Scalar] = dict.fromkeys(self.modes, 0.0)  # of b e
+        for (i, j), entry in second.items():
+            half[i] = half[i] + (0.5 * entry) * q[j]
+            if i != j:
+                half[j] = half[j] + (0.5 * entry) * q[i]
+        value: Scalar = 0.0
+        slopes: dict[int, Scalar] = {}
+        for mode in self.modes:
+            straight = first.get(mode, 0.0) + half[mode]
+            value = value + straight * q[mode]
+            slopes[mode] = straight + half[mode]
+        return value, (second, slopes)

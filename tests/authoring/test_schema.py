@@ -58,6 +58,7 @@ SEMANTIC = {
     "names that are taken": {
         *("duplicate link", "duplicate joint", "spring twice", "link named base"),
         *("link of a beam's name", "joint of a beam's name", "beam of a long name", "link of a node's name"),
+        *("node of the tip's name", "link of a sliding joint's name"),
     },
     "no tree, or nothing moves": {
         *("two parents", "cycle", "own parent", "base as child", "link without joint", "nothing moves"),
@@ -87,6 +88,8 @@ SEMANTIC = {
         *("voltage limit of no winding", "loop without a gain"),
         *("bristles without a stiffness", "bristles of no model", "bristles and smoothing", "damping of no bristles"),
         *("bristles on a lorentzian curve", "loop of no stiffness", "loss factor of no stiffness"),
+        *("joint along a rigid link", "joint that turns along a beam", "joint along a beam that is placed"),
+        "joint along a beam that gives way",
     },
     "numbers out of order": {
         *(
@@ -99,6 +102,7 @@ SEMANTIC = {
         *("tube that is none", "box of thick walls", "I-beam of thick flanges", "Poisson's ratio of no body"),
         *("beam too stiff for numbers", "beam too short for numbers"),
         *("bending link of no body's ratio", "bending link too short for numbers"),
+        *("node beyond a beam", "joint beyond a beam"),
         *("bristles that nothing bends", "bristles that fade too late", "hysteresis that gives energy back"),
         *("hysteresis of nothing that yields", "loss factor over a band that falls"),
     },

@@ -10,9 +10,11 @@ import pytest
 from numpy.typing import NDArray
 from scipy.linalg import eigh
 
-from eomgen.bending.beam import beam_modes
+from eomgen.bending.beam import beam_modes, shapes_along
+from eomgen.robot.geometry import COORDINATES
 from eomgen.robot.value import AXES, LinkModes
 from eomgen.robot.value.link_beam import BeamModes, LinkBeam
+from eomgen.robot.value.sliding import chebyshev, combined, derivative
 from tests.support.beam_elements import Plane
 
 Array = NDArray[np.float64]
@@ -60,6 +62,51 @@ def test_loads_at_the_tip_deflect_it_exactly(beam: LinkBeam, count: int) -> None
         expected[row, turns] = expected[turns, row] = sense * L**2 / (2 * E * second)
         expected[turns, turns] = L / (E * second) if count > 1 else found[turns, turns]
     assert found == pytest.approx(expected, rel=1e-12, abs=0.0)
+
+
+@pytest.mark.parametrize("beam", SHAPES)
+@pytest.mark.parametrize("part", [0.2, 0.7, 1.0])
+def test_nodes_along_a_beam_move_exactly_under_loads_at_the_tip(beam: LinkBeam, part: float) -> None:
+    """Deflections and rotations of sections in closed form, in the section's axes."""
+    L, E, G = beam.length, beam.E, beam.G
+    x = part * L
+    made = beam_modes(replace(beam, modes=BeamModes(4, 3, 2, 2), nodes={"here": x}))
+    tip, here = made.nodes
+    assert here.place == pytest.approx((x, 0.0, 0.0))
+    found = np.array(here.Phi) @ np.linalg.inv(np.array(made.K)) @ np.array(tip.Phi).T
+    assert found[0, 0] == pytest.approx(x / (E * beam.A), rel=1e-11)
+    assert found[3, 3] == pytest.approx(x / (G * beam.J), rel=1e-11)
+    for row, turns, second, k, sense in ((1, 5, beam.Iz, beam.shear[0], 1), (2, 4, beam.Iy, beam.shear[1], -1)):
+        EI = E * second
+        force = (3 * L - x) * x**2 / (6 * EI) + x / (k * G * beam.A), sense * (L - x / 2) * x / EI
+        assert found[[row, turns], row] == pytest.approx(force, rel=1e-10)
+        assert found[[row, turns], turns] == pytest.approx((sense * x**2 / (2 * EI), x / EI), rel=1e-10)
+
+
+@pytest.mark.parametrize("axis", [*AXES])
+def test_shapes_along_a_beam_are_those_of_its_nodes(axis: str) -> None:
+    """And what they draw in is half of the integral of the slopes' squares, by finer sums."""
+    beam = replace(BOOM, axis=axis, nodes={"here": 0.31 * BOOM.length})
+    made, along, T = beam_modes(beam), shapes_along(beam), chebyshev(2.0 * 0.31 - 1.0, 60)
+    m = made.count
+    Phi, Psi = np.zeros((6, m)), np.zeros((3, m, m))
+    for kind, of_modes in along.first.items():
+        for k, series in of_modes:
+            Phi[COORDINATES.index(kind), k] = combined(series, T)
+    for kind, of_pairs in along.second.items():
+        for k, j, series in of_pairs:
+            Psi[COORDINATES.index(kind), [k, j], [j, k]] = combined(series, T)
+    (node,) = (node for node in made.nodes if node.name == "here")
+    assert np.abs(Phi - np.array(node.Phi)).max() < 1e-11
+    assert np.abs(Psi - np.array(node.Psi)).max() < 1e-11 * np.abs(Psi).max()
+    bends = dict(along.first)["xyz"["xyz".index(axis[-1]) - 2]]  # y of the section
+    x, weights = np.polynomial.legendre.leggauss(80)
+    s = 0.31 * BOOM.length * (1.0 + x) / 2.0
+    T = chebyshev(2.0 * s / BOOM.length - 1.0, 60)
+    slopes = np.array([2.0 / BOOM.length * combined(derivative(series), T) for _, series in bends[:5]])
+    drawn = (slopes * weights * 0.31 * BOOM.length / 2.0) @ slopes.T
+    row = "xyz".index(axis[-1])
+    assert np.abs(np.abs(Psi[row, :5, :5]) - np.abs(drawn)).max() < 1e-10 * np.abs(drawn).max()
 
 
 @pytest.mark.parametrize("beam", SHAPES)

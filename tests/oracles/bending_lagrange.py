@@ -14,6 +14,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
 from eomgen.robot.value import COORDINATES, Coupling, Frame, Joint, LinkModes, Placement, Robot
@@ -73,6 +74,31 @@ class Pose:
         return Pose(self.A @ other.A, self.D @ other.A + self.A @ other.D)
 
 
+@dataclass(frozen=True, eq=False)
+class Rail:
+    """Functions of the place on a beam by which m modes move that, in the axes of the link.
+
+    length: m.  first: (6, m, terms), second: (6, m, m, terms), symmetric in the modes: coefficients of Chebyshev's
+    polynomials of 2 s / length - 1.
+    """
+
+    length: float
+    first: Array
+    second: Array
+
+    def at(self, s: Any, e: Complex) -> tuple[Complex, Complex, Complex]:
+        """Return the six coordinates, and their derivatives by s, (6,), and by the modes, (6, m)."""
+        x = 2.0 * s / self.length - 1.0
+        (p, b), (p_s, b_s) = (
+            [np.asarray(chebyshev.chebval(x, np.moveaxis(series, -1, 0))) for series in parts]
+            for parts in (
+                (self.first, self.second),
+                [chebyshev.chebder(part, scl=2.0 / self.length, axis=-1) for part in (self.first, self.second)],
+            )
+        )
+        return p @ e + b @ e @ e / 2, p_s @ e + b_s @ e @ e / 2, p + b @ e
+
+
 class BendingOracle:
     """Equations of motion of a tree whose links bend.
 
@@ -81,12 +107,19 @@ class BendingOracle:
         clouds: particles of the links that bend, by their names; of the others they follow from the description.
         nodes: the node on which a joint stands, by the joint's name; others stand on the link's frame.
         names: coordinates in the order of q, those of modes "arm.mode1"; followers of couplings are not among them.
+        rails: of joints that slide along their parents, by name.
     """
 
     def __init__(
-        self, robot: Robot, clouds: Mapping[str, Cloud], nodes: Mapping[str, str], names: Sequence[str]
+        self,
+        robot: Robot,
+        clouds: Mapping[str, Cloud],
+        nodes: Mapping[str, str],
+        names: Sequence[str],
+        rails: Mapping[str, Rail] | None = None,
     ) -> None:
         self.robot, self.nodes, self.names = robot, dict(nodes), tuple(names)
+        self.rails = dict(rails or {})
         self.size = len(self.names)
         self.clouds = {x.name: clouds.get(x.name) or Cloud.of(x.mass, x.com, x.inertia) for x in robot.links}
         own = [f"{x.name}.{kind}" for x in robot.joints for kind in x.coordinates]
@@ -217,8 +250,20 @@ class BendingOracle:
             at = poses[joint.parent]
             if joint.name in self.nodes:
                 at = self._node(at, joint.parent, self.nodes[joint.name], q)
-            poses[joint.child] = at.times(self._across(joint, every))
+            at = at.times(self._across(joint, every))
+            poses[joint.child] = self._bent(joint, at, every, q) if joint.name in self.rails else at
         return poses
+
+    def _bent(self, joint: Joint, at: Pose, every: Complex, q: Complex) -> Pose:
+        """Return the place of a joint that slides along a beam as its modes move it."""
+        rail = self.rails[joint.name]
+        slides, (e, e_q) = self._every[f"{joint.name}.z"], self._modes(joint.parent, q)
+        values, by_s, by_e = rail.at(every[slides], e)
+        at = at.times(self._still(np.block([[np.array(joint.placement.rotation).T, np.zeros((3, 1))], [0, 0, 0, 1]])))
+        slopes = by_s[:, None] * self._S[slides] + by_e @ e_q
+        for kind, value, slope in zip(COORDINATES, values, slopes, strict=True):
+            at = at.times(_moved(kind, value, slope))
+        return at
 
     def _across(self, joint: Joint, every: Complex) -> Pose:
         turn = np.eye(4)

@@ -41,6 +41,13 @@ def bent(more: str = "", entries: str = "", **changes: str) -> tuple[str, str]:
     return "[[frames]]", "\n".join([link, joint, entries, "[[frames]]"])
 
 
+def along(word: str = "beam", **changes: str) -> str:
+    """Entries of a link on a joint that slides along that beam; other texts."""
+    keys = {"name": "slides", "parent": "boom", "child": "trolley", "type": "prismatic", "along": word} | changes
+    link = '[[links]]\nname = "trolley"\nmass = 1.0\ninertia = { xx = 1, yy = 1, zz = 1 }\n'
+    return link + "[[joints]]\n" + "".join(f'{key} = "{text}"\n' for key, text in keys.items())
+
+
 def limits(given: str) -> tuple[str, str]:
     """What is replaced, and a joint whose principal coordinate has these limits in its place."""
     return '"prismatic"', f'"prismatic"\nz = {{ limits = {{ {given} }} }}'
@@ -367,6 +374,38 @@ TOML_CASES = {
         "[[frames]]",
         bent()[1].replace('"revolute"', '"fixed"'),
         ["links.boom", "'hinge' is rigid", "a joint that moves"],
+    ),
+    "node at the root of a beam": (
+        *bent(nodes="{ start = 0.0 }"),
+        ["links.boom.beam.nodes.start", "got 0.0", "greater than 0"],
+    ),
+    "node beyond a beam": (*bent(nodes="{ far = 0.6 }"), ["links.boom.beam.nodes.far", "0.6", "up to the length"]),
+    "node of the tip's name": (*bent(nodes="{ tip = 0.2 }"), ["links.boom.beam.nodes", "'tip'", "identifiers but"]),
+    "nodes as a list": (*bent(nodes="[0.2]"), ["links.boom.beam.nodes", "nodes"]),
+    "joint along nothing": (*bent(entries=along("x")), ["joints.slides.along", "'x'", "beam"]),
+    "joint along a rigid link": (
+        *bent(entries=along(parent="link2")),
+        ["joints.slides.along", "'link2'", "no beam", "links with beam"],
+    ),
+    "joint that turns along a beam": (
+        *bent(entries=along(type="revolute")),
+        ["joints.slides.along", "revolute", "prismatic"],
+    ),
+    "joint along a beam that is placed": (
+        *bent(entries=along() + "placement = { xyz = [0, 0, 1] }"),
+        ["joints.slides.placement", "slides along the beam's axis", "z alone"],
+    ),
+    "joint along a beam that gives way": (*bent(entries=along() + "x = {}"), ["joints.slides.x", "z alone"]),
+    "joint beyond a beam": (
+        *bent(entries=along() + "limits = [0.1, 0.7]"),
+        ["joints.slides.limits", "0.1 to 0.7", "0 to 0.5 m"],
+    ),
+    "link of a sliding joint's name": (
+        *bent(
+            entries=along() + '[[links]]\nname = "boom_slides"\nmass = 1\n'
+            '[[joints]]\nname = "j"\nparent = "boom"\nchild = "boom_slides"\ntype = "revolute"'
+        ),
+        ["joints.slides", "'boom_slides'", "taken", "another name"],
     ),
     "loop of three links": (*loop('links = ["base", "link1", "link2"]'), ["loops.loop.links", "two names"]),
     "loop of a string": (*loop('links = "link1"'), ["loops.loop.links", "strings"]),

@@ -153,11 +153,21 @@ G = 2.6e10
 density = 2700
 section = { rod = 0.02 }
 modes = { y = 1, torsion = 1 }
+nodes = { middle = 0.35 }
 [[joints]]
 name = "hinge"
 parent = "b"
 child = "arm"
 type = "revolute"
+[[links]]
+name = "trolley"
+mass = 0.5
+[[joints]]
+name = "slides"
+parent = "arm"
+along = "beam"
+child = "trolley"
+type = "prismatic"
 [[frames]]
 name = "eye"
 link = "arm"

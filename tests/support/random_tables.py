@@ -86,6 +86,7 @@ KEYS = [
     "modal_damping",
     "node",
     "nodes",
+    "along",
     "torsion",
     "shear",
     "E",

@@ -10,6 +10,7 @@ from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import ArrayError, InputError, UnknownNameError
@@ -256,7 +257,34 @@ class NamedViews(CompiledCode):
                 place = place + half * here[..., i] * here[..., j]
                 grown = here[..., i] * rates[..., j] + rates[..., i] * here[..., j]
                 moved[name] = place, rate + (half * grown)
+            if "sliding" in coupling:
+                place, rate = moved[name]
+                shift, shift_rate = self._on_beam(coupling["sliding"], moved, here, rates)
+                moved[name] = place + shift.astype(self.dtype), rate + shift_rate.astype(self.dtype)
         return moved
+
+    def _on_beam(
+        self, shapes: Mapping[str, Any], moved: Mapping[str, tuple[Array, Array]], q: Array, v: Array
+    ) -> tuple[Array, Array]:
+        """Return how a beam's modes move a place on it, and its rate."""
+
+        def of(name: str) -> tuple[Array, Array]:
+            at = moved.get(name)
+            return at if at is not None else (q[..., i := self.coordinates.index(name)], v[..., i])
+
+        s, s_rate = of(shapes["by"])
+        slope = 2.0 / shapes["length"]
+        x, x_rate = slope * s - 1.0, slope * s_rate
+        place = rate = np.zeros(x.shape)
+        for *names, series in (*shapes["first"], *shapes["second"]):
+            one, one_rate = of(names[0])
+            if len(names) > 1:
+                other, other_rate = of(names[1])
+                half = 0.5 if names[0] == names[1] else 1.0
+                one, one_rate = half * one * other, half * (one_rate * other + one * other_rate)
+            value, grown = (np.asarray(chebyshev.chebval(x, c)) for c in (series, chebyshev.chebder(series)))
+            place, rate = place + value * one, rate + (value * one_rate + grown * x_rate * one)
+        return place, rate
 
     def follower_matrix(self) -> tuple[Array, Array]:
         """Return the matrix (followers, n) and offsets (followers,) that map q to positions of followers.

@@ -21,14 +21,14 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from numpy.polynomial import legendre
+from numpy.polynomial import chebyshev, legendre
 from numpy.typing import ArrayLike
 
 from ..arrays import Array
-from ..robot.value import AXES, LinkBeam, LinkModes, Node
+from ..robot.value import AXES, COORDINATES, LinkBeam, LinkModes, Node, ShapesAlong
+from ..robot.value.link_beam import TIP as TIP
 from .constants import Constants, as_tuples, constants_of_masses, modal_damping, placed_node
 
-TIP = "tip"
 # row of Phi that a direction's modes move, the row of rotations by the slope, and their sense: about y it is -dw/dx
 _ROWS: Mapping[str, tuple[int, int, float]] = {
     "y": (1, 5, 1.0),
@@ -36,7 +36,63 @@ _ROWS: Mapping[str, tuple[int, int, float]] = {
     "torsion": (3, 3, 1.0),
     "axial": (0, 0, 1.0),
 }
+_LEAST = 1e-13  # of a series' greatest coefficient: what is left out is below it
 _TERMS, _PER_MODE = 18, 2  # of a series: a mode of n waves has all its digits by some 3 n and a dozen
+
+
+@dataclass(frozen=True, eq=False)
+class _Curves:
+    """Series of the n modes of one direction, (terms, n) each.
+
+    deflection: m, or rad of twist.  rotation: of sections in bending, rad; slope: dv/dx of the axis; both 0 where
+    nothing bends.
+    """
+
+    length: float
+    deflection: Array
+    rotation: Array
+    slope: Array
+
+    @property
+    def count(self) -> int:
+        """n, the number of modes."""
+        return int(self.deflection.shape[1])
+
+    def scaled(self, largest: Array) -> _Curves:
+        """Return the modes divided by numbers, (n,)."""
+        return _Curves(self.length, self.deflection / largest, self.rotation / largest, self.slope / largest)
+
+    def deflection_at(self, x: float) -> Array:
+        """Return the deflections at a distance from the root, m, (n,)."""
+        return _at(self.deflection, 2.0 * x / self.length - 1.0)
+
+    def rotation_at(self, x: float) -> Array:
+        """Return the rotations there, (n,)."""
+        return _at(self.rotation, 2.0 * x / self.length - 1.0)
+
+    def drawn_in(self, x: float) -> Array:
+        """Return the integrals of products of slopes from the root to there, m, (n, n)."""
+        points, weights = legendre.leggauss(len(self.slope) + 1)
+        there = (1.0 + points) * x / 2.0
+        slopes = _at(self.slope, 2.0 * there / self.length - 1.0)
+        found = (slopes * (weights * x / 2.0)[:, None]).T @ slopes
+        return np.asarray((found + found.T) / 2.0)
+
+    def series(self) -> tuple[list[Array], list[Array], dict[tuple[int, int], Array]]:
+        """Return deflections and rotations, and integrals of products of slopes by pairs (k, j), k <= j.
+
+        All of them are series of P. L. Chebyshev's polynomials of 2 x / length - 1.
+        """
+        turned = [_chebyshev(self.rotation[:, k]) for k in range(self.count)]
+        products = dict[tuple[int, int], Array]()
+        if self.slope.any():
+            slopes = [_chebyshev(self.slope[:, k]) for k in range(self.count)]
+            for k in range(self.count):
+                for j in range(k, self.count):
+                    product = np.asarray(chebyshev.chebmul(slopes[k].tolist(), slopes[j].tolist()), float)
+                    integral = chebyshev.chebint(product, lbnd=-1.0, scl=self.length / 2.0)
+                    products[k, j] = _trimmed(np.asarray(integral))
+        return [_chebyshev(self.deflection[:, k]) for k in range(self.count)], turned, products
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +100,7 @@ class _Shapes:
     """Modes of one direction at G points of integration along the beam.
 
     deflection: (G, n), m or rad; of the tip, (n,).  rotation: of sections in bending, rad; slope: dv/dx of the axis;
-    both 0 where nothing bends.  stiffness: (n,).
+    both 0 where nothing bends.  stiffness: (n,).  curves: the same at any place.
     """
 
     deflection: Array
@@ -53,6 +109,7 @@ class _Shapes:
     tip: Array
     tip_rotation: Array
     stiffness: Array
+    curves: _Curves
 
     def scaled(self) -> _Shapes:
         """Return the modes with a largest deflection of 1, the tip's positive."""
@@ -65,11 +122,14 @@ class _Shapes:
             self.tip / largest,
             self.tip_rotation / largest,
             self.stiffness / largest**2,
+            self.curves.scaled(largest),
         )
 
 
 def beam_modes(beam: LinkBeam, damping: float = 0.0) -> LinkModes:
-    """Return the modes of a link that is a beam: constants in its frame, stiffness, damping, and the node at its tip.
+    """Return the modes of a link that is a beam: constants in its frame, stiffness, damping, and its nodes.
+
+    Those are the one at the tip, and those that the beam names.
 
     What symmetry makes zero is exactly 0.0: a mode that bends along y moves nothing along z, and masses and stiffness
     of the modes of one direction are diagonal.
@@ -89,10 +149,57 @@ def beam_modes(beam: LinkBeam, damping: float = 0.0) -> LinkModes:
             Phi[turns, columns] = sense * shape.tip_rotation
             Psi[0, columns, columns] = -_products(shape.slope, series.weights)
         Phi[row, columns] = shape.tip
-    node = Node(TIP, (beam.length, 0.0, 0.0), as_tuples(Phi), as_tuples(Psi) if Psi.any() else None)
-    tip = placed_node(node, R, np.zeros(3))
+    nodes = [_node(TIP, beam.length, R, Phi, Psi)]
+    nodes += [_node(name, x, R, *_moved_at(shapes, x, count)) for name, x in beam.nodes.items()]
     K = np.diag(np.concatenate([shape.stiffness for shape in shapes.values()]))
-    return constants.turned(R).link_modes(K, modal_damping(constants.masses, K, damping), [tip])
+    return constants.turned(R).link_modes(K, modal_damping(constants.masses, K, damping), nodes)
+
+
+def shapes_along(beam: LinkBeam) -> ShapesAlong:
+    """Return what the modes of ``beam_modes`` make of places on the axis, in the link's frame."""
+    shapes = _shapes(beam, _Series(beam.length, _TERMS + _PER_MODE * max(beam.modes.counts.values())))
+    R = np.array(AXES[beam.axis])
+    first: dict[str, list[tuple[int, tuple[float, ...]]]] = {}
+    second: dict[str, list[tuple[int, int, tuple[float, ...]]]] = {}
+    for (direction, shape), columns in zip(shapes.items(), _places(shapes), strict=True):
+        row, turns, sense = _ROWS[direction]
+        deflections, rotations, products = shape.curves.series()
+        for of, factor, series in ((row, 1.0, deflections), (turns, sense, rotations)):
+            kind, along = _turned_row(R, of)
+            moved = [(columns.start + k, as_tuples(along * factor * x)) for k, x in enumerate(series) if x.any()]
+            if moved:
+                first.setdefault(kind, []).extend(moved)
+        kind, along = _turned_row(R, 0)
+        drawn = [
+            (columns.start + k, columns.start + j, as_tuples(-along * x)) for (k, j), x in products.items() if x.any()
+        ]
+        if drawn:
+            second.setdefault(kind, []).extend(drawn)
+    return ShapesAlong(first, second)
+
+
+def _turned_row(R: Array, row: int) -> tuple[str, float]:
+    """Return the coordinate of the link's frame in which one of the section's axes lies, and its sense."""
+    axis = int(np.flatnonzero(R[:, row % 3])[0])
+    return COORDINATES[row - row % 3 + axis], float(R[axis, row % 3])
+
+
+def _moved_at(shapes: Mapping[str, _Shapes], x: float, count: int) -> tuple[Array, Array]:
+    """Return Phi and Psi of a place on the axis, in the section's axes."""
+    Phi, Psi = np.zeros((6, count)), np.zeros((3, count, count))
+    for (direction, shape), columns in zip(shapes.items(), _places(shapes), strict=True):
+        row, turns, sense = _ROWS[direction]
+        if shape.slope.any():
+            Phi[turns, columns] = sense * shape.curves.rotation_at(x)
+            Psi[0, columns, columns] = -shape.curves.drawn_in(x)
+        Phi[row, columns] = shape.curves.deflection_at(x)
+    return Phi, Psi
+
+
+def _node(name: str, x: float, R: Array, Phi: Array, Psi: Array) -> Node:
+    """Return a node in the link's axes, of Phi and Psi in the section's."""
+    node = Node(name, (x, 0.0, 0.0), as_tuples(Phi), as_tuples(Psi) if Psi.any() else None)
+    return placed_node(node, R, np.zeros(3))
 
 
 def beam_inertia(beam: LinkBeam) -> Array:
@@ -231,12 +338,10 @@ class _Series:
     def integrals(self) -> tuple[tuple[Array, Array], ...]:
         """The polynomials, their integrals, and integrals of these: at the points, and at the tip, (terms,)."""
         values = legendre.legvander(np.append(self._gauss[0], 1.0), self.terms + 1)
-        ways: Array = np.eye(self.terms)
         found: list[tuple[Array, Array]] = []
-        for _ in range(3):
+        for ways in self.antiderivatives:
             there = values[:, : len(ways)] @ ways
             found.append((there[:-1], there[-1]))
-            ways = np.asarray(legendre.legint(ways, lbnd=-1.0, scl=self.length / 2.0))
         return tuple(found)
 
     def values_at(self, functions: Array, places: Array) -> Array:
@@ -252,6 +357,22 @@ class _Series:
         points, weights = self._gauss
         values = self.values_at(functions, places[:, None] * (1.0 + points) / 2.0)
         return np.asarray(np.einsum("s,g,sgi,sgj->sij", places / 2.0, weights, values, values))
+
+    @cached_property
+    def antiderivatives(self) -> tuple[Array, ...]:
+        """The polynomials, their integrals, and integrals of these as series, (terms + 0, 1, 2, terms)."""
+        ways: Array = np.eye(self.terms)
+        found = [ways]
+        for _ in range(2):
+            found.append(np.asarray(legendre.legint(found[-1], lbnd=-1.0, scl=self.length / 2.0)))
+        return tuple(found)
+
+    def curves(self, deflection: Array, rotation: Array, slope: Array) -> _Curves:
+        """Return modes by coefficients, (3, terms, n) each: of the polynomials, their integrals, and those of these."""
+        size, parts = self.terms + 2, self.antiderivatives
+        padded = [np.vstack([part, np.zeros((size - len(part), self.terms))]) for part in parts]
+        made = [sum(part @ x for part, x in zip(padded, of, strict=True)) for of in (deflection, rotation, slope)]
+        return _Curves(self.length, *map(np.asarray, made))
 
 
 def _bent(series: _Series, bend: float, shear: float, densities: tuple[float, float], count: int) -> _Shapes:
@@ -279,7 +400,12 @@ def _bent(series: _Series, bend: float, shear: float, densities: tuple[float, fl
     moment[0] = 1.0 / bend
     ways = _ritz(M, [force / sizes, moment / sizes][:count], count)
     moved = deflection @ ways, rotation @ ways, slope @ ways
-    return _Shapes(*moved, tip @ ways, tip_rotation @ ways, np.ones(count)).scaled()
+    bends, shears = np.split(sizes[:, None] * ways, 2)
+    none = np.zeros_like(bends)
+    curves = series.curves(
+        np.array([none, shears, bends]), np.array([none, bends, none]), np.array([shears, bends, none])
+    )
+    return _Shapes(*moved, tip @ ways, tip_rotation @ ways, np.ones(count), curves).scaled()
 
 
 def _drawn(series: _Series, stiffness: float, density: float, count: int) -> _Shapes:
@@ -298,7 +424,9 @@ def _drawn(series: _Series, stiffness: float, density: float, count: int) -> _Sh
     even[0] = 1.0
     ways = _ritz(_products(deflection, density * series.weights), [even / sizes], count)
     still = np.zeros((len(deflection), count))
-    return _Shapes(deflection @ ways, still, still, tip @ ways, np.zeros(count), np.ones(count)).scaled()
+    none = np.zeros((3, series.terms, count))
+    curves = series.curves(np.array([none[0], sizes[:, None] * ways, none[0]]), none, none)
+    return _Shapes(deflection @ ways, still, still, tip @ ways, np.zeros(count), np.ones(count), curves).scaled()
 
 
 def _ritz(M: Array, static: Sequence[Array], count: int) -> Array:
@@ -318,3 +446,21 @@ def _ritz(M: Array, static: Sequence[Array], count: int) -> Array:
     inner = orthonormal.T @ M @ orthonormal
     _, mixed = np.linalg.eigh((inner + inner.T) / 2.0)
     return np.asarray(orthonormal @ mixed[:, ::-1])
+
+
+def _at(series: Array, x: float | Array) -> Array:
+    return np.asarray(np.asarray(legendre.legvander(np.asarray(x), len(series) - 1)) @ series)
+
+
+def _chebyshev(series: Array) -> Array:
+    """Return the Chebyshev series of a Legendre series, without round-off behind its last term."""
+    if not series.any():
+        return np.zeros(1)
+    points = chebyshev.chebpts1(len(series))
+    return _trimmed(np.asarray(chebyshev.chebfit(points, legendre.legval(points, series), len(series) - 1)))
+
+
+def _trimmed(series: Array) -> Array:
+    size = np.abs(series).max()
+    kept = np.where(np.abs(series) > _LEAST * size, series, 0.0)
+    return np.asarray(chebyshev.chebtrim(kept))

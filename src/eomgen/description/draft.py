@@ -32,7 +32,7 @@ class Draft:
     are all; unstopped names the joints at whose limits nothing stops unless stops are asked for.
     inherited names the links and joints that a URDF brought in; foreign the links whose inertia is that of a URDF or
     MJCF, which stands in the file xml_source, and places gives line and column of links.NAME and the like in it.
-    free_modes names the links whose modes are those of a free link.
+    free_modes names the links whose modes are those of a free link, sliding the joints that slide along their parents.
     """
 
     source: str
@@ -54,6 +54,7 @@ class Draft:
     inherited: tuple[str, ...] = ()
     foreign: set[str] = field(default_factory=set)
     free_modes: set[str] = field(default_factory=set)
+    sliding: list[str] = field(default_factory=list)
     xml_source: str = ""
     places: Callable[[Sequence[str]], list[Place | None]] = lambda wheres: [None for _ in wheres]
 

@@ -282,6 +282,10 @@ JOINT = Form(
         "name": Name("of the joint, unique", needed=IDENTIFIER_RULE),
         "parent": Text("'base' or the link that carries the joint", needed="'base' or a link"),
         "node": Text(f"of the parent, where that bends: {_NODE}"),
+        "along": Choice(
+            "beam: a prismatic joint slides along the parent, a beam that bends; z is the distance from its root",
+            words=("beam",),
+        ),
         "child": Text("the link that the joint carries", needed="a link"),
         "type": Choice(
             "revolute (principal coordinate gamma), prismatic (z), fixed (none), free (all six)",
@@ -351,6 +355,14 @@ LINK_BEAM = Form(
                     for item in fields(BeamModes)
                 }
             ),
+        ),
+        "nodes": ByName(
+            "places on its axis where something stands, by names; the tip is one without",
+            "m",
+            item=Number("distance from the root", above=0.0),
+            named="nodes",
+            by="node",
+            depth=1,
         ),
     }
 )

@@ -43,6 +43,7 @@ from ..robot.value import (
 )
 from .bending.beams import add_beam, check_beam_ends
 from .bending.links import add_nodes, bending_link, check_body, check_carriers, on_node, on_nodes
+from .bending.sliding import add_sliding, on_beam
 from .builtin import BUILTIN, builtin_robots
 from .draft import Draft, ordered_joints
 from .floating import float_base
@@ -231,6 +232,7 @@ def _robot_from_table(top: Table, draft: Draft, folder: Path | None, options: Re
             element = read_element(key, name, entry, _beside(entry, folder), folder)
             draft.elements[name] = replace(element, links=on_nodes(entry, element.links, draft))
     add_nodes(draft)
+    add_sliding(draft)
     draft.driven = tuple(top.strings("driven")) if "driven" in top else draft.driven
     draft.home = top.value("home", ByName) or draft.home
     _resolve_base(draft)
@@ -357,7 +359,8 @@ def _joint(name: str, entry: Table, draft: Draft, folder: Path | None) -> Joint:
     coordinates = dict(made.coordinates)
     if "stops" in entry:
         coordinates[PRINCIPAL.get(kind, "")] = joint_stops(entry, kind, coordinates, made.range)
-    return replace(made, coordinates=coordinates, **joint_elements(entry, coordinates, folder, draft.notes))
+    made = replace(made, coordinates=coordinates, **joint_elements(entry, coordinates, folder, draft.notes))
+    return on_beam(entry, made, draft) if entry.choice("along") else made
 
 
 def _motor(

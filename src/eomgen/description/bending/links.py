@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 from ...errors import DescriptionError, InputError
-from ...forms.keys import Whole
+from ...forms.keys import ByName, Whole
 from ...forms.tables import Table
 from ...limits import LARGEST
 from ...names import listed, nearest, show
@@ -17,10 +17,9 @@ from ...robot.value import (
     INERTIA_KEYS,
     ROOT,
     BeamModes,
-    Coupling,
-    Joint,
     Link,
     LinkBeam,
+    LinkModes,
     Placement,
     Robot,
     made_of,
@@ -30,6 +29,7 @@ from ...robot.value.link_beam import OF_SECTION
 from ..draft import Draft
 from ..forces import read_placement
 from .beams import read_section
+from .sliding import replaced, with_changed_shapes
 
 if TYPE_CHECKING:
     from ...bending.link_files import HowToTake
@@ -174,10 +174,21 @@ def with_changed_bending(robot: Robot, before: Robot) -> Robot:
         new = _remade(now, old)
         links[links.index(now)] = new
         if new.modes is not None and new.modes.nodes != old.modes.nodes:
+            _check_names(robot, new.modes, old)
             pairs = [(list(made_of(x))) for x in (old, new)]
-            joints = _replaced(joints, [x[1] for x in pairs[0]], [x[1] for x in pairs[1]])
-            couplings = _replaced(couplings, [c for x in pairs[0] for c in x[2]], [c for x in pairs[1] for c in x[2]])
-    return replace(robot, links=tuple(links), joints=tuple(joints), couplings=tuple(couplings))
+            joints = replaced(joints, [x[1] for x in pairs[0]], [x[1] for x in pairs[1]])
+            couplings = replaced(couplings, [c for x in pairs[0] for c in x[2]], [c for x in pairs[1] for c in x[2]])
+    changed = replace(robot, links=tuple(links), joints=tuple(joints), couplings=tuple(couplings))
+    return with_changed_shapes(changed, before)
+
+
+def _check_names(robot: Robot, new: LinkModes, old: Link) -> None:
+    """Refuse other nodes than there were, since joints and links stand for them."""
+    assert old.modes is not None
+    names, before = ([node.name for node in modes.nodes] for modes in (new, old.modes))
+    if names != before:
+        message = f"its nodes would be {listed(names)}; allowed: those of the description, {listed(before)}"
+        raise DescriptionError(message, where=f"links.{old.name}.beam.nodes", source=robot.source)
 
 
 def _remade(now: Link, old: Link) -> Link:
@@ -201,23 +212,6 @@ def _same_section(beam: LinkBeam, old: Link) -> LinkBeam:
     return replace(beam, section=None) if changed else beam
 
 
-_Item = TypeVar("_Item", Joint, Coupling)
-
-
-def _replaced(items: Iterable[_Item], old: Sequence[_Item], new: Sequence[_Item]) -> list[_Item]:
-    """Return items with the new ones where the first of the old ones stood."""
-    names = {x.name for x in old}
-    result: list[_Item] = []
-    pending = list(new)
-    for item in items:
-        if item.name in names:
-            result += pending
-            pending = []
-        else:
-            result.append(item)
-    return result + pending
-
-
 def _beam(table: Table) -> LinkBeam:
     """Read the table of a link's beam, of the keys ``LINK_BEAM``."""
     numbers = {key: table.number(key) or 0.0 for key in ("length", "E", "G", "density")}  # all of them are needed
@@ -230,6 +224,7 @@ def _beam(table: Table) -> LinkBeam:
         J=section.J,
         shear=(section.shear[0], section.shear[1]),
         modes=BeamModes(**{key: counts.value(key, Whole) for key in counts.keys if key in counts}),
+        nodes=table.value("nodes", ByName) or {},
         axis=table.choice("axis") or "x",
         section=section.form,
         **numbers,

@@ -34,6 +34,11 @@ from .link_beam import LinkBeam as LinkBeam
 from .modes import LinkModes as LinkModes
 from .modes import Node as Node
 from .nodes import ROOT as ROOT
+from .nodes import ShapesAlong as ShapesAlong
+from .nodes import SlidingParts as SlidingParts
 from .nodes import made_of as made_of
 from .nodes import node_link as node_link
+from .nodes import sliding_joint as sliding_joint
+from .nodes import sliding_joints as sliding_joints
 from .robot import Robot as Robot
+from .sliding import SlidingShapes as SlidingShapes

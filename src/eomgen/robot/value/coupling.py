@@ -11,6 +11,7 @@ from ...names import NAME_LENGTH
 from ..fields import LATER, Picklable
 from .coordinate import Coordinate
 from .joint import CUT_NUMBERS
+from .sliding import SlidingShapes
 
 
 @dataclass(frozen=True)
@@ -23,6 +24,7 @@ class Coupling(Picklable):
     make a follower (``Robot.followers``), and a row of the constraint.
     bends: pairs of coordinates, each pair once, and a number b for what else is added: b x y of two, b x^2 / 2 of one
     with itself; how far the node of a link that bends is drawn in.
+    sliding: what else is added where a joint slides along a beam that bends; its coefficients are constants.
     """
 
     name: str
@@ -32,6 +34,7 @@ class Coupling(Picklable):
     law: Coordinate | None = None
     is_constraint: bool = field(default=False, metadata=LATER)
     bends: tuple[tuple[str, str, float], ...] = field(default=(), metadata=LATER)
+    sliding: SlidingShapes | None = field(default=None, metadata=LATER)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "to", MappingProxyType(dict(self.to)))
@@ -39,7 +42,13 @@ class Coupling(Picklable):
     @property
     def others(self) -> tuple[str, ...]:
         """Names of the coordinates that ``of`` depends on."""
-        return tuple(dict.fromkeys((*self.to, *(name for pair in self.bends for name in pair[:2]))))
+        return tuple(dict.fromkeys((*self.to, *(name for pair in self.products for name in pair))))
+
+    @property
+    def products(self) -> tuple[tuple[str, str], ...]:
+        """Pairs of coordinates by which the second derivative of the right side does not vanish."""
+        sliding = self.sliding.products if self.sliding is not None else ()
+        return (*(pair[:2] for pair in self.bends), *sliding)
 
     def numbers(self) -> dict[str, float | None]:
         """Return numbers by the names of parameters: "ratio.finger1.gamma", "offset"; None where not set."""
@@ -58,7 +67,7 @@ class Coupling(Picklable):
             value = value + ratio * of(name)
         for name, other, bend in self.bends:
             value = value + bend * (0.5 if name == other else 1.0) * of(name) * of(other)
-        return value
+        return value if self.sliding is None else value + self.sliding.value(of)
 
     def without_states(self) -> Coupling:
         """Return the coupling without laws that have states."""

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Any
 
 from ...limits import LARGEST, MOST_BEAM_MODES, is_usable
-from ...names import listed, show
-from ..fields import LATER
+from ...names import is_identifier, listed, show
+from ..fields import LATER, Picklable
 from ..sections import AXES, SHAPES
 
+TIP, ROOT = "tip", "root"  # nodes at the ends; the link itself stands at the root
 OF_SECTION = ("A", "Iy", "Iz", "J")  # numbers that follow from the form of a section
 _POSITIVE = ("length", "E", "G", *OF_SECTION, "density")
 
@@ -31,13 +33,14 @@ class BeamModes:
 
 
 @dataclass(frozen=True)
-class LinkBeam:
+class LinkBeam(Picklable):
     """A straight uniform beam from the origin of its link's frame, where it is clamped, along an axis of that.
 
     length: m.  E, G: Young's and shear modulus, N/m^2.  A: area of the section, m^2.  Iy, Iz: its second moments about
     its axes y and z, m^4, which follow the beam's cyclically, as those of ``Beam``.  J: torsion constant, m^4.  shear:
     coefficients k of the shear stiffness k G A along y and z.  density: kg/m^3.  section: its kind and dimensions, m,
     where all of A, Iy, Iz and J are those of one.
+    nodes: distances from the root, m, of nodes between the ends, by their names.
     """
 
     length: float
@@ -52,6 +55,10 @@ class LinkBeam:
     modes: BeamModes
     axis: str = "x"
     section: tuple[str, tuple[float, ...]] | None = field(default=None, metadata=LATER)
+    nodes: Mapping[str, float] = field(default_factory=dict, hash=False, metadata=LATER)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "nodes", MappingProxyType(dict(self.nodes)))
 
     @property
     def mass(self) -> float:
@@ -62,7 +69,8 @@ class LinkBeam:
         """Return plain values, for JSON."""
         values = {key: getattr(self, key) for key in ("axis", *_POSITIVE)}
         kind = {} if self.section is None else {"section": {self.section[0]: list(self.section[1])}}
-        return {**values, **kind, "shear": list(self.shear), "modes": dict(self.modes.counts), "mass": self.mass}
+        whole = {**values, **kind, "shear": list(self.shear), "modes": dict(self.modes.counts), "mass": self.mass}
+        return whole | ({"nodes": dict(self.nodes)} if self.nodes else {})
 
     def conflict(self) -> tuple[str, str] | None:
         """Return the key and the message of what is not allowed; None if all is right."""
@@ -78,6 +86,11 @@ class LinkBeam:
                 return f"modes.{key}", f"got {count!r}; allowed: a whole number from 0 to {MOST_BEAM_MODES}"
         if not any(self.modes.counts.values()):
             return "modes", f"there are none; allowed: one or more of {', '.join(self.modes.counts)}"
+        for name, place in self.nodes.items():
+            if not is_identifier(name) or name in (TIP, ROOT):
+                return "nodes", f"got the name {show(name)}; allowed: identifiers but {ROOT} and {TIP}"
+            if not 0.0 < place <= self.length:
+                return f"nodes.{name}", f"got {place!r}; allowed: above 0, up to the length, {self.length:g} m"
         return self._wrong_section() or self._unusable()
 
     def _wrong_section(self) -> tuple[str, str] | None:

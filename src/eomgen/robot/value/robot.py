@@ -31,7 +31,7 @@ from .coordinate import Coordinate
 from .coupling import Coupling, first_contradiction
 from .joint import MOTOR, PRINCIPAL, Joint, Loop
 from .link import BASE, Frame, Link
-from .nodes import node_link
+from .nodes import node_link, sliding_joints
 
 
 @dataclass(frozen=True)
@@ -160,8 +160,9 @@ class Robot(Picklable):
     @property
     @kept
     def nodes(self) -> dict[str, str]:
-        """Links that bend, by the joints that their nodes are made of."""
-        return {
+        """Links that bend, by the joints that their nodes are made of, and places on them where others slide."""
+        places = sliding_joints(self.joints, self.couplings)
+        return {bent.name: slides.parent for slides, bent in places.values()} | {
             node_link(link.name, node.name): link.name
             for link in self.links
             if link.modes is not None
