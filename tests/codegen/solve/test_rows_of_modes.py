@@ -31,8 +31,22 @@ NUMBERS = {"stiffness": (80.0, 60.0, 90.0, 5.0, 6.0, 7.0), "damping": (2.0, 3.0,
 def drawn(seed: int, *, loop: bool) -> tuple[Robot, State]:
     """A tree of two to four joints whose links bend, with springs and a bushing at its last link, and perhaps a loop.
 
-    Nodes are links: ends of springs, bushings and loops stand on them as on others.
+    Nodes are links: ends of springs, bushings and loops stand on them as on others.  Rows of loops are independent:
+    others contradict each other where a loop is open.
     """
+    for number in range(seed, seed + 20000, 1000):
+        robot, s = tied(number, loop=loop)
+        if not loop or np.linalg.matrix_rank(loop_rows(robot, s), 1e-3) == 3:
+            return robot, s
+    raise AssertionError("no robot among twenty has independent rows")
+
+
+def loop_rows(robot: Robot, s: State) -> Array:
+    given = inputs_of(robot, s)
+    return run(derive(build_model(robot), "constraint_jacobian"), {"q": given["q"], "p": given["p"]}).reshape(3, -1)
+
+
+def tied(seed: int, *, loop: bool) -> tuple[Robot, State]:
     bending = bent(random_robot(seed, (2, 4), 3, tree=True, types=TYPES, name="tied"), seed, (1, 2, 3))
     robot, rng = with_springs(bending.robot, seed, ("linear", "damper")), np.random.default_rng(seed)
     last, placements = robot.links[-1].name, (random_placement(rng), random_placement(rng))
