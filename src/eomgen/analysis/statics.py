@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,7 +22,7 @@ from ..robot.elements.matrices import entries_of, matrix_lines
 from ..robot.elements.stiffness_center import principal_line
 from ..robot.model import tool_of
 from ..robot.parameter_names import number_of
-from ..robot.value import COORDINATES, Robot, node_link
+from ..robot.value import AXES, COORDINATES, Link, Robot, node_link
 from ..runtime.kernel import Kernel
 from ..shown import Plotting, Shown, scale_of
 from .at_rest import closed, rest
@@ -184,15 +184,41 @@ def _stress_resultants(arm: HeldRobot, q: Array) -> tuple[StressResultants, ...]
     found = []
     for link, beam in beams:
         assert link.modes is not None
-        names, pose = {x.name: node_link(link.name, x.name) for x in link.modes.nodes}, kernel.frame_pose(q, link.name)
-        loads = {
-            node: (np.linalg.solve(pose, kernel.frame_pose(q, name)), -np.asarray(reactions[name]))
-            for node, name in names.items()
-            if name in reactions
-        }
+        loads = _beam_loads(arm, link, np.array(AXES[beam.axis])[:, 0], q, reactions)
         e = q[index_of(kernel.coordinates, [component_name(link.name, kind) for kind in link.modes.names])]
-        found.append(stress_resultants(link, beam, e, pose[:3, :3].T @ gravity, loads))
+        turn = np.asarray(kernel.frame_pose(q, link.name))[:3, :3]
+        found.append(stress_resultants(link, beam, e, turn.T @ gravity, loads))
     return tuple(found)
+
+
+def _beam_loads(
+    arm: HeldRobot, link: Link, along: Array, q: Array, reactions: Mapping[str, Array]
+) -> list[tuple[float, Array, Array]]:
+    """Return what acts on a beam where nodes and sliding joints are: place, pose, wrench, see ``stress_resultants``.
+
+    Args:
+        arm: with the kernel.
+        link: the beam.
+        along: its direction, link frame, (3,).
+        q: coordinates, (coordinates,).
+        reactions: of each joint on its child link, (6,), in the joint's axes.
+    """
+    assert link.modes is not None
+    robot, pose = arm.robot, np.asarray(arm.kernel.frame_pose(q, link.name))
+
+    def seen(name: str) -> Array:
+        return np.asarray(np.linalg.solve(pose, arm.kernel.frame_pose(q, name)))
+
+    loads: list[tuple[float, Array, Array]] = []
+    for node in link.modes.nodes:
+        name = node_link(link.name, node.name)
+        if name in reactions:  # else no mode moves it: it stands at the root
+            loads.append((float(along @ node.place), seen(name), -reactions[name]))
+    for joint in robot.joints:  # behind what slides on the straight axis, a joint has what the modes do there
+        name = node_link(link.name, joint.name)
+        if joint.type == "prismatic" and (joint.parent, joint.child) == (link.name, name) and name in reactions:
+            loads.append((float(along @ seen(name)[:3, 3]), seen(robot.joint(name).child), -reactions[name]))
+    return loads
 
 
 def fixed_at_rest(arm: HeldRobot) -> HeldRobot:

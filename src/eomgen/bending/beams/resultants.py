@@ -7,7 +7,7 @@ do, but not what a weight along the beam does: by two modes of bending its momen
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -78,7 +78,7 @@ class StressResultants(Shown, Tabular):
 
 
 def stress_resultants(
-    link: Link, beam: LinkBeam, e: Array, gravity: Array, loads: Mapping[str, tuple[Array, Array]]
+    link: Link, beam: LinkBeam, e: Array, gravity: Array, loads: Sequence[tuple[float, Array, Array]]
 ) -> StressResultants:
     """Return the stress resultants of a link that is a beam.
 
@@ -86,21 +86,16 @@ def stress_resultants(
         link, beam: the link, and its beam.
         e: modal coordinates, (m,).
         gravity: (3,), m/s^2, link frame.
-        loads: by nodes, those of which move: pose in the link's frame, (4, 4), m, and force (N) and moment (N m) that
-            act there on the link, in the axes of the node, (6,).
+        loads: at places of the beam: distance from the root while nothing bends, m; pose in the link's frame, (4, 4),
+            m; force (N) and moment (N m) that act there on the link, in the axes of that pose, (6,).
     """
-    modes = link.modes
-    assert modes is not None
     axes = np.array(AXES[beam.axis])
     x = np.linspace(0.0, beam.length, STATIONS)
     places, turns = _bent(beam, e, x)
     force, moment = _by_weight(beam, e, x, places, beam.density * beam.A * gravity)
-    for node in modes.nodes:
-        if node.name not in loads:
-            continue  # it stands at the root
-        there, wrench = loads[node.name]
+    for place, there, wrench in loads:
         load, about = (there[:3, :3] @ part for part in wrench.reshape(2, 3))
-        beyond = (x <= axes[:, 0] @ node.place + _AT_NODE * beam.length)[:, np.newaxis]
+        beyond = (x <= place + _AT_NODE * beam.length)[:, np.newaxis]
         force += beyond * load
         moment += beyond * (about + np.cross(there[:3, 3] - places, load))
     of_section = np.swapaxes(turns @ axes, 1, 2)
