@@ -189,3 +189,14 @@ def test_a_span_on_two_supports_has_the_moments_of_the_textbook() -> None:
     assert of(beam, "Vy") == pytest.approx(-q * (1.0 - beam.x), abs=1e-5)
     [loaded] = deflection(robot, loads={"tcp": [0.0, 0.0, 0.0, 0.0, 0.0, 1.0]}).beams
     assert of(loaded, "Mz") - of(beam, "Mz") == pytest.approx(beam.x / 2.0, abs=1e-6)
+
+
+@pytest.mark.soak
+def test_a_load_between_the_ends_makes_a_step() -> None:
+    """At a node in the middle of the beam: the shear force steps there, and the moment has a kink."""
+    text = BOOM.format(axis="x", section="{ tube = [0.06, 0.05] }", gravity="[0.0, 0.0, 0.0]")
+    node = "modes = { y = 2, z = 2 }\nnodes = { middle = 0.75 }"
+    text = text.replace("modes = { y = 2, z = 2 }", node) + '[[frames]]\nname = "mid"\nlink = "tube"\nnode = "middle"\n'
+    [beam] = deflection(robot_from_toml(text), loads={"mid": [0.0, 0.0, -10.0, 0.0, 0.0, 0.0]}).beams
+    assert of(beam, "Vz") == pytest.approx(np.where(beam.x <= 0.75, -10.0, 0.0), abs=1e-4)
+    assert of(beam, "My") == pytest.approx(10.0 * np.maximum(0.75 - beam.x, 0.0), abs=1e-4)
