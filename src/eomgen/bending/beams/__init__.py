@@ -1,1 +1,1 @@
-"""What is made of a beam beside its modes: a chain of segments, stress resultants, and stations to draw it by."""
+"""Beams beside their modes: chains of segments, stress resultants, and stations to draw them by."""
