@@ -91,6 +91,7 @@ def test_the_modules_of_the_page(tmp_path: Path) -> None:
     programs = [
         PointToPoint(np.array([0.1, -1.0]), np.array([0.7, 2.0]), 0.8, 0.2),
         Spline([0.0, 0.3, 0.7, 1.1], rng.uniform(-1.0, 1.0, (4, 3)), at_rest=True),
+        PointToPoint(np.array([0.1, -1.0]), np.array([0.7, 2.0]), 0.8, 0.2, smooth=4),
     ]
     link = eomgen.Link("arm", 2.0, (0.1, -0.2, 0.3), (0.3, 0.4, 0.5, 0.01, -0.02, 0.03))
     names = ["mass", *(f"com.{axis}" for axis in "xyz"), *(f"inertia.{key}" for key in INERTIA_KEYS)]

@@ -71,7 +71,9 @@ def polynomial(signal: Signal, t: float) -> tuple[np.ndarray, np.ndarray, np.nda
     "program",
     [
         PointToPoint(np.array([0.1, -1.0]), np.array([0.7, 2.0]), 0.8, 0.1),
+        PointToPoint(np.array([0.1, -1.0]), np.array([0.7, 2.0]), 0.8, 0.1, smooth=4),
         Spline([0.0, 0.2, 0.5, 1.1], [[0.0, 1.0], [0.3, 0.9], [0.2, 0.4], [1.0, -1.0]], at_rest=True),
+        Spline([0.0, 0.2, 0.5, 1.1], [[0.0, 1.0], [0.3, 0.9], [0.2, 0.4], [1.0, -1.0]], at_rest=True, smooth=4),
         Spline([0.0, 0.2, 0.5, 0.6, 1.0, 1.1], np.random.default_rng(1).normal(size=(6, 2)), at_rest=False),
         Spline([0.0, 0.2], [[0.0, 1.0], [0.3, 0.9]], at_rest=False),
         Standstill(np.array([0.3, -0.2])),

@@ -53,6 +53,27 @@ def is_smooth(program: Program, end: float) -> None:
         assert np.abs(program.at(at)[2]).max() < 1e-6 * np.abs(a).max()
 
 
+@pytest.mark.parametrize("smooth", [3, 4])
+def test_paths_are_as_smooth_as_asked(ur5: eomgen.Kernel, smooth: int) -> None:
+    begin = ur5.frame_pose(START, "tcp")[:3, 3]
+    end = begin + [0.05, -0.15, 0.1]
+    how = {"guess": START, "limits": nowhere(ur5), "orientation": "keep", "smooth": smooth}
+    line = ToolLine(ur5, "tcp", begin, end, 0.8, start_time=0.1, **how)
+    way = ToolSpline(ur5, "tcp", [begin, end, begin], [0.0, 0.5, 1.2], **how)
+    t, h = np.array([0.2, 0.41, 0.7]), 1e-6
+    for program, ends in ((line, (0.1, 0.9)), (way, (0.0, 1.2))):
+        is_smooth(program, ends[1])
+        assert program.jumps(smooth) == ()
+        assert [x for x in program.jumps(smooth + 1) if x.t in ends] == [(x, smooth + 1) for x in ends]
+        series, rates = program.series(t, 4), (program.series(t + h, 3) - program.series(t - h, 3)) / (2 * h)
+        for order in range(4):
+            np.testing.assert_allclose(series[order + 1], rates[order], atol=1e-4 * np.abs(series[order + 1]).max())
+        np.testing.assert_allclose(series[:3], program.at(t), rtol=1e-9, atol=1e-9 * np.abs(series[2]).max())
+    knots = [x.t for x in line.jumps(5) if x.t not in (0.1, 0.9)]
+    assert len(knots) == 201 - 6  # of the path's spline of degree 5
+    assert np.abs(np.diff(line.profile.at(np.array(knots))[0][:, 0], prepend=2 / 200) - 1 / 200).max() < 1e-12
+
+
 def test_lines_and_circles_keep_an_orientation(ur5: eomgen.Kernel) -> None:
     pose = ur5.frame_pose(START, "tcp")
     begin, t = pose[:3, 3], np.linspace(0.0, 1.0, 301)

@@ -18,6 +18,9 @@ with imports_when_used(globals()):
     from .poses import inverse_kinematics as inverse_kinematics
     from .splines import Spline as Spline
     from .splines import Standstill as Standstill
+    from .time_derivatives import Jump as Jump
+    from .time_derivatives import SmoothProgram as SmoothProgram
+    from .time_derivatives import with_series as with_series
     from .timetable import TimeTable as TimeTable
     from .tool_path import ToolCircle as ToolCircle
     from .tool_path import ToolLine as ToolLine

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..arrays import Array
 from ..errors import InputError
@@ -15,6 +16,7 @@ from ..names import listed, show
 from ..runtime.stepping.input_signals import Signal
 from ..shown import Shown
 from .files import read_columns
+from .time_derivatives import Jump, by_time, order_in, times_in
 
 LINEAR, HOLD = "linear", "hold"
 INTERPOLATIONS = (LINEAR, HOLD)
@@ -45,6 +47,32 @@ class TimeTable(Shown):
         share = (t - self.t[i]) / (self.t[i + 1] - self.t[i])
         between: Array = self.values[i] + share * (self.values[i + 1] - self.values[i])
         return between
+
+    def series(self, t: ArrayLike, order: int) -> Array:
+        """Return the columns and their time derivatives up to an order, (order + 1, *t.shape, k); see ``with_series``.
+
+        Jumps of rows that hold are no part of them.
+        """
+        times = times_in(t)
+        rows = np.zeros((order_in(order) + 1, *times.shape, self.values.shape[1]))
+        i = np.searchsorted(self.t, times, side="right") - 1
+        rows[0] = self.values[np.maximum(i, 0)]
+        if not self.hold and self.t.size > 1:
+            inside = (times >= self.t[0]) & (times <= self.t[-1])
+            piece = np.clip(i, 0, self.t.size - 2)
+            rates = (np.diff(self.values, axis=0) / np.diff(self.t)[:, np.newaxis])[piece]
+            ahead = np.clip(times, self.t[0], self.t[-1]) - self.t[piece]
+            rows[0] = self.values[piece] + ahead[..., np.newaxis] * rates
+            rows[1:2, inside] = rates[inside]
+        return rows
+
+    def jumps(self, order: int) -> tuple[Jump, ...]:
+        """Return where the columns, or their time derivatives up to an order, jump, by time; see ``with_series``."""
+        rates = np.diff(self.values, axis=0)
+        if self.hold or self.t.size == 1:
+            return by_time((Jump(t, 0) for t in self.t[1:][rates.any(axis=1)].tolist()), order)
+        rates = np.pad(rates / np.diff(self.t)[:, np.newaxis], ((1, 1), (0, 0)))
+        return by_time((Jump(t, 1) for t in self.t[np.diff(rates, axis=0).any(axis=1)].tolist()), order)
 
     def as_signal(self) -> Signal:
         """Return it as data for integrations in C."""

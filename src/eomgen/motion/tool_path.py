@@ -28,8 +28,9 @@ from ..runtime.inverse_kinematics.reaching import (
 from ..runtime.inverse_kinematics.rotations import rotation_matrices
 from ..runtime.kernel import Kernel
 from ..runtime.stepping.input_signals import Signal
-from .point_to_point import PointToPoint
-from .splines import Spline, spline_signal
+from .point_to_point import QUINTIC, PointToPoint
+from .splines import DEGREE, Spline, inner_knots, spline_signal
+from .time_derivatives import Jump, by_time, composed, order_in, spline_series
 from .turns import spherical, spherical_spline
 
 if TYPE_CHECKING:
@@ -87,6 +88,7 @@ class PathKeywords(TypedDict, total=False):
     limits: Required[Array]
     start_time: float
     orientation: Orientation | None
+    smooth: int
 
 
 class ToolPath:
@@ -109,9 +111,10 @@ class ToolPath:
         orientation: of the tool's axes: "keep" holds that with which the path begins; a pair of rotations, (3, 3), is
             turned from the first to the second along the path, about one axis.  Without the first, the path begins with
             the orientation to which the least change from the guess leads; without the second, the first stays.
+        smooth: of the profile, see ``PointToPoint``.
 
     Raises:
-        InputError: SciPy is not installed.
+        InputError: SciPy is not installed, or another smoothness.
         ReachError: the tool cannot follow within the limits; says where, when and by how much.
         ArrayError: an orientation that is no rotation.
     """
@@ -128,15 +131,18 @@ class ToolPath:
         start_time: float = 0.0,
         name: str = "path",
         orientation: Orientation | None = None,
+        smooth: int = QUINTIC,
     ) -> None:
         with optional_import("SciPy", f"a {name} of the tool needs"):
             from scipy.interpolate import make_interp_spline
-        self.profile = PointToPoint(np.zeros(1), np.ones(1), duration, start_time)
+        self.profile = PointToPoint(np.zeros(1), np.ones(1), duration, start_time, smooth=smooth)
         along = np.linspace(0.0, 1.0, len(points))
         times = np.linspace(start_time, start_time + duration, 20 * POINTS)
         when = np.interp(along, self.profile.at(times)[0][:, 0], times)
         course = Course(name, points, along, when, _turning(orientation, along))
-        spline = make_interp_spline(along, _followed(kernel, tool, course, guess, limits), k=5)
+        spline = make_interp_spline(
+            along, _followed(kernel, tool, course, guess, limits), k=_degree(self.profile.smooth)
+        )
         self._splines = (spline, spline.derivative(1), spline.derivative(2))
 
     @property
@@ -153,6 +159,21 @@ class ToolPath:
         q, by_s, by_ss = (spline(s[..., 0]) for spline in self._splines)
         return q, by_s * ds, by_ss * ds**2 + by_s * dds
 
+    def series(self, t: ArrayLike, order: int) -> Array:
+        """Return q and its time derivatives up to an order, (order + 1, *t.shape, n); see ``with_series``."""
+        inner = self.profile.series(t, order)
+        return composed(spline_series(self._splines[0], inner[0, ..., 0], order_in(order)), inner)
+
+    def jumps(self, order: int) -> tuple[Jump, ...]:
+        """Return where time derivatives up to an order jump, by time; see ``with_series``."""
+        spline = self._splines[0]
+        low, high = (np.full(inner_knots(spline).shape, t) for t in (self.profile.begin, self.profile.end))
+        for _ in range(60):  # the profile rises: bisection
+            middle = 0.5 * (low + high)
+            late = self.profile.at(middle)[0][:, 0] > inner_knots(spline)
+            low, high = np.where(late, low, middle), np.where(late, middle, high)
+        return by_time([*self.profile.jumps(order), *(Jump(t, spline.k) for t in high.tolist())], order)
+
     def as_signal(self) -> Signal:
         """Return it as data for integrations in C."""
         return spline_signal(self._splines[0], self.profile.as_signal())
@@ -163,7 +184,7 @@ class ToolLine(ToolPath):
 
     Args:
         begin, end: points, (3,), m, base frame.
-        **options: guess, limits, start_time and orientation, as ``ToolPath`` has them.
+        **options: guess, limits, start_time, orientation and smooth, as ``ToolPath`` has them.
 
     Raises:
         ArrayError: a point that is not three finite numbers.
@@ -193,7 +214,7 @@ class ToolCircle(ToolPath):
         center, normal: (3,), base frame; the tool turns about the normal as a right-handed screw does.
         begin: a point of the circle, (3,), m, base frame; in the plane through the center across the normal.
         angle: rad, of the whole path.
-        **options: guess, limits, start_time and orientation, as ``ToolPath`` has them.
+        **options: guess, limits, start_time, orientation and smooth, as ``ToolPath`` has them.
 
     Raises:
         ArrayError: a point that is not three finite numbers.
@@ -227,7 +248,7 @@ class ToolCircle(ToolPath):
 class ToolSpline(Spline):
     """The tool passes points in space at these times, at rest at the first and the last.
 
-    Its origin follows a spline of degree 5; orientations are interpolated spherically, with continuous angular
+    Its origin follows a ``Spline``; orientations are interpolated spherically, with continuous angular
     velocity and acceleration (``turns.spherical_spline``).
 
     Args:
@@ -235,6 +256,7 @@ class ToolSpline(Spline):
         points: (K, 3), m, base frame, two or more.
         times: (K,), s, rising.
         orientation: "keep", or the tool's axes at the points as columns, (K, 3, 3); open by default.
+        smooth: k, from 2 to 6, see ``Spline``.
 
     Raises:
         ArrayError: arrays that do not fit together, or are not finite; other errors as ``ToolPath``.
@@ -250,6 +272,7 @@ class ToolSpline(Spline):
         guess: Array,
         limits: Array,
         orientation: Literal["keep"] | ArrayLike | None = None,
+        smooth: int = QUINTIC,
     ) -> None:
         rising = "two or more finite numbers that rise, s"
         knots = numbers_in("times", times, rising)
@@ -261,7 +284,7 @@ class ToolSpline(Spline):
             raise ArrayError(f"points: got shape {places.shape}; allowed: {allowed}")
         pieces = max(FEWEST, -(-(POINTS - 1) // (knots.size - 1)))
         t = np.interp(np.arange(pieces * (knots.size - 1) + 1) / pieces, np.arange(knots.size), knots)
-        way = Spline(knots, places, at_rest=True).at(t)[0]
+        way = Spline(knots, places, at_rest=True, smooth=smooth).at(t)[0]
         lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(way, axis=0), axis=1))])
         parts = lengths / lengths[-1] if lengths[-1] > 0.0 else np.linspace(0.0, 1.0, t.size)
         turning = None
@@ -269,9 +292,14 @@ class ToolSpline(Spline):
             turning = _turning(_keep(orientation), parts)
         elif orientation is not None:
             rotations = rotation_matrices("orientation", orientation, (knots.size,))
-            turning = Turning(rotations[0], lambda _: spherical_spline(knots, rotations, t))
+            turning = Turning(rotations[0], lambda _: spherical_spline(knots, rotations, t, smooth))
         course = Course("spline", way, parts, t, turning)
-        super().__init__(t, _followed(kernel, tool, course, guess, limits), at_rest=True)
+        super().__init__(t, _followed(kernel, tool, course, guess, limits), at_rest=True, smooth=smooth)
+
+
+def _degree(smooth: int) -> int:
+    """Return the degree of splines along a path that are of the class C^smooth."""
+    return max(DEGREE, smooth + 1 + smooth % 2)
 
 
 def _keep(orientation: str) -> Literal["keep"]:

@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Array
 from ..runtime.inverse_kinematics.rotations import vector_of
+from .point_to_point import QUINTIC
 from .splines import Spline
 
 _SMALL = 1e-4  # rad, below which series take the place of quotients
@@ -33,7 +34,7 @@ def spherical(first: Array, last: Array, parts: Array) -> Array:
     return np.asarray(first @ rotation_of(parts[:, np.newaxis] * vector_of(first.T @ last)))
 
 
-def spherical_spline(knots: Array, rotations: Array, t: Array) -> Array:
+def spherical_spline(knots: Array, rotations: Array, t: Array, smooth: int = QUINTIC) -> Array:
     """Return rotations, (T, 3, 3), at times t through those at the knots; at rest at both ends.
 
     R(t) = R_0 exp(w_1(t) f_1) exp(w_2(t) f_2) ..., f_i the rotation vector from R_(i-1) to R_i, and w_i the spline that
@@ -45,12 +46,13 @@ def spherical_spline(knots: Array, rotations: Array, t: Array) -> Array:
         knots: times, (K,), s, rising.
         rotations: (K, 3, 3).
         t: (T,), s.
+        smooth: of the splines, see ``Spline``.
 
     Raises:
         InputError: SciPy is not installed.
     """
     steps = np.tril(np.ones((knots.size, knots.size)))[:, 1:]
-    weights = Spline(knots, steps, at_rest=True).at(t)[0]
+    weights = Spline(knots, steps, at_rest=True, smooth=smooth).at(t)[0]
     rotation = np.broadcast_to(rotations[0], (t.size, 3, 3))
     for i in range(1, knots.size):
         rotation = rotation @ rotation_of(weights[:, i - 1, np.newaxis] * vector_of(rotations[i - 1].T @ rotations[i]))

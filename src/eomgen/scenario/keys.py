@@ -3,9 +3,24 @@
 from __future__ import annotations
 
 from ..description.keys import inertia, vector
-from ..forms.keys import ByName, Choice, Either, FileName, Flag, Key, Keys, Listed, Number, Numbers, Strings, Text
+from ..forms.keys import (
+    ByName,
+    Choice,
+    Either,
+    FileName,
+    Flag,
+    Key,
+    Keys,
+    Listed,
+    Number,
+    Numbers,
+    Strings,
+    Text,
+    Whole,
+)
 from ..forms.tables import Entries, Form, Kinds, Sub, angle_keys
 from ..integration.methods import METHODS
+from ..motion.point_to_point import MINIMUM_SNAP, QUINTIC, SMOOTHEST
 from ..motion.timetable import INTERPOLATIONS
 from ..names import IDENTIFIER_RULE
 
@@ -13,6 +28,11 @@ LEAST_TIME = 1e-9  # s
 _BY = "m or rad"
 _FRAME = Text("frame or link whose origin moves; default that of the scenario")
 _BEGIN = Number("when it sets in; default 0", "s", minimum=0.0)
+_SMOOTH = Either(
+    "k: how many time derivatives are continuous; polynomials have degree 2 k + 1; minimum_snap is 3; default 2",
+    options=(Whole("that many", least=QUINTIC, most=SMOOTHEST), Choice("of degree 7", words=(MINIMUM_SNAP,))),
+    rule=f"a whole number from {QUINTIC} to {SMOOTHEST}, or '{MINIMUM_SNAP}'",
+)
 _INTERPOLATION = Choice("of rows: linear, or hold until the next; default linear", words=INTERPOLATIONS)
 
 
@@ -75,6 +95,7 @@ MOTIONS: dict[str, Keys] = {
         "start": _point("where it begins; default the initial pose"),
         "goal": _point("where it ends"),
         "begin": _BEGIN,
+        "smooth": _SMOOTH,
         "duration": time("how long it takes; default 80 percent of the scenario's"),
     },
     "via": {
@@ -93,6 +114,7 @@ MOTIONS: dict[str, Keys] = {
             options=(_SPEED, Numbers("of each piece", item=_SPEED)),
         ),
         "begin": _BEGIN,
+        "smooth": _SMOOTH,
     },
     "sampled": {
         "file": _sampled("measured motion beside this file"),
@@ -107,6 +129,7 @@ MOTIONS: dict[str, Keys] = {
         "to": vector("where the line ends, base frame", "m", "a point, three numbers in m, base frame"),
         "orientation": _ORIENTATION,
         "begin": _BEGIN,
+        "smooth": _SMOOTH,
         "duration": time("how long it takes; default 80 percent of the scenario's"),
     },
     "circle": {
@@ -117,6 +140,7 @@ MOTIONS: dict[str, Keys] = {
         **angle_keys("angle", Number("right-handed about the normal, not 0; default 2 pi", "rad")),
         "orientation": _ORIENTATION,
         "begin": _BEGIN,
+        "smooth": _SMOOTH,
         "duration": time("how long it takes; default 80 percent of the scenario's"),
     },
     "spline": {
@@ -133,6 +157,7 @@ MOTIONS: dict[str, Keys] = {
             words=(KEEP,),
         ),
         "begin": _BEGIN,
+        "smooth": _SMOOTH,
     },
 }
 _SATURATE = Flag("true clips drives at +- the effort of the robot's limits; default false")

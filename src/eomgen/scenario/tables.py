@@ -55,7 +55,7 @@ def _spline(table: Table, _: Path | None) -> dict[str, Any]:
     still = [i for i, (a, b) in enumerate(pairwise(places)) if a == b]
     if timing["speed"] is not None and still:
         points[still[0] + 1].fail("is where the point before is; allowed: another point, or times instead of speed")
-    options = {key: table.value(key) for key in ("frame", "orientation", "begin")}
+    options = {key: table.value(key) for key in ("frame", "orientation", "begin", "smooth")}
     return {**options, "points": tuple(places), "rpy": tuple(turns) if turned else None, **timing}
 
 

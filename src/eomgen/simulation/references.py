@@ -7,13 +7,15 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..arrays import Array
 from ..errors import InputError, ReachError
 from ..motion.ends import default_ends, limits_beside, point_of
 from ..motion.files import MeasuredMotion, read_motion
-from ..motion.point_to_point import PointToPoint, Program
+from ..motion.point_to_point import QUINTIC, PointToPoint, Program, smoothness
 from ..motion.splines import Columns, Spline
+from ..motion.time_derivatives import Jump, by_time, waves
 from ..motion.tool_path import Orientation, ToolCircle, ToolLine, ToolSpline
 from ..robot.coordinates import coordinate_names
 from ..robot.geometry import Vector, rotation_from_rpy
@@ -69,11 +71,25 @@ class PrescribedMotion:
             q[here], v[here], a[here] = spline.at(t)
         return q, v, a
 
+    def series(self, t: ArrayLike, order: int) -> Array:
+        """Return q and its time derivatives up to an order, (order + 1, *t.shape, m)."""
+        rows = waves(self._wave, t, order)
+        for spline, here, _ in self._splines:
+            rows[..., here] = spline.series(t, order)
+        return rows
+
+    def jumps(self, order: int) -> tuple[Jump, ...]:
+        """Return where time derivatives up to an order jump, by time: at ends and knots of sampled motions."""
+        return by_time((jump for spline, _, _ in self._splines for jump in spline.jumps(order)), order)
+
+    @property
+    def _wave(self) -> Array:
+        amplitude, frequency, phase, offset = self._numbers
+        return np.stack([amplitude, 2.0 * np.pi * frequency, phase, offset], axis=1)
+
     def load_data(self) -> Waves:
         """Return the time-signal inputs for integrations in C."""
-        amplitude, frequency, phase, offset = self._numbers
-        wave = np.stack([amplitude, 2.0 * np.pi * frequency, phase, offset], axis=1)
-        return Waves(wave, [Track(spline.as_signal(), np.array(here)) for spline, here, _ in self._splines])
+        return Waves(self._wave, [Track(spline.as_signal(), np.array(here)) for spline, here, _ in self._splines])
 
 
 def _check_covers(scenario: Scenario, key: str, motion: MeasuredMotion) -> None:
@@ -121,7 +137,7 @@ def make_reference(
     if section.type == "point_to_point":
         first = point_of(robot, driven, label("start"), section.get("start"), start)
         last = point_of(robot, driven, label("goal"), section.get("goal"), goal)
-        return PointToPoint(first, last, duration, begin, tuple(driven))
+        return PointToPoint(first, last, duration, begin, tuple(driven), _smooth(section))
     if section.type == "via":
         return _via(section, robot, driven, label, start)
     if section.type == "sampled":
@@ -154,7 +170,11 @@ def _via(section: Section, robot: Robot, driven: Sequence[str], label: Callable[
     if section.get("times") is None and min(distances) <= 0.0:
         place = label(f"points.{int(np.argmin(distances)) + 1}")
         raise InputError(f"{place}: is where the point before is; allowed: another point, or times instead of speed")
-    return Spline(_times(section, distances), path, at_rest=True)
+    return Spline(_times(section, distances), path, at_rest=True, smooth=_smooth(section))
+
+
+def _smooth(section: Section) -> int:
+    return smoothness(section.get("smooth", QUINTIC))
 
 
 def _times(section: Section, distances: Sequence[float]) -> Array:
@@ -182,7 +202,7 @@ def _tool_reference(
     limits = limits_beside(robot, rigid.coordinates, driven, where)
     index = np.array([rigid.coordinates.index(name) for name in driven], dtype=np.intp)
     begin, duration = span
-    options: dict[str, Any] = {"guess": where, "limits": limits}
+    options: dict[str, Any] = {"guess": where, "limits": limits, "smooth": _smooth(section)}
     try:
         if section.type == "spline":
             return Columns(_spline(section, rigid, frame, options), index)
