@@ -353,7 +353,7 @@ def test_texts_are_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
         reduce_files(files, BY_PLANES)
     monkeypatch.setenv("EOMGEN_MATRIX_MB", "64")
     monkeypatch.setattr("eomgen.bending.readers.text.MOST_ENTRIES", 1000)
-    with pytest.raises(InputError, match=r"arm.sti: got more than 1000 entries at line"):
+    with pytest.raises(InputError, match=r"arm.sti: got more than 1000 lines of row, column, entry"):
         reduce_files(files, BY_PLANES)
     (tmp_path / "arm.sti").write_text("1" * 5000)
     with pytest.raises(InputError, match=r"arm.sti, line 1: has more than 4096 bytes"):

@@ -208,7 +208,7 @@ class CompiledCode:
         self.__dict__["_plain"] = plain
         self.__dict__["_direct_jets"] = {}
 
-    def bound_jet(self, name: str) -> Callable[..., tuple[Array, ...]] | None:
+    def _bound_jet(self, name: str) -> Callable[..., tuple[Array, ...]] | None:
         """Return a function of time derivatives through the extension module; None where there is none."""
         if not self.is_direct or self._functions is None:
             return None

@@ -8,7 +8,6 @@ from ..description.builtin import builtin_robots
 from ..description.load import load_robot
 from ..errors import InputError, check_kind
 from ..files import write_atomically
-from ..motion.ends import default_ends
 from ..names import ROBOT_RULE, component_name, is_robot_name, joint_of, kind_of, listed, show, to_robot_name
 from ..robot.coordinates import MOTIONS, unit_of
 from ..robot.model import program_coordinates, tool_of
@@ -51,6 +50,8 @@ def _scenario_lines(robot: Robot, lines: list[str]) -> list[str]:
     if not driven:
         lines[first:after] = [f"# {line}" if line else line for line in lines[first:after]]
     for name in driven:
+        from ..motion.ends import default_ends  # which imports NumPy
+
         joint = robot.joint(joint_of(name))
         key = joint.name if PRINCIPAL.get(joint.type) == kind_of(name) else f'"{name}"'
         _, goal = default_ends(robot, driven)

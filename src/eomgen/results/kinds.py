@@ -267,8 +267,9 @@ def fields_of(kind: Kind[Any], contents: Contents) -> dict[str, Any]:
 
 def _check_arrays(kind: Kind[Any], result: Any, path: str) -> None:
     """Refuse arrays of other shapes than are declared, and numbers in them that are not allowed."""
-    tuples = [(x.shape[0], getattr(result, name)) for name, x in kind.stored.items() if len(x.shape) == 1]
-    sizes = {str(letter): len(names) for letter, names in tuples if isinstance(names, tuple)} | dict(kind.sizes(result))
+    named = [(x.shape[0], getattr(result, name), x.otherwise) for name, x in kind.stored.items() if len(x.shape) == 1]
+    tuples = {str(letter): names for letter, names, other in named if isinstance(names, tuple) and names != other}
+    sizes = {letter: len(names) for letter, names in tuples.items()} | dict(kind.sizes(result))
     for name, stored in kind.stored.items():
         array = getattr(result, name)
         if isinstance(array, np.ndarray) and array is not stored.otherwise:

@@ -56,8 +56,14 @@ def spiral(x: Remembered) -> StateEffect:
 @pytest.fixture
 def model(monkeypatch: pytest.MonkeyPatch) -> Model:
     """A slide whose friction is such a law; its first state stores energy."""
-    ones = State(name="a", unit=("m", "rad"), size=lambda n: 1.0, inertia=lambda n: n["friction.bristle_stiffness"])
-    both = (ones, State(name="b", unit=("1", "1"), size=lambda n: 2.0))
+    ones = State(
+        name="a",
+        unit=("m", "rad"),
+        size=lambda n: 1.0,
+        inertia=lambda n: n["friction.bristle_stiffness"],
+        is_bounded=False,
+    )
+    both = (ones, State(name="b", unit=("1", "1"), size=lambda n: 2.0, is_bounded=False))
     changed = tuple(replace(law, states=lambda n: both) if law.name == "friction" else law for law in laws._LAWS)
     monkeypatch.setattr(laws, "_LAWS", changed)
     monkeypatch.setitem(formulas.STATE_FORMULAS, "friction", spiral)  # type: ignore[arg-type]

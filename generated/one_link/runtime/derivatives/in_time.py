@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from ...errors import InputError, UnknownNameError
 from ...names import listed, nearest_or_all, show
-from ..arrays import OF_ORDERS, place_of
+from ..arrays import OF_ORDERS, cut, is_narrow, names_in, place_of, whole_array
 from ..loop_assembly import LoopClosure, closed_rates, free_coordinates
 from ..raw import Array
 from .by_arguments import CLOSED, FRAMED
@@ -96,7 +96,7 @@ class TimeDerivatives(LoopClosure):
         arrays = [*motion, *(x for one in others for x in one)]
         if name in CLOSED and self.raw.libraries.meta.get("constraints"):  # refuses states in which loops are open
             self.calls.run(name, None, [*motion[: len(wanted.motion) - order], *(one[0] for one in others)])
-        elif index is None and len(others) < 2 and (bound := self.bound_jet(wanted.function)) is not None:
+        elif index is None and len(others) < 2 and (bound := self._bound_jet(wanted.function)) is not None:
             self._direct_jets[name, order] = _Direct(bound, len(motion) + len(others), bool(others))
             return bound(*arrays)
         result = self.calls.run(wanted.function, None, arrays)
@@ -126,17 +126,20 @@ class TimeDerivatives(LoopClosure):
         if not isinstance(series, (tuple, list)) or not 2 <= len(series) <= len(MOTION):
             got = len(series) if isinstance(series, (tuple, list)) else type(series).__name__
             raise InputError(f"series: got {got}; allowed: 2 to {len(MOTION)} arrays, {', '.join(MOTION)}")
-        names = tuple(held) if not isinstance(held, str) else (held,)
-        arrays = np.broadcast_arrays(*(np.asarray(x, self.dtype) for x in series))
+        names = [held] if isinstance(held, str) else names_in("held", held)
+        free = free_coordinates(self.calls, names)
+        whole = [whole_array(self.calls, label, x) for label, x in zip(MOTION, series, strict=False)]
+        arrays = np.broadcast_arrays(*(array for array, _ in whole))
         q = self.assemble(arrays[0], names)
         motion = [q, self.project_velocity(q, arrays[1], names)]
-        free = free_coordinates(self.calls, names)
         for guess in arrays[2:]:
             flat = [x.reshape(-1, x.shape[-1]) for x in (*motion, guess)]
             rest = self._constraint_rest(flat[:-1])
             closed = closed_rates(self.calls, flat[0], flat[-1], free, lambda i: place_of([i]), rest)
             motion.append(closed.reshape(guess.shape))
-        return tuple(motion)
+        return (
+            tuple(cut(self.calls, x, "vector") for x in motion) if is_narrow(self.calls, series[0]) else tuple(motion)
+        )
 
     def _constraint_rest(self, motion: Sequence[Array]) -> Array:
         """Return what the constraint's next time derivative has beside J times that of the coordinates, (N, m)."""
@@ -150,7 +153,7 @@ class TimeDerivatives(LoopClosure):
 
     def _requested(self, name: str, order: int) -> _Request:
         """Find the function of C of a method's time derivatives up to an order."""
-        if isinstance(order, (bool, np.bool_)) or order not in ORDERS:
+        if isinstance(order, bool) or not isinstance(order, (int, np.integer)) or order not in ORDERS:
             raise InputError(f"order: {show(order)}; allowed: {ORDERS[0]} to {ORDERS[-1]}")
         known, function = self.raw.functions, f"{name}_jet{order}"
         if function not in known:

@@ -86,7 +86,7 @@ def rows_of_numbers(
     width: int,
     what: str,
     separator: str | None = None,
-    most: int = MOST_ENTRIES,
+    most: int | None = None,
 ) -> Array:
     """Return the numbers of lines, (lines, width), with bounded memory beside them.
 
@@ -96,11 +96,12 @@ def rows_of_numbers(
         width: numbers of a line.
         what: they are, for messages: "row, column, entry".
         separator: between numbers; None: spaces.
-        most: lines that there may be.
+        most: lines that there may be; as many as a matrix may have entries if None.
 
     Raises:
         InputError: a line has something else, or there are too many.
     """
+    most = MOST_ENTRIES if most is None else most
     rest, parts, count = (line for line in lines if line[1].strip()), list[Array](), 0
     while chunk := list(islice(rest, _CHUNK)):
         texts = [text.replace("D", "E").replace("d", "e") for _, text in chunk]
