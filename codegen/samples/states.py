@@ -89,7 +89,7 @@ def _coordinates(equations: Equations, arithmetic: Arithmetic, rng: np.random.Ge
         ],
         axis=1,
     ).astype(dtype)
-    good = np.ones(candidates.shape, np.bool_)
+    good, shared = np.ones(candidates.shape, np.bool_), list[tuple[Program, list[int]]]()
     for angle in _angles(equations):
         arrays = {i.leaf[0] for i in angle if i.op == "input"}
         if arrays != {"q"}:
@@ -97,11 +97,10 @@ def _coordinates(equations: Equations, arithmetic: Arithmetic, rng: np.random.Ge
             continue
         places = [i.leaf[1] for i in angle if i.op == "input"]
         program = Program("angle", angle, {("out", 0): len(angle) - 1})
-        angles = arithmetic.run(program, {"q": candidates}, rounding=False)["out"][0]
-        library, polynomial = arithmetic.turn(angles), polynomials(angles)
-        right = (library[0] == polynomial[0]) & (library[1] == polynomial[1])
-        for place in places:
-            good[place] &= right
+        if len(places) > 1:
+            shared.append((program, places))
+            continue
+        good[places[0]] &= _rounded_alike(program, arithmetic, candidates)
     q = np.zeros((n, len(STATES) - ROUNDED), dtype)
     for i in range(n):
         for state, begin in enumerate((0, _CANDIDATES)):
@@ -110,7 +109,43 @@ def _coordinates(equations: Equations, arithmetic: Arithmetic, rng: np.random.Ge
             q[i, state] = candidates[i, begin + (suitable[0] if suitable.size else 0)]
         q[i, 2] = candidates[i, -1] if good[i, -1] else q[i, 0]
         q[i, 3:] = q[i, 0], np.nan
-    return q, exact
+    return q, exact and _chosen_together(q, shared, arithmetic, candidates, good)
+
+
+def _rounded_alike(program: Program, arithmetic: Arithmetic, q: Array) -> Array:
+    """Say of columns of coordinates (n, columns) whether polynomials have the library's bits for an angle."""
+    angles = arithmetic.run(program, {"q": q}, rounding=False)["out"][0]
+    pairs = zip(arithmetic.turn(angles), polynomials(angles), strict=True)
+    alike = [(one == other) & (np.signbit(one) == np.signbit(other)) for one, other in pairs]
+    return np.asarray(alike[0] & alike[1])
+
+
+def _chosen_together(
+    q: Array, angles: list[tuple[Program, list[int]]], arithmetic: Arithmetic, candidates: Array, good: Array
+) -> bool:
+    """Choose coordinates (n, states) anew where angles of several of them are not rounded alike; False if none are.
+
+    Args:
+        angles: programs of these angles, and the coordinates of each.
+        candidates, good: numbers to choose from, (n, candidates), and which of them suit angles of one coordinate.
+    """
+    for state, begin in enumerate((0, _CANDIDATES)):
+        for trial in range(_CANDIDATES):
+            wrong = [i for x, places in angles if not _rounded_alike(x, arithmetic, q[:, [state]])[0] for i in places]
+            if not wrong:
+                break
+            for i in sorted(set(wrong)):
+                suitable = np.flatnonzero(good[i, begin : begin + _CANDIDATES])
+                if suitable.size:
+                    q[i, state] = candidates[i, begin + suitable[(trial * (i + 1) + 1) % suitable.size]]
+        else:
+            return False
+    for _ in angles:  # of denormal numbers, products vanish, and sines of zeros have the sign that the polynomial gives
+        for program, places in angles:
+            if not _rounded_alike(program, arithmetic, q[:, [2]])[0]:
+                q[places, 2] = q[places, 0]
+    q[:, 3] = q[:, 0]
+    return all(_rounded_alike(program, arithmetic, q[:, [2]])[0] for program, _ in angles)
 
 
 def _other_coordinates(equations: Equations, q: Array, rng: np.random.Generator) -> Array:
