@@ -19,6 +19,21 @@ function about(axis, angle) {
   return pose;
 }
 
+/** What modes move a place on a beam by, at a distance from its root: series of Chebyshev's polynomials. */
+function alongBeam({ by, length, first, second }, at) {
+  const x = 2 / length * at(by) - 1;
+  const value = (series) => {
+    let sum = 0, now = 1, next = x; // polynomials of two degrees
+    for (const coefficient of series) {
+      sum += coefficient * now;
+      [now, next] = [next, 2 * x * next - now];
+    }
+    return sum;
+  };
+  const even = first.reduce((sum, [name, series]) => sum + value(series) * at(name), 0);
+  return second.reduce((sum, [a, b, series]) => sum + value(series) * at(a) * at(b), even);
+}
+
 export class Mechanism {
   /** data: coordinates (names), home, joints, followers, loops, couplings, modes (places), as Python writes them. */
   constructor(data) {
@@ -32,9 +47,10 @@ export class Mechanism {
   named(q) {
     const values = new Map(this.data.coordinates.map((name, i) => [name, q[i]]));
     const at = (name) => values.get(name) ?? 0;
-    for (const { name, offset, to, bends } of this.data.followers) {
+    for (const { name, offset, to, bends, sliding } of this.data.followers) {
       const even = to.reduce((sum, [leader, ratio]) => sum + ratio * at(leader), offset);
-      values.set(name, bends.reduce((sum, [a, b, bend]) => sum + bend * at(a) * at(b), even));
+      const bent = bends.reduce((sum, [a, b, bend]) => sum + bend * at(a) * at(b), even);
+      values.set(name, sliding === null ? bent : bent + alongBeam(sliding, at));
     }
     return values;
   }

@@ -19,6 +19,7 @@ from eomgen.robot.model import build_model
 from eomgen.robot.record import record_of
 from eomgen.robot.sections import AXES
 from eomgen.robot.value import COORDINATES, BeamModes, Coupling, Frame, LinkBeam, Node, Robot, made_of
+from tests.description.test_sliding import crane
 from tests.oracles.mujoco_models import MujocoRobot
 from tests.support.beams import straight
 from tests.support.bending_robots import bent
@@ -257,6 +258,9 @@ def test_what_is_refused() -> None:
     refused(replace(robot, couplings=(*robot.couplings, follows)), r"couplings\.wheel: it couples arm\.mode2; allowed")
     refused(replace(robot, driven=("arm.mode1",)), r"driven: 'arm\.mode1'; allowed: coordinates of joints")
     refused(replace(robot, home={"arm.mode1": 0.1}), r"home\.arm\.mode1: 0\.1, and chains .* begin straight")
+    refused(
+        crane(), r"joints\.cross: it slides along bridge, and along a chain .*; allowed: links along which no joint"
+    )
     named = (*robot.links, replace(robot.links[1], name="arm2"))
     refused(replace(robot, links=named), r"links\.arm: links or joints of its chain .*'arm2'; allowed: other names")
     assert replace(robot, frames=(Frame("arm2", "hand"),)).with_segments(2).frames[0].name == "arm2"

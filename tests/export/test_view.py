@@ -23,6 +23,7 @@ from eomgen.pictures.scene import link_poses
 from eomgen.results.beside import TRAJECTORY
 from eomgen.robot import build_model
 from eomgen.robot.value import Robot
+from tests.description.test_sliding import crane
 from tests.support.bending_robots import bent
 from tests.support.browser import open_page
 from tests.support.random_followers import with_followers
@@ -82,6 +83,7 @@ def test_poses_are_those_of_python(tmp_path: Path) -> None:
     robots += [random_robot(seed, (3, 4), 6, tree=True) for seed in range(4)]
     robots += [with_followers(random_robot(seed, (3, 4), 3), seed) for seed in range(3)]
     robots += [bent(random_robot(seed, (3, 4), 3), seed, (2, 3), second=True).robot for seed in range(2)]
+    robots += [crane("y")]  # whose trolley goes beyond the ends of the beam, too
     states = [rng.uniform(-1.0, 1.0, (3, len(build_model(robot).coordinates))) for robot in robots]
     answers = run(tmp_path, [_case(robot, q) for robot, q in zip(robots, states, strict=True)])
     assert any(robot.followers for robot in robots)

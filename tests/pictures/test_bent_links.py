@@ -24,6 +24,7 @@ from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.run import run_scenario
+from tests.description.test_sliding import crane
 from tests.support.bending_robots import bent
 from tests.support.random_robots import random_robot
 from tests.support.soak import soaked
@@ -67,6 +68,25 @@ def drawn(robot: Robot, seed: int) -> tuple[tuple[str, ...], Array, dict[str, An
     names = build_model(robot).coordinates
     q = np.random.default_rng(seed).uniform(-0.3, 0.3, len(names))
     return names, q, dict(zip(names, q, strict=True))
+
+
+@pytest.mark.parametrize("axis", ["x", "-z"])
+def test_what_slides_along_a_beam_is_drawn_on_its_bent_axis(axis: str) -> None:
+    """In figures and in views, where each mode has a slider; at every section, with its rotation."""
+    robot = crane(axis)
+    (bent_axis,), names = bent_axes(robot), build_model(robot).coordinates
+    _, _, values = drawn(robot, 3)
+    count = len(bent_axis.stations.places)
+    states = np.array([[values[name] for name in names]] * count)
+    states[:, names.index("cross.z")] = np.linalg.norm(bent_axis.stations.places, axis=1)
+    poses = link_poses(robot, names, states)
+    sections = poses["bridge"][0] @ bent_axis.poses(values)
+    np.testing.assert_allclose(poses["trolley"], sections, atol=1e-9)
+    assert np.abs(poses["trolley"] - link_poses(robot, names, 0.0 * states)["trolley"])[-1].max() > 0.01
+    page = contents_of_view(robot)
+    assert {one["name"] for one in page["sliders"]} == set(names)
+    assert [page["coordinates"][i] for i in page["modes"]] == list(bent_axis.modes)
+    assert "bridge_cross" not in {c["link"] for c in page["capsules"]}
 
 
 @pytest.mark.parametrize("seed", soaked(range(12), (0, 1, 2)))

@@ -16,7 +16,7 @@ from ...limits import MOST_ENTRIES, MOST_SEGMENTS
 from ...names import component_name, joint_of, listed, nearest_or_all, show
 from ...robot.geometry import Matrix, Placement
 from ...robot.sections import AXES
-from ...robot.value import BASE, COORDINATES, Beam, Joint, Link, LinkBeam, Robot, made_of, node_link
+from ...robot.value import BASE, COORDINATES, Beam, Joint, Link, LinkBeam, Robot, made_of, node_link, sliding_joints
 from ..beam import beam_modes
 
 _MOVED = {"y": ("y", "gamma"), "z": ("z", "beta"), "torsion": ("alpha",), "axial": ("x",)}  # by a direction's modes
@@ -152,6 +152,11 @@ def _check_rest(robot: Robot, chains: list[_Chain]) -> None:
     """Refuse what stands on modes that a chain does not have."""
     modes = {name for chain in chains for name in chain.modes}
     own = {name for chain in chains for name in chain.own}
+    carrying = {chain.link.name for chain in chains}
+    for name, (slides, _) in sliding_joints(robot.joints, robot.couplings).items():
+        if slides.parent in carrying:
+            what = f"joints.{name}: it slides along {slides.parent}, and along a chain of segments nothing can slide"
+            raise InputError(f"{what}; allowed: links along which no joint slides")
     for coupling in robot.couplings:
         others = modes.intersection(coupling.others)
         if joint_of(coupling.of) not in own and (coupling.of in modes or others):

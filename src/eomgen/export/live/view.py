@@ -17,12 +17,12 @@ from ...arrays import Array
 from ...description import RobotLike, as_robot
 from ...files import PAGE_ENDING, check_ending, write_atomically
 from ...names import component_name, joint_of
-from ...pictures.scene import bent_axes, extent, placed, slides_along_beams, turned
+from ...pictures.scene import bent_axes, extent, placed, turned
 from ...robot.coordinates import unit_of
 from ...robot.cuts import rigid_components
 from ...robot.geometry import ANGULAR, COORDINATES
 from ...robot.model import Model, build_model
-from ...robot.value import Joint, Loop, Robot, node_link
+from ...robot.value import Joint, Loop, Robot, SlidingShapes
 from ...runtime.turning import rotation
 from .geometry import geometry_of, tool_place
 from .page import filled_page
@@ -137,12 +137,10 @@ def contents_of_view(described: Robot) -> dict[str, Any]:
 def _with_modes(described: Robot) -> Robot:
     """Return the robot with rigid joints whose links bend: nodes follow the modes as they are described.
 
-    Where joints slide along beams, links do not bend.
+    So do places where joints slide along beams.
     """
     robot, modes = described.rigid(), {link.name: link.modes for link in described.links}
-    if slides_along_beams(described):
-        return robot
-    nodes = {node_link(name, node.name) for name, own in modes.items() if own is not None for node in own.nodes}
+    nodes = described.nodes
     joints = tuple(described.joint(joint.name) if joint.name in nodes else joint for joint in robot.joints)
     couplings = tuple(x for x in described.couplings if joint_of(x.of) in nodes)
     links = tuple(replace(link, modes=modes[link.name]) for link in robot.links)
@@ -174,6 +172,7 @@ def mechanism_of(model: Model) -> dict[str, Any]:
             "offset": x.offset or 0.0,
             "to": [[key, ratio] for key, ratio in x.to.items()],
             "bends": [[a, b, bend * (0.5 if a == b else 1.0)] for a, b, bend in x.bends],
+            "sliding": None if x.sliding is None else _sliding(x.sliding),
         }
         for name, x in robot.followers.items()
     ]
@@ -190,6 +189,13 @@ def mechanism_of(model: Model) -> dict[str, Any]:
         "couplings": couplings,
         "modes": [i for i, name in enumerate(model.coordinates) if name in robot.modal_coordinates],
     }
+
+
+def _sliding(shapes: SlidingShapes) -> dict[str, Any]:
+    """Return functions by which modes move a place on a beam: series of Chebyshev's polynomials, as JSON holds them."""
+    second = [[a, b, [(0.5 if a == b else 1.0) * x for x in series]] for a, b, series in shapes.second]
+    first = [[name, list(series)] for name, series in shapes.first]
+    return {"by": shapes.by, "length": shapes.length, "first": first, "second": second}
 
 
 def _joint(joint: Joint) -> dict[str, Any]:
