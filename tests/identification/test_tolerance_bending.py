@@ -91,6 +91,13 @@ def test_what_may_be_named() -> None:
     assert units == {**modes, **offsets, E: "N/m^2", DENSITY: "kg/m^3"}
     with pytest.raises(DescriptionError, match=r"links\.load\.mass"):
         tolerance(boom(), {"links.load.mass": {"deviation": 0.1}})
+    instead = r"goes with E, so that modes keep their shapes; allowed: links\.tube\.beam\.E, or "
+    with pytest.raises(DescriptionError, match=rf"links\.tube\.beam\.G: {instead}links\.tube\.modes\.1\.stiffness$"):
+        tolerance(boom(), {"links.*.beam.G": {"deviation": 0.1}})
+    twisted = robot_from_toml(BOOM.replace("modes = { z = 2 }", "modes = { y = 1, z = 2, torsion = 1, axial = 1 }"))
+    twist = rf"{instead}'links\.tube\.modes\.4\.stiffness', in proportion to G alone"
+    with pytest.raises(DescriptionError, match=twist):
+        tolerance(twisted, {"links": {"tube": {"beam": {"G": {"deviation": 0.1}}}}})
     loop = """
 [[loops]]
 name = "bearing"
@@ -99,7 +106,7 @@ type = "spherical"
 x = {}
 placements = [{ xyz = [1.5, 0.0, 0.0] }, {}]
 """
-    with pytest.raises(InputError, match=r"links\.tube\.modes: tolerances of links that bend are known of trees"):
+    with pytest.raises(InputError, match=r"links\.tube\.modes: .* known of trees, and loops\.bearing closes a loop"):
         tolerance(robot_from_toml(BOOM + loop), TABLE)
 
 

@@ -63,6 +63,14 @@ def test_plans_that_do_not_fit(text: str) -> None:
         assert part in str(caught.value)
 
 
+@pytest.mark.parametrize("key", ["beam.E", "beam.density", "modal_damping"])
+def test_what_modes_follow_from_is_no_parameter(key: str) -> None:
+    plan = plan_from_toml(f"[[vary]]\nparameter = 'links.upper.{key}'\n{GRID}")
+    said = rf"vary\[0\]\.parameter: 'links\.upper\.{key}': the modes of upper follow from it, .*Robot\.with_value"
+    with pytest.raises(DescriptionError, match=said):
+        prepare("flexible_arm", {"duration": 0.1}, plan)
+
+
 def test_what_rollouts_cannot_do_is_integrated_or_refused() -> None:
     """Prescribed motions are part of rollouts; methods in Python are not."""
     change = "record = ['tool_deviation_max']\n[[vary]]\nparameter = 'gravity.z'\ngrid = { values = [-9.8, -9.9] }\n"

@@ -42,6 +42,7 @@ FAMILIES: Mapping[str, Mapping[str, Number]] = MappingProxyType(  # of forces, w
 )
 _OF_JOINTS = ("offset", "placement")
 BODY = ("mass", "com", "inertia")  # of a link
+OF_MODES = ("beam", "modal_damping")  # what modes of a link follow from
 _LONG = 1000  # characters of a name that no parameter has which are looked at for a hint
 
 
@@ -75,13 +76,19 @@ def _is_of_modes(path: Sequence[str], bending: set[str]) -> bool:
 
 
 def following_modes(robot: Robot, names: Iterable[str]) -> tuple[str, str] | None:
-    """Return the first name of a number that follows from a link's modes, and what to say of it; None if none does."""
+    """Return the first name of a number that modes follow from, or has their mass, and what to say of it; else None."""
     bending = _bending(robot)
     for name in names:
         path = parameter_path(name[:_LONG])
-        if _is_of_modes(path, bending):
-            allowed = f"links.{path[1]}.modes.1.stiffness (or damping), or a payload on a node of it"
-            return name, f"the modes of {path[1]} are of the same mass, so that it is no parameter; allowed: {allowed}"
+        if len(path) < 3 or path[0] != "links" or path[1] not in bending:
+            continue
+        stiffness = f"links.{path[1]}.modes.1.stiffness (or damping)"
+        if path[2] in BODY:
+            message = f"the modes of {path[1]} are of the same mass, so that it is no parameter"
+            return name, f"{message}; allowed: {stiffness}, or a payload on a node of it"
+        if path[2] in OF_MODES:
+            message = f"the modes of {path[1]} follow from it, so that it is no parameter"
+            return name, f"{message}; allowed: {stiffness}, or another robot, of Robot.with_value"
     return None
 
 

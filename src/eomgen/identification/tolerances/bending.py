@@ -17,7 +17,7 @@ from ...analysis.at_rest import rest
 from ...analysis.options import HeldRobot, prepared
 from ...arrays import Array, Index
 from ...errors import InputError
-from ...names import parameter_name
+from ...names import listed, parameter_name
 from ...progress import StageReport
 from ...robot.coordinates import UNITS
 from ...robot.value import AXES, COORDINATES, LINEAR, Link, Robot, node_link
@@ -121,9 +121,8 @@ def bending_exact(
     """
     if robot.loops:
         bent = next(link.name for link in robot.links if link.modes is not None)
-        raise InputError(
-            f"links.{bent}.modes: tolerances of links that bend are known of trees; allowed: robots without loops"
-        )
+        message = f"tolerances of links that bend are known of trees, and loops.{robot.loops[0].name} closes a loop"
+        raise InputError(f"links.{bent}.modes: {message}; allowed: robots without loops, or Robot.rigid()")
     moving = [joint.name for joint in robot.joints if joint.coordinates and joint.name not in robot.nodes]
     offsets = [parameter_name("joints", name, _OFFSET, kind) for name in moving for kind in COORDINATES]
     arm = prepared(replace(robot, tunable=tuple(dict.fromkeys((*robot.tunable, *offsets)))), report)
@@ -149,6 +148,22 @@ def contributions_of_bending(exact: BendingExact) -> dict[str, Contribution]:
             name, other = parameter_name(beam, _MODULUS), parameter_name(beam, _DENSITY)
             found[name] = Contribution(name, "N/m^2", link.beam.E, (), True)
             found[other] = Contribution(other, "kg/m^3", link.beam.density, ())
+    return found
+
+
+def refused_of_bending(robot: Robot) -> dict[str, str]:
+    """Return names of a beam that a table may not name, each with the reason and what to name instead."""
+    found = dict[str, str]()
+    for link in robot.links:
+        if link.beam is None:
+            continue
+        beam, counts = parameter_name("links", link.name, "beam"), link.beam.modes.counts
+        stiffness, before = _stiffness_of(link), counts["y"] + counts["z"]
+        twist = stiffness[before : before + counts["torsion"]]
+        alone = f"{listed(twist)}, in proportion to G alone" if twist else stiffness[0]
+        found[parameter_name(beam, "G")] = (
+            f"goes with E, so that modes keep their shapes; allowed: {beam}.E, or {alone}"
+        )
     return found
 
 

@@ -31,7 +31,7 @@ from ...robot.value import COORDINATES, MOTOR, PRINCIPAL, Robot
 from ..geometry.error_model import Rows
 from ..geometry.loop_constraints import closed_readings, closing_of
 from ..geometry.stations import Chain, chain_of, matrix_of
-from .bending import BendingExact, bending_exact, contributions_of_bending
+from .bending import BendingExact, bending_exact, contributions_of_bending, refused_of_bending
 from .contributions import Contribution, Exact, contributions_of, model_of
 from .correlations import groups_of, plain_correlations, read_correlations, root_of
 from .regions import mixed_quantiles, quantile_of_normal, radii, worst_deviations, worst_directions
@@ -107,7 +107,7 @@ def tolerance(  # noqa: PLR0913
     else:
         q = _checked_poses(model, names, poses)
     exact, known = _known(robot, model, frame, names, q, wrench, report)
-    read = read_table(table, tuple(known))
+    read = read_table(table, tuple(known), refused_of_bending(robot))
     chosen = tuple(known[entry.name] for entry in read.entries)
     exact = replace(exact, contributions=chosen)
     entries = [_sized(read, entry, one) for entry, one in zip(read.entries, chosen, strict=True)]

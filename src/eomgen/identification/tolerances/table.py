@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from ...errors import DescriptionError
@@ -16,6 +17,7 @@ from ...names import listed, nearest, show
 
 KEYS = ("deviation", "bound", "relative", "cost", "fixed")
 CORRELATIONS = "correlations"  # the key beside the parameters
+NONE: Mapping[str, str] = MappingProxyType({})
 MOST = 400  # parameters: a worst case looks at every pair of them
 _LARGEST_COST = 1e12
 _SIZES = ("deviation", "bound")
@@ -66,13 +68,16 @@ class Table:
         return error
 
 
-def read_table(tolerances: Mapping[str, Any] | Path | str, known: Sequence[str]) -> Table:
+def read_table(
+    tolerances: Mapping[str, Any] | Path | str, known: Sequence[str], refused: Mapping[str, str] = NONE
+) -> Table:
     """Return a table of tolerances, from the path of a .toml file or a mapping of the same form.
 
     Args:
         tolerances: names, nested or with dots, with tables of KEYS; "*" in a name stands for any letters.
             Names that are written out go before those with "*".  Beside them CORRELATIONS, which stay as they are.
         known: names of parameters that there are.
+        refused: names of what there is and no table may name, each with the reason and what is allowed.
 
     Raises:
         DescriptionError: with the file, the name, what came and what is allowed.
@@ -93,6 +98,8 @@ def read_table(tolerances: Mapping[str, Any] | Path | str, known: Sequence[str])
         name = ".".join(keys)
         names = meant(name, known)
         if not names:
+            for one in meant(name, tuple(refused)):
+                raise table.refused(keys, one, refused[one])
             allowed = f"{nearest(name, known)}; allowed: {listed(known)}"
             raise table.refused(keys, name, f"there is no such parameter{allowed}")
         read = _read(table, entry, keys)
