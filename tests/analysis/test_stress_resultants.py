@@ -16,7 +16,8 @@ from eomgen.bending.beams.resultants import COMPONENTS, StressResultants
 from eomgen.cli.entry import main
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import DescriptionError, InputError
-from eomgen.robot.value import Robot
+from eomgen.pictures import report_of
+from eomgen.robot.value import AXES, Robot
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -122,16 +123,40 @@ def test_files_and_figures_have_them(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert main(["deflection", str(path), "-o", str(tmp_path / "beams.svg")]) == 0
     assert "beam tube: stress resultants" in capsys.readouterr().out
     assert (tmp_path / "beams.svg").exists()
+    page = tmp_path / "boom.html"
+    assert main(["deflection", str(path), "--report", str(page)]) == 0
+    assert f"wrote {page}" in capsys.readouterr().out
+    assert "Stress resultants of tube" in page.read_text()
+    for option in (["--map", *"000100010"], ["--matrix", "slew"]):
+        assert main(["deflection", str(path), *option, "--report", str(page)]) == 1
+        assert f"report and {option[0][2:]} are both given; allowed: one of them" in capsys.readouterr().err
     assert main(["deflection", "one_link", "-o", str(table)]) == 1
     assert "no link of one_link is a beam" in capsys.readouterr().err
+
+
+def test_a_page_has_their_numbers() -> None:
+    """With deflection and compliance, and a figure; without beams there is none."""
+    found = deflection(boom(), loads={"tcp": [0.0, 0.0, -50.0, 0.0, 0.0, 0.0]})
+    page = report_of(found)
+    tables = {table.title: {row[0]: row[1:] for row in table.rows} for table in page.tables}
+    [beam] = found.beams
+    assert [float(row[4]) for row in tables["Stress resultants of tube"].values()] == pytest.approx(
+        of(beam, "My"), 1e-5
+    )
+    assert beam.stress is not None
+    stress = [float(row[-1]) for row in tables["Stress resultants of tube"].values()]
+    assert stress == pytest.approx(1e-6 * beam.stress, rel=1e-5)
+    assert [float(row[0]) for row in tables["Deflection"].values()] == pytest.approx(found.deflection, 1e-5)
+    assert float(tables["Compliance, m, rad per N, N m"]["z"][2]) == pytest.approx(found.compliance[2, 2], 1e-3)
+    assert tables["Static equilibrium"]["tube.mode3"][0] == f"{found.q[3]:.6g}"
+    assert [figure.name for figure in page.figures] == ["stress_resultants"]
+    assert not report_of(deflection("puma560_elastic")).figures
 
 
 @pytest.mark.soak
 @pytest.mark.parametrize("axis", ["y", "-z"])
 def test_they_follow_the_axes_of_the_section(axis: str) -> None:
     """A beam along another axis under loads that are turned likewise."""
-    from eomgen.robot.value import AXES
-
     R, load = np.array(AXES[axis]), np.array([[30.0, 20.0, -50.0], [3.0, 2.0, 1.0]])
     section = "{ bar = [0.06, 0.03] }"
     [straight] = deflection(boom(section=section), loads={"tcp": load.ravel()}, held=["slew.gamma"]).beams
@@ -200,3 +225,52 @@ def test_a_load_between_the_ends_makes_a_step() -> None:
     [beam] = deflection(robot_from_toml(text), loads={"mid": [0.0, 0.0, -10.0, 0.0, 0.0, 0.0]}).beams
     assert of(beam, "Vz") == pytest.approx(np.where(beam.x <= 0.75, -10.0, 0.0), abs=1e-4)
     assert of(beam, "My") == pytest.approx(10.0 * np.maximum(0.75 - beam.x, 0.0), abs=1e-4)
+
+
+CROSSED = """
+[[links]]
+name = "trolley"
+mass = 5.0
+[[joints]]
+name = "cross"
+parent = "{beam}"
+along = "beam"
+child = "trolley"
+type = "prismatic"
+"""
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("axis", ["x", "-z"])
+def test_a_trolley_on_a_cantilever_makes_a_step_where_it_is(axis: str) -> None:
+    """Its weight and a force on it, on a beam that is so stiff that it is the textbook's; at the root the reaction."""
+    gravity = {"x": "[0.0, 0.0, -9.81]", "-z": "[-9.81, 0.0, 0.0]"}[axis]
+    text = BOOM.format(axis=axis, section="{ tube = [0.06, 0.05] }", gravity=gravity)
+    robot = robot_from_toml(text + CROSSED.format(beam="tube"))
+    link, force = robot.links[0], 20.0 / GRAVITY * np.array(robot.gravity)
+    pose, loads = {"cross.z": 0.8}, {"trolley": [*force, 0.0, 0.0, 0.0]}
+    assert link.modes is not None
+    stiffness = {f"links.tube.modes.{k + 1}.stiffness": 1e6 * row[k] for k, row in enumerate(link.modes.K)}
+    [beam] = deflection(robot, pose, loads=loads, parameters=stiffness).beams
+    q, arm, P = link.mass * GRAVITY / LENGTH, LENGTH - beam.x, 5.0 * GRAVITY + 20.0
+    shear, bending = (np.hypot(of(beam, f"{kind}y"), of(beam, f"{kind}z")) for kind in "VM")
+    assert shear == pytest.approx(q * arm + P * (beam.x < 0.8), rel=1e-7, abs=1e-6)
+    assert bending == pytest.approx(q * arm**2 / 2 + P * np.maximum(0.8 - beam.x, 0.0), rel=1e-7, abs=1e-6)
+    found = deflection(robot, pose, loads=loads)
+    kernel, still = eomgen.build(robot, kernels=("reactions", "external_reactions", "kinematics")), np.zeros(6)
+    reactions = dict(zip(kernel.joints, kernel.reactions(found.q, still, still, wrench=loads), strict=True))
+    root, turn = -reactions["slew"].reshape(2, 3), np.array(AXES[axis])
+    assert found.beams[0].resultants[0] == pytest.approx((root @ turn).ravel(), abs=1e-10)
+
+
+@pytest.mark.soak
+def test_a_trolley_on_a_span_has_the_moments_of_the_textbook() -> None:
+    """M = P a b / L under it, on two supports."""
+    robot = robot_from_toml(SPAN.replace("driven = []", 'driven = ["cross.z"]') + CROSSED.format(beam="bridge"))
+    [empty], [beam] = (
+        deflection(robot, {"cross.z": 0.6}, loads={"trolley": [0.0, force, 0.0, 0.0, 0.0, 0.0]}).beams
+        for force in (5.0 * GRAVITY, -30.0)
+    )
+    P = 5.0 * GRAVITY + 30.0
+    expected = P * np.where(beam.x < 0.6, 1.4 * beam.x, 0.6 * (2.0 - beam.x)) / 2.0
+    assert of(beam, "Mz") - of(empty, "Mz") == pytest.approx(expected, rel=1e-4, abs=1e-4)

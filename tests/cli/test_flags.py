@@ -247,7 +247,7 @@ def test_pages_are_written_to_html_alone(tmp_path: Path, capsys: pytest.CaptureF
             if (action.dest == "report" and name != "generate") or (action.dest == "output" and name in PAGES):
                 seen += 1
                 assert action.type is page_path, name
-    assert seen == 8 + len(PAGES)
+    assert seen == 9 + len(PAGES)
     kept = tmp_path / "trajectory.npz"
     kept.write_bytes(b"a result")
     for words in (("report", str(kept)), ("view", "one_link"), ("live", "one_link")):

@@ -13,10 +13,10 @@ from ..progress import StageReport
 from .choices import KINDS
 from .shared.command import Command
 from .shared.numbers import by_name, coordinate_values, gains, once_each, real, reals, whole
-from .shared.options import add_choice, add_json, add_names, add_old_name, add_pose, add_rows
+from .shared.options import add_choice, add_json, add_names, add_old_name, add_page, add_pose, add_rows
 from .shared.progress import progress_bar, stage_bar
 from .shared.reading import add_result, add_robot, add_robot_of_result, read_robot, result_path
-from .shared.writing import check_output, show_and_write
+from .shared.writing import check_output, saved_or_drawn, show_and_write, show_with_page
 
 if TYPE_CHECKING:
     from ..robot.value import Robot
@@ -50,11 +50,15 @@ def _add_deflection(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--matrix", metavar="JOINT", help=about)
     about = "the map: .npz, or a figure .svg, .pdf or .png; the matrix: .csv, .npz or .mtx; else of beams: .csv, figure"
     parser.add_argument("-o", "--output", type=Path, help=about)
+    add_page(parser)
 
 
 def _deflection(options: argparse.Namespace) -> None:
     from ..analysis.statics import NO_BEAM, deflection
 
+    for name in ("map", "matrix"):
+        if options.report is not None and getattr(options, name) is not None:
+            raise InputError(f"report and {name} are both given; allowed: one of them")
     if options.matrix is not None:
         _deflection_of_joint(options)
         return
@@ -76,7 +80,7 @@ def _deflection(options: argparse.Namespace) -> None:
             corner, first, second = options.map[:3], options.map[3:6], options.map[6:]
             about["progress"] = report
             result = compliance_map(robot, corner, first, second, tuple(options.points), pose=pose, **about)
-    show_and_write(options, result)
+    show_with_page(options, result, saved_or_drawn(options, result))
 
 
 def _deflection_of_joint(options: argparse.Namespace) -> None:
@@ -309,6 +313,7 @@ COMMANDS = (
         {
             "deflection arm.toml --load tcp 0 0 -50 0 0 0": "static deflection and stiffness of a frame",
             "deflection boom.toml -o boom.svg": "beams of the robot: forces, moments and stress along them",
+            "deflection boom.toml --report boom.html": "a page about it: tables, and figures of beams",
             "deflection arm.toml --matrix joint2 -o K.csv": "stiffness matrix of a joint, for other programs",
         },
     ),

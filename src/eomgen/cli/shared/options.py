@@ -70,7 +70,7 @@ def page_path(text: str) -> Path:
 
 
 def add_page(parser: argparse.ArgumentParser) -> None:
-    """Add the option --report of commands about measurements."""
+    """Add the option --report of commands about measurements, and about deflection."""
     parser.add_argument("--report", type=page_path, metavar="FILE", help="write a page about it: figures, tables")
 
 

@@ -1,10 +1,11 @@
-"""Pages about results of measurements: a new kind has a function that makes a Report of it, and an entry of PAGES."""
+"""Pages about results of measurements and of deflection: each kind has a function that returns its Report, in PAGES."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from ...analysis.statics import Deflection
 from ...errors import InputError
 from ...identification.calibration.result import CalibrationResult
 from ...identification.choosing.result import PosesResult
@@ -21,6 +22,7 @@ from .accuracy import accuracy_page
 from .calibration import calibration_page
 from .choosing import poses_page
 from .compensation import compensation_page
+from .deflected import deflection_page
 from .excitation import excitation_page
 from .motions import fit_page, forces_page, identify_page
 from .tolerances import tolerance_page
@@ -29,6 +31,7 @@ PAGES: Mapping[type, Callable[[Any], Report]] = {
     AccuracyResult: accuracy_page,
     CalibrationResult: calibration_page,
     CompensationResult: compensation_page,
+    Deflection: deflection_page,
     ExciteResult: excitation_page,
     FitResult: fit_page,
     ForcesResult: forces_page,
