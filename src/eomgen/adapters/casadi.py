@@ -9,11 +9,12 @@ import re
 from collections.abc import Sequence
 from typing import Any
 
+from ..control.discrete_steps import DiscreteStep, kernels_for_step
 from ..errors import InputError
 from ..optional import optional_import
 from ..pipeline.load import linked
 from ..runtime.kernel import Kernel
-from .external import external_library
+from .external import external_library, step_library
 from .mappings import FUNCTIONS, DifferentiableFunction, check_order, kernels_for
 
 
@@ -55,16 +56,66 @@ def function(
     check_order(order)
     differentiable = DifferentiableFunction(kernel, name, frame, cut=cut)
     parts = ["eom", kernel.name, name, *([] if frame is None else [frame])]
-    chosen = re.sub(r"_+", "_", re.sub(r"\W", "_", "_".join(parts))).rstrip("_") if called is None else called
-    if not re.fullmatch(r"[A-Za-z](_?[A-Za-z0-9])*", chosen) or chosen.startswith(f"{kernel.name}_"):
-        raise InputError(
-            f"called: {chosen!r} is no name for this function; allowed: letters, digits and single _ between them,"
-            f" not beginning with {kernel.name}_"
-        )
+    chosen = _chosen(kernel, parts, called)
     library = external_library(differentiable, chosen, flags, order)
     # one gradient by adj1, which has derivatives; more at once by the Jacobian
     options = {"jac_penalty": 1.5 / max(int(differentiable.patterns()[0].sum()), 1)} if order == 2 else {}
     return linked(library, f"{chosen}.so", lambda path: casadi.external(chosen, path, options))
 
 
-__all__ = ["FUNCTIONS", "function", "kernels_for"]
+def step(
+    kernel: Kernel,
+    method: str = "rk4",
+    *,
+    dt: float,
+    substeps: int = 1,
+    drives: Sequence[str] | None = None,
+    parameters: Sequence[str] = (),
+    called: str | None = None,
+    flags: Sequence[str] = (),
+) -> Any:
+    """Return a ``casadi.Function`` of the next state, x_next = F(x, u) or F(x, u, p), in C without Python.
+
+    x is q, then v with states of laws behind it; u acts on ``drives`` and is held over the step; p are ``parameters``,
+    all others those that the kernel has now.  Derivatives of first order are exact for the steps taken, as those of
+    ``kernel.rollout_sensitivity``: Jacobians, and products with their transposes.  Where the mass matrix cannot be
+    inverted, or a mechanism does not close, the evaluation fails; NaN goes through.
+
+    Args:
+        kernel: of float64, with ``kernels_for_step(method)``.
+        method: "rk4", "tsit5", "implicit" (linearly implicit Euler) or "rosenbrock", as of ``kernel.rollout``.
+        dt: length of the step, s.
+        substeps: equal ones that it is made of, under the same drives.
+        drives: names of coordinates in the order of u; by default those that have drives.
+        parameters: names of run-time parameters in the order of p.
+        called: its name in CasADi; by default eom_ROBOT_METHOD_step.
+        flags: further flags of the compiler.
+
+    Returns:
+        casadi.Function with the inputs x, u and, with parameters, p.
+
+    Raises:
+        UnknownNameError: no such drive or parameter, or a kernel that it takes was not built.
+        InputError: CasADi is not installed, joints have 3-DOF rotation, or another argument cannot be used.
+        BuildError: no compiler, or a compiler that fails.
+    """
+    with optional_import("CasADi", "functions of CasADi need"):
+        import casadi
+    wanted = DiscreteStep(kernel, method, dt, substeps, drives, parameters)
+    chosen = _chosen(kernel, ["eom", kernel.name, method, "step"], called)
+    library = step_library(wanted, chosen, flags)
+    return linked(library, f"{chosen}.so", lambda path: casadi.external(chosen, path))
+
+
+def _chosen(kernel: Kernel, parts: Sequence[str], called: str | None) -> str:
+    """Return the name of a function in CasADi, ``called``, or one of parts."""
+    chosen = re.sub(r"_+", "_", re.sub(r"\W", "_", "_".join(parts))).rstrip("_") if called is None else called
+    if not re.fullmatch(r"[A-Za-z](_?[A-Za-z0-9])*", chosen) or chosen.startswith(f"{kernel.name}_"):
+        raise InputError(
+            f"called: {chosen!r} is no name for this function; allowed: letters, digits and single _ between them,"
+            f" not beginning with {kernel.name}_"
+        )
+    return chosen
+
+
+__all__ = ["FUNCTIONS", "function", "kernels_for", "kernels_for_step", "step"]

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._version import __version__
+from ..control.discrete_steps import DiscreteStep, literal
 from ..errors import InputError
 from ..pipeline import cache as store
 from ..runtime.kernel import Kernel
@@ -54,19 +55,48 @@ def external_library(
         InputError: the kernel is not one of float64.
         BuildError: its C is not there any more, or cannot be compiled.
     """
+    kernel = function.kernel
+    _require_double(kernel)
+    if order == 2:
+        function.require_second()
+    kernel = kernel.together(*function.kernels, *(function.second if order == 2 else ()))
+    return compiled_external(kernel, render(function, kernel, called, order), called, flags)
+
+
+def step_library(step: DiscreteStep, called: str, flags: Sequence[str] = ()) -> store.Entry:
+    """Return the compiled library CALLED.so of a step by the name ``called``, and its C, from the cache.
+
+    Raises:
+        InputError: the kernel is not one of float64.
+        BuildError: its C is not there any more, or cannot be compiled.
+    """
+    _require_double(step.kernel)
+    return compiled_external(step.together, render_step(step, called), called, flags)
+
+
+def _require_double(kernel: Kernel) -> None:
+    if kernel.dtype != np.float64:
+        raise InputError(f"{kernel.name} is a kernel of {kernel.dtype}; allowed for CasADi: float64")
+
+
+def compiled_external(kernel: Kernel, wrapper: str, called: str, flags: Sequence[str]) -> store.Entry:
+    """Return the library CALLED.so of a kernel's C and a wrapper around it, from the cache.
+
+    Args:
+        kernel: with all that the wrapper calls in one library of C.
+        wrapper: C, which includes the kernel's header.
+        called: name of the library.
+        flags: further flags of the compiler.
+
+    Raises:
+        BuildError: its C is not there any more, or cannot be compiled.
+    """
     from ..codegen.c.library import FOLDER
     from ..codegen.package.compile import WARNINGS, compile_flags, find_compiler, link_shared, run_all, toolchain
     from ..codegen.package.probe import check_compiler
 
-    kernel = function.kernel
-    if kernel.dtype != np.float64:
-        raise InputError(f"{kernel.name} is a kernel of {kernel.dtype}; allowed for CasADi: float64")
-    if order == 2:
-        function.require_second()
-    kernel = kernel.together(*function.kernels, *(function.second if order == 2 else ()))
     header, code = (kernel.source(ending) for ending in ("h", "c"))
     library = _library(kernel)
-    wrapper = render(function, kernel, called, order)
     compiler = find_compiler()
     every = compile_flags(compiler, False, flags)
     tools = toolchain(compiler, every)
@@ -160,10 +190,32 @@ def render(function: DifferentiableFunction, kernel: Kernel, called: str, order:
         "places_of_inputs": dict(zip(function.reads, np.cumsum([0, *sizes]).tolist(), strict=False)),
         "read_by_derivatives": function.rule.reads(function),
         "places_of_blocks": (size * np.cumsum([0, *sizes])).tolist()[: len(sizes)],
-        "setup": [_literal(x) for x in kernel.parameters.setup.computed(kernel.raw.functions[function.calls].library)],
+        "setup": [literal(x) for x in kernel.parameters.setup.computed(kernel.raw.functions[function.calls].library)],
         "second": _second_order(function, kernel, mask, masks) if order == 2 else None,
     }
     return environment().get_template("casadi/external.c.jinja").render(context)
+
+
+def render_step(step: DiscreteStep, called: str) -> str:
+    """Return the C of a step by the name ``called``, which goes with that of its kernel."""
+    from ..codegen.c.source import environment
+
+    sizes = step.sizes
+    begins = np.cumsum([0, *sizes.values()]).tolist()[:-1]
+    full = {name: np.ones((sizes["x"], size), np.bool_) for name, size in sizes.items()}
+    context = {
+        **step.context(),
+        "called": called,
+        "version": __version__,
+        "inputs": [table(name, np.ones(size, np.bool_)) for name, size in sizes.items()],
+        "result": table("x_next", np.ones(sizes["x"], np.bool_)),
+        "blocks": [table(f"jac_x_next_{name}", mask) for name, mask in full.items()],
+        "previous": _empty("out_x_next", (sizes["x"],)),
+        "seeds": table("adj_x_next", np.ones(sizes["x"], np.bool_)),
+        "gradients": [table(f"adj_{name}", np.ones(size, np.bool_)) for name, size in sizes.items()],
+        "begins": begins,
+    }
+    return environment().get_template("casadi/step.c.jinja").render(context)
 
 
 def _second_order(
@@ -209,12 +261,6 @@ def _empty(name: str, shape: tuple[int, ...]) -> Table:
 
 def _numbered(mask: NDArray[np.bool_]) -> NDArray[np.int64]:
     return np.arange(mask.size).reshape(mask.shape)
-
-
-def _literal(number: float) -> str:
-    if math.isfinite(number):
-        return repr(float(number))
-    return "NAN" if math.isnan(number) else "HUGE_VAL" if number > 0.0 else "-HUGE_VAL"
 
 
 def _matrix(shape: tuple[int, ...]) -> tuple[int, int]:

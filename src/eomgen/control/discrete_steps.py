@@ -1,0 +1,169 @@
+"""Discrete dynamics x+ = F(x, u, p): steps of one length with their derivatives, as C for predictive control.
+
+``templates/control/step.c.jinja`` has the C; adapters and exports put faces of other people's tools around it.
+"""
+
+from __future__ import annotations
+
+import math
+import operator
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError, UnknownNameError
+from ..names import listed, show
+from ..runtime.kernel import Kernel
+from ..runtime.stepping.gradients import STEP_CODES
+
+LONGEST = 1e6  # s, of a step
+MOST_SUBSTEPS = 10_000
+ROLLOUTS = {"explicit": "rollout", "implicit": "rollout", "rosenbrock": "adaptive_rollout"}  # by kinds of steps
+
+
+def kernels_for_step(method: str = "rk4") -> tuple[str, ...]:
+    """Return names of the kernels that a step by a method needs, for ``eomgen.build(robot, kernels=...)``.
+
+    Raises:
+        InputError: no such method.
+    """
+    if method not in STEP_CODES:
+        raise InputError(f"method: {show(method)} has no derivatives; allowed: {', '.join(STEP_CODES)}")
+    way = STEP_CODES[method][0]
+    return (ROLLOUTS[way], f"{way}_gradient", f"{way}_sensitivity")
+
+
+@dataclass(frozen=True)
+class DiscreteStep:
+    """A step of a robot's motion as a function of the state x at its beginning, drives u and parameters p.
+
+    x is q, then v with states of laws behind it; drives are held, and parameters which are not named are those that the
+    kernel has now.
+
+    Attributes:
+        kernel: of the robot.
+        method: "rk4", "tsit5", "implicit" or "rosenbrock".
+        dt: length of the step, s.
+        substeps: equal ones that it is made of.
+        drives: names of the coordinates that u acts on, in its order; None: those that have drives.
+        parameters: names of the run-time parameters in p, in its order.
+
+    Raises:
+        InputError: no such method, length, number of substeps or drive; or joints with 3-DOF rotation.
+        UnknownNameError: no such parameter, or the kernel was built without the method's derivatives.
+    """
+
+    kernel: Kernel
+    method: str
+    dt: float
+    substeps: int = 1
+    drives: Sequence[str] | None = None
+    parameters: Sequence[str] = ()
+
+    def __post_init__(self) -> None:
+        """Check every field, and complete ``drives``."""
+        kernel = self.kernel
+        missing = [name for name in kernels_for_step(self.method) if name not in kernel.operations]
+        if missing:
+            wanted = kernels_for_step(self.method)
+            raise UnknownNameError(
+                f"step: {kernel.name} was built without {', '.join(missing)}; allowed: kernels={wanted!r}"
+            )
+        if kernel.raw.turning:
+            joints = ", ".join(kernel.raw.turning)
+            raise InputError(f"step: {joints} have 3-DOF rotation; allowed: robots without such joints")
+        object.__setattr__(self, "dt", _length(self.dt))
+        object.__setattr__(self, "substeps", _count(self.substeps))
+        driven: Sequence[int] = kernel.raw.libraries.meta["driven"]
+        given = [kernel.coordinates[i] for i in driven] if self.drives is None else self.drives
+        object.__setattr__(self, "drives", _names("drives", given, kernel.velocities))
+        object.__setattr__(self, "parameters", _names("parameters", self.parameters, tuple(kernel.parameters)))
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """Names of the numbers of x: those of coordinates, then those of velocities, with states of laws behind."""
+        return (*self.kernel.coordinates, *self.kernel.velocities)
+
+    @property
+    def sizes(self) -> dict[str, int]:
+        """Numbers of x, u and, where there are any, p, by their names."""
+        sizes = {"x": len(self.states), "u": len(self.drives or ())}
+        return sizes | ({"p": len(self.parameters)} if self.parameters else {})
+
+    @cached_property
+    def together(self) -> Kernel:
+        """The kernel with all that the step takes in one library of C."""
+        return self.kernel.together(*kernels_for_step(self.method))
+
+    def context(self) -> dict[str, Any]:
+        """Return what ``control/step.c.jinja`` asks for."""
+        kernel, (way, number) = self.together, STEP_CODES[self.method]
+        gradient = kernel.raw.gradients[f"{way}_gradient"].library
+        names, places = list(kernel.parameters), list(kernel.velocities)
+        n, every, kept = kernel.n, max(len(names), 1), gradient.meta["kept"][f"{way}_gradient"]
+        sizes = self.sizes
+        directions, setup = sum(sizes.values()), kernel.parameters.setup.computed(gradient)
+        room = n + (every + len(setup) if self.parameters else 0)  # rows of states begin behind it
+        return {
+            "robot": kernel.name,
+            "way": way,
+            "number": number,
+            "method": self.method,
+            "dt": repr(self.dt / self.substeps),
+            "length": repr(self.dt),
+            "substeps": self.substeps,
+            "n": n,
+            "coordinates": len(kernel.coordinates),
+            "states": sizes["x"],
+            "drives": [places.index(name) for name in self.drives or ()],
+            "parameters": [names.index(name) for name in self.parameters],
+            "every": every,
+            "directions": directions,
+            "hoisted": len(setup),
+            "kept": kept,
+            "setup": [literal(x) for x in setup],
+            "values": [literal(float(x)) for x in kernel.parameters.values()],
+            "room": {
+                "value": room + 4 * n,
+                "jacobian": room + (4 + 5 * directions) * n + directions * every,
+                "adjoint": room + (2 * (self.substeps + 1) + 5) * n + self.substeps * kept + every,
+            },
+        }
+
+
+def literal(number: float) -> str:
+    """Write a number as C has it."""
+    if math.isfinite(number):
+        return repr(float(number))
+    return "NAN" if math.isnan(number) else "HUGE_VAL" if number > 0.0 else "-HUGE_VAL"
+
+
+def _length(dt: object) -> float:
+    try:
+        length = float(operator.attrgetter("real")(dt)) if not isinstance(dt, (bool, str)) else math.nan
+    except (AttributeError, TypeError, ValueError):
+        length = math.nan
+    if not np.finfo(float).tiny <= length <= LONGEST:
+        raise InputError(f"dt: {show(dt)} is no length of a step, s; allowed: a number above 0, up to {LONGEST:g}")
+    return length
+
+
+def _count(substeps: object) -> int:
+    if isinstance(substeps, bool) or not isinstance(substeps, (int, np.integer)) or not 1 <= substeps <= MOST_SUBSTEPS:
+        raise InputError(f"substeps: {show(substeps)}; allowed: a whole number from 1 to {MOST_SUBSTEPS}")
+    return int(substeps)
+
+
+def _names(label: str, given: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
+    if isinstance(given, str):
+        raise InputError(f"{label}: {show(given)} is one name; allowed: a sequence of names")
+    names = tuple(given)
+    for i, name in enumerate(names):
+        if name not in known:
+            raise UnknownNameError(f"{label}: {show(name)} is unknown; allowed: {listed(known)}")
+        if name in names[:i]:
+            raise InputError(f"{label}: {show(name)} stands there twice; allowed: each once")
+    return names
