@@ -70,6 +70,14 @@ def drawn(robot: Robot, seed: int) -> tuple[tuple[str, ...], Array, dict[str, An
     return names, q, dict(zip(names, q, strict=True))
 
 
+def test_a_view_keeps_an_elastic_joint_that_carries_a_link_that_bends(boom: Robot) -> None:
+    """Of which nothing else moves: the link bends, and the joint has a slider."""
+    elastic = 'type = "fixed"\ngamma = { stiffness = 1e4 }'
+    page = contents_of_view(robot_from_toml(BOOM.replace('type = "revolute"', elastic)))
+    assert {one["name"] for one in page["sliders"]} == set(build_model(boom).coordinates)
+    assert [one["link"] for one in page["bent"]] == ["tube"]
+
+
 @pytest.mark.parametrize("axis", ["x", "-z"])
 def test_what_slides_along_a_beam_is_drawn_on_its_bent_axis(axis: str) -> None:
     """In figures and in views, where each mode has a slider; at every section, with its rotation."""

@@ -137,11 +137,13 @@ def contents_of_view(described: Robot) -> dict[str, Any]:
 def _with_modes(described: Robot) -> Robot:
     """Return the robot with rigid joints whose links bend: nodes follow the modes as they are described.
 
-    So do places where joints slide along beams.
+    So do places where joints slide along beams.  An elastic joint that carries a link that bends stays elastic where
+    nothing else of it moves: without it the link would be no body of its own.
     """
     robot, modes = described.rigid(), {link.name: link.modes for link in described.links}
     nodes = described.nodes
-    joints = tuple(described.joint(joint.name) if joint.name in nodes else joint for joint in robot.joints)
+    kept = {x.name for x in robot.joints if x.name in nodes or (modes[x.child] is not None and not x.coordinates)}
+    joints = tuple(described.joint(joint.name) if joint.name in kept else joint for joint in robot.joints)
     couplings = tuple(x for x in described.couplings if joint_of(x.of) in nodes)
     links = tuple(replace(link, modes=modes[link.name]) for link in robot.links)
     return replace(robot, links=links, joints=joints, couplings=(*robot.couplings, *couplings))
