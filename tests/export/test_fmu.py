@@ -196,7 +196,7 @@ def test_outputs_and_derivatives_of_random_robots(seed: int, exported: Export) -
 
 
 @pytest.mark.parametrize("version", VERSIONS)
-@pytest.mark.parametrize("name", soaked(BENDING, ("tree",)))
+@pytest.mark.parametrize("name", soaked(BENDING, ()))
 def test_links_that_bend(name: str, version: int, exported: Export) -> None:
     """Modes are coordinates without a unit, their forces in J; stiffness and damping of each are parameters."""
     robot = BENDING[name]()

@@ -175,6 +175,7 @@ def test_identify(built: Build) -> None:
         found.to_toml("identified.toml")
 
 
+@pytest.mark.soak
 def test_identified_loads_are_written(tmp_path: Path) -> None:
     """What stands on a node goes to the first link there, in its own frame."""
     path = tmp_path / "boom.toml"

@@ -6,7 +6,7 @@ cantilever, by its clamped-free eigenfunctions, with what the mass feels of thei
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -152,7 +152,9 @@ def test_methods_batches_and_precisions_agree(kernel: Kernel) -> None:
     q, v = start(kernel)
     options: dict[str, Any] = {"duration": 0.1, "samples": 5}
     reference = kernel.rollout(q, v, method="tsit5", rtol=1e-11, **options)[0]
-    for method, rtol, off in (("rosenbrock", 1e-8, 1e-6), ("radau", 1e-9, 1e-7)):
+    cases: tuple[tuple[Literal["rosenbrock", "radau"], float, float], ...]
+    cases = (("rosenbrock", 1e-8, 1e-6), ("radau", 1e-9, 1e-7))
+    for method, rtol, off in cases:
         assert np.abs(kernel.rollout(q, v, method=method, rtol=rtol, **options)[0] - reference).max() < off, method
     rng = np.random.default_rng(0)
     many_q, many_v = (x + 0.01 * rng.normal(size=(9, kernel.n)) for x in (q, v))

@@ -15,12 +15,13 @@ import eomgen
 from eomgen.codegen.kernels.equations import Equations, derive_equations
 from eomgen.codegen.kernels.signatures import KERNELS
 from eomgen.codegen.package.compile import fuses, processor
-from eomgen.codegen.program.ir import Graph, finish
+from eomgen.codegen.program.ir import Graph, finish, select
 from eomgen.codegen.samples.answers import samples
 from eomgen.codegen.samples.arithmetic import Arithmetic, spread
 from eomgen.codegen.samples.composed import COMPOSED, FRAMED
 from eomgen.codegen.samples.rounding import telling_lanes
 from eomgen.codegen.samples.sines import polynomials
+from eomgen.codegen.samples.states import sample_inputs
 from eomgen.codegen.samples.stored import MEASURED, ROUNDED, STATES, read_samples
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import BuildError
@@ -447,3 +448,50 @@ def test_spread_of_copies(values: list[float], expected: float) -> None:
     state, *copies = values
     lanes = np.concatenate([np.full(len(STATES), state), np.tile(copies, MEASURED)])
     assert spread(lanes) == pytest.approx(np.full(MEASURED, expected), rel=0.1)
+
+
+CROSSED = """
+name = "crossed"
+[[links]]
+name = "bridge"
+[links.beam]
+length = 2.0
+E = 7e10
+G = 2.6e10
+density = 2700.0
+section = { tube = [0.06, 0.05] }
+modes = { y = 2, z = 1 }
+[[links]]
+name = "trolley"
+mass = 1.5
+[[joints]]
+name = "rail"
+parent = "base"
+child = "bridge"
+type = "prismatic"
+[[joints]]
+name = "cross"
+parent = "bridge"
+along = "beam"
+child = "trolley"
+type = "prismatic"
+"""
+
+
+@pytest.mark.parametrize("dtype", ["float32", pytest.param("float64", marks=pytest.mark.soak)])
+def test_angles_of_several_coordinates(dtype: str) -> None:
+    """A trolley turns by a product of where it is and how a beam bends: polynomials have the library's bits there."""
+    equations = derive_equations(build_model(robot_from_toml(CROSSED)), ("kinematics",), dtype)
+    arithmetic = Arithmetic(dtype)
+    inputs, exact = sample_inputs(equations, arithmetic)
+    assert exact
+    [program] = equations.programs.values()
+    angles = sorted({x.args[0] for x in program.instructions if x.op in ("sin", "cos")})
+    chosen = [select("angle", program.instructions, {("out", 0): index}, {}) for index in angles]
+    shared = [x for x in chosen if len({i.leaf for i in x.instructions if i.op == "input"}) > 1]
+    assert shared
+    for angle in shared:
+        out = arithmetic.run(angle, {"q": inputs["q"][:, :3]}, rounding=False)["out"][0]
+        for found, wanted in zip(polynomials(out), arithmetic.turn(out), strict=True):
+            assert found.tobytes() == wanted.tobytes()
+    assert eomgen.build(robot_from_toml(CROSSED), kernels=("kinematics",), dtype=dtype, flags=("-O0",)).n == 5

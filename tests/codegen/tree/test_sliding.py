@@ -46,7 +46,7 @@ def test_frames_move_with_the_beam(seed: int) -> None:
     close(answer(robot, "frame_accelerations", q=s.q, v=s.v, a=s.a)[: moved.size], moved)
 
 
-@pytest.mark.parametrize("seed", seeds(300, 1, 12))
+@pytest.mark.parametrize("seed", seeds(300, 0, 12))
 def test_derivatives_are_those_of_complex_steps(seed: int) -> None:
     robot, oracle = sliding_robot(seed)
     s = sliding_state(robot, seed)
