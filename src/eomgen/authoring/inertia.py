@@ -14,6 +14,7 @@ from ..runtime.singular import VANISHED, null_coordinates, scaled_eigenvalues
 
 MOST = 300  # coordinates: mass matrices of more are not looked at, so that a check stays quick
 STATES = 3  # at random, which are singular by chance never all
+BENT = 0.01  # amplitudes of modes, as parts of other coordinates: of links that bend far, no M is positive definite
 ADVICE = "give links mass and inertia, or the coordinate an armature"
 
 
@@ -30,9 +31,10 @@ def inertia_notes(robot: Robot) -> tuple[str, ...]:
     free = [i for i in range(len(model.coordinates)) if i not in model.prescribed]
     names = [model.coordinates[i] for i in free]
     singular: list[str] = list(names)
-    rng = np.random.default_rng(0)
+    rng, modes = np.random.default_rng(0), set(robot.modal_coordinates)
+    size = np.array([BENT if name in modes else 1.0 for name in model.coordinates])
     for _ in range(STATES if free else 0):
-        M = mass_matrix(model, rng.uniform(0.2, 0.9, len(model.coordinates)))[np.ix_(free, free)]
+        M = mass_matrix(model, size * rng.uniform(0.2, 0.9, len(size)))[np.ix_(free, free)]
         if scaled_eigenvalues(M)[0][0] > VANISHED:
             return ()
         null = null_coordinates(M, names)
