@@ -56,6 +56,7 @@ HOWTO = (
         "compensate",
         "elastic_urdf",
         "excite",
+        "gantry",
         "harmonic_drive",
         "identify",
         "platform",
