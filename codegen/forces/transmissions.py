@@ -50,6 +50,10 @@ class Transmissions(ForceElement):
         """Give the forces on motors and joints."""
         yield from self._rows(self.at.q, v)
 
+    def carried(self, v: Sequence[Scalar]) -> dict[int, Scalar]:
+        """Return what gears carry to their joints, by the motors' indices; N m or N on the joint's side."""
+        return {motor: deflection.whole.force for motor, _, deflection in self._deflections(self.at.q, v)}
+
     def energies(self) -> Iterator[Scalar]:
         """Give the energies of the deflections."""
         yield from (deflection.whole.energy for _, _, deflection in self._deflections(self.at.q, self.at.still))

@@ -22,7 +22,7 @@ KINDS: Mapping[Kind, str] = {  # in the order in which C and packages have them
     "adaptive": "the same, with steps whose length the error controls",
     "gradient": "the same, and back through the steps; there only if it is asked for",
 }
-Need = Literal["", "loops", "springs", "elements", "constraints", "cuts", "laws", "followers", "drives"]
+Need = Literal["", "loops", "springs", "elements", "constraints", "cuts", "laws", "followers", "drives", "sensors"]
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Signature:
     needs: what a robot must have for it: "loops", "springs", "elements" (other force elements between two links),
         "constraints" (loops or couplings that are rigid in some direction), "cuts" (loops that are), "laws" (forces in
         cut joints, elastic couplings), "followers" (of rigid couplings, which are no coordinates), "drives" (that have
-        states) or nothing.
+        states), "sensors" or nothing.
     beside: kernels that come with it where the robot has constraints: those of the open tree, of wrenches, of charts.
     mapped: whether packages say which of its entries vanish identically.
     vectors: whether its template is written for several states at a time, too; otherwise batches call it one by one.

@@ -34,6 +34,7 @@ NEEDS = {
     "laws": "forces in cut joints or couplings",
     "followers": "rigid [[couplings]] whose followers are no coordinates",
     "drives": "coordinates with a table drive",
+    "sensors": "sensors (eomgen.control.Measurement)",
 }
 SMALL = ("springs", "elements", "laws", "drives")  # needs of kernels that come with any
 STRAIGHT_COLUMNS = 12000  # up to so many operations all columns are written out, above it is a loop over them

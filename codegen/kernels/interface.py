@@ -16,12 +16,12 @@ from eomgen.robot.parameter_names import conditions, element_places, leasts, mat
 from eomgen.robot.value import MOTOR, Coupling, Loop
 
 from ..tree.regressor import described_values, regressor_names
-from .signatures import KERNELS, element_rows, functions, shapes
+from .signatures import KERNELS, element_rows, functions, reading_names, shapes
 
 IF_ANY = (  # entries of the metadata that are there only where there is something to tell
     *("motors", "efforts", "ranges", "home", "frame_links", "turning", "loops", "upright", "constraints", "couplings"),
     *("memory", "memory_units", "inputs", "followers", "cut_laws", "regressor", "springs", "element_rows", "matrices"),
-    *("conditions", "modal_couplings"),
+    *("conditions", "modal_couplings", "readings"),
 )
 
 
@@ -86,6 +86,7 @@ def describe_kernels(model: Model, kernels: Sequence[str], dtype: str) -> dict[s
         "matrices": matrices(model.parameters),
         "conditions": conditions(robot, model.parameters),
         "modal_couplings": modal_couplings(model),
+        "readings": reading_names(model),
     }
     return {key: value for key, value in described.items() if value or key not in IF_ANY}
 

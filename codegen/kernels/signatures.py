@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from eomgen.robot.model import Model
 
 from eomgen.names import component_name
+from eomgen.robot.value import readings
 
 from ..tree.regressor import regressor_names
 from .blocks import row_blocks
@@ -155,6 +156,22 @@ OWN_KERNELS: Mapping[str, Signature] = table(
     kernel(
         "frame_accelerations(q, v, a) -> frame_rates",
         "Per frame the acceleration of its origin and its angular acceleration, base frame.",
+        by_request=True,
+    ),
+    kernel(
+        "imu(q, v, a) -> frame_rates",
+        "Per frame what an IMU reads in the frame's axes: specific force R^T (a - g), angular rate R^T w.",
+        by_request=True,
+    ),
+    kernel(
+        "measurement(q, v, a) -> readings",
+        "Readings of the robot's sensors, one behind the other.",
+        by_request=True,
+        needs="sensors",
+    ),
+    kernel(
+        "generalized_momentum(q, v) -> momenta",
+        "Generalized momentum p = M v, and C^T v = dT/dq: p' = u + C^T v + Q on a motion.",
         by_request=True,
     ),
     kernel("energy(q, v) -> pair", "Kinetic energy, eq. (4), and potential energy of gravity and springs."),
@@ -357,6 +374,11 @@ def element_rows(model: Model) -> tuple[str, ...]:
     return tuple(rows)
 
 
+def reading_names(model: Model) -> tuple[str, ...]:
+    """Name what the kernel "measurement" writes: "encoder:joint1.gamma", "imu:tcp.fx", ..."""
+    return tuple(name for sensor in model.robot.sensors for name, _ in readings(model.robot, sensor))
+
+
 def available(model: Model) -> tuple[str, ...]:
     """Name the kernels that there are for a model."""
     has = {
@@ -369,6 +391,7 @@ def available(model: Model) -> tuple[str, ...]:
         "laws": bool(model.cut_laws),
         "followers": bool(model.followers),
         "drives": bool(model.beside),
+        "sensors": bool(model.robot.sensors),
     }
     return tuple(
         name
@@ -461,6 +484,7 @@ def shapes(model: Model, kernels: Collection[str] | None = None) -> dict[str, tu
         **({"couplings": (len(model.followers),)} if model.followers else {}),
         **({"spring_pairs": (springs, 2), "spring_rows": (springs, n)} if springs else {}),
         **({"element_pairs": (elements, 2), "element_rows": (elements, n)} if elements else {}),
+        **({"readings": (len(reading_names(model)),)} if model.robot.sensors else {}),
         "wrench": (len(model.links), 6),
         "matrix": (n, n),
         "tensor": (n, n, n),
@@ -468,6 +492,7 @@ def shapes(model: Model, kernels: Collection[str] | None = None) -> dict[str, tu
         "pair": (2,),
         "point": (3,),
         "momentum": (6,),
+        "momenta": (2, n),
         "frame_rates": (len(model.frames), 6),
         "dt": (2,),
         "times": (2,),

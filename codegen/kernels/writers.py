@@ -7,14 +7,19 @@ from typing import Any
 
 import numpy as np
 
+from eomgen.errors import InputError
+from eomgen.robot.value import AT_COORDINATES, Sensor, sensor_conflict
+
 from ..forces.element import Deflection, ForceElement
 from ..forces.elements import ELEMENTS
+from ..forces.transmissions import Transmissions
 from ..joint.zeros import zero_map
+from ..program.reverse_mode import gradient
 from ..tree.composite import coriolis_matrix
-from ..tree.frame_motion import frame_accelerations, frame_velocities
+from ..tree.frame_motion import frame_accelerations, frame_velocities, imu, imu_at
 from ..tree.kinematics import body_poses, external_rows, frame_poses, weight_energy
 from ..tree.momentum import center_of_mass, total_momentum
-from ..tree.recursion import Wrench, inertial_rows, kinetic_energy
+from ..tree.recursion import Wrench, accelerations, inertial_rows, kinetic_energy, through_joint_back
 from ..tree.regressor import INERTIAL, armatures, inertial_columns
 from ..tree.spatial import ZERO, Scalar, cross, is_zero, subtract
 from .acceleration_slopes import SLOPES, drive_slopes, residual_slopes
@@ -30,6 +35,7 @@ DESCRIPTION_FRAMES = (  # report, or are asked, in the description's frames
     *("reactions", "tree_reactions", "closing_reactions", "loop_reactions", "loop_wrenches", "kinematics"),
     *("external_force", "external_reactions", "external_coupling_forces", "regressor", *CLOSURE_KERNELS),
     *("center_of_mass", "centroidal_momentum", "frame_velocities", "frame_accelerations"),
+    *("imu", "measurement"),
 )
 
 
@@ -145,12 +151,54 @@ def _centroidal_momentum(d: Derivation) -> Outputs:
     return vector([*linear, *subtract(angular, cross(center, linear))])
 
 
-def _reactions(d: Derivation) -> Outputs:
+def _generalized_momentum(d: Derivation) -> Outputs:
+    """Write derivatives of the kinetic energy by velocities, then by coordinates: one reverse sweep has both."""
+    slopes = gradient(d.graph, kinetic_energy(d.model, d.bound, d.joints, d.v))
+    return vector([slopes.get((array, i), 0.0) for array in "vq" for i in range(len(d.active))])
+
+
+def _reactions(d: Derivation) -> list[Wrench]:
+    """Return what each joint carries, at its body's origin in its axes."""
     _, total = inertial_rows(d.model, d.bound, d.joints, d.v, d.a, d.bound.gravity, d.graph.note)
     for element in d.elements:
         for k, held in element.wrenches(d.v):
             total[k] = total[k] + held
-    return wrench_outputs(total)
+    return total
+
+
+def _joint_torques(d: Derivation) -> dict[int, Scalar]:
+    """Return what joints carry along their coordinates, by these, and what elastic gears carry, by their motors."""
+    rows: list[Scalar] = [0.0] * d.model.size
+    for wrench, joint in zip(_reactions(d), d.joints, strict=True):
+        through_joint_back(wrench, joint, rows)
+    gears = next(x for x in d.elements if isinstance(x, Transmissions))
+    return {**dict(enumerate(rows)), **gears.carried(d.v)}
+
+
+def _measurement(d: Derivation) -> Outputs:
+    """Write readings of sensors, in their order; what none of them reads is left out by the passes."""
+    robot = d.described.robot
+    for sensor in robot.sensors:
+        conflict = sensor_conflict(robot, sensor)
+        if conflict is not None:
+            raise InputError(f"sensors of {d.described.name}: {conflict}")
+    torques = _joint_torques(d) if any(x.kind == "torque" for x in robot.sensors) else {}
+    bodies, _ = body_poses(d.model, d.joints)
+    poses = dict(zip(d.model.frames, frame_poses(d.model, d.bound, bodies), strict=True))
+    moving = accelerations(d.model, d.bound, d.joints, d.v, d.a)
+    places = {name: i for i, name in enumerate(d.model.coordinates)}
+
+    def read(sensor: Sensor) -> list[Scalar]:
+        if sensor.kind in AT_COORDINATES:
+            at: dict[str, Any] = {"encoder": d.q, "tachometer": d.v, "torque": torques}
+            return [at[sensor.kind][places[sensor.of]]]
+        if sensor.kind in ("position", "pose"):
+            R, X = poses[sensor.of].rotation, poses[sensor.of].origin
+            return list(X) if sensor.kind == "position" else [x for i in range(3) for x in (*R[i], X[i])]
+        force, rate = imu_at(d.bound, moving, *d.bound.frames[sensor.of])
+        return [*(force if sensor.kind != "gyroscope" else ()), *(rate if sensor.kind != "accelerometer" else ())]
+
+    return vector([x for sensor in robot.sensors for x in read(sensor)])
 
 
 def _regressor(d: Derivation) -> Outputs:
@@ -211,6 +259,9 @@ WRITERS: Mapping[str, Callable[[Derivation], Outputs]] = {
     "centroidal_momentum": _centroidal_momentum,
     "frame_velocities": lambda d: vector(frame_velocities(d.model, d.bound, d.joints, d.v)),
     "frame_accelerations": lambda d: vector(frame_accelerations(d.model, d.bound, d.joints, d.v, d.a)),
+    "imu": lambda d: vector(imu(d.model, d.bound, d.joints, d.v, d.a)),
+    "measurement": _measurement,
+    "generalized_momentum": _generalized_momentum,
     "generalized_force": _generalized_force,
     "external_force": lambda d: d.vector(_external(d)[0]),
     "external_reactions": lambda d: wrench_outputs([x.scaled(-1.0) for x in _external(d)[1]]),
@@ -227,8 +278,8 @@ WRITERS: Mapping[str, Callable[[Derivation], Outputs]] = {
     "christoffel": _christoffel,
     "kinematics": _kinematics,
     "energy": _energy,
-    "reactions": _reactions,
-    "tree_reactions": _reactions,
+    "reactions": lambda d: wrench_outputs(_reactions(d)),
+    "tree_reactions": lambda d: wrench_outputs(_reactions(d)),
     "regressor": _regressor,
     "closing_derivatives": closing_derivatives,
     "closing_reactions": closing_reactions,

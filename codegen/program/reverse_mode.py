@@ -43,6 +43,16 @@ def adjoint(program: Program, seed: str, wanted: Mapping[str, int], name: str) -
     return finish(graph, name, outputs)
 
 
+def gradient(graph: Graph, value: Value) -> dict[tuple[str, int], Value]:
+    """Differentiate a value of a graph by all inputs, by arrays and places; written behind it in the same graph."""
+    if not isinstance(value, Node):
+        return {}
+    by_value: dict[int, Value] = {value.index: 1.0}
+    _sweep(graph, value.index, by_value)
+    leaves = ((graph.instructions[index], slope) for index, slope in by_value.items())
+    return {instruction.leaf: slope for instruction, slope in leaves if instruction.op == "input"}
+
+
 def _sweep(graph: Graph, last: int, by_value: dict[int, Value]) -> None:
     """Hand derivatives of the weighted sum on, from the last value to the first: what a value has, to its arguments."""
     for index in range(last, -1, -1):

@@ -1,4 +1,4 @@
-"""Velocities and accelerations of frames, from those of the bodies that carry them, in the base frame."""
+"""Velocities and accelerations of frames, from those of the bodies that carry them, and what IMUs there read."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from eomgen.robot.model import FIXED_BODY, Model
 from .bound import Bound
 from .frozen_joints import JointGeometry
 from .kinematics import body_poses
-from .recursion import accelerations, velocities
-from .spatial import ZERO, Scalar, add, cross, matvec
+from .recursion import Acceleration, accelerations, velocities
+from .spatial import ZERO, Pose, Scalar, Vec, add, cross, matvec, scale, transpose
 
 
 def frame_velocities(model: Model, bound: Bound, joints: Sequence[JointGeometry], v: Sequence[Scalar]) -> list[Scalar]:
@@ -44,3 +44,25 @@ def frame_accelerations(
         values.extend(matvec(R, add(K.origin, matvec(K.U, pose.origin))))
         values.extend(matvec(R, K.dot))
     return values
+
+
+def imu(
+    model: Model, bound: Bound, joints: Sequence[JointGeometry], v: Sequence[Scalar], a: Sequence[Scalar]
+) -> list[Scalar]:
+    """Return per frame what an IMU there reads, in the frame's axes: specific force, m/s^2, and angular rate, rad/s."""
+    bodies = accelerations(model, bound, joints, v, a)
+    return [x for name in model.frames for vector in imu_at(bound, bodies, *bound.frames[name]) for x in vector]
+
+
+def imu_at(bound: Bound, bodies: Sequence[Acceleration], body: int, pose: Pose) -> tuple[Vec, Vec]:
+    """Return R^T (a - g) and R^T w of a frame in its axes.
+
+    Args:
+        bodies: K of every body, with gravity as an acceleration of the base.
+        body, pose: that carries the frame, and where it stands there.
+    """
+    back = transpose(pose.rotation)
+    if body == FIXED_BODY:
+        return matvec(back, scale(-1.0, bound.gravity)), ZERO
+    K = bodies[body]
+    return matvec(back, add(K.origin, matvec(K.U, pose.origin))), matvec(back, K.rate)

@@ -12,6 +12,7 @@ from .lazily import imports_when_used
 
 with imports_when_used(globals()):
     from . import analysis as analysis
+    from . import control as control
     from . import description as description
     from . import identification as identification
     from . import integration as integration

@@ -28,7 +28,18 @@ EOMGEN = Path(eomgen.__path__[0])
 PLACES = {"src/eomgen": "eomgen", "codegen": "eomgen.codegen", "templates": "eomgen.templates"}
 MOST_MODULES = 16
 ROOMS = (  # that users reach through the facade
-    *("analysis", "description", "identification", "integration", "loops", "motion", "pictures", "robot", "scenario"),
+    *(
+        "analysis",
+        "control",
+        "description",
+        "identification",
+        "integration",
+        "loops",
+        "motion",
+        "pictures",
+        "robot",
+        "scenario",
+    ),
     *("simulation", "sweep"),
 )
 

@@ -26,6 +26,7 @@ WEIGHTS, NUMBERED = "cotangent", ("dp",)  # arguments whose elements have number
 WRENCH_PARTS = ("force.x", "force.y", "force.z", "moment.x", "moment.y", "moment.z")
 BY_COORDINATE = {  # how many of the last axes of a result are coordinates
     "vector": 1,
+    "momenta": 1,
     "matrix": 2,
     "tensor": 3,
     "derivatives": 2,

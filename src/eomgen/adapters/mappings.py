@@ -75,6 +75,8 @@ _OWN = (  # functions that have the names of the kernel's
     Entry("centroidal_momentum", ("q", "v"), "h"),
     Entry("frame_velocities", ("q", "v"), "V"),
     Entry("frame_accelerations", ("q", "v", "a"), "A_dot"),
+    Entry("imu", ("q", "v", "a"), "y"),
+    Entry("generalized_momentum", ("q", "v"), "p"),
     Entry("frame_pose", ("q",), "A"),
     Entry("frame_jacobian", ("q",), "J"),
     Entry("constraint", ("q",), "g", rules.ByKernel("constraint_jacobian")),

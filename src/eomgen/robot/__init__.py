@@ -43,4 +43,5 @@ with imports_when_used(globals()):
     from .value import Motor as Motor
     from .value import Placement as Placement
     from .value import Robot as Robot
+    from .value import Sensor as Sensor
     from .value import Spring as Spring

@@ -1,4 +1,4 @@
-"""Poses and motions of frames; the center of mass and the momentum of all links."""
+"""Poses and motions of frames, and readings of sensors; the center of mass and the momentum of all links."""
 
 from __future__ import annotations
 
@@ -46,6 +46,25 @@ class Kinematics(CompiledCode):
         Gravity is not in it: a frame at rest has none.
         """
         return self.calls.run("frame_accelerations", out, (q, v, a))
+
+    def imu(self, q: ArrayLike, v: ArrayLike, a: ArrayLike, *, out: Array | None = None) -> Array:
+        """Return what IMUs on all frames read, (frames, 6), each in its frame's axes.
+
+        Of its accelerometer the specific force R^T (a - g), m/s^2, of its gyroscope the angular rate R^T w, rad/s: at
+        rest it reads the acceleration that holds it against gravity.
+        """
+        return self.calls.run("imu", out, (q, v, a))
+
+    def measurement(self, q: ArrayLike, v: ArrayLike, a: ArrayLike, *, out: Array | None = None) -> Array:
+        """Return readings of the robot's sensors, (readings,), in the order of ``eomgen.control.Measurement.names``."""
+        return self.calls.run("measurement", out, (q, v, a))
+
+    def generalized_momentum(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
+        """Return the generalized momentum p = M v and, below it, C^T v = dT/dq, (2, n).
+
+        On a motion p' = u + C^T v + generalized_force(q, v) + external forces, which a momentum observer finds so.
+        """
+        return self.calls.run("generalized_momentum", out, (q, v))
 
     def frame_velocity(
         self, q: ArrayLike, v: ArrayLike, frame: str, reference: Reference = "LOCAL_WORLD_ALIGNED"

@@ -17,7 +17,8 @@ from tests.support.random_robots import Array, random_robot, random_state, seeds
 
 QUANTITIES = ("gravity", "nonlinear_effects", "bias_force", "center_of_mass", "centroidal_momentum")
 DERIVATIVES = ("center_of_mass_tangent", "centroidal_momentum_tangent")
-MOTIONS = ("frame_velocities", "frame_accelerations", "frame_velocities_tangent", "kinematics")
+MOTIONS = ("frame_velocities", "frame_accelerations", "frame_velocities_tangent", "kinematics", "imu")
+GENERALIZED = ("generalized_momentum", "mass_matrix", "coriolis_matrix")
 LIMIT = {"float64": 1e-12, "float32": 2e-4}
 
 
@@ -40,36 +41,55 @@ def check(kernel: eomgen.Kernel, robot: Robot, q: Array, v: Array) -> None:
     assert np.abs(both - bias - gravity).max() <= limit * (1.0 + np.abs(both).max() + np.abs(bias).max())
 
 
-def check_frames(kernel: eomgen.Kernel, q: Array, v: Array, a: Array) -> None:
-    """Velocities by Jacobians, accelerations as their rates."""
+def check_generalized(kernel: eomgen.Kernel, q: Array, v: Array) -> None:
+    """The momentum by the mass matrix, and what its rate has of the kinetic energy."""
+    momentum, work = kernel.generalized_momentum(q, v)
+    for found, expected in ((momentum, kernel.mass_matrix(q) @ v), (work, kernel.coriolis_matrix(q, v).T @ v)):
+        assert np.abs(found - expected).max() <= LIMIT[str(kernel.dtype)] * (1.0 + np.abs(expected).max())
+
+
+def check_frames(kernel: eomgen.Kernel, robot: Robot, q: Array, v: Array, a: Array) -> None:
+    """Velocities by Jacobians, accelerations as their rates; what IMUs read, by both."""
     limit = LIMIT[str(kernel.dtype)]
     velocities, accelerations = kernel.frame_velocities(q, v), kernel.frame_accelerations(q, v, a)
     expected = np.array([kernel.frame_jacobian(q, frame) @ v for frame in kernel.frames])
     assert np.abs(velocities - expected).max() <= limit * (1.0 + np.abs(expected).max())
     rates = kernel.jvp("frame_velocities", (q, v), (v, a))
-    assert np.abs(accelerations - rates).max() <= limit * (1.0 + np.abs(rates).max() + np.abs(velocities).max() ** 2)
+    size = 1.0 + np.abs(rates).max() + np.abs(velocities).max() ** 2
+    assert np.abs(accelerations - rates).max() <= limit * size
+    R = np.array([kernel.frame_pose(q, frame)[:3, :3] for frame in kernel.frames])
+    force = accelerations[:, :3] - np.array(robot.gravity)
+    read = np.concatenate([np.einsum("kij,ki->kj", R, x) for x in (force, velocities[:, 3:])], axis=1)
+    assert np.abs(kernel.imu(q, v, a) - read).max() <= limit * (size + np.abs(force).max())
 
 
 @pytest.mark.parametrize("seed", seeds(0, 1, 40))
 def test_followers_springs_offsets_motors_and_prescribed_coordinates(seed: int, built: Build) -> None:
     robot, _ = sample(seed)
-    kernel, rng = built(robot, *QUANTITIES, *DERIVATIVES, *MOTIONS), np.random.default_rng(seed)
+    kernel, rng = built(robot, *QUANTITIES, *DERIVATIVES, *MOTIONS, *GENERALIZED), np.random.default_rng(seed)
     for _ in range(4):
         q, v, a = rng.uniform(-1.0, 1.0, (3, kernel.n))
         check(kernel, robot, q, v)
-        check_frames(kernel, q, v, a)
+        check_frames(kernel, robot, q, v, a)
+        check_generalized(kernel, q, v)
 
 
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
 def test_batches_have_the_bits_of_single_states(dtype: str, built: Build) -> None:
     robot = random_robot(4, joints=(3, 4), tree=True)
-    kernel = built(robot, *QUANTITIES, *DERIVATIVES, *MOTIONS, dtype=dtype)
+    kernel = built(robot, *QUANTITIES, *DERIVATIVES, *MOTIONS, *GENERALIZED, dtype=dtype)
     q, v, a = np.random.default_rng(1).uniform(-1.0, 1.0, (3, 9, kernel.n)).astype(dtype)
-    for name, count in (*dict.fromkeys(QUANTITIES, 2).items(), ("frame_velocities", 2), ("frame_accelerations", 3)):
+    for name, count in (
+        *dict.fromkeys(QUANTITIES, 2).items(),
+        *((x, 2) for x in ("frame_velocities", "generalized_momentum")),
+        ("frame_accelerations", 3),
+        ("imu", 3),
+    ):
         call, arrays = getattr(kernel, name), (q, v, a)[: 1 if name in ("gravity", "center_of_mass") else count]
         assert np.array_equal(call(*arrays), np.stack([call(*state) for state in zip(*arrays, strict=True)]))
     check(kernel, robot, q[0], v[0])
-    check_frames(kernel, q[0], v[0], a[0])
+    check_frames(kernel, robot, q[0], v[0], a[0])
+    check_generalized(kernel, q[0], v[0])
 
 
 def test_references_of_frames(built: Build) -> None:

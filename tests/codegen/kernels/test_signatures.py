@@ -23,6 +23,7 @@ from eomgen.codegen.kernels.stages import PAIR_STAGES, STAGES
 from eomgen.codegen.kernels.writers import VARIANTS, WRITERS
 from eomgen.description.load import robot_from_toml
 from eomgen.robot.model import build_model
+from eomgen.robot.value import Sensor
 from tests.support.builds import Build
 from tests.support.every_element import robot_with
 from tests.support.random_followers import with_followers
@@ -69,6 +70,7 @@ def test_every_array_has_a_shape() -> None:
     robots = [eomgen.load_robot(name) for name in ("one_link", "four_bar", "balanced_arm", "hexapod_elastic")]
     robots.append(with_followers(eomgen.load_robot("puma560"), 1))
     robots.append(robot_from_toml(robot_with(Bushings)))
+    robots.append(replace(robots[0], sensors=(Sensor("imu", "link1"),)))
     known = {key for robot in robots for key in shapes(build_model(robot))} | {
         "kept",
         "pair_kept",

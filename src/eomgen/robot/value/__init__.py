@@ -41,4 +41,10 @@ from .nodes import node_link as node_link
 from .nodes import sliding_joint as sliding_joint
 from .nodes import sliding_joints as sliding_joints
 from .robot import Robot as Robot
+from .sensor import AT_COORDINATES as AT_COORDINATES
+from .sensor import SENSOR_KINDS as SENSOR_KINDS
+from .sensor import Sensor as Sensor
+from .sensor_readings import innovations as innovations
+from .sensor_readings import readings as readings
+from .sensor_readings import sensor_conflict as sensor_conflict
 from .sliding import SlidingShapes as SlidingShapes

@@ -32,6 +32,7 @@ from .coupling import Coupling, first_contradiction
 from .joint import MOTOR, PRINCIPAL, Joint, Loop
 from .link import BASE, Frame, Link
 from .nodes import node_link, sliding_joints
+from .sensor import Sensor
 
 
 @dataclass(frozen=True)
@@ -45,6 +46,7 @@ class Robot(Picklable):
     driven: names of the actuated coordinates (of a joint or its motor, which is the same drive); None: the
     principal ones.  home: where simulations start and assembly begins, m or rad by coordinate; default 0.
     beams: what some links and joints were made of, for ``with_value``; nothing else looks at them.
+    sensors: what the kernel ``measurement`` tells, in its order; see ``eomgen.control.Measurement``.
     """
 
     name: str
@@ -63,6 +65,7 @@ class Robot(Picklable):
     couplings: tuple[Coupling, ...] = field(default=(), metadata=LATER)
     elements: tuple[Element, ...] = field(default=(), metadata=LATER)
     beams: tuple[Beam, ...] = field(default=(), metadata=LATER)
+    sensors: tuple[Sensor, ...] = field(default=(), metadata=LATER)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "home", MappingProxyType(dict(self.home)))
@@ -301,6 +304,7 @@ class Robot(Picklable):
             home={name: value for name, value in self.home.items() if name in moving},
             couplings=tuple(replace(x, is_constraint=True) if not x.law and x.of in more else x for x in couplings),
             beams=(),
+            sensors=(),
         )
         known = {name for name, _ in made.numbers()}
         return replace(made, tunable=tuple(name for name in self.tunable if name in known))
