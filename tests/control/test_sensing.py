@@ -19,6 +19,21 @@ from tests.support.builds import Build
 from tests.support.random_motors import geared_robot, motor_state
 from tests.support.random_robots import Array, random_robot, random_state, seeds
 
+HYSTERETIC = """
+name = "arm"
+gravity = [0.0, 0.0, -9.81]
+[[links]]
+name = "link1"
+mass = 1.0
+com = [0.5, 0.0, 0.0]
+inertia = { xx = 0.1, yy = 0.1, zz = 0.1 }
+[[joints]]
+name = "joint1"
+parent = "base"
+child = "link1"
+type = "revolute"
+motor = { inertia = 0.1, ratio = 100.0, stiffness = 1e4, hysteresis = { stiffness = 1e3, beta = 1e3, gamma = 1e3 } }
+"""
 TREE = random_robot(4, joints=(3, 4), tree=True)
 
 
@@ -197,21 +212,6 @@ def test_kernels_refuse_robots_without_sensors_and_sensors_of_nothing() -> None:
 
 
 def test_gears_whose_law_has_states_are_refused() -> None:
-    text = """
-name = "arm"
-gravity = [0.0, 0.0, -9.81]
-[[links]]
-name = "link1"
-mass = 1.0
-com = [0.5, 0.0, 0.0]
-inertia = { xx = 0.1, yy = 0.1, zz = 0.1 }
-[[joints]]
-name = "joint1"
-parent = "base"
-child = "link1"
-type = "revolute"
-motor = { inertia = 0.1, ratio = 100.0, stiffness = 1e4, hysteresis = { stiffness = 1e3, beta = 1e3, gamma = 1e3 } }
-"""
-    robot = robot_from_toml(text)
+    robot = robot_from_toml(HYSTERETIC)
     with pytest.raises(InputError, match=r"torque:joint1.motor: the gear's law has states"):
         Measurement.of(robot, "torque:joint1.motor")

@@ -116,7 +116,7 @@ class Measurement(Picklable):
 
     @property
     def poses(self) -> tuple[tuple[int, int], ...]:
-        """Where each pose begins among readings, and among innovations."""
+        """Indices at which each pose begins, among readings and among innovations."""
         places, reading, row = list[tuple[int, int]](), 0, 0
         for sensor in self.sensors:
             if sensor.kind == "pose":
@@ -180,7 +180,7 @@ class Measurement(Picklable):
             exact: (..., readings), of the kernel.
             rng: draws the noise.
         """
-        y = self._taken("exact", exact).copy()
+        y: Array = self._taken("exact", exact).copy()
         noise = rng.normal(size=(*y.shape[:-1], len(self.noise))) * np.array(self.noise)
         row = at = 0
         for begin, first in self.poses:

@@ -1,0 +1,259 @@
+"""Observer of external forces by the generalized momentum, in Python and as C.
+
+With p = M v a motion has p' = u + C^T v + Q + tau, where u are the drives, Q = ``generalized_force`` springs, friction
+and gravity, and tau what acts from outside.  The observer is r' = K (p' - u - C^T v - Q - r): no acceleration is
+needed, M is not inverted, and r follows tau by the time constants 1 / K.  Over a sample dt, in which drives are held,
+it is
+
+    r+ = exp(-K dt) r + (1 - exp(-K dt)) ((p+ - p) / dt - u - mean of C^T v + Q),
+
+exact where tau is constant, but for the mean, that of both ends.
+
+Source: A. De Luca, R. Mattone, "Actuator Failure Detection and Isolation Using Generalized Momenta", ICRA 2003; S.
+Haddadin, A. De Luca, A. Albu-Schaeffer, "Robot Collisions: A Survey on Detection, Isolation, and Identification", IEEE
+Transactions on Robotics 33(6), 2017.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .._version import __version__
+from ..description import RobotLike, as_robot
+from ..errors import InputError, UnknownNameError
+from ..names import listed, nearest_or_all, show
+from ..pipeline import Options, build, generate
+from ..robot.mechanism import coordinate_of
+from ..robot.model import build_model
+from ..robot.value import PRINCIPAL, Coordinate, Robot
+from ..runtime.kernel import Kernel
+
+KERNELS = ("generalized_momentum", "generalized_force")
+PerCoordinate = float | Sequence[float] | Mapping[str, float]  # a number for all, one each, or by names
+
+
+class MomentumObserver:
+    """External forces on a robot's coordinates, from samples of its state and drives.
+
+    Of robots with elastic gears q and v have the encoders of both sides, and u is the motors': on the link's side acts
+    the torque of the spring.  With ``torque_sensors`` u are torques that are measured on the gears' outputs, and
+    motors, gears and friction of joints are left out of the robot: q and v are those of the links alone.
+
+    Attributes:
+        robot: that is observed.
+        kernel: of it, with KERNELS.
+        external: the forces found, r, (..., n), N or N m; zero at the beginning.
+    """
+
+    def __init__(
+        self,
+        robot: RobotLike,
+        gain: PerCoordinate,
+        dt: float,
+        *,
+        threshold: PerCoordinate = math.inf,
+        torque_sensors: bool = False,
+        dtype: str = "float64",
+        kernel: Kernel | None = None,
+    ) -> None:
+        """Build the observer's kernel.
+
+        Args:
+            robot: a Robot, the name of a built-in one, or the path of a description.
+            gain: K, 1/s: of all coordinates, of each, or by their names (of all).
+            dt: between samples, s.
+            threshold: sizes of forces, N or N m, beyond which they are a collision; by names those of some coordinates.
+            torque_sensors: whether u are torques measured on the gears' outputs.
+            dtype: of the kernel and of the C.
+            kernel: one of the robot with KERNELS that is there already; built without one.
+
+        Raises:
+            InputError: numbers out of their range, or a robot whose external forces cannot be told: with loops or rigid
+                couplings, prescribed coordinates, or laws with states.
+            UnknownNameError: a name that is no coordinate.
+        """
+        whole = as_robot(robot)
+        self.robot = links_alone(whole) if torque_sensors else whole
+        _check_observable(self.robot)
+        self.coordinates = build_model(self.robot).coordinates
+        if not _is_number(dt) or not 0.0 < dt < math.inf:
+            raise InputError(f"dt: got {show(dt)}; allowed: a number above 0, s")
+        self.dt = float(dt)
+        self.gain = self._numbers("gain", gain, None)
+        self.threshold = self._numbers("threshold", threshold, math.inf)
+        self.dtype = np.dtype(dtype)
+        self._given = kernel
+        self._share = -np.expm1(-self.gain * self.dt).astype(self.dtype)
+        self._keep = np.exp(-self.gain * self.dt).astype(self.dtype)
+        self._per_second = self.dtype.type(1.0 / self.dt)
+        self._half = self.dtype.type(0.5)
+        self._before: tuple[NDArray[Any], NDArray[Any]] | None = None
+        self.external: NDArray[Any] = np.zeros(len(self.coordinates), self.dtype)
+
+    @cached_property
+    def kernel(self) -> Kernel:
+        """The kernel of the robot that is observed, with KERNELS."""
+        return self._given or build(self.robot, kernels=KERNELS, dtype=str(self.dtype))
+
+    def start(self, q: ArrayLike, v: ArrayLike) -> None:
+        """Begin at a state, q and v, (..., n), with no external force; a first ``step`` does so, too."""
+        momentum, force = self._look(q, v)
+        self._before = momentum, force
+        self.external = np.zeros_like(momentum)
+
+    def step(self, q: ArrayLike, v: ArrayLike, u: ArrayLike) -> NDArray[Any]:
+        """Take the next sample and return the external forces, (..., n), N or N m.
+
+        Args:
+            q, v: the state now, (..., n).
+            u: drives that were held since the sample before, (..., n).
+        """
+        if self._before is None:
+            self.start(q, v)
+            return self.external
+        momentum, force = self._look(q, v)
+        held = np.asarray(u, self.dtype)
+        if held.shape[-1:] != (len(self.coordinates),):
+            raise InputError(f"u: got the shape {held.shape}; allowed: (..., {len(self.coordinates)})")
+        known = self._half * (self._before[1] + force) + held
+        rate = (momentum - self._before[0]) * self._per_second
+        self.external = self._keep * self.external + self._share * (rate - known)
+        self._before = momentum, force
+        return self.external
+
+    @property
+    def collisions(self) -> tuple[str, ...]:
+        """Names of the coordinates on which the force is beyond its threshold, in any of the states."""
+        beyond = ~(np.abs(self.external) <= self.threshold)
+        return tuple(name for i, name in enumerate(self.coordinates) if np.any(beyond[..., i]))
+
+    def sources(self) -> dict[str, str]:
+        """Return names and texts of the observer's C, which stands beside the robot's with KERNELS.
+
+        It takes no heap, keeps its state in the caller's struct, and needs the same time for each sample.  Its numbers
+        are those of ``step`` to the bit, where products are not fused with sums.
+        """
+        from ..codegen.c.scalar_types import SCALARS
+        from ..codegen.c.source import environment
+
+        scalar = SCALARS[str(self.dtype)]
+
+        def literals(values: NDArray[Any]) -> list[str]:
+            return [scalar.literal(float(x)) for x in values]
+
+        largest = float(np.finfo(self.dtype).max)
+        context = {
+            "name": self.robot.name,
+            "version": __version__,
+            "n": len(self.coordinates),
+            "dt": repr(self.dt),
+            "real": scalar.name,
+            "keep": literals(self._keep),
+            "share": literals(self._share),
+            "threshold": literals(np.minimum(self.threshold, largest)) if np.isfinite(self.threshold).any() else [],
+            "half": scalar.literal(0.5),
+            "zero": scalar.literal(0.0),
+            "per_second": scalar.literal(float(self._per_second)),
+        }
+        return {
+            f"{self.robot.name}_momentum_observer.{ending}": environment()
+            .get_template(f"control/momentum_observer.{ending}.jinja")
+            .render(context)
+            for ending in ("h", "c")
+        }
+
+    def write(self, folder: Path | str) -> Path:
+        """Write the robot's package with KERNELS into a folder, and the observer's C into it; return its path.
+
+        Raises:
+            InputError, BuildError, DerivationError: as of ``eomgen.generate``.
+        """
+        package = generate(self.robot, folder, Options(KERNELS, str(self.dtype)))
+        for name, text in self.sources().items():
+            (package / name).write_text(text, encoding="ascii")
+        return package
+
+    def _look(self, q: ArrayLike, v: ArrayLike) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Return p, and C^T v + Q."""
+        both = self.kernel.generalized_momentum(q, v)
+        return both[..., 0, :], both[..., 1, :] + self.kernel.generalized_force(q, v)
+
+    def _numbers(self, label: str, given: PerCoordinate, left: float | None) -> NDArray[np.float64]:
+        """Return a positive number for each coordinate; ``left``: of those that are not named.
+
+        Raises:
+            InputError: another count, or a number that is not above 0.
+            UnknownNameError: a name that is no coordinate.
+        """
+        names, values = self.coordinates, list[Any]()
+        if isinstance(given, Mapping):
+            for name in given:
+                if name not in names:
+                    raise UnknownNameError(f"{label}: {show(name)} is no coordinate{nearest_or_all(str(name), names)}")
+            missing = [name for name in names if name not in given]
+            if missing and left is None:
+                raise InputError(f"{label}: {listed(missing)} has none; allowed: a number for each coordinate")
+            values = [given.get(name, left) for name in names]
+        elif isinstance(given, (Sequence, np.ndarray)):
+            values = list(given)
+        else:
+            values = [given] * len(names)
+        if len(values) != len(names):
+            raise InputError(
+                f"{label}: got {len(values)} numbers; allowed: one, or {len(names)}, one for each coordinate"
+            )
+        for name, value in zip(names, values, strict=True):
+            if not _is_number(value) or not value > 0.0 or (left is None and value == math.inf):
+                raise InputError(f"{label}: {name} has {show(value)}; allowed: a number above 0")
+        return np.array(values, float)
+
+
+def links_alone(robot: Robot) -> Robot:
+    """Return the robot whose joints are driven by torques measured on their gears' outputs.
+
+    Motors, and laws of principal coordinates (friction, armature, springs, stops), stand before the sensor; deviations
+    stay.
+    """
+    joints = []
+    for joint in robot.joints:
+        principal = PRINCIPAL.get(joint.type)
+        plain = {k: Coordinate() if k == principal else c for k, c in joint.coordinates.items()}
+        joints.append(replace(joint, motor=None, coordinates=plain))
+    names = {f"{joint.name}.{kind}" for joint in joints for kind in joint.coordinates}
+    driven = None if robot.driven is None else tuple(dict.fromkeys(x for x in robot.driven if x in names))
+    made = replace(
+        robot, joints=tuple(joints), driven=driven, home={k: x for k, x in robot.home.items() if k in names}, sensors=()
+    )
+    known = {name for name, _ in made.numbers()}
+    return replace(made, tunable=tuple(name for name in made.tunable if name in known))
+
+
+def _check_observable(robot: Robot) -> None:
+    """Refuse robots whose external forces do not follow from momentum and drives."""
+    model = build_model(robot)
+    if model.constraints:
+        raise InputError(
+            f"robot: forces of constraints ({listed(model.constraints)}) act on coordinates beside external ones;"
+            " allowed: robots without loops and couplings that are rigid"
+        )
+    prescribed = [name for name in model.coordinates if coordinate_of(robot, name).prescribed]
+    if prescribed:
+        raise InputError(
+            f"robot: {listed(prescribed)} is prescribed, by forces that are not known; allowed: driven ones"
+        )
+    if model.memory:
+        raise InputError(
+            f"robot: laws have states ({listed(model.memory)}), which are not measured; allowed: robot.without_states()"
+        )
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)

@@ -1,0 +1,233 @@
+"""Momentum observers: external forces of simulated motions, Pinocchio's numbers, collisions under noise, and the C."""
+
+from __future__ import annotations
+
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+
+import cffi
+import numpy as np
+import pytest
+
+import eomgen
+from eomgen.control import Measurement, MomentumObserver
+from eomgen.control.momentum_observer import links_alone
+from eomgen.description.load import robot_from_toml
+from eomgen.errors import InputError, UnknownNameError
+from eomgen.pipeline import Options, make_source
+from eomgen.robot.value import PRINCIPAL
+from tests.control.test_sensing import HYSTERETIC
+from tests.support.builds import Build
+from tests.support.random_motors import geared_robot, motor_state
+from tests.support.random_robots import Array, random_robot, random_state
+
+KERNELS = ("generalized_momentum", "generalized_force", "forward_dynamics", "external_force")
+GAIN, DT = 50.0, 1e-3
+TREE = random_robot(4, joints=(3, 3), tree=True, types=("revolute", "prismatic"), rigid=True)
+GEARED = geared_robot(3, joints=(2, 2))
+
+
+def moved(kernel: eomgen.Kernel, state: tuple[Array, Array], u: Array, wrench: Array | None) -> tuple[Array, Array]:
+    """The state after a sample by the classical Runge-Kutta method, in four steps."""
+    q, v = state
+    h = DT / 4
+
+    def a(x: Array, w: Array) -> Array:
+        return kernel.forward_dynamics(x, w, u, wrench=wrench)
+
+    for _ in range(4):
+        k1 = a(q, v)
+        k2 = a(q + h / 2 * v, v + h / 2 * k1)
+        k3 = a(q + h / 2 * v + h * h / 4 * k1, v + h / 2 * k2)
+        k4 = a(q + h * v + h * h / 2 * k2, v + h * k3)
+        q, v = q + h * v + h * h / 6 * (k1 + k2 + k3), v + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+    return q, v
+
+
+def test_forces_come_with_the_time_constant(built: Build) -> None:
+    """A wrench on the last link from a time on, under drives that change: r is J^T F behind a filter with 1 / K."""
+    kernel = built(TREE, *KERNELS)
+    n = kernel.n
+    observer = MomentumObserver(TREE, GAIN, DT, threshold=0.5, kernel=kernel)
+    rng = np.random.default_rng(1)
+    state = rng.uniform(-0.5, 0.5, n), np.zeros(n)
+    wrench = np.zeros((len(kernel.links), 6))
+    found, expected, told = list[Array](), list[Array](), list[bool]()
+    for k in range(300):
+        wrench[-1] = np.array([3.0, -2.0, 1.0, 0.5, 0.2, -0.3]) * (k >= 100)
+        u = 2.0 * np.sin(0.01 * k + np.arange(n))
+        before = state
+        state = moved(kernel, state, u, wrench)
+        if k == 0:
+            observer.start(*before)
+        found.append(observer.step(*state, u))
+        expected.append(kernel.external_force(0.5 * (before[0] + state[0]), wrench))
+        told.append(bool(observer.collisions))
+    r, tau = np.array(found), np.array(expected)
+    size = np.abs(tau).max()
+    assert np.abs(r[:100]).max() <= 1e-4 * size  # of the mean over a sample
+    assert not any(told[:100])
+    assert any(told[100:110])  # within 10 ms
+    filtered, keep = np.zeros(n), np.exp(-GAIN * DT)
+    for now, force in zip(r, tau, strict=True):
+        filtered = keep * filtered + (1.0 - keep) * force
+        assert np.abs(now - filtered).max() <= 2e-4 * size
+    assert np.abs(r[120] - tau[120]).max() > 0.2 * np.abs(tau[120]).max()  # after one time constant
+    assert np.abs(r[-1] - tau[-1]).max() <= 0.1 * size  # after ten; tau moves on
+
+
+def test_the_formula_in_pinocchios_numbers(built: Build) -> None:
+    """A step from its mass matrix, Coriolis matrix and gravity; of several states at once as of each."""
+    pytest.importorskip("pinocchio")
+    import pinocchio as pin
+
+    from tests.oracles.pinocchio_models import PinocchioOracle
+
+    robot = replace(TREE, springs=(), elements=())
+    kernel, oracle = built(robot, *KERNELS), PinocchioOracle(robot)
+    gain = np.array([20.0, 50.0, 80.0])[: kernel.n]
+    observer = MomentumObserver(robot, list(gain), DT, kernel=kernel)
+    rng = np.random.default_rng(5)
+    ends = [rng.uniform(-1.0, 1.0, (2, 4, kernel.n)) for _ in range(2)]
+    u = rng.uniform(-1.0, 1.0, (4, kernel.n))
+
+    def look(q: Array, v: Array) -> tuple[Array, Array]:
+        M = pin.crba(oracle.model, oracle.data, q)
+        M = np.triu(M) + np.triu(M, 1).T + np.diag(oracle.armature)
+        gravity = pin.computeGeneralizedGravity(oracle.model, oracle.data, q)
+        springs = oracle.stiffness * q + oracle.damping * v
+        return M @ v, oracle.coriolis_matrix(q, v).T @ v - gravity - springs
+
+    observer.start(*ends[0])
+    found = observer.step(*ends[1], u)
+    for i in range(4):
+        (p0, f0), (p1, f1) = (look(*end[:, i]) for end in ends)
+        expected = (1.0 - np.exp(-gain * DT)) * ((p1 - p0) / DT - 0.5 * (f0 + f1) - u[i])
+        assert np.abs(found[i] - expected).max() <= 1e-10 * (1.0 + np.abs(expected).max())
+
+
+def test_elastic_gears_with_encoders_on_both_sides_and_with_torque_sensors(built: Build) -> None:
+    """A force on the links alone is found there and not at motors; from torques of the joints on the links' model."""
+    joint = next(joint for joint in GEARED.joints if joint.motor is not None)
+    principal = f"{joint.name}.{PRINCIPAL[joint.type]}"
+    m = Measurement.of(GEARED, f"torque:{principal}")
+    kernel, s = built(m.robot, *KERNELS, "measurement"), motor_state(GEARED, 3)
+    names, n = kernel.coordinates, kernel.n
+    of_links = links_alone(GEARED)
+    sensed = MomentumObserver(
+        GEARED, GAIN, DT, torque_sensors=True, kernel=built(of_links, "generalized_momentum", "generalized_force")
+    )
+    links = [names.index(name) for name in sensed.coordinates]
+    motors = [i for i in range(n) if i not in links]
+    assert [names[i] for i in motors] == [f"{joint.name}.motor"]
+    observer = MomentumObserver(GEARED, GAIN, DT, kernel=kernel)
+    state, u, external = (0.1 * s.q, 0.0 * s.v), 0.1 * s.u, np.zeros(n)
+    external[links] = np.arange(1.0, 1.0 + len(links))
+    at = names.index(principal)
+
+    def torque(q: Array, v: Array) -> float:
+        """What the joint carries: what moves the links, less what acts from outside on the coordinate."""
+        return float(kernel.measurement(q, v, kernel.forward_dynamics(q, v, u + external))[0]) - external[at]
+
+    observer.start(*state)
+    sensed.start(*(x[links] for x in state))
+    for _ in range(200):
+        ends, state = state, moved(kernel, state, u + external, None)
+        r = observer.step(*state, u)
+        measured = u.copy()
+        measured[at] = 0.5 * (torque(*ends) + torque(*state))
+        of_sensed = sensed.step(*(x[links] for x in state), measured[links])
+    reached = 1.0 - np.exp(-200 * GAIN * DT)
+    assert np.abs(r[links] - reached * external[links]).max() <= 1e-3 * external.max()
+    assert np.abs(r[motors]).max() <= 1e-3 * external.max()
+    assert np.abs(of_sensed - reached * external[links]).max() <= 1e-3 * external.max()
+
+
+def test_noise_of_encoders_is_no_collision(built: Build) -> None:
+    """Rates with noise of 1e-3: below the threshold while nothing touches, in each of several motions at once."""
+    kernel, rng = built(TREE, *KERNELS), np.random.default_rng(2)
+    s = random_state(TREE, 1)
+    observer = MomentumObserver(TREE, GAIN, DT, threshold=2.0, kernel=kernel)
+    q, v = np.tile(0.3 * s.q, (20, 1)), np.zeros((20, kernel.n))
+    observer.start(q, v)
+    for k in range(100):
+        u = kernel.generalized_force(q, v) * -1.0
+        q, v = moved(kernel, (q, v), u, None)
+        observer.step(q, v + 1e-3 * rng.normal(size=v.shape), u)
+        assert observer.collisions == (), k
+    observer.step(q, v + 1.0, u)
+    assert observer.collisions
+
+
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+def test_the_c_has_the_bits_of_python(dtype: str, built: Build, tmp_path: Path) -> None:
+    """With all warnings as errors; it says on which coordinate the force is beyond its threshold."""
+    names = ("generalized_momentum", "generalized_force")
+    kernel = built(TREE, *names, dtype=dtype)
+    observer = MomentumObserver(TREE, 30.0, DT, threshold={kernel.coordinates[-1]: 1.0}, dtype=dtype, kernel=kernel)
+    source = make_source(TREE, Options(names, dtype, batches=False))
+    for name, text in {**source.files, **observer.sources()}.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    own = f"{TREE.name}_momentum_observer"
+    strict = "-std=c99 -Wall -Wextra -Wconversion -pedantic -Werror -O0 -ffp-contract=off -shared -fPIC"
+    command = ["cc", *strict.split(), f"{TREE.name}.c", f"{own}.c", "-o", "observer.so", "-lm"]
+    subprocess.run(command, cwd=tmp_path, check=True)
+    ffi, n = cffi.FFI(), kernel.n
+    real = {"float64": "double", "float32": "float"}[dtype]
+    ffi.cdef(
+        f"typedef struct {{ {real} momentum[{n}]; {real} force[{n}]; {real} external[{n}]; }} {own};"
+        f"void {TREE.name}_setup(const {real} *p, {real} *h);"
+        f"void {own}_start(const {real} *h, const {real} *q, const {real} *v, {own} *observer);"
+        f"int {own}_step(const {real} *h, const {real} *q, const {real} *v, const {real} *u, {own} *observer);"
+    )
+    library = ffi.dlopen(str(tmp_path / "observer.so"))
+    p = np.array([*kernel.parameters.values()], dtype)
+    h, state = np.zeros(4096, dtype), ffi.new(f"{own} *")
+
+    def at(x: Array) -> object:
+        return ffi.from_buffer(f"{real}[]", x)
+
+    getattr(library, f"{TREE.name}_setup")(at(p), at(h))
+    rng = np.random.default_rng(4)
+    q, v, u = rng.uniform(-1.0, 1.0, (3, 6, n)).astype(dtype)
+    getattr(library, f"{own}_start")(at(h), at(q[0]), at(v[0]), state)
+    observer.start(q[0], v[0])
+    for k in range(1, 6):
+        beyond = getattr(library, f"{own}_step")(at(h), at(q[k]), at(v[k]), at(u[k]), state)
+        found = observer.step(q[k], v[k], u[k])
+        assert found.dtype == dtype
+        assert np.array_equal(np.frombuffer(ffi.buffer(state.external), dtype), found)
+        assert (beyond == n) == bool(observer.collisions)
+    assert beyond == n  # random samples are no motion
+
+
+def test_what_cannot_be_observed_is_refused_by_name() -> None:
+    for robot, message in (
+        ("four_bar", r"robot: forces of constraints \(.*\) act on coordinates beside external ones"),
+        ("shaken_arm", r"is prescribed, by forces that are not known"),
+    ):
+        with pytest.raises(InputError, match=message):
+            MomentumObserver(robot, GAIN, DT)
+    for options, message in (
+        ({"gain": 0.0}, r"gain: joint1.x has 0.0; allowed: a number above 0"),
+        ({"gain": float("inf")}, r"gain: joint1.x has inf"),
+        ({"gain": [1.0]}, r"gain: got 1 numbers; allowed: one, or 2"),
+        ({"gain": {"joint1.x": 1.0}}, r"gain: 'joint1.gamma' has none; allowed: a number for each coordinate"),
+        ({"dt": 0.0}, r"dt: got 0.0; allowed: a number above 0, s"),
+        ({"threshold": -1.0}, r"threshold: joint1.x has -1.0"),
+    ):
+        given = {"gain": GAIN, "dt": DT, **options}
+        with pytest.raises(InputError, match=message):
+            MomentumObserver("one_link", **given)  # type: ignore[arg-type]
+    with pytest.raises(UnknownNameError, match=r"threshold: 'joint1.y' is no coordinate"):
+        MomentumObserver("one_link", GAIN, DT, threshold={"joint1.y": 1.0})
+
+
+def test_states_of_laws_are_refused_by_name() -> None:
+    robot = robot_from_toml(HYSTERETIC)
+    with pytest.raises(InputError, match=r"laws have states \(.*\), which are not measured; allowed: robot.without_s"):
+        MomentumObserver(robot, GAIN, DT)
+    assert MomentumObserver(robot.without_states(), GAIN, DT).coordinates == ("joint1.gamma", "joint1.motor")
+    assert MomentumObserver(robot, GAIN, DT, torque_sensors=True).coordinates == ("joint1.gamma",)
