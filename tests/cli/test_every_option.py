@@ -39,6 +39,7 @@ BASE = {  # words of commands that need more than a robot
     **{command: f"{command} {{subject}}" for command in ("view", "live")},
     "new dh": "new arm --convention classic",  # and for single options
     "export kernels": "export {robot} --arrays",
+    "export parameters": "export {robot} --acados",
     "accuracy results": "accuracy",
     "accuracy commands": "accuracy poses.csv",
 }
@@ -72,6 +73,7 @@ READ = {  # files, with the endings without which they are not looked at
 WRITTEN = {"output", "report", "toml", "urdf", "plot"}
 NAMES = {  # words behind the option, X in the place of a name
     **dict.fromkeys(("name", "held", "frame", "matrix", "input", "output_of", "kernels", "fixed", "stiffness"), "X"),
+    "export parameters": "X",
     "attach": "ball=X",
 }
 LATER = {  # once a file was read: tests of analysis, identification and pages try them
@@ -195,7 +197,8 @@ def test_files_that_are_none_are_refused_by_name(kind: str, refusal: Refusal) ->
 
 def test_names_that_are_none_are_refused_as_code(refusal: Refusal) -> None:
     for command, action in of_kind("name"):
-        last = refusal(command, action, [NAMES[action.dest].replace("X", "\x1b[2J")])
+        pattern = NAMES.get(f"{command} {action.dest}") or NAMES[action.dest]
+        last = refusal(command, action, [pattern.replace("X", "\x1b[2J")])
         assert r"\x1b[2J" in last, last
 
 

@@ -76,6 +76,20 @@ def _export_arrays(robot: Robot, options: argparse.Namespace, report: StageRepor
     return [export_arrays(robot, path, kernels=options.kernels, progress=report)]
 
 
+def _export_acados(robot: Robot, options: argparse.Namespace, report: StageReport) -> list[Path]:
+    from ..export.acados import STEP, export_acados
+
+    return export_acados(
+        robot,
+        options.output,
+        method=options.method,
+        step=STEP if options.step is None else options.step,
+        substeps=options.substeps,
+        parameters=options.parameters,
+        progress=report,
+    )
+
+
 @dataclass(frozen=True)
 class Format:
     """A format to write.
@@ -104,6 +118,11 @@ FORMATS: Mapping[str, Format] = {  # by the names of their options
         _export_wasm,
         ("kernels", "model", "dtype"),
     ),
+    "acados": Format(
+        "a model of acados: discrete dynamics with exact derivatives in one file of C",
+        _export_acados,
+        ("method", "parameters", "step", "substeps"),
+    ),
 }
 
 
@@ -125,12 +144,13 @@ def _add_export(parser: argparse.ArgumentParser) -> None:
         "--step",
         type=real,
         metavar="S",
-        help="(greatest) step of integration, s (what rk4 needs); of FMUs with the methods rk4 and implicit",
+        help="(greatest) step of integration, s (what rk4 needs); of FMUs with the methods rk4 and implicit;"
+        " of acados the step of the model (0.01)",
     )
     units = parser.add_argument_group("FMUs")
     units.add_argument("--fmi", type=int, choices=VERSIONS, help="version of the interface (both)")
     units.add_argument(
-        "--method", choices=METHODS, default=AUTO, help=f"method of integration: of co-simulation ({AUTO})"
+        "--method", choices=METHODS, default=AUTO, help=f"method of integration: of co-simulation, of acados ({AUTO})"
     )
     units.add_argument("--rtol", type=real, metavar="R", help="relative tolerance of co-simulation at first (1e-6)")
     models = parser.add_argument_group("models of MuJoCo")
@@ -147,6 +167,13 @@ def _add_export(parser: argparse.ArgumentParser) -> None:
     )
     modules.add_argument(
         "--dtype", choices=DTYPES, default="float64", help="type of all numbers: of WebAssembly (float64)"
+    )
+    predictions = parser.add_argument_group("models of acados")
+    predictions.add_argument(
+        "--substeps", type=whole, default=1, metavar="N", help="equal steps of integration in a step of the model (1)"
+    )
+    predictions.add_argument(
+        "--parameters", nargs="+", default=[], metavar="NAME", help="run-time parameters that are p of the model (none)"
     )
     taken = {option for target in FORMATS.values() for option in target.takes}
     parser.set_defaults(unset={option: parser.get_default(option) for option in sorted(taken)})
@@ -176,6 +203,7 @@ COMMANDS = (
             "export arm.toml --mjcf -o arm.xml": "the same robot for MuJoCo",
             "export crane.toml --mjcf --segments 8": "the same of one whose links bend, as chains of segments",
             "export arm.toml --wasm -o out": "its kernel for browsers",
+            "export arm.toml --acados --method rk4 --step 0.02": "its discrete dynamics for predictive control",
             "export arm.toml --arrays -o arm.py": "its equations on arrays of NumPy or JAX",
         },
     ),

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -34,6 +34,26 @@ def kernels_for_step(method: str = "rk4") -> tuple[str, ...]:
         raise InputError(f"method: {show(method)} has no derivatives; allowed: {', '.join(STEP_CODES)}")
     way = STEP_CODES[method][0]
     return (ROLLOUTS[way], f"{way}_gradient", f"{way}_sensitivity")
+
+
+def checked_step(
+    method: str, dt: object, substeps: object, parameters: Sequence[str], known: Iterable[str]
+) -> tuple[float, int, tuple[str, ...]]:
+    """Return length, number of substeps and names of parameters of a step, for what is known before a kernel is built.
+
+    Args:
+        method: of the step.
+        dt: its length, s.
+        substeps: equal ones that it is made of.
+        parameters: names of those in p.
+        known: names of the robot's run-time parameters.
+
+    Raises:
+        InputError: no such method, length or number of substeps; a name twice.
+        UnknownNameError: no such parameter.
+    """
+    kernels_for_step(method)
+    return _length(dt), _count(substeps), _names("parameters", parameters, tuple(known))
 
 
 @dataclass(frozen=True)
@@ -75,12 +95,13 @@ class DiscreteStep:
         if kernel.raw.turning:
             joints = ", ".join(kernel.raw.turning)
             raise InputError(f"step: {joints} have 3-DOF rotation; allowed: robots without such joints")
-        object.__setattr__(self, "dt", _length(self.dt))
-        object.__setattr__(self, "substeps", _count(self.substeps))
+        dt, substeps, parameters = checked_step(self.method, self.dt, self.substeps, self.parameters, kernel.parameters)
+        object.__setattr__(self, "dt", dt)
+        object.__setattr__(self, "substeps", substeps)
+        object.__setattr__(self, "parameters", parameters)
         driven: Sequence[int] = kernel.raw.libraries.meta["driven"]
         given = [kernel.coordinates[i] for i in driven] if self.drives is None else self.drives
         object.__setattr__(self, "drives", _names("drives", given, kernel.velocities))
-        object.__setattr__(self, "parameters", _names("parameters", self.parameters, tuple(kernel.parameters)))
 
     @property
     def states(self) -> tuple[str, ...]:
@@ -98,14 +119,21 @@ class DiscreteStep:
         """The kernel with all that the step takes in one library of C."""
         return self.kernel.together(*kernels_for_step(self.method))
 
-    def context(self) -> dict[str, Any]:
-        """Return what ``control/step.c.jinja`` asks for."""
+    def context(self, *, by_parameters: bool = True, adjoint: bool = True) -> dict[str, Any]:
+        """Return what ``control/step.c.jinja`` asks for.
+
+        Args:
+            by_parameters: whether there are derivatives by p, too.
+            adjoint: whether there are products of derivatives with weights of states.
+        """
         kernel, (way, number) = self.together, STEP_CODES[self.method]
         gradient = kernel.raw.gradients[f"{way}_gradient"].library
         names, places = list(kernel.parameters), list(kernel.velocities)
         n, every, kept = kernel.n, max(len(names), 1), gradient.meta["kept"][f"{way}_gradient"]
         sizes = self.sizes
-        directions, setup = sum(sizes.values()), kernel.parameters.setup.computed(gradient)
+        by_parameters &= bool(self.parameters)
+        directions = sizes["x"] + sizes["u"] + (len(self.parameters) if by_parameters else 0)
+        setup = kernel.parameters.setup.computed(gradient)
         room = n + (every + len(setup) if self.parameters else 0)  # rows of states begin behind it
         return {
             "robot": kernel.name,
@@ -120,6 +148,8 @@ class DiscreteStep:
             "states": sizes["x"],
             "drives": [places.index(name) for name in self.drives or ()],
             "parameters": [names.index(name) for name in self.parameters],
+            "by_parameters": by_parameters,
+            "adjoint": adjoint,
             "every": every,
             "directions": directions,
             "hoisted": len(setup),

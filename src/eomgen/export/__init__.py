@@ -1,12 +1,13 @@
-"""Robots for other tools: FMUs, models of MuJoCo, WebAssembly, live pages, Python on arrays, wheels.
+"""Robots for other tools: FMUs, models of MuJoCo and acados, WebAssembly, live pages, Python on arrays, wheels.
 
 Uses runtime, robot, description, state, loops, motion, integration, scenario, codegen (arrays, c, kernels, package),
-templates, pipeline, simulation and pictures.
+templates, pipeline, simulation, control and pictures.
 """
 
 from ..lazily import imports_when_used
 
 with imports_when_used(globals()):
+    from .acados import export_acados as export_acados
     from .arrays import export_arrays as export_arrays
     from .fmu import export_fmu as export_fmu
     from .live import export_live as export_live
