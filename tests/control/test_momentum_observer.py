@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,6 +18,7 @@ from eomgen.pipeline import Options, make_source
 from eomgen.robot.value import PRINCIPAL
 from tests.control.test_sensing import HYSTERETIC
 from tests.support.builds import Build
+from tests.support.controllers import compiled
 from tests.support.random_motors import geared_robot, motor_state
 from tests.support.random_robots import Array, random_robot, random_state
 
@@ -167,13 +167,8 @@ def test_the_c_has_the_bits_of_python(dtype: str, built: Build, tmp_path: Path) 
     kernel = built(TREE, *names, dtype=dtype)
     observer = MomentumObserver(TREE, 30.0, DT, threshold={kernel.coordinates[-1]: 1.0}, dtype=dtype, kernel=kernel)
     source = make_source(TREE, Options(names, dtype, batches=False))
-    for name, text in {**source.files, **observer.sources()}.items():
-        (tmp_path / name).parent.mkdir(exist_ok=True)
-        (tmp_path / name).write_text(text, encoding="utf-8")
+    code = compiled({**source.files, **observer.sources()}, tmp_path)
     own = f"{TREE.name}_momentum_observer"
-    strict = "-std=c99 -Wall -Wextra -Wconversion -pedantic -Werror -O0 -ffp-contract=off -shared -fPIC"
-    command = ["cc", *strict.split(), f"{TREE.name}.c", f"{own}.c", "-o", "observer.so", "-lm"]
-    subprocess.run(command, cwd=tmp_path, check=True)
     ffi, n = cffi.FFI(), kernel.n
     real = {"float64": "double", "float32": "float"}[dtype]
     ffi.cdef(
@@ -182,7 +177,7 @@ def test_the_c_has_the_bits_of_python(dtype: str, built: Build, tmp_path: Path) 
         f"void {own}_start(const {real} *h, const {real} *q, const {real} *v, {own} *observer);"
         f"int {own}_step(const {real} *h, const {real} *q, const {real} *v, const {real} *u, {own} *observer);"
     )
-    library = ffi.dlopen(str(tmp_path / "observer.so"))
+    library = ffi.dlopen(str(code))
     p = np.array([*kernel.parameters.values()], dtype)
     h, state = np.zeros(4096, dtype), ffi.new(f"{own} *")
 

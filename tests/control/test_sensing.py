@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import pickle
 from dataclasses import replace
+from pathlib import Path
 
+import cffi
 import numpy as np
 import pytest
 
@@ -12,10 +14,12 @@ import eomgen
 from eomgen.control import Measurement, parse_sensors
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import InputError, UnknownNameError
+from eomgen.pipeline import Options, make_source
 from eomgen.robot import Sensor, build_model, record_of, robot_of
 from eomgen.robot.value import MOTOR, PRINCIPAL, Coordinate, Robot
 from tests.support.bending_mixtures import answer
 from tests.support.builds import Build
+from tests.support.controllers import compiled
 from tests.support.random_motors import geared_robot, motor_state
 from tests.support.random_robots import Array, random_robot, random_state, seeds
 
@@ -137,6 +141,40 @@ def test_jacobians_are_differences_of_innovations(built: Build) -> None:
             assert np.abs(change - rows[..., i]).max() <= 1e-7 * (1.0 + np.abs(rows).max())
     single = m.jacobian(kernel, *states[:, 0])
     assert all(np.array_equal(one, many[0]) for one, many in zip(single, H, strict=True))
+
+
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+def test_innovations_and_jacobians_in_c(dtype: str, built: Build, tmp_path: Path) -> None:
+    """With all warnings as errors, poses between other sensors; as in Python within round-off."""
+    sensors = ["pose:tcp", "imu:tcp", "pose:base", f"encoder:{next(iter(TREE.coordinates))}"]
+    m, names = Measurement.of(TREE, sensors), ("measurement", "measurement_adjoint")
+    kernel, real = built(m.robot, *names, dtype=dtype), {"float64": "double", "float32": "float"}[dtype]
+    source, n = make_source(m.robot, Options(names, dtype, batches=False)), kernel.n
+    library, ffi = compiled({**source.files, **m.sources(dtype)}, tmp_path), cffi.FFI()
+    ffi.cdef(
+        f"void {TREE.name}_setup(const {real} *p, {real} *h);"
+        f"void {TREE.name}_innovation(const {real} *measured, const {real} *predicted, {real} *innovation);"
+        f"void {TREE.name}_innovation_jacobian(const {real} *h, const {real} *q, const {real} *v, const {real} *a,"
+        f" {real} *predicted, {real} *jacobian);"
+    )
+    code = ffi.dlopen(str(library))
+    call = {name: getattr(code, f"{TREE.name}_{name}") for name in ("setup", "innovation", "innovation_jacobian")}
+
+    def at(x: Array) -> object:
+        return ffi.from_buffer(f"{real}[]", x)
+
+    h, rng = np.zeros(4096, dtype), np.random.default_rng(6)
+    call["setup"](at(np.array([*kernel.parameters.values()], dtype)), at(h))
+    q, v, a = rng.uniform(-1.0, 1.0, (3, n)).astype(dtype)
+    predicted, jacobian = np.zeros(len(m.readings), dtype), np.zeros((len(m.noise), 3, n), dtype)
+    call["innovation_jacobian"](at(h), at(q), at(v), at(a), at(predicted), at(jacobian))
+    limit = 1e-13 if dtype == "float64" else 1e-4
+    expected = np.stack(m.jacobian(kernel, q, v, a), axis=1)
+    assert np.abs(predicted - kernel.measurement(q, v, a)).max() <= limit * (1.0 + np.abs(predicted).max())
+    assert np.abs(jacobian - expected).max() <= limit * (1.0 + np.abs(expected).max())
+    measured, innovation = m.noisy(predicted, rng).astype(dtype), np.zeros(len(m.noise), dtype)
+    call["innovation"](at(measured), at(predicted), at(innovation))
+    assert np.abs(innovation - m.innovation(measured, predicted)).max() <= limit * (1.0 + np.abs(predicted).max())
 
 
 def test_innovations_of_poses_are_angles_and_noise_keeps_rotations() -> None:

@@ -11,11 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .._version import __version__
 from ..arrays import Array
 from ..description import RobotLike, as_robot
 from ..errors import InputError, UnknownNameError
 from ..names import nearest_or_all, show
 from ..robot.fields import Picklable
+from ..robot.model import build_model
 from ..robot.value import SENSOR_KINDS, Robot, Sensor, innovations, readings, sensor_conflict
 from ..runtime.kernel import Kernel
 
@@ -192,6 +194,31 @@ class Measurement(Picklable):
             row, at = first + 6, begin + _POSE
         y[..., at:] += noise[..., row:]
         return y
+
+    def sources(self, dtype: str = "float64") -> dict[str, str]:
+        """Return names and texts of C that stands beside that of ``robot`` with ``kernels``: innovations, Jacobians.
+
+        Args:
+            dtype: of the robot's C.
+        """
+        from ..codegen.c.scalar_types import SCALARS
+        from ..codegen.c.source import environment
+
+        real, name = SCALARS[dtype], self.robot.name
+        rows = self.weights(np.zeros(len(self.readings)))
+        context = {
+            "name": name,
+            "version": __version__,
+            "n": build_model(self.robot).size,
+            "readings": self.readings,
+            "innovations": [(*row, f"{x:g}") for row, x in zip(self.innovations, self.noise, strict=True)],
+            "reading_of": [int(row.argmax()) if row.any() else -1 for row in rows],
+            "poses": self.poses,
+            "real": real.name,
+            **{word: real.literal(x) for word, x in (("zero", 0.0), ("half", 0.5), ("one", 1.0), ("two", 2.0))},
+        }
+        texts = {ending: environment().get_template(f"control/measurement.{ending}.jinja") for ending in ("h", "c")}
+        return {f"{name}_innovation.{ending}": text.render(context) for ending, text in texts.items()}
 
     def _taken(self, label: str, values: ArrayLike) -> Array:
         array, size = np.asarray(values, float), len(self.readings)
