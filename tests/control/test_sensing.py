@@ -9,10 +9,13 @@ from pathlib import Path
 import cffi
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 import eomgen
 from eomgen.control import Measurement, parse_sensors
 from eomgen.description.load import robot_from_toml
+from eomgen.description.recorded import robot_from_record
 from eomgen.errors import InputError, UnknownNameError
 from eomgen.pipeline import Options, make_source
 from eomgen.robot import Sensor, build_model, record_of, robot_of
@@ -20,6 +23,7 @@ from eomgen.robot.value import MOTOR, PRINCIPAL, Coordinate, Robot
 from tests.support.bending_mixtures import answer
 from tests.support.builds import Build
 from tests.support.controllers import compiled
+from tests.support.fuzzing import check_message
 from tests.support.random_motors import geared_robot, motor_state
 from tests.support.random_robots import Array, random_robot, random_state, seeds
 
@@ -38,6 +42,9 @@ child = "link1"
 type = "revolute"
 motor = { inertia = 0.1, ratio = 100.0, stiffness = 1e4, hysteresis = { stiffness = 1e3, beta = 1e3, gamma = 1e3 } }
 """
+ROD = eomgen.load_robot("one_link")
+PIECES = (",", ":", " ", "imu", "encoder", "torque", "pose", "tcp", "joint1.gamma", "joint1", "base", "\n", "\x1b")
+FUZZ = settings(max_examples=100, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 TREE = random_robot(4, joints=(3, 4), tree=True)
 
 
@@ -217,9 +224,17 @@ def test_a_measurement_is_a_value() -> None:
         ("one_link", "", r"sensors: got ''; allowed: KIND:NAME"),
         ("one_link", [], r"sensors: none is there"),
         ("one_link", "camera:link1", r"'camera' is no sensor"),
-        ("one_link", "encodr:joint1.gamma", r"'encodr' is no sensor; did you mean 'encoder'"),
-        ("one_link", "encoder:joint1.gama", r"'joint1.gama' is no coordinate; did you mean 'joint1.gamma'"),
-        ("one_link", "imu:linc1", r"'linc1' is no frame or link; did you mean 'link1'"),
+        ("one_link", "encodr:joint1.gamma", r"'encodr' is no sensor; allowed: encoder, .*; did you mean 'encoder'"),
+        (
+            "one_link",
+            "encoder:joint1.gama",
+            r"encoder 'joint1.gama' is no coordinate; allowed: .*; did you mean 'joint1.gamma'",
+        ),
+        (
+            "one_link",
+            "imu:linc1",
+            r"'linc1' is no frame or link; allowed: 'tcp', 'link1', 'base'; did you mean 'link1'",
+        ),
         ("one_link", "imu:link1,imu:link1", r"imu:link1 stands twice; allowed: every sensor once"),
         ("one_link", [3], r"sensors: got 3; allowed: KIND:NAME"),
         ("four_bar", "torque:joint1.gamma", r"torque:joint1.gamma: loops and couplings carry part of it"),
@@ -245,8 +260,32 @@ def test_kernels_refuse_robots_without_sensors_and_sensors_of_nothing() -> None:
     with pytest.raises(InputError, match=r"'measurement' is for robots with sensors \(eomgen.control.Measurement\)"):
         eomgen.build("one_link", kernels=("measurement",))
     robot = replace(eomgen.load_robot("one_link"), sensors=(Sensor("imu", "nowhere"),))
-    with pytest.raises(InputError, match=r"sensors of one_link: imu:nowhere: 'nowhere' is no frame or link"):
+    with pytest.raises(InputError, match=r"sensors of one_link: imu 'nowhere' is no frame or link"):
         answer(robot, "measurement", q=np.zeros(2), v=np.zeros(2), a=np.zeros(2))
+
+
+@FUZZ
+@given(st.text(max_size=40) | st.lists(st.sampled_from(PIECES), max_size=6).map("".join))
+def test_any_text_is_sensors_or_refused(text: str) -> None:
+    """In printable ASCII, with what is wrong."""
+    try:
+        m = Measurement.of(ROD, text)
+    except InputError as error:
+        check_message(error)
+        return
+    assert ",".join(sensor.name for sensor in m.sensors) == text.replace(" ", "")
+
+
+def test_records_of_robots_with_sensors_of_nothing_are_refused() -> None:
+    record = record_of(Measurement.of(ROD, "imu:tcp").robot)
+    assert robot_from_record(record, "run.json").sensors == (Sensor("imu", "tcp"),)
+    for key, value, message in (
+        ("of", "nowhere", "'nowhere' is no frame or link"),
+        ("kind", "eye", "'eye' is no sensor"),
+    ):
+        wrong = {**record, "sensors": [{"kind": "imu", "of": "tcp", key: value}]}
+        with pytest.raises(InputError, match=message):
+            robot_from_record(wrong, "run.json")
 
 
 def test_gears_whose_law_has_states_are_refused() -> None:

@@ -65,7 +65,17 @@ HOWTO = (
     *("tolerance", "tool_path"),
 )
 SLOW = (
-    *("adapters.md", "analysis.md", "comparison.md", "derivatives.md", "fmu.md", "live.md", "python.md", "sensors.md", "wasm.md"),
+    *(
+        "adapters.md",
+        "analysis.md",
+        "comparison.md",
+        "derivatives.md",
+        "fmu.md",
+        "live.md",
+        "python.md",
+        "sensors.md",
+        "wasm.md",
+    ),
     *("for/calibration.md", "for/control.md", "for/multibody.md"),
     *(f"howto/{name}.md" for name in HOWTO),
 )  # for make soak: some take 10 s

@@ -15,7 +15,7 @@ from .._version import __version__
 from ..arrays import Array
 from ..description import RobotLike, as_robot
 from ..errors import InputError, UnknownNameError
-from ..names import nearest_or_all, show
+from ..names import nearest, nearest_or_all, show
 from ..robot.fields import Picklable
 from ..robot.model import build_model
 from ..robot.value import SENSOR_KINDS, Robot, Sensor, innovations, readings, sensor_conflict
@@ -241,7 +241,9 @@ def parse_sensors(text: str) -> tuple[Sensor, ...]:
         if not colon or not of:
             raise InputError(f"sensors: got {show(item)}; allowed: {_LIKE}")
         if kind not in SENSOR_KINDS:
-            raise InputError(f"sensors: {show(kind)} is no sensor{nearest_or_all(kind, SENSOR_KINDS)}")
+            raise InputError(
+                f"sensors: {show(kind)} is no sensor; allowed: {', '.join(SENSOR_KINDS)}{nearest(kind, SENSOR_KINDS)}"
+            )
         found.append(Sensor(kind, of))
     return tuple(found)
 

@@ -13,7 +13,7 @@ from ..names import show
 from .bounds import limits_conflict
 from .geometry import Matrix, Placement
 from .parameter_names import least_of
-from .value import COORDINATES, JOINT_TYPES, PRINCIPAL, Joint, Robot
+from .value import COORDINATES, JOINT_TYPES, PRINCIPAL, Joint, Robot, sensor_conflict
 
 _TURNED = 1e-6  # that a rotation's R R^T may be off the identity: some decimals of a text
 
@@ -46,6 +46,10 @@ def check_values(robot: Robot) -> None:
             conflict = None if made is None else made.conflict()
             if conflict is not None:
                 _fail(robot, ".".join(filter(None, ("links", link.name, part, conflict[0]))), conflict[1])
+    for sensor in robot.sensors:
+        wrong = sensor_conflict(robot, sensor)
+        if wrong is not None:
+            _fail(robot, "sensors", wrong)
     for where, rotation in _rotations(robot):
         if not _turns(rotation):
             _fail(robot, where, "the axes are no rotation; allowed: orthogonal axes of length 1, right-handed")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from ...names import component_name, joint_of, kind_of, nearest_or_all, show
+from ...names import component_name, joint_of, kind_of, listed, nearest, show
 from ..geometry import LINEAR
 from .joint import MOTOR, PRINCIPAL
 from .robot import Robot
@@ -47,7 +47,7 @@ def sensor_conflict(robot: Robot, sensor: Sensor) -> str | None:
     if sensor.kind not in AT_COORDINATES:
         known = [*(x.name for x in robot.frames), *(x.name for x in robot.links), robot.base]
     if sensor.of not in known:
-        return f"{sensor.name}: {show(sensor.of)} is no {what}{nearest_or_all(sensor.of, known)}"
+        return f"{sensor.kind} {show(sensor.of)} is no {what}; allowed: {listed(known)}{nearest(sensor.of, known)}"
     return _torque_conflict(robot, sensor) if sensor.kind == "torque" else None
 
 
