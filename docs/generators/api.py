@@ -15,6 +15,7 @@ PAGES: dict[str, tuple[str, tuple[str, ...]]] = {
     "api_runtime": ("Compiled kernels as they are", ("eomgen.runtime.raw",)),
     "api_loops": ("Closed loops", ("eomgen.loops",)),
     "api_analysis": ("Analysis about a state", ("eomgen.analysis",)),
+    "api_control": ("Control", ("eomgen.control",)),
     "api_identification": ("Measured motion", ("eomgen.identification",)),
     "api_adapters": ("Optimal control and learning", ("eomgen.adapters.casadi", "eomgen.adapters.jax")),
     "api_sweeps": ("Sweeps", ("eomgen.sweep",)),

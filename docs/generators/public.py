@@ -11,7 +11,18 @@ from eomgen.cli.entry import COMMANDS
 from eomgen.errors import RENAMED
 
 ROOMS = (
-    *("analysis", "authoring", "description", "export", "identification", "integration", "loops", "motion", "pictures"),
+    *(
+        "analysis",
+        "authoring",
+        "control",
+        "description",
+        "export",
+        "identification",
+        "integration",
+        "loops",
+        "motion",
+        "pictures",
+    ),
     *("robot", "scenario", "simulation", "state", "sweep", "adapters.casadi", "adapters.jax"),
 )
 PACKAGES = ("eomgen", *(f"eomgen.{name}" for name in ROOMS))

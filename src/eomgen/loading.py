@@ -1,6 +1,6 @@
 """Files and folders of results: which kind they are of, and the result that they hold, whatever its kind.
 
-Uses results, simulation, analysis, sweep and identification.
+Uses results, simulation, analysis, sweep, identification and control.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ def load_result(path: Path | str) -> Any:
         path: a file that a result's ``save`` wrote, or the folder of a simulation, a sweep or a stream.
 
     Returns:
-        a ``SimulationResult``, ``SweepResult``, ``StreamedMotion``, or a result of ``eomgen.analysis`` or
-        ``eomgen.identification``.
+        a ``SimulationResult``, ``SweepResult``, ``StreamedMotion``, or a result of ``eomgen.analysis``,
+        ``eomgen.identification`` or ``eomgen.control``.
 
     Raises:
         InputError: nothing is there, it is no result, or a damaged one; says what in it is wrong, and what is allowed.
@@ -45,6 +45,7 @@ def load_result(path: Path | str) -> Any:
     if not kind and place.suffix != JSON:
         return load_simulation(path)
     from . import identification as identification  # likewise, also those of analysis
+    from .control.inversion import result as result
 
     if kind not in KINDS:
         allowed = listed(sorted(KINDS), len(KINDS))

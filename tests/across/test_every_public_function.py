@@ -19,7 +19,8 @@ from eomgen.sweep import plan_from_toml
 pytestmark = [pytest.mark.usefixtures("unoptimised"), pytest.mark.filterwarnings("ignore")]
 
 PACKAGES = (
-    *("eomgen", "eomgen.analysis", "eomgen.authoring", "eomgen.description", "eomgen.export", "eomgen.identification"),
+    *("eomgen", "eomgen.analysis", "eomgen.authoring", "eomgen.control", "eomgen.description", "eomgen.export"),
+    "eomgen.identification",
     *("eomgen.integration", "eomgen.loops", "eomgen.motion", "eomgen.pictures", "eomgen.robot", "eomgen.scenario"),
     *("eomgen.simulation", "eomgen.state", "eomgen.sweep"),
 )

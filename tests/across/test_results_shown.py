@@ -38,7 +38,7 @@ type = "rollout"
 parameter = "joints.joint1.x.stiffness"
 uniform = { low = 1e4, high = 2e4 }
 """
-ROOMS = ("analysis", "identification", "integration", "loops", "motion", "simulation", "sweep")
+ROOMS = ("analysis", "control", "identification", "integration", "loops", "motion", "simulation", "sweep")
 ARRAYS = ("Array", "NDArray", "Complex")
 
 

@@ -60,6 +60,7 @@ HOWTO = (
         "harmonic_drive",
         "identify",
         "platform",
+        "stable_inversion",
         "sweep",
     ),
     *("tolerance", "tool_path"),

@@ -33,6 +33,7 @@ READ: Mapping[str, Callable[[Path], Any]] = {
     "simulation.npz": eomgen.simulation.load_result,
     "response.npz": eomgen.load_result,
     "state_space.npz": eomgen.load_result,
+    "stable_inversion.npz": eomgen.load_result,
     "stream": eomgen.load_stream,
     "sweep": SweepResult.load,
     "tolerance.json": identification.load_tolerance,

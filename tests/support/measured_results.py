@@ -13,6 +13,7 @@ import numpy as np
 
 import eomgen
 from eomgen.analysis import ComplianceMap, Response, StateSpace
+from eomgen.control import StableInversion
 from eomgen.errors import InputError, UnknownNameError
 from eomgen.identification import (
     BaseParameters,
@@ -103,6 +104,29 @@ def _compensation(_: Path) -> CompensationResult:
         limits=(HeldBack("joint1.gamma", 0.1, 1e-4, 1e-3),),
         robustness=(Variant("softer", 1e-3, 1e-3, 1e-4, 1e-4),),
         scenario=scenario_from_toml(SCENARIO),
+        notes=("a note",),
+    )
+
+
+def _stable_inversion(_: Path) -> StableInversion:
+    t = np.linspace(-0.1, 0.6, 5)
+    q = np.stack([np.sin(t), 1e-3 * np.cos(t)], axis=1)
+    return StableInversion(
+        robot="arm",
+        outputs=("tcp.y",),
+        drives=("joint1.gamma",),
+        coordinates=("joint1.gamma", "joint2.gamma"),
+        t=t,
+        duration=0.5,
+        q=q,
+        v=0.5 * q,
+        u=q[:, :1],
+        inertia=np.array([0.5]),
+        zeros=np.array([-20.0 + 5.0j, -20.0 - 5.0j, 30.0 + 0.0j]),
+        history=(1e-3, 1e-9),
+        residual=1e-12,
+        between=1e-9,
+        ends=(1e-12, 1e-11),
         notes=("a note",),
     )
 
@@ -224,6 +248,7 @@ RESULTS: Mapping[str, Callable[[Path], Any]] = {
         chain(4, "RR"), count=8, candidates=20, ranges={"joint1.gamma": (-2.0, 2.0), "joint2.gamma": (-2.0, 2.0)}
     ),
     "response": _response,
+    "stable_inversion": _stable_inversion,
     "state_space": _state_space,
     "tolerance": lambda _: tolerance("one_link", TOLERANCES, poses=np.zeros((2, 1))),
 }

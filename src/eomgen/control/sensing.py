@@ -235,6 +235,8 @@ def parse_sensors(text: str) -> tuple[Sensor, ...]:
     Raises:
         InputError: with what is no sensor, and what is.
     """
+    if not isinstance(text, str):
+        raise InputError(f"sensors: got {show(text)}; allowed: {_LIKE}")
     found = list[Sensor]()
     for item in text.split(","):
         kind, colon, of = item.strip().partition(":")

@@ -1,0 +1,302 @@
+"""Stable inversion: small systems in closed form, who is refused, files, and simulations without and with feedback."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+
+import eomgen
+from eomgen.control import StableInversion, stable_inversion
+from eomgen.description.load import robot_from_toml
+from eomgen.errors import InputError, UnknownNameError
+from eomgen.integration import integrate
+from eomgen.motion import PointToPoint, Spline, default_motion
+from eomgen.robot.value import Robot
+from eomgen.scenario.load import load_scenario
+
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
+Array = NDArray[np.float64]
+
+FIRST, SECOND, STIFFNESS, DAMPING = 3.0, 2.0, 800.0, 6.0  # two masses on a line, a spring and a damper between them
+CARTS = """
+name = "carts"
+gravity = [0.0, 0.0, 0.0]
+[[links]]
+name = "first"
+mass = 3.0
+[[links]]
+name = "second"
+mass = 2.0
+[[joints]]
+name = "rail"
+parent = "base"
+child = "first"
+type = "prismatic"
+[[joints]]
+name = "spring"
+parent = "first"
+child = "second"
+type = "fixed"
+z = { SPRING }
+[[frames]]
+name = "tip"
+link = "second"
+"""
+LONG, SHORT, TURNING, ROTARY_DAMPING = 0.5, 0.3, 40.0, 0.2  # two rods, a spring and a damper between them
+RODS = """
+name = "rods"
+gravity = [0.0, 0.0, 0.0]
+[[links]]
+name = "first"
+mass = 2.0
+com = [0.25, 0.0, 0.0]
+inertia = { xx = 0.001, yy = 0.05, zz = 0.05 }
+[[links]]
+name = "second"
+mass = 1.0
+com = [0.15, 0.0, 0.0]
+inertia = { xx = 0.001, yy = 0.0075, zz = 0.0075 }
+[[joints]]
+name = "hub"
+parent = "base"
+child = "first"
+type = "revolute"
+[[joints]]
+name = "elbow"
+parent = "first"
+child = "second"
+type = "fixed"
+placement = { xyz = [0.5, 0.0, 0.0] }
+gamma = { stiffness = 40.0, damping = 0.2 }
+[[frames]]
+name = "tip"
+link = "second"
+placement = { xyz = [0.3, 0.0, 0.0] }
+"""
+SMALL = 1e-4  # rad, of a motion in which the rods are linear
+
+
+def carts(spring: str = "stiffness = 800.0, damping = 6.0") -> Robot:
+    """Return two masses, the second on a spring."""
+    return robot_from_toml(CARTS.replace("SPRING", spring))
+
+
+def ride(size: float = 0.2, smooth: int = 4) -> PointToPoint:
+    """Return a motion of the first mass, or of the first rod."""
+    return PointToPoint(np.zeros(1), np.array([size]), 0.6, smooth=smooth)
+
+
+def column(result: StableInversion, name: str) -> Array:
+    """Return a coordinate at all samples."""
+    return result.q[:, result.coordinates.index(name)]
+
+
+def test_where_the_drive_is_the_output_the_second_mass_swings_behind_it() -> None:
+    """Zeros are those of m s^2 + d s + k, all stable: e follows forwards in time, and drives begin with the motion."""
+    program = ride()
+    result = stable_inversion(carts(), program, step=1e-3)
+    assert result.outputs == result.drives == ("rail.z",)
+    expected = np.roots([SECOND, DAMPING, STIFFNESS])
+    assert np.allclose(np.sort_complex(result.zeros), np.sort_complex(expected), rtol=1e-9)
+    assert result.rates[1] == np.inf
+
+    def rate(t: float, x: Array) -> Array:
+        return np.array([x[1], -(DAMPING * x[1] + STIFFNESS * x[0]) / SECOND - program.at(t)[2][0]])
+
+    inside = result.t >= 0.0
+    forwards = solve_ivp(rate, (0.0, result.t[-1]), (0.0, 0.0), "DOP853", result.t[inside], rtol=1e-10, atol=1e-14)
+    deviation = column(result, "spring.z")
+    assert np.abs(deviation[inside] - forwards.y[0]).max() < 1e-7 * np.abs(deviation).max()
+    assert np.abs(deviation[~inside]).max() < 1e-7 * np.abs(deviation).max()
+    assert np.abs(column(result, "rail.z") - program.at(result.t)[0][:, 0]).max() < 1e-9
+
+
+def test_a_drive_behind_a_spring_finds_what_the_mass_behind_it_asks_for() -> None:
+    """The far mass as output has one zero, -k/d: m y'' = -(k e + d e'), and m e'' is in the drive's force."""
+    program = ride(smooth=6)
+    result = stable_inversion(carts(), program, outputs=("tip.z",), step=1e-3)
+    assert result.zeros.size == 1
+    assert result.zeros[0] == pytest.approx(-STIFFNESS / DAMPING, rel=1e-9)
+
+    def rate(t: float, e: Array) -> Array:
+        return (-SECOND * program.at(t)[2] - STIFFNESS * e) / DAMPING
+
+    inside = result.t >= 0.0
+    e = solve_ivp(rate, (0.0, result.t[-1]), (0.0,), "DOP853", result.t[inside], rtol=1e-11, atol=1e-15).y[0]
+    assert np.abs(column(result, "spring.z")[inside] - e).max() < 1e-6 * np.abs(e).max()
+    assert np.abs(column(result, "rail.z")[inside] + e - program.at(result.t[inside])[0][:, 0]).max() < 1e-6 * 0.2
+
+
+def test_a_spring_alone_between_drive_and_output_is_inverted_algebraically() -> None:
+    """Without a damper there is no zero: e = -m y'' / k, and the force m y'' + m_1 (y'' - e'')."""
+    program = ride(smooth=6)
+    result = stable_inversion(carts("stiffness = 800.0"), program, outputs=("tip.z",), step=1e-3)
+    assert not result.zeros.size
+    y = program.series(result.t, 4)[..., 0]
+    e, bent = -SECOND * y[2] / STIFFNESS, -SECOND * y[4] / STIFFNESS
+    assert np.abs(column(result, "spring.z") - e).max() < 1e-6 * np.abs(e).max()
+    force = (FIRST + SECOND) * y[2] - FIRST * bent
+    assert np.abs(result.u[:, 0] - force).max() < 1e-3 * np.abs(force).max()
+
+
+def test_the_tip_behind_a_rod_that_turns_has_an_unstable_zero_and_the_drive_begins_before_it() -> None:
+    """a e'' + d e' + k e = -M_21 y'' / (l_1 + l_2) has a < 0: one part is found forwards, the other backwards."""
+    length, M_21, M_22 = LONG + SHORT, SHORT * (LONG / 2.0 + SHORT / 3.0), SHORT**2 / 3.0
+    a = M_22 - M_21 * SHORT / length
+    assert a < 0.0
+    stable, unstable = sorted(np.roots([a, ROTARY_DAMPING, TURNING]).real)
+    program = ride(SMALL)
+    result = stable_inversion(robot_from_toml(RODS), program, outputs=("tip.y",), step=1e-3)
+    assert np.allclose(np.sort(result.zeros.real), [stable, unstable], rtol=1e-7)
+    assert np.abs(result.zeros.imag).max() == 0.0
+    assert result.rates == pytest.approx((stable, unstable), rel=1e-7)
+
+    def pushed(t: float) -> float:
+        return float(-M_21 * program.at(t)[2][0] / a)
+
+    ends = (result.t[0] - 0.2, result.t[-1] + 0.2)
+
+    def part(rate: float, ends: tuple[float, float], times: Array) -> Array:
+        found = solve_ivp(
+            lambda t, z: rate * z + pushed(t), ends, (0.0,), "DOP853", times, rtol=1e-10, atol=1e-16, max_step=0.01
+        )
+        return np.asarray(found.y[0])
+
+    forwards, backwards = part(stable, ends, result.t), part(unstable, ends[::-1], result.t[::-1])[::-1]
+    e = (backwards - forwards) / (unstable - stable)
+    found = column(result, "elbow.gamma")
+    assert np.abs(found - e).max() < 1e-3 * np.abs(e).max()
+    inside = (result.t > 0.0) & (result.t < 0.6)
+    assert np.abs(found - e)[inside].max() < 2e-5 * np.abs(e).max()
+    assert np.abs(e[result.t < 0.0]).max() > 1e-3 * np.abs(e).max()  # it bends before the tip moves
+
+
+def test_a_simulation_follows_without_feedback() -> None:
+    """The drives alone carry the tip of the rods over a large motion, in which they are far from linear."""
+    program = ride(1.2)
+    robot = robot_from_toml(RODS)
+    result = stable_inversion(robot, program, outputs=("tip.y",), step=1e-3)
+    kernel = eomgen.build(robot)
+    motion = integrate(
+        kernel, result.q[0], np.zeros(2), float(result.t[-1] - result.t[0]), drive=result.drive(), rtol=1e-9
+    )
+    rigid = np.zeros_like(motion.q)
+    rigid[:, 0] = program.at(motion.t + result.t[0])[0][:, 0]
+    off = (kernel.frame_pose(motion.q, "tip") - kernel.frame_pose(rigid, "tip"))[:, 1, 3]
+    assert np.abs(off).max() < 2e-6
+    assert result.residual < 1e-8
+
+
+def test_what_no_bounded_motion_follows_from_is_refused() -> None:
+    hertz = np.sqrt(STIFFNESS / SECOND) / (2.0 * np.pi)
+    with pytest.raises(InputError, match=rf"spring\.z: swings at {hertz:.4g} Hz .* nothing damps it"):
+        stable_inversion(carts("stiffness = 800.0"), ride())
+    with pytest.raises(InputError, match=r"outputs: drives of rods do not move 'tip.x' independently at 0 s"):
+        stable_inversion(robot_from_toml(RODS), ride(), outputs=("tip.x",))
+
+
+@pytest.mark.parametrize(
+    ("keywords", "message"),
+    [
+        ({"outputs": ("tip.z", "rail.z")}, "outputs: 2 for 1 drives of carts; allowed: as many as drives"),
+        ({"frame": "tip"}, "frame: carts has 1 drives"),
+        ({"step": 0.0}, "step: 0.0 s; allowed: a time above 0"),
+        ({"step": 0.1}, "step: 0.1 s makes .* steps; allowed: 24 to 20000"),
+        ({"before": -1.0}, r"before: -1.0 s; allowed: a time from 0"),
+        ({"duration": float("nan")}, "duration: nan s"),
+    ],
+)
+def test_wrong_arguments_are_refused(keywords: dict[str, object], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        stable_inversion(carts(), ride(), **keywords)  # type: ignore[arg-type]
+
+
+def test_wrong_names_and_motions_are_refused() -> None:
+    with pytest.raises(UnknownNameError, match=r"outputs: 'tip.w' is unknown"):
+        stable_inversion(carts(), ride(), outputs=("tip.w",))
+    with pytest.raises(InputError, match="duration: Spline does not say when it ends"):
+        stable_inversion(carts(), Spline([0.0, 1.0], [[0.0], [1.0]], at_rest=True))
+    with pytest.raises(InputError, match="motion: moves 2 coordinates"):
+        stable_inversion(carts(), PointToPoint(np.zeros(2), np.ones(2), 1.0))
+    with pytest.raises(InputError, match="four_bar: has loops or couplings"):
+        stable_inversion("four_bar", ride())
+
+
+def test_results_come_back_from_files(tmp_path: Path) -> None:
+    result = stable_inversion(carts(), ride(), step=5e-3)
+    loaded = eomgen.load_result(result.save(tmp_path / "inverse.npz"))
+    assert isinstance(loaded, StableInversion)
+    assert loaded.lines() == result.lines()
+    assert loaded.as_dict() == result.as_dict()
+    q, v, t = result.q[3], result.v[3], float(result.t[3] - result.t[0])
+    assert np.allclose(result.drive(20.0)(t, q, v)[0], result.u[3, 0], rtol=1e-9)
+    with pytest.raises(InputError, match=r"bandwidth: -1\.0 rad/s"):
+        result.drive(-1.0)
+
+
+ELASTIC = ("tcp.x", "tcp.y", "tcp.z", "joint4.gamma", "joint5.gamma", "joint6.gamma")  # its wrist begins singular
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("smooth", [2, 4])
+def test_the_tool_of_the_elastic_puma_stays_within_a_micrometre(smooth: int) -> None:
+    """Its demo's path in the simulation of all 36 coordinates, from rest, with feedback of its drives and without."""
+    kernel = eomgen.build("puma560_elastic")
+    usual = default_motion(eomgen.load_robot("puma560_elastic"), 1.6, [f"joint{i}.gamma" for i in range(1, 7)])
+    program = PointToPoint(usual.start, usual.goal, usual.duration, smooth=smooth)
+    result = stable_inversion("puma560_elastic", program, outputs=ELASTIC)
+    rigid = np.zeros((result.t.size, kernel.n))
+    rigid[:, [kernel.coordinates.index(name) for name in result.drives]] = program.at(result.t)[0]
+    wanted = kernel.frame_pose(rigid, "tcp")[:, :3, 3]
+
+    def off(bandwidth: float) -> float:
+        motion = integrate(
+            kernel,
+            result.q[0],
+            np.zeros(kernel.n),
+            float(result.t[-1] - result.t[0]),
+            drive=result.drive(bandwidth),
+            times=result.t - result.t[0],
+            method="radau",
+            rtol=1e-8,
+        )
+        tool = kernel.frame_pose(motion.q, "tcp")[:, :3, 3]
+        return float(np.linalg.norm(tool - wanted, axis=1).max())
+
+    followed, alone = off(30.0), off(0.0)
+    print(smooth, followed, alone, result.lines())
+    assert followed < 1e-7
+    assert alone < (1e-6 if smooth == 4 else 1e-4)  # what jumps is between the samples, and nothing holds the arm
+    bent = kernel.frame_pose(result.q, "tcp")[:, :3, 3]
+    assert np.abs(bent - wanted).max() < 1e-7
+    assert np.abs(result.q - rigid).max() > 1e-5  # what the drives make up for
+
+
+@pytest.mark.soak
+def test_the_pose_of_a_tool_behind_deviations_has_unstable_zeros_and_stays_within_a_micrometre() -> None:
+    """All six components along a circle: the torques reach the tool through springs alone."""
+    kernel = eomgen.build("puma560_elastic")
+    scenario = replace(load_scenario("puma560_circle"), wrenches=(), payloads=())
+    result = stable_inversion("puma560_elastic", scenario, duration=1.2)
+    assert result.outputs == ("tcp.x", "tcp.y", "tcp.z", "tcp.rx", "tcp.ry", "tcp.rz")
+    span = float(result.t[-1] - result.t[0])
+    motion = integrate(
+        kernel,
+        result.q[0],
+        np.zeros(kernel.n),
+        span,
+        drive=result.drive(30.0),
+        times=result.t - result.t[0],
+        method="radau",
+        rtol=1e-8,
+    )
+    found, wanted = (kernel.frame_pose(q, "tcp") for q in (motion.q, result.q))
+    assert np.abs(found - wanted).max() < 1e-6
+    assert np.abs(found[:, 0, 3] - 0.4).max() < 1e-6  # the circle's plane
+    assert np.linalg.norm(found[:, 1:3, 3] - [0.15, 0.4], axis=1) == pytest.approx(0.1, abs=1e-6)
