@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -226,3 +228,18 @@ def test_states_of_laws_are_refused_by_name() -> None:
         MomentumObserver(robot, GAIN, DT)
     assert MomentumObserver(robot.without_states(), GAIN, DT).coordinates == ("joint1.gamma", "joint1.motor")
     assert MomentumObserver(robot, GAIN, DT, torque_sensors=True).coordinates == ("joint1.gamma",)
+
+
+@pytest.mark.soak
+def test_a_package_carries_the_observer(tmp_path: Path) -> None:
+    """Its C lies beside the robot's, and the package imports as before."""
+    observer = MomentumObserver("one_link", GAIN, DT)
+    package = observer.write(tmp_path)
+    for name, text in observer.sources().items():
+        assert (package / name).read_text(encoding="ascii") == text
+    command = [
+        sys.executable,
+        "-c",
+        "import one_link; print(one_link.generalized_momentum([0.1, 0.2], [1.0, 2.0]).shape)",
+    ]
+    assert subprocess.run(command, cwd=tmp_path, check=True, capture_output=True, text=True).stdout == "(2, 2)\n"
