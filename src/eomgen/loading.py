@@ -45,6 +45,7 @@ def load_result(path: Path | str) -> Any:
     if not kind and place.suffix != JSON:
         return load_simulation(path)
     from . import identification as identification  # likewise, also those of analysis
+    from .control import feedforward_result as feedforward_result
     from .control.inversion import result as result
 
     if kind not in KINDS:

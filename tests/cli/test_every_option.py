@@ -34,7 +34,7 @@ BASE = {  # words of commands that need more than a robot
     "poses": "poses {robot} --range joint1.gamma 0 1",
     "accuracy": "accuracy --robot one_link --scenario gone.toml --plan plan.toml",
     "tolerance": "tolerance {robot} {table}",
-    "compensate": "compensate {robot} --scenario gone.toml",
+    **{command: f"{command} {{robot}} --scenario gone.toml" for command in ("compensate", "feedforward")},
     **{command: f"{command} {{result}}" for command in ("budget", "plot", "report")},
     **{command: f"{command} {{subject}}" for command in ("view", "live")},
     "new dh": "new arm --convention classic",  # and for single options

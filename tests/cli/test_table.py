@@ -21,7 +21,7 @@ from eomgen.cli.shared.options import add_old_name
 GROUPS = {
     "describe": ("robots", "info", "new", "check", "schema", "reduce"),
     "build": ("derive", "generate", "export", "bench", "cache"),
-    "simulate": ("simulate", "sweep"),
+    "simulate": ("simulate", "feedforward", "sweep"),
     "analyse": ("deflection", "modes", "response", "linearize", "budget", "compare"),
     "measure": (
         *("forces", "fit", "identify", "excite", "calibrate", "poses"),

@@ -26,6 +26,7 @@ READ: Mapping[str, Callable[[Path], Any]] = {
     "compensation.npz": identification.load_compensation,
     "compliance_map.npz": eomgen.load_result,
     "excitation.npz": identification.load_excitation,
+    "feedforward.npz": eomgen.load_result,
     "fit.json": identification.load_fit,
     "forces.npz": eomgen.load_result,
     "identification.npz": identification.load_identification,

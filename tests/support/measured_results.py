@@ -13,7 +13,7 @@ import numpy as np
 
 import eomgen
 from eomgen.analysis import ComplianceMap, Response, StateSpace
-from eomgen.control import StableInversion
+from eomgen.control import FeedForward, StableInversion
 from eomgen.errors import InputError, UnknownNameError
 from eomgen.identification import (
     BaseParameters,
@@ -229,6 +229,25 @@ def _compliance_map(_: Path) -> ComplianceMap:
     )
 
 
+def _feedforward(_: Path) -> FeedForward:
+    """Two samples of a motor and the joint behind its gear, with a jump."""
+    pair = np.array([[0.1, 10.0], [0.2, 20.0]])
+    return FeedForward(
+        robot="arm",
+        t=np.array([0.0, 0.1]),
+        q=pair,
+        v=2.0 * pair,
+        a=3.0 * pair,
+        u=np.array([[0.0, 0.3], [0.0, 0.4]]),
+        coordinates=("joint1.gamma", "joint1.motor"),
+        driven=("joint1.motor",),
+        residual=np.array([0.01, 0.0]),
+        jump_times=np.array([0.05]),
+        jump_orders=np.array([4.0]),
+        notes=("a note",),
+    )
+
+
 TOLERANCES: Mapping[str, Any] = {
     "joints.*.offset.x": {"bound": 3e-4},
     "frames.*.y": {"deviation": 1e-4},
@@ -241,6 +260,7 @@ RESULTS: Mapping[str, Callable[[Path], Any]] = {
     "compensation": _compensation,
     "compliance_map": _compliance_map,
     "excitation": _excitation,
+    "feedforward": _feedforward,
     "fit": _fit,
     "forces": _forces,
     "identification": _identification,

@@ -1,4 +1,4 @@
-"""The command simulate: a robot over time."""
+"""Commands of a robot over time: simulate, and feedforward of a motion."""
 
 from __future__ import annotations
 
@@ -7,12 +7,13 @@ import sys
 from pathlib import Path
 
 from ..errors import InputError, IntegrationStopped
+from ..files import check_ending
 from ..results.beside import BESIDE_SIMULATION, TRAJECTORY
 from .shared.command import Command
 from .shared.numbers import real
 from .shared.options import add_json, add_names
-from .shared.output import can_be_left_out, say, show_files
-from .shared.progress import progress_bar
+from .shared.output import can_be_left_out, say, show_files, show_result, show_written
+from .shared.progress import progress_bar, stage_bar
 from .shared.reading import add_robot, read_robot
 from .shared.writing import remove_older
 
@@ -68,6 +69,31 @@ def _simulate(options: argparse.Namespace) -> None:
     remove_older(target, BESIDE_SIMULATION, written, replaced=replaced)
 
 
+def _add_feedforward(parser: argparse.ArgumentParser) -> None:
+    add_robot(parser)
+    parser.add_argument(
+        "--scenario", metavar="FILE", required=True, help="whose motion it is: path of a .toml file, or a built-in name"
+    )
+    parser.add_argument("-o", "--output", type=Path, help="samples: .csv or .npz")
+    add_json(parser)
+
+
+def _feedforward(options: argparse.Namespace) -> None:
+    from ..control.elastic_feedforward import feedforward
+    from ..scenario.load import load_scenario
+
+    if options.output is not None:
+        check_ending(options.output, ".csv", ".npz")
+    robot = read_robot(options)
+    with stage_bar("feed-forward") as report:
+        result = feedforward(robot, load_scenario(options.scenario), progress=report)
+    show_result(options, result)
+    if options.output is not None:
+        written = [result.save(options.output)]
+        if not options.json:
+            show_written(written)
+
+
 COMMANDS = (
     Command(
         _add_simulate,
@@ -77,5 +103,11 @@ COMMANDS = (
             "simulate puma560_elastic -o out": "reference trajectory; trajectory.npz and plots",
             "simulate arm.toml --scenario s.toml": "trajectories, controllers, wrenches, payloads of a scenario file",
         },
+    ),
+    Command(
+        _add_feedforward,
+        _feedforward,
+        "motors' angles, velocities and torques by which links follow a motion",
+        {"feedforward arm.toml --scenario s.toml -o f.csv": "samples of drives behind elastic gears"},
     ),
 )

@@ -6,6 +6,8 @@ Uses runtime, robot, results, description, state, motion, scenario, codegen (c),
 from ..lazily import imports_when_used
 
 with imports_when_used(globals()):
+    from .elastic_feedforward import feedforward as feedforward
+    from .feedforward_result import FeedForward as FeedForward
     from .inversion.result import StableInversion as StableInversion
     from .inversion.solve import stable_inversion as stable_inversion
     from .momentum_observer import MomentumObserver as MomentumObserver

@@ -12,6 +12,7 @@ with imports_when_used(globals()):
     from .files import motion_from_columns as motion_from_columns
     from .files import read_motion as read_motion
     from .files import write_motion as write_motion
+    from .from_control import feedforward as feedforward
     from .point_to_point import Harmonic as Harmonic
     from .point_to_point import PointToPoint as PointToPoint
     from .point_to_point import Program as Program

@@ -58,19 +58,22 @@ class Spline:
         points: (T, n), m or rad.
         at_rest: whether velocities and accelerations are zero at both ends; else the points alone say what they are.
         smooth: k, from 2 to 6, of a motion from rest to rest: all time derivatives up to the k-th are continuous.
+        degree: the highest of a motion that is not from rest to rest.
 
     Raises:
         InputError: SciPy is not installed, or another smoothness.
     """
 
-    def __init__(self, t: ArrayLike, points: ArrayLike, *, at_rest: bool, smooth: int = QUINTIC) -> None:
+    def __init__(
+        self, t: ArrayLike, points: ArrayLike, *, at_rest: bool, smooth: int = QUINTIC, degree: int = DEGREE
+    ) -> None:
         with optional_import("SciPy", "splines need"):
             from scipy.interpolate import make_interp_spline
         self.t, points = np.asarray(t, dtype=np.float64), np.asarray(points, dtype=np.float64)
         zero = np.zeros(points.shape[1])
         continuous = smoothness(smooth)
         ends = [(order, zero) for order in range(1, continuous + 1)]
-        degree = 2 * continuous + 1 if at_rest else min(DEGREE, self.t.size - 1)
+        degree = 2 * continuous + 1 if at_rest else min(degree, self.t.size - 1)
         ending: Any = (ends, ends) if at_rest else None
         spline = make_interp_spline(self.t, points, k=degree, bc_type=ending)
         self._splines = (
@@ -82,6 +85,11 @@ class Spline:
     def start(self) -> Array:
         """Coordinates at the first time, (n,)."""
         return self.at(self.t[0])[0]
+
+    @property
+    def end(self) -> float:
+        """The time from which the motion rests at its last point, s."""
+        return float(self.t[-1])
 
     def at(self, t: ArrayLike) -> tuple[Array, Array, Array]:
         """Return coordinates, velocities and accelerations; see ``Program``."""
@@ -124,6 +132,11 @@ class Columns:
     def start(self) -> Array:
         """Coordinates at the beginning."""
         return self.program.start[self.index]
+
+    @property
+    def end(self) -> float:
+        """The time from which the motion rests, s; 0 where it always does."""
+        return float(getattr(self.program, "end", 0.0))
 
     def at(self, t: ArrayLike) -> tuple[Array, Array, Array]:
         """Return coordinates, velocities and accelerations; see ``Program``."""

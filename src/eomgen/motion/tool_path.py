@@ -150,6 +150,11 @@ class ToolPath:
         """Coordinates at the beginning, (n,)."""
         return self.at(0.0)[0]
 
+    @property
+    def end(self) -> float:
+        """The time from which the tool rests, s."""
+        return self.profile.end
+
     def at(self, t: ArrayLike) -> tuple[Array, Array, Array]:
         """Return coordinates, velocities and accelerations at times t of any shape.
 
