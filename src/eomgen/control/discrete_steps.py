@@ -23,9 +23,15 @@ LONGEST = 1e6  # s, of a step
 MOST_SUBSTEPS = 10_000
 ROLLOUTS = {"explicit": "rollout", "implicit": "rollout", "rosenbrock": "adaptive_rollout"}  # by kinds of steps
 
+SLOPES = "forward_dynamics_jacobian"  # spares "rk4" directions, where a kernel has it
 
-def kernels_for_step(method: str = "rk4") -> tuple[str, ...]:
-    """Return names of the kernels that a step by a method needs, for ``eomgen.build(robot, kernels=...)``.
+
+def kernels_for_step(method: str = "rk4", *, closed: bool = False) -> tuple[str, ...]:
+    """Return names of the kernels that a step by a method takes, for ``eomgen.build(robot, kernels=...)``.
+
+    Args:
+        method: of STEP_CODES.
+        closed: of a robot with loops or rigid couplings, whose steps by "rk4" take no Jacobian of accelerations.
 
     Raises:
         InputError: no such method.
@@ -33,7 +39,8 @@ def kernels_for_step(method: str = "rk4") -> tuple[str, ...]:
     if method not in STEP_CODES:
         raise InputError(f"method: {show(method)} has no derivatives; allowed: {', '.join(STEP_CODES)}")
     way = STEP_CODES[method][0]
-    return (ROLLOUTS[way], f"{way}_gradient", f"{way}_sensitivity")
+    needed = (ROLLOUTS[way], f"{way}_gradient", f"{way}_sensitivity")
+    return (*needed, SLOPES) if method == "rk4" and not closed else needed
 
 
 def checked_step(
@@ -86,9 +93,9 @@ class DiscreteStep:
     def __post_init__(self) -> None:
         """Check every field, and complete ``drives``."""
         kernel = self.kernel
-        missing = [name for name in kernels_for_step(self.method) if name not in kernel.operations]
+        wanted = kernels_for_step(self.method, closed=True)
+        missing = [name for name in wanted if name not in kernel.operations]
         if missing:
-            wanted = kernels_for_step(self.method)
             raise UnknownNameError(
                 f"step: {kernel.name} was built without {', '.join(missing)}; allowed: kernels={wanted!r}"
             )
@@ -117,7 +124,13 @@ class DiscreteStep:
     @cached_property
     def together(self) -> Kernel:
         """The kernel with all that the step takes in one library of C."""
-        return self.kernel.together(*kernels_for_step(self.method))
+        needed = kernels_for_step(self.method, closed=True)
+        return self.kernel.together(*needed, *([SLOPES] if self._takes_slopes else []))
+
+    @property
+    def _takes_slopes(self) -> bool:
+        """Whether derivatives by x and u come from those of accelerations: of explicit steps of trees."""
+        return self.method == "rk4" and not self.kernel.constraints and SLOPES in self.kernel.operations
 
     def context(self, *, by_parameters: bool = True, adjoint: bool = True) -> dict[str, Any]:
         """Return what ``control/step.c.jinja`` asks for.
@@ -134,7 +147,11 @@ class DiscreteStep:
         by_parameters &= bool(self.parameters)
         directions = sizes["x"] + sizes["u"] + (len(self.parameters) if by_parameters else 0)
         setup = kernel.parameters.setup.computed(gradient)
+        by_matrices = self._takes_slopes and not by_parameters
         room = n + (every + len(setup) if self.parameters else 0)  # rows of states begin behind it
+        along = (4 + 5 * directions) * n + directions * every
+        if by_matrices:
+            along = (6 + 7 * directions + 3 * n) * n + kept
         return {
             "robot": kernel.name,
             "way": way,
@@ -150,6 +167,7 @@ class DiscreteStep:
             "parameters": [names.index(name) for name in self.parameters],
             "by_parameters": by_parameters,
             "adjoint": adjoint,
+            "by_matrices": by_matrices,
             "every": every,
             "directions": directions,
             "hoisted": len(setup),
@@ -158,7 +176,7 @@ class DiscreteStep:
             "values": [literal(float(x)) for x in kernel.parameters.values()],
             "room": {
                 "value": room + 4 * n,
-                "jacobian": room + (4 + 5 * directions) * n + directions * every,
+                "jacobian": room + along,
                 "adjoint": room + (2 * (self.substeps + 1) + 5) * n + self.substeps * kept + every,
             },
         }
