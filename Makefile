@@ -58,6 +58,7 @@ bench: $(VENV)/.bench
 	$(BIN)/python -m benchmarks.friction
 	$(BIN)/python -m benchmarks.jets
 	$(BIN)/python -m benchmarks.levels
+	$(BIN)/python -m benchmarks.observers
 	$(BIN)/python -m benchmarks.peers
 	$(BIN)/python -m benchmarks.precision
 	$(BIN)/python -m benchmarks.rotor

@@ -27,6 +27,7 @@ BASE = {  # words of commands that need more than a robot
     "check": "check {files}",
     "reduce": "reduce {files}",
     "export": "export {robot} --mjcf",
+    "observer": "observer {robot} --measure encoder:joint1.gamma",
     "compare": "compare {robot} {others}",
     "sweep": "sweep {robot} --scenario gone.toml --plan plan.toml -o out",
     **{command: f"{command} {{robot}} {{motion}}" for command in ("forces", "fit", "identify")},
@@ -63,6 +64,7 @@ NUMBERS = {  # words behind the option, N in the place of a number
     "clear_of": "tcp 0 0 0 N",
     "weights": "x=N",
     "folds": "N",
+    "observer uncertainty": "position=N",
 }
 READ = {  # files, with the endings without which they are not looked at
     **dict.fromkeys(("robot", "others", "subject", "files", "scenario", "plan", "table"), ".toml"),
@@ -74,6 +76,7 @@ WRITTEN = {"output", "report", "toml", "urdf", "plot"}
 NAMES = {  # words behind the option, X in the place of a name
     **dict.fromkeys(("name", "held", "frame", "matrix", "input", "output_of", "kernels", "fixed", "stiffness"), "X"),
     "export parameters": "X",
+    **dict.fromkeys(("measure", "estimate"), "X"),
     "attach": "ball=X",
 }
 LATER = {  # once a file was read: tests of analysis, identification and pages try them
@@ -84,7 +87,7 @@ LATER = {  # once a file was read: tests of analysis, identification and pages t
 }
 ANY = {  # any text will do: folders, addresses, words for a report
     *("derive output", "generate output", "export output", "simulate output", "simulate stream", "sweep output"),
-    *("packages", "dask", "accuracy load", "accuracy rate"),
+    *("packages", "dask", "observer output", "accuracy load", "accuracy rate"),
 }
 KINDS: Mapping[str, Collection[str]] = {
     "later": LATER,

@@ -1,18 +1,20 @@
-"""The command export: a robot in the formats of other tools."""
+"""The commands export and observer: a robot in the formats of other tools, and a filter of its state as C."""
 
 from __future__ import annotations
 
 import argparse
 import sys
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..errors import InputError
+from ..errors import InputError, UnknownNameError
+from ..names import nearest_or_all, show
 from ..progress import StageReport
 from .shared.command import Command
-from .shared.numbers import real, whole
+from .shared.numbers import by_name, real, whole
+from .shared.options import add_choice, add_names
 from .shared.output import say, show_written
 from .shared.progress import stage_bar
 from .shared.reading import add_robot, read_robot
@@ -193,6 +195,53 @@ def _export(options: argparse.Namespace) -> None:
     show_written(written)
 
 
+def _add_observer(parser: argparse.ArgumentParser) -> None:
+    from ..codegen.kernels.signatures import DTYPES
+    from ..control.kalman_filter import FORMS
+
+    add_robot(parser)
+    about = "sensors, KIND:NAME, such as encoder:joint1.gamma, tachometer:joint1.motor"
+    add_names(parser, "--measure", "SENSOR", about, required=True)
+    about = "standard deviations of readings, NAME=VALUE: of sensors, or of kinds of them"
+    add_names(parser, "--noise", "NAME=VALUE", about)
+    about = "further states: run-time parameters, and wrench:LINK for force and moment on a link"
+    add_names(parser, "--estimate", "NAME", about)
+    about = "of the beginning and of noise that moves states, NAME=VALUE: position, velocity, acceleration, wrench ..."
+    add_names(parser, "--uncertainty", "NAME=VALUE", about)
+    parser.add_argument("--step", type=real, default=1e-3, metavar="S", help="length of a step, s (0.001)")
+    add_choice(parser, "--form", FORMS, "what is kept of the covariance", default="square_root")
+    add_choice(parser, "--dtype", DTYPES, "type of all numbers")
+    parser.add_argument("-o", "--output", type=Path, default=Path("out"), help="folder to write to (out)")
+
+
+def _observer(options: argparse.Namespace) -> None:
+    from ..control.kalman_filter import Uncertainty, observer
+    from ..control.observer_source import write_observer
+    from ..control.sensing import Measurement
+
+    noise, known = (by_name(label, getattr(options, label)) for label in ("noise", "uncertainty"))
+    names = [item.name for item in fields(Uncertainty)]
+    for name in known:
+        if name not in names:
+            raise UnknownNameError(f"uncertainty: {show(name)} is unknown{nearest_or_all(name, names)}")
+    robot = read_robot(options)
+    measurement = Measurement.of(robot, options.measure, noise=noise)
+    with stage_bar("writing the observer") as report:
+        report("looking at what measurements tell")
+        made = observer(
+            robot,
+            measurement,
+            dt=options.step,
+            states=options.estimate,
+            uncertainty=Uncertainty(**known),
+            form=options.form,
+            dtype=options.dtype,
+        )
+        written = write_observer(made, options.output, progress=report)
+    say(f"{robot.name}: {len(made.states)} states by {len(made.measured)} measurements, every {options.step:g} s")
+    show_written(path for path in written if path.parent == options.output)
+
+
 COMMANDS = (
     Command(
         _add_export,
@@ -205,6 +254,15 @@ COMMANDS = (
             "export arm.toml --wasm -o out": "its kernel for browsers",
             "export arm.toml --acados --method rk4 --step 0.02": "its discrete dynamics for predictive control",
             "export arm.toml --arrays -o arm.py": "its equations on arrays of NumPy or JAX",
+        },
+    ),
+    Command(
+        _add_observer,
+        _observer,
+        "an extended Kalman filter as C, without heap",
+        {
+            "observer arm.toml --measure encoder:joint1.gamma,encoder:joint2.gamma": "states of two joints' encoders",
+            "observer arm.toml --measure encoder:joint1.gamma --dtype float32": "in single precision, for controllers",
         },
     ),
 )

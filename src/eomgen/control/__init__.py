@@ -10,6 +10,11 @@ with imports_when_used(globals()):
     from .feedforward_result import FeedForward as FeedForward
     from .inversion.result import StableInversion as StableInversion
     from .inversion.solve import stable_inversion as stable_inversion
+    from .kalman_filter import Observer as Observer
+    from .kalman_filter import Uncertainty as Uncertainty
+    from .kalman_filter import observer as observer
     from .momentum_observer import MomentumObserver as MomentumObserver
+    from .observability import Observability as Observability
+    from .observer_source import write_observer as write_observer
     from .sensing import Measurement as Measurement
     from .sensing import parse_sensors as parse_sensors

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from ...errors import InputError
 from ...files import check_ending
+from ...names import show
 from ..choices import AXES, LOSSES, MEASURES, POSE_CRITERIA, VARIANTS
 from ..shared.command import Command
 from ..shared.numbers import real, whole
@@ -170,9 +171,9 @@ def _boxes(rows: Sequence[Sequence[float]]) -> list[list[Sequence[float]]] | Non
 
 def _whole(label: str, text: str) -> int:
     try:
-        return int(text)
-    except ValueError:
-        raise InputError(f"{label}: {text!r}; allowed: a whole number, or loo") from None
+        return whole(text)
+    except argparse.ArgumentTypeError:
+        raise InputError(f"{label}: {show(text)}; allowed: a whole number, or loo") from None
 
 
 COMMANDS = (

@@ -1,0 +1,216 @@
+/* kalman.h: covariances of extended Kalman filters of robots, by the covariance P or by its square root.
+ *
+ * A state x of N = 2 n + p numbers has n coordinates q, n velocities v and p numbers that drift (parameters, wrenches).  A step
+ * ends at q + dt v and v, v being the velocity of its end, whose derivatives by number d of the state at the step's beginning
+ * are by[n d + i], (N, n): that is all of the transition matrix that is not known beforehand.
+ *
+ * P is stored whole, (N, N), and is symmetric to the bit.  The square root is U, upper triangular, (N, N), with P = U^T U:
+ * what is 0 below its diagonal stays 0.  Measurements are taken one number after the other, each with a variance of its own.
+ * Times depend on which derivatives of measurements are 0 alone.  precision.h comes before this file, math.h as well. */
+#ifndef EOM_KALMAN_H
+#define EOM_KALMAN_H
+
+#include <string.h>
+
+#define EOM_KALMAN_ROOM(n, p) (4 * (2 * (n) + (p)) * (2 * (n) + (p))) /* numbers of work, for all of it */
+
+/* Write the derivatives of a step's end velocities by q and v, (2 n, n), from those of the residual by q, v and a, D, (3, n, n), at
+ * the step's accelerations, where stiffness K and damping B, (n, n), are constant: the step is then
+ * (M + dt B + dt^2 K) a = u - b(q, v) - K (q + dt v) - B v.  Returns 0, or 1 + the number of a pivot that vanishes.
+ * work: 3 n n. */
+EOM_LOCAL int EOM(kalman_linear_step)(int n, EOM_SCALAR dt, const EOM_SCALAR *restrict D, const EOM_SCALAR *restrict K, const EOM_SCALAR *restrict B, EOM_SCALAR *restrict by, EOM_SCALAR *restrict work)
+{
+    EOM_SCALAR *const W = work;       /* (n, n), factored as L D L^T below its diagonal */
+    EOM_SCALAR *const X = &W[n * n];  /* (n, 2 n) */
+    const int columns = 2 * n;
+    for (int i = 0; i < n * n; ++i) { W[i] = D[2 * n * n + i] + dt * (B[i] + dt * K[i]); }
+    for (int i = 0; i < n; ++i) {
+        for (int j = 0; j < n; ++j) {
+            X[columns * i + j] = -D[n * i + j];
+            X[columns * i + n + j] = -(D[n * n + n * i + j] + dt * K[n * i + j]);
+        }
+    }
+    for (int k = 0; k < n; ++k) {
+        const EOM_SCALAR pivot = W[(n + 1) * k];
+        if (!(pivot > (EOM_SCALAR)0.0)) { return 1 + k; }
+        for (int i = k + 1; i < n; ++i) {
+            const EOM_SCALAR factor = W[n * k + i] / pivot;
+            for (int j = i; j < n; ++j) { W[n * i + j] -= factor * W[n * k + j]; } /* of the upper half */
+            for (int j = 0; j < columns; ++j) { X[columns * i + j] -= factor * X[columns * k + j]; }
+        }
+    }
+    for (int k = n - 1; k >= 0; --k) {
+        const EOM_SCALAR inverse = (EOM_SCALAR)1.0 / W[(n + 1) * k];
+        for (int i = k + 1; i < n; ++i) {
+            for (int j = 0; j < columns; ++j) { X[columns * k + j] -= W[n * k + i] * X[columns * i + j]; }
+        }
+        for (int j = 0; j < columns; ++j) { X[columns * k + j] *= inverse; }
+    }
+    for (int i = 0; i < n; ++i) {
+        for (int d = 0; d < columns; ++d) { by[n * d + i] = dt * X[columns * i + d]; }
+        by[n * (n + i) + i] += (EOM_SCALAR)1.0;
+    }
+    return 0;
+}
+
+/* Carry P over a step; noise: N variances that the step adds, those of velocities to positions as well, as dt times them.
+ * work: n N. */
+EOM_LOCAL void EOM(kalman_predict)(int n, int p, EOM_SCALAR dt, const EOM_SCALAR *restrict by, const EOM_SCALAR *restrict noise, EOM_SCALAR *restrict P, EOM_SCALAR *restrict work)
+{
+    const int N = 2 * n + p;
+    EOM_SCALAR *const T = work; /* (n, N): covariances of end velocities with the state at the beginning */
+    for (int i = 0; i < n; ++i) {
+        EOM_SCALAR *restrict const row = &T[N * i];
+        for (int k = 0; k < N; ++k) { row[k] = (EOM_SCALAR)0.0; }
+        for (int fours = 0; fours < N / 4; ++fours) {
+            const int d = 4 * fours;
+            const EOM_SCALAR a = by[n * d + i];
+            const EOM_SCALAR b = by[n * (d + 1) + i];
+            const EOM_SCALAR c = by[n * (d + 2) + i];
+            const EOM_SCALAR e = by[n * (d + 3) + i];
+            const EOM_SCALAR *restrict const from = &P[N * d];
+            for (int k = 0; k < N; ++k) { row[k] += (a * from[k] + b * from[N + k]) + (c * from[2 * N + k] + e * from[3 * N + k]); }
+        }
+        for (int d = N - N % 4; d < N; ++d) {
+            for (int k = 0; k < N; ++k) { row[k] += by[n * d + i] * P[N * d + k]; }
+        }
+    }
+    for (int i = 0; i < n; ++i) { /* velocities, the lower half */
+        EOM_SCALAR *restrict const row = &P[N * (n + i) + n];
+        for (int j = 0; j <= i; ++j) { row[j] = (EOM_SCALAR)0.0; }
+        for (int d = 0; d < N; ++d) {
+            for (int j = 0; j <= i; ++j) { row[j] += T[N * i + d] * by[n * d + j]; }
+        }
+        row[i] += noise[n + i];
+    }
+    for (int i = 0; i < n; ++i) { /* positions */
+        for (int j = 0; j <= i; ++j) { P[N * i + j] += dt * (T[N * i + j] + T[N * j + i] + dt * P[N * (n + i) + n + j]); }
+        P[(N + 1) * i] += noise[i];
+        for (int j = 0; j < n; ++j) { /* velocity i with position j */
+            const EOM_SCALAR both = (j <= i) ? P[N * (n + i) + n + j] : P[N * (n + j) + n + i];
+            P[N * (n + i) + j] = T[N * i + j] + dt * both;
+        }
+    }
+    for (int r = 2 * n; r < N; ++r) { /* numbers that drift */
+        for (int i = 0; i < n; ++i) {
+            P[N * r + i] += dt * T[N * i + r];
+            P[N * r + n + i] = T[N * i + r];
+        }
+        P[(N + 1) * r] += noise[r];
+    }
+    for (int i = 0; i < N; ++i) {
+        for (int j = 0; j < i; ++j) { P[N * j + i] = P[N * i + j]; }
+    }
+}
+
+/* Take one measurement: row, N, its derivatives by x, variance, and error, what is measured less what is expected at x + change.
+ * change, N, gets what the state moves by.  Returns the innovation by its standard deviation.  work: N. */
+EOM_LOCAL EOM_SCALAR EOM(kalman_update)(int N, const EOM_SCALAR *restrict row, EOM_SCALAR variance, EOM_SCALAR error, EOM_SCALAR *restrict P, EOM_SCALAR *restrict change, EOM_SCALAR *restrict work)
+{
+    EOM_SCALAR *const covariance = work; /* of the state with what is measured, by the latter's standard deviation in the end */
+    EOM_SCALAR sum = variance;
+    for (int k = 0; k < N; ++k) { covariance[k] = (EOM_SCALAR)0.0; }
+    for (int d = 0; d < N; ++d) {
+        const EOM_SCALAR slope = row[d];
+        if ((slope > (EOM_SCALAR)0.0) || (slope < (EOM_SCALAR)0.0)) {
+            for (int k = 0; k < N; ++k) { covariance[k] += slope * P[N * d + k]; }
+        }
+    }
+    for (int d = 0; d < N; ++d) { sum += row[d] * covariance[d]; }
+    const EOM_SCALAR inverse = (EOM_SCALAR)1.0 / EOM_MATH(sqrt)(sum);
+    error *= inverse;
+    for (int i = 0; i < N; ++i) {
+        covariance[i] *= inverse;
+        change[i] += covariance[i] * error;
+    }
+    for (int i = 0; i < N; ++i) {
+        const EOM_SCALAR here = covariance[i];
+        for (int j = 0; j < N; ++j) { P[N * i + j] -= here * covariance[j]; }
+    }
+    return error;
+}
+
+/* Make the (rows, N) numbers of W upper triangular by reflections, W^T W as before; of what is below the first N rows nothing
+ * is kept.  work: rows + N. */
+EOM_LOCAL void EOM(kalman_triangle)(int rows, int N, EOM_SCALAR *restrict W, EOM_SCALAR *restrict work)
+{
+    EOM_SCALAR *const mirror = work;
+    EOM_SCALAR *const product = &work[rows];
+    for (int k = 0; k < N; ++k) {
+        EOM_SCALAR square = (EOM_SCALAR)0.0;
+        for (int m = k; m < rows; ++m) {
+            mirror[m] = W[N * m + k];
+            square += mirror[m] * mirror[m];
+        }
+        const EOM_SCALAR size = EOM_MATH(sqrt)(square);
+        const EOM_SCALAR head = mirror[k];
+        const EOM_SCALAR end = (head > (EOM_SCALAR)0.0) ? -size : size;
+        mirror[k] = head - end;
+        const EOM_SCALAR half = size * (size + EOM_MATH(fabs)(head));
+        if (half > (EOM_SCALAR)0.0) {
+            for (int j = k + 1; j < N; ++j) { product[j] = (EOM_SCALAR)0.0; }
+            for (int m = k; m < rows; ++m) {
+                for (int j = k + 1; j < N; ++j) { product[j] += mirror[m] * W[N * m + j]; }
+            }
+            for (int m = k; m < rows; ++m) {
+                const EOM_SCALAR share = mirror[m] / half;
+                for (int j = k + 1; j < N; ++j) { W[N * m + j] -= share * product[j]; }
+            }
+        }
+        W[(N + 1) * k] = end;
+        for (int m = k + 1; m < rows; ++m) { W[N * m + k] = (EOM_SCALAR)0.0; }
+    }
+}
+
+/* Carry the square root U over a step; deviations: N standard deviations that the step adds, as of kalman_predict.
+ * work: EOM_KALMAN_ROOM. */
+EOM_LOCAL void EOM(kalman_root_predict)(int n, int p, EOM_SCALAR dt, const EOM_SCALAR *restrict by, const EOM_SCALAR *restrict deviations, EOM_SCALAR *restrict U, EOM_SCALAR *restrict work)
+{
+    const int N = 2 * n + p;
+    EOM_SCALAR *const W = work; /* (2 N, N) at most */
+    int rows = N;
+    (void)memcpy(W, U, (size_t)(N * N) * sizeof *U);
+    for (int k = 0; k < N; ++k) {
+        EOM_SCALAR *restrict const row = &W[N * k];
+        for (int i = 0; i < n; ++i) { row[n + i] = (EOM_SCALAR)0.0; }
+        for (int d = k; d < N; ++d) {
+            for (int i = 0; i < n; ++i) { row[n + i] += U[N * k + d] * by[n * d + i]; }
+        }
+        for (int i = 0; i < n; ++i) { row[i] += dt * row[n + i]; }
+    }
+    for (int d = 0; d < N; ++d) {
+        if (!(deviations[d] > (EOM_SCALAR)0.0)) { continue; }
+        for (int j = 0; j < N; ++j) { W[N * rows + j] = (EOM_SCALAR)0.0; }
+        W[N * rows + d] = deviations[d];
+        if ((d >= n) && (d < 2 * n)) { W[N * rows + d - n] = dt * deviations[d]; }
+        ++rows;
+    }
+    EOM(kalman_triangle)(rows, N, W, &W[2 * N * N]);
+    (void)memcpy(U, W, (size_t)(N * N) * sizeof *U);
+}
+
+/* Take one measurement into the square root U, by rotations from the last row to the first; else as kalman_update.  work: N. */
+EOM_LOCAL EOM_SCALAR EOM(kalman_root_update)(int N, const EOM_SCALAR *restrict row, EOM_SCALAR variance, EOM_SCALAR error, EOM_SCALAR *restrict U, EOM_SCALAR *restrict change, EOM_SCALAR *restrict work)
+{
+    EOM_SCALAR *const covariance = work; /* of the state with what is measured, by the latter's standard deviation */
+    EOM_SCALAR deviation = EOM_MATH(sqrt)(variance);
+    for (int i = 0; i < N; ++i) { covariance[i] = (EOM_SCALAR)0.0; }
+    for (int k = N - 1; k >= 0; --k) {
+        EOM_SCALAR *restrict const own = &U[N * k];
+        EOM_SCALAR slope = (EOM_SCALAR)0.0;
+        for (int d = k; d < N; ++d) { slope += own[d] * row[d]; }
+        const EOM_SCALAR whole = EOM_MATH(sqrt)(deviation * deviation + slope * slope);
+        const EOM_SCALAR c = deviation / whole;
+        const EOM_SCALAR s = slope / whole;
+        for (int i = k; i < N; ++i) {
+            const EOM_SCALAR before = own[i];
+            own[i] = c * before - s * covariance[i];
+            covariance[i] = c * covariance[i] + s * before;
+        }
+        deviation = whole;
+    }
+    error /= deviation;
+    for (int i = 0; i < N; ++i) { change[i] += covariance[i] * error; }
+    return error;
+}
+#endif

@@ -1,0 +1,457 @@
+"""Extended Kalman filters of robots: states, wrenches and parameters estimated from measurements, step by step."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields
+from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..description import RobotLike
+from ..errors import InputError, UnknownNameError
+from ..limits import LARGEST, is_usable
+from ..names import component_name, nearest_or_all, show
+from ..pipeline.stages import build
+from ..robot.model import Model, build_model
+from ..robot.value import Sensor
+from .covariances import Covariance, SquareRoot
+from .filter_steps import Acting, FilterSteps, Slopes, kernels_of_steps, names_linear_laws
+from .observability import Observability, common_observability
+from .sensing import Measurement
+
+Numbers = NDArray[Any]
+Form = Literal["covariance", "square_root"]
+FORMS: tuple[str, ...] = get_args(Form)
+WRENCH = "wrench:"  # begins the name of a state that is a wrench on a link
+WRENCHES = ("fx", "fy", "fz", "mx", "my", "mz")
+POSE_SEED, POSES_APART, DEFLECTED = (
+    41,
+    0.3,
+    1e-3,
+)  # of the state about which observability is looked at; rad or m, rad/s
+
+
+@dataclass(frozen=True, kw_only=True)
+class Uncertainty:
+    """Uncertainty of a filter's states at the beginning, and noise that moves them beside the equations of motion.
+
+    Standard deviations at the beginning, and densities of white noise per root of a second; SI units, rad.
+
+    position, velocity: of coordinates, one number or one for each.
+    acceleration: density that disturbs accelerations, (rad/s or m/s) per root of a second.
+    wrench, wrench_drift: of forces and moments that are states, N or N m.
+    parameter, parameter_drift: of parameters that are states, as shares of their values (of those that are 0 absolute).
+    bias: of sensors whose bias is a state; its drift stands in the measurement.
+    """
+
+    position: float | Sequence[float] = 1e-2
+    velocity: float | Sequence[float] = 0.1
+    acceleration: float | Sequence[float] = 0.1
+    wrench: float = 10.0
+    wrench_drift: float = 10.0
+    parameter: float = 0.1
+    parameter_drift: float = 0.0
+    bias: float = 0.1
+
+    def __post_init__(self) -> None:
+        for each in fields(self):
+            value = getattr(self, each.name)
+            least = 0.0 if each.name.endswith(("drift", "acceleration")) else np.nextafter(0.0, 1.0)
+            per_coordinate = each.name in ("position", "velocity", "acceleration")
+            numbers = list(value) if per_coordinate and isinstance(value, (list, tuple, np.ndarray)) else [value]
+            if not numbers or not all(is_usable(x) and x >= least for x in numbers):
+                raise InputError(
+                    f"uncertainty: {each.name} is {show(value)}; allowed: above 0 (of noise, 0), up to {LARGEST:g}"
+                )
+
+    def of_coordinates(self, name: str, n: int) -> Numbers:
+        """Return one number for each coordinate, (n,), of the field of that name."""
+        value = np.asarray(getattr(self, name), float)
+        if value.ndim and value.shape != (n,):
+            raise InputError(f"uncertainty: {name} has {value.size} numbers; allowed: one, or {n}, one per coordinate")
+        return np.array(np.broadcast_to(value, (n,)))
+
+
+@dataclass(frozen=True)
+class FilterModel:
+    """All that a filter is made of, for Python and for C.
+
+    Attributes:
+        measurement: sensors and their noise.
+        model: of the robot.
+        dt: s.
+        links: names of the links whose wrenches are states.
+        parameters: names of those that are states.
+        form: one of FORMS.
+        dtype: of all numbers.
+        uncertainty: see Uncertainty.
+    """
+
+    measurement: Measurement
+    dt: float
+    links: tuple[str, ...]
+    parameters: tuple[str, ...]
+    form: str
+    dtype: str
+    uncertainty: Uncertainty
+    model: Model = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "model", build_model(self.measurement.robot))
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """Names of the states: positions, velocities, wrenches, parameters, biases."""
+        names = self.model.coordinates
+        wrenches = (component_name(f"{WRENCH}{link}", x) for link in self.links for x in WRENCHES)
+        return (*names, *(f"d/dt {x}" for x in names), *wrenches, *self.parameters, *self.biases)
+
+    @property
+    def biases(self) -> tuple[str, ...]:
+        """Names of biases that are states."""
+        return tuple(f"bias of {self.measurement.innovations[i][0]}" for i in self.measurement.biased)
+
+    def deviations(self) -> Numbers:
+        """Return standard deviations of the states at the beginning, (N,)."""
+        known, n = self.uncertainty, self.model.size
+        shares = [known.parameter * (abs(self.model.parameters[x]) or 1.0) for x in self.parameters]
+        parts = (known.of_coordinates("position", n), known.of_coordinates("velocity", n))
+        rest = [known.wrench] * (6 * len(self.links)) + shares + [known.bias] * len(self.biases)
+        return np.concatenate([*parts, rest])
+
+    def noise(self) -> Numbers:
+        """Return standard deviations that a step adds to each state, (N,); those of velocities move positions, too."""
+        known, n = self.uncertainty, self.model.size
+        shares = [known.parameter_drift * (abs(self.model.parameters[x]) or 1.0) for x in self.parameters]
+        biases = [self.measurement.drift[i] for i in self.measurement.biased]
+        rest = [known.wrench_drift] * (6 * len(self.links)) + shares + biases
+        whole = np.concatenate([np.zeros(n), known.of_coordinates("acceleration", n), np.array(rest, float)])
+        return np.asarray(np.sqrt(self.dt) * whole)
+
+
+class Observer:
+    """An extended Kalman filter of a robot, by exact derivatives of linearly implicit steps.
+
+    Attributes:
+        filter: what it is made of.
+        kernel: of the robot, with the parameters that are estimated.
+        states: names of the states, N.
+        measured: names of the innovations, m.
+        state: estimate of q, v, wrenches, parameters and biases, (N,).
+        normalized_innovation: of the last update, (m,): independent numbers of variance 1 where noise is as told.
+    """
+
+    def __init__(self, model: FilterModel, steps: FilterSteps) -> None:
+        """Begin at the described home, at rest, with the described parameters."""
+        self.filter, self.kernel, self._steps = model, steps.kernel, steps
+        self.states, dtype = model.states, steps.kernel.dtype
+        self.measured = tuple(name for name, _ in model.measurement.innovations)
+        self._nominal = [model.model.parameters[x] for x in model.parameters]
+        self._deviations = np.array(model.measurement.noise, dtype)
+        self._noise = model.noise().astype(dtype)
+        self._bias_rows = list(model.measurement.biased)
+        self.normalized_innovation: Numbers = np.zeros(len(self.measured), dtype)
+        self._u = np.zeros(steps.kernel.n, dtype)
+        self.state: Numbers = np.zeros(len(self.states), dtype)
+        self._uncertain: Covariance | SquareRoot
+        self.begin(np.asarray(model.model.home), np.zeros(steps.kernel.n))
+
+    def begin(self, q: ArrayLike, v: ArrayLike | None = None) -> None:
+        """Begin anew at q and v, (n,) each (at rest), with the uncertainty of the beginning.
+
+        Raises:
+            InputError: another shape, or no numbers.
+        """
+        n, dtype = self.kernel.n, self.kernel.dtype
+        rest = np.zeros(len(self.states) - 2 * n)
+        at = 6 * len(self.filter.links)
+        rest[at : at + len(self._nominal)] = self._nominal
+        start = [_vector("q", q, n), _vector("v", np.zeros(n) if v is None else v, n), rest]
+        self.state = np.concatenate(start).astype(dtype)
+        form = SquareRoot if self.filter.form == "square_root" else Covariance
+        self._uncertain = form(self.filter.deviations().astype(dtype))
+        self._write_parameters()
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether stiffness and damping are constant, so that a step's derivatives follow from the residual's."""
+        return self._steps.slopes is not None
+
+    @property
+    def q(self) -> Numbers:
+        """Estimated coordinates, (n,)."""
+        return np.array(self.state[: self.kernel.n])
+
+    @property
+    def v(self) -> Numbers:
+        """Estimated velocities, (n,)."""
+        return np.array(self.state[self.kernel.n : 2 * self.kernel.n])
+
+    @property
+    def covariance(self) -> Numbers:
+        """Covariance of the state, (N, N)."""
+        return self._uncertain.covariance
+
+    def estimate(self, name: str) -> float:
+        """Return the estimate of a state by its name.
+
+        Raises:
+            UnknownNameError: no such state.
+        """
+        if name not in self.states:
+            raise UnknownNameError(f"observer: {show(name)} is no state{nearest_or_all(name, self.states)}")
+        return float(self.state[self.states.index(name)])
+
+    def predict(self, u: ArrayLike) -> None:
+        """Go on by a step of dt under the drives u, (n,), held over it.
+
+        Raises:
+            InputError: another shape, or no numbers.
+            SingularError, IntegrationStopped: as of ``Kernel.rollout``.
+        """
+        n = self.kernel.n
+        self._u = _vector("u", u, n).astype(self.kernel.dtype)
+        q, v, by = self._steps.advance(self.q, self.v, self._acting())
+        F, G = self.transition(by)
+        self.state[:n], self.state[n : 2 * n] = q, v
+        self._uncertain.carry(F, G)
+
+    def update(self, y: ArrayLike) -> float:
+        """Take readings y of the sensors, (readings,), and return the sum of squares of normalized innovations.
+
+        It is about as large as the number of innovations where the noise is as told (chi-square).
+
+        Raises:
+            InputError: another shape, or no numbers.
+            IntegrationError: the covariance is not positive any more, by round-off, in the form "covariance".
+        """
+        readings = _vector("y", y, len(self.filter.measurement.readings))
+        predicted, H = self.predicted()
+        innovation = self.filter.measurement.innovation(readings, predicted)
+        innovation[self._bias_rows] -= self.state[len(self.states) - len(self._bias_rows) :]
+        dtype = self.kernel.dtype
+        change, self.normalized_innovation = self._uncertain.take(H, self._deviations, innovation.astype(dtype))
+        self.state = self.state + change
+        self._write_parameters()
+        return float(self.normalized_innovation @ self.normalized_innovation)
+
+    def transition(self, by: Numbers) -> tuple[Numbers, Numbers]:
+        """Return the transition matrix F, (N, N), and the noise's columns G, (N, N), from derivatives of velocities."""
+        n, N, dtype = self.kernel.n, len(self.states), self.kernel.dtype
+        dt, noise = dtype.type(self.filter.dt), np.diag(self._noise)
+        F, size = np.eye(N, dtype=dtype), by.shape[1]
+        F[n : 2 * n, :size] = by
+        F[:n, :size] += dt * by
+        noise[:n] += dt * noise[n : 2 * n]
+        return F, noise
+
+    def predicted(self) -> tuple[Numbers, Numbers]:
+        """Return expected readings without biases, (readings,), and derivatives of innovations by the state, (m, N)."""
+        measurement, kernel, n = self.filter.measurement, self.kernel, self.kernel.n
+        q, v, N = self.q, self.v, len(self.states)
+        a, by = np.zeros(n, kernel.dtype), np.zeros((n, self._steps.size), kernel.dtype)
+        if measurement.depends_on_acceleration:
+            a, by = self._steps.accelerations(q, v, self._acting())
+        predicted = kernel.measurement(q, v, a)
+        H_q, H_v, H_a = measurement.jacobian(kernel, q, v, a)
+        H = np.zeros((len(self.measured), N), kernel.dtype)
+        H[:, : self._steps.size] = H_a @ by
+        H[:, :n] += H_q
+        H[:, n : 2 * n] += H_v
+        weights = measurement.weights(predicted).astype(kernel.dtype)
+        for i, name in enumerate(self.filter.parameters):
+            still = (np.zeros(n, kernel.dtype),) * 3
+            moved = kernel.jvp("measurement", (q, v, a), still, parameters={name: 1.0})
+            H[:, 2 * n + 6 * len(self.filter.links) + i] += weights @ moved
+        for i, row in enumerate(self._bias_rows):
+            H[row, N - len(self._bias_rows) + i] = 1.0
+        return predicted, H
+
+    def observability(self, q: ArrayLike | None = None, v: ArrayLike | None = None) -> Observability:
+        """Return which states measurements tell of about states q and v, (n,) or (poses, n), where they stay there.
+
+        Without q about a state near the home that has nothing special: drives turned, all moving.
+        """
+        n, kept, u = self.kernel.n, self.state, self._u
+        states = [self._generic()] if q is None else list(zip(*np.broadcast_arrays(*_rows(q, v, n)), strict=True))
+        systems = []
+        try:
+            for here, rate in states:
+                self.state = np.concatenate([here, rate, kept[2 * n :]]).astype(self.kernel.dtype)
+                _, H = self.predicted()
+                by = self._steps.advance(self.q, self.v, self._acting())[2]
+                systems.append((self.transition(by)[0], H))
+        finally:
+            self.state, self._u = kept, u
+        return common_observability(self.states, systems, self.filter.deviations(), self._deviations.astype(float))
+
+    def _generic(self) -> tuple[Numbers, Numbers]:
+        rng, n, model = np.random.default_rng(POSE_SEED), self.kernel.n, self.filter.model
+        size = np.full(n, DEFLECTED)
+        size[list(model.driven)] = POSES_APART
+        return np.asarray(model.home) + size * rng.normal(size=n), size * rng.normal(size=n)
+
+    def _acting(self) -> Acting:
+        n, links = self.kernel.n, self._steps.links
+        wrench = np.zeros((len(self.kernel.links), 6), self.kernel.dtype)
+        wrench[list(links)] = self.state[2 * n : 2 * n + 6 * len(links)].reshape(-1, 6)
+        return Acting(self._u, wrench)
+
+    def _write_parameters(self) -> None:
+        at = 2 * self.kernel.n + 6 * len(self.filter.links)
+        for i, name in enumerate(self.filter.parameters):
+            self.kernel.parameters[name] = float(self.state[at + i])
+
+
+def observer(
+    robot: RobotLike,
+    measure: str | Sequence[str | Sensor] | Measurement,
+    *,
+    dt: float,
+    states: Sequence[str] = (),
+    uncertainty: Uncertainty | None = None,
+    form: Form = "square_root",
+    dtype: str = "float64",
+    unobservable: Literal["refuse", "allow"] = "refuse",
+) -> Observer:
+    """Return an extended Kalman filter of a robot: ``predict(u)`` goes on by a step, ``update(y)`` takes readings.
+
+    Its states are q and v, then wrenches on links and run-time parameters that drift.  Steps are linearly implicit, as
+    of ``Kernel.rollout(method="implicit")``, so stiff joints need no shorter ones, and their derivatives are exact.
+
+    Args:
+        robot: a Robot, the name of a built-in one, or the path of a description; without loops, states of laws and
+            prescribed coordinates.
+        measure: sensors, "encoder:joint1.gamma,imu:tcp", or a Measurement with its noise.
+        dt: length of a step, s.
+        states: further states: parameters by their names, "wrench:LINK" for force and moment on its center of mass.
+        uncertainty: of the beginning and of the noise; by default Uncertainty().
+        form: "square_root", which keeps a covariance positive in float32, too, or "covariance", which costs less.
+        dtype: "float64" or "float32".
+        unobservable: what is done where measurements do not tell all states: "refuse", or "allow".
+
+    Raises:
+        InputError: a robot, number or sensor that cannot be used, or states that measurements do not tell, by name.
+        UnknownNameError: no such parameter or link.
+        BuildError: see ``build``.
+    """
+    model = filter_model(robot, measure, dt=dt, states=states, uncertainty=uncertainty, form=form, dtype=dtype)
+    if unobservable not in ("refuse", "allow"):
+        raise InputError(f"unobservable: {show(unobservable)}; allowed: refuse, allow")
+    made = Observer(model, steps_of(model))
+    if unobservable == "refuse":
+        told = made.observability()
+        if not told.is_complete:
+            raise InputError(
+                f"observer of {model.model.name}: {told.message()}; allowed: further sensors, or fewer states"
+            )
+    return made
+
+
+def filter_model(
+    robot: RobotLike,
+    measure: str | Sequence[str | Sensor] | Measurement,
+    *,
+    dt: float,
+    states: Sequence[str] = (),
+    uncertainty: Uncertainty | None = None,
+    form: str = "square_root",
+    dtype: str = "float64",
+) -> FilterModel:
+    """Return what a filter is made of; arguments and errors as of ``observer``."""
+    measurement = measure if isinstance(measure, Measurement) else Measurement.of(robot, measure)
+    if not (is_usable(dt) and dt > 0.0):
+        raise InputError(f"dt: {show(dt)} s; allowed: a time above 0, up to {LARGEST:g}")
+    if form not in FORMS:
+        raise InputError(f"form: {show(form)} is unknown; allowed: {', '.join(FORMS)}")
+    model = build_model(measurement.robot)
+    _refuse_what_filters_lack(model)
+    if isinstance(states, str):
+        raise InputError(f"states: {show(states)}; allowed: a sequence of names")
+    links, parameters = list[str](), list[str]()
+    for name in states:
+        is_wrench = isinstance(name, str) and name.startswith(WRENCH)
+        known = model.links if is_wrench else tuple(model.parameters)
+        key = name.removeprefix(WRENCH) if is_wrench else name
+        if key not in known:
+            what = "link that moves" if is_wrench else "parameter, nor a wrench, wrench:LINK"
+            raise UnknownNameError(f"states: {show(key)} is no {what}{nearest_or_all(str(key), known)}")
+        (links if is_wrench else parameters).append(key)
+    for names in (links, parameters):
+        twice = [x for x in names if names.count(x) > 1]
+        if twice:
+            raise InputError(f"states: {twice[0]} stands twice; allowed: every state once")
+    if links:
+        _refuse_torques_under_load(measurement)
+    return FilterModel(
+        measurement, float(dt), tuple(links), tuple(parameters), form, dtype, uncertainty or Uncertainty()
+    )
+
+
+def _refuse_what_filters_lack(model: Model) -> None:
+    """Refuse robots whose states are not coordinates and velocities that move freely."""
+    lacks = {
+        "closed loops": model.constraints,
+        "states of laws": model.memory,
+        "prescribed coordinates": model.prescribed,
+        "joints with 3-DOF rotation": model.turning,
+    }
+    for what, names in lacks.items():
+        if names:
+            raise InputError(f"observer of {model.name}: it has {what}; allowed: trees without them")
+
+
+def _refuse_torques_under_load(measurement: Measurement) -> None:
+    """Refuse sensors of what joints carry beside wrenches, which they carry, too."""
+    for sensor in measurement.sensors:
+        if sensor.kind == "torque" and not sensor.of.endswith(".motor"):
+            raise InputError(
+                f"states: wrenches act beside {sensor.name}, whose reading is without them; allowed: torques of elastic"
+                " gears (torque:JOINT.motor), or other sensors"
+            )
+
+
+def steps_of(model: FilterModel) -> FilterSteps:
+    """Return a filter's steps, with a kernel that is built for them."""
+    links = tuple(model.model.links.index(x) for x in model.links)
+    further = not links and not model.parameters
+    if further and names_linear_laws(model.model):
+        kernel = build(model.measurement.robot, kernels=kernels_of(model, is_linear=True), dtype=model.dtype)
+        slopes = Slopes.of(kernel)
+        if slopes.describe(kernel, model.dt):
+            return FilterSteps(kernel.with_parameters({}), model.dt, links, model.parameters, slopes)
+    kernel = build(model.measurement.robot, kernels=kernels_of(model, is_linear=False), dtype=model.dtype)
+    return FilterSteps(kernel.with_parameters({}), model.dt, links, model.parameters, None)
+
+
+def kernels_of(model: FilterModel, *, is_linear: bool) -> tuple[str, ...]:
+    """Name the kernels that a filter calls."""
+    names = [*kernels_of_steps(is_linear=is_linear, has_wrenches=bool(model.links)), *model.measurement.kernels]
+    if model.parameters:
+        names += ["measurement_tangent", "measurement_parameter_tangent"]
+    if model.measurement.depends_on_acceleration:
+        names += ["forward_dynamics", "forward_dynamics_tangent"]
+        names += ["forward_dynamics_parameter_tangent"] if model.parameters else []
+    return tuple(dict.fromkeys(names))
+
+
+def _vector(label: str, values: ArrayLike, size: int) -> Numbers:
+    """Return finite numbers, (size,)."""
+    try:
+        array = np.asarray(values, float)
+    except (TypeError, ValueError):
+        raise InputError(f"{label}: {show(values)}; allowed: {size} numbers") from None
+    if array.shape != (size,) or not np.isfinite(array).all():
+        raise InputError(f"{label}: got the shape {array.shape}; allowed: ({size},), finite numbers")
+    return array
+
+
+def _rows(q: ArrayLike, v: ArrayLike | None, n: int) -> tuple[Numbers, Numbers]:
+    """Return states, (poses, n) each."""
+    rows = [np.atleast_2d(np.asarray(x, float)) for x in (q, np.zeros(n) if v is None else v)]
+    for label, array in zip("qv", rows, strict=True):
+        if array.ndim != 2 or array.shape[1] != n or not np.isfinite(array).all():
+            raise InputError(f"{label}: got the shape {array.shape}; allowed: ({n},) or (poses, {n}), finite numbers")
+    return rows[0], rows[1]

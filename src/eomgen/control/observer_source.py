@@ -1,0 +1,125 @@
+"""An extended Kalman filter as C: beside the robot's, no heap, and all of it in one struct."""
+
+from __future__ import annotations
+
+import importlib.resources
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+
+from .._version import __version__
+from ..codegen.c.source import environment
+from ..errors import InputError
+from ..files import as_path, write_atomically
+from ..pipeline.stages import Options, make_source
+from ..progress import StageReport, no_report, tells_at_prompt
+from .filter_steps import GENERAL_KERNELS, LINEAR_KERNELS, WRENCH_KERNELS
+from .kalman_filter import FilterModel, Observer
+from .sensing import Measurement
+
+IN_C = ("encoder", "tachometer")  # sensors whose readings are states
+LIBRARY = "kalman.h"
+
+
+@tells_at_prompt("writing the observer")
+def write_observer(observer: Observer, folder: Path | str, *, progress: StageReport = no_report) -> list[Path]:
+    """Write a filter as C99, with the robot's equations that it calls, and return the paths.
+
+    ``cc -c NAME.c NAME_observer.c`` in the folder compiles it; all warnings may be errors.  Sensors are encoders and
+    tachometers.
+
+    Args:
+        observer: of ``eomgen.control.observer``; the C begins as that did.
+        folder: written to; files of the same names are replaced.
+        progress: called with a line of text when a stage begins.
+
+    Raises:
+        InputError: other sensors, biases, or a folder that cannot be written.
+    """
+    target = Path(as_path(folder, "folder"))
+    progress("deriving the equations")
+    return [write_atomically(target / name, partial(_write, text)) for name, text in observer_files(observer).items()]
+
+
+def _write(text: str, stream: IO[bytes]) -> None:
+    stream.write(text.encode("ascii"))
+
+
+def observer_files(observer: Observer) -> dict[str, str]:
+    """Return texts of a filter by their places in one folder: the robot's C, the filter's, and what both include.
+
+    Raises:
+        InputError: sensors that are no encoders or tachometers, or biases.
+    """
+    model, is_linear = observer.filter, observer.is_linear
+    _refuse_other_sensors(model.measurement)
+    kernels = (*(LINEAR_KERNELS[:2] if is_linear else GENERAL_KERNELS), *(WRENCH_KERNELS if model.links else ()))
+    robot = replace(model.measurement.robot, sensors=())
+    source = make_source(robot, Options(kernels=kernels, dtype=model.dtype, batches=False))
+    context = _context(model, is_linear=is_linear)
+    made = {
+        f"{source.name}_observer.{end}": environment().get_template(f"control/observer.{end}.jinja").render(context)
+        for end in ("h", "c")
+    }
+    library = importlib.resources.files("eomgen.control").joinpath(LIBRARY).read_text(encoding="ascii")
+    return {**source.files, LIBRARY: library, **made}
+
+
+def _context(model: FilterModel, *, is_linear: bool) -> dict[str, object]:
+    """Return what the templates of a filter know."""
+    robot, measurement, n = model.model, model.measurement, model.model.size
+    parameters, real = list(robot.parameters), "float" if model.dtype == "float32" else "double"
+
+    def literal(value: float) -> str:
+        return f"{float(np.float32(value))!r}F" if real == "float" else repr(float(value))
+
+    is_root = model.form == "square_root"
+    noise = model.noise() if is_root else model.noise() ** 2
+    measured = [
+        (
+            robot.coordinates.index(sensor.of) + (n if sensor.kind == "tachometer" else 0),
+            f"{name}, {deviation:g} {unit}",
+            literal(deviation**2),
+        )
+        for sensor, (name, unit), deviation in zip(
+            measurement.sensors, measurement.innovations, measurement.noise, strict=True
+        )
+    ]
+    return {
+        "name": robot.name,
+        "version": __version__,
+        "dtype": model.dtype,
+        "real": real,
+        "dt": repr(model.dt),
+        "dt_literal": literal(model.dt),
+        "zero": literal(0.0),
+        "one": literal(1.0),
+        "n": n,
+        "N": len(model.states),
+        "states": model.states,
+        "measured": measured,
+        "wrenches": [robot.links.index(link) for link in model.links],
+        "links": len(robot.links),
+        "parameters": len(parameters),
+        "nominal": [literal(value) for value in robot.parameters.values()],
+        "parameter_places": [parameters.index(name) for name in model.parameters],
+        "gravity": [i for i, name in enumerate(parameters) if name.startswith("gravity.")],
+        "is_linear": is_linear,
+        "is_root": is_root,
+        "deviations": [literal(x) for x in model.deviations()],
+        "noise": [literal(x) for x in noise],
+    }
+
+
+def _refuse_other_sensors(measurement: Measurement) -> None:
+    """Refuse sensors that the C of filters does not know."""
+    for sensor in measurement.sensors:
+        if sensor.kind not in IN_C:
+            raise InputError(
+                f"observer: {sensor.name} has no C; allowed: {', '.join(IN_C)}, or eomgen.control.observer in Python"
+            )
+    if measurement.biased:
+        raise InputError("observer: biases have no C; allowed: sensors without drift, or eomgen.control.observer")
