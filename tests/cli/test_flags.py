@@ -49,6 +49,10 @@ DIFFER = {  # flags whose help or form is another one by command, and why
     "--method": "FMUs have other methods than simulations",
     "--points": "a map has two numbers",
     "--along": "some need a result of a simulation, not a measured motion",
+    "--step": "an observer's samples have a length, steps of acados a default",
+    "--parameters": "a fit finds them, a model of acados takes them as p",
+    "--measure": "observers have sensors, poses one thing for all frames",
+    "--noise": "of readings by name, or of positions and rotations",
     "--terms": "identify has terms that no excitation is for",
 }
 

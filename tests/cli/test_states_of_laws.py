@@ -34,6 +34,11 @@ CALLS: dict[str, tuple[tuple[str, ...], int, str]] = {  # words, exit code, what
     "derive": (("arm.toml",), 0, "d/dt z_beta_2 = betadot_2 - 20000.0*z_beta_2*Abs(betadot_2)"),
     "generate": (("arm.toml", "-o", "generated", "--kernels", "forward_dynamics"), 0, "generated"),
     "export": (("arm.toml", "--mjcf", "--approximate", "-o", "arm.xml"), 0, "arm.xml"),
+    "observer": (
+        ("arm.toml", "--measure", "encoder:j1.gamma", "-o", "observer", "--step", "1e-3"),
+        1,
+        "observer of bristled: it has states of laws",
+    ),
     "bench": (
         ("arm.toml",),
         0,
@@ -46,6 +51,7 @@ CALLS: dict[str, tuple[tuple[str, ...], int, str]] = {  # words, exit code, what
         0,
         "friction of j2.beta: held",
     ),
+    "feedforward": (("arm.toml", "--scenario", "scenario.toml", "-o", "drives.csv"), 1, "no flat outputs"),
     "sweep": (("arm.toml", "--scenario", "scenario.toml", "--plan", "plan.toml", "-o", "sweep"), 0, "2 samples"),
     "deflection": (("arm.toml", "--state", f"{Z2}=1e-5"), 0, f"'{Z2}': kept at 1e-05"),
     "modes": (("arm.toml", "--pose", "0.3", "0.4"), 0, f"'{Z2}': has an eigenvalue of 0"),

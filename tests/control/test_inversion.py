@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from eomgen.control import StableInversion, stable_inversion
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import InputError, UnknownNameError
 from eomgen.integration import integrate
-from eomgen.motion import PointToPoint, Spline, default_motion
+from eomgen.motion import PointToPoint, default_motion
 from eomgen.robot.value import Robot
 from eomgen.scenario.load import load_scenario
 
@@ -220,8 +221,8 @@ def test_wrong_arguments_are_refused(keywords: dict[str, object], message: str) 
 def test_wrong_names_and_motions_are_refused() -> None:
     with pytest.raises(UnknownNameError, match=r"outputs: 'tip.w' is unknown"):
         stable_inversion(carts(), ride(), outputs=("tip.w",))
-    with pytest.raises(InputError, match="duration: Spline does not say when it ends"):
-        stable_inversion(carts(), Spline([0.0, 1.0], [[0.0], [1.0]], at_rest=True))
+    with pytest.raises(InputError, match="duration: SimpleNamespace does not say when it ends"):
+        stable_inversion(carts(), SimpleNamespace(at=ride().at))  # type: ignore[arg-type]
     with pytest.raises(InputError, match="motion: moves 2 coordinates"):
         stable_inversion(carts(), PointToPoint(np.zeros(2), np.ones(2), 1.0))
     with pytest.raises(InputError, match="four_bar: has loops or couplings"):

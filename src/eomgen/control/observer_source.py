@@ -12,7 +12,7 @@ import numpy as np
 
 from .._version import __version__
 from ..codegen.c.source import environment
-from ..errors import InputError
+from ..errors import InputError, check_kind
 from ..files import as_path, write_atomically
 from ..pipeline.stages import Options, make_source
 from ..progress import StageReport, no_report, tells_at_prompt
@@ -37,8 +37,9 @@ def write_observer(observer: Observer, folder: Path | str, *, progress: StageRep
         progress: called with a line of text when a stage begins.
 
     Raises:
-        InputError: other sensors, biases, or a folder that cannot be written.
+        InputError: no observer, other sensors, biases, or a folder that cannot be written.
     """
+    check_kind("observer", observer, isinstance(observer, Observer), "an observer (of eomgen.control.observer)")
     target = Path(as_path(folder, "folder"))
     progress("deriving the equations")
     return [write_atomically(target / name, partial(_write, text)) for name, text in observer_files(observer).items()]

@@ -10,7 +10,7 @@ from pathlib import Path
 from .._version import __version__
 from ..control.discrete_steps import DiscreteStep, checked_step, kernels_for_step
 from ..description import RobotLike, as_robot
-from ..files import write_atomically
+from ..files import as_path, write_atomically
 from ..pipeline.stages import build
 from ..progress import StageReport, no_report, tells_at_prompt
 from ..robot.model import build_model
@@ -56,7 +56,7 @@ def export_acados(
     from ..codegen.c.library import library_files
     from ..codegen.c.source import environment
 
-    robot = as_robot(robot)
+    robot, folder = as_robot(robot), as_path(folder, "folder")
     chosen = _method(robot) if method == AUTO else method
     checked_step(chosen, step, substeps, parameters, build_model(robot).parameters)
     kernel = build(robot, kernels=kernels_for_step(chosen, closed=robot.is_closed), flags=("-O0",), progress=progress)
