@@ -4,8 +4,8 @@ Two programs that compute the same rational functions of their inputs, of sines 
 other functions agree modulo a prime at every point; two that do not agree at a random one with a probability of about
 their degree by the prime (Schwartz, Zippel), less than 1e-12 here.  No rounding hides a term that was lost.
 
-Sine and cosine are rational points of the circle; ``exp``, ``log``, ``sqrt`` and ``atan2`` are free symbols, equal
-where their arguments are.  What a sign decides (``max``, ``step``, ``choose``), a float beside the residue decides.
+Sine and cosine are rational points of the circle; ``exp``, ``log`` and ``atan2`` are free symbols, equal where their
+arguments are, and so is ``sqrt`` where the residue has no root: whoever asks takes another point then.  What a sign decides (``max``, ``step``, ``choose``), a float beside the residue decides.
 """
 
 from __future__ import annotations
@@ -254,7 +254,8 @@ def _sized(compute: Callable[..., float], *args: Residue) -> float:
 def _sqrt(x: Residue) -> Residue:
     if x.residue == 0:
         return Residue(0, 0.0)
-    value = _symbol("sqrt", x)
+    root = pow(x.residue, (PRIME + 1) // 4, PRIME)  # PRIME is 3 modulo 4
+    value = root if root * root % PRIME == x.residue else _symbol("sqrt", x)
     return Residue(value, _sized(math.sqrt, x), x.rate * _HALF * pow(value, -1, PRIME))
 
 
@@ -355,6 +356,11 @@ def _derivations(graph: type[Graph], orthogonal: Orthogonal) -> Iterator[None]:
                 return number
             return made.constant(number) if plain else Exact(number)
 
+        def named(name: str, number: float) -> Any:
+            if name.endswith(".free_length") and number == 0.0:  # its energy needs no length, which REST keeps off 0
+                return Exact(0)
+            return lifted(value(name, number))
+
         def pose(rotation: Mat, origin: Any) -> Pose:
             if all(type(x) in (int, float) for row in rotation for x in row):
                 rotation = tuple(tuple(map(lifted, row)) for row in orthogonal(rotation))
@@ -364,7 +370,7 @@ def _derivations(graph: type[Graph], orthogonal: Orthogonal) -> Iterator[None]:
             mock.patch.object(bound_module, "Pose", pose),
             mock.patch.object(bound_module._Binder, "_turn", lambda binder, angle: binder.sincos(angle)),
         ):
-            return bound_module.bind(model, lambda name, number: lifted(value(name, number)), sincos)
+            return bound_module.bind(model, named, sincos)
 
     with ExitStack() as patched:
         for module in (derivation_module, passes, whole, forward_mode, reverse_mode, second_order, taylor):
