@@ -160,6 +160,11 @@ def _rates(graph: Graph, x: Series, k: int) -> Series:
     return [graph.mul(float(i), x[i]) for i in range(k + 1)]
 
 
+def _shares(graph: Graph, x: Series, k: int) -> Series:
+    """Return i x_i / k for i up to k: the last one is x_k itself, and whoever needs the others shares them."""
+    return [graph.mul(i / k, x[i]) for i in range(k + 1)]
+
+
 def _product(graph: Graph, x: Sequence[Series], z: Series, k: int) -> Value:
     return _squared(graph, x[0], k) if x[0] is x[1] else _convolved(graph, x[0], x[1], k)
 
@@ -179,7 +184,7 @@ def _larger(graph: Graph, x: Sequence[Series], z: Series, k: int) -> Value:
 
 
 def _exponential(graph: Graph, x: Sequence[Series], z: Series, k: int) -> Value:
-    return graph.mul(1.0 / k, _convolved(graph, _rates(graph, x[0], k), z, k, 1))  # t z' = z t x'
+    return _convolved(graph, _shares(graph, x[0], k), z, k, 1)  # t z' = z t x'
 
 
 def _logarithm(graph: Graph, x: Sequence[Series], z: Series, k: int) -> Value:
@@ -226,9 +231,9 @@ class _Angle:
     def upto(self, k: int) -> tuple[Value, Value]:
         """Return the coefficients of order k of sine and cosine."""
         for order in range(len(self._sine), k + 1):
-            rates = _rates(self.graph, self.angle, order)
-            sine = self.graph.mul(1.0 / order, _convolved(self.graph, rates, self._cosine, order, 1))
-            cosine = self.graph.mul(-1.0 / order, _convolved(self.graph, rates, self._sine, order, 1))
+            shares = _shares(self.graph, self.angle, order)
+            sine = _convolved(self.graph, shares, self._cosine, order, 1)
+            cosine = self.graph.neg(_convolved(self.graph, shares, self._sine, order, 1))
             self._sine.append(sine)
             self._cosine.append(cosine)
         return self._sine[k], self._cosine[k]
