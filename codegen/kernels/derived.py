@@ -28,8 +28,8 @@ WITH_PARAMETERS = "_p"  # ends the name of a gradient that has the parameters be
 JET = "jet"  # begins the name of an array of time derivatives, before the order
 FRAMED: Mapping[str, str] = {"frame_pose": "poses", "frame_jacobian": "jacobians"}  # results of all frames at once
 TIMES = ("dt", "times")  # arrays that steps are not differentiated by
-# Kernels that are derivatives of others already, and charts, which are not differentiated
-EXACT = ("christoffel", "following", "forward_dynamics_jacobian", "tree_forward_dynamics_jacobian")
+EXACT = ("christoffel", "forward_dynamics_jacobian", "tree_forward_dynamics_jacobian")  # derivatives: jets alone
+CHART = "following"  # which is not differentiated
 
 
 def differentiated(kernels: Mapping[str, Signature]) -> dict[str, Signature]:
@@ -39,7 +39,9 @@ def differentiated(kernels: Mapping[str, Signature]) -> dict[str, Signature]:
         if kernel.kind == "frames":
             for function, signature in kernel.functions.items():
                 derivatives |= _of(function, replace(signature, writes=FRAMED[function]))
-        elif kernel.kind in ("program", "composed") and name not in EXACT:
+        elif name in EXACT:
+            derivatives |= _jets(name, kernel)
+        elif kernel.kind in ("program", "composed") and name != CHART:
             derivatives |= _of(name, kernel)
     return derivatives
 

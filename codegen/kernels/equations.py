@@ -20,6 +20,7 @@ from .closed import led_by_modes
 from .derivation import Derivation
 from .derivatives.modal_slopes import bends
 from .derivatives.programs import derive_derivative
+from .derivatives.whole import by_columns
 from .signatures import KERNELS, SIGNATURES, available, knows_turns
 from .stages import PAIR_STAGES, STAGES, derive_pair_stage, derive_stage, stage_has_rows
 from .writers import DESCRIPTION_FRAMES, VARIANTS, WRITERS
@@ -111,7 +112,7 @@ def derive_equations(model: Model, kernels: Sequence[str] = (), dtype: str = "fl
             calls[name] = signature.closed
         elif name in VARIANTS and signature.calls:
             if candidates := _candidates(model, name, dtype=dtype):
-                raw[name], choices[name] = min(candidates, key=lambda candidate: _cost(candidate[0]))
+                raw[name], choices[name] = _cheapest(candidates)
                 continue
             calls[name] = signature.calls
         elif signature.calls:
@@ -159,7 +160,10 @@ def derive(model: Model, kernel: str, dtype: str = "float64", known: dict[str, P
 def _derived(model: Model, kernel: str, dtype: str, known: dict[str, Program]) -> dict[str, Program]:
     """Derive the program, with those that come with it."""
     if kernel in VARIANTS:
-        return {kernel: derive_cheapest(model, kernel, dtype=dtype)[0]}
+        candidates = _candidates(model, kernel, dtype=dtype)
+        if not candidates:
+            return {kernel: by_columns(model, kernel, lambda name: derive(model, name, dtype, known))}
+        return {kernel: _cheapest(candidates)[0]}
     if kernel in WITH_ROWS:
         return _derived_with_rows(model, kernel, dtype)
     if SIGNATURES[kernel].derivative_of:
@@ -188,7 +192,11 @@ def derive_cheapest(model: Model, kernel: str, chosen: str = "", dtype: str = "f
     Args:
         chosen: the variant; the one that costs least if empty.
     """
-    return min(_candidates(model, kernel, chosen, dtype), key=lambda candidate: _cost(candidate[0]))
+    return _cheapest(_candidates(model, kernel, chosen, dtype))
+
+
+def _cheapest(candidates: Sequence[tuple[Program, str]]) -> tuple[Program, str]:
+    return min(candidates, key=lambda candidate: _cost(candidate[0]))
 
 
 def _candidates(model: Model, kernel: str, chosen: str = "", dtype: str = "float64") -> list[tuple[Program, str]]:

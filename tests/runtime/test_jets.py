@@ -55,6 +55,45 @@ def test_the_first_order_is_the_derivative_along_the_motion(name: str, kernel: e
     np.testing.assert_allclose(rate, along, rtol=1e-13, atol=1e-13 * max(1.0, np.abs(along).max()))
 
 
+def slopes_agree(kernel: eomgen.Kernel, name: str, series: tuple[Any, ...], h: float = 1e-5) -> None:
+    """The jet of first order is the function and its difference along a motion."""
+    value, slope = kernel.jet(name, series)
+    largest = max(1.0, np.abs(value).max())
+
+    def at(t: float) -> np.ndarray:
+        q = series[0] + t * series[1]
+        if name == "christoffel":
+            return np.array(kernel.christoffel(q))
+        a, (u, rate) = series[2], series[3]
+        return np.array(kernel.forward_dynamics_jacobian(q + t**2 / 2 * a, series[1] + t * a, u + t * rate))
+
+    np.testing.assert_allclose(value, at(0.0), rtol=0.0, atol=1e-11 * largest)
+    np.testing.assert_allclose(slope, (at(h) - at(-h)) / (2 * h), rtol=1e-6, atol=1e-6 * largest)
+
+
+@pytest.mark.parametrize("name", soaked(("forward_dynamics_jacobian", "christoffel"), ("forward_dynamics_jacobian",)))
+def test_matrices_of_accelerations_and_christoffel_symbols(name: str, kernel: eomgen.Kernel) -> None:
+    (q, v, a), u = motion(kernel, 3), motion(kernel, 2, seed=2)
+    slopes_agree(kernel, name, (q, v) if name == "christoffel" else (q, v, a, u))
+
+
+@pytest.mark.soak
+def test_matrices_of_accelerations_of_closed_mechanisms() -> None:
+    kernel = eomgen.build("four_bar")
+    moving = kernel.close_series((np.array([0.5, 0.2, 1.2]), *motion(kernel, 2)), held=["joint1.gamma"])
+    slopes_agree(kernel, "forward_dynamics_jacobian", (*moving, motion(kernel, 2, seed=2)))
+    with pytest.raises(LoopError, match="loop joint4 is open"):
+        kernel.jet("forward_dynamics_jacobian", (moving[0] + 0.1, *moving[1:], motion(kernel, 2, seed=2)))
+
+
+def test_what_would_be_too_long_is_refused() -> None:
+    kernel = eomgen.build("puma560_elastic")
+    q, v, a, u, rate = motion(kernel, 5)
+    for name, series in (("christoffel", (q, v)), ("forward_dynamics_jacobian", (q, v, a, (u, rate)))):
+        with pytest.raises(InputError, match=f"{name}_jet1: .* takes some .* operations; allowed: 12000"):
+            kernel.jet(name, series)
+
+
 @pytest.mark.parametrize("seed", seeds(0, 1, 12))
 def test_forward_dynamics_follow_the_drives_of_a_motion(seed: int) -> None:
     """Drives and their time derivatives make the accelerations of the motion and theirs."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from eomgen.errors import InputError
 from eomgen.robot.model import Model
 
 from ...program.forward_mode import tangent
@@ -12,9 +13,14 @@ from ...program.passes import PARAMETERS, run_passes
 from ...program.reverse_mode import adjoint
 from ...program.second_order import hessian
 from ...program.taylor import jet
+from ...solve.factorised import solve_operations
 from ..derived import PARAMETER_RATES, RATES, TIMES, jet_series
 from ..signatures import SIGNATURES, shapes
 from .whole import Derive, whole_program
+
+MOST_OPERATIONS = (
+    12000  # of a matrix or tensor that C computes in loops, of which programs of time derivatives are made
+)
 
 
 def derive_derivative(model: Model, kernel: str, derive: Derive) -> Program:
@@ -26,6 +32,7 @@ def derive_derivative(model: Model, kernel: str, derive: Derive) -> Program:
         program = whole_program(model, signature.derivative_of, derive)
         return run_passes(tangent(program, rates, kernel, {PARAMETERS: len(model.parameters)}))
     if signature.kind == "jet":
+        _check_length(model, kernel, derive)
         series = jet_series(sorted(RATES), signature.order)
         return run_passes(jet(whole_program(model, signature.derivative_of, derive), series, signature.order, kernel))
     *reads, weights = signature.reads
@@ -37,3 +44,26 @@ def derive_derivative(model: Model, kernel: str, derive: Derive) -> Program:
     if signature.kind == "hessian":
         return run_passes(hessian(derive(f"{signature.derivative_of}_adjoint"), wanted, kernel))
     return run_passes(adjoint(whole_program(model, signature.derivative_of, derive), weights, wanted, kernel))
+
+
+def _check_length(model: Model, kernel: str, derive: Derive) -> None:
+    """Refuse time derivatives of what takes loops in C where a program of it would be too long.
+
+    Raises:
+        InputError: it would be.
+    """
+    function = SIGNATURES[kernel].derivative_of
+    if function == "christoffel":
+        operations = model.size * sum(derive("coriolis_matrix").count().values())
+    elif function.endswith("forward_dynamics_jacobian"):
+        is_closed = bool(model.constraints) and function == "forward_dynamics_jacobian"
+        whole = "constrained_dynamics" if is_closed else function.removesuffix("_jacobian")
+        dense = model.size * sum(derive(whole).count().values())
+        operations = dense if is_closed or model.followers else sum(solve_operations(model).values())
+    else:
+        return
+    if operations > MOST_OPERATIONS:
+        raise InputError(
+            f"{kernel}: {function} of {model.name} takes some {operations} operations; allowed: {MOST_OPERATIONS},"
+            " of which a program of time derivatives can be written out"
+        )

@@ -8,7 +8,8 @@ from typing import Any
 
 from eomgen.robot.model import Model
 
-from ...program.ir import Graph, Program, Value, evaluate, finish
+from ...program.forward_mode import gradients
+from ...program.ir import Graph, Node, Program, Value, evaluate, finish
 from ...program.operations import CALLS
 from ..bodies import POSE_SIZE, jacobian_columns
 from ..derivation import vector
@@ -23,7 +24,7 @@ class _Whole:
         self.model, self.derive, self.graph = model, derive, Graph()
         self.n, self.m = model.size, len(model.constraints)
 
-    def array(self, name: str, size: int) -> list[Value]:
+    def array(self, name: str, size: int) -> list[Node]:
         """Read an input."""
         return [self.graph.input(name, i) for i in range(size)]
 
@@ -64,16 +65,27 @@ class _Whole:
             rows += [columns[s][row] if s in columns else 0.0 for row in range(6) for s in range(self.n)]
         return rows
 
+    def slopes(self, accelerations: Sequence[Value]) -> list[Value]:
+        """Differentiate accelerations by q, v and u: three matrices, by rows."""
+        inputs = [x for name in "qvu" for x in self.array(name, self.n)]
+        rows = gradients(self.graph, accelerations, inputs)
+        return [x for place in range(0, len(inputs), self.n) for row in rows for x in row[place : place + self.n]]
+
 
 CLOSED: Mapping[str, Callable[[_Whole], list[Value]]] = {  # where there are constraints
     "inverse_dynamics": lambda w: w.drives(loaded=False)[: w.n],
     "inverse_dynamics_under_load": lambda w: w.drives(loaded=True)[: w.n],
     "forward_dynamics": lambda w: w.run("constrained_dynamics")[: w.n],
+    "forward_dynamics_jacobian": lambda w: w.slopes(w.run("constrained_dynamics")[: w.n]),
     "constraint_forces": lambda w: w.run("constrained_dynamics")[w.n : w.n + w.m],
     "reactions": lambda w: w.reactions(loaded=False),
     "reactions_under_load": lambda w: w.reactions(loaded=True),
     "loop_reactions": lambda w: w.loop_reactions(loaded=False),
     "loop_reactions_under_load": lambda w: w.loop_reactions(loaded=True),
+}
+BY_COLUMNS: Mapping[str, Callable[[_Whole], list[Value]]] = {  # where no writer of them suits the robot
+    "forward_dynamics_jacobian": lambda w: w.slopes(w.run("forward_dynamics")),
+    "tree_forward_dynamics_jacobian": lambda w: w.slopes(w.run("tree_forward_dynamics")),
 }
 OF_FRAMES: Mapping[str, Callable[[_Whole], list[Value]]] = {
     "frame_pose": lambda w: w.poses(),
@@ -88,7 +100,14 @@ def whole_program(model: Model, function: str, derive: Derive) -> Program:
         function: a kernel, or one of OF_FRAMES.
     """
     ways = {**OF_FRAMES, **(CLOSED if model.constraints else {})}
-    if function not in ways:
-        return derive(function)
+    return _joined(model, function, derive, ways[function]) if function in ways else derive(function)
+
+
+def by_columns(model: Model, function: str, derive: Derive) -> Program:
+    """Return the program of one of BY_COLUMNS, a column for each number of q, v and u."""
+    return _joined(model, function, derive, BY_COLUMNS[function])
+
+
+def _joined(model: Model, function: str, derive: Derive, write: Callable[[_Whole], list[Value]]) -> Program:
     whole = _Whole(model, derive)
-    return finish(whole.graph, function, vector(ways[function](whole)))
+    return finish(whole.graph, function, vector(write(whole)))
