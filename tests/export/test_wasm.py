@@ -6,7 +6,7 @@ import json
 import shutil
 import struct
 import subprocess
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -70,12 +70,15 @@ def states(kernel: Any, seed: int = 3) -> dict[str, np.ndarray]:
     """Small states: nothing is near a singular one, and no spring drowns the rest."""
     rng = np.random.default_rng(seed)
     found = {name: rng.uniform(-0.3, 0.3, kernel.n) for name in "qvau"}
-    return found | {"wrench": rng.uniform(-1.0, 1.0, (len(kernel.links), 6))}
+    found |= {"wrench": rng.uniform(-1.0, 1.0, (len(kernel.links), 6))}
+    return found | {name: rng.uniform(-0.3, 0.3, kernel.n) for name in ("jerk", "snap", "u1", "u2")}
 
 
-def compare_functions(folder: Path, robot: Robot, dtype: str = "float64", exact: bool = True) -> int:
+def compare_functions(
+    folder: Path, robot: Robot, dtype: str = "float64", exact: bool = True, kernels: Sequence[str] = ()
+) -> int:
     """All functions of a state, to the bit or to round-off of the largest number; how many there are."""
-    made = make_wasm(robot, dtype=dtype)
+    made = make_wasm(robot, kernels=kernels, dtype=dtype)
     made.write(folder)
     kernel = eomgen.build(robot, dtype=dtype)
     x = {name: np.asarray(array, dtype).astype(np.float64) for name, array in states(kernel).items()}
@@ -202,6 +205,16 @@ def test_states_of_laws_stand_behind_coordinates(make: Callable[[], Robot], tmp_
         assert make_wasm(robot, kernels=("energy",), model=True).description["model"]["coordinates"] == [
             name for name in kernel.coordinates if name.endswith("gamma")
         ]
+
+
+@pytest.mark.soak
+@needs_node
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+def test_time_derivatives_have_the_same_bits(dtype: str, tmp_path: Path) -> None:
+    names = ("inverse_dynamics_jet2", "forward_dynamics_jet2", "forward_dynamics_jacobian_jet1", "frame_pose_jet1")
+    assert compare_functions(tmp_path, eomgen.load_robot("one_link"), dtype, kernels=names) == len(names)
+    short = ["inverseDynamicsJet2", *4 * [[0.1, 0.2]], [0.1]]
+    assert "snap: expected 2 numbers, got 1" in with_node(tmp_path, "one_link", [short])[0]["error"]
 
 
 @needs_node

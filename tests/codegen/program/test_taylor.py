@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import itertools
+from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
 from typing import Any
 
@@ -11,9 +12,11 @@ import numpy as np
 import pytest
 
 import eomgen
+from eomgen.codegen.kernels.derivatives.whole import whole_program
 from eomgen.codegen.kernels.derived import MOTION, ORDERS, jet_series
 from eomgen.codegen.kernels.equations import derive
 from eomgen.codegen.kernels.signatures import KERNELS, available
+from eomgen.codegen.program.forward_mode import tangent
 from eomgen.codegen.program.ir import Graph, Program, evaluate, finish
 from eomgen.codegen.program.operations import CALLS, OPERATIONS
 from eomgen.codegen.program.passes import run_passes
@@ -23,7 +26,9 @@ from eomgen.robot.model import Model, build_model
 from eomgen.robot.value import Robot
 from tests.codegen.program.test_tangent import robot_of
 from tests.support.bending_robots import bent
+from tests.support.bristles import remembering_arm
 from tests.support.random_robots import random_robot, seeds
+from tests.support.soak import soaked
 
 OF_MOTIONS = ("inverse_dynamics", "forward_dynamics", "energy", "mass_matrix", "residual", "kinematics")
 MATRICES = ("forward_dynamics_jacobian", "christoffel", "residual_jacobian")
@@ -113,6 +118,47 @@ def test_random_robots(seed: int) -> None:
     """Kernels in turns, to an order that changes with the seed; laws of forces, springs, motors, drives among them."""
     for name in (OF_MOTIONS[seed % 6], OF_MOTIONS[(seed + 1) % 6]):
         check(robot_of(seed), name, 1 + seed % 4, seed)
+
+
+def agree_along(robot: Robot, name: str, seed: int) -> None:
+    """The jet of first order has the rates that forward differentiation has, to round-off."""
+    model = build_model(robot)
+    program, moving = whole_program(model, name, lambda part: derive(model, part)), motion_of(model, 1, seed)
+    rates = {**dict(itertools.pairwise(MOTION[:4])), "u": "u1"}
+    along = run_passes(tangent(program, rates, "along"))
+    made = run_passes(jet(program, jet_series(["q", "v", "a", "u"], 1), 1, "jet"))
+    inputs = {"p": list(model.parameters.values()), "q": moving["q"][0], "v": moving["v"][0], "a": moving["a"][0]}
+    inputs |= {"jerk": moving["a"][1], "u": moving["u"][0], "u1": moving["u"][1]}
+    found, wanted = evaluate(made, inputs), evaluate(along, inputs)
+    size = 1 + max(place for array, place in program.outputs if array == "out")
+    largest = max(1.0, *(abs(x) for (array, _), x in wanted.items() if array == "out"))
+    for (array, place), x in wanted.items():
+        if array == "out":
+            assert found[array, size + place] == pytest.approx(x, rel=0.0, abs=1e-12 * largest), place
+
+
+ALONG: Mapping[str, Callable[[int], Robot]] = {
+    "trees": robot_of,
+    "bending": lambda seed: bent(random_robot(seed, joints=(2, 2), max_size=4, tree=True), seed).robot,
+    "closed": lambda seed: eomgen.load_robot("four_bar"),
+    "states of laws": lambda seed: remembering_arm(),
+}
+
+
+@pytest.mark.parametrize(
+    ("kind", "seed"),
+    soaked([(kind, seed) for kind in ALONG for seed in range(6)], [("trees", 1), ("states of laws", 0)]),
+)
+def test_the_first_order_is_the_rate_of_forward_differentiation(kind: str, seed: int) -> None:
+    robot = ALONG[kind](seed)
+    for name in ("inverse_dynamics", "forward_dynamics"):
+        agree_along(robot, name, seed)
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("name", ["inverse_dynamics", "forward_dynamics"])
+def test_states_of_laws(name: str) -> None:
+    check(remembering_arm(), name, 2, 4)
 
 
 @pytest.mark.soak
