@@ -5,7 +5,8 @@ other functions agree modulo a prime at every point; two that do not agree at a 
 their degree by the prime (Schwartz, Zippel), less than 1e-12 here.  No rounding hides a term that was lost.
 
 Sine and cosine are rational points of the circle; ``exp``, ``log`` and ``atan2`` are free symbols, equal where their
-arguments are, and so is ``sqrt`` where the residue has no root: whoever asks takes another point then.  What a sign decides (``max``, ``step``, ``choose``), a float beside the residue decides.
+arguments are, and so is ``sqrt`` where the residue has no root: whoever asks takes another point then.  What a sign
+decides (``max``, ``step``, ``choose``), a float beside the residue decides.
 """
 
 from __future__ import annotations
