@@ -9,14 +9,11 @@ these packages their table is left out.
 from __future__ import annotations
 
 import argparse
-import importlib.util
-import struct
 import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 
 from eomgen.bench.beside import processor_name
 from eomgen.codegen.package.compile import find_compiler
@@ -25,6 +22,10 @@ from eomgen.control.kalman_filter import FORMS
 from eomgen.control.observer_source import observer_files
 
 ROOT = Path(__file__).parents[1]
+sys.path.append(str(ROOT / "examples" / "controller"))
+
+from calls import instructions, is_here, linked  # noqa: E402
+
 PAGE = ROOT / "docs" / "kalman_filters.md"
 BEGIN, END = "<!-- begin of figures -->\n", "<!-- end of figures -->"
 JOINTS = [f"joint{i}.gamma" for i in range(1, 7)]
@@ -62,15 +63,6 @@ int main(void)
     printf("%g %g %g\\n", least[0], least[1], least[2]);
     return 0;
 }}
-"""
-ZIG = ("-target", "thumb-freestanding-eabihf", "-mcpu=cortex_m7+fp_armv8d16sp")
-ZIG_FLAGS = ("-O2", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off", "-ffreestanding", "-fbuiltin")
-LINK = """SECTIONS
-{
-    .text 0x1000 : { KEEP(*(.text*)) *(.rodata*) }
-    /DISCARD/ : { *(.ARM.ex*) }
-    .data 0x20000000 : { *(.data*) *(.bss*) *(COMMON) }
-}
 """
 ENTRY = """#include "{name}_observer.h"
 static {name}_observer filter;
@@ -118,52 +110,12 @@ def counted(form: str) -> str:
     """Return the row of instructions of the rigid arm's filter in single precision on a Cortex-M7."""
     made = observer(RIGID, ENCODERS, dt=1e-3, form=form, dtype="float32")  # type: ignore[arg-type]
     with TemporaryDirectory() as name:
-        folder = Path(name)
-        about = {"name": RIGID, "n": made.kernel.n, "m": len(ENCODERS)}
-        write({**observer_files(made), "entry.c": ENTRY.format(**about), "link.ld": LINK}, folder)
-        headers = Path(str(importlib.util.find_spec("ziglang").origin)).parent / "lib/libc/include"  # type: ignore[union-attr]
-        include = [x for kind in ("arm-linux-musl", "generic-musl") for x in ("-isystem", str(headers / kind))]
-        tool = [sys.executable, "-m", "ziglang", "cc", *ZIG, *ZIG_FLAGS, *include]
-        sources = (f"{RIGID}.c", f"{RIGID}_observer.c", "entry.c")
-        macros = ("-DEOMGEN_SINGLES_ONLY", "-DEOMGEN_VECTOR=4")
-        run([*tool, *macros, "-Wl,-T,link.ld", "-Wl,-e,reset", *sources, "-o", "filter.elf"], folder)
-        counts = instructions(folder / "filter.elf", ("setup", *("predict", "update") * 2))
+        entry = ENTRY.format(name=RIGID, n=made.kernel.n, m=len(ENCODERS))
+        path = linked(observer_files(made), entry, Path(name))
+        counts = instructions(path, ("setup", *("predict", "update") * 2))
     return (
         f"| {form.replace('_', ' ')} | {len(made.states)} | {counts[-2]} | {counts[-1]} | {counts[-2] + counts[-1]} |"
     )
-
-
-def instructions(path: Path, names: Sequence[str]) -> list[int]:
-    """Return how many instructions each call of a function without arguments executes."""
-    import unicorn
-    from unicorn import arm_const
-
-    sys.path.insert(0, str(ROOT / "examples" / "controller"))
-    from image import Image
-
-    image = Image(path)
-    machine = unicorn.Uc(unicorn.UC_ARCH_ARM, unicorn.UC_MODE_THUMB | unicorn.UC_MODE_MCLASS)
-    machine.ctl_set_cpu_model(arm_const.UC_CPU_ARM_CORTEX_M7)
-    for address, size in ((0, 4 << 20), (0x20000000, 4 << 20), (0xE0000000, 1 << 20)):
-        machine.mem_map(address, size)
-    for address, data in image.segments():
-        machine.mem_write(address, data)
-    machine.mem_write(0xE000ED88, struct.pack("<I", 0xF << 20))  # the FPU is on
-    addresses = {symbol.name: symbol.address for symbol in image.symbols() if symbol.function}
-    count, back = [0], 0x200
-
-    def seen(_engine: Any, _address: int, _size: int, _data: Any) -> None:
-        count[0] += 1
-
-    machine.hook_add(unicorn.UC_HOOK_CODE, seen)
-    counts = []
-    for name in names:
-        count[0] = 0
-        machine.reg_write(arm_const.UC_ARM_REG_SP, 0x20000000 + (4 << 20))
-        machine.reg_write(arm_const.UC_ARM_REG_LR, back | 1)
-        machine.emu_start(addresses[name] | 1, back)
-        counts.append(count[0])
-    return counts
 
 
 def figures(rounds: int) -> str:
@@ -178,7 +130,7 @@ def figures(rounds: int) -> str:
         "",
         f"Processor: {processor_name()}. Compiler: {compiler}.",
     ]
-    if all(importlib.util.find_spec(name) for name in ("unicorn", "ziglang")):
+    if is_here():
         lines += [
             "",
             f"`{RIGID}` in `float`, {len(ENCODERS)} encoders: instructions on an emulated Cortex-M7, zig `-O2`.",

@@ -13,7 +13,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+import calls
 import numpy as np
+import parts
 from emulate import TICK, Run, by_qemu, by_unicorn
 from image import Image, Sizes
 from task import RATE, ROBOT, Task, simulated
@@ -216,6 +218,8 @@ def main() -> int:
     print(figures)
     if options.write:
         PAGE.write_text(filled(PAGE.read_text(encoding="utf-8"), figures), encoding="utf-8")
+        if calls.is_here():
+            parts.write()
     return 0
 
 

@@ -41,6 +41,8 @@ BASE = {  # words of commands that need more than a robot
     "new dh": "new arm --convention classic",  # and for single options
     "export kernels": "export {robot} --arrays",
     "export parameters": "export {robot} --acados",
+    **{f"feedforward {place}": "feedforward {robot} --c out" for place in ("step", "friction_smoothing")},
+    "feedforward c": "feedforward {robot}",
     "accuracy results": "accuracy",
     "accuracy commands": "accuracy poses.csv",
 }
@@ -87,7 +89,7 @@ LATER = {  # once a file was read: tests of analysis, identification and pages t
 }
 ANY = {  # any text will do: folders, addresses, words for a report
     *("derive output", "generate output", "export output", "simulate output", "simulate stream", "sweep output"),
-    *("packages", "dask", "observer output", "accuracy load", "accuracy rate"),
+    *("packages", "dask", "observer output", "feedforward c", "accuracy load", "accuracy rate"),
 }
 KINDS: Mapping[str, Collection[str]] = {
     "later": LATER,

@@ -12,7 +12,12 @@ MOTOR = "motor = { inertia = 1e-4, ratio = 100, stiffness = 2e4 }"
 
 def described(motor: str, kind: str = "revolute", more: str = "", tunable: str = "[]") -> Robot:
     """A pendulum with that line in its joint."""
-    return robot_from_toml(f"""
+    return robot_from_toml(description(motor, kind, more, tunable))
+
+
+def description(motor: str, kind: str = "revolute", more: str = "", tunable: str = "[]") -> str:
+    """The same as TOML."""
+    return f"""
 name = "pendulum"
 gravity = [0.0, -9.81, 0.0]
 tunable = {tunable}
@@ -28,7 +33,7 @@ child = "rod"
 type = "{kind}"
 {motor}
 {more}
-""")
+"""
 
 
 def pendulum(springs: tuple[Spring, ...], mass: float = 2.0, com: float = 0.3, **gamma: Any) -> Robot:

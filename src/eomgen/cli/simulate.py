@@ -11,7 +11,7 @@ from ..files import check_ending
 from ..results.beside import BESIDE_SIMULATION, TRAJECTORY
 from .shared.command import Command
 from .shared.numbers import real
-from .shared.options import add_json, add_names
+from .shared.options import add_choice, add_json, add_names
 from .shared.output import can_be_left_out, say, show_files, show_result, show_written
 from .shared.progress import progress_bar, stage_bar
 from .shared.reading import add_robot, read_robot
@@ -70,11 +70,19 @@ def _simulate(options: argparse.Namespace) -> None:
 
 
 def _add_feedforward(parser: argparse.ArgumentParser) -> None:
+    from ..codegen.kernels.signatures import DTYPES
+
     add_robot(parser)
-    parser.add_argument(
-        "--scenario", metavar="FILE", required=True, help="whose motion it is: path of a .toml file, or a built-in name"
+    what = parser.add_mutually_exclusive_group(required=True)
+    what.add_argument("--scenario", metavar="FILE", help="whose motion it is: path of a .toml file, or a built-in name")
+    what.add_argument(
+        "--c", type=Path, metavar="FOLDER", help="write it as C there: a function of a motion's derivatives"
     )
     parser.add_argument("-o", "--output", type=Path, help="samples: .csv or .npz")
+    about = "over which Coulomb friction of links reverses, m/s or rad/s"
+    parser.add_argument("--friction-smoothing", type=real, metavar="V", help=about)
+    parser.add_argument("--step", type=real, metavar="S", help="length of a step, s (0.001); with --c")
+    add_choice(parser, "--dtype", DTYPES, "type of all numbers")
     add_json(parser)
 
 
@@ -82,16 +90,47 @@ def _feedforward(options: argparse.Namespace) -> None:
     from ..control.elastic_feedforward import feedforward
     from ..scenario.load import load_scenario
 
+    if options.c is not None:
+        _feedforward_in_c(options)
+        return
+    if options.step is not None or options.dtype != "float64":
+        flag = "dtype" if options.step is None else "step"
+        raise InputError(f"--{flag}: given with --scenario, whose samples say it; allowed: with --c FOLDER")
     if options.output is not None:
         check_ending(options.output, ".csv", ".npz")
     robot = read_robot(options)
     with stage_bar("feed-forward") as report:
-        result = feedforward(robot, load_scenario(options.scenario), progress=report)
+        result = feedforward(
+            robot,
+            load_scenario(options.scenario),
+            friction_smoothing=options.friction_smoothing,
+            progress=report,
+        )
     show_result(options, result)
     if options.output is not None:
         written = [result.save(options.output)]
         if not options.json:
             show_written(written)
+
+
+def _feedforward_in_c(options: argparse.Namespace) -> None:
+    from ..control.feedforward_source import write_feedforward
+
+    for flag in ("output", "json"):
+        if getattr(options, flag):
+            raise InputError(f"--{flag}: given with --c, which writes no samples; allowed: with --scenario")
+    robot = read_robot(options)
+    step = 1e-3 if options.step is None else options.step
+    with stage_bar("writing the feed-forward") as report:
+        written = write_feedforward(
+            robot,
+            options.c,
+            dt=step,
+            dtype=options.dtype,
+            friction_smoothing=options.friction_smoothing,
+            progress=report,
+        )
+    show_written(path for path in written if path.parent == options.c)
 
 
 COMMANDS = (
@@ -108,6 +147,9 @@ COMMANDS = (
         _add_feedforward,
         _feedforward,
         "motors' angles, velocities and torques by which links follow a motion",
-        {"feedforward arm.toml --scenario s.toml -o f.csv": "samples of drives behind elastic gears"},
+        {
+            "feedforward arm.toml --scenario s.toml -o f.csv": "samples of drives behind elastic gears",
+            "feedforward arm.toml --c out --dtype float32": "the same as C for the controller",
+        },
     ),
 )

@@ -8,6 +8,7 @@ from ..lazily import imports_when_used
 with imports_when_used(globals()):
     from .elastic_feedforward import feedforward as feedforward
     from .feedforward_result import FeedForward as FeedForward
+    from .feedforward_source import write_feedforward as write_feedforward
     from .inversion.result import StableInversion as StableInversion
     from .inversion.solve import stable_inversion as stable_inversion
     from .kalman_filter import Observer as Observer

@@ -87,17 +87,14 @@ def feedforward(
         LoopError: loops do not close along the motion.
     """
     robot, report = as_robot(robot), progress or no_report
-    if friction_smoothing is not None and not (is_usable(friction_smoothing) and friction_smoothing > 0.0):
-        raise InputError(
-            f"friction_smoothing: {show(friction_smoothing)}; allowed: a velocity above 0, up to {LARGEST:g}"
-        )
+    check_smoothing(friction_smoothing)
     gears = gears_of(robot)
     links = links_alone(robot)
     course = _scenario_course(robot, motion, t) if _is_scenario(motion) else _course(robot, motion, t, prescribed)
     report(f"building kernels of {links.name}")
     order = 0 if gears is None else (1 if gears.damped.all() else 2)
     kernel, alone = build(robot), build(links)
-    _check_flat(robot, links, kernel, alone)
+    check_flat(robot, links, kernel, alone)
     jumps = _checked_jumps(course, order + 2, gears)
     if order == 1 and all(x.t == course.t[0] for x in _jumps(course, 4)):
         order = 2  # filters take more of the forces between samples
@@ -107,6 +104,14 @@ def feedforward(
     forces = _forces(build(soft) if widest else alone, series, order)
     real = alone.inverse_dynamics(*series[:3]) if widest else forces[0]
     return _assembled(robot, gears, kernel, _Links(alone, times, series, forces, real), course, jumps, widest)
+
+
+def check_smoothing(friction_smoothing: float | None) -> None:
+    """Refuse what is no velocity over which friction reverses, and not None."""
+    if friction_smoothing is not None and not (is_usable(friction_smoothing) and friction_smoothing > 0.0):
+        raise InputError(
+            f"friction_smoothing: {show(friction_smoothing)}; allowed: a velocity above 0, up to {LARGEST:g}"
+        )
 
 
 class _Links(NamedTuple):
@@ -212,7 +217,7 @@ def _prescribed_names(robot: Robot) -> list[str]:
     return [name for name in names if not name.endswith(f".{MOTOR}")]
 
 
-def _check_flat(robot: Robot, links: Robot, full: Kernel, kernel: Kernel) -> None:
+def check_flat(robot: Robot, links: Robot, full: Kernel, kernel: Kernel) -> None:
     """Refuse coordinates without drives, drives that take no forces, and laws with states, by name."""
     moves = {*program_coordinates(links), *_prescribed_names(links)}
     if links.is_closed:
@@ -301,20 +306,27 @@ def _smoothed(
     Raises:
         InputError: Coulomb friction in loops or couplings, which has no such velocity.
     """
+    fastest = dict(zip(kernel.coordinates, np.abs(series[1]).max(axis=0).tolist(), strict=True))
+    return softened(links, {name: smoothing or SLOW * rate for name, rate in fastest.items() if rate})
+
+
+def softened(links: Robot, widths: Mapping[str, float]) -> tuple[Robot, dict[str, float]]:
+    """Return the robot whose Coulomb friction reverses over these velocities, by coordinate, and those that are new.
+
+    Raises:
+        InputError: Coulomb friction in loops or couplings, which has no such velocity.
+    """
     for where, law in _laws_between(links):
         if _is_coulomb(law):
             raise InputError(
                 f"{where}.friction: Coulomb friction there makes drives jump; allowed for feed-forward: viscous one"
             )
-    fastest = dict(zip(kernel.coordinates, np.abs(series[1]).max(axis=0).tolist(), strict=True))
     widest: dict[str, float] = {}
 
     def soft(joint: Joint, name: str, law: Coordinate) -> Coordinate:
         whole = f"{joint.name}.{name}"
-        if law.friction is None or not _is_coulomb(law) or not fastest.get(whole):
-            return law
-        width = smoothing or SLOW * fastest[whole]
-        if width <= (law.friction.smoothing or 0.0):
+        width = widths.get(whole, 0.0)
+        if law.friction is None or not _is_coulomb(law) or width <= (law.friction.smoothing or 0.0):
             return law
         widest[whole] = width
         return replace(law, friction=replace(law.friction, smoothing=width))
@@ -324,6 +336,13 @@ def _smoothed(
         for joint in links.joints
     )
     return (replace(links, name=links.name[:42] + "_smooth", joints=joints) if widest else links), widest
+
+
+def coulomb_frictions(links: Robot) -> list[str]:
+    """Return names of coordinates with Coulomb friction."""
+    return [
+        f"{joint.name}.{name}" for joint in links.joints for name, law in joint.coordinates.items() if _is_coulomb(law)
+    ]
 
 
 def _laws_between(links: Robot) -> Iterable[tuple[str, Coordinate]]:

@@ -15,7 +15,7 @@ from ..arrays import Array, Mask
 from ..errors import InputError
 from ..pipeline.stages import build
 from ..robot.coordinates import force_unit_of
-from ..robot.value import PRINCIPAL, Joint, Link, Robot
+from ..robot.value import PRINCIPAL, Coordinate, Joint, Link, Motor, Robot
 from ..runtime.kernel import Kernel
 
 LINEAR = {"stiffness", "damping", "preload"}  # numbers of springs that are straight lines
@@ -47,6 +47,11 @@ class Gears:
     damping: Array
     linear: Mask
     kernel: Kernel
+
+    @property
+    def motors(self) -> tuple[Motor, ...]:
+        """The motors behind them, (g,)."""
+        return tuple(joint.motor for joint in self.joints if joint.motor is not None)
 
     @property
     def damped(self) -> Mask:
@@ -131,7 +136,7 @@ def gears_of(robot: Robot) -> Gears | None:
         ratios=np.array([motor.ratio for motor in motors]),
         damping=np.array([motor.transmission.damping or 0.0 for motor in motors]),
         linear=np.array([keys <= LINEAR for keys in own]),
-        kernel=build(_gears_alone(robot, joints), kernels=("generalized_force", "generalized_force_jet2")).with_checks(
+        kernel=build(_deflected(robot, joints), kernels=("generalized_force", "generalized_force_jet2")).with_checks(
             False
         ),
     )
@@ -165,15 +170,20 @@ def _check_invertible(joint: Joint) -> None:
         )
 
 
-def _gears_alone(robot: Robot, joints: Sequence[Joint]) -> Robot:
+def _deflected(robot: Robot, joints: Sequence[Joint]) -> Robot:
     """Return a robot whose coordinates are the transmissions' deflections, each with its law."""
-    alone = []
+    laws = []
     for joint in joints:
         assert joint.motor is not None
-        law = replace(joint.motor.transmission, limits=None, prescribed=False)
-        alone.append(Joint(joint.name, robot.base, joint.name, joint.type, coordinates={PRINCIPAL[joint.type]: law}))
-    links = tuple(Link(joint.name, 1.0, (0.0, 0.0, 0.0), (1.0, 1.0, 1.0, 0.0, 0.0, 0.0)) for joint in alone)
-    return Robot(robot.name[:42] + "_gears", (0.0, 0.0, 0.0), links, tuple(alone), base=robot.base)
+        laws.append((joint.name, joint.type, replace(joint.motor.transmission, limits=None, prescribed=False)))
+    return laws_alone(robot.name[:42] + "_gears", robot.base, laws)
+
+
+def laws_alone(name: str, base: str, laws: Sequence[tuple[str, str, Coordinate]]) -> Robot:
+    """Return a robot without weight whose coordinates have nothing but laws, each by the name and type of its joint."""
+    joints = tuple(Joint(x, base, x, kind, coordinates={PRINCIPAL[kind]: law}) for x, kind, law in laws)
+    links = tuple(Link(joint.name, 1.0, (0.0, 0.0, 0.0), (1.0, 1.0, 1.0, 0.0, 0.0, 0.0)) for joint in joints)
+    return Robot(name, (0.0, 0.0, 0.0), links, joints, base=base)
 
 
 def deflections(gears: Gears, forces: Array, t: Array) -> tuple[Array, Array, Array]:
@@ -245,14 +255,27 @@ def _pieces(forces: Array, t: Array) -> Array:
 def _filtered(pole: Array, forces: Array, t: Array, begin: Array) -> Array:
     """Return w of w' + pole w = f' at samples, (T, g), exactly for the polynomials of ``_pieces``."""
     pieces = _pieces(forces, t)
-    x = pole * np.diff(t)[:, np.newaxis]
-    decay, powers = np.exp(-x), len(pieces) - 1
-    driven = np.einsum("m,mkg,mkg->kg", np.arange(1.0, powers + 1), pieces[1:], _moments(x, powers))
+    decay, weights = filter_weights(pole * np.diff(t)[:, np.newaxis], len(pieces) - 1)
+    driven = np.einsum("mkg,mkg->kg", pieces[1:], weights)
     w: Array = np.empty_like(forces[0])
     w[0] = begin
     for i in range(len(driven)):
         w[i + 1] = decay[i] * w[i] + driven[i]
     return w
+
+
+def filter_weights(x: Array, powers: int) -> tuple[Array, Array]:
+    """Return what filters keep over steps of x time constants, x.shape, and what powers of the part of a step leave.
+
+    Args:
+        x: pole times step.
+        powers: count of them.
+
+    Returns:
+        exp(-x), and for r, r^2, ... of a force what w of w' + pole w = f' gets of it, (powers, *x.shape).
+    """
+    factors = np.arange(1.0, powers + 1).reshape(-1, *np.ones(np.ndim(x), int))
+    return np.exp(-x), factors * _moments(x, powers)
 
 
 def _moments(x: Array, count: int) -> Array:

@@ -118,16 +118,16 @@ EOM_LOCAL EOM_SCALAR EOM(kalman_update)(int N, const EOM_SCALAR *restrict row, E
     }
     for (int d = 0; d < N; ++d) { sum += row[d] * covariance[d]; }
     const EOM_SCALAR inverse = (EOM_SCALAR)1.0 / EOM_MATH(sqrt)(sum);
-    error *= inverse;
+    const EOM_SCALAR normalized = error * inverse;
     for (int i = 0; i < N; ++i) {
         covariance[i] *= inverse;
-        change[i] += covariance[i] * error;
+        change[i] += covariance[i] * normalized;
     }
     for (int i = 0; i < N; ++i) {
         const EOM_SCALAR here = covariance[i];
         for (int j = 0; j < N; ++j) { P[N * i + j] -= here * covariance[j]; }
     }
-    return error;
+    return normalized;
 }
 
 /* Make the (rows, N) numbers of W upper triangular by reflections, W^T W as before; of what is below the first N rows nothing
@@ -209,8 +209,8 @@ EOM_LOCAL EOM_SCALAR EOM(kalman_root_update)(int N, const EOM_SCALAR *restrict r
         }
         deviation = whole;
     }
-    error /= deviation;
-    for (int i = 0; i < N; ++i) { change[i] += covariance[i] * error; }
-    return error;
+    const EOM_SCALAR normalized = error / deviation;
+    for (int i = 0; i < N; ++i) { change[i] += covariance[i] * normalized; }
+    return normalized;
 }
 #endif

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.resources
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -42,7 +43,12 @@ def write_observer(observer: Observer, folder: Path | str, *, progress: StageRep
     check_kind("observer", observer, isinstance(observer, Observer), "an observer (of eomgen.control.observer)")
     target = Path(as_path(folder, "folder"))
     progress("deriving the equations")
-    return [write_atomically(target / name, partial(_write, text)) for name, text in observer_files(observer).items()]
+    return write_texts(observer_files(observer), target)
+
+
+def write_texts(texts: Mapping[str, str], folder: Path) -> list[Path]:
+    """Write texts by their places in a folder, and return the paths."""
+    return [write_atomically(folder / name, partial(_write, text)) for name, text in texts.items()]
 
 
 def _write(text: str, stream: IO[bytes]) -> None:

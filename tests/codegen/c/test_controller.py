@@ -14,7 +14,7 @@ import pytest
 
 ROOT = Path(__file__).parents[3]
 EXAMPLE = ROOT / "examples" / "controller"
-MODULES = ("build", "emulate", "image", "task")
+MODULES = ("build", "calls", "emulate", "image", "parts", "task")
 PAGE = (ROOT / "docs" / "controllers.md").read_text(encoding="utf-8")
 LIBM_FRAMES = 256  # bytes that sinf and cosf may need for angles of joints, and the floor below painting
 
@@ -110,6 +110,29 @@ def figures() -> str:
     found = re.search("<!-- begin of figures -->\n(.*?)<!-- end of figures -->", PAGE, re.DOTALL)
     assert found is not None
     return found[1]
+
+
+@pytest.mark.soak
+def test_parts_of_a_loop_take_what_the_page_says() -> None:
+    """Feed-forward without iterations and the observers take the same number for each sample."""
+    sys.path.insert(0, str(EXAMPLE))
+    try:
+        import parts
+    finally:
+        sys.path.remove(str(EXAMPLE))
+    if not parts.is_here():
+        pytest.skip("pip install eomgen[compiler] unicorn")
+    _, _, *rows = PAGE.partition(parts.BEGIN)[2].partition(parts.END)[0].splitlines()
+    assert len(rows) == len(parts.PARTS)
+    for row, part in zip(rows, parts.PARTS, strict=True):
+        name, then, size = row.strip("| ").split(" | ")
+        counts, found = parts.counted(part)
+        assert (name, int(size)) == (part, found)
+        now = (min(counts), np.mean(counts), max(counts))
+        assert np.allclose([float(x) for x in then.split(" / ")], now, rtol=0.02), (
+            "run examples/controller/parts.py --write"
+        )
+        assert "cubic" in part or "Kalman" in part or max(counts) == min(counts)
 
 
 @pytest.mark.soak
