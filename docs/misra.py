@@ -5,6 +5,7 @@ docs/coding_standards.md is about robots' own files, docs/library_standards.md a
 
 from __future__ import annotations
 
+import importlib.resources
 import re
 import shutil
 import subprocess
@@ -12,15 +13,22 @@ import sys
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import eomgen
 from eomgen.codegen.c.library import FOLDER, library_files
+from eomgen.control import MomentumObserver, observer
+from eomgen.control.feedforward_source import feedforward_files
+from eomgen.control.momentum_observer import KERNELS as MOMENTUM
+from eomgen.control.observer_source import observer_files
 from eomgen.pipeline.stages import Options, make_source
+from eomgen.robot.value import Coordinate, Friction, Motor
 
 ROBOTS = ("one_link", "puma560", "worn_arm", "four_bar")  # the smallest; an arm; with laws; with a loop
 FOR_ROBOTS = ("constraint_checks.h", "acceleration_derivatives.h", "kinematics.h")  # beside what integrates
 FOR_ONE = ("dependent_coordinates.h", "automatic_switching.h", *FOR_ROBOTS)  # of a state; the first two have no lanes
+CONTROL = ("feedforward.h", "kalman.h")  # beside these in the room of controllers
 FRAMES = """#define EOM_FRAMES frames
 #include "clib/frames.h"
 static const EOM_TABLES_OF_FRAMES(1, 1, 1, 1, 1, 1) frames = { .first_frame = 0, .n = 1 };
@@ -97,14 +105,48 @@ def checked_with(page: str) -> str:
 
 
 def robots(cppcheck: str) -> dict[str, Counter[str]]:
-    """Columns of the page about robots."""
-    return {robot: violations(cppcheck, robot) for robot in ROBOTS}
+    """Columns of the page about robots, and what is written beside them for controllers."""
+    columns = {robot: violations(cppcheck, robot) for robot in ROBOTS}
+    for name, (files, stem) in controllers().items():
+        columns[name] = found_in(cppcheck, files, f"{stem}.c", (f"{stem}.h:", f"{stem}.c:"))
+    return columns
+
+
+def controllers() -> dict[str, tuple[dict[str, str], str]]:
+    """Texts by their places, and the stem of two of them: a feed-forward of all kinds of gears, observers, in float."""
+    laws = (Coordinate(1e3), Coordinate(1e3, 2.0), Coordinate(1e3, cubic=1e6), Coordinate(1e3, 2.0, cubic=1e6))
+    friction = Friction(coulomb=0.1, viscous=0.01)
+    robot = eomgen.load_robot("puma560")
+    motors = [*(Motor(1e-4, 50.0, law) for law in laws), Motor(1e-4, 50.0, laws[0], friction), None]
+    joints = (replace(joint, motor=motor) for joint, motor in zip(robot.joints, motors, strict=True))
+    geared = replace(robot, name="geared", joints=tuple(joints))
+    momentum = MomentumObserver("one_link", 50.0, 1e-3, threshold=1.0, dtype="float32")
+    source = make_source(momentum.robot, Options(MOMENTUM, "float32", batches=False))
+    kalman = observer(
+        "one_link", "encoder:joint1.gamma", dt=1e-3, states=("wrench:link1",), unobservable="allow", dtype="float32"
+    )
+    return {
+        "feed-forward": (feedforward_files(geared, dtype="float32"), "geared_feedforward"),
+        "momentum observer": ({**source.files, **momentum.sources()}, "one_link_momentum_observer"),
+        "Kalman filter": (observer_files(kalman), "one_link_observer"),
+    }
 
 
 def library(cppcheck: str) -> dict[str, Counter[str]]:
     """Columns of the page about the library."""
     one = {"double": in_library(cppcheck), "float": in_library(cppcheck, "-DEOM_SINGLE")}
-    return {**one, "lanes": in_lanes(cppcheck)}
+    return {**one, "lanes": in_lanes(cppcheck), "controllers": in_controllers(cppcheck)}
+
+
+def in_controllers(cppcheck: str) -> Counter[str]:
+    """The same of what feed-forwards and filters include, in double precision."""
+    folder = importlib.resources.files("eomgen.control")
+    own = {name: folder.joinpath(name).read_text(encoding="ascii") for name in CONTROL}
+    names = ("<math.h>", f'"{FOLDER}/precision.h"', *(f'"{name}"' for name in CONTROL))
+    text = "".join(f"#include {name}\n" for name in names)
+    return found_in(
+        cppcheck, {**library_files(), **own, "controllers.c": text}, "controllers.c", tuple(f"{x}:" for x in CONTROL)
+    )
 
 
 PAGES: dict[str, Callable[[str], dict[str, Counter[str]]]] = {

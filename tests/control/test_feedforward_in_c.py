@@ -142,6 +142,23 @@ def test_a_force_that_a_spring_does_not_have_is_told(tmp_path: Path) -> None:
 
 
 @pytest.mark.soak
+def test_whatever_came_setup_begins_anew(tmp_path: Path) -> None:
+    """Steps end for all numbers, and say 0 or the gear; ordinary numbers have ordinary answers behind setup."""
+    code = CompiledFeedForward(geared("stiffness = 800.0, damping = 3.0, cubic = 4e6", "anything"), tmp_path)
+    ordinary, rng = np.array([[0.3], [0.1], [2.0], [-4.0]]), np.random.default_rng(8)
+    first = code.step(ordinary)[1]
+    strange = np.array([np.nan, np.inf, -np.inf, 1e300, -1e300, 5e-324, -0.0, 1e9])
+    for _ in range(300):
+        status, _ = code.step(np.where(rng.random((4, 1)) < 0.5, rng.choice(strange, (4, 1)), rng.normal(size=(4, 1))))
+        assert status in (0, 1)
+    assert code.step(np.full((4, 1), np.nan))[0] == 1
+    code.setup()
+    status, again = code.step(ordinary)
+    assert status == 0
+    np.testing.assert_array_equal(again, first)
+
+
+@pytest.mark.soak
 def test_parameters_of_links_are_the_callers(tmp_path: Path) -> None:
     code = CompiledFeedForward(two_link_arm(), tmp_path)
     _, before = code.step(np.zeros((5, 2)))
