@@ -1,5 +1,5 @@
 """The generator: SymPy joint blocks bound along the tree, programs, C, and a package that imports.
 
-Its packages, each uses those before it: program, joint, tree, forces, solve, kernels, closed_form, c, samples, package.
-Uses robot, templates, and of runtime the files that a package carries.
+Its packages, each uses those before it: program, joint, tree, forces, solve, kernels, closed_form, c, samples, simt,
+package.  Uses robot, templates, and of runtime the files that a package carries.
 """

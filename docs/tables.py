@@ -75,6 +75,7 @@ EXTRAS = {  # for users, then for who works on the repository
     "sweep": "results of sweeps in Zarr and Parquet, clusters by Dask, streams of long simulations",
     "casadi": "functions of CasADi",
     "jax": "functions of JAX, on the processor",
+    "opencl": "the driver that `eomgen generate --simt` writes",
     "mujoco": "MJCF files with includes, defaults by file, replicates, mesh inertias",
     "xacro": "descriptions that end in .xacro",
     "completion": "completion of commands in bash, zsh, fish",

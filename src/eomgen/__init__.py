@@ -44,6 +44,7 @@ with imports_when_used(globals()):
     from .export import export_fmu as export_fmu
     from .export import export_live as export_live
     from .export import export_mjcf as export_mjcf
+    from .export import export_simt as export_simt
     from .export import export_wasm as export_wasm
     from .export import export_wheel as export_wheel
     from .loading import load_result as load_result

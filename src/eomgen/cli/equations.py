@@ -5,11 +5,16 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from .shared.command import Command
+from .shared.numbers import whole
 from .shared.output import say, show_written
 from .shared.progress import stage_bar
 from .shared.reading import add_robot, read_robot
+
+if TYPE_CHECKING:
+    from ..robot.value import Robot
 
 
 def _add_derive(parser: argparse.ArgumentParser) -> None:
@@ -47,6 +52,10 @@ def _add_generate(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--cmake", action="store_true", help="with a C++17 header, a CMake package, a pkg-config file")
     parser.add_argument("--ros2", action="store_true", help="that, and a package of ROS 2 that simulates the robot")
     parser.add_argument("--wheel", action="store_true", help="write a wheel, which pip installs without eomgen")
+    parser.add_argument(
+        "--simt", action="store_true", help="write one text for CUDA, HIP, OpenCL C and C++: one thread per state"
+    )
+    parser.add_argument("--tile", type=whole, metavar="N", help="of that: states whose numbers stand side by side (32)")
     parser.add_argument("--report", type=Path, metavar="FILE", help="write the derivation, .html or .tex")
     parser.add_argument(
         "--kernels",
@@ -71,6 +80,11 @@ def _generate(options: argparse.Namespace) -> None:
     from ..pipeline.stages import Options, generate
 
     robot = read_robot(options)
+    if options.simt:
+        _generate_simt(robot, options)
+        return
+    if options.tile is not None:
+        raise InputError("--tile: given without --simt; allowed: with --simt")
     chosen = Options(tuple(options.kernels), options.dtype, options.native, level=options.level)
     if options.wheel and (options.cmake or options.ros2 or options.native or options.report):
         raise InputError(
@@ -89,6 +103,22 @@ def _generate(options: argparse.Namespace) -> None:
         show_written([options.report])
 
 
+def _generate_simt(robot: Robot, options: argparse.Namespace) -> None:
+    from ..errors import InputError
+    from ..export.simt import export_simt
+
+    if options.wheel or options.cmake or options.ros2 or options.native or options.report or options.level:
+        raise InputError(
+            "--simt stands without --cmake, --ros2, --wheel, --native, --level and --report; allowed: with --dtype,"
+            " --kernels, --tile"
+        )
+    tile = {} if options.tile is None else {"tile": options.tile}
+    with stage_bar("generating") as report:
+        show_written(
+            export_simt(robot, options.output, kernels=options.kernels, dtype=options.dtype, progress=report, **tile)
+        )
+
+
 COMMANDS = (
     Command(
         _add_derive,
@@ -104,6 +134,7 @@ COMMANDS = (
             "generate arm.toml -o generated": "write and compile generated/arm, then: import arm",
             "generate arm.toml --cmake": "the same, with a CMake package and a header for C++17",
             "generate arm.toml --report derivation.html": "the same, and which terms survive, joint by joint",
+            "generate arm.toml --simt": "a text for accelerators, CUDA, HIP or OpenCL C, one thread per state",
             "generate arm.toml --wheel": "a wheel of it, which pip installs where eomgen is not",
         },
     ),

@@ -1,7 +1,7 @@
-"""Robots for other tools: FMUs, models of MuJoCo and acados, WebAssembly, live pages, Python on arrays, wheels.
+"""Robots for other tools: FMUs, models of MuJoCo and acados, WebAssembly, accelerators, Python on arrays, wheels.
 
-Uses runtime, robot, description, state, loops, motion, integration, scenario, codegen (arrays, c, kernels, package),
-templates, pipeline, simulation, control and pictures.
+Uses runtime, robot, description, state, loops, motion, integration, scenario, codegen (arrays, c, kernels, package,
+simt), templates, pipeline, simulation, control and pictures.
 """
 
 from ..lazily import imports_when_used
@@ -12,5 +12,6 @@ with imports_when_used(globals()):
     from .fmu import export_fmu as export_fmu
     from .live import export_live as export_live
     from .mujoco import export_mjcf as export_mjcf
+    from .simt import export_simt as export_simt
     from .wasm import export_wasm as export_wasm
     from .wheel import export_wheel as export_wheel

@@ -1,0 +1,214 @@
+"""Model -> programs of the kernels that one thread computes of one state, straight from the first value to the last."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+from eomgen.errors import InputError, UnknownNameError
+from eomgen.memory import without_collection
+from eomgen.names import nearest_or_all, show
+from eomgen.robot.model import Model
+
+from ..kernels.derivatives.whole import whole_program
+from ..kernels.equations import NEEDS, derive
+from ..kernels.signatures import KERNELS, SIGNATURES, available, shapes
+from ..kernels.writers import VARIANTS, WRITERS
+from ..program.ir import FIRST, GATE, Graph, Instruction, Program, Value, copied, finish, select, verify
+from ..program.passes import hoist_parameters
+from .frames import frame_jacobians
+
+FRAMES: Mapping[str, tuple[str, str, str]] = {  # kernels of all frames: functions of one, arrays, texts
+    "frame_poses": ("frame_pose", "poses", "Poses [R | X] of all frames in the base; eqs. (1) and (2)."),
+    "frame_jacobians": (
+        "frame_jacobian",
+        "jacobians",
+        "Per frame the velocity of its origin and its angular velocity per coordinate rate, base frame.",
+    ),
+}
+ROLLOUTS: Mapping[str, tuple[str, str]] = {  # steps of fixed length: programs that they call, texts
+    "rk4_rollout": ("forward_dynamics", "Steps of the classical Runge-Kutta method of order 4, drives held."),
+    "implicit_rollout": ("implicit_step", "Steps of the linearly implicit Euler method, drives held."),
+}
+DEFAULT = (
+    *("inverse_dynamics", "forward_dynamics", "mass_matrix", "residual"),
+    *("residual_jacobian", "forward_dynamics_jacobian", *FRAMES, *ROLLOUTS),
+)
+CLOSED = {"forward_dynamics": "constrained_dynamics"}  # programs that begin with a closed mechanism's results
+PARTS = ("constrained_dynamics", "constrained_drives")  # what is there of closed mechanisms, whatever is violated
+
+
+@dataclass(frozen=True)
+class ThreadKernel:
+    """A kernel by which one thread computes one state.
+
+    name: of the kernel.
+    text: what it computes.
+    program: its values; outputs are "out", and numbers in pairs that are checked beside each other: "pivot" for each
+        coordinate that is solved for, "violation" for each constraint and for its rate.
+    reads: shapes of the arrays that it reads.
+    writes: shapes of those that it writes.
+    scalars: numbers that it takes, the same for all states.
+    """
+
+    name: str
+    text: str
+    program: Program
+    reads: Mapping[str, tuple[int, ...]]
+    writes: Mapping[str, tuple[int, ...]]
+    scalars: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class ThreadKernels:
+    """Kernels of a model, and ``setup``, which computes what depends on parameters alone: the array h of all."""
+
+    model: Model
+    setup: Program
+    kernels: tuple[ThreadKernel, ...]
+
+
+@without_collection()
+def derive_kernels(model: Model, names: Sequence[str] = (), dtype: str = "float64") -> ThreadKernels:
+    """Derive kernels of a model by their names; those of DEFAULT that it has without any.
+
+    Raises:
+        UnknownNameError: there is no such kernel.
+        InputError: a kernel is none of straight statements, or of something that the robot does not have.
+    """
+    chosen = tuple(dict.fromkeys(names)) or tuple(name for name in DEFAULT if refusal(model, name) is None)
+    for name in chosen:
+        if reason := refusal(model, name):
+            raise InputError(f"kernels: {show(name)} {reason}")
+    known: dict[str, Program] = {}
+
+    def derived(kernel: str) -> Program:
+        return derive(model, kernel, dtype, known)
+
+    raw = [_program(model, name, derived) for name in chosen]
+    setup, programs = hoist_parameters(raw, len(model.parameters) + len(model.turning))
+    made = (_kernel(model, name, chosen, program) for name, program in zip(chosen, programs, strict=True))
+    return ThreadKernels(model, setup, tuple(made))
+
+
+def refusal(model: Model, name: str) -> str | None:
+    """Say why there is no such kernel for a model; None where there is one.
+
+    Raises:
+        UnknownNameError: there is none of this name.
+    """
+    if name in FRAMES:
+        return None if model.frames else "is for robots with frames"
+    if name in ROLLOUTS:
+        return _refused_rollout(model)
+    if name not in KERNELS:
+        raise UnknownNameError(
+            f"kernels: {show(name)} is unknown{nearest_or_all(name, [*FRAMES, *ROLLOUTS, *KERNELS])}"
+        )
+    signature = KERNELS[name]
+    if name not in available(model):
+        return f"is for robots with {NEEDS[signature.needs]}, and {model.name} has none"
+    if signature.kind == "frames":
+        return f"takes a frame's number; allowed: {', '.join(FRAMES)}"
+    if signature.kind == "gradient":
+        return "has steps and loops"
+    checks_loops = bool(model.constraints) and KERNELS.get(signature.derivative_of or name, signature).closed != ()
+    if checks_loops and name not in CLOSED:
+        parts = ", ".join((*CLOSED, *(x for x in PARTS if x in available(model))))
+        return f"of a closed mechanism checks and assembles loops state by state; allowed: {parts}"
+    if name in VARIANTS and "jacobian" in name and not _has_variant(model, name):
+        return f"of {model.name} solves in a loop; allowed: forward_dynamics and residual_jacobian"
+    if signature.derivative_of or name in WRITERS or name in VARIANTS:
+        return None
+    return "is no straight-line program, or steps whose number is not bounded"
+
+
+def _refused_rollout(model: Model) -> str | None:
+    if model.constraints:
+        return f"of {model.name} assembles loops after every step, as often as it takes; allowed: constrained_dynamics"
+    if model.turning:
+        names = ", ".join(model.bodies[k].joint for k in model.turning)
+        return f"of {model.name} switches charts of 3-DOF rotations ({names}); allowed: forward_dynamics"
+    return None
+
+
+def _has_variant(model: Model, name: str) -> bool:
+    """Whether a kernel with variants is a program for a model, and no loop."""
+    from ..kernels.derivation import Derivation
+
+    derivation = Derivation(model)
+    return any(
+        (variant.most is None or model.size <= variant.most)
+        and (variant.prescribes or not model.prescribed)
+        and variant.suits(derivation)
+        for variant in VARIANTS[name].values()
+    )
+
+
+def _program(model: Model, name: str, derived: Callable[[str], Program]) -> Program:
+    """Derive the program of a kernel, without gates."""
+    if name == "frame_jacobians":
+        return frame_jacobians(model, derived("kinematics"))
+    if name in ROLLOUTS:
+        program = derived(ROLLOUTS[name][0])
+        return verify(select(name, [_still(x) for x in program.instructions], program.outputs, {}))
+    if name in FRAMES:
+        return whole_program(model, FRAMES[name][0], derived)
+    if name in CLOSED and model.constraints:
+        return _with_violations(without_gate(derived(CLOSED[name])), model)
+    return without_gate(derived(name))
+
+
+def _still(instruction: Instruction) -> Instruction:
+    """Return a value without what controllers add to a step: drives are held."""
+    is_added = instruction.op == "input" and instruction.leaf[0] == "added"
+    return Instruction("const", (), 0.0) if is_added else instruction
+
+
+def without_gate(program: Program) -> Program:
+    """Return a program that computes what is behind its gate, too, and chooses: threads side by side do both anyway."""
+    if (GATE, 0) not in program.outputs:
+        return program
+    graph = Graph()
+    nodes = copied(graph, program)
+    outputs = {key: nodes[index] for key, index in program.outputs.items() if key[0] not in (GATE, *FIRST)}
+    gate = nodes[program.outputs[GATE, 0]]
+    chosen: dict[tuple[str, int], Value] = dict(outputs)
+    for (array, place), index in program.outputs.items():
+        if array in FIRST:
+            chosen[FIRST[array], place] = graph.choose(gate, outputs[FIRST[array], place], nodes[index])
+    return verify(finish(graph, program.name, chosen))
+
+
+def _with_violations(program: Program, model: Model) -> Program:
+    """Keep accelerations of a closed mechanism, and compare what its loops violate, as ``check_constraints`` does."""
+    n, m, graph = model.size, len(model.constraints), Graph()
+    nodes = copied(graph, program)
+    outputs: dict[tuple[str, int], Value] = {
+        key: nodes[index] for key, index in program.outputs.items() if key[0] == "pivot" or key < ("out", n)
+    }
+    fastest: Value = 1.0
+
+    def size_of(x: Value) -> Value:
+        return graph.call("max", x, -x)
+
+    for i in range(n):
+        fastest = graph.call("max", fastest, size_of(graph.input("v", i)))
+    for r in range(2 * m):
+        outputs["violation", 2 * r] = size_of(nodes[program.outputs["out", n + m + r]])
+        outputs["violation", 2 * r + 1] = 1.0 if r < m else fastest
+    return verify(finish(graph, "forward_dynamics", outputs))
+
+
+def _kernel(model: Model, name: str, chosen: Sequence[str], program: Program) -> ThreadKernel:
+    """Describe a kernel beside its program."""
+    known = shapes(model, [x for x in chosen if x in KERNELS])
+    if name in FRAMES:
+        _, array, text = FRAMES[name]
+        return ThreadKernel(name, text, program, {"q": known["q"]}, {"out": known[array]})
+    if name in ROLLOUTS:
+        reads, writes = (dict.fromkeys(names, known["q"]) for names in (("q", "v", "u"), ("q_out", "v_out")))
+        return ThreadKernel(name, ROLLOUTS[name][1], program, reads, writes, ("step", "steps"))
+    signature = SIGNATURES[name]
+    reads = {array: known[array] for array in signature.reads}
+    return ThreadKernel(name, signature.text, program, reads, {"out": known[signature.writes]})

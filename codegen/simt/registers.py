@@ -1,0 +1,221 @@
+"""A model of registers: statements in an order, what they hold, and what does not fit (Belady's rule).
+
+Compilers for accelerators keep a thread's values in at most 255 registers of 32 bits, and others in memory.  Here the
+value goes whose next use is farthest, which is the best that can be done; what a compiler does is about as much.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from ..program.ir import Program
+from .orders import FREE, ORDERS, SUNK, Order, sunk
+
+ROOM: Mapping[str, int] = {"float64": 115, "float32": 235}  # values in 255 registers, less those of addresses
+SINE = 25  # operations of a sine with its cosine
+GAPS = (400, 120)  # statements after which sines of coordinates may be taken again
+TRIED = 3  # orders in which that is tried
+LONG = 30000  # values of a program from which on few orders are tried
+TURN = "turn"  # operation of statements beside those of programs, and checks
+CHECKS = ("pivot", "violation")  # outputs that stand in pairs, a number and its scale
+
+
+@dataclass(frozen=True)
+class Statement:
+    """A statement of a kernel.
+
+    op: of the program; TURN for a sine and cosine of one angle; of CHECKS for a number beside its scale.
+    index: of the value; of an angle; of a pair of numbers.
+    defines: names of values that it computes.
+    uses: names of values that it takes; numbers and inputs by their indices.
+    """
+
+    op: str
+    index: int
+    defines: tuple[int, ...]
+    uses: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """Statements in an order, and what the model says of them.
+
+    order: its name.
+    sines_again: sines that are computed once more instead of being kept.
+    alive: values that live at once, at most.
+    room: values that fit.
+    stores, loads: of values that do not.
+    """
+
+    order: str
+    statements: tuple[Statement, ...]
+    sines_again: int
+    alive: int
+    room: int
+    stores: int
+    loads: int
+
+    @property
+    def cost(self) -> tuple[int, int]:
+        """Return accesses to memory with sines beside them, then values that live at once: least is best."""
+        return self.stores + self.loads + SINE * self.sines_again, self.alive
+
+
+def scheduled(program: Program, room: int) -> Schedule:
+    """Choose the order of a program's statements that needs least registers by the model, where so many values fit.
+
+    Where values do not fit in any order, sines of coordinates that were taken long ago are taken again in the best
+    ones, if that costs less.
+    """
+    plain = [(name, order, _modelled(name, program, order, 0, room)) for name, order in _orders(program)]
+    plain.sort(key=lambda candidate: candidate[2].cost)
+    best = plain[0][2]
+    if best.stores == 0:
+        return best
+    again = [_modelled(name, program, order, gap, room) for name, order, _ in plain[:TRIED] for gap in GAPS]
+    return min((best, *again), key=lambda schedule: schedule.cost)
+
+
+def _orders(program: Program) -> Iterator[tuple[str, Order]]:
+    """Yield orders by their names; few of long programs."""
+    for name in list(ORDERS)[:2] if len(program.instructions) > LONG else ORDERS:
+        plain = ORDERS[name](program)
+        for ending, slack in SUNK.items():
+            yield name + ending, plain if slack is None else sunk(program, plain, slack)
+
+
+def _modelled(name: str, program: Program, order: Order, gap: int, room: int) -> Schedule:
+    """Say what registers hold in an order; where all values fit at once nothing leaves them."""
+    statements = tuple(_statements(program, order, gap))
+    alive = most_alive(statements)
+    stores, loads = spills(statements, room) if alive > room else (0, 0)
+    return Schedule(name, statements, _again(statements), alive, room, stores, loads)
+
+
+def _again(statements: Sequence[Statement]) -> int:
+    turns = [statement.index for statement in statements if statement.op == TURN]
+    return len(turns) - len(set(turns))
+
+
+def _statements(program: Program, order: Order, gap: int) -> Iterator[Statement]:
+    """Write statements in an order; sines of coordinates again where they are older than a gap, with further names."""
+    instructions, size = program.instructions, len(program.instructions)
+    pairs: dict[int, list[int]] = {}  # sines and cosines of each angle
+    for index in order:
+        op, args, _ = instructions[index]
+        if op in ("sin", "cos"):
+            pairs.setdefault(args[0], []).append(index)
+    taken: dict[int, int] = {}  # when an angle was taken last
+    round_of: dict[int, int] = {}
+    checks = _checks(program)
+    missing = {place: {x for x in pair if instructions[x].op not in FREE} for place, pair in checks.items()}
+    waiting: dict[int, list[tuple[str, int]]] = {}
+    for place, values in missing.items():
+        for value in values:
+            waiting.setdefault(value, []).append(place)
+
+    def name(value: int) -> int:
+        op, args, _ = instructions[value]
+        return value + size * round_of.get(args[0], 0) if op in ("sin", "cos") else value
+
+    def turn(angle: int) -> Statement:
+        return Statement(TURN, angle, tuple(name(x) for x in pairs[angle]), (angle,))
+
+    for place, pair in checks.items():
+        if not missing[place]:
+            yield Statement(*place, (), pair)
+    for time, index in enumerate(order):
+        op, args, _ = instructions[index]
+        if op in ("sin", "cos"):
+            if args[0] not in taken:
+                taken[args[0]] = time
+                yield turn(args[0])
+        else:
+            for arg in args:
+                angle = instructions[arg].args[0] if instructions[arg].op in ("sin", "cos") else None
+                if angle is not None and instructions[angle].op == "input":
+                    if gap and time - taken[angle] > gap:
+                        round_of[angle] = round_of.get(angle, 0) + 1
+                        yield turn(angle)
+                    taken[angle] = time
+            yield Statement(op, index, (index,), tuple(name(arg) for arg in args))
+        for place in waiting.get(index, ()):
+            missing[place].discard(index)
+            if not missing[place]:
+                yield Statement(*place, (), tuple(name(x) for x in checks[place]))
+
+
+def _checks(program: Program) -> dict[tuple[str, int], tuple[int, int]]:
+    """Return, per pair of numbers that are checked, both values."""
+    outputs = program.outputs
+    pairs = sorted({(array, place // 2) for array, place in outputs if array in CHECKS})
+    return {(array, i): (outputs[array, 2 * i], outputs[array, 2 * i + 1]) for array, i in pairs}
+
+
+def _uses(statements: Sequence[Statement]) -> dict[int, list[int]]:
+    """Return when each value that a statement computes is used."""
+    uses: dict[int, list[int]] = {}
+    defined = {name for statement in statements for name in statement.defines}
+    for time, statement in enumerate(statements):
+        for name in set(statement.uses) & defined:
+            uses.setdefault(name, []).append(time)
+    return uses
+
+
+def most_alive(statements: Sequence[Statement]) -> int:
+    """Count values that live at once, at most; numbers and inputs are read where they are used."""
+    last: dict[int, int] = {}
+    for time, statement in enumerate(statements):
+        for name in statement.uses:
+            last[name] = time
+    ending = [0] * len(statements)
+    for statement in statements:
+        for name in statement.defines:
+            if name in last:
+                ending[last[name]] += 1
+    alive = most = 0
+    for time, statement in enumerate(statements):
+        alive -= ending[time]
+        alive += sum(name in last for name in statement.defines)
+        most = max(most, alive)
+    return most
+
+
+def spills(statements: Sequence[Statement], room: int) -> tuple[int, int]:
+    """Count stores and loads of values where ``room`` of them fit, and the one goes whose next use is farthest."""
+    uses = _uses(statements)
+    place = dict.fromkeys(uses, 0)
+    held: set[int] = set()
+    stored: set[int] = set()
+    stores = loads = 0
+    farthest: list[tuple[int, int]] = []  # (-next use, value); outdated entries stay
+
+    def hold(name: int, time: int) -> None:
+        while place[name] < len(uses[name]) and uses[name][place[name]] <= time:
+            place[name] += 1
+        if place[name] == len(uses[name]):
+            held.discard(name)
+        else:
+            held.add(name)
+            heapq.heappush(farthest, (-uses[name][place[name]], name))
+
+    for time, statement in enumerate(statements):
+        args = {name for name in statement.uses if name in uses}
+        wanted = args - held
+        loads += len(wanted)
+        held |= wanted
+        for name in sorted(args):
+            hold(name, time)
+        for name in statement.defines:
+            if name in uses:
+                hold(name, time)
+        while len(held) > room:
+            when, name = heapq.heappop(farthest)
+            if name in held and -when == uses[name][place[name]]:
+                held.discard(name)
+                if name not in stored:
+                    stored.add(name)
+                    stores += 1
+    return stores, loads

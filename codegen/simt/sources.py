@@ -1,0 +1,200 @@
+"""Model -> SimtSource: kernels of threads as one text, and what drivers have to know of them."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from eomgen._version import __version__
+from eomgen.errors import InputError
+from eomgen.memory import without_collection
+from eomgen.names import show
+from eomgen.robot.model import Model
+
+from ..c.contexts import OPEN_GAPS, PIVOT_LIMITS
+from ..c.scalar_types import SCALARS, Scalar
+from ..c.source import environment
+from ..kernels.signatures import DTYPES
+from ..program.ir import Program
+from ..samples.sines import COEFFICIENTS
+from .kernels import ROLLOUTS, ThreadKernel, derive_kernels
+from .parts import Part, split_columns
+from .registers import ROOM, scheduled
+from .statements import PIVOTS, STATUS, Writer
+
+TILE = 32  # states of a tile: threads that go together on most accelerators
+STATE = ("q", "v", "out")  # arrays whose numbers a thread keeps from step to step
+BESIDE = {"rk4_rollout": 6, "implicit_rollout": 2}  # numbers per coordinate that it keeps beside a step's values
+LEAST = 16  # values that have room all the same
+NUMBERS = {"zero": 0.0, "half": 0.5, "one": 1.0, "two": 2.0, "six": 6.0}
+SPLIT = (
+    "residual_jacobian",
+    "forward_dynamics_jacobian",
+    "frame_jacobians",
+)  # kernels that write matrices of n columns
+SCALAR_TYPES = {"step": "real", "steps": "int"}
+TILES = (1, 2, 4, 8, 16, 32, 64, 128, 256)
+
+
+@dataclass(frozen=True)
+class SimtSource:
+    """Texts: ``code`` for compilers of accelerators, ``meta`` as JSON, ``driver`` of Python."""
+
+    name: str
+    code: str
+    meta: str
+    driver: str
+
+    @property
+    def files(self) -> dict[str, str]:
+        """Texts by the names of their files."""
+        return {
+            f"{self.name}_simt.h": self.code,
+            f"{self.name}_simt.json": self.meta,
+            f"{self.name}_simt.py": self.driver,
+        }
+
+
+@without_collection()
+def render_simt(model: Model, kernels: Sequence[str] = (), dtype: str = "float64", tile: int = TILE) -> SimtSource:
+    """Render kernels of a model as one text that is CUDA, HIP, OpenCL C, C99 and C++.
+
+    Args:
+        kernels: names of kernels, those of FRAMES and ROLLOUTS among them; those of DEFAULT if empty.
+        dtype: "float64" or "float32".
+        tile: states whose numbers stand side by side, a power of two.
+
+    Raises:
+        InputError, UnknownNameError: a kernel, dtype or tile is unknown; a kernel is none of straight statements; or
+            a number of the description is too large for the dtype.
+    """
+    if dtype not in DTYPES:
+        raise InputError(f"dtype: {show(dtype)} is unknown; allowed: {', '.join(DTYPES)}")
+    if isinstance(tile, bool) or tile not in TILES:
+        raise InputError(f"tile: {show(tile)}; allowed: {', '.join(map(str, TILES))}")
+    derived, scalar = derive_kernels(model, kernels, dtype), SCALARS[dtype]
+    plans = [(kernel, _parts(kernel, model, dtype)) for kernel in derived.kernels]
+    context = {
+        "name": model.name,
+        "version": __version__,
+        "dtype": dtype,
+        "is_double": int(dtype == "float64"),
+        "tile": tile,
+        "sines": _sines(dtype, scalar),
+        **{word: scalar.literal(number) for word, number in NUMBERS.items()},
+        "vanished": scalar.literal(PIVOT_LIMITS[dtype]),
+        "open": scalar.literal(OPEN_GAPS[dtype]),
+        "far": STATUS["far"],
+        "kernels": [part for kernel, parts in plans for part in _kernel(model, kernel, parts, scalar)],
+    }
+    meta = {
+        "generator": f"eomgen {__version__}",
+        "name": model.name,
+        "dtype": dtype,
+        "tile": tile,
+        "coordinates": list(model.coordinates),
+        "memory": list(model.memory),
+        "links": list(model.links),
+        "frames": list(model.frames),
+        "parameters": {key: float(value) for key, value in model.parameters.items()},
+        "charts": len(model.turning),
+        "setup": _setup(derived.setup),
+        "status": {"pivots": PIVOTS, **STATUS},
+        "farthest": COEFFICIENTS[dtype].farthest,
+        "kernels": {kernel.name: _described(model, kernel, parts) for kernel, parts in plans},
+    }
+    templates = environment()
+    return SimtSource(
+        model.name,
+        templates.get_template("simt/kernels.h.jinja").render(context),
+        json.dumps(meta, indent=1) + "\n",
+        templates.get_template("simt/driver.py.jinja").render(context),
+    )
+
+
+def _sines(dtype: str, scalar: Scalar) -> dict[str, Any]:
+    """Return the numbers of sines and cosines as C; polynomials as Horner has them."""
+    table = COEFFICIENTS[dtype]
+
+    def polynomial(numbers: Sequence[float]) -> str:
+        first, *others = numbers
+        return f"({scalar.literal(first)} + z*{polynomial(others)})" if others else f"{scalar.literal(first)}"
+
+    return {
+        "per_quarter": scalar.literal(table.per_quarter),
+        "shift": scalar.literal(table.shift),
+        "quarter": [scalar.literal(piece) for piece in table.quarter],
+        "sine": polynomial(table.sine),
+        "cosine": polynomial(table.cosine),
+        "farthest": scalar.literal(table.farthest),
+    }
+
+
+def _parts(kernel: ThreadKernel, model: Model, dtype: str) -> tuple[Part, ...]:
+    """Choose orders of a kernel's statements; in steps a state and what is added up of it stay beside the values."""
+    if kernel.name in ROLLOUTS:
+        room = max(ROOM[dtype] - BESIDE[kernel.name] * model.size, LEAST)
+        return ((kernel.program, scheduled(kernel.program, room)),)
+    if kernel.name in SPLIT:
+        return split_columns(kernel.program, model.size, ROOM[dtype])
+    return ((kernel.program, scheduled(kernel.program, ROOM[dtype])),)
+
+
+def _functions(model: Model, kernel: ThreadKernel, parts: Sequence[Part]) -> list[str]:
+    """Name the functions of the text that a kernel consists of."""
+    name = f"{model.name}_{kernel.name}"
+    return [name] if len(parts) == 1 else [f"{name}_{number}" for number in range(len(parts))]
+
+
+def _kernel(model: Model, kernel: ThreadKernel, parts: Sequence[Part], scalar: Scalar) -> list[dict[str, Any]]:
+    """Return the names that the template uses of a kernel's parts."""
+    local = STATE if kernel.name in ROLLOUTS else ()
+    common = {
+        "text": kernel.text,
+        "reads": {array: math.prod(shape) for array, shape in kernel.reads.items()},
+        "writes": {array: math.prod(shape) for array, shape in kernel.writes.items()},
+        "scalars": [(SCALAR_TYPES[name], name) for name in kernel.scalars],
+        "n": model.size,
+        "method": kernel.name.removesuffix("_rollout") if kernel.name in ROLLOUTS else "",
+    }
+    described: list[dict[str, Any]] = []
+    for name, (program, plan) in zip(_functions(model, kernel, parts), parts, strict=True):
+        writer = Writer(program, plan, scalar, constraints=len(model.constraints), local=local)
+        described.append({**common, "name": name, "lines": list(writer.lines()), "is_first": not described})
+    return described
+
+
+def _described(model: Model, kernel: ThreadKernel, parts: Sequence[Part]) -> dict[str, Any]:
+    """Describe a kernel for drivers: arguments in their order, shapes, and what the model of registers says."""
+    return {
+        "functions": _functions(model, kernel, parts),
+        "text": kernel.text,
+        "arguments": ["count", "h", *kernel.scalars, *kernel.reads, *kernel.writes, "status"],
+        "scalars": {name: SCALAR_TYPES[name] for name in kernel.scalars},
+        "reads": {array: list(shape) for array, shape in kernel.reads.items()},
+        "writes": {array: list(shape) for array, shape in kernel.writes.items()},
+        "operations": [program.count() for program, _ in parts],
+        "registers": [
+            {
+                "order": plan.order,
+                "alive": plan.alive,
+                "room": plan.room,
+                "stores": plan.stores,
+                "loads": plan.loads,
+                "sines_again": plan.sines_again,
+            }
+            for _, plan in parts
+        ],
+    }
+
+
+def _setup(setup: Program) -> dict[str, Any]:
+    """Return the program that computes h as data: [operation, arguments...], parameters and numbers by themselves."""
+    values = [
+        ["p", leaf[1]] if op == "input" else [op, leaf] if op == "const" else [op, *args]
+        for op, args, leaf in setup.instructions
+    ]
+    return {"values": values, "h": [setup.outputs["h", slot] for slot in range(len(setup.outputs))]}

@@ -1,0 +1,310 @@
+"""One text for accelerators, run on the processor as C++, C and OpenCL: the kernel's numbers, to the bit."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import eomgen
+from eomgen.cli.entry import main
+from eomgen.codegen.c.scalar_types import SCALARS
+from eomgen.codegen.kernels.equations import derive
+from eomgen.codegen.program.ir import Graph, finish
+from eomgen.codegen.program.operations import CALLS, OPERATIONS
+from eomgen.codegen.simt import orders
+from eomgen.codegen.simt.kernels import DEFAULT, derive_kernels, refusal
+from eomgen.codegen.simt.parts import _cost, _parts, split_columns
+from eomgen.codegen.simt.registers import ROOM, TURN, _statements, most_alive, scheduled, spills
+from eomgen.codegen.simt.sources import render_simt
+from eomgen.codegen.simt.statements import Writer
+from eomgen.description import as_robot, builtin_robots
+from eomgen.description.load import robot_from_toml
+from eomgen.errors import InputError, UnknownNameError
+from eomgen.robot.model import build_model
+from tests.support import simt
+from tests.support.random_robots import random_robot
+
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
+DTYPES = ("float64", "float32")
+TOP = """
+name = "top"
+[[links]]
+name = "body"
+mass = 1.0
+com = [0.1, 0.0, 0.0]
+inertia = { xx = 0.1, yy = 0.2, zz = 0.25 }
+[[joints]]
+name = "joint1"
+parent = "base"
+child = "body"
+type = "free"
+"""
+ROUNDED = {"exp", "log", "atan2"}  # operations whose last bits are the device's
+
+
+def compare(robot: Any, folder: Path, dtype: str, kernels: tuple[str, ...] = (), language: str = "c++") -> None:
+    """Compare kernels with the compiled kernel's functions, to the bit."""
+    source = render_simt(build_model(robot), kernels, dtype)
+    made, names = simt.Compiled(source, folder, language), tuple(json.loads(source.meta)["kernels"])
+    kernel = simt.built(robot, names, dtype)
+    for name in names:
+        arrays, numbers = simt.states(made.module, name), simt.scalars(made.module, name)
+        assert simt.same_bits(made.run(name, *arrays, **numbers), simt.expected(kernel, name, arrays)), name
+        assert not made.status.any(), name
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_text_has_the_bits_of_the_kernel(tmp_path: Path, dtype: str) -> None:
+    compare(as_robot("one_link"), tmp_path, dtype)
+
+
+def test_closed_mechanisms_accelerate_as_the_kernel_says(tmp_path: Path) -> None:
+    """Assembled states have the same bits, others say that loops are open."""
+    source = render_simt(build_model(as_robot("four_bar")), ("forward_dynamics",))
+    made, kernel = (
+        simt.Compiled(source, tmp_path, "c"),
+        eomgen.build("four_bar", kernels=("forward_dynamics", "settling", "cut_poses")),
+    )
+    q = kernel.assemble(np.array([[0.5, 0.2, 1.2], [0.6, 0.2, 1.2]]))
+    v, u = np.zeros(q.shape), np.linspace(0.0, 1.0, q.size).reshape(q.shape)
+    assert simt.same_bits(made.run("forward_dynamics", q, v, u), kernel.forward_dynamics(q, v, u))
+    assert not made.status.any()
+    made.run("forward_dynamics", q + 0.1, v, u)
+    with pytest.raises(ArithmeticError, match="state 0: loops are open"):
+        made.module.check_status(made.status)
+
+
+def test_status_names_far_angles_and_pivots(tmp_path: Path) -> None:
+    robot = as_robot("one_link")
+    made = simt.Compiled(render_simt(build_model(robot), ("mass_matrix",)), tmp_path)
+    q = np.array([[0.0, 2.0], [0.0, 2e6], [0.0, np.nan]])
+    made.run("mass_matrix", q)
+    assert made.status.tolist() == [0, 1 << 30, 1 << 30]
+    assert made.module.reasons(1 << 30) == ["an angle is no number, or farther than 1e+06 rad"]
+    assert made.module.reasons(2) == [f"the mass matrix has no pivot at {build_model(robot).coordinates[1]}"]
+
+
+def test_status_names_a_coordinate_that_nothing_resists(tmp_path: Path) -> None:
+    """Where beta is pi/2 the axes of alpha and gamma are one."""
+    robot = robot_from_toml(TOP)
+    made = simt.Compiled(render_simt(build_model(robot), ("forward_dynamics",)), tmp_path)
+    q = np.array([[0.0, 0.0, 0.0, 0.1, 0.2, 0.3], [0.0, 0.0, 0.0, 0.1, np.pi / 2, 0.3]])
+    made.run("forward_dynamics", q, np.zeros((2, 6)), np.zeros((2, 6)))
+    with pytest.raises(ArithmeticError, match=r"^state 1: the mass matrix has no pivot at joint1\.(alpha|beta|gamma)$"):
+        made.module.check_status(made.status)
+    with pytest.raises(InputError, match=r"switches charts of 3-DOF rotations \(joint1\); allowed: forward_dynamics"):
+        render_simt(build_model(robot), ("rk4_rollout",))
+
+
+def test_parameters_are_those_of_the_call(tmp_path: Path) -> None:
+    made = simt.Compiled(render_simt(build_model(as_robot("one_link")), ("inverse_dynamics",)), tmp_path)
+    kernel = eomgen.build("one_link", kernels=("inverse_dynamics",))
+    kernel.parameters["gravity.y"] = -1.6
+    made.h = made.module.setup({"gravity.y": -1.6})
+    arrays = simt.states(made.module, "inverse_dynamics")
+    assert simt.same_bits(made.run("inverse_dynamics", *arrays), kernel.inverse_dynamics(*arrays))
+    with pytest.raises(KeyError, match="'gravity' is unknown"):
+        made.module.setup({"gravity": 1.0})
+    with pytest.raises(ValueError, match=r"gravity\.y = nan; allowed: a finite number"):
+        made.module.setup({"gravity.y": np.nan})
+
+
+def test_driver_refuses_other_arrays(tmp_path: Path) -> None:
+    module = simt.driver(render_simt(build_model(as_robot("one_link")), ("inverse_dynamics",)), tmp_path)
+    x = np.zeros((3, 2))
+    with pytest.raises(KeyError, match="kernel: 'energy' is unknown; allowed: inverse_dynamics"):
+        module.checked("energy", (x,))
+    with pytest.raises(ValueError, match="inverse_dynamics: 2 arrays; allowed: q, v, a"):
+        module.checked("inverse_dynamics", (x, x))
+    for wrong in (np.zeros((2, 2)), np.zeros((3, 3)), np.zeros(2), np.zeros((0, 2))):
+        with pytest.raises(ValueError, match=r"v has shape .*; allowed: \('count', 2\)"):
+            module.checked("inverse_dynamics", (x, wrong, x))
+
+
+def test_tiles_are_transposed_and_back(tmp_path: Path) -> None:
+    module = simt.driver(render_simt(build_model(as_robot("one_link")), ("mass_matrix",), tile=4), tmp_path)
+    x = np.arange(30.0).reshape(10, 3)
+    tiles = module.to_tiles(x)
+    assert tiles.shape == (3, 3, 4)
+    assert tiles[1, 2, 3] == x[7, 2]
+    assert np.array_equal(module.from_tiles(tiles, 10), x)
+
+
+def every_operation() -> Any:
+    """Return a program with every operation, with angles that are no coordinates, and pivots."""
+    graph = Graph()
+    x, y, z = (graph.input("q", i) for i in range(3))
+    outputs: dict[tuple[str, int], Any] = {}
+    for place, op in enumerate(CALLS):
+        args = (x * x + 1.0, y, z)[: OPERATIONS[op].arity]
+        outputs["out", place] = graph.call(op, *args)
+    sine, cosine = graph.sincos(x * y)
+    values = [-(x / y), sine * cosine - z, -2.5 * z - x, graph.sincos(z)[1], y, graph.constant(0.25)]
+    outputs |= {("out", len(CALLS) + i): value for i, value in enumerate(values)}
+    outputs |= {("pivot", 0): x * x, ("pivot", 1): y * y}
+    return finish(graph, "mass_matrix", outputs)
+
+
+def test_all_operations_have_a_text() -> None:
+    program = every_operation()
+    lines = "\n".join(Writer(program, scheduled(program, ROOM["float64"]), SCALARS["float64"]).lines())
+    for operation in CALLS.values():
+        assert f"eom_{operation.function}(" in lines
+    assert lines.count("EOM_TURN(") == 2
+    assert "EOM_CHECK(" in lines
+
+
+@pytest.mark.parametrize("name", orders.ORDERS)
+def test_orders_place_every_value_once_behind_its_arguments(name: str) -> None:
+    program = derive(build_model(as_robot("one_link")), "forward_dynamics_jacobian")
+    plain = orders.ORDERS[name](program)
+    for order in (plain, orders.sunk(program, plain), orders.sunk(program, plain, 1)):
+        assert sorted(order) == orders.as_derived(program)
+        place = {value: time for time, value in enumerate(order)}
+        for value in order:
+            assert all(place[arg] < place[value] for arg in program.instructions[value].args if arg in place)
+
+
+def test_model_of_registers_counts_what_does_not_fit() -> None:
+    """Of (a + b) + (c + d), three sums, two values live at once; four products that wait for each other need four."""
+    graph = Graph()
+    x = [graph.input("q", i) for i in range(4)]
+    products = [a * a for a in x]
+    total: Any = 0.0
+    for product in reversed(products):
+        total = total + product
+    program = finish(graph, "mass_matrix", {("out", 0): total})
+    statements = tuple(_statements(program, orders.as_derived(program), 0))
+    assert most_alive(statements) == 4
+    assert spills(statements, 4) == (0, 0)
+    assert spills(statements, 3) == (1, 1)
+    assert spills(statements, 2) == (2, 2)
+    assert scheduled(program, ROOM["float64"]).alive == 2
+
+
+def test_sines_are_taken_again_behind_a_gap() -> None:
+    graph = Graph()
+    q = graph.input("q", 0)
+    sine, _ = graph.sincos(q)
+    value: Any = sine
+    for i in range(1, 9):
+        value = value * graph.input("q", i)
+    program = finish(graph, "mass_matrix", {("out", 0): value + sine})
+    for gap, turns in ((0, 1), (4, 2), (40, 1)):
+        statements = list(_statements(program, orders.as_derived(program), gap))
+        assert sum(statement.op == TURN for statement in statements) == turns
+    assert ROOM.keys() == set(DTYPES)
+
+
+@pytest.mark.parametrize(
+    ("name", "robot", "words"),
+    [
+        ("rollout", "one_link", "steps whose number is not bounded"),
+        ("kinematics", "one_link", "frame_poses, frame_jacobians"),
+        ("constraint", "one_link", "is for robots with rigid"),
+        ("rk4_rollout", "four_bar", "assembles loops after every step"),
+        ("forward_dynamics_adjoint", "four_bar", "of a closed mechanism checks"),
+        ("inverse_dynamics", "four_bar", "of a closed mechanism .*; allowed: forward_dynamics, constrained_dynamics"),
+    ],
+)
+def test_what_is_no_straight_line_is_refused_by_name(name: str, robot: str, words: str) -> None:
+    with pytest.raises(InputError, match=rf"kernels: '{name}' .*{words}"):
+        render_simt(build_model(as_robot(robot)), (name,))
+
+
+def test_wrong_choices_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(UnknownNameError, match="kernels: 'mass_matrx' is unknown; did you mean 'mass_matrix'"):
+        eomgen.export_simt("one_link", tmp_path, kernels=("mass_matrx",))
+    with pytest.raises(InputError, match="kernels: 'energy'; allowed: a sequence of names"):
+        eomgen.export_simt("one_link", tmp_path, kernels="energy")
+    with pytest.raises(InputError, match="dtype: 'half' is unknown; allowed: float64, float32"):
+        eomgen.export_simt("one_link", tmp_path, dtype="half")
+    for tile in (0, 3, True, 512, 2.5):
+        with pytest.raises(InputError, match=r"tile: .*; allowed: 1, 2, 4, .* 256"):
+            eomgen.export_simt("one_link", tmp_path, tile=tile)  # type: ignore[arg-type]
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_command_writes_the_text(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["generate", "one_link", "--simt", "--kernels", "mass_matrix", "--dtype", "float32", "-o", str(tmp_path)]
+    assert main([*words, "--tile", "8"]) == 0
+    meta = json.loads((tmp_path / "one_link_simt.json").read_text())
+    assert (meta["dtype"], meta["tile"], list(meta["kernels"])) == ("float32", 8, ["mass_matrix"])
+    assert sorted(path.name for path in tmp_path.iterdir()) == [f"one_link_simt.{x}" for x in ("h", "json", "py")]
+    capsys.readouterr()
+    for wrong in ("--cmake", "--ros2", "--wheel", "--native", "--level=v1", "--report=x.html"):
+        assert main([*words, wrong]) != 0
+        assert "--simt stands without --cmake" in capsys.readouterr().err
+    assert main(["generate", "one_link", "--tile", "8"]) != 0
+    assert "--tile: given without --simt; allowed: with --simt" in capsys.readouterr().err
+
+
+def test_columns_go_apart_where_registers_ask_for_it() -> None:
+    """Parts write every number once, and hold less at once; where all fits there is one."""
+    program = derive(build_model(as_robot("one_link")), "forward_dynamics_jacobian")
+    assert len(split_columns(program, 2, 100)) == 1
+    halves = tuple((part, scheduled(part, 5)) for part in _parts(program, 2, 2))
+    written = [key for part, _ in halves for key in part.outputs]
+    assert sorted(written) == sorted(program.outputs)
+    whole = scheduled(program, 5)
+    assert whole.stores > 0
+    assert max(plan.alive for _, plan in halves) < whole.alive
+    assert _cost(split_columns(program, 2, 5)) == min(_cost(halves), _cost(((program, whole),)))
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("name", sorted(builtin_robots()))
+def test_all_kernels_of_built_in_robots_have_the_bits_of_the_kernel(tmp_path: Path, name: str, dtype: str) -> None:
+    robot = as_robot(name)
+    if not build_model(robot).constraints:
+        compare(robot, tmp_path, dtype)
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("seed", range(30))
+def test_all_kernels_of_random_robots_have_the_bits_of_the_kernel(tmp_path: Path, seed: int) -> None:
+    robot = random_robot(np.random.default_rng(seed))
+    derivatives = ("inverse_dynamics_tangent", "forward_dynamics_adjoint")
+    usual = tuple(name for name in DEFAULT if refusal(build_model(robot), name) is None)
+    compare(robot, tmp_path, DTYPES[seed % 2], (*usual, *derivatives))
+
+
+def runs_under_opencl(robot: Any, folder: Path, dtype: str) -> None:
+    """Compare kernels on the first device of OpenCL with those of C++."""
+    model = build_model(robot)
+    made = simt.Compiled(render_simt(model, (), dtype), folder)
+    device = made.module.opencl()
+    programs = {kernel.name: kernel.program for kernel in derive_kernels(model, (), dtype).kernels}
+    for name, program in programs.items():
+        arrays, numbers = simt.states(made.module, name), simt.scalars(made.module, name)
+        found, wanted = device.run(name, *arrays, **numbers), made.run(name, *arrays, **numbers)
+        if any(x.op in ROUNDED for x in program.instructions):
+            assert np.allclose(found, wanted, rtol=1e-10 if dtype == "float64" else 1e-3), name
+        else:
+            assert simt.same_bits(found, wanted), name
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("name", sorted(builtin_robots()))
+def test_all_kernels_have_the_same_bits_under_opencl(tmp_path: Path, name: str, dtype: str) -> None:
+    if not simt.opencl_platforms():
+        pytest.skip("no runtime of OpenCL, or no pyopencl")
+    runs_under_opencl(as_robot(name), tmp_path, dtype)
+
+
+@pytest.mark.soak
+def test_device_says_which_state_failed(tmp_path: Path) -> None:
+    if not simt.opencl_platforms():
+        pytest.skip("no runtime of OpenCL, or no pyopencl")
+    module = simt.driver(render_simt(build_model(as_robot("one_link")), ("mass_matrix",)), tmp_path)
+    q = np.zeros((5, 2))
+    q[3, 1] = 1e9
+    with pytest.raises(ArithmeticError, match="state 3: an angle is no number, or farther than"):
+        module.opencl().run("mass_matrix", q)

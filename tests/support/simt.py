@@ -1,0 +1,118 @@
+"""Texts of threads run on the processor: compiled as C++ or C, or under OpenCL, beside the kernel's functions."""
+
+from __future__ import annotations
+
+import ctypes
+import importlib.util
+import math
+import subprocess
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import eomgen
+from eomgen.codegen.simt.sources import SimtSource
+from eomgen.runtime.kernel import Kernel
+
+COUNT = 37  # states: a whole tile and a part of one
+FLAGS = ("-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror", "-O0", "-ffp-contract=off", "-fPIC", "-shared")
+LANGUAGES = {"c++": ("g++", "-x", "c++", "-std=c++11"), "c": ("gcc", "-x", "c", "-std=c99")}
+
+
+def driver(source: SimtSource, folder: Path) -> Any:
+    """Write the texts, and import the module that runs them."""
+    for name, text in source.files.items():
+        (folder / name).write_text(text, encoding="ascii")
+    spec = importlib.util.spec_from_file_location(f"{source.name}_simt", folder / f"{source.name}_simt.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+class Compiled:
+    """Kernels of the text as functions of this process, called like those of ``OpenCL``."""
+
+    def __init__(self, source: SimtSource, folder: Path, language: str = "c++") -> None:
+        self.module, library = driver(source, folder), folder / f"{language}.so"
+        command = [*LANGUAGES[language], *FLAGS, str(folder / f"{source.name}_simt.h"), "-o", str(library), "-lm"]
+        subprocess.run(command, check=True)
+        self.library, self.h = ctypes.CDLL(str(library)), self.module.setup()
+        self.status = np.zeros(0, np.int32)
+
+    def run(self, name: str, *arrays: Any, **scalars: float) -> Any:
+        """Return results of states, (count, ...), several as a tuple; ``status`` keeps the statuses."""
+        module, read = self.module, self.module.checked(name, arrays)
+        kernel, count = module.META["kernels"][name], read[0].shape[0]
+        real = ctypes.c_double if np.float64 == module.REAL else ctypes.c_float
+        numbers = [ctypes.c_int(x) if x.dtype == np.int32 else real(x) for x in module.checked_scalars(name, scalars)]
+        tiles, shapes = [module.to_tiles(x) for x in read], list(kernel["writes"].values())
+        made = [np.full((len(tiles[0]), math.prod(shape), module.TILE), np.nan, module.REAL) for shape in shapes]
+        self.status = np.full(count, -1, np.int32)
+        h, *pointers = [x.ctypes.data_as(ctypes.c_void_p) for x in (self.h, *tiles, *made, self.status)]
+        for function in kernel["functions"]:
+            getattr(self.library, function)(ctypes.c_ulonglong(count), h, *numbers, *pointers)
+        results = [module.from_tiles(x, count).reshape(count, *shape) for x, shape in zip(made, shapes, strict=True)]
+        return results[0] if len(results) == 1 else tuple(results)
+
+
+def states(module: Any, name: str, seed: int = 0, count: int = COUNT, size: float = 0.3) -> list[Any]:
+    """Return random arrays that a kernel reads."""
+    rng, reads = np.random.default_rng(seed), module.META["kernels"][name]["reads"]
+    return [rng.uniform(-size, size, (count, *shape)).astype(module.REAL) for shape in reads.values()]
+
+
+def scalars(module: Any, name: str) -> dict[str, float]:
+    """Return numbers of steps for a kernel that takes some."""
+    return {"step": 1e-4, "steps": 3} if module.META["kernels"][name]["scalars"] else {}
+
+
+def expected(kernel: Kernel, name: str, arrays: Sequence[Any]) -> Any:
+    """Return what the kernel's functions say of the same states."""
+    if name.endswith("_rollout"):
+        made = kernel.rollout(*arrays, dt=1e-4, steps=3, method=name.removesuffix("_rollout"))
+        return tuple(x[:, -1] for x in (made if isinstance(made, tuple) else (made.q, made.v)))
+    if name == "frame_poses":
+        return np.stack([kernel.frame_pose(arrays[0], frame)[:, :3] for frame in kernel.frames], 1)
+    if name == "frame_jacobians":
+        return np.stack([kernel.frame_jacobian(arrays[0], frame) for frame in kernel.frames], 1)
+    for ending, method in (("_tangent", kernel.jvp), ("_adjoint", kernel.vjp)):
+        if name.endswith(ending):
+            return _derivative(method, name.removesuffix(ending), arrays, ending == "_tangent")
+    result = getattr(kernel, name)(*arrays)
+    return result if isinstance(result, np.ndarray) else np.stack(result, 1)
+
+
+def _derivative(method: Any, name: str, arrays: Sequence[Any], is_tangent: bool) -> Any:
+    if is_tangent:
+        half = len(arrays) // 2
+        return method(name, tuple(arrays[:half]), tuple(arrays[half:]))
+    slopes = method(name, tuple(arrays[:-1]), arrays[-1])
+    return np.concatenate([x.reshape(len(x), -1) for x in slopes], 1)
+
+
+def same_bits(one: Any, other: Any) -> bool:
+    """Whether all numbers are the same, zeros of either sign; of tuples all arrays."""
+    if isinstance(one, tuple):
+        return len(one) == len(other) and all(map(same_bits, one, other))
+    return bool(np.array_equal(one, other, equal_nan=True))
+
+
+def opencl_platforms() -> list[Any]:
+    """List platforms of OpenCL; none where pyopencl or a runtime is missing."""
+    try:
+        import pyopencl
+
+        return list(pyopencl.get_platforms())
+    except Exception:  # pyopencl says that there is no platform by an error of its own
+        return []
+
+
+def built(robot: Any, kernels: Sequence[str], dtype: str) -> Kernel:
+    """Build the kernels that are compared."""
+    owners = {"frame_poses": "kinematics", "frame_jacobians": "kinematics"}
+    owners |= {"rk4_rollout": "rollout", "implicit_rollout": "rollout"}
+    return eomgen.build(robot, kernels=list(dict.fromkeys(owners.get(x, x) for x in kernels)), dtype=dtype)
