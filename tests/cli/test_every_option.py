@@ -67,6 +67,7 @@ NUMBERS = {  # words behind the option, N in the place of a number
     "weights": "x=N",
     "folds": "N",
     "observer uncertainty": "position=N",
+    "observer drift": "encoder=N",
 }
 READ = {  # files, with the endings without which they are not looked at
     **dict.fromkeys(("robot", "others", "subject", "files", "scenario", "plan", "table"), ".toml"),

@@ -145,6 +145,15 @@ def test_linear_steps_have_the_derivatives_of_general_ones() -> None:
         assert np.allclose(found, expected, rtol=1e-12, atol=1e-12 * np.abs(expected).max())
 
 
+def test_c_reads_every_sensor(tmp_path: Path) -> None:
+    """Readings that depend on accelerations, poses and biases, with a wrench and a parameter; and without these."""
+    sensors = ("pose:tcp", "imu:tcp", GAMMA, "gyroscope:link1", "position:tcp")
+    m = Measurement.of("one_link", sensors, drift={"imu:tcp.fx": 1e-2, "gyroscope": 1e-3})
+    compare_with_c("one_link", m, (STIFFNESS, "wrench:link1"), "square_root", "float64", tmp_path / "estimated")
+    m = Measurement.of("one_link", ("torque:joint1.gamma", GAMMA), drift={"encoder": 1e-3})
+    compare_with_c("one_link", m, (), "covariance", "float64", tmp_path / "plain", lost=1e8)
+
+
 @pytest.mark.parametrize("compiler", ["gcc", "clang"])
 def test_c_is_python(compiler: str, tmp_path: Path) -> None:
     """Both forms, a precision each; linear steps, and general ones with a wrench and a parameter."""
@@ -159,7 +168,7 @@ def test_c_is_python(compiler: str, tmp_path: Path) -> None:
 
 def compare_with_c(
     robot: str,
-    measure: str,
+    measure: str | Measurement,
     states: tuple[str, ...],
     form: str,
     dtype: str,
@@ -167,20 +176,23 @@ def compare_with_c(
     compiler: str = "cc",
     lost: float = 1e5,
 ) -> None:
-    """Take the same steps and measurements in C and in Python; ``lost``: by round-off, in units of it."""
+    """Take the same steps and measurements in C and in Python; ``lost``: by round-off, in units of it.
+
+    Beside further states the first coordinate has noise of its own.
+    """
     model = filter_model(robot, measure, dt=DT, states=states, form=form, dtype=dtype)
     made = Observer(model, steps_of(model))
     code = CompiledObserver(made, folder, (compiler,))
     code.setup(made.q, made.v)
     rng, n, eps = np.random.default_rng(2), model.model.size, float(np.finfo(dtype).eps)
-    places = [
-        model.model.coordinates.index(x.of) + (n if x.kind == "tachometer" else 0) for x in model.measurement.sensors
-    ]
+    moved = 1e-3 if states else 0.0
+    made._noise[0] = moved
+    code.struct.noise[0] = moved if form == "square_root" else moved**2
     for _ in range(10):
         u = rng.normal(size=n).astype(dtype)
         made.predict(u)
         assert code.predict(u) == 0
-        y = (made.state[places] + rng.normal(size=len(places)) * model.measurement.noise).astype(dtype)
+        y = model.measurement.noisy(made.predicted()[0], rng).astype(dtype)
         assert code.update(y) == pytest.approx(made.update(y), rel=lost * eps, abs=lost * eps)
         P = made.covariance.astype(float)
         close(code.covariance, P, P, lost * eps)
@@ -305,3 +317,17 @@ def test_c_of_large_filters_is_python(dtype: str, tmp_path: Path) -> None:
                 ("puma560_elastic", both, ()),
             ):
                 compare_with_c(robot, sensors, states, form, dtype, tmp_path / f"{robot}_{form}", lost=lost)
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize(("dtype", "form"), [("float64", "covariance"), ("float32", "square_root")])
+def test_c_of_a_six_axis_arm_reads_every_sensor(dtype: str, form: str, tmp_path: Path) -> None:
+    """Torques, IMUs with biases on two links and a pose; then a wrench and a parameter beside an IMU."""
+    encoders = [f"encoder:joint{i}.gamma" for i in range(1, 7)]
+    torques = [x.replace("encoder", "torque") for x in encoders]
+    lost = 1e8 if form == "covariance" else 1e5
+    drift = {"imu:link3": 1e-3, "gyroscope": 1e-4}
+    m = Measurement.of("ur5", [*encoders, "imu:link3", "pose:tcp", *torques, "gyroscope:tcp"], drift=drift)
+    compare_with_c("ur5", m, (), form, dtype, tmp_path / "torques", lost=lost)
+    m = Measurement.of("ur5", [*encoders, "imu:tcp", "pose:link4"], drift={"imu:tcp.fx": 1e-3})
+    compare_with_c("ur5", m, ("wrench:link6", "gravity.z"), form, dtype, tmp_path / "wrench", lost=lost)

@@ -200,10 +200,12 @@ def _add_observer(parser: argparse.ArgumentParser) -> None:
     from ..control.kalman_filter import FORMS
 
     add_robot(parser)
-    about = "sensors, KIND:NAME, such as encoder:joint1.gamma, tachometer:joint1.motor"
+    about = "sensors, KIND:NAME, such as encoder:joint1.gamma, torque:joint1.motor, imu:tcp, pose:tcp"
     add_names(parser, "--measure", "SENSOR", about, required=True)
     about = "standard deviations of readings, NAME=VALUE: of sensors, or of kinds of them"
     add_names(parser, "--noise", "NAME=VALUE", about)
+    about = "how fast their biases, which are states then, drift per root of a second, NAME=VALUE; others have none"
+    add_names(parser, "--drift", "NAME=VALUE", about)
     about = "further states: run-time parameters, and wrench:LINK for force and moment on a link"
     add_names(parser, "--estimate", "NAME", about)
     about = "of the beginning and of noise that moves states, NAME=VALUE: position, velocity, acceleration, wrench ..."
@@ -219,13 +221,13 @@ def _observer(options: argparse.Namespace) -> None:
     from ..control.observer_source import write_observer
     from ..control.sensing import Measurement
 
-    noise, known = (by_name(label, getattr(options, label)) for label in ("noise", "uncertainty"))
+    noise, drift, known = (by_name(label, getattr(options, label)) for label in ("noise", "drift", "uncertainty"))
     names = [item.name for item in fields(Uncertainty)]
     for name in known:
         if name not in names:
             raise UnknownNameError(f"uncertainty: {show(name)} is unknown{nearest_or_all(name, names)}")
     robot = read_robot(options)
-    measurement = Measurement.of(robot, options.measure, noise=noise)
+    measurement = Measurement.of(robot, options.measure, noise=noise, drift=drift)
     with stage_bar("writing the observer") as report:
         report("looking at what measurements tell")
         made = observer(
@@ -262,6 +264,7 @@ COMMANDS = (
         "an extended Kalman filter as C, without heap",
         {
             "observer arm.toml --measure encoder:joint1.gamma,encoder:joint2.gamma": "states of two joints' encoders",
+            "observer arm.toml --measure encoder:joint1.gamma,imu:tcp --drift imu=1e-3": "with an IMU that drifts",
             "observer arm.toml --measure encoder:joint1.gamma --dtype float32": "in single precision, for controllers",
         },
     ),

@@ -12,7 +12,7 @@
 
 #include <string.h>
 
-#define EOM_KALMAN_ROOM(n, p) (4 * (2 * (n) + (p)) * (2 * (n) + (p))) /* numbers of work, for all of it */
+#define EOM_KALMAN_ROOM(N) (2 * (N) * ((N) + 2)) /* numbers of work, for all of it */
 
 /* Write the derivatives of a step's end velocities by q and v, (2 n, n), from those of the residual by q, v and a, D, (3, n, n), at
  * the step's accelerations, where stiffness K and damping B, (n, n), are constant: the step is then
@@ -130,75 +130,138 @@ EOM_LOCAL EOM_SCALAR EOM(kalman_update)(int N, const EOM_SCALAR *restrict row, E
     return normalized;
 }
 
-/* Make the (rows, N) numbers of W upper triangular by reflections, W^T W as before; of what is below the first N rows nothing
- * is kept.  work: rows + N. */
-EOM_LOCAL void EOM(kalman_triangle)(int rows, int N, EOM_SCALAR *restrict W, EOM_SCALAR *restrict work)
+/* Fold the (m, width) numbers of B into the (k, width) numbers of T, whose first k columns are upper triangular, by reflections:
+ * T^T T + B^T B stays as it was, and the first k columns of B vanish; they are not written.  Rows of both are N apart.
+ * work: m + width. */
+EOM_LOCAL void EOM(kalman_fold)(int k, int m, int width, int N, EOM_SCALAR *restrict T, EOM_SCALAR *restrict B, EOM_SCALAR *restrict work)
 {
-    EOM_SCALAR *const mirror = work;
-    EOM_SCALAR *const product = &work[rows];
-    for (int k = 0; k < N; ++k) {
-        EOM_SCALAR square = (EOM_SCALAR)0.0;
-        for (int m = k; m < rows; ++m) {
-            mirror[m] = W[N * m + k];
-            square += mirror[m] * mirror[m];
+    EOM_SCALAR *restrict const mirror = work;
+    EOM_SCALAR *restrict const product = &work[m];
+    const int fours = m - m % 4;
+    for (int j = 0; j < k; ++j) {
+        EOM_SCALAR *restrict const top = &T[N * j];
+        const EOM_SCALAR head = top[j];
+        EOM_SCALAR square = head * head;
+        for (int r = 0; r < m; ++r) {
+            mirror[r] = B[N * r + j];
+            square += mirror[r] * mirror[r];
         }
         const EOM_SCALAR size = EOM_MATH(sqrt)(square);
-        const EOM_SCALAR head = mirror[k];
         const EOM_SCALAR end = (head > (EOM_SCALAR)0.0) ? -size : size;
-        mirror[k] = head - end;
-        const EOM_SCALAR half = size * (size + EOM_MATH(fabs)(head));
-        if (half > (EOM_SCALAR)0.0) {
-            for (int j = k + 1; j < N; ++j) { product[j] = (EOM_SCALAR)0.0; }
-            for (int m = k; m < rows; ++m) {
-                for (int j = k + 1; j < N; ++j) { product[j] += mirror[m] * W[N * m + j]; }
-            }
-            for (int m = k; m < rows; ++m) {
-                const EOM_SCALAR share = mirror[m] / half;
-                for (int j = k + 1; j < N; ++j) { W[N * m + j] -= share * product[j]; }
+        top[j] = end;
+        if (!(size > (EOM_SCALAR)0.0)) { continue; }
+        const EOM_SCALAR inverse = (EOM_SCALAR)1.0 / (head - end);
+        const EOM_SCALAR twice = (EOM_SCALAR)1.0 + EOM_MATH(fabs)(head) / size; /* by the mirror's square, whose head is 1 */
+        for (int r = 0; r < m; ++r) { mirror[r] *= inverse; }
+        for (int i = j + 1; i < width; ++i) { product[i] = top[i]; }
+        for (int r = 0; r < fours; r += 4) {
+            const EOM_SCALAR *restrict const row = &B[N * r];
+            for (int i = j + 1; i < width; ++i) {
+                product[i] += (mirror[r] * row[i] + mirror[r + 1] * row[N + i]) + (mirror[r + 2] * row[2 * N + i] + mirror[r + 3] * row[3 * N + i]);
             }
         }
-        W[(N + 1) * k] = end;
-        for (int m = k + 1; m < rows; ++m) { W[N * m + k] = (EOM_SCALAR)0.0; }
+        for (int r = fours; r < m; ++r) {
+            for (int i = j + 1; i < width; ++i) { product[i] += mirror[r] * B[N * r + i]; }
+        }
+        for (int i = j + 1; i < width; ++i) {
+            product[i] *= twice;
+            top[i] -= product[i];
+        }
+        for (int r = 0; r < fours; r += 4) {
+            EOM_SCALAR *restrict const first = &B[N * r];
+            EOM_SCALAR *restrict const second = &B[N * (r + 1)];
+            EOM_SCALAR *restrict const third = &B[N * (r + 2)];
+            EOM_SCALAR *restrict const fourth = &B[N * (r + 3)];
+            for (int i = j + 1; i < width; ++i) {
+                first[i] -= mirror[r] * product[i];
+                second[i] -= mirror[r + 1] * product[i];
+                third[i] -= mirror[r + 2] * product[i];
+                fourth[i] -= mirror[r + 3] * product[i];
+            }
+        }
+        for (int r = fours; r < m; ++r) {
+            for (int i = j + 1; i < width; ++i) { B[N * r + i] -= mirror[r] * product[i]; }
+        }
     }
 }
 
 /* Carry the square root U over a step; deviations: N standard deviations that the step adds, as of kalman_predict.
- * work: EOM_KALMAN_ROOM. */
+ * work: EOM_KALMAN_ROOM.
+ *
+ * U is taken to (q, v+, p) first, where its rows of q stay triangular, and then to q+ = q + dt v+.  What is triangular
+ * already, and noise, which is diagonal, is never reflected as a whole. */
 EOM_LOCAL void EOM(kalman_root_predict)(int n, int p, EOM_SCALAR dt, const EOM_SCALAR *restrict by, const EOM_SCALAR *restrict deviations, EOM_SCALAR *restrict U, EOM_SCALAR *restrict work)
 {
     const int N = 2 * n + p;
-    EOM_SCALAR *const W = work; /* (2 N, N) at most */
-    int rows = N;
+    const int lower = N * n;                   /* where rows of velocities begin */
+    const int last = 2 * lower;                /* and those of numbers that drift */
+    EOM_SCALAR *const W = work;                /* (N + n, N): rows of U, and those that noise of positions leaves */
+    EOM_SCALAR *const rest = &work[N * N + lower]; /* 3 N */
+    EOM_SCALAR largest = (EOM_SCALAR)0.0;
+    int rows = n + p; /* below those of positions */
     (void)memcpy(W, U, (size_t)(N * N) * sizeof *U);
     for (int k = 0; k < N; ++k) {
-        EOM_SCALAR *restrict const row = &W[N * k];
-        for (int i = 0; i < n; ++i) { row[n + i] = (EOM_SCALAR)0.0; }
-        for (int d = k; d < N; ++d) {
-            for (int i = 0; i < n; ++i) { row[n + i] += U[N * k + d] * by[n * d + i]; }
+        EOM_SCALAR *restrict const row = &W[N * k + n];
+        const EOM_SCALAR *restrict const from = &U[N * k];
+        int d = k;
+        for (int i = 0; i < n; ++i) { row[i] = (EOM_SCALAR)0.0; }
+        for (; d + 4 <= N; d += 4) {
+            const EOM_SCALAR *restrict const slopes = &by[n * d];
+            for (int i = 0; i < n; ++i) {
+                row[i] += (from[d] * slopes[i] + from[d + 1] * slopes[n + i]) + (from[d + 2] * slopes[2 * n + i] + from[d + 3] * slopes[3 * n + i]);
+            }
         }
-        for (int i = 0; i < n; ++i) { row[i] += dt * row[n + i]; }
+        for (; d < N; ++d) {
+            for (int i = 0; i < n; ++i) { row[i] += from[d] * by[n * d + i]; }
+        }
     }
+    (void)memset(U, 0, (size_t)(N * N) * sizeof *U);
     for (int d = 0; d < N; ++d) {
-        if (!(deviations[d] > (EOM_SCALAR)0.0)) { continue; }
-        for (int j = 0; j < N; ++j) { W[N * rows + j] = (EOM_SCALAR)0.0; }
-        W[N * rows + d] = deviations[d];
-        if ((d >= n) && (d < 2 * n)) { W[N * rows + d - n] = dt * deviations[d]; }
-        ++rows;
+        U[(N + 1) * d] = deviations[d];
+        if (d < n) { largest = (deviations[d] > largest) ? deviations[d] : largest; }
     }
-    EOM(kalman_triangle)(rows, N, W, &W[2 * N * N]);
-    (void)memcpy(U, W, (size_t)(N * N) * sizeof *U);
+    if (largest > (EOM_SCALAR)0.0) { /* positions have noise of their own */
+        EOM(kalman_fold)(n, n, N, N, U, W, rest);
+        (void)memcpy(&W[N * N], W, (size_t)lower * sizeof *W);
+        (void)memcpy(W, U, (size_t)lower * sizeof *W);
+        rows += n;
+    }
+    EOM(kalman_fold)(n, rows, n + p, N, &U[lower + n], &W[lower + n], rest);
+    EOM(kalman_fold)(p, rows, p, N, &U[last + 2 * n], &W[lower + 2 * n], rest);
+    for (int k = 0; k < n; ++k) {
+        for (int i = 0; i < n; ++i) {
+            W[N * k + i] += dt * W[N * k + n + i];
+            U[N * k + i] = dt * U[lower + N * k + n + i];
+        }
+        for (int i = n; i < N; ++i) { U[N * k + i] = U[lower + N * k + i]; }
+    }
+    EOM(kalman_fold)(n, n, N, N, U, W, rest);
+    for (int k = 0; k < n; ++k) { /* what is left of W is square */
+        EOM_SCALAR *const corner = &W[(N + 1) * k + n];
+        EOM(kalman_fold)(1, n - 1 - k, n + p - k, N, corner, &corner[N], rest);
+        (void)memcpy(&U[lower + (N + 1) * k + n], corner, (size_t)(n + p - k) * sizeof *U);
+    }
 }
 
-/* Take one measurement into the square root U, by rotations from the last row to the first; else as kalman_update.  work: N. */
+/* Take one measurement into the square root U, by rotations from the last row to the first; else as kalman_update.  work: 2 N. */
 EOM_LOCAL EOM_SCALAR EOM(kalman_root_update)(int N, const EOM_SCALAR *restrict row, EOM_SCALAR variance, EOM_SCALAR error, EOM_SCALAR *restrict U, EOM_SCALAR *restrict change, EOM_SCALAR *restrict work)
 {
     EOM_SCALAR *const covariance = work; /* of the state with what is measured, by the latter's standard deviation */
+    EOM_SCALAR *const slopes = &work[N]; /* of the measurement by each row of U */
     EOM_SCALAR deviation = EOM_MATH(sqrt)(variance);
-    for (int i = 0; i < N; ++i) { covariance[i] = (EOM_SCALAR)0.0; }
-    for (int k = N - 1; k >= 0; --k) {
+    int rows = 0; /* that the measurement depends on */
+    for (int i = 0; i < N; ++i) {
+        covariance[i] = (EOM_SCALAR)0.0;
+        slopes[i] = (EOM_SCALAR)0.0;
+    }
+    for (int d = 0; d < N; ++d) {
+        if (!((row[d] > (EOM_SCALAR)0.0) || (row[d] < (EOM_SCALAR)0.0))) { continue; }
+        for (int k = 0; k <= d; ++k) { slopes[k] += U[N * k + d] * row[d]; }
+        rows = d + 1;
+    }
+    for (int k = rows - 1; k >= 0; --k) {
         EOM_SCALAR *restrict const own = &U[N * k];
-        EOM_SCALAR slope = (EOM_SCALAR)0.0;
-        for (int d = k; d < N; ++d) { slope += own[d] * row[d]; }
+        const EOM_SCALAR slope = slopes[k];
         const EOM_SCALAR whole = EOM_MATH(sqrt)(deviation * deviation + slope * slope);
         const EOM_SCALAR c = deviation / whole;
         const EOM_SCALAR s = slope / whole;

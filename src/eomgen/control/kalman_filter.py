@@ -393,7 +393,7 @@ def filter_model(
 def _refuse_what_filters_lack(model: Model) -> None:
     """Refuse robots whose states are not coordinates and velocities that move freely."""
     lacks = {
-        "closed loops": model.constraints,
+        "closed loops, whose steps end on their constraint beside q + dt v": model.constraints,
         "states of laws": model.memory,
         "prescribed coordinates": model.prescribed,
         "joints with 3-DOF rotation": model.turning,

@@ -13,7 +13,7 @@ import numpy as np
 
 from .._version import __version__
 from ..codegen.c.source import environment
-from ..errors import InputError, check_kind
+from ..errors import check_kind
 from ..files import as_path, write_atomically
 from ..pipeline.stages import Options, make_source
 from ..progress import StageReport, no_report, tells_at_prompt
@@ -21,7 +21,6 @@ from .filter_steps import GENERAL_KERNELS, LINEAR_KERNELS, WRENCH_KERNELS
 from .kalman_filter import FilterModel, Observer
 from .sensing import Measurement
 
-IN_C = ("encoder", "tachometer")  # sensors whose readings are states
 LIBRARY = "kalman.h"
 
 
@@ -29,8 +28,8 @@ LIBRARY = "kalman.h"
 def write_observer(observer: Observer, folder: Path | str, *, progress: StageReport = no_report) -> list[Path]:
     """Write a filter as C99, with the robot's equations that it calls, and return the paths.
 
-    ``cc -c NAME.c NAME_observer.c`` in the folder compiles it; all warnings may be errors.  Sensors are encoders and
-    tachometers.
+    ``cc -c NAME.c NAME_observer.c`` in the folder compiles it, with NAME_innovation.c where that is there (where
+    readings are more than encoders and tachometers tell); all warnings may be errors.
 
     Args:
         observer: of ``eomgen.control.observer``; the C begins as that did.
@@ -38,7 +37,7 @@ def write_observer(observer: Observer, folder: Path | str, *, progress: StageRep
         progress: called with a line of text when a stage begins.
 
     Raises:
-        InputError: no observer, other sensors, biases, or a folder that cannot be written.
+        InputError: no observer, or a folder that cannot be written.
     """
     check_kind("observer", observer, isinstance(observer, Observer), "an observer (of eomgen.control.observer)")
     target = Path(as_path(folder, "folder"))
@@ -56,23 +55,39 @@ def _write(text: str, stream: IO[bytes]) -> None:
 
 
 def observer_files(observer: Observer) -> dict[str, str]:
-    """Return texts of a filter by their places in one folder: the robot's C, the filter's, and what both include.
-
-    Raises:
-        InputError: sensors that are no encoders or tachometers, or biases.
-    """
+    """Return texts of a filter by their places in one folder: the robot's C, the filter's, and what both include."""
     model, is_linear = observer.filter, observer.is_linear
-    _refuse_other_sensors(model.measurement)
-    kernels = (*(LINEAR_KERNELS[:2] if is_linear else GENERAL_KERNELS), *(WRENCH_KERNELS if model.links else ()))
-    robot = replace(model.measurement.robot, sensors=())
+    measurement = model.measurement
+    robot = replace(measurement.robot, sensors=()) if _reads_states(measurement) else measurement.robot
+    kernels = _kernels(model, is_linear=is_linear)
     source = make_source(robot, Options(kernels=kernels, dtype=model.dtype, batches=False))
     context = _context(model, is_linear=is_linear)
     made = {
         f"{source.name}_observer.{end}": environment().get_template(f"control/observer.{end}.jinja").render(context)
         for end in ("h", "c")
     }
+    sensors = {} if _reads_states(measurement) else measurement.sources(model.dtype)
     library = importlib.resources.files("eomgen.control").joinpath(LIBRARY).read_text(encoding="ascii")
-    return {**source.files, LIBRARY: library, **made}
+    return {**source.files, LIBRARY: library, **sensors, **made}
+
+
+def _reads_states(measurement: Measurement) -> bool:
+    """Whether all that is measured are numbers of q and v without biases, which need no kernels."""
+    return None not in measurement.places and not measurement.biased
+
+
+def _kernels(model: FilterModel, *, is_linear: bool) -> tuple[str, ...]:
+    """Name the kernels that the C of a filter calls."""
+    names = [*(LINEAR_KERNELS[:2] if is_linear else GENERAL_KERNELS), *(WRENCH_KERNELS if model.links else ())]
+    if _reads_states(model.measurement):
+        return tuple(names)
+    names += model.measurement.kernels
+    if model.measurement.depends_on_acceleration:
+        names += ["forward_dynamics", "forward_dynamics_jacobian"]
+    if model.parameters:
+        names += ["measurement_parameter_tangent"]
+        names += ["forward_dynamics_parameter_tangent"] if model.measurement.depends_on_acceleration else []
+    return tuple(names)
 
 
 def _context(model: FilterModel, *, is_linear: bool) -> dict[str, object]:
@@ -86,14 +101,8 @@ def _context(model: FilterModel, *, is_linear: bool) -> dict[str, object]:
     is_root = model.form == "square_root"
     noise = model.noise() if is_root else model.noise() ** 2
     measured = [
-        (
-            robot.coordinates.index(sensor.of) + (n if sensor.kind == "tachometer" else 0),
-            f"{name}, {deviation:g} {unit}",
-            literal(deviation**2),
-        )
-        for sensor, (name, unit), deviation in zip(
-            measurement.sensors, measurement.innovations, measurement.noise, strict=True
-        )
+        f"{name}, {deviation:g} {unit}"
+        for (name, unit), deviation in zip(measurement.innovations, measurement.noise, strict=True)
     ]
     return {
         "name": robot.name,
@@ -107,7 +116,13 @@ def _context(model: FilterModel, *, is_linear: bool) -> dict[str, object]:
         "n": n,
         "N": len(model.states),
         "states": model.states,
+        "reads_states": _reads_states(measurement),
+        "by_acceleration": measurement.depends_on_acceleration,
+        "readings": measurement.readings,
         "measured": measured,
+        "places": measurement.places,
+        "biased": measurement.biased,
+        "variances": [literal(x**2) for x in measurement.noise],
         "wrenches": [robot.links.index(link) for link in model.links],
         "links": len(robot.links),
         "parameters": len(parameters),
@@ -119,14 +134,3 @@ def _context(model: FilterModel, *, is_linear: bool) -> dict[str, object]:
         "deviations": [literal(x) for x in model.deviations()],
         "noise": [literal(x) for x in noise],
     }
-
-
-def _refuse_other_sensors(measurement: Measurement) -> None:
-    """Refuse sensors that the C of filters does not know."""
-    for sensor in measurement.sensors:
-        if sensor.kind not in IN_C:
-            raise InputError(
-                f"observer: {sensor.name} has no C; allowed: {', '.join(IN_C)}, or eomgen.control.observer in Python"
-            )
-    if measurement.biased:
-        raise InputError("observer: biases have no C; allowed: sensors without drift, or eomgen.control.observer")

@@ -26,6 +26,7 @@ NOISE: Mapping[str, float] = MappingProxyType(  # standard deviations of reading
 )
 KERNELS = ("measurement", "measurement_adjoint")  # that readings and their Jacobians take
 _LIKE = "KIND:NAME, such as encoder:joint1.gamma, torque:joint1.motor, imu:tcp, pose:tcp"
+_BEGINS = {"encoder": 0, "tachometer": 1}  # sensors of numbers of (q, v): of which of both
 _POSE = 12  # readings of a pose, rows of [R | X]
 
 
@@ -115,6 +116,16 @@ class Measurement(Picklable):
             x.kind in ("accelerometer", "imu") or (x.kind == "torque" and not x.of.endswith(".motor"))
             for x in self.sensors
         )
+
+    @property
+    def places(self) -> tuple[int | None, ...]:
+        """Places in (q, v) of the innovations that are numbers of them, as of encoders and tachometers; else None."""
+        names, found = build_model(self.robot).coordinates, list[int | None]()
+        for sensor in self.sensors:
+            place = names.index(sensor.of) if sensor.kind in _BEGINS else None
+            count = len(innovations(self.robot, sensor))
+            found += [None if place is None else place + _BEGINS[sensor.kind] * len(names)] * count
+        return tuple(found)
 
     @property
     def poses(self) -> tuple[tuple[int, int], ...]:
@@ -213,6 +224,7 @@ class Measurement(Picklable):
             "readings": self.readings,
             "innovations": [(*row, f"{x:g}") for row, x in zip(self.innovations, self.noise, strict=True)],
             "reading_of": [int(row.argmax()) if row.any() else -1 for row in rows],
+            "state_of": [-1 if place is None else place for place in self.places],
             "poses": self.poses,
             "real": real.name,
             **{word: real.literal(x) for word, x in (("zero", 0.0), ("half", 0.5), ("one", 1.0), ("two", 2.0))},
