@@ -203,15 +203,15 @@ EOM_LOCAL void EOM(kalman_root_predict)(int n, int p, EOM_SCALAR dt, const EOM_S
     for (int k = 0; k < N; ++k) {
         EOM_SCALAR *restrict const row = &W[N * k + n];
         const EOM_SCALAR *restrict const from = &U[N * k];
-        int d = k;
         for (int i = 0; i < n; ++i) { row[i] = (EOM_SCALAR)0.0; }
-        for (; d + 4 <= N; d += 4) {
+        for (int fours = 0; fours < (N - k) / 4; ++fours) {
+            const int d = k + 4 * fours;
             const EOM_SCALAR *restrict const slopes = &by[n * d];
             for (int i = 0; i < n; ++i) {
                 row[i] += (from[d] * slopes[i] + from[d + 1] * slopes[n + i]) + (from[d + 2] * slopes[2 * n + i] + from[d + 3] * slopes[3 * n + i]);
             }
         }
-        for (; d < N; ++d) {
+        for (int d = N - (N - k) % 4; d < N; ++d) {
             for (int i = 0; i < n; ++i) { row[i] += from[d] * by[n * d + i]; }
         }
     }

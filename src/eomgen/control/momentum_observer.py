@@ -7,7 +7,8 @@ it is
 
     r+ = exp(-K dt) r + (1 - exp(-K dt)) ((p+ - p) / dt - u - mean of C^T v + Q),
 
-exact where tau is constant, but for the mean, that of both ends.
+exact where tau is constant, but for the mean, that of both ends.  Of a closed mechanism all of this is taken along its
+independent coordinates, where forces of constraints do no work (``independent.py``): r is Z^T tau.
 
 Source: A. De Luca, R. Mattone, "Actuator Failure Detection and Isolation Using Generalized Momenta", ICRA 2003; S.
 Haddadin, A. De Luca, A. Albu-Schaeffer, "Robot Collisions: A Survey on Detection, Isolation, and Identification", IEEE
@@ -21,7 +22,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -35,9 +36,19 @@ from ..robot.mechanism import coordinate_of
 from ..robot.model import build_model
 from ..robot.value import PRINCIPAL, Coordinate, Robot
 from ..runtime.kernel import Kernel
+from . import independent
+from .independent import Independent
 
 KERNELS = ("generalized_momentum", "generalized_force")
 PerCoordinate = float | Sequence[float] | Mapping[str, float]  # a number for all, one each, or by names
+
+
+class Sample(NamedTuple):
+    """Numbers that an observer keeps of a sample: p, C^T v + Q, and slopes of dependent coordinates, (..., b, f)."""
+
+    momentum: NDArray[Any]
+    force: NDArray[Any]
+    slopes: NDArray[Any] | None
 
 
 class MomentumObserver:
@@ -47,10 +58,14 @@ class MomentumObserver:
     the torque of the spring.  With ``torque_sensors`` u are torques that are measured on the gears' outputs, and
     motors, gears and friction of joints are left out of the robot: q and v are those of the links alone.
 
+    Of closed mechanisms forces are found on independent coordinates, driven ones as far as they can be, each with what
+    acts on the coordinates that follow it; q, v and u have all coordinates.
+
     Attributes:
         robot: that is observed.
-        kernel: of it, with KERNELS.
-        external: the forces found, r, (..., n), N or N m; zero at the beginning.
+        kernels: names of the kernels that its kernel has.
+        coordinates: names of the coordinates that forces are found on, f: all, of closed mechanisms independent ones.
+        external: the forces found, r, (..., f), N or N m; zero at the beginning.
     """
 
     def __init__(
@@ -68,65 +83,78 @@ class MomentumObserver:
 
         Args:
             robot: a Robot, the name of a built-in one, or the path of a description.
-            gain: K, 1/s: of all coordinates, of each, or by their names (of all).
+            gain: K, 1/s: of all ``coordinates``, of each, or by their names (of all).
             dt: between samples, s.
             threshold: sizes of forces, N or N m, beyond which they are a collision; by names those of some coordinates.
             torque_sensors: whether u are torques measured on the gears' outputs.
             dtype: of the kernel and of the C.
-            kernel: one of the robot with KERNELS that is there already; built without one.
+            kernel: one of the robot with ``kernels`` that is there already; built without one.
 
         Raises:
-            InputError: numbers out of their range, or a robot whose external forces cannot be told: with loops or rigid
-                couplings, prescribed coordinates, or laws with states.
+            InputError: numbers out of their range, or a robot whose external forces cannot be told: with prescribed
+                coordinates, or laws with states.
+            LoopError: loops do not close near the described home.
             UnknownNameError: a name that is no coordinate.
         """
         whole = as_robot(robot)
         self.robot = links_alone(whole) if torque_sensors else whole
         _check_observable(self.robot)
-        self.coordinates = build_model(self.robot).coordinates
+        model, self.dtype, self._given = build_model(self.robot), np.dtype(dtype), kernel
+        self._size = model.size
+        self.kernels: tuple[str, ...] = KERNELS
+        self._independent: Independent | None = None
+        if model.constraints:
+            self.kernels = (*KERNELS, *independent.KERNELS, *independent.CHOICE)
+            assembled = self.kernel.assemble(np.asarray(model.home, self.dtype))
+            self._independent = Independent.of(self.kernel, assembled, model.driven)
+        kept = range(model.size) if self._independent is None else self._independent.free
+        self.coordinates = tuple(model.coordinates[i] for i in kept)
         if not _is_number(dt) or not 0.0 < dt < math.inf:
             raise InputError(f"dt: got {show(dt)}; allowed: a number above 0, s")
         self.dt = float(dt)
         self.gain = self._numbers("gain", gain, None)
         self.threshold = self._numbers("threshold", threshold, math.inf)
-        self.dtype = np.dtype(dtype)
-        self._given = kernel
         self._share = -np.expm1(-self.gain * self.dt).astype(self.dtype)
         self._keep = np.exp(-self.gain * self.dt).astype(self.dtype)
         self._per_second = self.dtype.type(1.0 / self.dt)
         self._half = self.dtype.type(0.5)
-        self._before: tuple[NDArray[Any], NDArray[Any]] | None = None
+        self._before: Sample | None = None
         self.external: NDArray[Any] = np.zeros(len(self.coordinates), self.dtype)
 
     @cached_property
     def kernel(self) -> Kernel:
-        """The kernel of the robot that is observed, with KERNELS."""
-        return self._given or build(self.robot, kernels=KERNELS, dtype=str(self.dtype))
+        """The kernel of the robot that is observed, with ``kernels``."""
+        return self._given or build(self.robot, kernels=self.kernels, dtype=str(self.dtype))
 
     def start(self, q: ArrayLike, v: ArrayLike) -> None:
         """Begin at a state, q and v, (..., n), with no external force; a first ``step`` does so, too."""
-        momentum, force = self._look(q, v)
-        self._before = momentum, force
-        self.external = np.zeros_like(momentum)
+        self._before = self._look(q, v)
+        self.external = np.zeros_like(self._before.momentum)
 
     def step(self, q: ArrayLike, v: ArrayLike, u: ArrayLike) -> NDArray[Any]:
-        """Take the next sample and return the external forces, (..., n), N or N m.
+        """Take the next sample and return the external forces, (..., f), N or N m.
 
         Args:
             q, v: the state now, (..., n).
             u: drives that were held since the sample before, (..., n).
+
+        Raises:
+            InputError: u of another shape.
+            SingularError: the independent coordinates of a closed mechanism do not hold the others in this state.
         """
         if self._before is None:
             self.start(q, v)
             return self.external
-        momentum, force = self._look(q, v)
+        now, before = self._look(q, v), self._before
         held = np.asarray(u, self.dtype)
-        if held.shape[-1:] != (len(self.coordinates),):
-            raise InputError(f"u: got the shape {held.shape}; allowed: (..., {len(self.coordinates)})")
-        known = self._half * (self._before[1] + force) + held
-        rate = (momentum - self._before[0]) * self._per_second
+        if held.shape[-1:] != (self._size,):
+            raise InputError(f"u: got the shape {held.shape}; allowed: (..., {self._size})")
+        if self._independent is not None and before.slopes is not None and now.slopes is not None:
+            held = self._independent.along(self._half * (before.slopes + now.slopes), held)
+        known = self._half * (before.force + now.force) + held
+        rate = (now.momentum - before.momentum) * self._per_second
         self.external = self._keep * self.external + self._share * (rate - known)
-        self._before = momentum, force
+        self._before = now
         return self.external
 
     @property
@@ -135,11 +163,16 @@ class MomentumObserver:
         beyond = ~(np.abs(self.external) <= self.threshold)
         return tuple(name for i, name in enumerate(self.coordinates) if np.any(beyond[..., i]))
 
+    @property
+    def kernels_in_c(self) -> tuple[str, ...]:
+        """Names of the kernels that the observer's C calls."""
+        return tuple(name for name in self.kernels if name not in independent.CHOICE)
+
     def sources(self) -> dict[str, str]:
-        """Return names and texts of the observer's C, which stands beside the robot's with KERNELS.
+        """Return names and texts of the observer's C, which stands beside the robot's with ``kernels_in_c``.
 
         It takes no heap, keeps its state in the caller's struct, and needs the same time for each sample.  Its numbers
-        are those of ``step`` to the bit, where products are not fused with sums.
+        are those of ``step`` to the bit, where products are not fused with sums; of closed mechanisms to round-off.
         """
         from ..codegen.c.scalar_types import SCALARS
         from ..codegen.c.source import environment
@@ -153,7 +186,10 @@ class MomentumObserver:
         context = {
             "name": self.robot.name,
             "version": __version__,
-            "n": len(self.coordinates),
+            "n": self._size,
+            "found": self.coordinates,
+            "independent": self._independent,
+            "constraints": len(build_model(self.robot).constraints),
             "dt": repr(self.dt),
             "real": scalar.name,
             "keep": literals(self._keep),
@@ -161,6 +197,7 @@ class MomentumObserver:
             "threshold": literals(np.minimum(self.threshold, largest)) if np.isfinite(self.threshold).any() else [],
             "half": scalar.literal(0.5),
             "zero": scalar.literal(0.0),
+            "one": scalar.literal(1.0),
             "per_second": scalar.literal(float(self._per_second)),
         }
         return {
@@ -171,20 +208,25 @@ class MomentumObserver:
         }
 
     def write(self, folder: Path | str) -> Path:
-        """Write the robot's package with KERNELS into a folder, and the observer's C into it; return its path.
+        """Write the robot's package with ``kernels_in_c`` into a folder, and the observer's C into it; return its path.
 
         Raises:
             InputError, BuildError, DerivationError: as of ``eomgen.generate``.
         """
-        package = generate(self.robot, folder, Options(KERNELS, str(self.dtype)))
+        package = generate(self.robot, folder, Options(self.kernels_in_c, str(self.dtype)))
         for name, text in self.sources().items():
             (package / name).write_text(text, encoding="ascii")
         return package
 
-    def _look(self, q: ArrayLike, v: ArrayLike) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Return p, and C^T v + Q."""
-        both = self.kernel.generalized_momentum(q, v)
-        return both[..., 0, :], both[..., 1, :] + self.kernel.generalized_force(q, v)
+    def _look(self, q: ArrayLike, v: ArrayLike) -> Sample:
+        """Return p, and C^T v + Q; of a closed mechanism along its independent coordinates, which turn."""
+        both, of = self.kernel.generalized_momentum(q, v), self._independent
+        momentum, force = both[..., 0, :], both[..., 1, :] + self.kernel.generalized_force(q, v)
+        if of is None:
+            return Sample(momentum, force, None)
+        slopes, inverse = of.follow(self.kernel, q)
+        force = force - of.turning(self.kernel, q, v, momentum, inverse)
+        return Sample(of.along(slopes, momentum), of.along(slopes, force), slopes)
 
     def _numbers(self, label: str, given: PerCoordinate, left: float | None) -> NDArray[np.float64]:
         """Return a positive number for each coordinate; ``left``: of those that are not named.
@@ -239,11 +281,6 @@ def links_alone(robot: Robot) -> Robot:
 def _check_observable(robot: Robot) -> None:
     """Refuse robots whose external forces do not follow from momentum and drives."""
     model = build_model(robot)
-    if model.constraints:
-        raise InputError(
-            f"robot: forces of constraints ({listed(model.constraints)}) act on coordinates beside external ones;"
-            " allowed: robots without loops and couplings that are rigid"
-        )
     prescribed = [name for name in model.coordinates if coordinate_of(robot, name).prescribed]
     if prescribed:
         raise InputError(
