@@ -33,10 +33,27 @@ def spatial_inertia(mass: float, place: list[float], inertia: tuple[float, float
     return casadi.sparsify(casadi.blockcat([[about, mass * arm], [mass * arm.T, mass * casadi.DM.eye(3)]]))
 
 
+def joints(chain: list[Body]) -> tuple[list[list[float]], list[float]]:
+    """Return where each joint is on its parent, m, and how its axis is turned there, rad."""
+    places = [[0.0, 0.0, 0.0], [0.0, 0.0, chain[0].before], *([body.before, 0.0, 0.0] for body in chain[1:])]
+    return places, [0.0, TWIST, *[0.0] * (len(chain) - 1)]
+
+
+def tip(segments: int) -> Any:
+    """Return the function of CasADi, x -> place of the tip, (3,)."""
+    chain = bodies(segments)
+    x = casadi.SX.sym("x", 2 * (len(chain) + 1))
+    turned, place = casadi.SX.eye(3), casadi.SX(3, 1)
+    for i, (at, twist) in enumerate(zip(*joints(chain), strict=True)):
+        place += turned @ casadi.DM(at)
+        turned = turned @ motion_transform(x[i], at, twist)[:3, :3].T
+    place += turned @ casadi.DM([chain[-1].length, 0.0, 0.0])
+    return casadi.Function("tip", [x], [place])
+
+
 def accelerations(chain: list[Body], q: Any, v: Any, u: Any) -> Any:
     """Return the expression of the accelerations of column and segments."""
-    places = [[0.0, 0.0, 0.0], [0.0, 0.0, chain[0].before], *([body.before, 0.0, 0.0] for body in chain[1:])]
-    twists = [0.0, TWIST, *[0.0] * (len(chain) - 1)]
+    places, twists = joints(chain)
     own = [spatial_inertia(COLUMN_MASS, COLUMN_PLACE, COLUMN_INERTIA)]
     own += [spatial_inertia(body.mass, [body.length / 2, 0.0, 0.0], body.inertia) for body in chain]
     laws = [(0.0, 0.0), *((body.stiffness, body.damping) for body in chain)]

@@ -1,12 +1,13 @@
 """Predictive control of the public arm with flexible links: the tip goes to a place and stays there.
 
-    python examples/flexible_arm/track.py [SECONDS] [--method gauss|implicit|rosenbrock] [--coarse] [--times]
+    python examples/flexible_arm/track.py [SECONDS] [--method gauss|implicit|rosenbrock] [--coarse] [--times] [--whole]
 
 A controller that knows two segments of each link, and their state by a Kalman filter from noisy measurements, moves a
 plant of ten.  --method integrates the intervals: by collocation at Gauss's points, with dynamics and derivatives of all
 of them in one call, or by a step of eomgen.adapters.casadi, a function of C for each.  --coarse has the published
 defaults, 30 intervals over 2 s, in the place of the 130 over 1.3 s of the published simulation.  --times shows what the
-linearization takes with the model by eomgen and by CasADi alone.
+linearization takes with the model by eomgen and by CasADi alone; --whole has the first prediction solved by fatrop,
+too, as one nonlinear program.
 """
 
 from __future__ import annotations
@@ -14,14 +15,15 @@ from __future__ import annotations
 import argparse
 import time
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi
 import numpy as np
 from arm import DRIVEN, arm
 from collocation import Collocation
-from plain import PlainDynamics, PlainIntegrator
+from plain import PlainDynamics, PlainIntegrator, tip
 from prediction import Goal, Problem, Step, Tracker
+from whole import WholeProgram
 
 import eomgen
 from eomgen.adapters.casadi import kernels_for_step, step
@@ -35,6 +37,7 @@ DYNAMICS = ("forward_dynamics", "forward_dynamics_jacobian")
 KERNELS = (*DYNAMICS, "inverse_dynamics", "mass_matrix", "frame_pose", "frame_jacobian")
 METHODS = ("gauss", "implicit", "rosenbrock")
 ROUNDS = 5
+NEAR, MOST_STEPS = 1e-4, 60  # N m, by which drives change at last
 
 
 @dataclass(frozen=True)
@@ -90,10 +93,10 @@ class CompiledStep:
 
     def __init__(self, method: str, segments: int, horizon: Horizon) -> None:
         kernel = eomgen.build(arm(segments), kernels=kernels_for_step(method))
-        function = step(kernel, method, dt=horizon.sample, substeps=horizon.steps, drives=DRIVEN)
+        self.states = step(kernel, method, dt=horizon.sample, substeps=horizon.steps, drives=DRIVEN)
         x, u = casadi.MX.sym("x", 2 * kernel.n), casadi.MX.sym("u", len(DRIVEN))
-        after = function(x, u)
-        both = casadi.Function("both", [x, u], [after, *function.jacobian()(x, u, after)])
+        after = self.states(x, u)
+        both = casadi.Function("both", [x, u], [after, *self.states.jacobian()(x, u, after)])
         self.function = both.map(horizon.intervals)
 
     def __call__(self, x: Array, u: Array) -> tuple[Array, Array, Array]:
@@ -169,6 +172,17 @@ class Run:
     before: Array
     after: Array
 
+    @property
+    def settled(self) -> int | None:
+        """The first sample from which on the tip is within 20 mm, or None."""
+        late = np.nonzero(self.distances > 0.02)[0]
+        return int(late[-1]) + 1 if late[-1] + 1 < len(self.distances) else None
+
+    @property
+    def times(self) -> tuple[float, float]:
+        """Medians of the times before the state is measured and after it, ms."""
+        return 1e3 * float(np.median(self.before)), 1e3 * float(np.median(self.after))
+
 
 def closed_loop(model: Model, plant: Model, horizon: Horizon, seconds: float, by: Step, noise: Array = NOISE) -> Run:
     """Return a motion of the plant from START to END, by what integrates intervals; noise has the same seed always."""
@@ -196,20 +210,45 @@ def closed_loop(model: Model, plant: Model, horizon: Horizon, seconds: float, by
     return Run(*(np.array(column) for column in zip(*rows, strict=True)))
 
 
-def report(run: Run, horizon: Horizon) -> None:
-    """Print what a run shows."""
+def opening(model: Model, plant: Model, horizon: Horizon) -> str:
+    """Say what is controlled by what."""
+    return (
+        f"controller: {model.n} coordinates, {horizon.intervals} intervals over {horizon.duration} s; plant: {plant.n}"
+    )
+
+
+def report(run: Run, horizon: Horizon) -> str:
+    """Say what a run shows."""
     off, sample = run.distances, horizon.sample
-    late = np.nonzero(off > 0.02)[0]
-    settled = f"within 20 mm from {sample * (late[-1] + 1):.2f} s on" if late[-1] + 1 < len(off) else "not within 20 mm"
-    print(f"tip: {1e3 * off[0]:.0f} mm to go, {settled}, at the end {1e3 * off[-1]:.1f} mm off")
+    settled = "not within 20 mm" if run.settled is None else f"within 20 mm from {sample * run.settled:.2f} s on"
     drives, rates = (np.abs(found).max(axis=0).round(1) for found in (run.drives, run.rates))
-    print(f"drives up to {drives} N m, rates up to {rates} rad/s")
-    before, after = 1e3 * np.median(run.before), 1e3 * np.median(run.after)
-    print(f"a sample of {1e3 * sample:.1f} ms: {before:.1f} ms before the state is measured, {after:.1f} ms after")
+    before, after = run.times
+    return (
+        f"tip: {1e3 * off[0]:.0f} mm to go, {settled}, at the end {1e3 * off[-1]:.1f} mm off\n"
+        f"drives up to {drives} N m, rates up to {rates} rad/s\n"
+        f"a sample of {1e3 * sample:.1f} ms: {before:.1f} ms before the state is measured, {after:.1f} ms after"
+    )
 
 
-def compare(model: Model, horizon: Horizon) -> None:
-    """Print what it takes to linearize the first prediction once and to get ready for that, and the angles' error."""
+class Linearization(NamedTuple):
+    """What it takes to linearize all intervals of a horizon.
+
+    Attributes:
+        method, model: how intervals are integrated, and by whose equations.
+        milliseconds: least processor time.
+        error: largest error of an angle, mrad.
+        ready: time until it could begin, s.
+    """
+
+    method: str
+    model: str
+    milliseconds: float
+    error: float
+    ready: float
+
+
+def compare(model: Model, horizon: Horizon) -> list[Linearization]:
+    """Measure what it takes to linearize the first prediction once and to get ready for that, and the angles' error."""
     tracker = Tracker(problem(model, horizon), intervals("gauss", model, horizon), model.tip)
     tracker.start(model.at_rest(START).x, model.at_rest(END))
     x, u = tracker.x[:-1], tracker.u
@@ -218,14 +257,17 @@ def compare(model: Model, horizon: Horizon) -> None:
         return Collocation(dynamics, model.select, horizon.sample, horizon.steps)
 
     ways = {
-        "gauss, eomgen": lambda: intervals("gauss", model, horizon),
-        "gauss, CasADi's SX, interpreted": lambda: collocation(PlainDynamics(SEGMENTS)),
-        "gauss, CasADi's SX as C, -O2": lambda: collocation(PlainDynamics(SEGMENTS, compiled=True)),
-        "gauss, CasADi's integrator": lambda: PlainIntegrator(SEGMENTS, model.select, horizon.sample, horizon.steps),
-        "implicit, eomgen's step": lambda: intervals("implicit", model, horizon),
-        "rosenbrock, eomgen's step": lambda: intervals("rosenbrock", model, horizon),
+        ("gauss", "eomgen, the states of all intervals in one call"): lambda: intervals("gauss", model, horizon),
+        ("gauss", "CasADi's SX, interpreted"): lambda: collocation(PlainDynamics(SEGMENTS)),
+        ("gauss", "CasADi's SX as C, `-O2`"): lambda: collocation(PlainDynamics(SEGMENTS, compiled=True)),
+        ("gauss", "CasADi's integrator and its Newton's method"): lambda: PlainIntegrator(
+            SEGMENTS, model.select, horizon.sample, horizon.steps
+        ),
+        ("implicit", "a step of `eomgen.adapters.casadi`"): lambda: intervals("implicit", model, horizon),
+        ("rosenbrock", "a step of `eomgen.adapters.casadi`"): lambda: intervals("rosenbrock", model, horizon),
     }
     exact = Collocation(model.dynamics, model.select, horizon.sample, 16 * horizon.steps)(x, u)[0]
+    found = []
     for name, make in ways.items():
         begin = time.perf_counter()
         by = make()
@@ -235,7 +277,48 @@ def compare(model: Model, horizon: Horizon) -> None:
             by(x, u)
             taken.append(time.process_time() - start)
         error = 1e3 * np.abs(after - exact)[:, : model.n].max()
-        print(f"{name}: {1e3 * min(taken):.1f} ms, error {error:.1g} mrad, ready in {ready - begin:.1f} s")
+        found.append(Linearization(*name, 1e3 * min(taken), error, ready - begin))
+    return found
+
+
+class Solved(NamedTuple):
+    """The first prediction as one nonlinear program, and by Gauss-Newton steps with a QP of HPIPM each.
+
+    Attributes:
+        method: how intervals are integrated.
+        iterations, seconds, cost: of fatrop, its processor time, and what is to be least.
+        steps, of_steps, cost_of_steps: how many steps come as near, their processor time, s, and the cost.
+        apart: largest difference of a drive of both, N m.
+        has_settled: whether drives change by less than NEAR at last.
+    """
+
+    method: str
+    iterations: int
+    seconds: float
+    cost: float
+    steps: int
+    of_steps: float
+    cost_of_steps: float
+    apart: float
+    has_settled: bool
+
+
+def solved(model: Model, horizon: Horizon, method: str) -> Solved:
+    """Solve the first prediction in both ways, from the guess that nothing moves."""
+    by, here, goal = CompiledStep(method, SEGMENTS, horizon), model.at_rest(START), model.at_rest(END)
+    program = WholeProgram(problem(model, horizon), by.states, tip(SEGMENTS))
+    whole = program.solve(here.x, goal)
+    tracker, steps, begin = Tracker(problem(model, horizon), by, model.tip), 0, time.process_time()
+    tracker.start(here.x, goal, 0)
+    change = np.inf
+    while change > NEAR and steps < MOST_STEPS:
+        before, steps = tracker.u.copy(), steps + 1
+        tracker.prepare(0.0)
+        tracker.feedback(here.x)
+        change = np.abs(tracker.u - before).max()
+    taken, apart = time.process_time() - begin, np.abs(tracker.u - whole.u).max()
+    cost = program.cost(tracker.x, tracker.u, goal)
+    return Solved(method, whole.iterations, whole.seconds, whole.cost, steps, taken, cost, apart, change <= NEAR)
 
 
 def main() -> None:
@@ -244,16 +327,20 @@ def main() -> None:
     parser.add_argument("--method", choices=METHODS, default="gauss", help="of the intervals; default gauss")
     parser.add_argument("--coarse", action="store_true", help="30 intervals over 2 s, sampled as seldom")
     parser.add_argument("--times", action="store_true", help="of the linearization, beside CasADi alone")
+    parser.add_argument("--whole", action="store_true", help="solve the first prediction by fatrop, too")
     arguments = parser.parse_args()
     horizon = COARSE if arguments.coarse else FINE
     model, plant = Model(SEGMENTS), Model(PLANT, "adaptive_rollout")
-    print(
-        f"controller: {model.n} coordinates, {horizon.intervals} intervals over {horizon.duration} s; plant: {plant.n}"
-    )
+    print(opening(model, plant, horizon))
     by = intervals(arguments.method, model, horizon)
-    report(closed_loop(model, plant, horizon, arguments.seconds, by), horizon)
-    if arguments.times:
-        compare(model, horizon)
+    print(report(closed_loop(model, plant, horizon, arguments.seconds, by), horizon))
+    for row in compare(model, horizon) if arguments.times else ():
+        way = f"{row.method}, {row.model}"
+        print(f"{way}: {row.milliseconds:.1f} ms, error {row.error:.1g} mrad, ready in {row.ready:.1f} s")
+    if arguments.whole:
+        found = solved(model, horizon, "implicit" if arguments.method == "gauss" else arguments.method)
+        print(f"{found.method}: fatrop {found.iterations} iterations, {1e3 * found.seconds:.0f} ms")
+        print(f"HPIPM {found.steps} QPs, {1e3 * found.of_steps:.0f} ms; drives {found.apart:.1g} N m apart")
 
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 import eomgen
 
 FOLDER = Path(__file__).parents[2] / "examples" / "flexible_arm"
-MODULES = ("arm", "collocation", "plain", "prediction", "track")
+MODULES = ("arm", "collocation", "figures", "plain", "prediction", "track", "whole")
 
 Array = NDArray[np.float64]
 Modules = Callable[[str], ModuleType]
@@ -47,6 +47,31 @@ def test_segments_have_the_published_numbers(module: Modules) -> None:
         assert sum(body.length for body in chain) == pytest.approx(1.0, rel=1e-12)
     assert arm.bodies(2)[0].inertia == pytest.approx((2.05275833e-05, 1.48587240e-04, 1.28125240e-04), rel=1e-8)
     assert arm.arm(0).joints[-1].name == "joint3"
+
+
+def test_the_page_says_what_the_code_has(module: Modules) -> None:
+    """Numbers between marks are written by figures.py; the others are those of the code."""
+    figures, track, arm = module("figures"), module("track"), module("arm")
+    page = (FOLDER / "README.md").read_text(encoding="utf-8")
+    names = ("motion", "motions", "linearizations", "programs")
+    rest = figures.filled(page, dict.fromkeys(names, ""))
+    assert not any(line.startswith("|") and " ms" in line for line in rest.splitlines())
+    wide, fine, coarse = arm.LENGTH, track.FINE, track.COARSE
+    said = [
+        *(f"{wide} m long", f"{1e3 * arm.HEIGHT:.0f} mm thick", f"chains of {track.SEGMENTS} segments"),
+        *(
+            f"plant of {track.PLANT}",
+            f"`--coarse`: {figures.RUNS[-1][2]:.0f} s",
+            f"{1e3 * coarse.sample:.1f} ms a sample",
+        ),
+        *(
+            f"{fine.intervals} intervals over {fine.duration} s",
+            *(f"{coarse.intervals} intervals over {coarse.duration:g} s", f"not settled after {track.MOST_STEPS}"),
+        ),
+        *(f"fine horizon is {1e3 * fine.sample:.0f} ms", f"less than {track.NEAR:.0e} N m".replace("e-0", "e-")),
+    ]
+    flat = " ".join(rest.split())
+    assert [text for text in said if text not in flat] == []
 
 
 def test_collocation_of_a_linear_system_is_the_pade_approximant(module: Modules) -> None:
@@ -154,6 +179,18 @@ def test_methods_of_intervals_agree(module: Modules) -> None:
     exact = track.intervals("gauss", model, fine)(x, u)
     for result, other in zip(track.intervals("rosenbrock", model, fine)(x, u), exact, strict=True):
         assert np.abs(result - other).max() < 1e-4 * np.abs(other).max()
+
+
+@pytest.mark.soak
+@pytest.mark.usefixtures("unoptimised")
+def test_fatrop_finds_what_steps_with_hpipm_find(module: Modules) -> None:
+    track = module("track")
+    found = track.solved(track.Model(track.SEGMENTS), track.Horizon(20, 0.2, 1), "implicit")
+    assert 0 < found.iterations < 100
+    assert 0 < found.steps < track.MOST_STEPS
+    assert found.has_settled
+    assert found.apart < 1e-2
+    assert found.cost_of_steps == pytest.approx(found.cost, rel=1e-4)
 
 
 @pytest.mark.soak

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
+from pathlib import Path
 from typing import Any
 
 import mpmath
@@ -244,6 +245,19 @@ def test_operations_of_the_second_order(name: str, kernel: str, most: float) -> 
     model = build_model(eomgen.load_robot(name))
     once, twice = (sum(derive(model, x).count().values()) for x in (kernel, f"{kernel}_jet2"))
     assert twice <= most * once
+
+
+@pytest.mark.soak
+def test_operations_of_matrices_are_those_that_the_page_states() -> None:
+    model, known = build_model(eomgen.load_robot("ur5")), dict[str, Program]()
+    page = " ".join((Path(__file__).parents[3] / "docs" / "derivatives.md").read_text(encoding="utf-8").split())
+    once, ratios = [], []
+    for name in ("christoffel", "forward_dynamics_jacobian"):
+        counts = [sum(derive(model, f"{name}_jet{k}", known=known).count().values()) for k in ORDERS]
+        once.append(sum(derive(model, name, known=known).count().values()))
+        ratios.append([count / once[-1] for count in counts])
+    one, two, three, four = (f"{max(both):.1f}" for both in zip(*ratios, strict=True))
+    assert f"`ur5` {once[0]} and {once[1]}, and up to {one}, {two}, {three} and {four} times as many" in page
 
 
 def test_every_function_has_time_derivatives() -> None:
