@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from eomgen.robot.model import Model
 
 from eomgen.names import component_name
+from eomgen.once import kept
 from eomgen.robot.value import readings
 
 from ..tree.regressor import regressor_names
@@ -459,6 +460,11 @@ def _pairs(n: int) -> dict[str, tuple[int, ...]]:
 
 def shapes(model: Model, kernels: Collection[str] | None = None) -> dict[str, tuple[int, ...]]:
     """Return the shapes of arrays that kernels read and write; with names, of derivatives' arrays of these alone."""
+    return dict(_shapes(model, None if kernels is None else frozenset(kernels)))
+
+
+@kept
+def _shapes(model: Model, kernels: frozenset[str] | None) -> dict[str, tuple[int, ...]]:
     n = model.size
     vectors: dict[str, tuple[int, ...]] = dict.fromkeys(("q", "v", "a", "u", "added", "vector"), (n,))
     vectors |= dict.fromkeys(("kp", "kd", "rates", "shifts"), (n,))

@@ -211,8 +211,18 @@ def key_of(parts: Mapping[str, Any]) -> str:
 @cache
 def carried_files() -> dict[str, Path]:
     """Return files of eomgen that a package has byte-identical copies of, by their places in it, sorted."""
-    root = Path(str(importlib.resources.files("eomgen.runtime"))).parent
+    root = _root()
     return {path.relative_to(root).as_posix(): path for pattern in CARRIED for path in sorted(root.glob(pattern))}
+
+
+def carried_contents() -> dict[str, bytes]:
+    """Return the content of ``carried_files`` by their places in a package."""
+    return {place: path.read_bytes() for place, path in carried_files().items()}
+
+
+def _root() -> Path:
+    """Return eomgen's folder."""
+    return Path(str(importlib.resources.files("eomgen.runtime"))).parent
 
 
 @dataclass(frozen=True)
@@ -236,7 +246,9 @@ def write_package(
     level: str = BASE,
     linked: Linked = Linked(),
 ) -> None:
-    """Write and compile the package of a kernel into an empty folder.
+    """Write and compile the package of a kernel into an empty folder, without ``carried_contents``.
+
+    Those are the same for all packages: headers of the C library are included from eomgen's own folder.
 
     Args:
         level: of processors that the flags are for, or "native".
@@ -251,9 +263,6 @@ def write_package(
     (folder / f"{name}.json").write_text(source.meta, encoding="ascii")
     package = environment().get_template(PACKAGE).render(name=name, version=__version__, level=level)
     (folder / "__init__.py").write_text(package, encoding="ascii")
-    for place, original in carried_files().items():
-        (folder / place).parent.mkdir(exist_ok=True)
-        (folder / place).write_bytes(original.read_bytes())
     headers = _headers()
     if headers is None:
         _build_abi(source, compiler, flags, folder, linked)
@@ -277,7 +286,7 @@ def _build_api(
     ffi.cdef(source.cdef)
     wrapper, made = work / f"_{name}.c", work / "wrapper.o"
     make_c_source(ffi, f"_{name}", f'#include "{name}.h"', str(wrapper))  # emit_c_code prints to stdout
-    include = ("-iquote", str(folder), "-I", headers)  # a robot may be named as a system header is
+    include = ("-iquote", str(folder), *_library_headers(), "-I", headers)  # a robot may be named as a system header is
     # -O0: the wrapper passes pointers on, and optimising it takes longer than many a kernel
     job = [*compiler.command, "-c", "-fPIC", "-O0", *compiler.flags, *include, str(wrapper), "-o", str(made)]
     objects = [*_compile(source, compiler, flags, folder, linked, [job]), made]
@@ -295,6 +304,7 @@ def _compile(
     jobs = [
         [
             *(*compiler.command, "-c", "-fPIC", *_first_flags(source), *flags, *_only(half, source)),
+            *_library_headers(),
             *((f"-D{LINKED}",) if half in linked.halves else ()),
             *(str(folder / f"{source.name}.c"), "-o", str(target)),
         ]
@@ -305,6 +315,11 @@ def _compile(
         objects.append(folder / "build" / f"library{number}.o")
         objects[-1].write_bytes(data)
     return objects
+
+
+def _library_headers() -> tuple[str, ...]:
+    """Return flags by which C beside none of the library's headers includes eomgen's own, which are the same."""
+    return ("-iquote", str(_root()))
 
 
 def _first_flags(source: Source) -> tuple[str, ...]:

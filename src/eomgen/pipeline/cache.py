@@ -35,7 +35,7 @@ Files = Mapping[str, bytes]
 
 @dataclass(frozen=True)
 class Entry:
-    """An entry of the cache: files by name ("runtime/kernel.py"), whose hashes were checked."""
+    """An entry of the cache: files by name ("one_link.json"), whose hashes were checked."""
 
     kind: str
     key: str
@@ -181,9 +181,7 @@ def _make_locked(root: Path, kind: str, key: str, make: Callable[[Path], None]) 
         present = _read(root, kind, key)
         if present is not None:  # another process was faster
             return present
-        if alone:  # then whatever passes for this key is a killed process's
-            _remove(path for mark in PASSING for path in root.glob(f"{mark}{key}-*"))
-        _sweep(root, DAY)
+        _sweep(root, DAY, key if alone else "")
         private = Path(tempfile.mkdtemp(prefix=f"making-{key}-", dir=root))
         try:
             make(private)
@@ -228,21 +226,20 @@ def _put_away(root: Path, kind: str, key: str) -> None:
     shutil.rmtree(doomed, ignore_errors=True)
 
 
-def _sweep(root: Path, age: float) -> None:
-    """Remove what processes left that were killed more than ``age`` seconds ago."""
-    before, old = time.time() - age, []
-    for path in root.iterdir() if root.is_dir() else ():
+def _sweep(root: Path, age: float, own: str = "") -> None:
+    """Remove what processes left that were killed more than ``age`` seconds ago.
+
+    Args:
+        own: a key that this process alone makes, so that whatever passes for it is a killed process's.
+    """
+    before, killed = time.time() - age, tuple(f"{mark}{own}-" for mark in PASSING if own)
+    for name in os.listdir(root) if root.is_dir() else ():
         try:
-            if path.name.startswith(PASSING) and path.lstat().st_mtime <= before:
-                old.append(path)
+            doomed = name.startswith(PASSING) and (name.startswith(killed) or (root / name).lstat().st_mtime <= before)
         except OSError:  # gone
             continue
-    _remove(old)
-
-
-def _remove(folders: Iterator[Path] | list[Path]) -> None:
-    for folder in folders:
-        shutil.rmtree(folder, ignore_errors=True)
+        if doomed:
+            shutil.rmtree(root / name, ignore_errors=True)
 
 
 def _seal(folder: Path, kind: str, key: str) -> Files:

@@ -4,7 +4,7 @@
     build_model      Robot              Model       the ordered tree, its coordinates and parameters
     derive_equations Model              Equations   SymPy joint blocks bound along the tree: one program per kernel
     render           Equations          Source      C, header, metadata
-    write_package    Source             package     compiled, importable with NumPy and cffi alone
+    write_package    Source             package     compiled; with what all carry importable with NumPy and cffi alone
     check_package    package            package     it answers samples of the equations as they do
     load_kernel      package            Kernel      the NumPy interface
 
@@ -326,7 +326,7 @@ def generate(
 
 def _files_of_levels(robot: Robot, options: Options, progress: StageReport) -> store.Files:
     """Return files of a package, and the binaries of each further x86-64 level in a folder."""
-    from ..codegen.package.compile import find_compiler
+    from ..codegen.package.compile import carried_contents, find_compiler
     from ..codegen.package.levels import check_possible, possible_levels
 
     compiler = find_compiler()
@@ -335,8 +335,8 @@ def _files_of_levels(robot: Robot, options: Options, progress: StageReport) -> s
         check_possible(options.level, possible)
     levels = ("",) if options.native else (options.level,) if options.level else possible
     made = [make_package(robot, replace(options, level=level), progress, compiler).files for level in levels]
-    collected = dict(made[0])
-    for level, files in zip(levels[1:], made[1:], strict=True):  # of the runtime there is one for all
+    collected = {**carried_contents(), **made[0]}
+    for level, files in zip(levels[1:], made[1:], strict=True):
         loaded = [x for x in files if "/" not in x and (x.endswith(_BINARIES) or x == f"_{robot.name}.py")]
         collected |= {f"{level}/{file}": files[file] for file in loaded}
     return collected

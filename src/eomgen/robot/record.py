@@ -12,6 +12,7 @@ from ..errors import InputError, check_kind
 from ..forms.plain import value_of
 from ..limits import LARGEST
 from ..names import show
+from ..once import kept
 from .value import COORDINATES, Joint, Loop, Robot
 
 
@@ -69,6 +70,7 @@ def _is_unused(item: dataclasses.Field[Any], value: object) -> bool:
     return bool(value == empty)
 
 
+@kept
 def robot_hash(robot: Robot) -> str:
     """Return the SHA-256 of a robot, hexadecimal: of all its values but ``source`` and ``notes``."""
     values_of = {**record_of(robot), "source": "", "notes": ""}

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 import eomgen
-from eomgen.codegen.package.compile import FLAGS, WARNINGS, find_compiler
+from eomgen.codegen.package.compile import FLAGS, WARNINGS, carried_contents, find_compiler
 from eomgen.errors import BuildError
 from eomgen.pipeline import cache
 from eomgen.pipeline.stages import Options, make_package
@@ -101,7 +101,8 @@ def single() -> cache.Entry:
 
 def unpacked(package: cache.Entry, folder: Path) -> Path:
     """Write a package's C and headers into a folder; its own .c, which stands for all."""
-    sources = {name: data for name, data in package.files.items() if name.endswith((".c", ".h"))}
+    files = {**package.files, **carried_contents()}
+    sources = {name: data for name, data in files.items() if name.endswith((".c", ".h"))}
     for name, data in sources.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_bytes(data)

@@ -22,8 +22,9 @@ import eomgen
 from eomgen.codegen.c.source import Source
 from eomgen.codegen.c.sources import render
 from eomgen.codegen.kernels.equations import derive_equations
-from eomgen.codegen.package.compile import compile_flags, find_compiler, write_package
+from eomgen.codegen.package.compile import carried_contents, compile_flags, find_compiler, write_package
 from eomgen.description.builtin import builtin_robots
+from eomgen.pipeline.cache import write_files
 from eomgen.robot.model import Model, build_model
 from eomgen.robot.value import Coordinate, Friction, Robot
 from eomgen.runtime.levels import supported
@@ -116,6 +117,7 @@ def moved(source: Source, model: Model, folder: Path, flags: tuple[str, ...]) ->
     except subprocess.CalledProcessError:
         pytest.skip("this compiler fills no locals")
     write_package(source, compiler, compile_flags(compiler, False, (), level), folder / source.name, level)
+    write_files(folder / source.name, carried_contents())
     np.savez(folder / watched_calls.STATES, **states_of(model))
     environment, results = {**os.environ, "ASAN_OPTIONS": "detect_leaks=0"}, folder / "results.npz"
     if SANITIZERS[1] in flags:
