@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import os
 import shutil
+import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -37,6 +38,8 @@ def pytest_configure(config: pytest.Config) -> None:
         if other != here and other.stat().st_mtime < time.time() - 86400:
             shutil.rmtree(other, ignore_errors=True)
     os.environ[VARIABLE] = str(here)
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # compiling eomgen is half of the time of each process of a test
+    sys.dont_write_bytecode = False
     gc.set_threshold(100_000, 20, 20)  # SymPy's caches and many modules make every search for cycles long
 
 

@@ -14,6 +14,8 @@ from scipy.integrate import solve_ivp
 import eomgen
 from eomgen.description.load import robot_from_toml
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 ROD = """
 name = "spin_up"
 gravity = [0.0, 0.0, 0.0]

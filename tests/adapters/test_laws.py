@@ -28,9 +28,8 @@ from tests.support.every_element import robot_with
 
 NAMES = ("forward_dynamics", "generalized_force", "energy", "mass_matrix")
 FAMILIES = [
-    JointStiffnesses,
     MemoryLaws,
-    *(pytest.param(family, marks=pytest.mark.soak) for family in (JointDampers, Bushings)),
+    *(pytest.param(family, marks=pytest.mark.soak) for family in (JointStiffnesses, JointDampers, Bushings)),
 ]
 
 

@@ -19,6 +19,8 @@ from eomgen.description.load import robot_from_toml
 from eomgen.errors import InputError, IntegrationError, UnknownNameError
 from tests.support.observer_code import CompiledObserver
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 Array = NDArray[np.float64]
 GAMMA = "encoder:joint1.gamma"
 STIFFNESS = "joints.joint1.x.stiffness"

@@ -162,7 +162,7 @@ def with_matrix() -> Robot:
     [
         (bristle_arm, {"joints.j1.gamma.friction.coulomb": 0.2}),
         pytest.param(bristle_linkage, {}, marks=pytest.mark.soak),
-        (with_matrix, {"joints.neck.stiffness.x.beta": 1.0}),
+        pytest.param(with_matrix, {"joints.neck.stiffness.x.beta": 1.0}, marks=pytest.mark.soak),
     ],
 )
 def test_what_moves_on_a_page_moves_as_rollouts_of_python(
@@ -206,6 +206,7 @@ def test_what_moves_on_a_page_moves_as_rollouts_of_python(
         assert found["plots"] == []
 
 
+@pytest.mark.soak
 @pytest.mark.skipif(NODE is None, reason="node is not installed")
 def test_servo_drives_take_references_from_a_page(tmp_path: Path) -> None:
     """Positions of the program at the shafts, held over a period, and a push beside the drives, as in Python."""

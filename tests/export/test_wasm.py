@@ -25,6 +25,8 @@ from tests.support.bending_exports import BENDING
 from tests.support.bristles import bent, bristle_linkage, remembering_arm, servo_arm, wide
 from tests.support.random_robots import random_robot
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 pytest.importorskip("ziglang", reason="the compiler for WebAssembly is not installed")
 NODE = shutil.which("node")
 needs_node = pytest.mark.skipif(NODE is None, reason="node is not installed")
@@ -153,10 +155,9 @@ def test_under_node_functions_and_rollouts_have_the_same_bits(tmp_path: Path) ->
     compare_rollouts(tmp_path, robot)
 
 
+@pytest.mark.soak
 @needs_node
-@pytest.mark.parametrize(
-    "make", [remembering_arm, *(pytest.param(x, marks=pytest.mark.soak) for x in (bristle_linkage, servo_arm))]
-)
+@pytest.mark.parametrize("make", [remembering_arm, bristle_linkage, servo_arm])
 def test_states_of_laws_stand_behind_coordinates(make: Callable[[], Robot], tmp_path: Path) -> None:
     """Arrays are those of the C: coordinates, then states; messages name both."""
     robot = make()

@@ -26,6 +26,8 @@ from eomgen.simulation.assembly import assemble
 
 from .test_wasm import needs_node, with_node
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 pytest.importorskip("ziglang", reason="the compiler for WebAssembly is not installed")
 TSC = shutil.which("tsc")
 

@@ -62,7 +62,7 @@ def equal(narrow: Any, wide: Any, axes: int) -> bool:
     return narrow.shape == part.shape and bool((narrow == part).all())
 
 
-@pytest.mark.parametrize("lead", [(), (3,), (2, 2)])
+@pytest.mark.parametrize("lead", [(), pytest.param((3,), marks=pytest.mark.soak), (2, 2)])
 def test_all_methods_take_coordinates_alone(kernel: eomgen.Kernel, lead: tuple[int, ...]) -> None:
     s = State(kernel, lead)
     axes = {"mass_matrix": 2, "gravity": 1, "christoffel": 3, "bias_force": 1, "nonlinear_effects": 1}

@@ -19,6 +19,8 @@ from eomgen.integration import integrate
 from eomgen.robot.model import build_model
 from tests.support.bending_links import Points, bending_chain
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 Array = NDArray[np.float64]
 STEP = 1e-20  # of complex differences
 
