@@ -175,8 +175,8 @@ def test_the_page_runs(tmp_path: Path) -> None:
         assert np.isfinite(result.trajectory.q).all()
         assert result.balance is not None
         assert result.balance.relative_residue < 1e-3, block
-    (code,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
-    subprocess.run([sys.executable, "-c", code], check=True, cwd=tmp_path)
+    for code in re.findall(r"```python\n(.*?)```", text, re.DOTALL):
+        subprocess.run([sys.executable, "-c", code], check=True, cwd=tmp_path)
 
 
 def test_the_page_names_all_keys() -> None:
