@@ -14,7 +14,6 @@ from .._version import __version__
 from ..arrays import Array
 from ..codegen.c.scalar_types import SCALARS
 from ..codegen.c.source import environment
-from ..codegen.kernels.signatures import DTYPES
 from ..description import RobotLike, as_robot
 from ..errors import InputError
 from ..files import as_path
@@ -77,8 +76,8 @@ def feedforward_files(
     robot = as_robot(robot)
     if not (is_usable(dt) and dt > 0.0):
         raise InputError(f"dt: {show(dt)}; allowed: a time above 0, up to {LARGEST:g} s")
-    if dtype not in DTYPES:
-        raise InputError(f"dtype: {show(dtype)} is unknown; allowed: {', '.join(DTYPES)}")
+    if dtype not in SCALARS:
+        raise InputError(f"dtype: {show(dtype)} is unknown; allowed: {', '.join(SCALARS)}")
     progress("looking at the gears")
     parts = _parts_of(robot, friction_smoothing)
     progress("deriving the equations")
