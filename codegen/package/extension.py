@@ -18,7 +18,7 @@ from eomgen.runtime.direct import NAME
 from .compile import Compiler, key_of, link_shared, run_all, toolchain
 
 FLAGS = ("-O3", "-DNDEBUG", "-Wall", "-Wextra", "-Wconversion")  # -O3 for the search for NaN, which is a loop
-FILE, HEADERS = "direct.c", ("direct_types.h", "direct_calls.h", "direct_data.h")
+FILE, HEADERS = "direct.c", ("direct_types.h", "direct_calls.h", "direct_numbers.h", "direct_data.h")
 
 
 def extension_key(compiler: Compiler) -> str | None:
