@@ -62,6 +62,7 @@ bench: $(VENV)/.bench
 	$(BIN)/python -m benchmarks.peers
 	$(BIN)/python -m benchmarks.precision
 	$(BIN)/python -m benchmarks.rotor
+	$(BIN)/python -m benchmarks.tiles
 	$(BIN)/python -m benchmarks.wasm
 	$(BIN)/python docs/tables.py
 

@@ -1,8 +1,11 @@
 /* lanes.c: what tests call of lanes.h. */
 #include "lanes.h"
 
+#include "batches.h"
+
 int width(void);
 void pass_on(size_t count, const EOM_SCALAR *x, size_t x_step, int read, const unsigned short *place, int written, EOM_SCALAR *y, size_t y_step);
+void pass_on_tiles(size_t count, const EOM_SCALAR *x, int read, const unsigned short *place, int written, EOM_SCALAR *y);
 void whole(EOM_SCALAR x, EOM_SCALAR *y);
 void by_numbers(size_t count, const EOM_SCALAR *x, EOM_SCALAR *y);
 void by_vectors(size_t count, const EOM_SCALAR *x, EOM_SCALAR *y);
@@ -20,6 +23,16 @@ void pass_on(size_t count, const EOM_SCALAR *x, size_t x_step, int read, const u
         const int more = count - i >= AHEAD + LANES;
         gather(&x[i * x_step], x_step, here, more, read, numbers);
         scatter(numbers, place, here, more, written, y_step, &y[i * y_step]);
+    }
+}
+
+/* Read numbers of count states in tiles, LANES at a time, and write them into tiles, or those at place. */
+void pass_on_tiles(size_t count, const EOM_SCALAR *x, int read, const unsigned short *place, int written, EOM_SCALAR *y)
+{
+    lanes numbers[64];
+    for (size_t i = 0; i < count; i += LANES) {
+        from_tiles(x, i, count, read, numbers);
+        into_tiles(numbers, place, i, count, written, y);
     }
 }
 

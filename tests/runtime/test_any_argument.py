@@ -93,6 +93,33 @@ def test_any_argument_is_taken_or_refused(kernel: Kernel, steps: dict[str, Any])
     assert wrong == []
 
 
+def test_any_argument_on_tiles_is_taken_or_refused(kernel: Kernel) -> None:
+    """Methods on tiles, beside tiles and one state that they take, and conversions."""
+    tried, wrong = 0, []
+    still = np.zeros(len(kernel.coordinates))
+    tiles = kernel.tiled.pack(np.zeros((3, still.size)))
+    others = (tiles, tiles[:, :, :5], tiles.astype(np.float32), [tiles], *({kernel.links[0]: x} for x in WRONG))
+    known: dict[str, dict[str, Any]] = {
+        name: {key: np.zeros((1, *x.shape, 8)) if isinstance(x, np.ndarray) else x for key, x in needed.items()}
+        for name, needed in calls(kernel, FIXED)
+        if name in dir(kernel.tiled)
+    }
+    for name, needed in {**known, "pack": {"x": still}, "unpack": {"x": tiles, "N": 3}}.items():
+        method = getattr(kernel.tiled, name)
+        for key in inspect.signature(method).parameters:
+            for value in (*WRONG, *others):
+                tried += 1
+                try:
+                    method(**{**needed, key: value})
+                except InputError as error:
+                    if not (str(error).isascii() and str(error).isprintable()):
+                        wrong.append(f"{name}: {key}={value!r}: {error!r}")
+                except Exception as error:
+                    wrong.append(f"{name}: {key}={value!r}: {type(error).__name__}: {error}")
+    assert tried > 1000
+    assert wrong == []
+
+
 NO_NUMBERS: tuple[Any, ...] = (
     *([10**400] * 2, ["1", "2"], [1j, 2j], np.ma.array([1.0, 2.0], mask=[True, False]), [[1], [1, 2]], "x", object()),
     *([None, None], {}, [1.0, np.nan]),

@@ -16,6 +16,7 @@ from .calls import Calls
 from .direct import DirectFunctions, ExtensionBinding
 from .parameters import Parameters
 from .raw import Array, Libraries, Operations, RawKernel
+from .tiled import Tiled
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -184,7 +185,32 @@ class CompiledCode:
         """Copy this kernel, not bound to an extension module."""
         other = object.__new__(type(self))
         other.__dict__.update(self.__dict__.get("_plain", self).__dict__)  # a third of the time of copy.copy
+        other.__dict__.pop("_tiled", None)
         return other
+
+    def _methods_of_functions(self) -> dict[str, FunctionType]:
+        """Return methods with the names of functions; not those of a subclass elsewhere."""
+        known = {name: getattr(type(self), name, None) for name in self.raw.functions}
+        return {
+            name: method
+            for name, method in known.items()
+            if isinstance(method, FunctionType) and method.__module__.startswith(PACKAGE)
+        }
+
+    @property
+    def tiled(self) -> Tiled:
+        """Methods of the same names on tiles, (ceil(N / W), n, W), and their conversion; see ``Tiled``.
+
+        They do without the transposes that arrays (N, n) take.
+        """
+        tiled: Tiled | None = self.__dict__.get("_tiled")
+        if tiled is None:
+            plain = self.__dict__["_plain"] if self.is_direct else self._with_methods_in_python()
+            tiled = Tiled(plain, self._methods_of_functions())
+            if self.is_direct and self._functions is not None:
+                tiled.bind(plain, self._functions, self.parameters.state)
+            self.__dict__["_tiled"] = tiled
+        return tiled
 
     def bind(self, module: ModuleType) -> None:
         """Let plain calls of methods go through an extension module.
@@ -193,12 +219,7 @@ class CompiledCode:
         they do so for a second kernel that has none of them, so that no kernel is in a circle of references.
         """
         if self._functions is None or self._functions.module is not module:
-            known = {name: getattr(type(self), name, None) for name in self.raw.functions}
-            methods = {  # not those of a subclass elsewhere
-                name: method
-                for name, method in known.items()
-                if isinstance(method, FunctionType) and method.__module__.startswith(PACKAGE)
-            }
+            methods = self._methods_of_functions()
             self._functions = DirectFunctions(module, self.raw, methods, self.frames, self._given)
         plain = self._with_methods_in_python()
         state = self.parameters.state
@@ -207,6 +228,8 @@ class CompiledCode:
         module.bind(self._functions.methods, plain, state, self.__dict__)
         self.__dict__["_plain"] = plain
         self.__dict__["_direct_jets"] = {}
+        if "_tiled" in self.__dict__:
+            self.__dict__["_tiled"].bind(plain, self._functions, state)
 
     def _bound_jet(self, name: str) -> Callable[..., tuple[Array, ...]] | None:
         """Return a function of time derivatives through the extension module; None where there is none."""

@@ -7,10 +7,10 @@
  * kernel: a Function and a State, with a kernel that has methods in Python alone.
  *
  * A call is plain where every array is an ndarray itself (no subclass) of the kernel's dtype, aligned, C-contiguous, of
- * exactly the shape of one state or of N of them, and no keyword asks for more than `out` and `wrench`.  Whatever is
- * not plain, and whatever turns out not to be regular (NaN, infinity, a singular mass matrix), is left to the method in
- * Python, which is called with the very same arguments: it computes what has to be computed, or raises.  So results and
- * messages are the same by construction.
+ * exactly the shape of one state or of N of them, and no keyword asks for more than `out` and `wrench`.  Functions with a
+ * tile take one state or tiles of them.  Whatever is not plain, and whatever turns out not to be regular (NaN, infinity, a
+ * singular mass matrix), is left to the method in Python, which is called with the very same arguments: it computes what
+ * has to be computed, or raises.  So results and messages are the same by construction.
  *
  * A generated package carries a copy of this file and of its headers, and what they were compiled to where Python's
  * and NumPy's headers were. */
@@ -72,6 +72,7 @@ static int module_exec(PyObject *module)
 {
     Types *types = PyModule_GetState(module);
     if (fits_numpy() < 0 || _import_array() < 0) return -1;
+    choose_loops();
     if (add_type(module, &direct_spec, &types->direct) < 0) return -1;
     if (add_type(module, &function_spec, &types->function) < 0) return -1;
     return add_type(module, &state_spec, &types->state);

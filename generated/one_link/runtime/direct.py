@@ -189,33 +189,42 @@ class DirectFunctions:
         self._prescribed = tuple(prescribed)
         self._arming = partial(_arm, raw, {}, itertools.count())
         self._jets: dict[str, Any] = {}
-        self.methods = tuple(
-            self._of_method(name, methods[name], entry)
-            for name, entry in raw.libraries.meta["functions"].items()
-            if name in methods
-            and name in raw.functions
-            # its method calls several
-            and not (name == "constraint_forces" and "followers" in raw.libraries.meta)
-        )
+        self._in_tiles: tuple[Any, ...] | None = None
+        self._methods = {
+            name: methods[name]
+            for name in raw.libraries.meta["functions"]
+            if name in methods and calls_its_function(raw, name)
+        }
+        self.methods = tuple(self._of_method(name, method) for name, method in self._methods.items())
 
-    def _of_method(self, name: str, method: FunctionType, entry: Mapping[str, Any]) -> Any:
+    def in_tiles(self, width: int, wrap: Callable[[str, FunctionType], FunctionType]) -> tuple[Any, ...]:
+        """Return the module's ``Function`` of every method on tiles of that width; ``wrap`` gives each in Python."""
+        if self._in_tiles is None:
+            self._in_tiles = tuple(
+                self._of_method(name, method, width, wrap(name, method)) for name, method in self._methods.items()
+            )
+        return self._in_tiles
+
+    def _of_method(self, name: str, method: FunctionType, tile: int = 0, called: FunctionType | None = None) -> Any:
         code, loops = method.__code__, bool(self._raw.libraries.meta.get("constraints"))
         parameters = code.co_varnames[1 : code.co_argcount + code.co_kwonlyargcount]
+        entry = self._raw.libraries.meta["functions"][name]
         reads = tuple(entry["reads"])
         added = WRENCHED.get(name, Added("", 1.0))
         under_load = "" if loops and name in DRIVING else name
         return self.module.Function(
             name=name,
-            method=method,
+            method=called or method,
             arming=self._arming,
             dtype=self._raw.dtype,
-            places=tuple(_place(label, reads, self._raw, under_load) for label in parameters),
+            places=tuple(_place(label, reads, self._raw, "" if tile else under_load) for label in parameters),
             positional=code.co_argcount - 1,
             result=self._raw.shapes[entry["writes"]],
             in_parts=entry["writes"] == "derivatives",
             cut_must_be_false=loops and "cut" in parameters,
             frames=self._frames,
             added=(added.sign, reads.index(added.into), self._prescribed) if added.into else (added.sign, -1, ()),
+            tile=tile,
         )
 
     def jet(self, name: str) -> Any:
@@ -243,6 +252,12 @@ class DirectFunctions:
         return self._jets[name]
 
 
+def calls_its_function(raw: RawKernel, name: str) -> bool:
+    """Return whether the method of that name calls the function of that name alone, if there is one."""
+    several = name == "constraint_forces" and "followers" in raw.libraries.meta
+    return name in raw.functions and not several
+
+
 def _place(label: str, reads: tuple[str, ...], raw: RawKernel, name: str) -> tuple[str, str, tuple[int, ...]]:
     """Return the name, role and shape of a parameter of a method, as the module takes them."""
     role = "read" if label in reads else ROLES.get(label, "beside")
@@ -258,6 +273,8 @@ def _arm(
 ) -> None:
     """Tell a ``Function`` where its "main" code is, or that of wrenches, "added": for one state, or for many."""
     code = raw.functions[function.name if kind == "main" else WRENCHED[function.name].function]
+    if function.tile and not (many and code.takes_tiles):
+        return
     address, library, work = code.address(batch=many), code.where(batch=many), code.operations
     number = libraries[library] if library in libraries else libraries.setdefault(library, next(new))
     setup = library.address(library.setup)

@@ -1,23 +1,7 @@
 /* Plain calls: arguments are looked at, codes are looked up and called, results are made; direct.c includes it. */
-#include "direct_data.h"
+#include "direct_numbers.h"
 
-/* ---- numbers ------------------------------------------------------------------------------------------------- */
-
-/* Exponents with all bits set are those of NaN and infinity: adding one to such an exponent carries into the sign. */
-#define DEFINE_FINITE(NAME, WORD, EXPONENT, ONE)                                                                       \
-    static int NAME(const void *numbers, npy_intp count)                                                               \
-    {                                                                                                                  \
-        const char *from = numbers;                                                                                    \
-        WORD carry = 0;                                                                                                \
-        for (npy_intp i = 0; i < count; ++i) {                                                                         \
-            WORD bits;                                                                                                 \
-            memcpy(&bits, from + (size_t)i * sizeof bits, sizeof bits);                                                \
-            carry |= (bits & (EXPONENT)) + (ONE);                                                                      \
-        }                                                                                                              \
-        return !(carry >> (8 * sizeof carry - 1));                                                                     \
-    }
-DEFINE_FINITE(finite_double, uint64_t, UINT64_C(0x7ff0000000000000), UINT64_C(0x0010000000000000))
-DEFINE_FINITE(finite_float, uint32_t, UINT32_C(0x7f800000), UINT32_C(0x00800000))
+/* ---- codes ---------------------------------------------------------------------------------------------------- */
 
 /* Types of so many arrays, R each, with numbers between their states where there are many; and the arrays themselves. */
 #define R_1 R
@@ -98,21 +82,17 @@ DEFINE_FINITE(finite_float, uint32_t, UINT32_C(0x7f800000), UINT32_C(0x00800000)
 DEFINE_CALLS(double)
 DEFINE_CALLS(float)
 
-/* to[i] = from[i] + sign * what[i], states of so many numbers each; one state stands for all where there are fewer. */
-#define DEFINE_SUM(REAL)                                                                                               \
-    static void sum_##REAL(const void *from, npy_intp from_step, const void *what, npy_intp what_step, REAL sign,      \
-                           npy_intp states, npy_intp size, void *to)                                                   \
-    {                                                                                                                  \
-        const REAL *x = from, *y = what;                                                                               \
-        REAL *out = to;                                                                                                \
-        for (npy_intp k = 0; k < states; ++k)                                                                          \
-            for (npy_intp i = 0; i < size; ++i)                                                                        \
-                out[k * size + i] = x[k * from_step + i] + sign * y[k * what_step + i];                                \
-    }
-DEFINE_SUM(double)
-DEFINE_SUM(float)
-
 /* ---- arrays -------------------------------------------------------------------------------------------------- */
+
+/* States that stand side by side in an array of many. */
+static npy_intp width_of(const Function *f) { return f->tile > 0 ? f->tile : 1; }
+
+/* Numbers between two states, or what stands for tiles; 0 for one state alone. */
+static size_t step_of(const Function *f, const Shape *shape, npy_intp states)
+{
+    if (states == 0) return 0;
+    return f->tile > 0 ? (size_t)-1 : (size_t)shape->size;
+}
 
 /* An array that the code can take as it is, of one state or of many: their number, 0 for one alone; -1 for another. */
 static npy_intp states_of(PyObject *value, const Function *f, const Shape *shape)
@@ -123,18 +103,19 @@ static npy_intp states_of(PyObject *value, const Function *f, const Shape *shape
     if ((PyArray_FLAGS(array) & plain) != plain) return -1;
     const PyArray_Descr *dtype = PyArray_DESCR(array);
     if (dtype != f->dtype && (dtype->type_num != f->dtype->type_num || !PyArray_ISNBO(dtype->byteorder))) return -1;
-    const int leading = PyArray_NDIM(array) - shape->axes;
-    if (leading != 0 && leading != 1) return -1;
+    const int more = PyArray_NDIM(array) - shape->axes, leading = more > 0;
+    if (more != 0 && more != (f->tile > 0 ? 2 : 1)) return -1;
     const npy_intp *lengths = PyArray_DIMS(array);
     for (int i = 0; i < shape->axes; ++i)
         if (lengths[leading + i] != shape->lengths[i]) return -1;
     if (leading == 0) return 0;
-    return lengths[0] > 0 ? lengths[0] : -1;
+    if (f->tile > 0 && lengths[1 + shape->axes] != f->tile) return -1;
+    return lengths[0] > 0 ? lengths[0] * width_of(f) : -1;
 }
 
 static int all_finite(const Function *f, const void *numbers, npy_intp count)
 {
-    return f->dtype->type_num == NPY_DOUBLE ? finite_double(numbers, count) : finite_float(numbers, count);
+    return look_at[f->dtype->type_num != NPY_DOUBLE](numbers, count);
 }
 
 static npy_intp bytes_of(const Function *f, npy_intp count)
@@ -145,11 +126,14 @@ static npy_intp bytes_of(const Function *f, npy_intp count)
 /* The parts of a result along its first axis, as views of it. */
 static PyObject *views_of(const Function *f, PyArrayObject *whole, npy_intp states)
 {
-    const npy_intp count = f->result.lengths[0], size = count > 0 ? f->result.size / count : 0;
-    const int axes = f->result.axes, skipped = states == 0;
-    npy_intp lengths[AXES + 1] = {states}, steps[AXES + 1] = {bytes_of(f, f->result.size)};
+    const npy_intp count = f->result.lengths[0], width = width_of(f);
+    const npy_intp size = count > 0 ? f->result.size / count * width : 0;
+    const int axes = f->result.axes + (f->tile > 0), skipped = states == 0;
+    npy_intp lengths[AXES + 2] = {states / width}, steps[AXES + 2] = {bytes_of(f, f->result.size * width)};
     npy_intp below = size;
-    for (int i = 1; i < axes; ++i) {
+    lengths[f->result.axes] = width;
+    steps[f->result.axes] = bytes_of(f, 1);
+    for (int i = 1; i < f->result.axes; ++i) {
         lengths[i] = f->result.lengths[i];
         below = lengths[i] > 0 ? below / lengths[i] : 0;
         steps[i] = bytes_of(f, below);
@@ -261,6 +245,9 @@ static int find_codes(Function *f, Plain *call)
     return lacking ? -1 : 0;
 }
 
+/* Whether numbers are looked at piece by piece, in ``compute_pieces``. */
+static int in_pieces(const Plain *call) { return call->states > 0 && call->wrench == NULL; }
+
 /* Look at the arguments; 0 where the call is plain. */
 static int look(Function *f, const State *state, PyObject *const *arguments, Plain *call)
 {
@@ -279,13 +266,13 @@ static int look(Function *f, const State *state, PyObject *const *arguments, Pla
             if (place->role == WRENCH) {
                 call->wrench = PyArray_DATA((PyArrayObject *)value);
                 call->wrench_size = states > 0 ? states * place->shape.size : place->shape.size;
-                call->wrench_step = states > 0 ? (size_t)place->shape.size : 0;
+                call->wrench_step = step_of(f, &place->shape, states);
                 continue;
             }
             const int to = place->role == READ ? call->reads++ : ARRAYS;
             call->x[to] = PyArray_DATA((PyArrayObject *)value);
             call->sizes[to] = states > 0 ? states * place->shape.size : place->shape.size;
-            call->steps[to] = states > 0 ? (size_t)place->shape.size : 0;
+            call->steps[to] = step_of(f, &place->shape, states);
         } else if (place->role == FRAME) {
             if (value == NULL || !PyUnicode_CheckExact(value)) return -1;
             PyObject *number = PyDict_GetItemWithError(f->frames, value);
@@ -299,6 +286,7 @@ static int look(Function *f, const State *state, PyObject *const *arguments, Pla
         }
     }
     if (call->wrench != NULL && (call->steps[0] > 0 || call->wrench_step > 0)) call->wrench_states = call->states;
+    if (f->tile > 0 && call->states == 0) return -1;
     if (find_codes(f, call) < 0) return -1;
     if (call->states > 0) {
         const Py_ssize_t threads = PUBLISHED(state->threads);
@@ -316,8 +304,10 @@ static int look(Function *f, const State *state, PyObject *const *arguments, Pla
         }
     }
     if (PUBLISHED(state->checks)) {
-        for (int i = 0; i <= ARRAYS; ++i)
+        for (int i = 0; i <= ARRAYS; ++i) {
+            if (in_pieces(call) && i < ARRAYS && call->steps[i] > 0) continue; /* each piece by itself */
             if (call->sizes[i] > 0 && !all_finite(f, call->x[i], call->sizes[i])) return -1;
+        }
         if (call->wrench != NULL && !all_finite(f, call->wrench, call->wrench_size)) return -1;
     }
     return 0;
@@ -325,11 +315,13 @@ static int look(Function *f, const State *state, PyObject *const *arguments, Pla
 
 static PyArrayObject *new_result(const Function *f, npy_intp states)
 {
-    npy_intp lengths[AXES + 1] = {states};
+    npy_intp lengths[AXES + 2] = {states / width_of(f)};
     memcpy(lengths + 1, f->result.lengths, sizeof f->result.lengths);
+    lengths[1 + f->result.axes] = width_of(f);
     const int skipped = states == 0;
     Py_INCREF(f->dtype);
-    return (PyArrayObject *)PyArray_NewFromDescr(&PyArray_Type, f->dtype, f->result.axes + 1 - skipped,
+    return (PyArrayObject *)PyArray_NewFromDescr(&PyArray_Type, f->dtype,
+                                                 f->result.axes + 1 - skipped + (f->tile > 0),
                                                  lengths + skipped, NULL, NULL, 0, NULL);
 }
 
@@ -341,6 +333,30 @@ static long long compute(const Function *f, const void *h, const Plain *call, vo
                                                     out);
     return (is_double ? many_double : many_float)(call->codes[MAIN], f->framed, call->reads, (size_t)call->states, h,
                                                   call->x, call->steps, call->frame, out);
+}
+
+/* Compute many states in pieces that stay in a cache between the looks at their numbers and the code, which reads them, or
+ * has written them; 0 where all of it is regular. */
+static int compute_pieces(const Function *f, const void *h, const Plain *call, int checks, void *out)
+{
+    npy_intp numbers = f->result.size;
+    for (int i = 0; i < call->reads; ++i)
+        if (call->steps[i] > 0) numbers += call->sizes[i] / call->states;
+    const npy_intp most = PIECE / bytes_of(f, numbers) / ROUND * ROUND, piece = most > ROUND ? most : ROUND;
+    for (npy_intp begin = 0; begin < call->states; begin += piece) {
+        Plain part = *call;
+        part.states = call->states - begin < piece ? call->states - begin : piece;
+        for (int i = 0; i < call->reads; ++i) {
+            if (call->steps[i] == 0) continue;
+            const npy_intp size = call->sizes[i] / call->states;
+            part.x[i] = (const char *)call->x[i] + bytes_of(f, begin * size);
+            if (checks && !all_finite(f, part.x[i], part.states * size)) return -1;
+        }
+        char *const written = (char *)out + bytes_of(f, begin * f->result.size);
+        if (compute(f, h, &part, written) >= 0) return -1;
+        if (checks && !all_finite(f, written, part.states * f->result.size)) return -1;
+    }
+    return 0;
 }
 
 /* What the wrenches add, for as many states as the first array and they have. */
@@ -415,6 +431,7 @@ static int compute_all(const Function *f, const void *h, const void *h_added, Pl
                        void *out)
 {
     const npy_intp states = call->states > 0 ? call->states : 1, step = call->wrench_states > 0 ? f->result.size : 0;
+    if (in_pieces(call)) return compute_pieces(f, h, call, checks, out);
     if (call->wrench != NULL && begin_added(f, h_added, call, beside, checks) < 0) return -1;
     if (compute(f, h, call, out) >= 0) return -1;
     if (call->wrench != NULL && f->into < 0) {

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import BuildError
+from ..runtime.raw import TILE_BYTES, TILES
 from . import cache as store
 from .load import fresh_module
 
@@ -55,25 +56,32 @@ def check_extension(made: store.Entry, compiler: Compiler) -> None:
 def _wrong(module: ModuleType, dtype: np.dtype[Any]) -> Iterator[str]:
     """Yield all that a module does wrong with a function that multiplies by 2 (so in ``h``), for this dtype."""
     code, batch, setup, kept = _doubling(dtype)
-    function = module.Function(
-        name="doubled",
-        method=_asked,
-        arming=_asked,
-        dtype=dtype,
-        places=(("q", "read", (4,)), ("out", "out", ())),
-        positional=1,
-        result=(4,),
-        in_parts=False,
-        cut_must_be_false=False,
-        frames={},
-        added=(1.0, -1, ()),
-    )
+    width = TILE_BYTES // dtype.itemsize
+    functions = [
+        module.Function(
+            name=name,
+            method=_asked,
+            arming=_asked,
+            dtype=dtype,
+            places=(("q", "read", (4,)), ("out", "out", ())),
+            positional=1,
+            result=(4,),
+            in_parts=False,
+            cut_must_be_false=False,
+            frames={},
+            added=(1.0, -1, ()),
+            tile=tile,
+        )
+        for name, tile in (("doubled", 0), ("in_tiles", width))
+    ]
     state = module.State(np.ones(1, dtype), _asked)
     bound: dict[str, Any] = {}
-    module.bind((function,), kept, state, bound)
+    module.bind(tuple(functions), kept, state, bound)
     call = bound["doubled"]
-    for many, address in ((False, code), (True, batch)):
-        function.arm("main", many, kept, int(many), address, setup, 1, 1.0, 16)
+    for function in functions:
+        for many, address in ((False, code), (True, batch)):
+            function.arm("main", many, kept, int(many), address, setup, 1, 1.0, 4 * width)
+    yield from _wrong_in_tiles(bound["in_tiles"], width, dtype)
     for numbers in PLAIN:
         argument, out = np.array(numbers, dtype), np.empty(4, dtype)
         rows = np.array([numbers, numbers[::-1]], dtype)  # which no memory holds twice of before
@@ -97,6 +105,26 @@ def _wrong(module: ModuleType, dtype: np.dtype[Any]) -> Iterator[str]:
         yield "denormal numbers are lost"
 
 
+def _wrong_in_tiles(call: Any, width: int, dtype: np.dtype[Any]) -> Iterator[str]:
+    """Yield all that is wrong with the function that multiplies by 2, on tiles."""
+    for numbers in PLAIN:
+        tiles = np.outer(np.tile(numbers, 3), np.linspace(-1.0, 1.0, width)).astype(dtype).reshape(3, 4, width)
+        out = np.empty_like(tiles)
+        for answer in (call(tiles), call(q=tiles, out=out)):
+            if not isinstance(answer, np.ndarray) or answer.tobytes() != (tiles * dtype.type(2)).tobytes():
+                yield f"twice tiles of {numbers} is {answer}"
+    for place in np.ndindex(3, 4, width):
+        tiles = np.ones((3, 4, width), dtype)
+        tiles[place] = math.nan
+        if call(tiles) is not ASKED:
+            yield f"tiles with NaN at {place} are taken as they are"
+    refused = np.ones((3, 4, width), dtype)
+    refused[1, 0, width - 1] = FAILS
+    for argument in (refused, np.ones((3, 4), dtype), np.ones((3, 4, width + 1), dtype), np.ones((4, width), dtype)):
+        if call(argument) is not ASKED:
+            yield f"{argument} is taken as tiles of {width} states"
+
+
 def _asked(kernel: object, q: Array, *, out: Array | None = None) -> str:
     return ASKED
 
@@ -112,11 +140,15 @@ def _doubling(dtype: np.dtype[Any]) -> tuple[int, int, int, object]:
         return int(q[0] == FAILS)
 
     def many(count: int, h: Any, q: Any, step: int, out: Any) -> int:
-        failed = -1
+        failed, width = -1, TILE_BYTES // ctypes.sizeof(real)
         for state in range(count):
+            tiled = state // width * 4 * width + state % width
             for i in range(4):
-                out[4 * state + i] = h[0] * q[step * state + i]
-            if failed < 0 and q[step * state] == FAILS:
+                if step == TILES:
+                    out[tiled + i * width] = h[0] * q[tiled + i * width]
+                else:
+                    out[4 * state + i] = h[0] * q[step * state + i]
+            if failed < 0 and q[tiled if step == TILES else step * state] == FAILS:
                 failed = 4 * state
         return failed
 

@@ -73,8 +73,8 @@ class RawFunction:
     def batch(self) -> Any:
         """The C for several: ``long long batch(count, h, array, step, ..., out)``, states ``step`` numbers apart.
 
-        A step of 0 stands for one that is the same for all, TILES for tiles where ``takes_tiles``.  The value is -1, or state * ``statuses`` + i of the first
-        failure.
+        A step of 0 stands for one that is the same for all, TILES for tiles where ``takes_tiles``.  The value is -1, or
+        state * ``statuses`` + i of the first failure.
         """
         return self._code_of(batch=True)[0]
 

@@ -31,10 +31,10 @@ if TYPE_CHECKING:
 class Tiled:
     """Methods of the same names as the kernel's, on tiles of ``width`` states.
 
-    Arrays are (T, n, width) for T tiles, with further axes (T, n, m, width), C-contiguous; one state, (n,), stands for
-    all.  Number i of state k is at [k // width, i, k % width].  Results are in tiles, too, with the bits of those of the
-    same states in rows.  What a method takes beside arrays, and what it raises, is as of the kernel; errors name states
-    by their numbers k.  Parameters, threads and checks are the kernel's.
+    Arrays are (T, n, width) for T tiles, with further axes (T, n, m, width); one state, (n,), stands for all.  Number i
+    of state k is at [k // width, i, k % width].  Results are in tiles, with the bits that the same states have in rows.
+    What a method takes beside arrays, and what it raises, is as of the kernel; errors name states by their numbers k.
+    Parameters, threads and checks are the kernel's.
 
     C loads tiles as they are.  Calls with wrenches, with states of laws apart, or of open loops, and those of functions
     that C computes state by state, are converted on the way.
@@ -214,10 +214,7 @@ class Tiled:
         """Return an argument with states in rows, and count its tiles; what is no tile of states as it is."""
         shapes = self._kernel.calls.raw.shapes
         if label == "wrench" and isinstance(value, Mapping):
-            return {
-                name: self._unpacked(f"wrench: {name}", x, (6,), counts, f"wrench: {show(name)}")
-                for name, x in value.items()
-            }
+            return {name: self._unpacked(f"wrench: {show(name)}", x, (6,), counts) for name, x in value.items()}
         if label == "z":
             return self._unpacked(label, value, (len(self._kernel.memory),), counts)
         return self._unpacked(label, value, shapes[label], counts) if label in shapes else value

@@ -1,0 +1,262 @@
+"""Methods of a kernel on tiles: arrays of many states in which each number of several states stands side by side.
+
+C computes a state in every lane of a vector.  Rows of states, (N, n), are transposed on their way into vectors and out;
+tiles, (ceil(N / W), n, W), are loaded as they are.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Iterator, Mapping
+from inspect import signature
+from types import FunctionType, MethodType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..errors import ArrayError, InputError
+from ..names import show
+from .arrays import is_finite, is_masked
+from .calls import SHARE
+from .chunking import shared, states_at_once
+from .direct import DirectFunctions, State, calls_its_function
+from .raw import TILE_BYTES, TILES, Array, RawFunction
+
+if TYPE_CHECKING:
+    from .compiled_code import CompiledCode
+
+
+class Tiled:
+    """Methods of the same names as the kernel's, on tiles of ``width`` states.
+
+    Arrays are (T, n, width) for T tiles, with further axes (T, n, m, width); one state, (n,), stands for all.  Number i
+    of state k is at [k // width, i, k % width].  Results are in tiles, with the bits that the same states have in rows.
+    What a method takes beside arrays, and what it raises, is as of the kernel; errors name states by their numbers k.
+    Parameters, threads and checks are the kernel's.
+
+    C loads tiles as they are.  Calls with wrenches, with states of laws apart, or of open loops, and those of functions
+    that C computes state by state, are converted on the way.
+
+    Attributes:
+        width: states of a tile, a line of memory for each of their numbers: 8 in double precision, 16 in single.
+    """
+
+    def __init__(self, kernel: CompiledCode, methods: Mapping[str, FunctionType]) -> None:
+        """Make methods on tiles of a kernel whose own methods are those of Python.
+
+        Args:
+            kernel: which parameters and code are taken from.
+            methods: of the kernel's class, by the names of functions.
+        """
+        self.width = TILE_BYTES // kernel.dtype.itemsize
+        self._kernel, self._known = kernel, dict(methods)
+
+    def bind(self, kernel: CompiledCode, functions: DirectFunctions, state: State) -> None:
+        """Let plain calls go through the extension module, others to a kernel whose methods are those of Python."""
+        self._kernel = kernel
+        plain = Tiled(kernel, self._known)
+        functions.module.bind(functions.in_tiles(self.width, _on_tiles), plain, state, self.__dict__)
+
+    def __repr__(self) -> str:
+        return f"<{self._kernel.name} on tiles of {self.width} states, {self._kernel.dtype}>"
+
+    def __dir__(self) -> list[str]:
+        return sorted({*object.__dir__(self), *self._known})
+
+    def __getattr__(self, name: str) -> Any:
+        known = self.__dict__.get("_known", {})
+        if name in known:
+            return MethodType(_on_tiles(name, known[name]), self)
+        raise AttributeError(f"tiled: {show(name)} is no method on tiles; allowed: {', '.join(known)}")
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return getattr, (self._kernel, "tiled")
+
+    def pack(self, x: ArrayLike) -> Array:
+        """Return states as tiles; what fills the last tile repeats the last state.
+
+        Args:
+            x: (N, n), or (N, n, m) and so on, of the kernel's dtype or of what it holds exactly.
+
+        Returns:
+            (ceil(N / width), n, width), or (ceil(N / width), n, m, width); its memory begins at a line.
+
+        Raises:
+            ArrayError: another dtype, or no axis of states and numbers.
+        """
+        shape = _shape_of(x)
+        if len(shape) < 2:
+            raise ArrayError(f"x: expected {self._kernel.dtype} of shape (N, n) or (N, n, m), got {_said(x)}")
+        states, _ = self._kernel.calls.arrays.taken("x", x, shape[1:], False)
+        return self._packed(states)
+
+    def unpack(self, x: ArrayLike, N: int | None = None) -> Array:
+        """Return tiles as states.
+
+        Args:
+            x: (T, n, width), or (T, n, m, width) and so on.
+            N: how many states there are; without it those that fill the last tile are among the result.
+
+        Returns:
+            (N, n), or (N, n, m), in memory of its own.
+
+        Raises:
+            ArrayError: no tiles of this width, or another dtype.
+            InputError: N is no whole number of states in so many tiles.
+        """
+        shape = _shape_of(x)
+        if len(shape) < 2 or shape[-1] != self.width:
+            raise ArrayError(f"x: expected {self._kernel.dtype} of shape {self._tiles_of(('n',))}, got {_said(x)}")
+        tiles, _ = self._kernel.calls.arrays.taken("x", x, shape[1:], False)
+        most = len(tiles) * self.width
+        if N is None:
+            return self._rows(tiles)
+        least = max(most - self.width + 1, 0)
+        if isinstance(N, bool) or not isinstance(N, (int, np.integer)) or not least <= N <= most:
+            raise InputError(
+                f"N: {show(N)}; allowed: a whole number from {least} to {most}, as there are {len(tiles)} tiles"
+            )
+        return self._rows(tiles)[:N]
+
+    def _tiles_of(self, shape: tuple[Any, ...]) -> str:
+        return f"(T, {', '.join(map(str, shape))}, {self.width})"
+
+    def _packed(self, states: Array) -> Array:
+        whole, left = divmod(len(states), self.width)
+        inner = states.shape[1:]
+        tiles = aligned((whole + (left > 0), *inner, self.width), self._kernel.dtype)
+        by_state = np.moveaxis(tiles, -1, 1)
+        by_state[:whole] = states[: whole * self.width].reshape(whole, self.width, *inner)
+        if left:
+            by_state[whole, :left] = states[-left:]
+            by_state[whole, left:] = states[-1]
+        return tiles
+
+    def _rows(self, tiles: Array) -> Array:
+        by_state = np.moveaxis(tiles, -1, 1)
+        return np.ascontiguousarray(by_state).reshape(len(tiles) * self.width, *by_state.shape[2:])
+
+    def _call(self, name: str, method: FunctionType, args: tuple[Any, ...], keywords: Mapping[str, Any]) -> Any:
+        arguments = dict(signature(method).bind(self._kernel, *args, **keywords).arguments)
+        arguments.pop("self", None)
+        result = self._straight(name, arguments)
+        return self._converted(name, arguments) if result is None else result
+
+    def _straight(self, name: str, arguments: Mapping[str, Any]) -> Any:
+        """Call the C with arguments that are tiles or one state, and nothing else; None where that does not do."""
+        calls, out = self._kernel.calls, arguments.get("out")
+        function = calls.raw.functions[name]
+        others = [x for label, x in arguments.items() if label not in (*function.reads, "frame", "out")]
+        if not calls_its_function(calls.raw, name) or any(x is not None and x is not False for x in others):
+            return None
+        arrays, count = [arguments.get(label) for label in function.reads], 0
+        for array, label in zip(arrays, function.reads, strict=True):
+            shape = calls.raw.shapes[label]
+            if type(array) is not np.ndarray or array.dtype != calls.dtype:
+                return None
+            if not (array.flags.c_contiguous and array.flags.aligned and array.size) or 0 in shape:
+                return None
+            if array.shape != shape:
+                if array.shape[1:] != (*shape, self.width) or count not in (0, len(array)):
+                    return None
+                count = len(array)
+        if count == 0 or not function.takes_tiles or (calls.checks and not all(map(is_finite, arrays))):
+            return None
+        whole = (count, *calls.raw.shapes[function.writes], self.width)
+        result = aligned(whole, calls.dtype) if out is None else calls.arrays.checked_out(out, whole, arrays)
+        extra = (self._kernel.frame_index(arguments["frame"]),) if function.is_framed else ()
+        if self._computed(function, arrays, extra, result) >= 0 or (calls.checks and not is_finite(result)):
+            return None
+        return tuple(np.moveaxis(result, 1, 0)) if function.writes == "derivatives" else result
+
+    def _computed(self, function: RawFunction, arrays: list[Any], extra: tuple[int, ...], result: Array) -> int:
+        """Call the C in pieces and threads; return -1, or a number from 0 on where a state fails."""
+        calls, width = self._kernel.calls, self.width
+        setup, view = calls.parameters.setup, calls.raw.view
+        code, pointer = function.batch, setup.pointer(function.where(batch=True))
+        steps = [
+            0 if x.shape == calls.raw.shapes[label] else TILES for x, label in zip(arrays, function.reads, strict=True)
+        ]
+        size = max(states_at_once(function.operations) // width, 1)
+
+        def work(first: int, end: int) -> Iterator[int]:
+            for begin in range(first, end, size):
+                last = min(begin + size, end)
+                pairs = [(view(x[begin:last] if step else x), step) for x, step in zip(arrays, steps, strict=True)]
+                yield int(code((last - begin) * width, pointer, *sum(pairs, ()), *extra, view(result[begin:last])))
+
+        return shared(work, len(result), min(calls.threads, len(result) * width // SHARE))
+
+    def _converted(self, name: str, arguments: Mapping[str, Any]) -> Any:
+        """Call the kernel's method with states in rows; return its result in tiles."""
+        calls, out = self._kernel.calls, arguments.get("out")
+        function = calls.raw.functions[name]
+        counts = dict[str, int]()
+        rows = {label: self._rows_of(label, value, counts) for label, value in arguments.items() if label != "out"}
+        if len(set(counts.values())) > 1:
+            first, *others = counts
+            other = next(x for x in others if counts[x] != counts[first])
+            raise ArrayError(f"{other}: {counts[other]} tiles, but {counts[first]} in {first}")
+        result = getattr(self._kernel, name)(**rows)
+        in_parts = isinstance(result, tuple)
+        whole = np.stack(result, axis=-1 - len(calls.raw.shapes[function.writes][1:])) if in_parts else result
+        if counts:
+            whole = self._packed(whole)
+        if out is not None:
+            arrays = [x for x in arguments.values() if isinstance(x, np.ndarray) and x is not out]
+            calls.arrays.checked_out(out, whole.shape, arrays)[...] = whole
+            whole = out
+        return tuple(np.moveaxis(whole, 1 if counts else 0, 0)) if in_parts else whole
+
+    def _rows_of(self, label: str, value: Any, counts: dict[str, int]) -> Any:
+        """Return an argument with states in rows, and count its tiles; what is no tile of states as it is."""
+        shapes = self._kernel.calls.raw.shapes
+        if label == "wrench" and isinstance(value, Mapping):
+            return {name: self._unpacked(f"wrench: {show(name)}", x, (6,), counts) for name, x in value.items()}
+        if label == "z":
+            return self._unpacked(label, value, (len(self._kernel.memory),), counts)
+        return self._unpacked(label, value, shapes[label], counts) if label in shapes else value
+
+    def _unpacked(self, label: str, value: Any, shape: tuple[int, ...], counts: dict[str, int]) -> Any:
+        lengths = _shape_of(value)
+        if len(lengths) <= len(shape) or is_masked(value):
+            return value
+        if len(lengths) != len(shape) + 2 or lengths[-1] != self.width:
+            one = f"({', '.join(map(str, shape))}{',' if len(shape) == 1 else ''})"
+            raise ArrayError(f"{label}: got shape {lengths}; allowed: {one}, or in tiles {self._tiles_of(shape)}")
+        counts[label] = lengths[0]
+        return self._rows(np.asarray(value))
+
+
+def aligned(shape: tuple[int, ...], dtype: np.dtype[Any]) -> Array:
+    """Return an array whose memory begins at a line, so that no number of a tile lies in two of them."""
+    size = math.prod(shape)
+    room = np.empty(size + TILE_BYTES // dtype.itemsize, dtype)
+    first = -room.ctypes.data % TILE_BYTES // dtype.itemsize
+    return room[first : first + size].reshape(shape)
+
+
+@functools.cache
+def _on_tiles(name: str, method: FunctionType) -> FunctionType:
+    """Return the method on tiles that corresponds to one of a kernel."""
+
+    @functools.wraps(method)
+    def call(self: Tiled, *args: Any, **keywords: Any) -> Any:
+        return self._call(name, method, args, keywords)
+
+    return call
+
+
+def _shape_of(value: Any) -> tuple[int, ...]:
+    """Return an array's shape; () of what is none."""
+    try:
+        return tuple(np.shape(value))
+    except ValueError:
+        return ()
+
+
+def _said(value: Any) -> str:
+    """Say what an argument is: its shape, or its type where it has none."""
+    return f"shape {_shape_of(value)}" if isinstance(value, np.ndarray) else type(value).__name__
