@@ -87,7 +87,7 @@ def plain(found: Any) -> Any:
     ("robot", "dtype"),
     [
         ("one_link", "float64"),
-        ("one_link", "float32"),
+        pytest.param("one_link", "float32", marks=pytest.mark.soak),
         ("rail", "float64"),
         pytest.param("four_bar", "float64", marks=pytest.mark.soak),
         pytest.param("ur5", "float64", marks=pytest.mark.soak),

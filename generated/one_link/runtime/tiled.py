@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterator, Mapping
 from inspect import signature
 from types import FunctionType, MethodType
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,13 +19,22 @@ from numpy.typing import ArrayLike
 from ..errors import ArrayError, InputError
 from ..names import show
 from .arrays import is_finite, is_masked
-from .calls import SHARE
+from .calls import SHARE, Calls
 from .chunking import shared, states_at_once
 from .direct import DirectFunctions, State, calls_its_function
 from .raw import TILE_BYTES, TILES, Array, RawFunction
 
-if TYPE_CHECKING:
-    from .compiled_code import CompiledCode
+
+class Owner(Protocol):
+    """A kernel whose methods are called with rows of states."""
+
+    name: str
+    dtype: np.dtype[Any]
+    memory: tuple[str, ...]
+    calls: Calls
+
+    def frame_index(self, name: str) -> int:
+        """Return the number of a frame."""
 
 
 class Tiled:
@@ -43,7 +52,7 @@ class Tiled:
         width: states of a tile, a line of memory for each of their numbers: 8 in double precision, 16 in single.
     """
 
-    def __init__(self, kernel: CompiledCode, methods: Mapping[str, FunctionType]) -> None:
+    def __init__(self, kernel: Owner, methods: Mapping[str, FunctionType]) -> None:
         """Make methods on tiles of a kernel whose own methods are those of Python.
 
         Args:
@@ -53,7 +62,7 @@ class Tiled:
         self.width = TILE_BYTES // kernel.dtype.itemsize
         self._kernel, self._known = kernel, dict(methods)
 
-    def bind(self, kernel: CompiledCode, functions: DirectFunctions, state: State) -> None:
+    def bind(self, kernel: Owner, functions: DirectFunctions, state: State) -> None:
         """Let plain calls go through the extension module, others to a kernel whose methods are those of Python."""
         self._kernel = kernel
         plain = Tiled(kernel, self._known)
@@ -151,7 +160,8 @@ class Tiled:
         others = [x for label, x in arguments.items() if label not in (*function.reads, "frame", "out")]
         if not calls_its_function(calls.raw, name) or any(x is not None and x is not False for x in others):
             return None
-        arrays, count = [arguments.get(label) for label in function.reads], 0
+        arrays: list[Any] = [arguments.get(label) for label in function.reads]
+        count = 0
         for array, label in zip(arrays, function.reads, strict=True):
             shape = calls.raw.shapes[label]
             if type(array) is not np.ndarray or array.dtype != calls.dtype:
@@ -239,7 +249,7 @@ def aligned(shape: tuple[int, ...], dtype: np.dtype[Any]) -> Array:
 
 
 @functools.cache
-def _on_tiles(name: str, method: FunctionType) -> FunctionType:
+def _on_tiles(name: str, method: FunctionType) -> Any:
     """Return the method on tiles that corresponds to one of a kernel."""
 
     @functools.wraps(method)
