@@ -20,6 +20,7 @@ from .by_arguments import CLOSED, FRAMED
 MOTION = ("q", "v", "a", "jerk", "snap", "crackle", "pop")  # time derivatives of coordinates, by their order
 ORDERS = (1, 2, 3, 4)
 JET = re.compile(r"_jet\d$")
+REFUSING = (*CLOSED, "forward_dynamics_jacobian")  # functions that refuse states in which loops are open
 
 
 class _Request(NamedTuple):
@@ -74,11 +75,13 @@ class TimeDerivatives(LoopClosure):
             order: the highest time derivative, 1 to 4.
 
         Returns:
-            ``order`` + 1 arrays of the result's shape.
+            ``order`` + 1 arrays of the result's shape; the matrices of ``forward_dynamics_jacobian`` and
+            ``residual_jacobian`` in one array, (3, n, n).
 
         Raises:
             UnknownNameError: no such method or frame, or the kernel was built without its time derivatives.
-            InputError: a series that is too short for the order, or another order.
+            InputError: a series that is too short for the order, or another order; Christoffel symbols or derivatives
+                of accelerations of so many coordinates that a program of their time derivatives would be too long.
             ArrayError: an array of wrong shape or dtype, or with NaN or infinity.
             SingularError, LoopError: as of the method.
         """
@@ -94,7 +97,7 @@ class TimeDerivatives(LoopClosure):
         motion, others, frame = _split(name, wanted, series)
         index = self.frame_index(frame) if wanted.writes in FRAMED else None
         arrays = [*motion, *(x for one in others for x in one)]
-        if name in CLOSED and self.raw.libraries.meta.get("constraints"):  # refuses states in which loops are open
+        if name in REFUSING and self.raw.libraries.meta.get("constraints"):  # refuses states in which loops are open
             self.calls.run(name, None, [*motion[: len(wanted.motion) - order], *(one[0] for one in others)])
         elif index is None and len(others) < 2 and (bound := self._bound_jet(wanted.function)) is not None:
             self._direct_jets[name, order] = _Direct(bound, len(motion) + len(others), bool(others))
