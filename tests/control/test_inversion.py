@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
+from scipy.interpolate import make_interp_spline
 
 import eomgen
 from eomgen.control import StableInversion, stable_inversion
@@ -194,6 +195,25 @@ def test_a_simulation_follows_without_feedback() -> None:
     assert result.residual < 1e-8
 
 
+def test_steps_are_halved_until_coordinates_change_by_less_than_the_tolerance() -> None:
+    """What is left against a fine solution is less than the tolerance, and so is the change that is said."""
+    robot, program = robot_from_toml(RODS), ride(1.2)
+    fine = stable_inversion(robot, program, outputs=("tip.y",), step=6e-4)
+    assert fine.change == 0.0
+    sizes = []
+    for tolerance in (1e-8, 2e-9, 2e-10):
+        result = stable_inversion(robot, program, outputs=("tip.y",), tolerance=tolerance, before=0.3, after=0.3)
+        exact = make_interp_spline(fine.t, fine.q, k=5)
+        inside = (result.t > -0.1) & (result.t < 0.7)
+        assert np.abs(result.q - exact(result.t))[inside].max() < tolerance
+        assert 0.0 < result.change < tolerance
+        assert f"changed coordinates by {result.change:.2g} m or rad" in str(result)
+        sizes.append(result.t.size)
+    assert sizes[0] < sizes[1] < sizes[2]
+    jumping = stable_inversion(robot, ride(1.2, 2), outputs=("tip.y",), tolerance=1e-12)
+    assert any("still changed coordinates by more than 1e-12 m or rad" in note for note in jumping.notes)
+
+
 def test_what_no_bounded_motion_follows_from_is_refused() -> None:
     hertz = np.sqrt(STIFFNESS / SECOND) / (2.0 * np.pi)
     with pytest.raises(InputError, match=rf"spring\.z: swings at {hertz:.4g} Hz .* nothing damps it"):
@@ -207,6 +227,8 @@ def test_what_no_bounded_motion_follows_from_is_refused() -> None:
     [
         ({"outputs": ("tip.z", "rail.z")}, "outputs: 2 for 1 drives of carts; allowed: as many as drives"),
         ({"frame": "tip"}, "frame: carts has 1 drives"),
+        ({"step": 1e-3, "tolerance": 1e-6}, "tolerance: given together with step"),
+        ({"tolerance": 0.0}, "tolerance: 0.0 m or rad; allowed: a number above 0"),
         ({"step": 0.0}, "step: 0.0 s; allowed: a time above 0"),
         ({"step": 0.1}, "step: 0.1 s makes .* steps; allowed: 24 to 20000"),
         ({"before": -1.0}, r"before: -1.0 s; allowed: a time from 0"),

@@ -68,6 +68,11 @@ class CollocationSpline:
         weights = np.stack([np.take_along_axis(x, column, axis=1) for x in values])
         return cls(t, knots, spline.c, starts, weights)
 
+    @property
+    def times(self) -> Array:
+        """Times of the equations and those halfway between them, (2 N + 1,), s."""
+        return np.sort(np.concatenate([self.t, 0.5 * (self.t[1:] + self.t[:-1])]))
+
     def moved(self, change: Array) -> CollocationSpline:
         """Return the spline whose coefficients differ by a change, (N + 3, n)."""
         return replace(self, coefficients=self.coefficients + change)

@@ -74,6 +74,7 @@ class StableInversion(Shown, Tabular, Saved):
         inertia: of the drives' coordinates at the first sample, (m,), kg or kg m^2.
         zeros: from drives to outputs at the beginning, (z,), rad/s; those that samples resolve.
         history: greatest change of a coordinate in each of Newton's iterations, m or rad.
+        change: of a coordinate when steps were halved last, m or rad, of a motor over its ratio; 0 of a given step.
         residual: greatest force that coordinates without a drive lack at the samples, N or N m.
         between: greatest displacement of one by what they lack halfway between the samples, over their stiffness at
             the first one, m or rad; those without a stiffness do not count.
@@ -97,6 +98,7 @@ class StableInversion(Shown, Tabular, Saved):
     between: float
     ends: tuple[float, float]
     notes: tuple[str, ...]
+    change: Annotated[float, Stored(otherwise=0.0)] = 0.0
 
     method = "collocation by splines of degree 5, Newton's method, the bounded motion of least norm"
 
@@ -133,6 +135,7 @@ class StableInversion(Shown, Tabular, Saved):
             "zeros": [[z.real, z.imag] for z in self.zeros.tolist()],
             "method": self.method,
             "history": list(self.history),
+            "change": self.change,
             "residual": self.residual,
             "between": self.between,
             "ends": list(self.ends),
@@ -159,10 +162,12 @@ class StableInversion(Shown, Tabular, Saved):
         zeros = f"{stable} stable, {unstable} unstable"
         if self.zeros.size:
             zeros += f", real parts from {self.zeros.real.min():.4g} to {self.zeros.real.max():.4g} 1/s"
+        halved = f"; the last halving changed coordinates by {self.change:.2g} m or rad" if self.change else ""
         lines = [
             f"{self.robot}: stable inversion, {self.t.size} samples from {self.t[0]:g} to {self.t[-1]:g} s",
             f"  outputs: {', '.join(self.outputs)}",
             f"  method: {self.method}; {len(self.history)} iterations",
+            f"  steps of {prefixed(2.0 * (self.t[-1] - self.t[0]) / (self.t.size - 1), 's', 4)}{halved}",
             f"  zeros that samples resolve: {zeros}",
             f"  left at the samples {self.residual:.3g} N or N m; between them {self.between:.3g} m or rad",
             f"  from rest by {self.ends[0]:.3g} m or rad at the first sample, {self.ends[1]:.3g} at the last",

@@ -13,8 +13,9 @@ Systems 4(1), 1987.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -38,12 +39,12 @@ from ...simulation.controls import actuators
 from ...simulation.references import make_reference
 from ...state.springs import clearances, law_numbers
 from .collocation import WIDTH
-from .motions import InverseMotion, Problem, balanced, inverted, zeros_at
+from .motions import Problem, zeros_at
+from .refinement import STEPS, TOLERANCE, Ends, RefinedMotion, on_steps, refine
 from .result import StableInversion
 from .zeros import Complex
 
 KERNELS = ("residual", "residual_jacobian", "mass_matrix", "kinematics")
-STEPS = 250  # of a motion by default
 FEWEST, MOST = 24, 20_000  # steps
 MOST_NUMBERS = 60_000_000  # of the linear equations
 FADED = 1e-4  # of an internal motion: what is left of it before the first and after the last sample
@@ -55,6 +56,31 @@ SMOOTH = 4  # derivatives of a motion that a drive behind a spring asks for
 MotionLike: TypeAlias = "Program | Scenario | str | Path | Mapping[str, Any]"
 
 
+@dataclass(frozen=True, kw_only=True)
+class InversionOptions:
+    """Options of an inversion, as of ``stable_inversion``."""
+
+    frame: str | None = None
+    outputs: Sequence[str] | None = None
+    duration: float | None = None
+    step: float | None = None
+    tolerance: float | None = None
+    before: float | None = None
+    after: float | None = None
+
+
+class Inversion(NamedTuple):
+    """A robot's inverse motion: what was asked for, and what came out.
+
+    span: of the motion, s.  zeros: from drives to outputs at the beginning, rad/s.
+    """
+
+    problem: Problem
+    refined: RefinedMotion
+    span: float
+    zeros: Complex
+
+
 @tells_at_prompt("inverting")
 def stable_inversion(  # noqa: PLR0913
     robot: RobotLike,
@@ -64,6 +90,7 @@ def stable_inversion(  # noqa: PLR0913
     outputs: Sequence[str] | None = None,
     duration: float | None = None,
     step: float | None = None,
+    tolerance: float | None = None,
     before: float | None = None,
     after: float | None = None,
     progress: StageReport = no_report,
@@ -78,8 +105,10 @@ def stable_inversion(  # noqa: PLR0913
         outputs: what follows instead, as many as there are drives: components of frames in the base frame ("tcp.x",
             "tcp.rz") and coordinates.  Default: the pose of the frame with six drives, else the driven coordinates.
         duration: of the motion, s; default its own, or that of the scenario.
-        step: between samples, s; default a 250th of the duration.  Drives behind springs take four derivatives of
-            the motion, whose round-off grows as steps get shorter: longer ones may be better.
+        step: between samples, s; default one that is halved until coordinates change by less than the tolerance.
+            Drives behind springs take four derivatives of the motion, whose round-off grows as steps get shorter:
+            longer ones may be better.
+        tolerance: m or rad, of a coordinate, of a motor over its ratio; default 1e-8.
         before, after: times before and after the motion in which drives act, s; default as long as internal motions
             take to fade to 1e-4, at most half the duration each.
         progress: called with a line of text when a stage begins.
@@ -90,33 +119,45 @@ def stable_inversion(  # noqa: PLR0913
         IntegrationError: Newton's method does not converge.
     """
     arm = as_robot(robot)
-    _refuse(arm)
-    program, span, named = _program(arm, motion, duration)
+    options = InversionOptions(
+        frame=frame, outputs=outputs, duration=duration, step=step, tolerance=tolerance, before=before, after=after
+    )
+    return _result(arm, invert(arm, motion, options, progress))
+
+
+def invert(robot: Robot, motion: MotionLike, options: InversionOptions, progress: StageReport) -> Inversion:
+    """Return the inverse motion of a robot, as ``stable_inversion``, whose errors it has."""
+    check_determined(robot)
+    if options.step is not None and options.tolerance is not None:
+        raise InputError("tolerance: given together with step, which it would choose; allowed: one of both")
+    tolerance = TOLERANCE if options.tolerance is None else _positive("tolerance", options.tolerance, "m or rad")
+    program, span, named = _program(robot, motion, options.duration)
     progress("building kernels")
-    kernel = build(arm, kernels=KERNELS)
+    kernel = build(robot, kernels=KERNELS)
     if played := [name for name, gap in clearances(law_numbers(kernel)).items() if gap > 0.0]:
         raise InputError(
-            f"{arm.name}: {listed(played)} has a clearance, in which nothing says where it is; allowed: robots without"
+            f"{robot.name}: {listed(played)} has a clearance, in which nothing says where it is; allowed: robots"
+            " without one"
         )
-    problem = _problem(arm, kernel, program, frame or named, outputs)
+    problem = _problem(robot, kernel, program, options.frame or named, options.outputs)
     progress("zeros from drives to outputs")
-    step = span / STEPS if step is None else _time("step", step, above=True)
+    step = span / STEPS if options.step is None else _positive("step", options.step)
     begin, *_, end = [zeros_at(problem, t) for t in np.linspace(0.0, span, POSES).tolist()]
-    ahead = _margin("before", before, begin.values.real, step, span)
-    behind = _margin("after", after, -end.values.real, step, span)
+    ahead = _margin("before", options.before, begin.values.real, step, span)
+    behind = _margin("after", options.after, -end.values.real, step, span)
     count = int(np.ceil((span + ahead + behind) / step - 1e-9))
-    if not FEWEST <= count <= MOST or WIDTH * (count + 1) * kernel.n**2 > MOST_NUMBERS:
-        most = min(MOST, MOST_NUMBERS // (WIDTH * kernel.n**2) - 1)
-        raise InputError(f"step: {step:.3g} s makes {count} steps; allowed: {FEWEST} to {most} for {arm.name}")
-    t = np.linspace(-ahead, span + behind, count + 1)
-    progress(f"{count} steps in balance")
-    still = balanced(problem, t)
-    progress("Newton's method")
-    begin, end = (zeros.up_to(np.pi / step) for zeros in (begin, end))
-    return _result(arm, problem, inverted(problem, t, still, (begin, end)), span, begin.values)
+    most = min(MOST, MOST_NUMBERS // (WIDTH * kernel.n**2) - 1)
+    if not FEWEST <= count <= most:
+        raise InputError(f"step: {step:.3g} s makes {count} steps; allowed: {FEWEST} to {most} for {robot.name}")
+    ends = Ends(-ahead, span + behind, begin, end)
+    if options.step is None:
+        refined = refine(problem, ends, count, most, tolerance, progress)
+    else:
+        refined = RefinedMotion(on_steps(problem, ends, count, progress))
+    return Inversion(problem, refined, span, begin.values)
 
 
-def _refuse(robot: Robot) -> None:
+def check_determined(robot: Robot) -> None:
     """Raise InputError for robots whose motion outputs and drives' number do not determine."""
     if robot.loops or robot.own_couplings:
         raise InputError(f"{robot.name}: has loops or couplings; allowed: robots without them")
@@ -133,7 +174,7 @@ def _refuse(robot: Robot) -> None:
 
 def _program(robot: Robot, motion: MotionLike, duration: float | None) -> tuple[Program, float, str | None]:
     """Return the program of a motion, its duration, s, and the frame that a scenario names."""
-    given = None if duration is None else _time("duration", duration, above=True)
+    given = None if duration is None else _positive("duration", duration)
     if hasattr(motion, "at"):
         program: Any = motion
         end = getattr(program, "end", None) if given is None else given
@@ -180,26 +221,27 @@ def _problem(
     return Problem(kernel, program, places, acting.index, acting.ratios, undriven, names)
 
 
-def _time(label: str, value: float, *, above: bool = False) -> float:
-    if not is_usable(value) or value < 0.0 or (above and value == 0.0):
-        raise InputError(
-            f"{label}: {show(value)} s; allowed: a time {'above' if above else 'from'} 0, up to {LARGEST:g}"
-        )
+def _positive(label: str, value: float, unit: str = "s") -> float:
+    if not (is_usable(value) and value > 0.0):
+        what = "time" if unit == "s" else "number"
+        raise InputError(f"{label}: {show(value)} {unit}; allowed: a {what} above 0, up to {LARGEST:g}")
     return float(value)
 
 
 def _margin(label: str, given: float | None, rates: Array, step: float, span: float) -> float:
     """Return a time before or after the motion, s: as asked for, or what the slowest of these rates takes to fade."""
     if given is not None:
-        return _time(label, given)
+        if not (is_usable(given) and given >= 0.0):
+            raise InputError(f"{label}: {show(given)} s; allowed: a time from 0, up to {LARGEST:g}")
+        return float(given)
     slowest = rates[rates > 0.0].min(initial=np.inf)
     return float(min(max(-np.log(FADED) / slowest, AT_LEAST * step), LONGEST * span))
 
 
-def _result(robot: Robot, problem: Problem, motion: InverseMotion, span: float, zeros: Complex) -> StableInversion:
+def _result(robot: Robot, found: Inversion) -> StableInversion:
     """Return the motion at its knots and halfway between them, and what is left."""
-    kernel, knots = problem.kernel, motion.spline.t
-    t = np.sort(np.concatenate([knots, 0.5 * (knots[1:] + knots[:-1])]))
+    problem, motion = found.problem, found.refined.motion
+    kernel, t = problem.kernel, motion.spline.times
     q, v, a = motion.spline.at(t)
     force = np.asarray(kernel.residual(q, v, a, np.zeros_like(q)))
     lacking, still = np.abs(force[:, problem.undriven]), np.zeros((1, kernel.n))
@@ -209,6 +251,7 @@ def _result(robot: Robot, problem: Problem, motion: InverseMotion, span: float, 
     ends = [np.abs(q[i] - motion.still[i]).max() for i in (0, -1)]
     inertia = np.diagonal(kernel.mass_matrix(q[0]))[problem.index]
     notes = [] if not problem.undriven.size else [_smoothness(problem.program)]
+    notes.append(found.refined.note)
     if between > BETWEEN:
         notes.append(
             f"between the samples {between:.2g} m or rad is left; a smoother motion leaves less, and another step may"
@@ -219,13 +262,14 @@ def _result(robot: Robot, problem: Problem, motion: InverseMotion, span: float, 
         drives=tuple(kernel.coordinates[i] for i in problem.index.tolist()),
         coordinates=kernel.coordinates,
         t=t,
-        duration=span,
+        duration=found.span,
         q=q,
         v=v,
         u=force[:, problem.index],
         inertia=inertia,
-        zeros=zeros,
+        zeros=found.zeros,
         history=motion.history,
+        change=found.refined.change,
         residual=float(lacking[::2].max(initial=0.0)),
         between=float(between),
         ends=(float(ends[0]), float(ends[1])),
