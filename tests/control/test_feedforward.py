@@ -223,7 +223,15 @@ def test_jumps_are_named() -> None:
     [
         (lambda: eomgen.load_robot("geared_arm"), r"joints\.elbow\.motor\.clearance: 0\.0005: within its backlash"),
         (lambda: described(MOTOR.replace("2e4", "0.0")), r"joint1\.motor\.stiffness: 0: .* is no flat output"),
-        (lambda: described(MOTOR, more="x = { stiffness = 1e4 }"), r"nothing drives 'joint1\.x', which are no flat"),
+        (lambda: described(MOTOR, more="x = { stiffness = 1e4 }"), r"joint1\.x: swings at .* nothing damps it"),
+        (
+            lambda: described(MOTOR.replace(" }", ", clearance = 1e-3 }"), more="x = { stiffness = 1e4 }"),
+            r"'joint1\.motor' has a clearance",
+        ),
+        (
+            lambda: described(MOTOR.replace(" }", ", drive = { lag = 0.01 } }"), more="x = { stiffness = 1e4 }"),
+            r"nothing drives 'joint1\.x', which are no flat outputs of the drives, and no stable inversion finds them",
+        ),
         (
             lambda: described(
                 "motor = { inertia = 1e-4, ratio = 100, curve = [[-0.1, -1.0], [0.0, 0.0], [0.1, -1.0]] }"

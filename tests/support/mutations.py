@@ -211,6 +211,11 @@ motion = { type = "circle", center = [0, 0, 0], normal = [0, 0, 1], from = [1, 0
 control = { type = "torque", coordinates = ["joint1.gamma", "joint2.z"], rows = [[0, 1, 2], [1, 2, 3]] }
 prescribed = [{ type = "sampled", file = "m.csv" }]
 """
+FEEDFORWARD = """
+duration = 1
+motion = { type = "point_to_point", start = [0, 0], goal = [1, 1], begin = 0.1, duration = 0.5, smooth = 4 }
+control = { type = "feedforward", kp = { joint1 = 10 }, kd = 1, outputs = ["tcp.x", "joint2"], tolerance = 1e-8 }
+"""
 LINE = """
 duration = 1
 motion = { type = "line", from = [1, 0, 0], to = [1, 1, 0], orientation = { from_deg = [0, 0, 90], to = [0, 0, 1] } }
@@ -272,7 +277,12 @@ EMPTY = [[], {}, [[]], [{}], {"": 0}, [0, 0, 0], [[0, 1], [1, 2]]]
 VALUES = [*NUMBERS, *NAMES, *EMPTY, True, False, float("nan"), float("inf")]
 ATTRIBUTES = ["0", "1", "-1", "nan", "inf", "1e400", "0 0 1", "1 2", "0x1", "", " ", "9" * 400, "1e-300 0 0", *NAMES]
 KEYS = sorted(
-    set(re.findall(r"[A-Za-z_]+(?= =)", ARM + WORN + BENT + SCENARIO + TORQUES + LINE + SPLINE + PLAN + TOLERANCES))
+    set(
+        re.findall(
+            r"[A-Za-z_]+(?= =)",
+            ARM + WORN + BENT + SCENARIO + TORQUES + FEEDFORWARD + LINE + SPLINE + PLAN + TOLERANCES,
+        )
+    )
     | {"stifness", "", "a b", "\n", "__class__"}
 )
 TAGS = [
@@ -309,7 +319,7 @@ def element_tree(element: Any) -> list[Any]:
 
 DOCUMENTS: dict[str, list[Any]] = {
     "toml": [tomllib.loads(text) for text in (ARM, SMALL, SMALL, SMALL, WORN, BENT)],
-    "scenario": [tomllib.loads(text) for text in (SCENARIO, SCENARIO, TORQUES, LINE, SPLINE)],
+    "scenario": [tomllib.loads(text) for text in (SCENARIO, SCENARIO, TORQUES, FEEDFORWARD, LINE, SPLINE)],
     "plan": [tomllib.loads(PLAN)],
     "tolerances": [tomllib.loads(TOLERANCES)],
     "urdf": [element_tree(ElementTree.fromstring(text)) for text in (URDF, MIMICS)],

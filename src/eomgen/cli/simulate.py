@@ -83,6 +83,12 @@ def _add_feedforward(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--friction-smoothing", type=real, metavar="V", help=about)
     parser.add_argument("--step", type=real, metavar="S", help="length of a step, s (0.001); with --c")
     add_choice(parser, "--dtype", DTYPES, "type of all numbers")
+    add_names(
+        parser, "--outputs", "NAME", "what follows where deviations have no drive: tcp.x, joint4.gamma", default=None
+    )
+    parser.add_argument(
+        "--tolerance", type=real, metavar="E", help="of coordinates of a stable inversion, m or rad (1e-8)"
+    )
     add_json(parser)
 
 
@@ -104,6 +110,8 @@ def _feedforward(options: argparse.Namespace) -> None:
             robot,
             load_scenario(options.scenario),
             friction_smoothing=options.friction_smoothing,
+            outputs=options.outputs,
+            tolerance=options.tolerance,
             progress=report,
         )
     show_result(options, result)
@@ -150,6 +158,7 @@ COMMANDS = (
         {
             "feedforward arm.toml --scenario s.toml -o f.csv": "samples of drives behind elastic gears",
             "feedforward arm.toml --c out --dtype float32": "the same as C for the controller",
+            "feedforward arm.toml --scenario s.toml --outputs tcp.x tcp.y": "where deviations have no drive",
         },
     ),
 )

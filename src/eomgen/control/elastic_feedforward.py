@@ -9,7 +9,7 @@ Source: A. De Luca, "Feedforward/Feedback Laws for the Control of Flexible Robot
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
@@ -28,7 +28,7 @@ from ..progress import StageReport, no_report, tells_at_prompt
 from ..robot.coordinates import coordinate_names, index_of
 from ..robot.mechanism import driven_coordinates, leading_home
 from ..robot.model import build_model, program_coordinates, tool_of
-from ..robot.value import MOTOR, Coordinate, Joint, Robot
+from ..robot.value import MOTOR, Robot
 from ..runtime.arrays import numbers_in
 from ..runtime.kernel import Kernel
 from ..scenario.load import as_scenario
@@ -36,11 +36,10 @@ from ..scenario.value import Scenario
 from ..simulation.assembly import by_coordinate
 from ..simulation.mechanism import mechanism_of
 from ..simulation.references import PrescribedMotion, make_reference
-from .feedforward_result import FeedForward
+from .feedforward_result import FeedForward, left_out
 from .gears import FINER, Gears, deflections, finer, gears_of, principal_of
-
-SAMPLES = 1000  # steps of a motion by default
-SLOW = 0.02  # of a coordinate's highest velocity: over which Coulomb friction of links reverses in the feed-forward
+from .inversion.feedforward import SAMPLES, InverseSamples, inverse_feedforward
+from .link_friction import smoothing_notes, with_smooth_friction
 
 MotionLike: TypeAlias = "SmoothProgram | Scenario | str | Path | Mapping[str, Any]"
 
@@ -63,12 +62,15 @@ def feedforward(
     t: ArrayLike | None = None,
     prescribed: Any = None,
     friction_smoothing: float | None = None,
+    outputs: Sequence[str] | None = None,
+    tolerance: float | None = None,
     progress: StageReport | None = None,
 ) -> FeedForward:
     """Return positions, velocities and torques of drives by which the links of a robot follow a motion.
 
     Deflections of elastic gears follow from the forces that they transmit: of springs, cubic ones and measured curves
-    by their inverse, and with a damper by a stable filter.
+    by their inverse, and with a damper by a stable filter.  Of a robot with deviations that nothing drives all
+    coordinates are those of a ``stable_inversion``, whose drives may begin before the motion, at times below 0.
 
     Args:
         robot: a Robot, the name of a built-in one, or the path of a description.
@@ -77,30 +79,43 @@ def feedforward(
         t: times of the samples, (T,), s, increasing; default those of the scenario, or 1000 steps until
             the motion ends.
         prescribed: motion of prescribed coordinates beside a reference trajectory, such as ``Harmonic``.
+        outputs: where deviations have no drive, what follows the motion, as of ``stable_inversion``: default the pose
+            of the tool with six drives, else the driven coordinates.
+        tolerance: m or rad, of the steps of a stable inversion.
         friction_smoothing: m/s or rad/s, over which Coulomb friction of links reverses; default 2 percent of a
             coordinate's highest velocity.  The residual says what that leaves of it.
         progress: called with a line of text when a stage of building begins.
 
     Raises:
         InputError: the motion is not smooth enough, a gear has backlash, memory or no spring, a coordinate has no
-            drive; each by its name.
+            drive and a stable inversion does not determine it; each by its name.
         LoopError: loops do not close along the motion.
+        IntegrationError: a stable inversion does not converge.
     """
     robot, report = as_robot(robot), progress or no_report
     check_smoothing(friction_smoothing)
-    gears = gears_of(robot)
     links = links_alone(robot)
+    loose = _loose(robot, links)
+    _check_driven(robot, links)
+    if loose:
+        samples = InverseSamples(None if t is None else _times(t), outputs, tolerance, friction_smoothing)
+        return inverse_feedforward(robot, motion, loose, samples, report)
+    for name, given in (("outputs", outputs), ("tolerance", tolerance)):
+        if given is not None:
+            raise InputError(f"{name}: {show(given)}; allowed: with deviations that nothing drives")
+    gears = gears_of(robot)
     course = _scenario_course(robot, motion, t) if _is_scenario(motion) else _course(robot, motion, t, prescribed)
     report(f"building kernels of {links.name}")
     order = 0 if gears is None else (1 if gears.damped.all() else 2)
     kernel, alone = build(robot), build(links)
-    check_flat(robot, links, kernel, alone)
+    check_flat(robot, links, kernel)
     jumps = _checked_jumps(course, order + 2, gears)
     if order == 1 and all(x.t == course.t[0] for x in _jumps(course, 4)):
         order = 2  # filters take more of the forces between samples
     times = course.t if gears is None or not gears.damped.any() else finer(course.t)
     series = _series(links, alone, course, times, order + 2)
-    soft, widest = _smoothed(links, alone, series, friction_smoothing)
+    fastest = dict(zip(alone.coordinates, np.abs(series[1]).max(axis=0).tolist(), strict=True))
+    soft, widest = with_smooth_friction(links, fastest, friction_smoothing)
     forces = _forces(build(soft) if widest else alone, series, order)
     real = alone.inverse_dynamics(*series[:3]) if widest else forces[0]
     return _assembled(robot, gears, kernel, _Links(alone, times, series, forces, real), course, jumps, widest)
@@ -197,9 +212,7 @@ def _scenario_course(robot: Robot, motion: Any, t: ArrayLike | None) -> _Course:
     step = scenario.output_step or scenario.duration / SAMPLES
     if t is None:
         t = np.linspace(0.0, scenario.duration, max(1, int(np.ceil(scenario.duration / step - 1e-9))) + 1)
-    left = [key for key in ("wrenches", "payloads") if getattr(scenario, key)]
-    notes = (f"{' and '.join(left)} of the scenario are not in the feed-forward",) if left else ()
-    return _Course(with_series(program), moved, _times(t), start, notes)
+    return _Course(with_series(program), moved, _times(t), start, left_out(scenario))
 
 
 def _times(t: ArrayLike) -> Array:
@@ -217,21 +230,36 @@ def _prescribed_names(robot: Robot) -> list[str]:
     return [name for name in names if not name.endswith(f".{MOTOR}")]
 
 
-def check_flat(robot: Robot, links: Robot, full: Kernel, kernel: Kernel) -> None:
-    """Refuse coordinates without drives, drives that take no forces, and laws with states, by name."""
+def _loose(robot: Robot, links: Robot) -> list[str]:
+    """Return the coordinates of the links' side that nothing drives, prescribes or, in loops, closes."""
     moves = {*program_coordinates(links), *_prescribed_names(links)}
     if links.is_closed:
         moves |= set(coordinate_names(links.rigid()))
-    loose = [name for name in kernel.coordinates if name not in moves]
+    return [name for name in build_model(links).coordinates if name not in moves]
+
+
+def check_flat(robot: Robot, links: Robot, full: Kernel) -> None:
+    """Refuse coordinates without drives, drives that take no forces, and laws with states, by name."""
+    loose = _loose(robot, links)
     if loose:
         raise InputError(
             f"{robot.name}: nothing drives {listed(loose)}, which are no flat outputs of the drives; allowed for"
-            " feed-forward: robots whose joints deviate in elastic gears alone"
+            " feed-forward without a stable inversion: robots whose joints deviate in elastic gears alone"
         )
-    drives = set(driven_coordinates(links, kernel.coordinates))
+    _check_driven(robot, links)
+    _check_forces(robot, full)
+
+
+def _check_driven(robot: Robot, links: Robot) -> None:
+    """Refuse motions of coordinates that the description leaves without a drive."""
+    drives = set(driven_coordinates(links, build_model(links).coordinates))
     undriven = [name for name in program_coordinates(links) if name not in drives]
     if undriven:
         raise InputError(f"{robot.name}: nothing drives {listed(undriven)}; allowed: robots whose 'driven' names them")
+
+
+def _check_forces(robot: Robot, full: Kernel) -> None:
+    """Refuse drives that take no forces, and laws with states, by name."""
     if full.memory:
         raise InputError(
             f"{robot.name}: laws have the states {listed(full.memory)}; allowed for feed-forward: robots whose forces"
@@ -298,64 +326,6 @@ def _forces(kernel: Kernel, series: tuple[Array, ...], order: int) -> tuple[Arra
     return kernel.jet("inverse_dynamics", tuple(np.ascontiguousarray(x) for x in series), order)
 
 
-def _smoothed(
-    links: Robot, kernel: Kernel, series: tuple[Array, ...], smoothing: float | None
-) -> tuple[Robot, dict[str, float]]:
-    """Return the robot whose Coulomb friction reverses over higher velocities, and these by coordinate.
-
-    Raises:
-        InputError: Coulomb friction in loops or couplings, which has no such velocity.
-    """
-    fastest = dict(zip(kernel.coordinates, np.abs(series[1]).max(axis=0).tolist(), strict=True))
-    return softened(links, {name: smoothing or SLOW * rate for name, rate in fastest.items() if rate})
-
-
-def softened(links: Robot, widths: Mapping[str, float]) -> tuple[Robot, dict[str, float]]:
-    """Return the robot whose Coulomb friction reverses over these velocities, by coordinate, and those that are new.
-
-    Raises:
-        InputError: Coulomb friction in loops or couplings, which has no such velocity.
-    """
-    for where, law in _laws_between(links):
-        if _is_coulomb(law):
-            raise InputError(
-                f"{where}.friction: Coulomb friction there makes drives jump; allowed for feed-forward: viscous one"
-            )
-    widest: dict[str, float] = {}
-
-    def soft(joint: Joint, name: str, law: Coordinate) -> Coordinate:
-        whole = f"{joint.name}.{name}"
-        width = widths.get(whole, 0.0)
-        if law.friction is None or not _is_coulomb(law) or width <= (law.friction.smoothing or 0.0):
-            return law
-        widest[whole] = width
-        return replace(law, friction=replace(law.friction, smoothing=width))
-
-    joints = tuple(
-        replace(joint, coordinates={name: soft(joint, name, law) for name, law in joint.coordinates.items()})
-        for joint in links.joints
-    )
-    return (replace(links, name=links.name[:42] + "_smooth", joints=joints) if widest else links), widest
-
-
-def coulomb_frictions(links: Robot) -> list[str]:
-    """Return names of coordinates with Coulomb friction."""
-    return [
-        f"{joint.name}.{name}" for joint in links.joints for name, law in joint.coordinates.items() if _is_coulomb(law)
-    ]
-
-
-def _laws_between(links: Robot) -> Iterable[tuple[str, Coordinate]]:
-    for loop in links.loops:
-        yield from ((f"loops.{loop.name}.{name}", law) for name, law in loop.coordinates.items())
-    yield from ((f"couplings.{x.name}", x.law) for x in links.couplings if x.law is not None)
-
-
-def _is_coulomb(law: Coordinate) -> bool:
-    friction = law.friction
-    return friction is not None and bool(friction.coulomb or friction.static or friction.coefficient)
-
-
 def _assembled(
     robot: Robot,
     gears: Gears | None,
@@ -387,7 +357,7 @@ def _assembled(
     if shafts:
         u[:, shafts] = kernel.inverse_dynamics(q, v, a, cut=robot.is_closed)[:, shafts]
         residual[place[behind]] = np.abs(left[:, behind]).max(axis=0)
-    notes += [f"Coulomb friction of {name} reverses over {width:.3g} rad/s or m/s" for name, width in widest.items()]
+    notes += smoothing_notes(widest)
     notes += [
         f"drives jump at t = {x.t:.6g} s, where the motion's derivative of order {x.order} does" for x in jumps[:5]
     ]

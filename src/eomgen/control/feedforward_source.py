@@ -24,8 +24,9 @@ from ..progress import StageReport, no_report, tells_at_prompt
 from ..robot.mechanism import driven_coordinates
 from ..robot.model import build_model
 from ..robot.value import Coordinate, Motor, Robot
-from .elastic_feedforward import check_flat, check_smoothing, coulomb_frictions, links_alone, softened
+from .elastic_feedforward import check_flat, check_smoothing, links_alone
 from .gears import Gears, filter_weights, gears_of, laws_alone, principal_of
+from .link_friction import coulomb_frictions, softened
 from .observer_source import write_texts
 
 LIBRARY = "feedforward.h"
@@ -154,7 +155,7 @@ def _parts_of(robot: Robot, friction_smoothing: float | None) -> _Parts:
         )
     links = links_alone(robot)
     full, kernel = build(robot), build(links)
-    check_flat(robot, links, full, kernel)
+    check_flat(robot, links, full)
     behind = {principal_of(joint) for joint in gears.joints}
     rough = [name for name in coulomb_frictions(links) if name in behind]
     if rough and friction_smoothing is None:

@@ -60,10 +60,11 @@ def _rows(columns: str) -> Listed:
     return Listed(f"[[t, {columns}], ...], t rising", item=Numbers(""), fewest=1, rule="one or more rows of numbers")
 
 
-def _gain(about: str, unit: str) -> Either:
+def _gain(about: str, unit: str, *, needed: bool = True) -> Either:
     number = Number("of all joints", minimum=0.0)
-    needed = "a number, or a table of numbers by joint"
-    return Either(about, unit, needed, options=(number, ByName("by joint; others have none", item=number)))
+    rule = "a number, or a table of numbers by joint"
+    options = (number, ByName("by joint; others have none", item=number))
+    return Either(about, unit, rule if needed else "", options=options)
 
 
 _RPY = "roll, pitch, yaw of the frame, base frame"
@@ -179,6 +180,17 @@ CONTROLS: dict[str, Keys] = {
     "reference": {},
     "computed_torque": {
         "bandwidth": Number("w of the error's dynamics; default 30", "rad/s", above=0.0),
+        "saturate": _SATURATE,
+    },
+    "feedforward": {
+        "kp": _gain("drive per position error of drives; default 0", "N/m or N m/rad", needed=False),
+        "kd": _gain("drive per velocity error of drives; default 0", "N s/m or N m s/rad", needed=False),
+        "outputs": Strings(
+            "what follows where deviations have no drive; default the tool's pose with six drives, else what is driven",
+            some=True,
+            rule="one or more names such as tcp.x and joint4.gamma, as many as drives",
+        ),
+        "tolerance": Number("of coordinates where deviations have no drive; default 1e-8", "m or rad", above=0.0),
         "saturate": _SATURATE,
     },
 }

@@ -141,4 +141,7 @@ MOTION_READERS = {
     "circle": _circle,
     "spline": _spline,
 }
-CONTROL_READERS = {**dict.fromkeys(("none", "reference", "pd", "computed_torque"), _present), "torque": _torque}
+CONTROL_READERS = {
+    **dict.fromkeys(("none", "reference", "pd", "computed_torque", "feedforward"), _present),
+    "torque": _torque,
+}

@@ -29,6 +29,7 @@ from ..robot.model import build_model, program_coordinates
 from ..robot.record import record_of, robot_hash
 from ..robot.value import PRINCIPAL, Robot
 from ..runtime.kernel import Kernel
+from ..runtime.stepping.input_signals import Gains
 from ..runtime.stepping.options import AUTO, RADAU, rollout_of
 from ..runtime.stepping.saturation import efforts_of
 from ..scenario.value import Scenario, Section
@@ -44,9 +45,11 @@ from .controls import (
     TableTorque,
     actuators,
 )
+from .feedforward_control import feedforward_start
 from .loads import Wrenches, check_loads, with_payload_parameters
 from .mechanism import Mechanism, Path, mechanism_of
 from .references import PrescribedMotion, make_reference
+from .sampled_drive import SampledDrive
 
 # What a simulation calls; the larger kernels would take longer to compile than to simulate.
 RIGID_KERNELS = ("inverse_dynamics", "kinematics")
@@ -56,7 +59,7 @@ CLOSED_KERNELS = ("constrained_dynamics", "kinematics", "external_force", "energ
 SINGLES = ("inverse_dynamics", "forward_dynamics", "mass_matrix")  # of these what is called for one state
 BATCHES = ("inverse_dynamics", "kinematics", "energy")  # and for several
 BANDWIDTH = 30.0  # rad/s, of drives by computed torque
-FOLLOWING = ("pd", "computed_torque", "reference")  # controls that follow a motion, or hold the pose
+FOLLOWING = ("pd", "computed_torque", "reference", "feedforward")  # controls that follow a motion, or hold the pose
 REFERENCES = ("reference of position", "reference of velocity")  # that drives take
 
 
@@ -79,7 +82,8 @@ class Assembly:
 
     initial_q: initial positions by coordinate, as the scenario has them.  path: of the rigid mechanism along the
     reference, where there are loops.  until: terminal event, if any.  wanted: the reference that the drives' one
-    corrects (``program`` is a compensated path then).
+    corrects (``program`` is a compensated path then).  begin: q and v with which a feed-forward begins.  notes: about
+    the drives.
     """
 
     kernel: Kernel
@@ -93,6 +97,8 @@ class Assembly:
     until: Until | None
     facts: Facts
     wanted: Program | None = None
+    begin: tuple[Array, Array] | None = None
+    notes: tuple[str, ...] = ()
 
     @property
     def shown(self) -> Program | None:
@@ -169,13 +175,18 @@ def assemble(
         path = mechanism_of(rigid(), driven, begin).path(program, moved, scenario.duration)
     mechanism = None if path is None else path.mechanism
     context = _DriveContext(driven, program, prescribed, mechanism)
-    drive = _drive(robot, scenario, control, kernel, rigid, context)
+    drive, begin, notes = _drive(robot, scenario, control, kernel, rigid, context), None, ()
+    if control.type == "feedforward":
+        kp, kd = (_gains(robot, scenario, key, control.get(key, 0.0), driven) for key in ("kp", "kd"))
+        drive, begin, notes = feedforward_start(robot, scenario, control, kernel, driven, Gains(kp, kd))
     if control.get("saturate"):
         drive = _saturated(scenario, kernel, driven, drive, mechanism)
     wrenches = Wrenches(scenario, robot, kernel) if scenario.wrenches else None
     facts = Facts(record_of(robot), robot_hash(robot), scenario.as_dict(), is_rigid(robot))
     until = _until(scenario, robot, kernel)
-    return Assembly(kernel, driven, initial_q, program, drive, wrenches, prescribed, path, until, facts, wanted)
+    return Assembly(
+        kernel, driven, initial_q, program, drive, wrenches, prescribed, path, until, facts, wanted, begin, notes
+    )
 
 
 def _wanted(scenario: Scenario, robot: Robot, make: Callable[[Scenario], Program]) -> Program | None:
@@ -378,7 +389,7 @@ def _drive(
     driven, program, prescribed, mechanism = context
     if control.type == "torque":
         return _torque(robot, scenario, control.get("table"), kernel)
-    if program is None:
+    if program is None or control.type == "feedforward":  # which is made of all of the scenario
         return NoControl()
     meant = _inputs(scenario, control, kernel, driven)
     if control.type == "reference":
@@ -435,7 +446,7 @@ def _saturated(
 
 def _distributes_forces(drive: Control) -> bool:
     """Return whether a model of the robot distributes forces among drives."""
-    return isinstance(drive, ComputedTorque) or (isinstance(drive, JointPD) and drive.rigid is not None)
+    return isinstance(drive, ComputedTorque | SampledDrive) or (isinstance(drive, JointPD) and drive.rigid is not None)
 
 
 def _torque(robot: Robot, scenario: Scenario, table: TimeTable, kernel: Kernel) -> TableTorque:

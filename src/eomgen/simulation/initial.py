@@ -26,8 +26,14 @@ from .loads import loaded_parameters
 
 
 def initial_state(robot: Robot, scenario: Scenario, assembly: Assembly) -> tuple[Array, Array, tuple[str, ...]]:
-    """Return q and v at t = 0, and the names of the coordinates that nothing holds."""
+    """Return q and v at t = 0, and the names of the coordinates that nothing holds.
+
+    Those of a feed-forward where the scenario says nothing else.
+    """
     initial, kernel = scenario.initial, assembly.kernel
+    if assembly.begin is not None and not (initial and (initial.equilibrium or initial.q or initial.v)):
+        q, v = (np.array(x) for x in assembly.begin)
+        return q, v, ()
     home = leading_home(robot)
     q, v = np.array([home.get(name, 0.0) for name in kernel.velocities]), np.zeros(kernel.n)
     driven = index_of(kernel.coordinates, assembly.driven)

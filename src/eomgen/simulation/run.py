@@ -47,6 +47,7 @@ from .assembly import BANDWIDTH, Assembly, assemble, default_control
 from .controls import ComputedTorque
 from .initial import initial_state
 from .result import SimulationResult
+from .sampled_drive import SampledDrive
 from .segments import Loads, SegmentOptions, run_segments
 from .stream import MotionStream
 
@@ -194,6 +195,7 @@ def run_assembly(
     notes = [
         *_method_note(motion, plan),
         *_assumptions(robot, loose, scenario, assembly),
+        *assembly.notes,
         *_beyond_stops(kernel, q0),
         *_large_goals(scenario, assembly.driven, program_q),
         *excess_notes(
@@ -291,7 +293,7 @@ def _assumptions(robot: Robot, loose: tuple[str, ...], scenario: Scenario, assem
     if free and programmed and not robot.is_closed:
         notes.append(f"free joint {', '.join(free)}: fixed where it is by drives on all its six coordinates")
     motors = [component_name(joint.name, MOTOR) for joint in robot.joints if joint.motor]
-    if motors and programmed:
+    if motors and programmed and not (isinstance(assembly.drive, SampledDrive) and assembly.drive.places is None):
         notes.append(f"drives act at {', '.join(motors)} and know their angles alone, not their joints'")
     if assembly.wanted is not None:
         notes.append("drives follow a compensated path; what is compared is the path that is wanted")

@@ -58,7 +58,7 @@ MotionLike: TypeAlias = "Program | Scenario | str | Path | Mapping[str, Any]"
 
 @dataclass(frozen=True, kw_only=True)
 class InversionOptions:
-    """Options of an inversion, as of ``stable_inversion``."""
+    """Options of an inversion, as of ``stable_inversion``; ``reach`` are times between which it is needed, s."""
 
     frame: str | None = None
     outputs: Sequence[str] | None = None
@@ -67,6 +67,7 @@ class InversionOptions:
     tolerance: float | None = None
     before: float | None = None
     after: float | None = None
+    reach: tuple[float, float] = (0.0, 0.0)
 
 
 class Inversion(NamedTuple):
@@ -131,7 +132,7 @@ def invert(robot: Robot, motion: MotionLike, options: InversionOptions, progress
     if options.step is not None and options.tolerance is not None:
         raise InputError("tolerance: given together with step, which it would choose; allowed: one of both")
     tolerance = TOLERANCE if options.tolerance is None else _positive("tolerance", options.tolerance, "m or rad")
-    program, span, named = _program(robot, motion, options.duration)
+    program, span, named = program_of(robot, motion, options.duration)
     progress("building kernels")
     kernel = build(robot, kernels=KERNELS)
     if played := [name for name, gap in clearances(law_numbers(kernel)).items() if gap > 0.0]:
@@ -143,8 +144,8 @@ def invert(robot: Robot, motion: MotionLike, options: InversionOptions, progress
     progress("zeros from drives to outputs")
     step = span / STEPS if options.step is None else _positive("step", options.step)
     begin, *_, end = [zeros_at(problem, t) for t in np.linspace(0.0, span, POSES).tolist()]
-    ahead = _margin("before", options.before, begin.values.real, step, span)
-    behind = _margin("after", options.after, -end.values.real, step, span)
+    ahead = max(_margin("before", options.before, begin.values.real, step, span), -options.reach[0])
+    behind = max(_margin("after", options.after, -end.values.real, step, span), options.reach[1] - span)
     count = int(np.ceil((span + ahead + behind) / step - 1e-9))
     most = min(MOST, MOST_NUMBERS // (WIDTH * kernel.n**2) - 1)
     if not FEWEST <= count <= most:
@@ -172,7 +173,7 @@ def check_determined(robot: Robot) -> None:
         raise InputError(f"{robot.name}: its laws have states ({listed(model.memory)}); allowed: laws without states")
 
 
-def _program(robot: Robot, motion: MotionLike, duration: float | None) -> tuple[Program, float, str | None]:
+def program_of(robot: Robot, motion: MotionLike, duration: float | None) -> tuple[Program, float, str | None]:
     """Return the program of a motion, its duration, s, and the frame that a scenario names."""
     given = None if duration is None else _positive("duration", duration)
     if hasattr(motion, "at"):
@@ -185,6 +186,8 @@ def _program(robot: Robot, motion: MotionLike, duration: float | None) -> tuple[
     if scenario.motion is None:
         scenario.fail("motion", "nothing moves; allowed: a scenario with a motion")
     tool = tool_of(robot, scenario.frame, scenario.label("frame") if scenario.source else "frame")
+    if scenario.motion.type == "program":
+        return scenario.motion.get("program"), scenario.duration if given is None else given, tool
     start = leading_home(robot) | by_coordinate(robot, scenario, "q", scenario.initial.q if scenario.initial else {})
     driven = program_coordinates(robot)
     program = make_reference(
@@ -250,7 +253,7 @@ def _result(robot: Robot, found: Inversion) -> StableInversion:
     between = (lacking[1::2] / np.where(soft, np.inf, K)).max(initial=0.0)
     ends = [np.abs(q[i] - motion.still[i]).max() for i in (0, -1)]
     inertia = np.diagonal(kernel.mass_matrix(q[0]))[problem.index]
-    notes = [] if not problem.undriven.size else [_smoothness(problem.program)]
+    notes = [] if not problem.undriven.size else [smoothness_note(problem.program)]
     notes.append(found.refined.note)
     if between > BETWEEN:
         notes.append(
@@ -277,7 +280,7 @@ def _result(robot: Robot, found: Inversion) -> StableInversion:
     )
 
 
-def _smoothness(program: Program) -> str:
+def smoothness_note(program: Program) -> str:
     """Say where derivatives of a program jump, which drives behind springs feel; "" where none does."""
     if not hasattr(program, "jumps"):
         return "the motion does not say whether its jerk jumps, where forces of drives behind springs do"

@@ -111,6 +111,8 @@ def acting_on(
         InputError: the scenario does not fit the robot, or has a program that only Python can ask.
         LoopError: loops do not close at the start.
     """
+    if scenario.control is not None and scenario.control.type == "feedforward":
+        scenario.fail("control", "feed-forward is not on a page; allowed: none, pd, reference or computed_torque")
     assembly = assemble(robot, scenario, tool, report)
     report(0.0, "static equilibrium at the start")
     q0, v0, loose = initial_state(robot, scenario, assembly)

@@ -189,6 +189,8 @@ def _check_program(robot: Robot, scenario: Scenario, assembly: Assembly) -> None
     if assembly.program is None:
         scenario.fail("motion", "nothing is programmed that could be corrected; allowed: a scenario with a motion")
     kind = default_control(robot) if scenario.control is None else scenario.control.type
+    if kind == "feedforward":
+        scenario.fail("control", "feed-forward knows of deviations itself; allowed: pd, computed_torque or reference")
     computed = kind == "computed_torque"
     if assembly.facts.is_rigid and computed and not scenario.wrenches and not scenario.payloads:
         raise InputError(
