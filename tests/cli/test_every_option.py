@@ -86,7 +86,15 @@ LATER = {  # once a file was read: tests of analysis, identification and pages t
     *("budget stops", "report stops", "budget robot", "report robot", "view robot", "live robot", "tolerance"),
     *("fit parameters", "coordinates", "matrices", "known", "distance", "calibrate attach", "calibrate fixed"),
     *("reduce root", "reduce node", "reduce rigid", "reduce mean", "reduce stress"),
-    *("calibrate stiffness", "budget frame", "accuracy frame", "compensate frame", "tolerance frame", "plot output"),
+    *(
+        "calibrate stiffness",
+        "feedforward outputs",
+        "budget frame",
+        "accuracy frame",
+        "compensate frame",
+        "tolerance frame",
+        "plot output",
+    ),
 }
 ANY = {  # any text will do: folders, addresses, words for a report
     *("derive output", "generate output", "export output", "simulate output", "simulate stream", "sweep output"),

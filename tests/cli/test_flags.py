@@ -54,6 +54,7 @@ DIFFER = {  # flags whose help or form is another one by command, and why
     "--measure": "observers have sensors, poses one thing for all frames",
     "--noise": "of readings by name, or of positions and rotations",
     "--terms": "identify has terms that no excitation is for",
+    "--tolerance": "view draws what tolerances allow, a feed-forward has one of its steps",
 }
 
 

@@ -124,8 +124,8 @@ def _feedforward(options: argparse.Namespace) -> None:
 def _feedforward_in_c(options: argparse.Namespace) -> None:
     from ..control.feedforward_source import write_feedforward
 
-    for flag in ("output", "json"):
-        if getattr(options, flag):
+    for flag in ("output", "json", "outputs", "tolerance"):
+        if getattr(options, flag) not in (None, False):
             raise InputError(f"--{flag}: given with --c, which writes no samples; allowed: with --scenario")
     robot = read_robot(options)
     step = 1e-3 if options.step is None else options.step

@@ -154,7 +154,7 @@ def _parts_of(robot: Robot, friction_smoothing: float | None) -> _Parts:
             " eomgen.control.feedforward"
         )
     links = links_alone(robot)
-    full, kernel = build(robot), build(links)
+    full = build(robot)
     check_flat(robot, links, full)
     behind = {principal_of(joint) for joint in gears.joints}
     rough = [name for name in coulomb_frictions(links) if name in behind]

@@ -45,7 +45,7 @@ from .controls import (
     TableTorque,
     actuators,
 )
-from .feedforward_control import feedforward_start
+from .feedforward_control import Reference, feedforward_start
 from .loads import Wrenches, check_loads, with_payload_parameters
 from .mechanism import Mechanism, Path, mechanism_of
 from .references import PrescribedMotion, make_reference
@@ -175,17 +175,22 @@ def assemble(
         path = mechanism_of(rigid(), driven, begin).path(program, moved, scenario.duration)
     mechanism = None if path is None else path.mechanism
     context = _DriveContext(driven, program, prescribed, mechanism)
-    drive, begin, notes = _drive(robot, scenario, control, kernel, rigid, context), None, ()
+    drive = _drive(robot, scenario, control, kernel, rigid, context)
+    begun: tuple[Array, Array] | None = None
+    notes: tuple[str, ...] = ()
     if control.type == "feedforward":
         kp, kd = (_gains(robot, scenario, key, control.get(key, 0.0), driven) for key in ("kp", "kd"))
-        drive, begin, notes = feedforward_start(robot, scenario, control, kernel, driven, Gains(kp, kd))
+        if program is None or scenario.motion is None:
+            scenario.fail("motion", "there is none; allowed: a motion for feed-forward")
+        moved_by = Reference(program, driven)
+        drive, begun, notes = feedforward_start(robot, scenario, control, kernel, moved_by, Gains(kp, kd))
     if control.get("saturate"):
         drive = _saturated(scenario, kernel, driven, drive, mechanism)
     wrenches = Wrenches(scenario, robot, kernel) if scenario.wrenches else None
     facts = Facts(record_of(robot), robot_hash(robot), scenario.as_dict(), is_rigid(robot))
     until = _until(scenario, robot, kernel)
     return Assembly(
-        kernel, driven, initial_q, program, drive, wrenches, prescribed, path, until, facts, wanted, begin, notes
+        kernel, driven, initial_q, program, drive, wrenches, prescribed, path, until, facts, wanted, begun, notes
     )
 
 

@@ -36,7 +36,7 @@ class SampledDrive:
 
     def __call__(self, t: float, q: Array, v: Array) -> Array:
         u = np.zeros(q.shape)
-        joint = 0.0
+        joint: Array | float = 0.0
         if self.places is not None:
             place, rate = _at(self.places, t)
             off, too_slow = place - q[..., self.index] / self.ratio, rate - v[..., self.index] / self.ratio
