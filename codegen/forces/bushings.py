@@ -25,6 +25,7 @@ class Bushings(ElasticCoordinates):
     """All bushings."""
 
     FAMILY: ClassVar[str] = Bushing.TABLE
+    TURNS: ClassVar[bool] = True  # no joint bounds how their frames turn
 
     @cached_property
     def members(self) -> Sequence[ElasticCoordinate]:

@@ -10,6 +10,7 @@ from abc import abstractmethod
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import ClassVar
 
 from eomgen.names import kind_of
 from eomgen.robot.geometry import ANGULAR
@@ -145,15 +146,17 @@ class CoupledCoordinates:
         """Return the indices of the coordinates on which its forces depend."""
         return list(dict.fromkeys(i for coordinate in self.members for i in coordinate.jacobian_row))
 
-    def add_to(self, share: ImplicitShare, f: Functions) -> None:
-        """Add forces where the velocities lead to, and c D + c^2 K with the coordinates' directions.
+    def add_to(self, share: ImplicitShare, f: Functions, *, turns: bool = False) -> None:
+        """Add forces where the velocities lead to, and c D + c^2 K with the coordinates' directions, which may turn.
 
         One matrix alone is written as rank-one rows that depend on numbers alone, once for all steps; the sum of both
         makes as many rows, which depend on c.
         """
         forces = self.rows(share.v, share.ahead)
-        if self.spring.matrix.entries and self.damping.entries:
-            share.among(forces, [coordinate.jacobian_row for coordinate in self.members], self.slopes)
+        is_damped = self.damping.entries or (self.spring.matrix.entries and not is_zero(self.spring.lag))
+        if (self.spring.matrix.entries and self.damping.entries) or (turns and share.counts_turning and is_damped):
+            rows = [coordinate.jacobian_row for coordinate in self.members]
+            share.among(forces, rows, self.slopes, turns=turns)
         else:
             share.along_all(forces, partial(self.directions, f))
 
@@ -185,7 +188,12 @@ class CoupledCoordinates:
 
 
 class ElasticCoordinates(ForceElement):
-    """All such coordinates of one family."""
+    """All such coordinates of one family.
+
+    TURNS: whether their directions may turn far within a step of an implicit method.
+    """
+
+    TURNS: ClassVar[bool] = False
 
     @property
     @abstractmethod
@@ -262,11 +270,12 @@ class ElasticCoordinates(ForceElement):
         """Add forces where the rates lead to, and their slopes."""
         for coordinate in self.members:
             if coordinate.has_force:
-                share.along(coordinate.jacobian_row, coordinate.resists(share.v, self.at.functions, share.ahead))
-            for at, law in coordinate.remembered(share.v, self.at.functions, share.ahead):
-                share.in_memory(StateSite(coordinate.jacobian_row, at.states), law.slopes)
+                law = coordinate.resists(share.v, self.at.functions, share.ahead)
+                share.along(coordinate.jacobian_row, law, turns=self.TURNS)
+            for at, remembered in coordinate.remembered(share.v, self.at.functions, share.ahead):
+                share.in_memory(StateSite(coordinate.jacobian_row, at.states), remembered.slopes)
         for coupled in self.coupled:
-            coupled.add_to(share, self.at.functions)
+            coupled.add_to(share, self.at.functions, turns=self.TURNS)
 
     def stiffnesses(self) -> Iterator[tuple[int, Scalar]]:
         """Give those of the description's numbers."""

@@ -130,7 +130,10 @@ class ImplicitShare(ABC):
 
     q, v: where forces are taken, (n,) each; ``ahead`` is how long velocities have led there, 0 in stages.
     inputs: of drives, by the indices of their coordinates.  gains: of a controller of these inputs, kp and kd likewise.
+    counts_turning: whether slopes of dampers by directions that turn are among them.
     """
+
+    counts_turning = False
 
     def __init__(self, q: Sequence[Scalar], v: Sequence[Scalar], ahead: Scalar, inputs: Mapping[int, Scalar]) -> None:
         self.q, self.v, self.ahead, self.inputs = q, v, ahead, inputs
@@ -174,8 +177,15 @@ class ImplicitShare(ABC):
         """Add slopes in the deflection of a motor's transmission: of a straight line, and of laws."""
 
     @abstractmethod
-    def along(self, row: SparseRow, law: Effect) -> None:
-        """Add a force along a direction, and its slopes as a rank-one row; none where the tangent falls."""
+    def along(self, row: SparseRow, law: Effect, *, turns: bool = False) -> None:
+        """Add a force along a direction, and its slopes as a rank-one row; none where the tangent falls.
+
+        Args:
+            row: the direction.
+            law: the force.
+            turns: whether the direction may turn far within a step, so that slopes by this count where
+                ``counts_turning`` says so.
+        """
 
     @abstractmethod
     def along_all(
@@ -184,10 +194,17 @@ class ImplicitShare(ABC):
         """Add forces by coordinates, and rank-one rows with slopes by c and c^2, which are never negative."""
 
     @abstractmethod
-    def among(self, rows: SparseRow, members: Sequence[SparseRow], slopes: Callable[[Scalar, Scalar], Rows]) -> None:
+    def among(
+        self,
+        rows: SparseRow,
+        members: Sequence[SparseRow],
+        slopes: Callable[[Scalar, Scalar], Rows],
+        *,
+        turns: bool = False,
+    ) -> None:
         """Add forces by coordinates, and slopes between values with the derivatives ``members``, by their places.
 
-        The slopes are those on and above the diagonal, by c and c^2; never negative.
+        The slopes are those on and above the diagonal, by c and c^2; never negative.  ``turns``: as of ``along``.
         """
 
 

@@ -23,6 +23,7 @@ from .closed import (
     pivot_outputs,
     projection,
     reduced,
+    with_felt_rows,
     with_rows,
 )
 from .constraint_rows import closure_residuals, general_rank
@@ -75,7 +76,10 @@ def _by_factors(d: Derivation, right: Sequence[Scalar]) -> tuple[FactorisedTree,
 def solved_accelerations(d: Derivation, tree: Tree, pivots: Pivots, rows: Sequence[Row] = ()) -> Outputs:
     """Solve for accelerations, with forces of rows, and a pivot with its scale for every coordinate."""
     rank = general_rank(d.described) if rows and d.described.constraints else None
-    accelerations = with_rows(d, tree, rows, rank)[0] if rows else tree.accelerations({})
+    if any(row.felt is not None for row in rows):
+        accelerations = with_felt_rows(d, tree, rows)
+    else:
+        accelerations = with_rows(d, tree, rows, rank)[0] if rows else tree.accelerations({})
     return {**d.motion(accelerations), **pivot_outputs(d, pivots)}
 
 
@@ -129,7 +133,7 @@ class _Step(ImplicitShare):
         slope = self.dt * linear.by_v + self.square * linear.by_s + nonlinear
         self.slopes[motor] = self.slopes.get(motor, 0.0) + slope
 
-    def along(self, row: SparseRow, law: Effect) -> None:
+    def along(self, row: SparseRow, law: Effect, *, turns: bool = False) -> None:
         for i, arm in row.items():
             self.push(i, law.force * arm)
         self.rows.append(elastic_row(row, self._ahead(law)))
@@ -141,7 +145,14 @@ class _Step(ImplicitShare):
             self.push(i, force)
         self.rows += [elastic_row(row, slope) for row, slope in directions(self.dt, self.square)]
 
-    def among(self, rows: SparseRow, members: Sequence[SparseRow], slopes: Callable[[Scalar, Scalar], Rows]) -> None:
+    def among(
+        self,
+        rows: SparseRow,
+        members: Sequence[SparseRow],
+        slopes: Callable[[Scalar, Scalar], Rows],
+        *,
+        turns: bool = False,
+    ) -> None:
         directions = CoordinateMatrix(slopes(self.dt, self.square)).directions(self.functions, self.round_off)
         self.along_all(rows, lambda c, square: [(combined(x, members), slope) for x, slope in directions])
 

@@ -5,7 +5,7 @@ M a + h = u + J^T lambda,    J a + J_dot v = 0,    g(q) = 0.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -17,8 +17,9 @@ from ..solve.reduced import ReducedTree
 from ..solve.refining import precision_of, refined
 from ..solve.responses import EliminatedTree, Tree, total
 from ..solve.rotors import Rotors
-from ..solve.rows import Row, RowSystem
+from ..solve.rows import Row, RowSystem, Sparse
 from ..solve.states import ScalarSlopes, States
+from ..solve.unsymmetric import UnsymmetricSystem, scaled
 from ..tree.bound import Bound
 from ..tree.composite import mass_matrix
 from ..tree.recursion import inertial_rows
@@ -135,7 +136,7 @@ def with_rows(
 
     ``rank`` is that of the rigid rows, but at singular poses, where it is known.
     """
-    rows = [replace(row, jacobian_row=d.followers.row(row.jacobian_row)) for row in rows] if d.followers else rows
+    rows = [_changed(row, d.followers.row) for row in rows] if d.followers else rows
     pushing = _pushing(d, rows)
     responses = [tree.respond(row) for row in pushing]
     rigid = [r for r, row in enumerate(pushing) if row.jacobian_row and not row.is_elastic]
@@ -144,15 +145,36 @@ def with_rows(
     return tree.accelerations(total(responses, multipliers)), multipliers, system
 
 
+def with_felt_rows(d: Derivation, tree: Tree, rows: Sequence[Row]) -> list[Scalar]:
+    """Return accelerations, (n,), with elastic rows some of which feel other directions than they act along."""
+    rows = [_changed(row, d.followers.row) for row in rows] if d.followers else rows
+    pushing, felt = _pushing(d, rows), [_along_felt(row) for row in rows]
+    responses = [tree.respond(row) for row in pushing]
+    answers = [
+        response if row.felt is None else tree.respond(other)
+        for row, response, other in zip(rows, responses, _pushing(d, felt), strict=True)
+    ]
+    system = UnsymmetricSystem(pushing, responses, answers)
+    multipliers = system.multipliers(lambda r: -1.0 * scaled(rows[r], tree.along(felt[r], answers[r])))
+    return tree.accelerations(total(responses, multipliers))
+
+
+def _along_felt(row: Row) -> Row:
+    """Return the row of what a row feels, its own where that is a multiple of it."""
+    return row if row.felt is None else Row(row.felt)
+
+
+def _changed(row: Row, change: Callable[[Sparse], Sparse]) -> Row:
+    """Return a row with its derivatives changed."""
+    return replace(row, jacobian_row=change(row.jacobian_row), felt=None if row.felt is None else change(row.felt))
+
+
 def _pushing(d: Derivation, rows: Sequence[Row]) -> list[Row]:
     """Drop entries of prescribed coordinates from rows: they move the loops, but nothing moves them."""
     prescribed = set(d.model.prescribed)
     if not prescribed:
         return list(rows)
-    return [
-        replace(row, jacobian_row={i: arm for i, arm in row.jacobian_row.items() if i not in prescribed})
-        for row in rows
-    ]
+    return [_changed(row, lambda x: {i: arm for i, arm in x.items() if i not in prescribed}) for row in rows]
 
 
 def constrained(d: Derivation, tree: Tree, pivots: Pivots) -> Outputs:

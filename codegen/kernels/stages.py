@@ -16,7 +16,8 @@ Ordinary Differential Equations II", section IV.8): these programs are on pairs 
 Of a W-method (T. Steihaug, A. Wolfbrandt, "An Attempt to Avoid Exact Jacobian and Nonlinear Equations in the Numerical
 Solution of Stiff Differential Equations", Mathematics of Computation 33, 1979) the order does not depend on A, nor does
 what Newton's iterations converge to; so falling slopes, friction's too, and those of friction by its load are left out,
-and directions of loops and springs are those of the step's beginning.
+and directions of loops and springs are those of the step's beginning.  Directions of dampers between frames that turn
+fast count, as a rate J v changes with them: J^T D d(J v)/dq is in K, which is no symmetric matrix then.
 """
 
 from __future__ import annotations
@@ -29,12 +30,13 @@ from ..forces.joint_stiffness import ROUND_OFFS, CoordinateMatrix, combined, sym
 from ..forces.laws import Effect
 from ..program.complex_pairs import on_pairs
 from ..program.cutting import cut
-from ..program.ir import Program, finish
+from ..program.forward_mode import gradients
+from ..program.ir import Node, Program, finish
 from ..program.passes import PARAMETERS, run_passes
 from ..solve.rows import Row, elastic_row
 from ..solve.states import ScalarSlopes, StateRow, share, state_rows
 from ..tree.composite import Rows
-from ..tree.spatial import ZERO, Scalar, along
+from ..tree.spatial import ZERO, Scalar, along, is_zero
 from .accelerations import solved_accelerations
 from .closed import eliminated, reduced
 from .constraint_rows import closure_residuals
@@ -70,7 +72,7 @@ class _Stage(ImplicitShare):
         places = {index: place for place, index in enumerate(d.active)}
         super().__init__(d.q, d.v, 0.0, {i: d.graph.input("kp", places[d.model.beside[i]]) for i in d.drive_inputs})
         self.gains = {i: (d.graph.input("kp", places[i]), d.graph.input("kd", places[i])) for i in d.drive_inputs}
-        self.d = d
+        self.d, self.counts_turning = d, not d.described.constraints
         times, rates, shifts, _ = self.arrays
         self.c, self.square = d.graph.input(times, 0), d.graph.input(times, 1)
         self.rates, self.shifts = d.inputs(rates), d.inputs(shifts)
@@ -154,8 +156,15 @@ class _Stage(ImplicitShare):
         self.forces[between.principal] = self.forces[between.principal] - force
         self.slopes[motor] = self.slopes.get(motor, 0.0) + slope.whole
 
-    def along(self, row: SparseRow, law: Effect) -> None:
-        self.directions.append((row, self._rising(law)))
+    def along(self, row: SparseRow, law: Effect, *, turns: bool = False) -> None:
+        damping, f = law.by_v, self.d.functions
+        turning = self._turning(row) if turns and not (is_zero(damping) and is_zero(law.friction_tangent)) else {}
+        slope = self._rising(law)
+        if not turning:
+            self.directions.append((row, slope))
+            return
+        damping = self._rises(law) * damping + f.max(law.friction_tangent, 0.0)
+        self._feel([row], [turning], {(0, 0): slope.whole}, {(0, 0): slope.by_shift}, {(0, 0): damping})
 
     def along_all(
         self, rows: SparseRow, directions: Callable[[Scalar, Scalar], Sequence[tuple[SparseRow, Scalar]]]
@@ -163,14 +172,62 @@ class _Stage(ImplicitShare):
         pairs = zip(directions(self.c, self.square), directions(0.0, self.c), strict=True)
         self.directions += [(row, _Slope(whole, by_shift)) for (row, whole), (_, by_shift) in pairs]
 
-    def among(self, rows: SparseRow, members: Sequence[SparseRow], slopes: Callable[[Scalar, Scalar], Rows]) -> None:
+    def among(
+        self,
+        rows: SparseRow,
+        members: Sequence[SparseRow],
+        slopes: Callable[[Scalar, Scalar], Rows],
+        *,
+        turns: bool = False,
+    ) -> None:
         whole, by_shift = slopes(self.c, self.square), slopes(0.0, self.c)
+        turning = [self._turning(row) for row in members] if turns else []
+        if any(turning):
+            self._feel(members, turning, whole, by_shift, slopes(1.0, 0.0))
+            return
         rates, shifts = ([along(row, x) for row in members] for x in (self.rates, self.shifts))
         pairs = zip(symmetric_product(whole, rates), symmetric_product(by_shift, shifts), strict=True)
         for row, (by_rate, more) in zip(members, pairs, strict=True):
             for i, arm in row.items():
                 self.forces[i] = self.forces[i] + (by_rate + more) * arm
         self.rows += [elastic_row(combined(x, members), slope) for x, slope in self._factored(whole, slopes)]
+
+    def _turning(self, row: SparseRow) -> dict[int, Scalar]:
+        """Return T = d(J v)/dq of a row J, by coordinates that follow no others; empty where rigid rows are solved."""
+        if not self.counts_turning:
+            return {}
+        moving = [i for i in self.d.followers.leaders(row) if i in self.d.active]
+        inputs = [x for x in (self.d.q[i] for i in moving) if isinstance(x, Node)]
+        slopes = gradients(self.d.graph, [along(row, self.d.v)], inputs)[0]
+        return {i: slope for i, slope in zip(moving, slopes, strict=True) if not is_zero(slope)}
+
+    def _feel(
+        self, members: Sequence[SparseRow], turning: Sequence[SparseRow], whole: Rows, by_shift: Rows, damping: Rows
+    ) -> None:
+        """Add forces and rows of values J whose rates are damped, R = (c D + c^2 K) J + c^2 D T.
+
+        Args:
+            members: J of each.
+            turning: T of each.
+            whole, by_shift, damping: c D + c^2 K, c K and D by their places, on and above the diagonal.
+        """
+        felt: list[dict[int, Scalar]] = [{} for _ in members]
+        shifted: list[dict[int, Scalar]] = [{} for _ in members]
+        for slopes, rows, into in (
+            (whole, members, felt),
+            ({at: self.square * d for at, d in damping.items()}, turning, felt),
+            (by_shift, members, shifted),
+            ({at: self.c * d for at, d in damping.items()}, turning, shifted),
+        ):
+            for (r, s), slope in slopes.items():
+                for one, other in [(r, s)] if r == s else [(r, s), (s, r)]:
+                    for i, arm in rows[other].items():
+                        into[one][i] = into[one].get(i, 0.0) + slope * arm
+        for row, by_rate, by_place in zip(members, felt, shifted, strict=True):
+            force = along(by_rate, self.rates) + along(by_place, self.shifts)
+            for i, arm in row.items():
+                self.forces[i] = self.forces[i] + force * arm
+            self.rows.append(Row({i: arm for i, arm in row.items() if not is_zero(arm)}, slope=0.0, felt=by_rate))
 
     def _factored(
         self, whole: Rows, slopes: Callable[[Scalar, Scalar], Rows]
@@ -184,13 +241,19 @@ class _Stage(ImplicitShare):
 
     def _rising(self, law: Effect) -> _Slope:
         """Return the share of a law; 0 where it falls, so that the matrix stays positive definite."""
-        share, f = self._linear(law.by_s, law.by_v), self.d.functions
-        rises = f.step(share.whole)
+        share, f, rises = self._linear(law.by_s, law.by_v), self.d.functions, self._rises(law)
         return _Slope(f.max(share.whole, 0.0) + self.c * f.max(law.friction_tangent, 0.0), rises * share.by_shift)
+
+    def _rises(self, law: Effect) -> Scalar:
+        """Return 1 where the share of a law counts, 0 where it would fall."""
+        return self.d.functions.step(self._linear(law.by_s, law.by_v).whole)
 
 
 class _PairStage(_Stage):
     """Stage with a complex c, whose size and its square are ``spans``.
+
+    Slopes by directions that turn are left out: its factors serve all stages of a step, within which directions turn
+    on, and iterations would not become fewer.
 
     A law rises or falls by these, as real numbers alone are more or less than 0; of slopes between coordinates those by
     positions and by velocities each alone are taken where they rise.  A matrix c D + c^2 K, of which c has a positive
@@ -202,6 +265,7 @@ class _PairStage(_Stage):
     def __init__(self, d: Derivation) -> None:
         super().__init__(d)
         self.size, self.size_square = d.graph.input("spans", 0), d.graph.input("spans", 1)
+        self.counts_turning = False
 
     def in_joint(self, slopes: Callable[[Scalar, Scalar], Rows]) -> None:
         by_v, by_s = slopes(1.0, 0.0), slopes(0.0, 1.0)
@@ -213,14 +277,21 @@ class _PairStage(_Stage):
         pairs = list(zip(directions(1.0, 0.0), directions(0.0, 1.0), strict=True))
         super().along_all(rows, lambda c, square: [(row, c * v + square * s) for (row, v), (_, s) in pairs])
 
-    def among(self, rows: SparseRow, members: Sequence[SparseRow], slopes: Callable[[Scalar, Scalar], Rows]) -> None:
+    def among(
+        self,
+        rows: SparseRow,
+        members: Sequence[SparseRow],
+        slopes: Callable[[Scalar, Scalar], Rows],
+        *,
+        turns: bool = False,
+    ) -> None:
         by_v, by_s = slopes(1.0, 0.0), slopes(0.0, 1.0)
         pairs = sorted({*by_v, *by_s})
 
         def linear(c: Scalar, square: Scalar) -> Rows:
             return {at: c * by_v.get(at, 0.0) + square * by_s.get(at, 0.0) for at in pairs}
 
-        super().among(rows, members, linear)
+        super().among(rows, members, linear, turns=turns)
 
     def _factored(
         self, whole: Rows, slopes: Callable[[Scalar, Scalar], Rows]
@@ -230,9 +301,11 @@ class _PairStage(_Stage):
         return CoordinateMatrix(whole).directions(f, kept=kept)
 
     def _rising(self, law: Effect) -> _Slope:
-        share, f = self._linear(law.by_s, law.by_v), self.d.functions
-        rises = f.step(self.size * law.by_v + self.size_square * law.by_s)
+        share, f, rises = self._linear(law.by_s, law.by_v), self.d.functions, self._rises(law)
         return _Slope(rises * share.whole + self.c * f.max(law.friction_tangent, 0.0), rises * share.by_shift)
+
+    def _rises(self, law: Effect) -> Scalar:
+        return self.d.functions.step(self.size * law.by_v + self.size_square * law.by_s)
 
     def _acts(self, law: StateSlopes) -> Scalar:
         return self.d.functions.step(share(law, self.size, self.size_square))

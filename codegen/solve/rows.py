@@ -70,6 +70,8 @@ class Row:
     jacobian_row: its derivatives by the coordinates, without those that vanish.
     right: wanted J a of a rigid row; 0 of an elastic one.
     slope: of an elastic row, from 0 on; None of a rigid one.
+    felt: of an elastic row whose force other directions feel than it acts along, the derivatives of that force by the
+        accelerations, its slope included (``unsymmetric``); None where they are the slope times ``jacobian_row``.
     group: rows of one kind that are compared to each other where they may be redundant.
     is_weak: whether its group may vanish but for round-off, and is compared to all rigid rows, too.
     """
@@ -77,6 +79,7 @@ class Row:
     jacobian_row: Sparse
     right: Scalar = 0.0
     slope: Scalar | None = None
+    felt: Sparse | None = None
     group: object = None
     is_weak: bool = False
 
