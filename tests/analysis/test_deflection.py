@@ -214,8 +214,10 @@ def test_input_that_is_refused() -> None:
         robot.links,
         (replace(robot.joints[0], type="fixed", coordinates={"x": Coordinate()}),),
     )
-    with pytest.raises(InputError, match=r"nothing holds joint1\.x: its compliance is infinite"):
+    with pytest.raises(InputError, match=r"nothing holds joint1\.x: its compliance is infinite; list it in held"):
         deflection(loose, held=[])
+    with pytest.raises(InputError, match="infinite; held names all that stays, driven coordinates too; list it in"):
+        deflection(replace(loose, driven=("joint1.x",)), held=[])
     plane = ([0.0, 0.0, 0.0], [1.0, 0.0, 0.0])
     for third, points, words in (
         ([2.0, 0.0, 0.0], (3, 3), "span no plane"),

@@ -12,7 +12,7 @@ import numpy as np
 from ..arrays import Array
 from ..bending.beams.resultants import COMPONENTS, StressResultants, stress_resultants
 from ..description import RobotLike
-from ..errors import InputError, UnknownNameError, check_kind
+from ..errors import InputError, LoopError, UnknownNameError, check_kind
 from ..files import check_ending, write_atomically, write_csv
 from ..names import component_name, joint_of, nearest_or_all, parameter_name
 from ..pipeline.stages import build
@@ -166,7 +166,7 @@ def _stress_resultants(arm: HeldRobot, q: Array) -> tuple[StressResultants, ...]
     """Return stress resultants of all links that are beams, in a static equilibrium q, (coordinates,).
 
     Raises:
-        LoopError: as of ``Kernel.reactions``.
+        InputError: of a robot with loops others than its drives hold it.
     """
     robot, kernel = arm.robot, arm.kernel
     beams = [(link, link.beam) for link in robot.links if link.beam is not None]
@@ -178,7 +178,17 @@ def _stress_resultants(arm: HeldRobot, q: Array) -> tuple[StressResultants, ...]
         reacting.parameters.update(kernel.parameters)
     still = np.zeros(len(kernel.coordinates))
     z = arm.fixation.z if kernel.memory else None
-    wrenches = reacting.reactions(q, still, still, wrench=arm.loads or None, z=z)
+    try:
+        wrenches = reacting.reactions(q, still, still, wrench=arm.loads or None, z=z)
+    except LoopError as error:
+        stay, driven = (
+            ", ".join(np.array(kernel.velocities)[mask]) or "nothing"
+            for mask in (arm.fixation.still, arm.fixation.driven)
+        )
+        raise InputError(
+            f"{robot.name}: drives hold what passes its loops in stress resultants of beams, but {stay} is held, and"
+            f" {driven} is driven; allowed: no held, or driven coordinates in it"
+        ) from error
     reactions = dict(zip(reacting.joints, wrenches, strict=True))  # of joints on their children, in their own axes
     gravity = [kernel.parameters[parameter_name("gravity", axis)] for axis in "xyz"]
     found = []
@@ -288,8 +298,12 @@ def _compliance(kernel: Kernel, q: Array, K: Array, fixation: Fixation, frame: s
     scaled = matrix / np.outer(root, root)
     _, values, directions = np.linalg.svd(scaled)
     if values[-1] <= SOFT * values[0]:
-        name = kernel.coordinates[independent[int(np.argmax(np.abs(directions[-1])))]]
-        raise InputError(f"{kernel.name}: nothing holds {name}: its compliance is infinite; list it in held")
+        loose = independent[int(np.argmax(np.abs(directions[-1])))]
+        drive = "; held names all that stays, driven coordinates too" if fixation.driven[loose] else ""
+        raise InputError(
+            f"{kernel.name}: nothing holds {kernel.coordinates[loose]}: its compliance is infinite{drive};"
+            " list it in held"
+        )
     return np.asarray((J / root) @ np.linalg.solve(scaled, (J / root).T))
 
 
