@@ -247,7 +247,8 @@ class Graph:
             return -x
         instruction = self.instructions[x.index]
         if instruction.op == "const":
-            return -instruction.leaf
+            number: float = instruction.leaf
+            return -number
         return Node(self, instruction.args[0]) if instruction.op == "neg" else self._node("neg", (x.index,))
 
     def _scaled(self, factor: float, x: Node) -> Value:
@@ -261,7 +262,8 @@ class Graph:
         if factor == 1.0:
             return x
         if instruction.op == "const":
-            return factor * instruction.leaf
+            number: float = instruction.leaf
+            return factor * number
         if instruction.op == "mul" and self.instructions[instruction.args[0]].op == "const":
             return self._scaled(factor * self.instructions[instruction.args[0]].leaf, Node(self, instruction.args[1]))
         return self._binary("mul", self.constant(factor), x)
