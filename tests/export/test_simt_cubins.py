@@ -19,9 +19,7 @@ pytestmark = pytest.mark.soak
 
 PROCESSORS = ("sm_80", "sm_90", "sm_120")
 KERNELS = ("inverse_dynamics", "mass_matrix", "forward_dynamics", "residual", "frame_poses", "rk4_rollout")
-_FIGURES = re.compile(
-    r"Function properties for (\w+)\n.*?(\d+) bytes spill stores, (\d+) bytes spill loads\n.*?Used (\d+) reg"
-)
+_FIGURES = re.compile(r"Function properties for (\w+)\n.*?(\d+) bytes spill stores, .*\n.*?Used (\d+) registers")
 
 
 @cache

@@ -17,6 +17,7 @@ from eomgen.codegen.simt.sources import SimtSource
 from eomgen.runtime.kernel import Kernel
 
 COUNT = 37  # states: a whole tile and a part of one
+STEP = 1e-6  # s, short enough for explicit steps of stiff robots
 FLAGS = ("-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror", "-O0", "-ffp-contract=off", "-fPIC", "-shared")
 LANGUAGES = {"c++": ("g++", "-x", "c++", "-std=c++11"), "c": ("gcc", "-x", "c", "-std=c99")}
 
@@ -67,13 +68,13 @@ def states(module: Any, name: str, seed: int = 0, count: int = COUNT, size: floa
 
 def scalars(module: Any, name: str) -> dict[str, float]:
     """Return numbers of steps for a kernel that takes some."""
-    return {"step": 1e-4, "steps": 3} if module.META["kernels"][name]["scalars"] else {}
+    return {"step": STEP, "steps": 3} if module.META["kernels"][name]["scalars"] else {}
 
 
 def expected(kernel: Kernel, name: str, arrays: Sequence[Any]) -> Any:
     """Return what the kernel's functions say of the same states."""
     if name.endswith("_rollout"):
-        made = kernel.rollout(*arrays, dt=1e-4, steps=3, method=name.removesuffix("_rollout"))
+        made = kernel.rollout(*arrays, dt=STEP, steps=3, method=name.removesuffix("_rollout"))
         return tuple(x[:, -1] for x in (made if isinstance(made, tuple) else (made.q, made.v)))
     if name == "frame_poses":
         return np.stack([kernel.frame_pose(arrays[0], frame)[:, :3] for frame in kernel.frames], 1)
