@@ -135,14 +135,14 @@ def _write(folder: Path, texts: Mapping[str, str]) -> None:
 
 
 def _library(kernel: Kernel) -> dict[str, str]:
-    """Read the files of the C library that a kernel's C includes, from its package."""
+    """Read the files of the C library that a kernel's C includes, from its package; of one in the cache, eomgen's."""
     from ..codegen.c.library import library_files
 
     files = {}
     for place in library_files():
         with contextlib.suppress(OSError, KeyError):  # a package that another version wrote has other ones
             files[place] = kernel.raw.libraries.source(place)
-    return files
+    return files or dict(library_files())
 
 
 def _key(tools: dict[str, object], *texts: str) -> str:
