@@ -57,6 +57,7 @@ def test_a_kernel_has_the_straight_beams_mass_matrix(built: Build) -> None:
     assert pytest.approx(model.M, abs=1e-12 * np.abs(M).max()) == M
 
 
+@pytest.mark.soak
 def test_energy_of_a_motion_is_balanced(figures: Figures) -> None:
     """An arm on the tip of a soft beam turns, the beam swings, and its damping takes a part of what the drive gives."""
     result = simulate(crane(E=1e9, G=4e8), duration=0.3)

@@ -56,6 +56,7 @@ def hub(t: float) -> tuple[float, float, float]:
     return RATE / SPUN * angle, RATE / SPUN * (t - np.sin(w * t) / w), RATE / SPUN * (1 - np.cos(w * t))
 
 
+@pytest.mark.soak
 def test_a_rod_that_spins_up_bends_as_an_exact_beam() -> None:
     """Three bending modes: least deflection within 0.3 %, stretch by centrifugal forces within 0.1 %."""
     kernel = eomgen.build(robot_from_toml(ROD))

@@ -45,6 +45,7 @@ def test_modes_of_each_link_are_those_of_the_paper(name: str) -> None:
         assert (np.abs(found - printed) <= ROUNDED).all(), (k, found)
 
 
+@pytest.mark.soak
 def test_a_simulation_is_kept_and_drawn(tmp_path: Path) -> None:
     """It begins with a bent link; the result comes back, and has a panel for each link that bends."""
     scenario = scenario_from_toml('duration = 0.05\n[initial]\nq = { "upper.mode1" = 0.01, elbow = 1.0 }')

@@ -143,6 +143,7 @@ def test_info_names_it() -> None:
     assert any(line.startswith("pin.radial: clearance 0.0001, stiffness 1e+07") for line in info.lines())
 
 
+@pytest.mark.soak
 def test_a_simulation_reports_and_draws_it(tmp_path: Path) -> None:
     """It starts in the middle, falls, and touches below; the file, the figures and the page know."""
     scenario = scenario_from_toml(

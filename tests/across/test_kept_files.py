@@ -508,6 +508,7 @@ def _fuzzed(kind: str, first: int, count: int) -> dict[str, Any]:
     return report
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("kind", ["result", "sweep"])
 def test_random_changes_are_refused_or_read(kind: str) -> None:
     _fuzzed(kind, 10_000_000, 80)

@@ -270,6 +270,7 @@ def test_readable_equations() -> None:
     assert {letter.unit for letter in form.letters if str(letter.symbol) == "a_motor_joint1"} == {"N m/rad"}
 
 
+@pytest.mark.soak
 def test_scenarios_drive_at_motors(built: Build) -> None:
     """A prescribed motor, a torque at a joint's motor and gains at a joint, against integrations by hand."""
     robot = replace(described(MOTOR.replace("2e4", "50.0")), gravity=(0.0, 0.0, 0.0))

@@ -35,6 +35,7 @@ from tests.support.soak import soaked
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("seed", seeds(2200, 1, 2))
 def test_measured_motion(seed: int, built: Build, tmp_path: Path) -> None:
     """Drives, the springs' share of them, tensions and reactions are those of the oracle; columns hold them."""

@@ -97,6 +97,7 @@ def test_forward_and_reverse_modes(built: Build) -> None:
     assert np.allclose(np.array(reverse(s.q, s.v, s.a))[:, 0], J.T @ s.a, rtol=1e-12, atol=1e-12)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("seed", [*seeds(4100, 1, 20, soak=4), pytest.param(BENDING, marks=pytest.mark.soak)])
 def test_hessians_are_the_kernels(seed: int, built: Build, figures: Figures) -> None:
     """Of expressions with all functions: casadi.hessian against the kernel's derivatives by hand."""

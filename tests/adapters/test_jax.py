@@ -318,6 +318,7 @@ def test_what_is_refused(built: Build, monkeypatch: pytest.MonkeyPatch) -> None:
         function(kernel, "forward_dynamics")
 
 
+@pytest.mark.soak
 def test_frames_of_robots_with_followers(built: Build) -> None:
     """Columns of their Jacobians are sums, whose derivatives are no matter of the Jacobian alone."""
     robot = with_followers(random_robot(5, joints=(3, 4), max_coordinates=2, max_size=6, tree=True, rods=False), 5)

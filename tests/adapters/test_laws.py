@@ -74,6 +74,7 @@ def test_functions_have_the_kernels_numbers_and_exact_derivatives(family: type[F
             np.testing.assert_allclose(block, wanted, rtol=1e-12, atol=1e-12)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("family", FAMILIES)
 def test_what_jax_compiles_itself_has_the_kernels_numbers(family: type[ForceElement], built: Build) -> None:
     """Derivatives by parameters too: of an entry of a matrix, of the stiffness of bristles."""
@@ -98,6 +99,7 @@ def test_what_jax_compiles_itself_has_the_kernels_numbers(family: type[ForceElem
     np.testing.assert_allclose(slope, expected, rtol=1e-6, atol=1e-6 * np.abs(expected).max())
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("method", ["rk4", pytest.param("rosenbrock", marks=pytest.mark.soak)])
 def test_rollouts_with_states_have_gradients(method: str, built: Build) -> None:
     """By what bristles are bent by at the beginning, too."""
@@ -123,6 +125,7 @@ def test_rollouts_with_states_have_gradients(method: str, built: Build) -> None:
     assert np.abs(slope[q.size :]).min() > 1e-3
 
 
+@pytest.mark.soak
 def test_mechanisms_with_states(built: Build) -> None:
     """Accelerations of the closed mechanism and rates of its states, with their derivatives."""
     names = ("forward_dynamics", "constraint")

@@ -53,7 +53,7 @@ def made_up(robot: Robot, seed: int, size: float) -> SimulationResult:
     )
 
 
-@pytest.mark.parametrize("seed", seeds(0, 2, 6))
+@pytest.mark.parametrize("seed", seeds(0, 1, 6))
 def test_random_robots(seed: int, built: Build) -> None:
     """Contributions are Pinocchio's columns times the deviations, and what is left falls with their square."""
     robot = random_robot(seed, joints=(2, 3), tree=seed % 2 == 0, types=("revolute", "prismatic"))

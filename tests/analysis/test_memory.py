@@ -22,6 +22,7 @@ from tests.support.bristled import ARM, bristled_arm, served_arm
 from tests.support.bristles import FRICTION, GEARED, bristle_gear, bristle_linkage
 from tests.support.builds import Build
 from tests.support.random_robots import Array
+from tests.support.soak import soaked
 
 pytestmark = [pytest.mark.usefixtures("unoptimised"), pytest.mark.filterwarnings("ignore::eomgen.errors.EomgenWarning")]
 
@@ -198,6 +199,7 @@ def test_statics_leave_states_as_they_are(built: Build) -> None:
     assert np.isfinite(grid.softest).all()
 
 
+@pytest.mark.soak
 def test_equilibria(built: Build) -> None:
     robot = bristled_arm()
     kernel = built(robot)
@@ -229,7 +231,7 @@ def test_equilibria(built: Build) -> None:
     assert geared.forward_dynamics(q, [0.0], u, [1e-4, 2e-4]) == pytest.approx([0.0], abs=1e-9)
 
 
-@pytest.mark.parametrize("closed", [True, False])
+@pytest.mark.parametrize("closed", soaked([True, False], [True]))
 def test_loops_and_followers_move_as_their_linear_system_says(closed: bool, built: Build) -> None:
     """A small push: the motion of the whole equations is that of A, also of bristles in followers."""
     robot = bristle_linkage() if closed else bristle_gear()

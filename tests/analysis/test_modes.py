@@ -124,6 +124,7 @@ def test_random_robots_against_pinocchio_and_scipy(seed: int, drives: str, built
     assert np.sign(found.undamped) * found.undamped**2 * 4 * np.pi**2 == pytest.approx(pencil, rel=1e-5, abs=1e-2)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("seed", seeds(0, 1, 10))
 def test_second_derivatives_of_frames_are_those_of_pinocchio(seed: int, built: Build) -> None:
     robot = random_robot(seed, joints=(2, 4), tree=seed % 2 == 0, types=("revolute", "prismatic", "fixed", "free"))

@@ -134,6 +134,7 @@ def test_files_and_figures_have_them(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert "no link of one_link is a beam" in capsys.readouterr().err
 
 
+@pytest.mark.soak
 def test_a_page_has_their_numbers() -> None:
     """With deflection and compliance, and a figure; without beams there is none."""
     found = deflection(boom(), loads={"tcp": [0.0, 0.0, -50.0, 0.0, 0.0, 0.0]})

@@ -73,6 +73,7 @@ def check_equal(kernel: eomgen.Kernel, robot: Robot, seed: int, states: int = 5)
         assert relative(found, expected) < max(1e-11, 100 * float(np.linalg.cond(matrix)) * EPS)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("seed", seeds(0, 1, 12))
 def test_textbook_equals_kernels_on_random_robots(seed: int, built: Build) -> None:
     robot = some_robot(seed)
@@ -186,6 +187,7 @@ def test_bench_prints_a_table_and_json(tiny: Robot) -> None:
     assert values["rows"][0]["kernel"]["operations"]["mul"] >= 0
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("name", soaked(("inverse_dynamics", "frame_pose", "external_force"), ("inverse_dynamics",)))
 def test_what_is_called_from_python_is_what_users_call(name: str, tiny: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     """The kernel's own method, plain calls of which do not come to Python but for the first one."""

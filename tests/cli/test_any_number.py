@@ -17,6 +17,7 @@ from eomgen.identification.tolerances.solve import tolerance
 from eomgen.motion.ends import default_motion
 from eomgen.motion.point_to_point import PointToPoint
 from eomgen.simulation.run import simulate
+from tests.support.soak import soaked
 
 HOSTILE = ("1e300", "-1e300", "1e-300", "nan", "inf", "-inf", "1" + "0" * 400, "9" * 5000, "\x1b[2J", "", "1_0e300")
 OTHER = {"port", "fmi", "kernels"}  # a port is the system's to refuse, a version one of a few, kernels are names
@@ -74,7 +75,11 @@ def test_a_name_is_given_once(words: tuple[str, ...], refused: str, capsys: pyte
     assert f"{refused} is given twice; allowed: once" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("value", [1e300, 1e-300, 10**400, float("nan"), "1", True, [1.0], None], ids=range(8))
+@pytest.mark.parametrize(
+    "value",
+    soaked([1e300, 1e-300, 10**400, float("nan"), "1", True, [1.0], None], [1e300, 10**400, None]),
+    ids=range(8),
+)
 def test_functions_refuse_them_as_well(value: object) -> None:
     robot = load_robot("ur5")
     given: dict[str, object]
@@ -109,7 +114,8 @@ TABLE = {"frames.*.x": {"bound": 1e-4}}
     ("function", "key"),
     [
         *((tolerance, key) for key in ("along", "poses", "random", "seed", "wrench", "confidence")),
-        *((simulate, key) for key in ("duration", "bandwidth", "rtol", "step", "output_step", "start", "goal", "tool")),
+        *((simulate, key) for key in ("duration", "rtol", "output_step", "goal")),
+        *(pytest.param(simulate, key, marks=pytest.mark.soak) for key in ("bandwidth", "step", "start", "tool")),
         (simulate, "method"),
     ],
 )

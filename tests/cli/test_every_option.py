@@ -19,6 +19,7 @@ import pytest
 from eomgen.cli.entry import main
 from eomgen.names import show
 from tests.cli.test_any_number import HOSTILE, OTHER, options
+from tests.support.soak import soaked
 
 STATES = ("deflection", "modes", "response", "linearize")
 ARGUMENTS = {"robot": "one_link", "others": "four_bar", "subject": "one_link", "name": "arm"}  # others are files
@@ -194,7 +195,7 @@ def test_numbers_behind_names_are_refused(refusal: Refusal) -> None:
             assert show(text) in last or re.search(r"expected (at least one|one|\d) argument", last), last
 
 
-@pytest.mark.parametrize("kind", ["missing", "folder", "fifo", "bytes"])
+@pytest.mark.parametrize("kind", soaked(["missing", "folder", "fifo", "bytes"], ["fifo"]))
 def test_files_that_are_none_are_refused_by_name(kind: str, refusal: Refusal) -> None:
     numbers = count()
     for command, action in of_kind("file"):

@@ -49,6 +49,7 @@ def test_files_of_figures_and_pages_say_who_wrote_them(tmp_path: Path) -> None:
     assert not any(map(is_ours, (link, foreign, tmp_path / "none.png", tmp_path / "text.txt")))
 
 
+@pytest.mark.soak
 def test_a_simulation_removes_what_an_older_one_left(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out"
     assert notes(capsys, *SIMULATE, "-o", str(out)) == {REMOVED: set(), NAMED: set()}

@@ -59,8 +59,13 @@ int vanished_in_lanes(int n, int statuses, const REAL *pivots);
 """
 
 
+LANES = [(flags, dtype) for flags in WIDTHS for dtype in ("float64", "float32")]
+
+
 @pytest.fixture(
-    scope="module", params=[(flags, dtype) for flags in WIDTHS for dtype in ("float64", "float32")], ids=str
+    scope="module",
+    params=[lanes if i % 3 == 0 else pytest.param(lanes, marks=pytest.mark.soak) for i, lanes in enumerate(LANES)],
+    ids=str,
 )
 def lanes(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Lanes:
     flags, dtype = request.param

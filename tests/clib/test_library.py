@@ -274,7 +274,7 @@ def optimisation(compiler: str, level: str) -> str:
 
 
 @pytest.mark.parametrize(
-    ("compiler", "flags"), soaked(product(COMPILERS, OPTIONS), {*product(COMPILERS[:1], OPTIONS[:2])})
+    ("compiler", "flags"), soaked(product(COMPILERS, OPTIONS), {*product(COMPILERS[:1], OPTIONS[:1])})
 )
 def test_no_compiler_warns(compiler: str, flags: tuple[str, ...], tmp_path: Path) -> None:
     command = compiler_of(compiler)
@@ -288,7 +288,7 @@ def test_no_compiler_warns(compiler: str, flags: tuple[str, ...], tmp_path: Path
     ("compiler", "vector", "flags"),
     soaked(
         product(COMPILERS, WIDTHS, OPTIONS),
-        {*product(COMPILERS[:1], WIDTHS, OPTIONS[:1]), *product(COMPILERS[1:2], ["-mavx2"], OPTIONS[1:])},
+        {(COMPILERS[0], "-mavx2", OPTIONS[0])},
     ),
 )
 def test_no_compiler_warns_of_lanes(compiler: str, vector: str, flags: tuple[str, ...], tmp_path: Path) -> None:

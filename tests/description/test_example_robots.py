@@ -113,6 +113,7 @@ def test_projected_robots_work(path: Path, built: Build) -> None:
     assert np.linalg.eigvalsh(kernel.mass_matrix(q))[0] >= -1e-12 * np.abs(kernel.mass_matrix(q)).max()
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("name", EVERY_KERNEL)
 def test_every_kernel_of_some_examples(name: str, built: Build) -> None:
     path = next(path for path in MOVING if path.name == name)

@@ -189,6 +189,7 @@ def test_checks_warn_of_starts_beyond_a_stop(tmp_path: Path) -> None:
     assert check_file(arm).notes == ()
 
 
+@pytest.mark.soak
 def test_a_simulation_says_what_was_touched(tmp_path: Path) -> None:
     """In its lines, and again from its file; and that it began beyond a stop."""
     text = ARM.replace("x = { stiffness = 1e6, damping = 10 }\n", "").replace("limits = [-1, 2]", "limits = [-1, 1]")

@@ -93,6 +93,7 @@ def test_matrices_have_the_kernels_numbers(family: type[ForceElement]) -> None:
     compare(robot_from_toml(robot_with(family)))
 
 
+@pytest.mark.soak
 def test_axes_parameters_and_rollouts() -> None:
     functions, kernel = made(eomgen.load_robot("one_link")), eomgen.build("one_link")
     q, v, u = np.array([1e-3, 0.2]), np.zeros((3, 1, 2)), np.linspace(0.0, 1.0, 8).reshape(4, 2)

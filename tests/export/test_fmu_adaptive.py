@@ -99,6 +99,7 @@ def test_a_first_step_is_the_rollouts(version: int, method: str, exported: Expor
     np.testing.assert_array_equal(run(host, 1, 0.05), np.concatenate([wanted[0][-1], wanted[1][-1]]))
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("method", soaked(ADAPTIVE, ("auto",)))
 def test_a_stiff_robot_against_tight_tolerances(method: str, exported: Exported, built: Build) -> None:
     """Gears of 1e4 N m/rad with friction and backlash; drives change between steps, a wrench acts.  Smaller errors of

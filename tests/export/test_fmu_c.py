@@ -296,6 +296,7 @@ def test_places_of_binaries() -> None:
         assert binary_path("arm", version, system, machine) == place
 
 
+@pytest.mark.soak
 @pytest.mark.usefixtures("unoptimised")
 def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["export", "one_link", "--fmu", "-o", str(tmp_path)]) == 0

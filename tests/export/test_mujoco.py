@@ -135,8 +135,8 @@ MOTIONS = [
     pytest.param("puma560_elastic", 5e-5, 400, marks=pytest.mark.soak),
     pytest.param("puma560_elastic", 5e-5, 20_000, marks=pytest.mark.soak),
     ("geared_arm", 2e-4, 5_000),
-    ("balanced_arm", 5e-5, 20_000),
-    ("one_link", 1e-4, 10_000),
+    pytest.param("balanced_arm", 5e-5, 20_000, marks=pytest.mark.soak),
+    pytest.param("one_link", 1e-4, 10_000, marks=pytest.mark.soak),
     ("two_arms", 1e-4, 200),
     pytest.param("two_arms", 1e-4, 10_000, marks=pytest.mark.soak),
 ]

@@ -30,6 +30,7 @@ print(*(x.hex() for x in one_link.forward_dynamics([0.1, 0.2], [0.3, 0.4], [0.0,
 """
 
 
+@pytest.mark.soak
 def test_the_same_robot_makes_the_same_whole_wheel(tmp_path: Path) -> None:
     first = eomgen.export_wheel("one_link", tmp_path / "a", Options(KERNELS))
     assert main(["generate", "one_link", "--wheel", "--kernels", *KERNELS, "-o", str(tmp_path / "b")]) == 0

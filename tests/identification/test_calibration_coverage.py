@@ -56,6 +56,7 @@ def elsewhere(found: CalibrationResult, made: Trial, seed: int) -> Array:
     return np.abs(off) <= found.quantile * np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("is_known", [False, pytest.param(True, marks=pytest.mark.soak)])
 @pytest.mark.parametrize(
     ("arms", "about"),

@@ -121,6 +121,7 @@ def four_bar_samples(built: Build, t: Array) -> tuple[eomgen.Robot, eomgen.Kerne
     return robot, kernel, closed_samples(true, guess, ["joint1.gamma"], t, sines(t, [1.2], 0.25, 3))
 
 
+@pytest.mark.soak
 def test_a_linkage_from_exact_samples(built: Build) -> None:
     """Five parameters by one measured drive, to round-off; the loop's forces need not be known."""
     t = np.arange(1200) * 2e-3

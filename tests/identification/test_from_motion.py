@@ -317,6 +317,7 @@ def turned(angle: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
 
+@pytest.mark.soak
 def test_forces_of_a_mechanism_make_its_motion() -> None:
     """Drives at the driven coordinate alone, which accelerate the closed mechanism as it was measured."""
     t = np.linspace(0.0, 0.2, 21)

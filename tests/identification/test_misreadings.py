@@ -175,6 +175,7 @@ def test_what_explains_nothing_is_not_written(
     assert eomgen.load_robot("better.toml").name == eomgen.load_robot("puma560").name
 
 
+@pytest.mark.soak
 def test_a_wrong_reading_can_be_forced() -> None:
     made = blind()
     columns = made.columns | {"tcp.y": -made.columns["tcp.y"]}

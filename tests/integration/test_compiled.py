@@ -259,6 +259,7 @@ def test_a_state_that_cannot_move_is_named(method: str, built: Build) -> None:
         integrate(kernel, np.zeros(kernel.n), np.ones(kernel.n), 0.1, method=method, atol=1e-6)
 
 
+@pytest.mark.soak
 def test_steps_land_on_what_changes(tmp_path: Path) -> None:
     """A force that sets in: no step crosses it, so that a short push is not missed by steps of any length."""
     text = (
@@ -442,7 +443,7 @@ def test_radau_moves_closed_mechanisms_as_tsit5_does(label: str, text: str) -> N
         pytest.param("shaken", SHAKEN_BARS, marks=pytest.mark.soak),
         ("shaken", SHAKEN_BARS + HELD),
         pytest.param("plate", SWUNG, marks=pytest.mark.soak),  # whose free joint's angles pass a pole
-        ("plate", SWUNG + HELD),
+        pytest.param("plate", SWUNG + HELD, marks=pytest.mark.soak),
     ],
 )
 def test_drives_of_closed_mechanisms_are_those_of_python(label: str, text: str) -> None:
@@ -463,6 +464,7 @@ def test_drives_of_closed_mechanisms_are_those_of_python(label: str, text: str) 
     assert np.abs(found - wanted)[:, free].max() <= 1e-11 * np.abs(wanted).max()
 
 
+@pytest.mark.soak
 @pytest.mark.usefixtures("unoptimised")
 @pytest.mark.parametrize(
     ("label", "text"),
@@ -500,7 +502,7 @@ def test_a_mechanism_that_does_not_close_ends_the_motion() -> None:
     assert not np.isfinite(loaded(assembly, np.array([0.0, 1.0]), q, v).loads.drives(np.zeros(1), q, v)[0, 0])
 
 
-@pytest.mark.parametrize("method", [*IN_C, AUTO, ALL])
+@pytest.mark.parametrize("method", soaked([*IN_C, AUTO, ALL], ["rosenbrock", ALL]))
 def test_states_with_parameters_and_loads_of_their_own_move_as_alone(method: str) -> None:
     """To the bit: other bearings and masses, other centres of mass that wrenches act on, and others beside it."""
     text = "duration = 0.1\n" + SHAKEN + PUSH.format(link=eomgen.load_robot("shaken_arm").links[-1].name, axes="link")

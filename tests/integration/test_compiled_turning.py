@@ -87,7 +87,7 @@ def agree(kernel: Kernel, q: Array, v: Array, duration: float, method: str, **lo
 
 
 @pytest.mark.parametrize("method", ["auto", *IN_C])
-@pytest.mark.parametrize("loads", [{}, {"drive": DRIVE, "wrench": PULL}])
+@pytest.mark.parametrize("loads", soaked([{}, {"drive": DRIVE, "wrench": PULL}], [{"drive": DRIVE, "wrench": PULL}]))
 def test_a_free_body_over_the_poles(method: str, loads: dict[str, Any], built: Build) -> None:
     kernel = built(tumbler(), *NEEDED)
     found = agree(kernel, Q0, V0, 2.0, method, **loads)
@@ -99,6 +99,7 @@ def test_a_free_body_over_the_poles(method: str, loads: dict[str, Any], built: B
             assert np.abs(kept - kept[0]).max() <= 10.0 * LIMIT[method] * np.abs(p).max()
 
 
+@pytest.mark.soak
 def test_auto_takes_all_methods_in_turn_over_the_poles(built: Build) -> None:
     """A body that tumbles, and carries a mass on a stiff spring whose damper holds the explicit method back."""
     body = tumbler()
@@ -179,7 +180,7 @@ def test_a_ball_on_a_base_that_shakes(method: str, built: Build) -> None:
     assert np.abs(found.u[:, 0]).max() > 1.0
 
 
-@pytest.mark.parametrize("method", IN_C)
+@pytest.mark.parametrize("method", soaked(IN_C, ["rosenbrock"]))
 def test_a_closed_pendulum_under_loads(method: str, built: Build) -> None:
     """A free body of which a cut joint holds a point: closed in coordinates that are turned."""
     kernel = built(held_pendulum(), *INTEGRATED, "radau_rollout")

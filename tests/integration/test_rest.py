@@ -46,7 +46,7 @@ def test_smoothing_follows_from_the_stribeck_rate() -> None:
     assert Friction(1.0, 2.0, 0.1, smoothing=1e-3).smoothing == 1e-3
 
 
-@pytest.mark.parametrize("dtype", ["float64", "float32"])
+@pytest.mark.parametrize("dtype", soaked(["float64", "float32"], ["float64"]))
 def test_the_peak_is_the_number_given(dtype: str, built: Build) -> None:
     """At rates from far below the smoothing to far above the Stribeck rate; slopes are finite in either precision."""
     for friction in (Friction(2.0, 5.0, 0.1), Friction(2.0, 5.0, 1e-3), Friction(5.0)):
@@ -106,7 +106,7 @@ def test_what_friction_holds_stays(start: float, built: Build) -> None:
         assert abs(q[-1, 0] - way) < 12.0 * dt  # first order
 
 
-@pytest.mark.parametrize("dtype", ["float64", "float32"])
+@pytest.mark.parametrize("dtype", soaked(["float64", "float32"], ["float32"]))
 def test_no_chatter_in_batches(dtype: str, built: Build) -> None:
     """Lanes that arrive at different times, some loaded beyond the limit, which go on."""
     kernel = built(on_a_rail(Friction(LIMIT, 1.2 * LIMIT, 0.01)), "forward_dynamics", "rollout", dtype=dtype)
@@ -119,6 +119,7 @@ def test_no_chatter_in_batches(dtype: str, built: Build) -> None:
     assert (v[~held, -1] > 1.0).all()
 
 
+@pytest.mark.soak
 def test_friction_in_a_coupling_holds_too(built: Build) -> None:
     """Two masses that a friction between them joins: what acts on one is carried by both, and by its spring."""
     links = tuple(Link(name, 1.0, (0.0, 0.0, 0.0), INERTIA) for name in ("a", "b"))

@@ -21,6 +21,7 @@ from eomgen.integration.system import System
 from eomgen.robot.value import Coordinate, Friction, Robot
 from eomgen.scenario.recorded import scenario_from_record
 from tests.support.builds import Build
+from tests.support.soak import soaked
 from tests.support.swinging import DAMPING, MASS, NEEDED, STIFFNESS, elastic_arm, oscillator
 
 
@@ -54,7 +55,7 @@ def test_oscillator_equals_its_closed_form(method: str, options: dict[str, float
     assert min(motion.info["steps"], motion.info["evaluations"]) > 0
 
 
-@pytest.mark.parametrize("method", ["DOP853", "Radau", "rk4"])
+@pytest.mark.parametrize("method", soaked(["DOP853", "Radau", "rk4"], ["DOP853", "rk4"]))
 def test_times_of_samples_are_free(method: str, built: Build) -> None:
     """The state given is that at the first time, drives see the times themselves; what is recorded is the samples."""
     kernel = built(oscillator(), *NEEDED)
@@ -108,6 +109,7 @@ def test_dampers_and_drives_account_for_the_energy(built: Build) -> None:
     assert motion.energy[-1].sum() - motion.energy[0].sum() == pytest.approx(work, abs=1e-5)
 
 
+@pytest.mark.soak
 def test_implicit_equals_explicit(built: Build) -> None:
     kernel = built(elastic_arm(), *NEEDED)
     q0, v0 = np.full(kernel.n, 0.02), np.full(kernel.n, -0.1)
@@ -178,7 +180,7 @@ def test_divergence_names_coordinate_and_time(method: str, built: Build) -> None
 @pytest.mark.parametrize(
     ("method", "what"),
     [
-        pytest.param(method, what, marks=pytest.mark.soak if method in ("BDF", "Radau") else ())
+        pytest.param(method, what, marks=() if method in ("IDA", "RK45", "rosenbrock") else pytest.mark.soak)
         for method, what in zip(METHODS[1:-1], itertools.cycle(("rate", "force")), strict=False)
     ],
 )

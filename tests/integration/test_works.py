@@ -23,6 +23,7 @@ from eomgen.simulation.run import run_scenario
 from tests.codegen.forces.test_laws import worn
 from tests.support.builds import Build
 from tests.support.random_robots import random_robot, random_state, some_prescribed
+from tests.support.soak import across
 from tests.support.swinging import DAMPING, MASS, NEEDED, STIFFNESS, oscillator
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
@@ -70,8 +71,7 @@ def test_a_closed_form(method: str, built: Build) -> None:
     assert (motion.works[:, [WORKS.index("prescribed"), WORKS.index("wrenches")]] == 0.0).all()
 
 
-@pytest.mark.parametrize("method", [*METHODS, "auto"])
-@pytest.mark.parametrize("kind", ["worn", "prescribed"])
+@pytest.mark.parametrize(("kind", "method"), across(["worn", "prescribed"], [*METHODS, "auto"]))
 def test_balances_are_as_good_as_tolerances(kind: str, method: str, built: Build) -> None:
     """Clearances and frictions, or prescribed coordinates among others, under wrenches: at two samples as at many."""
     if kind == "worn":
@@ -175,6 +175,7 @@ def test_what_cannot_be_integrated_along_is_said(built: Build) -> None:
         integrate(built(oscillator(), *NEEDED, "adaptive_rollout"), [0.0], [0.0], 0.1, works=True)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("robot", ["geared_arm", "worn_arm"])
 def test_a_simulation_balances_at_any_samples(robot: str) -> None:
     """Powers at samples that lie far apart say little of the works in between, which are known all the same."""

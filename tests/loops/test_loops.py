@@ -154,6 +154,7 @@ def test_slider_crank(built: Build) -> None:
         assert loops.redundancy(q).mobility == 1
 
 
+@pytest.mark.soak
 def test_legs_of_goughs_platform(example) -> None:  # type: ignore[no-untyped-def]
     """Lengths of the legs are |p + R b - a|."""
     loops, robot = example("gough"), eomgen.load_robot("gough")

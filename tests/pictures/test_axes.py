@@ -162,6 +162,7 @@ def test_the_plot_of_every_kind_is_a_function_that_takes_it() -> None:
         assert re.search(rf"\b{kind.__name__}\b", str(subject.annotation)), (kind, subject)
 
 
+@pytest.mark.soak
 def test_results_plot_themselves(tmp_path: Path) -> None:
     """By the function of their kind, with its arguments."""
     for name, (make, about, _) in RESULTS.items():

@@ -76,7 +76,7 @@ def test_nothing_but_entries_is_left(empty_cache: Path) -> None:
     assert {"one_link.c", "one_link.h", "one_link.json", "__init__.py"} <= {path.name for path in package.iterdir()}
 
 
-@pytest.mark.parametrize("count", [4, pytest.param(8, marks=pytest.mark.soak)])
+@pytest.mark.parametrize("count", soaked([2, 4, 8], [2]))
 def test_processes_build_the_same_kernel_at_once(count: int, empty_cache: Path, tmp_path: Path) -> None:
     """All of them get it, and it is compiled once: wrapper, kernel, link; and before it the extension module, link."""
     compiler, log = logging_compiler(tmp_path)
@@ -132,7 +132,7 @@ DAMAGES = [
 ]
 
 
-@pytest.mark.parametrize(("kind", "pattern", "damage"), soaked(DAMAGES, DAMAGES[::3]))
+@pytest.mark.parametrize(("kind", "pattern", "damage"), soaked(DAMAGES, DAMAGES[::6]))
 def test_damaged_entries_are_made_again(
     kind: str, pattern: str, damage: Any, filled_cache: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

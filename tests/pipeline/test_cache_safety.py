@@ -20,6 +20,7 @@ from eomgen.pipeline import cache
 from eomgen.pipeline.cache import VARIABLE, is_whole
 from eomgen.pipeline.stages import load_kernel, make_package
 from tests.support.quick_builds import BUILD, QUICK, Q, answer, as_new_process, one_link, python
+from tests.support.soak import soaked
 
 posix = pytest.mark.skipif(not hasattr(os, "getuid"), reason="owners and modes as POSIX has them")
 FOLDERS = ("", "packages", "sources", "locks", "packages/*", "sources/*")
@@ -31,7 +32,7 @@ def place(root: Path, name: str) -> Path:
 
 
 @posix
-@pytest.mark.parametrize("name", FOLDERS)
+@pytest.mark.parametrize("name", soaked(FOLDERS, ["", "packages/*"]))
 def test_no_folder_of_the_cache_may_be_open_to_others(
     name: str, empty_cache: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -106,7 +107,7 @@ def test_who_is_asked_for_the_owner(name: str, filled_cache: Path, monkeypatch: 
 
 
 @posix
-@pytest.mark.parametrize("how", ["open", "link", "pipe", "folder"])
+@pytest.mark.parametrize("how", soaked(["open", "link", "pipe", "folder"], ["open", "link"]))
 def test_files_that_others_may_have_written_are_made_again(
     how: str, filled_cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -172,6 +173,7 @@ def test_what_is_loaded_is_what_was_checked(filled_cache: Path) -> None:
     assert not list(filled_cache.glob("loading-*"))
 
 
+@pytest.mark.soak
 def test_a_binary_that_is_overwritten_while_it_runs(filled_cache: Path) -> None:
     """In place, as a careless copy does it: a mapped file would take the process along."""
     code = f"""

@@ -72,6 +72,7 @@ def expected(empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[np.nda
     return timed(mass_matrix)
 
 
+@pytest.mark.soak
 @forks
 @pytest.mark.parametrize("count", amounts(6, 500))
 def test_killed_builds(
@@ -129,6 +130,7 @@ def damage(path: Path, rng: random.Random) -> str:
     return how
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("count", amounts(5, 200))
 def test_damaged_files(
     count: int,

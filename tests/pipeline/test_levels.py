@@ -48,6 +48,7 @@ def answers(kernel: eomgen.Kernel, seed: int) -> dict[str, Any]:
 SOME = ("inverse_dynamics", "forward_dynamics", "frame_pose")
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(
     ("seed", "dtype", "kernels"),
     [

@@ -152,6 +152,7 @@ def test_keys_and_flags() -> None:
     assert len({key, *others}) == 6
 
 
+@pytest.mark.soak
 def test_a_damaged_object_is_made_again(empty_cache: Path) -> None:
     library = Libraries(find_compiler(), PLAIN, "float64")
     (first,) = library.begin(("fixed",))()
@@ -161,6 +162,7 @@ def test_a_damaged_object_is_made_again(empty_cache: Path) -> None:
     assert (made / OBJECT).read_bytes() == first
 
 
+@pytest.mark.soak
 def test_an_object_is_not_examined_where_it_cannot_run(empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def refused(*_: object) -> None:
         raise BuildError("examined")
@@ -204,7 +206,7 @@ CHANGES = {  # of a file of the library, by part: what the examination must see
 
 
 NOTICED = [(part, change) for part, changes in CHANGES.items() for change in changes]
-FIRST = {(part, next(iter(changes))) for part, changes in CHANGES.items()}  # one of each library
+FIRST = {(part, next(iter(CHANGES[part]))) for part in ("fixed", "adaptive_lanes")}  # one of each kind of steps
 
 
 @pytest.mark.parametrize(("part", "change"), soaked(NOTICED, FIRST))

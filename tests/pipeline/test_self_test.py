@@ -58,7 +58,11 @@ def wrapper(folder: Path, text: str) -> str:
         ("-ffast-math", FORWARD),
         pytest.param("-funsafe-math-optimizations", QUICK, marks=pytest.mark.soak),
         ("-fsingle-precision-constant", QUICK),
-        ("-fsingle-precision-constant", Options(("mass_matrix",), native=True, flags=("-O0",))),
+        pytest.param(
+            "-fsingle-precision-constant",
+            Options(("mass_matrix",), native=True, flags=("-O0",)),
+            marks=pytest.mark.soak,
+        ),
         pytest.param("-ffp-contract=fast -mfma", FUSED, marks=needs_fma),
     ],
     ids=lambda value: value if isinstance(value, str) else "native" if value.native else "portable",
@@ -115,11 +119,11 @@ REORDERS = "-fassociative-math -fno-signed-zeros -fno-trapping-math"
     ("robot", "kernel"),
     [
         (lambda: eomgen.load_robot("one_link"), "energy"),
-        (lambda: eomgen.load_robot("four_bar"), "mass_matrix"),
-        (lambda: slides(1), "forward_dynamics"),
+        pytest.param(lambda: eomgen.load_robot("four_bar"), "mass_matrix", marks=pytest.mark.soak),
+        pytest.param(lambda: slides(1), "forward_dynamics", marks=pytest.mark.soak),
         (lambda: slides(1), "energy"),
         (lambda: slides(3), "forward_dynamics"),
-        (lambda: slides(3), "inverse_dynamics"),
+        pytest.param(lambda: slides(3), "inverse_dynamics", marks=pytest.mark.soak),
     ],
     ids=["one_link", "four_bar", "a slide", "energy of a slide", "slides", "forces of slides"],
 )
@@ -255,6 +259,7 @@ def derived(name: str = "one_link", *kernels: str, dtype: str = "float64") -> Eq
     return derive_equations(build_model(eomgen.load_robot(name)), kernels, dtype)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(
     ("name", "dtype"),
     [

@@ -64,6 +64,7 @@ def test_ten_thousand_arms(capsys: pytest.CaptureFixture[str]) -> None:
     assert low < high
 
 
+@pytest.mark.soak
 def test_least_effort(capsys: pytest.CaptureFixture[str]) -> None:
     text = said("least_effort.py", capsys, "20")
     some, best, approximate = numbers(r"effort ([0-9.]+) N", text)

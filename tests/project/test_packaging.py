@@ -38,6 +38,7 @@ def wheel(archives: tuple[Path, Path]) -> Path:
     return archives[1]
 
 
+@pytest.mark.soak
 def test_the_source_distribution_holds_what_is_kept_under_version_control(archives: tuple[Path, Path]) -> None:
     """All of it but .gitignore: tests, documentation and examples too."""
     if not (ROOT / ".git").exists():

@@ -166,6 +166,7 @@ def test_memory_behind_the_arrays_is_not_touched(built: Build) -> None:
         assert np.isfinite(room[1:-1]).all()
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(
     "flags", [(), *(pytest.param((flag,), marks=pytest.mark.soak) for flag in ("-mavx512f", "-mavx2"))]
 )

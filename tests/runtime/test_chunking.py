@@ -15,6 +15,7 @@ from eomgen.errors import IntegrationStopped, SingularError
 from eomgen.runtime.raw import STAGES, OneLibrary
 from eomgen.runtime.stepping import many_steps
 from tests.support.builds import Build
+from tests.support.soak import soaked
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -69,7 +70,7 @@ def cut(kernel: eomgen.Kernel, operations: int, seen: list[int] | None = None, e
 
 @pytest.mark.parametrize("count", [None, 1, 5, 37])
 @pytest.mark.parametrize("method", ["rk4", "implicit"])
-@pytest.mark.parametrize("dtype", ["float64", "float32"])
+@pytest.mark.parametrize("dtype", soaked(["float64", "float32"], ["float64"]))
 def test_pieces_of_a_rollout_change_no_bit(
     count: int | None, method: str, dtype: str, built: Build, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -74,6 +74,7 @@ def test_one_state_and_many_have_the_same_bits(kernel: eomgen.Kernel) -> None:
         np.testing.assert_array_equal(hessians[i], kernel.hessian("inverse_dynamics", [x[i] for x in args], weights[i]))
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("name", soaked(["forward_dynamics", "energy", "frame_pose"], ["energy"]))
 def test_by_parameters(name: str, kernel: eomgen.Kernel) -> None:
     """The Jacobian's columns are differences, and the reverse sweep's weighted rows of it."""

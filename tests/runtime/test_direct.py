@@ -225,9 +225,8 @@ SLOW = ("a tree", "loops", "bending")
     ("robot", "dtype"),
     [
         *((robot, "float64") for robot in ROBOTS if robot not in SLOW),
-        ("one_link", "float32"),
         *(pytest.param(robot, "float64", marks=pytest.mark.soak) for robot in SLOW),
-        *(pytest.param(robot, "float32", marks=pytest.mark.soak) for robot in ROBOTS if robot != "one_link"),
+        *(pytest.param(robot, "float32", marks=pytest.mark.soak) for robot in ROBOTS),
     ],
 )
 def test_both_bindings_say_the_same(robot: str, dtype: str, calls: int, built: Build) -> None:

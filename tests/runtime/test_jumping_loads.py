@@ -77,6 +77,7 @@ def robot_of(kind: str) -> Any:
     return some_prescribed(robot, 3)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("method", TIGHT)
 @pytest.mark.parametrize("kind", soaked(("one_link", "prescribed"), ("prescribed",)))
 def test_gradients_are_those_of_the_motion(kind: str, method: str, built: Build) -> None:

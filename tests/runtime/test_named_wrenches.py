@@ -70,6 +70,7 @@ def test_frames_and_links_as_jacobians_have_them(seed: int, built: Build) -> Non
         assert np.allclose(call(*(x[2] for x in arguments), wrench=one), call(*arguments, wrench=rows)[2], atol=1e-11)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("number", seeds(0, 1, 20))
 def test_closed_mechanisms(number: int, built: Build) -> None:
     m, rng = mechanism(number), np.random.default_rng(number)

@@ -97,6 +97,7 @@ def test_all_numbers_as_parameters(seed: int, built: Build) -> None:
     )
 
 
+@pytest.mark.soak
 def test_one_parameter_at_a_time(built: Build) -> None:
     """Each of them reaches the kernels, and reaches what it should."""
     rng = np.random.default_rng(3)

@@ -101,6 +101,7 @@ def test_every_state_may_have_loads_of_its_own(dtype: str, method: str) -> None:
     assert all(np.array_equal(x, y) for x, y in zip(whole, again, strict=True))
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("method", METHODS)
 def test_what_integrate_takes_rollouts_take(method: str, built: Build) -> None:
     """Objects and data by the names of ``integrate``: a law, wrenches, and prescribed motions that states begin on."""

@@ -269,6 +269,7 @@ def test_a_mechanism_whose_drive_is_clipped(built: Build) -> None:
     assert np.abs(wanted.q[-1] - kernel.rollout(q, v, method="tsit5", **how)[0][-1]).max() > 1e-3
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("method", METHODS)
 def test_gradients_of_a_mechanism(method: str, built: Build, monkeypatch: pytest.MonkeyPatch) -> None:
     """Loops are closed after steps whose drive is clipped, and differentiated with that."""

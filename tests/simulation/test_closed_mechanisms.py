@@ -63,6 +63,7 @@ def test_drives_move_from_home_and_the_rest_follows(name: str) -> None:
     assert (result.trajectory.u[:, idle] == 0.0).all()
 
 
+@pytest.mark.soak
 def test_a_robot_whose_loops_need_deviations_moves_freely() -> None:
     """There are no equations of its rigid robot, which nothing but drives and references take."""
     robot = robot_from_toml(SPLIT_ARM)

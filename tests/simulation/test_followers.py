@@ -99,6 +99,7 @@ def test_scenarios_that_name_followers_are_refused(said: str, hand: Robot) -> No
         eomgen.run_scenario(hand, scenario)
 
 
+@pytest.mark.soak
 def test_results_that_have_followers_are_refused_by_name(hand: Robot, tmp_path: Path) -> None:
     """As results were written when followers were coordinates."""
     old = eomgen.run_scenario(hand.with_constraints(), scenario_from_toml(f"duration = 0.01\n{FREE}"))

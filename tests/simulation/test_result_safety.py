@@ -122,6 +122,7 @@ def check_streams(folder: Path) -> int:
 WRITERS = {"results": (RESULTS, check_results), "rows": (ROWS, check_rows), "streams": (STREAM, check_streams)}
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("kind", soaked(WRITERS, ("results",)))
 @pytest.mark.parametrize("count", [2, pytest.param(20, marks=pytest.mark.soak)])
 def test_killed_writers(

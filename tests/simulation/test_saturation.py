@@ -78,7 +78,7 @@ def drives(result: SimulationResult) -> np.ndarray:
     return np.asarray(np.abs(result.trajectory.u[:, index]).max(axis=0))
 
 
-@pytest.mark.parametrize("control", soaked(CONTROLS, ("pd", "torque")))
+@pytest.mark.parametrize("control", soaked(CONTROLS, ("pd",)))
 def test_drives_are_clipped_in_c_and_in_python(control: str) -> None:
     """By the same amounts, at the joint and at a motor behind a gear, and the energy balances."""
     robot = robot_from_toml(ARM)

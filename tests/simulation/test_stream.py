@@ -90,6 +90,7 @@ run_scenario(eomgen.load_robot("one_link"), scenario_from_toml("duration = 2e3\\
 """
 
 
+@pytest.mark.soak
 def test_a_killed_simulation_leaves_what_it_had(tmp_path: Path) -> None:
     """SIGKILL in the middle; what is there equals an undisturbed run of that length."""
     folder = tmp_path / "run.zarr"

@@ -254,6 +254,7 @@ def test_drives_keep_the_nominal_model(tmp_path: Path) -> None:
 # Who does what when
 
 
+@pytest.mark.soak
 def test_threads_change_nothing(tmp_path: Path, swept: SweepResult) -> None:
     assert not swept.errors
     assert swept.complete

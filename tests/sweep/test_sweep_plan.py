@@ -71,6 +71,7 @@ def test_what_modes_follow_from_is_no_parameter(key: str) -> None:
         prepare("flexible_arm", {"duration": 0.1}, plan)
 
 
+@pytest.mark.soak
 def test_what_rollouts_cannot_do_is_integrated_or_refused() -> None:
     """Prescribed motions are part of rollouts; methods in Python are not."""
     change = "record = ['tool_deviation_max']\n[[vary]]\nparameter = 'gravity.z'\ngrid = { values = [-9.8, -9.9] }\n"

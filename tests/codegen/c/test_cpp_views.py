@@ -17,6 +17,7 @@ from eomgen.codegen.c.project import TAKEN, identifiers, project_files, quoted, 
 from eomgen.robot.value import Robot
 from tests.support.c_project import COMPILERS, NO_EIGEN, PREAMBLE, WARNINGS, need_eigen, package_of, program, run
 from tests.support.random_robots import random_robot
+from tests.support.soak import soaked
 
 VIEWS = """
 #include <cmath>
@@ -89,7 +90,7 @@ int main()
 KERNELS_OF_VIEWS = ("mass_matrix", "coriolis_matrix", "residual_jacobian", "kinematics", "forward_dynamics")
 
 
-@pytest.mark.parametrize("compiler", COMPILERS)
+@pytest.mark.parametrize("compiler", soaked(COMPILERS, list(COMPILERS)[:1]))
 def test_views_of_eigen_copy_nothing(compiler: str, tmp_path: Path) -> None:
     package = package_of(eomgen.load_robot("one_link"), tmp_path, *KERNELS_OF_VIEWS)
     code = PREAMBLE.format(name="one_link", space="one_link") + VIEWS

@@ -203,6 +203,7 @@ int main(void)
 """
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(
     "kind", ["shared", *(pytest.param(kind, marks=pytest.mark.soak) for kind in ("static", "fetched"))]
 )

@@ -156,6 +156,7 @@ def compiled_kernel(package: Path, folder: Path) -> Path:
     return folder / "kernel.o"
 
 
+@pytest.mark.soak
 def test_the_s_function_has_the_kernels_accelerations(package: Path, tmp_path: Path) -> None:
     for name, text in {
         "one_link_sfun.c": titled(SIMULINK, "one_link_sfun.c"),

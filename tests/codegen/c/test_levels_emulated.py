@@ -155,6 +155,7 @@ def test_levels_that_run_here(known: tuple[Path, bytes, np.ndarray], level: str)
     )
 
 
+@pytest.mark.soak
 @needs_levels
 @pytest.mark.parametrize(("level", "processor"), [("v3", "max"), pytest.param("v1", "qemu64", marks=pytest.mark.soak)])
 def test_levels_that_are_emulated(known: tuple[Path, bytes, np.ndarray], level: str, processor: str) -> None:

@@ -99,6 +99,7 @@ def test_every_python_writes_the_same_text(wanted: str, tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.soak
 def test_another_hash_seed_and_the_tree_as_it_lies() -> None:
     """The short form: one seed, and the package that the long form takes, which nobody has installed."""
     here = digests(sys.executable, SMALL[:1], 0)

@@ -65,6 +65,7 @@ def test_evaluation_equals_compiled_code(tmp_path: Path) -> None:
         assert np.array_equal(out, list(expected.values()), equal_nan=True)
 
 
+@pytest.mark.soak
 def test_split_functions_equal_whole_ones(built: Build, empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Functions of a few statements that hand values on, against one function per kernel: the same to the bit."""
     robot = random_robot(7, joints=(2, 2), types=("revolute", "prismatic"), max_coordinates=2)

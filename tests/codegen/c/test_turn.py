@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 import eomgen
 from eomgen.codegen.package.compile import FLAGS, processor
 from eomgen.codegen.samples.sines import COEFFICIENTS, polynomials
+from tests.support.soak import soaked
 
 VECTORS = [("-DEOMGEN_VECTOR=0",), (), ("-mavx2", "-mfma", "-ffp-contract=fast"), ("-mavx512f",)]
 SOME = [*VECTORS[:2], *(pytest.param(flags, marks=pytest.mark.soak) for flags in VECTORS[2:3]), *VECTORS[3:]]
@@ -62,7 +63,7 @@ def angles_of(dtype: str) -> NDArray[np.floating]:
     return np.resize(found, -(-len(found) // 16) * 16).astype(dtype)
 
 
-@pytest.mark.parametrize("dtype", ["float64", "float32"])
+@pytest.mark.parametrize("dtype", soaked(["float64", "float32"], ["float64"]))
 @pytest.mark.parametrize("flags", SOME, ids=lambda flags: " ".join(flags) or "default")
 def test_within_units_in_the_last_place(dtype: str, flags: tuple[str, ...], tmp_path: Path) -> None:
     if any(need not in processor().split() for flag, need in NEEDS.items() if flag in flags):

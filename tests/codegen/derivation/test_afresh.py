@@ -53,7 +53,7 @@ def short(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(report, "MOST_COORDINATES", 2)
 
 
-@pytest.mark.parametrize("kind", soaked(KINDS, list(KINDS)[::2]))
+@pytest.mark.parametrize("kind", soaked(KINDS, list(KINDS)[:2]))
 @pytest.mark.parametrize("seed", seeds(2, 1, 12))
 def test_random_robots(kind: str, seed: int, tmp_path: Path, short: None) -> None:
     """Programs agree, no term that is dropped is there, and none that survives vanishes; reports are documents."""
@@ -142,7 +142,7 @@ def test_a_dropped_term_that_does_not_vanish_stops() -> None:
         assert error.value.place == "; ".join(model.coordinates[i] for i in key)
 
 
-@pytest.mark.parametrize("kernel", soaked(CHECKED, CHECKED[::3]))
+@pytest.mark.parametrize("kernel", soaked(CHECKED, CHECKED[::6]))
 def test_a_wrong_constant_in_a_program_stops(kernel: str) -> None:
     """A number that is off by 1e-6 of itself is refused with the kernel's name."""
     model = build_model(load_robot("ur5"))

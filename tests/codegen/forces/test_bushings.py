@@ -66,6 +66,7 @@ def test_coordinates_are_those_of_scipy(seed: int, built: Build) -> None:
         np.testing.assert_allclose(stored, 0.5 * np.sum(np.array(STIFFNESS) * e**2), rtol=1e-12)
 
 
+@pytest.mark.soak
 def test_a_bushing_is_a_cut_joint_of_six_elastic_coordinates(built: Build) -> None:
     """Motions, derivatives, steps and what joints hold are equal."""
     names = ("x", "y", "z", "alpha", "beta", "gamma")
@@ -202,6 +203,7 @@ def test_methods_and_sizes_know_its_stiffness(built: Build) -> None:
     np.testing.assert_allclose(fastest_rates(kernel, q)[0], np.sqrt(swing), rtol=1e-9)
 
 
+@pytest.mark.soak
 def test_simulations_conserve_or_book_energy() -> None:
     robot = robot_of_text(MOUNT + PLACEMENTS + f"stiffness = {STIFFNESS}\n")
     result = eomgen.simulate(robot, duration=0.2)

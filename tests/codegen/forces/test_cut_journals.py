@@ -68,6 +68,7 @@ def inputs_of(robot: Robot, s: State) -> dict[str, object]:
     return {"q": s.q, "v": s.v, "a": s.a, "u": s.u, "p": numbers}
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(
     "radial", [pytest.param(FULL, id="length"), pytest.param(PLANE, id="plane", marks=pytest.mark.soak)]
 )

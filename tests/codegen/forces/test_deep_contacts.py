@@ -109,6 +109,7 @@ def test_they_have_all_digits(dtype: str, built: Build) -> None:
     np.testing.assert_array_less(np.abs(stored - 2 * energy), 3 * allowed * energy * (1 + deviation) + curve)
 
 
+@pytest.mark.soak
 def test_so_they_have_in_journals_couplings_cut_joints_and_cables(built: Build) -> None:
     """Single precision against double: forces 0.3 m deep, with the slopes that derivatives have there."""
     names = (*NAMES, "spring_forces", "cut_forces")

@@ -296,6 +296,7 @@ def test_motion_is_scipys(built: Build) -> None:
     assert v[-1, 0] == pytest.approx(expected.y[1, -1], abs=1e-6)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("seed", [*seeds(1370, 1, 1), *seeds(1372, 0, 3)])
 def test_implicit_steps_are_those_of_the_formula(seed: int, built: Build) -> None:
     """Forces and tangents where the rate leads to, tangents that fall left out: with the whole matrix, in NumPy.

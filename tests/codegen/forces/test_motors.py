@@ -295,6 +295,7 @@ def test_the_rigid_robot_has_the_rotors_as_armatures(built: Build) -> None:
     )
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("kind", soaked(["clearance", "curve", "plain", "one-sided"], ["clearance"]))
 def test_energy_stays(kind: str, built: Build) -> None:
     """Without damping: springs, backlash and curves of transmissions give back what they take."""
@@ -333,6 +334,7 @@ def test_backlash_lets_go(built: Build) -> None:
     assert np.array_equal(q[:, 0], np.zeros(11))
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("seed", seeds(1995, 1, 2))
 def test_inertia_and_ratio_are_parameters(seed: int, built: Build) -> None:
     """Set without recompiling, they do what they do in the description."""

@@ -97,6 +97,7 @@ def test_derivatives_are_exact(seed: int, built: Build) -> None:
         assert close(M @ block, wanted, 1e-9)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("seed", seeds(2040, 1, 3))
 def test_rows_are_the_gradient_of_energy(seed: int, built: Build) -> None:
     """Pinocchio's and the quadrature's energy, differences of eighth order."""
@@ -113,6 +114,7 @@ def test_rows_are_the_gradient_of_energy(seed: int, built: Build) -> None:
         assert kernel.generalized_force(s.q, still)[i] == pytest.approx(-sum(parts) / h, rel=1e-6, abs=1e-5)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("seed", soaked((21, 22, 23), (22,)))
 def test_mujocos_tendons_do_the_same(seed: int, built: Build) -> None:
     """Springs, dampers, a spring of free length 0 and a cable that MuJoCo has with a kink."""
@@ -223,6 +225,7 @@ def test_a_cable_goes_slack_and_taut(built: Build) -> None:
     assert v[-1, 0] == pytest.approx(expected.y[1, -1], abs=1e-5)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("seed", seeds(2050, 1, 2))
 def test_energy_is_conserved(seed: int, built: Build) -> None:
     """Without dampers; curves, cables and springs of free length 0 among them."""

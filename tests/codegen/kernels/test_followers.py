@@ -162,6 +162,7 @@ def slope_by(kernel: eomgen.Kernel, name: str, f: Callable[[eomgen.Kernel], Arra
     return np.asarray((at[0] - 8 * at[1] + 8 * at[2] - at[3]) / (12 * step))
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("seed", seeds(0, 1, 20))
 def test_derivatives_by_ratios_and_offsets(seed: int, built: Build) -> None:
     coupled, _ = springy(seed)
@@ -190,6 +191,7 @@ def test_derivatives_by_ratios_and_offsets(seed: int, built: Build) -> None:
     near(held, (moved[0] - moved[1]) / (2 * h), 1e-7)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("seed", seeds(0, 1, 20))
 def test_motions_are_those_of_the_tree_reduced(seed: int, built: Build) -> None:
     """Against SciPy's integration of accelerations that NumPy reduces; gradients against differences."""

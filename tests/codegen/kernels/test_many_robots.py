@@ -15,7 +15,7 @@ from tests.support.figures import Figures
 from tests.support.many_descriptions import check_descriptions
 from tests.support.many_laws import CHECKS
 from tests.support.many_robots import FORMS, ROBOTS, Subject, many_robot, named, subject
-from tests.support.soak import share
+from tests.support.soak import share, soaked
 
 pytest.importorskip("pinocchio")
 pytest.importorskip("mujoco")
@@ -46,7 +46,7 @@ def check(number: int, built: Build, figures: Figures, cache: Path) -> None:
     assert s.robot == robot, "a check has changed the robot"
 
 
-@pytest.mark.parametrize("number", QUICK)
+@pytest.mark.parametrize("number", soaked(QUICK, QUICK[::3]))
 def test_a_few_robots(number: int, built: Build, figures: Figures, empty_cache: Path) -> None:
     check(number, built, figures, empty_cache)
 

@@ -74,6 +74,7 @@ def test_followers_springs_offsets_motors_and_prescribed_coordinates(seed: int, 
         check_generalized(kernel, q, v)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
 def test_batches_have_the_bits_of_single_states(dtype: str, built: Build) -> None:
     robot = random_robot(4, joints=(3, 4), tree=True)
@@ -118,6 +119,7 @@ def test_references_of_frames(built: Build) -> None:
         kernel.frame_acceleration(q, v, a, "tpc")
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("seed", seeds(20, 1, 10))
 def test_a_flying_robot_keeps_its_momentum_but_for_its_weight(seed: int, built: Build) -> None:
     """Of its rate under forces within: the weight, and no moment about the center of mass."""

@@ -140,6 +140,7 @@ def test_zero_blocks_are_no_part_of_the_program() -> None:
     assert not any(column < 3 for block, _, column in where if block < 2)  # translations of the base
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("name", JACOBIANS)
 def test_batches_and_out(name: str, built: Build) -> None:
     robot = random_robot(970, joints=(3, 3), types=TYPES)

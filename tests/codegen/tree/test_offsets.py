@@ -150,6 +150,7 @@ def test_sensitivity_is_the_slope_of_the_pose(seed: int, built: Build) -> None:
     assert np.abs(many[2] - slopes).max() < 1e-14
 
 
+@pytest.mark.soak
 def test_sensitivity_follows_parameters() -> None:
     robot = eomgen.load_robot("puma560")
     q, name = np.full(6, 0.3), "joints.joint2.offset.alpha"
