@@ -52,6 +52,7 @@ def test_static_equilibrium_is_the_closed_form(built: Build) -> None:
     assert np.allclose(again, q, atol=1e-8)
 
 
+@pytest.mark.soak
 def test_stiffnesses_and_steps(built: Build) -> None:
     """What transmissions add is the Hessian of the springs' energy; rk4 resolves the resonance."""
     robot = geared_robot(2101, (2, 3))
@@ -107,6 +108,7 @@ def test_a_position_controlled_motor_shakes_its_joint(built: Build) -> None:
         simulate(robot)
 
 
+@pytest.mark.soak
 def test_a_simulation_of_the_geared_arm() -> None:
     """The arm follows its program up to what its springs, its backlash and its friction allow."""
     robot = eomgen.load_robot("geared_arm")

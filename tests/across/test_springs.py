@@ -91,6 +91,7 @@ def test_fits_know_springs(built: Build) -> None:
         assert estimate.low < 0.0 < estimate.high
 
 
+@pytest.mark.soak
 def test_loops_carry_springs(built: Build) -> None:
     """Accelerations are those with the spring's generalized force as drives; energy stays."""
     robot = eomgen.load_robot("four_bar")
@@ -127,6 +128,7 @@ def prescribed_robot(seed: int) -> tuple[Robot, np.ndarray]:
     return with_springs(replace(robot, joints=tuple(joints)), seed), given
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("seed", soaked((2210, 2211, 2212), (2210,)))
 def test_prescribed_coordinates(seed: int, built: Build) -> None:
     """Accelerations balance the free rows of the oracle, and linearly implicit steps those of the formula."""
@@ -210,6 +212,7 @@ def test_a_robot_with_a_spring_alone_integrates_implicitly(built: Build) -> None
     assert integrate(kernel, [0.1, 0.2], [0.0, 0.0], 0.05).method == "DOP853"
 
 
+@pytest.mark.soak
 def test_springs_between_links_that_motors_drive(built: Build) -> None:
     """Transmissions and springs couple different coordinates; steps that get shorter go to the exact motion."""
     robot = eomgen.load_robot("geared_arm")

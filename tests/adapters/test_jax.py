@@ -148,6 +148,7 @@ def steps(made: Any, q: Any, v: Any, u: Any, dt: float) -> Any:
     return jax.lax.scan(step, jnp.concatenate([q, v]), u)[0]
 
 
+@pytest.mark.soak
 def test_a_rollout_is_that_of_the_kernel_and_has_its_gradient(built: Build) -> None:
     """Through a scan: the state at the end as C has it, its gradient by all drives against differences of C."""
     robot = eomgen.load_robot("one_link")
@@ -194,6 +195,7 @@ SECOND = [
 ]
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(("robot", "name"), SECOND)
 def test_second_derivatives_of_closed_and_open_mechanisms(robot: str, name: str, built: Build) -> None:
     """Forward over reverse, reverse over forward and forward twice, under jit, against differences of the gradient."""

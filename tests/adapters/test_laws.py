@@ -45,6 +45,7 @@ def states(kernel: Kernel, seed: int) -> dict[str, Array]:
     return {name: rng.uniform(-0.3, 0.3, kernel.n) for name in "qvu"}
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("family", FAMILIES)
 def test_functions_have_the_kernels_numbers_and_exact_derivatives(family: type[ForceElement], built: Build) -> None:
     """In Python, in CasADi and in JAX; the friction of bristles by z among the velocities."""
@@ -125,7 +126,6 @@ def test_rollouts_with_states_have_gradients(method: str, built: Build) -> None:
     assert np.abs(slope[q.size :]).min() > 1e-3
 
 
-@pytest.mark.soak
 def test_mechanisms_with_states(built: Build) -> None:
     """Accelerations of the closed mechanism and rates of its states, with their derivatives."""
     names = ("forward_dynamics", "constraint")

@@ -118,6 +118,7 @@ def test_rows_have_closed_forms() -> None:
     assert left.rms < 1e-15
 
 
+@pytest.mark.soak
 def test_a_simulation_is_explained() -> None:
     """The shares of a simulated elastic arm add up, and the remainder is of second order."""
     robot = eomgen.load_robot("shaken_arm")

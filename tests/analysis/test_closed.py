@@ -44,6 +44,7 @@ def null_space(J: Array) -> Array:
     return found
 
 
+@pytest.mark.soak
 def test_drives_that_hold_a_mechanism_leave_no_mode(capsys: pytest.CaptureFixture[str]) -> None:
     """An empty table with a note, and nothing is wrong; so of a robot without loops whose joints are all rigid."""
     for name in ("four_bar", "ur5"):

@@ -124,6 +124,7 @@ def test_compliance_is_the_difference_of_loaded_states(seed: int, built: Build) 
     assert found.by_loads == pytest.approx(found.deflection - none.deflection, abs=1e-14)
 
 
+@pytest.mark.soak
 def test_loops_turn_springs_into_stiffness(built: Build) -> None:
     """A slider-crank has one freedom: C = J J^T / V'' at its state of rest, V the energy over the crank angle."""
     robot = robot_from_toml(LOOP)

@@ -150,6 +150,7 @@ def test_wrong_options_are_refused_by_name(options: list[str], said: str, capsys
     assert said in capsys.readouterr().err
 
 
+@pytest.mark.soak
 def test_of_closed_mechanisms_it_is_the_joints_own() -> None:
     """A joint in a loop has its springs alone; one that others hold has none, and that is said."""
     four_bar, K = load_robot("four_bar"), definite(6, 2)

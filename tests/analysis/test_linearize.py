@@ -199,6 +199,7 @@ def test_reciprocity_of_an_undamped_structure(built: Build) -> None:
     assert pytest.approx(np.swapaxes(found.H, 1, 2), rel=1e-10, abs=1e-18) == found.H
 
 
+@pytest.mark.soak
 def test_loops_have_one_state_per_freedom(built: Build) -> None:
     """The slider-crank's A about its state of rest drives a nonlinear simulation's first second."""
     from tests.oracles.by_singular_values import ClosedLoops

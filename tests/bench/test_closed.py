@@ -58,6 +58,7 @@ def test_loops_as_the_peer_reads_them() -> None:
         closed_peer.loops_text(replace(four_bar, loops=(replace(four_bar.loops[0], type="universal"),)))
 
 
+@pytest.mark.soak
 def test_rows_of_one_state_and_of_a_batch(monkeypatch: pytest.MonkeyPatch) -> None:
     """Both are compared with what stands for the peer; times are made up."""
     robot = eomgen.load_robot("one_link")

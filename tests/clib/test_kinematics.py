@@ -56,6 +56,7 @@ def test_an_arm_written_by_hand(vector: str, tmp_path: Path) -> None:
             assert row[-1] == 1.0
 
 
+@pytest.mark.soak
 def test_axes_of_one_coordinate_add_up(tmp_path: Path) -> None:
     """A forearm that turns with the upper link: the columns of both axes are one."""
     states = STATES[:, :2]

@@ -242,6 +242,7 @@ def shaken_reference() -> Array:
     return np.array([0.05 * np.sin(3.5), y[0], 0.35 * np.cos(3.5), y[1]])
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(("method", "order", "within"), [("rk4", 4, 1e-8), ("implicit", 1, 2e-2)])
 def test_fixed_steps_under_inputs(
     method: str, order: int, within: float, shaken: Path, shaken_reference: Array

@@ -169,6 +169,7 @@ def test_loops_follow_without_feedback() -> None:
     assert np.abs(found.q[:, crank] - program.at(found.t)[0][:, 0]).max() < 1e-8
 
 
+@pytest.mark.soak
 def test_coulomb_friction_of_links_leaves_what_is_stated() -> None:
     friction = Friction(coulomb=0.5, viscous=0.2)
     robot = described(MOTOR, more="gamma = { friction = { coulomb = 0.5, viscous = 0.2 } }")
@@ -184,6 +185,7 @@ def test_coulomb_friction_of_links_leaves_what_is_stated() -> None:
     assert not feedforward(viscous, program).residual.any()
 
 
+@pytest.mark.soak
 def test_joints_without_motors_have_their_drives() -> None:
     robot = two_link_arm()
     robot = replace(robot, name="mixed_arm", joints=(robot.joints[0], replace(robot.joints[1], motor=None)))

@@ -167,6 +167,7 @@ def closed_motion(kernel: eomgen.Kernel, held: tuple[str, ...], q: Array, u: Arr
         q, v = close(q + DT / 6 * dq, v + DT / 6 * dv)
 
 
+@pytest.mark.soak
 def test_forces_on_closed_mechanisms_are_those_along_their_coordinate(tmp_path: Path) -> None:
     """A four-bar linkage turning under forces on all coordinates: r is their work along it, filtered; in C, too."""
     observer = MomentumObserver("four_bar", GAIN, DT, threshold=1e-6)

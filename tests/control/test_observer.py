@@ -132,6 +132,7 @@ def test_both_forms_are_one_filter_and_the_root_survives_float32() -> None:
         run("covariance", "float32")
 
 
+@pytest.mark.soak
 def test_linear_steps_have_the_derivatives_of_general_ones() -> None:
     """By the residual's derivatives and constant stiffness, and by tangents along all directions."""
     made = observer("one_link", GAMMA, dt=1e-2)
@@ -147,6 +148,7 @@ def test_linear_steps_have_the_derivatives_of_general_ones() -> None:
         assert np.allclose(found, expected, rtol=1e-12, atol=1e-12 * np.abs(expected).max())
 
 
+@pytest.mark.soak
 def test_c_reads_every_sensor(tmp_path: Path) -> None:
     """Readings that depend on accelerations, poses and biases, with a wrench and a parameter; and without these."""
     sensors = ("pose:tcp", "imu:tcp", GAMMA, "gyroscope:link1", "position:tcp")

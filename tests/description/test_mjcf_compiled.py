@@ -71,6 +71,7 @@ def written(folder: Path, text: str) -> Path:
     return path
 
 
+@pytest.mark.soak
 def test_a_model_of_several_files_moves_as_mujocos(walker: Path, built: Build) -> None:
     robot = load_robot(walker)
     coordinates = [f"{joint.name}.{key}" for joint in robot.joints for key in joint.coordinates]

@@ -421,6 +421,7 @@ def test_co_simulation_is_the_direct_simulation(name: str, version: int, exporte
         host.unit.freeInstance()
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("version", VERSIONS)
 def test_co_simulation_by_implicit_steps(version: int, exported: Export) -> None:
     unit = exported(eomgen.load_robot("worn_arm"), version, method="implicit")
@@ -586,6 +587,7 @@ def test_bad_values_are_refused_with_a_message(version: int, exported: Export) -
         exported(eomgen.load_robot("one_link"), version).host(guid="{other}")
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("version", VERSIONS)
 def test_singular_states_are_named(version: int, exported: Export) -> None:
     unit = exported(held_body(), version)

@@ -172,6 +172,7 @@ def test_closed_mechanisms(name: str, rate: float, exported: Exported, built: Bu
     assert errors[1] <= min(0.1 * errors[0], 1e-6)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("method", soaked(ADAPTIVE, ("auto",)))
 def test_free_joints_turn(method: str, exported: Exported, built: Build) -> None:
     """Over the poles of their angles, under a wrench and a force; a state kept there goes on to the same bits."""
@@ -294,6 +295,7 @@ def test_ends_are_honest(version: int, exported: Exported) -> None:
         assert message in host.messages[-1]
 
 
+@pytest.mark.soak
 def test_singular_states_are_named(exported: Exported) -> None:
     host = Host(exported(held_body()), stepping=True).start(["q.free.beta"], [np.pi / 2])
     with pytest.raises(Exception, match="fmi"):

@@ -158,6 +158,7 @@ def test_motions_are_mujocos(name: str, step: float, steps: int, built: Build, f
     figures.at_most("of each coordinate's greatest value", float((np.abs(ours - theirs) / scale).max()), 1e-9)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("seed", seeds(5, 1, 20))
 def test_the_way_back(seed: int, built: Build) -> None:
     """A robot that is written and read again has the same coordinates and dynamics.

@@ -98,6 +98,7 @@ def test_poses_are_those_of_python(tmp_path: Path) -> None:
 TYPES = ((1, ("universal", "prismatic")), (2, ("revolute", "planar")))
 
 
+@pytest.mark.soak
 @needs_node
 def test_residuals_are_the_constraint_of_the_kernel(tmp_path: Path) -> None:
     """Of cut joints of several types, with offsets, and of couplings."""

@@ -66,6 +66,7 @@ def test_variants_and_what_was_held_out() -> None:
     assert "base" in found.merged["joints.joint1.offset.gamma"]
 
 
+@pytest.mark.soak
 def test_a_gain_in_orientation_alone_counts() -> None:
     """Each variant in each kind has its verdict: here positions are too noisy to show anything."""
     made = trial(chain(2, "RRRR"), 3, 60, noise=(2e-2, 2e-4))

@@ -200,6 +200,7 @@ def test_first_sample_is_in_balance(found: CompensationResult) -> None:
     assert np.linalg.norm(found.after[:20, :2], axis=1).max() < 0.5e-6
 
 
+@pytest.mark.soak
 def test_rest_states_are_corrected_without_a_simulation(arm: Robot, reach: Scenario) -> None:
     """A robot that stands at a corrected sample has its tool where the rigid one would have it."""
     still = compensate(arm, reach, weights=PLANE, mode="static", step=4e-3)
@@ -296,6 +297,7 @@ def test_motor_behind_a_transmission() -> None:
         assert min(item.gain for item in found.robustness) >= 3.0
 
 
+@pytest.mark.soak
 def test_joint_in_its_play_goes_with_the_program() -> None:
     """Where nothing loads a gear with backlash, its joint has no state of rest of its own."""
     upright = SWING.replace("placement = { rpy = [1.5707963267948966, 0.0, 0.0] }", "")

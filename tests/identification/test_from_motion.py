@@ -374,6 +374,7 @@ def four_rods(*, cut_at_rocker: bool) -> eomgen.Robot:
     return robot_from_toml(text)
 
 
+@pytest.mark.soak
 def test_reactions_of_cut_joints_are_those_of_another_cut(tmp_path: Path) -> None:
     """In the plane, where they are unique, each joint bears the same wherever the loop is cut; in files and tables."""
     t = np.linspace(0.0, 0.3, 13)
@@ -401,6 +402,7 @@ def test_reactions_of_cut_joints_are_those_of_another_cut(tmp_path: Path) -> Non
     assert "hinge.reaction" in [column.name for column in mine.as_rows().columns]
 
 
+@pytest.mark.soak
 def test_forces_of_elastic_cuts_close_the_balance() -> None:
     """What is required is what the tree alone would take: the cut joint's laws are a force beside the others."""
     robot = linkages()[0]

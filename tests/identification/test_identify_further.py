@@ -159,6 +159,7 @@ def test_a_delay_of_drives(rates: bool, built: Build) -> None:
         assert entry.unit == "s"
 
 
+@pytest.mark.soak
 def test_stribeck_friction(built: Build) -> None:
     """Static friction and Stribeck's rate of one joint come back; the other shows none."""
     robot = arm()

@@ -190,6 +190,7 @@ def test_mixed_quantiles(probability: float) -> None:
     assert many == pytest.approx(np.sqrt(300.0 / 3.0) * 0.1 * quantile_of_normal(probability), rel=2e-3)
 
 
+@pytest.mark.soak
 def test_regions_stay_within_what_bounds_allow() -> None:
     """They pass neither the physical maximum nor fall below what one direction needs, at any probability."""
     for confidence in (0.3, 0.683, 0.95, 0.999):

@@ -288,6 +288,7 @@ def test_a_motion_ends_where_a_coordinate_reaches_a_value(method: str, built: Bu
     assert "ended_at" not in whole.info
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("method", ["auto", pytest.param("Radau", marks=pytest.mark.soak)])
 def test_a_scenario_ends_where_its_tool_is_at_a_distance(method: str) -> None:
     text = (

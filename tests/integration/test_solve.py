@@ -221,6 +221,7 @@ def test_work_that_leads_on_goes_on() -> None:
         stuck.look(1.0)
 
 
+@pytest.mark.soak
 def test_stiff_motions_are_no_standstill(built: Build) -> None:
     """An undamped spring that an explicit method follows through many evaluations."""
     kernel = built(oscillator(damping=0.0), *NEEDED)

@@ -77,6 +77,7 @@ def by_quaternions(link: Link, q: Array, v: Array, duration: float) -> tuple[Rot
     return rotation, centre + duration * rate - rotation.apply(com)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("method", ["rk4", "implicit"])
 def test_a_tumbling_body_over_many_steps(method: str, built: Build) -> None:
     """Energy, momentum, angular momentum and pose; a body without forces, so that methods differ by their order."""
@@ -359,6 +360,7 @@ def test_what_stays_as_it_is_described() -> None:
     assert turning(replace(free, type="fixed", coordinates={name: Coordinate() for name in ANGLES}))
 
 
+@pytest.mark.soak
 def test_the_code_of_other_robots_knows_nothing_of_it(built: Build) -> None:
     kernel = built(held_body(), *INTEGRATED)
     for text in (kernel.source("c"), kernel.source("h")):

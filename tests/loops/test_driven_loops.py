@@ -43,6 +43,7 @@ def given(robot: Robot, name: str, coordinate: str) -> Robot:
     return replace(robot, joints=tuple(joints), driven=kept)
 
 
+@pytest.mark.soak
 def test_a_prescribed_crank_moves_as_its_force_moves_a_free_one(built: Build) -> None:
     free = ClosedLoops(built(eomgen.load_robot("four_bar"), *KERNELS))
     driven = ClosedLoops(built(given(eomgen.load_robot("four_bar"), "joint1", "gamma"), *KERNELS))

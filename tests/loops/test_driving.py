@@ -193,6 +193,7 @@ def test_drives_that_cannot_make_the_motion_are_refused(built: Build) -> None:
         kernel.reactions(q[0], v[0], a[0], wrench=np.zeros((3, 6)))
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("elastic", [("x",), ("x", "y", "z", "alpha", "beta")])
 def test_elastic_coordinates_of_a_cut_bear_what_their_laws_say(elastic: tuple[str, ...], built: Build) -> None:
     """The same bars without a loop, with the forces in the cut as wrenches, move alike."""
@@ -298,6 +299,7 @@ def test_derivatives_are_those_of_the_smooth_extension(built: Build) -> None:
     assert np.abs(np.einsum("tmn,tnk->tmk", J, batch[2])).max() <= 1e-12  # no drive opens a loop
 
 
+@pytest.mark.soak
 def test_derivatives_of_redundant_loops_along_closed_motions(built: Build) -> None:
     """Bennett's linkage moves though its constraint has more rows than it needs."""
     kernel, rng = built(eomgen.load_robot("bennett"), *DERIVED), np.random.default_rng(7)

@@ -105,6 +105,7 @@ def test_bennetts_linkage(example) -> None:  # type: ignore[no-untyped-def]
         assert (found.rank, found.mobility, len(found.redundant)) == (2, 1, 3)
 
 
+@pytest.mark.soak
 def test_bricards_mechanism(built: Build) -> None:
     """cos t + cos p + cos t cos p = 0 closes it; one degree of freedom, one constraint too many; energy over 10 s."""
     loops = ClosedLoops(built(bricard(), *KERNELS))

@@ -158,6 +158,7 @@ def test_cranks_of_which_one_is_redundant(home: float) -> None:
         assert found.accelerations(found.state(angle, rng)) is None
 
 
+@pytest.mark.soak
 def test_what_is_regular_costs_no_more() -> None:
     """At most 5 % of the products of the first solution say whether it is good enough."""
     before = {"four_bar": 123, "bennett": 553, "andrews": 522, "delta": 4953}  # with nothing measured

@@ -68,6 +68,7 @@ def test_pinocchio_says_the_same(number: int, built: Build, figures: Figures) ->
     compare(found, oracle.solve(m.q, m.v, m.u, m.wrench), oracle, m, figures)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("number", seeds(6, 1, 500))
 def test_another_cut_says_the_same(number: int, built: Build, figures: Figures) -> None:
     """The joint that is cut there takes no drive; all others move as before, and the new cut carries what it has to."""
@@ -169,6 +170,7 @@ def test_the_mechanisms_are_of_all_kinds(figures: Figures) -> None:
     assert (min(n), max(n)) == (3, 14)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("windows", [1, 3])
 def test_a_ladder_moves_as_one_upright_does(windows: int, built: Build) -> None:
     """N + 1 uprights turn and N bars go round without turning: ((N + 1) / 3 + N) theta'' = -g ((N + 1) / 2 + N) cos."""

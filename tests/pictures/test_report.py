@@ -135,6 +135,7 @@ def test_all_figures_have_one_type_size(page: str) -> None:
     assert np.allclose(list(sizes.values()), next(iter(sizes.values())), rtol=1e-3), sizes
 
 
+@pytest.mark.soak
 def test_the_tables_have_the_numbers_of_others(page: str, robot: Robot, result: SimulationResult) -> None:
     rows = {row[0]: row[1:] for row in read(page).cells}
     for joint in robot.joints:

@@ -154,6 +154,7 @@ def test_springs_are_as_long_as_the_kernel_says(robot: Robot, result: Simulation
     assert np.abs(kernel.spring_forces(q, zero)[..., 0] - lengths[::20]).max() < 1e-12
 
 
+@pytest.mark.soak
 def test_reactions_carry_what_accelerates_and_weighs(result: SimulationResult, robot: Robot) -> None:
     """Newton's law for all links: base joint's force + wrench + weight = rate of momentum, differenced over time."""
     loose = replace(robot, springs=(), name="loose")

@@ -51,6 +51,7 @@ def test_a_package_has_the_module_and_does_without(tmp_path: Path) -> None:
     assert answer(python(call)) == [False, "method", first, first]
 
 
+@pytest.mark.soak
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="nothing forks here")
 def test_a_forked_process_calls() -> None:
     code = """

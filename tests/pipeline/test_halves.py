@@ -75,6 +75,7 @@ def test_a_batch_needs_no_single_state(compiled: Compiled) -> None:
     assert np.array_equal(kernel.mass_matrix(np.array([Q]))[0], found)
 
 
+@pytest.mark.soak
 def test_what_wrenches_add_is_compiled_for_its_own_states(compiled: Compiled, monkeypatch: pytest.MonkeyPatch) -> None:
     """For one state, though the call has many, where neither q nor the wrench is another one in each."""
     kernel = eomgen.build("one_link")
@@ -102,6 +103,7 @@ def test_kernels_by_name_have_both_halves(compiled: Compiled) -> None:
     assert compiled.new() == []
 
 
+@pytest.mark.soak
 def test_loops_over_single_states_are_in_their_half(compiled: Compiled, monkeypatch: pytest.MonkeyPatch) -> None:
     """Arrays that would not fit the stack as vectors: there is no second half."""
     monkeypatch.setattr("eomgen.codegen.c.lanes.LANE_VALUES", 0)

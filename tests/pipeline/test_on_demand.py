@@ -43,6 +43,7 @@ def test_only_what_is_called_is_built() -> None:
     assert packages() == 2
 
 
+@pytest.mark.soak
 @pytest.mark.usefixtures("empty_cache")
 def test_operations_are_counted_without_a_compiler() -> None:
     kernel, whole = eomgen.build("one_link"), eomgen.build("one_link", kernels="all")

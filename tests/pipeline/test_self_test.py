@@ -395,6 +395,7 @@ def test_angles_of_samples_round_correctly(dtype: str) -> None:
     assert np.array_equal(np.stack(polynomials(angles)), np.stack(Arithmetic(dtype).turn(angles)))
 
 
+@pytest.mark.soak
 def test_fused_products_of_a_closed_mechanism_are_within_rounding() -> None:
     """Small numbers are compared by what rounding does to them, denormal ones too, where systems are solved."""
     kernel = eomgen.build("four_bar", kernels=("forward_dynamics", "inverse_dynamics"), native=True)
@@ -422,6 +423,7 @@ placement = {{ xyz = [0.0, 0.0, 0.0], rpy = [{turn}, 0.0, 0.0] }}
     return robot_from_toml(f"{text}[[couplings]]\n{coupling}\n").with_constraints()
 
 
+@pytest.mark.soak
 def test_what_composed_kernels_compute_with_answers_is_rounded_too() -> None:
     """Differences that cancel leave what a fused product does not round off."""
     equations = derive_equations(build_model(paired_slides()), ("forward_dynamics_jacobian",))

@@ -65,6 +65,7 @@ def test_order_of_radau(built: Build) -> None:
     assert np.abs(orders - 9.0).max() <= 1.0, (steps, errors)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("seed", seeds(1465, 1, 2))
 def test_worn_joints_against_radau(method: str, seed: int, built: Build) -> None:

@@ -63,6 +63,7 @@ def distance(found: Array, expected: Array) -> Array:
     return np.asarray(difference / np.maximum(np.abs(expected).reshape(len(found), -1).max(axis=1), 1e-300))
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("seed", seeds(700, 1, 8))
 @pytest.mark.parametrize("native", soaked((False, True), (False,)))
 def test_a_batch_agrees_with_single_states(seed: int, native: bool) -> None:
@@ -111,6 +112,7 @@ def test_a_state_does_not_know_its_neighbours(seed: int, native: bool) -> None:
             assert np.array_equal(call(*(x[part] for x in arrays)), whole[part]), (name, part)
 
 
+@pytest.mark.soak
 def test_one_state_beside_a_batch_stands_for_all_of_it(built: Build) -> None:
     robot = random_robot(702, joints=(2, 3), types=TYPES)
     kernel, states = built(robot, *KERNELS), random_states(robot, 702)

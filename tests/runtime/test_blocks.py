@@ -26,6 +26,7 @@ from tests.support.soak import soaked
 KERNELS = ("mass_matrix", "christoffel")
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("seed", soaked(range(6), (0, 1)))
 def test_blocks_of_random_robots(seed: int, built: Build) -> None:
     """Every block equals the traces of eqs. (11) and (12) on floats; absent are those that the geometry cannot help."""

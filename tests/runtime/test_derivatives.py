@@ -112,6 +112,7 @@ def test_hessians_of_chosen_parameters_and_names(kernel: eomgen.Kernel) -> None:
     assert kernel.parameter_jacobian("energy", args, ()).shape == (2, 0)
 
 
+@pytest.mark.soak
 def test_closed_mechanisms(built: Build) -> None:
     """Derivatives where loops are closed, and an open state is refused as by the function itself."""
     kernel = eomgen.build("four_bar")

@@ -61,6 +61,7 @@ def test_closed_mechanisms_reach_poses_that_they_have(number: int, built: Build)
     assert np.abs(kernel.constraint(caught.value.q)).max() < 1e-11
 
 
+@pytest.mark.soak
 def test_a_platform_keeps_its_legs_within_limits() -> None:
     kernel = eomgen.build("gough")
     legs = [name for name, ends in kernel.limits.items() if np.isfinite(ends).any()]

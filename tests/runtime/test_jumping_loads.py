@@ -143,6 +143,7 @@ def test_motions_are_scipys(method: str, built: Build) -> None:
     )
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("dtype", soaked(("float64", "float32"), ("float64",)))
 def test_every_lane_has_jumps_of_its_own(dtype: str, method: str, built: Build) -> None:

@@ -212,6 +212,7 @@ def test_parts_and_batches(method: str, built: Build, monkeypatch: pytest.Monkey
         assert all(np.array_equal(one[name], x) for name, x in two.items())
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("method", METHODS)
 def test_loops(method: str, built: Build, monkeypatch: pytest.MonkeyPatch) -> None:
     """Gains and wrenches move a mechanism, too."""
@@ -236,6 +237,7 @@ def test_loops(method: str, built: Build, monkeypatch: pytest.MonkeyPatch) -> No
         )
 
 
+@pytest.mark.soak
 def test_a_mechanism_whose_only_freedom_is_prescribed(built: Build, monkeypatch: pytest.MonkeyPatch) -> None:
     """Stages solve for nothing, and derivatives by what follows their factors are found all the same."""
     frozen(monkeypatch)

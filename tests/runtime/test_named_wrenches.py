@@ -105,6 +105,7 @@ def test_motions_rollouts_and_equilibria() -> None:
     assert abs(kernel.inverse_dynamics(at_rest, v, v)[0]) > 0.1
 
 
+@pytest.mark.soak
 def test_gradients_by_named_wrenches_are_in_their_order() -> None:
     kernel = eomgen.build("one_link")
     q, zero = np.array([0.0, 0.3]), np.zeros(2)

@@ -209,6 +209,7 @@ def test_a_trouble_that_was_overcome_is_not_blamed(kernel: eomgen.Kernel) -> Non
     assert "nan" not in str(caught.value)
 
 
+@pytest.mark.soak
 def test_a_mechanism_with_loops(built: Build) -> None:
     mechanism = ClosedLoops(eomgen.build(eomgen.load_robot("four_bar"), flags=("-O0",)))
     q = mechanism.consistent_positions(np.full(mechanism.kernel.n, 0.5), held=["joint1.gamma"])
@@ -292,6 +293,7 @@ class Program:
         return still, still, np.where(t[..., np.newaxis] >= 0.1, np.nan, still)
 
 
+@pytest.mark.soak
 def test_a_simulation_that_is_stopped_keeps_its_result(tmp_path: Path) -> None:
     with pytest.raises(IntegrationStopped, match=r"joint1\.gamma is nan") as caught:
         simulate(eomgen.load_robot("one_link"), duration=0.2, motion=Program())

@@ -126,6 +126,7 @@ def test_order_of_the_error(method: str, order: int, built: Build) -> None:
     assert 0.7 * 2**order < errors[0] / errors[1] < 1.4 * 2**order
 
 
+@pytest.mark.soak
 def test_implicit_steps_are_stable_where_springs_are_stiff(built: Build) -> None:
     """The elastic arm at a hundred times the step that rk4 can take: it comes to rest."""
     kernel = built(eomgen.load_robot("puma560_elastic"))

@@ -172,6 +172,7 @@ def test_arrays_to_write_to(method: str, built: Build) -> None:
                 np.testing.assert_array_equal(found[name], x)
 
 
+@pytest.mark.soak
 def test_single_precision(built: Build) -> None:
     robot = eomgen.load_robot("one_link")
     double, single = built(robot, *KERNELS), built(robot, *KERNELS, dtype="float32")
@@ -182,6 +183,7 @@ def test_single_precision(built: Build) -> None:
         np.testing.assert_allclose(x, wanted[name], rtol=2e-3, atol=2e-4 * np.abs(wanted[name]).max())
 
 
+@pytest.mark.soak
 def test_drives_that_are_left_out_are_zero(built: Build) -> None:
     """As those of a rollout are; sensitivities too."""
     kernel = built(eomgen.load_robot("one_link"), *KERNELS, "explicit_sensitivity")

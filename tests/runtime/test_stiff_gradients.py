@@ -94,6 +94,7 @@ def test_refused_or_those_of_the_motion(dtype: str, built: Build) -> None:
     assert near > 5
 
 
+@pytest.mark.soak
 def test_a_motion_that_is_sensitive_by_itself_is_not(built: Build) -> None:
     """A double pendulum whose derivatives grow a thousandfold, at loose and at tight tolerances."""
     text = "".join(

@@ -103,6 +103,7 @@ def test_drives_are_clipped_in_c_and_in_python(control: str) -> None:
     assert not any("clipped" in note for note in free.notes)
 
 
+@pytest.mark.soak
 def test_what_cannot_be_clipped_is_named() -> None:
     weak = robot_from_toml(ARM.replace(", effort = 12.0", "").replace(", limits = { effort = 0.08 }", ""))
     with pytest.raises(DescriptionError, match=r"control\.saturate: no drive has a limit of its effort; allowed: a"):

@@ -305,6 +305,7 @@ def test_prescribed_motions(tmp_path: Path) -> None:
 # Energy
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("seed", soaked((21, 22, 23), (21,)))
 def test_energy_balances_of_random_robots(seed: int) -> None:
     """Springs, dampers, friction, clearances of random robots under torques and a wrench: nothing is left over."""
@@ -384,6 +385,7 @@ def test_dense_tables_are_followed(tmp_path: Path) -> None:
     assert np.abs(result.trajectory.q[:, 0] - angle).max() < (30.0 * 1e-3) ** 2 / 12 * np.abs(angle).max() * 1.05
 
 
+@pytest.mark.soak
 def test_equilibrium_on_a_platform_that_moves() -> None:
     """The bob of SHAKEN hangs straight down below the pin, wherever the platform's motion begins; then it is shaken."""
     text = (

@@ -100,6 +100,7 @@ def test_plots(elastic: eomgen.SimulationResult, tmp_path: Path) -> None:
         assert path.stat().st_size > 20_000
 
 
+@pytest.mark.soak
 def test_a_rigid_robot_has_no_deviations(tmp_path: Path) -> None:
     result = simulate(eomgen.load_robot("puma560"), duration=0.5, goal={"joint1": 0.2, "joint3.gamma": 1.0})
     assert result.trajectory.method == "tsit5"

@@ -274,6 +274,7 @@ def workers(count: int, folder: Path) -> ProcessPoolExecutor:
     )
 
 
+@pytest.mark.soak
 def test_processes_that_get_their_kernels_sent(tmp_path: Path, swept: SweepResult) -> None:
     """Workers with an empty cache: source and binary travel, nobody derives or compiles."""
     empty = tmp_path / "cache"

@@ -318,6 +318,7 @@ def test_a_sanitizer_sees_what_is_too_short(tmp_path: Path) -> None:
         check_symbols(program.with_suffix(".o"), source)
 
 
+@pytest.mark.soak
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="malloc is replaced by names of glibc")
 @corpus
 def test_no_call_allocates_or_touches_the_environment(name: str, dtype: str, tmp_path: Path) -> None:

@@ -108,6 +108,7 @@ def test_random_robots_against_lagranges_method(seed: int) -> None:
     compare(random_robot(seed, max_size=3), seed)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("seed", [104, pytest.param(101, marks=pytest.mark.soak)])
 def test_random_robots_with_four_coordinates(seed: int) -> None:
     compare(random_robot(seed, joints=(1, 2), max_size=4), seed)

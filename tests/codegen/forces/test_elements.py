@@ -329,6 +329,7 @@ def test_dampers_of_whole_joints_with_a_prescribed_rotation() -> None:
     assert np.abs(found[free] - expected).max() <= 1e-6 * np.abs(expected).max()
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("seed", seeds(1, 1, 3))
 def test_batches_and_float32(seed: int, built: Build) -> None:
     """The robot with all families: batches have the numbers of single states, and float32 nearly so."""

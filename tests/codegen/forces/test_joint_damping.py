@@ -284,6 +284,7 @@ def test_tunable_goes_with_what_moves() -> None:
     assert replace(robot, joints=(held,)).rigid().tunable == ()
 
 
+@pytest.mark.soak
 @pytest.mark.usefixtures("unoptimised")
 def test_a_simulation_balances_its_energy() -> None:
     """Through the pole of its angles; what is lost was taken by the damping."""

@@ -159,6 +159,7 @@ def test_across_one_axis_it_is_a_clearance(built: Build) -> None:
     assert close(found, wanted)
 
 
+@pytest.mark.soak
 def test_a_dropped_journal_moves_as_integrated_otherwise(built: Build) -> None:
     """Two bodies, the bearing's and the journal's, with the force between them in branches: 1e-6 of the clearance."""
     radial = Radial(1e-3, 1e5, None, 0.8, None, SlidingFriction(0.2, 0.01, 1e-3))
@@ -180,6 +181,7 @@ def test_a_dropped_journal_moves_as_integrated_otherwise(built: Build) -> None:
     assert found.v[-1, 2] < 29.0  # it was braked
 
 
+@pytest.mark.soak
 def test_a_tilting_journal_keeps_its_energy(built: Build) -> None:
     """Without losses energy stays; with restitution and friction it falls, and power is what the forces say."""
     radial = Radial(1e-3, 1e5, 0.05)
@@ -266,6 +268,7 @@ def test_what_it_costs() -> None:
         assert 0 < products(rotor(radial, *names)) - products(rotor(None, *names)) <= most
 
 
+@pytest.mark.soak
 def test_implicit_rollouts_follow_it(built: Build) -> None:
     """Of first order: half the step, half the error, in a bearing that the journal rolls through."""
     radial = Radial(1e-4, 1e7, None, 0.2, None, SlidingFriction(0.1, 0.01))

@@ -62,6 +62,7 @@ def test_forces_are_the_formulas(seed: int, built: Build) -> None:
         assert close(np.asarray(many), np.array(one), 1e-12)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("seed", seeds(1320, 1, 10))
 def test_slopes_are_those_of_the_forces(seed: int, built: Build) -> None:
     robot = worn(seed, (1, 3))
@@ -355,6 +356,7 @@ def test_implicit_steps_stay_inside_a_stiff_clearance(built: Build) -> None:
     assert np.abs(v[-1, 0]) < 1.0
 
 
+@pytest.mark.soak
 def test_simulation_with_clearances(built: Build) -> None:
     """Radau, a start inside the gap, and energy: gravity's work and what contacts take."""
     robot = replaced(slider(name="dropped"), stiffness=1e6, clearance=5e-3, restitution_damping=1.0)

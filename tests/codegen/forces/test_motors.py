@@ -102,6 +102,7 @@ def test_against_sympys_lagrangian(seed: int, built: Build) -> None:
     assert close(kernel.residual(s.q, s.v, s.a, s.u), expected)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("seed", seeds(1930, 1, 7))
 def test_derivatives(seed: int, built: Build) -> None:
     robot = geared_robot(seed, (1, 3), kinds=KINDS[seed % 7 :] + KINDS[: seed % 7])
@@ -233,6 +234,7 @@ def test_resonance_of_two_masses(kind: str, load: float, built: Build) -> None:
     assert np.abs(v / start).max() < w * (1.0 + 1e-9)
 
 
+@pytest.mark.soak
 def test_a_stiff_transmission_is_a_rigid_gear(built: Build) -> None:
     """The motion goes to that of the joint with armature J N^2 as 1 / k; implicit steps need no smaller dt for it."""
     robot = geared_robot(1985, (2, 3))

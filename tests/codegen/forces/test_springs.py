@@ -63,6 +63,7 @@ def test_forces_are_external_forces_in_pinocchio(seed: int, built: Build) -> Non
         assert close(np.asarray(many), np.array(one), 1e-12)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("seed", seeds(2090, 1, 4))
 def test_frames_that_move_take_points_along(seed: int, built: Build) -> None:
     """Rigid chains, whose body frames the generator shifts and turns; C without a warning."""
@@ -139,6 +140,7 @@ def test_mujocos_tendons_do_the_same(seed: int, built: Build) -> None:
     assert sum(taut) == 10
 
 
+@pytest.mark.soak
 def test_motion_is_mujocos(built: Build) -> None:
     robot = with_springs(elastic_robot(31, joints=2), 31, ("linear", "zero damped"))
     kernel = built(robot, "forward_dynamics", "energy", "rollout")
@@ -238,6 +240,7 @@ def test_energy_is_conserved(seed: int, built: Build) -> None:
     assert np.ptp(energy.sum(axis=1)) <= 1e-6 * np.ptp(energy[:, 0])
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("seed", seeds(2060, 1, 4))
 def test_implicit_steps_are_those_of_the_formula(seed: int, built: Build) -> None:
     robot = sprung(seed)

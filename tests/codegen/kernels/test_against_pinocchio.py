@@ -147,6 +147,7 @@ def test_elastic_puma(built: Build) -> None:
     check_dynamics(built(robot), PinocchioOracle(robot), random_states(robot, 3))
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("seed", seeds(0, 1, 3))
 def test_chains_of_six_coordinates_per_joint(seed: int, built: Build) -> None:
     """Random bodies, placements, springs and rotors; free joints among revolute and prismatic ones."""

@@ -86,6 +86,7 @@ def test_derivatives_of_forward_dynamics(seed: int, built: Build) -> None:
         assert np.abs(block[4] - wanted).max() <= 10 * allowed * np.abs(wanted).max()
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("seed", seeds(1140, 1, 4))
 def test_rollouts_follow_accelerations(seed: int, built: Build) -> None:
     """Constant accelerations of what is prescribed make parabolas; the rest follows the formulas of the steps."""

@@ -111,6 +111,7 @@ def check(given: Inputs) -> None:
             close(by, given.along(name, {"p": parameters}))
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("seed", seeds(0, 1, 60))
 def test_derivatives_of_random_robots(seed: int) -> None:
     model = build_model(robot_of(seed))

@@ -146,6 +146,7 @@ def test_rates_of_change_along_a_motion(built: Build) -> None:
     assert np.abs((g(h) - 2 * g(0.0) + g(-h)) / h**2 - second).max() <= 1e-5 * np.abs(second).max()
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("dtype", ["float64", pytest.param("float32", marks=pytest.mark.soak)])
 def test_batches_and_threads(dtype: str) -> None:
     """C without warnings; a batch gives what single states give, in one thread and in two."""

@@ -110,6 +110,7 @@ def test_forward_dynamics_jacobian_is_pinocchios(seed: int, built: Build) -> Non
         assert distance(block, wanted) < allowed
 
 
+@pytest.mark.soak
 def test_two_jacobians_are_of_one_motion(built: Build) -> None:
     """a(q, v, u) makes the residual zero, so that dr/dq + M da/dq = 0."""
     robot = random_robot(960, joints=(4, 4), tree=True, types=TYPES)
