@@ -45,9 +45,7 @@ def derivatives(text: str) -> NDArray[np.float64]:
     return np.array(rows).reshape(4, 2, 5)
 
 
-@pytest.mark.parametrize(
-    ("way", "dtype"), soaked(product(WAYS, PRECISIONS), {("included", "float32")})
-)
+@pytest.mark.parametrize(("way", "dtype"), soaked(product(WAYS, PRECISIONS), {("included", "float32")}))
 def test_a_pendulum_written_by_hand(way: str, dtype: str, tmp_path: Path) -> None:
     """Adjoint and tangent agree, differences with both; nothing outside the rooms asked for is touched."""
     found = derivatives(said(tmp_path, SOURCE, *SANITIZED, *PRECISIONS[dtype], *WAYS[way]))
