@@ -18,6 +18,7 @@ from eomgen.description.load import robot_from_toml
 from eomgen.errors import InputError, SingularError, UnknownNameError
 from eomgen.robot.value import PRINCIPAL
 from tests.control.test_sensing import HYSTERETIC
+from tests.loops.test_elastic_cuts import coupled
 from tests.support.builds import Build
 from tests.support.observer_code import CompiledMomentumObserver
 from tests.support.random_motors import geared_robot, motor_state
@@ -194,6 +195,46 @@ def test_forces_on_closed_mechanisms_are_those_along_their_coordinate(tmp_path: 
         observer.step(*before, u[:1])
     with pytest.raises(SingularError, match=r"'joint1.gamma' do not hold the other coordinates in this state"):
         observer.step(np.zeros(kernel.n), np.zeros(kernel.n), u)
+
+
+def test_rigid_couplings_as_rows_of_the_constraint_have_the_forces_of_followers(tmp_path: Path) -> None:
+    """Two arms by a gear, whose second one is a coordinate or none; in C, too."""
+    robot = coupled("")
+    first, second = (MomentumObserver(x, GAIN, DT) for x in (robot, robot.with_constraints()))
+    assert first.coordinates == second.coordinates == ("a.gamma",)
+    code = CompiledMomentumObserver(second, tmp_path)
+    rng = np.random.default_rng(9)
+    for k in range(6):
+        q, v, u = rng.normal(size=3)
+        both = np.array([q, 0.1 - 2.0 * q]), np.array([v, -2.0 * v])
+        if k == 0:
+            code.start(*both)
+        r = first.step([q], [v], [u])
+        assert second.step(*both, [u, 0.0]) == pytest.approx(r, rel=1e-10)
+        if k > 0:
+            assert code.step(*both, [u, 0.0]) == 0
+            assert code.external[0] == pytest.approx(r[0], rel=1e-10)
+    assert abs(r[0]) > 1.0
+
+
+def test_closed_mechanisms_in_float32_are_those_in_float64(tmp_path: Path) -> None:
+    """A four-bar linkage in random velocities, with rates in float32; in C, too."""
+    wide, narrow = (MomentumObserver("four_bar", GAIN, DT, dtype=dtype) for dtype in ("float64", "float32"))
+    kernel, code = wide.kernel, CompiledMomentumObserver(narrow, tmp_path)
+    rng = np.random.default_rng(10)
+    for k in range(6):
+        q = kernel.assemble([1.0 + 0.1 * k, -0.5, 1.4], held=wide.coordinates)
+        v = kernel.project_velocity(q, rng.normal(size=3), held=wide.coordinates)
+        u = rng.normal(size=3)
+        r, found = wide.step(q, v, u), narrow.step(*(x.astype(np.float32) for x in (q, v, u)))
+        assert found.dtype == np.float32
+        assert np.abs(found - r).max() <= 1e-4 * np.abs(r).max(initial=1.0)
+        if k == 0:
+            code.start(q, v)
+        else:
+            assert code.step(q, v, u) == 0
+            assert np.abs(code.external - found).max() <= 1e-4 * np.abs(r).max(initial=1.0)
+    assert np.abs(r).max() > 1.0
 
 
 def test_noise_of_encoders_is_no_collision(built: Build) -> None:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ..robot.model import Model
 from ..runtime.kernel import Kernel
+from .filter_coordinates import FilterCoordinates
 
 Numbers = NDArray[Any]
 LINEAR_LAWS = ("stiffness", "damping")  # whose forces are linear in coordinates and velocities
@@ -70,10 +71,11 @@ class Acting:
 
 @dataclass(frozen=True)
 class FilterSteps:
-    """Steps of a robot, and their derivatives by q, v, wrenches on links and parameters.
+    """Steps of a robot, and their derivatives by estimated q and v, wrenches on links and parameters.
 
     Attributes:
         kernel: with separate parameters, which estimates are written to.
+        coordinates: those that are estimated, f of n.
         dt: length of a step, s.
         links: indices of the links whose wrenches are states.
         parameters: names of those that are states.
@@ -81,6 +83,7 @@ class FilterSteps:
     """
 
     kernel: Kernel
+    coordinates: FilterCoordinates
     dt: float
     links: tuple[int, ...]
     parameters: tuple[str, ...]
@@ -89,50 +92,59 @@ class FilterSteps:
     @property
     def size(self) -> int:
         """The number of directions."""
-        return 2 * self.kernel.n + 6 * len(self.links) + len(self.parameters)
+        return 2 * len(self.coordinates.free) + 6 * len(self.links) + len(self.parameters)
 
-    def advance(self, q: Numbers, v: Numbers, acting: Acting) -> tuple[Numbers, Numbers, Numbers]:
-        """Return q and v at the end, (n,) each, and the derivatives of that v, (n, size); that q is q + dt v."""
-        kernel, n, dtype = self.kernel, self.kernel.n, self.kernel.dtype
-        forces, along = self.forces(q, acting)
+    def advance(self, q: Numbers, v: Numbers, acting: Acting) -> tuple[Numbers, Numbers]:
+        """Return estimated q and v at the end, (2 f,), and their derivatives, (2 f, size)."""
+        kernel, n, dtype, free = self.kernel, self.kernel.n, self.kernel.dtype, self.coordinates.free
+        along_q, along_v = self.directions(q, v)
+        forces, along = self.forces(q, acting, along_q)
         if self.slopes is None:
-            starts = np.eye(self.size, dtype=dtype)[: self.size - len(self.parameters)]
-            directions = {"q": starts[:, :n], "v": starts[:, n : 2 * n], "u": along}
-            (q_end, v_end), (_, dv) = kernel.rollout_sensitivity(
+            directions = {"q": along_q, "v": along_v, "u": along}
+            (q_end, v_end), (dq, dv) = kernel.rollout_sensitivity(
                 q, v, forces, self.dt, 1, method="implicit", along=directions, parameters=self.parameters
             )
-            return q_end[1], v_end[1], dv[1].T
+            by = np.vstack([dq[1].T[free], dv[1].T[free]])
+            return np.concatenate([q_end[1][free], v_end[1][free]]), by
         q_end, v_end = kernel.rollout(q, v, forces, self.dt, 1, method="implicit")
         dt, (K, B) = dtype.type(self.dt), (self.slopes.K, self.slopes.B)
         by_q, by_v, M = kernel.residual_jacobian(q, v, (v_end[1] - v) / dt)
         solved = np.linalg.solve(M + dt * (B + dt * K), np.hstack([by_q, by_v + dt * K]))
-        start = np.hstack([np.zeros((n, n), dtype), np.eye(n, dtype=dtype)])
-        return q_end[1], v_end[1], start - dt * solved
+        start = np.eye(2 * n, dtype=dtype)
+        by = start[n:] - dt * solved
+        return np.concatenate([q_end[1], v_end[1]]), np.vstack([start[:n] + dt * by, by])
 
-    def forces(self, q: Numbers, acting: Acting) -> tuple[Numbers, Numbers]:
-        """Return drives with what wrenches add, (n,), and their derivatives along directions but parameters."""
-        kernel, n, dtype = self.kernel, self.kernel.n, self.kernel.dtype
-        count = self.size - len(self.parameters)
-        along = np.zeros((count, n), dtype)
+    def directions(self, q: Numbers, v: Numbers) -> tuple[Numbers, Numbers]:
+        """Return derivatives of q and v by what is estimated, parameters apart, (size - parameters, n) each."""
+        wrenches = np.zeros((6 * len(self.links), self.kernel.n), self.kernel.dtype)
+        along_q, along_v = self.coordinates.directions(q, v)
+        return np.vstack([along_q, wrenches]), np.vstack([along_v, wrenches])
+
+    def forces(self, q: Numbers, acting: Acting, along_q: Numbers) -> tuple[Numbers, Numbers]:
+        """Return drives with what wrenches add, (n,), and their derivatives along directions of q, (size, n)."""
+        kernel, f = self.kernel, len(self.coordinates.free)
+        along = np.zeros_like(along_q)
         if not self.links:
             return acting.u, along
         still = np.zeros_like(acting.wrench)
-        for d in range(n):
-            rate = np.eye(n, dtype=dtype)[d]
-            along[d] = kernel.jvp("external_force", (q, acting.wrench), (rate, still))
+        for d in range(f):
+            along[d] = kernel.jvp("external_force", (q, acting.wrench), (along_q[d], still))
         for d in range(6 * len(self.links)):
             unit = still.copy()
             unit[self.links[d // 6], d % 6] = 1.0
-            along[2 * n + d] = kernel.external_force(q, unit)
+            along[2 * f + d] = kernel.external_force(q, unit)
         return acting.u + kernel.external_force(q, acting.wrench), along
 
     def accelerations(self, q: Numbers, v: Numbers, acting: Acting) -> tuple[Numbers, Numbers]:
         """Return accelerations in a state, (n,), and their derivatives, (n, size)."""
         kernel, n, dtype = self.kernel, self.kernel.n, self.kernel.dtype
-        forces, along = self.forces(q, acting)
-        starts, state = np.eye(self.size, dtype=dtype)[: len(along)], (q, v, forces)
-        pairs = zip(starts, along, strict=True)
-        rows = [kernel.jvp("forward_dynamics", state, (x[:n], x[n : 2 * n], f)) for x, f in pairs]
+        along_q, along_v = self.directions(q, v)
+        forces, along = self.forces(q, acting, along_q)
+        state = (q, v, forces)
+        rows = [
+            kernel.jvp("forward_dynamics", state, directions)
+            for directions in zip(along_q, along_v, along, strict=True)
+        ]
         still = np.zeros(n, dtype)
         for name in self.parameters:
             rates = (still, still, still)

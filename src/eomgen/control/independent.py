@@ -21,11 +21,16 @@ from numpy.typing import ArrayLike, NDArray
 from ..arrays import independent_columns, rank_of
 from ..errors import SingularError
 from ..names import listed
+from ..robot.value import Robot
 from ..runtime.kernel import Kernel
 
 Numbers = NDArray[Any]
 KERNELS = ("constraint_jacobian", "constraint_bias", "constraint_bias_adjoint")  # that momenta along them take
-CHOICE = ("constraint", "cut_poses", "mass_matrix")  # and the choice of them
+
+
+def kernels_of_choice(robot: Robot) -> tuple[str, ...]:
+    """Name the kernels that the choice of independent coordinates takes beside KERNELS; couplings have no cuts."""
+    return ("constraint", "mass_matrix", *(("cut_poses",) if robot.loops else ()))
 
 
 @dataclass(frozen=True)
@@ -47,7 +52,7 @@ class Independent:
         """Choose about an assembled state, (n,): driven coordinates are independent as far as they can.
 
         Args:
-            kernel: with KERNELS and CHOICE.
+            kernel: with KERNELS and ``kernels_of_choice``.
             q: closes the loops.
             driven: indices of the driven coordinates.
         """

@@ -10,14 +10,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..description import RobotLike
-from ..errors import InputError, UnknownNameError
+from ..errors import InputError, LoopError, UnknownNameError
 from ..limits import LARGEST, is_usable
 from ..names import component_name, nearest_or_all, show
 from ..pipeline.stages import build
 from ..robot.model import Model, build_model
 from ..robot.value import Sensor
+from ..runtime.kernel import Kernel
 from .covariances import Covariance, SquareRoot
+from .filter_coordinates import AllCoordinates, FilterCoordinates, IndependentCoordinates, kernels_of_coordinates
 from .filter_steps import Acting, FilterSteps, Slopes, kernels_of_steps, names_linear_laws
+from .independent import Independent, kernels_of_choice
 from .observability import Observability, common_observability
 from .sensing import Measurement
 
@@ -31,6 +34,7 @@ POSE_SEED, POSES_APART, DEFLECTED = (
     0.3,
     1e-3,
 )  # of the state about which observability is looked at; rad or m, rad/s
+NEARER = 6  # times that it is halved where loops do not close so far from the home
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,6 +91,7 @@ class FilterModel:
         form: one of FORMS.
         dtype: of all numbers.
         uncertainty: see Uncertainty.
+        independent: which coordinates of a closed mechanism are estimated; None of a tree: all are.
     """
 
     measurement: Measurement
@@ -96,15 +101,22 @@ class FilterModel:
     form: str
     dtype: str
     uncertainty: Uncertainty
+    independent: Independent | None = None
     model: Model = field(init=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "model", build_model(self.measurement.robot))
 
     @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Names of the coordinates that are estimated, f: all, of a closed mechanism the independent ones."""
+        names = self.model.coordinates
+        return names if self.independent is None else tuple(names[i] for i in self.independent.free)
+
+    @property
     def states(self) -> tuple[str, ...]:
         """Names of the states: positions, velocities, wrenches, parameters, biases."""
-        names = self.model.coordinates
+        names = self.coordinates
         wrenches = (component_name(f"{WRENCH}{link}", x) for link in self.links for x in WRENCHES)
         return (*names, *(f"d/dt {x}" for x in names), *wrenches, *self.parameters, *self.biases)
 
@@ -115,7 +127,7 @@ class FilterModel:
 
     def deviations(self) -> Numbers:
         """Return standard deviations of the states at the beginning, (N,)."""
-        known, n = self.uncertainty, self.model.size
+        known, n = self.uncertainty, len(self.coordinates)
         shares = [known.parameter * (abs(self.model.parameters[x]) or 1.0) for x in self.parameters]
         parts = (known.of_coordinates("position", n), known.of_coordinates("velocity", n))
         rest = [known.wrench] * (6 * len(self.links)) + shares + [known.bias] * len(self.biases)
@@ -123,7 +135,7 @@ class FilterModel:
 
     def noise(self) -> Numbers:
         """Return standard deviations that a step adds to each state, (N,); those of velocities move positions, too."""
-        known, n = self.uncertainty, self.model.size
+        known, n = self.uncertainty, len(self.coordinates)
         shares = [known.parameter_drift * (abs(self.model.parameters[x]) or 1.0) for x in self.parameters]
         biases = [self.measurement.drift[i] for i in self.measurement.biased]
         rest = [known.wrench_drift] * (6 * len(self.links)) + shares + biases
@@ -139,13 +151,15 @@ class Observer:
         kernel: of the robot, with the parameters that are estimated.
         states: names of the states, N.
         measured: names of the innovations, m.
-        state: estimate of q, v, wrenches, parameters and biases, (N,).
+        state: estimate of q, v, wrenches, parameters and biases, (N,); of a closed mechanism q and v of its independent
+            coordinates, f of n, which the others follow.
         normalized_innovation: of the last update, (m,): independent numbers of variance 1 where noise is as told.
     """
 
     def __init__(self, model: FilterModel, steps: FilterSteps) -> None:
         """Begin at the described home, at rest, with the described parameters."""
         self.filter, self.kernel, self._steps = model, steps.kernel, steps
+        self._f, self._coordinates = len(model.coordinates), steps.coordinates
         self.states, dtype = model.states, steps.kernel.dtype
         self.measured = tuple(name for name, _ in model.measurement.innovations)
         self._nominal = [model.model.parameters[x] for x in model.parameters]
@@ -161,15 +175,19 @@ class Observer:
     def begin(self, q: ArrayLike, v: ArrayLike | None = None) -> None:
         """Begin anew at q and v, (n,) each (at rest), with the uncertainty of the beginning.
 
+        Of a closed mechanism independent coordinates and velocities are those given, and the others follow near q.
+
         Raises:
             InputError: another shape, or no numbers.
+            LoopError: the loops do not close near q.
+            SingularError: the independent coordinates do not hold the others there.
         """
         n, dtype = self.kernel.n, self.kernel.dtype
-        rest = np.zeros(len(self.states) - 2 * n)
+        rest = np.zeros(len(self.states) - 2 * self._f)
         at = 6 * len(self.filter.links)
         rest[at : at + len(self._nominal)] = self._nominal
-        start = [_vector("q", q, n), _vector("v", np.zeros(n) if v is None else v, n), rest]
-        self.state = np.concatenate(start).astype(dtype)
+        begins = self._placed(_vector("q", q, n), _vector("v", np.zeros(n) if v is None else v, n))
+        self.state = np.concatenate([begins, rest]).astype(dtype)
         form = SquareRoot if self.filter.form == "square_root" else Covariance
         self._uncertain = form(self.filter.deviations().astype(dtype))
         self._write_parameters()
@@ -182,12 +200,12 @@ class Observer:
     @property
     def q(self) -> Numbers:
         """Estimated coordinates, (n,)."""
-        return np.array(self.state[: self.kernel.n])
+        return self._coordinates.state(self.state[: 2 * self._f])[0]
 
     @property
     def v(self) -> Numbers:
         """Estimated velocities, (n,)."""
-        return np.array(self.state[self.kernel.n : 2 * self.kernel.n])
+        return self._coordinates.state(self.state[: 2 * self._f])[1]
 
     @property
     def covariance(self) -> Numbers:
@@ -210,12 +228,12 @@ class Observer:
         Raises:
             InputError: another shape, or no numbers.
             SingularError, IntegrationStopped: as of ``Kernel.rollout``.
+            LoopError: the loops of a closed mechanism do not close at the estimate.
         """
-        n = self.kernel.n
-        self._u = _vector("u", u, n).astype(self.kernel.dtype)
-        q, v, by = self._steps.advance(self.q, self.v, self._acting())
+        self._u = _vector("u", u, self.kernel.n).astype(self.kernel.dtype)
+        end, by = self._steps.advance(self.q, self.v, self._acting())
         F, G = self.transition(by)
-        self.state[:n], self.state[n : 2 * n] = q, v
+        self.state[: 2 * self._f] = end
         self._uncertain.carry(F, G)
 
     def update(self, y: ArrayLike) -> float:
@@ -238,19 +256,18 @@ class Observer:
         return float(self.normalized_innovation @ self.normalized_innovation)
 
     def transition(self, by: Numbers) -> tuple[Numbers, Numbers]:
-        """Return the transition matrix F, (N, N), and the noise's columns G, (N, N), from derivatives of velocities."""
-        n, N, dtype = self.kernel.n, len(self.states), self.kernel.dtype
+        """Return the transition matrix F, (N, N), and the noise's columns G, (N, N), from derivatives of q and v."""
+        f, N, dtype = self._f, len(self.states), self.kernel.dtype
         dt, noise = dtype.type(self.filter.dt), np.diag(self._noise)
         F, size = np.eye(N, dtype=dtype), by.shape[1]
-        F[n : 2 * n, :size] = by
-        F[:n, :size] += dt * by
-        noise[:n] += dt * noise[n : 2 * n]
+        F[: 2 * f, :size] = by
+        noise[:f] += dt * noise[f : 2 * f]
         return F, noise
 
     def predicted(self) -> tuple[Numbers, Numbers]:
         """Return expected readings without biases, (readings,), and derivatives of innovations by the state, (m, N)."""
         measurement, kernel, n = self.filter.measurement, self.kernel, self.kernel.n
-        q, v, N = self.q, self.v, len(self.states)
+        q, v, f, N = self.q, self.v, self._f, len(self.states)
         a, by = np.zeros(n, kernel.dtype), np.zeros((n, self._steps.size), kernel.dtype)
         if measurement.depends_on_acceleration:
             a, by = self._steps.accelerations(q, v, self._acting())
@@ -258,13 +275,13 @@ class Observer:
         H_q, H_v, H_a = measurement.jacobian(kernel, q, v, a)
         H = np.zeros((len(self.measured), N), kernel.dtype)
         H[:, : self._steps.size] = H_a @ by
-        H[:, :n] += H_q
-        H[:, n : 2 * n] += H_v
+        along_q, along_v = self._coordinates.directions(q, v)
+        H[:, : 2 * f] += H_q @ along_q.T + H_v @ along_v.T
         weights = measurement.weights(predicted).astype(kernel.dtype)
         for i, name in enumerate(self.filter.parameters):
             still = (np.zeros(n, kernel.dtype),) * 3
             moved = kernel.jvp("measurement", (q, v, a), still, parameters={name: 1.0})
-            H[:, 2 * n + 6 * len(self.filter.links) + i] += weights @ moved
+            H[:, 2 * f + 6 * len(self.filter.links) + i] += weights @ moved
         for i, row in enumerate(self._bias_rows):
             H[row, N - len(self._bias_rows) + i] = 1.0
         return predicted, H
@@ -275,32 +292,49 @@ class Observer:
         Without q about a state near the home that has nothing special: drives turned, all moving.
         """
         n, kept, u = self.kernel.n, self.state, self._u
+        before = self.q
         states = [self._generic()] if q is None else list(zip(*np.broadcast_arrays(*_rows(q, v, n)), strict=True))
         systems = []
         try:
             for here, rate in states:
-                self.state = np.concatenate([here, rate, kept[2 * n :]]).astype(self.kernel.dtype)
+                self.state = np.concatenate([self._placed(here, rate), kept[2 * self._f :]]).astype(self.kernel.dtype)
                 _, H = self.predicted()
-                by = self._steps.advance(self.q, self.v, self._acting())[2]
+                by = self._steps.advance(self.q, self.v, self._acting())[1]
                 systems.append((self.transition(by)[0], H))
         finally:
             self.state, self._u = kept, u
+            self._placed(before, np.zeros(n))
         return common_observability(self.states, systems, self.filter.deviations(), self._deviations.astype(float))
 
     def _generic(self) -> tuple[Numbers, Numbers]:
+        """Return q and v, (n,) each, near the home and with nothing special, where loops close."""
         rng, n, model = np.random.default_rng(POSE_SEED), self.kernel.n, self.filter.model
         size = np.full(n, DEFLECTED)
         size[list(model.driven)] = POSES_APART
-        return np.asarray(model.home) + size * rng.normal(size=n), size * rng.normal(size=n)
+        apart, rate, home = size * rng.normal(size=n), size * rng.normal(size=n), np.asarray(model.home)
+        for halved in range(NEARER):
+            q = home + 0.5**halved * apart
+            try:
+                self._placed(q, rate)
+            except LoopError:
+                continue
+            return q, rate
+        return home, rate
+
+    def _placed(self, q: Numbers, v: Numbers) -> Numbers:
+        """Return the states that q and v are, (2 f,); dependent coordinates follow near q from here on."""
+        if isinstance(self._coordinates, IndependentCoordinates):
+            return self._coordinates.begin(q, v)
+        return np.concatenate([q, v])
 
     def _acting(self) -> Acting:
-        n, links = self.kernel.n, self._steps.links
+        f, links = self._f, self._steps.links
         wrench = np.zeros((len(self.kernel.links), 6), self.kernel.dtype)
-        wrench[list(links)] = self.state[2 * n : 2 * n + 6 * len(links)].reshape(-1, 6)
+        wrench[list(links)] = self.state[2 * f : 2 * f + 6 * len(links)].reshape(-1, 6)
         return Acting(self._u, wrench)
 
     def _write_parameters(self) -> None:
-        at = 2 * self.kernel.n + 6 * len(self.filter.links)
+        at = 2 * self._f + 6 * len(self.filter.links)
         for i, name in enumerate(self.filter.parameters):
             self.kernel.parameters[name] = float(self.state[at + i])
 
@@ -320,10 +354,11 @@ def observer(
 
     Its states are q and v, then wrenches on links and run-time parameters that drift.  Steps are linearly implicit, as
     of ``Kernel.rollout(method="implicit")``, so stiff joints need no shorter ones, and their derivatives are exact.
+    Of a closed mechanism q and v of independent coordinates are states, driven ones as far as they can be.
 
     Args:
-        robot: a Robot, the name of a built-in one, or the path of a description; without loops, states of laws and
-            prescribed coordinates.
+        robot: a Robot, the name of a built-in one, or the path of a description; without states of laws, prescribed
+            coordinates and joints with 3-DOF rotation.
         measure: sensors, "encoder:joint1.gamma,imu:tcp", or a Measurement with its noise.
         dt: length of a step, s.
         states: further states: parameters by their names, "wrench:LINK" for force and moment on its center of mass.
@@ -335,6 +370,7 @@ def observer(
     Raises:
         InputError: a robot, number or sensor that cannot be used, or states that measurements do not tell, by name.
         UnknownNameError: no such parameter or link.
+        LoopError: loops do not close near the described home.
         BuildError: see ``build``.
     """
     model = filter_model(robot, measure, dt=dt, states=states, uncertainty=uncertainty, form=form, dtype=dtype)
@@ -385,22 +421,42 @@ def filter_model(
             raise InputError(f"states: {twice[0]} stands twice; allowed: every state once")
     if links:
         _refuse_torques_under_load(measurement)
+    chosen = _independent(model, parameters) if model.constraints else None
     return FilterModel(
-        measurement, float(dt), tuple(links), tuple(parameters), form, dtype, uncertainty or Uncertainty()
+        measurement, float(dt), tuple(links), tuple(parameters), form, dtype, uncertainty or Uncertainty(), chosen
     )
 
 
+def _independent(model: Model, parameters: Sequence[str]) -> Independent:
+    """Return which coordinates of a closed mechanism are independent about its home.
+
+    Raises:
+        InputError: a parameter that is estimated moves the dependent coordinates.
+        LoopError: the loops do not close near the home.
+    """
+    slopes = ("constraint_tangent", "constraint_parameter_tangent") if parameters else ()
+    kernel = build(model.robot, kernels=(*kernels_of_choice(model.robot), "constraint_jacobian", *slopes))
+    rng = np.random.default_rng(POSE_SEED)
+    for name in parameters:
+        for q in rng.normal(size=(3, kernel.n)):
+            if kernel.jvp("constraint", (q,), (np.zeros(kernel.n),), parameters={name: 1.0}).any():
+                raise InputError(
+                    f"states: {name} changes how the loops of {model.name} close; allowed: parameters of forces and"
+                    " masses"
+                )
+    return Independent.of(kernel, kernel.assemble(np.asarray(model.home)), model.driven)
+
+
 def _refuse_what_filters_lack(model: Model) -> None:
-    """Refuse robots whose states are not coordinates and velocities that move freely."""
+    """Refuse robots whose states are not coordinates and velocities that move under forces."""
     lacks = {
-        "closed loops, whose steps end on their constraint beside q + dt v": model.constraints,
         "states of laws": model.memory,
         "prescribed coordinates": model.prescribed,
         "joints with 3-DOF rotation": model.turning,
     }
     for what, names in lacks.items():
         if names:
-            raise InputError(f"observer of {model.name}: it has {what}; allowed: trees without them")
+            raise InputError(f"observer of {model.name}: it has {what}; allowed: robots without them")
 
 
 def _refuse_torques_under_load(measurement: Measurement) -> None:
@@ -416,19 +472,28 @@ def _refuse_torques_under_load(measurement: Measurement) -> None:
 def steps_of(model: FilterModel) -> FilterSteps:
     """Return a filter's steps, with a kernel that is built for them."""
     links = tuple(model.model.links.index(x) for x in model.links)
-    further = not links and not model.parameters
+    further = not links and not model.parameters and model.independent is None
     if further and names_linear_laws(model.model):
         kernel = build(model.measurement.robot, kernels=kernels_of(model, is_linear=True), dtype=model.dtype)
         slopes = Slopes.of(kernel)
         if slopes.describe(kernel, model.dt):
-            return FilterSteps(kernel.with_parameters({}), model.dt, links, model.parameters, slopes)
+            coordinates = AllCoordinates(model.model.size)
+            return FilterSteps(kernel.with_parameters({}), coordinates, model.dt, links, (), slopes)
     kernel = build(model.measurement.robot, kernels=kernels_of(model, is_linear=False), dtype=model.dtype)
-    return FilterSteps(kernel.with_parameters({}), model.dt, links, model.parameters, None)
+    kernel = kernel.with_parameters({})
+    return FilterSteps(kernel, _coordinates(model, kernel), model.dt, links, model.parameters, None)
+
+
+def _coordinates(model: FilterModel, kernel: Kernel) -> FilterCoordinates:
+    chosen = model.independent
+    return AllCoordinates(model.model.size) if chosen is None else IndependentCoordinates(kernel, chosen)
 
 
 def kernels_of(model: FilterModel, *, is_linear: bool) -> tuple[str, ...]:
     """Name the kernels that a filter calls."""
     names = [*kernels_of_steps(is_linear=is_linear, has_wrenches=bool(model.links)), *model.measurement.kernels]
+    if model.independent is not None:
+        names += kernels_of_coordinates(model.model.robot)
     if model.parameters:
         names += ["measurement_tangent", "measurement_parameter_tangent"]
     if model.measurement.depends_on_acceleration:

@@ -37,7 +37,7 @@ from ..robot.model import build_model
 from ..robot.value import PRINCIPAL, Coordinate, Robot
 from ..runtime.kernel import Kernel
 from . import independent
-from .independent import Independent
+from .independent import Independent, kernels_of_choice
 
 KERNELS = ("generalized_momentum", "generalized_force")
 PerCoordinate = float | Sequence[float] | Mapping[str, float]  # a number for all, one each, or by names
@@ -104,7 +104,7 @@ class MomentumObserver:
         self.kernels: tuple[str, ...] = KERNELS
         self._independent: Independent | None = None
         if model.constraints:
-            self.kernels = (*KERNELS, *independent.KERNELS, *independent.CHOICE)
+            self.kernels = (*KERNELS, *independent.KERNELS, *kernels_of_choice(self.robot))
             assembled = self.kernel.assemble(np.asarray(model.home, self.dtype))
             self._independent = Independent.of(self.kernel, assembled, model.driven)
         kept = range(model.size) if self._independent is None else self._independent.free
@@ -166,7 +166,7 @@ class MomentumObserver:
     @property
     def kernels_in_c(self) -> tuple[str, ...]:
         """Names of the kernels that the observer's C calls."""
-        return tuple(name for name in self.kernels if name not in independent.CHOICE)
+        return tuple(name for name in self.kernels if name not in kernels_of_choice(self.robot))
 
     def sources(self) -> dict[str, str]:
         """Return names and texts of the observer's C, which stands beside the robot's with ``kernels_in_c``.

@@ -13,7 +13,7 @@ import numpy as np
 
 from .._version import __version__
 from ..codegen.c.source import environment
-from ..errors import check_kind
+from ..errors import InputError, check_kind
 from ..files import as_path, write_atomically
 from ..pipeline.stages import Options, make_source
 from ..progress import StageReport, no_report, tells_at_prompt
@@ -37,7 +37,7 @@ def write_observer(observer: Observer, folder: Path | str, *, progress: StageRep
         progress: called with a line of text when a stage begins.
 
     Raises:
-        InputError: no observer, or a folder that cannot be written.
+        InputError: no observer, one of a closed mechanism, or a folder that cannot be written.
     """
     check_kind("observer", observer, isinstance(observer, Observer), "an observer (of eomgen.control.observer)")
     target = Path(as_path(folder, "folder"))
@@ -58,6 +58,11 @@ def observer_files(observer: Observer) -> dict[str, str]:
     """Return texts of a filter by their places in one folder: the robot's C, the filter's, and what both include."""
     model, is_linear = observer.filter, observer.is_linear
     measurement = model.measurement
+    if model.independent is not None:
+        raise InputError(
+            f"observer of {model.model.name}: it has closed loops, whose filter is in Python alone; allowed: in C"
+            " robots without them"
+        )
     robot = replace(measurement.robot, sensors=()) if _reads_states(measurement) else measurement.robot
     kernels = _kernels(model, is_linear=is_linear)
     source = make_source(robot, Options(kernels=kernels, dtype=model.dtype, batches=False))
