@@ -13,6 +13,7 @@ from pathlib import Path
 import eomgen
 from eomgen import limits
 from eomgen.codegen.kernels.equations import derive
+from eomgen.description.load import robot_from_toml
 from eomgen.pipeline.costs import robot_info
 from eomgen.robot.model import build_model
 
@@ -30,6 +31,19 @@ ROBOTS = ("one_link", "puma560", "ur5", "puma560_elastic")
 DIFFERENTIATED = ("inverse_dynamics", "forward_dynamics")
 MOST_SHOWN = 7  # packages of an extra that the table names
 ARGUMENTS = "docs/public_arguments.txt"
+ARM_BEHIND = """
+[[links]]
+name = "arm{0}"
+mass = 5.0
+com = [0.1, 0.2, 0.0]
+inertia = {{ xx = 0.5, yy = 0.4, zz = 0.3 }}
+[[joints]]
+name = "turn{0}"
+parent = "{1}"
+child = "arm{0}"
+type = "revolute"
+placement = {{ xyz = [0.1, 0.3, 0.2], rpy_deg = [90, 0, 0] }}
+"""  # a joint that turns, and its link
 KERNELS = ("inverse_dynamics", "mass_matrix", "forward_dynamics", "bias_force", "generalized_force")
 
 
@@ -134,7 +148,28 @@ def sizes() -> str:
     return "\n".join(["| | at most |", "|---|---|", *(f"| {what} | {most} |" for what, most in rows)])
 
 
+def sliding() -> str:
+    """Multiplications of the gantry whose trolley slides along its beam, and of one with a rail at a node."""
+    text = (ROOT / "src/eomgen/robots/gantry.toml").read_text(encoding="utf-8")
+    rail = 'node = "middle"\ntype = "prismatic"\nplacement = { rpy_deg = [0, 90, 0] }'
+    on_node = text.replace('along = "beam"\n', "").replace('type = "prismatic"\nz =', f"{rail}\nz =")
+    arm = "\n".join(ARM_BEHIND.format(i, "load" if i == 0 else f"arm{i - 1}") for i in range(6))
+    kernels = ("inverse_dynamics", "forward_dynamics")
+    rows = ["| trolley | coordinates | inverse dynamics | forward dynamics | more |", "|---|---:|---:|---:|---:|"]
+    for label, robot in (
+        ("slides along the beam", text),
+        ("on a rail at a node", on_node),
+        ("slides, six joints more behind it", text + arm),
+        ("on a rail, six joints more", on_node + arm),
+    ):
+        model = build_model(robot_from_toml(robot))
+        inverse, forward = (derive(model, kernel).count()["mul"] for kernel in kernels)
+        rows.append(f"| {label} | {model.size} | {inverse} | {forward} | {forward - inverse} |")
+    return "\n".join(rows)
+
+
 PARTS = {
+    "docs/theory.md": {"sliding": sliding},
     "docs/comparison.md": {"operations": operations, "precision": precision},
     "docs/derivatives.md": {"derivatives": derivatives},
     "docs/start.md": {"extras": extras},

@@ -20,7 +20,14 @@ pytestmark = pytest.mark.usefixtures("unoptimised")
 
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
-GENERATED = ("docs/architecture.md", "docs/comparison.md", "docs/limits.md", "docs/stability.md", "docs/start.md")
+GENERATED = (
+    "docs/architecture.md",
+    "docs/comparison.md",
+    "docs/limits.md",
+    "docs/stability.md",
+    "docs/start.md",
+    "docs/theory.md",
+)
 MOST_LINES = 80  # of the README: what fits a screen or two of a repository browser, picture included
 
 
