@@ -15,6 +15,7 @@ import pytest
 import eomgen
 from eomgen.errors import InputError
 from eomgen.sweep import plan_from_toml
+from tests.support.soak import soaked
 
 pytestmark = [pytest.mark.usefixtures("unoptimised"), pytest.mark.filterwarnings("ignore")]
 
@@ -162,7 +163,10 @@ def refusals(function: Callable[..., Any], valid: dict[str, Any], folder: Path) 
                 yield f"{name}, {kind}: {type(error).__name__}: {str(error)[:100]}"
 
 
-@pytest.mark.parametrize("name", functions())
+SLOW = {"eomgen.export_fmu"}  # whose unit is compiled; tests of units see to its refusals, too
+
+
+@pytest.mark.parametrize("name", soaked(functions(), functions().keys() - SLOW))
 def test_it_works_or_refuses_by_name(
     name: str, valid: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
