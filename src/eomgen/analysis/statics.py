@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..arrays import Array
+from ..arrays import Array, rank_of
 from ..bending.beams.resultants import COMPONENTS, StressResultants, stress_resultants
 from ..description import RobotLike
 from ..errors import InputError, LoopError, UnknownNameError, check_kind
@@ -23,6 +23,7 @@ from ..robot.elements.stiffness_center import principal_line
 from ..robot.model import tool_of
 from ..robot.parameter_names import number_of
 from ..robot.value import AXES, COORDINATES, Link, Robot, node_link
+from ..runtime.by_name import wrench_rows
 from ..runtime.kernel import Kernel
 from ..shown import Plotting, Shown, scale_of
 from .at_rest import closed, rest
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
 RANK = 1e-9  # of the greatest principal compliance: what is taken to be zero
 SOFT = 1e-13  # of the greatest stiffness, scaled: nothing holds what has less
 MATRIX_ENDINGS = (".csv", ".npz", ".mtx")  # of files that it is written to
+LEFT = 1e-6  # of the greatest force in an equilibrium: what its search may leave
 REACTING = frozenset(("external_reactions", "reactions"))  # kernels that stress resultants need
 UNITS = "N/m, N/rad, N m/rad"
 NO_BEAM = "no link of {} is a beam, whose stress resultants could be written; allowed: with --map or --matrix"
@@ -166,7 +168,7 @@ def _stress_resultants(arm: HeldRobot, q: Array) -> tuple[StressResultants, ...]
     """Return stress resultants of all links that are beams, in a static equilibrium q, (coordinates,).
 
     Raises:
-        InputError: of a robot with loops others than its drives hold it.
+        InputError: of a robot with loops that neither drives nor held coordinates alone hold.
     """
     robot, kernel = arm.robot, arm.kernel
     beams = [(link, link.beam) for link in robot.links if link.beam is not None]
@@ -181,14 +183,7 @@ def _stress_resultants(arm: HeldRobot, q: Array) -> tuple[StressResultants, ...]
     try:
         wrenches = reacting.reactions(q, still, still, wrench=arm.loads or None, z=z)
     except LoopError as error:
-        stay, driven = (
-            ", ".join(np.array(kernel.velocities)[mask]) or "nothing"
-            for mask in (arm.fixation.still, arm.fixation.driven)
-        )
-        raise InputError(
-            f"{robot.name}: drives hold what passes its loops in stress resultants of beams, but {stay} is held, and"
-            f" {driven} is driven; allowed: no held, or driven coordinates in it"
-        ) from error
+        wrenches = _reactions_of_held(arm, q, error)
     reactions = dict(zip(reacting.joints, wrenches, strict=True))  # of joints on their children, in their own axes
     gravity = [kernel.parameters[parameter_name("gravity", axis)] for axis in "xyz"]
     found = []
@@ -199,6 +194,44 @@ def _stress_resultants(arm: HeldRobot, q: Array) -> tuple[StressResultants, ...]
         turn = np.asarray(kernel.frame_pose(q, link.name))[:3, :3]
         found.append(stress_resultants(link, beam, e, turn.T @ gravity, loads))
     return tuple(found)
+
+
+def _reactions_of_held(arm: HeldRobot, q: Array, error: LoopError) -> Array:
+    """Return reactions, (joints, 6), in an equilibrium q, (coordinates,), in which held coordinates hold a mechanism.
+
+    What holds them is what the tree needs there beside J^T lambda, where lambda follows from the coordinates that are
+    not held; their forces count as external ones, so that nothing is left to drives.
+
+    Args:
+        arm: with loops.
+        q: in static equilibrium.
+        error: of reactions by drives alone.
+
+    Raises:
+        InputError: held coordinates do not hold it, or stand against each other through loops.
+    """
+    kernel, still = arm.kernel, np.zeros(len(arm.kernel.coordinates))
+    whole, z = build(arm.robot), arm.fixation.z if kernel.memory else None
+    whole.parameters.update(kernel.parameters)
+    held = arm.fixation.still[: still.size]
+    needed = whole.inverse_dynamics(q, still, still, wrench=arm.loads or None, cut=True, z=z)[: still.size]
+    J = whole.constraint_jacobian(q)[:, : still.size]
+    multipliers = np.linalg.lstsq(J[:, ~held].T, needed[~held], rcond=RANK)[0]
+    holding = needed - J.T @ multipliers
+    if rank_of(J[:, ~held]) < rank_of(J) or np.abs(holding[~held]).max(initial=0.0) > LEFT * np.abs(needed).max():
+        stay, driven = (
+            ", ".join(np.array(kernel.velocities)[mask]) or "nothing"
+            for mask in (arm.fixation.still, arm.fixation.driven)
+        )
+        raise InputError(
+            f"{arm.robot.name}: stress resultants of beams follow from what passes its loops, but {stay} is held, and"
+            f" {driven} is driven; allowed: no held, or as many coordinates in it as hold the mechanism"
+        ) from error
+    total = holding * held
+    if arm.loads:
+        total = total + whole.external_force(q, arm.loads)[: still.size]
+    values, calls = (q, still, still, total), whole.calls
+    return calls.run_with_wrench("reactions_under_load", None, values, wrench_rows(calls, q, arm.loads or None), z)
 
 
 def _beam_loads(
