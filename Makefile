@@ -14,6 +14,7 @@
 #   make picture  simulate and draw the pictures of README.md and of the harmonic drive
 #   make packages write the list of packages in pyproject.toml, after a folder of code was added, renamed or removed
 #   make schemas  regenerate the JSON Schemas in src/eomgen/schemas
+#   make claims   run the commands behind the figures of README and docs that take less than an hour; print what no longer holds
 #   make misra    what MISRA C finds in generated code and in the C library; writes the tables of two pages in docs
 #   make wheel    build the source distribution and the wheel into dist/, and check what an index would show of them
 #   make release  build both, check versions, and try them in fresh environments of Python 3.10 to 3.13 (PYTHONS="3.11 3.12")
@@ -29,7 +30,7 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 # What the extra "wheel" lists, without eomgen and what it needs to run.
 WHEEL_TOOLS := $(shell sed -n 's/^wheel = \[\(.*\)\]$$/\1/p' pyproject.toml | tr ',' ' ')
 
-.PHONY: demo test suite lint bench soak mutation docs notebooks sample tables picture packages schemas misra wheel release clean
+.PHONY: demo test suite lint bench soak mutation claims docs notebooks sample tables picture packages schemas misra wheel release clean
 
 demo: $(VENV)/.sim
 	$(BIN)/eomgen info puma560_elastic
@@ -48,10 +49,11 @@ lint: $(VENV)/.test | $(LINKS)
 	$(BIN)/lint-imports
 	$(BIN)/python -m tests.support.first_words
 
-bench: $(VENV)/.bench
+bench: $(VENV)/.bench $(VENV)/.test
 	$(BIN)/python benchmarks/run.py
 	$(BIN)/python -m benchmarks.arrays
 	$(BIN)/python -m benchmarks.batches
+	$(BIN)/python -m benchmarks.bits
 	$(BIN)/python -m benchmarks.builds
 	$(BIN)/python -m benchmarks.calibrating
 	$(BIN)/python -m benchmarks.closed
@@ -77,6 +79,9 @@ notebooks: $(VENV)/.docs
 
 mutation: $(VENV)/.mutation
 	nice -n 10 $(BIN)/python -m benchmarks.mutation --sample 100
+
+claims: $(VENV)/.bench $(VENV)/.test
+	$(BIN)/python -m benchmarks.claims
 
 sample: $(VENV)/.sim
 	$(BIN)/eomgen generate one_link -o generated

@@ -1,4 +1,4 @@
-"""Write the generated parts of committed pages, and docs/public_arguments.txt: python docs/tables.py.
+"""Write the generated parts of committed pages, docs/claims.md and docs/public_arguments.txt: python docs/tables.py.
 
 With --check: status 1 if they differ instead.
 """
@@ -44,6 +44,7 @@ child = "arm{0}"
 type = "revolute"
 placement = {{ xyz = [0.1, 0.3, 0.2], rpy_deg = [90, 0, 0] }}
 """  # a joint that turns, and its link
+CLAIMS = "docs/claims.md"
 KERNELS = ("inverse_dynamics", "mass_matrix", "forward_dynamics", "bias_force", "generalized_force")
 
 
@@ -71,6 +72,13 @@ def derivatives() -> str:
         cells = [f"{count['mul'] + count['add']}" for count in counts]
         rows.append(f"| {name} | {model.size} | " + " | ".join(cells) + " |")
     return "\n".join(rows)
+
+
+def claims() -> str:
+    """Return the page of claims: which command made which figure."""
+    from benchmarks.claims import table_page
+
+    return table_page()
 
 
 def precision() -> str:
@@ -199,8 +207,9 @@ def main() -> int:
         print(*lost, f"delete from {ARGUMENTS} by hand what goes with a minor version", sep="\n", file=sys.stderr)
         return 1
     differ = False
-    for page, wanted in {ARGUMENTS: public.arguments(), **{page: filled(page) for page in PARTS}}.items():
-        now = (ROOT / page).read_text(encoding="utf-8")
+    whole = {ARGUMENTS: public.arguments(), CLAIMS: claims()}
+    for page, wanted in {**whole, **{page: filled(page) for page in PARTS}}.items():
+        now = (ROOT / page).read_text(encoding="utf-8") if (ROOT / page).exists() else ""
         differ |= now != wanted
         if "--check" not in sys.argv[1:] and now != wanted:
             (ROOT / page).write_text(wanted, encoding="utf-8")
