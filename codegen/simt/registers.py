@@ -11,15 +11,31 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from ..program.ir import Program
-from .orders import FREE, ORDERS, SUNK, Order, sunk
+from .orders import FREE, ORDERS, SUNK, Order, computed, sunk
 
-ROOM: Mapping[str, int] = {"float64": 115, "float32": 235}  # values in 255 registers, less those of addresses
+SPILL, FAR = 4, 20  # operations of an access to the first cache and to the second; see docs/simt.md
 SINE = 25  # operations of a sine with its cosine
-GAPS = (400, 120)  # statements after which sines of coordinates may be taken again
+GAPS = (1000, 400, 120)  # statements after which sines of coordinates may be taken again
 TRIED = 3  # orders in which that is tried
+SHARE = 10  # sines may take one of so many operations so that nothing is stored
 LONG = 30000  # values of a program from which on few orders are tried
 TURN = "turn"  # operation of statements beside those of programs, and checks
 CHECKS = ("pivot", "violation")  # outputs that stand in pairs, a number and its scale
+
+
+@dataclass(frozen=True)
+class Places:
+    """How many values of a thread have a place.
+
+    room: in registers: 255 of 32 bits, less some 65 of addresses, of inputs that compilers read ahead, and of sines.
+    near: in 512 bytes of the first cache, the part of one of the 256 threads that share one with so many registers.
+    """
+
+    room: int
+    near: int
+
+
+PLACES: Mapping[str, Places] = {"float64": Places(95, 64), "float32": Places(190, 128)}
 
 
 @dataclass(frozen=True)
@@ -45,37 +61,50 @@ class Schedule:
     order: its name.
     sines_again: sines that are computed once more instead of being kept.
     alive: values that live at once, at most.
-    room: values that fit.
-    stores, loads: of values that do not.
+    places: how many values fit where.
+    stores, loads: of values that do not fit into registers.
     """
 
     order: str
     statements: tuple[Statement, ...]
     sines_again: int
     alive: int
-    room: int
+    places: Places
     stores: int
     loads: int
 
     @property
+    def operations(self) -> int:
+        """Return the operations for which accesses to memory and sines that are taken again stand."""
+        far = max(self.stores - self.places.near, 0)
+        accesses = (self.stores + self.loads) * (SPILL * (self.stores - far) + FAR * far) // max(self.stores, 1)
+        return accesses + SINE * self.sines_again
+
+    @property
     def cost(self) -> tuple[int, int]:
-        """Return accesses to memory with sines beside them, then values that live at once: least is best."""
-        return self.stores + self.loads + SINE * self.sines_again, self.alive
+        """Return operations, then values that live at once: least is best."""
+        return self.operations, self.alive
 
 
-def scheduled(program: Program, room: int) -> Schedule:
-    """Choose the order of a program's statements that needs least registers by the model, where so many values fit.
+def scheduled(program: Program, places: Places) -> Schedule:
+    """Choose the order of a program's statements that needs least registers by the model.
 
     Where values do not fit in any order, sines of coordinates that were taken long ago are taken again in the best
-    ones, if that costs less.
+    ones, if that costs less, or little: what compilers store is more than the model says, unless it says nothing.
     """
-    plain = [(name, order, _modelled(name, program, order, 0, room)) for name, order in _orders(program)]
+
+    def modelled(name: str, order: Order, gap: int) -> Schedule:
+        return _modelled(name, program, order, gap, places)
+
+    plain = [(name, order, modelled(name, order, 0)) for name, order in _orders(program)]
     plain.sort(key=lambda candidate: candidate[2].cost)
     best = plain[0][2]
     if best.stores == 0:
         return best
-    again = [_modelled(name, program, order, gap, room) for name, order, _ in plain[:TRIED] for gap in GAPS]
-    return min((best, *again), key=lambda schedule: schedule.cost)
+    again = [modelled(name, order, gap) for name, order, _ in plain[:TRIED] for gap in GAPS]
+    little = sum(computed(program)) // SHARE
+    fitting = [schedule for schedule in again if schedule.stores == 0 and schedule.operations <= little]
+    return min(fitting or (best, *again), key=lambda schedule: schedule.cost)
 
 
 def _orders(program: Program) -> Iterator[tuple[str, Order]]:
@@ -86,12 +115,12 @@ def _orders(program: Program) -> Iterator[tuple[str, Order]]:
             yield name + ending, plain if slack is None else sunk(program, plain, slack)
 
 
-def _modelled(name: str, program: Program, order: Order, gap: int, room: int) -> Schedule:
+def _modelled(name: str, program: Program, order: Order, gap: int, places: Places) -> Schedule:
     """Say what registers hold in an order; where all values fit at once nothing leaves them."""
     statements = tuple(_statements(program, order, gap))
     alive = most_alive(statements)
-    stores, loads = spills(statements, room) if alive > room else (0, 0)
-    return Schedule(name, statements, _again(statements), alive, room, stores, loads)
+    stores, loads = spills(statements, places.room) if alive > places.room else (0, 0)
+    return Schedule(name, statements, _again(statements), alive, places, stores, loads)
 
 
 def _again(statements: Sequence[Statement]) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from eomgen._version import __version__
@@ -22,7 +22,7 @@ from ..program.ir import Program
 from ..samples.sines import COEFFICIENTS
 from .kernels import ROLLOUTS, ThreadKernel, derive_kernels
 from .parts import Part, split_columns
-from .registers import ROOM, scheduled
+from .registers import PLACES, scheduled
 from .statements import PIVOTS, STATUS, Writer
 
 TILE = 32  # states of a tile: threads that go together on most accelerators
@@ -135,12 +135,12 @@ def _sines(dtype: str, scalar: Scalar) -> dict[str, Any]:
 
 def _parts(kernel: ThreadKernel, model: Model, dtype: str) -> tuple[Part, ...]:
     """Choose orders of a kernel's statements; in steps a state and what is added up of it stay beside the values."""
+    places = PLACES[dtype]
     if kernel.name in ROLLOUTS:
-        room = max(ROOM[dtype] - BESIDE[kernel.name] * model.size, LEAST)
-        return ((kernel.program, scheduled(kernel.program, room)),)
+        places = replace(places, room=max(places.room - BESIDE[kernel.name] * model.size, LEAST))
     if kernel.name in SPLIT:
-        return split_columns(kernel.program, model.size, ROOM[dtype])
-    return ((kernel.program, scheduled(kernel.program, ROOM[dtype])),)
+        return split_columns(kernel.program, model.size, places)
+    return ((kernel.program, scheduled(kernel.program, places)),)
 
 
 def _functions(model: Model, kernel: ThreadKernel, parts: Sequence[Part]) -> list[str]:
@@ -181,7 +181,7 @@ def _described(model: Model, kernel: ThreadKernel, parts: Sequence[Part]) -> dic
             {
                 "order": plan.order,
                 "alive": plan.alive,
-                "room": plan.room,
+                "room": plan.places.room,
                 "stores": plan.stores,
                 "loads": plan.loads,
                 "sines_again": plan.sines_again,

@@ -18,7 +18,19 @@ from eomgen.codegen.program.operations import CALLS, OPERATIONS
 from eomgen.codegen.simt import orders
 from eomgen.codegen.simt.kernels import DEFAULT, derive_kernels, refusal
 from eomgen.codegen.simt.parts import _cost, _parts, split_columns
-from eomgen.codegen.simt.registers import ROOM, TURN, _statements, most_alive, scheduled, spills
+from eomgen.codegen.simt.registers import (
+    FAR,
+    PLACES,
+    SINE,
+    SPILL,
+    TURN,
+    Places,
+    Schedule,
+    _statements,
+    most_alive,
+    scheduled,
+    spills,
+)
 from eomgen.codegen.simt.sources import render_simt
 from eomgen.codegen.simt.statements import Writer
 from eomgen.description import as_robot, builtin_robots
@@ -47,13 +59,26 @@ type = "free"
 ROUNDED = {"exp", "log", "atan2"}  # operations whose last bits are the device's
 
 
+CLOSING = ("settling", "cut_poses")  # what assembles loops
+
+
+def at_rest(kernel: Any, arrays: list[Any], home: Any) -> list[Any]:
+    """Put states of a closed mechanism where loops are closed, near home, at rest; drives and accelerations stay."""
+    q, *others = arrays
+    rest = [np.zeros_like(others[0]), *others[1:]] if others else []
+    return [kernel.assemble((np.asarray(home) + 0.1 * q).astype(q.dtype)), *rest]
+
+
 def compare(robot: Any, folder: Path, dtype: str, kernels: tuple[str, ...] = (), language: str = "c++") -> None:
     """Compare kernels with the compiled kernel's functions, to the bit."""
-    source = render_simt(build_model(robot), kernels, dtype)
+    model = build_model(robot)
+    source = render_simt(model, kernels, dtype)
     made, names = simt.Compiled(source, folder, language), tuple(json.loads(source.meta)["kernels"])
-    kernel = simt.built(robot, names, dtype)
+    kernel = simt.built(robot, (*names, *CLOSING) if model.constraints else names, dtype)
     for name in names:
         arrays, numbers = simt.states(made.module, name), simt.scalars(made.module, name)
+        if model.constraints:
+            arrays = at_rest(kernel, arrays, model.home)
         assert simt.same_bits(made.run(name, *arrays, **numbers), simt.expected(kernel, name, arrays)), name
         assert not made.status.any(), name
 
@@ -63,12 +88,18 @@ def test_text_has_the_bits_of_the_kernel(tmp_path: Path, dtype: str) -> None:
     compare(as_robot("one_link"), tmp_path, dtype)
 
 
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_text_for_hip_and_cuda_has_the_bits_of_the_kernel(tmp_path: Path, dtype: str) -> None:
+    """Threads run one by one on the processor, by the macros that HIP and CUDA share."""
+    compare(as_robot("one_link"), tmp_path, dtype, ("forward_dynamics", "frame_poses", "rk4_rollout"), "hip")
+
+
 def test_closed_mechanisms_accelerate_as_the_kernel_says(tmp_path: Path) -> None:
     """Assembled states have the same bits, others say that loops are open."""
     source = render_simt(build_model(as_robot("four_bar")), ("forward_dynamics",))
     made, kernel = (
         simt.Compiled(source, tmp_path, "c"),
-        eomgen.build("four_bar", kernels=("forward_dynamics", "settling", "cut_poses")),
+        eomgen.build("four_bar", kernels=("forward_dynamics", *CLOSING)),
     )
     q = kernel.assemble(np.array([[0.5, 0.2, 1.2], [0.6, 0.2, 1.2]]))
     v, u = np.zeros(q.shape), np.linspace(0.0, 1.0, q.size).reshape(q.shape)
@@ -152,7 +183,7 @@ def every_operation() -> Any:
 
 def test_all_operations_have_a_text() -> None:
     program = every_operation()
-    lines = "\n".join(Writer(program, scheduled(program, ROOM["float64"]), SCALARS["float64"]).lines())
+    lines = "\n".join(Writer(program, scheduled(program, PLACES["float64"]), SCALARS["float64"]).lines())
     for operation in CALLS.values():
         assert f"eom_{operation.function}(" in lines
     assert lines.count("EOM_TURN(") == 2
@@ -184,7 +215,7 @@ def test_model_of_registers_counts_what_does_not_fit() -> None:
     assert spills(statements, 4) == (0, 0)
     assert spills(statements, 3) == (1, 1)
     assert spills(statements, 2) == (2, 2)
-    assert scheduled(program, ROOM["float64"]).alive == 2
+    assert scheduled(program, PLACES["float64"]).alive == 2
 
 
 def test_sines_are_taken_again_behind_a_gap() -> None:
@@ -198,7 +229,7 @@ def test_sines_are_taken_again_behind_a_gap() -> None:
     for gap, turns in ((0, 1), (4, 2), (40, 1)):
         statements = list(_statements(program, orders.as_derived(program), gap))
         assert sum(statement.op == TURN for statement in statements) == turns
-    assert ROOM.keys() == set(DTYPES)
+    assert PLACES.keys() == set(DTYPES)
 
 
 @pytest.mark.parametrize(
@@ -244,26 +275,55 @@ def test_command_writes_the_text(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert "--tile: given without --simt; allowed: with --simt" in capsys.readouterr().err
 
 
+def wide() -> Any:
+    """Return a program that writes one row of 7 columns."""
+    graph = Graph()
+    return finish(graph, "residual_jacobian", {("out", i): graph.input("q", i) * 2.0 for i in range(7)})
+
+
 def test_columns_go_apart_where_registers_ask_for_it() -> None:
     """Parts write every number once, and hold less at once; where all fits there is one."""
     program = derive(build_model(as_robot("one_link")), "forward_dynamics_jacobian")
-    assert len(split_columns(program, 2, 100)) == 1
-    halves = tuple((part, scheduled(part, 5)) for part in _parts(program, 2, 2))
+    assert len(split_columns(program, 2, Places(100, 64))) == 1
+    halves = tuple((part, scheduled(part, Places(5, 4))) for part in _parts(program, 2, 2))
     written = [key for part, _ in halves for key in part.outputs]
     assert sorted(written) == sorted(program.outputs)
-    whole = scheduled(program, 5)
+    whole = scheduled(program, Places(5, 4))
     assert whole.stores > 0
     assert max(plan.alive for _, plan in halves) < whole.alive
-    assert _cost(split_columns(program, 2, 5)) == min(_cost(halves), _cost(((program, whole),)))
+    written = [place % 7 for part in _parts(wide(), 7, 3) for _, place in part.outputs]
+    assert written == [0, 1, 2, 3, 4, 5, 6]
+    assert _cost(split_columns(program, 2, Places(5, 4))) == min(_cost(halves), _cost(((program, whole),)))
+
+
+def test_what_lies_far_costs_more() -> None:
+    """Of 6 values of which 4 are near, 12 accesses cost two thirds as near ones, the rest as far ones."""
+    plan = Schedule("as derived", (), 1, 8, Places(2, 4), 6, 6)
+    assert plan.operations == 8 * SPILL + 4 * FAR + SINE
+    assert Schedule("as derived", (), 0, 8, Places(8, 4), 0, 0).operations == 0
+
+
+def test_sines_are_taken_again_so_that_nothing_is_stored() -> None:
+    """Angles of a long program whose sines are used at both of its ends: one register less than they need."""
+    graph = Graph()
+    sines = [graph.sincos(graph.input("q", i))[0] for i in range(4)]
+    value: Any = sines[0] + sines[1] + sines[2] + sines[3]
+    for i in range(4, 1600):
+        value = value * graph.input("q", i)
+    for sine in sines:
+        value = value * sine
+    program = finish(graph, "mass_matrix", {("out", 0): value})
+    assert scheduled(program, Places(5, 4)).sines_again == 0
+    plan = scheduled(program, Places(4, 4))
+    assert (plan.stores, plan.sines_again > 0) == (0, True)
+    assert plan.alive <= 4
 
 
 @pytest.mark.soak
 @pytest.mark.parametrize("dtype", DTYPES)
 @pytest.mark.parametrize("name", sorted(builtin_robots()))
 def test_all_kernels_of_built_in_robots_have_the_bits_of_the_kernel(tmp_path: Path, name: str, dtype: str) -> None:
-    robot = as_robot(name)
-    if not build_model(robot).constraints:
-        compare(robot, tmp_path, dtype)
+    compare(as_robot(name), tmp_path, dtype)
 
 
 @pytest.mark.soak

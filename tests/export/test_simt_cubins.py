@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import importlib.util
+import json
 import re
 from functools import cache
 from pathlib import Path
@@ -66,3 +67,19 @@ def test_registers_of_an_arm_in_double_precision(processor: str) -> None:
     for kernel, (used, stored) in figures(source.code, processor).items():
         assert stored == 0, kernel
         assert used <= 168, kernel
+
+
+@pytest.mark.parametrize("processor", PROCESSORS)
+def test_nothing_is_spilled_by_36_coordinates_in_single_precision(processor: str) -> None:
+    source = render_simt(build_model(as_robot("puma560_elastic")), ("forward_dynamics", "inverse_dynamics"), "float32")
+    assert [stored for _, stored in figures(source.code, processor).values()] == [0] * 4
+
+
+def test_derivatives_in_parts_spill_less() -> None:
+    """In double precision: 1.7 kB whole."""
+    model = build_model(as_robot("ur5"))
+    source = render_simt(model, ("forward_dynamics_jacobian",))
+    functions = json.loads(source.meta)["kernels"]["forward_dynamics_jacobian"]["functions"]
+    found = figures(source.code, "sm_90")
+    assert len(functions) > 1
+    assert sum(found[function][1] for function in functions) <= 700

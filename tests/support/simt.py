@@ -19,7 +19,22 @@ from eomgen.runtime.kernel import Kernel
 COUNT = 37  # states: a whole tile and a part of one
 STEP = 1e-6  # s, short enough for explicit steps of stiff robots
 FLAGS = ("-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror", "-O0", "-ffp-contract=off", "-fPIC", "-shared")
-LANGUAGES = {"c++": ("g++", "-x", "c++", "-std=c++11"), "c": ("gcc", "-x", "c", "-std=c99")}
+LANGUAGES = {
+    "c++": ("g++", "-x", "c++", "-std=c++11"),
+    "c": ("gcc", "-x", "c", "-std=c99"),
+    "hip": ("g++", "-x", "c++", "-std=c++11", "-D__HIPCC__", "-include", "threads.h"),
+}
+THREADS = """/* What compilers of HIP and CUDA know by themselves; threads one by one, each a block of its own. */
+#include <math.h>
+#include <string.h>
+#define __global__
+#define __device__
+#define __forceinline__ inline
+static struct { unsigned int x; } blockIdx, threadIdx, blockDim = { 1 };
+static inline long long __double_as_longlong(double x) { long long w; (void)memcpy(&w, &x, sizeof w); return w; }
+static inline int __float_as_int(float x) { int w; (void)memcpy(&w, &x, sizeof w); return w; }
+extern "C" void block(unsigned int number) { blockIdx.x = number; }
+"""
 
 
 def driver(source: SimtSource, folder: Path) -> Any:
@@ -39,8 +54,9 @@ class Compiled:
 
     def __init__(self, source: SimtSource, folder: Path, language: str = "c++") -> None:
         self.module, library = driver(source, folder), folder / f"{language}.so"
-        command = [*LANGUAGES[language], *FLAGS, str(folder / f"{source.name}_simt.h"), "-o", str(library), "-lm"]
-        subprocess.run(command, check=True)
+        (folder / "threads.h").write_text(THREADS, encoding="ascii")
+        command = [*LANGUAGES[language], *FLAGS, f"-I{folder}", str(folder / f"{source.name}_simt.h")]
+        subprocess.run([*command, "-o", str(library), "-lm"], check=True)
         self.library, self.h = ctypes.CDLL(str(library)), self.module.setup()
         self.status = np.zeros(0, np.int32)
 
@@ -55,9 +71,18 @@ class Compiled:
         self.status = np.full(count, -1, np.int32)
         h, *pointers = [x.ctypes.data_as(ctypes.c_void_p) for x in (self.h, *tiles, *made, self.status)]
         for function in kernel["functions"]:
-            getattr(self.library, function)(ctypes.c_ulonglong(count), h, *numbers, *pointers)
+            self._launch(function, count, ctypes.c_ulonglong(count), h, *numbers, *pointers)
         results = [module.from_tiles(x, count).reshape(count, *shape) for x, shape in zip(made, shapes, strict=True)]
         return results[0] if len(results) == 1 else tuple(results)
+
+    def _launch(self, function: str, count: int, *arguments: Any) -> None:
+        """Call a function once, whose loop goes over states, or as threads of HIP one by one."""
+        if not hasattr(self.library, "block"):
+            getattr(self.library, function)(*arguments)
+            return
+        for thread in range(-(-count // self.module.TILE) * self.module.TILE):
+            self.library.block(ctypes.c_uint(thread))
+            getattr(self.library, function)(*arguments)
 
 
 def states(module: Any, name: str, seed: int = 0, count: int = COUNT, size: float = 0.3) -> list[Any]:
