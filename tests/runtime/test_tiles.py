@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import eomgen
 from eomgen.codegen.c.contexts import TILE_BYTES as BYTES_IN_C
 from eomgen.description.load import load_robot, robot_from_toml
 from eomgen.errors import ArrayError, InputError, SingularError, UnknownNameError
@@ -180,6 +181,97 @@ def test_what_is_converted_on_the_way(built: Build) -> None:
         assert np.array_equal(part, other)
 
 
+def test_wrenches_on_tiles_reach_the_code_without_a_conversion(built: Build, monkeypatch: pytest.MonkeyPatch) -> None:
+    kernel = made("one_link", "float64", built)
+    wrench = np.random.default_rng(5).standard_normal((N, len(kernel.links), 6))
+    for name in ("forward_dynamics", "inverse_dynamics", "residual", "reactions"):
+        given = arguments(kernel, name)
+        expected = getattr(kernel, name)(**given, wrench=wrench)
+        with monkeypatch.context() as patched:
+            patched.setattr(Tiled, "_converted", None)
+            tiles = packed(kernel, given)
+            found = getattr(kernel.tiled, name)(**tiles, wrench=kernel.tiled.pack(wrench))
+            out = np.empty_like(found)
+            assert getattr(kernel.tiled, name)(**tiles, wrench=kernel.tiled.pack(wrench), out=out) is out
+        assert kernel.tiled.unpack(found, N).tobytes() == expected.tobytes(), name
+        assert np.array_equal(out, found)
+
+
+@pytest.mark.soak
+def test_derivatives_on_tiles_have_the_bits_of_rows(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of arguments without more through the C; of frames and by parameters by way of rows."""
+    kernel = eomgen.build("one_link")
+    tiled, rng = kernel.tiled, np.random.default_rng(3)
+    q, v, a, dq, dv, da, w = rng.uniform(-0.3, 0.3, (7, N, kernel.n))
+    tiles = [tiled.pack(x) for x in (q, v, a, dq, dv, da, w)]
+    name, parameter = "inverse_dynamics", next(iter(kernel.parameters))
+    expected = [
+        (kernel.jvp(name, (q, v, a), (dq, dv, da)),),
+        kernel.vjp(name, (q, v, a), w),
+        (kernel.hessian(name, (q, v, a), w),),
+    ]
+    with monkeypatch.context() as patched:
+        patched.setattr(Tiled, "_argument_rows", None)
+        found = [
+            (tiled.jvp(name, tiles[:3], tiles[3:6]),),
+            tiled.vjp(name, tiles[:3], tiles[6]),
+            (tiled.hessian(name, tiles[:3], tiles[6]),),
+        ]
+    expected.append((kernel.jvp(name, (q, v, a), (dq, dv, da), parameters={parameter: 0.5}),))
+    found.append((tiled.jvp(name, tiles[:3], tiles[3:6], parameters={parameter: 0.5}),))
+    expected.append(kernel.vjp(name, (q, v, a), w, (parameter,)))
+    found.append(tiled.vjp(name, tiles[:3], tiles[6], (parameter,)))
+    frame, weights = kernel.frames[-1], rng.standard_normal((N, 4, 4))
+    expected.append((kernel.jvp("frame_pose", (q, frame), (dq,)),))
+    found.append((tiled.jvp("frame_pose", (tiles[0], frame), (tiles[3],)),))
+    expected.append(kernel.vjp("frame_pose", (q, frame), weights))
+    found.append(tiled.vjp("frame_pose", (tiles[0], frame), tiled.pack(weights)))
+    for some, others in zip(found, expected, strict=True):
+        assert [tiled.unpack(x, N).tobytes() for x in some] == [x.tobytes() for x in others]
+    assert np.array_equal(tiled.jvp(name, (q[0], v[0], a[0]), (dq[0], dv[0], da[0])), expected[0][0][0])
+    with pytest.raises(ArrayError, match=r"^dv: 2 tiles, but 3 in q$"):
+        tiled.jvp(name, tiles[:3], (tiles[3], tiles[4][:2], tiles[5]))
+    with pytest.raises(UnknownNameError, match="no_such"):
+        tiled.vjp("no_such", tiles[:3], tiles[6])
+    with pytest.raises(InputError, match="tangents"):
+        tiled.jvp(name, tiles[:3], tiles[3:5])
+
+
+def test_rollouts_on_tiles_have_the_bits_of_rows(built: Build) -> None:
+    kernel = made("one_link", "float64", built)
+    tiled, rng = kernel.tiled, np.random.default_rng(4)
+    q, v, u = rng.uniform(-0.01, 0.01, (3, N, kernel.n))
+    over_time = rng.uniform(-0.01, 0.01, (N, 6, kernel.n))
+    fixed, adaptive = {"dt": 1e-5, "steps": 6, "every": 2}, {"duration": 1e-4, "samples": 3, "rtol": 1e-4}
+    for given, options in ((u, fixed), (over_time, fixed), (u[0], fixed), (u, adaptive)):
+        expected = kernel.rollout(q, v, given, **options)
+        found = tiled.rollout(tiled.pack(q), tiled.pack(v), tiled.pack(given) if given.ndim > 1 else given, **options)
+        for some, other in zip(found, expected, strict=True):
+            assert some.shape == (3, *other.shape[1:], 8)
+            assert tiled.unpack(some, N).tobytes() == other.tobytes()
+        for figure in ("steps", "rejected", "largest", "smallest"):
+            assert np.array_equal(getattr(found, figure).ravel()[:N], getattr(expected, figure)), figure
+    alone = tiled.rollout(q[0], v[0], **fixed)
+    assert np.array_equal(alone[0], kernel.rollout(q[0], v[0], **fixed)[0])
+    for given, said in ((q, r"^q0: got shape \(21, 2\); allowed: \(n,\), or in tiles \(T, n, 8\)$"),):
+        with pytest.raises(ArrayError, match=said):
+            tiled.rollout(given, tiled.pack(v), **fixed)
+    with pytest.raises(ArrayError, match=r"^u: got shape \(6, 2\); .*, or \(T, steps, n, 8\)$"):
+        tiled.rollout(tiled.pack(q), tiled.pack(v), over_time[0], **fixed)
+    with pytest.raises(ArrayError, match=r"^v0: 2 tiles, but 3 in q0$"):
+        tiled.rollout(tiled.pack(q), tiled.pack(v)[:2], **fixed)
+
+
+def test_conversions_are_those_of_numpy(built: Build) -> None:
+    kernel = made("one_link", "float64", built)
+    plain = Tiled(kernel, {})
+    x = np.random.default_rng(6).standard_normal((N, 3, 5))
+    assert np.array_equal(kernel.tiled.pack(x), plain.pack(x))
+    assert np.array_equal(kernel.tiled.unpack(plain.pack(x), N), x)
+    assert np.array_equal(plain.unpack(plain.pack(x), N), x)
+    assert np.array_equal(kernel.tiled.pack(x[:, ::2]), plain.pack(x[:, ::2]))
+
+
 def test_threads_share_tiles(built: Build) -> None:
     kernel = made("one_link", "float64", built)
     given = arguments(kernel, "inverse_dynamics", 1001)
@@ -262,7 +354,11 @@ def test_what_is_refused(built: Build) -> None:
             "^N: 16; allowed: a whole number from 17 to 24, as there are 3 tiles",
         ),
         (lambda: tiled.unpack(x, True), InputError, "^N: true; allowed"),
-        (lambda: tiled.rollout, AttributeError, "^tiled: 'rollout' is no method on tiles; allowed: .*mass_matrix"),
+        (
+            lambda: tiled.rollout_gradient,
+            AttributeError,
+            "^tiled: 'rollout_gradient' is no method on tiles; allowed: .*mass_matrix",
+        ),
     ):
         with pytest.raises(error, match=said):
             call()

@@ -45,6 +45,24 @@ static PyObject *bind(PyObject *module, PyObject *args)
     Py_RETURN_NONE;
 }
 
+PyDoc_STRVAR(pack_doc, "pack(states, tiles)\n\n"
+                       "Write states, (N, n), into tiles, (T, n, W); the last state fills the last tile.");
+
+static PyObject *pack(PyObject *module, PyObject *args)
+{
+    (void)module;
+    return convert(args, 0);
+}
+
+PyDoc_STRVAR(unpack_doc, "unpack(tiles, states)\n\n"
+                         "Write tiles, (T, n, W), into states, (N, n), N of those that the tiles hold.");
+
+static PyObject *unpack(PyObject *module, PyObject *args)
+{
+    (void)module;
+    return convert(args, 1);
+}
+
 /* Numpy 2 runs what was compiled for it alone, and says so at length on the error stream: better not to ask it. */
 static int fits_numpy(void)
 {
@@ -98,6 +116,8 @@ static int module_clear(PyObject *module)
 
 static PyMethodDef module_methods[] = {
     {"bind", bind, METH_VARARGS, bind_doc},
+    {"pack", pack, METH_VARARGS, pack_doc},
+    {"unpack", unpack, METH_VARARGS, unpack_doc},
     {NULL, NULL, 0, NULL},
 };
 static PyModuleDef_Slot module_slots[] = {

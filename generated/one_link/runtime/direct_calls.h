@@ -523,3 +523,40 @@ static PyObject *direct_vectorcall(PyObject *self, PyObject *const *args, size_t
             Py_CLEAR(answer);
     return answer;
 }
+
+/* ---- tiles ---------------------------------------------------------------------------------------------------- */
+
+/* Whether tiles, (T, size, W), hold so many states, (N, size), of the same numbers; both without gaps. */
+static int holds(PyArrayObject *states, PyArrayObject *tiles)
+{
+    const int plain = NPY_ARRAY_C_CONTIGUOUS | NPY_ARRAY_ALIGNED, type = PyArray_TYPE(states);
+    if ((PyArray_FLAGS(states) & plain) != plain || (PyArray_FLAGS(tiles) & plain) != plain) return 0;
+    if (type != PyArray_TYPE(tiles) || (type != NPY_DOUBLE && type != NPY_FLOAT)) return 0;
+    if (!PyArray_ISNOTSWAPPED(states) || !PyArray_ISNOTSWAPPED(tiles)) return 0;
+    const npy_intp width = TILE_BYTES / (type == NPY_DOUBLE ? (npy_intp)sizeof(double) : (npy_intp)sizeof(float));
+    if (PyArray_NDIM(states) != 2 || PyArray_NDIM(tiles) != 3 || PyArray_DIM(tiles, 2) != width) return 0;
+    return PyArray_DIM(states, 1) == PyArray_DIM(tiles, 1) &&
+           PyArray_DIM(tiles, 0) == (PyArray_DIM(states, 0) + width - 1) / width;
+}
+
+static PyObject *convert(PyObject *args, int back)
+{
+    PyArrayObject *from, *to;
+    if (!PyArg_ParseTuple(args, "O!O!", &PyArray_Type, &from, &PyArray_Type, &to)) return NULL;
+    PyArrayObject *states = back ? to : from;
+    if (!holds(states, back ? from : to) || !PyArray_ISWRITEABLE(to)) {
+        PyErr_SetString(PyExc_ValueError, "no states, (N, n), and tiles of them, (T, n, W), of one dtype, without gaps");
+        return NULL;
+    }
+    const int is_double = PyArray_TYPE(states) == NPY_DOUBLE;
+    const npy_intp count = PyArray_DIM(states, 0), size = PyArray_DIM(states, 1);
+    const void *read = PyArray_DATA(from);
+    void *written = PyArray_DATA(to);
+    Py_BEGIN_ALLOW_THREADS
+    if (back)
+        (is_double ? out_of_tiles_double : out_of_tiles_float)(read, count, size, written);
+    else
+        (is_double ? into_tiles_double : into_tiles_float)(read, count, size, written);
+    Py_END_ALLOW_THREADS
+    Py_RETURN_NONE;
+}

@@ -74,3 +74,90 @@ static void choose_loops(void) {}
     }
 DEFINE_SUM(double)
 DEFINE_SUM(float)
+
+/* States in rows, (states, size), from and into tiles, (ceil(states / W), size, W), W numbers of a line each: number i of
+ * state k is at (k / W * size + i) * W + k % W.  Blocks of as many states and numbers as 16 bytes hold turn in registers;
+ * so that the last one ends with a state's last number it may overlap the one before. */
+#if defined(__GNUC__) && defined(__has_builtin)
+#if __has_builtin(__builtin_shufflevector)
+#define TURNS
+#endif
+#endif
+enum { TILE_BYTES = 64 };
+
+#if defined(TURNS)
+typedef double twos __attribute__((vector_size(16)));
+typedef float fours __attribute__((vector_size(16)));
+
+static inline void turn_double(const double *x, npy_intp x_step, double *y, npy_intp y_step)
+{
+    twos a, b;
+    memcpy(&a, x, sizeof a), memcpy(&b, x + x_step, sizeof b);
+    const twos low = __builtin_shufflevector(a, b, 0, 2), high = __builtin_shufflevector(a, b, 1, 3);
+    memcpy(y, &low, sizeof low), memcpy(y + y_step, &high, sizeof high);
+}
+
+static inline void turn_float(const float *x, npy_intp x_step, float *y, npy_intp y_step)
+{
+    fours a, b, c, d;
+    memcpy(&a, x, sizeof a), memcpy(&b, x + x_step, sizeof b);
+    memcpy(&c, x + 2 * x_step, sizeof c), memcpy(&d, x + 3 * x_step, sizeof d);
+    const fours e = __builtin_shufflevector(a, b, 0, 4, 1, 5), f = __builtin_shufflevector(c, d, 0, 4, 1, 5);
+    const fours g = __builtin_shufflevector(a, b, 2, 6, 3, 7), h = __builtin_shufflevector(c, d, 2, 6, 3, 7);
+    a = __builtin_shufflevector(e, f, 0, 1, 4, 5), b = __builtin_shufflevector(e, f, 2, 3, 6, 7);
+    c = __builtin_shufflevector(g, h, 0, 1, 4, 5), d = __builtin_shufflevector(g, h, 2, 3, 6, 7);
+    memcpy(y, &a, sizeof a), memcpy(y + y_step, &b, sizeof b);
+    memcpy(y + 2 * y_step, &c, sizeof c), memcpy(y + 3 * y_step, &d, sizeof d);
+}
+#define BLOCK(REAL) (16 / (npy_intp)sizeof(REAL))
+#else
+static inline void turn_double(const double *x, npy_intp x_step, double *y, npy_intp y_step)
+{
+    (void)x_step, (void)y_step, *y = *x;
+}
+static inline void turn_float(const float *x, npy_intp x_step, float *y, npy_intp y_step)
+{
+    (void)x_step, (void)y_step, *y = *x;
+}
+#define BLOCK(REAL) ((npy_intp)1)
+#endif
+
+#define DEFINE_TILES(REAL)                                                                                             \
+    static void turn_tile_##REAL(const REAL *x, npy_intp size, int back, REAL *y)                                      \
+    {                                                                                                                  \
+        const npy_intp width = TILE_BYTES / (npy_intp)sizeof(REAL), block = size < BLOCK(REAL) ? 1 : BLOCK(REAL);      \
+        for (npy_intp i = 0; i < size; i += block) {                                                                   \
+            const npy_intp at = i + block <= size ? i : size - block;                                                  \
+            for (npy_intp l = 0; l < width; l += block) {                                                              \
+                const npy_intp row = l * size + at, line = at * width + l;                                             \
+                if (block == 1)                                                                                        \
+                    y[back ? row : line] = x[back ? line : row];                                                       \
+                else if (back)                                                                                         \
+                    turn_##REAL(x + line, width, y + row, size);                                                       \
+                else                                                                                                   \
+                    turn_##REAL(x + row, size, y + line, width);                                                       \
+            }                                                                                                          \
+        }                                                                                                              \
+    }                                                                                                                  \
+    /* The last state fills the tile that it stands in. */                                                             \
+    static void into_tiles_##REAL(const void *from, npy_intp states, npy_intp size, void *to)                          \
+    {                                                                                                                  \
+        const npy_intp width = TILE_BYTES / (npy_intp)sizeof(REAL), whole = states / width * width;                    \
+        const REAL *x = from;                                                                                          \
+        REAL *y = to;                                                                                                  \
+        for (npy_intp k = 0; k < whole; k += width) turn_tile_##REAL(x + k * size, size, 0, y + k * size);             \
+        for (npy_intp i = 0; i < size && whole < states; ++i)                                                          \
+            for (npy_intp l = 0; l < width; ++l)                                                                       \
+                y[whole * size + i * width + l] = x[(whole + l < states ? whole + l : states - 1) * size + i];         \
+    }                                                                                                                  \
+    static void out_of_tiles_##REAL(const void *from, npy_intp states, npy_intp size, void *to)                        \
+    {                                                                                                                  \
+        const npy_intp width = TILE_BYTES / (npy_intp)sizeof(REAL), whole = states / width * width;                    \
+        const REAL *x = from;                                                                                          \
+        REAL *y = to;                                                                                                  \
+        for (npy_intp k = 0; k < whole; k += width) turn_tile_##REAL(x + k * size, size, 1, y + k * size);             \
+        for (npy_intp k = whole; k < states; ++k)                                                                      \
+            for (npy_intp i = 0; i < size; ++i) y[k * size + i] = x[whole * size + i * width + k - whole];             \
+    }
+DEFINE_TILES(double)
+DEFINE_TILES(float)

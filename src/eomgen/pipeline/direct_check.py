@@ -82,6 +82,7 @@ def _wrong(module: ModuleType, dtype: np.dtype[Any]) -> Iterator[str]:
         for many, address in ((False, code), (True, batch)):
             function.arm("main", many, kept, int(many), address, setup, 1, 1.0, 4 * width)
     yield from _wrong_in_tiles(bound["in_tiles"], width, dtype)
+    yield from _wrong_conversions(module, width, dtype)
     for numbers in PLAIN:
         argument, out = np.array(numbers, dtype), np.empty(4, dtype)
         rows = np.array([numbers, numbers[::-1]], dtype)  # which no memory holds twice of before
@@ -123,6 +124,20 @@ def _wrong_in_tiles(call: Any, width: int, dtype: np.dtype[Any]) -> Iterator[str
     for argument in (refused, np.ones((3, 4), dtype), np.ones((3, 4, width + 1), dtype), np.ones((4, width), dtype)):
         if call(argument) is not ASKED:
             yield f"{argument} is taken as tiles of {width} states"
+
+
+def _wrong_conversions(module: ModuleType, width: int, dtype: np.dtype[Any]) -> Iterator[str]:
+    """Yield all that is wrong with states that are written into tiles and back."""
+    for size in (1, 2, 3, 4, 5, 9):
+        for count in (1, width - 1, width, 2 * width + 3):
+            states = np.linspace(-1.0, 1.0, count * size).astype(dtype).reshape(count, size)
+            tiles, back = np.empty((-(-count // width), size, width), dtype), np.empty_like(states)
+            module.pack(states, tiles)
+            module.unpack(tiles, back)
+            filled = states[np.minimum(np.arange(tiles.size // size), count - 1)]
+            expected = filled.reshape(len(tiles), width, size).transpose(0, 2, 1)
+            if not np.array_equal(tiles, expected) or not np.array_equal(back, states):
+                yield f"{count} states of {size} numbers in tiles are {tiles}"
 
 
 def _asked(kernel: object, q: Array, *, out: Array | None = None) -> str:

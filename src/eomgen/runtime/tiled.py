@@ -8,20 +8,20 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from inspect import signature
 from types import FunctionType, MethodType
-from typing import Any, Protocol
+from typing import Any, Protocol, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import ArrayError, InputError
+from ..errors import ArrayError, InputError, IntegrationStopped
 from ..names import show
 from .arrays import is_finite, is_masked
 from .calls import SHARE, Calls
 from .chunking import shared, states_at_once
-from .direct import DirectFunctions, State, calls_its_function
+from .direct import DRIVING, WRENCHED, DirectFunctions, State, calls_its_function
 from .raw import TILE_BYTES, TILES, Array, RawFunction
 
 
@@ -45,8 +45,9 @@ class Tiled:
     What a method takes beside arrays, and what it raises, is as of the kernel; errors name states by their numbers k.
     Parameters, threads and checks are the kernel's.
 
-    C loads tiles as they are.  Calls with wrenches, with states of laws apart, or of open loops, and those of functions
-    that C computes state by state, are converted on the way.
+    C loads tiles as they are.  Calls with wrenches by name, with states of laws apart, or of open loops, and those of
+    functions that C computes state by state, are converted on the way; so are rollouts, whose vectors keep states
+    between steps.
 
     Attributes:
         width: states of a tile, a line of memory for each of their numbers: 8 in double precision, 16 in single.
@@ -61,11 +62,13 @@ class Tiled:
         """
         self.width = TILE_BYTES // kernel.dtype.itemsize
         self._kernel, self._known = kernel, dict(methods)
+        self._module: Any = None
 
     def bind(self, kernel: Owner, functions: DirectFunctions, state: State) -> None:
         """Let plain calls go through the extension module, others to a kernel whose methods are those of Python."""
         self._kernel = kernel
         plain = Tiled(kernel, self._known)
+        self._module = plain._module = functions.module
         functions.module.bind(functions.in_tiles(self.width, _on_tiles), plain, state, self.__dict__)
 
     def __repr__(self) -> str:
@@ -129,13 +132,170 @@ class Tiled:
             )
         return self._rows(tiles)[:N]
 
+    def jvp(
+        self, name: str, args: Sequence[Any], tangents: Sequence[Any], *, parameters: Mapping[str, float] | None = None
+    ) -> Array:
+        """Return what a method's result changes by along rates of its arguments, as the kernel's ``jvp``, in tiles.
+
+        Args:
+            name: the method.
+            args, tangents: its arguments and a rate for each array among them, one state or tiles.
+            parameters: rates of run-time parameters by their names.
+        """
+        result = None if parameters else self._derivative(name, "tangent", args, tangents)
+        if result is not None:
+            return cast("Array", result)
+        counts = dict[str, int]()
+        rows = self._argument_rows(name, args, counts), self._argument_rows(name, tangents, counts, "d")
+        _refuse_different(counts)
+        result = self._kernel_method("jvp")(name, *rows, parameters=parameters)
+        return self._packed(result) if counts else cast("Array", result)
+
+    def vjp(
+        self, name: str, args: Sequence[Any], cotangent: ArrayLike, parameters: Sequence[str] = ()
+    ) -> tuple[Array, ...]:
+        """Return the gradient of the sum of a method's weighted results, as the kernel's ``vjp``, in tiles.
+
+        Args:
+            name: the method.
+            args: its arguments, one state or tiles.
+            cotangent: the weights, of the result's shape.
+            parameters: names of run-time parameters that the gradient is taken by as well.
+        """
+        gradient = self._derivative(name, "adjoint", args, (cotangent,)) if _is_empty(parameters) else None
+        if gradient is not None:
+            parts, begin = list[Array](), 0
+            for label in self._kernel.calls.raw.functions[f"{name}_adjoint"].reads[:-1]:
+                shape = self._kernel.calls.raw.shapes[label]
+                end = begin + math.prod(shape)
+                parts.append(gradient[:, begin:end].reshape(len(gradient), *shape, self.width))
+                begin = end
+            return tuple(parts)
+        counts = dict[str, int]()
+        rows = self._argument_rows(name, args, counts), self._weight_rows(name, args, cotangent, counts)
+        _refuse_different(counts)
+        result = self._kernel_method("vjp")(name, *rows, parameters)
+        return tuple(self._packed(x) if counts else x for x in result)
+
+    def hessian(self, name: str, args: Sequence[Any], cotangent: ArrayLike) -> Array:
+        """Return second derivatives of the sum of a method's weighted results, as the kernel's ``hessian``, in tiles.
+
+        Args:
+            name: the method.
+            args: its arguments, one state or tiles.
+            cotangent: the weights, of the result's shape.
+        """
+        result = self._derivative(name, "hessian", args, (cotangent,))
+        if result is not None:
+            return cast("Array", result)
+        counts = dict[str, int]()
+        rows = self._argument_rows(name, args, counts), self._weight_rows(name, args, cotangent, counts)
+        _refuse_different(counts)
+        result = self._kernel_method("hessian")(name, *rows)
+        return self._packed(result) if counts else cast("Array", result)
+
+    def rollout(self, q0: ArrayLike, v0: ArrayLike, u: ArrayLike | None = None, *args: Any, **keywords: Any) -> Any:
+        """Integrate as the kernel's ``rollout``, of fixed and of adaptive steps; states go in and come out in tiles.
+
+        Args:
+            q0, v0: states, (n,) or (T, n, width).
+            u: drives, (n,), (T, n, width), or (T, steps, n, width) with a row for every step.
+            args, keywords: as of the kernel's ``rollout``; ``target`` has shapes as ``u``, ``z`` (memory,) or
+                (T, memory, width).  Those of ``loads`` that are a list have one for each state of all tiles.
+
+        Returns:
+            q and v, (T, samples + 1, n, width); attributes ``steps``, ``rejected``, ``largest`` and ``smallest`` are
+            (T, width), ``works`` and ``z`` as q.  States that fill the last tile are integrated, too.
+        """
+        counts = dict[str, int]()
+        rows = [self._rollout_rows(x, y, counts) for x, y in (("q0", q0), ("v0", v0), ("u", u))]
+        for label in ("target", "z"):
+            if label in keywords:
+                keywords[label] = self._rollout_rows(label, keywords[label], counts)
+        _refuse_different(counts)
+        try:
+            return self._rollout_in_tiles(self._kernel_method("rollout")(*rows, *args, **keywords), counts)
+        except IntegrationStopped as error:
+            if error.stored is not None and counts:
+                error.stored = tuple(self._packed(x) for x in error.stored)
+            raise
+
+    def _rollout_rows(self, label: str, value: Any, counts: dict[str, int]) -> Any:
+        """Return states or drives of a rollout in rows; one state as it is."""
+        lengths = _shape_of(value)
+        if value is None or len(lengths) < 2:
+            return value
+        over_time = label in ("u", "target")
+        if len(lengths) not in ((3, 4) if over_time else (3,)) or lengths[-1] != self.width:
+            more = f", or {self._tiles_of(('steps', 'n'))}" if over_time else ""
+            raise ArrayError(f"{label}: got shape {lengths}; allowed: (n,), or in tiles {self._tiles_of(('n',))}{more}")
+        counts[label] = lengths[0]
+        return self._rows(np.asarray(value))
+
+    def _rollout_in_tiles(self, result: Any, counts: Mapping[str, int]) -> Any:
+        """Return a rollout of states in rows, with what its steps were, in tiles."""
+        if not counts:
+            return result
+        figures = {
+            label: x.reshape(-1, self.width) if x.ndim == 1 else self._packed(x) for label, x in vars(result).items()
+        }
+        return result.of(*map(self._packed, result), **figures)
+
+    def _kernel_method(self, name: str) -> Any:
+        return getattr(self._kernel, name)
+
+    def _derivative(self, name: str, kind: str, args: Sequence[Any], more: Sequence[Any]) -> Any:
+        """Call the C of a derivative with tiles; None where that does not do."""
+        raw = self._kernel.calls.raw
+        function = raw.functions.get(f"{name}_{kind}") if isinstance(name, str) else None
+        sequences = isinstance(args, (tuple, list)) and isinstance(more, (tuple, list))
+        if function is None or not sequences or raw.libraries.meta.get("constraints"):
+            return None
+        arrays = (*args, *more)
+        if len(arrays) != len(function.reads):
+            return None
+        return self._straight(function.name, dict(zip(function.reads, arrays, strict=True)))
+
+    def _argument_rows(self, name: str, args: Any, counts: dict[str, int], rate: str = "") -> Any:
+        """Return arguments of a method, or their rates, in rows; names of frames and what is wrong as they are."""
+        raw = self._kernel.calls.raw
+        kinds = ("tangent", "adjoint", "hessian")
+        known = [raw.functions[f"{name}_{x}"] for x in kinds if f"{name}_{x}" in raw.functions]
+        if not known or not isinstance(args, (tuple, list)):
+            return args
+        labels = known[0].reads
+        return tuple(
+            x
+            if isinstance(x, str) or i >= len(labels)
+            else self._unpacked(f"{rate}{labels[i]}", x, raw.shapes[labels[i]], counts)
+            for i, x in enumerate(args)
+        )
+
+    def _weight_rows(self, name: str, args: Any, cotangent: Any, counts: dict[str, int]) -> Any:
+        """Return weights of a method's results in rows."""
+        raw = self._kernel.calls.raw
+        if not isinstance(name, str):
+            return cotangent
+        if name in raw.functions:
+            return self._unpacked("cotangent", cotangent, raw.shapes[raw.functions[name].writes], counts)
+        known = raw.functions.get(f"{name}_adjoint") or raw.functions.get(f"{name}_hessian")
+        if known is None:
+            return cotangent
+        framed = isinstance(args, (tuple, list)) and any(isinstance(x, str) for x in args)
+        return self._unpacked("cotangent", cotangent, raw.shapes[known.reads[-1]][framed:], counts)
+
     def _tiles_of(self, shape: tuple[Any, ...]) -> str:
         return f"(T, {', '.join(map(str, shape))}, {self.width})"
 
     def _packed(self, states: Array) -> Array:
         whole, left = divmod(len(states), self.width)
         inner = states.shape[1:]
-        tiles = aligned((whole + (left > 0), *inner, self.width), self._kernel.dtype)
+        tiles = aligned((whole + (left > 0), *inner, self.width), states.dtype)
+        if self._module is not None and states.size and states.dtype == self._kernel.dtype:
+            size = math.prod(inner)
+            rows = np.require(states, None, ("C", "A")).reshape(len(states), size)
+            self._module.pack(rows, tiles.reshape(-1, size, self.width))
+            return tiles
         by_state = np.moveaxis(tiles, -1, 1)
         by_state[:whole] = states[: whole * self.width].reshape(whole, self.width, *inner)
         if left:
@@ -144,14 +304,53 @@ class Tiled:
         return tiles
 
     def _rows(self, tiles: Array) -> Array:
+        if self._module is not None and tiles.size and tiles.dtype == self._kernel.dtype:
+            size = math.prod(tiles.shape[1:-1])
+            states = np.empty((len(tiles) * self.width, *tiles.shape[1:-1]), tiles.dtype)
+            whole = np.require(tiles, None, ("C", "A")).reshape(-1, size, self.width)
+            self._module.unpack(whole, states.reshape(len(states), size))
+            return states
         by_state = np.moveaxis(tiles, -1, 1)
         return np.ascontiguousarray(by_state).reshape(len(tiles) * self.width, *by_state.shape[2:])
 
     def _call(self, name: str, method: FunctionType, args: tuple[Any, ...], keywords: Mapping[str, Any]) -> Any:
         arguments = dict(signature(method).bind(self._kernel, *args, **keywords).arguments)
         arguments.pop("self", None)
-        result = self._straight(name, arguments)
+        result = self._straight(name, arguments) if arguments.get("wrench") is None else self._loaded(name, arguments)
         return self._converted(name, arguments) if result is None else result
+
+    def _loaded(self, name: str, arguments: Mapping[str, Any]) -> Any:
+        """Call the C with wrenches of links, which add to a result or to drives; None where that does not do."""
+        calls, added = self._kernel.calls, WRENCHED.get(name)
+        rest = {label: x for label, x in arguments.items() if label != "wrench"}
+        wrench, out = arguments["wrench"], arguments.get("out")
+        closed = bool(calls.raw.libraries.meta.get("constraints"))
+        if added is None or added.function not in calls.raw.functions or type(wrench) is not np.ndarray:
+            return None
+        if calls.arrays.has_drives or (closed and name in DRIVING):
+            return None
+        if out is not None and np.may_share_memory(out, wrench):
+            return None
+        external = self._straight(added.function, {"q": rest.get("q"), "wrench": wrench})
+        if external is None:
+            return None
+        if added.into:
+            drives = rest.get(added.into)
+            if type(drives) is not np.ndarray or drives.dtype != calls.dtype:
+                return None
+            if drives.shape == (calls.n,):
+                drives = drives[:, np.newaxis]
+            elif drives.shape != external.shape:
+                return None
+            external[:, [calls.coordinates.index(x) for x in calls.prescribed]] = 0  # where u is an acceleration
+            with np.errstate(over="ignore", invalid="ignore"):
+                return self._straight(name, {**rest, added.into: drives + external})
+        result = self._straight(name, rest)
+        if result is None or isinstance(result, tuple) or len(result) != len(external):
+            return None
+        with np.errstate(over="ignore", invalid="ignore"):
+            result += calls.dtype.type(added.sign) * external
+        return None if calls.checks and not is_finite(result) else result
 
     def _straight(self, name: str, arguments: Mapping[str, Any]) -> Any:
         """Call the C with arguments that are tiles or one state, and nothing else; None where that does not do."""
@@ -205,10 +404,7 @@ class Tiled:
         function = calls.raw.functions[name]
         counts = dict[str, int]()
         rows = {label: self._rows_of(label, value, counts) for label, value in arguments.items() if label != "out"}
-        if len(set(counts.values())) > 1:
-            first, *others = counts
-            other = next(x for x in others if counts[x] != counts[first])
-            raise ArrayError(f"{other}: {counts[other]} tiles, but {counts[first]} in {first}")
+        _refuse_different(counts)
         result = getattr(self._kernel, name)(**rows)
         in_parts = isinstance(result, tuple)
         whole = np.stack(result, axis=-1 - len(calls.raw.shapes[function.writes][1:])) if in_parts else result
@@ -257,6 +453,18 @@ def _on_tiles(name: str, method: FunctionType) -> Any:
         return self._call(name, method, args, keywords)
 
     return call
+
+
+def _refuse_different(counts: Mapping[str, int]) -> None:
+    """Refuse arrays, by their labels, that have other numbers of tiles than the first."""
+    first = next(iter(counts), "")
+    for label, count in counts.items():
+        if count != counts[first]:
+            raise ArrayError(f"{label}: {count} tiles, but {counts[first]} in {first}")
+
+
+def _is_empty(names: Any) -> bool:
+    return isinstance(names, (tuple, list)) and not names
 
 
 def _shape_of(value: Any) -> tuple[int, ...]:
