@@ -32,6 +32,7 @@ NEEDS = {
     "springs": "[[springs]]",
     "elements": " or ".join(f"[[{table}]]" for table, kind in KINDS.items() if kind is not Spring),
     "constraints": "rigid [[loops]] or [[couplings]]",
+    "cuts": "rigid [[loops]]",
     "laws": "forces in cut joints or couplings",
     "followers": "rigid [[couplings]] whose followers are no coordinates",
     "drives": "coordinates with a table drive",

@@ -33,6 +33,7 @@ class CompiledCode:
         libraries: Libraries,
         again: tuple[Callable[..., Any], tuple[Any, ...]] | None = None,
         binding: ExtensionBinding | None = None,
+        opener: Callable[..., Any] | None = None,
     ) -> None:
         """Make a kernel of compiled functions.
 
@@ -40,6 +41,7 @@ class CompiledCode:
             libraries: where the functions are.
             again: a function of a module and its arguments that make the same kernel in another process.
             binding: gives the extension module that plain calls go through; without one all go through cffi.
+            opener: gives the methods of a kernel on a device; without one there are none.
         """
         meta = libraries.meta
         self.raw = RawKernel(libraries)
@@ -69,7 +71,7 @@ class CompiledCode:
         self.prescribed: tuple[str, ...] = tuple(meta["prescribed"])
         self.motors: dict[str, str] = {name: drives for name, (drives, _) in meta.get("motors", {}).items()}
         self.operations: Mapping[str, Mapping[str, int]] = Operations(libraries)
-        self._again = again
+        self._again, self._opener = again, opener
         self.efforts: dict[str, float] = dict(meta.get("efforts", {}))
         self._given = [self.coordinates.index(name) for name in self.prescribed]
         self._ratios: dict[str, float] = {name: ratio for name, (_, ratio) in meta.get("motors", {}).items()}
@@ -212,6 +214,26 @@ class CompiledCode:
             self.__dict__["_tiled"] = tiled
         return tiled
 
+    def device(self, where: Any = "cuda", *, contract: bool = False) -> Any:
+        """Return methods of the same names on arrays that lie on an accelerator; see ``eomgen.device.face.Device``.
+
+        Parameters are those of this kernel, also when they change.
+
+        Args:
+            where: "cuda", "hip" or "opencl", with the number of a device such as "cuda:1"; or a queue of pyopencl.
+            contract: let products and sums be one operation: faster, with other last bits than on processors.
+
+        Raises:
+            InputError: there is no such device, no driver or no compiler for it; or the kernel is of a generated
+                package, which has no text for devices.
+        """
+        if self._opener is None:
+            raise InputError(
+                f"device: {self.name} is a kernel of a package, which has no text for devices; allowed: kernels of"
+                " eomgen.build, and what eomgen.export_simt writes"
+            )
+        return self._opener(self, where, contract=contract)
+
     def bind(self, module: ModuleType) -> None:
         """Let plain calls of methods go through an extension module.
 
@@ -264,7 +286,7 @@ class CompiledCode:
         libraries = self.raw.libraries.together(kernels)
         if libraries is self.raw.libraries:
             return self.with_parameters()
-        other = type(self)(libraries, self._again, self._binding)
+        other = type(self)(libraries, self._again, self._binding, self._opener)
         other.__setstate__({"parameters": dict(self.parameters), "threads": self.threads, "checks": self.checks})
         return other
 

@@ -25,7 +25,8 @@ from ..errors import BuildError
 MANIFEST = "manifest.json"
 _MOST_MANIFEST = 1 << 20  # bytes; a name and a hash of each file
 VARIABLE = "EOMGEN_CACHE_DIR"
-KINDS, LOCKS = ("sources", "packages", "objects", "externals", "extensions", "libraries"), "locks"
+KINDS = ("sources", "packages", "objects", "externals", "extensions", "libraries", "devices")
+LOCKS = "locks"
 PASSING = ("making-", "damaged-", "loading-")  # folders that live for one call
 PATIENCE = 900.0  # s, after which a process that holds a lock is no longer waited for
 DAY = 86400.0

@@ -30,6 +30,7 @@ from ..codegen.kernels.signatures import DTYPES, KERNELS, OWN_KERNELS, SINGLES, 
 from ..description import RobotLike, as_robot
 from ..errors import EomgenWarning, InputError
 from ..files import as_path, check_ending, read_regular, write_atomically
+from ..lazily import from_above
 from ..names import plain_path, show
 from ..progress import StageReport, no_report, tells_at_prompt, told_at_prompt
 from ..robot.model import build_model
@@ -185,7 +186,8 @@ def _with_beside(robot: Robot, options: Options) -> Options:
 
 def _loaded_again(package: store.Entry, robot: Robot, options: Options, level: str) -> Kernel:
     """Return the kernel of a package, which knows how to become one in another process."""
-    return load_kernel(package, robot.name, (built_again, (robot, options, package.key, __version__, level)))
+    again = built_again, (robot, options, package.key, __version__, level)
+    return load_kernel(package, robot.name, again, _opener(robot))
 
 
 def build_groups(robot: Robot, groups: Mapping[str, tuple[str, ...]], progress: StageReport = no_report) -> Kernel:
@@ -224,7 +226,8 @@ def _on_demand(
 
     meta = describe_kernels(model, available(model), options.dtype)
     libraries = OnDemand(meta, package_of, source_of, progress, groups)
-    return Kernel(libraries, (built_again, (robot, options, "", __version__)), direct_calls.begin(compiler))
+    again = built_again, (robot, options, "", __version__)
+    return Kernel(libraries, again, direct_calls.begin(compiler), _opener(robot))
 
 
 def built_again(robot: Robot, options: Options, key: str, version: str, level: str = "") -> Kernel:
@@ -493,8 +496,20 @@ def _source_key(robot: Robot, options: Options) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
+def _opener(robot: Robot) -> Callable[..., Any]:
+    """Return what opens a device for kernels of a robot, by the room above, which is imported then."""
+
+    def opened(kernel: Kernel, where: Any, **options: Any) -> Any:
+        return from_above(".device.opened", "open_device")(robot, kernel, where, **options)
+
+    return opened
+
+
 def load_kernel(
-    package: store.Entry, name: str, again: tuple[Callable[..., Kernel], tuple[Any, ...]] | None = None
+    package: store.Entry,
+    name: str,
+    again: tuple[Callable[..., Kernel], tuple[Any, ...]] | None = None,
+    opener: Callable[..., Any] | None = None,
 ) -> Kernel:
     """Load a kernel, with separate parameters, from a package of the cache.
 
@@ -502,10 +517,11 @@ def load_kernel(
         package: of the cache.
         name: the robot's.
         again: what makes the same kernel in another process, see ``Kernel``; without it the kernel cannot be pickled.
+        opener: gives its methods on a device.
 
     Raises:
         BuildError: the package does not load.
     """
     binding = direct_calls.begin()
     direct_calls.settle()
-    return Kernel(one_library(package, name), again, binding)
+    return Kernel(one_library(package, name), again, binding, opener)

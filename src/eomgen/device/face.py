@@ -1,0 +1,436 @@
+"""Methods of a kernel on arrays that lie on a device."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import ArrayError, InputError, LoopError, SingularError, UnknownNameError
+from ..names import nearest_or_all, show
+from ..robot.value import Robot
+from ..runtime.kernel import Kernel
+from .texts import FunctionText, setup_of, text_of
+
+WELL = 0xFFFFFFFF  # where no state is named
+MOST = WELL - 1  # states of a call: they are named by 32 bits
+MOST_STEPS = 2**31 - 1
+Array = NDArray[Any]
+
+
+class Placed(Protocol):
+    """An array on a device: its shape, and its address or buffer."""
+
+    @property
+    def place(self) -> Any:
+        """Address or buffer."""
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape, as of NumPy."""
+
+    @property
+    def is_flat(self) -> bool:
+        """Whether it is a buffer, which has no axes."""
+
+
+class Backend(Protocol):
+    """Interface of devices that calls need; see ``GpuBackend`` and ``OpenCLBackend``."""
+
+    title: str
+
+    def session(self, stream: Any, arrays: Sequence[Any]) -> AbstractContextManager[Any]:
+        """Let a call's work go to a stream."""
+
+    def functions(self, code: str, dtype: np.dtype[Any]) -> Any:
+        """Return the functions of a text."""
+
+    def view(self, label: str, x: Any, dtype: np.dtype[Any], stream: Any, is_written: bool = False) -> Placed:
+        """Return where an array lies."""
+
+    def made(self, like: Any, shape: tuple[int, ...], dtype: np.dtype[Any], stream: Any) -> tuple[Any, Placed]:
+        """Return a new array, and where it lies."""
+
+    def finished(self, like: Any, array: Any) -> Any:
+        """Return a result for the caller."""
+
+    def launch(self, functions: Any, name: str, threads: int, arguments: Sequence[Any], stream: Any) -> None:
+        """Put a function on a stream."""
+
+    def rooms(self, sizes: Sequence[int], stream: Any) -> list[Any]:
+        """Return memory for one call."""
+
+    def used(self, stream: Any) -> None:
+        """Say that all of a call is on its stream."""
+
+    def fill(self, place: Any, words: int, stream: Any) -> None:
+        """Set words to their largest number."""
+
+    def read(self, place: Any, offset: int, target: Array, stream: Any) -> Array:
+        """Copy to an array of NumPy."""
+
+    def put(self, array: Array, stream: Any) -> tuple[Any, Any]:
+        """Copy an array of NumPy to the device."""
+
+
+@dataclass
+class Loaded:
+    """A function on a device: its text, what was made of it, and the numbers h of parameters as they were."""
+
+    text: FunctionText
+    functions: Any
+    setup: Any = None
+    h: tuple[Any, Any] = (None, None)
+
+
+@dataclass(frozen=True)
+class Call:
+    """One call: places of arrays in tiles, with the labels of what is read and written.
+
+    axes: axes of states that are in front of each array's own in messages.
+    """
+
+    loaded: Loaded
+    count: int
+    reads: Mapping[str, Any]
+    writes: Mapping[str, Any]
+    status: Any
+    first: Any
+    stream: Any
+
+    @property
+    def text(self) -> FunctionText:
+        """The function's text."""
+        return self.loaded.text
+
+
+class Device:
+    """Methods of the same names as a kernel's, on arrays of many states that lie on a device.
+
+    Arrays are (N, n), or tiles (T, n, 32) for 32 T states: number i of state k at [k // 32, i, k % 32], which takes no
+    transposes.  They have the kernel's dtype, lie in C's order, and are of any library with the CUDA array interface or
+    DLPack (CuPy, PyTorch, JAX); of OpenCL, arrays or buffers of pyopencl.  Results are arrays of the library that the
+    first one is of, or ``out``.  Methods are the functions of ``eomgen.export_simt``: those of ``dir``.  They take
+    arrays by position or by name, and
+
+        out: array to write to; a tuple of two for rollouts.
+        stream: of CUDA or HIP, a stream's address or object; that on which the library of the first array works, or the
+            default one, without.  Other streams that arrays say they are made on are waited for.
+        step, steps: of rk4_rollout and implicit_rollout, the length of a step in s and how many there are.
+
+    Numbers are those of the kernel, to the bit, but for exponential functions, logarithms and angles of points in laws,
+    and where ``contract`` was asked for.  Parameters are the kernel's.  A function is compiled when it is first called.
+    Calls of one object go one after the other, also those of several threads.
+
+    Attributes:
+        name: which device it is.
+        checks: True if every call waits for its result and refuses what a kernel does by the numbers of states: NaN and
+            infinity in arrays, results that are not finite, mass matrices that cannot be inverted, open loops, and
+            angles that are too far.  With False calls return at once, and nothing is looked at.
+        tile: states of a tile.
+        queue: of pyopencl, in whose context arrays are; None with CUDA and HIP.
+    """
+
+    def __init__(self, robot: Robot, kernel: Kernel, backend: Backend) -> None:
+        """Make the methods of a kernel on a device that is open."""
+        self.name, self.checks, self.tile = backend.title, kernel.checks, 32
+        self.queue: Any = getattr(backend, "queue", None)
+        self._robot, self._kernel, self._backend = robot, kernel, backend
+        self._loaded, self._lock = dict[str, Loaded](), threading.RLock()
+
+    def __repr__(self) -> str:
+        return f"<{self._kernel.name} on {self.name}, {self._kernel.dtype}>"
+
+    def __dir__(self) -> list[str]:
+        return sorted({*object.__dir__(self), *self.functions})
+
+    @property
+    def functions(self) -> tuple[str, ...]:
+        """Names of the methods: functions of the robot that are straight-line programs."""
+        from ..codegen.kernels.signatures import KERNELS
+        from ..codegen.simt.kernels import FRAMES, ROLLOUTS, refusal
+        from ..robot.model import build_model
+
+        model = build_model(self._robot)
+        return tuple(name for name in (*KERNELS, *FRAMES, *ROLLOUTS) if refusal(model, name) is None)
+
+    def __getattr__(self, name: str) -> Callable[..., Any]:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        try:
+            self._load(name)
+        except UnknownNameError:
+            said = nearest_or_all(name, self.functions)
+            raise AttributeError(f"device: {show(name)} is no method on devices{said}") from None
+
+        def call(*arrays: Any, out: Any = None, stream: Any = None, **others: Any) -> Any:
+            return self._call(name, arrays, others, out, stream)
+
+        call.__name__ = name
+        return call
+
+    def put(self, x: ArrayLike) -> Any:
+        """Return a copy on the device of an array, in the kernel's dtype.
+
+        Raises:
+            InputError: it is no array of numbers.
+        """
+        try:
+            array = np.ascontiguousarray(x, self._kernel.dtype).reshape(np.shape(x))
+        except (TypeError, ValueError):
+            raise InputError(f"x: {show(x)}; allowed: an array of numbers") from None
+        with self._lock, self._backend.session(None, ()) as stream:
+            return self._backend.put(array, stream)[0]
+
+    def get(self, x: Any) -> Array:
+        """Return a copy in NumPy of an array on the device.
+
+        Raises:
+            ArrayError: it is none, of another dtype, or not in C's order.
+        """
+        with self._lock, self._backend.session(None, (x,)) as stream:
+            view = self._backend.view("x", x, self._kernel.dtype, stream)
+            return self._backend.read(view.place, 0, np.empty(view.shape, self._kernel.dtype), stream)
+
+    def _load(self, name: str) -> Loaded:
+        """Return a function on the device, compiled when it is first asked for."""
+        with self._lock:
+            if name not in self._loaded:
+                text = text_of(self._robot, name, str(self._kernel.dtype))
+                self._loaded[name] = Loaded(text, self._backend.functions(text.code, self._kernel.dtype))
+            return self._loaded[name]
+
+    def _call(self, name: str, arrays: tuple[Any, ...], others: dict[str, Any], out: Any, stream: Any) -> Any:
+        loaded = self._load(name)
+        reads, writes = loaded.text.shapes("reads"), loaded.text.shapes("writes")
+        given = _by_name(name, arrays, others, reads)
+        numbers = self._numbers(loaded.text, others)
+        outs = _outs(name, out, writes)
+        with self._lock, self._backend.session(stream, list(given.values())) as on:
+            views = {x: self._backend.view(x, value, self._kernel.dtype, on) for x, value in given.items()}
+            count, is_tiled = self._layout(name, views, reads)
+            first = next(iter(given.values()))
+            results = dict[str, tuple[Any, Placed]]()
+            for array, shape in writes.items():
+                whole = (count // self.tile, *shape, self.tile) if is_tiled else (count, *shape)
+                results[array] = self._result(array, outs.get(array), whole, first, on)
+            if count:
+                self._refuse_shared(views, {x: view for x, (_, view) in results.items()} if outs else {})
+                self._run(loaded, count, numbers, views, {x: y for x, (_, y) in results.items()}, is_tiled, on)
+            made = [self._backend.finished(first, array) for array, _ in results.values()]
+        return made[0] if len(made) == 1 else tuple(made)
+
+    def _numbers(self, text: FunctionText, given: Mapping[str, Any]) -> list[Any]:
+        """Return numbers for all states with their types."""
+        wanted: Mapping[str, str] = text.about["scalars"]
+        if set(given) != set(wanted):
+            said = ", ".join(given) or "no numbers"
+            raise InputError(f"{text.name}: {said} beside arrays; allowed: {', '.join(wanted) or 'out and stream'}")
+        return [_number(text.name, key, kind, given[key], self._kernel.dtype) for key, kind in wanted.items()]
+
+    def _layout(
+        self, name: str, views: Mapping[str, Placed], shapes: Mapping[str, tuple[int, ...]]
+    ) -> tuple[int, bool]:
+        """Return the number of states, and whether arrays are tiles; what is neither is refused by name."""
+        found = dict[str, tuple[int, bool]]()
+        for label, shape in shapes.items():
+            actual = _axes(views[label], shape)
+            if actual[1:] == shape:
+                found[label] = actual[0], False
+            elif len(actual) == len(shape) + 2 and actual[1:] == (*shape, self.tile):
+                found[label] = actual[0] * self.tile, True
+            else:
+                rows, inner = ("N", *shape), ("T", *shape, self.tile)
+                raise ArrayError(f"{label}: shape {actual}; allowed: {_shown(rows)}, or in tiles {_shown(inner)}")
+        label, layout = next(iter(found.items()))
+        for other, one in found.items():
+            if one != layout:
+                said = ["in tiles" if is_tiled else "in rows" for _, is_tiled in (one, layout)]
+                raise ArrayError(f"{other}: {one[0]} states {said[0]}, but {layout[0]} {said[1]} in {label}")
+        if layout[0] > MOST:
+            raise ArrayError(f"{name}: {layout[0]} states; allowed: at most {MOST} in a call")
+        return layout
+
+    def _result(self, label: str, out: Any, shape: tuple[int, ...], like: Any, stream: Any) -> tuple[Any, Placed]:
+        if out is None:
+            return self._backend.made(like, shape, self._kernel.dtype, stream)
+        view = self._backend.view(label, out, self._kernel.dtype, stream, True)
+        fits = math.prod(view.shape) == math.prod(shape) if view.is_flat else view.shape == shape
+        if not fits:
+            raise ArrayError(f"{label}: shape {view.shape}; allowed: {shape}")
+        return out, view
+
+    def _refuse_shared(self, views: Mapping[str, Placed], outs: Mapping[str, Placed]) -> None:
+        """Refuse outputs that begin or end inside what is read, or inside each other."""
+        size = self._kernel.dtype.itemsize
+        for label, one in outs.items():
+            for other, view in (*views.items(), *((x, y) for x, y in outs.items() if x != label)):
+                is_shared = one.place == view.place
+                if isinstance(one.place, int):
+                    ends = [x.place + math.prod(x.shape) * size for x in (one, view)]
+                    is_shared = one.place < ends[1] and view.place < ends[0]
+                if is_shared:
+                    raise ArrayError(f"{label}: shares memory with {other}; allowed: memory of its own")
+
+    def _run(
+        self,
+        loaded: Loaded,
+        count: int,
+        numbers: Sequence[Any],
+        reads: Mapping[str, Placed],
+        writes: Mapping[str, Placed],
+        is_tiled: bool,
+        stream: Any,
+    ) -> None:
+        """Put all of a call on its stream: transposes, the function, transposes, and what is looked for."""
+        backend, item = self._backend, self._kernel.dtype.itemsize
+        whole = -(-count // self.tile) * self.tile
+        shapes = {**loaded.text.shapes("reads"), **loaded.text.shapes("writes")}
+        sizes = {x: math.prod(shape) for x, shape in shapes.items()}
+        tiles = [] if is_tiled else [whole * sizes[x] * item for x in (*reads, *writes)]
+        status, first, *rooms = backend.rooms([4 * count, 4 * (1 + len(sizes)), *tiles], stream)
+        places = [x.place for x in (*reads.values(), *writes.values())] if is_tiled else rooms
+        within = dict(zip((*reads, *writes), places, strict=True))
+        h = self._h(loaded, stream)
+        if not is_tiled:
+            for label, view in reads.items():
+                self._transpose("to_tiles", loaded, count, sizes[label], view.place, within[label], stream)
+        arguments = [np.uint64(count), h, *numbers, *within.values(), status]
+        for function in loaded.text.about["functions"]:
+            backend.launch(loaded.functions, function, count, arguments, stream)
+        if not is_tiled:
+            for label, view in writes.items():
+                self._transpose("from_tiles", loaded, count, sizes[label], within[label], view.place, stream)
+        call = Call(loaded, count, {x: within[x] for x in reads}, {x: within[x] for x in writes}, status, first, stream)
+        if self.checks:
+            self._look(call, sizes)
+        backend.used(stream)
+        if self.checks:
+            self._check(call, sizes)
+
+    def _transpose(
+        self, word: str, loaded: Loaded, count: int, size: int, source: Any, target: Any, stream: Any
+    ) -> None:
+        arguments = [np.uint64(count), np.uint64(size), source, target]
+        self._backend.launch(loaded.functions, loaded.text.beside(word), count * size, arguments, stream)
+
+    def _h(self, loaded: Loaded, stream: Any) -> Any:
+        """Return where the numbers h lie that belong to the kernel's parameters now."""
+        setup = self._kernel.parameters.setup
+        if loaded.setup is not setup:
+            values = self._kernel.parameters.state.values
+            loaded.h = self._backend.put(setup_of(loaded.text, list(values), self._kernel.dtype), stream)
+            loaded.setup = setup
+        return loaded.h[1]
+
+    def _look(self, call: Call, sizes: Mapping[str, int]) -> None:
+        """Put searches on the stream: for a status that is not 0, and for numbers that are not finite."""
+        backend, count = self._backend, np.uint64(call.count)
+        backend.fill(call.first, 1 + len(sizes), call.stream)
+
+        def launch(word: str, *arguments: Any) -> None:
+            whole = [count, *arguments, call.first]
+            backend.launch(call.loaded.functions, call.text.beside(word), call.count, whole, call.stream)
+
+        launch("find_failed", np.int32(0), call.status)
+        for slot, (label, place) in enumerate({**call.reads, **call.writes}.items(), 1):
+            launch("find_not_finite", np.int32(slot), np.uint64(sizes[label]), place)
+
+    def _check(self, call: Call, sizes: Mapping[str, int]) -> None:
+        """Wait for a call, and raise what its searches found: in what it reads, in statuses, in what it writes."""
+        failed, *bad = self._backend.read(call.first, 0, np.empty(1 + len(sizes), np.uint32), call.stream).tolist()
+        found = dict(zip((*call.reads, *call.writes), bad, strict=True))
+        for label in call.reads:
+            if found[label] != WELL:
+                text, name = self._entry(call, label, call.reads[label], sizes[label], found[label])
+                raise ArrayError(f"{label}: {text}; numbers must be finite", name)
+        if failed != WELL:
+            status = int(self._backend.read(call.status, 4 * failed, np.empty(1, np.int32), call.stream)[0])
+            raise self._failure(call.text, failed, status)
+        for label in call.writes:
+            if found[label] != WELL:
+                text, name = self._entry(call, label, call.writes[label], sizes[label], found[label])
+                raise ArrayError(f"{call.text.name}: {text}, out of numbers that are finite", name)
+
+    def _entry(self, call: Call, label: str, place: Any, size: int, state: int) -> tuple[str, str]:
+        """Return which number of a state is not finite, and the name of its coordinate, "" where it has none."""
+        offset = state // self.tile * size * self.tile * self._kernel.dtype.itemsize
+        tile = self._backend.read(place, offset, np.empty((size, self.tile), self._kernel.dtype), call.stream)
+        numbers = tile[:, state % self.tile]
+        entry = int(np.flatnonzero(~np.isfinite(numbers))[0])
+        shape = {**call.text.shapes("reads"), **call.text.shapes("writes")}[label]
+        index = tuple(int(i) for i in np.unravel_index(entry, shape))
+        names = self._kernel.velocities
+        name = names[entry] if shape == (len(names),) else ""
+        return f"{name or list(index)} in state {state} is {numbers[entry]}", name
+
+    def _failure(self, text: FunctionText, state: int, status: int) -> Exception:
+        """Return the error that a status stands for."""
+        said = text.reasons(status)
+        if said:
+            message = f"{text.name}: {said} in state {state}"
+            is_loop = status >> text.meta["status"]["violation"] & 3
+            loops = ", ".join(self._kernel.loops)
+            return LoopError(f"{message} ({loops})", loop=loops, gap=math.nan) if is_loop else ArrayError(message)
+        names = " or ".join(text.vanished(status))
+        return SingularError(f"{text.name}: the mass matrix cannot be inverted at {names} in state {state}")
+
+
+def _by_name(
+    name: str, arrays: tuple[Any, ...], others: dict[str, Any], reads: Mapping[str, tuple[int, ...]]
+) -> dict[str, Any]:
+    """Return a call's arrays by their names; those given by name are taken out of the others."""
+    labels = list(reads)
+    given = dict(zip(labels, arrays, strict=False))
+    twice = [label for label in labels if label in given and label in others]
+    named = {label: others.pop(label) for label in labels if label in others and label not in given}
+    whole = {label: {**given, **named}[label] for label in labels if label in given or label in named}
+    if len(arrays) > len(labels) or twice or len(whole) < len(labels):
+        missing = [label for label in labels if label not in whole]
+        said = f"{len(arrays)} arrays" if len(arrays) > len(labels) else ", ".join(twice) + " twice"
+        raise InputError(
+            f"{name}: {', '.join(missing) + ' missing' if missing else said}; allowed: {', '.join(labels)}"
+        )
+    return whole
+
+
+def _outs(name: str, out: Any, writes: Mapping[str, tuple[int, ...]]) -> dict[str, Any]:
+    """Return arrays to write to by their names."""
+    if out is None:
+        return {}
+    if len(writes) == 1:
+        return dict.fromkeys(writes, out)
+    if not isinstance(out, (tuple, list)) or len(out) != len(writes):
+        raise InputError(
+            f"out: got {type(out).__name__}; allowed: a tuple of {len(writes)} arrays, {', '.join(writes)}"
+        )
+    return dict(zip(writes, out, strict=True))
+
+
+def _number(name: str, key: str, kind: str, value: Any, dtype: np.dtype[Any]) -> Any:
+    """Return a number for all states with its type."""
+    is_number = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
+    is_allowed = is_number and math.isfinite(value) and value >= 0
+    if kind == "int":
+        if not is_allowed or value != int(value) or value > MOST_STEPS:
+            raise InputError(f"{name}: {key} = {show(value)}; allowed: a whole number from 0 to {MOST_STEPS}")
+        return np.int32(value)
+    if not is_allowed:
+        raise InputError(f"{name}: {key} = {show(value)}; allowed: a finite number from 0 on")
+    return dtype.type(value)
+
+
+def _axes(view: Placed, inner: tuple[int, ...]) -> tuple[int, ...]:
+    """Return an array's shape; of a buffer that of as many rows of states as it holds."""
+    rows, left = divmod(view.shape[0], math.prod(inner)) if view.is_flat else (0, 1)
+    return view.shape if left else (rows, *inner)
+
+
+def _shown(shape: Sequence[Any]) -> str:
+    return f"({', '.join(map(str, shape))})"

@@ -1,0 +1,126 @@
+"""Function of a robot -> its text for accelerators, what is to be known of it, and the numbers h that it reads."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .._version import __version__
+from ..pipeline import cache as store
+from ..pipeline.generator_key import generator_hash
+from ..robot.model import build_model
+from ..robot.record import robot_hash
+from ..robot.value import Robot
+
+KIND = "devices"  # of entries of the cache: texts, and what compilers of devices make of them
+CODE, META = "text.h", "text.json"
+ARITHMETIC = ("add", "sub", "mul", "div", "neg")  # operations that NumPy's numbers round as devices do
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class FunctionText:
+    """The text of one function, with transposes and searches for what is wrong beside it.
+
+    code: in the language that is CUDA, HIP, OpenCL C and C++.
+    meta: what ``eomgen.export_simt`` writes as JSON.
+    """
+
+    name: str
+    code: str
+    meta: Mapping[str, Any]
+
+    @property
+    def tile(self) -> int:
+        """States of a tile."""
+        return int(self.meta["tile"])
+
+    @property
+    def about(self) -> Mapping[str, Any]:
+        """Description of the function: what it reads and writes."""
+        found: Mapping[str, Any] = self.meta["kernels"][self.name]
+        return found
+
+    def shapes(self, which: str) -> dict[str, tuple[int, ...]]:
+        """Return shapes of one state's arrays that are read ("reads") or written ("writes")."""
+        return {array: tuple(shape) for array, shape in self.about[which].items()}
+
+    def beside(self, name: str) -> str:
+        """Name a function of the text that stands beside: "to_tiles", "find_failed"."""
+        return f"{self.meta['name']}_{name}"
+
+    def reasons(self, status: int) -> str:
+        """Say what the bits of a status mean, but for those of pivots."""
+        bits = self.meta["status"]
+        texts = {
+            "violation": "loops are open",
+            "violation_rate": "loops are opening",
+            "far": f"an angle is farther than {self.meta['farthest']:g} rad; allowed: angles up to there",
+        }
+        return "; ".join(text for name, text in texts.items() if status >> bits[name] & 1)
+
+    def vanished(self, status: int) -> list[str]:
+        """Return names of the coordinates whose pivots vanish by a status."""
+        pivots = self.meta["status"]["pivots"]
+        names = [*self.meta["coordinates"], *self.meta["memory"]]
+        return [name for place, name in enumerate(names) if status >> place % pivots & 1]
+
+
+def text_of(robot: Robot, name: str, dtype: str) -> FunctionText:
+    """Return the text of a function, from the cache where it is there.
+
+    Raises:
+        UnknownNameError, InputError: there is no such function, or none of straight statements.
+        BuildError: the cache cannot be written.
+    """
+    key = hashlib.sha256(json.dumps([robot_hash(robot), name, dtype, __version__, generator_hash()]).encode())
+
+    def make(folder: Path) -> None:
+        code, meta = _rendered(robot, name, dtype)
+        store.write_files(folder, {CODE: code.encode("ascii"), META: meta.encode("ascii")})
+
+    files = store.entry(KIND, key.hexdigest(), make).files
+    return FunctionText(name, files[CODE].decode("ascii"), json.loads(files[META]))
+
+
+def _rendered(robot: Robot, name: str, dtype: str) -> tuple[str, str]:
+    """Return the text of a function, and its JSON."""
+    from ..codegen.c.source import environment
+    from ..codegen.simt.sources import render_simt
+
+    source = render_simt(build_model(robot), (name,), dtype)
+    beside = environment().get_template("simt/watch.h.jinja").render(name=source.name)
+    return f"{source.code}\n{beside}", source.meta
+
+
+def setup_of(text: FunctionText, parameters: Sequence[Any], dtype: np.dtype[Any]) -> Array:
+    """Return the numbers h of a function, each operation rounded once; one 0 where it reads none.
+
+    Args:
+        parameters: values in their order, then 1 for each joint with 3-DOF rotation that is turned, else 0.
+    """
+    from ..codegen.program.operations import OPERATIONS
+
+    computed: list[Any] = []
+    with np.errstate(all="ignore"):
+        for op, *args in text.meta["setup"]["values"]:
+            if op in ("p", "const"):
+                computed.append(dtype.type(parameters[args[0]] if op == "p" else args[0]))
+                continue
+            numbers = [computed[place] for place in args]
+            if op in ARITHMETIC:
+                value = OPERATIONS[op].value
+                assert value is not None
+                computed.append(value(*numbers))
+            else:
+                found = OPERATIONS[op].compute(*map(float, numbers))
+                computed.append(dtype.type(math.nan if found is None else found))
+    return np.array([computed[place] for place in text.meta["setup"]["h"]] or [0.0], dtype)

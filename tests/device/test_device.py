@@ -1,0 +1,357 @@
+"""Methods of kernels on devices: the kernel's bits by a stub of the driver, and refusals by name."""
+
+from __future__ import annotations
+
+import sys
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import eomgen
+from eomgen.device import compilers, driver
+from eomgen.device.dlpack import TYPES, lent_count
+from eomgen.device.driver import Chosen, Driver
+from eomgen.device.texts import setup_of, text_of
+from eomgen.errors import ArrayError, BuildError, InputError, LoopError, SingularError
+from eomgen.optional import NotInstalledError
+from tests.device.fakes import Lent, Lying, Stub
+from tests.export.test_simt import TOP
+from tests.support.simt import opencl_platforms
+
+COUNT, TILE = 37, 32
+GOOD = np.zeros((3, 2))
+
+
+def states(kernel: eomgen.Kernel, number: int = 3, count: int = COUNT) -> list[np.ndarray]:
+    """Return random arrays of states."""
+    rng = np.random.default_rng(0)
+    return [rng.uniform(-0.3, 0.3, (count, kernel.n)).astype(kernel.dtype) for _ in range(number)]
+
+
+def in_tiles(x: np.ndarray) -> np.ndarray:
+    """Return whole tiles of states."""
+    return np.ascontiguousarray(np.moveaxis(x.reshape(-1, TILE, *x.shape[1:]), 1, -1))
+
+
+def test_rows_tiles_and_outputs_have_the_bits_of_the_kernel(kernel: eomgen.Kernel, device: Any, stub: Stub) -> None:
+    q, v, a = states(kernel)
+    expected = kernel.inverse_dynamics(q, v, a)
+    made = device.inverse_dynamics(Lying(q), v=Lent(v), a=Lying(a))
+    assert np.array_equal(device.get(made), expected)
+    assert made.shape == expected.shape
+    out = np.zeros_like(expected)
+    taken = Lying(out)
+    assert device.inverse_dynamics(Lying(q), Lying(v), Lying(a), out=taken) is taken
+    assert np.array_equal(out, expected)
+    whole = [np.concatenate([x, x])[: 2 * TILE] for x in (q, v, a)]
+    tiles = device.inverse_dynamics(*(Lying(in_tiles(x)) for x in whole))
+    assert np.array_equal(device.get(tiles), in_tiles(kernel.inverse_dynamics(*whole)))
+    matrices = device.mass_matrix(device.put(q))
+    assert np.array_equal(device.get(matrices), kernel.mass_matrix(q))
+    assert device.mass_matrix(Lying(q[:0])).shape == (0, kernel.n, kernel.n)
+    assert stub.count("contexts") == 0
+
+
+def test_rollouts_take_numbers_for_all_states(kernel: eomgen.Kernel, device: Any) -> None:
+    q, v, u = map(Lying, states(kernel))
+    made = device.rk4_rollout(q, v, u, step=1e-3, steps=4)
+    expected = kernel.rollout(q.x, v.x, u.x, dt=1e-3, steps=4, method="rk4")
+    assert np.array_equal(device.get(made[0]), expected[0][:, -1])
+    assert np.array_equal(device.get(made[1]), expected[1][:, -1])
+    for numbers, said in (
+        ({"step": 1e-3}, "rk4_rollout: step beside arrays; allowed: step, steps"),
+        ({"step": -1.0, "steps": 4}, r"step = -1\.0; allowed: a finite number from 0 on"),
+        ({"step": 1e-3, "steps": 1.5}, "steps = 1.5; allowed: a whole number from 0 to 2147483647"),
+    ):
+        with pytest.raises(InputError, match=said):
+            device.rk4_rollout(q, v, u, **numbers)
+    with pytest.raises(InputError, match="out: got Lying; allowed: a tuple of 2 arrays, q_out, v_out"):
+        device.rk4_rollout(q, v, u, step=1e-3, steps=4, out=q)
+
+
+def test_parameters_are_those_of_the_kernel_now(kernel: eomgen.Kernel, stub: Stub) -> None:
+    own = kernel.with_parameters()
+    device, arrays = own.device("cuda"), states(own)
+    device.inverse_dynamics(*map(Lying, arrays))
+    own.parameters["gravity.y"] = -1.6
+    made = device.inverse_dynamics(*map(Lying, arrays))
+    assert np.array_equal(device.get(made), own.inverse_dynamics(*arrays))
+    assert not np.array_equal(device.get(made), kernel.inverse_dynamics(*arrays))
+
+
+CASES: tuple[tuple[tuple[Any, ...], dict[str, Any], str], ...] = (
+    ((Lying(GOOD), Lying(GOOD)), {}, "a missing; allowed: q, v, a"),
+    ((Lying(GOOD),) * 4, {}, "4 arrays; allowed: q, v, a"),
+    ((Lying(GOOD),) * 3, {"q": Lying(GOOD)}, "q twice; allowed: q, v, a"),
+    ((Lying(GOOD),) * 3, {"w": 1.0}, "inverse_dynamics: w beside arrays; allowed: out and stream"),
+    ((Lying(GOOD), Lying(np.zeros((3, 3))), Lying(GOOD)), {}, r"v: shape \(3, 3\); allowed: \(N, 2\), or in tiles"),
+    ((Lying(GOOD), Lying(np.zeros((4, 2))), Lying(GOOD)), {}, "v: 4 states in rows, but 3 in rows in q"),
+    ((Lying(np.zeros((1, 2, 32))), Lying(GOOD), Lying(GOOD)), {}, "v: 3 states in rows, but 32 in tiles in q"),
+    ((Lying(GOOD.astype("f4")), Lying(GOOD), Lying(GOOD)), {}, "q: dtype float32; allowed: float64"),
+    ((Lying(np.zeros((2, 3)).T), Lying(GOOD), Lying(GOOD)), {}, r"q: strides \(8, 24\) of shape \(3, 2\); allowed"),
+    ((GOOD, Lying(GOOD), Lying(GOOD)), {}, "q: got numpy.ndarray, which lies on the processor; allowed"),
+    ((3.0, Lying(GOOD), Lying(GOOD)), {}, r"q: got builtins\.float, which lies on the processor; allowed"),
+    ((Lent(GOOD, (TYPES["cpu"], 0)), Lying(GOOD), Lying(GOOD)), {}, "q: .*Lent lies on the processor"),
+    ((Lent(GOOD, (TYPES["cuda"], 1)), Lying(GOOD), Lying(GOOD)), {}, "q: the array lies on cuda:1; allowed: cuda:0"),
+    ((Lent(GOOD.astype("i4")),) * 3, {}, "q: dtype float32|q: dtype"),
+    ((Lying(GOOD),) * 3, {"out": Lying(np.ones((3, 2)), readonly=True)}, "out: the array may not be written"),
+    ((Lying(GOOD),) * 3, {"out": Lying(np.ones((2, 2)))}, r"out: shape \(2, 2\); allowed: \(3, 2\)"),
+    ((Lying(GOOD),) * 3, {"out": Lying(GOOD)}, "out: shares memory with q; allowed: memory of its own"),
+    ((Lying(GOOD),) * 3, {"stream": "fast"}, "stream: 'fast'; allowed: a stream of CuPy, PyTorch or Numba"),
+    ((Lying(GOOD),) * 3, {"stream": True}, "stream: true; allowed: a stream"),
+)
+
+
+@pytest.mark.parametrize(("arrays", "others", "said"), CASES)
+def test_wrong_arrays_are_refused_by_name(
+    device: Any, stub: Stub, arrays: tuple[Any, ...], others: dict[str, Any], said: str
+) -> None:
+    launches = stub.count("launches")
+    with pytest.raises(InputError, match=said):
+        device.inverse_dynamics(*arrays, **others)
+    assert (stub.count("launches"), stub.count("contexts")) == (launches, 0)
+
+
+def test_arrays_of_another_device_are_refused(device: Any, stub: Stub) -> None:
+    far = np.zeros((3, 2))
+    stub.put_elsewhere(far)
+    with pytest.raises(ArrayError, match="q: the array lies on cuda:1; allowed: cuda:0"):
+        device.mass_matrix(Lying(far))
+
+
+def test_states_that_fail_are_named(kernel: eomgen.Kernel, device: Any) -> None:
+    q, v, a = states(kernel)
+    bad = v.copy()
+    bad[35, 1] = np.nan
+    name = kernel.coordinates[1]
+    with pytest.raises(ArrayError, match=f"^v: {name} in state 35 is nan; numbers must be finite") as caught:
+        device.inverse_dynamics(Lying(q), Lying(bad), Lying(a))
+    assert caught.value.coordinate == name
+    far = q.copy()
+    far[33] = 2e6
+    with pytest.raises(ArrayError, match=r"mass_matrix: an angle is farther than 1e\+06 rad; .* in state 33"):
+        device.mass_matrix(Lying(far))
+    large = np.full_like(v, 1e200)
+    with pytest.raises(ArrayError, match=r"inverse_dynamics: .* in state 0 is -?(inf|nan), out of numbers that are fi"):
+        device.inverse_dynamics(Lying(q), Lying(large), Lying(a))
+    quiet = kernel.with_checks(False).device("cuda")
+    assert not np.isfinite(quiet.get(quiet.inverse_dynamics(Lying(q), Lying(bad), Lying(a)))).all()
+
+
+def test_streams_wait_for_those_that_arrays_are_made_on(kernel: eomgen.Kernel, device: Any, stub: Stub) -> None:
+    (q,) = states(kernel, 1)
+    device.mass_matrix(Lying(q))
+    before = stub.count("waits")
+    device.mass_matrix(Lying(q, stream=1))  # the default one, which it works on
+    assert stub.count("waits") == before
+    device.mass_matrix(Lying(q, stream=5))
+    assert stub.count("waits") == before + 1
+    lent = Lent(q)
+    device.mass_matrix(lent, stream=SimpleNamespace(cuda_stream=9))
+    assert lent.streams == [9]
+    assert stub.count("waits") > before + 1
+    assert stub.count("events") <= 2  # of this object's memory, and of another one
+
+
+def test_results_are_of_the_library_of_the_first_array(
+    kernel: eomgen.Kernel, device: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A library that gives memory is asked for it, and for its stream."""
+
+    class Array(Lying):
+        """An array of a library of that name."""
+
+    Array.__module__ = "torch"
+    current = SimpleNamespace(current_stream=lambda number: SimpleNamespace(cuda_stream=3))
+    made = SimpleNamespace(
+        cuda=current, float64="float64", empty=lambda shape, dtype, device: Array(np.empty(shape, dtype))
+    )
+    monkeypatch.setitem(sys.modules, "torch", made)
+    (q,) = states(kernel, 1)
+    result = device.mass_matrix(Array(q))
+    assert type(result) is Array
+    assert np.array_equal(result.x, kernel.mass_matrix(q))
+
+
+def test_results_are_lent_by_dlpack_and_given_back(device: Any, stub: Stub) -> None:
+    memory, lent = stub.count("memory"), lent_count()
+    array = device.put(GOOD)
+    capsule = array.__dlpack__()
+    del array
+    assert (stub.count("memory"), lent_count()) == (memory + 1, lent + 1)
+    del capsule
+    assert (stub.count("memory"), lent_count()) == (memory, lent)
+
+
+def test_methods_are_the_straight_functions(device: Any) -> None:
+    assert {"inverse_dynamics", "forward_dynamics", "rk4_rollout", "frame_poses"} <= set(dir(device))
+    assert not {"frame_pose", "integrate", "time_constants"} & set(device.functions)
+    with pytest.raises(AttributeError, match=r"device: 'inverse_dynamic' is no method on devices.*inverse_dynamics"):
+        device.inverse_dynamic(1)
+    with pytest.raises(AttributeError, match="device: 'frame_pose' is no method on devices; did you mean 'frame_po"):
+        device.frame_pose(1)
+    with pytest.raises(InputError, match="kernels: 'rollout' is no straight-line program, or steps whose number is no"):
+        device.rollout(1)
+    assert repr(device) == "<one_link on cuda:0, stub 0, float64>"
+    with pytest.raises(InputError, match="x: 'three'; allowed: an array of numbers"):
+        device.put("three")
+
+
+def test_devices_are_refused_by_name(kernel: eomgen.Kernel, stub: Stub, monkeypatch: pytest.MonkeyPatch) -> None:
+    for where in ("metal", "cuda:", "cuda:-1", "cuda:x", 3, None):
+        with pytest.raises(InputError, match=r'device: .*; allowed: "cuda", "hip" or "opencl"'):
+            kernel.device(where)
+    with pytest.raises(InputError, match='device: \'cuda:2\'; allowed: "cuda:0" to "cuda:1"'):
+        kernel.device("cuda:2")
+    with pytest.raises(InputError, match="contract: 1; allowed: True or False"):
+        kernel.device("cuda", contract=1)  # type: ignore[arg-type]
+    monkeypatch.setattr(compilers, "SYSTEM", {"cuda": ("libnone.so",)})
+    with pytest.raises(NotInstalledError, match=r'NVRTC.*not installed .*: pip install "eomgen\[cuda\]"'):
+        kernel.device("cuda")
+    monkeypatch.setattr(driver, "LIBRARIES", {"cuda": ("libnone.so",), "hip": ("libnone.so",)})
+    for kind, title in (("cuda", "CUDA"), ("hip", "HIP")):
+        with pytest.raises(InputError, match=f"device: no driver of {title} here .*; allowed: a machine with one"):
+            kernel.device(kind)
+    assert stub.count("contexts") == 0
+
+
+def test_images_are_cubins_or_for_newer_processors_texts(stub: Stub, monkeypatch: pytest.MonkeyPatch) -> None:
+    compiler, chosen = compilers.RuntimeCompiler("cuda"), Chosen(Driver("cuda"), 0)
+    try:
+        for processor, target in ((90, b"sm_90"), (89, b"compute_80"), (120, b"compute_100")):
+            stub.library.stub_processor(processor)
+            assert target in compiler.image("int nothing;", chosen, False)
+        known = stub.compiler.stub_compiled()
+        compiler.image("int nothing;", chosen, False)  # from the cache
+        assert stub.compiler.stub_compiled() == known
+        stub.library.stub_processor(70)
+        with pytest.raises(InputError, match=r"stub 0 has compute capability 7, and NVRTC .* compiles for 8 and later"):
+            compiler.image("int nothing;", chosen, False)
+    finally:
+        stub.library.stub_processor(90)
+    with pytest.raises(BuildError, match=r"nvrtc --std=c\+\+17 --fmad=false .* failed: stub: line 7 is wrong"):
+        compiler.image("cannot compile", chosen, False)
+
+
+def test_little_memory_is_an_error_of_memory(device: Any, stub: Stub) -> None:
+    try:
+        stub.library.stub_most_bytes(16)
+        with pytest.raises(MemoryError, match=r"device: cuMemAlloc_v2: out of memory \(2\)"):
+            device.put(np.zeros((3, 2)))
+    finally:
+        stub.library.stub_most_bytes(-1)
+    assert stub.count("contexts") == 0
+
+
+def test_kernels_of_packages_have_no_devices(kernel: eomgen.Kernel) -> None:
+    bare = eomgen.Kernel(kernel.raw.libraries)
+    with pytest.raises(InputError, match=r"device: one_link is a kernel of a package, .*; allowed: kernels of eomgen"):
+        bare.device("cuda")
+
+
+@pytest.mark.soak
+def test_nothing_is_left_of_calls(kernel: eomgen.Kernel, stub: Stub) -> None:
+    """After 100,000 calls by either way of lending arrays, and refusals in between, nothing is alive but what was."""
+    before = [stub.count(what) for what in ("memory", "events", "modules", "contexts")], lent_count()
+    device, (q,) = kernel.device("cuda"), states(kernel, 1, 2)
+    for number in range(100_000):
+        device.mass_matrix(Lent(q) if number % 2 else Lying(q, stream=5), stream=number % 3)
+        if number % 100 == 0:
+            with pytest.raises(ArrayError):
+                device.mass_matrix(Lying(np.full_like(q, np.inf)))
+    del device
+    assert ([stub.count(what) for what in ("memory", "events", "modules", "contexts")], lent_count()) == before
+
+
+@pytest.mark.soak
+def test_singular_states_and_open_loops_are_named(built: Any, stub: Stub) -> None:
+    from eomgen.description.load import robot_from_toml
+
+    top = built(robot_from_toml(TOP), "mass_matrix").device("cuda")
+    q = np.array([[0.0, 0.0, 0.0, 0.1, 0.2, 0.3], [0.0, 0.0, 0.0, 0.1, np.pi / 2, 0.3]])
+    with pytest.raises(
+        SingularError, match=r"forward_dynamics: the mass matrix cannot be inverted at joint1\.\w+ in s"
+    ):
+        top.forward_dynamics(*map(Lying, (q, np.zeros((2, 6)), np.zeros((2, 6)))))
+    bars = built("four_bar", "forward_dynamics", "settling", "cut_poses")
+    q, device = bars.assemble(np.array([[0.5, 0.2, 1.2], [0.6, 0.2, 1.2]])), bars.device("cuda")
+    v, u = np.zeros(q.shape), np.linspace(0.0, 1.0, q.size).reshape(q.shape)
+    made = device.forward_dynamics(*map(Lying, (q, v, u)))
+    assert np.array_equal(device.get(made), bars.forward_dynamics(q, v, u))
+    with pytest.raises(LoopError, match=r"forward_dynamics: loops are open in state 0 \(\w+\)"):
+        device.forward_dynamics(*map(Lying, (q + 0.1, v, u)))
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("name", ["ur5", "worn_arm", "shaken_arm"])
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+def test_robots_have_the_bits_of_their_kernels(built: Any, stub: Stub, name: str, dtype: str) -> None:
+    kernel = built(name, "inverse_dynamics", "forward_dynamics", dtype=dtype)
+    device = kernel.device("cuda:0")
+    for function in ("inverse_dynamics", "forward_dynamics"):
+        arrays = states(kernel)
+        assert np.array_equal(
+            device.get(getattr(device, function)(*map(Lying, arrays))), getattr(kernel, function)(*arrays)
+        )
+
+
+def test_setup_of_a_text_is_rounded_operation_by_operation(kernel: eomgen.Kernel) -> None:
+    """The numbers of parameters alone are finite, and follow them."""
+    text, values = (
+        text_of(eomgen.load_robot("one_link"), "inverse_dynamics", "float64"),
+        list(kernel.parameters.values()),
+    )
+    one = setup_of(text, values, kernel.dtype)
+    other = setup_of(text, [1.5 * x for x in values], kernel.dtype)
+    assert one.shape == other.shape == (len(text.meta["setup"]["h"]) or 1,)
+    assert np.isfinite(one).all()
+    assert not np.array_equal(one, other)
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+def test_opencl_has_the_bits_of_the_kernel(built: Any, dtype: str) -> None:
+    if not opencl_platforms():
+        pytest.skip("no runtime of OpenCL, or no pyopencl, is installed")
+    import pyopencl
+
+    kernel = built("one_link", "inverse_dynamics", "mass_matrix", dtype=dtype)
+    device, arrays = kernel.device("opencl"), states(kernel)
+    q, v, a = map(device.put, arrays)
+    expected = kernel.inverse_dynamics(*arrays)
+    assert np.array_equal(device.inverse_dynamics(q, v, a).get(), expected)
+    out = device.put(np.zeros_like(expected))
+    assert device.inverse_dynamics(q, v, a, out=out) is out
+    assert np.array_equal(out.get(), expected)
+    whole = device.put(in_tiles(np.concatenate([arrays[0]] * 32)))
+    assert np.array_equal(
+        device.get(device.mass_matrix(whole)), in_tiles(kernel.mass_matrix(np.concatenate([arrays[0]] * 32)))
+    )
+    buffers = [x.base_data for x in (q, v, a)]
+    made = device.inverse_dynamics(*buffers)
+    assert isinstance(made, pyopencl.Buffer)
+    assert np.array_equal(device.get(made).reshape(expected.shape), expected)
+    for wrong, said in (
+        (arrays[0], "q: got numpy.ndarray; allowed: arrays and buffers of pyopencl, or device.put"),
+        (device.put(np.zeros((3, 5))), r"q: shape \(3, 5\); allowed: \(N, 2\)"),
+        (q[1:], "q: offset .*; allowed: an array in C's order from the beginning"),
+    ):
+        with pytest.raises(ArrayError, match=said):
+            device.mass_matrix(wrong)
+    arrays[1][4, 0] = np.inf
+    with pytest.raises(ArrayError, match=f"v: {kernel.coordinates[0]} in state 4 is inf"):
+        device.inverse_dynamics(q, device.put(arrays[1]), a)
+    context = pyopencl.create_some_context(interactive=False)  # held, as Intel's runtime asks for
+    other = kernel.device(pyopencl.CommandQueue(context))
+    with pytest.raises(ArrayError, match="q: an array of another context"):
+        other.mass_matrix(q)
+    with pytest.raises(InputError, match='device: "opencl:99"; allowed: "opencl:0"'):
+        kernel.device("opencl:99")
+
+
+def test_opencl_that_is_missing_is_refused_by_name(kernel: eomgen.Kernel, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pyopencl", None)
+    with pytest.raises(NotInstalledError, match=r'devices of OpenCL need pyopencl.*pip install "eomgen\[opencl\]"'):
+        kernel.device("opencl")
