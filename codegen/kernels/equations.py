@@ -168,7 +168,7 @@ def _derived(model: Model, kernel: str, dtype: str, known: dict[str, Program]) -
     if kernel in WITH_ROWS:
         return _derived_with_rows(model, kernel, dtype)
     if SIGNATURES[kernel].derivative_of:
-        return {kernel: derive_derivative(model, kernel, lambda name: derive(model, name, dtype, known))}
+        return {kernel: derive_derivative(model, kernel, lambda name: derive(model, name, dtype, known), dtype)}
     regrouped, turned = kernel not in DESCRIPTION_FRAMES, knows_turns(kernel, model)
     derivation = Derivation(model, regrouped=regrouped, dtype=dtype, turned=turned)
     return {kernel: run_passes(finish(derivation.graph, kernel, WRITERS[kernel](derivation)))}

@@ -397,7 +397,9 @@ def available(model: Model) -> tuple[str, ...]:
     return tuple(
         name
         for name, signature in KERNELS.items()
-        if has[signature.needs] and (model.parameters or not signature.by_parameters)
+        if has[signature.needs]
+        and (model.parameters or not signature.by_parameters)
+        and not (signature.tree_only and model.constraints)
     )
 
 

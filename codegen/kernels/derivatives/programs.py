@@ -8,9 +8,10 @@ from eomgen.errors import InputError
 from eomgen.robot.model import Model
 
 from ...program.forward_mode import tangent
-from ...program.ir import Program
+from ...program.ir import Program, verify
 from ...program.passes import PARAMETERS, run_passes
 from ...program.reverse_mode import adjoint
+from ...program.running_errors import with_errors
 from ...program.second_order import hessian
 from ...program.taylor import jet
 from ...solve.factorised import solve_operations
@@ -23,7 +24,7 @@ MOST_OPERATIONS = (
 )
 
 
-def derive_derivative(model: Model, kernel: str, derive: Derive) -> Program:
+def derive_derivative(model: Model, kernel: str, derive: Derive, dtype: str = "float64") -> Program:
     """Derive the program of one entry of DERIVATIVES; ``derive`` gives that of any entry of the tables."""
     signature, size = SIGNATURES[kernel], shapes(model)
     if signature.kind == "tangent":
@@ -31,6 +32,8 @@ def derive_derivative(model: Model, kernel: str, derive: Derive) -> Program:
         rates |= {PARAMETERS: PARAMETER_RATES} if signature.by_parameters else {}
         program = whole_program(model, signature.derivative_of, derive)
         return run_passes(tangent(program, rates, kernel, {PARAMETERS: len(model.parameters)}))
+    if signature.kind == "errors":
+        return verify(with_errors(whole_program(model, signature.derivative_of, derive), kernel, dtype))
     if signature.kind == "jet":
         _check_length(model, kernel, derive)
         series = jet_series(sorted(RATES), signature.order)

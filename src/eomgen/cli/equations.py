@@ -64,7 +64,8 @@ def _add_generate(parser: argparse.ArgumentParser) -> None:
         default=[],
         metavar="NAME[,NAME...]",
         help=f"only these kernels (all but derivatives): {', '.join(OWN_KERNELS)}; derivatives of them, such as"
-        " energy_adjoint, end in _tangent, _adjoint, _hessian, _parameter_tangent, _parameter_adjoint, _jet1 to _jet4",
+        " energy_adjoint, end in _tangent, _adjoint, _hessian, _parameter_tangent, _parameter_adjoint, _jet1 to _jet4;"
+        " with bounds of rounding errors in _with_errors",
     )
 
 
