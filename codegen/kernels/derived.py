@@ -76,7 +76,9 @@ def _of(name: str, kernel: Signature) -> dict[str, Signature]:
 def _errors(name: str, kernel: Signature) -> dict[str, Signature]:
     """Return the function with bounds of its rounding errors; of one that solves for multipliers only in trees."""
     text = f"Results of {name}, then bounds of their rounding errors."
-    bounded = Signature(kernel.reads, f"{ERRORS}{kernel.writes}", text, "errors", derivative_of=name, needs=kernel.needs)
+    bounded = Signature(
+        kernel.reads, f"{ERRORS}{kernel.writes}", text, "errors", derivative_of=name, needs=kernel.needs
+    )
     return {f"{name}{WITH_ERRORS}": replace(bounded, tree_only=bool(kernel.closed))}
 
 

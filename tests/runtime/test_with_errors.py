@@ -90,11 +90,11 @@ def test_what_is_refused(built: Build) -> None:
     q, v, a, u = (x[label] for label in "qvau")
     bound = kernel.with_errors("inverse_dynamics", (q, v, a), most=1e-9)[1]
     kernel.with_errors("inverse_dynamics", (q, v, a), most=bound)
-    with pytest.raises(ArrayError, match="inverse_dynamics: rounding moves the result in state .* by up to .* most"):
+    with pytest.raises(ArrayError, match=r"inverse_dynamics: rounding moves the result in state .* by up to .* most"):
         kernel.with_errors("inverse_dynamics", (q, v, a), most=bound / 2.0)
     with pytest.raises(ArrayError, match="forward_dynamics: rounding moves the result"):
         kernel.with_errors("forward_dynamics", (q, v, u), most=0.0)
-    with pytest.raises(ArrayError, match="most: got -1.0; allowed: 0 and more"):
+    with pytest.raises(ArrayError, match=r"most: got -1.0; allowed: 0 and more"):
         kernel.with_errors("inverse_dynamics", (q, v, a), most=-1.0)
     with pytest.raises(ArrayError, match=r"most: got shape \(7,\); allowed: one that goes with the result, \(2,\)"):
         kernel.with_errors("inverse_dynamics", (q, v, a), most=np.ones(7))
@@ -109,7 +109,7 @@ def test_what_is_refused(built: Build) -> None:
 def test_loops_have_no_bounds_of_accelerations(built: Build) -> None:
     kernel = built(load_robot("four_bar"), "forward_dynamics", "inverse_dynamics", "tree_inverse_dynamics_with_errors")
     x = np.zeros(kernel.n)
-    with pytest.raises(InputError, match="forward_dynamics of four_bar, which has loops .* has no bounds of rounding"):
+    with pytest.raises(InputError, match=r"forward_dynamics of four_bar, which has loops .* has no bounds of rounding"):
         kernel.with_errors("forward_dynamics", (x, x, x))
     value, _ = kernel.with_errors("tree_inverse_dynamics", (x, x, x))
     assert np.array_equal(value, kernel.inverse_dynamics(x, x, x, cut=True))

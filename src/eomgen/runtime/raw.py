@@ -41,8 +41,8 @@ class RawFunction:
         name: its name, without the robot's in front.
         kernel: the kernel that it belongs to, as in ``Kernel.operations``; frame_pose belongs to "kinematics".
         kind: "program" (straight-line code), "tangent", "adjoint", "hessian" or "jet" (the same, derivatives of
-            another kernel), "errors" (the same, with bounds of rounding errors), "composed" (calls programs), "frames" (takes the number of a frame) or "rollout" (many
-            steps in one call).
+            another kernel), "errors" (the same, with bounds of rounding errors), "composed" (calls programs), "frames"
+            (takes the number of a frame) or "rollout" (many steps in one call).
         reads: names of the arrays that it reads, in the order of the arguments; ``RawKernel.shapes`` has their shapes.
         writes: name of the array that it writes.
     """

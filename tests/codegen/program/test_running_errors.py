@@ -66,9 +66,7 @@ def in_c(program: Program, inputs: Numbers, dtype: str) -> list[float]:
         outputs = evaluate(program, inputs)
     else:
         calls = {op: (lambda *x, op=op: NARROW(VALUES[op](*map(float, x)))) for op in CALLS}
-        instructions = tuple(
-            x._replace(leaf=NARROW(x.leaf)) if x.op == "const" else x for x in program.instructions
-        )
+        instructions = tuple(x._replace(leaf=NARROW(x.leaf)) if x.op == "const" else x for x in program.instructions)
         program = Program(program.name, instructions, program.outputs)
         outputs = evaluate(program, inputs, lambda x: (NARROW(math.sin(x)), NARROW(math.cos(x))), calls)
     return [float(outputs["out", i]) for i in range(len(outputs))]

@@ -28,9 +28,10 @@ class RunningErrors(CompiledCode):
         """Return a method's result, and how far rounding has moved it at most: proved bounds, number by number.
 
         One call of C computes both, forwards, in two to three times the time; the result has the bits that the method
-        gives, where compilers do not fuse products with sums (``native``).  The bound is of the distance from what the equations give without rounding for the same arguments,
-        parameters and constants, as the dtype holds them; it says nothing of errors that these have.  Accelerations of
-        "forward_dynamics" are bounded by what they leave of the equations, if M can be proved to be invertible.
+        gives, where compilers do not fuse products with sums (``native``).  The bound is of the distance from what the
+        equations give without rounding for the same arguments, parameters and constants, as the dtype holds
+        them; it says nothing of errors that these have.  Accelerations of "forward_dynamics" are bounded by what they
+        leave of the equations, if M can be proved to be invertible.
 
         Args:
             name: a method that solves no equations, such as "inverse_dynamics", "mass_matrix", "frame_pose", "energy";
@@ -48,10 +49,10 @@ class RunningErrors(CompiledCode):
             ArrayError: arrays of wrong shape or dtype, or with NaN or infinity; or a bound is larger than ``most``.
             SingularError: rounding may make the mass matrix singular.
         """
-        function = f"{name}{WITH_ERRORS}"
+        function = f"{name}{WITH_ERRORS}" if isinstance(name, str) else ""
         if function in self.raw.functions:
             value, bound = self._bounded_in_c(name, function, args)
-        elif name == SOLVED and SOLVED in self.raw.functions:
+        elif isinstance(name, str) and name == SOLVED and SOLVED in self.raw.functions:
             value, bound = self._bounded_by_residual(args)
         else:
             known = [x.removesuffix(WITH_ERRORS) for x in self.raw.functions if x.endswith(WITH_ERRORS)]
@@ -98,8 +99,13 @@ class RunningErrors(CompiledCode):
         _check_number(SOLVED, args, self.raw.functions[SOLVED].reads)
         q, v, u = args
         a = self.calls.run(SOLVED, None, (q, v, u))
-        q, v, u = (np.broadcast_to(self.calls.array(x, y, self.raw.shapes[x])[0], a.shape) for x, y in zip("qvu", args))
-        M, of_M = (np.asarray(x, np.float64) for x in self._bounded_in_c("mass_matrix", "mass_matrix_with_errors", (q,)))
+        q, v, u = (
+            np.broadcast_to(self.calls.array(x, y, self.raw.shapes[x])[0], a.shape)
+            for x, y in zip("qvu", args, strict=True)
+        )
+        M, of_M = (
+            np.asarray(x, np.float64) for x in self._bounded_in_c("mass_matrix", "mass_matrix_with_errors", (q,))
+        )
         moved, of_moved = self._bounded_in_c("inverse_dynamics", "inverse_dynamics_with_errors", (q, v, a))
         unit = np.finfo(np.float64).eps
         left = np.asarray(moved, np.float64) - np.asarray(u, np.float64)
