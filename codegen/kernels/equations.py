@@ -80,6 +80,13 @@ class Equations:
     dtype: str = "float64"
 
 
+def why_missing(kernel: str, model: Model) -> str:
+    """Say what a robot would have to have for a kernel that is not among those available for it."""
+    if KERNELS[kernel].tree_only:
+        return f"is for robots without rigid [[loops]] and [[couplings]], and {model.name} has some"
+    return f"is for robots with {NEEDS[KERNELS[kernel].needs]}, and {model.name} has none"
+
+
 @without_collection()
 def derive_equations(model: Model, kernels: Sequence[str] = (), dtype: str = "float64") -> Equations:
     """Derive a model's equations: one program per kernel, with every pass run.
@@ -96,9 +103,7 @@ def derive_equations(model: Model, kernels: Sequence[str] = (), dtype: str = "fl
     known = available(model)
     for name in kernels:
         if name not in known:
-            raise InputError(
-                f"kernels: {name!r} is for robots with {NEEDS[KERNELS[name].needs]}, and {model.name} has none"
-            )
+            raise InputError(f"kernels: {name!r} {why_missing(name, model)}")
     usual = [name for name in known if not (KERNELS[name].derivative_of or KERNELS[name].by_request)]
     wanted = kernels or usual
     small = {name for name in usual if KERNELS[name].needs in SMALL}

@@ -11,7 +11,7 @@ from eomgen.names import nearest_or_all, show
 from eomgen.robot.model import Model
 
 from ..kernels.derivatives.whole import whole_program
-from ..kernels.equations import NEEDS, derive
+from ..kernels.equations import derive, why_missing
 from ..kernels.signatures import KERNELS, SIGNATURES, available, shapes
 from ..kernels.writers import VARIANTS, WRITERS
 from ..program.ir import FIRST, GATE, Graph, Instruction, Program, Value, copied, finish, select, verify
@@ -107,7 +107,7 @@ def refusal(model: Model, name: str) -> str | None:
         )
     signature = KERNELS[name]
     if name not in available(model):
-        return f"is for robots with {NEEDS[signature.needs]}, and {model.name} has none"
+        return why_missing(name, model)
     if signature.kind == "frames":
         return f"takes a frame's number; allowed: {', '.join(FRAMES)}"
     if signature.kind == "gradient":

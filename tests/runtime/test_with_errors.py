@@ -115,6 +115,8 @@ def test_loops_have_no_bounds_of_accelerations(built: Build) -> None:
     assert np.array_equal(value, kernel.inverse_dynamics(x, x, x, cut=True))
     with pytest.raises(UnknownNameError, match="four_bar has no bounds of rounding errors of 'inverse_dynamics'"):
         kernel.with_errors("inverse_dynamics", (x, x, x))
+    with pytest.raises(InputError, match="kernels: 'inverse_dynamics_with_errors' is for robots without rigid"):
+        built(load_robot("four_bar"), "inverse_dynamics_with_errors")
 
 
 def test_a_mass_matrix_that_rounding_may_make_singular(built: Build) -> None:
