@@ -63,6 +63,7 @@ bench: $(VENV)/.bench $(VENV)/.test
 	$(BIN)/python -m benchmarks.observers
 	$(BIN)/python -m benchmarks.peers
 	$(BIN)/python -m benchmarks.precision
+	$(BIN)/python -m benchmarks.rounding
 	$(BIN)/python -m benchmarks.rotor
 	$(BIN)/python -m benchmarks.tiles
 	$(BIN)/python -m benchmarks.wasm

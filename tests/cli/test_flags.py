@@ -46,6 +46,7 @@ DIFFER = {  # flags whose help or form is another one by command, and why
     "--frame": "poses takes several",
     "--goal": "compare takes a line in its place",
     "--kernels": "generate takes them behind commas, too",
+    "--range": "coordinates have limits; bounds are over all inputs and parameters",
     "--method": "FMUs have other methods than simulations",
     "--points": "a map has two numbers",
     "--along": "some need a result of a simulation, not a measured motion",

@@ -28,6 +28,7 @@ CALLS: dict[str, tuple[tuple[str, ...], int, str]] = {  # words, exit code, what
         0,
         "algorithms know linear springs and dampers only (axis.gamma): kernels are timed alone",
     ),
+    "bound": (("axis.toml", "--kernels", "drive_forces"), 0, "drive_forces of servo_axis, float64"),
     "simulate": (("axis.toml", "--scenario", "scenario.toml", "-o", "out", "--no-plots"), 0, "energy: drives"),
     "sweep": (("axis.toml", "--scenario", "scenario.toml", "--plan", "plan.toml", "-o", "sweep"), 0, "2 samples"),
     "linearize": (("axis.toml", "--drives", "free"), 0, "axis.gamma.drive.current"),

@@ -45,6 +45,11 @@ CALLS: dict[str, tuple[tuple[str, ...], int, str]] = {  # words, exit code, what
         0,
         "the textbook's algorithms know linear springs and dampers only",
     ),
+    "bound": (
+        ("arm.toml", "--kernels", "generalized_force", "--range", f"v:{Z2}", "0", "1e-3"),
+        0,
+        "generalized_force of bristled, float64",
+    ),
     "cache": ((), 0, "sources"),
     "reduce": (("arm.toml", "-o", "modes.npz"), 1, ".npz (finite elements of eomgen)"),
     "simulate": (

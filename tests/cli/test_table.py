@@ -20,7 +20,7 @@ from eomgen.cli.shared.options import add_old_name
 
 GROUPS = {
     "describe": ("robots", "info", "new", "check", "schema", "reduce"),
-    "build": ("derive", "generate", "export", "observer", "bench", "cache"),
+    "build": ("derive", "generate", "export", "observer", "bench", "bound", "cache"),
     "simulate": ("simulate", "feedforward", "sweep"),
     "analyse": ("deflection", "modes", "response", "linearize", "budget", "compare"),
     "measure": (

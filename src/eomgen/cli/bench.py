@@ -1,11 +1,11 @@
-"""The command bench: what the generated equations cost, beside textbook algorithms."""
+"""The commands bench and bound: what generated equations cost, and how far rounding may put them off."""
 
 from __future__ import annotations
 
 import argparse
 
 from .shared.command import Command
-from .shared.options import add_json
+from .shared.options import add_json, add_rows, ranges_of
 from .shared.output import show_result
 from .shared.progress import stage_bar
 from .shared.reading import add_robot, read_robot
@@ -25,11 +25,39 @@ def _bench(options: argparse.Namespace) -> None:
     show_result(options, result)
 
 
+def _add_bound(parser: argparse.ArgumentParser) -> None:
+    from ..codegen.kernels.signatures import DTYPES
+
+    add_robot(parser)
+    parser.add_argument("--kernels", nargs="+", default=[], metavar="NAME", help="only these kernels (without solves)")
+    add_rows(parser, "--range", "NAME LOW HIGH", "of an input, an array or a parameter (what is usual); more than once")
+    parser.add_argument("--dtype", choices=DTYPES, default="float64", help="type of all numbers (float64)")
+    add_json(parser)
+
+
+def _bound(options: argparse.Namespace) -> None:
+    from ..rounding import rounding_bounds
+
+    robot, ranges = read_robot(options), ranges_of(options)
+    with stage_bar("bounding") as report:
+        result = rounding_bounds(robot, options.kernels, ranges, dtype=options.dtype, progress=report)
+    show_result(options, result)
+
+
 COMMANDS = (
     Command(
         _add_bench,
         _bench,
         "operation counts and times beside a Newton-Euler algorithm in C",
         {"bench ur5": "operation counts and times beside Newton-Euler"},
+    ),
+    Command(
+        _add_bound,
+        _bound,
+        "proved bounds of rounding errors over ranges of inputs",
+        {
+            "bound ur5 --kernels inverse_dynamics": "how far rounding may put torques off",
+            "bound ur5 --range joint2.gamma -1.5 1.5 --dtype float32": "over a range, in single precision",
+        },
     ),
 )
