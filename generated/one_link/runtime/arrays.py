@@ -38,7 +38,7 @@ BY_COORDINATE = {  # how many of the last axes of a result are coordinates
 }
 
 DERIVATIVE = re.compile(r"(_parameter)?_(tangent|adjoint|hessian|jet\d)$")
-OF_ORDERS = re.compile(r"^jet\d_")  # begins names of results with their time derivatives
+OF_ORDERS = re.compile(r"^(jet\d|errors)_")  # begins names of results with time derivatives, or with bounds
 REMEMBERING = frozenset(  # functions, also of the open tree and under load, whose results depend on states of laws
     (
         *("generalized_force", "residual", "inverse_dynamics", "forward_dynamics", "constraint_forces", "energy"),
