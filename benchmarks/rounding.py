@@ -28,7 +28,7 @@ BEGIN, END = "<!-- begin of bounds -->\n", "<!-- end of bounds -->"
 CASES = (
     ("one_link", "inverse_dynamics"),
     *(("ur5", kernel) for kernel in ("inverse_dynamics", "bias_force", "mass_matrix", "kinematics")),
-    ("puma560_elastic", "inverse_dynamics"),
+    *(("puma560_elastic", kernel) for kernel in ("inverse_dynamics", "mass_matrix", "gravity", "kinematics")),
 )
 STATES, OBSERVED = 32, 2000  # random ones: bounded each by itself, and computed
 
