@@ -255,7 +255,7 @@ class Dense(ImplicitShare):
         slope = self.dt * linear.by_v + self.square * linear.by_s + law.ahead(self.dt, self.square, self.d.functions)
         self.rank_one({motor: between.inverse_ratio, between.principal: -1.0}, slope)
 
-    def along(self, arms: Mapping[int, Any], law: Effect) -> None:
+    def along(self, arms: Mapping[int, Any], law: Effect, *, turns: bool = False) -> None:
         self.along_all(
             {i: law.force * arm for i, arm in arms.items()}, lambda *c: [(arms, law.ahead(*c, self.d.functions))]
         )
@@ -266,7 +266,14 @@ class Dense(ImplicitShare):
         for arms, slope in directions(self.dt, self.square):
             self.rank_one(arms, slope)
 
-    def among(self, rows: Mapping[int, Any], members: Sequence[Mapping[int, Any]], slopes: Callable[..., Any]) -> None:
+    def among(
+        self,
+        rows: Mapping[int, Any],
+        members: Sequence[Mapping[int, Any]],
+        slopes: Callable[..., Any],
+        *,
+        turns: bool = False,
+    ) -> None:
         self.along_all(rows, lambda *c: [])
         for (one, other), slope in slopes(self.dt, self.square).items():
             for i, arm in members[one].items():
