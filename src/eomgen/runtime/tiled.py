@@ -142,7 +142,8 @@ class Tiled:
             args, tangents: its arguments and a rate for each array among them, one state or tiles.
             parameters: rates of run-time parameters by their names.
         """
-        result = None if parameters else self._derivative(name, "tangent", args, tangents)
+        is_plain = parameters is None or (isinstance(parameters, dict) and not parameters)
+        result = self._derivative(name, "tangent", args, tangents) if is_plain else None
         if result is not None:
             return cast("Array", result)
         counts = dict[str, int]()
