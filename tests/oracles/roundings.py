@@ -119,7 +119,7 @@ def _rounding(program: Program, index: int, value: Any, args: Sequence[Any], uni
         return 4 * unit * abs(value)
     if op == "mul" and any(abs(mp.frexp(x)[0]) == 0.5 for x in given):
         return 0
-    if op in ("add", "sub") and any(x == 0 for x in given):
+    if op in ("add", "sub") and any(x == 0 for x in args):  # given, or a product with a given 0
         return 0
     return unit * abs(value) if op in ("add", "sub", "mul", "div", "sqrt") else 0
 

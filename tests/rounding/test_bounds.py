@@ -36,7 +36,7 @@ MORE = (
     *(("ur5", name) for name in ("inverse_dynamics", "kinematics", "energy", "regressor", "residual_jacobian")),
     *(("worn_arm", name) for name in ("inverse_dynamics", "energy", "reactions", "christoffel")),
     *(("puma560_elastic", name) for name in ("inverse_dynamics", "kinematics")),
-    *(("hexapod_elastic", name) for name in ("tree_inverse_dynamics", "constraint")),
+    *(("four_bar", name) for name in ("tree_inverse_dynamics", "constraint")),
     *(("flexible_arm", name) for name in ("mass_matrix", "inverse_dynamics")),
 )
 
