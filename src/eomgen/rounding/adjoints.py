@@ -36,7 +36,7 @@ class _Ball(NamedTuple):
 
 
 class _Use(NamedTuple):
-    """What one use of a value adds to its adjoint.
+    """A share of an adjoint: what one use of a value adds to it.
 
     turn: function and angle, where the use is a product with a sine or cosine; ``outer`` is then the product's adjoint.
     is_sum: whether it is a summand, which a product may be fused into.

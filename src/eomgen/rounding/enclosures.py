@@ -24,7 +24,7 @@ CALLED = 2.0  # units in the last place: error of exp, log and atan2 of a C libr
 
 @dataclass(frozen=True)
 class Precision:
-    """What a precision rounds by: half a unit in the last place of 1, what underflow takes, and the largest number."""
+    """Numbers of a precision: half a unit in the last place of 1, what underflow takes, and the largest number."""
 
     unit: float
     underflow: float
