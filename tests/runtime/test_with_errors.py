@@ -62,8 +62,12 @@ def check(kernel: Kernel) -> None:
             assert ((bound >= 0.0) & (bound <= 1e3 * np.finfo(kernel.dtype).eps * np.abs(expected).max())).all()
         for name in OF_FRAMES:
             value, bound = kernel.with_errors(name, (x["q"], kernel.frames[-1]))
-            assert np.array_equal(value, getattr(kernel, name)(x["q"], kernel.frames[-1]))
             assert bound.shape == value.shape
+            method = getattr(kernel, name)(x["q"], kernel.frames[-1])
+            if name == "frame_jacobian":  # its C puts columns together in another order
+                assert (np.abs(value - method) <= 4.0 * bound).all()
+            else:
+                assert np.array_equal(value, method)
     a, bound = kernel.with_errors("forward_dynamics", tuple(x[label] for label in "qvu"))
     assert np.array_equal(a, kernel.forward_dynamics(x["q"], x["v"], x["u"]))
     assert a.shape == bound.shape
