@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from ..kernels.signatures import SIGNATURES
 from ..program.ir import Program
 from .scalar_types import Scalar
-from .statements import NO_STOPS, Function, write_function
+from .statements import DOUBLE, NO_STOPS, Function, write_function
 
 SHARED = ("h", "p")  # arrays with one number for all states
 
@@ -25,6 +25,7 @@ class Definition:
     turns: the macro of clib/lanes.h that takes sines and cosines in front, as C; empty where there are none.
     parts: each one's statements, and the arrays that these do not read; a single one is written in place.
     workspace: numbers that parts hand on.
+    room: their type.
     has_pivots: whether it has a pivot for every coordinate, which says whether the mass matrix can be inverted.
     gated: the first one that is left out where the gate is shut; None if there is no gate, or a single one.
     has_gate: whether it has a gate.
@@ -38,6 +39,7 @@ class Definition:
     turns: str
     parts: tuple[tuple[tuple[str, ...], tuple[str, ...]], ...]
     workspace: int
+    room: str
     has_pivots: bool
     gated: int | None = None
     has_gate: bool = False
@@ -83,6 +85,7 @@ def _definition(function: Function, name: str, scalar: Scalar, turns: str, linka
         turns,
         tuple(zip(function.chunks, function.unused, strict=True)),
         function.workspace,
+        DOUBLE if function.is_mixed else scalar.name,
         "pivot" in function.outputs,
         function.gated,
         "gate" in function.outputs,

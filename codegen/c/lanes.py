@@ -43,7 +43,9 @@ def batched(equations: Equations) -> list[str]:
 def _has_lanes(equations: Equations, name: str) -> bool:
     """True if there is C of the kernel for vectors: a program, or a template that is written for both."""
     known, composed = KERNELS[name], KERNELS[name].kind in ("composed", "rollout", "adaptive")
-    return known.vectors and (name in equations.programs or composed or bool(known.closed))
+    if name in equations.programs:
+        return known.vectors and not equations.programs[name].wide  # those with values in double are for one state
+    return known.vectors and (composed or bool(known.closed))
 
 
 def kept_size(equations: Equations, factors: str = "stage_factors") -> int:
