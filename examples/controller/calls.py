@@ -14,7 +14,6 @@ from image import Image
 
 TARGET = ("-target", "thumb-freestanding-eabihf", "-mcpu=cortex_m7+fp_armv8d16sp")
 FLAGS = ("-O2", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off", "-ffreestanding", "-fbuiltin")
-MACROS = ("-DEOMGEN_SINGLES_ONLY", "-DEOMGEN_VECTOR=4")  # sines of generated polynomials
 LINK = """SECTIONS
 {
     .text 0x1000 : { KEEP(*(.text*)) *(.rodata*) }
@@ -29,15 +28,20 @@ def is_here() -> bool:
     return all(importlib.util.find_spec(name) for name in ("unicorn", "ziglang"))
 
 
-def linked(files: Mapping[str, str], entry: str, folder: Path) -> Path:
-    """Write texts by their places and entry.c, with a function reset that calls all others; return what they make."""
+def linked(files: Mapping[str, str], entry: str, folder: Path, *, dtype: str = "float32") -> Path:
+    """Write texts by their places and entry.c, with a function reset that calls all others; return what they make.
+
+    ``dtype`` is that of the numbers; double precision is computed in software.
+    """
     for name, text in {**files, "entry.c": entry, "link.ld": LINK}.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_text(text, encoding="ascii")
     headers = Path(str(importlib.util.find_spec("ziglang").origin)).parent / "lib/libc/include"  # type: ignore[union-attr]
     include = [x for kind in ("arm-linux-musl", "generic-musl") for x in ("-isystem", str(headers / kind))]
     sources = [name for name in (*files, "entry.c") if name.endswith(".c") and "/" not in name]
-    tool = [sys.executable, "-m", "ziglang", "cc", *TARGET, *FLAGS, *include, *MACROS]
+    vector = 4 if dtype == "float32" else 8  # sines of generated polynomials
+    macros = ("-DEOMGEN_SINGLES_ONLY", f"-DEOMGEN_VECTOR={vector}")
+    tool = [sys.executable, "-m", "ziglang", "cc", *TARGET, *FLAGS, *include, *macros]
     words = [*tool, "-Wl,-T,link.ld", "-Wl,-e,reset", *sources, "-o", "calls.elf"]
     done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
     if done.returncode:

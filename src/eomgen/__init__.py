@@ -59,6 +59,7 @@ with imports_when_used(globals()):
     from .robot import Placement as Placement
     from .robot import Robot as Robot
     from .robot import Spring as Spring
+    from .rounding import float32_advice as float32_advice
     from .rounding import rounding_bound as rounding_bound
     from .runtime import Kernel as Kernel
     from .scenario import Scenario as Scenario

@@ -40,6 +40,7 @@ BASE = {  # words of commands that need more than a robot
     **{command: f"{command} {{result}}" for command in ("budget", "plot", "report")},
     **{command: f"{command} {{subject}}" for command in ("view", "live")},
     "new dh": "new arm --convention classic",  # and for single options
+    "check kernels": "check {robot} --float32",
     "export kernels": "export {robot} --arrays",
     "export parameters": "export {robot} --acados",
     **{f"feedforward {place}": "feedforward {robot} --c out" for place in ("step", "friction_smoothing")},

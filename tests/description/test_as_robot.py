@@ -47,6 +47,7 @@ CALLS: dict[str, Call] = {
     "mjcf": lambda robot: mjcf(robot, 1e-3),
     "export_wasm": lambda robot: eomgen.export_wasm(robot, "unused"),
     "export_wheel": lambda robot: eomgen.export_wheel(robot, "unused"),
+    "float32_advice": lambda robot: eomgen.float32_advice(robot, ["inverse_dynamics"]),
     "rounding_bound": lambda robot: eomgen.rounding_bound(robot, "inverse_dynamics"),
     "export_simt": lambda robot: eomgen.export_simt(robot, "unused"),
     "export_arrays": lambda robot: eomgen.export_arrays(robot, "unused.py"),

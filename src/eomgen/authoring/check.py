@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from ..description.builtin import builtin_robots
 from ..description.load import SUFFIXES, load_robot
 from ..description.macros import Xacro
 from ..description.options import ReadOptions
@@ -62,7 +63,7 @@ def check_file(
     """Read a description (.toml, .urdf, .xml), a scenario or a plan; which of them a .toml file is, its keys say.
 
     Args:
-        path: of the file.
+        path: of the file, or the name of a built-in robot.
         inertia: what to do with an inertia that no body can have, as in ``load_robot``: a link that this lets through
             is a note, one that it refuses an error.
         floating_base, xacro: as in ``load_robot``.
@@ -72,6 +73,8 @@ def check_file(
     name = str(path)
     kind = "robot"
     try:
+        if name in builtin_robots() and not Path(path).is_file():
+            return _read(name, name, kind, options)
         if Path(path).suffix not in (*SUFFIXES, ".sdf"):  # whose refusal says what to do
             message = f"cannot be checked; allowed: a path that ends in {', '.join(SUFFIXES)}"
             raise DescriptionError(message, source=name if name.isascii() and name.isprintable() else ascii(name))
@@ -114,13 +117,13 @@ def kind_of(values: Mapping[str, object]) -> str:
     return max(FORMATS, key=lambda kind: len(FORMATS[kind][0].keys.keys() & values.keys()))
 
 
-def _read(path: Path, name: str, kind: str, options: ReadOptions) -> Checked:
+def _read(path: Path | str, name: str, kind: str, options: ReadOptions) -> Checked:
     if kind == "scenario":
-        scenario = load_scenario(path)
+        scenario = load_scenario(Path(path))
         counts = {"s": scenario.duration, "wrenches": len(scenario.wrenches), "payloads": len(scenario.payloads)}
         return Checked(name, kind, counts)
     if kind == "plan":
-        plan = load_plan(path)
+        plan = load_plan(Path(path))
         return Checked(name, kind, {"samples": plan.samples, "numbers varied": len(plan.vary)})
     robot = load_robot(path, inertia=options.inertia, floating_base=options.floating_base, xacro=options.xacro)
     coordinates = sum(len(joint.all_coordinates) for joint in robot.joints) - len(robot.followers)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from .shared.command import Command
-from .shared.options import add_json, add_rows, ranges_of
+from .shared.options import add_input_ranges, add_json, ranges_of
 from .shared.output import show_result
 from .shared.progress import stage_bar
 from .shared.reading import add_robot, read_robot
@@ -30,7 +30,7 @@ def _add_bound(parser: argparse.ArgumentParser) -> None:
 
     add_robot(parser)
     parser.add_argument("--kernels", nargs="+", default=[], metavar="NAME", help="only these kernels (without solves)")
-    add_rows(parser, "--range", "NAME LOW HIGH", "of an input, an array or a parameter (what is usual); more than once")
+    add_input_ranges(parser)
     parser.add_argument("--dtype", choices=DTYPES, default="float64", help="type of all numbers (float64)")
     add_json(parser)
 

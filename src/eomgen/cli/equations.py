@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from .shared.command import Command
 from .shared.numbers import whole
+from .shared.options import add_input_ranges, add_within, ranges_of
 from .shared.output import say, show_written
 from .shared.progress import stage_bar
 from .shared.reading import add_robot, read_robot
@@ -46,6 +47,8 @@ def _add_generate(parser: argparse.ArgumentParser) -> None:
     add_robot(parser)
     parser.add_argument("-o", "--output", type=Path, default=Path("generated"), help="folder to write to (generated)")
     parser.add_argument("--dtype", choices=DTYPES, default="float64", help="type of all numbers (float64)")
+    add_within(parser)
+    add_input_ranges(parser)
     processors = parser.add_mutually_exclusive_group()
     processors.add_argument("--level", choices=LEVELS, default="", help="x86-64 level to compile for (all)")
     processors.add_argument("--native", action="store_true", help="compile for this processor alone")
@@ -80,13 +83,18 @@ def _generate(options: argparse.Namespace) -> None:
     from ..pipeline.importable import check_module_name
     from ..pipeline.stages import Options, generate
 
-    robot = read_robot(options)
+    robot, ranges = read_robot(options), ranges_of(options)
+    if options.dtype != "float32" and (ranges or options.within is not None):
+        option = "--range" if ranges else "--within"
+        raise InputError(f"{option}: given without --dtype float32; allowed: with it")
     if options.simt:
         _generate_simt(robot, options)
         return
     if options.tile is not None:
         raise InputError("--tile: given without --simt; allowed: with --simt")
-    chosen = Options(tuple(options.kernels), options.dtype, options.native, level=options.level)
+    over = tuple((name, lower, upper) for name, (lower, upper) in ranges.items())
+    kernels, about = tuple(options.kernels), {"level": options.level, "within": options.within, "ranges": over}
+    chosen = Options(kernels, options.dtype, options.native, **about)
     if options.wheel and (options.cmake or options.ros2 or options.native or options.report):
         raise InputError(
             "--wheel stands without --cmake, --ros2, --native and --report; allowed: with --dtype, --level, --kernels"
@@ -108,6 +116,8 @@ def _generate_simt(robot: Robot, options: argparse.Namespace) -> None:
     from ..errors import InputError
     from ..export.simt import export_simt
 
+    if options.within is not None or options.range:
+        raise InputError("--simt stands without --within and --range; allowed: without --simt")
     if options.wheel or options.cmake or options.ros2 or options.native or options.report or options.level:
         raise InputError(
             "--simt stands without --cmake, --ros2, --wheel, --native, --level and --report; allowed: with --dtype,"
@@ -135,6 +145,7 @@ COMMANDS = (
             "generate arm.toml -o generated": "write and compile generated/arm, then: import arm",
             "generate arm.toml --cmake": "the same, with a CMake package and a header for C++17",
             "generate arm.toml --report derivation.html": "the same, and which terms survive, joint by joint",
+            "generate arm.toml --dtype float32 --within 1e-6": "in float, and in double where results need it",
             "generate arm.toml --simt": "a text for accelerators, CUDA, HIP or OpenCL C, one thread per state",
             "generate arm.toml --wheel": "a wheel of it, which pip installs where eomgen is not",
         },

@@ -4,14 +4,21 @@ from __future__ import annotations
 
 import argparse
 import warnings
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from ..errors import EomgenWarning, InputError
 from .choices import FORMATS
 from .shared.command import Command
-from .shared.options import add_json
+from .shared.options import add_input_ranges, add_json, add_within, ranges_of
 from .shared.output import say, say_lines, show_json
+from .shared.progress import stage_bar
 from .shared.reading import add_reading, xacro_of
+
+if TYPE_CHECKING:
+    from ..authoring.check import Checked
+    from ..rounding import Float32Advice
 
 
 def _add_new(parser: argparse.ArgumentParser) -> None:
@@ -52,7 +59,15 @@ def _new(options: argparse.Namespace) -> None:
 
 
 def _add_check(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("files", metavar="FILE", nargs="+", help="path of a .toml, .urdf or .xml (MJCF) file")
+    parser.add_argument(
+        "files", metavar="FILE", nargs="+", help="path of a .toml, .urdf or .xml (MJCF) file, or a built-in robot"
+    )
+    parser.add_argument("--float32", action="store_true", help="and what single precision costs each robot")
+    parser.add_argument(
+        "--kernels", nargs="+", default=[], metavar="NAME", help="only these kernels (those that control and simulate)"
+    )
+    add_within(parser)
+    add_input_ranges(parser)
     add_reading(parser, "inertia", "floating_base", "xacro")
     add_json(parser)
 
@@ -60,17 +75,42 @@ def _add_check(parser: argparse.ArgumentParser) -> None:
 def _check(options: argparse.Namespace) -> None:
     from ..authoring.check import check_files
 
+    ranges = ranges_of(options)
+    given = {"--range": ranges, "--kernels": options.kernels, "--within": options.within is not None}
+    if any(given.values()) and not options.float32:
+        option = next(name for name, is_given in given.items() if is_given)
+        raise InputError(f"{option}: given without --float32; allowed: with it")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", EomgenWarning)  # the notes say the same
         how = {"inertia": options.inertia, "floating_base": options.floating_base, "xacro": xacro_of(options)}
         checked = check_files(options.files, **how)
+        costs = {file.file: _float32(file.file, how, options, ranges) for file in checked if _is_asked(options, file)}
     if options.json:
-        show_json([file.as_dict() for file in checked])
+        about = [{"float32": costs[file.file].as_dict()} if file.file in costs else {} for file in checked]
+        show_json([{**file.as_dict(), **more} for file, more in zip(checked, about, strict=True)])
     else:
-        say_lines(line for file in checked for line in file.lines)
+        for file in checked:
+            say_lines([*file.lines, *(costs[file.file].lines() if file.file in costs else ())])
     bad = sum(bool(file.errors) for file in checked)
     if bad:
         raise InputError(f"check: {bad} of {len(checked)} files cannot be used; allowed: what is said of each")
+
+
+def _is_asked(options: argparse.Namespace, file: Checked) -> bool:
+    """Whether a checked file is a robot that can be used, and --float32 was given."""
+    return bool(options.float32) and file.kind == "robot" and not file.errors
+
+
+def _float32(
+    file: str, how: dict[str, Any], options: argparse.Namespace, ranges: Mapping[str, Sequence[float]]
+) -> Float32Advice:
+    """Return what single precision costs the robot of a file."""
+    from ..description.load import load_robot
+    from ..rounding import float32_advice
+
+    robot = load_robot(file, **how)
+    with stage_bar("bounding") as report:
+        return float32_advice(robot, options.kernels, ranges, within=options.within, progress=report)
 
 
 def _add_schema(parser: argparse.ArgumentParser) -> None:
@@ -97,7 +137,10 @@ COMMANDS = (
         _add_check,
         _check,
         "check descriptions, scenarios and plans without generating anything",
-        {"check arm.toml": "is it right? every error with file:line:column"},
+        {
+            "check arm.toml": "is it right? every error with file:line:column",
+            "check ur5 --float32": "what single precision costs: how far results are off, and what that comes from",
+        },
     ),
     Command(
         _add_schema,

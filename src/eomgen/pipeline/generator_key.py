@@ -30,6 +30,16 @@ def generator_hash() -> str:
     return digest.hexdigest()
 
 
+@cache
+def room_hash(package: str) -> str:
+    """Return SHA-256 of the names and contents of a package's files, hexadecimal: of one that shapes some C alone."""
+    digest = hashlib.sha256()
+    for name, path in sorted(_files(package)):
+        data = _read(path)
+        digest.update(f"{name}:{len(data)}:".encode() + data)
+    return digest.hexdigest()
+
+
 def generator_files() -> dict[str, Path]:
     """Return paths of the files that shape generated C, by names inside eomgen ("codegen/program/ir.py"), sorted."""
     return {name: Path(path) for name, (path, _) in sorted(_contents().items())}

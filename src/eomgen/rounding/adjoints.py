@@ -78,8 +78,19 @@ def bound_outputs(found: Enclosures, outputs: Sequence[int]) -> Bounds:
     )
 
 
-def _bound_group(found: Enclosures, outputs: Sequence[int]) -> Bounds:
-    """Go once backwards through the program."""
+def contributions(found: Enclosures, outputs: Sequence[int]) -> Array:
+    """Return what each instruction adds to the bounds of outputs, (instructions, outputs), the largest over the boxes.
+
+    Outputs are indices of values, none of which has an obstacle; a column adds up to its output's bound or more.
+    """
+    kept = np.zeros((len(found.program.instructions), len(outputs)))
+    for first in range(0, len(outputs), GROUP):
+        _bound_group(found, outputs[first : first + GROUP], kept[:, first : first + GROUP])
+    return kept
+
+
+def _bound_group(found: Enclosures, outputs: Sequence[int], kept: Array | None = None) -> Bounds:
+    """Go once backwards through the program; ``kept`` takes what each instruction adds, (instructions, outputs)."""
     instructions = found.program.instructions
     boxes = found.rounding[0].shape
     shape = (len(outputs), *boxes)
@@ -94,15 +105,18 @@ def _bound_group(found: Enclosures, outputs: Sequence[int]) -> Bounds:
     count = 0
     for index in range(len(instructions) - 1, -1, -1):
         here, uses[index] = uses[index], []
-        if not here or (found.is_exact[index] and not instructions[index].args):
+        rounding = found.rounding[index]
+        rounds = bool(rounding.any())
+        if not here or not (rounds or instructions[index].args):
             continue
         adjoint = backward.total(here)
-        rounding = found.rounding[index]
-        if rounding.any():
+        if rounds:
             count += 1
             size = adjoint.magnitude
             error = size * rounding + LEAST * (size > 0.0)
             plain += error
+            if kept is not None:
+                kept[index] = error.max(axis=1)
             loose = _loose(here) if instructions[index].op == "mul" and len(here) > 1 else None
             fused += error if loose is None else np.maximum(loose * rounding + LEAST * (loose > 0.0), error)
             greater = error > largest

@@ -11,7 +11,8 @@ _sizes            Program, ranges         magnitudes   of random states, beside 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
@@ -29,13 +30,24 @@ from ..robot.model import Model, build_model
 from .adjoints import bound_outputs
 from .enclosures import Enclosures, enclose
 from .intervals import Array
-from .ranges import Range, as_intervals, check_ranges, chosen_ranges, shown_ranges
+from .ranges import (
+    Deflection,
+    Range,
+    as_intervals,
+    check_ranges,
+    chosen_ranges,
+    deflections,
+    held_errors,
+    random_states,
+    shown_ranges,
+)
 from .result import RoundingBound, RoundingBounds
 from .whole import with_setup
 
 STATES = 64  # random ones that sizes are taken from
 Ranges = Mapping[str, Sequence[float]]
 NO_RANGES: Ranges = MappingProxyType({})
+_OF_CONSTRAINTS = ("multiplier of", "residual of", "rate of")  # what constrained_dynamics gives for each
 
 
 def rounding_bound(
@@ -51,10 +63,11 @@ def rounding_bound(
         robot: a Robot, the name of a built-in one, or the path of a description.
         kernel: name of a kernel that solves no equations, such as "inverse_dynamics" or "kinematics".
         ranges: (least, largest) by name: of a coordinate ("joint2.gamma"); its velocity, acceleration or force
-            ("v:joint2.gamma", "a:joint2.gamma", "u:joint2.gamma"); a run-time parameter; or all of an array ("q", "v",
-            "a", "u", "wrench").  By default coordinates have their limits, or +-3 rad and +-1 m, deviations and modes
-            +-0.01; velocities +-3 rad/s and +-1 m/s, of deviations +-0.1; accelerations +-10; forces +-100; all else
-            +-1; parameters have their values.
+            ("v:joint2.gamma", "a:joint2.gamma", "u:joint2.gamma"); a run-time parameter; all of an array ("q", "v",
+            "a", "u", "wrench"); or how far a gear is deflected, motor / ratio - joint ("deflection:joint2").  By
+            default coordinates have their limits, or +-3 rad and +-1 m, deviations, modes and deflections +-0.01;
+            velocities +-3 rad/s and +-1 m/s, of deviations +-0.1; accelerations +-10; forces +-100; all else +-1;
+            parameters have their values.
         dtype: "float64" or "float32".
 
     Raises:
@@ -62,7 +75,7 @@ def rounding_bound(
     """
     model = build_model(as_robot(robot))
     check_ranges(model, ranges)
-    _check_dtype(dtype)
+    check_dtype(dtype)
     check_kind("kernel", kernel, isinstance(kernel, str), "the name of a kernel")
     known = available(model)
     if kernel not in known:
@@ -70,10 +83,10 @@ def rounding_bound(
     if KERNELS[kernel].solves:
         raise InputError(f"kernel {kernel!r} solves equations and has no bound; allowed: {listed(bounded(model))}")
     equations = derive_equations(model, (kernel,), dtype)
-    reason = _no_program(equations, kernel)
+    reason = no_program(equations, kernel)
     if reason:
         raise InputError(f"kernel {kernel!r} has no bound: it is {reason}; allowed: programs of their own")
-    return _bound(equations, kernel, ranges, dtype)
+    return bound_program(equations, kernel, ranges, dtype)
 
 
 def rounding_bounds(
@@ -102,17 +115,17 @@ def rounding_bounds(
         return RoundingBounds(kernels=found, left_out={})
     model = build_model(as_robot(robot))
     check_ranges(model, ranges)
-    _check_dtype(dtype)
+    check_dtype(dtype)
     left_out = {name: "they solve equations" for name in _usual(model) if KERNELS[name].solves}
     progress("deriving equations")
     equations = derive_equations(model, bounded(model), dtype)
     for name in bounded(model):
-        reason = _no_program(equations, name)
+        reason = no_program(equations, name)
         if reason:
             left_out[name] = reason
             continue
         progress(f"bounding {name}")
-        found[name] = _bound(equations, name, ranges, dtype)
+        found[name] = bound_program(equations, name, ranges, dtype)
     return RoundingBounds(kernels=found, left_out=left_out)
 
 
@@ -126,39 +139,85 @@ def bounded(model: Model) -> tuple[str, ...]:
     return tuple(name for name in _usual(model) if not KERNELS[name].solves)
 
 
-def _check_dtype(dtype: str) -> None:
+def check_dtype(dtype: str) -> None:
     if not isinstance(dtype, str) or dtype not in DTYPES:
         raise InputError(f"dtype {show(dtype)}: allowed: {listed(DTYPES)}")
 
 
-def _no_program(equations: Equations, kernel: str) -> str:
+def no_program(equations: Equations, kernel: str) -> str:
     """Say why a kernel is no program of its own, or nothing."""
     if kernel in equations.calls:
         return f"composed of {listed(equations.calls[kernel])}"
     return "" if kernel in equations.programs else "no program"
 
 
-def _bound(equations: Equations, kernel: str, ranges: Ranges, dtype: str) -> RoundingBound:
-    """Bound the outputs of a kernel that is a program."""
+@dataclass(frozen=True)
+class Enclosed:
+    """A kernel's program with enclosures of its values, and its outputs.
+
+    Attributes:
+        gears: how far they are deflected.
+        program: from the parameters on.
+        chosen: ranges by array and element.
+        found: its enclosures.
+        names: of all outputs.
+        places: of outputs that are written, the indices of their values.
+        with_bounds: places of those that have a bound.
+        refused: the others by name, with the instruction and the range that say why.
+    """
+
+    gears: Sequence[Deflection]
+    program: Program
+    chosen: Mapping[str, Sequence[Range]]
+    found: Enclosures
+    names: tuple[str, ...]
+    places: Mapping[int, int]
+    with_bounds: list[int]
+    refused: Mapping[str, str]
+
+
+def enclosed(equations: Equations, kernel: str, ranges: Ranges, dtype: str, rounded: Collection[str] = ()) -> Enclosed:
+    """Enclose the values of a kernel that is a program.
+
+    Args:
+        equations: with the kernel's program.
+        kernel, ranges, dtype: as of ``rounding_bound``.
+        rounded: arrays whose elements the exact result takes as they are in double precision, "p" with the values that
+            the description gives to parameters; others are exact as ``dtype`` holds them.
+    """
     model, signature = equations.model, KERNELS[kernel]
     program = with_setup(equations.programs[kernel], equations.setup)
     chosen = chosen_ranges(model, signature.reads, ranges, dtype)
-    found = enclose(program, dtype, as_intervals(chosen))
+    held = {array: held_errors(model, array, chosen[array], dtype) for array in rounded if array in chosen}
+    gears = deflections(model, ranges)
+    found = enclose(program, dtype, as_intervals(chosen), held, gears)
     shape = shapes(model, (kernel,))[signature.writes]
-    names = _frame_names(model) if signature.kind == "frames" else _output_names(model, shape)
-    bound, fused, share = np.zeros(len(names)), np.zeros(len(names)), np.zeros(len(names))
-    worst, refused = [""] * len(names), dict[str, str]()
+    names = _frame_names(model) if signature.kind == "frames" else _output_names(model, signature.writes, shape)
     places = {place: index for (array, place), index in program.outputs.items() if array == "out"}
     with_bounds = [place for place, index in places.items() if found.obstacles[index] < 0]
-    for place in places.keys() - set(with_bounds):
+    refused = {}
+    for place in sorted(places.keys() - set(with_bounds)):
         obstacle = found.obstacles[places[place]]
-        bound[place] = fused[place] = np.inf
-        refused[names[place]] = f"{_describe(program, obstacle)}: {found.reasons[obstacle]}"
-    if with_bounds:
-        bounds = bound_outputs(found, [places[place] for place in with_bounds])
-        bound[with_bounds], fused[with_bounds], share[with_bounds] = bounds.plain, bounds.fused, bounds.share
-        for place, index in zip(with_bounds, bounds.worst, strict=True):
-            worst[place] = "" if index < 0 else _describe(program, index)
+        refused[names[place]] = f"{describe(program, obstacle)}: {found.reasons[obstacle]}"
+    return Enclosed(gears, program, chosen, found, names, places, with_bounds, refused)
+
+
+def bound_program(
+    equations: Equations, kernel: str, ranges: Ranges, dtype: str, rounded: Collection[str] = ()
+) -> RoundingBound:
+    """Bound the outputs of a kernel that is a program."""
+    model, made = equations.model, enclosed(equations, kernel, ranges, dtype, rounded)
+    names, program = made.names, made.program
+    bound, fused, share = np.zeros(len(names)), np.zeros(len(names)), np.zeros(len(names))
+    worst = [""] * len(names)
+    without = list(made.places.keys() - set(made.with_bounds))
+    bound[without] = fused[without] = np.inf
+    if made.with_bounds:
+        places = made.with_bounds
+        bounds = bound_outputs(made.found, [made.places[place] for place in places])
+        bound[places], fused[places], share[places] = bounds.plain, bounds.fused, bounds.share
+        for place, index in zip(places, bounds.worst, strict=True):
+            worst[place] = "" if index < 0 else describe(program, index)
     return RoundingBound(
         robot=model.name,
         kernel=kernel,
@@ -166,11 +225,11 @@ def _bound(equations: Equations, kernel: str, ranges: Ranges, dtype: str) -> Rou
         outputs=names,
         bound=bound,
         fused=fused,
-        size=_sizes(program, chosen, len(names)),
+        size=output_sizes(made),
         worst=tuple(worst),
         share=share,
-        refused=dict(sorted(refused.items(), key=lambda item: names.index(item[0]))),
-        ranges=shown_ranges(model, chosen, _read(found)),
+        refused=made.refused,
+        ranges=shown_ranges(model, made.chosen, _read(made.found), made.gears),
     )
 
 
@@ -179,10 +238,10 @@ def _read(found: Enclosures) -> set[tuple[str, int]]:
     return {instruction.leaf for instruction in found.program.instructions if instruction.op == "input"}
 
 
-def _sizes(program: Program, ranges: Mapping[str, Sequence[Range]], size: int) -> Array:
-    """Return largest magnitudes of the outputs, (size,), in random states of the ranges."""
-    rng = np.random.default_rng(0)
-    inputs = {array: [rng.uniform(lower, upper, STATES) for lower, upper in rows] for array, rows in ranges.items()}
+def output_sizes(made: Enclosed) -> Array:
+    """Return largest magnitudes of a kernel's outputs, (outputs,), in random states of the ranges."""
+    size, program = len(made.names), replace(made.program, wide=frozenset())
+    inputs = random_states(made.chosen, made.gears, STATES)
     with np.errstate(all="ignore"):
         out = Arithmetic("float64").run(program, inputs, rounding=False).get("out", np.zeros((size, STATES)))
     found = np.zeros(size)
@@ -190,8 +249,12 @@ def _sizes(program: Program, ranges: Mapping[str, Sequence[Range]], size: int) -
     return found
 
 
-def _output_names(model: Model, shape: tuple[int, ...]) -> tuple[str, ...]:
+def _output_names(model: Model, writes: str, shape: tuple[int, ...]) -> tuple[str, ...]:
     """Name outputs by coordinates where a side has all of them, else by places from 0: "joint1.gamma, joint2.gamma"."""
+    if writes == "pair":
+        return "kinetic", "potential"
+    if writes == "constrained":
+        return (*model.velocities, *(f"{kind} {name}" for kind in _OF_CONSTRAINTS for name in model.constraints))
     sides = [model.velocities if length == model.size else tuple(map(str, range(length))) for length in shape]
     return (
         tuple(", ".join(sides[k][i] for k, i in enumerate(at)) for at in np.ndindex(*shape)) if math.prod(shape) else ()
@@ -206,7 +269,7 @@ def _frame_names(model: Model) -> tuple[str, ...]:
     return (*poses, *origins, *axes)
 
 
-def _describe(program: Program, index: int) -> str:
+def describe(program: Program, index: int) -> str:
     """Say which instruction it is: its number, operation, and the comment of the C in front of it."""
     op = program.instructions[index].op
     note = next((program.notes[i] for i in sorted(program.notes, reverse=True) if i <= index), "in front")

@@ -8,14 +8,17 @@ of its own rounding.  So the enclosures hold exact values, computed ones, and al
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass, field
+from types import MappingProxyType
 
 import numpy as np
 
 from ..codegen.program.ir import Program
+from ..codegen.program.mixed import in_double
 from . import intervals
 from .intervals import ROOM, Array, Interval
+from .ranges import Deflection
 
 SIGNS = ("neg", "max", "step", "choose")  # operations that do not round
 TURN = 3.0  # units in the last place: error of a sine or cosine, by ``turn`` of clib/lanes.h or a C library
@@ -46,7 +49,8 @@ class Enclosures:
         values: of each value as it may be computed, (boxes,) each end.
         rounding: bounds of the error that each instruction adds itself, (boxes,), 0 for none.
         slopes: derivatives by each argument of instructions that are no sums, products or signs.
-        is_exact: whether a value has no rounding error at all: an input, and what signs make of inputs.
+        is_exact: whether a value is an input, or what signs make of inputs: it has the sign of the exact one, and its
+            value but for what inputs are rounded by.
         obstacles: per value the instruction on its way that has no bound; -1 for none.
         reasons: of these instructions.
     """
@@ -61,23 +65,33 @@ class Enclosures:
     reasons: dict[int, str] = field(default_factory=dict)
 
 
-def enclose(program: Program, dtype: str, inputs: Mapping[str, Sequence[Interval]]) -> Enclosures:
+def enclose(
+    program: Program,
+    dtype: str,
+    inputs: Mapping[str, Sequence[Interval]],
+    rounded: Mapping[str, Sequence[float]] = MappingProxyType({}),
+    gears: Sequence[Deflection] = (),
+) -> Enclosures:
     """Enclose all values of a program.
 
     Args:
         program: with what it reads of parameters in front (``whole.with_setup``).
         dtype: of the numbers that C computes with; the constants of C are of it, too.
         inputs: per array an interval per element.
+        rounded: per array how far its elements are from the numbers that the exact result is for, of the same sign;
+            nothing for what is not named.
+        gears: how far motors are from their joints: a sum that is a deflection is no larger.
     """
     found = Enclosures(program, dtype)
     boxes = np.shape(next((row[0][0] for row in inputs.values() if len(row)), np.zeros(1)))
     with np.errstate(all="ignore"):
-        writer = _Writer(found, boxes)
+        writer = _Writer(found, boxes, in_double(program), gears)
         for index, (op, args, leaf) in enumerate(program.instructions):
             if op == "input":
-                writer.keep(inputs[leaf[0]][leaf[1]], 0.0, exact=True)
+                off = rounded[leaf[0]][leaf[1]] if leaf[0] in rounded else 0.0
+                writer.keep(inputs[leaf[0]][leaf[1]], np.full(boxes, off) if off > 0.0 else 0.0, exact=True)
             elif op == "const":
-                writer.constant(leaf)
+                writer.constant(leaf, "float64" if index in program.wide else dtype)
             else:
                 writer.operation(index, op, args)
     return found
@@ -86,8 +100,11 @@ def enclose(program: Program, dtype: str, inputs: Mapping[str, Sequence[Interval
 class _Writer:
     """Appends to enclosures, value by value."""
 
-    def __init__(self, found: Enclosures, boxes: tuple[int, ...]) -> None:
-        self.found, self.boxes = found, boxes
+    def __init__(
+        self, found: Enclosures, boxes: tuple[int, ...], double: Container[int], gears: Sequence[Deflection]
+    ) -> None:
+        self.gears = {(gear.motor, gear.joint): gear for gear in gears}
+        self.found, self.boxes, self.double, self.wide = found, boxes, double, found.program.wide
         self.precision = PRECISIONS[found.dtype]
         self.zero = np.zeros(boxes)
         self.everything: Interval = (np.full(boxes, -np.inf), np.full(boxes, np.inf))
@@ -100,9 +117,9 @@ class _Writer:
         self.found.is_exact.append(exact)
         self.found.obstacles.append(obstacle)
 
-    def constant(self, number: float) -> None:
-        """Append a constant, which C may have in another precision."""
-        kept = float(np.dtype(self.found.dtype).type(number))
+    def constant(self, number: float, dtype: str) -> None:
+        """Append a constant, which C has as a number of ``dtype``."""
+        kept = float(np.dtype(dtype).type(number))
         ends = np.full(self.boxes, min(kept, number)), np.full(self.boxes, max(kept, number))
         error = math.nextafter(abs(kept - number), math.inf) if kept != number else 0.0
         self.found.values.append(ends)
@@ -122,7 +139,8 @@ class _Writer:
         reason = _obstacle(op, values, exact=found.is_exact[args[0]])
         if not reason:
             value, slopes = _VALUES[op](values) if op in _VALUES else self._arithmetic(index, op, values)
-            if not (intervals.magnitude(value) <= self.precision.largest).all():
+            largest = (PRECISIONS["float64"] if index in self.wide else self.precision).largest
+            if not (intervals.magnitude(value) <= largest).all():
                 reason = f"{op} of {' and '.join(map(_range, values))} may be no number of {found.dtype}"
         if reason:
             found.reasons[index] = reason
@@ -130,16 +148,21 @@ class _Writer:
             return
         if slopes:
             found.slopes[index] = slopes
-        if op in SIGNS:
+        is_narrowed = index in self.double and index not in self.wide
+        if op in SIGNS and not is_narrowed:
             self.keep(value, 0.0, exact=exact or self._is_decided(op, args))
-        elif (known := self._with_zero(op, args)) is not None:
+        elif (known := self._with_zero(op, args)) is not None and not is_narrowed:
             self.keep(known[0], 0.0, exact=known[1])
+        elif is_narrowed:
+            rounding = 0.0 if op in SIGNS or known is not None else self._rounding(op, args, value, "float64")
+            size = intervals.magnitude(value) + rounding
+            self.keep(value, (rounding + size * self.precision.unit) * ROOM + self.precision.underflow)
         else:
-            self.keep(value, self._rounding(op, args, value))
+            self.keep(value, self._rounding(op, args, value, "float64" if index in self.wide else self.found.dtype))
 
-    def _rounding(self, op: str, args: tuple[int, ...], value: Interval) -> Array | float:
-        """Bound what the operation rounds its exact result by."""
-        size, unit, least = intervals.magnitude(value), self.precision.unit, self.precision.underflow
+    def _rounding(self, op: str, args: tuple[int, ...], value: Interval, dtype: str) -> Array:
+        """Bound what the operation rounds its exact result by, in numbers of ``dtype``."""
+        size, unit, least = intervals.magnitude(value), PRECISIONS[dtype].unit, PRECISIONS[dtype].underflow
         if op in ("sin", "cos"):  # results are less than 1 in magnitude, or 1 exactly
             exponent = np.minimum(np.frexp(size)[1], 0)
             return np.ldexp(TURN * unit, exponent) + least
@@ -193,7 +216,29 @@ class _Writer:
                 for product in products:
                     length = (length + self.found.rounding[product]) * ROOM
                 value = intervals.common(value, (-length, length))
+            deflection = self._deflection(op, args)
+            if deflection is not None:
+                value = intervals.common(value, (-deflection, deflection))
         return value, ()
+
+    def _deflection(self, op: str, args: tuple[int, ...]) -> Array | None:
+        """Bound joint + c motor, or their difference, which is the deflection but for c + 1 / ratio; None of others."""
+        instructions, values = self.found.program.instructions, self.found.values
+        for first, second in (args, args[::-1]) if self.gears else ():
+            product, joint = instructions[first], instructions[second]
+            if product.op != "mul" or joint.op != "input" or joint.leaf[0] != "q":
+                continue
+            for factor, turned in (product.args, product.args[::-1]):
+                motor = instructions[turned]
+                gear = self.gears.get((motor.leaf[1], joint.leaf[1])) if motor.op == "input" else None
+                if gear is None or motor.leaf[0] != "q":
+                    continue
+                inverse = np.full(self.boxes, 1.0 / gear.ratio)
+                near = intervals.widened((inverse, inverse), np.abs(inverse) * 2.0**-52)
+                off = (intervals.add if op == "add" else intervals.sub)(values[factor], near)
+                size = intervals.magnitude(off) * intervals.magnitude(values[turned])
+                return (gear.most * ROOM + size * ROOM + self.found.rounding[first]) * ROOM + intervals.TINY
+        return None
 
     def _length(self, first: int, second: int) -> Array:
         """Bound |c x + s y| for computed c and s of one angle."""

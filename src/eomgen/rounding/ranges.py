@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from ..codegen.kernels.signatures import shapes
 from ..errors import InputError, UnknownNameError, check_kind
-from ..names import joint_of, kind_of, show
+from ..names import component_name, joint_of, kind_of, parameter_name, show
 from ..robot.mechanism import position_limits
 from ..robot.model import Model
 from ..robot.value import ANGULAR, MOTOR, PRINCIPAL
-from .intervals import Interval
+from .intervals import ROOM, Array, Interval
 
 Range = tuple[float, float]
 ANGLE = 3.0  # rad, either way, of a coordinate without limits
@@ -24,6 +25,7 @@ ACCELERATION = 10.0  # rad/s^2 or m/s^2
 FORCE = 100.0  # N or N m: of drives and of wrenches
 OTHER = 1.0  # of all else that a kernel reads: states of laws, rows of derivatives
 USUAL = {"a": ACCELERATION, "u": FORCE, "wrench": FORCE, "multipliers": FORCE}
+DEFLECTION = "deflection"  # of a gear: "deflection:joint2"
 APART = ("v", "a", "u")  # arrays whose elements are named with a prefix: "v:joint2.gamma"
 
 
@@ -89,13 +91,86 @@ def chosen_ranges(
     chosen = usual_ranges(model, reads)
     chosen["p"] = [(value, value) for value in (*values, *[0.0] * _turned(model))]
     places = _places(model)
+    gears = deflections(model, ranges) if "q" in chosen else ()
+    following = {("q", gear.motor) for gear in gears}  # motors, wherever their joints are
+    for gear in gears:
+        ends = ranges.get(model.coordinates[gear.joint], ranges.get("q"))
+        lower, upper = chosen["q"][gear.joint] if ends is None else _checked("q", ends)
+        turned = gear.ratio * (lower - gear.most), gear.ratio * (upper + gear.most)
+        chosen["q"][gear.motor] = min(turned), max(turned)
     for name, ends in ranges.items():
         pair = _checked(name, ends)
         array, place = places[name]
-        if array in chosen:
+        if array in chosen and array != DEFLECTION:
             for k in range(len(chosen[array])) if place is None else (place,):
-                chosen[array][k] = pair
+                if place is not None or (array, k) not in following:
+                    chosen[array][k] = pair
     return chosen
+
+
+@dataclass(frozen=True)
+class Deflection:
+    """A gear's deflection |motor / ratio - joint| <= most, of the coordinates at two places of q."""
+
+    motor: int
+    joint: int
+    ratio: float
+    most: float
+
+
+def deflections(model: Model, ranges: Mapping[str, Sequence[float]]) -> tuple[Deflection, ...]:
+    """Return how far gears of motors are deflected: as somebody asks for by "deflection:joint2", or like deviations.
+
+    Where a ratio is in a range there is none.
+    """
+    places = {name: place for place, name in enumerate(model.coordinates)}
+    found = []
+    for joint in model.robot.joints:
+        motor, name = component_name(joint.name, MOTOR), component_name(joint.name, PRINCIPAL.get(joint.type, ""))
+        if joint.motor is None or motor not in places or name not in places:
+            continue
+        lower, upper = ranges.get(f"{DEFLECTION}:{joint.name}", (-DEVIATION, DEVIATION))
+        if parameter_name("joints", joint.name, MOTOR, "ratio") not in ranges:
+            found.append(Deflection(places[motor], places[name], joint.motor.ratio, max(abs(lower), abs(upper))))
+    return tuple(found)
+
+
+def random_states(
+    ranges: Mapping[str, Sequence[Range]], gears: Sequence[Deflection], count: int, dtype: str = "float64"
+) -> dict[str, list[Array]]:
+    """Draw inputs by array and element, (count,) each, even in their ranges, as numbers that ``dtype`` holds.
+
+    A motor follows its joint within the gear's deflection; where its own range does not let it, there is no number.
+    """
+    rng = np.random.default_rng(0)
+    drawn = {array: [rng.uniform(*ends, count) for ends in rows] for array, rows in ranges.items()}
+    for gear in gears if "q" in drawn else ():
+        room = max(map(abs, ranges["q"][gear.joint])) * 2.0**-22  # for what single precision rounds of both angles
+        deflection = rng.uniform(-1.0, 1.0, count) * max(gear.most - room, 0.0)
+        turned = gear.ratio * (drawn["q"][gear.joint] + deflection)
+        lower, upper = ranges["q"][gear.motor]
+        drawn["q"][gear.motor] = np.where((turned >= lower) & (turned <= upper), turned, np.nan)
+    return {array: [row.astype(dtype).astype(np.float64) for row in rows] for array, rows in drawn.items()}
+
+
+def held_errors(model: Model, array: str, ranges: Sequence[Range], dtype: str) -> list[float]:
+    """Return how far elements of an array are, as ``dtype`` holds them, from what they are in double precision.
+
+    A parameter at its value is what the description says; all else is anywhere in its range, and at most half a unit in
+    the last place off.
+    """
+    if dtype == "float64":
+        return [0.0] * len(ranges)
+    unit, least = 2.0**-24, 2.0**-150
+    errors = [max(abs(lower), abs(upper)) * unit * ROOM + least for lower, upper in ranges]
+    if array == "p":
+        errors = [0.0] * len(ranges)
+        for place, value in enumerate(model.parameters.values()):
+            lower, upper = ranges[place]
+            held = float(np.float32(value))
+            if lower == upper == held:
+                errors[place] = math.nextafter(abs(held - value), math.inf) if held != value else 0.0
+    return errors
 
 
 def check_ranges(model: Model, ranges: Mapping[str, Sequence[float]]) -> None:
@@ -123,6 +198,8 @@ def _places(model: Model) -> dict[str, tuple[str, int | None]]:
     for array in APART:
         places |= {f"{array}:{name}": (array, i) for i, name in enumerate(model.velocities)}
     places |= {name: ("p", i) for i, name in enumerate(model.parameters)}
+    geared = [joint.name for joint in model.robot.joints if joint.motor is not None]
+    places |= {f"{DEFLECTION}:{name}": (DEFLECTION, i) for i, name in enumerate(geared)}
     return places | {array: (array, None) for array in ("q", *APART, "wrench")}
 
 
@@ -143,7 +220,10 @@ def as_intervals(ranges: Mapping[str, Sequence[Range]]) -> dict[str, list[Interv
 
 
 def shown_ranges(
-    model: Model, ranges: Mapping[str, Sequence[Range]], read: Collection[tuple[str, int]]
+    model: Model,
+    ranges: Mapping[str, Sequence[Range]],
+    read: Collection[tuple[str, int]],
+    gears: Sequence[Deflection] = (),
 ) -> dict[str, Range]:
     """Return ranges of what is read, by the names of inputs; parameters at their values are left out."""
     names = {place: name for name, place in _places(model).items()}
@@ -152,4 +232,7 @@ def shown_ranges(
         lower, upper = ranges[array][place]
         if array != "p" or lower < upper:
             shown[names.get((array, place), f"{array}[{place}]")] = (lower, upper)
+    for gear in gears:
+        if {("q", gear.motor), ("q", gear.joint)} <= set(read):
+            shown[f"{DEFLECTION}:{joint_of(model.coordinates[gear.joint])}"] = (-gear.most, gear.most)
     return shown

@@ -89,6 +89,17 @@ def add_ranges(parser: argparse.ArgumentParser) -> None:
     add_rows(parser, "--range", "NAME LOW HIGH", "of a coordinate, m or rad (its limits); more than once")
 
 
+def add_input_ranges(parser: argparse.ArgumentParser) -> None:
+    """Add the option --range of commands about rounding errors, which ``ranges_of`` reads."""
+    add_rows(parser, "--range", "NAME LOW HIGH", "of an input, an array or a parameter (what is usual); more than once")
+
+
+def add_within(parser: argparse.ArgumentParser) -> None:
+    """Add the option --within of commands about single precision."""
+    about = "error of float32 results by their size; what contributes most is in double until it is met"
+    parser.add_argument("--within", type=real, metavar="E", help=about)
+
+
 def ranges_of(options: argparse.Namespace) -> dict[str, list[float]]:
     """Return least and greatest values of coordinates by --range; InputError of no number, and of a name twice."""
     return once_each("range", ((name, reals(f"range: {name}", ends)) for name, *ends in options.range))
