@@ -53,6 +53,7 @@ CASES = (
 OPTIMISATION = ("-O0", "-O1", "-O2", "-O3")
 ZIG = (sys.executable, "-m", "ziglang", "cc")
 FUSED = "-ffp-contract=fast"
+OPENCL = "OpenCL"
 NODE = """
 import { WASI } from "node:wasi";
 import { readFileSync } from "node:fs";
@@ -224,14 +225,20 @@ def largest(found: Numbers, expected: Numbers) -> float:
 
 
 def on_threads(name: str, dtype: str, language: str, folder: Path) -> Cell:
-    """Compare the text for accelerators, compiled for the processor, with the kernel's functions."""
+    """Compare the text for accelerators, run by the processor, with the kernel's functions."""
     robot = eomgen.load_robot(name)
     names = ON_THREADS
-    made = simt.Compiled(render_simt(build_model(robot), names, dtype), folder, language)
+    source = render_simt(build_model(robot), names, dtype)
+    if language == OPENCL:
+        module = simt.driver(source, folder)
+        run = module.opencl().run
+    else:
+        made = simt.Compiled(source, folder, language)
+        module, run = made.module, made.run
     kernel, different = simt.built(robot, names, dtype), {}
     for function in names:
-        arrays = simt.states(made.module, function)
-        answer, right = made.run(function, *arrays), simt.expected(kernel, function, arrays)
+        arrays = simt.states(module, function)
+        answer, right = run(function, *arrays), simt.expected(kernel, function, arrays)
         if not simt.same_bits(answer, right):
             different[function] = largest(answer, right)
     return Cell(len(names), different)
@@ -251,12 +258,15 @@ def rows(
 
 
 def thread_rows(cases: Sequence[tuple[str, str]]) -> Iterator[tuple[str, str, Cell]]:
-    """Yield the same of the text for accelerators, as C++ and as C, of robots without loops."""
-    for language, (name, dtype) in product(simt.LANGUAGES, cases):
+    """Yield the same of the text for accelerators, in its languages that run here, of robots without loops."""
+    languages = {name: name.upper() for name in simt.LANGUAGES}
+    if platforms := simt.opencl_platforms():
+        languages[OPENCL] = f"{OPENCL} by {platforms[0].name}"
+    for language, (name, dtype) in product(languages, cases):
         if not eomgen.load_robot(name).loops:
             with tempfile.TemporaryDirectory() as folder:
                 cell = on_threads(name, dtype, language, Path(folder))
-                yield f"threads as {language.upper()}", title(name, dtype), cell
+                yield f"threads as {languages[language]}", title(name, dtype), cell
 
 
 def title(name: str, dtype: str) -> str:
@@ -286,9 +296,11 @@ def differences(cells: Mapping[tuple[str, str], Cell]) -> str:
 def versions() -> str:
     """Say which compilers were taken."""
     said_of = [find_compiler().version.splitlines()[0]]
-    if importlib.util.find_spec("ziglang"):
-        done = subprocess.run([*ZIG, "--version"], capture_output=True, text=True, check=False)
-        said_of.append(f"zig: {done.stdout.splitlines()[0].split(' (')[0]}")
+    others = {"clang": shutil.which("clang") and ("clang",), "zig": importlib.util.find_spec("ziglang") and ZIG}
+    for name, command in others.items():
+        if command:
+            done = subprocess.run([*command, "--version"], capture_output=True, text=True, check=False)
+            said_of.append(f"{name}: {done.stdout.splitlines()[0].split(' (')[0]}")
     return "; ".join(said_of)
 
 
@@ -296,7 +308,7 @@ def page(cases: Sequence[tuple[str, str]]) -> str:
     """Compare all builds of these robots in these precisions, and return the page."""
     chosen, absent = builds()
     if not simt.opencl_platforms():
-        absent.append("OpenCL (pyopencl and a driver)")
+        absent.append(f"{OPENCL} (pyopencl and a driver)")
     cells = {}
     for build, column, cell in chain(rows(cases, chosen), thread_rows(cases)):
         print(f"{build}: {column}: {cell}", file=sys.stderr, flush=True)

@@ -9,6 +9,7 @@ import pytest
 
 from benchmarks import bits
 from benchmarks.bits import Cell, compared, differences, largest, table
+from tests.support import simt
 from tests.support.every_function import EveryFunction
 
 
@@ -25,8 +26,10 @@ def test_all_builds_have_the_same_bits(case: tuple[str, str]) -> None:
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("language", ["c++", "c"])
+@pytest.mark.parametrize("language", ["c++", "c", bits.OPENCL])
 def test_text_for_accelerators(language: str, tmp_path: Path) -> None:
+    if language == bits.OPENCL and not simt.opencl_platforms():
+        pytest.skip("no runtime of OpenCL, or no pyopencl")
     assert bits.on_threads("one_link", "float64", language, tmp_path) == Cell(len(bits.ON_THREADS), {})
 
 
