@@ -20,7 +20,7 @@ from ..codegen.program.mixed import in_double
 from ..description import RobotLike, as_robot
 from ..errors import UnknownNameError, check_kind
 from ..names import show
-from ..progress import StageReport, no_report
+from ..progress import StageReport, no_report, tells_at_prompt
 from ..robot.model import Model, build_model
 from ..robot.value import Robot
 from .adjoints import contributions
@@ -51,6 +51,7 @@ ADVISED = (  # kernels that advice is given on unless others are named; those of
 _P = ("p",)
 
 
+@tells_at_prompt("bounding")
 def float32_advice(
     robot: RobotLike,
     kernels: Sequence[str] = (),
