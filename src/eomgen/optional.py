@@ -23,6 +23,7 @@ PACKAGES = {  # name as people write it: what pip installs it by, and the extra 
     "xacro": ("xacro", "xacro"),
     "CasADi": ("casadi", "casadi"),
     "JAX": ("jax", "jax"),
+    "PyTorch": ("torch", "torch"),
     "pyopencl": ("pyopencl", "opencl"),
 }
 

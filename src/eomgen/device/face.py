@@ -175,6 +175,25 @@ class Device:
         call.__name__ = name
         return call
 
+    @property
+    def robot(self) -> str:
+        """Name of the robot."""
+        return self._kernel.name
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Dtype of all arrays."""
+        return self._kernel.dtype
+
+    def shapes(self, name: str) -> tuple[dict[str, tuple[int, ...]], dict[str, tuple[int, ...]]]:
+        """Return shapes of one state's arrays that a method reads, and of those that it writes, by their names.
+
+        Raises:
+            UnknownNameError, InputError: there is no such method.
+        """
+        text = self._load(name).text
+        return text.shapes("reads"), text.shapes("writes")
+
     def put(self, x: ArrayLike) -> Any:
         """Return a copy on the device of an array, in the kernel's dtype.
 

@@ -160,7 +160,7 @@ def handle_of(stream: Any) -> int:
 def current_stream(library: str, ordinal: int) -> int:
     """Return the stream that a library works on now; 0, the default one, of libraries that do not say."""
     module = sys.modules.get(library)
-    if library == "torch" and module is not None:
+    if library == "torch" and module is not None and module.cuda.is_initialized():  # as it is where a tensor lies there
         return int(module.cuda.current_stream(ordinal).cuda_stream)
     if library == "cupy" and module is not None:
         with module.cuda.Device(ordinal):

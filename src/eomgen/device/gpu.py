@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from math import prod
 from typing import Any
@@ -21,6 +21,15 @@ from .foreign import View, current_stream, handed_over, handle_of, library_of, n
 BLOCK = 128  # threads of a block
 LINE = 256  # bytes at whose multiples memory begins
 DEFAULT = 1  # the default stream, as the array interface counts
+SHAPE = tuple(ctypes.c_uint(x) for x in (1, 1, BLOCK, 1, 1, 0))  # of grids, blocks and shared memory, behind the first
+NOTHING = ctypes.c_void_p(0)
+BOXES: Mapping[type, Any] = {  # types of C, by those of arguments; addresses are plain numbers
+    int: ctypes.c_uint64,
+    np.uint64: lambda x: ctypes.c_uint64(int(x)),
+    np.int32: lambda x: ctypes.c_int32(int(x)),
+    np.float32: lambda x: ctypes.c_float(float(x)),
+    np.float64: lambda x: ctypes.c_double(float(x)),
+}
 Array = NDArray[Any]
 
 
@@ -199,13 +208,10 @@ class GpuBackend:
 
     def launch(self, functions: Functions, name: str, threads: int, arguments: Sequence[Any], stream: int) -> None:
         """Put a function on a stream, one thread for each of so many; addresses are plain numbers."""
-        boxes = [np.uint64(x) if isinstance(x, int) else x for x in arguments]
-        held = [np.array([x]) for x in boxes]
-        pointers = (ctypes.c_void_p * len(held))(*[x.ctypes.data for x in held])
-        grid, block = [-(-threads // BLOCK), 1, 1], [BLOCK, 1, 1]
-        sizes = [ctypes.c_uint(x) for x in (*grid, *block, 0)]
-        function = ctypes.c_void_p(functions.find(name))
-        self.chosen.driver("launch", function, *sizes, ctypes.c_void_p(stream), pointers, ctypes.c_void_p(0))
+        boxes = [BOXES[type(x)](x) for x in arguments]
+        pointers = (ctypes.c_void_p * len(boxes))(*map(ctypes.addressof, boxes))
+        function, grid = ctypes.c_void_p(functions.find(name)), ctypes.c_uint(-(-threads // BLOCK))
+        self.chosen.driver("launch", function, grid, *SHAPE, ctypes.c_void_p(stream), pointers, NOTHING)
 
     def rooms(self, sizes: Sequence[int], stream: int) -> list[int]:
         """Return memory of so many bytes each, for this call on this stream."""
