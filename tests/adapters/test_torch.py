@@ -67,10 +67,9 @@ def test_pytorchs_own_checks_hold(one_link: eomgen.Kernel) -> None:
     assert torch.autograd.gradgradcheck(made, (q, v, u), eps=1e-7, atol=1e-2)
     found = torch.library.opcheck(operators_of(made).compiled, (q, v, u))
     assert set(found.values()) == {"SUCCESS"}
-    with pytest.raises((RuntimeError, NotImplementedError), match=r"derivative|autograd|grad"):
-        third = torch.autograd.grad(made(q, v, u).sum(), q, create_graph=True)[0]
-        third = torch.autograd.grad(third.sum(), q, create_graph=True)[0]
-        torch.autograd.grad(third.sum(), q)
+    second = torch.autograd.grad(made(q, v, u).sum(), q, create_graph=True)[0]
+    with pytest.raises(RuntimeError, match=r"no autograd formula was registered|does not require grad"):
+        torch.autograd.grad(torch.autograd.grad(second.square().sum(), q, create_graph=True)[0].sum(), q)
 
 
 def test_transforms_of_pytorch(one_link: eomgen.Kernel) -> None:
@@ -133,7 +132,9 @@ def test_what_is_refused(one_link: eomgen.Kernel, built: Build, monkeypatch: pyt
         with pytest.raises(ArrayError, match=said):
             made(*arrays)
     assert made(*[q.to("meta")] * 3).shape == q.shape
-    with pytest.raises(ArrayError, match="q: a tensor on meta; allowed: on the processor, or a function of a kernel's d"):
+    with pytest.raises(
+        ArrayError, match="q: a tensor on meta; allowed: on the processor, or a function of a kernel's d"
+    ):
         operators_of(made)._run("value", [q.to("meta"), q, q])
     with pytest.raises(InputError, match="forward_dynamics: got 2 tensors; allowed: q, v, u"):
         made(q, q)

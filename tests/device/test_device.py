@@ -167,9 +167,7 @@ def test_results_are_of_the_library_of_the_first_array(
         """An array of a library of that name."""
 
     Array.__module__ = "torch"
-    current = SimpleNamespace(
-        is_initialized=lambda: True, current_stream=lambda number: SimpleNamespace(cuda_stream=3)
-    )
+    current = SimpleNamespace(is_initialized=lambda: True, current_stream=lambda number: SimpleNamespace(cuda_stream=3))
     made = SimpleNamespace(
         cuda=current, float64="float64", empty=lambda shape, dtype, device: Array(np.empty(shape, dtype))
     )
@@ -267,7 +265,7 @@ def test_nothing_is_left_of_calls(kernel: eomgen.Kernel, stub: Stub) -> None:
     device, (q,) = kernel.device("cuda"), states(kernel, 1, 2)
     wrong = np.full_like(q, np.inf)
 
-    def run(first: int, last: int) -> None:
+    def run(device: Any, first: int, last: int) -> None:
         for number in range(first, last):
             device.mass_matrix(Lent(q) if number % 2 else Lying(q, stream=5), stream=number % 3)
             if number % 100 == 0:
@@ -278,9 +276,9 @@ def test_nothing_is_left_of_calls(kernel: eomgen.Kernel, stub: Stub) -> None:
         gc.collect()
         return [stub.count(what) for what in live], sys.getallocatedblocks(), resident()
 
-    run(0, 10_000)
+    run(device, 0, 10_000)
     first, blocks, size = kept()
-    run(10_000, 100_000)
+    run(device, 10_000, 100_000)
     last, more_blocks, larger = kept()
     assert last == first
     assert more_blocks < blocks + 500

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from types import SimpleNamespace
 from typing import Any
 
@@ -36,12 +35,11 @@ def interface(x: Any) -> dict[str, Any]:
 
 
 @pytest.fixture
-def lying(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def lying(monkeypatch: pytest.MonkeyPatch) -> None:
     """Tensors lie on the stub's device, and PyTorch works on a stream of its own."""
     monkeypatch.setattr(torch.Tensor, "__cuda_array_interface__", property(interface))
     monkeypatch.setattr(torch.cuda, "is_initialized", lambda: True)
     monkeypatch.setattr(torch.cuda, "current_stream", lambda number: SimpleNamespace(cuda_stream=STREAM + number))
-    yield
 
 
 def tensors(kernel: eomgen.Kernel, number: int, count: int = COUNT, scale: float = 1e-2) -> list[Any]:
@@ -88,7 +86,9 @@ def operators(made: Any) -> Any:
 
 
 @pytest.mark.usefixtures("lying")
-def test_work_goes_to_the_stream_of_pytorch(kernel: eomgen.Kernel, device: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_work_goes_to_the_stream_of_pytorch(
+    kernel: eomgen.Kernel, device: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
     streams, launch = [], type(device._backend).launch
 
     def watched(self: Any, functions: Any, name: str, threads: int, arguments: Any, stream: int) -> None:
@@ -132,7 +132,9 @@ def test_closed_mechanisms_have_values_alone(built: Any, stub: Stub) -> None:
     kernel = built("four_bar", "forward_dynamics", "settling", "cut_poses")
     q = torch.from_numpy(kernel.assemble(np.array([[0.5, 0.2, 1.2]]))).requires_grad_()
     value = function(kernel.device("cuda"), "forward_dynamics")(q, 0.0 * q, 0.0 * q)
-    assert np.array_equal(value.detach(), kernel.forward_dynamics(q.detach().numpy(), np.zeros((1, 3)), np.zeros((1, 3))))
+    assert np.array_equal(
+        value.detach(), kernel.forward_dynamics(q.detach().numpy(), np.zeros((1, 3)), np.zeros((1, 3)))
+    )
     with pytest.raises(InputError, match="'forward_dynamics_adjoint' of a closed mechanism checks and assembles loops"):
         value.sum().backward()
 

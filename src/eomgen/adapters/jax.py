@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..description import RobotLike, as_robot
+from ..device.face import Device
 from ..errors import ArrayError, InputError
 from ..names import show
 from ..optional import optional_import
@@ -21,25 +22,30 @@ from ..robot.model import build_model
 from ..runtime.kernel import Kernel
 from ..runtime.stepping.options import StepOptions
 from .frames import jacobian_derivative, pose_derivative
+from .jax_devices import SWITCH, device_function
 from .mappings import FUNCTIONS, DifferentiableFunction, kernels_for
 
 Array = NDArray[Any]
 GIVEN = ("q", "v", "u", "kp", "kd", "target")  # names in gradients of rollouts
 ROLLED = ("q0", "v0", *GIVEN[2:])
-SWITCH = 'jax.config.update("jax_enable_x64", True)'
 
 
-def function(kernel: Kernel, name: str, frame: str | None = None, *, cut: bool = False) -> Callable[..., Any]:
+def function(kernel: Kernel | Device, name: str, frame: str | None = None, *, cut: bool = False) -> Callable[..., Any]:
     """Return a differentiable function of JAX arrays; one state, ``vmap`` makes it one of many.
 
     Parameters are those that the kernel has now.  What a kernel refuses (a mass matrix that cannot be inverted; NaN and
     infinity, unless ``kernel.checks`` is False) JAX raises as an error of its runtime with the kernel's message.
 
+    Of ``kernel.device("cuda")`` it is launched on XLA's stream and nothing leaves the device; arrays may be (..., n),
+    and derivatives are of reverse mode, of first and second order.  With ``device.checks`` it waits for each result.
+
     Args:
-        kernel: with ``kernels_for(name)``; of float64 it needs ``jax_enable_x64``, of float32 it works without.
-        name: one of FUNCTIONS: "forward_dynamics", "residual", "mass_matrix", ...
-        frame: of frame_pose and frame_jacobian.
-        cut: of a robot with loops, that its loops are meant to be open.
+        kernel: with ``kernels_for(name)``, or its device; of float64 it needs ``jax_enable_x64``, of float32 it works
+            without.
+        name: one of FUNCTIONS: "forward_dynamics", "residual", "mass_matrix", ...; of a device one of
+            ``device.functions`` with one result.
+        frame: of frame_pose and frame_jacobian of a kernel; a device's frame_poses and frame_jacobians have all.
+        cut: of a kernel of a robot with loops, that its loops are meant to be open.
 
     Returns:
         A function of the arrays FUNCTIONS[name].reads, (n,) each (wrench: (links, 6)), with the kernel's dtype; it
@@ -54,6 +60,8 @@ def function(kernel: Kernel, name: str, frame: str | None = None, *, cut: bool =
     with optional_import("JAX", "functions of JAX need"):
         import jax
         import jax.numpy as jnp
+    if isinstance(kernel, Device):
+        return device_function(jax, kernel, name, frame, cut)
     there = DifferentiableFunction(kernel, name, frame, cut=cut)
     compute = (_with_jacobian if there.frame is None else _frame_functions)(jax, jnp, there)
 

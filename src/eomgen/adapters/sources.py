@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..device.face import Device
-from ..errors import InputError
+from ..errors import ArrayError, InputError
 from ..names import show
 from ..runtime.derivatives.by_arguments import ADJOINT, HESSIAN, TANGENT
 from ..runtime.kernel import Kernel
@@ -20,52 +20,15 @@ Array = NDArray[Any]
 OF_FRAMES = {"frame_poses": "frame_pose", "frame_jacobians": "frame_jacobian"}  # names of derivatives, by methods
 
 
-class Described(Protocol):
-    """What is known of a function: labels and shapes of one state's arrays, its result's shape, and its dtype.
-
-    robot: name of the robot.  place: where its arrays lie, in messages.
-    """
-
-    robot: str
-    name: str
-    place: str
-    reads: tuple[str, ...]
-    inputs: tuple[tuple[int, ...], ...]
-    output: tuple[int, ...]
-    dtype: np.dtype[Any]
-
-
-class Source(Described, Protocol):
-    """A function of N states and its derivatives, on arrays (N, shape) in C's order of one library.
-
-    Gradients are flat, (N, total): numbers of all arguments one behind the other.
-    """
-
-    def value(self, *arrays: Any) -> Any:
-        """Return results."""
-
-    def adjoint(self, *arrays: Any) -> Any:
-        """Return gradients, (N, total), of results weighted by the last array."""
-
-    def tangent(self, *arrays: Any) -> Any:
-        """Return what results change by along rates of the arguments, which stand behind these."""
-
-    def hessian(self, *arrays: Any) -> Any:
-        """Return second derivatives, (N, total, total), of results weighted by the last array."""
-
-
-def total_of(there: Described) -> int:
-    """Return how many numbers the arguments of one state have."""
-    return sum(math.prod(shape) for shape in there.inputs)
-
-
 class OnProcessor:
-    """A function of a kernel, on arrays of NumPy.
+    """A function of a kernel with its derivatives, on arrays of NumPy of N states, (N, shape).
 
-    Attributes: as of ``Source``.
+    Attributes:
+        robot, name: of the robot, and of the function.
+        reads, inputs: labels and shapes of one state's arrays.
+        output: shape of its result.
+        dtype: of all arrays.
     """
-
-    place = "the processor"
 
     def __init__(self, kernel: Kernel, name: str, frame: str | None, cut: bool) -> None:
         """Take a function by its name.
@@ -94,7 +57,8 @@ class OnProcessor:
         count, size = len(states[0]), math.prod(self.output)
         along = np.concatenate([x.reshape(count, -1) for x in rates], axis=1)
         jacobians = self._there.jacobian(*states).reshape(count, size, along.shape[1])
-        return (jacobians @ along[..., None]).reshape(count, *self.output)
+        moved: Array = (jacobians @ along[..., None]).reshape(count, *self.output)
+        return moved
 
     def hessian(self, *arrays: Array) -> Array:
         """Return second derivatives, (N, total, total), of results weighted by the last array."""
@@ -106,8 +70,8 @@ class OnProcessor:
 class OnDevice:
     """A method of a kernel's device, on arrays that lie there; results are written to arrays that callers make.
 
-    Attributes: as of ``Source``.
-        methods: names of the device's methods, by those of ``Source``.
+    Attributes: those of ``OnProcessor``, and
+        methods: names of the device's methods, by those of ``OnProcessor``.
     """
 
     def __init__(self, device: Device, name: str, frame: str | None, cut: bool) -> None:
@@ -123,13 +87,16 @@ class OnDevice:
         reads, writes = device.shapes(name)
         if len(writes) != 1:
             raise InputError(f"{name}: a rollout, which has no derivatives on devices; allowed: functions of a state")
-        self.device, self.robot, self.name, self.place = device, device.robot, name, device.name
+        self.device, self.robot, self.name = device, device.robot, name
         self.dtype = device.dtype
         self.reads, self.inputs, (self.output,) = tuple(reads), tuple(reads.values()), writes.values()
         base = OF_FRAMES.get(name, name)
         self.methods = {
             "value": name,
-            **{kind: f"{base}_{end}" for kind, end in (("adjoint", ADJOINT), ("tangent", TANGENT), ("hessian", HESSIAN))},
+            **{
+                kind: f"{base}_{end}"
+                for kind, end in (("adjoint", ADJOINT), ("tangent", TANGENT), ("hessian", HESSIAN))
+            },
         }
 
     def run(self, kind: str, new: Callable[[tuple[int, ...]], Any], arrays: Sequence[Any]) -> Any:
@@ -148,3 +115,20 @@ class OnDevice:
         out = new((arrays[0].shape[0], *shape))
         getattr(self.device, method)(*arrays, out=out)
         return out
+
+
+def refuse_shape(label: str, shape: tuple[int, ...], given: tuple[int, ...]) -> None:
+    """Raise ArrayError where an array's last axes are not those of one state."""
+    if len(given) < len(shape) or given[len(given) - len(shape) :] != shape:
+        inner = ", ".join(map(str, shape))
+        raise ArrayError(f"{label}: shape {given}; allowed: ({inner}{',' * (len(shape) == 1)}) or (..., {inner})")
+
+
+def broadcast_axes(label: str, lead: tuple[int, ...], other: tuple[int, ...]) -> tuple[int, ...]:
+    """Return leading axes of both; raise ArrayError where they do not go together."""
+    length = max(len(lead), len(other))
+    one, two = ((1,) * (length - len(x)) + x for x in (lead, other))
+    for a, b in zip(one, two, strict=True):
+        if a != b and 1 not in (a, b):
+            raise ArrayError(f"{label}: leading axes {other} beside {lead}; allowed: those of broadcasting")
+    return tuple(b if a == 1 else a for a, b in zip(one, two, strict=True))

@@ -1,8 +1,8 @@
 """Kernels as functions of PyTorch with exact first and second derivatives; needs the extra "torch".
 
-Operators of ``torch.library`` on tensors of the processor (``function(kernel, ...)``) or of an accelerator, where nothing
-leaves it (``function(kernel.device("cuda"), ...)``).  Under ``autograd``, ``torch.func`` in reverse mode, ``vmap`` and
-``torch.compile``, in whose graphs they stand as they are.
+Operators of ``torch.library`` on tensors of the processor (``function(kernel, ...)``) or of an accelerator, which
+nothing leaves (``function(kernel.device("cuda"), ...)``).  Under ``autograd``, ``torch.func`` in reverse mode, ``vmap``
+and ``torch.compile``, in whose graphs they stand as they are.
 """
 
 from __future__ import annotations
@@ -20,19 +20,17 @@ from ..errors import ArrayError, InputError
 from ..optional import optional_import
 from ..runtime.kernel import Kernel
 from .mappings import FUNCTIONS, kernels_for
-from .sources import OnDevice, OnProcessor
+from .sources import OnDevice, OnProcessor, broadcast_axes, refuse_shape
 
 _NUMBERS = itertools.count()  # of functions, whose operators have names of their own
 
 
-def function(
-    kernel: Kernel | Device, name: str, frame: str | None = None, *, cut: bool = False
-) -> Callable[..., Any]:
+def function(kernel: Kernel | Device, name: str, frame: str | None = None, *, cut: bool = False) -> Callable[..., Any]:
     """Return a differentiable function of PyTorch's tensors, of one state or of many along leading axes.
 
-    Of a kernel, parameters are those that it has now; of a device they are its kernel's, also when they change, and work
-    goes to PyTorch's current stream.  What they refuse is raised here, too; ``device.checks = False`` lets calls return
-    at once.  Operators live as long as the process.
+    Of a kernel, parameters are those that it has now; of a device they are its kernel's, also when they change, and
+    work goes to PyTorch's current stream.  What they refuse is raised here, too; ``device.checks = False`` lets calls
+    return at once.  Operators live as long as the process.
 
     Args:
         kernel: with ``kernels_for(name)``, for tensors on the processor; or ``kernel.device("cuda")``, for those there.
@@ -43,9 +41,9 @@ def function(
 
     Returns:
         A function of the arrays that the kernel's or the device's function reads, (n,) or (..., n) each (wrench:
-        (..., links, 6)), leading axes as of broadcasting, with the kernel's dtype.  It raises ArrayError for other shapes,
-        dtypes and places, and UnknownNameError or InputError where a derivative is asked for that there is not; third
-        ones are refused by PyTorch.
+        (..., links, 6)), leading axes as of broadcasting, with the kernel's dtype.  It raises ArrayError for other
+        shapes, dtypes and places, and UnknownNameError or InputError where a derivative is asked for that there is
+        not; third ones are refused by PyTorch.
 
     Raises:
         UnknownNameError: no function or frame of that name, or a kernel that it takes was not built.
@@ -64,11 +62,9 @@ def function(
         lead: tuple[int, ...] = ()
         for label, shape, x in zip(there.reads, there.inputs, tensors, strict=True):
             _refuse(torch, label, shape, dtype, x)
-            lead = _broadcast(label, lead, tuple(x.shape[: x.dim() - len(shape)]))
+            lead = broadcast_axes(label, lead, tuple(x.shape[: x.dim() - len(shape)]))
         count = math.prod(lead)
-        rows = (
-            x.expand(*lead, *shape).reshape(count, *shape) for x, shape in zip(tensors, there.inputs, strict=True)
-        )
+        rows = (x.expand(*lead, *shape).reshape(count, *shape) for x, shape in zip(tensors, there.inputs, strict=True))
         compute = operators.compiled if torch.compiler.is_compiling() else operators.value
         return compute(*rows).reshape(*lead, *there.output)
 
@@ -78,10 +74,10 @@ def function(
 
 
 class Operators:
-    """Operators of a function: ``value``, whose gradient is ``adjoint``, whose gradients are ``hessian`` and ``tangent``.
+    """Operators of a function: ``value`` has the gradient ``adjoint``, and that one ``hessian`` and ``tangent``.
 
-    Each takes tensors of N states, (N, shape).  ``compiled`` is ``value`` for graphs of ``torch.compile``, which asks for
-    an operator, as ``torch.func`` asks for a Function of autograd.
+    Each takes tensors of N states, (N, shape).  ``compiled`` is ``value`` for graphs of ``torch.compile``, which asks
+    for an operator, as ``torch.func`` asks for a Function of autograd.
     """
 
     def __init__(self, torch: Any, there: OnProcessor | OnDevice) -> None:
@@ -128,8 +124,9 @@ class Operators:
             return _folded(of.apply, about.batch_size, axes, tensors)
 
         body = {"forward": operator.__call__, "setup_context": _keep, "backward": back, "vmap": many}
-        of = type("Function", (self._torch.autograd.Function,), {name: staticmethod(x) for name, x in body.items()})
-        return of.apply  # type: ignore[no-any-return,attr-defined,unused-ignore]
+        parts = {name: staticmethod(part) for name, part in body.items()}
+        of: Any = type("Function", (self._torch.autograd.Function,), parts)
+        return of.apply  # type: ignore[no-any-return,unused-ignore]
 
     def _run(self, kind: str, tensors: Sequence[Any]) -> Any:
         there = self._there
@@ -172,19 +169,7 @@ def _refuse(torch: Any, label: str, shape: tuple[int, ...], dtype: Any, x: Any) 
         raise ArrayError(f"{label}: got {kind.__module__}.{kind.__qualname__}; allowed: a tensor of PyTorch")
     if x.dtype != dtype:
         raise ArrayError(f"{label}: dtype {x.dtype}; allowed: {dtype}")
-    if x.dim() < len(shape) or tuple(x.shape[x.dim() - len(shape) :]) != shape:
-        inner = ", ".join(map(str, shape))
-        raise ArrayError(f"{label}: shape {tuple(x.shape)}; allowed: ({inner}{',' * (len(shape) == 1)}) or (..., {inner})")
-
-
-def _broadcast(label: str, lead: tuple[int, ...], other: tuple[int, ...]) -> tuple[int, ...]:
-    """Return leading axes of both; raise ArrayError where they do not go together."""
-    length = max(len(lead), len(other))
-    one, two = ((1,) * (length - len(x)) + x for x in (lead, other))
-    for a, b in zip(one, two, strict=True):
-        if a != b and 1 not in (a, b):
-            raise ArrayError(f"{label}: leading axes {other} beside {lead}; allowed: those of broadcasting")
-    return tuple(b if a == 1 else a for a, b in zip(one, two, strict=True))
+    refuse_shape(label, shape, tuple(x.shape))
 
 
 __all__ = ["FUNCTIONS", "function", "kernels_for"]

@@ -112,6 +112,10 @@ class Driver:
             text = f"{NAMES[self.kind][word]}: {self._message(code)} ({code})"
             raise MemoryError(f"device: {text}") if code == OUT_OF_MEMORY else InputError(f"device: {text}")
 
+    def address(self, word: str) -> int:
+        """Return the address of a function of the library."""
+        return ctypes.cast(self._functions[word], ctypes.c_void_p).value or 0
+
     def _message(self, code: int) -> str:
         """Return the library's text of an error."""
         if self.kind == "hip":
@@ -156,7 +160,7 @@ class Chosen:
         text = ctypes.create_string_buffer(NAME_LENGTH)
         driver("name", text, ctypes.c_int(NAME_LENGTH), ctypes.c_int(self._device))
         self.name = text.value.decode("ascii", "replace")
-        self._context = 0 if driver.kind == "hip" else driver.handle("retain", ctypes.c_int(self._device))
+        self.context = 0 if driver.kind == "hip" else driver.handle("retain", ctypes.c_int(self._device))
 
     @property
     def capability(self) -> int:
@@ -177,7 +181,7 @@ class Chosen:
             finally:
                 self.driver("choose", ctypes.c_int(before))
             return
-        self.driver("push", ctypes.c_void_p(self._context))
+        self.driver("push", ctypes.c_void_p(self.context))
         try:
             yield
         finally:

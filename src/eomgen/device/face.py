@@ -90,6 +90,15 @@ class Loaded:
 
 
 @dataclass(frozen=True)
+class Prepared:
+    """A function on a device as it is now: its text, what was made of it, and the numbers h of parameters."""
+
+    text: FunctionText
+    functions: Any
+    h: Any
+
+
+@dataclass(frozen=True)
 class Call:
     """One call: places of arrays in tiles, with the labels of what is read and written.
 
@@ -193,6 +202,22 @@ class Device:
         """
         text = self._load(name).text
         return text.shapes("reads"), text.shapes("writes")
+
+    @property
+    def backend(self) -> Backend:
+        """The device as calls need it."""
+        return self._backend
+
+    def prepared(self, name: str) -> Prepared:
+        """Return a method's function for whoever launches it himself, with the parameters that the kernel has now.
+
+        Raises:
+            UnknownNameError, InputError: there is no such method.
+        """
+        loaded = self._load(name)
+        with self._lock, self._backend.session(None, ()) as stream:
+            self._h(loaded, stream)
+            return Prepared(loaded.text, loaded.functions, loaded.h[0])
 
     def put(self, x: ArrayLike) -> Any:
         """Return a copy on the device of an array, in the kernel's dtype.

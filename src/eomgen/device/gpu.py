@@ -127,7 +127,7 @@ class GpuBackend:
         """
         self.chosen = Chosen(Driver(kind), ordinal)
         self.title = f"{kind}:{ordinal}, {self.chosen.name}"
-        self._place, self._contract = (kind, ordinal), contract
+        self._place, self.contract = (kind, ordinal), contract
         self._compiler = RuntimeCompiler(kind)
         self._scratch: Memory | None = None  # for what lives for one call
         self._used: tuple[int, int] | None = None  # the last stream that it was used on, and what says when it is done
@@ -175,7 +175,7 @@ class GpuBackend:
     def functions(self, code: str, dtype: np.dtype[Any]) -> Functions:
         """Return the functions of a text."""
         with self.chosen.current():
-            return Functions(self.chosen, self._compiler.image(code, self.chosen, self._contract))
+            return Functions(self.chosen, self._compiler.image(code, self.chosen, self.contract))
 
     def view(self, label: str, x: Any, dtype: np.dtype[Any], stream: int, is_written: bool = False) -> View:
         """Return where an array lies, behind whatever its library has still to do."""
