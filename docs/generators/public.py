@@ -23,7 +23,7 @@ ROOMS = (
         "motion",
         "pictures",
     ),
-    *("robot", "scenario", "simulation", "state", "sweep", "adapters.casadi", "adapters.jax"),
+    *("robot", "scenario", "simulation", "state", "sweep", "adapters.casadi", "adapters.jax", "adapters.torch"),
 )
 PACKAGES = ("eomgen", *(f"eomgen.{name}" for name in ROOMS))
 MADE_BY_EOMGEN = ("eomgen.Kernel",)  # whose constructors are no part of what stays

@@ -303,7 +303,7 @@ def test_importing_eomgen_is_light() -> None:
     code = """
 import json, sys
 import eomgen
-heavy = ("numpy", "sympy", "scipy", "matplotlib", "cffi", "jinja2", "setuptools", "rich", "casadi", "jax")
+heavy = ("numpy", "sympy", "scipy", "matplotlib", "cffi", "jinja2", "setuptools", "rich", "casadi", "jax", "torch")
 print(json.dumps([name for name in heavy if name in sys.modules]))
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
