@@ -29,10 +29,13 @@ FRAMES: Mapping[str, tuple[str, str, str]] = {  # kernels of all frames: functio
 ROLLOUTS: Mapping[str, tuple[str, str]] = {  # steps of fixed length: programs that they call, texts
     "rk4_rollout": ("forward_dynamics", "Steps of the classical Runge-Kutta method of order 4, drives held."),
     "implicit_rollout": ("implicit_step", "Steps of the linearly implicit Euler method, drives held."),
+    "rk4_pd_rollout": ("forward_dynamics", "As rk4_rollout, under kp (target - q) - kd v beside the drives."),
+    "implicit_pd_rollout": ("implicit_step", "As implicit_rollout, under kp (target - q) - kd v beside the drives."),
 }
+CONTROLLED = ("rk4_pd_rollout", "implicit_pd_rollout")  # rollouts with joint controllers on driven coordinates
 DEFAULT = (
     *("inverse_dynamics", "forward_dynamics", "mass_matrix", "residual"),
-    *("residual_jacobian", "forward_dynamics_jacobian", *FRAMES, *ROLLOUTS),
+    *("residual_jacobian", "forward_dynamics_jacobian", *FRAMES, "rk4_rollout", "implicit_rollout"),
 )
 CLOSED = {"forward_dynamics": "constrained_dynamics"}  # programs that begin with a closed mechanism's results
 PARTS = ("constrained_dynamics", "constrained_drives")  # what is there of closed mechanisms, whatever is violated
@@ -100,6 +103,8 @@ def refusal(model: Model, name: str) -> str | None:
     if name in FRAMES:
         return None if model.frames else "is for robots with frames"
     if name in ROLLOUTS:
+        if name in CONTROLLED and not model.driven:
+            return "is for robots with driven coordinates"
         return _refused_rollout(model)
     if name not in KERNELS:
         raise UnknownNameError(
@@ -151,7 +156,8 @@ def _program(model: Model, name: str, derived: Callable[[str], Program]) -> Prog
         return frame_jacobians(model, derived("kinematics"))
     if name in ROLLOUTS:
         program = derived(ROLLOUTS[name][0])
-        return verify(select(name, [_still(x) for x in program.instructions], program.outputs, {}))
+        values = program.instructions if name in CONTROLLED else [_still(x) for x in program.instructions]
+        return verify(select(name, values, program.outputs, {}))
     if name in FRAMES:
         return whole_program(model, FRAMES[name][0], derived)
     if name in CLOSED and model.constraints:
@@ -208,6 +214,8 @@ def _kernel(model: Model, name: str, chosen: Sequence[str], program: Program) ->
         return ThreadKernel(name, text, program, {"q": known["q"]}, {"out": known[array]})
     if name in ROLLOUTS:
         reads, writes = (dict.fromkeys(names, known["q"]) for names in (("q", "v", "u"), ("q_out", "v_out")))
+        if name in CONTROLLED:
+            reads |= dict.fromkeys(("kp", "kd", "target"), (len(model.driven),))
         return ThreadKernel(name, ROLLOUTS[name][1], program, reads, writes, ("step", "steps"))
     signature = SIGNATURES[name]
     reads = {array: known[array] for array in signature.reads}

@@ -20,14 +20,18 @@ from ..c.source import environment
 from ..kernels.signatures import DTYPES
 from ..program.ir import Program
 from ..samples.sines import COEFFICIENTS
-from .kernels import ROLLOUTS, ThreadKernel, derive_kernels
+from .kernels import CONTROLLED, ROLLOUTS, ThreadKernel, derive_kernels
 from .parts import Part, split_columns
 from .registers import PLACES, scheduled
 from .statements import PIVOTS, STATUS, Writer
 
 TILE = 32  # states of a tile: threads that go together on most accelerators
 STATE = ("q", "v", "out")  # arrays whose numbers a thread keeps from step to step
-BESIDE = {"rk4_rollout": 6, "implicit_rollout": 2}  # numbers per coordinate that it keeps beside a step's values
+FORCES = ("u", "added")  # and those that a controller makes in every step
+BESIDE = {  # numbers per coordinate that it keeps beside a step's values
+    **{"rk4_rollout": 6, "implicit_rollout": 2},
+    **{"rk4_pd_rollout": 7, "implicit_pd_rollout": 4},
+}
 LEAST = 16  # values that have room all the same
 NUMBERS = {"zero": 0.0, "half": 0.5, "one": 1.0, "two": 2.0, "six": 6.0}
 SPLIT = (
@@ -151,14 +155,16 @@ def _functions(model: Model, kernel: ThreadKernel, parts: Sequence[Part]) -> lis
 
 def _kernel(model: Model, kernel: ThreadKernel, parts: Sequence[Part], scalar: Scalar) -> list[dict[str, Any]]:
     """Return the names that the template uses of a kernel's parts."""
-    local = STATE if kernel.name in ROLLOUTS else ()
+    is_controlled = kernel.name in CONTROLLED
+    local = (*STATE, *(FORCES if is_controlled else ())) if kernel.name in ROLLOUTS else ()
     common = {
         "text": kernel.text,
         "reads": {array: math.prod(shape) for array, shape in kernel.reads.items()},
         "writes": {array: math.prod(shape) for array, shape in kernel.writes.items()},
         "scalars": [(SCALAR_TYPES[name], name) for name in kernel.scalars],
         "n": model.size,
-        "method": kernel.name.removesuffix("_rollout") if kernel.name in ROLLOUTS else "",
+        "method": kernel.name.partition("_")[0] if kernel.name in ROLLOUTS else "",
+        "controlled": list(enumerate(model.driven)) if is_controlled else [],
     }
     described: list[dict[str, Any]] = []
     for name, (program, plan) in zip(_functions(model, kernel, parts), parts, strict=True):

@@ -17,7 +17,10 @@ PAGES: dict[str, tuple[str, tuple[str, ...]]] = {
     "api_analysis": ("Analysis about a state", ("eomgen.analysis",)),
     "api_control": ("Control", ("eomgen.control",)),
     "api_identification": ("Measured motion", ("eomgen.identification",)),
-    "api_adapters": ("Optimal control and learning", ("eomgen.adapters.casadi", "eomgen.adapters.jax", "eomgen.adapters.torch")),
+    "api_adapters": (
+        "Optimal control and learning",
+        ("eomgen.adapters.casadi", "eomgen.adapters.jax", "eomgen.adapters.torch"),
+    ),
     "api_sweeps": ("Sweeps", ("eomgen.sweep",)),
     "api_pictures": ("Pictures", ("eomgen.pictures",)),
 }

@@ -74,6 +74,19 @@ def test_rollouts_take_numbers_for_all_states(kernel: eomgen.Kernel, device: Any
         device.rk4_rollout(q, v, u, step=1e-3, steps=4, out=q)
 
 
+def test_rollouts_have_controllers(kernel: eomgen.Kernel, device: Any) -> None:
+    """As the kernel's rollout under the same gains, which are arrays of each state here."""
+    (q, v, u), driven = states(kernel), list(kernel.raw.libraries.meta["driven"])
+    gains = {"kp": 50.0, "kd": 2.0, "target": 0.1}
+    arrays = {name: Lying(np.full((COUNT, len(driven)), value)) for name, value in gains.items()}
+    made = device.rk4_pd_rollout(*map(Lying, (q, v, u)), **arrays, step=1e-3, steps=4)
+    target = np.zeros(kernel.n)
+    target[driven] = gains.pop("target")
+    expected = kernel.rollout(q, v, u, dt=1e-3, steps=4, method="rk4", target=target, **gains)
+    for one, other in zip(made, expected, strict=True):
+        assert np.array_equal(device.get(one), other[:, -1])
+
+
 def test_parameters_are_those_of_the_kernel_now(kernel: eomgen.Kernel, stub: Stub) -> None:
     own = kernel.with_parameters()
     device, arrays = own.device("cuda"), states(own)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from eomgen.codegen.kernels.equations import derive
 from eomgen.codegen.program.ir import Graph, finish
 from eomgen.codegen.program.operations import CALLS, OPERATIONS
 from eomgen.codegen.simt import orders
-from eomgen.codegen.simt.kernels import DEFAULT, derive_kernels, refusal
+from eomgen.codegen.simt.kernels import CONTROLLED, DEFAULT, derive_kernels, refusal
 from eomgen.codegen.simt.parts import _cost, _parts, split_columns
 from eomgen.codegen.simt.registers import (
     FAR,
@@ -93,6 +94,17 @@ def test_text_has_the_bits_of_the_kernel(tmp_path: Path, dtype: str) -> None:
 def test_text_for_hip_and_cuda_has_the_bits_of_the_kernel(tmp_path: Path, dtype: str) -> None:
     """Threads run one by one on the processor, by the macros that HIP and CUDA share."""
     compare(as_robot("one_link"), tmp_path, dtype, ("forward_dynamics", "frame_poses", "rk4_rollout"), "hip")
+
+
+def test_rollouts_under_controllers_have_the_bits_of_the_kernel(tmp_path: Path) -> None:
+    """Each state with gains and a target of its own, on driven coordinates."""
+    compare(as_robot("one_link"), tmp_path, "float64", CONTROLLED)
+
+
+def test_robots_without_drives_have_no_controllers() -> None:
+    robot = replace(as_robot("one_link"), driven=())
+    with pytest.raises(InputError, match="kernels: 'rk4_pd_rollout' is for robots with driven coordinates"):
+        render_simt(build_model(robot), ("rk4_pd_rollout",))
 
 
 def test_closed_mechanisms_accelerate_as_the_kernel_says(tmp_path: Path) -> None:
@@ -323,6 +335,16 @@ def test_sines_are_taken_again_so_that_nothing_is_stored() -> None:
 @pytest.mark.soak
 @pytest.mark.parametrize("dtype", DTYPES)
 @pytest.mark.parametrize("name", sorted(builtin_robots()))
+def test_controllers_of_built_in_robots_have_the_bits_of_the_kernel(tmp_path: Path, name: str, dtype: str) -> None:
+    robot = as_robot(name)
+    if reason := refusal(build_model(robot), CONTROLLED[0]):
+        pytest.skip(f"{CONTROLLED[0]} {reason}")
+    compare(robot, tmp_path, dtype, CONTROLLED)
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("name", sorted(builtin_robots()))
 def test_all_kernels_of_built_in_robots_have_the_bits_of_the_kernel(tmp_path: Path, name: str, dtype: str) -> None:
     compare(as_robot(name), tmp_path, dtype)
 
@@ -332,7 +354,7 @@ def test_all_kernels_of_built_in_robots_have_the_bits_of_the_kernel(tmp_path: Pa
 def test_all_kernels_of_random_robots_have_the_bits_of_the_kernel(tmp_path: Path, seed: int) -> None:
     robot = random_robot(np.random.default_rng(seed))
     derivatives = ("inverse_dynamics_tangent", "forward_dynamics_adjoint")
-    usual = tuple(name for name in DEFAULT if refusal(build_model(robot), name) is None)
+    usual = tuple(name for name in (*DEFAULT, *CONTROLLED) if refusal(build_model(robot), name) is None)
     compare(robot, tmp_path, DTYPES[seed % 2], (*usual, *derivatives))
 
 

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 import eomgen
+from eomgen.codegen.simt.kernels import ROLLOUTS
 from eomgen.codegen.simt.sources import SimtSource
 from eomgen.runtime.kernel import Kernel
 
@@ -88,7 +89,9 @@ class Compiled:
 def states(module: Any, name: str, seed: int = 0, count: int = COUNT, size: float = 0.3) -> list[Any]:
     """Return random arrays that a kernel reads."""
     rng, reads = np.random.default_rng(seed), module.META["kernels"][name]["reads"]
-    return [rng.uniform(-size, size, (count, *shape)).astype(module.REAL) for shape in reads.values()]
+    gains = {"kp": (0.0, 1e4), "kd": (0.0, 1e3)}
+    ranges = [(gains.get(array, (-size, size)), shape) for array, shape in reads.items()]
+    return [rng.uniform(*ends, (count, *shape)).astype(module.REAL) for ends, shape in ranges]
 
 
 def scalars(module: Any, name: str) -> dict[str, float]:
@@ -98,6 +101,8 @@ def scalars(module: Any, name: str) -> dict[str, float]:
 
 def expected(kernel: Kernel, name: str, arrays: Sequence[Any]) -> Any:
     """Return what the kernel's functions say of the same states."""
+    if name.endswith("_pd_rollout"):
+        return controlled(kernel, name, arrays)
     if name.endswith("_rollout"):
         made = kernel.rollout(*arrays, dt=STEP, steps=3, method=name.removesuffix("_rollout"))
         return tuple(x[:, -1] for x in (made if isinstance(made, tuple) else (made.q, made.v)))
@@ -110,6 +115,25 @@ def expected(kernel: Kernel, name: str, arrays: Sequence[Any]) -> Any:
             return _derivative(method, name.removesuffix(ending), arrays, ending == "_tangent")
     result = getattr(kernel, name)(*arrays)
     return result if isinstance(result, np.ndarray) else np.stack(result, 1)
+
+
+def controlled(kernel: Kernel, name: str, arrays: Sequence[Any]) -> tuple[Any, Any]:
+    """Return the ends of rollouts under joint controllers, whose gains on driven coordinates each state has its own."""
+    driven = list(kernel.raw.libraries.meta["driven"])
+    q, v, u, *gains = arrays
+    whole = [np.zeros_like(q) for _ in gains]
+    for wide, narrow in zip(whole, gains, strict=True):
+        wide[:, driven] = narrow
+    kp, kd, target = whole
+    ends = []
+    for k in range(len(q)):
+        made = kernel.rollout(
+            *(q[k], v[k], u[k], STEP, 3),
+            method=name.removesuffix("_pd_rollout"),
+            **{"kp": kp[k], "kd": kd[k], "target": target[k]},
+        )
+        ends.append([x[-1] for x in made])
+    return np.stack([end[0] for end in ends]), np.stack([end[1] for end in ends])
 
 
 def _derivative(method: Any, name: str, arrays: Sequence[Any], is_tangent: bool) -> Any:
@@ -140,5 +164,5 @@ def opencl_platforms() -> list[Any]:
 def built(robot: Any, kernels: Sequence[str], dtype: str) -> Kernel:
     """Build the kernels that are compared."""
     owners = {"frame_poses": "kinematics", "frame_jacobians": "kinematics"}
-    owners |= {"rk4_rollout": "rollout", "implicit_rollout": "rollout"}
+    owners |= dict.fromkeys(ROLLOUTS, "rollout")
     return eomgen.build(robot, kernels=list(dict.fromkeys(owners.get(x, x) for x in kernels)), dtype=dtype)

@@ -131,7 +131,8 @@ class Device:
         out: array to write to; a tuple of two for rollouts.
         stream: of CUDA or HIP, a stream's address or object; that on which the library of the first array works, or the
             default one, without.  Other streams that arrays say they are made on are waited for.
-        step, steps: of rk4_rollout and implicit_rollout, the length of a step in s and how many there are.
+        step, steps: of rollouts, the length of a step in s and how many there are.
+        kp, kd, target: of rk4_pd_rollout and implicit_pd_rollout, arrays (N, driven coordinates).
 
     Numbers are those of the kernel, to the bit, but for exponential functions, logarithms and angles of points in laws,
     and where ``contract`` was asked for.  Parameters are the kernel's.  A function is compiled when it is first called.

@@ -32,8 +32,8 @@ def export_simt(
         robot: a Robot, the name of a built-in one, or the path of a description.
         folder: to write to.
         kernels: names of KERNEL_NAMES that are straight-line programs, derivatives too, "frame_poses",
-            "frame_jacobians", "rk4_rollout" and "implicit_rollout"; dynamics with their derivatives, kinematics and
-            rollouts if empty.
+            "frame_jacobians", "rk4_rollout" and "implicit_rollout", with joint controllers "rk4_pd_rollout" and
+            "implicit_pd_rollout"; dynamics with their derivatives, kinematics and rollouts without them if empty.
         dtype: "float64" or "float32".
         tile: states whose numbers stand side by side, 1 to 256, a power of two.
         progress: called with a line of text when a stage begins.
