@@ -29,8 +29,10 @@ TILE = 32  # states of a tile: threads that go together on most accelerators
 STATE = ("q", "v", "out")  # arrays whose numbers a thread keeps from step to step
 FORCES = ("u", "added")  # and those that a controller makes in every step
 BESIDE = {  # numbers per coordinate that it keeps beside a step's values
-    **{"rk4_rollout": 6, "implicit_rollout": 2},
-    **{"rk4_pd_rollout": 7, "implicit_pd_rollout": 4},
+    "rk4_rollout": 6,
+    "implicit_rollout": 2,
+    "rk4_pd_rollout": 7,
+    "implicit_pd_rollout": 4,
 }
 LEAST = 16  # values that have room all the same
 NUMBERS = {"zero": 0.0, "half": 0.5, "one": 1.0, "two": 2.0, "six": 6.0}

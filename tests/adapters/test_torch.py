@@ -83,6 +83,8 @@ def test_transforms_of_pytorch(one_link: eomgen.Kernel) -> None:
         assert np.allclose(block.numpy(), wanted, rtol=1e-12, atol=1e-12)
     beside = torch.func.vmap(made, (0, None, 0))(q, v[0], u)
     assert np.array_equal(beside, one_link.forward_dynamics(arrays[0], arrays[1][0], arrays[2]))
+    across = torch.func.vmap(operators_of(made).compiled, (1, None, 0))(torch.stack([q, u], 1), v, torch.stack([u, q]))
+    assert np.array_equal(across[1], one_link.forward_dynamics(arrays[2], arrays[1], arrays[0]))
     wide = made(q[:, None], v, u[0])
     assert wide.shape == (5, 5, one_link.n)
     assert np.array_equal(wide[3], one_link.forward_dynamics(np.tile(arrays[0][3], (5, 1)), arrays[1], arrays[2][0]))

@@ -130,7 +130,9 @@ def controlled(kernel: Kernel, name: str, arrays: Sequence[Any]) -> tuple[Any, A
         made = kernel.rollout(
             *(q[k], v[k], u[k], STEP, 3),
             method=name.removesuffix("_pd_rollout"),
-            **{"kp": kp[k], "kd": kd[k], "target": target[k]},
+            kp=kp[k],
+            kd=kd[k],
+            target=target[k],
         )
         ends.append([x[-1] for x in made])
     return np.stack([end[0] for end in ends]), np.stack([end[1] for end in ends])
