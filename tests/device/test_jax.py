@@ -84,6 +84,7 @@ def test_batches_are_one_call(kernel: eomgen.Kernel, device: Any, stub: Stub) ->
     assert np.allclose(slopes, kernel.mass_matrix(q), rtol=1e-12, atol=1e-14)
 
 
+@pytest.mark.soak
 @pytest.mark.usefixtures("on_processor")
 def test_second_derivatives(kernel: eomgen.Kernel, device: Any) -> None:
     """Reverse over reverse, against differences of the gradient."""
