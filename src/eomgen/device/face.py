@@ -5,9 +5,7 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager
-from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,107 +14,13 @@ from ..errors import ArrayError, InputError, LoopError, SingularError, UnknownNa
 from ..names import nearest_or_all, show
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
+from .arguments import axes_of, named_arrays, named_outs, number_of, shown_shape
+from .backends import Backend, Call, Loaded, Placed, Prepared
 from .texts import FunctionText, setup_of, text_of
 
 WELL = 0xFFFFFFFF  # where no state is named
 MOST = WELL - 1  # states of a call: they are named by 32 bits
-MOST_STEPS = 2**31 - 1
 Array = NDArray[Any]
-
-
-class Placed(Protocol):
-    """An array on a device: its shape, and its address or buffer."""
-
-    @property
-    def place(self) -> Any:
-        """Address or buffer."""
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Shape, as of NumPy."""
-
-    @property
-    def is_flat(self) -> bool:
-        """Whether it is a buffer, which has no axes."""
-
-
-class Backend(Protocol):
-    """Interface of devices that calls need; see ``GpuBackend`` and ``OpenCLBackend``."""
-
-    title: str
-
-    def session(self, stream: Any, arrays: Sequence[Any]) -> AbstractContextManager[Any]:
-        """Let a call's work go to a stream."""
-
-    def functions(self, code: str, dtype: np.dtype[Any]) -> Any:
-        """Return the functions of a text."""
-
-    def view(self, label: str, x: Any, dtype: np.dtype[Any], stream: Any, is_written: bool = False) -> Placed:
-        """Return where an array lies."""
-
-    def made(self, like: Any, shape: tuple[int, ...], dtype: np.dtype[Any], stream: Any) -> tuple[Any, Placed]:
-        """Return a new array, and where it lies."""
-
-    def finished(self, like: Any, array: Any) -> Any:
-        """Return a result for the caller."""
-
-    def launch(self, functions: Any, name: str, threads: int, arguments: Sequence[Any], stream: Any) -> None:
-        """Put a function on a stream."""
-
-    def rooms(self, sizes: Sequence[int], stream: Any) -> list[Any]:
-        """Return memory for one call."""
-
-    def used(self, stream: Any) -> None:
-        """Say that all of a call is on its stream."""
-
-    def fill(self, place: Any, words: int, stream: Any) -> None:
-        """Set words to their largest number."""
-
-    def read(self, place: Any, offset: int, target: Array, stream: Any) -> Array:
-        """Copy to an array of NumPy."""
-
-    def put(self, array: Array, stream: Any) -> tuple[Any, Any]:
-        """Copy an array of NumPy to the device."""
-
-
-@dataclass
-class Loaded:
-    """A function on a device: its text, what was made of it, and the numbers h of parameters as they were."""
-
-    text: FunctionText
-    functions: Any
-    setup: Any = None
-    h: tuple[Any, Any] = (None, None)
-
-
-@dataclass(frozen=True)
-class Prepared:
-    """A function on a device as it is now: its text, what was made of it, and the numbers h of parameters."""
-
-    text: FunctionText
-    functions: Any
-    h: Any
-
-
-@dataclass(frozen=True)
-class Call:
-    """One call: places of arrays in tiles, with the labels of what is read and written.
-
-    axes: axes of states that are in front of each array's own in messages.
-    """
-
-    loaded: Loaded
-    count: int
-    reads: Mapping[str, Any]
-    writes: Mapping[str, Any]
-    status: Any
-    first: Any
-    stream: Any
-
-    @property
-    def text(self) -> FunctionText:
-        """The function's text."""
-        return self.loaded.text
 
 
 class Device:
@@ -254,9 +158,9 @@ class Device:
     def _call(self, name: str, arrays: tuple[Any, ...], others: dict[str, Any], out: Any, stream: Any) -> Any:
         loaded = self._load(name)
         reads, writes = loaded.text.shapes("reads"), loaded.text.shapes("writes")
-        given = _by_name(name, arrays, others, reads)
+        given = named_arrays(name, arrays, others, reads)
         numbers = self._numbers(loaded.text, others)
-        outs = _outs(name, out, writes)
+        outs = named_outs(name, out, writes)
         with self._lock, self._backend.session(stream, list(given.values())) as on:
             views = {x: self._backend.view(x, value, self._kernel.dtype, on) for x, value in given.items()}
             count, is_tiled = self._layout(name, views, reads)
@@ -277,7 +181,7 @@ class Device:
         if set(given) != set(wanted):
             said = ", ".join(given) or "no numbers"
             raise InputError(f"{text.name}: {said} beside arrays; allowed: {', '.join(wanted) or 'out and stream'}")
-        return [_number(text.name, key, kind, given[key], self._kernel.dtype) for key, kind in wanted.items()]
+        return [number_of(text.name, key, kind, given[key], self._kernel.dtype) for key, kind in wanted.items()]
 
     def _layout(
         self, name: str, views: Mapping[str, Placed], shapes: Mapping[str, tuple[int, ...]]
@@ -285,14 +189,16 @@ class Device:
         """Return the number of states, and whether arrays are tiles; what is neither is refused by name."""
         found = dict[str, tuple[int, bool]]()
         for label, shape in shapes.items():
-            actual = _axes(views[label], shape)
+            actual = axes_of(views[label], shape)
             if actual[1:] == shape:
                 found[label] = actual[0], False
             elif len(actual) == len(shape) + 2 and actual[1:] == (*shape, self.tile):
                 found[label] = actual[0] * self.tile, True
             else:
                 rows, inner = ("N", *shape), ("T", *shape, self.tile)
-                raise ArrayError(f"{label}: shape {actual}; allowed: {_shown(rows)}, or in tiles {_shown(inner)}")
+                raise ArrayError(
+                    f"{label}: shape {actual}; allowed: {shown_shape(rows)}, or in tiles {shown_shape(inner)}"
+                )
         label, layout = next(iter(found.items()))
         for other, one in found.items():
             if one != layout:
@@ -425,57 +331,3 @@ class Device:
             return LoopError(f"{message} ({loops})", loop=loops, gap=math.nan) if is_loop else ArrayError(message)
         names = " or ".join(text.vanished(status))
         return SingularError(f"{text.name}: the mass matrix cannot be inverted at {names} in state {state}")
-
-
-def _by_name(
-    name: str, arrays: tuple[Any, ...], others: dict[str, Any], reads: Mapping[str, tuple[int, ...]]
-) -> dict[str, Any]:
-    """Return a call's arrays by their names; those given by name are taken out of the others."""
-    labels = list(reads)
-    given = dict(zip(labels, arrays, strict=False))
-    twice = [label for label in labels if label in given and label in others]
-    named = {label: others.pop(label) for label in labels if label in others and label not in given}
-    whole = {label: {**given, **named}[label] for label in labels if label in given or label in named}
-    if len(arrays) > len(labels) or twice or len(whole) < len(labels):
-        missing = [label for label in labels if label not in whole]
-        said = f"{len(arrays)} arrays" if len(arrays) > len(labels) else ", ".join(twice) + " twice"
-        raise InputError(
-            f"{name}: {', '.join(missing) + ' missing' if missing else said}; allowed: {', '.join(labels)}"
-        )
-    return whole
-
-
-def _outs(name: str, out: Any, writes: Mapping[str, tuple[int, ...]]) -> dict[str, Any]:
-    """Return arrays to write to by their names."""
-    if out is None:
-        return {}
-    if len(writes) == 1:
-        return dict.fromkeys(writes, out)
-    if not isinstance(out, (tuple, list)) or len(out) != len(writes):
-        raise InputError(
-            f"out: got {type(out).__name__}; allowed: a tuple of {len(writes)} arrays, {', '.join(writes)}"
-        )
-    return dict(zip(writes, out, strict=True))
-
-
-def _number(name: str, key: str, kind: str, value: Any, dtype: np.dtype[Any]) -> Any:
-    """Return a number for all states with its type."""
-    is_number = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
-    is_allowed = is_number and math.isfinite(value) and value >= 0
-    if kind == "int":
-        if not is_allowed or value != int(value) or value > MOST_STEPS:
-            raise InputError(f"{name}: {key} = {show(value)}; allowed: a whole number from 0 to {MOST_STEPS}")
-        return np.int32(value)
-    if not is_allowed:
-        raise InputError(f"{name}: {key} = {show(value)}; allowed: a finite number from 0 on")
-    return dtype.type(value)
-
-
-def _axes(view: Placed, inner: tuple[int, ...]) -> tuple[int, ...]:
-    """Return an array's shape; of a buffer that of as many rows of states as it holds."""
-    rows, left = divmod(view.shape[0], math.prod(inner)) if view.is_flat else (0, 1)
-    return view.shape if left else (rows, *inner)
-
-
-def _shown(shape: Sequence[Any]) -> str:
-    return f"({', '.join(map(str, shape))})"

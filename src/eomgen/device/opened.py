@@ -8,7 +8,8 @@ from ..errors import InputError
 from ..names import show
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
-from .face import Backend, Device
+from .backends import Backend
+from .face import Device
 
 KINDS = ("cuda", "hip", "opencl")
 ALLOWED = '"cuda", "hip" or "opencl", with a number such as "cuda:1", or a queue of pyopencl'

@@ -16,7 +16,8 @@ from ..codegen.package.compile import WARNINGS, compile_flags, find_compiler, li
 from ..errors import InputError
 from ..pipeline import cache as store
 from ..pipeline.load import linked
-from .face import Device, Prepared
+from .backends import Prepared
+from .face import Device
 from .gpu import LINE, GpuBackend
 from .texts import KIND, FunctionText
 
