@@ -23,7 +23,7 @@ PACKAGES = {  # name as people write it: what pip installs it by, and the extra 
     "xacro": ("xacro", "xacro"),
     "CasADi": ("casadi", "casadi"),
     "JAX": ("jax", "jax"),
-    "PyTorch": ("torch", "torch"),
+    "torch": ("torch", "torch"),
     "pyopencl": ("pyopencl", "opencl"),
 }
 

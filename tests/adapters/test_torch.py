@@ -146,5 +146,5 @@ def test_what_is_refused(one_link: eomgen.Kernel, built: Build, monkeypatch: pyt
     with pytest.raises(UnknownNameError, match="built without"):
         first(q.clone().requires_grad_(), q).sum().backward()
     monkeypatch.setitem(sys.modules, "torch", None)
-    with pytest.raises(InputError, match=r'functions of PyTorch need PyTorch.*pip install "eomgen\[torch\]"'):
+    with pytest.raises(InputError, match=r'functions of PyTorch need torch.*pip install "eomgen\[torch\]"'):
         function(one_link, "forward_dynamics")

@@ -49,7 +49,7 @@ def function(kernel: Kernel | Device, name: str, frame: str | None = None, *, cu
         UnknownNameError: no function or frame of that name, or a kernel that it takes was not built.
         InputError: PyTorch is not installed, or another argument cannot be used.
     """
-    with optional_import("PyTorch", "functions of PyTorch need"):
+    with optional_import("torch", "functions of PyTorch need"):
         import torch
     there: OnProcessor | OnDevice
     there = (OnDevice if isinstance(kernel, Device) else OnProcessor)(kernel, name, frame, cut)  # type: ignore[arg-type]
