@@ -14,6 +14,7 @@ static int elsewhere_count, current;
 
 /* What tests set and read. */
 void stub_elsewhere(const void *p) { elsewhere[elsewhere_count++ % MOST] = p; }
+void stub_forget_elsewhere(void) { elsewhere_count = 0; }
 void stub_most_bytes(size_t n) { most_bytes = n; }
 void stub_processor(int number) { processor = number; }
 long stub_count(const char *what)
