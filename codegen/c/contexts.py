@@ -21,11 +21,14 @@ from ..kernels.equations import Equations
 from ..kernels.interface import turning_joints
 from ..kernels.signatures import BATCHES, KERNELS, SIGNATURES, SINGLES, Function, by_kind, functions, shapes
 from ..kernels.steps.methods import RK4, TSIT5, W643
+from ..program.ir import Program
+from ..program.orders import with_short_lives
 from ..program.shares import GIVEN
 from ..solve.factorised import coordinate_parents
 from .definitions import define, define_setup, define_share
-from .lanes import batched, calls_of, kept_size, pack
+from .lanes import batched, calls_of, kept_size, pack, part_by_part
 from .scalar_types import SCALARS, Scalar
+from .statements import CHUNK
 
 LIBRARY = {"float64": "eom", "float32": "eomf"}  # what names of the library begin with
 PIVOT_LIMITS = {"float64": 1e-12, "float32": 1e-5}  # EOM_VANISHED of clib/precision.h
@@ -281,7 +284,15 @@ def lane_context(equations: Equations, dtype: str) -> dict[str, Any]:
     singular = f"singular_lanes({model.size}, {statuses(model)}, pivot)"
     alone = {name: packing.program for name, packing in packings.items()}
     definitions = [
-        define(alone.get(p.name, p), model.name, lanes, singular=singular, packed=p.name in packings) for p in programs
+        define(
+            _short_lived(alone.get(p.name, p)),
+            model.name,
+            lanes,
+            singular=singular,
+            packed=p.name in packings,
+            several=p.name in names and p.name not in packings and part_by_part(p),
+        )
+        for p in programs
     ]
     called = {program for name in together for program in equations.calls.get(name, ())}
     composed = by_kind(name for name in together if name in equations.calls and not _rolls(name))
@@ -299,6 +310,7 @@ def lane_context(equations: Equations, dtype: str) -> dict[str, Any]:
         "programs": definitions,
         "equations_of_robot": {"_lanes": {p.name for p in programs if p.name not in packings or p.name in called}},
         "packings": packings,
+        "several": {p.name for p, definition in zip(programs, definitions, strict=True) if definition.several},
         "unpacked": [(name, SIGNATURES[name]) for name in packings if name in called],
         "shares": _shares(equations, SCALARS[dtype].lanes()) if equations.shares.keys() & set(together) else None,
         "composed": _templates(composed),
@@ -306,6 +318,11 @@ def lane_context(equations: Equations, dtype: str) -> dict[str, Any]:
         "framed": _templates(framed),
         **public,
     }
+
+
+def _short_lived(program: Program) -> Program:
+    """Return a program of several parts in the order in which these hand least on; one of a single part as it is."""
+    return with_short_lives(program) if len(program.instructions) > CHUNK else program
 
 
 def christoffel_words(model: Model) -> list[str]:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ..kernels.signatures import SIGNATURES
 from ..program.ir import Program
 from .scalar_types import Scalar
-from .statements import DOUBLE, NO_STOPS, Function, write_function
+from .statements import CHUNK, DOUBLE, NO_STOPS, Function, reads, write_function
 
 SHARED = ("h", "p")  # arrays with one number for all states
+SHORT = 300  # values per function that several vectors go through: some 3 KB of instructions
 
 
 @dataclass(frozen=True)
@@ -29,6 +30,10 @@ class Definition:
     has_pivots: whether it has a pivot for every coordinate, which says whether the mass matrix can be inverted.
     gated: the first one that is left out where the gate is shut; None if there is no gate, or a single one.
     has_gate: whether it has a gate.
+    several: name of the function that computes several vectors part by part; empty where there is none.
+    writes: the array of its result.
+    angles: those whose sines and cosines are taken in front.
+    no_angles: arrays that these do not read.
     """
 
     name: str
@@ -43,22 +48,44 @@ class Definition:
     has_pivots: bool
     gated: int | None = None
     has_gate: bool = False
+    several: str = ""
+    writes: str = ""
+    angles: tuple[str, ...] = ()
+    no_angles: tuple[str, ...] = ()
 
 
 def define(
-    program: Program, robot: str, scalar: Scalar, *, singular: str = "0", public: bool = False, packed: bool = False
+    program: Program,
+    robot: str,
+    scalar: Scalar,
+    *,
+    singular: str = "0",
+    public: bool = False,
+    packed: bool = False,
+    several: bool = False,
 ) -> Definition:
     """Define a kernel's program on numbers, or on vectors with one state in every lane if ``scalar`` is such a vector.
 
     Args:
         singular: the status of pivots, as C.
         packed: whether the program writes its different results alone, ``lanes.pack``.
+        several: whether several vectors are computed part by part, too, ``lanes.part_by_part``, in shorter parts.
     """
     lanes = scalar.spread
     pivots = any(array == "pivot" for array, _ in program.outputs)
-    function = write_function(program, scalar, ending=f"return {singular if pivots else 0};")
+    ending, chunk = f"return {singular if pivots else 0};", SHORT if several else CHUNK
+    function = write_function(program, scalar, ending=ending, chunk=chunk)
     name = f"{robot}_{program.name}{'_packed' if packed else '_lanes' if lanes else ''}"
-    return _definition(function, name, scalar, _turns(function, scalar), "" if public and not lanes else "static ")
+    definition = _definition(
+        function, name, scalar, _turns(function, scalar), "" if public and not lanes else "static "
+    )
+    if not several or len(function.chunks) == 1:
+        return definition
+    unread = tuple(array for array in function.arrays if not reads("\n".join(function.angles), array))
+    writes = SIGNATURES[program.name].writes
+    return replace(
+        definition, several=f"{robot}_{program.name}_several", writes=writes, angles=function.angles, no_angles=unread
+    )
 
 
 def define_setup(program: Program, robot: str, scalar: Scalar) -> Definition:

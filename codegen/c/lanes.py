@@ -8,10 +8,12 @@ import numpy as np
 
 from ..kernels.equations import Equations
 from ..kernels.signatures import BATCHES, KERNELS, SIGNATURES, SINGLES, functions, shapes
-from ..program.ir import Program
-from .statements import handed_on, split, trig_values
+from ..program.ir import GATE, Program
+from .statements import handed_on, split, trig_values, workspace
 
 PACKED, LEAST = 0.75, 100  # different numbers of a result are kept alone where they are no more, of so many at least
+MANY = 4000  # statements, about 35 KB of instructions: more than a first cache holds
+FEW = 512  # numbers of a state in arrays
 LANE_VALUES = 8192  # values that a kernel for several states may keep on the stack: 512 KB of the longest vectors
 
 
@@ -30,7 +32,7 @@ def batched(equations: Equations) -> list[str]:
         if name in equations.programs:
             program = equations.programs[name]
             apart = trig_values(program)
-            return arrays + 3 * len(apart) + len(handed_on(program, split(program, apart)))
+            return arrays + 3 * len(apart) + workspace(handed_on(program, split(program, apart)))
         per_state = len(equations.setup.outputs) if signature.kind == "adaptive" else 0  # every state's
         if "pair_factors" in calls_of(equations, name):
             per_state += radau_room(equations)
@@ -38,6 +40,13 @@ def batched(equations: Equations) -> list[str]:
 
     public = [name for name in KERNELS if name in equations.kernels and _has_lanes(equations, name)]
     return [name for name in public if values(name) <= LANE_VALUES]
+
+
+def part_by_part(program: Program) -> bool:
+    """Whether several vectors go through a program part by part: its instructions fill a cache, its arrays do not."""
+    statements = sum(bool(instruction.args) for instruction in program.instructions)
+    numbers = len(program.outputs) + sum(instruction.op == "input" for instruction in program.instructions)
+    return statements >= MANY and numbers <= FEW and (GATE, 0) not in program.outputs
 
 
 def _has_lanes(equations: Equations, name: str) -> bool:

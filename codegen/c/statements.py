@@ -6,6 +6,7 @@ more than linear time for a long function.
 
 from __future__ import annotations
 
+import heapq
 import re
 from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -62,7 +63,13 @@ class Function:
 
 
 def write_function(
-    program: Program, scalar: Scalar, *, turning: bool = True, stops: Mapping[int, int] = NO_STOPS, ending: str = ""
+    program: Program,
+    scalar: Scalar,
+    *,
+    turning: bool = True,
+    stops: Mapping[int, int] = NO_STOPS,
+    ending: str = "",
+    chunk: int = 0,
 ) -> Function:
     """Write a program as statements of C.
 
@@ -70,22 +77,23 @@ def write_function(
         turning: take all sines and cosines at once in front (``turn`` of ``clib/lanes.h``), not one by one.
         stops: of a run (``program.shares``), which ends there if nothing is wanted of what comes behind.
         ending: statement that ends the function where a gate is shut.
+        chunk: values per function; 0: CHUNK.
     """
     signature = SIGNATURES.get(program.name)
     arrays = tuple(a for a in ARRAYS if a in program.inputs()) if signature is None else ("h", *signature.reads)
-    writer = _Writer(program, scalar, turning, stops, ending)
+    writer = _Writer(program, scalar, turning, stops, ending, chunk or CHUNK)
     chunks = writer.chunks()
     texts = ["\n".join(chunk) for chunk in chunks]
-    unused = [[a for a in arrays if not _reads(text, a)] for text in texts]
+    unused = [[a for a in arrays if not reads(text, a)] for text in texts]
     if len(chunks) == 1:
-        unused[0] = [a for a in unused[0] if not _reads("\n".join(writer.angles), a)]
+        unused[0] = [a for a in unused[0] if not reads("\n".join(writer.angles), a)]
     outputs = tuple(dict.fromkeys(key[0] for key in program.outputs if key[0] not in FIRST))
     return Function(
         program.name,
         arrays,
         tuple(writer.angles),
         tuple(tuple(chunk) for chunk in chunks),
-        len(writer.slots),
+        workspace(writer.slots),
         tuple(tuple(names) for names in unused),
         outputs,
         writer.gated if len(chunks) > 1 else None,
@@ -93,7 +101,7 @@ def write_function(
     )
 
 
-def _reads(text: str, array: str) -> bool:
+def reads(text: str, array: str) -> bool:
     """True if any of the statements reads the array."""
     return re.search(rf"\b{array}\[", text) is not None
 
@@ -114,35 +122,54 @@ def trig_values(program: Program, double: Container[int] = ()) -> set[int]:
     return values
 
 
-def split(program: Program, apart: Container[int]) -> dict[int, int]:
+def split(program: Program, apart: Container[int], chunk: int = 0) -> dict[int, int]:
     """Return the index of the function that computes each value, but those ``apart``; one begins behind a gate."""
+    size = chunk or CHUNK
     computed = [i for i, instruction in enumerate(program.instructions) if instruction.args and i not in apart]
     early = first_values(program)
     here = [index for index in computed if early[index]]
-    behind = 0 if len(computed) <= CHUNK else -(-len(here) // CHUNK)
-    function_of = {index: order // CHUNK for order, index in enumerate(here)}
+    behind = 0 if len(computed) <= size else -(-len(here) // size)
+    function_of = {index: order // size for order, index in enumerate(here)}
     return function_of | {
-        index: behind + order // CHUNK for order, index in enumerate(i for i in computed if not early[i])
+        index: behind + order // size for order, index in enumerate(i for i in computed if not early[i])
     }
 
 
 def handed_on(program: Program, chunk_of: Mapping[int, int]) -> dict[int, int]:
-    """Return values that a later function reads, and their places in the array that functions share."""
+    """Return values that a later function reads, and their places in the array that functions share.
+
+    A place has other values behind the last function that reads one: what the array takes of a cache counts.
+    """
+    last = {
+        arg: chunk  # chunks ascend
+        for index, chunk in chunk_of.items()
+        for arg in program.instructions[index].args
+        if chunk_of.get(arg, chunk) != chunk
+    }
     slots: dict[int, int] = {}
-    first, current = 0, 0  # value and number of the function that values are in
+    taken: list[tuple[int, int]] = []  # the last function that reads a place, and the place
+    free: list[int] = []
     for index, chunk in chunk_of.items():
-        if chunk != current:
-            first, current = index, chunk
-        for arg in program.instructions[index].args:
-            if arg < first and arg in chunk_of:
-                slots.setdefault(arg, len(slots))
+        if index not in last:
+            continue
+        while taken and taken[0][0] < chunk:
+            heapq.heappush(free, heapq.heappop(taken)[1])
+        slots[index] = heapq.heappop(free) if free else len(taken)
+        heapq.heappush(taken, (last[index], slots[index]))
     return slots
+
+
+def workspace(slots: Mapping[int, int]) -> int:
+    """Return the length of the array that functions share."""
+    return 1 + max(slots.values(), default=-1)
 
 
 class _Writer:
     """Writes the statements of one program."""
 
-    def __init__(self, program: Program, scalar: Scalar, turning: bool, stops: Mapping[int, int], ending: str) -> None:
+    def __init__(
+        self, program: Program, scalar: Scalar, turning: bool, stops: Mapping[int, int], ending: str, chunk: int
+    ) -> None:
         self.program, self.scalar, self.stops, self.ending = program, scalar, stops, ending
         self.count = users(program)
         self.stores: dict[int, list[str]] = {}
@@ -155,7 +182,7 @@ class _Writer:
         self.angles: list[str] = []
         self.turns: dict[int, str] = {}  # sines and cosines that are taken in front
         self._take_turns(apart)
-        self.chunk_of = split(program, apart)
+        self.chunk_of = split(program, apart, chunk)
         if stops:  # a run is short, and what ends it ends a function
             self.chunk_of = dict.fromkeys(self.chunk_of, 0)
         self.last = max(self.chunk_of.values(), default=0)

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from ..program.ir import Program
-from .orders import FREE, ORDERS, SUNK, Order, computed, sunk
+from ..program.orders import FREE, ORDERS, SUNK, Order, computed, sunk
 
 SPILL, FAR = 4, 20  # operations of an access to the first cache and to the second; see docs/simt.md
 SINE = 25  # operations of a sine with its cosine

@@ -14,9 +14,9 @@ import eomgen
 from eomgen.cli.entry import main
 from eomgen.codegen.c.scalar_types import SCALARS
 from eomgen.codegen.kernels.equations import derive
+from eomgen.codegen.program import orders
 from eomgen.codegen.program.ir import Graph, finish
 from eomgen.codegen.program.operations import CALLS, OPERATIONS
-from eomgen.codegen.simt import orders
 from eomgen.codegen.simt.kernels import CONTROLLED, DEFAULT, derive_kernels, refusal
 from eomgen.codegen.simt.parts import _cost, _parts, split_columns
 from eomgen.codegen.simt.registers import (

@@ -11,7 +11,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from itertools import pairwise
 
-OPERATIONS = 30_000_000  # of a piece: 2 to 30 ms, 100 ms in code that nothing optimised
+OPERATIONS = 100_000_000  # of a piece: 3 to 100 ms, 300 ms in code that nothing optimised
 PATIENCE = 0.01  # s, until the caller looks for Ctrl-C: a signal that another thread gets does not end its wait
 ROUND = 16  # states in multiples of it fill the vectors of any processor
 

@@ -313,16 +313,35 @@ static int look(Function *f, const State *state, PyObject *const *arguments, Pla
     return 0;
 }
 
+/* A new array; of tiles one whose memory begins at a line, so that vectors may stand where numbers of a tile do. */
 static PyArrayObject *new_result(const Function *f, npy_intp states)
 {
     npy_intp lengths[AXES + 2] = {states / width_of(f)};
     memcpy(lengths + 1, f->result.lengths, sizeof f->result.lengths);
     lengths[1 + f->result.axes] = width_of(f);
-    const int skipped = states == 0;
+    const int skipped = states == 0, axes = f->result.axes + 1 - skipped + (f->tile > 0);
     Py_INCREF(f->dtype);
-    return (PyArrayObject *)PyArray_NewFromDescr(&PyArray_Type, f->dtype,
-                                                 f->result.axes + 1 - skipped + (f->tile > 0),
-                                                 lengths + skipped, NULL, NULL, 0, NULL);
+    if (f->tile == 0)
+        return (PyArrayObject *)PyArray_NewFromDescr(&PyArray_Type, f->dtype, axes, lengths + skipped, NULL, NULL, 0,
+                                                     NULL);
+    const npy_intp room = states * f->result.size + f->tile, line = bytes_of(f, f->tile);
+    PyObject *whole = PyArray_NewFromDescr(&PyArray_Type, f->dtype, 1, &room, NULL, NULL, 0, NULL);
+    if (whole == NULL) return NULL;
+    char *const memory = PyArray_BYTES((PyArrayObject *)whole);
+    const npy_intp past = (npy_intp)((size_t)memory % (size_t)line);
+    char *const first = past > 0 ? memory + (line - past) : memory;
+    Py_INCREF(f->dtype);
+    PyArrayObject *tiles = (PyArrayObject *)PyArray_NewFromDescr(&PyArray_Type, f->dtype, axes, lengths, NULL, first,
+                                                                 NPY_ARRAY_CARRAY, NULL);
+    if (tiles == NULL) {
+        Py_DECREF(whole);
+        return NULL;
+    }
+    if (PyArray_SetBaseObject(tiles, whole) < 0) { /* which takes the reference in any case */
+        Py_DECREF(tiles);
+        return NULL;
+    }
+    return tiles;
 }
 
 static long long compute(const Function *f, const void *h, const Plain *call, void *out)

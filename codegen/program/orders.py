@@ -5,9 +5,20 @@ from __future__ import annotations
 import heapq
 from collections.abc import Callable, Mapping
 
-from ..program.ir import Program
+from .ir import Program, reordered
 
 FREE = ("const", "input")  # values that cost no register: numbers, and what is read where it is used
+LONG_LIFE = 100  # statements after which a vector register, of which there are 16 or 32, hardly holds a value
+ON_DEMAND = (
+    0.0,
+    0.05,
+    0.1,
+    0.15,
+    0.2,
+    0.25,
+    0.3,
+    0.4,
+)  # parts of a program that may be computed when they are asked for
 
 Order = list[int]
 
@@ -175,26 +186,53 @@ class _Forwards(_Greedy):
         return self.users[value]
 
 
-def sunk(program: Program, order: Order, slack: int = 0) -> Order:
+def sunk(program: Program, order: Order, slack: int = 0, first: int = 0) -> Order:
     """Move statements right before their first use, where their arguments live until there anyway.
 
     Args:
         slack: arguments that may live longer for it.
+        first: so many statements at the beginning are moved whatever lives longer for it.
     """
-    users, is_computed = users_of(program), computed(program)
-    key = {value: place for place, value in enumerate(order)}
-    written = set(program.outputs.values())
-    for value in reversed(order):
-        if value in written or not users[value]:
-            continue
-        first = min(key[user] for user in users[value])
-        longer = 0
+    instructions, is_computed = program.instructions, computed(program)
+    size, written = len(instructions), set(program.outputs.values())
+    earliest, latest = [size] * size, [-1] * size  # uses of a value
+    places = []
+    for place in range(len(order) - 1, -1, -1):
+        value, at = order[place], place
+        args, use = instructions[value].args, earliest[value]
+        longer = sum(is_computed[arg] and latest[arg] < use for arg in args)
+        if use < size and value not in written and (longer <= slack or place < first):
+            at = use
+        places.append(at * size + value)
+        for arg in args:
+            earliest[arg] = min(at, earliest[arg])
+            latest[arg] = max(at, latest[arg])
+    return [place % size for place in sorted(places)]
+
+
+def with_short_lives(program: Program) -> Program:
+    """Return the program with its statements in an order in which few values live long.
+
+    A recursion from the base to the tips stands in front of those that come back.  What it computes goes to where these
+    ask for it, body by body, and so do values of whose arguments one alone lives longer for it.  Values before a gate
+    stay there, as something before it asks for each.
+    """
+    plain = as_derived(program)
+    candidates = (sunk(program, plain, 1, int(share * len(plain))) for share in ON_DEMAND)
+    order = min(candidates, key=lambda order: long_lives(program, order))
+    leaves = [index for index, is_computed in enumerate(computed(program)) if not is_computed]
+    return reordered(program, [*leaves, *order], program.notes)
+
+
+def long_lives(program: Program, order: Order) -> int:
+    """Count values that are used more than LONG_LIFE statements after they are computed."""
+    count, last = 0, [0] * len(program.instructions)
+    for time in range(len(order) - 1, -1, -1):
+        value = order[time]
+        count += last[value] - time > LONG_LIFE
         for arg in program.instructions[value].args:
-            if is_computed[arg] and not any(user != value and key[user] >= first for user in users[arg]):
-                longer += 1
-        if longer <= slack:
-            key[value] = first
-    return sorted(order, key=lambda value: (key[value], value))
+            last[arg] = last[arg] or time
+    return count
 
 
 ORDERS: Mapping[str, Callable[[Program], Order]] = {
