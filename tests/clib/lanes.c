@@ -26,13 +26,14 @@ void pass_on(size_t count, const EOM_SCALAR *x, size_t x_step, int read, const u
     }
 }
 
-/* Read numbers of count states in tiles, LANES at a time, and write them into tiles, or those at place. */
+/* Read at most 17 numbers of count states in tiles, VECTORS(2) vectors at a time, and write them into tiles, or those at place. */
 void pass_on_tiles(size_t count, const EOM_SCALAR *x, int read, const unsigned short *place, int written, EOM_SCALAR *y)
 {
-    lanes numbers[64];
-    for (size_t i = 0; i < count; i += LANES) {
-        from_tiles(x, i, count, read, numbers);
-        into_tiles(numbers, place, i, count, written, y);
+    lanes numbers[VECTORS(2) * 17];
+    for (size_t i = 0; i < count; i += VECTORS(2) * LANES) {
+        const size_t left = (count - i + LANES - 1) / LANES, used = (left < VECTORS(2)) ? left : VECTORS(2);
+        from_tiles(x, i, count, used, read, numbers);
+        into_tiles(numbers, place, read, i, count, used, written, y);
     }
 }
 
