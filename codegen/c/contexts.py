@@ -322,7 +322,7 @@ def lane_context(equations: Equations, dtype: str) -> dict[str, Any]:
 
 def _short_lived(program: Program) -> Program:
     """Return a program of several parts in the order in which these hand least on; one of a single part as it is."""
-    return with_short_lives(program) if len(program.instructions) > CHUNK else program
+    return with_short_lives(program) if len(program.instructions) > CHUNK and not program.wide else program
 
 
 def christoffel_words(model: Model) -> list[str]:
