@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -42,6 +42,12 @@ SPLIT = (
     "frame_jacobians",
 )  # kernels that write matrices of n columns
 SCALAR_TYPES = {"step": "real", "steps": "int"}
+CONTRACTION: Mapping[str, Mapping[bool, str]] = {  # what compilers are told, by whether products and sums may be one
+    "cuda": {False: "--fmad=false", True: "--fmad=true"},
+    "hip": {False: "-ffp-contract=off", True: "-ffp-contract=fast"},
+    "c": {False: "-ffp-contract=off", True: "-ffp-contract=fast"},
+    "opencl": {False: "-DEOM_CONTRACT=0", True: "-DEOM_CONTRACT=1"},
+}
 TILES = (1, 2, 4, 8, 16, 32, 64, 128, 256)
 
 
@@ -65,22 +71,32 @@ class SimtSource:
 
 
 @without_collection()
-def render_simt(model: Model, kernels: Sequence[str] = (), dtype: str = "float64", tile: int = TILE) -> SimtSource:
+def render_simt(
+    model: Model,
+    kernels: Sequence[str] = (),
+    dtype: str = "float64",
+    tile: int = TILE,
+    *,
+    contract: bool = False,
+) -> SimtSource:
     """Render kernels of a model as one text that is CUDA, HIP, OpenCL C, C99 and C++.
 
     Args:
         kernels: names of kernels, those of FRAMES and ROLLOUTS among them; those of DEFAULT if empty.
         dtype: "float64" or "float32".
         tile: states whose numbers stand side by side, a power of two.
+        contract: let products and sums be one operation, unless a compiler is told otherwise.
 
     Raises:
-        InputError, UnknownNameError: a kernel, dtype or tile is unknown; a kernel is none of straight statements; or
-            a number of the description is too large for the dtype.
+        InputError, UnknownNameError: a kernel, dtype, tile or contract is unknown; a kernel is none of straight
+            statements; or a number of the description is too large for the dtype.
     """
     if dtype not in DTYPES:
         raise InputError(f"dtype: {show(dtype)} is unknown; allowed: {', '.join(DTYPES)}")
     if isinstance(tile, bool) or tile not in TILES:
         raise InputError(f"tile: {show(tile)}; allowed: {', '.join(map(str, TILES))}")
+    if not isinstance(contract, bool):
+        raise InputError(f"contract: {show(contract)}; allowed: True or False")
     derived, scalar = derive_kernels(model, kernels, dtype), SCALARS[dtype]
     plans = [(kernel, _parts(kernel, model, dtype)) for kernel in derived.kernels]
     context = {
@@ -89,6 +105,8 @@ def render_simt(model: Model, kernels: Sequence[str] = (), dtype: str = "float64
         "dtype": dtype,
         "is_double": int(dtype == "float64"),
         "tile": tile,
+        "contract": int(contract),
+        "flags": {language: told[contract] for language, told in CONTRACTION.items()},
         "sines": _sines(dtype, scalar),
         **{word: scalar.literal(number) for word, number in NUMBERS.items()},
         "vanished": scalar.literal(PIVOT_LIMITS[dtype]),
@@ -101,6 +119,8 @@ def render_simt(model: Model, kernels: Sequence[str] = (), dtype: str = "float64
         "name": model.name,
         "dtype": dtype,
         "tile": tile,
+        "contract": contract,
+        "flags": {language: told[contract] for language, told in CONTRACTION.items()},
         "coordinates": list(model.coordinates),
         "memory": list(model.memory),
         "links": list(model.links),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -39,6 +40,7 @@ from eomgen.description.load import robot_from_toml
 from eomgen.errors import InputError, UnknownNameError
 from eomgen.robot.model import build_model
 from tests.support import simt
+from tests.support.figures import Figures
 from tests.support.random_robots import random_robot
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
@@ -271,6 +273,9 @@ def test_wrong_choices_are_refused(tmp_path: Path) -> None:
     for tile in (0, 3, True, 512, 2.5):
         with pytest.raises(InputError, match=r"tile: .*; allowed: 1, 2, 4, .* 256"):
             eomgen.export_simt("one_link", tmp_path, tile=tile)  # type: ignore[arg-type]
+    for contract in (None, 1, "on"):
+        with pytest.raises(InputError, match=r"contract: .*; allowed: True or False"):
+            eomgen.export_simt("one_link", tmp_path, contract=contract)  # type: ignore[arg-type]
     assert list(tmp_path.iterdir()) == []
 
 
@@ -281,11 +286,18 @@ def test_command_writes_the_text(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert (meta["dtype"], meta["tile"], list(meta["kernels"])) == ("float32", 8, ["mass_matrix"])
     assert sorted(path.name for path in tmp_path.iterdir()) == [f"one_link_simt.{x}" for x in ("h", "json", "py")]
     capsys.readouterr()
+    assert main([*words, "--contract"]) == 0
+    meta = json.loads((tmp_path / "one_link_simt.json").read_text())
+    assert (meta["contract"], meta["flags"]["cuda"]) == (True, "--fmad=true")
+    assert "#define EOM_CONTRACT 1" in (tmp_path / "one_link_simt.h").read_text()
+    capsys.readouterr()
     for wrong in ("--cmake", "--ros2", "--wheel", "--native", "--level=v1", "--report=x.html"):
         assert main([*words, wrong]) != 0
         assert "--simt stands without --cmake" in capsys.readouterr().err
     assert main(["generate", "one_link", "--tile", "8"]) != 0
     assert "--tile: given without --simt; allowed: with --simt" in capsys.readouterr().err
+    assert main(["generate", "one_link", "--contract"]) != 0
+    assert "--contract: given without --simt; allowed: with --simt" in capsys.readouterr().err
 
 
 def wide() -> Any:
@@ -382,6 +394,61 @@ def test_all_kernels_have_the_same_bits_under_opencl(tmp_path: Path, name: str, 
     if not simt.opencl_platforms():
         pytest.skip("no runtime of OpenCL, or no pyopencl")
     runs_under_opencl(as_robot(name), tmp_path, dtype)
+
+
+def contracted(robot: Any, name: str, dtype: str, folder: Path) -> float:
+    """Return the largest difference that one operation for products and sums makes, by both bounds of rounding.
+
+    Numbers with and without are each within a bound of the exact ones: of twice as many roundings at most.
+    """
+    source = render_simt(build_model(robot), (name,), dtype, contract=True)
+    assert json.loads(source.meta)["flags"]["c"] == "-ffp-contract=fast"
+    made = simt.Compiled(source, folder, "c++ fused")
+    kernel = eomgen.build(robot, dtype=dtype)
+    arrays = simt.states(made.module, name, count=200)
+    plain, (_, bound) = simt.expected(kernel, name, arrays), kernel.with_errors(name, arrays)
+    found = made.run(name, *arrays)
+    assert not simt.same_bits(found, plain)
+    apart = np.abs(found.astype(np.float64) - plain)
+    assert (apart[bound == 0.0] == 0.0).all()
+    return float((apart[bound > 0.0] / (2.0 * bound[bound > 0.0])).max())
+
+
+@pytest.mark.skipif(not simt.has_fused_products(), reason="this processor has no fused products and sums")
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_contraction_stays_within_bounds_of_rounding(tmp_path: Path, dtype: str) -> None:
+    assert 1e-3 < contracted(as_robot("one_link"), "inverse_dynamics", dtype, tmp_path) <= 1.0
+
+
+@pytest.mark.soak
+@pytest.mark.skipif(not simt.has_fused_products(), reason="this processor has no fused products and sums")
+@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize(
+    ("robot", "name"),
+    [
+        *itertools.product(("ur5", "panda"), ("inverse_dynamics", "mass_matrix", "forward_dynamics")),
+        ("worn_arm", "residual"),
+    ],
+)
+def test_contraction_of_arms_stays_within_bounds_of_rounding(
+    tmp_path: Path, robot: str, name: str, dtype: str, figures: Figures
+) -> None:
+    figures.at_most("difference by bounds", contracted(as_robot(robot), name, dtype, tmp_path), 1.0)
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_contraction_under_opencl_stays_within_bounds_of_rounding(tmp_path: Path, dtype: str) -> None:
+    if not simt.opencl_platforms():
+        pytest.skip("no runtime of OpenCL, or no pyopencl")
+    name, robot = "inverse_dynamics", as_robot("ur5")
+    module = simt.driver(render_simt(build_model(robot), (name,), dtype, contract=True), tmp_path)
+    kernel, arrays = eomgen.build(robot, dtype=dtype), simt.states(module, name, count=200)
+    plain, (_, bound) = simt.expected(kernel, name, arrays), kernel.with_errors(name, arrays)
+    assert simt.same_bits(module.opencl(contract=False).run(name, *arrays), plain)
+    found = module.opencl().run(name, *arrays)
+    assert not simt.same_bits(found, plain)
+    assert (np.abs(found.astype(np.float64) - plain) <= 2.0 * bound).all()
 
 
 @pytest.mark.soak

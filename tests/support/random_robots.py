@@ -166,15 +166,15 @@ def inner_states_of_drives(robot: Robot) -> list[int]:
 def state_of_coordinates(robot: Robot, rng: np.random.Generator) -> State:
     """A random state of coordinates alone, without those of motors where no link bends."""
     if robot.modal_coordinates:  # in the order of q, where nodes' coordinates follow modes
-        spans = [_span(robot, name) for name in build_model(robot).coordinates]
+        spans = [span(robot, name) for name in build_model(robot).coordinates]
     else:
-        spans = [_span(robot, f"{joint.name}.{kind}") for joint in robot.joints for kind in joint.coordinates]
+        spans = [span(robot, f"{joint.name}.{kind}") for joint in robot.joints for kind in joint.coordinates]
     q = rng.uniform(-1.0, 1.0, len(spans)) * np.array(spans)
     v, a, u = (rng.uniform(-2.0, 2.0, len(spans)) for _ in range(3))
     return State(q, v, a, u)
 
 
-def _span(robot: Robot, name: str) -> float:
+def span(robot: Robot, name: str) -> float:
     """Return how far a coordinate goes: modes and deviations little, angles beta not to +-pi/2."""
     owner, kind = name.split(".")
     if kind.startswith(MODE):

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import atexit
 import ctypes
 import importlib.util
 import math
+import os
+import shutil
 import subprocess
+import sys
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -25,6 +30,7 @@ LANGUAGES = {
     "c": ("gcc", "-x", "c", "-std=c99"),
     "hip": ("g++", "-x", "c++", "-std=c++11", "-D__HIPCC__", "-include", "threads.h"),
 }
+FUSED = {"c++ fused": (*LANGUAGES["c++"], "-mfma", "-O2", "-ffp-contract=fast")}  # products and sums as one operation
 THREADS = """/* What compilers of HIP and CUDA know by themselves; threads one by one, each a block of its own. */
 #include <math.h>
 #include <string.h>
@@ -56,7 +62,8 @@ class Compiled:
     def __init__(self, source: SimtSource, folder: Path, language: str = "c++") -> None:
         self.module, library = driver(source, folder), folder / f"{language}.so"
         (folder / "threads.h").write_text(THREADS, encoding="ascii")
-        command = [*LANGUAGES[language], *FLAGS, f"-I{folder}", str(folder / f"{source.name}_simt.h")]
+        compiler, *chosen = {**LANGUAGES, **FUSED}[language]
+        command = [compiler, *FLAGS, *chosen, f"-I{folder}", str(folder / f"{source.name}_simt.h")]
         subprocess.run([*command, "-o", str(library), "-lm"], check=True)
         self.library, self.h = ctypes.CDLL(str(library)), self.module.setup()
         self.status = np.zeros(0, np.int32)
@@ -153,8 +160,26 @@ def same_bits(one: Any, other: Any) -> bool:
     return bool(np.array_equal(one, other, equal_nan=True))
 
 
+def has_fused_products() -> bool:
+    """Whether this processor has products and sums as one operation."""
+    try:
+        return " fma " in Path("/proc/cpuinfo").read_text(encoding="utf-8")
+    except OSError:
+        return False
+
+
 def opencl_platforms() -> list[Any]:
-    """List platforms of OpenCL; none where pyopencl or a runtime is missing."""
+    """List platforms of OpenCL; none where pyopencl or a runtime is missing.
+
+    Intel's runtime for processors may be that of the wheels intel-opencl-rt and intel-cmplr-lib-rt, where loaders do
+    not look.
+    """
+    library = Path(sys.prefix, "lib", "libintelocl.so")
+    if library.exists() and "OCL_ICD_VENDORS" not in os.environ:
+        folder = Path(tempfile.mkdtemp(prefix="opencl"))
+        atexit.register(shutil.rmtree, folder, ignore_errors=True)
+        (folder / "intel.icd").write_text(f"{library}\n", encoding="utf-8")
+        os.environ["OCL_ICD_VENDORS"] = str(folder)
     try:
         import pyopencl
 

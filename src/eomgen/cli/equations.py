@@ -59,6 +59,9 @@ def _add_generate(parser: argparse.ArgumentParser) -> None:
         "--simt", action="store_true", help="write one text for CUDA, HIP, OpenCL C and C++: one thread per state"
     )
     parser.add_argument("--tile", type=whole, metavar="N", help="of that: states whose numbers stand side by side (32)")
+    parser.add_argument(
+        "--contract", action="store_true", help="of that: products and sums may be one operation: other last bits"
+    )
     parser.add_argument("--report", type=Path, metavar="FILE", help="write the derivation, .html or .tex")
     parser.add_argument(
         "--kernels",
@@ -90,8 +93,9 @@ def _generate(options: argparse.Namespace) -> None:
     if options.simt:
         _generate_simt(robot, options)
         return
-    if options.tile is not None:
-        raise InputError("--tile: given without --simt; allowed: with --simt")
+    for flag, is_given in (("--tile", options.tile is not None), ("--contract", options.contract)):
+        if is_given:
+            raise InputError(f"{flag}: given without --simt; allowed: with --simt")
     over = tuple((name, lower, upper) for name, (lower, upper) in ranges.items())
     kernels, about = tuple(options.kernels), {"level": options.level, "within": options.within, "ranges": over}
     chosen = Options(kernels, options.dtype, options.native, **about)
@@ -121,12 +125,20 @@ def _generate_simt(robot: Robot, options: argparse.Namespace) -> None:
     if options.wheel or options.cmake or options.ros2 or options.native or options.report or options.level:
         raise InputError(
             "--simt stands without --cmake, --ros2, --wheel, --native, --level and --report; allowed: with --dtype,"
-            " --kernels, --tile"
+            " --kernels, --tile, --contract"
         )
     tile = {} if options.tile is None else {"tile": options.tile}
     with stage_bar("generating") as report:
         show_written(
-            export_simt(robot, options.output, kernels=options.kernels, dtype=options.dtype, progress=report, **tile)
+            export_simt(
+                robot,
+                options.output,
+                kernels=options.kernels,
+                dtype=options.dtype,
+                contract=options.contract,
+                progress=report,
+                **tile,
+            )
         )
 
 

@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from ..codegen.simt.sources import CONTRACTION
 from ..errors import BuildError, InputError
 from ..optional import NotInstalledError
 from ..pipeline import cache as store
@@ -22,15 +23,9 @@ SYSTEM: Mapping[str, Sequence[str]] = {  # as loaders find them
 }
 WHEELS = ("*/lib/libnvrtc.so.*", "*/bin/nvrtc64_*.dll", "*/bin/*/nvrtc64_*.dll")  # inside the package nvidia
 PREFIX = {"cuda": "nvrtc", "hip": "hiprtc"}
-OPTIONS: Mapping[str, Mapping[bool, Sequence[str]]] = {  # by whether products and sums may be one operation
-    "cuda": {
-        False: ("--std=c++17", "--fmad=false", "--ftz=false", "--prec-div=true", "--prec-sqrt=true"),
-        True: ("--std=c++17", "--fmad=true", "--ftz=false", "--prec-div=true", "--prec-sqrt=true"),
-    },
-    "hip": {
-        False: ("-std=c++17", "-ffp-contract=off", "-fhip-fp32-correctly-rounded-divide-sqrt"),
-        True: ("-std=c++17", "-ffp-contract=fast", "-fhip-fp32-correctly-rounded-divide-sqrt"),
-    },
+OPTIONS: Mapping[str, Sequence[str]] = {  # beside what says whether products and sums may be one operation
+    "cuda": ("--std=c++17", "--ftz=false", "--prec-div=true", "--prec-sqrt=true"),
+    "hip": ("-std=c++17", "-fhip-fp32-correctly-rounded-divide-sqrt"),
 }
 IMAGE = "image"  # file of an entry
 CUBIN, PTX, CODE = "CUBIN", "PTX", "Code"  # what is asked for: machine code of NVIDIA's, text for its driver, HIP's
@@ -59,7 +54,7 @@ class RuntimeCompiler:
             InputError: the device is older than all that the compiler knows.
         """
         form, architecture = self._target(chosen)
-        options = [*OPTIONS[self.kind][contract], *architecture]
+        options = [*OPTIONS[self.kind], CONTRACTION[self.kind][contract], *architecture]
         known = [self.kind, self.version, form, options, chosen.name if self.kind == "hip" else ""]
         key = hashlib.sha256(json.dumps([*known, code]).encode()).hexdigest()
 

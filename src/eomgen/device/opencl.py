@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..codegen.simt.sources import CONTRACTION
 from ..errors import ArrayError, BuildError, InputError
 from ..optional import optional_import
 from .foreign import View
@@ -55,7 +56,7 @@ class OpenCLBackend:
             raise InputError("device: a queue that is out of order; allowed: one in order")
         self.context = self.queue.context if context is None else context  # Intel's runtime asks for it to be held
         self.title = f"opencl, {self.queue.device.name.strip()}"
-        self._options = [LANGUAGE, *(["-DEOM_CONTRACT"] if contract else []), *self._rounding(contract, dtype)]
+        self._options = [LANGUAGE, CONTRACTION["opencl"][contract], *self._rounding(contract, dtype)]
 
     def _new_context(self, number: int) -> Any:
         try:

@@ -21,6 +21,7 @@ def export_simt(
     kernels: Sequence[str] = (),
     dtype: str = "float64",
     tile: int = 32,
+    contract: bool = False,
     progress: StageReport = no_report,
 ) -> list[Path]:
     """Write NAME_simt.h, NAME_simt.json and NAME_simt.py, and return their paths.
@@ -36,11 +37,12 @@ def export_simt(
             "implicit_pd_rollout"; dynamics with their derivatives, kinematics and rollouts without them if empty.
         dtype: "float64" or "float32".
         tile: states whose numbers stand side by side, 1 to 256, a power of two.
+        contract: let products and sums be one operation, rounded once: faster, with other last bits than the C.
         progress: called with a line of text when a stage begins.
 
     Raises:
-        InputError, UnknownNameError: a kernel, dtype or tile is not one of these; a kernel has loops, or is of what the
-            robot does not have; or a file cannot be written.
+        InputError, UnknownNameError: a kernel, dtype, tile or contract is not one of these; a kernel has loops, or is
+            of what the robot does not have; or a file cannot be written.
     """
     from ..codegen.simt.sources import render_simt
 
@@ -48,7 +50,7 @@ def export_simt(
     if isinstance(kernels, str) or not all(isinstance(name, str) for name in kernels):
         raise InputError(f"kernels: {show(kernels)}; allowed: a sequence of names")
     progress("deriving the equations")
-    source = render_simt(build_model(robot), tuple(kernels), dtype, tile)
+    source = render_simt(build_model(robot), tuple(kernels), dtype, tile, contract=contract)
     return [_written(target / name, text) for name, text in source.files.items()]
 
 

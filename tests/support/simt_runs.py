@@ -1,0 +1,223 @@
+"""All kernels of a robot's text for accelerators in the languages that run here, beside the robot's C, to the bit.
+
+What the C says of one state, its status included, is taken from its functions as they are, whatever the kernel.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eomgen.codegen.kernels.signatures import OWN_KERNELS, shapes
+from eomgen.codegen.simt.kernels import FRAMES, ROLLOUTS, derive_kernels, refusal
+from eomgen.codegen.simt.sources import render_simt
+from eomgen.robot.model import Model, build_model
+from eomgen.robot.value import Robot
+from eomgen.runtime.kernel import Kernel
+from tests.support import simt
+from tests.support.random_robots import State, span, with_states_of_laws
+
+ROUNDED = {"exp", "log", "atan2"}  # operations whose last bits are the device's
+CLOSING = ("settling", "cut_poses", "constraint", "constraint_jacobian")  # what assembles loops
+PRODUCTS = ("tangent", "adjoint")  # of Jacobians with vectors
+DIFFERENTIATED = ("inverse_dynamics", "forward_dynamics", "tree_inverse_dynamics", "constrained_dynamics")
+MOST = 20_000  # numbers of a state that a kernel may write; of Christoffel symbols n^3
+CLOSE = {"float64": 1e-13, "float32": 1e-5}  # by the largest number of a result
+ALL = ("c++", "opencl")
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a kernel of the text said in a language beside the robot's C.
+
+    kernel, language: their names.
+    difference: the largest one by the largest number of the result; 0 where all bits are the same.
+    statuses: whether the same states fail.
+    close: how large it may be: 0, or rounding of functions of laws that are the device's.
+    failed: how many of the states failed.
+    """
+
+    kernel: str
+    language: str
+    difference: float
+    statuses: bool
+    close: float
+    failed: int
+
+    @property
+    def is_right(self) -> bool:
+        """Whether the difference is no larger, and statuses are the same."""
+        return self.statuses and self.difference <= self.close
+
+
+def chosen_kernels(model: Model) -> tuple[str, ...]:
+    """Name the kernels that a text may have of a model: its own ones, and products with Jacobians of its dynamics."""
+    size, known = shapes(model), [*FRAMES, *ROLLOUTS, *OWN_KERNELS]
+    known += [f"{name}_{product}" for name in DIFFERENTIATED for product in PRODUCTS]
+    able = [name for name in known if refusal(model, name) is None]
+    return tuple(name for name in able if name not in OWN_KERNELS or _written(size, name) <= MOST)
+
+
+def refusals(model: Model) -> dict[str, str]:
+    """Say of every kernel of its own that a text has not of a model why that is."""
+    size, found = shapes(model), dict[str, str]()
+    for name in (*FRAMES, *ROLLOUTS, *OWN_KERNELS):
+        text = refusal(model, name)
+        if text is not None:
+            found[name] = text
+        elif name in OWN_KERNELS and _written(size, name) > MOST:
+            found[name] = f"writes {_written(size, name):,} numbers of a state, and was left out"
+    return found
+
+
+def _written(size: Mapping[str, tuple[int, ...]], name: str) -> int:
+    return math.prod(size[OWN_KERNELS[name].writes])
+
+
+@dataclass(frozen=True)
+class Near:
+    """A state of a closed mechanism, (n,) each, near which others are assembled."""
+
+    q: Array
+    v: Array
+
+
+class Subject:
+    """A robot's text and its C, compiled.
+
+    made: kernels of the text as C++.
+    kernel: the robot's C.
+    states: arrays of states by their names.
+    names: of all kernels that are compared.
+    """
+
+    def __init__(
+        self, robot: Robot, dtype: str, folder: Path, kernels: Sequence[str] = (), near: Near | None = None
+    ) -> None:
+        self.robot, self.model = robot, build_model(robot)
+        self.names = tuple(kernels) or chosen_kernels(self.model)
+        self.source = render_simt(self.model, self.names, dtype)
+        self.made = simt.Compiled(self.source, folder)
+        own = (*self.names, *CLOSING) if self.model.constraints else self.names
+        self.kernel = simt.built(robot, own, dtype)
+        programs = {x.name: x.program for x in derive_kernels(self.model, self.names, dtype).kernels}
+        self.rounded = {name for name, x in programs.items() if any(y.op in ROUNDED for y in x.instructions)}
+        self.states = _states(self, near)
+
+    def arrays(self, name: str) -> list[Array]:
+        """Return what a kernel reads of the states; what they do not have is drawn."""
+        meta, module = self.made.module.META["kernels"][name], self.made.module
+        drawn = simt.states(module, name, seed=len(name))
+        made = {
+            label: np.array(self.states.get(label, x), module.REAL)
+            for label, x in zip(meta["reads"], drawn, strict=True)
+        }
+        if name in ROLLOUTS:
+            made["u"][:, len(self.model.coordinates) :] = 0.0  # of states of laws, on which nothing acts in a motion
+        return list(made.values())
+
+    def answers(self, languages: Sequence[str] = ALL) -> Iterator[Answer]:
+        """Run all kernels in these languages beside the C."""
+        for name in self.names:
+            arrays, numbers = self.arrays(name), simt.scalars(self.made.module, name)
+            wanted, failed = expected(self.kernel, name, arrays)
+            for language in languages:
+                run = self._under_opencl if language == "opencl" else self._compiled
+                found, status = run(name, arrays, numbers)
+                yield Answer(
+                    name,
+                    language,
+                    difference(found, wanted, ~failed),
+                    bool(np.array_equal(status != 0, failed)),
+                    CLOSE[str(self.kernel.dtype)] if name in self.rounded and language == "opencl" else 0.0,
+                    int(failed.sum()),
+                )
+
+    def _compiled(self, name: str, arrays: Sequence[Array], numbers: Mapping[str, float]) -> tuple[Any, Array]:
+        return self.made.run(name, *arrays, **numbers), self.made.status
+
+    def _under_opencl(self, name: str, arrays: Sequence[Array], numbers: Mapping[str, float]) -> tuple[Any, Array]:
+        said: list[Array] = []
+        module = self.made.module
+        kept, module.check_status = module.check_status, said.append
+        try:
+            found = self.device.run(name, *arrays, **numbers)
+        finally:
+            module.check_status = kept
+        return found, said[0]
+
+    @property
+    def device(self) -> Any:
+        """Return the kernels on the first device of OpenCL; compiled when they are asked for."""
+        if "_device" not in vars(self):
+            self._device = self.made.module.opencl()
+        return self._device
+
+
+def _states(subject: Subject, near: Near | None) -> dict[str, Array]:
+    """Draw states of a robot: principal coordinates far, others near; on closed loops, moving, where it has some."""
+    model, kernel, rng = subject.model, subject.kernel, np.random.default_rng(42)
+    spans = [span(subject.robot, name) for name in model.coordinates]
+    drawn = []
+    for _ in range(simt.COUNT):
+        q, *others = rng.uniform(-1.0, 1.0, (4, len(spans)))
+        drawn.append(with_states_of_laws(subject.robot, State(q * spans, *(2.0 * x for x in others)), rng))
+    states = {label: np.stack([getattr(s, label) for s in drawn]).astype(kernel.dtype) for label in "qvau"}
+    if model.constraints:
+        n = len(model.coordinates)
+        q, v = (states[label][:, :n] for label in "qv")
+        guess = (np.asarray(model.home)[:n] if near is None else near.q[:n]) + 0.1 * np.clip(q, -1.0, 1.0)
+        q[:] = kernel.assemble(guess.astype(kernel.dtype))
+        v[:] = kernel.project_velocity(q, v if near is None else near.v[:n] + 0.1 * v)
+    return states
+
+
+def expected(kernel: Kernel, name: str, arrays: Sequence[Array]) -> tuple[Any, Array]:
+    """Return what the robot's C says of states, one by one, and which ones failed."""
+    if name in ROLLOUTS:
+        return _rolled(kernel, name, arrays), np.zeros(len(arrays[0]), bool)
+    function = kernel.raw.functions[FRAMES[name][0] if name in FRAMES else name]
+    frames: Sequence[tuple[int, ...]] = [(k,) for k in range(len(kernel.frames))] if name in FRAMES else [()]
+    count, shape, view = len(arrays[0]), kernel.raw.shapes[function.writes], kernel.raw.view
+    h = kernel.parameters.setup.pointer(function.library)
+    made, failed = np.zeros((count, len(frames), *shape), kernel.dtype), np.zeros(count, bool)
+    rows = [np.ascontiguousarray(x) for x in arrays]
+    for k in range(count):
+        for place, frame in enumerate(frames):
+            status = function.code(h, *(view(x[k]) for x in rows), *frame, view(made[k, place]))
+            failed[k] |= status != 0
+    if name == "frame_poses":
+        return made.reshape(count, len(frames), -1, 4)[:, :, :3], failed  # without the row 0, 0, 0, 1
+    return made if name in FRAMES else made[:, 0], failed
+
+
+def _rolled(kernel: Kernel, name: str, arrays: Sequence[Array]) -> tuple[Array, ...]:
+    """Return where the kernel's steps lead; states of laws behind velocities."""
+    n = len(kernel.coordinates)
+    q, v, u = (x[:, :n] for x in arrays)
+    z = {"z": arrays[1][:, n:]} if kernel.memory else {}
+    made = kernel.rollout(q, v, u, dt=simt.STEP, steps=3, method=name.removesuffix("_rollout"), **z)
+    ends = [x[:, -1] for x in (*made, *([made.z] if z else []))]
+    return ends[0], np.concatenate(ends[1:], axis=1)
+
+
+def difference(found: Any, wanted: Any, well: Array) -> float:
+    """Return the largest difference of states that are well, by the largest number that is expected."""
+    if isinstance(wanted, tuple):
+        pairs = [(x[:, : y.shape[1]], y) for x, y in zip(found, wanted, strict=True)]
+        return max(difference(x, y, well) for x, y in pairs)
+    one, other = found[well].ravel(), wanted[well].ravel()
+    if simt.same_bits(one, other):
+        return 0.0
+    if not np.array_equal(np.isfinite(one), np.isfinite(other)):
+        return math.inf
+    finite = np.isfinite(other)
+    size = np.abs(other[finite]).max(initial=0.0)
+    return float(np.abs(one[finite] - other[finite]).max(initial=0.0) / (size or 1.0)) or math.inf
