@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from eomgen.codegen.kernels.signatures import OWN_KERNELS
-from eomgen.codegen.simt.kernels import DEFAULT, FRAMES, ROLLOUTS
+from eomgen.codegen.simt.kernels import DEFAULT, FRAMES
 from eomgen.description import as_robot, builtin_robots
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
@@ -16,7 +16,7 @@ from tests.support import simt
 from tests.support.bending_mixtures import PARTS, mixture
 from tests.support.figures import Figures
 from tests.support.random_mechanisms import mechanism
-from tests.support.simt_runs import Near, Subject, chosen_kernels, refusals
+from tests.support.simt_runs import HELD, Near, Subject, chosen_kernels, refusals
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -72,7 +72,7 @@ def test_every_kernel_is_there_or_refused_for_a_reason(name: str) -> None:
     model = build_model(as_robot(name))
     there, refused = chosen_kernels(model), refusals(model)
     own = {name for name in there if not name.endswith(("tangent", "adjoint"))}
-    assert own ^ {*refused} == {*FRAMES, *ROLLOUTS, *OWN_KERNELS}
+    assert own ^ {*refused} == {*FRAMES, *HELD, *OWN_KERNELS}
     for kernel, text in refused.items():
         known = [words for words, holds in REASONS.items() if words in text and holds(model)]
         assert len(known) == 1, f"{kernel} {text}"

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eomgen.codegen.kernels.signatures import OWN_KERNELS, shapes
-from eomgen.codegen.simt.kernels import FRAMES, ROLLOUTS, derive_kernels, refusal
+from eomgen.codegen.simt.kernels import CONTROLLED, FRAMES, ROLLOUTS, derive_kernels, refusal
 from eomgen.codegen.simt.sources import render_simt
 from eomgen.robot.model import Model, build_model
 from eomgen.robot.value import Robot
@@ -29,6 +29,7 @@ PRODUCTS = ("tangent", "adjoint")  # of Jacobians with vectors
 DIFFERENTIATED = ("inverse_dynamics", "forward_dynamics", "tree_inverse_dynamics", "constrained_dynamics")
 MOST = 20_000  # numbers of a state that a kernel may write; of Christoffel symbols n^3
 CLOSE = {"float64": 1e-13, "float32": 1e-5}  # by the largest number of a result
+HELD = tuple(name for name in ROLLOUTS if name not in CONTROLLED)  # under held drives; others have tests of their own
 ALL = ("c++", "opencl")
 Array = NDArray[Any]
 
@@ -59,7 +60,7 @@ class Answer:
 
 def chosen_kernels(model: Model) -> tuple[str, ...]:
     """Name the kernels that a text may have of a model: its own ones, and products with Jacobians of its dynamics."""
-    size, known = shapes(model), [*FRAMES, *ROLLOUTS, *OWN_KERNELS]
+    size, known = shapes(model), [*FRAMES, *HELD, *OWN_KERNELS]
     known += [f"{name}_{product}" for name in DIFFERENTIATED for product in PRODUCTS]
     able = [name for name in known if refusal(model, name) is None]
     return tuple(name for name in able if name not in OWN_KERNELS or _written(size, name) <= MOST)
@@ -68,7 +69,7 @@ def chosen_kernels(model: Model) -> tuple[str, ...]:
 def refusals(model: Model) -> dict[str, str]:
     """Say of every kernel of its own that a text has not of a model why that is."""
     size, found = shapes(model), dict[str, str]()
-    for name in (*FRAMES, *ROLLOUTS, *OWN_KERNELS):
+    for name in (*FRAMES, *HELD, *OWN_KERNELS):
         text = refusal(model, name)
         if text is not None:
             found[name] = text
