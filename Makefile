@@ -58,6 +58,7 @@ bench: $(VENV)/.bench $(VENV)/.test
 	$(BIN)/python -m benchmarks.calibrating
 	$(BIN)/python -m benchmarks.closed
 	$(BIN)/python -m benchmarks.friction
+	$(BIN)/python -m benchmarks.global_error
 	$(BIN)/python -m benchmarks.jets
 	$(BIN)/python -m benchmarks.levels
 	$(BIN)/python -m benchmarks.observers

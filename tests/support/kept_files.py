@@ -19,6 +19,7 @@ import numpy as np
 import eomgen
 from eomgen.errors import InputError
 from eomgen.integration.contacts import Contact
+from eomgen.integration.error_transport import GlobalError
 from eomgen.integration.trajectory import Trajectory
 from eomgen.robot.model import build_model
 from eomgen.robot.record import record_of, robot_hash, robot_of
@@ -63,6 +64,15 @@ def sample_result(name: str = "one_link", *, states: bool = False) -> Simulation
     memory = tuple(f"{names[0]}.{law}.z" for law in ("friction", "maxwell.0")) if states else None
     z = None if memory is None else 1e-5 * np.sin(np.outer(t, [3.0, 5.0]))
     laws: dict[str, Any] = {"memory": memory, "memory_units": ("rad", "rad") if states else None, "z": z}
+    estimate = GlobalError(
+        coordinates=names,
+        q_error=1e-6 * q,
+        v_error=1e-6 * np.cos(q),
+        z_error=None if z is None else 1e-3 * z,
+        tool_error=1e-6 * pose[:, :3, 3],
+        tool_rotation_error=1e-6 * t,
+        unresolved=0.01,
+    )
     end = {"q": q[-1].tolist(), "v": q[-1].tolist(), **({} if z is None else {"z": z[-1].tolist()})}
     return SimulationResult(
         robot=robot.name,
@@ -80,6 +90,7 @@ def sample_result(name: str = "one_link", *, states: bool = False) -> Simulation
         links=model.links,
         wrench=np.zeros((samples, len(model.links), 6)),
         balance=EnergyBalance(np.outer(t, np.arange(5.0)), energy),
+        global_error=estimate,
         description=MappingProxyType(record_of(robot)),
         stopped=MappingProxyType({"reason": "why", "t": 0.5, "coordinate": names[0], **end}),
     )

@@ -10,7 +10,7 @@ from ..errors import InputError, IntegrationStopped
 from ..files import check_ending
 from ..results.beside import BESIDE_SIMULATION, TRAJECTORY
 from .shared.command import Command
-from .shared.numbers import real
+from .shared.numbers import once_each, real, reals
 from .shared.options import add_choice, add_json, add_names
 from .shared.output import can_be_left_out, say, show_files, show_result, show_written
 from .shared.progress import progress_bar, stage_bar
@@ -29,6 +29,9 @@ def _add_simulate(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--method", choices=METHODS, help="method of integration (auto)")
     goal = "goal of the principal coordinates, rad or m, joint by joint"
     add_names(parser, "--goal", "Q", goal, type=real, default=None)
+    parser.add_argument("--global-error", action="store_true", help="estimate the error of the integration")
+    within = "integrate with ever narrower tolerances until tool, tool.rotation or a coordinate is within (m, rad)"
+    parser.add_argument("--within", nargs=2, action="append", metavar=("NAME", "E"), help=within)
     parser.add_argument("--no-plots", action="store_true", help="write no plots")
     add_json(parser)
 
@@ -42,15 +45,25 @@ def _simulate(options: argparse.Namespace) -> None:
         raise InputError(f"--{next(iter(motion))}: given together with --scenario, which says it; allowed: one of both")
     if options.stream and not options.scenario:
         raise InputError("--stream: given without --scenario; allowed: with a scenario")
+    within = None
+    if options.within:
+        within = once_each("--within", ((name, reals("--within", [error])[0]) for name, error in options.within))
     robot, target = read_robot(options), options.output / TRAJECTORY
     scenario = load_scenario(options.scenario) if options.scenario else None
     replaced = target.exists()
     try:
         with progress_bar("simulating") as report:
             if scenario is not None:
-                result = run_scenario(robot, scenario, progress=report, stream=options.stream)
+                result = run_scenario(
+                    robot,
+                    scenario,
+                    progress=report,
+                    stream=options.stream,
+                    global_error=options.global_error,
+                    within=within,
+                )
             else:
-                result = simulate(robot, progress=report, **motion)
+                result = simulate(robot, progress=report, global_error=options.global_error, within=within, **motion)
     except IntegrationStopped as error:
         if error.result is not None:  # what there is of it, marked as stopped; the status says so, too
             try:

@@ -37,7 +37,7 @@ from .balance import TERMS
 
 UNIT = re.compile(r"1|[A-Za-z]{1,3}(\^-?[1-9])?([ /][A-Za-z]{1,3}(\^-?[1-9])?){0,3}")  # of a law's state
 _LARGEST_SUM = LARGEST_FOUND**2  # of energies: a motion that diverged has large ones
-RESULT, TRAJECTORY, BALANCE = "result", "trajectory", "balance"  # where an array belongs
+RESULT, TRAJECTORY, BALANCE, ERROR = "result", "trajectory", "balance", "error"  # where an array belongs
 DERIVED = ("units", "rotating", "quaternions")  # arrays that follow from others, for those who read with NumPy alone
 
 
@@ -77,6 +77,11 @@ ARRAYS = (
     _array("pose", RESULT, ("T", 4, 4), "1, m"),
     _array("program_pose", RESULT, ("T", 4, 4), "1, m"),
     _array("wrench", RESULT, ("T", "links", 6), "N, N m", otherwise=None),
+    _array("q_error", ERROR, ("T", "n"), "m, rad", otherwise=None, largest=_LARGEST_SUM),
+    _array("v_error", ERROR, ("T", "n"), "m/s, rad/s", otherwise=None, largest=_LARGEST_SUM),
+    _array("z_error", ERROR, ("T", "s"), otherwise=None, largest=_LARGEST_SUM),
+    _array("tool_error", ERROR, ("T", 3), "m", otherwise=None, largest=_LARGEST_SUM),
+    _array("tool_rotation_error", ERROR, ("T",), "rad", otherwise=None),
     _array("work", BALANCE, ("T", len(TERMS)), "J", otherwise=None, largest=_LARGEST_SUM),
 )
 
@@ -101,6 +106,7 @@ class Meta:
     scenario: Mapping[str, Any] = field(default_factory=dict)
     description: Mapping[str, Any] = field(default_factory=dict)
     stopped: Mapping[str, Any] = field(default_factory=dict)
+    unresolved: float | None = field(default=None, metadata={"owner": ERROR})
 
 
 @dataclass(frozen=True)
@@ -161,6 +167,7 @@ def check_contents(meta: Meta, arrays: Mapping[str, NDArray[Any]], where: str) -
         elif stored.otherwise is not None:
             raise InputError(f"{where}: array {stored.name} is missing; allowed: a result with it")
     _check_coordinates(meta, checked, where)
+    _check_errors(meta, checked, where)
     t = checked["t"]
     if not t.size:
         raise InputError(f"{where}: array t: got no samples; allowed: one or more")
@@ -169,6 +176,24 @@ def check_contents(meta: Meta, arrays: Mapping[str, NDArray[Any]], where: str) -
         i = int(late[0])
         raise InputError(f"{where}: array t: got {t[i + 1]:g} after {t[i]:g}; allowed: increasing times")
     return checked
+
+
+def _check_errors(meta: Meta, arrays: Mapping[str, Any], where: str) -> None:
+    """Refuse parts of an estimated global error without the others."""
+    needed = {"q_error", "v_error", *(("z_error",) if "z" in arrays else ())}
+    tool, given = (
+        {"tool_error", "tool_rotation_error"},
+        {item.name for item in ARRAYS if item.owner == ERROR} & set(arrays),
+    )
+    if meta.unresolved is None and given:
+        raise InputError(f"{where}: unresolved: is missing beside {listed(sorted(given))}; allowed: both, or none")
+    if meta.unresolved is None:
+        return
+    if given not in (needed, needed | tool):
+        allowed = f"{listed(sorted(needed))}, and both or none of {listed(sorted(tool))}"
+        raise InputError(f"{where}: arrays of errors: got {listed(sorted(given)) or 'none'}; allowed: {allowed}")
+    if not 0.0 <= meta.unresolved <= 1.0:
+        raise InputError(f"{where}: unresolved: got {meta.unresolved:g}; allowed: from 0 to 1")
 
 
 def _checked(stored: Owned, array: NDArray[Any], sizes: dict[str, int], where: str) -> Any:

@@ -18,6 +18,7 @@ from ..errors import InputError, UnknownNameError
 from ..files import as_path
 from ..forms.plain import printable
 from ..integration.contacts import STOP, Contact
+from ..integration.error_transport import GlobalError
 from ..integration.trajectory import Trajectory, motion_columns
 from ..motion.files import MeasuredMotion, write_motion
 from ..names import kind_of, listed, nearest, plain_path, show
@@ -31,7 +32,7 @@ from ..scenario.recorded import scenario_from_record
 from ..shown import Plotting, Shown, prefixed
 from ..tabular import AXES, Rows, TableColumn, Tabular
 from .balance import TERMS, EnergyBalance
-from .contents import ARRAYS, BALANCE, DERIVED, RESULT, TRAJECTORY, Meta, check_contents, meta_of
+from .contents import ARRAYS, BALANCE, DERIVED, ERROR, RESULT, TRAJECTORY, Meta, check_contents, meta_of
 
 WHOLE = ("steps", "evaluations", "jacobians", "redundant")  # numbers of a trajectory's ``info``
 
@@ -70,6 +71,7 @@ class SimulationResult(Plotting, Shown, Tabular, plot="plot_series"):
         description: the robot that was simulated, as ``robot.record.record_of`` has it; empty in older files.
         stopped: empty where the motion came to its end; else its ``reason`` (text), the ``coordinate`` to blame, and
             the last good state: ``t`` (s), ``q`` and ``v`` (n numbers each), and ``z`` of states of laws, if any.
+        global_error: estimated error of the integration, with that of the tool; None where it was not asked for.
     """
 
     robot: str
@@ -91,6 +93,7 @@ class SimulationResult(Plotting, Shown, Tabular, plot="plot_series"):
     balance: EnergyBalance | None = None
     description: Mapping[str, Any] = field(default_factory=dict)
     stopped: Mapping[str, Any] = field(default_factory=dict)
+    global_error: GlobalError | None = None
 
     @property
     def deviation_coordinates(self) -> tuple[str, ...]:
@@ -117,10 +120,7 @@ class SimulationResult(Plotting, Shown, Tabular, plot="plot_series"):
     @property
     def tool_rotation(self) -> Array:
         """TCP orientation error: the angle between the tool's orientation and its reference, (T,), rad."""
-        turn = np.swapaxes(self.program_pose[:, :3, :3], 1, 2) @ self.pose[:, :3, :3]
-        skew = np.stack([turn[:, 2, 1] - turn[:, 1, 2], turn[:, 0, 2] - turn[:, 2, 0], turn[:, 1, 0] - turn[:, 0, 1]])
-        angle: Array = np.arctan2(np.linalg.norm(skew, axis=0), np.trace(turn, axis1=1, axis2=2) - 1.0)
-        return angle
+        return angle_between(self.program_pose, self.pose)
 
     @property
     def units(self) -> tuple[str, ...]:
@@ -151,6 +151,7 @@ class SimulationResult(Plotting, Shown, Tabular, plot="plot_series"):
                 for unit in ("m", "rad")
             },
             "energy": None if self.balance is None else self.balance.summary(),
+            "global_error": None if self.global_error is None else self.global_error.summary(),
             "notes": list(self.notes),
             "stopped": dict(self.stopped) or None,
             "versions": dict(self.versions),
@@ -182,6 +183,8 @@ class SimulationResult(Plotting, Shown, Tabular, plot="plot_series"):
                 lines.append(f"  {text}: {entry['coordinate']} {prefixed(entry['value'], entry['unit'], sign=True)}")
         if self.balance is not None:
             lines.append(f"  {self.balance.line()}")
+        if self.global_error is not None:
+            lines.append(f"  {self.global_error.line()}")
         lines += [*self._contact_lines(), *self._rest_lines()]
         return lines + [f"  {note}" for note in self.notes]
 
@@ -238,7 +241,8 @@ class SimulationResult(Plotting, Shown, Tabular, plot="plot_series"):
         ("joint1.gamma.friction.z"); JOINT.qw, .qx, .qy and
         .qz of joints with alpha, beta and gamma (see ``Trajectory.quaternion``); TOOL.position (base frame) and
         TOOL.program; TOOL.rotation, the orientation error; LINK.force and LINK.moment of wrenches (about the centre of
-        mass, base frame); energy.kinetic, energy.potential, energy.residue, and
+        mass, base frame); where the global error is estimated NAME.error of coordinates, and TOOL.error of the
+        position; energy.kinetic, energy.potential, energy.residue, and
         work.TERM with the terms of ``EnergyBalance``.
 
         Raises:
@@ -258,6 +262,8 @@ class SimulationResult(Plotting, Shown, Tabular, plot="plot_series"):
         series[f"{self.tool}.position"] = ("m", self.pose[:, :3, 3])
         series[f"{self.tool}.program"] = ("m", self.program_pose[:, :3, 3])
         series[f"{self.tool}.rotation"] = ("rad", self.tool_rotation)
+        if self.global_error is not None:
+            series |= self.global_error.columns(self.tool)
         for i, link in enumerate(self.links if self.wrench is not None else ()):
             assert self.wrench is not None
             series[f"{link}.force"] = ("N", self.wrench[:, i, :3])
@@ -299,15 +305,22 @@ class SimulationResult(Plotting, Shown, Tabular, plot="plot_series"):
         if as_path(path).suffix == ".csv":
             about = f"Motion of {self.robot}, simulated ({self.trajectory.method}): s, m and rad, N and N m."
             return write_motion(path, self.motion, [about])
-        owners = {RESULT: self, TRAJECTORY: self.trajectory, BALANCE: self.balance}
+        owners = {RESULT: self, TRAJECTORY: self.trajectory, BALANCE: self.balance, ERROR: self.global_error}
         contents = {item.name: getattr(owners[item.owner], item.name, None) for item in ARRAYS}
         texts = [item.name for item in ARRAYS if item.of is str]
         arrays = {name: np.asarray(x, str if name in texts else None) for name, x in contents.items() if x is not None}
         whose = {item.name: owners[item.metadata.get("owner", RESULT)] for item in fields(Meta)}
-        values = {name: as_plain(getattr(owner, name)) for name, owner in whose.items()}
+        values = {name: as_plain(getattr(owner, name, None)) for name, owner in whose.items()}
         meta = meta_of(values, "the result cannot be saved")
         check_contents(meta, arrays, "the result cannot be saved")
         return write_npz(path, {"format": FORMAT, **plain_fields(meta)}, arrays)
+
+
+def angle_between(poses: Array, others: Array) -> Array:
+    """Return the angles between the orientations of poses, (T, 4, 4), (T,), rad."""
+    turn = np.swapaxes(poses[:, :3, :3], 1, 2) @ others[:, :3, :3]
+    skew = np.stack([turn[:, 2, 1] - turn[:, 1, 2], turn[:, 0, 2] - turn[:, 2, 0], turn[:, 1, 0] - turn[:, 0, 1]])
+    return np.asarray(np.arctan2(np.linalg.norm(skew, axis=0), np.trace(turn, axis1=1, axis2=2) - 1.0))
 
 
 def _largest(names: Sequence[str], values: Array, unit: str) -> dict[str, Any] | None:
@@ -333,7 +346,7 @@ def load_result(path: Path | str) -> SimulationResult:
     arrays = read_npz(path)
     meta = meta_of(_meta_in(arrays, path), f"{path}: {META}")
     arrays = check_contents(meta, arrays, str(path))
-    owned: dict[str, dict[str, Any]] = {RESULT: {}, TRAJECTORY: {}, BALANCE: {}}
+    owned: dict[str, dict[str, Any]] = {RESULT: {}, TRAJECTORY: {}, BALANCE: {}, ERROR: {}}
     for item in ARRAYS:
         if item.name in arrays and item.name not in DERIVED:
             owned[item.owner][item.name] = arrays[item.name]
@@ -344,7 +357,10 @@ def load_result(path: Path | str) -> SimulationResult:
         )
     trajectory = Trajectory(**owned[TRAJECTORY])
     balance = EnergyBalance(energy=trajectory.energy, **owned[BALANCE]) if owned[BALANCE] else None
-    result = SimulationResult(trajectory=trajectory, balance=balance, **owned[RESULT])
+    estimate = None
+    if owned[ERROR]["unresolved"] is not None:
+        estimate = GlobalError(coordinates=trajectory.coordinates, **owned[ERROR])
+    result = SimulationResult(trajectory=trajectory, balance=balance, global_error=estimate, **owned[RESULT])
     if result.scenario:
         scenario_from_record(result.scenario, f"{path}: scenario")
     if result.description:

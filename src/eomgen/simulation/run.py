@@ -12,6 +12,8 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -22,6 +24,7 @@ from .._version import __version__
 from ..arrays import Array
 from ..description import RobotLike, as_robot
 from ..errors import InputError, IntegrationStopped
+from ..integration.error_transport import ErrorTransport
 from ..integration.methods import EXPLICIT, Method
 from ..integration.plan import IntegratorPlan, plan_integration
 from ..integration.steps import output_times
@@ -36,7 +39,7 @@ from ..names import component_name, show
 from ..pipeline.ahead import Ahead
 from ..progress import Progress, no_progress, tells_at_prompt
 from ..robot.coordinates import force_unit_of, index_of, unit_of
-from ..robot.model import rigid_coordinates, tool_of
+from ..robot.model import build_model, rigid_coordinates, tool_of
 from ..robot.value import MOTOR, Robot
 from ..runtime.kernel import Kernel
 from ..scenario.load import as_scenario
@@ -46,10 +49,11 @@ from ..state.springs import law_numbers, stops
 from .assembly import BANDWIDTH, Assembly, assemble, default_control
 from .controls import ComputedTorque
 from .initial import initial_state
-from .result import SimulationResult
+from .result import SimulationResult, angle_between
 from .sampled_drive import SampledDrive
 from .segments import Loads, SegmentOptions, run_segments
 from .stream import MotionStream
+from .within import checked_within, run_within
 
 
 @tells_at_prompt("simulating")
@@ -66,6 +70,8 @@ def simulate(  # noqa: PLR0913
     rtol: float = 1e-6,
     step: float | None = None,
     output_step: float | None = None,
+    global_error: bool = False,
+    within: Mapping[str, float] | None = None,
     progress: Progress | None = None,
 ) -> SimulationResult:
     """Move the robot from start to goal and integrate all its coordinates: a scenario of these values.
@@ -84,6 +90,10 @@ def simulate(  # noqa: PLR0913
         tool: frame or link of poses and TCP errors; default "tcp", else the first frame, else a link
             whose name ends with "tcp" or "tool0", else the end of the longest chain.
         method, rtol, step, output_step: see ``integrate``.
+        global_error: whether the error of the integration is estimated, which takes longer than the motion: the
+            result's ``global_error``, see ``eomgen.integration.global_error``.
+        within: largest estimated errors that are allowed, by name: "tool" (m), "tool.rotation" (rad), a coordinate
+            (m or rad).  The motion is integrated with ever narrower tolerances, from rtol on, until they are met.
         progress: called with a fraction from 0 to 1 and a line of text.
 
     Raises:
@@ -112,7 +122,7 @@ def simulate(  # noqa: PLR0913
         control=Section(kind, {"bandwidth": float(bandwidth)} if kind == "computed_torque" else {}),
         integrator=integrator,
     )
-    return run_scenario(robot, scenario, progress=progress)
+    return run_scenario(robot, scenario, progress=progress, global_error=global_error, within=within)
 
 
 @tells_at_prompt("simulating")
@@ -122,6 +132,8 @@ def run_scenario(
     *,
     progress: Progress | None = None,
     stream: Path | str | None = None,
+    global_error: bool = False,
+    within: Mapping[str, float] | None = None,
 ) -> SimulationResult:
     """Simulate a robot by a scenario: integrate all its coordinates.
 
@@ -130,18 +142,30 @@ def run_scenario(
         scenario: from ``load_scenario``, a built-in name, the path of a .toml file, or the values of one.
         progress: called with a fraction from 0 to 1 and a line of text.
         stream: a new folder to which q and v are written while they are integrated, see ``eomgen.load_stream``.
+        global_error, within: as of ``simulate``; the latter not with a stream.
 
     Raises:
         InputError: the scenario does not fit the robot (file, key, value and what is allowed are named), or SciPy
             is not installed.
         LoopError: as of ``simulate``.
         IntegrationError: there is no static equilibrium at the start, or the motion could not be integrated to its
-            end: as IntegrationStopped, whose ``result`` has the motion until then.
+            end: as IntegrationStopped, whose ``result`` has the motion until then.  Or no tolerance brings errors
+            within what is asked for.
     """
     robot, scenario, report = as_robot(robot), as_scenario(scenario), progress or no_progress
     tool = tool_of(robot, scenario.frame, scenario.label("frame") if scenario.source else "tool")
-    with Ahead() as ahead:
-        return run_assembly(robot, scenario, assemble(robot, scenario, tool, report, None, ahead), tool, report, stream)
+
+    def run(scenario: Scenario, *, estimated: bool) -> SimulationResult:
+        with Ahead() as ahead:
+            assembly = assemble(robot, scenario, tool, report, None, ahead)
+            return run_assembly(robot, scenario, assembly, tool, report, stream, global_error=estimated)
+
+    if within is None:
+        return run(scenario, estimated=global_error)
+    if stream is not None:
+        raise InputError("within: the motion is integrated several times, and a stream has one; allowed: one of both")
+    asked = checked_within(within, build_model(robot).coordinates, scenario)
+    return run_within(partial(run, estimated=True), scenario, asked)
 
 
 def run_assembly(
@@ -153,6 +177,7 @@ def run_assembly(
     stream: Path | str | None = None,
     *,
     balance: bool = True,
+    global_error: bool = False,
 ) -> SimulationResult:
     """Run an assembled scenario, as ``run_scenario``; without ``balance`` faster."""
     kernel = assembly.kernel
@@ -170,7 +195,7 @@ def run_assembly(
     states = dict(zip(kernel.memory, kernel.memory_units, strict=True))
     opened = None if stream is None else MotionStream(stream, kernel.coordinates, samples, about, states)
     plan = plan_of(assembly, scenario, q0)
-    options = SegmentOptions(plan, report, opened, balance, assembly.until)
+    options = SegmentOptions(plan, report, opened, balance, assembly.until, ErrorTransport() if global_error else None)
     n = len(kernel.coordinates)
     try:
         segments = run_segments(kernel, robot, scenario, loads, q0, v0, options)
@@ -205,13 +230,18 @@ def run_assembly(
         None if segments.balance is None else segments.balance.note(),
         *_end_note(assembly.until, motion),
     ]
+    pose, estimate = np.asarray(kernel.frame_pose(q, tool)), segments.global_error
+    if estimate is not None:
+        exact = np.asarray(kernel.frame_pose(q - _whole(kernel, estimate.q_error), tool))
+        turned = angle_between(exact, pose)
+        estimate = replace(estimate, tool_error=pose[:, :3, 3] - exact[:, :3, 3], tool_rotation_error=turned)
     result = SimulationResult(
         robot=robot.name,
         trajectory=motion.apart(kernel),
         program_coordinates=assembly.driven,
         program_q=program_q,
         tool=tool,
-        pose=np.asarray(kernel.frame_pose(q, tool)),
+        pose=pose,
         program_pose=np.asarray(kernel.frame_pose(rigid_q, tool)),
         notes=tuple(note for note in notes if note),
         versions=MappingProxyType(versions),
@@ -224,12 +254,18 @@ def run_assembly(
         wrench=segments.wrench,
         balance=segments.balance,
         description=MappingProxyType(dict(assembly.facts.description)),
+        global_error=estimate,
         stopped=MappingProxyType({} if segments.stop is None else _stop_record(segments.stop, n)),
     )
     if segments.stop is not None:
         segments.stop.trajectory, segments.stop.result = result.trajectory, result
         raise segments.stop
     return result
+
+
+def _whole(kernel: Kernel, q: Array) -> Array:
+    """Return coordinates, (T, n), as kernels take them: with zeros for states of laws behind."""
+    return np.hstack([q, np.zeros((len(q), len(kernel.memory)))])
 
 
 def loads_of(assembly: Assembly) -> Loads:

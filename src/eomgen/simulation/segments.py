@@ -16,10 +16,13 @@ import numpy as np
 from ..arrays import Array
 from ..errors import EomgenError, IntegrationStopped
 from ..integration.contacts import Contact
+from ..integration.error_transport import ErrorTransport, GlobalError, error_of
+from ..integration.many_states import ManyLoads
 from ..integration.plan import IntegratorPlan
 from ..integration.resting import rests
 from ..integration.solve import integrate_by, system_of
 from ..integration.steps import Record, output_times
+from ..integration.system import System
 from ..integration.trajectory import Trajectory
 from ..integration.until import Until
 from ..progress import Progress
@@ -35,6 +38,7 @@ from .stream import MotionStream
 
 Function = Callable[[float, Array, Array], Array]
 
+ERRORS = ("q_error", "v_error")  # of samples
 GREATEST = ("gap", "gap_rate", "redundant", "friction_smoothing")  # numbers of ``info`` that do not add up
 SHARPNESS = 1e-9  # of the duration: how far from a time that separates two pieces both are told apart
 MOST_KNOTS = 200  # of a table without jumps at which a piece ends; of more, some
@@ -58,7 +62,8 @@ class SegmentOptions:
     """Options of the integration of a motion's pieces, all of them by one method.
 
     progress: called with a fraction from 0 to 1 and a line of text.  stream: gets the samples.  balance: whether the
-    motion is sampled for that, too.  until: terminal event, if any.
+    motion is sampled for that, too.  until: terminal event, if any.  errors: global errors along
+    the pieces, where they are estimated.
     """
 
     plan: IntegratorPlan
@@ -66,19 +71,21 @@ class SegmentOptions:
     stream: MotionStream | None = None
     balance: bool = True
     until: Until | None = None
+    errors: ErrorTransport | None = None
 
 
 @dataclass(frozen=True)
 class SegmentedMotion:
     """A trajectory, its energy balance, and the wrenches, (T, links, 6), or None without any.
 
-    ``stop`` says why it ends before the duration does, if it does.
+    ``stop`` says why it ends before the duration does, if it does.  ``global_error`` is there where it was asked for.
     """
 
     trajectory: Trajectory
     balance: EnergyBalance | None
     wrench: Array | None
     stop: IntegrationStopped | None = None
+    global_error: GlobalError | None = None
 
 
 @dataclass(frozen=True)
@@ -152,12 +159,15 @@ def run_segments(
     if stop is not None:
         whole = _good_rows(whole)
     work, wrench = whole.pop("work"), whole.pop("wrench", None)
+    estimate = None
+    if options.errors is not None:
+        estimate = error_of(kernel, np.hstack([whole.pop(name) for name in ERRORS]), options.errors.unresolved)
     sticking = rests(kernel, whole["t"], whole["q"], whole["v"])
     taken = options.plan.leading(info, float(whole["t"][-1]))
     about: dict[str, Any] = {"method": taken, "info": info, "contacts": tuple(contacts), "rests": sticking}
     trajectory = Trajectory(**whole, coordinates=kernel.velocities, **about)
     return SegmentedMotion(
-        trajectory, EnergyBalance(work, trajectory.energy) if options.balance else None, wrench, stop
+        trajectory, EnergyBalance(work, trajectory.energy) if options.balance else None, wrench, stop, estimate
     )
 
 
@@ -219,12 +229,14 @@ def _piece(
     times, apart = (with_nodes(edges), SUBINTERVALS) if how.balance and not along else (edges, 1)
     drive, wrench = between(loads, scenario, begin, end)
     stop: IntegrationStopped | None = None
+    systems: list[System] = []
 
     def report(fraction: float, text: str) -> None:
         how.progress(fraction * end / scenario.duration, text)
 
     def moved(state: tuple[Array, Array], times: Array, **ending: Any) -> Trajectory:
         system, start = system_of(kernel, drive, wrench, loads.prescribed), (state[0].copy(), state[1].copy())
+        systems.append(system)
         return integrate_by(how.plan, system, start, times, progress=report, works=along, **ending)
 
     try:
@@ -254,6 +266,9 @@ def _piece(
         samples["work"] = works(kernel, times, motion.q, motion.v, motion.u, wrenches)
     else:
         samples["work"] = np.zeros((edges.size - 1, len(TERMS)))
+    if how.errors is not None:
+        errors = how.errors.extend(ManyLoads(systems[0]), edges, np.hstack([samples["q"], samples["v"]]))
+        samples |= dict(zip(ERRORS, np.split(errors, 2, axis=1), strict=True))
     return samples, motion, stop
 
 
