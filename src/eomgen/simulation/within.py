@@ -66,7 +66,7 @@ def run_within(
         how = scenario.integrator
         if how.rtol <= NARROWEST or not share < IMPROVES * before:
             trouble = "it does not fall any more" if how.rtol > NARROWEST else "there is no narrower one"
-            if not result.global_error.is_resolved:
+            if share <= 1.0:
                 trouble = "the estimate is not reliable between samples that are so far apart"
             raise IntegrationError(
                 f"within: {name}: {_shown(errors[name], name)} at rtol {how.rtol:.2g}, and {trouble};"
