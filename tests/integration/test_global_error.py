@@ -12,8 +12,8 @@ from scipy.special import ellipj, ellipk
 
 import eomgen
 from eomgen import InputError, IntegrationError
-from eomgen.integration import error_transport
-from eomgen.integration.error_transport import GlobalError, global_error
+from eomgen.integration.accuracy import error_transport
+from eomgen.integration.accuracy.error_transport import GlobalError, global_error
 from eomgen.integration.solve import integrate
 from eomgen.integration.trajectory import Trajectory
 from tests.integration.test_solve import closed_form

@@ -24,7 +24,7 @@ from .._version import __version__
 from ..arrays import Array
 from ..description import RobotLike, as_robot
 from ..errors import InputError, IntegrationStopped
-from ..integration.error_transport import ErrorTransport
+from ..integration.accuracy.error_transport import ErrorTransport
 from ..integration.methods import EXPLICIT, Method
 from ..integration.plan import IntegratorPlan, plan_integration
 from ..integration.steps import output_times

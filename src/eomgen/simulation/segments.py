@@ -15,9 +15,9 @@ import numpy as np
 
 from ..arrays import Array
 from ..errors import EomgenError, IntegrationStopped
+from ..integration.accuracy.error_transport import ErrorTransport, GlobalError, error_of
+from ..integration.accuracy.many_states import ManyLoads
 from ..integration.contacts import Contact
-from ..integration.error_transport import ErrorTransport, GlobalError, error_of
-from ..integration.many_states import ManyLoads
 from ..integration.plan import IntegratorPlan
 from ..integration.resting import rests
 from ..integration.solve import integrate_by, system_of

@@ -17,19 +17,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import Array, Index, Mask
-from ..errors import InputError, check_kind
-from ..names import listed
-from ..robot.coordinates import unit_of
-from ..runtime.by_name import WrenchLike
-from ..runtime.kernel import Kernel
-from ..shown import Shown, prefixed
-from ..state.vectors import DriveFunction, MotionFunction, WrenchFunction
+from ...arrays import Array, Index, Mask
+from ...errors import InputError, check_kind
+from ...names import listed
+from ...robot.coordinates import unit_of
+from ...runtime.by_name import WrenchLike
+from ...runtime.kernel import Kernel
+from ...shown import Shown, prefixed
+from ...state.vectors import DriveFunction, MotionFunction, WrenchFunction
+from ..drives import drive_beside_states, drive_of, wrench_beside_states
+from ..solve import system_of
+from ..trajectory import Trajectory
 from .collocation import METHOD, ROUND_OFF, LinearSpans, collocate
-from .drives import drive_beside_states, drive_of, wrench_beside_states
 from .many_states import ManyLoads, Stretch, turned_joints
-from .solve import system_of
-from .trajectory import Trajectory
 
 NUMBERS = 2_000_000  # of the states that are looked at together
 FINEST, COARSE = 64, 8  # parts of a span: the most, and up to which all have the derivatives at its middle

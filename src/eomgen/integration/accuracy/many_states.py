@@ -7,14 +7,14 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import Array
-from ..errors import ArrayError, LoopError, SingularError
-from ..loops.chart import STEEP, Chart
-from ..runtime.kernel import Kernel
-from ..state.springs import rate_step
-from ..state.turning import Turns
-from ..state.vectors import Q_STEP, prescribed_mask
-from .system import System
+from ...arrays import Array
+from ...errors import ArrayError, LoopError, SingularError
+from ...loops.chart import STEEP, Chart
+from ...runtime.kernel import Kernel
+from ...state.springs import rate_step
+from ...state.turning import Turns
+from ...state.vectors import Q_STEP, prescribed_mask
+from ..system import System
 
 
 class ManyLoads:

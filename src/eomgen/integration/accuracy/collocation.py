@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.polynomial import Polynomial
 
-from ..arrays import Array, Index
+from ...arrays import Array, Index
 
 Accelerations = Callable[[Array, Array, Array], Array]  # times, (N,), y and y', (N, f) each -> y'', (N, f)
 
