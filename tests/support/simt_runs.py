@@ -165,7 +165,8 @@ class Subject:
 def _states(subject: Subject, near: Near | None) -> dict[str, Array]:
     """Draw states of a robot: principal coordinates far, others near; on closed loops, moving, where it has some."""
     model, kernel, rng = subject.model, subject.kernel, np.random.default_rng(42)
-    spans = [span(subject.robot, name) for name in model.coordinates]
+    near_bending = 0.2 if any(body.modes for body in model.bodies) else 1.0  # as far as modes of second order reach
+    spans = [near_bending * span(subject.robot, name) for name in model.coordinates]
     drawn = []
     for _ in range(simt.COUNT):
         q, *others = rng.uniform(-1.0, 1.0, (4, len(spans)))
@@ -176,7 +177,7 @@ def _states(subject: Subject, near: Near | None) -> dict[str, Array]:
         q, v = (states[label][:, :n] for label in "qv")
         guess = (np.asarray(model.home)[:n] if near is None else near.q[:n]) + 0.1 * np.clip(q, -1.0, 1.0)
         q[:] = kernel.assemble(guess.astype(kernel.dtype))
-        v[:] = kernel.project_velocity(q, v if near is None else near.v[:n] + 0.1 * v)
+        v[:] = kernel.project_velocity(q, v if near is None else (near.v[:n] + 0.1 * v).astype(kernel.dtype))
     return states
 
 
