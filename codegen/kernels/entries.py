@@ -8,7 +8,18 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 Kind = Literal[
-    "program", "tangent", "adjoint", "hessian", "jet", "errors", "frames", "composed", "rollout", "adaptive", "gradient"
+    "program",
+    "tangent",
+    "adjoint",
+    "hessian",
+    "jet",
+    "errors",
+    "extended",
+    "frames",
+    "composed",
+    "rollout",
+    "adaptive",
+    "gradient",
 ]
 KINDS: Mapping[Kind, str] = {  # in the order in which C and packages have them
     "program": "straight-line code of one writer",
@@ -17,6 +28,8 @@ KINDS: Mapping[Kind, str] = {  # in the order in which C and packages have them
     "hessian": "the same, second derivatives",
     "jet": "straight-line code, time derivatives of another kernel's; there only if they are asked for",
     "errors": "straight-line code, another kernel's with bounds of its rounding errors; there only if it is asked for",
+    "extended": "tables of another kernel's program, which the library runs in double-double arithmetic, with bounds of"
+    " its rounding errors; there only if it is asked for",
     "frames": "straight-line code in shares of bodies and frames, which functions of a frame's number call",
     "composed": "a template that calls programs: ``templates/composed``",
     "rollout": "the same, by another call: many steps at once",
@@ -37,7 +50,7 @@ class Signature:
     closed: the programs that its C calls where the robot has loops; they count, too.
     by_request: whether it is there only if it is asked for, as derivatives are.
     derivative_of: the function that it differentiates, where the kind is "tangent", "adjoint", "hessian", "jet" or
-        "gradient"; of which it bounds rounding errors, where it is "errors".
+        "gradient"; of which it bounds rounding errors, where it is "errors" or "extended".
     order: the highest of the time derivatives, where the kind is "jet".
     by_parameters: whether that is by run-time parameters, too, which a robot must have for it.
     functions: what users call instead of it, where the kind is "frames".

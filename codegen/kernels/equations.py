@@ -12,7 +12,7 @@ from eomgen.robot.elements import KINDS, Spring
 from eomgen.robot.model import Model
 
 from ..program.ir import Program, finish
-from ..program.passes import hoist_parameters, on_demand, run_passes
+from ..program.passes import hoist_parameters, on_demand, parameters_as_they_are, run_passes
 from ..program.shares import Shares
 from .accelerations import implicit_step, step_has_rows
 from .bodies import share_among_bodies
@@ -138,8 +138,13 @@ def derive_equations(model: Model, kernels: Sequence[str] = (), dtype: str = "fl
                 raw[program], choices[program] = derive_cheapest(model, program, dtype=dtype)
             else:
                 raw[program] = derive(model, program, dtype, derived)
-    setup, programs = hoist_parameters(list(raw.values()), len(model.parameters) + len(model.turning))
-    written = dict(zip(raw, programs, strict=True))
+    extended = {name for name in raw if SIGNATURES[name].kind == "extended"}  # which compute all themselves
+    plain = [program for name, program in raw.items() if name not in extended]
+    setup, programs = hoist_parameters(plain, len(model.parameters) + len(model.turning))
+    hoisted = iter(programs)
+    written = {
+        name: parameters_as_they_are(program) if name in extended else next(hoisted) for name, program in raw.items()
+    }
     shares = {name: share_among_bodies(model, written[name]) for name in public if KERNELS[name].kind == "frames"}
     return Equations(model, public, setup, written, calls, choices, shares, dtype)
 

@@ -16,7 +16,7 @@ from eomgen.robot.value import readings
 from ..tree.regressor import regressor_names
 from .blocks import row_blocks
 from .bodies import axes_of
-from .derived import BACKWARDS, GRADIENTS, derivative_shapes, differentiated
+from .derived import BACKWARDS, GRADIENTS, derivative_shapes, differentiated, enclosed, extended
 from .entries import KINDS, Kind, Signature, kernel, table
 
 DTYPES = ("float64", "float32")  # types of kernels' numbers
@@ -308,21 +308,25 @@ OWN_KERNELS: Mapping[str, Signature] = table(
     ),
 )
 
-DERIVATIVES: Mapping[str, Signature] = differentiated(OWN_KERNELS)  # there only if they are asked for
-KERNELS: Mapping[str, Signature] = {**OWN_KERNELS, **DERIVATIVES, **GRADIENTS}
-CLOSURE_KERNELS = ("constraint", "constraint_jacobian", "constraint_bias", "cut_poses")  # of the constraint itself
-LOOP_KERNELS = tuple(
-    name for name, signature in OWN_KERNELS.items() if signature.needs in ("loops", "constraints", "cuts")
-)
-
 PARTS: Mapping[str, Signature] = table(  # programs that only other kernels call
     kernel(
         "closing_derivatives(q, v, a, multipliers) -> closing",
         "Per loop J, the derivatives of J a + J_dot v by q and v, and of J^T lambda by q, where they may not vanish.",
     ),
-    kernel("closing_reactions(q, multipliers) -> reactions", "Joint reaction wrenches to the forces in the cuts."),
     kernel(
-        "loop_wrenches(q, v, multipliers) -> loop_reactions", "Force and moment of each cut joint on its second link."
+        "closing_reactions(q, multipliers) -> reactions",
+        "Joint reaction wrenches to the forces in the cuts.",
+        needs="constraints",
+    ),
+    kernel(
+        "loop_wrenches(q, v, multipliers) -> loop_reactions",
+        "Force and moment of each cut joint on its second link.",
+        needs="cuts",
+    ),
+    kernel(
+        "constrained_residual(q, v, a, u, multipliers) -> constrained_rows",
+        "M a + bias - Q - u - J^T multipliers, then J a + J_dot v: zero on a motion with these forces in the cuts.",
+        needs="constraints",
     ),
     kernel(
         "implicit_step(q, v, u, added, dt) -> vector",
@@ -344,6 +348,18 @@ PARTS: Mapping[str, Signature] = table(  # programs that only other kernels call
         "pair_solution(pair_kept, pair_rates, pair_shifts) -> pair_vector",
         "w of (M + c B + c^2 K) w = -((c B + c^2 K) rates + c K shifts), imaginary parts behind real ones.",
     ),
+)
+
+EXTENDED_PARTS = ("closing_reactions", "loop_wrenches", "constrained_residual")  # of bounds of solutions
+DERIVATIVES: Mapping[str, Signature] = {  # there only if they are asked for
+    **differentiated(OWN_KERNELS),
+    **{name: signature for part in EXTENDED_PARTS for name, signature in extended(part, PARTS[part]).items()},
+    **enclosed("constraint_jacobian", OWN_KERNELS["constraint_jacobian"]),
+}
+KERNELS: Mapping[str, Signature] = {**OWN_KERNELS, **DERIVATIVES, **GRADIENTS}
+CLOSURE_KERNELS = ("constraint", "constraint_jacobian", "constraint_bias", "cut_poses")  # of the constraint itself
+LOOP_KERNELS = tuple(
+    name for name, signature in OWN_KERNELS.items() if signature.needs in ("loops", "constraints", "cuts")
 )
 
 SIGNATURES: Mapping[str, Signature] = {**KERNELS, **PARTS, **BACKWARDS}
@@ -480,6 +496,7 @@ def _shapes(model: Model, kernels: frozenset[str] | None) -> dict[str, tuple[int
         "following": (3 * n + m * n + m,),
         "driving": (3 * n + 5 * m,),
         "multipliers": (m,),
+        "constrained_rows": (n + m,),
         "closing": (sum(3 * block.size + len(block.columns) ** 2 for block in row_blocks(model)),),
     }
     springs, laws, elements = len(model.robot.springs), len(model.cut_laws), len(element_rows(model))

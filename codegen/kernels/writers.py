@@ -25,7 +25,15 @@ from ..tree.spatial import ZERO, Scalar, cross, is_zero, subtract
 from .acceleration_slopes import SLOPES, drive_slopes, residual_slopes
 from .accelerations import CONSTRAINED, PROJECTION, SOLVERS, Variant, implicit_step
 from .bodies import axes_of
-from .closed_motion import closing_derivatives, closing_reactions, drives, loop_reactions, loop_wrenches, wrench_outputs
+from .closed_motion import (
+    closing_derivatives,
+    closing_reactions,
+    constrained_residual,
+    drives,
+    loop_reactions,
+    loop_wrenches,
+    wrench_outputs,
+)
 from .constraint_rows import closure_residuals
 from .derivation import Derivation, Outputs, vector
 from .derivatives.modal_slopes import bends, modal_christoffel, modal_coriolis_matrix, modal_residual_jacobian
@@ -283,6 +291,7 @@ WRITERS: Mapping[str, Callable[[Derivation], Outputs]] = {
     "regressor": _regressor,
     "closing_derivatives": closing_derivatives,
     "closing_reactions": closing_reactions,
+    "constrained_residual": constrained_residual,
     "loop_reactions": loop_reactions,
     "loop_wrenches": loop_wrenches,
     "euler_cosines": _euler_cosines,

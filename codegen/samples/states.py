@@ -19,6 +19,7 @@ from .stored import ROUNDED, STATES
 
 Angle = tuple[Instruction, ...]
 
+READ = ("v", "a", "u", "wrench", "multipliers")  # arrays of numbers that may be anything
 _CANDIDATES = 128  # numbers that coordinates are chosen from
 _SOLVED = 3  # rows of a chart
 _SLOPE = 2.0**-5  # of a chart, at most: what it changes coordinates by leaves its columns independent
@@ -33,7 +34,7 @@ def sample_inputs(equations: Equations, arithmetic: Arithmetic) -> tuple[dict[st
     tiny = _TINY[str(dtype)]
     q, exact = _coordinates(equations, arithmetic, rng)
     inputs, many = {"q": q}, {"q": _other_coordinates(equations, q, rng)}
-    for name in sorted(x for x in wanted if x in size and (x in ("v", "a", "u", "wrench") or is_direction(x))):
+    for name in sorted(x for x in wanted if x in size and (x in READ or is_direction(x))):
         x = _numbers(rng, int(np.prod(size[name])), 1)[:, 0]
         columns = (x, _numbers(rng, x.size, 1)[:, 0] * _SMALL, x * tiny, np.copysign(np.inf, x), x * np.nan)
         inputs[name] = np.stack(columns, axis=1).astype(dtype)

@@ -76,7 +76,8 @@ extern "C" {
 /* Every kernel returns 0, or 1 + i where the mass matrix cannot be inverted at coordinate i.
  * h is what one_link_setup makes of the parameters p; all arrays are the caller's, and out overlaps no other.
  * A batch takes count states that lie step numbers apart (0: the same for all) and returns -1, or
- * state * ONE_LINK_DOF + i of the first failure.
+ * state * ONE_LINK_DOF + i of the first failure; what out
+ * holds of states behind it is left open.
  * Arguments with a step of (size_t)-1 are in tiles of 8 states, and so is the result then: number i of state k is at
  * (k / 8 * size + i) * 8 + k % 8, and count is a multiple of 8.  That is so for
  * mass_matrix, bias_force, generalized_force, external_force, residual,

@@ -1,4 +1,7 @@
-"""Results with bounds of their rounding errors: the bits of the methods, errors within bounds, and what is refused."""
+"""Results with bounds of their rounding errors: the bits of the methods, errors within bounds, and what is refused.
+
+Of trees; tests of closed mechanisms are in test_closed_errors.py.
+"""
 
 from __future__ import annotations
 
@@ -8,13 +11,13 @@ import mpmath
 import numpy as np
 import pytest
 
-import eomgen
 from eomgen.codegen.kernels.equations import derive
 from eomgen.codegen.program.ir import evaluate
 from eomgen.description.load import load_robot
 from eomgen.errors import ArrayError, InputError, UnknownNameError
 from eomgen.robot.model import build_model
 from eomgen.runtime import Kernel
+from eomgen.runtime.derivatives import equations_of_motion
 from tests.support.builds import Build
 
 KERNELS = ("inverse_dynamics", "mass_matrix", "forward_dynamics", "energy", "kinematics")
@@ -23,8 +26,8 @@ OF_FRAMES = ("frame_pose", "frame_jacobian")
 
 
 def with_bounds(build: Build, name: str, dtype: str = "float64") -> Kernel:
-    bounded = (*FUNCTIONS, *OF_FRAMES)
-    return build(load_robot(name), *KERNELS, *(f"{x}_with_errors" for x in bounded), dtype=dtype)
+    bounded = [f"{x}{end}" for x in (*FUNCTIONS, *OF_FRAMES) for end in ("_with_errors", "_extended")]
+    return build(load_robot(name), *KERNELS, "residual", "residual_extended", *bounded, dtype=dtype)
 
 
 def arrays(kernel: Kernel, seed: int = 0, count: tuple[int, ...] = ()) -> dict[str, Any]:
@@ -60,12 +63,16 @@ def check(kernel: Kernel) -> None:
             assert bound.shape == expected.shape
             assert bound.dtype == kernel.dtype
             assert ((bound >= 0.0) & (bound <= 1e3 * np.finfo(kernel.dtype).eps * np.abs(expected).max())).all()
+            tight = kernel.with_errors(name, args, tight=True)
+            assert np.array_equal(tight.value, expected)
+            assert (tight.bound <= bound * (1.0 + 1e-6)).all(), "the error itself is within its running bound"
+            assert tight.proved.all()
         for name in OF_FRAMES:
             value, bound = kernel.with_errors(name, (x["q"], kernel.frames[-1]))
             assert bound.shape == value.shape
             method = getattr(kernel, name)(x["q"], kernel.frames[-1])
             if name == "frame_jacobian":  # its C puts columns together in another order
-                assert (np.abs(value - method) <= 4.0 * bound).all()
+                assert (np.abs(value - method) <= 4.0 * np.maximum(bound, np.finfo(kernel.dtype).eps)).all()
             else:
                 assert np.array_equal(value, method)
     a, bound = kernel.with_errors("forward_dynamics", tuple(x[label] for label in "qvu"))
@@ -110,29 +117,75 @@ def test_what_is_refused(built: Build) -> None:
         kernel.with_errors("frame_pose", (q, "tip9"))
 
 
-def test_loops_have_no_bounds_of_accelerations(built: Build) -> None:
-    kernel = built(load_robot("four_bar"), "forward_dynamics", "inverse_dynamics", "tree_inverse_dynamics_with_errors")
-    x = np.zeros(kernel.n)
-    with pytest.raises(InputError, match=r"forward_dynamics of four_bar, which has loops .* has no bounds of rounding"):
-        kernel.with_errors("forward_dynamics", (x, x, x))
-    value, _ = kernel.with_errors("tree_inverse_dynamics", (x, x, x))
-    assert np.array_equal(value, kernel.inverse_dynamics(x, x, x, cut=True))
-    with pytest.raises(UnknownNameError, match="four_bar has no bounds of rounding errors of 'inverse_dynamics'"):
-        kernel.with_errors("inverse_dynamics", (x, x, x))
-    with pytest.raises(InputError, match="kernels: 'inverse_dynamics_with_errors' is for robots without rigid"):
-        built(load_robot("four_bar"), "inverse_dynamics_with_errors")
-
-
-def test_a_mass_matrix_that_rounding_may_make_singular(built: Build) -> None:
-    """Errors of M as large as M are no bound."""
+@pytest.mark.parametrize("scale", [1.0, 1.0 + 1e-6, 1.0 - 1e-12])
+def test_a_wrong_answer_of_the_solver_is_within_its_bound(built: Build, scale: float) -> None:
+    """Bounds are of what an answer leaves of the equations, whatever spoilt it: they grow with the fault."""
     kernel = with_bounds(built, "one_link")
     x = arrays(kernel)
-    bounded = kernel._bounded_in_c
+    run, args = kernel.calls.run, tuple(x[label] for label in "qvu")
 
-    def wide(name: str, function: str, args: Any) -> Any:
-        value, bound = bounded(name, function, args)
-        return value, (np.abs(value) if name == "mass_matrix" else bound)
+    def faulty(name: str, *rest: Any, **more: Any) -> Any:
+        return run(name, *rest, **more) * (scale if name == "forward_dynamics" else 1.0)
 
-    kernel._bounded_in_c = wide  # type: ignore[method-assign]
-    with pytest.raises(eomgen.errors.SingularError, match="rounding errors may make the mass matrix singular"):
-        kernel.with_errors("forward_dynamics", (x["q"], x["v"], x["u"]))
+    right = kernel.forward_dynamics(*args)
+    kernel.calls.run = faulty  # type: ignore[method-assign]
+    value, bound = kernel.with_errors("forward_dynamics", args)
+    error = np.abs(value - right)
+    assert (error <= bound + 1e-14 * np.abs(right)).all()
+    assert (bound <= 1.001 * error + 1e-14 * np.abs(right).max()).all()
+
+
+def test_equations_that_rounding_may_make_singular(built: Build, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Errors of M as large as M make a bound an estimate, and one that is not proved is no use to who asks for most."""
+    kernel = with_bounds(built, "one_link")
+    x = arrays(kernel, count=(2,))
+    exact = equations_of_motion.matrix_of
+
+    def wide(*args: Any) -> Any:
+        value, error = exact(*args)
+        error[1] = np.abs(value[1])
+        return value, error
+
+    args = tuple(x[label] for label in "qvu")
+    assert kernel.with_errors("forward_dynamics", args, most=1e-9).proved.all()
+    monkeypatch.setattr(equations_of_motion, "matrix_of", wide)
+    found = kernel.with_errors("forward_dynamics", args)
+    assert found.proved.tolist() == [True, False]
+    assert np.isfinite(found.bound).all()
+    with pytest.raises(ArrayError, match=r"forward_dynamics: what rounding moves .* in state 1 is an estimate"):
+        kernel.with_errors("forward_dynamics", args, most=1e-9)
+
+
+def test_checks_by_errors(built: Build) -> None:
+    kernel = with_bounds(built, "one_link")
+    x = arrays(kernel, count=(3,))
+    checked = kernel.with_checks("errors", most=1e-12)
+    assert np.array_equal(
+        checked.inverse_dynamics(x["q"], x["v"], x["a"]), kernel.inverse_dynamics(x["q"], x["v"], x["a"])
+    )
+    assert np.array_equal(checked.frame_pose(x["q"], kernel.frames[-1]), kernel.frame_pose(x["q"], kernel.frames[-1]))
+    assert np.isfinite(checked.forward_dynamics(x["q"], x["v"], x["u"])).all()
+    assert "energy" in dir(checked)
+    assert not hasattr(checked, "rollout")
+    strict = kernel.with_checks("errors", most={"energy": [1e-30, 1.0], "mass_matrix": 1.0})
+    strict.mass_matrix(x["q"])
+    with pytest.raises(ArrayError, match=r"energy: rounding moves .* in state \(0, 0\) by up to .* most, 1e-30"):
+        strict.energy(x["q"], x["v"])
+    with pytest.raises(InputError, match="most: has no number for inverse_dynamics; has: energy, mass_matrix"):
+        strict.inverse_dynamics(x["q"], x["v"], x["a"])
+    with pytest.raises(ArrayError, match=r"forward_dynamics: rounding moves .* in state 0 by up to .* allowed: 1e-22"):
+        kernel.with_checks("errors", most=1e-22).forward_dynamics(x["q"], x["v"], x["u"])
+    with pytest.raises(InputError, match="mass_matrix: out has no bounds of rounding errors"):
+        checked.mass_matrix(x["q"], out=np.empty((3, 2, 2)))
+    with pytest.raises(AttributeError, match="rollout: no method of CheckedKernel with bounds"):
+        checked.rollout(x["q"], x["v"])
+    for wanted, most, message in (
+        ("errors", None, r"checks: 'errors' with most=None; allowed: True or False without most, \"errors\" with it"),
+        (True, 1.0, "checks: true with most=1.0"),
+        ("errors", -1.0, "most: -1.0; allowed: a share from 0 on"),
+        ("errors", {"rollout": 1.0}, "most: 'rollout' has no bounds of rounding errors"),
+    ):
+        with pytest.raises(InputError, match=message):
+            kernel.with_checks(wanted, most=most)  # type: ignore[call-overload]
+    with pytest.raises(InputError, match=r"checks: 'errors' is neither True nor False; .*with_checks"):
+        kernel.checks = "errors"  # type: ignore[assignment]

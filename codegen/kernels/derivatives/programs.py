@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from eomgen.errors import InputError
 from eomgen.robot.model import Model
@@ -34,6 +35,8 @@ def derive_derivative(model: Model, kernel: str, derive: Derive, dtype: str = "f
         return run_passes(tangent(program, rates, kernel, {PARAMETERS: len(model.parameters)}))
     if signature.kind == "errors":
         return verify(with_errors(whole_program(model, signature.derivative_of, derive), kernel, dtype))
+    if signature.kind == "extended":
+        return replace(whole_program(model, signature.derivative_of, derive), name=kernel)
     if signature.kind == "jet":
         _check_length(model, kernel, derive)
         series = jet_series(sorted(RATES), signature.order)

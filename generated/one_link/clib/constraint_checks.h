@@ -13,16 +13,32 @@ EOM_LOCAL EOM_SCALAR F(largest)(int count, const REAL *restrict x, int l, EOM_SC
     return largest;
 }
 
-/* Check constraint violations, m of them, and their rates, as many, which may be the greater the faster a state is.  0, or
- * 1 + n + r where constraint r is violated, and m more where it is opening. */
+/* Return the status of the first lane of two, each 0 or of a lane; of one lane the former. */
+EOM_LOCAL int F(first_failure)(int n, int m, int one, int other)
+{
+    const int statuses = 2 * n + 3 * m;
+    if ((one == 0) || (other == 0)) { return one + other; }
+    return ((other - 1) / statuses < (one - 1) / statuses) ? other : one;
+}
+
+/* Check the constraint violations of lane l, m of them, and their rates, as many; the status, or 0. */
+EOM_LOCAL int F(check_lane)(int n, int m, EOM_SCALAR allowed, const REAL *restrict v, const REAL *restrict violation, int l)
+{
+    const EOM_SCALAR fastest = F(largest)(n, v, l, (EOM_SCALAR)1.0);
+    for (int r = 0; r < 2 * m; ++r) {
+        const EOM_SCALAR scale = (r < m) ? (EOM_SCALAR)1.0 : fastest;
+        if (!(EOM_MATH(fabs)(LANE_OF(violation[r], l)) <= scale * allowed)) { return 1 + n + r + l * (2 * n + 3 * m); }
+    }
+    return 0;
+}
+
+/* Check constraint violations and their rates, which may be the greater the faster a state is.  0, or 1 + n + r where constraint r
+ * is violated, and m more where it is opening. */
 EOM_LOCAL int F(check_constraints)(int n, int m, EOM_SCALAR allowed, const REAL *restrict v, const REAL *restrict violation)
 {
     for (int l = 0; l < (int)WIDTH; ++l) {
-        const EOM_SCALAR fastest = F(largest)(n, v, l, (EOM_SCALAR)1.0);
-        for (int r = 0; r < 2 * m; ++r) {
-            const EOM_SCALAR scale = (r < m) ? (EOM_SCALAR)1.0 : fastest;
-            if (!(EOM_MATH(fabs)(LANE_OF(violation[r], l)) <= scale * allowed)) { return 1 + n + r + l * (2 * n + 3 * m); }
-        }
+        const int status = F(check_lane)(n, m, allowed, v, violation, l);
+        if (status != 0) { return status; }
     }
     return 0;
 }
@@ -37,9 +53,9 @@ EOM_LOCAL int F(check_drives)(int n, int m, EOM_SCALAR allowed, const REAL *rest
     const REAL *const bias = &solution[n + 4 * m];
     const REAL *const left = &solution[n + 5 * m];
     const REAL *const needed = &solution[2 * n + 5 * m];
-    const int status = F(check_constraints)(n, m, allowed, v, &solution[n + m]);
-    if (status != 0) { return status; }
     for (int l = 0; l < (int)WIDTH; ++l) {
+        const int status = F(check_lane)(n, m, allowed, v, &solution[n + m], l);
+        if (status != 0) { return status; }
         const EOM_SCALAR fastest = F(largest)(m, bias, l, F(largest)(n, a, l, (EOM_SCALAR)1.0));
         const EOM_SCALAR largest = F(largest)(n, needed, l, (EOM_SCALAR)1.0);
         for (int r = 0; r < m; ++r) {

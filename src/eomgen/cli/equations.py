@@ -71,7 +71,7 @@ def _add_generate(parser: argparse.ArgumentParser) -> None:
         metavar="NAME[,NAME...]",
         help=f"only these kernels (all but derivatives): {', '.join(OWN_KERNELS)}; derivatives of them, such as"
         " energy_adjoint, end in _tangent, _adjoint, _hessian, _parameter_tangent, _parameter_adjoint, _jet1 to _jet4;"
-        " with bounds of rounding errors in _with_errors",
+        " with bounds of rounding errors in _with_errors, the same in double-double arithmetic in _extended",
     )
 
 

@@ -81,11 +81,17 @@ def rounding_bound(
     if kernel not in known:
         raise UnknownNameError(f"kernel {show(kernel)} is not one of this robot's; known: {', '.join(known)}")
     if KERNELS[kernel].solves:
-        raise InputError(f"kernel {kernel!r} solves equations and has no bound; allowed: {listed(bounded(model))}")
+        raise InputError(
+            f"kernel {kernel!r} solves equations and has no bound over ranges; allowed: {listed(bounded(model))}, or"
+            " kernel.with_errors for a result of it"
+        )
     equations = derive_equations(model, (kernel,), dtype)
     reason = no_program(equations, kernel)
     if reason:
-        raise InputError(f"kernel {kernel!r} has no bound: it is {reason}; allowed: programs of their own")
+        raise InputError(
+            f"kernel {kernel!r} has no bound: it is {reason}; allowed: programs of their own, or"
+            " kernel.with_errors for a result of it"
+        )
     return bound_program(equations, kernel, ranges, dtype)
 
 
@@ -146,6 +152,8 @@ def check_dtype(dtype: str) -> None:
 
 def no_program(equations: Equations, kernel: str) -> str:
     """Say why a kernel is no program of its own, or nothing."""
+    if KERNELS[kernel].kind == "extended":
+        return "in double-double arithmetic"
     if kernel in equations.calls:
         return f"composed of {listed(equations.calls[kernel])}"
     return "" if kernel in equations.programs else "no program"

@@ -22,7 +22,7 @@ from .raw import Array, RawFunction, RawKernel
 Lead = tuple[int, ...]  # axes in front of a state's: () for one state, (N,) for N of them
 
 WRENCHES = ("wrench", "dwrench")  # arguments with rows of links
-WEIGHTS, NUMBERED = "cotangent", ("dp",)  # arguments whose elements have numbers, no names
+WEIGHTS, NUMBERED = "cotangent", ("dp", "multipliers")  # arguments whose elements have numbers, no names
 WRENCH_PARTS = ("force.x", "force.y", "force.z", "moment.x", "moment.y", "moment.z")
 BY_COORDINATE = {  # how many of the last axes of a result are coordinates
     "vector": 1,
@@ -37,8 +37,9 @@ BY_COORDINATE = {  # how many of the last axes of a result are coordinates
     "element_rows": 1,
 }
 
-DERIVATIVE = re.compile(r"(_parameter)?_(tangent|adjoint|hessian|jet\d)$")
-OF_ORDERS = re.compile(r"^(jet\d|errors)_")  # begins names of results with time derivatives, or with bounds
+DERIVATIVE = re.compile(r"(_parameter)?_(tangent|adjoint|hessian|jet\d|with_errors|extended)$")
+DERIVED = re.compile(r"_(tangent|adjoint|hessian|jet\d)$")
+OF_ORDERS = re.compile(r"^(jet\d|errors|extended)_")  # begins names of results with time derivatives, or with bounds
 REMEMBERING = frozenset(  # functions, also of the open tree and under load, whose results depend on states of laws
     (
         *("generalized_force", "residual", "inverse_dynamics", "forward_dynamics", "constraint_forces", "energy"),
@@ -474,7 +475,11 @@ def refuse_mixed(calls: Calls, name: str, pairs: Sequence[tuple[str, Any]], *, a
             raise ArrayError(f"{label}: got {shape_or_type(value)}; allowed: {n} numbers, as {why}")
     if not apart and remembers(name):
         plain = DERIVATIVE.sub("", name)
-        said, or_z = (name, f"z, (..., {len(calls.memory)}), or ") if plain == name else (f"derivatives of {plain}", "")
+        said, or_z = (
+            (name, f"z, (..., {len(calls.memory)}), or ")
+            if plain == name
+            else (f"{'derivatives' if DERIVED.search(name) else 'bounds'} of {plain}", "")
+        )
         what = f"allowed: {or_z}arrays of {calls.n} numbers, with z behind v"
         raise ArrayError(f"{said}: arrays of {n} numbers lack states of laws, {listed(calls.memory)}; {what}")
 

@@ -345,7 +345,12 @@ class CompiledCode:
     @checks.setter
     def checks(self, wanted: bool) -> None:
         if not isinstance(wanted, (bool, np.bool_)):
-            raise InputError(f"checks: {show(wanted)} is neither True nor False")
+            more = (
+                "; kernel.with_checks('errors', most=...) has methods that check by errors"
+                if isinstance(wanted, str) and wanted == "errors"
+                else ""
+            )
+            raise InputError(f"checks: {show(wanted)} is neither True nor False{more}")
         self.parameters.state.checks = bool(wanted)
 
     def frame_index(self, name: str) -> int:

@@ -20,7 +20,15 @@ __all__ = ["Libraries", "Library", "OneLibrary", "Operations", "RawFunction", "R
 
 FFI = _cffi_backend.FFI()  # knows C's own types; pointers of all libraries are of these
 POINTERS = {"float64": "double[]", "float32": "float[]"}
-DERIVED = ("tangent", "adjoint", "hessian", "jet", "errors", "gradient")  # kinds of functions that are of others
+DERIVED = (
+    "tangent",
+    "adjoint",
+    "hessian",
+    "jet",
+    "errors",
+    "extended",
+    "gradient",
+)  # kinds of functions that are of others
 SETUP = "parameters"  # among operations: of what depends on parameters alone
 FRAMES, ROLLOUT, ADAPTIVE, GRADIENT = "frames", "rollout", "adaptive", "gradient"  # kinds with special calls
 WEIGHTS = {"mul": 1, "add": 1, "div": 5, "sincos": 25}  # times of operations beside each other
@@ -41,8 +49,9 @@ class RawFunction:
         name: its name, without the robot's in front.
         kernel: the kernel that it belongs to, as in ``Kernel.operations``; frame_pose belongs to "kinematics".
         kind: "program" (straight-line code), "tangent", "adjoint", "hessian" or "jet" (the same, derivatives of
-            another kernel), "errors" (the same, with bounds of rounding errors), "composed" (calls programs), "frames"
-            (takes the number of a frame) or "rollout" (many steps in one call).
+            another kernel), "errors" (the same, with bounds of rounding errors), "extended" (the same in double-double
+            arithmetic), "composed" (calls programs), "frames" (takes the number of a frame) or "rollout" (many steps in
+            one call).
         reads: names of the arrays that it reads, in the order of the arguments; ``RawKernel.shapes`` has their shapes.
         writes: name of the array that it writes.
     """

@@ -2,138 +2,228 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Literal, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...errors import ArrayError, InputError, SingularError, UnknownNameError
+from ...errors import ArrayError, InputError, UnknownNameError
 from ...names import nearest_or_all, show
-from ..arrays import numbers_in, place_of
-from ..compiled_code import CompiledCode
+from ..arrays import flag, is_narrow, numbers_in, place_of, widened
+from ..loop_assembly import LoopClosure, free_coordinates
 from ..raw import Array
+from .assembled_errors import assembled_errors
 from .by_arguments import FRAMED
+from .checked import CheckedKernel, Most
+from .extended import IN_EXTENDED, as_bound, distance, run_extended
+from .solved_errors import SOLVED, Bounds
 
+if TYPE_CHECKING:
+    from typing_extensions import Self
+
+ASSEMBLED = "assemble"
 WITH_ERRORS = "_with_errors"  # ends the name of a function that bounds its errors, too
-ERRORS = "errors_"  # begins the name of what it writes
-SOLVED = "forward_dynamics"  # whose error is bounded by what its result leaves of the equations
-MARGIN = 1.0 + 1e-9  # for roundings of these bounds themselves, in double precision
+ERRORS, EXTENDED = "errors_", "extended_"  # begin names of what such functions write
 
 
-class RunningErrors(CompiledCode):
+class WithErrors(tuple[Array, Array]):
+    """A result and the bounds of its rounding errors, both of the result's shape.
+
+    Attributes:
+        proved: whether the bounds are proved, for one state () or many (...,); where they are not, they are estimates.
+    """
+
+    proved: Array
+
+    def __new__(cls, value: Array, bound: Array, proved: ArrayLike = True) -> WithErrors:
+        """Pair a result with its bounds."""
+        made = super().__new__(cls, (value, bound))
+        made.proved = np.asarray(proved)
+        return made
+
+    @property
+    def value(self) -> Array:
+        """The result."""
+        return self[0]
+
+    @property
+    def bound(self) -> Array:
+        """Bounds of its errors."""
+        return self[1]
+
+
+class RunningErrors(LoopClosure):
     """Results with proved bounds of their rounding errors."""
 
-    def with_errors(self, name: str, args: Sequence[Any], *, most: ArrayLike | None = None) -> tuple[Array, Array]:
-        """Return a method's result, and how far rounding has moved it at most: proved bounds, number by number.
+    @overload
+    def with_checks(self, wanted: bool) -> Self: ...
 
-        One call of C computes both, forwards, in two to three times the time; the result has the bits that the method
-        gives, where compilers do not fuse products with sums (``native``).  The bound is of the distance from what the
-        equations give without rounding for the same arguments, parameters and constants, as the dtype holds
-        them; it says nothing of errors that these have.  Accelerations of "forward_dynamics" are bounded by what they
-        leave of the equations, if M can be proved to be invertible.
+    @overload
+    def with_checks(self, wanted: Literal["errors"], *, most: Most) -> CheckedKernel: ...
+
+    def with_checks(self, wanted: bool | Literal["errors"], *, most: Most | None = None) -> Self | CheckedKernel:
+        """Return the same code with other checks of its results.
 
         Args:
-            name: a method that solves no equations, such as "inverse_dynamics", "mass_matrix", "frame_pose", "energy";
-                or "forward_dynamics" of a robot without loops, prescribed coordinates and states of laws.
+            wanted: True or False, whether NaN and infinity are refused (see ``checks``), with separate parameters; or
+                "errors": methods that refuse a result which rounding may have moved by more than ``most``, or whose
+                bound is not proved, of this kernel and its parameters.
+            most: with "errors", the largest bound that is of use, as a share of the largest number of a state's result;
+                or by the names of methods numbers or arrays that go with their results, in the results' units.
+
+        Raises:
+            InputError: another argument, or one that does not belong to the checks.
+        """
+        if isinstance(wanted, str) and wanted == "errors" and most is not None:
+            return CheckedKernel(self, most)
+        if most is not None or isinstance(wanted, str):
+            raise InputError(
+                f'checks: {show(wanted)} with most={show(most)}; allowed: True or False without most, "errors" with it'
+            )
+        return super().with_checks(wanted)
+
+    def bounded_methods(self) -> tuple[str, ...]:
+        """Return the names of the methods whose results ``with_errors`` bounds."""
+        known = self.raw.functions
+        plain = {x.removesuffix(WITH_ERRORS) for x in known if x.endswith(WITH_ERRORS)}
+        solved = {x for x in SOLVED if x in known}
+        assembled = {ASSEMBLED} if self.constraints and f"constraint{IN_EXTENDED}" in known else set()
+        return tuple(sorted(plain | solved | assembled))
+
+    def with_errors(
+        self, name: str, args: Sequence[Any], *, most: ArrayLike | None = None, tight: bool = False
+    ) -> WithErrors:
+        """Return a method's result, and how far rounding has moved it at most: proved bounds, number by number.
+
+        The bound is of the distance from what the equations give without rounding for the same arguments, parameters
+        and constants, as the dtype holds them; it says nothing of errors that these have.  The result has the bits that
+        the method gives, where compilers do not fuse products with sums (``native``), but for the last bits of
+        "frame_jacobian", whose columns the method puts together in another order.
+
+        - Without equations to solve, one call of C computes both, forwards, in two to three times the time.  With
+          ``tight``, and of float32, a second call computes the result in double-double arithmetic: the bound is the
+          error itself.
+        - Solutions are bounded by what they leave of the equations in double-double arithmetic, if it can be proved
+          that these have one solution: "forward_dynamics", of trees and with loops, "constraint_forces", and with loops
+          "inverse_dynamics", "reactions" and "loop_reactions".
+        - A state of "assemble", (q,) or (q, held), is bounded by its distance from one that is assembled exactly.
+
+        Args:
+            name: a method, such as "inverse_dynamics", "mass_matrix", "frame_pose", "energy", "forward_dynamics".
             args: its arguments in their order, such as (q, v, a) or (q, "tool"); without ``wrench``.
-            most: the largest bounds that are of use, a number or an array that goes with the result.
+            most: the largest proved bounds that are of use, a number or an array that goes with the result.
+            tight: whether bounds shall be the errors themselves, at the price of some fifty times the time.
 
         Returns:
-            The result and its bounds, of the result's shape and dtype.  Where a case changes within the errors (signs
-            of velocities in friction), bounds have the difference of the cases.
+            The result and its bounds, of the result's shape and dtype; ``proved`` of the pair is False for states in
+            which they are estimates: where equations are, or rounding may make them, singular, as those of redundant
+            constraints are.  Where a case changes within the errors (signs of velocities in friction), bounds have the
+            difference of the cases.
 
         Raises:
             UnknownNameError: no such method or frame, or the kernel was built without bounds of its errors.
             InputError: another number of arguments.
-            ArrayError: arrays of wrong shape or dtype, or with NaN or infinity; or a bound is larger than ``most``.
-            SingularError: rounding may make the mass matrix singular.
+            ArrayError: arrays of wrong shape or dtype, or with NaN or infinity; or a bound is larger than ``most``, or
+                not proved.
+            SingularError, LoopError: as of the method.
         """
-        function = f"{name}{WITH_ERRORS}" if isinstance(name, str) else ""
-        if function in self.raw.functions:
-            value, bound = self._bounded_in_c(name, function, args)
-        elif isinstance(name, str) and name == SOLVED and SOLVED in self.raw.functions:
-            value, bound = self._bounded_by_residual(args)
+        known, plain = self.raw.functions, isinstance(name, str)
+        is_exact = flag("tight", tight) or self.dtype == np.float32
+        if plain and is_exact and f"{name}{IN_EXTENDED}" in known:
+            found = self._beside_extended(name, f"{name}{IN_EXTENDED}", args)
+        elif plain and f"{name}{WITH_ERRORS}" in known:
+            found = self._bounded_in_c(name, f"{name}{WITH_ERRORS}", args)
+        elif plain and name in SOLVED and name in known:
+            found = self._of_solution(name, args)
+        elif plain and name == ASSEMBLED and name in self.bounded_methods():
+            found = self._assembled(args)
         else:
-            known = [x.removesuffix(WITH_ERRORS) for x in self.raw.functions if x.endswith(WITH_ERRORS)]
             raise UnknownNameError(
-                f"{self.name} has no bounds of rounding errors of {show(name)}{nearest_or_all(str(name), known)}"
+                f"{self.name} has no bounds of rounding errors of {show(name)}"
+                f"{nearest_or_all(str(name), self.bounded_methods())}"
             )
         if most is not None:
-            _refuse_above(name, bound, most)
-        return value, bound
+            _refuse_above(name, found, most)
+        return found
 
-    def _bounded_in_c(self, name: str, function: str, args: Sequence[Any]) -> tuple[Array, Array]:
-        entry = self.raw.functions[function]
-        writes = entry.writes.removeprefix(ERRORS)
-        is_framed = writes in FRAMED
-        _check_number(name, args, (*entry.reads, "frame") if is_framed else entry.reads)
-        frame = self.frame_index(args[-1]) if is_framed else None
-        both = self.calls.run(function, None, list(args[: len(entry.reads)]))
-        value, bound = np.moveaxis(both, -len(self.raw.shapes[entry.writes]), 0)
+    def _bounded_in_c(self, name: str, function: str, args: Sequence[Any]) -> WithErrors:
+        """Run a function that bounds its errors as it goes."""
+        writes = self.raw.functions[function].writes
+        arrays, frame = self._arrays(name, function, ERRORS, args)
+        both = self.calls.run(function, None, arrays)
+        value, bound = np.moveaxis(both, -len(self.raw.shapes[writes]), 0)
         if frame is None:
-            return value, bound
-        value, bound = value[..., frame, :, :], bound[..., frame, :, :]
-        if writes != FRAMED[0]:
-            return value, bound
-        last = np.broadcast_to(np.array([0.0, 0.0, 0.0, 1.0], self.dtype), (*value.shape[:-2], 1, 4))
-        return np.concatenate([value, last], axis=-2), np.concatenate([bound, np.zeros_like(last)], axis=-2)
+            return WithErrors(value, bound)
+        return WithErrors(*_of_frame(writes.removeprefix(ERRORS), frame, value, bound))
 
-    def _bounded_by_residual(self, args: Sequence[Any]) -> tuple[Array, Array]:
-        """Bound accelerations a by the residual r = M a + h - u with its own errors: |da| <= |M^-1| |r|.
+    def _beside_extended(self, name: str, function: str, args: Sequence[Any]) -> WithErrors:
+        """Compare a method's result with what the function gives in double-double arithmetic."""
+        writes = self.raw.functions[function].writes
+        arrays, frame = self._arrays(name, function, EXTENDED, args)
+        exact = run_extended(self.calls, function, arrays)
+        if frame is None:
+            value = self.calls.run(name, None, arrays)
+            return WithErrors(value, as_bound(distance(value, exact), self.dtype))
+        kind = writes.removeprefix(EXTENDED)
+        value = self.calls.run(name, None, arrays, (frame,))
+        rows = exact.at(..., frame, slice(None), slice(None))
+        bound = distance(value[..., : rows.high.shape[-2], :], rows)
+        return WithErrors(value, as_bound(_with_last_row(bound, 0.0) if kind == FRAMED[0] else bound, self.dtype))
 
-        M^-1 is enclosed by an approximate inverse R of M: with |1 - R M| <= G and a norm g < 1 of G it is R within
-        g / (1 - g); the errors of M are in G.  All is scaled so that M has ones on its diagonal.
-        """
-        meta = self.raw.libraries.meta
-        for what, names in (
-            ("loops", meta.get("constraints")),
-            ("prescribed coordinates", self.prescribed),
-            ("states of laws", self.memory),
-        ):
-            if names:
-                raise InputError(
-                    f"with_errors: {SOLVED} of {self.name}, which has {what} ({names[0]}), has no bounds of rounding"
-                    " errors; allowed: of robots without loops, prescribed coordinates and states of laws"
-                )
-        _check_number(SOLVED, args, self.raw.functions[SOLVED].reads)
-        q, v, u = args
-        a = self.calls.run(SOLVED, None, (q, v, u))
-        q, v, u = (
-            np.broadcast_to(self.calls.array(x, y, self.raw.shapes[x])[0], a.shape)
-            for x, y in zip("qvu", args, strict=True)
-        )
-        M, of_M = (
-            np.asarray(x, np.float64) for x in self._bounded_in_c("mass_matrix", "mass_matrix_with_errors", (q,))
-        )
-        moved, of_moved = self._bounded_in_c("inverse_dynamics", "inverse_dynamics_with_errors", (q, v, a))
-        unit = np.finfo(np.float64).eps
-        left = np.asarray(moved, np.float64) - np.asarray(u, np.float64)
-        left = np.abs(left) * (1.0 + unit) + of_moved
-        scale = 1.0 / np.sqrt(np.einsum("...ii->...i", M))
-        both = scale[..., :, None] * scale[..., None, :]
-        try:
-            R = np.linalg.inv(M * both) * both
-        except np.linalg.LinAlgError:
-            raise self._not_sure(q) from None
-        size, n = np.abs(R), a.shape[-1]
-        off = np.abs(np.eye(n) - R @ M) + size @ of_M + (n + 2) * unit * (size @ np.abs(M) + np.eye(n))
-        off = off / scale[..., :, None] * scale[..., None, :] * MARGIN
-        norm = off.sum(axis=-1).max(axis=-1)
-        if not np.all(norm < 1.0):
-            raise self._not_sure(q)
-        near = np.einsum("...ij,...j->...i", size, left) / scale * MARGIN
-        rest = off.sum(axis=-1) / (1.0 - norm)[..., None] * near.max(axis=-1)[..., None]
-        bound = (near + rest) * scale * MARGIN
-        tiny = np.finfo(self.dtype).smallest_subnormal
-        return a, np.nextafter(bound.astype(self.dtype), np.inf).astype(self.dtype) + tiny
+    def _arrays(self, name: str, function: str, begin: str, args: Sequence[Any]) -> tuple[list[Any], int | None]:
+        """Return the arrays among arguments, and the number of the frame."""
+        entry = self.raw.functions[function]
+        is_framed = entry.writes.removeprefix(begin) in FRAMED
+        _check_number(name, args, (*entry.reads, "frame") if is_framed else entry.reads)
+        return list(args[: len(entry.reads)]), self.frame_index(args[-1]) if is_framed else None
 
-    def _not_sure(self, q: Array) -> SingularError:
-        first = show([float(x) for x in np.reshape(q, (-1, q.shape[-1]))[0]])
-        return SingularError(
-            f"with_errors: {SOLVED}: {self.name}: rounding errors may make the mass matrix singular in a state such as"
-            f" {first}; allowed: states in which it is regular in {self.dtype}"
-        )
+    def _of_solution(self, name: str, args: Sequence[Any]) -> WithErrors:
+        """Bound a method's result by what it leaves of the equations that it solves."""
+        reads = self.raw.functions[name].reads
+        _check_number(name, args, reads)
+        if name == "constraint_forces" and self.couplings:
+            raise InputError(
+                f"with_errors: {name} of {self.name}, whose couplings ({', '.join(self.couplings)}) have forces behind"
+                " those of loops, have no bounds; allowed: forward_dynamics, or robots without rigid couplings in trees"
+            )
+        value = self.calls.run(name, None, list(args))
+        own = self.raw.shapes[self.raw.functions[name].writes]
+        lead = value.shape[: value.ndim - len(own)]
+        arrays: Mapping[str, Array] = {
+            label: np.ascontiguousarray(
+                np.broadcast_to(self.calls.array(label, x, self.raw.shapes[label])[0], (*lead, *self.raw.shapes[label]))
+            ).reshape(-1, *self.raw.shapes[label])
+            for label, x in zip(reads, args, strict=True)
+        }
+        bound: Callable[..., Bounds] = SOLVED[name]
+        found = bound(self.calls, name, arrays, value.reshape(-1, *own))
+        return WithErrors(value, as_bound(found.bound, self.dtype).reshape(value.shape), found.proved.reshape(lead))
+
+    def _assembled(self, args: Sequence[Any]) -> WithErrors:
+        """Bound how far an assembled state is from an exact one."""
+        if not isinstance(args, (tuple, list)) or len(args) != 2:
+            _check_number(ASSEMBLED, args, ("q",))
+        held = args[1] if len(args) == 2 else ()
+        value = self.assemble(args[0], held)
+        lead = value.shape[:-1]
+        states, narrow = value.reshape(-1, value.shape[-1]), is_narrow(self.calls, value)
+        whole = widened(self.calls, "q", states) if narrow else states
+        found = assembled_errors(self.calls, whole, free_coordinates(self.calls, held))
+        bound = as_bound(found.bound, self.dtype)[:, : value.shape[-1]]
+        return WithErrors(value, bound.reshape(value.shape), found.proved.reshape(lead))
+
+
+def _with_last_row(rows: Array, last: float) -> Array:
+    """Return rows of poses, (..., 3, 4), with the last row, whose last number is given."""
+    row = np.broadcast_to(np.array([0.0, 0.0, 0.0, last], rows.dtype), (*rows.shape[:-2], 1, 4))
+    return np.concatenate([rows, row], axis=-2)
+
+
+def _of_frame(writes: str, frame: int, value: Array, bound: Array) -> tuple[Array, Array]:
+    """Select a frame's result of one for all frames, and its bounds."""
+    value, bound = value[..., frame, :, :], bound[..., frame, :, :]
+    return (_with_last_row(value, 1.0), _with_last_row(bound, 0.0)) if writes == FRAMED[0] else (value, bound)
 
 
 def _check_number(name: str, args: Sequence[Any], wanted: Sequence[str]) -> None:
@@ -147,13 +237,13 @@ def _check_number(name: str, args: Sequence[Any], wanted: Sequence[str]) -> None
         raise InputError(f"{name}: got {got} arguments; allowed: ({', '.join(wanted)})")
 
 
-def _refuse_above(name: str, bound: Array, most: ArrayLike) -> None:
-    """Refuse bounds that are larger than what is asked for.
+def _refuse_above(name: str, found: WithErrors, most: ArrayLike) -> None:
+    """Refuse bounds that are larger than what is asked for, or not proved.
 
     Raises:
         ArrayError: one of them is, or ``most`` has negative numbers or another shape.
     """
-    allowed = numbers_in("most", most, "numbers from 0 on")
+    bound, allowed = found.bound, numbers_in("most", most, "numbers from 0 on")
     try:
         above = ~(bound <= np.broadcast_to(allowed, bound.shape))
     except ValueError:
@@ -168,4 +258,10 @@ def _refuse_above(name: str, bound: Array, most: ArrayLike) -> None:
         raise ArrayError(
             f"{name}: rounding moves the result{place_of(list(where))} by up to {float(bound[where]):.3g}; allowed:"
             f" most, {asked:.3g}"
+        )
+    if not found.proved.all():
+        where = tuple(int(i) for i in np.argwhere(~found.proved)[0])
+        raise ArrayError(
+            f"{name}: what rounding moves the result by{place_of(list(where))} is an estimate, as its equations are"
+            " singular there, or may be; allowed: bounds that are proved"
         )
