@@ -97,7 +97,7 @@ class _Samples:
         inputs = {**self.inputs, "h": self.h}
         answers = run_extended(program, inputs, self.arithmetic.dtype, radii_of(KERNELS[name].reads))
         self._store(name, answers, None, program, certain=True)
-        plain = self.arithmetic.run(program, inputs).get("out")
+        plain = self.arithmetic.run(program, inputs)["out"]
         near = SAFETY * np.moveaxis(spread(plain), -1, 0).astype(np.float64)
         bounds = np.abs(self.samples[name][:MEASURED, 2 * near.shape[1] :]).astype(np.float64)
         self.samples[f"{name} near"] = np.concatenate([near, near, 1e-3 * bounds], axis=1)

@@ -6,7 +6,7 @@ Numbers are unevaluated sums of two doubles, beside each a bound of what roundin
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from fractions import Fraction
 from typing import Any, NamedTuple
 
@@ -226,9 +226,7 @@ _OPERATIONS: Mapping[str, Callable[..., Bounded]] = {
 }
 
 
-def run_extended(
-    program: Program, inputs: Mapping[str, Sequence[Any]], dtype: np.dtype[Any], radii: Mapping[str, str]
-) -> Array:
+def run_extended(program: Program, inputs: Mapping[str, Any], dtype: np.dtype[Any], radii: Mapping[str, str]) -> Array:
     """Return high parts, low parts and bounds of a program's results, (3 results, states), as C writes them.
 
     Args:
