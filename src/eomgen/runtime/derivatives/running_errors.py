@@ -13,7 +13,7 @@ from ...names import nearest_or_all, show
 from ..arrays import flag, is_narrow, numbers_in, place_of, widened
 from ..loop_assembly import LoopClosure, free_coordinates
 from ..raw import Array
-from .assembled_errors import assembled_errors
+from .assemblies import assembled_errors
 from .by_arguments import FRAMED
 from .checked import CheckedKernel, Most
 from .extended import IN_EXTENDED, as_bound, distance, run_extended
