@@ -96,6 +96,7 @@ class _Samples:
         """Put answers in double-double arithmetic among the samples: sines and all have bits, whatever is fused."""
         inputs = {**self.inputs, "h": self.h}
         answers = run_extended(program, inputs, self.arithmetic.dtype, radii_of(KERNELS[name].reads))
+        answers = np.broadcast_to(answers, (len(answers), inputs["q"].shape[1]))  # constants have no states
         self._store(name, answers, None, program, certain=True)
         plain = self.arithmetic.run(program, inputs)["out"]
         near = SAFETY * np.moveaxis(spread(plain), -1, 0).astype(np.float64)
