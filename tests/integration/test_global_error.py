@@ -17,6 +17,8 @@ from eomgen.integration.accuracy.error_transport import GlobalError, global_erro
 from eomgen.integration.solve import integrate
 from eomgen.integration.trajectory import Trajectory
 from tests.integration.test_solve import closed_form
+from tests.integration.test_turning import Q0, V0, tumbler
+from tests.support.bristles import remembering_arm
 from tests.support.builds import Build
 from tests.support.pendulums import pendulum
 from tests.support.random_robots import random_robot, seeds
@@ -183,3 +185,32 @@ def test_robots_on_a_shaken_platform_are_off_as_estimated() -> None:
     prescribed = [name in result.prescribed for name in estimate.coordinates]
     assert not estimate.q_error[:, prescribed].any()
     assert effectivity(estimate.q_error, true) < 0.3
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("method", ["auto", "rosenbrock", "Radau"])
+def test_laws_with_states_are_off_as_estimated(method: str, built: Build) -> None:
+    """Maxwell branches, hysteresis, bristles: their states have errors, too, and bend those of coordinates."""
+    kernel = built(remembering_arm(), *ALL)
+    q, v = np.full(kernel.n, 0.01), np.full(kernel.n, 0.05)
+    motion = integrate(kernel, q, v, 0.2, output_step=1e-3, method=method, rtol=1e-4)
+    exact = integrate(kernel, q, v, 0.2, output_step=1e-3, method="Radau", rtol=1e-12)
+    estimate, true = global_error(kernel, motion), motion.q - exact.q
+    assert estimate.is_resolved
+    assert effectivity(estimate.q_error, true) < 0.3
+    assert effectivity(estimate.z_error, motion.z - exact.z) < 0.3
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("method", ["tsit5", "rosenbrock"])
+def test_a_tumbling_body_is_off_as_estimated(method: str, built: Build) -> None:
+    """Through singular angles; compared where they are far."""
+    kernel = built(tumbler(), *ALL)
+    motion = integrate(kernel, Q0, V0, 6.0, method=method, rtol=1e-5, output_step=5e-3)
+    exact = integrate(kernel, Q0, V0, 6.0, method="DOP853", rtol=1e-12, output_step=5e-3)
+    far = np.abs(np.cos(exact.q[:, 4])) > 0.5
+    assert not far.all()
+    estimate, true = global_error(kernel, motion), motion.q - exact.q
+    true[:, 3:] = (true[:, 3:] + np.pi) % (2.0 * np.pi) - np.pi
+    assert estimate.is_resolved
+    assert effectivity(estimate.q_error[far], true[far]) < 0.1

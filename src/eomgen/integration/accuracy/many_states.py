@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...arrays import Array
+from ...arrays import Array, Index
 from ...errors import ArrayError, LoopError, SingularError
 from ...loops.chart import STEEP, Chart
 from ...runtime.kernel import Kernel
@@ -76,7 +76,7 @@ class Stretch:
         self._turns.take(turned)
         self.kernel = self._turns.here.with_checks(False)
         n = self.kernel.n
-        self._near = nodes[0, :n].copy()
+        self._near = nodes[:, :n].copy()
         self._states = self._turns.on(nodes)
         self._chart: Chart | None = None
         self._still = np.arange(n) >= len(self.kernel.coordinates)  # states of laws
@@ -111,10 +111,20 @@ class Stretch:
 
     def described(self, times: Array, y: Array, rate: Array) -> Array:
         """Return described states, (N, 2n), that follow on each other."""
-        return self._back(np.hstack(self._whole(times, y, rate)))
+        return self._back(times, np.hstack(self._whole(times, y, rate)))
 
-    def _back(self, states: Array) -> Array:
-        return self._turns.back(states, self._near)
+    def _back(self, times: Array, states: Array) -> Array:
+        """Return described states, (N, 2n), with the angles that are next to those of the node before."""
+        if not self._turns.turned:
+            return states
+        described, rows = np.empty_like(states), self._rows(times)
+        for row in np.unique(rows).tolist():
+            described[rows == row] = self._turns.back(states[rows == row], self._near[row])
+        return described
+
+    def _rows(self, times: Array) -> Index:
+        """Return the numbers of the nodes before these times, (N,), one before the last at most."""
+        return np.clip(np.searchsorted(self.times, times, side="right") - 1, 0, max(self.times.size - 2, 0))
 
     def _whole(self, times: Array, y: Array, rate: Array) -> tuple[Array, Array]:
         """Return q and v of the stretch's kernel, (N, n) each; prescribed coordinates are as at the nodes."""
@@ -129,7 +139,7 @@ class Stretch:
     def _between(self, times: Array) -> tuple[Array, Array]:
         """Return q and v, (N, n) each, interpolated between the nodes."""
         n, states = self.kernel.n, self._states
-        row = np.clip(np.searchsorted(self.times, times, side="right") - 1, 0, max(self.times.size - 2, 0))
+        row = self._rows(times)
         h = (self.times[row + 1] - self.times[row])[:, np.newaxis]
         x = (times - self.times[row])[:, np.newaxis] / h
         a, b = states[row], states[row + 1]
@@ -154,7 +164,7 @@ class Stretch:
                 q, v = self._prescribed(times, q, v)
             n, told = self.kernel.n, (q, v)
             if self._turns.turned:
-                described = self._back(np.hstack([q, v]))
+                described = self._back(times, np.hstack([q, v]))
                 told = np.ascontiguousarray(described[:, :n]), np.ascontiguousarray(described[:, n:])
             u, wrench = self._loads.at(times, *told)
             if self._turns.turned:
@@ -166,7 +176,7 @@ class Stretch:
 
     def _prescribed(self, times: Array, q: Array, v: Array) -> tuple[Array, Array]:
         """Return q and v of the stretch's kernel, (N, n) each, with prescribed motions as they are at these times."""
-        n, described = self.kernel.n, self._back(np.hstack([q, v]))
+        n, described = self.kernel.n, self._back(times, np.hstack([q, v]))
         told = np.ascontiguousarray(described[:, :n]), np.ascontiguousarray(described[:, n:])
         self._loads.at(times, *told)
         here = self._turns.on(np.hstack(told))
