@@ -131,7 +131,7 @@ def table() -> Iterator[str]:
     )
     yield ""
     yield (
-        "| robot | kernel | `--within` | operations in double | bound, float | bound, mixed | observed, float"
+        "| robot | kernel | `--float32-within` | operations in double | bound, float | bound, mixed | observed, float"
         " | observed, mixed | instructions, float | mixed | double |"
     )
     yield "|---|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|"

@@ -70,6 +70,7 @@ NUMBERS = {  # words behind the option, N in the place of a number
     "folds": "N",
     "observer uncertainty": "position=N",
     "observer drift": "encoder=N",
+    "simulate within": "tool N",
 }
 READ = {  # files, with the endings without which they are not looked at
     **dict.fromkeys(("robot", "others", "subject", "files", "scenario", "plan", "table"), ".toml"),

@@ -9,6 +9,7 @@ import pytest
 
 from eomgen.cli.entry import main
 
+WITHIN = "--float32-within"
 CHECK = ("check", "one_link", "--float32", "--kernels", "inverse_dynamics")
 
 
@@ -22,7 +23,7 @@ def test_check_says_what_single_precision_costs(capsys: pytest.CaptureFixture[st
 
 def test_check_prints_json_over_ranges(capsys: pytest.CaptureFixture[str]) -> None:
     found = []
-    for more in ((), ("--range", "v", "0", "0.1"), ("--within", "2e-7")):
+    for more in ((), ("--range", "v", "0", "0.1"), (WITHIN, "2e-7")):
         assert main([*CHECK, *more, "--json"]) == 0
         (file,) = json.loads(capsys.readouterr().out)
         found.append(file["float32"]["kernels"]["inverse_dynamics"])
@@ -48,12 +49,12 @@ def test_check_of_files_has_no_advice_on_what_cannot_be_used(
 @pytest.mark.parametrize(("words", "said"), [
     (("check", "one_link", "--range", "q", "0", "1"), "--range: given without --float32; allowed: with it"),
     (("check", "one_link", "--kernels", "energy"), "--kernels: given without --float32; allowed: with it"),
-    (("check", "one_link", "--within", "1e-6"), "--within: given without --float32; allowed: with it"),
-    ((*CHECK, "--within", "1e-9"), "within: 1e-09; allowed: an error by the size of results, from 1.2e-07 to 1"),
+    (("check", "one_link", WITHIN, "1e-6"), f"{WITHIN}: given without --float32; allowed: with it"),
+    ((*CHECK, WITHIN, "1e-9"), "within: 1e-09; allowed: an error by the size of results, from 1.2e-07 to 1"),
     ((*CHECK, "--range", "joint7.x", "0", "1"), "range of 'joint7.x': no such input"),
-    (("generate", "one_link", "--within", "1e-6"), "--within: given without --dtype float32; allowed: with it"),
+    (("generate", "one_link", WITHIN, "1e-6"), f"{WITHIN}: given without --dtype float32; allowed: with it"),
     (("generate", "one_link", "--range", "q", "0", "1"), "--range: given without --dtype float32; allowed: with it"),
-    (("generate", "one_link", "--simt", "--dtype", "float32", "--within", "1e-6"), "--simt stands without --within"),
+    (("generate", "one_link", "--simt", "--dtype", "float32", WITHIN, "1e-6"), f"--simt stands without {WITHIN}"),
 ])  # fmt: skip
 def test_options_that_do_not_fit_are_refused(
     words: tuple[str, ...],
@@ -70,7 +71,16 @@ def test_options_that_do_not_fit_are_refused(
 
 @pytest.mark.soak
 def test_a_generated_package_is_mixed_and_says_so(tmp_path: Path) -> None:
-    words = ("generate", "geared_arm", "--dtype", "float32", "--kernels", "inverse_dynamics", "--within", "1e-5")
+    words = (
+        "generate",
+        "geared_arm",
+        "--dtype",
+        "float32",
+        "--kernels",
+        "inverse_dynamics",
+        WITHIN,
+        "1e-5",
+    )
     assert main([*words, "--native", "-o", str(tmp_path)]) == 0
     about = json.loads((tmp_path / "geared_arm" / "geared_arm.json").read_text(encoding="ascii"))["float32"]
     assert 0 < about["inverse_dynamics"]["in_double"] < about["inverse_dynamics"]["operations"]

@@ -88,7 +88,7 @@ def _generate(options: argparse.Namespace) -> None:
 
     robot, ranges = read_robot(options), ranges_of(options)
     if options.dtype != "float32" and (ranges or options.within is not None):
-        option = "--range" if ranges else "--within"
+        option = "--range" if ranges else "--float32-within"
         raise InputError(f"{option}: given without --dtype float32; allowed: with it")
     if options.simt:
         _generate_simt(robot, options)
@@ -121,7 +121,7 @@ def _generate_simt(robot: Robot, options: argparse.Namespace) -> None:
     from ..export.simt import export_simt
 
     if options.within is not None or options.range:
-        raise InputError("--simt stands without --within and --range; allowed: without --simt")
+        raise InputError("--simt stands without --float32-within and --range; allowed: without --simt")
     if options.wheel or options.cmake or options.ros2 or options.native or options.report or options.level:
         raise InputError(
             "--simt stands without --cmake, --ros2, --wheel, --native, --level and --report; allowed: with --dtype,"
@@ -157,7 +157,7 @@ COMMANDS = (
             "generate arm.toml -o generated": "write and compile generated/arm, then: import arm",
             "generate arm.toml --cmake": "the same, with a CMake package and a header for C++17",
             "generate arm.toml --report derivation.html": "the same, and which terms survive, joint by joint",
-            "generate arm.toml --dtype float32 --within 1e-6": "in float, and in double where results need it",
+            "generate arm.toml --dtype float32 --float32-within 1e-6": "in float, and in double where results need it",
             "generate arm.toml --simt": "a text for accelerators, CUDA, HIP or OpenCL C, one thread per state",
             "generate arm.toml --wheel": "a wheel of it, which pip installs where eomgen is not",
         },

@@ -76,7 +76,7 @@ def _check(options: argparse.Namespace) -> None:
     from ..authoring.check import check_files
 
     ranges = ranges_of(options)
-    given = {"--range": ranges, "--kernels": options.kernels, "--within": options.within is not None}
+    given = {"--range": ranges, "--kernels": options.kernels, "--float32-within": options.within is not None}
     if any(given.values()) and not options.float32:
         option = next(name for name, is_given in given.items() if is_given)
         raise InputError(f"{option}: given without --float32; allowed: with it")

@@ -95,9 +95,9 @@ def add_input_ranges(parser: argparse.ArgumentParser) -> None:
 
 
 def add_within(parser: argparse.ArgumentParser) -> None:
-    """Add the option --within of commands about single precision."""
+    """Add the option --float32-within of commands about single precision."""
     about = "error of float32 results by their size; what contributes most is in double until it is met"
-    parser.add_argument("--within", type=real, metavar="E", help=about)
+    parser.add_argument("--float32-within", dest="within", type=real, metavar="E", help=about)
 
 
 def ranges_of(options: argparse.Namespace) -> dict[str, list[float]]:
