@@ -42,10 +42,12 @@ from eomgen.robot.model import build_model
 from tests.support import simt
 from tests.support.figures import Figures
 from tests.support.random_robots import random_robot
+from tests.support.soak import share
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
 DTYPES = ("float64", "float32")
+BUILTIN = tuple(zip(sorted(builtin_robots()), itertools.cycle(DTYPES), strict=False))  # each with one number of bits
 TOP = """
 name = "top"
 [[links]]
@@ -345,8 +347,7 @@ def test_sines_are_taken_again_so_that_nothing_is_stored() -> None:
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("dtype", DTYPES)
-@pytest.mark.parametrize("name", sorted(builtin_robots()))
+@pytest.mark.parametrize(("name", "dtype"), share(BUILTIN))
 def test_controllers_of_built_in_robots_have_the_bits_of_the_kernel(tmp_path: Path, name: str, dtype: str) -> None:
     robot = as_robot(name)
     if reason := refusal(build_model(robot), CONTROLLED[0]):
@@ -355,14 +356,13 @@ def test_controllers_of_built_in_robots_have_the_bits_of_the_kernel(tmp_path: Pa
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("dtype", DTYPES)
-@pytest.mark.parametrize("name", sorted(builtin_robots()))
+@pytest.mark.parametrize(("name", "dtype"), share(BUILTIN))
 def test_all_kernels_of_built_in_robots_have_the_bits_of_the_kernel(tmp_path: Path, name: str, dtype: str) -> None:
     compare(as_robot(name), tmp_path, dtype)
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("seed", range(30))
+@pytest.mark.parametrize("seed", share(range(30)))
 def test_all_kernels_of_random_robots_have_the_bits_of_the_kernel(tmp_path: Path, seed: int) -> None:
     robot = random_robot(np.random.default_rng(seed))
     derivatives = ("inverse_dynamics_tangent", "forward_dynamics_adjoint")
@@ -388,8 +388,7 @@ def runs_under_opencl(robot: Any, folder: Path, dtype: str) -> None:
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("dtype", DTYPES)
-@pytest.mark.parametrize("name", sorted(builtin_robots()))
+@pytest.mark.parametrize(("name", "dtype"), share(BUILTIN))
 def test_all_kernels_have_the_same_bits_under_opencl(tmp_path: Path, name: str, dtype: str) -> None:
     if not simt.opencl_platforms():
         pytest.skip("no runtime of OpenCL, or no pyopencl")
