@@ -98,7 +98,7 @@ def extended(name: str, kernel: Signature) -> dict[str, Signature]:
             "extended",
             derivative_of=name,
             needs=kernel.needs,
-            tree_only=bool(kernel.closed),
+            tree_only=kernel.tree_only or bool(kernel.closed),
             vectors=False,
         )
     }

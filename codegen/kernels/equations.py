@@ -123,7 +123,7 @@ def derive_equations(model: Model, kernels: Sequence[str] = (), dtype: str = "fl
             calls[name] = signature.calls
         elif signature.calls:
             calls[name] = signature.calls
-        elif signature.columns_of and _columns_cost(model, signature.columns_of, raw) > STRAIGHT_COLUMNS:
+        elif signature.columns_of and _takes_columns(model, signature.columns_of, raw):
             calls[name] = (signature.columns_of,)
             words = signature.columns_of.replace("_", " ").capitalize()
             choices[name] = f"a loop in C, one {words} per unit velocity"
@@ -149,10 +149,14 @@ def derive_equations(model: Model, kernels: Sequence[str] = (), dtype: str = "fl
     return Equations(model, public, setup, written, calls, choices, shares, dtype)
 
 
-def _columns_cost(model: Model, kernel: str, known: Mapping[str, Program]) -> int:
-    """Count operations of n calls of a kernel: an upper bound for all its columns written out."""
-    program = known.get(kernel) or derive(model, kernel)
-    return model.size * sum(program.count().values())
+def _takes_columns(model: Model, kernel: str, known: Mapping[str, Program]) -> bool:
+    """Whether all columns of a kernel written out would be too long."""
+    return columns_cost(model, known.get(kernel) or derive(model, kernel)) > STRAIGHT_COLUMNS
+
+
+def columns_cost(model: Model, column: Program) -> int:
+    """Count operations of n calls of a program: an upper bound for all its columns written out."""
+    return model.size * sum(column.count().values())
 
 
 @without_collection()

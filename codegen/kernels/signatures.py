@@ -333,6 +333,11 @@ PARTS: Mapping[str, Signature] = table(  # programs that only other kernels call
         "(M + dt B + dt^2 K + added) a = u - bias - K (q + dt v) - B v: accelerations of a linearly implicit step.",
     ),
     kernel(
+        "step_residual(q, v, u, step_length, end_q, end_v) -> step_rows",
+        "What a state at the end of a linearly implicit step leaves of its equations, and of end_q = q + dt end_v.",
+        tree_only=True,
+    ),
+    kernel(
         "stage_factors(q, v, kp, kd, times) -> kept",
         "Factors of M + c B + c^2 K, for the stages of a Rosenbrock method.",
     ),
@@ -350,7 +355,12 @@ PARTS: Mapping[str, Signature] = table(  # programs that only other kernels call
     ),
 )
 
-EXTENDED_PARTS = ("closing_reactions", "loop_wrenches", "constrained_residual")  # of bounds of solutions
+EXTENDED_PARTS = (
+    "closing_reactions",
+    "loop_wrenches",
+    "constrained_residual",
+    "step_residual",
+)  # of bounds of solutions
 DERIVATIVES: Mapping[str, Signature] = {  # there only if they are asked for
     **differentiated(OWN_KERNELS),
     **{name: signature for part in EXTENDED_PARTS for name, signature in extended(part, PARTS[part]).items()},
@@ -485,7 +495,7 @@ def shapes(model: Model, kernels: Collection[str] | None = None) -> dict[str, tu
 def _shapes(model: Model, kernels: frozenset[str] | None) -> dict[str, tuple[int, ...]]:
     n = model.size
     vectors: dict[str, tuple[int, ...]] = dict.fromkeys(("q", "v", "a", "u", "added", "vector"), (n,))
-    vectors |= dict.fromkeys(("kp", "kd", "rates", "shifts"), (n,))
+    vectors |= dict.fromkeys(("kp", "kd", "rates", "shifts", "end_q", "end_v"), (n,))
     m, loops = len(model.constraints), len(model.robot.loops)
     closing: dict[str, tuple[int, ...]] = {
         "constraints": (m,),
@@ -518,8 +528,10 @@ def _shapes(model: Model, kernels: frozenset[str] | None) -> dict[str, tuple[int
         "point": (3,),
         "momentum": (6,),
         "momenta": (2, n),
+        "step_rows": (2, n),
         "frame_rates": (len(model.frames), 6),
         "dt": (2,),
+        "step_length": (1,),
         "times": (2,),
         "joints": (len(model.bodies),),
         "reactions": (len(model.bodies), 6),

@@ -23,7 +23,7 @@ from ..tree.recursion import Wrench, accelerations, inertial_rows, kinetic_energ
 from ..tree.regressor import INERTIAL, armatures, inertial_columns
 from ..tree.spatial import ZERO, Scalar, cross, is_zero, subtract
 from .acceleration_slopes import SLOPES, drive_slopes, residual_slopes
-from .accelerations import CONSTRAINED, PROJECTION, SOLVERS, Variant, implicit_step
+from .accelerations import CONSTRAINED, PROJECTION, SOLVERS, Variant, implicit_step, step_residual
 from .bodies import axes_of
 from .closed_motion import (
     closing_derivatives,
@@ -302,6 +302,7 @@ WRITERS: Mapping[str, Callable[[Derivation], Outputs]] = {
     "external_coupling_forces": lambda d: _coupled(d, [-1.0 * x for x in _external(d)[0]]),
     "cut_poses": _cut_poses,
     "implicit_step": implicit_step,
+    "step_residual": step_residual,
     "element_forces": lambda d: vector([x for one in _deflections(d) for x in (one.value, one.force)]),
     "element_jacobian": lambda d: d.rows([one.jacobian_row for one in _deflections(d)]),
     **{kernel: _of_element(family, kernel) for family in ELEMENTS for kernel in family.KERNELS},

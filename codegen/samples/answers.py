@@ -101,7 +101,9 @@ class _Samples:
         plain = self.arithmetic.run(program, inputs)["out"]
         near = SAFETY * np.moveaxis(spread(plain), -1, 0).astype(np.float64)
         bounds = np.abs(self.samples[name][:MEASURED, 2 * near.shape[1] :]).astype(np.float64)
-        self.samples[f"{name} near"] = np.concatenate([near, near, 1e-3 * bounds], axis=1)
+        self.samples[f"{name} near"] = np.concatenate(
+            [near, near, 0.5 * bounds], axis=1
+        )  # which last bits make much of
 
     def _store_composed(self, name: str, programs: list[Program]) -> None:
         known, status, places, identity, exact = COMPOSED[name](self.model, self.run, self.inputs)

@@ -52,6 +52,11 @@ class Bounded(NamedTuple):
         return (np.abs(self.x.high) - np.abs(self.x.low)) * _DOWN - self.error * _UP
 
     @property
+    def is_nothing(self) -> Any:
+        """Whether the number is exactly 0, as its products are then."""
+        return (self.error <= 0.0) & (np.abs(self.x.high) <= 0.0)
+
+    @property
     def is_sure(self) -> Any:
         """Whether the sign of the exact number is known; that of an exact one is, of 0 too."""
         return (self.error <= 0.0) | (self.below > 0.0)
@@ -147,15 +152,15 @@ def _sum(x: Bounded, y: Bounded) -> Bounded:
 
 
 def _product(x: Bounded, y: Bounded) -> Bounded:
-    z = pair_product(x.x, y.x)
-    return Bounded(z, x.x.above * y.error + (y.x.above + y.error) * x.error + UNIT * z.above + LEAST)
+    z, least = pair_product(x.x, y.x), np.where(x.is_nothing | y.is_nothing, 0.0, LEAST)
+    return Bounded(z, x.x.above * y.error + (y.x.above + y.error) * x.error + UNIT * z.above + least)
 
 
 def _quotient(x: Bounded, y: Bounded) -> Bounded:
     z = pair_quotient(x.x, y.x)
-    below, size = y.below, z.above
-    moved = ((x.error + (size + LEAST) * _UP * y.error) * _UP) / below
-    return Bounded(z, np.where(below > 0.0, moved + UNIT * size + LEAST, np.inf))
+    below, size, least = y.below, z.above, np.where(x.is_nothing, 0.0, LEAST)
+    moved = ((x.error + (size + least) * _UP * y.error) * _UP) / below
+    return Bounded(z, np.where(below > 0.0, moved + UNIT * size + least, np.inf))
 
 
 def _sine(x: Bounded, quarter: int) -> Bounded:
@@ -173,7 +178,10 @@ def _root(x: Bounded) -> Bounded:
 def _larger(x: Bounded, y: Bounded) -> Bounded:
     is_above = (y.x.high > x.x.high) | ((y.x.high == x.x.high) & (y.x.low > x.x.low))
     z = Pair(np.where(is_above, y.x.high, x.x.high), np.where(is_above, y.x.low, x.x.low))
-    error = np.where(x.error >= y.error, x.error, y.error)
+    apart = pair_sum(x.x, -y.x)
+    is_sure = Bounded(apart, x.error + y.error + UNIT * apart.above).is_sure
+    either = np.where(x.error >= y.error, x.error, y.error)
+    error = np.where(is_sure, np.where(is_above, y.error, x.error), either)
     return Bounded(z, np.where(np.isnan(x.error + y.error), np.nan, error))
 
 
@@ -205,7 +213,8 @@ def _angle(y: Bounded, x: Bounded) -> Bounded:
     left = np.fmax(np.abs(y.x.high), np.abs(x.x.high)) * _DOWN - moved
     cut = np.where((x.x.high > 0.0) | (y.below > 0.0), 0.0, 6.2832)
     error = 1.58 * moved / left + CALLED * np.abs(angle) + cut
-    return Bounded(Pair(angle, np.zeros_like(angle)), np.where(left > 0.0, error, 6.2832))
+    error = np.where(left > 0.0, error, 6.2832)
+    return Bounded(Pair(angle, np.zeros_like(angle)), np.where(np.isnan(angle + moved), np.nan, error))
 
 
 _OPERATIONS: Mapping[str, Callable[..., Bounded]] = {
@@ -259,6 +268,6 @@ def _written(z: Bounded, dtype: np.dtype[Any]) -> tuple[Any, Any, Any]:
     low = np.asarray(rest, dtype)
     if dtype == np.float64:
         return high, low, z.error
-    error = (z.error + np.abs(rest - np.float64(low)) + UNIT * z.x.above) * _UP
+    error = (z.error + np.abs(rest - np.float64(low)) + 2.0**-52 * np.abs(rest)) * _UP
     wide = np.asarray(error * (1.0 + 2.0**-22), dtype) + np.float32(2.0**-149)
     return high, low, np.where(error > 0.0, wide, np.asarray(error, dtype))

@@ -19,7 +19,16 @@ from .stored import ROUNDED, STATES
 
 Angle = tuple[Instruction, ...]
 
-READ = ("v", "a", "u", "wrench", "multipliers")  # arrays of numbers that may be anything
+READ = (
+    "v",
+    "a",
+    "u",
+    "wrench",
+    "multipliers",
+    "step_length",
+    "end_q",
+    "end_v",
+)  # arrays of numbers that may be anything
 _CANDIDATES = 128  # numbers that coordinates are chosen from
 _SOLVED = 3  # rows of a chart
 _SLOPE = 2.0**-5  # of a chart, at most: what it changes coordinates by leaves its columns independent

@@ -11,12 +11,13 @@ from eomgen.names import nearest_or_all, show
 from eomgen.robot.model import Model
 
 from ..kernels.derivatives.whole import whole_program
-from ..kernels.equations import derive, why_missing
+from ..kernels.equations import STRAIGHT_COLUMNS, columns_cost, derive, why_missing
 from ..kernels.signatures import KERNELS, SIGNATURES, available, shapes
 from ..kernels.writers import VARIANTS, WRITERS
 from ..program.ir import FIRST, GATE, Graph, Instruction, Program, Value, copied, finish, select, verify
 from ..program.passes import hoist_parameters
 from .frames import frame_jacobians
+from .unit_velocities import christoffel_by_columns
 
 FRAMES: Mapping[str, tuple[str, str, str]] = {  # kernels of all frames: functions of one, arrays, texts
     "frame_poses": ("frame_pose", "poses", "Poses [R | X] of all frames in the base; eqs. (1) and (2)."),
@@ -164,6 +165,9 @@ def _program(model: Model, name: str, derived: Callable[[str], Program]) -> Prog
         return whole_program(model, FRAMES[name][0], derived)
     if name in CLOSED and model.constraints:
         return _with_violations(without_gate(derived(CLOSED[name])), model)
+    columns = KERNELS[name].columns_of
+    if columns and columns_cost(model, derived(columns)) > STRAIGHT_COLUMNS:
+        return christoffel_by_columns(model, without_gate(derived(columns)))
     return without_gate(derived(name))
 
 

@@ -22,7 +22,7 @@ from .raw import Array, RawFunction, RawKernel
 Lead = tuple[int, ...]  # axes in front of a state's: () for one state, (N,) for N of them
 
 WRENCHES = ("wrench", "dwrench")  # arguments with rows of links
-WEIGHTS, NUMBERED = "cotangent", ("dp", "multipliers")  # arguments whose elements have numbers, no names
+WEIGHTS, NUMBERED = "cotangent", ("dp", "multipliers", "step_length")  # arguments whose elements have numbers, no names
 WRENCH_PARTS = ("force.x", "force.y", "force.z", "moment.x", "moment.y", "moment.z")
 BY_COORDINATE = {  # how many of the last axes of a result are coordinates
     "vector": 1,

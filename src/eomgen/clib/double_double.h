@@ -182,27 +182,33 @@ EOM_INLINE int eom_is_above(eom_pair x, eom_pair y) { return ((x.high > y.high) 
 /* Tell whether the sign of a number is sure: that of an exact one is, of 0 too. */
 EOM_INLINE int eom_is_sure(const eom_bounded *restrict x) { return ((x->error <= 0.0) || (eom_below(x) > 0.0)) ? 1 : 0; }
 
+/* Tell whether a number is exactly 0, and say the least error of a product or quotient: none where a factor or the dividend is. */
+EOM_INLINE int eom_is_nothing(const eom_bounded *restrict x) { return ((x->error <= 0.0) && (fabs(x->x.high) <= 0.0)) ? 1 : 0; }
+EOM_INLINE double eom_least_error(int is_nothing) { return (is_nothing != 0) ? 0.0 : DD_LEAST; }
+
 /* Bound the error of a quotient, by its size. */
 EOM_LOCAL double eom_error_of_quotient(const eom_bounded *restrict x, const eom_bounded *restrict y, double size)
 {
     const double below = eom_below(y);
-    return (below > 0.0) ? (DD_UP(x->error + DD_UP(size + DD_LEAST) * y->error) / below + DD_UNIT * size + DD_LEAST) : INFINITY;
+    const double least = eom_least_error(eom_is_nothing(x));
+    return (below > 0.0) ? (DD_UP(x->error + DD_UP(size + least) * y->error) / below + DD_UNIT * size + least) : INFINITY;
 }
 
 /* Bound the error of a root: what an argument is off by over the root, or its own root; of what may be negative there is none. */
-EOM_LOCAL double eom_error_of_root(const eom_bounded *restrict x, eom_pair root)
+EOM_LOCAL double eom_error_of_root(const eom_bounded *restrict x, eom_pair found)
 {
-    const double least = fabs(root.high) - fabs(root.low);
+    const double least = fabs(found.high) - fabs(found.low);
     const double wide = sqrt(DD_UP(x->error));
     const double moved = (least > 0.0) ? fmin(DD_UP(x->error) / least, wide) : wide;
-    return moved + DD_UNIT * eom_above(root) + DD_LEAST;
+    return moved + DD_UNIT * eom_above(found) + DD_LEAST;
 }
 
 /* Return functions that the C library computes of the high part, corrected by the low one, with bounds. */
 EOM_LOCAL eom_bounded eom_exponential(const eom_bounded *restrict x)
 {
     const double high = exp(x->x.high);
-    const eom_bounded z = { eom_quick_sum(high, high * x->x.low), high * (DD_CALLED + DD_UP(x->error * exp(x->error))) + DD_LEAST };
+    eom_bounded z = { { 0.0, 0.0 }, high * (DD_CALLED + DD_UP(x->error * exp(x->error))) + DD_LEAST };
+    z.x = eom_quick_sum(high, high * x->x.low);
     return z;
 }
 
@@ -211,7 +217,8 @@ EOM_LOCAL eom_bounded eom_logarithm(const eom_bounded *restrict x)
     const double high = log(x->x.high);
     const double below = eom_below(x);
     const double moved = (below > 0.0) ? (x->error / below) : INFINITY;
-    const eom_bounded z = { eom_two_sum(high, x->x.low / x->x.high), DD_CALLED * fabs(high) + moved + DD_UNIT };
+    eom_bounded z = { { 0.0, 0.0 }, DD_CALLED * fabs(high) + moved + DD_UNIT };
+    z.x = eom_two_sum(high, x->x.low / x->x.high);
     return z;
 }
 
@@ -222,16 +229,21 @@ EOM_LOCAL eom_bounded eom_angle(const eom_bounded *restrict y, const eom_bounded
     const double moved = DD_UP(fabs(y->x.low) + fabs(x->x.low) + y->error + x->error);
     const double left = fmax(fabs(y->x.high), fabs(x->x.high)) * (1.0 - 0x1p-48) - moved;
     const double cut = ((x->x.high > 0.0) || (eom_below(y) > 0.0)) ? 0.0 : 6.2832;
-    const eom_bounded z = { { angle, 0.0 }, (left > 0.0) ? (1.58 * moved / left + DD_CALLED * fabs(angle) + cut) : 6.2832 };
+    eom_bounded z = { { angle, 0.0 }, (left > 0.0) ? (1.58 * moved / left + DD_CALLED * fabs(angle) + cut) : 6.2832 };
+    if (isnan(angle + moved) != 0) { z.error = NAN; }
     return z;
 }
 
-/* Return the larger one, y where it is, as of doubles; 1 where greater than 0, else 0; x or y, as the gate is greater than 0. */
+/* Return the larger one, y where it is, as of doubles, with its own error where it is so for sure; 1 where greater than 0, else 0;
+ * x or y, as the gate is greater than 0. */
 EOM_LOCAL eom_bounded eom_larger(const eom_bounded *restrict x, const eom_bounded *restrict y)
 {
     eom_bounded z = (eom_is_above(y->x, x->x) != 0) ? *y : *x;
-    z.error = (x->error >= y->error) ? x->error : y->error;
-    if (isnan(x->error + y->error)) { z.error = NAN; }
+    eom_bounded apart = { { 0.0, 0.0 }, 0.0 };
+    apart.x = eom_pair_sum(x->x, eom_pair_negative(y->x));
+    apart.error = x->error + y->error + DD_UNIT * eom_above(apart.x);
+    if (eom_is_sure(&apart) == 0) { z.error = (x->error >= y->error) ? x->error : y->error; }
+    if (isnan(x->error + y->error) != 0) { z.error = NAN; }
     return z;
 }
 
@@ -263,7 +275,7 @@ EOM_LOCAL eom_bounded eom_extended_value(int operation, const eom_bounded *restr
         break;
     case DD_MUL:
         z.x = eom_pair_product(x->x, y->x);
-        z.error = eom_above(x->x) * y->error + (eom_above(y->x) + y->error) * x->error + DD_UNIT * eom_above(z.x) + DD_LEAST;
+        z.error = eom_above(x->x) * y->error + (eom_above(y->x) + y->error) * x->error + DD_UNIT * eom_above(z.x) + eom_least_error(((eom_is_nothing(x) != 0) || (eom_is_nothing(y) != 0)) ? 1 : 0);
         break;
     case DD_DIV:
         z.x = eom_pair_quotient(x->x, y->x);
@@ -310,7 +322,7 @@ EOM_LOCAL void EOM(write_extended)(int results, const unsigned short *restrict r
         const double rest = (z->x.high - (double)high) + z->x.low;
         const EOM_SCALAR low = (EOM_SCALAR)rest;
 #if defined(EOM_SINGLE)
-        const double error = DD_UP(z->error + fabs(rest - (double)low) + DD_UNIT * eom_above(z->x));
+        const double error = DD_UP(z->error + fabs(rest - (double)low) + 0x1p-52 * fabs(rest));
         out[2 * results + i] = (error > 0.0) ? ((float)(error * (1.0 + 0x1p-22)) + 0x1p-149F) : (float)error;
 #else
         out[2 * results + i] = z->error;

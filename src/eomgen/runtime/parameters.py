@@ -11,6 +11,7 @@ import numpy as np
 
 from ..errors import InputError, UnknownNameError
 from ..names import nearest_or_all, show
+from .arrays import names_in
 from .direct import State
 from .raw import RawKernel, Setup
 
@@ -348,3 +349,20 @@ def parameters_of(
         made.update(changed)
     made.turn(turned)
     return made
+
+
+def parameter_slots(parameters: Parameters, names: Sequence[str]) -> list[int]:
+    """Return places of parameters by their names.
+
+    Raises:
+        InputError: a text instead of a sequence of names, or a name that stands twice.
+        UnknownNameError: not a run-time parameter.
+    """
+    names = names_in("parameters", names)
+    known = {name: slot for slot, name in enumerate(parameters)}
+    for name in names:
+        if name not in known:
+            raise UnknownNameError(f"parameters: {name!r} is unknown{nearest_or_all(str(name), known)}")
+    if len(set(names)) < len(names):
+        raise InputError(f"parameters: {', '.join(names)}; allowed: every name once")
+    return [known[name] for name in names]

@@ -14,7 +14,7 @@ import cffi
 import numpy as np
 import pytest
 
-from eomgen.codegen.c import statements
+from eomgen.codegen.c import contexts, definitions, statements
 from eomgen.codegen.c.scalar_types import SCALARS
 from eomgen.codegen.c.sources import render
 from eomgen.codegen.c.statements import write_function
@@ -71,7 +71,8 @@ def test_split_functions_equal_whole_ones(built: Build, empty_cache: Path, monke
     robot = random_robot(7, joints=(2, 2), types=("revolute", "prismatic"), max_coordinates=2)
     kernels = []
     for name, size in (("whole", 10**9), ("split", 25)):
-        monkeypatch.setattr(statements, "CHUNK", size)
+        for module in (statements, definitions, contexts):
+            monkeypatch.setattr(module, "CHUNK", size)
         kernels.append(built(replace(robot, name=name), "all"))
     s = random_state(robot, 1)
     whole, split = kernels

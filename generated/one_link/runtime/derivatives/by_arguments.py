@@ -12,11 +12,11 @@ from numpy.typing import ArrayLike
 
 from ...errors import InputError, UnknownNameError
 from ...names import nearest_or_all, show
-from ..arrays import cut, flag, is_narrow, names_in, narrow_shape, refuse_mixed, widened
+from ..arrays import cut, flag, is_narrow, narrow_shape, refuse_mixed, widened
 from ..calls import Calls
 from ..compiled_code import CompiledCode
 from ..loop_errors import LOADED
-from ..parameters import Parameters
+from ..parameters import parameter_slots
 from ..raw import Array
 
 ADJOINT, TANGENT, HESSIAN = "adjoint", "tangent", "hessian"
@@ -186,23 +186,6 @@ class Differentiated:
                 gradients[-1] = cut(self.calls, gradients[-1], "vector")
             begin = end
         return tuple(gradients)
-
-
-def parameter_slots(parameters: Parameters, names: Sequence[str]) -> list[int]:
-    """Return places of parameters by their names.
-
-    Raises:
-        InputError: a text instead of a sequence of names, or a name that stands twice.
-        UnknownNameError: not a run-time parameter.
-    """
-    names = names_in("parameters", names)
-    known = {name: slot for slot, name in enumerate(parameters)}
-    for name in names:
-        if name not in known:
-            raise UnknownNameError(f"parameters: {name!r} is unknown{nearest_or_all(str(name), known)}")
-    if len(set(names)) < len(names):
-        raise InputError(f"parameters: {', '.join(names)}; allowed: every name once")
-    return [known[name] for name in names]
 
 
 def _number(values: Any) -> str:

@@ -57,7 +57,7 @@ def tree_accelerations(states: States, a: Array) -> SolutionErrors:
     def equations(points: Array) -> Extended:
         return states.run(RESIDUAL, a=_with(a, free, points)).at(..., free)
 
-    found = _solved(equations, a[:, free], states)
+    found = solved(equations, a[:, free], states)
     bound = np.zeros(a.shape)
     bound[:, free] = found.bound
     return SolutionErrors(bound, found.proved)
@@ -75,7 +75,7 @@ def closed_accelerations(states: States, solution: Array) -> SolutionErrors:
 
     unknowns = np.concatenate([a[:, free], multipliers], axis=1)
     rows = moved_rows(states.calls, states.arrays["q"][0], free)
-    found = _solved(equations, unknowns, states, [*range(len(free)), *(len(free) + r for r in rows)])
+    found = solved(equations, unknowns, states, [*range(len(free)), *(len(free) + r for r in rows)])
     bound = np.zeros((states.count, n + m))
     bound[:, [*free, *range(n, n + m)]] = found.bound
     return SolutionErrors(bound, found.proved)
@@ -111,7 +111,7 @@ def closed_drives(states: States, u: Array, multipliers: Array) -> SolutionError
     return found
 
 
-def _solved(equations: Equations, solution: Array, states: States, kept: list[int] | None = None) -> SolutionErrors:
+def solved(equations: Equations, solution: Array, states: States, kept: list[int] | None = None) -> SolutionErrors:
     """Bound errors of solutions of affine equations, (N, unknowns); see ``_bounded``."""
     value, error = matrix_of(equations, states.count, solution.shape[1], states.calls.dtype)
     left = equations(np.ascontiguousarray(solution[:, np.newaxis])).at(slice(None), 0)

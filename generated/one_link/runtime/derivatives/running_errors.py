@@ -17,12 +17,13 @@ from .assemblies import assembled_errors
 from .by_arguments import FRAMED
 from .checked import CheckedKernel, Most
 from .extended import IN_EXTENDED, as_bound, distance, run_extended
+from .implicit_steps import STEP_RESIDUAL, bounded_step
 from .solved_errors import SOLVED, Bounds
 
 if TYPE_CHECKING:
     from typing_extensions import Self
 
-ASSEMBLED = "assemble"
+ASSEMBLED, STEP = "assemble", "implicit_step"
 WITH_ERRORS = "_with_errors"  # ends the name of a function that bounds its errors, too
 ERRORS, EXTENDED = "errors_", "extended_"  # begin names of what such functions write
 
@@ -89,7 +90,10 @@ class RunningErrors(LoopClosure):
         plain = {x.removesuffix(WITH_ERRORS) for x in known if x.endswith(WITH_ERRORS)}
         solved = {x for x in SOLVED if x in known}
         assembled = {ASSEMBLED} if self.constraints and f"constraint{IN_EXTENDED}" in known else set()
-        return tuple(sorted(plain | solved | assembled))
+        stepped = (
+            {STEP} if "rollout" in self.raw.rollouts and STEP_RESIDUAL in known and not self.raw.turning else set()
+        )
+        return tuple(sorted(plain | solved | assembled | stepped))
 
     def with_errors(
         self, name: str, args: Sequence[Any], *, most: ArrayLike | None = None, tight: bool = False
@@ -108,6 +112,8 @@ class RunningErrors(LoopClosure):
           that these have one solution: "forward_dynamics", of trees and with loops, "constraint_forces", and with loops
           "inverse_dynamics", "reactions" and "loop_reactions".
         - A state of "assemble", (q,) or (q, held), is bounded by its distance from one that is assembled exactly.
+        - "implicit_step", (q, v, u, dt), is the state after a step of ``rollout`` by its method "implicit", q and v as
+          (..., 2, n); of trees, and not of joints with 3-DOF rotation.
 
         Args:
             name: a method, such as "inverse_dynamics", "mass_matrix", "frame_pose", "energy", "forward_dynamics".
@@ -138,6 +144,8 @@ class RunningErrors(LoopClosure):
             found = self._of_solution(name, args)
         elif plain and name == ASSEMBLED and name in self.bounded_methods():
             found = self._assembled(args)
+        elif plain and name == STEP and name in self.bounded_methods():
+            found = self._stepped(args)
         else:
             raise UnknownNameError(
                 f"{self.name} has no bounds of rounding errors of {show(name)}"
@@ -212,6 +220,13 @@ class RunningErrors(LoopClosure):
         found = assembled_errors(self.calls, whole, free_coordinates(self.calls, held))
         bound = as_bound(found.bound, self.dtype)[:, : value.shape[-1]]
         return WithErrors(value, bound.reshape(value.shape), found.proved.reshape(lead))
+
+    def _stepped(self, args: Sequence[Any]) -> WithErrors:
+        """Bound how far the state after an implicit step is from the one that its equations have."""
+        _check_number(STEP, args, ("q", "v", "u", "dt"))
+        value, found = bounded_step(self.calls, *args)
+        bound = as_bound(found.bound, self.dtype).reshape(value.shape)
+        return WithErrors(value, bound, found.proved.reshape(value.shape[:-2]))
 
 
 def _with_last_row(rows: Array, last: float) -> Array:

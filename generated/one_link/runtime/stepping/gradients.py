@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from ...errors import ArrayError, InputError, LoopError
 from ...names import listed, show
 from ..calls import Calls
-from ..derivatives.by_arguments import parameter_slots
+from ..parameters import parameter_slots
 from ..raw import FFI, Array, Library, RawFunction
 from .adaptive import DONE, adaptive_rollout
 from .input_signals import BACK, Slopes

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from ...errors import ArrayError, InputError
 from ...names import listed, show
 from ..calls import Calls
-from ..derivatives.by_arguments import parameter_slots
+from ..parameters import parameter_slots
 from ..raw import FFI, Array
 from .gradients import STEP_CODES, Motion, Steps, stopped, taken_steps
 from .input_signals import ALONG
