@@ -171,7 +171,7 @@ CHANGES = {
     "a constant of vectors": "/EOMGEN_SINGLES_ONLY/,$ s/0\\.3333333333333333\\b/0.3333333333333334/",
     "a sign": "s/out\\[1\\] = -0\\.5\\*/out[1] = 0.5*/",
     "a parameter": "s/h\\[3\\] = p\\[3\\]/h[3] = p[2]/",
-    "a polynomial": "s/2\\.75573137/2.75574137/",
+    "a polynomial": "s/2\\.75573137/2.75673137/",
 }
 
 

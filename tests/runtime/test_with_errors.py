@@ -36,20 +36,20 @@ def arrays(kernel: Kernel, seed: int = 0, count: tuple[int, ...] = ()) -> dict[s
 
 
 def accelerations(kernel: Kernel, state: dict[str, Any]) -> list[Any]:
-    """Return accelerations of one state at 60 digits, of the programs of M and of M a + h."""
-    model, calls = build_model(load_robot(kernel.name)), {"max": lambda x, y: y if x < y else x}
-    inputs = {x: [mpmath.mpf(float(y)) for y in state[x]] for x in "qv"}
-    inputs |= {"a": [mpmath.mpf(0)] * kernel.n, "p": [mpmath.mpf(x) for x in kernel.parameters.values()]}
+    """Return accelerations of one state at 60 digits, of M a + h = u with the constants that this program has."""
+    program = derive(build_model(load_robot(kernel.name)), "residual")
+    inputs = {x: [mpmath.mpf(float(y)) for y in state[x]] for x in "qvu"}
+    inputs["p"] = [mpmath.mpf(x) for x in kernel.parameters.values()]
+    calls = {"max": lambda x, y: y if x < y else x}
 
-    def run(name: str) -> list[Any]:
-        out = evaluate(derive(model, name), inputs, lambda x: (mpmath.sin(x), mpmath.cos(x)), calls)
+    def left(a: Any) -> list[Any]:
+        whole = {**inputs, "a": [mpmath.mpf(float(x)) for x in a]}
+        out = evaluate(program, whole, lambda x: (mpmath.sin(x), mpmath.cos(x)), calls)
         return [out["out", i] for i in range(len(out))]
 
-    left = [mpmath.mpf(float(u)) - h for u, h in zip(state["u"], run("inverse_dynamics"), strict=True)]
-    M = mpmath.matrix(kernel.n, kernel.n)
-    for place, x in enumerate(run("mass_matrix")):
-        M[place // kernel.n, place % kernel.n] = x
-    return list(mpmath.lu_solve(M, mpmath.matrix(left)))
+    zero = left(np.zeros(kernel.n))
+    columns = [[x - y for x, y in zip(left(row), zero, strict=True)] for row in np.eye(kernel.n)]
+    return list(mpmath.lu_solve(mpmath.matrix(columns).T, mpmath.matrix([-x for x in zero])))
 
 
 def check(kernel: Kernel) -> None:
