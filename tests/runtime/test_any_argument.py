@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-import eomgen
 from eomgen.description.load import load_robot, robot_from_toml
 from eomgen.errors import ArrayError, InputError, IntegrationStopped
-from eomgen.integration import global_error, integrate
+from eomgen.integration import integrate
 from eomgen.integration.until import Until
 from eomgen.motion.point_to_point import Harmonic, PointToPoint
 from eomgen.runtime import Kernel
@@ -119,62 +118,6 @@ def test_any_argument_on_tiles_is_taken_or_refused(kernel: Kernel) -> None:
                 except Exception as error:
                     wrong.append(f"{name}: {key}={value!r}: {type(error).__name__}: {error}")
     assert tried > 1000
-    assert wrong == []
-
-
-def test_any_argument_of_a_bounded_method_is_taken_or_refused(kernel: Kernel) -> None:
-    """Of results with bounds of rounding errors, and of their checks."""
-    still = np.zeros(kernel.n)
-    known: dict[str, tuple[Any, ...]] = {
-        "mass_matrix": (still,),
-        "frame_pose": (still, kernel.frames[0]),
-        "forward_dynamics": (kernel.home, still, still),
-        "implicit_step": (still, still, still, 1e-3),
-        "assemble": (kernel.home, ()),
-    }
-    tried, wrong, checked = 0, [], kernel.with_checks("errors", most=1e-3)
-    for name in set(known).intersection(kernel.bounded_methods()):
-        for place in range(len(known[name])):
-            for value in WRONG:
-                args = tuple(value if i == place else x for i, x in enumerate(known[name]))
-                for call in (lambda: kernel.with_errors(name, args), lambda: getattr(checked, name)(*args)):  # noqa: B023
-                    tried += 1
-                    try:
-                        call()
-                    except InputError as error:
-                        if not (str(error).isascii() and str(error).isprintable()):
-                            wrong.append(f"{name}: {value!r}: {error!r}")
-                    except Exception as error:
-                        wrong.append(f"{name}: {value!r}: {type(error).__name__}: {error}")
-    assert tried > 150
-    assert wrong == []
-
-
-def test_any_argument_of_a_global_error_is_taken_or_refused() -> None:
-    kernel = eomgen.build("one_link")
-    still = np.zeros(kernel.n)
-    motion = integrate(kernel, still, still, 0.02, drive=still)
-    known: dict[str, Any] = {"kernel": kernel, "trajectory": motion, "drive": still, "wrench": None, "prescribed": None}
-    wrong = []
-    for key in known:
-        for value in (*WRONG, kernel.calls, motion.q, "one_link"):
-            try:
-                global_error(**{**known, key: value})
-            except InputError as error:
-                if not (str(error).isascii() and str(error).isprintable()):
-                    wrong.append(f"{key}={value!r}: {error!r}")
-            except Exception as error:
-                wrong.append(f"{key}={value!r}: {type(error).__name__}: {error}")
-    for within in (*WRONG, {"tool": "x"}, {"tool": -1.0}, {"gone": 1.0}, {"tool": np.nan}, {1: 1.0}, {"tool": True}):
-        try:
-            eomgen.simulate("one_link", duration=0.02, within=within)
-        except InputError as error:
-            if not (str(error).isascii() and str(error).isprintable()):
-                wrong.append(f"within={within!r}: {error!r}")
-        except Exception as error:
-            wrong.append(f"within={within!r}: {type(error).__name__}: {error}")
-        else:
-            assert within in (None, {}), f"within={within!r} is taken"
     assert wrong == []
 
 
