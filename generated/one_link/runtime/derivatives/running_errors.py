@@ -88,7 +88,10 @@ class RunningErrors(LoopClosure):
         """Return the names of the methods whose results ``with_errors`` bounds."""
         known = self.raw.functions
         plain = {x.removesuffix(WITH_ERRORS) for x in known if x.endswith(WITH_ERRORS)}
-        solved = {x for x in SOLVED if x in known}
+        closed = f"constrained_residual{IN_EXTENDED}" if self.constraints else f"residual{IN_EXTENDED}"
+        solved = {
+            x for x in SOLVED if x in known and (f"residual{IN_EXTENDED}" if x.startswith("tree_") else closed) in known
+        }
         assembled = {ASSEMBLED} if self.constraints and f"constraint{IN_EXTENDED}" in known else set()
         stepped = (
             {STEP} if "rollout" in self.raw.rollouts and STEP_RESIDUAL in known and not self.raw.turning else set()
@@ -140,7 +143,7 @@ class RunningErrors(LoopClosure):
             found = self._beside_extended(name, f"{name}{IN_EXTENDED}", args)
         elif plain and f"{name}{WITH_ERRORS}" in known:
             found = self._bounded_in_c(name, f"{name}{WITH_ERRORS}", args)
-        elif plain and name in SOLVED and name in known:
+        elif plain and name in SOLVED and name in self.bounded_methods():
             found = self._of_solution(name, args)
         elif plain and name == ASSEMBLED and name in self.bounded_methods():
             found = self._assembled(args)

@@ -22,7 +22,7 @@ def layouts(dtype: str) -> dict[str, tuple[int, dict[str, int]]]:
     """Lay out the library's structures: size, and place of each field, bytes, by names as "eom_spline"."""
     layouts: dict[str, tuple[int, dict[str, int]]] = {}
     aligned: dict[str, int] = {}
-    for body, name in re.findall(r"typedef struct(?: \w+)? \{(.*?)\} (\w+);", library_types(dtype), re.S):
+    for body, name in re.findall(r"typedef struct(?: \w+)? \{([^{}]*)\} (\w+);", library_types(dtype)):
         places, end, widest = dict[str, int](), 0, 1
         for field, size, alignment in _fields(body, layouts, aligned):
             end = -(-end // alignment) * alignment
