@@ -16,6 +16,7 @@ from eomgen.description.load import robot_from_toml
 from eomgen.errors import InputError, LoopError
 from tests.control.test_observer import Textbook, close
 from tests.loops.test_elastic_cuts import coupled
+from tests.support.soak import WHOLE
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -146,10 +147,10 @@ def test_one_run_has_the_innovations_of_its_noise() -> None:
 
 @pytest.mark.soak
 def test_innovations_are_those_of_the_noise_that_is_told() -> None:
-    """200 runs of a four-bar linkage whose rocker is measured: their sums of squares are chi-square."""
+    """Many runs of a four-bar linkage whose rocker is measured: their sums of squares are chi-square."""
     m = Measurement.of("four_bar", MEASURED, noise={"encoder": 1e-4, "tachometer": 1e-2})
     made = observer(m.robot, m, dt=DT, uncertainty=Uncertainty(position=1e-3, velocity=1e-2, acceleration=0.5))
-    runs, steps = 200, 100
+    runs, steps = 200 if WHOLE else 70, 100
     innovation, error = consistency(made, runs, steps)
     low, high = stats.chi2.ppf([0.0005, 0.9995], 2 * runs * steps)
     assert low < innovation.sum() < high

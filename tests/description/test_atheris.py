@@ -65,6 +65,6 @@ def test_a_few_guided_inputs(kind: str, tmp_path: Path) -> None:
 @pytest.mark.soak
 @pytest.mark.parametrize("kind", ["toml", "urdf", "mjcf", "scenario", "plan", "tolerances", *FILES])
 def test_guided_inputs(kind: str, tmp_path: Path) -> None:
-    seconds = 90 if kind in ("toml", "urdf") and WHOLE else 20
+    seconds = 90 if kind in ("toml", "urdf") and WHOLE else 10
     tried = guided(kind, tmp_path, "-timeout=2", f"-max_total_time={seconds}")
     print(f"\natheris, {kind}: {tried} inputs in {seconds} s")

@@ -27,6 +27,7 @@ from eomgen.pipeline import cache
 from eomgen.pipeline.cache import VARIABLE
 from eomgen.pipeline.stages import make_package
 from tests.support.quick_builds import QUICK, Q, as_new_process, logging_compiler, one_link
+from tests.support.soak import WHOLE
 
 LIMIT = 5.0  # s, beyond a build, for the next call to be right
 forks = pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
@@ -74,7 +75,7 @@ def expected(empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[np.nda
 
 @pytest.mark.soak
 @forks
-@pytest.mark.parametrize("count", amounts(6, 500))
+@pytest.mark.parametrize("count", amounts(6, 500 if WHOLE else 150))
 def test_killed_builds(
     count: int,
     empty_cache: Path,

@@ -68,7 +68,7 @@ def test_a_hundred_hash_seeds(part: int) -> None:
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("wanted", PYTHONS)
+@pytest.mark.parametrize("wanted", share(PYTHONS, 2))
 def test_every_python_writes_the_same_text(wanted: str, tmp_path: Path) -> None:
     """With the same SymPy, in an environment of its own; NumPy as near as there is one for that Python."""
     python = interpreter(wanted)

@@ -34,7 +34,7 @@ from tests.support import watched_calls
 from tests.support.makers import MAKERS
 from tests.support.random_robots import random_robot
 from tests.support.small_robots import free_body
-from tests.support.soak import WHOLE, soaked
+from tests.support.soak import WHOLE, share, soaked
 
 FILLED = "-ftrivial-auto-var-init"
 SANITIZERS = ("-g1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-fno-omit-frame-pointer")
@@ -142,7 +142,7 @@ def check_filled(source: Source, model: Model, folder: Path, flags: tuple[str, .
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="sanitizers are preloaded as Linux has it")
-@pytest.mark.parametrize("name", soaked((*QUICK, *SOAK), ()))
+@pytest.mark.parametrize("name", soaked(share((*QUICK, *SOAK), 10), ()))
 def test_nothing_is_read_before_it_is_written(name: str, tmp_path: Path) -> None:
     """Steps, their derivatives and accelerations: no byte out of bounds, no undefined value, no lane by another."""
     make, further = (QUICK[name], ()) if name in QUICK else SOAK[name]
