@@ -5,7 +5,7 @@
 #   make lint     ruff (lint and format), mypy --strict, and which room may import which
 #   make bench    counts, times, precision beside Newton-Euler, Pinocchio, MuJoCo, CasADi, Exudyn, SciPy; of batches, builds, processors
 #   make soak     the long tests, with a share of their random cases; writes docs/soak.md; EOMGEN_SOAK=all make soak tries
-#                 all: hours
+#                 all: hours; failures stand in .pytest_cache/soak_failures.txt as they come
 #   make docs     build the documentation into out/site: open index.html there; warnings are errors
 #   make notebooks run the notebooks of examples/notebooks; copies with all that they show in out/notebooks
 #   make mutation mutation testing of the derivation, ten minutes of one core; writes docs/mutation.md

@@ -21,7 +21,7 @@ from eomgen.robot.value import Robot
 from tests.support.builds import Build
 from tests.support.figures import Figure, Figures, gathered, lines
 from tests.support.quick_builds import one_link, without_headers
-from tests.support.soak_page import write_soak_page
+from tests.support.soak_page import FailuresAtOnce, write_soak_page
 
 ALL = ("all",)
 BEGAN = time.monotonic()
@@ -40,6 +40,8 @@ def pytest_configure(config: pytest.Config) -> None:
     os.environ[VARIABLE] = str(here)
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # compiling eomgen is half of the time of each process of a test
     sys.dont_write_bytecode = False
+    if config.getoption("--soak-page") is not None and not hasattr(config, "workerinput"):
+        config.pluginmanager.register(FailuresAtOnce(root.parent / "soak_failures.txt"))
     gc.set_threshold(100_000, 20, 20)  # SymPy's caches and many modules make every search for cycles long
 
 

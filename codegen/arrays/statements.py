@@ -21,6 +21,7 @@ FORMS: Mapping[str, str] = MappingProxyType(  # every operation that has argumen
         "exp": "exp({0})",
         "log": "log({0})",
         "atan2": "atan2({0}, {1})",
+        "abs": "abs({0})",
         "max": "larger({0}, {1})",
         "step": "positive({0})",
         "choose": "chosen({0}, {1}, {2})",

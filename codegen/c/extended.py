@@ -12,8 +12,8 @@ from ..program.ir import Program
 from ..program.operations import OPERATIONS
 
 ORDER = (  # of the operations of clib/double_double.h
-    *("const", "input", "neg", "add", "sub", "mul", "div", "sin", "cos", "sqrt", "max", "step", "choose"),
-    *("exp", "log", "atan2"),
+    *("const", "input", "neg", "add", "sub", "mul", "div", "sin", "cos", "sqrt", "abs", "max", "step"),
+    *("choose", "exp", "log", "atan2"),
 )
 MOST = 2**16  # numbers of a column are unsigned short
 assert set(ORDER) == set(OPERATIONS)

@@ -21,7 +21,8 @@ from .scalar_types import Scalar
 
 CHUNK = 900  # values per function
 INLINE = 72  # longest expression, in characters, that is written into another one
-_CHOICES = {  # larger, positive and chosen of clib/lanes.h, in double precision
+_CHOICES = {  # magnitude, larger, positive and chosen of clib/lanes.h, in double precision
+    "abs": "fabs({0})",
     "max": "(({0}) < ({1}) ? ({1}) : ({0}))",
     "step": "(({0}) > 0.0 ? 1.0 : 0.0)",
     "choose": "(({0}) > 0.0 ? ({1}) : ({2}))",

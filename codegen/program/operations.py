@@ -64,6 +64,14 @@ OPERATIONS: Mapping[str, Operation] = MappingProxyType(
         "sqrt": Operation(
             1, "div", math.sqrt, lambda g, x, y, dx: 0.5 * dx[0] * (1.0 / y), "root", lambda sympy, x: sympy.sqrt(x)
         ),
+        "abs": Operation(  # its rate at 0 is that below
+            1,
+            "add",
+            abs,
+            lambda g, x, y, dx: g.choose(x[0], dx[0], -dx[0]),
+            "magnitude",
+            lambda sympy, x: sympy.Abs(x),
+        ),
         "max": Operation(  # where both are equal, the rate is that of the second, as step is 0 at 0
             2,
             "add",

@@ -63,7 +63,7 @@ class _Bounds:
         op, args, leaf = self.graph.instructions[x.index]
         if op == "const":
             return abs(float(leaf))
-        if op in ("sqrt", "exp", "step"):
+        if op in ("sqrt", "exp", "step", "abs"):
             return x
         if op == "neg":
             return self.magnitude(Node(self.graph, args[0]))
@@ -74,7 +74,7 @@ class _Bounds:
                 one, other = (self.magnitude(Node(self.graph, arg)) for arg in args)
                 self.sizes[x.index] = self.graph.mul(one, other)
             else:
-                self.sizes[x.index] = self.graph.call("max", x, self.graph.neg(x))
+                self.sizes[x.index] = self.graph.call("abs", x)
         return self.sizes[x.index]
 
     def size(self, x: Node) -> tuple[Value, int]:
@@ -247,8 +247,7 @@ def _chosen(b: _Bounds, x: Node, args: Sequence[Node], errors: Sequence[Error]) 
     taken, steps = g.choose(gate, first, second), max(s, t) + 4
     if errors[0].units is not None:
         return b.absolute(taken, steps)
-    apart = g.sub(one, other)
-    apart = g.call("max", apart, g.neg(apart))
+    apart = g.call("abs", g.sub(one, other))
     either = g.add(g.add(first, second), g.mul(1.0 / b.unit, apart))
     return b.absolute(b.where_unsure(gate, taken, either), steps)
 
@@ -291,6 +290,7 @@ def _angle(b: _Bounds, x: Node, args: Sequence[Node], errors: Sequence[Error]) -
 Rule = Callable[[_Bounds, Node, Sequence[Node], Sequence[Error]], Error]
 RULES: Mapping[str, Rule] = {
     "neg": _same,
+    "abs": _same,
     "sin": _turn,
     "cos": _turn,
     "add": _sum,

@@ -210,6 +210,7 @@ RULES: Mapping[str, Rule] = {  # of operations with arguments, but for sine and 
     "mul": _product,
     "div": _quotient,
     "sqrt": _root,
+    "abs": lambda g, x, z, k: g.choose(x[0][0], x[0][k], g.neg(x[0][k])),
     "max": _larger,
     "step": lambda g, x, z, k: 0.0,
     "choose": lambda g, x, z, k: g.choose(x[0][0], x[1][k], x[2][k]),

@@ -27,13 +27,14 @@ _UNITS = 8.0  # in the last place that a step of a copy is off by at most
 _ROWS = 256  # of random roundings, which are taken in turn
 _OPERATORS: Mapping[str, Callable[..., Any]] = {
     "neg": np.negative,
+    "abs": np.abs,
     "add": np.add,
     "sub": np.subtract,
     "mul": np.multiply,
     "div": np.divide,
     "sqrt": np.sqrt,
 }
-_EXACT = ("neg", "max", "step", "choose")  # operations that do not round
+_EXACT = ("neg", "abs", "max", "step", "choose")  # operations that do not round
 
 
 def with_copies(states: Array) -> Array:

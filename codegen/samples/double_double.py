@@ -175,6 +175,11 @@ def _root(x: Bounded) -> Bounded:
     return Bounded(z, moved + UNIT * z.above + LEAST)
 
 
+def _magnitude(x: Bounded) -> Bounded:
+    is_below = (x.x.high < 0.0) | ((x.x.high == 0.0) & (x.x.low < 0.0))
+    return Bounded(Pair(np.where(is_below, -x.x.high, x.x.high), np.where(is_below, -x.x.low, x.x.low)), x.error)
+
+
 def _larger(x: Bounded, y: Bounded) -> Bounded:
     is_above = (y.x.high > x.x.high) | ((y.x.high == x.x.high) & (y.x.low > x.x.low))
     z = Pair(np.where(is_above, y.x.high, x.x.high), np.where(is_above, y.x.low, x.x.low))
@@ -226,6 +231,7 @@ _OPERATIONS: Mapping[str, Callable[..., Bounded]] = {
     "sin": lambda x: _sine(x, 0),
     "cos": lambda x: _sine(x, 1),
     "sqrt": _root,
+    "abs": _magnitude,
     "max": _larger,
     "step": _positive,
     "choose": _choice,

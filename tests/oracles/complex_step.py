@@ -16,6 +16,7 @@ from tests.support.random_robots import Array, State
 
 COMPLEX = {
     "sqrt": cmath.sqrt,
+    "abs": lambda x: x if complex(x).real > 0.0 else -x,
     "max": lambda x, y: y if complex(x).real <= complex(y).real else x,
     "step": lambda x: float(complex(x).real > 0.0),
     "choose": lambda gate, x, y: x if complex(gate).real > 0.0 else y,

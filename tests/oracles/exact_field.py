@@ -277,6 +277,7 @@ def _atan2(y: Residue, x: Residue) -> Residue:
 
 
 SIGNED: Mapping[str, Callable[..., Any]] = {
+    "abs": lambda x: x if x > 0.0 else -x,
     "max": lambda x, y: y if y - x > 0.0 else x,
     "step": lambda x: 1.0 if x > 0.0 else 0.0,
 }
@@ -287,6 +288,7 @@ BETWEEN: Mapping[str, Callable[..., Any]] = {
     "div": operator.truediv,
 }
 FUNCTIONS: Mapping[str, Callable[..., Residue]] = {
+    "abs": lambda x: x if x.is_positive() else -x,
     "max": lambda x, y: y if (y - x).is_positive() else x,
     "step": lambda x: residue(1.0 if x.is_positive() else 0.0),
     "choose": lambda gate, x, y: x if gate.is_positive() else y,

@@ -231,6 +231,7 @@ KEPT = {
     "an angle beside its own sine": (beside_its_sine, (1.56, 1.561), (0.005, 0.0051)),
     "a step of an input": (lambda g, x, y, z: g.call("step", x) * y, (-1.0, 1.0), (1.0, 2.0)),
     "a choice by an input": (lambda g, x, y, z: g.choose(x, y * y, y), (-1.0, 1.0), (1.0, 2.0)),
+    "a size": (lambda g, x, y, z: g.call("abs", x * y), (-3.0, 3.0), (1.0, 2.0)),
     "the larger of two": (lambda g, x, y, z: g.call("max", x * y, y * y), (-3.0, 3.0), (1.0, 2.0)),
     "a square in a root": (lambda g, x, y, z: g.call("sqrt", x * x + 1.0), (-3.0, 3.0)),
     "an angle off its cut": (lambda g, x, y, z: g.call("atan2", x, y), (-3.0, 3.0), (1.0, 2.0)),

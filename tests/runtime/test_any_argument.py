@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pytest
 
+import eomgen
 from eomgen.description.load import load_robot, robot_from_toml
 from eomgen.errors import ArrayError, InputError, IntegrationStopped
-from eomgen.integration import integrate
+from eomgen.integration import global_error, integrate
 from eomgen.integration.until import Until
 from eomgen.motion.point_to_point import Harmonic, PointToPoint
 from eomgen.runtime import Kernel
@@ -119,6 +121,69 @@ def test_any_argument_on_tiles_is_taken_or_refused(kernel: Kernel) -> None:
                     wrong.append(f"{name}: {key}={value!r}: {type(error).__name__}: {error}")
     assert tried > 1000
     assert wrong == []
+
+
+def wrong_errors(what: str, call: Callable[[], object]) -> list[str]:
+    """What comes instead of a result or an error of eomgen in a line of ASCII."""
+    try:
+        call()
+    except InputError as error:
+        return [] if str(error).isascii() and str(error).isprintable() else [f"{what}: {error!r}"]
+    except Exception as error:
+        return [f"{what}: {type(error).__name__}: {error}"]
+    return []
+
+
+BOUNDED = ("mass_matrix_with_errors", "frame_pose_with_errors", "residual_extended", "step_residual_extended")
+
+
+@pytest.mark.parametrize("name", ["one_link", "four_bar"])
+def test_any_argument_of_a_bounded_method_is_taken_or_refused(name: str, built: Build) -> None:
+    """Of results with bounds of rounding errors, and of their checks."""
+    robot = load_robot(name)
+    closed = ("constraint_extended",) if robot.loops else BOUNDED[2:]
+    kernel = built(robot, "mass_matrix", "frame_pose", "forward_dynamics", "rollout", *BOUNDED[:2], *closed)
+    still = np.zeros(kernel.n)
+    known: dict[str, tuple[Any, ...]] = {
+        "mass_matrix": (still,),
+        "frame_pose": (still, kernel.frames[0]),
+        "forward_dynamics": (still, still, still),
+        "implicit_step": (still, still, still, 1e-3),
+        "assemble": (still, ()),
+    }
+    checked = kernel.with_checks("errors", most=1e-3)
+    names = sorted(set(known).intersection(kernel.bounded_methods()))
+    assert names == sorted(known.keys() - ({"forward_dynamics", "implicit_step"} if robot.loops else {"assemble"}))
+    wrong = []
+    for method in names:
+        for place in range(len(known[method])):
+            for value in WRONG:
+                args = tuple(value if i == place else x for i, x in enumerate(known[method]))
+                wrong += wrong_errors(f"{method}: {value!r}", partial(kernel.with_errors, method, args))
+                wrong += wrong_errors(f"checked {method}: {value!r}", partial(getattr(checked, method), *args))
+    for value in WRONG:
+        wrong += wrong_errors(f"with_errors({value!r})", partial(kernel.with_errors, value, (still,)))
+        wrong += wrong_errors(f"args={value!r}", partial(kernel.with_errors, "mass_matrix", value))
+        wrong += wrong_errors(f"most={value!r}", partial(kernel.with_errors, "mass_matrix", (still,), most=value))
+        wrong += wrong_errors(f"most={value!r}", partial(kernel.with_checks, "errors", most=value))
+    assert wrong == []
+
+
+def test_any_argument_of_a_global_error_is_taken_or_refused() -> None:
+    """Of the function, and of tolerances that are asked for as a quantity."""
+    kernel = eomgen.build("one_link")
+    still = np.zeros(kernel.n)
+    motion = integrate(kernel, still, still, 0.02, drive=still)
+    known: dict[str, Any] = {"kernel": kernel, "trajectory": motion, "drive": still, "wrench": None, "prescribed": None}
+    wrong = []
+    for key in known:
+        for value in (*WRONG, kernel.calls, motion.q, "one_link", np.full(kernel.n, np.inf)):
+            wrong += wrong_errors(f"{key}={value!r}", partial(global_error, **{**known, key: value}))
+    for value in (*WRONG, {"tool": "x"}, {"tool": -1.0}, {"gone": 1.0}, {"tool": np.nan}, {1: 1.0}, {"tool": True}):
+        wrong += wrong_errors(f"{value!r}", partial(eomgen.simulate, "one_link", duration=0.02, within=value))
+    assert wrong == []
+    with pytest.raises(ArrayError, match="wrench"):
+        global_error(kernel, motion, wrench=np.ones(3))
 
 
 NO_NUMBERS: tuple[Any, ...] = (

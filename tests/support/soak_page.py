@@ -23,6 +23,19 @@ fuzzers, other compilers and instruction sets, packages built and installed, not
 """
 
 
+class FailuresAtOnce:
+    """Keeps failures in a file as they come: a run that is cut off after an hour has said them."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        path.unlink(missing_ok=True)
+
+    def pytest_runtest_logreport(self, report: Any) -> None:
+        if report.failed:
+            with self.path.open("a", encoding="utf-8") as file:
+                file.write(f"{report.nodeid} [{report.when}]\n{report.longrepr}\n\n")
+
+
 def write_soak_page(path: Path, stats: Mapping[str, Sequence[Any]], seconds: float, workers: int) -> None:
     """Write the page.
 

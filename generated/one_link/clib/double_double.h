@@ -47,7 +47,7 @@ typedef struct {
     const unsigned short *result; /* place of each */
 } eom_extended_program;
 
-enum { DD_CONST, DD_INPUT, DD_NEG, DD_ADD, DD_SUB, DD_MUL, DD_DIV, DD_SIN, DD_COS, DD_SQRT, DD_MAX, DD_STEP, DD_CHOOSE, DD_EXP, DD_LOG, DD_ATAN2 };
+enum { DD_CONST, DD_INPUT, DD_NEG, DD_ADD, DD_SUB, DD_MUL, DD_DIV, DD_SIN, DD_COS, DD_SQRT, DD_ABS, DD_MAX, DD_STEP, DD_CHOOSE, DD_EXP, DD_LOG, DD_ATAN2 };
 
 /* pi/2 in three parts, and Taylor's coefficients from the last one on: (-1)^k / (2 k + 1)!, (-1)^k / (2 k)!. */
 static const double eom_quarter[3] = { 0x1.921fb54442d18p+0, 0x1.1a62633145c07p-54, -0x1.f1976b7ed8fbcp-110 };
@@ -263,6 +263,7 @@ EOM_LOCAL eom_bounded eom_choice(const eom_bounded *restrict gate, const eom_bou
 /* Compute the value of one operation on others, with the bound of its error. */
 EOM_LOCAL eom_bounded eom_extended_value(int operation, const eom_bounded *restrict x, const eom_bounded *restrict y, const eom_bounded *restrict other)
 {
+    const eom_pair nothing = { 0.0, 0.0 };
     eom_bounded z = *x;
     switch (operation) {
     case DD_NEG:
@@ -289,6 +290,9 @@ EOM_LOCAL eom_bounded eom_extended_value(int operation, const eom_bounded *restr
     case DD_SQRT:
         z.x = eom_pair_root(x->x);
         z.error = eom_error_of_root(x, z.x);
+        break;
+    case DD_ABS:
+        if (eom_is_above(nothing, x->x) != 0) { z.x = eom_pair_negative(x->x); }
         break;
     case DD_MAX:
         z = eom_larger(x, y);

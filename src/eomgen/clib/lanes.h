@@ -140,6 +140,9 @@ EOM_LOCAL void turn(const EOM_SCALAR *restrict angle, size_t count, EOM_SCALAR *
     lanes cosine[count]; \
     turn((const EOM_SCALAR *)(place), (count) * LANES, (EOM_SCALAR *)sine, (EOM_SCALAR *)cosine)
 
+/* Return the size of a number. */
+EOM_INLINE EOM_SCALAR magnitude(EOM_SCALAR x) { return EOM_MATH(fabs)(x); }
+
 /* Return the larger one; what is no number stays so in x. */
 EOM_INLINE EOM_SCALAR larger(EOM_SCALAR x, EOM_SCALAR y) { return (x < y) ? y : x; }
 
@@ -160,6 +163,12 @@ EOM_INLINE EOM_SCALAR logarithm(EOM_SCALAR x) { return EOM_MATH(log)(x); }
 
 /* The same of all lanes; beyond tells of any of them. */
 #if EOMGEN_VECTOR
+EOM_INLINE lanes magnitude_lanes(lanes x)
+{
+    const lanes none = { C(0.0) };
+    return (lanes)((bits)x & ~(bits)-none);
+}
+
 EOM_INLINE lanes larger_lanes(lanes x, lanes y)
 {
     const bits less = (bits)(x < y);
@@ -212,6 +221,7 @@ EOM_INLINE lanes logarithm_lanes(lanes x)
     return x;
 }
 #else
+EOM_INLINE lanes magnitude_lanes(lanes x) { return magnitude(x); }
 EOM_INLINE lanes larger_lanes(lanes x, lanes y) { return larger(x, y); }
 EOM_INLINE lanes positive_lanes(lanes x) { return positive(x); }
 EOM_INLINE lanes chosen_lanes(lanes gate, lanes x, lanes y) { return chosen(gate, x, y); }

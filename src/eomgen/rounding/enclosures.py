@@ -20,7 +20,7 @@ from . import intervals
 from .intervals import ROOM, Array, Interval
 from .ranges import Deflection
 
-SIGNS = ("neg", "max", "step", "choose")  # operations that do not round
+SIGNS = ("neg", "abs", "max", "step", "choose")  # operations that do not round
 TURN = 3.0  # units in the last place: error of a sine or cosine, by ``turn`` of clib/lanes.h or a C library
 CALLED = 2.0  # units in the last place: error of exp, log and atan2 of a C library
 
@@ -174,7 +174,7 @@ class _Writer:
 
     def _is_decided(self, op: str, args: tuple[int, ...]) -> bool:
         """Whether an operation on signs gives the same number or the same exact argument everywhere."""
-        if op == "neg":
+        if op in ("neg", "abs"):
             return False
         slopes = self.found.slopes[len(self.found.values)]
         decided = all((lower == upper).all() and (lower == lower[0]).all() for lower, upper in slopes)
@@ -335,6 +335,12 @@ def _atan2(values: Sequence[Interval]) -> Sloped:
     return intervals.atan2(y, x), (intervals.mul(x, square), intervals.neg(intervals.mul(y, square)))
 
 
+def _abs(values: Sequence[Interval]) -> Sloped:
+    (x,) = values
+    value = (np.maximum(np.maximum(x[0], -x[1]), 0.0), np.maximum(-x[0], x[1]))
+    return value, ((np.where(x[0] >= 0.0, 1.0, -1.0), np.where(x[1] <= 0.0, -1.0, 1.0)),)
+
+
 def _max(values: Sequence[Interval]) -> Sloped:
     """Return the larger one; slopes are 0 to 1, and generalised ones where both may be equal."""
     x, y = values
@@ -369,6 +375,7 @@ _VALUES: Mapping[str, Callable[[Sequence[Interval]], Sloped]] = {
     "exp": _exp,
     "log": _log,
     "atan2": _atan2,
+    "abs": _abs,
     "max": _max,
     "step": _step,
     "choose": _choose,

@@ -96,7 +96,7 @@ def test_a_result_is_complex_if_that_is_asked_for() -> None:
     assert found == {("out", 0): 3.0, ("out", 1): 2.0, ("out", 2): 0.0, ("out", 3): 0.0, ("aside", 0): 1.0}
 
 
-@pytest.mark.parametrize("op", ["max", "step", "sqrt", "exp", "log", "atan2", "sin", "choose"])
+@pytest.mark.parametrize("op", ["abs", "max", "step", "sqrt", "exp", "log", "atan2", "sin", "choose"])
 def test_what_has_no_meaning_is_refused(op: str) -> None:
     graph = Graph()
     z = graph.input("z", 0)

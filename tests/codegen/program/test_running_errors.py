@@ -29,6 +29,7 @@ HIGH: dict[str, Callable[..., Any]] = {
     "sin": mpmath.sin,
     "cos": mpmath.cos,
     "sqrt": mpmath.sqrt,
+    "abs": abs,
     "max": lambda x, y: y if x < y else x,
     "step": lambda x: mpmath.mpf(x > 0),
     "choose": lambda gate, x, y: x if gate > 0 else y,
@@ -36,7 +37,7 @@ HIGH: dict[str, Callable[..., Any]] = {
     "log": mpmath.log,
     "atan2": mpmath.atan2,
 }
-ROUNDED = {"neg": 0.0, "max": 0.0, "step": 0.0, "choose": 0.0} | {"sin": TURNED, "cos": TURNED}
+ROUNDED = {"neg": 0.0, "abs": 0.0, "max": 0.0, "step": 0.0, "choose": 0.0} | {"sin": TURNED, "cos": TURNED}
 ROUNDED |= dict.fromkeys(("exp", "log", "atan2"), CALLED)
 
 
@@ -116,6 +117,7 @@ def random_program(rng: np.random.Generator, length: int) -> Program:
         lambda: graph.div(bounded(pick()), pick()),
         lambda: graph.call("sqrt", graph.call("max", pick(), 0.0)),
         lambda: graph.call("sqrt", graph.mul(x := pick(), x)),
+        lambda: graph.call("abs", graph.sub(near(x := pick()), x)),
         lambda: graph.call("max", pick(), near(pick())),
         lambda: graph.call("step", graph.sub(near(x := pick()), x)),
         lambda: graph.choose(graph.sub(near(x := pick()), x), pick(), pick()),

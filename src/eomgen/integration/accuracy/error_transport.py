@@ -12,13 +12,14 @@ ways to estimate global error, Numerische Mathematik 48, 1986, of which this is 
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ...arrays import Array, Index, Mask
-from ...errors import InputError, check_kind
+from ...errors import InputError, SingularError, check_kind
 from ...names import listed
 from ...robot.coordinates import unit_of
 from ...runtime.by_name import WrenchLike
@@ -321,6 +322,7 @@ def global_error(
 
     Raises:
         InputError: the trajectory is not of the kernel, or an argument is wrong.
+        ArrayError: a load at the first sample has another shape, or is not finite.
         LoopError: a sample violates the constraints.
     """
     check_kind("kernel", kernel, hasattr(kernel, "calls"), "a Kernel (of eomgen.build, or of a generated package)")
@@ -333,8 +335,11 @@ def global_error(
     system = system_of(
         kernel, drive_beside_states(drive_of(kernel, drive), kernel), wrench_beside_states(wrench, kernel), prescribed
     )
-    transport, (q, v, _) = ErrorTransport(), trajectory.joined()
-    errors = transport.extend(ManyLoads(system), trajectory.t, np.hstack([q, v]))
+    transport, loads, (q, v, _) = ErrorTransport(), ManyLoads(system), trajectory.joined()
+    with suppress(SingularError):  # of angles, which other coordinates have not; wrong loads are refused here
+        u, wrenches = loads.at(trajectory.t[:1], q[:1], v[:1])
+        kernel.forward_dynamics(q[:1], v[:1], u, wrench=wrenches)
+    errors = transport.extend(loads, trajectory.t, np.hstack([q, v]))
     return error_of(kernel, errors, transport.unresolved)
 
 
