@@ -98,7 +98,7 @@ def test_each_change_of_a_result_is_refused_or_read(raw: Raw, tmp_path: Path) ->
 def test_commands_take_each_changed_result(raw: Raw, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Arrays, and fewer entries of meta, that are read go through all commands, which find no bug of ours."""
     found = enumerate(_accepted(raw, tmp_path, lambda name: True, 1))
-    meta, array = (6, 1) if WHOLE else (18, 3)
+    meta, array = (6, 1) if WHOLE else (36, 6)
     accepted = [item for i, item in found if i % (meta if item[0].startswith("meta") else array) == 0]
     for number, (name, path) in enumerate(accepted):
         for words in (["plot", "--format", "svg"], ["report", "--no-modes"], ["budget"]):
@@ -548,12 +548,12 @@ def test_files_of_every_kind_are_changed_at_random() -> None:
 def test_pages_of_changed_measurements(kind: str, tmp_path: Path) -> None:
     """What is read can be drawn as a page."""
     begun, accepted = KINDS[kind](tmp_path), 0
-    for seed in range(1_000_000, 1_000_400):
+    for seed in range(1_000_000, 1_000_400 if WHOLE else 1_000_160):
         found = begun(seed)
         accepted += found is not None
         if found is not None:
             assert page_of(found).html()
-    assert accepted > 20
+    assert accepted > 8
 
 
 @pytest.mark.soak
@@ -561,6 +561,6 @@ def test_pages_of_changed_measurements(kind: str, tmp_path: Path) -> None:
     ("kind", "many"), [("result", 20_000), ("sweep", 50_000), *((kind, 5_000) for kind in MEASURED)]
 )
 def test_many_random_changes(kind: str, many: int) -> None:
-    count = many if WHOLE else many // 5
+    count = many if WHOLE else many // 12
     report = _fuzzed(kind, 0, count)
     print(f"\n{count} of {kind}: {report['accepted']} accepted, slowest {report['slowest']:.3f} s, {report['peak']} MB")

@@ -34,7 +34,7 @@ def by_columns(block: Array, function: DifferentiableFunction, shape: tuple[int,
     return np.asarray(four.reshape(int(np.prod(rows)), int(np.prod(columns))))
 
 
-@pytest.mark.parametrize("seed", [*seeds(4100, 1, 60, soak=4), pytest.param(BENDING, marks=pytest.mark.soak)])
+@pytest.mark.parametrize("seed", [*seeds(4100, 1, 60, soak=2), pytest.param(BENDING, marks=pytest.mark.soak)])
 def test_values_and_jacobians_are_the_kernels(seed: int, built: Build, figures: Figures) -> None:
     """All functions, compiled without a warning; sparse where something vanishes identically."""
     robot = sample(seed)

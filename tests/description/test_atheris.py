@@ -57,12 +57,6 @@ def guided(kind: str, folder: Path, *flags: str) -> int:
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("kind", ["toml", "npz", pytest.param("csv", marks=pytest.mark.soak)])
-def test_a_few_guided_inputs(kind: str, tmp_path: Path) -> None:
-    assert guided(kind, tmp_path, "-runs=300", "-seed=1") >= 300
-
-
-@pytest.mark.soak
 @pytest.mark.parametrize("kind", ["toml", "urdf", "mjcf", "scenario", "plan", "tolerances", *FILES])
 def test_guided_inputs(kind: str, tmp_path: Path) -> None:
     seconds = 90 if kind in ("toml", "urdf") and WHOLE else 10

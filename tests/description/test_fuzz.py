@@ -27,7 +27,7 @@ from tests.support.mutations import mutant
 from tests.support.soak import WHOLE, share
 
 ROOT = Path(__file__).parents[2]
-BLOCK = 50_000 if WHOLE else 10_000
+BLOCK = 50_000 if WHOLE else 5_000
 BLOCKS = {
     "toml": 10,
     "urdf": 10,

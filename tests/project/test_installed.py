@@ -15,7 +15,7 @@ import pytest
 from eomgen.cli import entry as cli
 from tests.support.archives import build_archives
 from tests.support.pythons import PYTHONS, interpreter
-from tests.support.soak import share
+from tests.support.soak import WHOLE
 
 NEEDED = ("pytest>=7.4", "pytest-xdist>=3.3", "hypothesis>=6.90", "pin>=3.0", "mujoco>=3.0", "example-robot-data>=4.1")
 CORE = (
@@ -54,7 +54,7 @@ def test_the_tests_to_be_passed_are_there(name: str) -> None:
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("wanted", share(PYTHONS, 2))
+@pytest.mark.parametrize("wanted", PYTHONS if WHOLE else PYTHONS[2:3])
 def test_the_installed_package_passes_the_tests(wanted: str, archives: tuple[Path, Path], tmp_path: Path) -> None:
     python = interpreter(wanted)
     if python is None:

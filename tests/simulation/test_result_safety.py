@@ -22,7 +22,7 @@ from eomgen.simulation.result import SimulationResult
 from eomgen.simulation.run import run_scenario
 from eomgen.sweep.contents import SampleRow
 from eomgen.sweep.store import opened, read_rows
-from tests.support.soak import soaked
+from tests.support.soak import WHOLE, soaked
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -124,7 +124,7 @@ WRITERS = {"results": (RESULTS, check_results), "rows": (ROWS, check_rows), "str
 
 @pytest.mark.soak
 @pytest.mark.parametrize("kind", soaked(WRITERS, ("results",)))
-@pytest.mark.parametrize("count", [2, pytest.param(20, marks=pytest.mark.soak)])
+@pytest.mark.parametrize("count", [2, pytest.param(20 if WHOLE else 8, marks=pytest.mark.soak)])
 def test_killed_writers(
     kind: str, count: int, result: SimulationResult, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

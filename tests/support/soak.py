@@ -13,7 +13,7 @@ Case = TypeVar("Case")
 
 VARIABLE = "EOMGEN_SOAK"  # "all" tries every case; see the Makefile
 WHOLE = os.environ.get(VARIABLE) == "all"
-SHARE = 4
+SHARE = 3
 
 
 def share(cases: Sequence[Case], most: int = SHARE) -> list[Case]:

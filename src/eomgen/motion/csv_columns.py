@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..arrays import Array
 from ..errors import InputError
 from ..files import csv_cells, open_regular
-from ..limits import MOST_ENTRIES
+from ..limits import LARGEST, MOST_ENTRIES
 from ..names import plain_path, show
 from .measured_numbers import ALLOWED, within_limits
 
@@ -146,7 +146,7 @@ class _Reader:
             for name, cell in zip(self._header, cells, strict=True):
                 if self._blanks and cell == "nan":
                     continue
-                if not (_NUMBER.fullmatch(cell) and within_limits(float(cell))):
+                if not (_NUMBER.fullmatch(cell) and abs(float(cell)) <= LARGEST):
                     raise InputError(f"{place}: column {show(name)}: {show(cell.strip())}; allowed: {ALLOWED}")
         raise InputError(
             f"{self._path}: lines {numbers[0]} to {numbers[-1]} are no numbers; allowed: numbers, each {ALLOWED}"

@@ -18,7 +18,7 @@ from eomgen.codegen.package.compile import carried_files
 from eomgen.pipeline.stages import Options, generate
 from eomgen.runtime.levels import BASE
 from tests.support.pythons import PYTHONS, interpreter
-from tests.support.soak import share
+from tests.support.soak import WHOLE, share
 
 ROOT = Path(__file__).parents[3]
 SEEDS = 100
@@ -68,7 +68,7 @@ def test_a_hundred_hash_seeds(part: int) -> None:
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("wanted", share(PYTHONS, 2))
+@pytest.mark.parametrize("wanted", PYTHONS if WHOLE else PYTHONS[2:3])
 def test_every_python_writes_the_same_text(wanted: str, tmp_path: Path) -> None:
     """With the same SymPy, in an environment of its own; NumPy as near as there is one for that Python."""
     python = interpreter(wanted)

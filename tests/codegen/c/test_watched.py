@@ -142,7 +142,7 @@ def check_filled(source: Source, model: Model, folder: Path, flags: tuple[str, .
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="sanitizers are preloaded as Linux has it")
-@pytest.mark.parametrize("name", soaked(share((*QUICK, *SOAK), 10), ()))
+@pytest.mark.parametrize("name", soaked(share((*QUICK, *SOAK), 6), ()))
 def test_nothing_is_read_before_it_is_written(name: str, tmp_path: Path) -> None:
     """Steps, their derivatives and accelerations: no byte out of bounds, no undefined value, no lane by another."""
     make, further = (QUICK[name], ()) if name in QUICK else SOAK[name]

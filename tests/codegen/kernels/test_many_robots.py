@@ -52,7 +52,7 @@ def test_a_few_robots(number: int, built: Build, figures: Figures, empty_cache: 
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("first", share(range(0, ROBOTS, BLOCK), 3))
+@pytest.mark.parametrize("first", share(range(0, ROBOTS, BLOCK), 2))
 def test_a_thousand_robots(first: int, built: Build, figures: Figures, empty_cache: Path) -> None:
     for number in range(first, first + BLOCK):
         check(number, built, figures, empty_cache)
