@@ -32,6 +32,7 @@ from tests.support.random_robots import random_robot, random_state
 DOUBLE = SCALARS["float64"]
 CALLED = """
 static double root(double x) { return sqrt(x); }
+static double magnitude(double x) { return fabs(x); }
 static double larger(double x, double y) { return x < y ? y : x; }
 static double positive(double x) { return x > 0.0 ? 1.0 : 0.0; }
 static double chosen(double gate, double x, double y) { return gate > 0.0 ? x : y; }
