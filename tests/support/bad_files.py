@@ -75,9 +75,9 @@ def mjcf_chain(count: int) -> str:
     return "\n".join(["<mujoco><worldbody>", *count * ["<body>"], *count * ["</body>"], "</worldbody></mujoco>"])
 
 
-def many_deep_tables() -> str:
-    """As many tables as the largest file has room for, each as deep as one may be."""
-    return "name = 'r'\n" + "".join(f"[x{k}.a.a.a.a.a.a.a]\n" for k in range(43_000))
+def many_deep_tables(count: int) -> str:
+    """So many tables, each as deep as one may be; the largest file has room for 43,000."""
+    return "name = 'r'\n" + "".join(f"[x{k}.a.a.a.a.a.a.a]\n" for k in range(count))
 
 
 def tunable_names(count: int) -> str:
@@ -107,7 +107,8 @@ BAD_FILES = {
         "robot.toml", "links = " + "{ a = " * 20_000, "line 1", "nested too deeply", "a few levels"
     ),
     "deep dotted key": bad("robot.toml", "name = 'a'\n" + "a." * 50_000 + "a = 1", "line 2", "8 parts", "few"),
-    "many deep tables": bad("robot.toml", many_deep_tables(), "line 2", "unknown key 'x0'", "allowed: name"),
+    "many deep tables": bad("robot.toml", many_deep_tables(20_000), "line 2", "unknown key 'x0'", "allowed: name"),
+    "too many tables": bad("robot.toml", many_deep_tables(43_000), "line 20002", "20000 tables", "up to 20000"),
     "deep elements": bad("robot.urdf", '<robot name="r">' + "<a>" * 100_000, "line 1", "no element found", "</robot>"),
     "100,000 links": bad("robot.urdf", urdf_chain(100_000), "", "the file has", "up to 4194304"),
     "100,000 links, TOML": bad("robot.toml", toml_chain(100_000), "", "the file has", "up to 1048576"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
+from itertools import islice
 from pathlib import Path
 
 from ..errors import DescriptionError, check_kind
@@ -22,6 +23,8 @@ _XML = (".urdf", ".xml", ".mjcf", ".xacro")
 _MOST_PARTS = 8  # of a dotted key: the parser's time and memory grow with the square of it
 _WORD = r"""(?:[A-Za-z0-9_-]+|"[^"\n]*"|'[^'\n]*')"""
 _DEEP_KEY = re.compile(rf"(?<![A-Za-z0-9_-]){_WORD}(?:[ \t]*\.[ \t]*{_WORD}){{{_MOST_PARTS}}}")
+_MOST_TABLES = 20_000  # four for each of the links that a robot may have
+_TABLE = re.compile(r"^[ \t]*\[[^\n,=]*\][ \t\r]*(?:#[^\n]*)?$", re.MULTILINE)  # rows of an array have commas
 _MOST_DIGITS = 4300  # of a number: where Python's integers stop
 _MANY_DIGITS = re.compile(rf"(?<![0-9_])[0-9](?:_?[0-9]){{{_MOST_DIGITS}}}")
 _DEEP = 50  # brackets in brackets, far more than a description has
@@ -75,11 +78,12 @@ def read_text(path: Path, source: str, kind: str = ".toml, .urdf or .xml file") 
 def parse_toml(text: str, source: str) -> dict[str, object]:
     """Return the values of a TOML text; DescriptionError with the source if it is none."""
     check_kind("text", text, isinstance(text, str), "a text in TOML")
-    for pattern, what in (
-        (_DEEP_KEY, f"a key has more than {_MOST_PARTS} parts; allowed: the few that a key of this file has"),
-        (_MANY_DIGITS, f"a number has more than {_MOST_DIGITS} digits; allowed: magnitudes up to {LARGEST:g}"),
+    for pattern, most, what in (
+        (_DEEP_KEY, 0, f"a key has more than {_MOST_PARTS} parts; allowed: the few that a key of this file has"),
+        (_MANY_DIGITS, 0, f"a number has more than {_MOST_DIGITS} digits; allowed: magnitudes up to {LARGEST:g}"),
+        (_TABLE, _MOST_TABLES, f"there are more than {_MOST_TABLES} tables; allowed: up to {_MOST_TABLES}"),
     ):
-        match = pattern.search(text)
+        match = next(islice(pattern.finditer(text), most, None), None)
         if match is not None:
             error = DescriptionError(f"not valid TOML: {what}", source=source)
             error.line, error.column = line_and_column(text, match.start())
