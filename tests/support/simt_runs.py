@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from eomgen.codegen.kernels.signatures import OWN_KERNELS, shapes
 from eomgen.codegen.simt.kernels import CONTROLLED, FRAMES, ROLLOUTS, derive_kernels, refusal
 from eomgen.codegen.simt.sources import render_simt
+from eomgen.errors import ArrayError, LoopError, SingularError
 from eomgen.robot.model import Model, build_model
 from eomgen.robot.value import Robot
 from eomgen.runtime.kernel import Kernel
@@ -31,6 +32,7 @@ MOST = 20_000  # numbers of a state that a kernel may write; of Christoffel symb
 CLOSE = {"float64": 1e-13, "float32": 1e-5}  # by the largest number of a result
 HELD = tuple(name for name in ROLLOUTS if name not in CONTROLLED)  # under held drives; others have tests of their own
 ALL = ("c++", "opencl")
+RUNS = {"c++": "_compiled", "opencl": "_under_opencl", "cuda": "_on_cuda"}  # what runs a language
 Array = NDArray[Any]
 
 
@@ -130,14 +132,13 @@ class Subject:
             arrays, numbers = self.arrays(name), simt.scalars(self.made.module, name)
             wanted, failed = expected(self.kernel, name, arrays)
             for language in languages:
-                run = self._under_opencl if language == "opencl" else self._compiled
-                found, status = run(name, arrays, numbers)
+                found, status = getattr(self, RUNS[language])(name, arrays, numbers)
                 yield Answer(
                     name,
                     language,
                     difference(found, wanted, ~failed),
                     bool(np.array_equal(status != 0, failed)),
-                    CLOSE[str(self.kernel.dtype)] if name in self.rounded and language == "opencl" else 0.0,
+                    CLOSE[str(self.kernel.dtype)] if name in self.rounded and language != "c++" else 0.0,
                     int(failed.sum()),
                 )
 
@@ -153,6 +154,21 @@ class Subject:
         finally:
             module.check_status = kept
         return found, said[0]
+
+    def _on_cuda(self, name: str, arrays: Sequence[Array], numbers: Mapping[str, float]) -> tuple[Any, Array]:
+        """Run a method of the kernel's device, whose checks say of states one by one whether they are well."""
+        device = self.kernel.device("cuda")
+        method, status = getattr(device, name), np.zeros(len(arrays[0]), np.int32)
+        device.checks = False
+        made = method(*map(device.put, arrays), **numbers)
+        found = tuple(map(device.get, made)) if isinstance(made, tuple) else device.get(made)
+        device.checks = True
+        for k in range(len(status)):
+            try:
+                method(*(device.put(x[k : k + 1]) for x in arrays), **numbers)
+            except (ArrayError, LoopError, SingularError) as error:
+                status[k] = "out of numbers that are finite" not in str(error)  # which C says by no status
+        return found, status
 
     @property
     def device(self) -> Any:

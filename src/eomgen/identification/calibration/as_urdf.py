@@ -61,6 +61,18 @@ def write_urdf(fitted: FittedParameters, target: Path) -> Path:
     return write_atomically(target, lambda stream: stream.write(text.encode("utf-8")))
 
 
+def urdf_of(robot: Robot) -> Element:
+    """Return a URDF of a robot's links and joints, as an element of XML.
+
+    Raises:
+        InputError: a joint has active coordinates beside a principal one.
+    """
+    root = _plain(robot)
+    for element, joint in zip(root.findall("joint"), robot.joints, strict=True):
+        _set_origin(element, joint)
+    return root
+
+
 def _set_origin(element: Element, joint: Joint) -> None:
     """Write origin and axis of a joint with its offsets in them."""
     turn, offset = pose_of(joint.axis_turn), np.array([value or 0.0 for value in joint.offset])
