@@ -31,6 +31,7 @@ COUNTS = (1_024, 10_240, 102_400, 1_024_000, 10_240_000)  # whole tiles
 DTYPES = ("float64", "float32")
 ROUNDS, QUEUED = 30, 10
 LONG = 0.5  # s, after which no more rounds begin
+SLOW = 0.02  # s of a call, beside which it does not matter how calls are begun
 CORE = 4_096  # states of a call of a core, from which larger ones are reckoned
 CLOSE = {"float64": 1e-9, "float32": 2e-2}  # by the largest number of a result; accelerations of an arm's light wrist
 WHEELS = {"GRiD": "grid-rbd", "frax": "frax", "MuJoCo Warp": "mujoco-warp", "JAX": "jax", "PyTorch": "torch"}
@@ -41,7 +42,8 @@ Array = NDArray[Any]
 
 def measured(work: Work) -> tuple[float, float]:
     """Return the least time of a call until its result is there, and of one among many, in microseconds."""
-    return 1e6 * _least(work, 1), 1e6 * _least(work, QUEUED)
+    one = _least(work, 1)
+    return 1e6 * one, 1e6 * (one if one > SLOW else _least(work, QUEUED))
 
 
 def _least(work: Work, calls: int) -> float:

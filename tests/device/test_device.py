@@ -274,6 +274,7 @@ def test_nothing_is_left_of_calls(kernel: eomgen.Kernel, stub: Stub) -> None:
     Eight bytes that each call keeps are 720 kB of C's memory; Python's blocks are counted one by one.
     """
     live = ("memory", "events", "modules", "contexts")
+    gc.collect()  # what other tests left
     before = [stub.count(what) for what in live], lent_count()
     device, (q,) = kernel.device("cuda"), states(kernel, 1, 2)
     wrong = np.full_like(q, np.inf)

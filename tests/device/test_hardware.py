@@ -22,11 +22,11 @@ from eomgen.device.driver import Chosen, Driver
 from eomgen.device.gpu import GpuBackend
 from eomgen.errors import ArrayError, InputError
 from eomgen.optional import NotInstalledError
-from tests.export.test_simt_bits import robot_of
+from tests.support.random_robots import random_robot
 from tests.support.simt_runs import Subject
 
 NAMES = ("inverse_dynamics", "forward_dynamics", "mass_matrix")
-BUILTIN = ("one_link", "four_bar", "worn_arm", "ur5", "panda", "shaken_arm", "geared_arm", "balanced_arm", "gantry")
+BUILTIN = ("one_link", "four_bar", "worn_arm", "ur5", "panda", "shaken_arm", "geared_arm", "bennett", "flexible_arm")
 RANDOM = 6
 COUNT = 1000
 
@@ -65,10 +65,9 @@ def in_tiles(x: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
 @pytest.mark.parametrize("name", [*BUILTIN, *map(str, range(RANDOM))])
 def test_all_kernels_have_the_bits_of_the_c(name: str, dtype: str, tmp_path: Path, unoptimised: None) -> None:
-    """Numbers are random robots."""
-    robot, near = robot_of(int(name)) if name.isdigit() else (as_robot(name), None)
-    subject = Subject(robot, dtype, tmp_path, near=near)
-    answers = list(subject.answers(("cuda",)))
+    """Numbers are random trees."""
+    robot = random_robot(int(name), joints=(2, 4), tree=True, rods=False) if name.isdigit() else as_robot(name)
+    answers = list(Subject(robot, dtype, tmp_path).answers(("cuda",)))
     assert [answer for answer in answers if not answer.is_right] == []
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
@@ -78,6 +79,11 @@ class Loaded:
     functions: Any
     setup: Any = None
     h: tuple[Any, Any] = (None, None)
+
+    def __post_init__(self) -> None:
+        """Keep shapes of one state's arrays, and how many numbers each has."""
+        self.reads, self.writes = self.text.shapes("reads"), self.text.shapes("writes")
+        self.sizes = {x: math.prod(shape) for x, shape in {**self.reads, **self.writes}.items()}
 
 
 @dataclass(frozen=True)

@@ -157,7 +157,7 @@ class Device:
 
     def _call(self, name: str, arrays: tuple[Any, ...], others: dict[str, Any], out: Any, stream: Any) -> Any:
         loaded = self._load(name)
-        reads, writes = loaded.text.shapes("reads"), loaded.text.shapes("writes")
+        reads, writes = loaded.reads, loaded.writes
         given = named_arrays(name, arrays, others, reads)
         numbers = self._numbers(loaded.text, others)
         outs = named_outs(name, out, writes)
@@ -240,36 +240,36 @@ class Device:
         stream: Any,
     ) -> None:
         """Put all of a call on its stream: transposes, the function, transposes, and what is looked for."""
-        backend, item = self._backend, self._kernel.dtype.itemsize
+        backend, item, sizes = self._backend, self._kernel.dtype.itemsize, loaded.sizes
         whole = -(-count // self.tile) * self.tile
-        shapes = {**loaded.text.shapes("reads"), **loaded.text.shapes("writes")}
-        sizes = {x: math.prod(shape) for x, shape in shapes.items()}
         tiles = [] if is_tiled else [whole * sizes[x] * item for x in (*reads, *writes)]
         status, first, *rooms = backend.rooms([4 * count, 4 * (1 + len(sizes)), *tiles], stream)
         places = [x.place for x in (*reads.values(), *writes.values())] if is_tiled else rooms
         within = dict(zip((*reads, *writes), places, strict=True))
         h = self._h(loaded, stream)
         if not is_tiled:
-            for label, view in reads.items():
-                self._transpose("to_tiles", loaded, count, sizes[label], view.place, within[label], stream)
+            self._transpose("begin", loaded, count, reads, within, stream)
         arguments = [np.uint64(count), h, *numbers, *within.values(), status]
         for function in loaded.text.about["functions"]:
             backend.launch(loaded.functions, function, count, arguments, stream)
         if not is_tiled:
-            for label, view in writes.items():
-                self._transpose("from_tiles", loaded, count, sizes[label], within[label], view.place, stream)
+            self._transpose("end", loaded, count, writes, within, stream)
         call = Call(loaded, count, {x: within[x] for x in reads}, {x: within[x] for x in writes}, status, first, stream)
         if self.checks:
-            self._look(call, sizes)
+            self._look(call)
         backend.used(stream)
         if self.checks:
             self._check(call, sizes)
 
     def _transpose(
-        self, word: str, loaded: Loaded, count: int, size: int, source: Any, target: Any, stream: Any
+        self, word: str, loaded: Loaded, count: int, rows: Mapping[str, Placed], tiles: Mapping[str, Any], stream: Any
     ) -> None:
-        arguments = [np.uint64(count), np.uint64(size), source, target]
-        self._backend.launch(loaded.functions, loaded.text.beside(word), count * size, arguments, stream)
+        """Put a transpose of all arrays on the stream: "begin" into tiles, "end" out of them."""
+        places = [[view.place for view in rows.values()], [tiles[label] for label in rows]]
+        sources, targets = places if word == "begin" else places[::-1]
+        widest = max(loaded.sizes[label] for label in rows)
+        arguments = [np.uint64(count), *sources, *targets]
+        self._backend.launch(loaded.functions, loaded.text.beside(word), count * widest, arguments, stream)
 
     def _h(self, loaded: Loaded, stream: Any) -> Any:
         """Return where the numbers h lie that belong to the kernel's parameters now."""
@@ -280,18 +280,12 @@ class Device:
             loaded.setup = setup
         return loaded.h[1]
 
-    def _look(self, call: Call, sizes: Mapping[str, int]) -> None:
-        """Put searches on the stream: for a status that is not 0, and for numbers that are not finite."""
-        backend, count = self._backend, np.uint64(call.count)
-        backend.fill(call.first, 1 + len(sizes), call.stream)
-
-        def launch(word: str, *arguments: Any) -> None:
-            whole = [count, *arguments, call.first]
-            backend.launch(call.loaded.functions, call.text.beside(word), call.count, whole, call.stream)
-
-        launch("find_failed", np.int32(0), call.status)
-        for slot, (label, place) in enumerate({**call.reads, **call.writes}.items(), 1):
-            launch("find_not_finite", np.int32(slot), np.uint64(sizes[label]), place)
+    def _look(self, call: Call) -> None:
+        """Put the search on the stream, for a status that is not 0 and for numbers that are not finite."""
+        backend, arrays = self._backend, (*call.reads.values(), *call.writes.values())
+        backend.fill(call.first, 1 + len(arrays), call.stream)
+        arguments = [np.uint64(call.count), *arrays, call.status, call.first]
+        backend.launch(call.loaded.functions, call.text.beside("find"), call.count, arguments, call.stream)
 
     def _check(self, call: Call, sizes: Mapping[str, int]) -> None:
         """Wait for a call, and raise what its searches found: in what it reads, in statuses, in what it writes."""

@@ -23,13 +23,14 @@ LINE = 256  # bytes at whose multiples memory begins
 DEFAULT = 1  # the default stream, as the array interface counts
 SHAPE = tuple(ctypes.c_uint(x) for x in (1, 1, BLOCK, 1, 1, 0))  # of grids, blocks and shared memory, behind the first
 NOTHING = ctypes.c_void_p(0)
-BOXES: Mapping[type, Any] = {  # types of C, by those of arguments; addresses are plain numbers
-    int: ctypes.c_uint64,
-    np.uint64: lambda x: ctypes.c_uint64(int(x)),
-    np.int32: lambda x: ctypes.c_int32(int(x)),
-    np.float32: lambda x: ctypes.c_float(float(x)),
-    np.float64: lambda x: ctypes.c_double(float(x)),
+WORDS: Mapping[type, Any] = {  # 64 bits that begin with those of an argument; addresses are plain numbers
+    int: int,
+    np.uint64: int,
+    np.int32: lambda x: int(x) & 0xFFFFFFFF,
+    np.float32: lambda x: int(x.view(np.uint32)),
+    np.float64: lambda x: int(x.view(np.uint64)),
 }
+WORD = 8  # bytes
 Array = NDArray[Any]
 
 
@@ -70,6 +71,11 @@ class DeviceArray:
     def address(self) -> int:
         """Address of its first number."""
         return self._memory.address
+
+    @property
+    def lies_on(self) -> tuple[str, int]:
+        """Kind and number of its device."""
+        return self._chosen.driver.kind, self._chosen.ordinal
 
     @property
     def __cuda_array_interface__(self) -> dict[str, Any]:
@@ -179,9 +185,12 @@ class GpuBackend:
 
     def view(self, label: str, x: Any, dtype: np.dtype[Any], stream: int, is_written: bool = False) -> View:
         """Return where an array lies, behind whatever its library has still to do."""
-        view = view_of(label, x, dtype, self._place, stream, is_written)
-        if prod(view.shape):
-            self._refuse_elsewhere(label, view.place)
+        if isinstance(x, DeviceArray) and x.dtype == dtype and x.lies_on == self._place:  # it need not be asked
+            view = View(x.address, x.shape, x, x.stream)
+        else:
+            view = view_of(label, x, dtype, self._place, stream, is_written)
+            if prod(view.shape):
+                self._refuse_elsewhere(label, view.place)
         self._follow(stream, view.stream)
         return view
 
@@ -208,8 +217,10 @@ class GpuBackend:
 
     def launch(self, functions: Functions, name: str, threads: int, arguments: Sequence[Any], stream: int) -> None:
         """Put a function on a stream, one thread for each of so many; addresses are plain numbers."""
-        boxes = [BOXES[type(x)](x) for x in arguments]
-        pointers = (ctypes.c_void_p * len(boxes))(*map(ctypes.addressof, boxes))
+        count = len(arguments)
+        words = (ctypes.c_uint64 * count)(*[WORDS[type(x)](x) for x in arguments])
+        begin = ctypes.addressof(words)
+        pointers = (ctypes.c_void_p * count)(*range(begin, begin + WORD * count, WORD))
         function, grid = ctypes.c_void_p(functions.find(name)), ctypes.c_uint(-(-threads // BLOCK))
         self.chosen.driver("launch", function, grid, *SHAPE, ctypes.c_void_p(stream), pointers, NOTHING)
 

@@ -28,7 +28,7 @@ Array = NDArray[Any]
 
 @dataclass(frozen=True)
 class FunctionText:
-    """The text of one function, with transposes and searches for what is wrong beside it.
+    """The text of one function, with transposes and the search for what is wrong beside it.
 
     code: in the language that is CUDA, HIP, OpenCL C and C++.
     meta: what ``eomgen.export_simt`` writes as JSON.
@@ -54,7 +54,7 @@ class FunctionText:
         return {array: tuple(shape) for array, shape in self.about[which].items()}
 
     def beside(self, name: str) -> str:
-        """Name a function of the text that stands beside: "to_tiles", "find_failed"."""
+        """Name a function of the text that stands around: "begin", "end", "find"."""
         return f"{self.meta['name']}_{name}"
 
     def reasons(self, status: int) -> str:
@@ -97,7 +97,10 @@ def _rendered(robot: Robot, name: str, dtype: str) -> tuple[str, str]:
     from ..codegen.simt.sources import render_simt
 
     source = render_simt(build_model(robot), (name,), dtype)
-    beside = environment().get_template("simt/watch.h.jinja").render(name=source.name)
+    about = json.loads(source.meta)["kernels"][name]
+    reads, writes = ({x: math.prod(shape) for x, shape in about[which].items()} for which in ("reads", "writes"))
+    template = environment().get_template("simt/watch.h.jinja")
+    beside = template.render(name=source.name, reads=reads, writes=writes, arrays={**reads, **writes})
     return f"{source.code}\n{beside}", source.meta
 
 

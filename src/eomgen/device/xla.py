@@ -50,10 +50,9 @@ class Plan(ctypes.Structure):
         ("labels", ctypes.POINTER(ctypes.c_char_p)),
         ("functions", ctypes.POINTER(ctypes.c_void_p)),
         ("reasons", ctypes.POINTER(ctypes.c_char_p)),
-        ("to_tiles", ctypes.c_void_p),
-        ("from_tiles", ctypes.c_void_p),
-        ("find_failed", ctypes.c_void_p),
-        ("find_not_finite", ctypes.c_void_p),
+        ("begin", ctypes.c_void_p),
+        ("end", ctypes.c_void_p),
+        ("find", ctypes.c_void_p),
         ("ordinal", ctypes.c_int32),
         ("is_double", ctypes.c_int32),
         ("arrays", ctypes.c_int32),
@@ -134,9 +133,7 @@ def _plan(number: int, device: Device, backend: GpuBackend, prepared: Prepared) 
     find: Callable[[str], int] = prepared.functions.find
     with chosen.current():
         parts = [find(name) for name in text.about["functions"]]
-        beside = {
-            word: find(text.beside(word)) for word in ("to_tiles", "from_tiles", "find_failed", "find_not_finite")
-        }
+        beside = {word: find(text.beside(word)) for word in ("begin", "end", "find")}
     calls = Calls(*(chosen.driver.address(word) for word in CALLS))
     sizes = _sizes(text)
     labels = [*text.shapes("reads"), *text.shapes("writes")]

@@ -44,10 +44,9 @@ typedef struct plan {
     const char *const *labels;
     void *const *functions;
     const char *const *reasons; /* of the bits of a status */
-    void *to_tiles;
-    void *from_tiles;
-    void *find_failed;
-    void *find_not_finite;
+    void *begin; /* what is read, into tiles */
+    void *end;   /* what is written, out of them */
+    void *find;  /* what is not well */
     int32_t ordinal;
     int32_t is_double;
     int32_t arrays; /* of which the last one is written */
@@ -175,27 +174,31 @@ static XLA_FFI_Error *taken(call *c)
     return NULL;
 }
 
-static int transposed(call *c, int place, int is_back)
+/* Put what is read into tiles, or what is written out of them. */
+static int transposed(call *c, int is_back)
 {
-    uint64_t size = c->p->sizes[place];
-    void *arguments[4] = { &c->count, &size, (is_back != 0) ? &c->tiles[place] : &c->rows[place], (is_back != 0) ? &c->rows[place] : &c->tiles[place] };
-    return launched(c, (is_back != 0) ? c->p->from_tiles : c->p->to_tiles, c->count * size, arguments);
+    const int first = (is_back != 0) ? c->p->arrays - 1 : 0;
+    const int count = (is_back != 0) ? 1 : c->p->arrays - 1;
+    uint64_t widest = 0;
+    void *arguments[1 + 2*MOST] = { &c->count };
+    for (int i = 0; i < count; ++i) {
+        const uint64_t size = c->p->sizes[first + i];
+        widest = (size > widest) ? size : widest;
+        arguments[1 + i] = (is_back != 0) ? &c->tiles[first + i] : &c->rows[first + i];
+        arguments[1 + count + i] = (is_back != 0) ? &c->rows[first + i] : &c->tiles[first + i];
+    }
+    return launched(c, (is_back != 0) ? c->p->end : c->p->begin, c->count * widest, arguments);
 }
 
-/* Put the searches for a status that is not 0, and for what is not finite, on the stream. */
+/* Put the search for a status that is not 0, and for what is not finite, on the stream. */
 static int searched(call *c)
 {
-    int32_t slot = 0;
-    void *failed[4] = { &c->count, &slot, &c->status, &c->searched };
-    int code = c->p->calls->fill(c->searched, WELL, (size_t)(1 + c->p->arrays), c->stream);
-    if (code == 0) { code = launched(c, c->p->find_failed, c->count, failed); }
-    for (int i = 0; (i < c->p->arrays) && (code == 0); ++i) {
-        uint64_t size = c->p->sizes[i];
-        void *arguments[5] = { &c->count, &slot, &size, &c->tiles[i], &c->searched };
-        slot = i + 1;
-        code = launched(c, c->p->find_not_finite, c->count, arguments);
-    }
-    return code;
+    void *arguments[3 + MOST] = { &c->count };
+    const int code = c->p->calls->fill(c->searched, WELL, (size_t)(1 + c->p->arrays), c->stream);
+    for (int i = 0; i < c->p->arrays; ++i) { arguments[1 + i] = &c->tiles[i]; }
+    arguments[1 + c->p->arrays] = &c->status;
+    arguments[2 + c->p->arrays] = &c->searched;
+    return (code != 0) ? code : launched(c, c->p->find, c->count, arguments);
 }
 
 /* Wait, and say which state is not well. */
@@ -241,9 +244,9 @@ static XLA_FFI_Error *run(call *c)
     int code = 0;
     for (int i = 0; i < p->arrays; ++i) { arguments[2 + i] = &c->tiles[i]; }
     arguments[2 + p->arrays] = &c->status;
-    for (int i = 0; (i + 1 < p->arrays) && (code == 0); ++i) { code = transposed(c, i, 0); }
+    code = transposed(c, 0);
     for (int i = 0; (i < p->parts) && (code == 0); ++i) { code = launched(c, p->functions[i], c->count, arguments); }
-    if (code == 0) { code = transposed(c, p->arrays - 1, 1); }
+    if (code == 0) { code = transposed(c, 1); }
     if ((code == 0) && (p->checks != 0)) { code = searched(c); }
     if (code != 0) { return failure(c, "a launch", code); }
     return (p->checks != 0) ? checked(c) : NULL;
