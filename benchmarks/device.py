@@ -104,16 +104,20 @@ class Table:
             except Absent as absent:
                 self.why.setdefault(name, str(absent))
                 continue
-            except Exception as error:  # each library has errors of its own, where memory is too little
-                self.why[f"{name}, {function}, {dtype}, {count}"] = f"{type(error).__name__}: {str(error)[:200]}"
+            except Exception as failure:  # each library has errors of its own, where memory is too little
+                self.why[f"{name}, {function}, {dtype}, {count}"] = f"{type(failure).__name__}: {str(failure)[:200]}"
                 continue
-            error = float(np.abs(result - wanted).max() / np.abs(wanted).max())
-            if not error <= CLOSE[dtype]:
-                self.why[f"{name}, {function}, {dtype}, {count}"] = f"differs by {error:.0e}"
+            difference = float(np.abs(result - wanted).max() / np.abs(wanted).max())
+            if not difference <= CLOSE[dtype]:
+                self.why[f"{name}, {function}, {dtype}, {count}"] = f"differs by {difference:.0e}"
                 continue
             self.times[function, dtype, count, name] = found
             said = " ".join(f"{x:.0f}" for x in found)
-            print(f"{function} {dtype} {count} {name}: {said} us, differs by {error:.0e}", file=sys.stderr, flush=True)
+            print(
+                f"{function} {dtype} {count} {name}: {said} us, differs by {difference:.0e}",
+                file=sys.stderr,
+                flush=True,
+            )
 
     def lines(self, which: int) -> Iterator[str]:
         """Yield lines of the table of calls (0), or of many calls (1)."""

@@ -54,7 +54,9 @@ def built(robot: str, dtype: str, checks: bool) -> tuple[Any, Any]:
     return kernel, kernel.device("cuda")
 
 
-def ours(robot: str, function: str, dtype: str, states: Sequence[Array], *, tiled: bool, checks: bool) -> Work:
+def ours(
+    robot: str, function: str, dtype: str, states: Sequence[Array], *, tiled: bool, checks: bool, bound: bool = False
+) -> Work:
     """Make eomgen's call, which writes to an array that is there."""
     kernel, device = built(robot, dtype, checks)
     arrays = [np.moveaxis(x.reshape(-1, device.tile, kernel.n), 1, -1) if tiled else x for x in states]
@@ -62,10 +64,11 @@ def ours(robot: str, function: str, dtype: str, states: Sequence[Array], *, tile
     out, one = device.put(np.zeros(arrays[0].shape)), device.put(np.zeros(1))
 
     def result() -> Array:
-        made = device.get(out)
+        made: Array = device.get(out)
         return np.moveaxis(made, -1, 1).reshape(-1, kernel.n) if tiled else made
 
-    return Work(lambda: method(*lying, out=out), lambda: device.get(one), result)
+    begin = device.bound(function, *lying, out=out) if bound else lambda: method(*lying, out=out)
+    return Work(begin, lambda: device.get(one), result)
 
 
 def in_jax(robot: str, function: str, dtype: str, states: Sequence[Array]) -> Work:
@@ -130,6 +133,8 @@ CONTENDERS: Mapping[str, Maker] = {
     "eomgen, rows": lambda *x: ours(*x, tiled=False, checks=True),
     "eomgen, tiles": lambda *x: ours(*x, tiled=True, checks=True),
     "eomgen, tiles, unchecked": lambda *x: ours(*x, tiled=True, checks=False),
+    "eomgen, rows, bound": lambda *x: ours(*x, tiled=False, checks=False, bound=True),
+    "eomgen, tiles, bound": lambda *x: ours(*x, tiled=True, checks=False, bound=True),
     "eomgen, rows, in JAX": in_jax,
     "GRiD": grid,
     "frax": frax,

@@ -244,14 +244,14 @@ def parameters_as_they_are(program: Program) -> Program:
 
 
 def _hoist(program: Program, setup: Graph, slots: dict[int, int]) -> Program:
-    """Read every value that depends on parameters alone from "h"."""
+    """Read every value that depends on parameters alone from "h", and so what is computed of numbers that are known."""
     reads: list[int] = []  # 1: parameters, 2: the state, 3: both, 0: neither
     for op, args, leaf in program.instructions:
         origin = 0 if op != "input" else 1 if leaf[0] == PARAMETERS else 2
         for arg in args:
             origin |= reads[arg]
         reads.append(origin)
-    early = [origin == 1 for origin in reads]
+    early = [origin < 2 and x.op != "const" for origin, x in zip(reads, program.instructions, strict=True)]
     wanted = {arg for i, x in enumerate(program.instructions) if not early[i] for arg in x.args if early[arg]}
     wanted.update(index for index in program.outputs.values() if early[index])
     moved: dict[int, Node] = {}

@@ -105,6 +105,12 @@ def test_rollouts_under_controllers_have_the_bits_of_the_kernel(tmp_path: Path) 
     compare(as_robot("one_link"), tmp_path, "float64", CONTROLLED)
 
 
+def test_steps_of_numbers_that_are_known_have_the_bits_of_the_kernel(tmp_path: Path) -> None:
+    """Held drives add nothing to steps, so that pivots of the last joint's rails are known before."""
+    robot = random_robot(3, joints=(2, 4), tree=True, rods=False)
+    compare(robot, tmp_path, "float64", ("implicit_rollout",))
+
+
 def test_robots_without_drives_have_no_controllers() -> None:
     robot = replace(as_robot("one_link"), driven=())
     with pytest.raises(InputError, match="kernels: 'rk4_pd_rollout' is for robots with driven coordinates"):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -55,6 +55,12 @@ class Backend(Protocol):
     def launch(self, functions: Any, name: str, threads: int, arguments: Sequence[Any], stream: Any) -> None:
         """Put a function on a stream."""
 
+    def ready(self, functions: Any, launches: Sequence[Launch], stream: Any) -> Callable[[], None]:
+        """Return what puts functions on a stream, again and again."""
+
+    def own_rooms(self, sizes: Sequence[int]) -> tuple[Any, list[Any]]:
+        """Return memory of so many bytes each, and what holds on to it."""
+
     def rooms(self, sizes: Sequence[int], stream: Any) -> list[Any]:
         """Return memory for one call."""
 
@@ -84,6 +90,42 @@ class Loaded:
         """Keep shapes of one state's arrays, and how many numbers each has."""
         self.reads, self.writes = self.text.shapes("reads"), self.text.shapes("writes")
         self.sizes = {x: math.prod(shape) for x, shape in {**self.reads, **self.writes}.items()}
+
+
+@dataclass(frozen=True)
+class Taken:
+    """What a call is given.
+
+    numbers: the same for all states.  reads: where arrays lie.  results: arrays with their places.  like: an array of
+    whose library results are.
+    """
+
+    loaded: Loaded
+    count: int
+    is_tiled: bool
+    numbers: Sequence[Any]
+    reads: Mapping[str, Placed]
+    results: Mapping[str, tuple[Any, Placed]]
+    like: Any
+
+    @property
+    def writes(self) -> Mapping[str, Placed]:
+        """Places of results."""
+        return {label: place for label, (_, place) in self.results.items()}
+
+    def sizes(self, tile: int, item: int) -> list[int]:
+        """Return bytes that a call needs beside its arrays: statuses, what a search finds, and tiles.
+
+        Args:
+            tile: states of a tile.
+            item: bytes of a number.
+        """
+        whole, sizes = -(-self.count // tile) * tile, self.loaded.sizes
+        tiles = [] if self.is_tiled else [whole * size * item for size in sizes.values()]
+        return [4 * self.count, 4 * (1 + len(sizes)), *tiles]
+
+
+Launch = tuple[str, int, Sequence[Any]]  # a function's name, threads, arguments
 
 
 @dataclass(frozen=True)

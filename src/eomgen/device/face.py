@@ -15,7 +15,8 @@ from ..names import nearest_or_all, show
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
 from .arguments import axes_of, named_arrays, named_outs, number_of, shown_shape
-from .backends import Backend, Call, Loaded, Placed, Prepared
+from .backends import Backend, Call, Launch, Loaded, Placed, Prepared, Taken
+from .foreign import IMMUTABLE, library_of
 from .texts import FunctionText, setup_of, text_of
 
 WELL = 0xFFFFFFFF  # where no state is named
@@ -157,22 +158,74 @@ class Device:
 
     def _call(self, name: str, arrays: tuple[Any, ...], others: dict[str, Any], out: Any, stream: Any) -> Any:
         loaded = self._load(name)
-        reads, writes = loaded.reads, loaded.writes
-        given = named_arrays(name, arrays, others, reads)
-        numbers = self._numbers(loaded.text, others)
-        outs = named_outs(name, out, writes)
+        given = named_arrays(name, arrays, others, loaded.reads)
+        numbers, outs = self._numbers(loaded.text, others), named_outs(name, out, loaded.writes)
         with self._lock, self._backend.session(stream, list(given.values())) as on:
-            views = {x: self._backend.view(x, value, self._kernel.dtype, on) for x, value in given.items()}
-            count, is_tiled = self._layout(name, views, reads)
-            first = next(iter(given.values()))
-            results = dict[str, tuple[Any, Placed]]()
-            for array, shape in writes.items():
-                whole = (count // self.tile, *shape, self.tile) if is_tiled else (count, *shape)
-                results[array] = self._result(array, outs.get(array), whole, first, on)
-            if count:
-                self._refuse_shared(views, {x: view for x, (_, view) in results.items()} if outs else {})
-                self._run(loaded, count, numbers, views, {x: y for x, (_, y) in results.items()}, is_tiled, on)
-            made = [self._backend.finished(first, array) for array, _ in results.values()]
+            taken = self._taken(loaded, given, numbers, outs, on)
+            if taken.count:
+                self._run(taken, on)
+            return self._results(taken)
+
+    def bound(self, name: str, *arrays: Any, out: Any = None, stream: Any = None, **others: Any) -> Callable[[], Any]:
+        """Return a call of a method with its arrays, which is begun again and again at the cost of its launches alone.
+
+        Each time it computes from what the arrays hold by then, writes to the same results, and returns these at once.
+        Nothing is looked at, whatever ``checks`` say, and no stream is waited for but the one that it was bound on.
+        Parameters are those that the kernel has when it is bound.
+
+        Args:
+            name: of the method.
+            arrays, out, stream, others: as of the method; arrays of JAX are refused, as their numbers never change.
+
+        Returns:
+            A function without arguments, which returns what the method does.
+
+        Raises:
+            UnknownNameError, InputError: see the method.
+            ArrayError: an array of JAX, or see the method.
+        """
+        loaded = self._load(name)
+        given = named_arrays(name, arrays, others, loaded.reads)
+        for label, x in given.items():
+            if library_of(x) in IMMUTABLE:
+                raise ArrayError(f"{label}: an array of JAX, whose numbers never change; allowed: others")
+        numbers, outs = self._numbers(loaded.text, others), named_outs(name, out, loaded.writes)
+        with self._lock, self._backend.session(stream, list(given.values())) as on:
+            taken = self._taken(loaded, given, numbers, outs, on)
+            memory, rooms = self._backend.own_rooms(taken.sizes(self.tile, self._kernel.dtype.itemsize))
+            launches, _ = self._launches(taken, rooms, self._h(loaded, on)) if taken.count else ([], None)
+            again, results = self._backend.ready(loaded.functions, launches, on), self._results(taken)
+            kept = (taken, memory, loaded.h, self._backend)
+
+        def call() -> Any:
+            again()
+            return results
+
+        call.__name__, call.kept = name, kept  # type: ignore[attr-defined]
+        return call
+
+    def _taken(
+        self,
+        loaded: Loaded,
+        given: Mapping[str, Any],
+        numbers: Sequence[Any],
+        outs: Mapping[str, Any],
+        on: Any,
+    ) -> Taken:
+        """Look at arrays, and make those of results that are not given."""
+        views = {x: self._backend.view(x, value, self._kernel.dtype, on) for x, value in given.items()}
+        count, is_tiled = self._layout(loaded.text.name, views, loaded.reads)
+        like, results = next(iter(given.values())), dict[str, tuple[Any, Placed]]()
+        for array, shape in loaded.writes.items():
+            whole = (count // self.tile, *shape, self.tile) if is_tiled else (count, *shape)
+            results[array] = self._result(array, outs.get(array), whole, like, on)
+        taken = Taken(loaded, count, is_tiled, numbers, views, results, like)
+        if count and outs:
+            self._refuse_shared(views, taken.writes)
+        return taken
+
+    def _results(self, taken: Taken) -> Any:
+        made = [self._backend.finished(taken.like, array) for array, _ in taken.results.values()]
         return made[0] if len(made) == 1 else tuple(made)
 
     def _numbers(self, text: FunctionText, given: Mapping[str, Any]) -> list[Any]:
@@ -229,47 +282,36 @@ class Device:
                 if is_shared:
                     raise ArrayError(f"{label}: shares memory with {other}; allowed: memory of its own")
 
-    def _run(
-        self,
-        loaded: Loaded,
-        count: int,
-        numbers: Sequence[Any],
-        reads: Mapping[str, Placed],
-        writes: Mapping[str, Placed],
-        is_tiled: bool,
-        stream: Any,
-    ) -> None:
-        """Put all of a call on its stream: transposes, the function, transposes, and what is looked for."""
-        backend, item, sizes = self._backend, self._kernel.dtype.itemsize, loaded.sizes
-        whole = -(-count // self.tile) * self.tile
-        tiles = [] if is_tiled else [whole * sizes[x] * item for x in (*reads, *writes)]
-        status, first, *rooms = backend.rooms([4 * count, 4 * (1 + len(sizes)), *tiles], stream)
-        places = [x.place for x in (*reads.values(), *writes.values())] if is_tiled else rooms
-        within = dict(zip((*reads, *writes), places, strict=True))
-        h = self._h(loaded, stream)
-        if not is_tiled:
-            self._transpose("begin", loaded, count, reads, within, stream)
-        arguments = [np.uint64(count), h, *numbers, *within.values(), status]
-        for function in loaded.text.about["functions"]:
-            backend.launch(loaded.functions, function, count, arguments, stream)
-        if not is_tiled:
-            self._transpose("end", loaded, count, writes, within, stream)
-        call = Call(loaded, count, {x: within[x] for x in reads}, {x: within[x] for x in writes}, status, first, stream)
+    def _run(self, taken: Taken, stream: Any) -> None:
+        """Put all of a call on its stream: its launches, and what is looked for."""
+        backend, loaded = self._backend, taken.loaded
+        rooms = backend.rooms(taken.sizes(self.tile, self._kernel.dtype.itemsize), stream)
+        launches, within = self._launches(taken, rooms, self._h(loaded, stream))
+        for name, threads, arguments in launches:
+            backend.launch(loaded.functions, name, threads, arguments, stream)
+        reads, writes = ({x: within[x] for x in which} for which in (taken.reads, taken.results))
+        call = Call(loaded, taken.count, reads, writes, rooms[0], rooms[1], stream)
         if self.checks:
             self._look(call)
         backend.used(stream)
         if self.checks:
-            self._check(call, sizes)
+            self._check(call, loaded.sizes)
 
-    def _transpose(
-        self, word: str, loaded: Loaded, count: int, rows: Mapping[str, Placed], tiles: Mapping[str, Any], stream: Any
-    ) -> None:
-        """Put a transpose of all arrays on the stream: "begin" into tiles, "end" out of them."""
-        places = [[view.place for view in rows.values()], [tiles[label] for label in rows]]
-        sources, targets = places if word == "begin" else places[::-1]
-        widest = max(loaded.sizes[label] for label in rows)
-        arguments = [np.uint64(count), *sources, *targets]
-        self._backend.launch(loaded.functions, loaded.text.beside(word), count * widest, arguments, stream)
+    def _launches(self, taken: Taken, rooms: Sequence[Any], h: Any) -> tuple[list[Launch], dict[str, Any]]:
+        """Return launches of a call, with transposes around them where arrays are rows, and places of tiles."""
+        loaded, count = taken.loaded, np.uint64(taken.count)
+        status, _, *tiles = rooms
+        rows = [x.place for x in (*taken.reads.values(), *taken.writes.values())]
+        within = dict(zip((*taken.reads, *taken.results), rows if taken.is_tiled else tiles, strict=True))
+        arguments = [count, h, *taken.numbers, *within.values(), status]
+        launches: list[Launch] = [(name, taken.count, arguments) for name in loaded.text.about["functions"]]
+        if not taken.is_tiled:
+            first = len(taken.reads)
+            begin, end = [count, *rows[:first], *tiles[:first]], [count, *tiles[first:], *rows[first:]]
+            widest = [max(loaded.sizes[x] for x in which) for which in (taken.reads, taken.results)]
+            launches.insert(0, (loaded.text.beside("begin"), taken.count * widest[0], begin))
+            launches.append((loaded.text.beside("end"), taken.count * widest[1], end))
+        return launches, within
 
     def _h(self, loaded: Loaded, stream: Any) -> Any:
         """Return where the numbers h lie that belong to the kernel's parameters now."""

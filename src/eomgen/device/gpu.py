@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from math import prod
 from typing import Any
@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ArrayError
+from .backends import Launch
 from .compilers import RuntimeCompiler
 from .dlpack import TYPES, make_capsule
 from .driver import NO_TIMES, ORDINAL, Chosen, Driver
@@ -217,16 +218,29 @@ class GpuBackend:
 
     def launch(self, functions: Functions, name: str, threads: int, arguments: Sequence[Any], stream: int) -> None:
         """Put a function on a stream, one thread for each of so many; addresses are plain numbers."""
-        count = len(arguments)
-        words = (ctypes.c_uint64 * count)(*[WORDS[type(x)](x) for x in arguments])
-        begin = ctypes.addressof(words)
-        pointers = (ctypes.c_void_p * count)(*range(begin, begin + WORD * count, WORD))
-        function, grid = ctypes.c_void_p(functions.find(name)), ctypes.c_uint(-(-threads // BLOCK))
-        self.chosen.driver("launch", function, grid, *SHAPE, ctypes.c_void_p(stream), pointers, NOTHING)
+        given, _words = _arguments(functions, name, threads, arguments, stream)
+        self.chosen.driver("launch", *given)
+
+    def ready(self, functions: Functions, launches: Sequence[Launch], stream: int) -> Callable[[], None]:
+        """Return what puts functions on a stream, again and again."""
+        chosen, prepared = self.chosen, [_arguments(functions, *launch, stream) for launch in launches]
+
+        def again() -> None:
+            with chosen.current():
+                for given, _words in prepared:
+                    chosen.driver("launch", *given)
+
+        return again
+
+    def own_rooms(self, sizes: Sequence[int]) -> tuple[Memory, list[int]]:
+        """Return memory of so many bytes each, and what holds on to it."""
+        ends = list(itertools.accumulate(_whole(size) for size in sizes))
+        memory = Memory(self.chosen, ends[-1])
+        return memory, [memory.address + begin for begin in (0, *ends[:-1])]
 
     def rooms(self, sizes: Sequence[int], stream: int) -> list[int]:
         """Return memory of so many bytes each, for this call on this stream."""
-        ends = list(itertools.accumulate(-(-size // LINE) * LINE for size in sizes))
+        ends = list(itertools.accumulate(_whole(size) for size in sizes))
         total = ends[-1] if ends else 0
         if self._used is not None and self._used[0] != stream:
             self.chosen.driver("wait_for", ctypes.c_void_p(stream), ctypes.c_void_p(self._used[1]), ctypes.c_uint(0))
@@ -275,3 +289,20 @@ class GpuBackend:
             )
             driver("wait", ctypes.c_void_p(stream))
         return own, own.address
+
+
+def _whole(size: int) -> int:
+    """Return so many bytes, up to a whole line."""
+    return -(-size // LINE) * LINE
+
+
+def _arguments(
+    functions: Functions, name: str, threads: int, arguments: Sequence[Any], stream: int
+) -> tuple[tuple[Any, ...], Any]:
+    """Return what the driver's launch takes, and the words that it points to."""
+    count = len(arguments)
+    words = (ctypes.c_uint64 * count)(*[WORDS[type(x)](x) for x in arguments])
+    begin = ctypes.addressof(words)
+    pointers = (ctypes.c_void_p * count)(*range(begin, begin + WORD * count, WORD))
+    function, grid = ctypes.c_void_p(functions.find(name)), ctypes.c_uint(-(-threads // BLOCK))
+    return (function, grid, *SHAPE, ctypes.c_void_p(stream), pointers, NOTHING), words

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ..codegen.simt.sources import CONTRACTION
 from ..errors import ArrayError, BuildError, InputError
 from ..optional import optional_import
+from .backends import Launch
 from .foreign import View
 
 LANGUAGE, ROUNDED = "-cl-std=CL1.2", "-cl-fp32-correctly-rounded-divide-sqrt"
@@ -168,6 +169,26 @@ class OpenCLBackend:
         kernel = functions[name]
         kernel.set_args(*arguments)
         self.cl.enqueue_nd_range_kernel(stream, kernel, (-(-threads // GROUP) * GROUP,), None)
+
+    def ready(self, functions: Any, launches: Sequence[Launch], stream: Any) -> Callable[[], None]:
+        """Return what puts functions into the queue, again and again."""
+        prepared = []
+        for name, threads, arguments in launches:
+            kernel = self.cl.Kernel(functions[name].program, name)  # whose arguments stay
+            kernel.set_args(*arguments)
+            prepared.append((kernel, (-(-threads // GROUP) * GROUP,)))
+
+        def again() -> None:
+            for kernel, threads in prepared:
+                self.cl.enqueue_nd_range_kernel(stream, kernel, threads, None)
+            stream.flush()
+
+        return again
+
+    def own_rooms(self, sizes: Sequence[int]) -> tuple[Any, list[Any]]:
+        """Return buffers of so many bytes each, and what holds on to them."""
+        buffers = [self._buffer(size) for size in sizes]
+        return buffers, buffers
 
     def rooms(self, sizes: Sequence[int], stream: Any) -> list[Any]:
         """Return buffers of so many bytes each, which OpenCL keeps until what reads them is done."""
