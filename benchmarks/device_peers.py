@@ -24,11 +24,16 @@ from eomgen.export.mujoco import mjcf
 from eomgen.identification.calibration.as_urdf import urdf_of
 
 Array = NDArray[Any]
-FUNCTIONS = ("inverse_dynamics", "forward_dynamics")
+FUNCTIONS = ("inverse_dynamics", "forward_dynamics", "forward_dynamics_jacobian")
+BLOCKS = 2  # of derivatives, by coordinates and velocities, that all have; ours takes those by drives, too
 GRAVITY = 9.81  # m/s^2, along -z
 THREADS = (32, 64, 96, 128, 192, 256)  # of GRiD's blocks, of which the best is taken
 GRID_MOST = 102_400  # states that GRiD is compiled for
-GRID_FUNCTIONS = {"inverse_dynamics": ("inverse_dynamics",), "forward_dynamics": ("forward_dynamics", "aba")}
+GRID_FUNCTIONS = {
+    "inverse_dynamics": ("inverse_dynamics",),
+    "forward_dynamics": ("forward_dynamics", "aba"),
+    "forward_dynamics_jacobian": ("forward_dynamics_gradient",),
+}
 
 
 class Absent(Exception):
@@ -37,7 +42,10 @@ class Absent(Exception):
 
 @dataclass(frozen=True)
 class Work:
-    """A call: what begins it, what waits for all that was begun, and what gives the result, (N, n)."""
+    """A call: what begins it, what waits for all that was begun, and what gives the result.
+
+    A result is (N, n), or of derivatives (N, 2, n, n).
+    """
 
     begin: Callable[[], Any]
     wait: Callable[[], Any]
@@ -61,11 +69,14 @@ def ours(
     kernel, device = built(robot, dtype, checks)
     arrays = [np.moveaxis(x.reshape(-1, device.tile, kernel.n), 1, -1) if tiled else x for x in states]
     lying, method = [device.put(x) for x in arrays], getattr(device, function)
-    out, one = device.put(np.zeros(arrays[0].shape)), device.put(np.zeros(1))
+    shape = device.shapes(function)[1]["out"]
+    whole = (len(arrays[0]), *shape, *arrays[0].shape[2:])  # of tiles with states behind
+    out, one = device.put(np.zeros(whole, dtype)), device.put(np.zeros(1))
 
     def result() -> Array:
         made: Array = device.get(out)
-        return np.moveaxis(made, -1, 1).reshape(-1, kernel.n) if tiled else made
+        rows = np.moveaxis(made, -1, 1).reshape(-1, *shape) if tiled else made
+        return rows[:, :BLOCKS] if len(shape) == 3 else rows
 
     begin = device.bound(function, *lying, out=out) if bound else lambda: method(*lying, out=out)
     return Work(begin, lambda: device.get(one), result)
@@ -76,6 +87,8 @@ def in_jax(robot: str, function: str, dtype: str, states: Sequence[Array]) -> Wo
     jax = _jax()
     from eomgen.adapters.jax import function as adapted
 
+    if function == "forward_dynamics_jacobian":
+        raise Absent("JAX takes derivatives by products with them")
     return _jitted(jax, adapted(built(robot, dtype, False)[1], function), states)
 
 
@@ -84,9 +97,17 @@ def frax(robot: str, function: str, dtype: str, states: Sequence[Array]) -> Work
     jax = _jax()
     arm = _frax_robot(robot)
     upwards = jax.numpy.array([0.0, 0.0, GRAVITY, 0.0, 0.0, 0.0], dtype)
+
+    def accelerations(q: Any, v: Any, u: Any) -> Any:
+        return arm.forward_dynamics(q, v, u, None)
+
+    def derivatives(q: Any, v: Any, u: Any) -> Any:
+        return jax.numpy.stack(jax.jacfwd(accelerations, (0, 1))(q, v, u))
+
     functions = {
         "inverse_dynamics": lambda q, v, a: arm.rnea(q, v, a, upwards, None),
-        "forward_dynamics": lambda q, v, u: arm.forward_dynamics(q, v, u, None),
+        "forward_dynamics": accelerations,
+        "forward_dynamics_jacobian": derivatives,
     }
     return _jitted(jax, jax.vmap(functions[function]), states)
 
@@ -104,13 +125,19 @@ def grid(robot: str, function: str, dtype: str, states: Sequence[Array]) -> Work
             graph = arm.capture(name, *tensors, gravity=-GRAVITY)
             found.append((_seconds(torch, graph.replay), len(found), graph))
     best = min(found)[2]
-    return Work(best.replay, torch.cuda.synchronize, lambda: best.static_out.cpu().numpy())
+
+    def result() -> Array:
+        made: Array = best.static_out.cpu().numpy()
+        count, n = states[0].shape
+        return np.moveaxis(made.reshape(count, n, BLOCKS, n), 2, 1) if made.ndim == 3 else made
+
+    return Work(best.replay, torch.cuda.synchronize, result)
 
 
 def warp(robot: str, function: str, dtype: str, states: Sequence[Array]) -> Work:
     """Make MuJoCo Warp's call as a graph of CUDA, without constraints."""
-    if dtype != "float32":
-        raise Absent("single precision alone")
+    if dtype != "float32" or function == "forward_dynamics_jacobian":
+        raise Absent("single precision alone, and no derivatives")
     mujoco, mjw, wp = _imported("mujoco"), _imported("mujoco_warp"), _imported("warp")
     model = mujoco.MjModel.from_xml_string(mjcf(as_robot(robot), 1e-3, "implicitfast"))
     bits = mujoco.mjtDisableBit
@@ -132,7 +159,6 @@ def warp(robot: str, function: str, dtype: str, states: Sequence[Array]) -> Work
 CONTENDERS: Mapping[str, Maker] = {
     "eomgen, rows": lambda *x: ours(*x, tiled=False, checks=True),
     "eomgen, tiles": lambda *x: ours(*x, tiled=True, checks=True),
-    "eomgen, tiles, unchecked": lambda *x: ours(*x, tiled=True, checks=False),
     "eomgen, rows, bound": lambda *x: ours(*x, tiled=False, checks=False, bound=True),
     "eomgen, tiles, bound": lambda *x: ours(*x, tiled=True, checks=False, bound=True),
     "eomgen, rows, in JAX": in_jax,
@@ -200,7 +226,7 @@ def _grid_robot(robot: str, dtype: str) -> Any:
                 backend="torch",
                 dtype=dtype,
                 max_batch_size=GRID_MOST,
-                algorithm_list=["inverse_dynamics", "forward_dynamics", "aba"],
+                algorithm_list=[name for names in GRID_FUNCTIONS.values() for name in names],
                 enable_mujoco_kernels=False,
             )
         except RuntimeError as error:
