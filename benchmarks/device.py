@@ -152,7 +152,7 @@ class Table:
                 *self.lines(1),
                 "",
                 f"A core's are those of {CORE:,} states, from Python, checked. Results of all were compared with the"
-                " processor's. Derivatives are those by coordinates and velocities; eomgen's have those by drives, too.",
+                " processor's. Derivatives are those by coordinates and velocities; eomgen's by drives, too.",
                 "Where nothing stands, a contender has no such function, dtype or number of states.",
                 "",
                 *(f"- Not there: {name}: {why}." for name, why in self.why.items()),

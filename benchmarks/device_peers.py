@@ -29,6 +29,7 @@ BLOCKS = 2  # of derivatives, by coordinates and velocities, that all have; ours
 GRAVITY = 9.81  # m/s^2, along -z
 THREADS = (32, 64, 96, 128, 192, 256)  # of GRiD's blocks, of which the best is taken
 GRID_MOST = 102_400  # states that GRiD is compiled for
+WARP_MOST = 1_024_000  # worlds of MuJoCo Warp, which keep kilobytes each
 GRID_FUNCTIONS = {
     "inverse_dynamics": ("inverse_dynamics",),
     "forward_dynamics": ("forward_dynamics", "aba"),
@@ -138,6 +139,8 @@ def warp(robot: str, function: str, dtype: str, states: Sequence[Array]) -> Work
     """Make MuJoCo Warp's call as a graph of CUDA, without constraints."""
     if dtype != "float32" or function == "forward_dynamics_jacobian":
         raise Absent("single precision alone, and no derivatives")
+    if len(states[0]) > WARP_MOST:
+        raise Absent(f"more than {WARP_MOST} states")
     mujoco, mjw, wp = _imported("mujoco"), _imported("mujoco_warp"), _imported("warp")
     model = mujoco.MjModel.from_xml_string(mjcf(as_robot(robot), 1e-3, "implicitfast"))
     bits = mujoco.mjtDisableBit
