@@ -108,7 +108,7 @@ class RunningErrors(LoopClosure):
         the method gives, where compilers do not fuse products with sums (``native``), but for the last bits of
         "frame_jacobian", whose columns the method puts together in another order.
 
-        - Without equations to solve, one call of C computes both, forwards, in two to three times the time.  With
+        - Without equations to solve, one call of C computes both, forwards, in one and a half to two times the time.  With
           ``tight``, and of float32, a second call computes the result in double-double arithmetic: the bound is the
           error itself.
         - Solutions are bounded by what they leave of the equations in double-double arithmetic, if it can be proved
