@@ -81,13 +81,14 @@ class Table:
         self.times: dict[tuple[str, str, int, str], tuple[float, float]] = {}
         self.why: dict[str, str] = {}
 
-    def fill(self) -> None:
-        """Measure all, small numbers of states first; what there is no time for is left out, and said."""
+    def fill(self) -> Iterator[int]:
+        """Measure all, and yield each number of states when it is done; say what there is no time for."""
         for count in COUNTS:
             for dtype in DTYPES:
                 for function in FUNCTIONS:
                     if count <= MOST_DERIVATIVES or "jacobian" not in function:
                         self._fill(function, dtype, count)
+            yield count
 
     def _fill(self, function: str, dtype: str, count: int) -> None:
         rng = np.random.default_rng(0)
@@ -188,11 +189,11 @@ def main() -> None:
         built(options.robot, DTYPES[0], True)
     except eomgen.InputError as error:
         raise SystemExit(f"not measured: {error}") from None
-    table.fill()
-    text = f"{table.text()}\n"
+    for _ in table.fill():  # whoever is stopped has what there is
+        text = f"{table.text()}\n"
+        if options.write:
+            PAGE.write_text(_TIMES.sub(lambda found, text=text: found[1] + text + found[2], PAGE.read_text()))  # type: ignore[misc]
     print(text)
-    if options.write:
-        PAGE.write_text(_TIMES.sub(lambda found: found[1] + text + found[2], PAGE.read_text()))
 
 
 if __name__ == "__main__":

@@ -29,6 +29,7 @@ BLOCKS = 2  # of derivatives, by coordinates and velocities, that all have; ours
 GRAVITY = 9.81  # m/s^2, along -z
 THREADS = (32, 64, 96, 128, 192, 256)  # of GRiD's blocks, of which the best is taken
 GRID_MOST = 102_400  # states that GRiD is compiled for
+FRAX_MOST = 102_400  # states whose derivatives frax takes: a million ask for 61 GB
 WARP_MOST = 1_024_000  # worlds of MuJoCo Warp, which keep kilobytes each
 GRID_FUNCTIONS = {
     "inverse_dynamics": ("inverse_dynamics",),
@@ -95,6 +96,8 @@ def in_jax(robot: str, function: str, dtype: str, states: Sequence[Array]) -> Wo
 
 def frax(robot: str, function: str, dtype: str, states: Sequence[Array]) -> Work:
     """Make frax's call for all states, compiled by JAX."""
+    if function == "forward_dynamics_jacobian" and len(states[0]) > FRAX_MOST:
+        raise Absent(f"derivatives of more than {FRAX_MOST} states")
     jax = _jax()
     arm = _frax_robot(robot)
     upwards = jax.numpy.array([0.0, 0.0, GRAVITY, 0.0, 0.0, 0.0], dtype)

@@ -108,9 +108,9 @@ class RunningErrors(LoopClosure):
         the method gives, where compilers do not fuse products with sums (``native``), but for the last bits of
         "frame_jacobian", whose columns the method puts together in another order.
 
-        - Without equations to solve, one call of C computes both, forwards, in one and a half to two times the time.  With
-          ``tight``, and of float32, a second call computes the result in double-double arithmetic: the bound is the
-          error itself.
+        - Without equations to solve, one call of C computes both, forwards, in one and a half to two times the time.
+          With ``tight``, and of float32, a second call computes the result in double-double arithmetic: the bound is
+          the error itself.
         - Solutions are bounded by what they leave of the equations in double-double arithmetic, if it can be proved
           that these have one solution: "forward_dynamics", of trees and with loops, "constraint_forces", and with loops
           "inverse_dynamics", "reactions" and "loop_reactions".
