@@ -1,6 +1,6 @@
 """Write the table of docs/simt.md: kernels of the text for accelerators that have the bits of the robot's C.
 
-    python -m benchmarks.threads [--print] [ROBOT ...]
+    python -m benchmarks.threads [--print] [--jobs N] [ROBOT ...]
 
 All kernels of all built-in robots, and of thirty random ones, run as C++ and, where a runtime of OpenCL is installed,
 on its first device, each in double and in single precision; numbers are robots of the tests.  The status is 1 where a
@@ -10,10 +10,12 @@ result differs that should not.
 from __future__ import annotations
 
 import argparse
+import itertools
 import os
 import sys
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -54,6 +56,11 @@ def runs(name: str, languages: Sequence[str]) -> Iterator[Run]:
             if not answer.is_right:
                 print("  differs:", answer, file=sys.stderr, flush=True)
         yield run
+
+
+def run_all(name: str, languages: Sequence[str]) -> list[Run]:
+    """Run all kernels of a robot in both precisions, in a process of its own."""
+    return list(runs(name, languages))
 
 
 def cell(run: Run, language: str) -> str:
@@ -128,15 +135,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.threads", description=__doc__.partition("\n")[0])
     parser.add_argument("--print", action="store_true", help="write nothing")
     parser.add_argument("robots", nargs="*", metavar="ROBOT", help="built-in ones, and numbers of random ones (all)")
+    parser.add_argument("--jobs", type=int, default=1, help="robots at once (1)")
     options = parser.parse_args()
     os.environ.setdefault("CFLAGS", "-O0")  # which changes no bits
     languages, made = ALL if simt.opencl_platforms() else ALL[:1], list[Run]()
-    for name in options.robots or [*sorted(builtin_robots()), *map(str, range(RANDOM))]:
-        made += runs(name, languages)
-        if not options.print:
-            before, _, rest = PAGE.read_text(encoding="utf-8").partition(BEGIN)
-            text = page(made, languages)
-            PAGE.write_text(before + BEGIN + text + END + rest.partition(END)[2], encoding="utf-8")
+    names = options.robots or [*sorted(builtin_robots()), *map(str, range(RANDOM))]
+    with ProcessPoolExecutor(options.jobs) as pool:
+        for found in pool.map(run_all, names, itertools.repeat(languages)):
+            made += found
+            if not options.print:
+                before, _, rest = PAGE.read_text(encoding="utf-8").partition(BEGIN)
+                text = page(made, languages)
+                PAGE.write_text(before + BEGIN + text + END + rest.partition(END)[2], encoding="utf-8")
     if options.print:
         print(page(made, languages))
     sys.exit(0 if all(answer.is_right for run in made for answer in run.answers) else 1)
