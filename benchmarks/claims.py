@@ -4,7 +4,8 @@
 
 ``docs/claims.toml`` names, for every figure, the command, date, commit and machine.  Commands run in a copy of the
 repository, so that pages written there can be compared with those here: words, counts and what is called exact have to
-be the same, errors at most ten times as large; times and their ratios are printed beside each other.
+be the same, errors at most ten times as large; times and their ratios are printed beside each other.  A command that
+finds no device is said not to be measured.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ TABLE, PAGE = "docs/claims.toml", "docs/claims.md"
 MOST = 60.0  # minutes that a command may take
 WORSE = 10.0  # times as large as it was said to be may an error get
 SHOWN = 12  # lines that differ
+ABSENT = "not measured: "  # what a command says that needs what is not here, such as a device
 TEXT = """# Claims
 
 Written by `make tables` out of `docs/claims.toml`; do not edit. Every figure of these pages that was measured or
@@ -294,6 +296,9 @@ def check(claims: Sequence[Claim]) -> bool:
     with tempfile.TemporaryDirectory() as name:
         folder = copied(Path(name))
         done = run(claims[0].command, folder)
+        if done.returncode and done.stderr.startswith(ABSENT):
+            print(f"{claims[0].command}: {done.stderr.strip()}", flush=True)
+            return False
         if done.returncode:
             broken.append(f"status {done.returncode}: {(done.stdout + done.stderr)[-2000:]}")
         for claim in () if claims[0].is_test or done.returncode else claims:

@@ -114,5 +114,8 @@ def test_commands_run_in_a_copy(
     (copy / "a.py").write_text("raise SystemExit(3)")
     assert claims.check([exact])
     assert "status 3" in capsys.readouterr().out
+    (copy / "a.py").write_text("raise SystemExit('not measured: no device')")
+    assert not claims.check([exact])
+    assert capsys.readouterr().out == "python a.py: not measured: no device\n"
     with pytest.raises(ValueError, match="allowed: python, pytest"):
         claims.run("make test", tmp_path)
