@@ -32,6 +32,8 @@ struct eom_place { unsigned int x; };
 #define blockDim (eom_place{__builtin_amdgcn_workgroup_size_x()})
 static __device__ long long __double_as_longlong(double x) { return __builtin_bit_cast(long long, x); }
 static __device__ int __float_as_int(float x) { return __builtin_bit_cast(int, x); }
+static __device__ double fabs(double x) { return __builtin_fabs(x); }
+static __device__ float fabsf(float x) { return __builtin_fabsf(x); }
 static __device__ double sqrt(double x) { return __builtin_sqrt(x); }
 static __device__ float sqrtf(float x) { return __builtin_sqrtf(x); }
 extern "C" __device__ double exp(double x), log(double x), atan2(double y, double x);
