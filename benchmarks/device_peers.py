@@ -80,7 +80,7 @@ def ours(
         rows = np.moveaxis(made, -1, 1).reshape(-1, *shape) if tiled else made
         return rows[:, :BLOCKS] if len(shape) == 3 else rows
 
-    begin = device.bound(function, *lying, out=out) if bound else lambda: method(*lying, out=out)
+    begin = device.bind(function, *lying, out=out) if bound else lambda: method(*lying, out=out)
     return Work(begin, lambda: device.get(one), result)
 
 

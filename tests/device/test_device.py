@@ -59,7 +59,7 @@ def test_rows_tiles_and_outputs_have_the_bits_of_the_kernel(kernel: eomgen.Kerne
 def test_bound_calls_compute_from_what_arrays_hold(kernel: eomgen.Kernel, device: Any, stub: Stub) -> None:
     q, v, a = states(kernel)
     out = np.zeros_like(q)
-    call = device.bound("inverse_dynamics", Lying(q), Lying(v), a=Lying(a), out=Lying(out))
+    call = device.bind("inverse_dynamics", Lying(q), Lying(v), a=Lying(a), out=Lying(out))
     launches = stub.count("launches")
     call()
     assert stub.count("launches") == launches + 3
@@ -69,18 +69,18 @@ def test_bound_calls_compute_from_what_arrays_hold(kernel: eomgen.Kernel, device
     call()
     assert np.array_equal(out, kernel.with_checks(False).inverse_dynamics(q, v, a), equal_nan=True)
     tiles = [Lying(in_tiles(np.concatenate([x, x])[: 2 * TILE])) for x in (q, a, a)]
-    made = device.bound("rk4_rollout", *tiles, step=1e-3, steps=4)()
+    made = device.bind("rk4_rollout", *tiles, step=1e-3, steps=4)()
     assert [device.get(x).shape for x in made] == [tiles[0].x.shape] * 2
     expected = device.rk4_rollout(*tiles, step=1e-3, steps=4)
     assert all(np.array_equal(device.get(x), device.get(y)) for x, y in zip(made, expected, strict=True))
-    assert device.bound("mass_matrix", Lying(q[:0]))().shape == (0, kernel.n, kernel.n)
+    assert device.bind("mass_matrix", Lying(q[:0]))().shape == (0, kernel.n, kernel.n)
     with pytest.raises(ArrayError, match=r"v: 4 states in rows, but 37 in rows in q"):
-        device.bound("inverse_dynamics", Lying(q), Lying(v[:4]), Lying(a))
+        device.bind("inverse_dynamics", Lying(q), Lying(v[:4]), Lying(a))
     with pytest.raises(InputError, match="inverse_dynamics: w beside arrays; allowed: out and stream"):
-        device.bound("inverse_dynamics", *map(Lying, (q, v, a)), w=1.0)
+        device.bind("inverse_dynamics", *map(Lying, (q, v, a)), w=1.0)
     Jax = type("Array", (Lying,), {"__module__": "jaxlib"})
     with pytest.raises(ArrayError, match="q: an array of JAX, whose numbers never change; allowed: others"):
-        device.bound("mass_matrix", Jax(q))
+        device.bind("mass_matrix", Jax(q))
     assert stub.count("contexts") == 0
 
 
@@ -89,7 +89,7 @@ def test_bound_calls_give_their_memory_back(kernel: eomgen.Kernel, device: Any, 
     device.mass_matrix(Lying(q))
     gc.collect()
     memory = stub.count("memory")
-    call = device.bound("mass_matrix", Lying(q))
+    call = device.bind("mass_matrix", Lying(q))
     assert stub.count("memory") == memory + 2  # the result, and what is between
     del call
     gc.collect()
@@ -421,7 +421,7 @@ def test_opencl_has_the_bits_of_the_kernel(built: Any, dtype: str) -> None:
     assert device.inverse_dynamics(q, v, a, out=out) is out
     assert np.array_equal(out.get(), expected)
     out.fill(0.0)
-    assert np.array_equal(device.bound("inverse_dynamics", q, v, a, out=out)().get(), expected)
+    assert np.array_equal(device.bind("inverse_dynamics", q, v, a, out=out)().get(), expected)
     whole = device.put(in_tiles(np.concatenate([arrays[0]] * 32)))
     assert np.array_equal(
         device.get(device.mass_matrix(whole)), in_tiles(kernel.mass_matrix(np.concatenate([arrays[0]] * 32)))

@@ -88,7 +88,7 @@ def test_rows_tiles_and_outputs(kernel: eomgen.Kernel, device: Any) -> None:
 def test_bound_calls(kernel: eomgen.Kernel, device: Any) -> None:
     torch, arrays = pytest.importorskip("torch"), states(kernel, count=1000)
     q, v, a = (torch.as_tensor(x, device="cuda") for x in arrays)
-    call = device.bound("inverse_dynamics", q, v, a)
+    call = device.bind("inverse_dynamics", q, v, a)
     for _ in range(3):
         q += 0.1
         made = call()

@@ -166,7 +166,7 @@ class Device:
                 self._run(taken, on)
             return self._results(taken)
 
-    def bound(self, name: str, *arrays: Any, out: Any = None, stream: Any = None, **others: Any) -> Callable[[], Any]:
+    def bind(self, name: str, *arrays: Any, out: Any = None, stream: Any = None, **others: Any) -> Callable[[], Any]:
         """Return a call of a method with its arrays, which is begun again and again at the cost of its launches alone.
 
         Each time it computes from what the arrays hold by then, writes to the same results, and returns these at once.
