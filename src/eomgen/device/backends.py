@@ -94,7 +94,7 @@ class Loaded:
 
 @dataclass(frozen=True)
 class Taken:
-    """What a call is given.
+    """Input of a call.
 
     numbers: the same for all states.  reads: where arrays lie.  results: arrays with their places.  like: an array of
     whose library results are.
