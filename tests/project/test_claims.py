@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import importlib
 import re
 from pathlib import Path
 
@@ -58,6 +59,19 @@ def test_claims_are_of_pages_and_commands_that_exist() -> None:
         assert re.fullmatch(r"[0-9a-f]{8,}", claim.commit)
         assert datetime.date(2026, 1, 1) < claim.date
         assert claim.minutes > 0
+
+
+OF_OTHERS = {"libcst", "pinocchio", "mujoco", "casadi", "exudyn", "jax"}  # what a benchmark may ask for by itself
+
+
+@pytest.mark.parametrize("module", sorted({f"benchmarks.{path.stem}" for path in (ROOT / "benchmarks").glob("*.py")}))
+def test_benchmarks_find_what_they_import(module: str) -> None:
+    """What has moved since breaks a command that nobody runs for weeks."""
+    try:
+        importlib.import_module(module)
+    except ModuleNotFoundError as error:
+        assert error.name is not None
+        assert error.name.partition(".")[0] in OF_OTHERS, error
 
 
 def test_the_page_of_claims_is_current() -> None:
