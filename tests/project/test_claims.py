@@ -70,8 +70,8 @@ def test_benchmarks_find_what_they_import(module: str) -> None:
     try:
         importlib.import_module(module)
     except ModuleNotFoundError as error:
-        assert error.name is not None
-        assert error.name.partition(".")[0] in OF_OTHERS, error
+        if (error.name or "").partition(".")[0] not in OF_OTHERS:
+            raise
 
 
 def test_the_page_of_claims_is_current() -> None:
