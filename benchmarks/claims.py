@@ -62,6 +62,7 @@ FIGURE = re.compile(
     rf"|{_NUMBER}e-\d+"  # errors
     rf"|{_NUMBER} (?:operations|instructions|multiplications|additions)\b"
 )
+_PROCESSOR = "Processor: "  # of a line that says where times were measured
 _CELL = re.compile(r"[\d.,e+/ -]*\d[\d.,e+/ -]*(?:%|us|ms|ns)?")
 _ANY_NUMBER = re.compile(r"\d[\d,]*(?:\.\d+)?(?:e[+-]?\d+)?")
 
@@ -235,7 +236,9 @@ def differences(claim: Claim, here: str, there: str) -> tuple[list[str], list[st
         for line, other in zip(lines, others, strict=True):
             if line == other:
                 continue
-            if _ANY_NUMBER.sub("#", line) != _ANY_NUMBER.sub("#", other):
+            if _PROCESSOR in line and _PROCESSOR in other:
+                beside.append(f"{name}: {other}    was: {line}")
+            elif _ANY_NUMBER.sub("#", line) != _ANY_NUMBER.sub("#", other):
                 broken.append(f"{name}: {other}    was: {line}")
             elif _is_worse(line, other):
                 broken.append(f"{name}: an error is more than {WORSE:g} times as large: {other}    was: {line}")

@@ -200,6 +200,9 @@ def main() -> int:
     parser.add_argument("-o", "--output", type=Path, default=Path("out/controller"), help="folder (out/controller)")
     parser.add_argument("--write", action="store_true", help="put the figures into docs/controllers.md")
     options = parser.parse_args()
+    missing = [name for name in ("gcc", "zig", *RUNNERS) if not is_here(name)]
+    if options.write and missing:
+        raise SystemExit(f"not measured: {', '.join(missing)} missing; --write takes all compilers and emulators")
     compilers = options.compiler or [name for name in ("gcc", "zig") if is_here(name)]
     emulators = options.emulator or [name for name in RUNNERS if is_here(name)]
     if not compilers or not emulators:
