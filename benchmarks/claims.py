@@ -62,7 +62,8 @@ FIGURE = re.compile(
     rf"|{_NUMBER}e-\d+"  # errors
     rf"|{_NUMBER} (?:operations|instructions|multiplications|additions)\b"
 )
-_PROCESSOR = "Processor: "  # of a line that says where times were measured
+_PROCESSOR = re.compile(r"(?:AMD|Intel\(R\))[^,;:.|]*")  # a name of one, as pages have it
+_OWN = ("|", "#", "<", "- ")  # what begins a line of its own, which no line before goes on in
 _CELL = re.compile(r"[\d.,e+/ -]*\d[\d.,e+/ -]*(?:%|us|ms|ns)?")
 _ANY_NUMBER = re.compile(r"\d[\d,]*(?:\.\d+)?(?:e[+-]?\d+)?")
 
@@ -207,7 +208,7 @@ def _shown(words: str) -> str:
 
 
 def sections(text: str) -> dict[str, list[str]]:
-    """Return lines of a page by the heading or generated part that they stand under, code aside."""
+    """Return lines of a page by the heading or generated part that they stand under; those that go on as one."""
     found: dict[str, list[str]] = {"": []}
     name = outer = ""
     for line in text.splitlines():
@@ -217,7 +218,11 @@ def sections(text: str) -> dict[str, list[str]]:
             name = match[1]
         elif line.startswith("<!-- end of "):
             name = outer
-        found.setdefault(name, []).append(line)
+        lines = found.setdefault(name, [])
+        if line and lines and lines[-1] and not line.startswith(_OWN) and not lines[-1].startswith(_OWN[:3]):
+            lines[-1] += f" {line.strip()}"
+        else:
+            lines.append(line)
     return found
 
 
@@ -236,9 +241,7 @@ def differences(claim: Claim, here: str, there: str) -> tuple[list[str], list[st
         for line, other in zip(lines, others, strict=True):
             if line == other:
                 continue
-            if _PROCESSOR in line and _PROCESSOR in other:
-                beside.append(f"{name}: {other}    was: {line}")
-            elif _ANY_NUMBER.sub("#", line) != _ANY_NUMBER.sub("#", other):
+            if _words(line) != _words(other):
                 broken.append(f"{name}: {other}    was: {line}")
             elif _is_worse(line, other):
                 broken.append(f"{name}: an error is more than {WORSE:g} times as large: {other}    was: {line}")
@@ -247,9 +250,15 @@ def differences(claim: Claim, here: str, there: str) -> tuple[list[str], list[st
     return broken, beside
 
 
+def _words(line: str) -> str:
+    """Return a line without its numbers and the name of a processor."""
+    return _ANY_NUMBER.sub("#", _PROCESSOR.sub("a processor", line))
+
+
 def _is_worse(line: str, other: str) -> bool:
     """Whether an error of a line, a number with a negative exponent, is much larger in the other."""
-    pairs = zip(_ANY_NUMBER.findall(line), _ANY_NUMBER.findall(other), strict=True)
+    one, two = (_ANY_NUMBER.findall(_PROCESSOR.sub("", x)) for x in (line, other))
+    pairs = zip(one, two, strict=True)
     return any("e-" in old and float(new.replace(",", "")) > WORSE * float(old.replace(",", "")) for old, new in pairs)
 
 
