@@ -435,7 +435,7 @@ NUMBERS: Mapping[str, Number] = by_key(*(number for law in _LAWS for number in l
 
 def active_laws(numbers: Values) -> Iterator[Law]:
     """Return the laws that numbers belong to, in the order of the table."""
-    return (law for law in _LAWS if law.is_in(numbers))
+    return (law for law in _LAWS if law.is_in(numbers)) if numbers else iter(())
 
 
 def states_of(numbers: Values) -> tuple[tuple[str, State], ...]:

@@ -18,6 +18,9 @@ ACROSS: Mapping[str, tuple[str, ...]] = MappingProxyType(  # translations across
     {name: tuple(x for x in LINEAR if x != axis) for name, axis in zip(COORDINATES, LINEAR * 2, strict=True)}
 )
 COORDINATE_NUMBERS = tuple(number.key for number in BASIC)  # of any coordinate; each may be a run-time parameter
+_RANKS: Mapping[str, int] = MappingProxyType(  # places of laws' numbers in their table, but for a curve's
+    {key: rank for rank, key in enumerate(NUMBERS) if key != "curve"}
+)
 
 
 @dataclass(frozen=True)
@@ -130,8 +133,10 @@ class Coordinate(Picklable):
 
     def law(self) -> dict[str, float]:
         """Return numbers beyond stiffness, damping and armature, by their names: "cubic", "curve.0"."""
-        fields = {**vars(self), **(self.friction.numbers() if self.friction else {}), **self.further}
-        numbers = {key: fields[key] for key in NUMBERS if key != "curve" and fields.get(key) is not None}
+        own = ((key, value) for key, value in vars(self).items() if key in _RANKS)
+        given = {**dict(own), **(self.friction.numbers() if self.friction else {}), **self.further}
+        known = [key for key, value in given.items() if value is not None and key in _RANKS]
+        numbers = {key: given[key] for key in sorted(known, key=_RANKS.__getitem__)}
         return numbers | {f"curve.{i}": force for i, (_, force) in enumerate(self.curve or ())}
 
     def without_states(self) -> Coordinate:

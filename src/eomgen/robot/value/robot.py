@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -125,11 +125,11 @@ class Robot(Picklable):
 
     def link(self, name: str) -> Link:
         """Return the link of that name; UnknownNameError if there is none."""
-        return _of_name("link", name, self.links)
+        return _known("link", name, _links_by_name(self))
 
     def joint(self, name: str) -> Joint:
         """Return the joint of that name; UnknownNameError if there is none."""
-        return _of_name("joint", name, self.joints)
+        return _known("joint", name, _joints_by_name(self))
 
     @property
     @kept
@@ -369,12 +369,21 @@ def _in_loops(robot: Robot) -> set[str]:
     return {name for loop in robot.loops for name in path(loop.links[0]) ^ path(loop.links[1])}
 
 
+@kept
+def _links_by_name(robot: Robot) -> dict[str, Link]:
+    return {link.name: link for link in robot.links}
+
+
+@kept
+def _joints_by_name(robot: Robot) -> dict[str, Joint]:
+    return {joint.name: joint for joint in robot.joints}
+
+
 _Named = TypeVar("_Named", Link, Joint)
 
 
-def _of_name(what: str, name: str, items: Iterable[_Named]) -> _Named:
+def _known(what: str, name: str, known: Mapping[str, _Named]) -> _Named:
     """Return the item of that name; UnknownNameError if there is none."""
-    known = {item.name: item for item in items}
     if not isinstance(name, str) or name not in known:
         raise UnknownNameError(f"{what}: {show(name)} is unknown{nearest_or_all(str(name), known)}")
     return known[name]
