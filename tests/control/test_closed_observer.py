@@ -124,6 +124,7 @@ def consistency(made: Observer, runs: int, steps: int) -> tuple[Array, Array]:
     return innovation, error
 
 
+@pytest.mark.soak
 def test_one_run_has_the_innovations_of_its_noise() -> None:
     """60 steps from a wrong beginning, in float32 beside float64."""
     m = Measurement.of("four_bar", MEASURED, noise={"encoder": 1e-4, "tachometer": 1e-2})

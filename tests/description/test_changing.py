@@ -95,9 +95,10 @@ def test_robots_that_bend_are_changed_and_recorded(seed: int) -> None:
     assert robot_from_record(json.loads(json.dumps(record_of(robot, whole=True))), robot.source) == robot
 
 
-def test_every_force_element() -> None:
+@pytest.mark.parametrize("most", [40, pytest.param(200, marks=pytest.mark.soak)])
+def test_every_force_element(most: int) -> None:
     for family in ROBOTS:
-        check_every_number(robot_from_toml(robot_with(family)), 200)
+        check_every_number(robot_from_toml(robot_with(family)), most)
 
 
 def test_what_changes_with_a_value() -> None:

@@ -152,6 +152,7 @@ def off_by(found: CalibrationResult, expected: Array) -> float:
     return float(np.abs(off).max())
 
 
+@pytest.mark.soak
 def test_a_random_matrix_is_recovered(built: Build, tmp_path: Path) -> None:
     """All 21 entries to 1e-6 with known offsets, begun with the tables; and again where it is described."""
     robot = described(tmp_path)

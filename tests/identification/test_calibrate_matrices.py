@@ -125,6 +125,7 @@ def off_by(found: CalibrationResult, expected: Array = K) -> Array:
     return np.array(off)
 
 
+@pytest.mark.soak
 def test_a_random_matrix_is_recovered(built: Build, tmp_path: Path) -> None:
     """All fifteen entries, to 1e-6 with known offsets, begun with the diagonal of the tables, z without any."""
     robot = described(tmp_path)

@@ -208,6 +208,7 @@ def test_attached_frames_series_and_rows_without_them() -> None:
     assert found["frames.ball.z"] == pytest.approx(0.3, abs=0.05)
 
 
+@pytest.mark.soak
 def test_stiffness_shows_under_loads() -> None:
     """Of a deviation and of a joint, with its deviation; a load along one axis shows less."""
     robot = arm().with_coordinates({"joint2": {"alpha": Coordinate(stiffness=5e4)}})

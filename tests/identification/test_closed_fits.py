@@ -46,6 +46,7 @@ def sprung(name: str, springs: dict[str, tuple[float, float]], scale: float = 1.
     return replace(robot, joints=tuple(joints))
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("seen", ["joint1.gamma", "joint2.gamma"], ids=["driven", "passive"])
 def test_parameters_by_simulations(seen: str) -> None:
     """All dampers of a rigid loop from one coordinate and the drive; where it begins follows from that one, too."""

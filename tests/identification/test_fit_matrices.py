@@ -262,6 +262,7 @@ def test_an_indefinite_matrix_is_reported_and_not_cut_off(built: Build) -> None:
         part.element()
 
 
+@pytest.mark.soak
 def test_a_linkage_with_a_matrix(built: Build) -> None:
     """Of a closed mechanism the entries come from its drives, too, whatever the loop's forces are."""
     matrix = np.array([[3e3, 40.0], [40.0, 2.0]])

@@ -113,6 +113,7 @@ def test_unmeasured_modes_are_named(kernel: eomgen.Kernel, columns: dict[str, An
     assert f"arm.mode1 {said}" in found.warnings
 
 
+@pytest.mark.soak
 def test_simulations_find_modes_from_the_joint_alone(kernel: eomgen.Kernel, columns: dict[str, Any]) -> None:
     found = fit(boom(), motion_of(kernel, columns, "slew.gamma"), parameters=tuple(TRUE))
     assert max(abs(found.estimates[name].value / x - 1.0) for name, x in TRUE.items()) < 1e-6

@@ -124,6 +124,7 @@ def deviations(kernel: eomgen.Kernel, seeds: range) -> Any:
     return np.array(rows, float)
 
 
+@pytest.mark.soak
 def test_intervals_are_those_of_noise(kernel: eomgen.Kernel) -> None:
     rows = deviations(kernel, range(6))
     off_by, held = rows[:, : len(NAMES)], rows[:, len(NAMES) :]

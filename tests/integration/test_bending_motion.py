@@ -138,6 +138,7 @@ def test_derivatives_of_compiled_kernels(kernel: Kernel) -> None:
     assert np.abs((ahead - behind) / (2.0 * h) - along).max() < 1e-6 * size
 
 
+@pytest.mark.soak
 def test_gradients_of_a_motion(kernel: Kernel) -> None:
     q, v = start(kernel)
     target = np.zeros(kernel.n)

@@ -83,6 +83,7 @@ def test_rollouts_of_a_held_pendulum(method: str, held: Kernel, hung: Array) -> 
     assert np.abs(energy - energy[0]).max() < limit
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("method", soaked(("rk4", "DOP853", "Radau", "LSODA"), ("rk4", "LSODA")))
 def test_integrations_of_a_held_pendulum(method: str, held: Kernel, hung: Array) -> None:
     step = {"step": 5e-4} if method == "rk4" else {}

@@ -52,6 +52,7 @@ def test_the_source_distribution_holds_what_is_kept_under_version_control(archiv
     assert names - made == expected
 
 
+@pytest.mark.soak
 def test_an_index_can_show_them(archives: tuple[Path, Path]) -> None:
     command = [sys.executable, "-m", "twine", "check", "--strict", *map(str, archives)]
     result = subprocess.run(command, capture_output=True, text=True, check=False)

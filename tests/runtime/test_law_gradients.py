@@ -110,6 +110,7 @@ def test_gradients_are_differences_of_the_motion(law: str, built: Build) -> None
         kernel.rollout_gradient(*begin, loss=_loss(kernel), method="radau", **ADAPTIVE)  # type: ignore[arg-type]
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("law", soaked(LAWS, ("hysteresis",)))
 def test_batches_and_sensitivities_agree(law: str, built: Build) -> None:
     kernel = built(robot_from_toml(SLIDE.format(name=law, law=LAWS[law])))
@@ -136,6 +137,7 @@ def test_batches_and_sensitivities_agree(law: str, built: Build) -> None:
         assert forward == pytest.approx(alone[0][1]["v"][-1], rel=1e-6, abs=1e-8), method
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("law", soaked(LAWS, ("hysteresis",)))
 def test_gradients_in_single_precision(law: str, built: Build) -> None:
     robot = robot_from_toml(SLIDE.format(name=law, law=LAWS[law]))

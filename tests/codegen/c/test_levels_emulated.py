@@ -84,6 +84,7 @@ def test_levels_that_are_emulated(known: Known, level: str, processor: str) -> N
     check_same(said(program, find_compiler().command, flags, (machine, "-cpu", processor)), expected)
 
 
+@pytest.mark.soak
 @needs_levels
 def test_a_level_does_not_run_on_a_processor_below_it(known: Known) -> None:
     """So the emulator looks at what it is given."""

@@ -95,6 +95,7 @@ def test_a_described_diagonal_changes_alone() -> None:
         robot.with_value(name, 0.01 * (value or 0.0))
 
 
+@pytest.mark.soak
 def test_closed_forms_have_letters_for_what_couples_modes() -> None:
     bending = bent(random_robot(1, (1, 1), 1), 3, (2,))
     (link,) = bending.plain.links

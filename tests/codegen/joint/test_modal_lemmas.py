@@ -70,6 +70,7 @@ WRONG = [  # a piece of text, what it is replaced by, and the proof that must fa
 ]
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(("old", "new", "proof"), WRONG)
 def test_every_proof_fails_where_its_claim_is_wrong(old: str, new: str, proof: str) -> None:
     with changed(old, new) as other, pytest.raises(InternalError, match="the proof failed"):

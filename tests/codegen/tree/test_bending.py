@@ -137,7 +137,7 @@ def test_forces_are_those_of_newton_on_the_particles(case: Case) -> None:
     assert np.abs(kernel.forward_dynamics(q, v, force) - a).max() < 1e-7
 
 
-@pytest.mark.parametrize("which", ["drawn in", "stiffening"])
+@pytest.mark.parametrize("which", ["drawn in", pytest.param("stiffening", marks=pytest.mark.soak)])
 def test_derivatives_are_those_of_differences(which: str) -> None:
     _, _, kernel = made(drawn_in=True, second=which == "stiffening")
     q, v, a = random_state(kernel, 2)
