@@ -36,6 +36,7 @@ class Run:
     """Answers of a robot's kernels in one precision; ``refused`` names what it has no text of, by the reason."""
 
     title: str
+    robot: str
     size: int
     dtype: str
     answers: Sequence[Answer]
@@ -50,7 +51,7 @@ def runs(name: str, languages: Sequence[str]) -> Iterator[Run]:
             subject = Subject(robot, dtype, Path(folder), near=near)
             answers = list(subject.answers(languages))
         title = f"random {name}" if name.isdigit() else f"`{name}`"
-        run = Run(title, subject.model.size, dtype, answers, refusals(subject.model))
+        run = Run(title, robot.name, subject.model.size, dtype, answers, refusals(subject.model))
         print(title, dtype, *(cell(run, language) for language in languages), file=sys.stderr, flush=True)
         for answer in answers:
             if not answer.is_right:
@@ -99,7 +100,7 @@ def absent(made: Sequence[Run]) -> Iterator[str]:
     for run in made:
         for kernel, text in run.refused.items():
             if "is for robots with" not in text:
-                reason = text.replace(f"of {run.title.strip('`')} ", "").partition(";")[0]
+                reason = text.replace(f"of {run.robot} ", "").partition(";")[0]
                 by_reason.setdefault((reason, run.title), []).append(kernel)
     grouped: dict[tuple[str, tuple[str, ...]], list[str]] = {}
     for (reason, title), kernels in by_reason.items():
