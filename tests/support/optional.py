@@ -1,0 +1,40 @@
+"""Optional libraries of tests: a test that needs one skips without it and names the extra that installs it."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+from typing import Any
+
+import pytest
+
+EXTRA = "test-all"
+
+
+def needs(*modules: str, extra: str = EXTRA) -> Any:
+    """Import optional modules, or skip the test, the fixture or (at module level) the test module.
+
+    Args:
+        modules: Full names of modules, such as "pinocchio" or "jax.numpy".
+        extra: The extra of pyproject.toml that installs them.
+
+    Returns:
+        The first module.
+
+    Raises:
+        pytest.skip.Exception: A module is missing; the reason names it and the extra.
+    """
+    found = []
+    for module in modules:
+        if not installed(module):
+            pytest.skip(f"{module} is not installed: pip install 'eomgen[{extra}]'", allow_module_level=True)
+        found.append(importlib.import_module(module))
+    return found[0]
+
+
+def installed(module: str) -> bool:
+    """Return whether a module can be imported, without importing it."""
+    try:
+        return importlib.util.find_spec(module) is not None
+    except ModuleNotFoundError:  # of the package around it
+        return False
