@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
+
+from tests.support.optional import needs
+
+pin = needs("pinocchio")
 
 Array = NDArray[np.float64]
 

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import mujoco
 import numpy as np
 
 from eomgen.robot.value import Robot
+from tests.support.optional import needs
+
+mujoco = needs("mujoco")
 
 Array = np.ndarray
 FREE, BALL = int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_BALL)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from eomgen.export.mujoco import mjcf
 from eomgen.robot.value import Robot
+from tests.support.optional import needs
+
+mujoco = needs("mujoco")
 
 Array = NDArray[np.float64]
 

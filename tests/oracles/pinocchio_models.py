@@ -10,11 +10,13 @@ import re
 from pathlib import Path
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
 
 from benchmarks.peers.pinocchio_peer import coordinate_joints
 from eomgen.robot.value import COORDINATES, LINEAR, Placement, Robot
+from tests.support.optional import needs
+
+pin = needs("pinocchio")
 
 Array = NDArray[np.float64]
 JOINTS = coordinate_joints()

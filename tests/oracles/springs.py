@@ -6,7 +6,6 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-import pinocchio as pin
 from scipy.integrate import quad
 from scipy.interpolate import PchipInterpolator
 
@@ -14,7 +13,10 @@ import eomgen
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot, Spring
 from tests.oracles.pinocchio_models import PinocchioOracle
+from tests.support.optional import needs
 from tests.support.random_robots import Array
+
+pin = needs("pinocchio")
 
 
 def pulled(spring: Spring, length: float, rate: float) -> float:
