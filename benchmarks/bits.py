@@ -327,7 +327,7 @@ def page(cases: Sequence[tuple[str, str]]) -> str:
         states=simt.COUNT,
         absent=", ".join(absent) or "nothing",
         commit=commit(ROOT),
-        date=datetime.datetime.now(datetime.timezone.utc).strftime("%Y-%m-%d"),
+        date=datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d"),
         processor=processor_name(),
         compilers=versions(),
     )

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 import sys
+import tomllib
 from functools import partial
 from pathlib import Path
 
@@ -18,11 +19,6 @@ from eomgen.pipeline.costs import robot_info
 from eomgen.robot.model import build_model
 
 ROOT = Path(__file__).parents[1]
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
-
 sys.path[:0] = [str(ROOT), str(ROOT / "docs")]  # for benchmarks and generators
 
 from generators import public, rooms  # noqa: E402

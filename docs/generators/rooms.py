@@ -4,14 +4,9 @@ from __future__ import annotations
 
 import ast
 import re
-import sys
+import tomllib
 from pathlib import Path
 from typing import Any
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 ROOT = Path(__file__).parents[2]
 FOLDERS = {"eomgen.codegen": "codegen", "eomgen.templates": "templates", "eomgen": "src/eomgen"}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-import sys
+import tomllib
 import warnings
 from collections import Counter
 from collections.abc import Iterator
@@ -31,11 +31,6 @@ from tests.support.bad_scenarios import DURATION, LINE, READING
 from tests.support.description_samples import ARM
 from tests.support.mutations import DOCUMENTS, as_toml, mutant
 from tests.support.random_tables import ENTRIES, TOPS
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 ROOT = Path(__file__).parents[2]
 READERS = {"robot": robot_from_toml, "scenario": scenario_from_toml, "plan": plan_from_toml}

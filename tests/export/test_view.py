@@ -6,8 +6,10 @@ import json
 import re
 import shutil
 import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -285,9 +287,13 @@ def test_a_robot_shows_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     frame = page._repr_html_()
     assert frame.startswith("<iframe srcdoc=")
     assert "<!DOCTYPE" not in frame
-    monkeypatch.setitem(__import__("sys").modules, "ipykernel", object())
+    monkeypatch.setitem(sys.modules, "ipykernel", object())  # imported, as tools for notebooks do, but no kernel
     robot.show()
-    assert len(opened) == 1
+    assert len(opened) == 2
+    shell = SimpleNamespace(kernel=object())
+    monkeypatch.setitem(sys.modules, "IPython", SimpleNamespace(get_ipython=lambda: shell))
+    robot.show()
+    assert len(opened) == 2
     with pytest.raises(InputError, match=r"^robot: got a value of type int"):
         show_robot(3)  # type: ignore[arg-type]
     with pytest.raises(InputError, match=r"^path: got a value of type int"):

@@ -37,7 +37,7 @@ def test_the_same_robot_makes_the_same_whole_wheel(tmp_path: Path) -> None:
     (second,) = (tmp_path / "b").iterdir()
     assert (first.name, first.read_bytes()) == (second.name, second.read_bytes())
     name, version, *tag = first.stem.split("-")
-    assert (name, version.partition("+")[0], tag[:2]) == ("one_link", eomgen.__version__, ["cp310", "abi3"])
+    assert (name, version.partition("+")[0], tag[:2]) == ("one_link", eomgen.__version__, ["cp311", "abi3"])
     with zipfile.ZipFile(first) as archive:
         files = {entry: archive.read(entry) for entry in archive.namelist()}
     info = f"one_link-{version}.dist-info"
@@ -61,7 +61,7 @@ def test_another_content_has_another_version(tmp_path: Path) -> None:
 def test_pythons_are_those_that_can_import_the_modules() -> None:
     direct = "arm/runtime/_direct.cpython-311-x86_64-linux-gnu.so"  # done without where it does not fit
     mine = "cp{0}{1}-cp{0}{1}".format(*sys.version_info)
-    assert python_of(["arm/__init__.py", "arm/_arm.abi3.so", "arm/v3/_arm.abi3.so", direct]) == "cp310-abi3"
+    assert python_of(["arm/__init__.py", "arm/_arm.abi3.so", "arm/v3/_arm.abi3.so", direct]) == "cp311-abi3"
     assert python_of(["arm/__init__.py", "arm/_arm.cpython-311-x86_64-linux-gnu.so", direct]) == mine
     assert python_of(["arm/__init__.py", "arm/libarm.so", direct]) == "py3-none"
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import pathlib
 import random
-import sys
+import tomllib
 
 import pytest
 
@@ -14,11 +14,6 @@ from eomgen.description.load import robot_from_toml
 from eomgen.errors import DescriptionError
 from eomgen.forms import toml_place
 from eomgen.forms.toml_place import lines_of
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 Path = tuple[str, ...]
 NAMES = ["a", "b1", "links", "-", "7", "a.b", "", "x y", 'q"q', "#", "[x]", "\N{SNOWMAN}"]

@@ -11,7 +11,6 @@ import ast
 import importlib
 import re
 import signal
-import sys
 from collections.abc import Container, Iterator
 from functools import cache
 from pathlib import Path
@@ -19,8 +18,8 @@ from typing import Any
 
 import pytest
 
-parser: Any = importlib.import_module("re._parser" if sys.version_info >= (3, 11) else "sre_parse")
-sre: Any = importlib.import_module("re._constants" if sys.version_info >= (3, 11) else "sre_constants")
+parser: Any = importlib.import_module("re._parser")
+sre: Any = importlib.import_module("re._constants")
 ROOT = Path(__file__).parents[2]
 SOURCES = {"eomgen": "src/eomgen", "eomgen.codegen": "codegen"}  # all that is installed
 LENGTH = 20_000

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import subprocess
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -58,7 +59,6 @@ def test_pythons_that_are_asked_for_must_be_here() -> None:
 
 
 def test_the_recipe_for_conda_needs_what_the_package_needs() -> None:
-    tomllib = pytest.importorskip("tomllib", reason="in Python from 3.11 on")
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     recipe = (ROOT / "release/conda/recipe.yaml").read_text(encoding="utf-8")
     run = recipe.partition("  run:\n")[2].partition("\ntests:")[0]

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-import tomllib
 
 from eomgen.errors import DescriptionError, InputError
 from eomgen.identification import compensate

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
+import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
-import tomllib
 
 import eomgen
 from eomgen.analysis.frequency import response

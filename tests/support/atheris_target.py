@@ -9,7 +9,7 @@ from pathlib import Path
 
 import atheris
 
-with atheris.instrument_imports(include=["eomgen", "tomllib", "tomli"]):
+with atheris.instrument_imports(include=["eomgen", "tomllib"]):
     from eomgen.errors import EomgenWarning
     from tests.support.fuzzing import KINDS, accepted
 

@@ -17,7 +17,7 @@ import re
 import shlex
 import shutil
 import subprocess
-import sys
+import tomllib
 from dataclasses import dataclass
 from doctest import ELLIPSIS, NORMALIZE_WHITESPACE, OutputChecker
 from pathlib import Path
@@ -27,11 +27,6 @@ from eomgen.cli import entry as cli
 from eomgen.description.load import robot_from_toml
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.sweep.plan import plan_from_toml
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 WITHOUT_NODE = "node is not installed"
 DATA = ("csv", "xml")  # files that other blocks read

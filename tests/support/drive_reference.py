@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
+import tomllib
 from collections.abc import Callable, Mapping
 from typing import Any
-
-import tomllib
 
 Table = Mapping[str, Any]
 LOOPS = ("position", "velocity", "current")

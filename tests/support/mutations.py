@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import random
 import re
-import sys
+import tomllib
 from collections.abc import Iterator
 from copy import deepcopy
 from typing import Any
@@ -18,11 +18,6 @@ from xml.sax.saxutils import quoteattr
 from defusedxml import ElementTree
 
 from tests.support.description_samples import ARM, MJCF, URDF
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 SMALL = """
 name = "rod"

@@ -6,7 +6,7 @@ import os
 import subprocess
 from pathlib import Path
 
-PYTHONS = ("3.10", "3.11", "3.12", "3.13", "3.14")
+PYTHONS = ("3.11", "3.12", "3.13", "3.14")
 SAYS = "import sys; print(sys.version_info[:2])"
 
 

@@ -71,7 +71,7 @@ def _run(stats: Mapping[str, Sequence[Any]], seconds: float, workers: int) -> li
     counts = {outcome: len(stats.get(outcome, ())) for outcome in COUNTED}
     rows = {
         "commit": commit(Path(__file__).parents[2]),
-        "date": datetime.datetime.now(datetime.timezone.utc).strftime("%Y-%m-%d %H:%M UTC"),
+        "date": datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC"),
         "tests": ", ".join(f"{count} {outcome}" for outcome, count in counts.items() if count or outcome == "failed"),
         "time": f"{seconds / 60:.0f} minutes in {workers} processes on {os.cpu_count()} cores",
         "random cases": "all" if WHOLE else f"of each long list {SHARE}; all with `EOMGEN_SOAK=all make soak`",

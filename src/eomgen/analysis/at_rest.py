@@ -158,7 +158,7 @@ def _constraint(kernel: Kernel, q: Array, force: Array, still: Mask) -> tuple[Ar
     residual = kernel.constraint(q)
     if np.abs(residual).max() > CLOSED:
         change[~still] = -np.linalg.lstsq(J, residual, rcond=RANK)[0]
-    return np.linalg.lstsq(J.T, force[~still], rcond=RANK)[0], change
+    return np.asarray(np.linalg.lstsq(J.T, force[~still], rcond=RANK)[0], float), change
 
 
 def _stable(K: Array, M: Array, tau: float) -> tuple[Array, float]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import islice
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -29,10 +29,6 @@ from ..state.motors import turn_motors
 from .holding import PoseLike
 from .options import HeldRobot, StateKeywords, prepared
 from .statics import deflection_of, fixed_at_rest
-
-if TYPE_CHECKING:
-    from typing_extensions import Unpack
-
 
 GUESSES = 12  # of coordinates, per point that a neighbour's do not lead to
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,9 +30,6 @@ from .modal import ROUND_OFF
 from .options import StateKeywords, prepared, warn_of
 from .ports import PortKind, checked_kind, input_matrix, output_matrices, per_time, units_of_outputs
 from .tangent_system import LinearSystem
-
-if TYPE_CHECKING:
-    from typing_extensions import Unpack
 
 Complex = NDArray[np.complex128]
 

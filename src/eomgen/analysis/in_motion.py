@@ -111,7 +111,7 @@ def _closed_system(arm: HeldRobot, q: Array, v: Array, driving: Array, *, is_dri
             loop=joint_of(kernel.constraints[0]),
             gap=float(left),
         )
-    multipliers = np.linalg.lstsq(J[:, ~held].T, (needed - u)[~held], rcond=RANK)[0]
+    multipliers = np.asarray(np.linalg.lstsq(J[:, ~held].T, (needed - u)[~held], rcond=RANK)[0], float)
     u[held] = (needed - J.T @ multipliers)[held]
     u = u if inputs is None else np.where(held, u, inputs)
     slopes = tangent(kernel, q, v, a, arm.loads, multipliers, inputs)

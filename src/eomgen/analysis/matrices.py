@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,10 +28,6 @@ from .in_motion import moving_system
 from .options import StateKeywords, prepared, warn_of
 from .ports import PortKind, checked_kind, input_matrix, output_matrices, units_of_outputs
 from .tangent_system import LinearSystem
-
-if TYPE_CHECKING:
-    from typing_extensions import Unpack
-
 
 NO_STATES = np.zeros(0)
 NO_STATES.flags.writeable = False

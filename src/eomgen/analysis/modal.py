@@ -8,7 +8,7 @@ laws stand behind, as sqrt(w) z; those that stick (``state.law_states``) are spr
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,9 +24,6 @@ from .holding import PoseLike
 from .modal_result import Modes, TrackedModes
 from .options import HeldRobot, StateKeywords, prepared, warn_of
 from .tangent_system import LinearSystem, Tangent
-
-if TYPE_CHECKING:
-    from typing_extensions import Unpack
 
 Complex = NDArray[np.complex128]
 

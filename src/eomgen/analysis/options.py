@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypedDict
+from typing import TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,9 +21,6 @@ from ..robot.value import Robot
 from ..runtime.kernel import Kernel
 from ..state.law_states import StatesLike, whole_vector
 from .holding import Fixation, Gains, PoseLike, fixation_of, pose_of
-
-if TYPE_CHECKING:
-    from typing_extensions import Unpack
 
 FrameLoads = Mapping[str, ArrayLike]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, Unpack
 
 import numpy as np
 
@@ -30,10 +30,6 @@ from .at_rest import closed, rest
 from .holding import Fixation, PoseLike, floating, floating_cuts
 from .options import HeldRobot, StateKeywords, prepared, warn_of
 from .tangent_system import moving_basis, refuse_singular_pose
-
-if TYPE_CHECKING:
-    from typing_extensions import Unpack
-
 
 RANK = 1e-9  # of the greatest principal compliance: what is taken to be zero
 SOFT = 1e-13  # of the greatest stiffness, scaled: nothing holds what has less

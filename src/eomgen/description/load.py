@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, Unpack
 
 from ..errors import DescriptionError, InputError
 from ..forms.keys import ByName
@@ -53,9 +53,6 @@ from .loops import read_coupling, read_loop, read_offset
 from .macros import Xacro
 from .options import ReadKeywords, ReadOptions
 from .stops import joint_stops, requested_stops, stop_all, stop_numbers
-
-if TYPE_CHECKING:
-    from typing_extensions import Unpack
 
 RobotLike = Robot | str | Path  # what functions take where they ask for a robot, see as_robot
 SUFFIXES = (".toml", ".urdf", ".xml", ".mjcf", ".xacro")

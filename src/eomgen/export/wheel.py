@@ -70,7 +70,7 @@ def python_of(paths: Iterable[str]) -> str:
     if not modules:
         return "py3-none"
     if all(".abi3." in name for name in modules):
-        return "cp310-abi3"
+        return "cp311-abi3"
     return "cp{0}-cp{0}".format("".join(map(str, sys.version_info[:2])))
 
 
@@ -103,7 +103,7 @@ def _described(robot: str, folder: str, name: str, version: str, tag: str) -> di
         f"Name: {name}",
         f"Version: {version}",
         f"Summary: Equations of motion of the robot {robot}, compiled; written by eomgen",
-        "Requires-Python: >=3.10",
+        "Requires-Python: >=3.11",
         *(f"Requires-Dist: {x}" for x in NEEDS),
     ]
     wheel = [

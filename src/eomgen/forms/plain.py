@@ -7,7 +7,6 @@ types, finite numbers up to a limit, and printable texts.
 from __future__ import annotations
 
 import dataclasses
-import inspect
 import json
 import types
 import typing
@@ -195,17 +194,9 @@ def _table(item: Read) -> Read:
 
 
 def field_types(kind: type, annotated: bool = False) -> dict[str, Any]:
-    """Return types of a dataclass's fields by name, without separators: Python 3.10 takes KW_ONLY for none.
-
-    ``annotated``: whether with the metadata of ``Annotated``.
-    """
-    fields = {item.name for item in dataclasses.fields(typing.cast(Any, kind))}
-    hints: dict[str, Any] = {}
-    for base in reversed(kind.__mro__):
-        annotations = {name: x for name, x in inspect.get_annotations(base).items() if name in fields}
-        plain = type(base.__name__, (), {"__annotations__": annotations, "__module__": base.__module__})
-        hints |= typing.get_type_hints(plain, include_extras=annotated)
-    return hints
+    """Return the types of a dataclass's fields by name, with the metadata of ``Annotated`` if ``annotated``."""
+    hints = typing.get_type_hints(kind, include_extras=annotated)
+    return {item.name: hints[item.name] for item in dataclasses.fields(typing.cast(Any, kind))}
 
 
 def _fields(kind: type, largest: float) -> Read:

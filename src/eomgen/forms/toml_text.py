@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-import sys
+import tomllib
 from itertools import islice
 from pathlib import Path
 
@@ -11,11 +11,6 @@ from ..errors import DescriptionError, check_kind
 from ..files import read_regular
 from ..limits import LARGEST
 from ..memory import without_collection
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 _MOST_BYTES = 1 << 20  # these take a second to read, if they are the slowest of their kind
 _MOST_XML = 1 << 22  # so does this of XML

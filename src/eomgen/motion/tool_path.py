@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, TypedDict
+from typing import Literal, Required, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -32,9 +32,6 @@ from .point_to_point import QUINTIC, PointToPoint
 from .splines import DEGREE, Spline, inner_knots, spline_signal
 from .time_derivatives import Jump, by_time, composed, order_in, spline_series
 from .turns import spherical, spherical_spline
-
-if TYPE_CHECKING:
-    from typing_extensions import Required, Unpack
 
 Orientation = Literal["keep"] | tuple[ArrayLike | None, ArrayLike | None]
 

@@ -7,7 +7,7 @@ import re
 import tempfile
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
-from datetime import date, datetime, timezone
+from datetime import UTC, date, datetime
 from pathlib import Path
 from typing import Any
 
@@ -93,7 +93,7 @@ def sorted_notes(notes: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]
 
 def _today() -> date:
     epoch = os.environ.get("SOURCE_DATE_EPOCH", "")
-    return datetime.fromtimestamp(int(epoch), tz=timezone.utc).date() if epoch.isdecimal() else date.today()
+    return datetime.fromtimestamp(int(epoch), tz=UTC).date() if epoch.isdecimal() else date.today()
 
 
 def drawn(result: Any, drawings: Iterable[tuple[str, str, Callable[[Any, Path], Path]]]) -> tuple[Figure, ...]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Collection, Mapping
 from types import FunctionType, ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -17,10 +17,6 @@ from .direct import DirectFunctions, ExtensionBinding
 from .parameters import Parameters
 from .raw import Array, Libraries, Operations, RawKernel
 from .tiled import Tiled
-
-if TYPE_CHECKING:
-    from typing_extensions import Self
-
 
 PACKAGE = f"{__package__}."  # begins the names of the modules whose methods can be direct
 

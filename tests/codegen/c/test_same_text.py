@@ -68,7 +68,7 @@ def test_a_hundred_hash_seeds(part: int) -> None:
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("wanted", PYTHONS if WHOLE else PYTHONS[2:3])
+@pytest.mark.parametrize("wanted", PYTHONS if WHOLE else PYTHONS[1:2])
 def test_every_python_writes_the_same_text(wanted: str, tmp_path: Path) -> None:
     """With the same SymPy, in an environment of its own; NumPy as near as there is one for that Python."""
     python = interpreter(wanted)
@@ -81,10 +81,9 @@ def test_every_python_writes_the_same_text(wanted: str, tmp_path: Path) -> None:
     other = str(tmp_path / "venv" / "bin" / "python")
     pinned = [f"{name}=={version(name)}" for name in NEEDED if name != "numpy"]
     exact, near = [f"numpy=={version('numpy')}"], ["numpy>=1.24"]
-    more = [*OTHERS, *(["tomli"] if wanted == "3.10" else [])]
     install = [other, "-m", "pip", "install", "-q", "--disable-pip-version-check", "--only-binary", ":all:"]
     for numpy in (exact, near):
-        done = subprocess.run([*install, *pinned, *numpy, *more], capture_output=True, text=True)
+        done = subprocess.run([*install, *pinned, *numpy, *OTHERS], capture_output=True, text=True)
         if done.returncode == 0:
             break
     if done.returncode != 0:

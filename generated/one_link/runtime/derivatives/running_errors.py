@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Literal, overload
+from typing import Any, Literal, Self, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,9 +19,6 @@ from .checked import CheckedKernel, Most
 from .extended import IN_EXTENDED, as_bound, distance, run_extended
 from .implicit_steps import STEP_RESIDUAL, bounded_step
 from .solved_errors import SOLVED, Bounds
-
-if TYPE_CHECKING:
-    from typing_extensions import Self
 
 ASSEMBLED, STEP = "assemble", "implicit_step"
 WITH_ERRORS = "_with_errors"  # ends the name of a function that bounds its errors, too

@@ -89,10 +89,16 @@ def show_robot(robot: RobotLike, path: Path | str | None = None, *, browser: boo
     if path is not None:
         page.save(path)
     if browser is None:
-        browser = path is None and "ipykernel" not in sys.modules
+        browser = path is None and not _in_notebook()
     if browser:
         page.open()
     return page
+
+
+def _in_notebook() -> bool:
+    """Return whether a Jupyter kernel runs this process; a process that only imports ipykernel is not a notebook."""
+    ipython = sys.modules.get("IPython")
+    return ipython is not None and getattr(ipython.get_ipython(), "kernel", None) is not None
 
 
 def robot_page(robot: RobotLike) -> RobotPage:

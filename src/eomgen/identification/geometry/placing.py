@@ -161,7 +161,7 @@ def _both(about: _Seen) -> tuple[Array, Array]:
         A = np.concatenate([about.R[there], np.tile(-np.eye(3), (there.sum(), 1, 1))], axis=2)
         b = about.position[there] @ Q.T - about.p[there]
         solution = np.linalg.lstsq(A.reshape(-1, 6), b.reshape(-1), rcond=_RANK)[0]
-        t, c = solution[:3], solution[3:]
+        t, c = np.asarray(solution, float).reshape(2, 3)
     elif np.isfinite(about.distance).any():
         c = -_from_distances(about.p, about.distance)[:3, 3]
     base = pose_of(Q.T, -Q.T @ c)
