@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-import eomgen
-from eomgen.codegen.closed_form.trace import refuse_springs
+from eomgen.codegen.kernels.equations import derive
 from eomgen.description.load import robot_from_toml
-from eomgen.errors import DescriptionError, InputError, SingularError
+from eomgen.errors import SingularError
 from eomgen.integration.plan import why_stiff
-from eomgen.robot import Bushing, Placement, Robot, record_of, robot_hash, robot_of
+from eomgen.robot import Bushing, JointDamping, JointStiffness, Placement, Robot
 from eomgen.robot.model import build_model
 from eomgen.state.springs import fastest_rates
 from tests.support.builds import Build
+from tests.support.dense_stages import dense_stage, run, staged
 from tests.support.every_element import TREE
-from tests.support.random_robots import seeds
-from tests.support.soak import soaked
+from tests.support.random_robots import random_state, seeds
+from tests.support.small_robots import free_body
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -66,51 +66,6 @@ def test_coordinates_are_those_of_scipy(seed: int, built: Build) -> None:
         np.testing.assert_allclose(stored, 0.5 * np.sum(np.array(STIFFNESS) * e**2), rtol=1e-12)
 
 
-@pytest.mark.soak
-def test_a_bushing_is_a_cut_joint_of_six_elastic_coordinates(built: Build) -> None:
-    """Motions, derivatives, steps and what joints hold are equal."""
-    names = ("x", "y", "z", "alpha", "beta", "gamma")
-    tables = "".join(
-        f"{x} = {{ stiffness = {k}, damping = {c} }}\n" for x, k, c in zip(names, STIFFNESS, DAMPING, strict=True)
-    )
-    cut = '[[loops]]\nname = "mount"\ntype = "fixed"\nlinks = ["base", "fore"]\n' + PLACEMENTS + tables
-    one, other = built(robot_of_text(MOUNT + PLACEMENTS + NUMBERS)), built(robot_of_text(cut))
-    rng = np.random.default_rng(5)
-    for q, v, u in rng.uniform(-0.5, 0.5, (4, 3, one.n)):
-        a = one.forward_dynamics(q, v, u)
-        np.testing.assert_allclose(a, other.forward_dynamics(q, v, u), rtol=1e-11, atol=1e-11)
-        np.testing.assert_allclose(one.reactions(q, v, a), other.reactions(q, v, a), rtol=1e-10, atol=1e-10)
-        for x, y in zip(one.residual_jacobian(q, v, a), other.residual_jacobian(q, v, a), strict=True):
-            np.testing.assert_allclose(x, y, rtol=1e-10, atol=1e-9)
-        for method in ("rk4", "implicit", "rosenbrock", "tsit5"):
-            fixed = {"dt": 1e-3, "steps": 20} if method in ("rk4", "implicit") else {"duration": 0.02, "samples": 3}
-            ends = [kernel.rollout(q, v, u, method=method, **fixed) for kernel in (one, other)]
-            np.testing.assert_allclose(ends[0][0], ends[1][0], rtol=1e-9, atol=1e-11)
-
-
-@pytest.mark.parametrize("method", soaked(["implicit", "rosenbrock", "rk4"], ["rosenbrock"]))
-def test_gradients_of_rollouts_are_differences(method: str, built: Build) -> None:
-    kernel = built(robot_of_text(MOUNT + PLACEMENTS + NUMBERS))
-    q, v, u = np.array([0.1, 0.2, -0.1]), np.array([0.3, -0.2, 0.1]), np.array([1.0, 0.5, 0.2])
-    names, options = ("bushings.mount.stiffness.y", "bushings.mount.damping.gamma"), {"dt": 2e-3, "steps": 30}
-    if method == "rosenbrock":
-        options = {"duration": 0.06, "samples": 3, "rtol": 1e-11, "atol": 1e-13}
-
-    def loss(t: Array, q: Array, v: Array) -> tuple[float, Array, Array]:
-        last = np.zeros_like(q)
-        last[-1] = 1.0
-        return float(q[-1].sum()), last, 0.0 * v
-
-    _, found = kernel.rollout_gradient(q, v, u, loss=loss, parameters=names, method=method, **options)
-    for name in names:
-        number, ends = kernel.parameters[name], []
-        for factor in (1.0 + 1e-5, 1.0 - 1e-5):
-            moved = kernel.with_parameters({name: number * factor})
-            ends.append(np.atleast_2d(moved.rollout(q, v, u, method=method, **options)[0])[-1].sum())
-        expected = (ends[0] - ends[1]) / (2e-5 * number)
-        np.testing.assert_allclose(found[name], expected, rtol=1e-5, atol=1e-12)
-
-
 def test_what_does_not_act_is_in_no_equation(built: Build) -> None:
     """A zero is no parameter, and neither value nor row is computed for it; tunable makes it one."""
     along = robot_of_text(MOUNT + "stiffness = [900.0, 0, 0, 0, 0, 0]\n")
@@ -131,65 +86,6 @@ def test_a_pole_is_named(built: Build) -> None:
         kernel.forward_dynamics([-np.pi / 2, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.0, 0.0])
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "said"),
-    [
-        ('["base", "fore"]', '["fore", "fore"]', r"mount\.links: .*two different links"),
-        ('["base", "fore"]', '["base", "elbow"]', r"there is no link 'elbow'"),
-        (str(STIFFNESS), "[1.0, 2.0]", r"mount\.stiffness: .*allowed: six numbers, for x, y, z, alpha, beta, gamma"),
-        (str(STIFFNESS), str([[1.0] * 6] * 6), r"mount\.stiffness: .*six numbers, .*or a table \{ matrix"),
-        (str(STIFFNESS), "{ matrix = [[1.0]] }", r"mount\.stiffness\.matrix: got 1 row; allowed: six, for x, y, z"),
-        (str(DAMPING), "[1, 1, 1, 1, -2, 1]", r"mount\.damping\.4: got -2; allowed: a number that is at least 0"),
-        (NUMBERS, "", r"mount: it has no force; allowed: with a stiffness or damping above 0"),
-        (NUMBERS, "damping = [0, 0, 0, 0, 0, 0]\n", r"mount: it has no force"),
-        (
-            "[[bushings]]",
-            '[[bushings]]\nname = "mount"\nlinks = ["base", "upper"]\n' + NUMBERS + "[[bushings]]",
-            "unique",
-        ),
-        (
-            "[[bushings]]",
-            '[[springs]]\nname = "mount"\nlinks = ["base", "fore"]\nstiffness = 1.0\n[[bushings]]',
-            r"the name 'mount' is taken by an earlier entry of \[\[springs\]\]; allowed: unique names",
-        ),
-        ("stiffness =", "stifness =", r"stifness.* did you mean 'stiffness'"),
-    ],
-)
-def test_refusals(old: str, new: str, said: str) -> None:
-    text = MOUNT + PLACEMENTS + NUMBERS
-    assert old in text
-    with pytest.raises(DescriptionError, match=said):
-        robot_of_text(text.replace(old, new))
-
-
-@pytest.mark.parametrize(
-    ("bushing", "said"),
-    [
-        (Bushing("mount", ("base", "fore"), stiffness=(1.0,) * 5), "stiffness: got 5 numbers"),
-        (Bushing("mount", ("base", "fore"), stiffness=(1.0, np.nan, 0, 0, 0, 0)), "stiffness: y: got nan"),
-        (Bushing("mount", ("base", "base"), stiffness=(1.0,) * 6), "do not move against each other"),
-        (Bushing("mount", ("base", "other"), stiffness=(1.0,) * 6), "'other'"),
-        (Bushing("m.ount", ("base", "fore"), stiffness=(1.0,) * 6), "'m.ount'"),
-        (Bushing("mount", ("base", "fore")), "it has no force"),
-    ],
-)
-def test_bushings_made_in_python_are_refused_too(bushing: Bushing, said: str) -> None:
-    robot = robot_of_text("")
-    with pytest.raises(DescriptionError, match=said):
-        build_model(Robot(**{**vars(robot), "elements": (bushing,)}))
-
-
-def test_records_hashes_and_rigid_robots() -> None:
-    plain, robot = robot_of_text(""), robot_of_text(MOUNT + PLACEMENTS + NUMBERS)
-    assert robot_of(record_of(robot)) == robot
-    assert "elements" not in record_of(plain)
-    assert robot_hash(plain) != robot_hash(robot)
-    made = Bushing("mount", ("base", "fore"), robot.elements[0].placements, tuple(STIFFNESS), tuple(DAMPING))
-    assert made == robot.elements[0]
-    assert robot.rigid().elements == robot.elements
-    assert Placement() == Bushing("mount", ("base", "fore")).placements[0]
-
-
 def test_methods_and_sizes_know_its_stiffness(built: Build) -> None:
     robot = robot_of_text(MOUNT + PLACEMENTS + NUMBERS)
     kernel, q = built(robot), np.array([0.1, 0.2, -0.1])
@@ -203,17 +99,65 @@ def test_methods_and_sizes_know_its_stiffness(built: Build) -> None:
     np.testing.assert_allclose(fastest_rates(kernel, q)[0], np.sqrt(swing), rtol=1e-9)
 
 
-@pytest.mark.soak
-def test_simulations_conserve_or_book_energy() -> None:
-    robot = robot_of_text(MOUNT + PLACEMENTS + f"stiffness = {STIFFNESS}\n")
-    result = eomgen.simulate(robot, duration=0.2)
-    assert np.isfinite(result.trajectory.q).all()
-    assert np.ptp(result.trajectory.q, axis=0).max() > 1e-3
+STIFF, DAMPED = (900.0, 700.0, 0.0, 30.0, 20.0, 0.0), (30.0, 20.0, 40.0, 0.0, 2.0, 1.0)
+PLACES = (Placement((0.1, -0.2, 0.3)), Placement((0.2, 0.1, -0.1)))
+RATIO, AT_HZ = 0.3, 2.0
 
 
-def test_what_does_not_know_bushings_says_so(tmp_path: Path) -> None:
-    robot = robot_of_text(MOUNT + NUMBERS)
-    with pytest.raises(InputError, match=r"the closed form knows no bushings \(mount\)"):
-        refuse_springs(build_model(robot))
-    with pytest.raises(InputError, match=r"MuJoCo has no equal for bushings\.mount: left out"):
-        eomgen.export_mjcf(robot, tmp_path / "robot.xml")
+def mounts() -> dict[str, tuple[Bushing, Array, Array]]:
+    """Return bushings with their K and D, by what is written in them."""
+    K, D = (np.asarray(rows.T @ rows) for rows in np.random.default_rng(4).normal(size=(2, 7, 6)))
+    spring, damper, none = JointStiffness.of(K.tolist()), JointDamping.of(D.tolist()), np.zeros((6, 6))
+    tables = {
+        "numbers": (STIFF, DAMPED, np.diag(STIFF), np.diag(DAMPED)),
+        "matrices": (spring, damper, K, D),
+        "ratio": (spring, JointDamping(ratio=RATIO, at_hz=AT_HZ), K, RATIO / (np.pi * AT_HZ) * K),
+        "damping alone": (None, damper, none, D),
+    }
+    return {
+        name: (Bushing("mount", ("base", "body"), placements=PLACES, stiffness=k, damping=d), K, D)
+        for name, (k, d, K, D) in tables.items()
+    }
+
+
+def held(mount: Bushing) -> Robot:
+    """Return a body that is free but for the bushing."""
+    return replace(free_body(), name="held", gravity=(0.0, 0.0, 0.0), elements=(mount,))
+
+
+@pytest.mark.parametrize("c", [0.02, 0.2 + 0.3j])
+@pytest.mark.parametrize("form", mounts())
+def test_stages_are_the_dense_ones(form: str, c: complex) -> None:
+    """K has J^T D d(J v)/dq beside J^T K J; of a complex c, whose factors serve a whole step, it has not."""
+    mount, K, D = mounts()[form]
+    model, h = build_model(held(mount)), 1e-5
+    s, p = random_state(held(mount), 3), list(model.parameters.values())
+    q, v = np.array(s.q), 5.0 * np.array(s.v)
+
+    def J(at: Array) -> Array:
+        return run(derive(model, "element_jacobian"), {"q": at.tolist(), "p": p}).reshape(6, 6)
+
+    M = run(derive(model, "mass_matrix"), {"q": q.tolist(), "p": p}).reshape(6, 6)
+    T = np.array([(J(q + h * x) - J(q - h * x)) @ v / (2.0 * h) for x in np.eye(6)]).T
+    by_place = K @ J(q) + (0.0 if isinstance(c, complex) else D @ T)
+    r, shifts = np.random.default_rng(0).normal(size=(2, 2, 6))
+    found = staged(model, {"q": q.tolist(), "v": v.tolist(), "p": p}, c, r, shifts)
+    expected, without = (
+        dense_stage((M, J(q).T @ D @ J(q), J(q).T @ slopes), c, r, shifts) for slopes in (by_place, K @ J(q))
+    )
+    assert found == pytest.approx(expected, rel=1e-6, abs=1e-6 * np.abs(expected).max())
+    assert isinstance(c, complex) or np.abs(expected - without).max() > 1e-3 * np.abs(expected).max()
+
+
+def test_fast_spins_in_dampers_take_long_steps(built: Build) -> None:
+    """A body spins in a stiff damper beside its axis: the spin bounds the steps, not the damper."""
+    at = (Placement(), Placement((0.01, 0.0, 0.0)))
+    mount = Bushing("mount", ("base", "body"), placements=at, stiffness=(1e4,) * 3 + (0.0,) * 3)
+    kernel = built(held(replace(mount, damping=(1e5,) * 3 + (0.0,) * 3)), "adaptive_rollout")
+    q, v = np.zeros(6), np.array([0.0, 0.0, 0.0, 0.0, 0.0, 300.0])
+    loose, tight = (
+        kernel.rollout(q, v, duration=0.1, samples=1, rtol=rtol, atol=1e-3 * rtol, method="rosenbrock")
+        for rtol in (1e-4, 1e-6)
+    )
+    assert np.abs(loose[0][-1] - tight[0][-1]).max() < 1e-3
+    assert loose.steps < 2000  # without slopes of the directions there are 5250

@@ -2,41 +2,36 @@
 
 from __future__ import annotations
 
-import json
-import pickle
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import eomgen
-from eomgen.bench.textbook import unknown_to_textbook
 from eomgen.codegen.closed_form.readable import readable_closed_form
-from eomgen.codegen.closed_form.trace import closed_form
-from eomgen.codegen.kernels.equations import derive, derive_equations
-from eomgen.codegen.kernels.operation_counts import operations
-from eomgen.codegen.program.ir import evaluate
 from eomgen.description.load import robot_from_toml
-from eomgen.errors import DescriptionError
-from eomgen.export.fmu.variables import UNITS, parameter_unit
 from eomgen.integration.plan import choose_method
 from eomgen.pictures import report_of
-from eomgen.pipeline.costs import RobotInfo
 from eomgen.robot.elements.joint_damping import JointDamping
 from eomgen.robot.model import build_model
-from eomgen.robot.parameter_names import least_of, number_of
-from eomgen.robot.record import record_of, robot_of
-from eomgen.robot.value import ANGULAR, COORDINATES, LINEAR, Coordinate, Robot
+from eomgen.robot.value import ANGULAR, COORDINATES, Coordinate, Robot
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.state.elements import damping_diagonal, damping_forces
-from tests.oracles.complex_step import complex_steps
+from tests.support.added_forces import (
+    NAMES,
+    check_closed_form,
+    check_forces,
+    check_slopes,
+    check_step,
+    products,
+    stacked,
+)
 from tests.support.builds import Build
 from tests.support.closeness import close
-from tests.support.random_robots import Array, State, random_robot, random_state, seeds, some_prescribed
+from tests.support.random_robots import Array, random_robot, random_state, seeds, some_prescribed
 from tests.support.random_springs import with_springs
 from tests.support.small_robots import free_body
 
-NAMES = ("inverse_dynamics", "generalized_force", "forward_dynamics", "energy", "residual_jacobian")
 STEP = 1e-30
 
 
@@ -96,54 +91,30 @@ def about(axis: int, angle: complex) -> Array:
 
 @pytest.mark.parametrize("seed", [*seeds(2300, 1, 4), *seeds(2305, 0, 7)])  # 2304 ends in a rod without inertia
 def test_forces_take_the_power_of_both_velocities(seed: int, built: Build) -> None:
-    """What they add to a robot without them, one state at a time, several on vectors, and in single precision."""
     robot = damped(seed)
-    kernel, bare = built(robot, *NAMES), built(without(robot), *NAMES)
-    single = built(robot, "generalized_force", dtype="float32")
     states = [random_state(robot, seed + i) for i in range(9)]
     forces = [-metrics(robot, s.q) @ s.v for s in states]
     assert np.abs(forces).max() > 0.1
-    for s, force in zip(states, forces, strict=True):
-        assert close(kernel.inverse_dynamics(s.q, s.v, s.a), bare.inverse_dynamics(s.q, s.v, s.a) - force)
-        assert close(kernel.forward_dynamics(s.q, s.v, s.u), bare.forward_dynamics(s.q, s.v, s.u + force), 1e-8)
-        assert close(kernel.energy(s.q, s.v), bare.energy(s.q, s.v))
-    q, v = (np.array([getattr(s, x) for s in states]) for x in "qv")
-    assert close(kernel.generalized_force(q, v), bare.generalized_force(q, v) + forces)
+    kernel, _ = check_forces(robot, without(robot), states, forces, [0.0] * 9, built)
+    q, v = stacked(states)
     assert close(damping_forces(kernel, q, v), -np.array(forces))
     assert close(damping_diagonal(kernel), np.diagonal(metrics(robot, q[0])))
-    few = (q.astype(np.float32), v.astype(np.float32))
-    assert close(single.generalized_force(*few), kernel.generalized_force(*(x.astype(float) for x in few)), 1e-4)
-
-
-def inputs_of(robot: Robot, s: State) -> dict[str, object]:
-    parameters = list(build_model(robot).parameters.values())
-    return {"q": s.q, "v": s.v, "a": s.a, "u": s.u, "p": parameters}
 
 
 @pytest.mark.parametrize("seed", seeds(2320, 1, 15))
 def test_slopes_are_those_of_the_forces(seed: int) -> None:
     robot = damped(seed, (1, 2))
-    model = build_model(robot)
-    s = random_state(robot, seed)
-    found = evaluate(derive(model, "residual_jacobian"), inputs_of(robot, s))
-    blocks = np.array(list(found.values())).reshape(3, model.size, model.size)
-    for block, name in zip(blocks, "qva", strict=True):
-        assert close(block, complex_steps(robot, s, name), 1e-10)
+    check_slopes(robot, random_state(robot, seed))
 
 
 @pytest.mark.soak
 def test_closed_form_has_it() -> None:
     robot = random_robot(2331, joints=(1, 1), types=("fixed",), counts=(0,))
-    joint = replace(
-        robot.joints[0],
-        coordinates=dict.fromkeys(("x", *ANGULAR), Coordinate()),
-        damping=JointDamping(0.5, 0.7),
-    )
+    table = dict.fromkeys(("x", *ANGULAR), Coordinate())
+    joint = replace(robot.joints[0], coordinates=table, damping=JointDamping(0.5, 0.7))
     robot = replace(robot, joints=(joint,), links=robot.links[:1])
-    model, s = build_model(robot), random_state(robot, 1)
-    residual = closed_form(model).function("residual")(s.q, s.v, s.a, s.u)
-    assert close(np.array(list(evaluate(derive(model, "residual"), inputs_of(robot, s)).values())), residual)
-    texts = {str(letter.symbol): letter.unit for letter in readable_closed_form(model).letters}
+    check_closed_form(robot, random_state(robot, 1))
+    texts = {str(letter.symbol): letter.unit for letter in readable_closed_form(build_model(robot)).letters}
     assert texts[f"b_angular_{joint.name}"] == "N m s/rad"
     assert texts[f"b_linear_{joint.name}"] == "N s/m"
 
@@ -154,14 +125,9 @@ def test_an_implicit_step_is_the_linear_system(seed: int, kind: str) -> None:
     """(M + dt D) a = u - D v - bias, with what the robot without damping of joints has beside them."""
     robot, dt = damped(seed, (1, 2) if kind == "alone" else (2, 2)), 0.05
     robot = {"prescribed": some_prescribed, "springs": with_springs}.get(kind, lambda robot, _: robot)(robot, seed)
-    model, s = build_model(robot), random_state(robot, seed)
-    base = {**inputs_of(robot, s), "added": np.zeros(model.size), "dt": [dt, dt * dt]}
-    found = evaluate(derive(model, "implicit_step"), base)
-    a = np.array([found["out", i] for i in range(model.size)])
-    D, bare = metrics(robot, s.q), build_model(without(robot))
-    u = np.where(np.isin(np.arange(model.size), model.prescribed), s.u, s.u - D @ (s.v + dt * a))
-    wanted = evaluate(derive(bare, "implicit_step"), {**base, "u": u, "p": list(bare.parameters.values())})
-    assert close(a, np.array([wanted["out", i] for i in range(model.size)]), 1e-6)
+    s = random_state(robot, seed)
+    D = metrics(robot, s.q)
+    check_step(robot, without(robot), s, dt, lambda a: -D @ (s.v + dt * a))
 
 
 def ball(damping: JointDamping | None, *names: str, **changes: object) -> Robot:
@@ -198,31 +164,12 @@ def test_what_does_not_turn_another_axis_is_a_hinges_damping(built: Build) -> No
     assert close(one.inverse_dynamics(s.q, s.v, s.a), other.inverse_dynamics(s.q, s.v, s.a))
 
 
-def test_numbers_are_parameters(built: Build) -> None:
-    robot = ball(JointDamping(2.0, 0.5), *COORDINATES)
-    kernel, s = built(robot, "generalized_force"), random_state(robot, 4)
-    assert [name for name in kernel.parameters if "damping" in name] == [
-        "joints.ball.damping.linear",
-        "joints.ball.damping.angular",
-    ]
-    kernel.parameters["joints.ball.damping.angular"] = 0.0
-    kernel.parameters["joints.ball.damping.linear"] = 4.0
-    still = kernel.generalized_force(s.q, 0.0 * s.v)
-    assert close(kernel.generalized_force(s.q, s.v) - still, [*(-4.0 * s.v[:3]), 0.0, 0.0, 0.0])
-    with pytest.raises(eomgen.EomgenError, match=r"joints\.ball\.damping\.linear.*at least 0"):
-        kernel.parameters["joints.ball.damping.linear"] = -1.0
-
-
 def test_what_it_costs() -> None:
     """A few products, and nothing where it is not."""
-
-    def products(robot: Robot) -> int:
-        return operations(derive_equations(build_model(robot), ("inverse_dynamics",)))["inverse_dynamics"]["mul"]
-
     assert 0 < products(ball(JointDamping(angular=0.5))) - products(ball(None)) <= 6
 
 
-TEXT = """
+TUMBLER = """
 name = "tumbler"
 [[links]]
 name = "body"
@@ -235,53 +182,6 @@ child = "body"
 type = "free"
 damping = { linear = 2.0, angular = 0.1 }
 """
-REFUSED = {
-    "linear = 2.0": ("linear = -2.0", ["joints.root.damping.linear", "-2.0", "at least 0"]),
-    "{ linear = 2.0, angular = 0.1 }": ("{}", ["joints.root.damping", "no number", "linear, angular"]),
-    "damping = { linear = 2.0, angular = 0.1 }": ("damping = 0.1", ["joints.root.damping", "0.1", "table"]),
-    "angular": ("angulr", ["joints.root.damping", "'angulr'", "did you mean 'angular'"]),
-    'type = "free"': ('type = "revolute"', ["joints.root.damping.linear", "nothing moves so", "x, y, z"]),
-}
-
-
-@pytest.mark.parametrize("old", REFUSED)
-def test_what_is_wrong_is_refused(old: str) -> None:
-    new, said = REFUSED[old]
-    with pytest.raises(DescriptionError) as caught:
-        robot_from_toml(TEXT.replace(old, new), source="my.toml")
-    assert all(word in str(caught.value) for word in said), caught.value
-
-
-def test_it_is_read_kept_and_named() -> None:
-    robot = robot_from_toml(TEXT)
-    assert robot.joints[0].damping == JointDamping(2.0, 0.1)
-    assert robot_of(json.loads(json.dumps(record_of(robot)))) == robot == pickle.loads(pickle.dumps(robot))
-    assert "damping" not in record_of(without(robot))["joints"][0]
-    assert build_model(robot).turning == (0,)
-    assert robot.rigid().joints[0].damping == JointDamping(2.0, 0.1)
-    assert ball(JointDamping(angular=0.5)).rigid().joints[0].damping is None
-    wrong = replace(robot, joints=(replace(robot.joints[0], damping=JointDamping(angular=np.nan)),))
-    with pytest.raises(DescriptionError, match=r"joints\.root\.damping\.angular: got nan"):
-        build_model(wrong)
-    for key, number in JointDamping.NUMBERS.items():
-        name = f"joints.root.damping.{key}"
-        assert number_of(name) is number
-        assert least_of(name) == number.least
-        assert parameter_unit(robot, name) in UNITS
-    assert parameter_unit(robot, "joints.root.damping.angular") == "N.m.s/rad"
-    info = RobotInfo(build_model(robot), {}, (), {}, {})
-    assert info.as_dict()["joint_damping"] == {"root": {"linear": 2.0, "angular": 0.1}}
-    assert any(line == "root.damping: linear 2, angular 0.1" for line in info.lines())
-    assert "damping of coordinates, none of joints (root)" in unknown_to_textbook(build_model(robot))
-
-
-def test_tunable_goes_with_what_moves() -> None:
-    text = TEXT.replace('name = "tumbler"', 'name = "tumbler"\ntunable = ["joints.root.damping.*"]')
-    robot = robot_from_toml(text)
-    assert robot.tunable == tuple(f"joints.root.damping.{key}" for key in ("linear", "angular"))
-    assert robot.rigid().tunable == robot.tunable
-    held = replace(robot.joints[0], type="fixed", coordinates=dict.fromkeys(LINEAR, Coordinate()), damping=None)
-    assert replace(robot, joints=(held,)).rigid().tunable == ()
 
 
 @pytest.mark.soak
@@ -292,7 +192,7 @@ def test_a_simulation_balances_its_energy() -> None:
         "duration = 1.0\n[integrator]\nrtol = 1e-9\n"
         "[initial.v]\n'root.beta' = 20.0\n'root.x' = 1.0\n'root.gamma' = 1.0\n"
     )
-    robot = robot_from_toml(TEXT)
+    robot = robot_from_toml(TUMBLER)
     result = eomgen.run_scenario(robot, scenario)
     assert np.abs(np.cos(result.trajectory.q[:, 4])).min() < 0.4  # where other angles are taken
     assert result.balance.relative_residue < 1e-6

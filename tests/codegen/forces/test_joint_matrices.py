@@ -5,41 +5,51 @@ from __future__ import annotations
 import pickle
 import warnings
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
 import sympy as sp
-from numpy.typing import NDArray
 
 import eomgen
 from eomgen.analysis import modes
 from eomgen.codegen.closed_form.readable import readable_closed_form
 from eomgen.codegen.closed_form.trace import closed_form
-from eomgen.codegen.kernels.equations import derive, derive_equations
-from eomgen.codegen.kernels.operation_counts import operations
-from eomgen.codegen.program.ir import evaluate
+from eomgen.codegen.forces.joint_stiffness import CoordinateMatrix
+from eomgen.codegen.forces.scalar_functions import Functions
+from eomgen.codegen.kernels.equations import derive
+from eomgen.codegen.program.ir import Graph, evaluate, finish
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import DescriptionError, InputError
+from eomgen.export.fmu.variables import UNITS, parameter_unit
 from eomgen.export.mujoco import left_out, mjcf
-from eomgen.robot import JointDamping, JointStiffness, Placement, Robot
+from eomgen.robot import Bushing, JointDamping, JointStiffness, Loop, Placement, Robot
 from eomgen.robot.elements.matrices import matrix_of
 from eomgen.robot.elements.stiffness_center import PrincipalStiffness, principal_stiffness
 from eomgen.robot.model import build_model
+from eomgen.robot.parameter_names import number_of
 from eomgen.robot.value import COORDINATES, Coordinate
 from eomgen.state.elements import damping_forces, joint_damping, joint_stiffness, stiffness_forces
-from eomgen.state.springs import fastest_rates, stiffnesses
-from tests.oracles.complex_step import complex_steps
+from eomgen.state.springs import any_spring, fastest_rates, line_rates, stiffnesses
 from tests.oracles.mjcf import MjcfOracle
+from tests.support.added_forces import (
+    NAMES,
+    check_closed_form,
+    check_forces,
+    check_single_precision,
+    check_slopes,
+    check_step,
+    implicit_step,
+    products,
+    stacked,
+)
 from tests.support.builds import Build
 from tests.support.closeness import close
-from tests.support.random_robots import random_robot, random_state, seeds
+from tests.support.random_robots import Array, random_robot, random_state, seeds
 from tests.support.small_robots import free_body
-from tests.support.soak import soaked
+from tests.support.soak import across, soaked
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
-
-Array = NDArray[np.float64]
-NAMES = ("inverse_dynamics", "generalized_force", "forward_dynamics", "energy", "residual_jacobian", "mass_matrix")
 
 
 def definite(rng: np.random.Generator, names: tuple[str, ...], scale: float = 1.0) -> Array:
@@ -90,33 +100,22 @@ def matrices(robot: Robot) -> tuple[Array, Array, Array]:
 @pytest.mark.parametrize("share", ["", "ratio", "loss_factor"])
 @pytest.mark.parametrize("seed", seeds(2600, 1, 8))
 def test_forces_are_those_of_linear_algebra(seed: int, share: str, built: Build) -> None:
-    """What they add to a robot without them: one state, several on vectors, single precision, derivatives, state's."""
+    """What they add to a robot without them, with derivatives, and the functions of the kernel's state."""
     robot = with_matrices(seed, share)
-    kernel, other = built(robot, *NAMES), built(bare(robot), *NAMES)
-    single = built(robot, "generalized_force", dtype="float32")
     (K, D, p), states = matrices(robot), [random_state(robot, seed + i) for i in range(9)]
+    q, v = stacked(states)
+    forces = -q @ K - v @ D - p
+    energies = [0.5 * s.q @ K @ s.q + p @ s.q for s in states]
+    kernel, other = check_forces(robot, bare(robot), states, forces, energies, built)
     for s in states:
-        force = -K @ s.q - D @ s.v - p
-        assert close(kernel.inverse_dynamics(s.q, s.v, s.a), other.inverse_dynamics(s.q, s.v, s.a) - force)
-        assert close(kernel.forward_dynamics(s.q, s.v, s.u), other.forward_dynamics(s.q, s.v, s.u + force), 1e-8)
-        stored = np.array([0.0, 0.5 * s.q @ K @ s.q + p @ s.q])
-        assert close(kernel.energy(s.q, s.v), other.energy(s.q, s.v) + stored)
         slopes, rigid = (x.residual_jacobian(s.q, s.v, s.a) for x in (kernel, other))
         assert close(slopes[0], rigid[0] + K)
         assert close(slopes[1], rigid[1] + D)
-    q, v = (np.array([getattr(s, x) for s in states]) for x in "qv")
-    forces = -q @ K - v @ D - p
-    assert close(kernel.generalized_force(q, v), other.generalized_force(q, v) + forces)
-    few = (q.astype(np.float32), v.astype(np.float32))
-    assert close(single.generalized_force(*few), kernel.generalized_force(*(x.astype(float) for x in few)), 1e-4)
     assert close(joint_stiffness(kernel), K)
     assert close(joint_damping(kernel), D)
     assert close(stiffness_forces(kernel, q) + damping_forces(kernel, q, v), -forces)
-    held = stiffnesses(other) + np.diag(K)
-    assert close(stiffnesses(kernel), held)
-    swing, slowing = fastest_rates(kernel, 0.0 * q[0])
-    assert swing > 0.0
-    assert slowing > 0.0
+    assert close(stiffnesses(kernel), stiffnesses(other) + np.diag(K))
+    assert min(fastest_rates(kernel, 0.0 * q[0])) > 0.0
 
 
 @pytest.mark.parametrize("share", ["", "ratio"])
@@ -124,24 +123,15 @@ def test_forces_are_those_of_linear_algebra(seed: int, share: str, built: Build)
 def test_an_implicit_step_is_the_linear_system(seed: int, share: str) -> None:
     """(M + dt D + dt^2 K) a = u - K (q + dt v) - D v - p - bias, with what the robot has beside them."""
     robot, dt = with_matrices(seed, share, (1, 2)), 0.05
-    model, s, (K, D, p) = build_model(robot), random_state(robot, seed), matrices(robot)
-    given = {"q": s.q, "v": s.v, "a": s.a, "u": s.u, "added": np.zeros(model.size), "dt": [dt, dt * dt]}
-    found = evaluate(derive(model, "implicit_step"), {**given, "p": list(model.parameters.values())})
-    a, other = np.array([found["out", i] for i in range(model.size)]), build_model(bare(robot))
-    u = s.u - K @ (s.q + dt * s.v) - p - D @ s.v - (dt * D + dt * dt * K) @ a
-    wanted = evaluate(derive(other, "implicit_step"), {**given, "u": u, "p": list(other.parameters.values())})
-    assert close(a, np.array([wanted["out", i] for i in range(model.size)]), 1e-6)
+    s, (K, D, p) = random_state(robot, seed), matrices(robot)
+    force = -K @ (s.q + dt * s.v) - p - D @ s.v
+    check_step(robot, bare(robot), s, dt, lambda a: force - (dt * D + dt * dt * K) @ a)
 
 
 @pytest.mark.parametrize("seed", seeds(2640, 1, 6))
 def test_slopes_are_those_of_complex_steps(seed: int) -> None:
     robot = with_matrices(seed, "loss_factor", (1, 2))
-    model, s = build_model(robot), random_state(robot, seed)
-    inputs = {"q": s.q, "v": s.v, "a": s.a, "u": s.u, "p": list(model.parameters.values())}
-    found = evaluate(derive(model, "residual_jacobian"), inputs)
-    blocks = np.array(list(found.values())).reshape(3, model.size, model.size)
-    for block, name in zip(blocks, "qva", strict=True):
-        assert close(block, complex_steps(robot, s, name), 1e-10)
+    check_slopes(robot, random_state(robot, seed))
 
 
 def held(stiffness: JointStiffness | None, damping: JointDamping | None = None, *names: str) -> Robot:
@@ -266,10 +256,6 @@ damping = { matrix = [[3.0, -0.5], [-0.5, 1.0]] }
     assert letters["a_x_gamma_joint"].latex == "a_{x \\gamma,joint}"
 
 
-def products(robot: Robot, kernel: str = "inverse_dynamics") -> int:
-    return operations(derive_equations(build_model(robot), (kernel,)))[kernel]["mul"]
-
-
 def test_what_matrices_cost() -> None:
     """36 products in the place of six, and the same for damping; a proportional one takes six, for its factor."""
     full = JointStiffness.of(definite(np.random.default_rng(1), COORDINATES).tolist())
@@ -379,27 +365,6 @@ def test_derivatives_by_entries(built: Build) -> None:
     assert close(J[:, 1], joint_stiffness(kernel) @ s.v / (np.pi * 2.0), 1e-12)
 
 
-@pytest.mark.parametrize("method", soaked(("implicit", "rosenbrock"), ("implicit",)))
-def test_gradients_of_rollouts_by_entries(method: str) -> None:
-    K = definite(np.random.default_rng(4), COORDINATES, 10.0)
-    robot = held(JointStiffness.of(K.tolist()), JointDamping(ratio=0.3, at_hz=2.0))
-    kernel, q0, still = eomgen.build(robot), np.array([0.1, -0.2, 0.1, 0.2, 0.1, -0.1]), np.zeros(6)
-    adaptive, fixed = {"duration": 0.1, "samples": 2, "rtol": 1e-9}, {"dt": 1e-3, "steps": 20}
-    options = {"method": method, **(adaptive if method == "rosenbrock" else fixed)}
-    names = ("joints.free.stiffness.x.beta", "joints.free.damping.ratio")
-
-    def loss(t: float, q: Array, v: Array) -> tuple[float, Array, Array]:
-        return float((q**2).sum() + (v**2).sum()), 2.0 * q, 2.0 * v
-
-    _, gradient = kernel.rollout_gradient(q0, still, still, loss=loss, parameters=names, **options)
-    for name in names:
-        x, ends = kernel.parameters[name], list[float]()
-        for step in (1e-4, -1e-4):
-            q, v = kernel.with_parameters({name: x + step}).rollout(q0, still, still, **options)
-            ends.append(float((q**2).sum() + (v**2).sum()))
-        assert gradient[name] == pytest.approx((ends[0] - ends[1]) / 2e-4, rel=1e-4)
-
-
 def test_modes_are_those_of_the_matrices() -> None:
     K = definite(np.random.default_rng(4), COORDINATES, 400.0)
     robot = replace(held(JointStiffness.of(K.tolist())), gravity=(0.0, 0.0, 0.0))
@@ -428,3 +393,210 @@ def test_rollouts_of_a_body_on_springs(method: str, built: Build) -> None:
     q, v = kernel.rollout(q0, v0, np.zeros(3), method=method, **(loose if method == "rosenbrock" else fixed))
     found = np.concatenate([q[-1], v[-1]])
     assert np.abs(found - wanted).max() < (5e-3 if method == "implicit" else 1e-6) * np.abs(wanted).max()
+
+
+FORMS = ["matrices", "ratio", "loss_factor", "damping alone"]
+
+
+def elements(seed: int, form: str) -> tuple[JointStiffness | None, JointDamping]:
+    rng = np.random.default_rng(seed)
+    K, D = (np.asarray(rows.T @ rows) for rows in rng.normal(size=(2, 7, 6)))
+    stiffness = JointStiffness.of((20.0 * K).tolist(), preload=rng.normal(size=6).tolist())
+    damping = JointDamping.of(D.tolist())
+    if form == "damping alone":
+        return None, damping
+    return stiffness, damping if form == "matrices" else JointDamping(**{form: 0.3}, at_hz=2.0)
+
+
+def on_joint(stiffness: JointStiffness | None, damping: JointDamping) -> Robot:
+    """A body on a joint with all six coordinates."""
+    body = free_body()
+    joint = replace(body.joints[0], type="fixed", stiffness=stiffness, damping=damping)
+    return replace(body, name="on_joint", joints=(joint,))
+
+
+def on_bushing(stiffness: JointStiffness | None, damping: JointDamping) -> Robot:
+    body = free_body()
+    mount = Bushing("mount", ("base", "body"), stiffness=stiffness, damping=damping)
+    held = replace(body.joints[0], type="fixed")
+    return replace(body, name="on_bushing", joints=(held,), elements=(mount,))
+
+
+def on_loop(stiffness: JointStiffness | None, damping: JointDamping) -> Robot:
+    body = free_body()
+    free = dict.fromkeys(COORDINATES, Coordinate())
+    loop = Loop("mount", ("base", "body"), "fixed", coordinates=free, stiffness=stiffness, damping=damping)
+    return replace(body, name="on_loop", joints=(replace(body.joints[0], type="fixed"),), loops=(loop,))
+
+
+@pytest.mark.parametrize(("form", "made"), across(FORMS, (on_bushing, on_loop)))
+@pytest.mark.parametrize("seed", seeds(2700, 1, 4))
+def test_they_are_those_of_a_joint(seed: int, form: str, made: type[Robot], built: Build) -> None:
+    parts = elements(seed, form)
+    robot, joint = made(*parts), on_joint(*parts)  # type: ignore[arg-type]
+    kernel, other = built(robot, *NAMES), built(joint, *NAMES)
+    states = [random_state(joint, seed + i) for i in range(5)]
+    for s in states:
+        assert close(kernel.inverse_dynamics(s.q, s.v, s.a), other.inverse_dynamics(s.q, s.v, s.a), 1e-9)
+        assert close(kernel.forward_dynamics(s.q, s.v, s.u), other.forward_dynamics(s.q, s.v, s.u), 1e-8)
+        assert close(kernel.energy(s.q, s.v), other.energy(s.q, s.v), 1e-9)
+        for found, wanted in zip(*(x.residual_jacobian(s.q, s.v, s.a) for x in (kernel, other)), strict=True):
+            assert close(found, wanted, 1e-8)
+    arrays = stacked(states)
+    assert close(kernel.generalized_force(*arrays), other.generalized_force(*arrays), 1e-9)
+    check_single_precision(other, robot, arrays, built, 1e-3)
+    there = 0.0 * states[0].q
+    assert close(np.array(fastest_rates(kernel, there)), np.array(fastest_rates(other, there)), 1e-9)
+    assert any_spring(kernel) == any_spring(other) == (form != "damping alone")
+    assert line_rates(kernel, there)[1].any()
+
+
+@pytest.mark.parametrize("made", [on_bushing, on_loop])
+@pytest.mark.parametrize("form", FORMS)
+def test_implicit_steps_are_those_of_a_joint(form: str, made: type[Robot]) -> None:
+    """Rank-one rows make the block that a joint's coordinates have; where they are those of the step's beginning."""
+    parts = elements(5, form)
+    joint = on_joint(*parts)
+    s = random_state(joint, 3)
+    assert close(implicit_step(made(*parts), s, 0.02), implicit_step(joint, s, 0.02), 1e-8)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("method", "made"), across(("implicit", "rosenbrock", "radau"), (on_bushing, on_loop)))
+def test_rollouts_are_those_of_a_joint(method: str, made: type[Robot], built: Build) -> None:
+    """Also where stiffness is so large that nothing but its place in the matrix keeps steps stable."""
+    stiffness, damping = elements(6, "ratio")
+    assert stiffness is not None
+    stiff = JointStiffness({key: 1e4 * x for key, x in stiffness.entries.items()})
+    robot, joint = made(stiff, damping), on_joint(stiff, damping)  # type: ignore[arg-type]
+    names = {"implicit": "rollout", "rosenbrock": "adaptive_rollout", "radau": "radau_rollout"}
+    ends, q0 = [], np.array([1e-3, -2e-3, 1e-3, 2e-3, 1e-3, -1e-3])
+    steps = {"dt": 1e-3, "steps": 50} if method == "implicit" else {"duration": 0.05, "samples": 1, "rtol": 1e-6}
+    for one in (robot, joint):
+        kernel = built(one, "mass_matrix", "forward_dynamics", names[method])
+        q, v = kernel.rollout(q0, 0.0 * q0, np.zeros(6), method=method, **steps)
+        ends.append(np.concatenate([q[-1], v[-1]]))
+    assert np.abs(ends[1]).max() > 1e-8
+    assert np.abs(ends[0] - ends[1]).max() < 1e-3 * np.abs(ends[1]).max()
+
+
+@pytest.mark.parametrize(("method", "dtype"), across(("implicit", "rosenbrock", "radau"), ("float64", "float32")))
+def test_matrices_may_lose_their_rank(method: str, dtype: str, built: Build) -> None:
+    """Parameters may be 0, or those of one direction alone: the rows of the others are none."""
+    parts, q0 = elements(6, "matrices"), np.array([0.1, -0.2, 0.1, 0.2, 0.1, -0.1], dtype)
+    names = {"implicit": "rollout", "rosenbrock": "adaptive_rollout", "radau": "radau_rollout"}
+    name, ends = names[method], []
+    steps = {"dt": 1e-3, "steps": 50} if method == "implicit" else {"duration": 0.05, "samples": 1, "rtol": 1e-4}
+    one = 3.0 * np.outer(np.arange(1.0, 7.0), np.arange(1.0, 7.0))
+    for made, prefix in ((on_joint, "joints.free"), (on_bushing, "bushings.mount"), (on_loop, "loops.mount")):
+        kernel = built(made(*parts), name, dtype=dtype)
+        numbers = {x: 0.0 for x in kernel.parameters if x.startswith(prefix)}
+        alone = {f"{prefix}.stiffness.{key}": x for key, x in JointStiffness.of(one.tolist()).entries.items()}
+        for changes in (numbers, numbers | alone):
+            kernel.parameters.update(changes)
+            q, v = kernel.rollout(q0, 0.0 * q0, 0.0 * q0, method=method, **steps)
+            ends.append(np.concatenate([q[-1], v[-1]]))
+    tolerance = 1e-9 if dtype == "float64" else 1e-4
+    for first, other in ((0, 2), (0, 4), (1, 3), (1, 5)):
+        assert close(ends[other], ends[first], tolerance)
+    assert not close(ends[0], ends[1], 1e-3)
+
+
+@pytest.mark.parametrize("rank", range(7))
+@pytest.mark.parametrize("seed", seeds(2740, 1, 6))
+def test_directions_make_the_matrix(seed: int, rank: int) -> None:
+    """Sums of d l l^T, of matrices without full rank too; slopes are never negative."""
+    rng = np.random.default_rng(seed)
+    rows = rng.normal(size=(rank, 6)) * 10.0 ** rng.uniform(-3, 3, 6)
+    K = rows.T @ rows
+    graph = Graph()
+    pairs = {(i, j): graph.input("k", 6 * i + j) for i in range(6) for j in range(i, 6)}
+    directions = CoordinateMatrix(pairs).directions(Functions(graph.call))
+    values = [x for row, d in directions for x in (d, *(row.get(i, 0.0) for i in range(6)))]
+    program = finish(graph, "directions", {("out", i): value for i, value in enumerate(values)})
+    numbers = evaluate(program, {"k": K.ravel().tolist()})
+    found = np.array([float(numbers["out", i]) for i in range(len(values))]).reshape(-1, 7)
+    assert (found[:, 0] >= 0.0).all()
+    sizes = np.sqrt(np.maximum(np.diag(K), 1e-300))
+    made = np.einsum("k,ki,kj->ij", found[:, 0], found[:, 1:], found[:, 1:])
+    assert np.abs((made - K) / np.outer(sizes, sizes)).max() < 1e-7
+
+
+def test_forces_are_told(built: Build) -> None:
+    """``element_forces`` and ``cut_forces`` have what the matrices add, and reactions hold it."""
+    parts = elements(7, "matrices")
+    assert parts[0] is not None
+    K, D = np.array(matrix_of(parts[0].entries, COORDINATES)), np.array(matrix_of(parts[1].entries, COORDINATES))
+    preload = np.array([parts[0].preload[name] for name in COORDINATES])
+    s = random_state(on_joint(*parts), 2)
+    bushing, loop = built(on_bushing(*parts), "element_forces"), built(on_loop(*parts), "cut_forces", "loop_reactions")
+    wanted = np.column_stack([s.q, K @ s.q + D @ s.v + preload])
+    assert close(bushing.element_forces(s.q, s.v), wanted, 1e-9)
+    assert close(loop.cut_forces(s.q, s.v), wanted, 1e-9)
+    assert bushing.element_rows == tuple(f"mount.{name}" for name in COORDINATES)
+    assert loop.cut_laws == bushing.element_rows
+
+
+def test_closed_form_has_those_of_loops() -> None:
+    stiffness = JointStiffness({"x.x": 9.0, "x.gamma": 2.0, "gamma.gamma": 4.0})
+    body, damping = free_body(), JointDamping(ratio=0.1, at_hz=1.0)
+    loop = Loop("pin", ("base", "body"), "fixed", coordinates=dict.fromkeys(COORDINATES, Coordinate()))
+    joint = replace(body.joints[0], type="fixed", coordinates=dict.fromkeys(("x", "gamma"), Coordinate()))
+    robot = replace(body, joints=(joint,), loops=(replace(loop, stiffness=stiffness, damping=damping),))
+    check_closed_form(robot, random_state(robot, 3), 1e-9)
+
+
+@pytest.mark.parametrize("made", [on_bushing, on_loop])
+def test_entries_of_bushings_and_loops_are_checked_as_a_whole(made: type[Robot], built: Build) -> None:
+    parts = elements(8, "matrices")
+    robot = made(*parts)  # type: ignore[arg-type]
+    kernel = built(robot, "generalized_force")
+    prefix = "bushings.mount" if made is on_bushing else "loops.mount"
+    p = kernel.parameters
+    bound = np.sqrt(p[f"{prefix}.stiffness.x.x"] * p[f"{prefix}.stiffness.beta.beta"])
+    before = dict(p)
+    for table in ("stiffness", "damping"):
+        with pytest.raises(InputError, match=rf"{prefix}\.{table}\.x\.beta.*negative energy"):
+            p[f"{prefix}.{table}.x.beta"] = 2.0 * bound
+    assert dict(p) == before
+    p.update({name: 4.0 * x for name, x in before.items() if name.startswith(prefix)})
+    s = random_state(on_joint(*parts), 2)
+    other = built(on_joint(*parts), "generalized_force")
+    idle = built(replace(free_body(), joints=(replace(free_body().joints[0], type="fixed"),)), "generalized_force")
+    weight = idle.generalized_force(s.q, s.v)
+    assert close(kernel.generalized_force(s.q, s.v) - weight, 4.0 * (other.generalized_force(s.q, s.v) - weight), 1e-8)
+    for name in p:
+        if name.startswith(prefix):
+            assert number_of(name) is not None
+            assert parameter_unit(robot, name) in UNITS
+    asked = replace(robot, tunable=(f"{prefix}.stiffness.preload.x",))
+    assert f"{prefix}.stiffness.preload.x" in build_model(asked).parameters
+
+
+BY_ENTRIES = {  # robots, and parameters of theirs
+    "joint": (lambda K: held(K, JointDamping(ratio=0.3, at_hz=2.0)), "joints.free", "damping.ratio"),
+    "bushing": (lambda K: on_bushing(K, JointDamping.of(np.eye(6).tolist())), "bushings.mount", "damping.gamma.gamma"),
+}
+
+
+@pytest.mark.parametrize(
+    ("owner", "method"),
+    soaked(product(BY_ENTRIES, ("implicit", "rosenbrock", "rk4")), {("joint", "implicit"), ("bushing", "rosenbrock")}),
+)
+def test_gradients_of_rollouts_by_entries(owner: str, method: str, built: Build) -> None:
+    make, prefix, damping = BY_ENTRIES[owner]
+    kernel = built(make(JointStiffness.of(definite(np.random.default_rng(4), COORDINATES).tolist())))
+    q0, still = np.array([0.1, -0.2, 0.1, 0.2, 0.1, -0.1]), np.zeros(6)
+    adaptive, fixed = {"duration": 0.1, "samples": 2, "rtol": 1e-9}, {"dt": 1e-3, "steps": 20}
+    options = {"method": method, **(adaptive if method == "rosenbrock" else fixed)}
+    names = (f"{prefix}.stiffness.x.beta", f"{prefix}.{damping}")
+
+    def loss(t: float, q: Array, v: Array) -> tuple[float, Array, Array]:
+        return float((q**2).sum() + (v**2).sum()), 2.0 * q, 2.0 * v
+
+    _, gradient = kernel.rollout_gradient(q0, still, still, loss=loss, parameters=names, **options)
+    for name in names:
+        x, ends = kernel.parameters[name], list[float]()
+        for step in (1e-4, -1e-4):
+            q, v = kernel.with_parameters({name: x + step}).rollout(q0, still, still, **options)
+            ends.append(float((q**2).sum() + (v**2).sum()))
+        assert gradient[name] == pytest.approx((ends[0] - ends[1]) / 2e-4, rel=1e-4)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,23 +12,35 @@ from scipy.integrate import solve_ivp
 
 import eomgen
 from eomgen.analysis.at_rest import rest
-from eomgen.analysis.holding import fixation_of
+from eomgen.analysis.holding import fixation_of, floating_cuts
 from eomgen.analysis.options import KERNELS
-from eomgen.codegen.closed_form.trace import closed_form
-from eomgen.codegen.kernels.equations import derive, derive_equations
-from eomgen.codegen.kernels.operation_counts import operations
-from eomgen.codegen.program.ir import evaluate
-from eomgen.integration.plan import choose_method
+from eomgen.description.load import robot_from_toml
+from eomgen.integration.plan import choose_method, why_stiff
 from eomgen.integration.solve import integrate
 from eomgen.robot.elements.journal import Radial, SlidingFriction
 from eomgen.robot.model import build_model
-from eomgen.robot.value import Coordinate, Joint, Link, Robot
-from tests.oracles.complex_step import complex_steps
+from eomgen.robot.value import COORDINATES, Coordinate, Joint, Link, Loop, Placement, Robot
+from eomgen.scenario.load import scenario_from_toml
+from eomgen.simulation.result import load_result
+from eomgen.state.springs import fastest_rates
 from tests.oracles.journals import generalized, random_journals, step_matrix, without
+from tests.support.added_forces import (
+    NAMES,
+    check_closed_form,
+    check_forces,
+    check_single_precision,
+    check_slopes,
+    check_step,
+    implicit_step,
+    products,
+    stacked,
+)
 from tests.support.builds import Build
 from tests.support.closeness import close
+from tests.support.programs import answer
 from tests.support.random_robots import (
     Array,
+    State,
     random_robot,
     random_state,
     seeds,
@@ -37,7 +50,6 @@ from tests.support.random_robots import (
 from tests.support.random_springs import with_springs
 
 TYPES = ("revolute", "prismatic", "fixed", "free")
-NAMES = ("inverse_dynamics", "generalized_force", "forward_dynamics", "energy", "residual_jacobian")
 FULL = Radial(2e-5, 1e8, 0.03, 0.5, None, SlidingFriction(0.1, 0.01))
 
 
@@ -56,44 +68,23 @@ def rotor(radial: Radial | None, *deviations: str, gravity: float = 0.0, **given
 
 @pytest.mark.parametrize("seed", seeds(2100, 1, 10))
 def test_forces_are_the_formulas(seed: int, built: Build) -> None:
-    """What journals add to a robot without them, one state at a time, several on vectors, and in single precision."""
     robot = worn(seed)
-    kernel, bare = built(robot, *NAMES), built(without(robot), *NAMES)
-    single = built(robot, "generalized_force", dtype="float32")
     states = [random_state(robot, seed + i) for i in range(9)]
-    found = [generalized(robot, s.q, s.v) for s in states]
-    assert any(np.abs(force).max() > 1.0 for force, _ in found)
-    for s, (force, energy) in zip(states, found, strict=True):
-        assert close(kernel.inverse_dynamics(s.q, s.v, s.a), bare.inverse_dynamics(s.q, s.v, s.a) - force)
-        assert close(kernel.energy(s.q, s.v), bare.energy(s.q, s.v) + [0.0, energy])
-        wanted = bare.forward_dynamics(s.q, s.v, s.u + force)
-        assert close(kernel.forward_dynamics(s.q, s.v, s.u), wanted, 1e-8)
-    q, v = (np.array([getattr(s, x) for s in states]) for x in "qv")
-    wanted = bare.generalized_force(q, v) + [force for force, _ in found]
-    assert close(kernel.generalized_force(q, v), wanted)
-    few = (q.astype(np.float32), v.astype(np.float32))
-    assert close(single.generalized_force(*few), kernel.generalized_force(*(x.astype(float) for x in few)), 1e-4)
+    forces, energies = zip(*(generalized(robot, s.q, s.v) for s in states), strict=True)
+    assert any(np.abs(force).max() > 1.0 for force in forces)
+    check_forces(robot, without(robot), states, forces, energies, built)
 
 
 @pytest.mark.parametrize("seed", seeds(2120, 1, 15))
 def test_slopes_are_those_of_the_forces(seed: int) -> None:
     robot = worn(seed, (1, 2))
-    model, jacobian = build_model(robot), derive(build_model(robot), "residual_jacobian")
     for i in range(2):
-        s = random_state(robot, seed + i)
-        inputs = {"q": s.q, "v": s.v, "a": s.a, "u": s.u, "p": list(model.parameters.values())}
-        blocks = np.array(list(evaluate(jacobian, inputs).values())).reshape(3, model.size, model.size)
-        for block, name in zip(blocks, "qva", strict=True):
-            assert close(block, complex_steps(robot, s, name), 1e-10)
+        check_slopes(robot, random_state(robot, seed + i))
 
 
 def test_closed_form_has_them() -> None:
     robot = random_journals(random_robot(2131, joints=(1, 1), types=("revolute",), max_coordinates=1), 2131)
-    model, s = build_model(robot), random_state(robot, 1)
-    inputs = {"q": s.q, "v": s.v, "a": s.a, "u": s.u, "p": list(model.parameters.values())}
-    residual, potential = closed_form(model).function("residual", "potential")(s.q, s.v, s.a, s.u)
-    assert close(np.array(list(evaluate(derive(model, "residual"), inputs).values())), residual)
-    assert close(np.array(evaluate(derive(model, "energy"), inputs)["out", 1]), potential)
+    check_closed_form(robot, random_state(robot, 1))
 
 
 def looped(seed: int) -> Robot:
@@ -102,9 +93,7 @@ def looped(seed: int) -> Robot:
 
 def has_full_rank(robot: Robot) -> bool:
     """Whether a random state, which is open, could be closed in all directions: then its rates can."""
-    model = build_model(robot)
-    inputs = {"q": random_state(robot, 1).q, "p": list(model.parameters.values())}
-    J = np.array(list(evaluate(derive(model, "constraint_jacobian"), inputs).values())).reshape(-1, model.size)
+    J = answer(robot, "constraint_jacobian", random_state(robot, 1)).reshape(-1, build_model(robot).size)
     return bool(np.linalg.matrix_rank(J, 1e-2) == len(J))
 
 
@@ -113,24 +102,14 @@ def has_full_rank(robot: Robot) -> bool:
 def test_an_implicit_step_is_the_linear_system(seed: int, kind: str) -> None:
     """(M + slopes) a = u + forces ahead - bias, with what the robot without journals has beside them."""
     robot, dt = worn(seed, (1, 2) if kind == "alone" else (2, 2)), 0.02
-    if kind == "prescribed":
-        robot = some_prescribed(robot, seed)
-    elif kind == "springs":
-        robot = with_springs(robot, seed)
-    elif kind == "loops":
+    if kind == "loops":
         robot = next(robot for robot in map(looped, range(seed, seed + 100)) if has_full_rank(robot))
-    model, states = build_model(robot), (random_state(robot, seed + i) for i in range(50))
+    else:
+        robot = {"prescribed": some_prescribed, "springs": with_springs}.get(kind, lambda robot, _: robot)(robot, seed)
+    states = (random_state(robot, seed + i) for i in range(50))
     s = next(s for s in states if np.abs(step_matrix(robot, s.q, s.v, dt)[0]).max() > 1e-3)
-    parameters = list(model.parameters.values())
-    base = {"q": s.q, "v": s.v, "u": s.u, "added": np.zeros(model.size), "dt": [dt, dt * dt], "p": parameters}
-    found = evaluate(derive(model, "implicit_step"), base)
-    a = np.array([found["out", i] for i in range(model.size)])
     matrix, force = step_matrix(robot, s.q, s.v, dt)
-    bare = build_model(without(robot))
-    u = np.where(np.isin(np.arange(model.size), model.prescribed), s.u, s.u + force - matrix @ a)
-    push = {**base, "u": u, "p": list(bare.parameters.values())}
-    wanted = evaluate(derive(bare, "implicit_step"), push)
-    assert close(a, np.array([wanted["out", i] for i in range(model.size)]), 1e-5 if kind == "loops" else 1e-6)
+    check_step(robot, without(robot), s, dt, lambda a: force - matrix @ a, 1e-5 if kind == "loops" else 1e-6)
 
 
 def test_a_round_bearing_is_no_box(built: Build) -> None:
@@ -257,17 +236,6 @@ def test_numbers_are_parameters(built: Build) -> None:
         kernel.parameters[prefix + "stiffness"] = -1.0
 
 
-def test_what_it_costs() -> None:
-    """Multiplications of the force, and nothing at all where there is no journal."""
-
-    def products(robot: Robot) -> int:
-        return operations(derive_equations(build_model(robot), ("inverse_dynamics",)))["inverse_dynamics"]["mul"]
-
-    plane, tilting = ("x", "y"), ("x", "y", "alpha", "beta")
-    for radial, names, most in ((replace(FULL, length=None), plane, 40), (FULL, tilting, 100)):
-        assert 0 < products(rotor(radial, *names)) - products(rotor(None, *names)) <= most
-
-
 @pytest.mark.soak
 def test_implicit_rollouts_follow_it(built: Build) -> None:
     """Of first order: half the step, half the error, in a bearing that the journal rolls through."""
@@ -284,3 +252,207 @@ def test_implicit_rollouts_follow_it(built: Build) -> None:
     assert errors[2] < 2e-2 * radial.clearance
     slow = kernel.rollout(q0, v0, np.zeros(3), 1e-3, 2000, method="implicit")[0][-1]
     assert np.hypot(*slow[:2]) == pytest.approx(1e-4 + np.sqrt(2 * 5e-6 * 2.0 * 9.81 / 1e7), rel=1e-6)
+
+
+def test_what_journals_cost() -> None:
+    """Multiplications of the force, and nothing at all where there is no journal."""
+    plane, tilting = ("x", "y"), ("x", "y", "alpha", "beta")
+    for radial, names, most in ((replace(FULL, length=None), plane, 40), (FULL, tilting, 100)):
+        assert 0 < products(rotor(radial, *names)) - products(rotor(None, *names)) <= most
+
+
+ROOT = Path(__file__).parents[3]
+CUT_FULL = Radial(0.05, 2e3, 0.5, 0.4, None, SlidingFriction(0.3, 0.2, 0.1))
+PLANE = replace(CUT_FULL, length=None)
+SIX = dict.fromkeys(COORDINATES, Coordinate())
+
+
+def placed() -> Placement:
+    return Placement.from_rpy((0.1, -0.2, 0.3), (0.4, 0.5, -0.3))
+
+
+def pair(radial: Radial) -> tuple[Robot, Robot]:
+    """A body on a joint with a journal; and floating, with the journal in a cut joint: the same coordinates."""
+    link = Link("body", 2.0, (0.1, 0.0, 0.05), (0.1, 0.12, 0.09, 0.01, 0.0, 0.0))
+    at = replace(placed(), rpy=None)
+    free = Joint("root", "base", "body", "free", at, coordinates=SIX)
+    of_tree = Robot("of_tree", (0.0, 0.0, -9.81), (link,), (replace(free, radial=radial),))
+    loop = Loop("pin", ("base", "body"), "fixed", (at, Placement()), SIX, radial=radial)
+    return of_tree, replace(of_tree, name="of_cut", joints=(free,), loops=(loop,))
+
+
+def cut_states(count: int) -> list[State]:
+    """States in which journals touch at one end, or both, or none."""
+    rng = np.random.default_rng(7)
+    return [State(rng.normal(0.0, 0.15, 6), *rng.normal(size=(3, 6))) for _ in range(count)]
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("radial", [CUT_FULL, PLANE], ids=["length", "plane"])
+def test_it_is_the_journal_of_a_joint(radial: Radial, built: Build) -> None:
+    """Forces, energy and reactions, one state at a time, several on vectors, and in single precision."""
+    tree, cut = pair(radial)
+    ours, theirs = built(cut, *NAMES, "loop_reactions"), built(tree, *NAMES)
+    assert ours.cut_laws == tuple(f"pin.{name}" for name in radial.felt)
+    many = cut_states(9)
+    for s in many:
+        assert close(ours.inverse_dynamics(s.q, s.v, s.a), theirs.inverse_dynamics(s.q, s.v, s.a))
+        assert close(ours.forward_dynamics(s.q, s.v, s.u), theirs.forward_dynamics(s.q, s.v, s.u), 1e-8)
+        assert close(ours.energy(s.q, s.v), theirs.energy(s.q, s.v))
+    q, v = stacked(many)
+    assert np.abs(theirs.generalized_force(q, v) - theirs.generalized_force(q, 0.0 * v)).max() > 1.0
+    assert close(ours.generalized_force(q, v), theirs.generalized_force(q, v))
+    check_single_precision(theirs, cut, (q, v), built, 1e-3)
+
+
+@pytest.mark.parametrize("radial", [CUT_FULL, PLANE], ids=["length", "plane"])
+def test_an_implicit_step_is_that_of_a_joint(radial: Radial) -> None:
+    """Rows beside the tree, where a joint has a block."""
+    tree, cut = pair(radial)
+    for s in cut_states(4):
+        assert close(implicit_step(cut, s, 0.02), implicit_step(tree, s, 0.02), 1e-6)
+
+
+@pytest.mark.soak
+def test_motions_are_those_of_a_joint(built: Build) -> None:
+    """All kinds of steps; contacts with their angle and end."""
+    radial = replace(CUT_FULL, friction=SlidingFriction(0.1, 0.2, 1e-2))
+    kernels = [built(robot, *NAMES, "rollout", "adaptive_rollout") for robot in pair(radial)]
+    q0, v0, u = np.array([0.02, 0.0, 0.0, 0.1, -0.05, 0.0]), np.array([0.3, 0.1, 0.0, 0.2, 0.1, 3.0]), np.zeros(6)
+    for way in (
+        {"dt": 1e-3, "steps": 200, "every": 20},
+        {"dt": 1e-3, "steps": 200, "every": 20, "method": "implicit"},
+        {"duration": 0.2, "samples": 10, "rtol": 1e-7, "method": "rosenbrock"},
+    ):
+        theirs, ours = (kernel.rollout(q0, v0, u, **way)[0] for kernel in kernels)
+        assert np.abs(theirs[:, 0]).max() > 0.03
+        assert np.abs(ours - theirs).max() < 1e-5
+    assert why_stiff(kernels[1]) == why_stiff(kernels[0]) != ""
+    fast = [fastest_rates(kernel, q0)[0] for kernel in kernels]
+    assert fast[1] == pytest.approx(fast[0], rel=0.2)
+    theirs, ours = (integrate(kernel, q0, v0, 0.2, rtol=1e-8, output_step=0.01) for kernel in kernels)
+    assert np.abs(ours.q - theirs.q).max() < 1e-6
+    assert len(ours.contacts) == len(theirs.contacts) > 0
+    for one, other in zip(ours.contacts, theirs.contacts, strict=True):
+        assert (one.coordinate, other.coordinate) == ("pin.radial", "root.radial")
+        assert (one.side, one.closes) == (other.side, other.closes)
+        assert [one.t, one.rate, one.angle] == pytest.approx([other.t, other.rate, other.angle], abs=1e-4)
+
+
+CRANK = (ROOT / "examples" / "slider_crank.toml").read_text(encoding="utf-8")
+OTHERWISE = (
+    CRANK[: CRANK.index('[[joints]]\nname = "pin"')].replace(
+        '"pin.gamma" = 3.141592653589793', '"crankpin.gamma" = 0.0'
+    )
+    + """
+[[joints]]
+name = "crankpin"
+parent = "crank"
+child = "rod"
+type = "revolute"
+placement = { xyz = [0.05, 0.0, 0.0] }
+[[loops]]
+name = "pin"
+links = ["slider", "rod"]
+type = "revolute"
+placements = [{ rpy = [0.0, -1.5707963267948966, 0.0] }, { xyz = [0.12, 0.0, 0.0] }]
+x = {}
+y = {}
+radial = { clearance = 5e-4, stiffness = 4e8, restitution_damping = 0.15 }
+"""
+)
+
+
+def otherwise() -> Robot:
+    """The slider-crank with a worn pin, cut there; its rod begins at the crank."""
+    return replace(robot_from_toml(OTHERWISE), name="slider_crank_otherwise")
+
+
+def test_a_slider_crank_cut_at_its_worn_pin(built: Build) -> None:
+    """The motion of the mechanism that is cut at the crank pin: until impacts have made a difference of them."""
+    theirs, ours = built(eomgen.load_robot(ROOT / "examples" / "slider_crank.toml")), built(otherwise())
+    speed = 5000.0 * 2 * np.pi / 60
+    q = theirs.assemble(np.array([0.0, 0.17, 0.0, 0.0, np.pi]))
+    v = theirs.project_velocity(q, np.array([speed, 0, 0, 0, 0.0]), held=("motor.gamma", "pin.x", "pin.y"))
+    names = list(ours.coordinates)
+    assert sorted(names) == ["crankpin.gamma", "guide.z", "motor.gamma"]
+    start, rates = np.zeros(3), np.zeros(3)
+    start[names.index("guide.z")] = q[1]
+    rates[names.index("motor.gamma")], rates[names.index("guide.z")] = v[0], v[1]
+    rates[names.index("crankpin.gamma")] = -speed - 0.05 * speed / 0.12
+    found = theirs.rollout(q, v, np.zeros(5), 1e-6, 2000, every=10)
+    mine = ours.rollout(start, rates, np.zeros(3), 1e-6, 2000, every=10)
+    slider = mine[0][:, names.index("guide.z")]
+    assert np.hypot(found[0][:, 2], found[0][:, 3]).max() > 5e-4  # it touches
+    assert np.abs(slider - found[0][:, 1]).max() < 1e-9
+    a = ours.forward_dynamics(*mine, np.zeros(3))[:, names.index("guide.z")]
+    wanted = theirs.forward_dynamics(*found, np.zeros(5))[:, 1]
+    assert np.abs(wanted).max() > 2e4
+    assert np.abs(a - wanted).max() < 1e-3 * np.abs(wanted).max()
+    s = ours.cut_forces(*mine)[..., 0]
+    assert np.abs(np.abs(s[:, :2]) - np.abs(found[0][:, 2:4])).max() < 1e-8
+
+
+SWING = """
+name = "swing"
+gravity = [0.0, -9.81, 0.0]
+driven = []
+tunable = ["loops.pin.radial.clearance"]
+[[links]]
+name = "bar"
+mass = 1.0
+com = [0.25, 0.0, 0.0]
+inertia = { xx = 1e-3, yy = 0.02, zz = 0.02 }
+[[joints]]
+name = "hinge"
+parent = "base"
+child = "bar"
+type = "revolute"
+[[loops]]
+name = "pin"
+links = ["base", "bar"]
+type = "revolute"
+placements = [{ xyz = [0.5, 0.0, 0.0] }, { xyz = [0.5, 0.0, 0.0] }]
+x = {}
+y = {}
+radial = { clearance = 1e-3, stiffness = 1e6, restitution_damping = 0.5 }
+"""
+
+
+@pytest.mark.soak
+@pytest.mark.usefixtures("unoptimised")
+def test_a_simulation_falls_through_the_play(tmp_path: Path) -> None:
+    """The bar's end drops by the clearance, bounces below, and its energy balances; the file knows the contact."""
+    robot = robot_from_toml(SWING)
+    kernel = eomgen.build(robot, flags=("-O0",))
+    assert floating_cuts(kernel, np.zeros(1)) == ["pin.x", "pin.y"]
+    scenario = scenario_from_toml("duration = 0.06\noutput_step = 1e-4\n[integrator]\nrtol = 1e-8\n")
+    result = eomgen.run_scenario(robot, scenario)
+    first = result.trajectory.contacts[0]
+    assert (first.coordinate, first.side, first.closes) == ("pin.radial", 0, True)
+    assert first.angle == pytest.approx(-np.pi / 2, abs=1e-2)
+    fall = 9.81 * 0.25 / (0.02 + 0.25**2)  # rad/s^2
+    assert first.t == pytest.approx(np.sqrt(2 * 1e-3 / 0.5 / fall), rel=1e-2)
+    assert result.balance.relative_residue < 1e-4
+    again = load_result(result.save(tmp_path / "motion.npz"))
+    assert again.trajectory.contacts == result.trajectory.contacts
+
+
+@pytest.mark.usefixtures("unoptimised")
+def test_it_rests_on_the_bearing() -> None:
+    """The end's weight, half of the bar's, on the contact; the reaction of the cut joint says so."""
+    robot = robot_from_toml(SWING)
+    q = eomgen.analysis.deflection(robot, pose=[-0.0021]).q
+    depth = np.sqrt(2.0 * 5e-5 * 0.5 * 9.81 / 1e6)  # within the smoothing, d = x^2 / (2 w)
+    assert -0.5 * np.sin(q[0]) == pytest.approx(1e-3 + depth, rel=1e-4)
+    kernel = eomgen.build(robot, flags=("-O0",))
+    still = np.zeros(1)
+    reaction = kernel.loop_reactions(q, still, still)[0]
+    assert np.hypot(*reaction[:2]) == pytest.approx(0.5 * 9.81, rel=1e-4)
+
+
+@pytest.mark.parametrize("radial", [CUT_FULL, PLANE], ids=["length", "plane"])
+def test_slopes_are_those_of_a_joint(radial: Radial) -> None:
+    tree, cut = pair(radial)
+    for s in cut_states(3):
+        check_slopes(cut, s, 1e-9, of=tree)

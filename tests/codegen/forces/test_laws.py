@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,18 +13,36 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import PchipInterpolator
 
 import eomgen
-from eomgen.codegen.closed_form.trace import closed_form
-from eomgen.codegen.kernels.equations import derive
-from eomgen.codegen.program.ir import evaluate
-from eomgen.errors import DescriptionError, InputError
+from eomgen.adapters.mappings import DifferentiableFunction, kernels_for
+from eomgen.analysis.holding import fixation_of
+from eomgen.codegen.c.sources import render
+from eomgen.codegen.closed_form.readable import readable_closed_form
+from eomgen.codegen.kernels.equations import derive_equations
+from eomgen.errors import ArrayError, EomgenWarning, InputError
+from eomgen.export.mujoco import left_out, mjcf
+from eomgen.integration.plan import choose_method
 from eomgen.integration.solve import integrate
 from eomgen.robot.model import build_model
-from eomgen.robot.value import Coordinate, Friction, Joint, Link, Robot
+from eomgen.robot.value import Coordinate, Friction, Joint, Link, Motor, Robot
+from eomgen.scenario.load import scenario_from_toml
+from eomgen.simulation.assembly import kernels_of
+from eomgen.state.springs import coordinate_sizes, stiffnesses
 from tests.oracles.complex_step import complex_steps
-from tests.oracles.force_laws import LawOracle, measured, resistance, with_laws
+from tests.oracles.force_laws import (
+    IN_TURNS,
+    LawOracle,
+    coordinates,
+    measured,
+    random_coordinate,
+    resistance,
+    stored,
+    with_laws,
+)
+from tests.support.added_forces import check_closed_form, check_jacobians, check_single_precision, stacked
 from tests.support.builds import Build
 from tests.support.closeness import close
-from tests.support.random_robots import Array, random_robot, random_state, seeds
+from tests.support.optional import needs
+from tests.support.random_robots import Array, State, random_robot, random_state, seeds
 
 TYPES = ("revolute", "prismatic", "fixed", "free")
 NAMES = ("inverse_dynamics", "residual", "generalized_force", "forward_dynamics", "energy", "residual_jacobian")
@@ -53,44 +73,25 @@ def test_forces_are_the_formulas(seed: int, built: Build) -> None:
         allowed = max(1e-11, 100 * np.finfo(float).eps * np.linalg.cond(kernel.mass_matrix(s.q)))
         assert close(kernel.forward_dynamics(s.q, s.v, s.u), oracle.forward_dynamics(s.q, s.v, s.u), allowed)
         assert close(kernel.energy(s.q, s.v), oracle.energy(s.q, s.v))
-    q, v, a = (np.array([getattr(s, x) for s in states]) for x in "qva")
-    for many, one in (
-        (kernel.inverse_dynamics(q, v, a), [kernel.inverse_dynamics(s.q, s.v, s.a) for s in states]),
-        (kernel.generalized_force(q, v), [kernel.generalized_force(s.q, s.v) for s in states]),
-        (kernel.energy(q, v), [kernel.energy(s.q, s.v) for s in states]),
-    ):
-        assert close(np.asarray(many), np.array(one), 1e-12)
+    arrays = stacked(states, "qva")
+    for name, count in (("inverse_dynamics", 3), ("generalized_force", 2), ("energy", 2)):
+        call = getattr(kernel, name)
+        one = np.array([call(*state) for state in zip(*arrays[:count], strict=True)])
+        assert close(np.asarray(call(*arrays[:count])), one, 1e-12)
 
 
 @pytest.mark.soak
 @pytest.mark.parametrize("seed", seeds(1320, 1, 10))
 def test_slopes_are_those_of_the_forces(seed: int, built: Build) -> None:
     robot = worn(seed, (1, 3))
-    kernel = built(robot, "residual_jacobian", "forward_dynamics", "forward_dynamics_jacobian")
-    for i in range(3):
-        s = random_state(robot, seed + i)
-        by_q, by_v, by_a = kernel.residual_jacobian(s.q, s.v, s.a)
-        assert close(by_q, complex_steps(robot, s, "q"))
-        assert close(by_v, complex_steps(robot, s, "v"))
-        assert close(by_a, complex_steps(robot, s, "a"))
-    s = random_state(robot, seed)
-    a = kernel.forward_dynamics(s.q, s.v, s.u)
-    by_q, by_v, M = kernel.residual_jacobian(s.q, s.v, a)
-    blocks = kernel.forward_dynamics_jacobian(s.q, s.v, s.u)
-    for block, wanted in zip(blocks, (-by_q, -by_v, np.eye(kernel.n)), strict=True):
-        assert close(M @ block, wanted, 1e-9)
+    check_jacobians(robot, [random_state(robot, seed + i) for i in range(3)], built)
 
 
 @pytest.mark.parametrize("seed", [1330, 1331, 1332])
 def test_closed_form_has_them(seed: int) -> None:
     """SymPy's equations against the program, on floats."""
     robot = with_laws(random_robot(seed, joints=(1, 2), max_size=3), seed)
-    model, s = build_model(robot), random_state(robot, seed)
-    inputs = {"q": s.q, "v": s.v, "a": s.a, "u": s.u, "p": list(model.parameters.values())}
-    n, function = len(model.coordinates), closed_form(model).function("residual", "potential")
-    residual, potential = function(*(x[:n] for x in (s.q, s.v, s.a, s.u)), z=s.v[n:])
-    assert close(np.array(list(evaluate(derive(model, "residual"), inputs).values()))[:n], residual)
-    assert close(np.array(evaluate(derive(model, "energy"), inputs)["out", 1]), potential)
+    check_closed_form(robot, random_state(robot, seed))
 
 
 @pytest.mark.parametrize("seed", seeds(1340, 1, 12))
@@ -125,20 +126,6 @@ def test_nothing_acts_inside_a_clearance(built: Build) -> None:
     assert np.all(kernel.energy(s, 0 * s) == 0.0)
     outside = kernel.generalized_force(np.array([[-1.01e-3], [1.01e-3]]), np.zeros((2, 1)))
     assert outside[0] > 0.0 > outside[1]
-
-
-@pytest.mark.parametrize("side", [1.0, -1.0])
-def test_a_contact_never_pulls(side: float, built: Build) -> None:
-    """Torn apart faster than 1 / restitution_damping it gives neither force nor slope; slower, both."""
-    robot = slider(stiffness=1e3, clearance=0.1, smoothing=0.01, restitution_damping=0.5)
-    kernel, q, none = built(robot, "generalized_force", "residual_jacobian"), np.array([0.2 * side]), np.zeros(1)
-    torn, slow = np.array([-3.0 * side]), np.array([-1.0 * side])
-    assert kernel.generalized_force(q, torn) == 0.0
-    assert [float(block[0, 0]) for block in kernel.residual_jacobian(q, torn, none)[:2]] == [0.0, 0.0]
-    d = 0.1 - 0.01 / 2
-    assert kernel.generalized_force(q, slow) == pytest.approx([-side * 1e3 * d * 0.5])
-    by_q, by_v, _ = kernel.residual_jacobian(q, slow, none)
-    assert (by_q[0, 0], by_v[0, 0]) == pytest.approx((1e3 * 0.5, 1e3 * d * 0.5))
 
 
 @pytest.mark.parametrize("damping", [0.0, 0.6])
@@ -224,24 +211,6 @@ def published_restitution(alpha: float, v0: float, k: float, mass: float) -> flo
     return -float(found.y[1, -1]) / v0
 
 
-@pytest.mark.parametrize("side", [1.0, -1.0])
-def test_contact_damping_is_that_of_the_penetration(side: float, built: Build) -> None:
-    """Where a contact sets in its penetration grows more slowly than the coordinate; what it takes is never given."""
-    k, c, w, gap = 1e3, 0.5, 0.01, 0.1
-    kernel = built(slider(stiffness=k, clearance=gap, smoothing=w, restitution_damping=c), "generalized_force")
-    x, v = np.linspace(0.0, 2.0 * w, 21), np.array([-3.0, -1.0, 0.0, 0.7, 4.0])
-    x, v = (part.ravel() for part in np.meshgrid(x, v))
-    d = np.where(x < w, x * x / (2.0 * w), x - w / 2.0)
-    d_dot = np.minimum(x / w, 1.0) * v
-    expected = -side * k * d * np.maximum(1.0 + c * d_dot, 0.0)
-    q, rates = (side * part[:, np.newaxis] for part in (gap + x, v))
-    found = kernel.generalized_force(q, rates)
-    assert close(found[:, 0], expected, 1e-12)
-    taken = (kernel.generalized_force(q, 0.0 * rates) - found) * rates
-    assert taken.min() >= 0.0
-    assert taken.max() > 1.0
-
-
 def test_dry_friction_stops_a_mass(built: Build) -> None:
     """m v^2 / (2 F) is the way to rest; and at its level the force is Coulomb's."""
     robot = slider(mass=3.0, friction=Friction(coulomb=6.0, smoothing=1e-4))
@@ -269,15 +238,6 @@ def test_a_gaussian_stribeck_curve(built: Build) -> None:
     assert Friction.of({key[9:]: x for key, x in friction.numbers().items()}) == friction
     with pytest.raises(ValueError, match="shape 'bell'"):
         Friction(2.0, 5.0, 0.1, shape="bell")
-
-
-def test_stribecks_curve(built: Build) -> None:
-    """Static at slow rates, half way at the Stribeck rate, Coulomb's far beyond, odd in the rate."""
-    friction = Friction(coulomb=2.0, static=5.0, stribeck=0.1, viscous=0.0, smoothing=1e-9)
-    kernel = built(slider(friction=friction), "generalized_force")
-    rates = np.array([[1e-6], [0.1], [1e5], [-1e-6], [-0.1], [-1e5]])
-    found = kernel.generalized_force(np.zeros_like(rates), rates)[:, 0]
-    assert found == pytest.approx([-5.0, -3.5, -2.0, 5.0, 3.5, 2.0], rel=1e-6)
 
 
 def test_motion_is_scipys(built: Build) -> None:
@@ -369,39 +329,181 @@ def test_simulation_with_clearances(built: Build) -> None:
     assert found.q[-1, 0] == pytest.approx(-5e-3, abs=2e-4)
 
 
-@pytest.mark.soak
-def test_single_precision(built: Build) -> None:
-    robot = worn(1380, (3, 3))
-    single, double = built(robot, *NAMES, dtype="float32"), built(robot, *NAMES)
-    states = [random_state(robot, i) for i in range(5)]
-    q, v, a = (np.array([getattr(s, x) for s in states]) for x in "qva")
-    found = single.inverse_dynamics(*(x.astype(np.float32) for x in (q, v, a)))
-    assert found.dtype == np.float32
-    assert close(found, double.inverse_dynamics(q, v, a), 1e-4)
-
-
 def test_parameters_are_checked(built: Build) -> None:
-    kernel = built(slider(stiffness=1e4, clearance=0.1, friction=Friction(1.0, 2.0, 0.1)), "generalized_force")
-    for key in ("clearance", "stiffness", "friction.coulomb", "friction.static"):
-        with pytest.raises(InputError, match=f"rail.z.{key} = -1.0 is negative"):
-            kernel.parameters[f"joints.rail.z.{key}"] = -1.0
-    for key in ("smoothing", "friction.smoothing", "friction.stribeck"):
-        with pytest.raises(InputError, match=f"rail.z.{key} = 0.0 is too small; at least 1e-12"):
-            kernel.parameters[f"joints.rail.z.{key}"] = 0.0
-    assert kernel.parameters["joints.rail.z.smoothing"] == pytest.approx(5e-3)
-    kernel.parameters["joints.rail.z.clearance"] = 0.2
-    assert kernel.generalized_force([0.19], [0.0]) == pytest.approx([0.0], abs=1e-12)
+    numbers = {"stiffness": 1e4, "friction": Friction(1.0, 2.0, 0.1), "clearance": 0.1}
+    kernels = built(slider(**numbers), "generalized_force"), built(slider(further=GIVEN), "generalized_force")
+    keys = ("clearance", "stiffness", "friction.coulomb", "friction.static"), ("exponential.force",)
+    smallest = ("smoothing", "friction.smoothing", "friction.stribeck"), ("exponential.scale",)
+    for kernel, least, tiny in zip(kernels, keys, smallest, strict=True):
+        for key in least:
+            with pytest.raises(InputError, match=f"rail.z.{key} = -1.0 is negative"):
+                kernel.parameters[f"joints.rail.z.{key}"] = -1.0
+        for key in tiny:
+            with pytest.raises(InputError, match=f"rail.z.{key} = 0.0 is too small; at least 1e-12"):
+                kernel.parameters[f"joints.rail.z.{key}"] = 0.0
+    first, second = kernels
+    assert first.parameters["joints.rail.z.smoothing"] == pytest.approx(5e-3)
+    first.parameters["joints.rail.z.clearance"] = 0.2
+    assert first.generalized_force([0.19], [0.0]) == pytest.approx([0.0], abs=1e-12)
+    second.parameters.update({"joints.rail.z.exponential.force": 2.0, "joints.rail.z.exponential.scale": 0.1})
+    assert second.generalized_force([0.1], [0.0]) == pytest.approx([-2.0 * (np.e - 1.0)], rel=1e-14)
 
 
-def test_forces_of_a_robot_made_by_hand_are_checked() -> None:
-    with pytest.raises(DescriptionError, match=r"joints\.rail\.z\.clearance: there is no stiffness"):
-        build_model(slider(clearance=0.1))
+F, SCALE = 3.0, 0.05
+GIVEN = {"exponential.force": F, "exponential.scale": SCALE}
 
 
-def test_others_keep_their_code() -> None:
-    """Not a word of comparisons or roots in the C of a robot that has none of these forces."""
-    from eomgen.codegen.c.sources import render
-    from eomgen.codegen.kernels.equations import derive_equations
+def test_energy_is_conserved(built: Build) -> None:
+    """A mass that swings between the soft side and the steep one; implicitly it loses, and never gains."""
+    kernel = built(slider(further=GIVEN), "rollout", "energy", "forward_dynamics")
+    q, v = kernel.rollout(np.zeros(1), np.array([1.0]), np.zeros(1), dt=1e-4, steps=30_000, every=10)
+    energy = kernel.energy(q, v).sum(axis=1)
+    assert np.max(np.abs(energy - energy[0])) <= 1e-9 * energy[0]
+    assert q.min() < -0.2
+    assert q.max() > 0.1
+    q, v = kernel.rollout(np.zeros(1), np.array([1.0]), np.zeros(1), dt=2e-3, steps=3000, method="implicit")
+    energy = kernel.energy(q, v).sum(axis=1)
+    assert energy[-1] < energy[0]
+    assert energy.max() <= 1.02 * energy[0]
 
-    code = render(derive_equations(build_model(eomgen.load_robot("puma560"))), "float64").code
-    assert not any(name in code for name in ("larger", "positive", "root", "exponential", "EOMGEN_INLINE"))
+
+def test_what_counts_as_its_stiffness(built: Build) -> None:
+    """That at s = 0, on top of the linear spring's: "auto" is implicit, sizes follow, and it holds its coordinate."""
+    robot = slider(further=GIVEN)
+    kernel = built(robot, "forward_dynamics", "mass_matrix", "energy", "inverse_dynamics", "forward_dynamics_jacobian")
+    assert stiffnesses(kernel) == pytest.approx([F / SCALE])
+    assert stiffnesses(built(replaced(robot, stiffness=40.0), "energy")) == pytest.approx([40.0 + F / SCALE])
+    assert coordinate_sizes(kernel, np.zeros(1))[0] == pytest.approx([min(1.0, 10.0 * 2.0 / (F / SCALE))])
+    assert choose_method(kernel) == "Radau"
+    assert robot.joints[0].coordinates["z"].has_stiffness
+    deviation = replace(robot, joints=(replace(robot.joints[0], type="fixed"),))
+    assert not fixation_of(deviation, built(replace(deviation, name="deviation"), "energy")).still.any()
+    kernel.parameters["joints.rail.z.exponential.force"] = 0.0
+    assert choose_method(kernel) == "DOP853"
+
+
+def test_a_simulation(built: Build) -> None:
+    """Radau against the static deviation under a constant drive, which a logarithm gives."""
+    robot = slider(damping=20.0, further=GIVEN)
+    kernel = built(robot, "forward_dynamics", "mass_matrix", "energy", "inverse_dynamics", "forward_dynamics_jacobian")
+    found = integrate(kernel, np.zeros(1), np.zeros(1), 8.0, drive=lambda t, q, v: np.full_like(q, 30.0))
+    assert found.method == "Radau"
+    assert found.q[-1, 0] == pytest.approx(SCALE * np.log(1.0 + 30.0 / F), rel=1e-5)
+
+
+def test_overflow_is_named(built: Build) -> None:
+    kernel = built(
+        slider(further=GIVEN), "forward_dynamics", "mass_matrix", "energy", "inverse_dynamics", "generalized_force"
+    )
+    with pytest.raises(ArrayError, match=r"generalized_force: rail\.z is -inf, out of numbers that are finite"):
+        kernel.generalized_force([1000.0 * SCALE], [0.0])
+    assert kernel.with_checks(False).generalized_force([1000.0 * SCALE], [0.0]) == [-np.inf]
+    assert kernel.generalized_force([-1000.0 * SCALE], [0.0]) == [F]
+    with pytest.raises(ArrayError, match=r"forward_dynamics: rail\.z is -inf"):
+        integrate(kernel, np.array([1000.0 * SCALE]), np.zeros(1), 0.1, method="DOP853")
+
+
+def test_mujoco_has_no_equal(tmp_path: Path) -> None:
+    robot, mujoco = slider(stiffness=40.0, further=GIVEN), needs("mujoco")
+    assert left_out(robot) == ["joints.rail.z.exponential: left out"]
+    with pytest.raises(InputError, match=r"no equal for joints\.rail\.z\.exponential: left out; allowed: without"):
+        mjcf(robot, 1e-3)
+    with pytest.warns(EomgenWarning, match="exponential: left out"):
+        path = eomgen.export_mjcf(robot, tmp_path / "slider.xml", approximate=True)
+    assert mujoco.MjModel.from_xml_path(str(path)).jnt_stiffness == [40.0]
+
+
+def test_transmissions_have_it(built: Build) -> None:
+    """It may be a motor's only spring, in units of the joint's side."""
+    robot = replace(slider(), joints=(replace(slider().joints[0], motor=Motor(0.1, 50.0, Coordinate(further=GIVEN))),))
+    kernel = built(robot, "inverse_dynamics", "forward_dynamics", "energy", "mass_matrix")
+    phi = 0.08
+    q = np.array([0.3, 50.0 * (0.3 + phi)])
+    force = F * np.expm1(phi / SCALE)
+    assert kernel.inverse_dynamics(q, [0.0, 0.0], [0.0, 0.0]) == pytest.approx([-force, force / 50.0], rel=1e-13)
+    assert kernel.energy(q, [0.0, 0.0])[1] == pytest.approx(F * (SCALE * np.expm1(phi / SCALE) - phi), rel=1e-12)
+    assert stiffnesses(kernel) == pytest.approx([F / SCALE, F / SCALE / 2500.0])
+
+
+def test_closed_form() -> None:
+    form = readable_closed_form(build_model(slider(further=GIVEN)))
+    assert any("exp(20.0*z_1)" in line for line in form.lines())
+    assert "e^{20.0" in form.latex()
+
+
+def test_bias_without_it(built: Build) -> None:
+    """Derivatives of the bias force, which no spring is part of, also where the scale is a micrometre."""
+    robot = slider(further={"exponential.force": 5.0, "exponential.scale": 1e-6})
+    kernel = built(robot, *kernels_for("bias_force", "generalized_force"))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert DifferentiableFunction(kernel, "bias_force").derivatives(np.zeros(1), np.ones(1))[0] == [[0.0]]
+        by_q = DifferentiableFunction(kernel, "generalized_force").derivatives(np.zeros(1), np.zeros(1))[0]
+    assert by_q == pytest.approx(np.array([[-5e6]]))
+
+
+def test_scenarios_build_what_its_method_asks_for() -> None:
+    implicit, explicit = (scenario_from_toml(f"duration = 1.0\n[integrator]\nmethod = '{x}'") for x in ("Radau", "rk4"))
+    robot = slider(further=GIVEN)
+    assert "adaptive_rollout" in kernels_of(robot, scenario_from_toml("duration = 1.0"))
+    assert set(kernels_of(robot, implicit)) > set(kernels_of(robot, explicit))
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [("puma560", ("larger", "positive", "root", "exponential", "EOMGEN_INLINE")), ("ur5", ("spring_",))],
+)
+def test_others_have_no_code_of_forces(name: str, words: tuple[str, ...]) -> None:
+    """Neither comparisons nor roots nor springs are in the C of a robot that has none of these forces."""
+    source = render(derive_equations(build_model(eomgen.load_robot(name))), "float64")
+    assert not any(word in source.code for word in words)
+    assert "spring_" not in source.header + source.meta
+
+
+def rack() -> Robot:
+    """A slide without gravity for each law that has no state."""
+    rng, given = np.random.default_rng(3), Coordinate(40.0, 0.5)
+    table = [random_coordinate(rng, kind, given) for kind in IN_TURNS]
+    contact = replace(given, clearance=0.1, smoothing=0.01, restitution_damping=0.5)
+    stops = {
+        "stiffness": 4e3,
+        "damping": 6.0,
+        "restitution_damping": 0.3,
+        "smoothing": 2e-3,
+        "lower": -0.1,
+        "upper": 0.2,
+    }
+    table += [replace(contact, stiffness=1e3), replace(given, further={f"stops.{key}": x for key, x in stops.items()})]
+    friction = Friction(coulomb=2.0, static=5.0, stribeck=0.1, viscous=0.2, smoothing=1e-3)
+    table += [replace(given, friction=friction), replace(given, cubic=7.0, preload=1.5, further=GIVEN)]
+    links = tuple(replace(slider().links[0], name=f"block{i}") for i in range(len(table)))
+    joints = tuple(
+        replace(slider().joints[0], name=f"rail{i}", child=f"block{i}", coordinates={"z": law})
+        for i, law in enumerate(table)
+    )
+    return replace(slider(name="rack"), links=links, joints=joints)
+
+
+def test_every_law_on_a_slide(built: Build) -> None:
+    """Forces and energies of the formulas with branches, slopes of complex steps; batches to the bit, and float32."""
+    robot = rack()
+    kernel, table = built(robot, "generalized_force", "residual_jacobian", "energy"), list(coordinates(robot))
+    beside = [0.1, 0.105, 0.11, 0.2, 0.201, 0.2015]
+    s, v = np.meshgrid(
+        [*np.linspace(-0.4, 0.3, 36), *beside, *(-x for x in beside)], [-3.0, -0.2, -1e-3, 0.0, 0.05, 3.0]
+    )
+    q, rates = (np.repeat(x.ravel()[:, np.newaxis], kernel.n, axis=1) for x in (s, v))
+    found = kernel.generalized_force(q, rates)
+    for i, law in enumerate(table):
+        forces = [resistance(law, *state) + 0.5 * state[1] for state in zip(s.ravel(), v.ravel(), strict=True)]
+        assert close(-found[:, i], np.array(forces), 1e-13), i
+    energies = [sum(stored(law, x) for law in table) for x in s[0]]
+    assert close(kernel.energy(q[: s.shape[1]], 0.0 * q[: s.shape[1]])[:, 1], np.array(energies), 1e-11)
+    assert abs(kernel.energy(0.0 * q[0], rates[0])[1]) <= 1e-14
+    states = list(zip(q[::7], rates[::7], strict=True))
+    assert np.array_equal(found[::7], [kernel.generalized_force(*state) for state in states])
+    for x, y in states[::4]:
+        motion = State(x, y, 0.0 * x, 0.0 * x)
+        for block, name in zip(kernel.residual_jacobian(x, y, motion.a), "qva", strict=True):
+            assert close(block, complex_steps(robot, motion, name))
+    check_single_precision(kernel, robot, (q, rates), built, 2e-4)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from typing import Any
 
@@ -10,14 +9,11 @@ import numpy as np
 import pytest
 
 import eomgen
-from eomgen.description.load import robot_from_toml
-from eomgen.errors import DescriptionError, InputError
+from eomgen.errors import InputError
 from eomgen.export.mujoco import mjcf
 from eomgen.integration import integrate
-from eomgen.robot.model import build_model
-from eomgen.robot.record import record_of, robot_of
-from eomgen.robot.value import Coordinate, Friction, Joint, Link, Loop, Motor, Robot
-from tests.oracles.complex_step import complex_steps
+from eomgen.robot.value import Coordinate, Friction, Joint, Link, Loop, Robot
+from tests.support.added_forces import check_jacobians
 from tests.support.builds import Build
 from tests.support.closeness import close
 from tests.support.random_robots import random_state
@@ -82,17 +78,7 @@ def test_friction_is_that_of_the_radial_force(built: Build) -> None:
 @pytest.mark.parametrize("robot", [pin(), cut_pin()], ids=["joint", "cut joint"])
 def test_jacobians_have_the_slope_by_the_load(robot: Robot, built: Build) -> None:
     """Complex steps, and off the diagonal what no other row has."""
-    kernel = built(robot, "residual_jacobian", "forward_dynamics", "forward_dynamics_jacobian")
-    for seed in range(3):
-        s = random_state(robot, seed)
-        by_q, by_v, M = kernel.residual_jacobian(s.q, s.v, s.a)
-        assert close(by_q, complex_steps(robot, s, "q"))
-        assert close(by_v, complex_steps(robot, s, "v"))
-    a = kernel.forward_dynamics(s.q, s.v, s.u)
-    by_q, by_v, M = kernel.residual_jacobian(s.q, s.v, a)
-    found = kernel.forward_dynamics_jacobian(s.q, s.v, s.u)
-    assert close(M @ found[0], -by_q, 1e-9)
-    assert close(M @ found[1], -by_v, 1e-9)
+    check_jacobians(robot, [random_state(robot, seed) for seed in range(3)], built)
 
 
 def test_slopes_are_unsymmetric_and_finite_without_a_load(built: Build) -> None:
@@ -104,15 +90,6 @@ def test_slopes_are_unsymmetric_and_finite_without_a_load(built: Build) -> None:
     at_none = kernel.residual_jacobian([0.0, -3.0 / 80.0, 0.3], [0.0, 0.0, 1.0], np.zeros(3))
     assert all(np.isfinite(block).all() for block in at_none)
     assert abs(at_none[0][2, 0]) < 1e-6
-
-
-def test_parameters_by_name(built: Build) -> None:
-    kernel = built(pin(), "generalized_force")
-    q, v = np.array([0.1, 0.2, 0.0]), np.array([0.3, -0.1, 0.7])
-    before = kernel.generalized_force(q, v)[2]
-    kernel.parameters.update({"joints.pin.gamma.friction.coefficient": 0.1, "joints.pin.gamma.friction.radius": 0.2})
-    other = replace(LOADED, coefficient=0.1, radius=0.2)
-    assert before - kernel.generalized_force(q, v)[2] == pytest.approx(by_hand(q, v, other) - by_hand(q, v))
 
 
 def test_a_sliding_guide_feels_what_is_across(built: Build) -> None:
@@ -167,89 +144,7 @@ def test_a_wheel_comes_to_rest_under_its_weight(built: Build) -> None:
     assert v[250, 2] == pytest.approx(0.2 * (1.0 - 0.25 / stops), rel=1e-2)
 
 
-def test_a_rigid_robot_has_no_load() -> None:
-    """Numbers that go with the load go, also from what is tunable; coulomb stays."""
-    name = "joints.pin.gamma.friction"
-    robot = replace(pin(), tunable=(f"{name}.coefficient", f"{name}.coulomb"))
-    rigid = robot.rigid()
-    assert rigid.joints[0].coordinates["gamma"].friction == replace(LOADED, coefficient=None, radius=None)
-    assert rigid.tunable == (f"{name}.coulomb",)
-    assert f"{name}.radius" not in build_model(rigid).parameters
-    closed = cut_pin().rigid()
-    assert closed.loops[0].coordinates == {"gamma": Coordinate(friction=replace(LOADED, coefficient=None, radius=None))}
-    assert build_model(closed).cut_laws
-
-
-def test_records_keep_it() -> None:
-    robot = pin()
-    assert robot_of(json.loads(json.dumps(record_of(robot)))) == robot
-    plain = record_of(pin(Friction(1.0)))["joints"][0]["coordinates"]["gamma"]["friction"]
-    assert set(plain) == {"coulomb", "static", "stribeck", "viscous", "smoothing"}
-
-
 def test_mujoco_has_no_such_friction() -> None:
     robot = pin(Friction(coefficient=0.1, radius=0.2), x=Coordinate(50.0), y=Coordinate(80.0))
     with pytest.raises(InputError, match=r"joints\.pin\.gamma\.friction: frictionloss.* without .*load"):
         mjcf(robot, 1e-3)
-
-
-TOML = """
-name = "wheel"
-[[links]]
-name = "wheel"
-mass = 1.0
-com = [0.0, 0.0, 0.0]
-inertia = { xx = 1.0, yy = 1.0, zz = 1.0 }
-[[joints]]
-name = "pin"
-parent = "base"
-child = "wheel"
-type = "revolute"
-x = { stiffness = 1e6 }
-gamma = { friction = { coefficient = 0.08, radius = 0.02 } }
-"""
-
-
-def test_described() -> None:
-    robot = robot_from_toml(TOML)
-    friction = robot.joints[0].coordinates["gamma"].friction
-    assert friction == Friction(0.0, coefficient=0.08, radius=0.02)
-    assert friction is not None
-    assert friction.smoothing == 4e-8
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        ("x = { stiffness = 1e6 }", "", r"gamma\.friction\.coefficient: there is no load.* with x or y active"),
-        ("{ stiffness = 1e6 }", "{ friction = { coulomb = 1.0 } }", r"gamma\.friction\.coefficient: there is no load"),
-        ("x = {", "z = {", r"gamma\.friction\.coefficient: there is no load.* with x or y active"),
-        (", radius = 0.02", "", r"gamma\.friction\.coefficient: there is no radius"),
-        ("coefficient = 0.08, ", "coulomb = 1.0, ", r"gamma\.friction\.radius: there is no coefficient"),
-        ("coefficient = 0.08, ", "", r"gamma\.friction: the key 'coulomb' is missing; allowed: .*coefficient"),
-        ("0.08", "-0.08", r"gamma\.friction\.coefficient: .*-0\.08"),
-        (
-            "x = { stiffness = 1e6 }",
-            "y = { stiffness = 1e6 }\nx = { stiffness = 1e6, friction = { coefficient = 0.1, radius = 1.0 } }",
-            r"x\.friction\.radius: x does not turn",
-        ),
-        (
-            "x = { stiffness = 1e6 }",
-            "motor = { inertia = 1, ratio = 2, stiffness = 1, friction = { coefficient = 0.1 } }\nx = { damping = 1 }",
-            r"motor\.friction\.coefficient: no joint load acts",
-        ),
-    ],
-)
-def test_refused(old: str, new: str, message: str) -> None:
-    assert old in TOML
-    with pytest.raises(DescriptionError, match=message):
-        robot_from_toml(TOML.replace(old, new))
-
-
-def test_refused_of_a_robot_made_by_hand() -> None:
-    with pytest.raises(DescriptionError, match=r"joints\.pin\.gamma\.friction\.coefficient: there is no load"):
-        build_model(pin(x=Coordinate(), y=Coordinate()))
-    motor = Motor(0.1, 10.0, Coordinate(1e3), Friction(coefficient=0.1))
-    joint = replace(pin().joints[0], motor=motor)
-    with pytest.raises(DescriptionError, match=r"joints\.pin\.motor\.friction\.coefficient: no joint load acts"):
-        build_model(replace(pin(), joints=(joint,)))

@@ -11,17 +11,18 @@ import sympy as sp
 import eomgen
 from eomgen.codegen.closed_form.trace import closed_form
 from eomgen.codegen.joint.zeros import zero_map
-from eomgen.codegen.kernels.equations import derive, derive_cheapest
+from eomgen.codegen.kernels.equations import derive_cheapest
 from eomgen.codegen.program.ir import evaluate
 from eomgen.errors import SingularError
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Coordinate, Joint, Link, Motor, Robot
-from tests.oracles.complex_step import complex_steps
 from tests.oracles.force_laws import resistance
 from tests.oracles.lagrange import LagrangeOracle
 from tests.oracles.pinocchio_models import PinocchioOracle
+from tests.support.added_forces import check_closed_form, check_jacobians
 from tests.support.builds import Build
 from tests.support.closeness import close
+from tests.support.programs import answer
 from tests.support.random_motors import KINDS, STIFF, MotorOracle, geared_robot, gears, motor_state, without_motors
 from tests.support.random_robots import Array, random_robot, seeds
 from tests.support.soak import soaked
@@ -106,16 +107,7 @@ def test_against_sympys_lagrangian(seed: int, built: Build) -> None:
 @pytest.mark.parametrize("seed", seeds(1930, 1, 7))
 def test_derivatives(seed: int, built: Build) -> None:
     robot = geared_robot(seed, (1, 3), kinds=KINDS[seed % 7 :] + KINDS[: seed % 7])
-    kernel = built(robot, "residual_jacobian", "forward_dynamics", "forward_dynamics_jacobian")
-    for i in range(2):
-        s = motor_state(robot, seed + i)
-        for block, label in zip(kernel.residual_jacobian(s.q, s.v, s.a), "qva", strict=True):
-            assert close(block, complex_steps(robot, s, label))
-    a = kernel.forward_dynamics(s.q, s.v, s.u)
-    by_q, by_v, M = kernel.residual_jacobian(s.q, s.v, a)
-    blocks = kernel.forward_dynamics_jacobian(s.q, s.v, s.u)
-    for block, wanted in zip(blocks, (-by_q, -by_v, np.eye(kernel.n)), strict=True):
-        assert close(M @ block, wanted, 1e-9)
+    check_jacobians(robot, [motor_state(robot, seed + i) for i in range(2)], built)
 
 
 @pytest.mark.parametrize("seed", seeds(1940, 1, 4))
@@ -135,12 +127,9 @@ def test_closed_form(seed: int) -> None:
     """SymPy's equations against the program, on floats."""
     robot = geared_robot(seed, (1, 1), kinds=(KINDS[seed % 7],))
     model, s = build_model(robot), motor_state(robot, seed)
-    inputs = {"q": s.q, "v": s.v, "a": s.a, "u": s.u, "p": list(model.parameters.values())}
-    names = ("residual", "kinetic", "potential", "mass_matrix")
-    residual, kinetic, potential, M = closed_form(model).function(*names)(s.q, s.v, s.a, s.u)
-    assert close(np.array(list(evaluate(derive(model, "residual"), inputs).values())), residual)
-    assert close(np.array(list(evaluate(derive(model, "energy"), inputs).values())), np.array([kinetic, potential]))
-    assert close(np.array(list(evaluate(derive(model, "mass_matrix"), inputs).values())).reshape(M.shape), M)
+    check_closed_form(robot, s)
+    M = closed_form(model).function("mass_matrix")(s.q, s.v, s.a, s.u)
+    assert close(answer(robot, "mass_matrix", s).reshape(M.shape), M)
 
 
 def whole_step(oracle: MotorOracle, q: Array, v: Array, u: Array, dt: float, added: Array) -> Array:
@@ -394,14 +383,6 @@ def test_zeros_and_blocks(seed: int, built: Build) -> None:
         assert dict(found.zeros).items() >= dict(wanted.zeros).items()
     assert (zeros.by_antisymmetry, zeros.independent) == (bare.by_antisymmetry, bare.independent)
     assert zeros.christoffel.survivors == bare.christoffel.survivors
-
-
-def test_single_precision(built: Build) -> None:
-    robot = geared_robot(2010, (2, 2))
-    double, single = built(robot, "forward_dynamics"), built(robot, "forward_dynamics", dtype="float32")
-    s = motor_state(robot, 1)
-    found = single.forward_dynamics(*(np.float32(x) for x in (s.q, s.v, s.u)))
-    assert close(found, double.forward_dynamics(s.q, s.v, s.u), 1e-3)
 
 
 def test_robots_without_motors_have_no_trace_of_them(built: Build) -> None:

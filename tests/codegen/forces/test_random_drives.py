@@ -124,19 +124,3 @@ def test_motions_by_all_methods_agree_and_energies_balance(seed: int, built: Bui
     assert gained == pytest.approx(
         float((found.works[-1] - found.works[0]) @ [1.0, 1.0, 1.0, -1.0]), rel=1e-5, abs=1e-6
     )
-
-
-@pytest.mark.parametrize("seed", seeds(1430, 1, 8))
-def test_tangents_and_adjoints_are_each_others(seed: int, built: Build) -> None:
-    robot = driven(seed, (1, 2), 4)
-    kernel, s, rng = built(robot), random_state(robot, seed), np.random.default_rng(seed)
-    for name, arguments in (("forward_dynamics", (s.q, s.v, s.u)), ("drive_forces", (s.q, s.v, s.u))):
-        along = tuple(rng.normal(size=(3, kernel.n)))
-        out = rng.normal(size=kernel.n)
-        forward = kernel.jvp(name, arguments, along)
-        backward = kernel.vjp(name, arguments, out)
-        one, other = float(out @ forward), float(sum(x @ y for x, y in zip(along, backward, strict=True)))
-        assert one == pytest.approx(other, rel=1e-8, abs=1e-8 * float(np.abs(forward).max()))
-    slopes = kernel.forward_dynamics_jacobian(s.q, s.v, s.u)
-    expected = sum(block @ x for block, x in zip(slopes, along, strict=True))
-    assert close(kernel.jvp("forward_dynamics", (s.q, s.v, s.u), along), expected, 1e-8)

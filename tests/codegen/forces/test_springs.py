@@ -9,7 +9,6 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import eomgen
-from eomgen.codegen.c.sources import render
 from eomgen.codegen.kernels.equations import derive, derive_equations
 from eomgen.codegen.tree.bound import bind
 from eomgen.codegen.tree.frames import choose_frames
@@ -20,9 +19,9 @@ from eomgen.integration.steps import fixed_step
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Coordinate, Joint, Link, Placement, Robot, Spring
 from eomgen.state.equilibrium import static_equilibrium
-from tests.oracles.complex_step import complex_steps
 from tests.oracles.mujoco_models import MujocoRobot
 from tests.oracles.springs import SpringOracle, implicit_step, pulled
+from tests.support.added_forces import check_jacobians
 from tests.support.builds import Build
 from tests.support.closeness import close
 from tests.support.elastic_robots import elastic_robot
@@ -84,18 +83,7 @@ def test_frames_that_move_take_points_along(seed: int, built: Build) -> None:
 def test_derivatives_are_exact(seed: int, built: Build) -> None:
     """Complex steps through the program of the residual, and M times the derivatives of forward dynamics."""
     robot = sprung(seed, (1, 3))
-    kernel = built(robot, "residual_jacobian", "forward_dynamics", "forward_dynamics_jacobian")
-    for i in range(3):
-        s = random_state(robot, seed + i)
-        by_q, by_v, by_a = kernel.residual_jacobian(s.q, s.v, s.a)
-        assert close(by_q, complex_steps(robot, s, "q"))
-        assert close(by_v, complex_steps(robot, s, "v"))
-        assert close(by_a, complex_steps(robot, s, "a"))
-    a = kernel.forward_dynamics(s.q, s.v, s.u)
-    by_q, by_v, M = kernel.residual_jacobian(s.q, s.v, a)
-    blocks = kernel.forward_dynamics_jacobian(s.q, s.v, s.u)
-    for block, wanted in zip(blocks, (-by_q, -by_v, np.eye(kernel.n)), strict=True):
-        assert close(M @ block, wanted, 1e-9)
+    check_jacobians(robot, [random_state(robot, seed + i) for i in range(3)], built)
 
 
 @pytest.mark.soak
@@ -354,16 +342,6 @@ def test_numbers_are_parameters(built: Build) -> None:
         kernel.parameters["springs.spring4.smoothing"] = 0.0
 
 
-@pytest.mark.soak
-def test_single_precision(built: Build) -> None:
-    robot = sprung(2080, (3, 3))
-    single, double = built(robot, *NAMES, dtype="float32"), built(robot, *NAMES)
-    s = random_state(robot, 1)
-    found = single.inverse_dynamics(*(x.astype(np.float32) for x in (s.q, s.v, s.a)))
-    assert found.dtype == np.float32
-    assert close(found, double.inverse_dynamics(s.q, s.v, s.a), 1e-4)
-
-
 def test_rigid_robots_leave_out_what_cannot_move() -> None:
     robot = eomgen.load_robot("balanced_arm")
     mount = Joint("mount", "fore", "hand", "fixed", coordinates={"x": Coordinate(stiffness=1e4)})
@@ -383,9 +361,3 @@ def test_spring_kernels_are_for_robots_with_springs() -> None:
     model = build_model(eomgen.load_robot("one_link"))
     with pytest.raises(InputError, match=r"'spring_forces' is for robots with \[\[springs\]\], and one_link has none"):
         derive_equations(model, ("spring_forces",))
-
-
-def test_others_keep_their_code() -> None:
-    """Not a word of springs in the C of a robot that has none."""
-    source = render(derive_equations(build_model(eomgen.load_robot("ur5"))), "float64")
-    assert "spring_" not in source.code + source.header + source.meta

@@ -1,0 +1,108 @@
+"""What forces add to a robot: to its kernels, their derivatives, its closed form, and implicit steps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+import eomgen
+from eomgen.codegen.closed_form.trace import closed_form
+from eomgen.codegen.kernels.equations import derive_equations
+from eomgen.codegen.kernels.operation_counts import operations
+from eomgen.robot.model import build_model
+from eomgen.robot.value import Robot
+from tests.oracles.complex_step import complex_steps
+from tests.support.builds import Build
+from tests.support.closeness import close
+from tests.support.programs import answer
+from tests.support.random_robots import Array, State
+
+NAMES = ("inverse_dynamics", "generalized_force", "forward_dynamics", "energy", "residual_jacobian", "mass_matrix")
+JACOBIANS = ("residual_jacobian", "forward_dynamics", "forward_dynamics_jacobian")
+
+
+def stacked(states: Sequence[State], labels: str = "qv") -> list[Array]:
+    """Return arrays of several states, (states, n) each."""
+    return [np.array([getattr(s, x) for s in states]) for x in labels]
+
+
+def check_forces(
+    robot: Robot, bare: Robot, states: Sequence[State], forces: Sequence[Array], energies: Sequence[float], built: Build
+) -> tuple[eomgen.Kernel, eomgen.Kernel]:
+    """Compare a robot with one without its forces: one state at a time, several at once, and in single precision.
+
+    Returns:
+        The kernels of both robots.
+    """
+    kernel, other = built(robot, *NAMES), built(bare, *NAMES)
+    for s, force, energy in zip(states, forces, energies, strict=True):
+        assert close(kernel.inverse_dynamics(s.q, s.v, s.a), other.inverse_dynamics(s.q, s.v, s.a) - force)
+        assert close(kernel.forward_dynamics(s.q, s.v, s.u), other.forward_dynamics(s.q, s.v, s.u + force), 1e-8)
+        assert close(kernel.energy(s.q, s.v), other.energy(s.q, s.v) + [0.0, energy])
+    arrays = stacked(states)
+    assert close(kernel.generalized_force(*arrays), other.generalized_force(*arrays) + forces)
+    check_single_precision(kernel, robot, arrays, built)
+    return kernel, other
+
+
+def check_single_precision(
+    kernel: eomgen.Kernel, robot: Robot, arrays: Sequence[Array], built: Build, tolerance: float = 1e-4
+) -> None:
+    """Compare forces in single precision with a kernel's of double precision."""
+    few = [x.astype(np.float32) for x in arrays]
+    found = built(robot, "generalized_force", dtype="float32").generalized_force(*few)
+    assert found.dtype == np.float32
+    assert close(found, kernel.generalized_force(*(x.astype(float) for x in few)), tolerance)
+
+
+def check_slopes(robot: Robot, s: State, tolerance: float = 1e-10, of: Robot | None = None) -> None:
+    """Compare derivatives of the residual's program with complex steps, of another robot's residual if one is given."""
+    n = build_model(robot).size
+    for block, name in zip(answer(robot, "residual_jacobian", s).reshape(3, n, n), "qva", strict=True):
+        assert close(block, complex_steps(of or robot, s, name), tolerance)
+
+
+def check_jacobians(robot: Robot, states: Sequence[State], built: Build) -> None:
+    """Compare compiled derivatives of the residual with complex steps, and those of forward dynamics with them."""
+    kernel = built(robot, *JACOBIANS)
+    for s in states:
+        for block, name in zip(kernel.residual_jacobian(s.q, s.v, s.a), "qva", strict=True):
+            assert close(block, complex_steps(robot, s, name))
+    by_q, by_v, M = kernel.residual_jacobian(s.q, s.v, kernel.forward_dynamics(s.q, s.v, s.u))
+    blocks = kernel.forward_dynamics_jacobian(s.q, s.v, s.u)
+    for block, wanted in zip(blocks, (-by_q, -by_v, np.eye(kernel.n)), strict=True):
+        assert close(M @ block, wanted, 1e-9)
+
+
+def check_closed_form(robot: Robot, s: State, tolerance: float = 1e-11) -> None:
+    """Compare SymPy's residual and energies with those of the programs, of coordinates; states of laws stand in v."""
+    model, n = build_model(robot), len(build_model(robot).coordinates)
+    function = closed_form(model).function("residual", "kinetic", "potential")
+    residual, *energies = function(*(x[:n] for x in (s.q, s.v, s.a, s.u)), z=s.v[n:])
+    assert close(answer(robot, "residual", s)[:n], residual, tolerance)
+    assert close(answer(robot, "energy", s), np.array(energies, float), tolerance)
+
+
+def implicit_step(robot: Robot, s: State, dt: float) -> Array:
+    """Return the acceleration of an implicit step by its program, (n,)."""
+    return answer(robot, "implicit_step", s, added=np.zeros(build_model(robot).size), dt=np.array([dt, dt * dt]))
+
+
+def check_step(
+    robot: Robot, bare: Robot, s: State, dt: float, push: Callable[[Array], Array], tolerance: float = 1e-6
+) -> None:
+    """Compare an implicit step with that of a robot without the forces, under what they push at its end.
+
+    Args:
+        push: The forces' values, (n,), by the step's acceleration.
+    """
+    a, model = implicit_step(robot, s, dt), build_model(robot)
+    u = np.where(np.isin(np.arange(model.size), model.prescribed), s.u, s.u + push(a))
+    assert close(a, implicit_step(bare, replace(s, u=u), dt), tolerance)
+
+
+def products(robot: Robot, kernel: str = "inverse_dynamics") -> int:
+    """Return how many products a kernel takes."""
+    return operations(derive_equations(build_model(robot), (kernel,)))[kernel]["mul"]
