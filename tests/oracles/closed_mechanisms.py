@@ -16,11 +16,11 @@ import numpy as np
 
 from eomgen.robot.value import Placement, Robot
 from tests.oracles.springs import SpringOracle
-from tests.support.optional import needs
+from tests.support.optional import OptionalModule
 from tests.support.random_motors import MotorOracle, without_motors
 from tests.support.random_robots import Array
 
-pin = needs("pinocchio")
+pin = OptionalModule("pinocchio")
 
 # What a cut joint keeps at zero: a coordinate of b's origin in a (0, 1, 2), or the sum of factor (axis i of a) (axis j
 # of b) over (factor, i, j).

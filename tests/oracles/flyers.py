@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from tests.support.optional import needs
+from tests.support.optional import OptionalModule
 
-pin = needs("pinocchio")
+pin = OptionalModule("pinocchio")
 
 Array = NDArray[np.float64]
 

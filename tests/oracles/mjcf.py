@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from eomgen.robot.value import Robot
-from tests.support.optional import needs
+from tests.support.optional import OptionalModule
 
-mujoco = needs("mujoco")
+mujoco = OptionalModule("mujoco")
 
 Array = np.ndarray
 FREE, BALL = int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_BALL)

@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from eomgen.export.mujoco import mjcf
 from eomgen.robot.value import Robot
-from tests.support.optional import needs
+from tests.support.optional import OptionalModule
 
-mujoco = needs("mujoco")
+mujoco = OptionalModule("mujoco")
 
 Array = NDArray[np.float64]
 

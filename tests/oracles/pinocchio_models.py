@@ -14,12 +14,11 @@ from numpy.typing import NDArray
 
 from benchmarks.peers.pinocchio_peer import coordinate_joints
 from eomgen.robot.value import COORDINATES, LINEAR, Placement, Robot
-from tests.support.optional import needs
+from tests.support.optional import OptionalModule
 
-pin = needs("pinocchio")
+pin = OptionalModule("pinocchio")
 
 Array = NDArray[np.float64]
-JOINTS = coordinate_joints()
 
 
 class PinocchioOracle:
@@ -30,7 +29,7 @@ class PinocchioOracle:
     """
 
     def __init__(self, robot: Robot) -> None:
-        self.model = pin.Model()
+        self.model, kinds = pin.Model(), coordinate_joints()
         self.model.gravity.linear = np.array(robot.gravity)
         self.last: list[int] = []
         self.links: list[str] = []
@@ -43,7 +42,7 @@ class PinocchioOracle:
             pose = pose * turn
             for name, offset in zip(COORDINATES, joint.offset, strict=True):
                 if name in joint.coordinates:
-                    at = self.model.addJoint(at, JOINTS[name](), pose, f"{joint.name}.{name}")
+                    at = self.model.addJoint(at, kinds[name](), pose, f"{joint.name}.{name}")
                     pose = pin.SE3.Identity()
                 pose = pose * _elementary(name, offset or 0.0)
             pose = pose * turn.inverse()

@@ -13,10 +13,10 @@ import eomgen
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot, Spring
 from tests.oracles.pinocchio_models import PinocchioOracle
-from tests.support.optional import needs
+from tests.support.optional import OptionalModule
 from tests.support.random_robots import Array
 
-pin = needs("pinocchio")
+pin = OptionalModule("pinocchio")
 
 
 def pulled(spring: Spring, length: float, rate: float) -> float:

@@ -38,3 +38,13 @@ def installed(module: str) -> bool:
         return importlib.util.find_spec(module) is not None
     except ModuleNotFoundError:  # of the package around it
         return False
+
+
+class OptionalModule:
+    """A module that is imported at its first use, which skips the test that uses it where the module is missing."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+
+    def __getattr__(self, attribute: str) -> Any:
+        return getattr(needs(self._name), attribute)
