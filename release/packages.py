@@ -1,11 +1,13 @@
 """Write the list of packages in pyproject.toml, which the wheel is built from: python -m release.packages.
 
-With --check: status 1 if it differs from the tree instead.
+With --check, compare the list with the tree instead: status 1 if they differ.  With --links FOLDER, write FOLDER/eomgen
+instead: the three folders of the source as one package, for tools that read the source without importing it.
 """
 
 from __future__ import annotations
 
 import re
+import shutil
 import sys
 from pathlib import Path
 
@@ -28,8 +30,21 @@ def with_packages(text: str, names: list[str]) -> str:
     return re.sub(r"^packages = \[\n.*?^\]", lambda _: f"packages = [\n{lines}]", text, flags=re.M | re.S)
 
 
+def link_package(folder: Path) -> Path:
+    """Replace a folder by one that holds the package ``eomgen`` alone, as links to the source; return the folder."""
+    shutil.rmtree(folder, ignore_errors=True)
+    (folder / "eomgen").mkdir(parents=True)
+    inside = [path for path in (ROOT / PLACES["eomgen"]).iterdir() if path.name != "__pycache__"]
+    for path in (*inside, *(ROOT / place for package, place in PLACES.items() if "." in package)):
+        (folder / "eomgen" / path.name).symlink_to(path)
+    return folder
+
+
 def main() -> int:
-    """Write the list, or compare it with the tree; return the exit status."""
+    """Write the list, compare it with the tree, or write links; return the exit status."""
+    if sys.argv[1:2] == ["--links"]:
+        link_package(Path(sys.argv[2]))
+        return 0
     path = ROOT / "pyproject.toml"
     now = path.read_text(encoding="utf-8")
     wanted = with_packages(now, packages())

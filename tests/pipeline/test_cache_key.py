@@ -23,15 +23,19 @@ from eomgen.codegen.package import compile as compiling
 from eomgen.pipeline import cache
 from eomgen.pipeline.generator_key import generator_files
 from eomgen.pipeline.stages import load_kernel, make_source
+from release.packages import link_package
 from tests.support.quick_builds import QUICK, Q
 
-EOMGEN = Path(eomgen.__path__[0])
+
+@pytest.fixture(scope="module")
+def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The package as one folder."""
+    return link_package(tmp_path_factory.mktemp("links")) / "eomgen"
 
 
-def imported(path: Path) -> set[str]:
+def imported(name: str, path: Path) -> set[str]:
     """Full names that a module of eomgen imports at its top or anywhere inside, by its syntax tree."""
-    parts = list(path.relative_to(EOMGEN).with_suffix("").parts)
-    package = ["eomgen", *parts[:-1]]
+    package = ["eomgen", *name.split("/")[:-1]]
     found = set[str]()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
@@ -43,29 +47,30 @@ def imported(path: Path) -> set[str]:
     return found
 
 
-def test_the_hash_of_the_generator_covers_what_it_imports() -> None:
+def test_the_hash_of_the_generator_covers_what_it_imports(package: Path) -> None:
     """All files of the generator, and every module of eomgen that they import, found here by their syntax trees."""
     files = generator_files()
-    own = [path for room in ("codegen", "templates") for path in (EOMGEN / room).rglob("*")]
-    found = {path.relative_to(EOMGEN).as_posix() for path in own if path.suffix in (".py", ".jinja")}
+    own = [path for room in ("codegen", "templates") for path in (package / room).rglob("*")]
+    found = {path.relative_to(package).as_posix() for path in own if path.suffix in (".py", ".jinja")}
     assert len(found) > 60
-    todo = [EOMGEN / name for name in found if name.endswith(".py")]
+    todo = [name for name in found if name.endswith(".py")]
     while todo:
-        for name in imported(todo.pop()):
-            inner = Path(*name.split(".")[1:]) if name.startswith("eomgen.") else None
-            for path in () if inner is None else (EOMGEN / inner.with_suffix(".py"), EOMGEN / inner / "__init__.py"):
-                if path.is_file() and path.relative_to(EOMGEN).as_posix() not in found:
-                    found.add(path.relative_to(EOMGEN).as_posix())
-                    todo.append(path)
+        file = todo.pop()
+        for name in imported(file, package / file):
+            inner = name.removeprefix("eomgen.").replace(".", "/") if name.startswith("eomgen.") else None
+            for file in () if inner is None else (f"{inner}.py", f"{inner}/__init__.py"):
+                if (package / file).is_file() and file not in found:
+                    found.add(file)
+                    todo.append(file)
     assert found - set(files) == set()
     assert {"errors.py", "names.py"} < set(files)
     assert all(path.is_file() for path in files.values())
 
 
 @pytest.mark.parametrize("deep", ["codegen/inner/deep.py", "templates/inner/deep.jinja", "codegen/__init__.py"])
-def test_a_change_of_any_file_changes_the_hash(deep: str, tmp_path: Path) -> None:
+def test_a_change_of_any_file_changes_the_hash(deep: str, package: Path, tmp_path: Path) -> None:
     """In a copy of the package: a file in a folder inside the generator counts as every other."""
-    shutil.copytree(EOMGEN, tmp_path / "eomgen", ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(package, tmp_path / "eomgen", ignore=shutil.ignore_patterns("__pycache__"))
     target = tmp_path / "eomgen" / deep
     target.parent.mkdir(exist_ok=True)
     code = "from eomgen.pipeline.generator_key import generator_hash; print(generator_hash())"
@@ -128,7 +133,7 @@ def test_the_key_covers_every_part(changes: int, source: Source) -> None:
     assert count > 30 * changes
 
 
-def test_the_parts_are_all_that_a_package_depends_on(source: Source) -> None:
+def test_the_parts_are_all_that_a_package_depends_on(source: Source, package: Path) -> None:
     """Source, compiler, flags, the machine; what is carried and how it is put together, as the files are."""
     parts = compiling.dependencies(source, COMPILER, FLAGS)
     assert parts["source"] == vars(source)
@@ -137,10 +142,10 @@ def test_the_parts_are_all_that_a_package_depends_on(source: Source) -> None:
     assert (parts["eomgen"], parts["cffi"]) == (eomgen.__version__, cffi.__version__)
     assert parts["interface"] == compiling.interface()
     assert {"suffix", "python", "headers", "system", "machine", "library"} == set(parts["interface"])
-    assert parts["carried"] == {name: sha256(EOMGEN / name) for name in compiling.carried_files()}
+    assert parts["carried"] == {name: sha256(package / name) for name in compiling.carried_files()}
     assert {"errors.py", "names.py", "runtime/kernel.py"} < set(parts["carried"])
     made = {name: Path(compiling.__file__).with_name(name) for name in ("compile.py", "library.py")}
-    made[compiling.PACKAGE] = EOMGEN / "templates" / compiling.PACKAGE
+    made[compiling.PACKAGE] = package / "templates" / compiling.PACKAGE
     assert parts["package"] == {name: sha256(path) for name, path in made.items()}
 
 

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import ast
-import importlib
+import importlib.util
 import json
 import os
-import pkgutil
 import re
 import rlcompleter
 import shutil
@@ -20,12 +19,11 @@ from pathlib import Path
 import pytest
 
 import eomgen
-from release.packages import packages, with_packages
+from release.packages import link_package, packages, with_packages
 from tests.support import first_words
 from tests.support.soak import soaked
 
 ROOT = Path(__file__).parents[2]
-EOMGEN = Path(eomgen.__path__[0])
 PLACES = {"src/eomgen": "eomgen", "codegen": "eomgen.codegen", "templates": "eomgen.templates"}
 MOST_MODULES = 16
 ROOMS = (  # that users reach through the facade
@@ -95,7 +93,8 @@ def lint(tree: Path) -> subprocess.CompletedProcess[str]:
 @pytest.fixture
 def copy(tmp_path: Path) -> Path:
     """A folder with a copy of the package, which a test may spoil."""
-    shutil.copytree(EOMGEN, tmp_path / "eomgen", ignore=shutil.ignore_patterns("__pycache__"))
+    links = link_package(tmp_path / "links")
+    shutil.copytree(links / "eomgen", tmp_path / "eomgen", ignore=shutil.ignore_patterns("__pycache__"))
     return tmp_path
 
 
@@ -267,9 +266,9 @@ def test_type_checkers_see_all_of_the_facade(tmp_path: Path) -> None:
     names = [name for name in eomgen.__all__ if name != "__version__"] + list(ROOMS)
     lines = ["import eomgen", *(f"reveal_type(eomgen.{name})" for name in names), "eomgen.nothing"]
     (tmp_path / "user.py").write_text("\n".join(lines) + "\n", encoding="ascii")
-    command = [sys.executable, "-m", "mypy", "--config-file", str(ROOT / "pyproject.toml")]
-    command += ["--cache-dir", str(ROOT / ".mypy_cache"), "user.py"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    command = [sys.executable, "-m", "mypy", "--config-file", str(ROOT / "pyproject.toml"), "user.py"]
+    environment = {**os.environ, "MYPYPATH": str(link_package(tmp_path / "links"))}
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
     types = dict(re.findall(r'^user.py:(\d+): note: Revealed type is "(.*)"$', done.stdout, re.MULTILINE))
     assert [types[str(line)] for line in range(2, len(names) + 2) if types[str(line)] == "Any"] == []
     assert types[str(names.index("build") + 2)].endswith("-> eomgen.runtime.kernel.Kernel")
@@ -317,8 +316,7 @@ def test_the_packages_of_the_wheel_are_those_of_the_tree() -> None:
     names = packages()
     assert names == sorted(name for name, path in MODULES.items() if path.name == "__init__.py")
     assert text == with_packages(text, names), "make packages"
-    found = {module.name for module in pkgutil.walk_packages(eomgen.__path__, "eomgen.") if module.ispkg}
-    assert found == set(names) - {"eomgen"}
+    assert [name for name in names if importlib.util.find_spec(name) is None] == []
 
 
 def test_a_list_of_packages_is_written_anew(tmp_path: Path) -> None:
@@ -333,15 +331,14 @@ def test_a_list_of_packages_is_written_anew(tmp_path: Path) -> None:
     assert with_packages(before, ["eomgen", "eomgen.codegen"]) == after
 
 
-def test_the_folders_beside_the_package_are_found_inside_it() -> None:
-    """By links, which type checkers follow; a new file is there without a new installation."""
-    for place, package in PLACES.items():
-        inside = ROOT / "src" / Path(*package.split("."))
-        assert inside.resolve() == (ROOT / place).resolve()
-    if (ROOT / ".git").exists():
-        listed = subprocess.run(["git", "ls-files", "-s", "src"], cwd=ROOT, capture_output=True, text=True, check=True)
-        links = [line.split("\t")[1] for line in listed.stdout.splitlines() if line.startswith("120000")]
-        assert links == ["src/eomgen/codegen", "src/eomgen/templates"]
+def test_links_make_one_package_of_the_source(tmp_path: Path) -> None:
+    """Every module of the tree and no other; a folder of links that was there before is replaced."""
+    for _ in range(2):
+        links = link_package(tmp_path / "links")
+        (links / "eomgen" / "gone.py").touch()
+    (links / "eomgen" / "gone.py").unlink()
+    found = [Path(folder, name) for folder, _, names in os.walk(links, followlinks=True) for name in names]
+    assert sorted(x.resolve() for x in found if x.suffix == ".py") == sorted(MODULES.values())
 
 
 def test_docstrings_that_lean_on_what_stands_before_are_seen() -> None:

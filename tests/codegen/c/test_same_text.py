@@ -17,6 +17,7 @@ import eomgen
 from eomgen.codegen.package.compile import carried_files
 from eomgen.pipeline.stages import Options, generate
 from eomgen.runtime.levels import BASE
+from release.packages import link_package
 from tests.support.pythons import PYTHONS, interpreter
 from tests.support.soak import WHOLE, share
 
@@ -89,7 +90,7 @@ def test_every_python_writes_the_same_text(wanted: str, tmp_path: Path) -> None:
     if done.returncode != 0:
         pytest.skip(f"packages cannot be installed for Python {wanted}: {done.stderr.strip().splitlines()[-1]}")
     names = SMALL + LARGE
-    found, expected = digests(other, names, 0, str(ROOT / "src")), digests(sys.executable, names, 0)
+    found, expected = digests(other, names, 0, str(link_package(tmp_path / "links"))), digests(sys.executable, names, 0)
     assert found == expected
     which = subprocess.run([other, "-c", "import numpy; print(numpy.__version__)"], capture_output=True, text=True)
     print(
@@ -99,10 +100,10 @@ def test_every_python_writes_the_same_text(wanted: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.soak
-def test_another_hash_seed_and_the_tree_as_it_lies() -> None:
+def test_another_hash_seed_and_the_tree_as_it_lies(tmp_path: Path) -> None:
     """The short form: one seed, and the package that the long form takes, which nobody has installed."""
     here = digests(sys.executable, SMALL[:1], 0)
-    assert digests(sys.executable, SMALL[:1], 1, str(ROOT / "src")) == here
+    assert digests(sys.executable, SMALL[:1], 1, str(link_package(tmp_path / "links"))) == here
     assert len(here) == 2
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import eomgen
+import eomgen.templates
 from eomgen.codegen.c import lanes
 from eomgen.codegen.c.sources import render
 from eomgen.codegen.forces.bushings import Bushings
@@ -28,7 +28,7 @@ from tests.support.builds import Build
 from tests.support.every_element import robot_with
 from tests.support.random_followers import with_followers
 
-TEMPLATES = Path(eomgen.__path__[0], "templates", "composed")
+TEMPLATES = Path(eomgen.templates.__path__[0], "composed")
 OF_A_KIND: dict[str, Callable[[str, Signature], bool]] = {
     "program": lambda name, _: name in {**WRITERS, **VARIANTS} or name in (*STAGES, *PAIR_STAGES),
     "tangent": lambda name, entry: is_derivative(name, entry),
