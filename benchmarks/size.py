@@ -202,16 +202,17 @@ def main(words: Sequence[str] | None = None) -> int:
     arguments = parser.parse_args(words)
     commit = arguments.commit or ("HEAD" if arguments.page else None)
     try:
+        if commit is not None:
+            command = ["git", "-C", str(ROOT), "rev-parse", "--short=8", commit]
+            commit = subprocess.run(command, check=True, capture_output=True).stdout.decode().strip()
         now = measure(ROOT, commit)
         before = measure(ROOT, BASELINE) if arguments.budgets or arguments.page else {}
-        command = ["git", "-C", str(ROOT), "rev-parse", "--short=8", commit or "HEAD"]
-        name = subprocess.run(command, check=True, capture_output=True).stdout.decode().strip()
     except subprocess.CalledProcessError as error:
         print(f"{ABSENT}{error.stderr.decode().strip()}", file=sys.stderr)
         return 1
     if arguments.page:
         budgets, sizes = "\n".join(budget_lines(before, now)), "\n".join(size_lines({BASELINE: before, "now": now}))
-        PAGE.write_text(TEXT.format(commit=name, budgets=budgets, sizes=sizes), encoding="ascii")
+        PAGE.write_text(TEXT.format(commit=commit, budgets=budgets, sizes=sizes), encoding="ascii")
         print(f"wrote docs/{PAGE.name}")
     else:
         print("\n".join(budget_lines(before, now) if arguments.budgets else size_lines({commit or "now": now})))
