@@ -8,9 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from eomgen.codegen.kernels.equations import derive
 from eomgen.codegen.kernels.steps.tolerances import coordinate_sizes
-from eomgen.codegen.program.ir import evaluate
 from eomgen.errors import InputError
 from eomgen.robot.coordinates import coordinate_names
 from eomgen.robot.elements import Bushing
@@ -18,6 +16,7 @@ from eomgen.robot.model import build_model
 from eomgen.robot.value import PRINCIPAL, Coordinate, Coupling, Robot
 from tests.oracles.force_laws import with_drives, with_laws
 from tests.support.bending_robots import Bending, bent
+from tests.support.programs import answer
 from tests.support.random_motors import with_motors
 from tests.support.random_robots import (
     Array,
@@ -109,15 +108,6 @@ def _with_loop(robot: Robot, seed: int) -> Robot:
         if np.linalg.matrix_rank(J[:, free], 1e-3) == len(J) < len(free):
             return made
     return robot
-
-
-def answer(robot: Robot, kernel: str, **given: Array) -> Array:
-    """Return a kernel's outputs, (outputs,), from its program in Python's arithmetic."""
-    model = build_model(robot)
-    inputs = {name: list(map(float, array)) for name, array in given.items()}
-    inputs["p"] = [*model.parameters.values(), *[0.0] * len(model.turning)]
-    found = evaluate(derive(model, kernel), inputs)
-    return np.array([found[key] for key in sorted(found) if key[0] == "out"])
 
 
 def _prescribed(robot: Robot, seed: int) -> Robot:

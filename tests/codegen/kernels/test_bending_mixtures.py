@@ -12,18 +12,15 @@ import numpy as np
 import pytest
 
 from eomgen.codegen.derivation.afresh import derive_afresh
-from eomgen.codegen.kernels.accelerations import CONSTRAINED, SOLVERS
-from eomgen.codegen.kernels.derivation import Derivation
-from eomgen.codegen.kernels.equations import derive_cheapest
 from eomgen.codegen.kernels.steps.tolerances import coordinate_sizes
-from eomgen.codegen.program.ir import evaluate
 from eomgen.errors import InputError
 from eomgen.robot.elements import Bushing
 from eomgen.robot.model import Model, build_model
 from eomgen.robot.parameter_names import parameters
 from eomgen.robot.value import Placement
 from tests.oracles.complex_step import complex_jacobian
-from tests.support.bending_mixtures import PARTS, Mixture, answer, arrays, mixture
+from tests.support.bending_mixtures import PARTS, arrays, mixture
+from tests.support.programs import answer, by_solvers
 from tests.support.random_robots import Array, State, seeds
 
 LIMIT = 1e-11  # relative to the largest number of a result, or to 1
@@ -38,20 +35,6 @@ def inertias(model: Model, s: State) -> tuple[Array, Array]:
     n = model.size
     M = answer(model.robot, "mass_matrix", q=s.q).reshape(n, n)
     return M, answer(model.robot, "residual_jacobian", **arrays(s, "q", "v", "a")).reshape(3, n, n)[2]
-
-
-def solved(mixed: Mixture, kernel: str, s: State) -> dict[str, Array]:
-    """Return what a kernel gives by each solver that suits the robot."""
-    model = build_model(mixed.robot)
-    inputs = {name: x.tolist() for name, x in arrays(s, "q", "v", "u").items()}
-    inputs["p"] = [*model.parameters.values(), *[0.0] * len(model.turning)]
-    found = {}
-    for solver, variant in (CONSTRAINED if model.constraints else SOLVERS).items():
-        if variant.suits(Derivation(model)):
-            values = evaluate(derive_cheapest(model, kernel, solver)[0], inputs)
-            found[solver] = np.array([values[key] for key in sorted(values) if key[0] == "out"])
-    assert found
-    return found
 
 
 @pytest.mark.parametrize("seed", seeds(0, 4, 120))
@@ -85,13 +68,13 @@ def test_accelerations_by_all_solvers(seed: int) -> None:
         u = answer(robot, "inverse_dynamics", q=s.q, v=s.v, a=s.a)
         u[given] = s.a[given]
         M, _ = inertias(model, s)
-        for a in solved(mixed, "forward_dynamics", replace(s, u=u)).values():
+        for a in by_solvers(robot, "forward_dynamics", q=s.q, v=s.v, u=u).values():
             close(a[:own], s.a[:own], 1e-13 * float(np.linalg.cond(M[:own, :own])))
         return
     J = answer(robot, "constraint_jacobian", q=s.q).reshape(-1, model.size)
     bias = answer(robot, "constraint_bias", q=s.q, v=s.v)
     free = np.setdiff1d(np.arange(own), given)
-    for values in solved(mixed, "constrained_dynamics", s).values():
+    for values in by_solvers(robot, "constrained_dynamics", **arrays(s, "q", "v", "u")).values():
         a, multipliers = values[: model.size], values[model.size : model.size + len(J)]
         close(J @ a, -bias, 1e-9)
         residual = answer(robot, "residual", q=s.q, v=s.v, a=a, u=s.u)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,12 +10,7 @@ from numpy.typing import NDArray
 
 import eomgen
 from eomgen import Kernel, Robot
-from eomgen.codegen.kernels.accelerations import ELIMINATED, REDUCED
-from eomgen.codegen.kernels.equations import derive, derive_cheapest
-from eomgen.codegen.program.ir import evaluate
-from eomgen.codegen.tree.regressor import described_values
 from eomgen.integration import integrate
-from eomgen.robot.model import build_model
 from tests.support.bending_links import Points, bending_chain
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
@@ -183,64 +177,6 @@ def test_forces_are_those_of_lagrange(stiffening: Case) -> None:
     force = M @ a + turning - kinetic + potential + damped
     assert np.abs(kernel.inverse_dynamics(q, v, a) - force).max() < 1e-9 * np.abs(force).max()
     assert np.abs(kernel.forward_dynamics(q, v, force) - a).max() < 1e-7
-
-
-def test_frames_on_nodes_move_with_the_modes(case: Case) -> None:
-    _, _, kernel = case
-    q, v, a = random_state(kernel, 3)
-    h = 1e-5
-    for frame in ("arm_node1", "tool"):
-        J = kernel.frame_jacobian(q, frame)
-        ahead, behind = (kernel.frame_pose(q + s * h * v, frame)[:3, 3] for s in (1, -1))
-        assert np.abs((ahead - behind) / (2.0 * h) - J[:3] @ v).max() < 1e-9
-        assert np.abs(kernel.frame_velocity(q, v, frame) - J @ v).max() < 1e-13
-        fast, slow = (kernel.frame_velocity(q + s * h * v + 0.5 * h * h * a, v + s * h * a, frame) for s in (1, -1))
-        assert np.abs((fast - slow) / (2.0 * h) - kernel.frame_acceleration(q, v, a, frame)).max() < 1e-8
-
-
-def test_momentum_is_that_of_the_particles(case: Case) -> None:
-    robot, points, kernel = case
-    q, v, _ = random_state(kernel, 4)
-    mass, place, J = slopes(robot, points, kernel.coordinates, q)
-    velocity = np.einsum("inx,i->nx", J, v)
-    center = mass @ place / mass.sum()
-    assert np.abs(kernel.center_of_mass(q) - center).max() < 1e-14
-    angular = np.einsum("n,nx->x", mass, np.cross(place - center, velocity))
-    assert np.abs(kernel.centroidal_momentum(q, v) - np.concatenate([mass @ velocity, angular])).max() < 1e-13
-
-
-def evaluated(robot: Robot, name: str, **state: Array) -> Array:
-    """Return what the program of a kernel writes, with the description's parameters."""
-    model = build_model(robot)
-    found = evaluate(derive(model, name), {**state, "p": list(model.parameters.values())})
-    return np.array([found["out", i] for i in range(len(found))], float)
-
-
-@pytest.mark.parametrize("link", ["arm", "arm_node0", "fore", "tool"])
-def test_regressor(link: str, stiffening: Case) -> None:
-    """Other masses, centres and inertias of a link, that bends or not, or of what is fixed to a node."""
-    robot, _, kernel = stiffening
-    q, v, a = random_state(kernel, 8)
-    old = robot.link(link)
-    inertia = np.add(old.inertia, (0.1, 0.12, 0.14, 0.01, 0.02, -0.01))
-    new = replace(old, mass=old.mass + 0.3, com=(0.05, -0.02, 0.03), inertia=tuple(inertia.tolist()))
-    other = replace(robot, links=tuple(new if x.name == link else x for x in robot.links))
-    more = evaluated(other, "inverse_dynamics", q=q, v=v, a=a) - kernel.inverse_dynamics(q, v, a)
-    Y = evaluated(robot, "regressor", q=q, v=v, a=a).reshape(kernel.n, -1)
-    theta, changed = (np.array(described_values(build_model(x))) for x in (robot, other))
-    assert np.abs(more).max() > 0.01
-    assert np.abs(Y @ (changed - theta) - more).max() < 1e-13
-
-
-@pytest.mark.parametrize("variant", [ELIMINATED, REDUCED])
-def test_both_ways_of_forward_dynamics_agree(stiffening: Case, variant: str) -> None:
-    robot, _, kernel = stiffening
-    program, _ = derive_cheapest(build_model(robot), "forward_dynamics", variant)
-    q, v, a = random_state(kernel, 6)
-    u = kernel.inverse_dynamics(q, v, a)
-    inputs = {"q": q.tolist(), "v": v.tolist(), "u": u.tolist(), "p": list(kernel.parameters.values())}
-    found = evaluate(program, inputs, lambda x: (np.sin(x), np.cos(x)))
-    assert np.abs([found["out", i] for i in range(kernel.n)] - a).max() < 1e-12
 
 
 @pytest.mark.parametrize("method", ["rk4", "tsit5", "rosenbrock", "radau"])

@@ -8,30 +8,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eomgen.codegen.kernels.accelerations import CONSTRAINED, SOLVERS
 from eomgen.codegen.kernels.blocks import row_blocks
-from eomgen.codegen.kernels.derivation import Derivation
-from eomgen.codegen.kernels.equations import derive, derive_cheapest
-from eomgen.codegen.program.ir import evaluate
 from eomgen.errors import InputError
 from eomgen.robot.geometry import IDENTITY
 from eomgen.robot.model import FIXED_BODY, build_model
 from eomgen.robot.parameter_names import parameters
 from eomgen.robot.value import Frame, Placement, Robot
+from tests.oracles.bending_lagrange import BendingOracle
 from tests.oracles.complex_step import complex_jacobian, complex_steps
 from tests.support.bending_robots import Bending, bent, with_mode_follower
+from tests.support.programs import answer, by_solvers
 from tests.support.random_robots import Array, State, random_robot, seeds, with_random_loops
+from tests.support.sliding_robots import sliding_robot, sliding_state
 
 LIMIT = 1e-12  # relative to the largest number of a result
-
-
-def answer(robot: Robot, kernel: str, **arrays: Array) -> Array:
-    """Return a kernel's outputs, (outputs,), from its program in Python's arithmetic."""
-    model = build_model(robot)
-    inputs = {name: list(map(float, array)) for name, array in arrays.items()}
-    inputs["p"] = [*model.parameters.values(), *[0.0] * len(model.turning)]
-    found = evaluate(derive(model, kernel), inputs)
-    return np.array([found[key] for key in sorted(found) if key[0] == "out"])
 
 
 def draw(seed: int, *, follows: bool = True) -> Bending:
@@ -42,24 +32,6 @@ def draw(seed: int, *, follows: bool = True) -> Bending:
     return with_mode_follower(bending, seed) if seed % 3 == 2 and follows else bending
 
 
-def accelerations(robot: Robot, kernel: str = "forward_dynamics", **arrays: Array) -> dict[str, Array]:
-    """Return accelerations, (n,), and what else a kernel gives behind them, by the solvers that suit a robot."""
-    model = build_model(robot)
-    inputs = {name: list(map(float, array)) for name, array in arrays.items()}
-    inputs["p"] = [*model.parameters.values(), *[0.0] * len(model.turning)]
-    by_solver = {}
-    for solver, variant in (CONSTRAINED if robot.loops else SOLVERS).items():
-        if variant.suits(Derivation(model)):
-            found = evaluate(derive_cheapest(model, kernel, solver)[0], inputs)
-            by_solver[solver] = np.array([found[key] for key in sorted(found) if key[0] == "out"])
-    return by_solver
-
-
-def slopes(robot: Robot, kernel: str, label: str, **arrays: Array) -> Array:
-    """Return derivatives of a kernel's outputs by one of its arrays, (outputs, numbers), by complex steps."""
-    return complex_jacobian(robot, kernel, arrays, label)
-
-
 def close(found: Array, expected: Array, limit: float = LIMIT) -> None:
     assert np.abs(found - expected.ravel()).max() <= limit * np.abs(expected).max(), (found, expected)
 
@@ -67,36 +39,16 @@ def close(found: Array, expected: Array, limit: float = LIMIT) -> None:
 @pytest.mark.parametrize("seed", seeds(100, 6, 60))
 def test_random_trees_are_those_of_lagrange(seed: int) -> None:
     bending = draw(seed)
-    robot, oracle, s = bending.robot, bending.oracle(), bending.state(seed)
-    M, residual = oracle.mass_matrix(s.q), oracle.residual(s.q, s.v, s.a, s.u)
-    close(answer(robot, "mass_matrix", q=s.q), M)
-    close(answer(robot, "residual", q=s.q, v=s.v, a=s.a, u=s.u), residual)
-    close(answer(robot, "bias_force", q=s.q, v=s.v), oracle.bias_force(s.q, s.v))
-    close(answer(robot, "inverse_dynamics", q=s.q, v=s.v, a=s.a), residual + s.u)
-    found = accelerations(robot, q=s.q, v=s.v, u=residual + s.u)
-    assert found
-    for a in found.values():
-        close(a, s.a, 1e-13 * float(np.linalg.cond(M)))
-    close(answer(robot, "energy", q=s.q, v=s.v), np.array(oracle.energy(s.q, s.v)))
-    center, linear, angular = oracle.momentum(s.q, s.v)
-    close(answer(robot, "center_of_mass", q=s.q), center)
-    close(answer(robot, "centroidal_momentum", q=s.q, v=s.v), np.concatenate([linear, angular]))
+    check_dynamics(bending.robot, bending.oracle(), bending.state(seed))
 
 
 @pytest.mark.parametrize("seed", seeds(500, 3, 24))
 def test_numbers_that_are_parameters_are_those_of_the_description(seed: int) -> None:
     """Masses of rigid links, placements, springs of joints and of modes as run-time values: the same motion."""
     bending = draw(seed)
-    oracle, s = bending.oracle(), bending.state(seed)
     names = tuple(".".join(x.path) for x in parameters(bending.robot) if x.is_set)
     assert any(".modes.1.stiffness" in name for name in names)
-    robot = replace(bending.robot, tunable=names)
-    residual = oracle.residual(s.q, s.v, s.a, s.u)
-    close(answer(robot, "residual", q=s.q, v=s.v, a=s.a, u=s.u), residual)
-    close(answer(robot, "mass_matrix", q=s.q), oracle.mass_matrix(s.q))
-    found = accelerations(robot, q=s.q, v=s.v, u=residual + s.u)
-    for a in found.values():
-        close(a, s.a, 1e-13 * float(np.linalg.cond(oracle.mass_matrix(s.q))))
+    check_dynamics(replace(bending.robot, tunable=names), bending.oracle(), bending.state(seed))
 
 
 @pytest.mark.parametrize("seed", seeds(200, 3, 30))
@@ -152,12 +104,10 @@ def test_derivatives_of_random_trees(seed: int) -> None:
     bending = draw(seed)
     robot, oracle, s = bending.robot, bending.oracle(), bending.state(seed)
     n = len(s.q)
-    found = answer(robot, "residual_jacobian", q=s.q, v=s.v, a=s.a).reshape(3, n, n)
-    for block, label in zip(found, "qva", strict=True):
+    for block, label in zip(answer(robot, "residual_jacobian", s).reshape(3, n, n), "qva", strict=True):
         close(block.ravel(), complex_steps(robot, s, label))
     C = answer(robot, "coriolis_matrix", q=s.q, v=s.v).reshape(n, n)
-    rate = oracle.mass_matrix_rate(s.q, s.v)
-    close((C + C.T).ravel(), rate)
+    close((C + C.T).ravel(), oracle.mass_matrix_rate(s.q, s.v))
     close(C @ s.v, oracle.bias_force(s.q, s.v), 1e-11)
 
 
@@ -167,33 +117,24 @@ def test_loops_on_random_trees(seed: int) -> None:
     bending = draw(seed, follows=False)
     kinds = np.random.default_rng(seed).choice(["revolute", "prismatic", "fixed", "spherical"], 2)
     robot, s = with_random_loops(bending.robot, seed, kinds.tolist()), bending.state(seed)
-    n, g = len(s.q), answer(robot, "constraint", q=s.q)
-    J = answer(robot, "constraint_jacobian", q=s.q)
-    close(J, slopes(robot, "constraint", "q", q=s.q))
-    bias = slopes(robot, "constraint_jacobian", "q", q=s.q).reshape(len(g), n, n) @ s.v @ s.v
-    close(answer(robot, "constraint_bias", q=s.q, v=s.v), bias)
+    n, g, J = len(s.q), answer(robot, "constraint", q=s.q), answer(robot, "constraint_jacobian", q=s.q)
+    close(J, complex_jacobian(robot, "constraint", {"q": s.q}, "q"))
+    turning = complex_jacobian(robot, "constraint_jacobian", {"q": s.q}, "q").reshape(len(g), n, n)
+    close(answer(robot, "constraint_bias", q=s.q, v=s.v), turning @ s.v @ s.v)
     multipliers = np.linspace(-1.0, 1.0, len(g))
     values = answer(robot, "closing_derivatives", q=s.q, v=s.v, a=s.a, multipliers=multipliers)
-    by_q = slopes(robot, "constraint_bias", "q", q=s.q, v=s.v)
-    by_q = by_q + np.einsum("rij,i->rj", slopes(robot, "constraint_jacobian", "q", q=s.q).reshape(len(g), n, n), s.a)
-    by_v = slopes(robot, "constraint_bias", "v", q=s.q, v=s.v)
-    pulled = np.einsum("r,rij->ij", multipliers, slopes(robot, "constraint_jacobian", "q", q=s.q).reshape(-1, n, n))
-    at = 0
+    by_q, by_v = (complex_jacobian(robot, "constraint_bias", {"q": s.q, "v": s.v}, x) for x in "qv")
+    by_q = by_q + np.einsum("rij,i->rj", turning, s.a)
+    total, at = np.zeros((n, n)), 0
     for block in row_blocks(build_model(robot)):
         rows, columns = slice(block.first, block.first + block.rows), list(block.columns)
-        own = [x[rows] for x in (J.reshape(-1, n), by_q, by_v)]
-        for whole in own:
+        for whole in (x[rows] for x in (J.reshape(-1, n), by_q, by_v)):
             assert not np.delete(whole, columns, axis=1).any()
             close(values[at : at + block.size], whole[:, columns], 1e-11)
             at += block.size
+        total[np.ix_(columns, columns)] += values[at : at + len(columns) ** 2].reshape(len(columns), -1)
         at += len(columns) ** 2
-    total, at = np.zeros((n, n)), 0
-    for block in row_blocks(build_model(robot)):
-        at += 3 * block.size
-        size = len(block.columns)
-        total[np.ix_(block.columns, block.columns)] += values[at : at + size**2].reshape(size, size)
-        at += size**2
-    close(total.ravel(), pulled, 1e-11)
+    close(total.ravel(), np.einsum("r,rij->ij", multipliers, turning), 1e-11)
 
 
 @pytest.mark.parametrize("seed", seeds(700, 4, 30))
@@ -204,11 +145,8 @@ def test_motions_of_closed_loops(seed: int, nodes: bool) -> None:
     n, oracle = len(s.q), bending.oracle()
     whole = np.block([[oracle.mass_matrix(s.q), -J.T], [J, np.zeros((len(J), len(J)))]])
     bias = answer(robot, "constraint_bias", q=s.q, v=s.v)
-    right = np.concatenate([-oracle.residual(s.q, s.v, np.zeros(n), s.u), -bias])
-    expected = np.linalg.solve(whole, right)
-    found = accelerations(robot, "constrained_dynamics", q=s.q, v=s.v, u=s.u)
-    assert found
-    for values in found.values():
+    expected = np.linalg.solve(whole, np.concatenate([-oracle.residual(s.q, s.v, np.zeros(n), s.u), -bias]))
+    for values in by_solvers(robot, "constrained_dynamics", q=s.q, v=s.v, u=s.u).values():
         assert np.abs(values[:n] - expected[:n]).max() < 1e-14 * np.linalg.cond(whole) * np.abs(expected).max()
 
 
@@ -247,3 +185,66 @@ def test_matrices_by_which_motions_give_energy_are_refused(
     )
     with pytest.raises(InputError, match=rf"links\.link1\.modes\.{key}: {said}"):
         build_model(replace(bending, plain=replace(bending.plain, links=links)).robot)
+
+
+def check_dynamics(robot: Robot, oracle: BendingOracle, s: State) -> None:
+    """Compare terms of the equations, accelerations by all solvers, energies and momenta with Lagrange's equations."""
+    M, residual = oracle.mass_matrix(s.q), oracle.residual(s.q, s.v, s.a, s.u)
+    close(answer(robot, "mass_matrix", q=s.q), M)
+    close(answer(robot, "residual", s), residual)
+    close(answer(robot, "bias_force", q=s.q, v=s.v), oracle.bias_force(s.q, s.v))
+    close(answer(robot, "inverse_dynamics", s), residual + s.u)
+    for a in by_solvers(robot, "forward_dynamics", q=s.q, v=s.v, u=residual + s.u).values():
+        close(a, s.a, 1e-13 * float(np.linalg.cond(M)))
+    close(answer(robot, "energy", s), np.array(oracle.energy(s.q, s.v)))
+    center, linear, angular = oracle.momentum(s.q, s.v)
+    close(answer(robot, "center_of_mass", q=s.q), center)
+    close(answer(robot, "centroidal_momentum", q=s.q, v=s.v), np.concatenate([linear, angular]))
+
+
+@pytest.mark.parametrize("seed", seeds(200, 2, 12))
+def test_frames_move_with_the_beam(seed: int) -> None:
+    robot, oracle = sliding_robot(seed)
+    s = sliding_state(robot, seed)
+    frames = [x for x in oracle.robot.frames if x.name in ("tool", "on")]
+    assert [x.name for x in frames] == list(build_model(robot).frames)[: len(frames)]
+    poses = np.array([oracle.pose(frame, s.q)[:3] for frame in frames])
+    close(answer(robot, "kinematics", q=s.q)[: poses.size], poses)
+    rates = np.array([oracle.jacobian(frame, s.q) @ s.v for frame in frames])
+    close(answer(robot, "frame_velocities", q=s.q, v=s.v)[: rates.size], rates)
+    moved = np.array([oracle.acceleration(frame, (s.q, s.v, s.a)) for frame in frames])
+    close(answer(robot, "frame_accelerations", q=s.q, v=s.v, a=s.a)[: moved.size], moved)
+
+
+@pytest.mark.parametrize("seed", seeds(300, 0, 12))
+def test_derivatives_of_sliding_joints_are_those_of_complex_steps(seed: int) -> None:
+    robot, oracle = sliding_robot(seed)
+    s = sliding_state(robot, seed)
+    n = len(s.q)
+    for found, label in zip(answer(robot, "residual_jacobian", s).reshape(3, n, n), "qva", strict=True):
+        close(found.ravel(), complex_steps(robot, s, label), 1e-11)
+    symbols = oracle.christoffel(s.q)
+    close(answer(robot, "christoffel", q=s.q), symbols, 1e-11)
+    close(answer(robot, "coriolis_matrix", q=s.q, v=s.v), symbols @ s.v, 1e-11)
+
+
+@pytest.mark.parametrize("seed", seeds(400, 1, 6))
+def test_what_modes_leave_out_is_not_there(seed: int) -> None:
+    """A rigid robot has a joint that slides along a straight link."""
+    robot, oracle = sliding_robot(seed)
+    rigid = robot.rigid()
+    names = build_model(rigid).coordinates
+    assert names == ("shoulder.gamma", "cross.z", "sway.gamma")
+    s = sliding_state(robot, seed)
+    places = [build_model(robot).coordinates.index(name) for name in names]
+    q = np.zeros_like(s.q)
+    q[places] = s.q[places]
+    expected = oracle.mass_matrix(q)[np.ix_(places, places)]
+    close(answer(replace(rigid, name="stiff"), "mass_matrix", q=q[places]), expected)
+
+
+@pytest.mark.parametrize("seed", seeds(100, 3, 30))
+def test_joints_that_slide_along_links_that_bend(seed: int) -> None:
+    """Every third with a coordinate that slides as another one makes it."""
+    robot, oracle = sliding_robot(seed, follows=seed % 3 == 1)
+    check_dynamics(robot, oracle, sliding_state(robot, seed))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import cmath
 from dataclasses import replace
 from typing import Any
 
@@ -10,20 +9,19 @@ import numpy as np
 import pytest
 
 import eomgen
-from eomgen.codegen.kernels.derivation import Derivation
 from eomgen.codegen.kernels.equations import derive, derive_equations
 from eomgen.codegen.kernels.signatures import CLOSURE_KERNELS, KERNELS, LOOP_KERNELS
-from eomgen.codegen.program.ir import Program, evaluate
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import DescriptionError, InputError, LoopError
 from eomgen.integration.solve import integrate
-from eomgen.pipeline.costs import robot_info
 from eomgen.pipeline.stages import Options, make_source
 from eomgen.robot.cuts import CUTS
 from eomgen.robot.geometry import IDENTITY
 from eomgen.robot.model import build_model
 from eomgen.robot.value import COORDINATES, Coordinate, Frame, Joint, Link, Loop, Placement, Robot
+from tests.oracles.complex_step import complex_jacobian
 from tests.support.builds import Build
+from tests.support.optional import needs
 from tests.support.random_robots import Array, random_robot, random_state, seeds, with_random_loops
 from tests.support.soak import soaked
 
@@ -51,12 +49,6 @@ def looped(seed: int, **options: Any) -> Robot:
         for side, link, placement in zip("ab", loop.links, loop.placements, strict=True)
     ]
     return replace(robot, frames=tuple(frames))
-
-
-def complex_run(program: Program, **inputs: Array) -> Array:
-    """The program on complex numbers."""
-    found = evaluate(program, inputs, lambda x: (cmath.sin(x), cmath.cos(x)))
-    return np.array([found[key] for key in sorted(found)])
 
 
 @pytest.mark.parametrize("kind", soaked(TYPES, list(TYPES)[::2]))
@@ -87,7 +79,7 @@ def test_a_cut_joint_leaves_its_freedoms_and_no_other(kind: str, built: Build) -
 
 @pytest.mark.parametrize("seed", seeds(300, 1, 8))
 def test_constraints_equal_pinocchios_kinematics(seed: int, built: Build) -> None:
-    pytest.importorskip("pinocchio")
+    needs("pinocchio")
     from tests.oracles.pinocchio_models import PinocchioOracle
 
     robot = looped(seed)
@@ -120,16 +112,12 @@ def test_constraints_equal_pinocchios_kinematics(seed: int, built: Build) -> Non
 def test_derivatives_equal_complex_steps(seed: int, built: Build) -> None:
     """J is dg/dq and the bias J_dot v, to the last digits: complex steps have no round-off."""
     robot = looped(seed)
-    kernel, state, step = built(robot, *CLOSURE_KERNELS), random_state(robot, seed), 1e-30
-    model = build_model(robot)
-    g, J = derive(model, "constraint"), derive(model, "constraint_jacobian")
-    columns = [complex_run(g, q=state.q + 1j * step * e).imag / step for e in np.eye(kernel.n)]
-    scale = max(1.0, np.abs(columns).max())
-    assert np.abs(kernel.constraint_jacobian(state.q) - np.array(columns).T).max() <= 1e-14 * scale
-    turning = complex_run(J, q=state.q + 1j * step * state.v).imag / step
-    bias = turning.reshape(len(kernel.constraints), kernel.n) @ state.v
-    found = kernel.constraint_bias(state.q, state.v)
-    assert np.abs(found - bias).max() <= 1e-13 * max(1.0, np.abs(bias).max())
+    kernel, s = built(robot, *CLOSURE_KERNELS), random_state(robot, seed)
+    J = complex_jacobian(robot, "constraint", {"q": s.q}, "q")
+    assert np.abs(kernel.constraint_jacobian(s.q) - J).max() <= 1e-14 * max(1.0, np.abs(J).max())
+    turning = complex_jacobian(robot, "constraint_jacobian", {"q": s.q}, "q").reshape(*J.shape, kernel.n)
+    bias = turning @ s.v @ s.v
+    assert np.abs(kernel.constraint_bias(s.q, s.v) - bias).max() <= 1e-13 * max(1.0, np.abs(bias).max())
 
 
 def test_rates_of_change_along_a_motion(built: Build) -> None:
@@ -198,13 +186,6 @@ def test_a_generated_header_has_the_constraints() -> None:
     assert "int bennett_constraint_bias(const double *h, const double *q, const double *v, double *out);" in header
 
 
-@pytest.mark.parametrize("name", ["andrews", "bennett", "four_bar", "gough"])
-def test_examples_have_loops(name: str) -> None:
-    robot = eomgen.load_robot(name)
-    assert robot.loops
-    assert Derivation(build_model(robot)).model.constraints
-
-
 URDF = """<robot name="chain">
 <link name="ground"/>
 <link name="arm"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
@@ -238,7 +219,7 @@ def test_refusals(built: Build) -> None:
 
 @pytest.mark.soak
 def test_dynamics_of_the_open_tree_are_not_taken_for_those_of_the_robot(built: Build) -> None:
-    pytest.importorskip("pinocchio")
+    needs("pinocchio")
     from eomgen.state.equilibrium import static_equilibrium
     from tests.oracles.pinocchio_models import PinocchioOracle
 
@@ -263,14 +244,6 @@ def test_dynamics_of_the_open_tree_are_not_taken_for_those_of_the_robot(built: B
         integrate(kernel, s.q, s.v, 0.1)
     with pytest.raises(LoopError, match="loop1 is open"):
         integrate(kernel, s.q, s.v, 0.1, method="Radau")
-
-
-def test_info_lists_the_loops() -> None:
-    info = robot_info(eomgen.load_robot("bennett"))
-    assert "loop joint4: revolute joint between link3 and base, cut" in info.lines()
-    assert info.as_dict()["loops"] == {"joint4": "revolute"}
-    assert len(info.as_dict()["constraints"]) == 5
-    assert not any("loop" in line for line in robot_info(eomgen.load_robot("one_link")).lines())
 
 
 def test_placements_default_to_the_links_frames() -> None:

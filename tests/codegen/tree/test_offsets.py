@@ -18,7 +18,8 @@ from eomgen.robot.model import build_model
 from eomgen.robot.value import ANGULAR, COORDINATES, Robot
 from tests.oracles.pinocchio_models import PinocchioOracle
 from tests.support.builds import Build
-from tests.support.random_robots import Array, random_robot, random_state, seeds, with_offsets
+from tests.support.closeness import distance
+from tests.support.random_robots import random_robot, random_state, seeds, with_offsets
 
 TYPES = ("revolute", "prismatic", "fixed", "free")
 KERNELS = (
@@ -30,10 +31,6 @@ KERNELS = (
     "forward_dynamics",
     "residual_jacobian",
 )
-
-
-def distance(found: Array, expected: Array) -> float:
-    return float(np.max(np.abs(found - expected)) / max(float(np.max(np.abs(expected))), 1e-300))
 
 
 @pytest.mark.parametrize("seed", seeds(1200, 1, 16))

@@ -24,6 +24,7 @@ from eomgen.robot.value import Link, Robot
 from tests.support.bending_robots import bent
 from tests.support.builds import Build
 from tests.support.description_samples import example_urdfs
+from tests.support.optional import needs
 from tests.support.random_motors import with_motors
 from tests.support.random_robots import (
     Array,
@@ -137,7 +138,7 @@ def load(path: Path) -> Robot:
 @pytest.mark.parametrize("name", ["ur5_robot", "panda", "kinova"])
 def test_it_is_pinocchio_s(name: str) -> None:
     """Link by link in its own frame, whatever the axes of its joint are."""
-    pin = pytest.importorskip("pinocchio")
+    pin = needs("pinocchio")
     from tests.oracles.pinocchio_models import UrdfOracle
 
     paths = {path.stem: path for path in example_urdfs()}

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 from benchmarks.peers import pinocchio_peer
@@ -16,7 +15,11 @@ from eomgen.codegen.program.ir import evaluate
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
 from tests.oracles.pinocchio_models import PinocchioOracle
+from tests.support.optional import needs
 from tests.support.random_robots import Array, State, random_robot, random_state
+
+pin = needs("pinocchio")
+
 
 TOLERANCE = 1e-9  # of a block, relative, max-norm
 BLOCKS = {"q-q": (0, 0), "q-v": (0, 1), "v-v": (1, 1), "a-q": (2, 0)}
