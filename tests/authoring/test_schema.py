@@ -25,9 +25,7 @@ from eomgen.forms.tables import DEGREES, Form, Kinds
 from eomgen.robot.value import COORDINATES
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.sweep.plan import plan_from_toml
-from tests.support import bad_robots
-from tests.support.bad_plans import BAD
-from tests.support.bad_scenarios import DURATION, LINE, READING
+from tests.support.bad_files import DURATION, LINE, PLANS, ROBOTS, SCENARIOS, Bad
 from tests.support.description_samples import ARM
 from tests.support.mutations import DOCUMENTS, as_toml, mutant
 from tests.support.random_tables import ENTRIES, TOPS
@@ -36,84 +34,6 @@ ROOT = Path(__file__).parents[2]
 READERS = {"robot": robot_from_toml, "scenario": scenario_from_toml, "plan": plan_from_toml}
 VALIDATORS = {name: jsonschema.Draft7Validator(schema_of(name)) for name in FORMATS}
 MUTANTS = {"toml": "robot", "scenario": "scenario", "plan": "plan"}  # what tests/support/mutations.py calls them
-
-# What the readers alone find, by classes of errors; cases of bad_robots.
-SEMANTIC = {
-    "JSON has no NaN": {"nan", "point that is none", "beam of no modulus"},
-    "no body has this inertia": {"impossible inertia", "indefinite inertia", "product of inertia"},
-    "matrices that no springs and dampers have": {
-        *("indefinite stiffness", "matrix of other coordinates", "damping in proportion to nothing"),
-    },
-    "names that do not exist": {
-        *("unknown parent", "unknown child", "unknown link of frame", "spring of no link", "loop of no link"),
-        *("tunable of no link", "tunable of no joint", "tunable of inactive", "tunable of a spring"),
-        *("tunable rpy of dh", "tunable half wildcard", "drive that is not there", "home that is not there"),
-        *("beam of no link", "beam to no link", "node that is not there"),
-    },
-    "names that are taken": {
-        *("duplicate link", "duplicate joint", "spring twice", "link named base"),
-        *("link of a beam's name", "joint of a beam's name", "beam of a long name", "link of a node's name"),
-        *("node of the tip's name", "link of a sliding joint's name"),
-    },
-    "no tree, or nothing moves": {
-        *("two parents", "cycle", "own parent", "base as child", "link without joint", "nothing moves"),
-        *(
-            "beam to its root",
-            "beam to the base",
-            "beam to a link of a joint",
-            "beam in a circle",
-            "beam that is rigid",
-            "bending link that nothing moves",
-        ),
-    },
-    "ends on one link": {"spring of one link", "loop of one link"},
-    "keys that exclude or need each other": {
-        *("dh and placement", "limits of a fixed joint", "clearance without stiffness", "spring without force"),
-        *("cable of no length", "smoothing of no cable", "curve and stiffness of a spring", "curve of a cable"),
-        *("smoothing of nothing", "restitution of nothing", "one side only", "static without stribeck"),
-        *("stribeck without static", "curve and stiffness", "curve and friction that is none", "sharp clearance"),
-        *("angles of a loop twice", "angle of dh twice"),
-        *("clearance of stiffness zero", "friction without coulomb", "limits twice", "no limits"),
-        *("beam without section", "beam without shear", "beam of two sections", "beam of no section"),
-        *("damping of a beam twice", "damping of a beam of none"),
-        *("mass missing", "bending link without section", "bending link of no modes", "bending link of two kinds"),
-        *("modal damping of a rigid link", "node of a rigid link", "node of the base"),
-        *("bending link of another mass", "bending link of another center", "bending link of another inertia"),
-        *("drive with nothing in it", "drive of what nothing drives", "winding without its constant"),
-        *("voltage limit of no winding", "loop without a gain"),
-        *("bristles without a stiffness", "bristles of no model", "bristles and smoothing", "damping of no bristles"),
-        *("bristles on a lorentzian curve", "loop of no stiffness", "loss factor of no stiffness"),
-        *("joint along a rigid link", "joint that turns along a beam", "joint along a beam that is placed"),
-        "joint along a beam that gives way",
-    },
-    "numbers out of order": {
-        *(
-            "limits reversed",
-            "limits in their order",
-            "curve of a spring that falls back",
-            "static below coulomb",
-            "curve that turns back",
-        ),
-        *("tube that is none", "box of thick walls", "I-beam of thick flanges", "Poisson's ratio of no body"),
-        *("beam too stiff for numbers", "beam too short for numbers"),
-        *("bending link of no body's ratio", "bending link too short for numbers"),
-        *("node beyond a beam", "joint beyond a beam"),
-        *("bristles that nothing bends", "bristles that fade too late", "hysteresis that gives energy back"),
-        *("hysteresis of nothing that yields", "loss factor over a band that falls"),
-    },
-    "files beside it": {"curve from nowhere", "matrix from nowhere", "urdf without folder", "modes from nowhere"},
-    "$ of Python's regular expressions stands before a newline, too": {"trailing newline", "robot name with newline"},
-}
-SCENARIO_ONLY_READ = (  # reasons of bad_scenarios that the schema does not see
-    *("got nan", "static equilibrium", "with equilibrium = true only", "times or speed", "increasing", "an array of 2"),
-    *("does not exist", "another point", "in the plane", "not zero", "coordinates with rows", "array of 2"),
-    *("got the time 0 after 1", "needs force and/or moment", "after t0", "no body can have"),
-    *("from, to, or both", "'rpy' is missing, which", "where they have none", "(rad) is given, too", "other than 0"),
-)
-PLAN_ONLY_READ = {  # of bad_plans
-    *("missing", "grids alone", "up to the period", "[integrator]", "parameter or scenario", "one of them"),
-    *("one distribution", "grid, uniform", "greater than low", "8 deviations", "different", "values, or low", "once"),
-}
 
 
 def refused(name: str, values: Any) -> bool:
@@ -245,27 +165,12 @@ def test_samples_are_valid() -> None:
     assert refused("robot", {"links": []})
 
 
-@pytest.mark.parametrize("case", list(bad_robots.TOML_CASES))
-def test_bad_robots(case: str) -> None:
-    """Structural mistakes are refused; the others are those that SEMANTIC lists, and no more."""
-    old, new, _ = bad_robots.TOML_CASES[case]
-    sample = bad_robots.NOTHING_MOVES if case == "nothing moves" else ARM
-    values = parsed(bad_robots.changed(sample, old, new))
-    semantic = any(case in cases for cases in SEMANTIC.values())
+@pytest.mark.parametrize("case", [*ROBOTS, *SCENARIOS, *PLANS], ids=lambda case: case.title)
+def test_bad_files(case: Bad) -> None:
+    """Structural mistakes are refused; the others are those that are marked, and no more."""
+    values = parsed(case.data.decode())
     if values is not None:
-        assert refused("robot", values) != semantic
-
-
-def test_bad_scenarios_and_plans() -> None:
-    for text, _, reason in READING:
-        values = parsed(text)
-        if values is not None:
-            semantic = any(reason.startswith(part) or part in reason for part in SCENARIO_ONLY_READ)
-            assert refused("scenario", values) != semantic, text
-    for text, reasons in BAD.items():
-        values = parsed(text)
-        assert values is not None
-        assert refused("plan", values) or PLAN_ONLY_READ & set(reasons), text
+        assert refused(case.name.removesuffix(".toml"), values) != case.is_valid
 
 
 def test_all_faults_of_a_table_that_may_be_a_word_are_found() -> None:

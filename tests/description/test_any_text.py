@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from eomgen.description.load import robot_from_toml, robot_from_urdf
 from eomgen.errors import DescriptionError
 from eomgen.robot.value import Robot
-from tests.support.bad_robots import loop, spring
+from tests.support.bad_files import ENTRIES as BAD_ENTRIES
 from tests.support.description_samples import ARM, URDF
 from tests.support.fuzzing import check_message, check_robot
 from tests.support.mutations import as_toml
@@ -47,8 +47,9 @@ def any_table(top: dict[str, object]) -> None:
 
 
 def any_value(table: str, key: str, value: object) -> None:
-    closed = ARM.replace(*loop("placements = [{}, {}]"))
-    closed = closed.replace(*spring("stiffness = 1", "free_length = 0.1", "points = [[0, 0, 1], [1, 0, 0]]"))
+    points = "stiffness = 1\nfree_length = 0.1\npoints = [[0, 0, 1], [1, 0, 0]]"
+    more = f"{BAD_ENTRIES['loop']('placements = [{}, {}]')}\n{BAD_ENTRIES['spring'](points)}\n[[frames]]"
+    closed = ARM.replace("[[frames]]", more)
     given = f"[[{table}]]\n{json.dumps(key)} = {as_toml(value)}\n"
     harmless(robot_from_toml, closed.replace(f"[[{table}]]\n", given, 1))
     line = re.compile(f"^{key} = .*$", re.MULTILINE)

@@ -13,7 +13,7 @@ from eomgen.cli import entry as cli
 from eomgen.description.load import load_robot, robot_from_mjcf, robot_from_toml, robot_from_urdf
 from eomgen.errors import DescriptionError, EomgenWarning
 from eomgen.robot.value import Robot
-from tests.support.bad_robots import changed
+from tests.support.bad_files import changed
 from tests.support.description_samples import ARM, MJCF, URDF
 
 STRANGE = changed(URDF, 'izz="0.15"', 'izz="0.9"')  # of the link upper, line 4

@@ -11,7 +11,7 @@ import pytest
 from eomgen.description.load import robot_from_mjcf, robot_from_urdf
 from eomgen.errors import DescriptionError
 from eomgen.robot.value import Robot
-from tests.support.bad_robots import changed
+from tests.support.bad_files import changed
 from tests.support.description_samples import MJCF, URDF
 
 DECLARATION = '<?xml version="1.0"?>'

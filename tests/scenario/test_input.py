@@ -14,7 +14,7 @@ from eomgen.cli import entry as cli
 from eomgen.errors import InputError
 from eomgen.scenario.load import load_scenario, scenario_from_toml
 from eomgen.simulation.run import run_scenario
-from tests.support.bad_scenarios import CIRCLE, DURATION, LINE, MOTION, READING, SHAKEN
+from tests.support.bad_files import CIRCLE, DURATION, LINE, MOTION, SHAKEN
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -50,21 +50,6 @@ MEETING = [  # what a robot cannot do: robot, text, place, reason
     ),
     ("one_link", "[initial]\nequilibrium = true\nq = { joint1 = 0.3 }\n[integrator]\natol = -1", None, "atol"),
 ]
-
-
-@pytest.mark.parametrize(("text", "place", "reason"), READING)
-def test_reading(text: str, place: str, reason: str, tmp_path: Path) -> None:
-    path = tmp_path / "bad.toml"
-    path.write_text(text)
-    with pytest.raises(InputError) as caught:
-        load_scenario(path)
-    message = str(caught.value)
-    at = re.fullmatch(r"[^:]*(:[0-9]+:[0-9]+)?: (.*)", message)
-    assert at is not None
-    assert message.startswith(str(path))
-    assert at[1]
-    assert at[2].startswith(place)
-    assert reason in message
 
 
 @pytest.mark.parametrize(

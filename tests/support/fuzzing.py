@@ -93,11 +93,11 @@ def accepted(kind: str, content: bytes, folder: Path) -> Any:
     return None
 
 
-def check_message(error: InputError) -> None:
+def check_message(error: InputError, most: int = LENGTH) -> None:
     message = str(error)
     assert message.isascii(), message
     assert message.isprintable(), repr(message)
-    assert len(message) < LENGTH, message
+    assert len(message) < most, message
     assert isinstance(error, DescriptionError) or "allowed" in message, message
     assert error.__cause__ is None
 

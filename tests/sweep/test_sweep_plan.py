@@ -24,7 +24,7 @@ from eomgen.sweep.driver import prepare, run
 from eomgen.sweep.keys import DESIGNS, ENGINES, RECORDS
 from eomgen.sweep.plan import Distribution, load_plan, plan_from_toml
 from eomgen.sweep.result import SweepResult, sensitivity_of
-from tests.support.bad_plans import BAD, GRID
+from tests.support.bad_files import GRID
 from tests.support.sliders import RELEASE, SLIDER, STIFF, slider
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
@@ -39,20 +39,6 @@ UNFIT = {  # plans that are good and do not fit slider and RELEASE
     f"{STIFF}{GRID}[[vary]]\nparameter = 'joints.*.*.stiffness'\n{GRID}": ("vary", "more than one entry"),
     f"record = ['tracking_max']\n{STIFF}{GRID}": ("record", "tracking_max", "no reference"),
 }
-
-
-@pytest.mark.parametrize("text", BAD)
-def test_bad_plans(text: str, tmp_path: Path) -> None:
-    path = tmp_path / "bad.toml"
-    path.write_text(text)
-    with pytest.raises(DescriptionError) as caught:
-        load_plan(path)
-    message = str(caught.value)
-    assert re.match(r"[^:]*:[0-9]+:[0-9]+: ", message)
-    assert message.startswith(str(path))
-    assert message.isascii()
-    for part in BAD[text]:
-        assert part in message
 
 
 @pytest.mark.parametrize("text", UNFIT)
