@@ -1,55 +1,74 @@
 # eomgen: what can be run here.  Everything happens in .venv; nothing else on the machine is touched.
 #
-#   make demo     derive, compile, simulate and plot the 36-DOF elastic PUMA 560; results in out/demo
-#   make test     lint, and the whole test suite beside it
-#   make lint     ruff (lint and format), mypy --strict, and which room may import which
-#   make bench    counts, times, precision beside Newton-Euler, Pinocchio, MuJoCo, CasADi, Exudyn, SciPy; of batches, builds, processors
-#   make soak     the long tests, with a share of their random cases; writes docs/soak.md; EOMGEN_SOAK=all make soak tries
-#                 all: hours; failures stand in .pytest_cache/soak_failures.txt as they come
-#   make docs     build the documentation into out/site: open index.html there; warnings are errors
-#   make notebooks run the notebooks of examples/notebooks; copies with all that they show in out/notebooks
-#   make mutation mutation testing of the derivation, ten minutes of one core; writes docs/mutation.md
-#   make sample   regenerate the committed sample in generated/one_link
-#   make tables   regenerate the tables in docs/architecture.md, docs/comparison.md, docs/start.md and others
-#   make picture  simulate and draw the pictures of README.md and of the harmonic drive
-#   make packages write the list of packages in pyproject.toml, after a folder of code was added, renamed or removed
-#   make schemas  regenerate the JSON Schemas in src/eomgen/schemas
-#   make claims   run the commands behind the figures of README and docs that take less than an hour; print what no longer holds
-#   make misra    what MISRA C finds in generated code and in the C library; writes the tables of two pages in docs
-#   make wheel    build the source distribution and the wheel into dist/, and check what an index would show of them
-#   make release  build both, check versions, and try them in fresh environments of Python 3.10 to 3.13 (PYTHONS="3.11 3.12")
-#   make clean    remove what the commands above made
+#   make demo       derive, compile, simulate and plot the 36-DOF elastic PUMA 560; results in out/demo; under 1 minute
+#   make test       the quick tests: every package, without optional libraries; under 4 minutes from a fresh clone
+#   make test-all   lint and the whole test suite, quick tests included; 13 minutes more; 8 with warm caches
+#   make soak       the long tests, with a share of their random cases; under 60 minutes; writes docs/soak.md.
+#                   EOMGEN_SOAK=all make soak runs every case: hours
+#   make lint       ruff (lint and format), mypy --strict, and which package may import which
+#   make coverage   lines of each package that the quick tests run; COVERAGE_TESTS= for the whole suite
+#   make bench      counts, times, precision compared with Newton-Euler, Pinocchio, MuJoCo, CasADi, Exudyn, SciPy
+#   make mutation   mutation tests of every package and of the derivation; writes docs/mutation.md
+#   make size       lines, bytes and syntax-tree nodes of each package
+#   make docs       build the documentation into out/site: open index.html there; warnings are errors
+#   make notebooks  run the notebooks of examples/notebooks; copies with all results in out/notebooks
+#   make sample     regenerate the committed sample in generated/one_link
+#   make tables     regenerate the tables in docs/architecture.md, docs/comparison.md, docs/start.md and others
+#   make picture    simulate and draw the pictures of README.md and of the harmonic drive
+#   make packages   write the list of packages in pyproject.toml, after a folder of code was added, renamed or removed
+#   make schemas    regenerate the JSON Schemas in src/eomgen/schemas
+#   make claims     run the commands behind the figures of README and docs that take less than an hour
+#   make misra      what MISRA C finds in generated code and in the C library; writes the tables of two pages in docs
+#   make wheel      build the source distribution and the wheel into dist/, and check what an index would show of them
+#   make release    build both, check versions, try them in fresh environments of Python 3.11 to 3.14 (PYTHONS="3.11 3.12")
+#   make clean      remove what the commands above made
 
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+unexport PYTHONDONTWRITEBYTECODE  # compiling eomgen is half of the time of a process that has no bytecode
 
-# What type checkers follow from src to the folders beside it; a source distribution holds no links.
-LINKS := src/eomgen/codegen src/eomgen/templates
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
+PYTEST := MAKEFLAGS= $(BIN)/python -m pytest -n auto --dist worksteal
+COVERAGE_TESTS := -m quick
 # What the extra "wheel" lists, without eomgen and what it needs to run.
 WHEEL_TOOLS := $(shell sed -n 's/^wheel = \[\(.*\)\]$$/\1/p' pyproject.toml | tr ',' ' ')
 
-.PHONY: demo test suite lint bench soak mutation claims docs notebooks sample tables picture packages schemas misra wheel release clean
+.PHONY: help demo test test-all lint types coverage size bench soak mutation claims docs notebooks sample tables picture \
+  packages schemas misra wheel release clean
+
+help:
+	@sed -n 's/^#   //p' Makefile
 
 demo: $(VENV)/.sim
 	$(BIN)/eomgen info puma560_elastic
 	$(BIN)/eomgen simulate puma560_elastic -o out/demo
 
-test: $(VENV)/.test | $(LINKS)
-	$(MAKE) -j 2 --no-print-directory lint suite
+test: $(VENV)/.test
+	$(PYTEST) -m quick
 
-suite: $(VENV)/.test
-	MAKEFLAGS= $(BIN)/python -m pytest -n auto --dist worksteal
+test-all: lint
+	$(PYTEST)
 
-lint: $(VENV)/.test | $(LINKS)
+lint: $(VENV)/.test-all types
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy -p eomgen
-	$(BIN)/lint-imports
+	PYTHONPATH=$(VENV)/types $(BIN)/lint-imports
 	$(BIN)/python -m tests.support.first_words
 
-bench: $(VENV)/.bench $(VENV)/.test
+# One package for what follows imports without importing: links to src/eomgen, codegen and templates.
+types: | $(BIN)/python
+	$(BIN)/python -m release.packages --links $(VENV)/types
+
+coverage: $(VENV)/.coverage
+	$(PYTEST) $(COVERAGE_TESTS) --cov=eomgen --cov-report=
+	$(BIN)/python -m benchmarks.coverage
+
+size: $(VENV)/.sim
+	$(BIN)/python -m benchmarks.size
+
+bench: $(VENV)/.bench
 	$(BIN)/python benchmarks/run.py
 	$(BIN)/python -m benchmarks.arrays
 	$(BIN)/python -m benchmarks.batches
@@ -73,8 +92,8 @@ bench: $(VENV)/.bench $(VENV)/.test
 	$(BIN)/python -m benchmarks.wasm
 	$(BIN)/python docs/tables.py
 
-soak: $(VENV)/.test
-	$(BIN)/python -m pytest -n auto --dist worksteal -m soak --soak-page=docs/soak.md
+soak: $(VENV)/.test-all
+	$(PYTEST) -m soak --soak-page=docs/soak.md
 
 docs: $(VENV)/.docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
@@ -85,7 +104,7 @@ notebooks: $(VENV)/.docs
 mutation: $(VENV)/.mutation
 	nice -n 10 $(BIN)/python -m benchmarks.mutation --sample 100
 
-claims: $(VENV)/.bench $(VENV)/.test
+claims: $(VENV)/.bench
 	$(BIN)/python -m benchmarks.claims
 
 sample: $(VENV)/.sim
@@ -104,7 +123,7 @@ packages:
 schemas: $(VENV)/.sim
 	for name in robot scenario plan; do $(BIN)/eomgen schema $$name > src/eomgen/schemas/$$name.schema.json; done
 
-misra: $(VENV)/.test
+misra: $(VENV)/.test-all
 	$(BIN)/python docs/misra.py
 
 wheel: $(VENV)/.wheel
@@ -121,24 +140,30 @@ clean:
 $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
 
-$(LINKS):
-	ln -s ../../$(@F) $@
-
+# Environments by extra; a larger one serves what needs a smaller one.
 $(VENV)/.sim: pyproject.toml | $(BIN)/python
 	$(PIP) -e '.[sim]'
 	touch $@
+
+$(VENV)/.test: pyproject.toml | $(BIN)/python
+	$(PIP) -e '.[test]'
+	touch $@ $(VENV)/.sim
+
+$(VENV)/.test-all: pyproject.toml | $(BIN)/python
+	$(PIP) -e '.[test-all]'
+	touch $@ $(VENV)/.test $(VENV)/.docs $(VENV)/.sim
+
+$(VENV)/.coverage: pyproject.toml | $(BIN)/python
+	$(PIP) -e '.[test,coverage]'
+	touch $@ $(VENV)/.test $(VENV)/.sim
 
 $(VENV)/.docs: pyproject.toml | $(BIN)/python
 	$(PIP) -e '.[docs]'
 	touch $@ $(VENV)/.sim
 
 $(VENV)/.bench: pyproject.toml | $(BIN)/python
-	$(PIP) -e '.[bench]'
-	touch $@ $(VENV)/.sim
-
-$(VENV)/.test: pyproject.toml | $(BIN)/python
-	$(PIP) -e '.[test]'
-	touch $@ $(VENV)/.sim
+	$(PIP) -e '.[test-all,bench]'
+	touch $@ $(VENV)/.test-all $(VENV)/.test $(VENV)/.docs $(VENV)/.sim
 
 $(VENV)/.wheel: pyproject.toml | $(BIN)/python
 	$(PIP) $(WHEEL_TOOLS)
@@ -146,4 +171,4 @@ $(VENV)/.wheel: pyproject.toml | $(BIN)/python
 
 $(VENV)/.mutation: pyproject.toml | $(BIN)/python
 	$(PIP) -e '.[mutation]'
-	touch $@ $(VENV)/.test $(VENV)/.sim
+	touch $@ $(VENV)/.test-all $(VENV)/.test $(VENV)/.docs $(VENV)/.sim
