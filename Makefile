@@ -62,7 +62,7 @@ types: | $(BIN)/python
 	$(BIN)/python -m release.packages --links $(VENV)/types
 
 coverage: $(VENV)/.coverage
-	$(PYTEST) $(COVERAGE_TESTS) --cov=eomgen --cov-report=
+	$(PYTEST) $(COVERAGE_TESTS) --cov=src/eomgen --cov=codegen --cov-report=
 	$(BIN)/python -m benchmarks.coverage
 
 size: $(VENV)/.sim

@@ -102,7 +102,10 @@ EXTRAS = {  # for users, then for who works on the repository
     "bench": "comparison with other libraries: `make bench`",
     "docs": "these pages as a site: `make docs`",
     "wheel": "`make wheel`",
-    "test": "`make test`",
+    "test": "`make test`: the quick tests",
+    "lint": "`make lint`",
+    "test-all": "`make test-all`, `make soak`",
+    "coverage": "`make coverage`",
     "mutation": "`make mutation`",
 }
 

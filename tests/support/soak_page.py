@@ -18,7 +18,7 @@ SLOWEST = 12
 
 INTRODUCTION = """# Soak
 
-Written by `make soak`; do not edit. The soak is what takes too long for `make test`: random robots by the hundred,
+Written by `make soak`; do not edit. The soak is what takes too long for `make test-all`: random robots by the hundred,
 fuzzers, other compilers and instruction sets, packages built and installed, notebooks and pages run as a reader would.
 """
 
