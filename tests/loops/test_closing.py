@@ -9,13 +9,19 @@ import numpy as np
 import pytest
 
 import eomgen
+from eomgen.codegen.kernels.constraint_rows import general_rank
 from eomgen.codegen.kernels.signatures import LOOP_KERNELS
-from eomgen.description.load import robot_from_toml
-from eomgen.errors import InputError, IntegrationError, LoopError, UnknownNameError
+from eomgen.description.load import builtin_robots, robot_from_toml
+from eomgen.errors import InputError, IntegrationError, IntegrationStopped, LoopError, SingularError, UnknownNameError
+from eomgen.integration import integrate
 from eomgen.loops import closed_equilibrium, redundancy
 from eomgen.loops.chart import Chart
+from eomgen.pipeline.mechanisms import assembly_kernels
 from eomgen.robot.geometry import IDENTITY
+from eomgen.robot.model import build_model
+from eomgen.robot.parameter_names import expand_tunable
 from eomgen.robot.value import Coordinate, Placement, Robot
+from eomgen.simulation.segments import joined_info
 from tests.oracles.by_singular_values import ClosedLoops
 from tests.support.builds import Build
 from tests.support.linkages import KERNELS
@@ -99,11 +105,21 @@ def test_what_does_not_close_is_named_with_its_state(four_bar: eomgen.Kernel, bu
         four_bar.assemble([q, q], roots=2)
     with pytest.raises(InputError, match="one_link has nothing to close"):
         built(eomgen.load_robot("one_link"), "mass_matrix").assemble([0.0, 0.0])
+    with pytest.raises(LoopError, match="joint4 is opening"):
+        integrate(four_bar, q, [1.0, 0.0, 0.0], 0.1)
+    v = four_bar.project_velocity(q, [40.0, 0.0, 0.0], ["joint1.gamma"])
+    with pytest.raises(IntegrationStopped, match="four_bar, t = "):
+        integrate(four_bar, q, v, 1.0, method="rk4", step=0.5, output_step=1.0)
     robot = eomgen.load_robot("four_bar")
     far = replace(robot.joints[2], placement=Placement((5.0, 0.0, 0.0), IDENTITY))
     apart = built(replace(robot, joints=(*robot.joints[:2], far)), *KERNELS)
-    with pytest.raises(LoopError, match=r"joint4\.x is left with 3\.9 m"):
+    with pytest.raises(LoopError, match=r"joint4\.x is left with 3\.9 m") as caught:
         apart.assemble([0.1, 0.2, 3.0], roots=2)
+    assert (caught.value.loop, caught.value.gap) == ("joint4", pytest.approx(3.9, abs=1e-3))
+    first, second = robot.loops[0].placements  # rods meet whose cut axes point to opposite sides
+    turned = replace(robot.loops[0], placements=(first, Placement.from_rpy(second.xyz, (np.pi, 0.0, 0.0))))
+    with pytest.raises(LoopError, match="joint4 closes near the guess only turned over"):
+        built(replace(robot, loops=(turned,)), *KERNELS).assemble([0.5, 0.2, 1.2])
 
 
 def test_names_of_before_go_on_without_a_warning(four_bar: eomgen.Kernel) -> None:
@@ -183,3 +199,121 @@ def test_elastic_loops_rest_where_their_springs_hold(built: Build) -> None:
     q = np.array([robot.home[name] for name in soft.coordinates])
     sagged = closed_equilibrium(soft, q, held=["joint1.gamma"])
     assert 1e-9 < np.abs(sagged - q).max() < 1e-5
+
+
+DRIVES = {"delta": 3, "gough": 6}
+CLOSED = [name for name in builtin_robots() if build_model(eomgen.load_robot(name)).constraints]
+
+
+@pytest.mark.parametrize("name", CLOSED)
+def test_home_closes(name: str, built: Build) -> None:
+    robot = eomgen.load_robot(name)
+    model = build_model(robot)
+    kernel = built(robot, "constraint")
+    q = np.array(model.home)
+    assert np.abs(kernel.constraint(q)).max() <= 1e-15
+    assert robot.driven is not None
+    assert len(model.driven) == DRIVES.get(name, 1)
+
+
+def test_home_of_an_elastic_mechanism(built: Build) -> None:
+    """Nothing is rigid there: at home its cut joints are where their springs are at rest."""
+    robot = eomgen.load_robot("hexapod_elastic")
+    model = build_model(robot)
+    assert (model.constraints, len(model.cut_laws), len(model.driven)) == ((), 36, 6)
+    kernel = built(robot, "cut_poses")
+    found = kernel.cut_forces(np.array(model.home), np.zeros(model.size)).reshape(6, 6, 2)
+    assert np.abs(found[:, :3]).max() <= 1e-7
+
+
+PLACED = ("constraint", "constraint_jacobian")
+
+
+def test_placements_of_a_cut_joint_can_be_tuned(built: Build) -> None:
+    robot = eomgen.load_robot("four_bar")
+    first, second = robot.loops[0].placements
+    turned = (Placement.from_rpy((0.3, 0.0, 0.1), (0.1, 0.2, 0.0)), Placement.from_rpy(second.xyz, (0.0, 0.0, 0.0)))
+    start = replace(robot, loops=(replace(robot.loops[0], placements=(replace(turned[0], xyz=first.xyz), turned[1])),))
+    tuned = replace(start, tunable=expand_tunable(start, ["loops.joint4.placements"]))
+    moved = replace(robot, loops=(replace(robot.loops[0], placements=turned),))
+    kernel, wanted = built(tuned, *PLACED), built(moved, *PLACED)
+    q = np.array([0.7, -0.4, 1.2])
+    assert np.abs(kernel.constraint(q) - wanted.constraint(q)).max() > 0.05
+    kernel.parameters["loops.joint4.placements.0.xyz.0"] = 0.3
+    kernel.parameters["loops.joint4.placements.0.xyz.2"] = 0.1
+    for name in PLACED:
+        assert getattr(kernel, name)(q) == pytest.approx(getattr(wanted, name)(q), abs=1e-14)
+
+
+LINK = """
+[[links]]
+name = "{}"
+mass = {}
+com = [{}, 0.0, 0.0]
+inertia = {{ xx = 0.002, yy = 0.01, zz = 0.012 }}
+"""
+JOINT = """
+[[joints]]
+name = "{}"
+parent = "{}"
+child = "{}"
+type = "revolute"
+placement = {{ xyz = [{}, 0.0, 0.0] }}
+"""
+CUT = """
+[[loops]]
+name = "hinge"
+links = ["coupler", "rocker"]
+type = "revolute"
+placements = [{ xyz = [0.5, 0.0, 0.0] }, { xyz = [0.2, 0.0, 0.0] }]
+"""
+
+
+def parallelogram() -> eomgen.Robot:
+    """Opposite rods of the same length: folded flat, at angles of zero, it may go on as an antiparallelogram."""
+    text = 'name = "parallelogram"\ngravity = [0.0, -9.81, 0.0]\ndriven = ["motor.gamma"]\n'
+    text += LINK.format("crank", 0.4, 0.1) + LINK.format("coupler", 1.0, 0.25) + LINK.format("rocker", 0.8, 0.1)
+    text += JOINT.format("motor", "base", "crank", 0.0) + JOINT.format("pin", "crank", "coupler", 0.2)
+    return robot_from_toml(text + JOINT.format("pivot", "base", "rocker", 0.5) + CUT)
+
+
+def test_a_folded_parallelogram_is_refused(built: Build) -> None:
+    """Its loop is named; close to it accelerations are still those of the limit."""
+    kernel = built(parallelogram(), "forward_dynamics", "constraint_jacobian", "mass_matrix", "constraint_forces")
+    flat, still, u = np.zeros(3), np.zeros(3), np.array([1.0, 0.0, 0.0])
+    for call in (kernel.forward_dynamics, kernel.constraint_forces):
+        with pytest.raises(SingularError, match=r"loop hinge is at a singular pose.*allowed: poses beside it"):
+            call(flat, still, u)
+    near = [kernel.forward_dynamics(np.array([e, -e, e]), still, u)[0] for e in (1e-2, 1e-3, 1e-4)]
+    assert near == pytest.approx([near[1]] * 3, rel=1e-2)
+    states = np.array([[1.0, -1.0, 1.0], [0.0, 0.0, 0.0]])
+    with pytest.raises(SingularError, match=r"loop hinge is at a singular pose.* in state 1"):
+        kernel.forward_dynamics(states, np.zeros((2, 3)), u)
+    assert np.isfinite(kernel.forward_dynamics(flat, still, u, cut=True)).all()
+
+
+def test_what_is_redundant_everywhere_is_not_singular() -> None:
+    """Rows that follow from others in every closed state are solved as before; home may itself be singular."""
+    expected = {"four_bar": 2, "bennett": 2, "andrews": 6}
+    assert {name: general_rank(build_model(eomgen.load_robot(name))) for name in expected} == expected
+    assert general_rank(build_model(parallelogram())) == 2
+
+
+def test_bennetts_linkage_goes_on(built: Build) -> None:
+    robot = eomgen.load_robot("bennett")
+    kernel = built(robot, "forward_dynamics", *assembly_kernels(robot))
+    q = kernel.assemble(np.array(build_model(robot).home))
+    assert np.isfinite(kernel.forward_dynamics(q, np.zeros(3), np.array([1.0, 0.0, 0.0]))).all()
+
+
+def test_a_motion_says_how_near_it_came(built: Build) -> None:
+    """The margin is least where the parallelogram is flattest, and falls with the sine of its angle."""
+    kernel = built(parallelogram(), *KERNELS)
+    motion = integrate(kernel, np.array([0.6, -0.6, 0.6]), -np.array([1.0, -1.0, 1.0]), 0.1, method="rk4", step=2e-3)
+    flattest = int(np.abs(np.sin(motion.q[:, 0])).argmin())
+    assert motion.info["margin_at"] == motion.t[flattest]
+    assert flattest > 0
+    later = integrate(kernel, motion.q[0], motion.v[0], 0.05, method="rk4", step=2e-3)
+    assert 0.0 < motion.info["margin"] < later.info["margin"] < 1.0
+    joined = joined_info(later.info, {**motion.info, "margin_at": 0.15})
+    assert (joined["margin"], joined["margin_at"]) == (motion.info["margin"], 0.15)

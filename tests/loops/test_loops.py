@@ -9,14 +9,13 @@ import pytest
 
 import eomgen
 from eomgen.description.load import robot_from_toml
-from eomgen.errors import ArrayError, InputError, IntegrationStopped, LoopError, UnknownNameError
 from eomgen.integration import integrate
-from eomgen.robot.geometry import IDENTITY
 from eomgen.robot.value import Coordinate, Joint, Loop, Placement, Robot
 from eomgen.runtime.kernel import Kernel
 from tests.oracles.by_singular_values import ClosedLoops
 from tests.support.builds import Build
 from tests.support.linkages import FREE, KERNELS, bricard, threefold
+from tests.support.optional import needs
 from tests.support.random_robots import Array, random_link, random_placement, random_robot, random_state, seeds
 from tests.support.recuts import placed, pose
 
@@ -191,7 +190,7 @@ def closed_at(
 @pytest.mark.parametrize("seed", [*seeds(413, 1, 1), *seeds(400, 0, 13)])
 def test_accelerations_and_reactions_equal_pinocchios(seed: int, built: Build) -> None:
     """Loops of spherical and fixed cuts in random robots with springs, dampers and armatures."""
-    pin = pytest.importorskip("pinocchio")
+    pin = needs("pinocchio")
     from tests.oracles.pinocchio_models import PinocchioOracle
 
     rng = np.random.default_rng(seed)
@@ -287,55 +286,3 @@ def platform_at(loops: ClosedLoops, alpha: float) -> Array:
 
 
 # ---- refusals
-
-
-def test_what_cannot_close_is_named_with_its_gap(built: Build) -> None:
-    robot = eomgen.load_robot("four_bar")
-    far = replace(robot.joints[2], placement=Placement((5.0, 0.0, 0.0), IDENTITY))
-    loops = ClosedLoops(built(replace(robot, joints=(*robot.joints[:2], far)), *KERNELS))
-    message = r"four_bar: loop joint4 does not close near the guess: joint4\.x is left with 3\.9 m; allowed"
-    with pytest.raises(LoopError, match=message) as caught:
-        loops.consistent_positions([0.1, 0.2, 3.0])
-    assert caught.value.loop == "joint4"
-    assert abs(caught.value.gap - 3.9) <= 1e-3
-
-
-def test_other_refusals(example, built: Build) -> None:  # type: ignore[no-untyped-def]
-    loops = example("four_bar")
-    q = loops.consistent_positions([0.5, 0.2, 1.2], held=["joint1.gamma"])
-    zero = np.zeros(3)
-    with pytest.raises(LoopError, match="joint4 does not close"):
-        loops.consistent_positions([0.5, 0.2, 1.2], held=loops.kernel.coordinates)
-    with pytest.raises(LoopError, match=r"joint4 opens at the rates that are held: joint4\.[xy] is left with .* m/s"):
-        loops.consistent_velocities(q, [1.0, 0.0, 0.0], held=["joint1.gamma", "joint3.gamma"])
-    with pytest.raises(LoopError, match="joint4 opens at the rates"):
-        loops.consistent_velocities(q, [1.0, 0.0, 0.0], held=loops.kernel.coordinates)
-    with pytest.raises(LoopError, match="joint4 is open"):
-        loops.consistent_velocities(q + 0.1, zero)
-    with pytest.raises(LoopError, match="joint4 is open"):
-        loops.forward_dynamics(q + 0.1, zero, zero)
-    with pytest.raises(LoopError, match="joint4 is opening"):
-        integrate(loops.kernel, q, [1.0, 0.0, 0.0], 0.1)
-    with pytest.raises(UnknownNameError, match="held: 'joint9' is unknown"):
-        loops.consistent_positions(q, held=["joint9"])
-    with pytest.raises(ArrayError, match="q_guess"):
-        loops.consistent_positions(np.zeros(4))
-    with pytest.raises(ArrayError, match=r"multipliers: expected float64 of shape \(5,\)"):
-        loops.reactions(q, zero)
-    v = loops.consistent_velocities(q, [40.0, 0.0, 0.0], held=["joint1.gamma"])
-    with pytest.raises(IntegrationStopped, match="four_bar, t = "):
-        integrate(loops.kernel, q, v, 1.0, method="rk4", step=0.5, output_step=1.0)
-    with pytest.raises(InputError, match="one_link has no loops"):
-        ClosedLoops(built(eomgen.load_robot("one_link"), "mass_matrix"))
-    with pytest.raises(InputError, match="float64"):
-        ClosedLoops(eomgen.build(eomgen.load_robot("four_bar"), kernels=("constraint",), dtype="float32"))
-
-
-def test_a_loop_that_closes_turned_over_is_refused(built: Build) -> None:
-    """Two rods in a plane whose cut axes point to opposite sides meet, but not as a revolute joint does."""
-    robot = eomgen.load_robot("four_bar")
-    first, second = robot.loops[0].placements
-    turned = replace(robot.loops[0], placements=(first, Placement.from_rpy(second.xyz, (np.pi, 0.0, 0.0))))
-    loops = ClosedLoops(built(replace(robot, loops=(turned,)), *KERNELS))
-    with pytest.raises(LoopError, match="joint4 closes near the guess only turned over"):
-        loops.consistent_positions([0.5, 0.2, 1.2])

@@ -9,8 +9,6 @@ import numpy as np
 import pytest
 from scipy.linalg import null_space
 
-pytest.importorskip("pinocchio")
-
 from benchmarks.ladder import GRAVITY, ladder, ladder_state
 from eomgen.names import joint_of
 from eomgen.robot.cuts import CUTS
