@@ -2,11 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Generator
 from pathlib import Path
 
 import pytest
+
+from tests.support.workers import available_memory, workers_by_memory
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Let ``make soak`` name the page that a whole run writes."""
     parser.addoption("--soak-page", type=Path, help="write the outcome of the run into this page")
+
+
+@pytest.hookimpl(wrapper=True, optionalhook=True)
+def pytest_xdist_auto_num_workers() -> Generator[None, int, int]:
+    """With ``-n auto``, start as many workers as there are cores and as the available memory is enough for."""
+    cores = yield
+    workers, reason = workers_by_memory(cores, available_memory())
+    if reason:
+        print(reason, flush=True)
+    return workers
