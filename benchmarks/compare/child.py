@@ -22,10 +22,11 @@ WARM = 3  # passes before the first sample: the first ones compile and load
 COMPARED = 16  # states of a batch whose results are compared
 
 Call = Callable[[], None]  # one pass through the arguments of a row
+Bind = Callable[[], Call]  # looks the method up anew: a kernel may exchange it once faster code is there
 
 
-def prepare(request: Mapping[str, Any], kernels: dict[str, Any]) -> tuple[Call, dict[str, Any]]:
-    """Build what a row needs and write its results; return its call, and its operation counts."""
+def prepare(request: Mapping[str, Any], kernels: dict[str, Any]) -> tuple[Bind, dict[str, Any]]:
+    """Build what a row needs and write its results; return what makes its call, and its operation counts."""
     import eomgen
 
     robot = request["robot"]
@@ -39,20 +40,24 @@ def prepare(request: Mapping[str, Any], kernels: dict[str, Any]) -> tuple[Call, 
     results = [function(*each) for each in arguments]
     is_batch = request["out"] and not request["each"]
     np.save(request["results"], numbers(results[0][:COMPARED] if is_batch else results))
-    if request["out"]:
-        function = partial(function, out=np.empty_like(results[0]))
+    out = {"out": np.empty_like(results[0])} if request["out"] else {}
 
-    def call() -> None:
-        for each in arguments:
-            function(*each)
+    def bind() -> Call:
+        method = partial(function_of(kernel, request["call"], request["keywords"]), **out)
+
+        def call() -> None:
+            for each in arguments:
+                method(*each)
+
+        return call
 
     for _ in range(WARM):
-        call()
+        bind()()
     counts = dict(kernel.operations.get(request["counts"], {}))
     steps = getattr(results[0], "info", None) or {x: getattr(results[0], x, 0) for x in ("steps", "rejected")}
     if isinstance(steps["steps"], int | np.integer) and steps["steps"]:
         counts["steps"] = int(steps["steps"] + steps["rejected"])
-    return call, {"counts": counts}
+    return bind, {"counts": counts}
 
 
 def function_of(kernel: Any, call: str, keywords: Mapping[str, Any]) -> Callable[..., Any]:
@@ -88,8 +93,9 @@ def numbers(result: Any) -> Any:
     return np.ravel(np.asarray(getattr(result, "q", result), dtype=float))
 
 
-def sample(call: Call) -> float:
+def sample(bind: Bind) -> float:
     """Return nanoseconds of CPU time of a call, the mean over SAMPLE, after one that does not count."""
+    call = bind()
 
     def spend(again: int) -> float:
         begin = time.process_time_ns()
@@ -110,7 +116,7 @@ def main() -> None:
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)  # what compilers print is no answer
     kernels: dict[str, Any] = {}
-    prepared: dict[str, Call] = {}
+    prepared: dict[str, Bind] = {}
     for line in sys.stdin:
         request = json.loads(line)
         name = request["name"]

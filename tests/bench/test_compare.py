@@ -69,7 +69,7 @@ def answer(folder: Path, kernels: dict[str, Any], name: str, call: str, arrays: 
     """What a child answers, as the other process reads it, and its results."""
     request = Row(f"{name}/1" if name == "each" else name, "one_link", call, lambda: arrays, **further).request(folder)
     made, counts = child.prepare(json.loads(json.dumps({**request, "results": str(folder / "results.npy")})), kernels)
-    made()
+    made()()
     return counts["counts"], np.load(folder / "results.npy")
 
 
