@@ -9,7 +9,8 @@
 #   make coverage   lines of each package that the quick tests run; COVERAGE_TESTS= for the whole suite
 #   make bench      counts, times, precision compared with Newton-Euler, Pinocchio, MuJoCo, CasADi, Exudyn, SciPy
 #   make mutation   mutation tests of every package and of the derivation; writes docs/mutation.md
-#   make size       lines, bytes and syntax-tree nodes of each package
+#   make size       write docs/size.md: lines, bytes and syntax-tree nodes per package, compared with the budgets
+#   make compare    COMMIT=... ROWS="...": operation counts, and ratios of times, compared with a commit
 #   make docs       build the documentation into out/site: open index.html there; warnings are errors
 #   make notebooks  run the notebooks of examples/notebooks; copies with all results in out/notebooks
 #   make sample     regenerate the committed sample in generated/one_link
@@ -34,7 +35,7 @@ COVERAGE_TESTS := -m quick
 # What the extra "wheel" lists, without eomgen and what it needs to run.
 WHEEL_TOOLS := $(shell sed -n 's/^wheel = \[\(.*\)\]$$/\1/p' pyproject.toml | tr ',' ' ')
 
-.PHONY: help demo test test-all lint types coverage size bench soak mutation claims docs notebooks sample tables picture \
+.PHONY: help demo test test-all lint types coverage size compare bench soak mutation claims docs notebooks sample tables picture \
   packages schemas misra wheel release clean
 
 help:
@@ -66,7 +67,10 @@ coverage: $(VENV)/.coverage
 	$(BIN)/python -m benchmarks.coverage
 
 size: $(VENV)/.sim
-	$(BIN)/python -m benchmarks.size
+	$(BIN)/python -m benchmarks.size --page
+
+compare: $(VENV)/.bench
+	$(BIN)/python -m benchmarks.compare $(COMMIT) $(ROWS)
 
 bench: $(VENV)/.bench
 	$(BIN)/python benchmarks/run.py
@@ -102,7 +106,9 @@ notebooks: $(VENV)/.docs
 	$(BIN)/python docs/generators/notebooks.py out/notebooks
 
 mutation: $(VENV)/.mutation
-	nice -n 10 $(BIN)/python -m benchmarks.mutation --sample 100
+	nice -n 10 $(BIN)/python -m benchmarks.mutation derivation --sample 100
+	nice -n 10 $(BIN)/python -m benchmarks.mutation record
+	nice -n 10 $(BIN)/python -m benchmarks.mutation packages
 
 claims: $(VENV)/.bench
 	$(BIN)/python -m benchmarks.claims
