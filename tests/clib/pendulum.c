@@ -1,48 +1,12 @@
-/* A pendulum written by hand: m l^2 a = u - m g l sin(q) - d v, behind the library's table of functions. */
+/* The pendulum behind the library's table of functions. */
 #include "eom.h"
 
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
 
-enum { MASS, LENGTH, GRAVITY, DAMPING, NUMBERS };
-
-static int forward_dynamics(const double *h, const double *q, const double *v, const double *u, double *a)
-{
-    const double inertia = h[MASS] * h[LENGTH] * h[LENGTH];
-    a[0] = (u[0] - h[MASS] * h[GRAVITY] * h[LENGTH] * sin(q[0]) - h[DAMPING] * v[0]) / inertia;
-    return 0;
-}
-
-/* (M + time D + time^2 K) a = u - ... of a step: dampers and the controller, whose part is added, at its end. */
-static int implicit_step(const double *h, const double *q, const double *v, const double *u, const double *added, const double *times, double *a)
-{
-    const double inertia = h[MASS] * h[LENGTH] * h[LENGTH];
-    a[0] = (u[0] - h[MASS] * h[GRAVITY] * h[LENGTH] * sin(q[0]) - h[DAMPING] * v[0]) / (inertia + times[0] * h[DAMPING] + added[0]);
-    return 0;
-}
-
-/* Factors of a stage: M, and M + time D + time^2 K, with gravity's stiffness and the controller's gains. */
-static int stage_factors(const double *h, const double *q, const double *v, const double *kp, const double *kd, const double *times, double *factors)
-{
-    const double inertia = h[MASS] * h[LENGTH] * h[LENGTH];
-    (void)v;
-    factors[0] = h[DAMPING] + kd[0];
-    factors[1] = h[MASS] * h[GRAVITY] * h[LENGTH] * cos(q[0]) + kp[0];
-    factors[2] = inertia;
-    factors[3] = times[0];
-    factors[4] = inertia + times[0] * factors[0] + times[1] * factors[1];
-    return 0;
-}
-
-/* What is to be added to right, so that the stage solves M x = M right - (time D + time^2 K) x - time K shifts. */
-static int stage_solution(const double *h, const double *factors, const double *right, const double *shifts, double *w)
-{
-    const double time = factors[3];
-    (void)h;
-    w[0] = (factors[2] * right[0] - time * factors[1] * shifts[0]) / factors[4] - right[0];
-    return 0;
-}
+typedef double real;
+#include "pendulum.h"
 
 /* The same with a complex time: M and K are real, so that 1 / (M + time D + time^2 K) alone is a pair. */
 static int pair_factors(const double *h, const double *q, const double *v, const double *kp, const double *kd, const double *times, const double *spans, double *factors)

@@ -24,17 +24,9 @@ typedef double real;
 #define E(name) eom_##name
 #endif
 
-enum { MASS, LENGTH, GRAVITY, DAMPING, NUMBERS, FACTORS = 5, WRENCH = 6, STEPS = 40, PIECES = 2, DEGREE = 2 };
+#include "pendulum.h"
 
-static real sine(real x) { return (real)sin((double)x); }
-static real cosine(real x) { return (real)cos((double)x); }
-
-static int forward_dynamics(const real *h, const real *q, const real *v, const real *u, real *a)
-{
-    const real inertia = h[MASS] * h[LENGTH] * h[LENGTH];
-    a[0] = (u[0] - h[MASS] * h[GRAVITY] * h[LENGTH] * sine(q[0]) - h[DAMPING] * v[0]) / inertia;
-    return 0;
-}
+enum { FACTORS = 5, WRENCH = 6, STEPS = 40, PIECES = 2, DEGREE = 2 };
 
 static int forward_dynamics_adjoint(const real *h, const real *q, const real *v, const real *u, const real *weights, real *out)
 {
@@ -57,14 +49,6 @@ static int forward_dynamics_tangent(const real *h, const real *q, const real *v,
     (void)forward_dynamics_adjoint(h, q, v, u, &one, by);
     out[0] = by[0] * dq[0] + by[1] * dv[0] + by[2] * du[0];
     for (int i = 0; i < NUMBERS; ++i) { out[0] += by[3 + i] * dp[i]; }
-    return 0;
-}
-
-/* (M + time D) a + added a = u - ...: dampers and the controller, whose part is added, at a step's end. */
-static int implicit_step(const real *h, const real *q, const real *v, const real *u, const real *added, const real *times, real *a)
-{
-    const real inertia = h[MASS] * h[LENGTH] * h[LENGTH];
-    a[0] = (u[0] - h[MASS] * h[GRAVITY] * h[LENGTH] * sine(q[0]) - h[DAMPING] * v[0]) / (inertia + times[0] * h[DAMPING] + added[0]);
     return 0;
 }
 
@@ -92,18 +76,6 @@ static int implicit_step_tangent(const real *h, const real *q, const real *v, co
     (void)implicit_step_adjoint(h, q, v, u, added, times, &one, by);
     out[0] = by[0] * dq[0] + by[1] * dv[0] + by[2] * du[0];
     for (int i = 0; i < NUMBERS; ++i) { out[0] += by[4 + i] * dp[i]; }
-    return 0;
-}
-
-/* Factors of a stage: D, K, M, time, and M + time D + time^2 K, with gravity's stiffness and gains. */
-static int stage_factors(const real *h, const real *q, const real *v, const real *kp, const real *kd, const real *times, real *factors)
-{
-    (void)v;
-    factors[0] = h[DAMPING] + kd[0];
-    factors[1] = h[MASS] * h[GRAVITY] * h[LENGTH] * cosine(q[0]) + kp[0];
-    factors[2] = h[MASS] * h[LENGTH] * h[LENGTH];
-    factors[3] = times[0];
-    factors[4] = factors[2] + times[0] * factors[0] + times[1] * factors[1];
     return 0;
 }
 
@@ -135,14 +107,6 @@ static int stage_factors_tangent(const real *h, const real *q, const real *v, co
         out[k] = by[0] * dq[0];
         for (int i = 0; i < NUMBERS; ++i) { out[k] += by[4 + i] * dp[i]; }
     }
-    return 0;
-}
-
-/* What is to be added to right, so that the stage solves M x = M right - (time D + time^2 K) x - time K shifts. */
-static int stage_solution(const real *h, const real *factors, const real *right, const real *shifts, real *w)
-{
-    (void)h;
-    w[0] = (factors[2] * right[0] - factors[3] * factors[1] * shifts[0]) / factors[4] - right[0];
     return 0;
 }
 
