@@ -2,15 +2,27 @@
 
 from __future__ import annotations
 
+import importlib.util
+import re
+import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
+import eomgen
 from benchmarks import bits
 from benchmarks.bits import Cell, compared, differences, largest, table
+from eomgen.codegen.package.compile import find_compiler
+from eomgen.codegen.package.levels import level_flags
+from eomgen.runtime.levels import supported
 from tests.support import simt
-from tests.support.every_function import EveryFunction
+from tests.support.every_function import EveryFunction, differing, every_function, said
+from tests.support.processors import needs_levels
+from tests.support.random_robots import random_robot
 
 
 @pytest.mark.soak
@@ -56,3 +68,88 @@ def test_what_is_not_here_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     found, absent = bits.builds()
     assert {"clang", "64-bit ARM under qemu, zig -O2", "WebAssembly in node, zig -O2"} <= set(absent)
     assert {"gcc -O0", "gcc -O3"} <= {build.name for build in found}
+
+
+ZIG = [sys.executable, "-m", "ziglang", "cc", "-target", "aarch64-linux-musl", "-static"]
+Known = tuple[EveryFunction, NDArray[np.floating]]
+
+
+def emulator(machine: str, needs_avx: bool = False) -> str:
+    """Path of qemu's user mode for a machine; the test is skipped without one, or with one that knows no AVX2."""
+    path = shutil.which(f"qemu-{machine}") or shutil.which(f"qemu-{machine}-static")
+    if path is None:
+        pytest.skip("apt install qemu-user")
+    version = re.search(
+        r"version (\d+)\.(\d+)", subprocess.run([path, "--version"], capture_output=True, text=True).stdout
+    )
+    if needs_avx and (version is None or tuple(map(int, version.groups())) < (7, 2)):
+        pytest.skip("this qemu has no AVX2")
+    return path
+
+
+def check_same(found: NDArray[np.floating], expected: NDArray[np.floating]) -> None:
+    """Numbers and signs of zeros are the same to the bit."""
+    assert found.shape == expected.shape
+    other = differing(found, expected)
+    assert not other.any(), (np.flatnonzero(other)[:5], found[other][:5], expected[other][:5])
+
+
+ROBOTS = {"one_link": lambda: eomgen.load_robot("one_link"), "random": lambda: random_robot(702, joints=(2, 3))}
+
+
+@pytest.fixture(scope="module", params=["one_link", pytest.param("random", marks=pytest.mark.soak)])
+def known(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Known:
+    """The program, and what it writes here at the base level."""
+    program = every_function(ROBOTS[request.param](), tmp_path_factory.mktemp("emulated"))
+    expected = said(program, find_compiler().command, ("-O1",), ())
+    assert np.isfinite(expected).mean() > 0.5
+    assert np.abs(expected[np.isfinite(expected)]).max() > 0.1
+    return program, expected
+
+
+@needs_levels
+@pytest.mark.soak
+@pytest.mark.parametrize("level", ["v4", "v1", "v3"])
+def test_levels_that_run_here(known: Known, level: str) -> None:
+    if level not in supported():
+        pytest.skip(f"this processor does not run {level}")
+    program, expected = known
+    check_same(
+        said(program, find_compiler().command, ("-O2", *level_flags(level, find_compiler(), fused=False)), ()),
+        expected,
+    )
+
+
+@pytest.mark.soak
+@needs_levels
+@pytest.mark.parametrize(("level", "processor"), [("v3", "max"), pytest.param("v1", "qemu64", marks=pytest.mark.soak)])
+def test_levels_that_are_emulated(known: Known, level: str, processor: str) -> None:
+    """The base on a processor without AVX, which an instruction beyond the base would stop."""
+    machine = emulator("x86_64", needs_avx=level == "v3")
+    program, expected = known
+    flags = ("-O2", *level_flags(level, find_compiler(), fused=False))
+    check_same(said(program, find_compiler().command, flags, (machine, "-cpu", processor)), expected)
+
+
+@pytest.mark.soak
+@needs_levels
+def test_a_level_does_not_run_on_a_processor_below_it(known: Known) -> None:
+    """So the emulator looks at what it is given."""
+    machine = emulator("x86_64")
+    program, _ = known
+    with pytest.raises(AssertionError, match=r"^\(-?\d+, b'qemu: uncaught target signal 4 "):
+        said(
+            program,
+            find_compiler().command,
+            ("-O2", *level_flags("v3", find_compiler(), fused=False)),
+            (machine, "-cpu", "qemu64"),
+        )
+
+
+@pytest.mark.soak  # zig compiles its own libraries the first time
+@pytest.mark.skipif(importlib.util.find_spec("ziglang") is None, reason="pip install eomgen[compiler]")
+@pytest.mark.parametrize("vector", [(), ("-DEOMGEN_VECTOR=32",)], ids=["neon", "wider"])
+def test_another_machine(known: Known, vector: tuple[str, ...]) -> None:
+    """Vectors of NEON, on a processor that has had fused multiply-adds from the first on."""
+    program, expected = known
+    check_same(said(program, ZIG, ("-O2", *vector), (emulator("aarch64"),)), expected)

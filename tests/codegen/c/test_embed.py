@@ -16,7 +16,7 @@ import pytest
 from numpy.typing import NDArray
 
 import eomgen
-from eomgen.codegen.package.compile import FLAGS, NATIVE
+from eomgen.codegen.package.compile import FLAGS, NATIVE, carried_files
 from eomgen.pipeline.stages import Options, generate
 from eomgen.runtime.levels import BASE
 from tests.support.c_project import COMPILERS, eigen_prefix, need, run, search_path
@@ -325,3 +325,17 @@ def test_fast_arithmetic_of_the_whole_project_stops_before_the_kernel(compiler: 
     macros = subprocess.run(asked, capture_output=True, text=True, check=True).stdout
     assert "__FAST_MATH__" not in macros
     assert "#define __FINITE_MATH_ONLY__ 0" in macros
+
+
+def test_the_committed_sample_is_current(tmp_path: Path) -> None:
+    """``make sample`` writes it; the compiled module is not committed."""
+    made = generate(eomgen.load_robot("one_link"), tmp_path, Options(flags=("-O0",), level=BASE))
+    sample = ROOT / "generated" / "one_link"
+
+    def texts(folder: Path) -> dict[str, str]:
+        files = (path for path in folder.rglob("*") if path.suffix in (".py", ".c", ".h", ".json"))
+        found = {path.relative_to(folder).as_posix(): path.read_text(encoding="ascii") for path in files}
+        return {name: re.sub(r"by SymPy [\w.]+", "by SymPy", text) for name, text in found.items()}
+
+    assert texts(sample) == texts(made)
+    assert set(texts(sample)) == {*carried_files(), "__init__.py", "one_link.c", "one_link.h", "one_link.json"}

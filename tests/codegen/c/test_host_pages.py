@@ -6,6 +6,7 @@ What the pages name of a generated package is in it.
 from __future__ import annotations
 
 import re
+import subprocess
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -13,10 +14,12 @@ import numpy as np
 import pytest
 
 import eomgen
+from eomgen.errors import InputError
 from eomgen.pipeline.stages import Options, generate
 from eomgen.runtime.levels import BASE
 from tests.support.c_project import NO_EIGEN, WARNINGS, need, run
 from tests.support.doc_blocks import Block, blocks_of
+from tests.support.soak import soaked
 
 DOCS = Path(__file__).parents[3] / "docs"
 SIMULINK, ROS2 = ((DOCS / name).read_text(encoding="utf-8") for name in ("howto/simulink.md", "howto/ros2_control.md"))
@@ -151,8 +154,8 @@ def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
     )
 
 
-def compiled_kernel(package: Path, folder: Path) -> Path:
-    run("gcc", "-std=c99", *FLAGS, "-c", package / "one_link.c", "-o", folder / "kernel.o")
+def compiled_kernel(package: Path, folder: Path, name: str = "one_link") -> Path:
+    run("gcc", "-std=c99", *FLAGS, *WARNINGS, "-c", package / f"{name}.c", "-o", folder / "kernel.o")
     return folder / "kernel.o"
 
 
@@ -186,12 +189,7 @@ def test_the_hardware_component_moves_as_the_kernel_says(package: Path, tmp_path
     for name, text in headers.items():
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text(text, encoding="ascii")
-    (tmp_path / "include").mkdir()
-    (tmp_path / "include/eomgen").symlink_to(package)
-    made = tmp_path / "main"
-    places = ("-I", tmp_path, "-I", tmp_path / "include", "-I", package / "ros2", NO_EIGEN)
-    kernel_object = compiled_kernel(package, tmp_path)
-    run("g++", "-std=c++17", *WARNINGS, *places, tmp_path / "main.cpp", kernel_object, "-o", made, "-lm")
+    made = compiled_plant(package, tmp_path)
     kernel = eomgen.build("one_link", kernels=("rollout",), flags=("-O0",))
     state = np.zeros(2), np.zeros(2)
     for _ in range(40):
@@ -238,3 +236,173 @@ def test_the_page_of_ros_names_what_the_package_has(package: Path) -> None:
     assert plugin is not None
     assert plugin.get("type") == "OneLinkSystem"
     assert f"<plugin>{plugin.get('name')}</plugin>" in titled(ROS2, "one_link.ros2_control.xml")
+
+
+MEX_KERNELS = (
+    "forward_dynamics",
+    "inverse_dynamics",
+    "mass_matrix",
+    "kinematics",
+    "external_force",
+    "residual_jacobian",
+)
+OCTAVE = """
+{states}
+function show(name, x), printf("%s:%s:%s\\n", name, mat2str(size(x)), sprintf(" %.17g", x)); end
+function fails(varargin)
+  try, {name}_mex(varargin{{:}}); printf("nothing\\n"); catch e, printf("! %s\\n", e.message); end
+end
+show("forward_dynamics", {name}_mex("forward_dynamics", q, v, u));
+show("one", {name}_mex("forward_dynamics", q, v(:, 1), u));
+show("mass_matrix", {name}_mex("mass_matrix", q(:, 1)));
+show("residual_jacobian", {name}_mex("residual_jacobian", q, v, u));
+show("external_force", {name}_mex("external_force", q(:, 1), wrench));
+show("frame_pose", {name}_mex("frame_pose", q(:, 2), "{frame}"));
+p = {name}_mex("defaults");
+p(strcmp({name}_mex("parameters"), "gravity.z")) = -1.5;
+show("elsewhere", {name}_mex("inverse_dynamics", q, v, u, p));
+printf("%s\\n", strjoin({name}_mex("coordinates")', " "));
+fails("frame_pose", q, "nowhere");
+fails("mass_matrix", q(1:end-1, 1));
+fails("forward_dynamics", q, v, u(:, [1 1 1]));
+fails("sideways", q);
+fails("mass_matrix", q, p, 1);
+fails("mass_matrix", single(q));
+fails("mass_matrix", q, p(1));
+"""
+
+
+def _matlab(name: str, x: np.ndarray) -> str:
+    return f"{name} = [{'; '.join(' '.join(repr(float(y)) for y in row) for row in x)}];"
+
+
+@pytest.mark.parametrize("name", soaked(("one_link", "puma560_elastic", "flexible_arm"), ("one_link",)))
+def test_octave_gets_the_kernels_bits(name: str, tmp_path: Path) -> None:
+    need("mkoctfile", "octave")
+    robot = eomgen.load_robot(name)
+    kernel = eomgen.build(robot, kernels=MEX_KERNELS, flags=("-O0",))
+    package = generate(robot, tmp_path, Options(MEX_KERNELS, flags=("-O0",), level=BASE), cmake=True)
+    flags = [x for x in FLAGS if x.startswith("-f")]
+    run("mkoctfile", "--mex", *flags, "-std=c99", *WARNINGS, f"{name}_mex.c", f"{name}.c", cwd=package)
+    rng = np.random.default_rng(6)
+    q, v, u = (rng.uniform(-0.3, 0.3, (2, kernel.n)) for _ in range(3))
+    wrench = rng.uniform(-1.0, 1.0, (len(kernel.links), 6))
+    arrays = {"q": q.T, "v": v.T, "u": u.T, "wrench": wrench}
+    frame = kernel.frames[0]
+    states = "\n".join(_matlab(*pair) for pair in arrays.items())
+    (package / "check.m").write_text(OCTAVE.format(states=states, name=name, frame=frame), encoding="ascii")
+    command = ["octave", "--no-gui", "--quiet", "--norc", "check.m"]
+    result = subprocess.run(command, cwd=package, capture_output=True, text=True, check=False)
+    lines = result.stdout.splitlines()
+    assert len(lines) == 15, result.stderr
+    found = {}
+    for line in lines[:7]:
+        what, shape, numbers = line.split(":")
+        axes = [int(x) for x in shape.strip("[]").split()]
+        found[what] = np.reshape([float(x) for x in numbers.split()], axes, order="F")
+    elsewhere = kernel.with_parameters({"gravity.z": -1.5})
+    expected = {
+        "forward_dynamics": kernel.forward_dynamics(q, v, u).T,
+        "one": kernel.forward_dynamics(q, v[0], u).T,
+        "mass_matrix": kernel.mass_matrix(q[0]),
+        "residual_jacobian": np.moveaxis(np.array(kernel.residual_jacobian(q, v, u)), 1, -1),
+        "external_force": kernel.external_force(q[0], wrench)[:, None],
+        "frame_pose": kernel.frame_pose(q[1], frame),
+        "elsewhere": elsewhere.inverse_dynamics(q, v, u).T,
+    }
+    for what, numbers in expected.items():
+        np.testing.assert_array_equal(found[what], numbers, err_msg=what)
+    assert lines[7] == " ".join(kernel.coordinates)
+    told = ("frame 'nowhere'", "q has", "u holds 3", "function 'sideways'", "takes 1 arguments", "q is no", "p has")
+    for line, text in zip(lines[8:], told, strict=True):
+        assert line.startswith("! ")
+        assert text in line
+
+
+def test_the_gateway_of_a_closed_robot_does_not_call_a_status_a_coordinate(tmp_path: Path) -> None:
+    options = Options(("forward_dynamics",), flags=("-O0",), level=BASE)
+    package = generate(eomgen.load_robot("four_bar"), tmp_path, options, cmake=True)
+    text = (package / "four_bar_mex.c").read_text(encoding="ascii")
+    assert "four_bar_forward_dynamics(h, in[0], in[1], in[2], out)" in text
+    assert "says what it means" in text
+    assert "cannot be inverted at" not in text
+
+
+PLANT = """
+#include "plant.hpp"
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <new>
+static long allocations = 0;
+void *operator new(std::size_t size) {{ ++allocations; return std::malloc(size); }}
+void operator delete(void *p) noexcept {{ std::free(p); }}
+void operator delete(void *p, std::size_t) noexcept {{ std::free(p); }}
+namespace arm = eomgen::{name};
+int main()
+{{
+    arm::Plant plant;
+    const arm::Plant::Numbers q{{{q}}}, u{{{u}}};
+    plant.reset(q, {{}});
+    bool good = true;
+    for (int k = 0; k < 50; ++k) good = plant.step(u, {dt}, arm::Method::{method}) && good;
+    for (const double x : plant.q()) std::printf("%a ", x);
+    for (const double x : plant.v()) std::printf("%a ", x);
+    const arm::Plant::Numbers before = plant.q();
+    const bool refused = !plant.step(u, NAN, arm::Method::{method}) && plant.q() == before;
+    std::printf("%d %d %ld\\n", good, refused, allocations);
+}}
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "method"),
+    soaked([("one_link", "rk4"), ("puma560_elastic", "implicit"), ("flexible_arm", "implicit")], {("one_link", "rk4")}),
+)
+def test_the_plant_moves_as_the_kernel_says(name: str, method: str, tmp_path: Path) -> None:
+    need("gcc", "g++")
+    kernel = eomgen.build(name, kernels=("rollout",), flags=("-O0",))
+    package = generate(name, tmp_path, Options(("rollout",), flags=("-O0",), level=BASE), ros2=True)
+    rng = np.random.default_rng(3)
+    q, u, dt = rng.uniform(-1e-3, 1e-3, kernel.n), rng.uniform(-1.0, 1.0, kernel.n), 1e-4
+    numbers = {key: ", ".join(x.hex() for x in values) for key, values in (("q", q), ("u", u))}
+    (tmp_path / "main.cpp").write_text(PLANT.format(name=name, dt=dt, method=method, **numbers), encoding="ascii")
+    *moved, good, refused, allocations = run(compiled_plant(package, tmp_path, name)).split()
+    state = q, np.zeros(kernel.n)
+    for _ in range(50):
+        qs, vs = kernel.rollout(*state, u, dt, 1, method=method)
+        state = qs[-1], vs[-1]
+    np.testing.assert_array_equal([float.fromhex(x) for x in moved], np.concatenate(state))
+    assert (good, refused, allocations) == ("1", "1", "0")
+
+
+def test_the_package_is_one_of_ament(tmp_path: Path) -> None:
+    package = generate("one_link", tmp_path, Options(("rollout",), flags=("-O0",), level=BASE), ros2=True) / "ros2"
+    root = ElementTree.parse(package / "package.xml").getroot()
+    name = root.findtext("name")
+    assert root.get("format") == "3"
+    lists = (package / "CMakeLists.txt").read_text(encoding="ascii")
+    assert f"project({name} " in lists
+    for depend in root.findall("depend"):
+        assert f"find_package({depend.text} REQUIRED)" in lists
+    assert f'package="{name}"' in (package / "launch/robot.launch.py").read_text(encoding="ascii")
+    compile((package / "launch/robot.launch.py").read_text(encoding="ascii"), "launch", "exec")
+    catkin = pytest.importorskip("catkin_pkg.package")
+    parsed = catkin.parse_package(str(package / "package.xml"))
+    parsed.validate()
+
+
+def test_a_package_without_rollouts_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="rollout"):
+        generate("one_link", tmp_path, Options(("energy",), flags=("-O0",), level=BASE), ros2=True)
+    assert not (tmp_path / "one_link").exists()
+
+
+def compiled_plant(package: Path, folder: Path, name: str = "one_link") -> Path:
+    """The program of a folder's main.cpp with a package's kernel and its plant."""
+    (folder / "include").mkdir()
+    (folder / "include/eomgen").symlink_to(package)
+    places = ("-I", folder, "-I", folder / "include", "-I", package / "ros2", NO_EIGEN)
+    parts = (folder / "main.cpp", compiled_kernel(package, folder, name))
+    run("g++", "-std=c++17", *WARNINGS, *places, *parts, "-o", folder / "main", "-lm")
+    return folder / "main"

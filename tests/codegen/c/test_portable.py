@@ -21,6 +21,7 @@ from eomgen.codegen.package.compile import FLAGS, WARNINGS, carried_contents, fi
 from eomgen.errors import BuildError
 from eomgen.pipeline import cache
 from eomgen.pipeline.stages import Options, make_package
+from tests.support.optional import needs
 from tests.support.quick_builds import Q, one_link, script, without_headers
 
 needs_zig = pytest.mark.skipif(importlib.util.find_spec("ziglang") is None, reason="pip install eomgen[compiler]")
@@ -206,7 +207,7 @@ def segments(image: bytes) -> list[tuple[int, bytes]]:
 
 def in_unicorn(image: Path) -> np.ndarray:
     """Run it on an emulated processor until it asks the host for something for the first time."""
-    unicorn = pytest.importorskip("unicorn")
+    unicorn = needs("unicorn")
     from unicorn import arm_const
 
     machine = unicorn.Uc(unicorn.UC_ARCH_ARM, unicorn.UC_MODE_THUMB | unicorn.UC_MODE_MCLASS)
@@ -251,7 +252,7 @@ def check(found: np.ndarray, motion: tuple[str, np.ndarray, np.ndarray]) -> None
 @needs_zig
 def test_cortex_m7(single: cache.Entry, motion: tuple[str, np.ndarray, np.ndarray], tmp_path: Path) -> None:
     """Float32 inverse dynamics of a 6-DOF arm on an emulated Cortex-M7: the same numbers but for round-off."""
-    pytest.importorskip("unicorn")
+    needs("unicorn")
     check(in_unicorn(firmware("zig", "cortex-m7", single, motion[0], tmp_path)), motion)
 
 

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-import hashlib
+import json
 import os
 import platform
 import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
+import time
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import cache
+from importlib.metadata import version
 from itertools import product
 from pathlib import Path
 
@@ -32,13 +34,15 @@ from eomgen.description.load import robot_from_urdf
 from eomgen.errors import DescriptionError, InputError
 from eomgen.robot.model import build_model
 from eomgen.robot.value import COORDINATES, Coordinate, Robot
+from release.packages import link_package
+from release.pythons import PYTHONS, interpreter
 from tests.oracles.force_laws import with_laws
 from tests.support.builds import Build
 from tests.support.c_project import WARNINGS
 from tests.support.c_sources import check_symbols, elastic_tree, source_of, write_source
 from tests.support.random_robots import random_robot
 from tests.support.small_robots import free_body
-from tests.support.soak import soaked
+from tests.support.soak import WHOLE, share, soaked
 
 ROOT = Path(__file__).parents[3]
 
@@ -109,40 +113,24 @@ def compiled(compiler: str, *arguments: str | Path) -> None:
     assert result.stderr == ""
 
 
-@pytest.mark.parametrize(
-    ("name", "dtype"),
-    soaked(product(ROBOTS, ["float64", "float32"]), {("worn_joint", "float64"), ("one_link", "float32")}),
-)
+@pytest.mark.parametrize(("name", "dtype"), soaked(product(ROBOTS, ["float64", "float32"]), {("one_link", "float64")}))
 def test_no_compiler_warns(name: str, dtype: str, tmp_path: Path) -> None:
     source = source_of_robot(name, dtype)
     write_source(source, tmp_path)
     small = name in ("one_link", "worn_joint", "free_body")
     assert name == "worn_joint" or ("_part1(" in source.code) != small
     ways = [("gcc", ["-O1"]), ("clang", ["-O0"]), ("gcc", ["-O0", "-DEOMGEN_VECTOR=0"])]
-    for compiler, flags in ways if small and dtype == "float64" else ways[1:2]:
-        if shutil.which(compiler):
-            out = tmp_path / f"{compiler}.o"
-            compiled(compiler, "-std=c99", *WARNINGS, *flags, "-c", tmp_path / f"{name}.c", "-o", out)
-            check_symbols(out, source)
+    compile_all(source, tmp_path, ways if small and dtype == "float64" else ways[1:2])
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize(
-    "flags",
-    [("-march=native",), *(pytest.param((flag,), marks=pytest.mark.soak) for flag in ("-mavx2", "-mavx"))],
-    ids=str,
-)
-@pytest.mark.parametrize("name", ["one_link", pytest.param("worn_tree", marks=pytest.mark.soak)])
-def test_no_compiler_warns_of_vectors(name: str, flags: tuple[str, ...], tmp_path: Path) -> None:
+@pytest.mark.skipif("x86" not in platform.machine(), reason="flags are those of x86")
+@pytest.mark.parametrize("flag", ["-march=native", "-mavx2", "-mavx"])
+@pytest.mark.parametrize("name", ["one_link", "worn_tree"])
+def test_no_compiler_warns_of_vectors(name: str, flag: str, tmp_path: Path) -> None:
     source = source_of_robot(name)
     write_source(source, tmp_path)
-    if "x86" not in platform.machine():
-        flags = flags[-1:] if flags[0].startswith("-D") else ()
-    for compiler in ("gcc", "clang"):
-        if shutil.which(compiler):
-            out = tmp_path / f"{compiler}.o"
-            compiled(compiler, "-std=c99", *WARNINGS, "-O1", *flags, "-c", tmp_path / f"{name}.c", "-o", out)
-            check_symbols(out, source)
+    compile_all(source, tmp_path, [(compiler, ["-O1", flag]) for compiler in ("gcc", "clang")])
 
 
 @pytest.mark.parametrize("name", soaked(ROBOTS, QUICK))
@@ -178,32 +166,6 @@ def test_header_in_cpp(tmp_path: Path) -> None:
     answer = subprocess.run([program], capture_output=True, text=True, check=True).stdout
     expected = [1.0, -0.5 * np.sin(0.5), -0.5 * np.sin(0.5), 1 / 3]
     assert np.allclose([float(x) for x in answer.split()], expected, rtol=1e-15)
-
-
-DIGEST = """
-import hashlib, sys
-sys.path.insert(0, {tests!r})
-from tests.support.c_sources import elastic_tree, source_of
-source = source_of(elastic_tree())
-print(hashlib.sha256("".join((source.header, source.code, source.cdef, source.meta)).encode()).hexdigest())
-"""
-
-
-@pytest.mark.soak
-def test_text_does_not_depend_on_the_hash_seed() -> None:
-    processes = [
-        subprocess.Popen(
-            [sys.executable, "-c", DIGEST.format(tests=str(ROOT))],
-            env={**os.environ, "PYTHONHASHSEED": str(seed)},
-            stdout=subprocess.PIPE,
-            text=True,
-        )
-        for seed in range(2)
-    ]
-    answers = {process.communicate()[0].strip() for process in processes}
-    source = source_of(elastic_tree())
-    here = hashlib.sha256("".join((source.header, source.code, source.cdef, source.meta)).encode()).hexdigest()
-    assert answers == {here}
 
 
 def test_text_says_where_it_is_from_and_nothing_of_when_or_who(tmp_path: Path) -> None:
@@ -326,3 +288,99 @@ def test_words_of_c_as_a_name(name: str, built: Build) -> None:
 def test_a_number_too_large_for_a_float_is_named() -> None:
     with pytest.raises(InputError, match=r"float32 cannot hold 1e\+39"):
         SCALARS["float32"].literal(1e39)
+
+
+SEEDS = 100
+LARGE_EVERY = 25  # seeds that also render 36 coordinates
+DIGESTS = """
+import hashlib, json, sys
+from eomgen.codegen.kernels.equations import derive_equations
+from eomgen.codegen.c.sources import render
+from eomgen import load_robot
+from eomgen.robot import build_model
+found = {}
+for name in sys.argv[1:]:
+    equations = derive_equations(build_model(load_robot(name)))
+    for dtype in ("float64", "float32"):
+        source = render(equations, dtype)
+        text = chr(0).join((source.header, source.code, source.cdef, source.meta))
+        found[f"{name} {dtype}"] = hashlib.sha256(text.encode()).hexdigest()
+print(json.dumps(found))
+"""
+SMALL, LARGE = ("one_link", "worn_arm", "four_bar"), ("puma560_elastic", "gough", "shaken_arm", "geared_arm")
+NEEDED = ("sympy", "mpmath", "numpy", "jinja2", "markupsafe", "cffi", "pycparser")  # what could change a text
+OTHERS = ("setuptools", "filelock", "platformdirs", "rich")
+
+
+def digests(python: str, names: tuple[str, ...], seed: int, path: str = "") -> dict[str, str]:
+    """Hashes of the texts by robot and dtype, of another process."""
+    environment = {**os.environ, "PYTHONHASHSEED": str(seed), "PYTHONPATH": path}
+    result = subprocess.run(
+        [python, "-c", DIGESTS, *names], capture_output=True, text=True, check=False, env=environment
+    )
+    assert result.returncode == 0, result.stderr
+    return dict(json.loads(result.stdout))
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("part", share(range(4), 1))
+def test_a_hundred_hash_seeds(part: int) -> None:
+    """Of small robots with every seed, of large ones with some."""
+    began, seen = time.perf_counter(), 0
+    expected = digests(sys.executable, SMALL + LARGE[:1], 12345)
+    for seed in range(part, SEEDS, 4):
+        names = SMALL + (LARGE[:1] if seed % LARGE_EVERY == part else ())
+        for key, digest in digests(sys.executable, names, seed).items():
+            assert digest == expected[key], (seed, key)
+            seen += 1
+    print(
+        f"seeds {part}, {part + 4} ... {SEEDS - 4 + part}: {seen} texts the same, {time.perf_counter() - began:.0f} s"
+    )
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("wanted", PYTHONS if WHOLE else PYTHONS[1:2])
+def test_every_python_writes_the_same_text(wanted: str, tmp_path: Path) -> None:
+    """With the same SymPy, in an environment of its own; NumPy as near as there is one for that Python."""
+    python = interpreter(wanted)
+    if python is None:
+        pytest.skip(f"there is no Python {wanted} here")
+    if sys.version_info[:2] == tuple(map(int, wanted.split("."))):
+        pytest.skip("is the Python that runs")
+    began = time.perf_counter()
+    subprocess.run([python, "-m", "venv", tmp_path / "venv"], check=True, capture_output=True)
+    other = str(tmp_path / "venv" / "bin" / "python")
+    pinned = [f"{name}=={version(name)}" for name in NEEDED if name != "numpy"]
+    exact, near = [f"numpy=={version('numpy')}"], ["numpy>=1.24"]
+    install = [other, "-m", "pip", "install", "-q", "--disable-pip-version-check", "--only-binary", ":all:"]
+    for numpy in (exact, near):
+        done = subprocess.run([*install, *pinned, *numpy, *OTHERS], capture_output=True, text=True)
+        if done.returncode == 0:
+            break
+    if done.returncode != 0:
+        pytest.skip(f"packages cannot be installed for Python {wanted}: {done.stderr.strip().splitlines()[-1]}")
+    names = SMALL + LARGE
+    found, expected = digests(other, names, 0, str(link_package(tmp_path / "links"))), digests(sys.executable, names, 0)
+    assert found == expected
+    which = subprocess.run([other, "-c", "import numpy; print(numpy.__version__)"], capture_output=True, text=True)
+    print(
+        f"Python {wanted}, SymPy {version('sympy')}, NumPy {which.stdout.strip()}: {len(found)} texts the same as"
+        f" with {sys.version.split()[0]}, {time.perf_counter() - began:.0f} s"
+    )
+
+
+@pytest.mark.soak
+def test_another_hash_seed_and_the_tree_as_it_lies(tmp_path: Path) -> None:
+    """The short form: one seed, and the package that the long form takes, which nobody has installed."""
+    here = digests(sys.executable, SMALL[:1], 0)
+    assert digests(sys.executable, SMALL[:1], 1, str(link_package(tmp_path / "links"))) == here
+    assert len(here) == 2
+
+
+def compile_all(source: Source, folder: Path, ways: Iterable[tuple[str, Sequence[str]]]) -> None:
+    """Compile by compilers that are here, without a warning, and look at the symbols."""
+    for compiler, flags in ways:
+        if shutil.which(compiler):
+            out = folder / f"{compiler}.o"
+            compiled(compiler, "-std=c99", *WARNINGS, *flags, "-c", folder / f"{source.name}.c", "-o", out)
+            check_symbols(out, source)
