@@ -1,4 +1,4 @@
-"""Build what an index would give out, and check it in fresh environments: python -m release [--pythons 3.10 3.11 ...]
+"""Build what an index would give out, and check it in fresh environments: python -m release [--pythons 3.11 3.12 ...]
 
 Nothing is signed and nothing is uploaded.  What is checked:
 
@@ -22,9 +22,9 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from .pythons import PYTHONS, interpreter, unpack_debian
+
 ROOT = Path(__file__).parents[1]
-PYTHONS = ("3.10", "3.11", "3.12", "3.13")
-SAYS = "import sys; print('.'.join(map(str, sys.version_info[:2])))"
 COMMANDS = (
     ("eomgen", "robots"),
     ("eomgen", "info", "puma560_elastic"),
@@ -45,7 +45,8 @@ class Refused(Exception):
 def main() -> int:
     """Check all, and say what was made; 1 if something is not as it should be."""
     parser = argparse.ArgumentParser(prog="python -m release", description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--pythons", nargs="+", default=[], metavar="3.X", help=f"({' '.join(PYTHONS)}, of those here)")
+    available = f"versions to test (those of {' '.join(PYTHONS)} that are available)"
+    parser.add_argument("--pythons", nargs="+", default=[], metavar="3.X", help=available)
     options = parser.parse_args()
     try:
         version = consistent_version()
@@ -57,7 +58,9 @@ def main() -> int:
     except Refused as error:
         print(f"release: {error}", file=sys.stderr)
         return 1
-    print(f"\neomgen {version} is ready; checked with Python {', '.join(chosen)}.  Neither signed nor uploaded:")
+    untested = [name for name in PYTHONS if name not in chosen]
+    print(f"\neomgen {version} is ready; tested with Python {', '.join(chosen)}", end="; ")
+    print(f"not tested: {', '.join(untested) or 'none of the supported versions'}.  Neither signed nor uploaded:")
     for path in archives:
         print(f"  {hashlib.sha256(path.read_bytes()).hexdigest()}  {path.relative_to(ROOT)}")
     return 0
@@ -78,7 +81,7 @@ def consistent_version() -> str:
     dates = {re.search(_DATES[name], text[name], re.MULTILINE)[1] for name in _DATES}  # type: ignore[index]
     if len(dates) != 1:
         raise Refused(f"{' and '.join(_DATES)}: date the release {' and '.join(sorted(dates))}; expected one date")
-    return version
+    return str(version)
 
 
 _VERSIONS: Mapping[str, str] = {
@@ -110,31 +113,17 @@ def build(out: Path, version: str) -> tuple[Path, Path]:
 
 
 def interpreters(wanted: Sequence[str], *, required: bool) -> dict[str, str]:
-    """Return commands of these Pythons by their versions, those on the path and those of pyenv.
+    """Return paths of these Pythons by their versions, unpacked from packages where they are not installed.
 
     Raises:
-        Refused: one that is required is not here, or none is.
+        Refused: one that is required is not available, or none is.
     """
-    pythons = {version: python for version in wanted if (python := interpreter(version)) is not None}
+    found = {version: interpreter(version) or unpack_debian(version) for version in wanted}
+    pythons = {version: python for version, python in found.items() if python is not None}
     missing = [version for version in wanted if version not in pythons]
     if not pythons or (required and missing):
-        raise Refused(f"Python {', '.join(missing)} is not here; allowed: --pythons with those that are")
-    if missing:
-        print(f"note: Python {', '.join(missing)} is not here and was not tried")
+        raise Refused(f"Python {', '.join(missing)} is not installed; allowed: --pythons with installed versions")
     return pythons
-
-
-def interpreter(version: str) -> str | None:
-    """Return the command of a Python of that version, None where there is none."""
-    root = Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv"), "versions")
-    for python in (f"python{version}", *map(str, sorted(root.glob(f"{version}.*/bin/python")))):
-        try:
-            said = subprocess.run([python, "-c", SAYS], capture_output=True, text=True, check=False)
-        except OSError:
-            continue
-        if said.returncode == 0 and said.stdout.strip() == version:
-            return python
-    return None
 
 
 def check_python(version: str, python: str, source: Path, wheel: Path) -> None:
@@ -156,7 +145,7 @@ def check_python(version: str, python: str, source: Path, wheel: Path) -> None:
         run([interpreter_path, "-c", KERNEL], folder)
         print(f"Python {version}: make demo in the source distribution", flush=True)
         with tarfile.open(source) as archive:
-            archive.extractall(work, **({"filter": "data"} if hasattr(tarfile, "data_filter") else {}))  # type: ignore[arg-type]
+            archive.extractall(work, filter="data")
         run(["make", "demo", f"PYTHON={python}"], Path(work, source.name.removesuffix(".tar.gz")))
 
 

@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 
 from eomgen.cli import entry as cli
+from release.pythons import PYTHONS, interpreter
 from tests.support.archives import build_archives
-from tests.support.pythons import PYTHONS, interpreter
 from tests.support.soak import WHOLE
 
 NEEDED = ("pytest>=7.4", "pytest-xdist>=3.3", "hypothesis>=6.90", "pin>=3.0", "mujoco>=3.0", "example-robot-data>=4.1")
@@ -69,7 +69,7 @@ def test_the_installed_package_passes_the_tests(wanted: str, archives: tuple[Pat
     done = command([*install, f"{archives[1]}[sim]"], tmp_path)
     assert done.returncode == 0, done.stderr[-3000:]
     with tarfile.open(archives[0]) as archive:
-        archive.extractall(tmp_path / "source", **({"filter": "data"} if sys.version_info >= (3, 12) else {}))
+        archive.extractall(tmp_path / "source", filter="data")
     (tree,) = (tmp_path / "source").iterdir()
     where = command([other, "-c", WHERE], tree).stdout.split()
     assert len(where) == 3

@@ -17,8 +17,8 @@ from pathlib import Path
 import pytest
 
 import eomgen
+from release.pythons import PYTHONS
 from tests.support.archives import ROOT, build_archives
-from tests.support.pythons import PYTHONS
 
 PLACES = {
     "src/eomgen": "eomgen",

@@ -54,7 +54,7 @@ def test_a_tree_with_changes_is_refused(tree: Path) -> None:
 
 
 def test_pythons_that_are_asked_for_must_be_here() -> None:
-    with pytest.raises(checks.Refused, match=r"Python 2\.0 is not here"):
+    with pytest.raises(checks.Refused, match=r"Python 2\.0 is not installed"):
         checks.interpreters(["2.0"], required=True)
 
 
