@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -11,114 +9,47 @@ from scipy.integrate import solve_ivp
 import eomgen
 from eomgen.errors import ArrayError, InputError, UnknownNameError
 from eomgen.integration.solve import integrate
-from eomgen.robot.value import Robot
-from eomgen.runtime.stepping import gradients
 from eomgen.runtime.stepping.input_signals import DriveData, Gains, InputSignals, LinkWrench, Signal, Track
 from tests.support.builds import Build
 from tests.support.random_robots import random_robot, some_prescribed
+from tests.support.rollout_cases import CHOSEN, CLOSED, DT, JOINTS, METHODS, STEPS, Case, assembled, case_of
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
-STEPS, DT = 20, 2e-3
-FIXED: dict[str, Any] = {"dt": DT, "steps": STEPS}
-CHOSEN: dict[str, Any] = {"duration": STEPS * DT, "samples": STEPS}
-METHODS = {"rk4": FIXED, "implicit": FIXED, "rosenbrock": CHOSEN, "tsit5": CHOSEN}
-ROLLED = (
-    "rollout",
-    "adaptive_rollout",
-    "forward_dynamics",
-    "mass_matrix",
-    "generalized_force",
-    "external_force",
-    "energy",
-)
-KINDS = ("gradient", "sensitivity")
-GRADIENTS = tuple(f"{way}_{kind}" for way in ("explicit", "implicit", "rosenbrock") for kind in KINDS)
-CLOSED = ("constrained_dynamics", "kinematics", "constraint", "constraint_jacobian", "cut_poses")
-SLOPED = ("external_force_parameter_adjoint", "external_force_tangent", "external_force_parameter_tangent")
 Array = np.ndarray
 
 
-def robot_of(seed: int) -> Robot:
-    return random_robot(seed, joints=(2, 2), max_size=5, types=("revolute", "prismatic"))
+def effort_of(case: Case) -> Array:
+    effort: Array = case.options["saturate"]
+    return effort
 
 
-class Case:
-    """A kernel, a state, drives over time and a controller of which some are clipped, some are not, and some change."""
-
-    def __init__(self, kernel: eomgen.Kernel, seed: int = 3) -> None:
-        rng, n = np.random.default_rng(seed), kernel.n
-        self.kernel, self.driven = kernel, kernel.raw.libraries.meta["driven"]
-        self.x: dict[str, Any] = {"q0": rng.uniform(-0.2, 0.2, n), "v0": rng.uniform(-0.5, 0.5, n)}
-        self.x |= {"u": rng.uniform(-1.0, 1.0, (STEPS, n)), "target": rng.uniform(-0.3, 0.3, (STEPS, n))}
-        for name, size in (("kp", 40.0), ("kd", 1.0)):
-            self.x[name] = np.zeros(n)
-            self.x[name][self.driven] = size
-        self.effort = np.full(n, np.inf)
-        self.effort[self.driven] = np.quantile(np.abs(self.asked(self.x["q0"], self.x["v0"])), 0.5, axis=0)[self.driven]
-
-    def asked(self, q: Array, v: Array) -> Array:
-        """Drives of all steps in one state, before they are clipped, (STEPS, n)."""
-        x = self.x
-        return np.asarray(x["u"] + x["kp"] * (x["target"] - q) - x["kd"] * v)
-
-    def weights(self) -> Array:
-        return np.random.default_rng(5).uniform(-1.0, 1.0, (2, STEPS + 1, self.kernel.n))
-
-    def loss(self, _: Array, q: Array, v: Array) -> tuple[float, Array, Array]:
-        by_q, by_v = (x[: len(q)] for x in self.weights())
-        return float((by_q * q + by_v * v).sum()), by_q, by_v
-
-    def gradient(self, method: str, **changed: Any) -> tuple[float, dict[str, Any]]:
-        """The value of the loss and its gradient, with some of what is given changed."""
-        how = {**METHODS[method], "loss": self.loss, "saturate": self.effort}
-        found: tuple[float, dict[str, Any]] = self.kernel.rollout_gradient(
-            **{**self.x, **changed}, method=method, **how
-        )
-        return found
-
-    def slope(self, method: str, name: str, direction: Array, h: float = 1e-6) -> float:
-        """Derivative of the value along a direction, by differences."""
-        there, before = (self.gradient(method, **{name: self.x[name] + s * h * direction})[0] for s in (1, -1))
-        return (there - before) / (2.0 * h)
-
-
-def same_steps(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let steps that the error chooses be those of the first motion."""
-    found: list[Any] = []
-    chosen = gradients._chosen_steps
-
-    def once(*arguments: Any) -> Any:
-        found.append(found[0] if found else chosen(*arguments))
-        return found[0]
-
-    monkeypatch.setattr(gradients, "_chosen_steps", once)
-
-
-@pytest.fixture(scope="module")
-def case(built: Build) -> Case:
-    return Case(built(robot_of(5), *ROLLED, *GRADIENTS, *SLOPED))
+def asked(case: Case, q: Array, v: Array) -> Array:
+    """Return drives of all steps in one state before they are clipped, (STEPS, n)."""
+    x = case.given
+    return np.asarray(x["u"] + x["kp"] * (x["target"] - q) - x["kd"] * v)
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_against_scipy(method: str, case: Case) -> None:
+def test_against_scipy(method: str, built: Build) -> None:
     """Drives are held over a step, and the controller follows the state within it."""
-    kernel, x, n = case.kernel, case.x, case.kernel.n
-    y, wanted = np.concatenate([x["q0"], x["v0"]]), []
+    case = case_of(built, "clipped", method)
+    kernel, x, n, effort = case.kernel, case.given, case.kernel.n, effort_of(case)
+    y, wanted = np.concatenate([x["q"], x["v"]]), []
     for k in range(STEPS):
 
         def rate(_: float, y: Array, k: int = k) -> Array:
-            u = np.clip(case.asked(y[:n], y[n:])[k], -case.effort, case.effort)
+            u = np.clip(asked(case, y[:n], y[n:])[k], -effort, effort)
             return np.concatenate([y[n:], kernel.forward_dynamics(y[:n], y[n:], u)])
 
         y = solve_ivp(rate, (0.0, DT), y, method="DOP853", rtol=1e-10, atol=1e-12, max_step=DT / 4).y[:, -1]
         wanted.append(y[:n])
-    how: dict[str, Any] = {**METHODS[method], **({"rtol": 1e-9} if method in ("rosenbrock", "tsit5") else {})}
+    if METHODS[method] is CHOSEN:
+        case.options["rtol"] = 1e-9
     if method == "implicit":  # of first order
-        x = {name: np.repeat(value, 16, axis=0) if value.ndim > 1 else value for name, value in x.items()}
-        how = {"dt": DT / 16, "steps": 16 * STEPS, "every": 16}
-    found = case.kernel.rollout(**x, method=method, saturate=case.effort, **how)[0][1:]
-    free = case.kernel.rollout(**x, method=method, **how)[0][1:]
+        case.given = {name: np.repeat(value, 16, axis=0) if value.ndim > 1 else value for name, value in x.items()}
+        case.options |= {"dt": DT / 16, "steps": 16 * STEPS, "every": 16}
+    found, free = (case.call("rollout", **changed)[0][1:] for changed in ({}, {"saturate": None}))
     size = np.abs(free - found).max()
     off = np.abs(np.array(wanted) - found).max()
     assert size > 1e-4
@@ -126,82 +57,69 @@ def test_against_scipy(method: str, case: Case) -> None:
 
 
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
-def test_bits_stay_where_nothing_is_clipped(dtype: str, built: Build) -> None:
+@pytest.mark.parametrize("method", METHODS)
+def test_bits_stay_where_nothing_is_clipped(method: str, dtype: str, built: Build) -> None:
     """And many states have those of each alone, in lanes that are clipped beside others that are not."""
-    case = Case(built(robot_of(5), "rollout", "adaptive_rollout", dtype=dtype))
-    case.x = {name: value.astype(dtype) for name, value in case.x.items()}
-    rng, options = np.random.default_rng(1), {"rtol": 1e-5}
-    q0 = (case.x["q0"] + rng.uniform(-0.3, 0.3, (21, case.kernel.n))).astype(dtype)
-    for method, how in METHODS.items():
-        more = {**how, **(options if "duration" in how else {})}
-        free = case.kernel.rollout(**case.x, method=method, **more)
-        loose = case.kernel.rollout(**case.x, method=method, saturate=1e9 * np.ones(case.kernel.n), **more)
-        assert all(np.array_equal(a, b) for a, b in zip(free, loose, strict=True))
-        shared = {name: x if x.ndim == 1 else x[np.newaxis] for name, x in case.x.items() if name != "q0"}
-        many = case.kernel.rollout(q0, method=method, saturate=case.effort, **{**shared, **more})
-        for i in (0, 7, 20):
-            alone = case.kernel.rollout(q0[i], method=method, saturate=case.effort, **shared, **more)
-            assert np.array_equal(alone[0][0] if alone[0].ndim == 3 else alone[0], many[0][i])
+    case = case_of(built, "clipped", method, dtype=dtype)
+    case.given = {name: value.astype(dtype) for name, value in case.given.items()}
+    if METHODS[method] is CHOSEN:
+        case.options["rtol"] = 1e-5
+    ends = [case.call("rollout", saturate=x) for x in (None, 1e9 * np.ones(case.kernel.n))]
+    assert all(np.array_equal(a, b) for a, b in zip(*ends, strict=True))
+    q = (case.given["q"] + np.random.default_rng(1).uniform(-0.3, 0.3, (21, case.kernel.n))).astype(dtype)
+    shared = {name: x[np.newaxis] for name, x in case.given.items() if x.ndim == 2}
+    many = case.call("rollout", q=q, **shared)[0]
+    for i in (0, 7, 20):
+        assert np.array_equal(case.call("rollout", q=q[i : i + 1], **shared)[0][0], many[i])
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_gradients_against_differences(method: str, case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of the same steps, by states, drives, targets and gains; sensitivities are the same."""
-    same_steps(monkeypatch)
-    rng, (_, by) = np.random.default_rng(2), case.gradient(method)
-    clipped = np.abs(case.asked(case.x["q0"], case.x["v0"]))[:, case.driven] > case.effort[case.driven]
+@pytest.mark.parametrize("loop", ["clipped", pytest.param("clipped loop", marks=pytest.mark.soak)])
+def test_some_drives_of_gradients_are_clipped(loop: str, built: Build) -> None:
+    """Whose gradients test_rollout_gradients.py compares with differences."""
+    case = case_of(built, loop, "rk4")
+    driven = np.isfinite(effort_of(case))
+    clipped = np.abs(asked(case, case.given["q"], case.given["v"]))[:, driven] > effort_of(case)[driven]
     assert 0.2 < clipped.mean() < 0.8
-    for given, label in (("q0", "q"), ("v0", "v"), ("u", "u"), ("target", "target"), ("kp", "kp"), ("kd", "kd")):
-        direction = rng.uniform(-1.0, 1.0, case.x[given].shape) * (case.x["kp"] > 0 if given in ("kp", "kd") else 1.0)
-        wanted = case.slope(method, given, direction)
-        assert (by[label] * direction).sum() == pytest.approx(wanted, rel=1e-6, abs=1e-8), given
-    along = {"q": np.eye(case.kernel.n), "v": np.zeros((case.kernel.n,) * 2)}
-    _, (dq, dv) = case.kernel.rollout_sensitivity(
-        **case.x, method=method, along=along, saturate=case.effort, **METHODS[method]
-    )
-    of_q, of_v = case.weights()
-    np.testing.assert_allclose((dq * of_q[:, None] + dv * of_v[:, None]).sum(axis=(0, 2)), by["q"], rtol=1e-9)
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_slopes_of_what_is_clipped_and_of_what_is_at_its_effort(method: str, case: Case) -> None:
-    n, i = case.kernel.n, case.driven[0]
-    u, state = np.zeros(n), {"q0": case.x["q0"], "v0": case.x["v0"]}
+def test_slopes_of_what_is_clipped_and_of_what_is_at_its_effort(method: str, built: Build) -> None:
+    case = case_of(built, "clipped", method)
+    i = int(np.flatnonzero(case.given["kp"])[0])
+    u = np.zeros(case.kernel.n)
     u[i] = 2.0
-
-    def by_u(effort: float) -> Array:
-        how = {**METHODS[method], "saturate": {case.kernel.coordinates[i]: effort}, "loss": case.loss}
-        return np.asarray(case.kernel.rollout_gradient(**state, u=u, method=method, **how)[1]["u"])
-
-    free = case.kernel.rollout_gradient(**state, u=u, method=method, loss=case.loss, **METHODS[method])[1]["u"]
-    assert by_u(1.0)[i] == 0.0
-    assert by_u(2.0)[i] == pytest.approx(free[i], rel=1e-12)
-    assert free[i] != 0.0
+    case.given = {"q": case.given["q"], "v": case.given["v"], "u": u}
+    name = case.kernel.coordinates[i]
+    clipped, level, free = (case.gradient(saturate=x)[1]["u"][i] for x in ({name: 1.0}, {name: 2.0}, None))
+    assert clipped == 0.0
+    assert level == pytest.approx(free, rel=1e-12)
+    assert free != 0.0
 
 
-def loads_of(case: Case) -> InputSignals:
-    """A program that gains follow, a force, and a wrench, which is not clipped."""
-    place = np.array(case.driven)
+def under_loads(built: Build, method: str) -> Case:
+    """Return a rollout under a program that gains follow, a force, and a wrench, which is not clipped."""
+    case = case_of(built, "clipped", method)
+    place = np.flatnonzero(case.given["kp"])
     m = place.size
     knots = np.linspace(0.0, STEPS * DT, 5)
     samples = np.random.default_rng(8).uniform(-0.3, 0.3, (5, m))
     gains = Gains(np.full(m, 60.0), np.full(m, 1.0))
     drive = DriveData(Track(Signal.constant(np.full(m, 0.5)), place), Track(Signal.through(knots, samples), place))
     drive = DriveData(drive.torque, drive.program, np.ones(m), gains)
-    return InputSignals(drive, [LinkWrench(0, Signal.constant([3.0, -2.0, 5.0, 0.1, 0.2, -0.3]))])
+    loads = InputSignals(drive, [LinkWrench(0, Signal.constant([3.0, -2.0, 5.0, 0.1, 0.2, -0.3]))])
+    case.given = {"q": case.given["q"], "v": case.given["v"], "u": np.zeros(case.kernel.n), "loads": loads}
+    case.options["saturate"] = np.where(np.isin(np.arange(case.kernel.n), place), 4.0, np.inf)
+    return case
 
 
 @pytest.mark.parametrize("method", ["rosenbrock", "tsit5"])
-def test_loads_are_clipped_without_their_wrenches(method: str, case: Case) -> None:
+def test_loads_are_clipped_without_their_wrenches(method: str, built: Build) -> None:
     """As SciPy integrates them in Python; the works of clipped drives balance."""
-    kernel, n, loads = case.kernel, case.kernel.n, loads_of(case)
+    case = under_loads(built, method)
+    kernel, n, loads, effort = case.kernel, case.kernel.n, case.given["loads"], effort_of(case)
     program, gains = loads.drive.program, loads.drive.gains
-    assert program is not None
-    assert gains is not None
     place, wrench = program.place, np.zeros((len(kernel.links), 6))
     wrench[0] = loads.wrenches[0].signal.coefficients[0, 0]
-    effort = np.full(n, np.inf)
-    effort[place] = 4.0
 
     def drive(t: float, q: Array, v: Array) -> Array:
         u = np.zeros(n)
@@ -215,13 +133,9 @@ def test_loads_are_clipped_without_their_wrenches(method: str, case: Case) -> No
         u = drive(t, y[:n], y[n:]) + kernel.external_force(y[:n], wrench)
         return np.concatenate([y[n:], kernel.forward_dynamics(y[:n], y[n:], u)])
 
-    state = {"q0": case.x["q0"], "v0": case.x["v0"]}
-    begin = np.concatenate([state["q0"], state["v0"]])
-    end = STEPS * DT
+    begin, end = np.concatenate([case.given["q"], case.given["v"]]), STEPS * DT
     wanted = solve_ivp(rate, (0.0, end), begin, method="DOP853", rtol=1e-10, atol=1e-13, max_step=DT / 4).y[:n, -1]
-    how = {"method": method, "duration": end, "samples": 40, "rtol": 1e-9, "works": True, "loads": loads}
-    found = kernel.rollout(**state, saturate=effort, **how)
-    free = kernel.rollout(**state, **how)
+    found, free = (case.call("rollout", rtol=1e-9, works=True, saturate=x) for x in (effort, None))
     size = np.abs(free[0][-1] - found[0][-1]).max()
     assert size > 1e-3
     assert np.abs(found[0][-1] - wanted).max() < 1e-5 * size
@@ -232,25 +146,20 @@ def test_loads_are_clipped_without_their_wrenches(method: str, case: Case) -> No
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_gradients_under_loads(method: str, case: Case) -> None:
-    """Back and forth agree, and the wrench acts on what is clipped, too."""
-    effort = {case.kernel.coordinates[i]: 4.0 for i in case.driven}
-    state = {"q0": case.x["q0"], "v0": case.x["v0"], "loads": loads_of(case), "saturate": effort}
-    by = case.kernel.rollout_gradient(**state, method=method, loss=case.loss, **METHODS[method])[1]
-    along = {"q": np.eye(case.kernel.n), "v": np.zeros((case.kernel.n,) * 2)}
-    _, (dq, dv) = case.kernel.rollout_sensitivity(**state, method=method, along=along, **METHODS[method])
-    of_q, of_v = case.weights()
-    np.testing.assert_allclose((dq * of_q[:, None] + dv * of_v[:, None]).sum(axis=(0, 2)), by["q"], rtol=1e-8)
-    free = {**state, "saturate": None}
-    other = case.kernel.rollout_gradient(**free, method=method, loss=case.loss, **METHODS[method])[1]
-    assert np.abs(other["q"] - by["q"]).max() > 1e-3 * np.abs(by["q"]).max()
+def test_gradients_under_loads(method: str, built: Build) -> None:
+    """Forwards and backwards agree, and the wrench acts on what is clipped, too."""
+    case = under_loads(built, method)
+    case.check_sensitivities(1e-9)
+    by, free = (case.gradient(saturate=x)[1] for x in (effort_of(case), None))
+    assert np.abs(free["q"] - by["q"]).max() > 1e-3 * np.abs(by["q"]).max()
     assert np.abs(by["loads"]["wrench[0]"]).max() > 0.0
 
 
 def test_a_mechanism_whose_drive_is_clipped(built: Build) -> None:
     """Loops stay closed; Python integrates the same by its own steps."""
-    kernel = built(eomgen.load_robot("four_bar"), *ROLLED, *CLOSED)
-    q = kernel.assemble([0.5, 0.2, 1.2])
+    names = ("adaptive_rollout", "forward_dynamics", "generalized_force", "constrained_dynamics", "kinematics")
+    kernel = built(eomgen.load_robot("four_bar"), *names, "energy", *CLOSED)
+    q = assembled(kernel)["q"]
     v, i = np.zeros(kernel.n), kernel.raw.libraries.meta["driven"][0]
     kp, target = np.zeros(kernel.n), np.full(kernel.n, 3.0)
     kp[i] = 50.0
@@ -269,26 +178,10 @@ def test_a_mechanism_whose_drive_is_clipped(built: Build) -> None:
     assert np.abs(wanted.q[-1] - kernel.rollout(q, v, method="tsit5", **how)[0][-1]).max() > 1e-3
 
 
-@pytest.mark.soak
-@pytest.mark.parametrize("method", METHODS)
-def test_gradients_of_a_mechanism(method: str, built: Build, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Loops are closed after steps whose drive is clipped, and differentiated with that."""
-    kernel = built(eomgen.load_robot("four_bar"), *ROLLED, *CLOSED, *GRADIENTS)
-    case = Case(kernel)
-    case.x["q0"] = kernel.assemble([0.5, 0.2, 1.2])
-    case.x["v0"] = kernel.project_velocity(case.x["q0"], [1.0, 0.0, 0.0])
-    i = case.driven[0]
-    case.effort[i] = np.median(np.abs(case.asked(case.x["q0"], case.x["v0"])[:, i]))
-    same_steps(monkeypatch)
-    rng, (_, by) = np.random.default_rng(2), case.gradient(method)
-    for given in ("u", "target", "kp", "kd"):
-        direction = rng.uniform(-1.0, 1.0, case.x[given].shape) * (case.x["kp"] > 0 if given in ("kp", "kd") else 1.0)
-        assert (by[given] * direction).sum() == pytest.approx(case.slope(method, given, direction), rel=1e-5, abs=1e-7)
-
-
-def test_what_cannot_be_clipped_is_named(case: Case, built: Build) -> None:
-    kernel, state = case.kernel, (case.x["q0"], case.x["v0"])
-    name = kernel.coordinates[case.driven[0]]
+def test_what_cannot_be_clipped_is_named(built: Build) -> None:
+    case = case_of(built, "clipped", "rk4")
+    kernel, state = case.kernel, (case.given["q"], case.given["v"])
+    name = kernel.coordinates[int(np.flatnonzero(case.given["kp"])[0])]
     for saturate, kind, message in (
         (True, InputError, "no drive has a limit of its effort"),
         ({}, InputError, "no drive has a limit of its effort"),
@@ -302,7 +195,7 @@ def test_what_cannot_be_clipped_is_named(case: Case, built: Build) -> None:
         for method, how in METHODS.items():
             with pytest.raises(kind, match=message):
                 kernel.rollout(*state, method=method, saturate=saturate, **({"u": np.zeros(kernel.n)} | how))
-    given = built(some_prescribed(robot_of(5), 1), "adaptive_rollout")
+    given = built(some_prescribed(random_robot(5, (2, 2), max_size=5, types=JOINTS), 1), "adaptive_rollout")
     what = given.prescribed[0]
     with pytest.raises(InputError, match=f"{what} has 2, but its motion is prescribed; allowed: drives"):
         given.rollout(np.zeros(given.n), np.zeros(given.n), method="tsit5", duration=1.0, saturate={what: 2.0})

@@ -15,19 +15,16 @@ import eomgen
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import ArrayError
 from eomgen.robot.value import Coordinate, Robot, Spring
-from tests.runtime.test_rollout_gradients import frozen
 from tests.support.builds import Build
+from tests.support.refusals import refused
+from tests.support.rollout_cases import CLOSED, KERNELS, Case, frozen
 from tests.support.soak import across
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
-STEPS, DT = 8, 2e-3
-METHODS: dict[str, dict[str, Any]] = {
-    "implicit": {"dt": DT, "steps": STEPS},
-    "rosenbrock": {"duration": STEPS * DT, "samples": STEPS},
-}
-KERNELS = ("rollout", "adaptive_rollout", *(f"{x}_{y}" for x in METHODS for y in ("gradient", "sensitivity")))
-CLOSED = ("constraint", "constraint_jacobian", "mass_matrix", "cut_poses", "spring_forces", "cut_forces")
+METHODS = ("implicit", "rosenbrock")
+NAMES = tuple(name for name in KERNELS if not name.startswith("explicit"))
+SPRINGS = ("spring_forces", "cut_forces")
 GAP = 0.015625  # half a clearance, m: places of all that becomes slack are exact in binary numbers
 CART = """
 [[links]]
@@ -85,17 +82,6 @@ def begin(kernel: eomgen.Kernel, place: float, rate: float) -> tuple[np.ndarray,
     return q, v
 
 
-class Loss:
-    """Weighted coordinates and rates of all samples."""
-
-    def __init__(self, n: int) -> None:
-        self.weights = np.random.default_rng(4).uniform(-1.0, 1.0, (2, STEPS + 1, n))
-
-    def __call__(self, t: np.ndarray, q: np.ndarray, v: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-        of_q, of_v = (np.broadcast_to(x, q.shape) for x in self.weights)
-        return float((of_q * q + of_v * v).sum()), of_q.copy(), of_v.copy()
-
-
 STATES = {  # deviation and rate at the beginning
     "slack": (0.5 * GAP, 0.1),
     "within the smoothing": (GAP + 4e-4, 0.01),
@@ -106,43 +92,28 @@ STATES = {  # deviation and rate at the beginning
 }
 
 
-class Case:
+def case_of(built: Build, method: str, state: tuple[float, float] = (0.0, 0.0), **options: Any) -> Case:
     """Carts with a method, drives and a loss."""
-
-    def __init__(self, built: Build, method: str, *, driven: bool = True, **options: Any) -> None:
-        self.kernel, self.method = built(carts(), *KERNELS, **options), method
-        self.loss, n = Loss(self.kernel.n), self.kernel.n
-        self.u = np.random.default_rng(5).uniform(-1.0, 1.0, n) if driven else np.zeros(n)
-        self.parameters = tuple(x for x in self.kernel.parameters if "gravity" not in x)
-
-    def gradient(self, q: np.ndarray, v: np.ndarray, kernel: eomgen.Kernel | None = None) -> tuple[Any, dict[str, Any]]:
-        """The value and its gradient."""
-        how = {"method": self.method, "parameters": self.parameters, **METHODS[self.method]}
-        numbers = (x.astype(self.kernel.raw.dtype) for x in (q, v, self.u))
-        return (kernel or self.kernel).rollout_gradient(*numbers, loss=self.loss, **how)
-
-    def value(self, q: np.ndarray, v: np.ndarray) -> float:
-        """The value alone."""
-        return float(self.gradient(q, v)[0])
+    kernel = built(carts(), *NAMES, **options)
+    q, v = begin(kernel, *state)
+    case = Case(kernel, method, {"q": q, "v": v, "u": np.random.default_rng(5).uniform(-1.0, 1.0, kernel.n)}, power=1)
+    case.inputs, case.parameters = ("q", "v"), tuple(x for x in kernel.parameters if "gravity" not in x)
+    return case
 
 
 @pytest.mark.parametrize(("where", "method"), across(STATES, METHODS))
 def test_on_both_sides(where: str, method: str, built: Build, monkeypatch: pytest.MonkeyPatch) -> None:
     """By coordinates and rates where motions begin, and by all numbers of what holds the carts."""
     frozen(monkeypatch)
-    case, h = Case(built, method), 1e-7
-    q, v = begin(case.kernel, *STATES[where])
-    found, names = case.gradient(q, v)[1], case.kernel.coordinates
-    for name, e in zip(names, np.eye(len(names)), strict=True):
-        by_q = (case.value(q + h * e, v) - case.value(q - h * e, v)) / (2.0 * h)
-        by_v = (case.value(q, v + h * e) - case.value(q, v - h * e)) / (2.0 * h)
-        assert found["q"] @ e == pytest.approx(by_q, rel=1e-6, abs=1e-7), name
-        assert found["v"] @ e == pytest.approx(by_v, rel=1e-6, abs=1e-7), name
+    case = case_of(built, method, STATES[where])
+    found = case.gradient()[1]
+    for i, name in enumerate(case.kernel.coordinates):
+        for given in case.inputs:
+            wanted = case.slope(given, np.eye(case.kernel.n)[i], 1e-7)
+            assert found[given][i] == pytest.approx(wanted, rel=1e-6, abs=1e-7), name
     for name in case.parameters:
-        x = case.kernel.parameters[name]
-        step = 1e-6 * max(abs(x), 0.1)
-        ends = [case.gradient(q, v, case.kernel.with_parameters({name: x + s * step}))[0] for s in (1, -1)]
-        wanted = (ends[0] - ends[1]) / (2.0 * step)
+        step = 1e-6 * max(abs(case.kernel.parameters[name]), 0.1)
+        wanted = case.slope(name, np.ones(()), step)
         assert found[name] == pytest.approx(wanted, rel=1e-6, abs=1e-9 / step), name
 
 
@@ -151,40 +122,30 @@ def test_on_both_sides(where: str, method: str, built: Build, monkeypatch: pytes
 def test_at_slack_itself(side: float, method: str, built: Build, monkeypatch: pytest.MonkeyPatch) -> None:
     """At rest where all of it just closes: derivatives of the slack side, on which nothing pulls."""
     frozen(monkeypatch)
-    case, h = Case(built, method, driven=False), 1e-6
-    q, v = begin(case.kernel, side * GAP, 0.0)
-    deviating = q != 0.0
-    found, value = case.gradient(q, v)[1], case.value(q, v)
+    case, h = case_of(built, method, (side * GAP, 0.0)), 1e-6
+    case.given["u"][:] = 0.0
+    value, found = case.gradient()
     assert np.isfinite([found[name] for name in case.parameters]).all()
-    for i in np.flatnonzero(deviating):
+    for i in np.flatnonzero(case.given["q"]):
         e = -side * np.eye(case.kernel.n)[i]
-        for given, beside in (("q", (q + h * e, v)), ("v", (q, v + h * e))):
-            wanted = (case.value(*beside) - value) / h
+        for given in case.inputs:
+            wanted = (case.gradient(**{given: case.given[given] + h * e})[0] - value) / h
             assert found[given] @ e == pytest.approx(wanted, rel=1e-6, abs=1e-8), case.kernel.coordinates[i]
 
 
 @pytest.mark.parametrize("method", METHODS)
 def test_forwards_and_backwards(method: str, built: Build) -> None:
     """Sensitivities and gradients are the same derivatives, of many states as of each alone."""
-    case = Case(built, method)
-    kernel, n = case.kernel, case.kernel.n
-    pairs = [begin(kernel, *state) for state in (*STATES.values(), (GAP, 0.0))]
+    case = case_of(built, method)
+    pairs = [begin(case.kernel, *state) for state in (*STATES.values(), (GAP, 0.0))]
     q, v = (np.array([pair[i] for pair in pairs]) for i in (0, 1))
-    whole = case.gradient(q, v)[1]
+    whole = case.gradient(q=q, v=v)[1]
     total = dict.fromkeys(case.parameters, 0.0)
-    directions = {"q": np.vstack([np.eye(n), np.zeros((n, n))]), "v": np.vstack([np.zeros((n, n)), np.eye(n)])}
-    for k, (one, rate) in enumerate(pairs):
-        alone = case.gradient(one, rate)[1]
-        assert np.array_equal(alone["q"], whole["q"][k])
-        assert np.array_equal(alone["v"], whole["v"][k])
-        how = {"method": method, "parameters": case.parameters, "along": directions, **METHODS[method]}
-        _, (dq, dv) = kernel.rollout_sensitivity(one, rate, case.u, **how)
-        of_q, of_v = case.loss.weights
-        carried = np.einsum("tdn,tn->d", dq, of_q) + np.einsum("tdn,tn->d", dv, of_v)
-        wanted = np.concatenate([alone["q"], alone["v"], [alone[x] for x in case.parameters]])
-        assert np.allclose(carried, wanted, rtol=1e-9, atol=1e-9 * np.abs(wanted).max())
-        for x in case.parameters:
-            total[x] += alone[x]
+    for k, (case.given["q"], case.given["v"]) in enumerate(pairs):
+        alone = case.gradient()[1]
+        assert all(np.array_equal(alone[name], whole[name][k]) for name in case.inputs)
+        case.check_sensitivities(1e-9)
+        total = {x: y + alone[x] for x, y in total.items()}
     assert all(whole[x] == pytest.approx(total[x], rel=1e-12, abs=1e-12) for x in case.parameters)
 
 
@@ -192,9 +153,10 @@ def test_forwards_and_backwards(method: str, built: Build) -> None:
 @pytest.mark.parametrize("where", [*STATES, "at slack"])
 def test_in_single_precision(where: str, built: Build) -> None:
     """Of steps of one length; those of double precision but for round-off."""
-    double, single = Case(built, "implicit"), Case(built, "implicit", dtype="float32")
-    q, v = begin(double.kernel, *(STATES | {"at slack": (0.75 * GAP, 0.0)})[where])
-    wanted, found = (case.gradient(q, v)[1] for case in (double, single))
+    state = (STATES | {"at slack": (0.75 * GAP, 0.0)})[where]
+    double, single = (case_of(built, "implicit", state, dtype=dtype) for dtype in ("float64", "float32"))
+    single.given = {name: x.astype(np.float32) for name, x in single.given.items()}
+    wanted, found = (case.gradient()[1] for case in (double, single))
     for name in ("q", "v"):
         assert found[name].dtype == np.float32
         assert np.abs(found[name] - wanted[name]).max() <= 2e-3 * np.abs(wanted[name]).max()
@@ -202,18 +164,14 @@ def test_in_single_precision(where: str, built: Build) -> None:
 
 def test_gradients_that_are_not_finite_are_refused_by_name(built: Build) -> None:
     """Not as numbers, nor as steps that are too long."""
-    case = Case(built, "implicit")
-    q, v = begin(case.kernel, 0.5 * GAP, 0.1)
-    huge = Loss(case.kernel.n)
-    huge.weights[...] = 1.7e308
-    how: dict[str, Any] = {"method": "implicit", "dt": DT, "steps": STEPS}
-    with (
-        np.errstate(over="ignore"),
-        pytest.raises(ArrayError, match=r"rollout_gradient: the derivative by (q|v|u) at .*\.[xz] is -?(inf|nan)"),
-    ):
-        case.kernel.rollout_gradient(q, v, case.u, loss=huge, **how)
-    with pytest.raises(ArrayError, match=r"rollout_sensitivity: the derivative of .* along direction 0 is -?(inf|nan)"):
-        case.kernel.rollout_sensitivity(q, v, case.u, along={"v": np.full((1, case.kernel.n), 1.7e308)}, **how)
+    case = case_of(built, "implicit", (0.5 * GAP, 0.1))
+    along = {"v": np.full((1, case.kernel.n), 1.7e308)}
+    message = r"rollout_sensitivity: the derivative of .* along direction 0 is -?(inf|nan)"
+    refused(ArrayError, message, case.sensitivity, along=along, parameters=())
+    case.loss.weights[...] = 1.7e308
+    message = r"rollout_gradient: the derivative by (q|v|u) at .*\.[xz] is -?(inf|nan)"
+    with np.errstate(over="ignore"):
+        refused(ArrayError, message, case.gradient, parameters=())
 
 
 def worn_four_bar() -> Robot:
@@ -242,20 +200,17 @@ def test_mechanisms(
     frozen(monkeypatch)
     is_closed, h = name == "four_bar", 3e-5
     robot = worn_four_bar() if is_closed else eomgen.load_robot(name)
-    kernel = built(robot, *KERNELS, *(CLOSED if is_closed else ()))
+    kernel = built(robot, *NAMES, *((*CLOSED, *SPRINGS) if is_closed else ()))
     q, v, u = np.array(guess), np.zeros(kernel.n), np.array([0.5, 0.3, -0.2])
     if is_closed:
         q = kernel.assemble(q, ["joint1.gamma"])
         v = kernel.project_velocity(q, [2.0, 0.0, 0.0], ["joint1.gamma"])
-    how, loss = {"method": method, **METHODS[method]}, Loss(kernel.n)
-    found = kernel.rollout_gradient(q, v, u, loss=loss, **how)[1]
-    for label, given in (("u", u),) if is_closed else (("q", q), ("v", v), ("u", u)):
-        wanted = []
-        for e in h * np.eye(kernel.n):
-            ends = ({"q": q, "v": v, "u": u} | {label: given + s * e} for s in (1, -1, 2, -2))
-            values = [kernel.rollout_gradient(x["q"], x["v"], x["u"], loss=loss, **how)[0] for x in ends]
-            wanted.append((8.0 * (values[0] - values[1]) - (values[2] - values[3])) / (12.0 * h))
-        assert np.abs(found[label] - wanted).max() <= 1e-6 * np.abs(wanted).max(), label
+    case = Case(kernel, method, {"q": q, "v": v, "u": u}, power=1)
+    found = case.gradient()[1]
+    for name in case.inputs:
+        slopes = ([case.slope(name, e, step) for e in np.eye(kernel.n)] for step in (h, 2.0 * h))
+        wanted = np.array([4.0, -1.0]) @ list(slopes) / 3.0
+        assert np.abs(found[name] - wanted).max() <= 1e-6 * np.abs(wanted).max(), name
 
 
 def net() -> Robot:
@@ -276,13 +231,12 @@ def net() -> Robot:
 @pytest.mark.parametrize("method", METHODS)
 def test_a_body_that_many_hold(method: str, built: Build, monkeypatch: pytest.MonkeyPatch) -> None:
     frozen(monkeypatch)
-    kernel, rng, h = built(net(), *KERNELS, "spring_forces"), np.random.default_rng(6), 1e-6
+    kernel, rng, h = built(net(), *NAMES, "spring_forces"), np.random.default_rng(6), 1e-6
     q, v, u = 3e-3 * rng.normal(size=kernel.n), 0.1 * rng.normal(size=kernel.n), rng.normal(size=kernel.n)
     tensions = kernel.spring_forces(q, v)[:, 1]
     assert 0 < np.count_nonzero(tensions) < tensions.size
-    how, loss = {"method": method, **METHODS[method]}, Loss(kernel.n)
-    found = kernel.rollout_gradient(q, v, u, loss=loss, **how)[1]
+    case = Case(kernel, method, {"q": q, "v": v, "u": u}, power=1)
+    found = case.gradient()[1]
     for e in rng.normal(size=(3, 2, kernel.n)):
-        ends = [kernel.rollout_gradient(q + s * h * e[0], v + s * h * e[1], u, loss=loss, **how)[0] for s in (1, -1)]
-        wanted = (ends[0] - ends[1]) / (2.0 * h)
-        assert found["q"] @ e[0] + found["v"] @ e[1] == pytest.approx(wanted, rel=1e-6)
+        for name, direction in zip("qv", e, strict=True):
+            assert found[name] @ direction == pytest.approx(case.slope(name, direction, h), rel=1e-6)

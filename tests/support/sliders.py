@@ -1,9 +1,11 @@
-"""A mass on a spring, for sweeps whose results have closed forms."""
+"""A mass on a rail: with a spring for sweeps whose results have closed forms, or with any forces."""
 
 from __future__ import annotations
 
+from typing import Any
+
 from eomgen.description.load import robot_from_toml
-from eomgen.robot.value import Robot
+from eomgen.robot.value import Coordinate, Joint, Link, Robot
 
 SLIDER = """
 name = "slider"
@@ -22,3 +24,10 @@ STIFF = "[[vary]]\nparameter = 'joints.rail.z.stiffness'\n"
 
 def slider() -> Robot:
     return robot_from_toml(SLIDER)
+
+
+def mass_on_rail(mass: float = 2.0, name: str = "slider", **forces: Any) -> Robot:
+    """Return a mass on a prismatic joint without gravity; forces are those of its coordinate."""
+    link = Link("block", mass, (0.0, 0.0, 0.0), (1.0, 1.0, 1.0, 0.0, 0.0, 0.0))
+    joint = Joint("rail", "base", "block", "prismatic", coordinates={"z": Coordinate(**forces)})
+    return Robot(name, (0.0, 0.0, 0.0), (link,), (joint,))

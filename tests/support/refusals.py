@@ -1,0 +1,14 @@
+"""Calls that must raise an error."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+
+def refused(error: type[Exception], match: str, call: Callable[..., Any], *arguments: Any, **options: Any) -> None:
+    """Assert that a call raises an error of this class whose message matches the expression."""
+    with pytest.raises(error, match=match):
+        call(*arguments, **options)
