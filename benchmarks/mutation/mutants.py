@@ -13,45 +13,17 @@ from __future__ import annotations
 import ast
 import random
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 
 import libcst as cst
 from libcst.metadata import ByteSpanPositionProvider, MetadataWrapper, PositionProvider
 from mutmut.mutation.mutators import mutation_operators, operator_arg_removal, operator_assignment
 
+from tests.support.mutant import Mutant
+
 LEFT_OUT = (operator_arg_removal, operator_assignment)
 SILENT = ("note", "_prove", "isinstance", "InternalError", "cast")  # calls whose arguments are messages, or no choice
 COMMUTATIVE = ("add", "sum_mat", "dot", "_dot", "min", "max")  # the order of their arguments changes nothing
 UNARY_CALLS = ("add", "scale", "cross", "matvec", "matmul", "transpose", "symmetric", "less", "sum_mat", "rotated")
-
-
-@dataclass(frozen=True)
-class Mutant:
-    """A change of a module: its bytes ``start`` to ``end`` become ``text``, in a line of a function."""
-
-    module: str
-    line: int
-    function: str
-    start: int
-    end: int
-    text: str
-
-    def place(self) -> tuple[int, int, str]:
-        """Return the key by which mutants of a module are ordered."""
-        return self.start, self.end, self.text
-
-    def applied(self, source: str) -> str:
-        """Return the module's text with the change."""
-        raw = source.encode()
-        return (raw[: self.start] + self.text.encode() + raw[self.end :]).decode()
-
-    def change(self, source: str) -> str:
-        """Return the lines that it touches, before and after."""
-        raw = source.encode()
-        first, last = raw.rfind(b"\n", 0, self.start) + 1, raw.find(b"\n", self.end)
-        after = raw[first : self.start] + self.text.encode() + raw[self.end : last]
-        old, new = (" ".join(text.decode().split()) for text in (raw[first:last], after))
-        return f"{old} -> {new}"
 
 
 def swap_arguments(node: cst.Call) -> Iterator[cst.CSTNode]:

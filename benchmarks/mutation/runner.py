@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
-from .mutants import Mutant
+from tests.support.mutant import Mutant
 
 LIMIT = 60  # s of processor time for one mutant: an endless loop
 CODES = {0: "survived", 1: "wrong", 2: "error"}
@@ -71,9 +71,9 @@ class Clock:
     def __init__(self, total: int) -> None:
         self.total, self.done, self.last, self.alive = total, 0, time.monotonic(), 0
 
-    def tick(self, outcome: Outcome) -> None:
+    def tick(self, result: str) -> None:
         self.done += 1
-        self.alive += outcome.result == "survived"
+        self.alive += result == "survived"
         if time.monotonic() - self.last > 30.0 or self.done == self.total:
             self.last = time.monotonic()
             print(f"{self.done} of {self.total} mutants, {self.alive} survived", flush=True)

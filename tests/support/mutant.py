@@ -1,4 +1,4 @@
-"""The generator with one of its modules changed: what mutation testing runs its checks on."""
+"""Changes of files, and the generator with one of its modules changed: what mutation testing runs its checks on."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import importlib.util
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import cache
 from importlib.abc import InspectLoader, MetaPathFinder
 from pathlib import Path
@@ -17,6 +18,42 @@ import eomgen.codegen
 
 PACKAGE = "eomgen.codegen"
 FOLDER = Path(eomgen.codegen.__path__[0])
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """A change of a file: its bytes ``start`` to ``end`` become ``text``, in a line of a function."""
+
+    module: str
+    line: int
+    function: str
+    start: int
+    end: int
+    text: str
+
+    def place(self) -> tuple[int, int, str]:
+        """Return the key by which mutants of a module are ordered."""
+        return self.start, self.end, self.text
+
+    def applied(self, source: str) -> str:
+        """Return the module's text with the change."""
+        raw = source.encode()
+        return (raw[: self.start] + self.text.encode() + raw[self.end :]).decode()
+
+    def change(self, source: str) -> str:
+        """Return the lines that it touches, before and after."""
+        raw = source.encode()
+        first, last = raw.rfind(b"\n", 0, self.start) + 1, raw.find(b"\n", self.end)
+        after = raw[first : self.start] + self.text.encode() + raw[self.end : last]
+        old, new = (" ".join(text.decode().split()) for text in (raw[first:last], after))
+        return f"{old} -> {new}"
+
+    @classmethod
+    def replacing(cls, module: str, source: str, old: str, new: str, begin: int = 0) -> Mutant:
+        """Return the mutant with another text instead of one that the module has from ``begin`` on."""
+        assert old in source[begin:], f"{module}: the code has changed: change the list of mutants too: {old}"
+        start = len(source[: source.index(old, begin)].encode())
+        return cls(module, source.count("\n", 0, start) + 1, "", start, start + len(old.encode()), new)
 
 
 @cache
