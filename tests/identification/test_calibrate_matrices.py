@@ -1,4 +1,4 @@
-"""Stiffness matrices from poses under loads: those of static equilibria of kernels, and what is written of them."""
+"""Stiffness matrices of joints and loop joints from poses under loads, which are static equilibria of kernels."""
 
 from __future__ import annotations
 
@@ -7,30 +7,34 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 import eomgen
 from eomgen.analysis import deflection
 from eomgen.analysis.options import KERNELS
 from eomgen.errors import InputError, UnknownNameError
-from eomgen.identification import CalibrationResult, calibrate, load_calibration, poses_from_columns
+from eomgen.identification import CalibrationResult, calibrate, load_calibration
 from eomgen.identification.geometry.blocks import blocks_of, unfinished
 from eomgen.identification.geometry.compliances import Chosen, compliances_of
 from eomgen.identification.geometry.error_model import COMPLIANCE, ErrorModel, ErrorParameter, Rows
-from eomgen.identification.geometry.rotations import vector_of
+from eomgen.identification.geometry.rotations import coordinates_of, vectors_of
 from eomgen.identification.geometry.stations import chain_of, matrix_of
 from eomgen.identification.tolerances.contributions import Exact, contributions_of, model_of
+from eomgen.motion.turns import rotation_of
+from eomgen.pipeline.mechanisms import mechanism_kernels
 from eomgen.robot import Coordinate, JointStiffness, Robot
 from eomgen.robot.elements.matrices import PAIRS
 from eomgen.robot.elements.matrices import matrix_of as matrix_of_entries
 from eomgen.robot.value import COORDINATES
+from tests.loops.test_elastic_cuts import linkages
 from tests.support.builds import Build
+from tests.support.measurements import assert_slopes, calibrated, placed, poses_of
+from tests.support.random_robots import Array
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
-Array = NDArray[np.float64]
-TEXT = """name = "arm"
+HEAD = """name = "arm"
 gravity = [0.0, 0.0, -9.81]
+driven = ["joint1.gamma", "joint2.gamma"]
 [[links]]
 name = "upper"
 mass = 6.0
@@ -52,39 +56,48 @@ parent = "upper"
 child = "fore"
 type = "revolute"
 placement = { xyz = [0.5, 0.0, 0.0], rpy = [1.5707963267948966, 0.0, 0.0] }
-x = { stiffness = 2e7, damping = 10.0 }
-y = { stiffness = 3e7 }
-z = {}
-alpha = { stiffness = 8e4 }
-beta = { damping = 1.0, stiffness = 9e4 }
+"""
+TEXT = f"""{HEAD}
+x = {{ stiffness = 2e7, damping = 10.0 }}
+y = {{ stiffness = 3e7 }}
+z = {{}}
+alpha = {{ stiffness = 8e4 }}
+beta = {{ damping = 1.0, stiffness = 9e4 }}
 [[frames]]
 name = "tcp"
 link = "fore"
-placement = { xyz = [0.4, 0.0, 0.1] }
+placement = {{ xyz = [0.4, 0.0, 0.1] }}
 """
 NAMES = COORDINATES[:5]
 LOADS = tuple(f"tcp.{part}" for part in ("fx", "fy", "fz", "mx", "my", "mz"))
 PLACES = tuple(f"tcp.{axis}" for axis in ("x", "y", "z", "rx", "ry", "rz"))
+RANDOM = dict(
+    zip(("joint1.gamma", "joint2.gamma", *PLACES[:3]), np.random.default_rng(1).normal(size=(5, 30)), strict=True)
+)
 FIXED = ("joints.joint1.offset", "joints.joint2.offset")
 WHOLE = ("joints.joint2.stiffness",)
 TABLES = np.array([2e7, 3e7, 0.0, 8e4, 9e4])
 SIZES = np.array([2e7, 3e7, 1.5e7, 8e4, 9e4]) ** 0.5
 
 
-def definite(seed: int) -> Array:
-    """The whole stiffness of joint2's deviations."""
-    rows = np.random.default_rng(seed).normal(size=(12, 5))
-    coupled = rows.T @ rows
+def definite(sizes: Array, rows: int) -> Array:
+    """A random stiffness with couplings, of these square roots of its diagonal."""
+    normal = np.random.default_rng(1).normal(size=(rows, len(sizes)))
+    coupled = normal.T @ normal
     coupled /= np.sqrt(np.outer(np.diag(coupled), np.diag(coupled)))
-    return np.asarray(coupled * np.outer(SIZES, SIZES))
+    return np.asarray(coupled * np.outer(sizes, sizes))
 
 
-K = definite(1)
+K = definite(SIZES, 12)
 
 
-def described(tmp_path: Path, line: str = "") -> Robot:
+def described(tmp_path: Path, matrix: Array | None = None, text: str = TEXT) -> Robot:
+    """The robot of the text, whose joint2 has this stiffness, by whose last rows nothing is held."""
     path = tmp_path / "arm.toml"
-    path.write_text(TEXT.replace('name = "joint2"\n', f'name = "joint2"\n{line}\n'), encoding="ascii")
+    if matrix is not None:
+        whole = np.pad(matrix, (0, 6 - len(matrix))).tolist()
+        text = text.replace('name = "joint2"\n', f'name = "joint2"\nstiffness = {{ matrix = {whole} }}\n')
+    path.write_text(text, encoding="ascii")
     return eomgen.load_robot(path)
 
 
@@ -95,24 +108,22 @@ def true(robot: Robot, matrix: Array = K) -> Robot:
     return replace(robot, joints=(robot.joints[0], joint))
 
 
-def loaded(robot: Robot, built: Build, rows: int = 40) -> dict[str, Array]:
+def loaded(robot: Robot, built: Build) -> dict[str, Array]:
     """Columns of poses of the tool under loads, by static equilibria of the robot's kernel."""
-    rng, kernel = np.random.default_rng(0), built(robot, *KERNELS)
-    q, loads = rng.uniform(-2.0, 2.0, (rows, 2)), rng.uniform(-1.0, 1.0, (rows, 6)) * np.repeat([150.0, 40.0], 3)
-    poses = [
-        deflection(robot, {"joint1": a, "joint2": b}, frame="tcp", loads={"tcp": load}, kernel=kernel).pose
-        for (a, b), load in zip(q.tolist(), loads, strict=True)
-    ]
-    columns = {"joint1.gamma": q[:, 0], "joint2.gamma": q[:, 1]}
-    columns |= {f"tcp.{axis}": np.array([pose[k, 3] for pose in poses]) for k, axis in enumerate("xyz")}
-    turns = np.array([vector_of(pose[:3, :3]) for pose in poses])
-    columns |= {f"tcp.r{axis}": turns[:, k] for k, axis in enumerate("xyz")}
-    return columns | {name: loads[:, k] for k, name in enumerate(LOADS)}
-
-
-def calibrated(robot: Robot, columns: dict[str, Array], **options: object) -> CalibrationResult:
-    poses = poses_from_columns(columns, ["joint1.gamma", "joint2.gamma"], ["tcp"])
-    return calibrate(robot, poses, folds=0, **options)
+    rng, kernel = np.random.default_rng(0), built(robot, *KERNELS, *(["frame_pose"] if robot.loops else []))
+    rows, far = (20, 0.7) if robot.loops else (40, 2.0)
+    q, loads = rng.uniform(-far, far, (rows, 2)), rng.uniform(-1.0, 1.0, (rows, 6)) * np.repeat([150.0, 40.0], 3)
+    poses = []
+    for (a, b), load in zip(q.tolist(), loads, strict=True):
+        start = {"joint1": a, "joint2": b}
+        if robot.loops:  # the tool begins where the rigid flange holds it
+            flange = np.asarray(kernel.frame_pose(np.array([a, b, *(6 * [0.0])]), "fore"))
+            place = np.linalg.inv(matrix_of(robot.joint("carrier").placement))
+            six = coordinates_of(place @ flange @ matrix_of(robot.loops[0].placements[0])).tolist()
+            start |= {f"carrier.{name}": value for name, value in zip(COORDINATES, six, strict=True)}
+        poses.append(deflection(robot, start, frame="tcp", loads={"tcp": load}, kernel=kernel).pose)
+    columns = {"joint1.gamma": q[:, 0], "joint2.gamma": q[:, 1], **dict(zip(LOADS, loads.T, strict=True))}
+    return columns | placed(np.array(poses)[:, :3, 3], np.array(poses)[:, :3, :3])
 
 
 def off_by(found: CalibrationResult, expected: Array = K) -> Array:
@@ -141,7 +152,6 @@ def test_a_random_matrix_is_recovered(built: Build, tmp_path: Path) -> None:
     assert units["joints.joint2.stiffness.x.beta"] == "N/rad"
     assert units["joints.joint2.stiffness.alpha.beta"] == "N m/rad"
     again = found.calibrated.joint("joint2")
-    assert again.stiffness is not None
     assert set(again.stiffness.coordinates) == set(NAMES)
     assert all(coordinate.stiffness is None for coordinate in again.coordinates.values())
     assert again.coordinates["x"].damping == 10.0
@@ -153,7 +163,7 @@ def test_a_random_matrix_is_recovered(built: Build, tmp_path: Path) -> None:
     assert "# over x, y, z, alpha, beta, gamma; +- x.x " in text
     read = eomgen.load_robot(written)
     assert read.joint("joint2").stiffness == again.stiffness
-    rigid = described(tmp_path, f"stiffness = {{ matrix = {np.pad(1.05 * K, (0, 1)).tolist()} }}")
+    rigid = described(tmp_path, 1.05 * K)
     bare = replace(rigid.joints[1], coordinates=true(rigid).joints[1].coordinates)
     bare = replace(rigid, joints=(rigid.joints[0], bare))
     twice = calibrated(bare, columns, fixed=FIXED)  # without being asked, where the description has a matrix
@@ -181,7 +191,6 @@ def test_all_entries_of_a_group_are_its_compliances(built: Build, tmp_path: Path
     joint = found.calibrated.joint("joint2")
     assert joint.coordinates["x"].stiffness is None
     assert joint.coordinates["y"].stiffness == pytest.approx(K[1, 1], rel=1e-5)
-    assert joint.stiffness is not None
     assert joint.stiffness.coordinates == ("x", "beta")
 
 
@@ -190,7 +199,7 @@ def test_chosen_entries_stand_beside_what_is_described(built: Build, tmp_path: P
     wrong = K.copy()
     wrong[[0, 4], [4, 0]] *= 0.9
     wrong[1, 1] *= 1.2
-    robot = described(tmp_path, f"stiffness = {{ matrix = {np.pad(wrong, (0, 1)).tolist()} }}")
+    robot = described(tmp_path, wrong)
     columns = loaded(true(robot, K + np.diag(TABLES)), built)
     chosen = [f"joints.joint2.stiffness.{pair}" for pair in ("beta.x", "y.y")]
     found = calibrated(robot, columns, stiffness=chosen, fixed=FIXED)
@@ -202,7 +211,6 @@ def test_chosen_entries_stand_beside_what_is_described(built: Build, tmp_path: P
     assert before[names[0]] == pytest.approx(wrong[0, 4])
     assert before[names[1]] == pytest.approx(wrong[1, 1] + TABLES[1])
     joint = found.calibrated.joint("joint2")
-    assert joint.stiffness is not None
     assert joint.coordinates["x"].stiffness is None
     assert joint.coordinates["alpha"].stiffness == 8e4
     whole = np.array(matrix_of_entries(joint.stiffness.entries, NAMES)) + np.diag([0.0, 0.0, 0.0, 8e4, 0.0])
@@ -228,7 +236,6 @@ def test_a_chosen_entry_between_coordinates_with_tables(built: Build, tmp_path: 
     assert found["joints.joint2.stiffness.x.beta"] == pytest.approx(coupled[0, 4], rel=1e-6)
     assert found["joints.joint2.y.stiffness"] == pytest.approx(coupled[1, 1], rel=1e-6)
     joint = found.calibrated.joint("joint2")
-    assert joint.stiffness is not None
     assert dict(joint.stiffness.entries) == {
         "x.x": TABLES[0],
         "x.beta": found["joints.joint2.stiffness.x.beta"],
@@ -255,7 +262,7 @@ def test_intervals_cover_with_noise(
         wrong = K.copy()
         wrong[rows, columns] *= 0.9
         wrong[columns, rows] = wrong[rows, columns]
-        robot = described(tmp_path, f"stiffness = {{ matrix = {np.pad(wrong, (0, 1)).tolist()} }}")
+        robot = described(tmp_path, wrong)
         bare = replace(robot.joints[1], coordinates=true(robot).joints[1].coordinates)
         robot = replace(robot, joints=(robot.joints[0], bare))
     exact = loaded(true(robot), built)
@@ -285,7 +292,7 @@ def test_what_loads_do_not_show_is_named(built: Build, tmp_path: Path) -> None:
 
 
 def test_sensitivities_are_derivatives_and_deflections_linear_algebra(tmp_path: Path) -> None:
-    robot = described(tmp_path, f"stiffness = {{ matrix = {np.pad(K, (0, 1)).tolist()} }}")
+    robot = described(tmp_path, K)
     chain = chain_of(robot, {"tcp": ("fore", matrix_of(robot.frames[0].placement))})
     parameters = tuple(compliances_of(chain, robot))
     (block,) = blocks_of(parameters)
@@ -309,12 +316,7 @@ def test_sensitivities_are_derivatives_and_deflections_linear_algebra(tmp_path: 
     rigid = replace(model, parameters=())
     moved = rigid.at(np.zeros(0), replace(rows, readings=bent))
     np.testing.assert_allclose(state.located.p[tool], moved.located.p[tool], atol=1e-9)
-    for i, parameter in enumerate(parameters):
-        step = np.zeros(len(parameters))
-        step[i] = 1e-3 * parameter.size
-        ahead, behind = (model.at(model.nominal + sign * step, rows).located for sign in (1.0, -1.0))
-        slope = (ahead.p[tool] - behind.p[tool]) / (2.0 * step[i])
-        np.testing.assert_allclose(S[:, :3, i], slope, rtol=1e-6, atol=1e-6 * np.abs(slope).max() + 1e-12)
+    assert_slopes(S[:, :3], lambda x: model.at(x, rows).located.p[tool], model.nominal, 1e-3 * model.sizes, 1e-6, 1e-12)
     slopes = block.slopes(whole)
     C = np.linalg.inv(whole)
     for column, (_, a, b) in enumerate(block.pairs):
@@ -327,7 +329,7 @@ def test_sensitivities_are_derivatives_and_deflections_linear_algebra(tmp_path: 
 
 def test_sensitivities_to_entries_are_derivatives(tmp_path: Path) -> None:
     """Of K itself, where one of its entries stays, through what moves the loads, too."""
-    robot = described(tmp_path, f"stiffness = {{ matrix = {np.pad(0.02 * K, (0, 1)).tolist()} }}")
+    robot = described(tmp_path, 0.02 * K)
     chain = chain_of(robot, {"tcp": ("fore", matrix_of(robot.frames[0].placement))})
     parameters = tuple(compliances_of(chain, robot, Chosen(couplings={("joints", "joint2"): [("x", "beta")]})))
     assert {parameter.factor for parameter in parameters} == {"entry"}
@@ -338,18 +340,13 @@ def test_sensitivities_to_entries_are_derivatives(tmp_path: Path) -> None:
     readings[:, 1:3, 5] = np.random.default_rng(2).uniform(-1.0, 1.0, (3, 2))
     wrench, tool = np.random.default_rng(3).normal(size=(3, 6)) * 50.0, chain.tools["tcp"]
     rows = Rows(readings, np.zeros(3, dtype=np.int64), {tool: wrench}, np.zeros((3, len(chain.stations))), None)
-    S = model.at(model.nominal, rows).sensitivities(tool)
-    for i, parameter in enumerate(parameters):
-        step = np.zeros(len(parameters))
-        step[i] = 1e-3 * parameter.size
-        ahead, behind = (model.at(model.nominal + sign * step, rows).located for sign in (1.0, -1.0))
-        slope = (ahead.p[tool] - behind.p[tool]) / (2.0 * step[i])
-        np.testing.assert_allclose(S[:, :3, i], slope, rtol=1e-5, atol=1e-5 * np.abs(slope).max() + 1e-18)
+    S = model.at(model.nominal, rows).sensitivities(tool)[:, :3]
+    assert_slopes(S, lambda x: model.at(x, rows).located.p[tool], model.nominal, 1e-3 * model.sizes, 1e-5, 1e-18)
 
 
 def test_tolerances_of_entries(tmp_path: Path) -> None:
     """A table may name entries: deflections are those of the matrix that they make together."""
-    robot = described(tmp_path, f"stiffness = {{ matrix = {np.pad(K, (0, 1)).tolist()} }}")
+    robot = described(tmp_path, K)
     chain = chain_of(robot, {"tcp": ("fore", matrix_of(robot.frames[0].placement))})
     model, whole = model_of(robot, chain, None), K + np.diag(TABLES)
     known = contributions_of(model)
@@ -393,25 +390,19 @@ def test_an_indefinite_matrix_is_said_and_not_written(built: Build, tmp_path: Pa
     ],
 )
 def test_wrong_names_are_refused(stiffness: str, error: type[InputError], said: str, tmp_path: Path) -> None:
-    columns = dict(
-        zip(("joint1.gamma", "joint2.gamma", *PLACES[:3]), np.random.default_rng(1).normal(size=(5, 30)), strict=True)
-    )
     with pytest.raises(error, match=said):
-        calibrated(described(tmp_path), columns, stiffness=[stiffness])
+        calibrated(described(tmp_path), RANDOM, stiffness=[stiffness])
 
 
 def test_a_matrix_without_an_inverse_is_refused_by_name(tmp_path: Path) -> None:
     matrix = np.zeros((6, 6))
     matrix[np.ix_([0, 4], [0, 4])] = [[1.0, -10.0], [-10.0, 100.0]]
-    robot = described(tmp_path, f"stiffness = {{ matrix = {matrix.tolist()} }}")
+    robot = described(tmp_path, matrix)
     joint = robot.joint("joint2")
     joint = replace(joint, coordinates={name: Coordinate() for name in joint.coordinates})
     robot = replace(robot, joints=(robot.joints[0], joint))
-    columns = dict(
-        zip(("joint1.gamma", "joint2.gamma", *PLACES[:3]), np.random.default_rng(1).normal(size=(5, 30)), strict=True)
-    )
     with pytest.raises(InputError, match=r"joint2\.stiffness: nothing holds a motion along 'x', 'beta' together"):
-        calibrated(robot, columns)
+        calibrated(robot, RANDOM)
 
 
 @pytest.mark.soak
@@ -427,7 +418,172 @@ def test_files_of_matrices_are_found_from_where_the_result_is_written(built: Bui
         assert eomgen.load_robot(written).joint("joint1").stiffness == other.joint("joint1").stiffness
 
 
-def test_parameters_of_files_are_checked(tmp_path: Path) -> None:
+def test_parameters_of_files_are_checked() -> None:
     parameter = ErrorParameter("a", COMPLIANCE, 1, 0, "force", 0.0, 1.0, other=4)
     assert (parameter.unit, parameter.is_diagonal) == ("N/rad", False)
     assert replace(parameter, other=0).is_diagonal
+
+
+# Loop joints
+
+
+LOOP_TEXT = f"""{HEAD}
+[[links]]
+name = "tool"
+mass = 4.0
+com = [0.05, 0.02, 0.01]
+inertia = {{ xx = 0.01, yy = 0.02, zz = 0.02 }}
+[[joints]]
+name = "carrier"
+parent = "base"
+child = "tool"
+type = "fixed"
+placement = {{ xyz = [0.9, -0.1, 0.0], rpy = [1.5707963267948966, 0.0, 0.0] }}
+x = {{}}
+y = {{}}
+z = {{}}
+alpha = {{}}
+beta = {{}}
+gamma = {{}}
+[[loops]]
+name = "flange"
+links = ["fore", "tool"]
+type = "fixed"
+placements = [{{ xyz = [0.4, 0.0, 0.1] }}, {{}}]
+x = {{ stiffness = 2e7, damping = 10.0 }}
+y = {{ stiffness = 3e7 }}
+z = {{ stiffness = 1e7 }}
+alpha = {{ stiffness = 8e4 }}
+beta = {{ damping = 1.0, stiffness = 9e4 }}
+gamma = {{ stiffness = 7e4 }}
+[[frames]]
+name = "tcp"
+link = "tool"
+placement = {{ xyz = [0.1, 0.05, 0.02] }}
+"""
+LOOP_TABLES = np.array([2e7, 3e7, 1e7, 8e4, 9e4, 7e4])
+LOOP_SIZES = (np.array([1.1, 0.8, 1.3, 0.9, 1.2, 0.7]) * LOOP_TABLES) ** 0.5
+LOOP_FIXED = ("joints", "loops.flange.offset", "loops.flange.second")
+LOOP_WHOLE = ("loops.flange.stiffness",)
+LOOP_K = definite(LOOP_SIZES, 14)
+LOOP_NAMES = {pair: f"loops.flange.stiffness.{pair[0]}.{pair[1]}" for pair in PAIRS}
+
+
+def with_matrix(robot: Robot, matrix: Array, names: tuple[str, ...] = COORDINATES) -> Robot:
+    """The robot with this stiffness of its loop joint's coordinates, and none in tables."""
+    (loop,) = robot.loops
+    bare = {name: Coordinate() for name in loop.coordinates}
+    return replace(robot, loops=(replace(loop, coordinates=bare, stiffness=JointStiffness.of(matrix.tolist(), names)),))
+
+
+def loop_off_by(found: CalibrationResult, expected: Array) -> float:
+    """Largest error of the entries that were found, scaled by the diagonal."""
+    size = np.sqrt(np.diag(expected))
+    off = [
+        (found[name] - expected[i, j]) / (size[i] * size[j])
+        for (one, other), name in LOOP_NAMES.items()
+        for i, j in [(COORDINATES.index(one), COORDINATES.index(other))]
+        if name in found.names
+    ]
+    return float(np.abs(off).max())
+
+
+@pytest.mark.soak
+def test_a_random_matrix_of_a_loop_joint_is_recovered(built: Build, tmp_path: Path) -> None:
+    """All 21 entries to 1e-6 with known offsets, begun with the tables; and again where it is described."""
+    robot = described(tmp_path, text=LOOP_TEXT)
+    columns = loaded(with_matrix(robot, LOOP_K), built)
+    found = calibrated(robot, columns, stiffness=LOOP_WHOLE, fixed=LOOP_FIXED)
+    assert set(LOOP_NAMES.values()) <= set(found.names)
+    assert loop_off_by(found, LOOP_K) < 1e-6
+    units = dict(zip(found.names, found.units, strict=True))
+    assert units[LOOP_NAMES["x", "beta"]] == "N/rad"
+    (loop,) = found.calibrated.loops
+    assert all(coordinate.stiffness is None for coordinate in loop.coordinates.values())
+    assert loop.coordinates["beta"].damping == 1.0
+    again = load_calibration(found.save(tmp_path / "c.npz"))
+    assert again.calibrated == found.calibrated
+    q = np.array([[0.3, -0.4]])
+    np.testing.assert_array_equal(again.predict(q, "tcp")[0], found.predict(q, "tcp")[0])
+    written = eomgen.load_robot(found.to_toml(tmp_path / "calibrated.toml"))
+    assert written.loops[0].stiffness == loop.stiffness
+    assert written.loops[0].coordinates["x"] == Coordinate(damping=10.0)
+    twice = calibrated(with_matrix(robot, 1.05 * LOOP_K), columns, fixed=LOOP_FIXED)  # without being asked
+    assert loop_off_by(twice, LOOP_K) < 1e-6
+    assert dict(zip(twice.names, twice.described, strict=True))[LOOP_NAMES["x", "beta"]] == pytest.approx(
+        1.05 * LOOP_K[0, 4]
+    )
+
+
+def test_tables_of_a_loop_joint_are_found(built: Build, tmp_path: Path) -> None:
+    """Single coordinates are fitted in any case, as those of joints."""
+    robot, six = described(tmp_path, text=LOOP_TEXT), np.diag(LOOP_SIZES**2)
+    found = calibrated(robot, loaded(with_matrix(robot, six), built), fixed=LOOP_FIXED)
+    for c, name in enumerate(COORDINATES):
+        assert found[f"loops.flange.{name}.stiffness"] == pytest.approx(six[c, c], rel=1e-6)
+        assert found.calibrated.loops[0].coordinates[name].stiffness == found[f"loops.flange.{name}.stiffness"]
+    written = found.to_toml(tmp_path / "calibrated.toml")
+    assert eomgen.load_robot(written).loops[0].coordinates == found.calibrated.loops[0].coordinates
+
+
+def test_chosen_entries_of_a_loop_joint_stand_beside_what_is_described(built: Build, tmp_path: Path) -> None:
+    wrong = LOOP_K.copy()
+    wrong[[0, 4], [4, 0]] *= 0.9
+    wrong[1, 1] *= 1.2
+    robot = described(tmp_path, text=LOOP_TEXT)
+    columns = loaded(with_matrix(robot, LOOP_K), built)
+    chosen = ["loops.flange.stiffness.beta.x", "loops.flange.stiffness.y.y"]
+    found = calibrated(with_matrix(robot, wrong), columns, stiffness=chosen, fixed=LOOP_FIXED)
+    assert [name for name in found.names if "stiffness" in name] == [LOOP_NAMES["x", "beta"], LOOP_NAMES["y", "y"]]
+    assert loop_off_by(found, LOOP_K) < 1e-6
+    assert load_calibration(found.save(tmp_path / "c.npz")).calibrated == found.calibrated
+
+
+@pytest.mark.soak
+def test_intervals_of_a_loop_joint_cover_with_noise(built: Build, tmp_path: Path) -> None:
+    """Where the device stands and where the tool is measured is found, too."""
+    robot, inside = described(tmp_path, text=LOOP_TEXT), []
+    exact = loaded(with_matrix(robot, LOOP_K), built)
+    for seed in range(10, 15):
+        rng = np.random.default_rng(seed)
+        off = {name: rng.normal(scale=4e-7 if "r" in name else 2e-7, size=exact[name].size) for name in PLACES}
+        columns = exact | {name: exact[name] + off[name] for name in PLACES[:3]}
+        turns, small = (np.stack([x[name] for name in PLACES[3:]], axis=1) for x in (exact, off))
+        columns |= dict(zip(PLACES[3:], vectors_of(rotation_of(small) @ rotation_of(turns)).T, strict=True))
+        found = calibrated(robot, columns, stiffness=LOOP_WHOLE, fixed=LOOP_FIXED)
+        deviations = dict(zip(found.names, found.deviations, strict=True))
+        for (one, other), name in LOOP_NAMES.items():
+            value = LOOP_K[COORDINATES.index(one), COORDINATES.index(other)]
+            inside.append(abs(found[name] - value) <= found.quantile * deviations[name])
+    assert len(inside) == 21 * 5
+    assert np.mean(inside) >= 0.9
+
+
+def test_a_linkage_whose_pin_gives_way(built: Build) -> None:
+    """x and y of a pin that closes four bars: what its other coordinates hold is said by name."""
+    matrix, names = np.array([[3e5, 8e4], [8e4, 5e5]]), ("x", "y")
+    home = {"motor.gamma": 1.0, "pin.gamma": -0.5, "pivot.gamma": 1.44}
+    there = replace(linkages("x = {}\ny = {}\ngamma = {}\n")[0], home=home)
+    true, begun, rng = (
+        with_matrix(there, matrix, names),
+        with_matrix(there, 0.7 * matrix, names),
+        np.random.default_rng(4),
+    )
+    kernel = built(true, *KERNELS, *mechanism_kernels(true), "cut_forces", "cut_jacobian")
+    angles, loads = np.linspace(0.6, 1.4, 30), rng.uniform(-50.0, 50.0, (30, 2))
+    load = np.pad(loads, ((0, 0), (0, 4)))
+    stiff = replace(there, loops=(replace(there.loops[0], coordinates={}),))
+    rigid = built(stiff, *mechanism_kernels(stiff))
+    poses, q = [], np.array([1.0, -0.5, 1.44])
+    for angle, wrench in zip(angles.tolist(), load, strict=True):
+        q = rigid.assemble(np.array([angle, *q[1:]]), ["motor.gamma"])
+        start = dict(zip(kernel.coordinates, q.tolist(), strict=True))
+        poses.append(deflection(true, start, frame="coupler", loads={"coupler": wrench}, kernel=kernel).pose)
+    columns = {"motor.gamma": angles, "coupler.fx": loads[:, 0], "coupler.fy": loads[:, 1]}
+    columns |= placed(np.array(poses)[:, :3, 3], np.array(poses)[:, :3, :3], "coupler")
+    given = poses_of(begun, columns, "coupler")
+    found = calibrate(begun, given, folds=0, fixed=("joints", "loops.cut.offset", "loops.cut.second"))
+    for (i, j), pair in (((0, 0), "x.x"), ((0, 1), "x.y"), ((1, 1), "y.y")):
+        assert found[f"loops.cut.stiffness.{pair}"] == pytest.approx(matrix[i, j], rel=1e-5)
+    with pytest.raises(InputError, match=r"stiffness: cut\.z is held by the loops, too; allowed: drives of linkage"):
+        calibrate(begun, given, folds=0, stiffness=["cut.z"])

@@ -1,23 +1,27 @@
-"""Calibration: truth recovered, variants, noise, loads, stiffness, drives."""
+"""Calibration: truth recovered, variants, noise and its covariances, loads, stiffness, drives."""
 
 from __future__ import annotations
 
 import json
 from dataclasses import replace
+from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from eomgen.errors import InputError, UnknownNameError
-from eomgen.identification import calibrate, poses_from_columns
+import eomgen
+from eomgen.errors import ArrayError, InputError, UnknownNameError
+from eomgen.identification import calibrate, load_calibration, read_covariances
 from eomgen.identification.geometry.error_model import COMPLIANCE, DRIVE, ErrorParameter
+from eomgen.identification.geometry.observations import observations_of
 from eomgen.identification.geometry.rotations import pose_from
 from eomgen.motion.turns import rotation_of
-from eomgen.robot.model import build_model
 from eomgen.robot.value import Coordinate, Motor
-from eomgen.runtime.inverse_kinematics.rotations import vector_of
-from tests.support.measured_poses import TCP, arm, chain, puma, trial
+from tests.support.commands import command
+from tests.support.measured_poses import TCP, Trial, arm, chain, puma, trial
+from tests.support.measurements import calibrated, placed, poses_of
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -31,17 +35,14 @@ def test_the_truth_is_recovered() -> None:
     found = calibrate(made.robot, made.poses(), folds=0)
     assert found.residuals["full"]["fitted"]["position"] < 1e-12
     others = trial(chain(11, "RRPRRR"), 6, 20, noise=(0.0, 0.0))
-    q = np.stack([others.columns[name] for name in build_model(made.robot).coordinates], axis=1)
-    predicted, covariance = found.predict(q, "tcp", series=0)
+    predicted, covariance = found.predict(others.poses().q, "tcp", series=0)
     state = made.model.at(made.truth, others.rows)
     tool = made.model.chain.tools["tcp"]
     np.testing.assert_allclose(predicted[:, :3, 3], state.located.p[tool], atol=1e-10)
     np.testing.assert_allclose(predicted[:, :3, :3], state.located.R[tool], atol=1e-10)
     assert covariance.shape == (20, 6, 6)
     again = calibrate(found.calibrated, made.poses(), folds=0)  # the least change from the truth is none
-    moved = [name for name in again.names if ".offset." in name]
-    changes = [again[name] - found[name] for name in moved]
-    assert np.abs(changes).max() < 1e-9
+    assert np.abs([again[name] - found[name] for name in again.names if ".offset." in name]).max() < 1e-9
 
 
 def test_variants_and_what_was_held_out() -> None:
@@ -55,7 +56,6 @@ def test_variants_and_what_was_held_out() -> None:
     assert found.residuals["full"]["fitted"]["position"] < rms["full"]
     assert found.noise["tcp.position"] == pytest.approx(5e-5, rel=0.15)
     assert found.noise["tcp.orientation"] == pytest.approx(1e-4, rel=0.15)
-    assert found.gain is not None
     assert found.gain.low < found.gain.ratio < found.gain.high
     assert found.gain.is_significant
     assert not found.is_noise_known
@@ -71,7 +71,6 @@ def test_a_gain_in_orientation_alone_counts() -> None:
     """Each variant in each kind has its verdict: here positions are too noisy to show anything."""
     made = trial(chain(2, "RRRR"), 3, 60, noise=(2e-2, 2e-4))
     found = calibrate(made.robot, made.poses(), folds=8)
-    assert found.gain is not None
     assert not found.gain.is_significant
     assert {name for name, gains in found.gains.items() if gains["orientation"].is_significant} >= {"full", "prior"}
     assert not any(gains["position"].is_significant for gains in found.gains.values())
@@ -86,10 +85,9 @@ def test_gains_are_ratios_of_the_table() -> None:
     """Ratios of every variant and kind are those of the table, intervals symmetric about their logarithms."""
     made = trial(chain(2, "RRR"), 3, 30)
     found = calibrate(made.robot, made.poses(), folds="loo")
-    assert {(name, kind) for name, gains in found.gains.items() for kind in gains} == {
-        (name, kind) for name in ("zeros", "full", "prior") for kind in ("position", "orientation")
-    }
+    assert list(found.gains) == ["zeros", "full", "prior"]
     for name, gains in found.gains.items():
+        assert list(gains) == ["position", "orientation"]
         for kind, gain in gains.items():
             ratio = found.residuals["placement"]["held_out"][kind] / found.residuals[name]["held_out"][kind]
             assert gain.ratio == pytest.approx(ratio, rel=1e-9)
@@ -110,8 +108,7 @@ def test_norms_stand_beside_rms_per_axis() -> None:
     position = np.stack([made.columns[name] for name in TCP[:3]], axis=1)
     columns = {name: values for name, values in made.columns.items() if name.endswith("gamma")}
     columns["tcp.distance"] = np.linalg.norm(position, axis=1)
-    poses = poses_from_columns(columns, build_model(made.robot).coordinates, ["tcp"])
-    parts = calibrate(made.robot, poses, folds=0).residuals["full"]
+    parts = calibrated(made.robot, columns).residuals["full"]
     assert parts["fitted_norm"]["position"] == pytest.approx(parts["fitted"]["position"], rel=1e-12)
 
 
@@ -127,9 +124,8 @@ def test_what_moves_nothing_is_one_line() -> None:
     found = calibrate(both, trial(robot, 3, 40).poses(), folds=0)
     unseen = [name for name, why in found.merged.items() if why == "it moves nothing that was measured"]
     assert len(unseen) == 18
-    lines = [line for line in found.lines() if "nothing that was measured" in line]
-    assert len(lines) == 1
-    assert lines[0].startswith("18 parameters")
+    (line,) = (line for line in found.lines() if "nothing that was measured" in line)
+    assert line.startswith("18 parameters")
     assert not any(name in line for name in unseen for line in found.lines())
     assert set(unseen) <= set(found.as_dict()["merged"])
 
@@ -137,7 +133,6 @@ def test_what_moves_nothing_is_one_line() -> None:
 def test_no_gain_is_said() -> None:
     made = trial(arm(), 3, 40, size=0.0)
     found = calibrate(made.robot, made.poses(), folds=8)
-    assert found.gain is not None
     assert not found.gain.is_significant
     assert any(line.startswith("no significant gain") for line in found.lines())
     assert found.residuals["prior"]["held_out"]["position"] <= found.residuals["full"]["held_out"]["position"]
@@ -154,54 +149,40 @@ def test_known_noise_and_lack_of_fit() -> None:
     whole = calibrate(arm(), poses, covariance={"tcp": np.diag([5e-5] * 3 + [1e-4] * 3) ** 2}, folds=0)
     np.testing.assert_allclose(whole.values, found.values, rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(whole.deviations, found.deviations, rtol=1e-6, atol=1e-12)
-    columns = trial(arm(), 3, 60).columns | {
-        f"tcp.sigma.{part[4:]}": np.full(60, 5e-5 if part[4] != "r" else 1e-4) for part in TCP
-    }
-    by_column = calibrate(arm(), poses_from_columns(columns, build_model(arm()).coordinates, ["tcp"]), folds=0)
+    columns = {f"tcp.sigma.{part[4:]}": np.full(60, 5e-5 if part[4] != "r" else 1e-4) for part in TCP}
+    by_column = calibrated(arm(), trial(arm(), 3, 60).columns | columns)
     np.testing.assert_allclose(by_column.deviations, found.deviations, rtol=1e-6, atol=1e-12)
 
 
 @pytest.mark.parametrize("loss", ["huber", "cauchy", "tukey"])
 def test_outliers_are_down_weighted(loss: str) -> None:
     made = trial(arm(), 7, 60)
-    columns = {name: values.copy() for name, values in made.columns.items()}
-    for row in (5, 30, 31):
-        columns["tcp.x"][row] += 0.02
-    poses = poses_from_columns(columns, build_model(arm()).coordinates, ["tcp"])
-    plain, robust = (calibrate(arm(), poses, folds=0, loss=given) for given in (None, loss))
-    clean = calibrate(arm(), made.poses(), folds=0)
+    columns = made.columns | {"tcp.x": made.columns["tcp.x"].copy()}
+    columns["tcp.x"][[5, 30, 31]] += 0.02
+    plain, robust = (calibrated(arm(), columns, loss=given) for given in (None, loss))
     assert {row for row, _ in robust.mistrusted} >= {5, 30, 31}
-    q = np.stack([made.columns[name] for name in build_model(arm()).coordinates], axis=1)
-    truth = clean.predict(q, "tcp")[0][:, :3, 3]
-    off = [np.abs(found.predict(q, "tcp")[0][:, :3, 3] - truth).max() for found in (plain, robust)]
-    assert off[1] < 0.2 * off[0]
+    clean = calibrate(arm(), made.poses(), folds=0)
+    truth, *off = (x.predict(made.poses().q, "tcp")[0][:, :3, 3] for x in (clean, plain, robust))
+    assert np.abs(off[1] - truth).max() < 0.2 * np.abs(off[0] - truth).max()
 
 
 def test_attached_frames_series_and_rows_without_them() -> None:
     """Two frames that the description does not have, two places of the device, empty cells."""
     robot = chain(8, "RRRRR")
-    places = {
-        name: pose_from(np.array(x))
-        for name, x in {"ball": (0.1, -0.2, 0.3, 0.5, 1.0, -2.0), "probe": (-0.1, 0.0, 0.2, 2.0, 0.1, 1.0)}.items()
-    }
-    frames = {name: ("link5", pose) for name, pose in places.items()}
-    made = trial(robot, 3, 90, frames=frames)
-    columns = {name: values.copy() for name, values in made.columns.items()}
-    second = np.arange(90) >= 50
+    places = {"ball": (0.1, -0.2, 0.3, 0.5, 1.0, -2.0), "probe": (-0.1, 0.0, 0.2, 2.0, 0.1, 1.0)}
+    made = trial(robot, 3, 90, frames={name: ("link5", pose_from(np.array(x))) for name, x in places.items()})
+    columns, second = dict(made.columns), np.arange(90) >= 50
     away = pose_from(np.array([-3.0, 1.0, 0.2, 2.0, -0.5, 0.7]))
-    for name in frames:
+    for name, missing in (("ball", 1), ("probe", 0)):
         p = np.stack([columns[f"{name}.{axis}"] for axis in "xyz"], axis=1)
         R = rotation_of(np.stack([columns[f"{name}.r{axis}"] for axis in "xyz"], axis=1))
-        p = np.where(second[:, np.newaxis], p @ away[:3, :3].T + away[:3, 3], p)
-        R = np.where(second[:, np.newaxis, np.newaxis], away[:3, :3] @ R, R)
-        columns |= {f"{name}.{axis}": x for axis, x in zip("xyz", p.T, strict=True)}
-        columns |= {f"{name}.r{axis}": np.array([vector_of(x) for x in R])[:, i] for i, axis in enumerate("xyz")}
-    for part in ("x", "y", "z", "rx", "ry", "rz"):
-        columns[f"probe.{part}"][::3] = np.nan
-        columns[f"ball.{part}"][1::3] = np.nan
+        p[second], R[second] = p[second] @ away[:3, :3].T + away[:3, 3], away[:3, :3] @ R[second]
+        there = placed(p, R, name)
+        for values in there.values():
+            values[missing::3] = np.nan
+        columns |= there
     columns["series"] = np.where(second, 7.0, 3.0)
-    poses = poses_from_columns(columns, build_model(robot).coordinates, ["ball", "probe"])
-    found = calibrate(robot, poses, frames={"ball": "link5", "probe": "link5"}, folds=0)
+    found = calibrate(robot, poses_of(robot, columns, *places), frames=dict.fromkeys(places, "link5"), folds=0)
     assert found.rank == 4 * 5 + 6 + 6 + 6
     assert found.residuals["full"]["fitted"]["position"] < 6e-5
     assert found["series.7.base.x"] != found["series.3.base.x"]
@@ -229,8 +210,7 @@ def test_stiffness_shows_under_loads() -> None:
     assert drive.stiffness is None, "what yields behind a drive is no spring that pulls the joint to zero"
     still = replace(robot, gravity=(0.0, 0.0, 0.0))
     without = {name: values for name, values in made.columns.items() if name[:5] != "tcp.f"}
-    poses = poses_from_columns(without, build_model(robot).coordinates, ["tcp"])
-    assert "no load" in calibrate(still, poses, folds=0).merged["joints.joint2.alpha.stiffness"]
+    assert "no load" in calibrated(still, without).merged["joints.joint2.alpha.stiffness"]
 
 
 def test_terms_of_drives_are_taken_up_if_they_show() -> None:
@@ -273,20 +253,14 @@ def test_transmissions_give_way_behind_motors() -> None:
     loads = {f"tcp.{part}": rng.uniform(-200.0, 200.0, 80) for part in ("fx", "fy", "fz")}
     more = [ErrorParameter("joints.joint2.motor.stiffness", COMPLIANCE, 2, 5, "force", 5e-5, 2e-5)]
     made = trial(nominal, 1, 80, more=more, columns=loads)
-    columns = {name: values for name, values in made.columns.items() if name != "joint2.gamma"}
-    columns["joint2.motor"] = 80.0 * made.columns["joint2.gamma"]
-    poses = poses_from_columns(columns, build_model(robot).coordinates, ["tcp"])
-    found = calibrate(robot, poses, folds=0)
+    both = made.columns | {"joint2.motor": 80.0 * made.columns["joint2.gamma"]}
+    found = calibrated(robot, {name: values for name, values in both.items() if name != "joint2.gamma"})
     name = "joints.joint2.motor.stiffness"
     assert found[name] == pytest.approx(1.0 / 7e-5, rel=0.05)
     assert found.described[found.names.index(name)] == pytest.approx(2e4)
-    motor = found.calibrated.joint("joint2").motor
-    assert motor is not None
-    assert motor.transmission.stiffness == found[name]
-    both = columns | {"joint2.gamma": made.columns["joint2.gamma"]}
-    poses = poses_from_columns(both, build_model(robot).coordinates, ["tcp"])
+    assert found.calibrated.joint("joint2").motor.transmission.stiffness == found[name]
     with pytest.raises(InputError, match=r"joint2\.motor and its joint's coordinate are both there"):
-        calibrate(robot, poses, folds=0)
+        calibrated(robot, both)
 
 
 def test_joints_that_move_nothing_measured_are_not_read() -> None:
@@ -295,8 +269,7 @@ def test_joints_that_move_nothing_measured_are_not_read() -> None:
     other = replace(robot.joints[0], name="other", child="hand")
     whole = replace(robot, links=(*robot.links, replace(robot.links[0], name="hand")), joints=(*robot.joints, other))
     made = trial(arm(), 3, 40)
-    names = build_model(whole).coordinates
-    found = calibrate(whole, poses_from_columns(made.columns, names, ["tcp"]), folds=0)
+    found = calibrated(whole, made.columns)
     assert found.merged["joints.other.offset.gamma"] == "it moves nothing that was measured"
     alone = calibrate(arm(), made.poses(), folds=0)
     assert found.rank == alone.rank
@@ -304,7 +277,7 @@ def test_joints_that_move_nothing_measured_are_not_read() -> None:
     np.testing.assert_allclose(ours, theirs, atol=1e-6)
     part = {name: values for name, values in made.columns.items() if name != "joint2.gamma"}
     with pytest.raises(InputError, match=r"the column joint2.gamma is missing; allowed: all joints that move what was"):
-        calibrate(whole, poses_from_columns(part, names, ["tcp"]), folds=0)
+        calibrated(whole, part)
 
 
 def test_what_is_fixed_stays() -> None:
@@ -319,13 +292,100 @@ def test_points_measured_at_once_count_less() -> None:
     """Errors that four points at a pose have in common make deviations larger."""
     robot, rng = chain(8, "RRRR"), np.random.default_rng(3)
     made = trial(robot, 1, 40, noise=(1e-5, 1e-5))
-    columns = {name: np.repeat(values, 4) for name, values in made.columns.items() if name[5:6] != "r"}
-    columns = {name: values for name, values in columns.items() if not name.startswith("tcp.r")}
+    columns = {name: np.repeat(values, 4) for name, values in made.columns.items() if not name.startswith("tcp.r")}
     for axis in "xyz":
-        columns[f"tcp.{axis}"] = columns[f"tcp.{axis}"] + np.repeat(rng.normal(scale=5e-5, size=40), 4)
-        columns[f"tcp.{axis}"] += rng.normal(scale=1e-5, size=160)
-    poses = poses_from_columns(columns, build_model(robot).coordinates, ["tcp"])
-    found = calibrate(robot, poses, folds=0)
+        columns[f"tcp.{axis}"] += np.repeat(rng.normal(scale=5e-5, size=40), 4) + rng.normal(scale=1e-5, size=160)
+    found = calibrated(robot, columns)
     assert any("points of one rigid body are not independent" in note for note in found.notes)
-    named = poses_from_columns(columns | {"body": np.repeat(np.arange(40), 4)}, build_model(robot).coordinates, ["tcp"])
-    assert any("(body: correlation 0.9" in note for note in calibrate(robot, named, folds=0).notes)
+    named = calibrated(robot, columns | {"body": np.repeat(np.arange(40), 4)})
+    assert any("(body: correlation 0.9" in note for note in named.notes)
+
+
+# Covariances of measurement errors
+
+
+COUNT = 40
+
+
+@cache
+def made() -> Trial:
+    return trial(chain(4, "RRP", special=True), 3, COUNT)
+
+
+def mixed(size: int, seed: int = 0) -> Array:
+    """A covariance with all its entries."""
+    root = np.random.default_rng(seed).normal(size=(size, size))
+    scale = np.repeat([5e-5, 1e-4], 3)[:size]
+    return scale[:, np.newaxis] * (root @ root.T + np.eye(size)) * scale
+
+
+def written(path: Path, matrix: Array) -> Path:
+    names = [f"tcp.{part}" for part in ("x", "y", "z", "rx", "ry", "rz")[: matrix.shape[-1]]]
+    rows = "\n".join(",".join(map(repr, row)) for row in matrix.reshape(-1, matrix.shape[-1]).tolist())
+    path.write_text(f"# m^2, m rad, rad^2\n{','.join(names)}\n{rows}\n")
+    return path
+
+
+@pytest.mark.parametrize("size", [3, 6])
+@pytest.mark.parametrize("by_row", [False, True])
+def test_errors_are_whitened_by_their_covariance(size: int, by_row: bool) -> None:
+    """r^T C^-1 r of every row, by matrices of NumPy; rows with a weight; standard deviations are its diagonal."""
+    poses = made().poses() if size == 6 else made().poses("rx", "ry", "rz")
+    matrices = np.stack([mixed(size, seed) for seed in range(COUNT if by_row else 1)])
+    seen = observations_of(poses, None, {"tcp": matrices if by_row else matrices[0]})
+    r = np.random.default_rng(1).normal(size=seen.group.size)
+    split = 3 * COUNT
+    rows = r.reshape(-1, 3) if size == 3 else np.hstack([r[:split].reshape(-1, 3), r[split:].reshape(-1, 3)])
+    wanted = sum(row @ np.linalg.solve(C, row) for row, C in zip(rows, np.tile(matrices, (COUNT, 1, 1)), strict=False))
+    white = seen.whiten(r, seen.sigma)
+    assert white @ white == pytest.approx(wanted, rel=1e-9)
+    np.testing.assert_allclose(seen.whiten(np.stack([r, 2.0 * r], axis=1), seen.sigma)[:, 1], 2.0 * white, rtol=1e-12)
+    np.testing.assert_allclose(seen.sigma[:3], np.sqrt(np.diag(matrices[0])[:3]))
+
+
+def test_a_file_says_what_python_says(tmp_path: Path) -> None:
+    """CSV and NPZ, one matrix and one per row; printed noise is that of the covariance."""
+    puma, matrix = trial(eomgen.load_robot("puma560"), 0, COUNT), mixed(6)
+    np.savez(tmp_path / "poses.npz", **puma.columns)
+    np.savez(tmp_path / "c.npz", tcp=np.tile(matrix, (COUNT, 1, 1)))
+    files = [written(tmp_path / "c.csv", matrix), tmp_path / "c.npz"]
+    np.testing.assert_allclose(read_covariances(files[:1])["tcp"], matrix, rtol=1e-15)
+    by_row = written(tmp_path / "rows.csv", np.tile(matrix, (COUNT, 1, 1)))
+    np.testing.assert_array_equal(read_covariances([by_row])["tcp"], read_covariances(files[1:])["tcp"])
+    wanted = calibrate(puma.robot, puma.poses(), covariance={"tcp": matrix}, folds=0)
+    assert wanted.noise["tcp.position"] == pytest.approx(np.sqrt(np.diag(matrix)[:3].mean()))
+    for file in files:
+        words = ("calibrate", "puma560", tmp_path / "poses.npz", "--folds", 0, "--covariance", file)
+        assert "um, known" in command(*words, "-o", tmp_path / "found.npz")
+        found = load_calibration(tmp_path / "found.npz")
+        np.testing.assert_allclose(found.deviations, wanted.deviations, rtol=1e-6, atol=1e-12)
+
+
+def test_covariances_are_checked(tmp_path: Path) -> None:
+    poses = made().poses()
+    rows = np.tile(mixed(6), (COUNT, 1, 1))
+    rows[7] = -rows[7]
+    skew = mixed(6)
+    skew[0, 1] *= 1.001
+    for value, said in (
+        (rows, r"that of tcp \(poses: row 7\) is not symmetric and positive definite"),
+        (skew, "that of tcp is not symmetric and positive definite"),
+        (rows[:9], r"tcp has shape \(9, 6, 6\); allowed: \(3, 3\), \(40, 3, 3\), \(6, 6\), \(40, 6, 6\)"),
+        (np.full((6, 6), np.nan), "not symmetric and positive definite"),
+    ):
+        with pytest.raises(ArrayError, match=said):
+            calibrate(made().robot, poses, covariance={"tcp": value}, folds=0)
+    (tmp_path / "few.csv").write_text("tcp.x,tcp.y,tcp.z\n1,0,0\n0,1,0\n")
+    (tmp_path / "other.csv").write_text("tcp.x,probe.y,tcp.z\n1,0,0\n")
+    np.savez(tmp_path / "text.npz", tcp=np.array("none"))
+    good = written(tmp_path / "good.csv", mixed(3))
+    for names, said in (
+        (["few.csv"], "has 2 lines of 3 numbers; allowed: 3, or 3 for each pose"),
+        (["other.csv"], "has the columns .*probe.y.*; allowed: columns F.x F.y F.z"),
+        (["text.npz"], "array 'tcp' has dtype <U4; allowed: numbers"),
+        ([good.name, good.name], "'tcp' has a covariance already; allowed: one of each frame"),
+        (["c.txt"], r"allowed: a path that ends in .csv or .npz"),
+        (["none.csv"], "cannot be read"),
+    ):
+        with pytest.raises(InputError, match=said):
+            read_covariances([tmp_path / name for name in names])

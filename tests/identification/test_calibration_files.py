@@ -1,8 +1,9 @@
-"""Files of calibrations: traps by name, options, the command line, TOML and URDF written, results loaded again."""
+"""Files of calibrations: traps, misreadings that are named, options, the command, TOML and URDF, saved results."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,17 +12,20 @@ import pytest
 from numpy.typing import NDArray
 
 import eomgen
-from eomgen.cli import entry as cli
 from eomgen.errors import ArrayError, InputError, UnknownNameError
-from eomgen.identification import CalibrationResult, calibrate, load_calibration, poses_from_columns
+from eomgen.identification import calibrate, load_calibration
 from eomgen.identification.calibration.as_toml import FittedParameters, write_toml
+from eomgen.identification.calibration.misreadings import readings_of
 from eomgen.identification.geometry.rotations import from_rpy
 from eomgen.identification.geometry.stations import chain_of, located, matrix_of
-from eomgen.robot.model import build_model
+from eomgen.motion.turns import rotation_of
+from eomgen.pictures.page import report_of
 from eomgen.robot.value import COORDINATES, Robot
 from eomgen.runtime.inverse_kinematics.rotations import rpy_of, vector_of
-from tests.support.measured_poses import TCP, arm, puma, trial, turned, write_csv
-from tests.support.soak import soaked
+from tests.support.commands import command, facts
+from tests.support.measured_poses import TCP, Trial, arm, chain, puma, trial, turned, write_csv
+from tests.support.measurements import calibrated, placed, poses_of
+from tests.support.soak import share, soaked
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -40,24 +44,14 @@ TRAPS = {
     "column 'series': 0.5; allowed: a whole number": lambda c: {"series": np.full(100, 0.5)},
     "column 'tcp.sigma.x': -1; allowed: a positive number": lambda c: {"tcp.sigma.x": np.full(100, -1.0)},
     "column 'joint7.gamma' is unknown": lambda c: {"joint7.gamma": c["tcp.x"]},
-    "read as rpy": lambda c: dict(zip(TCP[3:], np.array([rpy_of(x) for x in turned(c)]).T, strict=True)),
-    "read as rotvector, from the frame to the device": lambda c: {name: -c[name] for name in TCP[3:]},
-    "read as rotvector in degrees": lambda c: {name: np.rad2deg(c[name]) for name in TCP[3:]},
 }
-
-
-SLOW = {
-    *("read as rotvector in degrees", "read as rotvector, from the frame to the device", "read as rpy"),
-    *("joint2.gamma copies column joint1.gamma", "tcp.y copies column tcp.x", "motor angles for joint angles"),
-}
+SLOW = {"joint2.gamma copies column joint1.gamma", "tcp.y copies column tcp.x", "motor angles for joint angles"}
 
 
 @pytest.mark.parametrize("said", soaked(TRAPS, set(TRAPS) - SLOW))
 def test_traps_are_told_by_name(said: str) -> None:
-    columns = puma().columns | TRAPS[said](puma().columns)
-    names = build_model(puma().robot).coordinates
     with pytest.raises(InputError, match=said):
-        calibrate(puma().robot, poses_from_columns(columns, names, ["tcp"]), folds=0)
+        calibrated(puma().robot, puma().columns | TRAPS[said](puma().columns))
 
 
 def test_options_are_checked(tmp_path: Path) -> None:
@@ -84,22 +78,20 @@ def test_options_are_checked(tmp_path: Path) -> None:
 # Files
 
 
-def test_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Text, JSON, TOML, URDF and a result that loads again."""
     monkeypatch.chdir(tmp_path)
     columns = {name: values.copy() for name, values in puma().columns.items()}
     for name in TCP:
         columns[name][7] = np.nan
     write_csv(Path("poses.csv"), columns)
-    words = ["calibrate", "puma560", "poses.csv", "--folds", "0"]
-    files = ["--toml", "better.toml", "--urdf", "better.urdf", "-o", "found.npz"]
-    assert cli.main([*words, *files, "--json"]) == 0
-    said = json.loads(capsys.readouterr().out)
+    words = ("calibrate", "puma560", "poses.csv", "--folds", 0)
+    said = facts(*words, "--toml", "better.toml", "--urdf", "better.urdf", "-o", "found.npz")
     assert said["files"] == ["better.toml", "better.urdf", "found.npz"]
     assert said["rank"] == 30
     found = load_calibration("found.npz")
     assert found.as_dict() == {key: value for key, value in said.items() if key != "files"}
-    q = np.stack([puma().columns[f"joint{i}.gamma"] for i in range(1, 7)], axis=1)[:9]
+    q = puma().poses().q[:9]
     predicted = found.predict(q, "tcp")[0]
     for name in ("better.toml", "better.urdf"):
         robot = eomgen.load_robot(name)
@@ -115,11 +107,9 @@ def test_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsy
     text = Path("better.toml").read_text()
     assert "# +- " in text
     assert "with the sign of the coordinate" in text
-    assert cli.main([*words, "-o", "figure.svg"]) == 0
-    assert "joints.joint2.offset.gamma" in capsys.readouterr().out
+    assert "joints.joint2.offset.gamma" in command(*words, "-o", "figure.svg")
     assert "<svg" in Path("figure.svg").read_text()
-    assert cli.main([*words, "--attach", "tcp"]) == 1
-    assert "attach: 'tcp'; allowed: F=LINK" in capsys.readouterr().err
+    assert "attach: 'tcp'; allowed: F=LINK" in command(*words, "--attach", "tcp", code=1)
 
 
 def frame_of(robot: Robot) -> tuple[str, Array]:
@@ -144,11 +134,10 @@ def test_an_urdf_gets_its_origins(tmp_path: Path) -> None:
     robot = eomgen.load_robot(source)
     made = trial(robot, 1, 50, frames={"c": ("c", np.eye(4))})
     found = calibrate(robot, made.poses(), folds=0)
-    q = np.stack([made.columns[name] for name in build_model(robot).coordinates], axis=1)
+    q = made.poses().q
     wanted = found.predict(q, "c")[0]
     for path in (found.to_urdf(tmp_path / "out" / "new.urdf"), found.to_toml(tmp_path / "out" / "new.toml")):
-        other = eomgen.load_robot(path)
-        kernel = eomgen.build(other, kernels=("kinematics",))
+        kernel = eomgen.build(eomgen.load_robot(path), kernels=("kinematics",))
         np.testing.assert_allclose(kernel.frame_pose(q, "c_calibrated"), wanted, atol=1e-12)
 
 
@@ -192,45 +181,35 @@ def test_angles_are_written_in_the_unit_of_the_file(tmp_path: Path, unit: str) -
     assert not np.allclose(matrix_of(again.joints[0].placement), matrix_of(robot.joints[0].placement), atol=1e-3)
 
 
-def test_a_file_to_begin_with(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_file_to_begin_with(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    assert cli.main(["new", "puma560", "--poses"]) == 0
+    command("new", "puma560", "--poses")
     text = Path("puma560_poses.csv").read_text()
     header = next(line for line in text.splitlines() if not line.startswith("#"))
     assert header.split(",") == [*(f"joint{i}.gamma" for i in range(1, 7)), *TCP]
-    assert cli.main(["calibrate", "puma560", "puma560_poses.csv"]) == 1
-    assert "has no values; allowed: a header" in capsys.readouterr().err
-    assert cli.main(["new", "nothing", "--poses"]) == 1
-    assert "there is no robot 'nothing'" in capsys.readouterr().err
+    assert "has no values; allowed: a header" in command("calibrate", "puma560", "puma560_poses.csv", code=1)
+    assert "there is no robot 'nothing'" in command("new", "nothing", "--poses", code=1)
 
 
-def test_damaged_results_are_refused(tmp_path: Path) -> None:
-    made = trial(arm(), 3, 40)
-    found = calibrate(arm(), made.poses(), folds=0)
-    path = found.save(tmp_path / "found.npz")
-    assert isinstance(load_calibration(path), CalibrationResult)
-    arrays = dict(np.load(path))
-    for key, value in (("meta", np.array("{}")), ("x", np.zeros(3)), ("covariance", np.full((3, 3), np.nan))):
-        np.savez(path, **{**arrays, key: value})
-        with pytest.raises(InputError):
-            load_calibration(path)
-
-
-def test_results_of_before_load(tmp_path: Path) -> None:
+def test_results_of_before_load_and_damaged_ones_do_not(tmp_path: Path) -> None:
     """Files with the gain of the full fit alone, and without norms."""
     found = calibrate(arm(), trial(arm(), 3, 40).poses(), folds=4)
-    arrays = dict(np.load(found.save(tmp_path / "found.npz")))
+    path = found.save(tmp_path / "found.npz")
+    arrays = dict(np.load(path))
+    assert load_calibration(path).as_dict() == found.as_dict()
     meta = json.loads(str(arrays["meta"]))
     meta["gain"] = meta.pop("gains")["full"]["position"]
     meta["residuals"] = {
         name: {part: parts[part] for part in ("fitted", "held_out")} for name, parts in meta["residuals"].items()
     }
-    np.savez(tmp_path / "before.npz", **{**arrays, "meta": np.array(json.dumps(meta))})
-    read = load_calibration(tmp_path / "before.npz")
+    np.savez(path, **{**arrays, "meta": np.array(json.dumps(meta))})
+    read = load_calibration(path)
     assert read.gain == found.gain
     assert read.lines()
+    for key, value in (("meta", np.array("{}")), ("x", np.zeros(3)), ("covariance", np.full((3, 3), np.nan))):
+        np.savez(path, **{**arrays, key: value})
+        with pytest.raises(InputError):
+            load_calibration(path)
 
 
 def test_readings_of_orientations() -> None:
@@ -243,11 +222,151 @@ def test_readings_of_orientations() -> None:
     half = 0.5 * np.linalg.norm(vectors, axis=1, keepdims=True)
     quaternion = np.hstack([np.cos(half), np.sin(half) * vectors / (2.0 * half)])
     plain = {name: values for name, values in made.columns.items() if name not in TCP[3:]}
-    names = build_model(arm()).coordinates
     wanted = calibrate(arm(), made.poses(), folds=0)
     for rotation, columns in (
         ("rpy", dict(zip(TCP[3:], angles.T, strict=True))),
         ("quaternion", dict(zip(("tcp.qw", "tcp.qx", "tcp.qy", "tcp.qz"), quaternion.T, strict=True))),
     ):
-        poses = poses_from_columns(plain | columns, names, ["tcp"], rotation=rotation)
-        np.testing.assert_allclose(calibrate(arm(), poses, folds=0).values, wanted.values, atol=1e-8)
+        found = calibrate(arm(), poses_of(arm(), plain | columns, rotation=rotation), folds=0)
+        np.testing.assert_allclose(found.values, wanted.values, atol=1e-8)
+
+
+# Files that are read wrongly
+
+
+Columns = dict[str, Array]
+
+
+def blind(seed: int = 12, count: int = 40) -> Trial:
+    """A random arm that is off by what is expected, and its poses."""
+    return trial(chain(seed, "RRRR"), seed, count)
+
+
+def angles(columns: Columns) -> Array:
+    return np.array([rpy_of(x) for x in turned(columns)])
+
+
+def inverse(columns: Columns) -> Columns:
+    back = turned(columns).transpose(0, 2, 1)
+    return placed(-np.einsum("nij,nj->ni", back, np.stack([columns[name] for name in TCP[:3]], axis=1)), back)
+
+
+def left_handed(columns: Columns) -> Columns:
+    M = np.diag([1.0, -1.0, 1.0])
+    return placed(np.stack([columns[name] for name in TCP[:3]], axis=1) @ M, M @ turned(columns) @ M)
+
+
+def euler(columns: Columns) -> Columns:
+    """Angles of a turn about z, y and z again, each with the frame."""
+    found = []
+    for R in turned(columns):
+        beta = np.arccos(np.clip(R[2, 2], -1.0, 1.0))
+        found.append([np.arctan2(R[1, 2], R[0, 2]), beta, np.arctan2(R[2, 1], -R[2, 0])])
+    return dict(zip(TCP[3:], np.array(found).T, strict=True))
+
+
+WRONG: dict[str, Callable[[Columns], Columns]] = {
+    "read as y mirrored, of positions alone": lambda c: {"tcp.y": -c["tcp.y"]},
+    "read as x and y swapped, of positions alone": lambda c: {"tcp.x": c["tcp.y"], "tcp.y": c["tcp.x"]},
+    "read as y mirrored, of positions and orientations (left-handed axes)": left_handed,
+    "read as poses of the device in the frame (inverse)": inverse,
+    "read as rpy:": lambda c: dict(zip(TCP[3:], angles(c).T, strict=True)),
+    "read as rpy, yaw first:": lambda c: dict(zip(TCP[3:], angles(c)[:, ::-1].T, strict=True)),
+    "read as intrinsic z, y, z:": euler,
+    "read as rotvector, from the frame to the device": lambda c: {name: -c[name] for name in TCP[3:]},
+    "read as rotvector in degrees": lambda c: {name: np.rad2deg(c[name]) for name in TCP[3:]},
+    "read as joint2.gamma and joint3.gamma swapped": lambda c: {
+        f"joint{i}.gamma": c[f"joint{5 - i}.gamma"] for i in (2, 3)
+    },
+    "read as joint3.gamma of the opposite sense": lambda c: {"joint3.gamma": -c["joint3.gamma"]},
+    "read as joint3.gamma counted": lambda c: {"joint3.gamma": c["joint3.gamma"] + c["joint2.gamma"]},
+    "read as coordinates one row early": lambda c: {name: np.roll(c[name], 1) for name in TCP},
+    "read as coordinates one row late": lambda c: {name: np.roll(c[name], -1) for name in TCP},
+    "read as centimetres for metres": lambda c: {name: 1e2 * c[name] for name in TCP[:3]},
+    "and rpy": lambda c: {"tcp.z": -c["tcp.z"], **dict(zip(TCP[3:], angles(c).T, strict=True))},
+}
+
+
+@pytest.mark.parametrize("said", soaked(WRONG, [next(iter(WRONG))]))
+def test_the_reading_that_explains_is_named(said: str) -> None:
+    made = blind()
+    with pytest.raises(InputError) as caught:
+        calibrated(made.robot, made.columns | WRONG[said](made.columns))
+    assert said in str(caught.value)
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("seed", share(range(30, 42), 2))
+@pytest.mark.parametrize("said", list(WRONG))
+def test_many_blind_arms(said: str, seed: int) -> None:
+    """The cause is named, or one that these poses do not tell from it; never another alone."""
+    made = blind(seed)
+    with pytest.raises(InputError, match="read as") as caught:
+        calibrated(made.robot, made.columns | WRONG[said](made.columns))
+    assert said.removeprefix("read as ").rstrip(":") in str(caught.value)
+
+
+def test_positions_do_not_tell_mirrors_apart() -> None:
+    """A base that stands anywhere makes one mirror of the other: all of them are named."""
+    made = blind()
+    columns = {name: values for name, values in made.columns.items() if not name.startswith("tcp.r")}
+    columns["tcp.x"] = -columns["tcp.x"]
+    with pytest.raises(InputError, match="these poses do not distinguish it from") as caught:
+        calibrated(made.robot, columns)
+    assert "x mirrored" in str(caught.value)
+    assert "millimetres" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("seed", "size"), soaked([(1, 0.0), (2, 1.0), (3, 6.0)], [(2, 1.0)]))
+def test_right_files_are_read_as_they_are(seed: int, size: float) -> None:
+    """However large the offsets are that a robot has, and with rows that are off."""
+    made = trial(chain(seed, "RRRR"), seed, 40, size=size)
+    found = calibrated(
+        made.robot, made.columns | {"tcp.x": made.columns["tcp.x"] + 0.5 * (np.arange(40) == 7)}, folds=4
+    )
+    assert found.is_explained
+    assert not any("read as" in note for note in found.notes)
+
+
+def test_readings_are_inverse_to_what_was_done() -> None:
+    """Readings of rows and joints keep what belongs together."""
+    made = blind(count=6)
+    readings = {reading.text: reading for reading in readings_of(made.poses())}
+    assert len(readings) > 100
+    late = readings["coordinates one row late"].change(made.poses())
+    np.testing.assert_array_equal(late.q, made.poses().q[1:])
+    np.testing.assert_array_equal(late.frames["tcp"].position, made.poses().frames["tcp"].position[:-1])
+    back = readings["poses of the device in the frame (inverse)"]
+    twice = back.change(back.change(made.poses()))
+    np.testing.assert_allclose(twice.frames["tcp"].position, made.poses().frames["tcp"].position, atol=1e-12)
+    R = rotation_of(made.poses().frames["tcp"].written)
+    np.testing.assert_allclose(readings["rotvector"].change(made.poses()).frames["tcp"].orientation, R)
+
+
+def test_what_explains_nothing_is_not_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Positions that belong to other rows: nothing explains them."""
+    monkeypatch.chdir(tmp_path)
+    made = trial(eomgen.load_robot("puma560"), 1, 60)
+    columns = {name: values for name, values in made.columns.items() if not name.startswith("tcp.r")}
+    order = np.random.default_rng(0).permutation(60)
+    write_csv(Path("poses.csv"), columns | {name: columns[name][order] for name in TCP[:3]})
+    words = ("calibrate", "puma560", "poses.csv", "--folds", 0, "--toml", "better.toml", "--urdf", "better.urdf")
+    said = " ".join(command(*words, "-o", "found.npz", code=1).split())
+    assert "is not written as a description; allowed: poses that it explains" in said
+    assert not Path("better.toml").exists()
+    assert not Path("better.urdf").exists()
+    found = load_calibration("found.npz")
+    assert not found.is_explained
+    assert "what was measured is not explained" in "\n".join(found.lines())
+    with pytest.raises(InputError, match="force=True"):
+        found.to_toml("better.toml")
+    command(*words, "--force")
+    assert eomgen.load_robot("better.toml").name == eomgen.load_robot("puma560").name
+
+
+@pytest.mark.soak
+def test_a_wrong_reading_can_be_forced() -> None:
+    made = blind()
+    found = calibrated(made.robot, made.columns | {"tcp.y": -made.columns["tcp.y"]}, force=True)
+    assert any("read as y mirrored" in note for note in report_of(found).warnings), "amber on the page"
+    assert not found.is_explained

@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 
 import eomgen
 from eomgen.analysis.sensitivity import offset_sensitivity
-from eomgen.identification import calibrate, poses_from_columns
+from eomgen.identification import calibrate
 from eomgen.identification.geometry.error_model import COMPLIANCE, DRIVE, ErrorParameter, Rows
+from eomgen.identification.geometry.rotations import vectors_of
 from eomgen.identification.geometry.solve import algebraic_rank
 from eomgen.identification.geometry.stations import chain_of, forces_on, located, matrix_of
-from eomgen.robot.model import build_model
-from eomgen.robot.value import Coordinate
-from eomgen.runtime.inverse_kinematics.rotations import vector_of
+from eomgen.robot.value import COORDINATES, Coordinate
 from tests.support.measured_poses import TCP, arm, chain, trial
+from tests.support.measurements import assert_slopes, calibrated
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -29,12 +29,8 @@ def test_stations_are_where_kernels_have_frames() -> None:
     rng = np.random.default_rng(1)
     nominal = arm()
     offsets = rng.normal(scale=0.1, size=(3, 6))
-    robot = replace(
-        nominal,
-        joints=tuple(
-            replace(joint, offset=tuple(map(float, row))) for joint, row in zip(nominal.joints, offsets, strict=True)
-        ),
-    )
+    joints = (replace(joint, offset=tuple(row)) for joint, row in zip(nominal.joints, offsets.tolist(), strict=True))
+    robot = replace(nominal, joints=tuple(joints))
     q = rng.uniform(-1.0, 1.0, (5, 3))
     of_frame = {"tcp": ("link3", matrix_of(robot.frames[0].placement))}
     model = trial(robot, 0, 5).model
@@ -67,27 +63,26 @@ def test_sensitivities_are_derivatives() -> None:
     ]
     made = trial(robot, 3, 6, more=more, columns=load, noise=(0.0, 0.0))
     tool = made.model.chain.tools["tcp"]
-    S = made.model.at(made.truth, made.rows).sensitivities(tool)
-    for i in range(len(made.truth)):
-        step = np.zeros(len(made.truth))
-        step[i] = 1e-6 * (1.0 if made.model.parameters[i].kind != COMPLIANCE else 1e-5)
-        ahead, behind = (made.model.at(made.truth + sign * step, made.rows).located for sign in (1.0, -1.0))
-        slope = (ahead.p[tool] - behind.p[tool]) / (2.0 * step[i])
-        turn = np.array([vector_of(a @ b.T) for a, b in zip(ahead.R[tool], behind.R[tool], strict=True)])
-        whole = np.hstack([slope, turn / (2.0 * step[i])])
-        np.testing.assert_allclose(S[:, :, i], whole, rtol=1e-5, atol=1e-5 * np.abs(whole).max() + 1e-9)
+    there = made.model.at(made.truth, made.rows)
+    back = there.located.R[tool].transpose(0, 2, 1)
+
+    def pose(x: Array) -> Array:
+        at = made.model.at(x, made.rows).located
+        return np.hstack([at.p[tool], vectors_of(at.R[tool] @ back)])
+
+    steps = [1e-11 if parameter.kind == COMPLIANCE else 1e-6 for parameter in made.model.parameters]
+    assert_slopes(there.sensitivities(tool), pose, made.truth, steps, 1e-5, 1e-9)
 
 
 def test_forces_are_those_of_a_kernel() -> None:
     """Gravity and a wrench in every coordinate of joints with six of them, as the kernel has them."""
-    names = ("x", "y", "z", "alpha", "beta", "gamma")
-    robot = arm().with_coordinates({"joint2": {name: Coordinate() for name in names}})
+    robot = arm().with_coordinates({"joint2": {name: Coordinate() for name in COORDINATES}})
     kernel = eomgen.build(robot, kernels=("generalized_force", "kinematics"))
     q = np.random.default_rng(5).uniform(-0.5, 0.5, kernel.n)
     stations = chain_of(robot, {"tcp": ("link3", matrix_of(robot.frames[0].placement))})
     values = np.zeros((1, len(stations.stations), 6))
     place = {station.name: k for k, station in enumerate(stations.stations)}
-    where = [(place[name.split(".")[0]], names.index(name.split(".")[1])) for name in kernel.coordinates]
+    where = [(place[name.split(".")[0]], COORDINATES.index(name.split(".")[1])) for name in kernel.coordinates]
     for (k, c), value in zip(where, q, strict=True):
         values[0, k, c] = value
     wrench = np.array([[3.0, -5.0, 7.0, 0.5, 0.2, -0.4]])
@@ -135,16 +130,14 @@ def test_ranks_of_what_is_measured(measured: str, fewer: int) -> None:
         columns["tcp.distance"] = np.linalg.norm(position, axis=1)
     else:
         columns["tcp.travel"] = np.concatenate([[0.0], np.linalg.norm(np.diff(position, axis=0), axis=1)])
-    poses = poses_from_columns(columns, build_model(made.robot).coordinates, ["tcp"])
-    found = calibrate(made.robot, poses, folds=0)
+    found = calibrated(made.robot, columns)
     assert found.rank == 30 - fewer
     assert len(found.names) - len(found.merged) == found.rank
 
 
 def test_a_point_on_the_last_axis_shows_two_less() -> None:
     robot = chain(3, "RRRRRR")
-    robot = replace(
-        robot, frames=(replace(robot.frames[0], placement=replace(robot.frames[0].placement, xyz=(0.0, 0.0, 0.1))),)
-    )
+    (frame,) = robot.frames
+    robot = replace(robot, frames=(replace(frame, placement=replace(frame.placement, xyz=(0.0, 0.0, 0.1))),))
     found = calibrate(robot, trial(robot, 2, 80, size=0.0, noise=(1e-9, 1e-9)).poses("rx", "ry", "rz"), folds=0)
     assert found.rank == 25

@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 
 import eomgen
-from eomgen.cli import main
 from eomgen.errors import InputError
 from eomgen.identification import ExciteResult, IdentifyResult, excite, identify, load_excitation
 from eomgen.identification.dynamics.solve import without_sought
@@ -25,10 +24,12 @@ from eomgen.identification.exciting.solve import KERNELS, moving_robot
 from eomgen.identification.exciting.weighted_columns import CRITERIA, WeightedColumns
 from eomgen.identification.identifiable import TERMS, combinations
 from eomgen.identification.relations import tree_relations
-from eomgen.motion.files import motion_from_columns, read_motion
+from eomgen.motion.files import read_motion
 from eomgen.pictures import plot_excitation, report_of
 from eomgen.robot.value import Coordinate, Frame, Friction, Joint, Link, Placement, Robot
 from tests.support.builds import Build
+from tests.support.commands import command
+from tests.support.measurements import motion_of
 from tests.support.random_robots import Array
 
 DRIVES = {"joint1": 30.0, "joint2.gamma": 45.0, "joint3": 14.0}
@@ -40,6 +41,7 @@ PLACES: dict[str, Any] = {
 LIMITS: dict[str, Any] = {"rates": 2.0, "accelerations": {"joint2": 7.0}, "drives": DRIVES, **PLACES}
 SHORT: dict[str, Any] = {"duration": 4.0, "harmonics": 3, "step": 8e-3, "starts": 1}
 NOISE = 0.2
+ELBOW = Placement((0.5, 0.0, 0.0))
 
 
 def arm() -> Robot:
@@ -58,15 +60,7 @@ def arm() -> Robot:
     joints = (
         Joint("joint1", "base", "column", "revolute", coordinates=drive(0.3, 1.5, 2.0), limits=(-2.8, 2.8)),
         Joint("joint2", "column", "upper", "revolute", turned, coordinates=drive(0.25, 1.2, 1.5), limits=(-1.5, 1.5)),
-        Joint(
-            "joint3",
-            "upper",
-            "fore",
-            "revolute",
-            Placement((0.5, 0.0, 0.0)),
-            coordinates=drive(0.1, 0.8, 1.0),
-            limits=(-2.0, 2.0),
-        ),
+        Joint("joint3", "upper", "fore", "revolute", ELBOW, coordinates=drive(0.1, 0.8, 1.0), limits=(-2.0, 2.0)),
     )
     return Robot("arm", (0.0, 0.0, -9.81), links, joints, (Frame("tcp", "fore", Placement((0.4, 0.0, 0.0))),))
 
@@ -160,10 +154,7 @@ def records(kernel: eomgen.Kernel, series: FourierSeries, seed: int) -> Any:
     t = np.arange(501) * 8e-3
     q, v, a = series.at(t)
     u = kernel.inverse_dynamics(q, v, a) + NOISE * np.random.default_rng(seed).standard_normal(q.shape)
-    columns = {"t": t}
-    for i, name in enumerate(kernel.coordinates):
-        columns |= {name: q[:, i], f"{name}.rate": v[:, i], f"{name}.acceleration": a[:, i], f"{name}.drive": u[:, i]}
-    return motion_from_columns(columns, kernel.coordinates)
+    return motion_of(kernel.coordinates, t, q, v, a, u)
 
 
 @pytest.mark.soak
@@ -216,18 +207,16 @@ def test_files_and_text(found: ExciteResult, tmp_path: Path) -> None:
     assert again.lines() == found.lines()
     assert all(np.array_equal(getattr(again, name), getattr(found, name)) for name in ("t", "q", "v", "a", "u"))
     motion = read_motion(found.to_csv(tmp_path / "motion.csv"), found.coordinates)
-    assert motion.v is not None
     assert np.array_equal(motion.v, found.v)
     assert np.array_equal(motion.u, found.u)
     scenario = eomgen.load_scenario(found.to_scenario(tmp_path / "motion.toml", tmp_path / "motion.csv"))
     assert scenario.duration == 4.0
-    assert scenario.motion is not None
     assert scenario.motion.type == "sampled"
     text = "\n".join(found.lines())
     assert "joint2.gamma drive [N m]" in text
     assert "tcp half space [m]" in text
     assert "note" not in text.replace("note: rates", "")
-    assert main(["report", str(path), "-o", str(tmp_path / "page.html")]) == 0
+    command("report", path, "-o", tmp_path / "page.html")
     page = report_of(found)
     assert (tmp_path / "page.html").read_text() == page.html()
     (limits,) = (table.rows for table in page.tables if table.title == "Limits")
@@ -342,6 +331,5 @@ def test_robots_that_cannot_be_excited_are_named(changed: Callable[[Robot], Robo
         (["--half-space", "tcp", "0", "0", "z", "1"], r"half-space: tcp: 'z' is not a number; allowed: 0, or a number"),
     ],
 )
-def test_commands_with_bad_options(words: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["excite", "one_link", *words]) == 1
-    assert re.search(message, capsys.readouterr().err)
+def test_commands_with_bad_options(words: list[str], message: str) -> None:
+    assert re.search(message, command("excite", "one_link", *words, code=1))

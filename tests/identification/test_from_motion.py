@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -15,13 +14,13 @@ from scipy.integrate import solve_ivp
 from scipy.signal import savgol_filter
 
 import eomgen
-from eomgen.cli import entry as cli
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import InputError
 from eomgen.identification.closed_motions import closed_motion
 from eomgen.identification.from_motion import forces
 from eomgen.identification.stiffness.result import FitResult
 from eomgen.identification.stiffness.solve import fit
+from eomgen.motion import write_motion
 from eomgen.motion.files import motion_from_columns
 from eomgen.motion.smoothing import Differentiator, local_polynomials, noise_deviation
 from eomgen.pipeline.mechanisms import mechanism_kernels
@@ -29,6 +28,8 @@ from eomgen.robot.model import build_model
 from tests.loops.test_elastic_cuts import linkages
 from tests.oracles.pinocchio_models import PinocchioOracle
 from tests.support.builds import Build
+from tests.support.commands import command, facts
+from tests.support.measurements import columns_of, motion_of
 from tests.support.random_robots import random_robot
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
@@ -84,8 +85,7 @@ def test_forces_of_random_robots_are_those_of_pinocchio(seed: int, built: Build)
     oracle, kernel = PinocchioOracle(robot), built(robot, "inverse_dynamics", "reactions")
     t = np.linspace(0.0, 1.0, 401) + 2e-4 * np.random.default_rng(seed).uniform(-1, 1, 401)
     q, v, a = smooth_motion(t, kernel.n, seed)
-    motion = motion_from_columns({"t": t, **dict(zip(kernel.coordinates, q.T, strict=True))}, kernel.coordinates)
-    found = forces(robot, motion, kernel=kernel)
+    found = forces(robot, motion_of(kernel.coordinates, t, q), kernel=kernel)
     rows = range(0, 401, 25)
     expected = np.array([oracle.inverse_dynamics(q[i], v[i], a[i]) for i in rows])
     size = np.abs(expected).max()
@@ -103,8 +103,7 @@ def test_given_rates_and_accelerations_are_taken_as_they_are(built: Build) -> No
     kernel, oracle = built(robot, "inverse_dynamics", "reactions"), PinocchioOracle(robot)
     t = np.linspace(0.0, 1.0, 11)
     q, v, a = smooth_motion(t, 1, 0)
-    name = "joint1.gamma"
-    columns = {"t": t, name: q[:, 0], name + ".rate": v[:, 0], name + ".acceleration": a[:, 0]}
+    columns = columns_of(("joint1.gamma",), t, q, v, a)
     found = forces(robot, motion_from_columns(columns, kernel.coordinates), kernel=kernel)
     for i in range(11):
         state = (np.array([0.0, row[i, 0]]) for row in (q, v, a))
@@ -140,30 +139,27 @@ def test_the_filter_keeps_a_linear_law_and_the_noise_is_seen() -> None:
     assert noise_deviation(x[:, None] + noise) == pytest.approx([0.1, 0.02], rel=0.15)
 
 
+def drives(t: float) -> list[float]:
+    """What motors and shakers give in the arm's six coordinates."""
+    shoulder = 12 * np.sin(5 * t) + 25 * np.sin(37 * t) + 10 * np.sin(90 * t)
+    elbow = 8 * np.sin(3 * t + 1) + 9 * np.sin(51 * t) + 5 * np.sin(150 * t)
+    sweeps = [(15, 20, 25), (6, 5, 8), (10, 30, 30), (6, 5, 13)]
+    x, alpha, y, beta = (size * np.sin(w * t + rise * t**2) for size, w, rise in sweeps)
+    return [x, alpha, shoulder, y, beta, elbow]
+
+
 @cache
 def experiment() -> tuple[Array, Array, Array]:
     """Times, coordinates and drives of the arm by Pinocchio and SciPy: motors swing it, shakers sweep its joints."""
     oracle = PinocchioOracle(robot_from_toml(ARM))
 
-    def drive(t: float) -> Array:
-        return np.array(
-            [
-                15 * np.sin(20 * t + 25 * t**2),
-                6 * np.sin(5 * t + 8 * t**2),
-                12 * np.sin(5 * t) + 25 * np.sin(37 * t) + 10 * np.sin(90 * t),
-                10 * np.sin(30 * t + 30 * t**2),
-                6 * np.sin(5 * t + 13 * t**2),
-                8 * np.sin(3 * t + 1) + 9 * np.sin(51 * t) + 5 * np.sin(150 * t),
-            ]
-        )
-
     def slope(t: float, x: Array) -> Array:
-        return np.concatenate([x[6:], oracle.forward_dynamics(x[:6], x[6:], drive(t))])
+        return np.concatenate([x[6:], oracle.forward_dynamics(x[:6], x[6:], np.array(drives(t)))])
 
     t = np.arange(12001) * 5e-4
     solution = solve_ivp(slope, (0.0, t[-1]), np.zeros(12), "DOP853", t, rtol=1e-9, atol=1e-12)
     assert solution.success
-    return t, solution.y[:6].T, np.array([drive(time) for time in t])
+    return t, solution.y[:6].T, np.array([drives(time) for time in t])
 
 
 def noisy_fit(seed: int, kernel: eomgen.Kernel, level: float) -> FitResult:
@@ -172,9 +168,7 @@ def noisy_fit(seed: int, kernel: eomgen.Kernel, level: float) -> FitResult:
     encoder = np.array([name.endswith("gamma") for name in kernel.coordinates])
     noise = np.where(encoder, 1e-5 if level else 0.0, level * q.std(axis=0))
     samples = q + noise * np.random.default_rng(seed).standard_normal(q.shape)
-    columns = {"t": t, **dict(zip(kernel.coordinates, samples.T, strict=True))}
-    columns |= {f"{name}.drive": u[:, i] for i, name in enumerate(kernel.coordinates)}
-    return fit(robot_from_toml(ARM), motion_from_columns(columns, kernel.coordinates), kernel=kernel)
+    return fit(robot_from_toml(ARM), motion_of(kernel.coordinates, t, samples, u=u), kernel=kernel)
 
 
 def errors(result: FitResult) -> dict[str, float]:
@@ -232,54 +226,46 @@ def test_what_cannot_be_fitted_is_said(built: Build) -> None:
     assert [entry.coordinate for entry in only.fitted] == ["elbow.gamma"]
     with pytest.raises(InputError, match=r"elbow\.y.*was not fitted"):
         only["elbow.y"]
-    for change, words in (
-        ({"coordinates": ["elbow.gama"]}, "elbow.gamma"),
-        ({"confidence": 1.0}, "between 0 and 1"),
+    short = {name: values[:50] for name, values in columns.items()}
+    for given, change, words in (
+        (columns, {"coordinates": ["elbow.gama"]}, "elbow.gamma"),
+        (columns, {"confidence": 1.0}, "between 0 and 1"),
+        (short, {}, "50 samples; a fit needs at least"),
+        (columns | {"t": t**1.01}, {}, "equal distances"),
     ):
         with pytest.raises(InputError, match=words):
-            fit(robot, motion_from_columns(columns, names), kernel=kernel, **change)  # type: ignore[arg-type]
-    short = {name: values[:50] for name, values in columns.items()}
-    with pytest.raises(InputError, match="50 samples; a fit needs at least"):
-        fit(robot, motion_from_columns(short, names), kernel=kernel)
-    columns["t"] = t**1.01
-    with pytest.raises(InputError, match="equal distances"):
-        fit(robot, motion_from_columns(columns, names), kernel=kernel)
+            fit(robot, motion_from_columns(given, names), kernel=kernel, **change)
 
 
-def test_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_commands(tmp_path: Path) -> None:
     robot, motion = tmp_path / "arm.toml", tmp_path / "m.csv"
     robot.write_text(ARM)
-    t, q, u = experiment()
-    names = build_model(robot_from_toml(ARM)).coordinates
-    with motion.open("w", newline="") as stream:
-        writer = csv.writer(stream)
-        writer.writerow(["t", *names, *(f"{name}.drive" for name in names)])
-        writer.writerows(np.concatenate([t[:, None], q, u], axis=1)[:2000].tolist())
+    t, q, u = (x[:2000] for x in experiment())
+    write_motion(motion, motion_of(build_model(robot_from_toml(ARM)).coordinates, t, q, u=u))
     target = tmp_path / "out" / "forces.csv"
-    assert cli.main(["forces", str(robot), str(motion), "-o", str(target), "--json"]) == 0
-    facts = json.loads(capsys.readouterr().out)
+    said = facts("forces", robot, motion, "-o", target)
     with target.open(newline="") as stream:
         rows = list(csv.DictReader(stream))
     assert len(rows) == 2000
     drive = np.array([float(row["elbow.gamma.drive"]) for row in rows])
-    assert np.abs(drive - u[:2000, 5])[20:-20].max() < 0.02 * np.abs(drive).max()
-    assert facts["coordinates"]["elbow.gamma"]["drive"]["value"] == drive[np.abs(drive).argmax()]
-    assert cli.main(["forces", str(robot), str(motion), "-o", str(tmp_path / "f.npz")]) == 0
-    assert "joint reaction" in capsys.readouterr().out
+    assert np.abs(drive - u[:, 5])[20:-20].max() < 0.02 * np.abs(drive).max()
+    assert said["coordinates"]["elbow.gamma"]["drive"]["value"] == drive[np.abs(drive).argmax()]
+    assert "joint reaction" in command("forces", robot, motion, "-o", tmp_path / "f.npz")
     with np.load(tmp_path / "f.npz") as data:
         assert np.array_equal(data["elbow.gamma.drive"], drive)
     kept = eomgen.load_result(tmp_path / "f.npz")
-    assert kept.as_dict() == facts
+    assert kept.as_dict() == said
     assert np.array_equal(kept.supports["elbow"][:, 0], [float(row["elbow.reaction.fx"]) for row in rows])
-    assert cli.main(["fit", str(robot), str(motion), "--json"]) == 0
-    fitted = {entry["coordinate"]: entry for entry in json.loads(capsys.readouterr().out)["fitted"]}
+    fitted = {entry["coordinate"]: entry for entry in facts("fit", robot, motion)["fitted"]}
     assert fitted["elbow.gamma"]["stiffness"]["value"] == pytest.approx(20.0, rel=1e-3)
-    assert cli.main(["fit", str(robot), str(motion), "--coordinates", "elbow.gamma"]) == 0
-    assert "elbow.gamma.stiffness" in capsys.readouterr().out
-    assert cli.main(["forces", str(robot), str(motion), "-o", str(tmp_path / "f.txt")]) == 1
-    assert ".csv, .npz" in capsys.readouterr().err
-    assert cli.main(["forces", str(robot), str(motion), "--window", "4"]) == 1
-    assert "window: 4" in capsys.readouterr().err
+    assert "elbow.gamma.stiffness" in command("fit", robot, motion, "--coordinates", "elbow.gamma")
+    assert ".csv, .npz" in command("forces", robot, motion, "-o", tmp_path / "f.txt", code=1)
+    assert "window: 4" in command("forces", robot, motion, "--window", 4, code=1)
+
+
+def turning(t: Array) -> Array:
+    """The angle of a crank with its derivatives, (3, T)."""
+    return np.array([1.0 + 0.5 * np.sin(8 * t), 4.0 * np.cos(8 * t), -32.0 * np.sin(8 * t)])
 
 
 def test_a_measured_mechanism_closes() -> None:
@@ -287,10 +273,8 @@ def test_a_measured_mechanism_closes() -> None:
     robot = eomgen.load_robot("four_bar")
     model, kernel = build_model(robot), eomgen.build(robot, kernels=mechanism_kernels(robot))
     t = np.linspace(0.0, 0.2, 101)
-    crank = np.array([1.0 + 0.5 * np.sin(8 * t), 4.0 * np.cos(8 * t), -32.0 * np.sin(8 * t)])
-    alone = [np.zeros((t.size, 3)) for _ in range(3)]
-    for part, values in zip(alone, crank, strict=True):
-        part[:, 0] = values
+    crank = turning(t)
+    alone = [np.pad(values[:, None], ((0, 0), (0, 2))) for values in crank]
     q, v, a, following = closed_motion(kernel, model, ("joint1.gamma",), *alone)
     assert following == ("joint2.gamma", "joint3.gamma")
     assert np.array_equal(q[:, 0], crank[0])
@@ -321,9 +305,8 @@ def turned(angle: NDArray[np.float64]) -> NDArray[np.float64]:
 def test_forces_of_a_mechanism_make_its_motion() -> None:
     """Drives at the driven coordinate alone, which accelerate the closed mechanism as it was measured."""
     t = np.linspace(0.0, 0.2, 21)
-    crank = {"": 1.0 + 0.5 * np.sin(8 * t), ".rate": 4.0 * np.cos(8 * t), ".acceleration": -32.0 * np.sin(8 * t)}
     names = ("joint1.gamma", "joint2.gamma", "joint3.gamma")
-    motion = motion_from_columns({"t": t} | {f"joint1.gamma{key}": x for key, x in crank.items()}, names)
+    motion = motion_from_columns(columns_of(names[:1], t, *turning(t)[:, :, None]), names)
     found = forces("four_bar", motion)
     assert not found.drive[:, 1:].any()
     kernel = eomgen.build("four_bar", kernels=("inverse_dynamics",))
@@ -378,14 +361,13 @@ def four_rods(*, cut_at_rocker: bool) -> eomgen.Robot:
 def test_reactions_of_cut_joints_are_those_of_another_cut(tmp_path: Path) -> None:
     """In the plane, where they are unique, each joint bears the same wherever the loop is cut; in files and tables."""
     t = np.linspace(0.0, 0.3, 13)
-    crank = {"": 1.0 + 0.5 * np.sin(8 * t), ".rate": 4.0 * np.cos(8 * t), ".acceleration": -32.0 * np.sin(8 * t)}
     found = []
     for there in (True, False):
         robot = four_rods(cut_at_rocker=there)
         names = build_model(robot).coordinates
         guess = {"pin": -0.5, "pivot": 1.2, "hinge": 1.2}
         robot = replace(robot, home={name: guess[name[:-6]] for name in names if name[:-6] in guess})
-        columns = {"t": t} | {f"motor.gamma{key}": x for key, x in crank.items()}
+        columns = columns_of(("motor.gamma",), t, *turning(t)[:, :, None])
         found.append(forces(robot, motion_from_columns(columns, names)))
     mine, other = found
     assert (mine.loops, other.loops) == (("hinge",), ("pivot",))
@@ -408,10 +390,7 @@ def test_forces_of_elastic_cuts_close_the_balance() -> None:
     robot = linkages()[0]
     names = build_model(robot).coordinates
     q, v, a = smooth_motion(np.linspace(0.0, 0.3, 5), len(names), 5)
-    columns = {"t": np.linspace(0.0, 0.3, 5)}
-    for i, name in enumerate(names):
-        columns |= {name: q[:, i], f"{name}.rate": v[:, i], f"{name}.acceleration": a[:, i]}
-    found = forces(robot, motion_from_columns(columns, names))
+    found = forces(robot, motion_of(names, np.linspace(0.0, 0.3, 5), q, v, a))
     laws = ("stiffness", "damping", "cubic", "clearance", "coulomb", "preload")
     kernel = eomgen.build(robot, kernels=("residual",))
     for name in kernel.parameters:

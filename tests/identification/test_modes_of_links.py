@@ -1,7 +1,8 @@
-"""Stiffness and damping of modes from motions, and masses beside links that bend: fit, identify, base parameters."""
+"""Flexible links: stiffness and damping of modes from motions, masses beside them, and what is of rigid links alone."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,16 @@ import pytest
 import eomgen
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import InputError
-from eomgen.identification import base_parameters, compensate, excite, fit, identify
+from eomgen.identification import (
+    base_parameters,
+    calibrate,
+    compensate,
+    excite,
+    fit,
+    identify,
+    poses,
+    poses_from_columns,
+)
 from eomgen.identification.consistent import with_parameters
 from eomgen.identification.stiffness.output_error import output_error_kernels
 from eomgen.motion.files import MeasuredMotion, motion_from_columns
@@ -20,6 +30,7 @@ from eomgen.robot.value import Frame, Robot
 from eomgen.runtime.stepping.input_signals import DriveData, InputSignals, Signal, Track
 from eomgen.scenario.value import Scenario, Section
 from tests.support.builds import Build
+from tests.support.measurements import columns_of
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -77,10 +88,7 @@ def driven(kernel: eomgen.Kernel, duration: float = 0.6, samples: int = 300) -> 
     span: dict[str, Any] = {"duration": duration, "samples": samples, "rtol": 1e-11, "atol": 1e-14}
     q, v = kernel.rollout(np.zeros(kernel.n), np.zeros(kernel.n), loads=loads, method="radau", **span)
     a = kernel.forward_dynamics(q, v, u)
-    columns = {"t": t, "slew.gamma.drive": u[:, 0]}
-    for i, name in enumerate(kernel.coordinates):
-        columns |= {name: q[:, i], f"{name}.rate": v[:, i], f"{name}.acceleration": a[:, i]}
-    return columns
+    return columns_of(kernel.coordinates, t, q, v, a, u)
 
 
 @pytest.fixture(scope="module")
@@ -88,7 +96,7 @@ def columns(kernel: eomgen.Kernel) -> dict[str, Any]:
     return driven(kernel.with_parameters(TRUE))
 
 
-def motion_of(kernel: eomgen.Kernel, columns: dict[str, Any], *names: str, noise: float = 0.0) -> MeasuredMotion:
+def some_of(kernel: eomgen.Kernel, columns: dict[str, Any], *names: str, noise: float = 0.0) -> MeasuredMotion:
     """Return some columns as a motion, with white noise as a share of each coordinate's spread."""
     rng, chosen = np.random.default_rng(4), {"t": columns["t"], "slew.gamma.drive": columns["slew.gamma.drive"]}
     for name in names:
@@ -108,14 +116,14 @@ def test_linear_fit(kernel: eomgen.Kernel, columns: dict[str, Any]) -> None:
 
 
 def test_unmeasured_modes_are_named(kernel: eomgen.Kernel, columns: dict[str, Any]) -> None:
-    found = fit(boom(), motion_of(kernel, columns, "slew.gamma"))
+    found = fit(boom(), some_of(kernel, columns, "slew.gamma"))
     said = "was not measured, and counts as zero; parameters are found without, by simulations"
     assert f"arm.mode1 {said}" in found.warnings
 
 
 @pytest.mark.soak
 def test_simulations_find_modes_from_the_joint_alone(kernel: eomgen.Kernel, columns: dict[str, Any]) -> None:
-    found = fit(boom(), motion_of(kernel, columns, "slew.gamma"), parameters=tuple(TRUE))
+    found = fit(boom(), some_of(kernel, columns, "slew.gamma"), parameters=tuple(TRUE))
     assert max(abs(found.estimates[name].value / x - 1.0) for name, x in TRUE.items()) < 1e-6
     assert found.warnings == ()
     [E] = [note for note in found.notes if "beam.E" in note]
@@ -127,7 +135,7 @@ def test_simulations_find_modes_from_the_joint_alone(kernel: eomgen.Kernel, colu
 @pytest.mark.soak
 def test_a_beam_of_another_material(kernel: eomgen.Kernel) -> None:
     """E and modal damping stand in notes as another description has them."""
-    motion = motion_of(kernel, driven(eomgen.build(boom(7.7e10), kernels=KERNELS)), "slew.gamma", "arm.mode1")
+    motion = some_of(kernel, driven(eomgen.build(boom(7.7e10), kernels=KERNELS)), "slew.gamma", "arm.mode1")
     notes = " ".join(fit(boom(), motion, parameters=tuple(TRUE), kernel=kernel).notes)
     assert "links.arm.beam.E = 7.7e+10 +- " in notes
     assert "links.arm.modal_damping = 0.02 +- " in notes
@@ -139,11 +147,10 @@ def test_intervals_hold_what_is_true(kernel: eomgen.Kernel, columns: dict[str, A
     held = []
     for seed in range(12):
         rng = np.random.default_rng(seed)
-        noisy = {
-            name: x + (0.03 * np.std(x) * rng.standard_normal(x.size) if name in kernel.coordinates else 0.0)
-            for name, x in columns.items()
-        }
-        found = fit(boom(), motion_of(kernel, noisy, *kernel.coordinates), parameters=tuple(TRUE), kernel=kernel)
+        noisy = dict(columns)
+        for name in kernel.coordinates:
+            noisy[name] = columns[name] + 0.03 * np.std(columns[name]) * rng.standard_normal(columns[name].size)
+        found = fit(boom(), some_of(kernel, noisy, *kernel.coordinates), parameters=tuple(TRUE), kernel=kernel)
         held += [found.estimates[name].low <= x <= found.estimates[name].high for name, x in TRUE.items()]
     assert np.mean(held) > 0.85
 
@@ -230,3 +237,23 @@ def test_compensation_lifts_the_tip_by_its_sag() -> None:
     sag = load / (3.0 * EI) + weight / (8.0 * EI) + 0.01 * load / (2.0 * EI)
     assert found.corrected[0, 0] - found.program[0, 0] == pytest.approx(sag, rel=1e-2)
     assert found.rank == (1, 1)
+
+
+PLACES = ("shoulder.gamma", "elbow.gamma", "tcp.x", "tcp.y", "tcp.z")
+ROWS = dict(zip(PLACES, np.random.default_rng(0).uniform(-1.0, 1.0, (20, 5)).T, strict=True))
+
+
+@pytest.mark.parametrize(
+    "ask",
+    [
+        lambda robot: calibrate(robot, poses_from_columns(ROWS, [*ROWS][:2], ["tcp"]), force=True),
+        lambda robot: poses(robot, count=10, candidates=50, ranges=dict.fromkeys([*ROWS][:2], (-1.0, 1.0))),
+    ],
+    ids=["calibrate", "poses"],
+)
+def test_errors_of_poses(ask: Callable[[Robot], Any]) -> None:
+    """The most informative poses and calibrations; of the rigid robot they are known."""
+    robot = eomgen.load_robot("flexible_arm")
+    with pytest.raises(eomgen.InputError, match=r"links\.upper\.modes: .*rigid links alone; allowed: .*rigid\(\)"):
+        ask(robot)
+    assert ask(robot.rigid())

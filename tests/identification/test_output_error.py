@@ -21,7 +21,7 @@ from tests.support.builds import Build
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
-BLOCK = """
+RAIL = """
 name = "block"
 gravity = [0.0, -9.81, 0.0]
 [[links]]
@@ -33,31 +33,18 @@ name = "slide"
 type = "prismatic"
 parent = "base"
 child = "body"
-z = {{ friction = {{ model = "lugre", {friction} }} }}
+z = {{ {laws} }}
 """
-TRUE = {
-    "coulomb": 1.0,
-    "static": 1.5,
-    "stribeck": 0.01,
-    "viscous": 0.4,
-    "bristle_stiffness": 1e4,
-    "bristle_damping": 60.0,
-}
-FAR = {
-    "coulomb": 0.5,
-    "static": 2.4,
-    "stribeck": 0.03,
-    "viscous": 0.8,
-    "bristle_stiffness": 2e4,
-    "bristle_damping": 100.0,
-}
+KEYS = ("coulomb", "static", "stribeck", "viscous", "bristle_stiffness", "bristle_damping")
+TRUE = dict(zip(KEYS, (1.0, 1.5, 0.01, 0.4, 1e4, 60.0), strict=True))
+FAR = dict(zip(KEYS, (0.5, 2.4, 0.03, 0.8, 2e4, 100.0), strict=True))
 PREFIX = "joints.slide.z.friction."
 NAMES = {f"{PREFIX}{'gaussian' if key == 'stribeck' else key}": value for key, value in TRUE.items()}
-COLUMNS = tuple[float, int]
 
 
 def block(**numbers: float) -> eomgen.Robot:
-    return robot_from_toml(BLOCK.format(friction=", ".join(f"{key} = {value!r}" for key, value in numbers.items())))
+    friction = ", ".join(f"{key} = {value!r}" for key, value in numbers.items())
+    return robot_from_toml(RAIL.format(laws=f'friction = {{ model = "lugre", {friction} }}'))
 
 
 def pushes(duration: float, samples: int, hold: float = 1.4) -> tuple[Any, Any]:
@@ -116,11 +103,10 @@ def deviations(kernel: eomgen.Kernel, seeds: range) -> Any:
     for seed in seeds:
         more = 1e-6 * np.random.default_rng(seed).standard_normal(clean.q.shape)
         found = fit(block(**TRUE), replace(clean, q=clean.q + more), kernel=kernel)
-        estimates = found.estimates
-        assert set(estimates) == set(NAMES)
-        rows.append([(x.value - NAMES[name]) / x.standard_error for name, x in estimates.items()])
-        low_high = [(x.low <= NAMES[name] <= x.high) for name, x in estimates.items()]
-        rows[-1] += low_high
+        assert set(found.estimates) == set(NAMES)
+        pairs = [(x, NAMES[name]) for name, x in found.estimates.items()]
+        rows.append([(x.value - true) / x.standard_error for x, true in pairs])
+        rows[-1] += [x.low <= true <= x.high for x, true in pairs]
     return np.array(rows, float)
 
 
@@ -170,20 +156,6 @@ def test_numbers_can_be_chosen_and_saved(kernel: eomgen.Kernel, tmp_path: Any) -
     assert found.lines()[0] == "block: numbers by the output-error method"
 
 
-RAIL = """
-name = "rail"
-gravity = [0.0, -9.81, 0.0]
-[[links]]
-name = "body"
-mass = 1.0
-inertia = {{ xx = 0.1, yy = 0.1, zz = 0.1 }}
-[[joints]]
-name = "slide"
-type = "prismatic"
-parent = "base"
-child = "body"
-z = {{ {laws} }}
-"""
 WOUND = "damping = 20.0, hysteresis = {{ stiffness = {}, beta = {}, gamma = {}, n = {}, share = {} }}"
 BRANCHES = (
     "stiffness = 1e5, damping = 1.0, maxwell = [{{ stiffness = {}, damping = {} }}, {{ stiffness = {}, damping = {} }}]"
@@ -287,25 +259,27 @@ def test_a_pendulum_that_falls_is_led_along_its_motion() -> None:
 def test_refusals(kernel: eomgen.Kernel) -> None:
     motion = measured(kernel, *pushes(1.0, 400))
     robot = block(**TRUE)
-    with pytest.raises(UnknownNameError, match="no parameter has this name"):
-        fit(robot, motion, parameters=["joints.slide.z.friction.colour"])
-    with pytest.raises(InputError, match=r"coordinates: 'slide.z', and laws have states \('slide.z.friction.z'\)"):
-        fit(robot, motion, coordinates=["slide.z"])
-    with pytest.raises(InputError, match="parameters: none"):
-        fit(robot, motion, parameters=[])
-    with pytest.raises(InputError, match=r"has no 'slide\.z\.drive'"):
-        fit(robot, motion_from_columns({"t": motion.t, "slide.z": motion.q[:, 0]}, kernel.coordinates))
-    with pytest.raises(InputError, match=r"bandwidth: -1.0; allowed: a number of rad/s, at least 0"):
-        fit(robot, motion, bandwidth=-1.0)
-    with pytest.raises(InputError, match=r"bandwidth: 2.0; allowed: with parameters"):
-        fit(robot_from_toml(PENDULUM), motion, bandwidth=2.0)
     bar = eomgen.load_robot("four_bar")
     rubs = replace(bar.joints[0], coordinates={"gamma": robot.joint("slide").coordinates["z"]})
-    with pytest.raises(
-        InputError,
-        match=r"rigid loops or couplings \(joint4\.x, .*, \.\.\.\) and laws with states; allowed for parameters",
+    bare = motion_from_columns({"t": motion.t, "slide.z": motion.q[:, 0]}, kernel.coordinates)
+    closed = r"rigid loops or couplings \(joint4\.x, .*, \.\.\.\) and laws with states; allowed for parameters"
+    unknown = {"parameters": ["joints.slide.z.friction.colour"]}
+    for refused, given, options, message in (
+        (robot, motion, unknown, "no parameter has this name"),
+        (
+            robot,
+            motion,
+            {"coordinates": ["slide.z"]},
+            r"coordinates: 'slide.z', and laws have states \('slide.z.friction.z'\)",
+        ),
+        (robot, motion, {"parameters": []}, "parameters: none"),
+        (robot, bare, {}, r"has no 'slide\.z\.drive'"),
+        (robot, motion, {"bandwidth": -1.0}, r"bandwidth: -1.0; allowed: a number of rad/s, at least 0"),
+        (robot_from_toml(PENDULUM), motion, {"bandwidth": 2.0}, r"bandwidth: 2.0; allowed: with parameters"),
+        (replace(bar, joints=(rubs, *bar.joints[1:])), motion, {}, closed),
     ):
-        fit(replace(bar, joints=(rubs, *bar.joints[1:])), motion)
+        with pytest.raises(UnknownNameError if options is unknown else InputError, match=message):
+            fit(refused, given, **options)
 
 
 def test_steps_stay_above_bounds_and_end_where_there_is_no_way_on() -> None:
@@ -316,10 +290,8 @@ def test_steps_stay_above_bounds_and_end_where_there_is_no_way_on() -> None:
         return Residuals(np.exp(0.5 * x) - curve, (-x * curve)[:, None])  # asks for -0.5
 
     found = descend(decay, np.array([3.0]), np.array([0.0]), 60, small=1e-12, tell=lambda *_: None)
-    assert found is not None
     assert 0.0 <= found.values[0] < 1e-3
     free = descend(decay, np.array([3.0]), np.array([-np.inf]), 60, small=1e-12, tell=lambda *_: None)
-    assert free is not None
     assert free.is_converged
     assert free.values[0] == pytest.approx(-0.5, rel=1e-9)
     assert descend(lambda _: None, np.array([3.0]), np.array([0.0]), 60, small=0.0, tell=lambda *_: None) is None

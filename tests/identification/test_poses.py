@@ -14,18 +14,18 @@ import pytest
 from numpy.typing import NDArray
 
 import eomgen
-from eomgen.cli import entry as cli
 from eomgen.errors import ArrayError, InputError, UnknownNameError
-from eomgen.identification import calibrate, poses, poses_from_columns, read_poses
+from eomgen.identification import calibrate, poses, read_poses
 from eomgen.identification.choosing.continuous import bound_of
 from eomgen.identification.choosing.exchange import chosen_by
 from eomgen.identification.choosing.information import Information, added, criterion_of, inverse, removed
 from eomgen.identification.geometry.error_model import ErrorModel, Rows, model_parameters
-from eomgen.identification.geometry.rotations import vectors_of
 from eomgen.identification.geometry.stations import chain_of, located, matrix_of
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
+from tests.support.commands import command, facts
 from tests.support.measured_poses import chain, trial
+from tests.support.measurements import calibrated, placed, poses_of
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -48,15 +48,20 @@ def six() -> Robot:
     return limited(chain(3, "RRRRRR"))
 
 
+def readings(model: ErrorModel, q: Array) -> Array:
+    found = np.zeros((len(q), len(model.chain.stations), 6))
+    moving = [(k, s.principal) for k, s in enumerate(model.chain.stations) if s.principal is not None]
+    for i, (k, c) in enumerate(moving):
+        found[:, k, c] = q[:, i]
+    return found
+
+
 def sensitivities(robot: Robot, q: Array, parts: int) -> Array:
     """Rows of the tool's ``parts`` first components at principal coordinates, in units of noise and expected sizes."""
     stations = chain_of(robot, {"tcp": (robot.frames[0].link, matrix_of(robot.frames[0].placement))})
     model = ErrorModel(robot, stations, tuple(model_parameters(robot, stations, [0], {"tcp": True})), {0: np.eye(4)})
-    readings = np.zeros((len(q), len(stations.stations), 6))
-    moving = [(k, s.principal) for k, s in enumerate(stations.stations) if s.principal is not None]
-    for i, (k, c) in enumerate(moving):
-        readings[:, k, c] = q[:, i]
-    rows = Rows(readings, np.zeros(len(q), dtype=np.int64), {}, np.zeros(readings.shape[:2]), None)
+    r = readings(model, q)
+    rows = Rows(r, np.zeros(len(q), dtype=np.int64), {}, np.zeros(r.shape[:2]), None)
     S = model.at(model.nominal, rows).sensitivities(stations.tools["tcp"])[:, :parts]
     return np.asarray(S * model.sizes / np.array([5e-5] * 3 + [1e-4] * 3)[:parts, np.newaxis])
 
@@ -170,25 +175,13 @@ def test_the_error_of_the_tool_is_what_calibrations_have() -> None:
     made = trial(arm(), 0, 12, noise=(0.0, 0.0), size=0.0)
     of_tool = located(made.model.chain, readings(made.model, found.q), np.tile(made.model.bases[0], (12, 1, 1)))
     tool = made.model.chain.tools["tcp"]
-    columns = dict(zip(found.coordinates, found.q.T, strict=True))
-    columns |= dict(zip(("tcp.x", "tcp.y", "tcp.z"), of_tool.p[tool].T, strict=True))
-    names = ("tcp.rx", "tcp.ry", "tcp.rz")
-    columns |= dict(zip(names, vectors_of(of_tool.R[tool]).T, strict=True))
-    measured = poses_from_columns(columns, build_model(arm()).coordinates, ["tcp"])
-    fitted = calibrate(arm(), measured, noise=noise, folds=0)
+    columns = dict(zip(found.coordinates, found.q.T, strict=True)) | placed(of_tool.p[tool], of_tool.R[tool])
+    fitted = calibrated(arm(), columns, noise=noise)
     elsewhere = drawn(arm(), np.random.default_rng(7), 400)
     covariance = fitted.predict(elsewhere, "tcp", series=0)[1]
     rms = float(np.sqrt(np.trace(covariance[:, :3, :3], axis1=1, axis2=2).mean()))
     assert found.error == pytest.approx(rms, rel=0.05)
     assert np.linalg.matrix_rank(S.reshape(-1, S.shape[-1]), tol=1e-6) == found.rank == fitted.rank
-
-
-def readings(model: ErrorModel, q: Array) -> Array:
-    found = np.zeros((len(q), len(model.chain.stations), 6))
-    moving = [(k, s.principal) for k, s in enumerate(model.chain.stations) if s.principal is not None]
-    for i, (k, c) in enumerate(moving):
-        found[:, k, c] = q[:, i]
-    return found
 
 
 # Where they are
@@ -228,7 +221,7 @@ def test_seeds_and_values() -> None:
     np.testing.assert_array_equal(first.q, second.q)
     assert not np.array_equal(first.q, other.q)
     with pytest.raises(FrozenInstanceError):
-        first.seed = 5  # type: ignore[misc]
+        first.seed = 5
     assert "efficiency" in repr(first)
     assert len(first.to_pandas()) == 8
 
@@ -251,11 +244,9 @@ def test_measured_poses_count() -> None:
     rng = np.random.default_rng(0)
     stuck = limited(replace(six(), joints=six().joints))
     made = trial(stuck, 5, 10)
-    columns = dict(made.columns)
     fixed = {f"joint{i}.gamma": 0.1 * rng.normal(size=10) for i in (1, 2, 3)}  # three joints have hardly moved
-    S = sensitivities(stuck, np.stack([(columns | fixed)[name] for name in _names(stuck)], axis=1), 6)
-    blank = {f"tcp.{part}": columns[f"tcp.{part}"] for part in ("x", "y", "z", "rx", "ry", "rz")}
-    measured = poses_from_columns(columns | fixed | blank, build_model(stuck).coordinates, ["tcp"])
+    measured = poses_of(stuck, made.columns | fixed)
+    S = sensitivities(stuck, measured.q, 6)
     after = poses(stuck, count=6, after=measured, candidates=200)
     alone = poses(stuck, count=6, candidates=200)
     assert after.measured == 10
@@ -266,10 +257,6 @@ def test_measured_poses_count() -> None:
     together = [log_det(np.concatenate([S, sensitivities(stuck, q, 6)]), V, 1.0) for q in (after.q, alone.q)]
     assert together[0] > together[1]
     assert after.value == pytest.approx(together[0], abs=1e-3 * abs(together[0]))
-
-
-def _names(robot: Robot) -> tuple[str, ...]:
-    return build_model(robot).coordinates
 
 
 def test_noise_of_a_first_fit(tmp_path: Path) -> None:
@@ -327,9 +314,8 @@ def test_robots_that_cannot_be_planned() -> None:
         poses("four_bar")
     made = trial(arm(), 3, 10)
     columns = {name: values for name, values in made.columns.items() if not name.startswith("joint3")}
-    other = poses_from_columns(columns, build_model(arm()).coordinates, ["tcp"])
     with pytest.raises(InputError, match=r"the column joint3.z is missing"):
-        poses(arm(), after=other, candidates=50)
+        poses(arm(), after=poses_of(arm(), columns), candidates=50)
 
 
 # Files
@@ -351,30 +337,18 @@ def test_a_file_to_fill_in(tmp_path: Path) -> None:
         found.to_csv(tmp_path / "plan.npz")
 
 
-def test_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Text, JSON, a file; options reach the function, mistakes have names."""
     monkeypatch.chdir(tmp_path)
-    words = ["poses", "puma560", "--count", "10", "--candidates", "60", "--measure", "position", "--seed", "4"]
-    more = ["--range", "joint1", "-0.5", "0.5", "--box", "-1", "-1", "0", "1", "1", "2", "--criterion", "V"]
-    assert cli.main([*words, *more, "-o", "plan.csv", "--json"]) == 0
-    said = json.loads(capsys.readouterr().out)
+    words = ("poses", "puma560", "--count", 10, "--candidates", 60, "--measure", "position", "--seed", 4)
+    more = ("--range", "joint1", -0.5, 0.5, "--box", -1, -1, 0, 1, 1, 2, "--criterion", "V")
+    said = facts(*words, *more, "-o", "plan.csv")
     assert said["files"] == ["plan.csv"]
-    wanted = poses(
-        "puma560",
-        count=10,
-        candidates=60,
-        measure="position",
-        seed=4,
-        ranges={"joint1": (-0.5, 0.5)},
-        boxes=[[-1.0, -1.0, 0.0], [1.0, 1.0, 2.0]],
-        criterion="V",
-    )
+    options = {"ranges": {"joint1": (-0.5, 0.5)}, "boxes": [[-1.0, -1.0, 0.0], [1.0, 1.0, 2.0]], "criterion": "V"}
+    wanted = poses("puma560", count=10, candidates=60, measure="position", seed=4, **options)
     assert said == {"files": ["plan.csv"], **json.loads(json.dumps(wanted.as_dict()))}
-    assert cli.main(words) == 0
-    out = capsys.readouterr().out
+    out = command(*words)
     assert "criterion D (determinant of the information): " in out
     assert "not identifiable:" in out
-    assert cli.main([*words, "--range", "joint1", "a", "1"]) == 1
-    assert "range: joint1: 'a' is not a number; allowed: " in capsys.readouterr().err
-    assert cli.main([*words, "-o", "plan.npz"]) == 1
-    assert "ends in .csv" in capsys.readouterr().err
+    assert "range: joint1: 'a' is not a number; allowed: " in command(*words, "--range", "joint1", "a", 1, code=1)
+    assert "ends in .csv" in command(*words, "-o", "plan.npz", code=1)

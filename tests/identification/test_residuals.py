@@ -1,4 +1,4 @@
-"""Residuals of calibrations are looked at: rows that are off, errors that go on, drift, patterns along joints."""
+"""Intervals of calibrations cover; residuals show outlying rows, correlated errors, drift, patterns along joints."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from eomgen.errors import InputError
-from eomgen.identification import CalibrationResult, calibrate, load_calibration, poses_from_columns
+from eomgen.identification import CalibrationResult, calibrate, load_calibration
 from eomgen.identification.calibration import diagnosing
 from eomgen.identification.calibration.serial import correlated, serial_of
 from eomgen.identification.geometry.error_model import DRIVE, ErrorParameter
@@ -19,18 +19,77 @@ from eomgen.identification.geometry.observations import observations_of
 from eomgen.identification.geometry.rotations import vectors_of
 from eomgen.motion.turns import rotation_of
 from eomgen.robot.model import build_model
-from tests.identification.test_calibration_coverage import KINDS, NOISE, elsewhere, with_truth
 from tests.support.measured_poses import Trial, chain, trial, write_csv
+from tests.support.measurements import calibrated, placed, poses_of
 from tests.support.soak import WHOLE
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
 Array = NDArray[np.float64]
 
+NOISE = (5e-5, 1e-4)
+KINDS = ("RRRRRR", "RRRRR", "RRPRRR", "PRRRRR", "RPRRRRR")
 
-def found_of(made: Trial, columns: dict[str, Array], **options: object) -> CalibrationResult:
-    poses = poses_from_columns(columns, build_model(made.robot).coordinates, ["tcp"])
-    return calibrate(made.robot, poses, **{"folds": 0, **options})  # type: ignore[arg-type]
+
+def inside(seed: int, is_known: bool) -> tuple[Array, Array]:
+    """Whether intervals cover: of six components of ten poses elsewhere, and of parameters in the fit's gauge."""
+    rng = np.random.default_rng(seed)
+    robot = chain(rng, KINDS[seed % len(KINDS)])
+    count = int(rng.integers(25, 60))
+    made, clean = (trial(robot, seed, count, noise=noise) for noise in (NOISE, (0.0, 0.0)))
+    found = calibrate(robot, made.poses(), noise=NOISE if is_known else None, folds=0)
+    noise = (found.noise["tcp.position"], found.noise["tcp.orientation"])
+    exact = calibrate(robot, with_truth(clean, made).poses(), noise=noise, folds=0)
+    half = found.quantile * found.deviations
+    shown = half > 1e-9 * np.abs(half).max()
+    return elsewhere(found, made, seed), np.abs(found.values - exact.values)[shown] <= half[shown]
+
+
+def with_truth(clean: Trial, made: Trial) -> Trial:
+    """The poses of ``made`` without noise: those of ``clean``, which has the same true values."""
+    at, tool = made.model.at(made.truth, made.rows).located, made.model.chain.tools["tcp"]
+    return Trial(clean.robot, made.columns | placed(at.p[tool], at.R[tool]), made.model, made.rows, made.truth)
+
+
+def elsewhere(found: CalibrationResult, made: Trial, seed: int) -> Array:
+    """Whether intervals cover components of poses that were not measured, (10, 6)."""
+    other = trial(made.robot, seed + 10_000, 10, noise=(0.0, 0.0))
+    state = made.model.at(made.truth, other.rows)
+    tool = made.model.chain.tools["tcp"]
+    q = np.stack([other.columns[name] for name in build_model(made.robot).coordinates], axis=1)
+    poses, covariance = found.predict(q, "tcp", series=0)
+    turn = vectors_of(state.located.R[tool] @ poses[:, :3, :3].transpose(0, 2, 1))
+    off = np.hstack([state.located.p[tool] - poses[:, :3, 3], turn])
+    return np.abs(off) <= found.quantile * np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("is_known", [False, pytest.param(True, marks=pytest.mark.soak)])
+@pytest.mark.parametrize(
+    ("arms", "about"),
+    [(12, 0.06), pytest.param(1000 if WHOLE else 150, 0.02, marks=pytest.mark.soak)],
+    ids=["some", "many"],
+)
+def test_intervals_cover(arms: int, about: float, is_known: bool) -> None:
+    """95 % of them, with the noise known (normal) and estimated (Student's t)."""
+    found = [inside(seed, is_known) for seed in range(arms)]
+    for part in (0, 1):
+        covered = np.concatenate([np.ravel(entry[part]) for entry in found])
+        assert covered.mean() == pytest.approx(0.95, abs=about)
+
+
+def test_the_trial_sees_intervals_that_are_too_small() -> None:
+    """Half the noise that there is covers far less."""
+    made = trial(chain(1, "RRRRR"), 1, 40, noise=NOISE)
+    found = calibrate(made.robot, made.poses(), noise=(2e-5, 4e-5), folds=0)
+    assert elsewhere(found, made, 1).mean() < 0.85
+
+
+def changed(made: Trial, rows: object, off: float) -> dict[str, Array]:
+    """Columns of a trial whose tool is off along x in these rows."""
+    columns = made.columns | {"tcp.x": made.columns["tcp.x"].copy()}
+    columns["tcp.x"][rows] += off
+    return columns
 
 
 def first_order(rng: np.random.Generator, rho: float, shape: tuple[int, int]) -> Array:
@@ -51,9 +110,7 @@ def going_on(seed: int, rho: float) -> Trial:
     at = made.model.at(made.truth, made.rows).located
     p = at.p[tool] + NOISE[0] * first_order(rng, rho, (count, 3))
     R = rotation_of(NOISE[1] * first_order(rng, rho, (count, 3))) @ at.R[tool]
-    columns = made.columns | {f"tcp.{axis}": x for axis, x in zip("xyz", p.T, strict=True)}
-    columns |= {f"tcp.r{axis}": x for axis, x in zip("xyz", vectors_of(R).T, strict=True)}
-    return Trial(robot, columns, made.model, made.rows, made.truth)
+    return Trial(robot, made.columns | placed(p, R), made.model, made.rows, made.truth)
 
 
 # Rows that are off
@@ -63,14 +120,13 @@ def test_a_row_that_is_off_is_named_by_row_and_line(tmp_path: Path) -> None:
     """One row 1,000 standard deviations off, of a blind arm, without a loss; it spoils no other row's name."""
     for seed in range(3):
         made = trial(chain(seed, "RRRRR"), seed, 50)
-        columns = {name: values.copy() for name, values in made.columns.items()}
-        columns["tcp.x"][17] += 1e3 * NOISE[0]
-        write_csv(tmp_path / "poses.csv", columns)
+        write_csv(tmp_path / "poses.csv", changed(made, 17, 1e3 * NOISE[0]))
         found = calibrate(made.robot, tmp_path / "poses.csv", folds=0)
         assert [row for row, _ in found.diagnosis.outlying] == [17]
         assert found.diagnosis.outlying[0][1] == pytest.approx(1000.0, rel=0.4)
         assert any("row 17 (line 20) by" in note for note in found.notes)
-    assert not trial_of_nothing().diagnosis.outlying
+    made = trial(chain(1, "RRRRR"), 1, 50)
+    assert not calibrate(made.robot, made.poses(), folds=0).diagnosis.outlying
 
 
 def test_round_off_of_exact_numbers_is_no_outlier(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -78,7 +134,7 @@ def test_round_off_of_exact_numbers_is_no_outlier(monkeypatch: pytest.MonkeyPatc
     caught, look = [], diagnosing.outlying_rows
     monkeypatch.setattr(diagnosing, "outlying_rows", lambda *given: caught.append(given) or look(*given))
     made = trial(chain(1, "RRRRR"), 1, 50)
-    found_of(made, made.columns, noise=NOISE)
+    calibrate(made.robot, made.poses(), noise=NOISE, folds=0)
     problem, fit = caught[0]
     for off, rows in ((1e-16, ()), (1e-3, (int(problem.seen.row[0]),))):
         residuals = np.zeros_like(fit.residuals)
@@ -88,19 +144,12 @@ def test_round_off_of_exact_numbers_is_no_outlier(monkeypatch: pytest.MonkeyPatc
         assert np.isfinite([size for _, size in named]).all()
 
 
-def trial_of_nothing() -> CalibrationResult:
-    made = trial(chain(1, "RRRRR"), 1, 50)
-    return found_of(made, made.columns)
-
-
 @pytest.mark.parametrize("loss", ["huber", "cauchy", "tukey"])
 @pytest.mark.parametrize("off", [pytest.param(1, marks=pytest.mark.soak), 5])
 def test_robust_noise_is_that_of_the_others(loss: str, off: int) -> None:
     """Of 50 rows some are 1,000 standard deviations off: the noise is that of the rest."""
     made = trial(chain(2, "RRRRR"), 2, 50)
-    columns = {name: values.copy() for name, values in made.columns.items()}
-    columns["tcp.x"][10 : 10 + 3 * off : 3] += 1e3 * NOISE[0]
-    found = found_of(made, columns, loss=loss)
+    found = calibrated(made.robot, changed(made, slice(10, 10 + 3 * off, 3), 1e3 * NOISE[0]), loss=loss)
     assert found.noise["tcp.position"] == pytest.approx(NOISE[0], rel=0.2)
     assert found.noise["tcp.orientation"] == pytest.approx(NOISE[1], rel=0.2)
 
@@ -115,7 +164,7 @@ def test_matrices_of_going_on_are_the_dense_ones() -> None:
     for part in ("x", "y", "z"):
         columns[f"tcp.{part}"][[4, 9]] = np.nan
     columns["series"] = np.repeat([0.0, 1.0], 7)
-    poses = poses_from_columns(columns, build_model(made.robot).coordinates, ["tcp"])
+    poses = poses_of(made.robot, columns)
     seen = observations_of(poses, (1e-4, 1e-4), {})
     axis = np.concatenate([np.tile(np.arange(block.width), block.rows.size) for block in seen.blocks])
     key = np.stack([seen.group, axis, poses.series[seen.row]])
@@ -127,7 +176,6 @@ def test_matrices_of_going_on_are_the_dense_ones() -> None:
     factor = np.linalg.cholesky(R)
     white = factor @ rng.normal(size=len(axis))
     found = serial_of(seen, poses.series, white - U @ (U.T @ white), U)
-    assert found is not None
     R = np.where(same, found.rho**distance, 0.0)
     X = rng.normal(size=(len(axis), 3))
     np.testing.assert_allclose(correlated(found.steps, found.rho, X), R @ X, atol=1e-12)
@@ -180,24 +228,20 @@ def test_independent_errors_do_not_go_on() -> None:
 
 def test_a_drift_over_time_is_said_with_its_size() -> None:
     made = trial(chain(5, "RRRRR"), 5, 60)
-    columns = made.columns | {"tcp.y": made.columns["tcp.y"] + np.linspace(0.0, 4e-4, 60)}
-    found = found_of(made, columns)
+    found = calibrated(made.robot, made.columns | {"tcp.y": made.columns["tcp.y"] + np.linspace(0.0, 4e-4, 60)})
     drift = found.diagnosis.patterns[0]
     assert drift.name == "drift"
     assert drift.size == pytest.approx(4e-4, rel=0.4)
-    assert any(
-        note.startswith("residuals drift over time: as if the base or the device moved by") for note in found.notes
-    )
+    said = "residuals drift over time: as if the base or the device moved by"
+    assert any(note.startswith(said) for note in found.notes)
 
 
 @pytest.mark.parametrize(
     ("key", "factor"),
     [
         ("backlash", "backlash"),
-        *(
-            pytest.param(*case, marks=pytest.mark.soak)
-            for case in (("eccentricity.sin", "sin"), ("harmonic2.cos", "cos2"))
-        ),
+        pytest.param("eccentricity.sin", "sin", marks=pytest.mark.soak),
+        pytest.param("harmonic2.cos", "cos2", marks=pytest.mark.soak),
         ("gain", "gain"),
     ],
 )
@@ -205,12 +249,12 @@ def test_a_pattern_along_a_joint_is_named(key: str, factor: str) -> None:
     """Blind arms with one error of a drive, by default; --drives fits what was named."""
     more = [ErrorParameter(f"joints.joint2.{key}", DRIVE, 2, 5, factor, 0.0, 5e-4)]
     made = trial(chain(6, "RRRRR"), 6, 60, more=more)
-    found = found_of(made, made.columns)
+    found = calibrate(made.robot, made.poses(), folds=0)
     name = f"joints.joint2.{key.partition('.')[0]}"
     assert [pattern.name for pattern in found.diagnosis.patterns] == [name]
     assert found.diagnosis.patterns[0].size == pytest.approx(5e-4, rel=0.1)
     assert any(note.startswith(f"residuals show {name}, about ") for note in found.notes)
-    fitted = found_of(made, made.columns, drives=True)
+    fitted = calibrate(made.robot, made.poses(), folds=0, drives=True)
     assert not fitted.diagnosis.patterns
     assert fitted[f"joints.joint2.{key}"] == pytest.approx(5e-4, abs=4.0 * float(fitted.deviations[-1]) + 2e-5)
 
@@ -222,7 +266,7 @@ def test_as_many_numbers_as_unknowns_check_nothing(tmp_path: Path) -> None:
     """Five poses of six joints that turn: thirty numbers for thirty unknowns."""
     made = trial(chain(7, "RRRRRR"), 7, 40)
     columns = {name: values[:5] for name, values in made.columns.items()}
-    found = found_of(made, columns)
+    found = calibrated(made.robot, columns)
     assert not found.diagnosis.is_checked
     assert any(note.startswith("nothing can be checked: 30 numbers of 5 rows for 30 unknowns") for note in found.notes)
     assert np.isnan(found.deviations).all()
@@ -231,7 +275,7 @@ def test_as_many_numbers_as_unknowns_check_nothing(tmp_path: Path) -> None:
     assert np.isnan(found.predict(q, "tcp")[1]).all()
     assert set(found.as_dict()["deviations"]) == {None}
     assert np.isnan(load_calibration(found.save(tmp_path / "found.npz")).deviations).all()
-    known = found_of(made, columns, noise=NOISE)
+    known = calibrated(made.robot, columns, noise=NOISE)
     assert np.isfinite(known.deviations).all()
     assert any(note.startswith("nothing can be checked") for note in known.notes)
 
@@ -241,7 +285,7 @@ def test_a_loss_may_leave_no_number_any_weight() -> None:
     made = trial(chain(4, "RR"), 3, 30)
     columns = {name: made.columns[name] for name in ("joint1.gamma", "joint2.gamma", "tcp.x", "tcp.y", "tcp.z")}
     columns["tcp.x"] = np.zeros(30)
-    found = found_of(made, columns, noise=(1e-4, 1e-4), loss="tukey")
+    found = calibrated(made.robot, columns, noise=(1e-4, 1e-4), loss="tukey")
     assert [weight for _, weight in found.mistrusted] == [0.0] * 30
     assert found.diagnosis.correlation == 0.0
 
@@ -251,9 +295,7 @@ def test_a_loss_may_leave_no_number_any_weight() -> None:
 
 def test_a_diagnosis_is_saved(tmp_path: Path) -> None:
     made = going_on(1, 0.8)
-    columns = {name: values.copy() for name, values in made.columns.items()}
-    columns["tcp.z"][3] += 0.01
-    found = found_of(made, columns)
+    found = calibrated(made.robot, changed(made, 3, 0.01))
     path = found.save(tmp_path / "found.npz")
     assert load_calibration(path).diagnosis == found.diagnosis
     assert json.loads(json.dumps(found.as_dict()))["diagnosis"]["outlying"][0]["row"] == 3

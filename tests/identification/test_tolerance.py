@@ -1,4 +1,4 @@
-"""Tolerances: regions and worst cases against the exact model, shares, allocation, tables, the command."""
+"""Tolerances: regions, worst cases against the exact model, shares, allocation, correlations, flexible links."""
 
 from __future__ import annotations
 
@@ -12,17 +12,25 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.integrate import quad
+from scipy.optimize import minimize
+from scipy.special import ndtr
 
-from eomgen.cli import entry as cli
+import eomgen
+from eomgen.analysis import deflection
+from eomgen.description.load import robot_from_toml
 from eomgen.errors import ArrayError, DescriptionError, InputError, UnknownNameError
 from eomgen.identification import ToleranceResult, load_tolerance, tolerance
 from eomgen.identification.tolerances.allocation import least
-from eomgen.identification.tolerances.correlations import read_correlations
+from eomgen.identification.tolerances.correlations import groups_of, read_correlations, root_of
 from eomgen.identification.tolerances.regions import ellipsoids, mixed_quantiles, quantile_of_normal, radii
-from eomgen.identification.tolerances.table import meant, read_table
+from eomgen.identification.tolerances.solve import tolerance_quantities
+from eomgen.identification.tolerances.table import Table, Tolerance, meant, read_table
 from eomgen.identification.tolerances.vertices import farthest
 from eomgen.pictures import plot_tolerance
+from eomgen.pictures.measured.kinds import page_of
 from eomgen.robot.value import Coordinate, Robot
+from tests.support.commands import command, facts
 from tests.support.measured_poses import chain
 from tests.support.soak import soaked
 
@@ -41,8 +49,8 @@ TABLE = {
 }
 
 
-def arm() -> Robot:
-    robot = chain(4, "RPR")
+def arm(seed: int = 4) -> Robot:
+    robot = chain(seed, "RPR")
     return replace(robot, joints=tuple(replace(joint, limits=(-0.5, 0.5)) for joint in robot.joints))
 
 
@@ -155,7 +163,6 @@ def test_ellipsoids_hold_samples(variances: tuple[float, ...]) -> None:
 
 def imhof(variances: Array, x: float) -> float:
     """Probability that the sum of variances times squares of normal numbers is below x."""
-    from scipy.integrate import quad
 
     def integrand(u: float) -> float:
         theta = 0.5 * np.arctan(variances * u).sum() - 0.5 * x * u
@@ -167,8 +174,6 @@ def imhof(variances: Array, x: float) -> float:
 
 def in_plane(bound: float, deviation: float, r: float) -> float:
     """Probability that a uniform number within a bound and a normal one stay below r together, by quadrature."""
-    from scipy.integrate import quad
-    from scipy.special import ndtr
 
     def inside(x: float) -> float:
         return float(ndtr((r - x) / deviation) - ndtr((-r - x) / deviation)) / (2.0 * bound)
@@ -202,9 +207,8 @@ def test_regions_stay_within_what_bounds_allow() -> None:
     assert any("passes what bounds allow" in note for note in plane.notes)
     rng = np.random.default_rng(5)
     for seed in range(2):
-        sizes = {
-            name: {"bound" if rng.random() < 0.6 else "deviation": 1e-4 * rng.random()} for name in ("x", "y", "z")
-        }
+        kinds = {name: "bound" if rng.random() < 0.6 else "deviation" for name in "xyz"}
+        sizes = {name: {kind: 1e-4 * rng.random()} for name, kind in kinds.items()}
         table = {f"frames.tcp.{name}": size for name, size in sizes.items()} | {"joints.joint2.length": {"bound": 2e-4}}
         for confidence in (0.3, 0.95, 0.999):
             found = tolerance(arm(), table, random=3, seed=seed, confidence=confidence)
@@ -212,9 +216,8 @@ def test_regions_stay_within_what_bounds_allow() -> None:
                 drawn = found.sample(20_000, pose=pose, seed=pose)[:, :3]
                 along = np.linalg.eigh(found.covariance[pose, :3, :3])[1][:, -1]
                 share = (np.abs(drawn @ along) <= found.direction["position"][pose]).mean()
-                assert share == pytest.approx(
-                    confidence, abs=5.0 * np.sqrt(confidence * (1 - confidence) / 20_000) + 1e-3
-                )
+                near = 5.0 * np.sqrt(confidence * (1 - confidence) / 20_000) + 1e-3
+                assert share == pytest.approx(confidence, abs=near)
                 if all("bound" in size for size in sizes.values()):
                     assert found.radius["position"][pose] <= found.farthest["position"][pose] * (1 + 1e-12)
                 assert found.radius["position"][pose] >= found.direction["position"][pose] * (1 - 1e-12)
@@ -367,9 +370,8 @@ def test_poses_are_given_by_name_at_random_or_along_a_motion(tmp_path: Path) -> 
     assert np.abs(drawn.q).max() <= 0.5
     motion = tmp_path / "motion.csv"
     header = "t," + ",".join(by_name.coordinates)
-    np.savetxt(
-        motion, np.linspace(0.0, 1.0, 5)[:, np.newaxis] * [1.0, 0.1, 0.2, 0.3], "%.6f", ",", header=header, comments=""
-    )
+    rows = np.linspace(0.0, 1.0, 5)[:, np.newaxis] * [1.0, 0.1, 0.2, 0.3]
+    np.savetxt(motion, rows, "%.6f", ",", header=header, comments="")
     assert tolerance(robot, OFFSETS, along=motion).q[-1].tolist() == pytest.approx([0.1, 0.2, 0.3])
 
 
@@ -385,16 +387,12 @@ def test_poses_are_given_by_name_at_random_or_along_a_motion(tmp_path: Path) -> 
         ({"wrench": [1.0]}, ArrayError, r"wrench: .*allowed: 6 finite"),
         ({"confidence": 1.0}, InputError, "confidence: 1.0; allowed"),
         ({"frame": "tip"}, UnknownNameError, "frame: 'tip' is unknown; known: .*tcp"),
+        ({"robot": chain(4, "RPR"), "random": 2}, InputError, r"random: joint2\.z has no limits"),
     ],
 )
 def test_refusals_of_arguments(options: dict[str, Any], error: type[Exception], message: str) -> None:
     with pytest.raises(error, match=message):
-        tolerance(arm(), OFFSETS, **options)
-
-
-def test_random_poses_need_limits_of_joints_that_slide() -> None:
-    with pytest.raises(InputError, match=r"random: joint2\.z has no limits"):
-        tolerance(chain(4, "RPR"), OFFSETS, random=2)
+        tolerance(**{"robot": arm(), "table": OFFSETS, **options})
 
 
 # Tables
@@ -441,8 +439,6 @@ def test_a_stiffness_cannot_vanish() -> None:
 
 
 def test_the_least_cost_is_that_of_a_general_method() -> None:
-    from scipy.optimize import minimize
-
     rng = np.random.default_rng(2)
     for poses in (1, 4):
         A, costs = rng.random((poses, 6)) ** 3, rng.uniform(0.5, 3.0, 6)
@@ -483,9 +479,8 @@ def test_what_is_fixed_stays() -> None:
     given = found.allocate(2.5e-4)
     assert given.tightened == ("base.y",)
     assert given.before[1] == 3e-4  # a bound stays one
-    with pytest.raises(
-        InputError, match=r"accuracy: 0\.00015 m; allowed: above 0\.000196 m, which 'base\.x' alone make"
-    ):
+    said = r"accuracy: 0\.00015 m; allowed: above 0\.000196 m, which 'base\.x' alone make"
+    with pytest.raises(InputError, match=said):
         found.allocate(1.5e-4)
     for bad in (0.0, -1.0, float("nan")):
         with pytest.raises(InputError, match=r"accuracy: .*allowed: a positive number"):
@@ -514,7 +509,7 @@ def test_results_are_saved_and_load_again(kind: str, tmp_path: Path) -> None:
     assert again.as_dict() == found.as_dict()
     assert np.array_equal(again.sample(50), found.sample(50))
     timed = replace(found, t=np.arange(float(len(found.q))))
-    assert np.array_equal(load_tolerance(timed.save(tmp_path / "timed.json")).t, timed.t)  # type: ignore[arg-type]
+    assert np.array_equal(load_tolerance(timed.save(tmp_path / "timed.json")).t, timed.t)
     with pytest.raises(InputError, match=r"allowed: a path that ends in .json"):
         found.save(tmp_path / "found.npz")
     data = json.loads((tmp_path / "found.json").read_text())
@@ -536,16 +531,404 @@ def test_a_map_has_every_pose(tmp_path: Path) -> None:
     assert "<svg" in plot_tolerance(found, tmp_path / "map.svg").read_text(encoding="utf-8")
 
 
-def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    table = tmp_path / "t.toml"
-    table.write_text('"joints.*.offset.x" = { deviation = 1e-4 }\n')
-    words = ["tolerance", "ur5", str(table), "--random", "5", "--accuracy", "3e-4"]
-    assert cli.main([*words, "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    direct = tolerance("ur5", table, random=5)
+def test_the_command(tmp_path: Path) -> None:
+    table, name = tmp_path / "t.toml", '"joints.*.offset.x"'
+    table.write_text(f"{name} = {{ deviation = 1e-4 }}\n")
+    words = ("tolerance", "ur5", table, "--random", 5, "--accuracy", "3e-4")
+    found, direct = facts(*words), tolerance("ur5", table, random=5)
     assert found["radius"]["position"] == direct.radius["position"].tolist()
     assert found["allocation"]["radius"] == direct.allocate(3e-4).radius
-    assert cli.main(words) == 0
-    assert "95 % coverage radius 0.3 mm instead of" in capsys.readouterr().out
-    assert cli.main(["tolerance", "ur5", str(tmp_path / "none.toml")]) == 1
-    assert "there is no such file" in capsys.readouterr().err
+    assert "95 % coverage radius 0.3 mm instead of" in command(*words)
+    assert "there is no such file" in command("tolerance", "ur5", tmp_path / "none.toml", code=1)
+    table.write_text(f"{name} = {{ deviation = 1e-4 }}\n[[correlations]]\nnames = [{name}]\ncoefficient = 0.5\n")
+    found = facts("tolerance", "ur5", table)
+    assert found["covariance"] == tolerance("ur5", table).covariance.tolist()
+    assert len(found["correlations"][0]["names"]) == 6
+    assert "are correlated; allowed" in command("tolerance", "ur5", table, "--accuracy", "3e-4", code=1)
+
+
+# Correlated tolerances
+
+
+PLANE = {"frames.tcp.x": {"deviation": 3e-4}, "base.x": {"deviation": 4e-4}}
+COUNT = 40_000
+
+
+def pair(coefficient: float, first: str = "frames.tcp.x", second: str = "base.x") -> list[dict[str, Any]]:
+    return [{"names": [first, second], "coefficient": coefficient}]
+
+
+def random_table(rng: np.random.Generator) -> tuple[dict[str, Any], list[str], Array]:
+    """A table with normal parameters, correlated at random in a random order, and bounded ones; names and matrix."""
+    names = [f"joints.joint{j}.offset.{c}" for j in (1, 2, 3) for c in ("x", "y", "z", "alpha", "beta", "gamma")]
+    chosen = rng.permutation([*names, "frames.tcp.x", "frames.tcp.beta", "base.y"])[:10].tolist()
+    root = rng.normal(size=(6, 4))  # of rank 4: the edge of what can be
+    block = root @ root.T
+    matrix = block / np.sqrt(np.outer(np.diagonal(block), np.diagonal(block)))
+    matrix = np.clip(0.5 * (matrix + matrix.T), -1.0, 1.0)
+    np.fill_diagonal(matrix, 1.0)
+    table: dict[str, Any] = {name: {"deviation": 1e-5 * (1.0 + rng.random())} for name in chosen[:8]}
+    table |= {name: {"bound": 2e-5 * rng.random()} for name in chosen[8:]}
+    return {**table, "correlations": [{"names": chosen[:6], "matrix": matrix.tolist()}]}, chosen[:6], matrix
+
+
+def covariance_of(found: ToleranceResult, names: list[str], matrix: Array) -> Array:
+    """C of the parameters, (K, K), by the formula: r_ij s_i s_j."""
+    whole = np.diag(found.deviations**2)
+    for i, first in enumerate(names):
+        for j, second in enumerate(names):
+            a, b = found.names.index(first), found.names.index(second)
+            whole[a, b] = matrix[i, j] * found.deviations[a] * found.deviations[b]
+    return whole
+
+
+# Covariances
+
+
+@pytest.mark.parametrize("coefficient", [-1.0, -0.5, 0.0, 0.6, 1.0])
+def test_two_along_one_line(coefficient: float) -> None:
+    """s^2 = a^2 + b^2 + 2 r a b of frame and base along one axis of an arm at home; all of it is along that line."""
+    robot = chain(4, "R")
+    placed = replace(robot, frames=tuple(replace(f, placement=type(f.placement)()) for f in robot.frames))
+    found = tolerance(placed, {**PLANE, "correlations": pair(coefficient)})
+    u, v = (found.sensitivities[0, :3, found.names.index(name)] for name in ("frames.tcp.x", "base.x"))
+    cosine = float(u @ v)
+    trace = 9e-8 + 16e-8 + 2.0 * coefficient * 12e-8 * cosine
+    assert np.trace(found.covariance[0, :3, :3]) == pytest.approx(trace, rel=1e-9)
+    common = coefficient * 12e-8 * cosine
+    assert found.share("frames.tcp.x") == pytest.approx((9e-8 + common) / trace)
+    assert found.share("base.x") == pytest.approx((16e-8 + common) / trace)
+
+
+def test_one_line_by_hand() -> None:
+    """Two along z of one link: 3 and 4 tenths of a millimetre make 5, 7, 1 of them, and regions of a normal number."""
+    for coefficient, expected in ((0.0, 5e-4), (1.0, 7e-4), (-1.0, 1e-4), (0.6, np.sqrt(39.4e-8))):
+        table = {"base.z": {"deviation": 3e-4}, "joints.*.placement.z": {"deviation": 4e-4}}
+        found = tolerance("one_link", {**table, "correlations": pair(coefficient, "base.z", "joints.*.placement.z")})
+        assert found.standard_deviations[0, :3].max() == pytest.approx(expected, rel=1e-12)
+        for region in (found.radius, found.direction):
+            assert region["position"][0] == pytest.approx(1.959963984540054 * expected, rel=1e-9)
+        assert found.farthest["position"][0] == pytest.approx(3.0 * 7e-4)  # the box, whatever is correlated
+        a, b = (9e-8 + coefficient * 12e-8) / expected**2, (16e-8 + coefficient * 12e-8) / expected**2
+        shares = [found.share(name) for name in found.names]
+        assert sorted(shares) == pytest.approx(sorted([a, b]), rel=1e-9)
+        assert any("2 of 2 tolerances are correlated" in note for note in found.notes) == (coefficient != 0.0)
+
+
+def test_what_is_compensated_altogether_has_no_shares_and_a_part_is_among_the_greatest() -> None:
+    for second, shares in ((3e-4, [0.0, 0.0]), (4e-4, [4.0, -3.0])):
+        table = {"base.z": {"deviation": 3e-4}, "joints.*.placement.z": {"deviation": second}}
+        found = tolerance("one_link", {**table, "correlations": pair(-1.0, "base.z", "joints.*.placement.z")})
+        assert [found.shares["position"][k] for k in found.by_share] == pytest.approx(shares)
+        if second == 3e-4:
+            assert found.radius["position"][0] < 1e-15
+            assert np.abs(found.sample(100)[:, :3]).max() < 1e-15
+
+
+@pytest.mark.parametrize("seed", soaked(range(3), (0,)))
+def test_covariances_and_regions_are_those_of_samples(seed: int) -> None:
+    """Of random arms by the exact model, with deviations that NumPy draws, and with those of ``sample``."""
+    rng = np.random.default_rng(seed)
+    table, names, matrix = random_table(rng)
+    found = tolerance(arm(seed), table, random=2, seed=seed)
+    C = covariance_of(found, names, matrix)
+    S = found.sensitivities
+    np.testing.assert_allclose(found.covariance, S @ C @ S.transpose(0, 2, 1), rtol=1e-9, atol=1e-22)
+    assert sum(found.shares["position"]) == pytest.approx(1.0)
+    is_even = np.array([given.bound is not None for given in found.tolerances])
+    y = rng.multivariate_normal(np.zeros(len(C)), C, COUNT).T
+    y[is_even] = found.bounds[is_even, np.newaxis] * rng.uniform(-1.0, 1.0, (int(is_even.sum()), COUNT))
+    for pose in range(2):
+        for drawn in (found.exact.motions(y, np.full(COUNT, pose)), found.sample(COUNT, pose=pose, seed=seed)):
+            near = np.cov(drawn.T) / np.outer(*2 * (found.standard_deviations[pose],))
+            whole = found.covariance[pose] / np.outer(*2 * (found.standard_deviations[pose],))
+            np.testing.assert_allclose(near, whole, atol=6.0 / np.sqrt(COUNT / 2))  # six standard deviations
+            for part, at in (("position", slice(0, 3)), ("orientation", slice(3, 6))):
+                along = np.linalg.eigh(found.covariance[pose, at, at])[1][:, -1]
+                for sizes, region in (
+                    (np.linalg.norm(drawn[:, at], axis=1), found.radius),
+                    (np.abs(drawn[:, at] @ along), found.direction),
+                ):
+                    assert (sizes <= region[part][pose]).mean() == pytest.approx(0.95, abs=0.008)
+    apart = tolerance(arm(seed), {**table, "correlations": []}, poses=found.q)
+    np.testing.assert_array_equal(found.worst, apart.worst)
+    assert not np.allclose(found.covariance, apart.covariance, rtol=0.05, atol=0.0)
+
+
+def test_a_stiffness_is_correlated_with_another() -> None:
+    """Stiffnesses that are off together, under a load: the motion of the tool with both of them off."""
+    stiff = Coordinate(stiffness=4e5)
+    robot = chain(4, "RRR").with_coordinates({"joint1": {"alpha": stiff}, "joint2": {"beta": stiff}})
+    table = {"joints.*.*.stiffness": {"deviation": 0.02, "relative": True}}
+    both = [{"names": ["joints.*.*.stiffness"], "coefficient": 1.0}]
+    load = [0.0, 0.0, -500.0, 0.0, 0.0, 0.0]
+    found = tolerance(robot, {**table, "correlations": both}, wrench=load)
+    together = found.exact.motions(np.array([[80.0], [80.0]]), np.zeros(1, dtype=np.intp))[0] * 100.0
+    np.testing.assert_allclose(found.standard_deviations[0], np.abs(together), rtol=1e-3)
+
+
+def test_patterns_go_behind_names_in_any_order() -> None:
+    table = {f"base.{c}": {"deviation": 1e-4} for c in "xyz"}
+    entries = [{"names": ["base.*"], "coefficient": 0.3}, {"names": ["base.z", "base.x"], "coefficient": -0.2}]
+    expected = np.array([[1.0, 0.3, -0.2], [0.3, 1.0, 0.3], [-0.2, 0.3, 1.0]])
+    for given in (entries, entries[::-1]):
+        found = tolerance("one_link", {**table, "correlations": given})
+        np.testing.assert_array_equal(found.correlation, expected)
+    assert found.correlated == (("base.x", "base.y", "base.z"),)
+
+
+def test_groups_and_roots() -> None:
+    """Roots of random matrices of any rank, in scattered groups; what is independent stays to the bit."""
+    rng = np.random.default_rng(7)
+    for rank in (1, 2, 4):
+        R = np.eye(9)
+        for group in ([7, 1, 4], [2, 8]):
+            v = rng.normal(size=(len(group), rank))
+            v /= np.linalg.norm(v, axis=1)[:, np.newaxis]
+            R[np.ix_(group, group)] = v @ v.T
+        np.fill_diagonal(R, 1.0)
+        assert [group.tolist() for group in groups_of(R)] == [[1, 4, 7], [2, 8]]
+        L = root_of(R)
+        np.testing.assert_allclose(L @ L.T, R, atol=1e-14)
+        np.testing.assert_array_equal(L[[0, 3, 5, 6]], np.eye(9)[[0, 3, 5, 6]])
+    assert groups_of(np.eye(3)) == []
+
+
+# Refusals
+
+
+QUANTITIES = "base.x.deviation = 1e-4\nbase.y.deviation = 1e-4\nbase.z.deviation = 1e-4\nframes.tcp.x.bound = 1e-4\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("correlations = 3", r"t\.toml:5:\d+: correlations: 3; allowed: tables \[\[correlations\]\] with names"),
+        ("[correlations]\nnames = []", "a table; allowed: tables"),
+        ("correlations = [1]", r"correlations\[0\]: 1; allowed: a table with names and coefficient or matrix"),
+        ("names = ['base.x', 'base.y']", r"t\.toml:5:\d+: correlations\[0\]: has neither coefficient nor matrix"),
+        ("names = ['base.x']\ncoefficient = 0.1\nmatrix = [[1]]", "has coefficient and matrix; allowed: one of"),
+        ("names = ['base.x', 'base.y']\ncoeficient = 0.1", r"\.coeficient: is unknown; did you mean 'coefficient'"),
+        ("coefficient = 0.1", r"correlations\[0\]\.names: .*; allowed: an array of up to 400 names"),
+        ("names = 'base.x'\ncoefficient = 0.1", r"names: 'base.x'; allowed: an array"),
+        ("names = ['base.x', 3]\ncoefficient = 0.1", r"names: \['base\.x', 3\]; allowed: an array"),
+        ("names = ['base.x']\ncoefficient = 0.1", "'base.x' is alone; allowed: at least two parameters"),
+        ("names = ['base.x', 'base.*']\ncoefficient = 0.1", "'base.x' is there twice; allowed: once"),
+        ("names = ['base.x', 'base.w']\ncoefficient = 0.1", "the table has no 'base.w'; did you mean 'base"),
+        ("names = ['base.x', 'base.alpha']\ncoefficient = 0.1", "the table has no 'base.alpha'"),
+        ("names = ['base.x', '*.x']\ncoefficient = 0.1", "'base.x' is there twice"),
+        (
+            "names = ['base.x', 'frames.*.x']\ncoefficient = 0.1",
+            "'frames.tcp.x' is uniformly distributed within a bound; allowed: para",
+        ),
+        ("names = ['base.*']\ncoefficient = 1.1", r"t\.toml:7:\d+: .*coefficient: 1\.1; allowed: a number from"),
+        ("names = ['base.*']\ncoefficient = nan", "coefficient: nan; allowed: a number"),
+        ("names = ['base.*']\ncoefficient = inf", "coefficient: inf; allowed: a number"),
+        ("names = ['base.*']\ncoefficient = true", "coefficient: true; allowed: a number"),
+        ("names = ['base.*']\nmatrix = [[1]]", r"has a name with '\*' beside a matrix"),
+        ("names = ['base.x', 'base.y']\nmatrix = [[1, 0]]", "allowed: 2 rows of 2 numbers"),
+        ("names = ['base.x', 'base.y']\nmatrix = [[1, 0], [0, 'a']]", r"row 1, column 1: 'a'; allowed: a number"),
+        ("names = ['base.x', 'base.y']\nmatrix = [[1, 0], [0, 0.9]]", r"row 1, column 1: 0\.9; allowed: 1 on"),
+        (
+            "names = ['base.x', 'base.y']\nmatrix = [[1, 0.1], [0.2, 1]]",
+            r"row 0, column 1: 0\.1, but 0\.2 the other way; allowed: symmetric",
+        ),
+        (
+            "names = ['base.*']\ncoefficient = -0.6",
+            r"correlations: the matrix of 'base\.[xyz]', 'base\.[xyz]', 'base\.[xyz]' has the eigenvalue -0\.2: ",
+        ),
+        (
+            "names = ['base.x', 'base.y']\ncoefficient = 0.1\n[[correlations]]\nnames = ['base.y', 'base.x']\n"
+            "coefficient = 0.1",
+            r"correlations\[1\]\.names: 'base\.y', 'base\.x' are correlated twice; allowed: once",
+        ),
+    ],
+)
+def test_refusals(text: str, message: str, tmp_path: Path) -> None:
+    path = tmp_path / "t.toml"
+    head = "" if "correlations =" in text or text.startswith("[") else "[[correlations]]\n"
+    path.write_text(QUANTITIES + head + text)
+    with pytest.raises(DescriptionError, match=message):
+        tolerance(arm(), path)
+
+
+WRONG = (
+    *(np.ones(3), np.array([True]), "x", 10**400, np.nan, 1e300, object(), [], {}, 2, {"a": 1}, np.array(["a"]), None),
+    *([[1], [1, 2]], 1j, b"x", {1: 2}, np.eye(3), np.full((2, 2), np.nan), ["\x1b", "\n"], [None], [[]], [["base.x"]]),
+)
+
+
+@pytest.mark.parametrize("place", ["all", "entry", "key", "names", "coefficient", "matrix", "element"])
+def test_anything_given_is_refused_by_its_place(place: str) -> None:
+    """Arrays, texts and huge numbers in the place of what belongs there, in a mapping: the table's error, printable."""
+    given: dict[str, Any] = {"names": ["base.x", "base.y"]}
+    for value in WRONG:
+        entries: Any = {
+            "all": value,
+            "entry": [value],
+            "key": [{str(value): 1.0}],
+            "names": [{"names": value, "coefficient": 0.1}],
+            "coefficient": [{**given, "coefficient": value}],
+            "matrix": [{**given, "matrix": value}],
+            "element": [{**given, "matrix": [[1.0, value], [value, 1.0]]}],
+        }[place]
+        if place == "all" and isinstance(value, list) and not value:
+            continue  # none
+        with pytest.raises(DescriptionError, match=r"tolerances: '?correlations.*; allowed: ") as caught:
+            read_correlations(Table((Tolerance("base.x", 1.0), Tolerance("base.y", 1.0)), correlations=entries))
+        assert str(caught.value).isascii()
+        assert str(caught.value).isprintable()
+
+
+def test_only_the_names_behind_a_negative_eigenvalue_are_said() -> None:
+    table = {f"base.{c}": {"deviation": 1e-4} for c in ("x", "y", "z", "alpha")}
+    entries = [
+        {"names": ["base.x", "base.y"], "coefficient": 0.9},
+        {"names": ["base.y", "base.z"], "coefficient": 0.9},
+        {"names": ["base.x", "base.z"], "coefficient": -0.9},
+        {"names": ["base.z", "base.alpha"], "coefficient": 0.01},
+    ]
+    with pytest.raises(DescriptionError) as caught:
+        tolerance("one_link", {**table, "correlations": entries})
+    assert "'base.alpha'" not in str(caught.value)
+    assert all(f"'base.{c}'" in str(caught.value) for c in "xyz")
+
+
+def test_allocation_is_of_independent_tolerances() -> None:
+    found = tolerance(arm(), {**PLANE, "correlations": pair(0.5)})
+    with pytest.raises(InputError, match=r"accuracy: .*'frames\.tcp\.x'.* are correlated; allowed: tables of indep"):
+        found.allocate(1e-4)
+    assert tolerance(arm(), {**PLANE, "correlations": pair(0.0)}).allocate(1e-3).radius <= 1e-3
+
+
+# The result
+
+
+def test_they_are_saved_shown_and_load_again(tmp_path: Path) -> None:
+    table, _, _ = random_table(np.random.default_rng(11))
+    found = tolerance(arm(), table, random=2)
+    again = load_tolerance(found.save(tmp_path / "found.json"))
+    assert again.as_dict() == found.as_dict()
+    np.testing.assert_array_equal(again.correlation, found.correlation)
+    assert np.array_equal(again.sample(50), found.sample(50))
+    assert "10 tolerances (6 correlated) at 2 poses" in found.lines()[0]
+    assert json.loads(json.dumps(found.as_dict()))["correlations"][0]["matrix"][0][0] == 1.0
+    assert "are correlated" in page_of(found).html()
+    data = json.loads((tmp_path / "found.json").read_text())
+    del data["correlations"]
+    (tmp_path / "older.json").write_text(json.dumps(data))
+    assert load_tolerance(tmp_path / "older.json").correlated == ()
+    (tmp_path / "found.json").write_bytes(b'{"kind": "tolerance\xac"}')
+    with pytest.raises(InputError, match=r"found\.json: cannot be read: .*; allowed: what its save wrote"):
+        load_tolerance(tmp_path / "found.json")
+
+
+# Flexible links
+
+
+LENGTH, LOAD, GRAVITY = 1.5, 5.0, 9.81
+BOOM = """
+name = "boom"
+gravity = [0.0, 0.0, -9.81]
+[[links]]
+name = "tube"
+beam = { length = 1.5, E = 7e10, G = 2.63e10, density = 2700.0, section = { tube = [0.06, 0.05] }, modes = { z = 2 } }
+[[links]]
+name = "load"
+mass = 5.0
+inertia = { xx = 0.01, yy = 0.01, zz = 0.01 }
+[[joints]]
+name = "slew"
+parent = "base"
+child = "tube"
+type = "revolute"
+[[joints]]
+name = "flange"
+parent = "tube"
+node = "tip"
+child = "load"
+type = "fixed"
+[[frames]]
+name = "tcp"
+link = "load"
+"""
+E, DENSITY = "links.tube.beam.E", "links.tube.beam.density"
+BOOM_TABLE = {
+    E: {"deviation": 0.003, "relative": True},
+    DENSITY: {"deviation": 0.02, "relative": True},
+    "joints.slew.offset.gamma": {"deviation": 1e-5},
+}
+
+
+def sags(robot: Robot) -> tuple[float, float]:
+    """Sag of the tip by the load and by the beam's own weight, S. P. Timoshenko, m."""
+    beam = robot.links[0].beam
+    bend, shear = beam.E * beam.Iy, beam.shear[1] * beam.G * beam.A
+    own = GRAVITY * beam.mass * (LENGTH**3 / (8 * bend) + LENGTH / (2 * shear))
+    return GRAVITY * LOAD * (LENGTH**3 / (3 * bend) + LENGTH / shear), own
+
+
+def test_sags_and_shares_are_those_of_the_textbook(tmp_path: Path) -> None:
+    """The sag is in inverse proportion to E, with G, and its own part in proportion to the density."""
+    robot = robot_from_toml(BOOM)
+    beam = robot.links[0].beam
+    found = tolerance(robot, BOOM_TABLE, poses=[[0.3], [0.0]])
+    by_load, own = sags(robot)
+    S = dict(zip(found.names, found.sensitivities[1].T, strict=True))
+    assert beam.E * S[E][2] == pytest.approx(by_load + own, rel=1e-5)
+    assert beam.density * S[DENSITY][2] == pytest.approx(-own, rel=1e-5)
+    assert S["joints.slew.offset.gamma"][1] == pytest.approx(LENGTH, rel=1e-4)
+    assert found.standard_deviations[1][2] == pytest.approx(np.hypot(0.003 * (by_load + own), 0.02 * own), rel=1e-5)
+    drawn = found.sample(200, pose=1)
+    assert drawn.std(axis=0)[1:3] == pytest.approx(found.standard_deviations[1][1:3], rel=0.2)
+    again = load_tolerance(found.save(tmp_path / "found.json"))
+    assert np.array_equal(again.sensitivities, found.sensitivities)
+    assert again.names == found.names
+
+
+def test_what_may_be_named() -> None:
+    """Offsets, stiffness of modes, E and density, with their units; nothing else, and no loops."""
+    units = tolerance_quantities(robot_from_toml(BOOM))
+    modes = {f"links.tube.modes.{k}.stiffness": "J" for k in (1, 2)}
+    offsets = {f"joints.slew.offset.{kind}": "m" if kind in "xyz" else "rad" for kind in eomgen.robot.COORDINATES}
+    assert units == {**modes, **offsets, E: "N/m^2", DENSITY: "kg/m^3"}
+    with pytest.raises(DescriptionError, match=r"links\.load\.mass"):
+        tolerance(robot_from_toml(BOOM), {"links.load.mass": {"deviation": 0.1}})
+    instead = r"goes with E, so that modes keep their shapes; allowed: links\.tube\.beam\.E, or "
+    with pytest.raises(DescriptionError, match=rf"links\.tube\.beam\.G: {instead}links\.tube\.modes\.1\.stiffness$"):
+        tolerance(robot_from_toml(BOOM), {"links.*.beam.G": {"deviation": 0.1}})
+    twisted = robot_from_toml(BOOM.replace("modes = { z = 2 }", "modes = { y = 1, z = 2, torsion = 1, axial = 1 }"))
+    twist = rf"{instead}'links\.tube\.modes\.4\.stiffness', in proportion to G alone"
+    with pytest.raises(DescriptionError, match=twist):
+        tolerance(twisted, {"links": {"tube": {"beam": {"G": {"deviation": 0.1}}}}})
+    loop = """
+[[loops]]
+name = "bearing"
+links = ["base", "load"]
+type = "spherical"
+x = {}
+placements = [{ xyz = [1.5, 0.0, 0.0] }, {}]
+"""
+    with pytest.raises(InputError, match=r"links\.tube\.modes: .* known of trees, and loops\.bearing closes a loop"):
+        tolerance(robot_from_toml(BOOM + loop), BOOM_TABLE)
+
+
+@pytest.mark.soak
+def test_robots_whose_beams_are_made_anew_move_as_said() -> None:
+    """E with G, and the density, a part higher: the difference of deflections of two robots that are built."""
+    robot = robot_from_toml(BOOM)
+    beam = robot.links[0].beam
+    found = tolerance(
+        robot, {E: {"bound": 7e8}, DENSITY: {"bound": 27.0}, "links.tube.modes.1.stiffness": {"bound": 1.0}}
+    )
+    before = deflection(robot).deflection
+    y = np.zeros((3, 1))
+    for name, changes in (
+        (E, {"links.tube.beam.E": 1.01 * beam.E, "links.tube.beam.G": 1.01 * beam.G}),
+        (DENSITY, {"links.tube.beam.density": 1.01 * beam.density}),
+    ):
+        y[:] = 0.0
+        y[found.names.index(name)] = {E: 7e8, DENSITY: 27.0}[name]
+        moved = found.exact.motions(y, np.zeros(1, dtype=np.intp))[0]
+        after = deflection(robot.with_values(changes)).deflection
+        assert moved == pytest.approx(after - before, abs=1e-4 * np.abs(moved).max())
