@@ -36,7 +36,7 @@ def staged(model: Model, state: Mapping[str, Any], c: complex, r: Array, s: Arra
         ("pair_times", "pair_rates", "pair_shifts", "pair_kept") if is_pair else ("times", "rates", "shifts", "kept")
     )
     times = [c.real, (c * c).real, c.imag, (c * c).imag] if is_pair else [c, c * c]
-    inputs = {**state, "kp": [0.0] * n, "kd": [0.0] * n, "spans": [abs(c), abs(c) ** 2]}
+    inputs = {"kp": [0.0] * n, "kd": [0.0] * n, **state, "spans": [abs(c), abs(c) ** 2]}
     inputs |= {names[0]: times, names[1]: [*r.ravel()] if is_pair else [*r[0]]}
     inputs[names[2]] = [*s.ravel()] if is_pair else [*s[0]]
     found = run(second, inputs | {names[3]: run(first, inputs).tolist()})

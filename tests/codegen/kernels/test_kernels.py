@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import cmath
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,10 +14,8 @@ import eomgen
 from eomgen.codegen.closed_form.trace import closed_form
 from eomgen.codegen.kernels import equations
 from eomgen.codegen.kernels.accelerations import FACTORISED, SOLVERS
-from eomgen.codegen.kernels.derivation import Derivation
 from eomgen.codegen.kernels.equations import derive
-from eomgen.codegen.kernels.writers import WRITERS
-from eomgen.codegen.program.ir import evaluate, finish
+from eomgen.codegen.program.ir import evaluate
 from eomgen.codegen.tree.bound import bind
 from eomgen.codegen.tree.composite import mass_matrix
 from eomgen.codegen.tree.frozen_joints import geometry
@@ -28,6 +26,9 @@ from eomgen.robot.model import build_model
 from eomgen.robot.value import Coordinate, Joint, Link, Placement, Robot
 from tests.oracles.lagrange import LagrangeOracle
 from tests.support.builds import Build
+from tests.support.figures import Figures
+from tests.support.many_laws import CHECKS
+from tests.support.many_robots import Subject
 from tests.support.random_robots import Array, random_robot, random_state, seeds
 from tests.support.small_robots import free_body
 from tests.support.soak import soaked
@@ -35,22 +36,6 @@ from tests.support.soak import soaked
 TOLERANCE = 1e-11  # relative, max-norm
 STATES = 20
 TYPES = ("revolute", "prismatic", "fixed", "free")
-
-
-@dataclass(frozen=True)
-class Case:
-    """A random robot, its kernel with everything, and STATES random states, each array (STATES, n).
-
-    ``size`` is the size of its forces: what differences of forces are compared with.
-    """
-
-    robot: Robot
-    kernel: eomgen.Kernel
-    q: Array
-    v: Array
-    a: Array
-    u: Array
-    size: float
 
 
 def random_states(robot: Robot, seed: int, count: int = STATES) -> tuple[Array, Array, Array, Array]:
@@ -61,6 +46,8 @@ def random_states(robot: Robot, seed: int, count: int = STATES) -> tuple[Array, 
 
 
 KERNELS = (
+    "reactions",
+    "residual_jacobian",
     "mass_matrix",
     "bias_force",
     "inverse_dynamics",
@@ -75,113 +62,29 @@ KERNELS = (
 
 
 @pytest.fixture(scope="module", params=soaked(range(300, 308), (303, 304)))
-def case(request: pytest.FixtureRequest, built: Build) -> Case:
+def case(request: pytest.FixtureRequest, built: Build) -> Subject:
+    """A random robot, its kernel, and STATES random states."""
     seed = request.param
-    robot = random_robot(seed, joints=(1, 4), tree=seed % 2 == 0, types=TYPES)
-    kernel, (q, v, a, u) = built(robot, *KERNELS), random_states(robot, seed)
-    terms = (kernel.bias_force(q, v), kernel.inverse_dynamics(q, v, a), kernel.generalized_force(q, v), u)
-    return Case(robot, kernel, q, v, a, u, max(float(np.abs(term).max()) for term in terms))
+    robot = random_robot(seed, joints=(1, 4), tree=seed % 2 == 0, types=TYPES, rods=False)
+    return Subject(robot, built(robot, *KERNELS), *random_states(robot, seed), "energy, christoffel, jacobians")
 
 
 def times(matrix: Array, vector: Array) -> Array:
     return np.asarray(np.einsum("...ij,...j->...i", matrix, vector))
 
 
-def test_mass_matrix_is_symmetric_and_positive_definite(case: Case) -> None:
-    M = case.kernel.mass_matrix(case.q)
-    assert np.array_equal(M, np.swapaxes(M, 1, 2))
-    np.linalg.cholesky(M)  # raises where M is not positive definite
-
-
-def test_terms_add_up_to_the_residual(case: Case) -> None:
-    k, q, v, a, u = case.kernel, case.q, case.v, case.a, case.u
-    total = times(k.mass_matrix(q), a) + k.bias_force(q, v) - k.generalized_force(q, v)
-    assert np.abs(k.inverse_dynamics(q, v, a) - total).max() <= TOLERANCE * case.size
-    assert np.abs(k.residual(q, v, a, u) - (total - u)).max() <= TOLERANCE * case.size
-
-
-def test_forward_after_inverse_dynamics_is_the_identity(case: Case) -> None:
-    k, q, v, a, u = case.kernel, case.q, case.v, case.a, case.u
-    limit = 100 * np.linalg.cond(k.mass_matrix(q)) * np.finfo(float).eps
-    drives = k.inverse_dynamics(q, v, a)
-    found = k.forward_dynamics(q, v, drives)
-    forces = np.abs(drives).max(axis=1) / np.abs(times(k.mass_matrix(q), a)).max(
-        axis=1
-    )  # what cancels in the right side
-    error = np.abs(found - a).max(axis=1) / np.abs(a).max(axis=1)
-    assert (error <= limit * np.maximum(1, forces)).all()
-    again = k.inverse_dynamics(q, v, k.forward_dynamics(q, v, u))
-    assert np.abs(again - u).max() <= 1e-9 * case.size
-    assert np.abs(k.residual(q, v, k.forward_dynamics(q, v, u), u)).max() <= 1e-9 * case.size
-
-
-def test_coriolis_matrix(case: Case) -> None:
-    """C v = bias, and M_dot - 2 C is skew-symmetric; M_dot by a complex step, exact to round-off."""
-    k, q, v = case.kernel, case.q, case.v
-    C = k.coriolis_matrix(q, v)
-    size = np.abs(k.mass_matrix(q)).max() * np.abs(v).max()
-    assert np.abs(times(C, v) - k.bias_force(q, v)).max() <= TOLERANCE * size * np.abs(v).max()
-    S = rates(case.robot, "mass_matrix", q, v, case.a).reshape(C.shape) - 2 * C
-    assert np.abs(S + np.swapaxes(S, 1, 2)).max() <= TOLERANCE * size
-
-
-def rates(robot: Robot, kernel: str, q: Array, v: Array, a: Array) -> Array:
-    """The rate of a kernel's result along motions, (states, ...), from its program on complex numbers."""
-    model, h = build_model(robot), 1e-30
-    program = derive(model, kernel)
-    result = []
-    for q_i, v_i, a_i in zip(q, v, a, strict=True):
-        step = {"q": q_i + 1j * h * v_i, "v": v_i + 1j * h * a_i, "p": list(model.parameters.values())}
-        found = evaluate(program, step, sincos=lambda x: (cmath.sin(x), cmath.cos(x)))
-        result.append([np.imag(found["out", index]) / h for index in range(len(found))])
-    return np.array(result)
-
-
-def test_christoffel_symbols(case: Case) -> None:
-    """Symmetric in the last two indices; contracted once they are C, twice the bias."""
-    k, q, v = case.kernel, case.q, case.v
-    T, C = k.christoffel(q), k.coriolis_matrix(q, v)
-    size = np.abs(k.mass_matrix(q)).max()
-    assert np.abs(T - np.swapaxes(T, 2, 3)).max() <= TOLERANCE * size
-    assert np.abs(np.einsum("nsvw,nw->nsv", T, v) - C).max() <= TOLERANCE * size * np.abs(v).max()
-    assert (
-        np.abs(np.einsum("nsvw,nv,nw->ns", T, v, v) - k.bias_force(q, v)).max()
-        <= TOLERANCE * size * np.abs(v).max() ** 2
-    )
-
-
-def test_energy_rate_is_power(case: Case) -> None:
-    """d(T + V)/dt = v . (u - damping v) on any motion, by a complex step."""
-    k, q, v, a = case.kernel, case.q, case.v, case.a
-    kinetic = k.energy(q, v)[:, 0]
-    assert np.allclose(kinetic, np.einsum("ni,ni->n", v, times(k.mass_matrix(q), v)) / 2, rtol=1e-12)
-    given = [coordinate for joint in case.robot.joints for coordinate in joint.coordinates.values()]
-    damping = np.array([coordinate.damping or 0.0 for coordinate in given])
-    power = np.einsum("ni,ni->n", v, k.inverse_dynamics(q, v, a) - damping * v)
-    rate = rates(case.robot, "energy", q, v, a).sum(axis=1)
-    assert np.abs(rate - power).max() <= TOLERANCE * case.size * np.abs(v).max() * k.n
-
-
-def test_linear_in_acceleration_and_quadratic_in_velocity(case: Case) -> None:
-    k, q, v, a, u = case.kernel, case.q, case.v, case.a, case.u
-    first = k.inverse_dynamics(q, v, a) - k.inverse_dynamics(q, v, 0 * a)
-    second = k.inverse_dynamics(q, v, a + u) - k.inverse_dynamics(q, v, u)
-    assert np.abs(first - second).max() <= TOLERANCE * case.size
-    assert np.abs(k.bias_force(q, -3 * v) - 9 * k.bias_force(q, v)).max() <= TOLERANCE * 9 * case.size
+def test_terms_add_up_to_the_residual(case: Subject) -> None:
+    """Forces are linear in accelerations; the bias is a quadratic form of rates, with the Christoffel symbols."""
+    k, q, v, a, u, size = case.kernel, case.q, case.v, case.a, case.u, case.forces.max()
+    total = times(case.M, a) + k.bias_force(q, v) - k.generalized_force(q, v)
+    assert np.abs(k.inverse_dynamics(q, v, a) - total).max() <= TOLERANCE * size
+    assert np.abs(k.residual(q, v, a, u) - (total - u)).max() <= TOLERANCE * (size + np.abs(u).max())
+    assert np.abs(k.residual(q, v, k.forward_dynamics(q, v, u), u)).max() <= 1e-9 * (size + np.abs(u).max())
     assert np.array_equal(k.bias_force(q, 0 * v), np.zeros_like(v))
-
-
-def test_regrouped_inertias_change_nothing(case: Case) -> None:
-    """The kernels' frames and pseudo-inertias against the description's own."""
-    model = build_model(case.robot)
-    for kernel, arrays in (("inverse_dynamics", (case.q, case.v, case.a)), ("mass_matrix", (case.q,))):
-        plain = Derivation(model, regrouped=False)
-        program = finish(plain.graph, kernel, WRITERS[kernel](plain))
-        found = getattr(case.kernel, kernel)(*arrays)
-        for i in range(3):
-            inputs = {"p": list(model.parameters.values()), **dict(zip("qva", (x[i] for x in arrays), strict=False))}
-            expected = np.array(list(evaluate(program, inputs).values()))
-            assert np.abs(found[i].ravel() - expected).max() <= TOLERANCE * np.abs(expected).max()
+    T = k.christoffel(q)
+    assert np.abs(T - np.swapaxes(T, 2, 3)).max() <= TOLERANCE * np.abs(case.M).max()
+    bias = np.einsum("nsvw,nv,nw->ns", T, v, v)
+    assert np.abs(bias - k.bias_force(q, v)).max() <= TOLERANCE * np.abs(case.M).max() * np.abs(v).max() ** 2
 
 
 def recursion_on_floats(robot: Robot, q: Array, v: Array, a: Array) -> tuple[Array, Array]:
@@ -216,18 +119,6 @@ def test_four_ways_agree(seed: int, built: Build) -> None:
         for found in (bias, kernel.bias_force(s.q, s.v)):
             assert np.abs(found - oracle.bias_force(s.q, s.v)).max() <= TOLERANCE * size
         assert np.abs(kernel.inverse_dynamics(s.q, s.v, s.a) - drives).max() <= TOLERANCE * size
-
-
-@pytest.mark.parametrize("seed", seeds(500, 1, 12))
-def test_kernel_equals_recursion_on_floats(seed: int, built: Build) -> None:
-    """Up to three joints with any subset of the six coordinates in each."""
-    robot = random_robot(seed)
-    kernel = built(robot, "inverse_dynamics", "mass_matrix")
-    for state in range(5):
-        s = random_state(robot, seed + 1000 * state)
-        u, M = recursion_on_floats(robot, s.q, s.v, s.a)
-        assert np.abs(kernel.inverse_dynamics(s.q, s.v, s.a) - u).max() <= TOLERANCE * np.abs(u).max()
-        assert np.abs(kernel.mass_matrix(s.q) - M).max() <= TOLERANCE * np.abs(M).max()
 
 
 def test_loop_equals_straight_line(built: Build, empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -269,7 +160,7 @@ def test_cheaper_solver_is_chosen() -> None:
     assert equations.derive_cheapest(thirty_six, "forward_dynamics")[1] != FACTORISED
 
 
-def test_single_precision(case: Case, built: Build) -> None:
+def test_single_precision(case: Subject, built: Build) -> None:
     single = built(case.robot, "mass_matrix", "inverse_dynamics", "kinematics", dtype="float32")
     arrays = [x.astype(np.float32) for x in (case.q, case.v, case.a)]
     wide = [x.astype(np.float64) for x in arrays]
@@ -277,7 +168,7 @@ def test_single_precision(case: Case, built: Build) -> None:
     assert M.dtype == u.dtype == single.dtype == np.float32
     expected = case.kernel.mass_matrix(wide[0])
     assert np.abs(M - expected).max() <= 1e-5 * np.abs(expected).max()
-    assert np.abs(u - case.kernel.inverse_dynamics(*wide)).max() <= 1e-4 * case.size
+    assert np.abs(u - case.kernel.inverse_dynamics(*wide)).max() <= 1e-4 * case.forces.max()
     frame = case.kernel.frames[0]
     assert np.abs(single.frame_pose(arrays[0], frame) - case.kernel.frame_pose(wide[0], frame)).max() <= 1e-5
 
@@ -347,3 +238,8 @@ def test_a_massless_link_between_slides(solver: str, tilt: tuple[float, float, f
     inputs = {letter: [0.1, -0.2, 0.3, 0.4, 0.5] for letter in "qvu"}
     found = evaluate(program, {**inputs, "p": list(model.parameters.values())})
     assert any(not found["pivot", 2 * i] > 1e-12 * found["pivot", 2 * i + 1] for i in range(model.size))
+
+
+@pytest.mark.parametrize("law", CHECKS)
+def test_laws_of_mechanics(law: Callable[[Subject, Figures], None], case: Subject, figures: Figures) -> None:
+    law(case, figures)

@@ -14,12 +14,9 @@ from tests.support.builds import Build
 from tests.support.figures import Figures
 from tests.support.many_descriptions import check_descriptions
 from tests.support.many_laws import CHECKS
+from tests.support.many_oracles import check_forms, check_oracles
 from tests.support.many_robots import FORMS, ROBOTS, Subject, many_robot, named, subject
 from tests.support.soak import share, soaked
-
-pytest.importorskip("pinocchio")
-pytest.importorskip("mujoco")
-from tests.support.many_oracles import check_forms, check_oracles
 
 EVERYTHING: tuple[Callable[[Subject, Figures], None], ...] = (
     check_oracles,

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
 
 import eomgen
 from eomgen.codegen.kernels.equations import derive
-from eomgen.codegen.kernels.stages import PAIR_STAGES, STAGES
+from eomgen.codegen.kernels.stages import STAGES
 from eomgen.codegen.kernels.steps.methods import TSIT5, W643, Array, Rosenbrock
-from eomgen.codegen.program.ir import evaluate
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
 from eomgen.state.springs import damping_matrix, stiffness_matrix
 from tests.support.builds import Build
+from tests.support.dense_stages import staged
 from tests.support.random_motors import geared_robot, motor_state
 from tests.support.random_robots import random_robot, random_state, some_prescribed
 
@@ -109,108 +109,16 @@ def test_weights_within_a_step_are_of_order_4() -> None:
         assert np.abs(rooted_trees(weights, TSIT5.a / share, 4)).max() <= 1e3 * ROUND_OFF
 
 
-@pytest.mark.parametrize(
-    "robot",
-    [random_robot(1450, joints=(1, 3), types=("revolute", "prismatic", "free")), geared_robot(1452, (1, 3))],
-    ids=["springs", "motors"],
-)
-def test_a_stage_solves_with_springs_and_dampers(robot: Robot, built: Build) -> None:
-    """(M + c B + c^2 K) w = -((c B + c^2 K) r + c K s), by the whole matrix."""
-    check_stage(robot, built)
-
-
-def test_what_is_prescribed_has_no_change(built: Build) -> None:
-    check_stage(some_prescribed(random_robot(1453, joints=(2, 3), types=("revolute", "prismatic")), 1453), built)
-
-
-def check_stage(robot: Robot, built: Build) -> None:
-    kernel, rng = built(robot, "mass_matrix"), np.random.default_rng(5)
-    s = motor_state(robot, 5) if any(joint.motor for joint in robot.joints) else random_state(robot, 5)
-    model, n, c = build_model(robot), kernel.n, 0.03
-    rates, shifts, kp, kd = rng.uniform(-1.0, 1.0, (4, n))
-    free = np.array([name not in kernel.prescribed for name in kernel.coordinates])
-    acting = np.isin(np.arange(n), model.driven)
-    kp, kd = np.abs(kp), np.abs(kd)
-    given = {"q": s.q, "v": s.v, "kp": kp, "kd": kd, "times": (c, c * c), "p": list(model.parameters.values())}
-    first, second = (derive(model, name) for name in STAGES)
-    kept = evaluate(first, given)
-    values = [kept["out", i] for i in range(sum(key[0] == "out" for key in kept))]
-    found = evaluate(second, {"kept": values, "rates": rates, "shifts": shifts, "p": given["p"]})
-    K = stiffness_matrix(kernel) + np.diag(np.where(acting, kp, 0.0))
-    B = damping_matrix(kernel) + np.diag(np.where(acting, kd, 0.0))
-    slope = c * B + c * c * K
-    right = -(slope @ rates + c * K @ shifts)
-    grid = np.ix_(free, free)
-    expected = np.zeros(n)
-    expected[free] = np.linalg.solve((kernel.mass_matrix(s.q) + slope)[grid], right[free])
-    assert np.abs([found["out", i] for i in range(n)] - expected).max() <= 1e-11 * np.abs(expected).max()
-
-
-@pytest.mark.parametrize(
-    "robot",
-    [random_robot(1450, joints=(1, 3), types=("revolute", "prismatic", "free")), geared_robot(1452, (1, 3))],
-    ids=["springs", "motors"],
-)
-def test_a_complex_stage_solves_with_springs_and_dampers(robot: Robot, built: Build) -> None:
-    """The same system with a complex c, rates and shifts, by the whole matrix."""
-    check_pair_stage(robot, built, prescribed=False)
-
-
-def test_what_is_prescribed_has_no_complex_change(built: Build) -> None:
-    robot = some_prescribed(random_robot(1453, joints=(2, 3), types=("revolute", "prismatic")), 1453)
-    check_pair_stage(robot, built, prescribed=True)
-
-
-def check_pair_stage(robot: Robot, built: Build, *, prescribed: bool) -> None:
-    kernel, rng = built(robot, "mass_matrix"), np.random.default_rng(5)
-    s = motor_state(robot, 5) if any(joint.motor for joint in robot.joints) else random_state(robot, 5)
-    model, n, c = build_model(robot), kernel.n, 0.02 - 0.03j
-    parts = rng.uniform(-1.0, 1.0, (6, n))
-    kp, kd = np.abs(parts[:2])
-    rates, shifts = parts[2] + 1j * parts[3], parts[4] + 1j * parts[5]
-    free = np.array([name not in kernel.prescribed for name in kernel.coordinates])
-    assert free.all() != prescribed
-    acting = np.isin(np.arange(n), model.driven)
-    times, p = (c.real, (c * c).real, c.imag, (c * c).imag), list(model.parameters.values())
-    spans = (abs(c), abs(c * c))
-    first, second = (derive(model, name) for name in PAIR_STAGES)
-    kept = evaluate(first, {"q": s.q, "v": s.v, "kp": kp, "kd": kd, "pair_times": times, "spans": spans, "p": p})
-    values = [kept["out", i] for i in range(sum(key[0] == "out" for key in kept))]
-    given = {"pair_rates": [*rates.real, *rates.imag], "pair_shifts": [*shifts.real, *shifts.imag]}
-    found = evaluate(second, {"pair_kept": values, **given, "p": p})
-    K = stiffness_matrix(kernel) + np.diag(np.where(acting, kp, 0.0))
-    B = damping_matrix(kernel) + np.diag(np.where(acting, kd, 0.0))
-    slope = c * B + c * c * K
-    right = -(slope @ rates + c * K @ shifts)
-    grid = np.ix_(free, free)
-    expected = np.zeros(n, complex)
-    expected[free] = np.linalg.solve((kernel.mass_matrix(s.q) + slope)[grid], right[free])
-    here = np.array([complex(found["out", i], found["out", n + i]) for i in range(n)])
-    assert np.abs(here - expected).max() <= 1e-11 * np.abs(expected).max()
-
-
 @pytest.mark.parametrize("name", ["worn_arm", "balanced_arm", "andrews"])
 def test_a_complex_stage_is_the_real_one_where_its_numbers_are_real(name: str) -> None:
     """Laws, frictions and loops among them: with a real c, rates and shifts imaginary parts vanish."""
     model = build_model(eomgen.load_robot(name))
-    s, n, c = random_state(model.robot, 7), model.size, 0.02
-    rng, p = np.random.default_rng(7), list(model.parameters.values())
-    rates, shifts = rng.uniform(-1.0, 1.0, (2, n))
-    none = np.zeros(n)
-    given = {"q": s.q, "v": s.v, "kp": none, "kd": none, "p": p}
-
-    def solved(pair: str, names: Sequence[str], times: Sequence[float], imaginary: Sequence[float]) -> list[float]:
-        first, second = (derive(model, name) for name in names)
-        kept = evaluate(first, {**given, f"{pair}times": times, "spans": (c, c * c)})
-        values = [kept["out", i] for i in range(sum(key[0] == "out" for key in kept))]
-        late = {f"{pair}rates": [*rates, *imaginary], f"{pair}shifts": [*shifts, *imaginary]}
-        found = evaluate(second, {f"{pair}kept": values, **late, "p": p})
-        return [found["out", i] for i in range(len(found))]
-
-    pairs = np.array(solved("pair_", PAIR_STAGES, (c, c * c, 0.0, 0.0), none))
-    real = np.array(solved("", STAGES, (c, c * c), ()))
-    assert np.abs(pairs[:n] - real).max() <= 1e-11 * np.abs(real).max()
-    assert np.abs(pairs[n:]).max() <= 1e-13 * np.abs(real).max()
+    s, parts = random_state(model.robot, 7), np.random.default_rng(7).uniform(-1.0, 1.0, (2, 2, model.size))
+    parts[:, 1] = 0.0
+    state = {"q": s.q, "v": s.v, "p": list(model.parameters.values())}
+    pairs, real = staged(model, state, 0.02 + 0.0j, *parts), staged(model, state, 0.02, *parts)
+    assert np.abs(pairs.real - real).max() <= 1e-11 * np.abs(real).max()
+    assert np.abs(pairs.imag).max() <= 1e-13 * np.abs(real).max()
 
 
 def test_a_step_computes_its_factors_once() -> None:
@@ -219,3 +127,31 @@ def test_a_step_computes_its_factors_once() -> None:
     first, second = (sum(derive(model, name).count().values()) for name in STAGES)
     assert second <= 0.6 * first
     assert derive(model, STAGES[1]).count()["div"] == 0
+
+
+STAGED: dict[str, Callable[[], Robot]] = {
+    "springs": lambda: random_robot(1450, joints=(1, 3), types=("revolute", "prismatic", "free")),
+    "motors": lambda: geared_robot(1452, (1, 3)),
+    "prescribed": lambda: some_prescribed(random_robot(1453, joints=(2, 3), types=("revolute", "prismatic")), 1453),
+}
+
+
+@pytest.mark.parametrize("name", STAGED)
+@pytest.mark.parametrize("c", [0.03, 0.02 - 0.03j])
+def test_a_stage_solves_with_springs_and_dampers(name: str, c: complex, built: Build) -> None:
+    """(M + c B + c^2 K) w = -((c B + c^2 K) r + c K s), by the whole matrix; what is prescribed has no change."""
+    robot = STAGED[name]()
+    kernel, rng, model = built(robot, "mass_matrix"), np.random.default_rng(5), build_model(robot)
+    s = motor_state(robot, 5) if any(joint.motor for joint in robot.joints) else random_state(robot, 5)
+    parts, (kp, kd) = rng.uniform(-1.0, 1.0, (2, 2, kernel.n)), rng.uniform(0.0, 1.0, (2, kernel.n))
+    free = np.array([name not in kernel.prescribed for name in kernel.coordinates])
+    assert free.all() != (name == "prescribed")
+    acting = np.isin(np.arange(kernel.n), model.driven)
+    found = staged(model, {"q": s.q, "v": s.v, "kp": kp, "kd": kd, "p": list(model.parameters.values())}, c, *parts)
+    rates, shifts = (x[0] + 1j * x[1] if isinstance(c, complex) else x[0] for x in parts)
+    K = stiffness_matrix(kernel) + np.diag(np.where(acting, kp, 0.0))
+    B = damping_matrix(kernel) + np.diag(np.where(acting, kd, 0.0))
+    slope, expected = c * B + c * c * K, 0.0 * rates
+    right, grid = -(slope @ rates + c * K @ shifts), np.ix_(free, free)
+    expected[free] = np.linalg.solve((kernel.mass_matrix(s.q) + slope)[grid], right[free])
+    assert np.abs(found - expected).max() <= 1e-11 * np.abs(expected).max()
