@@ -19,13 +19,12 @@ from eomgen.codegen.kernels.equations import derive
 from eomgen.codegen.kernels.signatures import KERNELS, available
 from eomgen.codegen.program.forward_mode import tangent
 from eomgen.codegen.program.ir import Graph, Program, evaluate, finish
-from eomgen.codegen.program.operations import CALLS, OPERATIONS
 from eomgen.codegen.program.passes import run_passes
 from eomgen.codegen.program.rotations import find_rotations
 from eomgen.codegen.program.taylor import jet
 from eomgen.robot.model import Model, build_model
 from eomgen.robot.value import Robot
-from tests.codegen.program.test_tangent import robot_of
+from tests.codegen.program.test_reverse_mode import every_operation, robot_of
 from tests.support.bending_robots import bent
 from tests.support.bristles import remembering_arm
 from tests.support.random_robots import random_robot, seeds
@@ -190,14 +189,7 @@ def test_closed_mechanisms(name: str) -> None:
 
 @pytest.mark.parametrize("order", ORDERS)
 def test_every_operation_has_its_series(order: int) -> None:
-    graph = Graph()
-    x, y = graph.input("q", 0), graph.input("q", 1)
-    sine, cosine = graph.sincos(x)
-    values = [x + y, x - y, x * y, x / y, -x, sine, cosine, 2.0, y * 3.0, x * x, (x * y) * (x * y), 1.0 / y]
-    values += [graph.call(name, *(y, x, x * y)[: operation.arity]) for name, operation in CALLS.items()]
-    values += [sine * y + cosine * x, cosine * y - sine * x]  # a rotation
-    program = finish(graph, "all", {("out", i): value for i, value in enumerate(values)})
-    assert {instruction.op for instruction in program.instructions} == set(OPERATIONS)
+    program = every_operation("rotations")
     assert len(find_rotations(program)) == 4
     rng = np.random.default_rng(order)
     for start in ([0.7, 1.9], [1.9, 0.7]):
