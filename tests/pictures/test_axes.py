@@ -31,7 +31,7 @@ from eomgen.shown import Plotting
 from eomgen.simulation import SimulationResult, run_scenario
 from eomgen.sweep import plan_from_toml, run
 from tests.pictures.test_measured_pages import MEASURED, calibration, fitted, identified
-from tests.runtime.test_memory import block
+from tests.support.bristles import block
 from tests.support.measured_results import _compensation, _excitation
 
 pytestmark = pytest.mark.usefixtures("unoptimised")

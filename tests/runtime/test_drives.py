@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,15 +20,11 @@ from eomgen.runtime.stepping.input_signals import InputSignals, LinkWrench, Sign
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.run import run_scenario
 from tests.support.builds import Build
-from tests.support.drive_reference import AXIS, DAMPING, DRIVES, INERTIA, WINDING, drive, numbers_of, rates_of
+from tests.support.drive_reference import AXIS, DAMPING, DRIVES, INERTIA, WINDING, drive, numbers_of, rates_of, servo
 from tests.support.soak import soaked
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "servo_axis.toml"
 pytestmark = pytest.mark.usefixtures("unoptimised")
-
-
-def _robot(table: str, more: str = "") -> eomgen.Robot:
-    return robot_from_toml(f"{AXIS}gamma = {{ damping = {DAMPING}, armature = 0.02, drive = {{ {table} }}{more} }}\n")
 
 
 def _names(kernel: eomgen.Kernel) -> list[str]:
@@ -39,7 +34,7 @@ def _names(kernel: eomgen.Kernel) -> list[str]:
 @pytest.mark.parametrize("name", DRIVES)
 def test_accelerations_and_their_derivatives_are_those_of_the_equations(name: str, built: Build) -> None:
     table, _ = DRIVES[name]
-    kernel, numbers, rng = built(_robot(table)), numbers_of(table), np.random.default_rng(1)
+    kernel, numbers, rng = built(servo(table)), numbers_of(table), np.random.default_rng(1)
     for size in (0.1, 1.0, 10.0, 100.0):
         q, v, u = rng.normal(size=(3, kernel.n))
         v[1:] *= size
@@ -68,7 +63,7 @@ def test_accelerations_and_their_derivatives_are_those_of_the_equations(name: st
 @pytest.mark.parametrize("name", soaked(DRIVES, ("cascade", "lag")))
 def test_all_methods_follow_an_integration_to_twelve_digits(name: str, built: Build) -> None:
     table, u = DRIVES[name]
-    kernel, numbers, samples = built(_robot(table)), numbers_of(table), 40
+    kernel, numbers, samples = built(servo(table)), numbers_of(table), 40
     assert kernel.inputs["joint1.gamma"].meaning == kernel.inputs["joint1.gamma"].meaning
     rates = rates_of(numbers, _names(kernel), u, lambda s, v, force: (force - DAMPING * v) / INERTIA)
     begin, t = np.zeros(2 + len(kernel.memory)), np.linspace(0.0, 0.5, samples + 1)
@@ -92,7 +87,7 @@ def test_all_methods_follow_an_integration_to_twelve_digits(name: str, built: Bu
 def test_a_voltage_turns_a_motor_as_its_closed_form_says(built: Build) -> None:
     """Without limits and load: the velocity is a sum of two exponentials."""
     R, L, k, V = 2.0, 0.02, 0.4, 6.0
-    kernel = built(_robot(f"winding = {{ resistance = {R}, inductance = {L}, torque_constant = {k} }}"))
+    kernel = built(servo(f"winding = {{ resistance = {R}, inductance = {L}, torque_constant = {k} }}"))
     roots = np.roots([L * INERTIA, L * DAMPING + R * INERTIA, R * DAMPING + k * k])
     final = k * V / (R * DAMPING + k * k)
     t = np.linspace(0.0, 1.0, 51)
@@ -108,7 +103,7 @@ def test_a_current_loop_has_the_bandwidth_that_its_gains_are_for(built: Build) -
     """kp = w L and ki = w R cancel the winding's pole: the current follows with the time constant 1 / w."""
     R, L, w = 0.7, 1.4e-3, 2000.0
     winding = f"winding = {{ resistance = {R}, inductance = {L}, torque_constant = 1e-9 }}"
-    kernel = built(_robot(f"{winding}, controller = {{ current = {{ kp = {w * L}, ki = {w * R} }} }}"))
+    kernel = built(servo(f"{winding}, controller = {{ current = {{ kp = {w * L}, ki = {w * R} }} }}"))
     zero, u = np.zeros(kernel.n), np.zeros(kernel.n)
     _, by_v, by_u = kernel.forward_dynamics_jacobian(zero, zero, u)
     states = slice(1, kernel.n)
@@ -125,7 +120,7 @@ def test_integrals_do_not_wind_up(built: Build) -> None:
     loop = "kp = 6.0, ki = 12.0, kd = 0.8, limit = 1.0"
     peaks = {}
     for tracking in (0.2, 1e6):
-        kernel = built(_robot(f"controller = {{ {loop}, tracking_time = {tracking} }}"))
+        kernel = built(servo(f"controller = {{ {loop}, tracking_time = {tracking} }}"))
         motion = kernel.rollout([0.0], [0.0], [1.0], duration=6.0, samples=600, method="radau", rtol=1e-8, z=[0.0])
         peaks[tracking] = motion[0].max()
         assert np.abs(kernel.drive_forces(motion[0], motion[1], [1.0], motion.z)).max() <= 1.0
@@ -137,7 +132,7 @@ def test_fast_windings_need_no_small_steps(built: Build) -> None:
     """With L / R = 1e-4 s and a current loop of 1e-5 s linearly implicit steps are as long as the motion allows."""
     winding = "winding = { resistance = 1.0, inductance = 1e-4, torque_constant = 0.5 }"
     loops = "velocity = { kp = 0.5, ki = 2.0 }, current = { kp = 10.0, ki = 1e5 }"
-    kernel = built(_robot(f"{winding}, controller = {{ {loops} }}"))
+    kernel = built(servo(f"{winding}, controller = {{ {loops} }}"))
     zero = np.zeros(3)
     steps = {
         method: kernel.rollout([0.0], [0.0], [2.0], duration=2.0, samples=2, method=method, rtol=1e-4, z=zero).steps
@@ -155,7 +150,7 @@ def test_fast_windings_need_no_small_steps(built: Build) -> None:
 def test_what_drives_take_in_is_stored_or_dissipated(name: str, built: Build) -> None:
     """Of a winding V i; it stores L i^2 / 2, and its resistance dissipates R i^2."""
     table, u = DRIVES[name]
-    kernel = built(_robot(table))
+    kernel = built(servo(table))
     motion = integrate(
         kernel, [0.0], [0.0], duration=0.5, output_step=0.05, drive=[u], method="radau", rtol=1e-9, works=True
     )
@@ -169,61 +164,10 @@ def test_what_drives_take_in_is_stored_or_dissipated(name: str, built: Build) ->
         np.testing.assert_allclose(motion.energy.sum(axis=1), kinetic + 0.5e-3 * i * i, rtol=1e-12, atol=1e-15)
 
 
-def test_batches_lanes_and_single_states_have_the_same_bits(built: Build) -> None:
-    table, u = DRIVES["cascade"]
-    kernel, rng = built(_robot(table)), np.random.default_rng(3)
-    q, v, z = rng.normal(size=(13, 1)), rng.normal(size=(13, 1)), rng.normal(size=(13, len(kernel.memory)))
-    us = u * rng.normal(size=(13, 1))
-    for method in ("tsit5", "rosenbrock", "radau"):
-        together = kernel.rollout(q, v, us, duration=0.1, samples=3, method=method, z=z)
-        for state in range(13):
-            alone = kernel.rollout(q[state], v[state], us[state], duration=0.1, samples=3, method=method, z=z[state])
-            for x, y in zip((*together, together.z), (*alone, alone.z), strict=True):
-                assert (x[state] == y).all(), (method, state)
-
-
-def test_single_precision_follows_double_precision(built: Build) -> None:
-    table, u = DRIVES["cascade"]
-    motions, options = [], {"duration": 0.3, "samples": 3, "method": "rosenbrock", "rtol": 1e-4}
-    for dtype in ("float32", "float64"):
-        kernel, begin = built(_robot(table), dtype=dtype), np.zeros((3, 1), dtype)
-        begin[2] = u
-        motions.append(kernel.rollout(*begin, z=np.zeros(7, dtype), **options))
-    np.testing.assert_allclose(motions[0][0], motions[1][0], atol=2e-3)
-
-
-def test_gradients_go_through_drives(built: Build) -> None:
-    """Of a sum over the last state by inputs, states at the beginning and a number, beside differences."""
-    table, u = DRIVES["without current loop"]
-    kernel, rng, number = built(_robot(table)), np.random.default_rng(7), "joints.joint1.gamma.drive.winding.resistance"
-    n = kernel.n
-    weights = rng.normal(size=n) * np.r_[1.0, 1.0, 0.01 * np.ones(n - 2)]
-    begin = {"q": np.zeros(n), "v": 0.01 * rng.normal(size=n), "u": 0.02 * u * np.eye(n)[0]}
-
-    def loss(_: Any, q: Any, v: Any) -> Any:
-        slopes = np.zeros_like(v)
-        slopes[-1] = weights
-        return float(weights @ v[-1]), np.zeros_like(q), slopes
-
-    for method in ("rk4", "implicit"):
-        options: dict[str, Any] = {"dt": 1e-3, "steps": 40, "every": 10, "method": method, "loss": loss}
-
-        def total(x: Mapping[str, Any], options: Any = options, where: eomgen.Kernel = kernel) -> float:
-            return float(where.rollout_gradient(x["q"], x["v"], x["u"], **options)[0])
-
-        _, slopes = kernel.rollout_gradient(begin["q"], begin["v"], begin["u"], parameters=[number], **options)
-        for key, place in (("u", 0), ("u", 1), ("v", 0), ("v", n - 1)):
-            ends = [total(begin | {key: begin[key] + sign * 1e-6 * np.eye(n)[place]}) for sign in (1.0, -1.0)]
-            assert slopes[key][..., place].sum() == pytest.approx((ends[0] - ends[1]) / 2e-6, rel=1e-5), (method, key)
-        changed = [kernel.with_parameters({number: 1.0 + sign * 1e-5}) for sign in (1.0, -1.0)]
-        ends = [total(begin, where=x) for x in changed]
-        assert slopes[number] == pytest.approx((ends[0] - ends[1]) / 2e-5, rel=1e-5), method
-
-
 def test_forces_beside_a_drive_act_on_its_coordinate(built: Build) -> None:
     """External wrenches act on the arm, whatever u means, in forward dynamics, C and Python."""
     table, u = DRIVES["voltage"]
-    kernel = built(_robot(table))
+    kernel = built(servo(table))
     q, v, drives = np.zeros(2), np.array([0.3, 1.0]), np.array([u, 0.0])
     wrench = {"arm": [0.0, 2.0, 0.0, 0.0, 0.0, 0.5]}
     free = kernel.forward_dynamics(q, v, drives)
@@ -283,17 +227,17 @@ def test_what_nothing_drives_has_no_drive() -> None:
 
 
 def test_efforts_clip_forces_alone(built: Build) -> None:
-    voltage = built(_robot(DRIVES["voltage"][0], ", limits = { effort = 1.0 }"))
+    voltage = built(servo(DRIVES["voltage"][0], ", limits = { effort = 1.0 }"))
     with pytest.raises(InputError, match=r"saturate: joint1\.gamma has 1, but its drive takes a voltage"):
         voltage.rollout([0.0], [0.0], [1.0], dt=1e-3, steps=2, saturate={"joint1.gamma": 1.0}, z=[0.0])
-    lag = built(_robot("lag = 0.05", ", limits = { effort = 1.0 }"))
+    lag = built(servo("lag = 0.05", ", limits = { effort = 1.0 }"))
     motion = lag.rollout([0.0], [0.0], [5.0], duration=1.0, samples=1, saturate=True, z=[0.0])
     assert motion.z[-1, 0] == pytest.approx(1.0, abs=1e-4)
 
 
 def test_linear_systems_have_drives(built: Build) -> None:
     """Free drives work about the state: eigenvalues, and responses to their inputs."""
-    robot = _robot(DRIVES["cascade"][0])
+    robot = servo(DRIVES["cascade"][0])
     kernel = built(robot)
     system = eomgen.analysis.linearize(robot, drives="free", inputs=["joint1.gamma"], outputs=["joint1.gamma"])
     zero = np.zeros(kernel.n)
@@ -335,9 +279,7 @@ def test_simulations_follow_references_from_rest(tmp_path: Path) -> None:
         with pytest.raises(DescriptionError, match=named):
             run_scenario(robot, scenario_from_toml(f"duration = 0.1\n[control]\n{control}\n"))
     with pytest.raises(DescriptionError, match=r"joint1\.gamma takes a voltage, V; allowed: a torque table"):
-        run_scenario(
-            _robot(DRIVES["voltage"][0]), scenario_from_toml('duration = 0.1\n[control]\ntype = "reference"\n')
-        )
+        run_scenario(servo(DRIVES["voltage"][0]), scenario_from_toml('duration = 0.1\n[control]\ntype = "reference"\n'))
 
 
 LINKAGE = """

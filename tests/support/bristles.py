@@ -54,7 +54,7 @@ placement = {{ xyz = [0.3, 0.0, 0.0] }}
 """
 
 
-GEARED = f"""
+GEAR = """
 name = "bristle_gear"
 gravity = [0.0, -9.81, 0.0]
 [[links]]
@@ -72,19 +72,20 @@ name = "j1"
 parent = "base"
 child = "a"
 type = "revolute"
-gamma = {{ {FRICTION} }}
+gamma = {{ {friction} }}
 [[joints]]
 name = "j2"
 parent = "a"
 child = "b"
 type = "revolute"
 placement = {{ xyz = [0.4, 0.0, 0.0] }}
-gamma = {{ {FRICTION} }}
+gamma = {{ {friction} }}
 [[couplings]]
 name = "gear"
 of = "j2.gamma"
 to = {{ "j1.gamma" = -2.0 }}
 """
+GEARED = GEAR.format(friction=FRICTION)
 
 
 HYSTERESIS = "hysteresis = {{ stiffness = {}, beta = 30.0, gamma = 10.0, n = 1.5, share = 0.3 }}"
@@ -186,3 +187,37 @@ def wide(kernel: eomgen.Kernel, q: Any, v: Any, u: Any, z: Any) -> tuple[Any, An
     """Return q, v and u as arrays of the C have them: states of laws stand behind the coordinates of v."""
     nothing = np.zeros(len(kernel.memory))
     return np.r_[q, nothing], np.r_[v, z], np.r_[u, nothing]
+
+
+STIFFNESS, DAMPING, VISCOUS, COULOMB, STATIC, STRIBECK = 1e5, float(np.sqrt(1e5)), 0.4, 1.0, 1.5, 1e-3  # published
+PULL = 2.0  # N/m of the spring that pulls a mass of 1 kg
+BLOCK = """
+name = "block"
+gravity = [0.0, -9.81, 0.0]
+[[links]]
+name = "body"
+mass = 1.0
+inertia = {{ xx = 0.1, yy = 0.1, zz = 0.1 }}
+[[joints]]
+name = "slide"
+type = "prismatic"
+parent = "base"
+child = "body"
+z = {{ stiffness = {pull}, friction = {{ {friction} }} }}
+"""
+PUBLISHED = (
+    f'model = "lugre", coulomb = {COULOMB}, static = {STATIC}, stribeck = {STRIBECK}, bristle_stiffness = {STIFFNESS},'
+    f" bristle_damping = {DAMPING}, viscous = {VISCOUS}"
+)
+
+
+def block(friction: str = PUBLISHED, pull: float = PULL) -> Robot:
+    """Return a mass of 1 kg on a rail, pulled by a spring, with the published friction or another one."""
+    return robot_from_toml(BLOCK.format(friction=friction, pull=pull))
+
+
+def rates(v: Any, z: Any) -> tuple[Any, Any]:
+    """Return z' and the friction of the published numbers, as the paper writes them."""
+    level = COULOMB + (STATIC - COULOMB) * np.exp(-((v / STRIBECK) ** 2))
+    rate = v - STIFFNESS * np.abs(v) * z / level
+    return rate, STIFFNESS * z + DAMPING * rate + VISCOUS * v

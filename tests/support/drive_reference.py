@@ -7,6 +7,9 @@ import tomllib
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from eomgen.description.load import robot_from_toml
+from eomgen.robot.value import Robot
+
 Table = Mapping[str, Any]
 LOOPS = ("position", "velocity", "current")
 
@@ -41,6 +44,11 @@ DRIVES: Mapping[str, tuple[str, float]] = {  # tables of drives, and what their 
     "torque": ("controller = { kp = 30.0, kd = 1.0, limit = 5.0 }", 1.0),
     "velocity": ("controller = { velocity = { kp = 3.0, ki = 10.0, limit = 2.0, tracking_time = 0.2 } }", 1.5),
 }
+
+
+def servo(table: str, more: str = "") -> Robot:
+    """Return one link on a joint with a drive of that table."""
+    return robot_from_toml(f"{AXIS}gamma = {{ damping = {DAMPING}, armature = 0.02, drive = {{ {table} }}{more} }}\n")
 
 
 def numbers_of(table: str) -> Any:

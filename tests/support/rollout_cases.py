@@ -341,7 +341,7 @@ KINDS: dict[str, Callable[..., Case]] = {
     **dict.fromkeys(("clipped", "clipped loop"), clipped),
     **dict.fromkeys(LAWS, slide),
 }
-SLOW = ("loaded loop", "clipped loop", *(law for law in LAWS if law != "hysteresis"))  # left to the soak
+SLOW = ("loaded loop", "clipped loop", *LAWS.keys() - {"hysteresis", "limited"})  # left to the soak
 
 
 def case_of(built: Build, kind: str, method: str, **options: Any) -> Case:
