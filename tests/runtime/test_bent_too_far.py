@@ -19,6 +19,7 @@ from tests.support.bending_mixtures import answer
 from tests.support.bending_robots import bent
 from tests.support.builds import Build
 from tests.support.random_robots import random_robot, seeds
+from tests.support.refusals import refused
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -84,12 +85,9 @@ def test_a_state_beyond_it_names_link_and_modes(built: Build) -> None:
     zero, place = np.zeros(kernel.n), kernel.coordinates.index(f"{link.name}.mode1")
     said = rf": link {link.name} bends farther than modes of second order reach \({link.name}\.mode1"
     shown = rf" = {q[place]:.4g}, {link.name}\.mode2 = 0"
-    with pytest.raises(SingularError, match="cannot be inverted" + said + shown):
-        kernel.forward_dynamics(q, zero, zero)
-    with pytest.raises(SingularError, match="inverted in state 1" + said + shown):
-        kernel.forward_dynamics([zero, q], zero, zero)
-    with pytest.raises(SingularError, match="inverted in step 0" + said + shown):
-        kernel.rollout(q, zero, dt=1e-4, steps=2)
+    refused(SingularError, "cannot be inverted" + said + shown, kernel.forward_dynamics, q, zero, zero)
+    refused(SingularError, "inverted in state 1" + said + shown, kernel.forward_dynamics, [zero, q], zero, zero)
+    refused(SingularError, "inverted in step 0" + said + shown, kernel.rollout, q, zero, dt=1e-4, steps=2)
     assert np.isfinite(kernel.forward_dynamics(0.5 * q, zero, zero)).all()
 
 

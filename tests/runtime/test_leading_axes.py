@@ -8,6 +8,7 @@ import pytest
 import eomgen
 from eomgen.errors import ArrayError
 from tests.support.builds import Build
+from tests.support.refusals import refused
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -76,8 +77,7 @@ def test_wrenches_broadcast_too(name: str, kernel: eomgen.Kernel) -> None:
     assert np.allclose(call(*arrays, wrench=W[:, :1]), same, rtol=1e-13)
     one = [[call(*(x[0, 0] for x in arrays), wrench=W[i, k]) for k in range(3)] for i in range(2)]
     assert np.allclose(call(*(x[0, 0] for x in arrays), wrench=W), one, rtol=1e-13)
-    with pytest.raises(ArrayError, match=r"leading axes|states, but"):
-        call(*arrays, wrench=np.zeros((4, 1, 6)))
+    refused(ArrayError, r"leading axes|states, but", call, *arrays, wrench=np.zeros((4, 1, 6)))
 
 
 def test_frames_blocks_and_derivatives(kernel: eomgen.Kernel) -> None:
@@ -95,8 +95,7 @@ def test_frames_blocks_and_derivatives(kernel: eomgen.Kernel) -> None:
 def test_axes_that_do_not_go_together(kernel: eomgen.Kernel) -> None:
     with pytest.raises(ArrayError, match=r"^v: leading axes \(2,\) do not go together with \(2, 3\) of other arrays$"):
         kernel.bias_force(Q, np.zeros((2, 2)))
-    with pytest.raises(ArrayError, match=r"^v: 4 states, but 3 in other arrays$"):
-        kernel.bias_force(Q[0], np.zeros((4, 2)))
+    refused(ArrayError, r"^v: 4 states, but 3 in other arrays$", kernel.bias_force, Q[0], np.zeros((4, 2)))
     with pytest.raises(ArrayError, match=r"^out: expected float64 of shape \(2, 3, 2, 2\), got"):
         kernel.mass_matrix(Q, out=np.zeros((6, 2, 2)))
     with pytest.raises(ArrayError, match=r"^q0: expected float64 of shape \(2\) or \(N, 2\), got shape \(2, 3, 2\)$"):

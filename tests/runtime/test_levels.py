@@ -9,6 +9,7 @@ import pytest
 from eomgen.errors import BuildError, InputError
 from eomgen.runtime import levels
 from tests.support.processors import PROCESSORS, needs_levels, pretend
+from tests.support.refusals import refused
 
 
 @needs_levels
@@ -34,8 +35,7 @@ def test_machines_without_levels_have_the_base(monkeypatch: pytest.MonkeyPatch) 
     for system in ("darwin", "win32"):
         monkeypatch.setattr(levels.sys, "platform", system)
         assert levels.machine_levels() == levels.supported() == ("v1",)
-        with pytest.raises(InputError, match=r"level: 'v3' is of x86-64 on Linux, .*; allowed: v1$"):
-            levels.check_level("v3", "level")
+        refused(InputError, r"level: 'v3' is of x86-64 on Linux, .*; allowed: v1$", levels.check_level, "v3", "level")
 
 
 def test_what_the_system_says_of_its_processor() -> None:
@@ -56,8 +56,7 @@ def test_the_variable_is_the_highest_level_to_be_used(monkeypatch: pytest.Monkey
         levels.best_level(("v3", "v4"))
     for wrong, reason in (("v4", "is beyond this processor, which lacks avx512f, avx512bw,"), ("avx", "is unknown")):
         monkeypatch.setenv(levels.VARIABLE, wrong)
-        with pytest.raises(InputError, match=rf"\$EOMGEN_LEVEL: '{wrong}' {reason}.*; allowed: v1, v3$"):
-            levels.best_level()
+        refused(InputError, rf"\$EOMGEN_LEVEL: '{wrong}' {reason}.*; allowed: v1, v3$", levels.best_level)
 
 
 @needs_levels
@@ -72,5 +71,4 @@ def test_folders_of_binaries(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     assert levels.binary_folders(tmp_path, "native") == []
     pretend(monkeypatch, "old")
     assert levels.binary_folders(tmp_path, "v1") == []
-    with pytest.raises(BuildError, match="level v4; allowed here: v1"):
-        levels.binary_folders(tmp_path / "v4", "v4")
+    refused(BuildError, "level v4; allowed here: v1", levels.binary_folders, tmp_path / "v4", "v4")

@@ -11,6 +11,7 @@ import pytest
 import eomgen
 from eomgen.errors import ArrayError, SingularError
 from tests.support.builds import Build
+from tests.support.refusals import refused
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -61,10 +62,8 @@ def test_in_batches_the_state_is_named(kernel: eomgen.Kernel) -> None:
     v[431, 1], v[650, 0] = 1e200, 1e201
     for threads in (1, 2):
         kernel.threads = threads
-        with pytest.raises(ArrayError, match=r"^energy: \[0\] in state 431 is inf, .* joint1\.gamma = 1e\+200 in v"):
-            kernel.energy(Q, v)
-    with pytest.raises(ArrayError, match=r"^energy: \[0\] in state \(4, 31\) is inf,"):
-        kernel.energy(Q, v.reshape(7, 100, 2))
+        refused(ArrayError, r"^energy: \[0\] in state 431 is inf, .* joint1\.gamma = 1e\+200 in v", kernel.energy, Q, v)
+    refused(ArrayError, r"^energy: \[0\] in state \(4, 31\) is inf,", kernel.energy, Q, v.reshape(7, 100, 2))
     with pytest.raises(ArrayError, match=r"^residual_jacobian: \[\d\] joint1\.x joint1\.\w+ in state 1 is"):
         kernel.residual_jacobian(Q, [V, FAST * 1e107], V)
 
@@ -91,5 +90,4 @@ def test_a_singular_mass_matrix_is_still_named_as_such(built: Build) -> None:
     robot = eomgen.load_robot("one_link")
     point = replace(robot.links[0], mass=0.0, inertia=(0.0,) * 6)
     kernel = built(replace(robot, name="no_mass", links=(point,)), "forward_dynamics")
-    with pytest.raises(SingularError, match=r"joint1\.x"):
-        kernel.forward_dynamics(Q, V, V)
+    refused(SingularError, r"joint1\.x", kernel.forward_dynamics, Q, V, V)
