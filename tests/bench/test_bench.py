@@ -96,7 +96,7 @@ def test_textbook_compiles_without_a_warning(compiler: str, tmp_path: Path) -> N
         source.write_text(newton_euler(build_model(some_robot(seed))), encoding="ascii")
         for level in ("-O0", "-O2"):
             command = [compiler, level, *WARNINGS, "-Werror", "-c", str(source), "-o", str(tmp_path / "robot.o")]
-            said = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+            said = subprocess.run(command, capture_output=True, text=True, check=False)
             assert said.returncode == 0, said.stderr
 
 
@@ -135,7 +135,7 @@ def test_counting_knows_doubles_from_integers(tmp_path: Path) -> None:
     """
     (tmp_path / "count.c").write_text(text, encoding="ascii")
     program = tmp_path / "count"
-    subprocess.run(["cc", str(tmp_path / "count.c"), "-o", str(program), "-lm"], check=True, timeout=60)
+    subprocess.run(["cc", str(tmp_path / "count.c"), "-o", str(program), "-lm"], check=True)
     assert subprocess.run([program], capture_output=True, text=True, check=True).stdout == "3 7 3 1"
 
 

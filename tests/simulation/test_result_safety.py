@@ -22,6 +22,7 @@ from eomgen.simulation.result import SimulationResult
 from eomgen.simulation.run import run_scenario
 from eomgen.sweep.contents import SampleRow
 from eomgen.sweep.store import opened, read_rows
+from tests.support.optional import needs
 from tests.support.soak import WHOLE, soaked
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
@@ -125,12 +126,10 @@ WRITERS = {"results": (RESULTS, check_results), "rows": (ROWS, check_rows), "str
 @pytest.mark.soak
 @pytest.mark.parametrize("kind", soaked(WRITERS, ("results",)))
 @pytest.mark.parametrize("count", [2, pytest.param(20 if WHOLE else 8, marks=pytest.mark.soak)])
-def test_killed_writers(
-    kind: str, count: int, result: SimulationResult, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_killed_writers(kind: str, count: int, result: SimulationResult, tmp_path: Path) -> None:
     """One after the other in the same folder, each killed at a random moment after its first file."""
     if kind == "streams":
-        pytest.importorskip("zarr")
+        needs("zarr")
     code, check = WRITERS[kind]
     rng, folder = random.Random(f"{kind} {count}"), tmp_path / "folder"
     folder.mkdir()
@@ -140,10 +139,8 @@ def test_killed_writers(
     for number in range(count):
         before = sizes(folder)
         process = writer(code, folder, number)
-        deadline = time.monotonic() + 120.0
         while sizes(folder) == before:
             assert process.poll() is None, process.communicate()[1]
-            assert time.monotonic() < deadline
             time.sleep(0.002)
         time.sleep(rng.uniform(0.0, 0.2))
         process.send_signal(signal.SIGKILL)
@@ -153,9 +150,6 @@ def test_killed_writers(
     assert max(found) > 0
     if kind == "rows":  # each goes on where the last one ended
         assert found == sorted(found)
-    with capsys.disabled():
-        if count > 2:
-            print(f"\n{count} killed writers of {kind}: {max(found)} pieces, none damaged")
 
 
 def test_a_killed_writers_leftovers_are_removed_a_day_later(result: SimulationResult, tmp_path: Path) -> None:
@@ -231,9 +225,7 @@ def test_no_room_for_samples(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("count", [60, pytest.param(2000, marks=pytest.mark.soak)])
-def test_damaged_results(
-    count: int, result: SimulationResult, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_damaged_results(count: int, result: SimulationResult, tmp_path: Path) -> None:
     """One bit, a truncation or nothing: the error that names the file, or what was saved."""
     rng = random.Random(count)
     path = result.save(tmp_path / "r.npz")
@@ -255,6 +247,3 @@ def test_damaged_results(
             assert np.array_equal(getattr(found.trajectory, name), getattr(expected.trajectory, name))
         assert json.dumps(dict(found.scenario)) == json.dumps(dict(expected.scenario))
     assert refused > count * 0.8
-    with capsys.disabled():
-        if count > 60:
-            print(f"\n{count} damaged results: {refused} refused, {count - refused} as they were saved")

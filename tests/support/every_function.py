@@ -164,7 +164,7 @@ def said(
 ) -> NDArray[np.floating]:
     """Return numbers that the program writes, compiled and run so."""
     out = compiled(program, compiler, flags)
-    found = subprocess.run([*machine, str(out)], input=program.given, capture_output=True, check=False, timeout=600)
+    found = subprocess.run([*machine, str(out)], input=program.given, capture_output=True, check=False)
     assert found.returncode == 0, (found.returncode, found.stderr[-1000:])
     return np.frombuffer(found.stdout, program.dtype)
 

@@ -31,7 +31,7 @@ STATES = 20
 
 
 def run(command: list[str], **options: Any) -> str:
-    found = subprocess.run(command, capture_output=True, text=True, check=False, timeout=900, **options)
+    found = subprocess.run(command, capture_output=True, text=True, check=False, **options)
     assert found.returncode == 0, (command, found.stdout[-2000:], found.stderr[-4000:])
     return found.stdout + found.stderr
 
