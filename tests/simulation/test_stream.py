@@ -112,10 +112,10 @@ def test_a_killed_simulation_leaves_what_it_had(tmp_path: Path) -> None:
     assert np.isfinite(found.q).all()
     assert np.isfinite(found.v).all()
     assert np.allclose(np.diff(found.t), 0.01)
-    end = float(found.t[300])
-    text = f"duration = {end}\n{HOW}"
+    count = min(found.t.size, 301)
+    text = f"duration = {found.t[count - 1]}\n{HOW}"
     whole = run_scenario(eomgen.load_robot("one_link"), scenario_from_toml(text))
-    assert np.abs(found.q[:301] - whole.trajectory.q).max() < 1e-9
+    assert np.abs(found.q[:count] - whole.trajectory.q).max() < 1e-9
 
 
 def test_what_is_no_stream(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
