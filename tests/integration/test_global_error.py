@@ -22,6 +22,7 @@ from tests.support.bristles import remembering_arm
 from tests.support.builds import Build
 from tests.support.pendulums import pendulum
 from tests.support.random_robots import random_robot, seeds
+from tests.support.refusals import refused
 from tests.support.swinging import NEEDED, elastic_arm, oscillator
 
 ALL = (*NEEDED, "adaptive_rollout", "radau_rollout")
@@ -132,16 +133,14 @@ def test_a_tolerance_of_the_tool_is_met_or_refused() -> None:
     with pytest.raises(IntegrationError, match=r"within: tool: .* at rtol .*; allowed: more than"):
         eomgen.simulate("one_link", within={"tool": 1e-19}, **options)
     for within, said in (({}, "by name"), ({"hand": 1.0}, "'hand' is unknown"), ({"tool": 0.0}, "above 0")):
-        with pytest.raises(InputError, match=said):
-            eomgen.simulate("one_link", within=within, **options)
+        refused(InputError, said, eomgen.simulate, "one_link", within=within, **options)
 
 
 def test_a_motion_of_another_kernel_is_refused(built: Build) -> None:
     kernel = built(oscillator(), *NEEDED)
     motion = integrate(kernel, [0.1], [0.5], 0.1, method="rk4", step=1e-2)
     other = built(pendulum(()), *NEEDED)
-    with pytest.raises(InputError, match=r"trajectory: is of 'slide\.z'; allowed: .* 'pivot\.gamma'"):
-        global_error(other, motion)
+    refused(InputError, r"trajectory: is of 'slide\.z'; allowed: .* 'pivot\.gamma'", global_error, other, motion)
 
 
 @pytest.mark.soak

@@ -19,6 +19,7 @@ from eomgen.robot.elements.joint_damping import JointDamping
 from eomgen.robot.elements.journal import Radial
 from eomgen.robot.value import Coordinate, Joint, Link, Placement, Robot
 from tests.support.builds import Build
+from tests.support.refusals import refused
 from tests.support.small_robots import free_body, held_body
 from tests.support.soak import soaked
 
@@ -138,8 +139,7 @@ def test_quaternions_beside_the_angles(built: Build) -> None:
     assert (
         Rotation.from_quat(np.stack([x, y, z, w], axis=-1)) * turned(found.q[:, 3:]).inv()
     ).magnitude().max() < 1e-14
-    with pytest.raises(InputError, match=r"'body\.alpha' is unknown; known: free\.x"):
-        found.quaternion("body")
+    refused(InputError, r"'body\.alpha' is unknown; known: free\.x", found.quaternion, "body")
 
 
 def test_forces_keep_their_meaning(built: Build) -> None:
@@ -368,8 +368,7 @@ def test_the_code_of_other_robots_knows_nothing_of_it(built: Build) -> None:
         assert "is_turned" not in text
     assert kernel.raw.turning == {}
     assert "free_body_turned_setup" in built(free_body(), *INTEGRATED).source("h")
-    with pytest.raises(UnknownNameError, match="'free' has no 3-DOF rotation"):
-        kernel.with_turned({"free"})
+    refused(UnknownNameError, "'free' has no 3-DOF rotation", kernel.with_turned, {"free"})
 
 
 def test_kernels_with_turned_joints_are_those_of_turned_placements(built: Build) -> None:

@@ -20,7 +20,6 @@ from eomgen.runtime.stepping.input_signals import WORKS
 from eomgen.runtime.stepping.options import ADAPTIVE as METHODS
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.run import run_scenario
-from tests.codegen.forces.test_laws import worn
 from tests.support.builds import Build
 from tests.support.random_robots import random_robot, random_state, some_prescribed
 from tests.support.soak import across
@@ -75,6 +74,8 @@ def test_a_closed_form(method: str, built: Build) -> None:
 def test_balances_are_as_good_as_tolerances(kind: str, method: str, built: Build) -> None:
     """Clearances and frictions, or prescribed coordinates among others, under wrenches: at two samples as at many."""
     if kind == "worn":
+        from tests.codegen.forces.test_laws import worn  # with the oracle of Pinocchio
+
         robot, prescribed = worn(1467, (1, 2)), None
     else:
         robot = some_prescribed(random_robot(1453, joints=(2, 3), types=("revolute", "prismatic")), 1453)

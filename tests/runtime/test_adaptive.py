@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,17 +13,18 @@ import eomgen
 from eomgen.errors import ArrayError, InputError, IntegrationStopped, SingularError
 from eomgen.integration.solve import integrate
 from eomgen.robot.value import Coordinate, Friction
+from eomgen.runtime.stepping.adaptive import KEPT_NUMBERS
+from eomgen.runtime.stepping.alternation import ELIMINATION, EVALUATION, FRESH, Alternation, Spent, Turn, implicit_spans
 from eomgen.runtime.stepping.options import ADAPTIVE as METHODS
-from eomgen.runtime.stepping.options import rollout_of
-from tests.codegen.forces.test_laws import slider, worn
+from eomgen.runtime.stepping.options import NARROW_TURNS, rollout_of
 from tests.support.builds import Build
 from tests.support.random_motors import geared_robot, motor_state
 from tests.support.random_robots import Array, random_robot, random_state, seeds, some_prescribed
 from tests.support.random_springs import with_springs
+from tests.support.sliders import mass_on_rail
 from tests.support.soak import soaked
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
-
 NAMES = (
     *("adaptive_rollout", "radau_rollout"),
     *("forward_dynamics", "mass_matrix", "inverse_dynamics", "energy", "residual_jacobian"),
@@ -53,7 +55,7 @@ def test_order(method: str, kind: str, built: Build) -> None:
 
 def test_order_of_radau(built: Build) -> None:
     """Its iteration ends within tolerances, so its order, 9, shows in errors over numbers of steps."""
-    kernel, duration, amplitude, frequency = built(slider(stiffness=800.0), *NAMES), 5.0, 0.1, 20.0
+    kernel, duration, amplitude, frequency = built(mass_on_rail(stiffness=800.0), *NAMES), 5.0, 0.1, 20.0
     steps, errors = [], []
     for rtol in (1e-4, 1e-5, 1e-6, 1e-7):
         options: dict[str, Any] = {"rtol": rtol, "atol": amplitude * rtol}
@@ -70,6 +72,8 @@ def test_order_of_radau(built: Build) -> None:
 @pytest.mark.parametrize("seed", seeds(1465, 1, 2))
 def test_worn_joints_against_radau(method: str, seed: int, built: Build) -> None:
     """Clearances, curves, frictions and springs between points, at samples that steps do not know of beforehand."""
+    from tests.codegen.forces.test_laws import worn  # with the oracle of Pinocchio
+
     robot = with_springs(worn(seed, (1, 2)), seed)
     kernel, s = built(robot, *NAMES), random_state(robot, seed)
     duration, samples, n = 0.02, 7, len(kernel.coordinates)
@@ -96,7 +100,7 @@ def test_worn_joints_against_radau(method: str, seed: int, built: Build) -> None
 @pytest.mark.parametrize("method", METHODS)
 def test_a_stiff_joint_costs_the_implicit_method_nothing(method: str, built: Build) -> None:
     """A damped spring of 1e9 N/m: steps as long as the motion allows, or as short as stability asks for."""
-    kernel = built(slider(stiffness=1e9, damping=1e5), *NAMES)
+    kernel = built(mass_on_rail(stiffness=1e9, damping=1e5), *NAMES)
     found = kernel.rollout([1e-9], [0.0], [5.0], method=method, duration=0.5, samples=1, rtol=1e-4, atol=1e-8)
     assert found[0][-1] == pytest.approx(5e-9, abs=1e-8)
     assert (found.steps <= 100) == (method != "tsit5")
@@ -105,7 +109,7 @@ def test_a_stiff_joint_costs_the_implicit_method_nothing(method: str, built: Bui
 @pytest.mark.parametrize("method", METHODS)
 def test_tolerances_know_frictions_as_they_are_set(method: str, built: Build) -> None:
     """A block slides to rest, by a friction that turns round faster than the description's."""
-    kernel = built(replace(slider(friction=Friction(coulomb=4.0, smoothing=1e-2)), name="sledge"), *NAMES)
+    kernel = built(replace(mass_on_rail(friction=Friction(coulomb=4.0, smoothing=1e-2)), name="sledge"), *NAMES)
     tuned = kernel.with_parameters({"joints.rail.z.friction.smoothing": 1e-4})
     wanted = integrate(
         tuned, [0.0], [0.1], 0.5, drive=lambda t, q, v: np.ones(1), method="Radau", rtol=1e-9, output_step=0.5
@@ -117,7 +121,7 @@ def test_tolerances_know_frictions_as_they_are_set(method: str, built: Build) ->
 
 def test_lengths_at_the_edge_of_stability_do_not_hunt(built: Build) -> None:
     """A damper that is stiff: the error says nothing until a step is too long for it, and few are refused."""
-    kernel = built(slider(stiffness=1e6, damping=3e3), *NAMES)
+    kernel = built(mass_on_rail(stiffness=1e6, damping=3e3), *NAMES)
     found = kernel.rollout([0.0], [0.0], [5.0], method="tsit5", duration=2.0, samples=1, rtol=1e-3)
     assert found.steps >= 100
     assert found.rejected <= 0.02 * found.steps
@@ -125,7 +129,7 @@ def test_lengths_at_the_edge_of_stability_do_not_hunt(built: Build) -> None:
 
 def test_a_step_without_any_error(built: Build) -> None:
     """At rest nothing is wrong, and a step is as long as it may be."""
-    kernel = built(slider(stiffness=1e6), *NAMES)
+    kernel = built(mass_on_rail(stiffness=1e6), *NAMES)
     for method in METHODS:
         found = kernel.rollout([0.0], [0.0], [0.0], method=method, duration=1.0, samples=1)
         assert np.abs(found[0]).max() == 0.0
@@ -172,7 +176,7 @@ def test_loops_stay_closed_and_keep_their_energy(name: str, method: str, built: 
 @pytest.mark.parametrize("method", METHODS)
 def test_drives_of_every_sample_and_a_controller(method: str, built: Build) -> None:
     """As rollouts in parts, one from sample to sample, and as the formula says."""
-    kernel = built(slider(mass=2.0), *NAMES)
+    kernel = built(mass_on_rail(mass=2.0), *NAMES)
     u = np.array([[3.0], [-1.0], [2.0], [0.0]])
     q, v = kernel.rollout([0.0], [0.1], u, method=method, duration=0.4, samples=4, rtol=1e-9)
     speed, place = 0.1, 0.0
@@ -200,7 +204,7 @@ def test_prescribed_coordinates_have_their_accelerations(built: Build) -> None:
 @pytest.mark.parametrize("method", METHODS)
 def test_a_motion_that_cannot_go_on_ends_where_it_got_to(method: str, built: Build) -> None:
     """Rates that no number holds any more; of two states the one that stays small is there as a whole."""
-    kernel = built(slider(mass=2.0), *NAMES)
+    kernel = built(mass_on_rail(mass=2.0), *NAMES)
     u = np.array([[1.0], [1e300]])
     with pytest.raises(
         IntegrationStopped, match=r"rail\.z.* in steps of any length that leads on of state 1; it ends at t = "
@@ -251,7 +255,7 @@ def test_a_state_that_does_not_close_says_nothing_about_others(method: str, buil
 
 
 def test_a_duration_alone_takes_the_stable_method(built: Build) -> None:
-    kernel = built(slider(), *NAMES)
+    kernel = built(mass_on_rail(), *NAMES)
     for found, expected in zip(
         kernel.rollout([0.1], [0.0], [0.5], duration=0.1, samples=3),
         kernel.rollout([0.1], [0.0], [0.5], duration=0.1, samples=3, method="rosenbrock"),
@@ -263,7 +267,7 @@ def test_a_duration_alone_takes_the_stable_method(built: Build) -> None:
 
 
 def test_refusals(built: Build) -> None:
-    kernel = built(slider(), *NAMES)
+    kernel = built(mass_on_rail(), *NAMES)
 
     def refused(kind: type[Exception], match: str, **changed: Any) -> None:
         how: dict[str, Any] = {"u": [0.0], "method": "tsit5", "duration": 0.1, "samples": 2, **changed}
@@ -282,3 +286,66 @@ def test_refusals(built: Build) -> None:
     refused(ArrayError, "nan", u=[np.nan])
     refused(ArrayError, "u: expected", u=np.zeros((5, 1)))
     refused(InputError, "a controller needs a target", kp=1.0)
+
+
+@pytest.mark.parametrize("best", NARROW_TURNS)
+def test_the_method_that_leads_furthest_goes_on(best: str) -> None:
+    """Also where it becomes the best on the way; all others are tried, and take a tenth of all work at most."""
+    model = Alternation(NARROW_TURNS)
+    work = dict.fromkeys(NARROW_TURNS, 0.0)
+    order = [model.method]
+    for k in range(4000):
+        worth = 3.0 if model.method == (best if k > 400 else "tsit5") else 1.0
+        cost = {"tsit5": 6.0, "rosenbrock": 15.0, "radau": 40.0}[model.method] * model.steps
+        if k > 500:
+            work[model.method] += cost
+        model.took(Turn(model.steps, worth * cost, 0, cost))
+        if model.method != order[-1]:
+            order.append(model.method)
+    assert set(order) == set(NARROW_TURNS)
+    assert order[:3] == list(NARROW_TURNS)
+    assert work[best] > 0.9 * sum(work.values())
+
+
+def test_steps_that_run_up_say_nothing_of_what_a_method_is_worth() -> None:
+    model = Alternation(("tsit5", "radau"))
+    model.took(Turn(model.steps, 1.0, 0, 1.0))
+    assert model.method == "radau"
+    model.took(Turn(model.steps, 0.0, 0, 100.0))
+    assert model.method == "radau"
+    model.took(Turn(model.steps, 2.0, 0, 1.0))
+    assert model.method == "radau"
+    assert model.steps == 64
+
+
+def test_a_method_begins_with_its_own_length_and_without_a_past() -> None:
+    model, row = Alternation(("tsit5", "radau")), np.arange(20.0)
+    progress = SimpleNamespace(next=0.001)
+    model.took(Turn(model.steps, 1.0, 0, 1.0))
+    model.hand_over(progress, row)
+    assert progress.next == 0.001
+    assert tuple(row[:4]) == FRESH
+    assert row[4:KEPT_NUMBERS].tolist() == [4.0, 5.0]
+    assert not row[KEPT_NUMBERS:].any()
+    row[-1], progress.next = 1.0, 0.1
+    model.hand_over(progress, row)
+    assert (row[-1], progress.next) == (1.0, 0.1)
+    for _ in range(2):
+        model.took(Turn(model.steps, 0.0, 0, 1.0))
+    assert model.method == "tsit5"
+    model.hand_over(progress, row)
+    assert (row[-1], progress.next) == (1.0, 0.001)
+
+
+def test_work_of_radau_is_counted() -> None:
+    progress, row = SimpleNamespace(steps=3, rejected=1, t=2.0, sample=1), np.zeros(20)
+    row[4:6] = 50.0, 2.0
+    before = Spent(progress, 0.0, row)
+    progress.steps, progress.t = 5, 2.5
+    row[4:6] = 72.0, 3.0
+    assert before.until_now("radau") == Turn(2, 0.5, 22, EVALUATION * 22 + ELIMINATION)
+    assert before.until_now("tsit5") == Turn(2, 0.5, 12, 12.0)
+    assert implicit_spans(NARROW_TURNS, {"tsit5": 1.0, "rosenbrock": 2.0, "radau": 4.0}) == {
+        "implicit_s": 6.0,
+        "radau_s": 4.0,
+    }

@@ -1,20 +1,21 @@
-"""Array arguments: what is taken, what is converted, and what is refused, each with a message that names it."""
+"""Array arguments of kernels: which are taken, converted, broadcast or refused, with a message that names them."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 import eomgen
-from eomgen.errors import ArrayError, InputError, UnknownNameError
+from eomgen.errors import ArrayError, InputError, SingularError, UnknownNameError
 from eomgen.runtime.arrays import numbers_in
 from tests.support.builds import Build
+from tests.support.refusals import refused
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
-
 STATES = 3
 VECTOR = "expected float64 of shape (2,) or (..., 2)"
 
@@ -266,3 +267,274 @@ def test_unknown_options() -> None:
     assert message.startswith("kernels: 'mass_matrx' is unknown; allowed: mass_matrix, ")
     message = refusal(lambda: eomgen.build(robot, dtype="float16"), InputError)
     assert message == "dtype: 'float16' is unknown; allowed: float64, float32"
+
+
+ODD = 2**53 + 1
+STIFFNESS = "joints.joint1.x.stiffness"
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        np.array([0, ODD]),
+        np.array([0, -ODD]),
+        np.array([[0, 1], [2, ODD]]),
+        np.array([0, 2**63 + 1], np.uint64),
+        [0, ODD],
+        [0.5, ODD],
+        [[0.5, 1], [1, ODD]],
+        (0, 2**63 + 1),
+        np.array([0, np.iinfo(np.int64).max]),
+    ],
+    ids=str,
+)
+def test_what_would_be_rounded_is_refused(value: Any, kernel: eomgen.Kernel) -> None:
+    with pytest.raises(ArrayError, match=r"^v: -?\d+ is a whole number that float64 cannot hold exactly$"):
+        kernel.energy([0.0, 0.0], value)
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        np.array([2**53, -(2**60)]),
+        np.array([0, np.iinfo(np.int64).min]),
+        np.array([0, 2**63], np.uint64),
+        [0.5, 2**60],
+        [0.1, 1e300],
+        np.array([True, False]),
+        np.array([0, 2**31 - 1], np.int32),
+    ],
+    ids=str,
+)
+def test_what_is_held_exactly_is_taken(value: Any, kernel: eomgen.Kernel) -> None:
+    kernel = kernel.with_checks(False)
+    assert np.array_equal(kernel.energy([0.0, 0.0], value), kernel.energy([0.0, 0.0], np.array(value, np.float64)))
+
+
+def test_single_precision_holds_fewer(single: eomgen.Kernel) -> None:
+    with pytest.raises(ArrayError, match=r"^q: 16777217 is a whole number that float32 cannot hold exactly$"):
+        single.mass_matrix([0, 2**24 + 1])
+    single.mass_matrix([0, 2**24])
+    single.mass_matrix([0.1, 0.3])  # Python's fractions are rounded, as they always are
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        (10**400, r"an integer of 1329 bits is beyond float64; at most 1\.8e\+308 is allowed"),
+        (ODD, "9007199254740993 is a number that float64 cannot hold exactly"),
+        (np.uint64(2**63 + 1), "cannot hold exactly"),
+        (np.longdouble(1) / 3, "cannot hold exactly"),
+        (True, "true is not a number"),
+    ],
+    ids=["huge", "odd", "uint64", "longdouble", "bool"],
+)
+def test_parameters(value: Any, message: str, kernel: eomgen.Kernel) -> None:
+    if isinstance(value, np.longdouble) and np.finfo(np.longdouble).nmant == 52:
+        pytest.skip("long double is double here")
+    parameters = kernel.with_parameters().parameters
+    name = next(iter(parameters))
+    before = dict(parameters)
+    with pytest.raises(InputError, match=rf"^parameters: {name} = .*{message}$"):
+        parameters[name] = value
+    assert dict(parameters) == before
+    parameters[name] = np.float32(3)
+    assert parameters[name] == 3.0
+
+
+def test_a_parameter_beyond_single_precision(single: eomgen.Kernel) -> None:
+    parameters = single.with_parameters().parameters
+    name = next(iter(parameters))
+    with pytest.raises(InputError, match=r"= 1e\+300 is beyond float32; at most 3\.4e\+38 is allowed$"):
+        parameters[name] = 1e300
+    parameters[name] = 0.1  # as Python's fractions are
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"steps": 2**62}, r"steps = 4611686018427387904 is not a whole number from 1 to 2305843009213693952$"),
+        ({"steps": 10**400}, "steps = an integer of 1329 bits is not a whole number from 1 to"),
+        ({"every": 2**63}, "every = 9223372036854775808 is not a whole number from 1 to"),
+        ({"steps": 2**50}, r"1125899906842625 states to be stored take twice 1\.8e\+07 GB, more than there is"),
+        ({"dt": 10**400}, "dt = an integer of 1329 bits is not a length of time"),
+        ({"dt": 1j}, "dt = 1j is not a length of time"),
+        ({"kp": 10**400, "target": [0.0, 0.0]}, "kp: expected float64 of shape"),
+        ({"kp": "2", "target": [0.0, 0.0]}, "kp: expected float64 of shape"),
+        ({"q0": [[0.0, 1.0], [0.0]]}, "q0: expected float64 of shape"),
+        ({"method": "e" * 500}, "method 'eee.*' is unknown; allowed: rk4, implicit, rosenbrock, tsit5"),
+    ],
+    ids=lambda x: str(x)[:30],
+)
+def test_numbers_of_rollouts(changed: dict[str, Any], message: str, kernel: eomgen.Kernel) -> None:
+    how: dict[str, Any] = {"q0": [0.0, 0.0], "v0": [0.0, 0.0], "u": [0.0, 0.0], "dt": 1e-3, "steps": 3, **changed}
+    with pytest.raises(InputError, match=message):
+        kernel.rollout(**how)
+
+
+def test_single_precision_has_no_step_that_it_cannot_hold(single: eomgen.Kernel) -> None:
+    for dt in (1e-300, 1e300):
+        with pytest.raises(InputError, match=r"1\.18e-38, the least above 0 that float32 holds, to 1e\+30 is allowed"):
+            single.rollout([0.0, 0.0], [0.0, 0.0], [0.0, 0.0], dt, 3)
+
+
+def test_threads(kernel: eomgen.Kernel) -> None:
+    with pytest.raises(InputError, match="threads: an integer of 16610 bits is not a number of threads"):
+        kernel.with_threads(-(10**5000))
+
+
+FAST = np.array([0.3, 1e200])
+END = r"and float64 ends at 1\.8e\+308"
+
+
+@pytest.fixture
+def own(kernel: eomgen.Kernel) -> eomgen.Kernel:
+    return kernel.with_parameters()
+
+
+@pytest.mark.parametrize(
+    ("name", "arrays", "entry", "coordinate"),
+    [
+        ("bias_force", (Q, FAST), r"joint1\.x is -?inf", "joint1.x"),
+        ("inverse_dynamics", (Q, FAST, V), r"joint1\.x is (-?inf|nan)", "joint1.x"),
+        ("forward_dynamics", (Q, FAST, V), r"joint1\.x is (-?inf|nan)", "joint1.x"),
+        ("residual", (Q, FAST, V, V), r"joint1\.x is (-?inf|nan)", "joint1.x"),
+        ("energy", (Q, FAST), r"\[0\] is inf", ""),
+        ("reactions", (Q, FAST, V), r"\[0, \d\] is (-?inf|nan)", ""),
+    ],
+)
+def test_results_that_are_not_finite_are_refused(
+    name: str, arrays: tuple[Any, ...], entry: str, coordinate: str, own: eomgen.Kernel
+) -> None:
+    """With the kernel, the entry, and the largest of the numbers that it came from."""
+    largest = r"the largest is joint1\.gamma = 1e\+200 in v"
+    with pytest.raises(
+        ArrayError, match=f"^{name}: {entry}, out of numbers that are finite; {largest}, {END}$"
+    ) as caught:
+        getattr(own, name)(*arrays)
+    assert caught.value.coordinate == coordinate
+    own.checks = False
+    assert not np.isfinite(getattr(own, name)(*arrays)).all()
+
+
+def test_in_batches_the_state_is_named(own: eomgen.Kernel) -> None:
+    """The largest number is that of the same state."""
+    v = np.tile(V, (700, 1))
+    v[431, 1], v[650, 0] = 1e200, 1e201
+    for threads in (1, 2):
+        own.threads = threads
+        refused(ArrayError, r"^energy: \[0\] in state 431 is inf, .* joint1\.gamma = 1e\+200 in v", own.energy, Q, v)
+    refused(ArrayError, r"^energy: \[0\] in state \(4, 31\) is inf,", own.energy, Q, v.reshape(7, 100, 2))
+    with pytest.raises(ArrayError, match=r"^residual_jacobian: \[\d\] joint1\.x joint1\.\w+ in state 1 is"):
+        own.residual_jacobian(Q, [V, FAST * 1e107], V)
+
+
+def test_what_wrenches_add_is_looked_at(own: eomgen.Kernel) -> None:
+    wrench = np.array([[1.7e308, 1.7e308, 0.0, 0.0, 0.0, 1.7e308]])
+    for name, count in (("external_force", 1), ("generalized_force", 2), ("inverse_dynamics", 3)):
+        arrays = (Q, V, V)[:count]
+        with pytest.raises(ArrayError, match=r"external_force: joint1\.\w+ is (-?inf|nan).* = 1\.7e\+308 in wrench"):
+            getattr(own, name)(*arrays, wrench=wrench)
+    a = np.array([1.5e308, 0.0]) / own.mass_matrix(Q)[0, 0]
+    push = np.array([[-1e308, 0.0, 0.0, 0.0, 0.0, 0.0]])
+    with pytest.raises(ArrayError, match=r"^inverse_dynamics: joint1\.x is inf.* the largest is "):
+        own.inverse_dynamics(Q, V, a, wrench=push)
+
+
+def test_single_precision_ends_earlier(built: Build) -> None:
+    single = built(eomgen.load_robot("one_link"), dtype="float32")
+    with pytest.raises(ArrayError, match=r"in v, and float32 ends at 3\.4e\+38$"):
+        single.energy(Q.astype(np.float32), np.array([0.0, 1e25], np.float32))
+
+
+def test_a_singular_mass_matrix_is_still_named_as_such(built: Build) -> None:
+    robot = eomgen.load_robot("one_link")
+    point = replace(robot.links[0], mass=0.0, inertia=(0.0,) * 6)
+    own = built(replace(robot, name="no_mass", links=(point,)), "forward_dynamics")
+    refused(SingularError, r"joint1\.x", own.forward_dynamics, Q, V, V)
+
+
+RNG = np.random.default_rng(7)
+QS, VS, AS, US = RNG.uniform(-1, 1, (4, 2, 3, 2))  # (2, 3) states of two coordinates each
+W = RNG.uniform(-1, 1, (2, 3, 1, 6))
+CALLS = {
+    "mass_matrix": 1,
+    "bias_force": 2,
+    "generalized_force": 2,
+    "inverse_dynamics": 3,
+    "forward_dynamics": 3,
+    "residual": 4,
+    "energy": 2,
+    "christoffel": 1,
+    "reactions": 3,
+    "euler_cosines": 1,
+}
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_any_number_of_leading_axes(name: str, kernel: eomgen.Kernel) -> None:
+    call, arrays = getattr(kernel, name), (QS, VS, AS, US)[: CALLS[name]]
+    flat = call(*(x.reshape(6, 2) for x in arrays))
+    found = call(*arrays)
+    assert found.shape == (2, 3, *flat.shape[1:])
+    assert np.array_equal(found.reshape(flat.shape), flat)
+    out = np.full(found.shape, np.nan)
+    assert call(*arrays, out=out) is out
+    assert np.array_equal(out, found)
+    one = call(*(x[:1, :1] for x in arrays))
+    assert one.shape == (1, 1, *flat.shape[1:])
+    assert np.array_equal(one[0, 0], flat[0])
+
+
+@pytest.mark.parametrize("name", [name for name, count in CALLS.items() if count > 1])
+@pytest.mark.parametrize("shape", [(1, 2), (1, 1, 2), (3, 2), (2, 1, 2), (2,), (4, 1, 1, 2)])
+def test_arguments_broadcast_as_arrays_of_numpy_do(name: str, shape: tuple[int, ...], kernel: eomgen.Kernel) -> None:
+    call, others = getattr(kernel, name), (QS, VS, AS, US)[1 : CALLS[name]]
+    q = np.random.default_rng(1).uniform(-1, 1, shape)
+    whole = np.broadcast_shapes(q.shape, QS.shape)
+    expected = call(np.broadcast_to(q, whole).copy(), *others)
+    assert expected.shape[: len(whole) - 1] == whole[:-1]
+    assert np.array_equal(call(q, *others), expected)
+
+
+def test_one_row_beside_many_stands_for_all(kernel: eomgen.Kernel) -> None:
+    many, row = VS.reshape(6, 2), QS[:1, 0]
+    assert row.shape == (1, 2)
+    assert np.array_equal(kernel.bias_force(row, many), kernel.bias_force(row[0], many))
+    assert kernel.bias_force(row, VS[0, 0]).shape == (1, 2)
+
+
+@pytest.mark.parametrize("name", ["generalized_force", "inverse_dynamics", "residual", "forward_dynamics", "reactions"])
+def test_wrenches_broadcast_too(name: str, kernel: eomgen.Kernel) -> None:
+    call, arrays = getattr(kernel, name), (QS, VS, AS, US)[: CALLS[name]]
+    each = [[call(*(x[i, k] for x in arrays), wrench=W[i, k]) for k in range(3)] for i in range(2)]
+    assert np.allclose(call(*arrays, wrench=W), each, rtol=1e-13)
+    same = [[call(*(x[i, k] for x in arrays), wrench=W[i, 0]) for k in range(3)] for i in range(2)]
+    assert np.allclose(call(*arrays, wrench=W[:, :1]), same, rtol=1e-13)
+    one = [[call(*(x[0, 0] for x in arrays), wrench=W[i, k]) for k in range(3)] for i in range(2)]
+    assert np.allclose(call(*(x[0, 0] for x in arrays), wrench=W), one, rtol=1e-13)
+    refused(ArrayError, r"leading axes|states, but", call, *arrays, wrench=np.zeros((4, 1, 6)))
+
+
+def test_frames_blocks_and_derivatives(kernel: eomgen.Kernel) -> None:
+    flat = QS.reshape(6, 2)
+    assert np.array_equal(kernel.frame_pose(QS, "tcp").reshape(6, 4, 4), kernel.frame_pose(flat, "tcp"))
+    assert kernel.frame_jacobian(QS, "tcp").shape == (2, 3, 6, 2)
+    for block in kernel.residual_jacobian(QS, VS, AS, US):
+        assert block.shape == (2, 3, 2, 2)
+    assert kernel.residual_jacobian(QS[0, 0], VS[0, 0], AS[0, 0], US)[0].shape == (2, 3, 2, 2)
+    assert kernel.forward_dynamics_jacobian(QS, VS[0], US[0, 0])[2].shape == (2, 3, 2, 2)
+    names = ("joint1", "joint1")
+    assert np.array_equal(kernel.blocks(QS).mass[names].reshape(6, 2, 2), kernel.blocks(flat).mass[names])
+
+
+def test_axes_that_do_not_go_together(kernel: eomgen.Kernel) -> None:
+    with pytest.raises(ArrayError, match=r"^v: leading axes \(2,\) do not go together with \(2, 3\) of other arrays$"):
+        kernel.bias_force(QS, np.zeros((2, 2)))
+    refused(ArrayError, r"^v: 4 states, but 3 in other arrays$", kernel.bias_force, QS[0], np.zeros((4, 2)))
+    with pytest.raises(ArrayError, match=r"^out: expected float64 of shape \(2, 3, 2, 2\), got"):
+        kernel.mass_matrix(QS, out=np.zeros((6, 2, 2)))
+    with pytest.raises(ArrayError, match=r"^q0: expected float64 of shape \(2\) or \(N, 2\), got shape \(2, 3, 2\)$"):
+        kernel.rollout(QS, VS[0, 0], US[0, 0], 1e-3, 3)
+    assert kernel.mass_matrix(np.zeros((0, 3, 2))).shape == (0, 3, 2, 2)
+    assert kernel.bias_force(np.zeros((3, 0, 2)), VS[0, :1]).shape == (3, 0, 2)

@@ -1,4 +1,4 @@
-"""Kernels travel by content: to copies, to processes with and without the same cache, and as generated packages."""
+"""Kernels and parameters travel by content: to copies, to processes with and without the cache, and as packages."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import copy
 import pickle
 import sys
 from concurrent.futures import ProcessPoolExecutor
+from itertools import product
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -13,11 +14,12 @@ import numpy as np
 import pytest
 
 import eomgen
-from eomgen.errors import InputError
+from eomgen.errors import InputError, UnknownNameError
 from eomgen.pipeline import cache
 from eomgen.pipeline.stages import Options, generate, load_kernel
 from eomgen.runtime.kernel import Kernel
 from tests.support.quick_builds import ONE_LEVEL, Q, answer, as_new_process, one_link, python
+from tests.support.soak import soaked
 
 LOADS = """
     import json, pickle, sys
@@ -134,3 +136,46 @@ def test_what_cannot_be_made_again_is_refused(filled_cache: Path) -> None:
     ):
         pickle.dumps(bare)
     same(copy.deepcopy(bare), bare)
+
+
+WAYS = {
+    "pickle": lambda x: pickle.loads(pickle.dumps(x)),
+    "deepcopy": copy.deepcopy,
+    "copy": copy.copy,
+    "in a list": lambda x: copy.deepcopy([x])[0],
+}
+
+
+@pytest.mark.parametrize(
+    ("way", "dtype"), soaked(product(WAYS, ["float64", "float32"]), {("pickle", "float64"), ("deepcopy", "float32")})
+)
+def test_a_copy_has_equal_values_of_its_own(way: str, dtype: str, filled_cache: Path) -> None:
+    kernel = one_link(options=Options(("inverse_dynamics",), dtype, flags=("-O0",)))
+    name = next(iter(kernel.parameters))
+    kernel.parameters[name] = 1.25 * kernel.parameters[name] + 0.125
+    other = WAYS[way](kernel.parameters)
+    assert type(other) is type(kernel.parameters)
+    assert other == kernel.parameters
+    assert list(other) == list(kernel.parameters)
+    before = kernel.parameters[name]
+    other[name] = before + 1.0
+    assert (kernel.parameters[name], other[name]) == (before, before + 1.0)
+    with pytest.raises(UnknownNameError):
+        other["nothing"]
+    state, bound = [np.array(x, dtype) for x in (Q, Q, Q)], kernel.with_parameters(other)
+    found = bound.inverse_dynamics(*state)
+    assert not np.array_equal(found, kernel.inverse_dynamics(*state))
+    assert np.array_equal(found, kernel.with_parameters({name: before + 1.0}).inverse_dynamics(*state))
+
+
+def test_what_has_no_kernel_to_be_made_of_is_refused(filled_cache: Path) -> None:
+    kernel = one_link()
+    found = cache.find("packages", next(entry for entry in cache.contents() if entry[0] == "packages")[1])
+    assert found is not None
+    bare = load_kernel(found, kernel.name)
+    with pytest.raises(InputError, match=r"^parameters: those of one_link, .* cannot be pickled; allowed: "):
+        pickle.dumps(bare.parameters)
+    assert copy.deepcopy(bare.parameters) == bare.parameters
+    with pytest.raises(InputError, match=r"^raw: compiled code of one_link cannot be pickled; allowed: "):
+        pickle.dumps(kernel.raw)
+    assert copy.deepcopy(kernel.raw) is kernel.raw
