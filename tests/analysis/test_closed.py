@@ -1,7 +1,9 @@
-"""Analyses of closed mechanisms: against null spaces, differences on the closed states, and another cut of the same."""
+"""Closed mechanisms: null spaces, differences on the closed states, another cut of the same, singular poses."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,12 +12,13 @@ import pytest
 import eomgen
 from eomgen.analysis import compliance_map, deflection, linearize, modes, modes_along, response
 from eomgen.analysis.options import KERNELS
-from eomgen.cli import entry as cli
 from eomgen.description.load import robot_from_toml
-from eomgen.errors import EomgenWarning, LoopError
+from eomgen.errors import EomgenWarning, InputError, LoopError
 from eomgen.pipeline.mechanisms import mechanism_kernels
+from eomgen.robot.value import Robot
 from tests.loops.test_elastic_cuts import linkages
 from tests.support.builds import Build
+from tests.support.commands import command
 from tests.support.random_robots import Array
 from tests.support.soak import soaked
 
@@ -37,23 +40,26 @@ def kernels(robot: eomgen.Robot) -> tuple[str, ...]:
     return (*KERNELS, *mechanism_kernels(robot), "mass_matrix", "forward_dynamics")
 
 
+def slopes_of(function: Callable[[Array], Array], x: Array, h: float = 1e-5) -> Array:
+    """Derivatives by central differences."""
+    return np.array([(function(x + h * e) - function(x - h * e)) / (2 * h) for e in np.eye(len(x))]).T
+
+
 def null_space(J: Array) -> Array:
     """Orthonormal columns, by singular values."""
     _, S, Vt = np.linalg.svd(J)
-    found: Array = Vt[int((1e-9 * S[0] < S).sum()) :].T
-    return found
+    return Vt[int((1e-9 * S[0] < S).sum()) :].T
 
 
 @pytest.mark.soak
-def test_drives_that_hold_a_mechanism_leave_no_mode(capsys: pytest.CaptureFixture[str]) -> None:
+def test_drives_that_hold_a_mechanism_leave_no_mode() -> None:
     """An empty table with a note, and nothing is wrong; so of a robot without loops whose joints are all rigid."""
     for name in ("four_bar", "ur5"):
         with pytest.warns(EomgenWarning, match="nothing can move"):
             found = modes(name)
         assert found.shapes.shape == (0, len(found.coordinates))
         assert any("nothing can move" in line for line in found.lines())
-        assert cli.main(["modes", name]) == 0
-        assert "0 modes" in capsys.readouterr().out
+        assert "0 modes" in command("modes", name)
     with pytest.warns(EomgenWarning, match="nothing can move"):
         path = modes_along("four_bar", [{"joint1": 1.0}, {"joint1": 1.3}])
     assert path.values("frequencies").shape == (2, 0)
@@ -92,8 +98,7 @@ def test_platform_on_legs_that_yield(built: Build) -> None:
         return _ways(kernel, q, drives).T @ force
 
     assert np.abs(lacking(np.zeros(6))).max() < 1e-7
-    h = 1e-4
-    K = np.array([(lacking(h * e) - lacking(-h * e)) / (2 * h) for e in np.eye(6)]).T
+    K = slopes_of(lacking, np.zeros(6), 1e-4)
     ways = _ways(kernel, rest, drives)
     M = ways.T @ kernel.mass_matrix(rest) @ ways
     D = 3.0 * np.eye(6)
@@ -150,9 +155,8 @@ def test_about_a_motion_the_closed_accelerations_are_differenced(name: str, buil
     u = rng.uniform(-2.0, 2.0, kernel.n)
     outputs = [f"{link}.{part}" for part in ("x", "y", "rz")] + [kernel.coordinates[-1]]
     inputs = [kernel.coordinates[0]]
-    found = linearize(
-        robot, q, v=v, u=u, kernel=kernel, held=[], inputs=inputs, outputs=outputs, kind="velocity", drives="free"
-    )
+    about = {"v": v, "kernel": kernel, "outputs": outputs, "kind": "velocity"}
+    found = linearize(robot, q, u=u, held=[], inputs=inputs, drives="free", **about)
     m = len(found.states) // 2
     names = list(found.states[:m])
     index = [kernel.coordinates.index(x) for x in names]
@@ -174,10 +178,7 @@ def test_about_a_motion_the_closed_accelerations_are_differenced(name: str, buil
         J = kernel.frame_jacobian(place, link)
         return np.concatenate([(J @ rates)[[0, 1, 5]], rates[-1:]])
 
-    h = 1e-5
-    A, C = (
-        np.array([(f(start + h * e) - f(start - h * e)) / (2 * h) for e in np.eye(2 * m)]).T for f in (slopes, seen)
-    )
+    A, C = (slopes_of(f, start) for f in (slopes, seen))
     one = np.eye(kernel.n)[kernel.coordinates.index(inputs[0])]
     assert found.a == pytest.approx(kernel.forward_dynamics(q, v, u), abs=1e-8)
     assert pytest.approx(A, rel=1e-5, abs=1e-5 * np.abs(A).max()) == found.A
@@ -185,11 +186,11 @@ def test_about_a_motion_the_closed_accelerations_are_differenced(name: str, buil
     assert found.B[:, 0] == pytest.approx(slopes(start, u + one) - slopes(start), abs=1e-7)
     if name == "elastic":
         return
-    again = linearize(robot, q, v=v, a=found.a, kernel=kernel, outputs=outputs, kind="velocity")
+    again = linearize(robot, q, a=found.a, **about)
     driven = [x in ("joint1.gamma",) for x in kernel.coordinates]
     assert again.u[np.logical_not(driven)] == pytest.approx(0.0)
     assert kernel.forward_dynamics(q, v, again.u) == pytest.approx(found.a, abs=1e-7)
-    alike = linearize(robot, q, v=v, u=again.u, kernel=kernel, outputs=outputs, kind="velocity")
+    alike = linearize(robot, q, u=again.u, **about)
     assert pytest.approx(alike.A, rel=1e-7, abs=1e-7) == again.A
 
 
@@ -212,28 +213,16 @@ def test_compliance_over_a_plane(built: Build) -> None:
 def test_input_that_is_refused() -> None:
     robot = eomgen.load_robot("four_bar")
     zero = np.zeros(3)
-    for call, kind, words in (
-        (
-            lambda: linearize(robot, v=[1.0, 0.0, 0.0], a=zero),
-            LoopError,
-            r"loop joint4 opens at v: joint4\.[xy] is left with \S+ m/s; allowed",
-        ),
-        (
-            lambda: linearize(robot, v=zero, a=[1.0, 0.0, 0.0]),
-            LoopError,
-            r"loop joint4 opens at a: .*m/s\^2; allowed: th",
-        ),
-        (lambda: linearize(_undriven(), v=zero, a=zero), LoopError, "drives at no coordinate cannot make this motion"),
-        (lambda: modes(robot, held=["joint1.gamma", "joint2.gamma"], pose=[1.0, 0.0, 0.0]), LoopError, "loop joint4"),
+    undriven = replace(robot, driven=())
+    opens = r"loop joint4 opens at v: joint4\.[xy] is left with \S+ m/s; allowed"
+    for call, words in (
+        (lambda: linearize(robot, v=[1.0, 0.0, 0.0], a=zero), opens),
+        (lambda: linearize(robot, v=zero, a=[1.0, 0.0, 0.0]), r"loop joint4 opens at a: .*m/s\^2; allowed: th"),
+        (lambda: linearize(undriven, v=zero, a=zero), "drives at no coordinate cannot make this motion"),
+        (lambda: modes(robot, held=["joint1.gamma", "joint2.gamma"], pose=[1.0, 0.0, 0.0]), "loop joint4"),
     ):
-        with pytest.raises(kind, match=words):
+        with pytest.raises(LoopError, match=words):
             call()
-
-
-def _undriven() -> eomgen.Robot:
-    from dataclasses import replace
-
-    return replace(eomgen.load_robot("four_bar"), driven=())
 
 
 def test_what_only_couplings_lead_is_not_loose() -> None:
@@ -293,11 +282,49 @@ def test_stiff_cuts_with_play_come_to_rest(built: Build) -> None:
 
 
 @pytest.mark.soak
-def test_a_hexapod_with_elastic_joints_has_modes(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_hexapod_with_elastic_joints_has_modes() -> None:
     """The built-in one, at default settings: its platform rests on the end of a ball joint's play."""
-    assert cli.main(["modes", "hexapod_elastic"]) == 0
-    text = capsys.readouterr().out
+    text = command("modes", "hexapod_elastic")
     assert "hexapod_elastic: 72 modes" in text
     assert "floats" not in text
-    assert cli.main(["modes", "hexapod_elastic", "--set", "gravity.z=0"]) == 0
-    assert "note: ball1.z floats in its clearance: no stiffness there" in capsys.readouterr().out
+    said = command("modes", "hexapod_elastic", "--set", "gravity.z=0")
+    assert "note: ball1.z floats in its clearance: no stiffness there" in said
+
+
+# Singular poses
+
+
+def parallelogram() -> Robot:
+    """Cranks of 0.5 m a metre apart and a coupler of 1 m, all on one line at q = 0; springs about there."""
+    text = 'name = "parallelogram"\ngravity = [0.0, 0.0, 0.0]\n'
+    for name, length in (("left", 0.5), ("coupler", 1.0), ("right", 0.5)):
+        inertia = "{ xx = 0.001, yy = 0.02, zz = 0.02 }"
+        text += f'[[links]]\nname = "{name}"\nmass = 1.0\ncom = [{length / 2}, 0.0, 0.0]\ninertia = {inertia}\n'
+    for parent, child, x in (("base", "left", 0.0), ("left", "coupler", 0.5), ("base", "right", 1.0)):
+        text += f'[[joints]]\nname = "{child}_pin"\nparent = "{parent}"\nchild = "{child}"\ntype = "revolute"\n'
+        text += f"placement = {{ xyz = [{x}, 0.0, 0.0] }}\ngamma = {{ stiffness = 50.0 }}\n"
+    return robot_from_toml(
+        text + '[[loops]]\nname = "closing"\nlinks = ["coupler", "right"]\ntype = "revolute"\n'
+        "placements = [{ xyz = [1.0, 0.0, 0.0] }, { xyz = [0.5, 0.0, 0.0] }]\n"
+    )
+
+
+@pytest.mark.parametrize("analysis", [modes, deflection])
+def test_a_flat_parallelogram_is_refused(analysis: object) -> None:
+    """It may go on as a parallelogram or as its opposite: two motions to first order, of which neither is a sum."""
+    robot = parallelogram()
+    free = {"held": [], **({"drives": "free"} if analysis is modes else {"drives": "pd", "kp": 10.0})}
+    with pytest.raises(InputError, match=r"loop closing is singular: the rank of the constraints drops to 1, .* the 2"):
+        analysis(robot, np.zeros(3), **free)
+
+
+def test_the_same_loop_beside_it_has_one_mode() -> None:
+    """Flat loops are redundant in every pose, three of five constraints here: no reason to refuse."""
+    robot, rests = parallelogram(), (0.6, -0.6, 0.6)
+    tables = (
+        {"gamma": replace(x.coordinates["gamma"], preload=-50.0 * q)} for x, q in zip(robot.joints, rests, strict=True)
+    )
+    leaning = (replace(x, coordinates=table) for x, table in zip(robot.joints, tables, strict=True))
+    found = modes(replace(robot, joints=tuple(leaning)), rests, held=[], drives="free")
+    assert len(found.eigenvalues) == 1
+    assert abs(found.eigenvalues[0]) > 1.0

@@ -1,26 +1,31 @@
-"""Deflections: beams of textbook springs, Pinocchio's statics on random robots, differences of loaded states, maps."""
+"""Deflections by textbook springs, Pinocchio's statics and loaded states; maps; stiffness matrices of joints."""
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
+from scipy import io
+from scipy.interpolate import PchipInterpolator
 from scipy.spatial.transform import Rotation
 
 import eomgen
+from eomgen.analysis import joint_stiffness_matrix
 from eomgen.analysis.compliance import compliance_map
 from eomgen.analysis.options import KERNELS
 from eomgen.analysis.statics import deflection, motion_between
-from eomgen.cli import entry as cli
 from eomgen.description.load import robot_from_toml
-from eomgen.errors import EomgenWarning, InputError
+from eomgen.description.matrix_files import read_matrix
+from eomgen.errors import EomgenWarning, InputError, UnknownNameError
+from eomgen.robot import JointStiffness
 from eomgen.robot.model import build_model
-from eomgen.robot.value import Coordinate, Frame, Joint, Link, Motor, Placement, Robot
+from eomgen.robot.value import COORDINATES, Coordinate, Frame, Joint, Link, Motor, Placement, Robot
 from tests.oracles.pinocchio_models import PinocchioOracle, numerical_tangents
 from tests.support.builds import Build
+from tests.support.commands import command, facts, refused
 from tests.support.elastic_robots import random_elastic
 from tests.support.oscillators import LOOP
 from tests.support.soak import soaked
@@ -33,13 +38,8 @@ SPRINGS = (2e5, 3e5, 5e5, 4e3, 7e3, 9e3)
 def spring_mount(gravity: tuple[float, float, float] = (0.0, 0.0, 0.0), length: float = 0.5) -> Robot:
     """A body on six springs, a frame at a distance along x."""
     names = eomgen.robot.COORDINATES
-    joint = Joint(
-        "mount",
-        "base",
-        "body",
-        "fixed",
-        coordinates={name: Coordinate(stiffness=k) for name, k in zip(names, SPRINGS, strict=True)},
-    )
+    springs = {name: Coordinate(stiffness=k) for name, k in zip(names, SPRINGS, strict=True)}
+    joint = Joint("mount", "base", "body", "fixed", coordinates=springs)
     link = Link("body", 2.0, (0.0, 0.0, 0.0), (0.1, 0.1, 0.1, 0.0, 0.0, 0.0))
     return Robot("mount", gravity, (link,), (joint,), (Frame("tcp", "body", Placement((length, 0.0, 0.0))),))
 
@@ -52,7 +52,6 @@ def test_six_springs() -> None:
     expected = T @ np.diag(1.0 / np.array(SPRINGS)) @ T.T
     assert np.abs(found.compliance - expected).max() < 1e-15
     assert found.rank == 6
-    assert found.stiffness is not None
     assert found.stiffness == pytest.approx(np.linalg.inv(expected), rel=1e-9, abs=1e-4)
     heavy = deflection(spring_mount((0.0, 0.0, -9.81)))
     assert heavy.deflection == pytest.approx([0, 0, -2.0 * 9.81 / SPRINGS[2], 0, 0, 0], abs=1e-15)
@@ -91,7 +90,7 @@ def test_random_robots_against_pinocchio(seed: int, drives: str, built: Build) -
     pose = np.zeros(kernel.n)
     pose[driven] = rng.uniform(-1.0, 1.0, len(driven))
     gains = {"kp": 2e4} if drives == "pd" else {}
-    found = deflection(robot, pose, drives=drives, loads={"tcp": wrench}, kernel=kernel, **gains)  # type: ignore[arg-type]
+    found = deflection(robot, pose, drives=drives, loads={"tcp": wrench}, kernel=kernel, **gains)
     K, _, _ = numerical_tangents(oracle, found.q, wrench, "tcp")
     zero, J = np.zeros(kernel.n), oracle.frame_jacobian(found.q, "tcp")
     left = oracle.inverse_dynamics(found.q, zero, zero) - J.T @ wrench
@@ -115,10 +114,9 @@ def test_compliance_is_the_difference_of_loaded_states(seed: int, built: Build) 
     robot = random_elastic(seed)
     kernel, wrench = built(robot, *KERNELS), np.array([30.0, -20.0, 40.0, 1.0, -2.0, 3.0])
     found = deflection(robot, loads={"tcp": wrench}, kernel=kernel)
-    for k, step in enumerate((1e-2, 1e-2, 1e-2, 1e-2, 1e-2, 1e-2)):
-        change = step * np.eye(6)[k]
+    for k, change in enumerate(1e-2 * np.eye(6)):
         poses = [deflection(robot, loads={"tcp": wrench + s * change}, kernel=kernel).pose for s in (1, -1)]
-        moved = motion_between(poses[1], poses[0]) / (2 * step)
+        moved = motion_between(poses[1], poses[0]) / 2e-2
         assert moved == pytest.approx(found.compliance[:, k], rel=1e-5, abs=1e-9)
     none = deflection(robot, kernel=kernel)
     assert found.by_loads == pytest.approx(found.deflection - none.deflection, abs=1e-14)
@@ -189,10 +187,8 @@ def test_map_of_a_planar_arm(built: Build) -> None:
 def test_map_of_a_robot_whose_motors_are_behind_gears() -> None:
     """Motors are held where the joints, which are looked for, have them; C is J diag(1/k) J^T of the transmissions."""
     arm, stiffness = eomgen.load_robot("geared_arm"), (1.5e4, 2.5e4, 8e3)
-    joints = (
-        replace(joint, motor=Motor(1e-4, 100.0, Coordinate(stiffness=k)))
-        for joint, k in zip(arm.joints, stiffness, strict=True)
-    )
+    motors = (Motor(1e-4, 100.0, Coordinate(stiffness=k)) for k in stiffness)
+    joints = (replace(joint, motor=motor) for joint, motor in zip(arm.joints, motors, strict=True))
     robot = replace(arm, joints=tuple(joints), gravity=(0.0, 0.0, 0.0))
     found = compliance_map(robot, [0.3, 0.05, 0.1], [0.15, 0.0, 0.0], [0.0, 0.1, 0.2], (2, 2))
     kernel = eomgen.build(robot, kernels=("kinematics",))
@@ -207,26 +203,23 @@ def test_map_of_a_robot_whose_motors_are_behind_gears() -> None:
 
 def test_input_that_is_refused() -> None:
     robot = eomgen.load_robot("one_link")
-    with pytest.raises(InputError, match="allowed: locked, pd"):
-        deflection(robot, drives="free")
-    loose = Robot(
-        "loose",
-        (0.0, 0.0, 0.0),
-        robot.links,
-        (replace(robot.joints[0], type="fixed", coordinates={"x": Coordinate()}),),
-    )
-    with pytest.raises(InputError, match=r"nothing holds joint1\.x: its compliance is infinite; list it in held"):
-        deflection(loose, held=[])
-    with pytest.raises(InputError, match="infinite; held names all that stays, driven coordinates too; list it in"):
-        deflection(replace(loose, driven=("joint1.x",)), held=[])
-    plane = ([0.0, 0.0, 0.0], [1.0, 0.0, 0.0])
-    for third, points, words in (
-        ([2.0, 0.0, 0.0], (3, 3), "span no plane"),
-        ([0.0, 1.0, 0.0], (1, 3), "whole numbers from 2"),
-        ([0.0, np.nan, 0.0], (3, 3), "three finite numbers"),
+    joint = replace(robot.joints[0], type="fixed", coordinates={"x": Coordinate()})
+    loose = Robot("loose", (0.0, 0.0, 0.0), robot.links, (joint,))
+    driven = replace(loose, driven=("joint1.x",))
+    plane = (robot, [0.0, 0.0, 0.0], [1.0, 0.0, 0.0])
+    for call, words in (
+        (lambda: deflection(robot, drives="free"), "allowed: locked, pd"),
+        (lambda: deflection(loose, held=[]), r"nothing holds joint1\.x: its compliance is infinite; list it in held"),
+        (
+            lambda: deflection(driven, held=[]),
+            "infinite; held names all that stays, driven coordinates too; list it in",
+        ),
+        (lambda: compliance_map(*plane, [2.0, 0.0, 0.0], (3, 3)), "span no plane"),
+        (lambda: compliance_map(*plane, [0.0, 1.0, 0.0], (1, 3)), "whole numbers from 2"),
+        (lambda: compliance_map(*plane, [0.0, np.nan, 0.0], (3, 3)), "three finite numbers"),
     ):
         with pytest.raises(InputError, match=words):
-            compliance_map(robot, *plane, third, points)
+            call()
 
 
 def test_rigid_robots_do_not_bend() -> None:
@@ -235,18 +228,169 @@ def test_rigid_robots_do_not_bend() -> None:
     assert np.array_equal(found.deflection, np.zeros(6))
 
 
-def test_command(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    arguments = ["deflection", "one_link", "--load", "tcp", "20", "0", "0", "0", "0", "0", "--json"]
-    assert cli.main(arguments) == 0
-    plain = json.loads(capsys.readouterr().out)
+def test_command(tmp_path: Path) -> None:
+    plain = facts("deflection", "one_link", "--load", "tcp", 20, 0, 0, 0, 0, 0)
     assert plain["deflection"]["x"] == pytest.approx(20.0 / 1e4)
     assert plain["rank"] == 1
-    plane = ["--map", "0.3", "-0.4", "0", "0.3", "0", "0", "0", "0.6", "0", "--points", "3", "2"]
+    plane = ("--map", 0.3, -0.4, 0, 0.3, 0, 0, 0, 0.6, 0, "--points", 3, 2)
     for name in ("map.npz", "map.svg"):
-        assert cli.main(["deflection", "worn_arm", *plane, "-o", str(tmp_path / name)]) == 0
-        assert "um/N" in capsys.readouterr().out
+        assert "um/N" in command("deflection", "worn_arm", *plane, "-o", tmp_path / name)
     with np.load(tmp_path / "map.npz") as saved:
         assert saved["compliance"].shape == (3, 2, 6, 6)
     assert "um/N" in (tmp_path / "map.svg").read_text()
-    assert cli.main(["deflection", "one_link", "-o", "a.svg"]) == 1
-    assert "with --map" in capsys.readouterr().err
+    assert "with --map" in refused("deflection", "one_link", "-o", "a.svg")
+
+
+# Stiffness matrices of joints
+
+
+TABLES = {"x": 2e5, "y": 3e5, "beta": 7e3}
+CURVE = ((-2e-3, -900.0), (-1e-3, -200.0), (0.0, 0.0), (1e-3, 150.0), (2e-3, 1000.0))
+
+
+def definite(seed: int, size: int = 6) -> NDArray[np.float64]:
+    rows = np.random.default_rng(seed).normal(size=(size + 2, size))
+    return np.asarray(1e4 * (rows.T @ rows))
+
+
+def mounted(K: NDArray[np.float64], coordinates: dict[str, Coordinate]) -> Robot:
+    """A body on a matrix and on springs of single coordinates, and a further joint behind it."""
+    names = tuple(name for name in COORDINATES if name in coordinates)
+    mount = Joint("mount", "base", "body", "fixed", coordinates=coordinates)
+    mount = replace(mount, stiffness=JointStiffness.of(K.tolist(), names))
+    axis = Joint("axis", "body", "tip", "revolute", coordinates={"z": Coordinate(stiffness=1e6), "gamma": Coordinate()})
+    links = tuple(Link(name, 2.0, (0.0,) * 3, (0.1, 0.1, 0.1, 0.0, 0.0, 0.0)) for name in ("body", "tip"))
+    return Robot("bench", (0.0, 0.0, 0.0), links, (mount, axis), (Frame("flange", "body"),))
+
+
+def whole() -> tuple[Robot, NDArray[np.float64]]:
+    K = definite(1)
+    coordinates = {name: Coordinate(stiffness=TABLES.get(name)) for name in COORDINATES}
+    return mounted(K, coordinates), K + np.diag([TABLES.get(name, 0.0) for name in COORDINATES])
+
+
+def test_tables_and_matrices_add_up() -> None:
+    robot, expected = whole()
+    found = joint_stiffness_matrix(robot, "mount", loads={"flange": [30.0, -20.0, 10.0, 1.0, 2.0, 3.0]})
+    sizes = np.sqrt(np.diag(expected))
+    assert np.abs((found.matrix - expected) / np.outer(sizes, sizes)).max() < 1e-14
+    assert np.array_equal(found.matrix, found.matrix.T)
+    assert (found.coordinates, found.rigid, found.held) == (COORDINATES, (), ())
+    force = np.array([30.0, -20.0, 10.0, 1.0, 2.0, 3.0])
+    assert found.deviation == pytest.approx(np.linalg.solve(expected, force), rel=1e-2)  # angles turn the moment
+    frame = deflection(robot, frame="flange").stiffness  # by the inverse of the compliance
+    assert np.abs((frame - expected) / np.outer(sizes, sizes)).max() < 1e-9
+    assert "centre of stiffness" in str(found)
+
+
+def test_slopes_are_those_at_the_state() -> None:
+    """Curves by SciPy, a cubic spring and a stiffer side, at the deviations that a load brings about."""
+    coordinates = {
+        "x": Coordinate(curve=CURVE),
+        "y": Coordinate().with_numbers({"stiffness": 1e5, "cubic": 1e11}),
+        "z": Coordinate().with_numbers({"stiffness": 1e5, "stiffness_negative": 4e5}),
+        "gamma": Coordinate().with_numbers({"exponential.force": 20.0, "exponential.scale": 1e-2}),
+    }
+    K = 0.1 * definite(2, 4)
+    robot = mounted(K, coordinates)
+    for seed in range(4):
+        force = np.random.default_rng(seed).normal(size=6) * [300.0, 300.0, 300.0, 0.0, 0.0, 20.0]
+        found = joint_stiffness_matrix(robot, "mount", loads={"flange": force}, held=["axis.gamma"])
+        x, y, z, gamma = found.deviation
+        slopes = [
+            float(PchipInterpolator(*np.array(CURVE).T, extrapolate=True).derivative()(x)),
+            1e5 + 3e11 * y**2,
+            1e5 if z > 0.0 else 4e5,
+            20.0 / 1e-2 * np.exp(gamma / 1e-2),
+        ]
+        assert abs(x) < CURVE[-1][0]
+        assert found.rigid == ("alpha", "beta")
+        np.testing.assert_allclose(found.matrix, K + np.diag(slopes), rtol=1e-9, atol=1e-6 * K.max())
+
+
+def test_what_is_held_has_no_row_unless_gains_hold_it() -> None:
+    robot, _ = whole()
+    found = joint_stiffness_matrix(robot, "axis")
+    assert (found.coordinates, found.held, found.rigid) == (("z",), ("gamma",), ("x", "y", "alpha", "beta"))
+    assert found.matrix == pytest.approx(np.array([[1e6]]), rel=1e-12)
+    assert "held in this state, without a row: gamma" in str(found)
+    by_gains = joint_stiffness_matrix(robot, "axis", drives="pd", kp=250.0)
+    assert by_gains.coordinates == ("z", "gamma")
+    np.testing.assert_allclose(by_gains.matrix, np.diag([1e6, 250.0]), rtol=1e-12)
+
+
+@pytest.mark.parametrize("names", [COORDINATES, ("x", "z", "beta")])
+def test_files_are_read_by_others_and_by_descriptions(names: tuple[str, ...], tmp_path: Path) -> None:
+    robot = mounted(definite(3, len(names)), {name: Coordinate(stiffness=TABLES.get(name)) for name in names})
+    found = joint_stiffness_matrix(robot, "mount")
+    for ending in (".csv", ".npz", ".mtx"):
+        assert found.save(tmp_path / f"K{ending}") == tmp_path / f"K{ending}"
+        again = read_matrix(tmp_path / f"K{ending}")
+        assert np.array_equal(again.rows, found.matrix)
+        assert again.names == (() if ending == ".mtx" else names)
+    assert np.array_equal(io.mmread(tmp_path / "K.mtx"), found.matrix)
+    assert np.array_equal(np.loadtxt(tmp_path / "K.csv", delimiter=",", skiprows=2 + bool(found.rigid)), found.matrix)
+    with np.load(tmp_path / "K.npz", allow_pickle=False) as file:
+        assert np.array_equal(file["K"], found.matrix)
+        assert tuple(file["rigid"]) == tuple(name for name in COORDINATES if name not in names)
+    text = 'name = "a"\n[[links]]\nname = "b"\nmass = 1\ninertia = { xx = 1, yy = 1, zz = 1 }\n[[joints]]\nname = "j"\n'
+    text += 'parent = "base"\nchild = "b"\ntype = "fixed"\n' + "".join(f"{name} = {{}}\n" for name in names)
+    (tmp_path / "a.toml").write_text(text + 'stiffness = { matrix = "K.csv" }\n', encoding="ascii")
+    stiffness = eomgen.load_robot(tmp_path / "a.toml").joint("j").stiffness
+    assert stiffness == JointStiffness.of(found.matrix.tolist(), names)
+    if found.rigid:
+        for ending in (".csv", ".mtx"):
+            assert "rigid, without a row: y, alpha, gamma" in (tmp_path / f"K{ending}").read_text(encoding="ascii")
+
+
+def test_the_command_writes_it(tmp_path: Path) -> None:
+    found = facts("deflection", "shaken_arm", "--matrix", "shoulder", "-o", tmp_path / "K.csv")
+    assert found["matrix"] == [[4000.0, 0.0], [0.0, 4000.0]]
+    assert found["held"] == ["gamma"]
+    assert read_matrix(tmp_path / "K.csv").names == ("alpha", "beta")
+    assert "shaken_arm: stiffness of shoulder at alpha" in command("deflection", "shaken_arm", "--matrix", "shoulder")
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--matrix", "sholder"], "there is no joint 'sholder'; did you mean 'shoulder'?"),
+        (["--matrix", "mount"], "nothing of mount moves in this state"),
+        (["--matrix", "waist"], "nothing of waist moves in this state"),
+        (["--matrix", "shoulder", "-o", "K.txt"], "allowed: a path that ends in .csv, .npz, .mtx"),
+        (["--matrix", "shoulder", "--frame", "tcp"], "matrix and frame are both given"),
+        (["--matrix", "shoulder", "--map", *"000100010"], "matrix and map are both given"),
+        (["-o", "K.npz"], "allowed: with --map or --matrix"),
+    ],
+)
+def test_wrong_options_are_refused_by_name(options: list[str], said: str) -> None:
+    assert said in refused("deflection", "shaken_arm", *options)
+
+
+@pytest.mark.soak
+def test_of_closed_mechanisms_it_is_the_joints_own() -> None:
+    """A joint in a loop has its springs alone; one that others hold has none, and that is said."""
+    four_bar, K = eomgen.load_robot("four_bar"), definite(6, 2)
+    joint = four_bar.joint("joint2")
+    soft = {**joint.coordinates, "x": Coordinate(stiffness=1e5), "y": Coordinate()}
+    joint = replace(joint, coordinates=soft, stiffness=JointStiffness.of(K.tolist(), ("x", "y")))
+    found = joint_stiffness_matrix(replace(four_bar, joints=(four_bar.joints[0], joint, four_bar.joints[2])), "joint2")
+    expected = np.pad(K + np.diag([1e5, 0.0]), (0, 1))
+    np.testing.assert_allclose(found.matrix, expected, rtol=1e-10, atol=1e-9)
+    bare = joint_stiffness_matrix(four_bar, "joint2")
+    assert not bare.matrix.any()
+    assert "no spring of joint2 acts here" in bare.notes[-1]
+
+
+def test_wrong_arguments_are_refused_by_name() -> None:
+    robot, _ = whole()
+    rigid = replace(robot, joints=(robot.joints[0], replace(robot.joints[1], type="fixed", coordinates={})))
+    node = r"upper_tip is a node of link upper, which bends; allowed: a joint"
+    for call, kind, said in (
+        (lambda: joint_stiffness_matrix(rigid, "axis"), UnknownNameError, "axis is rigid; allowed: mount"),
+        (lambda: joint_stiffness_matrix("flexible_arm", "upper_tip"), UnknownNameError, node),
+        (lambda: joint_stiffness_matrix(robot, "mount", drives="free"), InputError, "'free' drives hold nothing"),
+        (lambda: joint_stiffness_matrix(robot, "mount").save("K.pdf"), InputError, r"path: .*K\.pdf"),
+    ):
+        with pytest.raises(kind, match=said):
+            call()

@@ -26,6 +26,7 @@ from tests.support.soak import soaked
 
 pytestmark = [pytest.mark.usefixtures("unoptimised"), pytest.mark.filterwarnings("ignore::eomgen.errors.EomgenWarning")]
 
+STATE = "j1.gamma.friction.z"
 POSE = {"j1": 0.3, "j2": 0.4}
 BENT = {"j1.gamma.friction.z": 3e-5, "j2.beta.friction.z": -2e-5}
 
@@ -95,7 +96,7 @@ def test_modes_are_eigenvalues_of_the_linear_system(drives: str, built: Build) -
     robot = bristled_arm()
     kernel = built(robot)
     options = {"drives": drives, "kernel": kernel} | ({"kp": 1e3, "kd": 2.0} if drives == "pd" else {})
-    found, system = modes(robot, POSE, **options), linearize(robot, POSE, **options)  # type: ignore[arg-type]
+    found, system = modes(robot, POSE, **options), linearize(robot, POSE, **options)
     states = kernel.memory[1:] if drives == "locked" else kernel.memory
     assert found.zeros == found.memory == states
     assert system.states[-len(states) :] == states
@@ -136,8 +137,8 @@ def test_responses_are_those_of_the_linear_system(built: Build) -> None:
     options = {"drives": "pd", "kp": 1e3, "kd": 2.0, "kernel": kernel, "z": BENT}
     for kind in ("displacement", "velocity", "acceleration"):
         outputs = ("tcp.x", "j2.beta", *(kernel.memory if kind != "acceleration" else ()))
-        found = response(robot, inputs, outputs, hertz, POSE, kind=kind, **options)  # type: ignore[arg-type]
-        system = linearize(robot, POSE, inputs=inputs, outputs=outputs, kind=kind, **options)  # type: ignore[arg-type]
+        found = response(robot, inputs, outputs, hertz, POSE, kind=kind, **options)
+        system = linearize(robot, POSE, inputs=inputs, outputs=outputs, kind=kind, **options)
         assert found.H[1:] == pytest.approx(system.bode(frequencies=hertz[1:]).H, rel=1e-6, abs=1e-12)
         near = system.bode(frequencies=[1e-4]).H  # bristles hold as springs down to rest
         assert found.H[0] == pytest.approx(near[0], rel=1e-3, abs=1e-3 * max(1e-4, np.abs(near).max()))
@@ -151,7 +152,7 @@ def test_states_of_laws_are_outputs(moving: bool, built: Build) -> None:
     motion = {"v": [0.2, 0.01, -0.05, 0.3], "u": [1.0, 0.0, 0.0, 2.0]} if moving else {}
     q = [0.3, 1e-5, -1e-4, 0.4]
     options = {"inputs": ["j1.gamma", "tcp.fx"], "outputs": kernel.memory, "kernel": kernel, "z": BENT, **motion}
-    itself, rate = (linearize(robot, q, kind=kind, **options) for kind in ("displacement", "velocity"))  # type: ignore[arg-type]
+    itself, rate = (linearize(robot, q, kind=kind, **options) for kind in ("displacement", "velocity"))
     assert (np.eye(10)[8:] == itself.C).all()
     assert not itself.D.any()
     assert (itself.A[8:] == rate.C).all()
@@ -159,11 +160,11 @@ def test_states_of_laws_are_outputs(moving: bool, built: Build) -> None:
     assert itself.output_units == kernel.memory_units == ("rad", "rad")
     assert itself.bode(outputs="j2.beta.friction.z").unit("j2.beta.friction.z", "tcp.fx") == "rad per N"
     with pytest.raises(InputError, match=r"kind: 'acceleration' of j1\.gamma\.friction\.z, a law's state; allowed"):
-        linearize(robot, q, kind="acceleration", **options)  # type: ignore[arg-type]
+        linearize(robot, q, kind="acceleration", **options)
     with pytest.raises(UnknownNameError, match=r"output: 'j1\.friction\.z' .* a state of a law \(j1\.gamma\.fric"):
-        linearize(robot, q, **{**options, "outputs": ["j1.friction.z"]})  # type: ignore[arg-type]
+        linearize(robot, q, **{**options, "outputs": ["j1.friction.z"]})
     if not moving:
-        locked = linearize(robot, q, held=["j1.gamma"], drives="locked", **options | {"inputs": ["tcp.fx"]})  # type: ignore[arg-type]
+        locked = linearize(robot, q, held=["j1.gamma"], drives="locked", **options | {"inputs": ["tcp.fx"]})
         assert not locked.C[0].any()
 
 
@@ -171,12 +172,12 @@ def test_rates_of_a_servo_drives_states_have_its_input(built: Build) -> None:
     robot = served_arm()
     kernel = built(robot)
     options = {"inputs": ["j2.gamma"], "outputs": kernel.memory, "kernel": kernel}
-    rate = linearize(robot, POSE, kind="velocity", **options)  # type: ignore[arg-type]
+    rate = linearize(robot, POSE, kind="velocity", **options)
     assert rate.D.any()
     hertz = [0.5, 30.0]
     for kind in ("displacement", "velocity"):
-        found = response(robot, options["inputs"], kernel.memory, hertz, POSE, kind=kind, kernel=kernel, drives="free")  # type: ignore[arg-type]
-        system = linearize(robot, POSE, kind=kind, **options)  # type: ignore[arg-type]
+        found = response(robot, options["inputs"], kernel.memory, hertz, POSE, kind=kind, kernel=kernel, drives="free")
+        system = linearize(robot, POSE, kind=kind, **options)
         assert pytest.approx(system.bode(frequencies=hertz).H, rel=1e-6, abs=1e-12) == found.H
         assert found.output_units == kernel.memory_units
 
@@ -238,21 +239,20 @@ def test_loops_and_followers_move_as_their_linear_system_says(closed: bool, buil
     kernel = built(robot)
     n = len(kernel.coordinates)
     options = {"kernel": kernel, "held": [kernel.coordinates[0]], "drives": "free"}
-    system = linearize(robot, dict(zip(kernel.coordinates, kernel.home, strict=True)), **options)  # type: ignore[arg-type]
+    system = linearize(robot, dict(zip(kernel.coordinates, kernel.home, strict=True)), **options)
     assert len(system.states) == 2 + len(kernel.memory)
     lead = kernel.coordinates.index(system.states[0])
     x0, duration = np.array([0.0, 1e-5, 0.0, 0.0]), 0.02
     v = np.zeros(n)
     v[lead] = 1e-5
     v = kernel.project_velocity(system.q, v, [system.states[0]]) if closed else v
-    motion = kernel.rollout(
-        system.q, v, system.u, z=np.zeros(2), duration=duration, samples=4, method="tsit5", rtol=1e-9
-    )
+    span = {"duration": duration, "samples": 4, "method": "tsit5", "rtol": 1e-9}
+    motion = kernel.rollout(system.q, v, system.u, z=np.zeros(2), **span)
     for k, t in enumerate(np.linspace(0.0, duration, 5)):
         expected = scipy.linalg.expm(t * system.A) @ x0
         found = np.r_[motion[0][k][lead] - system.q[lead], motion[1][k][lead], motion.z[k]]
         assert found == pytest.approx(expected, rel=2e-3, abs=1e-3 * np.abs(expected[2:]).max() + 1e-12), t
-    found = modes(robot, system.q, **options)  # type: ignore[arg-type]
+    found = modes(robot, system.q, **options)
     assert found.zeros == kernel.memory
     about = linearize(robot, system.q, v=v, u=system.u, kernel=kernel, z=[1e-4, -1e-4])
     assert about.A.shape == (4, 4)
@@ -268,8 +268,8 @@ def test_modes_along_a_path(built: Build) -> None:
 def test_results_are_kept(built: Build, tmp_path: object) -> None:
     robot = bristled_arm()
     system = linearize(robot, POSE, kernel=built(robot), z=BENT)
-    system.save(tmp_path / "system.npz")  # type: ignore[operator]
-    again = eomgen.load_result(tmp_path / "system.npz")  # type: ignore[operator]
+    system.save(tmp_path / "system.npz")
+    again = eomgen.load_result(tmp_path / "system.npz")
     assert again.memory == system.memory
     assert (again.z == system.z).all()
     assert system.as_dict()["state"]["z"] == BENT
@@ -279,18 +279,28 @@ def test_results_are_kept(built: Build, tmp_path: object) -> None:
 def test_what_cannot_be_is_refused(built: Build) -> None:
     robot = bristled_arm()
     kernel = built(robot)
-    with pytest.raises(UnknownNameError, match=r"z: 'j1\.friction' is unknown"):
-        modes(robot, POSE, kernel=kernel, z={"j1.friction": 0.0})
-    with pytest.raises(ArrayError, match=r"z: expected float64 of shape \(2,\)"):
-        linearize(robot, POSE, kernel=kernel, z=[0.0])
-    with pytest.raises(ArrayError, match=r"z: j2\.beta\.friction\.z is nan"):
-        static_equilibrium(kernel, np.zeros(4), z=[0.0, np.nan])
-    with pytest.raises(UnknownNameError, match=r"held: 'j1\.gamma\.friction\.z' is unknown"):
-        modes(robot, POSE, kernel=kernel, held=["j1.gamma.friction.z"])
-    with pytest.raises(UnknownNameError, match=r"held: 'j1\.gamma\.friction\.z' is unknown"):
-        static_equilibrium(kernel, np.zeros(4), held=["j1.gamma.friction.z"])
-    with pytest.raises(InputError, match="z: no law of one_link has a state"):
-        modes("one_link", z=[0.0])
+    for call, kind, words in (
+        (
+            lambda: modes(robot, POSE, kernel=kernel, z={"j1.friction": 0.0}),
+            UnknownNameError,
+            r"z: 'j1\.friction' is unknown",
+        ),
+        (lambda: linearize(robot, POSE, kernel=kernel, z=[0.0]), ArrayError, r"z: expected float64 of shape \(2,\)"),
+        (
+            lambda: static_equilibrium(kernel, np.zeros(4), z=[0.0, np.nan]),
+            ArrayError,
+            r"z: j2\.beta\.friction\.z is nan",
+        ),
+        (lambda: modes(robot, POSE, kernel=kernel, held=[STATE]), UnknownNameError, f"held: '{STATE}' is unknown"),
+        (
+            lambda: static_equilibrium(kernel, np.zeros(4), held=[STATE]),
+            UnknownNameError,
+            f"held: '{STATE}' is unknown",
+        ),
+        (lambda: modes("one_link", z=[0.0]), InputError, "z: no law of one_link has a state"),
+    ):
+        with pytest.raises(kind, match=words):
+            call()
     with pytest.warns(EomgenWarning, match="a robot is at rest whatever they are"):
         deflection(robot, POSE, kernel=kernel)
 

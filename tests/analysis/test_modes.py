@@ -1,8 +1,7 @@
-"""Modes: closed forms of textbook chains, SciPy's eigenvalues of Pinocchio's matrices, a double pendulum, loops."""
+"""Modes: textbook chains, SciPy's eigenvalues of Pinocchio's matrices, loops, motors, flexible links."""
 
 from __future__ import annotations
 
-import json
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -10,26 +9,31 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.linalg
+from scipy.linalg import eigh
 
 import eomgen
 from eomgen.analysis.at_rest import system_at_rest
 from eomgen.analysis.frequency import h1
 from eomgen.analysis.holding import fixation_of, pose_of
 from eomgen.analysis.modal import modes, modes_along
-from eomgen.analysis.modal_result import Modes
 from eomgen.analysis.options import KERNELS, checked_loads, kernel_of
+from eomgen.analysis.statics import deflection
 from eomgen.analysis.tangent_system import constraint_hessian, frame_hessian
-from eomgen.cli import entry as cli
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import ArrayError, EomgenWarning, InputError, SingularError, UnknownNameError
+from eomgen.integration.solve import integrate
 from eomgen.robot.model import build_model
-from eomgen.robot.value import Coordinate, Joint, Link, Robot
+from eomgen.robot.value import Coordinate, Frame, Joint, Link, Motor, Placement, Robot, Spring
 from eomgen.simulation.run import simulate
+from tests.oracles.by_singular_values import ClosedLoops
 from tests.oracles.pinocchio_models import PinocchioOracle, numerical_tangents
+from tests.support.beam_elements import Plane
 from tests.support.builds import Build
+from tests.support.commands import command, facts, refused
 from tests.support.elastic_robots import random_elastic
 from tests.support.oscillators import DAMPING, LOOP, MASS, STIFFNESS, chain
 from tests.support.random_robots import Array, random_robot, seeds
+from tests.support.swinging import NEEDED
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -91,7 +95,7 @@ def test_random_robots_against_pinocchio_and_scipy(seed: int, drives: str, built
     pose = dict(zip((kernel.coordinates[i] for i in driven), rng.uniform(-1.0, 1.0, len(driven)), strict=True))
     if drives == "locked" and len(driven) == kernel.n:
         pytest.skip("nothing but principal coordinates")
-    found = modes(robot, pose, drives=drives, loads={"tcp": wrench}, kernel=kernel, **gains)  # type: ignore[arg-type]
+    found = modes(robot, pose, drives=drives, loads={"tcp": wrench}, kernel=kernel, **gains)
     free = [i for i in range(kernel.n) if drives == "pd" or i not in driven]
     bending = [i for i in range(kernel.n) if i not in driven]
     K, D, M = numerical_tangents(oracle, found.q, wrench, "tcp")
@@ -210,9 +214,8 @@ def test_slider_crank_is_an_oscillator_of_one_coordinate(held: list[str], built:
 def test_constraint_hessian_is_the_derivative_of_the_jacobian() -> None:
     kernel = kernel_of(eomgen.load_robot("bennett"))
     q, h = np.array([0.4, -0.8, 1.1]), 1e-5
-    slopes = [
-        (kernel.constraint_jacobian(q + h * e) - kernel.constraint_jacobian(q - h * e)) / (2 * h) for e in np.eye(3)
-    ]
+    J = kernel.constraint_jacobian
+    slopes = [(J(q + h * e) - J(q - h * e)) / (2 * h) for e in np.eye(3)]
     assert np.abs(constraint_hessian(kernel, q) - np.moveaxis(np.array(slopes), 0, -1)).max() < 1e-9
 
 
@@ -222,8 +225,6 @@ def test_redundant_loops_do_not_change_the_mode() -> None:
     found = modes(robot, {"joint1.gamma": 1.0, "joint2.gamma": 1.5, "joint3.gamma": 2.0}, held=[], drives="free")
     assert len(found.eigenvalues) == 1
     rate = found.shapes[0].real / found.shapes[0].real[0]
-    from tests.oracles.by_singular_values import ClosedLoops
-
     kernel = eomgen.build(robot)
     loops = ClosedLoops(kernel)
     h = 1e-3
@@ -238,10 +239,8 @@ def test_redundant_loops_do_not_change_the_mode() -> None:
 def test_tracks_cross_without_being_exchanged() -> None:
     """A beam whose load slides out, f = sqrt(k / (I + m z^2)) / 2 pi, beside an oscillator of one frequency."""
     beam = {"beta": Coordinate(stiffness=400.0)}
-    links = tuple(
-        Link(name, mass, (0.0, 0.0, 0.0), (0.05, 0.05, 0.05, 0.0, 0.0, 0.0))
-        for name, mass in (("arm", 1.0), ("load", 2.0), ("other", 1.0))
-    )
+    masses, inertia = (("arm", 1.0), ("load", 2.0), ("other", 1.0)), (0.05, 0.05, 0.05, 0.0, 0.0, 0.0)
+    links = tuple(Link(name, mass, (0.0, 0.0, 0.0), inertia) for name, mass in masses)
     joints = (
         Joint("bend", "base", "arm", "fixed", coordinates=beam),
         Joint("slide", "arm", "load", "prismatic", coordinates={"z": Coordinate()}),
@@ -280,7 +279,7 @@ def test_input_that_is_refused() -> None:
         ({"parameters": {"gravity.x": 1.0}, "kernel": kernel}, InputError, "both set"),
     ):
         with pytest.raises(kind, match=words):
-            modes(robot, **options)  # type: ignore[arg-type]
+            modes(robot, **options)
     with pytest.raises(InputError, match="poses: none; allowed"):
         modes_along(robot, [])
     with pytest.raises(InputError, match="has not the coordinates"):
@@ -303,38 +302,30 @@ def test_a_missing_library_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     assert len(modes(chain(2)).eigenvalues) == 2  # NumPy alone
 
 
-def test_command(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    assert cli.main(["modes", "shaken_arm", "--pose", "elbow=0.5", "shoulder=0.2", "--json"]) == 0
-    plain = json.loads(capsys.readouterr().out)
-    direct: Modes = modes(eomgen.load_robot("shaken_arm"), {"elbow": 0.5, "shoulder": 0.2})
+def test_command(tmp_path: Path) -> None:
+    plain = facts("modes", "shaken_arm", "--pose", "elbow=0.5", "shoulder=0.2")
+    direct = modes(eomgen.load_robot("shaken_arm"), {"elbow": 0.5, "shoulder": 0.2})
     assert [mode["frequency"] for mode in plain["modes"]] == pytest.approx(list(direct.frequencies))
     figure = tmp_path / "modes.svg"
-    arguments = ["modes", "shaken_arm", "--end-pose", "0.1", "1.0", "0.3", "--points", "4", "-o", str(figure)]
-    assert cli.main([*arguments, "--drives", "pd", "--kp", "900"]) == 0
-    assert "over 4 poses" in capsys.readouterr().out
+    ends = ("--end-pose", 0.1, 1.0, 0.3, "--points", 4, "--drives", "pd", "--kp", 900)
+    assert "over 4 poses" in command("modes", "shaken_arm", *ends, "-o", figure)
     assert "natural frequency, Hz" in figure.read_text()
     result = simulate(eomgen.load_robot("one_link"), duration=0.1)
-    path = str(result.save(tmp_path / "trajectory.npz"))
-    assert cli.main(["modes", "one_link", "--along", path, "--points", "3", "--json"]) == 0
-    plain = json.loads(capsys.readouterr().out)
+    path = result.save(tmp_path / "trajectory.npz")
+    plain = facts("modes", "one_link", "--along", path, "--points", 3)
     assert np.array(plain["q"])[:, 1] == pytest.approx(result.program_q[[0, 500, 1000], 0])
     # with the angle locked the rod's spring carries all of its mass, 1 kg, wherever it is
     assert plain["frequencies"] == pytest.approx(np.full((3, 1), np.sqrt(1e4) / (2 * np.pi)))
-    assert cli.main(["modes", "one_link", "-o", str(figure)]) == 0
+    command("modes", "one_link", "-o", figure)
     assert "shapes of the lowest modes" in figure.read_text()
-    capsys.readouterr()
-    assert cli.main(["modes", "ur5", "--along", path, "--drives", "free"]) == 1
-    assert "has not the coordinates of ur5" in capsys.readouterr().err
-    for arguments, words in (
-        (["modes", "one_link", "--pose", "x"], "is not a number"),
-        (["modes", "one_link", "--end-pose", "1", "-o", "a.txt"], "ends in .svg"),
-        (["modes", "one_link", "--set", "gravity.x"], "NAME=VALUE"),
-        (["modes", "one_link", "--end-pose", "1", "--points", "0"], "1 or more"),
+    for words, said in (
+        (("ur5", "--along", path, "--drives", "free"), "has not the coordinates of ur5"),
+        (("one_link", "--pose", "x"), "is not a number"),
+        (("one_link", "--end-pose", 1, "-o", "a.txt"), "ends in .svg"),
+        (("one_link", "--set", "gravity.x"), "NAME=VALUE"),
+        (("one_link", "--end-pose", 1, "--points", 0), "1 or more"),
     ):
-        assert cli.main(arguments) == 1
-        said = capsys.readouterr()
-        assert words in said.err
-        assert said.out == "", "before anything is computed"
+        assert said in refused("modes", *words)
 
 
 def test_inertia_that_is_missing_is_named() -> None:
@@ -347,3 +338,116 @@ def test_inertia_that_is_missing_is_named() -> None:
     heavy, light = replace(pair.links[0], mass=1e5), replace(pair.links[1], mass=1e-4)
     found = modes(replace(pair, links=(heavy, light)))
     assert found.frequencies == pytest.approx(np.sqrt([STIFFNESS / 1e5, STIFFNESS / 1e-4]) / (2 * np.pi), rel=1e-6)
+
+
+# Motors and springs between points
+
+
+def geared() -> Robot:
+    """A rod of 1 m and 3 kg behind a gear, turning about a vertical axis."""
+    link = Link("rod", 3.0, (0.5, 0.0, 0.0), (0.0, 0.25, 0.25, 0.0, 0.0, 0.0))
+    motor = Motor(2e-4, 80.0, Coordinate(stiffness=5e3))
+    hinge = Joint("hinge", "base", "rod", "revolute", coordinates={"gamma": Coordinate()}, motor=motor)
+    frames = (Frame("tip", "rod", Placement((1.0, 0.0, 0.0))),)
+    return Robot("geared_rod", (0.0, 0.0, -9.81), (link,), (hinge,), frames)
+
+
+def test_a_locked_motor_leaves_the_gears_resonance() -> None:
+    """sqrt(k / J) with the motor locked; sqrt(k (1 / J + 1 / (J_m N^2))) and a rigid turn with it free."""
+    robot, J, k, rotor = geared(), 1.0, 5e3, 2e-4 * 80.0**2
+    locked = modes(robot, drives="locked")
+    assert np.abs(locked.frequencies - np.sqrt(k / J) / (2 * np.pi)).max() <= 1e-10
+    free = np.sort(modes(robot, drives="free").frequencies)
+    assert np.abs(free - [0.0, np.sqrt(k * (1 / J + 1 / rotor)) / (2 * np.pi)]).max() <= 1e-9
+
+
+def test_a_gear_gives_way_under_a_load() -> None:
+    """A force across the rod's tip winds the gear up by F l / k; the motor stays at ratio times the pose."""
+    found = deflection(geared(), 0.4, frame="tip", loads={"tip": [-10 * np.sin(0.4), 10 * np.cos(0.4), 0, 0, 0, 0]})
+    gamma, motor = found.q
+    assert found.coordinates == ("hinge.gamma", "hinge.motor")
+    assert abs(motor - 80.0 * 0.4) <= 1e-12
+    wound = gamma - 0.4
+    assert 0.9 * 10.0 / 5e3 <= wound <= 10.0 / 5e3
+
+
+def test_springs_between_points_hold_what_has_no_spring(built: Build) -> None:
+    """A passive slider between two springs swings at sqrt(2 k / m), in the modes as in time."""
+    robot = eomgen.load_robot("one_link")
+    (joint,) = robot.joints
+    joint = replace(joint, type="fixed", coordinates={"x": replace(joint.coordinates["x"], stiffness=None)})
+    pulls = tuple(
+        Spring(f"pull{i}", ("base", "link1"), ((end, 0.0, 0.0), (0.0, 0.0, 0.0)), stiffness=300.0, free_length=0.2)
+        for i, end in enumerate((0.5, -0.5))
+    )
+    robot = replace(robot, joints=(joint,), springs=pulls, name="between", gravity=(0.0, 0.0, 0.0), tunable=())
+    mass = robot.links[0].mass
+    expected = np.sqrt(2 * 300.0 / mass) / (2 * np.pi)
+    found = modes(robot)
+    assert np.abs(found.frequencies - expected).max() <= 1e-9
+    kernel = built(robot, *NEEDED)
+    swing = integrate(kernel, [1e-4], [0.0], 1.0 / expected, rtol=1e-9)
+    assert abs(swing.q[-1, 0] - 1e-4) <= 1e-8
+
+
+# Flexible links
+
+
+ELEMENTS, HUB, PAYLOAD = 12, (1.0, 0.1), (0.1, 0.0005)  # of each link; kg and kg m^2 of the elbow's hub and the load
+
+
+def by_elements() -> np.ndarray:
+    """Frequencies of flexible_arm in its plane with locked drives, Hz: its elbow is at 90 degrees.
+
+    The upper arm bends, and the forearm, clamped to its tip, goes along with that and bends itself; neither stretches.
+    """
+    beam = eomgen.load_robot("flexible_arm").links[0].beam
+    along, second = beam.density * beam.A, beam.density * beam.Iz
+    plane = Plane(beam.E * beam.Iz, beam.shear[0] * beam.G * beam.A, along, second, beam.length)
+    M1, K1 = plane.matrices(ELEMENTS)
+    rows, element = 2 * ELEMENTS, plane.element(ELEMENTS)
+    M2, K2 = np.zeros((2, rows + 2, rows + 2))
+    for k in range(ELEMENTS):
+        at = slice(2 * k, 2 * k + 4)
+        M2[at, at] += element[0]
+        K2[at, at] += element[1]
+    M2[-2, -2] += PAYLOAD[0]
+    M2[-1, -1] += PAYLOAD[1]
+    # of the forearm's root only the rotation, that of the upper arm's tip
+    M, K = np.zeros((2, 2 * rows, 2 * rows))
+    M[:rows, :rows], K[:rows, :rows] = M1, K1
+    shared = np.arange(rows - 1, 2 * rows)
+    M[np.ix_(shared, shared)] += M2[1:, 1:]
+    K[np.ix_(shared, shared)] += K2[1:, 1:]
+    M[rows - 2, rows - 2] += HUB[0] + along * beam.length + PAYLOAD[0]
+    M[rows - 1, rows - 1] += HUB[1]
+    return np.sqrt(eigh(K, M, eigvals_only=True)) / (2.0 * np.pi)
+
+
+def test_assembled_frequencies_are_those_of_finite_elements() -> None:
+    """Six modes: both static shapes of each link, two eigenmodes of the forearm."""
+    found = modes("flexible_arm")
+    assert found.frequencies[:4] == pytest.approx(by_elements()[:4], rel=1e-4)
+
+
+def test_energies_say_which_link_bends() -> None:
+    """Potential energy is that of modal stiffness, without gravity in the plane; rigid bodies have kinetic alone."""
+    robot = eomgen.load_robot("flexible_arm")
+    for drives, rigid in (("locked", 0), ("free", 2)):
+        found = modes(robot, drives=drives)
+        bending = ((x, k, kind) for x in robot.links if x.modes for k, kind in enumerate(x.modes.names))
+        K = {f"{x.name}.{kind}": x.modes.K[k][k] for x, k, kind in bending}
+        stored = np.abs(found.shapes) ** 2 * [K.get(name, 0.0) for name in found.coordinates]
+        shares = stored[rigid:] / stored[rigid:].sum(axis=1, keepdims=True)
+        assert found.strain_energy[rigid:] == pytest.approx(shares, abs=1e-9)
+        assert not found.strain_energy[:rigid].any()
+        assert found.kinetic_energy.sum(axis=1) == pytest.approx(1.0, abs=1e-12)
+        by_owner = found.by_owner()
+        assert list(by_owner) == ["shoulder", "upper.modes", "elbow", "forearm.modes"]
+        assert sum(by_owner.values())[rigid:] == pytest.approx(1.0)
+    plain = found.as_dict()["modes"][2]
+    assert plain["strain_energy"]["upper.modes"] == pytest.approx(by_owner["upper.modes"][2])
+    assert "upper.modes 100 %" in found.lines()[5]
+    assert "elbow 100 %" in found.lines()[3]
+    with pytest.raises(InputError, match="energy: 'potential'; allowed: strain_energy, kinetic_energy"):
+        found.by_owner("potential")
