@@ -10,14 +10,15 @@ import numpy as np
 import pytest
 
 import eomgen
-from eomgen.cli import entry as cli
 from eomgen.errors import InputError
 from eomgen.scenario.load import load_scenario, scenario_from_toml
 from eomgen.simulation.run import run_scenario
 from tests.support.bad_files import CIRCLE, DURATION, LINE, MOTION, SHAKEN
+from tests.support.commands import command
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
+SHAKE = "[[prescribed]]\ntype = 'harmonic'\ncoordinate = 'mount.x'\namplitude = 1\nfrequency = 1\n"
 MEETING = [  # what a robot cannot do: robot, text, place, reason
     ("one_link", "frame = 'hand'", "frame", "'hand' is unknown; known: tcp"),
     ("one_link", "[initial]\nq = { joint9 = 1 }", "initial.q.joint9", "did you mean 'joint1'"),
@@ -38,16 +39,14 @@ MEETING = [  # what a robot cannot do: robot, text, place, reason
     ("one_link", "[[payloads]]\nlink = 'base'\nmass = 1\npoint = [0, 0, 0]", "payloads[0].link", "no moving link"),
     (
         "one_link",
-        "[[prescribed]]\ntype = 'harmonic'\ncoordinate = 'joint1.x'\namplitude = 1\nfrequency = 1",
+        SHAKE.replace("mount", "joint1"),
         "prescribed[0].coordinate",
         "no prescribed coordinate; allowed: none",
     ),
-    (
-        "shaken_arm",
-        "[[prescribed]]\ntype = 'harmonic'\ncoordinate = 'mount.x'\namplitude = 1\nfrequency = 1",
-        "prescribed",
-        "mount.y, mount.z, mount.alpha, mount.beta, mount.gamma is missing",
-    ),
+    ("shaken_arm", SHAKE, "prescribed", "mount.y, mount.z, mount.alpha, mount.beta, mount.gamma is missing"),
+    ("shaken_arm", 2 * SHAKE, "prescribed[1].coordinate", "the motion of mount.x is there already"),
+    ("shaken_arm", SHAKE + "[initial]\nq = { mount.x = 1 }", "", "prescribed"),
+    ("one_link", "[initial]\nq = { joint1 = 1, 'joint1.gamma' = 1 }", "initial.q.joint1.gamma", "stands twice"),
     ("one_link", "[initial]\nequilibrium = true\nq = { joint1 = 0.3 }\n[integrator]\natol = -1", None, "atol"),
 ]
 
@@ -61,9 +60,8 @@ MEETING = [  # what a robot cannot do: robot, text, place, reason
     ],
 )
 def test_degrees_are_taken_for_radians(radians: str, degrees: str) -> None:
-    by_radians, by_degrees = (
-        scenario_from_toml(DURATION + text) for text in (radians.format(math.pi / 2), degrees.format())
-    )
+    texts = radians.format(math.pi / 2), degrees.format()
+    by_radians, by_degrees = (scenario_from_toml(DURATION + text) for text in texts)
     assert by_degrees.motion == by_radians.motion
     assert by_degrees.prescribed == by_radians.prescribed
 
@@ -74,20 +72,6 @@ def test_meeting_a_robot(robot: str, text: str, place: str | None, reason: str) 
         run_scenario(eomgen.load_robot(robot), scenario_from_toml(DURATION + text, source="bad.toml"))
     assert re.match(rf"bad\.toml(:[0-9]+:[0-9]+)?: {re.escape(place or '')}", str(caught.value))
     assert reason in str(caught.value)
-
-
-def test_names_that_are_given_twice() -> None:
-    text = DURATION + "[initial]\nq = { joint1 = 1, 'joint1.gamma' = 1 }"
-    with pytest.raises(InputError, match=r"bad.toml:[0-9:]* initial.q.joint1.gamma: joint1.gamma stands twice"):
-        run_scenario(eomgen.load_robot("one_link"), scenario_from_toml(text, source="bad.toml"))
-    shake = "[[prescribed]]\ntype = 'harmonic'\ncoordinate = 'mount.x'\namplitude = 1\nfrequency = 1\n"
-    with pytest.raises(
-        InputError, match=r"bad.toml:[0-9:]* prescribed\[1\].coordinate: the motion of mount.x is there already"
-    ):
-        run_scenario(eomgen.load_robot("shaken_arm"), scenario_from_toml(DURATION + 2 * shake, source="bad.toml"))
-    text = DURATION + shake + "[initial]\nq = { mount.x = 1 }"
-    with pytest.raises(InputError, match=r"prescribed"):
-        run_scenario(eomgen.load_robot("shaken_arm"), scenario_from_toml(text, source="bad.toml"))
 
 
 @pytest.mark.parametrize(
@@ -119,9 +103,8 @@ def test_samples_that_do_not_last(tmp_path: Path) -> None:
 def test_no_equilibrium_is_said() -> None:
     robot = eomgen.robot.Robot(**{**vars(eomgen.load_robot("one_link")), "gravity": (0.0, 0.0, 0.0)})
     text = DURATION + "[initial]\nequilibrium = true"
-    with pytest.raises(
-        InputError, match=r"bad.toml:[0-9:]* initial: one_link: no static equilibrium: nothing holds joint1.gamma"
-    ):
+    said = r"bad.toml:[0-9:]* initial: one_link: no static equilibrium: nothing holds joint1.gamma"
+    with pytest.raises(InputError, match=said):
         run_scenario(robot, scenario_from_toml(text, source="bad.toml"))
 
 
@@ -132,18 +115,14 @@ def test_files_that_are_not_there() -> None:
         load_scenario("missing.toml")
 
 
-def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = tmp_path / "s.toml"
+def test_command(tmp_path: Path) -> None:
+    path, out = tmp_path / "s.toml", tmp_path / "out"
     path.write_text(DURATION + "[initial]\nq = { joint1 = 0.3 }\n")
-    out = ["-o", str(tmp_path / "out"), "--no-plots"]
-    assert cli.main(["simulate", "one_link", "--scenario", str(path), *out]) == 0
-    printed = capsys.readouterr().out
+    words = ("simulate", "one_link", "--scenario", path, "-o", out, "--no-plots")
+    printed = command(*words)
     assert "2 coordinates, no reference, 0.1 s" in printed
     assert "energy: " in printed
-    result = eomgen.load_result(tmp_path / "out" / "trajectory.npz")
-    assert result.series("joint1.gamma").values[0] == 0.3
-    assert cli.main(["simulate", "one_link", "--scenario", str(path), "--duration", "1", *out]) == 1
-    assert "--duration: given together with --scenario" in capsys.readouterr().err
+    assert eomgen.load_result(out / "trajectory.npz").series("joint1.gamma").values[0] == 0.3
+    assert "--duration: given together with --scenario" in command(*words, "--duration", 1, code=1)
     path.write_text(DURATION + "[motion]\ntype = 'spiral'\n")
-    assert cli.main(["simulate", "one_link", "--scenario", str(path), *out]) == 1
-    assert "s.toml:3:8: motion.type: got 'spiral'" in capsys.readouterr().err
+    assert "s.toml:3:8: motion.type: got 'spiral'" in command(*words, code=1)

@@ -1,4 +1,4 @@
-"""Sweeps against closed forms, against SciPy's integrators, and against themselves in other orders of work."""
+"""Sweeps against closed forms, SciPy's integrators and simulations; in other orders of work, and side by side."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from multiprocessing import get_context
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import eomgen
-from eomgen.cli import entry as cli
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import InputError
 from eomgen.pipeline.cache import VARIABLE
@@ -26,14 +26,19 @@ from eomgen.robot import JointStiffness
 from eomgen.robot.value import Robot
 from eomgen.scenario.load import scenario_from_toml, scenario_from_values
 from eomgen.simulation.result import SimulationResult
-from eomgen.simulation.run import run_scenario
+from eomgen.simulation.run import plan_of, run_scenario
+from eomgen.sweep import job as jobs
+from eomgen.sweep.contents import SampleRow
 from eomgen.sweep.driver import KernelBundle, prepare, run, work
 from eomgen.sweep.job import SampleRunner
-from eomgen.sweep.plan import plan_from_toml
+from eomgen.sweep.plan import Plan, plan_from_toml
 from eomgen.sweep.result import SweepResult
 from eomgen.sweep.shipping import builds_of, pack, source_keys, unpack
 from eomgen.sweep.store import ROWS, opened
+from tests.support.commands import command
+from tests.support.optional import needs
 from tests.support.sliders import RELEASE, SLIDER, STIFF, slider
+from tests.support.soak import soaked
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -62,6 +67,7 @@ name = "tcp"
 link = "fore"
 placement = { xyz = [0.4, 0.0, 0.0] }
 """
+REACH_FILE = "duration = 0.4\n[motion]\ntype = 'point_to_point'\ngoal = { shoulder = 0.5, elbow = -0.4 }\n"
 REACH = {"duration": 0.4, "motion": {"type": "point_to_point", "goal": {"shoulder": 0.5, "elbow": -0.4}}}
 ARM_PLAN = """
 samples = 40
@@ -93,12 +99,8 @@ def swept(tmp_path_factory: pytest.TempPathFactory) -> SweepResult:
 
 
 def same(a: SweepResult, b: SweepResult) -> bool:
-    return bool(
-        (a.index == b.index).all()
-        and a.samples.tobytes() == b.samples.tobytes()
-        and a.record.tobytes() == b.record.tobytes()
-        and a.errors == b.errors
-    )
+    arrays = all(getattr(a, name).tobytes() == getattr(b, name).tobytes() for name in ("index", "samples", "record"))
+    return arrays and a.errors == b.errors
 
 
 # What samples are
@@ -215,15 +217,11 @@ def test_samples_are_robots_of_their_own(tmp_path: Path, swept: SweepResult) -> 
     )
     result = run(arm(), REACH, plan, tmp_path)
     changed = robot_from_toml(ARM.replace("stiffness = 4e4", "stiffness = 1.5e4"))
-    text = "duration = 0.4\n[motion]\ntype = 'point_to_point'\ngoal = { shoulder = 0.5, elbow = -0.4 }\n"
-    single = run_scenario(changed, scenario_from_toml(text))
-    assert result.of("tool_deviation_max")[0] == pytest.approx(
-        np.linalg.norm(single.tool_deviation, axis=1).max(), rel=1e-6
-    )
-    u = np.abs(single.trajectory.u).max(axis=0)
-    assert result.of("drive_max.elbow.gamma")[0] == pytest.approx(
-        u[single.trajectory.coordinates.index("elbow.gamma")], rel=1e-6
-    )
+    single = run_scenario(changed, scenario_from_toml(REACH_FILE))
+    deviation = np.linalg.norm(single.tool_deviation, axis=1).max()
+    assert result.of("tool_deviation_max")[0] == pytest.approx(deviation, rel=1e-6)
+    u = np.abs(single.trajectory.u).max(axis=0)[single.trajectory.coordinates.index("elbow.gamma")]
+    assert result.of("drive_max.elbow.gamma")[0] == pytest.approx(u, rel=1e-6)
     kernel, motion = eomgen.build(changed), single.trajectory
     a = kernel.forward_dynamics(motion.q, motion.v, motion.u)
     force = np.linalg.norm(kernel.reactions(motion.q, motion.v, a)[:, 0, :3], axis=1).max()
@@ -264,14 +262,13 @@ def test_threads_change_nothing(tmp_path: Path, swept: SweepResult) -> None:
 def _cannot_derive(folder: str) -> None:
     """A worker with a cache of its own, and without SymPy."""
     os.environ[VARIABLE] = folder
-    sys.modules["sympy"] = None  # type: ignore[assignment]
+    sys.modules["sympy"] = None
 
 
 def workers(count: int, folder: Path) -> ProcessPoolExecutor:
     """Fresh processes that find nothing in their cache, and can derive nothing."""
-    return ProcessPoolExecutor(
-        count, mp_context=get_context("spawn"), initializer=_cannot_derive, initargs=(str(folder),)
-    )
+    fresh = {"mp_context": get_context("spawn"), "initializer": _cannot_derive, "initargs": (str(folder),)}
+    return ProcessPoolExecutor(count, **fresh)
 
 
 @pytest.mark.soak
@@ -290,11 +287,10 @@ def test_processes_that_get_their_kernels_sent(tmp_path: Path, swept: SweepResul
 
 @pytest.mark.soak
 def test_dask_changes_nothing(tmp_path: Path, swept: SweepResult) -> None:
-    distributed = pytest.importorskip("distributed")
+    distributed = needs("distributed")
+    local = {"n_workers": 2, "threads_per_worker": 2, "dashboard_address": None, "worker_dashboard_address": None}
     with (
-        distributed.LocalCluster(
-            n_workers=2, threads_per_worker=2, dashboard_address=None, worker_dashboard_address=None
-        ) as cluster,
+        distributed.LocalCluster(**local) as cluster,
         distributed.Client(cluster) as client,
         client.get_executor() as executor,
     ):
@@ -304,11 +300,8 @@ def test_dask_changes_nothing(tmp_path: Path, swept: SweepResult) -> None:
 @pytest.mark.soak
 def test_other_machines_compile_what_they_are_sent(tmp_path: Path) -> None:
     """Where the C library is another one the binary is left out, and SymPy is not asked."""
-    job, design, _ = prepare(
-        slider(),
-        RELEASE,
-        plan_from_toml(f"samples = 2\nrecord = ['coordinate_end']\n{STIFF}uniform = {{ low = 300.0, high = 900.0 }}\n"),
-    )
+    plan = f"samples = 2\nrecord = ['coordinate_end']\n{STIFF}uniform = {{ low = 300.0, high = 900.0 }}\n"
+    job, design, _ = prepare(slider(), RELEASE, plan_from_toml(plan))
     builds = builds_of(job.robot, job.scenario(), job.kernels(job.scenario()))
     keys, samples = source_keys(builds), [design.values(i) for i in range(2)]
     expected = work(KernelBundle(job, builds, keys), None, [0, 1], samples)
@@ -329,9 +322,7 @@ def test_a_killed_sweep_goes_on(tmp_path: Path, swept: SweepResult) -> None:
     """SIGKILL in the middle: what was done stays, byte by byte, and the rest is added."""
     (tmp_path / "arm.toml").write_text(ARM)
     (tmp_path / "plan.toml").write_text(ARM_PLAN.replace("samples = 40", "samples = 100"))
-    (tmp_path / "reach.toml").write_text(
-        "duration = 0.4\n[motion]\ntype = 'point_to_point'\ngoal = { shoulder = 0.5, elbow = -0.4 }\n"
-    )
+    (tmp_path / "reach.toml").write_text(REACH_FILE)
     out = tmp_path / "out"
     command = [sys.executable, "-m", "eomgen", "sweep", "arm.toml", "--scenario", "reach.toml", "--plan", "plan.toml"]
     command += ["-o", "out", "--threads", "2", "--no-plots"]
@@ -352,10 +343,8 @@ def test_a_killed_sweep_goes_on(tmp_path: Path, swept: SweepResult) -> None:
     whole = SweepResult.load(out)
     assert whole.complete
     assert len(after.splitlines()) == 100
-    fresh = run(
-        arm(), tmp_path / "reach.toml", plan_from_toml((tmp_path / "plan.toml").read_text()), tmp_path / "fresh"
-    )
-    assert same(whole, fresh)
+    plan = plan_from_toml((tmp_path / "plan.toml").read_text())
+    assert same(whole, run(arm(), tmp_path / "reach.toml", plan, tmp_path / "fresh"))
 
 
 def test_an_interrupt_keeps_what_is_done(tmp_path: Path) -> None:
@@ -442,25 +431,141 @@ def test_neighbours_of_a_failure_are_as_without_it(tmp_path: Path) -> None:
     """Samples of one batch: those that cannot go on change nothing of the others."""
     plan = "record = ['coordinate_end', 'tool_deviation_max']\n" + STIFF
     alone = run(slider(), RELEASE, plan_from_toml(plan + "grid = { values = [300.0, 700.0] }\n"), tmp_path / "a")
-    among = run(
-        slider(), RELEASE, plan_from_toml(plan + "grid = { values = [8e29, 300.0, 9e29, 700.0] }\n"), tmp_path / "b"
-    )
+    more = plan_from_toml(plan + "grid = { values = [8e29, 300.0, 9e29, 700.0] }\n")
+    among = run(slider(), RELEASE, more, tmp_path / "b")
     assert sorted(among.errors) == [0, 2]
     assert (among.record[[1, 3]] == alone.record).all()
 
 
-def test_processes_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_processes_on_the_command_line(tmp_path: Path) -> None:
     """The same table as with threads; one way at a time."""
-    for name, text in (("r.toml", SLIDER), ("s.toml", "duration = 0.1\n[initial]\nq = { rail = 0.1 }\n")):
-        (tmp_path / name).write_text(text, encoding="ascii")
     plan = "samples = 5\nrecord = ['coordinate_end']\n" + STIFF + "uniform = { low = 500.0, high = 900.0 }\n"
-    (tmp_path / "p.toml").write_text(plan, encoding="ascii")
-    files = [str(tmp_path / "r.toml"), "--scenario", str(tmp_path / "s.toml"), "--plan", str(tmp_path / "p.toml")]
+    scenario = "duration = 0.1\n[initial]\nq = { rail = 0.1 }\n"
+    for name, text in (("r.toml", SLIDER), ("s.toml", scenario), ("p.toml", plan)):
+        (tmp_path / name).write_text(text, encoding="ascii")
+    words = (
+        "sweep",
+        tmp_path / "r.toml",
+        "--scenario",
+        tmp_path / "s.toml",
+        "--plan",
+        tmp_path / "p.toml",
+        "--no-plots",
+    )
     for way in ("threads", "processes"):
-        assert cli.main(["sweep", *files, f"--{way}", "2", "--no-plots", "-o", str(tmp_path / way)]) == 0
+        command(*words, f"--{way}", 2, "-o", tmp_path / way)
     assert same(*(SweepResult.load(tmp_path / way) for way in ("threads", "processes")))
-    capsys.readouterr()
-    assert cli.main(["sweep", *files, "--threads", "2", "--processes", "2", "-o", str(tmp_path / "x")]) == 1
-    assert "--threads and --processes are given together" in capsys.readouterr().err
-    assert cli.main(["sweep", *files, "--processes", "0", "-o", str(tmp_path / "x")]) == 1
-    assert "--processes: 0" in capsys.readouterr().err
+    said = command(*words, "--threads", 2, "--processes", 2, "-o", tmp_path / "x", code=1)
+    assert "--threads and --processes are given together" in said
+    assert "--processes: 0" in command(*words, "--processes", 0, "-o", tmp_path / "x", code=1)
+
+
+# Side by side
+
+
+HEAD = "seed = 5\nengine = { type = 'integrate' }\n"
+COMPANY_PLAN = f"""{HEAD}
+samples = 19
+record = ["tool_deviation_max", "tool_rotation_max", "drive_max", "tracking_max", "coordinate_end", "reaction_max"]
+[[vary]]
+parameter = "joints.shoulder.alpha.stiffness"
+normal = {{ mean = 1.0, deviation = 0.3, low = 0.2, high = 2.0 }}
+relative = true
+[[vary]]
+parameter = "links.fore.mass"
+uniform = {{ low = 0.3, high = 2.0 }}
+"""
+PUSHED = {"wrenches": CONTROLS["loads"]["wrenches"]}
+CASES = {
+    "computed torque": {**REACH, "duration": 0.1},
+    "pd": {**REACH, "duration": 0.1, **CONTROLS["pd"]},
+    "wrenches": {**REACH, "duration": 0.15, **PUSHED},
+    "tsit5": {**REACH, "duration": 0.1, "integrator": {"method": "tsit5", "rtol": 1e-8}},
+}
+MASS = (
+    f"{HEAD}samples = 9\nrecord = ['coordinate_end', 'coordinate_max']\n{STIFF}uniform = {{ low = 90, high = 900 }}\n"
+)
+
+
+def rows_of(robot: Robot, scenario: dict[str, Any], plan: Plan) -> tuple[SampleRunner, list[list[float]]]:
+    job, design, _ = prepare(robot, scenario, plan)
+    return SampleRunner(job), [list(design.values(i)) for i in range(len(design))]
+
+
+def check_company(runner: SampleRunner, samples: list[list[float]], monkeypatch: pytest.MonkeyPatch) -> list[SampleRow]:
+    """Rows of all samples, which are those of some of them, in other orders, and of each by itself in Python's loop."""
+    indices = list(range(len(samples)))
+    whole = runner.rows(indices, samples)
+    for some in (indices[::-2], indices[3:5], indices[:1]):
+        assert runner.rows(some, [samples[i] for i in some]) == [whole[i] for i in some]
+    monkeypatch.setattr(jobs, "may_run_side_by_side", lambda *_: False)
+    assert runner.rows(indices, samples) == whole
+    return whole
+
+
+@pytest.mark.parametrize("case", soaked(CASES, ("computed torque", "pd", "tsit5")))
+def test_samples_are_what_they_are_alone(case: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    runner, samples = rows_of(arm(), CASES[case], plan_from_toml(COMPANY_PLAN))
+    scenario, assembly = runner.nominal(())
+    assert jobs.may_run_side_by_side(assembly, plan_of(assembly, scenario))
+    found = check_company(runner, samples, monkeypatch)
+    assert not any(row.error for row in found)
+    assert len({row.record for row in found}) == len(found)
+
+
+def test_masses_that_are_picked_up_and_samples_that_fail(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Parameters that change on the way; errors are those of the sample alone."""
+    picked = {"link": "mass", "mass": 1.0, "point": [0.0, 0.0, 0.0], "t0": 0.13, "t1": 0.4}
+    runner, samples = rows_of(slider(), {**RELEASE, "payloads": [picked]}, plan_from_toml(MASS))
+    samples[4] = [1e300]
+    found = check_company(runner, samples, monkeypatch)
+    assert [bool(row.error) for row in found] == [i == 4 for i in range(9)]
+    assert "rail.z" in found[4].error
+
+
+@pytest.mark.soak
+def test_loops_are_closed_side_by_side(monkeypatch: pytest.MonkeyPatch) -> None:
+    text = f"{HEAD}samples = 11\nrecord = ['drive_max', 'coordinate_end']\n[[vary]]\nparameter = 'links.crank.mass'\n"
+    plan = plan_from_toml(text + "normal = { mean = 1.0, deviation = 0.3, low = 0.2 }\nrelative = true\n")
+    scenario = {"duration": 0.2, "motion": {"type": "point_to_point"}, "control": {"type": "pd", "kp": 50, "kd": 2}}
+    runner, samples = rows_of(eomgen.load_robot("four_bar"), scenario, plan)
+    assert not any(row.error for row in check_company(runner, samples, monkeypatch))
+
+
+@pytest.mark.soak
+def test_threads_and_processes_change_nothing(tmp_path: Path) -> None:
+    plan, scenario = plan_from_toml(COMPANY_PLAN.replace("samples = 19", "samples = 37")), CASES["computed torque"]
+    one = run(arm(), scenario, plan, tmp_path / "one", threads=1)
+    assert not one.errors
+    assert same(one, run(arm(), scenario, plan, tmp_path / "three", threads=3))
+    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
+        assert same(one, run(arm(), scenario, plan, tmp_path / "processes", executor=pool))
+
+
+# Closed mechanisms
+
+
+BARS = """
+samples = 2
+seed = 5
+record = ["drive_max", "coordinate_end"]
+[engine]
+type = "rollout"
+[[vary]]
+parameter = "links.crank.mass"
+normal = { mean = 1.0, deviation = 0.2 }
+relative = true
+"""
+TURN = {"duration": 0.05, "motion": {"type": "point_to_point"}}
+
+
+@pytest.mark.soak
+def test_samples_of_a_four_bar_are_simulations(tmp_path: Path) -> None:
+    result = run("four_bar", TURN, plan_from_toml(BARS), tmp_path)
+    robot = eomgen.load_robot("four_bar")
+    crank = robot.link("crank")
+    for i, (mass,) in enumerate(result.samples.tolist()):
+        scaled = replace(robot, links=tuple(replace(x, mass=mass) if x is crank else x for x in robot.links))
+        alone = run_scenario(scaled, scenario_from_values(TURN, source="scenario", folder=Path()))
+        ends = [result.of(f"coordinate_end.{name}")[i] for name in alone.trajectory.coordinates]
+        assert ends == pytest.approx(alone.trajectory.q[-1].tolist(), rel=2e-2, abs=1e-9)

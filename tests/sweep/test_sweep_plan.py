@@ -7,13 +7,13 @@ import re
 import subprocess
 import sys
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy import stats
 
-from eomgen.cli.entry import main
 from eomgen.description.load import load_robot, robot_from_toml
 from eomgen.errors import DescriptionError, InputError
 from eomgen.robot.parameter_names import expand_tunable
@@ -25,6 +25,8 @@ from eomgen.sweep.keys import DESIGNS, ENGINES, RECORDS
 from eomgen.sweep.plan import Distribution, load_plan, plan_from_toml
 from eomgen.sweep.result import SweepResult, sensitivity_of
 from tests.support.bad_files import GRID
+from tests.support.commands import command
+from tests.support.optional import needs
 from tests.support.sliders import RELEASE, SLIDER, STIFF, slider
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
@@ -127,10 +129,10 @@ def test_latin_hypercubes_are_stratified() -> None:
 def test_distributions_against_scipy(distribution: Distribution, reference: object) -> None:
     shares = np.array([1e-12, 1e-6, 0.01, 0.3, 0.5, 0.9, 0.999, 1.0 - 1e-9])
     found = [quantile(distribution, u) for u in shares]
-    assert found == pytest.approx(reference.ppf(shares), rel=1e-7)  # type: ignore[attr-defined]
+    assert found == pytest.approx(reference.ppf(shares), rel=1e-7)
     design = Design([distribution], 4000, 11, "random")
     values = np.array([design.values(i)[0] for i in range(4000)])
-    assert stats.kstest(values, reference.cdf).pvalue > 1e-3  # type: ignore[attr-defined]
+    assert stats.kstest(values, reference.cdf).pvalue > 1e-3
     if distribution.low is not None:
         assert values.min() >= distribution.low
     if distribution.high is not None:
@@ -143,14 +145,7 @@ def test_samples_depend_on_seed_and_index_alone() -> None:
     assert len(design) == 60
     backwards = [design.values(i) for i in reversed(range(60))][::-1]
     assert backwards == [design.values(i) for i in range(60)]
-    assert [row[1:] for row in backwards[::10]] == [
-        (1.0, 5.0),
-        (1.0, 6.0),
-        (2.0, 5.0),
-        (2.0, 6.0),
-        (3.0, 5.0),
-        (3.0, 6.0),
-    ]
+    assert [row[1:] for row in backwards[::10]] == list(product((1.0, 2.0, 3.0), (5.0, 6.0)))
     assert [row[0] for row in backwards[:10]] == [row[0] for row in backwards[10:20]]  # the same draws at every point
     longer = Design(kinds, 20, 1, "random")
     assert [longer.values(i)[0] for i in range(10)] == [row[0] for row in backwards[:10]]
@@ -160,15 +155,12 @@ def test_samples_depend_on_seed_and_index_alone() -> None:
 
 def test_patterns_draw_every_parameter_for_itself() -> None:
     text = SLIDER.replace("[[joints]]", "[[joints]]\nx = { stiffness = 4e5 }")
-    plan = plan_from_toml(
-        "samples = 3\n[[vary]]\nparameter = 'joints.rail.*.stiffness'\nrelative = true\n"
-        "uniform = { low = 0.5, high = 2.0 }\n"
-    )
-    job, design, _ = prepare(robot_from_toml(text), RELEASE, plan)
-    assert {x.name: x.unit for x in job.dimensions} == {
-        "joints.rail.x.stiffness": 4e5,
-        "joints.rail.z.stiffness": 800.0,
-    }
+    vary = "[[vary]]\nparameter = 'joints.rail.*.stiffness'\nrelative = true\nuniform = { low = 0.5, high = 2.0 }\n"
+    job, design, _ = prepare(robot_from_toml(text), RELEASE, plan_from_toml(f"samples = 3\n{vary}"))
+    assert [(x.name, x.unit) for x in job.dimensions] == [
+        ("joints.rail.x.stiffness", 4e5),
+        ("joints.rail.z.stiffness", 800.0),
+    ]
     a, b = design.values(0)
     assert a != b
     assert job.parameters((a, b)) == {x.name: u * (x.unit or 0) for x, u in zip(job.dimensions, (a, b), strict=True)}
@@ -195,7 +187,7 @@ def test_sensitivities_of_a_linear_model_and_a_curve() -> None:
 
 
 def test_tables_and_summary(tmp_path: Path) -> None:
-    parquet = pytest.importorskip("pyarrow.parquet")
+    parquet = needs("pyarrow.parquet")
     plan = plan_from_toml(f"record = ['coordinate_end']\n{STIFF}grid = {{ values = [-1.0, 300.0, 500.0, 900.0] }}\n")
     result = run(slider(), RELEASE, plan, tmp_path / "out")
     with result.save_table(tmp_path / "t.csv").open() as stream:
@@ -218,25 +210,20 @@ def test_tables_and_summary(tmp_path: Path) -> None:
         result.of("coordinate_end.rail.x")
 
 
-def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "slider.toml").write_text(SLIDER)
-    (tmp_path / "plan.toml").write_text(
-        f"record = ['coordinate_end']\nsamples = 20\n{STIFF}uniform = {{ low = 300.0, high = 900.0 }}\n"
-    )
-    (tmp_path / "release.toml").write_text("duration = 0.3\n[initial]\nq = { rail = 0.1 }\n")
-    command = ["sweep", str(tmp_path / "slider.toml"), "--scenario", str(tmp_path / "release.toml")]
-    command += ["--plan", str(tmp_path / "plan.toml"), "-o", str(tmp_path / "out")]
-    assert main(command) == 0
-    said = capsys.readouterr().out
+def test_the_command(tmp_path: Path) -> None:
+    plan = f"record = ['coordinate_end']\nsamples = 20\n{STIFF}uniform = {{ low = 300.0, high = 900.0 }}\n"
+    release, out = "duration = 0.3\n[initial]\nq = { rail = 0.1 }\n", tmp_path / "out"
+    for name, text in (("r.toml", SLIDER), ("s.toml", release), ("p.toml", plan)):
+        (tmp_path / name).write_text(text)
+    words = ("sweep", tmp_path / "r.toml", "--scenario", tmp_path / "s.toml", "--plan", tmp_path / "p.toml", "-o", out)
+    said = command(*words)
     assert "20 samples, 0 failed" in said
     assert "joints.rail.z.stiffness" in said
     for name in ("distribution.png", "sensitivity.png"):
-        assert (tmp_path / "out" / name).read_bytes().startswith(b"\x89PNG")
-    assert SweepResult.load(tmp_path / "out").complete
-    assert main([*command, "--threads", "0"]) == 1
-    assert "threads: 0" in capsys.readouterr().err
-    assert main([*command, "--threads", "2", "--dask", "tcp://127.0.0.1:1"]) == 1
-    assert "--dask" in capsys.readouterr().err
+        assert (out / name).read_bytes().startswith(b"\x89PNG")
+    assert SweepResult.load(out).complete
+    assert "threads: 0" in command(*words, "--threads", 0, code=1)
+    assert "--dask" in command(*words, "--threads", 2, "--dask", "tcp://127.0.0.1:1", code=1)
 
 
 @pytest.mark.soak
