@@ -14,10 +14,10 @@ import pytest
 import eomgen
 from eomgen.authoring import dh_file_text, robot_from_dh, write_dh_file
 from eomgen.authoring.check import check_file
-from eomgen.cli import entry as cli
 from eomgen.errors import InputError
 from eomgen.robot.value import Robot
 from tests.support import makers
+from tests.support.commands import command, refused
 from tests.support.description_samples import homogeneous, link_poses
 
 TYPES = ("revolute", "prismatic")
@@ -105,11 +105,8 @@ def test_any_table(convention: str, seed: int, tmp_path: Path) -> None:
 
 def test_a_makers_table_as_it_stands() -> None:
     """The UR5e's: the built-in robot, but for tensors that the table does not give, and limits."""
-    rows = [
-        {"theta": row[0], "d": row[1], "a": row[2], "alpha": row[3], "mass": row[4]}
-        | dict(zip(("com_x", "com_y", "com_z"), row[5], strict=True))
-        for row in makers.UR5E
-    ]
+    keys = ("theta", "d", "a", "alpha", "mass", "com_x", "com_y", "com_z")
+    rows = [dict(zip(keys, (*row[:5], *row[5]), strict=True)) for row in makers.UR5E]
     text = dh_file_text("ur5e", rows, "classic")
     assert "assumed: the inertia of the links of 'joint1'" in text
     assert "assumed: the mass" not in text
@@ -175,32 +172,32 @@ def test_refusals(case: str, tmp_path: Path) -> None:
         dh_file_text("arm", path, "modified")
 
 
-def test_conventions_and_names(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"convention: got 'craig'; allowed: classic, which is Rz\(theta\)"):
-        dh_file_text("arm", [{"a": 1.0}], "craig")
-    with pytest.raises(InputError, match="got the name 'my arm'"):
-        dh_file_text("my arm", [{"a": 1.0}], "classic")
-    with pytest.raises(InputError, match=re.escape("row 2: there is no column 'alpa'")):
-        dh_file_text("arm", [{"a": 1.0}, {"alpa": 1.0}], "classic")
+def test_conventions_names_and_rows_of_other_things() -> None:
+    for arguments, said in (
+        (("arm", [{"a": 1.0}], "craig"), r"convention: got 'craig'; allowed: classic, which is Rz\(theta\)"),
+        (("my arm", [{"a": 1.0}], "classic"), "got the name 'my arm'"),
+        (("arm", [{"a": 1.0}, {"alpa": 1.0}], "classic"), "row 2: there is no column 'alpa'"),
+        (("arm", [{"a": 10**5000}], "modified"), "row 1: a: got an integer of 16610 bits"),
+        (("arm", [{"a": np.ones(2)}], "modified"), "row 1: a: got array"),
+        (("arm", [{"joint": 10**5000}], "modified"), "row 1: joint: got 'an integer of"),
+        (("arm", [{5: 1.0}], "modified"), "row 1: there is no column 5"),
+    ):
+        with pytest.raises(InputError, match=said):
+            dh_file_text(*arguments)
     with pytest.raises(InputError, match="xx"):
         robot_from_dh("arm", [{"mass": 1.0, "ixx": 1.0, "iyy": 0.1, "izz": 0.1}], "classic")
 
 
-def test_from_the_command_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_from_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     rows = random_rows(np.random.default_rng(1), 3, flange=True)
     as_csv(rows, Path("table.csv"), metric=True)
-    assert cli.main(["new", "arm", "--dh", "table.csv"]) == 1
-    assert "--dh is given without --convention" in capsys.readouterr().err
-    assert cli.main(["new", "arm", "--convention", "classic"]) == 1
-    assert "--convention is given without --dh" in capsys.readouterr().err
-    assert cli.main(["new", "arm", "--dh", "table.csv", "--convention", "classic"]) == 0
-    assert capsys.readouterr().out == "wrote arm.toml\n"
+    words = ("new", "arm", "--dh", "table.csv")
+    assert "--dh is given without --convention" in refused(*words)
+    assert "--convention is given without --dh" in refused("new", "arm", "--convention", "classic")
+    assert command(*words, "--convention", "classic") == "wrote arm.toml\n"
     check_against(eomgen.load_robot(tmp_path / "arm.toml"), rows, "classic", np.array([0.3, -0.7, 1.1]))
-    assert cli.main(["new", "arm", "--dh", "table.csv", "--convention", "classic"]) == 1
-    assert "is there already" in capsys.readouterr().err
+    assert "is there already" in refused(*words, "--convention", "classic")
 
 
 def test_numbers_as_tables_have_them() -> None:
@@ -209,21 +206,6 @@ def test_numbers_as_tables_have_them() -> None:
     for text, value in (texts | {"\u22121e-3 ": -1e-3, "\u03c0": math.pi, ".5": 0.5, "5.": 5.0}).items():
         assert f"theta = {value!r} " in dh_file_text("arm", [{"theta": text}], "modified")
     assert "alpha_deg = 1e-13," in dh_file_text("arm", [{"alpha_deg": "1e-13"}], "modified")
-
-
-@pytest.mark.parametrize(
-    ("row", "said"),
-    [
-        ({"a": 10**5000}, "row 1: a: got an integer of 16610 bits"),
-        ({"a": np.ones(2)}, "row 1: a: got array"),
-        ({"joint": 10**5000}, "row 1: joint: got 'an integer of"),
-        ({5: 1.0}, "row 1: there is no column 5"),
-    ],
-    ids=["large", "array", "name", "column"],
-)
-def test_rows_of_other_things(row: dict[Any, Any], said: str) -> None:
-    with pytest.raises(InputError, match=re.escape(said)):
-        dh_file_text("arm", [row], "modified")
 
 
 def test_inertias_of_bodies_without_mass_are_not_assumed() -> None:

@@ -1,4 +1,4 @@
-"""eomgen new, eomgen check and eomgen schema."""
+"""eomgen new, eomgen check and eomgen schema: first files of robots, scenarios and studies; missing inertia."""
 
 from __future__ import annotations
 
@@ -12,18 +12,31 @@ import pytest
 
 import eomgen
 from eomgen.authoring.check import check_file
+from eomgen.authoring.inertia import inertia_notes, mass_matrix
 from eomgen.authoring.new import write_new_file
 from eomgen.authoring.schema_files import schema_path
 from eomgen.authoring.schemas import schema_text
-from eomgen.cli import entry as cli
+from eomgen.authoring.studies import plan_file_text, tolerances_file_text
 from eomgen.description.builtin import builtin_robots
+from eomgen.description.load import robot_from_toml
 from eomgen.errors import InputError, ReachError
+from eomgen.forms.toml_text import parse_toml
+from eomgen.identification import tolerance
+from eomgen.identification.tolerances.solve import tolerance_quantities
+from eomgen.identification.tolerances.table import read_table
 from eomgen.motion.ends import point_of
 from eomgen.motion.poses import inverse_kinematics
-from eomgen.robot.model import program_coordinates
+from eomgen.robot.model import build_model, program_coordinates
+from eomgen.robot.parameter_names import expand_tunable
 from eomgen.scenario.load import scenario_from_toml
+from eomgen.sweep import plan_from_toml
 from tests.support.bad_files import PLAN, SCENARIO
+from tests.support.builds import Build
+from tests.support.closeness import close
+from tests.support.commands import command, refused, run
 from tests.support.description_samples import ARM, URDF
+from tests.support.makers import MAKERS
+from tests.support.random_robots import random_robot, random_state, with_offsets
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -36,12 +49,11 @@ BAD = (
 )
 
 
-def test_a_new_robot_moves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_new_robot_moves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """It and its scenario load, generate and run as they are written."""
     monkeypatch.chdir(tmp_path)
-    assert cli.main(["new", "my_arm"]) == 0
-    assert cli.main(["new", "move", "--scenario", "-o", "s.toml"]) == 0
-    assert capsys.readouterr().out == "wrote my_arm.toml\nwrote s.toml\n"
+    assert command("new", "my_arm") == "wrote my_arm.toml\n"
+    assert command("new", "move", "--scenario", "-o", "s.toml") == "wrote s.toml\n"
     robot = eomgen.load_robot("my_arm.toml")
     assert robot.name == "my_arm"
     assert list(robot.joints[0].coordinates) == ["x", "y", "beta", "gamma"]
@@ -49,24 +61,20 @@ def test_a_new_robot_moves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caps
     assert first == "#:schema ./robot.schema.json"
     for kind in ("robot", "scenario"):
         assert Path(f"{kind}.schema.json").read_bytes() == schema_path(kind).read_bytes()
-    assert cli.main(["check", "my_arm.toml", "s.toml"]) == 0
-    printed = capsys.readouterr().out
+    printed = command("check", "my_arm.toml", "s.toml")
     assert printed == "my_arm.toml: ok: 1 links, 4 coordinates\ns.toml: ok: 1 s, 0 wrenches, 0 payloads\n"
-    assert cli.main(["generate", "my_arm.toml", "-o", "out", "--kernels", "mass_matrix"]) == 0
-    assert cli.main(["simulate", "my_arm.toml", "--scenario", "s.toml", "-o", "out", "--no-plots"]) == 0
+    command("generate", "my_arm.toml", "-o", "out", "--kernels", "mass_matrix")
+    command("simulate", "my_arm.toml", "--scenario", "s.toml", "-o", "out", "--no-plots")
     result = eomgen.load_result("out/trajectory.npz")
     assert result.series("joint1.gamma").values[-1] == pytest.approx(0.8, abs=1e-3)
     assert abs(result.balance.relative_residue) < 1e-4
 
 
 @pytest.mark.parametrize("name", builtin_robots())
-def test_a_scenario_for_a_robot_has_its_names(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_scenario_for_a_robot_has_its_names(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A goal of the first coordinate that is driven, within its limits; nothing of a motion where none is."""
     monkeypatch.chdir(tmp_path)
-    assert cli.main(["new", name, "--scenario"]) == 0
-    assert capsys.readouterr().out == f"wrote {name}_scenario.toml\n"
+    assert command("new", name, "--scenario") == f"wrote {name}_scenario.toml\n"
     text = Path(f"{name}_scenario.toml").read_text(encoding="ascii")
     robot, scenario = eomgen.load_robot(name), scenario_from_toml(text)
     assert f'# link = "{robot.links[0].name}"' in text
@@ -139,60 +147,38 @@ def test_what_a_new_robot_offers(tmp_path: Path) -> None:
         (["arm", "-o", "no/arm.toml"], "'no/arm.toml' cannot be written: No such file or directory; allowed: a file"),
     ],
 )
-def test_what_new_refuses(
-    arguments: list[str],
-    message: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_what_new_refuses(arguments: list[str], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     Path("there.toml").write_text("mine")
-    assert cli.main(["new", *arguments]) == 1
-    assert message in capsys.readouterr().err
+    assert message in refused("new", *arguments)
     assert [path.name for path in tmp_path.iterdir()] == ["there.toml"]
     assert Path("there.toml").read_text() == "mine"
 
 
-def test_all_errors_are_said_in_their_order(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+FOUND = (
+    (4, 1, "unknown key 'gra vity'; did you mean 'gravity'? (allowed"),
+    (9, 8, "links.link1.mass"),
+    (24, 7, "joints.joint1.x"),
+    (24, 35, "joints.joint1.x.clearance"),
+    (28, 3, "joints.joint2"),
+    (37, 21, "frames.tcp.placement.xyz"),
+)
+
+
+def test_all_errors_are_said_in_their_order(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     Path("bad.toml").write_text(BAD, encoding="utf-8")
-    assert cli.main(["check", "bad.toml"]) == 1
-    printed = capsys.readouterr()
-    assert printed.err == "eomgen: check: 1 of 1 files cannot be used; allowed: what is said of each\n"
-    found = [line.split(": ")[:3] for line in printed.out.splitlines()]
-    assert [(place, *what[:1]) for place, *what in found] == [
-        ("bad.toml:4:1", "unknown key 'gra vity'; did you mean 'gravity'? (allowed"),
-        ("bad.toml:9:8", "links.link1.mass"),
-        ("bad.toml:24:7", "joints.joint1.x"),
-        ("bad.toml:24:35", "joints.joint1.x.clearance"),
-        ("bad.toml:28:3", "joints.joint2"),
-        ("bad.toml:37:21", "frames.tcp.placement.xyz"),
-    ]
-    assert cli.main(["check", "--json", "bad.toml"]) == 1
-    (facts,) = json.loads(capsys.readouterr().out)
-    assert [(error["line"], error["column"]) for error in facts["errors"]] == [
-        (4, 1),
-        (9, 8),
-        (24, 7),
-        (24, 35),
-        (28, 3),
-        (37, 21),
-    ]
-    assert facts["errors"][1] == {
-        "file": "bad.toml",
-        "line": 9,
-        "column": 8,
-        "place": "links.link1.mass",
-        "message": "got -3.0; allowed: a number that is at least 0",
-    }
+    status, out, err = run("check", "bad.toml")
+    assert (status, err) == (1, "eomgen: check: 1 of 1 files cannot be used; allowed: what is said of each\n")
+    starts = [f"bad.toml:{line}:{column}: {place}: " for line, column, place in FOUND]
+    assert all(line.startswith(start) for line, start in zip(out.splitlines(), starts, strict=True))
+    (facts,) = json.loads(run("check", "--json", "bad.toml")[1])
+    assert [(error["line"], error["column"]) for error in facts["errors"]] == [place[:2] for place in FOUND]
+    what = {"place": "links.link1.mass", "message": "got -3.0; allowed: a number that is at least 0"}
+    assert facts["errors"][1] == {"file": "bad.toml", "line": 9, "column": 8, **what}
 
 
-def test_check_reads_every_kind(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_check_reads_every_kind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     texts = {
         "arm.toml": ARM,
@@ -206,10 +192,9 @@ def test_check_reads_every_kind(
     }
     for name, text in texts.items():
         Path(name).write_text(text, encoding="utf-8")
-    assert cli.main(["check", *texts, "missing.toml", "arm.txt"]) == 1
-    printed = capsys.readouterr()
-    assert "5 of 10 files" in printed.err
-    lines = printed.out.splitlines()
+    _, out, err = run("check", *texts, "missing.toml", "arm.txt")
+    assert "5 of 10 files" in err
+    lines = out.splitlines()
     assert lines[:2] == ["arm.toml: ok: 2 links, 3 coordinates", "arm.urdf: ok: 2 links, 2 coordinates"]
     rest = [line for line in lines[2:] if "note" not in line]
     starts = [
@@ -233,14 +218,10 @@ def test_many_errors_end(tmp_path: Path) -> None:
     assert len(check_file(path).errors) == 50
 
 
-def test_the_schema_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["schema", "scenario"]) == 0
-    assert capsys.readouterr().out == schema_text("scenario")
-    assert cli.main(["schema"]) == 0
-    assert json.loads(capsys.readouterr().out)["properties"]["gravity"]["description"].endswith("[m/s^2]")
-    with pytest.raises(SystemExit):
-        cli.main(["schema", "urdf"])
-    assert "invalid choice: 'urdf'" in capsys.readouterr().err
+def test_the_schema_is_printed() -> None:
+    assert command("schema", "scenario") == schema_text("scenario")
+    assert json.loads(command("schema"))["properties"]["gravity"]["description"].endswith("[m/s^2]")
+    assert "invalid choice: 'urdf'" in command("schema", "urdf", code=2)
     with pytest.raises(eomgen.InputError, match="there is no format 'urdf'; allowed: robot, scenario, plan"):
         schema_text("urdf")
 
@@ -323,9 +304,156 @@ def test_goals_of_another_unit_are_asked_about(tmp_path: Path) -> None:
 
 
 def test_built_in_files_have_no_odd_sizes() -> None:
-    files = [
-        *(Path(eomgen.__path__[0]) / "robots").glob("*.toml"),
-        *(Path(eomgen.__path__[0]) / "scenarios").glob("*.toml"),
-    ]
+    files = [path for kind in ("robots", "scenarios") for path in (Path(eomgen.__path__[0]) / kind).glob("*.toml")]
     assert len(files) > 15
     assert not [note for path in files for note in check_file(path).notes if "is that in" in note]
+
+
+# Studies
+
+
+NAMES = [name for name in eomgen.builtin_robots() if name not in MAKERS[1:]]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_plans_name_what_is_there(name: str) -> None:
+    """Every parameter once, and none of which nothing is a multiple."""
+    robot = eomgen.load_robot(name)
+    plan = plan_from_toml(plan_file_text(robot))
+    assert plan.samples == 200
+    varied = [expand_tunable(robot, [vary.parameter]) for vary in plan.vary]
+    assert all(varied)
+    flat = [one for names in varied for one in names]
+    assert len(set(flat)) == len(flat)
+    values = dict(robot.numbers())
+    assert all(values[one] for one in flat)
+
+
+def test_plans_of_links_that_bend() -> None:
+    """Their masses are those of their modes, and nodes have none; modal stiffness varies."""
+    plan = plan_from_toml(plan_file_text(eomgen.load_robot("flexible_arm")))
+    masses = [f"links.{name}.mass" for name in ("shoulder_hub", "elbow_hub", "payload")]
+    assert [vary.parameter for vary in plan.vary] == [*masses, "links.*.modes.*.stiffness"]
+
+
+def test_what_has_no_tolerances() -> None:
+    """A mechanism all of whose loops are elastic."""
+    with pytest.raises(eomgen.InputError, match="all loops are elastic"):
+        tolerances_file_text(eomgen.load_robot("hexapod_elastic"))
+
+
+@pytest.mark.parametrize("name", [name for name in NAMES if name != "hexapod_elastic"])
+def test_tables_name_every_quantity(name: str) -> None:
+    """Those that are put in are read; with all comments undone, every quantity that there is stands in the table."""
+    robot = eomgen.load_robot(name)
+    known = tolerance_quantities(robot)
+    text = tolerances_file_text(robot)
+    whole = re.sub(r'^# (?=")', "", text, flags=re.MULTILINE)
+    assert len(quantities_of(whole, known)) == len(known)
+    assert set(quantities_of(text, known)) < set(known)
+
+
+def quantities_of(text: str, known: dict[str, str]) -> list[str]:
+    return [entry.name for entry in read_table(parse_toml(text, "table"), tuple(known)).entries]
+
+
+def test_a_study_from_the_first_file_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a robot in the folder and of a built-in one; schemas lie beside plans; what is there stays."""
+    monkeypatch.chdir(tmp_path)
+    command("new", "mine")
+    for robot in ("mine", "ur5e"):
+        command("new", robot, "--plan")
+        command("new", robot, "--tolerances")
+        assert not check_file(f"{robot}_plan.toml").errors
+        found = tolerance(eomgen.load_robot("mine.toml" if robot == "mine" else robot), f"{robot}_tolerances.toml")
+        assert found.lines()
+    assert (tmp_path / "plan.schema.json").exists()
+    assert "is there already" in refused("new", "mine", "--plan")
+    assert "there is no robot 'nothing'; allowed: the name of a .toml" in refused("new", "nothing", "--tolerances")
+    command("new", "mine", "--plan", "-o", "here.toml")
+    assert (tmp_path / "here.toml").exists()
+
+
+# Inertia
+
+
+ROD = """
+name = "rod"
+links = [{ name = "rod", mass = 2.0, com = [0.5, 0.0, 0.0], inertia = { xx = 0.0, yy = 0.05, zz = 0.05 } }]
+[[joints]]
+name = "hinge"
+parent = "base"
+child = "rod"
+type = "revolute"
+x = { stiffness = 1e9, damping = 1e3 }
+alpha = { stiffness = 1e4, damping = 1.0 }
+beta = { stiffness = 1e4, damping = 1.0 }
+"""
+BARE = """<robot name="bare"><link name="base"/><link name="a"/><link name="b"/>
+<joint name="j1" type="revolute"><parent link="base"/><child link="a"/><axis xyz="0 0 1"/>
+<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+<joint name="j2" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 1 0"/>
+<limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>"""
+
+
+@pytest.mark.parametrize("seed", [70, 71])
+def test_mass_matrices_are_those_of_kernels(seed: int, built: Build) -> None:
+    robot = with_offsets(random_robot(seed, joints=(2, 3), tree=True), seed)
+    kernel = built(robot, "mass_matrix")
+    q = random_state(robot, seed).q
+    assert close(mass_matrix(build_model(robot), q), kernel.mass_matrix(q), 1e-12)
+
+
+def test_motors_and_armatures_count(built: Build) -> None:
+    robot = eomgen.load_robot("geared_arm")
+    kernel = built(robot, "mass_matrix")
+    q = np.linspace(0.1, 0.7, kernel.n)
+    assert close(mass_matrix(build_model(robot), q), kernel.mass_matrix(q), 1e-12)
+
+
+def test_a_massless_robot_is_noted(tmp_path: Path) -> None:
+    path = tmp_path / "bare.urdf"
+    path.write_text(BARE, encoding="ascii")
+    found = check_file(path)
+    assert not found.errors
+    assert any(note.startswith("0 kg: no link that moves has mass or inertia") for note in found.notes)
+
+
+def test_links_that_leave_the_mass_matrix_singular_are_noted(tmp_path: Path) -> None:
+    tip = ROD.replace("com = [0.5, 0.0, 0.0]", "com = [0.5, 0.1, 0.2]")
+    tip = tip.replace("} }]", '} }, { name = "tip", mass = 0.0 }]')
+    tip += '[[joints]]\nname = "wrist"\nparent = "rod"\nchild = "tip"\ntype = "revolute"\n'
+    path = tmp_path / "tip.toml"
+    path.write_text(tip.replace("xx = 0.0", "xx = 0.02"), encoding="ascii")
+    (note,) = check_file(path).notes
+    assert note.startswith("the mass matrix is singular in every state: 'wrist.gamma' moves no inertia; without mass")
+    assert "inertia: 'tip'; give links mass" in note
+    for change in (("xx = 0.0", "xx = 0.02"), ("alpha = {", "alpha = { armature = 0.01,")):
+        assert inertia_notes(robot_from_toml(ROD.replace(*change))) == ()
+    assert "'hinge.alpha'" in inertia_notes(robot_from_toml(ROD))[0]
+
+
+@pytest.mark.parametrize("name", eomgen.builtin_robots())
+def test_built_in_robots_have_inertia(name: str) -> None:
+    assert inertia_notes(eomgen.load_robot(name)) == ()
+
+
+def test_a_thin_rod_is_singular_at_its_own_axis(built: Build) -> None:
+    """Not at x, which has 1e9 N/m and 2 kg; with what computes M, and without."""
+    robot = robot_from_toml(ROD)
+    zero = np.zeros((3, 4))
+    for kernels in (("mass_matrix",), ("inverse_dynamics",)):
+        kernel = built(robot, "forward_dynamics", *kernels)
+        with pytest.raises(eomgen.SingularError, match=r"inverted at hinge\.alpha; what they move has no inertia"):
+            kernel.forward_dynamics(*zero)
+    kernel = built(robot, "forward_dynamics", "mass_matrix", "inverse_dynamics")
+    q, _ = eomgen.state.static_equilibrium(kernel, zero[0], held=["hinge.gamma"])
+    assert abs(q[0]) < 1e-6
+
+
+@pytest.mark.parametrize("beta", [np.pi / 2, -np.pi / 2])
+@pytest.mark.parametrize("kernels", [(), ("mass_matrix",)])
+def test_upright_angles_are_a_pair(beta: float, kernels: tuple[str, ...], built: Build) -> None:
+    kernel = built(robot_from_toml(ROD.replace("xx = 0.0", "xx = 0.02")), "forward_dynamics", *kernels)
+    with pytest.raises(eomgen.SingularError, match=r"at hinge\.alpha and hinge\.gamma; hinge\.beta is at \+-pi/2"):
+        kernel.forward_dynamics([0.0, 0.3, beta, 0.2], np.zeros(4), np.zeros(4))

@@ -1,19 +1,35 @@
-"""The command line: what it prints, where it writes, and its exit status."""
+"""Commands: what they print, where they write, their exit status and progress; completion in shells."""
 
 from __future__ import annotations
 
 import json
+import shutil
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import eomgen
-from eomgen.cli import entry as cli
+from eomgen.bench import beside as bench
+from eomgen.bending.element_files import arrays_of
+from eomgen.bending.reduction import reduce
+from eomgen.cli import entry
+from eomgen.cli.completion import SHELLS
+from eomgen.cli.shared.progress import progress_bar, stage_bar
 from eomgen.description import load
+from eomgen.description.builtin import builtin_robots
 from eomgen.errors import InternalError
+from eomgen.progress import told_in_lines
+from eomgen.scenario.builtin import builtin_scenarios
+from tests.support import element_texts
+from tests.support.commands import command, facts, refused, run
+from tests.support.finite_elements import bar, stress_of_bar
+from tests.support.optional import needs
+
+pytestmark = pytest.mark.usefixtures("unoptimised")
 
 BAD_LINK = """
 name = "bad"
@@ -29,153 +45,82 @@ type = "revolute"
 """
 
 
-def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
-    status = cli.main(arguments)
-    printed = capsys.readouterr()
-    return status, printed.out, printed.err
-
-
-def test_robots(capsys: pytest.CaptureFixture[str]) -> None:
-    status, out, _ = run(capsys, "robots")
-    assert status == 0
-    assert [line.split()[0] for line in out.splitlines()] == list(eomgen.builtin_robots())
-    rows = json.loads(run(capsys, "robots", "--json")[1])
-    assert {"name": "puma560_elastic", "coordinates": 36, "links": 6} in rows
+def test_robots() -> None:
+    assert [line.split()[0] for line in command("robots").splitlines()] == list(eomgen.builtin_robots())
+    assert {"name": "puma560_elastic", "coordinates": 36, "links": 6} in facts("robots")
 
 
 @pytest.mark.soak
-def test_info_counts_zeros_and_says_why(capsys: pytest.CaptureFixture[str]) -> None:
-    status, out, _ = run(capsys, "info", "puma560_elastic")
-    assert status == 0
-    for text in (
-        "36 coordinates",
-        "lemma (7)",
-        "sharper lemma",
-        "23,976",
-        "10,602",
-        "eliminated in O(n)",
-        "joint6.beta",
-    ):
+def test_info_counts_zeros_and_says_why() -> None:
+    out = command("info", "puma560_elastic")
+    counts = ("36 coordinates", "lemma (7)", "sharper lemma", "23,976", "10,602", "eliminated in O(n)", "joint6.beta")
+    for text in counts:
         assert text in out
-    plain = json.loads(run(capsys, "info", "one_link", "--json")[1])
+    plain = facts("info", "one_link")
     assert plain["coordinates"] == ["joint1.x", "joint1.gamma"]
     assert plain["operations"] == eomgen.build("one_link", kernels="all").operations
 
 
-@pytest.mark.usefixtures("unoptimised")
-def test_generate_writes_a_package_that_imports(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    words = ("generate", "one_link", "-o", str(tmp_path / "made"), "--kernels", "mass_matrix")
-    status, out, _ = run(capsys, *words)
-    assert status == 0
-    assert out.strip() == str(tmp_path / "made" / "one_link")
+def test_generate_writes_a_package_that_imports(tmp_path: Path) -> None:
+    words = ("generate", "one_link", "-o", tmp_path / "made", "--kernels", "mass_matrix")
+    assert command(*words).strip() == str(tmp_path / "made" / "one_link")
     code = "import one_link; print(one_link.mass_matrix([0.0, 0.0])[0, 0], one_link.load().n)"
     found = subprocess.run([sys.executable, "-c", code], cwd=tmp_path / "made", capture_output=True, text=True)
     assert found.stdout == "1.0 2\n", found.stderr
-    assert run(capsys, *words)[0] == 0  # replaces its own
-
-
-def test_generate_for_cmake(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    arguments = ("generate", "one_link", "-o", str(tmp_path), "--kernels", "mass_matrix")
-    for more, expected in (((), False), (("--cmake",), True), ((), False)):
-        assert run(capsys, *arguments, *more)[0] == 0
+    for more, expected in (((), False), (("--cmake",), True), ((), False)):  # replaces its own
+        command(*words, *more)
         for name in ("CMakeLists.txt", "one_link.hpp", "one_link.pc.in"):
-            assert (tmp_path / "one_link" / name).exists() == expected
+            assert (tmp_path / "made" / "one_link" / name).exists() == expected
 
 
-def test_generate_float32_and_single_kernels(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    arguments = ("generate", "one_link", "-o", str(tmp_path), "--dtype", "float32")
-    assert run(capsys, *arguments, "--kernels", "mass_matrix,energy", "--kernels", "residual")[0] == 0
+def test_generate_float32_and_single_kernels(tmp_path: Path) -> None:
+    words = ("generate", "one_link", "-o", tmp_path, "--dtype", "float32")
+    command(*words, "--kernels", "mass_matrix,energy", "--kernels", "residual")
     header = (tmp_path / "one_link" / "one_link.h").read_text()
     assert "const float *q" in header
     assert all(f"one_link_{name}(" in header for name in ("mass_matrix", "energy", "residual"))
     assert "forward_dynamics" not in header
-    status, _, error = run(capsys, *arguments, "--kernels", "mass_matrix,engy")
-    assert status == 1
-    assert "kernels: 'engy' is unknown; allowed: mass_matrix" in error
 
 
-def test_simulate_writes_trajectory_and_plots(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    status, out, _ = run(capsys, "simulate", "one_link", "-o", str(tmp_path / "out"), "--duration", "0.2")
-    assert status == 0
-    written = [Path(line.removeprefix("wrote ")) for line in out.splitlines() if line.startswith("wrote ")]
+def test_simulate_writes_trajectory_and_plots_and_a_result_is_its_folder_or_its_file(tmp_path: Path) -> None:
+    out, empty = tmp_path / "out", tmp_path / "empty"
+    said = command("simulate", "one_link", "-o", out, "--duration", 0.2)
+    written = [Path(line.removeprefix("wrote ")) for line in said.splitlines() if line.startswith("wrote ")]
     assert {path.suffix for path in written} == {".npz", ".png"}
     assert all(path.read_bytes().startswith(b"\x89PNG") for path in written if path.suffix == ".png")
-    result = eomgen.load_result(tmp_path / "out" / "trajectory.npz")
-    assert np.isfinite(result.trajectory.q).all()
-
-
-def test_a_result_is_its_folder_or_its_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(capsys, "simulate", "one_link", "-o", str(tmp_path), "--duration", "0.1", "--no-plots")[0] == 0
-    for words in (("budget",), ("modes", "one_link", "--points", "2", "--along"), ("linearize", "one_link", "--along")):
-        folder, file = (run(capsys, *words, str(path)) for path in (tmp_path, tmp_path / "trajectory.npz"))
-        assert folder == file
-        assert folder[0] == 0
-        (tmp_path / "empty").mkdir(exist_ok=True)
-        assert "has no trajectory.npz" in run(capsys, *words, str(tmp_path / "empty"))[2]
+    assert np.isfinite(eomgen.load_result(out / "trajectory.npz").trajectory.q).all()
+    empty.mkdir()
+    for words in (("budget",), ("modes", "one_link", "--points", 2, "--along"), ("linearize", "one_link", "--along")):
+        assert command(*words, out) == command(*words, out / "trajectory.npz")
+        assert "has no trajectory.npz" in command(*words, empty, code=1)
 
 
 @pytest.mark.soak
-def test_bench_compares_with_newton_euler(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    from eomgen.bench import beside as bench
-
+def test_bench_compares_with_newton_euler(monkeypatch: pytest.MonkeyPatch) -> None:
     quick = bench.bench
     monkeypatch.setattr(bench, "bench", lambda robot, progress: quick(robot, repeat=2, progress=progress))
-    status, out, _ = run(capsys, "bench", "one_link")
-    assert status == 0
+    out = command("bench", "one_link")
     for text in ("inverse_dynamics", "recursive Newton-Euler", "composite bodies", "articulated bodies", "ratio"):
         assert text in out
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (("info", "pumma560"), ("pumma560", "puma560")),
-        (("info", "missing.toml"), ("missing.toml",)),
-        (("generate", "one_link", "-o", "/dev/null/x"), ("/dev/null/x",)),
-        (("simulate", "ur5", "--goal", "1"), ("goal", "6 numbers")),
-        (("simulate", "ur5", "--duration", "-1"), ("duration", "-1.0")),
-    ],
-)
-def test_wrong_input_is_status_1_without_traceback(
-    arguments: tuple[str, ...], words: tuple[str, ...], capsys: pytest.CaptureFixture[str]
-) -> None:
-    status, out, err = run(capsys, *arguments)
-    assert (status, out) == (1, "")
-    assert "Traceback" not in err
-    for word in words:
-        assert word in err
-
-
-@pytest.mark.parametrize("arguments", [(), ("nonsense",), ("info",), ("info", "ur5", "--inertia", "guess"), ("bench",)])
-def test_wrong_usage_is_status_2(arguments: tuple[str, ...]) -> None:
-    with pytest.raises(SystemExit) as left:
-        cli.main(arguments)
-    assert left.value.code == 2
-
-
-def test_inertia_policy(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_inertia_policy(tmp_path: Path) -> None:
     path = tmp_path / "bad.toml"
     path.write_text(BAD_LINK)
-    status, _, err = run(capsys, "info", str(path))
-    assert status == 1
-    assert "--inertia" in err
+    assert "--inertia" in command("info", path, code=1)
     for policy in ("warn", "project"):
-        status, _, err = run(capsys, "info", str(path), "--inertia", policy)
+        status, _, err = run("info", path, "--inertia", policy)
         assert status == 0
         assert err.startswith("note: ")
 
 
 @pytest.mark.parametrize("error", [RuntimeError("boom"), InternalError("boom")])
-def test_our_bug_is_status_70(
-    error: Exception, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_our_bug_is_status_70(error: Exception, monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(*_: object, **__: object) -> None:
         raise error
 
     monkeypatch.setattr(load, "load_robot", fail)
-    status, _, err = run(capsys, "info", "ur5")
-    assert status == 70
-    assert "boom" in err
+    assert "boom" in command("info", "ur5", code=70)
 
 
 @pytest.mark.soak
@@ -184,3 +129,181 @@ def test_a_reader_that_leaves_is_no_error() -> None:
     found = subprocess.run(["bash", "-o", "pipefail", "-c", command], capture_output=True, text=True)
     assert found.returncode in (0, 141)
     assert "Traceback" not in found.stderr
+
+
+# Single precision
+
+
+CHECK = ("check", "one_link", "--float32", "--kernels", "inverse_dynamics")
+WITHIN = "--float32-within"
+
+
+def test_check_says_what_single_precision_costs() -> None:
+    said = command(*CHECK)
+    assert said.startswith("one_link: ok: 1 links, 2 coordinates\n")
+    assert "inverse_dynamics: joint1.gamma is off by at most" in said
+    assert "joint1.gamma comes from:" in said
+
+
+def test_check_prints_json_over_ranges() -> None:
+    files = [facts(*CHECK, *more)[0] for more in ((), ("--range", "v", 0, 0.1), (WITHIN, "2e-7"))]
+    assert [file["kind"] for file in files] == 3 * ["robot"]
+    plain, slow, mixed = (file["float32"]["kernels"]["inverse_dynamics"] for file in files)
+    assert plain["ranges"]["v:joint1.gamma"] == [-3.0, 3.0]
+    assert slow["ranges"]["v:joint1.gamma"] == [0.0, 0.1]
+    assert slow["outputs"]["joint1.x"]["bound"] < plain["outputs"]["joint1.x"]["bound"]
+    assert mixed["in_double"] > plain["in_double"] == 0
+
+
+def test_check_of_files_has_no_advice_on_what_cannot_be_used(tmp_path: Path) -> None:
+    bad = tmp_path / "bad.toml"
+    bad.write_text("name = 3\n", encoding="ascii")
+    first, second = json.loads(run("check", bad, "one_link", "--float32", "--kernels", "energy", "--json")[1])
+    assert "float32" not in first
+    assert set(second["float32"]["kernels"]) == {"energy"}
+
+
+@pytest.mark.soak
+def test_a_generated_package_is_mixed_and_says_so(tmp_path: Path) -> None:
+    words = ("generate", "geared_arm", "--dtype", "float32", "--kernels", "inverse_dynamics", WITHIN, "1e-5")
+    command(*words, "--native", "-o", tmp_path)
+    json_text, header, source = (
+        (tmp_path / "geared_arm" / f"geared_arm.{ending}").read_text(encoding="ascii") for ending in ("json", "h", "c")
+    )
+    about = json.loads(json_text)["float32"]["inverse_dynamics"]
+    assert 0 < about["in_double"] < about["operations"]
+    assert about["bound"] <= 1e-5 * about["size"]
+    assert " operations in double\n" in header
+    assert "(double)" in source
+
+
+# reduce
+
+
+SMALL = {"counts": (3, 1, 1), "count": 2}
+
+
+def test_it_prints_a_link_and_writes_its_constants(tmp_path: Path) -> None:
+    elements, file = bar(**SMALL), tmp_path / "bar.npz"
+    np.savez(file, **arrays_of(elements))
+    text = command("reduce", file, "-o", tmp_path / "modes.npz")
+    assert "mass      12 kg, centre of mass [0.5, 0, 0] m" in text
+    assert "interface tip at [1, 0, 0] m" in text
+    assert f"wrote {tmp_path / 'modes.npz'}" in text
+    assert np.array_equal(np.load(tmp_path / "modes.npz")["K"], reduce(elements).K)
+    values = facts("reduce", file, "--modes", 1, "--craig-bampton")
+    assert (values["modes"], values["files"], values["velocity_terms"]) == (7, [], "exact")
+    assert values["frequencies_hz"] == pytest.approx(reduce(bar(counts=(3, 1, 1), count=1)).frequencies.tolist())
+    values = facts("reduce", file, "--placement", 0, 0, 0.5, 0, 0, np.pi / 2.0)
+    assert values["com"] == pytest.approx([0.0, 0.5, 0.5], abs=1e-12)
+    assert values["interfaces"]["tip"] == pytest.approx([0.0, 1.0, 0.5], abs=1e-12)
+
+
+def test_it_reads_files_of_a_program_with_load_cases(tmp_path: Path) -> None:
+    elements = bar(**SMALL)
+    words = [tmp_path / name for name in element_texts.calculix(tmp_path, elements)]
+    cases: list[str] = []
+    for case, matrix in stress_of_bar(elements, counts=(3, 1, 1)).items():
+        path = tmp_path / f"{case}.sti"
+        found = matrix.tocoo()
+        rows = zip(found.row.tolist(), found.col.tolist(), found.data.tolist(), strict=True)
+        path.write_text("".join(f"{i + 1} {j + 1} {x!r}\n" for i, j, x in rows if i <= j))
+        cases += ["--stress", f"{case}={path}"]
+    sets = ("--root", "CLAMP", "--rigid", "tip=FLANGE@1,0,0", "--modes", 2)
+    assert "stiffening" not in command("reduce", *words, *sets, *cases, "-o", tmp_path / "modes.npz")
+    arrays = np.load(tmp_path / "modes.npz")
+    assert arrays["Q"].shape == (8, 8, 4, 3)
+    assert arrays["interface_Psi"].shape == (1, 3, 8, 8)
+    assert "modes     3, free:" in command("reduce", *words, "--modes", 3)
+
+
+# Completion: bash itself is asked; zsh and fish get the same names
+
+
+def script(shell: str) -> str:
+    needs("shtab")
+    return command("--completion", shell)
+
+
+def completed(text: str, words: str, folder: Path) -> set[str]:
+    """What bash offers in the place of the last of the words."""
+    ask = f"""{text}
+COMP_WORDS=({words}); [[ "{words}" == *" " ]] && COMP_WORDS+=("")
+COMP_CWORD=$((${{#COMP_WORDS[@]}} - 1)); COMP_LINE="{words}"; COMP_POINT=${{#COMP_LINE}}
+$(complete -p eomgen | sed 's/.*-F \\([^ ]*\\).*/\\1/') eomgen "${{COMP_WORDS[COMP_CWORD]}}" ""
+printf '%s\\n' "${{COMPREPLY[@]}}"
+"""
+    done = subprocess.run(["bash", "-c", ask], capture_output=True, text=True, cwd=folder, check=False)
+    assert done.returncode == 0, done.stderr
+    return set(done.stdout.split())
+
+
+def test_bash_completes_commands_robots_scenarios_options_and_files(tmp_path: Path) -> None:
+    text = script("bash")
+    if shutil.which("bash") is None:
+        pytest.skip("there is no bash here")
+    (tmp_path / "mine.toml").touch()
+    files = {*builtin_robots(), "mine.toml"}
+    for words, offered in (
+        ("", {*entry.NAMES, "measure", "show"}),
+        ("measure ", {"fit", "calibrate"}),
+        ("measure calibrate ", files),
+        *((f"{name} ", files) for name in ("info", "simulate", "modes", "bench", "export")),
+        ("simulate puma560 --scenario ", {*builtin_scenarios(), "mine.toml"}),
+        ("modes puma560 --u", {"--urdf-damping"}),
+    ):
+        assert completed(text, f"eomgen {words}", tmp_path) >= offered, words
+    for words, offered in (
+        ("excite ur5 --criterion ", {"D", "condition"}),
+        ("measure calibrate ur5 p.csv --loss ", {"huber", "cauchy", "tukey"}),
+        ("schema ", {"robot", "scenario", "plan"}),
+        ("res", {"response"}),
+        ("info pum", {"puma560", "puma560_elastic"}),
+        ("plot out --format ", {"svg", "pdf", "png"}),
+        ("check m", {"mine.toml"}),
+    ):
+        assert completed(text, f"eomgen {words}", tmp_path) == offered, words
+    assert "--rates" not in completed(text, "eomgen excite ur5 --", tmp_path)
+
+
+@pytest.mark.parametrize("shell", SHELLS)
+def test_every_shell_knows_every_command_option_and_robot(shell: str) -> None:
+    text = script(shell)
+    for name in (*entry.NAMES, *builtin_robots(), *builtin_scenarios(), "no-plots", "urdf-damping"):
+        assert name in text, name
+
+
+def test_without_shtab_one_line_says_what_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "shtab", None)
+    advice = 'pip install shtab, or pip install "eomgen[completion]"'
+    said = f"eomgen: --completion needs shtab, which is not installed: {advice}\n"
+    assert refused("--completion", "zsh") == said
+
+
+# Progress where stderr is no terminal
+
+
+def test_lines_of_long_work() -> None:
+    lines: list[str] = []
+    with told_in_lines("sweeping", lines.append, every=0.02) as report:
+        report(0.0, "building")
+        deadline = time.monotonic() + 10.0
+        while not lines and time.monotonic() < deadline:
+            time.sleep(0.005)
+        report(0.25, "sample 3")
+        count = len(lines)
+        while len(lines) < count + 2 and time.monotonic() < deadline:
+            time.sleep(0.005)
+    assert lines[0] == "sweeping: building (0 s)"
+    assert lines[-1].startswith("sweeping: 25 % sample 3 (")
+    count = len(lines)
+    time.sleep(0.06)
+    assert len(lines) == count
+
+
+def test_short_work_and_errors_say_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+    with progress_bar("generating") as report:
+        report(0.5, "half")
+    with pytest.raises(ZeroDivisionError), stage_bar("generating") as stage:
+        stage(str(1 // 0))
+    assert capsys.readouterr().err == ""

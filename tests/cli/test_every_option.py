@@ -1,25 +1,115 @@
-"""Every option of every command has a kind here, and wrong values of each are refused in one line that prints.
-
-An option that is forgotten fails ``test_every_option_has_one_kind``.  Numbers that the parser itself reads, of which
-test_any_number.py finds all, choices and flags need none.
-"""
+"""Every option of every command has a kind here, and wrong values of each are refused in one line that prints."""
 
 from __future__ import annotations
 
 import argparse
 import os
 import re
-from collections.abc import Collection, Mapping
-from importlib.util import find_spec
+from collections.abc import Callable, Iterator
 from itertools import count, cycle
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from eomgen.cli.entry import main
+from eomgen.cli.entry import NAMES as COMMANDS
+from eomgen.cli.entry import make_parser
+from eomgen.description.load import load_robot
+from eomgen.errors import InputError
+from eomgen.identification import calibrate, fit
+from eomgen.identification.exciting.solve import excite
+from eomgen.identification.tolerances.solve import tolerance
+from eomgen.motion.ends import default_motion
+from eomgen.motion.point_to_point import PointToPoint
 from eomgen.names import show
-from tests.cli.test_any_number import HOSTILE, OTHER, options
+from eomgen.simulation.run import simulate
+from tests.support.commands import run
+from tests.support.optional import installed
 from tests.support.soak import soaked
+
+HOSTILE = ("1e300", "-1e300", "1e-300", "nan", "inf", "-inf", "1" + "0" * 400, "9" * 5000, "\x1b[2J", "", "1_0e300")
+OTHER = {"port", "fmi", "kernels"}  # a port is the system's to refuse, a version one of a few, kernels are names
+
+
+def options() -> Iterator[tuple[str, argparse.Action]]:
+    """All options of all commands."""
+    (commands,) = (x for x in make_parser(COMMANDS)._actions if isinstance(x, argparse._SubParsersAction))
+    for name, parser in commands.choices.items():
+        if name in COMMANDS:  # what is left are groups of the same commands
+            yield from ((name, action) for action in parser._actions)
+
+
+def test_all_numbers_of_options_are_bounded() -> None:
+    seen = 0
+    for command, action in options():
+        if action.type is None or action.dest in OTHER or not action.type.__module__.startswith("eomgen"):
+            assert action.type not in (int, float) or action.dest in OTHER, (command, action.dest)
+            continue
+        seen += 1
+        for text in HOSTILE:
+            with pytest.raises(argparse.ArgumentTypeError, match="allowed") as caught:
+                action.type(text)
+            assert str(caught.value).isprintable()
+    assert seen > 40
+
+
+@pytest.mark.parametrize(
+    "value",
+    soaked([1e300, 1e-300, 10**400, float("nan"), "1", True, [1.0], None], [1e300, 10**400, None]),
+    ids=range(8),
+)
+def test_functions_refuse_them_as_well(value: object) -> None:
+    robot = load_robot("ur5")
+    given: dict[str, object]
+    for given in ({"duration": value}, {"bandwidth": value}):
+        with pytest.raises(InputError, match="allowed"):
+            simulate(robot, **given)
+    with pytest.raises(InputError, match="a motion takes a time above 0"):
+        default_motion(robot, value, ["joint1.gamma"])
+    with pytest.raises(InputError, match="a motion takes a time above 0"):
+        PointToPoint([0.0], [1.0], value)
+    for given in ({"duration": value}, {"step": value}):
+        with pytest.raises(InputError, match="allowed"):
+            excite(robot, **given)
+    for given in ({"bandwidth": value}, {"confidence": value}):
+        with pytest.raises(InputError, match=rf"{next(iter(given))}: .*; allowed: a number"):
+            fit(robot, "gone.csv", **given)
+    with pytest.raises(InputError, match=r"confidence: .*; allowed: a number between 0 and 1"):
+        calibrate(robot, "gone.csv", confidence=value)
+    if value is not None:
+        with pytest.raises(InputError, match="allowed"):
+            excite(robot, noise=value)
+
+
+WRONG = (
+    *(np.ones(3), np.array([True, False]), "x", 10**400, np.nan, 1e300, object(), [], {}, -1, {"a": 1}, 2**70),
+    *(np.array(["a"]), [[1], [1, 2]], 1j, b"x", {1: 2}),
+)
+TABLE = {"frames.*.x": {"bound": 1e-4}}
+
+
+@pytest.mark.parametrize(
+    ("function", "key"),
+    [
+        *((tolerance, key) for key in ("along", "poses", "random", "seed", "wrench", "confidence")),
+        *((simulate, key) for key in ("duration", "rtol", "output_step", "goal")),
+        *(pytest.param(simulate, key, marks=pytest.mark.soak) for key in ("bandwidth", "step", "start", "tool")),
+        (simulate, "method"),
+    ],
+)
+def test_anything_given_is_taken_or_refused(function: Callable[..., object], key: str) -> None:
+    """Arrays, texts and huge numbers in the place of what belongs there: an error of eomgen, and no other."""
+    given: dict[str, object] = {"table": TABLE} if function is tolerance else {"duration": 0.01}
+    given |= {"seed": {"random": 1}, "step": {"method": "rk4"}}.get(key, {})
+    said = []
+    for value in WRONG:
+        try:
+            function("one_link", **{**given, key: value})
+        except InputError as error:
+            said.append(str(error))
+    assert said
+    assert [text for text in said if not text.isprintable()] == []
+
 
 STATES = ("deflection", "modes", "response", "linearize")
 ARGUMENTS = {"robot": "one_link", "others": "four_bar", "subject": "one_link", "name": "arm"}  # others are files
@@ -89,28 +179,14 @@ LATER = {  # once a file was read: tests of analysis, identification and pages t
     *("budget stops", "report stops", "budget robot", "report robot", "view robot", "live robot", "tolerance"),
     *("fit parameters", "coordinates", "matrices", "known", "distance", "calibrate attach", "calibrate fixed"),
     *("reduce root", "reduce node", "reduce rigid", "reduce mean", "reduce stress"),
-    *(
-        "calibrate stiffness",
-        "feedforward outputs",
-        "budget frame",
-        "accuracy frame",
-        "compensate frame",
-        "tolerance frame",
-        "plot output",
-    ),
+    *("calibrate stiffness", "feedforward outputs", "budget frame", "accuracy frame", "compensate frame"),
+    *("tolerance frame", "plot output"),
 }
 ANY = {  # any text will do: folders, addresses, words for a report
     *("derive output", "generate output", "export output", "simulate output", "simulate stream", "sweep output"),
     *("packages", "dask", "observer output", "feedforward c", "accuracy load", "accuracy rate"),
 }
-KINDS: Mapping[str, Collection[str]] = {
-    "later": LATER,
-    "any": ANY,
-    "number": NUMBERS,
-    "file": READ,
-    "output": WRITTEN,
-    "name": NAMES,
-}
+KINDS = {"later": LATER, "any": ANY, "number": NUMBERS, "file": READ, "output": WRITTEN, "name": NAMES}
 OPTIONS = [
     (command, action)
     for command, action in options()
@@ -128,7 +204,7 @@ def kinds_of(command: str, place: str) -> list[str]:
 def of_kind(kind: str) -> list[tuple[str, argparse.Action]]:
     found = [(command, action) for command, action in OPTIONS if kinds_of(command, action.dest) == [kind]]
     assert found
-    if find_spec("ziglang") is None:  # pages ask for the compiler before they read files
+    if not installed("ziglang"):  # pages ask for the compiler before they read files
         found = [(command, action) for command, action in found if command != "live"]
     return found
 
@@ -150,32 +226,21 @@ def words(command: str, action: argparse.Action, behind: list[str]) -> list[str]
 
 
 @pytest.fixture
-def refusal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Refusal:
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     for name, text in FILES.items():
         Path(name).write_text(text, encoding="ascii")
-    return Refusal(capsys)
 
 
-class Refusal:
-    """Calls of commands in the folder of a test, all of which have to be refused."""
-
-    def __init__(self, capsys: pytest.CaptureFixture[str]) -> None:
-        self.capsys = capsys
-
-    def __call__(self, command: str, action: argparse.Action, behind: list[str]) -> str:
-        """What a command refuses an option with: one last line, which a terminal prints as it is."""
-        line = words(command, action, behind)
-        try:
-            status = main(line)
-        except SystemExit as stop:  # the parser's own
-            status = int(stop.code or 0)
-        said = self.capsys.readouterr().err
-        assert status in (1, 2), f"{line}: {said}"
-        last = said.strip().splitlines()[-1]
-        assert last.isprintable(), line
-        assert last.startswith("eomgen"), f"{line}: {said}"
-        return last
+def refusal(command: str, action: argparse.Action, behind: list[str]) -> str:
+    """What a command refuses an option with: one last line, which a terminal prints as it is."""
+    line = words(command, action, behind)
+    status, _, said = run(*line)
+    assert status in (1, 2), f"{line}: {said}"
+    last = said.strip().splitlines()[-1]
+    assert last.isprintable(), line
+    assert last.startswith("eomgen"), f"{line}: {said}"
+    return last
 
 
 def test_every_option_has_one_kind() -> None:
@@ -186,7 +251,7 @@ def test_every_option_has_one_kind() -> None:
     assert {place for kind in KINDS.values() for place in kind} <= places, "a table names what is no option"
 
 
-def test_numbers_behind_names_are_refused(refusal: Refusal) -> None:
+def test_numbers_behind_names_are_refused(folder: None) -> None:
     """Each of the hostile texts in its turn."""
     texts = cycle(HOSTILE)
     for command, action in of_kind("number"):
@@ -198,7 +263,7 @@ def test_numbers_behind_names_are_refused(refusal: Refusal) -> None:
 
 
 @pytest.mark.parametrize("kind", soaked(["missing", "folder", "fifo", "bytes"], ["fifo"]))
-def test_files_that_are_none_are_refused_by_name(kind: str, refusal: Refusal) -> None:
+def test_files_that_are_none_are_refused_by_name(kind: str, folder: None) -> None:
     numbers = count()
     for command, action in of_kind("file"):
         path = Path(f"{kind}{next(numbers)}{READ[action.dest]}")
@@ -212,14 +277,14 @@ def test_files_that_are_none_are_refused_by_name(kind: str, refusal: Refusal) ->
         assert path.name in last or action.dest == "files", last  # check says it in lines before
 
 
-def test_names_that_are_none_are_refused_as_code(refusal: Refusal) -> None:
+def test_names_that_are_none_are_refused_as_code(folder: None) -> None:
     for command, action in of_kind("name"):
         pattern = NAMES.get(f"{command} {action.dest}") or NAMES[action.dest]
         last = refusal(command, action, [pattern.replace("X", "\x1b[2J")])
         assert r"\x1b[2J" in last, last
 
 
-def test_outputs_of_other_endings_are_refused(refusal: Refusal) -> None:
+def test_outputs_of_other_endings_are_refused(folder: None) -> None:
     for command, action in of_kind("output"):
         last = refusal(command, action, ["out\x1b[2J.txt"])
         assert r"out\x1b[2J.txt" in last, last

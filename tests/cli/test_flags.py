@@ -1,10 +1,12 @@
-"""Flags of commands: one meaning for each name, words for shells, old names with a note."""
+"""The table of commands with groups and examples; flags with one meaning for each name; words for shells; imports."""
 
 from __future__ import annotations
 
 import argparse
-import json
+import importlib
+import pkgutil
 import re
+import shlex
 from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,12 +15,13 @@ from typing import Any, get_args
 import pytest
 
 import eomgen
+import eomgen.cli
 from eomgen.analysis.ports import KINDS
 from eomgen.authoring.schemas import FORMATS as SCHEMAS
-from eomgen.cli import choices
-from eomgen.cli.entry import COMMANDS, main, make_parser
+from eomgen.cli import choices, entry
+from eomgen.cli.entry import COMMANDS, make_parser
 from eomgen.cli.export import FORMATS
-from eomgen.cli.shared.options import OldName, page_path
+from eomgen.cli.shared.options import OldName, add_old_name, page_path
 from eomgen.errors import InputError
 from eomgen.identification.calibration.variants import VARIANTS
 from eomgen.identification.choosing.information import CRITERIA as POSE_CRITERIA
@@ -32,6 +35,8 @@ from eomgen.identification.geometry.solve import LOSSES
 from eomgen.identification.identifiable import LINEAR, TERMS
 from eomgen.integration.methods import METHODS
 from eomgen.pictures import Report
+from tests.support.commands import command, facts, run
+from tests.support.quick_builds import answer, python
 
 PAGES = ("report", "view", "live")  # commands whose output is a page
 
@@ -62,8 +67,8 @@ DIFFER = {  # flags whose help or form is another one by command, and why
 def commands() -> Iterator[tuple[str, argparse.ArgumentParser]]:
     """Each command and its parser."""
     (listed,) = (x for x in make_parser()._actions if isinstance(x, argparse._SubParsersAction))
-    for command in COMMANDS:
-        yield command.name, listed.choices[command.name]
+    for known in COMMANDS:
+        yield known.name, listed.choices[known.name]
 
 
 def meaning(action: argparse.Action) -> tuple[object, ...]:
@@ -142,21 +147,14 @@ def test_old_names(
 
 
 def test_old_names_are_all_tried() -> None:
-    there = {
-        (name, old)
-        for name, parser in commands()
-        for action in parser._actions
-        if isinstance(action, OldName)
-        for old in action.option_strings
-    }
+    actions = ((name, x) for name, parser in commands() for x in parser._actions if isinstance(x, OldName))
+    there = {(name, old) for name, action in actions for old in action.option_strings}
     assert there == {(command, words[0]) for command, words, _, _ in OLD}
 
 
-def test_reading_of_descriptions_is_a_group_of_its_own(capsys: pytest.CaptureFixture[str]) -> None:
+def test_reading_of_descriptions_is_a_group_of_its_own() -> None:
     for words in (["info"], ["measure", "fit"], ["budget"]):
-        with pytest.raises(SystemExit):
-            main([*words, "--help"])
-        before, after = capsys.readouterr().out.split("reading of descriptions:")
+        before, after = command(*words, "--help").split("reading of descriptions:")
         assert "  --json" in before
         for flag in ("--inertia", "--urdf-damping", "--stops", "--xacro"):
             assert f"\n  {flag}" in after
@@ -190,63 +188,25 @@ def test_no_words_are_left_out() -> None:
     assert get_args(eomgen.integration.methods.Method) == METHODS
 
 
-@pytest.mark.parametrize("words", [
-    ("schema", "robots"),
-    ("calibrate", "ur5", "p.csv", "--loss", "tukay"),
-    ("poses", "ur5", "--criterion", "E"),
-    ("excite", "ur5", "--terms", "links", "wet"),
-    ("simulate", "ur5", "--method", "euler"),
-])  # fmt: skip
-def test_other_words_are_usage(words: tuple[str, ...], capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as left:
-        main(words)
-    assert left.value.code == 2
-    assert re.search(rf"invalid choice: '{words[-1]}' \(choose from ", capsys.readouterr().err)
-
-
-@pytest.mark.parametrize("words", [
-    *(("deflection", "one_link"), ("modes", "one_link"), ("response", "one_link"), ("linearize", "one_link")),
-    *(("fit", "one_link", "gone.csv"), ("identify", "one_link", "gone.csv"), ("excite", "one_link")),
-    *(("calibrate", "one_link", "gone.csv"), ("poses", "one_link"), ("tolerance", "one_link", "gone.toml")),
-    *(("compensate", "one_link"), ("accuracy", "gone.csv"), ("budget", "gone.npz"), ("forces", "one_link", "gone.csv")),
-])  # fmt: skip
-def test_endings_are_looked_at_first(words: tuple[str, ...], capsys: pytest.CaptureFixture[str]) -> None:
-    """Before files are read and before anything is computed; what is allowed is all that the command writes."""
-    assert main([*words, "-o", "a.doc"]) == 1
-    said = capsys.readouterr()
-    assert said.out == ""
-    assert re.match(r"eomgen: output: '?a\.doc'?; allowed: (a path|paths) that ends? in \.", said.err)
-
-
-@pytest.mark.parametrize(("words", "option", "ending"), [
-    (("identify", "one_link", "gone.csv"), "toml", ".toml"),
-    (("calibrate", "one_link", "gone.csv"), "toml", ".toml"),
-    (("calibrate", "one_link", "gone.csv"), "urdf", ".urdf"),
-])  # fmt: skip
-def test_endings_of_descriptions_as_well(
-    words: tuple[str, ...], option: str, ending: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main([*words, f"--{option}", "a.doc"]) == 1
-    assert f"{option}: 'a.doc'; allowed: a path that ends in {ending}" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("words", [
-    ("modes", "one_link", "-o", "shapes.svg"), ("linearize", "one_link", "--drives", "locked", "-o", "system.npz"),
-    ("response", "one_link", "--points", "3", "-o", "r.csv"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("modes", "one_link", "-o", "shapes.svg"),
+        ("linearize", "one_link", "--drives", "locked", "-o", "system.npz"),
+        ("response", "one_link", "--points", 3, "-o", "r.csv"),
+    ],
+)
 def test_analyses_say_what_they_write(
-    words: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    words: tuple[object, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert main(words) == 0
-    assert capsys.readouterr().out.splitlines()[-1] == f"wrote {words[-1]}"
+    assert command(*words).splitlines()[-1] == f"wrote {words[-1]}"
     assert (tmp_path / words[-1]).is_file()
-    assert main([*words, "--json"]) == 0
-    json.loads(capsys.readouterr().out)
+    assert facts(*words)
 
 
-def test_pages_are_written_to_html_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Not over the result that they are about, nor into a file that its ending calls a figure; before any work."""
+def test_pages_are_written_to_html_alone(tmp_path: Path) -> None:
+    """Not over the result that they are about, nor into a file that its ending calls a figure."""
     seen = 0
     for name, parser in commands():
         for action in parser._actions:
@@ -256,36 +216,11 @@ def test_pages_are_written_to_html_alone(tmp_path: Path, capsys: pytest.CaptureF
     assert seen == 9 + len(PAGES)
     kept = tmp_path / "trajectory.npz"
     kept.write_bytes(b"a result")
-    for words in (("report", str(kept)), ("view", "one_link"), ("live", "one_link")):
-        with pytest.raises(SystemExit) as caught:
-            main([*words, "-o", str(kept)])
-        assert caught.value.code == 2
-        assert "trajectory.npz'; allowed: a path that ends in .html" in capsys.readouterr().err
     robot = eomgen.load_robot("one_link")
-    for write in (
-        Report("page", (), (), (), ()).save,
-        robot.show,
-        lambda path: eomgen.export_live(robot, path),
-    ):
+    for write in (Report("page", (), (), (), ()).save, robot.show, lambda path: eomgen.export_live(robot, path)):
         with pytest.raises(InputError, match=r"^path: '.*trajectory\.npz'; allowed: a path that ends in \.html$"):
             write(kept)
     assert kept.read_bytes() == b"a result"
-
-
-@pytest.mark.parametrize(("words", "refused"), [
-    (("--mjcf", "--kernels", "mass_matrix"), "--kernels: given without its format; allowed: with --arrays or --wasm"),
-    (("--arrays", "--dtype", "float32"), "--dtype: given without its format; allowed: with --wasm"),
-    (("--wasm", "--fmi", "3"), "--fmi: given without its format; allowed: with --fmu"),
-    (("--fmu", "--mjcf", "--model"), "--model: given without its format; allowed: with --wasm"),
-    (("--arrays", "--step", "1e-3"), "--step: given without its format; allowed: with --fmu or --mjcf"),
-    (("--fmu", "--approximate"), "--approximate: given without its format; allowed: with --mjcf"),
-])  # fmt: skip
-def test_options_of_a_format_that_is_not_written_are_refused(
-    words: tuple[str, ...], refused: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["export", "one_link", *words, "-o", str(tmp_path)]) == 1
-    assert refused in " ".join(capsys.readouterr().err.split())
-    assert not list(tmp_path.iterdir())
 
 
 def test_every_option_of_export_has_its_format() -> None:
@@ -294,3 +229,151 @@ def test_every_option_of_export_has_its_format() -> None:
     general = {"help", "robot", "output", *FORMATS, *(action.dest for action in reading._group_actions)}
     taken = {option for target in FORMATS.values() for option in target.takes}
     assert {action.dest for action in parser._actions} - general == taken
+
+
+# The table of commands
+
+
+GROUPS = {
+    "describe": ("robots", "info", "new", "check", "schema", "reduce"),
+    "build": ("derive", "generate", "export", "observer", "bench", "bound", "cache"),
+    "simulate": ("simulate", "feedforward", "sweep"),
+    "analyse": ("deflection", "modes", "response", "linearize", "budget", "compare"),
+    "measure": ("forces", "fit", "identify", "excite", "calibrate", "poses", "accuracy", "tolerance", "compensate"),
+    "show": ("plot", "report", "view", "live"),
+}
+ORDER = tuple(name for names in GROUPS.values() for name in names)
+MODULES = sorted(
+    {module.name for module in pkgutil.iter_modules(eomgen.cli.__path__)} - {"choices", "completion", "entry", "shared"}
+)
+
+
+def test_every_command_is_in_one_module_and_in_one_group() -> None:
+    found = [command for name in MODULES for command in importlib.import_module(f"eomgen.cli.{name}").COMMANDS]
+    assert len(found) == len({command.name for command in found})
+    assert sorted(command.name for command in found) == sorted(command.name for command in entry.COMMANDS)
+
+
+def test_help_lists_the_commands_in_order() -> None:
+    text = command("--help")
+    sections = dict(re.findall(r"^(\w+) \([^)\n]+\):\n((?:  .*\n)+)", text, re.MULTILINE))
+    assert {name: tuple(re.findall(r"^ {2}(\w+)", found, re.MULTILINE)) for name, found in sections.items()} == GROUPS
+    assert list(sections) == list(GROUPS)
+    for word in ("ROBOT", ".toml", ".urdf", ".xml", "eomgen GROUP --help"):
+        assert word in text
+
+
+@pytest.mark.parametrize("group", [name for name in GROUPS if name not in GROUPS[name]])
+def test_help_of_a_group_lists_its_commands_with_examples(group: str) -> None:
+    listed, examples = command(group, "--help").split("examples:")
+    assert tuple(re.findall(r"^ {4}(\w+)", listed, re.MULTILINE)) == GROUPS[group]
+    assert tuple(dict.fromkeys(re.findall(rf"^  eomgen {group} (\w+)", examples, re.MULTILINE))) == GROUPS[group]
+
+
+@pytest.mark.parametrize(("group", "name"), [(group, name) for group, names in GROUPS.items() for name in names])
+def test_a_command_is_called_with_its_group_or_without(group: str, name: str) -> None:
+    said = []
+    for words in ([name], [group, name]):
+        status, out, err = run(*words, "--help")
+        assert (status, err) == (0, "")
+        said.append(re.sub(r"\s+", " ", out.replace(f"eomgen {group} {name}", f"eomgen {name}", 1)))
+    assert said[0] == said[1]
+    assert f"eomgen {name}" in said[0].split("examples:")[1]
+
+
+def test_a_group_with_the_name_of_a_command_gives_way_to_it() -> None:
+    assert entry.without_group(["simulate", "one_link"]) == ["simulate", "one_link"]
+    assert entry.without_group(["simulate", "sweep", "one_link"]) == ["sweep", "one_link"]
+    assert entry.without_group(["simulate", "simulate"]) == ["simulate"]
+    assert entry.without_group(["measure", "fit"]) == ["measure", "fit"]
+    assert entry.without_group([]) == []
+    assert not {name for names in GROUPS.values() for name in names} & set(eomgen.builtin_robots())
+
+
+@pytest.mark.parametrize("name", ORDER)
+def test_examples_are_understood(name: str) -> None:
+    (command,) = (command for command in entry.COMMANDS if command.name == name)
+    assert command.examples
+    for words, what in command.examples.items():
+        options = entry.make_parser().parse_args(shlex.split(words))
+        assert options.run is command.run
+        assert what
+
+
+def test_an_option_under_its_old_name_is_taken_with_a_note(capsys: pytest.CaptureFixture[str]) -> None:
+    parser = argparse.ArgumentParser()
+    add_old_name(parser, "--old", parser.add_argument("--new", type=float, default=1.0))
+    assert parser.parse_args([]).new == 1.0
+    assert parser.parse_args(["--new", "2"]).new == 2.0
+    assert capsys.readouterr().err == ""
+    assert parser.parse_args(["--old", "3"]).new == 3.0
+    assert capsys.readouterr().err == "note: --old is now called --new\n"
+    assert "--old" not in parser.format_help()
+
+
+# Imports: a start is as long as they are
+
+
+ROBOTS = Path(eomgen.__path__[0], "robots")
+NUMERIC = ("numpy", "scipy", "sympy", "matplotlib")
+UNNEEDED = (
+    *NUMERIC,
+    "concurrent.futures",
+    "jinja2",
+    "cffi",
+    "pycparser",
+    "setuptools",
+    "rich",
+    "platformdirs",
+    "filelock",
+    "pydantic",
+)
+RUN = """
+import contextlib, io, json, sys
+from eomgen.cli import main
+
+with contextlib.redirect_stdout(io.StringIO()) as said:
+    try:
+        status = main({arguments!r})
+    except SystemExit as error:
+        status = error.code
+print(json.dumps([status, len(said.getvalue()), [name for name in {names!r} if name in sys.modules]]))
+"""
+BUILD = """
+import json, sys
+import eomgen
+
+kernel = eomgen.build("one_link", kernels=("mass_matrix", "forward_dynamics"), flags=("-O0",))
+heavy = ("sympy", "scipy", "matplotlib", "rich", "pydantic", "jinja2.meta")
+print(json.dumps([kernel.mass_matrix([0.2, 0.5]).shape, [name for name in heavy if name in sys.modules]]))
+"""
+
+
+@pytest.mark.parametrize(
+    ("arguments", "names"),
+    [
+        (["--help"], UNNEEDED),
+        (["cache"], NUMERIC),
+        (["check", "{robots}/one_link.toml"], (*NUMERIC[1:], "jinja2", "cffi")),
+        (["info", "one_link"], NUMERIC[1:]),
+        pytest.param(["--version"], UNNEEDED, marks=pytest.mark.soak),
+        pytest.param(["simulate", "--help"], UNNEEDED, marks=pytest.mark.soak),
+        (["sweep", "--help"], UNNEEDED),
+        (["new", "--help"], UNNEEDED),
+        pytest.param(["new", "arm", "-o", "{folder}/arm.toml"], UNNEEDED, marks=pytest.mark.soak),
+        pytest.param(["robots"], NUMERIC[1:], marks=pytest.mark.soak),
+        pytest.param(["schema", "plan"], NUMERIC[1:], marks=pytest.mark.soak),
+    ],
+    ids=lambda value: value[0] if isinstance(value, list) else "",
+)
+def test_commands_import_what_they_need(arguments: list[str], names: tuple[str, ...], tmp_path: Path) -> None:
+    words = [word.format(folder=tmp_path, robots=ROBOTS) for word in arguments]
+    code = RUN.format(arguments=words, names=names)
+    status, printed, found = answer(python(code, EOMGEN_CACHE_DIR=str(tmp_path / "cache")))
+    assert (status, found) == (0, [])
+    assert printed > 0
+
+
+def test_a_first_build_does_without_sympy(tmp_path: Path) -> None:
+    """What is needed of a joint is kept as plain values."""
+    assert answer(python(BUILD, EOMGEN_CACHE_DIR=str(tmp_path / "cache"))) == [[2, 2], []]

@@ -8,13 +8,13 @@ from pathlib import Path
 import pytest
 
 import eomgen
-from eomgen.cli import entry as cli
 from eomgen.cli.shared.writing import name_older_pages
 from eomgen.files import FIGURE_ENDINGS
 from eomgen.pictures import Report, plot_result, plot_tool
 from eomgen.results.beside import BESIDE_SIMULATION, PAGE, TRAJECTORY, is_ours
 from eomgen.sweep.store import ROWS
 from tests.results.test_kept_results import KEPT
+from tests.support.commands import run
 from tests.support.sliders import SLIDER, STIFF
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
@@ -23,15 +23,20 @@ SIMULATE = ("simulate", "one_link", "--duration", "0.1")
 REMOVED, NAMED = "note: removed of the older result: ", "note: older than the result beside, maybe of another one: "
 
 
-def notes(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, set[str]]:
+def notes(*words: object) -> dict[str, set[str]]:
     """Names of files in the notes of a command, by what each note says."""
-    capsys.readouterr()
-    assert cli.main(arguments) == 0
-    lines = capsys.readouterr().err.splitlines()
-    return {
-        about: {Path(path).name for line in lines if line.startswith(about) for path in line[len(about) :].split(", ")}
+    status, _, err = run(*words)
+    assert status == 0
+    found = (
+        (about, line[len(about) :].split(", "))
+        for line in err.splitlines()
         for about in (REMOVED, NAMED)
-    }
+        if line.startswith(about)
+    )
+    names: dict[str, set[str]] = {REMOVED: set(), NAMED: set()}
+    for about, paths in found:
+        names[about] |= {Path(path).name for path in paths}
+    return names
 
 
 @pytest.mark.soak
@@ -50,9 +55,9 @@ def test_files_of_figures_and_pages_say_who_wrote_them(tmp_path: Path) -> None:
 
 
 @pytest.mark.soak
-def test_a_simulation_removes_what_an_older_one_left(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_simulation_removes_what_an_older_one_left(tmp_path: Path) -> None:
     out = tmp_path / "out"
-    assert notes(capsys, *SIMULATE, "-o", str(out)) == {REMOVED: set(), NAMED: set()}
+    assert notes(*SIMULATE, "-o", str(out)) == {REMOVED: set(), NAMED: set()}
     drawn = {path.name for path in out.glob("*.png")}
     assert {"tool.png", "energy.png"} <= drawn
     own = {"own.png": (out / "tool.png").read_bytes(), "notes.txt": b"mine", PAGE: b"mine", "tool.pdf": b"mine"}
@@ -60,19 +65,19 @@ def test_a_simulation_removes_what_an_older_one_left(tmp_path: Path, capsys: pyt
         (out / name).write_bytes(content)
     result = eomgen.load_result(out)
     old = {plot_tool(result, out / "tool.svg").name, plot_tool(result, out / "journals.png").name}
-    assert notes(capsys, *SIMULATE, "-o", str(out)) == {REMOVED: old, NAMED: {PAGE, "tool.pdf"}}
+    assert notes(*SIMULATE, "-o", str(out)) == {REMOVED: old, NAMED: {PAGE, "tool.pdf"}}
     assert {path.name for path in out.iterdir()} == {TRAJECTORY, *drawn, *own}
-    assert notes(capsys, *SIMULATE, "-o", str(out), "--no-plots") == {REMOVED: drawn, NAMED: {PAGE, "tool.pdf"}}
+    assert notes(*SIMULATE, "-o", str(out), "--no-plots") == {REMOVED: drawn, NAMED: {PAGE, "tool.pdf"}}
     assert {path.name: path.read_bytes() for path in out.iterdir() if path.name != TRAJECTORY} == own
 
 
-def test_figures_where_no_older_result_was_stay(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_figures_where_no_older_result_was_stay(tmp_path: Path) -> None:
     plot_tool(eomgen.load_result(KEPT / "simulation.npz"), tmp_path / "tool.svg")
-    assert notes(capsys, *SIMULATE, "-o", str(tmp_path), "--no-plots") == {REMOVED: set(), NAMED: {"tool.svg"}}
+    assert notes(*SIMULATE, "-o", str(tmp_path), "--no-plots") == {REMOVED: set(), NAMED: {"tool.svg"}}
     assert (tmp_path / "tool.svg").is_file()
 
 
-def test_a_sweep_keeps_its_figures_until_samples_are_added(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_sweep_keeps_its_figures_until_samples_are_added(tmp_path: Path) -> None:
     plan = "samples = 5\nrecord = ['coordinate_end']\n" + STIFF + "uniform = { low = 500.0, high = 900.0 }\n"
     texts = {"r.toml": SLIDER, "s.toml": "duration = 0.1\n[initial]\nq = { rail = 0.1 }\n", "p.toml": plan}
     for name, text in texts.items():
@@ -80,11 +85,11 @@ def test_a_sweep_keeps_its_figures_until_samples_are_added(tmp_path: Path, capsy
     files, out = [str(tmp_path / name) for name in texts], tmp_path / "out"
     command = ("sweep", files[0], "--scenario", files[1], "--plan", files[2], "-o", str(out), "--threads", "1")
     drawn = {"distribution.png", "sensitivity.png"}
-    assert notes(capsys, *command) == {REMOVED: set(), NAMED: set()}
-    assert notes(capsys, *command, "--no-plots") == {REMOVED: set(), NAMED: set()}
+    assert notes(*command) == {REMOVED: set(), NAMED: set()}
+    assert notes(*command, "--no-plots") == {REMOVED: set(), NAMED: set()}
     assert drawn <= {path.name for path in out.iterdir()}
     (out / ROWS).write_bytes(b"".join((out / ROWS).read_bytes().splitlines(keepends=True)[:-1]))
-    assert notes(capsys, *command, "--no-plots") == {REMOVED: drawn, NAMED: set()}
+    assert notes(*command, "--no-plots") == {REMOVED: drawn, NAMED: set()}
     assert not drawn & {path.name for path in out.iterdir()}
 
 
@@ -92,8 +97,8 @@ def test_pages_of_older_measured_results_are_named(tmp_path: Path, capsys: pytes
     page, chosen = Report("page", (), (), (), ()).save(tmp_path / "plan.html"), tmp_path / "plan.json"
     os.utime(page, (1e9, 1e9))
     command = ("poses", "ur5", "--count", "6", "--candidates", "30", "-o", str(chosen))
-    assert notes(capsys, *command) == {REMOVED: set(), NAMED: {"plan.html"}}
-    assert notes(capsys, *command, "--report", str(page)) == {REMOVED: set(), NAMED: set()}
+    assert notes(*command) == {REMOVED: set(), NAMED: {"plan.html"}}
+    assert notes(*command, "--report", str(page)) == {REMOVED: set(), NAMED: set()}
     page.write_text("mine", encoding="ascii")
     os.utime(page, (1e9, 1e9))
     name_older_pages([chosen])

@@ -1,4 +1,4 @@
-"""Every command with a robot whose friction has states: it works and names them, or refuses by name."""
+"""Every command with a robot whose friction or whose servo drive has states: it works and names them, or refuses."""
 
 from __future__ import annotations
 
@@ -8,8 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eomgen.cli.entry import NAMES, main
+from eomgen.cli.entry import NAMES
 from tests.support.bristled import ARM
+from tests.support.commands import run
+from tests.support.optional import needs
 from tests.support.soak import soaked
 
 pytestmark = [
@@ -26,7 +28,7 @@ PLAN = '[[vary]]\nparameter = "joints.j2.beta.friction.bristle_stiffness"\ngrid 
 TOLERANCES = '"joints.j1.offset.gamma" = { bound = 1e-5 }\n'
 RANGES = ("--range", "j1.gamma", "-1", "1", "--range", "j2.gamma", "0.2", "2")
 Z1, Z2 = "j1.gamma.friction.z", "j2.beta.friction.z"
-CALLS: dict[str, tuple[tuple[str, ...], int, str]] = {  # words, exit code, what is said
+CALLS = {  # words, exit code, what is said
     "robots": ((), 0, "one_link"),
     "info": (("arm.toml",), 0, f"{Z1} [rad]  friction      5000 z^2 J"),
     "new": (("arm", "-o", "new.toml"), 0, "new.toml"),
@@ -40,11 +42,7 @@ CALLS: dict[str, tuple[tuple[str, ...], int, str]] = {  # words, exit code, what
         1,
         "observer of bristled: it has states of laws",
     ),
-    "bench": (
-        ("arm.toml",),
-        0,
-        "the textbook's algorithms know linear springs and dampers only",
-    ),
+    "bench": (("arm.toml",), 0, "the textbook's algorithms know linear springs and dampers only"),
     "bound": (
         ("arm.toml", "--kernels", "generalized_force", "--range", f"v:{Z2}", "0", "1e-3"),
         0,
@@ -111,19 +109,60 @@ def test_every_command_is_called() -> None:
     assert set(CALLS) == set(NAMES)
 
 
-@pytest.mark.parametrize("command", soaked(CALLS, [x for x in CALLS if x != "fit"]))
-def test_it_works_or_refuses_by_name(
-    command: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+EXAMPLE = Path(__file__).parents[2] / "examples" / "servo_axis.toml"
+SERVO_SCENARIO = "duration = 0.1\nmotion = { type = 'point_to_point', goal = { axis = 0.05 } }\n"
+SERVO_PLAN = '[[vary]]\nparameter = "joints.axis.gamma.drive.controller.velocity.kp"\ngrid = { values = [6.0, 8.0] }\n'
+SERVO = {  # words, exit code, what is said
+    "info": (("axis.toml",), 0, "drive.winding.resistance 0.8"),
+    "check": (("axis.toml", "scenario.toml"), 0, "ok: 1 links, 1 coordinates"),
+    "schema": (("robot",), 0, "torque_constant"),
+    "derive": (("axis.toml",), 0, "D_gamma_1 = reference of position of axis.gamma: rad"),
+    "generate": (("axis.toml", "-o", "generated", "--kernels", "inverse_dynamics,residual"), 0, "generated"),
+    "export": (("axis.toml", "--mjcf", "--approximate", "-o", "axis.xml"), 0, "joints.axis.gamma.drive: left out"),
+    "bench": (("axis.toml",), 0, "springs and dampers only (axis.gamma): kernels are timed alone"),
+    "bound": (("axis.toml", "--kernels", "drive_forces"), 0, "drive_forces of servo_axis, float64"),
+    "simulate": (("axis.toml", "--scenario", "scenario.toml", "-o", "out", "--no-plots"), 0, "energy: drives"),
+    "sweep": (("axis.toml", "--scenario", "scenario.toml", "--plan", "plan.toml", "-o", "sweep"), 0, "2 samples"),
+    "linearize": (("axis.toml", "--drives", "free"), 0, "axis.gamma.drive.current"),
+    "modes": (("axis.toml",), 0, "nothing can move"),
+    "compare": (("axis.toml", "other.toml", "--duration", "0.1"), 0, "other"),
+    "identify": (("axis.toml", "out/trajectory.npz", "--terms", "links", "rotors", "viscous"), 0, "base parameters"),
+    "compensate": (("axis.toml", "--scenario", "scenario.toml"), 0, "cannot be corrected"),
+    "report": (("out", "-o", "report.html"), 0, "report.html"),
+    "view": (("axis.toml", "-o", "view.html"), 0, "view.html"),
+    "live": (("axis.toml", "-o", "live.html"), 0, "live.html"),
+}
+
+
+@pytest.fixture(scope="module")
+def servo(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the example of a servo drive, a scenario and a plan."""
+    folder, text = tmp_path_factory.mktemp("servo"), EXAMPLE.read_text(encoding="ascii")
+    other = text.replace('name = "servo_axis"', 'name = "other"')
+    for name, content in (("axis", text), ("other", other), ("scenario", SERVO_SCENARIO), ("plan", SERVO_PLAN)):
+        (folder / f"{name}.toml").write_text(content, encoding="ascii")
+    return folder
+
+
+def check(command: str, calls: dict[str, tuple[tuple[str, ...], int, str]]) -> None:
+    """In the current folder; what needs the result of a simulation has it made first."""
     if command == "live":
-        pytest.importorskip("ziglang", reason="the compiler for WebAssembly is not installed")
+        needs("ziglang")
+    words, code, said = calls[command]
+    if any(word.startswith("out") for word in words) and command != "simulate" and not Path("out").exists():
+        assert run("simulate", *calls["simulate"][0])[0] == 0
+    status, out, err = run(command, *words)
+    assert status == code, err
+    assert said in out + err
+
+
+@pytest.mark.parametrize("command", soaked(CALLS, [x for x in CALLS if x != "fit"]))
+def test_it_works_or_refuses_by_name(command: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(folder)
-    words, code, said = CALLS[command]
-    if any(word.startswith("out") for word in words) and command != "simulate" and not (folder / "out").exists():
-        simulated = CALLS["simulate"][0]
-        assert main(("simulate", *simulated)) == 0
-        capsys.readouterr()
-    found = main((command, *words))
-    streams = capsys.readouterr()
-    assert found == code, streams.err
-    assert said in streams.out + streams.err
+    check(command, CALLS)
+
+
+@pytest.mark.parametrize("command", SERVO)
+def test_servo_drives(command: str, servo: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(servo)
+    check(command, SERVO)
