@@ -1,10 +1,11 @@
-"""Stable inversion: small systems in closed form, who is refused, files, and simulations without and with feedback."""
+"""Stable inversion: small systems in closed form, refusals, files, simulations; feed-forward of robots by it."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,13 +14,15 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import make_interp_spline
 
 import eomgen
-from eomgen.control import StableInversion, stable_inversion
+from eomgen.control import FeedForward, StableInversion, feedforward, stable_inversion
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import InputError, UnknownNameError
 from eomgen.integration import integrate
 from eomgen.motion import PointToPoint, default_motion
 from eomgen.robot.value import Robot
 from eomgen.scenario.load import load_scenario
+from tests.support.commands import command, facts
+from tests.support.geared_arms import two_link_arm
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -165,9 +168,8 @@ def test_the_tip_behind_a_rod_that_turns_has_an_unstable_zero_and_the_drive_begi
     ends = (result.t[0] - 0.2, result.t[-1] + 0.2)
 
     def part(rate: float, ends: tuple[float, float], times: Array) -> Array:
-        found = solve_ivp(
-            lambda t, z: rate * z + pushed(t), ends, (0.0,), "DOP853", times, rtol=1e-10, atol=1e-16, max_step=0.01
-        )
+        tight = {"rtol": 1e-10, "atol": 1e-16, "max_step": 0.01}
+        found = solve_ivp(lambda t, z: rate * z + pushed(t), ends, (0.0,), "DOP853", times, **tight)
         return np.asarray(found.y[0])
 
     forwards, backwards = part(stable, ends, result.t), part(unstable, ends[::-1], result.t[::-1])[::-1]
@@ -177,22 +179,6 @@ def test_the_tip_behind_a_rod_that_turns_has_an_unstable_zero_and_the_drive_begi
     inside = (result.t > 0.0) & (result.t < 0.6)
     assert np.abs(found - e)[inside].max() < 2e-5 * np.abs(e).max()
     assert np.abs(e[result.t < 0.0]).max() > 1e-3 * np.abs(e).max()  # it bends before the tip moves
-
-
-def test_a_simulation_follows_without_feedback() -> None:
-    """The drives alone carry the tip of the rods over a large motion, in which they are far from linear."""
-    program = ride(1.2)
-    robot = robot_from_toml(RODS)
-    result = stable_inversion(robot, program, outputs=("tip.y",), step=1e-3)
-    kernel = eomgen.build(robot)
-    motion = integrate(
-        kernel, result.q[0], np.zeros(2), float(result.t[-1] - result.t[0]), drive=result.drive(), rtol=1e-9
-    )
-    rigid = np.zeros_like(motion.q)
-    rigid[:, 0] = program.at(motion.t + result.t[0])[0][:, 0]
-    off = (kernel.frame_pose(motion.q, "tip") - kernel.frame_pose(rigid, "tip"))[:, 1, 3]
-    assert np.abs(off).max() < 2e-6
-    assert result.residual < 1e-8
 
 
 def test_steps_are_halved_until_coordinates_change_by_less_than_the_tolerance() -> None:
@@ -214,41 +200,42 @@ def test_steps_are_halved_until_coordinates_change_by_less_than_the_tolerance() 
     assert any("still changed coordinates by more than 1e-12 m or rad" in note for note in jumping.notes)
 
 
-def test_what_no_bounded_motion_follows_from_is_refused() -> None:
-    hertz = np.sqrt(STIFFNESS / SECOND) / (2.0 * np.pi)
-    with pytest.raises(InputError, match=rf"spring\.z: swings at {hertz:.4g} Hz .* nothing damps it"):
-        stable_inversion(carts("stiffness = 800.0"), ride())
-    with pytest.raises(InputError, match=r"outputs: drives of rods do not move 'tip.x' independently at 0 s"):
-        stable_inversion(robot_from_toml(RODS), ride(), outputs=("tip.x",))
+HERTZ = np.sqrt(STIFFNESS / SECOND) / (2.0 * np.pi)
 
 
 @pytest.mark.parametrize(
-    ("keywords", "message"),
+    ("given", "error", "message"),
     [
-        ({"outputs": ("tip.z", "rail.z")}, "outputs: 2 for 1 drives of carts; allowed: as many as drives"),
-        ({"frame": "tip"}, "frame: carts has 1 drives"),
-        ({"step": 1e-3, "tolerance": 1e-6}, "tolerance: given together with step"),
-        ({"tolerance": 0.0}, "tolerance: 0.0 m or rad; allowed: a number above 0"),
-        ({"step": 0.0}, "step: 0.0 s; allowed: a time above 0"),
-        ({"step": 0.1}, "step: 0.1 s makes .* steps; allowed: 24 to 20000"),
-        ({"before": -1.0}, r"before: -1.0 s; allowed: a time from 0"),
-        ({"duration": float("nan")}, "duration: nan s"),
+        ({"robot": "stiffness = 800.0"}, InputError, rf"spring\.z: swings at {HERTZ:.4g} Hz .* nothing damps it"),
+        (
+            {"robot": RODS, "outputs": ("tip.x",)},
+            InputError,
+            r"outputs: drives of rods do not move 'tip.x' independently at 0 s",
+        ),
+        ({"outputs": ("tip.z", "rail.z")}, InputError, "outputs: 2 for 1 drives of carts; allowed: as many as drives"),
+        ({"outputs": ("tip.w",)}, UnknownNameError, r"outputs: 'tip.w' is unknown"),
+        ({"frame": "tip"}, InputError, "frame: carts has 1 drives"),
+        ({"step": 1e-3, "tolerance": 1e-6}, InputError, "tolerance: given together with step"),
+        ({"tolerance": 0.0}, InputError, "tolerance: 0.0 m or rad; allowed: a number above 0"),
+        ({"step": 0.0}, InputError, "step: 0.0 s; allowed: a time above 0"),
+        ({"step": 0.1}, InputError, "step: 0.1 s makes .* steps; allowed: 24 to 20000"),
+        ({"before": -1.0}, InputError, r"before: -1.0 s; allowed: a time from 0"),
+        ({"duration": float("nan")}, InputError, "duration: nan s"),
+        (
+            {"motion": SimpleNamespace(at=ride().at)},
+            InputError,
+            "duration: SimpleNamespace does not say when it ends",
+        ),
+        ({"motion": PointToPoint(np.zeros(2), np.ones(2), 1.0)}, InputError, "motion: moves 2 coordinates"),
+        ({"robot": "four_bar"}, InputError, "four_bar: has loops or couplings"),
     ],
 )
-def test_wrong_arguments_are_refused(keywords: dict[str, object], message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        stable_inversion(carts(), ride(), **keywords)  # type: ignore[arg-type]
-
-
-def test_wrong_names_and_motions_are_refused() -> None:
-    with pytest.raises(UnknownNameError, match=r"outputs: 'tip.w' is unknown"):
-        stable_inversion(carts(), ride(), outputs=("tip.w",))
-    with pytest.raises(InputError, match="duration: SimpleNamespace does not say when it ends"):
-        stable_inversion(carts(), SimpleNamespace(at=ride().at))  # type: ignore[arg-type]
-    with pytest.raises(InputError, match="motion: moves 2 coordinates"):
-        stable_inversion(carts(), PointToPoint(np.zeros(2), np.ones(2), 1.0))
-    with pytest.raises(InputError, match="four_bar: has loops or couplings"):
-        stable_inversion("four_bar", ride())
+def test_what_is_refused(given: dict[str, Any], error: type[Exception], message: str) -> None:
+    options = {"robot": "stiffness = 800.0, damping = 6.0", "motion": ride(), **given}
+    text = options.pop("robot")
+    robot = text if text == "four_bar" else robot_from_toml(text) if text == RODS else carts(text)
+    with pytest.raises(error, match=message):
+        stable_inversion(robot, options.pop("motion"), **options)
 
 
 def test_results_come_back_from_files(tmp_path: Path) -> None:
@@ -261,6 +248,13 @@ def test_results_come_back_from_files(tmp_path: Path) -> None:
     assert np.allclose(result.drive(20.0)(t, q, v)[0], result.u[3, 0], rtol=1e-9)
     with pytest.raises(InputError, match=r"bandwidth: -1\.0 rad/s"):
         result.drive(-1.0)
+
+
+def driven(kernel: eomgen.Kernel, result: StableInversion, bandwidth: float) -> Any:
+    """The motion from rest by the drives of an inversion, at its samples."""
+    times = result.t - result.t[0]
+    options = {"drive": result.drive(bandwidth), "times": times, "method": "radau", "rtol": 1e-8}
+    return integrate(kernel, result.q[0], np.zeros(kernel.n), float(times[-1]), **options)
 
 
 ELASTIC = ("tcp.x", "tcp.y", "tcp.z", "joint4.gamma", "joint5.gamma", "joint6.gamma")  # its wrist begins singular
@@ -279,21 +273,11 @@ def test_the_tool_of_the_elastic_puma_stays_within_a_micrometre(smooth: int) -> 
     wanted = kernel.frame_pose(rigid, "tcp")[:, :3, 3]
 
     def off(bandwidth: float) -> float:
-        motion = integrate(
-            kernel,
-            result.q[0],
-            np.zeros(kernel.n),
-            float(result.t[-1] - result.t[0]),
-            drive=result.drive(bandwidth),
-            times=result.t - result.t[0],
-            method="radau",
-            rtol=1e-8,
-        )
+        motion = driven(kernel, result, bandwidth)
         tool = kernel.frame_pose(motion.q, "tcp")[:, :3, 3]
         return float(np.linalg.norm(tool - wanted, axis=1).max())
 
     followed, alone = off(30.0), off(0.0)
-    print(smooth, followed, alone, result.lines())
     assert followed < 1e-7
     assert alone < (1e-6 if smooth == 4 else 1e-4)  # what jumps is between the samples, and nothing holds the arm
     bent = kernel.frame_pose(result.q, "tcp")[:, :3, 3]
@@ -308,18 +292,108 @@ def test_the_pose_of_a_tool_behind_deviations_has_unstable_zeros_and_stays_withi
     scenario = replace(load_scenario("puma560_circle"), wrenches=(), payloads=())
     result = stable_inversion("puma560_elastic", scenario, duration=1.2)
     assert result.outputs == ("tcp.x", "tcp.y", "tcp.z", "tcp.rx", "tcp.ry", "tcp.rz")
-    span = float(result.t[-1] - result.t[0])
-    motion = integrate(
-        kernel,
-        result.q[0],
-        np.zeros(kernel.n),
-        span,
-        drive=result.drive(30.0),
-        times=result.t - result.t[0],
-        method="radau",
-        rtol=1e-8,
-    )
+    motion = driven(kernel, result, 30.0)
     found, wanted = (kernel.frame_pose(q, "tcp") for q in (motion.q, result.q))
     assert np.abs(found - wanted).max() < 1e-6
     assert np.abs(found[:, 0, 3] - 0.4).max() < 1e-6  # the circle's plane
     assert np.linalg.norm(found[:, 1:3, 3] - [0.15, 0.4], axis=1) == pytest.approx(0.1, abs=1e-6)
+
+
+# Feed-forward
+
+
+MOTOR = 'name = "hub"\nmotor = { inertia = 1e-4, ratio = 50.0, stiffness = 900.0, damping = 1.0 }'
+GEARED = RODS.replace('name = "hub"', MOTOR).replace('"rods"', '"geared_rods"')
+SCENARIO = """
+duration = 0.8
+output_step = 2e-3
+[motion]
+type = "point_to_point"
+start = { hub = 0.0 }
+goal = { hub = 1.2 }
+begin = 0.15
+duration = 0.5
+smooth = 4
+"""
+
+
+def off(robot: Robot, result: FeedForward, kp: float = 0.0, kd: float = 0.0) -> float:
+    """The greatest error of the tip's height in a simulation from rest, m."""
+    kernel = eomgen.build(robot)
+    span = float(result.t[-1] - result.t[0])
+    motion = integrate(kernel, result.q[0], 0.0 * result.q[0], span, drive=result.drive(5, kp, kd), rtol=1e-9)
+    rigid = np.zeros_like(motion.q)
+    rigid[:, kernel.coordinates.index("hub.gamma")] = ride(1.2).at(motion.t + result.t[0])[0][:, 0]
+    poses: NDArray[np.float64] = kernel.frame_pose(motion.q, "tip") - kernel.frame_pose(rigid, "tip")
+    return float(np.abs(poses[:, 1, 3]).max())
+
+
+@pytest.mark.parametrize("text", [RODS, pytest.param(GEARED, marks=pytest.mark.soak)])
+def test_the_tip_follows_without_feedback_and_drives_begin_before_it(text: str) -> None:
+    robot = robot_from_toml(text)
+    result = feedforward(robot, ride(1.2), outputs=["tip.y"])
+    assert result.outputs == ("tip.y",)
+    assert result.t[0] < 0.0 < 0.6 < result.t[-1]
+    assert off(robot, result) < 2e-6
+    assert off(robot, result, 1e-3, 1e-4) < 2e-6
+    said = "\n".join(result.lines())
+    assert "by stable inversion: all coordinates; no drive have" in said
+    assert "what follows the motion: tip.y" in said
+    driven = result.coordinates.index(result.driven[0])
+    assert not np.delete(result.u, driven, axis=1).any()
+    left = eomgen.build(robot).inverse_dynamics(result.q, result.v, result.a)
+    np.testing.assert_allclose(left[:, driven], result.u[:, driven], rtol=1e-12, atol=1e-12)
+    undriven = [i for i, name in enumerate(result.coordinates) if name in result.inverted]
+    np.testing.assert_allclose(np.abs(left[:, undriven]).max(axis=0), result.residual[undriven], atol=1e-12)
+    assert (result.residual < 1e-4 * np.abs(result.u).max()).all()
+
+
+def test_it_is_the_stable_inversion_at_these_times() -> None:
+    robot = robot_from_toml(RODS)
+    inverse = stable_inversion(robot, ride(1.2), outputs=["tip.y"])
+    result = feedforward(robot, ride(1.2), outputs=["tip.y"], t=inverse.t)
+    assert inverse.residual < 1e-8
+    np.testing.assert_allclose(result.q, inverse.q, atol=1e-12)
+    np.testing.assert_allclose(result.of("hub.gamma")[3], inverse.u[:, 0], atol=1e-9)
+    assert result.inverted == ("elbow.gamma",)
+    longer = feedforward(robot, ride(1.2), outputs=["tip.y"], t=np.linspace(-1.0, 2.0, 301))
+    assert np.abs(longer.q[0]).max() < 1e-9
+    assert longer.q[-1] == pytest.approx([1.2, 0.0], abs=1e-9)
+
+
+def test_where_no_zero_grows_samples_begin_with_the_motion() -> None:
+    robot = robot_from_toml(RODS)
+    result = feedforward(robot, ride(1.2))
+    assert result.outputs == ("hub.gamma",)
+    assert result.t[0] == 0.0
+    np.testing.assert_allclose(result.of("hub.gamma")[0], ride(1.2).at(result.t)[0][:, 0], atol=1e-9)
+
+
+@pytest.mark.soak
+def test_friction_behind_a_gear_is_smoothed_and_what_it_leaves_is_stated() -> None:
+    robot = robot_from_toml(GEARED.replace(MOTOR, MOTOR + "\ngamma = { friction = { coulomb = 0.3 } }"))
+    result = feedforward(robot, ride(1.2), outputs=["tip.y"])
+    assert any("Coulomb friction of hub.gamma reverses over" in note for note in result.notes)
+    assert 0.01 < result.residual[result.coordinates.index("hub.gamma")] < 0.3
+
+
+def test_the_command_writes_it(tmp_path: Path) -> None:
+    robot, scenario = tmp_path / "rods.toml", tmp_path / "s.toml"
+    robot.write_text(RODS)
+    scenario.write_text(SCENARIO)
+    words = ("feedforward", robot, "--scenario", scenario, "--outputs", "tip.y", "--tolerance", 1e-7)
+    assert "what follows the motion: tip.y" in command(*words, "-o", tmp_path / "f.npz")
+    result = eomgen.load_result(tmp_path / "f.npz")
+    assert (result.outputs, result.inverted) == (("tip.y",), ("elbow.gamma",))
+    assert np.diff(result.t) == pytest.approx(2e-3)
+    assert facts(*words)["outputs"] == ["tip.y"]
+
+
+def test_what_does_not_go_together_is_refused() -> None:
+    robot = robot_from_toml(RODS)
+    with pytest.raises(InputError, match=r"kp: -1; allowed: a number from 0 on, or one for each of 1 drives"):
+        feedforward(robot, ride()).drive(5, kp=-1)
+    with pytest.raises(InputError, match=r"tolerance: 0\.1; allowed: with deviations that nothing drives"):
+        feedforward(two_link_arm(), ride(), tolerance=0.1)
+    with pytest.raises(InputError, match=r"outputs: 2 for 1 drives"):
+        feedforward(robot, ride(), outputs=["tip.x", "tip.y"])

@@ -19,10 +19,14 @@ from eomgen.errors import InputError, SingularError, UnknownNameError
 from eomgen.robot.value import PRINCIPAL
 from tests.control.test_sensing import HYSTERETIC
 from tests.loops.test_elastic_cuts import coupled
+from tests.oracles.pinocchio_models import PinocchioOracle
 from tests.support.builds import Build
 from tests.support.observer_code import CompiledMomentumObserver
+from tests.support.optional import needs
 from tests.support.random_motors import geared_robot, motor_state
 from tests.support.random_robots import Array, random_robot, random_state
+
+pytestmark = pytest.mark.usefixtures("unoptimised")
 
 KERNELS = ("generalized_momentum", "generalized_force", "forward_dynamics", "external_force")
 GAIN, DT = 50.0, 1e-3
@@ -81,11 +85,7 @@ def test_forces_come_with_the_time_constant(built: Build) -> None:
 
 def test_the_formula_in_pinocchios_numbers(built: Build) -> None:
     """A step from its mass matrix, Coriolis matrix and gravity; of several states at once as of each."""
-    pytest.importorskip("pinocchio")
-    import pinocchio as pin
-
-    from tests.oracles.pinocchio_models import PinocchioOracle
-
+    pin = needs("pinocchio")
     robot = replace(TREE, springs=(), elements=())
     kernel, oracle = built(robot, *KERNELS), PinocchioOracle(robot)
     gain = np.array([20.0, 50.0, 80.0])[: kernel.n]
@@ -117,9 +117,8 @@ def test_elastic_gears_with_encoders_on_both_sides_and_with_torque_sensors(built
     kernel, s = built(m.robot, *KERNELS, "measurement"), motor_state(GEARED, 3)
     names, n = kernel.coordinates, kernel.n
     of_links = links_alone(GEARED)
-    sensed = MomentumObserver(
-        GEARED, GAIN, DT, torque_sensors=True, kernel=built(of_links, "generalized_momentum", "generalized_force")
-    )
+    of_sensed = built(of_links, "generalized_momentum", "generalized_force")
+    sensed = MomentumObserver(GEARED, GAIN, DT, torque_sensors=True, kernel=of_sensed)
     links = [names.index(name) for name in sensed.coordinates]
     motors = [i for i in range(n) if i not in links]
     assert [names[i] for i in motors] == [f"{joint.name}.motor"]
@@ -139,11 +138,11 @@ def test_elastic_gears_with_encoders_on_both_sides_and_with_torque_sensors(built
         r = observer.step(*state, u)
         measured = u.copy()
         measured[at] = 0.5 * (torque(*ends) + torque(*state))
-        of_sensed = sensed.step(*(x[links] for x in state), measured[links])
+        at_joints = sensed.step(*(x[links] for x in state), measured[links])
     reached = 1.0 - np.exp(-200 * GAIN * DT)
     assert np.abs(r[links] - reached * external[links]).max() <= 1e-3 * external.max()
     assert np.abs(r[motors]).max() <= 1e-3 * external.max()
-    assert np.abs(of_sensed - reached * external[links]).max() <= 1e-3 * external.max()
+    assert np.abs(at_joints - reached * external[links]).max() <= 1e-3 * external.max()
 
 
 def closed_motion(kernel: eomgen.Kernel, held: tuple[str, ...], q: Array, u: Array) -> Iterator[tuple[Array, Array]]:
@@ -274,22 +273,22 @@ def test_the_c_has_the_bits_of_python(dtype: str, built: Build, tmp_path: Path) 
 
 
 def test_what_cannot_be_observed_is_refused_by_name() -> None:
-    for robot, message in (("shaken_arm", r"is prescribed, by forces that are not known"),):
-        with pytest.raises(InputError, match=message):
-            MomentumObserver(robot, GAIN, DT)
-    for options, message in (
-        ({"gain": 0.0}, r"gain: joint1.x has 0.0; allowed: a number above 0"),
-        ({"gain": float("inf")}, r"gain: joint1.x has inf"),
-        ({"gain": [1.0]}, r"gain: got 1 numbers; allowed: one, or 2"),
-        ({"gain": {"joint1.x": 1.0}}, r"gain: 'joint1.gamma' has none; allowed: a number for each coordinate"),
-        ({"dt": 0.0}, r"dt: got 0.0; allowed: a number above 0, s"),
-        ({"threshold": -1.0}, r"threshold: joint1.x has -1.0"),
+    for options, error, message in (
+        ({"robot": "shaken_arm"}, InputError, r"is prescribed, by forces that are not known"),
+        ({"gain": 0.0}, InputError, r"gain: joint1.x has 0.0; allowed: a number above 0"),
+        ({"gain": float("inf")}, InputError, r"gain: joint1.x has inf"),
+        ({"gain": [1.0]}, InputError, r"gain: got 1 numbers; allowed: one, or 2"),
+        (
+            {"gain": {"joint1.x": 1.0}},
+            InputError,
+            r"gain: 'joint1.gamma' has none; allowed: a number for each coordinate",
+        ),
+        ({"dt": 0.0}, InputError, r"dt: got 0.0; allowed: a number above 0, s"),
+        ({"threshold": -1.0}, InputError, r"threshold: joint1.x has -1.0"),
+        ({"threshold": {"joint1.y": 1.0}}, UnknownNameError, r"threshold: 'joint1.y' is no coordinate"),
     ):
-        given = {"gain": GAIN, "dt": DT, **options}
-        with pytest.raises(InputError, match=message):
-            MomentumObserver("one_link", **given)  # type: ignore[arg-type]
-    with pytest.raises(UnknownNameError, match=r"threshold: 'joint1.y' is no coordinate"):
-        MomentumObserver("one_link", GAIN, DT, threshold={"joint1.y": 1.0})
+        with pytest.raises(error, match=message):
+            MomentumObserver(**{"robot": "one_link", "gain": GAIN, "dt": DT, **options})
 
 
 def test_states_of_laws_are_refused_by_name() -> None:
@@ -307,9 +306,6 @@ def test_a_package_carries_the_observer(tmp_path: Path) -> None:
     package = observer.write(tmp_path)
     for name, text in observer.sources().items():
         assert (package / name).read_text(encoding="ascii") == text
-    command = [
-        sys.executable,
-        "-c",
-        "import one_link; print(one_link.generalized_momentum([0.1, 0.2], [1.0, 2.0]).shape)",
-    ]
-    assert subprocess.run(command, cwd=tmp_path, check=True, capture_output=True, text=True).stdout == "(2, 2)\n"
+    code = "import one_link; print(one_link.generalized_momentum([0.1, 0.2], [1.0, 2.0]).shape)"
+    found = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=True, capture_output=True, text=True)
+    assert found.stdout == "(2, 2)\n"
