@@ -1,4 +1,4 @@
-"""Simulations of mechanisms with loops: programs of their drives, controls, loads, shaken ground, tool paths, rest."""
+"""Simulations of mechanisms with loops and of followers: drives, controls, loads, tool paths, rest, stops."""
 
 from __future__ import annotations
 
@@ -10,17 +10,19 @@ import pytest
 from numpy.typing import NDArray
 
 import eomgen
-from eomgen import cli
-from eomgen.description.load import robot_from_toml
-from eomgen.errors import DescriptionError, IntegrationStopped, LoopError
+from eomgen.description import robot_from_toml
+from eomgen.errors import DescriptionError, InputError, IntegrationStopped, LoopError
 from eomgen.integration.methods import IN_C
+from eomgen.robot import Coupling, build_model, record_of, robot_hash
 from eomgen.robot.value import Coordinate, Robot
-from eomgen.scenario.load import scenario_from_toml
+from eomgen.scenario import scenario_from_toml
 from eomgen.simulation.assembly import kernels_of
 from eomgen.simulation.result import SimulationResult, load_result
 from eomgen.simulation.run import run_scenario
 from tests.loops.test_closing import GEARED
 from tests.runtime.test_inverse_kinematics import SPLIT_ARM
+from tests.support.commands import command
+from tests.support.soak import soaked
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -31,23 +33,20 @@ def run(robot: Robot | str, text: str) -> SimulationResult:
 
 
 def with_coordinate(robot: Robot, joint: str, name: str, given: Coordinate, label: str) -> Robot:
-    joints = tuple(
+    joints = [
         replace(x, coordinates={**x.coordinates, name: given}) if x.name.startswith(joint) else x for x in robot.joints
-    )
-    return replace(robot, name=label, joints=joints)
+    ]
+    return replace(robot, name=label, joints=tuple(joints))
 
 
 def follows(result: SimulationResult, within: float = 1e-7) -> None:
     """Closed, balanced, and where the program of its drives leads."""
     assert result.trajectory.info["gap"] <= 1e-11
-    assert result.balance is not None
     assert result.balance.relative_residue <= 1e-5
     assert np.abs(result.tool_deviation).max() <= within
 
 
-@pytest.mark.parametrize(
-    "name", ["four_bar", *(pytest.param(name, marks=pytest.mark.soak) for name in ("bennett", "gough"))]
-)
+@pytest.mark.parametrize("name", soaked(["four_bar", "bennett", "gough"], ["four_bar"]))
 def test_drives_move_from_home_and_the_rest_follows(name: str) -> None:
     robot = eomgen.load_robot(name)
     result = eomgen.simulate(name, duration=0.5)
@@ -90,7 +89,6 @@ def test_stiff_cut_joints_are_integrated_implicitly() -> None:
 def test_the_work_of_a_drive_at_default_tolerances() -> None:
     table = "duration = 0.4\n[control]\ntype = 'torque'\ncoordinates = ['joint1']\nrows = [[0.0, 20.0], [0.4, 20.0]]\n"
     result = run("four_bar", table)
-    assert result.balance is not None
     assert result.balance.of("drives")[-1] >= 300.0
     assert result.balance.relative_residue <= 1e-5
 
@@ -122,7 +120,6 @@ def test_wrenches_and_payloads_on_a_platform() -> None:
     push = "[[wrenches]]\nlink = 'platform'\nt0 = 0.02\nt1 = 0.05\nforce = [50.0, 0, 0]\n"
     body = "[[payloads]]\nlink = 'platform'\nmass = 5.0\npoint = [0.0, 0.0, 0.1]\nt0 = 0.06\n"
     result = run("gough", f"duration = 0.1\n{push}{body}[control]\ntype = 'computed_torque'\n")
-    assert result.balance is not None
     assert result.balance.relative_residue <= 1e-4
     assert abs(result.balance.of("wrenches")[-1]) > 0.0
     assert result.trajectory.info["gap"] <= 1e-11
@@ -142,7 +139,6 @@ def test_a_shaken_pivot_does_work_on_a_driven_linkage() -> None:
     follows(result)
     moved = result.trajectory.of("joint3.x")
     assert np.abs(moved - 0.02 * np.sin(8.0 * np.pi * result.trajectory.t)).max() == 0.0
-    assert result.balance is not None
     assert abs(result.balance.of("prescribed")).max() > 1e-3
 
 
@@ -170,19 +166,16 @@ def test_elastic_cut_joints(rigid: tuple[str, ...]) -> None:
     robot = eomgen.load_robot("four_bar")
     soft = {name: Coordinate(stiffness=1e6, damping=1e2) for name in ("x", "y", "z", "alpha", "beta")}
     cut = replace(robot.loops[0], coordinates={name: soft[name] for name in soft if name not in rigid})
-    result = run(
-        replace(robot, name=f"soft_cut{len(rigid)}", loops=(cut,)),
-        "duration = 0.1\n[motion]\ntype = 'point_to_point'\n",
-    )
+    soft_cut = replace(robot, name=f"soft_cut{len(rigid)}", loops=(cut,))
+    result = run(soft_cut, "duration = 0.1\n[motion]\ntype = 'point_to_point'\n")
     assert result.trajectory.method in IN_C
-    assert result.balance is not None
     assert result.balance.relative_residue <= 1e-5
     assert 1e-7 < np.abs(result.tool_deviation).max() < 1e-3
 
 
 @pytest.mark.soak
 def test_geared_coordinates_follow_their_drive() -> None:
-    geared = eomgen.description.load.robot_from_toml(GEARED)
+    geared = robot_from_toml(GEARED)
     motion = "duration = 0.2\n[motion]\ntype = 'point_to_point'\n"
     result = run(geared.with_constraints(), motion)
     follows(result)
@@ -194,27 +187,26 @@ def test_geared_coordinates_follow_their_drive() -> None:
 
 
 def test_drives_that_do_not_hold_or_contradict_are_refused() -> None:
-    robot = eomgen.load_robot("gough")
-    assert robot.driven is not None
-    with pytest.raises(LoopError, match=r"not held by drives at .*: leg6\.z stays loose; allowed: .* all 6 freedoms"):
-        run(replace(robot, driven=robot.driven[:5]), "duration = 0.1\n[motion]\ntype = 'point_to_point'\n")
-    many = replace(eomgen.load_robot("four_bar"), driven=None)
-    with pytest.raises(
-        LoopError, match=r"joint4 opens on the reference at t = .*: joint3\.gamma is off by .*; allowed"
+    robot, many = eomgen.load_robot("gough"), replace(eomgen.load_robot("four_bar"), driven=None)
+    programmed, head = "duration = 0.1\n[motion]\ntype = 'point_to_point'\n", "duration = 0.1\n[control]\ntype = "
+    start = "'none'\n[initial]\nq = { joint1 = 0.3, joint3 = 0.1 }\n"
+    loose = r"not held by drives at .*: leg6\.z stays loose; allowed: .* all 6 freedoms"
+    opens = r"joint4 opens on the reference at t = .*: joint3\.gamma is off by .*; allowed"
+    for refused, text, message in (
+        (replace(robot, driven=robot.driven[:5]), programmed, loose),
+        (many, programmed, opens),
+        ("four_bar", head + start, "joint4 does not close near the guess"),
     ):
-        run(many, "duration = 0.1\n[motion]\ntype = 'point_to_point'\n")
-    held = run(many, "duration = 0.1\n[control]\ntype = 'computed_torque'\n")
+        with pytest.raises(LoopError, match=message):
+            run(refused, text)
+    held = run(many, head + "'computed_torque'\n")
     assert np.count_nonzero(np.abs(held.trajectory.u[0]) > 1e-6) == 3  # the least drives share the load
-    text = "duration = 0.1\n[initial]\nq = { joint1 = 0.3, joint3 = 0.1 }\n[control]\ntype = 'none'\n"
-    with pytest.raises(LoopError, match="joint4 does not close near the guess"):
-        run("four_bar", text)
 
 
-def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    out = tmp_path / "out"
-    assert cli.main(["simulate", "four_bar", "--duration", "0.2", "-o", str(out), "--no-plots"]) == 0
-    assert "four_bar: 3 coordinates, 1 of them driven" in capsys.readouterr().out
-    loaded = eomgen.load_result(out / "trajectory.npz")
+def test_command(tmp_path: Path) -> None:
+    said = command("simulate", "four_bar", "--duration", 0.2, "-o", tmp_path, "--no-plots")
+    assert "four_bar: 3 coordinates, 1 of them driven" in said
+    loaded = eomgen.load_result(tmp_path / "trajectory.npz")
     assert loaded.passive == ("joint2.gamma", "joint3.gamma")
     assert loaded.trajectory.info["gap"] <= 1e-11
     assert loaded.summary()["gap"] == loaded.trajectory.info["gap"]
@@ -255,3 +247,106 @@ def test_contacts_in_joints_of_a_loop(place: str, tmp_path: Path) -> None:
     again = load_result(result.save(tmp_path / "run.npz"))
     assert again.trajectory.contacts == motion.contacts
     assert any(f"clearance of {place}: closed" in line for line in again.summary_lines())
+
+
+# Followers
+
+
+LINK = "mass = 0.5\ncom = [0.1, 0.0, 0.02]\ninertia = { xx = 0.01, yy = 0.02, zz = 0.02 }\n"
+HAND = f"""
+name = "hand"
+home = {{ "two.gamma" = 0.4 }}
+driven = ["two.gamma"]
+[[links]]
+name = "first"
+{LINK}
+[[links]]
+name = "second"
+{LINK}
+[[joints]]
+name = "one"
+parent = "base"
+child = "first"
+type = "revolute"
+limits = [-1.0, 2.0]
+gamma = {{ damping = 0.1 }}
+[[joints]]
+name = "two"
+parent = "first"
+child = "second"
+type = "revolute"
+limits = [-0.8, 0.8]
+placement = {{ xyz = [0.2, 0.0, 0.0], rpy = [1.2, 0.0, 0.0] }}
+gamma = {{ damping = 0.2, armature = 0.02, stops = {{ lower = -0.6, upper = 0.6, stiffness = 1e3, damping = 1.0 }} }}
+[[couplings]]
+name = "gear"
+of = "two.gamma"
+to = {{ "one.gamma" = -0.8 }}
+offset = 0.1
+"""
+FREE = '[control]\ntype = "none"\n[initial]\nequilibrium = false\n'
+
+
+@pytest.fixture(scope="module")
+def hand() -> Robot:
+    return robot_from_toml(HAND)
+
+
+@pytest.fixture(scope="module")
+def stopped(hand: Robot, unoptimised: None) -> SimulationResult:
+    """A motion in which the follower comes to its stop."""
+    text = f"duration = 0.3\n{FREE}q = {{ one = 0.4 }}\nv = {{ one = 3.0 }}\n"
+    return eomgen.run_scenario(hand, scenario_from_toml(text))
+
+
+def test_home_drives_and_limits_of_followers_are_those_of_their_leaders(hand: Robot) -> None:
+    model = build_model(hand)
+    assert model.coordinates == ("one.gamma",)
+    assert model.home == pytest.approx([(0.4 - 0.1) / -0.8])
+    assert model.driven == (0,)
+    assert eomgen.motion.principal_limits(hand, "one.gamma") == pytest.approx(((0.8 - 0.1) / -0.8, 0.9 / 0.8))
+    said = r"home\.two\.gamma: got 0\.4, but it follows 'one\.gamma'; allowed: 0\.1"
+    with pytest.raises(DescriptionError, match=said):
+        build_model(replace(hand, home={"one.gamma": 0.0, "two.gamma": 0.4}))
+    result = eomgen.simulate(hand, duration=0.05)
+    assert result.trajectory.coordinates == ("one.gamma",)
+    assert result.trajectory.q[0] == pytest.approx(model.home)
+
+
+def test_followers_come_to_their_stops_and_energy_balances(stopped: SimulationResult, tmp_path: Path) -> None:
+    found = stopped.trajectory.contacts
+    assert [(x.coordinate, x.kind, x.side, x.closes) for x in found[:1]] == [("two.gamma", "stop", -1, True)]
+    q = np.interp(found[0].t, stopped.trajectory.t, stopped.trajectory.q[:, 0])
+    assert 0.1 - 0.8 * q == pytest.approx(-0.6, abs=1e-3)
+    assert stopped.balance.relative_residue <= 1e-4
+    stopped.save(tmp_path / "result.npz")
+    assert eomgen.load_result(tmp_path / "result.npz").trajectory.contacts == found
+
+
+@pytest.mark.parametrize("said", ["q = { two = 0.1 }", 'q = { "two.gamma" = 0.1 }', "v = { two = 0.1 }"])
+def test_scenarios_that_name_followers_are_refused(said: str, hand: Robot) -> None:
+    scenario = scenario_from_toml(f"duration = 0.1\n{FREE}{said}\n")
+    refusal = r"two\.gamma follows 'one\.gamma' by the coupling gear and is no independent coordinate"
+    with pytest.raises(DescriptionError, match=refusal):
+        eomgen.run_scenario(hand, scenario)
+
+
+@pytest.mark.soak
+def test_results_that_have_followers_are_refused_by_name(hand: Robot, tmp_path: Path) -> None:
+    """As results were written when followers were coordinates."""
+    old = eomgen.run_scenario(hand.with_constraints(), scenario_from_toml(f"duration = 0.01\n{FREE}"))
+    replace(old, description=record_of(hand), robot_hash=robot_hash(hand)).save(tmp_path / "old.npz")
+    with pytest.raises(InputError, match=r"list of coordinates .* \('two\.gamma' follows others by couplings"):
+        eomgen.load_result(tmp_path / "old.npz")
+
+
+def test_deviations_that_follow_what_drives_move_are_refused() -> None:
+    """The rigid robot, which drives know, is held where a deviation is none; free motions need no drive."""
+    robot = eomgen.load_robot("one_link")
+    tied = replace(robot, couplings=(Coupling("tie", "joint1.x", {"joint1.gamma": 0.1}),))
+    assert build_model(tied).coordinates == ("joint1.gamma",)
+    said = r"one_link: without deviations, .* coupling 'tie' ties .*allowed: control\.type"
+    with pytest.raises(InputError, match=said):
+        eomgen.simulate(tied, duration=0.01)
+    found = eomgen.run_scenario(tied, scenario_from_toml(f"duration = 0.01\n{FREE}"))
+    assert found.trajectory.q.shape[1] == 1

@@ -1,9 +1,10 @@
-"""Scenarios against closed forms, SciPy, MuJoCo and Pinocchio."""
+"""Scenarios against closed forms, SciPy, MuJoCo and Pinocchio; wrenches and payloads."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,16 +14,21 @@ import eomgen
 from eomgen.description.load import robot_from_toml
 from eomgen.integration.solve import integrate
 from eomgen.motion.point_to_point import Harmonic
-from eomgen.robot.value import Coordinate, Joint, Link, Robot
+from eomgen.robot.value import Coordinate, Joint, Link, Placement, Robot
 from eomgen.scenario.load import load_scenario, scenario_from_toml
 from eomgen.scenario.value import Scenario
 from eomgen.simulation.balance import EnergyBalance
+from eomgen.simulation.loads import Wrenches, combined_body
+from eomgen.simulation.references import make_reference
 from eomgen.simulation.run import run_scenario, simulate
+from tests.oracles.mujoco_models import MujocoRobot
+from tests.support.optional import OptionalModule
 from tests.support.random_robots import Array, random_robot
 from tests.support.soak import soaked
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
+mujoco, pin = OptionalModule("mujoco"), OptionalModule("pinocchio")
 MASS, LENGTH, INERTIA = 2.0, 0.5, 0.1  # of the pendulum; about the axis:
 ABOUT_AXIS = INERTIA + MASS * LENGTH**2
 TIGHT = "[integrator]\nmethod = 'DOP853'\nrtol = 1e-11\n"
@@ -31,12 +37,8 @@ TIGHT = "[integrator]\nmethod = 'DOP853'\nrtol = 1e-11\n"
 def pendulum(gravity: float) -> Robot:
     """A link along X0 at q = 0 that turns about Z0; gravity along -Y0."""
     link = Link("rod", MASS, (LENGTH, 0.0, 0.0), (INERTIA, INERTIA, INERTIA, 0.0, 0.0, 0.0))
-    return Robot(
-        "pendulum",
-        (0.0, -gravity, 0.0),
-        (link,),
-        (Joint("hinge", "base", "rod", "revolute", coordinates={"gamma": Coordinate()}),),
-    )
+    hinge = Joint("hinge", "base", "rod", "revolute", coordinates={"gamma": Coordinate()})
+    return Robot("pendulum", (0.0, -gravity, 0.0), (link,), (hinge,))
 
 
 # Drives
@@ -55,7 +57,6 @@ def test_a_torque_table_turns_a_link_as_its_integral() -> None:
     angle = 0.2 * t + sum(k * np.maximum(t - at, 0.0) ** 3 / 6.0 for at, k in kinks) / ABOUT_AXIS
     assert np.abs(result.trajectory.q[:, 0] - angle).max() < 1e-10
     assert np.abs(result.trajectory.v[:, 0] - rate).max() < 1e-10
-    assert result.balance is not None
     work = 0.5 * ABOUT_AXIS * (rate**2 - 0.2**2)
     assert np.abs(result.balance.of("drives") - work).max() < 1e-10
 
@@ -170,8 +171,6 @@ def test_via_points_are_hit_smoothly(timing: str) -> None:
         [-0.3, -0.5, 0.0, 0.0, 0.0, 0.0],
     ]
     text = f"duration = 1.8\n[motion]\ntype = 'via'\npoints = {points}\n{timing}\n"
-    from eomgen.simulation.references import make_reference
-
     driven = [f"joint{i}.gamma" for i in range(1, 7)]
     program = make_reference(scenario_from_toml(text), robot, driven, lambda: eomgen.build(robot), "tcp", {})
     if "times" in timing:
@@ -213,11 +212,9 @@ def test_a_sampled_motion_is_followed(tmp_path: Path) -> None:
 def test_equilibrium_leaves_nothing_over(seed: int) -> None:
     """Springs, gravity and a wrench are in balance: no acceleration at t = 0 by Pinocchio's inverse dynamics."""
     robot = random_robot(seed, joints=(2, 2), forces=False)
-    stiff = {
-        joint.name: {name: replace(c, stiffness=300.0) for name, c in joint.coordinates.items()}
-        for joint in robot.joints
-    }
-    robot = replace(robot, joints=tuple(replace(j, coordinates=stiff[j.name]) for j in robot.joints))
+    stiff = ({name: replace(c, stiffness=300.0) for name, c in x.coordinates.items()} for x in robot.joints)
+    joints = (replace(x, coordinates=table) for x, table in zip(robot.joints, stiff, strict=True))
+    robot = replace(robot, joints=tuple(joints))
     link = robot.joints[-1].child
     text = (
         f"duration = 0.01\n[initial]\nequilibrium = true\n[[wrenches]]\nlink = '{link}'\nforce = [1.0, -2.0, 0.5]\n"
@@ -227,7 +224,6 @@ def test_equilibrium_leaves_nothing_over(seed: int) -> None:
     motion = result.trajectory
     kernel = eomgen.build(robot, kernels=("residual", "external_force"))
     zero = np.zeros(kernel.n)
-    assert result.wrench is not None
     assert np.abs(result.wrench[0]).max() > 0.1
     assert np.abs(kernel.residual(motion.q[0], zero, zero, zero, wrench=result.wrench[0])).max() < 1e-9
     assert np.abs(motion.q[0]).max() > 1e-4
@@ -238,9 +234,8 @@ def test_initial_states_are_as_given() -> None:
     text = "duration = 0.1\n[initial]\nq = { hinge.gamma = 0.7 }\nv = { hinge = -0.4 }\n"
     motion = run_scenario(pendulum(9.81), scenario_from_toml(text)).trajectory
     assert (motion.q[0, 0], motion.v[0, 0]) == (0.7, -0.4)
-    hanging = run_scenario(
-        pendulum(9.81), scenario_from_toml("duration = 0.1\n[initial]\nq = { hinge = -1.2 }\nequilibrium = true\n")
-    )
+    text = "duration = 0.1\n[initial]\nq = { hinge = -1.2 }\nequilibrium = true\n"
+    hanging = run_scenario(pendulum(9.81), scenario_from_toml(text))
     assert hanging.trajectory.q[0, 0] == pytest.approx(-np.pi / 2, abs=1e-12)
     assert not hanging.programmed
 
@@ -288,7 +283,6 @@ def test_prescribed_motions(tmp_path: Path) -> None:
     assert np.abs(found.trajectory.q - direct.q).max() < 1e-9
     assert np.abs(found.trajectory.u - direct.u).max() < 1e-6
     assert found.prescribed == ("rail.z",)
-    assert found.balance is not None
     assert found.balance.relative_residue < 1e-8
     assert abs(found.balance.of("prescribed")).max() > 0.1
     t = np.linspace(0.0, 1.0, 201)
@@ -318,7 +312,6 @@ def test_energy_balances_of_random_robots(seed: int) -> None:
         f"[[wrenches]]\nlink = '{link}'\nforce = [2.0, 1.0, 0.0]\nt1 = 0.2\n[integrator]\nrtol = 1e-9\n"
     )
     result = run_scenario(robot, scenario_from_toml(text))
-    assert result.balance is not None
     assert result.balance.relative_residue < 1e-5
     assert not any("balance" in note for note in result.notes)
 
@@ -331,7 +324,6 @@ def test_a_balance_that_does_not_close_is_said() -> None:
         "[integrator]\nmethod = 'rk4'\nstep = 0.02\n"
     )
     result = run_scenario(robot, scenario_from_toml(text))
-    assert result.balance is not None
     assert result.balance.relative_residue > 1e-3
     assert any("balance does not close" in note for note in result.notes)
 
@@ -357,7 +349,6 @@ def test_dampers_take_what_the_closed_form_says() -> None:
     q = 0.1 * decay * (np.cos(w * t) + np.sin(w * t) / w)
     v = -0.1 * decay * np.sin(w * t) * (w + 1 / w)
     lost = 0.5 * 800 * 0.1**2 - 0.5 * 800 * q**2 - 0.5 * 2 * v**2
-    assert result.balance is not None
     assert np.abs(result.balance.of("dissipated") - lost).max() < 1e-8
     assert (np.diff(result.balance.of("dissipated")) >= 0.0).all()
 
@@ -366,7 +357,6 @@ def test_built_in_scenarios_run() -> None:
     circle = run_scenario(eomgen.load_robot("puma560"), load_scenario("puma560_circle"))
     shaken = run_scenario(eomgen.load_robot("shaken_arm"), load_scenario("shaken_platform"))
     for result in (circle, shaken):
-        assert result.balance is not None
         assert result.balance.relative_residue < 1e-5
         assert 1e-5 < np.linalg.norm(result.tool_deviation, axis=1).max() < 1e-2
     assert isinstance(load_scenario("puma560_circle"), Scenario)
@@ -401,3 +391,113 @@ def test_equilibrium_on_a_platform_that_moves() -> None:
     assert motion.q[0, 0] == pytest.approx(0.1 * np.sin(1.0), rel=1e-14)
     assert motion.v[0, 0] == pytest.approx(0.4 * np.pi * np.cos(1.0), rel=1e-14)
     assert np.ptp(motion.q[:, 1]) > 1e-2
+
+
+# Wrenches and payloads
+
+
+def thick_robot(seed: int) -> Robot:
+    return random_robot(seed, joints=(3, 3), types=("revolute", "prismatic"), rigid=True, forces=False)
+
+
+@pytest.mark.parametrize("seed", [11, 12])
+def test_wrenches_over_time_against_mujoco(seed: int) -> None:
+    """xfrc_applied of MuJoCo, constant over its steps, is a table that holds."""
+    robot, step = thick_robot(seed), 2e-4
+    link = robot.joints[-1].child
+    rng = np.random.default_rng(seed)
+    rows = [[t, *rng.uniform(-3.0, 3.0, 6).tolist()] for t in (0.0, 0.06, 0.13)]
+    text = (
+        f"duration = 0.2\noutput_step = 0.02\n[[wrenches]]\nlink = '{link}'\nrows = {rows}\ninterpolation = 'hold'\n"
+        "t0 = 0.03\n" + TIGHT
+    )
+    result = run_scenario(robot, scenario_from_toml(text))
+    other = MujocoRobot(robot, step)
+    q = np.zeros(other.model.nv)
+    mujoco.mj_resetData(other.model, other.data)
+    other.set_state(q, q)
+    states = [q]
+    for i in range(1000):
+        t = i * step
+        row = rows[int(np.searchsorted([0.06, 0.13], t + 1e-9))]
+        other.data.xfrc_applied[other.model.body(link).id] = np.array(row[1:]) * (t > 0.03 - 1e-9)
+        mujoco.mj_step(other.model, other.data)
+        if (i + 1) % 100 == 0:
+            states.append(np.array(other.data.qpos))
+    assert np.abs(result.trajectory.q - states).max() < 1e-8 * max(1.0, np.abs(states).max())
+    assert not result.wrench[1].any()
+    assert np.array_equal(result.wrench[3, result.links.index(link)], rows[1][1:])
+
+
+@pytest.mark.parametrize("axes", ["base", "link"])
+def test_a_force_at_a_point_against_mujoco(axes: str) -> None:
+    robot = thick_robot(13)
+    link, rng = robot.joints[-1].child, np.random.default_rng(0)
+    force, moment, point = rng.uniform(-2, 2, (3, 3))
+    kernel, other = eomgen.build(robot, kernels=("external_force", "kinematics")), MujocoRobot(robot)
+    text = (
+        f"duration = 1.0\n[[wrenches]]\nlink = '{link}'\nforce = {force.tolist()}\nmoment = {moment.tolist()}\n"
+        f"point = {point.tolist()}\naxes = '{axes}'\n"
+    )
+    wrenches = Wrenches(scenario_from_toml(text), robot, kernel)
+    body = other.model.body(link).id
+    for _ in range(5):
+        q = rng.uniform(-1, 1, kernel.n)
+        other.set_state(q, np.zeros(kernel.n))
+        turn = other.data.xmat[body].reshape(3, 3)
+        R, place = (turn if axes == "link" else np.eye(3)), other.data.xpos[body] + turn @ point
+        found = np.zeros(kernel.n)
+        mujoco.mj_applyFT(other.model, other.data, R @ force, R @ moment, place, body, found)
+        assert np.abs(kernel.external_force(q, wrenches(0.0, q, q)) - found).max() < 1e-12 * max(1, np.abs(found).max())
+
+
+def carrying(robot: Robot, link: str, load: Link) -> Robot:
+    """The robot with the load as a further link, held by a fixed joint."""
+    place = Joint("grip", link, "load", "fixed", Placement())
+    return replace(robot, links=(*robot.links, replace(load, name="load")), joints=(*robot.joints, place))
+
+
+@pytest.mark.parametrize("t0", [0.0, 0.123])
+def test_a_payload_is_a_further_body(t0: float) -> None:
+    """From t0 on the motion is that of a robot which has the load as a link held by a fixed joint."""
+    robot = eomgen.load_robot("one_link")
+    load = Link("load", 0.7, (0.9, 0.05, 0.02), (0.01, 0.02, 0.015, 0.001, 0.0, -0.002))
+    xx, yy, zz, xy, _, yz = load.inertia
+    text = (
+        "duration = 0.4\noutput_step = 1e-2\n[initial]\nv = { joint1 = 1.5 }\n[[payloads]]\nlink = 'link1'\n"
+        f"mass = {load.mass}\npoint = {list(load.com)}\nt0 = {t0}\n"
+        f"inertia = {{ xx = {xx}, yy = {yy}, zz = {zz}, xy = {xy}, yz = {yz} }}\n" + TIGHT
+    )
+    result = run_scenario(robot, scenario_from_toml(text))
+    t = result.trajectory.t
+    heavy = eomgen.build(replace(carrying(robot, "link1", load), name="heavy"))
+    light = eomgen.build(robot)
+    options = {"method": "DOP853", "rtol": 1e-11}
+    q0, v0, before = np.zeros(2), np.array([0.0, 1.5]), np.zeros((0, 2))
+    if t0:
+        first = integrate(light, q0, v0, t0, times=np.append(t[t < t0], t0), **options)
+        q0, v0, before = first.q[-1], first.v[-1], first.q[:-1]
+    rest = integrate(heavy, q0, v0, 0.4, times=np.append([t0] if t0 else [], t[t >= t0]), **options)
+    expected = np.concatenate([before, rest.q[1:] if t0 else rest.q])
+    assert np.abs(result.trajectory.q - expected).max() < 1e-9
+    assert result.balance.relative_residue < 1e-7
+    brought = heavy.energy(q0, v0).sum() - light.energy(q0, v0).sum()
+    assert result.balance.of("payloads")[-1] == pytest.approx(brought if t0 else 0.0, abs=1e-9)
+
+
+def test_bodies_are_joined_as_pinocchio_adds_inertias() -> None:
+    rng = np.random.default_rng(4)
+
+    def body() -> tuple[Link, Any]:
+        found = pin.Inertia.Random()
+        m, c, i = found.mass, found.lever, found.inertia
+        return Link("l", m, tuple(c.tolist()), (i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[0, 2], i[1, 2])), found
+
+    for _ in range(5):
+        pin.seed(int(rng.integers(1000)))
+        (a, pin_a), (b, pin_b), (c, pin_c) = body(), body(), body()
+        found, expected = combined_body(a, [b, c]), pin_a + pin_b + pin_c
+        xx, yy, zz, xy, xz, yz = found.inertia
+        assert found.mass == pytest.approx(expected.mass)
+        assert np.allclose(found.com, expected.lever, atol=1e-13)
+        assert np.allclose([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]], expected.inertia, atol=1e-12)
