@@ -113,20 +113,20 @@ def test_relations_inside_a_joint() -> None:
     joint.prove_coaxial_swap()
 
 
-def text_now() -> str:
-    """The text of the module of the lemmas as it is imported now."""
-    name = "eomgen.codegen.joint.lemmas"
+def text_now(module: str = "joint.lemmas") -> str:
+    """The text of a module of the generator as it is imported now."""
+    name = f"eomgen.codegen.{module}"
     found: str = importlib.import_module(name).__loader__.get_source(name)
     return found
 
 
 @contextmanager
-def changed(old: str, new: str) -> Iterator[Any]:
-    """The module of the lemmas, which may be a mutant, with another piece of text."""
-    text = text_now()
+def changed(old: str, new: str, module: str = "joint.lemmas") -> Iterator[Any]:
+    """A module of proofs, which may be a mutant, with another piece of text."""
+    text = text_now(module)
     assert text.count(old) == 1, old
-    with mutated("joint.lemmas", text.replace(old, new)):
-        yield importlib.import_module("eomgen.codegen.joint.lemmas")
+    with mutated(module, text.replace(old, new)):
+        yield importlib.import_module(f"eomgen.codegen.{module}")
 
 
 WRONG = [  # a piece of text, what it is replaced by, and the proof that must fail then, with its arguments

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
-from collections.abc import Iterator
-from contextlib import contextmanager
 from itertools import product
 from typing import Any
 
@@ -14,20 +11,10 @@ import sympy as sp
 
 from eomgen.codegen.joint import modal_lemmas as modal
 from eomgen.errors import InternalError
-from tests.support.mutant import mutated, source_of
-
-NAME = "joint.modal_lemmas"
+from tests.codegen.joint.test_joint import changed
 
 
-@contextmanager
-def changed(old: str, new: str) -> Iterator[Any]:
-    """The module of the proofs with another piece of text."""
-    text = source_of(NAME)
-    assert text.count(old) == 1, old
-    with mutated(NAME, text.replace(old, new)):
-        yield importlib.import_module(f"eomgen.codegen.{NAME}")
-
-
+@pytest.mark.soak
 def test_what_the_proofs_say() -> None:
     assert list(modal.proofs()) == [
         "T = 1/2 tr(A' H A'^T) + e'_k tr(A' G_k A^T) + 1/2 m_kl e'_k e'_l",
@@ -73,7 +60,7 @@ WRONG = [  # a piece of text, what it is replaced by, and the proof that must fa
 @pytest.mark.soak
 @pytest.mark.parametrize(("old", "new", "proof"), WRONG)
 def test_every_proof_fails_where_its_claim_is_wrong(old: str, new: str, proof: str) -> None:
-    with changed(old, new) as other, pytest.raises(InternalError, match="the proof failed"):
+    with changed(old, new, "joint.modal_lemmas") as other, pytest.raises(InternalError, match="the proof failed"):
         getattr(other, proof)()
 
 
