@@ -18,8 +18,9 @@ import eomgen
 from eomgen.errors import InputError
 from eomgen.robot.model import build_model
 from eomgen.robot.value import COORDINATES
+from tests.support.bristled import bristled_arm
 from tests.support.mutant import full_name, source_of
-from tests.support.mutation_cases import Case, cases, small_cases
+from tests.support.mutation_cases import Case, cases, flexible_cases, small_cases
 from tests.support.random_robots import Array
 
 Check = Callable[[], None]
@@ -161,6 +162,8 @@ def check_closed_form() -> None:
     tests.test_symbols_for_every_parameter()
     tests.test_names_of_symbols()
     tests.test_angles_of_a_placement_as_symbols()
+    check_closed_form_of_flexible_links()
+    check_closed_form_with_states()
     (springs,) = (case.model for case in cases() if case.name == "springs")
     with pytest.raises(InputError, match="springs between points"):
         codegen("closed_form.trace").closed_form(springs)
@@ -182,6 +185,32 @@ def check_closed_form_of(case: Case) -> None:
     energy = np.array([unloaded["kinetic"], unloaded["potential"]])
     close(energy, case.expected["energy"], CLOSE, f"{case.name}: energy")
     assert np.shape(unloaded["christoffel"]) == (case.model.size,) * 3
+
+
+def check_closed_form_of_flexible_links() -> None:
+    """Two robots with one flexible link each, against Lagrange's equations of its particles."""
+    for model, s, expected in flexible_cases():
+        found = codegen("closed_form.trace").closed_form(model).function(*expected)(s.q, s.v, s.a, s.u)
+        for name, value in zip(expected, found, strict=True):
+            close(np.asarray(value, float), np.asarray(expected[name]), CLOSE, f"{model.name}: {name}")
+
+
+def check_closed_form_with_states() -> None:
+    """Forces, rates of states and energies of laws with states, against interpreted kernels."""
+    model = build_model(bristled_arm())
+    rng = np.random.default_rng(3)
+    inputs = {name: 0.3 * rng.normal(size=4) for name in "qvau"} | {"z": 1e-4 * rng.normal(size=2)}
+    inputs["p"] = np.array([*model.parameters.values()])
+    form = codegen("closed_form.trace").closed_form(model)
+    assert [str(z) for z in form.z] == ["z_gamma_1", "z_beta_2"]
+    residual, rates, *energy = form.function("residual", "rates", "kinetic", "potential")(
+        *(inputs[name] for name in "qvau"), z=inputs["z"]
+    )
+    whole = {name: np.concatenate([inputs[name], inputs["z"] if name == "v" else np.zeros(2)]) for name in "qvau"}
+    known = (("residual", residual, slice(4)), ("forward_dynamics", rates, slice(4, 6)), ("energy", energy, slice(2)))
+    for kernel, found, part in known:
+        expected, _ = run(codegen("kernels.equations").derive(model, kernel), inputs | whole)
+        close(np.array(found, float), expected[part], CLOSE, f"states of laws: {kernel}")
 
 
 def check_parameters() -> None:

@@ -15,6 +15,7 @@ from eomgen.robot.value import ANGULAR, COORDINATES, LINEAR, Coordinate, Link, P
 from tests.oracles.force_laws import random_coordinate, resistance, with_laws
 from tests.oracles.pinocchio_models import PinocchioOracle
 from tests.oracles.springs import SpringOracle, pulled, stored
+from tests.support.bending_robots import bent
 from tests.support.random_motors import MotorOracle, geared_robot, motor_state, without_motors
 from tests.support.random_robots import Array, State, random_robot, some_prescribed, with_offsets
 from tests.support.random_springs import with_springs
@@ -214,6 +215,20 @@ def small_cases() -> tuple[Case, ...]:
     for k, (name, make) in enumerate(SMALL.items()):
         robot = next(r for r in map(make, range(200 + k, 400)) if 2 <= build_model(r).size <= 4)
         found.append(Oracle(robot).case(name, motor_state(robot, k)))
+    return tuple(found)
+
+
+@cache
+def flexible_cases() -> tuple[tuple[Model, State, dict[str, Array]], ...]:
+    """Robots of one joint whose link bends, a state of each, and what Lagrange's equations of particles say."""
+    found = []
+    for seed in (2, 11):
+        bending = bent(random_robot(seed, (1, 1), 1, max_size=3), seed, (1, 1))
+        s, oracle = bending.state(seed), bending.oracle()
+        expected = {"mass_matrix": oracle.mass_matrix(s.q), "bias": oracle.bias_force(s.q, s.v)}
+        expected |= {"residual": oracle.residual(s.q, s.v, s.a, s.u), "christoffel": oracle.christoffel(s.q)}
+        expected |= dict(zip(("kinetic", "potential"), oracle.energy(s.q, s.v), strict=True))
+        found.append((build_model(bending.robot), s, expected))
     return tuple(found)
 
 
