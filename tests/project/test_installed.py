@@ -8,13 +8,13 @@ import subprocess
 import sys
 import tarfile
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 
 from eomgen.cli import entry as cli
 from release.pythons import PYTHONS, interpreter
-from tests.support.archives import build_archives
 from tests.support.soak import WHOLE
 
 NEEDED = ("pytest>=7.4", "pytest-xdist>=3.3", "hypothesis>=6.90", "pin>=3.0", "mujoco>=3.0", "example-robot-data>=4.1")
@@ -37,12 +37,7 @@ SIMULATE = ("simulate", "one_link", "--method", "rk4")
 WHERE = "import eomgen, eomgen.codegen as c, eomgen.templates as t; print(eomgen.__file__, c.__file__, t.__file__)"
 
 
-@pytest.fixture(scope="module")
-def archives(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    return build_archives(tmp_path_factory.mktemp("tree") / "eomgen", tmp_path_factory.mktemp("dist"))
-
-
-def command(words: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
+def command(words: Sequence[str], folder: Path) -> subprocess.CompletedProcess[str]:
     """Run in a folder, without what would lead to the tree of these tests."""
     clean = {key: value for key, value in os.environ.items() if not key.startswith(("PYTEST", "PYTHON", "EOMGEN"))}
     return subprocess.run(words, cwd=folder, env=clean, capture_output=True, text=True, check=False)

@@ -18,7 +18,7 @@ import pytest
 
 import eomgen
 from release.pythons import PYTHONS
-from tests.support.archives import ROOT, build_archives
+from tests.support.archives import ROOT
 
 PLACES = {
     "src/eomgen": "eomgen",
@@ -26,11 +26,6 @@ PLACES = {
     "templates": "eomgen/templates",
 }  # in the tree, in the wheel
 SHIPPED = (".py", ".c", ".h", ".csv", ".toml", ".json", ".jinja", ".typed", ".mjs", ".js", ".css", ".txt")
-
-
-@pytest.fixture(scope="module")
-def archives(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    return build_archives(tmp_path_factory.mktemp("tree") / "eomgen", tmp_path_factory.mktemp("dist"))
 
 
 @pytest.fixture(scope="module")
