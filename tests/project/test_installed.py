@@ -1,37 +1,28 @@
-"""What an index would give out: installed into an empty environment of each Python, it passes the tests from there."""
+"""The wheel in fresh environments: with each Python, with the oldest dependencies, without extras."""
 
 from __future__ import annotations
 
 import os
+import random
 import re
 import subprocess
 import sys
 import tarfile
-import time
-from collections.abc import Sequence
+import tomllib
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
 
 from eomgen.cli import entry as cli
 from release.pythons import PYTHONS, interpreter
+from tests.support.archives import ROOT
+from tests.support.optional import needs
 from tests.support.soak import WHOLE
 
-NEEDED = ("pytest>=7.4", "pytest-xdist>=3.3", "hypothesis>=6.90", "pin>=3.0", "mujoco>=3.0", "example-robot-data>=4.1")
-CORE = (
-    *(
-        "cli",
-        "description/test_description.py",
-        "codegen/kernels/test_kernels.py",
-        "codegen/kernels/test_against_pinocchio.py",
-    ),
-    *("pipeline/test_cache.py", "runtime/test_arrays.py", "runtime/test_parameters.py"),
-)
-BROAD = (
-    *(*CORE, "codegen/joint/test_errata.py", "codegen/tree/test_reactions.py", "loops/test_loops.py"),
-    *("runtime/test_batches.py", "runtime/test_rollout.py", "simulation/test_result.py", "simulation/test_simulate.py"),
-)
-TESTS = Path(__file__).parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+QUICK = ("-m", "pytest", "-q", "-m", "quick", "-n", "0", "-p", "no:cacheprovider")
 EXTRA_MODULES = ("scipy", "matplotlib")
 SIMULATE = ("simulate", "one_link", "--method", "rk4")
 WHERE = "import eomgen, eomgen.codegen as c, eomgen.templates as t; print(eomgen.__file__, c.__file__, t.__file__)"
@@ -43,37 +34,56 @@ def command(words: Sequence[str], folder: Path) -> subprocess.CompletedProcess[s
     return subprocess.run(words, cwd=folder, env=clean, capture_output=True, text=True, check=False)
 
 
-@pytest.mark.parametrize("name", BROAD)
-def test_the_tests_to_be_passed_are_there(name: str) -> None:
-    assert (TESTS / name).exists()
+@pytest.mark.soak
+@pytest.mark.parametrize("version", PYTHONS if WHOLE else PYTHONS[1:2])
+def test_the_quick_tests_pass(version: str, archives: tuple[Path, Path], tmp_path: Path) -> None:
+    quick_tests(version, [f"{archives[1]}[test]"], archives, tmp_path)
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("wanted", PYTHONS if WHOLE else PYTHONS[1:2])
-def test_the_installed_package_passes_the_tests(wanted: str, archives: tuple[Path, Path], tmp_path: Path) -> None:
-    python = interpreter(wanted)
+def test_the_quick_tests_pass_with_the_oldest_dependencies(archives: tuple[Path, Path], tmp_path: Path) -> None:
+    pins = list(oldest([*PROJECT["dependencies"], f"{PROJECT['name']}[test]"]))
+    quick_tests(PYTHONS[0], [*pins, f"{archives[1]}"], archives, tmp_path)
+
+
+def oldest(requirements: Iterable[str]) -> Iterator[str]:
+    """The same requirements with their lower bounds as versions; an extra of the package itself is what it requires."""
+    for requirement in map(Requirement, requirements):
+        if requirement.name == PROJECT["name"]:
+            for extra in requirement.extras:
+                yield from oldest(PROJECT["optional-dependencies"][extra])
+        elif requirement.marker is None or requirement.marker.evaluate():
+            (bound,) = (found.version for found in requirement.specifier if found.operator == ">=")
+            yield f"{requirement.name}=={bound}"
+
+
+def quick_tests(version: str, packages: list[str], archives: tuple[Path, Path], folder: Path) -> None:
+    """Install packages for a Python, and run the quick tests of the source distribution there."""
+    python, here = interpreter(version), str(folder / "venv" / "bin" / "python")
     if python is None:
-        pytest.skip(f"there is no Python {wanted} here")
-    began = time.perf_counter()
-    subprocess.run([python, "-m", "venv", tmp_path / "venv"], check=True, capture_output=True)
-    other = str(tmp_path / "venv" / "bin" / "python")
-    install = [other, "-m", "pip", "install", "-q", "--disable-pip-version-check"]
-    oracles = command([*install, "--only-binary", ":all:", *NEEDED], tmp_path)
-    if oracles.returncode != 0:
-        pytest.skip(f"packages cannot be installed for Python {wanted}: {oracles.stderr.strip().splitlines()[-1]}")
-    done = command([*install, f"{archives[1]}[sim]"], tmp_path)
-    assert done.returncode == 0, done.stderr[-3000:]
+        pytest.skip(f"Python {version} is not installed")
+    pip = (here, "-m", "pip", "install", "-q", "--disable-pip-version-check", "--only-binary", ":all:")
+    for words in ((python, "-m", "venv", "venv"), (*pip, *packages)):
+        done = command(words, folder)
+        assert done.returncode == 0, done.stderr[-3000:]
     with tarfile.open(archives[0]) as archive:
-        archive.extractall(tmp_path / "source", filter="data")
-    (tree,) = (tmp_path / "source").iterdir()
-    where = command([other, "-c", WHERE], tree).stdout.split()
+        archive.extractall(folder / "source", filter="data")
+    (tree,) = (folder / "source").iterdir()
+    where = command((here, "-c", WHERE), tree).stdout.split()
     assert len(where) == 3
-    assert all(place.startswith(str(tmp_path / "venv")) for place in where), where
-    here = sys.version_info[:2] == tuple(map(int, wanted.split(".")))
-    files = [f"tests/{name}" for name in (BROAD if here else CORE)]
-    found = command([other, "-m", "pytest", "-q", "-n", "0", "-p", "no:cacheprovider", *files], tree)
-    assert found.returncode == 0, found.stdout[-6000:] + found.stderr[-2000:]
-    print(f"Python {wanted}: {found.stdout.strip().splitlines()[-1]}, {time.perf_counter() - began:.0f} s in all")
+    assert all(place.startswith(str(folder / "venv")) for place in where), where
+    done = command((here, *QUICK), tree)
+    assert done.returncode == 0, done.stdout[-6000:] + done.stderr[-2000:]
+    print(f"Python {version}, {', '.join(packages)}: {done.stdout.strip().splitlines()[-1]}")
+
+
+@pytest.mark.soak
+def test_the_quick_tests_pass_in_random_order() -> None:
+    needs("pytest_randomly")
+    seed = random.SystemRandom().randrange(1_000_000)
+    print(f"pytest -m quick -p randomly --randomly-seed={seed}")
+    done = command((sys.executable, *QUICK, "-p", "randomly", f"--randomly-seed={seed}"), ROOT)
+    assert done.returncode == 0, (seed, done.stdout[-6000:] + done.stderr[-2000:])
 
 
 def test_without_extras_a_simulation_is_whole_but_for_its_plots(
