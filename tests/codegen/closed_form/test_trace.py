@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -21,13 +22,13 @@ from sympy.physics.mechanics import (
 )
 
 from eomgen.codegen.closed_form.trace import closed_form
-from eomgen.codegen.kernels.equations import derive
-from eomgen.codegen.program.ir import evaluate
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
 from tests.oracles.lagrange import LagrangeOracle
 from tests.oracles.paper_example import equal, gravity, length, m, one_link, stiffness
+from tests.support.programs import answer
 from tests.support.random_robots import random_robot, random_state, seeds
+from tests.support.soak import soaked
 
 Array = NDArray[np.float64]
 TOLERANCE = 1e-11  # relative, max-norm
@@ -103,44 +104,6 @@ def compare(robot: Robot, seed: int, external_forces: bool = False, states: int 
         assert kinetic == pytest.approx(s.v @ M @ s.v / 2, rel=1e-12)
 
 
-@pytest.mark.parametrize("seed", [*seeds(0, 1, 3), *seeds(3, 0, 7)])
-def test_random_robots_against_lagranges_method(seed: int) -> None:
-    compare(random_robot(seed, max_size=3), seed)
-
-
-@pytest.mark.soak
-@pytest.mark.parametrize("seed", [104, pytest.param(101, marks=pytest.mark.soak)])
-def test_random_robots_with_four_coordinates(seed: int) -> None:
-    compare(random_robot(seed, joints=(1, 2), max_size=4), seed)
-
-
-@pytest.mark.soak
-def test_one_joint_with_all_six_coordinates() -> None:
-    compare(random_robot(4, joints=(1, 1), types=("free",)), 4)
-
-
-def test_tree_against_lagranges_method() -> None:
-    robot = random_robot(12, joints=(3, 3), max_size=3, tree=True)
-    assert len({joint.parent for joint in robot.joints}) < len(robot.joints)
-    compare(robot, 12)
-
-
-@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.soak) for seed in (4, 6))])
-def test_external_forces_of_eq_14(seed: int) -> None:
-    """Forces at the centres of mass and moments on the links, for all kinds of coordinates."""
-    compare(random_robot(seed, max_size=3), seed, external_forces=True, states=2)
-
-
-@pytest.mark.soak
-def test_external_forces_on_every_rotation_of_one_joint() -> None:
-    robot = next(
-        robot
-        for robot in (random_robot(seed, joints=(1, 1), max_size=4) for seed in range(1000))
-        if set(robot.joints[0].coordinates) >= {"alpha", "beta", "gamma"}
-    )
-    compare(robot, 1, external_forces=True, states=2)
-
-
 def test_christoffel_symbols_of_the_first_kind() -> None:
     """C_s,vw of eq. (12) equals 1/2 (dM_sv/dw + dM_sw/dv - dM_vw/ds)."""
     robot = random_robot(21, joints=(2, 2), max_size=4)
@@ -176,16 +139,12 @@ def _numbers(row: Sequence[Any], values: dict[Any, Any]) -> Array:
 def test_recursion_equals_closed_form(seed: int) -> None:
     """The generator's programs, evaluated on floats: another derivation of the same terms."""
     robot = random_robot(seed, max_size=4, tree=seed % 3 == 0)
-    model, s = build_model(robot), random_state(robot, seed)
-    inputs: dict[str, Any] = {"q": s.q, "v": s.v, "a": s.a, "u": s.u, "p": list(model.parameters.values())}
-    fields = {"residual": "residual", "mass_matrix": "mass_matrix", "bias_force": "bias", "christoffel": "christoffel"}
-    expected = closed_form(model).function(*fields.values())(s.q, s.v, s.a, s.u)
+    s, fields = random_state(robot, seed), ("residual", "mass_matrix", "bias", "christoffel")
+    expected = closed_form(build_model(robot)).function(*fields)(s.q, s.v, s.a, s.u)
     scale = max(np.abs(expected[0]).max(), np.abs(expected[1] @ s.a).max())
-    for kernel, terms in zip(fields, expected, strict=True):
-        found = np.zeros(terms.size)
-        for (_, index), number in evaluate(derive(model, kernel), inputs).items():
-            found[index] = number
-        size = np.abs(terms).max() if kernel == "mass_matrix" else scale
+    for field, terms in zip(fields, expected, strict=True):
+        found = answer(robot, "bias_force" if field == "bias" else field, s)
+        size = np.abs(terms).max() if field == "mass_matrix" else scale
         assert np.abs(found - terms.ravel()).max() <= TOLERANCE * size
 
 
@@ -214,3 +173,35 @@ def test_angles_of_a_placement_as_symbols() -> None:
     at = dict(zip([*form.q, *form.v, *form.a, *form.u], [*s.q, *s.v, *s.a, *s.u], strict=True))
     found = _numbers(form.residual, {symbol: numbers[name] for name, symbol in form.parameters.items()} | at)
     assert relative_error(found, closed_form(build_model(robot)).function("residual")(s.q, s.v, s.a, s.u)) < 1e-12
+
+
+def turning_joint() -> Robot:
+    """A robot of one joint that turns about all axes."""
+    robots = (random_robot(seed, joints=(1, 1), max_size=4) for seed in range(1000))
+    return next(robot for robot in robots if set(robot.joints[0].coordinates) >= {"alpha", "beta", "gamma"})
+
+
+COMPARED: dict[str, Callable[[], Robot]] = {
+    "0": lambda: random_robot(0, max_size=3),
+    "tree": lambda: random_robot(12, joints=(3, 3), max_size=3, tree=True),
+    **{str(seed): partial(random_robot, seed, max_size=3) for seed in range(1, 10)},
+    **{f"four coordinates, {seed}": partial(random_robot, seed, joints=(1, 2), max_size=4) for seed in (101, 104)},
+    "free": lambda: random_robot(4, joints=(1, 1), types=("free",)),
+}
+
+
+PUSHED: dict[str, Callable[[], Robot]] = {
+    **{str(seed): partial(random_robot, seed, max_size=3) for seed in (0, 4, 6)},
+    "every rotation": turning_joint,
+}
+
+
+@pytest.mark.parametrize("name", soaked(COMPARED, ["0", "tree"]))
+def test_robots_against_lagranges_method(name: str) -> None:
+    compare(COMPARED[name](), 12)
+
+
+@pytest.mark.parametrize("name", soaked(PUSHED, ["0"]))
+def test_external_forces_of_eq_14(name: str) -> None:
+    """Forces at the centres of mass and moments on the links, for all kinds of coordinates."""
+    compare(PUSHED[name](), 1, external_forces=True, states=2)
