@@ -17,7 +17,8 @@ from .functions import Function, mutated_text
 from .runner import Clock
 from .workers import CACHE, Run, Worker
 
-FIRST = 15.0  # s of tests in the first process of a mutant
+FIRST = 10.0  # s of tests in the first process of a mutant
+IMPORT = 0.7  # s to import a module of tests
 SPARE = 60.0  # s of processor time beyond the budget, after which a process is endless
 
 
@@ -120,15 +121,18 @@ class Packages:
 
 def parts(ranked: Sequence[tuple[str, float]], budget: float) -> Iterator[list[str]]:
     """Yield tests for one process after another, up to a time in all; those of one module follow each other."""
-    spent, part = 0.0, list[str]()
+    spent, part, modules = 0.0, list[str](), set[str]()
     for test, seconds in ranked:
-        if spent <= FIRST < spent + seconds and part:
+        module = test.partition("::")[0]
+        cost = seconds + IMPORT * (module not in modules)
+        if spent <= FIRST < spent + cost and part:
             yield by_module(part)
-            part = []
-        spent += seconds
+            part, modules = [], set()
+        spent += cost
         if spent > budget and part:
             break
         part.append(test)
+        modules.add(module)
     if part:
         yield by_module(part)
 

@@ -164,7 +164,6 @@ class Worker:
 def _limit(seconds: float) -> None:
     resource.setrlimit(resource.RLIMIT_CPU, (int(seconds), int(seconds) + 5))
     resource.setrlimit(resource.RLIMIT_DATA, (MEMORY, MEMORY))
-    os.nice(5)
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:

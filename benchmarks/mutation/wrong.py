@@ -16,7 +16,6 @@ from typing import Any
 KINDS = ("sign", "factor", "part", "zero")  # tried from the one that is asked for, in this order
 PROCEDURE, CONTROL = "procedure", "control"  # the body is not run; nothing is changed
 UNCHANGED = object()
-ORDINARY = (bool, int, float, complex, str)
 
 
 def wrong(kind: str, pick: int = 0, log: str = "") -> Callable[[Callable[..., Any]], Callable[..., Any]]:
@@ -179,11 +178,10 @@ def _altered_object(value: Any, kind: str, pick: int, depth: int) -> Any:
 def _first_changed(value: Any, keys: Any, get: Callable[[Any], Any], kind: str, pick: int, depth: int) -> Any:
     keys = list(keys)
     at = pick % len(keys)
-    for ordinary in (True, False):  # numbers and texts before what they are the names and details of
+    for texts in (False, True):  # names and messages last
         for key in [*keys[at:], *keys[:at]]:
-            old = get(key)
-            if isinstance(old, ORDINARY) or hasattr(old, "dtype") or not ordinary:
-                new = altered(old, kind, pick, depth + 1)
+            if isinstance(get(key), str) == texts:
+                new = altered(get(key), kind, pick, depth + 1)
                 if new is not UNCHANGED:
                     return key, new
     raise LookupError(value)

@@ -274,7 +274,7 @@ def test_contexts_of_processes_say_which_tests_execute_a_function(tmp_path: Path
 
 
 def test_tests_of_a_mutant_are_shared_out_up_to_a_time() -> None:
-    ranked = [("b.py::x", 1.0), ("a.py::x", 2.0), ("b.py::y", FIRST - 4.0), ("c.py::x", 10.0), ("d.py::x", 100.0)]
+    ranked = [("b.py::x", 1.0), ("a.py::x", 2.0), ("b.py::y", FIRST - 5.0), ("c.py::x", 10.0), ("d.py::x", 100.0)]
     assert list(parts(ranked, 40.0)) == [["b.py::x", "b.py::y", "a.py::x"], ["c.py::x"]]
     assert list(parts(ranked[-1:], 40.0)) == [["d.py::x"]]
     assert list(parts([], 40.0)) == []
