@@ -31,7 +31,7 @@ unexport PYTHONDONTWRITEBYTECODE  # compiling eomgen is half of the time of a pr
 
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 PYTEST := MAKEFLAGS= $(BIN)/python -m pytest -n auto --dist worksteal
-COVERAGE_TESTS := -m quick
+COVERAGE_TESTS := -m "quick and not soak"
 # What the extra "wheel" lists, without eomgen and what it needs to run.
 WHEEL_TOOLS := $(shell sed -n 's/^wheel = \[\(.*\)\]$$/\1/p' pyproject.toml | tr ',' ' ')
 
@@ -46,7 +46,7 @@ demo: $(VENV)/.sim
 	$(BIN)/eomgen simulate puma560_elastic -o out/demo
 
 test: $(VENV)/.test
-	$(PYTEST) -m quick
+	$(PYTEST) -m "quick and not soak"
 
 test-all: lint
 	$(PYTEST)

@@ -11,7 +11,7 @@ PACKAGES = {  # name as people write it: what pip installs it by, and the extra 
     "SciPy": ("scipy", "sim"),
     "Matplotlib": ("matplotlib", "sim"),
     "scikit-sundae": ("scikit-sundae", "sim"),
-    "Zarr (Python 3.11 or later)": ("zarr", "sweep"),
+    "Zarr": ("zarr", "sweep"),
     "Dask": ("dask[distributed]", "sweep"),
     "pyarrow": ("pyarrow", "sweep"),
     "pandas": ("pandas", "tables"),

@@ -20,6 +20,8 @@ from tests.support.extreme_numbers import Case, written
 from tests.support.measured_poses import chain, trial
 from tests.support.soak import soaked
 
+pytestmark = pytest.mark.quick
+
 KINDS = ("forces", "fit", "identify", "accuracy", "calibrate", "covariance", "tolerance")
 FEW = {"forces": 8, "fit": 8, "identify": 4, "accuracy": 10, "calibrate": 3, "covariance": 3, "tolerance": 10}
 

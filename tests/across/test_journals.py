@@ -27,7 +27,7 @@ from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.result import load_result
 from tests.support.builds import Build
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
+pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
 
 ROOT = Path(__file__).parents[2]
 SHAFT = """

@@ -32,7 +32,7 @@ from tests.support.random_robots import random_robot, random_state, seeds
 from tests.support.random_springs import sprung, with_springs
 from tests.support.soak import soaked
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
+pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
 
 
 @pytest.mark.soak

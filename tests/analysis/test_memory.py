@@ -24,7 +24,11 @@ from tests.support.builds import Build
 from tests.support.random_robots import Array
 from tests.support.soak import soaked
 
-pytestmark = [pytest.mark.usefixtures("unoptimised"), pytest.mark.filterwarnings("ignore::eomgen.errors.EomgenWarning")]
+pytestmark = [
+    pytest.mark.quick,
+    pytest.mark.usefixtures("unoptimised"),
+    pytest.mark.filterwarnings("ignore::eomgen.errors.EomgenWarning"),
+]
 
 STATE = "j1.gamma.friction.z"
 POSE = {"j1": 0.3, "j2": 0.4}

@@ -19,7 +19,7 @@ from eomgen.pictures import report_of
 from eomgen.robot.value import AXES, Robot
 from tests.support.commands import command, facts
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
+pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
 
 LENGTH, GRAVITY = 1.5, 9.81
 BOOM = """

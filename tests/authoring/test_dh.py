@@ -20,6 +20,8 @@ from tests.support import makers
 from tests.support.commands import command, refused
 from tests.support.description_samples import homogeneous, link_poses
 
+pytestmark = pytest.mark.quick
+
 TYPES = ("revolute", "prismatic")
 
 

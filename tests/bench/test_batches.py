@@ -12,6 +12,8 @@ from eomgen.bench.clock import Stopwatch
 from eomgen.codegen.program.ir import Graph, finish
 from tests.support.soak import soaked
 
+pytestmark = pytest.mark.quick
+
 
 def test_a_table() -> None:
     rows = Rows(("SSE2", "AVX2"), (("tiny", "mass_matrix", (1.234, None)),))

@@ -19,6 +19,8 @@ from eomgen.bending.reduction import reduce
 from eomgen.errors import InputError
 from tests.support.finite_elements import bar, beam
 
+pytestmark = pytest.mark.quick
+
 SMALL = {"counts": (3, 1, 1), "count": 2}
 
 

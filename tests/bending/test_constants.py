@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 
 from eomgen.bending.constants import body_of, constants_of_masses, modal_damping
 
+pytestmark = pytest.mark.quick
+
 Array = NDArray[np.float64]
 
 

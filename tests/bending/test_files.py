@@ -20,6 +20,8 @@ from eomgen.errors import InputError
 from eomgen.robot.value import BeamModes, LinkBeam
 from tests.support.beam_elements import Plane
 
+pytestmark = pytest.mark.quick
+
 Arrays = dict[str, NDArray[Any]]
 BOOM = LinkBeam(1.3, 7e10, 2.6e10, 4e-4, 2e-8, 5e-8, 3e-8, (0.85, 0.8), 2700.0, BeamModes(2, 1, 1, 1))
 PLANE = Plane(3.5e3, 8.84e6, 1.08, 1.35e-4, 1.3)

@@ -17,6 +17,8 @@ from eomgen.errors import InputError
 from tests.support import element_texts
 from tests.support.finite_elements import bar, beam
 
+pytestmark = pytest.mark.quick
+
 SMALL = {"counts": (3, 1, 1)}
 BY_PLANES = LinkSets("x=0", rigid={"tip": "x=1@1,0,0"})
 

@@ -16,6 +16,8 @@ from eomgen.bending.mass_integrals import EXACT, MEAN, REDUCED, integrals
 from eomgen.bending.reduction import reduce
 from tests.support.finite_elements import bar, beam, free_rows, stress_of_bar
 
+pytestmark = pytest.mark.quick
+
 TIP = np.array([1.0, 0.0, 0.0])
 
 

@@ -28,6 +28,8 @@ from tests.support.description_samples import link_poses
 from tests.support.figures import Figures
 from tests.support.random_robots import Array, random_robot, seeds
 
+pytestmark = pytest.mark.quick
+
 ARM = """
 name = "crane"
 gravity = [0.0, -9.81, 0.0]

@@ -14,6 +14,8 @@ from eomgen.robot.value import AXES, Link, Node
 from eomgen.robot.value.link_beam import BeamModes, LinkBeam
 from tests.support.bending_links import nested
 
+pytestmark = pytest.mark.quick
+
 BOOM = LinkBeam(1.3, 7e10, 2.6e10, 4e-4, 2e-8, 5e-8, 3e-8, (0.85, 0.8), 2700.0, BeamModes(5, 4, 3, 2))
 STUBBY = replace(BOOM, length=0.05)  # shears more than it bends
 

@@ -17,7 +17,7 @@ from tests.results.test_kept_results import KEPT
 from tests.support.commands import run
 from tests.support.sliders import SLIDER, STIFF
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
+pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
 
 SIMULATE = ("simulate", "one_link", "--duration", "0.1")
 REMOVED, NAMED = "note: removed of the older result: ", "note: older than the result beside, maybe of another one: "

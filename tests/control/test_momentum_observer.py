@@ -26,7 +26,7 @@ from tests.support.optional import needs
 from tests.support.random_motors import geared_robot, motor_state
 from tests.support.random_robots import Array, random_robot, random_state
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
+pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
 
 KERNELS = ("generalized_momentum", "generalized_force", "forward_dynamics", "external_force")
 GAIN, DT = 50.0, 1e-3

@@ -28,6 +28,8 @@ from tests.support.fuzzing import check_message
 from tests.support.random_motors import geared_robot, motor_state
 from tests.support.random_robots import Array, random_robot, random_state, seeds
 
+pytestmark = pytest.mark.quick
+
 HYSTERETIC = """
 name = "arm"
 gravity = [0.0, 0.0, -9.81]

@@ -32,6 +32,7 @@ from eomgen.scenario import scenario_from_toml
 from eomgen.simulation.result import simulated_robot
 from eomgen.sweep.driver import run
 from tests.support.quick_builds import ONE_LEVEL
+from tests.support.refusals import refused
 
 Call = Callable[[Any], object]
 
@@ -76,14 +77,12 @@ OF_A_RESULT: dict[str, Call] = {
 
 @pytest.mark.parametrize("call", (CALLS | OF_A_RESULT).values(), ids=[*CALLS, *OF_A_RESULT])
 def test_a_value_that_is_no_robot_is_refused_by_its_type(call: Call) -> None:
-    with pytest.raises(eomgen.InputError, match=r"robot: got a value of type complex; allowed: a Robot .*one_link"):
-        call(3j)
+    refused(eomgen.InputError, r"robot: got a value of type complex; allowed: a Robot .*one_link", call, 3j)
 
 
 @pytest.mark.parametrize("call", (CALLS | OF_A_RESULT).values(), ids=[*CALLS, *OF_A_RESULT])
 def test_a_name_is_that_of_a_robot(call: Call) -> None:
-    with pytest.raises(eomgen.DescriptionError, match="there is no robot 'one_lnik'; did you mean 'one_link'"):
-        call("one_lnik")
+    refused(eomgen.DescriptionError, "there is no robot 'one_lnik'; did you mean 'one_link'", call, "one_lnik")
 
 
 @pytest.mark.parametrize("kind", [str, Path])
@@ -91,8 +90,7 @@ def test_a_name_is_that_of_a_robot(call: Call) -> None:
 def test_a_path_is_read(call: Call, kind: type, tmp_path: Path) -> None:
     path = tmp_path / "arm.toml"
     path.write_text("name = 3", encoding="ascii")
-    with pytest.raises(eomgen.DescriptionError, match=r"arm\.toml:1:8: name"):
-        call(kind(path))
+    refused(eomgen.DescriptionError, r"arm\.toml:1:8: name", call, kind(path))
 
 
 @pytest.fixture
@@ -144,8 +142,7 @@ def test_an_analysis_takes_names() -> None:
 
 
 def test_one_robot_is_nothing_to_compare() -> None:
-    with pytest.raises(eomgen.InputError, match="robots: 1; allowed: two or more"):
-        compare("one_link")
+    refused(eomgen.InputError, "robots: 1; allowed: two or more", compare, "one_link")
 
 
 def test_no_function_of_the_facade_that_takes_a_robot_is_forgotten() -> None:

@@ -34,6 +34,8 @@ from tests.support.beam_elements import Plane
 from tests.support.description_samples import URDF
 from tests.support.finite_elements import bar
 
+pytestmark = pytest.mark.quick
+
 BEAM = "length = 0.8, E = 7e10, G = 2.6e10, density = 2700, section = { tube = [0.03, 0.026] }"
 MODES = "{ y = 2, z = 1, torsion = 1, axial = 1 }"
 ARM = f"""

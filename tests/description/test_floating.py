@@ -17,9 +17,13 @@ from eomgen.robot.model import build_model
 from eomgen.robot.value import COORDINATES
 from tests.support.builds import Build
 from tests.support.description_samples import MJCF, URDF
+from tests.support.optional import OptionalModule
 from tests.support.random_robots import Array
+from tests.support.refusals import refused
 
-pin = pytest.importorskip("pinocchio")
+pytestmark = pytest.mark.quick
+
+pin = OptionalModule("pinocchio")
 BODY = """<link name="ground"><inertial>
   <origin xyz="0.05 -0.02 0.1" rpy="0.2 0.1 -0.3"/><mass value="4.0"/>
   <inertia ixx="0.2" iyy="0.3" izz="0.25" ixy="0.02" ixz="-0.01" iyz="0.03"/>
@@ -101,8 +105,7 @@ def test_names_that_are_taken() -> None:
 def test_a_body_alone_floats() -> None:
     """A URDF in which nothing else moves."""
     text = f"<robot name='stone'>{BODY}</robot>"
-    with pytest.raises(DescriptionError, match=r"nothing moves; .*, or --floating-base \(floating_base=True\)"):
-        robot_from_urdf(text)
+    refused(DescriptionError, r"nothing moves; .*, or --floating-base \(floating_base=True\)", robot_from_urdf, text)
     assert build_model(robot_from_urdf(text, floating_base=True)).size == 6
 
 
@@ -121,8 +124,7 @@ def test_what_cannot_float(tmp_path: Path) -> None:
         DescriptionError, match=r"floating_base: there is no root link .*; allowed: a joint of the type"
     ):
         load_robot("one_link", floating_base=True)
-    with pytest.raises(DescriptionError, match=r"in MJCF a <freejoint/>"):
-        robot_from_mjcf(MJCF, floating_base=True)
+    refused(DescriptionError, r"in MJCF a <freejoint/>", robot_from_mjcf, MJCF, floating_base=True)
     (tmp_path / "arm.urdf").write_text(HEAVY)
     (tmp_path / "arm.toml").write_text(TOML)
     with pytest.raises(DescriptionError, match=r"without it, as the joint 'floating_base' carries the root link"):

@@ -15,6 +15,9 @@ from eomgen.errors import DescriptionError, EomgenWarning
 from eomgen.robot.value import Robot
 from tests.support.bad_files import changed
 from tests.support.description_samples import ARM, MJCF, URDF
+from tests.support.refusals import refused
+
+pytestmark = pytest.mark.quick
 
 STRANGE = changed(URDF, 'izz="0.15"', 'izz="0.9"')  # of the link upper, line 4
 STRANGE_TOML = changed(ARM, "{ xx = 0.1, yy = 0.2, zz = 0.2 }", "{ xx = 0.1, yy = 0.2, zz = 0.5 }")
@@ -35,8 +38,7 @@ def test_what_others_wrote_is_taken_with_a_note_that_says_where(read, text: str,
     assert note.endswith("taken as it is")
     with pytest.warns(EomgenWarning):
         assert robot.links == read(text, inertia="warn").links
-    with pytest.raises(DescriptionError, match=f"links.{link}.inertia"):
-        read(text, inertia="error")
+    refused(DescriptionError, f"links.{link}.inertia", read, text, inertia="error")
 
 
 def test_toml_is_refused_by_default() -> None:
@@ -82,8 +84,7 @@ def test_the_ground_has_no_inertia_to_judge() -> None:
         '<link name="world"/><joint name="float" type="floating"><parent link="world"/><child link="ground"/></joint>'
         "</robot>",
     )
-    with pytest.raises(DescriptionError, match=r"links\.ground\.inertia"):
-        robot_from_urdf(carried, inertia="error")
+    refused(DescriptionError, r"links\.ground\.inertia", robot_from_urdf, carried, inertia="error")
 
 
 HEAD = """<robot name="head"><link name="neck"/>
@@ -109,8 +110,7 @@ def test_round_off_is_measured_against_mass_and_size(com: str, eye: str) -> None
 
 def test_a_light_links_inertia_is_measured_against_itself() -> None:
     text = HEAD.replace("1.33687", "1e-6").format(com="0 0 0.01", eye="0 0 0", izz="2e-8", ixz="0")
-    with pytest.raises(DescriptionError, match=r"links\.face\.inertia"):
-        robot_from_urdf(text, inertia="error")
+    refused(DescriptionError, r"links\.face\.inertia", robot_from_urdf, text, inertia="error")
 
 
 def test_check_follows_the_policy(

@@ -22,6 +22,8 @@ from eomgen.robot.parameter_names import least_of, number_of
 from eomgen.scenario.load import scenario_from_toml
 from tests.support.small_robots import free_body
 
+pytestmark = pytest.mark.quick
+
 TEXT = """
 name = "mount"
 [[links]]

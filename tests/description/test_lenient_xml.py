@@ -13,6 +13,9 @@ from eomgen.errors import DescriptionError
 from eomgen.robot.value import Robot
 from tests.support.bad_files import changed
 from tests.support.description_samples import MJCF, URDF
+from tests.support.optional import needs
+
+pytestmark = pytest.mark.quick
 
 DECLARATION = '<?xml version="1.0"?>'
 PREFIXED = '<gazebo:plugin file="a"><g:b/></gazebo:plugin>'
@@ -46,7 +49,7 @@ def test_a_plain_meaning_is_read_with_a_note(case: str) -> None:
 
 
 def test_the_first_of_two_axes_is_pinocchios() -> None:
-    pin = pytest.importorskip("pinocchio")
+    pin = needs("pinocchio")
     text = changed(URDF, '<axis xyz="0 1 0"/>', '<axis xyz="0 1 0"/><axis xyz="1 0 0"/>')
     model = pin.buildModelFromXML(text)
     data = model.createData()

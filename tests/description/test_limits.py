@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-import mujoco
 import numpy as np
 import pytest
 
@@ -19,6 +18,12 @@ from eomgen.robot.model import build_model
 from eomgen.robot.record import record_of, robot_hash
 from eomgen.robot.value import Coordinate, Joint, Robot
 from tests.support.description_samples import ARM, MJCF, URDF
+from tests.support.optional import OptionalModule
+from tests.support.refusals import refused
+
+pytestmark = pytest.mark.quick
+
+mujoco = OptionalModule("mujoco")
 
 WHOLE = "limits = { lower = -1, upper = 2, velocity = 3, effort = 4 }"
 
@@ -49,8 +54,7 @@ def test_one_end_of_a_range_is_enough() -> None:
     assert "stops.lower" not in joint.coordinates["gamma"].further
     text = ARM.replace("limits = [-1, 2]", "").replace("gamma = {", "gamma = { limits = { upper = 0.5 },")
     allowed = r"home\.joint1\.gamma: got 1\.0; allowed: within the limits, -inf to 0\.5"
-    with pytest.raises(DescriptionError, match=allowed):
-        robot_from_toml("home = { joint1.gamma = 1.0 }\n" + text)
+    refused(DescriptionError, allowed, robot_from_toml, "home = { joint1.gamma = 1.0 }\n" + text)
 
 
 def test_limits_of_a_motor_hold_behind_its_gear() -> None:
@@ -92,8 +96,7 @@ def test_limits_of_a_urdf_that_are_none_are_said(limit: str, kept: Limits, said:
     assert robot.limits_of("shoulder.gamma") == kept
     notes = [note for note in robot.notes if "<limit>" in note]
     assert [note.endswith(said) for note in notes] == ([True] if said else [])
-    with pytest.raises(DescriptionError, match="effort is 'much'"):
-        robot_from_urdf(URDF.replace('effort="10"', 'effort="much"'))
+    refused(DescriptionError, "effort is 'much'", robot_from_urdf, URDF.replace('effort="10"', 'effort="much"'))
 
 
 def test_mjcf_has_efforts() -> None:

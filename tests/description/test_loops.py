@@ -11,6 +11,8 @@ from eomgen.errors import DescriptionError
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Coordinate, Robot
 
+pytestmark = pytest.mark.quick
+
 HEAD = """
 name = "window"
 tunable = {tunable}

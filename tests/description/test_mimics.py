@@ -12,6 +12,8 @@ from eomgen.errors import DescriptionError
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Coupling
 
+pytestmark = pytest.mark.quick
+
 JOINT = '<joint name="{name}" type="{kind}"><parent link="hand"/><child link="{name}_link"/>{mimic}</joint>'
 FINGERS = {"left": "prismatic", "right": "prismatic", "1 turn": "revolute", "rigid": "fixed", "loose": "floating"}
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-import mujoco
 import numpy as np
 import pytest
 
@@ -23,8 +22,14 @@ from tests.support.description_samples import MJCF, URDF, link_poses
 from tests.support.figures import Figures
 from tests.support.fuzzing import check_message
 from tests.support.mjcf_models import random_model
+from tests.support.optional import OptionalModule
 from tests.support.random_robots import seeds
+from tests.support.refusals import refused
 from tests.support.soak import soaked
+
+pytestmark = pytest.mark.quick
+
+mujoco = OptionalModule("mujoco")
 
 KERNELS = ("mass_matrix", "inverse_dynamics", "energy", "kinematics")
 
@@ -260,8 +265,7 @@ def own_model() -> str:
         pytest.skip("this wheel of MuJoCo brings another model")
     text = text.replace(weld, "")
     for old, new, reason in changes:
-        with pytest.raises(DescriptionError, match=reason):
-            robot_from_mjcf(text)
+        refused(DescriptionError, reason, robot_from_mjcf, text)
         text = text.replace(old, new)
     return text
 
@@ -311,8 +315,7 @@ def test_a_file_is_known_by_its_root(tmp_path: Path, capsys: pytest.CaptureFixtu
     for text in ("", "<", "<!--", "<?xml", "<" * 100_000, "<!-- " * 100_000):
         assert root_tag(text) in ("", "<" * 79, "<?xml")
     path.write_text("", encoding="utf-8")
-    with pytest.raises(DescriptionError, match=r"no element found.*<mujoco>"):
-        load_robot(path)
+    refused(DescriptionError, r"no element found.*<mujoco>", load_robot, path)
 
 
 def test_deep_and_long_files_are_read() -> None:

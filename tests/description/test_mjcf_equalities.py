@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import mujoco
 import numpy as np
 import pytest
 
@@ -10,8 +9,11 @@ from eomgen.description.load import robot_from_mjcf
 from eomgen.errors import DescriptionError
 from eomgen.robot.value import Robot
 from tests.support.builds import Build
+from tests.support.optional import OptionalModule
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
+mujoco = OptionalModule("mujoco")
+
+pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
 
 MODEL = """<mujoco>
   <compiler angle="degree"/>

@@ -13,6 +13,9 @@ from eomgen.robot.model import build_model
 from eomgen.robot.value import Coordinate, Friction, Motor
 from tests.support.description_samples import ARM
 from tests.support.pendulums import MOTOR, described
+from tests.support.refusals import refused
+
+pytestmark = pytest.mark.quick
 
 
 def test_a_description() -> None:
@@ -84,8 +87,7 @@ def test_a_description() -> None:
     ],
 )
 def test_what_is_refused(motor: str, more: str, message: str) -> None:
-    with pytest.raises(DescriptionError, match=r"joints\.joint1\." + message):
-        described(motor, more=more)
+    refused(DescriptionError, r"joints\.joint1\." + message, described, motor, more=more)
 
 
 @pytest.mark.parametrize("kind", ["fixed", "free"])
@@ -102,8 +104,7 @@ def test_a_robot_that_no_reader_has_seen() -> None:
         (Motor(1.0, 2.0, Coordinate()), "no spring"),
         (Motor(1.0, 2.0, Coordinate(1.0, prescribed=True)), "role belong"),
     ):
-        with pytest.raises(DescriptionError, match=message):
-            build_model(replace(robot, joints=(replace(robot.joints[0], motor=wrong),)))
+        refused(DescriptionError, message, build_model, replace(robot, joints=(replace(robot.joints[0], motor=wrong),)))
 
 
 def test_descriptions_without_motors_read_as_before() -> None:

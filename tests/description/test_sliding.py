@@ -15,6 +15,8 @@ from eomgen.errors import DescriptionError
 from eomgen.robot.model import build_model
 from eomgen.robot.record import record_of
 
+pytestmark = pytest.mark.quick
+
 CRANE = """
 name = "crane"
 [[links]]

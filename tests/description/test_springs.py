@@ -14,6 +14,8 @@ from eomgen.robot.value import Spring
 from tests.support.description_samples import ARM, URDF
 from tests.support.pendulums import pendulum
 
+pytestmark = pytest.mark.quick
+
 
 def test_descriptions_are_read(tmp_path: Path) -> None:
     """Defaults, a curve from a CSV file, the base of a URDF, and names of tunable numbers."""

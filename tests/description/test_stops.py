@@ -7,7 +7,6 @@ import pickle
 from dataclasses import replace
 from pathlib import Path
 
-import mujoco
 import numpy as np
 import pytest
 
@@ -23,8 +22,12 @@ from eomgen.robot.value import Coordinate, Coupling, Robot
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.run import run_scenario
 from tests.support.description_samples import ARM, MJCF, URDF
+from tests.support.optional import OptionalModule
+from tests.support.refusals import refused
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
+mujoco = OptionalModule("mujoco")
+
+pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
 
 ASKED = {"stiffness": 1e5, "damping": 10.0}
 HARD = {"stops.stiffness": 1e5, "stops.damping": 10.0, "stops.smoothing": 1e-4}
@@ -129,8 +132,7 @@ def test_mjcf_on_request() -> None:
 )
 def test_what_is_refused(text: str, message: str, tmp_path: Path) -> None:
     """By readers, and by ``eomgen check`` with the place."""
-    with pytest.raises(DescriptionError, match=message):
-        with_stops(text)
+    refused(DescriptionError, message, with_stops, text)
     path = tmp_path / "arm.toml"
     path.write_text(ARM.replace("limits = [-1, 2]", f"limits = [-1, 2]\n{text}"))
     found = check_file(path)
@@ -153,8 +155,7 @@ def test_what_has_nothing_to_stop() -> None:
             r"joint1\.stops: gamma has stops in its table, too; allowed: one of them",
         ),
     ):
-        with pytest.raises(DescriptionError, match=message):
-            robot_from_toml(ARM.replace(old, new))
+        refused(DescriptionError, message, robot_from_toml, ARM.replace(old, new))
     one_sided = ARM.replace("gamma = { damping = 0.1,", "gamma = { stops = { stiffness = 1.0, lower = 2, upper = 1 },")
     with pytest.raises(DescriptionError, match=r"joint1\.gamma\.stops\.lower: got 2\.0; allowed: at most upper, 1\.0"):
         robot_from_toml(one_sided)
@@ -228,8 +229,7 @@ def test_what_mujoco_makes_of_them(tmp_path: Path) -> None:
         "joints.joint1.gamma.stops: a limited range, a soft constraint as stiff as MuJoCo makes it",
         "joints.joint1.motor.stops: a limited range, a soft constraint as stiff as MuJoCo makes it",
     ]
-    with pytest.raises(eomgen.InputError, match=r"no equal for joints\.joint1\.gamma\.stops: a limited range"):
-        mjcf(robot, 1e-3)
+    refused(eomgen.InputError, r"no equal for joints\.joint1\.gamma\.stops: a limited range", mjcf, robot, 1e-3)
     with pytest.warns(EomgenWarning, match="a limited range"):
         path = eomgen.export_mjcf(robot, tmp_path / "arm.xml", approximate=True)
     model = mujoco.MjModel.from_xml_path(str(path))

@@ -25,6 +25,8 @@ from eomgen.optional import NotInstalledError
 from tests.support.random_robots import random_robot
 from tests.support.simt_runs import Subject
 
+pytestmark = pytest.mark.quick
+
 NAMES = ("inverse_dynamics", "forward_dynamics", "mass_matrix")
 BUILTIN = ("one_link", "four_bar", "worn_arm", "ur5", "panda", "shaken_arm", "geared_arm", "bennett", "flexible_arm")
 RANDOM = 6

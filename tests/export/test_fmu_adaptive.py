@@ -8,10 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
-import fmpy
 import numpy as np
 import pytest
-from fmpy.validation import validate_fmu
 from scipy.spatial.transform import Rotation
 
 import eomgen
@@ -20,45 +18,20 @@ from eomgen.export.fmu.choices import ADAPTIVE
 from eomgen.export.fmu.pack import export_fmu
 from eomgen.integration import integrate
 from eomgen.robot.model import build_model
-from eomgen.robot.record import robot_hash
-from eomgen.robot.value import Friction, Robot
+from eomgen.robot.value import Friction
 from eomgen.runtime.kernel import Array
 from tests.support.builds import Build
 from tests.support.fmu_host import Host
+from tests.support.fmu_units import VERSIONS, Export, fmpy, states
 from tests.support.refusals import refused
 from tests.support.sliders import mass_on_rail
 from tests.support.small_robots import free_body, held_body
 from tests.support.soak import soaked
-from tests.support.turning_loops import INTEGRATED, held_at, held_pendulum
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
+pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
 
-VERSIONS = soaked((2, 3), (3,))
 NAMES = ("adaptive_rollout", "forward_dynamics", "mass_matrix", "inverse_dynamics", "energy", "external_force")
 CLOSED = (*NAMES, "constraint", "constraint_jacobian", "constrained_dynamics", "kinematics", "cut_poses")
-
-Exported = Callable[..., Path]
-
-
-@pytest.fixture(scope="module")
-def exported(tmp_path_factory: pytest.TempPathFactory) -> Exported:
-    """``exported(robot, version, options)``: the folder of an unpacked unit that is compiled once."""
-    known: dict[object, Path] = {}
-
-    def export(robot: Robot, version: int = 3, **options: object) -> Path:
-        key = (robot_hash(robot), version, *sorted(options.items()))
-        if key not in known:
-            folder = tmp_path_factory.mktemp("unit")
-            path = export_fmu(robot, folder / "a.fmu", version, flags=("-O0", "-Werror"), **options)  # type: ignore[arg-type]
-            fmpy.extract(str(path), str(folder / "unpacked"))
-            known[key] = folder / "unpacked"
-        return known[key]
-
-    return export
-
-
-def states(host: Host) -> list[str]:
-    return [*host.names("q."), *host.names("v.")]
 
 
 def run(host: Host, steps: int, length: float, drives: Callable[[float], Array] | None = None, first: int = 0) -> Array:
@@ -71,9 +44,10 @@ def run(host: Host, steps: int, length: float, drives: Callable[[float], Array] 
 
 
 @pytest.mark.parametrize("version", VERSIONS)
-def test_the_description_says_it(version: int, exported: Exported) -> None:
-    folder = exported(eomgen.load_robot("one_link"), version)
-    assert validate_fmu(str(folder.parent / "a.fmu")) == []
+def test_the_description_says_it(version: int, exported: Export) -> None:
+    unit = exported(eomgen.load_robot("one_link"), version, method="auto")
+    folder = unit.folder
+    assert fmpy.validation.validate_fmu(str(unit.path)) == []
     (found,) = [x for x in Host(folder).description.modelVariables if x.name.startswith("solver.")]
     said = (
         found.name,
@@ -90,10 +64,10 @@ def test_the_description_says_it(version: int, exported: Exported) -> None:
 @pytest.mark.parametrize(
     ("version", "method"), soaked([(2, "rosenbrock"), (3, "tsit5"), (3, "radau")], {(2, "rosenbrock")})
 )
-def test_a_first_step_is_the_rollouts(version: int, method: str, exported: Exported, built: Build) -> None:
+def test_a_first_step_is_the_rollouts(version: int, method: str, exported: Export, built: Build) -> None:
     """Bit by bit, where all of it is one communication step."""
     robot = eomgen.load_robot("one_link")
-    host, kernel = Host(exported(robot, version, method=method), stepping=True), built(robot, *NAMES, "radau_rollout")
+    host, kernel = exported(robot, version, method=method).host(stepping=True), built(robot, *NAMES, "radau_rollout")
     q, v, u = np.array([1e-3, 0.3]), np.array([0.0, 0.5]), np.array([0.0, 0.4])
     host.start([*states(host), *host.names("u."), "solver.tolerance"], [*q, *v, *u, 1e-5])
     wanted = kernel.rollout(q, v, u, method=method, duration=0.05, samples=1, rtol=1e-5)
@@ -102,7 +76,7 @@ def test_a_first_step_is_the_rollouts(version: int, method: str, exported: Expor
 
 @pytest.mark.soak
 @pytest.mark.parametrize("method", soaked(ADAPTIVE, ("auto",)))
-def test_a_stiff_robot_against_tight_tolerances(method: str, exported: Exported, built: Build) -> None:
+def test_a_stiff_robot_against_tight_tolerances(method: str, exported: Export, built: Build) -> None:
     """Gears of 1e4 N m/rad with friction and backlash; drives change between steps, a wrench acts.  Smaller errors of
     smaller tolerances."""
     robot = eomgen.load_robot("geared_arm")
@@ -120,7 +94,7 @@ def test_a_stiff_robot_against_tight_tolerances(method: str, exported: Exported,
         wanted = np.concatenate([found.q[-1], found.v[-1]])
     errors = []
     for tolerance in (1e-3, 1e-5, 1e-7):
-        host = Host(exported(robot, method=method), stepping=True)
+        host = exported(robot, method=method).host(stepping=True)
         names = [f"wrench.{kernel.links[-1]}.{part}" for part in ("fx", "fy", "fz", "mx", "my", "mz")]
         host.start([*names, "solver.tolerance"], [*wrench[-1], tolerance])
         errors.append(float(np.abs(run(host, steps, length, drives) - wanted).max() / np.abs(wanted).max()))
@@ -132,10 +106,10 @@ def test_a_stiff_robot_against_tight_tolerances(method: str, exported: Exported,
 
 
 @pytest.mark.soak
-def test_prescribed_coordinates_and_wrenches(exported: Exported, built: Build) -> None:
+def test_prescribed_coordinates_and_wrenches(exported: Export, built: Build) -> None:
     """A wrench on a shaken platform does not change how that is shaken."""
     robot = eomgen.load_robot("shaken_arm")
-    kernel, host = built(robot, *NAMES), Host(exported(robot), stepping=True)
+    kernel, host = built(robot, *NAMES), exported(robot, method="auto").host(stepping=True)
     rng = np.random.default_rng(1)
     u, wrench = rng.uniform(-1.0, 1.0, kernel.n), rng.uniform(-3.0, 3.0, (len(kernel.links), 6))
     host.start([*host.names("u."), *host.names("wrench."), "solver.tolerance"], [*u, *wrench.ravel(), 1e-9])
@@ -150,10 +124,10 @@ def test_prescribed_coordinates_and_wrenches(exported: Exported, built: Build) -
 
 @pytest.mark.parametrize(("name", "rate"), [("four_bar", 3.0), ("bennett", 2.0)])
 @pytest.mark.soak
-def test_closed_mechanisms(name: str, rate: float, exported: Exported, built: Build) -> None:
+def test_closed_mechanisms(name: str, rate: float, exported: Export, built: Build) -> None:
     """They stay closed, keep their energy, and move as an integration with tight tolerances says."""
     robot = eomgen.load_robot(name)
-    kernel, folder = built(robot, *CLOSED), exported(robot)
+    kernel, folder = built(robot, *CLOSED), exported(robot, method="auto").folder
     home = kernel.assemble([robot.home[x] for x in kernel.coordinates])
     v = kernel.project_velocity(home, [rate, 0.0, 0.0], [kernel.coordinates[0]])
     wanted = integrate(kernel, home, v, 0.5, method="tsit5", rtol=1e-11, output_step=0.5)
@@ -175,9 +149,9 @@ def test_closed_mechanisms(name: str, rate: float, exported: Exported, built: Bu
 
 @pytest.mark.soak
 @pytest.mark.parametrize("method", soaked(ADAPTIVE, ("auto",)))
-def test_free_joints_turn(method: str, exported: Exported, built: Build) -> None:
+def test_free_joints_turn(method: str, exported: Export, built: Build) -> None:
     """Over the poles of their angles, under a wrench and a force; a state kept there goes on to the same bits."""
-    folder = exported(free_body(), method=method)
+    folder = exported(free_body(), method=method).folder
     names = [f"{label}.free.{axis}" for label in "qv" for axis in ("x", "y", "z", "alpha", "beta", "gamma")]
     begin = np.array([0.0, 0.0, 0.0, 0.3, 1.2, 0.1, 0.1, 0.2, 0.3, 2.0, 3.0, 1.0])
     host = Host(folder, stepping=True)
@@ -200,25 +174,10 @@ def test_free_joints_turn(method: str, exported: Exported, built: Build) -> None
     np.testing.assert_array_equal(run(host, 16, 0.05, first=4), found)
 
 
-@pytest.mark.soak
-def test_a_cut_holds_a_body_that_turns(exported: Exported, built: Build) -> None:
-    """A pendulum on a cut swings over the poles of its free joint's angles; a wrench acts."""
-    kernel = built(held_pendulum(), *INTEGRATED)
-    q, v = held_at(np.array([0.3, 1.2, 0.1]), np.array([2.0, 3.0, 1.0]))
-    host = Host(exported(held_pendulum()), stepping=True)
-    names = [f"{label}.{name}" for label in "qv" for name in kernel.coordinates]
-    host.start([*names, "wrench.body.mz", "solver.tolerance"], [*q, *v, 0.02, 1e-9])
-    found, wrench = run(host, 20, 0.05), np.array([[0.0, 0.0, 0.0, 0.0, 0.0, 0.02]])
-    expected = integrate(kernel, q, v, 1.0, wrench=wrench, rtol=1e-9, output_step=0.01)
-    assert np.abs(np.cos(expected.q[:, 4])).min() < 0.3
-    assert np.abs(host.get(names)[:6] - expected.q[-1]).max() < 1e-6
-    assert np.abs(kernel.constraint(found[:6])).max() < 1e-11
-
-
 @pytest.mark.parametrize("version", VERSIONS)
-def test_kept_states_go_on_to_the_same_bits(version: int, exported: Exported) -> None:
+def test_kept_states_go_on_to_the_same_bits(version: int, exported: Export) -> None:
     """Restored in the same instance and, from bytes, in another one, in the midst of what the methods are tried for."""
-    folder = exported(eomgen.load_robot("one_link"), version)
+    folder = exported(eomgen.load_robot("one_link"), version, method="auto").folder
     host, other = Host(folder, stepping=True), Host(folder, stepping=True).start()
     drives = lambda t: np.array([3.0 * np.sin(300.0 * t), 0.4])  # noqa: E731
     host.start([*states(host)], [1e-3, 0.3, 0.0, 0.5])
@@ -252,9 +211,9 @@ def begun(host: Host, tolerance: float | None, own: float | None = None) -> Host
 
 
 @pytest.mark.parametrize("version", VERSIONS)
-def test_the_experiments_tolerance(version: int, exported: Exported) -> None:
+def test_the_experiments_tolerance(version: int, exported: Export) -> None:
     """It takes the place of the parameter's start value, up to what round-off allows, and of no other one."""
-    folder = exported(eomgen.load_robot("one_link"), version)
+    folder = exported(eomgen.load_robot("one_link"), version, method="auto").folder
 
     def end(tolerance: float | None, own: float | None = None) -> Array:
         return run(begun(Host(folder, stepping=True), tolerance, own), 5, 0.01)
@@ -272,9 +231,9 @@ def test_the_experiments_tolerance(version: int, exported: Exported) -> None:
 
 
 @pytest.mark.parametrize("version", VERSIONS)
-def test_ends_are_honest(version: int, exported: Exported) -> None:
+def test_ends_are_honest(version: int, exported: Export) -> None:
     """A step that leads nowhere is an error with the coordinate, and changes nothing: what follows is as without it."""
-    folder = exported(mass_on_rail(), version)
+    folder = exported(mass_on_rail(), version, method="auto").folder
     host, other = Host(folder, stepping=True).start(), Host(folder, stepping=True).start()
     for one in (host, other):
         one.set(["u.rail.z"], [3.0])
@@ -294,19 +253,19 @@ def test_ends_are_honest(version: int, exported: Exported) -> None:
 
 
 @pytest.mark.soak
-def test_singular_states_are_named(exported: Exported) -> None:
-    host = Host(exported(held_body()), stepping=True).start(["q.free.beta"], [np.pi / 2])
+def test_singular_states_are_named(exported: Export) -> None:
+    host = exported(held_body(), method="auto").host(stepping=True).start(["q.free.beta"], [np.pi / 2])
     refused(Exception, "fmi", host.step, 0.0, 1e-3)
     assert "the mass matrix cannot be inverted at free." in host.messages[-1]
 
 
 @pytest.mark.soak
-def test_frictions_that_turn_round_fast(exported: Exported, built: Build) -> None:
+def test_frictions_that_turn_round_fast(exported: Export, built: Build) -> None:
     """A block slides to rest; tolerances know the rates in which its friction turns round, also after these are set."""
     friction = Friction(coulomb=4.0, smoothing=1e-2)
     robot = replace(mass_on_rail(friction=friction), name="sledge")
     assert rubbing_parameters(build_model(robot)) == [(0, "joints.rail.z.friction.smoothing")]
-    host, kernel = Host(exported(robot), stepping=True), built(robot, *NAMES)
+    host, kernel = exported(robot, method="auto").host(stepping=True), built(robot, *NAMES)
     for smoothing in (1e-2, 1e-4):
         host.unit.reset()
         names = ["v.rail.z", "u.rail.z", "joints.rail.z.friction.smoothing", "solver.tolerance"]
@@ -339,11 +298,11 @@ int main(void)
 
 
 @pytest.mark.soak
-def test_the_choice_between_both_is_the_implicit_one_where_it_is_stiff(exported: Exported, tmp_path: Path) -> None:
+def test_the_choice_between_both_is_the_implicit_one_where_it_is_stiff(exported: Export, tmp_path: Path) -> None:
     """A damped spring of 1e9 N/m, in steps: what each method takes, and both in turn."""
     taken = {}
     for method in ADAPTIVE:
-        sources = exported(mass_on_rail(stiffness=1e9, damping=1e5), method=method) / "sources"
+        sources = exported(mass_on_rail(stiffness=1e9, damping=1e5), method=method).folder / "sources"
         code = tmp_path / f"{method}.c"
         code.write_text(COUNT, encoding="ascii")
         unit, binary = str(sources / "slider_unit.c"), str(tmp_path / method)

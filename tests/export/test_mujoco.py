@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-import mujoco
 import numpy as np
 import pytest
 
@@ -22,10 +21,16 @@ from tests.oracles.mjcf import MjcfOracle
 from tests.oracles.mujoco_models import MujocoRobot
 from tests.support.builds import Build
 from tests.support.figures import Figures
+from tests.support.optional import OptionalModule
 from tests.support.random_motors import with_motors
 from tests.support.random_robots import random_robot, seeds
 from tests.support.random_springs import with_springs
+from tests.support.refusals import refused
 from tests.support.small_robots import free_body
+
+pytestmark = pytest.mark.quick
+
+mujoco = OptionalModule("mujoco")
 
 KERNELS = ("mass_matrix", "inverse_dynamics", "energy")
 
@@ -112,8 +117,7 @@ def test_what_a_balls_damping_cannot_be_is_said() -> None:
     assert left_out(hung(ANGULAR, whole, coordinates=held)) == [note]
     assert left_out(hung(ANGULAR, whole, offset=(None,) * 5 + (0.1,))) == [note]
     assert left_out(hung(("alpha", "beta"), whole)) == []
-    with pytest.raises(InputError, match="on each angle by itself"):
-        mjcf(hung(ANGULAR, whole, coordinates=held), 1e-3)
+    refused(InputError, "on each angle by itself", mjcf, hung(ANGULAR, whole, coordinates=held), 1e-3)
     assert 'damping="0.3"' in mjcf(hung(ANGULAR, whole, coordinates=held), 1e-3, approximate=True)
 
 
@@ -200,20 +204,16 @@ def test_what_mujoco_lacks_is_refused_by_name_or_left_out_with_a_warning(tmp_pat
         found = left_out(robot)
         for part in parts:
             assert any(part in line for line in found), (name, found)
-        with pytest.raises(InputError, match=r"MuJoCo has no equal for .*allowed: .*--approximate"):
-            mjcf(robot, 1e-3)
+        refused(InputError, r"MuJoCo has no equal for .*allowed: .*--approximate", mjcf, robot, 1e-3)
         mujoco.MjModel.from_xml_string(mjcf(robot, 1e-3, approximate=True, actuators=True))
         with pytest.warns(EomgenWarning) as caught:
             eomgen.export_mjcf(robot, tmp_path / "a.xml", step=1e-3, approximate=True)
         assert len(caught) == len(found)
-    with pytest.raises(InputError, match="allowed: RK4"):
-        mjcf(eomgen.load_robot("one_link"), 1e-3, "rk4")
-    with pytest.raises(InputError, match="allowed: a finite number"):
-        mjcf(eomgen.load_robot("one_link"), -1.0)
+    refused(InputError, "allowed: RK4", mjcf, eomgen.load_robot("one_link"), 1e-3, "rk4")
+    refused(InputError, "allowed: a finite number", mjcf, eomgen.load_robot("one_link"), -1.0)
     robot = eomgen.load_robot("puma560")
     links = (replace(robot.links[0], inertia=(1.0, 1.0, 9.0, 0.0, 0.0, 0.0)), *robot.links[1:])
-    with pytest.raises(InputError, match=r"links\..*no body can have"):
-        mjcf(replace(robot, links=links), 1e-3)
+    refused(InputError, r"links\..*no body can have", mjcf, replace(robot, links=links), 1e-3)
 
 
 def test_what_is_in_the_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -18,7 +18,7 @@ from tests.support.figures import Figures
 from tests.support.random_mechanisms import mechanism
 from tests.support.simt_runs import HELD, Near, Subject, chosen_kernels, refusals
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
+pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
 
 DTYPES = ("float64", "float32")
 BUILTIN = sorted(builtin_robots())

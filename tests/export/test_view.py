@@ -31,7 +31,7 @@ from tests.support.browser import open_page
 from tests.support.random_followers import with_followers
 from tests.support.random_robots import random_robot, with_random_loops
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
+pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
 
 MODULES = Path(__file__).parents[2] / "templates" / "live"
 NODE = shutil.which("node")

@@ -22,6 +22,8 @@ from eomgen.errors import InputError
 from eomgen.export.wheel import platform_of, python_of
 from eomgen.pipeline.stages import Options
 
+pytestmark = pytest.mark.quick
+
 KERNELS = ("forward_dynamics",)
 CALL = """
 import sys, one_link

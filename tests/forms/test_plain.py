@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from eomgen.errors import InputError
 from eomgen.forms.plain import value_of
 
+pytestmark = pytest.mark.quick
+
 
 class Alias:
     """What NumPy 2.5 calls NDArray where Python has type statements: a name with the type behind it."""

@@ -23,7 +23,7 @@ from tests.support.commands import command
 from tests.support.measured_poses import TCP, Trial, arm, chain, puma, trial
 from tests.support.measurements import calibrated, placed, poses_of
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
+pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
 
 Array = NDArray[np.float64]
 DRIVES = {"gain", "eccentricity", "backlash", "coupling"}

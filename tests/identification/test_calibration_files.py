@@ -27,7 +27,7 @@ from tests.support.measured_poses import TCP, Trial, arm, chain, puma, trial, tu
 from tests.support.measurements import calibrated, placed, poses_of
 from tests.support.soak import share, soaked
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
+pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
 
 Array = NDArray[np.float64]
 

@@ -33,7 +33,7 @@ from eomgen.robot.model import build_model
 from eomgen.robot.value import COORDINATES, Robot
 from tests.support.measurements import assert_slopes, calibrated, placed, poses_of
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
+pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
 
 Array = NDArray[np.float64]
 NOISE = (2e-5, 5e-5)

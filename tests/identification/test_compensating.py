@@ -34,7 +34,7 @@ from eomgen.simulation.result import SimulationResult
 from eomgen.sweep.plan import plan_from_toml
 from tests.support.commands import command, facts
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
+pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
 
 Array = NDArray[np.float64]
 

@@ -22,7 +22,7 @@ from eomgen.simulation.run import run_scenario
 from tests.support.builds import Build
 from tests.support.measurements import motion_of
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
+pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
 
 IDLE = "drives that are 0 and drive nothing, left out: joint1.x"
 

@@ -32,6 +32,8 @@ from tests.support.commands import command
 from tests.support.measurements import motion_of
 from tests.support.random_robots import Array
 
+pytestmark = pytest.mark.quick
+
 DRIVES = {"joint1": 30.0, "joint2.gamma": 45.0, "joint3": 14.0}
 PLACES: dict[str, Any] = {
     "boxes": {"tcp": [[-1.0, -1.0, -0.2], [1.0, 1.0, 0.9]]},

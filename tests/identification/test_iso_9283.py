@@ -31,7 +31,7 @@ from eomgen.sweep.plan import plan_from_toml
 from tests.support.commands import command, facts
 from tests.support.pose_files import CROSS, GOOD, MM, OFFSET, at, line, measured, turned, write
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
+pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
 
 Array = NDArray[np.float64]
 QUATERNION = [f"tool.{key}" for key in ("qw", "qx", "qy", "qz")]

@@ -26,8 +26,9 @@ from eomgen.robot.value import Robot
 from tests.support.commands import command, facts
 from tests.support.measured_poses import chain, trial
 from tests.support.measurements import calibrated, placed, poses_of
+from tests.support.optional import needs
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
+pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
 
 Array = NDArray[np.float64]
 
@@ -217,6 +218,7 @@ def test_poses_are_where_they_have_to_be() -> None:
 
 def test_seeds_and_values() -> None:
     """The same seed, the same poses; another one, others; results are values."""
+    needs("pandas")
     first, second, other = (poses(arm(), count=8, candidates=50, seed=seed) for seed in (3, 3, 4))
     np.testing.assert_array_equal(first.q, second.q)
     assert not np.array_equal(first.q, other.q)

@@ -23,7 +23,7 @@ from tests.support.measured_poses import Trial, chain, trial, write_csv
 from tests.support.measurements import calibrated, placed, poses_of
 from tests.support.soak import WHOLE
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
+pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
 
 Array = NDArray[np.float64]
 

@@ -34,7 +34,7 @@ from tests.support.commands import command, facts
 from tests.support.measured_poses import chain
 from tests.support.soak import soaked
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
+pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
 
 Array = NDArray[np.float64]
 

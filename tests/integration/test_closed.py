@@ -19,6 +19,8 @@ from tests.support.linkages import KERNELS
 from tests.support.random_robots import Array
 from tests.support.refusals import refused
 
+pytestmark = pytest.mark.quick
+
 
 @pytest.fixture
 def example(built: Build) -> object:

@@ -12,12 +12,12 @@ from eomgen.description.load import robot_from_urdf
 from eomgen.errors import EomgenWarning
 from eomgen.integration import integrate
 from eomgen.runtime.kernel import Kernel
+from tests.description.test_floating import HEAVY
+from tests.oracles.flyers import Flyer
 from tests.support.builds import Build
 from tests.support.description_samples import example_urdfs
 
-pytest.importorskip("pinocchio")
-from tests.description.test_floating import HEAVY
-from tests.oracles.flyers import Flyer
+pytestmark = pytest.mark.quick
 
 Array = NDArray[np.float64]
 BASE = "floating_base"

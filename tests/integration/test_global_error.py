@@ -25,6 +25,8 @@ from tests.support.random_robots import random_robot, seeds
 from tests.support.refusals import refused
 from tests.support.swinging import NEEDED, elastic_arm, oscillator
 
+pytestmark = pytest.mark.quick
+
 ALL = (*NEEDED, "adaptive_rollout", "radau_rollout")
 IN_PYTHON: dict[str, dict[str, float]] = {"DOP853": {"rtol": 1e-5}, "Radau": {"rtol": 1e-5}, "rk4": {"step": 5e-3}}
 OTHERS: dict[str, dict[str, float]] = {"RK45": {"rtol": 1e-5}, "BDF": {"rtol": 1e-5}, "LSODA": {"rtol": 1e-5}}

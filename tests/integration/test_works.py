@@ -25,7 +25,7 @@ from tests.support.random_robots import random_robot, random_state, some_prescri
 from tests.support.soak import across
 from tests.support.swinging import DAMPING, MASS, NEEDED, STIFFNESS, oscillator
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
+pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
 
 NAMES = (*NEEDED, "adaptive_rollout", "radau_rollout", "generalized_force", "external_force", "kinematics")
 CLOSED = ("constrained_dynamics", "constraint", "constraint_jacobian", "residual", "cut_poses", "following")

@@ -22,11 +22,12 @@ from eomgen.robot.model import build_model
 from eomgen.robot.parameter_names import expand_tunable
 from eomgen.robot.value import Coordinate, Placement, Robot
 from eomgen.simulation.segments import joined_info
+from tests.loops.test_elastic_cuts import linkages
 from tests.oracles.by_singular_values import ClosedLoops
 from tests.support.builds import Build
 from tests.support.linkages import KERNELS
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
+pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
 
 GEARED = """
 name = "geared"
@@ -138,22 +139,16 @@ def constrained(text: str) -> Robot:
 
 
 def test_couplings_close_and_are_counted(built: Build) -> None:
-    kernel = built(constrained(GEARED), "constraint", "constraint_jacobian", "mass_matrix")
+    """The gap of a rack is a length."""
+    rack = GEARED.replace('"b.gamma"', '"b.z"').replace('"two", type = "revolute"', '"two", type = "prismatic"')
+    for text, unit in ((rack, "m"), (GEARED, "rad")):
+        kernel = built(constrained(text), "constraint", "constraint_jacobian", "mass_matrix")
+        with pytest.raises(LoopError, match=rf"gear does not close near the guess: gear is left with 0\.7 {unit};"):
+            kernel.assemble([0.3, 0.1], kernel.coordinates)
     q = kernel.assemble([0.3, 0.1], ["a.gamma"])
     assert q == pytest.approx([0.3, -0.6], abs=1e-12)
     assert kernel.project_velocity(q, [1.0, 0.0], ["a.gamma"]) == pytest.approx([1.0, -2.0], abs=1e-12)
     assert redundancy(kernel, q).mobility == 1
-    with pytest.raises(LoopError, match=r"coupling gear does not close near the guess: gear is left with 0\.7"):
-        kernel.assemble([0.3, 0.1], kernel.coordinates)
-
-
-def test_the_gap_of_a_rack_is_a_length(built: Build) -> None:
-    rack = GEARED.replace('"b.gamma"', '"b.z"').replace(
-        'child = "two", type = "revolute"', 'child = "two", type = "prismatic"'
-    )
-    kernel = built(constrained(rack), "constraint", "constraint_jacobian", "mass_matrix")
-    with pytest.raises(LoopError, match=r"coupling gear does not close near the guess: gear is left with 0\.7 m;"):
-        kernel.assemble([0.3, 0.1], kernel.coordinates)
 
 
 @pytest.mark.parametrize(
@@ -245,36 +240,12 @@ def test_placements_of_a_cut_joint_can_be_tuned(built: Build) -> None:
         assert getattr(kernel, name)(q) == pytest.approx(getattr(wanted, name)(q), abs=1e-14)
 
 
-LINK = """
-[[links]]
-name = "{}"
-mass = {}
-com = [{}, 0.0, 0.0]
-inertia = {{ xx = 0.002, yy = 0.01, zz = 0.012 }}
-"""
-JOINT = """
-[[joints]]
-name = "{}"
-parent = "{}"
-child = "{}"
-type = "revolute"
-placement = {{ xyz = [{}, 0.0, 0.0] }}
-"""
-CUT = """
-[[loops]]
-name = "hinge"
-links = ["coupler", "rocker"]
-type = "revolute"
-placements = [{ xyz = [0.5, 0.0, 0.0] }, { xyz = [0.2, 0.0, 0.0] }]
-"""
-
-
-def parallelogram() -> eomgen.Robot:
+def parallelogram() -> Robot:
     """Opposite rods of the same length: folded flat, at angles of zero, it may go on as an antiparallelogram."""
-    text = 'name = "parallelogram"\ngravity = [0.0, -9.81, 0.0]\ndriven = ["motor.gamma"]\n'
-    text += LINK.format("crank", 0.4, 0.1) + LINK.format("coupler", 1.0, 0.25) + LINK.format("rocker", 0.8, 0.1)
-    text += JOINT.format("motor", "base", "crank", 0.0) + JOINT.format("pin", "crank", "coupler", 0.2)
-    return robot_from_toml(text + JOINT.format("pivot", "base", "rocker", 0.5) + CUT)
+    robot = linkages("")[0]
+    (cut,) = robot.loops
+    placements = (cut.placements[0], Placement((0.2, 0.0, 0.0)))
+    return replace(robot, name="parallelogram", loops=(replace(cut, name="hinge", placements=placements),))
 
 
 def test_a_folded_parallelogram_is_refused(built: Build) -> None:
@@ -317,3 +288,6 @@ def test_a_motion_says_how_near_it_came(built: Build) -> None:
     assert 0.0 < motion.info["margin"] < later.info["margin"] < 1.0
     joined = joined_info(later.info, {**motion.info, "margin_at": 0.15})
     assert (joined["margin"], joined["margin_at"]) == (motion.info["margin"], 0.15)
+
+
+pytestmark = pytest.mark.usefixtures("unoptimised")

@@ -35,7 +35,7 @@ from tests.support.turning_loops import (
     triangle,
 )
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
+pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
 
 ANGLES, RATES = np.array([0.3, 0.2, 0.1]), np.array([2.0, 3.0, 1.0])
 FIXED, CHOSEN = ("rk4", "implicit"), ("tsit5", "rosenbrock", "radau")

@@ -8,6 +8,8 @@ import pytest
 from eomgen import ArrayError, InputError
 from eomgen.motion.point_to_point import PointToPoint
 
+pytestmark = pytest.mark.quick
+
 MOTION = PointToPoint((0.0, 1.0, -2.0), (1.0, 1.0, 3.0), 1.6, begin=0.25)
 
 

@@ -14,6 +14,8 @@ from eomgen.motion.point_to_point import profile_factors, rest_to_rest
 from eomgen.motion.splines import Columns
 from eomgen.motion.time_derivatives import composed, spline_series
 
+pytestmark = pytest.mark.quick
+
 Array = np.ndarray[Any, np.dtype[np.float64]]
 
 

@@ -21,7 +21,7 @@ from tests.support.builds import Build
 from tests.support.random_robots import Array, random_robot
 from tests.support.scaras import scara
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
+pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
 
 START = np.array([0.3, -1.2, 1.4, -0.5, 1.1, 0.2])
 

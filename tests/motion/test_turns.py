@@ -11,6 +11,8 @@ from eomgen.motion.turns import rotation_of, spherical, spherical_spline
 from eomgen.robot.geometry import rotation_from_rpy
 from eomgen.runtime.inverse_kinematics.rotations import rotation_matrices, rpy_of, vector_of
 
+pytestmark = pytest.mark.quick
+
 
 def test_angles_of_numpy_are_angles() -> None:
     exact = rotation_from_rpy((0.0, 1.0, 2.0))

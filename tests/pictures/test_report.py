@@ -1,32 +1,45 @@
-"""The page about a result: well-formed, by itself, escaped, and with the numbers that other sources have."""
+"""Pages about results: well-formed, by themselves, escaped, and with the numbers that other sources have."""
 
 from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from datetime import date
+from functools import cache
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import eomgen
 from eomgen.analysis.modal import modes
-from eomgen.cli import entry as cli
 from eomgen.errors import InputError
+from eomgen.identification import (
+    CalibrationResult,
+    calibrate,
+    load_fit,
+    load_poses,
+)
+from eomgen.pictures.measured.kinds import PAGES
 from eomgen.pictures.page import report_of
-from eomgen.pictures.report import WARNS, sorted_notes
+from eomgen.pictures.report import WARNS, Report, sorted_notes
 from eomgen.robot.value import Robot
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.result import SimulationResult
 from eomgen.simulation.run import run_scenario
 from tests.support.bending_arm import bending_arm
 from tests.support.browser import open_page
+from tests.support.commands import command, refused
+from tests.support.extreme_numbers import accuracy_columns, written
+from tests.support.measured_poses import chain, trial
+from tests.support.measured_results import RESULTS
+from tests.support.pendulums import pendulum
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
+pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
 
 VOID = {"meta", "br", "img", "link", "hr", "input"}
 HOSTILE = "<script>alert('x')</script>&amp;\"<img src=x onerror=alert(1)>"
@@ -204,33 +217,25 @@ def test_without_the_robot_the_page_says_what_is_missing(result: SimulationResul
 
 
 def test_what_cannot_be_drawn_is_said() -> None:
-    """No program, no springs, a balance that does not close."""
-    scenario = scenario_from_toml(
-        "duration = 0.2\noutput_step = 0.1\n[initial]\nq = { joint1 = 0.4 }\nequilibrium = false"
-    )
-    found = report_of(run_scenario(eomgen.load_robot("puma560"), scenario))
-    assert any(line.startswith("tracking errors: there is no reference trajectory") for line in found.missing)
-    assert any(
-        line == "frequencies along the reference trajectory: no deviation has a stiffness" for line in found.missing
-    )
+    """No program, no springs."""
+    scenario = scenario_from_toml("duration = 0.2\noutput_step = 0.1\n[initial]\nq = [0.4]\nequilibrium = false")
+    missing = report_of(run_scenario(pendulum(()), scenario)).missing
+    assert any(line.startswith("tracking errors: there is no reference trajectory") for line in missing)
+    assert "frequencies along the reference trajectory: no deviation has a stiffness" in missing
 
 
 @pytest.mark.soak
-def test_command(result: SimulationResult, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_command(result: SimulationResult, tmp_path: Path) -> None:
     """The robot's file is gone: a result has what is needed."""
     result.save(tmp_path / "trajectory.npz")
-    assert cli.main(["report", str(tmp_path), "--no-modes"]) == 0
-    assert capsys.readouterr().out == f"wrote {tmp_path / 'report.html'}\n"
-    first = (tmp_path / "report.html").read_bytes()
-    assert cli.main(["report", str(tmp_path / "trajectory.npz"), "--no-modes", "-o", str(tmp_path / "x.html")]) == 0
-    assert (tmp_path / "x.html").read_bytes() == first
-    capsys.readouterr()
-    assert cli.main(["plot", str(tmp_path), "-o", str(tmp_path / "figures")]) == 0
-    assert {path.suffix for path in (tmp_path / "figures").iterdir()} == {".pdf"}
-    assert cli.main(["report", str(tmp_path / "figures")]) == 1
-    assert "has no trajectory.npz; allowed: a folder that eomgen simulate wrote" in capsys.readouterr().err
-    assert cli.main(["report", str(tmp_path), "--robot", "puma560"]) == 1
-    assert "puma560 is not what was simulated" in capsys.readouterr().err
+    page, again, figures = (tmp_path / name for name in ("report.html", "x.html", "figures"))
+    assert command("report", tmp_path, "--no-modes") == f"wrote {page}\n"
+    command("report", tmp_path / "trajectory.npz", "--no-modes", "-o", again)
+    assert page.read_bytes() == again.read_bytes()
+    command("plot", tmp_path, "-o", figures)
+    assert {path.suffix for path in figures.iterdir()} == {".pdf"}
+    assert "has no trajectory.npz; allowed: a folder that eomgen simulate wrote" in refused("report", figures)
+    assert "puma560 is not what was simulated" in refused("report", tmp_path, "--robot", "puma560")
 
 
 def test_a_browser_shows_the_page_without_a_word(page: str, tmp_path: Path) -> None:
@@ -272,11 +277,11 @@ def texts_of_notes() -> Iterator[str]:
     for room in ("description", "identification", "integration", "motion", "runtime", "simulation", "state"):
         for path in (Path(eomgen.__file__).parent / room).rglob("*.py"):
             nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
-            described = [node.value for node in nodes if isinstance(node, ast.Expr)]  # docstrings
+            described = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}  # docstrings
             for node in nodes:
                 if isinstance(node, ast.JoinedStr):
                     yield "".join(str(x.value) if isinstance(x, ast.Constant) else "0" for x in node.values)
-                elif isinstance(node, ast.Constant) and isinstance(node.value, str) and node not in described:
+                elif isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in described:
                     yield node.value
 
 
@@ -291,3 +296,109 @@ def test_words_by_which_notes_are_warnings_stand_in_notes() -> None:
         ("drives were clipped: joint1.gamma",),
         (fine,),
     )
+
+
+# Results of measurements: each kind has its figures and tables, in Python and on the command line
+
+
+@cache
+def calibration() -> CalibrationResult:
+    made = trial(chain(4, "RRP", special=True), 3, 40)
+    return calibrate(made.robot, made.poses(), folds=5, loss="huber")
+
+
+def tables_of(page: Report) -> dict[str, dict[str, tuple[str, ...]]]:
+    return {table.title: {row[0]: row[1:] for row in table.rows} for table in page.tables}
+
+
+PAGED = "accuracy calibration compensation excitation fit forces identification poses tolerance"
+
+
+@pytest.mark.parametrize("kind", PAGED.split())
+def test_every_kind_has_a_page(kind: str, tmp_path: Path) -> None:
+    """Well-formed, with figures that are as many as they say, and with what is to be minded."""
+    found = RESULTS[kind](tmp_path)
+    page = report_of(found)
+    reader = read(page.html())
+    assert page.figures
+    assert sum(tag == "svg" for tag, _ in reader.elements) == len(page.figures)
+    assert page.tables
+    assert {*getattr(found, "notes", ())} <= {*page.warnings, *page.notes}
+
+
+def test_what_has_a_page() -> None:
+    assert len(PAGES) == len(PAGED.split()) + 1, "and deflection, with its stress resultants"
+    with pytest.raises(InputError, match=r"report: got 'dict'; allowed: SimulationResult, .*CalibrationResult"):
+        report_of({})
+
+
+def test_a_calibration_says_its_numbers() -> None:
+    found = calibration()
+    tables = tables_of(report_of(found))
+    rms = found.residuals["full"]
+    shown = tables["Rms of residuals"]["full"]
+    assert float(shown[0]) == pytest.approx(1e3 * rms["fitted"]["position"], rel=1e-3)
+    assert float(shown[1]) == pytest.approx(1e3 * rms["fitted_norm"]["position"], rel=1e-3)
+    assert float(shown[6]) == pytest.approx(1e3 * rms["held_out"]["orientation"], rel=1e-3)
+    name = "joints.joint2.offset.gamma"
+    value, deviation, low, high = (float(cell) for cell in tables["Values"][name][:4])
+    assert value == pytest.approx(found[name], rel=1e-6)
+    assert (high - low) / 2.0 == pytest.approx(found.quantile * deviation, rel=0.05)
+    assert tables["Values"][name][-1] == "rad"
+    assert set(tables["Not identifiable"]) == set(found.merged)
+    assert not set(tables["Values"]) & set(found.merged)
+
+
+def test_fits_and_identified_numbers(tmp_path: Path) -> None:
+    fit, identified = (report_of(RESULTS[kind](tmp_path)) for kind in ("fit", "identification"))
+    assert tables_of(fit)["Stiffness and damping"]["gear.gamma.stiffness"][:5] == ("1100", "20", "1060", "1140", "1000")
+    shown = tables_of(identified)["Residuals of drives, rms"]["joint1.gamma"]
+    assert shown == ("N m", "0.1", "0.2", "2.5", "5", "500")
+    for page in (fit, identified):
+        assert (page.warnings, page.notes) == (("a warning",), ("a note",))
+
+
+def test_names_are_escaped() -> None:
+    hostile = replace(calibration(), robot=HOSTILE, source=HOSTILE, notes=(HOSTILE,))
+    reader = read(report_of(hostile).html())
+    assert not {"script", "img"} & {tag for tag, _ in reader.elements}
+    assert HOSTILE in reader.text
+
+
+def test_saved_results_are_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A calibration in an .npz, figures of the standard in a .json; what is of no kind is no simulation either."""
+    monkeypatch.chdir(tmp_path)
+    calibration().save("found.npz")
+    assert command("report", "found.npz") == "wrote found.html\n"
+    assert "calibration by 40 poses" in Path("found.html").read_text()
+    written(Path("measured.csv"), accuracy_columns())
+    assert "wrote direct.html" in command("accuracy", "measured.csv", "-o", "figures.json", "--report", "direct.html")
+    command("report", "figures.json", "-o", "page.html")
+    assert Path("page.html").read_text() == Path("direct.html").read_text()
+    said = refused("report", "found.npz", "--robot", "one_link")
+    assert "found.npz: is no simulation; allowed: --robot with simulations" in said
+    np.savez("other.npz", x=np.zeros(3))
+    Path("other.json").write_text("[]")
+    for name in ("other.npz", "other.json"):
+        assert refused("report", name).startswith(f"eomgen: {name}: is ")
+
+
+@pytest.mark.parametrize(("kind", "load"), [("fit", load_fit), ("poses", load_poses)])
+def test_fits_and_poses_are_saved_and_reported(kind: str, load: Callable[[Path], Any], tmp_path: Path) -> None:
+    """What loads again has the same page; what is of another kind, or damaged, is refused."""
+    found = RESULTS[kind](tmp_path)
+    path = found.save(tmp_path / f"{kind}.json")
+    assert load(path).as_dict() == found.as_dict()
+    command("report", path)
+    assert path.with_suffix(".html").read_text() == report_of(found).html()
+    text = path.read_text()
+    for bad, said in (
+        (text.replace(f'"kind": "{kind}"', '"kind": "other"'), f"is no result of the kind {kind}"),
+        (text.replace('"robot"', '"rabbit"'), "'rabbit' is unknown"),
+        (text.replace('"units": [', '"units": ["m",') if kind == "poses" else "{", "units|no JSON"),
+    ):
+        path.write_text(bad)
+        with pytest.raises(InputError, match=said):
+            load(path)
+    with pytest.raises(InputError, match=r"allowed: a path that ends in .json"):
+        found.save(tmp_path / "result.txt")

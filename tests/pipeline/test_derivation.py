@@ -15,6 +15,8 @@ from eomgen.errors import DerivationError, InputError
 from eomgen.pipeline import stages
 from eomgen.pipeline.stages import Options, generate, make_source
 
+pytestmark = pytest.mark.quick
+
 OPTIONS = Options(("mass_matrix",), flags=("-O0",), level="v1")
 
 

@@ -18,6 +18,8 @@ from eomgen.pipeline.stages import generate
 from tests.support.quick_builds import ONE_LEVEL
 from tests.support.writers import look_until_done, release, start_writers
 
+pytestmark = pytest.mark.quick
+
 
 def put(target: Path, text: str) -> None:
     with new_folder(target) as private:

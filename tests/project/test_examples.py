@@ -12,8 +12,9 @@ import pytest
 
 import eomgen
 from eomgen.description.load import robot_from_toml
+from tests.support.optional import needs
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
+pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
@@ -78,6 +79,7 @@ def test_least_effort(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_the_least_effort_is_that_of_the_kernel() -> None:
     """The optimum's defects, boundaries and effort, computed again from the kernel on NumPy arrays."""
+    needs("casadi")
     example = runpy.run_path(str(EXAMPLES / "least_effort.py"))
     robot = robot_from_toml(example["ARM"])
     kernel = eomgen.build(robot, kernels=(*example["kernels_for"]("forward_dynamics"), "energy"))

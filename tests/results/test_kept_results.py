@@ -18,6 +18,8 @@ from eomgen import identification
 from eomgen.errors import InputError
 from eomgen.sweep.result import SweepResult
 
+pytestmark = pytest.mark.quick
+
 KEPT = Path(__file__).parent / "kept"
 VALUES = KEPT / "values.json"  # by file
 READ: Mapping[str, Callable[[Path], Any]] = {

@@ -24,6 +24,8 @@ from eomgen.rounding.ranges import chosen_ranges
 from eomgen.rounding.whole import with_setup
 from tests.oracles.roundings import CALLS, exact, mp, worst_error
 
+pytestmark = pytest.mark.quick
+
 Array = np.ndarray[Any, Any]
 REACHED = 1e-5  # of a bound may be left
 QUICK = (

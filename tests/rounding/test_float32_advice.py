@@ -23,6 +23,8 @@ from tests.oracles.pinocchio_models import PinocchioOracle
 from tests.support.geared_arms import two_link_arm
 from tests.support.random_robots import random_robot, seeds
 
+pytestmark = pytest.mark.quick
+
 INVERSE = "inverse_dynamics"
 
 

@@ -32,6 +32,8 @@ from tests.oracles.roundings import worst_error
 from tests.support.geared_arms import two_link_arm
 from tests.support.random_robots import random_robot, seeds
 
+pytestmark = pytest.mark.quick
+
 INVERSE = "inverse_dynamics"
 WITHIN = 1e-5
 REACHED = 1e-5  # of a bound may be left

@@ -13,9 +13,10 @@ import eomgen
 from eomgen.errors import ArrayError, InputError, SingularError, UnknownNameError
 from eomgen.runtime.arrays import numbers_in
 from tests.support.builds import Build
+from tests.support.optional import needs
 from tests.support.refusals import refused
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
+pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
 STATES = 3
 VECTOR = "expected float64 of shape (2,) or (..., 2)"
 
@@ -76,7 +77,7 @@ def test_what_is_no_vector_is_refused(value: Any, got: str, kernel: eomgen.Kerne
 
 def test_columns_of_a_table_are_vectors(kernel: eomgen.Kernel) -> None:
     """Series of pandas have a method ``mask`` and are no masked arrays."""
-    pandas = pytest.importorskip("pandas")
+    pandas = needs("pandas")
     column = pandas.DataFrame({"q": Q})["q"]
     assert np.array_equal(kernel.mass_matrix(column), kernel.mass_matrix(Q))
     assert np.array_equal(numbers_in("q", column, "numbers"), Q)

@@ -23,6 +23,8 @@ from tests.support.generic_robots import chain, generic
 from tests.support.random_robots import random_robot, random_state
 from tests.support.soak import soaked
 
+pytestmark = pytest.mark.quick
+
 KERNELS = ("mass_matrix", "christoffel")
 
 

@@ -20,6 +20,8 @@ from tests.support.builds import Build
 from tests.support.random_robots import random_robot, with_random_loops
 from tests.support.soak import soaked
 
+pytestmark = pytest.mark.quick
+
 OWN = (
     "forward_dynamics",
     "constraint_forces",

@@ -17,7 +17,7 @@ from tests.support.random_mechanisms import mechanism
 from tests.support.random_robots import random_robot, seeds
 from tests.support.refusals import refused
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
+pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
 
 
 def limited(robot: eomgen.Robot, size: float) -> eomgen.Robot:

@@ -23,7 +23,7 @@ from tests.support.builds import Build
 from tests.support.random_robots import random_robot, seeds
 from tests.support.soak import soaked
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
+pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
 
 RATES = {"inverse_dynamics": 3, "forward_dynamics": 2, "energy": 2, "mass_matrix": 1, "bias_force": 2}
 

@@ -11,6 +11,8 @@ from eomgen.runtime import levels
 from tests.support.processors import PROCESSORS, needs_levels, pretend
 from tests.support.refusals import refused
 
+pytestmark = pytest.mark.quick
+
 
 @needs_levels
 @pytest.mark.parametrize(("processor", "known"), [("old", "v1"), ("avx2", "v1 v3"), ("avx512", "v1 v3 v4")])

@@ -20,7 +20,7 @@ from tests.support.builds import Build
 from tests.support.random_mechanisms import mechanism
 from tests.support.random_robots import Array, random_placement, random_robot, seeds
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
+pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
 
 
 def framed(robot: eomgen.Robot, rng: np.random.Generator) -> eomgen.Robot:

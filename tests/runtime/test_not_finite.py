@@ -21,8 +21,11 @@ from eomgen.robot.value import Robot
 from eomgen.simulation.run import simulate
 from tests.oracles.by_singular_values import ClosedLoops
 from tests.support.builds import Build
+from tests.support.optional import needs
 from tests.support.refusals import refused
 from tests.support.soak import soaked
+
+pytestmark = pytest.mark.quick
 
 METHODS = ("rk4", "RK45", "DOP853", "Radau", "BDF", "LSODA", "CVODE", "IDA")
 KERNELS = (
@@ -333,6 +336,7 @@ t1 = 0.2
 
 def test_the_command_saves_what_was_good(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """rk4 with a step that is too long for the spring: exit status 1, and a file that says that it was stopped."""
+    needs("zarr")
     (tmp_path / "s.toml").write_text(DIVERGING, encoding="utf-8")
     arguments = ["simulate", "one_link", "--scenario", str(tmp_path / "s.toml"), "-o", str(tmp_path / "out")]
     streamed = ["--stream", str(tmp_path / "stream")]

@@ -11,7 +11,7 @@ import eomgen
 from eomgen.errors import InputError
 from tests.support.builds import Build
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
+pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
 
 
 def cells(html: str) -> dict[str, str]:

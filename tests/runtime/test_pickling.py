@@ -21,6 +21,8 @@ from eomgen.runtime.kernel import Kernel
 from tests.support.quick_builds import ONE_LEVEL, Q, answer, as_new_process, one_link, python
 from tests.support.soak import soaked
 
+pytestmark = pytest.mark.quick
+
 LOADS = """
     import json, pickle, sys
     from pathlib import Path

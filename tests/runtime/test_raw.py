@@ -168,7 +168,7 @@ def test_threads_that_cannot_be(number: object, kernel: Kernel) -> None:
         kernel.with_checks(number if isinstance(number, str) else 1)  # type: ignore[arg-type]
 
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
+pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
 FUNCTIONS = re.compile(r"\(\*(\w+)\)\(")
 OWN = {"mechanism", "work", "h", "batch_h", "force_turned"}  # of functions, or filled by themselves
 

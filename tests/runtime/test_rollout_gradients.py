@@ -45,7 +45,11 @@ from tests.support.rollout_cases import (
 )
 from tests.support.soak import share
 
-pytestmark = [pytest.mark.usefixtures("unoptimised"), pytest.mark.filterwarnings("ignore::eomgen.errors.EomgenWarning")]
+pytestmark = [
+    pytest.mark.quick,
+    pytest.mark.usefixtures("unoptimised"),
+    pytest.mark.filterwarnings("ignore::eomgen.errors.EomgenWarning"),
+]
 EVERY = [pytest.param(kind, marks=[pytest.mark.soak] if kind in SLOW else []) for kind in KINDS]
 BARE = ("rollout", "explicit_gradient", "explicit_sensitivity", "external_force", "inverse_dynamics")
 

@@ -17,6 +17,8 @@ from eomgen.runtime.raw import Array
 from tests.runtime.test_closed_errors import built_closed, state_of
 from tests.support.builds import Build
 
+pytestmark = pytest.mark.quick
+
 
 def extended(value: Array, bound: Array | float = 0.0) -> Extended:
     return Extended(value, np.zeros_like(value), np.broadcast_to(np.asarray(bound, float), value.shape))

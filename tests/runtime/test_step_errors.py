@@ -24,6 +24,8 @@ from tests.support.builds import Build
 from tests.support.figures import Figures
 from tests.support.soak import soaked
 
+pytestmark = pytest.mark.quick
+
 DTYPES = ("float64", "float32")
 TREES = tuple(part for part in PARTS if part != "loops")
 STEP = "implicit_step"

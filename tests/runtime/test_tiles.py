@@ -21,6 +21,8 @@ from eomgen.runtime.raw import TILE_BYTES
 from eomgen.runtime.tiled import Tiled
 from tests.support.builds import Build
 
+pytestmark = pytest.mark.quick
+
 Array = np.ndarray[Any, Any]
 N = 21  # states, no multiple of a tile
 RAIL = """

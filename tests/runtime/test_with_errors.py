@@ -20,6 +20,8 @@ from eomgen.runtime import Kernel
 from eomgen.runtime.derivatives import equations_of_motion
 from tests.support.builds import Build
 
+pytestmark = pytest.mark.quick
+
 KERNELS = ("inverse_dynamics", "mass_matrix", "forward_dynamics", "energy", "kinematics")
 FUNCTIONS: dict[str, str] = {"inverse_dynamics": "qva", "mass_matrix": "q", "energy": "qv"}
 OF_FRAMES = ("frame_pose", "frame_jacobian")

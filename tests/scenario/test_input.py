@@ -16,7 +16,7 @@ from eomgen.simulation.run import run_scenario
 from tests.support.bad_files import CIRCLE, DURATION, LINE, MOTION, SHAKEN
 from tests.support.commands import command
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
+pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
 
 SHAKE = "[[prescribed]]\ntype = 'harmonic'\ncoordinate = 'mount.x'\namplitude = 1\nfrequency = 1\n"
 MEETING = [  # what a robot cannot do: robot, text, place, reason

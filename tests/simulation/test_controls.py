@@ -29,7 +29,7 @@ from tests.control.test_inversion import GEARED, RODS, SCENARIO
 from tests.support.pendulums import MOTOR, described
 from tests.support.soak import soaked
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
+pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
 
 # Clipped drives
 

@@ -29,7 +29,7 @@ from tests.support.commands import command
 from tests.support.optional import needs
 from tests.support.sliders import RELEASE, SLIDER, STIFF, slider
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
+pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
 
 ROOT = Path(__file__).parents[2]
 

@@ -323,6 +323,6 @@ def _metadata(folder: Path) -> dict[str, Any]:
 
 
 def _zarr() -> Any:
-    with optional_import("Zarr (Python 3.11 or later)", "streams need"):
+    with optional_import("Zarr", "streams need"):
         import zarr
     return zarr

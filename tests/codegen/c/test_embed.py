@@ -21,6 +21,8 @@ from eomgen.pipeline.stages import Options, generate
 from eomgen.runtime.levels import BASE
 from tests.support.c_project import COMPILERS, eigen_prefix, need, run, search_path
 
+pytestmark = pytest.mark.quick
+
 ROOT = Path(__file__).parents[3]
 EMBED = (ROOT / "docs" / "embed.md").read_text(encoding="utf-8")
 NEEDED = ("forward_dynamics", "inverse_dynamics", "energy", "kinematics", "rollout")

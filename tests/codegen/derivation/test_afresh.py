@@ -36,6 +36,8 @@ from tests.support.random_motors import with_motors
 from tests.support.random_robots import random_robot, seeds, with_offsets, with_random_loops
 from tests.support.soak import soaked
 
+pytestmark = pytest.mark.quick
+
 KINDS: dict[str, Callable[[int], Robot]] = {
     "trees of all coordinates": lambda seed: random_robot(
         seed, tree=True, types=("revolute", "prismatic", "fixed", "free")

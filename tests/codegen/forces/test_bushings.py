@@ -22,7 +22,7 @@ from tests.support.every_element import TREE
 from tests.support.random_robots import random_state, seeds
 from tests.support.small_robots import free_body
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
+pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
 
 Array = NDArray[np.float64]
 STIFFNESS, DAMPING = [900.0, 700.0, 800.0, 30.0, 20.0, 10.0], [3.0, 2.0, 1.0, 0.3, 0.2, 0.1]

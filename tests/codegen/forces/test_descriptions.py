@@ -35,6 +35,8 @@ from tests.codegen.forces.test_loads import LOADED, cut_pin, pin
 from tests.codegen.forces.test_stops import STOPS, geared, stopped
 from tests.support.every_element import TREE
 
+pytestmark = pytest.mark.quick
+
 BLOCK = """
 name = "slider"
 gravity = [0.0, 0.0, 0.0]

@@ -25,6 +25,8 @@ from eomgen.robot.value import ANGULAR, COORDINATES, LINEAR, Coordinate, Joint, 
 from tests.oracles.lagrange import LagrangeOracle
 from tests.oracles.paper_example import equal, gravity, length, m, one_link, stiffness
 
+pytestmark = pytest.mark.quick
+
 Array = NDArray[np.float64]
 ERRATA = Path(__file__).parents[3] / "docs" / "errata.md"
 t = dynamicsymbols._t

@@ -13,6 +13,8 @@ from eomgen.codegen.joint import modal_lemmas as modal
 from eomgen.errors import InternalError
 from tests.codegen.joint.test_joint import changed
 
+pytestmark = pytest.mark.quick
+
 
 @pytest.mark.soak
 def test_what_the_proofs_say() -> None:

@@ -16,6 +16,8 @@ from tests.support.bending_robots import Bending, bent, with_mode_follower
 from tests.support.generic_robots import generic
 from tests.support.random_robots import Array, random_robot, seeds
 
+pytestmark = pytest.mark.quick
+
 
 def draw(seed: int, *, second: bool) -> Bending:
     rng = np.random.default_rng(seed)

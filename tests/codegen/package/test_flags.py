@@ -20,6 +20,8 @@ from eomgen.runtime.levels import LEVELS
 from tests.support.processors import needs_levels, pretend
 from tests.support.quick_builds import script
 
+pytestmark = pytest.mark.quick
+
 UNSAFE = (
     "-Ofast --optimize=fast -ffast-math --fast-math -funsafe-math-optimizations -ffinite-math-only -fassociative-math"
     " -freciprocal-math --reciprocal-math -fno-signed-zeros --no-signed-zeros -fsingle-precision-constant"

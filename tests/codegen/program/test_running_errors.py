@@ -18,6 +18,8 @@ from eomgen.codegen.program.operations import CALLS, OPERATIONS, VALUES
 from eomgen.codegen.program.running_errors import CALLED, EXACT, TURNED, UNITS, Error, with_errors
 from eomgen.robot.model import build_model
 
+pytestmark = pytest.mark.quick
+
 Numbers = dict[str, list[Any]]
 NARROW = np.float32
 HIGH: dict[str, Callable[..., Any]] = {
