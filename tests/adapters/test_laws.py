@@ -5,9 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-import casadi
-import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -25,6 +22,9 @@ from tests.support.adapter_samples import differences, second_differences
 from tests.support.bristles import bent, bristle_arm, bristle_linkage, wide
 from tests.support.builds import Build
 from tests.support.every_element import robot_with
+from tests.support.optional import needs
+
+casadi, jax, jnp = needs("casadi"), needs("jax"), needs("jax.numpy")
 
 NAMES = ("forward_dynamics", "generalized_force", "energy", "mass_matrix")
 FAMILIES = [

@@ -15,9 +15,11 @@ from eomgen.errors import ArrayError, InputError, UnknownNameError
 from tests.support.adapter_samples import BENDING, built_for, functions_of, sample, states
 from tests.support.builds import Build
 from tests.support.figures import Figures
+from tests.support.optional import needs
 from tests.support.random_robots import Array, seeds
+from tests.support.refusals import refused
 
-torch = pytest.importorskip("torch")
+torch = needs("torch", extra="torch")
 COUNT = 3
 
 
@@ -118,8 +120,7 @@ def test_in_single_precision(built: Build) -> None:
     value.sum().backward()
     assert q.grad.dtype == torch.float32
     assert np.allclose(q.grad, kernel.vjp("inverse_dynamics", tuple(arrays), np.ones_like(arrays[0]))[0], rtol=1e-6)
-    with pytest.raises(ArrayError, match=r"q: dtype torch\.float64; allowed: torch\.float32"):
-        made(q.double(), v, a)
+    refused(ArrayError, r"q: dtype torch\.float64; allowed: torch\.float32", made, q.double(), v, a)
 
 
 def test_what_is_refused(one_link: eomgen.Kernel, built: Build, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -131,17 +132,14 @@ def test_what_is_refused(one_link: eomgen.Kernel, built: Build, monkeypatch: pyt
         ((q, q[:3], q), r"v: leading axes \(3,\) beside \(4,\); allowed: those of broadcasting"),
         ((q, q, q * np.nan), "u: .* is nan"),
     ):
-        with pytest.raises(ArrayError, match=said):
-            made(*arrays)
+        refused(ArrayError, said, made, *arrays)
     assert made(*[q.to("meta")] * 3).shape == q.shape
     with pytest.raises(
         ArrayError, match="q: a tensor on meta; allowed: on the processor, or a function of a kernel's d"
     ):
         operators_of(made)._run("value", [q.to("meta"), q, q])
-    with pytest.raises(InputError, match="forward_dynamics: got 2 tensors; allowed: q, v, u"):
-        made(q, q)
-    with pytest.raises(UnknownNameError, match=r"'forward_dynamic'"):
-        function(one_link, "forward_dynamic")
+    refused(InputError, "forward_dynamics: got 2 tensors; allowed: q, v, u", made, q, q)
+    refused(UnknownNameError, r"'forward_dynamic'", function, one_link, "forward_dynamic")
     first = function(built(eomgen.load_robot("one_link"), *kernels_for("energy", order=1)), "energy")
     with pytest.raises(UnknownNameError, match="built without"):
         first(q.clone().requires_grad_(), q).sum().backward()

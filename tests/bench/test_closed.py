@@ -18,6 +18,7 @@ from benchmarks.peers.ours import Ours as Kernels
 from eomgen.bench.clock import Stopwatch
 from eomgen.bench.textbook import compile_yardstick
 from eomgen.robot.model import build_model
+from tests.support.optional import needs
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -45,7 +46,7 @@ def test_states_are_closed_and_stay_so(name: str) -> None:
 
 
 def test_loops_as_the_peer_reads_them() -> None:
-    pytest.importorskip("pinocchio")
+    needs("pinocchio")
     lines = closed_peer.loops_text(eomgen.load_robot("four_bar")).splitlines()
     numbers = [[float(x) for x in line.split()] for line in lines]
     turn = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
@@ -118,7 +119,7 @@ def test_the_page() -> None:
 
 @pytest.mark.soak
 def test_without_the_peer_it_says_so(no_compiler: None, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    pytest.importorskip("pinocchio")
+    needs("pinocchio")
     assert closed.main(["four_bar", "--repeat", "1", "--output", str(tmp_path / "page")]) == 0
     assert "four-bar linkage: not timed, not here" in capsys.readouterr().out
     assert not (tmp_path / "page").exists()

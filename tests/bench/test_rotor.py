@@ -13,6 +13,7 @@ from benchmarks.rotor_model import DENSITY, LENGTH, MODES, SHAFT, UNBALANCE, rob
 from benchmarks.rotor_model import rotor as made_rotor
 from eomgen.bending.checks import rigid_motions
 from eomgen.robot.model import build_model
+from tests.support.optional import needs
 
 
 def test_finite_elements_are_those_of_a_free_body() -> None:
@@ -62,7 +63,7 @@ def test_without_exudyn_it_is_said(monkeypatch: pytest.MonkeyPatch, capsys: pyte
 @pytest.mark.soak
 def test_both_move_alike(monkeypatch: pytest.MonkeyPatch) -> None:
     """Over 0.02 s, a revolution: within the step errors of Exudyn's steps of 2 us."""
-    pytest.importorskip("exudyn")
+    needs("exudyn", extra="bench")
     monkeypatch.setattr(rotor, "DURATION", 0.02)
     monkeypatch.setattr(rotor, "SAMPLES", 20)
     made = made_rotor()

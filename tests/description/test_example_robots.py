@@ -13,11 +13,9 @@ import pytest
 import eomgen
 from eomgen.errors import DescriptionError, EomgenWarning, SingularError
 from eomgen.robot.value import Robot
+from tests.oracles.pinocchio_models import PinocchioOracle, UrdfOracle
 from tests.support.builds import Build
 from tests.support.description_samples import example_urdfs
-
-pytest.importorskip("pinocchio")
-from tests.oracles.pinocchio_models import PinocchioOracle, UrdfOracle
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 

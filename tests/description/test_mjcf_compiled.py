@@ -21,6 +21,8 @@ from tests.support.description_samples import MJCF, URDF
 from tests.support.file_mutants import any_mutant
 from tests.support.fuzzing import check_message, check_robot
 from tests.support.mjcf_models import random_model
+from tests.support.optional import needs
+from tests.support.refusals import refused
 from tests.support.soak import soaked
 
 LEG = """<mujocoinclude>
@@ -155,8 +157,7 @@ def test_without_mujoco_a_refusal_says_what_would_help(walker: Path, monkeypatch
 
 
 def test_a_text_alone_opens_no_file(walker: Path) -> None:
-    with pytest.raises(DescriptionError, match="includes are not read"):
-        robot_from_mjcf(walker.read_text(), source=str(walker))
+    refused(DescriptionError, "includes are not read", robot_from_mjcf, walker.read_text(), source=str(walker))
 
 
 def test_what_is_only_shown_or_measured_need_not_be_there(tmp_path: Path) -> None:
@@ -207,8 +208,7 @@ def test_copies_without_end_are_refused_before_they_are_made(tmp_path: Path) -> 
     body = '<body><joint/><geom size="1"/></body>'
     copies = f'<replicate count="10000"><replicate count="10000">{body}</replicate></replicate>'
     path = written(tmp_path, f"<mujoco><worldbody>{copies}</worldbody></mujoco>")
-    with pytest.raises(DescriptionError, match="10000 times; allowed: up to"):
-        load_robot(path)
+    refused(DescriptionError, "10000 times; allowed: up to", load_robot, path)
 
 
 BODY = '<body name="b"><joint/><geom size="1"/></body>'
@@ -376,7 +376,7 @@ MACROS = URDF.replace("<robot ", '<robot xmlns:xacro="http://www.ros.org/wiki/xa
 
 
 def test_macros_of_xacro_are_expanded(tmp_path: Path) -> None:
-    pytest.importorskip("xacro")
+    needs("xacro")
     (tmp_path / "more.xacro").write_text(
         '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:property name="m" value="2"/></robot>'
     )
@@ -395,7 +395,7 @@ def test_macros_are_expanded_only_for_who_asks(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A file's expressions are evaluated where somebody has asked for it, and nowhere else."""
-    xacro = pytest.importorskip("xacro")
+    xacro = needs("xacro")
     expanded_files: list[str] = []
     real = xacro.process_file
     monkeypatch.setattr(xacro, "process_file", lambda path: (expanded_files.append(path), real(path))[1])
@@ -412,8 +412,7 @@ def test_macros_are_expanded_only_for_who_asks(
         ) as e:
             load_robot(path, xacro=given)  # type: ignore[arg-type]
         check_message(e.value)
-    with pytest.raises(DescriptionError, match="--xacro"):
-        as_robot(path)
+    refused(DescriptionError, "--xacro", as_robot, path)
     assert expanded_files == []
     assert main(["check", "--xacro", str(path)]) == 0
     assert expanded_files == [str(path)]
@@ -423,7 +422,7 @@ def test_packages_are_found_where_they_are_said_to_be(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """By Python and by the command line, from another folder; nothing of it is left behind."""
-    pytest.importorskip("xacro")
+    needs("xacro")
     (tmp_path / "arm" / "pkg").mkdir(parents=True)
     (tmp_path / "arm" / "pkg" / "more.xacro").write_text(MACROS)
     monkeypatch.chdir(tmp_path)
@@ -449,7 +448,7 @@ def test_packages_are_found_where_they_are_said_to_be(
 
 def test_packages_of_another_thread_are_not_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A thread that begins while another reads with its packages has its own alone."""
-    xacro = pytest.importorskip("xacro")
+    xacro = needs("xacro")
     (tmp_path / "pkg").mkdir()
     (tmp_path / "pkg" / "more.xacro").write_text(MACROS)
     path = tmp_path / "arm.xacro"
@@ -480,14 +479,12 @@ def test_packages_of_another_thread_are_not_found(tmp_path: Path, monkeypatch: p
 
 def test_without_xacro_it_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "xacro", None)
-    with pytest.raises(InputError, match=r"need xacro, which is not installed: .*eomgen\[xacro\]"):
-        expanded(tmp_path, MACROS)
+    refused(InputError, r"need xacro, which is not installed: .*eomgen\[xacro\]", expanded, tmp_path, MACROS)
 
 
 def test_sdf_is_refused_with_what_to_do(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "arm.sdf"
     path.write_text('<sdf version="1.9"/>')
-    with pytest.raises(DescriptionError, match="SDF is not read; allowed: the URDF"):
-        load_robot(path)
+    refused(DescriptionError, "SDF is not read; allowed: the URDF", load_robot, path)
     assert main(["check", str(path)]) == 1
     assert "SDF is not read" in capsys.readouterr().out

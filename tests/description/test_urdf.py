@@ -15,8 +15,9 @@ from eomgen.robot.bounds import Limits
 from eomgen.robot.geometry import IDENTITY, axis_turn
 from eomgen.robot.value import Coordinate, Friction, Robot
 from tests.support.description_samples import URDF, example_urdfs, link_poses
+from tests.support.optional import OptionalModule
 
-pin = pytest.importorskip("pinocchio")
+pin = OptionalModule("pinocchio")
 EXAMPLES = example_urdfs()
 PASSIVE = {"quadrotor_base.urdf", "iris_simple.urdf", "ur3.urdf"}  # no moving joint (ur3: an empty robot)
 MOVING = [path for path in EXAMPLES if path.name not in PASSIVE]

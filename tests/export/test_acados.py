@@ -10,7 +10,6 @@ from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
-import casadi
 import numpy as np
 import pytest
 
@@ -22,7 +21,10 @@ from eomgen.export import export_acados
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
 from tests.support.builds import Build
+from tests.support.optional import needs
 from tests.support.random_robots import Array, random_robot
+
+casadi = needs("casadi")
 
 WHEEL = Path(casadi.__file__).parent
 # What acados declares of generic external functions, in the file of this name

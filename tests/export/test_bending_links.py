@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import mujoco
 import pytest
 
 import eomgen
@@ -13,7 +12,10 @@ from eomgen.cli.entry import main
 from eomgen.export import export_mjcf
 from eomgen.robot.model import build_model
 from tests.support.bending_robots import bent
+from tests.support.optional import OptionalModule
 from tests.support.random_robots import random_robot
+
+mujoco = OptionalModule("mujoco")
 
 
 @pytest.mark.parametrize("approximate", [False, True])

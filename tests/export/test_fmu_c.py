@@ -9,8 +9,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from xml.etree import ElementTree
 
-import fmpy
-import lxml.etree
 import numpy as np
 import pytest
 
@@ -21,6 +19,9 @@ from eomgen.export.fmu.pack import binary_path, export_fmu
 from eomgen.export.fmu.variables import UNITS, parameter_unit
 from eomgen.export.step import PART, default_step
 from eomgen.robot.model import build_model
+from tests.support.optional import needs
+
+fmpy, etree = needs("fmpy"), needs("lxml.etree")
 
 HEADERS = Path(fmpy.__file__).parent / "c-code"
 COMPILERS = [name for name in ("gcc", "clang") if shutil.which(name)]
@@ -69,8 +70,8 @@ def test_signatures_are_the_standards(compiler: str, unpacked: Path) -> None:
 @pytest.mark.parametrize("compiler", COMPILERS)
 def test_listed_sources_build_by_themselves(compiler: str, unpacked: Path, tmp_path: Path) -> None:
     if unpacked.name == "fmi3":
-        schema = lxml.etree.XMLSchema(file=str(HEADERS.parent / "schema" / "fmi3" / "fmi3BuildDescription.xsd"))
-        schema.assertValid(lxml.etree.parse(str(unpacked / "sources" / "buildDescription.xml")))
+        schema = etree.XMLSchema(file=str(HEADERS.parent / "schema" / "fmi3" / "fmi3BuildDescription.xsd"))
+        schema.assertValid(etree.parse(str(unpacked / "sources" / "buildDescription.xml")))
     prefix = "-DFMI2_FUNCTION_PREFIX=worn_arm_" if unpacked.name == "fmi2" else "-DANYTHING"
     library = str(tmp_path / "unit.so")
     compile_c(compiler, "-O0", "-shared", "-fPIC", prefix, *listed_sources(unpacked), "-o", library, "-lm")

@@ -31,6 +31,7 @@ from eomgen.simulation.loads import combined_body
 from tests.support.bristles import bristle_arm, bristle_linkage, servo_arm, servo_axes
 from tests.support.browser import Page, open_page
 from tests.support.every_element import robot_with
+from tests.support.optional import needs
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -169,7 +170,7 @@ def test_what_moves_on_a_page_moves_as_rollouts_of_python(
     make: Callable[[], Robot], changed: dict[str, float], tmp_path: Path
 ) -> None:
     """Under node, without a browser: states of laws, loops, matrices; drives off, parameters as they were changed."""
-    pytest.importorskip("ziglang", reason="the compiler for WebAssembly is not installed")
+    needs("ziglang")
     contents = contents_of(make(), None, None, no_progress)
     values, start = contents.values, contents.values["start"]
     kernel = eomgen.build(contents.robot, kernels=KERNELS)
@@ -210,7 +211,7 @@ def test_what_moves_on_a_page_moves_as_rollouts_of_python(
 @pytest.mark.skipif(NODE is None, reason="node is not installed")
 def test_servo_drives_take_references_from_a_page(tmp_path: Path) -> None:
     """Positions of the program at the shafts, held over a period, and a push beside the drives, as in Python."""
-    pytest.importorskip("ziglang", reason="the compiler for WebAssembly is not installed")
+    needs("ziglang")
     robot, ticks = servo_axes(), 60
     motion = Section("point_to_point", {"duration": 0.2, "goal": {"j1": 0.6, "j2": -0.3}})
     contents = contents_of(robot, eomgen.Scenario(0.2, motion=motion), None, no_progress)
@@ -253,7 +254,7 @@ def test_servo_drives_take_references_from_a_page(tmp_path: Path) -> None:
 @pytest.mark.skipif(NODE is None, reason="node is not installed")
 def test_drives_that_take_a_voltage_have_sliders(tmp_path: Path) -> None:
     """Of a position and a voltage in one robot: each input acts as in Python, from where it stands at the start."""
-    pytest.importorskip("ziglang", reason="the compiler for WebAssembly is not installed")
+    needs("ziglang")
     contents, ticks = contents_of(servo_arm(), None, None, no_progress), 30
     values, kernel = contents.values, eomgen.build(contents.robot, kernels=KERNELS)
     assert (values["control"], values["drive"], values["drives"]) == ("none", "none", [])
@@ -308,7 +309,7 @@ def test_a_recording_has_states_of_laws_behind_the_rates() -> None:
 
 @pytest.mark.soak
 def test_a_page_has_everything_and_no_text_ends_its_elements() -> None:
-    pytest.importorskip("ziglang", reason="the compiler for WebAssembly is not installed")
+    needs("ziglang")
     robot = eomgen.load_robot("one_link")
     spoiled = Robot(**{**vars(robot), "notes": ("</script><script>document.title = 'taken'</script>", "a & b")})
     text = live_page(spoiled)
@@ -359,7 +360,7 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def browser() -> Iterator[Page]:
-    pytest.importorskip("ziglang", reason="the compiler for WebAssembly is not installed")
+    needs("ziglang")
     with open_page(1280, 800) as found:
         yield found
 

@@ -47,6 +47,7 @@ from tests.support.bristles import (
 )
 from tests.support.builds import Build
 from tests.support.c_project import NO_EIGEN, WARNINGS, need, run
+from tests.support.optional import needs
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -98,7 +99,7 @@ def test_every_format_is_written(
     name: str, make: Callable[[], Robot], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     if name == "wasm":
-        pytest.importorskip("ziglang", reason="the compiler for WebAssembly is not installed")
+        needs("ziglang")
     path = tmp_path / "robot.toml"
     path.write_text(TEXTS[make], encoding="utf-8")
     more = {"mjcf": ["--approximate"], "fmu": ["--fmi", "3", "--method", "implicit"], "wasm": ["--kernels", "energy"]}

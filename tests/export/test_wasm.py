@@ -23,11 +23,12 @@ from eomgen.robot.value import Robot
 from tests.oracles.force_laws import with_drives, with_laws
 from tests.support.bending_exports import BENDING
 from tests.support.bristles import bent, bristle_linkage, remembering_arm, servo_arm, wide
+from tests.support.optional import needs
 from tests.support.random_robots import random_robot
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
-pytest.importorskip("ziglang", reason="the compiler for WebAssembly is not installed")
+needs("ziglang")
 NODE = shutil.which("node")
 needs_node = pytest.mark.skipif(NODE is None, reason="node is not installed")
 LARGEST = 250_000  # bytes of a module of six degrees of freedom, with rollouts
@@ -281,7 +282,7 @@ def test_matrices_stay_positive_semidefinite(tmp_path: Path) -> None:
 
 
 def test_under_wasmtime_it_needs_nothing_and_has_the_same_bits() -> None:
-    wasmtime = pytest.importorskip("wasmtime")
+    wasmtime = needs("wasmtime")
     made = make_wasm("one_link", kernels=("forward_dynamics",))
     engine = wasmtime.Engine()
     module = wasmtime.Module(engine, made.binary)

@@ -23,12 +23,13 @@ from eomgen.runtime.stepping.reading_inputs import input_signals
 from eomgen.scenario.load import load_scenario, scenario_from_toml
 from eomgen.scenario.value import Scenario
 from eomgen.simulation.assembly import assemble
+from tests.support.optional import needs
 
 from .test_wasm import needs_node, with_node
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
-pytest.importorskip("ziglang", reason="the compiler for WebAssembly is not installed")
+needs("ziglang")
 TSC = shutil.which("tsc")
 
 SIMULATED = """

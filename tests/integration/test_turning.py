@@ -19,6 +19,7 @@ from eomgen.robot.elements.joint_damping import JointDamping
 from eomgen.robot.elements.journal import Radial
 from eomgen.robot.value import Coordinate, Joint, Link, Placement, Robot
 from tests.support.builds import Build
+from tests.support.optional import needs
 from tests.support.refusals import refused
 from tests.support.small_robots import free_body, held_body
 from tests.support.soak import soaked
@@ -120,7 +121,7 @@ def test_a_pitch_over_the_pole_goes_on_as_an_angle(built: Build) -> None:
 @pytest.mark.parametrize("method", soaked(["rk4", "DOP853", "Radau", "LSODA", "CVODE", "IDA"], ["rk4", "Radau", "IDA"]))
 def test_integrations_pass_the_poles(method: str, built: Build) -> None:
     if method in ("CVODE", "IDA"):
-        pytest.importorskip("sksundae")
+        needs("sksundae", extra="test")
     kernel = built(tumbler(), *INTEGRATED)
     q, v = kernel.rollout(Q0, V0, np.zeros(6), 1e-4, 30_000, every=500)
     found = integrate(kernel, Q0, V0, 3.0, method=method, rtol=1e-9, output_step=0.05)

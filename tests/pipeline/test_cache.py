@@ -42,6 +42,7 @@ from tests.support.quick_builds import (
     truncate,
     without_headers,
 )
+from tests.support.refusals import refused
 from tests.support.soak import soaked
 
 
@@ -172,8 +173,7 @@ def test_a_cache_folder_that_is_a_file(tmp_path: Path, monkeypatch: pytest.Monke
 @pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write everywhere")
 def test_a_read_only_cache(empty_cache: Path) -> None:
     empty_cache.mkdir(mode=0o500)
-    with pytest.raises(BuildError, match=r"cannot be written: Permission denied; make it writable"):
-        one_link()
+    refused(BuildError, r"cannot be written: Permission denied; make it writable", one_link)
 
 
 @pytest.mark.parametrize("mode", [0o770, 0o702, 0o777])
@@ -287,8 +287,7 @@ def test_unsafe_arithmetic_is_refused_in_a_call(empty_cache: Path) -> None:
 @pytest.mark.parametrize("variable", ["CC", "CFLAGS", "LDFLAGS"])
 def test_a_quote_that_is_not_closed(variable: str, empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(variable, "-DA='x")
-    with pytest.raises(BuildError, match=rf"\${variable} is \"-DA='x\": No closing quotation; allowed: words"):
-        one_link()
+    refused(BuildError, rf"\${variable} is \"-DA='x\": No closing quotation; allowed: words", one_link)
 
 
 def test_no_key_of_a_file_names_a_compiler_or_a_flag() -> None:
@@ -300,8 +299,7 @@ def test_no_key_of_a_file_names_a_compiler_or_a_flag() -> None:
         key for key in keys if re.search("(?i)flag|compil|^cc$|command|shell|exec|env|library|include|linker", key)
     ]
     for key in ("cc", "cflags", "flags", "compiler"):
-        with pytest.raises(DescriptionError, match=f"unknown key '{key}'"):
-            robot_from_toml(f'name = "arm"\n{key} = "-O3"\n')
+        refused(DescriptionError, f"unknown key '{key}'", robot_from_toml, f'name = "arm"\n{key} = "-O3"\n')
 
 
 @pytest.mark.soak
@@ -368,10 +366,8 @@ def test_generating_again_replaces_and_foreign_folders_stay(tmp_path: Path) -> N
     file = tmp_path / "other" / "one_link"
     file.parent.mkdir()
     file.touch()
-    with pytest.raises(InputError, match=r"exists and is not a generated package"):
-        generate(robot, file.parent, ONE_LEVEL)
-    with pytest.raises(InputError, match=r"cannot be written: "):
-        generate(robot, file, ONE_LEVEL)
+    refused(InputError, r"exists and is not a generated package", generate, robot, file.parent, ONE_LEVEL)
+    refused(InputError, r"cannot be written: ", generate, robot, file, ONE_LEVEL)
 
 
 def test_loading_again_does_not_import_sympy(built: Build) -> None:

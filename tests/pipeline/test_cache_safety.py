@@ -20,6 +20,7 @@ from eomgen.pipeline import cache
 from eomgen.pipeline.cache import VARIABLE, is_whole
 from eomgen.pipeline.stages import load_kernel, make_package
 from tests.support.quick_builds import BUILD, QUICK, Q, answer, as_new_process, one_link, python
+from tests.support.refusals import refused
 from tests.support.soak import soaked
 
 posix = pytest.mark.skipif(not hasattr(os, "getuid"), reason="owners and modes as POSIX has them")
@@ -89,8 +90,7 @@ def test_folders_of_other_users_are_refused(name: str, filled_cache: Path, monke
     if name == "locks":
         shutil.rmtree(filled_cache / "packages")
     os.chown(folder, 12345, -1)
-    with pytest.raises(BuildError, match=r"belongs to another user; set EOMGEN_CACHE_DIR to a folder of yours"):
-        one_link()
+    refused(BuildError, r"belongs to another user; set EOMGEN_CACHE_DIR to a folder of yours", one_link)
 
 
 @posix
@@ -102,8 +102,7 @@ def test_who_is_asked_for_the_owner(name: str, filled_cache: Path, monkeypatch: 
     one_link()
     as_new_process(monkeypatch)
     monkeypatch.setattr(os, "getuid", lambda: 12345)
-    with pytest.raises(BuildError, match=r"belongs to another user"):
-        one_link()
+    refused(BuildError, r"belongs to another user", one_link)
 
 
 @posix

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import threading
 
-import jax
 import numpy as np
 import pytest
 
 import eomgen
 from eomgen.errors import BuildError
 from eomgen.pipeline import denormals
+from tests.support.optional import OptionalModule
+
+jax = OptionalModule("jax")
 
 Q = np.array([0.2, 0.5])
 pytestmark = pytest.mark.usefixtures("unoptimised")

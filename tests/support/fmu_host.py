@@ -7,24 +7,15 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import fmpy
 import numpy as np
-from fmpy.fmi2 import (
-    FMU2Model,
-    FMU2Slave,
-    calloc,
-    fmi2CallbackAllocateMemoryTYPE,
-    fmi2CallbackFreeMemoryTYPE,
-    fmi2CallbackFunctions,
-    fmi2CallbackLoggerTYPE,
-    free,
-)
-from fmpy.fmi3 import FMU3Model, FMU3Slave
-from fmpy.model_description import ModelDescription
 from numpy.typing import NDArray
 
+from tests.support.optional import needs
+
+fmpy = needs("fmpy", "fmpy.fmi2", "fmpy.fmi3", "fmpy.validation")
+fmi2, fmi3 = fmpy.fmi2, fmpy.fmi3
 Array = NDArray[np.float64]
-CLASSES = {(2, False): FMU2Model, (2, True): FMU2Slave, (3, False): FMU3Model, (3, True): FMU3Slave}
+CLASSES = {(2, False): fmi2.FMU2Model, (2, True): fmi2.FMU2Slave, (3, False): fmi3.FMU3Model, (3, True): fmi3.FMU3Slave}
 
 
 class Host:
@@ -34,7 +25,7 @@ class Host:
     """
 
     def __init__(self, folder: Path, *, stepping: bool = False, guid: str = "") -> None:
-        self.description: ModelDescription = fmpy.read_model_description(str(folder), validate=False)
+        self.description: Any = fmpy.read_model_description(str(folder), validate=False)
         self.version = int(self.description.fmiVersion[0])
         self.references: dict[str, int] = {x.name: x.valueReference for x in self.description.modelVariables}
         self.states = len(self.description.derivatives)
@@ -46,11 +37,11 @@ class Host:
             instanceName="unit",
         )
         if self.version == 2:
-            self._logger = fmi2CallbackLoggerTYPE(lambda *said: self.messages.append(said[4].decode()))
-            self._callbacks = fmi2CallbackFunctions()
+            self._logger = fmi2.fmi2CallbackLoggerTYPE(lambda *said: self.messages.append(said[4].decode()))
+            self._callbacks = fmi2.fmi2CallbackFunctions()
             self._callbacks.logger = self._logger
-            self._callbacks.allocateMemory = fmi2CallbackAllocateMemoryTYPE(calloc)
-            self._callbacks.freeMemory = fmi2CallbackFreeMemoryTYPE(free)
+            self._callbacks.allocateMemory = fmi2.fmi2CallbackAllocateMemoryTYPE(fmi2.calloc)
+            self._callbacks.freeMemory = fmi2.fmi2CallbackFreeMemoryTYPE(fmi2.free)
             self.unit.instantiate(callbacks=self._callbacks)
         else:
             self.unit.instantiate(logMessage=lambda *said: self.messages.append(said[3].decode()))
