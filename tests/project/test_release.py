@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import subprocess
+import sys
 import tomllib
 from pathlib import Path
 
@@ -56,6 +57,25 @@ def test_a_tree_with_changes_is_refused(tree: Path) -> None:
 def test_pythons_that_are_asked_for_must_be_here() -> None:
     with pytest.raises(checks.Refused, match=r"Python 2\.0 is not installed"):
         checks.interpreters(["2.0"], required=True)
+
+
+def test_versions_that_were_not_tested_are_named(
+    tree: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    tested = list[str]()
+    archives = (tree / "CHANGELOG.md", tree / "CITATION.cff")
+    monkeypatch.setattr(checks, "clean_tree", lambda: None)
+    monkeypatch.setattr(checks, "build", lambda *_: archives)
+    monkeypatch.setattr(checks, "interpreter", {"3.11": "a", "3.13": "b"}.get)
+    monkeypatch.setattr(checks, "unpack_debian", {"3.14": "c"}.get)
+    monkeypatch.setattr(checks, "check_python", lambda version, *_: tested.append(version))
+    monkeypatch.setattr(sys, "argv", ["release"])
+    assert checks.main() == 0
+    assert tested == ["3.11", "3.13", "3.14"]
+    assert "tested with Python 3.11, 3.13, 3.14; not tested: 3.12." in capsys.readouterr().out
+    monkeypatch.setattr(sys, "argv", ["release", "--pythons", "3.11", "3.12"])
+    assert checks.main() == 1
+    assert "Python 3.12 is not installed" in capsys.readouterr().err
 
 
 def test_the_recipe_for_conda_needs_what_the_package_needs() -> None:
