@@ -19,7 +19,7 @@ from eomgen.robot.model import build_model
 from eomgen.robot.record import record_of
 from eomgen.robot.sections import AXES
 from eomgen.robot.value import COORDINATES, BeamModes, Coupling, Frame, LinkBeam, Node, Robot, made_of
-from tests.description.test_sliding import crane
+from tests.description.test_beams import crane
 from tests.oracles.mujoco_models import MujocoRobot
 from tests.support.beams import straight
 from tests.support.bending_robots import bent

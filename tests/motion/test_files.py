@@ -1,19 +1,26 @@
-"""Files of measured motions: what is read, and how what is wrong is said."""
+"""Measured motions out of files, and inverse kinematics of poses, checked by Pinocchio's and our forward kinematics."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import eomgen
-from eomgen.errors import InputError
+from eomgen.description.load import robot_from_toml
+from eomgen.errors import ArrayError, InputError, ReachError, UnknownNameError
+from eomgen.motion import inverse_kinematics
 from eomgen.motion.files import MeasuredMotion, motion_from_columns, read_motion, write_motion
+from eomgen.robot.value import Robot
+from tests.oracles.pinocchio_models import PinocchioOracle
+from tests.support.builds import Build
+from tests.support.random_robots import random_robot, seeds
 from tests.support.refusals import refused
+from tests.support.scaras import scara
 
 pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
-
 NAMES = ("joint1.x", "joint1.gamma")
 
 
@@ -119,3 +126,120 @@ def test_other_bad_files(tmp_path: Path) -> None:
             read_motion(tmp_path / name, NAMES)
         assert all(word in str(raised.value) for word in words), str(raised.value)
     refused(InputError, "one length", motion_from_columns, {"t": np.arange(3.0), "joint1.x": np.arange(2.0)}, NAMES)
+
+
+def arm(seed: int, axes: int) -> Robot:
+    return random_robot(seed, types=("revolute",), rigid=True, forces=False, counts=[1] * axes, name="arm")
+
+
+def with_limits(robot: Robot, low: float, high: float) -> Robot:
+    return replace(robot, joints=tuple(replace(x, limits=(low, high)) if x.coordinates else x for x in robot.joints))
+
+
+@pytest.mark.parametrize("seed", seeds(0, 1, 6))
+@pytest.mark.parametrize("axes", [6, 7])
+def test_random_arms_reach_random_poses(axes: int, seed: int, built: Build) -> None:
+    robot = with_limits(arm(100 * axes + seed, axes), -2.5, 2.5)
+    kernel, oracle, rng = built(robot, "kinematics"), PinocchioOracle(robot), np.random.default_rng(seed)
+    there = rng.uniform(-2.3, 2.3, (10, axes))
+    poses = np.array([oracle.frame_pose(q, "tcp") for q in there])
+    near = inverse_kinematics(kernel, poses, robot=robot, guess=np.clip(there + 0.05, -2.5, 2.5))
+    far = inverse_kinematics(kernel, poses[:4], robot=robot)
+    for found, wanted in ((near, poses), (far, poses[:4])):
+        assert found.shape == (len(wanted), axes)
+        assert (np.abs(found) <= 2.5 + 1e-9).all()
+        assert max(np.abs(oracle.frame_pose(q, "tcp") - T).max() for q, T in zip(found, wanted, strict=True)) < 1e-10
+    assert np.array_equal(inverse_kinematics(kernel, poses[1], robot=robot), far[1])
+    if axes == 7:  # the change from the guess is the least: nothing of it leaves the tool where it is
+        small = inverse_kinematics(kernel, poses[0], robot=robot, guess=there[0] + 1e-4) - there[0] - 1e-4
+        idle = np.linalg.svd(kernel.frame_jacobian(there[0], "tcp"))[2][-1]
+        assert abs(idle @ small) < 1e-3 * np.linalg.norm(small)
+
+
+def test_limits_are_kept_by_the_other_joints(built: Build) -> None:
+    """A redundant arm goes another way where the least motion would leave a limit; without limits it does not."""
+    robot = arm(703, 7)
+    kernel, rng = built(robot, "kinematics"), np.random.default_rng(0)
+    there = rng.uniform(-0.6, 0.6, 7)
+    guess, pose = np.zeros(7), kernel.frame_pose(there, "tcp")
+    free = inverse_kinematics(kernel, pose, robot=robot, guess=guess)
+    j = int(np.abs(free - there).argmax())
+    stop = 0.3 * there[j] + 0.7 * free[j]
+    limits = (-3.0, float(stop)) if free[j] > stop else (float(stop), 3.0)
+    joints = tuple(replace(x, limits=limits) if f"{x.name}.gamma" == kernel.coordinates[j] else x for x in robot.joints)
+    bounded = replace(robot, joints=joints)
+    kept = inverse_kinematics(kernel, pose, robot=bounded, guess=guess)
+    assert limits[0] - 1e-9 <= kept[j] <= limits[1] + 1e-9 < 3.1
+    assert np.abs(kernel.frame_pose(kept, "tcp") - pose).max() < 1e-10
+    assert np.array_equal(inverse_kinematics(kernel, pose, robot=bounded, guess=guess, limits=False), free)
+    given = np.tile([-np.inf, np.inf], (7, 1))
+    given[j] = limits
+    assert np.array_equal(inverse_kinematics(kernel, pose, guess=guess, limits=given), kept)
+    with pytest.raises(ReachError, match=r"gets as near as .* mm and .* deg; .* is at its limit -?0\.05 rad") as caught:
+        inverse_kinematics(kernel, pose, robot=with_limits(robot, -0.05, 0.05), guess=guess)
+    nearest = kernel.frame_pose(caught.value.q, "tcp")
+    assert np.linalg.norm(nearest[:3, 3] - pose[:3, 3]) == pytest.approx(caught.value.distance)
+    turn = 0.5 * (np.trace(nearest[:3, :3].T @ pose[:3, :3]) - 1.0)
+    assert np.arccos(turn) == pytest.approx(caught.value.angle, abs=1e-6)
+    assert np.abs(caught.value.q).max() <= 0.05
+
+
+def test_a_scara_cannot_tilt_its_tool(built: Build) -> None:
+    robot = robot_from_toml(scara())
+    kernel = built(robot, "kinematics")
+    pose = kernel.frame_pose([0.3, 0.8, 0.1, -0.4], "tcp")
+    assert np.abs(kernel.frame_pose(inverse_kinematics(kernel, pose, robot=robot), "tcp") - pose).max() < 1e-10
+    c, s = np.cos(0.2), np.sin(0.2)
+    tilted = pose @ np.array([[1, 0, 0, 0], [0, c, -s, 0], [0, s, c, 0], [0, 0, 0, 1]])
+    with pytest.raises(ReachError, match=r"scara: tcp does not reach .* m, rpy .* rad: .* 11\.46 deg") as caught:
+        inverse_kinematics(kernel, tilted, robot=robot)
+    assert caught.value.angle == pytest.approx(0.2, abs=1e-6)
+    assert caught.value.distance < 1e-6
+    point = inverse_kinematics(kernel, tilted[:3, 3], robot=robot)
+    assert np.abs(kernel.frame_pose(point, "tcp")[:3, 3] - tilted[:3, 3]).max() < 1e-10
+    assert pickled(caught.value).angle == caught.value.angle
+
+
+def pickled(error: ReachError) -> ReachError:
+    import pickle
+
+    found = pickle.loads(pickle.dumps(error))
+    assert isinstance(found, ReachError)
+    assert str(found) == str(error)
+    return found
+
+
+@pytest.mark.soak
+def test_a_platform_takes_a_pose() -> None:
+    """Drives free, loops closed; legs within their limits."""
+    robot = eomgen.load_robot("gough")
+    kernel = eomgen.build(robot)
+    pose = np.eye(4)
+    turn = eomgen.robot.rotation_from_rpy((0.1, -0.05, 0.15))
+    pose[:3, :3], pose[:3, 3] = turn, [0.05, -0.04, 1.15]
+    q = inverse_kinematics(kernel, pose, robot=robot)
+    assert np.abs(kernel.frame_pose(q, "tcp") - pose).max() < 1e-10
+    assert np.abs(kernel.constraint(q)).max() < 1e-11
+    legs = [kernel.coordinates.index(name) for name in robot.driven or ()]
+    low = tuple(
+        replace(x, limits=(1.0, float(q[legs].max()) - 0.01)) if x.name.startswith("leg") else x for x in robot.joints
+    )
+    with pytest.raises(ReachError, match=r"gets as near as .* mm and .* deg; .*leg\d\.z is at its limit") as caught:
+        inverse_kinematics(kernel, pose, robot=replace(robot, joints=low))
+    assert caught.value.q[legs].max() <= q[legs].max() - 0.01 + 1e-9
+    assert np.abs(kernel.constraint(caught.value.q)).max() < 1e-11
+    pose[2, 3] = 9.0
+    with pytest.raises(ReachError, match=r"gets as near as|loops do not close|not within"):
+        inverse_kinematics(kernel, pose, robot=replace(robot, joints=low))
+
+
+def test_what_cannot_be_asked(built: Build) -> None:
+    robot = robot_from_toml(scara())
+    kernel = built(robot, "kinematics")
+    for wrong in (np.eye(3)[:2, :2], np.full(3, np.nan), "here", 2.0 * np.eye(4), np.diag([1.0, 1.0, -1.0, 1.0])):
+        refused(ArrayError, "pose", inverse_kinematics, kernel, wrong)
+    refused(ArrayError, r"guess: .*allowed", inverse_kinematics, kernel, np.eye(4), guess=[0.0])
+    refused(ArrayError, r"limits: .*allowed", inverse_kinematics, kernel, np.eye(4), limits=[0.0, 1.0])
+    with pytest.raises(UnknownNameError, match="frame: 'hand' is unknown; known: tcp"):
+        inverse_kinematics(kernel, np.eye(4), frame="hand")
+    refused(InputError, "other coordinates", inverse_kinematics, kernel, np.eye(4), robot=eomgen.load_robot("ur5"))
