@@ -25,7 +25,7 @@ from eomgen.pictures.scene import link_poses
 from eomgen.results.beside import TRAJECTORY
 from eomgen.robot import build_model
 from eomgen.robot.value import Robot
-from tests.description.test_sliding import crane
+from tests.description.test_beams import crane
 from tests.support.bending_robots import bent
 from tests.support.browser import open_page
 from tests.support.random_followers import with_followers

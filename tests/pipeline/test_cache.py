@@ -1,9 +1,12 @@
-"""The compile cache, the compiler's failures, and generated packages on their own."""
+"""The compile cache: its keys, what may not get into it, failures of the compiler, and packages on their own."""
 
 from __future__ import annotations
 
+import ast
+import hashlib
 import json
 import os
+import random
 import re
 import shutil
 import signal
@@ -11,26 +14,35 @@ import subprocess
 import sys
 import textwrap
 import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import cffi
 import numpy as np
 import pytest
 
 import eomgen
 from eomgen.cli import entry as cli
+from eomgen.codegen.c.source import Source
+from eomgen.codegen.package import compile as compiling
 from eomgen.description import keys as robot_keys
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import BuildError, DescriptionError, InputError
+from eomgen.pipeline import cache
 from eomgen.pipeline.cache import KINDS, VARIABLE, is_whole
-from eomgen.pipeline.stages import Options, cache_keys, generate, make_package
+from eomgen.pipeline.generator_key import generator_files
+from eomgen.pipeline.stages import Options, cache_keys, generate, load_kernel, make_package, make_source
 from eomgen.runtime.levels import BASE
 from eomgen.scenario import keys as scenario_keys
 from eomgen.sweep import keys as plan_keys
+from release.packages import link_package
 from tests.support.builds import Build
 from tests.support.quick_builds import (
     BUILD,
     ONE_LEVEL,
+    QUICK,
     Q,
     answer,
     as_new_process,
@@ -411,3 +423,379 @@ def test_command(empty_cache: Path, capsys: pytest.CaptureFixture[str], monkeypa
     empty_cache.chmod(0o777)
     assert cli.main(["cache", "--clear"]) == 1
     assert "may be written by others" in capsys.readouterr().err
+
+
+@pytest.fixture(scope="module")
+def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The package as one folder."""
+    return link_package(tmp_path_factory.mktemp("links")) / "eomgen"
+
+
+def imported(name: str, path: Path) -> set[str]:
+    """Full names that a module of eomgen imports at its top or anywhere inside, by its syntax tree."""
+    package = ["eomgen", *name.split("/")[:-1]]
+    found = set[str]()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            base = package[: len(package) - node.level + 1] if node.level else []
+            name = ".".join([*base, *(node.module or "").split(".")]).strip(".")
+            found |= {name, *(f"{name}.{alias.name}" for alias in node.names)}
+    return found
+
+
+def test_the_hash_of_the_generator_covers_what_it_imports(package: Path) -> None:
+    """All files of the generator, and every module of eomgen that they import, found here by their syntax trees."""
+    files = generator_files()
+    own = [path for room in ("codegen", "templates") for path in (package / room).rglob("*")]
+    found = {path.relative_to(package).as_posix() for path in own if path.suffix in (".py", ".jinja")}
+    assert len(found) > 60
+    todo = [name for name in found if name.endswith(".py")]
+    while todo:
+        file = todo.pop()
+        for name in imported(file, package / file):
+            inner = name.removeprefix("eomgen.").replace(".", "/") if name.startswith("eomgen.") else None
+            for file in () if inner is None else (f"{inner}.py", f"{inner}/__init__.py"):
+                if (package / file).is_file() and file not in found:
+                    found.add(file)
+                    todo.append(file)
+    assert found - set(files) == set()
+    assert {"errors.py", "names.py"} < set(files)
+    assert all(path.is_file() for path in files.values())
+
+
+@pytest.mark.parametrize("deep", ["codegen/inner/deep.py", "templates/inner/deep.jinja", "codegen/__init__.py"])
+def test_a_change_of_any_file_changes_the_hash(deep: str, package: Path, tmp_path: Path) -> None:
+    """In a copy of the package: a file in a folder inside the generator counts as every other."""
+    shutil.copytree(package, tmp_path / "eomgen", ignore=shutil.ignore_patterns("__pycache__"))
+    target = tmp_path / "eomgen" / deep
+    target.parent.mkdir(exist_ok=True)
+    code = "from eomgen.pipeline.generator_key import generator_hash; print(generator_hash())"
+    hashes = set()
+    for text in ("", "# one\n", "# two\n"):
+        target.write_text(text)
+        where = {**os.environ, "PYTHONPATH": str(tmp_path)}
+        run = subprocess.run([sys.executable, "-c", code], env=where, capture_output=True, text=True, check=True)
+        hashes.add(run.stdout)
+    assert len(hashes) == 3
+
+
+def sha256(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def altered(text: str, rng: random.Random) -> str:
+    """One character replaced, left out or put in."""
+    at, new = rng.randrange(max(len(text), 1)), rng.choice("abcxyz0123456789 .+-*/;")
+    return rng.choice([text[:at] + new + text[at + 1 :], text[:at] + text[at + 1 :], text[:at] + new + text[at:]])
+
+
+COMPILER = compiling.Compiler(("cc", "-m64"), "cc (Debian 12.2.0-14) 12.2.0", ("-DA=1",), ("-L/lib",))
+FLAGS = ("-O2", "-march=native")
+
+
+@pytest.fixture(scope="module")
+def source() -> Source:
+    return make_source(eomgen.load_robot("one_link"), QUICK)
+
+
+def places_in(parts: Any, way: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    """Ways to all texts and lists among the parts of a key."""
+    if isinstance(parts, str | list):
+        yield way
+    for key, part in parts.items() if isinstance(parts, dict) else enumerate(parts) if isinstance(parts, list) else ():
+        yield from places_in(part, (*way, key))
+
+
+@pytest.mark.parametrize("changes", [8, pytest.param(100, marks=pytest.mark.soak)])
+def test_the_key_covers_every_part(changes: int, source: Source) -> None:
+    """Random changes of each text that a package depends on: as many keys, and that of none; lists likewise."""
+    parts, rng = compiling.dependencies(source, COMPILER, FLAGS), random.Random(1)
+    assert compiling.build_key(source, COMPILER, FLAGS) == compiling.key_of(parts)
+    keys, count = {compiling.key_of(parts)}, 0
+    for *way, last in places_in(parts):
+        owner = parts
+        for key in way:
+            owner = owner[key]
+        start = owner[last]
+        texts = {start} if isinstance(start, str) else set()
+        while isinstance(start, str) and len(texts) < changes + 1:
+            texts.add(altered(rng.choice(sorted(texts)) if len(start) < 40 else start, rng))
+        for changed in texts - {start} if texts else ([*start, "x"], ["x", *start]):
+            owner[last] = changed
+            keys.add(compiling.key_of(parts))
+            count += 1
+        owner[last] = start
+    assert len(keys) == count + 1
+    assert count > 30 * changes
+
+
+def test_the_parts_are_all_that_a_package_depends_on(source: Source, package: Path) -> None:
+    """Source, compiler, flags, the machine; what is carried and how it is put together, as the files are."""
+    parts = compiling.dependencies(source, COMPILER, FLAGS)
+    assert parts["source"] == vars(source)
+    assert (parts["command"], parts["compiler"]) == (["cc", "-m64"], COMPILER.version)
+    assert (parts["flags"], parts["environment"]) == (["-O2", "-march=native"], [["-DA=1"], ["-L/lib"]])
+    assert (parts["eomgen"], parts["cffi"]) == (eomgen.__version__, cffi.__version__)
+    assert parts["interface"] == compiling.interface()
+    assert {"suffix", "python", "headers", "system", "machine", "library"} == set(parts["interface"])
+    assert parts["carried"] == {name: sha256(package / name) for name in compiling.carried_files()}
+    assert {"errors.py", "names.py", "runtime/kernel.py"} < set(parts["carried"])
+    made = {name: Path(compiling.__file__).with_name(name) for name in ("compile.py", "library.py")}
+    made[compiling.PACKAGE] = package / "templates" / compiling.PACKAGE
+    assert parts["package"] == {name: sha256(path) for name, path in made.items()}
+
+
+def test_flags_and_command_are_kept_apart(source: Source) -> None:
+    one = compiling.build_key(source, compiling.Compiler(("ccache", "cc"), "1"), ("-O2",))
+    other = compiling.build_key(source, compiling.Compiler(("cc",), "1"), ("-O2", "ccache"))
+    assert one != other
+
+
+@pytest.mark.parametrize(("flag", "tuned"), [("-O2", False), ("-march=native", True), ("-mcpu=native", True)])
+def test_only_code_for_this_processor_depends_on_it(flag: str, tuned: bool) -> None:
+    assert compiling.processor()
+    assert compiling.toolchain(COMPILER, (flag,))["processor"] == (compiling.processor() if tuned else "")
+
+
+def test_another_source_gives_another_kernel(source: Source, empty_cache: Path) -> None:
+    """In one process and in the same cache: what was compiled last is what runs, and the old one stays what it was."""
+    compiler = compiling.find_compiler()
+    assert source.code.count("0.3333333333333333") > 0
+    sources = [source, replace(source, code=source.code.replace("0.3333333333333333", "1.25"))]
+    kernels = []
+    for changed in sources:
+        key = compiling.build_key(changed, compiler, ("-O0",))
+        package = cache.entry(
+            "packages", key, lambda folder, s=changed: compiling.write_package(s, compiler, ("-O0",), folder)
+        )
+        kernels.append(load_kernel(package, "one_link"))
+    assert [kernel.mass_matrix(Q)[1, 1] for kernel in kernels] == [1.0 / 3.0, 1.25]
+
+
+posix = pytest.mark.skipif(not hasattr(os, "getuid"), reason="owners and modes as POSIX has them")
+FOLDERS = ("", "packages", "sources", "locks", "packages/*", "sources/*")
+
+
+def place(root: Path, name: str) -> Path:
+    (found,) = root.glob(name) if "*" in name else [root / name]
+    return found
+
+
+@posix
+@pytest.mark.parametrize("name", soaked(FOLDERS, ["", "packages/*"]))
+def test_no_folder_of_the_cache_may_be_open_to_others(
+    name: str, empty_cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = os.umask(0)  # the worst that a user may have
+    try:
+        one_link()
+    finally:
+        os.umask(before)
+    assert all(path.lstat().st_mode & 0o022 == 0 for path in empty_cache.rglob("*") if path.suffix != ".lock")
+    as_new_process(monkeypatch)
+    folder = place(empty_cache, name)
+    if name == "locks":
+        shutil.rmtree(empty_cache / "packages")  # locks are looked at where something is built
+    folder.chmod(0o720)
+    with pytest.raises(BuildError) as error:
+        one_link()
+    assert f"the cache folder {folder} may be written by others (mode 720); run chmod go-w on it" in str(error.value)
+    folder.chmod(0o700)
+    assert one_link().n == 2
+
+
+@pytest.mark.parametrize("name", FOLDERS)
+def test_links_in_the_cache_are_refused(
+    name: str, filled_cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    one_link()
+    as_new_process(monkeypatch)
+    folder, elsewhere = place(filled_cache, name), tmp_path / "elsewhere"
+    folder.rename(elsewhere)
+    folder.symlink_to(elsewhere)
+    if name == "locks":
+        shutil.rmtree(filled_cache / "packages")
+    with pytest.raises(BuildError) as error:
+        one_link()
+    assert f"the cache folder {folder} is a link to {elsewhere}; remove it, or set {VARIABLE}" in str(error.value)
+
+
+def test_links_above_the_cache_are_the_users(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A home that is somewhere else in truth."""
+    (tmp_path / "disk").mkdir()
+    (tmp_path / "home").symlink_to(tmp_path / "disk")
+    monkeypatch.setenv(VARIABLE, str(tmp_path / "home" / "cache"))
+    assert one_link().n == 2
+    assert (tmp_path / "disk" / "cache" / "packages").is_dir()
+
+
+@posix
+@pytest.mark.skipif(hasattr(os, "geteuid") and os.geteuid() != 0, reason="only root can give files away")
+@pytest.mark.parametrize("name", FOLDERS)
+def test_folders_of_other_users_are_refused(name: str, filled_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    one_link()
+    as_new_process(monkeypatch)
+    folder = place(filled_cache, name)
+    if name == "locks":
+        shutil.rmtree(filled_cache / "packages")
+    os.chown(folder, 12345, -1)
+    refused(BuildError, r"belongs to another user; set EOMGEN_CACHE_DIR to a folder of yours", one_link)
+
+
+@posix
+@pytest.mark.parametrize("name", FOLDERS)
+def test_who_is_asked_for_the_owner(name: str, filled_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same without root: from where another user stands, and the files are not root's."""
+    if os.getuid() == 0:
+        pytest.skip("root's files are anybody's to use; see test_folders_of_other_users_are_refused")
+    one_link()
+    as_new_process(monkeypatch)
+    monkeypatch.setattr(os, "getuid", lambda: 12345)
+    refused(BuildError, r"belongs to another user", one_link)
+
+
+@posix
+@pytest.mark.parametrize("how", soaked(["open", "link", "pipe", "folder"], ["open", "link"]))
+def test_files_that_others_may_have_written_are_made_again(
+    how: str, filled_cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    expected = one_link().mass_matrix(Q)
+    as_new_process(monkeypatch)
+    (file,) = filled_cache.glob("packages/*/*.so")
+    if how == "open":
+        file.chmod(0o666)
+    else:
+        file.rename(tmp_path / "elsewhere.so")
+        make: dict[str, Callable[[], None]] = {
+            "link": lambda: file.symlink_to(tmp_path / "elsewhere.so"),
+            "pipe": lambda: os.mkfifo(file, 0o600),
+            "folder": lambda: file.mkdir(mode=0o700),
+        }
+        make[how]()
+    assert not is_whole(file.parent)
+    steps: list[str] = []
+    assert np.array_equal(one_link(steps).mass_matrix(Q), expected)
+    assert [step.split()[0] for step in steps] == ["compiling"]
+    assert is_whole(file.parent)
+
+
+def test_a_manifest_answers_for_itself(filled_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that lists less, another hash, or what is under another key, is not believed."""
+    one_link()
+    (package,) = (filled_cache / "packages").iterdir()
+    path = package / "manifest.json"
+    text = path.read_text()
+    assert is_whole(package)
+    shorter = json.loads(text)
+    del shorter["files"]["one_link.c"]
+    other = json.loads(text)
+    (package / "one_link.h").write_text("/* other */")
+    other["files"]["one_link.h"] = hashlib.sha256(b"/* other */").hexdigest()
+    for changed in (shorter, other, {"files": shorter["files"]}, {}, [], None):
+        path.write_text(json.dumps(changed))
+        assert not is_whole(package)
+    path.write_text(text)
+    assert not is_whole(package)
+    as_new_process(monkeypatch)
+    one_link()
+    elsewhere = package.with_name("0" * 64)
+    shutil.copytree(package, elsewhere)
+    assert is_whole(package)
+    assert not is_whole(elsewhere)
+
+
+def test_what_is_loaded_is_what_was_checked(filled_cache: Path) -> None:
+    """Neither a file that changes after the check, nor compiled Python beside the files, which nobody checks."""
+    robot, options = eomgen.load_robot("one_link"), QUICK
+    expected = one_link().mass_matrix(Q)
+    for name in [name for name in sys.modules if name.startswith("_eomgen_")]:
+        del sys.modules[name]
+    package = make_package(robot, options)
+    (folder,) = (filled_cache / "packages").iterdir()
+    for path in folder.rglob("*"):
+        if path.is_file():
+            path.write_bytes(b"")
+    kernel = load_kernel(package, "one_link")
+    assert np.array_equal(kernel.mass_matrix(Q), expected)
+    assert not list(filled_cache.glob("packages/*/__pycache__"))
+    assert not list(filled_cache.glob("loading-*"))
+
+
+@pytest.mark.soak
+def test_a_binary_that_is_overwritten_while_it_runs(filled_cache: Path) -> None:
+    """In place, as a careless copy does it: a mapped file would take the process along."""
+    code = f"""
+        import json, eomgen
+        from pathlib import Path
+        kernel = eomgen.build(eomgen.load_robot("one_link"), kernels=("mass_matrix",), flags=("-O0",))
+        (file,) = Path({str(filled_cache)!r}).glob("packages/*/*.so")
+        with file.open("r+b") as stream:
+            stream.truncate(0)
+        print(json.dumps(kernel.mass_matrix({Q}).tolist()))
+    """
+    assert answer(python(code)) == answer(python(BUILD))
+
+
+def test_where_no_copy_can_be_had_the_file_itself_is_loaded(
+    filled_cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A full disk, or one that nobody may write to, keeps nobody from a kernel that is there."""
+    expected = one_link().mass_matrix(Q)
+    as_new_process(monkeypatch)
+
+    def full(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("tempfile.TemporaryDirectory", full)
+    assert np.array_equal(one_link().mass_matrix(Q), expected)
+
+
+def test_a_binary_that_does_not_load(filled_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    package = make_package(eomgen.load_robot("one_link"), QUICK)
+    files = {name: b"no binary" if name.endswith(".so") else data for name, data in package.files.items()}
+    with pytest.raises(BuildError, match=r"the compiled module in .*packages.* does not load: "):
+        load_kernel(cache.Entry("packages", "0" * 64, files), "one_link")
+
+
+def test_what_killed_processes_left_is_removed(filled_cache: Path, tmp_path: Path) -> None:
+    """Of the same key at once, of others after a day; nothing that may be in use, nothing else."""
+    one_link()
+    (package,) = (filled_cache / "packages").iterdir()
+    old = time.time() - 100000.0
+    for name in (f"making-{package.name}-a", f"damaged-{package.name}-b", "making-1-c", "loading-d", "mine"):
+        (filled_cache / name / "build").mkdir(parents=True)
+        if name != "making-1-c":
+            os.utime(filled_cache / name, (old, old))
+    fresh = filled_cache / f"making-{package.name}-e"
+    fresh.mkdir()
+    shutil.rmtree(package)
+    for name in [name for name in sys.modules if name.startswith("_eomgen_")]:
+        del sys.modules[name]
+    one_link()
+    assert sorted(path.name for path in filled_cache.iterdir()) == [
+        "locks",
+        "making-1-c",
+        "mine",
+        "packages",
+        "sources",
+    ]
+
+
+def test_a_lock_that_nobody_lets_go_does_not_hold_up_others(
+    filled_cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A process that was stopped, not killed: the others wait a while, then build for themselves."""
+    from filelock import FileLock
+
+    one_link()
+    (package,) = (filled_cache / "packages").iterdir()
+    shutil.rmtree(package)
+    as_new_process(monkeypatch)
+    monkeypatch.setattr(cache, "PATIENCE", 0.1)
+    (filled_cache / f"making-{package.name}-of-the-stopped").mkdir()
+    with FileLock(str(filled_cache / "locks" / f"{package.name}.lock")):
+        assert one_link().n == 2
+    assert is_whole(package)
+    assert (filled_cache / f"making-{package.name}-of-the-stopped").exists()
