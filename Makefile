@@ -97,7 +97,7 @@ bench: $(VENV)/.bench
 	$(BIN)/python docs/tables.py
 
 soak: $(VENV)/.test-all
-	$(PYTEST) -m soak --soak-page=docs/soak.md
+	$(BIN)/python -m pytest -n auto --dist worksteal -m soak --soak-page=docs/soak.md
 
 docs: $(VENV)/.docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
