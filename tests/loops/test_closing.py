@@ -288,6 +288,3 @@ def test_a_motion_says_how_near_it_came(built: Build) -> None:
     assert 0.0 < motion.info["margin"] < later.info["margin"] < 1.0
     joined = joined_info(later.info, {**motion.info, "margin_at": 0.15})
     assert (joined["margin"], joined["margin_at"]) == (motion.info["margin"], 0.15)
-
-
-pytestmark = pytest.mark.usefixtures("unoptimised")

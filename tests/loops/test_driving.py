@@ -52,6 +52,19 @@ def states(kernel: Kernel, name: str, count: int, seed: int = 1) -> tuple[Array,
     return q, v, kernel.forward_dynamics(q, v, rng.normal(size=q.shape))
 
 
+def given(robot: Robot, name: str, coordinate: str) -> Robot:
+    """The robot with one coordinate prescribed, which then has no drive."""
+    joints = []
+    for joint in robot.joints:
+        if joint.name == name:
+            numbers = dict(joint.coordinates)
+            numbers[coordinate] = replace(numbers[coordinate], prescribed=True)
+            joint = replace(joint, coordinates=numbers)
+        joints.append(joint)
+    kept = None if robot.driven is None else tuple(x for x in robot.driven if x != f"{name}.{coordinate}")
+    return replace(robot, joints=tuple(joints), driven=kept)
+
+
 def drives_of(kernel: Kernel) -> list[int]:
     return list(kernel.raw.libraries.meta["driven"])
 
@@ -137,10 +150,7 @@ def test_drives_make_the_motion_that_they_are_of(built: Build) -> None:
 def test_prescribed_coordinates_have_a_drive(built: Build) -> None:
     """The force that a prescribed crank takes is the drive that a free one would need."""
     robot = driven_at("four_bar", "joint1.gamma")
-    crank = robot.joints[0]
-    given = replace(crank, coordinates={"gamma": replace(crank.coordinates["gamma"], prescribed=True)})
-    moved = replace(robot, joints=(given, *robot.joints[1:]), driven=())
-    free, prescribed = built(robot, *KERNELS), built(moved, *KERNELS)
+    free, prescribed = built(robot, *KERNELS), built(given(robot, "joint1", "gamma"), *KERNELS)
     q, v, a = states(free, "four_bar", 2)
     assert np.abs(prescribed.inverse_dynamics(q, v, a) - free.inverse_dynamics(q, v, a)).max() <= 1e-12
 
@@ -323,13 +333,9 @@ def test_derivatives_of_redundant_loops_along_closed_motions(built: Build) -> No
 @pytest.mark.soak
 def test_derivatives_with_a_prescribed_leg(built: Build) -> None:
     """Of its acceleration, too; in double and in single precision."""
-    robot = eomgen.load_robot("gough")
-    legs = list(robot.joints)
-    slide = next(i for i, joint in enumerate(legs) if "z" in joint.coordinates and joint.type == "prismatic")
-    joint = legs[slide]
-    legs[slide] = replace(joint, coordinates={"z": replace(joint.coordinates["z"], prescribed=True)})
-    given = replace(robot, joints=tuple(legs), driven=None)
-    kernel = built(given, *DERIVED)
+    robot = driven_at("gough", choose=False)
+    leg = given(robot, next(x.name for x in robot.joints if x.type == "prismatic"), "z")
+    kernel = built(leg, *DERIVED)
     assert len(kernel.prescribed) == 1
     q, v, _ = (x[0] for x in states(kernel, "gough", 1))
     u = np.random.default_rng(9).normal(size=kernel.n)
@@ -337,7 +343,7 @@ def test_derivatives_with_a_prescribed_leg(built: Build) -> None:
     for place, x in enumerate(found):
         expected = differences(kernel, [q, v, u], place, 1e-5)
         assert np.abs(x - expected).max() <= 1e-7 * np.abs(x).max()
-    single = built(given, *DERIVED, dtype="float32")
+    single = built(leg, *DERIVED, dtype="float32")
     rounded = single.forward_dynamics_jacobian(*(x.astype(np.float32) for x in (q, v, u)))
     for x, y in zip(rounded, found, strict=True):
         assert np.abs(x - y).max() <= 2e-3 * np.abs(y).max()
@@ -356,19 +362,6 @@ def test_derivatives_of_an_open_state_are_refused_and_those_of_the_tree_are_not(
     assert np.abs(by_q.sum(axis=1) * 1e-6 - change).max() <= 1e-9
     assert np.abs(by_v).max() == 0.0
     assert np.linalg.matrix_rank(by_u) == 3
-
-
-def given(robot: Robot, name: str, coordinate: str) -> Robot:
-    """The robot with one coordinate prescribed, which then has no drive."""
-    joints = []
-    for joint in robot.joints:
-        if joint.name == name:
-            numbers = dict(joint.coordinates)
-            numbers[coordinate] = replace(numbers[coordinate], prescribed=True)
-            joint = replace(joint, coordinates=numbers)
-        joints.append(joint)
-    kept = None if robot.driven is None else tuple(x for x in robot.driven if x != f"{name}.{coordinate}")
-    return replace(robot, joints=tuple(joints), driven=kept)
 
 
 @pytest.mark.soak
@@ -407,14 +400,11 @@ def test_prescribed_accelerations_that_open_a_loop_are_refused(built: Build) -> 
 def test_an_offset_in_a_loop_is_a_turned_placement(built: Build) -> None:
     """An offset of an angle alpha that does not move turns the joint's frame about x."""
     robot, rng = eomgen.load_robot("bennett"), np.random.default_rng(4)
-    first = robot.joints[1]
-    offset = replace(
-        robot, joints=(robot.joints[0], replace(first, offset=(0.0, 0.0, 0.0, 0.02, 0.0, 0.0)), *robot.joints[2:])
-    )
-    R = np.array(first.placement.rotation) @ np.array(Placement.from_rpy((0.0, 0.0, 0.0), (0.02, 0.0, 0.0)).rotation)
-    turned = replace(first, placement=Placement(first.placement.xyz, tuple(tuple(map(float, row)) for row in R)))  # type: ignore[arg-type]
-    placed = replace(robot, joints=(robot.joints[0], turned, *robot.joints[2:]))
-    a, b = (built(r, *LOOP_KERNELS) for r in (offset, placed))
+    before, second, *behind = robot.joints
+    R = np.array(second.placement.rotation) @ Placement.from_rpy((0.0, 0.0, 0.0), (0.02, 0.0, 0.0)).rotation
+    placed = replace(second, placement=Placement(second.placement.xyz, tuple(map(tuple, R.tolist()))))  # type: ignore[arg-type]
+    offset = replace(second, offset=(0.0, 0.0, 0.0, 0.02, 0.0, 0.0))
+    a, b = (built(replace(robot, joints=(before, x, *behind)), *LOOP_KERNELS) for x in (offset, placed))
     state = random_state(robot, rng)
     q, v = state.q, state.v
     for name in ("constraint", "constraint_jacobian", "cut_poses"):
@@ -427,8 +417,7 @@ def test_inverse_of_forward_dynamics(name: str, driven: list[str], built: Build)
     """Drives at one joint that make the accelerations which other drives made; they do the same work."""
     rng = np.random.default_rng(6)
     loops = ClosedLoops(built(eomgen.load_robot(name), *LOOP_KERNELS))
-    guess = [0.5, 0.2, 1.2] if name == "four_bar" else [1.0, 1.5, -1.0]
-    q = loops.consistent_positions(guess, held=["joint1.gamma"])
+    q = loops.consistent_positions(GUESSES[name][0], held=["joint1.gamma"])
     v = loops.consistent_velocities(q, rng.normal(size=3))
     u = rng.normal(size=3)
     a = loops.forward_dynamics(q, v, u).a
@@ -455,9 +444,7 @@ def test_legs_of_goughs_platform_hold_it(built: Build) -> None:
     robot = eomgen.load_robot("gough")
     loops = ClosedLoops(built(robot, *LOOP_KERNELS))
     names = loops.kernel.coordinates
-    guess = np.zeros(24)
-    guess[:6], guess[8::3] = [0.1, -0.05, 0.9, 0.1, -0.2, 0.15], 1.0
-    q = loops.consistent_positions(guess, held=names[:6])
+    q = loops.consistent_positions(GUESSES["gough"][0], held=names[:6])
     zero = np.zeros(len(names))
     legs = [name for name in names if name.endswith(".z") and name.startswith("leg")]
     assert len(legs) == 6

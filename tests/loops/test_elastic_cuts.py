@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import eomgen
-from eomgen.codegen.kernels.equations import derive
 from eomgen.codegen.kernels.steps.tolerances import coordinate_sizes
-from eomgen.codegen.program.ir import evaluate
 from eomgen.description.load import robot_from_toml
 from eomgen.robot.model import build_model
-from eomgen.robot.value import COORDINATES, Coordinate, Loop, Robot
+from eomgen.robot.value import ANGULAR, COORDINATES, LINEAR, Coordinate, Loop, Robot
 from eomgen.state.springs import any_spring, fastest_rates, line_rates
-from tests.oracles.complex_step import complex_steps
+from tests.support.added_forces import check_slopes
 from tests.support.builds import Build
-from tests.support.random_robots import Array, random_placement, random_robot, random_state, seeds, with_offsets
+from tests.support.random_robots import Array, State, random_placement, random_robot, random_state, seeds, with_offsets
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -83,6 +81,13 @@ links = ["base", "rocker"]
 type = "revolute"
 placements = [{ xyz = [0.5, 0.0, 0.0] }, { xyz = [-0.4, 0.0, 0.0] }]
 """
+AT = np.array([0.5, 0.13, 1.36]), np.array([0.4, -0.3, 0.2])  # coordinates and velocities of the first linkage
+
+
+def springs(names: Sequence[str] = COORDINATES, **numbers: float) -> str:
+    """Lines of coordinates with these numbers each."""
+    table = ", ".join(f"{key} = {x}" for key, x in numbers.items())
+    return "".join(f"{name} = {{ {table} }}\n" for name in names)
 
 
 def linkages(six: str = SIX) -> tuple[Robot, Robot]:
@@ -129,20 +134,11 @@ def test_another_cut_of_the_same_mechanism(seed: int, built: Build) -> None:
 
 
 def test_derivatives_of_forces_in_a_cut(built: Build) -> None:
-    """Those of the residual are central differences; on the way the forces are the potential energy's slope."""
-    still = "".join(f"{name} = {{ stiffness = 1e3 }}\n" for name in ("x", "y", "z", "alpha", "beta", "gamma"))
-    for robot in (linkages()[0], linkages(still)[0]):
-        kernel = built(robot)
-        q, v, a = np.array([0.5, 0.13, 1.36]), np.array([0.4, -0.3, 0.2]), np.array([1.0, 2.0, -1.0])
-        by_q, by_v, _ = kernel.residual_jacobian(q, v, a)
-        h = 1e-7
-        for x, found in ((0, by_q), (1, by_v)):
-            columns = []
-            for e in np.eye(3):
-                ahead, behind = [q, v], [q, v]
-                ahead[x], behind[x] = ahead[x] + h * e, behind[x] - h * e
-                columns.append((kernel.residual(*ahead, a, 0 * a) - kernel.residual(*behind, a, 0 * a)) / (2 * h))
-            assert np.allclose(np.transpose(columns), found, rtol=1e-5, atol=1e-5 * np.abs(found).max())
+    """Those of the residual are complex steps; at rest the forces are the potential energy's slope."""
+    s, h = State(*AT, np.array([1.0, 2.0, -1.0]), np.zeros(3)), 1e-7
+    for robot in (linkages()[0], linkages(springs(stiffness=1e3))[0]):
+        check_slopes(robot, s)
+    kernel, q = built(robot, "energy", "generalized_force"), s.q
     slope = [(kernel.energy(q + h * e, 0 * q)[1] - kernel.energy(q - h * e, 0 * q)[1]) / (2 * h) for e in np.eye(3)]
     assert np.allclose(slope, -kernel.generalized_force(q, 0 * q), rtol=1e-6, atol=1e-4)
 
@@ -156,9 +152,7 @@ def test_rising_stiffness_leads_to_the_rigid_joint(built: Build) -> None:
     wanted = rigid.rollout(q, 0 * q, u, 1e-3, 1, method="implicit")[1][-1]
     off = []
     for k in (1e6, 1e8, 1e10):
-        elastic = "".join(f"{name} = {{ stiffness = {k}, damping = {k * 1e-3} }}\n" for name in ("x", "y", "z"))
-        elastic += "".join(f"{name} = {{ stiffness = {k}, damping = {k * 1e-3} }}\n" for name in ("alpha", "beta"))
-        kernel = built(linkages(elastic)[0])
+        kernel = built(linkages(springs(COORDINATES[:5], stiffness=k, damping=k * 1e-3))[0])
         found = kernel.rollout(q, 0 * q, u, 1e-3, 1, method="implicit")[1][-1]
         off.append(float(np.abs(found - wanted).max() / np.abs(wanted).max()))
     assert off[0] > 50 * off[1] > 2500 * off[2]
@@ -167,17 +161,10 @@ def test_rising_stiffness_leads_to_the_rigid_joint(built: Build) -> None:
 
 def test_an_implicit_step_is_the_linear_system(built: Build) -> None:
     """(M + h C + h^2 K) a = ... with the slopes of the cut joint's laws along their rows."""
-    linear = "".join(
-        f"{name} = {{ stiffness = {k}, damping = {c} }}\n"
-        for name, k, c in (("x", 1e5, 10.0), ("y", 2e5, 0.0), ("z", 1e5, 5.0), ("alpha", 1e3, 1.0), ("beta", 2e3, 0.0))
-    )
-    kernel = built(linkages(linear)[0])
-    names = ("x", "y", "z", "alpha", "beta")
-    K, C = (
-        np.array([kernel.parameters.get(f"loops.cut.{name}.{key}", 0.0) for name in names])
-        for key in ("stiffness", "damping")
-    )
-    q, v, u, h = np.array([0.5, 0.13, 1.36]), np.array([0.4, -0.3, 0.2]), np.array([1.0, 0.4, 0.0]), 1e-3
+    K, C = np.array([1e5, 2e5, 1e5, 1e3, 2e3]), np.array([10.0, 0.0, 5.0, 1.0, 0.0])
+    laws = zip(COORDINATES, K, C, strict=False)
+    kernel = built(linkages("".join(springs([name], stiffness=k, damping=c) for name, k, c in laws))[0])
+    (q, v), u, h = AT, np.array([1.0, 0.4, 0.0]), 1e-3
 
     def e(q: Array) -> Array:
         X = kernel.cut_poses(q)[0]
@@ -273,8 +260,8 @@ def test_an_elastic_gear_with_backlash_and_a_ratio_that_is_tuned(built: Build) -
 def test_forces_and_rows_of_cut_joints(built: Build) -> None:
     """Deviations are those of the cut's pose; forces along their rows are the generalized force; rates bound them."""
     kernel = built(linkages()[0])
-    assert kernel.cut_laws == tuple(f"cut.{name}" for name in ("x", "y", "z", "alpha", "beta", "gamma"))
-    q, v = np.array([0.5, 0.13, 1.36]), np.array([0.4, -0.3, 0.2])
+    assert kernel.cut_laws == tuple(f"cut.{name}" for name in COORDINATES)
+    q, v = AT
     found, rows = kernel.cut_forces(q, v), kernel.cut_jacobian(q)
     assert np.allclose(found[:3, 0], kernel.cut_poses(q)[0][:3, 3], atol=1e-15)
     bare = kernel.with_parameters(dict.fromkeys([x for x in kernel.parameters if x.startswith("loops")], 1e-9))
@@ -287,78 +274,8 @@ def test_forces_and_rows_of_cut_joints(built: Build) -> None:
     assert fastest_rates(kernel, q)[0] > 100.0
 
 
-GUIDE = """
-name = "guide"
-gravity = [0.0, 0.0, 0.0]
-[[links]]
-name = "cart"
-mass = 1.0
-com = [0.05, 0.0, 0.0]
-inertia = { xx = 0.01, yy = 0.01, zz = 0.01 }
-[[joints]]
-name = "slide"
-parent = "base"
-child = "cart"
-type = "prismatic"
-z = { damping = 2.0 }
-offset = { alpha = 0.01, x = 1e-3 }
-[[loops]]
-name = "weld"
-links = ["base", "cart"]
-type = "fixed"
-"""
-
-
-def test_coordinates_of_a_cut_that_only_offsets_move(built: Build) -> None:
-    """Their forces change with nothing, and all derivatives are those of the others; Radau takes such steps."""
-    names = ("x", "y", "z", "alpha", "beta", "gamma")
-    elastic = "".join(f"{name} = {{ stiffness = 300.0, damping = 1.0 }}\n" for name in names)
-    kernel = built(robot_from_toml(GUIDE + elastic))
-    q, v, u = np.array([0.1]), np.array([0.2]), np.array([0.3])
-    K, B, M = kernel.residual_jacobian(q, v, u)
-    assert np.allclose([K, B, M], np.reshape([300.0, 3.0, 1.0], (3, 1, 1)), rtol=1e-14)
-    by = kernel.forward_dynamics_jacobian(q, v, u)
-    assert np.allclose(by, np.reshape([-300.0, -3.0, 1.0], (3, 1, 1)), rtol=1e-14)
-    motion = eomgen.integration.integrate(kernel, q, v, 0.1, method="Radau", rtol=1e-9, atol=1e-12)
-    w, d = np.sqrt(300.0 - 1.5**2), 1.5
-    t = motion.t[-1]
-    wanted = np.exp(-d * t) * (q[0] * np.cos(w * t) + (v[0] + d * q[0]) / w * np.sin(w * t))
-    assert abs(motion.q[-1, 0] - wanted) < 1e-8
-
-
-def test_a_rigid_cut_that_an_offset_keeps_open_names_it(built: Build) -> None:
-    """Those alone that change what is left: alpha turns no row of x, and no coordinate takes either up."""
-    kernel = built(robot_from_toml(GUIDE), "constraint", "constraint_jacobian", "mass_matrix", "cut_poses")
-    wanted = r"weld\.alpha is left with 0\.01 rad.*other offsets: 'joints\.slide\.offset\.alpha = 0\.01'$"
-    with pytest.raises(eomgen.errors.LoopError, match=wanted):
-        kernel.assemble([0.1])
-    kernel.parameters["joints.slide.offset.alpha"] = 0.0
-    with pytest.raises(eomgen.errors.LoopError, match=r"weld\.x is left with 0\.001 m.*offset\.x = 0\.001'$"):
-        kernel.assemble([0.1])
-    kernel.parameters["joints.slide.offset.x"] = 0.0
-    assert abs(kernel.assemble([0.1])[0]) < 1e-12
-
-
-@pytest.mark.parametrize("seed", seeds(4700, 4, 40))
-def test_derivatives_of_random_trees_with_offsets_and_elastic_cuts(seed: int) -> None:
-    """Angles that offsets turn and no coordinate has are in loops' forces; by complex steps of the residual."""
-    rng = np.random.default_rng(seed)
-    robot = with_offsets(random_robot(seed, joints=(1, 3), max_size=5, tree=True), seed)
-    draws = zip(COORDINATES, rng.uniform(1.0, 9.0, (6, 2)).tolist(), strict=True)
-    law = {name: Coordinate(stiffness=k, damping=c) for name, (k, c) in draws}
-    places = random_placement(rng), random_placement(rng)
-    robot = replace(robot, loops=(Loop("weld", (robot.base, robot.links[-1].name), "fixed", places, coordinates=law),))
-    model, s = build_model(robot), random_state(robot, seed)
-    given = {x: list(getattr(s, x)) for x in "qvau"} | {"p": [*model.parameters.values(), *[0.0] * len(model.turning)]}
-    calls = {"sqrt": math.sqrt, "exp": math.exp, "log": math.log, "atan2": math.atan2}
-    found = evaluate(derive(model, "residual_jacobian"), given, calls=calls)
-    for label, block in zip("qv", np.reshape([*found.values()], (3, model.size, model.size)), strict=False):
-        wanted = complex_steps(robot, s, label)
-        assert np.abs(block - wanted).max() <= 1e-10 * max(1.0, np.abs(wanted).max())
-
-
 HALF = 1.5707963267948966
-BODY = """
+CART = """
 name = "pole"
 gravity = [0.0, 0.0, 0.0]
 home = {{ {home} }}
@@ -373,36 +290,83 @@ parent = "base"
 child = "cart"
 type = "{kind}"
 placement = {{ rpy = [{along}, 0.0, 0.0] }}
+{more}
 [[loops]]
 name = "weld"
 links = ["base", "cart"]
 type = "fixed"
-placements = [{{}}, {{ rpy = {turned} }}]
+placements = [{{}}, {{ rpy = [0.0, {beta}, 0.0] }}]
 """
 
 
-def cut(kind: str, turned: list[float], angles: tuple[str, ...], along: float = 0.0, home: str = "") -> Robot:
+def cut(kind: str, beta: float, angles: Sequence[str], along: float = 0.0, home: str = "", more: str = "") -> Robot:
     """One link that slides or turns, and an elastic cut joint to the base; ``along`` turns the joint's axis about x."""
-    laws = "".join(f"{name} = {{ stiffness = 100.0, damping = 1.0 }}\n" for name in ("x", "y", "z", *angles))
-    return robot_from_toml(BODY.format(kind=kind, along=along, home=home, turned=turned) + laws)
+    text = CART.format(kind=kind, along=along, home=home, beta=beta, more=more)
+    return robot_from_toml(text + springs([*LINEAR, *angles], stiffness=100.0, damping=1.0))
 
 
-@pytest.mark.parametrize("angles", [("alpha", "beta", "gamma"), ("beta",)])
+def guide(laws: str = "") -> Robot:
+    """A cart on a slide with offsets, and a weld to the base."""
+    more = "z = { damping = 2.0 }\noffset = { alpha = 0.01, x = 1e-3 }"
+    return robot_from_toml(CART.format(kind="prismatic", along=0.0, home="", beta=0.0, more=more) + laws)
+
+
+def test_coordinates_of_a_cut_that_only_offsets_move(built: Build) -> None:
+    """Their forces change with nothing, and all derivatives are those of the others; Radau takes such steps."""
+    kernel = built(guide(springs(stiffness=300.0, damping=1.0)))
+    q, v, u = np.array([0.1]), np.array([0.2]), np.array([0.3])
+    K, B, M = kernel.residual_jacobian(q, v, u)
+    assert np.allclose([K, B, M], np.reshape([300.0, 3.0, 1.0], (3, 1, 1)), rtol=1e-14)
+    by = kernel.forward_dynamics_jacobian(q, v, u)
+    assert np.allclose(by, np.reshape([-300.0, -3.0, 1.0], (3, 1, 1)), rtol=1e-14)
+    motion = eomgen.integration.integrate(kernel, q, v, 0.1, method="Radau", rtol=1e-9, atol=1e-12)
+    w, d = np.sqrt(300.0 - 1.5**2), 1.5
+    t = motion.t[-1]
+    wanted = np.exp(-d * t) * (q[0] * np.cos(w * t) + (v[0] + d * q[0]) / w * np.sin(w * t))
+    assert abs(motion.q[-1, 0] - wanted) < 1e-8
+
+
+def test_a_rigid_cut_that_an_offset_keeps_open_names_it(built: Build) -> None:
+    """Those alone that change what is left: alpha turns no row of x, and no coordinate takes either up."""
+    kernel = built(guide(), "constraint", "constraint_jacobian", "mass_matrix", "cut_poses")
+    wanted = r"weld\.alpha is left with 0\.01 rad.*other offsets: 'joints\.joint\.offset\.alpha = 0\.01'$"
+    with pytest.raises(eomgen.errors.LoopError, match=wanted):
+        kernel.assemble([0.1])
+    kernel.parameters["joints.joint.offset.alpha"] = 0.0
+    with pytest.raises(eomgen.errors.LoopError, match=r"weld\.x is left with 0\.001 m.*offset\.x = 0\.001'$"):
+        kernel.assemble([0.1])
+    kernel.parameters["joints.joint.offset.x"] = 0.0
+    assert abs(kernel.assemble([0.1])[0]) < 1e-12
+
+
+@pytest.mark.parametrize("seed", seeds(4700, 4, 40))
+def test_derivatives_of_random_trees_with_offsets_and_elastic_cuts(seed: int) -> None:
+    """Angles that offsets turn and no coordinate has are in loops' forces; by complex steps of the residual."""
+    rng = np.random.default_rng(seed)
+    robot = with_offsets(random_robot(seed, joints=(1, 3), max_size=5, tree=True), seed)
+    draws = zip(COORDINATES, rng.uniform(1.0, 9.0, (6, 2)).tolist(), strict=True)
+    law = {name: Coordinate(stiffness=k, damping=c) for name, (k, c) in draws}
+    places = random_placement(rng), random_placement(rng)
+    robot = replace(robot, loops=(Loop("weld", (robot.base, robot.links[-1].name), "fixed", places, coordinates=law),))
+    check_slopes(robot, random_state(robot, seed))
+
+
+@pytest.mark.parametrize("angles", [ANGULAR, ("beta",)])
 @pytest.mark.parametrize(("beta", "said"), [(HALF, "90"), (-HALF, "-90"), (1.5707963, "90")])
 def test_frames_that_stay_at_the_pole(beta: float, said: str, angles: tuple[str, ...], built: Build) -> None:
     with pytest.raises(eomgen.errors.DescriptionError, match=rf"loops\.weld: its frames stay at beta = {said} degrees"):
-        built(cut("prismatic", [0.0, beta, 0.0], angles), "forward_dynamics")
+        built(cut("prismatic", beta, angles), "forward_dynamics")
 
 
 @pytest.mark.parametrize("beta", [HALF - 1e-3, HALF + 1e-5])
 def test_frames_that_stay_beside_the_pole(beta: float, built: Build) -> None:
     """The angles that nothing turns hold nothing back."""
-    kernel = built(cut("prismatic", [0.0, beta, 0.0], ("alpha", "beta", "gamma")), "forward_dynamics")
+    kernel = built(cut("prismatic", beta, ANGULAR), "forward_dynamics")
     assert kernel.forward_dynamics([0.1], [0.0], [0.0])[0] == pytest.approx(-10.0, rel=1e-12)
 
 
 def test_frames_that_stay_without_tables_of_angles(built: Build) -> None:
-    kernel = built(cut("prismatic", [0.0, HALF, 0.0], ()), "tree_forward_dynamics")
+    kernel = built(cut("prismatic", HALF, ()), "tree_forward_dynamics")
     assert kernel.forward_dynamics([0.1], [0.0], [0.0], cut=True)[0] == pytest.approx(-10.0, rel=1e-12)
 
 
@@ -411,7 +375,7 @@ def test_frames_that_stay_without_tables_of_angles(built: Build) -> None:
 )
 def test_a_home_at_the_pole(home: str, at_the_pole: bool, built: Build) -> None:
     """Only steps that the tolerance chooses refer to what is there."""
-    robot = cut("revolute", [0.0, HALF, 0.0], ("alpha", "beta", "gamma"), along=-HALF, home=home)
+    robot = cut("revolute", HALF, ANGULAR, along=-HALF, home=home)
     kernel = built(robot, "forward_dynamics", "rollout")
     assert np.isfinite(kernel.forward_dynamics([0.3], [0.1], [0.0])).all()
     assert np.isfinite(kernel.rollout([0.3], [0.1], [0.0], 1e-4, 3, method="implicit")[0]).all()
@@ -430,10 +394,8 @@ def test_a_home_at_the_pole(home: str, at_the_pole: bool, built: Build) -> None:
 
 def test_a_home_at_the_pole_of_angles_that_nothing_moves() -> None:
     """A slide, whose offset turns the frames there: no size follows from them."""
-    robot = cut("prismatic", [0.0, 0.0, 0.0], ("alpha", "beta", "gamma"))
-    text = BODY.replace('type = "{kind}"', f'type = "{{kind}}"\noffset = {{{{ beta = {HALF} }}}}')
-    laws = "".join(f"{name} = {{ stiffness = 100.0 }}\n" for name in ("x", "y", "z", "alpha", "beta", "gamma"))
-    turned = robot_from_toml(text.format(kind="prismatic", along=0.0, home="", turned=[0.0, 0.0, 0.0]) + laws)
+    robot = cut("prismatic", 0.0, ANGULAR)
+    turned = cut("prismatic", 0.0, ANGULAR, more=f"offset = {{ beta = {HALF} }}")
     assert turned != robot
     for wanted, found in zip(coordinate_sizes(build_model(robot)), coordinate_sizes(build_model(turned)), strict=True):
         assert np.allclose(found, wanted, rtol=1e-12)
@@ -441,7 +403,7 @@ def test_a_home_at_the_pole_of_angles_that_nothing_moves() -> None:
 
 def test_states_at_the_pole(built: Build) -> None:
     """Where frames come to it, the loop and the state are named."""
-    robot = cut("revolute", [0.0, HALF, 0.0], ("alpha", "beta", "gamma"), along=-HALF, home='"joint.gamma" = 0.3')
+    robot = cut("revolute", HALF, ANGULAR, along=-HALF, home='"joint.gamma" = 0.3')
     kernel = built(robot, "forward_dynamics", "cut_forces", "cut_poses", "energy")
     said = r"pole: loop weld is at beta = \+-90 degrees, where its alpha and gamma turn about one axis"
     with pytest.raises(eomgen.errors.SingularError, match=rf"forward_dynamics: {said}; allowed: poses beside it"):

@@ -47,6 +47,16 @@ def check_forces(
     return kernel, other
 
 
+def check_same(kernel: eomgen.Kernel, other: eomgen.Kernel, states: Sequence[State], tolerance: float = 1e-11) -> None:
+    """Compare kernels of one robot that is described in two ways, one state at a time and several at once."""
+    for s in states:
+        assert close(kernel.inverse_dynamics(s.q, s.v, s.a), other.inverse_dynamics(s.q, s.v, s.a), tolerance)
+        assert close(kernel.forward_dynamics(s.q, s.v, s.u), other.forward_dynamics(s.q, s.v, s.u), 1e-8)
+        assert close(kernel.energy(s.q, s.v), other.energy(s.q, s.v), tolerance)
+    arrays = stacked(states)
+    assert close(kernel.generalized_force(*arrays), other.generalized_force(*arrays), tolerance)
+
+
 def check_single_precision(
     kernel: eomgen.Kernel, robot: Robot, arrays: Sequence[Array], built: Build, tolerance: float = 1e-4
 ) -> None:

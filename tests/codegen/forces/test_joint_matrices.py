@@ -36,6 +36,7 @@ from tests.support.added_forces import (
     NAMES,
     check_closed_form,
     check_forces,
+    check_same,
     check_single_precision,
     check_slopes,
     check_step,
@@ -179,17 +180,6 @@ def test_a_frame_moves_with_the_joint() -> None:
     there = np.concatenate([R.T @ (moved + np.cross(turned, at.xyz)), R.T @ turned])
     assert close(motion @ np.array(matrix_of(made.entries, COORDINATES)) @ motion, there @ K @ there, 1e-12)
     assert close(sum(made.preload[x] * y for x, y in zip(COORDINATES, motion, strict=True)), preload @ there, 1e-12)
-
-
-@pytest.mark.parametrize("seed", seeds(2660, 1, 4))
-def test_mujoco_with_these_forces_moves_so(seed: int, built: Build) -> None:
-    robot = with_matrices(seed, joints=(1, 2))
-    plain, (K, D, p) = bare(robot), matrices(robot)
-    kernel, oracle = built(robot, "inverse_dynamics"), MjcfOracle(mjcf(plain, 1e-3, approximate=True), plain)
-    rng = np.random.default_rng(seed)
-    q, v, a = rng.uniform(-0.5, 0.5, (3, kernel.n))
-    wanted = oracle.inverse_dynamics(q, v, a) + K @ q + D @ v + p
-    assert np.abs(kernel.inverse_dynamics(q, v, a) - wanted).max() < 1e-10 * np.abs(wanted).max()
 
 
 def test_a_diagonal_is_written_for_mujoco(built: Build) -> None:
@@ -396,105 +386,82 @@ def test_rollouts_of_a_body_on_springs(method: str, built: Build) -> None:
 
 
 FORMS = ["matrices", "ratio", "loss_factor", "damping alone"]
+METHODS = {"implicit": "rollout", "rosenbrock": "adaptive_rollout", "radau": "radau_rollout"}
 
 
 def elements(seed: int, form: str) -> tuple[JointStiffness | None, JointDamping]:
     rng = np.random.default_rng(seed)
-    K, D = (np.asarray(rows.T @ rows) for rows in rng.normal(size=(2, 7, 6)))
-    stiffness = JointStiffness.of((20.0 * K).tolist(), preload=rng.normal(size=6).tolist())
-    damping = JointDamping.of(D.tolist())
+    stiffness = JointStiffness.of(definite(rng, COORDINATES, 20.0).tolist(), preload=rng.normal(size=6).tolist())
+    damping = JointDamping.of(definite(rng, COORDINATES).tolist())
     if form == "damping alone":
         return None, damping
     return stiffness, damping if form == "matrices" else JointDamping(**{form: 0.3}, at_hz=2.0)
 
 
-def on_joint(stiffness: JointStiffness | None, damping: JointDamping) -> Robot:
-    """A body on a joint with all six coordinates."""
-    body = free_body()
-    joint = replace(body.joints[0], type="fixed", stiffness=stiffness, damping=damping)
-    return replace(body, name="on_joint", joints=(joint,))
-
-
 def on_bushing(stiffness: JointStiffness | None, damping: JointDamping) -> Robot:
-    body = free_body()
     mount = Bushing("mount", ("base", "body"), stiffness=stiffness, damping=damping)
-    held = replace(body.joints[0], type="fixed")
-    return replace(body, name="on_bushing", joints=(held,), elements=(mount,))
+    return replace(held(None), name="on_bushing", elements=(mount,))
 
 
 def on_loop(stiffness: JointStiffness | None, damping: JointDamping) -> Robot:
-    body = free_body()
     free = dict.fromkeys(COORDINATES, Coordinate())
     loop = Loop("mount", ("base", "body"), "fixed", coordinates=free, stiffness=stiffness, damping=damping)
-    return replace(body, name="on_loop", joints=(replace(body.joints[0], type="fixed"),), loops=(loop,))
+    return replace(held(None), name="on_loop", loops=(loop,))
 
 
 @pytest.mark.parametrize(("form", "made"), across(FORMS, (on_bushing, on_loop)))
 @pytest.mark.parametrize("seed", seeds(2700, 1, 4))
 def test_they_are_those_of_a_joint(seed: int, form: str, made: type[Robot], built: Build) -> None:
+    """Implicit steps too: rank-one rows make the block that a joint's coordinates have."""
     parts = elements(seed, form)
-    robot, joint = made(*parts), on_joint(*parts)  # type: ignore[arg-type]
+    robot, joint = made(*parts), held(*parts)  # type: ignore[arg-type]
     kernel, other = built(robot, *NAMES), built(joint, *NAMES)
     states = [random_state(joint, seed + i) for i in range(5)]
+    check_same(kernel, other, states, 1e-9)
     for s in states:
-        assert close(kernel.inverse_dynamics(s.q, s.v, s.a), other.inverse_dynamics(s.q, s.v, s.a), 1e-9)
-        assert close(kernel.forward_dynamics(s.q, s.v, s.u), other.forward_dynamics(s.q, s.v, s.u), 1e-8)
-        assert close(kernel.energy(s.q, s.v), other.energy(s.q, s.v), 1e-9)
         for found, wanted in zip(*(x.residual_jacobian(s.q, s.v, s.a) for x in (kernel, other)), strict=True):
             assert close(found, wanted, 1e-8)
-    arrays = stacked(states)
-    assert close(kernel.generalized_force(*arrays), other.generalized_force(*arrays), 1e-9)
-    check_single_precision(other, robot, arrays, built, 1e-3)
+    assert close(implicit_step(robot, s, 0.02), implicit_step(joint, s, 0.02), 1e-8)
+    check_single_precision(other, robot, stacked(states), built, 1e-3)
     there = 0.0 * states[0].q
     assert close(np.array(fastest_rates(kernel, there)), np.array(fastest_rates(other, there)), 1e-9)
     assert any_spring(kernel) == any_spring(other) == (form != "damping alone")
     assert line_rates(kernel, there)[1].any()
 
 
-@pytest.mark.parametrize("made", [on_bushing, on_loop])
-@pytest.mark.parametrize("form", FORMS)
-def test_implicit_steps_are_those_of_a_joint(form: str, made: type[Robot]) -> None:
-    """Rank-one rows make the block that a joint's coordinates have; where they are those of the step's beginning."""
-    parts = elements(5, form)
-    joint = on_joint(*parts)
-    s = random_state(joint, 3)
-    assert close(implicit_step(made(*parts), s, 0.02), implicit_step(joint, s, 0.02), 1e-8)  # type: ignore[arg-type]
+def end_of(kernel: eomgen.Kernel, method: str, q0: Array, rtol: float) -> Array:
+    """The state after a twentieth of a second from rest."""
+    steps = {"dt": 1e-3, "steps": 50} if method == "implicit" else {"duration": 0.05, "samples": 1, "rtol": rtol}
+    q, v = kernel.rollout(q0, 0.0 * q0, 0.0 * q0, method=method, **steps)
+    return np.concatenate([q[-1], v[-1]])
 
 
-@pytest.mark.parametrize(("method", "made"), across(("implicit", "rosenbrock", "radau"), (on_bushing, on_loop)))
+@pytest.mark.parametrize(("method", "made"), across(METHODS, (on_bushing, on_loop)))
 def test_rollouts_are_those_of_a_joint(method: str, made: type[Robot], built: Build) -> None:
     """Also where stiffness is so large that nothing but its place in the matrix keeps steps stable."""
     stiffness, damping = elements(6, "ratio")
     assert stiffness is not None
     stiff = JointStiffness({key: 1e4 * x for key, x in stiffness.entries.items()})
-    robot, joint = made(stiff, damping), on_joint(stiff, damping)  # type: ignore[arg-type]
-    names = {"implicit": "rollout", "rosenbrock": "adaptive_rollout", "radau": "radau_rollout"}
-    ends, q0 = [], np.array([1e-3, -2e-3, 1e-3, 2e-3, 1e-3, -1e-3])
-    steps = {"dt": 1e-3, "steps": 50} if method == "implicit" else {"duration": 0.05, "samples": 1, "rtol": 1e-6}
-    for one in (robot, joint):
-        kernel = built(one, "mass_matrix", "forward_dynamics", names[method])
-        q, v = kernel.rollout(q0, 0.0 * q0, np.zeros(6), method=method, **steps)
-        ends.append(np.concatenate([q[-1], v[-1]]))
-    assert np.abs(ends[1]).max() > 1e-8
-    assert np.abs(ends[0] - ends[1]).max() < 1e-3 * np.abs(ends[1]).max()
+    q0 = np.array([1e-3, -2e-3, 1e-3, 2e-3, 1e-3, -1e-3])
+    robots = made(stiff, damping), held(stiff, damping)  # type: ignore[arg-type]
+    kernels = [built(robot, "mass_matrix", "forward_dynamics", METHODS[method]) for robot in robots]
+    found, wanted = (end_of(kernel, method, q0, 1e-6) for kernel in kernels)
+    assert np.abs(wanted).max() > 1e-8
+    assert np.abs(found - wanted).max() < 1e-3 * np.abs(wanted).max()
 
 
-@pytest.mark.parametrize(("method", "dtype"), across(("implicit", "rosenbrock", "radau"), ("float64", "float32")))
+@pytest.mark.parametrize(("method", "dtype"), across(METHODS, ("float64", "float32")))
 def test_matrices_may_lose_their_rank(method: str, dtype: str, built: Build) -> None:
     """Parameters may be 0, or those of one direction alone: the rows of the others are none."""
-    parts, q0 = elements(6, "matrices"), np.array([0.1, -0.2, 0.1, 0.2, 0.1, -0.1], dtype)
-    names = {"implicit": "rollout", "rosenbrock": "adaptive_rollout", "radau": "radau_rollout"}
-    name, ends = names[method], []
-    steps = {"dt": 1e-3, "steps": 50} if method == "implicit" else {"duration": 0.05, "samples": 1, "rtol": 1e-4}
+    parts, q0, ends = elements(6, "matrices"), np.array([0.1, -0.2, 0.1, 0.2, 0.1, -0.1], dtype), []
     one = 3.0 * np.outer(np.arange(1.0, 7.0), np.arange(1.0, 7.0))
-    for made, prefix in ((on_joint, "joints.free"), (on_bushing, "bushings.mount"), (on_loop, "loops.mount")):
-        kernel = built(made(*parts), name, dtype=dtype)
+    for made, prefix in ((held, "joints.free"), (on_bushing, "bushings.mount"), (on_loop, "loops.mount")):
+        kernel = built(made(*parts), METHODS[method], dtype=dtype)  # type: ignore[operator]
         numbers = {x: 0.0 for x in kernel.parameters if x.startswith(prefix)}
         alone = {f"{prefix}.stiffness.{key}": x for key, x in JointStiffness.of(one.tolist()).entries.items()}
         for changes in (numbers, numbers | alone):
             kernel.parameters.update(changes)
-            q, v = kernel.rollout(q0, 0.0 * q0, 0.0 * q0, method=method, **steps)
-            ends.append(np.concatenate([q[-1], v[-1]]))
+            ends.append(end_of(kernel, method, q0, 1e-4))
     tolerance = 1e-9 if dtype == "float64" else 1e-4
     for first, other in ((0, 2), (0, 4), (1, 3), (1, 5)):
         assert close(ends[other], ends[first], tolerance)
@@ -527,7 +494,7 @@ def test_forces_are_told(built: Build) -> None:
     assert parts[0] is not None
     K, D = np.array(matrix_of(parts[0].entries, COORDINATES)), np.array(matrix_of(parts[1].entries, COORDINATES))
     preload = np.array([parts[0].preload[name] for name in COORDINATES])
-    s = random_state(on_joint(*parts), 2)
+    s = random_state(held(*parts), 2)
     bushing, loop = built(on_bushing(*parts), "element_forces"), built(on_loop(*parts), "cut_forces", "loop_reactions")
     wanted = np.column_stack([s.q, K @ s.q + D @ s.v + preload])
     assert close(bushing.element_forces(s.q, s.v), wanted, 1e-9)
@@ -538,10 +505,8 @@ def test_forces_are_told(built: Build) -> None:
 
 def test_closed_form_has_those_of_loops() -> None:
     stiffness = JointStiffness({"x.x": 9.0, "x.gamma": 2.0, "gamma.gamma": 4.0})
-    body, damping = free_body(), JointDamping(ratio=0.1, at_hz=1.0)
-    loop = Loop("pin", ("base", "body"), "fixed", coordinates=dict.fromkeys(COORDINATES, Coordinate()))
-    joint = replace(body.joints[0], type="fixed", coordinates=dict.fromkeys(("x", "gamma"), Coordinate()))
-    robot = replace(body, joints=(joint,), loops=(replace(loop, stiffness=stiffness, damping=damping),))
+    loops = on_loop(stiffness, JointDamping(ratio=0.1, at_hz=1.0)).loops
+    robot = replace(held(None, None, "x", "gamma"), loops=loops)
     check_closed_form(robot, random_state(robot, 3), 1e-9)
 
 
@@ -559,8 +524,8 @@ def test_entries_of_bushings_and_loops_are_checked_as_a_whole(made: type[Robot],
             p[f"{prefix}.{table}.x.beta"] = 2.0 * bound
     assert dict(p) == before
     p.update({name: 4.0 * x for name, x in before.items() if name.startswith(prefix)})
-    s = random_state(on_joint(*parts), 2)
-    other = built(on_joint(*parts), "generalized_force")
+    s = random_state(held(*parts), 2)
+    other = built(held(*parts), "generalized_force")
     idle = built(replace(free_body(), joints=(replace(free_body().joints[0], type="fixed"),)), "generalized_force")
     weight = idle.generalized_force(s.q, s.v)
     assert close(kernel.generalized_force(s.q, s.v) - weight, 4.0 * (other.generalized_force(s.q, s.v) - weight), 1e-8)
