@@ -364,7 +364,11 @@ PLOTS: dict[str, tuple[Callable[[Path], Any], tuple[Any, ...], int]] = {  # what
     "plot_mode_shapes": (lambda _: analysis.modes("one_link"), ("one_link",), 1),
     "plot_tracks": (lambda _: analysis.modes_along("one_link", [{"joint1.gamma": x} for x in (0.0, 0.1)]), (), 2),
     "plot_response": (_response, (), 2),
-    "plot_compliance": (RESULTS["compliance_map"], (), 1),
+    "plot_compliance": (
+        lambda _: analysis.compliance_map("ur5", (0.3, 0.1, 0.3), (0.1, 0, 0), (0, 0.1, 0), (2, 2)),
+        (),
+        1,
+    ),
     "plot_stress_resultants": (lambda _: analysis.deflection("flexible_arm"), (), 4),
     "plot_budget": (lambda _: analysis.budget(simulated(), "one_link"), (), 1),
     "plot_column": (swept, (), 2),

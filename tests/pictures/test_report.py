@@ -37,7 +37,6 @@ from tests.support.commands import command, refused
 from tests.support.extreme_numbers import accuracy_columns, written
 from tests.support.measured_poses import chain, trial
 from tests.support.measured_results import RESULTS
-from tests.support.pendulums import pendulum
 
 pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
 
@@ -218,8 +217,10 @@ def test_without_the_robot_the_page_says_what_is_missing(result: SimulationResul
 
 def test_what_cannot_be_drawn_is_said() -> None:
     """No program, no springs."""
-    scenario = scenario_from_toml("duration = 0.2\noutput_step = 0.1\n[initial]\nq = [0.4]\nequilibrium = false")
-    missing = report_of(run_scenario(pendulum(()), scenario)).missing
+    scenario = scenario_from_toml(
+        "duration = 0.2\noutput_step = 0.1\n[initial]\nq = { joint1 = 0.4 }\nequilibrium = false"
+    )
+    missing = report_of(run_scenario(chain(4, "RR"), scenario)).missing
     assert any(line.startswith("tracking errors: there is no reference trajectory") for line in missing)
     assert "frequencies along the reference trajectory: no deviation has a stiffness" in missing
 
@@ -320,7 +321,7 @@ def test_every_kind_has_a_page(kind: str, tmp_path: Path) -> None:
     found = RESULTS[kind](tmp_path)
     page = report_of(found)
     reader = read(page.html())
-    assert page.figures
+    assert bool(page.figures) == (kind != "forces")
     assert sum(tag == "svg" for tag, _ in reader.elements) == len(page.figures)
     assert page.tables
     assert {*getattr(found, "notes", ())} <= {*page.warnings, *page.notes}

@@ -1,29 +1,40 @@
-"""The scene of a result: its geometry against kernels, Pinocchio and laws; its server and, with a browser, its page."""
+"""The scene of a result: its geometry against kernels, Pinocchio and laws; bent links; its server and its page."""
 
 from __future__ import annotations
 
+import json
+import shutil
 import socket
+import struct
+import subprocess
 import time
 import urllib.request
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import eomgen
-from eomgen.cli import entry as cli
-from eomgen.description.load import load_robot
-from eomgen.errors import InputError
+from eomgen.description.load import load_robot, robot_from_toml
+from eomgen.errors import EomgenWarning, InputError
+from eomgen.export.live.geometry import geometry_of
+from eomgen.export.live.view import contents_of_view
 from eomgen.identification import tolerance
+from eomgen.integration.trajectory import Trajectory
 from eomgen.motion.files import MeasuredMotion
+from eomgen.pictures import plot_mode_shapes, plot_robot
 from eomgen.pictures import shapes as visuals
 from eomgen.pictures.browser import View
 from eomgen.pictures.framing import Camera, drawn_points, first_factor, framed, largest_power, up_of
 from eomgen.pictures.scene import (
+    Array,
     Region,
     accelerations,
+    bent_axes,
     capsule_mesh,
     capsules,
     exaggerated,
@@ -39,10 +50,15 @@ from eomgen.robot.value import Robot
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.result import SimulationResult
 from eomgen.simulation.run import run_scenario
+from tests.description.test_beams import crane
 from tests.oracles.pinocchio_models import PinocchioOracle
+from tests.pictures.test_plots import modes_of
 from tests.support.bending_arm import bending_arm
+from tests.support.bending_robots import bent
 from tests.support.browser import open_page
+from tests.support.commands import refused
 from tests.support.description_samples import example_urdfs
+from tests.support.optional import needs
 from tests.support.random_robots import random_robot, random_state, with_offsets
 from tests.support.soak import soaked
 
@@ -118,7 +134,7 @@ def test_capsules_reach_what_is_on_their_links(robot: Robot) -> None:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_capsule_meshes_are_closed_and_have_a_capsules_volume(seed: int) -> None:
-    trimesh = pytest.importorskip("trimesh")
+    trimesh = needs("trimesh")
     rng = np.random.default_rng(seed)
     begin, end, radius = rng.normal(size=3), rng.normal(size=3), rng.uniform(0.05, 0.3)
     if seed == 0:
@@ -165,7 +181,6 @@ def test_reactions_carry_what_accelerates_and_weighs(result: SimulationResult, r
     )
     forces = reaction_forces(kernel, loose, found)
     motion, wrench = found.trajectory, found.wrench
-    assert wrench is not None
     poses = link_poses(loose, motion.coordinates, motion.q)
     momentum = sum(link.mass * (poses[link.name] @ np.append(link.com, 1.0))[:, :3] for link in loose.links)
     h = motion.t[1] - motion.t[0]
@@ -259,37 +274,78 @@ def test_a_rigid_robot_is_drawn_as_it_is() -> None:
 # Meshes
 
 
+INERTIAL = "<inertial><mass value='1'/><inertia ixx='1' iyy='1' izz='1' ixy='0' ixz='0' iyz='0'/></inertial>"
+
+
+def arm(folder: Path, links: Mapping[str, Sequence[str]], origin: str = "") -> Robot:
+    """A chain of links of an URDF, which are shown by these geometries."""
+    rows, parent = ["<link name='ground'/>"], "ground"
+    for name, shown in links.items():
+        seen = "".join(f"<visual>{origin}<geometry>{one}</geometry></visual>" for one in shown)
+        ends = f"<parent link='{parent}'/><child link='{name}'/>"
+        rows.append(f"<link name='{name}'>{INERTIAL}{seen}</link>")
+        rows.append(f"<joint name='to_{name}' type='continuous'>{ends}</joint>")
+        parent = name
+    (folder / "arm.urdf").write_text(f"<robot name='arm'>{''.join(rows)}</robot>")
+    return load_robot(folder / "arm.urdf")
+
+
 def test_shapes_of_an_urdf(tmp_path: Path) -> None:
-    trimesh = pytest.importorskip("trimesh")
-    trimesh.creation.box((1.0, 2.0, 3.0)).export(tmp_path / "box.stl")
-    inertial = "<inertial><mass value='1'/><inertia ixx='1' iyy='1' izz='1' ixy='0' ixz='0' iyz='0'/></inertial>"
-    geometry = (
+    needs("trimesh").creation.box((1.0, 2.0, 3.0)).export(tmp_path / "box.stl")
+    shown = (
         "<mesh filename='box.stl' scale='0.1 0.1 0.1'/>",
         "<cylinder radius='0.1' length='0.5'/>",
         "<mesh filename='package://nowhere/x.stl'/>",
     )
-    origin = "<origin xyz='1 0 0' rpy='0 0 1.5707963267948966'/>"
-    shown = "".join(f"<visual>{origin}<geometry>{text}</geometry></visual>" for text in geometry)
-    urdf = tmp_path / "arm.urdf"
-    urdf.write_text(
-        f"<robot name='arm'><link name='ground'/><link name='a-b'>{inertial}{shown}</link>"
-        "<joint name='j' type='continuous'><parent link='ground'/><child link='a-b'/></joint></robot>"
-    )
-    robot = load_robot(urdf)
+    robot = arm(tmp_path, {"a-b": shown}, "<origin xyz='1 0 0' rpy='0 0 1.5707963267948966'/>")
     shapes, notes = visuals.urdf_shapes(robot)
     assert [shape.link for shape in shapes] == ["a_b", "a_b"]
     assert np.allclose(shapes[0].vertices.max(axis=0), [1.1, 0.05, 0.15])
     assert np.allclose(np.ptp(shapes[1].vertices, axis=0), [0.2, 0.2, 0.5], atol=2e-3)
     assert len(notes) == 1
     assert "package://nowhere/x.stl" in notes[0]
-    urdf.unlink()
+    (tmp_path / "arm.urdf").unlink()
     assert visuals.urdf_shapes(robot)[0] == []
     assert "cannot be read any more" in visuals.urdf_shapes(robot)[1][0]
 
 
+def binary(corners: np.ndarray[Any, Any], header: bytes = b"") -> bytes:
+    rows = b"".join(struct.pack("<12fH", *np.zeros(3), *triangle.ravel(), 0) for triangle in corners)
+    return header.ljust(80, b"\0") + struct.pack("<I", len(corners)) + rows
+
+
+def test_stl_files_are_read_in_both_forms() -> None:
+    corners = np.random.default_rng(3).integers(-4, 5, (7, 3, 3)).astype(float)
+    text = "solid x\n" + "".join(
+        "facet normal 0 0 1\nouter loop\n" + "".join(f" vertex {x:g} {y:.1f} {z:e}\n" for x, y, z in triangle)
+        + "endloop\nendfacet\n"
+        for triangle in corners
+    )  # fmt: skip
+    for data in (binary(corners), binary(corners, b"solid by some tool"), text.encode()):
+        vertices, faces = visuals.read_stl(data)
+        np.testing.assert_array_equal(vertices[faces], corners)
+        assert len(np.unique(vertices, axis=0)) == len(vertices)
+    for data in (binary(corners[:0]), b"solid x\nendsolid x\n", binary(np.full((1, 3, 3), np.nan))):
+        with pytest.raises(ValueError, match="without triangles"):
+            visuals.read_stl(data)
+
+
+def test_meshes_are_drawn_and_missing_ones_named(tmp_path: Path) -> None:
+    corners = np.array([[[0.0, 0.0, 0.0], [0.3, 0.0, 0.0], [0.0, 0.2, 0.7]]])
+    (tmp_path / "arm.stl").write_bytes(binary(corners))
+    shown = ("<mesh filename='arm.stl'/>", "<box size='1 2 3'/>", "<sphere radius='0.5'/>")
+    robot = arm(tmp_path, {"a": shown, "b": ("<mesh filename='gone.stl'/>",)})
+    shapes, _ = visuals.urdf_shapes(robot)
+    sizes = [np.ptp(shape.vertices, axis=0) for shape in shapes]
+    np.testing.assert_allclose(sizes, [[0.3, 0.2, 0.7], [1.0, 2.0, 3.0], [1.0] * 3], rtol=1e-6)
+    with pytest.warns(EomgenWarning, match=r"^arm: shape of b: there is no mesh 'gone.stl'"):
+        _, axes = plot_robot(robot)
+    assert len(axes.collections) == len(shapes) + 1, "three shapes, and the capsule of b"
+
+
 def test_meshes_of_a_package_are_found() -> None:
+    needs("collada", "example_robot_data")
     (path,) = [path for path in example_urdfs() if path.name == "ur5_robot.urdf"]
-    pytest.importorskip("collada")
     shapes, notes = visuals.urdf_shapes(load_robot(path))
     assert notes == []
     assert {"base_link", "shoulder_link", "upper_arm_link", "wrist_3_link"} <= {shape.link for shape in shapes}
@@ -334,36 +390,23 @@ HOSTILE_MESHES = {  # name, content and words of the note
 
 @pytest.mark.parametrize("case", HOSTILE_MESHES)
 def test_meshes_that_grow_are_left_out(case: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    trimesh = pytest.importorskip("trimesh")
+    trimesh = needs("trimesh")
     monkeypatch.setattr(trimesh, "load", lambda *_, **__: pytest.fail("it has been unpacked"))
     name, content, words = HOSTILE_MESHES[case]
     (tmp_path / name).write_bytes(content)
-    shapes, notes = visuals.urdf_shapes(shown_by(tmp_path, name, 1))
+    shapes, notes = visuals.urdf_shapes(arm(tmp_path, {"a": (f"<mesh filename='{name}'/>",)}))
     assert shapes == []
     assert words in notes[0]
 
 
 def test_meshes_are_counted_as_often_as_they_are_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    trimesh = pytest.importorskip("trimesh")
-    trimesh.creation.box((1.0, 2.0, 3.0)).export(tmp_path / "box.stl")
+    needs("trimesh").creation.box((1.0, 2.0, 3.0)).export(tmp_path / "box.stl")
     size = (tmp_path / "box.stl").stat().st_size
     monkeypatch.setattr(visuals._Room, "__init__", lambda room: setattr(room, "left", 3 * size))
-    shapes, notes = visuals.urdf_shapes(shown_by(tmp_path, "box.stl", 5))
+    shapes, notes = visuals.urdf_shapes(arm(tmp_path, {"a": 5 * ("<mesh filename='box.stl'/>",)}))
     assert len(shapes) == 3
     assert len(notes) == 2
     assert "together" in notes[0]
-
-
-def shown_by(folder: Path, mesh: str, times: int) -> Robot:
-    """A robot whose link is shown by a mesh, so many times."""
-    inertial = "<inertial><mass value='1'/><inertia ixx='1' iyy='1' izz='1' ixy='0' ixz='0' iyz='0'/></inertial>"
-    shown = times * f"<visual><geometry><mesh filename='{mesh}'/></geometry></visual>"
-    urdf = folder / "arm.urdf"
-    urdf.write_text(
-        f"<robot name='arm'><link name='ground'/><link name='a'>{inertial}{shown}</link>"
-        "<joint name='j' type='continuous'><parent link='ground'/><child link='a'/></joint></robot>"
-    )
-    return load_robot(urdf)
 
 
 # The server
@@ -371,7 +414,7 @@ def shown_by(folder: Path, mesh: str, times: int) -> Robot:
 
 @pytest.fixture
 def view(result: SimulationResult) -> Iterator[View]:
-    pytest.importorskip("viser")
+    needs("viser")
     shown = View(result, port=free_port())
     yield shown
     shown.close()
@@ -393,7 +436,7 @@ def test_the_server_answers(view: View) -> None:
     from websockets.sync.client import connect
 
     protocol = f"viser-v{viser.__version__}"
-    with connect(view.address.replace("http", "ws"), subprotocols=[protocol], max_size=None) as stream:  # type: ignore[list-item]
+    with connect(view.address.replace("http", "ws"), subprotocols=[protocol], max_size=None) as stream:
         assert len(stream.recv(timeout=20)) > 100
 
 
@@ -429,7 +472,7 @@ def test_controls_move_the_scene(view: View, result: SimulationResult, robot: Ro
 
 
 def test_tolerances_are_drawn_around_the_tool(result: SimulationResult, robot: Robot) -> None:
-    pytest.importorskip("viser")
+    needs("viser")
     sizes = {"joints.*.offset.z": {"deviation": 1e-4}, "joints.*.offset.x": {"deviation": 3e-4}}
     motion = motion_of(result)
     found = tolerance(robot, sizes, "link2", along=motion)
@@ -461,17 +504,15 @@ def motion_of(result: SimulationResult) -> MeasuredMotion:
     )
 
 
-def test_what_cannot_be_viewed(
-    result: SimulationResult, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_cannot_be_viewed(result: SimulationResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    needs("viser")
     with pytest.raises(InputError, match="port: 0; allowed"):
         View(result, port=0)
     with pytest.raises(InputError, match="give it: --robot"):
         View(replace(result, description={}))
     monkeypatch.setitem(__import__("sys").modules, "viser", None)
     result.save(tmp_path / "trajectory.npz")
-    assert cli.main(["view", str(tmp_path), "--no-browser"]) == 1
-    assert 'pip install "eomgen[view]"' in capsys.readouterr().err
+    assert 'pip install "eomgen[view]"' in refused("view", tmp_path, "--no-browser")
 
 
 def test_a_browser_shows_the_scene_and_its_slider_moves_it(view: View) -> None:
@@ -496,3 +537,199 @@ def test_a_browser_shows_the_scene_and_its_slider_moves_it(view: View) -> None:
         assert view.time > 0.0
         assert found.errors == []
         assert all(url.startswith((view.address, "data:", "blob:", "ws:")) for url in found.requests)
+
+
+# Links that bend: where their nodes are, closed, the same in figures, views and pages
+
+
+MODULES = Path(__file__).parents[2] / "templates" / "live"
+NODE = shutil.which("node")
+
+BOOM = """
+name = "boom"
+[[links]]
+name = "tube"
+[links.beam]
+length = 1.5
+E = 7.0e10
+G = 2.63e10
+density = 2700.0
+section = { bar = [0.06, 0.04] }
+axis = "y"
+modes = { y = 2, z = 1, torsion = 1 }
+[[joints]]
+name = "slew"
+parent = "base"
+child = "tube"
+type = "revolute"
+[[frames]]
+name = "tcp"
+link = "tube"
+node = "tip"
+"""
+
+
+@pytest.fixture(scope="module")
+def boom() -> Robot:
+    return robot_from_toml(BOOM)
+
+
+def drawn(robot: Robot, seed: int) -> tuple[tuple[str, ...], Array, dict[str, Any]]:
+    """Return names of coordinates, their values at random, and these by name."""
+    names = build_model(robot).coordinates
+    q = np.random.default_rng(seed).uniform(-0.3, 0.3, len(names))
+    return names, q, dict(zip(names, q, strict=True))
+
+
+def test_a_view_keeps_an_elastic_joint_that_carries_a_link_that_bends(boom: Robot) -> None:
+    """Of which nothing else moves: the link bends, and the joint has a slider."""
+    elastic = 'type = "fixed"\ngamma = { stiffness = 1e4 }'
+    page = contents_of_view(robot_from_toml(BOOM.replace('type = "revolute"', elastic)))
+    assert {one["name"] for one in page["sliders"]} == set(build_model(boom).coordinates)
+    assert [one["link"] for one in page["bent"]] == ["tube"]
+
+
+@pytest.mark.parametrize("axis", ["x", "-z"])
+def test_what_slides_along_a_beam_is_drawn_on_its_bent_axis(axis: str) -> None:
+    """In figures and in views, where each mode has a slider; at every section, with its rotation."""
+    robot = crane(axis)
+    (bent_axis,), names = bent_axes(robot), build_model(robot).coordinates
+    _, _, values = drawn(robot, 3)
+    count = len(bent_axis.stations.places)
+    states = np.array([[values[name] for name in names]] * count)
+    states[:, names.index("cross.z")] = np.linalg.norm(bent_axis.stations.places, axis=1)
+    poses = link_poses(robot, names, states)
+    sections = poses["bridge"][0] @ bent_axis.poses(values)
+    np.testing.assert_allclose(poses["trolley"], sections, atol=1e-9)
+    assert np.abs(poses["trolley"] - link_poses(robot, names, 0.0 * states)["trolley"])[-1].max() > 0.01
+    page = contents_of_view(robot)
+    assert {one["name"] for one in page["sliders"]} == set(names)
+    assert [page["coordinates"][i] for i in page["modes"]] == list(bent_axis.modes)
+    assert "bridge_cross" not in {c["link"] for c in page["capsules"]}
+
+
+@pytest.mark.parametrize("seed", soaked(range(12), (0, 1, 2)))
+def test_axes_end_at_the_frames_of_nodes(seed: int, boom: Robot) -> None:
+    """With their position and rotation; capsules do not lead there."""
+    robot = bent(random_robot(seed, (2, 4), tree=True), seed).robot if seed else boom
+    names, q, values = drawn(robot, seed)
+    poses = link_poses(robot, names, q)
+    axes = bent_axes(robot)
+    assert {axis.link for axis in axes} == {x.name for x in robot.links if x.modes is not None and x.modes.nodes}
+    ends = {(c.link, tuple(c.end)) for c in capsules(robot)}
+    for axis in axes:
+        sections = poses[axis.link] @ axis.poses(values)
+        (node,) = (name for name, place in axis.nodes.items() if np.allclose(place, axis.stations.places[-1]))
+        np.testing.assert_allclose(sections[-1], poses[node], atol=1e-9)
+        assert (axis.link, axis.nodes[node]) not in ends
+    every = drawn_points(robot, names, np.stack([q, 0.0 * q]))
+    for axis in axes:
+        middle = (poses[axis.link] @ axis.poses(values))[10, :3, 3]
+        assert np.abs(every[0] - middle).sum(axis=-1).min() < 1e-12
+
+
+def test_a_bent_beam_is_a_closed_tube_of_its_volume(boom: Robot) -> None:
+    (axis,) = bent_axes(boom)
+    _, _, values = drawn(boom, 1)
+    for case, rtol in (({}, 1e-9), ({name: 0.1 * x for name, x in values.items()}, 0.02)):
+        vertices, faces = axis.mesh(case)
+        corners = vertices[faces]
+        volume = float(np.einsum("fi,fi->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))) / 6.0
+        assert volume == pytest.approx(0.06 * 0.04 * 1.5, rel=rtol), "outwards"
+    places = [tuple(np.round(x, 9)) for x in axis.mesh({})[0]]
+    triangles = [tuple(places[i] for i in face) for face in faces]
+    edges = Counter((t[i], t[(i + 1) % 3]) for t in triangles for i in range(3) if len(set(t)) == 3)
+    assert all(edges[end, begin] == count for (begin, end), count in edges.items())
+
+
+@pytest.mark.skipif(NODE is None, reason="node is not installed")
+def test_pages_bend_links_as_python_does(tmp_path: Path, boom: Robot) -> None:
+    """To the digits of single precision; a vertex goes with its link near the root, with the node near the tip."""
+    script = """
+import { BentAxis } from "#live/bent";
+import { plotsOf } from "#live/plots";
+import { readFileSync } from "node:fs";
+const found = JSON.parse(readFileSync(0, "utf8")).map(({ bent, q }) => bent.map((data) => {
+  const axis = new BentAxis(data), vertices = [...axis.bend(q)], last = vertices.length / 3 - 1;
+  return { vertices, faces: axis.faces(), near: [0, last].map((i) => axis.nearest(i)) };
+}));
+const one = { drives: [], closed: false, states: [], coordinates: ["a.gamma", "b.mode1", "b.mode2"] };
+const plot = plotsOf({ ...one, deviations: [0, 1, 2], units: ["rad", "1", "1"] }).get("b.modes");
+console.log(JSON.stringify([found, [plot.names, plot.unit, plot.value({ q: [3, 4, 5] })]]));
+"""
+    shutil.copytree(MODULES, tmp_path / "live", ignore=shutil.ignore_patterns("three"))
+    (tmp_path / "live" / "runner.mjs").write_text(script, encoding="ascii")
+    robots = [boom, *(bent(random_robot(seed, (2, 3)), seed, (2, 3)).robot for seed in range(2))]
+    given, expected = list[Any](), list[Any]()
+    for seed, robot in enumerate(robots):
+        names, q, values = drawn(robot, seed)
+        geometry, _ = geometry_of(robot, names, q)
+        given.append({"bent": geometry["bent"], "q": q.tolist()})
+        expected.append([(axis, *axis.mesh(values)) for axis in bent_axes(robot)])
+    command = [str(NODE), str(tmp_path / "live" / "runner.mjs")]
+    done = subprocess.run(command, input=json.dumps(given), capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    found, plot = json.loads(done.stdout)
+    assert plot == [["mode1", "mode2"], "1", [4, 5]], "plots have modes, too"
+    for answers, wanted in zip(found, expected, strict=True):
+        assert wanted
+        for answer, (axis, vertices, faces) in zip(answers, wanted, strict=True):
+            np.testing.assert_allclose(np.reshape(answer["vertices"], (-1, 3)), vertices, atol=3e-6)
+            assert set(map(tuple, np.reshape(answer["faces"], (-1, 3)).tolist())) == set(map(tuple, faces.tolist()))
+            assert answer["near"][0] == axis.link
+            assert answer["near"][1] in axis.nodes
+
+
+def test_a_page_without_a_simulation_has_a_slider_for_each_mode(boom: Robot) -> None:
+    """A mode's ends bend the link by 0.15 of the robot's size, or turn it by half a radian."""
+    page = contents_of_view(boom)
+    (found,) = page["bent"]
+    assert found["link"] == "tube"
+    assert [page["coordinates"][i] for i in found["modes"]] == [f"tube.mode{k}" for k in range(1, 5)]
+    assert page["modes"] == found["modes"]
+    sliders = {one["name"]: one for one in page["sliders"]}
+    assert sliders.keys() == set(page["coordinates"])
+    assert sliders["tube.mode1"]["high"] == -sliders["tube.mode1"]["low"] == pytest.approx(0.15 * 1.5, rel=0.05)
+    assert sliders["tube.mode4"]["high"] == pytest.approx(0.5), "which twists"
+    assert all(c["link"] != "tube" for c in page["capsules"])
+    assert len(json.dumps(page["bent"])) < 12_000, "pages stay small"
+
+
+def test_figures_draw_links_bent(boom: Robot) -> None:
+    pose = {"slew.gamma": 0.4, "tube.mode1": 0.2, "tube.mode3": -0.1}
+    _, axes = plot_robot(boom, pose=pose)
+    names = build_model(boom).coordinates
+    q = np.array([pose.get(name, 0.0) for name in names])
+    (axis,), poses = bent_axes(boom), link_poses(boom, names, q)
+    vertices, faces = axis.mesh({name: np.asarray(x) for name, x in pose.items()})
+    base = vertices @ poses["tube"][:3, :3].T + poses["tube"][:3, 3]
+    corners = [np.asarray(x._faces) for x in axes.collections if hasattr(x, "_faces")]
+    assert any(len(x) == len(faces) and np.allclose(x, base[faces], atol=1e-9) for x in corners)
+    assert len(axes.lines) == 1, "the joint's axis; a node is no joint to see"
+    shape = [float(name == "tube.mode1") for name in names]
+    figure, _ = plot_mode_shapes(modes_of(boom, [10.0j], [shape], "tcp"), boom)
+    lines = [np.array(line.get_data_3d()).T for line in figure.axes[0].lines]
+    rest, *sides = [line for line in lines if len(line) > 2]
+    assert len(sides) == 2
+    np.testing.assert_allclose(sides[0] + sides[1], 2.0 * rest, atol=1e-9)
+    way = (sides[1] - rest)[:, 2]  # along y of the section, which is z where the beam runs along y
+    np.testing.assert_allclose(way / way[-1], axis.stations.Phi[:, 2, 0] / axis.stations.Phi[-1, 2, 0], atol=1e-6)
+
+
+@pytest.mark.soak
+def test_a_view_bends_links_exaggerated(boom: Robot) -> None:
+    needs("viser")
+    scenario = 'duration = 0.05\noutput_step = 0.005\n[motion]\ntype = "point_to_point"\ngoal = { slew = 0.4 }\n'
+    result = run_scenario(boom, scenario_from_toml(scenario))
+    assert isinstance(result.trajectory, Trajectory)
+    assert first_factor(result, boom) > 1.0
+    view = View(result, port=free_port())
+    try:
+        (axis,), names = bent_axes(boom), result.trajectory.coordinates
+        view.time, view.factor = result.trajectory.t[-1], 30.0
+        for kind, q in (("reality", exaggerated(result, 30.0)[-1]), ("program", program_positions(result)[-1])):
+            values = {name: np.asarray(x) for name, x in zip(names, q, strict=True)}
+            np.testing.assert_allclose(view.bent(kind)[0], axis.mesh(values)[0], atol=1e-6)
+        assert np.abs(view.bent("reality")[0] - view.bent("program")[0]).max() > 1e-3
+    finally:
+        view.close()
