@@ -28,6 +28,7 @@ from tests.support.refusals import refused
 from tests.support.soak import soaked
 
 jax, jnp = needs("jax"), needs("jax.numpy")
+FEW = 41  # a seed of which some functions alone are compared
 
 
 @pytest.fixture(autouse=True)
@@ -58,14 +59,16 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, int | None]]:
 
 
 @pytest.mark.parametrize("way", [eager, pytest.param(jax.jit, marks=pytest.mark.soak)], ids=["eager", "jit"])
-@pytest.mark.parametrize("seed", [4100, *seeds(4101, 0, 30, soak=3), pytest.param(BENDING, marks=pytest.mark.soak)])
+@pytest.mark.parametrize("seed", [FEW, *seeds(4100, 0, 31, soak=3), pytest.param(BENDING, marks=pytest.mark.soak)])
 def test_values_and_derivatives_are_the_kernels(seed: int, way: Any, built: Build, figures: Figures) -> None:
-    """Of all functions, forward and in reverse; compiling them by jit takes a second each."""
-    robot = sample(seed)
+    """Of all functions, but of FEW where seconds count, forward and in reverse; jit takes a second for each."""
+    robot = sample(4100 if seed == FEW else seed)
     kernel = built_for(robot, built)
     given = states(robot, kernel, seed)
     rng = np.random.default_rng(seed)
     for there in functions_of(robot, kernel):
+        if seed == FEW and there.name not in ("forward_dynamics", "energy", "frame_pose"):
+            continue
         made = function(kernel, there.name, there.frame, cut=True)
         arrays = [given[name] for name in there.reads]
         moves = [rng.uniform(-1.0, 1.0, array.shape) for array in arrays]
