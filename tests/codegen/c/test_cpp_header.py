@@ -191,8 +191,22 @@ def closed_states(robot: Robot, kernel: eomgen.Kernel) -> dict[str, NDArray[np.f
     return {"q": q, "v": v, "a": np.ascontiguousarray(a)}
 
 
-OPEN = """
+REPORT = """
 #include <cmath>
+static void report(const char *what, const arm::Status &status)
+{
+    const std::string_view coordinate = arm::coordinate_names[status.coordinate()];
+    std::printf("%s %d %.*s %zu %zu\\n", what, int(bool(status)),
+                static_cast<int>(coordinate.size()), coordinate.data(), status.state(), status.step());
+}
+"""
+OPEN = """
+static void report_constraint(const char *what, const arm::Status &status)
+{
+    const std::string_view constraint = arm::constraint_names[status.constraint()];
+    std::printf("%d %.*s ", int(status.reason()), static_cast<int>(constraint.size()), constraint.data());
+    report(what, status);
+}
 int main()
 {
     const arm::Setup setup;
@@ -202,47 +216,48 @@ int main()
     for (int i = 0; i < 9; ++i) qs[static_cast<std::size_t>(i)] = home[static_cast<std::size_t>(i % 3)];
     qs[8] += 0.1;
     v[0] = 1.0;
-    const auto report = [](const char *what, const arm::Status &status) {
-        const std::string_view coordinate = arm::coordinate_names[status.coordinate()];
-        const std::string_view constraint = arm::constraint_names[status.constraint()];
-        std::printf("%s %d %.*s %.*s %zu %zu\\n", what, static_cast<int>(status.reason()),
-                    static_cast<int>(coordinate.size()), coordinate.data(),
-                    static_cast<int>(constraint.size()), constraint.data(), status.state(), status.step());
-    };
-    report("good", arm::forward_dynamics(setup, home, zero, zero, out));
-    report("batch", arm::forward_dynamics_batch(setup, 3, qs.data(), zero, zero, v_out.data()));
-    report("rate", arm::forward_dynamics(setup, home, v, zero, out));
+    report_constraint("good", arm::forward_dynamics(setup, home, zero, zero, out));
+    report_constraint("batch", arm::forward_dynamics_batch(setup, 3, qs.data(), zero, zero, v_out.data()));
+    report_constraint("rate", arm::forward_dynamics(setup, home, v, zero, out));
     std::printf("value %d\\n", int(arm::forward_dynamics(setup, home, v, zero).has_value()));
     qs[6] = 0.0 * HUGE_VAL;
     arm::Drive drive{};
     drive.u = zero.data();
-    report("rollout", arm::rollout_batch(
+    report_constraint("rollout", arm::rollout_batch(
         setup, 3, qs.data(), zero, drive, 1e-3, 2, 2, arm::Method::rk4, q_out.data(), v_out.data()));
     return 0;
 }
 """
 
 
+def printed(robot: Robot, kernels: Sequence[str], code: str, folder: Path) -> tuple[eomgen.Kernel, list[list[str]]]:
+    """Kernels of a robot, and words of the lines that a program with its header prints."""
+    package = package_of(robot, folder, *kernels)
+    text = PREAMBLE.format(name=robot.name, space=robot.name) + code
+    lines = run(program("gcc", text, [package], folder, NO_EIGEN)).splitlines()
+    return kernel_of(robot, *kernels), [line.split() for line in lines]
+
+
 @pytest.mark.soak
 def test_loops_that_are_open_are_reported(tmp_path: Path) -> None:
     """Which component of which loop, and whether it is open or opening, as the Python kernel's error says."""
-    robot, kernels = eomgen.load_robot("four_bar"), ("forward_dynamics", "rollout")
-    package, kernel = package_of(robot, tmp_path, *kernels), kernel_of(robot, *kernels)
+    robot = eomgen.load_robot("four_bar")
     home = np.array(build_model(robot).home)
-    code = PREAMBLE.format(name=robot.name, space=robot.name) + OPEN.replace("{{HOME}}", literals(home))
-    made = program("gcc", code, [package], tmp_path, NO_EIGEN)
-    answers = {line.split()[0]: line.split()[1:] for line in run(made).splitlines()}
+    code = REPORT + OPEN.replace("{{HOME}}", literals(home))
+    kernel, lines = printed(robot, ("forward_dynamics", "rollout"), code, tmp_path)
     still, qs = np.zeros(3), np.stack([home] * 3)
     qs[2, 2] += 0.1
     with pytest.raises(LoopError, match=r"is open in state 2: joint4\.x is left"):
         kernel.forward_dynamics(qs, still, still)
     with pytest.raises(LoopError, match=r"is opening: joint4\.x is left"):
         kernel.forward_dynamics(home, [1.0, 0.0, 0.0], still)
-    assert answers["good"] == ["0", "joint1.gamma", "joint4.x", "0", "0"]
-    assert answers["batch"] == ["2", "joint1.gamma", "joint4.x", "2", "0"]
-    assert answers["rate"] == ["3", "joint1.gamma", "joint4.x", "0", "0"]
-    assert answers["value"] == ["0"]
-    assert answers["rollout"] == ["1", "joint1.gamma", "joint4.x", "2", "0"]
+    assert [" ".join(line) for line in lines] == [
+        "0 joint4.x good 1 joint1.gamma 0 0",
+        "2 joint4.x batch 0 joint1.gamma 2 0",
+        "3 joint4.x rate 0 joint1.gamma 0 0",
+        "value 0",
+        "1 joint4.x rollout 0 joint1.gamma 2 0",
+    ]
 
 
 ROLLOUTS = """
@@ -277,11 +292,8 @@ int main()
 
 @pytest.mark.soak
 def test_rollouts(tmp_path: Path) -> None:
-    robot, kernels = eomgen.load_robot("one_link"), ("rollout",)
-    package, kernel = package_of(robot, tmp_path, *kernels), kernel_of(robot, *kernels)
-    code = PREAMBLE.format(name="one_link", space="one_link") + ROLLOUTS
-    made = program("gcc", code, [package], tmp_path, NO_EIGEN)
-    answers = [[float.fromhex(x) for x in line.split()[1:]] for line in run(made).splitlines()]
+    kernel, lines = printed(eomgen.load_robot("one_link"), ("rollout",), ROLLOUTS, tmp_path)
+    answers = [[float.fromhex(x) for x in line[1:]] for line in lines]
     kernel.parameters["joints.joint1.x.stiffness"] = 2e3
     v, u, how = [0.0, -0.2], [1.0, 2.0], {"dt": 1e-3, "steps": 40, "every": 10}
     first = kernel.rollout([0.01, 0.3], v, u, method="rk4", **how)[0]  # type: ignore[arg-type]
@@ -298,12 +310,6 @@ int main()
     std::array<double, 6> q{}, zero{}, out{};
     std::array<double, 18> qs{}, q_out{}, v_out{};
     q[arm::coordinates::free_beta] = qs[6 + arm::coordinates::free_beta] = 1.5707963267948966;
-    const auto report = [](const char *what, const arm::Status &status) {
-        if (status) std::printf("%s found\\n", what);
-        const std::string_view name = arm::coordinate_names[status.coordinate()];
-        const int length = static_cast<int>(name.size());
-        if (!status) std::printf("%s %.*s %zu %zu\\n", what, length, name.data(), status.state(), status.step());
-    };
     report("one", arm::forward_dynamics(setup, q, zero, zero, out));
     report("good", arm::forward_dynamics(setup, zero, zero, zero, out));
     report("batch", arm::forward_dynamics_batch(setup, 3, qs.data(), zero, zero, v_out.data()));
@@ -323,21 +329,18 @@ int main()
 @pytest.mark.soak
 def test_a_singular_mass_matrix_is_reported(tmp_path: Path) -> None:
     """Coordinate and state are those of the Python kernel's error."""
-    robot, kernels = held_body(), ("forward_dynamics", "forward_dynamics_jacobian", "rollout")
-    package, kernel = package_of(robot, tmp_path, *kernels), kernel_of(robot, *kernels)
-    code = PREAMBLE.format(name=robot.name, space=robot.name) + FAILURES
-    made = program("gcc", code, [package], tmp_path, NO_EIGEN)
-    answers = dict(line.split(" ", 1) for line in run(made).splitlines())
+    kernels = ("forward_dynamics", "forward_dynamics_jacobian", "rollout")
+    kernel, lines = printed(held_body(), kernels, REPORT + FAILURES, tmp_path)
+    answers = {line[0]: " ".join(line[1:]) for line in lines}
     q = np.zeros((3, 6))
     q[1, 4] = np.pi / 2
     with pytest.raises(SingularError) as caught:
         kernel.forward_dynamics(q, np.zeros(6), np.zeros(6))
     assert "at free.alpha and free.gamma in state 1; free.beta is at +-pi/2" in str(caught.value)
     pivot = r"free\.(alpha|beta|gamma)"  # where elimination fails: C has no null vectors
-    assert re.fullmatch(rf"{pivot} 1 0", answers["batch"])
-    assert re.fullmatch(rf"{pivot} 0 0", answers["one"])
-    assert re.fullmatch(rf"{pivot} 1 0", answers["rollout"])
-    assert (answers["good"], answers["value"], answers["jacobian"]) == ("found", "0", "0")
+    for name, state in (("batch", 1), ("one", 0), ("rollout", 1)):
+        assert re.fullmatch(rf"0 {pivot} {state} 0", answers[name])
+    assert (answers["good"][0], answers["value"], answers["jacobian"]) == ("1", "0", "0")
 
 
 OPENED = ("inverse_dynamics", "reactions", "loop_reactions")  # where loops may be open at the accelerations

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -11,8 +12,6 @@ import sympy as sp
 import eomgen
 from eomgen.codegen.closed_form.trace import closed_form
 from eomgen.codegen.joint.zeros import zero_map
-from eomgen.codegen.kernels.equations import derive_cheapest
-from eomgen.codegen.program.ir import evaluate
 from eomgen.errors import SingularError
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Coordinate, Joint, Link, Motor, Robot
@@ -22,7 +21,7 @@ from tests.oracles.pinocchio_models import PinocchioOracle
 from tests.support.added_forces import check_closed_form, check_jacobians
 from tests.support.builds import Build
 from tests.support.closeness import close
-from tests.support.programs import answer
+from tests.support.programs import answer, by_solvers
 from tests.support.random_motors import KINDS, STIFF, MotorOracle, geared_robot, gears, motor_state, without_motors
 from tests.support.random_robots import Array, random_robot, seeds
 from tests.support.soak import soaked
@@ -34,6 +33,10 @@ def one_joint(motor: Motor, kind: str = "revolute", name: str = "geared") -> Rob
     """A body on one joint, balanced on its axis, no gravity."""
     given = {"gamma" if kind == "revolute" else "z": Coordinate()}
     return Robot(name, (0.0, 0.0, 0.0), (ROD,), (Joint("joint1", "base", "rod", kind, coordinates=given, motor=motor),))
+
+
+def with_motors_changed(robot: Robot, change: Callable[[Motor], Motor]) -> Robot:
+    return replace(robot, joints=tuple(replace(j, motor=j.motor and change(j.motor)) for j in robot.joints))
 
 
 @pytest.mark.parametrize("seed", seeds(1900, 1, 14))
@@ -113,13 +116,9 @@ def test_derivatives(seed: int, built: Build) -> None:
 @pytest.mark.parametrize("seed", seeds(1940, 1, 4))
 def test_both_solvers_agree(seed: int) -> None:
     robot = geared_robot(seed, (2, 3))
-    model, s = build_model(robot), motor_state(robot, seed)
-    inputs = {"q": s.q, "v": s.v, "a": s.a, "u": s.u, "p": list(model.parameters.values())}
-    found = []
-    for solver in ("M = L^T D L factorised", "joints eliminated in O(n)"):
-        values = evaluate(derive_cheapest(model, "forward_dynamics", solver)[0], inputs)
-        found.append(np.array([values["out", i] for i in range(model.size)]))
-    assert close(found[0], found[1], 1e-9)
+    s = motor_state(robot, seed)
+    first, second = by_solvers(robot, "forward_dynamics", q=s.q, v=s.v, u=s.u).values()
+    assert close(first, second, 1e-9)
 
 
 @pytest.mark.parametrize("seed", [1950, 1951, 1952])
@@ -227,12 +226,7 @@ def test_resonance_of_two_masses(kind: str, load: float, built: Build) -> None:
 def test_a_stiff_transmission_is_a_rigid_gear(built: Build) -> None:
     """The motion goes to that of the joint with armature J N^2 as 1 / k; implicit steps need no smaller dt for it."""
     robot = geared_robot(1985, (2, 3))
-    robot = replace(
-        robot,
-        joints=tuple(
-            replace(j, motor=j.motor and replace(j.motor, transmission=Coordinate(1e3, 30.0))) for j in robot.joints
-        ),
-    )
+    robot = with_motors_changed(robot, lambda m: replace(m, transmission=Coordinate(1e3, 30.0)))
     rigid = replace(
         without_motors(robot),
         name="rigid_gears",
@@ -301,15 +295,15 @@ def test_energy_stays(kind: str, built: Build) -> None:
 
 
 def without_damping(robot: Robot) -> Robot:
-    joints = []
-    for joint in robot.joints:
-        table = {name: replace(c, damping=None, friction=None) for name, c in joint.coordinates.items()}
-        motor = joint.motor
-        if motor is not None:
-            spring = replace(motor.transmission, damping=None, restitution_damping=None)
-            motor = replace(motor, transmission=spring, friction=None)
-        joints.append(replace(joint, coordinates=table, motor=motor))
-    return replace(robot, joints=tuple(joints))
+    def rid(motor: Motor) -> Motor:
+        spring = replace(motor.transmission, damping=None, restitution_damping=None)
+        return replace(motor, transmission=spring, friction=None)
+
+    def table(joint: Joint) -> dict[str, Coordinate]:
+        return {name: replace(c, damping=None, friction=None) for name, c in joint.coordinates.items()}
+
+    robot = with_motors_changed(robot, rid)
+    return replace(robot, joints=tuple(replace(joint, coordinates=table(joint)) for joint in robot.joints))
 
 
 def test_backlash_lets_go(built: Build) -> None:
@@ -333,11 +327,7 @@ def test_inertia_and_ratio_are_parameters(seed: int, built: Build) -> None:
     names = [build_model(robot).coordinates[gear.at] for gear in gears(robot)]
     tunable = tuple(f"joints.{name}.{key}" for name in names for key in ("inertia", "ratio"))
     kernel = built(replace(robot, name="tuned", tunable=tunable), "residual", "rollout")
-    joints = tuple(
-        replace(j, motor=j.motor and replace(j.motor, inertia=0.7 * j.motor.inertia, ratio=-1.3 * j.motor.ratio))
-        for j in robot.joints
-    )
-    other = replace(robot, name="other", joints=joints)
+    other = with_motors_changed(robot, lambda m: replace(m, inertia=0.7 * m.inertia, ratio=-1.3 * m.ratio))
     for gear, name in zip(gears(other), names, strict=True):
         kernel.parameters[f"joints.{name}.inertia"] = gear.motor.inertia
         kernel.parameters[f"joints.{name}.ratio"] = gear.motor.ratio

@@ -14,7 +14,6 @@ import eomgen
 from eomgen.codegen.closed_form.trace import closed_form
 from eomgen.codegen.kernels import equations
 from eomgen.codegen.kernels.accelerations import FACTORISED, SOLVERS
-from eomgen.codegen.kernels.equations import derive
 from eomgen.codegen.program.ir import evaluate
 from eomgen.codegen.tree.bound import bind
 from eomgen.codegen.tree.composite import mass_matrix
@@ -26,9 +25,11 @@ from eomgen.robot.model import build_model
 from eomgen.robot.value import Coordinate, Joint, Link, Placement, Robot
 from tests.oracles.lagrange import LagrangeOracle
 from tests.support.builds import Build
+from tests.support.closeness import distance
 from tests.support.figures import Figures
 from tests.support.many_laws import CHECKS
 from tests.support.many_robots import Subject
+from tests.support.programs import answer, by_solvers
 from tests.support.random_robots import Array, random_robot, random_state, seeds
 from tests.support.small_robots import free_body
 from tests.support.soak import soaked
@@ -140,24 +141,16 @@ def test_solvers_of_forward_dynamics_agree(seed: int) -> None:
     """Factorised and eliminated: chains and trees, any coordinates, joints with six of them and armature on some."""
     types = ("revolute", "prismatic", "fixed", "free") if seed % 2 else ("free",)
     robot = random_robot(seed, joints=(1, 4), tree=seed % 3 == 0, types=types, armature=seed % 4 < 2)
-    model, s = build_model(robot), random_state(robot, seed)
-    inputs = {"q": s.q, "v": s.v, "u": s.u, "p": list(model.parameters.values())}
-    found = []
-    for name in SOLVERS:
-        program, chosen = equations.derive_cheapest(model, "forward_dynamics", name)
-        assert chosen == name
-        values = evaluate(program, inputs)
-        found.append(np.array([values["out", i] for i in range(model.size)]))
-    entries = evaluate(derive(model, "mass_matrix"), inputs)
-    M = np.array([entries["out", i] for i in range(model.size**2)]).reshape(model.size, model.size)
-    error = np.abs(found[0] - found[1]).max() / np.abs(found[0]).max()
-    assert error <= 10 * np.linalg.cond(M) * np.finfo(float).eps
+    s = random_state(robot, seed)
+    first, second = by_solvers(robot, "forward_dynamics", q=s.q, v=s.v, u=s.u).values()
+    M = answer(robot, "mass_matrix", s).reshape(len(s.q), -1)
+    assert distance(second, first) <= 10 * np.linalg.cond(M) * np.finfo(float).eps
 
 
 def test_cheaper_solver_is_chosen() -> None:
-    six, thirty_six = (build_model(eomgen.load_robot(name)) for name in ("puma560", "puma560_elastic"))
-    assert equations.derive_cheapest(six, "forward_dynamics")[1] == FACTORISED
-    assert equations.derive_cheapest(thirty_six, "forward_dynamics")[1] != FACTORISED
+    for name, is_factorised in (("puma560", True), ("puma560_elastic", False)):
+        chosen = equations.derive_cheapest(build_model(eomgen.load_robot(name)), "forward_dynamics")[1]
+        assert (chosen == FACTORISED) == is_factorised
 
 
 def test_single_precision(case: Subject, built: Build) -> None:
