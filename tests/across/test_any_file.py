@@ -2,26 +2,40 @@
 
 from __future__ import annotations
 
-import io
 import os
 import socket
-import struct
 import zipfile
+from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from eomgen.authoring.check import check_file
+from eomgen.authoring.dh import dh_file_text
+from eomgen.cli import entry as cli
+from eomgen.description.load import load_robot
 from eomgen.errors import InputError
 from eomgen.files import read_regular
+from eomgen.identification.tolerances.table import read_table
+from eomgen.motion.files import read_motion
+from eomgen.names import printable
 from eomgen.npz import read_npz
+from eomgen.pictures.shapes import urdf_shapes
+from eomgen.scenario.load import load_scenario
+from eomgen.sweep.plan import load_plan
+from tests.support.bad_files import archive, header, npy
+from tests.support.description_samples import ARM, URDF
+from tests.support.mutations import npz
+from tests.support.optional import needs
 
 MOST = 1000
 
 
-def _no_file(folder: Path, kind: str) -> Path:
-    path = folder / f"{kind}.npz"
+def no_file(path: Path, kind: str) -> Path:
+    """Put what is no file at a path, or nothing."""
     if kind == "fifo":
         os.mkfifo(path)
     elif kind == "folder":
@@ -38,11 +52,81 @@ def _no_file(folder: Path, kind: str) -> Path:
 
 @pytest.mark.parametrize("kind", ["fifo", "folder", "device", "socket", "loop", "nothing"])
 def test_what_is_no_file_is_refused_at_once(kind: str, tmp_path: Path) -> None:
-    path = _no_file(tmp_path, kind)
+    path = no_file(tmp_path / f"{kind}.npz", kind)
     with pytest.raises(OSError):
         read_regular(path, MOST)
     with pytest.raises(InputError, match=r"cannot be read|folder|FIFO|device"):
         read_npz(path)
+
+
+@pytest.mark.parametrize("kind", ["fifo", "device", "folder"])
+@pytest.mark.parametrize(
+    ("read", "suffix"),
+    [
+        *((load_robot, suffix) for suffix in (".toml", ".urdf", ".xml")),
+        (load_scenario, ".toml"),
+        (load_plan, ".toml"),
+        (partial(read_table, known=["base.x"]), ".toml"),
+        (partial(dh_file_text, "arm", convention="classic"), ".csv"),
+    ],
+)
+def test_no_reader_waits(read: Callable[[Path], object], suffix: str, kind: str, tmp_path: Path) -> None:
+    path = no_file(tmp_path / f"a{suffix}", kind)
+    with pytest.raises(InputError, match=f"it is a {kind}".replace("fifo", "FIFO")) as caught:
+        read(path)
+    assert str(path) in str(caught.value)
+    assert check_file(path).errors
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".npz"])
+def test_a_fifo_is_no_motion(suffix: str, tmp_path: Path) -> None:
+    for path in (no_file(tmp_path / f"m{suffix}", "fifo"), tmp_path / f"a\0{suffix}"):
+        with pytest.raises(InputError, match=r"cannot be read|null byte"):
+            read_motion(path, ("joint1.x",))
+
+
+@pytest.mark.parametrize("kind", ["fifo", "device"])
+def test_files_that_files_name_are_not_waited_for(kind: str, tmp_path: Path) -> None:
+    for name in ("m.csv", "a.urdf", "K.mtx"):
+        no_file(tmp_path / name, kind)
+    said = f"it is a {kind}".replace("fifo", "FIFO")
+    for text, read, words in (
+        (ARM.replace("limits = [-1, 2]", 'stiffness = { matrix = "K.mtx" }'), load_robot, said),
+        (ARM.replace("stiffness = 1e6", 'curve = "m.csv"'), load_robot, said),
+        ('name = "a"\nurdf = "a.urdf"\n', load_robot, said),
+        ('duration = 1\n[motion]\ntype = "sampled"\nfile = "m.csv"\n', load_scenario, "does not exist"),
+    ):
+        (tmp_path / "a.toml").write_text(text)
+        with pytest.raises(InputError, match=words):
+            read(tmp_path / "a.toml")
+
+
+def test_meshes_are_files_of_bounded_size(tmp_path: Path) -> None:
+    needs("trimesh")
+    path = tmp_path / "arm.urdf"
+    visual = '<visual><geometry><mesh filename="{}.stl"/></geometry></visual>'
+    visuals = visual.format("fifo") + visual.format("large")
+    path.write_text(URDF.replace('<link name="upper">', f'<link name="upper">{visuals}'))
+    no_file(tmp_path / "fifo.stl", "fifo")
+    with (tmp_path / "large.stl").open("wb") as stream:
+        stream.truncate((1 << 25) + 1)
+    robot = load_robot(path)
+    shapes, notes = urdf_shapes(robot)
+    assert not shapes
+    assert "there is no mesh 'fifo.stl'" in notes[0]
+    assert "33554433 bytes; allowed: up to 33554432" in notes[1]
+    path.unlink()
+    no_file(path, "fifo")
+    assert "cannot be read any more" in urdf_shapes(robot)[1][0]
+
+
+def test_what_steers_a_terminal_is_printed_as_code(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert printable("a\tb\nc") == "a\tb\nc"
+    assert printable("\x1b[31m\x07\u202e\udc80\N{SNOWMAN}") == "\\x1b[31m\\x07\\u202e\\udc80\N{SNOWMAN}"
+    assert cli.main(["report", str(tmp_path / "\x1b]0;title\x07.npz")]) == 1
+    said = capsys.readouterr().err
+    assert "\x1b" not in said
+    assert "\\x1b]0;title\\x07.npz" in said
 
 
 def test_a_file_is_read_up_to_its_limit(tmp_path: Path) -> None:
@@ -58,6 +142,9 @@ def test_a_file_is_read_up_to_its_limit(tmp_path: Path) -> None:
 def test_a_file_that_hides_its_size_is_not_read_to_its_end() -> None:
     with pytest.raises(OSError, match="more bytes than that"):
         read_regular(Path("/proc/self/maps"), 10)
+
+
+# Arrays; bad_files.py has entries that are none
 
 
 def test_arrays_come_back_as_numpy_reads_them(tmp_path: Path) -> None:
@@ -80,68 +167,18 @@ def test_arrays_come_back_as_numpy_reads_them(tmp_path: Path) -> None:
             assert found[name].flags.f_contiguous == value.flags.f_contiguous
 
 
-def _npy(header: str, data: bytes = b"", version: tuple[int, int] = (1, 0)) -> bytes:
-    text = header.encode("latin1") + b"\n"
-    return b"\x93NUMPY" + bytes(version) + struct.pack("<H", len(text)) + text + data
-
-
-def _header(shape: object = (1,), dtype: object = "'<f8'") -> str:
-    return f"{{'descr': {dtype}, 'fortran_order': False, 'shape': {shape}, }}"
-
-
-_ENTRIES = {
-    "a petabyte": _npy(_header(f"({10**15},)")),
-    "more than there is": _npy(_header(f"({10**30},)")),
-    "a truth value as a length": _npy(_header("(True,)"), b"\0" * 8),
-    "a negative length": _npy(_header("(-1,)"), b"\0" * 8),
-    "a length that is text": _npy(_header("('1',)"), b"\0" * 8),
-    "texts without characters": _npy(_header(f"({10**15},)", "'<U0'")),
-    "no rows of many columns": _npy(_header(f"(0, {10**19})")),
-    "objects": _npy(_header(dtype="'|O'"), b"\0" * 8),
-    "a record with objects": _npy(_header(dtype="[('a', '|O')]"), b"\0" * 8),
-    "dates": _npy(_header(dtype="'<M8[s]'"), b"\0" * 8),
-    "complex numbers": _npy(_header(dtype="'<c16'"), b"\0" * 16),
-    "fewer bytes": _npy(_header("(2,)"), b"\0" * 8),
-    "further bytes": _npy(_header(), b"\0" * 16),
-    "another version": _npy(_header(), b"\0" * 8, (2, 0)),
-    "no header": b"\x93NUMPY\1\0\xff\xff",
-    "a header that is code": _npy("__import__('os').abort()"),
-    "a deep header": _npy("(" * 5000 + ")" * 5000),
-    "a long header": _npy(" " * 60000 + _header()),
-    "no array": b"text",
-    "nothing": b"",
-    "many dimensions": _npy(_header((1,) * 100), b"\0" * 8),
-}
-
-
-def _zip(path: Path, *entries: tuple[str, bytes], method: int = zipfile.ZIP_DEFLATED) -> Path:
-    with zipfile.ZipFile(path, "w", method) as archive:
-        for name, data in entries:
-            archive.writestr(name, data)
-    return path
-
-
-@pytest.mark.parametrize("entry", _ENTRIES.values(), ids=_ENTRIES)
-def test_an_array_that_is_none_is_refused(entry: bytes, tmp_path: Path) -> None:
-    path = _zip(tmp_path / "a.npz", ("t.npy", entry))
-    with pytest.raises(InputError) as refusal:
-        read_npz(path)
-    assert str(path) in str(refusal.value)
-    assert str(refusal.value).isprintable()
-
-
 @pytest.mark.filterwarnings("ignore:Duplicate name")
-def test_an_array_that_is_there_twice_is_refused(tmp_path: Path) -> None:
-    entry = _npy(_header(), b"\0" * 8)
-    for names in (("t.npy", "t.npy"), ("t.npy", "t")):
-        with pytest.raises(InputError, match="'t' is there twice"):
-            read_npz(_zip(tmp_path / "a.npz", *((name, entry) for name in names)))
+@pytest.mark.parametrize("names", [("t.npy", "t.npy"), ("t.npy", "t")])
+def test_an_array_that_is_there_twice_is_refused(names: tuple[str, str], tmp_path: Path) -> None:
+    (tmp_path / "a.npz").write_bytes(archive(*((name, npy(header(), bytes(8))) for name in names)))
+    with pytest.raises(InputError, match="'t' is there twice"):
+        read_npz(tmp_path / "a.npz")
 
 
 def test_a_small_file_of_many_zeros_is_not_unpacked(tmp_path: Path) -> None:
     path = tmp_path / "a.npz"
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive, archive.open("t.npy", "w") as entry:
-        entry.write(_npy(_header(f"({300 << 17},)")))
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as packed, packed.open("t.npy", "w") as entry:
+        entry.write(npy(header(f"({300 << 17},)")))
         for _ in range(300):
             entry.write(bytes(1 << 20))
     assert path.stat().st_size < 1 << 20
@@ -150,27 +187,24 @@ def test_a_small_file_of_many_zeros_is_not_unpacked(tmp_path: Path) -> None:
 
 
 def test_the_limit_can_be_another(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    np.savez_compressed(tmp_path / "a.npz", t=np.zeros(1 << 18))
-    monkeypatch.setenv("EOMGEN_NPZ_MB", "1")
-    with pytest.raises(InputError, match="allowed: up to 1048576"):
-        read_npz(tmp_path / "a.npz")
+    path = tmp_path / "a.npz"
+    np.savez_compressed(path, t=np.zeros(1 << 18))
     monkeypatch.setenv("EOMGEN_NPZ_MB", "3")
-    assert read_npz(tmp_path / "a.npz")["t"].size == 1 << 18
-    monkeypatch.setenv("EOMGEN_NPZ_MB", "much")
-    with pytest.raises(InputError, match="EOMGEN_NPZ_MB is 'much'; allowed: a number of megabytes"):
-        read_npz(tmp_path / "a.npz")
+    assert read_npz(path)["t"].size == 1 << 18
+    for most, said in (("1", "allowed: up to 1048576"), ("much", "EOMGEN_NPZ_MB is 'much'; allowed: a number of mega")):
+        monkeypatch.setenv("EOMGEN_NPZ_MB", most)
+        with pytest.raises(InputError, match=said):
+            read_npz(path)
 
 
 def test_a_directory_of_very_many_arrays_is_refused(tmp_path: Path) -> None:
-    path = _zip(tmp_path / "a.npz", *((f"{i}{'x' * 200}.npy", b"") for i in range(5000)))
+    (tmp_path / "a.npz").write_bytes(archive(*((f"{i}{'x' * 200}.npy", b"") for i in range(5000))))
     with pytest.raises(InputError, match=r"its directory has [0-9]+ bytes"):
-        read_npz(path)
+        read_npz(tmp_path / "a.npz")
 
 
 def test_any_byte_of_a_file_may_be_wrong(tmp_path: Path) -> None:
-    stream = io.BytesIO()
-    np.savez_compressed(stream, t=np.arange(3.0), names=np.array(["a", "b"]))
-    data, path = stream.getvalue(), tmp_path / "a.npz"
+    data, path = npz({"t": np.arange(3.0), "names": np.array(["a", "b"])}), tmp_path / "a.npz"
     for at in range(len(data)):
         for change in (1, 0x80):
             path.write_bytes(data[:at] + bytes([data[at] ^ change]) + data[at + 1 :])

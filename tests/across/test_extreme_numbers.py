@@ -9,51 +9,19 @@ import pytest
 
 from eomgen.errors import InputError
 from eomgen.identification import calibrate, poses_from_columns, read_covariances, tolerance
-from eomgen.identification.dynamics.solve import without_sought
-from eomgen.identification.identifiable import TERMS
 from eomgen.motion.files import motion_from_columns, read_motion
 from eomgen.motion.measured_numbers import answers_in_numbers, checked_numbers
-from tests.identification.test_identify import arm
-from tests.support import extreme_numbers
-from tests.support.builds import Build
-from tests.support.extreme_numbers import Case, written
+from tests.support.extreme_numbers import COUNTS, analysis, ending_of, read, written
 from tests.support.measured_poses import chain, trial
 from tests.support.soak import soaked
 
 pytestmark = pytest.mark.quick
 
-KINDS = ("forces", "fit", "identify", "accuracy", "calibrate", "covariance", "tolerance")
-FEW = {"forces": 8, "fit": 8, "identify": 4, "accuracy": 10, "calibrate": 3, "covariance": 3, "tolerance": 10}
 
-
-def _case(kind: str, built: Build) -> Case:
-    robot = arm()
-    kernels = {}
-    if kind in ("forces", "fit"):
-        more = {"forces": ("inverse_dynamics", "reactions"), "fit": ("inverse_dynamics", "mass_matrix")}
-        kernels[kind] = built(robot, *more[kind])
-    if kind == "identify":
-        kernels[kind] = built(without_sought(robot, TERMS), "regressor", "inverse_dynamics")
-    return extreme_numbers.cases(robot, kernels)[kind]
-
-
-def _ending(kind: str) -> str:
-    return ".npz" if kind == "tolerance" else ".csv"
-
-
-@pytest.mark.parametrize("kind", soaked(KINDS, set(KINDS) - {"calibrate"}))
-def test_extreme_numbers_are_refused_or_answered_in_numbers(kind: str, built: Build, tmp_path: Path) -> None:
-    case = _case(kind, built)
-    extreme_numbers.check_finite(case.analysed(written(tmp_path / f"right{_ending(kind)}", case.columns)))
-    extreme_numbers.run(case, 10_000, FEW[kind], _ending(kind))
-
-
-@pytest.mark.soak
-@pytest.mark.parametrize("kind", KINDS)
-def test_many_extreme_numbers(kind: str, built: Build) -> None:
-    count = 20 * FEW[kind]
-    accepted = extreme_numbers.run(_case(kind, built), 0, count, _ending(kind))
-    assert 0 < accepted < 0.7 * count
+@pytest.mark.parametrize("kind", soaked(COUNTS, set(COUNTS) - {"calibrate"}))
+def test_right_numbers_are_answered_in_numbers(kind: str, tmp_path: Path) -> None:
+    """Extreme ones are in test_surfaces."""
+    read(kind, written(tmp_path / f"right{ending_of(kind)}", analysis(kind)[0]))
 
 
 @pytest.mark.parametrize("value", [1e31, -1e150, 1e300, 1.7e308])

@@ -28,11 +28,13 @@ from tests.support.builds import Build
 from tests.support.c_project import WARNINGS
 from tests.support.c_sources import source_of, write_source
 from tests.support.description_samples import ARM
-from tests.support.fuzzing import check_message, check_robot
+from tests.support.fuzzing import check_message
+from tests.support.good_files import PLAN, SCENARIO, WORN
 from tests.support.hostile import WORDS, XML, hostile_name
-from tests.support.mutations import PLAN, SCENARIO, WORN, toml_string
+from tests.support.mutations import toml_string
 from tests.support.quick_builds import ONE_LEVEL
 from tests.support.soak import WHOLE, soaked
+from tests.support.surfaces import check_robot
 
 NAMES = 10_000 if WHOLE else 2_000
 PER_ROBOT = 50  # hostile names in one URDF

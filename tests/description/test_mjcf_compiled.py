@@ -18,12 +18,13 @@ from eomgen.robot.value import Robot
 from tests.oracles.mjcf import MjcfOracle
 from tests.support.builds import Build
 from tests.support.description_samples import MJCF, URDF
-from tests.support.file_mutants import any_mutant
-from tests.support.fuzzing import check_message, check_robot
+from tests.support.fuzzing import check_message
 from tests.support.mjcf_models import random_model
+from tests.support.mutations import mutant
 from tests.support.optional import needs
 from tests.support.refusals import refused
 from tests.support.soak import soaked
+from tests.support.surfaces import check_robot
 
 LEG = """<mujocoinclude>
   <default><default class="leg"><joint damping="0.2" axis="0 1 0" range="-40 50"/></default></default>
@@ -319,7 +320,7 @@ def test_a_process_that_compiles_ends_alone(tmp_path: Path, monkeypatch: pytest.
 def test_mutants_behind_an_include_are_read_or_refused(count: int, tmp_path: Path) -> None:
     """Whatever stands in a file that a model names: a robot, or a refusal in a line; this process goes on."""
     for seed in range(count):
-        content = any_mutant("mjcf", 60_000_000 + seed)
+        content = mutant("mjcf", 60_000_000 + seed)
         (tmp_path / "leg.xml").write_bytes(content)
         (tmp_path / "model.xml").write_text(
             f'<mujoco><asset><model name="m" file="leg.xml"/></asset><worldbody>{BODY}</worldbody></mujoco>'

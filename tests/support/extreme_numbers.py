@@ -1,92 +1,91 @@
-"""Measured files with numbers as no instrument gives them: analyses refuse them by name, or print finite numbers.
-
-    python -m tests.support.extreme_numbers KIND FIRST COUNT
-
-prints a line of JSON: how many were accepted.
-"""
+"""Measured files with numbers as no instrument gives them: analyses refuse them by name, or print finite numbers."""
 
 from __future__ import annotations
 
 import json
-import random
 import re
-import tempfile
-import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
 import eomgen
-from eomgen.errors import InputError
+from eomgen.description.load import robot_from_toml
 from eomgen.identification import calibrate, fit, forces, identify, read_covariances, tolerance
+from eomgen.identification.dynamics.solve import without_sought
+from eomgen.identification.identifiable import TERMS
 from eomgen.identification.iso_9283.solve import accuracy
+from eomgen.robot.value import Robot
 from eomgen.runtime.kernel import Kernel
-from tests.support.fuzzing import check_message
 from tests.support.measured_poses import chain, trial
+from tests.support.mutations import Chance, change_columns, npz
+from tests.support.quick_builds import without_headers
 
-LARGE = (1e30, 9e29, 1e31, 1e60, 1e150, 1e160, 1e200, 1e300, 1.7e308, np.inf, np.nan)
-SMALL = (1e-30, 1e-31, 1e-150, 1e-200, 1e-300, 5e-324, 0.0)
+COUNTS = {  # of quick tests, and of the soak
+    "forces": (8, 160),
+    "fit": (8, 160),
+    "identify": (4, 80),
+    "accuracy": (10, 200),
+    "calibrate": (0, 60),
+    "covariance": (3, 60),
+    "tolerance": (10, 200),
+}
+KERNELS = {
+    "forces": ("inverse_dynamics", "reactions"),
+    "fit": ("inverse_dynamics", "mass_matrix"),
+    "identify": ("regressor", "inverse_dynamics"),
+}
 ODD = re.compile(r"(?<![\w.])[+-]?(?:nan|inf)(?![\w.])")
-Columns = Mapping[str, np.ndarray]
+Columns = Mapping[str, Any]
+ARM = """
+name = "arm"
+gravity = [0, -9.81, 0]
+links = [
+    { name = "upper", mass = 3, com = [0.1, 0.02, 0.05], inertia = { xx = 0.02, yy = 0.05, zz = 0.06, xy = 0.001 } },
+    { name = "fore", mass = 1.5, com = [0.15, -0.03, 0.02], inertia = { xx = 0.01, yy = 0.03, zz = 0.03 } },
+]
+[[joints]]
+name = "joint1"
+parent = "base"
+child = "upper"
+type = "revolute"
+gamma = { damping = 0.7, armature = 0.2, friction = { coulomb = 2.0, smoothing = 0.01 } }
+[[joints]]
+name = "joint2"
+parent = "upper"
+child = "fore"
+type = "revolute"
+placement = { xyz = [0.3, 0, 0.05], rpy = [0.4, 0, 0.2] }
+gamma = { stiffness = 4, damping = 0.3, armature = 0.05 }
+"""
 
 
-@dataclass(frozen=True)
-class Case:
-    """Columns that are right, and an analysis of a file of them."""
-
-    columns: Columns
-    analysed: Callable[[Path], Any]
-
-
-def check_finite(result: Any) -> None:
-    """Raise AssertionError where a result prints numbers that are not finite."""
-    odd = [line for line in result.lines() if ODD.search(line)]
-    assert not odd, odd
-    json.dumps(result.as_dict(), allow_nan=False)
+def kernel(robot: Robot, kind: str) -> Kernel:
+    """Build what an analysis needs, quickly."""
+    with pytest.MonkeyPatch.context() as patch:
+        without_headers(patch)
+        patch.setenv("CFLAGS", "-O0")
+        return eomgen.build(without_sought(robot, TERMS) if kind == "identify" else robot, kernels=KERNELS[kind])
 
 
-def written(path: Path, columns: Columns) -> Path:
-    if path.suffix == ".npz":
-        np.savez(path, **{name: np.asarray(values) for name, values in columns.items()})
-    else:
-        rows = zip(*(np.asarray(values).tolist() for values in columns.values()), strict=True)
-        path.write_text("\n".join([",".join(columns), *(",".join(map(repr, row)) for row in rows)]) + "\n")
-    return path
-
-
-def changed(columns: Columns, chance: random.Random) -> dict[str, np.ndarray]:
-    """One number, a whole column, or the scale of one, that is extreme."""
-    found = {name: np.array(values, dtype=np.float64) for name, values in columns.items()}
-    values = found[chance.choice(list(found))]
-    size = chance.choice((*LARGE, *SMALL)) * chance.choice((1.0, -1.0))
-    how = chance.choice(("one", "one", "some", "scale", "all"))
-    with np.errstate(all="ignore"):
-        if how == "scale":
-            values *= size
-        elif how == "all":
-            values[...] = size
-        else:
-            values[[chance.randrange(len(values)) for _ in range(1 if how == "one" else 5)]] = size
-    return found
-
-
-def motion_columns() -> dict[str, np.ndarray]:
-    t = np.arange(700) * 2e-3
-    found = {"t": t}
+def motion_columns() -> Columns:
+    found = {"t": np.arange(700) * 2e-3}
     for i, waves in enumerate((((3.0, 0.5), (17.0, 0.1)), ((4.0, 0.6), (19.0, 0.1)))):
-        name = f"joint{i + 1}.gamma"
-        found[name] = sum(size * np.sin(w * t + i) for w, size in waves)
-        found[f"{name}.rate"] = sum(size * w * np.cos(w * t + i) for w, size in waves)
-        found[f"{name}.drive"] = sum(9.0 * size * np.cos(w * t) for w, size in waves) + 2.0 * np.sign(
-            found[f"{name}.rate"]
-        )
+        name, t = f"joint{i + 1}.gamma", found["t"]
+        rate = sum(size * w * np.cos(w * t + i) for w, size in waves)
+        drive = sum(9.0 * size * np.cos(w * t) for w, size in waves) + 2.0 * np.sign(rate)
+        found |= {
+            name: sum(size * np.sin(w * t + i) for w, size in waves),
+            f"{name}.rate": rate,
+            f"{name}.drive": drive,
+        }
     return found
 
 
-def accuracy_columns() -> dict[str, np.ndarray]:
+def accuracy_columns() -> Columns:
     rng = np.random.default_rng(1)
     found = {"pose": np.repeat(np.arange(1.0, 6.0), 30)}
     for axis in ("x", "y", "z", "rx", "ry", "rz"):
@@ -95,51 +94,65 @@ def accuracy_columns() -> dict[str, np.ndarray]:
     return found
 
 
-def cases(arm: Any, kernels: Mapping[str, Kernel]) -> dict[str, Case]:
-    """Analyses by name, of a robot of two joints and its kernels."""
+@cache
+def analysis(kind: str) -> tuple[Columns, Callable[[Path], Any]]:
+    """Return columns that are right, and an analysis of a file of them."""
+    if kind == "accuracy":
+        return accuracy_columns(), accuracy
+    if kind in KERNELS:
+        robot, analyse = robot_from_toml(ARM), {"forces": forces, "fit": fit, "identify": identify}[kind]
+        built = kernel(robot, kind)
+        return motion_columns(), lambda path: analyse(robot, path, kernel=built)  # type: ignore[operator]
     measured = trial(chain(3, "RRR"), 5, 40)
-    poses = dict(measured.columns)
-    poses |= {f"tcp.sigma.{axis}": np.full(40, 5e-5) for axis in "xyz"}
-    poses |= {f"tcp.sigma.r{axis}": np.full(40, 1e-4) for axis in "xyz"}
-    poses |= {"weight": np.ones(40)}
-    covariance = {
-        f"tcp.{part}": row for part, row in zip(("x", "y", "z", "rx", "ry", "rz"), np.eye(6) * 1e-8, strict=True)
+    sizes = {
+        f"tcp.sigma.{axis}": np.full(40, 5e-5 if len(axis) == 1 else 1e-4) for axis in ("x", "y", "z", "rx", "ry", "rz")
     }
-    table = {"joints.joint1.offset.gamma": np.array([1e-4]), "joints.joint2.offset.gamma": np.array([2e-4])}
+    if kind == "calibrate":
+        return {**measured.columns, **sizes, "weight": np.ones(40)}, lambda path: calibrate(measured.robot, path)
+    if kind == "covariance":
+        matrix = {name.replace("sigma.", ""): row for name, row in zip(sizes, np.eye(6) * 1e-8, strict=True)}
+        poses = measured.poses()
+        return matrix, lambda path: calibrate(measured.robot, poses, covariance=read_covariances([path]))
 
     def tolerances(path: Path) -> Any:
         with np.load(path) as found:
             given = {name: {"bound": float(values[0])} for name, values in found.items()}
         return tolerance(measured.robot, given, poses=np.zeros((2, 3)))
 
-    return {
-        "forces": Case(motion_columns(), lambda path: forces(arm, path, kernel=kernels["forces"])),
-        "fit": Case(motion_columns(), lambda path: fit(arm, path, kernel=kernels["fit"])),
-        "identify": Case(motion_columns(), lambda path: identify(arm, path, kernel=kernels["identify"])),
-        "accuracy": Case(accuracy_columns(), lambda path: accuracy(path)),
-        "calibrate": Case(poses, lambda path: calibrate(measured.robot, path)),
-        "covariance": Case(
-            covariance,
-            lambda path: calibrate(measured.robot, measured.poses(), covariance=read_covariances([path])),
-        ),
-        "tolerance": Case(table, tolerances),
-    }
+    names = (f"joints.joint{k}.offset.gamma" for k in (1, 2))
+    return {name: np.array([1e-4 * k]) for k, name in enumerate(names, 1)}, tolerances
 
 
-def run(case: Case, first: int, count: int, ending: str = ".csv") -> int:
-    """Analyse files of these seeds; give how many were accepted."""
-    accepted = 0
-    with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
-        warnings.simplefilter("ignore", eomgen.EomgenWarning)
-        for seed in range(first, first + count):
-            path = written(Path(folder) / f"m{ending}", changed(case.columns, random.Random(f"extreme {seed}")))
-            try:
-                with np.errstate(all="ignore"):
-                    found = case.analysed(path)
-                check_finite(found)
-                accepted += 1
-            except InputError as error:
-                check_message(error)
-            except Exception as error:
-                raise AssertionError(f"seed {seed}") from error
-    return accepted
+def ending_of(kind: str) -> str:
+    """Return that of the file of an analysis."""
+    return ".npz" if kind == "tolerance" else ".csv"
+
+
+def packed(columns: Columns, suffix: str) -> bytes:
+    """Return the file of columns, .csv or .npz."""
+    if suffix == ".npz":
+        return npz({name: np.asarray(values) for name, values in columns.items()})
+    rows = zip(*(np.asarray(values).tolist() for values in columns.values()), strict=True)
+    return "".join(f"{line}\n" for line in [",".join(columns), *(",".join(map(repr, row)) for row in rows)]).encode()
+
+
+def written(path: Path, columns: Columns) -> Path:
+    path.write_bytes(packed(columns, path.suffix))
+    return path
+
+
+def changed(kind: str, chance: Chance) -> bytes:
+    """Return the file of an analysis with some numbers that are extreme, or, one in twenty, as it is."""
+    columns = analysis(kind)[0]
+    columns = change_columns(columns, chance) if chance.random() < 0.95 else columns
+    return packed(columns, ending_of(kind))
+
+
+def read(kind: str, path: Path) -> Any:
+    """Analyse a file, and check that what is printed is finite."""
+    with np.errstate(all="ignore"):
+        result = analysis(kind)[1](path)
+    odd = [line for line in result.lines() if ODD.search(line)]
+    assert not odd, odd
+    json.dumps(result.as_dict(), allow_nan=False)
+    return result

@@ -75,7 +75,8 @@ def _conflicts(constants: Constants, K: Array, D: Array) -> Iterator[tuple[str, 
         yield "P", f"the mass of mode {k + 1}, tr P, is {masses[k, k]:g}; allowed: a number greater than 0"
     least, _ = _ends(masses / np.outer(scale, scale))
     if least <= DEFINITE:
-        yield "P", f"modes are linearly dependent: the least eigenvalue of their masses is {least:.2g} of what each has"
+        text = f"modes are linearly dependent: the least eigenvalue of their masses is {least:.2g} of what each has"
+        yield "P", f"{text}; allowed: linearly independent modes"
     momenta, _ = _momenta(constants)
     whole = np.block([[_rigid_masses(H00), momenta.T], [momenta, masses]])
     size = np.sqrt(np.clip(np.diag(whole), np.finfo(float).tiny, None))

@@ -126,7 +126,8 @@ class _File:
         )
         if array.dtype.kind not in "iuf" or not fits:
             self.fail(key, f"got shape {array.shape} of {array.dtype}; allowed: {said}")
-        values = np.asarray(array, dtype=float)
+        with np.errstate(over="ignore"):  # of longer floats; what becomes infinite is refused
+            values = np.asarray(array, dtype=float)
         wrong = ~(np.abs(values) <= LARGEST)
         if wrong.any():
             place = tuple(int(i) for i in np.argwhere(wrong)[0])

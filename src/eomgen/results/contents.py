@@ -62,9 +62,10 @@ class Contents:
         Raises:
             InputError: it is missing, or of another type; names the file and the array.
         """
+        where = f"{self.path}: array {name if name.isascii() and name.isprintable() else show(name)}"
         if name not in self.arrays:
-            raise InputError(f"{self.path}: array {name} is missing; {ALLOWED}")
-        return stored.read(self.arrays[name], f"{self.path}: array {name}")
+            raise InputError(f"{where} is missing; {ALLOWED}")
+        return stored.read(self.arrays[name], where)
 
     def table(self, name: str) -> Contents:
         """Return the contents of a table among the plain values.
