@@ -15,7 +15,6 @@ from scipy.spatial.transform import Rotation
 import eomgen
 from eomgen.codegen.kernels.steps.tolerances import rubbing_parameters
 from eomgen.export.fmu.choices import ADAPTIVE
-from eomgen.export.fmu.pack import export_fmu
 from eomgen.integration import integrate
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Friction
@@ -25,7 +24,7 @@ from tests.support.fmu_host import Host
 from tests.support.fmu_units import VERSIONS, Export, fmpy, states
 from tests.support.refusals import refused
 from tests.support.sliders import mass_on_rail
-from tests.support.small_robots import free_body, held_body
+from tests.support.small_robots import free_body
 from tests.support.soak import soaked
 
 pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
@@ -253,13 +252,6 @@ def test_ends_are_honest(version: int, exported: Export) -> None:
 
 
 @pytest.mark.soak
-def test_singular_states_are_named(exported: Export) -> None:
-    host = exported(held_body(), method="auto").host(stepping=True).start(["q.free.beta"], [np.pi / 2])
-    refused(Exception, "fmi", host.step, 0.0, 1e-3)
-    assert "the mass matrix cannot be inverted at free." in host.messages[-1]
-
-
-@pytest.mark.soak
 def test_frictions_that_turn_round_fast(exported: Export, built: Build) -> None:
     """A block slides to rest; tolerances know the rates in which its friction turns round, also after these are set."""
     friction = Friction(coulomb=4.0, smoothing=1e-2)
@@ -314,16 +306,3 @@ def test_the_choice_between_both_is_the_implicit_one_where_it_is_stiff(exported:
     assert taken["rosenbrock"] < 400
     assert taken["tsit5"] > 5000
     assert taken["auto"] < 1500
-
-
-def test_options_go_with_their_methods(tmp_path: Path) -> None:
-    for options, message in (
-        ({"step": 1e-3}, "step: 0.001 is given with method 'auto'; allowed: with the methods rk4, implicit"),
-        ({"method": "rk4", "rtol": 1e-3}, "rtol: 0.001 is given with method 'rk4'; allowed: with the methods auto, "),
-        ({"rtol": 1e-15}, "rtol: 1e-15 is no relative tolerance; allowed: a number from 1e-13 to 0.1"),
-        ({"rtol": float("nan")}, "rtol: nan is no relative tolerance"),
-        ({"rtol": True}, "rtol: true is no relative tolerance"),
-        ({"method": "euler"}, "method: 'euler' is unknown; allowed: auto, rosenbrock, tsit5, radau, rk4, implicit"),
-    ):
-        with pytest.raises(eomgen.InputError, match=message):
-            export_fmu(mass_on_rail(), tmp_path / "x.fmu", **options)  # type: ignore[arg-type]

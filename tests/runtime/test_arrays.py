@@ -379,11 +379,6 @@ def test_single_precision_has_no_step_that_it_cannot_hold(single: eomgen.Kernel)
             single.rollout([0.0, 0.0], [0.0, 0.0], [0.0, 0.0], dt, 3)
 
 
-def test_threads(kernel: eomgen.Kernel) -> None:
-    with pytest.raises(InputError, match="threads: an integer of 16610 bits is not a number of threads"):
-        kernel.with_threads(-(10**5000))
-
-
 FAST = np.array([0.3, 1e200])
 END = r"and float64 ends at 1\.8e\+308"
 

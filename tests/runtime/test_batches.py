@@ -13,7 +13,7 @@ import pytest
 import eomgen
 from eomgen.codegen.c import contexts, definitions, lanes, statements
 from eomgen.description.load import robot_from_toml
-from eomgen.errors import InputError, SingularError
+from eomgen.errors import SingularError
 from eomgen.robot.value import COORDINATES, Coordinate, Joint, Link, Robot
 from eomgen.runtime.tiled import aligned
 from tests.support.bending_robots import bent
@@ -139,13 +139,6 @@ def test_threads_change_nothing() -> None:
         assert np.array_equal(kernel.inverse_dynamics(q, v, a), expected[0])
         assert np.array_equal(kernel.inverse_dynamics(q[0], v, a[5]), expected[1])
     assert np.array_equal(kernel.frame_pose(q, "tcp")[5], kernel.frame_pose(q[5:6], "tcp")[0])
-
-
-@pytest.mark.parametrize("number", [0, -1, 1.5, True, "2", None])
-def test_numbers_of_threads_that_cannot_be(number: object, built: Build) -> None:
-    kernel = built(eomgen.load_robot("one_link"))
-    with pytest.raises(InputError, match="threads"):
-        kernel.threads = number
 
 
 @pytest.mark.parametrize("threads", [1, 4])

@@ -23,7 +23,7 @@ import numpy as np
 import pytest
 
 import eomgen
-from eomgen.errors import ArrayError, InputError, SingularError
+from eomgen.errors import ArrayError, SingularError
 from eomgen.robot.value import Robot
 from eomgen.runtime import Kernel
 from eomgen.runtime.chunking import states_at_once
@@ -459,90 +459,6 @@ def test_an_assignment_is_seen_by_the_next_call(dtype: str, built: Build) -> Non
         assert np.array_equal(copied.forward_dynamics(q, v, u), before)
         assert not np.array_equal(after, before)
     assert np.array_equal(kernel.parameters.setup.values, plain.parameters.setup.values)
-
-
-@pytest.mark.parametrize("binding", ["direct", "python"])
-def test_assignments_are_refused_as_ever(binding: str, built: Build) -> None:
-    given = built(eomgen.load_robot("one_link"))
-    kernel = given if binding == "direct" else Kernel(given.raw.libraries)
-    before = dict(kernel.parameters)
-    name = "joints.joint1.x.stiffness"
-    for wrong, said in (
-        (float("nan"), f"parameters: {name} = nan is not finite"),
-        (float("inf"), f"parameters: {name} = inf is not finite"),
-        (-1.0, f"parameters: {name} = -1.0 is negative; at least 0 is allowed"),
-        (True, f"parameters: {name} = true is not a number"),
-        ("1", f"parameters: {name} = '1' is not a number"),
-        (2**53 + 1, f"parameters: {name} = 9007199254740993 is a number that float64 cannot hold exactly"),
-    ):
-        with pytest.raises(InputError) as caught:
-            kernel.parameters[name] = wrong  # type: ignore[assignment]
-        assert str(caught.value) == said
-    for unknown in ("gravity.w", 3, None):
-        with pytest.raises(eomgen.errors.UnknownNameError, match="is not a run-time parameter of one_link"):
-            kernel.parameters[unknown] = 1.0  # type: ignore[index]
-    with pytest.raises(InputError):
-        kernel.parameters.update({"gravity.x": 1.0, name: -1.0})
-    assert dict(kernel.parameters) == before
-    kernel.parameters.update({})
-    for number in (3, np.float32(1.5), np.int64(2), -0.0, 1e300):
-        kernel.parameters["gravity.x"] = number
-        assert kernel.parameters["gravity.x"] == number
-
-
-def test_threads_that_assign_and_call(built: Build) -> None:
-    """Every result belongs to one of the values that were assigned together, and none is lost."""
-    kernel = built(eomgen.load_robot("one_link"))
-    pairs = [{"gravity.y": -float(i), "joints.joint1.x.stiffness": 1e4 * i} for i in range(1, 4)]
-    many = np.stack([Q] * 300)
-    allowed = {kernel.with_parameters(pair).forward_dynamics(Q, V, U).tobytes() for pair in pairs}
-    kernel.parameters.update(pairs[0])
-    found: set[bytes] = set()
-    over, failed = threading.Event(), list[BaseException]()
-
-    def assign() -> None:
-        number = 0
-        while not over.is_set():
-            kernel.parameters.update(pairs[number % 3])
-            number += 1
-
-    def call() -> None:
-        try:
-            for _ in range(300):
-                found.add(kernel.forward_dynamics(Q, V, U).tobytes())
-                rows = {row.tobytes() for row in kernel.forward_dynamics(many, V, U)}
-                assert len(rows) == 1
-                found.update(rows)
-        except BaseException as error:
-            failed.append(error)
-
-    callers = [threading.Thread(target=call) for _ in range(3)]
-    writer = threading.Thread(target=assign)
-    for thread in (writer, *callers):
-        thread.start()
-    for thread in callers:
-        thread.join()
-    over.set()
-    writer.join()
-    assert not failed
-    assert found <= allowed
-
-
-def test_no_assignment_of_many_threads_is_lost(built: Build) -> None:
-    kernel = built(eomgen.load_robot("one_link"))
-    names = [name for name in kernel.parameters if name.startswith("gravity")]
-
-    def assign(name: str) -> None:
-        for number in range(500):
-            kernel.parameters[name] = float(number)
-            assert kernel.parameters[name] == number
-
-    threads = [threading.Thread(target=assign, args=(name,)) for name in names]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert [kernel.parameters[name] for name in names] == [499.0] * len(names)
 
 
 def test_long_calls_let_other_threads_run(built: Build) -> None:

@@ -34,6 +34,8 @@ from tests.support.random_robots import Array, random_robot, random_state, seeds
 from tests.support.sliders import mass_on_rail
 from tests.support.soak import soaked
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 TYPES = ("revolute", "prismatic", "fixed", "free")
 NAMES = ("rollout", "forward_dynamics", "mass_matrix", "inverse_dynamics", "energy")
 Drive = Callable[[int, Array, Array, float], Array]  # step, q, v, how far ahead
@@ -301,7 +303,6 @@ def test_steps_that_are_too_long_are_to_blame(built: Build) -> None:
         kernel.rollout(q, none, np.zeros((1, 3000, kernel.n)), 1e-2, 3000)
 
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
 ADAPTIVE_NAMES = (
     "adaptive_rollout",
     "radau_rollout",
