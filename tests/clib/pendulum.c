@@ -40,24 +40,16 @@ static int pair_solution(const double *h, const double *factors, const double *r
 int main(int count, char **words)
 {
     static const double h[NUMBERS] = { 1.5, 0.8, 9.81, 0.05 };
-    eom_sizes sizes;
-    eom_drive drive;
+    static const eom_sizes sizes = { .n = 1, .hoisted = NUMBERS, .factors = 5, .pair_factors = 7, .wrench = 6 };
     double state[EOM_STATE_ROOM(1, 0, NUMBERS, 5, 6, 0, 0) + EOM_RADAU_ROOM(1, 0, 5, 7) + 1], input[EOM_INPUT_ROOM(1, 1, 0) + 1];
     int index[EOM_INDEX_ROOM(1, 1, 0) + 1];
     const double none = 0.0, q = 1.2, v = 0.3;
     double q_out[11], v_out[11], atol[2] = { 1e-9, 1e-9 }, times[11];
-    memset(&sizes, 0, sizeof sizes);
-    memset(&drive, 0, sizeof drive);
-    sizes.n = 1;
-    sizes.hoisted = NUMBERS;
-    sizes.factors = 5;
-    sizes.pair_factors = 7;
-    sizes.wrench = 6;
-    drive.u = &none;
     state[sizeof state / sizeof *state - 1] = input[sizeof input / sizeof *input - 1] = 4.0;
     index[sizeof index / sizeof *index - 1] = 4;
     const eom_robot robot = { &sizes, forward_dynamics, implicit_step, stage_factors, stage_solution, NULL, pair_factors, pair_solution };
     const eom_workspace work = { state, input, index };
+    const eom_drive drive = { .u = &none };
     const int method = (count > 1) ? words[1][0] - '0' : 0;
     for (int k = 0; k < 11; ++k) times[k] = 0.1 * k;
     if (method < 2) {

@@ -223,31 +223,16 @@ static double integrate(int method, int loaded, const motion *x, int keeps, moti
     const eom_track torque = { &signal, &place }, program = { &signal, &place };
     const eom_tracking control = { program, &one, &twenty, &two };
     const eom_wrench wrench = { &constant, 0.05, 0.3, { 0.0, 0.0, 0.0 }, 0, -1, 0 };
-    E(inputs) inputs;
-    E(drive) drive;
+    const E(inputs) inputs = {
+        .last = 0.4, .torque = &torque, .control = &control, .wrench = &wrench, .wrenches = 1U, .effort = &effort,
+        .external_force = external_force, .force_h = x->h,
+        .force_back = external_force_adjoint, .force_back_h = x->h,
+        .force_along = external_force_tangent, .force_along_h = x->h,
+        .force_by = external_force_parameter_tangent, .force_by_h = x->h,
+    };
+    const E(drive) drive = { .u = x->u, .u_step = 1U, .kp = &x->gains[0], .kd = &x->gains[1], .target = &x->gains[2] };
     real q[STEPS + 1], v[STEPS + 1];
     double sum = 0.0;
-    memset(&inputs, 0, sizeof inputs);
-    memset(&drive, 0, sizeof drive);
-    inputs.last = 0.4;
-    inputs.torque = &torque;
-    inputs.control = &control;
-    inputs.wrench = &wrench;
-    inputs.wrenches = 1U;
-    inputs.external_force = external_force;
-    inputs.force_h = x->h;
-    inputs.force_back = external_force_adjoint;
-    inputs.force_back_h = x->h;
-    inputs.force_along = external_force_tangent;
-    inputs.force_along_h = x->h;
-    inputs.force_by = external_force_parameter_tangent;
-    inputs.force_by_h = x->h;
-    inputs.effort = &effort;
-    drive.u = x->u;
-    drive.u_step = 1U;
-    drive.kp = &x->gains[0];
-    drive.kd = &x->gains[1];
-    drive.target = &x->gains[2];
     const E(inputs) *const acting = (loaded != 0) ? &inputs : NULL;
     const E(step_sequence) steps = { dt, times, row, STEPS, method };
     q[0] = x->state[0];

@@ -10,7 +10,7 @@ import pytest
 import eomgen
 from eomgen.description.load import robot_from_toml
 from eomgen.integration import integrate
-from eomgen.robot.value import Coordinate, Joint, Loop, Placement, Robot
+from eomgen.robot.value import COORDINATES, Coordinate, Joint, Loop, Placement, Robot
 from eomgen.runtime.kernel import Kernel
 from tests.oracles.by_singular_values import ClosedLoops
 from tests.support.builds import Build
@@ -158,11 +158,9 @@ def test_slider_crank(built: Build) -> None:
 def test_legs_of_goughs_platform(example) -> None:  # type: ignore[no-untyped-def]
     """Lengths of the legs are |p + R b - a|."""
     loops, robot = example("gough"), eomgen.load_robot("gough")
-    held = [f"pose.{name}" for name in ("x", "y", "z", "alpha", "beta", "gamma")]
-    guess = np.zeros(24)
-    guess[:6], guess[8::3] = [0.1, -0.05, 0.9, 0.1, -0.2, 0.15], 1.0
-    q = loops.consistent_positions(guess, held=held)
-    assert np.array_equal(q[:6], guess[:6])
+    pose = [0.1, -0.05, 0.9, 0.1, -0.2, 0.15]
+    q = platform_at(loops, pose)
+    assert np.array_equal(q[:6], pose)
     X = loops.kernel.frame_pose(q, "platform")
     for i, loop in enumerate(robot.loops):
         ground = np.array(robot.joint(f"universal{i + 1}").placement.xyz)
@@ -269,7 +267,7 @@ def test_another_cut_of_the_same_mechanism(kind: str, seed: int, built: Build) -
 def test_closing_loses_the_energy_of_the_lost_velocity(example) -> None:  # type: ignore[no-untyped-def]
     """Carnot's theorem; and velocities that are consistent already stay."""
     loops = example("gough")
-    q = platform_at(loops, 0.1)
+    q = platform_at(loops, [0.0, 0.0, 1.0, 0.1, 0.0, 0.0])
     guess = np.random.default_rng(5).uniform(-1, 1, 24)
     v = loops.consistent_velocities(q, guess)
     M = loops.kernel.mass_matrix(q)
@@ -279,10 +277,5 @@ def test_closing_loses_the_energy_of_the_lost_velocity(example) -> None:  # type
     assert np.abs(loops.consistent_velocities(q, v) - v).max() <= 1e-12
 
 
-def platform_at(loops: ClosedLoops, alpha: float) -> Array:
-    guess = np.zeros(24)
-    guess[2:4], guess[8::3] = [1.0, alpha], 1.0
-    return loops.consistent_positions(guess, held=[f"pose.{x}" for x in ("x", "y", "z", "alpha", "beta", "gamma")])
-
-
-# ---- refusals
+def platform_at(loops: ClosedLoops, pose: list[float]) -> Array:
+    return loops.consistent_positions([*pose, *[0.0, 0.0, 1.0] * 6], held=[f"pose.{x}" for x in COORDINATES])

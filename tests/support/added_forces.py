@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -55,6 +56,26 @@ def check_same(kernel: eomgen.Kernel, other: eomgen.Kernel, states: Sequence[Sta
         assert close(kernel.energy(s.q, s.v), other.energy(s.q, s.v), tolerance)
     arrays = stacked(states)
     assert close(kernel.generalized_force(*arrays), other.generalized_force(*arrays), tolerance)
+
+
+def check_oracle(kernel: eomgen.Kernel, oracle: Any, s: State) -> None:
+    """Compare forces, accelerations and energies with those of an oracle."""
+    expected = oracle.inverse_dynamics(s.q, s.v, s.a)
+    assert close(kernel.inverse_dynamics(s.q, s.v, s.a), expected)
+    assert close(kernel.residual(s.q, s.v, s.a, s.u), expected - s.u)
+    assert close(kernel.generalized_force(s.q, s.v), oracle.generalized_force(s.q, s.v))
+    allowed = max(1e-11, 100 * np.finfo(float).eps * np.linalg.cond(kernel.mass_matrix(s.q)))
+    assert close(kernel.forward_dynamics(s.q, s.v, s.u), oracle.forward_dynamics(s.q, s.v, s.u), allowed)
+    assert close(kernel.energy(s.q, s.v), oracle.energy(s.q, s.v))
+
+
+def check_batches(kernel: eomgen.Kernel, states: Sequence[State], **counts: int) -> None:
+    """Compare functions of several states at once with those of one at a time; they read as many of q, v and a."""
+    arrays = stacked(states, "qva")
+    for name, count in counts.items():
+        call = getattr(kernel, name)
+        one = np.array([call(*state) for state in zip(*arrays[:count], strict=True)])
+        assert close(np.asarray(call(*arrays[:count])), one, 1e-12)
 
 
 def check_single_precision(

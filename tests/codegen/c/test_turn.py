@@ -31,18 +31,7 @@ def turn(dtype: str, flags: tuple[str, ...], angles: NDArray[np.floating], folde
     text = f'{single}#include "lanes.h"\n{head};\n{head}\n{{\n    turn(angle, count, sine, cosine);\n}}\n'
     (folder / "turn.c").write_text(text, encoding="ascii")
     library = folder / "turn.so"
-    command = [
-        "cc",
-        "-shared",
-        "-fPIC",
-        *FLAGS,
-        *flags,
-        f"-I{LIBRARY}",
-        str(folder / "turn.c"),
-        "-o",
-        str(library),
-        "-lm",
-    ]
+    command = ["cc", "-shared", "-fPIC", *FLAGS, *flags, f"-I{LIBRARY}", str(folder / "turn.c"), "-o", str(library)]
     subprocess.run([*command, "-lm"], check=True)
     ffi = cffi.FFI()
     ffi.cdef(f"{head};")

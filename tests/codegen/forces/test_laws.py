@@ -42,7 +42,13 @@ from tests.oracles.force_laws import (
     with_drives,
     with_laws,
 )
-from tests.support.added_forces import check_closed_form, check_jacobians, check_single_precision, stacked
+from tests.support.added_forces import (
+    check_batches,
+    check_closed_form,
+    check_jacobians,
+    check_oracle,
+    check_single_precision,
+)
 from tests.support.builds import Build
 from tests.support.closeness import close
 from tests.support.optional import needs
@@ -70,18 +76,8 @@ def test_forces_are_the_formulas(seed: int, built: Build) -> None:
     kernel, oracle = built(robot, *NAMES, "mass_matrix"), LawOracle(robot)
     states = [random_state(robot, seed + i) for i in range(9)]
     for s in states:
-        expected = oracle.inverse_dynamics(s.q, s.v, s.a)
-        assert close(kernel.inverse_dynamics(s.q, s.v, s.a), expected)
-        assert close(kernel.residual(s.q, s.v, s.a, s.u), expected - s.u)
-        assert close(kernel.generalized_force(s.q, s.v), oracle.generalized_force(s.q, s.v))
-        allowed = max(1e-11, 100 * np.finfo(float).eps * np.linalg.cond(kernel.mass_matrix(s.q)))
-        assert close(kernel.forward_dynamics(s.q, s.v, s.u), oracle.forward_dynamics(s.q, s.v, s.u), allowed)
-        assert close(kernel.energy(s.q, s.v), oracle.energy(s.q, s.v))
-    arrays = stacked(states, "qva")
-    for name, count in (("inverse_dynamics", 3), ("generalized_force", 2), ("energy", 2)):
-        call = getattr(kernel, name)
-        one = np.array([call(*state) for state in zip(*arrays[:count], strict=True)])
-        assert close(np.asarray(call(*arrays[:count])), one, 1e-12)
+        check_oracle(kernel, oracle, s)
+    check_batches(kernel, states, inverse_dynamics=3, generalized_force=2, energy=2)
 
 
 @pytest.mark.soak

@@ -21,7 +21,7 @@ from eomgen.robot.value import Coordinate, Joint, Link, Placement, Robot, Spring
 from eomgen.state.equilibrium import static_equilibrium
 from tests.oracles.mujoco_models import MujocoRobot
 from tests.oracles.springs import SpringOracle, implicit_step, pulled
-from tests.support.added_forces import check_jacobians
+from tests.support.added_forces import check_batches, check_jacobians, check_oracle
 from tests.support.builds import Build
 from tests.support.closeness import close
 from tests.support.elastic_robots import elastic_robot
@@ -42,24 +42,12 @@ def test_forces_are_external_forces_in_pinocchio(seed: int, built: Build) -> Non
     kernel, oracle = built(robot, *NAMES, "mass_matrix"), SpringOracle(robot)
     states = [random_state(robot, seed + i) for i in range(9)]
     for s in states:
-        expected = oracle.inverse_dynamics(s.q, s.v, s.a)
-        assert close(kernel.inverse_dynamics(s.q, s.v, s.a), expected)
-        assert close(kernel.residual(s.q, s.v, s.a, s.u), expected - s.u)
-        assert close(kernel.generalized_force(s.q, s.v), oracle.generalized_force(s.q, s.v))
-        allowed = max(1e-11, 100 * np.finfo(float).eps * np.linalg.cond(kernel.mass_matrix(s.q)))
-        assert close(kernel.forward_dynamics(s.q, s.v, s.u), oracle.forward_dynamics(s.q, s.v, s.u), allowed)
-        assert close(kernel.energy(s.q, s.v), oracle.energy(s.q, s.v))
+        check_oracle(kernel, oracle, s)
         assert close(kernel.reactions(s.q, s.v, s.a), oracle.reactions(s.q, s.v, s.a))
         assert close(kernel.spring_forces(s.q, s.v), oracle.forces(s.q, s.v))
         assert close(kernel.spring_jacobian(s.q), oracle.jacobian(s.q))
         assert close(kernel.spring_stiffness(s.q), oracle.stiffness(s.q))
-    q, v, a = (np.array([getattr(s, x) for s in states]) for x in "qva")
-    for many, one in (
-        (kernel.inverse_dynamics(q, v, a), [kernel.inverse_dynamics(s.q, s.v, s.a) for s in states]),
-        (kernel.spring_forces(q, v), [kernel.spring_forces(s.q, s.v) for s in states]),
-        (kernel.energy(q, v), [kernel.energy(s.q, s.v) for s in states]),
-    ):
-        assert close(np.asarray(many), np.array(one), 1e-12)
+    check_batches(kernel, states, inverse_dynamics=3, spring_forces=2, energy=2)
 
 
 @pytest.mark.soak

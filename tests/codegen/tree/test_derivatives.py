@@ -85,18 +85,6 @@ def test_forward_dynamics_jacobian_is_pinocchios(seed: int, built: Build) -> Non
         assert distance(block, wanted) < allowed
 
 
-@pytest.mark.soak
-def test_two_jacobians_are_of_one_motion(built: Build) -> None:
-    """a(q, v, u) makes the residual zero, so that dr/dq + M da/dq = 0."""
-    robot = random_robot(960, joints=(4, 4), tree=True, types=TYPES)
-    kernel, s = built(robot, "forward_dynamics", *JACOBIANS), random_state(robot, 3)
-    a = kernel.forward_dynamics(s.q, s.v, s.u)
-    by_q, by_v, M = kernel.residual_jacobian(s.q, s.v, a, s.u)
-    expected = (-by_q, -by_v, np.eye(kernel.n))
-    for block, wanted in zip(kernel.forward_dynamics_jacobian(s.q, s.v, s.u), expected, strict=True):
-        assert distance(M @ block, wanted) < 1e-10
-
-
 def test_zero_blocks_are_no_part_of_the_program() -> None:
     """Two branches know nothing of one another, and the base's translations move nothing's force."""
     links = [Link(name, 1.0, (0.1, 0.2, 0.3), (1.0, 1.1, 1.2, 0.0, 0.0, 0.0)) for name in "abc"]
