@@ -64,6 +64,7 @@ def test_pages_show_outputs(hooks: ModuleType) -> None:
     assert found == {"notebooks/some_2.png": b"\0\0\0", "notebooks/some_2b.png": b"\0\1\2"}
 
 
+@pytest.mark.soak
 def test_a_cell_that_fails_is_named(notebooks: ModuleType) -> None:
     from nbformat.v4 import new_code_cell, new_markdown_cell, new_notebook
 
@@ -72,6 +73,7 @@ def test_a_cell_that_fails_is_named(notebooks: ModuleType) -> None:
         notebooks.run_cells(new_notebook(cells=cells), "some")
 
 
+@pytest.mark.soak
 def test_pages_have_no_lines_of_progress(notebooks: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
     """Which notebooks of users have: theirs are at a prompt."""
     from nbformat.v4 import new_code_cell, new_notebook
