@@ -1,19 +1,23 @@
-"""Functions of CasADi against the kernels they are made of."""
+"""Functions and steps of CasADi against kernels, rollouts, CasADi's own integrators and models in its symbols."""
 
 from __future__ import annotations
 
 import importlib
+import itertools
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import eomgen
-from eomgen.adapters.casadi import function
-from eomgen.adapters.external import external_library
+from eomgen.adapters.casadi import function, kernels_for_step, step
+from eomgen.adapters.external import external_library, render_step
 from eomgen.adapters.mappings import DifferentiableFunction, kernels_for
+from eomgen.control.discrete_steps import DiscreteStep
 from eomgen.errors import BuildError, InputError, UnknownNameError
 from eomgen.pipeline import cache
 from eomgen.robot.model import build_model
@@ -26,7 +30,6 @@ from tests.support.random_robots import Array, random_robot, random_state, seeds
 from tests.support.refusals import refused
 
 casadi = needs("casadi")
-
 FLAGS = ("-O0", "-Werror")
 
 
@@ -286,3 +289,241 @@ def _swing(rate: casadi.Function, hessian: str, steps: int = 15, duration: float
     quiet = {"print_time": False, "ipopt.print_level": 0, "ipopt.sb": "yes", "ipopt.tol": 1e-9}
     opti.solver("ipopt", {**quiet, "ipopt.hessian_approximation": hessian, "ipopt.max_iter": 500})
     return np.asarray(opti.solve().value(u))
+
+
+QUIET: dict[str, Any] = {
+    "print_time": False,
+    "ipopt.print_level": 0,
+    "ipopt.sb": "yes",
+    "ipopt.tol": 1e-9,
+    "ipopt.max_iter": 500,
+}
+
+
+def jacobian_of(made: casadi.Function, *arrays: Array) -> Array:
+    """Derivatives of a step by all that it takes, (states, numbers)."""
+    blocks = made.jacobian()(*arrays, 0)
+    return np.hstack([np.array(block) for block in (blocks if isinstance(blocks, tuple) else (blocks,))])
+
+
+def gradient_of(made: casadi.Function, weights: Array, *arrays: Array) -> Array:
+    """The weighted state's derivatives in reverse mode, (numbers,)."""
+    blocks = made.reverse(1)(*arrays, 0, weights)
+    return np.concatenate([np.array(block).ravel() for block in blocks])
+
+
+def by_rollout(kernel: eomgen.Kernel, made: dict[str, Any], x: Array, u: Array) -> tuple[Array, Array]:
+    """The state behind a step of fixed length and its derivatives, as a rollout has them."""
+    n, c, drives = kernel.n, len(kernel.coordinates), list(made["drives"])
+    q, v, forces = np.zeros(n), x[c:], np.zeros(n)
+    q[:c] = x[:c]
+    places = [kernel.velocities.index(name) for name in drives]
+    forces[places] = u
+    unit = np.eye(c + n + len(drives))
+    along = {"q": np.zeros((len(unit), n)), "v": unit[:, c : c + n], "u": np.zeros((len(unit), n))}
+    along["q"][:, :c] = unit[:, :c]
+    along["u"][:, places] = unit[:, c + n :]
+    (qs, vs), (dq, dv) = kernel.rollout_sensitivity(
+        q,
+        v,
+        forces,
+        made["dt"] / made["substeps"],
+        made["substeps"],
+        along=along,
+        parameters=made["parameters"],
+        method=made["method"],
+    )
+    return np.concatenate([qs[-1, :c], vs[-1]]), np.hstack([dq[-1, :, :c], dv[-1]]).T
+
+
+def error_of_step(kernel: eomgen.Kernel, made: dict[str, Any], x: Array, u: Array) -> tuple[float, float, float]:
+    """Errors of the state, of its derivatives and of a gradient, relative to the greatest number of each."""
+    found = step(kernel, **made, flags=FLAGS)
+    p = np.array([kernel.parameters[name] for name in made["parameters"]])
+    arrays = (x, u, p) if p.size else (x, u)
+    value, by = np.array(found(*arrays)).ravel(), jacobian_of(found, *arrays)
+    state, rates = by_rollout(kernel, made, x, u)
+    weights = np.random.default_rng(3).uniform(-1.0, 1.0, x.size)
+    gradient, size = gradient_of(found, weights, *arrays), max(float(np.abs(rates).max()), 1.0)
+    return (
+        float(np.abs(value - state).max()),
+        float(np.abs(by - rates).max()) / size,
+        float(np.abs(gradient - weights @ rates).max()) / size,
+    )
+
+
+@pytest.mark.parametrize("method", ["rk4", pytest.param("implicit", marks=pytest.mark.soak)])
+def test_a_step_is_that_of_a_rollout(method: str, built: Build) -> None:
+    """Of both methods of fixed steps: to the bit, with parameters, and the gradient to round-off."""
+    kernel = built(eomgen.load_robot("one_link"), *kernels_for_step(method))
+    x, u = np.array([1e-3, 0.3, -0.01, 0.7]), np.array([1.3])
+    made = {"dt": 4e-3, "substeps": 2, "drives": ("joint1.gamma",), "parameters": ("joints.joint1.x.stiffness",)}
+    state, by, gradient = error_of_step(kernel, {**made, "method": method}, x, u)
+    assert state == 0.0
+    assert by < 1e-15
+    assert gradient < 1e-14
+    if method == "rk4":  # without parameters by Jacobians of accelerations
+        assert "forward_dynamics_jacobian(" in render_step(DiscreteStep(kernel, "rk4", 4e-3), "alone")
+        state, by, _ = error_of_step(kernel, {**made, "method": method, "parameters": ()}, x, u)
+        assert state == 0.0
+        assert by < 1e-14
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("seed", seeds(4300, 5, 40, soak=10))
+def test_random_robots(seed: int, built: Build, figures: Figures) -> None:
+    """Trees with laws, motors and springs, all numbers of u and some parameters."""
+    robot = replace(sample(seed), loops=())  # random ones do not close
+    names = (*kernels_for_step("rk4"), *kernels_for_step("implicit"))
+    kernel = built(robot, *names)
+    given, c = states(robot, kernel, seed), len(kernel.coordinates)
+    drives = [x for x in kernel.coordinates if x not in kernel.calls.prescribed]
+    u = given["u"][[kernel.coordinates.index(name) for name in drives]]
+    x = np.concatenate([given["q"][:c], given["v"]])
+    for method in ("rk4", "implicit"):
+        made: dict[str, Any] = {"method": method, "dt": 2e-4, "substeps": 2, "drives": drives}
+        made["parameters"] = tuple(kernel.parameters)[-2:] if seed % 2 else ()
+        errors = error_of_step(kernel, made, x, u)
+        for label, error in zip(("state", "jacobian", "gradient"), errors, strict=True):
+            figures.at_most(f"{label} of {method}", error, 1e-11)
+        figures.count("steps")
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("name", ["one_link", "four_bar"])
+@pytest.mark.parametrize(("method", "order"), [("rk4", 4), ("tsit5", 5), ("implicit", 1), ("rosenbrock", 4)])
+def test_every_method(name: str, method: str, order: int, built: Build) -> None:
+    """Errors fall by the method's order; derivatives are those of differences, and gradients those of Jacobians."""
+    robot = eomgen.load_robot(name)
+    kernel = built(
+        robot, *kernels_for_step(method, closed=bool(robot.loops)), *(["constraint_jacobian"] if robot.loops else [])
+    )
+    kernel.parameters.update({key: 200.0 for key in kernel.parameters if key.endswith("x.stiffness")})
+    x = np.concatenate([build_model(robot).home, np.zeros(kernel.n)])
+    u = np.array([3.0])
+    ends = [np.array(step(kernel, method, dt=0.2, substeps=k, flags=FLAGS)(x, u)).ravel() for k in (8, 16, 32, 1024)]
+    errors = [float(np.abs(end - ends[-1]).max()) for end in ends[:-1]]
+    assert all(a / b > 1.7**order or b < 1e-8 for a, b in itertools.pairwise(errors)), errors
+    parameters = tuple(kernel.parameters)[-1:]
+    made = step(kernel, method, dt=2e-2, substeps=3, parameters=parameters, flags=FLAGS)
+    arrays = (x, u, np.array([kernel.parameters[key] for key in parameters]))
+    by, numbers = jacobian_of(made, *arrays), np.concatenate(arrays)
+    ends_of = np.cumsum([a.size for a in arrays])[:-1]
+    for direction in _directions(kernel, x, numbers):
+        h = 1e-5 * direction
+        sides = [np.array(made(*np.split(numbers + sign * h, ends_of))).ravel() for sign in (1.0, -1.0)]
+        rate, difference = by @ direction, (sides[0] - sides[1]) / 2e-5
+        assert np.abs(rate - difference).max() < 1e-6 * max(1.0, np.abs(rate).max()), direction
+    weights = np.linspace(-1.0, 1.0, x.size)
+    assert np.allclose(gradient_of(made, weights, *arrays), weights @ by, rtol=1e-10, atol=1e-10 * np.abs(by).max())
+
+
+def _directions(kernel: eomgen.Kernel, x: Array, numbers: Array) -> Array:
+    """Along which a motion may begin: of a mechanism those that keep it closed; and a unit of each number behind x."""
+    n, every = kernel.n, np.diag(np.maximum(1.0, np.abs(numbers)))
+    if not kernel.constraints:
+        return every
+    free = np.linalg.svd(kernel.constraint_jacobian(x[:n]))[2][-1]
+    of_state = np.zeros((2, numbers.size))
+    of_state[0, :n] = of_state[1, n : 2 * n] = free
+    return np.vstack([of_state, every[2 * n :]])
+
+
+@pytest.mark.soak
+def test_beside_integrators_of_casadi(built: Build) -> None:
+    """Its Runge-Kutta method takes the same steps, with the same derivatives; CVODES is within its tolerance."""
+    kernel = built(eomgen.load_robot("one_link"), *kernels_for_step("rk4"), *kernels_for("forward_dynamics"))
+    kernel.parameters["joints.joint1.x.stiffness"] = 60.0
+    rate = function(kernel, "forward_dynamics", flags=FLAGS)
+    x, u = casadi.MX.sym("x", 4), casadi.MX.sym("u", 2)
+    system = {"x": x, "p": u, "ode": casadi.vertcat(x[2:], rate(x[:2], x[2:], u))}
+    made = step(kernel, "rk4", dt=0.1, substeps=5, drives=kernel.coordinates, flags=FLAGS)
+    here, force = np.array([0.01, 0.3, 0.2, -0.4]), np.array([0.5, 1.0])
+    found = np.array(made(here, force)).ravel()
+    same = casadi.integrator("same", "rk", system, 0.0, 0.1, {"number_of_finite_elements": 5})
+    other = casadi.integrator("other", "cvodes", system, 0.0, 0.1, {"reltol": 1e-11, "abstol": 1e-11})
+    by = casadi.Function("by", [x, u], [casadi.horzcat(*(casadi.jacobian(same(x0=x, p=u)["xf"], y) for y in (x, u)))])
+    assert np.allclose(np.array(same(x0=here, p=force)["xf"]).ravel(), found, rtol=0.0, atol=1e-14)
+    assert np.allclose(np.array(by(here, force)), jacobian_of(made, here, force), rtol=0.0, atol=1e-13)
+    assert np.allclose(np.array(other(x0=here, p=force)["xf"]).ravel(), found, rtol=0.0, atol=1e-4)
+
+
+@pytest.mark.soak
+def test_the_optimum_is_that_of_a_model_in_symbols(built: Build) -> None:
+    """Least effort of the rod, multiple shooting: steps in C against the same method in CasADi's own symbols."""
+    kernel = built(eomgen.load_robot("one_link"), *kernels_for_step("rk4"))
+    kernel.parameters["joints.joint1.x.stiffness"] = 60.0
+    x, u, h = casadi.SX.sym("x", 4), casadi.SX.sym("u"), 0.8 / 15
+    s, c = casadi.sin(x[1]), casadi.cos(x[1])
+    mass = casadi.vertcat(casadi.horzcat(1, -s / 2), casadi.horzcat(-s / 2, 1 / 3))
+    right = casadi.vertcat(c * x[3] ** 2 / 2 - 60 * x[0], u - 9.81 * c / 2)
+    rate = casadi.Function("rate", [x, u], [casadi.vertcat(x[2:], casadi.solve(mass, right))])
+    k1 = rate(x, u)
+    k2 = rate(x + h / 2 * k1, u)
+    k3 = rate(x + h / 2 * k2, u)
+    k4 = rate(x + h * k3, u)
+    by_symbols = casadi.Function("by_symbols", [x, u], [x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)])
+    exact = _swing_by_steps(by_symbols, "exact")
+    made = step(kernel, "rk4", dt=h, flags=FLAGS)
+    assert np.allclose(_swing_by_steps(made, "limited-memory"), exact, rtol=0.0, atol=1e-5 * np.abs(exact).max())
+
+
+def _swing_by_steps(advance: casadi.Function, hessian: str, steps: int = 15) -> Array:
+    """Drives (steps,) that lift the rod from hanging to rest at 0.5 rad with the least sum of squares."""
+    opti = casadi.Opti()
+    x, u = opti.variable(4, steps + 1), opti.variable(1, steps)
+    opti.minimize(casadi.sumsqr(u))
+    opti.subject_to(casadi.vec(x[:, 1:] - advance.map(steps)(x[:, :-1], u)) == 0)
+    opti.subject_to(x[:, 0] == casadi.DM([0, -np.pi / 2, 0, 0]))
+    opti.subject_to(x[:, -1] == casadi.DM([0, 0.5, 0, 0]))
+    opti.set_initial(x[1, :], np.linspace(-np.pi / 2, 0.5, steps + 1)[None, :])
+    opti.solver("ipopt", {**QUIET, "ipopt.hessian_approximation": hessian, "ipopt.max_iter": 500})
+    return np.asarray(opti.solve().value(u))
+
+
+@pytest.mark.soak
+def test_steps_on_threads(built: Build) -> None:
+    """Calls share nothing: each of many states has its own end, and its own derivatives."""
+    kernel = built(eomgen.load_robot("one_link"), *kernels_for_step("rosenbrock"))
+    made = step(kernel, "rosenbrock", dt=1e-2, flags=FLAGS)
+    rng = np.random.default_rng(1)
+    x, u = rng.uniform(-1.0, 1.0, (4, 100)), rng.uniform(-1.0, 1.0, (1, 100))
+    alone = np.hstack([np.array(made(x[:, i], u[:, i])) for i in range(100)])
+    assert np.array_equal(np.array(made.map(100, "thread", 4)(x, u)), alone)
+    blocks = made.jacobian().map(100, "thread", 4)(x, u, np.zeros((4, 100)))
+    by = np.hstack([np.array(b).reshape(4, 100, -1).transpose(1, 0, 2).reshape(400, -1) for b in blocks])
+    assert np.array_equal(by, np.vstack([jacobian_of(made, x[:, i], u[:, i]) for i in range(100)]))
+
+
+def test_what_a_step_refuses(built: Build) -> None:
+    kernel = built(eomgen.load_robot("one_link"), *kernels_for_step("rk4"))
+    wrong: list[tuple[dict[str, Any], str]] = [
+        ({"method": "euler"}, r"method: 'euler' has no derivatives; allowed: rk4, tsit5, implicit, rosenbrock"),
+        ({"dt": 0.0}, r"dt: 0\.0 is no length of a step"),
+        ({"dt": "1"}, r"dt: '1' is no length"),
+        ({"dt": float("nan")}, r"dt: nan is no length"),
+        ({"substeps": 0}, r"substeps: 0; allowed: a whole number from 1"),
+        ({"substeps": 1.5}, r"substeps: 1\.5; allowed"),
+        ({"drives": "joint1.x"}, r"drives: 'joint1\.x' is one name"),
+        ({"drives": ("joint1.x", "joint1.x")}, r"drives: 'joint1\.x' stands there twice"),
+        ({"called": "one_link_step"}, r"called: 'one_link_step' is no name"),
+    ]
+    for wanted, message in wrong:
+        refused(InputError, message, step, kernel, **{"dt": 1e-3, **wanted})
+    unknown: list[tuple[dict[str, Any], str]] = [
+        ({"drives": ("joint2.x",)}, r"drives: 'joint2\.x' is unknown; allowed: 'joint1\.x'"),
+        ({"parameters": ("mass",)}, r"parameters: 'mass' is unknown; allowed: 'gravity\.x'"),
+        ({"method": "rosenbrock"}, r"built without adaptive_rollout, rosenbrock_gradient, rosenbrock_sensitivity"),
+    ]
+    for wanted, message in unknown:
+        refused(UnknownNameError, message, step, kernel, **{"dt": 1e-3, **wanted})
+
+
+@pytest.mark.soak
+def test_kernels_that_steps_refuse(built: Build) -> None:
+    """Joints of three rotations, which change charts, and single precision."""
+    robot = random_robot(1045, joints=(1, 1), types=("free",), armature=False, forces=False)
+    kernel = built(robot, *kernels_for_step("rk4"))
+    refused(InputError, r"step: .* have 3-DOF rotation; allowed: robots without such joints", step, kernel, dt=1e-3)
+    single = built(eomgen.load_robot("one_link"), *kernels_for_step("rk4"), dtype="float32")
+    refused(InputError, "kernel of float32; allowed for CasADi: float64", step, single, dt=1e-3)
