@@ -168,7 +168,8 @@ def test_what_was_read_can_be_rendered(kind: str, count: int, tmp_path: Path) ->
     for robot in robots(kind, 20_000_000 + count, count, tmp_path):
         source = render(derive_equations(build_model(robot), ("residual", "mass_matrix")), "float64")
         assert source.code.isascii()
-        assert not [word for word in ("nan", "inf", "NAN", "INFINITY") if f" {word}" in source.code]
+        code = re.sub(r"/\*.*?\*/", "", source.code, flags=re.DOTALL)  # comments have names
+        assert not [word for word in ("nan", "inf", "NAN", "INFINITY") if f" {word}" in code]
         length += len(source.code)
     assert length > 1000 * count
 
