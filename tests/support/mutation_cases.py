@@ -11,7 +11,16 @@ import numpy as np
 import eomgen
 from eomgen.robot.geometry import IDENTITY
 from eomgen.robot.model import Model, build_model
-from eomgen.robot.value import ANGULAR, COORDINATES, LINEAR, Coordinate, Link, Placement, Robot, load_dependent
+from eomgen.robot.value import (
+    ANGULAR,
+    COORDINATES,
+    LINEAR,
+    Coordinate,
+    Link,
+    Placement,
+    Robot,
+    load_dependent,
+)
 from tests.oracles.force_laws import random_coordinate, resistance, with_laws
 from tests.oracles.pinocchio_models import PinocchioOracle
 from tests.oracles.springs import SpringOracle, pulled, stored
@@ -235,7 +244,7 @@ def flexible_cases() -> tuple[tuple[Model, State, dict[str, Array]], ...]:
 @cache
 def cases() -> tuple[Case, ...]:
     """All cases, in the order in which they are tried."""
-    return tuple(_case(name) for name in MAKERS)
+    return (*(_case(name) for name in MAKERS), _flexible(4))
 
 
 def _case(name: str) -> Case:
@@ -249,6 +258,35 @@ def _case(name: str) -> Case:
             if np.linalg.cond(oracle.motors.mass_matrix(s.q)[np.ix_(free, free)]) < 1e4:  # no rod at a tip
                 return oracle.case(name, s)
     raise AssertionError(f"no robot for {name}")
+
+
+def _flexible(seed: int) -> Case:
+    """Two joints and links of one or two modes, against Lagrange's equations of particles; all laws are linear."""
+    bending = bent(random_robot(seed, (2, 2), 3, max_size=5), seed, (1, 2))
+    model, s, oracle = build_model(bending.robot), bending.state(seed), bending.oracle()
+    still, h, driven = np.zeros(len(s.q)), 1e-6, [*model.driven]
+    added = np.linspace(0.1, 0.5, len(s.q))
+    M, residual = oracle.mass_matrix(s.q), oracle.residual(s.q, s.v, s.a, s.u)
+    A = M + DT * oracle.dampers + DT * DT * oracle.springs
+    A[driven, driven] += added[driven]
+    by_q, by_v = (
+        [oracle.residual(s.q + x, s.v + y, s.a, s.u) - oracle.residual(s.q - x, s.v - y, s.a, s.u) for x, y in steps]
+        for steps in ([(h * e, still) for e in np.eye(len(still))], [(still, h * e) for e in np.eye(len(still))])
+    )
+    found = {
+        "mass_matrix": M,
+        "residual": residual,
+        "inverse_dynamics": residual + s.u,
+        "bias_force": oracle.bias_force(s.q, s.v),
+        "energy": np.array(oracle.energy(s.q, s.v)),
+        "forward_dynamics": np.linalg.solve(M, M @ s.a - residual),
+        "christoffel": oracle.christoffel(s.q),
+        "implicit_step": np.linalg.solve(A, M @ s.a - residual - DT * oracle.springs @ s.v),
+        "residual_jacobian": np.array([np.array(by_q).T / (2 * h), np.array(by_v).T / (2 * h), M]),
+    }
+    inputs = {"q": s.q, "v": s.v, "a": s.a, "u": s.u, "added": added, "dt": np.array([DT, DT * DT])}
+    inputs["p"] = np.array([*model.parameters.values()])
+    return Case("flexible links", model, inputs, {name: np.ravel(x) for name, x in found.items()}, None, 1.0)
 
 
 class Oracle:
