@@ -15,6 +15,7 @@ import pytest
 import eomgen
 from eomgen.errors import InputError
 from eomgen.sweep import plan_from_toml
+from tests.support.optional import needs
 from tests.support.soak import soaked
 
 pytestmark = [pytest.mark.usefixtures("unoptimised"), pytest.mark.filterwarnings("ignore")]
@@ -171,7 +172,7 @@ def test_it_works_or_refuses_by_name(
     name: str, valid: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if ".pictures." in name:
-        pytest.importorskip("matplotlib")
+        needs("matplotlib")
     monkeypatch.chdir(tmp_path)
     folder = tmp_path / "folder"
     folder.mkdir()

@@ -24,6 +24,7 @@ from eomgen.sweep.driver import run
 from eomgen.sweep.plan import plan_from_toml
 from eomgen.tabular import Tabular
 from tests.support.measured_poses import chain, trial
+from tests.support.optional import needs
 from tests.support.same_values import compare_values
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
@@ -159,7 +160,7 @@ def test_values_in_short() -> None:
 
 
 def test_pandas_has_the_series_with_their_units(simulated: eomgen.SimulationResult) -> None:
-    pandas = pytest.importorskip("pandas")
+    pandas = needs("pandas")
     frame = simulated.to_pandas()
     assert isinstance(frame, pandas.DataFrame)
     assert frame.index.name == "t"
@@ -176,7 +177,7 @@ def test_pandas_has_the_series_with_their_units(simulated: eomgen.SimulationResu
 
 
 def test_xarray_has_the_series_with_their_units(simulated: eomgen.SimulationResult) -> None:
-    pytest.importorskip("xarray")
+    needs("xarray")
     data = simulated.to_xarray()
     assert set(data.data_vars) == set(simulated.names)
     assert np.array_equal(data["t"], simulated.trajectory.t)
@@ -190,8 +191,8 @@ def test_xarray_has_the_series_with_their_units(simulated: eomgen.SimulationResu
 
 
 def test_every_table_is_the_same_in_both(results: dict[str, Any]) -> None:
-    pytest.importorskip("pandas")
-    pytest.importorskip("xarray")
+    needs("pandas")
+    needs("xarray")
     tables = {name: result for name, result in results.items() if isinstance(result, Tabular)}
     assert len(tables) == 11
     for name, result in tables.items():
@@ -206,7 +207,7 @@ def test_every_table_is_the_same_in_both(results: dict[str, Any]) -> None:
 
 
 def test_tables_of_what_is_found(results: dict[str, Any]) -> None:
-    pytest.importorskip("pandas")
+    needs("pandas")
     mode, tracks, fit = (results[name].to_pandas() for name in ("modes", "tracks", "fit"))
     assert np.array_equal(mode["frequency"], results["modes"].frequencies)
     assert np.array_equal(mode["shape.joint1.x"], results["modes"].shapes[:, 0])
@@ -224,7 +225,7 @@ def test_tables_of_what_is_found(results: dict[str, Any]) -> None:
 
 
 def test_a_sweep_has_a_row_for_every_sample(results: dict[str, Any], tmp_path: Path) -> None:
-    pandas = pytest.importorskip("pandas")
+    pandas = needs("pandas")
     swept = results["sweep"]
     failed = replace(
         swept, errors={1: "it stopped, early"}, record=np.where([[False], [True], [False]], np.nan, swept.record)

@@ -18,6 +18,7 @@ from eomgen.pictures import View, plot_sweep
 from eomgen.scenario import load_scenario
 from eomgen.simulation import load_result, load_stream, run_scenario
 from eomgen.sweep import load_plan, plan_from_toml, run
+from tests.support.optional import needs
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -55,7 +56,7 @@ def test_a_scenario_is_a_value_a_path_or_a_dict(folder: Path) -> None:
 
 
 def test_a_plan_is_a_value_or_a_path_and_figures_go_to_a_folder_of_any_form(folder: Path) -> None:
-    pytest.importorskip("matplotlib")
+    needs("matplotlib")
     given: list[Any] = [plan_from_toml(PLAN), folder / "p.toml", str(folder / "p.toml")]
     results = [run("one_link", VALUES, plan, str(folder / f"out{k}"), threads=1) for k, plan in enumerate(given)]
     for result in results[1:]:
@@ -109,7 +110,7 @@ def _has(module: Any, name: str) -> bool:
 
 
 def test_views_are_of_results() -> None:
-    pytest.importorskip("viser")
+    needs("viser")
     for wrong in (ROBOT, "one_link", None):
         with pytest.raises(InputError, match=r"^result: got a value of type \w+; allowed: a SimulationResult"):
             View(wrong)  # type: ignore[arg-type]

@@ -14,6 +14,7 @@ from benchmarks.peers.contender import MissingPeer
 from benchmarks.peers.mujoco_peer import MujocoPeer
 from benchmarks.precision_cases import ERRORS, OTHERS, OURS, PROBLEMS, TOLERANCES, Motion, Problem
 from benchmarks.precision_report import Measured, Point, Report, read
+from tests.support.optional import needs
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -110,7 +111,7 @@ def test_references_that_differ_are_refused() -> None:
 
 def test_mujoco_goes_the_same_way() -> None:
     """Its RK4 tends to what is exact, and ``discrete`` is our linearly implicit step."""
-    pytest.importorskip("mujoco", "3.13")
+    needs("mujoco")
     motion = Motion(one_link())
     robot = eomgen.load_robot("one_link")
     try:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import random
 import re
 import subprocess
 from collections.abc import Callable, Iterator
@@ -30,17 +31,49 @@ from tests.support.c_sources import source_of, write_source
 from tests.support.description_samples import ARM
 from tests.support.fuzzing import check_message
 from tests.support.good_files import PLAN, SCENARIO, WORN
-from tests.support.hostile import WORDS, XML, hostile_name
 from tests.support.mutations import toml_string
+from tests.support.optional import needs
 from tests.support.quick_builds import ONE_LEVEL
 from tests.support.soak import WHOLE, soaked
 from tests.support.surfaces import check_robot
 
 NAMES = 10_000 if WHOLE else 2_000
 PER_ROBOT = 50  # hostile names in one URDF
-
-MESHES = ["../../etc/passwd", "package://../../../etc/passwd", "file:///etc/passwd", "a\0b", "\n"]
+WORDS = (  # of C, its headers and its compilers; legal names here
+    *("int", "double", "main", "NULL", "INFINITY", "NAN", "errno", "M_PI", "linux", "unix", "I", "complex", "restrict"),
+    *("inline", "asm", "typeof", "assert", "signbit", "isnan", "sin", "cos", "stdin", "EOF", "environ", "register"),
+    *("__FILE__", "__attribute__", "_Complex", "__linux__", "h", "q", "v", "a", "u", "out", "t0", "t1", "turn"),
+    *("PADDED",),
+    *("lambda", "None", "import", "self", "E", "pi", "S", "N", "oo", "zoo", "Symbol", "exec", "__import__"),
+    *("name", "loop"),
+)
+PIECES = (
+    *('"', "'", "\\", "\n", "\r", "\t", "\v", "\f", "\0", "\x07", "\x1b[31m", "\x7f", "\x85", "\u2028"),
+    *("\u202e", "\ufeff"),
+    *("*/", "/*", "//", "??/", "??/\n", "<%", "%:", "#include </etc/passwd>\n", "#define double int\n", "\\\n"),
+    *("\\u002a/",),
+    *("%s", "%n", "%1$*2$x", "{}", "{0.__class__}", "{{ 7*7 }}", "{% raw %}", "{# #}", "$(reboot)", "`reboot`"),
+    *("; rm -rf /",),
+    *("__attribute__((constructor)) void f(void){}", "system(0);", 'asm("hlt")', "#pragma GCC poison x\n"),
+    *('_Pragma("x")',),
+    *("/", "..", "../../", "/etc/passwd", "C:\\", "~", "|", "&", ">", "<", "!", "*", "?", "-o", "--version"),
+    *("@file", " "),
+    *("__import__('os').system('true')", "eval(1)", "lambda: 0", "1e400", "nan", "].pop(", "</robot>", "]]>"),
+    *("&lt;", "'''"),
+    *("\N{GREEK SMALL LETTER PHI}", "\N{FULLWIDTH LATIN SMALL LETTER A}", "\N{COMBINING DIAERESIS}"),
+    *("\U0001f600", "\u0130"),
+    *WORDS,
+)
+XML = frozenset("\0\x07\x1b\x0b\x0c\x7f\ud800")  # characters that XML does not have
 Reader = Callable[[str, Path], Any]
+
+
+def hostile_name(seed: int) -> str:
+    """The name of that seed: one to five pieces."""
+    chance = random.Random(f"hostile {seed}")
+    return "".join(chance.choice(PIECES) for _ in range(chance.choice((1, 1, 2, 3, 5)))) * chance.choice(
+        (1,) * 30 + (40,)
+    )
 
 
 def toml(text: str, folder: Path) -> Robot:
@@ -55,8 +88,19 @@ def plan(text: str, _: Path) -> object:
     return plan_from_toml(text, source="p.toml")
 
 
-SAMPLED = 'duration = 1\nmotion = { type = "sampled", file = "x" }'
+def never(_: str) -> bool:
+    return False
 
+
+def always(_: str) -> bool:
+    return True
+
+
+def coordinate(name: str) -> bool:
+    return all(map(is_identifier, name.split(".")))
+
+
+SAMPLED = 'duration = 1\nmotion = { type = "sampled", file = "x" }'
 # where a TOML file takes a name: reader, text, what stands in its place, and which names are right there
 PLACES: dict[str, tuple[Reader, str, str, Callable[[str], bool]]] = {
     "robot": (toml, ARM, '"arm"', is_robot_name),
@@ -66,26 +110,21 @@ PLACES: dict[str, tuple[Reader, str, str, Callable[[str], bool]]] = {
     "loop": (toml, WORN, '"cut"', is_identifier),
     "spring": (toml, WORN, '"rope"', is_identifier),
     "coupling": (toml, WORN, '"gear"', is_identifier),
-    "coupled coordinate": (toml, WORN, '"j2.z"', lambda name: False),
-    "driven coordinate": (toml, WORN, '"j1.gamma"', lambda name: False),
-    "parent": (toml, ARM, '"base"', lambda name: False),
-    "key": (toml, ARM, "armature", lambda name: False),
-    "top key": (toml, ARM, "gravity", lambda name: False),
-    "type": (toml, ARM, '"prismatic"', lambda name: False),
+    "coupled coordinate": (toml, WORN, '"j2.z"', never),
+    "driven coordinate": (toml, WORN, '"j1.gamma"', never),
+    "parent": (toml, ARM, '"base"', never),
+    "key": (toml, ARM, "armature", never),
+    "top key": (toml, ARM, "gravity", never),
+    "type": (toml, ARM, '"prismatic"', never),
     "tunable": (toml, ARM, '"links.link2.mass"', lambda name: name == "*"),
-    "urdf": (toml, 'urdf = "x"\n' + ARM, '"x"', lambda name: False),
-    "curve": (toml, ARM.replace("stiffness = 1e6", 'curve = "x"'), '"x"', lambda name: False),
-    "coordinate of a start": (scenario, SCENARIO, "joint1.x", lambda name: all(map(is_identifier, name.split(".")))),
-    "link of a wrench": (scenario, SCENARIO, '"link2"', lambda name: True),
-    "file of a motion": (
-        scenario,
-        'duration = 1\nmotion = { type = "sampled", file = "x" }',
-        '"x"',
-        lambda name: False,
-    ),
-    "parameter of a sweep": (plan, PLAN, '"joints.*.x.stiffness"', lambda name: True),
-    "number of a scenario": (plan, PLAN, '"control.kd"', lambda name: True),
-    "record of a sweep": (plan, PLAN, '"drive_max"', lambda name: False),
+    "urdf": (toml, 'urdf = "x"\n' + ARM, '"x"', never),
+    "curve": (toml, ARM.replace("stiffness = 1e6", 'curve = "x"'), '"x"', never),
+    "coordinate of a start": (scenario, SCENARIO, "joint1.x", coordinate),
+    "link of a wrench": (scenario, SCENARIO, '"link2"', always),
+    "file of a motion": (scenario, SAMPLED, '"x"', never),
+    "parameter of a sweep": (plan, PLAN, '"joints.*.x.stiffness"', always),
+    "number of a scenario": (plan, PLAN, '"control.kd"', always),
+    "record of a sweep": (plan, PLAN, '"drive_max"', never),
 }
 TAKEN = {"base", "world", "link1", "joint1", "a", "b", "x", "q", "v", "h", "coordinate_end"}  # names of another meaning
 
@@ -112,27 +151,14 @@ def snapshot(folder: Path) -> set[Path]:
 
 
 @pytest.mark.parametrize("place", PLACES)
-def test_names_in_toml(place: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("first", "count"), [(0, 60), pytest.param(60, NAMES // 8, marks=pytest.mark.soak)])
+def test_names_in_toml(place: str, first: int, count: int, tmp_path: Path) -> None:
     inside = tmp_path / "a" / "b"
     inside.mkdir(parents=True)
-    before, right = snapshot(tmp_path), 0
-    for seed in range(60):
-        right += named(place, hostile_name(seed), inside) is not None
+    before = snapshot(tmp_path)
+    right = sum(named(place, hostile_name(seed), inside) is not None for seed in range(first, first + count))
     assert snapshot(tmp_path) == before
-    assert right < 60 or PLACES[place][3]("\n")  # a name that is looked up later may be anything
-
-
-@pytest.mark.soak
-def test_thousands_of_names_in_toml(tmp_path: Path) -> None:
-    before, right = snapshot(tmp_path), 0
-    places = list(PLACES)
-    for seed in range(NAMES):  # every name in three of the places
-        for k in range(3):
-            right += named(places[(3 * seed + k) % len(places)], hostile_name(seed), tmp_path) is not None
-    assert snapshot(tmp_path) == before
-    print(
-        f"\n{NAMES} hostile names, each in 3 of {len(places)} places: {right} are identifiers, the others are refused"
-    )
+    assert right < count or PLACES[place][3] is always  # a name that is looked up later may be anything
 
 
 def urdf_of(names: list[str]) -> str:
@@ -167,15 +193,6 @@ def skeleton(source: Source) -> Iterator[str]:
         yield re.sub(r"\s+", "", re.sub(r"[A-Za-z0-9_]+", "w", text))
 
 
-def check_urdf_names(seeds: range) -> tuple[Robot, Source]:
-    """Everything but the words of the source is that of a robot of plain names, and the words are identifiers."""
-    robot = robot_from_urdf(urdf_of([hostile_name(seed) for seed in seeds]), inertia="project")
-    check_robot(robot)
-    source, other = (source_of(made) for made in (robot, plain(robot)))
-    assert list(skeleton(source)) == list(skeleton(other))
-    return robot, source
-
-
 def compiles(source: Source, folder: Path, *flags: str) -> None:
     write_source(source, folder)
     command = ["cc", *(flags or ("-std=c99",)), *WARNINGS, "-O0", "-c", f"{source.name}.c", "-o", os.devnull]
@@ -183,7 +200,9 @@ def compiles(source: Source, folder: Path, *flags: str) -> None:
     assert (found.returncode, found.stderr) == (0, "")
 
 
-def test_names_in_urdf(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("count", [PER_ROBOT, pytest.param(NAMES, marks=pytest.mark.soak)])
+def test_names_in_urdf(count: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The source is that of a robot with plain names but for its words, which are identifiers; it compiles."""
     import sympy.parsing.sympy_parser as parser
 
     def fail(*_: object, **__: object) -> None:
@@ -191,21 +210,14 @@ def test_names_in_urdf(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(parser, "parse_expr", fail)
     monkeypatch.setattr(os, "system", fail)
-    _, source = check_urdf_names(range(PER_ROBOT))
-    compiles(source, tmp_path)
-
-
-@pytest.mark.soak
-def test_thousands_of_names_in_urdf(tmp_path: Path) -> None:
-    made = {"robots": 0, "compiled": 0, "characters": 0}
-    for first in range(0, NAMES, PER_ROBOT):
-        _, source = check_urdf_names(range(first, first + PER_ROBOT))
-        made["robots"] += 1
-        made["characters"] += len(source.code)
+    for first in range(0, count, PER_ROBOT):
+        names = [hostile_name(seed) for seed in range(first, first + PER_ROBOT)]
+        robot = robot_from_urdf(urdf_of(names), inertia="project")
+        check_robot(robot)
+        source, other = (source_of(made) for made in (robot, plain(robot)))
+        assert list(skeleton(source)) == list(skeleton(other))
         if first % (10 * PER_ROBOT) == 0:
             compiles(source, tmp_path)
-            made["compiled"] += 1
-    print(f"\n{NAMES} hostile names in URDFs: {made}, no byte of them in the C beyond identifiers")
 
 
 @pytest.mark.parametrize(
@@ -257,10 +269,12 @@ def test_words_of_sympy_and_python_as_a_joint(name: str, tmp_path: Path, capsys:
     assert printed[0] == printed[1]
 
 
-@pytest.mark.parametrize("name", MESHES)
+@pytest.mark.parametrize(
+    "name", ["../../etc/passwd", "package://../../../etc/passwd", "file:///etc/passwd", "a\0b", "\n"]
+)
 def test_file_names_of_meshes(name: str, tmp_path: Path) -> None:
     """What is no mesh is a note of one line; the link is drawn as a capsule."""
-    pytest.importorskip("trimesh")
+    needs("trimesh")
     mesh = f"<visual><geometry><mesh filename={quoteattr(name.replace(chr(0), ''))}/></geometry></visual>"
     text = urdf_of(["r", "l", "m"]).replace("</link>", mesh + "</link>")
     (tmp_path / "r.urdf").write_text(text)

@@ -22,6 +22,7 @@ from eomgen.device.driver import Chosen, Driver
 from eomgen.device.gpu import GpuBackend
 from eomgen.errors import ArrayError, InputError
 from eomgen.optional import NotInstalledError
+from tests.support.optional import needs
 from tests.support.random_robots import random_robot
 from tests.support.simt_runs import Subject
 
@@ -88,7 +89,7 @@ def test_rows_tiles_and_outputs(kernel: eomgen.Kernel, device: Any) -> None:
 
 
 def test_bound_calls(kernel: eomgen.Kernel, device: Any) -> None:
-    torch, arrays = pytest.importorskip("torch"), states(kernel, count=1000)
+    torch, arrays = needs("torch", extra="torch"), states(kernel, count=1000)
     q, v, a = (torch.as_tensor(x, device="cuda") for x in arrays)
     call = device.bind("inverse_dynamics", q, v, a)
     for _ in range(3):
@@ -155,7 +156,7 @@ def test_nothing_is_left_of_calls(kernel: eomgen.Kernel, device: Any) -> None:
 
 def test_arrays_are_longer_than_4_gigabytes(kernel: eomgen.Kernel) -> None:
     """Offsets of more than 32 bits: 100 million states."""
-    torch = pytest.importorskip("torch")
+    torch = needs("torch", extra="torch")
     if torch.cuda.mem_get_info()[0] < 60e9:
         pytest.skip("the device has less than 60 GB that nobody has")
     count = 100_000_001
@@ -171,7 +172,7 @@ def test_arrays_are_longer_than_4_gigabytes(kernel: eomgen.Kernel) -> None:
 
 def test_arrays_of_cupy(kernel: eomgen.Kernel, device: Any) -> None:
     """On a stream of its own, whose work is waited for without a word."""
-    cupy = pytest.importorskip("cupy")
+    cupy = needs("cupy", extra=None)
     arrays = states(kernel, count=100_000)
     with cupy.cuda.Stream(non_blocking=True):
         made = device.inverse_dynamics(*(cupy.asarray(x) * 1.0 for x in arrays))
@@ -182,7 +183,7 @@ def test_arrays_of_cupy(kernel: eomgen.Kernel, device: Any) -> None:
 
 
 def test_arrays_of_numba(kernel: eomgen.Kernel, device: Any) -> None:
-    numba = pytest.importorskip("numba.cuda")
+    numba = needs("numba.cuda", extra=None)
     (q,) = states(kernel, 1)
     made = device.mass_matrix(numba.to_device(q))
     assert np.array_equal(made.copy_to_host(), kernel.mass_matrix(q))
@@ -190,7 +191,7 @@ def test_arrays_of_numba(kernel: eomgen.Kernel, device: Any) -> None:
 
 def test_tensors_of_pytorch(kernel: eomgen.Kernel, device: Any) -> None:
     """Values, gradients, streams, graphs of torch.compile, and tensors that lie elsewhere."""
-    torch = pytest.importorskip("torch")
+    torch = needs("torch", extra="torch")
     from eomgen.adapters.torch import function
 
     arrays = states(kernel, count=50_000)
@@ -215,7 +216,7 @@ def test_tensors_of_pytorch(kernel: eomgen.Kernel, device: Any) -> None:
 @pytest.fixture
 def doubles() -> Iterator[Any]:
     """JAX in double precision, on the device."""
-    jax = pytest.importorskip("jax")
+    jax = needs("jax")
     if jax.default_backend() != "gpu":
         pytest.skip("JAX is not one for CUDA")
     jax.config.update("jax_enable_x64", True)

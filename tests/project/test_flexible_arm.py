@@ -14,6 +14,7 @@ import pytest
 from numpy.typing import NDArray
 
 import eomgen
+from tests.support.optional import needs
 
 FOLDER = Path(__file__).parents[2] / "examples" / "flexible_arm"
 MODULES = ("arm", "collocation", "figures", "plain", "prediction", "track", "whole")
@@ -25,7 +26,7 @@ Modules = Callable[[str], ModuleType]
 @pytest.fixture
 def module(monkeypatch: pytest.MonkeyPatch) -> Iterator[Modules]:
     """Import modules of the example by their names, which are free again afterwards."""
-    pytest.importorskip("casadi")
+    needs("casadi")
     monkeypatch.syspath_prepend(str(FOLDER))
     yield importlib.import_module
     for name in MODULES:

@@ -9,6 +9,7 @@ from types import ModuleType, SimpleNamespace
 import pytest
 
 from tests.project.test_docs import hooks as hooks  # a fixture
+from tests.support.optional import needs
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -20,8 +21,8 @@ SEVERAL = 5  # cells that print at least, and as many lines
 @pytest.fixture
 def notebooks(hooks: ModuleType) -> ModuleType:
     """The generator of their pages, where kernels of Jupyter are installed."""
-    pytest.importorskip("nbclient")
-    pytest.importorskip("ipykernel")
+    needs("nbclient")
+    needs("ipykernel")
     found: ModuleType = hooks.notebooks
     return found
 
@@ -90,7 +91,7 @@ def test_pages_have_no_lines_of_progress(notebooks: ModuleType, monkeypatch: pyt
 def test_they_run(name: str, notebooks: ModuleType) -> None:
     """From the first cell to the last, in a process of its own; nothing is warned of, and numbers are numbers."""
     if name == "optimal_control":
-        pytest.importorskip("casadi")
+        needs("casadi")
     notebook = notebooks.run(name)
     streams = [one for cell in notebook.cells if cell.cell_type == "code" for one in cell.outputs if "text" in one]
     assert [one.text for one in streams if one.name == "stderr"] == []

@@ -17,6 +17,7 @@ import eomgen
 from eomgen import identification
 from eomgen.errors import InputError
 from eomgen.sweep.result import SweepResult
+from tests.support.optional import needs
 
 pytestmark = pytest.mark.quick
 
@@ -79,7 +80,7 @@ def assert_same(found: Any, kept: Any, place: str) -> None:
 @pytest.mark.parametrize("name", READ)
 def test_a_result_that_was_kept_is_read_with_its_values(name: str) -> None:
     if name == "stream":
-        pytest.importorskip("zarr")
+        needs("zarr")
     found = READ[name](KEPT / name)
     kept = json.loads(VALUES.read_text(encoding="ascii"))[name]
     assert_same(values_of(found), kept, name)

@@ -11,12 +11,12 @@ import pytest
 EXTRA = "test-all"
 
 
-def needs(*modules: str, extra: str = EXTRA) -> Any:
+def needs(*modules: str, extra: str | None = EXTRA) -> Any:
     """Import optional modules, or skip the test, the fixture or (at module level) the test module.
 
     Args:
         modules: Full names of modules, such as "pinocchio" or "jax.numpy".
-        extra: The extra of pyproject.toml that installs them.
+        extra: The extra of pyproject.toml that installs them; None for modules that no extra has.
 
     Returns:
         The first module.
@@ -27,7 +27,8 @@ def needs(*modules: str, extra: str = EXTRA) -> Any:
     found = []
     for module in modules:
         if not installed(module):
-            pytest.skip(f"{module} is not installed: pip install 'eomgen[{extra}]'", allow_module_level=True)
+            what = module.partition(".")[0] if extra is None else f"'eomgen[{extra}]'"
+            pytest.skip(f"{module} is not installed: pip install {what}", allow_module_level=True)
         found.append(importlib.import_module(module))
     return found[0]
 

@@ -19,6 +19,7 @@ from eomgen.pipeline.stages import Options, generate
 from eomgen.runtime.levels import BASE
 from tests.support.c_project import NO_EIGEN, WARNINGS, need, run
 from tests.support.doc_blocks import Block, blocks_of
+from tests.support.optional import needs
 from tests.support.soak import soaked
 
 DOCS = Path(__file__).parents[3] / "docs"
@@ -387,7 +388,7 @@ def test_the_package_is_one_of_ament(tmp_path: Path) -> None:
         assert f"find_package({depend.text} REQUIRED)" in lists
     assert f'package="{name}"' in (package / "launch/robot.launch.py").read_text(encoding="ascii")
     compile((package / "launch/robot.launch.py").read_text(encoding="ascii"), "launch", "exec")
-    catkin = pytest.importorskip("catkin_pkg.package")
+    catkin = needs("catkin_pkg.package", extra=None)
     parsed = catkin.parse_package(str(package / "package.xml"))
     parsed.validate()
 
