@@ -1,9 +1,10 @@
-"""Wrenches, and blocks of M and C, by name, against traces on floats, Pinocchio and the map of zeros."""
+"""Wrenches, blocks of M and C and functions of frames by name, and what notebooks show of kernels and robots."""
 
 from __future__ import annotations
 
 import subprocess
 import sys
+import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping
 from dataclasses import replace
 from itertools import product
@@ -14,7 +15,7 @@ import pytest
 
 import eomgen
 from eomgen.codegen.joint.zeros import zero_map
-from eomgen.errors import ArrayError, UnknownNameError
+from eomgen.errors import ArrayError, InputError, UnknownNameError
 from eomgen.integration import integrate
 from eomgen.loops import closed_equilibrium
 from eomgen.pipeline.stages import Options
@@ -301,3 +302,36 @@ def test_a_generated_package_has_them_too(tmp_path: Path) -> None:
     )
     found = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True)
     assert found.stdout == "1.0 [('joint1', 'joint1', 'joint1')]\n", found.stderr
+
+
+def cells(html: str) -> dict[str, str]:
+    table = ElementTree.fromstring(html)
+    return {str(row[0].text): str(row[1].text) for row in table.iter("tr")}
+
+
+def test_a_kernel(built: Build) -> None:
+    kernel = built(eomgen.load_robot("one_link"), "mass_matrix", "rollout")
+    assert repr(kernel) == "<Kernel one_link: 2 coordinates, float64>"
+    found = cells(kernel._repr_html_())
+    assert (found["coordinates"], found["functions"], found["threads"], found["checks"]) == ("2", "2", "1", "True")
+    assert "<caption>Kernel one_link</caption>" in kernel._repr_html_()
+    assert kernel.parameters._ipython_key_completions_() == list(kernel.parameters)
+    assert len(kernel.parameters._ipython_key_completions_()) > 0
+
+
+def test_a_robot() -> None:
+    robot = eomgen.load_robot("one_link")
+    found = cells(robot._repr_html_())
+    assert (found["links"], found["joints"], found["coordinates"], found["frames"]) == ("1", "1", "2", "tcp")
+    odd = replace(robot, source="<b>&\"'.toml")
+    assert cells(odd._repr_html_())["source"] == "<b>&\"'.toml"
+
+
+def test_functions_of_frames_may_be_asked_for_by_their_names(built: Build) -> None:
+    robot = eomgen.load_robot("one_link")
+    kernel = built(robot, "frame_pose")
+    assert kernel.frame_pose([0.2, 0.5], "tcp").shape == (4, 4)
+    other = built(robot, "kinematics", "frame_jacobian", "frame_pose")
+    assert set(other.raw.functions) == set(kernel.raw.functions) == {"frame_pose", "frame_jacobian"}
+    with pytest.raises(InputError, match=r"^kernels: 'pose' is unknown; allowed: mass_matrix, .*frame_pose"):
+        built(robot, "pose")
