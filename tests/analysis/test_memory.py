@@ -25,7 +25,6 @@ from tests.support.random_robots import Array
 from tests.support.soak import soaked
 
 pytestmark = [
-    pytest.mark.quick,
     pytest.mark.usefixtures("unoptimised"),
     pytest.mark.filterwarnings("ignore::eomgen.errors.EomgenWarning"),
 ]

@@ -32,7 +32,7 @@ from eomgen.scenario.value import Scenario, Section
 from tests.support.builds import Build
 from tests.support.measurements import columns_of
 
-pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
+pytestmark = [pytest.mark.usefixtures("unoptimised")]
 
 BOOM = """
 name = "boom"

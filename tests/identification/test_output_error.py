@@ -19,7 +19,7 @@ from eomgen.runtime.stepping.input_signals import DriveData, InputSignals, Signa
 from tests.loops.test_elastic_cuts import linkages
 from tests.support.builds import Build
 
-pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
+pytestmark = [pytest.mark.usefixtures("unoptimised")]
 
 RAIL = """
 name = "block"

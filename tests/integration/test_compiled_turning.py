@@ -38,7 +38,7 @@ from tests.support.small_robots import free_body
 from tests.support.soak import soaked
 from tests.support.turning_loops import INTEGRATED, held_at, held_pendulum
 
-pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
+pytestmark = [pytest.mark.usefixtures("unoptimised")]
 Array = NDArray[np.float64]
 NEEDED = (
     *("forward_dynamics", "mass_matrix", "inverse_dynamics", "residual_jacobian", "energy", "kinematics"),

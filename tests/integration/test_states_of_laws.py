@@ -23,8 +23,6 @@ from tests.support.builds import Build
 from tests.support.drive_reference import DRIVES, servo
 from tests.support.refusals import refused
 
-pytestmark = pytest.mark.quick
-
 FAST = {"output_step": 0.002}  # a block at 1 m/s: bristles follow within 17 us
 
 

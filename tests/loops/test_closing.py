@@ -27,7 +27,7 @@ from tests.oracles.by_singular_values import ClosedLoops
 from tests.support.builds import Build
 from tests.support.linkages import KERNELS
 
-pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
+pytestmark = [pytest.mark.usefixtures("unoptimised")]
 
 GEARED = """
 name = "geared"

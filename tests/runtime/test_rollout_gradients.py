@@ -46,7 +46,6 @@ from tests.support.rollout_cases import (
 from tests.support.soak import share
 
 pytestmark = [
-    pytest.mark.quick,
     pytest.mark.usefixtures("unoptimised"),
     pytest.mark.filterwarnings("ignore::eomgen.errors.EomgenWarning"),
 ]

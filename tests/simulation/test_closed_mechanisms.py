@@ -24,7 +24,7 @@ from tests.runtime.test_inverse_kinematics import SPLIT_ARM
 from tests.support.commands import command
 from tests.support.soak import soaked
 
-pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
+pytestmark = [pytest.mark.usefixtures("unoptimised")]
 
 
 def run(robot: Robot | str, text: str) -> SimulationResult:

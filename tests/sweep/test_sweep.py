@@ -40,7 +40,7 @@ from tests.support.optional import needs
 from tests.support.sliders import RELEASE, SLIDER, STIFF, slider
 from tests.support.soak import soaked
 
-pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
+pytestmark = [pytest.mark.usefixtures("unoptimised")]
 
 ARM = """
 name = "bending_arm"

@@ -31,8 +31,6 @@ from tests.support.random_robots import random_robot
 from tests.support.small_robots import held_body
 from tests.support.soak import share, soaked
 
-pytestmark = pytest.mark.quick
-
 MAY_VANISH = ("bias_force", "christoffel", "coriolis_matrix", "external_force", "spring_stiffness")
 
 BUILT_IN = [name for name in eomgen.builtin_robots() if name not in MAKERS]

@@ -254,7 +254,7 @@ def test_inputs_and_limits_are_said() -> None:
     assert any(r"\max" in right and r"\min" in right for block in form.equations() for _, right in block)
 
 
-pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
+pytestmark = [pytest.mark.usefixtures("unoptimised")]
 
 
 def test_they_are_printed_by_name() -> None:

@@ -30,6 +30,8 @@ from tests.support.programs import answer
 from tests.support.random_robots import random_robot, random_state, seeds
 from tests.support.soak import soaked
 
+pytestmark = pytest.mark.quick
+
 Array = NDArray[np.float64]
 TOLERANCE = 1e-11  # relative, max-norm
 

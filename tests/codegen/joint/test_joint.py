@@ -20,6 +20,8 @@ from eomgen.robot.geometry import rotation_from_rpy
 from eomgen.robot.value import ANGULAR, COORDINATES, LINEAR
 from tests.support.mutant import mutated
 
+pytestmark = pytest.mark.quick
+
 SUBSETS = [active for size in range(7) for active in combinations(COORDINATES, size)]
 
 

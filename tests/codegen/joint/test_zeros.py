@@ -23,6 +23,8 @@ from tests.support.random_motors import geared_robot
 from tests.support.random_robots import Array, random_robot, random_state
 from tests.support.soak import soaked
 
+pytestmark = pytest.mark.quick
+
 
 def check(model: Model, seed: int, tolerance: float = 1e-13) -> ZeroMap:
     """The masks equal the pattern of numbers over several states, and the count that of different numbers."""

@@ -26,6 +26,8 @@ from eomgen.codegen.program.ir import Graph, Instruction, Node, Program, Value, 
 from eomgen.codegen.program.passes import PASSES, factor_sums, hoist_parameters, run_passes
 from eomgen.robot.model import build_model
 
+pytestmark = pytest.mark.quick
+
 DOUBLE = SCALARS["float64"]
 
 
