@@ -31,14 +31,31 @@ class Executions:
         folder = f"tests/{function.package}/"
         return [test for test in self.tests if test[0].startswith(folder)]
 
-    def ranked(self, function: Function) -> list[tuple[str, float]]:
-        """Return the same, the promising first: a case of each test before others, those of the package, cheap ones."""
-        near, place, seen = f"tests/{function.package}/", {}, dict[str, int]()
-        for test, seconds in sorted(self.of(function), key=lambda x: x[1]):
-            name = test.partition("[")[0]
-            seen[name] = seen.get(name, -1) + 1
-            place[test] = (seen[name], not test.startswith(near), seconds)
-        return [(test, place[test][2]) for test in sorted(place, key=place.__getitem__)]
+    def ranked(self, function: Function, tree: Path) -> list[tuple[str, float]]:
+        """Return tests of a function: those that execute it, then those of what the generator may take from a cache.
+
+        The latter are in modules that contain its name, or in the folder named like its package.  Of both one case of
+        each test comes before others; of these those of the package or of such modules; then cheap ones.
+        """
+        near, own = f"tests/{function.package}/", {test for test, _ in self.of(function)}
+        named = self._naming(function, tree)
+        place: dict[tuple[str, float], tuple[bool, int, bool, float]] = {}
+        seen = dict[str, int]()
+        for test, seconds in sorted(self.tests, key=lambda x: x[1]):
+            module, name = test.partition("::")[0], test.partition("[")[0]
+            if test in own or module in named or (function.file.startswith("codegen/") and test.startswith(near)):
+                seen[name] = seen.get(name, -1) + 1
+                is_near = module in named or test.startswith(near)
+                place[test, seconds] = test not in own, seen[name], not is_near, seconds
+        return sorted(place, key=place.__getitem__)
+
+    def _naming(self, function: Function, tree: Path) -> set[str]:
+        """Return modules of tests that contain the name of a function of the generator."""
+        if not function.file.startswith("codegen/"):
+            return set()
+        word = re.compile(rf"\b{re.escape(function.name.rpartition('.')[2].strip('_'))}\b")
+        modules = {test.partition("::")[0] for test, _ in self.tests}
+        return {x for x in modules if (tree / x).exists() and word.search((tree / x).read_text(encoding="utf-8"))}
 
     def write(self, path: Path) -> None:
         """Write a compressed file."""

@@ -86,7 +86,8 @@ class Packages:
     def _tested(self, worker: Worker, function: Function) -> tuple[Run, set[str]]:
         run, notes = Run("passed"), set[str]()
         for _ in range(5):
-            for tests in parts([t for t in self.executions.ranked(function) if t[0] not in self.broken], self.budget):
+            ranked = [test for test in self.executions.ranked(function, self.tree) if test[0] not in self.broken]
+            for tests in parts(ranked, self.budget):
                 run = worker.run(tests, self.budget, self.budget + SPARE)
                 notes |= {*worker.log.read_text(encoding="utf-8").split()}
                 if run.result != "passed":
