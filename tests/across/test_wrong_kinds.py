@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -94,19 +95,9 @@ def test_what_is_of_another_kind_is_refused_by_the_name_of_its_argument(call: st
 
 
 def test_the_table_names_functions_that_there_are() -> None:
-    for name in CALLS:
-        found = next(
-            (getattr(m, name.split(",")[0].split(" ")[0], None) for m in (eomgen, *_packages()) if _has(m, name)), None
-        )
-        assert inspect.isfunction(found), name
-
-
-def _packages() -> tuple[Any, ...]:
-    return eomgen.scenario, eomgen.sweep, eomgen.motion, eomgen.identification, eomgen.pictures
-
-
-def _has(module: Any, name: str) -> bool:
-    return name.split(",")[0].split(" ")[0] in module.__all__
+    packages = (eomgen, eomgen.scenario, eomgen.sweep, eomgen.motion, eomgen.identification, eomgen.pictures)
+    for name in (re.split("[, ]", call)[0] for call in CALLS):
+        assert any(name in package.__all__ and inspect.isfunction(getattr(package, name)) for package in packages), name
 
 
 def test_views_are_of_results() -> None:

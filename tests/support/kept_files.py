@@ -144,8 +144,8 @@ def write_raw(path: Path, meta: Any, arrays: Mapping[str, Any] | None) -> Path:
     return path
 
 
-def changed_raw(raw: Raw, chance: Chance) -> Raw:
-    """Return raw values with a few random changes; the kind stays, so that its reader is asked."""
+def changed_file(raw: Raw, chance: Chance) -> bytes:
+    """Return the file of raw values with a few random changes; the kind stays, so that its reader is asked."""
     meta, arrays = deepcopy(raw[0]), None if raw[1] is None else dict(raw[1])
     for _ in range(chance.choice((0, 1, 1, 2, 3) if arrays else (1, 1, 2, 3))):
         inner = [value for value in meta.values() if isinstance(value, dict) and value]
@@ -154,7 +154,7 @@ def changed_raw(raw: Raw, chance: Chance) -> Raw:
         change_arrays(arrays, chance)
     if "kind" in raw[0] and chance.random() < 0.95:
         meta["kind"] = raw[0]["kind"]
-    return (sealed(meta) if chance.random() < 0.8 else meta), arrays
+    return packed((sealed(meta) if chance.random() < 0.8 else meta, arrays), chance)
 
 
 def sealed(meta: Any) -> Any:
@@ -189,16 +189,16 @@ def write_sweep(folder: Path, manifest: Any, rows: list[Any], *, seal: bool = Tr
     return folder
 
 
-def changed_sweep(sweep: Sweep, chance: Chance) -> Sweep:
-    """Return manifest and rows with a few random changes."""
-    manifest, rows = deepcopy(sweep)
+def changed_sweep(chance: Chance) -> dict[str, bytes]:
+    """Return the files of a sweep with a few random changes."""
+    manifest, rows = raw_sweep()
     for _ in range(chance.choice((0, 1, 1, 2))):
         change_value(manifest, chance)
     for _ in range(chance.choice((0, 1, 1, 2))):
         change_value(chance.choice(rows), chance)
     if chance.random() < 0.2:
         rows.append(deepcopy(chance.choice(rows)))
-    return manifest, rows
+    return packed_sweep(manifest, rows)
 
 
 DEEP: Any = json.loads("[" * 60 + "]" * 60)

@@ -59,13 +59,13 @@ MJCF_VALUES = (
     *("true", "false", "auto", "radian", "degree", "zyx", "slide", "hinge", "ball", "free", "box", "sphere", "mesh"),
     *("ellipsoid", "cylinder", "0 0 0", "1 0 0 0", "0 0 0 0 0 1", "1 2 3", "leg", "main", "world", "torso", "hook"),
 )
-CELLS = [
-    *(*ATTRIBUTES, *COORDINATES, "t", "q", "v", "a", "u", "coordinates", "meta", "joint1.x.acceleration", "a/b", ".."),
-    *("1_0", "\N{ARABIC-INDIC DIGIT ONE}", '"', '""', '"1', "1,2", "#", " # 1", "\0", "infinity", "1\r2"),
-]
 ARRAY_NAMES = [
     *(*COORDINATES, "t", "q", "v", "a", "u", "coordinates", "meta", "joint1.x.acceleration", "a/b", "..", "\x1b[31m"),
     *("", "H00", "K", "Phi", "M", "Q", "D", "interface_Psi", "mode", "../K"),
+]
+CELLS = [
+    *(*ATTRIBUTES, *ARRAY_NAMES, "1_0", "\N{ARABIC-INDIC DIGIT ONE}", '"', '""', '"1', "1,2", "#", " # 1", "\0"),
+    *("infinity", "1\r2"),
 ]
 DTYPES = ("f2", "f4", "g", "i8", "c16", "?", "S3", "U9", "M8[s]", ">f8")
 HEADERS = ["(5,)", "(5, 1)", "(True,)", f"({10**15},)", "(-1,)", "()", "(5", "'<f8'", "'|O'", "[('a', '<f8')]", "{"]
@@ -81,15 +81,9 @@ def places(node: Any) -> Iterator[tuple[Any, Any]]:
             yield from places(value)
 
 
-KEYS = sorted(
-    {
-        key
-        for kind in ("toml", "scenario", "plan", "tolerances")
-        for _, key in places(DOCUMENTS[kind])
-        if str(key) == key
-    }
-    | {"stops", "urdf", "bushings", "modes", "at", "stifness", "", "a b", "\n", "__class__"}
-)
+_TREES = [tree for kind in ("toml", "scenario", "plan", "tolerances") for tree in DOCUMENTS[kind]]
+KEYS = sorted({key for _, key in places(_TREES) if isinstance(key, str)})
+KEYS += ["stops", "urdf", "bushings", "modes", "at", "stifness", "", "a b", "\n", "__class__"]
 
 
 def any_value(chance: Chance, depth: int = 3) -> Any:

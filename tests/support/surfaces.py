@@ -37,25 +37,8 @@ from eomgen.sweep.result import SweepResult
 from tests.support import extreme_numbers, large_files
 from tests.support.bad_files import BAD, READERS, SLOW
 from tests.support.good_files import COORDINATES, MOTIONS, TABLES, bending_links
-from tests.support.kept_files import (
-    MEASURED,
-    changed_raw,
-    changed_sweep,
-    packed,
-    packed_sweep,
-    raw_kept,
-    raw_result,
-    raw_sweep,
-    sample_result,
-)
-from tests.support.mutations import (
-    Chance,
-    change_arrays,
-    change_bytes,
-    change_cells,
-    document,
-    npz,
-)
+from tests.support.kept_files import MEASURED, changed_file, changed_sweep, raw_kept, raw_result, sample_result
+from tests.support.mutations import Chance, change_arrays, change_bytes, change_cells, document, npz
 
 KNOWN = (  # parameters that tables of tolerances name
     *(f"joints.{joint}.offset.{key}" for joint in ("j1", "j2", "o" * 60) for key in COORDINATES_OF_JOINTS),
@@ -127,6 +110,12 @@ def _arrays(files: Callable[[], list[dict[str, Any]]], chance: Chance) -> bytes:
 def _results() -> list[Any]:
     names = {"one_link": True, "geared_arm": False, "balanced_arm": True}
     return [raw_result(sample_result(name, states=states)) for name, states in names.items()]
+
+
+def _kept(kind: str, chance: Chance) -> Content:
+    if kind == "sweep":
+        return changed_sweep(chance)
+    return changed_file(chance.choice(_results()) if kind == "result" else raw_kept(kind), chance)
 
 
 def read_robot(path: Path, **options: Any) -> Robot:
@@ -294,13 +283,12 @@ def _surfaces() -> Iterator[Surface]:
         yield Surface(kind, mutants(kind, f"m.{ending}", partial(_table, kind), 0.3), table)
     for kind, files, array in (("npz", lambda: MOTIONS, read_measured_motion), ("modes", bending_links, read_bending)):
         yield Surface(kind, mutants(kind, "m.npz", partial(_arrays, files), 0.3), array)
-    result = mutants("result", "r.npz", lambda chance: packed(changed_raw(chance.choice(_results()), chance), chance))
-    yield Surface("result", result, read_result, 80, 1_600, 20_000, 0.7)
-    sweep = mutants("sweep", "sweep", lambda chance: packed_sweep(*changed_sweep(raw_sweep(), chance)))
-    yield Surface("sweep", sweep, read_sweep, 80, 4_000, 50_000, 0.7)
-    for kind, ending in MEASURED.items():
-        change = partial(lambda kind, chance: packed(changed_raw(raw_kept(kind), chance), chance), kind)
-        yield Surface(kind, mutants(kind, f"r{ending}", change), partial(read_kept, kind), 15, 400, 5_000, 0.7)
+    for kind, file, reader, *counts in (
+        ("result", "r.npz", read_result, 80, 1_600, 20_000),
+        ("sweep", "sweep", read_sweep, 80, 4_000, 50_000),
+        *((kind, f"r{ending}", partial(read_kept, kind), 15, 400, 5_000) for kind, ending in MEASURED.items()),
+    ):
+        yield Surface(kind, mutants(kind, file, partial(_kept, kind)), reader, *counts, 0.7)
     for kind, (few, many) in extreme_numbers.COUNTS.items():
         file, name = f"m{extreme_numbers.ending_of(kind)}", f"numbers of {kind}"
         write = mutants(name, file, partial(extreme_numbers.changed, kind), 0.0)
