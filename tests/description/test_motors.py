@@ -54,42 +54,35 @@ def test_a_description() -> None:
     assert rigid.joints[0].coordinates["gamma"] == Coordinate(armature=1.0, prescribed=True)
 
 
+MORE = "..."
+
+
 @pytest.mark.parametrize(
-    ("motor", "more", "message"),
+    ("old", "new", "more", "message"),
     [
-        (MOTOR.replace("1e-4", "0"), "", r"motor\.inertia: got 0; allowed: .*greater than 0"),
-        (MOTOR.replace("1e-4", "-1e-4"), "", r"motor\.inertia: got -0\.0001; allowed"),
-        (MOTOR.replace("100", "0"), "", r"motor\.ratio: got 0\.0; allowed: .*not 0"),
-        (MOTOR.replace("100", "inf"), "", r"motor\.ratio: got inf; allowed"),
-        (MOTOR.replace("ratio = 100,", ""), "", r"motor: the key 'ratio' is missing"),
-        (MOTOR.replace("inertia = 1e-4,", ""), "", r"motor: the key 'inertia' is missing"),
-        (
-            MOTOR.replace(", stiffness = 2e4", ""),
-            "",
-            r"motor\.stiffness: there is no spring .*one of stiffness, .*curve",
-        ),
-        (MOTOR.replace(" }", ", armature = 1.0 }"), "", r"motor: unknown key 'armature'"),
-        (MOTOR.replace(" }", ", backlash = 1.0 }"), "", r"motor: unknown key 'backlash'"),
-        (MOTOR.replace(" }", ', role = "locked" }'), "", r"motor\.role: .*leave its table out"),
-        (
-            MOTOR.replace(" }", ", restitution_damping = 1.0 }"),
-            "",
-            r"motor\.restitution_damping: there is no clearance",
-        ),
-        (MOTOR.replace(" }", ", curve = [[0, 0], [1, 1]] }"), "", r"motor\.curve: stiffness is set, too"),
-        (MOTOR.replace(" }", ", friction = { static = 1.0 } }"), "", r"motor\.friction: the key 'coulomb' is missing"),
-        (MOTOR.replace(" }", ", friction = { coulomb = 1, static = 2 } }"), "", r"motor\.friction: .*belong together"),
-        ("motor = 3", "", r"motor: got 3; allowed: a table"),
-        (MOTOR, 'gamma = { role = "locked" }', r"motor: gamma is locked"),
-        (
-            MOTOR.replace(" }", ', role = "free" }'),
-            'prescribed = ["motor"]',
-            r"prescribed: motor is prescribed here and free",
-        ),
-        ("", 'prescribed = ["motor"]', r"prescribed: got 'motor'"),
+        ("1e-4", "0", "", r"motor\.inertia: got 0; allowed: .*greater than 0"),
+        ("1e-4", "-1e-4", "", r"motor\.inertia: got -0\.0001; allowed"),
+        ("100", "0", "", r"motor\.ratio: got 0\.0; allowed: .*not 0"),
+        ("100", "inf", "", r"motor\.ratio: got inf; allowed"),
+        ("ratio = 100,", "", "", r"motor: the key 'ratio' is missing"),
+        ("inertia = 1e-4,", "", "", r"motor: the key 'inertia' is missing"),
+        (", stiffness = 2e4", "", "", r"motor\.stiffness: there is no spring .*one of stiffness, .*curve"),
+        (MORE, ", armature = 1.0", "", r"motor: unknown key 'armature'"),
+        (MORE, ", backlash = 1.0", "", r"motor: unknown key 'backlash'"),
+        (MORE, ', role = "locked"', "", r"motor\.role: .*leave its table out"),
+        (MORE, ", restitution_damping = 1.0", "", r"motor\.restitution_damping: there is no clearance"),
+        (MORE, ", curve = [[0, 0], [1, 1]]", "", r"motor\.curve: stiffness is set, too"),
+        (MORE, ", friction = { static = 1.0 }", "", r"motor\.friction: the key 'coulomb' is missing"),
+        (MORE, ", friction = { coulomb = 1, static = 2 }", "", r"motor\.friction: .*belong together"),
+        (MOTOR, "motor = 3", "", r"motor: got 3; allowed: a table"),
+        (MORE, "", 'gamma = { role = "locked" }', r"motor: gamma is locked"),
+        (MORE, ', role = "free"', 'prescribed = ["motor"]', r"prescribed: motor is prescribed here and free"),
+        (MOTOR, "", 'prescribed = ["motor"]', r"prescribed: got 'motor'"),
     ],
 )
-def test_what_is_refused(motor: str, more: str, message: str) -> None:
+def test_what_is_refused(old: str, new: str, more: str, message: str) -> None:
+    """MORE: what a motor's table has behind its keys."""
+    motor = MOTOR.replace(" }", f"{new} }}") if old == MORE else MOTOR.replace(old, new)
     refused(DescriptionError, r"joints\.joint1\." + message, described, motor, more=more)
 
 

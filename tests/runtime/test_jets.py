@@ -90,9 +90,9 @@ def test_what_would_be_too_long_is_refused() -> None:
     q, v, a, u, rate = motion(kernel, 5)
     page = (Path(__file__).parents[2] / "docs" / "derivatives.md").read_text(encoding="utf-8")
     for name, series in (("christoffel", (q, v)), ("forward_dynamics_jacobian", (q, v, a, (u, rate)))):
-        with pytest.raises(InputError, match=f"{name}_jet1: .* takes some .* operations; allowed: 12000") as refused:
+        with pytest.raises(InputError, match=f"{name}_jet1: .* takes some .* operations; allowed: 12000") as caught:
             kernel.jet(name, series)
-        assert str(refused.value).split("some ")[1].split()[0] in page
+        assert str(caught.value).split("some ")[1].split()[0] in page
 
 
 @pytest.mark.parametrize("seed", seeds(0, 1, 12))

@@ -37,6 +37,7 @@ from tests.support.bristles import (
 )
 from tests.support.builds import Build
 from tests.support.drive_reference import DRIVES, servo
+from tests.support.sliders import on_rail
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -56,20 +57,6 @@ LUGRE = 'model = "lugre", coulomb = 1.0, bristle_stiffness = 1e5'
 FACTOR = "loss_factor = 0.1, band_hz = [1.0, 2.0]"
 BRANCHES = ((30.0, 6.0), (20.0, 0.5))
 MAXWELL = f"maxwell = [{', '.join(f'{{ stiffness = {k}, damping = {c} }}' for k, c in BRANCHES)}]"
-SLIDE = """
-name = "slide"
-gravity = [0.0, -9.81, 0.0]
-[[links]]
-name = "body"
-mass = 1.0
-inertia = {{ xx = 0.1, yy = 0.1, zz = 0.1 }}
-[[joints]]
-name = "rail"
-type = "prismatic"
-parent = "base"
-child = "body"
-z = {{ {law} }}
-"""
 ARM = """
 name = "remembering_arm"
 gravity = [0.0, -9.81, 0.0]
@@ -194,7 +181,7 @@ BEGINS: dict[str, tuple[int, list[float], list[float], Any]] = {  # number of st
 
 
 def slide(law: str) -> eomgen.Robot:
-    return robot_from_toml(SLIDE.format(law=law))
+    return robot_from_toml(on_rail(law))
 
 
 def wound(s: float, v: float, z: float) -> tuple[float, float]:

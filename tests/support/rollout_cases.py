@@ -25,7 +25,7 @@ from eomgen.runtime.stepping.input_signals import (
 )
 from tests.support.builds import Build
 from tests.support.random_robots import Array, random_robot, some_prescribed
-from tests.support.sliders import mass_on_rail
+from tests.support.sliders import mass_on_rail, on_rail
 
 STEPS, DT = 12, 2e-3
 FIXED: dict[str, Any] = {"dt": DT, "steps": STEPS}
@@ -43,20 +43,6 @@ ALL = (*LOADED, *MODELS)
 JOINTS = ("revolute", "prismatic")
 STOPS = {"stiffness": 4e3, "damping": 6.0, "restitution_damping": 0.3, "smoothing": 2e-3, "lower": -0.1, "upper": 0.2}
 TIMES = np.array([-0.1, 0.4, 0.93, 1.7]) * STEPS * DT  # from before the beginning to behind the end
-SLIDE = """
-name = "{name}"
-gravity = [0.0, 0.0, 0.0]
-[[links]]
-name = "body"
-mass = 1.5
-inertia = {{ xx = 0.1, yy = 0.1, zz = 0.1 }}
-[[joints]]
-name = "rail"
-type = "prismatic"
-parent = "base"
-child = "body"
-z = {{ stiffness = 20.0, damping = 0.3, {law} }}
-"""
 WINDING = "winding = { resistance = 1.0, inductance = 0.05, torque_constant = 0.5 }"
 LOOPS = "position = { kp = 4.0, ki = 2.0, kd = 0.3, filter = 0.05 }, velocity = { kp = 3.0, ki = 4.0 }"
 LAWS = {  # with internal states
@@ -320,7 +306,7 @@ def clipped(built: Build, name: str, method: str, **options: Any) -> Case:
 
 def slide(built: Build, law: str, method: str, **options: Any) -> Case:
     """Return a slide with a law that has internal states, behind its velocity; their positions act on nothing."""
-    kernel = built(robot_from_toml(SLIDE.format(name=law, law=LAWS[law])), **options)
+    kernel = built(robot_from_toml(on_rail(f"stiffness = 20.0, damping = 0.3, {LAWS[law]}", law, 1.5)), **options)
     q, v, u = np.zeros((3, kernel.n))
     q[0], v[0], u[0] = 0.03, 0.4, 0.9
     v[1:] = 0.02 * np.arange(1, kernel.n)

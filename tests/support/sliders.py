@@ -20,6 +20,25 @@ z = { stiffness = 800.0, damping = 0.0 }
 """
 RELEASE = {"duration": 0.7, "initial": {"q": {"rail": 0.1}}}
 STIFF = "[[vary]]\nparameter = 'joints.rail.z.stiffness'\n"
+RAIL = """
+name = "{name}"
+gravity = [0.0, -9.81, 0.0]
+[[links]]
+name = "body"
+mass = {mass}
+inertia = {{ xx = 0.1, yy = 0.1, zz = 0.1 }}
+[[joints]]
+name = "rail"
+type = "prismatic"
+parent = "base"
+child = "body"
+z = {{ {law} }}
+"""
+
+
+def on_rail(law: str, name: str = "slide", mass: float = 1.0) -> str:
+    """Describe a mass on a prismatic joint across gravity; the law is that of its coordinate, in TOML."""
+    return RAIL.format(law=law, name=name, mass=mass)
 
 
 def slider() -> Robot:
