@@ -28,6 +28,7 @@ from eomgen.motion.ends import point_of
 from eomgen.motion.poses import inverse_kinematics
 from eomgen.robot.model import build_model, program_coordinates
 from eomgen.robot.parameter_names import expand_tunable
+from eomgen.robot.value import Robot
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.sweep import plan_from_toml
 from tests.support.bad_files import PLAN, SCENARIO
@@ -36,7 +37,7 @@ from tests.support.closeness import close
 from tests.support.commands import command, refused, run
 from tests.support.description_samples import ARM, URDF
 from tests.support.makers import MAKERS
-from tests.support.random_robots import random_robot, random_state, with_offsets
+from tests.support.random_robots import random_robot, with_offsets
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -396,16 +397,14 @@ BARE = """<robot name="bare"><link name="base"/><link name="a"/><link name="b"/>
 <limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>"""
 
 
-@pytest.mark.parametrize("seed", [70, 71])
-def test_mass_matrices_are_those_of_kernels(seed: int, built: Build) -> None:
-    robot = with_offsets(random_robot(seed, joints=(2, 3), tree=True), seed)
-    kernel = built(robot, "mass_matrix")
-    q = random_state(robot, seed).q
-    assert close(mass_matrix(build_model(robot), q), kernel.mass_matrix(q), 1e-12)
-
-
-def test_motors_and_armatures_count(built: Build) -> None:
-    robot = eomgen.load_robot("geared_arm")
+@pytest.mark.parametrize(
+    "robot",
+    [
+        *(with_offsets(random_robot(seed, joints=(2, 3), tree=True), seed) for seed in (70, 71)),
+        eomgen.load_robot("geared_arm"),  # motors and armatures count
+    ],
+)
+def test_mass_matrices_are_those_of_kernels(robot: Robot, built: Build) -> None:
     kernel = built(robot, "mass_matrix")
     q = np.linspace(0.1, 0.7, kernel.n)
     assert close(mass_matrix(build_model(robot), q), kernel.mass_matrix(q), 1e-12)

@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 
 import eomgen
 from eomgen.control import Measurement, parse_sensors
-from eomgen.description.load import robot_from_toml
 from eomgen.description.recorded import robot_from_record
 from eomgen.errors import InputError, UnknownNameError
 from eomgen.pipeline import Options, make_source
@@ -25,26 +24,15 @@ from tests.support.bending_mixtures import answer
 from tests.support.builds import Build
 from tests.support.controllers import compiled
 from tests.support.fuzzing import check_message
+from tests.support.pendulums import described
 from tests.support.random_motors import geared_robot, motor_state
 from tests.support.random_robots import Array, random_robot, random_state, seeds
 
 pytestmark = pytest.mark.quick
 
-HYSTERETIC = """
-name = "arm"
-gravity = [0.0, 0.0, -9.81]
-[[links]]
-name = "link1"
-mass = 1.0
-com = [0.5, 0.0, 0.0]
-inertia = { xx = 0.1, yy = 0.1, zz = 0.1 }
-[[joints]]
-name = "joint1"
-parent = "base"
-child = "link1"
-type = "revolute"
-motor = { inertia = 0.1, ratio = 100.0, stiffness = 1e4, hysteresis = { stiffness = 1e3, beta = 1e3, gamma = 1e3 } }
-"""
+HYSTERETIC = described(
+    "motor = { inertia = 0.1, ratio = 100, stiffness = 1e4, hysteresis = { stiffness = 1e3, beta = 1e3, gamma = 1e3 } }"
+)
 ROD = eomgen.load_robot("one_link")
 PIECES = (",", ":", " ", "imu", "encoder", "torque", "pose", "tcp", "joint1.gamma", "joint1", "base", "\n", "\x1b")
 FUZZ = settings(max_examples=100, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
@@ -238,9 +226,9 @@ def test_a_measurement_is_a_value() -> None:
         (HYSTERETIC, "torque:joint1.motor", r"torque:joint1.motor: the gear's law has states"),
     ],
 )
-def test_what_is_no_sensor_is_refused_by_name(robot: str, sensors: str, message: str) -> None:
+def test_what_is_no_sensor_is_refused_by_name(robot: Robot | str, sensors: str, message: str) -> None:
     with pytest.raises(InputError, match=message):
-        Measurement.of(robot_from_toml(robot) if robot == HYSTERETIC else robot, sensors)
+        Measurement.of(robot, sensors)
 
 
 def test_noise_and_drift_are_refused_by_name() -> None:

@@ -295,9 +295,8 @@ def tip(robot: Robot, q: Array) -> Array:
 
 def test_a_softer_joint_deflects_by_what_statics_says() -> None:
     """A stiffness that is off by 10 %: 1/k changes by k^-2, and the tool with it, here under a vertical load."""
-    robot = soft()
     table = {"joints.joint1.alpha.stiffness": {"bound": 4e4}}
-    found = tolerance(robot, table, wrench=[0.0, 0.0, -2000.0, 0.0, 0.0, 0.0])
+    found = tolerance(soft(), table, wrench=[0.0, 0.0, -2000.0, 0.0, 0.0, 0.0])
     away = found.exact.motions(np.array([[4e4, -4e4]]), np.zeros(2, dtype=np.intp))
     np.testing.assert_allclose(found.sensitivities[0, :, 0] * 8e4, away[0] - away[1], rtol=0.02)
     assert found.notes[0].startswith("not linear")  # 1/k is bent: 1/0.9 against 1/1.1
@@ -657,12 +656,10 @@ def test_covariances_and_regions_are_those_of_samples(seed: int) -> None:
 
 def test_a_stiffness_is_correlated_with_another() -> None:
     """Stiffnesses that are off together, under a load: the motion of the tool with both of them off."""
-    stiff = Coordinate(stiffness=4e5)
-    robot = chain(4, "RRR").with_coordinates({"joint1": {"alpha": stiff}, "joint2": {"beta": stiff}})
     table = {"joints.*.*.stiffness": {"deviation": 0.02, "relative": True}}
     both = [{"names": ["joints.*.*.stiffness"], "coefficient": 1.0}]
     load = [0.0, 0.0, -500.0, 0.0, 0.0, 0.0]
-    found = tolerance(robot, {**table, "correlations": both}, wrench=load)
+    found = tolerance(soft(), {**table, "correlations": both}, wrench=load)
     together = found.exact.motions(np.array([[80.0], [80.0]]), np.zeros(1, dtype=np.intp))[0] * 100.0
     np.testing.assert_allclose(found.standard_deviations[0], np.abs(together), rtol=1e-3)
 
