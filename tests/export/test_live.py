@@ -152,6 +152,43 @@ console.log(JSON.stringify({ q: [...simulation.q], v: [...simulation.v], t: simu
 """
 
 
+def moved_on_page(contents: Any, folder: Path, ticks: int, first: str = "", **given: Any) -> Any:
+    """Return the answer of the page's modules under node, without a browser, after ticks of its simulation.
+
+    Args:
+        contents: Of the page.
+        folder: To write the modules and the WebAssembly to.
+        ticks: Number of periods.
+        first: JavaScript before the first tick, in the place of drives that are switched off.
+        given: Values of parameters that are changed, as ``changed``; other values of the page.
+    """
+    needs("ziglang")
+    shutil.copytree(MODULES, folder / "live")
+    make_wasm(contents.robot, kernels=KERNELS).write(folder / "live")
+    text = MOVING.replace("NAME", contents.robot.name)
+    if first.startswith("simulation.push"):
+        text = text.replace('simulation.drive = "none";\n', "")
+    script = folder / "live" / "moving.mjs"
+    script.write_text(
+        text.replace("for (let i = 0; i < ticks", f"{first}\nfor (let i = 0; i < ticks"), encoding="ascii"
+    )
+    changed = given.pop("changed", {})
+    asked = json.dumps({"data": {**contents.values, **given}, "ticks": ticks, "changed": changed})
+    done = subprocess.run([str(NODE), str(script)], input=asked, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def rolled(kernel: eomgen.Kernel, values: dict[str, Any], ticks: int, u: Any = None) -> tuple[Any, Any]:
+    """Return q and v after rollouts over so many periods of the page; u: drives, or (k, q) -> drives of period k."""
+    q, v = np.array(values["start"]["q"]), np.array(values["start"]["v"])
+    options = {key: values[key] for key in ("rtol", "method")}
+    for k in range(ticks):
+        drives = u(k, q) if callable(u) else u
+        q, v = (x[-1] for x in kernel.rollout(q, v, drives, **options, duration=values["period"]))
+    return q, v
+
+
 def with_matrix() -> Robot:
     """Return a robot whose joint has matrices, of which one entry is moved on the page's kernel."""
     return robot_from_toml(robot_with(JointStiffnesses))
@@ -170,7 +207,6 @@ def test_what_moves_on_a_page_moves_as_rollouts_of_python(
     make: Callable[[], Robot], changed: dict[str, float], tmp_path: Path
 ) -> None:
     """Under node, without a browser: states of laws, loops, matrices; drives off, parameters as they were changed."""
-    needs("ziglang")
     contents = contents_of(make(), None, None, no_progress)
     values, start = contents.values, contents.values["start"]
     kernel = eomgen.build(contents.robot, kernels=KERNELS)
@@ -180,21 +216,9 @@ def test_what_moves_on_a_page_moves_as_rollouts_of_python(
     assert not any(
         name in {slider["name"] for slider in values["parameters"]} for name in changed if ".stiffness." in name
     )
-    shutil.copytree(MODULES, tmp_path / "live")
-    make_wasm(contents.robot, kernels=KERNELS).write(tmp_path / "live")
-    (tmp_path / "live" / "moving.mjs").write_text(MOVING.replace("NAME", kernel.name), encoding="ascii")
-    command = [str(NODE), str(tmp_path / "live" / "moving.mjs")]
-    given = json.dumps({"data": {**values, "drive": "none"}, "ticks": ticks, "changed": changed})
-    done = subprocess.run(command, input=given, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    found = json.loads(done.stdout)
+    found = moved_on_page(contents, tmp_path, ticks, changed=changed, drive="none")
     kernel.parameters.update(changed)
-    q, v = np.array(start["q"]), np.array(start["v"])
-    for _ in range(ticks):
-        q, v = (
-            x[-1]
-            for x in kernel.rollout(q, v, **{key: values[key] for key in ("rtol", "method")}, duration=values["period"])
-        )
+    q, v = rolled(kernel, values, ticks)
     np.testing.assert_allclose(found["q"][:n], q[:n], rtol=0.0, atol=NEAR)
     np.testing.assert_allclose(found["v"], v, rtol=1e-10, atol=NEAR)
     assert np.abs(q[:n] - start["q"][:n]).max() > 1e-3
@@ -211,7 +235,6 @@ def test_what_moves_on_a_page_moves_as_rollouts_of_python(
 @pytest.mark.skipif(NODE is None, reason="node is not installed")
 def test_servo_drives_take_references_from_a_page(tmp_path: Path) -> None:
     """Positions of the program at the shafts, held over a period, and a push beside the drives, as in Python."""
-    needs("ziglang")
     robot, ticks = servo_axes(), 60
     motion = Section("point_to_point", {"duration": 0.2, "goal": {"j1": 0.6, "j2": -0.3}})
     contents = contents_of(robot, eomgen.Scenario(0.2, motion=motion), None, no_progress)
@@ -222,28 +245,19 @@ def test_servo_drives_take_references_from_a_page(tmp_path: Path) -> None:
         [False, False],
     )
     assert contents_of(robot, None, None, no_progress).values["control"] == "reference"
-    shutil.copytree(MODULES, tmp_path / "live")
-    make_wasm(contents.robot, kernels=KERNELS).write(tmp_path / "live")
-    text = MOVING.replace("NAME", kernel.name).replace('simulation.drive = "none";\n', "")
     push = {"link": "l2", "point": [0.2, 0.0, 0.05], "force": [0.0, 5.0, 0.0]}
-    text = text.replace(
-        "for (let i = 0; i < ticks", f"simulation.push = {json.dumps(push)};\nfor (let i = 0; i < ticks"
-    )
-    (tmp_path / "live" / "moving.mjs").write_text(text, encoding="ascii")
-    given = json.dumps({"data": values, "ticks": ticks, "changed": {}})
-    command = [str(NODE), str(tmp_path / "live" / "moving.mjs")]
-    done = subprocess.run(command, input=given, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    found, program = json.loads(done.stdout), signal_program(values)
-    q, v, h = np.array(values["start"]["q"]), np.array(values["start"]["v"]), values["period"]
-    wrench = np.zeros((len(kernel.links), 6))
+    found = moved_on_page(contents, tmp_path, ticks, f"simulation.push = {json.dumps(push)};")
+    program, wrench = signal_program(values), np.zeros((len(kernel.links), 6))
     wrench[kernel.links.index("l2"), :3] = push["force"]
-    for k in range(ticks):
+
+    def drives(k: int, q: Any) -> Any:
         u = np.zeros(kernel.n)
-        for drive, at in zip(values["drives"], program((k + 0.5) * h), strict=True):
+        for drive, at in zip(values["drives"], program((k + 0.5) * values["period"]), strict=True):
             u[drive["place"]] = at * drive["ratio"]
         np.add.at(u, values["beside"], kernel.external_force(q, wrench))
-        q, v = (x[-1] for x in kernel.rollout(q, v, u, rtol=values["rtol"], method=values["method"], duration=h))
+        return u
+
+    q, v = rolled(kernel, values, ticks, drives)
     np.testing.assert_allclose(
         found["q"][: len(kernel.coordinates)], q[: len(kernel.coordinates)], rtol=0.0, atol=1e-10
     )
@@ -254,7 +268,6 @@ def test_servo_drives_take_references_from_a_page(tmp_path: Path) -> None:
 @pytest.mark.skipif(NODE is None, reason="node is not installed")
 def test_drives_that_take_a_voltage_have_sliders(tmp_path: Path) -> None:
     """Of a position and a voltage in one robot: each input acts as in Python, from where it stands at the start."""
-    needs("ziglang")
     contents, ticks = contents_of(servo_arm(), None, None, no_progress), 30
     values, kernel = contents.values, eomgen.build(contents.robot, kernels=KERNELS)
     assert (values["control"], values["drive"], values["drives"]) == ("none", "none", [])
@@ -262,22 +275,10 @@ def test_drives_that_take_a_voltage_have_sliders(tmp_path: Path) -> None:
     assert first == {"label": "j1.gamma: reference of position", "place": 0, "unit": "rad", **_ends(first, 1.5)}
     assert second == {"label": "j2.motor: voltage", "place": 3, "unit": "V", "start": 0.0, "low": -24.0, "high": 24.0}
     assert first["start"] == values["start"]["q"][0]
-    shutil.copytree(MODULES, tmp_path / "live")
-    make_wasm(contents.robot, kernels=KERNELS).write(tmp_path / "live")
-    inputs = [first["start"] + 0.2, 3.0]
-    text = MOVING.replace("NAME", kernel.name)
-    text = text.replace("for (let i = 0; i < ticks", f"simulation.inputs = {inputs};\nfor (let i = 0; i < ticks")
-    (tmp_path / "live" / "moving.mjs").write_text(text, encoding="ascii")
-    given = json.dumps({"data": values, "ticks": ticks, "changed": {}})
-    command = [str(NODE), str(tmp_path / "live" / "moving.mjs")]
-    done = subprocess.run(command, input=given, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    found, u = json.loads(done.stdout), np.zeros(kernel.n)
+    inputs, u = [first["start"] + 0.2, 3.0], np.zeros(kernel.n)
+    found = moved_on_page(contents, tmp_path, ticks, f"simulation.inputs = {inputs};")
     u[[0, 3]] = inputs
-    q, v = np.array(values["start"]["q"]), np.array(values["start"]["v"])
-    for _ in range(ticks):
-        options = {key: values[key] for key in ("rtol", "method")}
-        q, v = (x[-1] for x in kernel.rollout(q, v, u, **options, duration=values["period"]))
+    q, v = rolled(kernel, values, ticks, u)
     n = len(kernel.coordinates)
     np.testing.assert_allclose(found["q"][:n], q[:n], rtol=0.0, atol=1e-9)
     np.testing.assert_allclose(found["v"], v, rtol=1e-7, atol=1e-8)
