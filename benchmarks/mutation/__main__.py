@@ -81,7 +81,7 @@ def _packages(options: argparse.Namespace) -> None:
     elif not options.only:  # goes on where it was interrupted
         wanted = [f for f in wanted if f.key not in done or done[f.key].mutant != f]
     executions = read_executions(EXECUTIONS)
-    Packages(options.tree, executions, RAW_PACKAGES, options.budget, options.processes).run(wanted)
+    Packages(options.tree, executions, RAW_PACKAGES, options.budget, options.processes).run(wanted, functions)
     _page(options)
 
 

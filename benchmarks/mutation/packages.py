@@ -45,19 +45,21 @@ class Packages:
         self.broken = set[str]()  # tests that fail without a wrong value
         self.lock = threading.Lock()
 
-    def run(self, functions: Sequence[Function]) -> None:
-        """Judge functions; tests that fail on right values through the same decorators too do not count."""
+    def run(self, functions: Sequence[Function], listed: Sequence[Function]) -> None:
+        """Judge functions; then judge those of the list anew that a test killed which fails with right values too."""
         with ExitStack() as stack:
             folders = [Path(stack.enter_context(tempfile.TemporaryDirectory())) for _ in range(self.workers)]
             workers = [Worker(self.tree, folder) for folder in folders]
-            while functions:
+            while True:
                 clock, waiting = Clock(len(functions)), list(reversed(functions))
                 threads = [threading.Thread(target=self._work, args=(w, waiting, clock)) for w in workers]
                 for thread in threads:
                     thread.start()
                 for thread in threads:
                     thread.join()
-                functions = self._doubtful(workers[0], functions)
+                functions = self._doubtful(workers[0], listed)
+                if not functions:
+                    return
 
     def _work(self, worker: Worker, waiting: list[Function], clock: Clock) -> None:
         while True:
@@ -97,9 +99,9 @@ class Packages:
             self.broken.add(run.test)
         return run, notes
 
-    def _doubtful(self, worker: Worker, functions: Sequence[Function]) -> list[Function]:
+    def _doubtful(self, worker: Worker, listed: Sequence[Function]) -> list[Function]:
         """Return the functions that were killed by a test that fails with unchanged values too."""
-        verdicts = [v for v in read_verdicts(self.raw) if v.mutant in functions and v.result == "killed"]
+        verdicts = [v for v in read_verdicts(self.raw) if v.mutant in listed and v.result == "killed"]
         texts = {}
         for name in {v.mutant.file for v in verdicts}:
             source = (self.tree / name).read_text(encoding="utf-8")
@@ -111,8 +113,10 @@ class Packages:
             while waiting:
                 run = worker.run(waiting, 0.0, 3600.0, stop=False)
                 found |= {*run.failed}
-                left = waiting if run.result not in ("endless", "stopped") else waiting[waiting.index(run.test) + 1 :]
-                waiting = [] if left is waiting else left
+                died = run.result in ("endless", "stopped")
+                if died and run.test not in waiting:
+                    raise RuntimeError(f"pytest does not run with unchanged values: {run.what}")
+                waiting = waiting[waiting.index(run.test) + 1 :] if died else []
         finally:
             worker.restore(before)
         self.broken |= found
