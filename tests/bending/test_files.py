@@ -238,9 +238,8 @@ def test_bad_modes_of_nodes(case: str, tmp_path: Path) -> None:
 def unread(arrays: Arrays, change: Callable[[Arrays], None], expected: str, folder: Path) -> None:
     """The changed arrays are refused in one line with the file's name."""
     change(arrays)
-    with pytest.raises(InputError) as caught:
-        read_link(saved(arrays, folder))
-    message = str(caught.value)
+    caught = refused(InputError, "", read_link, saved(arrays, folder))
+    message = str(caught)
     assert message.startswith(f"{folder / 'arm.npz'}: array ")
     assert re.search(expected, message), message
     assert message.isprintable()

@@ -186,11 +186,10 @@ def test_places_of_other_mistakes_stay_right(case: str) -> None:
     """What is mended keeps its lines and columns: the message is that of the same file without the first mistake."""
     text = changed(URDF, *CASES[case][:2])
     wrong = changed(text, 'iyz="0"/></inertial>\n  </link>\n  <joint', "/></inertial>\n  </link>\n  <joint")
-    with pytest.raises(DescriptionError) as caught:
-        robot_from_urdf(wrong, source="r.urdf")
+    caught = refused(DescriptionError, "", robot_from_urdf, wrong, source="r.urdf")
     line = next(k for k, line in enumerate(wrong.splitlines(), 1) if re.search(r'<inertia ixx="1"', line))
     column = wrong.splitlines()[line - 1].index("<inertia ") + 1
-    assert str(caught.value).startswith(f"r.urdf:{line}:{column}: link 'lower', <inertial>, <inertia>: ")
+    assert str(caught).startswith(f"r.urdf:{line}:{column}: link 'lower', <inertial>, <inertia>: ")
 
 
 @pytest.mark.parametrize(("read", "sample"), [(robot_from_urdf, URDF), (robot_from_mjcf, MJCF)])

@@ -177,10 +177,9 @@ CASES = [(ending, text) for ending, texts in REFUSED.items() for text in texts]
 def test_what_is_no_matrix_is_refused_with_its_line(ending: str, text: str, tmp_path: Path) -> None:
     line, allowed = REFUSED[ending][text]
     (tmp_path / f"K{ending}").write_text(text, encoding="ascii")
-    with pytest.raises(InputError) as caught:
-        read_matrix(tmp_path / f"K{ending}")
-    assert allowed in str(caught.value)
-    assert f"K{ending}, line {line}: " in str(caught.value)
+    caught = refused(InputError, "", read_matrix, tmp_path / f"K{ending}")
+    assert allowed in str(caught)
+    assert f"K{ending}, line {line}: " in str(caught)
 
 
 @pytest.mark.parametrize(
@@ -205,9 +204,8 @@ def test_what_is_no_array_of_a_matrix_is_refused(
     arrays: dict[str, NDArray[np.float64]], said: str, tmp_path: Path
 ) -> None:
     np.savez(tmp_path / "K.npz", **arrays)
-    with pytest.raises(InputError, match=said) as caught:
-        read_matrix(tmp_path / "K.npz")
-    assert str(tmp_path / "K.npz") in str(caught.value)
+    caught = refused(InputError, said, read_matrix, tmp_path / "K.npz")
+    assert str(tmp_path / "K.npz") in str(caught)
 
 
 def test_a_small_file_of_many_zeros_is_not_unpacked(tmp_path: Path) -> None:
@@ -244,9 +242,8 @@ def test_what_is_no_file_is_not_waited_for(ending: str, tmp_path: Path) -> None:
         ("device", lambda: path.symlink_to("/dev/zero")),
     ):
         make()
-        with pytest.raises(InputError, match=f"it is a {kind}") as caught:
-            load_robot(tmp_path / "a.toml")
-        assert str(path) in str(caught.value)
+        caught = refused(InputError, f"it is a {kind}", load_robot, tmp_path / "a.toml")
+        assert str(path) in str(caught)
         path.rmdir() if kind == "folder" else path.unlink()
 
 
@@ -377,9 +374,8 @@ UNREAD = {
 def test_what_is_wrong_is_refused(case: str) -> None:
     old, new, said = UNREAD[case]
     assert old in JOINTS
-    with pytest.raises(DescriptionError) as caught:
-        robot_from_toml(JOINTS.replace(old, new), source="my.toml")
-    assert all(word in str(caught.value) for word in ["my.toml", *said]), caught.value
+    caught = refused(DescriptionError, "", robot_from_toml, JOINTS.replace(old, new), source="my.toml")
+    assert all(word in str(caught) for word in ["my.toml", *said]), caught
 
 
 def test_rows_of_what_does_not_move_are_left_out_and_named() -> None:

@@ -230,13 +230,12 @@ def test_damped_balls_move_as_mujocos(kind: str, built: Build, figures: Figures)
 @pytest.mark.parametrize(("old", "new", "place", "reason"), REFUSED, ids=[f"{new[:30]}" for _, new, _, _ in REFUSED])
 def test_refusals_name_the_place(old: str, new: str, place: str, reason: str) -> None:
     assert MJCF.count(old) >= 1
-    with pytest.raises(DescriptionError) as caught:
-        robot_from_mjcf(MJCF.replace(old, new, 1), source="m.xml", inertia="error")
-    check_message(caught.value)
+    caught = refused(DescriptionError, "", robot_from_mjcf, MJCF.replace(old, new, 1), source="m.xml", inertia="error")
+    check_message(caught)
     where, _, line = place.rstrip(")").rpartition("line ")
-    assert re.match(rf"m\.xml:{line or '[0-9]+'}:[0-9]+: {re.escape(where.removesuffix(' ('))}", str(caught.value))
-    assert reason in str(caught.value)
-    assert "allowed" in str(caught.value)
+    assert re.match(rf"m\.xml:{line or '[0-9]+'}:[0-9]+: {re.escape(where.removesuffix(' ('))}", str(caught))
+    assert reason in str(caught)
+    assert "allowed" in str(caught)
 
 
 def own_model() -> str:
@@ -473,6 +472,5 @@ def test_links_that_do_not_move_against_each_other_are_refused_with_their_place(
     <connect name="pin" body1="torso" anchor="0 0 0"/>
   </equality>
 </mujoco>"""
-    with pytest.raises(DescriptionError, match="'torso' and 'world' do not move against each other") as caught:
-        robot_from_mjcf(text)
-    assert caught.value.line == 8
+    caught = refused(DescriptionError, "'torso' and 'world' do not move against each other", robot_from_mjcf, text)
+    assert caught.line == 8

@@ -152,9 +152,8 @@ def test_what_the_reader_knows_is_read_without_mujoco(tmp_path: Path, monkeypatc
 
 def test_without_mujoco_a_refusal_says_what_would_help(walker: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "mujoco", None)
-    with pytest.raises(DescriptionError, match=r"model\.xml:2:3: include: .*eomgen\[mujoco\]") as caught:
-        load_robot(walker)
-    check_message(caught.value)
+    caught = refused(DescriptionError, r"model\.xml:2:3: include: .*eomgen\[mujoco\]", load_robot, walker)
+    check_message(caught)
 
 
 def test_a_text_alone_opens_no_file(walker: Path) -> None:
@@ -196,11 +195,10 @@ def test_refusals_name_file_and_reason(case: str, walker: Path, capsys: pytest.C
     )
     new, words = REFUSED[case]
     path = written(folder, WALKER.replace('<include file="leg.xml"/>', new))
-    with pytest.raises(DescriptionError) as caught:
-        load_robot(path)
-    check_message(caught.value)
+    caught = refused(DescriptionError, "", load_robot, path)
+    check_message(caught)
     for word in ("model.xml", "allowed", *words):
-        assert word in str(caught.value)
+        assert word in str(caught)
     assert main(["check", str(path)]) == 1
     assert words[0] in capsys.readouterr().out
 
@@ -285,11 +283,10 @@ def test_what_would_end_mujoco_is_refused_before(case: str, tmp_path: Path, monk
     files, words = HOSTILE[case]
     for name, text in files.items():
         (tmp_path / name).write_text(text)
-    with pytest.raises(DescriptionError) as caught:
-        load_robot(tmp_path / "model.xml")
-    check_message(caught.value)
-    assert words in str(caught.value)
-    assert caught.value.line is not None
+    caught = refused(DescriptionError, "", load_robot, tmp_path / "model.xml")
+    check_message(caught)
+    assert words in str(caught)
+    assert caught.line is not None
 
 
 def test_files_that_are_named_twice_are_no_circle(tmp_path: Path) -> None:
@@ -304,16 +301,14 @@ def test_a_process_that_compiles_ends_alone(tmp_path: Path, monkeypatch: pytest.
     monkeypatch.setattr("eomgen.description.mjcf.compiled.check_other_files", lambda path, xml: None)
     path = tmp_path / "model.xml"
     path.write_text(attaching("model.xml"))
-    with pytest.raises(DescriptionError, match=r"MuJoCo was ended by SIG[A-Z]+ while it compiled the file") as caught:
-        load_robot(path)
-    check_message(caught.value)
+    caught = refused(DescriptionError, r"MuJoCo was ended by SIG[A-Z]+ while it compiled the file", load_robot, path)
+    check_message(caught)
     monkeypatch.setattr("eomgen.description.mjcf.compiled.SECONDS", 2)
     monkeypatch.setattr("eomgen.description.mjcf.compiled.GIBIBYTES", 1)
     many = copied(100, copied(100, copied(100, copied(100, BODY))))
     path.write_text(f"<mujoco><worldbody>{many}</worldbody></mujoco>")
-    with pytest.raises(DescriptionError, match=r"MuJoCo.* (memory|bad_alloc|took more than|was ended)") as caught:
-        load_robot(path)
-    check_message(caught.value)
+    caught = refused(DescriptionError, r"MuJoCo.* (memory|bad_alloc|took more than|was ended)", load_robot, path)
+    check_message(caught)
 
 
 @pytest.mark.parametrize("count", [2, pytest.param(60, marks=pytest.mark.soak)])

@@ -20,6 +20,7 @@ from eomgen.errors import DescriptionError, InputError
 from eomgen.forms import toml_place
 from eomgen.forms.plain import value_of
 from eomgen.forms.toml_place import lines_of
+from tests.support.refusals import refused
 
 
 class Alias:
@@ -182,10 +183,9 @@ def test_a_text_that_is_too_deep_has_no_line() -> None:
 
 def test_the_second_of_two_names_is_meant() -> None:
     text = 'name = "r"\n' + '[[links]]\nname = "a"\nmass = 1\n' * 2
-    with pytest.raises(DescriptionError) as caught:
-        robot_from_toml(text, source="r.toml")
-    assert str(caught.value).startswith("r.toml:5:3: links.a: the name 'a' is taken")
-    assert (caught.value.line, caught.value.column) == (5, 3)
+    caught = refused(DescriptionError, "", robot_from_toml, text, source="r.toml")
+    assert str(caught).startswith("r.toml:5:3: links.a: the name 'a' is taken")
+    assert (caught.line, caught.column) == (5, 3)
 
 
 @pytest.mark.parametrize(
@@ -202,9 +202,8 @@ def test_the_second_of_two_names_is_meant() -> None:
     ],
 )
 def test_columns(text: str, column: int) -> None:
-    with pytest.raises(DescriptionError) as caught:
-        robot_from_toml(text, source="r.toml")
-    assert str(caught.value).startswith(f"r.toml:2:{column}: ")
+    caught = refused(DescriptionError, "", robot_from_toml, text, source="r.toml")
+    assert str(caught).startswith(f"r.toml:2:{column}: ")
 
 
 def test_without_a_source() -> None:

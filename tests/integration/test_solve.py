@@ -299,9 +299,8 @@ def test_arguments_that_are_refused(changes: dict[str, object], text: str, built
 def test_options_are_checked_where_they_are_made(given: dict[str, Any], text: str) -> None:
     """By functions before a kernel is built, and by records with the place that they came from."""
     for function in (IntegratorOptions, lambda **given: eomgen.simulate("one_link", **given)):
-        with pytest.raises(InputError) as caught:
-            function(**given)
-        assert str(caught.value).startswith(text)
+        caught = refused(InputError, "", function, **given)
+        assert str(caught).startswith(text)
     refused(InputError, r"^FILE: integrator[:.]", scenario_from_record, {"duration": 1.0, "integrator": given}, "FILE")
 
 

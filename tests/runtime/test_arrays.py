@@ -36,10 +36,9 @@ Q, V = np.array([0.2, 0.5]), np.array([0.3, -1.0])
 
 
 def refusal(call: Callable[[], Any], error: type[Exception] = ArrayError) -> str:
-    with pytest.raises(error) as caught:
-        call()
-    assert isinstance(caught.value, InputError)
-    return str(caught.value)
+    caught = refused(error, "", call)
+    assert isinstance(caught, InputError)
+    return str(caught)
 
 
 @pytest.mark.parametrize(

@@ -191,9 +191,8 @@ def test_tunable_of_a_description(built: Build) -> None:
 
 
 def refusal(call: Callable[[], Any], error: type[Exception] = InputError) -> str:
-    with pytest.raises(error) as caught:
-        call()
-    return str(caught.value)
+    caught = refused(error, "", call)
+    return str(caught)
 
 
 @pytest.mark.parametrize("binding", ["direct", "python"])

@@ -8,7 +8,8 @@ from typing import Any
 import pytest
 
 
-def refused(error: type[Exception], match: str, call: Callable[..., Any], *arguments: Any, **options: Any) -> None:
-    """Assert that a call raises an error of this class whose message matches the expression."""
-    with pytest.raises(error, match=match):
+def refused(error: type[Exception], match: str, call: Callable[..., Any], /, *arguments: Any, **options: Any) -> Any:
+    """Assert that a call raises an error of this class whose message matches, and return the error."""
+    with pytest.raises(error, match=match or None) as caught:
         call(*arguments, **options)
+    return caught.value
