@@ -49,6 +49,7 @@ def test_bad_files(
         line = caught.value.line
         assert (line or 0) == case.line if case.line is not None else line, message
         assert int(start[1] or 0) == (line or 0) if start else not line
+    if case.name in COMMANDS and not case.title:  # not all of those that are one word of a sample
         assert cli.main(COMMANDS[case.name]) == 1
         assert capsys.readouterr() == ("", f"eomgen: {message}\n")
         assert set(tmp_path.iterdir()) == before
