@@ -80,7 +80,7 @@ def test_a_mass_that_slides_is_not(block: eomgen.Kernel) -> None:
 def test_refused_or_those_of_the_motion(dtype: str, built: Build) -> None:
     """A damped oscillator of any stiffness, against the exponential of its matrix."""
     kernel = built(mass_on_rail(stiffness=1.0, damping=1.0), *NAMES, *BACK, dtype=dtype)
-    rng, near, refused = np.random.default_rng(5), 0, list[str]()
+    rng, near, errors = np.random.default_rng(5), 0, list[str]()
     rtol = 1e-6 if dtype == "float64" else 1e-4
     for _ in range(60):
         k, c = (float(10.0 ** rng.uniform(0, top)) for top in (8.0, 6.0))
@@ -93,15 +93,15 @@ def test_refused_or_those_of_the_motion(dtype: str, built: Build) -> None:
             _, by = kernel.rollout_gradient(start[:1], start[1:], loss=last, **how)
             _, (dq, dv) = kernel.rollout_sensitivity(start[:1], start[1:], along={"v": np.eye(1, dtype=dtype)}, **how)
         except InputError as error:
-            refused.append(str(error))
+            errors.append(str(error))
             continue
         wanted = np.array([flow[0, 0], flow[0, 1], flow[0, 1], flow[1, 1]])
         found = np.array([by["q"][0], by["v"][0], dq[-1, 0, 0], dv[-1, 0, 0]])
         sizes = np.array([1.0, 1.0 / np.sqrt(k), 1.0 / np.sqrt(k), 1.0])
         near += int(k > 1e4)
         assert np.abs((found - wanted) / sizes).max() < 0.1, (k, c, T, found, wanted)
-    assert all("near the limit of its stability" in text for text in refused)
-    assert 5 <= len(refused) <= 30
+    assert all("near the limit of its stability" in text for text in errors)
+    assert 5 <= len(errors) <= 30
     assert near > 5
 
 
