@@ -210,7 +210,7 @@ def array_mutants(array: Any) -> Iterator[tuple[str, Any]]:
                 one.flat[-1] = number
             yield f"{number} once", one
             yield f"all {number}", whole
-    if array.dtype.kind == "U" and array.size:
+    if array.dtype.kind == "U" and row.ndim == 1 and array.size:
         for text in (ESC, "", "joint1", "joint9.x", "x" * 5000, str(row.flat[0])):
             yield f"named {text[:9]!a}", np.array([text, *row[1:]])
             yield f"ends with {text[:9]!a}", np.array([*row[:-1], text])

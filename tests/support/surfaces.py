@@ -292,7 +292,7 @@ def _surfaces() -> Iterator[Surface]:
     for kind, (few, many) in extreme_numbers.COUNTS.items():
         file, name = f"m{extreme_numbers.ending_of(kind)}", f"numbers of {kind}"
         write = mutants(name, file, partial(extreme_numbers.changed, kind), 0.0)
-        yield Surface(name, write, partial(extreme_numbers.read, kind), few, many, many, 0.7, seconds=60.0)
+        yield Surface(name, write, partial(extreme_numbers.read, kind), few, many, many, 0.7, seconds=20.0)
     large = large_files
     for name, count, write, reader, seconds, megabytes in (
         ("bad files", len(ALL_BAD), lambda folder, seed: ALL_BAD[seed].write(folder), read_bad, 2.0, 512),
