@@ -104,7 +104,7 @@ def test_forward_and_reverse_modes(built: Build) -> None:
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("seed", [*seeds(4100, 1, 20, soak=4), pytest.param(BENDING, marks=pytest.mark.soak)])
+@pytest.mark.parametrize("seed", [*seeds(4100, 1, 20, soak=4), BENDING])
 def test_hessians_are_the_kernels(seed: int, built: Build, figures: Figures) -> None:
     """Of expressions with all functions: casadi.hessian against the kernel's derivatives by hand."""
     robot = sample(seed)
@@ -116,7 +116,7 @@ def test_hessians_are_the_kernels(seed: int, built: Build, figures: Figures) -> 
         figures.count("functions")
 
 
-@pytest.mark.parametrize("name", ["one_link", pytest.param("four_bar", marks=pytest.mark.soak)])
+@pytest.mark.parametrize("name", ["one_link", "four_bar"])
 @pytest.mark.soak
 def test_hessians_of_mechanisms(name: str, built: Build) -> None:
     """Of open and closed ones, beside closed states, too."""

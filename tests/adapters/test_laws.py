@@ -27,10 +27,7 @@ from tests.support.optional import needs
 casadi, jax, jnp = needs("casadi"), needs("jax"), needs("jax.numpy")
 
 NAMES = ("forward_dynamics", "generalized_force", "energy", "mass_matrix")
-FAMILIES = [
-    MemoryLaws,
-    *(pytest.param(family, marks=pytest.mark.soak) for family in (JointStiffnesses, JointDampers, Bushings)),
-]
+FAMILIES = (MemoryLaws, JointStiffnesses, JointDampers, Bushings)
 
 
 @pytest.fixture(autouse=True)
@@ -101,7 +98,7 @@ def test_what_jax_compiles_itself_has_the_kernels_numbers(family: type[ForceElem
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("method", ["rk4", pytest.param("rosenbrock", marks=pytest.mark.soak)])
+@pytest.mark.parametrize("method", ["rk4", "rosenbrock"])
 def test_rollouts_with_states_have_gradients(method: str, built: Build) -> None:
     """By what bristles are bent by at the beginning, too."""
     gradient = {"rk4": "explicit_gradient", "rosenbrock": "rosenbrock_gradient"}[method]

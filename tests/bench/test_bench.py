@@ -188,7 +188,7 @@ def test_bench_prints_a_table_and_json(tiny: Robot) -> None:
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("name", soaked(("inverse_dynamics", "frame_pose", "external_force"), ("inverse_dynamics",)))
+@pytest.mark.parametrize("name", ["inverse_dynamics", "frame_pose", "external_force"])
 def test_what_is_called_from_python_is_what_users_call(name: str, tiny: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     """The kernel's own method, plain calls of which do not come to Python but for the first one."""
     came: list[str] = []

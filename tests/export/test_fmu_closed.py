@@ -10,11 +10,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import eomgen
-from eomgen.integration import integrate
 from eomgen.runtime.kernel import Array, Kernel
 from tests.support.builds import Build
 from tests.support.fmu_units import (
-    FIXED,
     VERSIONS,
     Export,
     Unit,
@@ -25,7 +23,6 @@ from tests.support.fmu_units import (
     states,
 )
 from tests.support.soak import soaked
-from tests.support.turning_loops import INTEGRATED, held_at, held_pendulum
 
 KERNELS = (
     *("forward_dynamics", "constraint_forces", "constraint", "constraint_jacobian", "constrained_dynamics"),
@@ -176,21 +173,3 @@ def test_directional_derivatives_are_exact_where_loops_are_open_too(
     q, v = start(kernel)
     x = np.concatenate([q + 1e-3, v, DRIVE, np.random.default_rng(version).uniform(-1.0, 1.0, 18)])
     check_derivatives(linkage(version), x, 1e-4, version)
-
-
-@pytest.mark.soak
-@pytest.mark.parametrize("method", soaked((*FIXED, "auto"), ("rk4", "auto")))
-def test_steps_turn_free_joints(method: str, exported: Export, built: Build) -> None:
-    """A pendulum that a cut holds swings over the poles of its free joint's angles; a wrench acts."""
-    unit = exported(held_pendulum(), method=method, **({} if method in FIXED else {"rtol": 1e-9}))
-    kernel = built(held_pendulum(), *INTEGRATED)
-    q, v = held_at(np.array([0.3, 1.2, 0.1]), np.array([2.0, 3.0, 1.0]))
-    names = [f"{label}.{name}" for label in "qv" for name in kernel.coordinates]
-    host = unit.host(stepping=True).start([*names, "wrench.body.mz"], [*q, *v, 0.02])
-    for step in range(20):
-        host.step(0.05 * step, 0.05)
-    found, wrench = np.array(host.get(names)), np.array([[0.0, 0.0, 0.0, 0.0, 0.0, 0.02]])
-    expected = integrate(kernel, q, v, 1.0, wrench=wrench, rtol=1e-9, output_step=0.01)
-    assert np.abs(np.cos(expected.q[:, 4])).min() < 0.3
-    assert np.abs(found[:6] - expected.q[-1]).max() < {"rk4": 1e-7, "implicit": 5e-2, "auto": 1e-6}[method]
-    assert np.abs(kernel.constraint(found[:6])).max() < 1e-11

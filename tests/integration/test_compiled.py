@@ -289,7 +289,7 @@ def test_a_motion_ends_where_a_coordinate_reaches_a_value(method: str, built: Bu
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("method", ["auto", pytest.param("Radau", marks=pytest.mark.soak)])
+@pytest.mark.parametrize("method", ["auto", "Radau"])
 def test_a_scenario_ends_where_its_tool_is_at_a_distance(method: str) -> None:
     text = (
         "duration = 0.5\n[until]\nframe = 'tcp'\npoint = [0.0, 0.0, 0.0]\ndistance = {}\n[integrator]\nmethod = '{}'\n"
@@ -471,9 +471,9 @@ def test_drives_of_closed_mechanisms_are_those_of_python(label: str, text: str) 
     ("label", "text"),
     [
         ("driven", MOVED),
-        pytest.param("shaken", SHAKEN_BARS, marks=pytest.mark.soak),
-        pytest.param("plate", SWUNG + HELD, marks=pytest.mark.soak),
-        pytest.param("plate", SWUNG, marks=pytest.mark.soak),
+        ("shaken", SHAKEN_BARS),
+        ("plate", SWUNG + HELD),
+        ("plate", SWUNG),
     ],
 )
 def test_closed_mechanisms_move_as_by_python(label: str, text: str) -> None:

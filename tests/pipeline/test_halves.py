@@ -125,7 +125,7 @@ def test_loops_over_single_states_are_in_their_half(compiled: Compiled, monkeypa
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("which", ["one_link", pytest.param("random", marks=pytest.mark.soak)])
+@pytest.mark.parametrize("which", ["one_link", "random"])
 def test_both_halves_have_the_same_bits(which: str, built: Build) -> None:
     """One state alone, in a batch, on threads, in one library of both: of every function."""
     robot = random_robot(17, joints=(2, 2)) if which == "random" else eomgen.load_robot(which)

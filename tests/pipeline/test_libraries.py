@@ -302,8 +302,8 @@ SOME = ("inverse_dynamics", "forward_dynamics", "frame_pose")
     ("seed", "dtype", "kernels"),
     [
         (700, "float64", SOME),
-        pytest.param(700, "float32", "all", marks=pytest.mark.soak),
-        *(pytest.param(seed, "float64", "all", marks=pytest.mark.soak) for seed in (700, 701, 702, 703, 704)),
+        (700, "float32", "all"),
+        *((seed, "float64", "all") for seed in (700, 701, 702, 703, 704)),
     ],
 )
 def test_all_levels_give_the_same_bits(seed: int, dtype: str, kernels: Any) -> None:

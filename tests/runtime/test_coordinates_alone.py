@@ -258,22 +258,22 @@ def test_what_rollouts_refuse(built: Build) -> None:
     s = State(kernel)
     q, v = (s.apart[x] for x in "qv")
     options: dict[str, Any] = {"method": "implicit", "dt": 1e-4, "steps": 2, "z": s.z}
-    with pytest.raises(InputError, match=r"allowed: \(value, dq, dv, dz\)"):
-        kernel.rollout_gradient(q, v, loss=lambda t, q, v, z: (0.0, q, v), **options)
-    with pytest.raises(ArrayError, match=r"loss: dz has shape \(3, 4\); expected shape \(3, 2\)"):
-        kernel.rollout_gradient(q, v, loss=lambda t, q, v, z: (0.0, q, v, v), **options)
-    with pytest.raises(InputError, match="out: results with z are new arrays"):
-        kernel.rollout_gradient(q, v, loss=lambda t, q, v, z: (0.0, q, v, z), out={}, **options)
-    with pytest.raises(ArrayError, match=r"z: expected float64 of shape \(2,\)"):
-        kernel.rollout_sensitivity(q, v, along={"z": np.eye(3)}, **options)
-    with pytest.raises(ArrayError, match=r"along: z has shape \(2,\)"):
-        kernel.rollout_sensitivity(q, v, along={"z": [1.0, 0.0]}, **options)
-    with pytest.raises(ArrayError, match=r"along: v has shape \(1, 4\); expected \(2, 4\)"):
-        kernel.rollout_sensitivity(q, v, along={"z": np.eye(2), "v": np.ones((1, 4))}, **options)
-    refused(InputError, r"along: .* allowed: arrays by", kernel.rollout_sensitivity, q, v, along=[1.0], **options)
-    plain = built(eomgen.load_robot("one_link"))
-    with pytest.raises(InputError, match="z: no law of one_link has a state"):
-        plain.rollout_sensitivity([0.0], [0.0], dt=1e-3, steps=2, method="implicit", z=[0.0])
+    for error, said, loss in (
+        (InputError, r"allowed: \(value, dq, dv, dz\)", lambda t, q, v, z: (0.0, q, v)),
+        (ArrayError, r"loss: dz has shape \(3, 4\); expected shape \(3, 2\)", lambda t, q, v, z: (0.0, q, v, v)),
+    ):
+        refused(error, said, kernel.rollout_gradient, q, v, loss=loss, **options)
+    new = {"loss": lambda t, q, v, z: (0.0, q, v, z), "out": {}}
+    refused(InputError, "out: results with z are new arrays", kernel.rollout_gradient, q, v, **new, **options)
+    for error, said, along in (
+        (ArrayError, r"z: expected float64 of shape \(2,\)", {"z": np.eye(3)}),
+        (ArrayError, r"along: z has shape \(2,\)", {"z": [1.0, 0.0]}),
+        (ArrayError, r"along: v has shape \(1, 4\); expected \(2, 4\)", {"z": np.eye(2), "v": np.ones((1, 4))}),
+        (InputError, r"along: .* allowed: arrays by", [1.0]),
+    ):
+        refused(error, said, kernel.rollout_sensitivity, q, v, along=along, **options)
+    plain, options = built(eomgen.load_robot("one_link")).rollout_sensitivity, {**options, "z": [0.0]}
+    refused(InputError, "z: no law of one_link has a state", plain, [0.0], [0.0], **options)
 
 
 def test_what_cannot_be_is_refused(built: Build) -> None:

@@ -30,7 +30,7 @@ from tests.support.builds import Build
 from tests.support.generic_robots import chain, generic
 from tests.support.random_mechanisms import mechanism
 from tests.support.random_robots import Array, random_placement, random_robot, random_state, seeds
-from tests.support.soak import soaked
+from tests.support.refusals import refused
 
 pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
 
@@ -180,12 +180,12 @@ def test_float32_and_no_wrench(built: Build) -> None:
 def test_what_cannot_be_given(built: Build) -> None:
     kernel = built(eomgen.load_robot("ur5"))
     q = np.zeros(6)
-    with pytest.raises(UnknownNameError, match=r"wrench: 'tpc' is unknown; did you mean 'tcp'"):
-        kernel.inverse_dynamics(q, q, q, wrench={"tpc": np.zeros(6)})
-    with pytest.raises(UnknownNameError, match=r"wrench: 'base' does not move; allowed: 'tcp', 'link1'"):
-        kernel.forward_dynamics(q, q, q, wrench={"base": np.zeros(6)})
-    with pytest.raises(UnknownNameError, match=r"wrench: 3 is unknown; known: tcp, link1"):
-        kernel.external_force(q, {3: np.zeros(6)})  # type: ignore[dict-item]
+    for call, name, said in (
+        (kernel.inverse_dynamics, "tpc", "wrench: 'tpc' is unknown; did you mean 'tcp'"),
+        (kernel.forward_dynamics, "base", "wrench: 'base' does not move; allowed: 'tcp', 'link1'"),
+        (kernel.reactions, 3, "wrench: 3 is unknown; known: tcp, link1"),
+    ):
+        refused(UnknownNameError, said, call, q, q, q, wrench={name: np.zeros(6)})
     for wrong in ([1.0, 2.0], "hard", None, [np.nan] * 6, 3.0, ["1"] * 6, [1j] * 6, np.ma.zeros(6)):
         with pytest.raises(ArrayError, match=r"wrench: tcp: .*allowed: six finite numbers"):
             kernel.reactions(q, q, q, wrench={"tcp": wrong})  # type: ignore[dict-item]
@@ -193,8 +193,7 @@ def test_what_cannot_be_given(built: Build) -> None:
         kernel.external_force(np.zeros((2, 6)), {"tcp": np.zeros((3, 6))})
     with pytest.raises(ArrayError, match=r"wrench: tcp: got shape \(3, 6\); allowed: six finite numbers"):
         kernel.rollout(q, q, q, duration=0.1, loads={"wrench": {"tcp": np.zeros((3, 6))}})
-    with pytest.raises(UnknownNameError, match="wrench: 'tpc' is unknown"):
-        integrate(kernel, q, q, 0.1, wrench={"tpc": np.zeros(6)})
+    refused(UnknownNameError, "wrench: 'tpc' is unknown", integrate, kernel, q, q, 0.1, wrench={"tpc": np.zeros(6)})
     twice = replace(eomgen.load_robot("ur5"), frames=(Frame("link6", "link6", Placement((0.1, 0.0, 0.0))),))
     with pytest.raises(UnknownNameError, match="'link6' names a frame and a link"):
         built(twice).external_force(q, {"link6": np.zeros(6)})
@@ -204,7 +203,7 @@ KERNELS = ("mass_matrix", "christoffel")
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("seed", soaked(range(6), (0, 1)))
+@pytest.mark.parametrize("seed", range(6))
 def test_blocks_of_random_robots(seed: int, built: Build) -> None:
     """Every block equals the traces of eqs. (11) and (12) on floats; absent are those that the geometry cannot help."""
     rng = np.random.default_rng(seed)
@@ -333,5 +332,4 @@ def test_functions_of_frames_may_be_asked_for_by_their_names(built: Build) -> No
     assert kernel.frame_pose([0.2, 0.5], "tcp").shape == (4, 4)
     other = built(robot, "kinematics", "frame_jacobian", "frame_pose")
     assert set(other.raw.functions) == set(kernel.raw.functions) == {"frame_pose", "frame_jacobian"}
-    with pytest.raises(InputError, match=r"^kernels: 'pose' is unknown; allowed: mass_matrix, .*frame_pose"):
-        built(robot, "pose")
+    refused(InputError, r"^kernels: 'pose' is unknown; allowed: mass_matrix, .*frame_pose", built, robot, "pose")
