@@ -34,8 +34,9 @@ def stub(stub_paths: tuple[Path, Path], tmp_path_factory: pytest.TempPathFactory
 
 @pytest.fixture(scope="module")
 def kernel(built: Any) -> eomgen.Kernel:
-    """The robot of a single link."""
-    return built("one_link", "inverse_dynamics", "mass_matrix", "rollout")  # type: ignore[no-any-return]
+    """The robot of a single link, with derivatives to compare with."""
+    names = ("inverse_dynamics", "inverse_dynamics_adjoint", "mass_matrix", "kinematics", "frame_pose_adjoint")
+    return built("one_link", *names, "rollout")  # type: ignore[no-any-return]
 
 
 @pytest.fixture(scope="module")

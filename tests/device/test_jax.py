@@ -32,13 +32,6 @@ def doubles() -> Iterator[None]:
     jax.config.update("jax_enable_x64", False)
 
 
-@pytest.fixture(scope="module")
-def kernel(built: Any) -> eomgen.Kernel:
-    """The robot of a single link, with derivatives to compare with."""
-    names = ("inverse_dynamics", "inverse_dynamics_adjoint", "mass_matrix", "kinematics", "frame_pose_adjoint")
-    return built("one_link", *names)  # type: ignore[no-any-return]
-
-
 @pytest.fixture
 def on_processor(monkeypatch: pytest.MonkeyPatch) -> None:
     """XLA's platform cpu, which has no streams, takes the handler of devices."""

@@ -19,13 +19,6 @@ torch = needs("torch", extra="torch")
 COUNT, STREAM = 37, 11
 
 
-@pytest.fixture(scope="module")
-def kernel(built: Any) -> eomgen.Kernel:
-    """The robot of a single link, with derivatives to compare with."""
-    names = ("inverse_dynamics", "inverse_dynamics_adjoint", "mass_matrix", "kinematics", "frame_pose_adjoint")
-    return built("one_link", *names)  # type: ignore[no-any-return]
-
-
 def interface(x: Any) -> dict[str, Any]:
     """Say of a tensor what PyTorch says of those on devices."""
     if x.requires_grad:

@@ -34,7 +34,7 @@ from tests.description.test_floating import HEAVY
 from tests.oracles.flyers import Flyer
 from tests.support.builds import Build
 from tests.support.description_samples import example_urdfs
-from tests.support.small_robots import free_body
+from tests.support.small_robots import Q0, V0, free_body, tumbler
 from tests.support.soak import soaked
 from tests.support.turning_loops import INTEGRATED, held_at, held_pendulum
 
@@ -44,15 +44,9 @@ NEEDED = (
     *("forward_dynamics", "mass_matrix", "inverse_dynamics", "residual_jacobian", "energy", "kinematics"),
     *("external_force", "adaptive_rollout", "radau_rollout"),
 )
-Q0, V0 = np.array([0.1, -0.2, 0.3, 0.3, 0.2, 0.1]), np.array([0.1, -0.2, 0.3, 2.0, 3.0, 1.0])
 DRIVE = np.array([0.1, 0.2, -0.1, 0.05, -0.02, 0.03])
 PULL = np.array([[0.1, 0.2, -0.1, 0.05, -0.02, 0.03]])
 LIMIT = {"auto": 1e-8, "tsit5": 1e-8, "radau": 1e-8, "rosenbrock": 1e-4}  # the last one is of third order
-
-
-@cache
-def tumbler() -> Robot:
-    return replace(free_body(), name="tumbler", gravity=(0.0, 0.0, 0.0))
 
 
 @cache
@@ -283,7 +277,6 @@ def test_calls_go_on_to_the_bit_and_lanes_turn_apart(method: str, built: Build) 
 
 BASE = "floating_base"
 TURN = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])  # Q of theory's "Near +-pi/2"
-KERNELS = ("forward_dynamics", "mass_matrix", "inverse_dynamics", "residual_jacobian", "energy", "rollout")
 ROBOTS = ["small", pytest.param("talos_reduced", marks=pytest.mark.soak)]  # 8 coordinates and 38
 
 
@@ -299,7 +292,7 @@ def kernel_of(name: str, built: Build) -> Kernel:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", EomgenWarning)
         robot = robot_from_urdf(text_of(name), floating_base=True, inertia="warn")
-    kernel = built(robot, *KERNELS)
+    kernel = built(robot, *NEEDED[:5], "rollout")
     assert list(kernel.raw.turning) == [BASE]
     assert kernel.coordinates[:6] == tuple(f"{BASE}.{x}" for x in ("x", "y", "z", "alpha", "beta", "gamma"))
     return kernel

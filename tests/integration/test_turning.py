@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -21,20 +20,13 @@ from eomgen.robot.value import Coordinate, Joint, Link, Placement, Robot
 from tests.support.builds import Build
 from tests.support.optional import needs
 from tests.support.refusals import refused
-from tests.support.small_robots import free_body, held_body
+from tests.support.small_robots import Q0, V0, free_body, held_body, tumbler
 from tests.support.soak import soaked
 
 Array = NDArray[np.float64]
 
 ANGLES = ("alpha", "beta", "gamma")
 INTEGRATED = ("forward_dynamics", "mass_matrix", "inverse_dynamics", "residual_jacobian", "energy", "rollout")
-Q0, V0 = np.array([0.1, -0.2, 0.3, 0.3, 0.2, 0.1]), np.array([0.1, -0.2, 0.3, 2.0, 3.0, 1.0])
-
-
-@cache
-def tumbler() -> Robot:
-    """One asymmetric body, nothing on it."""
-    return replace(free_body(), name="tumbler", gravity=(0.0, 0.0, 0.0))
 
 
 def turned(q: Array) -> Rotation:
