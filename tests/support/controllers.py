@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import subprocess
+import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -16,6 +17,6 @@ def compiled(files: Mapping[str, str], folder: Path) -> Path:
         path.parent.mkdir(exist_ok=True)
         path.write_text(text, encoding="utf-8")
     codes = [name for name in files if name.endswith(".c") and "/" not in name]
-    library = folder / "controller.so"
+    library = Path(tempfile.mkdtemp(dir=folder), "controller.so")  # a path that no loaded library has or had
     subprocess.run(["cc", *STRICT.split(), *codes, "-o", str(library), "-lm"], cwd=folder, check=True)
     return library
