@@ -14,7 +14,6 @@ import pytest
 import eomgen
 from eomgen.control import Measurement, MomentumObserver
 from eomgen.control.momentum_observer import links_alone
-from eomgen.description.load import robot_from_toml
 from eomgen.errors import InputError, SingularError, UnknownNameError
 from eomgen.robot.value import PRINCIPAL
 from tests.control.test_sensing import HYSTERETIC
@@ -292,11 +291,10 @@ def test_what_cannot_be_observed_is_refused_by_name() -> None:
 
 
 def test_states_of_laws_are_refused_by_name() -> None:
-    robot = robot_from_toml(HYSTERETIC)
     with pytest.raises(InputError, match=r"laws have states \(.*\), which are not measured; allowed: robot.without_s"):
-        MomentumObserver(robot, GAIN, DT)
-    assert MomentumObserver(robot.without_states(), GAIN, DT).coordinates == ("joint1.gamma", "joint1.motor")
-    assert MomentumObserver(robot, GAIN, DT, torque_sensors=True).coordinates == ("joint1.gamma",)
+        MomentumObserver(HYSTERETIC, GAIN, DT)
+    assert MomentumObserver(HYSTERETIC.without_states(), GAIN, DT).coordinates == ("joint1.gamma", "joint1.motor")
+    assert MomentumObserver(HYSTERETIC, GAIN, DT, torque_sensors=True).coordinates == ("joint1.gamma",)
 
 
 @pytest.mark.soak
