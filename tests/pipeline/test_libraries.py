@@ -257,7 +257,7 @@ def test_a_compiler_that_adds_flags_is_refused(
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize(("dtype", "part"), product(["float64", "float32"], PARTS))
+@pytest.mark.parametrize(("dtype", "part"), list(product(["float64", "float32"], PARTS)))
 def test_no_compiler_warns(dtype: str, part: str, tmp_path: Path) -> None:
     for name in ("gcc", "clang"):
         if shutil.which(name) is not None:
