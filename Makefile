@@ -3,7 +3,7 @@
 #   make demo       derive, compile, simulate and plot the 36-DOF elastic PUMA 560; results in out/demo; under 1 minute
 #   make test       the quick tests: every package, without optional libraries; under 4 minutes from a fresh clone
 #   make test-all   lint and the whole test suite, quick tests included; 13 minutes more; 8 with warm caches
-#   make soak       the long tests, with a share of their random cases; under 60 minutes; writes docs/soak.md.
+#   make soak       the long tests, with a few cases of each; under 60 minutes; writes docs/soak.md.
 #                   EOMGEN_SOAK=all make soak runs every case: hours
 #   make lint       ruff (lint and format), mypy --strict, and which package may import which
 #   make coverage   lines of each package that the quick tests run; COVERAGE_TESTS= for the whole suite

@@ -21,6 +21,7 @@ from eomgen.robot.value import Robot
 from tests.support.builds import Build
 from tests.support.figures import Figure, Figures, gathered, lines
 from tests.support.quick_builds import one_link, without_headers
+from tests.support.soak import left_out
 from tests.support.soak_page import FailuresAtOnce, write_soak_page
 
 ALL = ("all",)
@@ -43,6 +44,14 @@ def pytest_configure(config: pytest.Config) -> None:
     if config.getoption("--soak-page") is not None and not hasattr(config, "workerinput"):
         config.pluginmanager.register(FailuresAtOnce(root.parent / "soak_failures.txt"))
     gc.set_threshold(100_000, 20, 20)  # SymPy's caches and many modules make every search for cycles long
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Of each test that the soak runs with many cases, keep some; a case that is named or selected with -k is kept."""
+    if omitted := left_out(items):
+        config.hook.pytest_deselected(items=[*omitted])
+        items[:] = [item for item in items if item not in omitted]
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -61,7 +61,7 @@ def blocks(surface: Surface) -> list[tuple[str, int, int]]:
     return [(surface.name, first, min(BLOCK, count - first)) for first in range(0, count, BLOCK)]
 
 
-@pytest.mark.soak
+@pytest.mark.soak(most=1000)  # each file format
 @pytest.mark.parametrize(("name", "first", "count"), [run for surface in SURFACES.values() for run in blocks(surface)])
 def test_many_files_are_refused_or_read(name: str, first: int, count: int) -> None:
     report = fuzzed(name, first=first, count=count)[name]

@@ -47,7 +47,6 @@ from tests.support import simt
 from tests.support.figures import Figures
 from tests.support.random_robots import random_robot
 from tests.support.refusals import refused
-from tests.support.soak import share
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 DTYPES = ("float64", "float32")
@@ -349,7 +348,7 @@ def test_sines_are_taken_again_so_that_nothing_is_stored() -> None:
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize(("name", "dtype"), share(BUILTIN))
+@pytest.mark.parametrize(("name", "dtype"), BUILTIN)
 def test_controllers_of_built_in_robots_have_the_bits_of_the_kernel(tmp_path: Path, name: str, dtype: str) -> None:
     robot = as_robot(name)
     if reason := refusal(build_model(robot), CONTROLLED[0]):
@@ -358,13 +357,13 @@ def test_controllers_of_built_in_robots_have_the_bits_of_the_kernel(tmp_path: Pa
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize(("name", "dtype"), share(BUILTIN))
+@pytest.mark.parametrize(("name", "dtype"), BUILTIN)
 def test_all_kernels_of_built_in_robots_have_the_bits_of_the_kernel(tmp_path: Path, name: str, dtype: str) -> None:
     compare(as_robot(name), tmp_path, dtype)
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("seed", share(range(30)))
+@pytest.mark.parametrize("seed", range(30))
 def test_all_kernels_of_random_robots_have_the_bits_of_the_kernel(tmp_path: Path, seed: int) -> None:
     robot = random_robot(np.random.default_rng(seed))
     derivatives = ("inverse_dynamics_tangent", "forward_dynamics_adjoint")
@@ -390,7 +389,7 @@ def runs_under_opencl(robot: Any, folder: Path, dtype: str) -> None:
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize(("name", "dtype"), share(BUILTIN))
+@pytest.mark.parametrize(("name", "dtype"), BUILTIN)
 def test_all_kernels_have_the_same_bits_under_opencl(tmp_path: Path, name: str, dtype: str) -> None:
     if not simt.opencl_platforms():
         pytest.skip("no runtime of OpenCL, or no pyopencl")

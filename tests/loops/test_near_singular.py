@@ -22,7 +22,7 @@ from eomgen.robot.model import build_model
 from tests.oracles.dense_solve import DenseSolve
 from tests.support.change_points import ChangePoint, four_bar, three_cranks
 from tests.support.random_robots import Array
-from tests.support.soak import share, soaked
+from tests.support.soak import soaked
 from tests.support.spatial_change_points import rod_on_balls, spherical_bar, two_bars
 
 RIGHT = 1e-9  # of the largest acceleration
@@ -115,14 +115,14 @@ def test_where_the_directions_of_constraint_forces_are_uncertain(
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("seed", share(range(FIRST, FIRST + 10), 3))
+@pytest.mark.parametrize("seed", range(FIRST, FIRST + 10))
 @pytest.mark.parametrize("kind", SPATIAL)
 def test_many_in_space(kind: str, seed: int) -> None:
     check_beside(kind, seed)
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("seed", share(range(FIRST, FIRST + 58), 6))
+@pytest.mark.parametrize("seed", range(FIRST, FIRST + 58))
 @pytest.mark.parametrize("kind", KINDS)
 def test_many_beside_their_change_points(kind: str, seed: int) -> None:
     check_beside(kind, seed)

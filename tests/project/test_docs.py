@@ -96,7 +96,7 @@ def hooks() -> ModuleType:
 
 @pytest.mark.parametrize(
     "name",
-    [pytest.param(x, marks=pytest.mark.soak) if x in SLOW else x for x in PAGES if x not in ELSEWHERE],
+    [pytest.param(x, marks=pytest.mark.soak(most=50)) if x in SLOW else x for x in PAGES if x not in ELSEWHERE],
 )
 def test_blocks_run(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)

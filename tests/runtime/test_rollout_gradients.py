@@ -43,7 +43,6 @@ from tests.support.rollout_cases import (
     signal,
     under_loads,
 )
-from tests.support.soak import share
 
 pytestmark = [
     pytest.mark.usefixtures("unoptimised"),
@@ -205,7 +204,7 @@ def test_a_mechanism_whose_only_freedom_is_prescribed(built: Build, monkeypatch:
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("seed", share(range(12), 4))
+@pytest.mark.parametrize("seed", range(12))
 @pytest.mark.parametrize("method", METHODS)
 def test_random_robots(method: str, seed: int, built: Build, monkeypatch: pytest.MonkeyPatch) -> None:
     """With and without prescribed coordinates, under all loads."""

@@ -30,7 +30,6 @@ from eomgen.robot.value import (
     Placement,
     Robot,
 )
-from tests.support.soak import SHARE, share
 
 Array = NDArray[np.float64]
 RIGHT_ANGLES = (0.0, np.pi / 2, -np.pi / 2, np.pi)
@@ -130,9 +129,9 @@ def with_random_loops(robot: Robot, seed: int | np.random.Generator, types: Sequ
     return replace(robot, loops=tuple(loops))
 
 
-def seeds(first: int, quick: int, all_of_them: int, soak: int = SHARE) -> list[Any]:
-    """Seeds of a test from the first on: the quick ones always, so many of the others in ``make soak``."""
-    further = share(range(first + quick, first + all_of_them), soak)
+def seeds(first: int, quick: int, all_of_them: int) -> list[Any]:
+    """Seeds of a test from the first on: the quick ones always, others in ``make soak``."""
+    further = range(first + quick, first + all_of_them)
     return [*range(first, first + quick), *(pytest.param(seed, marks=pytest.mark.soak) for seed in further)]
 
 

@@ -1,4 +1,4 @@
-"""How many random cases the soak tries of a test that has many: a share, spread over all of them, or every one."""
+"""Which cases the soak runs: of each test a few, spread over all of them, or every one."""
 
 from __future__ import annotations
 
@@ -11,16 +11,25 @@ import pytest
 
 Case = TypeVar("Case")
 
-VARIABLE = "EOMGEN_SOAK"  # "all" tries every case; see the Makefile
+VARIABLE = "EOMGEN_SOAK"  # "all" runs every case; see the Makefile
 WHOLE = os.environ.get(VARIABLE) == "all"
-SHARE = 3
+MOST = 3  # cases of a test that has the marker soak, unless the marker says ``most``
 
 
-def share(cases: Sequence[Case], most: int = SHARE) -> list[Case]:
-    """Return at most so many of the cases, the first one and others at even distances; all where the soak has time."""
-    if WHOLE or len(cases) <= most:
-        return list(cases)
-    return [cases[i * len(cases) // most] for i in range(most)]
+def left_out(items: Sequence[pytest.Item]) -> set[pytest.Item]:
+    """Return the soak's cases that a run omits: all but the first of a test and others at even distances.
+
+    ``pytest.mark.soak(most=30)`` allows more cases of a test.  ``EOMGEN_SOAK=all`` omits none.
+    """
+    cases: dict[str, list[pytest.Item]] = {}
+    for item in [] if WHOLE else items:
+        if item.get_closest_marker("soak"):
+            cases.setdefault(item.nodeid.partition("[")[0], []).append(item)
+    omitted = set[pytest.Item]()
+    for test in cases.values():
+        most = min(len(test), max(mark.kwargs.get("most", MOST) for mark in test[0].iter_markers("soak")))
+        omitted |= {*test} - {test[i * len(test) // most] for i in range(most)}
+    return omitted
 
 
 def soaked(cases: Iterable[Case], but: Container[Case]) -> list[Any]:

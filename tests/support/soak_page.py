@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from tests.support.figures import Figure, gathered, shown
-from tests.support.soak import SHARE, WHOLE
+from tests.support.soak import MOST, WHOLE
 
 COUNTED = ("passed", "skipped", "failed", "error")
 SLOWEST = 12
@@ -74,7 +74,7 @@ def _run(stats: Mapping[str, Sequence[Any]], seconds: float, workers: int) -> li
         "date": datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC"),
         "tests": ", ".join(f"{count} {outcome}" for outcome, count in counts.items() if count or outcome == "failed"),
         "time": f"{seconds / 60:.0f} minutes in {workers} processes on {os.cpu_count()} cores",
-        "random cases": "all" if WHOLE else f"of each long list {SHARE}; all with `EOMGEN_SOAK=all make soak`",
+        "cases": "all" if WHOLE else f"of each test {MOST}, if not more; all with `EOMGEN_SOAK=all make soak`",
         "Python": f"{platform.python_version()}, {platform.system()} {platform.machine()}",
     }
     table = ["|  |  |", "|---|---|", *(f"| {name} | {text} |" for name, text in rows.items())]

@@ -29,7 +29,7 @@ from tests.support.c_project import COMPILERS, NO_EIGEN, PREAMBLE, WARNINGS, nee
 from tests.support.makers import MAKERS
 from tests.support.random_robots import random_robot
 from tests.support.small_robots import held_body
-from tests.support.soak import share, soaked
+from tests.support.soak import soaked
 
 MAY_VANISH = ("bias_force", "christoffel", "coriolis_matrix", "external_force", "spring_stiffness")
 
@@ -131,7 +131,7 @@ def test_every_function_gives_what_the_kernel_gives(
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("number", share(range(len(BUILT_IN)), 2))
+@pytest.mark.parametrize("number", range(len(BUILT_IN)))
 def test_headers_of_the_built_in_robots(number: int, tmp_path: Path) -> None:
     name, compiler = BUILT_IN[number], [*COMPILERS][number % 2]
     count = compare(

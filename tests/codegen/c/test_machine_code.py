@@ -51,7 +51,7 @@ from tests.support.c_sources import check_symbols
 from tests.support.makers import MAKERS
 from tests.support.random_robots import random_robot, with_random_loops
 from tests.support.small_robots import free_body
-from tests.support.soak import WHOLE, share, soaked
+from tests.support.soak import WHOLE, soaked
 
 COMPILERS = ("gcc", "clang")
 LEVELS = ("-O0", "-O2", "-O3")
@@ -524,7 +524,7 @@ def check_filled(source: Source, model: Model, folder: Path, flags: tuple[str, .
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="sanitizers are preloaded as Linux has it")
-@pytest.mark.parametrize("name", soaked(share((*WATCHED_QUICK, *WATCHED_SOAK), 6), ()))
+@pytest.mark.parametrize("name", soaked((*WATCHED_QUICK, *WATCHED_SOAK), ()))
 def test_nothing_is_read_before_it_is_written(name: str, tmp_path: Path) -> None:
     """Steps, their derivatives and accelerations: no byte out of bounds, no undefined value, no lane by another."""
     make, further = (WATCHED_QUICK[name], ()) if name in WATCHED_QUICK else WATCHED_SOAK[name]

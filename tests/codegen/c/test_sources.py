@@ -42,7 +42,7 @@ from tests.support.c_project import WARNINGS
 from tests.support.c_sources import check_symbols, elastic_tree, source_of, write_source
 from tests.support.random_robots import random_robot
 from tests.support.small_robots import free_body
-from tests.support.soak import WHOLE, share, soaked
+from tests.support.soak import WHOLE, soaked
 
 ROOT = Path(__file__).parents[3]
 
@@ -322,8 +322,8 @@ def digests(python: str, names: tuple[str, ...], seed: int, path: str = "") -> d
     return dict(json.loads(result.stdout))
 
 
-@pytest.mark.soak
-@pytest.mark.parametrize("part", share(range(4), 1))
+@pytest.mark.soak(most=1)
+@pytest.mark.parametrize("part", range(4))
 def test_a_hundred_hash_seeds(part: int) -> None:
     """Of small robots with every seed, of large ones with some."""
     began, seen = time.perf_counter(), 0

@@ -29,7 +29,6 @@ from eomgen.robot.value import Robot
 from tests.oracles.exact_field import PRIME, Orthogonal, Residue, over_rationals, recursion, residue, values
 from tests.support.bending_robots import bent
 from tests.support.random_robots import random_robot, seeds
-from tests.support.soak import share
 
 QUICK = {
     "one_link": ("residual", "forward_dynamics", "energy"),
@@ -117,7 +116,7 @@ def test_programs_equal_the_recursion(name: str) -> None:
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("name", share(builtin_robots(), 12))
+@pytest.mark.parametrize("name", builtin_robots())
 def test_all_programs_of_all_robots_equal_the_recursion(name: str) -> None:
     _check(_builtin(name))
 

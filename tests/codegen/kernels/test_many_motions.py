@@ -19,7 +19,6 @@ from tests.support.figures import Figures
 from tests.support.many_motion import momenta
 from tests.support.many_robots import run, size_of
 from tests.support.random_robots import random_robot
-from tests.support.soak import share
 
 DURATION = 10.0  # s
 DRIFT, MOMENTUM = 1e-9, 1e-10
@@ -107,6 +106,6 @@ def test_a_motion(check: Check, seed: int, built: Build, figures: Figures, empty
 
 @pytest.mark.soak
 @pytest.mark.parametrize("check", CHECKS)
-@pytest.mark.parametrize("seed", share(range(100, 140), 6))
+@pytest.mark.parametrize("seed", range(100, 140))
 def test_forty_motions(check: Check, seed: int, built: Build, figures: Figures, empty_cache: Path) -> None:
     check(seed, built, figures)

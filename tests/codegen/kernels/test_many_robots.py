@@ -16,7 +16,7 @@ from tests.support.many_descriptions import check_descriptions
 from tests.support.many_laws import CHECKS
 from tests.support.many_oracles import check_forms, check_oracles
 from tests.support.many_robots import FORMS, ROBOTS, Subject, many_robot, named, subject
-from tests.support.soak import share, soaked
+from tests.support.soak import soaked
 
 EVERYTHING: tuple[Callable[[Subject, Figures], None], ...] = (
     check_oracles,
@@ -49,7 +49,7 @@ def test_a_few_robots(number: int, built: Build, figures: Figures, empty_cache: 
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("first", share(range(0, ROBOTS, BLOCK), 2))
+@pytest.mark.parametrize("first", range(0, ROBOTS, BLOCK))
 def test_a_thousand_robots(first: int, built: Build, figures: Figures, empty_cache: Path) -> None:
     for number in range(first, first + BLOCK):
         check(number, built, figures, empty_cache)

@@ -30,7 +30,6 @@ from tests.support.builds import Build
 from tests.support.random_motors import geared_robot, motor_state
 from tests.support.random_robots import Array, random_robot, seeds
 from tests.support.random_springs import with_springs
-from tests.support.soak import share
 
 STEP = 1e-30
 OF_STATES = ("inverse_dynamics", "forward_dynamics", "energy", "external_force", "generalized_force", "reactions")
@@ -171,7 +170,7 @@ def every_operation(*more: str) -> Program:
     ("seed", "names"),
     [
         *((seed, ("energy", "external_force", "reactions")) for seed in (0, 1)),
-        *(pytest.param(seed, (), marks=pytest.mark.soak) for seed in share(range(60))),
+        *(pytest.param(seed, (), marks=pytest.mark.soak) for seed in range(60)),
     ],
 )
 def test_derivatives_of_random_robots(seed: int, names: tuple[str, ...]) -> None:
