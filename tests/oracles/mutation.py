@@ -137,6 +137,8 @@ def check_elements() -> None:
         if before is not None:
             sys.modules[support] = before
     tests.test_slopes_are_those_of_forces(tests.CASES[-1], 1)
+    tests.test_energys_gradient_is_the_force_at_rest(tests.CASES[-1], 1)
+    tests.test_every_number_is_a_parameter(tests.CASES[-1], 1)
     tests.test_an_implicit_step_is_its_linear_system(tests.CASES[-1], 1)
     tests.test_an_implicit_step_with_dampers_of_whole_joints(3)
     tests.test_dampers_of_whole_joints_with_a_prescribed_rotation()
@@ -152,7 +154,14 @@ def check_zeros() -> None:
         tests.test_map_equals_the_pattern_of_numbers(seed)
     for leaders in ({"joint1.alpha": 2.0}, {"joint1.y": 0.5, "joint2.gamma": -1.5}):
         tests.test_what_leaders_move_is_the_pattern_of_sums(leaders)
+    tests.test_states_of_laws_meet_nothing()
     again("tree.test_offsets").test_an_offset_ends_a_coaxial_zero()
+    tests = again("joint.test_zeros_of_modes")
+    for seed in range(4):
+        for second in (False, True):
+            tests.test_map_of_links_alone_equals_the_pattern_of_numbers(seed, second)
+    for seed in range(50, 58):
+        tests.test_no_zero_is_invented_where_nodes_follow_modes(seed)
 
 
 def check_closed_form() -> None:

@@ -16,8 +16,9 @@ from eomgen.codegen.joint.zero_listing import ZeroReport, zero_report
 from eomgen.codegen.joint.zeros import ZeroMap, zero_map
 from eomgen.codegen.kernels.constraint_rows import vanishing_rows
 from eomgen.robot.model import Model, build_model
-from eomgen.robot.value import Coupling
+from eomgen.robot.value import Coordinate, Coupling
 from tests.oracles.unpruned import brute_force
+from tests.support.bristled import bristled_arm
 from tests.support.generic_robots import chain, generic
 from tests.support.random_motors import geared_robot
 from tests.support.random_robots import Array, random_robot, random_state
@@ -90,6 +91,22 @@ def test_map_equals_the_pattern_of_numbers(seed: int) -> None:
     rng = np.random.default_rng(seed)
     robot = random_robot(rng, joints=(1, 4), tree=seed % 2 == 1, armature=False)
     check(build_model(generic(robot, rng)), seed)
+
+
+def test_states_of_laws_meet_nothing() -> None:
+    """Beside the coordinates' own entries M has the states' diagonal alone, and C nothing."""
+    robot = bristled_arm()
+    joints = [replace(x, coordinates={name: Coordinate() for name in x.coordinates}) for x in robot.joints]
+    model = build_model(robot)
+    found, alone, n = zero_map(model), zero_map(build_model(replace(robot, joints=tuple(joints)))), 4
+    states = found.mass_matrix.mask.shape[0] - n
+    assert states == 2
+    M, C = np.eye(n + states, dtype=bool), np.zeros((n + states,) * 3, dtype=bool)
+    M[:n, :n], C[:n, :n, :n] = alone.mass_matrix.mask, alone.christoffel.mask
+    assert np.array_equal(found.mass_matrix.mask, M)
+    assert np.array_equal(found.christoffel.mask, C)
+    assert dict(found.mass_matrix.zeros)[zeros.STATE] == states * n + 1
+    assert dict(found.christoffel.zeros)[zeros.STATE] == 6 * 21 - 4 * 10
 
 
 @pytest.mark.parametrize("leaders", [{"joint1.alpha": 2.0}, {"joint1.y": 0.5, "joint2.gamma": -1.5}])
