@@ -40,7 +40,7 @@ def by_columns(block: Array, function: DifferentiableFunction, shape: tuple[int,
     return np.asarray(four.reshape(int(np.prod(rows)), int(np.prod(columns))))
 
 
-@pytest.mark.parametrize("seed", [*seeds(4100, 1, 60, soak=2), pytest.param(BENDING, marks=pytest.mark.soak)])
+@pytest.mark.parametrize("seed", [*seeds(4100, 1, 60), pytest.param(BENDING, marks=pytest.mark.soak)])
 def test_values_and_jacobians_are_the_kernels(seed: int, built: Build, figures: Figures) -> None:
     """All functions, compiled without a warning; sparse where something vanishes identically."""
     robot = sample(seed)
@@ -104,7 +104,7 @@ def test_forward_and_reverse_modes(built: Build) -> None:
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("seed", [*seeds(4100, 1, 20, soak=4), BENDING])
+@pytest.mark.parametrize("seed", [*seeds(4100, 1, 20), BENDING])
 def test_hessians_are_the_kernels(seed: int, built: Build, figures: Figures) -> None:
     """Of expressions with all functions: casadi.hessian against the kernel's derivatives by hand."""
     robot = sample(seed)
@@ -370,7 +370,7 @@ def test_a_step_is_that_of_a_rollout(method: str, built: Build) -> None:
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("seed", seeds(4300, 5, 40, soak=10))
+@pytest.mark.parametrize("seed", seeds(4300, 5, 40))
 def test_random_robots(seed: int, built: Build, figures: Figures) -> None:
     """Trees with laws, motors and springs, all numbers of u and some parameters."""
     robot = replace(sample(seed), loops=())  # random ones do not close

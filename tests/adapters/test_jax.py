@@ -59,7 +59,7 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, int | None]]:
 
 
 @pytest.mark.parametrize("way", [eager, pytest.param(jax.jit, marks=pytest.mark.soak)], ids=["eager", "jit"])
-@pytest.mark.parametrize("seed", [FEW, *seeds(4100, 0, 31, soak=3), pytest.param(BENDING, marks=pytest.mark.soak)])
+@pytest.mark.parametrize("seed", [FEW, *seeds(4100, 0, 31), pytest.param(BENDING, marks=pytest.mark.soak)])
 def test_values_and_derivatives_are_the_kernels(seed: int, way: Any, built: Build, figures: Figures) -> None:
     """Of all functions, but of FEW where seconds count, forward and in reverse; jit takes a second for each."""
     robot = sample(4100 if seed == FEW else seed)

@@ -29,7 +29,7 @@ from tests.support.soak import WHOLE
 pytestmark = pytest.mark.quick
 
 
-@pytest.mark.parametrize("seed", [4100, *seeds(4101, 0, 59, soak=4), pytest.param(BENDING, marks=pytest.mark.soak)])
+@pytest.mark.parametrize("seed", [4100, *seeds(4101, 0, 59), pytest.param(BENDING, marks=pytest.mark.soak)])
 def test_derivatives_are_those_of_complex_steps(seed: int, built: Build, figures: Figures) -> None:
     """Of all functions by all arguments; of frames, whose programs are parts, those of central differences."""
     robot = sample(seed)
@@ -54,7 +54,7 @@ def test_derivatives_are_those_of_complex_steps(seed: int, built: Build, figures
         figures.count("functions")
 
 
-@pytest.mark.parametrize("seed", [*seeds(4100, 1, 30, soak=4), pytest.param(BENDING, marks=pytest.mark.soak)])
+@pytest.mark.parametrize("seed", [*seeds(4100, 1, 30), pytest.param(BENDING, marks=pytest.mark.soak)])
 def test_second_derivatives_are_those_of_the_first(seed: int, built: Build, figures: Figures) -> None:
     """Of all functions against central differences of the exact Jacobian, and of weighted results; zeros are zeros."""
     robot = sample(seed)

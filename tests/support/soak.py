@@ -17,7 +17,7 @@ MOST = 3  # cases of a test that has the marker soak, unless the marker says ``m
 
 
 def left_out(items: Sequence[pytest.Item]) -> set[pytest.Item]:
-    """Return the soak's cases that a run omits: all but the first of a test and others at even distances.
+    """Return the soak's cases that a run omits: all but the first and the last of a test and others between them.
 
     ``pytest.mark.soak(most=30)`` allows more cases of a test.  ``EOMGEN_SOAK=all`` omits none.
     """
@@ -28,7 +28,7 @@ def left_out(items: Sequence[pytest.Item]) -> set[pytest.Item]:
     omitted = set[pytest.Item]()
     for test in cases.values():
         most = min(len(test), max(mark.kwargs.get("most", MOST) for mark in test[0].iter_markers("soak")))
-        omitted |= {*test} - {test[i * len(test) // most] for i in range(most)}
+        omitted |= {*test} - {test[i * (len(test) - 1) // max(most - 1, 1)] for i in range(most)}
     return omitted
 
 
