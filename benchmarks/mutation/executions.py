@@ -32,18 +32,20 @@ class Executions:
         return [test for test in self.tests if test[0].startswith(folder)]
 
     def ranked(self, function: Function, tree: Path) -> list[tuple[str, float]]:
-        """Return tests of a function: those that execute it, then those of what the generator may take from a cache.
+        """Return tests of a function: those that execute it, then those that may use what others let it compute.
 
-        The latter are in modules that contain its name, or in the folder named like its package.  Of both one case of
-        each test comes before others; of these those of the package or of such modules; then cheap ones.
+        The latter are in the same modules, whose fixtures one test alone executes; of the generator, whose kernels come
+        from a cache, also in modules that contain its name, or in the folder named like its package.  Of both one case
+        of each test comes before others; of these those of the package or of such modules; then cheap ones.
         """
         near, own = f"tests/{function.package}/", {test for test, _ in self.of(function)}
         named = self._naming(function, tree)
+        beside = {test.partition("::")[0] for test in own} | named
         place: dict[tuple[str, float], tuple[bool, int, bool, float]] = {}
         seen = dict[str, int]()
         for test, seconds in sorted(self.tests, key=lambda x: x[1]):
             module, name = test.partition("::")[0], test.partition("[")[0]
-            if test in own or module in named or (function.file.startswith("codegen/") and test.startswith(near)):
+            if test in own or module in beside or (function.file.startswith("codegen/") and test.startswith(near)):
                 seen[name] = seen.get(name, -1) + 1
                 is_near = module in named or test.startswith(near)
                 place[test, seconds] = test not in own, seen[name], not is_near, seconds

@@ -271,7 +271,7 @@ def test_contexts_of_processes_say_which_tests_execute_a_function(tmp_path: Path
     assert found.of(g) == [("tests/c/t.py::x[2]", 1.0)]
     assert found.of(h) == []  # tests/codegen/c has none
     checkout(tree, {"tests/d/u.py": "g()"})
-    assert [x[0] for x in found.ranked(g, tree)] == ["tests/c/t.py::x[2]", "tests/d/u.py::C::y"]
+    assert [x[0] for x in found.ranked(g, tree)] == ["tests/c/t.py::x[2]", "tests/d/u.py::C::y", "tests/c/t.py::x[1]"]
     assert [x[0] for x in found.ranked(f, tree)] == ["tests/d/u.py::C::y", "tests/c/t.py::x[2]", "tests/c/t.py::x[1]"]
 
 
