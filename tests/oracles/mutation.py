@@ -18,6 +18,7 @@ import eomgen
 from eomgen.errors import InputError
 from eomgen.robot.model import build_model
 from eomgen.robot.value import COORDINATES
+from tests.support.bending_robots import bent
 from tests.support.bristled import bristled_arm
 from tests.support.mutant import full_name, source_of
 from tests.support.mutation_cases import Case, cases, flexible_cases, small_cases
@@ -199,11 +200,17 @@ def check_closed_form_of(case: Case) -> None:
 
 
 def check_closed_form_of_flexible_links() -> None:
-    """Two robots with one flexible link each, against Lagrange's equations of its particles."""
+    """Two robots with one flexible link each, against Lagrange's equations of its particles; and what is refused."""
     for model, s, expected in flexible_cases():
-        found = codegen("closed_form.trace").closed_form(model).function(*expected)(s.q, s.v, s.a, s.u)
+        form = codegen("closed_form.trace").closed_form(model, external_forces=True)
+        found = form.function(*expected)(s.q, s.v, s.a, s.u, np.zeros((len(model.links), 6)).tolist())
         for name, value in zip(expected, found, strict=True):
             close(np.asarray(value, float), np.asarray(expected[name]), CLOSE, f"{model.name}: {name}")
+    (model,) = (case.model for case in cases() if case.name == "flexible links")
+    symbols = [str(x) for x in codegen("closed_form.trace")._symbols(model)[0]]
+    assert symbols == ["x_1", "y_1", "z_1", "e1_1", "e2_1", "gamma_4", "e1_4", "e2_4"]
+    with pytest.raises(InputError, match="knows no laws with states, nor servo drives"):
+        codegen("closed_form.trace").closed_form(build_model(bent(bristled_arm(), 0, (1,)).robot))
 
 
 def check_closed_form_with_states() -> None:
