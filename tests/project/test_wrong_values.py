@@ -30,6 +30,7 @@ from benchmarks.mutation.functions import (
     write_list,
 )
 from benchmarks.mutation.packages import FIRST, by_module, parts
+from benchmarks.mutation.workers import renew
 from benchmarks.mutation.wrong import CONTROL, KINDS, PROCEDURE, UNCHANGED, altered, wrong
 
 
@@ -281,3 +282,18 @@ def test_tests_of_a_mutant_are_shared_out_up_to_a_time() -> None:
     assert list(parts(ranked[-1:], 40.0)) == [["d.py::x"]]
     assert list(parts([], 40.0)) == []
     assert by_module(["b::1", "a::1", "b::2"]) == ["b::1", "b::2", "a::1"]
+
+
+def test_a_folder_is_renewed_by_links(tmp_path: Path) -> None:
+    source = checkout(tmp_path / "source", {"a/one": "1", "a/two": "2", "b": "3", "making-c/d": "4"})
+    target = tmp_path / "target"
+    for _ in range(2):
+        renew(source, target)
+        files = {str(x.relative_to(target)): x.read_text() for x in target.rglob("*") if x.is_file()}
+        assert files == {"a/one": "1", "a/two": "2", "b": "3"}
+        assert (target / "b").samefile(source / "b")
+        (target / "a" / "one").unlink()
+        (target / "b").unlink()
+        checkout(target, {"b": "wrong", "a/more/x": "5", "c": "6"})
+        (target / "a" / "two").unlink()
+        (target / "a" / "two").mkdir()
