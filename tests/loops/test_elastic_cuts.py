@@ -263,7 +263,10 @@ def test_forces_and_rows_of_cut_joints(built: Build) -> None:
     assert kernel.cut_laws == tuple(f"cut.{name}" for name in COORDINATES)
     q, v = AT
     found, rows = kernel.cut_forces(q, v), kernel.cut_jacobian(q)
-    assert np.allclose(found[:3, 0], kernel.cut_poses(q)[0][:3, 3], atol=1e-15)
+    pose = kernel.cut_poses(q)[0]
+    assert np.allclose(found[:3, 0], pose[:3, 3], atol=1e-15)
+    on_second = -found[:, 1].reshape(2, 3) @ pose[:3, :3]  # one angle alone is not 0
+    assert np.allclose(kernel.loop_reactions(q, v, np.zeros_like(v))[0], on_second.ravel())
     bare = kernel.with_parameters(dict.fromkeys([x for x in kernel.parameters if x.startswith("loops")], 1e-9))
     assert np.allclose(-rows.T @ found[:, 1], kernel.generalized_force(q, v) - bare.generalized_force(q, v), atol=1e-6)
     stiffness, damping = line_rates(kernel, q)

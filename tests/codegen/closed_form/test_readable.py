@@ -371,6 +371,7 @@ def test_one_flexible_link_is_read_in_closed_form() -> None:
     assert "  N1_xy_arm = links.arm.modes.N.1.x.y: 0.8 kg m^2" in text
     assert "  n1_y_arm = links.arm.modes.n.1.y: 1.5 kg m" in text
     assert r"\ddot{e}_{1,1}" in form.latex()
+    assert "% $P_{11,yy,arm}$ = links.arm.modes.P.1.1.y.y: 1.1 kg m^2" in form.latex()
     assert r"M_{1,1}^{\gamma e_{1}}" in form.latex()
 
 
