@@ -105,6 +105,12 @@ def test_rows_have_closed_forms() -> None:
     assert (x.peak, x.peak_at, x.share) == pytest.approx((1e-4, 1.0, 1.0))
     assert (gamma.rms, gamma.share) == (0.0, 0.0)
     assert left.rms < 1e-15
+    rows = found.as_rows()
+    columns = {column.name: column.values for column in rows.columns}
+    assert np.array_equal(rows.values, t)
+    assert list(columns) == ["deviation", "joint1.x", "joint1.gamma", "remainder"]
+    for name in ("deviation", "joint1.x"):
+        assert columns[name][:, 0] == pytest.approx(1e-4 * t, abs=1e-15)
 
 
 def test_a_budget_has_links_that_bend() -> None:

@@ -320,6 +320,10 @@ def test_of_a_robot() -> None:
     assert bode.outputs == ("tcp.x",)
     assert bode.H.shape == bode.magnitude.shape == bode.phase.shape == (400, 1, 1)
     A, B, C, D = about.matrices
+    own = np.abs(np.linalg.eigvals(A)) / (2.0 * np.pi)
+    ends = 0.1 * own[own > 1e-6 * own.max()].min(), 10.0 * own.max()
+    assert bode.frequencies[[0, -1]] == pytest.approx(ends)
+    assert np.ptp(np.diff(np.log(bode.frequencies))) < 1e-9
     i, o = about.inputs.index("elbow.gamma"), about.outputs.index("tcp.x")
     w, decibels, degrees = scipy.signal.bode((A, B[:, [i]], C[[o]], D[[o]][:, [i]]), 2.0 * np.pi * bode.frequencies)
     assert np.abs(w / 2.0 / np.pi - bode.frequencies).max() < 1e-9 * w.max()
@@ -344,6 +348,11 @@ def test_of_a_robot() -> None:
     assert np.abs(state - x).max() <= 1e-7 * np.abs(x).max()
     assert json.loads(json.dumps(discrete.as_dict()))["dt"] == dt
     assert "every 0.002 s" in str(discrete)
+    inputs, outputs, largest = discrete.lines()[1:]
+    assert inputs == f"  inputs: {', '.join(about.inputs)}"
+    assert outputs == "  outputs: tcp.x, elbow.gamma (displacement)"
+    growth = np.exp(dt * np.linalg.eigvals(A).real.max())
+    assert float(largest.split()[2]) == pytest.approx(growth, rel=1e-5)
 
 
 NO_TIMES = (0.0, -1.0, np.nan, np.inf, "fast", None, True)

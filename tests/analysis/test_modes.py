@@ -54,6 +54,14 @@ def test_chain_of_masses_and_springs(n: int) -> None:
         assert min(np.abs(place - expected).max(), np.abs(place + expected).max()) < 1e-10
     assert found.frame_shapes[:, 0] == pytest.approx(found.shapes.sum(axis=1), abs=1e-12)
     assert np.abs(found.frame_shapes[:, 1:]).max() < 1e-12
+    rows = found.as_rows()
+    table = {column.name: column.values for column in rows.columns}
+    assert rows.values.tolist() == k.tolist()
+    assert rows.about == {"robot": found.robot, "frame": "tcp"}
+    assert table["frequency"] == pytest.approx(w / (2 * np.pi), rel=1e-12)
+    assert table["damped_frequency"] == pytest.approx(w / (2 * np.pi), rel=1e-12)
+    assert np.abs(table["eigenvalue"]) == pytest.approx(w, rel=1e-12)
+    assert table["tcp.shape"][:, 0] == pytest.approx(table["shape"].sum(axis=1), abs=1e-12)
 
 
 def test_free_chain_has_a_rigid_mode() -> None:

@@ -115,6 +115,9 @@ def test_files_and_figures_have_them(tmp_path: Path) -> None:
     assert header == ["beam", "x", *COMPONENTS, "stress"]
     assert [float(row[header.index("My")]) for row in rows] == beam["My"]
     assert {row[0] for row in rows} == {"tube"}
+    again = tmp_path / "again.csv"
+    assert deflection(boom()).save(again) == again
+    assert again.read_text() == table.read_text()
     assert "beam tube: stress resultants" in command("deflection", path, "-o", tmp_path / "beams.svg")
     assert (tmp_path / "beams.svg").exists()
     assert f"wrote {page}" in command("deflection", path, "--report", page)

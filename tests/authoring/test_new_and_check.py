@@ -364,7 +364,8 @@ def test_a_study_from_the_first_file_on(tmp_path: Path, monkeypatch: pytest.Monk
     command("new", "mine")
     for robot in ("mine", "ur5e"):
         command("new", robot, "--plan")
-        command("new", robot, "--tolerances")
+        for kind, ending in (("tolerances", "toml"), ("poses", "csv")):
+            assert command("new", robot, f"--{kind}") == f"wrote {robot}_{kind}.{ending}\n"
         assert not check_file(f"{robot}_plan.toml").errors
         found = tolerance(eomgen.load_robot("mine.toml" if robot == "mine" else robot), f"{robot}_tolerances.toml")
         assert found.lines()

@@ -182,9 +182,22 @@ def test_bench_prints_a_table_and_json(tiny: Robot) -> None:
     values = json.loads(json.dumps(result.as_dict()))
     assert (values["note"], "open tree" in text) == ("", False)
     assert len(values["call"]) == 2
+    assert (values["robot"], values["rounds"], values["states"]) == ("tiny", 1, STATES)
+    assert values["coordinates"] == build_model(tiny).size
+    assert 0.0 <= values["error"] < 1e-11
     assert min(values["call"]) > 0.0
     assert [row["kernel"]["name"] for row in values["rows"]] == ["mass_matrix", "energy"]
     assert values["rows"][0]["kernel"]["operations"]["mul"] >= 0
+    table = {line[:26].strip(): line[26:].split() for line in result.lines()}
+    for row in result.rows:
+        for one in filter(None, (row.kernel, row.counterpart)):
+            counts = [one.operations[key] for key in ("mul", "add", "div", "sincos")]
+            assert [float(x) for x in table[one.name][:6]] == pytest.approx([*counts, one.median, one.least], abs=0.051)
+    [against] = [row for row in result.rows if row.counterpart is not None]
+    assert table["composite bodies"][6] == f"{against.ratio:.2f}"
+    system = Path("/proc/cpuinfo")
+    if system.exists() and "model name" in system.read_text():
+        assert f": {result.processor}\n" in system.read_text()
 
 
 @pytest.mark.soak

@@ -12,7 +12,7 @@ from scipy.linalg import eigh
 
 import eomgen
 from eomgen.bending import reduction
-from eomgen.bending.checks import rigid_motions
+from eomgen.bending.checks import check_matrices, rigid_motions
 from eomgen.bending.constants import skew
 from eomgen.bending.finite_elements import FiniteElements
 from eomgen.bending.mass_integrals import EXACT, MEAN, REDUCED, integrals
@@ -132,6 +132,10 @@ def test_mass_and_inertia_are_those_of_a_box() -> None:
     expected = mass / 12.0 * np.array([b * b + h * h, length**2 + h * h, length**2 + b * b])
     # trilinear functions integrate squares of coordinates exactly, of elements whose edges are along them
     assert link.inertia.diagonal() == pytest.approx(expected, rel=1e-10)
+    body, moment = np.zeros((6, 6)), skew(mass * link.com)
+    body[:3, :3], body[:3, 3:], body[3:, :3] = mass * np.eye(3), -moment, moment
+    body[3:, 3:] = np.diag(expected) + mass * (0.5**2 * np.diag([0.0, 1.0, 1.0]))  # about the origin
+    assert check_matrices(bar()) == pytest.approx(body, rel=1e-10, abs=1e-10)
 
 
 @pytest.mark.parametrize("elements", [bar(), beam(lumped=True), beam(), replace(beam(), reduced=True)])

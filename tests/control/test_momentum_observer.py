@@ -297,13 +297,18 @@ def test_states_of_laws_are_refused_by_name() -> None:
     assert MomentumObserver(HYSTERETIC, GAIN, DT, torque_sensors=True).coordinates == ("joint1.gamma",)
 
 
-@pytest.mark.soak
-def test_a_package_carries_the_observer(tmp_path: Path) -> None:
-    """Its C lies beside the robot's, and the package imports as before."""
+def test_a_folder_of_sources_has_the_observer(tmp_path: Path) -> None:
+    """Its C lies beside the robot's."""
     observer = MomentumObserver("one_link", GAIN, DT)
     package = observer.write(tmp_path)
+    assert package == tmp_path / "one_link"
     for name, text in observer.sources().items():
         assert (package / name).read_text(encoding="ascii") == text
+
+
+@pytest.mark.soak
+def test_a_package_with_the_observer_is_imported(tmp_path: Path) -> None:
+    MomentumObserver("one_link", GAIN, DT).write(tmp_path)
     code = "import one_link; print(one_link.generalized_momentum([0.1, 0.2], [1.0, 2.0]).shape)"
     found = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=True, capture_output=True, text=True)
     assert found.stdout == "(2, 2)\n"

@@ -17,16 +17,19 @@ import pytest
 import eomgen
 from eomgen.codegen.forces.joint_stiffness import JointStiffnesses
 from eomgen.description.load import robot_from_toml
-from eomgen.export.live.contents import KERNELS, contents_of
+from eomgen.export.live.acting import HELD, STIFF, default_scenario
+from eomgen.export.live.contents import KERNELS, _in_motion, contents_of
 from eomgen.export.live.page import live_page
+from eomgen.export.live.sliders import parameter_sliders
 from eomgen.export.wasm.pack import make_wasm
 from eomgen.export.wasm.signals import as_json
 from eomgen.motion.point_to_point import PointToPoint
 from eomgen.motion.splines import Spline
 from eomgen.progress import no_progress
-from eomgen.robot.value import INERTIA_KEYS, Robot
+from eomgen.robot.model import build_model
+from eomgen.robot.value import COORDINATES, INERTIA_KEYS, Robot
 from eomgen.runtime.stepping.packed_inputs import plain_signal
-from eomgen.scenario.value import Section
+from eomgen.scenario.value import Initial, Scenario, Section
 from eomgen.simulation.loads import combined_body
 from tests.support.bristles import bristle_arm, bristle_linkage, servo_arm, servo_axes
 from tests.support.browser import Page, open_page
@@ -212,6 +215,9 @@ def test_what_moves_on_a_page_moves_as_rollouts_of_python(
     kernel = eomgen.build(contents.robot, kernels=KERNELS)
     n, ticks = len(kernel.coordinates), 40
     assert len(start["q"]) == len(start["v"]) == kernel.n
+    for drive in values["drives"]:  # critical damping, in two digits
+        assert drive["kp"] > 0.0
+        assert drive["kd"] == pytest.approx(2.0 * drive["kp"] / STIFF, rel=0.1)
     assert [state["name"] for state in values["states"]] == list(kernel.memory)
     assert not any(
         name in {slider["name"] for slider in values["parameters"]} for name in changed if ".stiffness." in name
@@ -334,6 +340,43 @@ def test_without_a_compiler_the_extra_is_named(monkeypatch: pytest.MonkeyPatch, 
     with pytest.raises(eomgen.BuildError, match=r"eomgen\[compiler\]"):
         eomgen.export_live("one_link", tmp_path / "page.html")
     assert not list(tmp_path.iterdir())
+
+
+def test_sliders_of_parameters_have_ranges_about_their_values() -> None:
+    """Gravity up to that of Jupiter; what cannot be negative by two decades to either side."""
+    robot = eomgen.load_robot("one_link")
+    values = dict(build_model(robot).parameters)
+    _, y, _, spring = parameter_sliders(robot, values, frozenset())
+    assert (y["name"], y["value"], y["unit"]) == ("gravity.y", -9.81, "m/s^2")
+    assert (y["low"], y["high"], y["log"], y["least"]) == (-25.0, 25.0, False, None)
+    assert (spring["owner"], spring["label"], spring["unit"]) == ("joints joint1", "x.stiffness", "N/m")
+    assert [spring[key] for key in ("low", "value", "high", "log", "least")] == [1e2, 1e4, 1e6, True, 0.0]
+    rest = parameter_sliders(robot, values, frozenset({"gravity.y"}))
+    assert [x["name"] for x in rest] == ["gravity.x", "gravity.z", "joints.joint1.x.stiffness"]
+
+
+def test_default_scenarios_hold_a_robot() -> None:
+    """Servo drives by their references where default motions begin, a shaken base by small harmonic motions."""
+    initial = Initial(q={"j1.gamma": 0.0, "j2.gamma": 0.0})
+    assert default_scenario(servo_axes()) == Scenario(HELD, initial=initial, control=Section("reference", {}))
+    shaken = default_scenario(eomgen.load_robot("shaken_arm"))
+    assert shaken.control is not None
+    assert (shaken.control.type, shaken.control.values["gravity"]) == ("pd", True)
+    assert list(shaken.control.values["kp"]) == ["waist.gamma", "shoulder.gamma", "elbow.gamma"]
+    names = [f"mount.{name}" for name in COORDINATES]
+    assert [(x.type, x.values["coordinate"]) for x in shaken.prescribed] == [("harmonic", name) for name in names]
+
+
+def test_deflections_under_the_largest_acceleration_of_the_default_motion() -> None:
+    """From the first joint's acceleration at rest: of l2's mass along j2.x, over the stiffness there."""
+    kernel = eomgen.build(bristle_arm(), kernels=KERNELS)
+    names = kernel.coordinates
+    acting = {"cycle": {"start": [0.1], "goal": [0.9], "duration": 2.0}, "drives": [{"joint": 0}]}
+    found = _in_motion(bristle_arm(), kernel, np.zeros(len(names)), [names.index("j2.x")], acting)
+    t = np.linspace(0.0, 2.0, 2001)
+    fastest = np.abs(PointToPoint(np.array([0.1]), np.array([0.9]), 2.0).at(t)[2]).max()
+    expected = {"j2.x": 1.0 * fastest * 0.05 * np.sin(0.5) / 1e4}
+    assert np.abs(found) == pytest.approx([expected.get(name, 0.0) for name in names], rel=1e-3)
 
 
 def test_what_a_page_cannot_do_is_refused() -> None:

@@ -25,7 +25,7 @@ from eomgen.errors import InputError
 from eomgen.export import export_mjcf
 from eomgen.export.fmu.pack import export_fmu
 from eomgen.export.mujoco import left_out, mjcf
-from eomgen.export.step import default_step
+from eomgen.export.step import _velocities, default_step
 from eomgen.pipeline.stages import Options, generate, make_source
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
@@ -132,6 +132,10 @@ def test_default_steps_follow_states_at_limits_of_velocity(tmp_path: Path) -> No
     text = text.replace("ratio = 5.0\n", "ratio = 5.0\nlimits = { velocity = 40.0 }\n")
     limited = robot_from_toml(text)
     assert default_step(limited, "rk4") == 5e-6
+    names = build_model(limited).coordinates
+    still, fast = (dict(zip(names, v, strict=False)) for v in _velocities(limited))
+    assert set(still.values()) == {0.0}
+    assert (fast["j1.gamma"], fast["j2.motor"]) == (10.0, 40.0)
     assert default_step(limited, "implicit") == 1e-3
     with warnings.catch_warnings(action="ignore", category=eomgen.EomgenWarning):
         written = eomgen.export_mjcf(bristle_arm(), tmp_path / "a.xml", approximate=True)

@@ -18,6 +18,8 @@ from eomgen.authoring.check import check_file
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import DescriptionError, InputError
 from eomgen.forms import toml_place
+from eomgen.forms.dotted_paths import get_path
+from eomgen.forms.keys import FileName
 from eomgen.forms.plain import value_of
 from eomgen.forms.toml_place import lines_of
 from tests.support.refusals import refused
@@ -31,6 +33,28 @@ class Alias:
 
     def __getitem__(self, items: Any) -> types.GenericAlias:
         return types.GenericAlias(self, items)
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        ("until", 2.0),
+        ("control.kp.hinge", 50.0),
+        ("control.kd", None),
+        ("forces.0.wrench.1", -3.0),
+        ("forces.push.wrench.0", 1.5),
+    ],
+)
+def test_dotted_paths_lead_to_values(path: str, value: float | None) -> None:
+    """Through tables by keys, through lists by numbers and names."""
+    forces = [{"name": "push", "wrench": [1.5, -3.0]}]
+    assert get_path({"until": 2.0, "control": {"kp": {"hinge": 50.0}}, "forces": forces}, path) == value
+
+
+def test_allowed_endings_of_files_are_named() -> None:
+    allowed = "the path of a .csv or .npz file, relative to this file"
+    assert FileName("", suffixes=(".csv", ".npz")).rule == allowed
+    assert FileName("", suffixes=(".urdf",)).rule == "the path of an .urdf file, relative to this file"
 
 
 @pytest.mark.quick

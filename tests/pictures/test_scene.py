@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import shutil
 import socket
@@ -338,6 +339,13 @@ def test_meshes_are_drawn_and_missing_ones_named(tmp_path: Path) -> None:
     shapes, _ = visuals.urdf_shapes(robot)
     sizes = [np.ptp(shape.vertices, axis=0) for shape in shapes]
     np.testing.assert_allclose(sizes, [[0.3, 0.2, 0.7], [1.0, 2.0, 3.0], [1.0] * 3], rtol=1e-6)
+    page, missing = geometry_of(robot, build_model(robot).coordinates, np.zeros(build_model(robot).size))
+    assert "gone.stl" in missing[0]
+    for mesh, shape in zip(page["meshes"], shapes, strict=True):
+        numbers, faces = (base64.b64decode(mesh[key]) for key in ("vertices", "faces"))
+        assert mesh["link"] == shape.link == "a"
+        np.testing.assert_array_equal(np.frombuffer(numbers, "<f4").reshape(-1, 3), shape.vertices.astype("<f4"))
+        np.testing.assert_array_equal(np.frombuffer(faces, "<u4").reshape(-1, 3), shape.faces)
     with pytest.warns(EomgenWarning, match=r"^arm: shape of b: there is no mesh 'gone.stl'"):
         _, axes = plot_robot(robot)
     assert len(axes.collections) == len(shapes) + 1, "three shapes, and the capsule of b"
