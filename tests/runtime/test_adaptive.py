@@ -247,7 +247,7 @@ def test_a_coordinate_without_inertia_is_named_by_all_methods(
     for method in ("rk4", *METHODS):
         how: dict[str, Any] = {"dt": 1e-3, "steps": 10} if method == "rk4" else {"duration": 0.3, "rtol": 1e-4}
         for states in (q, np.tile(q, (5, 1))):
-            said = rf"rollout: the mass matrix cannot be inverted at {name}( in s.*)?; .* no inertia along .*; give links"
+            said = rf"rollout: the mass matrix cannot be inverted at {name}( in s.*)?; .* no inertia .*; give links"
             refused(SingularError, said, kernel.rollout, states, v, u, method=method, **how)
     found, rates = kernel.rollout(q, v, u, method="implicit", dt=1e-3, steps=300)
     if name.startswith("k"):
