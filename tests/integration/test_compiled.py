@@ -254,6 +254,10 @@ def test_a_coordinate_without_inertia_is_named(method: str, built: Build) -> Non
     kernel = built(massless_tip(), *NEEDED, "mass_matrix", "adaptive_rollout", "radau_rollout")
     with pytest.raises(SingularError, match=r"cannot be inverted at k\.gamma"):
         integrate(kernel, [0.3, 0.5], [0.0, -5.0], 0.3, method=method, rtol=1e-6, atol=1e-8)
+    text = "duration = 0.3\n[control]\ntype = 'torque'\ncoordinates = ['j.gamma']\nrows = [[0.0, 0.0], [1.0, 0.0]]\n"
+    text += f"[initial]\nq = {{ j = 0.3, k = 0.5 }}\nequilibrium = false\n[integrator]\nmethod = '{method}'\n"
+    with pytest.raises(SingularError, match=r"cannot be inverted at k\.gamma"):
+        run_scenario(massless_tip(), scenario_from_toml(text))
 
 
 @pytest.mark.parametrize("method", IN_C)
