@@ -41,11 +41,18 @@ def one_step(method: int, run: Run, q: Array, v: Array, u: Array, dt: Any) -> tu
 def one_adapted_step(method: int, run: Run, q: Array, v: Array, u: Array, dt: Any) -> tuple[Array, Array]:
     """Take a step with error control that allows anything: method 0 is the Rosenbrock method, 1 the explicit pair.
 
-    2 is Radau IIA, which in a step that short comes to what one of Euler's comes to, but for rounding.  No status
-    comes of it: what cannot be solved is seen in the error.
+    2 is Radau IIA, which in a step that short comes to what one of Euler's comes to, but for rounding.  Returns states
+    as ``one_step``, and the first status of every lane: a step with one that is not 0 is not taken.
     """
+    status = np.zeros(q.shape[1], np.int64)
+
+    def checked(name: str, **changed: Array) -> tuple[Array, Array]:
+        answer, failed = run(name, **changed)
+        np.copyto(status, failed, where=status == 0)
+        return answer, failed
+
     way = (_rosenbrock, _explicit, _euler)[method]
-    return way(run, q, v, u, dt), np.zeros(q.shape[1], np.int64)
+    return way(checked, q, v, u, dt), status
 
 
 def _euler(run: Run, q: Array, v: Array, u: Array, dt: Any) -> Array:

@@ -98,7 +98,7 @@ extern "C" {
  * are clipped, infinite where they are not, alone (with loads theirs counts, and wrenches are not clipped).  q, v and progress, all
  * zeros at the beginning, are where it goes on: a call takes most steps of a state at most, and one that records its steps
  * no more than there is room for.  progress->reason is 0 until it has ended: 1 at the last sample, 2 + i where no step is
- * short enough for number i of the state.
+ * short enough for number i of the state, 6 + i where the mass matrix cannot be inverted at coordinate i.
  * Of several states those at place go on, or the first ones without; parameters, loads and tolerances of state i lie at
  * i * h_step, i * loads_step and i * allowed_step, and with a step of 0 are the same for all.
  * Loads, or NULL, act beside the drives and follow time itself, between first and last:

@@ -32,7 +32,7 @@ CALLS = {  # words, exit code, what is said
     "robots": ((), 0, "one_link"),
     "info": (("arm.toml",), 0, f"{Z1} [rad]  friction      5000 z^2 J"),
     "new": (("arm", "-o", "new.toml"), 0, "new.toml"),
-    "check": (("arm.toml", "scenario.toml"), 0, "ok: 2 links, 4 coordinates"),
+    "check": (("arm.toml", "scenario.toml"), 0, "ok: 2 links, 4 coordinates, 2 states of force laws"),
     "schema": (("robot",), 0, "bristle_stiffness"),
     "derive": (("arm.toml",), 0, "d/dt z_beta_2 = betadot_2 - 20000.0*z_beta_2*Abs(betadot_2)"),
     "generate": (("arm.toml", "-o", "generated", "--kernels", "forward_dynamics"), 0, "generated"),

@@ -439,6 +439,21 @@ def test_an_arm_written_by_hand(way: str, make: Make) -> None:
 R, L = 0.3, 0.7  # m
 
 
+@pytest.mark.parametrize("method", METHODS[2:])
+def test_steps_into_states_without_accelerations(method: str, make: Make) -> None:
+    """They are tried again, shorter; a motion that leads there ends at them, and one that begins there takes none."""
+    bounded, number, stiffness = make("bounded", WHOLE), ADAPTIVE[method], (2.0 * np.pi) ** 2
+    reason, _, rejected, t, q, v = numbers(bounded, number, stiffness, 0.9, 0.0, 0.5)
+    assert (reason, t) == (1, 2.0)
+    assert rejected > 0
+    assert (q, v) == pytest.approx((0.9, 0.0), abs=1e-6)
+    reason, steps, _, t, q, v = numbers(bounded, number, 0.0, 0.0, 1.0, 0.1)
+    assert (reason, t, q, v) == (4, pytest.approx(1.0), pytest.approx(1.0), pytest.approx(1.0))
+    assert t < 1.0
+    assert steps > 0
+    assert numbers(bounded, number, 0.0, 1.5, -1.0, 0.1).tolist() == [4, 0, 0, 0.0, 1.5, -1.0]
+
+
 def slider_crank(angle: float, v: float, a: float) -> Array:
     """Coordinates, velocities and accelerations of crank, rod and slider, (3, 3)."""
     rod = -np.arcsin(R * np.sin(angle) / L)

@@ -33,6 +33,7 @@ from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.assembly import Assembly, assemble
 from eomgen.simulation.run import plan_of, run_scenario
 from tests.support.builds import Build
+from tests.support.massless import massless_tip
 from tests.support.soak import soaked
 from tests.support.swinging import MASS, NEEDED, STIFFNESS, oscillator
 from tests.support.turning_loops import cranked_plate
@@ -245,6 +246,18 @@ def test_harmonic_motions_are_data() -> None:
     for t in (0.0, 0.3):
         amplitude, rate, phase, offset = wave.T
         assert offset + amplitude * np.sin(rate * t + phase) == pytest.approx(shake(t)[0], abs=1e-15)
+
+
+@pytest.mark.parametrize("method", [*IN_C, AUTO, "rk4", "Radau", "DOP853"])
+def test_a_coordinate_without_inertia_is_named(method: str, built: Build) -> None:
+    """Whoever integrates: nothing says that its velocity stays what it is."""
+    kernel = built(massless_tip(), *NEEDED, "mass_matrix", "adaptive_rollout", "radau_rollout")
+    with pytest.raises(SingularError, match=r"cannot be inverted at k\.gamma"):
+        integrate(kernel, [0.3, 0.5], [0.0, -5.0], 0.3, method=method, rtol=1e-6, atol=1e-8)
+    text = "duration = 0.3\n[control]\ntype = 'torque'\ncoordinates = ['j.gamma']\nrows = [[0.0, 0.0], [1.0, 0.0]]\n"
+    text += f"[initial]\nq = {{ j = 0.3, k = 0.5 }}\nequilibrium = false\n[integrator]\nmethod = '{method}'\n"
+    with pytest.raises(SingularError, match=r"cannot be inverted at k\.gamma"):
+        run_scenario(massless_tip(), scenario_from_toml(text))
 
 
 @pytest.mark.parametrize("method", IN_C)

@@ -15,9 +15,13 @@ from eomgen.integration.solve import integrate
 from eomgen.robot.value import Coordinate, Friction
 from eomgen.runtime.stepping.adaptive import KEPT_NUMBERS
 from eomgen.runtime.stepping.alternation import ELIMINATION, EVALUATION, FRESH, Alternation, Spent, Turn, implicit_spans
+from eomgen.runtime.stepping.batch_motion import BatchMotion
+from eomgen.runtime.stepping.input_signals import InputSignals
 from eomgen.runtime.stepping.options import ADAPTIVE as METHODS
-from eomgen.runtime.stepping.options import NARROW_TURNS, rollout_of
+from eomgen.runtime.stepping.options import NARROW_TURNS, ErrorControl, rollout_of
+from eomgen.runtime.stepping.single_motion import SingleMotion
 from tests.support.builds import Build
+from tests.support.massless import massless_tip, massless_wheel
 from tests.support.random_motors import geared_robot, motor_state
 from tests.support.random_robots import Array, random_robot, random_state, seeds, some_prescribed
 from tests.support.random_springs import with_springs
@@ -230,6 +234,50 @@ def test_a_singular_state_is_named(method: str, built: Build) -> None:
     q[kernel.coordinates.index("joint1.beta")] = np.pi / 2
     with pytest.raises(SingularError, match=r"joint1\.alpha and joint1\.gamma"):
         kernel.rollout(q, s.v, s.u, method=method, duration=0.01)
+
+
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+@pytest.mark.parametrize(("robot", "name"), [(massless_tip(), r"k\.gamma"), (massless_wheel(), r"spin\.gamma")])
+def test_a_coordinate_without_inertia_is_named_by_all_methods(
+    robot: eomgen.Robot, name: str, dtype: str, built: Build
+) -> None:
+    """Of one state and of many; the linearly implicit method alone moves it, as its spring and damper say."""
+    kernel = built(robot, "rollout", *NAMES, dtype=dtype)
+    q, v, u = np.array([[0.3, 0.5], [0.0, -5.0], [0.0, 0.0]], dtype)
+    for method in ("rk4", *METHODS):
+        how: dict[str, Any] = {"dt": 1e-3, "steps": 10} if method == "rk4" else {"duration": 0.3, "rtol": 1e-4}
+        for states in (q, np.tile(q, (5, 1))):
+            said = rf"rollout: the mass matrix cannot be inverted at {name}( in s.*)?; .* no inertia .*; give links"
+            refused(SingularError, said, kernel.rollout, states, v, u, method=method, **how)
+    found, rates = kernel.rollout(q, v, u, method="implicit", dt=1e-3, steps=300)
+    if name.startswith("k"):
+        assert found[-1, 1] == pytest.approx(0.5 * np.exp(-3.0), abs=5e-4)
+    else:
+        assert rates[-1, 1] == pytest.approx(0.0, abs=1e-5)
+
+
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+@pytest.mark.parametrize("method", METHODS)
+def test_lanes_that_cannot_move_change_no_bit_of_others(method: str, dtype: str, built: Build) -> None:
+    """Some without armature: each has the reason that it has alone, and others their own steps."""
+    kernel = built(massless_tip(), *NAMES, dtype=dtype)
+    bad = [0, 3, 4, 17]
+    kernels = [
+        kernel.with_parameters({"joints.k.gamma.armature": 0.0 if i in bad else 0.01 + 0.001 * i}) for i in range(19)
+    ]
+    rng, times, loads = np.random.default_rng(6), np.linspace(0.0, 0.2, 5), InputSignals()
+    q, v = rng.uniform(-0.5, 0.5, (2, 19, 2))
+    atol = np.full((19, 4), 1e-5)
+    many = BatchMotion([x.calls for x in kernels], [loads] * 19, times, q, v, ErrorControl(method, 1e-4, atol))
+    while many.go():
+        pass
+    for i, each in enumerate(kernels):
+        alone = SingleMotion(each.calls, loads, times, q[i], v[i], ErrorControl(method, 1e-4, atol[i]))
+        while not alone.progress.reason:
+            alone.go()
+        assert many.progress[i].reason == alone.progress.reason == (2 + 2 * 2 + 1 if i in bad else 1)
+        assert many.progress[i].steps == alone.progress.steps
+        assert np.array_equal(many.samples[:, i], alone.samples, equal_nan=True)
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -14,12 +14,14 @@ from scipy.linalg import expm
 
 import eomgen
 from eomgen.description.load import robot_from_toml
-from eomgen.errors import InputError
+from eomgen.errors import InputError, SingularError
 from eomgen.robot.value import Coordinate, Friction, Robot
 from eomgen.runtime.stepping.input_signals import DriveData, Gains, InputSignals, LinkWrench, Signal, Track, jump_times
 from eomgen.runtime.stepping.options import ADAPTIVE as METHODS
 from tests.support.builds import Build
+from tests.support.massless import massless_tip
 from tests.support.random_robots import Array, random_robot, random_state, some_prescribed
+from tests.support.refusals import refused
 from tests.support.rollout_cases import (
     ALL,
     CLOSED,
@@ -341,3 +343,20 @@ def test_stiff_robots_are_refused_under_loads(built: Build) -> None:
     loads = InputSignals(DriveData(torque=Track(bent(np.random.default_rng(2), 1, 1.0, 0), np.array([0]))))
     with pytest.raises(InputError, match="take rosenbrock"):
         kernel.rollout_gradient([0.0], [0.0], loss=last, loads=loads, method="tsit5", duration=1e-4, samples=1)
+
+
+def test_a_motion_without_accelerations_has_no_gradient(built: Build) -> None:
+    """Of a link without mass; in steps of all methods that have derivatives."""
+    kernel = built(massless_tip(), "rollout", *NAMES, *BACK, "mass_matrix")
+    for method in ("rk4", "tsit5", "rosenbrock"):
+        how: dict[str, Any] = {"dt": 1e-3, "steps": 3} if method == "rk4" else {"duration": 1e-2, "samples": 1}
+        refused(
+            SingularError,
+            r"k\.gamma",
+            kernel.rollout_gradient,
+            [0.3, 0.5],
+            [0.0, -5.0],
+            loss=last,
+            method=method,
+            **how,
+        )

@@ -13,11 +13,12 @@ import pytest
 import eomgen
 from eomgen import Kernel
 from eomgen.analysis import linearize
-from eomgen.errors import LoopError, SingularError
+from eomgen.errors import IntegrationStopped, LoopError, SingularError
 from eomgen.pipeline.costs import RobotInfo
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Link, Robot, deflection_range
 from eomgen.runtime.singular import bent_too_far
+from eomgen.runtime.stepping.options import ADAPTIVE
 from tests.support.bending_mixtures import Mixture, answer, mixture
 from tests.support.bending_robots import bent
 from tests.support.builds import Build
@@ -244,6 +245,33 @@ def test_a_state_beyond_it_names_link_and_modes(built: Build) -> None:
     refused(SingularError, "inverted in state 1" + said + shown, kernel.forward_dynamics, [zero, q], zero, zero)
     refused(SingularError, "inverted in step 0" + said + shown, kernel.rollout, q, zero, dt=1e-4, steps=2)
     assert np.isfinite(kernel.forward_dynamics(0.5 * q, zero, zero)).all()
+
+
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+def test_no_method_moves_a_state_beyond_it(dtype: str, built: Build) -> None:
+    """Its matrix is indefinite; where one leaves the range, others have the bits that they have alone."""
+    robot, link = free_link(3)
+    kernel = built(
+        robot, "mass_matrix", "forward_dynamics", "rollout", "adaptive_rollout", "radau_rollout", dtype=dtype
+    )
+    q, zero = beyond(robot, link).astype(kernel.dtype), np.zeros(kernel.n, kernel.dtype)
+    inside, out = (0.2 * q).astype(kernel.dtype), zero.copy()
+    out[kernel.coordinates.index(f"{link.name}.mode1")] = 1e3 * q[kernel.coordinates.index(f"{link.name}.mode1")]
+    for method in ("implicit", "rk4", *ADAPTIVE):
+        how: dict[str, Any] = {"duration": 1e-2, "samples": 2, "rtol": 1e-4}
+        if method not in ADAPTIVE:
+            how = {"dt": 1e-4, "steps": 100}
+        said = f"inverted.*: link {link.name} bends farther than modes of second order reach"
+        refused(SingularError, said, kernel.rollout, q, zero, zero, method=method, **how)
+        refused(SingularError, said, kernel.rollout, np.stack([inside, q]), zero, zero, method=method, **how)
+        if method in ADAPTIVE:
+            alone = kernel.rollout(inside, zero, zero, method=method, **how)
+            with pytest.raises(IntegrationStopped, match="of state 1; it ends at t") as stop:
+                kernel.rollout(
+                    np.stack([inside, inside, inside]), np.stack([zero, out, zero]), zero, method=method, **how
+                )
+            for found, expected in zip(stop.value.stored, alone, strict=True):
+                assert np.array_equal(found[[0, 2]], [expected, expected])
 
 
 def test_only_what_is_the_cause_is_named() -> None:

@@ -228,6 +228,30 @@ def test_second_derivatives_are_of_the_same_side(built: Build) -> None:
     assert np.isfinite(kernel.hessian("forward_dynamics", (q, v, still), np.ones(n))).all()
 
 
+WITH_STATES = {  # laws with states: a corner at v = 0
+    "rubs": 'friction = { model = "lugre", coulomb = 2.0, bristle_stiffness = 1e3, bristle_damping = 30.0 }',
+    "winds": "hysteresis = { stiffness = 50.0, beta = 12.0, gamma = 8.0, n = 1.5 }",
+}
+
+
+def test_laws_with_states_have_derivatives_of_the_negative_side_at_rest(built: Build) -> None:
+    """All of them, by velocities; bristles and springs are deflected, so that the sides differ."""
+    bodies = "".join(BODY.format(name, MASS, "prismatic") + f"z = {{ {law} }}\n" for name, law in WITH_STATES.items())
+    kernel = built(robot_from_toml(f'name = "resting"\ngravity = [0.0, 0.0, 0.0]\n{bodies}'), *SECOND, *EXACT)
+    q, still, h = np.zeros(4), np.zeros(4), 1e-7
+    v = np.array([0.0, 0.0, 1e-3, 0.1])
+    here, one, other = (kernel.forward_dynamics(q, v + x, still) for x in (still, [-h, -h, 0, 0], [h, h, 0, 0]))
+    along = (here - one) / h
+    assert (np.abs(along - (other - here) / h)[2:] > 0.1).all()
+    rates = np.array([1.0, 1.0, 0.0, 0.0])
+    slope = kernel.forward_dynamics_jacobian(q, v, still)[1]
+    np.testing.assert_allclose(slope @ rates, along, rtol=1e-5, atol=1e-5)
+    jvp = kernel.jvp("forward_dynamics", (q, v, still), (0.0 * q, rates, still))
+    np.testing.assert_allclose(jvp, along, rtol=1e-5, atol=1e-5)
+    rows = [kernel.vjp("forward_dynamics", (q, v, still), weights)[1] @ rates for weights in np.eye(4)]
+    np.testing.assert_allclose(rows, along, rtol=1e-5, atol=1e-5)
+
+
 ENDS = ("", "_tangent", "_adjoint", "_hessian", "_parameter_tangent", "_parameter_adjoint")
 
 

@@ -16,6 +16,8 @@ from eomgen.description.load import robot_from_toml
 from eomgen.errors import DescriptionError, InputError
 from eomgen.integration.solve import integrate
 from eomgen.integration.trajectory import motion_columns
+from eomgen.robot.memory.drives import short_time_notes
+from eomgen.robot.model import build_model
 from eomgen.runtime.stepping.input_signals import InputSignals, LinkWrench, Signal
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.run import run_scenario
@@ -200,6 +202,7 @@ BAD = {
     "drive = {}": "drive: there is nothing in it",
     "drive = { current_limit = 1.0, lag = 0.1 }": "drive.current_limit: there is no winding",
     "drive = { winding = { resistance = 1.0, inductance = 1e-3 } }": "torque_constant: it is missing",
+    f"drive = {{ current_limit = 1.0, {WINDING.replace('= 1.0', '= 0.0', 1)} }}": "current_limit: the winding has no",
     "drive = { lag = 0.0 }": "drive.lag: got 0.0",
     f"drive = {{ lag = 0.1, {WINDING} }}": "drive.lag: there is a winding",
     "drive = { controller = { current = { kp = 1.0 } } }": "controller.current: there is no winding",
@@ -219,6 +222,22 @@ def test_tables_that_say_nothing_are_refused_by_name(table: str) -> None:
     with pytest.raises(DescriptionError) as caught:
         robot_from_toml(f"{AXIS}gamma = {{ {table} }}\n")
     assert BAD[table] in str(caught.value), str(caught.value)
+
+
+def test_times_that_are_too_short_for_integrations_are_noted() -> None:
+    """By checks and simulations: a lag of 1e-12 s takes millions of steps."""
+    winding = WINDING.replace("inductance = 1e-3", "inductance = 1e-6")
+    kinds = {
+        "lag = 1e-12": ["drive.lag = 1e-12 s"],
+        "lag = 1e-5, controller = { kp = 1.0, ki = 2.0 }": [],
+        f"{winding}, controller = {{ velocity = {{ kp = 1.0, kd = 1.0, filter = 1e-9 }} }}": [
+            "drive.controller.velocity.filter = 1e-09 s",
+            "drive.winding: inductance / resistance = 1e-06 s",
+        ],
+    }
+    for table, said in kinds.items():
+        notes = short_time_notes(build_model(servo(table)).states)
+        assert [note.partition(": integrations")[0] for note in notes] == [f"joints.joint1.gamma.{x}" for x in said]
 
 
 def test_what_nothing_drives_has_no_drive() -> None:

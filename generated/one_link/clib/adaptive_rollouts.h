@@ -24,6 +24,7 @@ typedef struct {
     int halts[WIDTH];  /* whether inputs jump there */
     int taken[WIDTH];
     int known[WIDTH];  /* whether dx has the rates at the beginning */
+    int failed[WIDTH]; /* see problem */
     int left;          /* lanes that go on */
     int method;
     int held;          /* whether drives are the same from sample to sample */
@@ -42,6 +43,18 @@ EOM_LOCAL void F(stop_lane)(F(integration) *restrict it, int l)
 {
     it->going[l] = 0;
     it->left -= 1;
+}
+
+/* End those of some lanes in which equations cannot be solved: those that begin a step, or have taken one. */
+EOM_LOCAL void F(end_failed)(F(integration) *restrict it, int *restrict some)
+{
+    const int n = N_OF(it->problem.motion.robot->sizes);
+    for (int l = 0; l < (int)WIDTH; ++l) {
+        if ((some[l] == 0) || (it->failed[l] == 0)) { continue; }
+        it->progress[it->place[l]].reason = 1 + 2 * n + it->failed[l];
+        F(stop_lane)(it, l);
+        some[l] = 0;
+    }
 }
 
 #if defined(EOM_HAS_RADAU)
@@ -89,6 +102,7 @@ EOM_LOCAL int F(look_at_clock)(F(integration) *restrict it, long long pass)
     for (int l = 0; l < (int)WIDTH; ++l) {
         const eom_progress *const p = &it->progress[it->place[l]];
         const EOM(inputs) *const inputs = clock->inputs[l];
+        it->failed[l] = 0;
         if ((it->going[l] != 0) && (pass >= F(tolerance_of)(it, l)->most)) { F(stop_lane)(it, l); }
         clock->begin[l] = p->t;
         clock->step[l] = 0.0;
@@ -129,7 +143,7 @@ EOM_LOCAL void F(choose_lengths)(F(integration) *restrict it, REAL *restrict dt)
     }
 }
 
-/* Judge lanes' steps by their errors; with closed loops their ends are assembled. */
+/* Judge lanes' steps by their errors, which are too great where equations failed; with closed loops their ends are assembled. */
 EOM_LOCAL void F(judge_steps)(F(integration) *restrict it, REAL *restrict work)
 {
     const F(motion) *const motion = &it->problem.motion;
@@ -139,7 +153,8 @@ EOM_LOCAL void F(judge_steps)(F(integration) *restrict it, REAL *restrict work)
         int where = 0;
         it->taken[l] = 0;
         if (it->going[l] == 0) { continue; }
-        const double excess = F(error_norm)(motion, F(tolerance_of)(it, l), l, &it->step, &where);
+        const double excess = (it->failed[l] != 0) ? HUGE_VAL : F(error_norm)(motion, F(tolerance_of)(it, l), l, &it->step, &where);
+        if (it->failed[l] != 0) { where = 2 * N_OF(motion->robot->sizes) + it->failed[l] - 1; }
 #if defined(EOM_HAS_RADAU)
         if (it->method == 2) {
             it->taken[l] = F(judge_radau)(&it->radau, p, excess, l, it->length[l], it->duration, where);
@@ -170,7 +185,10 @@ EOM_LOCAL int F(prepare_inside)(F(integration) *restrict it, REAL dt, F(workspac
         if ((it->works != 0) && (F(works_are_doubtful)(it->problem.clock.power, p->work, l, it->method, it->length[l], F(tolerance_of)(it, l)->rtol) != 0)) { inside = 1; }
     }
     if (inside != 0) {
-        if (sizes->has_friction == 0) { F(rate)(&it->problem, 1.0, END_STAGE, it->step.x_end, it->step.dx_end, work); }
+        if (sizes->has_friction == 0) {
+            F(rate)(&it->problem, 1.0, END_STAGE, it->step.x_end, it->step.dx_end, work);
+            F(end_failed)(it, it->taken);
+        }
         F(bend_of_step)(&it->problem, dt, &it->step, work.state);
     }
     return inside;
@@ -286,7 +304,9 @@ EOM_LOCAL void F(carve_integration)(const EOM(sizes) *restrict sizes, F(integrat
     it->step.dx = &it->step.bend[PADDED_TO_BLOCKS(N_OF(sizes))];
     it->step.dx_end = &it->step.dx[rates];
     it->step.factors = &it->step.dx_end[rates];
-    work->state = &it->step.factors[PADDED_TO_BLOCKS(sizes->factors)];
+    it->problem.failed = it->failed;
+    it->problem.spare = &it->step.factors[PADDED_TO_BLOCKS(sizes->factors)];
+    work->state = &it->problem.spare[(WIDTH > 1) ? (4 * N_OF(sizes) + 6 + sizes->hoisted) : 0];
     it->problem.u = it->u;
     it->problem.target = it->target;
     (void)memset(it->u, 0, (size_t)(work->state - it->u) * sizeof *it->u);
@@ -349,7 +369,11 @@ EOM_LOCAL void F(adapt)(const F(robot) *restrict robot, const REAL *restrict h, 
     if (method == 2) { F(resume_radau)(&it.problem, place, progress, &it.radau); }
 #endif
     for (long long pass = 0; (it.left > 0) && (pass < most) && ((record == NULL) || (record->count < record->room)); ++pass) {
-        if (F(look_at_clock)(&it, pass) != 0) { F(rate)(&it.problem, 0.0, 0, x, it.step.dx, work); }
+        if (F(look_at_clock)(&it, pass) != 0) {
+            F(rate)(&it.problem, 0.0, 0, x, it.step.dx, work);
+            F(end_failed)(&it, it.going);
+            if (it.left == 0) { break; }
+        }
         F(choose_lengths)(&it, &dt);
         if (method == 0) {
             F(rosenbrock_step)(&it.problem, dt, &it.step, work);
@@ -373,11 +397,12 @@ EOM_LOCAL void F(adapt)(const F(robot) *restrict robot, const REAL *restrict h, 
             if ((method == 2) && (it.halts[l] != 0)) { F(forget_radau)(n, &it.radau, l); }
 #endif
             if (record != NULL) { F(record_step)(&it, l, stiffness, record, work.state); }
-            if (progress[place[l]].sample > samples) {
+            if ((progress[place[l]].sample > samples) && (it.failed[l] == 0)) {
                 progress[place[l]].reason = 1;
                 F(stop_lane)(&it, l);
             }
         }
+        F(end_failed)(&it, it.taken); /* within a step, where works are integrated */
         if (ROTATIONS_OF(sizes) == 0) { continue; }
 #if defined(EOM_HAS_RADAU)
         if (method == 2) { F(look_at_charts)(sizes, &charts, &it.radau, 0); }

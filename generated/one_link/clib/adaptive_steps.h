@@ -13,6 +13,72 @@ typedef struct {
     const REAL *inside; /* of Radau IIA: coefficients of its polynomial, (stages, 2 n), from the first power on */
 } F(step);
 
+/* Equations that fail where a matrix is singular. */
+enum F(solved) { F(rates_of_state), F(factors_of_stage), F(factors_of_pair) };
+
+/* Solve one of them at a state: for accelerations under forces, or for factors with gains of coordinates and velocities. */
+EOM_INLINE int F(solve)(const F(robot) *restrict robot, enum F(solved) what, const REAL *h, const REAL *q, const REAL *v, const REAL *first, const REAL *second, const REAL *times, REAL *restrict out)
+{
+    if (what == F(rates_of_state)) { return robot->forward_dynamics(h, q, v, first, out); }
+    if (what == F(factors_of_stage)) { return robot->stage_factors(h, q, v, first, second, times, out); }
+    return robot->pair_factors(h, q, v, first, second, times, &times[4], out);
+}
+
+#if defined(EOM_LANES_HERE)
+/* Let lanes that failed have the numbers of another one. */
+EOM_LOCAL void F(follow_lane)(int count, const int *restrict failed, int other, REAL *restrict x)
+{
+    for (int l = 0; l < (int)WIDTH; ++l) {
+        for (int i = 0; (failed[l] != 0) && (i < count); ++i) { LANE_OF(x[i], l) = LANE_OF(x[i], other); }
+    }
+}
+
+/* Find all lanes in which equations fail, behind the first one, which has said so: solve again and again with those that failed in
+ * the place of another one.  The other lanes get the same results, to the bit. */
+EOM_LOCAL void F(find_failures)(const F(problem) *restrict problem, enum F(solved) what, const REAL *q, const REAL *v, const REAL *first, const REAL *second, const REAL *times, REAL *restrict out, int status)
+{
+    const F(robot) *const robot = problem->motion.robot;
+    const int n = N_OF(robot->sizes);
+    const int hoisted = robot->sizes->hoisted;
+    const int statuses = (M_OF(robot->sizes) > 0) ? (2 * n + 3 * M_OF(robot->sizes)) : n;
+    REAL *const state = problem->spare; /* q, v, and two more arrays */
+    REAL *const time = &state[4 * n];
+    REAL *const h = &time[6];
+    int failed[WIDTH] = { 0 };
+    int other = 0;
+    (void)memcpy(state, q, (size_t)n * sizeof *q);
+    (void)memcpy(&state[n], v, (size_t)n * sizeof *v);
+    (void)memcpy(&state[2 * n], first, (size_t)n * sizeof *first);
+    (void)memcpy(&state[3 * n], (second == NULL) ? first : second, (size_t)n * sizeof *first);
+    (void)memcpy(h, problem->motion.h, (size_t)hoisted * sizeof *h);
+    for (int i = 0; (times != NULL) && (i < ((what == F(factors_of_pair)) ? 6 : 2)); ++i) { time[i] = times[i]; }
+    while ((status != 0) && (other < (int)WIDTH)) {
+        const int said = (status - 1) / statuses;
+        failed[(failed[said] == 0) ? said : other] = 1 + (status - 1) % statuses; /* or the one that it follows */
+        while ((other < (int)WIDTH) && (failed[other] != 0)) { ++other; }
+        if (other == (int)WIDTH) { continue; }
+        F(follow_lane)(4 * n + ((times == NULL) ? 0 : ((what == F(factors_of_pair)) ? 6 : 2)), failed, other, state);
+        F(follow_lane)(hoisted, failed, other, h);
+        status = F(solve)(robot, what, h, state, &state[n], &state[2 * n], &state[3 * n], time, out);
+    }
+    for (int l = 0; l < (int)WIDTH; ++l) {
+        if (problem->failed[l] == 0) { problem->failed[l] = failed[l]; }
+    }
+}
+#endif
+
+/* Solve equations at a state, and note the lanes in which they fail: their steps are rejected. */
+EOM_INLINE void F(solve_or_note)(const F(problem) *restrict problem, enum F(solved) what, const REAL *q, const REAL *v, const REAL *first, const REAL *second, const REAL *times, REAL *restrict out)
+{
+    const int status = F(solve)(problem->motion.robot, what, problem->motion.h, q, v, first, second, times, out);
+    if (status == 0) { return; }
+#if defined(EOM_LANES_HERE)
+    F(find_failures)(problem, what, q, v, first, second, times, out, status);
+#else
+    if (problem->failed[0] == 0) { problem->failed[0] = status; }
+#endif
+}
+
 /* Put prescribed motions at the ends of lanes' steps into q and v: as steps come to them, or where loops are closed as they go
  * on from there; they have no error. */
 EOM_LOCAL void F(put_prescribed_ends)(const F(problem) *restrict problem, const F(step) *restrict step, double *restrict work)
@@ -59,7 +125,7 @@ EOM_LOCAL void F(power_of_prescribed)(const F(problem) *restrict problem, int st
     }
 }
 
-/* The rate (v, a) of a state (q, v) at a share of the step; what cannot be solved is seen in the error that it makes. */
+/* The rate (v, a) of a state (q, v) at a share of the step; lanes in which there is none are noted. */
 EOM_LOCAL void F(rate)(const F(problem) *restrict problem, double share, int stage, REAL *restrict x, REAL *restrict dx, F(workspace) work)
 {
     const F(robot) *const robot = problem->motion.robot;
@@ -68,7 +134,7 @@ EOM_LOCAL void F(rate)(const F(problem) *restrict problem, double share, int sta
     REAL *restrict const force = work.state;
     work.state += PADDED_TO_BLOCKS(n);
     if (held == 0) { F(forces)(problem, share, stage, x, &x[n], force, NULL, work); }
-    (void)robot->forward_dynamics(problem->motion.h, x, &x[n], (held != 0) ? problem->u : force, &dx[n]);
+    F(solve_or_note)(problem, F(rates_of_state), x, &x[n], (held != 0) ? problem->u : force, NULL, NULL, &dx[n]);
     for (int i = 0; i < n; ++i) { dx[i] = x[n + i]; }
     if ((robot->sizes->is_prescribed != NULL) && (problem->clock.power != NULL)) { F(power_of_prescribed)(problem, stage, x, &x[n], &dx[n], (EOM_SCALAR *)(void *)work.state); }
 }
@@ -111,14 +177,14 @@ EOM_LOCAL void F(rosenbrock_step)(const F(problem) *restrict problem, REAL dt, c
     times[0] = eom_rosenbrock_diagonal * dt;
     times[1] = times[0] * times[0];
     F(gains)(problem, step->x, kp, kd, work);
-    (void)robot->stage_factors(h, step->x, &step->x[n], kp, kd, times, step->factors);
+    F(solve_or_note)(problem, F(factors_of_stage), step->x, &step->x[n], kp, kd, times, step->factors);
     F(rosenbrock_stage)(problem, 0, step->factors, times[0], inverse, step->dx, increments, right, w);
     if (power != NULL) { (void)memcpy(&power[EOM_WORKS * (int)WIDTH], power, (size_t)EOM_WORKS * (size_t)WIDTH * sizeof *power); }
     F(rosenbrock_stage)(problem, 1, step->factors, times[0], inverse, step->dx, increments, right, w);
     UNROLL(4)
     for (int stage = 2; stage < ROSENBROCK_STAGES; ++stage) {
         F(accumulate)(2 * n, stage, eom_rosenbrock_a[stage], increments, apart, step->x, step->x_end);
-        if (robot->sizes->has_redundant_rows != 0) { (void)F(assemble)(robot, h, step->x_end, &step->x_end[n], work.state); } /* redundant rows answer to violations */
+        if (robot->sizes->has_redundant_rows != 0) { (void)F(assemble)(robot, h, step->x_end, &step->x_end[n], work.state, problem->failed); } /* redundant rows answer to violations */
         F(rate)(problem, eom_rosenbrock_shares[stage], stage, step->x_end, dx, work);
         F(rosenbrock_stage)(problem, stage, step->factors, times[0], inverse, dx, increments, right, w);
     }
@@ -129,7 +195,7 @@ EOM_LOCAL void F(rosenbrock_step)(const F(problem) *restrict problem, REAL dt, c
          * the difference between the end's rates and those of the last stage counts, too. */
         const int last = ROSENBROCK_STAGES - 1;
         F(rate)(problem, 1.0, END_STAGE, step->x_end, step->dx_end, work);
-        (void)robot->stage_factors(h, step->x_end, &step->x_end[n], kp, kd, times, step->factors);
+        F(solve_or_note)(problem, F(factors_of_stage), step->x_end, &step->x_end[n], kp, kd, times, step->factors);
         F(advance)(2 * n, last, eom_rosenbrock_c[last], inverse, increments, apart, step->dx_end, right);
         for (int i = 0; i < 2 * n; ++i) { right[i] = times[0] * right[i] - increments[last * apart + i]; }
         (void)robot->stage_solution(h, step->factors, &right[n], right, w);
@@ -160,7 +226,7 @@ EOM_LOCAL void F(tsit5_step)(const F(problem) *restrict problem, REAL dt, const 
     UNROLL(6)
     for (int stage = 1; stage < TSIT5_STAGES; ++stage) {
         F(advance)(2 * n, stage, eom_tsit5_a[stage], dt, dx, apart, step->x, step->x_end);
-        if (robot->sizes->has_redundant_rows != 0) { (void)F(assemble)(robot, problem->motion.h, step->x_end, &step->x_end[n], work.state); } /* redundant rows answer to violations */
+        if (robot->sizes->has_redundant_rows != 0) { (void)F(assemble)(robot, problem->motion.h, step->x_end, &step->x_end[n], work.state, problem->failed); } /* redundant rows answer to violations */
         F(rate)(problem, eom_tsit5_shares[stage], stage, step->x_end, &dx[stage * apart], work);
     }
     F(copy)(2 * n, last, step->dx_end);
@@ -471,7 +537,7 @@ EOM_LOCAL int F(assemble_ends)(const F(motion) *restrict motion, const double *r
                 for (int i = 0; (i < 2 * n) && (taken[l] == 0); ++i) { LANE_OF(x_try[i], l) = LANE_OF(step->x_end[i], one); }
                 for (int i = 0; (i < sizes->hoisted) && (taken[l] == 0); ++i) { LANE_OF(h_try[i], l) = LANE_OF(motion->h[i], one); }
             }
-            opened = F(assemble)(motion->robot, h_try, x_try, &x_try[n], rest);
+            opened = F(assemble)(motion->robot, h_try, x_try, &x_try[n], rest, NULL);
             if (opened == 0) { (void)memcpy(step->x_end, x_try, (size_t)(2 * n) * sizeof *x_try); }
         }
         if (opened != 0) {

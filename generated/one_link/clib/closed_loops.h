@@ -4,8 +4,8 @@
  * violate before a step is round-off.  Velocities follow in that last step: at a violating state redundant rows block what is
  * free.  A lane that fails stays where it is, and takes the numbers of another one from then on: no lane's bits depend on what
  * happens in another.  0, or what the projection said, or 1 + n + r where constraint r stays violated; 2 n + 3 m more per lane.
- * work: 4 n + m + hoisted. */
-EOM_LOCAL int F(assemble)(const F(robot) *restrict robot, const REAL *restrict h, REAL *restrict q, REAL *restrict v, REAL *restrict work)
+ * failures, if it is not NULL, gets that of each lane, without what lanes add, where there is none yet.  work: 4 n + m + hoisted. */
+EOM_LOCAL int F(assemble)(const F(robot) *restrict robot, const REAL *restrict h, REAL *restrict q, REAL *restrict v, REAL *restrict work, int *restrict failures)
 {
     const EOM(sizes) *const sizes = robot->sizes;
     const int n = N_OF(sizes);
@@ -67,11 +67,13 @@ EOM_LOCAL int F(assemble)(const F(robot) *restrict robot, const REAL *restrict h
         }
         ++pass;
     }
-    for (int l = 0; l < (int)WIDTH; ++l) {
-        if (failed[l] != 0) { return failed[l] + l * statuses; }
-        for (int r = 0; (r < m) && (settled[l] == 0); ++r) {
-            if (!(EOM_MATH(fabs)(LANE_OF(change[2 * n + r], l)) <= sizes->open_gap)) { return 1 + n + r + l * statuses; }
+    int first = 0;
+    for (int l = (int)WIDTH - 1; l >= 0; --l) {
+        for (int r = 0; (r < m) && (settled[l] == 0) && (failed[l] == 0); ++r) {
+            if (!(EOM_MATH(fabs)(LANE_OF(change[2 * n + r], l)) <= sizes->open_gap)) { failed[l] = 1 + n + r; }
         }
+        if (failed[l] != 0) { first = failed[l] + l * statuses; }
+        if ((failures != NULL) && (failures[l] == 0)) { failures[l] = failed[l]; }
     }
-    return 0;
+    return first;
 }

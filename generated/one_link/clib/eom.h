@@ -130,7 +130,8 @@ typedef struct {
     long long counted;
     size_t sample;
     int refused;
-    int reason; /* 0: goes on; 1: at its end; 2 + i: no step is short enough for number i of the state */
+    int reason; /* 0: goes on; 1: at its end; 2 + i: no step is short enough for number i of the state; 2 + 2 n + i: there is no
+                 * acceleration of coordinate i, as the mass matrix cannot be inverted; 2 + 3 n + r: constraint r stays violated */
     double *kept; /* NULL, or of Radau IIA room for what steps leave to the next call, EOM_KEPT_ROOM numbers of any value */
 } eom_progress;
 
@@ -148,7 +149,7 @@ typedef struct {
 } eom_switching;
 
 /* Sizes of a workspace: of scalars or lanes, of doubles, and of integers. */
-#define EOM_STATE_ROOM(n, m, hoisted, factors, wrench, parameters, rotations) (48 * (n) + 40 * (m) + 4 * (hoisted) + (factors) + (wrench) + (parameters) + 4 * (rotations) + 96)
+#define EOM_STATE_ROOM(n, m, hoisted, factors, wrench, parameters, rotations) (52 * (n) + 40 * (m) + 5 * (hoisted) + (factors) + (wrench) + (parameters) + 4 * (rotations) + 104)
 #define EOM_INPUT_ROOM(n, lanes, gaps) ((9 * (lanes) + 18) * (n) + (((gaps) > 0) ? ((n) * (n) + (gaps) * ((n) + 1)) : 0))
 #define EOM_INDEX_ROOM(n, lanes, rotations) (2 * (n) + ((lanes) + 1) * (rotations))
 

@@ -64,7 +64,7 @@ EOM_LOCAL int F(rk4_step)(const F(problem) *restrict problem, size_t state, size
     for (int i = 0; i < 2 * n; ++i) { sum[i] = WHOLE((EOM_SCALAR)0.0); }
     for (int stage = 0; stage < 4; ++stage) {
         if ((robot->sizes->has_redundant_rows != 0) && (stage > 0)) { /* redundant rows answer to violations */
-            const int opened = F(assemble)(robot, motion->h, x_here, &x_here[n], work.state);
+            const int opened = F(assemble)(robot, motion->h, x_here, &x_here[n], work.state, NULL);
             if (opened != 0) { return opened; }
         }
         if (problem->clock.inputs[0] == NULL) {
@@ -149,6 +149,8 @@ EOM_LOCAL long long F(steps)(const F(robot) *restrict robot, const REAL *restric
     motion->charts = NULL;
     motion->drive = drive;
     problem.clock.power = NULL;
+    problem.failed = NULL;
+    problem.spare = NULL;
     problem.clock.here = (int)here;
     for (int l = 0; l < (int)WIDTH; ++l) { problem.clock.inputs[l] = inputs; }
     if (inputs != NULL) {
@@ -176,7 +178,7 @@ EOM_LOCAL long long F(steps)(const F(robot) *restrict robot, const REAL *restric
             F(put_prescribed)(&problem, l, (M_OF(sizes) > 0) ? eom_instant_of(problem.clock.end[l]) : F(instant_at)(&problem.clock, l, 1.0), x, work.input);
         }
         if (M_OF(sizes) > 0) {
-            const int opened = F(assemble)(robot, motion->h, x, &x[n], work.state);
+            const int opened = F(assemble)(robot, motion->h, x, &x[n], work.state, NULL);
             if (opened != 0) { return (long long)step * statuses_of_a_step + opened - 1; }
         }
         if (ROTATIONS_OF(sizes) > 0) { (void)F(change_charts)(sizes, &charts, x, &x[n]); }

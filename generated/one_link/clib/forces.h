@@ -24,12 +24,16 @@ typedef struct {
     int here;
 } F(clock);
 
-/* What steps are of: a motion, its forces and targets, and where its lanes are. */
+/* What steps are of: a motion, its forces and targets, and where its lanes are.  failed: of each lane 0, or what the first of its
+ * equations said that could not be solved in this step; NULL where steps are of fixed length and end at once.  spare: of lanes
+ * 4 n + 6 + hoisted. */
 typedef struct {
     F(motion) motion;
     const REAL *u;
     const REAL *target;
     F(clock) clock;
+    int *failed;
+    REAL *spare;
 } F(problem);
 
 /* Saturate drives at their limits; slope, if it is not NULL, becomes 0 where they do, else 1. */

@@ -59,13 +59,13 @@ EOM_LOCAL const EOM_SCALAR *EOM(rosenbrock_stages)(const EOM(interval) *restrict
 }
 
 /* Gains in the matrix of a step, its times and its factors.  gains: 3 n, kp, kd, and slope, 0 where drives saturate, else 1. */
-EOM_LOCAL void EOM(rosenbrock_factors)(const EOM(interval) *restrict interval, const EOM_SCALAR *restrict q, const EOM_SCALAR *restrict v, EOM_SCALAR *restrict gains, EOM_SCALAR *restrict times, EOM_SCALAR *restrict factors)
+EOM_LOCAL int EOM(rosenbrock_factors)(const EOM(interval) *restrict interval, const EOM_SCALAR *restrict q, const EOM_SCALAR *restrict v, EOM_SCALAR *restrict gains, EOM_SCALAR *restrict times, EOM_SCALAR *restrict factors)
 {
     const int n = EOM(size_of)(interval);
     times[0] = eom_rosenbrock_diagonal * interval->dt;
     times[1] = times[0] * times[0];
     EOM(gains_within)(interval, (EOM_SCALAR)0.0, 0.0, q, v, gains, &gains[n], &gains[2 * n]);
-    (void)KNOWN(interval->derivatives)->robot->stage_factors(interval->h, q, v, gains, &gains[n], times, factors);
+    return KNOWN(interval->derivatives)->robot->stage_factors(interval->h, q, v, gains, &gains[n], times, factors);
 }
 
 /* Take a step of the Rosenbrock method.  work: 6 n + 3 m + factors, and 36 n of a tree, or what assembly
@@ -83,7 +83,8 @@ EOM_LOCAL int EOM(rosenbrock_forward)(const EOM(interval) *restrict interval, co
     EOM_SCALAR *const rest = &factors[robot->sizes->factors]; /* of assembly, or a tree's stages */
     EOM_SCALAR *const stages = (closed != 0) ? kept : rest;
     EOM_SCALAR times[2];
-    EOM(rosenbrock_factors)(interval, q, v, gains, times, factors);
+    const int unsolved = EOM(rosenbrock_factors)(interval, q, v, gains, times, factors);
+    if (unsolved != 0) { return unsolved; }
     for (int s = 0; s < ROSENBROCK_STAGES; ++s) {
         EOM_SCALAR *const here = &stages[n * STAGE_ROWS * s];
         EOM_SCALAR *const rate = &here[n * ROW_RATE];
@@ -95,7 +96,7 @@ EOM_LOCAL int EOM(rosenbrock_forward)(const EOM(interval) *restrict interval, co
         } else {
             EOM(rosenbrock_state)(interval, s, q, v, stages, here, &here[n]);
             if ((s > 0) && (EOM(assembles_stages)(robot->sizes) != 0)) { /* redundant rows answer to violations */
-                const int opened = EOM(assemble)(robot, interval->h, here, &here[n], rest);
+                const int opened = EOM(assemble)(robot, interval->h, here, &here[n], rest, NULL);
                 if (opened != 0) { return opened; }
             }
             EOM(prescribe_within)(interval, eom_rosenbrock_shares[s], here, &here[n]);
@@ -133,7 +134,7 @@ EOM_LOCAL void EOM(rosenbrock_state_adjoint)(const EOM(interval) *restrict inter
     EOM_SCALAR *const v_open = &q_open[n];
     EOM_SCALAR *restrict const gradient = &v_open[n];
     EOM(forces_within)(interval, share, (EOM_SCALAR)0.0, here, &here[n], u, NULL);
-    (void)KNOWN(interval->derivatives)->forward_dynamics_adjoint(interval->h, here, &here[n], u, by_rate, gradient);
+    EOM(refuse_failed)(KNOWN(interval->derivatives)->forward_dynamics_adjoint(interval->h, here, &here[n], u, by_rate, gradient), n, gradient);
     for (int i = 0; i < n; ++i) {
         by_q[i] = gradient[i];
         by_v[i] += gradient[n + i];
@@ -169,7 +170,7 @@ EOM_LOCAL void EOM(rosenbrock_adjoint)(const EOM(interval) *restrict interval, c
     EOM_SCALAR *const rest = (M_OF(sizes) > 0) ? room : &room[n * STAGE_ROWS * ROSENBROCK_STAGES];
     EOM_SCALAR times[2];
     const EOM_SCALAR *const stages = EOM(rosenbrock_stages)(interval, q, v, kept, room, rest);
-    EOM(rosenbrock_factors)(interval, q, v, gains, times, factors);
+    EOM(refuse_failed)(EOM(rosenbrock_factors)(interval, q, v, gains, times, factors), size, factors);
     for (int i = 0; i < size; ++i) { by_factors[i] = (EOM_SCALAR)0.0; }
     for (int s = 0; s < ROSENBROCK_STAGES; ++s) {
         for (int i = 0; i < n; ++i) {
@@ -214,7 +215,7 @@ EOM_LOCAL void EOM(rosenbrock_adjoint)(const EOM(interval) *restrict interval, c
             EOM(add_share)(n, share, by_shift, &by_part[2 * n * j + n]);
         }
     }
-    (void)KNOWN(interval->derivatives)->stage_factors_adjoint(interval->h, q, v, gains, &gains[n], times, by_factors, gradient);
+    EOM(refuse_failed)(KNOWN(interval->derivatives)->stage_factors_adjoint(interval->h, q, v, gains, &gains[n], times, by_factors, gradient), n, gradient);
     for (int i = 0; i < n; ++i) {
         to_q[i] += gradient[i];
         to_v[i] += gradient[n + i];
@@ -242,12 +243,12 @@ EOM_LOCAL void EOM(rosenbrock_tangent)(const EOM(interval) *restrict interval, c
     EOM_SCALAR *const rest = (M_OF(sizes) > 0) ? room : &room[n * STAGE_ROWS * ROSENBROCK_STAGES];
     EOM_SCALAR times[2];
     const EOM_SCALAR *const stages = EOM(rosenbrock_stages)(interval, q, v, kept, room, rest);
-    EOM(rosenbrock_factors)(interval, q, v, gains, times, factors);
+    EOM(refuse_failed)(EOM(rosenbrock_factors)(interval, q, v, gains, times, factors), sizes->factors, factors);
     for (size_t d = 0; d < directions; ++d) {
         EOM_SCALAR *const dq_own = &dq[d * (size_t)n];
         EOM_SCALAR *const dv_own = &dv[d * (size_t)n];
         const EOM_SCALAR *const dp = &rates->parameters[d * (size_t)sizes->parameters];
-        (void)derivatives->stage_factors_tangent(interval->h, q, v, gains, &gains[n], times, dq_own, dv_own, dp, moved_factors);
+        EOM(refuse_failed)(derivatives->stage_factors_tangent(interval->h, q, v, gains, &gains[n], times, dq_own, dv_own, dp, moved_factors), sizes->factors, moved_factors);
         for (int s = 0; s < ROSENBROCK_STAGES; ++s) {
             const double share = eom_rosenbrock_shares[s];
             const EOM_SCALAR *const here = &stages[n * STAGE_ROWS * s];
@@ -266,7 +267,7 @@ EOM_LOCAL void EOM(rosenbrock_tangent)(const EOM(interval) *restrict interval, c
                 EOM(prescribe_tangent)(interval, there, &there[n]);
                 EOM(forces_within)(interval, share, (EOM_SCALAR)0.0, here, &here[n], u, NULL);
                 EOM(forces_tangent)(interval, share, (EOM_SCALAR)0.0, rates, d, here, &here[n], there, &there[n], du);
-                (void)derivatives->forward_dynamics_tangent(interval->h, here, &here[n], u, there, &there[n], du, dp, rate);
+                EOM(refuse_failed)(derivatives->forward_dynamics_tangent(interval->h, here, &here[n], u, there, &there[n], du, dp, rate), n, rate);
             }
             (void)memcpy(shift, &there[n], (size_t)n * sizeof *there);
             EOM(rosenbrock_added)(interval, s, moved, shift, rate);

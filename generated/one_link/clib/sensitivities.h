@@ -100,7 +100,7 @@ EOM_PUBLIC long long EOM(rollout_states)(const EOM(robot_derivatives) *restrict 
         if (status != 0) { return EOM(failure_of_step)(sizes, k, status); }
         EOM(prescribe_end)(&interval, q_end, v_end);
         if (M_OF(sizes) > 0) {
-            const int opened = EOM(assemble)(KNOWN(derivatives)->robot, h, q_end, v_end, rest);
+            const int opened = EOM(assemble)(KNOWN(derivatives)->robot, h, q_end, v_end, rest, NULL);
             if (opened != 0) { return EOM(failure_of_step)(sizes, k, opened); }
         }
     }
@@ -128,7 +128,7 @@ EOM_PUBLIC void EOM(rollout_gradient)(const EOM(robot_derivatives) *restrict der
         const EOM(interval) interval = EOM(interval_of)(derivatives, h, drive, inputs, steps, k, work);
         const EOM_SCALAR *stages = stages_here;
         if (kept == NULL) {
-            (void)EOM(step_forward)(&interval, q_here, v_here, stages_here, q_end, v_end, rest);
+            EOM(refuse_failed)(EOM(step_forward)(&interval, q_here, v_here, stages_here, q_end, v_end, rest), (int)size, stages_here);
         } else {
             stages = &kept[k * size];
             if (closed != 0) { EOM(step_end)(&interval, q_here, v_here, stages, q_end, v_end); }
@@ -174,7 +174,7 @@ EOM_PUBLIC long long EOM(rollout_sensitivity)(const EOM(robot_derivatives) *rest
             if (M_OF(sizes) > 0) { EOM(assemble_tangent)(&interval, q_end, v_end, &rates->parameters[d * (size_t)sizes->parameters], &dq_end[d * n], &dv_end[d * n], rest); }
         }
         if (M_OF(sizes) > 0) {
-            const int opened = EOM(assemble)(KNOWN(derivatives)->robot, h, q_end, v_end, rest);
+            const int opened = EOM(assemble)(KNOWN(derivatives)->robot, h, q_end, v_end, rest, NULL);
             if (opened != 0) { return EOM(failure_of_step)(sizes, k, opened); }
         }
     }

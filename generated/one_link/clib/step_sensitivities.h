@@ -11,6 +11,12 @@ EOM_LOCAL int EOM(assembles_stages)(const EOM(sizes) *restrict sizes)
     return ((M_OF(sizes) > 0) && (sizes->has_redundant_rows != 0)) ? 1 : 0;
 }
 
+/* Numbers of a function that failed are none, so that no derivative passes for one. */
+EOM_LOCAL void EOM(refuse_failed)(int status, int count, EOM_SCALAR *restrict out)
+{
+    for (int i = 0; (i < count) && (status != 0); ++i) { out[i] = (EOM_SCALAR)NAN; }
+}
+
 /* Go back from an assembled state to the one, q and v, that assemble began with: its passes once more, then each of them back.
  * work: 18 n + 2 m + parameters. */
 EOM_LOCAL void EOM(assemble_adjoint)(const EOM(interval) *restrict interval, const EOM_SCALAR *restrict q, const EOM_SCALAR *restrict v, EOM_SCALAR *restrict by_q, EOM_SCALAR *restrict by_v, const EOM(slopes) *restrict slopes, EOM_SCALAR *restrict work)
@@ -27,7 +33,7 @@ EOM_LOCAL void EOM(assemble_adjoint)(const EOM(interval) *restrict interval, con
     (void)memcpy(on_way, q, (size_t)n * sizeof *on_way);
     while ((settled == 0) && (passes < 12)) {
         EOM_SCALAR *const here = &on_way[passes * n];
-        (void)robot->settling(interval->h, here, v, change);
+        EOM(refuse_failed)(robot->settling(interval->h, here, v, change), n, change);
         settled = 1;
         for (int r = 2 * n; r < 2 * n + m; ++r) {
             if (!(EOM_MATH(fabs)(change[r]) <= robot->sizes->closed_gap)) { settled = 0; }
@@ -41,7 +47,7 @@ EOM_LOCAL void EOM(assemble_adjoint)(const EOM(interval) *restrict interval, con
             weight[n + i] = (k == passes - 1) ? by_v[i] : (EOM_SCALAR)0.0;
         }
         for (int r = 2 * n; r < 2 * n + m; ++r) { weight[r] = (EOM_SCALAR)0.0; }
-        (void)KNOWN(interval->derivatives)->settling_adjoint(interval->h, &on_way[k * n], v, weight, gradient);
+        EOM(refuse_failed)(KNOWN(interval->derivatives)->settling_adjoint(interval->h, &on_way[k * n], v, weight, gradient), n, gradient);
         for (int i = 0; i < n; ++i) {
             by_q[i] += gradient[i];
             by_v[i] += gradient[n + i];
@@ -62,8 +68,8 @@ EOM_LOCAL void EOM(assemble_tangent)(const EOM(interval) *restrict interval, con
     int settled = 0;
     (void)memcpy(q_here, q, (size_t)n * sizeof *q_here);
     for (int pass = 0; (pass < 12) && (settled == 0); ++pass) {
-        (void)robot->settling(interval->h, q_here, v, change);
-        (void)KNOWN(interval->derivatives)->settling_tangent(interval->h, q_here, v, dq, dv, dp, moved);
+        EOM(refuse_failed)(robot->settling(interval->h, q_here, v, change), n, change);
+        EOM(refuse_failed)(KNOWN(interval->derivatives)->settling_tangent(interval->h, q_here, v, dq, dv, dp, moved), n, moved);
         settled = 1;
         for (int r = 2 * n; r < 2 * n + m; ++r) {
             if (!(EOM_MATH(fabs)(change[r]) <= robot->sizes->closed_gap)) { settled = 0; }
@@ -124,7 +130,7 @@ EOM_LOCAL int EOM(explicit_forward)(const EOM(interval) *restrict interval, cons
         EOM_SCALAR *const v_here = &q_here[n];
         EOM(explicit_stage)(interval, s, q, v, kept, states, q_here, v_here);
         if ((s > 0) && (EOM(assembles_stages)(robot->sizes) != 0)) { /* redundant rows answer to violations */
-            const int opened = EOM(assemble)(robot, interval->h, q_here, v_here, rest);
+            const int opened = EOM(assemble)(robot, interval->h, q_here, v_here, rest, NULL);
             if (opened != 0) { return opened; }
         }
         EOM(prescribe_within)(interval, share, q_here, v_here);
@@ -166,7 +172,7 @@ EOM_LOCAL void EOM(explicit_adjoint)(const EOM(interval) *restrict interval, con
         const EOM_SCALAR *const q_here = &states[2 * n * s];
         const EOM_SCALAR *const v_here = &q_here[n];
         EOM(forces_within)(interval, stage_share, (EOM_SCALAR)0.0, q_here, v_here, u, NULL);
-        (void)KNOWN(interval->derivatives)->forward_dynamics_adjoint(interval->h, q_here, v_here, u, &by_a[n * s], gradient);
+        EOM(refuse_failed)(KNOWN(interval->derivatives)->forward_dynamics_adjoint(interval->h, q_here, v_here, u, &by_a[n * s], gradient), n, gradient);
         for (int i = 0; i < n; ++i) {
             by_q[i] = gradient[i];
             by_v[i] = gradient[n + i] + by_rate[n * s + i];
@@ -223,7 +229,7 @@ EOM_LOCAL void EOM(explicit_tangent)(const EOM(interval) *restrict interval, con
             EOM(prescribe_tangent)(interval, dq_here, dv_here);
             EOM(forces_within)(interval, share, (EOM_SCALAR)0.0, q_here, v_here, u, NULL);
             EOM(forces_tangent)(interval, share, (EOM_SCALAR)0.0, rates, d, q_here, v_here, dq_here, dv_here, du);
-            (void)KNOWN(interval->derivatives)->forward_dynamics_tangent(interval->h, q_here, v_here, u, dq_here, dv_here, du, dp, &da[n * s]);
+            EOM(refuse_failed)(KNOWN(interval->derivatives)->forward_dynamics_tangent(interval->h, q_here, v_here, u, dq_here, dv_here, du, dp, &da[n * s]), n, &da[n * s]);
         }
         EOM(explicit_stage)(interval, count, dq_own, dv_own, da, moved, end, &end[n]);
         (void)memcpy(dq_own, end, (size_t)n * sizeof *end);
@@ -288,7 +294,7 @@ EOM_LOCAL void EOM(implicit_adjoint)(const EOM(interval) *restrict interval, con
         to_v[i] += dt * to_q[i];
         by_a[i] = dt * to_v[i];
     }
-    (void)KNOWN(interval->derivatives)->implicit_step_adjoint(interval->h, q, v, u, added, times, by_a, gradient);
+    EOM(refuse_failed)(KNOWN(interval->derivatives)->implicit_step_adjoint(interval->h, q, v, u, added, times, by_a, gradient), n, gradient);
     for (int i = 0; i < n; ++i) {
         to_q[i] += gradient[i];
         to_v[i] += gradient[n + i];
@@ -317,7 +323,7 @@ EOM_LOCAL void EOM(implicit_tangent)(const EOM(interval) *restrict interval, con
         EOM_SCALAR *const dq_own = &dq[d * (size_t)n];
         EOM_SCALAR *const dv_own = &dv[d * (size_t)n];
         EOM(forces_tangent)(interval, 1.0, dt, rates, d, q, v, dq_own, dv_own, du);
-        (void)KNOWN(interval->derivatives)->implicit_step_tangent(interval->h, q, v, u, added, times, dq_own, dv_own, du, &rates->parameters[d * (size_t)sizes->parameters], da);
+        EOM(refuse_failed)(KNOWN(interval->derivatives)->implicit_step_tangent(interval->h, q, v, u, added, times, dq_own, dv_own, du, &rates->parameters[d * (size_t)sizes->parameters], da), n, da);
         for (int i = 0; i < n; ++i) {
             dv_own[i] += dt * da[i];
             dq_own[i] += dt * dv_own[i];

@@ -18,6 +18,8 @@ from ..forms.structure import faults
 from ..forms.toml_place import locate
 from ..forms.toml_text import parse_toml, read_text
 from ..forms.unusual_sizes import unit_questions
+from ..robot.memory.drives import short_time_notes
+from ..robot.model import build_model
 from ..scenario.load import load_scenario
 from ..sweep.plan import load_plan
 from .inertia import inertia_notes
@@ -127,12 +129,14 @@ def _read(path: Path | str, name: str, kind: str, options: ReadOptions) -> Check
         return Checked(name, kind, {"samples": plan.samples, "numbers varied": len(plan.vary)})
     robot = load_robot(path, inertia=options.inertia, floating_base=options.floating_base, xacro=options.xacro)
     coordinates = sum(len(joint.all_coordinates) for joint in robot.joints) - len(robot.followers)
+    states = build_model(robot).states
     return Checked(
         name,
         kind,
-        {"links": len(robot.links), "coordinates": coordinates},
+        {"links": len(robot.links), "coordinates": coordinates}
+        | ({"states of force laws": len(states)} if states else {}),
         (),
-        (*robot.notes, *inertia_notes(robot), *home_notes(robot)),
+        (*robot.notes, *inertia_notes(robot), *home_notes(robot), *short_time_notes(states)),
     )
 
 

@@ -10,12 +10,11 @@ from ..arrays import Array
 from ..names import listed
 from ..robot.model import Model, build_model, with_offset_angles
 from ..robot.value import Robot
-from ..runtime.singular import VANISHED, null_coordinates, scaled_eigenvalues
+from ..runtime.singular import ADVICE, VANISHED, null_coordinates, scaled_eigenvalues
 
 MOST = 300  # coordinates: mass matrices of more are not looked at, so that a check stays quick
 STATES = 3  # at random, which are singular by chance never all
 BENT = 0.01  # amplitudes of modes, as parts of other coordinates: of links that bend far, no M is positive definite
-ADVICE = "give links mass and inertia, or the coordinate an armature"
 
 
 def inertia_notes(robot: Robot) -> tuple[str, ...]:

@@ -96,19 +96,16 @@ EOM_LOCAL void F(look_at_charts)(const EOM(sizes) *restrict sizes, const F(chart
 /* Factors of all matrices at the states and for the steps that lanes have them of; those that are known already become the same. */
 EOM_LOCAL void F(factor_radau)(const F(problem) *restrict problem, F(radau) *restrict radau)
 {
-    const F(robot) *const robot = problem->motion.robot;
-    const REAL *const h = problem->motion.h;
-    const int n = N_OF(robot->sizes);
+    const int n = N_OF(problem->motion.robot->sizes);
     const REAL *const at = radau->at;
     REAL dt = WHOLE((EOM_SCALAR)1.0);
-    REAL times[4];
-    REAL spans[2];
+    REAL times[6]; /* two of them its spans */
     for (int l = 0; l < (int)WIDTH; ++l) {
         if (radau->factored[l] > 0.0) { LANE_OF(dt, l) = (EOM_SCALAR)radau->factored[l]; }
     }
     times[0] = dt / eom_radau_real;
     times[1] = times[0] * times[0];
-    (void)robot->stage_factors(h, at, &at[n], &at[2 * n], &at[3 * n], times, radau->factors[0]);
+    F(solve_or_note)(problem, F(factors_of_stage), at, &at[n], &at[2 * n], &at[3 * n], times, radau->factors[0]);
     for (int k = 0; k < RADAU_PAIRS; ++k) {
         const EOM_SCALAR a = eom_radau_pairs[k][0];
         const EOM_SCALAR b = eom_radau_pairs[k][1];
@@ -117,9 +114,9 @@ EOM_LOCAL void F(factor_radau)(const F(problem) *restrict problem, F(radau) *res
         times[2] = (-b / square) * dt;
         times[1] = times[0] * times[0] - times[2] * times[2];
         times[3] = (EOM_SCALAR)2.0 * (times[0] * times[2]);
-        spans[0] = dt / EOM_MATH(sqrt)(square);
-        spans[1] = spans[0] * spans[0];
-        (void)robot->pair_factors(h, at, &at[n], &at[2 * n], &at[3 * n], times, spans, radau->factors[1 + k]);
+        times[4] = dt / EOM_MATH(sqrt)(square);
+        times[5] = times[4] * times[4];
+        F(solve_or_note)(problem, F(factors_of_pair), at, &at[n], &at[2 * n], &at[3 * n], times, radau->factors[1 + k]);
     }
 }
 
@@ -210,24 +207,35 @@ EOM_LOCAL void F(begin_radau)(const F(problem) *restrict problem, F(radau) *rest
     for (int s = 0; s < RADAU_STAGES; ++s) { F(weigh)(pair, RADAU_STAGES, eom_radau_ahead[s], radau->z, apart, &radau->w[s * apart]); }
 }
 
+/* Lanes that do not iterate any more have not failed since. */
+EOM_LOCAL void F(forget_failures)(const F(radau) *restrict radau, const int *restrict before, int *restrict failed)
+{
+    for (int l = 0; l < (int)WIDTH; ++l) {
+        if (radau->solves[l] == 0) { failed[l] = before[l]; }
+    }
+}
+
 /* Rates at all stages, and their powers, which stay what they were in lanes that do not iterate any more. */
 EOM_LOCAL void F(rates_of_radau)(const F(problem) *restrict problem, const F(step) *restrict step, F(radau) *restrict radau, F(workspace) work)
 {
     const F(robot) *const robot = problem->motion.robot;
     const int n = N_OF(robot->sizes);
     const int apart = PADDED_TO_BLOCKS(2 * n);
+    int failed_before[WIDTH];
+    (void)memcpy(failed_before, problem->failed, sizeof failed_before);
     for (int s = 0; s < RADAU_STAGES; ++s) {
         double *const power = (problem->clock.power == NULL) ? NULL : &problem->clock.power[(1 + s) * EOM_WORKS * (int)WIDTH];
         double before[EOM_WORKS * WIDTH];
         if (power != NULL) { (void)memcpy(before, power, sizeof before); }
         F(add)(2 * n, step->x, &radau->z[s * apart], radau->here);
-        if (robot->sizes->has_redundant_rows != 0) { (void)F(assemble)(robot, problem->motion.h, radau->here, &radau->here[n], work.state); }
+        if (robot->sizes->has_redundant_rows != 0) { (void)F(assemble)(robot, problem->motion.h, radau->here, &radau->here[n], work.state, problem->failed); }
         F(rate)(problem, eom_radau_shares[s], 1 + s, radau->here, &radau->rates[s * PADDED_TO_BLOCKS(2 * n + 3 * M_OF(robot->sizes))], work);
         if (power == NULL) { continue; }
         for (int l = 0; l < (int)WIDTH; ++l) {
             for (int w = 0; (w < EOM_WORKS) && (radau->solves[l] == 0); ++w) { power[w * (int)WIDTH + l] = before[w * (int)WIDTH + l]; }
         }
     }
+    F(forget_failures)(radau, failed_before, problem->failed);
 }
 
 /* A right-hand side, of q, then of v: transformed rates less (real w_row - imaginary other) / h. */
@@ -313,13 +321,14 @@ EOM_LOCAL void F(iterate_radau)(const F(problem) *restrict problem, REAL dt, int
     for (int s = 0; s < RADAU_STAGES; ++s) { F(weigh)(2 * n, RADAU_STAGES, eom_radau_back[s], radau->w, apart, &radau->z[s * apart]); }
 }
 
-/* Look at the norms of changes: lanes whose iteration has converged, or will not, end theirs.  Whether any goes on. */
-EOM_LOCAL int F(look_at_radau)(int round, const double *restrict enough, REAL sum, double *restrict before, F(radau) *restrict radau)
+/* Look at the norms of changes: lanes whose iteration has converged, or will not, or in which equations failed, end theirs.
+ * Whether any goes on. */
+EOM_LOCAL int F(look_at_radau)(int round, const double *restrict enough, REAL sum, const int *restrict failed, double *restrict before, F(radau) *restrict radau)
 {
     int some = 0;
     for (int l = 0; l < (int)WIDTH; ++l) {
         if (radau->solves[l] == 0) { continue; }
-        const double size = sqrt((double)LANE_OF(sum, l) / (double)RADAU_STAGES);
+        const double size = (failed[l] != 0) ? HUGE_VAL : sqrt((double)LANE_OF(sum, l) / (double)RADAU_STAGES);
         const double ratio = (round > 0) ? (size / before[l]) : 0.0;
         double left = radau->slowness[l];
         radau->rounds[l] = round + 1;

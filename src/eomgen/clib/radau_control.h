@@ -41,6 +41,7 @@ EOM_LOCAL void F(take_radau_step)(F(integration) *restrict it, REAL dt, F(worksp
     const REAL *const last = &radau->z[(RADAU_STAGES - 1) * PADDED_TO_BLOCKS(2 * n)];
     double enough[WIDTH];
     double before[WIDTH];
+    int failed_before[WIDTH];
     REAL sum;
     int some = 1;
     int again = 0;
@@ -67,7 +68,7 @@ EOM_LOCAL void F(take_radau_step)(F(integration) *restrict it, REAL dt, F(worksp
         F(rates_of_radau)(problem, step, radau, work);
         F(iterate_radau)(problem, dt, masked, radau, &sum);
         if (round == 0) { F(measure_radau)(it, last, &sum); }
-        some = F(look_at_radau)(round, enough, sum, before, radau);
+        some = F(look_at_radau)(round, enough, sum, problem->failed, before, radau);
     }
     for (int i = 0; i < 2 * n; ++i) { step->x_end[i] = step->x[i] + last[i]; }
     F(error_of_radau)(problem, dt, step->dx, radau, step->error);
@@ -78,7 +79,9 @@ EOM_LOCAL void F(take_radau_step)(F(integration) *restrict it, REAL dt, F(worksp
     }
     if (again != 0) { /* an error that is too great may be that of stiff parts alone, which rates where it leads to do not have */
         for (int i = 0; i < 2 * n; ++i) { radau->here[i] = step->x[i] + step->error[i]; }
+        (void)memcpy(failed_before, problem->failed, sizeof failed_before);
         F(rate)(problem, 0.0, INSIDE_STAGE, radau->here, radau->rates, work);
+        F(forget_failures)(radau, failed_before, problem->failed);
         F(error_of_radau)(problem, dt, radau->rates, radau, radau->scale);
         for (int l = 0; l < (int)WIDTH; ++l) {
             for (int i = 0; (radau->solves[l] != 0) && (i < 2 * n); ++i) { LANE_OF(step->error[i], l) = LANE_OF(radau->scale[i], l); }

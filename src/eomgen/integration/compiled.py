@@ -10,7 +10,7 @@ from ..arrays import Array
 from ..errors import EomgenError, IntegrationStopped
 from ..progress import Progress
 from ..runtime.kernel import Kernel
-from ..runtime.stepping.adaptive import DONE, why_ended
+from ..runtime.stepping.adaptive import DONE, refuse_unmoved, why_ended
 from ..runtime.stepping.alternation import implicit_spans
 from ..runtime.stepping.input_signals import InputSignals
 from ..runtime.stepping.options import AUTO, ErrorControl
@@ -112,7 +112,8 @@ def _stopped(system: System, motion: SingleMotion, method: str) -> IntegrationSt
     """
     kernel, progress = system.kernel, motion.progress
     t, (q, v) = float(progress.t), (x.copy() for x in motion.state)
-    what, name = why_ended(kernel.calls, progress)
+    refuse_unmoved(kernel.calls, progress, kernel.name, f" at t = {t:.6g} s", q)
+    what, name = why_ended(kernel.calls, progress, q)
     trouble: Exception | None = None
     try:
         u, wrench = System.drives(system, t, q, v), System.wrench(system, t, q, v)  # of described states

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array
-from ..errors import ArrayError, EomgenError, InputError, IntegrationStopped
+from ..errors import ArrayError, EomgenError, InputError, IntegrationStopped, SingularError
 from ..limits import LARGEST, is_usable
 from ..names import show
 from ..optional import optional_import
@@ -166,6 +166,7 @@ def rk4(
         chosen: whether somebody chose the step; else it is shortened from sample to sample to what states of laws need.
 
     Raises:
+        SingularError: M cannot be inverted at the first state.
         IntegrationStopped: the state diverges, or that of a law leaves the bounds that it cannot leave.
     """
     f, whole, kernel, longest = system.derivative, samples.states[0], system.kernel, step
@@ -178,7 +179,7 @@ def rk4(
         h = (t1 - t0) / count
         for j in range(count):
             t = float(t0 + j * h)
-            good, before = y, whole
+            good, before, k1 = y, whole, None
             try:
                 with np.errstate(over="ignore", invalid="ignore"):
                     k1 = f(t, y)
@@ -189,6 +190,8 @@ def rk4(
                 if np.isfinite(y).all():
                     y, whole, _ = system.accept(t + h, y)
             except (EomgenError, ValueError, ArithmeticError) as error:
+                if k1 is None and not system.counts["steps"] and isinstance(error, SingularError):
+                    raise
                 system.trouble = error
                 raise system.stopped(f"rk4 cannot go on with a step of {h:.3g} s", t, good) from error
             if not np.isfinite(y).all():

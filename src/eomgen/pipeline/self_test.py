@@ -201,9 +201,11 @@ class _Examination:
                     rollout.batch(1, NULL, self.h, 0, drive, NULL, 0, allowed, 0, *how)
                 else:
                     rollout.code(self.h, drive, NULL, allowed, *how, NULL)
-                if progress.steps != 1:
-                    yield Difference(f"the steps of {rollout.name}{suffix}", STATES[state], 0, progress.steps, 1)
-                yield from self._compared(rollout.name, (int(method), int(state)), moved[:, n:].ravel(), suffix)
+                taken = int(self.samples[f"{rollout.name} status"][method, state] == 0)
+                if progress.steps != taken:
+                    yield Difference(f"the steps of {rollout.name}{suffix}", STATES[state], 0, progress.steps, taken)
+                elif taken:
+                    yield from self._compared(rollout.name, (int(method), int(state)), moved[:, n:].ravel(), suffix)
 
     def _drives(self, u: Array, effort: Array) -> dict[str, Any]:
         """Return drives, clipped where one of them has an effort."""

@@ -283,6 +283,10 @@ class Calls:
             place: what follows the coordinates' names, such as " in state 3".
             q: coordinates in that state, (n,), where they are known.
         """
+        return SingularError(f"{name}: {self.why_singular(coordinate, place, q)}")
+
+    def why_singular(self, coordinate: int, place: str, q: Array | None = None) -> str:
+        """Return what ``singular`` says, without the function's name."""
         where, reason = self.coordinates[coordinate], ELIMINATED
         if bending := bending_links(self.coordinates):
             reason += f", or links that bend ({', '.join(bending)}) bend too far for their modes"
@@ -290,16 +294,16 @@ class Calls:
             q = widened(self, "q", q)
         if q is not None:
             if (loop := self._singular_loop(q)) is not None:
-                return SingularError(f"{name}: {self.raw.name}: {loop}{place}")
+                return f"{self.raw.name}: {loop}{place}"
             M, names = self._moving_mass(q), [x for x in self.coordinates if x not in self.prescribed]
             limit = VANISHED if self.dtype == np.float64 else NEARLY
             if (bent := self.bent_too_far(q)) is not None:
-                return SingularError(f"{name}: the mass matrix cannot be inverted{place}: {bent}")
+                return f"the mass matrix cannot be inverted{place}: {bent}"
             if M is not None and np.isfinite(M).all():
                 where, reason = singular_place(null_coordinates(M, names, limit), q, self.coordinates)
             elif singular_place((where,), q, self.coordinates)[0] != where:
                 where, reason = singular_place((where,), q, self.coordinates)
-        return SingularError(f"{name}: the mass matrix cannot be inverted at {where}{place}; {reason}")
+        return f"the mass matrix cannot be inverted at {where}{place}; {reason}"
 
     def bent_too_far(self, q: Array) -> str | None:
         """Say which links bend so far at q, (n,), that the mass matrix is not positive definite; None if none does."""

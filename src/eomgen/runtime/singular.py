@@ -14,6 +14,10 @@ NO_SIZE = 1e-14  # of the largest inertia: what a coordinate without any counts 
 SMALL = 1e-4  # of the largest inertia: coordinates with less weigh alike where null vectors are looked at
 SHARE = 0.1  # of a null vector's largest component: smaller ones are not named
 UPRIGHT = 1e-5  # cosine of an angle beta that is at +-pi/2
+ADVICE = (
+    "give links mass and inertia, or the coordinate an armature, or merge a link without mass with its parent; where a"
+    " spring or damper moves it, rollouts with method='implicit' do without"
+)
 MODE = "mode"  # begins the kinds of modal coordinates, "arm.mode1"
 
 
@@ -61,7 +65,7 @@ def singular_place(coordinates: Sequence[str], q: Array, names: Sequence[str]) -
                 f"{alpha} and {gamma}",
                 f"{beta} is at +-pi/2, where Euler angles are singular: both turn about one axis",
             )
-    return " and ".join(coordinates), "what they move has no inertia along that motion"
+    return " and ".join(coordinates), f"what they move has no inertia along that motion; {ADVICE}"
 
 
 def bending_links(names: Sequence[str]) -> dict[str, list[int]]:

@@ -39,6 +39,7 @@ from ..names import component_name, show
 from ..pipeline.ahead import Ahead
 from ..progress import Progress, no_progress, tells_at_prompt
 from ..robot.coordinates import force_unit_of, index_of, unit_of
+from ..robot.memory.drives import short_time_notes
 from ..robot.model import build_model, rigid_coordinates, tool_of
 from ..robot.value import MOTOR, Robot
 from ..runtime.kernel import Kernel
@@ -220,6 +221,7 @@ def run_assembly(
     notes = [
         *_method_note(motion, plan),
         *_assumptions(robot, loose, scenario, assembly),
+        *short_time_notes(build_model(robot).states),
         *assembly.notes,
         *_beyond_stops(kernel, q0),
         *_large_goals(scenario, assembly.driven, program_q),

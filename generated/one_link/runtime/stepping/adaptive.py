@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from ...errors import ArrayError, InputError, IntegrationStopped, LoopError
+from ...errors import InputError, IntegrationStopped
 from ..calls import Calls
 from ..chunking import OPERATIONS, ROUND, shared
+from ..loop_assembly import OPEN
 from ..loop_errors import stays_open
 from ..raw import FFI, Array, Library, RawFunction
 from .input_signals import WORKS, InputSignals
@@ -167,14 +167,13 @@ def _stopped(motion: _Motion, state: int) -> IntegrationStopped:
     """Return the error of the first state that did not get to its end; what is stored goes with it.
 
     Raises:
-        SingularError: M cannot be inverted where it ends.
+        SingularError: M cannot be inverted where it begins.
     """
     calls, progress = motion.calls, motion.progress[state]
     place = "" if motion.single else f" of state {state}"
-    what, name = why_ended(calls, progress)
     q, v = (x[state].copy() for x in motion.at)
-    if progress.reason - 2 < 2 * calls.n:  # a loop that stays open is the reason itself, also where it is stretched out
-        _refuse_singular(calls, q)
+    refuse_unmoved(calls, progress, "rollout", "" if motion.single else f" in state {state}", q)
+    what, name = why_ended(calls, progress, q)
     message = f"rollout: {what}{place}; it ends at t = {progress.t:.6g} s, after {progress.steps} steps"
     stopped = IntegrationStopped(message, progress.t, q, v, name)
     stored = motion.stored
@@ -182,19 +181,35 @@ def _stopped(motion: _Motion, state: int) -> IntegrationStopped:
     return stopped
 
 
-def why_ended(calls: Calls, progress: Any) -> tuple[str, str]:
-    """Return why steps ended early, for a message, and the coordinate that shows it, if one does."""
-    n, where = calls.n, progress.reason - 2
-    if where >= 2 * n:
+def refuse_unmoved(calls: Calls, progress: Any, name: str, place: str, q: Array) -> None:
+    """Raise SingularError where not even the first step has accelerations.
+
+    Args:
+        name, place: of the motion, for the message.
+        q: where it begins, (n,).
+    """
+    pivot = _end_of(calls, progress, q) - 2 * calls.n
+    if 0 <= pivot < calls.n and not progress.steps:
+        raise calls.singular(name, pivot, place, q)
+
+
+def _end_of(calls: Calls, progress: Any, q: Array) -> int:
+    """Return the place of what ended steps at q, (n,): of an open state its loop, whatever is singular there."""
+    n, where = calls.n, int(progress.reason) - 2
+    if 2 * n <= where < 3 * n and "constraint" in calls.raw.functions:
+        violations = np.abs(calls.run("constraint", None, (q,)))
+        if violations.max() > OPEN[calls.dtype.itemsize]:
+            return 3 * n + int(violations.argmax())
+    return where
+
+
+def why_ended(calls: Calls, progress: Any, q: Array) -> tuple[str, str]:
+    """Return why steps ended early at q, (n,), for a message, and the coordinate that shows it, if one does."""
+    n, where = calls.n, _end_of(calls, progress, q)
+    if where >= 3 * n:
         return stays_open(calls.raw, where - 3 * n), ""
     name = calls.coordinates[where % n]
+    if where >= 2 * n:
+        return f"no step is short enough: {calls.why_singular(where - 2 * n, '', q)}", name
     what = f"{name}{' is' if where < n else chr(39) + 's rate is'}"
     return f"the error of {what} too great in steps of any length that leads on", name
-
-
-def _refuse_singular(calls: Calls, q: Array) -> None:
-    """Raise SingularError where M cannot be inverted, if there are the kernels that say so."""
-    still = np.zeros_like(q)
-    if "forward_dynamics" in calls.raw.functions:
-        with suppress(LoopError, ArrayError):
-            calls.run("forward_dynamics", None, (q, still, still))

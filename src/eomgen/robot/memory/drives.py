@@ -12,13 +12,13 @@ reference, and the last one to the winding as its voltage, or it is the force it
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from functools import partial
 
 from ...names import DriveInput, kind_of, plain_input
 from ..geometry import LINEAR
 from ..numbers import Conflict, Number, Values, divisor
-from .states import State
+from .states import OwnedState, State
 
 LOOPS = ("position", "velocity", "current")  # from the outside
 DRIVE = "drive"
@@ -30,6 +30,7 @@ CURRENT_LIMIT, VOLTAGE_LIMIT = "drive.current_limit", "drive.voltage_limit"
 GAINS = ("kp", "ki", "kd")
 MEASURED = {"position": ("m", "rad"), "velocity": ("m/s", "rad/s"), "current": ("A", "A")}
 INTEGRALS = {"position": ("m s", "rad s"), "velocity": ("m", "rad"), "current": ("A s", "A s")}
+SHORT = 1e-5  # s: far below the time constants of drives
 ERROR, WHILE = 0.1, 0.01  # m, rad, m/s, rad/s, or a share of the current, and s: a loop's integral of an ordinary error
 
 
@@ -96,6 +97,9 @@ def _conflicts(numbers: Values) -> Iterator[Conflict]:
     for key in (CURRENT_LIMIT, VOLTAGE_LIMIT):
         if key in numbers and not winding:
             yield key, "there is no winding; allowed: with winding"
+    if CURRENT_LIMIT in numbers and "current" not in loops and numbers.get(RESISTANCE) == 0.0:
+        allowed = "with a resistance greater than 0, or with controller.current"
+        yield CURRENT_LIMIT, f"the winding has no resistance, so that no voltage would be within it; allowed: {allowed}"
     if "current" in loops and not winding:
         yield "drive.controller.current", "there is no winding, whose current it would control; allowed: with winding"
     for loop in loops:
@@ -119,6 +123,23 @@ def _loop_conflicts(numbers: Values, loop: str) -> Iterator[Conflict]:
     if ki is not None and track is None and is_limited(numbers, loop):
         allowed = "with kp, from which kp / ki follows, or with tracking_time in s"
         yield f"{where}.ki", f"there is no kp and no tracking_time; allowed: {allowed}"
+
+
+def short_time_notes(states: Iterable[OwnedState]) -> tuple[str, ...]:
+    """Return lines about time constants of drives, by their states, that are too short for integrations."""
+    keys = (LAG, *(number_key(loop, "filter") for loop in LOOPS))
+    drives = {state.prefix: state.numbers for state in states if state.law == DRIVE}
+    times = [(f"{prefix}.{key}", numbers.get(key)) for prefix, numbers in drives.items() for key in keys]
+    times += [
+        (f"{prefix}.drive.winding: inductance / resistance", numbers[INDUCTANCE] / numbers[RESISTANCE])
+        for prefix, numbers in drives.items()
+        if numbers.get(RESISTANCE)
+    ]
+    return tuple(
+        f"{place} = {time:g} s: integrations take many steps below {SHORT:g} s; allowed: a longer one, or none"
+        for place, time in times
+        if time is not None and time < SHORT
+    )
 
 
 def drive_states(numbers: Collection[str]) -> tuple[State, ...]:

@@ -1,0 +1,61 @@
+"""Robots with a coordinate that moves no inertia."""
+
+from __future__ import annotations
+
+import eomgen
+from eomgen.description.load import robot_from_toml, robot_from_urdf
+
+TIP = """
+name = "tip"
+tunable = ["joints.k.gamma.armature"]
+gravity = [0.0, -9.81, 0.0]
+
+[[links]]
+name = "a"
+mass = 1.0
+com = [0.2, 0.0, 0.0]
+inertia = { xx = 0.01, yy = 0.02, zz = 0.02 }
+
+[[links]]
+name = "b"
+mass = 0.0
+com = [0.0, 0.0, 0.0]
+inertia = { xx = 0.0, yy = 0.0, zz = 0.0 }
+
+[[joints]]
+name = "j"
+parent = "base"
+child = "a"
+type = "revolute"
+
+[[joints]]
+name = "k"
+parent = "a"
+child = "b"
+type = "revolute"
+placement = { xyz = [0.5, 0.0, 0.0] }
+gamma = { stiffness = 10.0, damping = 1.0 }
+"""
+WHEEL = """
+<robot name="cart">
+  <link name="base"/>
+  <link name="arm"><inertial>
+    <mass value="2"/><origin xyz="0.2 0 0"/><inertia ixx="0.01" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/>
+  </inertial></link>
+  <link name="wheel"/>
+  <joint name="shoulder" type="continuous"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/></joint>
+  <joint name="spin" type="continuous">
+    <parent link="arm"/><child link="wheel"/><origin xyz="0.4 0 0"/><axis xyz="0 0 1"/><dynamics damping="0.1"/>
+  </joint>
+</robot>
+"""
+
+
+def massless_tip() -> eomgen.Robot:
+    """Return an arm whose tip, a link without mass on a spring and damper, goes from 0.5 rad as 0.5 exp(-10 t)."""
+    return robot_from_toml(TIP)
+
+
+def massless_wheel() -> eomgen.Robot:
+    """Return an arm with a wheel that has neither mass nor inertia, on a damper, as many URDFs have them."""
+    return robot_from_urdf(WHEEL, urdf_damping=True)
