@@ -33,7 +33,7 @@ from .result import Residuals
 FIRSTS = (FIRST, 16, 32, 64, 128)  # half widths of the filter that differentiates
 NOISY = 0.1  # of the rms of an acceleration: noise that the next wider one is taken for
 STRICT = 0.3  # of that, where small deflections are sought beside accelerations
-REWEIGHTED = 4  # times that weights follow the residuals
+REWEIGHTED, ALIKE = 200, 1e-4  # times that weights follow the residuals at most, and by how much they still change
 RESTING = 0.02  # of the rms of a rate: below it a drive stands still
 NOISES = 3.0  # deviations of a rate's noise below which it stands still, too
 LEFT = 0.25  # of the rows of every drive that a filter must leave
@@ -41,6 +41,8 @@ PIECE = 2000  # samples at a time whose columns are in memory
 SIZES = {"stiffness": 1e5, "damping": 1e2}  # N m/rad, N m s/rad: deflections are small, and no round-off
 CLEAR = 0.2  # of a column's square: what noise must leave of it for a parameter to be identifiable
 EXACT = 1e-6  # of the largest residual: smaller ones weigh no more
+ROUND_OFF = 1e-9  # of the forces in a row: residuals are no smaller
+TRUSTED = 5e-5  # of the forces in a row, to which they are known at most where links are chosen
 UNDETERMINED = 1e-13  # of the greatest singular value: directions that round-off alone decides stay 0
 GAINED = 1e-7  # of a logarithm of residuals, by which a step must leave less
 PARTS = (1.0, 0.5, 0.25, 0.125)  # of a step, the first that leaves less is taken
@@ -245,13 +247,13 @@ class Data:
                     variances[:, names.index(name)] = onto**2 * gain * ((force[places] * noise[places]) ** 2).sum()
         return variances
 
-    def residuals(self, solution: Solution) -> dict[str, Residuals]:
-        """Give the residuals of a solution by the names of the rows' coordinates."""
+    def residuals(self, solution: Solution, of_robot: Array) -> dict[str, Residuals]:
+        """Give the residuals of a solution, and of the robot, (r,), by the names of the rows' coordinates."""
         residuals, drives = {}, self.drive_sizes().tolist()
         for row, name in enumerate(self.names):
             drive = drives[row]
             fitted, held_out = float(solution.fitted[row]), float(solution.held_out[row])
-            residuals[name] = Residuals(fitted, held_out, drive, int(solution.counts[row]))
+            residuals[name] = Residuals(fitted, held_out, drive, int(solution.counts[row]), float(of_robot[row]))
         return residuals
 
     def drive_sizes(self) -> Array:
@@ -446,35 +448,35 @@ def _static(sought: Sought, state: State, v: Array, at: slice) -> Array:
 class Solution:
     """Weighted least squares behind a bell of that half width; variances are the jackknife's over blocks of time.
 
-    covariance: that of white residuals, made as wide as the jackknife's on average.
+    root: square root of the information on the b base parameters, (b, b): that of white residuals, made as small as the
+    jackknife's on average.
     fitted, held_out: rms of residuals, (r,); counts: of samples, (r,).  noise_share: of a column's square beside all
-    others, what is noise, (b,).
+    others, what is noise, (b,).  rows: triangles of columns and forces of each row, (r, count + 1, count + 1).
+    is_converged: whether weights and residuals have become consistent.
     """
 
     half: int
     values: Array
     variances: Array
-    covariance: Array
+    root: Array
     fitted: Array
     held_out: Array
     counts: Index
     noise_share: Array
+    rows: Array
+    is_converged: bool
 
     @classmethod
     def of(cls, data: Data, half: int) -> Solution:
         """Solve for the parameters, and once more without each block of time."""
-        kept, rows, count = data.kept(half), len(data.names), data.count
+        kept, count = data.kept(half), data.count
         blocks = block_count(len(kept), max(data.half + half, 1))
         R, size = _triangles(data, half, kept, blocks)
-        counts, weights = kept.sum(axis=0), np.ones(rows)
+        counts, rows = kept.sum(axis=0), _compressed(R.swapaxes(0, 1))
         blurred = data.column_noise(half, count) / size**2
         seen = np.stack([block.sum(axis=0) for block in np.array_split(kept, blocks)])  # samples, (blocks, r)
-        for _ in range(REWEIGHTED):
-            values = _solved(R * weights[:, None, None], counts * weights**2 @ blurred)
-            fitted = np.sqrt(_left(R, values).sum(axis=0) / np.maximum(counts, 1))
-            weights = 1.0 / np.maximum(fitted, EXACT * max(float(fitted.max()), 1e-300))
-        weighted = R * weights[:, None, None]
-        triangles = np.stack([np.linalg.qr(block.reshape(-1, count + 1), mode="r") for block in weighted])
+        values, weights, fitted, is_converged = _reweighted(rows, counts, blurred)
+        triangles = _compressed(R * weights[:, None, None])
         noise = seen * weights**2 @ blurred
         without = [
             _solved(np.delete(triangles, place, axis=0), noise.sum(axis=0) - noise[place]) for place in range(blocks)
@@ -484,17 +486,64 @@ class Solution:
         variances = (off**2).sum(axis=0) * (blocks - 1) / blocks
         held_out = np.sqrt(left / np.maximum(counts, 1))
         variances = np.maximum(variances, 1e-300)
-        covariance = _covariance(triangles, variances) / np.outer(size, size)
+        trusted = 1.0 / np.maximum(fitted, TRUSTED * _forces(rows, counts))
+        root = _root(rows * trusted[:, None, None], variances, len(data.base))
         share = _noise_share(triangles, noise.sum(axis=0))
-        return cls(half, values / size, variances / size**2, covariance, fitted, held_out, counts, share)
+        rows[..., :-1] *= size
+        known = (values / size, variances / size**2, root * size[: len(data.base)])
+        return cls(half, *known, fitted, held_out, counts, share, rows, is_converged)
+
+    def left_of(self, values: Array) -> Array:
+        """Return rms of what other values, (count,), leave of the rows' forces, (r,)."""
+        return np.asarray(np.sqrt(_left(self.rows, values) / np.maximum(self.counts, 1)))
 
 
-def _covariance(R: Array, variances: Array) -> Array:
-    """Return the covariance, (b, b), that rows of weighted triangles give, with these variances on average."""
-    rows = R.reshape(-1, R.shape[-1])[:, :-1]
-    white = np.linalg.pinv(rows.T @ rows, rcond=UNDETERMINED, hermitian=True)
-    variance = np.maximum(np.diagonal(white), 1e-300)
-    return np.asarray(white * np.exp(np.mean(np.log(variances / variance))))
+def _reweighted(rows: Array, counts: Index, blurred: Array) -> tuple[Array, Array, Array, bool]:
+    """Return values, weights, (r,), residuals, (r,), and whether weights are the inverse of the residuals.
+
+    Args:
+        rows: triangles of each row, (r, count + 1, count + 1).
+        counts: samples of each row, (r,).
+        blurred: variances of what noise adds to columns, (r, count).
+    """
+    weights = np.ones(len(rows))
+    for _ in range(REWEIGHTED):
+        values = _solved(rows * weights[:, None, None], counts * weights**2 @ blurred)
+        fitted = np.sqrt(_left(rows, values) / np.maximum(counts, 1))
+        least = np.maximum(EXACT * float(fitted.max()), ROUND_OFF * _forces(rows, counts))
+        following = 1.0 / np.maximum(fitted, np.maximum(least, 1e-300))
+        if np.abs(np.log(following / weights)).max() <= ALIKE:
+            return values, weights, fitted, True
+        weights = following
+    return values, weights, fitted, False
+
+
+def _compressed(R: Array) -> Array:
+    """Return a triangle for each of stacked triangles, (k, count + 1, count + 1), from (k, m, count + 1, count + 1)."""
+    return np.stack([np.linalg.qr(block.reshape(-1, block.shape[-1]), mode="r") for block in R])
+
+
+def _forces(rows: Array, counts: Index) -> Array:
+    """Return rms of the forces of rows, (r,)."""
+    return np.asarray(np.linalg.norm(rows[..., -1], axis=-1) / np.sqrt(np.maximum(counts, 1)))
+
+
+def _root(rows: Array, variances: Array, base: int) -> Array:
+    """Return a square root of the information on the first parameters, (base, base), whatever the others are.
+
+    Args:
+        rows: weighted triangles.
+        variances: of all parameters, (count,), with which the information agrees on average where it is less.
+        base: number of the first parameters.
+    """
+    order = [*range(base, len(variances)), *range(base)]
+    R = np.asarray(np.linalg.qr(rows.reshape(-1, rows.shape[-1])[:, order], mode="r"))
+    _, singular, axes = np.linalg.svd(R)
+    singular = np.maximum(singular, UNDETERMINED * singular.max(initial=0.0))
+    white = np.maximum(((axes / np.maximum(singular, 1e-300)[:, None]) ** 2).sum(axis=0), 1e-300)
+    wider = np.exp(0.5 * np.mean(np.log(variances[order] / white)))
+    many = len(variances) - base
+    return np.asarray(R[many:, many:] / max(float(wider), 1.0))
 
 
 def _noise_share(R: Array, noise: Array) -> Array:

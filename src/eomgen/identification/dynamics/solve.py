@@ -30,7 +30,7 @@ from ...robot.coordinates import LINKS, is_mode, number_name
 from ...robot.model import build_model
 from ...robot.value import MOTOR, Friction, Robot
 from ...runtime.kernel import Kernel
-from ..consistent import doubt, nearest_bodies, with_parameters
+from ..consistent import INERTIAL, SOLVED, Sizes, nearest_bodies, with_parameters
 from ..estimating import HALF_WIDTHS, even_step
 from ..identifiable import LINEAR, TERMS, TRANSMISSIONS, BaseParameters, combinations, parameter_names
 from ..relations import Relations, anchored, completed, refuse_followers, refuse_memory, relations_of
@@ -135,20 +135,23 @@ def identify(  # noqa: PLR0913
     many = len(shown)
     hidden = [name for name, share in zip(shown.names, best.noise_share, strict=False) if share > HIDDEN]
     values, variances = best.values[:many], best.variances[:many]
-    theta = nearest_bodies(shown, values, best.covariance[:many, :many], drawn, spread)
-    parameters = dict(zip(shown.parameters, theta.tolist(), strict=True))
     deviations = np.sqrt(variances)
+    sizes = Sizes(shown, values, deviations, drawn)
+    is_open = deviations > sizes.deviations(shown, spread)
+    impossible = _impossible(shown, values, deviations, is_open)
+    links = nearest_bodies(shown, values, best.root, drawn, sizes, spread, impossible)
+    parameters = dict(zip(shown.parameters, links.theta.tolist(), strict=True))
     further = sought.further(state, np.sqrt(best.variances[many:]).tolist())
-    for name in hidden:  # is no answer
+    for name in (*hidden, *impossible):  # is no answer
         parameters.pop(name, None)
     warnings += (
         [f"{name}: noise of the angles hides the deflection; the description's value stays" for name in hidden]
+        + [f"{name}: is below 0 and not identifiable; the description's value stays" for name in impossible]
         + _doubts(shown, values, deviations)
         + further_doubts(asked, sought, further)
-        + _unsettled(sought, best)
         + other_readings(data, best)
     )
-    if max(left.relative[0] for left in data.residuals(best).values()) > APART:
+    if float((best.fitted / data.drive_sizes()).max()) > APART:
 
         def left_of(other: MeasuredMotion) -> float:
             again = Data(kernel, other, shown, forces, step, bad)
@@ -158,13 +161,18 @@ def identify(  # noqa: PLR0913
     parameters |= {
         name: x.value for name, x in further.items() if name.endswith((".breakaway", ".stribeck", f".{GAUSSIAN}"))
     }
-    sure = np.hypot(deviations, doubt(shown, values))
-    moved = float((np.abs(shown.matrix @ theta - values) / sure).max())
+    of_robot = shown.matrix @ links.theta
+    moved = float(np.abs(best.root @ (of_robot - values)).max())
+    of_rows = best.left_of(np.concatenate([of_robot, np.zeros(best.values.size - many)]))
+    unexcited = tuple(np.array(shown.names)[is_open].tolist())
+    warnings += [f"not excited by the motion, near to the description: {listed(unexcited)}"] if unexcited else []
+    problems = [] if best.is_converged else ["weights of rows and residuals do not become consistent"]
+    problems += _unsettled(sought, best) + ([] if links.status == SOLVED else [links.status])
     notes = [
         *idle,
         *_notes(kernel, motion, data),
         *beam_notes(described, _modal_estimates(shown, values, deviations, drawn)),
-        f"links that are bodies: base values off by {moved:.2g} deviations at most",
+        f"physically consistent links: base values off by {moved:.2g} deviations at most",
     ]
     t, drives, fitted, kept = data.over_time(best)
     return IdentifyResult(
@@ -173,8 +181,11 @@ def identify(  # noqa: PLR0913
         base_values=values,
         deviations=deviations,
         described=shown.matrix @ drawn,
+        of_robot=of_robot,
         parameters=parameters,
-        residuals=data.residuals(best),
+        residuals=data.residuals(best, of_rows),
+        status="; ".join(problems) or SOLVED,
+        unexcited=unexcited,
         width=2 * (data.half + best.half) * step,
         warnings=tuple(warnings),
         notes=(*notes, *curves),
@@ -230,7 +241,7 @@ def _further(data: Data, terms: Sequence[str], shape: str) -> Sought:
 
 
 def _unsettled(sought: Sought, solution: Solution) -> list[str]:
-    """Return warnings about what forces are not linear in, and what still moved at the last step."""
+    """Say which parameters that forces are not linear in still moved at the last step."""
     many = len(sought.names())
     steps, deviations = solution.values[-many or len(solution.values) :], np.sqrt(solution.variances)[-many:]
     moving = [name for name, x, d in zip(sought.names(), steps, deviations, strict=False) if abs(x) > UNSETTLED * d]
@@ -356,6 +367,14 @@ def _doubts(base: BaseParameters, values: Array, deviations: Array) -> list[str]
         if name.endswith((".viscous", ".dry")) and x < -2.0 * d:
             doubts.append(f"{name} is negative; is the drive's sign right?")
     return doubts
+
+
+def _impossible(base: BaseParameters, values: Array, deviations: Array, is_open: Mask) -> list[str]:
+    """Return parameters that stand alone, are positive in every robot, and are measured below 0."""
+    alone = np.count_nonzero(base.matrix, axis=1) == 1
+    below = base.chosen[alone & (values < -2.0 * deviations) & ~is_open]
+    names = [base.parameters[place] for place in below]
+    return [name for name in names if name.rpartition(".")[2] not in (*INERTIAL, "offset")]
 
 
 def _notes(kernel: Kernel, motion: MeasuredMotion, data: Data) -> tuple[str, ...]:
