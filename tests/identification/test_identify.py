@@ -627,6 +627,25 @@ def elastic() -> Robot:
     return Robot("elastic", (0.0, -9.81, 0.0), (link,), (joint,))
 
 
+ELASTIC = """name = "elastic"
+gravity = [0.0, -9.81, 0.0]
+
+[[links]]
+name = "arm"
+mass = 2.0
+com = [0.3, 0.0, 0.0]
+inertia = { xx = 0.01, yy = 0.05, zz = 0.05 }
+
+[[joints]]
+name = "joint1"
+parent = "base"
+child = "arm"
+type = "revolute"
+motor = { inertia = 1e-3, ratio = 50.0, stiffness = 5000.0, damping = 3.0, friction = { coulomb = 0.05 } }
+dh = { a = 0.0, alpha = 0.0, d = 0.0, theta = 0.0 }
+"""
+
+
 def test_stiffness_of_transmissions(built: Build, swung: Any) -> None:
     """From the shaft's angle and the joint's; where one is missing, it is named."""
     robot, terms = elastic(), (*TERMS, "transmissions")
@@ -647,6 +666,37 @@ def test_stiffness_of_transmissions(built: Build, swung: Any) -> None:
         identify(robot, motion_from_columns(only, kernel.coordinates), terms=terms, kernel=bare)
     with pytest.raises(InputError, match="transmissions: no joint of arm has a motor"):
         identify(arm(), swung[2], terms=terms, kernel=swung[1])
+
+
+def test_stiffness_below_0_is_not_written(built: Build, tmp_path: Path) -> None:
+    """Angles of the joint for angles of the shaft: deflections of the other sign.  What is written is in the table."""
+    source = tmp_path / "elastic.toml"
+    source.write_text(ELASTIC, encoding="utf-8")
+    robot, terms = eomgen.load_robot(source), (*TERMS, "transmissions")
+    kernel = built(elastic(), "inverse_dynamics")
+    t, q, v, a = swing()
+    phi = 0.01 * np.stack([np.sin(5.0 * t), 5.0 * np.cos(5.0 * t), -25.0 * np.sin(5.0 * t)])
+    motions = (
+        [np.stack([x[:, 0], 50.0 * (x[:, 0] + sign * y)], axis=1) for x, y in zip((q, v, a), phi, strict=True)]
+        for sign in (1.0, -1.0)
+    )
+    right, wrong = motions
+    force = np.asarray(kernel.inverse_dynamics(*right))
+    bare = bare_kernel(robot, built, "transmissions")
+    name = "joint1.motor.stiffness"
+    for motion, expected in ((right, 4000.0), (wrong, 5000.0)):
+        columns = columns_of(kernel.coordinates, t, *motion, u=force)
+        found = identify(robot, motion_from_columns(columns, kernel.coordinates), terms=terms, kernel=bare)
+        table = dict(zip(found.base_names, found.of_robot, strict=True))
+        assert table[name] == pytest.approx(expected, rel=1e-4)
+        assert found.robot.joint("joint1").motor.transmission.stiffness == pytest.approx(table[name], rel=1e-9)
+        text = f"{name}: is below 0 and not identifiable; the description's value stays"
+        assert (text in found.warnings) == (motion is wrong)
+    assert dict(zip(found.base_names, found.base_values, strict=True))[name] < -1000.0
+    with pytest.raises(InputError, match="nothing is written: the robot leaves"):
+        found.to_toml(tmp_path / "better.toml")
+    forced = eomgen.load_robot(found.to_toml(tmp_path / "better.toml", force=True))
+    assert forced.joint("joint1").motor.transmission.stiffness == 5000.0
 
 
 def test_a_drive_of_another_sign_is_named(built: Build) -> None:

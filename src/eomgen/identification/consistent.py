@@ -26,6 +26,7 @@ from ..robot.coordinates import is_mode
 from ..robot.model import build_model
 from ..robot.value import MOTOR, Coordinate, Friction, Joint, Link, LinkModes, Motor, Robot
 from ..robot.value.modes import DIAGONALS
+from .estimating import SOLVED
 from .geometry.rotations import pose_from, pose_of
 from .identifiable import BaseParameters
 
@@ -38,7 +39,6 @@ LEAST = 1e-4  # of these sizes: what remains of a link at least; and of a descri
 TRUNCATED = 1e-12  # of the greatest singular value of the information: directions below it have no weight
 ROUND_OFF = 1e-6  # of coefficients of combinations
 OPEN = 1e3  # N or N m, of offsets: no description has them
-SOLVED = "converged"  # status of what has been found
 
 
 def _units() -> Array:

@@ -19,6 +19,7 @@ from ...robot.coordinates import force_unit_of
 from ...robot.record import record_of
 from ...robot.value import Robot
 from ...shown import Plotting, Shown
+from ..estimating import SOLVED
 from ..identifiable import BaseParameters
 from .as_toml import write_toml
 
@@ -95,7 +96,7 @@ class IdentifyResult(Plotting, Shown, Saved, plot="plot_identification"):
     warnings: tuple[str, ...]
     notes: tuple[str, ...]
     of_robot: Annotated[Array, Stored(("b",), "SI")]
-    status: str = "converged"
+    status: str = SOLVED
     unexcited: tuple[str, ...] = ()
     further: dict[str, Further] = field(default_factory=dict)
     t: Annotated[Array, Stored(("T",), "s")] = field(default_factory=lambda: np.zeros(0))
@@ -119,7 +120,7 @@ class IdentifyResult(Plotting, Shown, Saved, plot="plot_identification"):
 
     def _refuse(self) -> None:
         """Raise InputError where the fit is no robot that explains the data."""
-        reasons = [] if self.status == "converged" else [f"not converged: {self.status}"]
+        reasons = [] if self.status == SOLVED else [f"not converged: {self.status}"]
         for name, left in self.contradicted.items():
             fitted, held_out = left.relative
             reasons.append(

@@ -30,8 +30,8 @@ from ...robot.coordinates import LINKS, is_mode, number_name
 from ...robot.model import build_model
 from ...robot.value import MOTOR, Friction, Robot
 from ...runtime.kernel import Kernel
-from ..consistent import INERTIAL, SOLVED, Sizes, nearest_bodies, with_parameters
-from ..estimating import HALF_WIDTHS, even_step
+from ..consistent import INERTIAL, Sizes, nearest_bodies, with_parameters
+from ..estimating import HALF_WIDTHS, SOLVED, even_step
 from ..identifiable import LINEAR, TERMS, TRANSMISSIONS, BaseParameters, combinations, parameter_names
 from ..relations import Relations, anchored, completed, refuse_followers, refuse_memory, relations_of
 from ..stiffness.beams import beam_notes
