@@ -37,6 +37,7 @@ from tests.support.random_robots import Array, random_robot
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
+STRIBECK_TERMS = (*TERMS, "stribeck")
 TX40 = (  # a, alpha, d of modified Denavit and Hartenberg frames, m and quarters of a turn
     (0.0, 0, 0.32),
     (0.0, -1, 0.0),
@@ -436,7 +437,7 @@ def poorly_excited(built: Build) -> tuple[eomgen.Kernel, MeasuredMotion, Identif
     u = kernel.inverse_dynamics(q, v, a) + [robot.coordinates[x].damping for x in kernel.coordinates] * v
     u += 0.04 * np.sqrt(np.mean(u**2, axis=0)) * np.random.default_rng(1).standard_normal(u.shape)
     motion = motion_of(kernel.coordinates, t, q, v, a, u)
-    return kernel, motion, identify("puma560", motion, kernel=kernel)
+    return kernel, motion, identify("puma560", motion, half=0, kernel=kernel)
 
 
 def test_a_motion_that_excites_little_gives_a_robot_that_reproduces_it(poorly_excited: Any) -> None:
@@ -483,7 +484,7 @@ def test_weights_are_those_of_the_residuals(poorly_excited: Any, monkeypatch: py
     values = np.linalg.lstsq(weighted.reshape(-1, len(size)) / size, right.ravel(), rcond=1e-13)[0] / size
     assert (np.sqrt(np.mean((X @ (values - found.base_values)) ** 2, axis=0)) < 1e-3 * fitted).all()
     monkeypatch.setattr(regression, "REWEIGHTED", 1)
-    assert "weights of rows" in identify("puma560", motion, kernel=kernel).status
+    assert "weights of rows" in identify("puma560", motion, half=0, kernel=kernel).status
 
 
 # Coupled wrists, gains, delays, Stribeck friction, transmissions
@@ -581,6 +582,31 @@ def test_noisy_encoders_have_a_wider_filter(built: Build) -> None:
     assert values["fore.mx"] == pytest.approx(0.225, abs=0.02)
 
 
+def test_a_filter_behind_which_forces_are_not_predicted_is_not_chosen(
+    swung: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Small standard deviations of biased parameters do not count; the alternatives are printed."""
+    _, bare, motion = swung
+    motion = replace(motion, u=motion.u + 0.05 * np.random.default_rng(1).standard_normal(motion.u.shape))
+    solved = regression.Solution.of
+
+    def biased(data: regression.Data, half: int) -> regression.Solution:
+        solution = solved(data, half)
+        if half >= 8:
+            return solution
+        wrong = solution.held_out * [7.0, 1.0]
+        return replace(solution, held_out=wrong, variances=1e-3 * solution.variances)
+
+    monkeypatch.setattr(regression.Solution, "of", biased)
+    found = identify(arm(), motion, kernel=bare)
+    (said,) = (line for line in found.lines() if "second filter: half width" in line)
+    assert re.search(r"half width (8|16|32) samples; .*: 0: \S+ %, 8: \S+ %, 16: \S+ %, 32: ", said)
+    monkeypatch.undo()
+    assert "second filter: half width 8 samples, without" in " ".join(
+        identify(arm(), motion, half=8, kernel=bare).notes
+    )
+
+
 @pytest.mark.parametrize("rates", [False, pytest.param(True, marks=pytest.mark.soak)])
 def test_a_delay_of_drives(rates: bool, built: Build) -> None:
     """Drives in the file are 3.3 samples late; and so that noise does not make it, none where there is none."""
@@ -617,6 +643,26 @@ def test_stribeck_friction(built: Build) -> None:
     assert friction.static == pytest.approx(0.9, abs=0.1)
     with pytest.raises(InputError, match="terms: stribeck without dry; allowed: both, or dry alone"):
         identify(robot, motion, terms=("links", "stribeck"), kernel=bare_kernel(robot, built))
+
+
+@pytest.mark.parametrize(("share", "is_covered"), [(0.005, False), (0.2, True)])
+def test_stribeck_friction_slower_than_the_motion(share: float, is_covered: bool, built: Build) -> None:
+    """The tail of a curve is fitted as well by a small and slow one: the range of the motion is named."""
+    robot = arm()
+    joints = (replace(x, coordinates={"gamma": replace(x.coordinates["gamma"], friction=None)}) for x in robot.joints)
+    kernel = bare_kernel(replace(robot, joints=tuple(joints)), built)
+    t, q, v, a = swing()
+    rate = share * np.sqrt(np.mean(v**2, axis=0))
+    u = kernel.inverse_dynamics(q, v, a) + np.sign(v) * (1.0 + 2.0 / (1.0 + (v / rate) ** 2)) + 0.3 * v
+    u += 0.02 * np.random.default_rng(0).standard_normal(u.shape)
+    motion = motion_of(kernel.coordinates, t, q, v, a, u)
+    found = identify(arm(), motion, terms=STRIBECK_TERMS, shape="lorentzian", half=0, kernel=kernel)
+    said = [text for text in found.warnings if "the range of the motion does not cover Stribeck friction" in text]
+    for i, name in enumerate(kernel.coordinates):
+        entry = found.further.get(f"{name}.breakaway")
+        is_right = entry is not None and abs(entry.value - 2.0) < 4.0 * entry.deviation
+        assert is_right == is_covered, (i, entry)
+        assert any(text.startswith(name) for text in said) != is_covered
 
 
 def elastic() -> Robot:
@@ -828,9 +874,6 @@ def test_deflections_that_noise_hides_are_named(built: Build) -> None:
     assert hidden
     name = hidden[0].split(":")[0]
     assert name not in found.parameters
-
-
-STRIBECK_TERMS = (*TERMS, "stribeck")
 
 
 @pytest.mark.soak

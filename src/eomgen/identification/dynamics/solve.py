@@ -31,16 +31,17 @@ from ...robot.model import build_model
 from ...robot.value import MOTOR, Friction, Robot
 from ...runtime.kernel import Kernel
 from ..consistent import INERTIAL, Sizes, nearest_bodies, with_parameters
-from ..estimating import HALF_WIDTHS, SOLVED, even_step
+from ..estimating import SOLVED, even_step
 from ..identifiable import LINEAR, TERMS, TRANSMISSIONS, BaseParameters, combinations, parameter_names
 from ..relations import Relations, anchored, completed, refuse_followers, refuse_memory, relations_of
 from ..stiffness.beams import beam_notes
 from ..stiffness.result import Estimate
 from .further import FURTHER, GAINS, GAUSSIAN, SHAPES, STRIBECK, Sought, further_doubts
-from .regression import Data, Solution, best_of, shaped
+from .nonlinear import shaped
+from .regression import FILTERS, Data, Solution, chosen_filter
 from .result import IdentifyResult
 from .shafts import at_shafts, without_drives
-from .traps import offset_warnings, other_readings, refuse_impossible, spoiled
+from .traps import offset_warnings, other_readings, refuse_impossible, spoiled, uncovered_friction
 
 ALL_TERMS = (*LINEAR, *FURTHER)
 APART = 0.05  # of a drive: residuals from which on joint offsets are looked at
@@ -80,7 +81,7 @@ def identify(  # noqa: PLR0913
             (s, by how much the drives in the file are late).
         known: names of links whose mass, centre of mass and inertia are the description's: gains need such a measure.
             Those of links that bend are, too; what is fixed to their nodes is sought.
-        half: half width of the second filter, samples, 0 for none; the best of HALF_WIDTHS if None.
+        half: half width of the second filter, samples, 0 for none; the best of FILTERS on blocks held out if None.
         shape: of Stribeck's curve, "lorentzian", 1 / (1 + (v / rate)^2), or "gaussian", exp(-(v / rate)^2); the one
             that is better on blocks held out if None.
         spread: how far the description's numbers of single links are off, relative to themselves; what base parameters
@@ -120,14 +121,14 @@ def identify(  # noqa: PLR0913
     forces = _known(robot, motion, relations)
     moving = np.isin(relations.rows, motion.measured)
     base = combinations(kernel, linear, moving, forces, relations)
-    widths = HALF_WIDTHS if half is None else (half,)
+    widths = FILTERS if half is None else (half,)
     bad, spoilt = spoiled(motion)
     data = Data(kernel, motion, base, forces, step, bad)
     shown, warnings = data.shown(base)
     warnings = spoilt + warnings
     if len(shown) < len(base):
         data.base = shown
-    width = best_of(data, widths).half
+    width, alternatives = chosen_filter(data, widths)
     asked = _further(data, terms, _shape(described, shape))
     (data, best, sought, state), more, curves = shaped(data, asked, width)
     warnings += more
@@ -149,6 +150,7 @@ def identify(  # noqa: PLR0913
         + [f"{name}: is below 0 and not identifiable; the description's value stays" for name in impossible]
         + _doubts(shown, values, deviations)
         + further_doubts(asked, sought, further)
+        + (uncovered_friction(data, best, sought, state) if STRIBECK in terms else [])
         + other_readings(data, best)
     )
     if float((best.fitted / data.drive_sizes()).max()) > APART:
@@ -171,6 +173,7 @@ def identify(  # noqa: PLR0913
     notes = [
         *idle,
         *_notes(kernel, motion, data),
+        alternatives,
         *beam_notes(described, _modal_estimates(shown, values, deviations, drawn)),
         f"physically consistent links: base values off by {moved:.2g} deviations at most",
     ]
