@@ -11,6 +11,7 @@ PACKAGES = {  # name as people write it: what pip installs it by, and the extra 
     "SciPy": ("scipy", "sim"),
     "Matplotlib": ("matplotlib", "sim"),
     "scikit-sundae": ("scikit-sundae", "sim"),
+    "clarabel": ("clarabel", "sim"),
     "Zarr": ("zarr", "sweep"),
     "Dask": ("dask[distributed]", "sweep"),
     "pyarrow": ("pyarrow", "sweep"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import replace
 from typing import Any
 
@@ -12,6 +13,7 @@ import eomgen
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import InputError, UnknownNameError
 from eomgen.identification import FitResult, fit, load_fit
+from eomgen.identification.stiffness import output_error
 from eomgen.identification.stiffness.levenberg_marquardt import Residuals, certainty, descend
 from eomgen.identification.stiffness.output_error import output_error_kernels
 from eomgen.motion.files import MeasuredMotion, motion_from_columns
@@ -94,6 +96,18 @@ def test_kernels_keep_their_parameters(kernel: eomgen.Kernel) -> None:
     found = fit(block(**TRUE), measured(kernel, *pushes(1.0, 400), noise=1e-6), kernel=kernel)
     assert dict(kernel.parameters) == before
     assert found.estimates[PREFIX + "coulomb"].value != before[PREFIX + "coulomb"]
+    assert found.status == "converged"
+
+
+def test_a_fit_whose_steps_do_not_come_to_an_end_has_not_converged(
+    kernel: eomgen.Kernel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(output_error, "STEPS", (1, 1))
+    far = copy(kernel)
+    far.parameters[PREFIX + "coulomb"] = 0.6
+    found = fit(block(**{**TRUE, "coulomb": 0.6}), measured(kernel, *pushes(1.0, 400), noise=1e-6), kernel=far)
+    assert "1 steps did not come to an end" in found.status
+    assert any(text in found.status for text in found.warnings)
 
 
 def deviations(kernel: eomgen.Kernel, seeds: range) -> Any:

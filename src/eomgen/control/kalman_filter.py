@@ -15,6 +15,7 @@ from ..limits import LARGEST, is_usable
 from ..names import component_name, nearest_or_all, show
 from ..pipeline.stages import build
 from ..robot.model import Model, build_model
+from ..robot.parameter_names import leasts
 from ..robot.value import Sensor
 from ..runtime.kernel import Kernel
 from .covariances import Covariance, SquareRoot
@@ -34,6 +35,7 @@ POSE_SEED, POSES_APART, DEFLECTED = (
     0.3,
     1e-3,
 )  # of the state about which observability is looked at; rad or m, rad/s
+LEAST = 1e-3  # of a described parameter: what remains of an estimate that may not be below 0
 NEARER = 6  # times that it is halved where loops do not close so far from the home
 
 
@@ -133,6 +135,15 @@ class FilterModel:
         rest = [known.wrench] * (6 * len(self.links)) + shares + [known.bias] * len(self.biases)
         return np.concatenate([*parts, rest])
 
+    def least(self) -> Numbers:
+        """Return what estimates of parameters are projected onto from below, (p,); -inf where any number will do.
+
+        It is LEAST of the way from the least value that is allowed to the described one, so that a mass stays above 0.
+        """
+        bounds = leasts(self.measurement.robot, self.parameters)
+        own = [(bounds.get(x, -np.inf), self.model.parameters[x]) for x in self.parameters]
+        return np.array([low + LEAST * max(described - low, 0.0) if low > -np.inf else low for low, described in own])
+
     def noise(self) -> Numbers:
         """Return standard deviations that a step adds to each state, (N,); those of velocities move positions, too."""
         known, n = self.uncertainty, len(self.coordinates)
@@ -154,6 +165,8 @@ class Observer:
         state: estimate of q, v, wrenches, parameters and biases, (N,); of a closed mechanism q and v of its independent
             coordinates, f of n, which the others follow.
         normalized_innovation: of the last update, (m,): independent numbers of variance 1 where noise is as told.
+        at_bounds: names of the parameters that the last update would have moved below their least values: estimates
+            are projected onto these, and variances stay.
     """
 
     def __init__(self, model: FilterModel, steps: FilterSteps) -> None:
@@ -164,7 +177,8 @@ class Observer:
         self.measured = tuple(name for name, _ in model.measurement.innovations)
         self._nominal = [model.model.parameters[x] for x in model.parameters]
         self._deviations = np.array(model.measurement.noise, dtype)
-        self._noise = model.noise().astype(dtype)
+        self._noise, self._least = model.noise().astype(dtype), model.least().astype(dtype)
+        self.at_bounds: tuple[str, ...] = ()
         self._bias_rows = list(model.measurement.biased)
         self.normalized_innovation: Numbers = np.zeros(len(self.measured), dtype)
         self._u = np.zeros(steps.kernel.n, dtype)
@@ -252,6 +266,10 @@ class Observer:
         dtype = self.kernel.dtype
         change, self.normalized_innovation = self._uncertain.take(H, self._deviations, innovation.astype(dtype))
         self.state = self.state + change
+        places = slice(2 * self._f + 6 * len(self.filter.links), len(self.states) - len(self._bias_rows))
+        below = self.state[places] < self._least
+        self.at_bounds = tuple(np.array(self.filter.parameters, dtype=object)[below].tolist())
+        self.state[places] = np.where(below, self._least, self.state[places])
         self._write_parameters()
         return float(self.normalized_innovation @ self.normalized_innovation)
 

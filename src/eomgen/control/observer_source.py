@@ -133,6 +133,7 @@ def _context(model: FilterModel, *, is_linear: bool) -> dict[str, object]:
         "parameters": len(parameters),
         "nominal": [literal(value) for value in robot.parameters.values()],
         "parameter_places": [parameters.index(name) for name in model.parameters],
+        "bounded": [(i, literal(x)) for i, x in enumerate(model.least()) if x > -np.inf],
         "gravity": [i for i, name in enumerate(parameters) if name.startswith("gravity.")],
         "is_linear": is_linear,
         "is_root": is_root,

@@ -1,39 +1,44 @@
-"""Parameters of all links that base parameters leave possible: those of bodies, as near to the drawing as they allow.
+"""Physically consistent parameters of all links near to base parameters and to the description.
 
-A body has mass everywhere or nowhere: its pseudo-inertia H is positive definite (P. Wensing, S. Kim, J.-J. Slotine
-2018).  Among such parameters those are sought that minimise
+The pseudo-inertia H of a body is positive definite (P. Wensing, S. Kim, J.-J. Slotine 2018).  Among such parameters
+theta those are sought that minimise
 
-    1/2 (B theta - beta)^T W (B theta - beta) + sum_k (tr(H0^-1 H) - log det H) / s^2,
+    1/2 |W (B theta - beta)|^2 + 1/2 sum_k |F^-1 (H - H0) F^-T|^2 / s^2,
 
-the measured values beta weighted by their inverse variances, and the divergence of every link from the drawing's H0,
-which is about half of its relative change squared, and infinite where H is no body's.  Armatures and friction are
-positive, too, and count as bodies of one number; where they stand alone among base parameters, it is the measured
-number that they are near to.  It is convex: Newton's method.
+the base values beta weighted by a square root W of their information, and the relative change of every link from the
+description's H0 over its spread s, with F F^T = H0, made a little thicker where H0 is thin.  Armatures, friction,
+stiffness and damping are positive, and count as bodies of one number.  The problem is convex: clarabel solves it.
+W has no weight in directions that the motion does not excite, so that nothing is inverted there.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from ..arrays import Array
+from ..arrays import Array, Index, Mask
 from ..names import component_name, joint_of, kind_of, split_component
+from ..optional import optional_import
 from ..robot.coordinates import is_mode
 from ..robot.model import build_model
 from ..robot.value import MOTOR, Coordinate, Friction, Joint, Link, LinkModes, Motor, Robot
 from ..robot.value.modes import DIAGONALS
+from .estimating import SOLVED
 from .geometry.rotations import pose_from, pose_of
 from .identifiable import BaseParameters
 
 INERTIAL = ("m", "mx", "my", "mz", "ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-THINNEST = 1e-4  # of the greatest number of its kind: what the drawing has at least of each
-SPRINGS = ("stiffness", "damping")  # of transmissions and modes
-WEAK = 1e-6  # of offsets: no drawing has them
-SURE = 1e-5  # of a base value: the least standard deviation that counts
-STEPS, ENOUGH = 200, 1e-10  # of Newton's method: most of them, and the decrement that ends it
+THIN = 5e-3  # of a link's second moments about its centre of mass: by so much they change in thin directions, too
+POINT = 0.1  # of the largest square of a radius of gyration: one that a point mass may get
+SIZE = 0.1  # m, of a robot of point masses
+UNKNOWN = 0.1  # of the largest number of its kind: one that is smaller in the description changes by so much
+LEAST = 1e-4  # of these sizes: what remains of a link at least; and of a description's armature or friction
+TRUNCATED = 1e-12  # of the greatest singular value of the information: directions below it have no weight
+ROUND_OFF = 1e-6  # of coefficients of combinations
+OPEN = 1e3  # N or N m, of offsets: no description has them
 
 
 def _units() -> Array:
@@ -65,110 +70,162 @@ def numbers_of(H: Array) -> Array:
     return np.concatenate([H[:, 3, 3:], H[:, :3, 3], inertia[:, upper[0], upper[1]]], axis=1)
 
 
-class Bodies:
-    """The divergence of parameters from the drawing's: value, slope and curvature.
+@dataclass(frozen=True)
+class Consistent:
+    """Physically consistent parameters, (p,), and "converged", or the reason why they are none."""
+
+    theta: Array
+    status: str
+
+
+class Sizes:
+    """Units of relative changes: theta = centre + change @ x, where x is about as large as the description's spread.
 
     Attributes:
-        drawn: the drawing's parameters, (p,); thin links are made a little thicker, those without mass get some.
+        links: places of the ten numbers of each link, (k, 10).
+        single: places of numbers that are positive by themselves.
+        centre: the description's parameters, (p,).
+        change: (p, p).  Ten x of a link are the upper triangle of F^-1 H F^-T by columns, those off its diagonal times
+            the root of 2, so that the sum of squares is that of the matrix.
+        least: x that remains at least, (p,), in the places of ``single``.
+        is_known: whether the description has a size to compare with, (p,).
     """
 
-    def __init__(self, names: tuple[str, ...], drawn: Array, size: float) -> None:
-        """Prepare the divergence from a drawing.
+    def __init__(self, base: BaseParameters, values: Array, deviations: Array, described: Array) -> None:
+        """Prepare units, wider for numbers that are measured clearly above 0.
 
         Args:
-            names: of the parameters.
-            drawn: the drawing's, (p,).
-            size: of measured values, which links without mass in the drawing have about.
+            base: the combinations.
+            values, deviations: of these and their standard deviations, (b,).
+            described: the description's values of the parameters, (p,).
         """
-        kinds = [name.rpartition(".")[2] for name in names]
+        proven = np.zeros(len(described))
+        proven[base.chosen] = np.abs(values) - 2.0 * deviations
+        kinds = [name.rpartition(".")[2] for name in base.parameters]
         links = [i for i, kind in enumerate(kinds) if kind in INERTIAL]
         self.links = np.array(links, dtype=np.intp).reshape(-1, 10)
-        self.free = np.array([kind == "offset" for kind in kinds], dtype=np.bool_)
-        self.single = np.setdiff1d(np.flatnonzero(~self.free), self.links)
-        self.drawn: Array = np.array(drawn)
-        H = pseudo_inertias(self.drawn[self.links])
-        H[np.trace(H, axis1=1, axis2=2) < THINNEST * size] = size * np.diag([0.01, 0.01, 0.01, 1.0])
-        values, axes = np.linalg.eigh(H)
-        values = np.maximum(values, THINNEST * max(float(values.max(initial=0.0)), 1e-6))
-        self.drawn[self.links] = numbers_of(np.einsum("kai,ki,kbi->kab", axes, values, axes))
-        self.inverse: Array = np.einsum("kai,ki,kbi->kab", axes, 1.0 / values, axes)
+        free = np.array([kind == "offset" for kind in kinds], dtype=np.bool_)
+        self.single = np.setdiff1d(np.flatnonzero(~free), self.links)
+        self.centre = np.where(free, 0.0, described)
+        self.change, self.least, self.is_known = np.diag(np.where(free, OPEN, 1.0)), np.zeros(len(kinds)), ~free
+        measured = float(proven[self.links].max(initial=0.0)) or 1.0
+        for places, F in zip(self.links, _factors(described[self.links], measured), strict=True):
+            units = np.einsum("ac,icd,bd->iab", F, _TRIANGLE, F)
+            self.change[np.ix_(places, places)] = numbers_of(units).T
         for kind in {kinds[i] for i in self.single}:
-            of_kind = [i for i in self.single if kinds[i] == kind]
-            self.drawn[of_kind] = np.maximum(self.drawn[of_kind], max(0.1 * float(self.drawn[of_kind].max()), THINNEST))
+            places = np.array([i for i in self.single if kinds[i] == kind])
+            largest = float(np.abs(described[places]).max())
+            size = np.maximum(np.abs(described[places]), UNKNOWN * largest if largest else 1.0)
+            self.is_known[places] = largest > 0.0
+            scale = np.maximum(size, proven[places])
+            self.change[places, places] = scale
+            self.least[places] = (LEAST - 1.0) * described[places] / scale
 
-    def value(self, theta: Array) -> float:
-        """Return the divergence, infinite where parameters are no body's."""
-        H, ratio = pseudo_inertias(theta[self.links]), theta[self.single] / self.drawn[self.single]
-        if (ratio <= 0.0).any() or (np.linalg.eigvalsh(H) <= 0.0).any():
-            return np.inf
-        of_links = np.einsum("kab,kba->", self.inverse, H) - np.linalg.slogdet(H)[1].sum()
-        return float(of_links + (ratio - np.log(ratio)).sum() + 0.5 * WEAK * (theta[self.free] ** 2).sum())
+    def room(self, places: Index) -> Array:
+        """Return what a described link has above the least one, (10,), as x of that link."""
+        own = np.linalg.solve(self.change[np.ix_(places, places)], self.centre[places])
+        return np.asarray(own - LEAST * _IDENTITY)
 
-    def slopes(self, theta: Array) -> tuple[Array, Array]:
-        """Return gradient, (p,), and Hessian, (p, p)."""
-        slope, curvature = np.zeros(len(theta)), np.zeros((len(theta), len(theta)))
-        for places, inverse in zip(self.links, self.inverse, strict=True):
-            current = np.linalg.inv(pseudo_inertias(theta[places][None])[0])
-            turned = np.einsum("ab,ibc->iac", current, UNITS)
-            slope[places] = np.einsum("ab,iba->i", inverse - current, UNITS)
-            curvature[np.ix_(places, places)] = np.einsum("iab,jba->ij", turned, turned)
-        slope[self.single] = 1.0 / self.drawn[self.single] - 1.0 / theta[self.single]
-        curvature[self.single, self.single] = 1.0 / theta[self.single] ** 2
-        slope[self.free], curvature[self.free, self.free] = WEAK * theta[self.free], WEAK
-        return slope, curvature
+    def deviations(self, base: BaseParameters, spread: float) -> Array:
+        """Return how far base values are off in a description with that relative spread, (b,); inf if it has none."""
+        off = spread * np.linalg.norm(base.matrix @ self.change, axis=1)
+        return np.where((np.abs(base.matrix) > ROUND_OFF)[:, ~self.is_known].any(axis=1), np.inf, off)
 
 
-def doubt(base: BaseParameters, values: Array) -> Array:
-    """Return the least doubt of base values, (b,), so that exact ones leave Newton's method some digits."""
-    return SURE * np.maximum(np.abs(values), 1e-3 * largest(base, values))
+def _factors(links: Array, measured: float) -> Array:
+    """Return F, (k, 4, 4), of links' ten numbers: F F^T is H, thicker where the link is thin or has no mass.
+
+    Args:
+        links: the description's, (k, 10).
+        measured: a mass, kg, if the description has none.
+    """
+    H = pseudo_inertias(links)
+    mass = H[:, 3, 3]
+    mass = np.where(mass > 0.0, mass, mass.max(initial=0.0) or measured)
+    com = H[:, :3, 3] / mass[:, None]
+    central = H[:, :3, :3] - mass[:, None, None] * np.einsum("ki,kj->kij", com, com)
+    own = np.trace(central, axis1=1, axis2=2) / mass
+    robot = float((np.trace(H[:, :3, :3], axis1=1, axis2=2) / mass).max(initial=0.0)) or SIZE**2
+    values, axes = np.linalg.eigh(central)
+    thickness = mass * np.where(own > ROUND_OFF * robot, THIN * own, POINT * robot)
+    F = np.zeros_like(H)
+    F[:, :3, :3] = axes * np.sqrt(np.maximum(values, 0.0) + thickness[:, None])[:, None, :]
+    F[:, :3, 3], F[:, 3, 3] = com * np.sqrt(mass)[:, None], np.sqrt(mass)
+    return F
 
 
-def largest(base: BaseParameters, values: Array) -> float:
-    """Return the greatest base value, stiffness and damping aside, which have sizes of their own."""
-    kinds = [base.parameters[place].rpartition(".")[2] for place in base.chosen]
-    others = [abs(x) for x, kind in zip(values.tolist(), kinds, strict=True) if kind not in SPRINGS]
-    return float(max(others or np.abs(values)))
+def _triangle() -> Array:
+    """Return symmetric matrices of unit norm, (10, 4, 4): the upper triangle by columns."""
+    units = []
+    for j in range(4):
+        for i in range(j + 1):
+            unit = np.zeros((4, 4))
+            unit[i, j] = unit[j, i] = 1.0 if i == j else np.sqrt(0.5)
+            units.append(unit)
+    return np.array(units)
 
 
-def nearest_bodies(base: BaseParameters, values: Array, covariance: Array, drawn: Array, spread: float) -> Array:
-    """Return parameters of bodies, (p,), that fit base values and are near to the drawing's.
+_TRIANGLE = _triangle()
+_IDENTITY = np.einsum("iaa->i", _TRIANGLE)
+
+
+def nearest_bodies(
+    base: BaseParameters,
+    values: Array,
+    root: Array,
+    described: Array,
+    sizes: Sizes,
+    spread: float,
+    fixed: Collection[str] = (),
+) -> Consistent:
+    """Return physically consistent parameters that fit base values and are near to the description's.
 
     Args:
         base: the combinations.
         values: of these, (b,).
-        covariance: of these, (b, b).
-        drawn: the drawing's parameters, (p,).
+        root: square root of their information, (k, b): root @ (true - values) has variance 1.
+        described: the description's parameters, (p,).
+        sizes: units of their changes.
         spread: how far they are off, relative to themselves.
+        fixed: names of parameters that stay as described.
     """
-    information = np.linalg.inv(covariance + np.diag(doubt(base, values) ** 2))
-    alone = np.count_nonzero(base.matrix, axis=1) == 1
-    near = drawn.copy()
-    for place, value in zip(base.chosen[alone], values[alone], strict=True):
-        if base.parameters[place].rpartition(".")[2] not in INERTIAL and value > 0.0:
-            near[place] = value
-    bodies, share = Bodies(base.parameters, near, largest(base, values)), 1.0 / spread**2
-    theta = bodies.drawn.copy()
-    normal = base.matrix.T @ information @ base.matrix
+    free = np.array([name not in fixed for name in base.parameters], dtype=np.bool_)
+    start = np.where(free, sizes.centre, described)
+    change = sizes.change[:, free]
+    # the least |A x - b|^2 + |x|^2 / spread^2 is the least |z - z0|^2 of x = onto @ z: scaled well for any A
+    left, singular, right = np.linalg.svd(root @ base.matrix @ change, full_matrices=False)
+    kept = singular > TRUNCATED * singular.max(initial=0.0)
+    stacked = np.vstack([singular[kept, None] * right[kept], np.eye(change.shape[1]) / spread])
+    turned, scale, axes = np.linalg.svd(stacked, full_matrices=False)
+    z0 = left[:, kept].T @ (root @ (values - base.matrix @ start)) @ turned[: kept.sum()]
+    onto = axes.T / scale
+    z, status = _project(z0, onto, sizes, free)
+    theta = start + change @ (onto @ z)
+    theta[sizes.single] = np.maximum(theta[sizes.single], 0.0)  # at their bounds, but for round-off
+    return Consistent(theta, status)
 
-    def cost(x: Array) -> float:
-        off = base.matrix @ x - values
-        return float(0.5 * off @ information @ off) + share * bodies.value(x)
 
-    now = cost(theta)
-    for _ in range(STEPS):
-        slope, curvature = bodies.slopes(theta)
-        slope = share * slope + base.matrix.T @ (information @ (base.matrix @ theta - values))
-        whole = normal + share * curvature
-        size = 1.0 / np.sqrt(np.diagonal(whole))
-        # what exact values leave to the drawing alone may be less than round-off: no step that way
-        step = -size * np.linalg.lstsq(whole * np.outer(size, size), size * slope, rcond=None)[0]
-        fall, length = float(-slope @ step), 1.0
-        while length > 1e-12 and not (new := cost(theta + length * step)) <= now - 0.1 * length * fall:
-            length *= 0.5
-        if length <= 1e-12 or fall <= ENOUGH:
-            break
-        theta, now = theta + length * step, new
-    return np.asarray(theta)
+def _project(z0: Array, onto: Array, sizes: Sizes, free: Mask) -> tuple[Array, str]:
+    """Return the z nearest to z0 for which x = onto @ z is within bounds, and the status of its search.
+
+    Numbers that are positive by themselves have an x from ``least`` on; of a link X + F^-1 H0 F^-T - LEAST is positive
+    semidefinite.
+    """
+    with optional_import("clarabel", "physically consistent parameters need"):
+        import clarabel
+    with optional_import("SciPy", "physically consistent parameters need"):
+        from scipy.sparse import csc_matrix, eye_array
+    rows = np.cumsum(free) - 1
+    single = sizes.single[free[sizes.single]]
+    order = np.concatenate([rows[single], rows[sizes.links].ravel()])
+    room = np.concatenate([-sizes.least[single], *(sizes.room(places) for places in sizes.links)])
+    cones = [clarabel.NonnegativeConeT(len(single)), *(clarabel.PSDTriangleConeT(4) for _ in sizes.links)]
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    quadratic = csc_matrix(eye_array(len(z0)))
+    found = clarabel.DefaultSolver(quadratic, -z0, csc_matrix(-onto[order]), room, cones, settings).solve()
+    solved = found.status in (clarabel.SolverStatus.Solved, clarabel.SolverStatus.AlmostSolved)
+    return np.array(found.x), SOLVED if solved else f"physically consistent parameters: {found.status}"
 
 
 def with_parameters(robot: Robot, theta: Mapping[str, float]) -> Robot:

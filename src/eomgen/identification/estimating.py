@@ -12,6 +12,7 @@ HALF_WIDTHS = (0, 8, 32, 128)  # of the filter behind it; the best of more would
 BLOCKS = (8, 40)  # least and most blocks of time: standard errors are the jackknife's, which leaves out one at a time
 BLOCK_WIDTHS = 4  # half widths in a block, at least: what is in one block hardly correlates with the next
 SIGNAL = 3.0  # variance of a motion over that of its noise, below which it does not count as one
+SOLVED = "converged"  # status of a fit
 EVEN = 1e-3  # of a step: by so much a sample's time may be off
 
 

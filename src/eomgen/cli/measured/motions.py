@@ -116,6 +116,9 @@ def _add_identify(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--shape", choices=SHAPES, help="of the Stribeck curve (the better one on held-out samples)")
     parser.add_argument("--toml", type=Path, metavar="FILE", help="write the description with estimated values")
+    parser.add_argument(
+        "--force", action="store_true", help="write although the fit did not converge or does not explain the data"
+    )
     parser.add_argument("-o", "--output", type=Path, help="the result, .npz, or a figure .svg, .pdf or .png")
     add_page(parser)
 
@@ -130,7 +133,7 @@ def _identify(options: argparse.Namespace) -> None:
     with stage_bar("identifying") as report:
         settings = keywords(identify, options, terms=options.terms or TERMS, progress=report)
         estimate = identify(robot, options.motion, **settings)
-    written = [] if options.toml is None else [estimate.to_toml(options.toml)]
+    written = [] if options.toml is None else [estimate.to_toml(options.toml, force=options.force)]
     show_measured(options, estimate, written + saved_or_drawn(options, estimate))
 
 

@@ -1,11 +1,10 @@
-"""Least squares of base parameters over time: columns, filters, weights, blocks, and what forces are not linear in."""
+"""Least squares of base parameters over time: columns, filters, weights, blocks."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from copy import copy
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -27,25 +26,25 @@ from ..identifiable import (
     regrouped,
     with_formulas,
 )
-from .further import FRACTIONS, GAINS, NEIGHBOURS, SHAPES, STRIBECK, Sought, State, told_apart
+from .further import NEIGHBOURS, Sought, State
 from .result import Residuals
 
 FIRSTS = (FIRST, 16, 32, 64, 128)  # half widths of the filter that differentiates
 NOISY = 0.1  # of the rms of an acceleration: noise that the next wider one is taken for
 STRICT = 0.3  # of that, where small deflections are sought beside accelerations
-REWEIGHTED = 4  # times that weights follow the residuals
+REWEIGHTED, ALIKE = 200, 1e-4  # times that weights follow the residuals at most, and by how much they still change
 RESTING = 0.02  # of the rms of a rate: below it a drive stands still
 NOISES = 3.0  # deviations of a rate's noise below which it stands still, too
+FILTERS = (0, 8, 16, 32, 128)  # half widths of the second filter, samples
+AS_GOOD = 5.0  # times the least share of a force that is not predicted: white noise alone makes such a difference
 LEFT = 0.25  # of the rows of every drive that a filter must leave
 PIECE = 2000  # samples at a time whose columns are in memory
 SIZES = {"stiffness": 1e5, "damping": 1e2}  # N m/rad, N m s/rad: deflections are small, and no round-off
 CLEAR = 0.2  # of a column's square: what noise must leave of it for a parameter to be identifiable
 EXACT = 1e-6  # of the largest residual: smaller ones weigh no more
+ROUND_OFF = 1e-9  # of the forces in a row: residuals are no smaller
+TRUSTED = 5e-5  # of the forces in a row, to which they are known at most where links are chosen
 UNDETERMINED = 1e-13  # of the greatest singular value: directions that round-off alone decides stay 0
-GAINED = 1e-7  # of a logarithm of residuals, by which a step must leave less
-PARTS = (1.0, 0.5, 0.25, 0.125)  # of a step, the first that leaves less is taken
-ROOT = "sqrt|v|"  # a curve of friction that is told, and no law
-STEPS, SETTLED = 20, 1e-2  # of Gauss-Newton: most of them, and deviations that the last one moves by at most
 
 
 class Data:
@@ -245,13 +244,13 @@ class Data:
                     variances[:, names.index(name)] = onto**2 * gain * ((force[places] * noise[places]) ** 2).sum()
         return variances
 
-    def residuals(self, solution: Solution) -> dict[str, Residuals]:
-        """Give the residuals of a solution by the names of the rows' coordinates."""
+    def residuals(self, solution: Solution, of_robot: Array) -> dict[str, Residuals]:
+        """Give the residuals of a solution, and of the robot, (r,), by the names of the rows' coordinates."""
         residuals, drives = {}, self.drive_sizes().tolist()
         for row, name in enumerate(self.names):
             drive = drives[row]
             fitted, held_out = float(solution.fitted[row]), float(solution.held_out[row])
-            residuals[name] = Residuals(fitted, held_out, drive, int(solution.counts[row]))
+            residuals[name] = Residuals(fitted, held_out, drive, int(solution.counts[row]), float(of_robot[row]))
         return residuals
 
     def drive_sizes(self) -> Array:
@@ -268,8 +267,12 @@ class Data:
         return self.motion.t[cut : len(self.motion.t) - cut], drives, fitted, self.kept(solution.half)
 
 
-def best_of(data: Data, widths: Sequence[int]) -> Solution:
-    """Return the solution behind the filter with the smallest standard deviations.
+def chosen_filter(data: Data, widths: Sequence[int]) -> tuple[int, str]:
+    """Choose the second filter: its half width, samples, and a note with the alternatives.
+
+    Noise and vibration in the columns bias parameters behind a filter that lets them pass, with small standard
+    deviations.  So filters are left out behind which much more of the forces is not predicted in blocks of time that
+    were held out, at any coordinate; of the others that with the smallest standard deviations is chosen.
 
     Raises:
         InputError: no filter leaves enough samples.
@@ -287,194 +290,52 @@ def best_of(data: Data, widths: Sequence[int]) -> Solution:
             f"{data.motion.source}: drives stand still too often between {samples} samples; allowed: motions that"
             " turn round less often, narrower filters, or terms without dry"
         )
-    return min(solutions, key=lambda solution: float(np.log(solution.variances).sum()))
-
-
-def iterated(data: Data, sought: Sought, half: int) -> tuple[Data, Solution, Sought, State]:
-    """Find what forces are not linear in, by Gauss-Newton; Stribeck's friction where there is some.
-
-    Returns:
-        The data there, the solution, whose last values are further steps, which are identifiable, and its values.
-    """
-    state = sought.start()
-    solution = Solution.of(data, half)
-    if GAINS in sought.terms:
-        predicted = data.predicted(solution)
-        gains = data.beside(lambda at: sought.gain_columns(predicted[at]))
-        sought = replace(sought, free_gains=told_apart(gains.triangle(np.ones_like(data.resting)), len(data.base)))
-        state = _first_gains(data, sought, state)
-    if STRIBECK in sought.terms:
-        sought, state = _first_friction(data, sought, state, half)
-    here, many = data.at(sought, state), data.count
-    if not sought.names():
-        return here, solution, sought, state
-    solution = Solution.of(here, half)
-    damped = STRIBECK in sought.terms
-    for _ in range(STEPS):
-        here = data.at(sought, state)
-        solution = Solution.of(here.with_steps(sought, state, solution), half)
-        steps = solution.values[many:]
-        if (np.abs(steps) <= SETTLED * np.sqrt(solution.variances[many:])).all():
-            break
-        if not damped:
-            state = sought.stepped(state, steps)
-        elif (nearer := _nearer(data, sought, state, steps, half)) is not None:
-            state = nearer
-        else:
-            break
-    if STRIBECK in sought.terms:
-        deviations = np.sqrt(
-            solution.variances[solution.values.size - 2 * len(sought.rubbing) :][: len(sought.rubbing)]
-        )
-        fewer, _ = sought.narrowed(state, deviations)
-        if len(fewer.rubbing) < len(sought.rubbing):
-            return iterated(data, fewer, half)
-    return here, solution, sought, state
-
-
-def _nearer(data: Data, sought: Sought, state: State, steps: Array, half: int) -> State | None:
-    """Take the longest of some parts of a step that leaves less; None where none does."""
-    before = _left_of(Solution.of(data.at(sought, state), half).fitted)
-    for share in PARTS:
-        trial = sought.stepped(state, share * steps)
-        if _left_of(Solution.of(data.at(sought, trial), half).fitted) < before - GAINED:
-            return trial
-    return None
-
-
-def _left_of(residuals: Array) -> float:
-    """Sum of the logarithms of rows' residuals: what weights that follow them make least."""
-    return float(np.log(np.maximum(residuals, 1e-300)).sum())
-
-
-def shaped(data: Data, asked: Sought, half: int) -> tuple[tuple[Data, Solution, Sought, State], list[str], list[str]]:
-    """Find what forces are not linear in, with the shape of Stribeck's curve that is best on blocks held out.
-
-    Args:
-        data, half: as of ``iterated``.
-        asked: what is sought; ``shape`` empty for the best of SHAPES.
-
-    Returns:
-        What ``iterated`` returns, and warnings and notes about the curve.
-    """
-    if STRIBECK not in asked.terms:
-        return iterated(data, asked, half), [], []
-    by_shape = {
-        shape: iterated(data, replace(asked, shape=shape), half) for shape in SHAPES if asked.shape in ("", shape)
-    }
-    drive = data.drive_sizes()
-    left = {shape: _left_of(one[1].held_out / drive) for shape, one in by_shape.items() if STRIBECK in one[2].terms}
-    less = tuple(term for term in asked.terms if term != STRIBECK)
-    plain = iterated(data, replace(asked, terms=less, rubbing=(), rms=asked.rms[:0], shape=SHAPES[0]), half)
-    without = _left_of(plain[1].held_out / drive)
-    if not left:
-        return plain, [], []
-    best = min(left, key=lambda shape: left[shape])
-    notes = [_compared(data, plain[0], asked, half, left, without)]
-    if left[best] >= without:
-        return plain, [f"Stribeck friction is left out: {best} is no better on blocks that were held out"], notes
-    return by_shape[best], [], notes
-
-
-def _compared(data: Data, here: Data, asked: Sought, half: int, left: dict[str, float], without: float) -> str:
-    """Say what each curve of friction leaves of the drives in blocks held out, and which leaves least."""
-    v, onto = here.v[:, asked.rubbing], asked.matrix[list(asked.rubbing)].T
-    root = Solution.of(here.beside(lambda at: (np.sign(v[at]) * np.sqrt(np.abs(v[at])))[:, None, :] * onto), half)
-    drive = data.drive_sizes()
-    all_left = {**left, ROOT: _left_of(root.held_out / drive), "dry and viscous alone": without}
-    many, base = len(data.names), here.count
-    shares = ", ".join(f"{name} {100.0 * np.exp(x / many):.3g} %" for name, x in all_left.items())
-    best = min(all_left, key=lambda name: all_left[name])
-    sizes = ", ".join(
-        f"{asked.coordinates[i]} {x:.4g} +- {d:.2g}"
-        for i, x, d in zip(asked.rubbing, root.values[base:], np.sqrt(root.variances[base:]), strict=True)
+    if len(solutions) == 1:
+        return solutions[0].half, f"second filter: half width {solutions[0].half} samples, without an alternative"
+    shares = np.array([x.unpredicted for x in solutions])
+    worse = (shares / shares.min(axis=0)).max(axis=1)
+    good = [x for x, ratio in zip(solutions, worse, strict=True) if ratio <= max(AS_GOOD, worse.min())]
+    best = min(good, key=lambda x: float(np.log(x.variances).sum()))
+    worst = [f"{x.half}: {100.0 * share.max():.3g} %" for x, share in zip(solutions, shares, strict=True)]
+    return best.half, (
+        f"second filter: half width {best.half} samples; not predicted of held-out forces behind each, at the worst"
+        f" coordinate: {', '.join(worst)}"
     )
-    return f"friction curves, held out, of the drives: {shares}; {best} fits best ({ROOT}: {sizes}, SI units)"
-
-
-def _first_gains(data: Data, sought: Sought, state: State) -> State:
-    """Return gains that leave least of the drives' size, whatever the base parameters; a little off by noise.
-
-    The least of |Y beta + k - C g| relative to |C g| and |k|, so that gains of 0 are no answer.
-    """
-    drives, parts = list(sought.drives), []
-    for i in drives:
-        alone = np.zeros_like(data.motion.u)
-        alone[:, i] = data.motion.u[:, i]
-        parts.append(data.measured(alone))
-    laws = data.laws if len(sought.free_gains) == len(drives) else np.zeros_like(data.laws)
-    parts.append(-laws)
-    both = data.beside(lambda at: np.stack([x[at] for x in parts], axis=-1))
-    R = both.triangle(~data.resting, data.drive_sizes()[:, None])
-    size, many = np.linalg.norm(R, axis=0), data.count
-    size[size == 0.0] = 1.0
-    left = (R / size)[many:, many:][:, : len(drives) + bool(laws.any())]
-    best = np.linalg.svd(left)[2][-1] / size[many : many + left.shape[1]]
-    measure = best[-1] if laws.any() else best[min(set(range(len(drives))).difference(sought.free_gains), default=0)]
-    gains = np.array(state.gains)
-    for k in sought.free_gains:
-        gains[k] = best[k] / measure if measure and best[k] else 1.0
-    return replace(state, gains=gains)
-
-
-def _first_friction(data: Data, sought: Sought, state: State, half: int) -> tuple[Sought, State]:
-    """Return Stribeck friction of each coordinate at the best of some rates, by the rows that it acts in."""
-    rms = sought.rms
-    onto, many = sought.matrix[list(sought.rubbing)] != 0.0, len(sought.rubbing)
-    left, values, variances = [], [], []
-    for fraction in FRACTIONS:
-        tried = replace(state, rates=fraction * rms)
-        here = data.at(sought, tried)
-        only = replace(sought, terms=(STRIBECK,), free_gains=())
-        solution = Solution.of(here.beside(partial(_static, only, tried, data.v)), half)
-        left.append([np.log(np.maximum(solution.fitted[row], 1e-300)).sum() for row in onto])
-        values.append(solution.values[data.count :])
-        variances.append(solution.variances[data.count :])
-    best = np.argmin(np.array(left), axis=0)
-    breakaway, variance = (np.array(x)[best, np.arange(many)] for x in (values, variances))
-    start = replace(state, breakaway=breakaway, rates=np.array(FRACTIONS)[best] * rms)
-    return sought.narrowed(start, np.sqrt(variance))
-
-
-def _static(sought: Sought, state: State, v: Array, at: slice) -> Array:
-    """Give columns of static friction beyond Coulomb friction at some samples, (t, r, k), from rates at all, (T, n)."""
-    none = np.zeros((0, 0))
-    return sought.columns(state, none, none, v[at])[..., : len(sought.rubbing)]
 
 
 @dataclass(frozen=True)
 class Solution:
     """Weighted least squares behind a bell of that half width; variances are the jackknife's over blocks of time.
 
-    covariance: that of white residuals, made as wide as the jackknife's on average.
+    root: square root of the information on the b base parameters, (b, b): that of white residuals, made as small as the
+    jackknife's on average.
     fitted, held_out: rms of residuals, (r,); counts: of samples, (r,).  noise_share: of a column's square beside all
-    others, what is noise, (b,).
+    others, what is noise, (b,).  rows: triangles of columns and forces of each row, (r, count + 1, count + 1).
+    is_converged: whether weights and residuals have become consistent.
     """
 
     half: int
     values: Array
     variances: Array
-    covariance: Array
+    root: Array
     fitted: Array
     held_out: Array
     counts: Index
     noise_share: Array
+    rows: Array
+    is_converged: bool
 
     @classmethod
     def of(cls, data: Data, half: int) -> Solution:
         """Solve for the parameters, and once more without each block of time."""
-        kept, rows, count = data.kept(half), len(data.names), data.count
+        kept, count = data.kept(half), data.count
         blocks = block_count(len(kept), max(data.half + half, 1))
         R, size = _triangles(data, half, kept, blocks)
-        counts, weights = kept.sum(axis=0), np.ones(rows)
+        counts, rows = kept.sum(axis=0), _compressed(R.swapaxes(0, 1))
         blurred = data.column_noise(half, count) / size**2
         seen = np.stack([block.sum(axis=0) for block in np.array_split(kept, blocks)])  # samples, (blocks, r)
-        for _ in range(REWEIGHTED):
-            values = _solved(R * weights[:, None, None], counts * weights**2 @ blurred)
-            fitted = np.sqrt(_left(R, values).sum(axis=0) / np.maximum(counts, 1))
-            weights = 1.0 / np.maximum(fitted, EXACT * max(float(fitted.max()), 1e-300))
-        weighted = R * weights[:, None, None]
-        triangles = np.stack([np.linalg.qr(block.reshape(-1, count + 1), mode="r") for block in weighted])
+        values, weights, fitted, is_converged = _reweighted(rows, counts, blurred)
+        triangles = _compressed(R * weights[:, None, None])
         noise = seen * weights**2 @ blurred
         without = [
             _solved(np.delete(triangles, place, axis=0), noise.sum(axis=0) - noise[place]) for place in range(blocks)
@@ -484,17 +345,69 @@ class Solution:
         variances = (off**2).sum(axis=0) * (blocks - 1) / blocks
         held_out = np.sqrt(left / np.maximum(counts, 1))
         variances = np.maximum(variances, 1e-300)
-        covariance = _covariance(triangles, variances) / np.outer(size, size)
+        trusted = 1.0 / np.maximum(fitted, TRUSTED * _forces(rows, counts))
+        root = _root(rows * trusted[:, None, None], variances, len(data.base))
         share = _noise_share(triangles, noise.sum(axis=0))
-        return cls(half, values / size, variances / size**2, covariance, fitted, held_out, counts, share)
+        rows[..., :-1] *= size
+        known = (values / size, variances / size**2, root * size[: len(data.base)])
+        return cls(half, *known, fitted, held_out, counts, share, rows, is_converged)
+
+    @property
+    def unpredicted(self) -> Array:
+        """What is left of the forces of each row in blocks held out, relative, (r,)."""
+        return np.maximum(self.held_out / np.maximum(_forces(self.rows, self.counts), 1e-300), ROUND_OFF)
+
+    def left_of(self, values: Array) -> Array:
+        """Return rms of what other values, (count,), leave of the rows' forces, (r,)."""
+        return np.asarray(np.sqrt(_left(self.rows, values) / np.maximum(self.counts, 1)))
 
 
-def _covariance(R: Array, variances: Array) -> Array:
-    """Return the covariance, (b, b), that rows of weighted triangles give, with these variances on average."""
-    rows = R.reshape(-1, R.shape[-1])[:, :-1]
-    white = np.linalg.pinv(rows.T @ rows, rcond=UNDETERMINED, hermitian=True)
-    variance = np.maximum(np.diagonal(white), 1e-300)
-    return np.asarray(white * np.exp(np.mean(np.log(variances / variance))))
+def _reweighted(rows: Array, counts: Index, blurred: Array) -> tuple[Array, Array, Array, bool]:
+    """Return values, weights, (r,), residuals, (r,), and whether weights are the inverse of the residuals.
+
+    Args:
+        rows: triangles of each row, (r, count + 1, count + 1).
+        counts: samples of each row, (r,).
+        blurred: variances of what noise adds to columns, (r, count).
+    """
+    weights = np.ones(len(rows))
+    for _ in range(REWEIGHTED):
+        values = _solved(rows * weights[:, None, None], counts * weights**2 @ blurred)
+        fitted = np.sqrt(_left(rows, values) / np.maximum(counts, 1))
+        least = np.maximum(EXACT * float(fitted.max()), ROUND_OFF * _forces(rows, counts))
+        following = 1.0 / np.maximum(fitted, np.maximum(least, 1e-300))
+        if np.abs(np.log(following / weights)).max() <= ALIKE:
+            return values, weights, fitted, True
+        weights = following
+    return values, weights, fitted, False
+
+
+def _compressed(R: Array) -> Array:
+    """Return a triangle for each of stacked triangles, (k, count + 1, count + 1), from (k, m, count + 1, count + 1)."""
+    return np.stack([np.linalg.qr(block.reshape(-1, block.shape[-1]), mode="r") for block in R])
+
+
+def _forces(rows: Array, counts: Index) -> Array:
+    """Return rms of the forces of rows, (r,)."""
+    return np.asarray(np.linalg.norm(rows[..., -1], axis=-1) / np.sqrt(np.maximum(counts, 1)))
+
+
+def _root(rows: Array, variances: Array, base: int) -> Array:
+    """Return a square root of the information on the first parameters, (base, base), whatever the others are.
+
+    Args:
+        rows: weighted triangles.
+        variances: of all parameters, (count,), with which the information agrees on average where it is less.
+        base: number of the first parameters.
+    """
+    order = [*range(base, len(variances)), *range(base)]
+    R = np.asarray(np.linalg.qr(rows.reshape(-1, rows.shape[-1])[:, order], mode="r"))
+    _, singular, axes = np.linalg.svd(R)
+    singular = np.maximum(singular, UNDETERMINED * singular.max(initial=0.0))
+    white = np.maximum(((axes / np.maximum(singular, 1e-300)[:, None]) ** 2).sum(axis=0), 1e-300)
+    wider = np.exp(0.5 * np.mean(np.log(variances[order] / white)))
+    many = len(variances) - base
+    return np.asarray(R[many:, many:] / max(float(wider), 1.0))
 
 
 def _noise_share(R: Array, noise: Array) -> Array:

@@ -11,6 +11,7 @@ import numpy as np
 from ...arrays import Array, Mask
 from ...description.recorded import robot_from_record
 from ...errors import InputError
+from ...names import listed
 from ...results.contents import Contents
 from ...results.kinds import Kind, Saved, declare
 from ...results.stored import Stored
@@ -18,16 +19,19 @@ from ...robot.coordinates import force_unit_of
 from ...robot.record import record_of
 from ...robot.value import Robot
 from ...shown import Plotting, Shown
+from ..estimating import SOLVED
 from ..identifiable import BaseParameters
 from .as_toml import write_toml
 
 OVERFITTED, NOTICED = 3.0, 0.1  # times a residual that was fitted; of the drive
+REPRODUCED, SMALL = 1.5, 1e-4  # times a residual that was fitted, or of the drive: what the robot may leave
 
 
 @dataclass(frozen=True)
 class Residuals:
     """Residuals of a drive, rms, N or N m: of samples that parameters were fitted to, and of blocks held out.
 
+    ``robot`` is the residual of the physically consistent robot in the samples that parameters were fitted to.
     ``drive`` is the rms of the measured drive itself over the whole record, or, where there is none, of the forces in
     its row that are known; ``samples`` how many count.
     """
@@ -36,6 +40,12 @@ class Residuals:
     held_out: float
     drive: float
     samples: int
+    robot: float = 0.0
+
+    @property
+    def is_reproduced(self) -> bool:
+        """Whether the robot leaves at most REPRODUCED times what was fitted, or SMALL of the drive."""
+        return self.robot <= max(REPRODUCED * self.fitted, SMALL * self.drive)
 
     @property
     def relative(self) -> tuple[float, float]:
@@ -66,6 +76,9 @@ class IdentifyResult(Plotting, Shown, Saved, plot="plot_identification"):
         residuals: by the names of the coordinates; of those that others follow in a rigid coupling all together.
         width: of the filter, s.
         warnings, notes: lines about what is doubtful, and about the method.
+        of_robot: values of the combinations that ``robot`` has, (b,).
+        status: "converged", or what has not.
+        unexcited: combinations that the motion shows less well than the description.
         further: parameters that forces are not linear in, by name: "delay", "joint1.gamma.gain" and their like.
         t: times behind the filters, (T,), s.
         drives, fitted: (T, r), measured drives and what the parameters make of them, in the order of ``residuals``.
@@ -82,6 +95,9 @@ class IdentifyResult(Plotting, Shown, Saved, plot="plot_identification"):
     width: float
     warnings: tuple[str, ...]
     notes: tuple[str, ...]
+    of_robot: Annotated[Array, Stored(("b",), "SI")]
+    status: str = SOLVED
+    unexcited: tuple[str, ...] = ()
     further: dict[str, Further] = field(default_factory=dict)
     t: Annotated[Array, Stored(("T",), "s")] = field(default_factory=lambda: np.zeros(0))
     drives: Annotated[Array, Stored(("T", "r"), "N, N m")] = field(default_factory=lambda: np.zeros((0, 0)))
@@ -102,22 +118,45 @@ class IdentifyResult(Plotting, Shown, Saved, plot="plot_identification"):
             if left.held_out > left.drive or (left.held_out > OVERFITTED * left.fitted and left.relative[1] > NOTICED)
         }
 
-    def to_toml(self, path: Path | str) -> Path:
+    def _refuse(self) -> None:
+        """Raise InputError where the fit is no robot that explains the data."""
+        reasons = [] if self.status == SOLVED else [f"not converged: {self.status}"]
+        for name, left in self.contradicted.items():
+            fitted, held_out = left.relative
+            reasons.append(
+                f"of {name}'s drive {100 * held_out:.3g} % stay unexplained in blocks of time that were held out,"
+                f" {100 * fitted:.3g} % in those fitted to"
+            )
+        for name, left in self.residuals.items():
+            if not left.is_reproduced:
+                reasons.append(
+                    f"the robot leaves {left.robot:.3g} {force_unit_of(name)} of {name}'s drive, where the base"
+                    f" parameters leave {left.fitted:.3g}"
+                )
+        if not reasons:
+            return
+        open_ones = f"; not excited by the motion: {listed(self.unexcited)}" if self.unexcited else ""
+        raise InputError(
+            f"{self.robot.name}: nothing is written: {'; '.join(reasons)}{open_ones}; allowed: motions that excite all"
+            " parameters, longer ones, fewer terms, a larger --spread, or --force (force=True)"
+        )
+
+    def to_toml(self, path: Path | str, *, force: bool = False) -> Path:
         """Write the description with the links, rotors and friction of ``robot``, and return the path.
 
         Base parameters with their standard deviations stand above it as comments.
 
+        Args:
+            path: of the file.
+            force: whether to write a robot that does not explain the data, or of a fit that did not converge.
+
         Raises:
-            InputError: the robot was read from no TOML or URDF, another ending, the file cannot be written, or blocks
-                of time that were held out contradict the identified model.
+            InputError: the robot was read from no TOML or URDF, another ending, the file cannot be written, the fit did
+                not converge, the robot leaves more of the drives than base parameters do, or blocks of time that were
+                held out contradict it.
         """
-        for name, left in self.contradicted.items():
-            fitted, held_out = left.relative
-            raise InputError(
-                f"{self.robot.name}: nothing is written: of {name}'s drive {100 * held_out:.3g} % stay unexplained in"
-                f" blocks of time that were held out, {100 * fitted:.3g} % in those fitted to; allowed: longer motions,"
-                " or fewer terms"
-            )
+        if not force:
+            self._refuse()
         lines = [
             f"# {name} = {value:.9g} +- {deviation:.2g} {unit_of_parameter(name)}"
             for name, value, deviation in zip(self.base_names, self.base_values, self.deviations, strict=True)
@@ -132,6 +171,9 @@ class IdentifyResult(Plotting, Shown, Saved, plot="plot_identification"):
             "values": dict(zip(self.base_names, self.base_values.tolist(), strict=True)),
             "deviations": dict(zip(self.base_names, self.deviations.tolist(), strict=True)),
             "described": dict(zip(self.base_names, self.described.tolist(), strict=True)),
+            "of_robot": dict(zip(self.base_names, self.of_robot.tolist(), strict=True)),
+            "status": self.status,
+            "unexcited": list(self.unexcited),
             "further": {name: vars(entry) for name, entry in self.further.items()},
             "parameters": self.parameters,
             "residuals": {
@@ -145,18 +187,19 @@ class IdentifyResult(Plotting, Shown, Saved, plot="plot_identification"):
 
     def lines(self) -> list[str]:
         """Return tables for people."""
-        lines = [f"{self.base.robot}: {len(self.base)} base parameters by least squares", ""]
-        lines.append(f"{'value':>12}{'std. dev.':>12}{'described':>12}  parameter")
-        for name, *numbers in zip(self.base_names, self.base_values, self.deviations, self.described, strict=True):
-            value, deviation, described = (float(x) for x in numbers)
-            lines.append(f"{value:>12.5g}{deviation:>12.2g}{described:>12.5g}  {name}")
+        lines = [f"{self.base.robot}: {len(self.base)} base parameters by least squares, {self.status}", ""]
+        lines.append(f"{'value':>12}{'std. dev.':>12}{'described':>12}{'robot':>12}  parameter")
+        columns = (self.base_values, self.deviations, self.described, self.of_robot)
+        for name, *numbers in zip(self.base_names, *columns, strict=True):
+            value, deviation, described, robot = (float(x) for x in numbers)
+            lines.append(f"{value:>12.5g}{deviation:>12.2g}{described:>12.5g}{robot:>12.5g}  {name}")
         for name, further in self.further.items():
-            lines.append(f"{further.value:>12.5g}{further.deviation:>12.2g}{'':>12}  {name}, {further.unit}")
-        lines += ["", f"{'residual, rms':<28}{'fitted':>12}{'held out':>12}{'of the drive':>24}"]
+            lines.append(f"{further.value:>12.5g}{further.deviation:>12.2g}{'':>24}  {name}, {further.unit}")
+        lines += ["", f"{'residual, rms':<28}{'fitted':>12}{'held out':>12}{'robot':>12}{'of the drive':>24}"]
         for name, left in self.residuals.items():
             label, (fitted, held_out) = f"{name} [{force_unit_of(name)}]", left.relative
             share = f"{100 * fitted:.3g} %, {100 * held_out:.3g} %"
-            lines.append(f"{label:<28}{left.fitted:>12.4g}{left.held_out:>12.4g}{share:>24}")
+            lines.append(f"{label:<28}{left.fitted:>12.4g}{left.held_out:>12.4g}{left.robot:>12.4g}{share:>24}")
         return lines + ["", *(f"warning: {x}" for x in self.warnings), *(f"note: {x}" for x in self.notes)]
 
 

@@ -30,17 +30,18 @@ from ...robot.coordinates import LINKS, is_mode, number_name
 from ...robot.model import build_model
 from ...robot.value import MOTOR, Friction, Robot
 from ...runtime.kernel import Kernel
-from ..consistent import doubt, nearest_bodies, with_parameters
-from ..estimating import HALF_WIDTHS, even_step
+from ..consistent import INERTIAL, Sizes, nearest_bodies, with_parameters
+from ..estimating import SOLVED, even_step
 from ..identifiable import LINEAR, TERMS, TRANSMISSIONS, BaseParameters, combinations, parameter_names
 from ..relations import Relations, anchored, completed, refuse_followers, refuse_memory, relations_of
 from ..stiffness.beams import beam_notes
 from ..stiffness.result import Estimate
 from .further import FURTHER, GAINS, GAUSSIAN, SHAPES, STRIBECK, Sought, further_doubts
-from .regression import Data, Solution, best_of, shaped
+from .nonlinear import shaped
+from .regression import FILTERS, Data, Solution, chosen_filter
 from .result import IdentifyResult
 from .shafts import at_shafts, without_drives
-from .traps import offset_warnings, other_readings, refuse_impossible, spoiled
+from .traps import offset_warnings, other_readings, refuse_impossible, spoiled, uncovered_friction
 
 ALL_TERMS = (*LINEAR, *FURTHER)
 APART = 0.05  # of a drive: residuals from which on joint offsets are looked at
@@ -80,7 +81,7 @@ def identify(  # noqa: PLR0913
             (s, by how much the drives in the file are late).
         known: names of links whose mass, centre of mass and inertia are the description's: gains need such a measure.
             Those of links that bend are, too; what is fixed to their nodes is sought.
-        half: half width of the second filter, samples, 0 for none; the best of HALF_WIDTHS if None.
+        half: half width of the second filter, samples, 0 for none; the best of FILTERS on blocks held out if None.
         shape: of Stribeck's curve, "lorentzian", 1 / (1 + (v / rate)^2), or "gaussian", exp(-(v / rate)^2); the one
             that is better on blocks held out if None.
         spread: how far the description's numbers of single links are off, relative to themselves; what base parameters
@@ -120,14 +121,14 @@ def identify(  # noqa: PLR0913
     forces = _known(robot, motion, relations)
     moving = np.isin(relations.rows, motion.measured)
     base = combinations(kernel, linear, moving, forces, relations)
-    widths = HALF_WIDTHS if half is None else (half,)
+    widths = FILTERS if half is None else (half,)
     bad, spoilt = spoiled(motion)
     data = Data(kernel, motion, base, forces, step, bad)
     shown, warnings = data.shown(base)
     warnings = spoilt + warnings
     if len(shown) < len(base):
         data.base = shown
-    width = best_of(data, widths).half
+    width, alternatives = chosen_filter(data, widths)
     asked = _further(data, terms, _shape(described, shape))
     (data, best, sought, state), more, curves = shaped(data, asked, width)
     warnings += more
@@ -135,20 +136,24 @@ def identify(  # noqa: PLR0913
     many = len(shown)
     hidden = [name for name, share in zip(shown.names, best.noise_share, strict=False) if share > HIDDEN]
     values, variances = best.values[:many], best.variances[:many]
-    theta = nearest_bodies(shown, values, best.covariance[:many, :many], drawn, spread)
-    parameters = dict(zip(shown.parameters, theta.tolist(), strict=True))
     deviations = np.sqrt(variances)
+    sizes = Sizes(shown, values, deviations, drawn)
+    is_open = deviations > sizes.deviations(shown, spread)
+    impossible = _impossible(shown, values, deviations, is_open)
+    links = nearest_bodies(shown, values, best.root, drawn, sizes, spread, impossible)
+    parameters = dict(zip(shown.parameters, links.theta.tolist(), strict=True))
     further = sought.further(state, np.sqrt(best.variances[many:]).tolist())
-    for name in hidden:  # is no answer
+    for name in (*hidden, *impossible):  # is no answer
         parameters.pop(name, None)
     warnings += (
         [f"{name}: noise of the angles hides the deflection; the description's value stays" for name in hidden]
+        + [f"{name}: is below 0 and not identifiable; the description's value stays" for name in impossible]
         + _doubts(shown, values, deviations)
         + further_doubts(asked, sought, further)
-        + _unsettled(sought, best)
+        + (uncovered_friction(data, best, sought, state) if STRIBECK in terms else [])
         + other_readings(data, best)
     )
-    if max(left.relative[0] for left in data.residuals(best).values()) > APART:
+    if float((best.fitted / data.drive_sizes()).max()) > APART:
 
         def left_of(other: MeasuredMotion) -> float:
             again = Data(kernel, other, shown, forces, step, bad)
@@ -158,13 +163,19 @@ def identify(  # noqa: PLR0913
     parameters |= {
         name: x.value for name, x in further.items() if name.endswith((".breakaway", ".stribeck", f".{GAUSSIAN}"))
     }
-    sure = np.hypot(deviations, doubt(shown, values))
-    moved = float((np.abs(shown.matrix @ theta - values) / sure).max())
+    of_robot = shown.matrix @ links.theta
+    moved = float(np.abs(best.root @ (of_robot - values)).max())
+    of_rows = best.left_of(np.concatenate([of_robot, np.zeros(best.values.size - many)]))
+    unexcited = tuple(np.array(shown.names)[is_open].tolist())
+    warnings += [f"not excited by the motion, near to the description: {listed(unexcited)}"] if unexcited else []
+    problems = [] if best.is_converged else ["weights of rows and residuals do not become consistent"]
+    problems += _unsettled(sought, best) + ([] if links.status == SOLVED else [links.status])
     notes = [
         *idle,
         *_notes(kernel, motion, data),
+        alternatives,
         *beam_notes(described, _modal_estimates(shown, values, deviations, drawn)),
-        f"links that are bodies: base values off by {moved:.2g} deviations at most",
+        f"physically consistent links: base values off by {moved:.2g} deviations at most",
     ]
     t, drives, fitted, kept = data.over_time(best)
     return IdentifyResult(
@@ -173,8 +184,11 @@ def identify(  # noqa: PLR0913
         base_values=values,
         deviations=deviations,
         described=shown.matrix @ drawn,
+        of_robot=of_robot,
         parameters=parameters,
-        residuals=data.residuals(best),
+        residuals=data.residuals(best, of_rows),
+        status="; ".join(problems) or SOLVED,
+        unexcited=unexcited,
         width=2 * (data.half + best.half) * step,
         warnings=tuple(warnings),
         notes=(*notes, *curves),
@@ -230,7 +244,7 @@ def _further(data: Data, terms: Sequence[str], shape: str) -> Sought:
 
 
 def _unsettled(sought: Sought, solution: Solution) -> list[str]:
-    """Return warnings about what forces are not linear in, and what still moved at the last step."""
+    """Say which parameters that forces are not linear in still moved at the last step."""
     many = len(sought.names())
     steps, deviations = solution.values[-many or len(solution.values) :], np.sqrt(solution.variances)[-many:]
     moving = [name for name, x, d in zip(sought.names(), steps, deviations, strict=False) if abs(x) > UNSETTLED * d]
@@ -356,6 +370,14 @@ def _doubts(base: BaseParameters, values: Array, deviations: Array) -> list[str]
         if name.endswith((".viscous", ".dry")) and x < -2.0 * d:
             doubts.append(f"{name} is negative; is the drive's sign right?")
     return doubts
+
+
+def _impossible(base: BaseParameters, values: Array, deviations: Array, is_open: Mask) -> list[str]:
+    """Return parameters that stand alone, are positive in every robot, and are measured below 0."""
+    alone = np.count_nonzero(base.matrix, axis=1) == 1
+    below = base.chosen[alone & (values < -2.0 * deviations) & ~is_open]
+    names = [base.parameters[place] for place in below]
+    return [name for name in names if name.rpartition(".")[2] not in (*INERTIAL, "offset")]
 
 
 def _notes(kernel: Kernel, motion: MeasuredMotion, data: Data) -> tuple[str, ...]:

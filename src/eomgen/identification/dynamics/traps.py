@@ -12,9 +12,11 @@ from ...errors import InputError
 from ...motion.files import MeasuredMotion
 from ...motion.smoothing import Differentiator
 from ...names import component_name
+from ...robot.coordinates import force_unit_of, unit_of
 from ...robot.value import ANGULAR, PRINCIPAL, Robot
 from ..estimating import FIRST
 from ..odd_angles import odd_angles_of
+from .further import STRIBECK, Sought, State
 from .regression import Data, Solution
 
 _SLOW, _FAR_APART = 0.05, 0.1  # rate in rad/s or m/s that nothing exceeds, and s between samples: times are no seconds
@@ -31,6 +33,8 @@ _FACTORS = (  # of a rate over the derivative of its coordinate
 _SATURATED = 1e-6  # of a drive's span, next to an end of it
 _RUN, _SHARE = 12, 2e-3  # samples and share of all that stand there beside each other
 _USUAL, _JUMP, _JUMPS_BY = 0.99, 12.0, 1e-4  # quantile of bends; times that, and of a coordinate's span: a jump
+_SLOW_SHARE, _FEWEST, _CLEARLY = 2.0, 4, 4.0  # times the slowest rate, samples, standard errors: friction there
+_NEAR = 2.0  # of the slowest rate: Stribeck's rate there is extrapolated
 BAD = 0.3  # of a drive's rms: residuals that something is wrong with
 BETTER = 3.0  # times less: what another reading must leave to be the cause
 
@@ -172,3 +176,42 @@ def other_readings(data: Data, solution: Solution) -> list[str]:
         f"{data.names[worst]}: {100 * share[worst]:.3g} % of the drive stay unexplained; are angles those of joints, in"
         " rad, times in s, and drives in N or N m at the joints?"
     ]
+
+
+def uncovered_friction(data: Data, solution: Solution, sought: Sought, state: State) -> list[str]:
+    """Return warnings about friction at rates that the motion does not have, where Stribeck's curve is sought.
+
+    Below the slowest sample that counts the curve is extrapolated.  It may rise further there, which shows where the
+    slowest samples have more friction than the curve.
+
+    Args:
+        data: with what was found taken off.
+        solution: there.
+        sought: with the coordinates whose curves were found.
+        state: these curves.
+    """
+    _, drives, fitted, kept = data.over_time(solution)
+    v, onto = data.v[solution.half : len(data.v) - solution.half], sought.matrix
+    window, warnings = 2 * (data.half + solution.half) + 1, []
+    rates = dict(zip(sought.rubbing, state.rates.tolist(), strict=True)) if STRIBECK in sought.terms else {}
+    for i in data.relations.rubbing:
+        row = int(np.abs(onto[i]).argmax()) if onto[i].any() else -1
+        counts = kept[:, row] & (v[:, i] != 0.0)
+        if row < 0 or not counts.any():
+            continue
+        speed, name = np.abs(v[counts, i]), sought.coordinates[i]
+        slowest, slow = float(speed.min()), speed <= _SLOW_SHARE * speed.min()
+        more = (np.sign(v[counts, i]) * (drives - fitted)[counts, row] / onto[i, row])[slow]
+        error = float(solution.fitted[row] / abs(onto[i, row])) * np.sqrt(min(window, len(more)) / len(more))
+        from_here = f"the slowest sample that counts, {slowest:.3g} {unit_of(name)}/s"
+        if len(more) >= _FEWEST and more.mean() > _CLEARLY * error:
+            warnings.append(
+                f"{name}: the range of the motion does not cover Stribeck friction: near {from_here}, friction is"
+                f" {more.mean():.2g} {force_unit_of(name)} above the curve, and may rise further below"
+            )
+        elif rates.get(i, np.inf) < _NEAR * slowest:
+            warnings.append(
+                f"{name}: the range of the motion does not cover Stribeck friction: its rate {rates[i]:.3g} is near"
+                f" {from_here}, below which the curve is extrapolated"
+            )
+    return warnings

@@ -33,7 +33,7 @@ from ...robot.model import build_model
 from ...robot.parameter_names import expand_tunable, leasts
 from ...robot.value import Robot
 from ...runtime.kernel import Kernel
-from ..estimating import even_step
+from ..estimating import SOLVED, even_step
 from ..relations import refuse_followers
 from .beams import beam_notes
 from .levenberg_marquardt import BLOCKS, Certainty, Descent, certainty, descend
@@ -144,9 +144,10 @@ class _Fit:
                 values = values if led is None else led.values
         descent = self._descended(simulation, values, self.bandwidth, STEPS[1], FINE)
         for _ in range(SCALINGS):
-            if descent is not None and (np.abs(np.log(spreads := _spreads(simulation, descent))) > SCALED).any():
-                simulation = _rescaled(simulation, spreads)
-                descent = self._descended(simulation, descent.values, self.bandwidth, STEPS[1], FINE)
+            if descent is None or _is_scaled(spreads := _spreads(simulation, descent)):
+                break
+            simulation = _rescaled(simulation, spreads)
+            descent = self._descended(simulation, descent.values, self.bandwidth, STEPS[1], FINE)
         if descent is None:
             raise InputError(
                 f"fit: the simulation of {self.robot.name} does not reach the end of the motion with these numbers;"
@@ -167,12 +168,18 @@ class _Fit:
                 numbers.append(FittedNumber(name, estimate))
             else:
                 blind.append(name)
-        warnings = self._warnings(descent, numbers, blind, share)
+        problems = []
+        if not descent.is_converged:
+            problems.append(f"{descent.steps} steps did not come to an end; begin with the values that were found")
+        if not _is_scaled(_spreads(simulation, descent)):
+            problems.append(f"noise and residuals do not become consistent in {SCALINGS} descents")
+        warnings = (*self._warnings(numbers, blind, share), *problems)
         notes = (
             *self._notes(simulation, descent, sure),
             *beam_notes(self.robot, {number.name: number.estimate for number in numbers}),
         )
-        return FitResult(self.robot.name, confidence, (), warnings, notes, (), tuple(numbers))
+        status = "; ".join(problems) or SOLVED
+        return FitResult(self.robot.name, confidence, (), warnings, notes, (), tuple(numbers), status)
 
     def _descended(
         self, simulation: Simulation, values: Array, bandwidth: float, most: int, small: float, enough: float = 0.0
@@ -189,9 +196,7 @@ class _Fit:
             least[place] = lowest.get(name, -np.inf)
         return descend(led, values, least, most, small=small, enough=enough, tell=tell)
 
-    def _warnings(
-        self, descent: Descent, numbers: Sequence[FittedNumber], blind: Sequence[str], share: float
-    ) -> tuple[str, ...]:
+    def _warnings(self, numbers: Sequence[FittedNumber], blind: Sequence[str], share: float) -> tuple[str, ...]:
         """Say what cannot be seen, and what is doubtful."""
         warnings = []
         if blind:
@@ -207,8 +212,6 @@ class _Fit:
                 warnings.append(f"no description takes what was found: {prefix}.{conflict[0]}: {conflict[1]}")
         if share > UNEXPLAINED:
             warnings.append(f"{100 * share:.0f} % of the motion stays unexplained; are the drives known?")
-        if not descent.is_converged:
-            warnings.append(f"{descent.steps} steps did not come to an end; begin with the values that were found")
         return tuple(warnings)
 
     def _notes(self, simulation: Simulation, descent: Descent, sure: Certainty) -> tuple[str, ...]:
@@ -233,6 +236,11 @@ def _spreads(simulation: Simulation, descent: Descent) -> Array:
     spreads = [np.sqrt(np.mean(descent.residuals.errors[place] ** 2)) for place in simulation.columns()]
     noise = np.concatenate([run.noise / np.maximum(run.sizes, 1e-300) for run in simulation.runs])
     return np.where(noise <= LEAST_NOISE * 1.001, np.maximum(spreads, 1.0), np.maximum(spreads, 1e-6))
+
+
+def _is_scaled(spreads: Array) -> bool:
+    """Return whether residuals are about as large as the noise that they were weighted by."""
+    return bool((np.abs(np.log(spreads)) <= SCALED).all())
 
 
 def _rescaled(simulation: Simulation, spreads: Array) -> Simulation:

@@ -16,6 +16,7 @@ from ...robot.elements.joint_stiffness import JointStiffness
 from ...robot.elements.matrices import ROUND_OFF
 from ...shown import Plotting, Shown, interval
 from ...tabular import Rows, TableColumn, Tabular
+from ..estimating import SOLVED
 
 KEYS = ("stiffness", "damping")
 
@@ -143,7 +144,10 @@ def doubts(entry: FittedCoordinate) -> list[str]:
 
 @dataclass(frozen=True)
 class FitResult(Plotting, Shown, Tabular, Saved, plot="plot_fit"):
-    """Fitted coordinates, matrices and parameters, warnings about what could not be fitted, notes about the method."""
+    """Fitted coordinates, matrices and parameters, warnings about what could not be fitted, notes about the method.
+
+    status: "converged", or what has not.
+    """
 
     robot: str
     confidence: float
@@ -152,6 +156,7 @@ class FitResult(Plotting, Shown, Tabular, Saved, plot="plot_fit"):
     notes: tuple[str, ...]
     matrices: tuple[FittedMatrix, ...] = ()
     numbers: tuple[FittedNumber, ...] = ()
+    status: str = SOLVED
 
     def __getitem__(self, coordinate: str) -> FittedCoordinate:
         """Return the result of one coordinate; UnknownNameError if it was not fitted."""
