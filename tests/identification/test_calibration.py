@@ -6,6 +6,7 @@ import json
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,11 +15,15 @@ from numpy.typing import NDArray
 import eomgen
 from eomgen.errors import ArrayError, InputError, UnknownNameError
 from eomgen.identification import calibrate, load_calibration, read_covariances
-from eomgen.identification.geometry.error_model import COMPLIANCE, DRIVE, ErrorParameter
+from eomgen.identification.calibration.solve import Task, links_of, problem_of
+from eomgen.identification.calibration.variants import variants_of
+from eomgen.identification.geometry.error_model import COMPLIANCE, DRIVE, SIZES, ErrorParameter
 from eomgen.identification.geometry.observations import observations_of
 from eomgen.identification.geometry.rotations import pose_from
 from eomgen.motion.turns import rotation_of
-from eomgen.robot.value import Coordinate, Motor
+from eomgen.progress import no_report
+from eomgen.robot.model import build_model
+from eomgen.robot.value import Coordinate, Motor, Robot
 from tests.support.commands import command
 from tests.support.measured_poses import TCP, Trial, arm, chain, puma, trial
 from tests.support.measurements import calibrated, placed, poses_of
@@ -64,6 +69,50 @@ def test_variants_and_what_was_held_out() -> None:
     assert "gain: zeros in position" in text
     assert json.loads(json.dumps(found.as_dict()))["rank"] == 30
     assert "base" in found.merged["joints.joint1.offset.gamma"]
+
+
+def task_of(robot: Robot, **options: Any) -> Task:
+    """The task of calibrating a robot by frames that it has."""
+    known = dict.fromkeys(build_model(robot).frames, True)
+    whole = {"noise": None, "covariance": {}, "loss": None, "fixed": (), "stiffness": (), "sizes": SIZES, **options}
+    return Task(robot=robot, links=links_of(robot, {}), known=known, **whole)
+
+
+@pytest.mark.parametrize("loss", [None, "huber"])
+@pytest.mark.parametrize("is_distance", [False, True])
+def test_numbers_that_are_held_out_change_no_prediction(loss: str | None, is_distance: bool) -> None:
+    """Neither values nor noise, weights or the prior of a fold depend on what was measured in it."""
+    made = trial(chain(3, "RRR"), 2, 21, noise=(1e-3, 1e-3))
+    columns = {name: x for name, x in made.columns.items() if ".r" not in name}
+    if is_distance:
+        columns |= {"tcp.distance": np.linalg.norm([columns[name] for name in TCP[:3]], axis=0)}
+        columns = {name: x for name, x in columns.items() if name not in TCP}
+    stiffness = () if is_distance else ("joint1.gamma", "joint2.gamma")
+    poses = poses_of(made.robot, columns)
+    problem, start = problem_of(task_of(made.robot, stiffness=stiffness), poses, careful=False)
+    units = np.arange(21)
+    predicted = []
+    for size in (0.0, 0.3):
+        (block,) = problem.seen.blocks
+        values = block.values.copy()
+        values[:7] += size * np.random.default_rng(0).normal(size=values[:7].shape)
+        seen = replace(problem.seen, blocks=(replace(block, values=values),))
+        variants = variants_of(replace(problem, seen=seen), start, loss, units, 3, 0.95, no_report)
+        inside = problem.seen.row < 7
+        predicted.append({name: values.ravel()[inside] - x[inside] for name, x in variants.held_out.items()})
+    assert list(predicted[0]) == ["placement", "zeros", "full", "prior"]
+    for name, before in predicted[0].items():
+        np.testing.assert_allclose(predicted[1][name], before, rtol=0.0, atol=1e-12, err_msg=name)
+
+
+def test_held_out_residuals_grow_by_what_was_fitted() -> None:
+    """Of pure noise, with stiffness: by 1 / (1 - unknowns / numbers) where each pose is held out alone."""
+    made = trial(chain(2, "RRR"), 3, 16, noise=(1e-3, 1e-3))
+    names = [f"joint{i}.gamma" for i in (1, 2, 3)]
+    found = calibrate(made.robot, made.poses("rx", "ry", "rz"), stiffness=names, folds="loo")
+    rms = found.residuals["full"]
+    expected = 1.0 / (1.0 - found.rank / (3 * 16))
+    assert rms["held_out"]["position"] / rms["fitted"]["position"] == pytest.approx(expected, rel=0.1)
 
 
 @pytest.mark.soak

@@ -70,6 +70,7 @@ _FAR = 30.0  # expected sizes: offsets that are larger are those of another robo
 _SUSPECT = 0.15  # of both: what is left where other readings are tried
 _ROWS, _ROWS_CLOSED = 32, 12  # rows that readings are tried with
 _SOFT = 1e-3  # rad or m: what a stiffness that nothing is said of is expected to deflect in all
+_LIGHT = 1e-3  # of the largest force, or moment: a load that is less does not say how soft a coordinate may be
 
 
 @dataclass(frozen=True)
@@ -429,7 +430,8 @@ def _sized(model: ErrorModel, problem: Problem) -> ErrorModel:
     single = {(q.station, q.coordinate): q.size for q in model.parameters if q.factor == FORCE and q.is_diagonal}
 
     def size(k: int, c: int) -> float:
-        return single.get((k, c)) or _SOFT / max(float(forces[k, c]), 1e-3)
+        least = _LIGHT * float(forces[:, 3 * (c // 3) : 3 * (c // 3) + 3].max())  # a load that is none shows nothing
+        return single.get((k, c)) or _SOFT / max(float(forces[k, c]), least, 1e-3)
 
     def sized(q: ErrorParameter) -> ErrorParameter:
         other = q.coordinate if q.other is None else q.other

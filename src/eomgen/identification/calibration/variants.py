@@ -15,7 +15,7 @@ from ...optional import optional_import
 from ...progress import StageReport
 from ..geometry.error_model import PLACEMENT, ZERO
 from ..geometry.observations import ORIENTATION, POSITION, at_rows
-from ..geometry.solve import ROUGH, Fit, Problem, fitted, refitted, roughly, whitened
+from ..geometry.solve import ROUGH, Fit, Problem, fitted, roughly, whitened
 
 Rms = dict[str, float]
 Gains = Mapping[str, Mapping[str, "Gain"]]
@@ -79,28 +79,19 @@ def variants_of(
         confidence: of the gains' intervals.
         report: called with a line of text when a variant begins.
     """
-    problems = {
-        "placement": _restricted(problem, PLACEMENT),
-        "zeros": _restricted(problem, PLACEMENT, ZERO),
-        "full": problem,
-    }
-    fits: dict[str, Fit] = {}
-    x = start
-    for name, reduced in problems.items():
-        report(f"fitting {name}")
-        fits[name] = fitted(reduced, x, loss=loss)
-        x = fits[name].x
+    report("fitting")
+    fits = _fits(problem, start, loss)
     full = fits["full"]
     report("choosing a prior")
     parts = fold_rows(units, folds if folds else 10)
     size = _chosen_prior(problem, full, parts)
-    problems["prior"] = replace(problem, prior=_prior(problem, size))
-    fits["prior"] = fitted(problems["prior"], full.x, sigma=full.sigma, trust=full.trust)
-    held: dict[str, Array] = {}
-    if folds:
-        for name in VARIANTS:
-            report(f"holding out poses of {name}")
-            held[name] = _held_out(problems[name], fits[name], full, parts, name == "prior")
+    fits["prior"] = _with_prior(problem, full, size)
+    held = {name: np.full(problem.seen.group.size, np.nan) for name in VARIANTS} if folds else {}
+    for k, fold in enumerate(parts if folds else ()):
+        report(f"holding out poses, part {k + 1} of {len(parts)}")
+        out = problem.seen.part(fold)
+        for name, differences in _held_out(problem, start, loss, k, parts).items():
+            held[name][out] = differences
     residuals = {name: residuals_of(problem, fits[name].residuals, held.get(name), full.trust) for name in VARIANTS}
     return Variants(fits, residuals, held, size, _gains(problem, held, full.trust, units, confidence))
 
@@ -195,20 +186,17 @@ def _prior(problem: Problem, size: float) -> Array:
     return np.where(free, _WIDE * model.sizes, size * model.sizes)
 
 
-def _chosen_prior(problem: Problem, fit: Fit, folds: Sequence[Mask], kept: Index | None = None) -> float:
-    """Return the size of the prior that predicts held-out numbers best, by the problem linearised at a fit of all.
-
-    kept: places of the numbers that count; others are not looked at.
-    """
+def _chosen_prior(problem: Problem, fit: Fit, folds: Sequence[Mask]) -> float:
+    """Return the size of the prior that predicts held-out numbers best, by the problem linearised at its full fit."""
     r, A = at_rows(problem.model, problem.rows, problem.seen, fit.x)
     white, S = whitened(problem, fit, r, A)
     S = S[:, problem.active]
     z = ((fit.x - problem.model.nominal) / problem.model.sizes)[problem.active]
     y = white + S @ z
     inside = np.ones(y.size, dtype=bool)
-    if kept is not None:
+    if problem.kept is not None:
         inside[:] = False
-        inside[kept] = True
+        inside[problem.kept] = True
     G, g = S[inside].T @ S[inside], S[inside].T @ y[inside]
     errors = np.zeros(len(PRIORS))
     for fold in folds:
@@ -224,23 +212,33 @@ def _chosen_prior(problem: Problem, fit: Fit, folds: Sequence[Mask], kept: Index
     return float(PRIORS[int(errors.argmin())])
 
 
-def _held_out(problem: Problem, fit: Fit, full: Fit, folds: Sequence[Mask], is_prior: bool) -> Array:
-    """Return differences of numbers, (M,), whose rows the fit has not seen.
+def _fits(problem: Problem, start: Array, loss: str | None) -> dict[str, Fit]:
+    """Return the fits of all variants but the prior's, each from where the one before it ended."""
+    fits, x = dict[str, Fit](), start
+    for name, kinds in (("placement", (PLACEMENT,)), ("zeros", (PLACEMENT, ZERO)), ("full", ())):
+        fits[name] = fitted(_restricted(problem, *kinds) if kinds else problem, x, loss=loss)
+        x = fits[name].x
+    return fits
 
-    A prior is chosen anew from the others alone.
+
+def _with_prior(problem: Problem, full: Fit, size: float) -> Fit:
+    """Return the fit with a prior of a size, with noise and weights of the full one."""
+    return fitted(replace(problem, prior=_prior(problem, size)), full.x, sigma=full.sigma, trust=full.trust)
+
+
+def _held_out(problem: Problem, start: Array, loss: str | None, k: int, folds: Sequence[Mask]) -> dict[str, Array]:
+    """Return differences of the numbers of a fold, by variant, none where nothing else was measured.
+
+    All that they depend on is of the other folds: noise, weights, values to begin with, and the size of the prior.
     """
-    differences = np.full(problem.seen.group.size, np.nan)
-    for fold in folds:
-        kept, out = problem.seen.part(~fold), problem.seen.part(fold)
-        if not (kept.size and out.size):
-            continue
-        reduced = problem
-        if is_prior:
-            inner = _together([other for other in folds if other is not fold], INNER)
-            reduced = replace(problem, prior=_prior(problem, _chosen_prior(problem, full, inner, kept)))
-        x = refitted(reduced, fit, kept)
-        differences[out] = at_rows(problem.model, problem.rows, problem.seen, x)[0][out]
-    return differences
+    kept, out = problem.seen.part(~folds[k]), problem.seen.part(folds[k])
+    if not (kept.size and out.size):
+        return {}
+    others = replace(problem, kept=kept)
+    fits = _fits(others, start, loss)
+    inner = _together([other for other in folds if other is not folds[k]], INNER)
+    fits["prior"] = _with_prior(others, fits["full"], _chosen_prior(others, fits["full"], inner))
+    return {name: fit.residuals[out] for name, fit in fits.items()}
 
 
 def _together(folds: Sequence[Mask], most: int) -> list[Mask]:
