@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 import eomgen
 from eomgen.errors import ArrayError, InputError, UnknownNameError
 from eomgen.identification import calibrate, load_calibration
+from eomgen.identification.calibration import as_urdf
 from eomgen.identification.calibration.as_toml import FittedParameters, write_toml
 from eomgen.identification.calibration.misreadings import readings_of
-from eomgen.identification.geometry.rotations import from_rpy
+from eomgen.identification.geometry.rotations import from_rpy, pose_of
 from eomgen.identification.geometry.stations import chain_of, located, matrix_of
 from eomgen.motion.turns import rotation_of
 from eomgen.pictures.page import report_of
@@ -139,6 +140,36 @@ def test_an_urdf_gets_its_origins(tmp_path: Path) -> None:
     for path in (found.to_urdf(tmp_path / "out" / "new.urdf"), found.to_toml(tmp_path / "out" / "new.toml")):
         kernel = eomgen.build(eomgen.load_robot(path), kernels=("kinematics",))
         np.testing.assert_allclose(kernel.frame_pose(q, "c_calibrated"), wanted, atol=1e-12)
+
+
+BALL = (
+    '<robot name="arm"><link name="base"/><link name="a-1"/><link name="b"/><link name="old"/>'
+    '<joint name="j1" type="revolute"><parent link="base"/><child link="a-1"/><origin xyz="0 0 0.3" rpy="0.1 0 0"/>'
+    '<axis xyz="0 1 0"/><limit lower="-2" upper="2" effort="1" velocity="1"/></joint>'
+    '<joint name="j2" type="continuous"><parent link="a-1"/><child link="b"/><origin xyz="0.3 0 0.1" rpy="1 0 0"/>'
+    '<axis xyz="1 0 0"/></joint>'
+    '<joint name="ball_joint" type="fixed"><parent link="b"/><child link="old"/></joint></robot>'
+)
+
+
+@pytest.mark.parametrize("link", ["b", "a_1"])
+def test_an_attached_frame_gets_a_name_and_a_link_that_the_urdf_has(tmp_path: Path, link: str) -> None:
+    """The file has a joint of the frame's usual name, and a link whose name is no identifier."""
+    source = tmp_path / "arm.urdf"
+    source.write_text(BALL)
+    robot = eomgen.load_robot(source)
+    made = trial(robot, 1, 30, frames={"ball": (link, pose_of(np.eye(3), [0.0, 0.1, 0.2]))})
+    found = calibrate(robot, made.poses(), frames={"ball": link}, folds=0)
+    read = eomgen.load_robot(found.to_urdf(tmp_path / "new.urdf"))
+    assert {joint.name for joint in read.joints} == {"j1", "j2", "ball_joint", "ball_joint_2"}
+    assert read.joint("ball_joint_2").parent == link
+
+
+def test_a_urdf_that_reads_as_another_robot_is_not_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(as_urdf, "_set_origin", lambda element, joint: None)
+    with pytest.raises(InputError, match="of the URDF would stand"):
+        calibrated(puma().robot, puma().columns).to_urdf(tmp_path / "new.urdf")
+    assert not any(tmp_path.iterdir())
 
 
 RAIL = """name = "rail"
