@@ -281,6 +281,34 @@ def test_terms_of_drives_are_taken_up_if_they_show() -> None:
     assert not any(set(name.split(".")) & DRIVES for name in none.names)
 
 
+@cache
+def eccentric() -> Trial:
+    """Positions of an arm with a drive that is off by far more than its offsets."""
+    more = [ErrorParameter("joints.joint2.eccentricity.sin", DRIVE, 2, 5, "sin", 0.0, 2e-2)]
+    return trial(chain(8, "RRR"), 1, 40, more=more)
+
+
+def test_other_variants_are_those_without_terms_of_drives() -> None:
+    """They begin with what is described, not with offsets that were fitted together with the terms."""
+    made = eccentric()
+    found, plain = (calibrate(made.robot, made.poses(), drives=drives, folds=4) for drives in (True, False))
+    for name in ("placement", "zeros"):
+        for part, values in plain.residuals[name].items():
+            assert found.residuals[name][part] == pytest.approx(values, rel=1e-6), (name, part)
+    assert found.gains["full"]["position"].low > 10.0
+    placement = calibrate(made.robot, made.poses(), drives=True, folds=4, variant="placement")
+    assert not any(placement[name] for name in placement.names if name.startswith("joints."))
+
+
+def test_remarks_about_the_file_are_kept_with_terms_of_drives() -> None:
+    """What was forced is said, besides the terms that were found."""
+    made = eccentric()
+    turn = {"joint1.gamma": made.columns["joint1.gamma"] + 2.0 * np.pi * np.arange(40)}
+    found = calibrated(made.robot, made.columns | turn, drives=True, force=True)
+    assert any(note.startswith("suspicious, and taken as it is") for note in found.notes)
+    assert any(note.startswith("the data show joints.joint2.eccentricity") for note in found.notes)
+
+
 def test_drift_with_warmth() -> None:
     """Of a zero, by a column of temperatures."""
     robot = chain(8, "RRR")

@@ -171,14 +171,14 @@ def calibrate(  # noqa: PLR0913
             raise InputError(suspicion)
         notes += [f"suspicious, and taken as it is: {suspicion}"]
     report("fitting")
-    if drives:
-        fit = only_fitted(problem, start, loss)
-        problem, fit, notes = with_drives(problem, fit, loss, report)
-        start = fit.x
-    if count:
+    fit = None if count and not drives else only_fitted(problem, start, loss)
+    if drives and fit is not None:
+        problem, fit, more = with_drives(problem, fit, loss, report)
+        notes += more
+        start = problem.model.nominal  # each variant begins with what is described: terms of drives are of the full one
+    if count or fit is None:
         variants = variants_of(problem, start, loss, units, count, confidence, report)
     else:
-        fit = only_fitted(problem, start, loss)
         parts = {"full": residuals_of(problem, fit.residuals, None, fit.trust)}
         variants = Variants({"full": fit}, parts, {}, None, {})
     report("looking for mistakes")
@@ -187,8 +187,8 @@ def calibrate(  # noqa: PLR0913
     is_explained = all(value <= limits[kind] for kind, value in medians.items())
     if any(value > _SUSPECT * limits[kind] for kind, value in medians.items()):
         notes += _other_readings(task, poses, problem, medians, is_explained=is_explained, force=force)
-    effect, more = design_effect(poses, problem.seen, full, units)
-    notes += [*more, *_notes(task, problem), *_far_off(problem, variants.fits[variant])]
+    effect, together = design_effect(poses, problem.seen, full, units)
+    notes += [*together, *_notes(task, problem), *_far_off(problem, variants.fits[variant])]
     report("looking at what is identifiable")
     shown = identifiable(problem, full)
     report("looking at residuals")
