@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -113,6 +114,37 @@ def test_held_out_residuals_grow_by_what_was_fitted() -> None:
     rms = found.residuals["full"]
     expected = 1.0 / (1.0 - found.rank / (3 * 16))
     assert rms["held_out"]["position"] / rms["fitted"]["position"] == pytest.approx(expected, rel=0.1)
+
+
+def series_of(counts: Sequence[int]) -> tuple[Robot, dict[str, Array]]:
+    """Positions of a robot that other devices look at, one after the other, each as many times."""
+    made = trial(chain(3, "RRR"), 4, sum(counts), noise=(1e-3, 1e-3))
+    columns = {name: x.copy() for name, x in made.columns.items() if ".r" not in name}
+    columns["series"] = np.repeat(np.arange(len(counts)), counts).astype(float)
+    for k in range(len(counts)):
+        away, inside = pose_from(np.array([k, 1.0, -k, 0.3 * k, 1.0, k])), columns["series"] == k
+        p = np.stack([columns[name][inside] for name in TCP[:3]]) - away[:3, 3, np.newaxis]
+        for name, values in zip(TCP[:3], away[:3, :3].T @ p, strict=True):
+            columns[name][inside] = values
+    return made.robot, columns
+
+
+def test_rows_are_held_out_of_each_series() -> None:
+    """No fold holds out all rows of a series, whose device would stand nowhere then."""
+    robot, columns = series_of((9, 9, 9, 9))
+    found = calibrated(robot, columns, folds=4)
+    rms = found.residuals["full"]
+    assert rms["fitted"]["position"] < rms["held_out"]["position"] < 3.0 * rms["fitted"]["position"]
+    assert found.gains["full"]["position"].low > 1.0
+    assert any(note.startswith("rows are held out of each of 4 series") for note in found.notes)
+
+
+def test_rows_without_which_a_series_has_no_place_are_not_held_out() -> None:
+    robot, columns = series_of((20, 12, 3))
+    found = calibrated(robot, columns, folds=4)
+    rms = found.residuals["full"]
+    assert rms["held_out"]["position"] < 3.0 * rms["fitted"]["position"]
+    assert any("of series '2' rows are not held out" in note for note in found.notes)
 
 
 @pytest.mark.soak

@@ -17,6 +17,7 @@ from eomgen.identification import calibrate, load_calibration
 from eomgen.identification.calibration import as_urdf
 from eomgen.identification.calibration.as_toml import FittedParameters, write_toml
 from eomgen.identification.calibration.misreadings import readings_of
+from eomgen.identification.geometry.error_model import DRIVE, ErrorParameter
 from eomgen.identification.geometry.rotations import from_rpy, pose_of
 from eomgen.identification.geometry.stations import chain_of, located, matrix_of
 from eomgen.motion.turns import rotation_of
@@ -150,6 +151,25 @@ BALL = (
     '<axis xyz="1 0 0"/></joint>'
     '<joint name="ball_joint" type="fixed"><parent link="b"/><child link="old"/></joint></robot>'
 )
+
+
+def test_a_description_without_all_terms_has_offsets_that_go_without_them(tmp_path: Path) -> None:
+    """Neither format has the eccentricity of a drive; its residual is in the table, and that of the file."""
+    robot = eomgen.load_robot("ur5")
+    more = [ErrorParameter("joints.joint2.eccentricity.sin", DRIVE, 2, 5, "sin", 0.0, 1e-2)]
+    poses = trial(robot, 1, 40, more=more, noise=(5e-5, 1e-4)).poses("rx", "ry", "rz")
+    found, plain = (calibrate(robot, poses, folds=0, drives=drives) for drives in (True, False))
+    assert found.residuals["full"]["fitted"]["position"] < 1e-4
+    saved = load_calibration(found.save(tmp_path / "found.npz"))
+    for form, path in (("toml", saved.to_toml(tmp_path / "x.toml")), ("urdf", saved.to_urdf(tmp_path / "x.urdf"))):
+        said = saved.written[form]["fitted"]["position"]
+        assert said == pytest.approx(plain.residuals["full"]["fitted"]["position"], rel=1e-6)
+        again = calibrate(eomgen.load_robot(path), poses, folds=2, variant="placement")
+        assert again.residuals["placement"]["fitted"]["position"] == pytest.approx(said, rel=1e-4)
+    assert "# joints.joint2.eccentricity.sin = " in Path(tmp_path / "x.toml").read_text()
+    text = "\n".join(saved.lines())
+    assert "in the .toml" in text
+    assert ".urdf cannot have 'joints.joint2.eccentricity.cos', 'joints.joint2.eccentricity.sin'" in text
 
 
 @pytest.mark.parametrize("link", ["b", "a_1"])

@@ -60,7 +60,20 @@ from .misreadings import Left, judged, left_of
 from .result import CalibrationResult
 from .serial import Serial
 from .traps import at_once, design_effect, odd_angles, refuse_impossible, suspicion_of
-from .variants import VARIANTS, Rms, Variant, Variants, folds_from, medians_of, only_fitted, residuals_of, variants_of
+from .variants import (
+    VARIANTS,
+    Rms,
+    Variant,
+    Variants,
+    folds_from,
+    medians_of,
+    only_fitted,
+    problem_of_variant,
+    residuals_of,
+    series_notes,
+    variants_of,
+)
+from .written import WrittenFit, merged_values, written_fits, written_note
 
 FOLDS = 10
 LACK = 1e-3  # probability of a reduced chi-square by chance, below which the fit lacks something
@@ -120,8 +133,8 @@ def calibrate(  # noqa: PLR0913
         covariance: of a frame's errors, (3, 3) or (6, 6), by its name: of position, or of position and turn; for every
             row one as (R, 3, 3) or (R, 6, 6).  From files by ``read_covariances``.
         loss: "huber", "cauchy" or "tukey": samples count the less, the more they are off.
-        folds: contiguous parts of the poses that are held out, one after the other; "loo": every pose; 0: none, and the
-            full variant alone.
+        folds: parts of the poses that are held out, one after the other, contiguous within each series; "loo": every
+            pose; 0: none, and the full variant alone.
         fixed: names of parameters that stay as described, or beginnings of them ("joints.joint1", "frames").
         stiffness: coordinates ("joint2.gamma") that are elastic though the description does not say so, and entries of
             stiffness matrices ("joints.joint2.stiffness.x.beta", or "joints.joint2.stiffness" for all of them, ``*``
@@ -188,7 +201,12 @@ def calibrate(  # noqa: PLR0913
     if any(value > _SUSPECT * limits[kind] for kind, value in medians.items()):
         notes += _other_readings(task, poses, problem, medians, is_explained=is_explained, force=force)
     effect, together = design_effect(poses, problem.seen, full, units)
-    notes += [*together, *_notes(task, problem), *_far_off(problem, variants.fits[variant])]
+    notes += [
+        *together,
+        *series_notes(problem, variants),
+        *_notes(task, problem),
+        *_far_off(problem, variants.fits[variant]),
+    ]
     report("looking at what is identifiable")
     shown = identifiable(problem, full)
     report("looking at residuals")
@@ -517,6 +535,11 @@ def _result(
     values, described, deviations = described_values(task.links, task.known, model, fit.x, uncertainty.covariance)
     notes += indefinite_notes(model, fit.x)
     chosen = problem.active
+    by_name = {q.name: float(value) for q, value in zip(model.parameters, values, strict=True)}
+    variant = problem_of_variant(problem, uncertainty.variant, variants.prior)
+    written = written_fits(variant, fit, by_name, task.loss)
+    apart = [_in_file(task, model, one, values, deviations)[:, chosen] for one in written.values()]
+    notes += [written_note(problem, form, one) for form, one in written.items()]
     names = tuple(model.parameters[i].name for i in chosen)
     is_known = not np.isnan(problem.seen.sigma).any()
     if not (is_known or uncertainty.diagnosis.is_checked):
@@ -548,8 +571,16 @@ def _result(
         model=model,
         x=fit.x,
         source=poses.source,
+        written={form: residuals_of(problem, one.fit.residuals, None, one.fit.trust) for form, one in written.items()},
+        written_values=np.array(apart).reshape(len(written), 2, len(chosen)),
         **vars(uncertainty),
     )
+
+
+def _in_file(task: Task, model: ErrorModel, written: WrittenFit, values: Array, deviations: Array) -> Array:
+    """Return values and deviations as a file has them, (2, P); of what it cannot have those of the fit with it."""
+    own, _, deviations_of_own = described_values(task.links, task.known, model, written.fit.x, written.fit.covariance)
+    return np.stack([merged_values(values, own, written), merged_values(deviations, deviations_of_own, written)])
 
 
 def _noise(problem: Problem, fit: Fit) -> dict[str, float]:
