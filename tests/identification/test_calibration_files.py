@@ -172,6 +172,16 @@ def test_a_description_without_all_terms_has_offsets_that_go_without_them(tmp_pa
     assert ".urdf cannot have 'joints.joint2.eccentricity.cos', 'joints.joint2.eccentricity.sin'" in text
 
 
+def test_single_components_are_not_measured_alone() -> None:
+    """Contact with a plane: blank cells mean that nothing was measured, and the message says what may be."""
+    made = trial(chain(3, "RRR"), 1, 30)
+    plane = {"tcp.x": np.full(30, np.nan), "tcp.y": np.full(30, np.nan)}
+    with pytest.raises(InputError, match=r"is empty \(not measured\) where tcp\.z is measured") as caught:
+        poses_of(made.robot, made.columns | plane)
+    assert "F.distance" in str(caught.value)
+    assert "nan" not in str(caught.value)
+
+
 @pytest.mark.parametrize("link", ["b", "a_1"])
 def test_an_attached_frame_gets_a_name_and_a_link_that_the_urdf_has(tmp_path: Path, link: str) -> None:
     """The file has a joint of the frame's usual name, and a link whose name is no identifier."""
