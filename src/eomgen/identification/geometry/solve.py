@@ -15,6 +15,7 @@ from .observations import Observations, at_rows
 
 ALGEBRAIC = 1e-10  # of the greatest singular value of normed columns: what is less is none
 HIDDEN = 0.03  # of an expected size, in units of its noise: what shows less keeps its nominal value
+_PRESENT = 0.5  # of an unseen direction: what of it is in the active parameters, for it to be one of theirs
 _ROUND_OFF = 1e-13  # of the longest column: what is shorter is 0
 _BLOCK = 2  # rows of a block over its columns
 _STEPS = 25  # of Gauss-Newton, at most
@@ -22,11 +23,12 @@ ROUGH = 4  # steps of a fit that another one goes on from
 _TRIES = 12  # of a step, each damped ten times as much as the one before
 _LEAST_DAMPING = 1e-3  # of directions that show an expected size as much as its noise, 1
 _UPWARD = 1e-6  # share of the sum of squares that a step may add: no noise shows that
+_RETURNED = 1e-4  # share that the way back along directions that do not show may add
 _STILL = 3  # steps one after the other that gain no more than that, behind which a fit has ended
 _SMALL = 1e-9  # of a step, in expected sizes
 _ROUNDS = 15  # of noise that is estimated, or weights that follow from residuals
 _SETTLED = 1e-3  # relative change of estimated noise
-_FLOOR = 1e-13  # m or rad, below which noise is round-off
+_FLOOR = 1e-9  # m or rad, below which noise is round-off: nothing measures that well
 _MAD = 1.4826  # standard deviation over the median of the magnitude, normal distribution
 _NEAR = 3.0  # standard deviations: what is not further off says how large the noise is
 _OF_NEAR = 0.97333  # mean square of normal numbers that are not further off
@@ -46,6 +48,7 @@ class Problem:
 
     active: indices of these.  prior: standard deviation of their change from nominal, (P,), infinite without one.
     kept: places of the numbers that count, for folds; None: all.
+    unseen: directions of change in expected sizes, (k, P), along which noise alone seems to show something; None: none.
     """
 
     model: ErrorModel
@@ -54,6 +57,15 @@ class Problem:
     active: Index
     prior: Array | None = None
     kept: Index | None = None
+    unseen: Array | None = None
+
+    def projected(self, S: Array) -> Array:
+        """Return sensitivities of the active parameters per expected size, (m, p), without unseen directions."""
+        if self.unseen is None:
+            return S
+        N = self.unseen[:, self.active]
+        Q = np.linalg.qr(S @ N[np.linalg.norm(N, axis=1) > _PRESENT].T)[0]
+        return np.asarray(S - Q @ (Q.T @ S))
 
 
 @dataclass(frozen=True)
@@ -213,7 +225,8 @@ def _descend(
             tried[active] = nominal + sizes * (z + step)
             new_r, new_A = at_rows(model, problem.rows, problem.seen, tried)
             new = cost(new_r, tried)
-            if new <= max(best, linear.cost(linear.back(z, damping))) * (1.0 + _UPWARD) + 1e-300:
+            returned = min(linear.cost(linear.back(z, damping)), (1.0 + _RETURNED) * best)
+            if new <= max(best, returned) * (1.0 + _UPWARD) + 1e-300:
                 break
             damping = max(10.0 * damping, _LEAST_DAMPING)
         else:
@@ -233,7 +246,7 @@ def _linear(problem: Problem, r: Array, A: Array, x: Array, sigma: Array, trust:
     A prior is a row for each parameter; it holds all directions, so that none is hidden.
     """
     active, sizes = problem.active, problem.model.sizes[problem.active]
-    S = _weighed(problem.seen, A[:, active], sigma, trust)[kept] * sizes
+    S = problem.projected(_weighed(problem.seen, A[:, active], sigma, trust)[kept] * sizes)
     white = _weighed(problem.seen, r, sigma, trust)[kept]
     if problem.prior is not None:
         held = sizes / problem.prior[active]
