@@ -182,6 +182,20 @@ def test_single_components_are_not_measured_alone() -> None:
     assert "nan" not in str(caught.value)
 
 
+def test_joints_that_move_a_load_alone_need_no_column_without_stiffness() -> None:
+    """Wrenches on the tool, and the first link measured: what the other joints do moves nothing."""
+    made = trial(chain(3, "RRR"), 1, 30, frames={"link1": ("link1", np.eye(4))})
+    columns = {name: x for name, x in made.columns.items() if name not in ("joint2.gamma", "joint3.gamma")}
+    loads = {f"tcp.f{axis}": np.full(30, 5.0) for axis in "xyz"}
+    poses = poses_of(made.robot, columns | loads, "link1", "tcp")
+    found = calibrate(made.robot, poses, folds=0)
+    assert found.residuals["full"]["fitted"]["position"] < 1e-4
+    said = "link1 is a link: its estimated place is written as link1_calibrated"
+    assert any(note.startswith(said) for note in found.notes)
+    with pytest.raises(InputError, match=r"the column joint2\.gamma is missing"):
+        calibrate(made.robot, poses, folds=0, stiffness=["joint1.alpha"])
+
+
 @pytest.mark.parametrize("link", ["b", "a_1"])
 def test_an_attached_frame_gets_a_name_and_a_link_that_the_urdf_has(tmp_path: Path, link: str) -> None:
     """The file has a joint of the frame's usual name, and a link whose name is no identifier."""

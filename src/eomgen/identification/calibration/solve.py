@@ -28,6 +28,7 @@ from ..geometry.blocks import FORCE
 from ..geometry.compliances import Chosen, compliances_of, is_below
 from ..geometry.error_model import (
     COMPLIANCE,
+    FRAMES,
     JOINTS,
     LOOPS,
     OFFSET,
@@ -53,6 +54,7 @@ from ..geometry.solve import LOSSES, Fit, Loss, Problem, whitened
 from ..geometry.stations import Chain, chain_of, matrix_of
 from ..stiffness.matrix_entries import OF_BUSHINGS, entries_sought
 from .as_described import described_values, indefinite_notes
+from .calibrated import OF_LINK
 from .diagnosing import Diagnosis, diagnosed, diagnosis_notes
 from .drives import with_drives
 from .identifiability import Identifiable, identifiable, refuse_too_few
@@ -300,12 +302,12 @@ def problem_of(
     robot = task.robot
     measured = {name: task.links[name] for name in poses.frames}
     chain = chain_of(robot, measured)
-    columns = _columns(robot, chain, poses)
+    asked = _chosen(task, chain, poses)
+    compliances = list(compliances_of(chain, robot, asked))
+    columns = _columns(robot, chain, poses, is_loaded=bool(compliances))
     rows = rows_of(chain, robot, poses, columns)
     if careful:
         refuse_impossible(poses, chain)
-    asked = _chosen(task, chain, poses)
-    compliances = list(compliances_of(chain, robot, asked))
     closing = None
     if closed is not None:
         closing = closed[0]
@@ -360,8 +362,11 @@ def _encoders(
     ]
 
 
-def _columns(robot: Robot, chain: Chain, poses: MeasuredPoses) -> dict[str, tuple[int, int, float]]:
-    """Return station, coordinate and factor of every column of coordinates; InputError where a joint's is missing."""
+def _columns(robot: Robot, chain: Chain, poses: MeasuredPoses, *, is_loaded: bool) -> dict[str, tuple[int, int, float]]:
+    """Return station, coordinate and factor of every column of coordinates; InputError where a joint's is missing.
+
+    is_loaded: whether loads move what was measured, so that joints count that move loads alone.
+    """
     station = {s.name: k for k, s in enumerate(chain.stations) if s.joint is not None}
     columns = {}
     for name in poses.coordinates:
@@ -377,7 +382,8 @@ def _columns(robot: Robot, chain: Chain, poses: MeasuredPoses) -> dict[str, tupl
         else:
             columns[name] = station[owner], COORDINATES.index(kind), 1.0
     read = {place[:2] for place in columns.values()}
-    moving = {k for tool in chain.tools.values() for k in chain.ancestors(tool)}
+    tools = [k for name, k in chain.tools.items() if poses.frames[name].is_measured or is_loaded]
+    moving = {k for tool in tools for k in chain.ancestors(tool)}
     for name, k in station.items():
         principal = chain.stations[k].principal
         if k in moving and principal is not None and (k, principal) not in read and not robot.is_closed:
@@ -460,7 +466,12 @@ def _sized(model: ErrorModel, problem: Problem) -> ErrorModel:
 
 def _notes(task: Task, problem: Problem) -> list[str]:
     """Return notes about what a result leaves out, and what counts beside frames."""
-    notes = []
+    notes = [
+        f"{name} is a link: its estimated place is written as {name}{OF_LINK}, and the link stays where it is described"
+        for name in problem.model.chain.tools
+        if name in {task.robot.base, *(link.name for link in task.robot.links)}
+        and any(problem.model.parameters[i].name.startswith(f"{FRAMES}.{name}.") for i in problem.active)
+    ]
     encoders = [block.frame for block in problem.seen.blocks if block.kind == ENCODER]
     if encoders:
         notes.append(f"encoders of passive coordinates count as measured: {listed(encoders)}")
