@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,18 +15,17 @@ from numpy.typing import NDArray
 import eomgen
 from eomgen.errors import ArrayError, InputError, UnknownNameError
 from eomgen.identification import calibrate, load_calibration, read_covariances
-from eomgen.identification.calibration.solve import Task, links_of, problem_of
+from eomgen.identification.calibration.solve import problem_of
 from eomgen.identification.calibration.variants import variants_of
-from eomgen.identification.geometry.error_model import COMPLIANCE, DRIVE, SIZES, ErrorParameter
+from eomgen.identification.geometry.error_model import COMPLIANCE, DRIVE, ErrorParameter
 from eomgen.identification.geometry.observations import observations_of
 from eomgen.identification.geometry.rotations import pose_from
 from eomgen.motion.turns import rotation_of
 from eomgen.progress import no_report
-from eomgen.robot.model import build_model
 from eomgen.robot.value import Coordinate, Motor, Robot
 from tests.support.commands import command
 from tests.support.measured_poses import TCP, Trial, arm, chain, puma, trial
-from tests.support.measurements import calibrated, placed, poses_of
+from tests.support.measurements import calibrated, placed, poses_of, task_of
 
 pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
 
@@ -70,13 +68,6 @@ def test_variants_and_what_was_held_out() -> None:
     assert "gain: zeros in position" in text
     assert json.loads(json.dumps(found.as_dict()))["rank"] == 30
     assert "base" in found.merged["joints.joint1.offset.gamma"]
-
-
-def task_of(robot: Robot, **options: Any) -> Task:
-    """The task of calibrating a robot by frames that it has."""
-    known = dict.fromkeys(build_model(robot).frames, True)
-    whole = {"noise": None, "covariance": {}, "loss": None, "fixed": (), "stiffness": (), "sizes": SIZES, **options}
-    return Task(robot=robot, links=links_of(robot, {}), known=known, **whole)
 
 
 @pytest.mark.parametrize("loss", [None, "huber"])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from eomgen.identification import calibrate, load_calibration
 from eomgen.identification.calibration import as_urdf
 from eomgen.identification.calibration.as_toml import FittedParameters, write_toml
 from eomgen.identification.calibration.misreadings import readings_of
+from eomgen.identification.calibration.solve import problem_of
 from eomgen.identification.geometry.error_model import DRIVE, ErrorParameter
 from eomgen.identification.geometry.rotations import from_rpy, pose_of
 from eomgen.identification.geometry.stations import chain_of, located, matrix_of
@@ -26,7 +28,7 @@ from eomgen.robot.value import COORDINATES, Robot
 from eomgen.runtime.inverse_kinematics.rotations import rpy_of, vector_of
 from tests.support.commands import command, facts
 from tests.support.measured_poses import TCP, Trial, arm, chain, puma, trial, turned, write_csv
-from tests.support.measurements import calibrated, placed, poses_of
+from tests.support.measurements import calibrated, placed, poses_of, task_of
 from tests.support.soak import soaked
 
 pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
@@ -194,6 +196,31 @@ def test_joints_that_move_a_load_alone_need_no_column_without_stiffness() -> Non
     assert any(note.startswith(said) for note in found.notes)
     with pytest.raises(InputError, match=r"the column joint2\.gamma is missing"):
         calibrate(made.robot, poses, folds=0, stiffness=["joint1.alpha"])
+
+
+def test_one_place_in_each_series_shows_no_length() -> None:
+    """A smaller robot has smaller residuals; a length that stays, or another place, says how large it is."""
+    robot = chain(3, "RRR")
+    columns = {name: x for name, x in trial(robot, 1, 40).columns.items() if name.startswith("joint")}
+    rng = np.random.default_rng(0)
+    columns |= {name: 0.3 + 1e-5 * rng.normal(size=40) for name in TCP[:3]}
+    columns["series"] = np.repeat([0.0, 1.0], 20)
+    with pytest.raises(InputError, match="no length was measured: tcp stays at one place in each series"):
+        calibrated(robot, columns)
+    two = columns["tcp.x"] + 0.05 * (np.arange(40) % 20 == 0)
+    for task, poses in ((task_of(robot, fixed=("joints.joint2.offset",)), columns), (task_of(robot), {"tcp.x": two})):
+        problem_of(task, poses_of(robot, columns | poses), careful=True)
+
+
+def test_lengths_of_another_robot_are_not_written(tmp_path: Path) -> None:
+    robot = chain(3, "RRR")
+    x, y, z = robot.joints[1].placement.xyz
+    moved = replace(robot.joints[1].placement, xyz=(x + 1.0, y, z))
+    longer = replace(robot, joints=(robot.joints[0], replace(robot.joints[1], placement=moved), robot.joints[2]))
+    found = calibrated(robot, trial(longer, 1, 40).columns, noise=(5e-5, 1e-4))
+    assert any(note.startswith("the fit is of another robot: ") for note in found.notes)
+    with pytest.raises(InputError, match="is not written"):
+        found.to_toml(tmp_path / "x.toml")
 
 
 @pytest.mark.parametrize("link", ["b", "a_1"])

@@ -31,9 +31,7 @@ from ..geometry.error_model import (
     FRAMES,
     JOINTS,
     LOOPS,
-    OFFSET,
     SIZES,
-    ZERO,
     ErrorModel,
     ErrorParameter,
     model_parameters,
@@ -61,7 +59,16 @@ from .identifiability import Identifiable, identifiable, refuse_too_few
 from .misreadings import Left, judged, left_of
 from .result import CalibrationResult
 from .serial import Serial
-from .traps import at_once, design_effect, odd_angles, refuse_impossible, suspicion_of
+from .traps import (
+    at_once,
+    design_effect,
+    far_off,
+    implausible,
+    odd_angles,
+    refuse_impossible,
+    refuse_no_length,
+    suspicion_of,
+)
 from .variants import (
     VARIANTS,
     Rms,
@@ -81,7 +88,6 @@ FOLDS = 10
 LACK = 1e-3  # probability of a reduced chi-square by chance, below which the fit lacks something
 TURN = 0.1  # rad: median of what is left of orientations that nothing explains
 OFF = 0.03  # of the reach: median of what is left of positions that nothing explains
-_FAR = 30.0  # expected sizes: offsets that are larger are those of another robot
 _SUSPECT = 0.15  # of both: what is left where other readings are tried
 _ROWS, _ROWS_CLOSED = 32, 12  # rows that readings are tried with
 _SOFT = 1e-3  # rad or m: what a stiffness that nothing is said of is expected to deflect in all
@@ -202,12 +208,14 @@ def calibrate(  # noqa: PLR0913
     is_explained = all(value <= limits[kind] for kind, value in medians.items())
     if any(value > _SUSPECT * limits[kind] for kind, value in medians.items()):
         notes += _other_readings(task, poses, problem, medians, is_explained=is_explained, force=force)
+    huge = implausible(problem, variants.fits[variant])
+    is_explained = is_explained and not huge
     effect, together = design_effect(poses, problem.seen, full, units)
     notes += [
         *together,
         *series_notes(problem, variants),
         *_notes(task, problem),
-        *_far_off(problem, variants.fits[variant]),
+        *(huge or far_off(problem, variants.fits[variant])),
     ]
     report("looking at what is identifiable")
     shown = identifiable(problem, full)
@@ -346,6 +354,7 @@ def problem_of(
     problem = Problem(model, rows, seen, np.array(chosen, dtype=np.intp))
     if careful and closing is None:
         refuse_too_few(problem, poses.source)
+        refuse_no_length(problem, poses.source)
     return problem, model.nominal
 
 
@@ -507,19 +516,6 @@ def _is_elastic(joint: Joint | Loop, kind: str) -> bool:
     coordinate, matrix = joint.coordinates.get(kind), joint.stiffness
     own = coordinate is not None and coordinate.stiffness is not None and coordinate.stiffness > 0.0
     return own or (matrix is not None and kind in matrix.held)
-
-
-def _far_off(problem: Problem, fit: Fit) -> list[str]:
-    """Return a note about offsets that are too large for a robot that was built as it is described."""
-    parameters = problem.model.parameters
-    off = (fit.x - problem.model.nominal) / problem.model.sizes
-    far = [i for i in problem.active if parameters[i].kind in (ZERO, OFFSET) and abs(off[i]) > _FAR]
-    if not far:
-        return []
-    named = listed(
-        [f"{parameters[i].name} by {fit.x[i] - parameters[i].nominal:.3g} {parameters[i].unit}" for i in far]
-    )
-    return [f"further off than a robot is built: {named}; is a zero, or a length, another one than in the description?"]
 
 
 @dataclass(frozen=True)
