@@ -138,6 +138,19 @@ def test_rows_without_which_a_series_has_no_place_are_not_held_out() -> None:
     assert any("of series '2' rows are not held out" in note for note in found.notes)
 
 
+def test_a_turn_about_the_line_through_all_places_is_not_seen() -> None:
+    """Two sockets: residuals turn with the base about the line through both, and seem to show it.
+
+    The base stays where the first guess put it along that direction; all else is identifiable.
+    """
+    found = calibrate("ur5", Path(__file__).parent / "measured" / "two_sockets.csv", folds=0)
+    assert (found.rank, found.rank_above_noise) == (24, 24)
+    assert "turns the residuals" in found.merged["base.alpha"]
+    assert "base.y, base.z" in found.merged["base.alpha"]
+    assert not [name for name in ("base.x", "base.beta", "base.gamma") if name in found.merged]
+    assert "base.alpha" not in "\n".join(found.lines()).partition("not identifiable")[0]
+
+
 @pytest.mark.soak
 def test_a_gain_in_orientation_alone_counts() -> None:
     """Each variant in each kind has its verdict: here positions are too noisy to show anything."""

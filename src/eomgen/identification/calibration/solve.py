@@ -55,7 +55,7 @@ from .as_described import described_values, indefinite_notes
 from .calibrated import OF_LINK
 from .diagnosing import Diagnosis, diagnosed, diagnosis_notes
 from .drives import with_drives
-from .identifiability import Identifiable, identifiable, refuse_too_few
+from .identifiability import Identifiable, identifiable, refuse_too_few, without_unseen
 from .misreadings import Left, judged, left_of
 from .result import CalibrationResult
 from .serial import Serial
@@ -192,12 +192,13 @@ def calibrate(  # noqa: PLR0913
             raise InputError(suspicion)
         notes += [f"suspicious, and taken as it is: {suspicion}"]
     report("fitting")
-    fit = None if count and not drives else only_fitted(problem, start, loss)
-    if drives and fit is not None:
+    fit = only_fitted(problem, start, loss)
+    if drives:
         problem, fit, more = with_drives(problem, fit, loss, report)
         notes += more
         start = problem.model.nominal  # each variant begins with what is described: terms of drives are of the full one
-    if count or fit is None:
+    problem, fit = without_unseen(problem, start, fit, loss)
+    if count:
         variants = variants_of(problem, start, loss, units, count, confidence, report)
     else:
         parts = {"full": residuals_of(problem, fit.residuals, None, fit.trust)}
