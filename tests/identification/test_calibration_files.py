@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +15,12 @@ from numpy.typing import NDArray
 import eomgen
 from eomgen.errors import ArrayError, InputError, UnknownNameError
 from eomgen.identification import calibrate, load_calibration
+from eomgen.identification.calibration import as_urdf
 from eomgen.identification.calibration.as_toml import FittedParameters, write_toml
 from eomgen.identification.calibration.misreadings import readings_of
-from eomgen.identification.geometry.rotations import from_rpy
+from eomgen.identification.calibration.solve import problem_of
+from eomgen.identification.geometry.error_model import DRIVE, ErrorParameter
+from eomgen.identification.geometry.rotations import from_rpy, pose_of
 from eomgen.identification.geometry.stations import chain_of, located, matrix_of
 from eomgen.motion.turns import rotation_of
 from eomgen.pictures.page import report_of
@@ -24,7 +28,7 @@ from eomgen.robot.value import COORDINATES, Robot
 from eomgen.runtime.inverse_kinematics.rotations import rpy_of, vector_of
 from tests.support.commands import command, facts
 from tests.support.measured_poses import TCP, Trial, arm, chain, puma, trial, turned, write_csv
-from tests.support.measurements import calibrated, placed, poses_of
+from tests.support.measurements import calibrated, placed, poses_of, task_of
 from tests.support.soak import soaked
 
 pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
@@ -139,6 +143,104 @@ def test_an_urdf_gets_its_origins(tmp_path: Path) -> None:
     for path in (found.to_urdf(tmp_path / "out" / "new.urdf"), found.to_toml(tmp_path / "out" / "new.toml")):
         kernel = eomgen.build(eomgen.load_robot(path), kernels=("kinematics",))
         np.testing.assert_allclose(kernel.frame_pose(q, "c_calibrated"), wanted, atol=1e-12)
+
+
+BALL = (
+    '<robot name="arm"><link name="base"/><link name="a-1"/><link name="b"/><link name="old"/>'
+    '<joint name="j1" type="revolute"><parent link="base"/><child link="a-1"/><origin xyz="0 0 0.3" rpy="0.1 0 0"/>'
+    '<axis xyz="0 1 0"/><limit lower="-2" upper="2" effort="1" velocity="1"/></joint>'
+    '<joint name="j2" type="continuous"><parent link="a-1"/><child link="b"/><origin xyz="0.3 0 0.1" rpy="1 0 0"/>'
+    '<axis xyz="1 0 0"/></joint>'
+    '<joint name="ball_joint" type="fixed"><parent link="b"/><child link="old"/></joint></robot>'
+)
+
+
+def test_a_description_without_all_terms_has_offsets_that_go_without_them(tmp_path: Path) -> None:
+    """Neither format has the eccentricity of a drive; its residual is in the table, and that of the file."""
+    robot = eomgen.load_robot("ur5")
+    more = [ErrorParameter("joints.joint2.eccentricity.sin", DRIVE, 2, 5, "sin", 0.0, 1e-2)]
+    poses = trial(robot, 1, 40, more=more, noise=(5e-5, 1e-4)).poses("rx", "ry", "rz")
+    found, plain = (calibrate(robot, poses, folds=0, drives=drives) for drives in (True, False))
+    assert found.residuals["full"]["fitted"]["position"] < 1e-4
+    saved = load_calibration(found.save(tmp_path / "found.npz"))
+    for form, path in (("toml", saved.to_toml(tmp_path / "x.toml")), ("urdf", saved.to_urdf(tmp_path / "x.urdf"))):
+        said = saved.written[form]["fitted"]["position"]
+        assert said == pytest.approx(plain.residuals["full"]["fitted"]["position"], rel=1e-6)
+        again = calibrate(eomgen.load_robot(path), poses, folds=2, variant="placement")
+        assert again.residuals["placement"]["fitted"]["position"] == pytest.approx(said, rel=1e-4)
+    assert "# joints.joint2.eccentricity.sin = " in Path(tmp_path / "x.toml").read_text()
+    text = "\n".join(saved.lines())
+    assert "in the .toml" in text
+    assert ".urdf cannot have 'joints.joint2.eccentricity.cos', 'joints.joint2.eccentricity.sin'" in text
+
+
+def test_single_components_are_not_measured_alone() -> None:
+    """Contact with a plane: blank cells mean that nothing was measured, and the message says what may be."""
+    made = trial(chain(3, "RRR"), 1, 30)
+    plane = {"tcp.x": np.full(30, np.nan), "tcp.y": np.full(30, np.nan)}
+    with pytest.raises(InputError, match=r"is empty \(not measured\) where tcp\.z is measured") as caught:
+        poses_of(made.robot, made.columns | plane)
+    assert "F.distance" in str(caught.value)
+    assert "nan" not in str(caught.value)
+
+
+def test_joints_that_move_a_load_alone_need_no_column_without_stiffness() -> None:
+    """Wrenches on the tool, and the first link measured: what the other joints do moves nothing."""
+    made = trial(chain(3, "RRR"), 1, 30, frames={"link1": ("link1", np.eye(4))})
+    columns = {name: x for name, x in made.columns.items() if name not in ("joint2.gamma", "joint3.gamma")}
+    loads = {f"tcp.f{axis}": np.full(30, 5.0) for axis in "xyz"}
+    poses = poses_of(made.robot, columns | loads, "link1", "tcp")
+    found = calibrate(made.robot, poses, folds=0)
+    assert found.residuals["full"]["fitted"]["position"] < 1e-4
+    said = "link1 is a link: its estimated place is written as link1_calibrated"
+    assert any(note.startswith(said) for note in found.notes)
+    with pytest.raises(InputError, match=r"the column joint2\.gamma is missing"):
+        calibrate(made.robot, poses, folds=0, stiffness=["joint1.alpha"])
+
+
+def test_one_place_in_each_series_shows_no_length() -> None:
+    """A smaller robot has smaller residuals; a length that stays, or another place, says how large it is."""
+    robot = chain(3, "RRR")
+    columns = {name: x for name, x in trial(robot, 1, 40).columns.items() if name.startswith("joint")}
+    rng = np.random.default_rng(0)
+    columns |= {name: 0.3 + 1e-5 * rng.normal(size=40) for name in TCP[:3]}
+    columns["series"] = np.repeat([0.0, 1.0], 20)
+    with pytest.raises(InputError, match="no length was measured: tcp stays at one place in each series"):
+        calibrated(robot, columns)
+    two = columns["tcp.x"] + 0.05 * (np.arange(40) % 20 == 0)
+    for task, poses in ((task_of(robot, fixed=("joints.joint2.offset",)), columns), (task_of(robot), {"tcp.x": two})):
+        problem_of(task, poses_of(robot, columns | poses), careful=True)
+
+
+def test_lengths_of_another_robot_are_not_written(tmp_path: Path) -> None:
+    robot = chain(3, "RRR")
+    x, y, z = robot.joints[1].placement.xyz
+    moved = replace(robot.joints[1].placement, xyz=(x + 1.0, y, z))
+    longer = replace(robot, joints=(robot.joints[0], replace(robot.joints[1], placement=moved), robot.joints[2]))
+    found = calibrated(robot, trial(longer, 1, 40).columns, noise=(5e-5, 1e-4))
+    assert any(note.startswith("the fit is of another robot: ") for note in found.notes)
+    with pytest.raises(InputError, match="is not written"):
+        found.to_toml(tmp_path / "x.toml")
+
+
+@pytest.mark.parametrize("link", ["b", "a_1"])
+def test_an_attached_frame_gets_a_name_and_a_link_that_the_urdf_has(tmp_path: Path, link: str) -> None:
+    """The file has a joint of the frame's usual name, and a link whose name is no identifier."""
+    source = tmp_path / "arm.urdf"
+    source.write_text(BALL)
+    robot = eomgen.load_robot(source)
+    made = trial(robot, 1, 30, frames={"ball": (link, pose_of(np.eye(3), [0.0, 0.1, 0.2]))})
+    found = calibrate(robot, made.poses(), frames={"ball": link}, folds=0)
+    read = eomgen.load_robot(found.to_urdf(tmp_path / "new.urdf"))
+    assert {joint.name for joint in read.joints} == {"j1", "j2", "ball_joint", "ball_joint_2"}
+    assert read.joint("ball_joint_2").parent == link
+
+
+def test_a_urdf_that_reads_as_another_robot_is_not_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(as_urdf, "_set_origin", lambda element, joint: None)
+    with pytest.raises(InputError, match="of the URDF would stand"):
+        calibrated(puma().robot, puma().columns).to_urdf(tmp_path / "new.urdf")
+    assert not any(tmp_path.iterdir())
 
 
 RAIL = """name = "rail"

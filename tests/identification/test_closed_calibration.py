@@ -493,3 +493,15 @@ def test_offsets_move_what_loads_deflect() -> None:
     x, tool = model.nominal, model.chain.tools["tcp"]
     S, steps = model.at(x, rows).sensitivities(tool)[:, :3], [*(1e-3 * x[:2]), *[1e-5] * len(offsets)]
     assert_slopes(S, lambda x: model.at(x, rows).located.p[tool], x, steps, 3e-6, 1e-9)
+
+
+@pytest.mark.parametrize(("poses", "most"), [("exact", 1e-11), ("rounded", 5e-7)])
+def test_poses_without_noise_are_explained(poses: str, most: float) -> None:
+    """Noise that is estimated begins large, and hides nothing in the end; round-off shows no outliers and no drives."""
+    found = calibrate("four_bar", Path(__file__).parent / "measured" / f"{poses}_four_bar.csv", folds=0, drives=True)
+    assert (found.rank, found.rank_above_noise) == (18, 18)
+    assert max(found.residuals["full"]["fitted"].values()) < most
+    assert not found.diagnosis.outlying
+    assert not found.diagnosis.patterns
+    assert not any("the data show" in note for note in found.notes)
+    assert found["loops.joint4.second.x"] == pytest.approx(5e-4, abs=2e-6)

@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from eomgen.identification import CalibrationResult, MeasuredPoses, calibrate, poses_from_columns
+from eomgen.identification.calibration.solve import Task, links_of
+from eomgen.identification.geometry.error_model import SIZES
 from eomgen.identification.geometry.rotations import vectors_of
 from eomgen.motion.files import MeasuredMotion, motion_from_columns
 from eomgen.robot.model import build_model
@@ -54,6 +56,13 @@ def poses_of(robot: Robot, columns: dict[str, Array], *frames: str, **options: A
 def calibrated(robot: Robot, columns: dict[str, Array], **options: Any) -> CalibrationResult:
     """Return the calibration by poses of the tcp, without held-out rows where nothing else is asked for."""
     return calibrate(robot, poses_of(robot, columns), **{"folds": 0, **options})
+
+
+def task_of(robot: Robot, **options: Any) -> Task:
+    """The task of calibrating a robot by frames that it has."""
+    known = dict.fromkeys(build_model(robot).frames, True)
+    whole = {"noise": None, "covariance": {}, "loss": None, "fixed": (), "stiffness": (), "sizes": SIZES, **options}
+    return Task(robot=robot, links=links_of(robot, {}), known=known, **whole)
 
 
 def assert_slopes(

@@ -42,7 +42,8 @@ def described_values(
         elif parameter.kind == COMPLIANCE and parameter.other is None:
             values[i] = 1.0 / x[i] if x[i] != 0.0 else np.inf
             described[i] = 1.0 / parameter.nominal if parameter.nominal else np.nan
-            variance[i] *= values[i] ** 4
+            with np.errstate(invalid="ignore"):  # of what does not bend, and is not identifiable, it is not known
+                variance[i] *= values[i] ** 4
     for (station, number), places in groups.items():
         if station == 0:
             before, said = model.bases[number], np.full(6, np.nan)

@@ -29,6 +29,7 @@ from .calibrated import (
     OF_LINK,
     calibrated_robot,
     fitted_entries,
+    is_said,
     matrix_of_joint,
     offset_of,
     owner_of,
@@ -48,6 +49,7 @@ HEAD = (
     "# axes, with the sign of the coordinate: a positive offset.gamma turns the child as a positive gamma does.",
     "# Behind +- are standard deviations; a number that is not identifiable has the least change from the description.",
 )
+APART = "# Of a fit with terms that no description has; all other numbers here are of a fit without them:"
 
 
 @dataclass(frozen=True)
@@ -150,23 +152,15 @@ def relative_path(path: Path, folder: Path) -> str:
 
 
 def _comments(fitted: FittedParameters) -> list[str]:
-    """Return comments for what has no place in a description: where the base stands, terms of drives."""
-    lines = []
+    """Return comments for what has no place in a description: where the base stands, terms that it cannot have."""
+    bases, terms = list[str](), list[str]()
     for name, value in fitted.values.items():
-        parts = name.split(".")
-        is_joint = parts[0] in (JOINTS, LOOPS) and (parts[2] in ("offset", TILT, SECOND) or parts[-1] == "stiffness")
-        if is_joint and parts[-1] == "stiffness":
-            is_joint = parts[2] in stiffness_of(_named(fitted.robot, *parts[:2]), fitted.values)
-        if parts[0] in (JOINTS, LOOPS) and parts[2] == JOINT_STIFFNESS:
-            is_joint = matrix_of_joint(_named(fitted.robot, *parts[:2]), fitted.values) is not None
-        if BASE in parts[:-1] or not (is_joint or parts[0] == FRAMES):
-            lines.append(f"# {name} = {value!r} +- {deviation_text(fitted.deviations[name])} {fitted.units[name]}")
-    return lines
-
-
-def _named(robot: Robot, owner: str, name: str) -> Joint | Loop:
-    """Return a joint, or a loop joint, as ``owner`` says."""
-    return robot.joint(name) if owner == JOINTS else next(loop for loop in robot.loops if loop.name == name)
+        line = f"# {name} = {value!r} +- {deviation_text(fitted.deviations[name])} {fitted.units[name]}"
+        if BASE in name.split(".")[:-1]:
+            bases.append(line)
+        elif not is_said(fitted.robot, fitted.values, name):
+            terms.append(line)
+    return [*bases, *([APART] if terms else []), *terms]
 
 
 def _put_joint(fitted: FittedParameters, joint: Joint, body: list[str], robot: Robot) -> None:

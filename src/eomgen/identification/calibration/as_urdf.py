@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...arrays import Array
+from ...description.load import robot_from_urdf
 from ...description.xml_text import parse_xml
-from ...errors import InputError
+from ...errors import DescriptionError, InputError
 from ...files import check_ending, write_atomically
 from ...forms.toml_text import read_text
 from ...names import unique_identifiers
@@ -18,7 +21,7 @@ from ...robot.bounds import Limits
 from ...robot.value import PRINCIPAL, Joint, Robot
 from ...runtime.inverse_kinematics.rotations import rpy_of
 from ..geometry.rotations import pose_from, pose_of
-from ..geometry.stations import matrix_of
+from ..geometry.stations import chain_of, located, matrix_of
 from .as_toml import HEAD, FittedParameters
 from .calibrated import OF_LINK, calibrated_robot, placements
 
@@ -28,11 +31,12 @@ if TYPE_CHECKING:
 
 _FAR = 1e3  # m or rad, of the end of a range that the description leaves open
 _NONE = 1e6  # effort and velocity, which other readers need, where the description has none
+_CLOSE = 1e-9  # m or rad, by which frames of what was written may be off when it is read again
 _TYPES = {"revolute": "revolute", "prismatic": "prismatic", "fixed": "fixed", "free": "floating"}
 
 
 def write_urdf(fitted: FittedParameters, target: Path) -> Path:
-    """Write the URDF, and return the path.
+    """Write the URDF, read it back before it is in its place, and return the path.
 
     Raises:
         InputError: see ``CalibrationResult.to_urdf``.
@@ -58,7 +62,41 @@ def write_urdf(fitted: FittedParameters, target: Path) -> Path:
         "<!-- Origins (and axes of prismatic joints) hold the offsets; m, rad. -->\n"
     )
     text = f'<?xml version="1.0"?>\n{comment}{ElementTree.tostring(root, encoding="unicode")}\n'
+    _compare(text, target, robot, fitted)
     return write_atomically(target, lambda stream: stream.write(text.encode("utf-8")))
+
+
+def _compare(text: str, target: Path, robot: Robot, fitted: FittedParameters) -> None:
+    """Raise InputError where a reader of the text finds another robot than the calibrated one."""
+    try:
+        read = robot_from_urdf(text, source=str(target), inertia="warn")
+    except DescriptionError as error:
+        raise InputError(f"{robot.name}: the calibrated values make no URDF: {error}") from None
+    known = {link.name for link in read.links}
+    frames = {new: (link, pose) for new, link, pose in _placed(fitted)}
+    frames |= {link.name: (link.name, np.eye(4)) for link in robot.links if link.name in known}
+    wanted, there = _poses_of(robot, frames), _poses_of(read, {name: (name, np.eye(4)) for name in frames})
+    off = {name: float(np.abs(there[name] - pose).max()) for name, pose in wanted.items()}
+    far = [name for name, value in off.items() if not value < _CLOSE]
+    if far:
+        raise InputError(
+            f"{robot.name}: {far[0]} of the URDF would stand {off[far[0]]:.2g} m (or rad) off the calibrated robot's;"
+            " allowed: joints that a URDF can say, or --toml (to_toml)"
+        )
+
+
+def _poses_of(robot: Robot, frames: Mapping[str, tuple[str, Array]]) -> dict[str, Array]:
+    """Return rotations and positions of frames, (2, 3, 4): with coordinates at 0, and at numbers that names give."""
+    chain = chain_of(robot, frames)
+    values = np.zeros((2, len(chain.stations), 6))
+    names = sorted(station.name for station in chain.stations if station.joint is not None)
+    for k, station in enumerate(chain.stations):
+        if station.offset is not None:
+            values[:, k] = station.offset
+        if station.joint is not None and station.principal is not None:
+            values[1, k, station.principal] += 0.3 + 0.1 * np.sin(names.index(station.name))
+    at = located(chain, values, np.tile(np.eye(4), (2, 1, 1)))
+    return {name: np.concatenate([at.R[k], at.p[k, :, :, np.newaxis]], axis=2) for name, k in chain.tools.items()}
 
 
 def urdf_of(robot: Robot) -> Element:
@@ -89,17 +127,26 @@ def _set_origin(element: Element, joint: Joint) -> None:
 
 def _add_frames(root: Element, fitted: FittedParameters, robot: Robot) -> None:
     """Add a link and a fixed joint for every measured frame with a calibrated placement."""
-    taken = {str(element.get("name")) for element in root.findall("link")}
-    links = {fitted.robot.base, *(link.name for link in fitted.robot.links)}
-    for name, link, pose in placements(fitted.links, fitted.values):
-        new = name + OF_LINK if name in links else name
-        if new in taken:
+    taken = {tag: {str(element.get("name")) for element in root.findall(tag)} for tag in ("link", "joint")}
+    texts = {name: text for text, name in unique_identifiers(list(taken["link"])).items()}
+    for new, link, pose in _placed(fitted):
+        if new in taken["link"]:
             raise InputError(f"{robot.name}: the URDF has a link {new!r} already; allowed: another name of the frame")
+        names = itertools.chain([f"{new}_joint"], (f"{new}_joint_{k}" for k in itertools.count(2)))
+        joint_name = next(name for name in names if name not in taken["joint"])
+        taken["joint"].add(joint_name)
         _add(root, "link", name=new)
-        joint = _add(root, "joint", name=f"{new}_joint", type="fixed")
-        _add(joint, "parent", link=link)
+        joint = _add(root, "joint", name=joint_name, type="fixed")
+        _add(joint, "parent", link=texts.get(link, link))
         _add(joint, "child", link=new)
         _add(joint, "origin", xyz=_numbers(pose[:3, 3]), rpy=_numbers(rpy_of(pose[:3, :3])))
+
+
+def _placed(fitted: FittedParameters) -> Iterator[tuple[str, str, Array]]:
+    """Yield the name in the URDF, the link and the pose there, (4, 4), of every frame with a calibrated placement."""
+    links = {fitted.robot.base, *(link.name for link in fitted.robot.links)}
+    for name, link, pose in placements(fitted.links, fitted.values):
+        yield name + OF_LINK if name in links else name, link, pose
 
 
 def _plain(robot: Robot) -> Element:

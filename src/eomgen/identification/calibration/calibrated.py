@@ -104,6 +104,19 @@ def stiffness_of(joint: Joint | Loop, values: Mapping[str, float]) -> dict[str, 
     return {kind: values[key] for kind, key in keys.items() if values.get(key, -1.0) > 0.0 and np.isfinite(values[key])}
 
 
+def is_said(robot: Robot, values: Mapping[str, float], name: str) -> bool:
+    """Return whether a description has a parameter's value: not the base's placement, or a term of a drive."""
+    parts = name.split(".")
+    if parts[0] not in (JOINTS, LOOPS):
+        return parts[0] == FRAMES
+    joint = robot.joint(parts[1]) if parts[0] == JOINTS else next(x for x in robot.loops if x.name == parts[1])
+    if parts[2] == JOINT_STIFFNESS:
+        return matrix_of_joint(joint, values) is not None
+    return parts[2] in ("offset", TILT, SECOND) or (
+        parts[-1] == "stiffness" and parts[2] in stiffness_of(joint, values)
+    )
+
+
 def matrix_of_joint(joint: Joint | Loop, values: Mapping[str, float]) -> JointStiffness | None:
     """Return the stiffness matrix of a joint with fitted entries, into which the tables of their coordinates go.
 

@@ -17,13 +17,11 @@ from ..geometry.error_model import PLACEMENT, drive_terms
 from ..geometry.observations import at_rows
 from ..geometry.poses import MeasuredPoses
 from ..geometry.solve import HIDDEN, Fit, Problem, fitted, whitened
-from .drives import best_group, with_columns
+from .drives import EXACT, best_group, is_round_off, with_columns
 from .serial import Serial, serial_of
 
 CHANCE = 1e-3  # that a row is called off, or a pattern is named, where there is nothing
 DRIFT = "drift"
-_MAD = 1.4826  # standard deviation over the median of the magnitude, normal distribution
-_EXACT = 1e-9  # standard deviations: what is usually off by less is round-off of exact numbers, and no outlier
 _EFFICIENCY = 0.37  # of a standard deviation from the median of the magnitude
 _LITTLE = 5  # numbers more than unknowns, below which little is checked
 _LOOSE = 0.05  # least share of a number that a fit leaves open
@@ -85,6 +83,8 @@ def diagnosed(
     """
     if problem.seen.group.size <= rank:
         return Diagnosis(is_checked=False), None
+    if is_round_off(problem.seen.whiten(full.residuals, full.sigma) * np.sqrt(full.trust)):
+        return Diagnosis(), None
     fit, outlying = full, outlying_rows(problem, full)
     if outlying:
         if loss is None:
@@ -105,15 +105,16 @@ def diagnosed(
 def outlying_rows(problem: Problem, fit: Fit) -> tuple[tuple[int, float], ...]:
     """Return rows with a vector that is further off than chance has it, with its length in usual standard deviations.
 
-    The usual ones are from the median of the magnitudes, block by block, so that outliers do not hide themselves.
+    The usual ones are from the median of the vectors' lengths, block by block, so that outliers do not hide themselves.
     """
     with optional_import("SciPy", "calibrate needs"):
-        from scipy.special import fdtrc
+        from scipy.special import chdtri, fdtrc
     seen = problem.seen
     white = seen.whiten(fit.residuals, fit.sigma) / np.sqrt(np.maximum(1.0 - fit.leverage, _LOOSE))
-    for group in range(len(seen.blocks)):
+    for group, block in enumerate(seen.blocks):
         inside = seen.group == group
-        white[inside] /= max(_MAD * float(np.median(np.abs(white[inside]))), _EXACT)
+        lengths = np.linalg.norm(white[inside].reshape(-1, block.width), axis=1)
+        white[inside] /= max(float(np.median(lengths) / np.sqrt(chdtri(block.width, 0.5))), EXACT)
     samples, place = np.unique(seen.sample, return_inverse=True)
     squares, many = np.bincount(place, white**2), np.bincount(place)
     freedoms = max(_EFFICIENCY * fit.freedoms, 1.0)
@@ -139,7 +140,7 @@ def _patterns(problem: Problem, fit: Fit, white: Array, U: Array, inflation: flo
     inflation: by which errors that go on make a drift look larger, as a variance.
     """
     known = {problem.model.parameters[i].name for i in problem.active}
-    groups = [group for group in drive_terms(problem.model.chain, problem.rows) if group[0].name not in known]
+    groups = [group for group in drive_terms(problem.model, problem.rows) if group[0].name not in known]
     _, S, columns = with_columns(problem, fit, groups)
     columns.insert(0, _drift_columns(problem, S))
     left = white - U @ (U.T @ white)

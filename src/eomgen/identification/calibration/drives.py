@@ -17,6 +17,7 @@ from ..geometry.solve import Fit, Problem, fitted, whitened
 
 CHANCE = 1e-3  # that any term is taken up where there is none
 _MOST = 16  # terms that are taken up
+EXACT = 1e-2  # standard deviations: residuals that are smaller on the whole are round-off of exact numbers
 _NEW = 1e-4  # of a column's size: what must be left of it beside the others
 
 
@@ -26,7 +27,7 @@ def with_drives(problem: Problem, fit: Fit, loss: str | None, report: StageRepor
     They are taken up one after the other, the most significant first, by the F test of what it explains; the number of
     terms that are tried is taken into account.
     """
-    groups = list(drive_terms(problem.model.chain, problem.rows))
+    groups = list(drive_terms(problem.model, problem.rows))
     notes = []
     for _ in range(_MOST):
         best = _best(problem, fit, groups) if groups else None
@@ -41,11 +42,17 @@ def with_drives(problem: Problem, fit: Fit, loss: str | None, report: StageRepor
     return problem, fit, notes
 
 
+def is_round_off(white: Array) -> bool:
+    """Return whether whitened residuals, (M,), are round-off of exact numbers, in which nothing can show."""
+    return float(np.mean(white**2)) < EXACT**2
+
+
 def extended(problem: Problem, group: tuple[ErrorParameter, ...]) -> Problem:
     """Return the problem with further parameters, which are active."""
-    many = len(problem.model.parameters)
+    many, unseen = len(problem.model.parameters), problem.unseen
     return replace(
         problem,
+        unseen=None if unseen is None else np.pad(unseen, ((0, 0), (0, len(group)))),
         model=problem.model.with_quantities(group),
         active=np.concatenate([problem.active, np.arange(many, many + len(group))]),
     )
@@ -111,6 +118,8 @@ def best_group(
 def _best(problem: Problem, fit: Fit, groups: list[tuple[ErrorParameter, ...]]) -> tuple[int, float] | None:
     """Return the index of the most significant group and its probability by chance; None if none is significant."""
     white, S, columns = with_columns(problem, fit, groups)
+    if is_round_off(white):
+        return None
     U, values, _ = np.linalg.svd(S[:, problem.active], full_matrices=False)
     U = U[:, values > 1e-9 * values[0]]
     best = best_group(white - U @ (U.T @ white), U, columns, fit.freedoms)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,15 +11,24 @@ from ...arrays import Array
 from ...errors import InputError
 from ..geometry.error_model import COMPLIANCE, PLACEMENT, ErrorModel, ErrorParameter, Rows
 from ..geometry.observations import ORIENTATION, Block, Observations, at_rows
-from ..geometry.solve import Fit, Problem, algebraic_rank, normed_triangle, whitened
+from ..geometry.solve import HIDDEN, Fit, Problem, algebraic_rank, normed_triangle, whitened
 from ..geometry.stations import Chain, located
+from .variants import only_fitted
 
 GENERIC = 80  # random rows that show what a kind of measurement can show at all
 _DEPENDENT = 1e-8  # of a normed column: what is left of it beside those before it
 _PART = 1e-5  # of the greatest coefficient: what counts as dependent
 _NAMED = 3  # parameters of a poorly observable direction, or that one depends on
 _NO_LOAD, _UNSEEN = "no load of these poses acts on it", "it moves nothing that was measured"
+_TURNS = "moving them together turns the residuals, and makes none larger"
+_SHARE = 0.05  # of the largest part of an unseen direction: what is named
 _ALONE = {_NO_LOAD: "no load of these poses acts on them", _UNSEEN: "they move nothing that was measured"}
+_TURNED = 2.0  # times all residuals: what a turn of them by 1 rad, an expected size of bases, may show at most
+_FLAT = 0.1  # of the second derivative of the linearised problem: a sum of squares with less does not see a direction
+_LOOKED = 3  # times that directions are looked for which residuals do not show
+_WORSE = 1e-2  # share that residuals may grow by where unseen directions stay as described
+_SAME = 0.999  # least cosine of the angles between spans that are one
+_STEP = 1e-4  # of an expected size
 _ALONG = 1e-9  # m or rad: how far axes may be off to be parallel, or one
 
 
@@ -42,13 +51,76 @@ def identifiable(problem: Problem, fit: Fit) -> Identifiable:
     """
     model = problem.model
     r, A = at_rows(model, problem.rows, problem.seen, model.nominal)
-    S = whitened(problem, fit, r, A)[1][:, problem.active]
+    S = problem.projected(whitened(problem, fit, r, A)[1][:, problem.active])
     parameters = [model.parameters[i] for i in problem.active]
     rank = algebraic_rank(S)
     R, norms = normed_triangle(S)
     values, V = np.linalg.svd(R * norms)[1:]
     weak = tuple(_weak(parameters, V[k], float(values[k])) for k in range(rank) if values[k] <= 1.0)
     return Identifiable(rank, int((values[:rank] > 1.0).sum()), _unidentifiable(problem, parameters, S), weak)
+
+
+def unseen_directions(problem: Problem, fit: Fit) -> Array:
+    """Return directions in expected sizes, (k, P), along which a fit could move without larger residuals.
+
+    A turn of all residuals, as about a line through all places that were measured, changes their components, and looks
+    as if it showed in them; but it does not change the sum of squares.  Its second derivative is 0 then, where that of
+    the linearised problem is not.
+    """
+    active, sizes = problem.active, problem.model.sizes[problem.active]
+
+    def at(x: Array) -> tuple[Array, Array]:
+        r, A = at_rows(problem.model, problem.rows, problem.seen, x)
+        white, S = whitened(problem, fit, r, A)
+        return white, S[:, active]
+
+    white, S = at(fit.x)
+    R, norms = normed_triangle(S)
+    values, V = np.linalg.svd(R * norms)[1:]
+    tried = np.flatnonzero((values > HIDDEN) & (values < _TURNED * np.linalg.norm(white)))
+    slope, curvatures = S.T @ white, np.zeros((tried.size, tried.size))
+    for column, k in enumerate(tried):
+        x = fit.x.copy()
+        x[active] += _STEP * V[k] * sizes
+        new, T = at(x)
+        curvatures[:, column] = V[tried] @ (slope - T.T @ new) / _STEP
+    scale = values[tried]
+    shares, vectors = np.linalg.eigh(0.5 * (curvatures + curvatures.T) / np.outer(scale, scale))
+    directions = np.zeros((tried.size, len(problem.model.parameters)))
+    directions[:, active] = (vectors / scale[:, np.newaxis]).T @ V[tried]
+    flat = directions[shares < _FLAT]
+    return np.asarray(flat / np.linalg.norm(flat, axis=1, keepdims=True))
+
+
+def without_unseen(problem: Problem, start: Array, fit: Fit, loss: str | None) -> tuple[Problem, Fit]:
+    """Return a problem without the directions that its residuals do not show, and its fit.
+
+    These change with the values on a curve, so that they are looked for again.
+    """
+    for _ in range(_LOOKED):
+        unseen = unseen_directions(problem, fit)
+        if not len(unseen) or (problem.unseen is not None and _same_span(unseen, problem.unseen)):
+            break
+        tried = replace(problem, unseen=unseen)
+        other = only_fitted(tried, start, loss)
+        if not _size(tried, other.residuals, fit) <= (1.0 + _WORSE) * _size(problem, fit.residuals, fit):
+            break  # they show after all
+        problem, fit = tried, other
+    return problem, fit
+
+
+def _size(problem: Problem, residuals: Array, fit: Fit) -> float:
+    """Return the length of residuals, (M,), whitened by the noise of a fit."""
+    return float(np.linalg.norm(np.sqrt(fit.trust) * problem.seen.whiten(residuals, fit.sigma)))
+
+
+def _same_span(one: Array, other: Array) -> bool:
+    """Return whether directions, (k, P) each, span nearly the same."""
+    if one.shape != other.shape:
+        return False
+    bases = (np.linalg.qr(directions.T)[0] for directions in (one, other))
+    Q, P = bases
+    return bool(np.linalg.svd(Q.T @ P, compute_uv=False).min() > _SAME)
 
 
 def possible_rank(problem: Problem) -> int:
@@ -106,14 +178,24 @@ def _weak(parameters: Sequence[ErrorParameter], direction: Array, value: float) 
 
 
 def _unidentifiable(problem: Problem, parameters: Sequence[ErrorParameter], S: Array) -> dict[str, str]:
-    """Return why parameters are not identifiable: those that others do the work of, in the order of the names."""
-    dependent, partners = _dependent(S)
+    """Return why parameters are not identifiable: those that others do the work of, in the order of the names.
+
+    Of every unseen direction the parameter that moves most in it is one of them.
+    """
+    leading = _leading(problem)
+    order = [i for i in range(len(parameters)) if i not in leading] + list(leading)
+    found = _dependent(S[:, order])
+    named = {order[i]: [order[k] for k in others] for i, others in zip(*found, strict=True)}
+    dependent, partners = sorted(named), [named[i] for i in sorted(named)]
     always = set(dependent)
     if dependent and problem.model.closing is None:  # random poses of a mechanism need not close
         always = set(_dependent(generic_sensitivities(problem))[0])
     texts = {}
     for i, others in zip(dependent, partners, strict=True):
         parameter = parameters[i]
+        if i in leading:
+            texts[parameter.name] = f"with {', '.join(parameters[k].name for k in leading[i])}: {_TURNS}"
+            continue
         if not others:
             texts[parameter.name] = _NO_LOAD if parameter.kind == COMPLIANCE else _UNSEEN
             continue
@@ -123,6 +205,21 @@ def _unidentifiable(problem: Problem, parameters: Sequence[ErrorParameter], S: A
         why = why if i in always else "linearly dependent at these poses"
         texts[parameter.name] = f"with {with_}{more}: {why}"
     return texts
+
+
+def _leading(problem: Problem) -> dict[int, list[int]]:
+    """Return the active parameter that moves most in each unseen direction, and those that move most with it."""
+    if problem.unseen is None:
+        return {}
+    N, leading = problem.unseen[:, problem.active].copy(), dict[int, list[int]]()
+    for _ in range(len(N)):
+        row, column = np.unravel_index(int(np.abs(N).argmax()), N.shape)
+        parts = np.abs(N[row])
+        order = np.argsort(-parts)[1 : _NAMED + 1]
+        leading[int(column)] = [int(k) for k in order if parts[k] > _SHARE * parts[column]]
+        N = N - np.outer(N[:, column] / N[row, column], N[row])
+        N[:, list(leading)] = 0.0
+    return leading
 
 
 def unidentifiable_rows(merged: Mapping[str, str]) -> list[tuple[str, str]]:

@@ -32,6 +32,7 @@ from .identifiability import unidentifiable_rows
 from .model_record import model_from_record, record_of_model
 from .predicting import readings_from, refuse_open
 from .variants import NO_GAIN, VARIANTS, Gain, Gains
+from .written import TOML, URDF
 
 Residuals = Mapping[str, Mapping[str, Mapping[str, float]]]
 
@@ -68,6 +69,9 @@ class CalibrationResult(Plotting, Shown, Tabular, Saved, plot="plot_calibration"
         diagnosis: what residuals show: outlying rows, correlation from row to row, drift, patterns along joints.
         model, x, covariance: the error model, its values and their covariance, for ``predict``.
         source: the file of poses.
+        written: residuals, as in ``residuals``, by format ("toml", "urdf"): of what ``to_toml`` and ``to_urdf`` write
+            where a description cannot have all terms, such as those of drives.  Its offsets are fitted without these.
+        written_values: values and standard deviations that files of these formats have, (F, 2, P).
         is_explained: whether what is left of the poses is small beside the robot, fitted and held out; what is not
             explained is written as a description only if that is forced.
     """
@@ -101,6 +105,10 @@ class CalibrationResult(Plotting, Shown, Tabular, Saved, plot="plot_calibration"
     covariance: Annotated[Array, Stored(("X", "X"), "SI")] = field(repr=False)
     source: str = ""
     is_explained: Annotated[bool, Stored(otherwise=True)] = True
+    written: Annotated[Residuals, Stored(otherwise={})] = field(default_factory=dict)
+    written_values: Annotated[Array, Stored(("F", 2, "P"), "SI", unknown=True, otherwise=np.zeros((0, 2, 0)))] = field(
+        default_factory=lambda: np.zeros((0, 2, 0)), repr=False
+    )
 
     def __getitem__(self, name: str) -> float:
         """Return the value of a parameter; UnknownNameError if there is none of that name."""
@@ -176,13 +184,13 @@ class CalibrationResult(Plotting, Shown, Tabular, Saved, plot="plot_calibration"
     @property
     def calibrated(self) -> Robot:
         """The robot with offsets, stiffness and placements of frames, calibrated."""
-        return self._fitted.calibrated
+        return self._fitted(TOML).calibrated
 
-    @property
-    def _fitted(self) -> FittedParameters:
-        values, deviations = (
-            dict(zip(self.names, array.tolist(), strict=True)) for array in (self.values, self.deviations)
-        )
+    def _fitted(self, form: str) -> FittedParameters:
+        """Return the parameters that a description in a format has."""
+        forms = list(self.written)
+        arrays = self.written_values[forms.index(form)] if form in forms else (self.values, self.deviations)
+        values, deviations = (dict(zip(self.names, array.tolist(), strict=True)) for array in arrays)
         units = dict(zip(self.names, self.units, strict=True))
         return FittedParameters(self.model.robot, self.model.chain, self.frames, values, deviations, units)
 
@@ -205,7 +213,7 @@ class CalibrationResult(Plotting, Shown, Tabular, Saved, plot="plot_calibration"
                 can be changed, or the file cannot be written.
         """
         self._refuse_unexplained(force)
-        return write_toml(self._fitted, Path(path))
+        return write_toml(self._fitted(TOML), Path(path))
 
     def to_urdf(self, path: Path | str, *, force: bool = False) -> Path:
         """Write a URDF with calibrated origins (and axes of prismatic joints), and return the path.
@@ -219,7 +227,7 @@ class CalibrationResult(Plotting, Shown, Tabular, Saved, plot="plot_calibration"
                 written.
         """
         self._refuse_unexplained(force)
-        return write_urdf(self._fitted, Path(path))
+        return write_urdf(self._fitted(URDF), Path(path))
 
     def as_rows(self) -> TableRows:
         """Return a row per parameter: value, standard deviation, what is described; SI units."""
@@ -234,7 +242,7 @@ class CalibrationResult(Plotting, Shown, Tabular, Saved, plot="plot_calibration"
     def as_dict(self) -> dict[str, Any]:
         """Return plain values, for JSON."""
         return {
-            **plain_fields(self, "frames", "model", "x", "covariance", "source"),
+            **plain_fields(self, "frames", "model", "x", "covariance", "source", "written_values"),
             **{name: _known(getattr(self, name)) for name in ("values", "described", "deviations")},
             "weak": [{"direction": text, "deviation": value} for text, value in self.weak],
             "gain": None if self.gain is None else _gain_values(self.gain),
@@ -282,13 +290,13 @@ class CalibrationResult(Plotting, Shown, Tabular, Saved, plot="plot_calibration"
         units = {POSITION: "mm", ORIENTATION: "mrad"}
         lines = [f"{'rms of residuals':<18}" + "".join(f"{f'{k} [{units[k]}]':>24}{'held out':>20}" for k in kinds)]
         lines.append(f"{'':<18}" + f"{'per axis':>14}{'norm':>10}{'per axis':>10}{'norm':>10}" * len(kinds))
-        for name in VARIANTS:
-            if name not in self.residuals:
-                continue
+        tables = {name: self.residuals[name] for name in VARIANTS if name in self.residuals}
+        tables |= {f"in the .{form}": table for form, table in self.written.items()}
+        for name, table in tables.items():
             row = ""
             for kind in kinds:
                 for split, width in (("fitted", 14), ("fitted_norm", 10), ("held_out", 10), ("held_out_norm", 10)):
-                    value = self.residuals[name].get(split, {}).get(kind)
+                    value = table.get(split, {}).get(kind)
                     row += f"{'' if value is None else f'{1e3 * value:.4g}':>{width}}"
             lines.append(f"{name:<18}{row}".rstrip())
         return lines
@@ -344,7 +352,7 @@ def _rebuild(file: Contents) -> dict[str, Any]:
 
 
 def _sizes(result: CalibrationResult) -> dict[str, int]:
-    return {"P": len(result.names), "X": len(result.model.parameters)}
+    return {"P": len(result.names), "X": len(result.model.parameters), "F": len(result.written)}
 
 
 def _check(result: CalibrationResult, path: str) -> None:

@@ -28,11 +28,10 @@ from ..geometry.blocks import FORCE
 from ..geometry.compliances import Chosen, compliances_of, is_below
 from ..geometry.error_model import (
     COMPLIANCE,
+    FRAMES,
     JOINTS,
     LOOPS,
-    OFFSET,
     SIZES,
-    ZERO,
     ErrorModel,
     ErrorParameter,
     model_parameters,
@@ -53,23 +52,46 @@ from ..geometry.solve import LOSSES, Fit, Loss, Problem, whitened
 from ..geometry.stations import Chain, chain_of, matrix_of
 from ..stiffness.matrix_entries import OF_BUSHINGS, entries_sought
 from .as_described import described_values, indefinite_notes
+from .calibrated import OF_LINK
 from .diagnosing import Diagnosis, diagnosed, diagnosis_notes
 from .drives import with_drives
-from .identifiability import Identifiable, identifiable, refuse_too_few
+from .identifiability import Identifiable, identifiable, refuse_too_few, without_unseen
 from .misreadings import Left, judged, left_of
 from .result import CalibrationResult
 from .serial import Serial
-from .traps import at_once, design_effect, odd_angles, refuse_impossible, suspicion_of
-from .variants import VARIANTS, Rms, Variant, Variants, folds_from, medians_of, only_fitted, residuals_of, variants_of
+from .traps import (
+    at_once,
+    design_effect,
+    far_off,
+    implausible,
+    odd_angles,
+    refuse_impossible,
+    refuse_no_length,
+    suspicion_of,
+)
+from .variants import (
+    VARIANTS,
+    Rms,
+    Variant,
+    Variants,
+    folds_from,
+    medians_of,
+    only_fitted,
+    problem_of_variant,
+    residuals_of,
+    series_notes,
+    variants_of,
+)
+from .written import WrittenFit, merged_values, written_fits, written_note
 
 FOLDS = 10
 LACK = 1e-3  # probability of a reduced chi-square by chance, below which the fit lacks something
 TURN = 0.1  # rad: median of what is left of orientations that nothing explains
 OFF = 0.03  # of the reach: median of what is left of positions that nothing explains
-_FAR = 30.0  # expected sizes: offsets that are larger are those of another robot
 _SUSPECT = 0.15  # of both: what is left where other readings are tried
 _ROWS, _ROWS_CLOSED = 32, 12  # rows that readings are tried with
 _SOFT = 1e-3  # rad or m: what a stiffness that nothing is said of is expected to deflect in all
+_LIGHT = 1e-3  # of the largest force, or moment: a load that is less does not say how soft a coordinate may be
 
 
 @dataclass(frozen=True)
@@ -119,8 +141,8 @@ def calibrate(  # noqa: PLR0913
         covariance: of a frame's errors, (3, 3) or (6, 6), by its name: of position, or of position and turn; for every
             row one as (R, 3, 3) or (R, 6, 6).  From files by ``read_covariances``.
         loss: "huber", "cauchy" or "tukey": samples count the less, the more they are off.
-        folds: contiguous parts of the poses that are held out, one after the other; "loo": every pose; 0: none, and the
-            full variant alone.
+        folds: parts of the poses that are held out, one after the other, contiguous within each series; "loo": every
+            pose; 0: none, and the full variant alone.
         fixed: names of parameters that stay as described, or beginnings of them ("joints.joint1", "frames").
         stiffness: coordinates ("joint2.gamma") that are elastic though the description does not say so, and entries of
             stiffness matrices ("joints.joint2.stiffness.x.beta", or "joints.joint2.stiffness" for all of them, ``*``
@@ -170,14 +192,15 @@ def calibrate(  # noqa: PLR0913
             raise InputError(suspicion)
         notes += [f"suspicious, and taken as it is: {suspicion}"]
     report("fitting")
+    fit = only_fitted(problem, start, loss)
     if drives:
-        fit = only_fitted(problem, start, loss)
-        problem, fit, notes = with_drives(problem, fit, loss, report)
-        start = fit.x
+        problem, fit, more = with_drives(problem, fit, loss, report)
+        notes += more
+        start = problem.model.nominal  # each variant begins with what is described: terms of drives are of the full one
+    problem, fit = without_unseen(problem, start, fit, loss)
     if count:
         variants = variants_of(problem, start, loss, units, count, confidence, report)
     else:
-        fit = only_fitted(problem, start, loss)
         parts = {"full": residuals_of(problem, fit.residuals, None, fit.trust)}
         variants = Variants({"full": fit}, parts, {}, None, {})
     report("looking for mistakes")
@@ -186,8 +209,15 @@ def calibrate(  # noqa: PLR0913
     is_explained = all(value <= limits[kind] for kind, value in medians.items())
     if any(value > _SUSPECT * limits[kind] for kind, value in medians.items()):
         notes += _other_readings(task, poses, problem, medians, is_explained=is_explained, force=force)
-    effect, more = design_effect(poses, problem.seen, full, units)
-    notes += [*more, *_notes(task, problem), *_far_off(problem, variants.fits[variant])]
+    huge = implausible(problem, variants.fits[variant])
+    is_explained = is_explained and not huge
+    effect, together = design_effect(poses, problem.seen, full, units)
+    notes += [
+        *together,
+        *series_notes(problem, variants),
+        *_notes(task, problem),
+        *(huge or far_off(problem, variants.fits[variant])),
+    ]
     report("looking at what is identifiable")
     shown = identifiable(problem, full)
     report("looking at residuals")
@@ -281,12 +311,12 @@ def problem_of(
     robot = task.robot
     measured = {name: task.links[name] for name in poses.frames}
     chain = chain_of(robot, measured)
-    columns = _columns(robot, chain, poses)
+    asked = _chosen(task, chain, poses)
+    compliances = list(compliances_of(chain, robot, asked))
+    columns = _columns(robot, chain, poses, is_loaded=bool(compliances))
     rows = rows_of(chain, robot, poses, columns)
     if careful:
         refuse_impossible(poses, chain)
-    asked = _chosen(task, chain, poses)
-    compliances = list(compliances_of(chain, robot, asked))
     closing = None
     if closed is not None:
         closing = closed[0]
@@ -325,6 +355,7 @@ def problem_of(
     problem = Problem(model, rows, seen, np.array(chosen, dtype=np.intp))
     if careful and closing is None:
         refuse_too_few(problem, poses.source)
+        refuse_no_length(problem, poses.source)
     return problem, model.nominal
 
 
@@ -341,8 +372,11 @@ def _encoders(
     ]
 
 
-def _columns(robot: Robot, chain: Chain, poses: MeasuredPoses) -> dict[str, tuple[int, int, float]]:
-    """Return station, coordinate and factor of every column of coordinates; InputError where a joint's is missing."""
+def _columns(robot: Robot, chain: Chain, poses: MeasuredPoses, *, is_loaded: bool) -> dict[str, tuple[int, int, float]]:
+    """Return station, coordinate and factor of every column of coordinates; InputError where a joint's is missing.
+
+    is_loaded: whether loads move what was measured, so that joints count that move loads alone.
+    """
     station = {s.name: k for k, s in enumerate(chain.stations) if s.joint is not None}
     columns = {}
     for name in poses.coordinates:
@@ -358,7 +392,8 @@ def _columns(robot: Robot, chain: Chain, poses: MeasuredPoses) -> dict[str, tupl
         else:
             columns[name] = station[owner], COORDINATES.index(kind), 1.0
     read = {place[:2] for place in columns.values()}
-    moving = {k for tool in chain.tools.values() for k in chain.ancestors(tool)}
+    tools = [k for name, k in chain.tools.items() if poses.frames[name].is_measured or is_loaded]
+    moving = {k for tool in tools for k in chain.ancestors(tool)}
     for name, k in station.items():
         principal = chain.stations[k].principal
         if k in moving and principal is not None and (k, principal) not in read and not robot.is_closed:
@@ -429,7 +464,8 @@ def _sized(model: ErrorModel, problem: Problem) -> ErrorModel:
     single = {(q.station, q.coordinate): q.size for q in model.parameters if q.factor == FORCE and q.is_diagonal}
 
     def size(k: int, c: int) -> float:
-        return single.get((k, c)) or _SOFT / max(float(forces[k, c]), 1e-3)
+        least = _LIGHT * float(forces[:, 3 * (c // 3) : 3 * (c // 3) + 3].max())  # a load that is none shows nothing
+        return single.get((k, c)) or _SOFT / max(float(forces[k, c]), least, 1e-3)
 
     def sized(q: ErrorParameter) -> ErrorParameter:
         other = q.coordinate if q.other is None else q.other
@@ -440,7 +476,12 @@ def _sized(model: ErrorModel, problem: Problem) -> ErrorModel:
 
 def _notes(task: Task, problem: Problem) -> list[str]:
     """Return notes about what a result leaves out, and what counts beside frames."""
-    notes = []
+    notes = [
+        f"{name} is a link: its estimated place is written as {name}{OF_LINK}, and the link stays where it is described"
+        for name in problem.model.chain.tools
+        if name in {task.robot.base, *(link.name for link in task.robot.links)}
+        and any(problem.model.parameters[i].name.startswith(f"{FRAMES}.{name}.") for i in problem.active)
+    ]
     encoders = [block.frame for block in problem.seen.blocks if block.kind == ENCODER]
     if encoders:
         notes.append(f"encoders of passive coordinates count as measured: {listed(encoders)}")
@@ -478,19 +519,6 @@ def _is_elastic(joint: Joint | Loop, kind: str) -> bool:
     return own or (matrix is not None and kind in matrix.held)
 
 
-def _far_off(problem: Problem, fit: Fit) -> list[str]:
-    """Return a note about offsets that are too large for a robot that was built as it is described."""
-    parameters = problem.model.parameters
-    off = (fit.x - problem.model.nominal) / problem.model.sizes
-    far = [i for i in problem.active if parameters[i].kind in (ZERO, OFFSET) and abs(off[i]) > _FAR]
-    if not far:
-        return []
-    named = listed(
-        [f"{parameters[i].name} by {fit.x[i] - parameters[i].nominal:.3g} {parameters[i].unit}" for i in far]
-    )
-    return [f"further off than a robot is built: {named}; is a zero, or a length, another one than in the description?"]
-
-
 @dataclass(frozen=True)
 class _Uncertainty:
     """Uncertainty of the values of a variant: what ``CalibrationResult`` has under the same names."""
@@ -515,6 +543,11 @@ def _result(
     values, described, deviations = described_values(task.links, task.known, model, fit.x, uncertainty.covariance)
     notes += indefinite_notes(model, fit.x)
     chosen = problem.active
+    by_name = {q.name: float(value) for q, value in zip(model.parameters, values, strict=True)}
+    variant = problem_of_variant(problem, uncertainty.variant, variants.prior)
+    written = written_fits(variant, fit, by_name, task.loss)
+    apart = [_in_file(task, model, one, values, deviations)[:, chosen] for one in written.values()]
+    notes += [written_note(problem, form, one) for form, one in written.items()]
     names = tuple(model.parameters[i].name for i in chosen)
     is_known = not np.isnan(problem.seen.sigma).any()
     if not (is_known or uncertainty.diagnosis.is_checked):
@@ -546,8 +579,16 @@ def _result(
         model=model,
         x=fit.x,
         source=poses.source,
+        written={form: residuals_of(problem, one.fit.residuals, None, one.fit.trust) for form, one in written.items()},
+        written_values=np.array(apart).reshape(len(written), 2, len(chosen)),
         **vars(uncertainty),
     )
+
+
+def _in_file(task: Task, model: ErrorModel, written: WrittenFit, values: Array, deviations: Array) -> Array:
+    """Return values and deviations as a file has them, (2, P); of what it cannot have those of the fit with it."""
+    own, _, deviations_of_own = described_values(task.links, task.known, model, written.fit.x, written.fit.covariance)
+    return np.stack([merged_values(values, own, written), merged_values(deviations, deviations_of_own, written)])
 
 
 def _noise(problem: Problem, fit: Fit) -> dict[str, float]:

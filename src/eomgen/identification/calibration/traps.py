@@ -8,17 +8,21 @@ import numpy as np
 
 from ...arrays import Array, Index
 from ...errors import InputError
-from ..geometry.error_model import Rows
-from ..geometry.observations import ORIENTATION, POSITION, Observations
+from ...names import listed
+from ..geometry.error_model import OFFSET, ZERO, Rows
+from ..geometry.observations import DISTANCE, ORIENTATION, POSITION, TRAVEL, Observations
 from ..geometry.poses import MeasuredPoses
-from ..geometry.solve import Fit
+from ..geometry.solve import Fit, Problem
 from ..geometry.stations import Chain
 from ..odd_angles import odd_angles_of
 
 _ALIKE = 1e-3  # rad, or of the reach: poses that differ by less are all alike
+_ONE_PLACE = 3e-4  # of the reach: measured places that spread less are one
 _COPIED = 1e-12  # relative
 _FAR = 5.0  # reaches: positions of one series spread no further
 _LEAST, _MOST = 0.05, 2.5  # reaches: positions that may be in metres spread that far
+_HUGE = 0.3  # of the reach: lengths that are further off are those of another robot, and are not written
+_FAR_OFF = 30.0  # expected sizes: offsets that are larger are those of another robot
 _TOGETHER = 4.0  # standard deviations of a correlation that is none
 
 
@@ -30,6 +34,50 @@ def refuse_impossible(poses: MeasuredPoses, chain: Chain) -> None:
     """
     _refuse_copies(poses)
     _refuse_alike(poses, chain)
+
+
+def refuse_no_length(problem: Problem, source: str) -> None:
+    """Refuse positions that stay at one place in every series, where all lengths of the robot are unknown.
+
+    A smaller robot has smaller residuals then, and one without any length none.
+
+    Raises:
+        InputError: no length was measured.
+    """
+    model, rows = problem.model, problem.rows
+    if any(block.kind in (DISTANCE, TRAVEL) for block in problem.seen.blocks):
+        return
+    places = [block for block in problem.seen.blocks if block.kind == POSITION]
+    series = [rows.series[block.rows] for block in places]
+    spread = [
+        float(np.ptp(block.values[numbers == number], axis=0).max())
+        for block, numbers in zip(places, series, strict=True)
+        for number in np.unique(numbers).tolist()
+    ]
+    if not places or max(spread) > _ONE_PLACE * model.chain.reach or len(places) > 1 or _is_scale_known(problem):
+        return
+    raise InputError(
+        f"{source}: no length was measured: {places[0].frame} stays at one place in each series, and the smaller the"
+        " robot is taken, the smaller are the residuals; allowed: two places of a known distance in one series (one"
+        " position of a tracker), a column of distances, or a length that stays as described (--fixed, fixed=)"
+    )
+
+
+def _is_scale_known(problem: Problem) -> bool:
+    """Return whether a length of the robot stays as described, or is read: of a translation."""
+    model = problem.model
+    active = {(q.station, q.coordinate) for q in (model.parameters[i] for i in problem.active)}
+    moving = {k for tool in model.chain.tools.values() for k in model.chain.ancestors(tool)}
+    for k in sorted(moving):
+        station = model.chain.stations[k]
+        if station.principal is not None and station.principal < 3 and np.ptp(problem.rows.readings[:, k, :3]) > 0.0:
+            return True
+        if station.joint is None or station.principal is None:
+            continue
+        length = station.before[:3, :3].T @ station.before[:3, 3]
+        if any(abs(length[c]) > _ALIKE * model.chain.reach and (k, c) not in active for c in range(3)):
+            return True
+    return False
 
 
 def suspicion_of(poses: MeasuredPoses, chain: Chain, rows: Rows) -> str:
@@ -97,6 +145,36 @@ def odd_angles(poses: MeasuredPoses, chain: Chain, rows: Rows) -> str:
         if station.joint is not None and station.principal is not None and station.principal >= 3
     ]
     return odd_angles_of(poses.source, turning)
+
+
+def implausible(problem: Problem, fit: Fit) -> list[str]:
+    """Return a note about lengths that no robot of that size is off by: the fit is of another robot, or of none."""
+    model, limit = problem.model, _HUGE * problem.model.chain.reach
+    off = fit.x - model.nominal
+    lengths = [
+        i for i in problem.active if model.parameters[i].kind in (ZERO, OFFSET) and model.parameters[i].unit == "m"
+    ]
+    huge = [f"{model.parameters[i].name} by {off[i]:.3g} m" for i in lengths if abs(off[i]) > limit]
+    if not huge:
+        return []
+    return [
+        f"the fit is of another robot: {listed(huge)} off, more than {limit:.3g} m; what was measured does not say its"
+        " lengths, or is of another robot; allowed: positions that spread over the workspace, distances, or lengths"
+        " that stay as described (fixed)"
+    ]
+
+
+def far_off(problem: Problem, fit: Fit) -> list[str]:
+    """Return a note about offsets that are too large for a robot that was built as it is described."""
+    parameters = problem.model.parameters
+    off = (fit.x - problem.model.nominal) / problem.model.sizes
+    far = [i for i in problem.active if parameters[i].kind in (ZERO, OFFSET) and abs(off[i]) > _FAR]
+    if not far:
+        return []
+    named = listed(
+        [f"{parameters[i].name} by {fit.x[i] - parameters[i].nominal:.3g} {parameters[i].unit}" for i in far]
+    )
+    return [f"further off than a robot is built: {named}; is a zero, or a length, another one than in the description?"]
 
 
 def correlation_within(seen: Observations, fit: Fit, groups: Index) -> tuple[float, float, float]:

@@ -7,21 +7,23 @@ from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...arrays import Array, Index, Mask
 from ...errors import InputError
-from ...names import show
+from ...names import listed, show
 from ...optional import optional_import
 from ...progress import StageReport
-from ..geometry.error_model import PLACEMENT, ZERO
+from ..geometry.error_model import PLACEMENT, ZERO, ErrorParameter
 from ..geometry.observations import ORIENTATION, POSITION, at_rows
-from ..geometry.solve import ROUGH, Fit, Problem, fitted, refitted, roughly, whitened
+from ..geometry.solve import ROUGH, Fit, Problem, algebraic_rank, fitted, roughly, whitened
 
 Rms = dict[str, float]
 Gains = Mapping[str, Mapping[str, "Gain"]]
 
 Variant = Literal["placement", "zeros", "full", "prior"]
 VARIANTS: tuple[str, ...] = get_args(Variant)
+KINDS: Mapping[str, tuple[str, ...]] = {"placement": (PLACEMENT,), "zeros": (PLACEMENT, ZERO), "full": ()}  # (): all
 PRIORS = tuple(10.0 ** (k / 2.0) for k in range(-4, 5))  # sizes that are tried, in expected ones
 _WIDE = 1e3  # expected sizes of what has no prior in a ridge
 _ROUND_OFF = 1e-6  # of a gain: variants that are equal differ by no more
@@ -79,28 +81,21 @@ def variants_of(
         confidence: of the gains' intervals.
         report: called with a line of text when a variant begins.
     """
-    problems = {
-        "placement": _restricted(problem, PLACEMENT),
-        "zeros": _restricted(problem, PLACEMENT, ZERO),
-        "full": problem,
-    }
-    fits: dict[str, Fit] = {}
-    x = start
-    for name, reduced in problems.items():
-        report(f"fitting {name}")
-        fits[name] = fitted(reduced, x, loss=loss)
-        x = fits[name].x
+    report("fitting")
+    fits = _fits(problem, start, loss)
     full = fits["full"]
     report("choosing a prior")
-    parts = fold_rows(units, folds if folds else 10)
+    parts = fold_rows(units, problem.rows.series, folds if folds else 10)
     size = _chosen_prior(problem, full, parts)
-    problems["prior"] = replace(problem, prior=_prior(problem, size))
-    fits["prior"] = fitted(problems["prior"], full.x, sigma=full.sigma, trust=full.trust)
-    held: dict[str, Array] = {}
-    if folds:
-        for name in VARIANTS:
-            report(f"holding out poses of {name}")
-            held[name] = _held_out(problems[name], fits[name], full, parts, name == "prior")
+    fits["prior"] = _with_prior(problem, full, size)
+    held = {name: np.full(problem.seen.group.size, np.nan) for name in VARIANTS} if folds else {}
+    S = at_rows(problem.model, problem.rows, problem.seen, start)[1]
+    for k, fold in enumerate(parts if folds else ()):
+        report(f"holding out poses, part {k + 1} of {len(parts)}")
+        out = problem.seen.part(fold)
+        is_placed = _placed(problem, S, fold)[out]
+        for name, differences in _held_out(problem, start, loss, k, parts).items():
+            held[name][out] = np.where(is_placed, differences, np.nan)
     residuals = {name: residuals_of(problem, fits[name].residuals, held.get(name), full.trust) for name in VARIANTS}
     return Variants(fits, residuals, held, size, _gains(problem, held, full.trust, units, confidence))
 
@@ -158,12 +153,38 @@ def medians_of(problem: Problem, variants: Variants, variant: str) -> Rms:
     return medians
 
 
-def fold_rows(units: Index, folds: int) -> list[Mask]:
-    """Return rows of every fold, (R,) each: parts of the units one behind the other, as even as possible."""
+def fold_rows(units: Index, series: NDArray[np.int64], folds: int) -> list[Mask]:
+    """Return rows of every fold, (R,) each: parts of the units one behind the other, as even as possible.
+
+    Every series is divided by itself, so that the other folds say where its device stands.
+
+    Args:
+        units: of each row, the number of what is left out together, from 0.
+        series: of each row.
+        folds: how many; as many as units where these are fewer.
+    """
     many = int(units.max()) + 1
-    count = min(folds, many)
-    fold_of = np.arange(many) * count // many
-    return [fold_of[units] == k for k in range(count)]
+    of_unit = series[np.unique(units, return_index=True)[1]]
+    fold_of = np.arange(many)
+    for k, number in enumerate(np.unique(of_unit).tolist() if folds < many else ()):
+        inside = np.flatnonzero(of_unit == number)
+        fold_of[inside] = (np.arange(inside.size) * folds // inside.size + k) % folds
+    return [fold_of[units] == k for k in np.unique(fold_of).tolist()]
+
+
+def series_notes(problem: Problem, variants: Variants) -> list[str]:
+    """Return notes about how rows of several series were held out."""
+    numbers = sorted(problem.model.bases)
+    if not variants.held_out or len(numbers) < 2:
+        return []
+    missing = np.unique(problem.rows.series[problem.seen.row[np.isnan(variants.held_out["full"])]]).tolist()
+    notes = [f"rows are held out of each of {len(numbers)} series; the other rows of a series say where its device is"]
+    if missing:
+        notes.append(
+            f"of series {listed([str(x) for x in missing])} rows are not held out: the others do not say where"
+            " the device is"
+        )
+    return notes
 
 
 def folds_from(folds: object) -> int:
@@ -177,6 +198,14 @@ def folds_from(folds: object) -> int:
     if isinstance(folds, bool) or not isinstance(folds, int) or folds < 0 or folds == 1:
         raise InputError(f"folds: {show(folds)}; allowed: 0 (none), a whole number from 2 on, or 'loo'")
     return folds
+
+
+def problem_of_variant(problem: Problem, variant: str, prior: float | None) -> Problem:
+    """Return the problem that a variant is the fit of; ``prior``: the size that was chosen for it."""
+    if variant == "prior" and prior is not None:
+        return replace(problem, prior=_prior(problem, prior))
+    kinds = KINDS[variant]
+    return _restricted(problem, *kinds) if kinds else problem
 
 
 def _restricted(problem: Problem, *kinds: str) -> Problem:
@@ -195,20 +224,17 @@ def _prior(problem: Problem, size: float) -> Array:
     return np.where(free, _WIDE * model.sizes, size * model.sizes)
 
 
-def _chosen_prior(problem: Problem, fit: Fit, folds: Sequence[Mask], kept: Index | None = None) -> float:
-    """Return the size of the prior that predicts held-out numbers best, by the problem linearised at a fit of all.
-
-    kept: places of the numbers that count; others are not looked at.
-    """
+def _chosen_prior(problem: Problem, fit: Fit, folds: Sequence[Mask]) -> float:
+    """Return the size of the prior that predicts held-out numbers best, by the problem linearised at its full fit."""
     r, A = at_rows(problem.model, problem.rows, problem.seen, fit.x)
     white, S = whitened(problem, fit, r, A)
     S = S[:, problem.active]
     z = ((fit.x - problem.model.nominal) / problem.model.sizes)[problem.active]
     y = white + S @ z
     inside = np.ones(y.size, dtype=bool)
-    if kept is not None:
+    if problem.kept is not None:
         inside[:] = False
-        inside[kept] = True
+        inside[problem.kept] = True
     G, g = S[inside].T @ S[inside], S[inside].T @ y[inside]
     errors = np.zeros(len(PRIORS))
     for fold in folds:
@@ -224,23 +250,52 @@ def _chosen_prior(problem: Problem, fit: Fit, folds: Sequence[Mask], kept: Index
     return float(PRIORS[int(errors.argmin())])
 
 
-def _held_out(problem: Problem, fit: Fit, full: Fit, folds: Sequence[Mask], is_prior: bool) -> Array:
-    """Return differences of numbers, (M,), whose rows the fit has not seen.
+def _fits(problem: Problem, start: Array, loss: str | None) -> dict[str, Fit]:
+    """Return the fits of all variants but the prior's, each from where the one before it ended."""
+    fits, x = dict[str, Fit](), start
+    for name in KINDS:
+        fits[name] = fitted(problem_of_variant(problem, name, None), x, loss=loss)
+        x = fits[name].x
+    return fits
 
-    A prior is chosen anew from the others alone.
+
+def _with_prior(problem: Problem, full: Fit, size: float) -> Fit:
+    """Return the fit with a prior of a size, with noise and weights of the full one."""
+    return fitted(problem_of_variant(problem, "prior", size), full.x, sigma=full.sigma, trust=full.trust)
+
+
+def _held_out(problem: Problem, start: Array, loss: str | None, k: int, folds: Sequence[Mask]) -> dict[str, Array]:
+    """Return differences of the numbers of a fold, by variant, none where nothing else was measured.
+
+    All that they depend on is of the other folds: noise, weights, values to begin with, and the size of the prior.
     """
-    differences = np.full(problem.seen.group.size, np.nan)
-    for fold in folds:
-        kept, out = problem.seen.part(~fold), problem.seen.part(fold)
-        if not (kept.size and out.size):
-            continue
-        reduced = problem
-        if is_prior:
-            inner = _together([other for other in folds if other is not fold], INNER)
-            reduced = replace(problem, prior=_prior(problem, _chosen_prior(problem, full, inner, kept)))
-        x = refitted(reduced, fit, kept)
-        differences[out] = at_rows(problem.model, problem.rows, problem.seen, x)[0][out]
-    return differences
+    kept, out = problem.seen.part(~folds[k]), problem.seen.part(folds[k])
+    if not (kept.size and out.size):
+        return {}
+    others = replace(problem, kept=kept)
+    fits = _fits(others, start, loss)
+    inner = _together([other for other in folds if other is not folds[k]], INNER)
+    fits["prior"] = _with_prior(others, fits["full"], _chosen_prior(others, fits["full"], inner))
+    return {name: fit.residuals[out] for name, fit in fits.items()}
+
+
+def _placed(problem: Problem, S: Array, fold: Mask) -> Mask:
+    """Return of every number, (M,), whether rows outside a fold place the base before the device of its series.
+
+    S: sensitivities, (M, P).
+    """
+    is_placed, series = np.ones(len(S), dtype=bool), problem.rows.series[problem.seen.row]
+    out = fold[problem.seen.row]
+    for number in np.unique(series[out]).tolist():
+        inside = series == number
+        of_base = [i for i in problem.active if _is_base(problem.model.parameters[i], number)]
+        columns = (S * problem.model.sizes)[:, of_base]
+        is_placed[inside] = algebraic_rank(columns[inside & ~out]) == algebraic_rank(columns[inside])
+    return is_placed
+
+
+def _is_base(parameter: ErrorParameter, number: int) -> bool:
+    return parameter.kind == PLACEMENT and parameter.station == 0 and parameter.series == number
 
 
 def _together(folds: Sequence[Mask], most: int) -> list[Mask]:

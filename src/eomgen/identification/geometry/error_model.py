@@ -432,12 +432,13 @@ def _placements(chain: Chain, frames: Sequence[str], size: tuple[float, float]) 
             yield ErrorParameter(key, PLACEMENT, chain.tools[frame], c, "one", 0.0, size[c // 3])
 
 
-def drive_terms(chain: Chain, rows: Rows) -> Iterator[tuple[ErrorParameter, ...]]:
+def drive_terms(model: ErrorModel, rows: Rows) -> Iterator[tuple[ErrorParameter, ...]]:
     """Yield the error terms of drives that rows can show, in groups that come together.
 
-    Gain, eccentricity and so on.
+    Gain, eccentricity and so on.  Passive joints, whose coordinates follow from the loops, have none.
     """
-    joints = [k for k, station in enumerate(chain.stations) if station.principal is not None]
+    chain, passive = model.chain, () if model.closing is None else model.closing.passive
+    joints = [k for k, x in enumerate(chain.stations) if x.principal is not None and (k, x.principal) not in passive]
     moving = [k for k in joints if np.ptp(rows.readings[:, k, chain.stations[k].principal or 0]) > 0.0]
     for k in moving:
         station, c = chain.stations[k], chain.stations[k].principal or 0

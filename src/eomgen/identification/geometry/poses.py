@@ -27,6 +27,10 @@ POSES_RULE = (
     "coordinates such as joint1.gamma; F.x F.y F.z, F.rx F.ry F.rz (or F.qw F.qx F.qy F.qz), F.distance, F.travel,"
     " F.fx ... F.mz and F.sigma.x of a frame F; weight, series, body, temperature"
 )
+_OBSERVED = (
+    "positions (F.x F.y F.z), orientations (F.rx F.ry F.rz or F.qw F.qx F.qy F.qz), F.distance from the device and"
+    " F.travel from the row before, of a frame F"
+)
 ROTATIONS = ("rotvector", "rpy", "quaternion")
 TURNED = MOTIONS[3:]
 QUATERNION = ("qw", "qx", "qy", "qz")
@@ -320,14 +324,23 @@ class _Table:
             )
         values = np.stack([self.columns[f"{frame}.{key}"] for key in keys], axis=1)
         known = np.isfinite(values)
-        for i, key in enumerate(keys):
-            self._refuse(f"{frame}.{key}", ~known[:, i] & known.any(axis=1), "a number, as in the columns beside it")
+        partial = np.flatnonzero(known.any(axis=1) & ~known.all(axis=1))
+        if partial.size:
+            row = int(partial[0])
+            empty, full = (keys[int(i)] for i in (known[row].argmin(), known[row].argmax()))
+            raise InputError(
+                f"{self._source}: {self._place(row)}: column {show(f'{frame}.{empty}')} is empty (not measured) where"
+                f" {frame}.{full} is measured; allowed: {_OBSERVED}; a single component, as of contact with a plane,"
+                " is none of them"
+            )
         return values
+
+    def _place(self, row: int) -> str:
+        return f"line {self._lines[row]}" if self._lines is not None else f"row {row}"
 
     def _refuse(self, name: str, bad: Mask, allowed: str) -> None:
         at = np.flatnonzero(bad)
         if at.size:
             row = int(at[0])
-            place = f"line {self._lines[row]}" if self._lines is not None else f"row {row}"
             value = self.columns[name][row] if name in self.columns else float("nan")
-            raise InputError(f"{self._source}: {place}: column {show(name)}: {value:g}; allowed: {allowed}")
+            raise InputError(f"{self._source}: {self._place(row)}: column {show(name)}: {value:g}; allowed: {allowed}")

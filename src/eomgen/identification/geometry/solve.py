@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -15,15 +15,20 @@ from .observations import Observations, at_rows
 
 ALGEBRAIC = 1e-10  # of the greatest singular value of normed columns: what is less is none
 HIDDEN = 0.03  # of an expected size, in units of its noise: what shows less keeps its nominal value
+_PRESENT = 0.5  # of an unseen direction: what of it is in the active parameters, for it to be one of theirs
 _ROUND_OFF = 1e-13  # of the longest column: what is shorter is 0
 _BLOCK = 2  # rows of a block over its columns
 _STEPS = 25  # of Gauss-Newton, at most
 ROUGH = 4  # steps of a fit that another one goes on from
-_HALVINGS = 12
+_TRIES = 12  # of a step, each damped ten times as much as the one before
+_LEAST_DAMPING = 1e-3  # of directions that show an expected size as much as its noise, 1
+_UPWARD = 1e-6  # share of the sum of squares that a step may add: no noise shows that
+_RETURNED = 1e-4  # share that the way back along directions that do not show may add
+_STILL = 3  # steps one after the other that gain no more than that, behind which a fit has ended
 _SMALL = 1e-9  # of a step, in expected sizes
 _ROUNDS = 15  # of noise that is estimated, or weights that follow from residuals
 _SETTLED = 1e-3  # relative change of estimated noise
-_FLOOR = 1e-13  # m or rad, below which noise is round-off
+_FLOOR = 1e-9  # m or rad, below which noise is round-off: nothing measures that well
 _MAD = 1.4826  # standard deviation over the median of the magnitude, normal distribution
 _NEAR = 3.0  # standard deviations: what is not further off says how large the noise is
 _OF_NEAR = 0.97333  # mean square of normal numbers that are not further off
@@ -43,6 +48,7 @@ class Problem:
 
     active: indices of these.  prior: standard deviation of their change from nominal, (P,), infinite without one.
     kept: places of the numbers that count, for folds; None: all.
+    unseen: directions of change in expected sizes, (k, P), along which noise alone seems to show something; None: none.
     """
 
     model: ErrorModel
@@ -51,6 +57,15 @@ class Problem:
     active: Index
     prior: Array | None = None
     kept: Index | None = None
+    unseen: Array | None = None
+
+    def projected(self, S: Array) -> Array:
+        """Return sensitivities of the active parameters per expected size, (m, p), without unseen directions."""
+        if self.unseen is None:
+            return S
+        N = self.unseen[:, self.active]
+        Q = np.linalg.qr(S @ N[np.linalg.norm(N, axis=1) > _PRESENT].T)[0]
+        return np.asarray(S - Q @ (Q.T @ S))
 
 
 @dataclass(frozen=True)
@@ -82,13 +97,33 @@ class Fit:
 
 @dataclass(frozen=True)
 class _Linear:
-    """A linearised problem in expected sizes: singular values, directions (k, p), what they ask for, hidden ones."""
+    """A linearised problem in expected sizes: singular values, directions (k, p), what they ask for, hidden ones.
+
+    S: whitened sensitivities, with rows for a prior; white: whitened differences.
+    """
 
     values: Array
     V: Array
     asked: Array
     U: Array
     hidden: Array
+    S: Array
+    white: Array
+
+    def cost(self, step: Array) -> float:
+        """Return the sum of squares behind a step, (p,)."""
+        return float(((self.white - self.S @ step) ** 2).sum())
+
+    def step(self, z: Array, damping: float) -> Array:
+        """Return the change of z, (p,): what directions ask for, and back to 0 where none shows.
+
+        damping: in numbers per noise squared of one expected size; 0: the whole step.
+        """
+        return np.asarray(self.V.T @ (self.asked * self.values**2 / (self.values**2 + damping)) + self.back(z, damping))
+
+    def back(self, z: Array, damping: float) -> Array:
+        """Return the part of a step along directions that do not show."""
+        return np.asarray((self.V.T @ (self.V @ z) - z) / (1.0 + damping))
 
 
 def fitted(
@@ -150,13 +185,6 @@ def roughly(problem: Problem, x: Array, steps: int = ROUGH) -> Array:
     return _descend(problem, x, r, A, sigma, ones, places, steps)[0]
 
 
-def refitted(problem: Problem, fit: Fit, kept: Index, steps: int = 4) -> Array:
-    """Return values, (P,), fitted to some of the numbers alone, from a fit of all: its noise and weights stay."""
-    fold = replace(problem, kept=kept)
-    r, A = at_rows(problem.model, problem.rows, problem.seen, fit.x)
-    return _descend(fold, fit.x, r, A, fit.sigma, fit.trust, kept, steps)[0]
-
-
 def whitened(problem: Problem, fit: Fit, r: Array, A: Array) -> tuple[Array, Array]:
     """Return differences and sensitivities per expected size, whitened by the noise of a fit, (M,) and (M, P)."""
     scale = problem.model.sizes
@@ -173,7 +201,8 @@ def _descend(
 ) -> tuple[Array, Array, Array, _Linear]:
     """Give values, differences and sensitivities at the least sum of squares near x, and the problem linearised there.
 
-    Steps are halved while the sum grows.
+    Steps are damped while the sum grows, those along directions that show little more than others: what shows well is
+    corrected in each step, though a long one along a curved valley is not possible.
     """
     model, active = problem.model, problem.active
     sizes, nominal = model.sizes[active], model.nominal[active]
@@ -183,27 +212,30 @@ def _descend(
         change = (x - model.nominal) / problem.prior if problem.prior is not None else np.zeros(1)
         return float(white @ white + change @ change)
 
-    best = cost(r, x)
+    best, damping, still = cost(r, x), 0.0, 0
     linear = _linear(problem, r, A, x, sigma, trust, kept)
     for _ in range(steps):
         z = (x[active] - nominal) / sizes
-        step = linear.V.T @ (linear.V @ z + linear.asked) - z
-        if np.abs(step).max(initial=0.0) < _SMALL:
+        if np.abs(linear.step(z, 0.0)).max(initial=0.0) < _SMALL:
             break
-        for _ in range(_HALVINGS):
+        damping = 0.1 * damping if damping > _LEAST_DAMPING else 0.0
+        for _ in range(_TRIES):
+            step = linear.step(z, damping)
             tried = x.copy()
             tried[active] = nominal + sizes * (z + step)
             new_r, new_A = at_rows(model, problem.rows, problem.seen, tried)
             new = cost(new_r, tried)
-            if new <= best * (1.0 + 1e-9) + 1e-300:
+            returned = min(linear.cost(linear.back(z, damping)), (1.0 + _RETURNED) * best)
+            if new <= max(best, returned) * (1.0 + _UPWARD) + 1e-300:
                 break
-            step = 0.5 * step
+            damping = max(10.0 * damping, _LEAST_DAMPING)
         else:
             break
         gained = best - new
         x, r, A, best = tried, new_r, new_A, new
         linear = _linear(problem, r, A, x, sigma, trust, kept)
-        if gained <= 1e-12 * best and np.abs(step).max() < 1e-6:
+        still = still + 1 if gained <= _UPWARD * best else 0
+        if still == _STILL or (gained <= 1e-12 * best and np.abs(step).max() < 1e-6):
             break
     return x, r, A, linear
 
@@ -214,7 +246,7 @@ def _linear(problem: Problem, r: Array, A: Array, x: Array, sigma: Array, trust:
     A prior is a row for each parameter; it holds all directions, so that none is hidden.
     """
     active, sizes = problem.active, problem.model.sizes[problem.active]
-    S = _weighed(problem.seen, A[:, active], sigma, trust)[kept] * sizes
+    S = problem.projected(_weighed(problem.seen, A[:, active], sigma, trust)[kept] * sizes)
     white = _weighed(problem.seen, r, sigma, trust)[kept]
     if problem.prior is not None:
         held = sizes / problem.prior[active]
@@ -229,7 +261,7 @@ def _linear(problem: Problem, r: Array, A: Array, x: Array, sigma: Array, trust:
         hidden, rank = V[shown:rank], shown
     values, V = values[:rank], V[:rank]
     U = S @ V.T / values
-    return _Linear(values, V, (U.T @ white) / values, U[: kept.size], hidden)
+    return _Linear(values, V, (U.T @ white) / values, U[: kept.size], hidden, S, white)
 
 
 def _covariance(problem: Problem, linear: _Linear) -> Array:
