@@ -15,6 +15,7 @@ import eomgen
 from eomgen.device import compilers, driver
 from eomgen.device.dlpack import TYPES, lent_count
 from eomgen.device.driver import Chosen, Driver
+from eomgen.device.opencl import OpenCLBackend, _devices
 from eomgen.device.texts import setup_of, text_of
 from eomgen.errors import ArrayError, BuildError, InputError, LoopError, SingularError
 from eomgen.optional import NotInstalledError
@@ -268,12 +269,24 @@ def test_devices_are_refused_by_name(kernel: eomgen.Kernel, stub: Stub, monkeypa
     assert stub.count("contexts") == 0
 
 
+def test_backends_take_arrays_of_their_device(kernel: eomgen.Kernel, device: Any) -> None:
+    """Sums of products are contracted where they are asked to be, as they change the bits."""
+    array = device.put(GOOD)
+    with device.backend.session(None, (array,)) as stream:
+        view = device.backend.view("q", array, kernel.dtype, stream)
+    assert (view.place, view.shape) == (array.address, GOOD.shape)
+    assert device.backend.contract is False
+    assert kernel.device("cuda", contract=True).backend.contract is True
+
+
 def test_images_are_cubins_or_for_newer_processors_texts(stub: Stub, monkeypatch: pytest.MonkeyPatch) -> None:
     compiler, chosen = compilers.RuntimeCompiler("cuda"), Chosen(Driver("cuda"), 0)
     try:
         for processor, target in ((90, b"sm_90"), (89, b"compute_80"), (120, b"compute_100")):
             stub.library.stub_processor(processor)
-            assert target in compiler.image("int nothing;", chosen, False)
+            image = compiler.image("int nothing;", chosen, False)
+            assert target in image
+            assert image.endswith(b".so\0")  # drivers read texts up to their NUL
         known = stub.compiler.stub_compiled()
         compiler.image("int nothing;", chosen, False)  # from the cache
         assert stub.compiler.stub_compiled() == known
@@ -437,6 +450,22 @@ def test_opencl_has_the_bits_of_the_kernel(built: Any, dtype: str) -> None:
     other = kernel.device(pyopencl.CommandQueue(context))
     refused(ArrayError, "q: an array of another context", other.mass_matrix, q)
     refused(InputError, 'device: "opencl:99"; allowed: "opencl:0"', kernel.device, "opencl:99")
+
+
+def test_devices_of_opencl_are_numbered_in_the_order_of_their_platform() -> None:
+    """Without pyopencl: a driver that fails has none; buffers have a byte at least, as OpenCL refuses empty ones."""
+
+    def broken() -> list[str]:
+        raise RuntimeError("no driver")
+
+    flags = SimpleNamespace(READ_WRITE=1)
+    cl = SimpleNamespace(Error=RuntimeError, mem_flags=flags, Buffer=lambda context, flag, size: (context, flag, size))
+    assert _devices(cl, SimpleNamespace(get_devices=lambda: ("first", "second"))) == ["first", "second"]
+    assert _devices(cl, SimpleNamespace(get_devices=broken)) == []
+    backend = OpenCLBackend.__new__(OpenCLBackend)
+    backend.cl, backend.context = cl, "context"
+    assert backend._buffer(24) == ("context", flags.READ_WRITE, 24)
+    assert backend._buffer(0) == ("context", flags.READ_WRITE, 1)
 
 
 def test_opencl_that_is_missing_is_refused_by_name(kernel: eomgen.Kernel, monkeypatch: pytest.MonkeyPatch) -> None:
