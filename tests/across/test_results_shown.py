@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import pickle
 import sys
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from html.parser import HTMLParser
 from importlib import import_module
 from pathlib import Path
@@ -144,6 +144,19 @@ def test_names_of_others_are_harmless(simulated: eomgen.SimulationResult) -> Non
     assert "\x1b" not in page
     many = replace(hostile.trajectory, coordinates=(HOSTILE,) * 50, method=HOSTILE)
     assert repr(many).isprintable()
+
+
+def test_facts_are_fields_that_are_not_empty() -> None:
+    @dataclass(repr=False)
+    class Pair(Shown):
+        name: str
+        size: float
+        notes: tuple[str, ...] = ()
+
+    pair = Pair("a<b", 0.25)
+    assert pair.facts() == {"name": "'a<b'", "size": "0.25"}
+    rows = "<tr><th>name</th><td>&#x27;a&lt;b&#x27;</td></tr><tr><th>size</th><td>0.25</td></tr>"
+    assert pair._repr_html_() == f"<table><caption>Pair</caption><tbody>{rows}</tbody></table>"
 
 
 def test_values_in_short() -> None:

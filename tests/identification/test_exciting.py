@@ -104,6 +104,18 @@ def test_series_rest_at_both_ends_and_have_their_derivatives() -> None:
     assert np.linalg.matrix_rank(at_rest(5)) == 9
 
 
+def test_numbers_within_limits_are_those_of_the_motion(kernel: eomgen.Kernel, whole: eomgen.Kernel) -> None:
+    """Drives are those of the robot less its Coulomb friction, for which their limits leave room."""
+    limits = limits_of(arm(), kernel.coordinates, kernel.frames, RequestedLimits(**LIMITS))
+    q, v, a = np.random.default_rng(7).uniform(0.2, 0.8, (3, 4, kernel.n))
+    friction = np.array([2.0, 1.5, 1.0])
+    names = tuple(f"{name} drive" for name in kernel.coordinates)
+    (held,) = (held for held in held_by(limits, kernel, friction) if held.names == names)
+    np.testing.assert_allclose(held.values((q, v, a)), whole.inverse_dynamics(q, v, a) - friction, atol=1e-6)
+    np.testing.assert_allclose(held.high, np.array(list(DRIVES.values())) - friction)
+    np.testing.assert_allclose(held.low, -held.high)
+
+
 @pytest.mark.parametrize("kind", list(CRITERIA))
 @pytest.mark.parametrize("size", [1.0, 3.0])
 def test_gradients_are_exact(kind: str, size: float, kernel: eomgen.Kernel) -> None:

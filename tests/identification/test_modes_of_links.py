@@ -24,7 +24,9 @@ from eomgen.identification import (
     poses_from_columns,
 )
 from eomgen.identification.consistent import with_parameters
+from eomgen.identification.stiffness.beams import beam_notes
 from eomgen.identification.stiffness.output_error import output_error_kernels
+from eomgen.identification.stiffness.result import Estimate
 from eomgen.motion.files import MeasuredMotion, motion_from_columns
 from eomgen.robot.value import Frame, Robot
 from eomgen.runtime.stepping.input_signals import DriveData, InputSignals, Signal, Track
@@ -119,6 +121,22 @@ def test_unmeasured_modes_are_named(kernel: eomgen.Kernel, columns: dict[str, An
     found = fit(boom(), some_of(kernel, columns, "slew.gamma"))
     said = "was not measured, and counts as zero; parameters are found without, by simulations"
     assert f"arm.mode1 {said}" in found.warnings
+
+
+def test_notes_on_beams_have_the_values_that_modes_share() -> None:
+    """E goes with the stiffness of modes, of two the mean; damping is that of K = 1.1 times the described one."""
+    robot, names = boom(modes="{ y = 2 }"), [f"links.arm.modes.{k}" for k in (1, 2)]
+    modes = robot.link("arm").modes
+    assert modes is not None
+    estimates = {}
+    for k, name in enumerate(names):
+        K, m = modes.K[k][k], modes.masses[k][k]
+        for key, described, value in (("stiffness", K, 1.1 * K), ("damping", 1.0, 0.06 * np.sqrt(1.1 * K * m))):
+            estimates[f"{name}.{key}"] = Estimate(value, 0.01 * value, 0.0, 0.0, described, 0.0, 0.0)
+    assert list(beam_notes(robot, estimates)) == [
+        "links.arm.beam.E = 7.7e+10 +- 5.4e+08 N/m^2, by the stiffness of 2 modes, with G in proportion",
+        "links.arm.modal_damping = 0.03 +- 0.00021, by the damping of 2 modes",
+    ]
 
 
 @pytest.mark.soak

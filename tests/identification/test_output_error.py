@@ -16,7 +16,9 @@ from eomgen.identification import FitResult, fit, load_fit
 from eomgen.identification.stiffness import output_error
 from eomgen.identification.stiffness.levenberg_marquardt import Residuals, certainty, descend
 from eomgen.identification.stiffness.output_error import output_error_kernels
+from eomgen.identification.stiffness.simulated import run_of
 from eomgen.motion.files import MeasuredMotion, motion_from_columns
+from eomgen.robot.model import build_model
 from eomgen.runtime.stepping.input_signals import DriveData, InputSignals, Signal, Track
 from tests.loops.test_elastic_cuts import linkages
 from tests.support.builds import Build
@@ -76,6 +78,14 @@ def kernel(built: Build) -> eomgen.Kernel:
 def off(found: FitResult) -> dict[str, float]:
     """Return how far found numbers are off, relative."""
     return {name: abs(estimate.value / NAMES[name] - 1.0) for name, estimate in found.estimates.items()}
+
+
+def test_a_sine_has_the_size_of_its_deviation(kernel: eomgen.Kernel) -> None:
+    """Half the square of its amplitude is the variance over whole periods."""
+    t = np.arange(400) / 100.0
+    columns = {"t": t, "slide.z": 0.02 * np.sin(2.0 * np.pi * t), "slide.z.drive": np.zeros(400)}
+    run = run_of(kernel, build_model(block(**TRUE)), motion_from_columns(columns, kernel.coordinates))
+    assert run.sizes == pytest.approx([0.02 / np.sqrt(2.0)], rel=1e-9)
 
 
 @pytest.mark.soak

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 import eomgen
+from eomgen.arrays import Index
 from eomgen.errors import ArrayError, InputError, LoopError
 from eomgen.integration import integrate
 from eomgen.integration.closed import ClosedSystem
 from eomgen.loops.chart import Chart
-from eomgen.robot.value import Coordinate
+from eomgen.robot.value import Coordinate, Robot
 from tests.oracles.by_singular_values import ClosedLoops
 from tests.support.builds import Build
 from tests.support.linkages import KERNELS
@@ -93,13 +94,18 @@ class Law:
         return self.by_q @ np.sin(q) + self.by_v @ v
 
 
+def with_moved_pivot(name: str) -> Robot:
+    """Return a mechanism whose third joint has a prescribed coordinate along x."""
+    robot, given = eomgen.load_robot(name), Coordinate(prescribed=True)
+    joints = [replace(joint, coordinates={**joint.coordinates, "x": given}) for joint in robot.joints[2:3]]
+    return replace(robot, name=f"moved_{name}", joints=(*robot.joints[:2], *joints, *robot.joints[3:]))
+
+
 @pytest.mark.parametrize("name", ["four_bar", pytest.param("gough", marks=pytest.mark.soak)])
 @pytest.mark.parametrize("exact", [True, False])
 def test_jacobians_are_slopes_of_the_derivatives(name: str, exact: bool, built: Build) -> None:
     """Along the loops, with drives, wrenches, dampers and a prescribed coordinate; with the kernel's slopes and not."""
-    robot, given = eomgen.load_robot(name), Coordinate(prescribed=True)
-    joints = [replace(joint, coordinates={**joint.coordinates, "x": given}) for joint in robot.joints[2:3]]
-    robot = replace(robot, name=f"moved_{name}", joints=(*robot.joints[:2], *joints, *robot.joints[3:]))
+    robot = with_moved_pivot(name)
     slopes = ("forward_dynamics_jacobian",) if exact else ()
     kernel = built(robot, *KERNELS, "external_force", *slopes)
     rng, home = np.random.default_rng(2), np.array([robot.home.get(x, 0.0) for x in kernel.coordinates])
@@ -117,6 +123,27 @@ def test_jacobians_are_slopes_of_the_derivatives(name: str, exact: bool, built: 
     found = system.jacobian(0.1, y)
     assert system.counts["jacobians"] == 1
     assert np.abs(found - expected).max() <= (1e-7 if exact else 1e-4) * np.abs(expected).max()
+
+
+def test_prescribed_accelerations_move_the_others(built: Build) -> None:
+    """By as much as they do where singular values solve the constraint, with them in place of drives."""
+    robot = with_moved_pivot("four_bar")
+    kernel = built(robot, *KERNELS, "external_force")
+    home, rest = np.array([robot.home.get(x, 0.0) for x in kernel.coordinates]), np.zeros(kernel.n)
+    q, place = kernel.assemble(home), kernel.coordinates.index("joint3.x")
+
+    def accelerations(prescribed: float) -> tuple[Index, Array]:
+        motion = lambda t: (q[[place]], np.zeros(1), np.array([prescribed]))  # noqa: E731
+        system = ClosedSystem(kernel, None, None, motion)
+        slopes = system.derivative(0.0, system.begin(0.0, q, rest))
+        return system.chart.free, slopes[slopes.size // 2 :]
+
+    (free, moved), (_, still) = accelerations(2.0), accelerations(0.0)
+    u = rest + 2.0 * (np.arange(kernel.n) == place)
+    loops = ClosedLoops(kernel)
+    change = loops.forward_dynamics(q, rest, u).a - loops.forward_dynamics(q, rest, rest).a
+    np.testing.assert_allclose(moved - still, change[free], rtol=1e-9)
+    assert np.abs(change[free]).min() > 0.1
 
 
 def test_a_chart_follows_one_state_and_many(example) -> None:  # type: ignore[no-untyped-def]

@@ -336,6 +336,27 @@ def test_ends_that_make_no_sense_are_refused(table: str, says: str) -> None:
         run_scenario("one_link", scenario_from_toml(f"duration = 0.1\n[until]\n{table}\n"))
 
 
+def test_events_at_values_that_are_not_finite_are_refused(built: Build) -> None:
+    kernel = built(oscillator(damping=0.0), *NEEDED, "adaptive_rollout", "radau_rollout")
+    for number in (np.nan, np.inf):
+        with pytest.raises(InputError, match=f"until: value: got {number}; allowed: finite numbers"):
+            Until.coordinate(kernel, "slide.z", number)
+
+
+@pytest.mark.parametrize(
+    ("value", "note"),
+    [
+        (0.02, "joint1.gamma = 0.02 rad reached at {:.6g} s, where the motion ends"),
+        (5.0, "joint1.gamma = 5 rad was not reached"),
+    ],
+)
+def test_notes_say_when_a_motion_has_reached_its_end(value: float, note: str) -> None:
+    text = "duration = 0.1\n[initial]\nv = {{ joint1 = 1.0 }}\n[control]\ntype = 'none'\n"
+    text += "[until]\ncoordinate = 'joint1'\nvalue = {}\n"
+    found = run_scenario("one_link", scenario_from_toml(text.format(value)))
+    assert note.format(found.trajectory.t[-1]) in found.notes
+
+
 @pytest.mark.soak
 def test_a_batch_under_loads_has_the_bits_of_its_states() -> None:
     """Lanes have times of their own: each state of a batch moves as it does alone, on a platform that shakes."""

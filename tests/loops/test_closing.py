@@ -17,6 +17,7 @@ from eomgen.integration import integrate
 from eomgen.loops import closed_equilibrium, redundancy
 from eomgen.loops.chart import Chart
 from eomgen.pipeline.mechanisms import assembly_kernels
+from eomgen.pipeline.mobility import BRANCHES, Mobility
 from eomgen.robot.geometry import IDENTITY
 from eomgen.robot.model import build_model
 from eomgen.robot.parameter_names import expand_tunable
@@ -164,6 +165,37 @@ def test_redundancy_is_that_of_the_singular_values(name: str, mobility: int, red
     assert found == ClosedLoops(kernel).redundancy(q)
 
 
+@pytest.mark.parametrize(
+    ("found", "lines"),
+    [
+        (Mobility(note="no compiler"), ["mobility: not known: no compiler"]),
+        (
+            Mobility(1, 2, ("joint4.z", "joint4.beta"), (), 0),
+            [
+                "mobility at home: 1; 2 independent constraints, 2 redundant (joint4.z, joint4.beta)",
+                "branch: its drives do not hold it",
+            ],
+        ),
+        (
+            Mobility(1, 5, branches=1),
+            [
+                "mobility at home: 1; 5 independent constraints",
+                "branch: with its drives held it closes in one way, home is the nearest",
+            ],
+        ),
+        (
+            Mobility(6, 18, branches=BRANCHES),
+            [
+                "mobility at home: 6; 18 independent constraints",
+                f"branch: with its drives held it closes in {BRANCHES} ways or more, home is the nearest",
+            ],
+        ),
+    ],
+)
+def test_mobility_in_words(found: Mobility, lines: list[str]) -> None:
+    assert found.lines() == lines
+
+
 def test_a_hanging_mechanism_rests_at_its_lowest_point(four_bar: eomgen.Kernel) -> None:
     q = closed_equilibrium(four_bar, [-1.5, 0.8, -0.9])
     assert np.abs(four_bar.constraint(q)).max() <= 1e-12
@@ -174,6 +206,17 @@ def test_a_hanging_mechanism_rests_at_its_lowest_point(four_bar: eomgen.Kernel) 
     assert around[1] < min(around[0], around[2])
     held = closed_equilibrium(four_bar, q + [0.3, 0.0, 0.0], held=["joint1.gamma"])
     assert held[0] == q[0] + 0.3
+
+
+def test_dependent_coordinates_that_do_not_follow_are_said_with_their_loop(four_bar: eomgen.Kernel) -> None:
+    chart = Chart(four_bar, four_bar.assemble([0.5, 0.2, 1.2]))
+    J = np.zeros((len(four_bar.constraints), four_bar.n))
+    J[1, 2] = -0.25
+    error = chart._singular(J)
+    said = f"loop joint4 is in a singular position: {four_bar.constraints[1]} is left with 0.25"
+    assert said in str(error)
+    assert "allowed: a motion that does not pass it" in str(error)
+    assert (error.loop, error.gap) == ("joint4", 0.25)
 
 
 def test_what_nothing_holds_has_no_equilibrium(built: Build) -> None:

@@ -95,6 +95,9 @@ def test_panels_of_rigid_joints_are_left_out(result: SimulationResult) -> None:
     drawn = [[line.get_ydata()[0] for line in panel.get_lines() if len(line.get_ydata()) > 2] for panel in panels]
     assert np.allclose([x for row in drawn for x in row], 1e6 * np.array([0.0, 4.0, 2.0, 3.0, 5.0]))
     assert [panel.get_xlabel() for panel in panels] == ["", "", "time, s", "time, s"]
+    (legend,) = figure.legends
+    labels = ["x, um", "y, um", "alpha, urad", "beta, urad", "reference at a standstill"]
+    assert [text.get_text() for text in legend.get_texts()] == labels
 
 
 def test_drawn_energies_balance(result: SimulationResult) -> None:

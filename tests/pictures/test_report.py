@@ -147,14 +147,18 @@ def test_all_figures_have_one_type_size(page: str) -> None:
     assert np.allclose(list(sizes.values()), next(iter(sizes.values())), rtol=1e-3), sizes
 
 
-@pytest.mark.soak
-def test_the_tables_have_the_numbers_of_others(page: str, robot: Robot, result: SimulationResult) -> None:
+def test_the_table_of_coordinates_has_their_springs(page: str, robot: Robot) -> None:
     rows = {row[0]: row[1:] for row in read(page).cells}
     for joint in robot.joints:
         for name, given in joint.coordinates.items():
             row = rows[f"{joint.name}.{name}"]
             assert row[1] == f"{joint.parent} to {joint.child}"
             assert [float(x) if x else None for x in row[3:5]] == [given.stiffness, given.damping]
+
+
+@pytest.mark.soak
+def test_the_tables_have_the_numbers_of_others(page: str, robot: Robot, result: SimulationResult) -> None:
+    rows = {row[0]: row[1:] for row in read(page).cells}
     for link in robot.links:
         assert float(rows[link.name][0]) == link.mass
     assert robot.springs
@@ -335,7 +339,9 @@ def test_what_has_a_page() -> None:
 
 def test_a_calibration_says_its_numbers() -> None:
     found = calibration()
-    tables = tables_of(report_of(found))
+    page = report_of(found)
+    assert [figure.name for figure in page.figures] == ["residuals", "changes"]
+    tables = tables_of(page)
     rms = found.residuals["full"]
     shown = tables["Rms of residuals"]["full"]
     assert float(shown[0]) == pytest.approx(1e3 * rms["fitted"]["position"], rel=1e-3)

@@ -716,6 +716,7 @@ def test_figures_draw_links_bent(boom: Robot) -> None:
     assert len(axes.lines) == 1, "the joint's axis; a node is no joint to see"
     shape = [float(name == "tube.mode1") for name in names]
     figure, _ = plot_mode_shapes(modes_of(boom, [10.0j], [shape], "tcp"), boom)
+    assert figure.axes[0].get_title() == "mode 1: 1.592 Hz"
     lines = [np.array(line.get_data_3d()).T for line in figure.axes[0].lines]
     rest, *sides = [line for line in lines if len(line) > 2]
     assert len(sides) == 2

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import pickle
+from collections.abc import Callable
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -21,7 +22,8 @@ from eomgen.forms.tables import Few, Sub
 from eomgen.names import split_state
 from eomgen.robot.elements import Spring
 from eomgen.robot.laws import BASIC, LAWS, NUMBERS, SHAPED
-from eomgen.robot.memory.branches import BRANCHES
+from eomgen.robot.memory.branches import BRANCHES, branch_conflict
+from eomgen.robot.memory.bristles import bristle_conflict
 from eomgen.robot.memory.drives import DRIVE
 from eomgen.robot.model import build_model
 from eomgen.robot.parameter_names import least_of, number_of
@@ -95,6 +97,42 @@ def test_names_of_states_say_whose_they_are() -> None:
     bounded = {f"{x.law}.{x.state.name}": x.numbers for x in states if x.state.is_bounded}
     assert bounded.keys() == BOUNDS.keys()  # a law says whether it bounds a state, integrations what the bound is
     assert all(BOUNDS[name](numbers) > 0.0 for name, numbers in bounded.items())
+
+
+LUGRE = {"friction.coulomb": 1.0, "friction.bristle_stiffness": 1e4}
+
+
+@pytest.mark.parametrize(
+    ("rule", "numbers", "key", "begin", "end"),
+    [
+        (branch_conflict, {"maxwell.0.stiffness": 1.0}, "maxwell.0.damping", "it is missing", "greater than 0"),
+        (branch_conflict, {"maxwell.1.damping": 1.0}, "maxwell.1.damping", "branch 0 has no", "each with a stiffness"),
+        (bristle_conflict, {**LUGRE, "friction.coulomb": 0.0}, "friction.coulomb", "got 0.0", "bristles yield at it"),
+        (bristle_conflict, {**LUGRE, "friction.radius": 0.1}, "friction.radius", "the model is lugre", "without it"),
+        (bristle_conflict, {**LUGRE, "friction.stribeck": 0.1}, "friction.stribeck", "the model is", "Stribeck curve"),
+        (
+            bristle_conflict,
+            {**LUGRE, "friction.bristle_damping": 50.0, "friction.fade": 1.0},
+            "friction.fade",
+            "got 1.0: bristle damping resists with 4",
+            "or less damping",
+        ),
+    ],
+)
+def test_conflicts_of_states_name_the_key_and_what_is_allowed(
+    rule: Callable[[dict[str, float]], tuple[str, str] | None],
+    numbers: dict[str, float],
+    key: str,
+    begin: str,
+    end: str,
+) -> None:
+    conflict = rule(numbers)
+    assert conflict is not None
+    place, message = conflict
+    assert place == key
+    assert message.startswith(begin)
+    assert "; allowed: " in message
+    assert message.endswith(end)
 
 
 def test_units_of_fmi() -> None:

@@ -16,7 +16,7 @@ from eomgen.codegen.program.ir import Graph, Node, Program, evaluate, finish
 from eomgen.codegen.samples.arithmetic import Arithmetic
 from eomgen.errors import InputError, UnknownNameError
 from eomgen.robot.model import build_model
-from eomgen.rounding import RoundingBound, rounding_bound, rounding_bounds
+from eomgen.rounding import RoundingBound, intervals, rounding_bound, rounding_bounds
 from eomgen.rounding.adjoints import Bounds, bound_outputs
 from eomgen.rounding.bounds import bounded
 from eomgen.rounding.enclosures import Enclosures, enclose
@@ -188,6 +188,17 @@ def test_a_rounding_that_is_left_out_is_noticed() -> None:
             noticed += not reached(after, error)
             assert error > after
     assert noticed > 5
+
+
+@pytest.mark.parametrize("name", ["sqrt", "exp", "log"])
+def test_intervals_of_growing_functions_hold_the_exact_ends(name: str) -> None:
+    """And are wider by a few units in the last place alone."""
+    ends = np.array([1e-3, 0.1, 0.7, 1.5, 7.0, 300.0])
+    lower, upper = getattr(intervals, name)((ends[:-1], ends[1:]))
+    for computed, x, sign in ((lower, ends[:-1], 1.0), (upper, ends[1:], -1.0)):
+        beyond = [float(sign * (CALLS[name](mp.mpf(one)) - mp.mpf(y))) for one, y in zip(x, computed, strict=True)]
+        assert min(beyond) > 0.0
+        assert (beyond <= 2e-15 * np.abs(computed)).all()
 
 
 def graph_program(write: Any) -> Program:

@@ -84,6 +84,7 @@ def test_a_stiff_gear_is_named_and_its_part_grows_with_it() -> None:
     assert bounds[1] > 30.0 * bounds[0]
     assert found.worst in ("joint2.gamma", "joint2.motor")
     assert sum(parts.values()) > 0.5
+    assert sum(found.sources.values()) == pytest.approx(1.0)
     assert next(iter(found.sources)) in parts
 
 

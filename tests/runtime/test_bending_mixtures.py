@@ -240,7 +240,7 @@ def test_a_state_beyond_it_names_link_and_modes(built: Build) -> None:
     kernel, q = built(robot, "mass_matrix", "forward_dynamics", "rollout"), beyond(robot, link)
     zero, place = np.zeros(kernel.n), kernel.coordinates.index(f"{link.name}.mode1")
     said = rf": link {link.name} bends farther than modes of second order reach \({link.name}\.mode1"
-    shown = rf" = {q[place]:.4g}, {link.name}\.mode2 = 0"
+    shown = rf" = {q[place]:.4g}, {link.name}\.mode2 = 0.*; allowed: .*, or a link that is cut in two$"
     refused(SingularError, "cannot be inverted" + said + shown, kernel.forward_dynamics, q, zero, zero)
     refused(SingularError, "inverted in state 1" + said + shown, kernel.forward_dynamics, [zero, q], zero, zero)
     refused(SingularError, "inverted in step 0" + said + shown, kernel.rollout, q, zero, dt=1e-4, steps=2)

@@ -14,12 +14,13 @@ import eomgen
 from eomgen.description.load import robot_from_toml
 from eomgen.integration.solve import integrate
 from eomgen.motion.point_to_point import Harmonic
+from eomgen.motion.time_derivatives import Jump
 from eomgen.robot.value import Coordinate, Joint, Link, Placement, Robot
 from eomgen.scenario.load import load_scenario, scenario_from_toml
 from eomgen.scenario.value import Scenario
 from eomgen.simulation.balance import EnergyBalance
 from eomgen.simulation.loads import Wrenches, combined_body
-from eomgen.simulation.references import make_reference
+from eomgen.simulation.references import PrescribedMotion, make_reference
 from eomgen.simulation.run import run_scenario, simulate
 from tests.oracles.mujoco_models import MujocoRobot
 from tests.support.optional import OptionalModule
@@ -501,3 +502,16 @@ def test_bodies_are_joined_as_pinocchio_adds_inertias() -> None:
         assert found.mass == pytest.approx(expected.mass)
         assert np.allclose(found.com, expected.lever, atol=1e-13)
         assert np.allclose([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]], expected.inertia, atol=1e-12)
+
+
+def test_prescribed_motions_jump_where_samples_begin_and_end(tmp_path: Path) -> None:
+    """Velocities do, of samples that do not rest there; a harmonic motion has no jumps."""
+    text = "duration = 1.0\n[[prescribed]]\ntype = 'harmonic'\ncoordinate = 'mount.z'\namplitude = 1\nfrequency = 1\n"
+    names = ("mount.x", "mount.y", "mount.z")
+    for name, end in (("mount.x", 1.2), ("mount.y", 1.0)):
+        t = np.linspace(0.0, end, 6)
+        np.savez(tmp_path / f"{name}.npz", **{"t": t, name: np.sin(t)})
+        text += f"[[prescribed]]\ntype = 'sampled'\nfile = '{name}.npz'\n"
+    motion = PrescribedMotion(scenario_from_toml(text, folder=tmp_path), names, names)
+    assert motion.jumps(2) == (Jump(0.0, 1), Jump(1.0, 1), Jump(1.2, 1))
+    assert motion.jumps(0) == ()

@@ -340,6 +340,7 @@ duration = 1;; durations = 2 => | unknown key 'durations'; did you mean 'duratio
 duration = = 1 => | not valid TOML
 @ duration = 0.1
 output_step = -1 => output_step | got -1
+output_step = 9.5e-10 => output_step | got 9.5e-10
 frame = 3 => frame | got 3; allowed: a string
 initial = 3 => initial | got 3; allowed: a table
 [prescribed];; a = 1 => prescribed | written [[prescribed]]
@@ -359,6 +360,7 @@ equilibrium = 1 => initial.equilibrium | got 1; allowed: true or false
 @ duration = 0.1;; [motion]
 goal = [1] => motion | the key 'type' is missing; allowed: point_to_point
 type = 'spiral' => motion.type | got 'spiral'
+type = 'sampled';; file = 'm.np' => motion.file | got 'm.np'; allowed: the path of a .csv or .npz file
 type = 'sampled';; file = 'm.txt' => motion.file | got 'm.txt'; allowed: the path of a .csv
 ~ type = 'sampled';; file = 'm.csv' => motion.file | does not exist
 type = 'line';; from = [0, 0, 1] => motion | the key 'to' is missing

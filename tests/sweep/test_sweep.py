@@ -197,6 +197,7 @@ def test_sweeps_say_which_limits_samples_exceed(tmp_path: Path, saturate: bool) 
     for outcome in SampleRunner(job).motions(result.samples.tolist()):
         assert isinstance(outcome, SimulationResult)
         motion = outcome.trajectory
+        assert outcome.links == tuple(link.name for link in robot.links)
         place = motion.coordinates.index("shoulder.gamma")
         for kind, x, limit in (("speed", motion.v, 1.5), ("effort", motion.u, 44.0)):
             if np.abs(x[:, place]).max() > limit * (1.0 + 1e-6):
@@ -511,6 +512,10 @@ def test_samples_are_what_they_are_alone(case: str, monkeypatch: pytest.MonkeyPa
     found = check_company(runner, samples, monkeypatch)
     assert not any(row.error for row in found)
     assert len({row.record for row in found}) == len(found)
+    (outcome,) = runner.outcomes(samples[:1])
+    assert isinstance(outcome, jobs.Outcome)
+    drives = [column.name for column in outcome.columns if column.name.startswith("drive_max")]
+    assert drives == [f"drive_max.{name}" for name in assembly.driven], "in the order of the coordinates"
 
 
 def test_masses_that_are_picked_up_and_samples_that_fail(monkeypatch: pytest.MonkeyPatch) -> None:
