@@ -18,7 +18,8 @@ from eomgen.errors import EomgenWarning, InputError
 from eomgen.identification import BaseParameters, IdentifyResult, base_parameters, identify, load_identification
 from eomgen.identification.consistent import Sizes, nearest_bodies, numbers_of, pseudo_inertias, with_parameters
 from eomgen.identification.dynamics import regression
-from eomgen.identification.dynamics.further import SHAPES
+from eomgen.identification.dynamics.further import SHAPES, Sought, State
+from eomgen.identification.dynamics.nonlinear import _static
 from eomgen.identification.dynamics.solve import without_sought
 from eomgen.identification.identifiable import TERMS, columns, regrouped
 from eomgen.identification.relations import relations_of
@@ -623,6 +624,15 @@ def test_a_delay_of_drives(rates: bool, built: Build) -> None:
         assert abs(entry.value - delay) < 4.0 * entry.deviation + 1e-5
         assert entry.deviation < 1e-4
         assert entry.unit == "s"
+
+
+def test_static_friction_acts_as_the_velocity_does() -> None:
+    """1 / (1 + (v / v_s)^2) along its coordinate, with the sign of v, whatever the present excess is."""
+    sought = Sought(("stribeck",), ("a.gamma", "b.gamma"), (), (), (1,), np.eye(2), 1e-3, "lorentzian", np.ones(1))
+    state = State(0.0, np.zeros(0), np.array([0.3]), np.array([0.5]))
+    v = np.array([[1.0, 9.0], [1.0, -1.0], [1.0, 0.5], [1.0, 0.25]])
+    found = _static(sought, state, v, slice(1, 4))
+    np.testing.assert_allclose(found, [[[0.0], [-0.2]], [[0.0], [0.5]], [[0.0], [0.8]]], atol=1e-15)
 
 
 @pytest.mark.soak
