@@ -354,7 +354,7 @@ class Solution:
 
     @property
     def unpredicted(self) -> Array:
-        """What is left of the forces of each row in blocks held out, relative, (r,)."""
+        """Return the share of each row's forces that is not predicted in blocks held out, (r,)."""
         return np.maximum(self.held_out / np.maximum(_forces(self.rows, self.counts), 1e-300), ROUND_OFF)
 
     def left_of(self, values: Array) -> Array:
