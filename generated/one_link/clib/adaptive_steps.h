@@ -28,6 +28,7 @@ EOM_INLINE int F(solve)(const F(robot) *restrict robot, enum F(solved) what, con
 /* Let lanes that failed have the numbers of another one. */
 EOM_LOCAL void F(follow_lane)(int count, const int *restrict failed, int other, REAL *restrict x)
 {
+    (void)other; /* without vectors there is one lane */
     for (int l = 0; l < (int)WIDTH; ++l) {
         for (int i = 0; (failed[l] != 0) && (i < count); ++i) { LANE_OF(x[i], l) = LANE_OF(x[i], other); }
     }

@@ -117,7 +117,7 @@ def _add_identify(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--shape", choices=SHAPES, help="of the Stribeck curve (the better one on held-out samples)")
     parser.add_argument("--toml", type=Path, metavar="FILE", help="write the description with estimated values")
     parser.add_argument(
-        "--force", action="store_true", help="write although the fit did not converge or does not explain the data"
+        "--force", action="store_true", help="go on and write although the data are not explained, or read wrongly"
     )
     parser.add_argument("-o", "--output", type=Path, help="the result, .npz, or a figure .svg, .pdf or .png")
     add_page(parser)

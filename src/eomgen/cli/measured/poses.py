@@ -51,7 +51,7 @@ def _add_calibrate(parser: argparse.ArgumentParser) -> None:
     add_choice(parser, "--variant", VARIANTS, "variant of the model whose values are written", "full")
     add_confidence(parser)
     parser.add_argument(
-        "--force", action="store_true", help="calibrate and write although the poses are not explained, or read wrongly"
+        "--force", action="store_true", help="go on and write although the data are not explained, or read wrongly"
     )
     parser.add_argument("--toml", type=Path, metavar="FILE", help="write the description with estimated values")
     parser.add_argument("--urdf", type=Path, metavar="FILE", help="write a URDF with estimated origins")

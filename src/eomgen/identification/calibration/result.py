@@ -106,7 +106,7 @@ class CalibrationResult(Plotting, Shown, Tabular, Saved, plot="plot_calibration"
     source: str = ""
     is_explained: Annotated[bool, Stored(otherwise=True)] = True
     written: Annotated[Residuals, Stored(otherwise={})] = field(default_factory=dict)
-    written_values: Annotated[Array, Stored(("F", 2, "P"), "SI", unknown=True, otherwise=np.zeros((0, 2, 0)))] = field(
+    written_values: Annotated[Array, Stored(("F", 2, "W"), "SI", unknown=True, otherwise=np.zeros((0, 2, 0)))] = field(
         default_factory=lambda: np.zeros((0, 2, 0)), repr=False
     )
 
@@ -352,7 +352,8 @@ def _rebuild(file: Contents) -> dict[str, Any]:
 
 
 def _sizes(result: CalibrationResult) -> dict[str, int]:
-    return {"P": len(result.names), "X": len(result.model.parameters), "F": len(result.written)}
+    many, forms = len(result.names), len(result.written)
+    return {"P": many, "X": len(result.model.parameters), "F": forms, "W": many if forms else 0}
 
 
 def _check(result: CalibrationResult, path: str) -> None:

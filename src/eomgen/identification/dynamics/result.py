@@ -76,7 +76,7 @@ class IdentifyResult(Plotting, Shown, Saved, plot="plot_identification"):
         residuals: by the names of the coordinates; of those that others follow in a rigid coupling all together.
         width: of the filter, s.
         warnings, notes: lines about what is doubtful, and about the method.
-        of_robot: values of the combinations that ``robot`` has, (b,).
+        of_robot: values of the combinations that ``robot`` has, (b,); none in files of older versions.
         status: "converged", or what has not.
         unexcited: combinations that the motion shows less well than the description.
         further: parameters that forces are not linear in, by name: "delay", "joint1.gamma.gain" and their like.
@@ -95,9 +95,9 @@ class IdentifyResult(Plotting, Shown, Saved, plot="plot_identification"):
     width: float
     warnings: tuple[str, ...]
     notes: tuple[str, ...]
-    of_robot: Annotated[Array, Stored(("b",), "SI")]
-    status: str = SOLVED
-    unexcited: tuple[str, ...] = ()
+    of_robot: Annotated[Array, Stored(("R",), "SI", otherwise=np.zeros(0))] = field(default_factory=lambda: np.zeros(0))
+    status: Annotated[str, Stored(otherwise=SOLVED)] = SOLVED
+    unexcited: Annotated[tuple[str, ...], Stored(otherwise=())] = ()
     further: dict[str, Further] = field(default_factory=dict)
     t: Annotated[Array, Stored(("T",), "s")] = field(default_factory=lambda: np.zeros(0))
     drives: Annotated[Array, Stored(("T", "r"), "N, N m")] = field(default_factory=lambda: np.zeros((0, 0)))
@@ -171,7 +171,7 @@ class IdentifyResult(Plotting, Shown, Saved, plot="plot_identification"):
             "values": dict(zip(self.base_names, self.base_values.tolist(), strict=True)),
             "deviations": dict(zip(self.base_names, self.deviations.tolist(), strict=True)),
             "described": dict(zip(self.base_names, self.described.tolist(), strict=True)),
-            "of_robot": dict(zip(self.base_names, self.of_robot.tolist(), strict=True)),
+            "of_robot": dict(zip(self.base_names, self.of_robot.tolist(), strict=False)),
             "status": self.status,
             "unexcited": list(self.unexcited),
             "further": {name: vars(entry) for name, entry in self.further.items()},
@@ -189,10 +189,11 @@ class IdentifyResult(Plotting, Shown, Saved, plot="plot_identification"):
         """Return tables for people."""
         lines = [f"{self.base.robot}: {len(self.base)} base parameters by least squares, {self.status}", ""]
         lines.append(f"{'value':>12}{'std. dev.':>12}{'described':>12}{'robot':>12}  parameter")
-        columns = (self.base_values, self.deviations, self.described, self.of_robot)
-        for name, *numbers in zip(self.base_names, *columns, strict=True):
-            value, deviation, described, robot = (float(x) for x in numbers)
-            lines.append(f"{value:>12.5g}{deviation:>12.2g}{described:>12.5g}{robot:>12.5g}  {name}")
+        robots = [f"{x:.5g}" for x in self.of_robot.tolist()] or [""] * len(self.base)
+        columns = (self.base_values, self.deviations, self.described)
+        for name, robot, *numbers in zip(self.base_names, robots, *columns, strict=True):
+            value, deviation, described = (float(x) for x in numbers)
+            lines.append(f"{value:>12.5g}{deviation:>12.2g}{described:>12.5g}{robot:>12}  {name}")
         for name, further in self.further.items():
             lines.append(f"{further.value:>12.5g}{further.deviation:>12.2g}{'':>24}  {name}, {further.unit}")
         lines += ["", f"{'residual, rms':<28}{'fitted':>12}{'held out':>12}{'robot':>12}{'of the drive':>24}"]
@@ -217,7 +218,8 @@ def _rebuild(file: Contents) -> dict[str, Any]:
 
 
 def _sizes(result: IdentifyResult) -> dict[str, int]:
-    return {"b": len(result.base), "T": len(result.t), "r": len(result.residuals)}
+    many = len(result.base)
+    return {"b": many, "T": len(result.t), "r": len(result.residuals), "R": many if len(result.of_robot) else 0}
 
 
 _MATRIX = Stored(("b", "p"), "SI")
