@@ -476,7 +476,11 @@ def test_links_that_do_not_move_against_each_other_are_refused_with_their_place(
     assert caught.line == 8
 
 
-@pytest.mark.xfail(strict=True, reason="align is read and dropped, though MuJoCo turns the body's frame then: issue 64")
+@pytest.mark.xfail(
+    strict=True,
+    raises=AssertionError,
+    reason="align is read and dropped, though MuJoCo turns the body's frame then: issue 64",
+)
 def test_an_aligned_free_joint_is_followed_or_named() -> None:
     inertial = '<inertial pos="0.1 0 0" mass="1" fullinertia="0.02 0.03 0.04 0.005 0 0"/>'
     text = f'<mujoco><worldbody><body name="a"><freejoint align="true"/>{inertial}</body></worldbody></mujoco>'
