@@ -353,7 +353,7 @@ def _rebuild(file: Contents) -> dict[str, Any]:
 
 def _sizes(result: CalibrationResult) -> dict[str, int]:
     many, forms = len(result.names), len(result.written)
-    return {"P": many, "X": len(result.model.parameters), "F": forms, "W": many if forms else 0}
+    return {"P": many, "X": len(result.model.parameters), "F": forms} | ({"W": many} if forms else {})
 
 
 def _check(result: CalibrationResult, path: str) -> None:
