@@ -121,8 +121,8 @@ class Sizes:
             self.change[places, places] = scale
             self.least[places] = (LEAST - 1.0) * described[places] / scale
 
-    def room(self, places: Index) -> Array:
-        """Return what a described link has above the least one, (10,), as x of that link."""
+    def slack(self, places: Index) -> Array:
+        """Return how far a described link is above its bound, (10,), in units of x."""
         own = np.linalg.solve(self.change[np.ix_(places, places)], self.centre[places])
         return np.asarray(own - LEAST * _IDENTITY)
 
@@ -218,12 +218,12 @@ def _project(z0: Array, onto: Array, sizes: Sizes, free: Mask) -> tuple[Array, s
     rows = np.cumsum(free) - 1
     single = sizes.single[free[sizes.single]]
     order = np.concatenate([rows[single], rows[sizes.links].ravel()])
-    room = np.concatenate([-sizes.least[single], *(sizes.room(places) for places in sizes.links)])
+    slack = np.concatenate([-sizes.least[single], *(sizes.slack(places) for places in sizes.links)])
     cones = [clarabel.NonnegativeConeT(len(single)), *(clarabel.PSDTriangleConeT(4) for _ in sizes.links)]
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     quadratic = csc_matrix(eye_array(len(z0)))
-    found = clarabel.DefaultSolver(quadratic, -z0, csc_matrix(-onto[order]), room, cones, settings).solve()
+    found = clarabel.DefaultSolver(quadratic, -z0, csc_matrix(-onto[order]), slack, cones, settings).solve()
     solved = found.status in (clarabel.SolverStatus.Solved, clarabel.SolverStatus.AlmostSolved)
     return np.array(found.x), SOLVED if solved else f"physically consistent parameters: {found.status}"
 
