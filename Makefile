@@ -31,6 +31,8 @@ unexport PYTHONDONTWRITEBYTECODE  # compiling eomgen is half of the time of a pr
 
 # Python compiles a module when it is first imported; pip would compile all 15,000, one after the other.
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile
+# One thread of BLAS per test worker: workers that each use all cores disturb one another.
+test test-all soak coverage: export OPENBLAS_NUM_THREADS := 1
 PYTEST := MAKEFLAGS= $(BIN)/python -m pytest -n auto --dist worksteal
 COVERAGE_TESTS := -m "quick and not soak"
 # What the extra "wheel" lists, without eomgen and what it needs to run.
