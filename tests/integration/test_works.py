@@ -13,13 +13,12 @@ from scipy.special import ellipj, ellipk
 import eomgen
 from eomgen import InputError, IntegrationError, IntegrationStopped
 from eomgen.errors import UnknownNameError
-from eomgen.integration.accuracy import error_transport
-from eomgen.integration.accuracy.error_transport import GlobalError, global_error
+from eomgen.integration.reference_motions import GlobalError, global_error
 from eomgen.integration.solve import integrate
 from eomgen.integration.trajectory import Trajectory
 from eomgen.integration.until import Until
 from eomgen.motion.point_to_point import Harmonic
-from eomgen.robot.value import Coordinate, Robot
+from eomgen.robot.value import Coordinate, Placement, Robot
 from eomgen.runtime.stepping.input_signals import WORKS
 from eomgen.runtime.stepping.options import ADAPTIVE as METHODS
 from eomgen.scenario.load import scenario_from_toml
@@ -259,18 +258,50 @@ def test_samples_that_nobody_integrated_are_found_out(built: Build) -> None:
     assert np.abs(np.delete(estimate.q_error, 20)).max() < 1e-8
 
 
-def test_what_is_not_followed_closely_is_said(built: Build, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Samples 1.3 periods apart need more than two parts between them."""
-    kernel = built(oscillator(damping=None), *NEEDED)
-    motion = integrate(kernel, [0.1], [0.5], 4.0, method="DOP853", rtol=1e-6, output_step=0.4)
-    true = motion.q[:, 0] - 0.1 * np.cos(20.0 * motion.t) - 0.025 * np.sin(20.0 * motion.t)
-    estimate = global_error(kernel, motion)
-    assert estimate.is_resolved
-    assert effectivity(estimate.q_error[:, 0], true) < 1e-2
-    monkeypatch.setattr(error_transport, "FINEST", 2)
-    rough = global_error(kernel, motion)
-    assert not rough.is_resolved
-    assert "not reliable" in rough.line()
+def double_pendulum() -> Robot:
+    """Two rods, one at the other's end."""
+    robot = pendulum(())
+    second = replace(robot.links[0], name="outer")
+    joint = replace(robot.joints[0], name="second", parent="rod", child="outer", placement=Placement((0.6, 0.0, 0.0)))
+    return replace(robot, links=(*robot.links, second), joints=(*robot.joints, joint))
+
+
+def swinging(duration: float, within: float | None = None, output_step: float | None = None) -> tuple[Any, np.ndarray]:
+    """Simulate a pendulum that falls from the horizontal, undriven, and return its exact angle, too."""
+    mass, com, inertia = 2.0, 0.3, 0.05
+    robot = pendulum((), mass, com)
+    text = f"duration = {duration}\n" + ("" if output_step is None else f"output_step = {output_step}\n")
+    scenario = scenario_from_toml(text)
+    asked = {"global_error": True} if within is None else {"within": {"pivot.gamma": within}}
+    result = run_scenario(robot, scenario, **asked)
+    w, k = np.sqrt(mass * 9.81 * com / (inertia + mass * com**2)), np.sin(np.pi / 4.0)
+    exact = 2.0 * np.arcsin(k * ellipj(ellipk(k**2) - w * result.trajectory.t, k**2)[0]) - np.pi / 2.0
+    return result, result.trajectory.q[:, 0] - exact
+
+
+@pytest.mark.parametrize("duration", [20.0, 100.0])
+@pytest.mark.parametrize("output_step", [None, 1.0])
+def test_long_motions_are_off_as_estimated_at_any_sampling(duration: float, output_step: float | None) -> None:
+    result, true = swinging(duration, output_step=output_step)
+    assert result.global_error.is_resolved
+    assert np.abs(true).max() > 1e-7
+    assert effectivity(result.global_error.q_error[:, 0], true) < 0.3
+
+
+@pytest.mark.parametrize("within", [1e-4, 1e-8])
+def test_a_pendulum_stays_within_what_is_asked_for(within: float) -> None:
+    result, true = swinging(20.0, within)
+    assert np.abs(true).max() <= within
+    assert result.global_error.is_resolved
+
+
+def test_motions_that_part_are_said_not_to_be_reliable() -> None:
+    """A double pendulum after so long a time: tolerances decide where it is."""
+    result = run_scenario(double_pendulum(), scenario_from_toml("duration = 60.0\n"), global_error=True)
+    assert not result.global_error.is_resolved
+    assert "not reliable: estimates by two narrower tolerances differ by" in result.global_error.line()
+    with pytest.raises(IntegrationError, match=r"within: .*allowed: more than"):
+        run_scenario(double_pendulum(), scenario_from_toml("duration = 60.0\n"), within={"second.gamma": 1e-13})
 
 
 def test_results_have_the_tools_error_and_keep_it(tmp_path: Path) -> None:

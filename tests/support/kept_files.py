@@ -20,7 +20,7 @@ import numpy as np
 import eomgen
 from eomgen.errors import InputError
 from eomgen.identification import Estimate, FittedEntry, FittedMatrix
-from eomgen.integration.accuracy.error_transport import GlobalError
+from eomgen.integration.reference_motions import GlobalError
 from eomgen.integration.contacts import Contact
 from eomgen.integration.trajectory import Trajectory
 from eomgen.robot.model import build_model

@@ -6,11 +6,11 @@ Uses runtime, robot, state and loops; never the generator or the pipeline, so th
 from ..lazily import imports_when_used
 
 with imports_when_used(globals()):
-    from .accuracy.error_transport import GlobalError as GlobalError
-    from .accuracy.error_transport import global_error as global_error
     from .contacts import Contact as Contact
     from .methods import METHODS as METHODS
     from .plan import choose_method as choose_method
+    from .reference_motions import GlobalError as GlobalError
+    from .reference_motions import global_error as global_error
     from .resting import Rest as Rest
     from .resting import rests as rests
     from .solve import integrate as integrate

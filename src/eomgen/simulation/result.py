@@ -17,8 +17,8 @@ from ..description.recorded import robot_from_record
 from ..errors import InputError, UnknownNameError
 from ..files import as_path
 from ..forms.plain import printable
-from ..integration.accuracy.error_transport import GlobalError
 from ..integration.contacts import STOP, Contact
+from ..integration.reference_motions import GlobalError
 from ..integration.trajectory import Trajectory, motion_columns
 from ..motion.files import MeasuredMotion, write_motion
 from ..names import kind_of, listed, nearest, plain_path, show

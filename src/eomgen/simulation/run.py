@@ -24,9 +24,9 @@ from .._version import __version__
 from ..arrays import Array
 from ..description import RobotLike, as_robot
 from ..errors import InputError, IntegrationStopped
-from ..integration.accuracy.error_transport import ErrorTransport
 from ..integration.methods import EXPLICIT, Method
 from ..integration.plan import IntegratorPlan, plan_integration
+from ..integration.reference_motions import references
 from ..integration.steps import output_times
 from ..integration.trajectory import Trajectory
 from ..integration.until import Until
@@ -91,8 +91,8 @@ def simulate(  # noqa: PLR0913
         tool: frame or link of poses and TCP errors; default "tcp", else the first frame, else a link
             whose name ends with "tcp" or "tool0", else the end of the longest chain.
         method, rtol, step, output_step: see ``integrate``.
-        global_error: whether the error of the integration is estimated, which takes longer than the motion: the
-            result's ``global_error``, see ``eomgen.integration.global_error``.
+        global_error: whether the error of the integration is estimated, by two more motions with tolerances 30 and 1000
+            times narrower: the result's ``global_error``.
         within: largest estimated errors that are allowed, by name: "tool" (m), "tool.rotation" (rad), a coordinate
             (m or rad).  The motion is integrated with ever narrower tolerances, from rtol on, until they are met.
         progress: called with a fraction from 0 to 1 and a line of text.
@@ -196,7 +196,12 @@ def run_assembly(
     states = dict(zip(kernel.memory, kernel.memory_units, strict=True))
     opened = None if stream is None else MotionStream(stream, kernel.coordinates, samples, about, states)
     plan = plan_of(assembly, scenario, q0)
-    options = SegmentOptions(plan, report, opened, balance, assembly.until, ErrorTransport() if global_error else None)
+
+    def planned(rtol: float) -> IntegratorPlan:
+        return plan_of(assembly, replace(scenario, integrator=Integrator(rtol=rtol)), q0)
+
+    beside = references(plan, planned) if global_error else None
+    options = SegmentOptions(plan, report, opened, balance, assembly.until, beside)
     n = len(kernel.coordinates)
     try:
         segments = run_segments(kernel, robot, scenario, loads, q0, v0, options)

@@ -15,10 +15,9 @@ import numpy as np
 
 from ..arrays import Array
 from ..errors import EomgenError, IntegrationStopped
-from ..integration.accuracy.error_transport import ErrorTransport, GlobalError, error_of
-from ..integration.accuracy.many_states import ManyLoads
 from ..integration.contacts import Contact
 from ..integration.plan import IntegratorPlan
+from ..integration.reference_motions import GlobalError, ReferenceMotions, error_of
 from ..integration.resting import rests
 from ..integration.solve import integrate_by, system_of
 from ..integration.steps import Record, output_times
@@ -62,8 +61,8 @@ class SegmentOptions:
     """Options of the integration of a motion's pieces, all of them by one method.
 
     progress: called with a fraction from 0 to 1 and a line of text.  stream: gets the samples.  balance: whether the
-    motion is sampled for that, too.  until: terminal event, if any.  errors: global errors along
-    the pieces, where they are estimated.
+    motion is sampled for that, too.  until: terminal event, if any.  references: of the
+    motion, where its global error is estimated.
     """
 
     plan: IntegratorPlan
@@ -71,7 +70,7 @@ class SegmentOptions:
     stream: MotionStream | None = None
     balance: bool = True
     until: Until | None = None
-    errors: ErrorTransport | None = None
+    references: ReferenceMotions | None = None
 
 
 @dataclass(frozen=True)
@@ -160,8 +159,8 @@ def run_segments(
         whole = _good_rows(whole)
     work, wrench = whole.pop("work"), whole.pop("wrench", None)
     estimate = None
-    if options.errors is not None:
-        estimate = error_of(kernel, np.hstack([whole.pop(name) for name in ERRORS]), options.errors.unresolved)
+    if options.references is not None:
+        estimate = error_of(kernel, np.hstack([whole.pop(name) for name in ERRORS]), options.references)
     sticking = rests(kernel, whole["t"], whole["q"], whole["v"])
     taken = options.plan.leading(info, float(whole["t"][-1]))
     about: dict[str, Any] = {"method": taken, "info": info, "contacts": tuple(contacts), "rests": sticking}
@@ -229,15 +228,16 @@ def _piece(
     times, apart = (with_nodes(edges), SUBINTERVALS) if how.balance and not along else (edges, 1)
     drive, wrench = between(loads, scenario, begin, end)
     stop: IntegrationStopped | None = None
-    systems: list[System] = []
 
     def report(fraction: float, text: str) -> None:
         how.progress(fraction * end / scenario.duration, text)
 
+    def begin_system() -> System:
+        return system_of(kernel, drive, wrench, loads.prescribed)
+
     def moved(state: tuple[Array, Array], times: Array, **ending: Any) -> Trajectory:
-        system, start = system_of(kernel, drive, wrench, loads.prescribed), (state[0].copy(), state[1].copy())
-        systems.append(system)
-        return integrate_by(how.plan, system, start, times, progress=report, works=along, **ending)
+        start = state[0].copy(), state[1].copy()
+        return integrate_by(how.plan, begin_system(), start, times, progress=report, works=along, **ending)
 
     try:
         motion = moved(state, times, record=record, until=how.until)
@@ -266,8 +266,8 @@ def _piece(
         samples["work"] = works(kernel, times, motion.q, motion.v, motion.u, wrenches)
     else:
         samples["work"] = np.zeros((edges.size - 1, len(TERMS)))
-    if how.errors is not None:
-        errors = how.errors.extend(ManyLoads(systems[0]), edges, np.hstack([samples["q"], samples["v"]]))
+    if how.references is not None:
+        errors = how.references.extend(begin_system, edges, np.hstack([samples["q"], samples["v"]]))
         samples |= dict(zip(ERRORS, np.split(errors, 2, axis=1), strict=True))
     return samples, motion, stop
 

@@ -16,7 +16,7 @@ from ..shown import prefixed
 from .result import SimulationResult
 
 TOOL, ROTATION = "tool", "tool.rotation"
-NARROWEST = 1e-13  # rtol
+NARROWEST = 1e-12  # rtol, below which no reference is narrower enough
 AIM, LEAST, MOST = 0.5, 1e-3, 0.5  # of what is asked for; by how much a round may narrow rtol
 IMPROVES = 0.7  # of the error before, which a narrower rtol must come below
 
@@ -65,9 +65,9 @@ def run_within(
             return replace(result, notes=(*result.notes, note))
         how = scenario.integrator
         if how.rtol <= NARROWEST or not share < IMPROVES * before:
-            trouble = "it does not fall any more" if how.rtol > NARROWEST else "there is no narrower one"
+            trouble = "it does not fall any more" if how.rtol > NARROWEST else "no narrower one has an estimate"
             if share <= 1.0:
-                trouble = "the estimate is not reliable between samples that are so far apart"
+                trouble = "estimates by narrower tolerances do not agree"
             raise IntegrationError(
                 f"within: {name}: {_shown(errors[name], name)} at rtol {how.rtol:.2g}, and {trouble};"
                 f" allowed: more than {_shown(errors[name], name)}, or another method"
@@ -79,15 +79,17 @@ def run_within(
 
 
 def _error(result: SimulationResult, name: str) -> float:
-    """Return the largest estimated error of a quantity, m or rad."""
+    """Return the largest estimated error of a quantity with what is open of it, m or rad."""
     estimate = result.global_error
     assert estimate is not None
     assert estimate.tool_rotation_error is not None
     if name == TOOL:
-        return estimate.tool_max or 0.0
-    if name == ROTATION:
-        return float(estimate.tool_rotation_error.max())
-    return float(np.abs(estimate.q_error[:, estimate.coordinates.index(name)]).max())
+        size = estimate.tool_max or 0.0
+    elif name == ROTATION:
+        size = float(estimate.tool_rotation_error.max())
+    else:
+        size = float(np.abs(estimate.q_error[:, estimate.coordinates.index(name)]).max())
+    return size * (1.0 + estimate.unresolved)
 
 
 def _shown(error: float, name: str) -> str:
