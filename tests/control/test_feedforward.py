@@ -256,6 +256,28 @@ def test_what_has_no_feedforward_is_refused_by_name(motor: str, more: str, messa
         feedforward(robot, PointToPoint(np.zeros(1), np.ones(1), 1.0, smooth=4))
 
 
+TWO_SIDES = "stiffness = 800.0, stiffness_negative = 300.0"
+
+
+def test_a_gear_that_passes_a_jump_of_its_slope_is_refused_or_said() -> None:
+    """Without a damper the motor's velocity would have to jump; with one its torque does."""
+    program = PointToPoint(np.zeros(1), np.ones(1), 0.3, smooth=4)
+    message = r"joint1\.motor\.stiffness_negative: 300, .* at t = .* jump by .* rad/s; allowed .*: one stiffness"
+    with pytest.raises(InputError, match=message):
+        feedforward(geared(TWO_SIDES), program)
+    one_sided = geared(f"{TWO_SIDES}, preload = 1e3")
+    assert not any("torque jumps" in note for note in feedforward(one_sided, program).notes)
+    for gear, bound in (
+        (f"{TWO_SIDES}, damping = 40.0", 4e-6),
+        ("curve = [[-0.3, -60.0], [-0.02, -5.0], [0.0, -1.0], [0.02, 5.0], [0.3, 60.0]]", 5e-4),
+    ):
+        robot = geared(gear)
+        results = [feedforward(robot, program, t=np.linspace(0.0, 0.3, count)) for count in (1001, 10001)]
+        assert any("motor: its torque jumps, by up to" in note for note in results[0].notes)
+        off = [off_course(robot, result, program, "tsit5") for result in results]
+        assert off[1] < min(bound, 0.5 * off[0])
+
+
 def test_arguments_are_refused_by_name() -> None:
     robot, program = described(MOTOR), PointToPoint(np.zeros(1), np.ones(1), 1.0, smooth=4)
     worn, arm = eomgen.load_robot("geared_arm"), PointToPoint(np.zeros(3), np.ones(3), 1.0, smooth=4)
@@ -358,7 +380,7 @@ def test_a_damper_makes_a_filter(gear: str, tmp_path: Path) -> None:
     "gear",
     [
         "stiffness = 800.0, preload = 3.0",
-        "stiffness = 800.0, stiffness_negative = 300.0, cubic = 1e5",
+        "stiffness = 800.0, stiffness_negative = 300.0, cubic = 1e5, damping = 0.4",
         "exponential = { force = 2.0, scale = 1e-3 }, stiffness = 50.0",
         "curve = [[-0.2, -40.0], [-0.01, -6.0], [0.0, -1.0], [0.02, 5.0], [0.3, 60.0]]",
         "curve = [[-0.2, -40.0], [-0.01, -6.0], [0.0, -1.0], [0.02, 5.0], [0.3, 60.0]], damping = 0.4",
@@ -460,6 +482,11 @@ def test_what_has_no_feedforward_in_c_is_refused_by_name() -> None:
         (geared("stiffness = 800.0, clearance = 1e-3"), {}, r"joints\.joint1\.motor\.clearance: 0\.001: within its"),
         (described(MOTOR, more="x = { stiffness = 1e4 }"), {}, r"nothing drives 'joint1\.x', which are no flat"),
         (described(MOTOR, more=f"gamma = {{ friction = {{ {LUGRE} }} }}"), {}, r"laws have the states"),
+        (
+            geared(TWO_SIDES),
+            {},
+            r"joints\.joint1\.motor\.stiffness_negative: 300: where the force of its gear reverses",
+        ),
         (rough, {}, r"friction_smoothing: None, and Coulomb friction of 'joint1\.gamma' makes motors jump"),
         (rough, {"friction_smoothing": 0.0}, r"friction_smoothing: 0\.0; allowed: a velocity above 0"),
         (closed, {}, r"geared_bar: its loops and couplings have no feed-forward in C; allowed: trees"),

@@ -37,7 +37,7 @@ from ..simulation.assembly import by_coordinate
 from ..simulation.mechanism import mechanism_of
 from ..simulation.references import PrescribedMotion, make_reference
 from .feedforward_result import FeedForward, left_out
-from .gears import FINER, Gears, deflections, finer, gears_of, principal_of
+from .gears import FINER, Gears, check_kinks, deflections, finer, gears_of, principal_of
 from .inversion.feedforward import SAMPLES, InverseSamples, inverse_feedforward
 from .link_friction import smoothing_notes, with_smooth_friction
 
@@ -87,8 +87,9 @@ def feedforward(
         progress: called with a line of text when a stage of building begins.
 
     Raises:
-        InputError: the motion is not smooth enough, a gear has backlash, memory or no spring, a coordinate has no
-            drive and a stable inversion does not determine it; each by its name.
+        InputError: the motion is not smooth enough, a gear has backlash, memory or no spring, a gear without a damper
+            passes a jump of its spring's slope, a coordinate has no drive and a stable inversion does not determine
+            it; each by its name.
         LoopError: loops do not close along the motion.
         IntegrationError: a stable inversion does not converge.
     """
@@ -347,6 +348,7 @@ def _assembled(
         behind = index_of(links.coordinates, [principal_of(joint) for joint in gears.joints])
         shafts = list(index_of(kernel.coordinates, gears.names))
         bent = deflections(gears, np.stack(motion.forces)[..., behind], motion.t)
+        notes += check_kinks(gears.joints, bent, motion.t)
         for order, e in enumerate(bent):
             whole[order][:, shafts] = gears.ratios * (motion.series[order][:, behind] + e)
     q, v, a = (np.ascontiguousarray(x[every]) for x in whole)

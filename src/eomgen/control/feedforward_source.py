@@ -25,7 +25,7 @@ from ..robot.mechanism import driven_coordinates
 from ..robot.model import build_model
 from ..robot.value import Coordinate, Motor, Robot
 from .elastic_feedforward import check_flat, check_smoothing, links_alone
-from .gears import Gears, filter_weights, gears_of, laws_alone, principal_of
+from .gears import Gears, check_one_slope, filter_weights, gears_of, laws_alone, principal_of
 from .link_friction import coulomb_frictions, softened
 from .observer_source import write_texts
 
@@ -148,6 +148,8 @@ def _parts_of(robot: Robot, friction_smoothing: float | None) -> _Parts:
             f"{robot.name}: no joint has a motor behind an elastic gear; allowed: joints with one, or the kernel"
             " inverse_dynamics, of eomgen.generate"
         )
+    for joint in gears.joints:
+        check_one_slope(joint)
     if robot.is_closed:
         raise InputError(
             f"{robot.name}: its loops and couplings have no feed-forward in C; allowed: trees, or samples of"

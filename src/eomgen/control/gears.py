@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..arrays import Array, Mask
+from ..arrays import Array, Index, Mask
 from ..errors import InputError
 from ..pipeline.stages import build
 from ..robot.coordinates import force_unit_of
@@ -23,6 +23,7 @@ TRIES = 200  # of Newton's method, bisection and steps outwards together
 CLOSE = 1e-9  # of the largest force, by which that of a spring is the one that is wanted
 FLAT = 1e-9  # of the steepest slope of a spring, below which it is none
 FARTHEST = 1e9  # m or rad
+JUMPS = 1e-6  # of the largest velocity: less is no jump
 FINER = 2  # steps of filters between two samples
 NODES = np.array([(4.0 - 6.0**0.5) / 10.0, (4.0 + 6.0**0.5) / 10.0, 1.0])  # of Radau's method of order 5
 STAGES = (np.vander(NODES, 4, increasing=True)[:, 1:] / [1, 2, 3]) @ np.linalg.inv(np.vander(NODES, increasing=True))
@@ -184,6 +185,65 @@ def laws_alone(name: str, base: str, laws: Sequence[tuple[str, str, Coordinate]]
     joints = tuple(Joint(x, base, x, kind, coordinates={PRINCIPAL[kind]: law}) for x, kind, law in laws)
     links = tuple(Link(joint.name, 1.0, (0.0, 0.0, 0.0), (1.0, 1.0, 1.0, 0.0, 0.0, 0.0)) for joint in joints)
     return Robot(name, (0.0, 0.0, 0.0), links, joints, base=base)
+
+
+def check_one_slope(joint: Joint) -> None:
+    """Refuse a gear whose spring's slope jumps and that no damper follows, for motions that are not known."""
+    assert joint.motor is not None
+    law = joint.motor.transmission
+    if law.stiffness_negative not in (None, law.stiffness) and not law.damping:
+        raise InputError(
+            f"joints.{joint.name}.motor.stiffness_negative: {law.stiffness_negative:g}: where the force of its gear"
+            " reverses, the motor's velocity would have to jump; allowed for feed-forward in C: one stiffness on both"
+            " sides, a damping beside them, or samples of eomgen.control.feedforward"
+        )
+
+
+def check_kinks(joints: Sequence[Joint], courses: Sequence[Array], t: Array) -> list[str]:
+    """Return notes about springs of gears that pass a place at which their slope or its derivative jumps.
+
+    Args:
+        joints: of the gears, g of them.
+        courses: deflections, their rates and accelerations, (T, g) each.
+        t: times, (T,), s.
+
+    Raises:
+        InputError: a gear without a damper passes a place at which the slope jumps: so would its motor's velocity.
+    """
+    notes = []
+    for joint, e, rate, acceleration in zip(joints, *(x.T for x in courses), strict=True):
+        assert joint.motor is not None
+        law, ratio = joint.motor.transmission, joint.motor.ratio
+        above, below = law.stiffness or 0.0, law.stiffness_negative
+        passed = [row for knot, _ in law.curve or () for row in _passed(e, knot).tolist()]
+        if below is not None and below != above:
+            before = _passed(e, 0.0)
+            slopes = np.where(np.outer([1.0, -1.0], e[before]) < 0.0, below, above)  # before 0 and behind it, (2, rows)
+            jumps = np.abs(ratio * rate[before] * (1.0 - slopes[0] / slopes[1]))
+            rows = before[jumps > JUMPS * np.abs(ratio * rate).max(initial=0.0)]
+            if rows.size and not law.damping:
+                raise InputError(
+                    f"joints.{joint.name}.motor.stiffness_negative: {below:g}, beside a stiffness of {above:g}: the"
+                    f" motion passes the deflection 0 at t = {t[rows[0]]:.4g} s, where the motor's velocity would have"
+                    f" to jump by {jumps[before == rows[0]][0]:.3g} rad/s; allowed for feed-forward: one stiffness on"
+                    " both sides, a damping beside them, or motions that keep a gear on one side"
+                )
+            passed += rows.tolist()
+        if passed:
+            at = np.sort(passed)
+            size = joint.motor.inertia * ratio * np.abs(acceleration[at + 1] - acceleration[at]).max()
+            times = ", ".join(f"{x:.4g}" for x in t[at[:3]]) + (f" and {at.size - 3} more times" if at.size > 3 else "")
+            notes.append(
+                f"{joint.name}.motor: its torque jumps, by up to {size:.2g} N m, where the slope of its gear's spring"
+                f" or that of the slope does, at {times} s; the closer the samples, the better the link follows there"
+            )
+    return notes
+
+
+def _passed(e: Array, place: float) -> Index:
+    """Return the last samples before a deflection, (T,), passes a place."""
+    off = np.flatnonzero(e != place)
+    return np.asarray(off[np.flatnonzero(np.diff(np.sign(e[off] - place)))])
 
 
 def deflections(gears: Gears, forces: Array, t: Array) -> tuple[Array, Array, Array]:

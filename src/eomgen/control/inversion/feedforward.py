@@ -13,11 +13,13 @@ from ...motion.time_derivatives import Jump
 from ...names import listed
 from ...pipeline.stages import build
 from ...progress import StageReport
+from ...robot.coordinates import index_of
 from ...robot.model import program_coordinates
-from ...robot.value import PRINCIPAL, Robot
+from ...robot.value import MOTOR, PRINCIPAL, Robot
 from ...runtime.kernel import Kernel
 from ...scenario.load import as_scenario
 from ..feedforward_result import FeedForward, left_out
+from ..gears import check_kinks, principal_of
 from ..link_friction import smoothing_notes, with_smooth_friction
 from .solve import KERNELS, SMOOTH, Inversion, InversionOptions, check_determined, invert, program_of, smoothness_note
 
@@ -101,6 +103,11 @@ def _sampled(robot: Robot, kernel: Kernel, inversion: Inversion, t: Array, notes
     u, residual = np.zeros_like(q), np.zeros(kernel.n)
     u[:, problem.index] = force[:, problem.index]
     residual[problem.undriven] = np.abs(force[:, problem.undriven]).max(axis=0)
+    joints = [joint for joint in robot.joints if joint.motor is not None]
+    motors = index_of(kernel.coordinates, [f"{joint.name}.{MOTOR}" for joint in joints])
+    links = index_of(kernel.coordinates, [principal_of(joint) for joint in joints])
+    ratios = [joint.motor.ratio for joint in joints if joint.motor is not None]
+    notes = [*notes, *check_kinks(joints, [x[:, motors] / ratios - x[:, links] for x in (q, v, a)], t)]
     jumps: tuple[Jump, ...] = problem.program.jumps(SMOOTH) if hasattr(problem.program, "jumps") else ()
     jumps = tuple(x for x in jumps if t[0] <= x.t < t[-1])
     off = np.abs(q[0] - refined.motion.still[0]).max()
