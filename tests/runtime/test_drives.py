@@ -18,6 +18,7 @@ from eomgen.integration.solve import integrate
 from eomgen.integration.trajectory import motion_columns
 from eomgen.robot.memory.drives import short_time_notes
 from eomgen.robot.model import build_model
+from eomgen.robot.value import Coordinate
 from eomgen.runtime.stepping.input_signals import InputSignals, LinkWrench, Signal
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.run import run_scenario
@@ -299,6 +300,28 @@ def test_simulations_follow_references_from_rest(tmp_path: Path) -> None:
             run_scenario(robot, scenario_from_toml(f"duration = 0.1\n[control]\n{control}\n"))
     with pytest.raises(DescriptionError, match=r"joint1\.gamma takes a voltage, V; allowed: a torque table"):
         run_scenario(servo(DRIVES["voltage"][0]), scenario_from_toml('duration = 0.1\n[control]\ntype = "reference"\n'))
+
+
+def test_drives_of_references_and_of_forces_follow_one_motion() -> None:
+    """The servo takes the reference, the other drive forces of the rigid model or of a PD law."""
+    text = EXAMPLE.read_text(encoding="utf-8")
+    robot = robot_from_toml(text)
+    link, free = replace(robot.links[0], name="outer", mass=0.5), {"gamma": Coordinate(damping=0.1)}
+    joint = replace(robot.joints[0], name="wrist", parent=robot.links[0].name, child="outer", coordinates=free)
+    both = replace(robot, links=(*robot.links, link), joints=(*robot.joints, joint), sensors=(), frames=())
+    moved = '[motion]\ntype = "point_to_point"\nduration = 0.5\ngoal = { axis = 0.3, wrist = -0.4 }\n'
+    for control in ("", '[control]\ntype = "pd"\nkp = { wrist = 400.0 }\nkd = { wrist = 20.0 }\ngravity = true\n'):
+        motion = run_scenario(both, scenario_from_toml(f"duration = 1.0\n{moved}{control}")).trajectory
+        np.testing.assert_allclose(motion.q[-1], [0.3, -0.4], atol=2e-3)
+        assert motion.input_units == ("rad", "N m")
+    still = run_scenario(both, scenario_from_toml("duration = 0.1\n")).trajectory
+    assert np.abs(still.q - still.q[0]).max() < 1e-6
+    for control, named in (
+        ('type = "reference"', r"wrist\.gamma takes a torque.*allowed: pd, computed_torque, under which drives that"),
+        ('type = "pd"\nkp = { axis = 3.0 }\nkd = 1.0', r"control\.kp\.axis: its drive takes a reference"),
+    ):
+        with pytest.raises(DescriptionError, match=named):
+            run_scenario(both, scenario_from_toml(f"duration = 0.1\n{moved}[control]\n{control}\n"))
 
 
 LINKAGE = """

@@ -40,6 +40,7 @@ from .controls import (
     Control,
     JointMotion,
     JointPD,
+    MixedControl,
     NoControl,
     ReferenceControl,
     TableTorque,
@@ -128,7 +129,8 @@ def assemble(
     prescribed = PrescribedMotion(scenario, model.coordinates, names) if names or scenario.prescribed else None
     driven = program_coordinates(robot)
     usual = default_control(robot)
-    control = scenario.control or Section("none" if scenario.motion is None and usual != "reference" else usual)
+    hold = scenario.motion is not None or any(_position_loops(robot))
+    control = scenario.control or Section(usual if hold else "none")
     if not driven and control.type in FOLLOWING:
         raise InputError(
             f"{robot.name}: no joint has a principal coordinate, so there is nothing to drive; "
@@ -391,14 +393,38 @@ def _drive(
     rigid: Callable[[], Kernel],
     context: _DriveContext,
 ) -> Control:
-    driven, program, prescribed, mechanism = context
+    driven, program = context.driven, context.program
     if control.type == "torque":
         return _torque(robot, scenario, control.get("table"), kernel)
     if program is None or control.type == "feedforward":  # which is made of all of the scenario
         return NoControl()
-    meant = _inputs(scenario, control, kernel, driven)
+    meant = _by_reference(scenario, control, kernel, driven)
+    reference = ReferenceControl(program, actuators(kernel, driven), np.array([x.unit.endswith("/s") for x in meant]))
     if control.type == "reference":
-        return ReferenceControl(program, actuators(kernel, driven), np.array([x.unit.endswith("/s") for x in meant]))
+        return reference
+    servos = np.array([not x.is_force for x in meant])
+    if servos.any():
+        for key in ("kp", "kd"):
+            gains = control.get(key, 0.0)
+            idle = gains if isinstance(gains, Mapping) else {}
+            named = [name for name in idle if names_in_scenarios(robot).get(name) in np.array(driven)[servos]]
+            if named:
+                scenario.fail(f"control.{key}.{named[0]}", "its drive takes a reference; allowed: drives of forces")
+        forces = _force_control(robot, scenario, control, kernel, rigid, context)
+        return MixedControl(forces, reference, reference.actuators.index[servos])
+    return _force_control(robot, scenario, control, kernel, rigid, context)
+
+
+def _force_control(
+    robot: Robot,
+    scenario: Scenario,
+    control: Section,
+    kernel: Kernel,
+    rigid: Callable[[], Kernel],
+    context: _DriveContext,
+) -> JointPD | ComputedTorque:
+    driven, program, prescribed, mechanism = context
+    assert program is not None
     if control.type == "pd":
         kp, kd = (_gains(robot, scenario, key, control.get(key), driven) for key in ("kp", "kd"))
         if not control.get("gravity", False):
@@ -412,22 +438,36 @@ def _drive(
     return ComputedTorque(rigid(), program, whole, control.get("bandwidth", BANDWIDTH), joint_motion, mechanism)
 
 
-def default_control(robot: Robot) -> str:
-    """Return the control by which drives follow a motion: references where they control positions by themselves."""
+def _position_loops(robot: Robot) -> list[bool]:
+    """Return which drives of the driven coordinates control positions by themselves."""
     laws = (coordinate_of(robot, drive_of(robot, name)).law() for name in program_coordinates(robot))
-    return "reference" if any(loops_of(law)[:1] == (LOOPS[0],) for law in laws) else "computed_torque"
+    return [loops_of(law)[:1] == (LOOPS[0],) for law in laws]
 
 
-def _inputs(scenario: Scenario, control: Section, kernel: Kernel, driven: tuple[str, ...]) -> list[DriveInput]:
-    """Return what u means at the driven coordinates; DescriptionError where the control gives something else."""
+def default_control(robot: Robot) -> str:
+    """Return the control by which drives follow a motion: references where all control positions by themselves."""
+    loops = _position_loops(robot)
+    return "reference" if loops and all(loops) else "computed_torque"
+
+
+def _by_reference(scenario: Scenario, control: Section, kernel: Kernel, driven: tuple[str, ...]) -> list[DriveInput]:
+    """Return what u means at the driven coordinates; DescriptionError where the control has nothing for one of them.
+
+    Beside drives that take forces those that take a reference get it under any control of forces.
+    """
     motors = shafts(kernel)
     meant = [kernel.inputs[motors.get(name, name)] for name in driven]
+    some_force, some_reference = any(x.is_force for x in meant), any(x.meaning in REFERENCES for x in meant)
     for name, one in zip(driven, meant, strict=True):
-        takes = one.meaning in REFERENCES if control.type == "reference" else one.is_force
-        if not takes:
-            other = "a torque table, pd, computed_torque" if one.is_force else "a torque table"
-            allowed = "reference" if one.meaning in REFERENCES else other
-            scenario.fail("control", f"{name} takes a {one.meaning}, {one.unit}; allowed: {allowed}")
+        is_reference = one.meaning in REFERENCES
+        if is_reference if control.type == "reference" else one.is_force or (is_reference and some_force):
+            continue
+        forces = "pd, computed_torque"
+        if one.is_force:
+            allowed = f"{forces}, under which drives that take a reference get it" if some_reference else forces
+        else:
+            allowed = "reference" if is_reference else "a torque table"
+        scenario.fail("control", f"{name} takes a {one.meaning}, {one.unit}; allowed: {allowed}")
     return meant
 
 

@@ -312,3 +312,35 @@ class JointPD:
 
     def standstill(self) -> Control:
         return replace(self, motion=Standstill(self.motion.start))
+
+
+@dataclass(frozen=True, eq=False)
+class MixedControl:
+    """Forces of some drives, and the reference of those that control a position or velocity by themselves.
+
+    Attributes:
+        forces: of all driven coordinates, of which those of the latter do not count.
+        reference: of all driven coordinates.
+        servos: places of drives that take it, (k,).
+        effort: greatest forces of drives, (n,), as of ``clipped``.
+    """
+
+    forces: JointPD | ComputedTorque
+    reference: ReferenceControl
+    servos: Index
+    effort: Array | None = None
+    batched = True
+
+    def __call__(self, t: float, q: Array, v: Array) -> Array:
+        u = clipped(self.forces(t, q, v), self.effort)
+        u[..., self.servos] = self.reference(t, q, v)[..., self.servos]
+        return u
+
+    def standstill(self) -> Control:
+        still = replace(self, reference=replace(self.reference, motion=Standstill(self.reference.motion.start)))
+        forces = self.forces.standstill()
+        assert isinstance(forces, JointPD | ComputedTorque)
+        return replace(still, forces=forces)
+
+    def load_data(self) -> None:
+        """Return no time-signal input: drives of both kinds are known to Python alone."""
