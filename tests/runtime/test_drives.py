@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 
 import eomgen
 from eomgen.description.load import robot_from_toml
-from eomgen.errors import DescriptionError, InputError
+from eomgen.errors import DescriptionError, InputError, IntegrationError
 from eomgen.integration.solve import integrate
 from eomgen.integration.trajectory import motion_columns
 from eomgen.robot.memory.drives import short_time_notes
@@ -22,6 +22,7 @@ from eomgen.robot.value import Coordinate
 from eomgen.runtime.stepping.input_signals import InputSignals, LinkWrench, Signal
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.run import run_scenario
+from eomgen.state.drives import drives_at_rest
 from tests.support.builds import Build
 from tests.support.drive_reference import AXIS, DAMPING, DRIVES, INERTIA, WINDING, drive, numbers_of, rates_of, servo
 from tests.support.soak import soaked
@@ -271,6 +272,31 @@ def test_linear_systems_have_drives(built: Build) -> None:
     np.testing.assert_allclose(np.abs(slow), 1.0, atol=1e-2)  # the position follows its reference
     with pytest.raises(InputError, match=r"joint1\.gamma takes a reference of position"):
         eomgen.analysis.linearize(robot, drives="pd", kp=1.0)
+
+
+def test_a_saturated_loop_is_said_where_a_linear_system_lacks_its_integral() -> None:
+    robot = eomgen.load_robot(EXAMPLE)
+    for u, lacks in (([0.1], ()), ([100.0], ("axis.gamma.drive.integral_velocity",))):
+        system = eomgen.analysis.linearize(robot, [0.0], v=[0.0], u=u, outputs=["axis.gamma"])
+        assert tuple(name for name in system.memory if name not in system.states) == lacks
+        said = [note for note in system.notes if "are at a limit" in note]
+        assert [note.partition(", ")[2].partition(":")[0] for note in said] == list(lacks)
+
+
+@pytest.mark.parametrize("kp", [0.0, 5.0])
+def test_forces_that_cancel_need_no_gain(kp: float) -> None:
+    """A weight right above its pivot leaves 1e-16 N m, which a drive without gains need not exert."""
+    text = EXAMPLE.read_text(encoding="utf-8").replace("gravity = [0.0, -9.81, 0.0]", "gravity = [-9.81, 0.0, 0.0]")
+    robot = robot_from_toml(text)
+    law = dict(robot.joints[0].coordinates)["gamma"]
+    numbers = {key: x for key, x in law.further.items() if "winding" in key} | {"drive.controller.velocity.kp": kp}
+    joint = replace(robot.joints[0], coordinates={"gamma": replace(law, further=numbers)})
+    kernel = eomgen.build(replace(robot, joints=(joint,)))
+    forces = [1e-15]
+    assert np.abs(drives_at_rest(kernel, [np.pi], forces)[0]).max() < 1e-12
+    if not kp:
+        with pytest.raises(IntegrationError, match="its controller exerts none at rest"):
+            drives_at_rest(kernel, [np.pi], [1e-3])
 
 
 def test_simulations_follow_references_from_rest(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ in closed form; the last two are the geometric stiffness.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -19,7 +19,7 @@ import numpy as np
 
 from ..arrays import RANK, Array, Index, Mask, independent_columns, rank_by
 from ..errors import InputError, SingularError
-from ..names import joint_of
+from ..names import joint_of, split_state
 from ..robot.memory.states import WEIGHTLESS
 from ..runtime.kernel import Kernel
 from ..runtime.singular import null_coordinates, scaled_eigenvalues
@@ -163,6 +163,11 @@ def refuse_singular_pose(kernel: Kernel, q: Array, moving: Mask) -> None:
     )
 
 
+def _is_of_free_drive(state: str, independent: Container[str]) -> bool:
+    """Tell whether a state of a law is one of a drive whose coordinate is among the independent ones."""
+    return is_of_drive(state) and split_state(state)[0] in independent
+
+
 def _basis_rates(
     kernel: Kernel, q: Array, basis: Array, bound: Index, J_rate: Array, J_second: Array
 ) -> tuple[Array, Array]:
@@ -284,7 +289,12 @@ def reduced(
             raise SingularError(f"{kernel.name}: the mass matrix cannot be inverted: {bent}")
         null = " and ".join(null_coordinates(M, names))
         raise SingularError(f"{kernel.name}: the mass matrix cannot be inverted at {null}: it moves no inertia there")
-    memory = states_of(kernel, (tangents.K, tangents.D, tangents.M), basis, rate).taking_part()
+    every = states_of(kernel, (tangents.K, tangents.D, tangents.M), basis, rate)
+    memory = every.taking_part()
+    idle = [name for name in every.names if name not in memory.names and _is_of_free_drive(name, names)]
+    if idle:
+        said = "their loops are at a limit, where nothing moves them and they act on nothing"
+        notes = (*notes, f"states of drives are left out, {', '.join(idle)}: {said}")
     sticks = zip(memory.names, memory.stick, strict=True)
     sticking = [name for name, stays in sticks if stays and not is_of_drive(name)]
     if sticking:

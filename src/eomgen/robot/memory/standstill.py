@@ -21,6 +21,8 @@ from .drives import (
     number_key,
 )
 
+CANCELS = 1e-12  # N or N m: what rounding leaves of forces that cancel, such as a weight above its pivot
+
 
 class Standstill(NamedTuple):
     """A drive at rest: u = s + compliance F where it follows a position, else u = compliance F.
@@ -54,7 +56,7 @@ class Standstill(NamedTuple):
     def can_exert(self, force: float) -> bool:
         """Tell whether its limits leave a force."""
         most = self.greatest if math.isfinite(self.compliance) else 0.0
-        return abs(force) <= most * (1.0 + 1e-9) + 1e-300
+        return abs(force) <= most * (1.0 + 1e-9) + CANCELS
 
 
 def standstill_of(numbers: Values) -> Standstill:
