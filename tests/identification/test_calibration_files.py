@@ -19,6 +19,7 @@ from eomgen.identification.calibration import as_urdf
 from eomgen.identification.calibration.as_toml import FittedParameters, write_toml
 from eomgen.identification.calibration.misreadings import readings_of
 from eomgen.identification.calibration.solve import problem_of
+from eomgen.identification.geometry import solve as geometry
 from eomgen.identification.geometry.error_model import DRIVE, ErrorParameter
 from eomgen.identification.geometry.rotations import from_rpy, pose_of
 from eomgen.identification.geometry.stations import chain_of, located, matrix_of
@@ -467,6 +468,23 @@ def test_what_explains_nothing_is_not_written(tmp_path: Path, monkeypatch: pytes
         found.to_toml("better.toml")
     command(*words, "--force")
     assert eomgen.load_robot("better.toml").name == eomgen.load_robot("puma560").name
+
+
+def test_what_has_not_converged_is_not_written(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = trial(chain(2, "RRR"), 3, 16, noise=(1e-3, 1e-3))
+    poses = made.poses("rx", "ry", "rz")
+    cases = (("_STEPS", (1e-3, 1e-3), "steps of the fit do not reach"), ("_ROUNDS", None, "do not settle"))
+    for name, noise, said in cases:
+        assert calibrate(made.robot, poses, folds=0, noise=noise).status == "converged"
+        with monkeypatch.context() as patch:
+            patch.setattr(geometry, name, 1)
+            found = calibrate(made.robot, poses, folds=0, noise=noise)
+        assert said in found.status
+        assert found.status in found.lines()[0]
+        for write in (found.to_toml, found.to_urdf):
+            with pytest.raises(InputError, match=r"has not converged, and is not written .*; allowed: .*--force"):
+                write("found.toml")
+    assert load_calibration(found.save("found.npz")).status == found.status
 
 
 @pytest.mark.soak

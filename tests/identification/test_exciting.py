@@ -219,6 +219,7 @@ def test_files_and_text(found: ExciteResult, tmp_path: Path) -> None:
     again = load_excitation(path)
     assert json.dumps(again.as_dict()) == json.dumps(found.as_dict())
     assert again.lines() == found.lines()
+    assert again.status == found.status == "converged"
     assert all(np.array_equal(getattr(again, name), getattr(found, name)) for name in ("t", "q", "v", "a", "u"))
     motion = read_motion(found.to_csv(tmp_path / "motion.csv"), found.coordinates)
     assert np.array_equal(motion.v, found.v)

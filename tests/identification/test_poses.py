@@ -140,7 +140,8 @@ def test_exchange_and_bound_of_a_small_set(name: str) -> None:
 
     values = [value(np.array(chosen)) for chosen in combinations(range(12), 4)]
     bound, gap = bound_of(information, judge, 4)
-    chosen = chosen_by(information, judge, 4, bound, np.random.default_rng(0))
+    chosen, is_best = chosen_by(information, judge, 4, bound, np.random.default_rng(0))
+    assert is_best
     assert len(set(chosen.tolist())) == 4
     assert gap <= 1e-3
     assert max(values) <= bound

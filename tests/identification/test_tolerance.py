@@ -21,6 +21,7 @@ from eomgen.analysis import deflection
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import ArrayError, DescriptionError, InputError, UnknownNameError
 from eomgen.identification import ToleranceResult, load_tolerance, tolerance
+from eomgen.identification.tolerances import allocation
 from eomgen.identification.tolerances.allocation import least
 from eomgen.identification.tolerances.correlations import groups_of, read_correlations, root_of
 from eomgen.identification.tolerances.regions import ellipsoids, mixed_quantiles, quantile_of_normal, radii
@@ -443,7 +444,8 @@ def test_the_least_cost_is_that_of_a_general_method() -> None:
         A, costs = rng.random((poses, 6)) ** 3, rng.uniform(0.5, 3.0, 6)
         fixed = np.array([False] * 5 + [True])
         V = 0.5 * A[:, :5].sum(axis=1) + A[:, 5]
-        z, _ = least(A, V, costs, fixed, np.ones(poses))
+        z, _, is_least = least(A, V, costs, fixed, np.ones(poses))
+        assert is_least
         assert (A @ z <= V * (1.0 + 1e-6)).all()
         other = minimize(
             lambda x, costs=costs: float((costs[:5] / x).sum()),
@@ -456,7 +458,7 @@ def test_the_least_cost_is_that_of_a_general_method() -> None:
         assert (costs[:5] / np.sqrt(z[:5])).sum() == pytest.approx(other.fun, rel=1e-5)
 
 
-def test_tolerances_are_allocated() -> None:
+def test_tolerances_are_allocated(monkeypatch: pytest.MonkeyPatch) -> None:
     found = tolerance(arm(), TABLE, random=5)
     before = found.radius["position"].max()
     given = found.allocate(0.6 * before)
@@ -467,7 +469,10 @@ def test_tolerances_are_allocated() -> None:
     tightened = {n: {"deviation": x} for n, x in zip(given.names, given.after.tolist(), strict=True)}
     again = tolerance(arm(), tightened, poses=found.q)
     assert again.radius["position"].max() == pytest.approx(given.radius, rel=1e-9)
+    assert given.status == "converged"
     assert found.allocate(2.0 * before).tightened == ()
+    monkeypatch.setattr(allocation, "_ROUNDS", 1)
+    assert "do not bring the radius to rest" in found.allocate(0.6 * before).lines()[0]
     evenly = float(len(given.names) * (1.0 / 0.6 - 1.0))
     assert given.cost < evenly
 

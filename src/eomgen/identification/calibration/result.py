@@ -23,6 +23,7 @@ from ...robot.value import Robot
 from ...shown import Plotting, Shown, interval, prefixed
 from ...tabular import Rows as TableRows
 from ...tabular import TableColumn, Tabular
+from ..estimating import SOLVED
 from ..geometry.error_model import ErrorModel, Rows
 from ..geometry.observations import ENCODER, ORIENTATION, POSITION
 from .as_toml import FittedParameters, write_toml
@@ -74,6 +75,7 @@ class CalibrationResult(Plotting, Shown, Tabular, Saved, plot="plot_calibration"
         written_values: values and standard deviations that files of these formats have, (F, 2, P).
         is_explained: whether what is left of the poses is small beside the robot, fitted and held out; what is not
             explained is written as a description only if that is forced.
+        status: "converged", or which fits have not, of values or of what is written: they are written only if forced.
     """
 
     robot: str
@@ -105,6 +107,7 @@ class CalibrationResult(Plotting, Shown, Tabular, Saved, plot="plot_calibration"
     covariance: Annotated[Array, Stored(("X", "X"), "SI")] = field(repr=False)
     source: str = ""
     is_explained: Annotated[bool, Stored(otherwise=True)] = True
+    status: Annotated[str, Stored(otherwise=SOLVED)] = SOLVED
     written: Annotated[Residuals, Stored(otherwise={})] = field(default_factory=dict)
     written_values: Annotated[Array, Stored(("F", 2, "W"), "SI", unknown=True, otherwise=np.zeros((0, 2, 0)))] = field(
         default_factory=lambda: np.zeros((0, 2, 0)), repr=False
@@ -195,6 +198,11 @@ class CalibrationResult(Plotting, Shown, Tabular, Saved, plot="plot_calibration"
         return FittedParameters(self.model.robot, self.model.chain, self.frames, values, deviations, units)
 
     def _refuse_unexplained(self, force: bool) -> None:
+        if self.status != SOLVED and not force:
+            raise InputError(
+                f"{self.source or self.robot}: the calibration has not converged, and is not written as a description:"
+                f" {self.status}; allowed: other poses, fewer parameters (fixed), another loss, or --force (force=True)"
+            )
         if not (self.is_explained or force):
             raise InputError(
                 f"{self.source or self.robot}: the calibration does not explain what was measured, and is not written"
@@ -206,11 +214,11 @@ class CalibrationResult(Plotting, Shown, Tabular, Saved, plot="plot_calibration"
 
         Args:
             path: of the file.
-            force: whether to write what does not explain the poses.
+            force: whether to write what does not explain the poses, or has not converged.
 
         Raises:
-            InputError: the poses are not explained, the robot's file cannot be read any more, is not written so that it
-                can be changed, or the file cannot be written.
+            InputError: the fit has not converged, the poses are not explained, the robot's file cannot be read any
+                more, is not written so that it can be changed, or the file cannot be written.
         """
         self._refuse_unexplained(force)
         return write_toml(self._fitted(TOML), Path(path))
@@ -220,11 +228,11 @@ class CalibrationResult(Plotting, Shown, Tabular, Saved, plot="plot_calibration"
 
         Args:
             path: of the file.
-            force: whether to write what does not explain the poses.
+            force: whether to write what does not explain the poses, or has not converged.
 
         Raises:
-            InputError: the poses are not explained, the robot has what a URDF cannot say, or a file cannot be read or
-                written.
+            InputError: the fit has not converged, the poses are not explained, the robot has what a URDF cannot say,
+                or a file cannot be read or written.
         """
         self._refuse_unexplained(force)
         return write_urdf(self._fitted(URDF), Path(path))
@@ -256,7 +264,8 @@ class CalibrationResult(Plotting, Shown, Tabular, Saved, plot="plot_calibration"
 
     def lines(self) -> list[str]:
         """Return tables for people: residuals, values, what is not identifiable."""
-        lines = [f"{self.robot}: {self.rows} poses, rank {self.rank}, {self.rank_above_noise} above the noise", ""]
+        rank = f"rank {self.rank}, {self.rank_above_noise} above the noise"
+        lines = [f"{self.robot}: {self.rows} poses, {rank}, {self.status}", ""]
         lines += self._residual_lines()
         lines += ["", *self.summary_lines()] if any(self.residuals["full"]["held_out"]) else self.summary_lines()
         width = max(len(name) for name in self.names) + 2

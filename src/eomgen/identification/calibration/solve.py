@@ -24,6 +24,7 @@ from ...robot.cuts import CUTS
 from ...robot.elements.joint_stiffness import JOINT_STIFFNESS
 from ...robot.model import Model, build_model
 from ...robot.value import COORDINATES, MOTOR, Joint, Loop, Robot
+from ..estimating import SOLVED
 from ..geometry.blocks import FORCE
 from ..geometry.compliances import Chosen, compliances_of, is_below
 from ..geometry.error_model import (
@@ -549,6 +550,8 @@ def _result(
     apart = [_in_file(task, model, one, values, deviations)[:, chosen] for one in written.values()]
     notes += [written_note(problem, form, one) for form, one in written.items()]
     names = tuple(model.parameters[i].name for i in chosen)
+    fits = {uncertainty.variant: fit, **{f"what is written as .{form}": one.fit for form, one in written.items()}}
+    open_ones = [f"{name}: {one.status}" for name, one in fits.items() if one.status != SOLVED]
     is_known = not np.isnan(problem.seen.sigma).any()
     if not (is_known or uncertainty.diagnosis.is_checked):
         deviations = np.full_like(deviations, np.nan)
@@ -579,6 +582,7 @@ def _result(
         model=model,
         x=fit.x,
         source=poses.source,
+        status="; ".join(open_ones) or SOLVED,
         written={form: residuals_of(problem, one.fit.residuals, None, one.fit.trust) for form, one in written.items()},
         written_values=np.array(apart).reshape(len(written), 2, len(chosen)),
         **vars(uncertainty),

@@ -17,22 +17,22 @@ _GAIN = 1e-9  # of the function's gain, below which an exchange is none
 
 def chosen_by(
     information: Information, criterion: Criterion, count: int, possible: float, rng: np.random.Generator
-) -> Index:
-    """Return indices of the chosen candidates, each once, the most informative ones first.
+) -> tuple[Index, bool]:
+    """Return indices of the chosen candidates, the most informative ones first, and whether no exchange betters them.
 
     possible: the bound; while less than ENOUGH of it is reached, exchanges begin anew with random candidates.
     """
     many = len(information.Y)
-    best, reached = np.zeros(0, dtype=np.intp), -np.inf
+    best, reached, is_done = np.zeros(0, dtype=np.intp), -np.inf, False
     for start in range(_STARTS):
         first = rng.choice(many, count, replace=False) if start else _greedy(information, criterion, count)
-        chosen = _exchanged(information, criterion, first)
+        chosen, ended = _exchanged(information, criterion, first)
         value = criterion.value(information.total(np.bincount(chosen, minlength=many).astype(np.float64)))
         if value > reached:
-            best, reached = chosen, value
+            best, reached, is_done = chosen, value, ended
         if criterion.efficiency(reached, possible, information.size) >= ENOUGH:
             break
-    return best[_greedy(replace(information, Y=information.Y[best]), criterion, count)]
+    return best[_greedy(replace(information, Y=information.Y[best]), criterion, count)], is_done
 
 
 def _greedy(information: Information, criterion: Criterion, count: int) -> Index:
@@ -46,8 +46,8 @@ def _greedy(information: Information, criterion: Criterion, count: int) -> Index
     return np.array(chosen, dtype=np.intp)
 
 
-def _exchanged(information: Information, criterion: Criterion, chosen: Index) -> Index:
-    """Return the chosen ones with each replaced by the best candidate, until none is better."""
+def _exchanged(information: Information, criterion: Criterion, chosen: Index) -> tuple[Index, bool]:
+    """Return the chosen ones with each replaced by the best candidate, and whether that ended with none better."""
     design = chosen.copy()
     free = np.ones(len(information.Y), dtype=bool)
     free[design] = False
@@ -66,5 +66,5 @@ def _exchanged(information: Information, criterion: Criterion, chosen: Index) ->
                 covariance = added(without, information.Y[design[k]])
             free[design[k]] = False
         if not swaps:
-            break
-    return np.asarray(design)
+            return np.asarray(design), True
+    return np.asarray(design), False

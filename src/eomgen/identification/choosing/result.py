@@ -21,6 +21,7 @@ from ...shown import Plotting, Shown
 from ...tabular import Rows as TableRows
 from ...tabular import TableColumn, Tabular
 from ..calibration.identifiability import unidentifiable_rows
+from ..estimating import SOLVED
 from .information import DETERMINANT
 from .proposals import DISTANCE, POSE
 
@@ -58,6 +59,7 @@ class PosesResult(Plotting, Shown, Tabular, Saved, plot="plot_poses"):
         noise: standard deviations of lengths (m) and rotations (rad).
         seed: of the candidates.
         notes: remarks and warnings.
+        status: "converged", or what of the choice and its bound has not.
     """
 
     robot: str
@@ -86,6 +88,7 @@ class PosesResult(Plotting, Shown, Tabular, Saved, plot="plot_poses"):
     noise: tuple[float, float]
     seed: int
     notes: tuple[str, ...] = ()
+    status: Annotated[str, Stored(otherwise=SOLVED)] = SOLVED
 
     def to_csv(self, path: Path | str) -> Path:
         """Write coordinates, and empty columns for what is to be measured, and return the path.
@@ -138,7 +141,8 @@ class PosesResult(Plotting, Shown, Tabular, Saved, plot="plot_poses"):
         without = f", without these poses {1e3 * self.error_before:.4g} mm" if self.measured else ""
         return [
             f"{self.robot}: {len(self.q)} of {self.candidates} poses{behind}, {self.measure} of {names}",
-            f"criterion {_ABOUT[self.criterion]}: {100 * self.efficiency:.1f} % of what any weights of them reach",
+            f"criterion {_ABOUT[self.criterion]}: {100 * self.efficiency:.1f} % of what any weights of them reach,"
+            f" {self.status}",
             f"rank {self.rank} of {self.size}, {self.rank_above_noise} above the noise"
             f" ({1e3 * self.noise[0]:.3g} mm, {1e3 * self.noise[1]:.3g} mrad)",
             f"expected error of the tool {1e3 * self.error:.4g} mm rms{without}",

@@ -22,6 +22,7 @@ from ...robot.model import build_model, tool_of
 from ..calibration.identifiability import Identifiable, identifiable
 from ..calibration.result import CalibrationResult, load_calibration
 from ..calibration.solve import Task, links_of, problem_of, two_sizes
+from ..estimating import SOLVED
 from ..geometry.error_model import SIZES
 from ..geometry.observations import ORIENTATION, at_rows, usual_noise
 from ..geometry.poses import MeasuredPoses, read_poses
@@ -151,7 +152,7 @@ def poses(  # noqa: PLR0913
     report("finding the bound")
     possible, gap = bound_of(information, judge, count)
     report("choosing")
-    chosen = chosen_by(information, judge, count, possible, rng)
+    chosen, is_best = chosen_by(information, judge, count, possible, rng)
     times = np.bincount(chosen, minlength=len(q)).astype(np.float64)
     A = information.total(times)
     shown = _shown(task, offer, chosen)
@@ -159,7 +160,8 @@ def poses(  # noqa: PLR0913
     covariance = inverse(A)
     parameters = [offer.problem.model.parameters[i] for i in offer.problem.active]
     notes = [f"{len(q)} candidates satisfy all limits of places"] if len(q) < candidates else []
-    notes += [f"the bound is known to {gap:.1g} alone"] if gap > CLOSE else []
+    open_ones = [f"the bound is known to {gap:.1g} alone"] if gap > CLOSE else []
+    open_ones += [] if is_best else ["further exchanges of poses would be better"]
     notes += excess_notes("the choice of poses", excesses(robot, span.names, q=q[chosen]))
     return PosesResult(
         robot=robot.name,
@@ -188,6 +190,7 @@ def poses(  # noqa: PLR0913
         noise=deviations,
         seed=seed,
         notes=tuple(notes),
+        status="; ".join(open_ones) or SOLVED,
     )
 
 

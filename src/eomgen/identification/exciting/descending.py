@@ -15,8 +15,8 @@ HALVINGS = 40  # of a step
 SMALL = 1e-7  # a step that wins less, relative to the value or 1, is the last one
 
 
-def descended(function: Function, z: Array, steps: int) -> Array:
-    """Return numbers near a local minimum of a function, (n,), from those where the search begins.
+def descended(function: Function, z: Array, steps: int) -> tuple[Array, bool]:
+    """Return numbers near a local minimum of a function, (n,), and whether the search ended there.
 
     It takes so many steps at most, and values never rise.  Source of the line search: A. S. Lewis, M. L. Overton,
     "Nonsmooth optimization via quasi-Newton methods", Mathematical Programming 141 (2013).
@@ -26,22 +26,22 @@ def descended(function: Function, z: Array, steps: int) -> Array:
     for number in range(steps):
         direction = -(H @ gradient)
         if not direction @ gradient < 0.0:
-            break
+            return z, True
         step = _along(function, z, value, gradient, direction)
         if step is None:
-            break
+            return z, True
         x, less, slope = step
         s, y = x - z, slope - gradient
         won, curved = value - less, float(s @ y)
         z, value, gradient = x, less, slope
         if won <= SMALL * max(1.0, abs(value)):
-            break
+            return z, True
         if curved > 0.0:
             if not number:
                 H = np.eye(z.size) * (curved / float(y @ y))
             Hy = H @ y
             H += np.outer(s, s) * ((curved + y @ Hy) / curved**2) - (np.outer(Hy, s) + np.outer(s, Hy)) / curved
-    return z
+    return z, False
 
 
 def _along(

@@ -53,7 +53,7 @@ def standing(limits: Limits, held: Sequence[Held], n: int, index: Index, rng: np
 
     far = np.flatnonzero(~inside)
     nearest = far[np.argsort(np.maximum(out[far], 0.0).sum(axis=1), kind="stable")[:LED]]
-    led = np.array([descended(value, poses[k] / (high - low), STEPS) for k in nearest]) * (high - low)
+    led = np.array([descended(value, poses[k] / (high - low), STEPS)[0] for k in nearest]) * (high - low)
     left = _beyond(held, course(led))
     poses_at_rest = np.concatenate([poses[inside], led[left.max(axis=1) <= 0.0]])
     if not len(poses_at_rest):

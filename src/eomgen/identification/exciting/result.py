@@ -18,6 +18,7 @@ from ...results.contents import Contents
 from ...results.kinds import Kind, Saved, declare
 from ...results.stored import ALLOWED, Stored
 from ...shown import Plotting, Shown
+from ..estimating import SOLVED
 from ..identifiable import BaseParameters
 from .fourier import FourierSeries
 from .weighted_columns import CRITERIA
@@ -57,6 +58,7 @@ class ExciteResult(Plotting, Shown, Saved, plot="plot_excitation"):
         extremes: least and greatest of the motion, between samples too, (l, 2); of drives with Coulomb friction.
         randoms, starts, seed: of random motions, of searches, of the random numbers.
         notes: what was assumed.
+        status: of the search, "converged", or what has not.
     """
 
     robot: str
@@ -81,6 +83,7 @@ class ExciteResult(Plotting, Shown, Saved, plot="plot_excitation"):
     starts: int
     seed: int
     notes: tuple[str, ...] = ()
+    status: Annotated[str, Stored(otherwise=SOLVED)] = SOLVED
 
     @property
     def coordinates(self) -> tuple[str, ...]:
@@ -123,6 +126,7 @@ class ExciteResult(Plotting, Shown, Saved, plot="plot_excitation"):
                 for name, unit, allowed, reached in limited
             },
             "seed": self.seed,
+            "status": self.status,
             "notes": list(self.notes),
         }
 
@@ -132,7 +136,8 @@ class ExciteResult(Plotting, Shown, Saved, plot="plot_excitation"):
         lines = [
             f"{self.robot}: {series.duration:g} s, {series.harmonics} harmonics of {1.0 / series.duration:.4g} Hz,"
             f" {len(self.t)} samples",
-            f"criterion {self.criterion} ({CRITERIA[self.criterion]}), {len(self.base)} base parameters ({terms})",
+            f"criterion {self.criterion} ({CRITERIA[self.criterion]}), {len(self.base)} base parameters ({terms}),"
+            f" {self.status}",
             "",
             f"{'':<34}{'this motion':>14}{'its start':>14}{'random':>14}",
         ]

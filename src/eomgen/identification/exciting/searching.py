@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from ...arrays import Array, Index
+from ..estimating import SOLVED
 from .allowed import Limits
 from .constraints import Course, Held, barrier, beyond
 from .descending import descended
@@ -110,8 +111,8 @@ class Search:
         return standing(self.limits, self.held, self.n, self.index, rng)
 
 
-def improved(search: Search, weighted: WeightedColumns, kind: str, x: Array) -> Array:
-    """Return numbers of a motion within limits that is about a local minimum of a criterion.
+def improved(search: Search, weighted: WeightedColumns, kind: str, x: Array) -> tuple[Array, str]:
+    """Return numbers of a motion within limits about a local minimum of a criterion, and the status of the search.
 
     Args:
         search: the series and their limits.
@@ -127,16 +128,17 @@ def improved(search: Search, weighted: WeightedColumns, kind: str, x: Array) -> 
             total, gradient = objective(search, weighted, kind, weight, less, z.reshape(x.shape) * scale)
             return total, (gradient * scale).ravel()
 
-        better = descended(value, (better / scale).ravel(), STEPS).reshape(x.shape) * scale
+        z, ended = descended(value, (better / scale).ravel(), STEPS)
+        better = z.reshape(x.shape) * scale
         if weight == WEIGHTS[-1]:
             course = search.course(search.fine, better)
             left = [beyond(held, course) for held in search.held]
             if all((room <= 0.0).all() for room in left):
-                return better
+                return better, SOLVED if ended else f"{STEPS} steps do not reach the least value of the criterion"
             narrowed = [
                 less + np.where(room > 0.0, room + SPARE, 0.0) for less, room in zip(narrowed, left, strict=True)
             ]
-    return _between(search, x, better)
+    return _between(search, x, better), "the best motion leaves its limits between samples, and one on the way is taken"
 
 
 def objective(

@@ -148,13 +148,13 @@ def excite(  # noqa: PLR0913
     values_of = [singular(x) for x in drawn]
     order = sorted(range(len(drawn)), key=lambda k: criterion_of(criterion, values_of[k]))
     best, start = drawn[order[0]], order[0]
-    least = criterion_of(criterion, values_of[start])
+    least, status = criterion_of(criterion, values_of[start]), "no search betters the best random motion"
     for number, k in enumerate(order[:starts], 1):
         report(f"search {number} of {min(starts, len(drawn))}")
-        x = improved(search, weighted, criterion, drawn[k])
+        x, ended = improved(search, weighted, criterion, drawn[k])
         value = criterion_of(criterion, singular(x))
         if value < least:
-            best, start, least = x, k, value
+            best, start, least, status = x, k, value, ended
     course, values = search.course(rows, best), singular(best)
     G = information(weighted.columns(course))
     q, v, a = (x[:, index] for x in course)
@@ -179,6 +179,7 @@ def excite(  # noqa: PLR0913
         randoms=len(drawn),
         starts=min(starts, len(drawn)),
         seed=seed,
+        status=status,
         notes=(*_about(robot, names), *limits.notes, *notes, *excess_notes("the motion", beyond)),
     )
 

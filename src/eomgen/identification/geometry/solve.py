@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import Array, Index, Mask
+from ..estimating import SOLVED
 from .error_model import ErrorModel, Rows
 from .observations import Observations, at_rows
 
@@ -25,8 +26,11 @@ _LEAST_DAMPING = 1e-3  # of directions that show an expected size as much as its
 _UPWARD = 1e-6  # share of the sum of squares that a step may add: no noise shows that
 _RETURNED = 1e-4  # share that the way back along directions that do not show may add
 _STILL = 3  # steps one after the other that gain no more than that, behind which a fit has ended
+_STUCK = (
+    1e-3  # share of the sum of squares that a step promises without keeping it, from which a fit is not at its least
+)
 _SMALL = 1e-9  # of a step, in expected sizes
-_ROUNDS = 15  # of noise that is estimated, or weights that follow from residuals
+_ROUNDS = 25  # of noise that is estimated, or weights that follow from residuals
 _SETTLED = 1e-3  # relative change of estimated noise
 _FLOOR = 1e-9  # m or rad, below which noise is round-off: nothing measures that well
 _MAD = 1.4826  # standard deviation over the median of the magnitude, normal distribution
@@ -82,6 +86,7 @@ class Fit:
         freedoms: numbers less these.
         chi2: sum of squares of whitened residuals that count.
         leverage: of the numbers that count, (m,).
+        status: "converged", or what has not.
     """
 
     x: Array
@@ -93,6 +98,7 @@ class Fit:
     freedoms: float
     chi2: float
     leverage: Array
+    status: str = SOLVED
 
 
 @dataclass(frozen=True)
@@ -147,7 +153,7 @@ def fitted(
     if estimated.any():
         deviations = _scaled(seen, deviations, estimated, r, trust, kept, trust[kept], _median_size)
     for round_number in range(_ROUNDS):
-        x, r, A, linear = _descend(problem, x, r, A, deviations, trust, kept)
+        x, r, A, linear, status = _descend(problem, x, r, A, deviations, trust, kept, _STEPS)
         before = deviations.copy(), trust.copy()
         leverage = (linear.U**2).sum(axis=1)
         if loss is not None:
@@ -158,6 +164,8 @@ def fitted(
         moved = np.abs(np.log(deviations / before[0])).max(), np.abs(trust - before[1]).max()
         if max(moved) < _SETTLED or (round_number and not estimated.any() and loss is None):
             break
+    else:
+        status = "noise and weights, which follow from residuals, do not settle" if status == SOLVED else status
     white = _weighed(seen, r, deviations, trust)[kept]
     shown = float((linear.U**2).sum())
     return Fit(
@@ -170,6 +178,7 @@ def fitted(
         freedoms=max(float(trust[kept].sum()) - shown, 0.0),
         chi2=float(white @ white),
         leverage=(linear.U**2).sum(axis=1),
+        status=status,
     )
 
 
@@ -197,9 +206,9 @@ def _weighed(seen: Observations, values: Array, sigma: Array, trust: Array) -> A
 
 
 def _descend(
-    problem: Problem, x: Array, r: Array, A: Array, sigma: Array, trust: Array, kept: Index, steps: int = _STEPS
-) -> tuple[Array, Array, Array, _Linear]:
-    """Give values, differences and sensitivities at the least sum of squares near x, and the problem linearised there.
+    problem: Problem, x: Array, r: Array, A: Array, sigma: Array, trust: Array, kept: Index, steps: int
+) -> tuple[Array, Array, Array, _Linear, str]:
+    """Give values, differences and sensitivities at the least sum of squares near x, the problem linearised, a status.
 
     Steps are damped while the sum grows, those along directions that show little more than others: what shows well is
     corrected in each step, though a long one along a curved valley is not possible.
@@ -212,7 +221,7 @@ def _descend(
         change = (x - model.nominal) / problem.prior if problem.prior is not None else np.zeros(1)
         return float(white @ white + change @ change)
 
-    best, damping, still = cost(r, x), 0.0, 0
+    best, damping, still, status = cost(r, x), 0.0, 0, SOLVED
     linear = _linear(problem, r, A, x, sigma, trust, kept)
     for _ in range(steps):
         z = (x[active] - nominal) / sizes
@@ -230,6 +239,8 @@ def _descend(
                 break
             damping = max(10.0 * damping, _LEAST_DAMPING)
         else:
+            if linear.cost(linear.step(z, 0.0)) < (1.0 - _STUCK) * best:
+                status = "no step of the fit lowers what is left, although it is not at its least"
             break
         gained = best - new
         x, r, A, best = tried, new_r, new_A, new
@@ -237,7 +248,9 @@ def _descend(
         still = still + 1 if gained <= _UPWARD * best else 0
         if still == _STILL or (gained <= 1e-12 * best and np.abs(step).max() < 1e-6):
             break
-    return x, r, A, linear
+    else:
+        status = f"{steps} steps of the fit do not reach the least sum of squares"
+    return x, r, A, linear, status
 
 
 def _linear(problem: Problem, r: Array, A: Array, x: Array, sigma: Array, trust: Array, kept: Index) -> _Linear:

@@ -19,6 +19,7 @@ from ...limits import LARGEST, is_usable
 from ...names import listed, show
 from ...results.contents import plain_fields
 from ...shown import Shown
+from ..estimating import SOLVED
 from .regions import radii
 
 _ROUNDS = 20  # of the ratio between radius and trace, which changes little
@@ -40,6 +41,7 @@ class Allocation(Shown):
         factors: after / before, (K,); 1 of what stays.
         radius_before, radius: the greatest of all poses, m.
         cost: sum of cost times (before / after - 1).
+        status: "converged", or why the cost may not be the least.
     """
 
     accuracy: float
@@ -52,6 +54,7 @@ class Allocation(Shown):
     radius_before: float
     radius: float
     cost: float
+    status: str = SOLVED
 
     @property
     def tightened(self) -> tuple[str, ...]:
@@ -70,7 +73,11 @@ class Allocation(Shown):
         if not self.tightened:
             return [f"{head}: nothing has to be tightened for {1e3 * self.accuracy:.4g} mm"]
         width = max(len(name) for name in self.tightened) + 2
-        lines = [f"{head}, at a cost of {self.cost:.4g}", "", f"{'tighten':<{width}}{'from':>12}{'to':>12}  unit"]
+        lines = [
+            f"{head}, at a cost of {self.cost:.4g}, {self.status}",
+            "",
+            f"{'tighten':<{width}}{'from':>12}{'to':>12}  unit",
+        ]
         for name in self.tightened:
             k = self.names.index(name)
             lines.append(f"{name:<{width}}{self.before[k]:>12.4g}{self.after[k]:>12.4g}  {self.units[k]}")
@@ -99,9 +106,9 @@ def allocated(
     if held.max() >= accuracy:
         what = listed(name for name, is_held in zip(names, fixed, strict=True) if is_held)
         raise InputError(f"accuracy: {accuracy:g} m; allowed: above {held.max():.4g} m, which {what} alone make")
-    x = np.ones(len(names))
+    x, status = np.ones(len(names)), SOLVED
     if first.max() > accuracy:
-        x = _tightened(scaled, costs, fixed, float(accuracy), confidence)
+        x, status = _tightened(scaled, costs, fixed, float(accuracy), confidence)
     return Allocation(
         accuracy=float(accuracy),
         confidence=confidence,
@@ -113,6 +120,7 @@ def allocated(
         radius_before=float(first.max()),
         radius=float(_radii(scaled, x, confidence).max()),
         cost=float((costs * (1.0 / x - 1.0)).sum()),
+        status=status,
     )
 
 
@@ -121,19 +129,21 @@ def _radii(scaled: Array, x: Array, confidence: float) -> Array:
     return radii(deviations @ deviations.transpose(0, 2, 1), confidence)
 
 
-def _tightened(scaled: Array, costs: Array, fixed: Mask, accuracy: float, confidence: float) -> Array:
-    """Return factors, (K,): the radius is that of the trace times a ratio, which is corrected until it stays."""
+def _tightened(scaled: Array, costs: Array, fixed: Mask, accuracy: float, confidence: float) -> tuple[Array, str]:
+    """Return factors, (K,), and a status: the radius is that of the trace times a ratio, corrected until it stays."""
     A = (scaled**2).sum(axis=1)  # (N, K)
     x = np.ones(len(costs))
     m = np.ones(len(A))
+    status = f"{_ROUNDS} rounds do not bring the radius to rest"
     for _ in range(_ROUNDS):
         radius, traces = _radii(scaled, x, confidence), A @ x**2
         shown = traces > 0.0
         V = np.full(len(A), np.inf)
         V[shown] = traces[shown] * (accuracy / radius[shown]) ** 2
-        z, m = least(A, V, costs, fixed, m)
+        z, m, is_least = least(A, V, costs, fixed, m)
         last, x = x, np.sqrt(z)
         if np.abs(x - last).max() < 1e-7:
+            status = SOLVED if is_least else f"{_STEPS} steps do not reach the least cost"
             break
 
     def scaled_by(share: float) -> Array:
@@ -141,18 +151,18 @@ def _tightened(scaled: Array, costs: Array, fixed: Mask, accuracy: float, confid
 
     low, high = 0.0, 1.0  # what round-off and the last change of the ratio leave
     if _radii(scaled, x, confidence).max() <= accuracy:
-        return x
+        return x, status
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
         if _radii(scaled, scaled_by(middle), confidence).max() <= accuracy:
             low = middle
         else:
             high = middle
-    return scaled_by(low)
+    return scaled_by(low), status
 
 
-def least(A: Array, V: Array, costs: Array, fixed: Mask, m: Array) -> tuple[Array, Array]:
-    """Return squares of the factors, (K,), and multipliers, (N,), beginning with these.
+def least(A: Array, V: Array, costs: Array, fixed: Mask, m: Array) -> tuple[Array, Array, bool]:
+    """Return squares of the factors, (K,), multipliers, (N,), beginning with these, and whether they converged.
 
     A: variances by pose and parameter, (N, K).  V: those that are allowed, (N,); inf where all are.
     """
@@ -161,7 +171,7 @@ def least(A: Array, V: Array, costs: Array, fixed: Mask, m: Array) -> tuple[Arra
     room = np.maximum(1.0 - ratios[:, fixed].sum(axis=1), 1e-6)
     ratios = np.where(fixed, 0.0, ratios) / room[:, np.newaxis]
     some = np.maximum(m[bound], 1e-12)
-    z = np.ones(len(costs))
+    z, is_done = np.ones(len(costs)), False
     for _ in range(_STEPS):
         slope = ratios.T @ some
         with np.errstate(divide="ignore"):
@@ -173,4 +183,4 @@ def least(A: Array, V: Array, costs: Array, fixed: Mask, m: Array) -> tuple[Arra
         some = np.maximum(some * use**_POWER, 1e-30)
     multipliers = m.copy()
     multipliers[bound] = some
-    return z, multipliers
+    return z, multipliers, is_done
