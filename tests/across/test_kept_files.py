@@ -97,6 +97,7 @@ def _is_quick(name: str) -> bool:
     return not name.startswith("meta (") or name.partition(")")[0].count(",") == 1
 
 
+@pytest.mark.soak
 def test_each_change_of_a_result_is_refused_or_read(raw: Raw, tmp_path: Path) -> None:
     accepted = dict(_accepted(raw, tmp_path, _is_quick, 3))
     for name in accepted:

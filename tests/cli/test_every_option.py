@@ -255,13 +255,11 @@ def test_every_option_has_one_kind() -> None:
 
 def test_numbers_behind_names_are_refused(folder: None) -> None:
     """Each of the hostile texts in its turn."""
-    texts = cycle(HOSTILE)
-    for command, action in of_kind("number"):
+    for (command, action), text in zip(of_kind("number"), cycle(HOSTILE)):
         pattern = NUMBERS.get(f"{command} {action.dest}") or NUMBERS[action.dest]
-        for text in (next(texts), next(texts)):
-            behind = [word.removesuffix("N") + text if word.endswith("N") else word for word in pattern.split()]
-            last = refusal(command, action, behind)
-            assert show(text) in last or re.search(r"expected (at least one|one|\d) argument", last), last
+        behind = [word.removesuffix("N") + text if word.endswith("N") else word for word in pattern.split()]
+        last = refusal(command, action, behind)
+        assert show(text) in last or re.search(r"expected (at least one|one|\d) argument", last), last
 
 
 @pytest.mark.parametrize("kind", soaked(["missing", "folder", "fifo", "bytes"], ["fifo"]))
