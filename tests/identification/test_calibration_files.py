@@ -470,7 +470,7 @@ def test_what_explains_nothing_is_not_written(tmp_path: Path, monkeypatch: pytes
     assert eomgen.load_robot("better.toml").name == eomgen.load_robot("puma560").name
 
 
-def test_what_has_not_converged_is_not_written(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_has_not_converged_is_not_written(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     made = trial(chain(2, "RRR"), 3, 16, noise=(1e-3, 1e-3))
     poses = made.poses("rx", "ry", "rz")
     cases = (("_STEPS", (1e-3, 1e-3), "steps of the fit do not reach"), ("_ROUNDS", None, "do not settle"))
@@ -483,8 +483,8 @@ def test_what_has_not_converged_is_not_written(monkeypatch: pytest.MonkeyPatch) 
         assert found.status in found.lines()[0]
         for write in (found.to_toml, found.to_urdf):
             with pytest.raises(InputError, match=r"has not converged, and is not written .*; allowed: .*--force"):
-                write("found.toml")
-    assert load_calibration(found.save("found.npz")).status == found.status
+                write(tmp_path / "found.toml")
+    assert load_calibration(found.save(tmp_path / "found.npz")).status == found.status
 
 
 @pytest.mark.soak
