@@ -45,22 +45,25 @@ EOM_LOCAL void F(find_failures)(const F(problem) *restrict problem, enum F(solve
     REAL *const state = problem->spare; /* q, v, and two more arrays */
     REAL *const time = &state[4 * n];
     REAL *const h = &time[6];
+    int shares = 0;
     int failed[WIDTH] = { 0 };
     int other = 0;
+    int left = status;
     (void)memcpy(state, q, (size_t)n * sizeof *q);
     (void)memcpy(&state[n], v, (size_t)n * sizeof *v);
     (void)memcpy(&state[2 * n], first, (size_t)n * sizeof *first);
     (void)memcpy(&state[3 * n], (second == NULL) ? first : second, (size_t)n * sizeof *first);
     (void)memcpy(h, problem->motion.h, (size_t)hoisted * sizeof *h);
-    for (int i = 0; (times != NULL) && (i < ((what == F(factors_of_pair)) ? 6 : 2)); ++i) { time[i] = times[i]; }
-    while ((status != 0) && (other < (int)WIDTH)) {
-        const int said = (status - 1) / statuses;
-        failed[(failed[said] == 0) ? said : other] = 1 + (status - 1) % statuses; /* or the one that it follows */
+    if (times != NULL) { shares = (what == F(factors_of_pair)) ? 6 : 2; }
+    for (int i = 0; i < shares; ++i) { time[i] = times[i]; }
+    while ((left != 0) && (other < (int)WIDTH)) {
+        const int said = (left - 1) / statuses;
+        failed[(failed[said] == 0) ? said : other] = 1 + (left - 1) % statuses; /* or the one that it follows */
         while ((other < (int)WIDTH) && (failed[other] != 0)) { ++other; }
         if (other == (int)WIDTH) { continue; }
-        F(follow_lane)(4 * n + ((times == NULL) ? 0 : ((what == F(factors_of_pair)) ? 6 : 2)), failed, other, state);
+        F(follow_lane)(4 * n + shares, failed, other, state);
         F(follow_lane)(hoisted, failed, other, h);
-        status = F(solve)(robot, what, h, state, &state[n], &state[2 * n], &state[3 * n], time, out);
+        left = F(solve)(robot, what, h, state, &state[n], &state[2 * n], &state[3 * n], time, out);
     }
     for (int l = 0; l < (int)WIDTH; ++l) {
         if (problem->failed[l] == 0) { problem->failed[l] = failed[l]; }
