@@ -13,7 +13,7 @@ Case = TypeVar("Case")
 
 VARIABLE = "EOMGEN_SOAK"  # "all" runs every case; see the Makefile
 WHOLE = os.environ.get(VARIABLE) == "all"
-MOST = 3  # cases of a test that has the marker soak, unless the marker says ``most``
+MOST = 2  # cases of a test that has the marker soak, unless the marker says ``most``
 
 
 def left_out(items: Sequence[pytest.Item]) -> set[pytest.Item]:
