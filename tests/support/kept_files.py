@@ -20,8 +20,8 @@ import numpy as np
 import eomgen
 from eomgen.errors import InputError
 from eomgen.identification import Estimate, FittedEntry, FittedMatrix
-from eomgen.integration.reference_motions import GlobalError
 from eomgen.integration.contacts import Contact
+from eomgen.integration.reference_motions import GlobalError
 from eomgen.integration.trajectory import Trajectory
 from eomgen.robot.model import build_model
 from eomgen.robot.record import record_of, robot_hash, robot_of
