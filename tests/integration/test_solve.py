@@ -15,12 +15,11 @@ import eomgen
 from eomgen import ArrayError, IntegrationError, SingularError
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import InputError, IntegrationStopped, UnknownNameError
-from eomgen.integration.advance import WORK, Advance
 from eomgen.integration.methods import IN_C, METHODS
 from eomgen.integration.plan import IntegratorOptions, choose_method, why_stiff
 from eomgen.integration.solve import integrate
 from eomgen.integration.steps import fixed_step
-from eomgen.integration.system import System
+from eomgen.integration.system import WORK, Advance, System
 from eomgen.motion.point_to_point import Harmonic
 from eomgen.robot.value import Coordinate, Friction, Robot
 from eomgen.scenario.load import scenario_from_toml

@@ -20,7 +20,6 @@ from ..runtime.stepping.options import ErrorControl
 from ..runtime.stepping.reading_inputs import input_signals
 from ..state.vectors import DriveFunction, MotionFunction, WrenchFunction
 from . import compiled, sundials
-from .advance import Advance
 from .closed import ClosedSystem
 from .contacts import ContactWatch
 from .drives import begin_of, drive_beside_states, drive_of, record_apart, wrench_beside_states
@@ -28,7 +27,7 @@ from .methods import SUNDIALS, Method
 from .plan import IntegratorOptions, IntegratorPlan, plan_integration
 from .resting import rests
 from .steps import Record, Samples, checked_times, fixed_step, output_times, reporter, rk4, sampled, tolerances
-from .system import System
+from .system import Advance, System
 from .trajectory import Trajectory, trajectory_of
 from .turning import ClosedTurningSystem, TurningSystem
 from .until import Reached, Until
