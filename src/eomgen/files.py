@@ -9,6 +9,7 @@ import io
 import os
 import stat
 import time
+import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -19,6 +20,8 @@ from .names import plain_path, show_path
 
 FIGURE_ENDINGS = (".svg", ".pdf", ".png")  # of files that figures are written to
 PAGE_ENDING = ".html"
+
+Reader = Callable[[Path], object]  # of a format: raises InputError where the file cannot be used
 
 _KINDS = {  # what a path may lead to, and what a reader would wait for, or never come to the end of
     stat.S_IFIFO: "a FIFO",
@@ -92,41 +95,78 @@ def _too_large(size: str, most: int, path: Path) -> OSError:
     return OSError(errno.EFBIG, f"the file has {size}; allowed: up to {most}", str(path))
 
 
-def write_atomically(target: Path, write: Callable[[Any], None]) -> Path:
-    """Call ``write(stream)`` on a temporary file beside the target, rename it into place, and return the target.
+def write_atomically(target: Path, write: Callable[[Any], None], *, read: Reader | None) -> Path:
+    """Write a temporary file beside the target, read it back, rename it into place, and return the target.
 
     Whatever ends the process or the machine, the target is what it was before, or new and whole.
 
+    Args:
+        target: path of the file; missing folders are made.
+        write: called with the open stream.
+        read: reads the format, see ``read_back``.  None where eomgen has no reader: figures, pages, source code, FMUs,
+            wheels, WebAssembly, tables of results for other programs, forms with cells to fill in.
+
     Raises:
-        InputError: the folder or the file cannot be written.
+        InputError: the folder or the file cannot be written, or the file cannot be read back.
     """
-    temporary = target.with_name(f".{target.name}-{os.getpid()}-{os.urandom(4).hex()}")
+    temporary = target.with_name(f".{target.name}-{os.getpid()}-{os.urandom(4).hex()}{target.suffix}")
+    made: list[Path] = []
     try:
+        made = [folder for folder in (target.parent, *target.parent.parents) if not folder.exists()]
         target.parent.mkdir(parents=True, exist_ok=True)
         try:
             with temporary.open("xb") as stream:
                 write(stream)
                 stream.flush()
                 os.fsync(stream.fileno())  # first the content, then its name
+            if read is not None:
+                read_back(temporary, target, read)
             temporary.replace(target)
+            made = []
             _remove_leftovers(target)
         finally:
             temporary.unlink(missing_ok=True)
     except OSError as error:
         raise InputError(f"{plain_path(target)} cannot be written: {error.strerror or error}") from None
+    finally:
+        for folder in made:
+            with suppress(OSError):
+                folder.rmdir()
     return target
 
 
-def write_csv(target: Path, rows: Iterable[Iterable[Any]], comments: Iterable[str] = ()) -> Path:
+def read_back(path: Path, target: Path, read: Reader) -> None:
+    """Read a file that was just written, before it gets its name.
+
+    Args:
+        path: of the file as it is now.
+        target: its later path, which messages have in the place of the other one.
+        read: reads the format from a path, and may compare what it finds with what was meant.
+
+    Raises:
+        InputError: ``read`` refuses the file; names the target and the reason.
+    """
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # whoever reads the file later gets them
+            read(path)
+    except InputError as error:
+        reason = str(error).replace(path.name, target.name)
+        raise InputError(f"{plain_path(target)}: is not written, since it cannot be read back: {reason}") from None
+
+
+def write_csv(
+    target: Path, rows: Iterable[Iterable[Any]], comments: Iterable[str] = (), *, read: Reader | None
+) -> Path:
     """Write rows of a table, the first one its header, behind lines of comments, and return the path.
 
     Raises:
-        InputError: the folder or the file cannot be written.
+        InputError: as of ``write_atomically``, which says what ``read`` is.
     """
     text = io.StringIO()
     text.writelines(f"# {line}\n" for line in comments)
     csv.writer(text, lineterminator="\n").writerows(rows)
-    return write_atomically(target, lambda stream: stream.write(text.getvalue().encode("utf-8")))
+    return write_atomically(target, lambda stream: stream.write(text.getvalue().encode("utf-8")), read=read)
 
 
 def csv_cells(place: str, line: str, *, skip_spaces: bool = False) -> list[str]:

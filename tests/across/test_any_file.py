@@ -24,6 +24,7 @@ from eomgen.motion.files import read_motion
 from eomgen.names import printable
 from eomgen.npz import read_npz
 from eomgen.pictures.shapes import urdf_shapes
+from eomgen.results.contents import write_npz
 from eomgen.scenario.load import load_scenario
 from eomgen.sweep.plan import load_plan
 from tests.support.bad_files import archive, header, npy
@@ -195,6 +196,19 @@ def test_the_limit_can_be_another(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         monkeypatch.setenv("EOMGEN_NPZ_MB", most)
         with pytest.raises(InputError, match=said):
             read_npz(path)
+
+
+def test_a_result_is_written_whatever_its_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("EOMGEN_NPZ_MB", "1")
+    sizes: list[int] = []
+
+    def read(path: Path) -> None:
+        sizes.append(read_npz(path)["t"].size)
+
+    path = write_npz(tmp_path / "a.npz", {}, {"t": np.zeros(1 << 18)}, read)
+    assert sizes == [1 << 18]
+    with pytest.raises(InputError, match="allowed: up to 1048576"):
+        read_npz(path)
 
 
 def test_a_directory_of_very_many_arrays_is_refused(tmp_path: Path) -> None:

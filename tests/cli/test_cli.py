@@ -13,6 +13,8 @@ import numpy as np
 import pytest
 
 import eomgen
+from eomgen import files
+from eomgen.authoring import new
 from eomgen.bench import beside as bench
 from eomgen.bending.element_files import arrays_of
 from eomgen.bending.reduction import reduce
@@ -27,6 +29,7 @@ from eomgen.scenario.builtin import builtin_scenarios
 from tests.support import element_texts
 from tests.support.commands import command, facts, refused, run
 from tests.support.finite_elements import bar, stress_of_bar
+from tests.support.measured_poses import trial, write_csv
 from tests.support.optional import needs
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
@@ -307,3 +310,98 @@ def test_short_work_and_errors_say_nothing(capsys: pytest.CaptureFixture[str]) -
     with pytest.raises(ZeroDivisionError), stage_bar("generating") as stage:
         stage(str(1 // 0))
     assert capsys.readouterr().err == ""
+
+
+# Files that are written: each of a format that eomgen reads is read back first
+
+FILES = {  # a command, and the files of formats with a reader, in the order in which they are written
+    "new": ("new other -o OUT/other.toml", "other.toml"),
+    "new, scenario": ("new arm --scenario -o OUT/s.toml", "s.toml"),
+    "new, plan": ("new arm --plan -o OUT/plan.toml", "plan.toml"),
+    "new, tolerances": ("new arm --tolerances -o OUT/t.toml", "t.toml"),
+    "new, dh": ("new other --dh table.csv --convention classic -o OUT/other.toml", "other.toml"),
+    "simulate": ("simulate arm.toml --duration 0.05 --no-plots -o OUT", "trajectory.npz"),
+    "feedforward": ("feedforward puma560 --scenario puma560_circle -o OUT/f.npz", "f.npz"),
+    "response": ("response arm.toml --points 5 -o OUT/r.npz", "r.npz"),
+    "linearize": ("linearize arm.toml -o OUT/l.npz", "l.npz"),
+    "deflection, map": ("deflection arm.toml --map 0 0 0.5 1 0 0 0 0 0.1 --points 2 2 -o OUT/m.npz", "m.npz"),
+    "deflection, csv": ("deflection arm.toml --matrix joint1 -o OUT/K.csv", "K.csv"),
+    "deflection, mtx": ("deflection arm.toml --matrix joint1 -o OUT/K.mtx", "K.mtx"),
+    "deflection, npz": ("deflection arm.toml --matrix joint1 -o OUT/K.npz", "K.npz"),
+    "excite": (
+        "excite arm.toml --duration 2 --harmonics 2 --starts 1 -o OUT/m.csv OUT/s.toml OUT/r.npz",
+        "m.csv s.toml r.npz",
+    ),
+    "forces": ("forces arm.toml motion.csv -o OUT/f.npz", "f.npz"),
+    "fit": ("fit arm.toml motion.csv -o OUT/f.json", "f.json"),
+    "identify": ("identify arm.toml motion.csv --force --toml OUT/b.toml -o OUT/i.npz", "b.toml i.npz"),
+    "calibrate": (
+        "calibrate puma560 measured.csv --folds 0 --toml OUT/b.toml --urdf OUT/b.urdf -o OUT/c.npz",
+        "b.toml b.urdf c.npz",
+    ),
+    "poses": ("poses arm.toml --count 5 --candidates 20 -o OUT/p.json", "p.json"),
+    "tolerance": ("tolerance arm.toml tolerances.toml -o OUT/t.json", "t.json"),
+    "accuracy": ("accuracy cycle1 cycle2 -o OUT/a.json", "a.json"),
+    "compensate": (
+        "compensate arm.toml --mode static --write-scenario OUT/s.toml -o OUT/c.npz",
+        "s.csv s_wanted.csv s.toml c.npz",
+    ),
+    "reduce": ("reduce bar.npz -o OUT/modes.npz", "modes.npz"),
+    "export, mjcf": ("export arm.toml --mjcf -o OUT/arm.xml", "arm.xml"),
+}
+
+
+@pytest.fixture(scope="module")
+def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with what these commands read."""
+    folder = tmp_path_factory.mktemp("inputs")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        command("new", "arm")
+        command("new", "arm", "--tolerances", "-o", "tolerances.toml")
+        command("excite", "arm.toml", "--duration", 2, "--harmonics", 2, "--starts", 1, "-o", "motion.csv")
+        for name in ("cycle1", "cycle2"):
+            command("simulate", "arm.toml", "--duration", 0.05, "--no-plots", "-o", name)
+        write_csv(Path("measured.csv"), trial(eomgen.load_robot("puma560"), 0, 40).columns)
+        Path("table.csv").write_text("joint,type,theta,d,a,alpha\nj1,revolute,0,0.1,0.3,0\n")
+        np.savez("bar.npz", **arrays_of(bar(**SMALL)))
+    return folder
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_files_are_read_back_and_none_is_left_that_cannot_be(
+    name: str, inputs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The second time, writers leave what no reader takes; an older file stays as it was."""
+    if name == "export, mjcf":
+        needs("mujoco")  # which reads them
+    text, names = FILES[name]
+    seen: list[str] = []
+
+    def watched(path: Path, target: Path, read: files.Reader) -> None:
+        seen.append(target.name)
+        read_back(path, target, read)
+
+    def spoiled(path: Path, target: Path, read: files.Reader) -> None:
+        path.write_bytes(b"\0")
+        read_back(path, target, read)
+
+    read_back = files.read_back
+    good, bad = tmp_path / "good", tmp_path / "bad"
+    bad.mkdir()
+    good.mkdir()
+    monkeypatch.chdir(inputs)
+    for module in (files, new):
+        monkeypatch.setattr(module, "read_back", watched)
+    command(*text.replace("OUT", str(good)).split())
+    for module in (files, new):
+        monkeypatch.setattr(module, "read_back", spoiled)
+    assert seen == names.split()
+    assert all((good / file).is_file() for file in seen)
+    first = bad / seen[0]
+    older = {} if name.startswith("new") else {first: b"older"}
+    for path, data in older.items():
+        path.write_bytes(data)
+    said = command(*text.replace("OUT", str(bad)).split(), code=1)
+    assert f"{first}: is not written, since it cannot be read back: " in said
+    assert {path: path.read_bytes() for path in bad.iterdir()} == older

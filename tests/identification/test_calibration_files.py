@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -236,6 +237,24 @@ def test_an_attached_frame_gets_a_name_and_a_link_that_the_urdf_has(tmp_path: Pa
     read = eomgen.load_robot(found.to_urdf(tmp_path / "new.urdf"))
     assert {joint.name for joint in read.joints} == {"j1", "j2", "ball_joint", "ball_joint_2"}
     assert read.joint("ball_joint_2").parent == link
+
+
+def test_a_urdf_that_cannot_be_read_back_leaves_the_older_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two joints of one name."""
+    place, source = tmp_path / "made" / "new.urdf", tmp_path / "arm.urdf"
+    source.write_text(BALL)
+    made = trial(eomgen.load_robot(source), 1, 30, frames={"ball": ("b", pose_of(np.eye(3), [0.0, 0.1, 0.2]))})
+    found = calibrate(made.robot, made.poses(), frames={"ball": "b"}, folds=0)
+    monkeypatch.setattr(as_urdf, "_add_frames", lambda root, fitted, robot: root.append(deepcopy(root.find("joint"))))
+    refusal = rf"new\.urdf: is not written, since it cannot be read back: {place}.*j1"
+    with pytest.raises(InputError, match=refusal):
+        found.to_urdf(place)
+    assert not place.parent.exists()
+    place.parent.mkdir()
+    place.write_text("older")
+    with pytest.raises(InputError, match=refusal):
+        found.to_urdf(place)
+    assert [(path, path.read_text()) for path in place.parent.iterdir()] == [(place, "older")]
 
 
 def test_a_urdf_that_reads_as_another_robot_is_not_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 from ..arrays import Array, rank_of
 from ..bending.beams.resultants import COMPONENTS, StressResultants, stress_resultants
 from ..description import RobotLike
+from ..description.matrix_files import read_matrix
 from ..errors import InputError, LoopError, UnknownNameError, check_kind
 from ..files import check_ending, write_atomically, write_csv
 from ..names import component_name, joint_of, nearest_or_all, parameter_name
@@ -126,7 +127,7 @@ class Deflection(Plotting, Shown, plot="plot_stress_resultants"):
             stress = [""] * len(beam.x) if beam.stress is None else beam.stress.tolist()
             for x, row, most in zip(beam.x.tolist(), beam.resultants.tolist(), stress, strict=True):
                 rows.append([beam.link, x, *row, most])
-        return write_csv(target, rows, [f"{self.robot}: stress resultants of beams, m, N, N m, N/m^2"])
+        return write_csv(target, rows, [f"{self.robot}: stress resultants of beams, m, N, N m, N/m^2"], read=None)
 
 
 @tells_at_prompt("deflecting")
@@ -399,14 +400,14 @@ class JointStiffnessMatrix(Shown):
         target = check_ending(path, *MATRIX_ENDINGS, label="path")
         comments = [f"{self._title()}, {UNITS}", *self._without()]
         if target.suffix == ".csv":
-            return write_csv(target, [self.coordinates, *self.matrix.tolist()], comments)
+            return write_csv(target, [self.coordinates, *self.matrix.tolist()], comments, read=read_matrix)
         if target.suffix == ".mtx":
             comments.insert(1, f"rows and columns: {', '.join(self.coordinates)}")
             text = _market(self.matrix, comments).encode("ascii")
-            return write_atomically(target, lambda stream: stream.write(text))
+            return write_atomically(target, lambda stream: stream.write(text), read=read_matrix)
         texts = {key: np.array(getattr(self, key), dtype=np.str_) for key in ("coordinates", "rigid", "held")}
         names: dict[str, Any] = {"robot": self.robot, "joint": self.joint, "deviation": self.deviation, **texts}
-        return write_atomically(target, lambda stream: np.savez(stream, K=self.matrix, **names))
+        return write_atomically(target, lambda stream: np.savez(stream, K=self.matrix, **names), read=read_matrix)
 
     def _title(self) -> str:
         pairs = zip(self.coordinates, self.deviation, strict=True)

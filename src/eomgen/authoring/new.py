@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 from ..description.builtin import builtin_robots
 from ..description.load import load_robot
 from ..errors import InputError, check_kind
-from ..files import write_atomically
+from ..files import Reader, read_back, write_atomically
 from ..names import ROBOT_RULE, component_name, is_robot_name, joint_of, kind_of, listed, show, to_robot_name
 from ..robot.coordinates import MOTIONS, unit_of
 from ..robot.model import program_coordinates, tool_of
 from ..robot.value import PRINCIPAL, Robot
+from ..scenario.load import load_scenario
+from ..sweep.plan import load_plan
 from .dh import Table, dh_file_text
 from .schema_files import is_schema, schema_path
-from .studies import plan_file_text, tolerances_file_text
+from .studies import check_tolerances, plan_file_text, tolerances_file_text
 
 KINDS = ("robot", "scenario")
+_READERS: Mapping[str, Reader] = {"robot": load_robot, "scenario": load_scenario, "plan": load_plan}
 _FOLDER = Path(__file__).parents[1] / "new_files"
 
 
@@ -87,8 +93,8 @@ def _write_beside_schema(text: str, target: Path, kind: str) -> Path:
     schema = target.with_name(schema_path(kind).name)
     if schema.exists() and not is_schema(schema, kind):
         raise InputError(f"new: {show(schema.name)} there is no schema of a {kind}; allowed: another folder")
-    _write_new(text, target, ".toml")
-    write_atomically(schema, lambda stream: stream.write(schema_path(kind).read_bytes()))
+    _write_new(text, target, ".toml", _READERS[kind])
+    write_atomically(schema, lambda stream: stream.write(schema_path(kind).read_bytes()), read=None)
     return target
 
 
@@ -123,7 +129,8 @@ def write_poses_file(name: str, path: str | Path | None = None) -> Path:
         InputError: there is no such robot, the file exists or cannot be written.
     """
     check_kind("name", name, isinstance(name, str), "a name")
-    return _write_new(poses_file_text(_robot_here(name)), Path(f"{name}_poses.csv" if path is None else path), ".csv")
+    target = Path(f"{name}_poses.csv" if path is None else path)
+    return _write_new(poses_file_text(_robot_here(name)), target, ".csv", None)  # a form: it has no rows yet
 
 
 def write_plan_file(name: str, path: str | Path | None = None) -> Path:
@@ -137,7 +144,8 @@ def write_tolerances_file(name: str, path: str | Path | None = None) -> Path:
     """Write ``tolerances_file_text`` to a new file, NAME_tolerances.toml; arguments as of ``write_poses_file``."""
     check_kind("name", name, isinstance(name, str), "a name")
     target = Path(f"{name}_tolerances.toml" if path is None else path)
-    return _write_new(tolerances_file_text(_robot_here(name)), target, ".toml")
+    robot = _robot_here(name)
+    return _write_new(tolerances_file_text(robot), target, ".toml", partial(check_tolerances, robot))
 
 
 def _known_robot(name: str) -> Robot | None:
@@ -161,15 +169,28 @@ def _robot_here(name: str) -> Robot:
     return load_robot(files[0] if files else name)
 
 
-def _write_new(text: str, target: Path, ending: str) -> Path:
+def _write_new(text: str, target: Path, ending: str, read: Reader | None) -> Path:
+    """Write a file that is not there yet, and read it back; nothing is left of one that cannot be read."""
     if target.suffix != ending:
         raise InputError(f"new: got the file {show(str(target))}; allowed: a path that ends in {ending}")
     try:
-        with target.open("x", encoding="ascii") as file:
-            file.write(text)
+        target.open("x").close()
+        with _removed_if_refused(target):
+            target.write_text(text, encoding="ascii")
+            if read is not None:
+                read_back(target, target, read)
     except FileExistsError:
         raise InputError(f"new: {show(str(target))} is there already; allowed: a file that is not") from None
     except OSError as error:
         reason = f"{show(str(target))} cannot be written: {error.strerror}"
         raise InputError(f"new: {reason}; allowed: a file in a folder that exists") from None
     return target
+
+
+@contextmanager
+def _removed_if_refused(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except BaseException:
+        path.unlink(missing_ok=True)
+        raise

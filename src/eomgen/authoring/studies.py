@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from pathlib import Path
 
 from ..errors import DescriptionError
 from ..robot.model import tool_of
@@ -98,6 +99,14 @@ def tolerances_file_text(robot: Robot) -> str:
             lines += [f"{'' if is_active else '# '}{_entry(pattern, left[pattern])}" for pattern in mine]
         left = {pattern: unit for pattern, unit in left.items() if pattern not in mine}
     return "\n".join(lines) + "\n"
+
+
+def check_tolerances(robot: Robot, path: Path) -> None:
+    """Read a table of tolerances of a robot; InputError where it cannot be used."""
+    from ..identification.tolerances.solve import tolerance_quantities
+    from ..identification.tolerances.table import read_table
+
+    read_table(path, tuple(tolerance_quantities(robot, tool_of(robot, None))))
 
 
 def _patterns(quantities: Iterable[tuple[str, str]]) -> dict[str, str]:

@@ -24,6 +24,7 @@ from ..errors import InputError
 from ..files import check_ending, write_atomically
 from ..limits import LARGEST, MOST_MODES
 from ..names import is_identifier, listed, plain_path, show
+from ..npz import read_npz
 from ..robot.value import ROOT, Node
 from .bending_body import BendingBody
 from .consistency import clamped_conflict, constants_conflict, is_free
@@ -88,7 +89,11 @@ def write_constants(path: Path | str, body: BendingBody) -> Path:
     if body.velocity_terms != EXACT:
         arrays["velocity_terms"] = np.array(body.velocity_terms)
     made = {key: np.asarray(value) for key, value in arrays.items()}
-    return write_atomically(target, lambda stream: np.savez_compressed(stream, **made))  # type: ignore[arg-type]
+    return write_atomically(
+        target,
+        lambda stream: np.savez_compressed(stream, **made),  # type: ignore[arg-type]
+        read=lambda place: body_of_arrays(place, read_npz(place)),
+    )
 
 
 @dataclass(frozen=True)

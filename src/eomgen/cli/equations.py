@@ -37,7 +37,7 @@ def _derive(options: argparse.Namespace) -> None:
     if options.output is None:
         print(text, end="")
         return
-    show_written([write_atomically(options.output, lambda stream: stream.write(text.encode()))])
+    show_written([write_atomically(options.output, lambda stream: stream.write(text.encode()), read=None)])
 
 
 def _add_generate(parser: argparse.ArgumentParser) -> None:

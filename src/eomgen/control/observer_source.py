@@ -47,7 +47,7 @@ def write_observer(observer: Observer, folder: Path | str, *, progress: StageRep
 
 def write_texts(texts: Mapping[str, str], folder: Path) -> list[Path]:
     """Write texts by their places in a folder, and return the paths."""
-    return [write_atomically(folder / name, partial(_write, text)) for name, text in texts.items()]
+    return [write_atomically(folder / name, partial(_write, text), read=None) for name, text in texts.items()]
 
 
 def _write(text: str, stream: IO[bytes]) -> None:

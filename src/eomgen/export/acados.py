@@ -83,7 +83,7 @@ def export_acados(
 
 def _written(path: Path, text: str) -> Path:
     """Write a file of ASCII text, and return its path."""
-    return write_atomically(path, lambda stream: stream.write(text.encode("ascii")))
+    return write_atomically(path, lambda stream: stream.write(text.encode("ascii")), read=None)
 
 
 def _method(robot: Robot) -> str:

@@ -35,4 +35,4 @@ def export_arrays(
     robot = as_robot(robot)
     progress("deriving the equations")
     text = render_arrays(build_model(robot), kernels)
-    return write_atomically(target, lambda stream: stream.write(text.encode("ascii")))
+    return write_atomically(target, lambda stream: stream.write(text.encode("ascii")), read=None)

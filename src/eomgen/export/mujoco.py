@@ -21,6 +21,7 @@ from ..arrays import Array
 from ..description import RobotLike, as_robot
 from ..description.mjcf.read import VELOCITY
 from ..description.mjcf.values import about, matrix, triple
+from ..description.xml_text import one_line
 from ..errors import EomgenWarning, InputError
 from ..files import as_path, write_atomically
 from ..names import component_name, joint_of, kind_of, show
@@ -101,7 +102,22 @@ def export_mjcf(
     text = mjcf(robot, step, integrator, approximate=approximate, actuators=True)
     for what in left_out(robot):
         warnings.warn(f"{robot.name}: {what}", EomgenWarning, stacklevel=2)
-    return write_atomically(Path(path), lambda stream: stream.write(text.encode("ascii")))
+    return write_atomically(Path(path), lambda stream: stream.write(text.encode("ascii")), read=_check_by_mujoco)
+
+
+def _check_by_mujoco(path: Path) -> None:
+    """Raise InputError where MuJoCo does not take a file; nothing is checked where it is not installed.
+
+    ``load_robot`` reads less of MJCF than is written here: no slack tendons, no transmissions.
+    """
+    try:
+        import mujoco
+    except ImportError:
+        return
+    try:
+        mujoco.MjModel.from_xml_path(str(path))
+    except ValueError as error:
+        raise InputError(f"MuJoCo {mujoco.__version__} says: {one_line(error)}") from None
 
 
 def mjcf(

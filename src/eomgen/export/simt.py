@@ -56,4 +56,4 @@ def export_simt(
 
 def _written(path: Path, text: str) -> Path:
     """Write a file of ASCII text, and return its path."""
-    return write_atomically(path, lambda stream: stream.write(text.encode("ascii")))
+    return write_atomically(path, lambda stream: stream.write(text.encode("ascii")), read=None)

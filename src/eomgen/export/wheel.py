@@ -61,7 +61,7 @@ def export_wheel(
     tag = f"{python_of(files)}-{platform_of(data for path, data in files.items() if path.endswith('.so'))}"
     files |= _described(robot.name, f"{name}-{version}.dist-info", name, version, tag)
     target = Path(folder) / f"{name}-{version}-{tag}.whl"
-    return write_atomically(target, lambda stream: _zip(stream, files))
+    return write_atomically(target, lambda stream: _zip(stream, files), read=None)
 
 
 def python_of(paths: Iterable[str]) -> str:

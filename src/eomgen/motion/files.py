@@ -6,6 +6,7 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -83,7 +84,7 @@ def write_motion(path: Path | str, motion: MeasuredMotion, comments: Sequence[st
         comments: lines in front of the header.
 
     Raises:
-        InputError: another ending, or the file cannot be written.
+        InputError: another ending, or the file cannot be written, or cannot be read back.
     """
     check_kind("motion", motion, hasattr(motion, "t"), "a MeasuredMotion")
     target = check_ending(path, ".csv")
@@ -94,7 +95,8 @@ def write_motion(path: Path | str, motion: MeasuredMotion, comments: Sequence[st
             names = motion.driven if key == "u" else motion.measured
             columns |= {name + suffix: values[:, motion.coordinates.index(name)] for name in names}
     columns |= motion.states
-    return write_csv(target, [columns, *np.column_stack(list(columns.values())).tolist()], comments)
+    rows = np.column_stack(list(columns.values())).tolist()
+    return write_csv(target, [columns, *rows], comments, read=partial(read_motion, coordinates=motion.coordinates))
 
 
 def read_columns(path: Path) -> tuple[dict[str, Array], NDArray[np.int32] | None]:

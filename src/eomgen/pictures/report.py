@@ -82,7 +82,7 @@ class Report:
         """Write the page and return its path; InputError of another ending than .html, or if it cannot be written."""
         target = check_ending(path, PAGE_ENDING, label="path")
         text = self.html().encode("utf-8", "replace")  # a lone surrogate of a name
-        return write_atomically(target, lambda stream: stream.write(text))
+        return write_atomically(target, lambda stream: stream.write(text), read=None)
 
 
 def sorted_notes(notes: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:

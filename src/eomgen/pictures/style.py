@@ -208,7 +208,9 @@ def canvas(width: float, height: float, path: Path | str, title: str = "") -> It
 def _write(figure: Any, target: Path) -> None:
     root = getattr(figure, "figure", figure)  # of a subfigure
     ending = target.suffix
-    write_atomically(target, lambda stream: root.savefig(stream, format=ending[1:], dpi=DPI, metadata=METADATA[ending]))
+    write_atomically(
+        target, lambda stream: root.savefig(stream, format=ending[1:], dpi=DPI, metadata=METADATA[ending]), read=None
+    )
 
 
 def check_kind(value: Any, kind: type, label: str, source: str) -> None:

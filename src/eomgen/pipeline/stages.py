@@ -347,7 +347,7 @@ def generate(
     if page is not None and derived is not None:
         from ..codegen.derivation.report import render_report
 
-        write_atomically(page, lambda stream: stream.write(render_report(derived, page.suffix).encode()))
+        write_atomically(page, lambda stream: stream.write(render_report(derived, page.suffix).encode()), read=None)
     return target
 
 

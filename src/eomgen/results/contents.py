@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..files import check_ending, read_regular, write_atomically
+from ..files import Reader, check_ending, read_regular, write_atomically
 from ..forms.plain import parse_json, value_of
 from ..limits import LARGEST_FOUND
 from ..names import show, show_path
-from ..npz import most_bytes
+from ..npz import any_size, most_bytes
 from .beside import JSON as JSON
 from .beside import NPZ as NPZ
 from .stored import ALLOWED, Stored
@@ -79,28 +79,36 @@ class Contents:
         return Contents(f"{self.path}: {name}", table, {})
 
 
-def write_npz(path: Path | str, plain: Mapping[str, Any], arrays: Mapping[str, Any]) -> Path:
+def write_npz(path: Path | str, plain: Mapping[str, Any], arrays: Mapping[str, Any], read: Reader) -> Path:
     """Write arrays, and values that JSON holds, to a temporary name first, and return the path.
 
+    Args:
+        path: of the file.
+        plain: values that JSON holds.
+        arrays: by name.
+        read: reads the file back, see ``write_atomically``; it may be larger than what is usually read.
+
     Raises:
-        InputError: the file cannot be written.
+        InputError: the file cannot be written, or cannot be read back.
     """
     members: dict[str, Any] = {**arrays, META: np.array(json.dumps(plain, default=as_plain))}
-    return write_atomically(Path(path), lambda stream: np.savez_compressed(stream, **members))
+    with any_size():
+        return write_atomically(Path(path), lambda stream: np.savez_compressed(stream, **members), read=read)
 
 
-def write_json(path: Path | str, plain: Mapping[str, Any]) -> Path:
+def write_json(path: Path | str, plain: Mapping[str, Any], read: Reader) -> Path:
     """Write values as .json, to a temporary name first, and return the path.
 
     Raises:
-        InputError: another ending, a number that is not finite, or the file cannot be written.
+        InputError: another ending, a number that is not finite, or the file cannot be written, or cannot be read back
+            by ``read``.
     """
     target = check_ending(path, JSON)
     try:
         text = json.dumps(plain, indent=1, default=as_plain, allow_nan=False)
     except ValueError:
         raise InputError(f"{show_path(str(target))}: the result has numbers that are not finite") from None
-    return write_atomically(target, lambda stream: stream.write(text.encode("ascii")))
+    return write_atomically(target, lambda stream: stream.write(text.encode("ascii")), read=read)
 
 
 def plain_fields(result: Any, *left_out: str) -> dict[str, Any]:

@@ -11,7 +11,7 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, Generic, Protocol, TypeVar
 
@@ -73,7 +73,9 @@ class SavedColumns(Saved):
         if target.suffix == NPZ:
             return write(self, target)
         columns = self.columns()
-        return write_csv(target, [columns, *zip(*(map(repr, x.tolist()) for x in columns.values()), strict=True)])
+        return write_csv(
+            target, [columns, *zip(*(map(repr, x.tolist()) for x in columns.values()), strict=True)], read=None
+        )
 
 
 class Loader(Protocol[Read]):
@@ -162,18 +164,18 @@ def write(result: Saved, path: Path | str) -> Path:
     """Write a result of a declared kind, to a temporary name first, and return the path.
 
     Raises:
-        InputError: another ending than that of its kind, or the file cannot be written.
+        InputError: another ending than that of its kind, or the file cannot be written, or cannot be read back.
     """
     kind = next(kind for kind in KINDS.values() if kind.result is type(result))
     values = dict(kind.record(result)) | {name: getattr(result, name) for name in kind.types}
     plain = {"kind": kind.name, "format": FORMAT}
     if kind.ending == JSON:
-        return write_json(path, plain | values)
+        return write_json(path, plain | values, partial(read, kind))
     texts = [name for name, item in kind.arrays.items() if item.of is str]
     arrays = {name: x for name, x in values.items() if name in kind.arrays or isinstance(x, np.ndarray)}
     arrays = {name: np.asarray(x, str if name in texts else None) for name, x in arrays.items()}
     plain |= {name: x for name, x in values.items() if name not in arrays}
-    return write_npz(check_ending(path, NPZ), plain, arrays)
+    return write_npz(check_ending(path, NPZ), plain, arrays, partial(read, kind))
 
 
 def read(kind: Kind[Result], path: Path | str) -> Result:

@@ -300,7 +300,7 @@ class SimulationResult(Plotting, Shown, Tabular, plot="plot_series"):
                 alone: t, coordinates, .rate, and .drive where one is not always 0, as ``motion.read_motion`` reads it.
 
         Raises:
-            InputError: the file cannot be written.
+            InputError: the file cannot be written, or cannot be read back.
         """
         if as_path(path).suffix == ".csv":
             about = f"Motion of {self.robot}, simulated ({self.trajectory.method}): s, m and rad, N and N m."
@@ -313,7 +313,7 @@ class SimulationResult(Plotting, Shown, Tabular, plot="plot_series"):
         values = {name: as_plain(getattr(owner, name, None)) for name, owner in whose.items()}
         meta = meta_of(values, "the result cannot be saved")
         check_contents(meta, arrays, "the result cannot be saved")
-        return write_npz(path, {"format": FORMAT, **plain_fields(meta)}, arrays)
+        return write_npz(path, {"format": FORMAT, **plain_fields(meta)}, arrays, load_result)
 
 
 def angle_between(poses: Array, others: Array) -> Array:

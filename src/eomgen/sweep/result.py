@@ -167,13 +167,15 @@ class SweepResult(Plotting, Shown, Tabular, plot="plot_column"):
         rows = self.as_rows()
         columns = {"index": self.index, **{column.name: column.values for column in rows.columns}}
         if path.suffix == ".csv":
-            return write_csv(path, [columns, *zip(*(values.tolist() for values in columns.values()), strict=True)])
+            return write_csv(
+                path, [columns, *zip(*(values.tolist() for values in columns.values()), strict=True)], read=None
+            )
         if path.suffix != ".parquet":
             raise InputError(f"{path}: the suffix {path.suffix!r} is no table; allowed: .csv, .parquet")
         with optional_import("pyarrow", "Parquet needs", ".csv works without"):
             import pyarrow
             from pyarrow import parquet
-        return write_atomically(path, lambda stream: parquet.write_table(pyarrow.table(columns), stream))
+        return write_atomically(path, lambda stream: parquet.write_table(pyarrow.table(columns), stream), read=None)
 
     def as_dict(self) -> dict[str, Any]:
         """Return the summary as values that JSON holds."""

@@ -100,7 +100,8 @@ def opened(folder: Path, manifest: Mapping[str, Any], check: CheckRow | None = N
                 _check_same(folder, read_manifest(folder), manifest)
             else:
                 text = json.dumps({**manifest, "check": checksum(manifest)}, indent=1)
-                write_atomically(folder / MANIFEST, lambda stream: stream.write(text.encode()))
+                # read=None: the result of the sweep is loaded from the folder
+                write_atomically(folder / MANIFEST, lambda stream: stream.write(text.encode()), read=None)
             store = SweepStore(folder, read_rows(folder, check, repair=True), resumed)
             try:
                 yield store

@@ -99,7 +99,7 @@ def export_fmu(
         binary, content = _compiled(robot.name, files, version, Path(work), flags)
     target = Path(path)
     packed = {**files, binary: content}
-    return write_atomically(target, lambda stream: _pack(packed, stream))
+    return write_atomically(target, lambda stream: _pack(packed, stream), read=None)
 
 
 def _check(version: int, method: str, rtol: float | None, step: float | None) -> None:

@@ -64,7 +64,7 @@ def export_live(
     """
     target = check_ending(path, PAGE_ENDING, label="path")
     text = live_page(subject, scenario=scenario, described=described, progress=progress).encode("utf-8", "replace")
-    return write_atomically(target, lambda stream: stream.write(text))
+    return write_atomically(target, lambda stream: stream.write(text), read=None)
 
 
 def live_page(

@@ -59,7 +59,7 @@ class RobotPage:
         """Write the page and return its path; InputError of another ending than .html, or if it cannot be written."""
         target = check_ending(path, PAGE_ENDING, label="path")
         text = self.html.encode("utf-8", "replace")  # a lone surrogate of a name
-        return write_atomically(target, lambda stream: stream.write(text))
+        return write_atomically(target, lambda stream: stream.write(text), read=None)
 
     def open(self) -> Path:
         """Open the page in the browser, from a temporary file; returns its path."""

@@ -65,7 +65,9 @@ class WasmModule:
             f"{self.name}.mjs": self.script.encode("ascii"),
             f"{self.name}.d.mts": self.declarations.encode("ascii"),
         }
-        return [write_atomically(Path(folder) / file, methodcaller("write", x)) for file, x in contents.items()]
+        return [
+            write_atomically(Path(folder) / file, methodcaller("write", x), read=None) for file, x in contents.items()
+        ]
 
 
 @tells_at_prompt("exporting")

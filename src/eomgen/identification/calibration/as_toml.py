@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from ...description.builtin import BUILTIN, builtin_robots
-from ...description.load import robot_from_toml
-from ...errors import DescriptionError, InputError
+from ...description.load import load_robot
+from ...errors import InputError
 from ...files import check_ending, write_atomically
 from ...forms.toml_text import read_text
 from ...names import parameter_name, show_path
@@ -313,12 +313,11 @@ def _springs_of(joint: Joint | Loop) -> Iterator[float | None]:
 
 
 def write_compared(robots: tuple[Robot, Robot], text: Callable[[Path], str], target: Path, numbers: Numbers) -> Path:
-    """Write a text, which is read again and compared with the calibrated robot, and return the path.
+    """Write a description that is compared with the calibrated robot when it is read back, and return the path.
 
     Args:
         robots: as described, and as calibrated.
-        text: folder -> the text of a file there.  It is read in a folder that there is: paths through one that is only
-            made once all is right lead nowhere before.
+        text: folder -> the text of a file there.
         target: of the file.
         numbers: that are compared, by names for messages.
 
@@ -326,18 +325,17 @@ def write_compared(robots: tuple[Robot, Robot], text: Callable[[Path], str], tar
         InputError: the text says something else, or the file cannot be written.
     """
     described, wanted = robots
-    folder = next((place for place in target.absolute().parents if place.is_dir()), target.parent)
-    try:
-        read = robot_from_toml(text(folder), source=str(target), folder=folder, inertia="warn")
-    except DescriptionError as error:
-        raise InputError(f"{described.name}: the calibrated values make no robot: {error}") from None
-    for (name, ours), (other, theirs) in zip(numbers(wanted), numbers(read), strict=False):
-        pairs = [(a or 0.0, b or 0.0) for a, b in zip(ours, theirs, strict=False)]
-        far = any(abs(a - b) > _CLOSE * max(1.0, abs(a)) for a, b in pairs)
-        if far or name != other or len(ours) != len(theirs):
-            raise unwritable(described, name)
+
+    def compare(path: Path) -> None:
+        read = load_robot(path, inertia="warn")
+        for (name, ours), (other, theirs) in zip(numbers(wanted), numbers(read), strict=False):
+            pairs = [(a or 0.0, b or 0.0) for a, b in zip(ours, theirs, strict=False)]
+            far = any(abs(a - b) > _CLOSE * max(1.0, abs(a)) for a, b in pairs)
+            if far or name != other or len(ours) != len(theirs):
+                raise unwritable(described, name)
+
     written = text(target.parent).encode("utf-8")
-    return write_atomically(target, lambda stream: stream.write(written))
+    return write_atomically(target, lambda stream: stream.write(written), read=compare)
 
 
 def deviation_text(value: float) -> str:

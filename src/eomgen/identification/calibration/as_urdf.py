@@ -5,15 +5,16 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...arrays import Array
-from ...description.load import robot_from_urdf
+from ...description.load import load_robot
 from ...description.xml_text import parse_xml
-from ...errors import DescriptionError, InputError
+from ...errors import InputError
 from ...files import check_ending, write_atomically
 from ...forms.toml_text import read_text
 from ...names import unique_identifiers
@@ -36,7 +37,7 @@ _TYPES = {"revolute": "revolute", "prismatic": "prismatic", "fixed": "fixed", "f
 
 
 def write_urdf(fitted: FittedParameters, target: Path) -> Path:
-    """Write the URDF, read it back before it is in its place, and return the path.
+    """Write the URDF, which is compared with the calibrated robot when it is read back, and return the path.
 
     Raises:
         InputError: see ``CalibrationResult.to_urdf``.
@@ -62,16 +63,13 @@ def write_urdf(fitted: FittedParameters, target: Path) -> Path:
         "<!-- Origins (and axes of prismatic joints) hold the offsets; m, rad. -->\n"
     )
     text = f'<?xml version="1.0"?>\n{comment}{ElementTree.tostring(root, encoding="unicode")}\n'
-    _compare(text, target, robot, fitted)
-    return write_atomically(target, lambda stream: stream.write(text.encode("utf-8")))
+    compare = partial(_compare, robot=robot, fitted=fitted)
+    return write_atomically(target, lambda stream: stream.write(text.encode("utf-8")), read=compare)
 
 
-def _compare(text: str, target: Path, robot: Robot, fitted: FittedParameters) -> None:
-    """Raise InputError where a reader of the text finds another robot than the calibrated one."""
-    try:
-        read = robot_from_urdf(text, source=str(target), inertia="warn")
-    except DescriptionError as error:
-        raise InputError(f"{robot.name}: the calibrated values make no URDF: {error}") from None
+def _compare(path: Path, robot: Robot, fitted: FittedParameters) -> None:
+    """Raise InputError where a reader of the file finds another robot than the calibrated one."""
+    read = load_robot(path, inertia="warn")
     known = {link.name for link in read.links}
     frames = {new: (link, pose) for new, link, pose in _placed(fitted)}
     frames |= {link.name: (link.name, np.eye(4)) for link in robot.links if link.name in known}

@@ -107,7 +107,7 @@ class PosesResult(Plotting, Shown, Tabular, Saved, plot="plot_poses"):
             "Coordinates in m and rad; what is measured in m, rotations as rotation vectors, rad.",
         )
         rows = [[*row, *("" for _ in empty), *(self.series for _ in more)] for row in self.q.tolist()]
-        return write_csv(target, [[*self.coordinates, *empty, *more], *rows], comments)
+        return write_csv(target, [[*self.coordinates, *empty, *more], *rows], comments, read=None)
 
     def as_rows(self) -> TableRows:
         """Return a row per pose: its coordinates, m or rad."""

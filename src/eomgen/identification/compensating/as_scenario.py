@@ -5,16 +5,19 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ...arrays import Array
-from ...files import check_ending, write_atomically
+from ...files import Reader, check_ending, write_atomically
+from ...motion.files import read_motion
 from ...motion.splines import Spline
 from ...robot.coordinates import FORCES
 from ...robot.value import INERTIA_KEYS
+from ...scenario.load import load_scenario
 from ...scenario.value import Integrator, Payload, Scenario, Section, Wrench
 
 
@@ -25,12 +28,13 @@ def write_program(result: Any, target: Path) -> list[Path]:
     tables = {table: result.corrected, wanted: result.program}
     texts: dict[Path, Iterator[str]] = {path: _sample_lines(result, samples) for path, samples in tables.items()}
     texts[target] = _scenario_lines(result.scenario, table.name, wanted.name, target.parent)
-    return [_written(path, lines) for path, lines in texts.items()]
+    readers = dict.fromkeys(tables, partial(read_motion, coordinates=result.coordinates)) | {target: load_scenario}
+    return [_written(path, lines, readers[path]) for path, lines in texts.items()]
 
 
-def _written(path: Path, lines: Iterator[str]) -> Path:
+def _written(path: Path, lines: Iterator[str], read: Reader) -> Path:
     data = ("\n".join(lines) + "\n").encode("utf-8")
-    return write_atomically(path, lambda stream: stream.write(data))
+    return write_atomically(path, lambda stream: stream.write(data), read=read)
 
 
 def _sample_lines(result: Any, samples: Array) -> Iterator[str]:

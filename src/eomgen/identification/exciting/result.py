@@ -17,6 +17,7 @@ from ...names import show_path
 from ...results.contents import Contents
 from ...results.kinds import Kind, Saved, declare
 from ...results.stored import ALLOWED, Stored
+from ...scenario.load import load_scenario
 from ...shown import Plotting, Shown
 from ..estimating import SOLVED
 from ..identifiable import BaseParameters
@@ -203,7 +204,8 @@ class ExciteResult(Plotting, Shown, Saved, plot="plot_excitation"):
             f"bandwidth = {CONTROL}",
             "",
         ]
-        return write_atomically(target, lambda stream: stream.write("\n".join(lines).encode("utf-8")))
+        text = "\n".join(lines).encode("utf-8")
+        return write_atomically(target, lambda stream: stream.write(text), read=load_scenario)
 
 
 def _finite(x: float) -> float | None:
