@@ -20,6 +20,7 @@ from eomgen.pipeline.generator_key import generator_hash
 from eomgen.robot.value import Robot
 from tests.support.builds import Build
 from tests.support.figures import Figure, Figures, gathered, lines
+from tests.support.optional import needs
 from tests.support.quick_builds import one_link, without_headers
 from tests.support.soak import left_out
 from tests.support.soak_page import FailuresAtOnce, write_soak_page
@@ -120,6 +121,15 @@ def filled_cache(_one_link_cache: Path, empty_cache: Path) -> Path:
     """A cache folder that ``one_link`` was built into, and nothing else."""
     shutil.copytree(_one_link_cache, empty_cache)
     return empty_cache
+
+
+@pytest.fixture
+def doubles() -> Iterator[None]:
+    """JAX with numbers of double precision."""
+    jax = needs("jax")
+    jax.config.update("jax_enable_x64", True)
+    yield
+    jax.config.update("jax_enable_x64", False)
 
 
 @pytest.fixture

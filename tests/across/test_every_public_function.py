@@ -17,6 +17,7 @@ from eomgen.errors import InputError
 from eomgen.sweep import plan_from_toml
 from tests.support.optional import needs
 from tests.support.soak import soaked
+from tests.support.text_files import text_file
 
 pytestmark = [pytest.mark.usefixtures("unoptimised"), pytest.mark.filterwarnings("ignore")]
 
@@ -40,7 +41,6 @@ def things(folder: Path) -> dict[str, Any]:
     (folder / "empty.toml").write_text("")
     (folder / "text.csv").write_text("no, numbers\n")
     (folder / "empty.npz").write_bytes(b"")
-    (folder / "empty.json").write_text("{}")
     return {
         "a name that is none": "no_such_thing",
         "an empty text": "",
@@ -51,7 +51,7 @@ def things(folder: Path) -> dict[str, Any]:
         "an empty description": folder / "empty.toml",
         "a table without numbers": str(folder / "text.csv"),
         "an empty result": folder / "empty.npz",
-        "an empty JSON": str(folder / "empty.json"),
+        "an empty JSON": str(text_file(folder / "empty.json", "{}")),
         "a dict": {},
         "a dict of others": {"joint9": 1.0, 3: None},
         "an object": Thing(),
@@ -182,8 +182,7 @@ def test_it_works_or_refuses_by_name(
 
 def test_robots_in_all_forms(tmp_path: Path) -> None:
     """A Robot, a name, a path and its text are alike."""
-    path = tmp_path / "robot.toml"
-    path.write_text(Path(eomgen.__path__[0], "robots", "one_link.toml").read_text())
+    path = text_file(tmp_path / "robot.toml", Path(eomgen.__path__[0], "robots", "one_link.toml").read_text())
     expected = eomgen.identification.base_parameters(eomgen.load_robot("one_link"))
     for robot in ("one_link", path, str(path)):
         assert eomgen.identification.base_parameters(robot).names == expected.names

@@ -13,6 +13,7 @@ from eomgen.motion.files import motion_from_columns, read_motion
 from eomgen.motion.measured_numbers import answers_in_numbers, checked_numbers
 from tests.support.extreme_numbers import COUNTS, analysis, ending_of, read, written
 from tests.support.measured_poses import chain, trial
+from tests.support.refusals import refused
 from tests.support.soak import soaked
 
 pytestmark = pytest.mark.quick
@@ -33,11 +34,9 @@ def test_all_readers_have_the_limit_of_descriptions(value: float, tmp_path: Path
         path = written(tmp_path / f"m{ending}", motion)
         with pytest.raises(InputError, match=rf"m{ending}: {place}: column 'joint1.gamma': .*{what}"):
             read_motion(path, ("joint1.gamma",))
-    with pytest.raises(InputError, match=rf"sample 1: column 'joint1.gamma': .*{what}"):
-        motion_from_columns(motion, ("joint1.gamma",))
+    refused(InputError, rf"sample 1: column 'joint1.gamma': .*{what}", motion_from_columns, motion, ("joint1.gamma",))
     poses = {"joint1.gamma": np.zeros(2), **{f"tcp.{axis}": np.array([0.1, value]) for axis in "xyz"}}
-    with pytest.raises(InputError, match=rf"row 1: column 'tcp.x': .*{what}"):
-        poses_from_columns(poses, ("joint1.gamma",), ("tcp",))
+    refused(InputError, rf"row 1: column 'tcp.x': .*{what}", poses_from_columns, poses, ("joint1.gamma",), ("tcp",))
     covariance = {f"tcp.{axis}": row for axis, row in zip("xyz", np.eye(3) * abs(value), strict=True)}
     with pytest.raises(InputError, match=rf"line 2: column 'tcp.x': .*{what}"):
         read_covariances([written(tmp_path / "c.csv", covariance)])
@@ -87,7 +86,5 @@ def test_answers_that_are_no_numbers_are_refused() -> None:
 
     assert analyse(2.0, "file.csv").value == 2.0
     for value in (np.nan, np.inf):
-        with pytest.raises(InputError, match=rf"file\.csv: drives\[1\]\.rms comes out as {value}"):
-            analyse(value, path="file.csv")
-    with pytest.raises(InputError, match=r"file\.csv: numbers differ too much in size"):
-        analyse(0.0, "file.csv")
+        refused(InputError, rf"file\.csv: drives\[1\]\.rms comes out as {value}", analyse, value, path="file.csv")
+    refused(InputError, r"file\.csv: numbers differ too much in size", analyse, 0.0, "file.csv")

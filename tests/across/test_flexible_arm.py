@@ -35,7 +35,6 @@ def test_modes_of_each_link_are_those_of_the_paper(name: str) -> None:
     kernel = eomgen.build(robot, kernels=("mass_matrix",))
     own = [i for i, coordinate in enumerate(kernel.coordinates) if coordinate.startswith(f"{name}.mode")]
     modes = next(link.modes for link in robot.links if link.name == name)
-    assert modes is not None
     assert {kernel.inputs[kernel.coordinates[i]] for i in own} == {("modal force", "J")}
     squares, shapes = eigh(np.array(modes.K), kernel.mass_matrix(np.array(kernel.home))[np.ix_(own, own)])
     Phi, H0 = np.array(modes.nodes[0].Phi), np.array(modes.H0)

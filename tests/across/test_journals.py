@@ -26,6 +26,7 @@ from eomgen.robot.value import Coordinate
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.result import load_result
 from tests.support.builds import Build
+from tests.support.refusals import refused
 
 pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
 
@@ -72,17 +73,15 @@ REFUSED = {
 @pytest.mark.parametrize("old", REFUSED)
 def test_what_does_not_go_together_is_refused(old: str) -> None:
     new, said = REFUSED[old]
-    with pytest.raises(DescriptionError) as caught:
-        robot_from_toml(SHAFT.replace(old, new), source="my.toml")
-    assert all(word in str(caught.value) for word in said), caught.value
-    assert str(caught.value).startswith("my.toml:")
+    caught = refused(DescriptionError, "", robot_from_toml, SHAFT.replace(old, new), source="my.toml")
+    assert all(word in str(caught) for word in said), caught
+    assert str(caught).startswith("my.toml:")
 
 
 def test_robots_of_python_are_looked_at_too() -> None:
     robot = robot_from_toml(SHAFT)
     joint = replace(robot.joints[0], coordinates={"gamma": Coordinate()})
-    with pytest.raises(DescriptionError, match=r"joints\.pin\.radial: x does not move"):
-        build_model(replace(robot, joints=(joint,)))
+    refused(DescriptionError, r"joints\.pin\.radial: x does not move", build_model, replace(robot, joints=(joint,)))
 
 
 def test_cut_joints_have_them_where_they_move() -> None:
@@ -132,8 +131,7 @@ def test_numbers_have_texts_units_and_ranges() -> None:
 def test_other_tools_refuse_it_by_name() -> None:
     robot = robot_from_toml(SHAFT)
     assert left_out(robot) == ["joints.pin.radial: left out"]
-    with pytest.raises(InputError, match=r"MuJoCo has no equal for joints\.pin\.radial"):
-        mjcf(robot, 1e-3)
+    refused(InputError, r"MuJoCo has no equal for joints\.pin\.radial", mjcf, robot, 1e-3)
     assert "no journals in bearings (pin)" in unknown_to_textbook(build_model(robot))
 
 

@@ -44,6 +44,7 @@ from tests.support.kept_files import (
 )
 from tests.support.mutations import ESC
 from tests.support.optional import needs
+from tests.support.refusals import refused
 from tests.support.soak import WHOLE
 from tests.support.surfaces import SURFACES
 
@@ -62,10 +63,9 @@ def sweep() -> Sweep:
 
 def refusal(read: Callable[..., Any], *given: Any) -> str:
     """The message with which something is refused."""
-    with pytest.raises(InputError) as caught:
-        read(*given)
-    check_message(caught.value)
-    return str(caught.value)
+    caught = refused(InputError, "", read, *given)
+    check_message(caught)
+    return str(caught)
 
 
 def read_ones(surface: str, mutants: Iterable[tuple[str, Any, Any]], write: Callable[..., Path]) -> Iterator[Any]:
@@ -233,8 +233,7 @@ def test_json_is_measured_before_it_is_read() -> None:
         ("[1", "it: is no JSON"),
         ("1" * 5000, "it: is no JSON"),
     ):
-        with pytest.raises(InputError, match=message):
-            parse_json(text, "it", 1_000_000)
+        refused(InputError, message, parse_json, text, "it", 1_000_000)
 
 
 @pytest.mark.parametrize("kind", MEASURED)
@@ -247,10 +246,9 @@ def test_a_key_of_another_kind_is_named(kind: str, tmp_path: Path) -> None:
         for value in ([[1]], 10**400, {"a": []}):
             if (kind, key, value) == ("tolerance", "q", [[1]]):  # a pose
                 continue
-            with pytest.raises(InputError) as caught:
-                read(KINDS[kind], write_raw(path, {**text, key: value}, arrays))
-            assert f"{path.name}: " in str(caught.value)
-            assert key in ("kind", "format", "description", "standard") or key in str(caught.value)
+            caught = refused(InputError, "", read, KINDS[kind], write_raw(path, {**text, key: value}, arrays))
+            assert f"{path.name}: " in str(caught)
+            assert key in ("kind", "format", "description", "standard") or key in str(caught)
 
 
 # Robots of records
@@ -402,8 +400,7 @@ def test_rows_have_a_limit(sweep: Sweep, tmp_path: Path, monkeypatch: pytest.Mon
     monkeypatch.setenv("EOMGEN_SWEEP_MB", "1")
     with (folder / ROWS).open("ab") as stream:
         stream.truncate(2 << 20)
-    with pytest.raises(InputError, match=r"2097152 bytes; allowed: up to 1048576 .*EOMGEN_SWEEP_MB"):
-        SweepResult.load(folder)
+    refused(InputError, r"2097152 bytes; allowed: up to 1048576 .*EOMGEN_SWEEP_MB", SweepResult.load, folder)
 
 
 # Streams
@@ -457,8 +454,7 @@ def test_streams_that_were_changed_are_refused(stream: Path, part: str, path: st
 def test_streams_of_no_files(stream: Path, name: str) -> None:
     (stream / name).unlink()
     os.mkfifo(stream / name)
-    with pytest.raises(InputError, match="is no file; allowed"):
-        eomgen.load_stream(stream)
+    refused(InputError, "is no file; allowed", eomgen.load_stream, stream)
 
 
 def test_chunks_that_become_larger_than_they_should_are_refused(stream: Path) -> None:
@@ -468,5 +464,4 @@ def test_chunks_that_become_larger_than_they_should_are_refused(stream: Path) ->
     packed = [Zstd().encode(bytes(1 << 24)), Zstd().encode(b"few"), b"", b"\x28\xb5\x2f\xfd\x00\x00\x00", b"x" * 100]
     for data in packed:
         (stream / "q/c/0/0").write_bytes(data)
-        with pytest.raises(InputError, match=r"array q: chunk 0 has [0-9None]+ bytes; allowed: 4096, packed"):
-            eomgen.load_stream(stream)
+        refused(InputError, r"array q: chunk 0 has [0-9None]+ bytes; allowed: 4096, packed", eomgen.load_stream, stream)

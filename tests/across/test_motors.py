@@ -120,14 +120,12 @@ def test_a_simulation_of_the_geared_arm() -> None:
     assert np.abs(goal).min() > 0.1
     for i, name in enumerate(joints):
         motor = robot.joint(name).motor
-        assert motor is not None
         assert np.abs(motion.of(f"{name}.gamma") - result.program_q[:, i]).max() < 0.02
         assert np.abs(motion.of(f"{name}.motor") / motor.ratio - result.program_q[:, i]).max() < 0.02
         driven = motion.u[:, motion.coordinates.index(f"{name}.gamma")]
         assert not driven.any()
         assert motion.u[:, motion.coordinates.index(f"{name}.motor")].any()
     play = robot.joint("elbow").motor
-    assert play is not None
     assert abs(motion.of("elbow.gamma")[0] - result.program_q[0, 2]) < 1e-12  # in the middle of its backlash
     deflection = motion.of("elbow.motor") / play.ratio - motion.of("elbow.gamma")
     assert 5e-4 < np.abs(deflection).max() < 3e-3
@@ -211,7 +209,6 @@ def test_a_fit_leaves_transmissions_alone(built: Build) -> None:
     result = fit(robot, motion_from_columns(columns, kernel.coordinates), coordinates=names, kernel=kernel)
     assert [entry.coordinate for entry in result.fitted] == ["joint1.x"]
     stiffness = result.fitted[0].stiffness
-    assert stiffness is not None
     assert abs(stiffness.value - 300.0) < 3.0
     for name in names[1:]:
         assert any(line.startswith(f"{name} hangs on a transmission") for line in result.warnings)

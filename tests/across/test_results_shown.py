@@ -23,6 +23,7 @@ from eomgen.shown import LONGEST, Shown, text_of
 from eomgen.sweep.driver import run
 from eomgen.sweep.plan import plan_from_toml
 from eomgen.tabular import Tabular
+from tests.support.good_files import ROLLOUTS
 from tests.support.measured_poses import chain, trial
 from tests.support.optional import needs
 from tests.support.same_values import compare_values
@@ -30,15 +31,6 @@ from tests.support.same_values import compare_values
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
 HOSTILE = "<script>\x1b[31m&" + "x" * 300
-PLAN = """
-samples = 3
-record = ["tool_deviation_max"]
-[engine]
-type = "rollout"
-[[vary]]
-parameter = "joints.joint1.x.stiffness"
-uniform = { low = 1e4, high = 2e4 }
-"""
 ROOMS = ("analysis", "control", "identification", "integration", "loops", "motion", "simulation", "sweep")
 ARRAYS = ("Array", "NDArray", "Complex")
 
@@ -56,7 +48,7 @@ def results(simulated: eomgen.SimulationResult, tmp_path_factory: pytest.TempPat
     value = Estimate(1e4, 1.0, 9e3, 11e3, 1e4, 0.1, 0.01)
     fitted = FitResult("one_link", 0.95, (FittedCoordinate("joint1.x", value, None, 1e-6),), (), ("a note",))
     scenario = {"duration": 0.02, "motion": {"type": "point_to_point", "goal": {"joint1": 0.1}}}
-    swept = run("one_link", scenario, plan_from_toml(PLAN), tmp_path_factory.mktemp("sweep") / "one", threads=1)
+    swept = run("one_link", scenario, plan_from_toml(ROLLOUTS), tmp_path_factory.mktemp("sweep") / "one", threads=1)
     return {
         "simulation": simulated,
         "trajectory": simulated.trajectory,

@@ -264,30 +264,36 @@ def test_the_optimum_is_that_of_a_formulation_in_symbols(built: Build) -> None:
     """Least effort of the rod, implicit midpoint: the kernel and limited memory against CasADi's own symbols."""
     kernel = built(eomgen.load_robot("one_link"), *kernels_for("forward_dynamics"))
     kernel.parameters["joints.joint1.x.stiffness"] = 60.0
+    made = function(kernel, "forward_dynamics", flags=FLAGS)
+    y, w = casadi.MX.sym("y", 4), casadi.MX.sym("w")
+    by_kernel = casadi.Function("by_kernel", [y, w], [casadi.vertcat(y[2:], made(y[:2], y[2:], casadi.vertcat(0, w)))])
+    exact = _swing(_rod_in_symbols(), "exact")
+    assert np.allclose(_swing(by_kernel, "limited-memory"), exact, rtol=0.0, atol=1e-5 * np.abs(exact).max())
+
+
+def _rod_in_symbols() -> casadi.Function:
+    """The rod's (v, a) of (q, v) and its drive."""
     x, u = casadi.SX.sym("x", 4), casadi.SX.sym("u")
     s, c = casadi.sin(x[1]), casadi.cos(x[1])
     mass = casadi.vertcat(casadi.horzcat(1, -s / 2), casadi.horzcat(-s / 2, 1 / 3))
     right = casadi.vertcat(c * x[3] ** 2 / 2 - 60 * x[0], u - 9.81 * c / 2)
-    by_symbols = casadi.Function("by_symbols", [x, u], [casadi.vertcat(x[2:], casadi.solve(mass, right))])
-    made = function(kernel, "forward_dynamics", flags=FLAGS)
-    y, w = casadi.MX.sym("y", 4), casadi.MX.sym("w")
-    by_kernel = casadi.Function("by_kernel", [y, w], [casadi.vertcat(y[2:], made(y[:2], y[2:], casadi.vertcat(0, w)))])
-    exact = _swing(by_symbols, "exact")
-    assert np.allclose(_swing(by_kernel, "limited-memory"), exact, rtol=0.0, atol=1e-5 * np.abs(exact).max())
+    return casadi.Function("rod", [x, u], [casadi.vertcat(x[2:], casadi.solve(mass, right))])
 
 
-def _swing(rate: casadi.Function, hessian: str, steps: int = 15, duration: float = 0.8) -> Array:
-    """Drives (steps,) that lift the rod from hanging to rest at 0.5 rad with the least sum of squares."""
-    opti, h = casadi.Opti(), duration / steps
+def _swing(given: casadi.Function, hessian: str, steps: int = 15, *, by_steps: bool = False) -> Array:
+    """Drives (steps,) that lift the rod from hanging to rest at 0.5 rad with the least sum of squares.
+
+    ``given`` makes a step, or is the rate in the middle of one of 0.8 s / steps.
+    """
+    opti, f = casadi.Opti(), given.map(steps)
     x, u = opti.variable(4, steps + 1), opti.variable(1, steps)
-    middle = (x[:, 1:] + x[:, :-1]) / 2
+    end = f(x[:, :-1], u) if by_steps else x[:, :-1] + 0.8 / steps * f((x[:, 1:] + x[:, :-1]) / 2, u)
     opti.minimize(casadi.sumsqr(u))
-    opti.subject_to(casadi.vec(x[:, 1:] - x[:, :-1] - h * rate.map(steps)(middle, u)) == 0)
+    opti.subject_to(casadi.vec(x[:, 1:] - end) == 0)
     opti.subject_to(x[:, 0] == casadi.DM([0, -np.pi / 2, 0, 0]))
     opti.subject_to(x[:, -1] == casadi.DM([0, 0.5, 0, 0]))
     opti.set_initial(x[1, :], np.linspace(-np.pi / 2, 0.5, steps + 1)[None, :])
-    quiet = {"print_time": False, "ipopt.print_level": 0, "ipopt.sb": "yes", "ipopt.tol": 1e-9}
-    opti.solver("ipopt", {**quiet, "ipopt.hessian_approximation": hessian, "ipopt.max_iter": 500})
+    opti.solver("ipopt", {**QUIET, "ipopt.hessian_approximation": hessian})
     return np.asarray(opti.solve().value(u))
 
 
@@ -453,32 +459,15 @@ def test_the_optimum_is_that_of_a_model_in_symbols(built: Build) -> None:
     """Least effort of the rod, multiple shooting: steps in C against the same method in CasADi's own symbols."""
     kernel = built(eomgen.load_robot("one_link"), *kernels_for_step("rk4"))
     kernel.parameters["joints.joint1.x.stiffness"] = 60.0
-    x, u, h = casadi.SX.sym("x", 4), casadi.SX.sym("u"), 0.8 / 15
-    s, c = casadi.sin(x[1]), casadi.cos(x[1])
-    mass = casadi.vertcat(casadi.horzcat(1, -s / 2), casadi.horzcat(-s / 2, 1 / 3))
-    right = casadi.vertcat(c * x[3] ** 2 / 2 - 60 * x[0], u - 9.81 * c / 2)
-    rate = casadi.Function("rate", [x, u], [casadi.vertcat(x[2:], casadi.solve(mass, right))])
+    x, u, h, rate = casadi.SX.sym("x", 4), casadi.SX.sym("u"), 0.8 / 15, _rod_in_symbols()
     k1 = rate(x, u)
     k2 = rate(x + h / 2 * k1, u)
     k3 = rate(x + h / 2 * k2, u)
     k4 = rate(x + h * k3, u)
     by_symbols = casadi.Function("by_symbols", [x, u], [x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)])
-    exact = _swing_by_steps(by_symbols, "exact")
+    exact = _swing(by_symbols, "exact", by_steps=True)
     made = step(kernel, "rk4", dt=h, flags=FLAGS)
-    assert np.allclose(_swing_by_steps(made, "limited-memory"), exact, rtol=0.0, atol=1e-5 * np.abs(exact).max())
-
-
-def _swing_by_steps(advance: casadi.Function, hessian: str, steps: int = 15) -> Array:
-    """Drives (steps,) that lift the rod from hanging to rest at 0.5 rad with the least sum of squares."""
-    opti = casadi.Opti()
-    x, u = opti.variable(4, steps + 1), opti.variable(1, steps)
-    opti.minimize(casadi.sumsqr(u))
-    opti.subject_to(casadi.vec(x[:, 1:] - advance.map(steps)(x[:, :-1], u)) == 0)
-    opti.subject_to(x[:, 0] == casadi.DM([0, -np.pi / 2, 0, 0]))
-    opti.subject_to(x[:, -1] == casadi.DM([0, 0.5, 0, 0]))
-    opti.set_initial(x[1, :], np.linspace(-np.pi / 2, 0.5, steps + 1)[None, :])
-    opti.solver("ipopt", {**QUIET, "ipopt.hessian_approximation": hessian, "ipopt.max_iter": 500})
-    return np.asarray(opti.solve().value(u))
+    assert np.allclose(_swing(made, "limited-memory", by_steps=True), exact, rtol=0.0, atol=1e-5 * np.abs(exact).max())
 
 
 @pytest.mark.soak

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
 from functools import partial
 from itertools import pairwise
 from typing import Any
@@ -27,15 +26,9 @@ from tests.support.random_robots import Array, random_robot, random_state, seeds
 from tests.support.refusals import refused
 from tests.support.soak import soaked
 
+pytestmark = pytest.mark.usefixtures("doubles")
 jax, jnp = needs("jax"), needs("jax.numpy")
 FEW = 41  # a seed of which some functions alone are compared
-
-
-@pytest.fixture(autouse=True)
-def doubles() -> Iterator[None]:
-    jax.config.update("jax_enable_x64", True)
-    yield
-    jax.config.update("jax_enable_x64", False)
 
 
 def eager(function: Any) -> Any:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -24,17 +23,11 @@ from tests.support.builds import Build
 from tests.support.every_element import robot_with
 from tests.support.optional import needs
 
+pytestmark = pytest.mark.usefixtures("doubles")
 casadi, jax, jnp = needs("casadi"), needs("jax"), needs("jax.numpy")
 
 NAMES = ("forward_dynamics", "generalized_force", "energy", "mass_matrix")
 FAMILIES = (MemoryLaws, JointStiffnesses, JointDampers, Bushings)
-
-
-@pytest.fixture(autouse=True)
-def doubles() -> Iterator[None]:
-    jax.config.update("jax_enable_x64", True)
-    yield
-    jax.config.update("jax_enable_x64", False)
 
 
 def states(kernel: Kernel, seed: int) -> dict[str, Array]:

@@ -27,8 +27,9 @@ from eomgen.simulation.result import SimulationResult
 from eomgen.simulation.run import simulate
 from tests.oracles.pinocchio_models import PinocchioOracle
 from tests.support.builds import Build
-from tests.support.commands import command, facts, refused
+from tests.support.commands import command, errors_of, facts
 from tests.support.random_robots import Array, random_robot, seeds
+from tests.support.refusals import refused
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -189,8 +190,7 @@ def test_input_that_is_refused() -> None:
         (lambda: budget(result, robot).table("speed"), InputError, "allowed: displacement, rotation"),
         (lambda: budget(result, robot).table(by="link"), InputError, "allowed: coordinate, joint"),
     ):
-        with pytest.raises(kind, match=words):
-            call()
+        refused(kind, words, call)
     changed = replace(robot, frames=(replace(robot.frames[0], placement=eomgen.Placement((0.9, 0.0, 0.0))),))
     assert "have changed since" in budget(result, changed).notes[0]
 
@@ -204,9 +204,9 @@ def test_command(tmp_path: Path) -> None:
         assert words in text
     assert re.search(r"displacement, [mun]m", figure.read_text())
     assert facts("budget", path, "--frame", "link1")["frame"] == "link1"
-    assert "has not the coordinates" in refused("budget", path, "--robot", "ur5")
+    assert "has not the coordinates" in errors_of("budget", path, "--robot", "ur5")
     other = simulate(replace(eomgen.load_robot("one_link"), name="mine"), duration=0.1)
-    assert "give --robot" in refused("budget", other.save(tmp_path / "other.npz"))
+    assert "give --robot" in errors_of("budget", other.save(tmp_path / "other.npz"))
 
 
 # Robots side by side
@@ -313,8 +313,7 @@ def test_wrong_input_is_said(built: Build) -> None:
         ([ur5, puma], {"line": ([0.4, 0, 0], [0.4, 0, 0])}, "two different points"),
         ([ur5, puma], {"tool": "hand", "line": ([0.4, 0, 0.3], [0.4, 0.1, 0.3])}, "'hand' is unknown"),
     ):
-        with pytest.raises(InputError, match=words):
-            compare(robots, duration=0.5, **options)
+        refused(InputError, words, compare, robots, duration=0.5, **options)
     kernel, limits = built(ur5.rigid(), *NEEDED), np.tile([-0.1, 0.1], (6, 1))
     moved = PointToPoint(np.zeros(1), np.ones(1), 1.0)
     more = {"guess": np.zeros(6), "limits": limits}
@@ -331,8 +330,7 @@ def test_wrong_input_is_said(built: Build) -> None:
         ),
         (lambda: simulate(rod, motion=moved, goal=[1.0]), InputError, "motion stands beside start or goal"),
     ):
-        with pytest.raises(kind, match=words):
-            call()
+        refused(kind, words, call)
 
 
 @pytest.mark.soak

@@ -25,9 +25,10 @@ from eomgen.robot.model import build_model
 from eomgen.robot.value import COORDINATES, Coordinate, Frame, Joint, Link, Motor, Placement, Robot
 from tests.oracles.pinocchio_models import PinocchioOracle, numerical_tangents
 from tests.support.builds import Build
-from tests.support.commands import command, facts, refused
+from tests.support.commands import command, errors_of, facts
 from tests.support.elastic_robots import random_elastic
 from tests.support.oscillators import LOOP
+from tests.support.refusals import refused
 from tests.support.soak import soaked
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
@@ -218,8 +219,7 @@ def test_input_that_is_refused() -> None:
         (lambda: compliance_map(*plane, [0.0, 1.0, 0.0], (1, 3)), "whole numbers from 2"),
         (lambda: compliance_map(*plane, [0.0, np.nan, 0.0], (3, 3)), "three finite numbers"),
     ):
-        with pytest.raises(InputError, match=words):
-            call()
+        refused(InputError, words, call)
 
 
 def test_rigid_robots_do_not_bend() -> None:
@@ -238,7 +238,7 @@ def test_command(tmp_path: Path) -> None:
     with np.load(tmp_path / "map.npz") as saved:
         assert saved["compliance"].shape == (3, 2, 6, 6)
     assert "um/N" in (tmp_path / "map.svg").read_text()
-    assert "with --map" in refused("deflection", "one_link", "-o", "a.svg")
+    assert "with --map" in errors_of("deflection", "one_link", "-o", "a.svg")
 
 
 # Stiffness matrices of joints
@@ -364,7 +364,7 @@ def test_the_command_writes_it(tmp_path: Path) -> None:
     ],
 )
 def test_wrong_options_are_refused_by_name(options: list[str], said: str) -> None:
-    assert said in refused("deflection", "shaken_arm", *options)
+    assert said in errors_of("deflection", "shaken_arm", *options)
 
 
 @pytest.mark.soak
@@ -392,5 +392,4 @@ def test_wrong_arguments_are_refused_by_name() -> None:
         (lambda: joint_stiffness_matrix(robot, "mount", drives="free"), InputError, "'free' drives hold nothing"),
         (lambda: joint_stiffness_matrix(robot, "mount").save("K.pdf"), InputError, r"path: .*K\.pdf"),
     ):
-        with pytest.raises(kind, match=said):
-            call()
+        refused(kind, said, call)

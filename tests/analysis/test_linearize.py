@@ -27,11 +27,12 @@ from eomgen.simulation.run import simulate
 from tests.oracles.by_singular_values import ClosedLoops
 from tests.oracles.pinocchio_models import PinocchioOracle
 from tests.support.builds import Build
-from tests.support.commands import command, facts, refused
+from tests.support.commands import command, errors_of, facts
 from tests.support.elastic_robots import random_elastic
 from tests.support.optional import needs
 from tests.support.oscillators import DAMPING, LOOP, MASS, STIFFNESS, chain
 from tests.support.random_robots import Array, random_robot, random_state, seeds
+from tests.support.refusals import refused
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -244,8 +245,7 @@ def test_input_that_is_refused() -> None:
         (lambda: h1([0, 1, 2], [1, 2, 3], ["1", "2", "3"]), ArrayError, "motion: .*; allowed: finite numbers"),
         (lambda: h1(np.arange(9.0), np.ones(9), np.ones(9), segment=20), InputError, "segment: 20"),
     ):
-        with pytest.raises(kind, match=words):
-            call()
+        refused(kind, words, call)
 
 
 def test_units() -> None:
@@ -287,7 +287,7 @@ def test_commands(tmp_path: Path) -> None:
         (("response", "one_link", "--frequencies", 5, 1), "0 < from < to"),
         (("response", "one_link", "-o", "a.txt"), "ends in .csv, .npz, .svg"),
     ):
-        assert said in refused(*words)
+        assert said in errors_of(*words)
 
 
 # Bode responses and zero-order hold
@@ -373,8 +373,7 @@ def test_what_systems_refuse() -> None:
         (lambda: about.bode(frequencies=[-1.0]), ArrayError, "frequencies"),
         (lambda: transfer_function(zero, one, one, zero, np.zeros(1)), InputError, "bode: infinite at 0 Hz"),
     ):
-        with pytest.raises(kind, match=words):
-            call()
+        refused(kind, words, call)
 
 
 # Options that all analyses about a state share
@@ -401,14 +400,12 @@ REFUSED = {
 @pytest.mark.parametrize("analysis", ANALYSES)
 def test_every_analysis_checks_every_option(analysis: str, option: str) -> None:
     value, message = REFUSED[option]
-    with pytest.raises(eomgen.InputError, match=message):
-        ANALYSES[analysis]("one_link", **{option: value})
+    refused(eomgen.InputError, message, ANALYSES[analysis], "one_link", **{option: value})
 
 
 @pytest.mark.parametrize("analysis", ANALYSES)
 def test_an_option_that_there_is_not_is_named(analysis: str) -> None:
-    with pytest.raises(TypeError, match="unexpected keyword argument 'drive'"):
-        ANALYSES[analysis]("one_link", drive="pd")
+    refused(TypeError, "unexpected keyword argument 'drive'", ANALYSES[analysis], "one_link", drive="pd")
 
 
 def test_keywords_are_the_options() -> None:

@@ -29,10 +29,11 @@ from tests.oracles.by_singular_values import ClosedLoops
 from tests.oracles.pinocchio_models import PinocchioOracle, numerical_tangents
 from tests.support.beam_elements import Plane
 from tests.support.builds import Build
-from tests.support.commands import command, facts, refused
+from tests.support.commands import command, errors_of, facts
 from tests.support.elastic_robots import random_elastic
 from tests.support.oscillators import DAMPING, LOOP, MASS, STIFFNESS, chain
 from tests.support.random_robots import Array, random_robot, seeds
+from tests.support.refusals import refused
 from tests.support.swinging import NEEDED
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
@@ -286,27 +287,21 @@ def test_input_that_is_refused() -> None:
         ({"parameters": {"gravity.w": 1.0}}, UnknownNameError, "gravity.w"),
         ({"parameters": {"gravity.x": 1.0}, "kernel": kernel}, InputError, "both set"),
     ):
-        with pytest.raises(kind, match=words):
-            modes(robot, **options)
-    with pytest.raises(InputError, match="poses: none; allowed"):
-        modes_along(robot, [])
-    with pytest.raises(InputError, match="has not the coordinates"):
-        modes(eomgen.load_robot("shaken_arm"), kernel=kernel)
+        refused(kind, words, modes, robot, **options)
+    refused(InputError, "poses: none; allowed", modes_along, robot, [])
+    refused(InputError, "has not the coordinates", modes, eomgen.load_robot("shaken_arm"), kernel=kernel)
     pulled = {"tcp": [5.0, 1.0, 0.0, 0.0, 0.0, 0.0]}
     fixation = fixation_of(robot, kernel, "free", held=[])
     kernel.parameters["joints.joint1.x.stiffness"] = 0.0
     q, dead = pose_of(robot, kernel, None), checked_loads(kernel, pulled)
-    with pytest.raises(eomgen.IntegrationError, match=r"joint1\.x stays out of balance"):
-        system_at_rest(kernel, q, fixation, dead)
+    refused(eomgen.IntegrationError, r"joint1\.x stays out of balance", system_at_rest, kernel, q, fixation, dead)
 
 
 def test_a_missing_library_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in [name for name in sys.modules if name.partition(".")[0] == "scipy"]:
         monkeypatch.setitem(sys.modules, name, None)
-    with pytest.raises(InputError, match=r'pip install "eomgen\[sim\]"'):
-        modes_along(chain(2), [[0.0, 0.0]])
-    with pytest.raises(InputError, match=r'pip install "eomgen\[sim\]"'):
-        h1([0, 1, 2], [1, 2, 3], [1, 2, 3])
+    refused(InputError, r'pip install "eomgen\[sim\]"', modes_along, chain(2), [[0.0, 0.0]])
+    refused(InputError, r'pip install "eomgen\[sim\]"', h1, [0, 1, 2], [1, 2, 3], [1, 2, 3])
     assert len(modes(chain(2)).eigenvalues) == 2  # NumPy alone
 
 
@@ -333,15 +328,14 @@ def test_command(tmp_path: Path) -> None:
         (("one_link", "--set", "gravity.x"), "NAME=VALUE"),
         (("one_link", "--end-pose", 1, "--points", 0), "1 or more"),
     ):
-        assert said in refused("modes", *words)
+        assert said in errors_of("modes", *words)
 
 
 def test_inertia_that_is_missing_is_named() -> None:
     """A thin rod about its own axis; masses from grams to tons are no reason."""
     robot = eomgen.load_robot("one_link")
     joint = replace(robot.joints[0], type="fixed", coordinates={"alpha": Coordinate(stiffness=5.0)})
-    with pytest.raises(SingularError, match=r"joint1\.alpha: it moves no inertia"):
-        modes(replace(robot, joints=(joint,)))
+    refused(SingularError, r"joint1\.alpha: it moves no inertia", modes, replace(robot, joints=(joint,)))
     pair = chain(2)
     heavy, light = replace(pair.links[0], mass=1e5), replace(pair.links[1], mass=1e-4)
     found = modes(replace(pair, links=(heavy, light)))
@@ -457,5 +451,4 @@ def test_energies_say_which_link_bends() -> None:
     assert plain["strain_energy"]["upper.modes"] == pytest.approx(by_owner["upper.modes"][2])
     assert "upper.modes 100 %" in found.lines()[5]
     assert "elbow 100 %" in found.lines()[3]
-    with pytest.raises(InputError, match="energy: 'potential'; allowed: strain_energy, kinetic_energy"):
-        found.by_owner("potential")
+    refused(InputError, "energy: 'potential'; allowed: strain_energy, kinetic_energy", found.by_owner, "potential")

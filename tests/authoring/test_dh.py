@@ -17,8 +17,9 @@ from eomgen.authoring.check import check_file
 from eomgen.errors import InputError
 from eomgen.robot.value import Robot
 from tests.support import makers
-from tests.support.commands import command, refused
+from tests.support.commands import command, errors_of
 from tests.support.description_samples import homogeneous, link_poses
+from tests.support.refusals import refused
 
 pytestmark = pytest.mark.quick
 
@@ -170,8 +171,7 @@ def test_refusals(case: str, tmp_path: Path) -> None:
     text, said = BAD[case]
     path = tmp_path / "table.csv"
     path.write_text(text, encoding="utf-8")
-    with pytest.raises(InputError, match=re.escape(said)):
-        dh_file_text("arm", path, "modified")
+    refused(InputError, re.escape(said), dh_file_text, "arm", path, "modified")
 
 
 def test_conventions_names_and_rows_of_other_things() -> None:
@@ -184,10 +184,8 @@ def test_conventions_names_and_rows_of_other_things() -> None:
         (("arm", [{"joint": 10**5000}], "modified"), "row 1: joint: got 'an integer of"),
         (("arm", [{5: 1.0}], "modified"), "row 1: there is no column 5"),
     ):
-        with pytest.raises(InputError, match=said):
-            dh_file_text(*arguments)
-    with pytest.raises(InputError, match="xx"):
-        robot_from_dh("arm", [{"mass": 1.0, "ixx": 1.0, "iyy": 0.1, "izz": 0.1}], "classic")
+        refused(InputError, said, dh_file_text, *arguments)
+    refused(InputError, "xx", robot_from_dh, "arm", [{"mass": 1.0, "ixx": 1.0, "iyy": 0.1, "izz": 0.1}], "classic")
 
 
 def test_from_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -195,11 +193,11 @@ def test_from_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     rows = random_rows(np.random.default_rng(1), 3, flange=True)
     as_csv(rows, Path("table.csv"), metric=True)
     words = ("new", "arm", "--dh", "table.csv")
-    assert "--dh is given without --convention" in refused(*words)
-    assert "--convention is given without --dh" in refused("new", "arm", "--convention", "classic")
+    assert "--dh is given without --convention" in errors_of(*words)
+    assert "--convention is given without --dh" in errors_of("new", "arm", "--convention", "classic")
     assert command(*words, "--convention", "classic") == "wrote arm.toml\n"
     check_against(eomgen.load_robot(tmp_path / "arm.toml"), rows, "classic", np.array([0.3, -0.7, 1.1]))
-    assert "is there already" in refused(*words, "--convention", "classic")
+    assert "is there already" in errors_of(*words, "--convention", "classic")
 
 
 def test_numbers_as_tables_have_them() -> None:
@@ -222,5 +220,4 @@ def test_names_of_tables_that_are_no_words(name: str, tmp_path: Path, monkeypatc
     Path(name).write_text("a\n1\n", encoding="ascii")
     assert write_dh_file("arm", name, "classic") == Path("arm.toml")
     assert not check_file("arm.toml").errors
-    with pytest.raises(InputError, match="is there already"):
-        write_dh_file("arm", name, "classic")
+    refused(InputError, "is there already", write_dh_file, "arm", name, "classic")

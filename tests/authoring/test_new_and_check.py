@@ -34,11 +34,13 @@ from eomgen.sweep import plan_from_toml
 from tests.support.bad_files import PLAN, SCENARIO
 from tests.support.builds import Build
 from tests.support.closeness import close
-from tests.support.commands import command, refused, run
+from tests.support.commands import command, errors_of, run
 from tests.support.description_samples import ARM, URDF
 from tests.support.makers import MAKERS
 from tests.support.random_robots import random_robot, with_offsets
+from tests.support.refusals import refused
 from tests.support.soak import soaked
+from tests.support.text_files import text_file
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -87,8 +89,7 @@ def test_a_scenario_for_a_robot_has_its_names(name: str, tmp_path: Path, monkeyp
         assert key in (driven[0], driven[0].partition(".")[0])
         low, high = robot.limits_of(driven[0]).range
         assert low <= goal <= high
-    with pytest.raises(InputError, match="is there already"):
-        write_new_file(name, kind="scenario")
+    refused(InputError, "is there already", write_new_file, name, kind="scenario")
 
 
 def test_a_schema_of_another_version_is_replaced_and_a_file_that_is_none_stays(tmp_path: Path) -> None:
@@ -126,8 +127,7 @@ def test_what_a_new_robot_offers(tmp_path: Path) -> None:
     offered = [line.split()[1] for line in text.splitlines() if line.startswith("# ") and " = " in line[:12]]
     assert offered == ["stops", "gamma", "x", "y", "radial"]
     for keys in (["stops"], ["gamma"], ["x", "y", "radial"], ["stops", "x", "y", "radial"], ["stops", "gamma"]):
-        path = tmp_path / f"{'_'.join(keys)}.toml"
-        path.write_text(taken_up(text, *keys), encoding="ascii")
+        path = text_file(tmp_path / f"{'_'.join(keys)}.toml", taken_up(text, *keys))
         checked = check_file(path)
         assert (checked.errors, checked.notes) == ((), ())
         (joint,) = eomgen.load_robot(path).joints
@@ -152,7 +152,7 @@ def test_what_a_new_robot_offers(tmp_path: Path) -> None:
 def test_what_new_refuses(arguments: list[str], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     Path("there.toml").write_text("mine")
-    assert message in refused("new", *arguments)
+    assert message in errors_of("new", *arguments)
     assert [path.name for path in tmp_path.iterdir()] == ["there.toml"]
     assert Path("there.toml").read_text() == "mine"
 
@@ -224,8 +224,7 @@ def test_the_schema_is_printed() -> None:
     assert command("schema", "scenario") == schema_text("scenario")
     assert json.loads(command("schema"))["properties"]["gravity"]["description"].endswith("[m/s^2]")
     assert "invalid choice: 'urdf'" in command("schema", "urdf", code=2)
-    with pytest.raises(eomgen.InputError, match="there is no format 'urdf'; allowed: robot, scenario, plan"):
-        schema_text("urdf")
+    refused(eomgen.InputError, "there is no format 'urdf'; allowed: robot, scenario, plan", schema_text, "urdf")
 
 
 ODD = """
@@ -266,8 +265,7 @@ stiffness = 1e4
 
 def test_lengths_and_angles_of_another_unit_are_asked_about(tmp_path: Path) -> None:
     """Each by its place, in the unit that it may be of; the rest are counted; numbers of usual sizes are not."""
-    path = tmp_path / "odd.toml"
-    path.write_text(ODD, encoding="utf-8")
+    path = text_file(tmp_path / "odd.toml", ODD)
     found = check_file(path)
     assert not found.errors
     assert [note for note in found.notes if "is that in" in note or "such sizes" in note] == [
@@ -340,8 +338,7 @@ def test_plans_of_links_that_bend() -> None:
 
 def test_what_has_no_tolerances() -> None:
     """A mechanism all of whose loops are elastic."""
-    with pytest.raises(eomgen.InputError, match="all loops are elastic"):
-        tolerances_file_text(eomgen.load_robot("hexapod_elastic"))
+    refused(eomgen.InputError, "all loops are elastic", tolerances_file_text, eomgen.load_robot("hexapod_elastic"))
 
 
 @pytest.mark.parametrize("name", soaked([x for x in NAMES if x != "hexapod_elastic"], {*NAMES} - {"gantry"}))
@@ -371,8 +368,8 @@ def test_a_study_from_the_first_file_on(tmp_path: Path, monkeypatch: pytest.Monk
         found = tolerance(eomgen.load_robot("mine.toml" if robot == "mine" else robot), f"{robot}_tolerances.toml")
         assert found.lines()
     assert (tmp_path / "plan.schema.json").exists()
-    assert "is there already" in refused("new", "mine", "--plan")
-    assert "there is no robot 'nothing'; allowed: the name of a .toml" in refused("new", "nothing", "--tolerances")
+    assert "is there already" in errors_of("new", "mine", "--plan")
+    assert "there is no robot 'nothing'; allowed: the name of a .toml" in errors_of("new", "nothing", "--tolerances")
     command("new", "mine", "--plan", "-o", "here.toml")
     assert (tmp_path / "here.toml").exists()
 
@@ -413,8 +410,7 @@ def test_mass_matrices_are_those_of_kernels(robot: Robot, built: Build) -> None:
 
 
 def test_a_massless_robot_is_noted(tmp_path: Path) -> None:
-    path = tmp_path / "bare.urdf"
-    path.write_text(BARE, encoding="ascii")
+    path = text_file(tmp_path / "bare.urdf", BARE)
     found = check_file(path)
     assert not found.errors
     assert any(note.startswith("0 kg: no link that moves has mass or inertia") for note in found.notes)
@@ -424,8 +420,7 @@ def test_links_that_leave_the_mass_matrix_singular_are_noted(tmp_path: Path) -> 
     tip = ROD.replace("com = [0.5, 0.0, 0.0]", "com = [0.5, 0.1, 0.2]")
     tip = tip.replace("} }]", '} }, { name = "tip", mass = 0.0 }]')
     tip += '[[joints]]\nname = "wrist"\nparent = "rod"\nchild = "tip"\ntype = "revolute"\n'
-    path = tmp_path / "tip.toml"
-    path.write_text(tip.replace("xx = 0.0", "xx = 0.02"), encoding="ascii")
+    path = text_file(tmp_path / "tip.toml", tip.replace("xx = 0.0", "xx = 0.02"))
     (note,) = check_file(path).notes
     assert note.startswith("the mass matrix is singular in every state: 'wrist.gamma' moves no inertia; without mass")
     assert "inertia: 'tip'; give links mass and inertia, or the coordinate an armature, or merge a link" in note

@@ -19,6 +19,7 @@ from benchmarks.compare.__main__ import Comparison, difference, interval, lines,
 from benchmarks.compare.rows import GRADIENT, Row, chosen, robot_file
 from benchmarks.ladder import ladder
 from benchmarks.peers.cases import chain
+from tests.support.refusals import refused
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -50,8 +51,7 @@ def test_rows_are_chosen_by_name_beginning_and_pattern() -> None:
     assert names("precision", "closed") == [name for name in every if not name.startswith("peers")]
     assert names("peers", "*") == every
     for pattern in ("peers/UR", "nothing", one[:-2] + "/2"):
-        with pytest.raises(ValueError, match="--list"):
-            names("closed", pattern)
+        refused(ValueError, "--list", names, "closed", pattern)
 
 
 @pytest.mark.parametrize("key", ["chain", "ladder"])
@@ -158,8 +158,7 @@ def test_wrong_words(capsys: pytest.CaptureFixture[str]) -> None:
         ("--rounds", "-1", "HEAD"): "--rounds",
         ("no-such-commit", "closed"): "COMMIT: 'no-such-commit'",
     }.items():
-        with pytest.raises(SystemExit):
-            command.main(words)
+        refused(SystemExit, "", command.main, words)
         assert message in capsys.readouterr().err
 
 

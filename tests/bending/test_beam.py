@@ -288,7 +288,6 @@ def link_of(beam: LinkBeam) -> Link:
 @pytest.mark.parametrize("axis", sorted(AXES))
 def test_an_axis_ends_where_its_nodes_stand(axis: str) -> None:
     link = link_of(replace(BOOM, axis=axis))
-    assert link.modes is not None
     (tip,) = link.modes.nodes
     (found,) = stations_of(link)
     assert found.places.shape == (COUNT, 3)
@@ -330,7 +329,6 @@ def test_between_nodes_stand_cubics_as_in_a_beam_with_two_modes() -> None:
 
 def test_an_axis_passes_nodes_on_its_way() -> None:
     link = link_of(replace(BOOM, modes=BeamModes(2)))
-    assert link.modes is not None
     (tip,) = link.modes.nodes
     Phi, Psi = beam_shapes(replace(BOOM, modes=BeamModes(2)), [0.65])
     middle = Node("middle", (0.65, 0.0, 0.0), nested(Phi[0]), nested(Psi[0]))

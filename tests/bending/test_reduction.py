@@ -331,7 +331,6 @@ def test_tips_deflect_as_by_modes(segments: int, axis: str, figures: Figures) ->
     """Deflections and slopes under forces and moments at the tip, and under the weight, for any number of segments."""
     robot = arm(axis=axis)
     modes = robot.links[0].modes
-    assert modes is not None
     by_force = np.array(modes.nodes[0].Phi) @ np.linalg.inv(modes.K)
     chain = straight(clamped(robot.with_segments(segments)))
     wanted, size = by_force @ np.array(modes.nodes[0].Phi).T, np.sqrt(np.diag(chain.by_tip(np.eye(6))))
@@ -364,7 +363,6 @@ def test_random_beams(seed: int, figures: Figures) -> None:
     joints = tuple(made[1] if x.name == "arm_tip" else x for x in robot.joints)
     robot = replace(robot, links=(link, *robot.links[1:]), joints=joints, couplings=made[2])
     modes, N = link.modes, int(rng.integers(1, 9))
-    assert modes is not None
     chain = straight(clamped(robot.with_segments(N)))
     Phi = np.array(modes.nodes[0].Phi)
     moved = [k for k in range(6) if Phi[k].any() and max(counts[way] for way in ways_of(k, beam.axis)) > 1]
@@ -385,7 +383,6 @@ def ways_of(row: int, axis: str) -> list[str]:
 def test_frequencies_tend_to_those_of_modes(figures: Figures) -> None:
     """The first three of bending by the cube of the number of segments, those of twist and stretch by its square."""
     modes = arm().links[0].modes
-    assert modes is not None
     own = 2.0 * np.pi * np.array(modes.frequencies())
     wanted = [*own[0:3], *own[5:8], own[10], own[14]]
     errors = []
@@ -437,7 +434,6 @@ def test_nodes_between_the_ends_stand_on_segments(distance: float, segments: int
     """Parallel to the link's frame while nothing bends, in the link of the nearest end of a segment."""
     robot = arm("y = 2", axis=axis)
     link, along = robot.links[0], np.array(AXES[axis])[:, 0]
-    assert link.modes is not None
     still = ((0.0, 0.0),) * 6
     node = Node("eye", (*(float(x) for x in distance * along),), ((0.1, 0.0), *still[1:]))  # type: ignore[arg-type]
     link = replace(link, modes=replace(link.modes, nodes=(*link.modes.nodes, node)))

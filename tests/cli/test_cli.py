@@ -27,10 +27,11 @@ from eomgen.errors import InternalError
 from eomgen.progress import told_in_lines
 from eomgen.scenario.builtin import builtin_scenarios
 from tests.support import element_texts
-from tests.support.commands import command, facts, refused, run
+from tests.support.commands import command, errors_of, facts, run
 from tests.support.finite_elements import bar, stress_of_bar
 from tests.support.measured_poses import trial, write_csv
 from tests.support.optional import needs
+from tests.support.text_files import text_file
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -108,8 +109,7 @@ def test_bench_compares_with_newton_euler(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 def test_inertia_policy(tmp_path: Path) -> None:
-    path = tmp_path / "bad.toml"
-    path.write_text(BAD_LINK)
+    path = text_file(tmp_path / "bad.toml", BAD_LINK)
     assert "--inertia" in command("info", path, code=1)
     for policy in ("warn", "project"):
         status, _, err = run("info", path, "--inertia", policy)
@@ -159,8 +159,7 @@ def test_check_prints_json_over_ranges() -> None:
 
 
 def test_check_of_files_has_no_advice_on_what_cannot_be_used(tmp_path: Path) -> None:
-    bad = tmp_path / "bad.toml"
-    bad.write_text("name = 3\n", encoding="ascii")
+    bad = text_file(tmp_path / "bad.toml", "name = 3\n")
     first, second = json.loads(run("check", bad, "one_link", "--float32", "--kernels", "energy", "--json")[1])
     assert "float32" not in first
     assert set(second["float32"]["kernels"]) == {"energy"}
@@ -280,7 +279,7 @@ def test_without_shtab_one_line_says_what_is_missing(monkeypatch: pytest.MonkeyP
     monkeypatch.setitem(sys.modules, "shtab", None)
     advice = 'pip install shtab, or pip install "eomgen[completion]"'
     said = f"eomgen: --completion needs shtab, which is not installed: {advice}\n"
-    assert refused("--completion", "zsh") == said
+    assert errors_of("--completion", "zsh") == said
 
 
 # Progress where stderr is no terminal

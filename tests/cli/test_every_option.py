@@ -25,6 +25,7 @@ from eomgen.names import show
 from eomgen.simulation.run import simulate
 from tests.support.commands import run
 from tests.support.optional import installed
+from tests.support.refusals import refused
 from tests.support.soak import soaked
 
 pytestmark = pytest.mark.quick
@@ -49,9 +50,8 @@ def test_all_numbers_of_options_are_bounded() -> None:
             continue
         seen += 1
         for text in HOSTILE:
-            with pytest.raises(argparse.ArgumentTypeError, match="allowed") as caught:
-                action.type(text)
-            assert str(caught.value).isprintable()
+            caught = refused(argparse.ArgumentTypeError, "allowed", action.type, text)
+            assert str(caught).isprintable()
     assert seen > 40
 
 
@@ -64,23 +64,17 @@ def test_functions_refuse_them_as_well(value: object) -> None:
     robot = load_robot("ur5")
     given: dict[str, object]
     for given in ({"duration": value}, {"bandwidth": value}):
-        with pytest.raises(InputError, match="allowed"):
-            simulate(robot, **given)
-    with pytest.raises(InputError, match="a motion takes a time above 0"):
-        default_motion(robot, value, ["joint1.gamma"])
-    with pytest.raises(InputError, match="a motion takes a time above 0"):
-        PointToPoint([0.0], [1.0], value)
+        refused(InputError, "allowed", simulate, robot, **given)
+    refused(InputError, "a motion takes a time above 0", default_motion, robot, value, ["joint1.gamma"])
+    refused(InputError, "a motion takes a time above 0", PointToPoint, [0.0], [1.0], value)
     for given in ({"duration": value}, {"step": value}):
-        with pytest.raises(InputError, match="allowed"):
-            excite(robot, **given)
+        refused(InputError, "allowed", excite, robot, **given)
     for given in ({"bandwidth": value}, {"confidence": value}):
-        with pytest.raises(InputError, match=rf"{next(iter(given))}: .*; allowed: a number"):
-            fit(robot, "gone.csv", **given)
+        refused(InputError, rf"{next(iter(given))}: .*; allowed: a number", fit, robot, "gone.csv", **given)
     with pytest.raises(InputError, match=r"confidence: .*; allowed: a number between 0 and 1"):
         calibrate(robot, "gone.csv", confidence=value)
     if value is not None:
-        with pytest.raises(InputError, match="allowed"):
-            excite(robot, noise=value)
+        refused(InputError, "allowed", excite, robot, noise=value)
 
 
 WRONG = (

@@ -21,11 +21,12 @@ from eomgen.integration import integrate
 from eomgen.motion import Harmonic, PointToPoint, Spline, read_motion
 from eomgen.robot.value import PRINCIPAL, Coordinate, Friction, Motor, Robot
 from eomgen.scenario.load import scenario_from_toml
-from tests.support.commands import command, facts, refused
+from tests.support.commands import command, errors_of, facts
 from tests.support.feedforward_code import CompiledFeedForward
 from tests.support.geared_arms import geared_ur5, two_link_arm
 from tests.support.pendulums import MOTOR, described, description
 from tests.support.random_motors import geared_robot
+from tests.support.refusals import refused
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -202,8 +203,7 @@ def test_prescribed_coordinates_move() -> None:
     np.testing.assert_allclose(result.of("joint1.x")[0], shake.series(result.t, 0)[0, :, 0])
     left = eomgen.build(robot).inverse_dynamics(result.q, result.v, result.a)
     assert np.abs(left[:, result.coordinates.index("joint1.gamma")]).max() < 1e-10
-    with pytest.raises(InputError, match=r"prescribed: the motion of 'joint1\.x' is missing"):
-        feedforward(robot, program)
+    refused(InputError, r"prescribed: the motion of 'joint1\.x' is missing", feedforward, robot, program)
 
 
 def test_jumps_are_named() -> None:
@@ -211,8 +211,7 @@ def test_jumps_are_named() -> None:
     septic = feedforward(robot, swing(3), t=np.linspace(-0.1, 1.1, 601))
     assert list(zip(septic.jump_times.tolist(), septic.jump_orders.tolist(), strict=True)) == [(0.0, 4.0), (1.0, 4.0)]
     assert "drives jump at t = 1 s, where the motion's derivative of order 4 does" in "\n".join(septic.lines())
-    with pytest.raises(InputError, match=r"motion: its jerk jumps at t = 0 s, .* smooth = 4 in \[motion\]"):
-        feedforward(robot, swing(2))
+    refused(InputError, r"motion: its jerk jumps at t = 0 s, .* smooth = 4 in \[motion\]", feedforward, robot, swing(2))
     damped_arm = two_link_arm(damping=(4.0, 2.0))
     assert feedforward(damped_arm, swing(2), t=np.linspace(-0.1, 1.1, 601)).jump_orders.tolist() == [3.0, 3.0]
 
@@ -252,8 +251,7 @@ def motor_with(more: str) -> str:
 )
 def test_what_has_no_feedforward_is_refused_by_name(motor: str, more: str, message: str) -> None:
     robot = described(motor, more=more)
-    with pytest.raises(InputError, match=message):
-        feedforward(robot, PointToPoint(np.zeros(1), np.ones(1), 1.0, smooth=4))
+    refused(InputError, message, feedforward, robot, PointToPoint(np.zeros(1), np.ones(1), 1.0, smooth=4))
 
 
 TWO_SIDES = "stiffness = 800.0, stiffness_negative = 300.0"
@@ -263,8 +261,7 @@ def test_a_gear_that_passes_a_jump_of_its_slope_is_refused_or_said() -> None:
     """Without a damper the motor's velocity would have to jump; with one its torque does."""
     program = PointToPoint(np.zeros(1), np.ones(1), 0.3, smooth=4)
     message = r"joint1\.motor\.stiffness_negative: 300, .* at t = .* jump by .* rad/s; allowed .*: one stiffness"
-    with pytest.raises(InputError, match=message):
-        feedforward(geared(TWO_SIDES), program)
+    refused(InputError, message, feedforward, geared(TWO_SIDES), program)
     one_sided = geared(f"{TWO_SIDES}, preload = 1e3")
     assert not any("torque jumps" in note for note in feedforward(one_sided, program).notes)
     for gear, bound in (
@@ -305,8 +302,7 @@ def test_arguments_are_refused_by_name() -> None:
         (lambda: result.drive(3), InputError, r"degree: 3 for 2 samples"),
         (lambda: result.of("joint2"), InputError, r"coordinate: 'joint2' is unknown"),
     ):
-        with pytest.raises(kind, match=message):
-            call()
+        refused(kind, message, call)
 
 
 def test_files_and_the_command(tmp_path: Path) -> None:
@@ -493,8 +489,7 @@ def test_what_has_no_feedforward_in_c_is_refused_by_name() -> None:
         (elastic, {"dt": 0.0}, r"dt: 0\.0; allowed: a time above 0"),
         (elastic, {"dtype": "float16"}, r"dtype: 'float16' is unknown; allowed: float64, float32"),
     ):
-        with pytest.raises(InputError, match=message):
-            feedforward_files(robot, **given)
+        refused(InputError, message, feedforward_files, robot, **given)
 
 
 def test_the_command_and_the_function_write_the_same(tmp_path: Path) -> None:
@@ -509,4 +504,4 @@ def test_the_command_and_the_function_write_the_same(tmp_path: Path) -> None:
         (("--scenario", "s.toml", "--step", "1e-3"), "--step: given with --scenario, whose samples say it"),
         (("--scenario", "s.toml", "--dtype", "float32"), "--dtype: given with --scenario"),
     ):
-        assert message in refused("feedforward", file, *more)
+        assert message in errors_of("feedforward", file, *more)

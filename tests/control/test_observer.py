@@ -21,6 +21,7 @@ from eomgen.description.load import robot_from_toml
 from eomgen.errors import InputError, IntegrationError, LoopError, UnknownNameError
 from tests.loops.test_elastic_cuts import coupled
 from tests.support.observer_code import CompiledObserver
+from tests.support.refusals import refused
 from tests.support.soak import WHOLE
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
@@ -132,8 +133,7 @@ def test_both_forms_are_one_filter_and_the_root_survives_float32() -> None:
     close(narrow.covariance, P, P, 1e-3)
     assert np.abs((narrow.state - root.state) / np.sqrt(np.diag(P))).max() < 1.0
     assert np.abs(root.q - q[-1]).max() < 1e-5
-    with pytest.raises(IntegrationError, match="square-root form"):
-        run("covariance", "float32")
+    refused(IntegrationError, "square-root form", run, "covariance", "float32")
 
 
 @pytest.mark.soak
@@ -288,16 +288,13 @@ def test_what_cannot_be_used_is_refused_by_name() -> None:
         ("acceleration is", {"acceleration": [1.0, -1.0]}),
         ("parameter is nan", {"parameter": float("nan")}),
     ):
-        with pytest.raises(InputError, match=message):
-            Uncertainty(**numbers)
+        refused(InputError, message, Uncertainty, **numbers)
     with pytest.raises(InputError, match="position has 3 numbers; allowed: one, or 2"):
         observer("one_link", GAMMA, dt=DT, uncertainty=Uncertainty(position=[1.0] * 3))
     made = observer("one_link", GAMMA, dt=DT)
     for call in (lambda: made.predict([1.0]), lambda: made.update([1.0, 2.0]), lambda: made.begin([np.nan, 0.0])):
-        with pytest.raises(InputError, match="allowed: \\("):
-            call()
-    with pytest.raises(UnknownNameError, match="is no state"):
-        made.estimate("joint1.gama")
+        refused(InputError, "allowed: \\(", call)
+    refused(UnknownNameError, "is no state", made.estimate, "joint1.gama")
 
 
 @pytest.mark.soak
@@ -549,5 +546,4 @@ def test_what_mechanisms_refuse(tmp_path: Path) -> None:
         (lambda: write_observer(made, tmp_path), InputError, in_c),
         (lambda: observer(short, MEASURED, dt=STEP), LoopError, None),
     ):
-        with pytest.raises(error, match=message):
-            call()
+        refused(error, message, call)

@@ -27,6 +27,7 @@ from tests.support.fuzzing import check_message
 from tests.support.pendulums import described
 from tests.support.random_motors import geared_robot, motor_state
 from tests.support.random_robots import Array, random_robot, random_state, seeds
+from tests.support.refusals import refused
 
 pytestmark = pytest.mark.quick
 
@@ -227,8 +228,7 @@ def test_a_measurement_is_a_value() -> None:
     ],
 )
 def test_what_is_no_sensor_is_refused_by_name(robot: Robot | str, sensors: str, message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        Measurement.of(robot, sensors)
+    refused(InputError, message, Measurement.of, robot, sensors)
 
 
 def test_noise_and_drift_are_refused_by_name() -> None:
@@ -239,8 +239,7 @@ def test_noise_and_drift_are_refused_by_name() -> None:
         ({"noise": {"imu:link": 1.0}}, UnknownNameError, "noise: 'imu:link' is not measured; did you mean 'imu:link1'"),
         ({"drift": {"pose": 1.0}}, InputError, "pose:link1 is a pose, which has no bias"),
     ):
-        with pytest.raises(error, match=message):
-            Measurement.of("one_link", of_rod, **options)
+        refused(error, message, Measurement.of, "one_link", of_rod, **options)
 
 
 def test_kernels_refuse_robots_without_sensors_and_sensors_of_nothing() -> None:
@@ -271,5 +270,4 @@ def test_records_of_robots_with_sensors_of_nothing_are_refused() -> None:
         ("kind", "eye", "'eye' is no sensor"),
     ):
         wrong = {**record, "sensors": [{"kind": "imu", "of": "tcp", key: value}]}
-        with pytest.raises(InputError, match=message):
-            robot_from_record(wrong, "run.json")
+        refused(InputError, message, robot_from_record, wrong, "run.json")

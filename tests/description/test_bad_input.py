@@ -14,14 +14,14 @@ from eomgen.robot.value import Robot
 from tests.support.bad_files import changed
 from tests.support.description_samples import ARM, URDF
 from tests.support.fuzzing import check_message
+from tests.support.refusals import refused
 
 
 def refusal(read: Callable[[str], Robot], text: str) -> str:
     """The message with which the text is refused."""
-    with pytest.raises(DescriptionError) as caught:
-        read(text)
-    check_message(caught.value)
-    return str(caught.value)
+    caught = refused(DescriptionError, "", read, text)
+    check_message(caught)
+    return str(caught)
 
 
 @pytest.mark.parametrize(
@@ -110,11 +110,9 @@ def test_unknown_robot(source: object, words: str) -> None:
 
 
 def test_bad_policy_keyword() -> None:
-    with pytest.raises(DescriptionError, match=r"'off'.*error, warn, project"):
-        load_robot("ur5", inertia="off")
+    refused(DescriptionError, r"'off'.*error, warn, project", load_robot, "ur5", inertia="off")
 
 
 @pytest.mark.parametrize("name", ["lambda", "class", "import"])
 def test_python_keyword_as_robot_name(name: str) -> None:
-    with pytest.raises(DescriptionError, match=rf"(?s)name.*{name}.*no Python keyword"):
-        robot_from_toml(f'name = "{name}"\n')
+    refused(DescriptionError, rf"(?s)name.*{name}.*no Python keyword", robot_from_toml, f'name = "{name}"\n')

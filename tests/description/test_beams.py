@@ -38,6 +38,7 @@ from tests.support.beams import SIZES, STEEL, cantilever, toml
 from tests.support.description_samples import URDF
 from tests.support.finite_elements import bar
 from tests.support.refusals import refused
+from tests.support.text_files import text_file
 
 pytestmark = pytest.mark.quick
 EXAMPLE = Path(__file__).parents[2] / "examples" / "flexible_boom.toml"
@@ -151,8 +152,7 @@ def test_a_beam_behind_a_urdf(tmp_path: Path) -> None:
     """'base' is its root link; a beam's child is a link that the TOML adds."""
     (tmp_path / "arm.urdf").write_text(URDF, encoding="ascii")
     beam = toml({"parent": "lower"}).replace('name = "crane"', 'urdf = "arm.urdf"')
-    (tmp_path / "arm.toml").write_text(beam, encoding="ascii")
-    robot = eomgen.load_robot(tmp_path / "arm.toml")
+    robot = eomgen.load_robot(text_file(tmp_path / "arm.toml", beam))
     assert robot.joints[-1].child == "head"
     for parent in ("base", "ground"):
         (tmp_path / "arm.toml").write_text(beam.replace('parent = "lower"', f'parent = "{parent}"'), encoding="ascii")
@@ -447,7 +447,6 @@ def test_a_beam_is_a_link_that_bends() -> None:
     across = 2700.0 * second * 0.8 + mass * 0.8**2 / 12
     inertia = (2 * 2700.0 * second * 0.8, across, across, 0.0, 0.0, 0.0)
     assert link.inertia == pytest.approx(inertia, rel=1e-12)
-    assert link.beam is not None
     assert link.beam.modes == BeamModes(2, 1, 1, 1)
     assert link.modes == beam_modes(link.beam, 0.01)
     model = build_model(robot)
@@ -485,7 +484,6 @@ def test_the_mass_matrix_is_that_of_the_constants() -> None:
     """Straight and without a hand: modal masses, and coupling with the shoulder by the moment of the deflection."""
     robot = arm().with_value("links.hand.mass", 0.0)
     model, link = build_model(robot), robot.link("arm")
-    assert link.modes is not None
     M = mass_matrix(model, np.zeros(model.size))[:6, :6]
     assert M[1:, 1:] == pytest.approx(np.array(link.modes.masses), abs=1e-12)
     axial = [H0[0][1] - H0[1][0] for H0 in link.modes.H0]
@@ -501,8 +499,6 @@ def test_a_hand_at_the_tip_lowers_the_frequencies() -> None:
     robot = arm(text)
     model, beam = build_model(robot), robot.link("arm").beam
     modes = robot.link("arm").modes
-    assert beam is not None
-    assert modes is not None
     M, K = mass_matrix(model, np.zeros(model.size)), np.array(modes.K)
     places = [model.coordinates.index(f"arm.mode{k}") for k in range(1, 11)]
     own = M[np.ix_(places, places)]
@@ -523,8 +519,7 @@ def test_modes_out_of_files(tmp_path: Path) -> None:
     assert link.modes is not None
     write_constants(tmp_path / "arm.npz", BendingBody(beam_inertia(link.beam), link.modes, is_free=False))
     text = OF_FILE
-    (tmp_path / "crane.toml").write_text(text, encoding="ascii")
-    robot = eomgen.load_robot(tmp_path / "crane.toml")
+    robot = eomgen.load_robot(text_file(tmp_path / "crane.toml", text))
     assert robot.link("arm") == replace(link, beam=None, modal_damping=None)
     assert [x.name for x in robot.couplings] == [x.name for x in arm().couplings]
     twice = text.replace('"arm.npz"', '"arm.npz"\nmodal_damping = 0.02')
@@ -536,7 +531,6 @@ def test_modes_out_of_files(tmp_path: Path) -> None:
     assert robot_from_toml(same, folder=tmp_path).links == robot.links
     saved(nodal(), tmp_path)
     damped = robot_from_toml(text.replace('"arm.npz"', '"arm.npz"\nmodal_damping = 0.02'), folder=tmp_path).link("arm")
-    assert damped.modes is not None
     assert [node.name for node in damped.modes.nodes] == ["tip", "middle"]
     (note,) = robot_from_toml(text, folder=tmp_path).notes
     below = 0.1 * math.sqrt(np.array(damped.modes.K)[0, 0])
@@ -557,7 +551,6 @@ def test_a_table_says_how_a_file_is_taken(tmp_path: Path) -> None:
     text = ARM.replace(LINE, f"modes = {modes}")
     robot = robot_from_toml(text, folder=tmp_path)
     link, own = robot.link("arm"), reduce(replace(elements, count=1))
-    assert link.modes is not None
     assert link.modes.count == 7
     assert link.com == pytest.approx((0.0, 0.1 + own.com[0], 0.0), abs=1e-12)
     assert link.modes.nodes[0].place == pytest.approx((0.0, 1.1, 0.0), abs=1e-12)
@@ -581,7 +574,6 @@ def test_reduced_finite_elements_are_taken(craig_bampton: bool, tmp_path: Path) 
     text = ARM.replace(LINE, 'modes = "arm.npz"')
     robot = robot_from_toml(text, folder=tmp_path).with_value("links.hand.mass", 0.0)
     link = robot.link("arm")
-    assert link.modes is not None
     assert link.mass == pytest.approx(reduced.mass, rel=1e-12)
     assert np.array(link.modes.K) == pytest.approx(reduced.K, rel=1e-12)
     assert (np.count_nonzero(np.array(link.modes.D)) == len(reduced.K)) != craig_bampton
@@ -632,9 +624,7 @@ def test_modes_of_a_free_link_need_a_free_joint(tmp_path: Path) -> None:
 def test_numbers_of_a_beam_make_its_modes_anew() -> None:
     robot = arm()
     old = robot.link("arm").modes
-    assert old is not None
     stiff = robot.with_values({"links.arm.beam.E": 1.4e11, "links.arm.beam.G": 5.2e10}).link("arm").modes
-    assert stiff is not None
     assert np.array(stiff.K) == pytest.approx(2.0 * np.array(old.K), rel=1e-10)
     assert np.array(stiff.D) == pytest.approx(math.sqrt(2.0) * np.array(old.D), rel=1e-10)
     heavy = robot.with_value("links.arm.beam.density", 5400.0).link("arm")
@@ -658,11 +648,8 @@ def test_numbers_of_modes() -> None:
         robot.with_values({"links.arm.modes.2.stiffness": 7.0, "links.arm.modes.1.damping": 0.5}).link("arm").modes
     )
     old = robot.link("arm").modes
-    assert changed is not None
-    assert old is not None
     assert (changed.K[1][1], changed.D[0][0], changed.D[1][1]) == (7.0, 0.5, old.D[1][1])
     damped = robot.with_value("links.arm.modal_damping", 0.03).link("arm").modes
-    assert damped is not None
     assert np.array(damped.D) == pytest.approx(3.0 * np.array(old.D), rel=1e-12)
     assert damped.K == old.K
 
@@ -685,8 +672,7 @@ def test_a_text_with_other_numbers_leads_to_the_same_files(tmp_path: Path) -> No
     """What identification writes into another folder."""
     saved(nodal(), tmp_path)
     text = OF_FILE
-    (tmp_path / "crane.toml").write_text(text, encoding="ascii")
-    robot = eomgen.load_robot(tmp_path / "crane.toml")
+    robot = eomgen.load_robot(text_file(tmp_path / "crane.toml", text))
     heavy = robot.with_value("links.hand.mass", 0.7)
     (tmp_path / "new").mkdir()
     written = write_toml(heavy, {"hand.mass": 0.7}, (), tmp_path / "new" / "crane.toml")
@@ -699,8 +685,7 @@ def test_a_beam_refines_a_link_of_a_urdf(tmp_path: Path) -> None:
     """The link's mass and inertia are those of the beam, without a note on the URDF's."""
     (tmp_path / "arm.urdf").write_text(URDF, encoding="ascii")
     more = f'[[links]]\nname = "lower"\nbeam = {{ {BEAM}, modes = {{ y = 1 }} }}\n'
-    (tmp_path / "arm.toml").write_text(f'urdf = "arm.urdf"\n{more}', encoding="ascii")
-    robot = eomgen.load_robot(tmp_path / "arm.toml")
+    robot = eomgen.load_robot(text_file(tmp_path / "arm.toml", f'urdf = "arm.urdf"\n{more}'))
     assert robot.link("lower").mass == pytest.approx(arm().link("arm").mass)
     assert "lower.mode1" in build_model(robot).coordinates
 

@@ -57,6 +57,7 @@ from tests.support.many_robots import many_robot
 from tests.support.quick_builds import ONE_LEVEL
 from tests.support.random_robots import seeds
 from tests.support.refusals import refused
+from tests.support.text_files import text_file
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -242,8 +243,7 @@ def test_inertia_project_is_the_nearest_body() -> None:
 
 def refined(tmp_path: Path, toml: str, urdf: str = URDF) -> Robot:
     (tmp_path / "arm.urdf").write_text(urdf)
-    (tmp_path / "arm.toml").write_text('name = "mine"\nurdf = "arm.urdf"\n' + toml)
-    return load_robot(tmp_path / "arm.toml")
+    return load_robot(text_file(tmp_path / "arm.toml", 'name = "mine"\nurdf = "arm.urdf"\n' + toml))
 
 
 def test_toml_refines_urdf(tmp_path: Path) -> None:
@@ -654,16 +654,15 @@ def test_a_name_is_that_of_a_robot(call: Call) -> None:
 @pytest.mark.parametrize("kind", [str, Path])
 @pytest.mark.parametrize("call", (CALLS | OF_A_RESULT).values(), ids=[*CALLS, *OF_A_RESULT])
 def test_a_path_is_read(call: Call, kind: type, tmp_path: Path) -> None:
-    path = tmp_path / "arm.toml"
-    path.write_text("name = 3", encoding="ascii")
+    path = text_file(tmp_path / "arm.toml", "name = 3")
     refused(eomgen.DescriptionError, r"arm\.toml:1:8: name", call, kind(path))
 
 
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
     """A description in a file: that of a robot with one coordinate."""
-    target = tmp_path / "pendulum.toml"
-    target.write_text(
+    return text_file(
+        tmp_path / "pendulum.toml",
         """
         name = "pendulum"
         [[links]]
@@ -677,9 +676,7 @@ def path(tmp_path: Path) -> Path:
         child = "rod"
         type = "revolute"
         """,
-        encoding="ascii",
     )
-    return target
 
 
 def test_each_is_the_robot_itself(path: Path) -> None:

@@ -23,6 +23,7 @@ from tests.support.description_samples import MJCF, URDF
 from tests.support.optional import OptionalModule, needs
 from tests.support.random_robots import Array
 from tests.support.refusals import refused
+from tests.support.text_files import text_file
 
 pytestmark = pytest.mark.quick
 pin = OptionalModule("pinocchio")
@@ -112,8 +113,7 @@ def test_a_body_alone_floats() -> None:
 
 
 def test_checks_of_bodies_that_float(tmp_path: Path) -> None:
-    path = tmp_path / "stone.urdf"
-    path.write_text(f"<robot name='stone'>{BODY}</robot>")
+    path = text_file(tmp_path / "stone.urdf", f"<robot name='stone'>{BODY}</robot>")
     assert "or --floating-base" in str(check_file(path).errors[0])
     found = check_file(path, floating_base=True)
     assert not found.errors
@@ -134,8 +134,7 @@ def test_what_cannot_float(tmp_path: Path) -> None:
 
 
 def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "arm.urdf").write_text(HEAVY)
-    assert entry.main(["info", str(tmp_path / "arm.urdf"), "--floating-base", "--json"]) == 0
+    assert entry.main(["info", str(text_file(tmp_path / "arm.urdf", HEAVY)), "--floating-base", "--json"]) == 0
     assert len(json.loads(capsys.readouterr().out)["coordinates"]) == 8
 
 
@@ -225,8 +224,7 @@ REFUSED = {
 @pytest.mark.parametrize("case", REFUSED)
 def test_what_is_not_plain_is_refused(case: str) -> None:
     old, new, reason = REFUSED[case]
-    with pytest.raises(DescriptionError, match=reason):
-        robot_from_urdf(changed(URDF, old, new))
+    refused(DescriptionError, reason, robot_from_urdf, changed(URDF, old, new))
 
 
 def test_many_mistakes_are_found_in_one_pass() -> None:

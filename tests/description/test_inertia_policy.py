@@ -30,6 +30,7 @@ from tests.support.bad_files import changed
 from tests.support.description_samples import ARM, MJCF, URDF
 from tests.support.optional import OptionalModule
 from tests.support.refusals import refused
+from tests.support.text_files import text_file
 
 pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
 STRANGE = changed(URDF, 'izz="0.15"', 'izz="0.9"')  # of the link upper, line 4
@@ -61,9 +62,7 @@ def test_toml_is_refused_by_default() -> None:
 
 def refined(folder: Path, toml: str = "", urdf: str = STRANGE) -> Path:
     (folder / "arm.urdf").write_text(urdf)
-    path = folder / "arm.toml"
-    path.write_text('urdf = "arm.urdf"\n' + toml)
-    return path
+    return text_file(folder / "arm.toml", 'urdf = "arm.urdf"\n' + toml)
 
 
 @pytest.mark.filterwarnings(LIGHTLY)
@@ -157,8 +156,7 @@ def test_check_follows_the_policy(
 
 @pytest.mark.filterwarnings(LIGHTLY)
 def test_check_from_python(tmp_path: Path) -> None:
-    path = tmp_path / "a.urdf"
-    path.write_text(STRANGE)
+    path = text_file(tmp_path / "a.urdf", STRANGE)
     assert check_file(path).errors == ()
     assert len(check_file(path, inertia="error").errors) == 1
     (error,) = check_file(path, inertia="off").errors
@@ -263,8 +261,7 @@ ACTUATED = """<mujoco>
 def test_actuators_push_as_hard_as_mujoco_lets_them(geom: str, tmp_path: Path) -> None:
     """The largest force of the actuators on each joint, in MuJoCo, whatever their controls; read here or by MuJoCo."""
     text = ACTUATED.format(geom=geom)
-    path = tmp_path / "model.xml"
-    path.write_text(text)
+    path = text_file(tmp_path / "model.xml", text)
     robot = load_robot(path)
     model = mujoco.MjModel.from_xml_string(text)
     data = mujoco.MjData(model)
@@ -332,7 +329,6 @@ def test_in_tables_of_coordinates() -> None:
     motor = "motor = { inertia = 1e-4, ratio = 50.0, stiffness = 1e4, stops = { stiffness = 3.0, lower = -60.0 } }"
     robot = robot_from_toml(text.replace("limits = [-1, 2]", motor))
     assert numbers(robot, "joint1", "x") == {"stops.stiffness": 1e5, "stops.smoothing": 1e-4, "stops.upper": 1e-3}
-    assert robot.joints[0].motor is not None
     assert not robot.joints[0].motor.transmission.further
     assert robot.joints[0].motor.further == {"stops.stiffness": 3.0, "stops.smoothing": 1e-4, "stops.lower": -60.0}
     assert robot_of(json.loads(json.dumps(record_of(robot)))) == robot == pickle.loads(pickle.dumps(robot))
@@ -405,8 +401,7 @@ def test_mjcf_on_request() -> None:
 def test_what_is_refused(text: str, message: str, tmp_path: Path) -> None:
     """By readers, and by ``eomgen check`` with the place."""
     refused(DescriptionError, message, with_stops, text)
-    path = tmp_path / "arm.toml"
-    path.write_text(ARM.replace("limits = [-1, 2]", f"limits = [-1, 2]\n{text}"))
+    path = text_file(tmp_path / "arm.toml", ARM.replace("limits = [-1, 2]", f"limits = [-1, 2]\n{text}"))
     found = check_file(path)
     assert found.errors
     assert all(f"{path}:" in line for line in found.lines)
@@ -517,8 +512,7 @@ def test_what_mujoco_makes_of_them(tmp_path: Path) -> None:
 
 
 def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "arm.urdf").write_text(URDF)
-    arm = str(tmp_path / "arm.urdf")
+    arm = str(text_file(tmp_path / "arm.urdf", URDF))
     assert entry.main(["info", arm, "--stops", "stiffness=1e5,damping=10", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)["parameters"]
     assert {key.rpartition(".")[2]: x for key, x in found.items() if ".stops." in key} == {

@@ -30,6 +30,7 @@ from eomgen.robot.value import COORDINATES
 from eomgen.scenario.load import scenario_from_toml
 from tests.support.refusals import refused
 from tests.support.small_robots import free_body
+from tests.support.text_files import text_file
 
 pytestmark = pytest.mark.quick
 TEXT = """name = "test"
@@ -117,8 +118,7 @@ def test_a_robot_keeps_the_numbers_and_not_the_path(ending: str, tmp_path: Path)
 def test_rows_of_what_is_rigid_are_left_out_of_a_file_too(tmp_path: Path) -> None:
     K = symmetric(4, 6)
     written(tmp_path / "K.npz", K)
-    (tmp_path / "a.toml").write_text(TEXT.replace('"K"', '"K.npz"'), encoding="ascii")
-    robot = load_robot(tmp_path / "a.toml")
+    robot = load_robot(text_file(tmp_path / "a.toml", TEXT.replace('"K"', '"K.npz"')))
     assert "rows of coordinates that do not move are left out: y, alpha, gamma" in "".join(robot.notes)
     kept = [COORDINATES.index(name) for name in ("x", "z", "beta")]
     assert robot.joint("mount").stiffness == JointStiffness.of(K[np.ix_(kept, kept)].tolist(), ("x", "z", "beta"))
@@ -176,8 +176,7 @@ CASES = [(ending, text) for ending, texts in REFUSED.items() for text in texts]
 @pytest.mark.parametrize(("ending", "text"), CASES)
 def test_what_is_no_matrix_is_refused_with_its_line(ending: str, text: str, tmp_path: Path) -> None:
     line, allowed = REFUSED[ending][text]
-    (tmp_path / f"K{ending}").write_text(text, encoding="ascii")
-    caught = refused(InputError, "", read_matrix, tmp_path / f"K{ending}")
+    caught = refused(InputError, "", read_matrix, text_file(tmp_path / f"K{ending}", text))
     assert allowed in str(caught)
     assert f"K{ending}, line {line}: " in str(caught)
 
@@ -223,8 +222,7 @@ def test_a_refusal_says_where_the_file_is_named(tmp_path: Path) -> None:
         ("K.txt", "1\n", r"got 'K.txt'; allowed: .*\.mtx or \.npz or \.csv"),
     ):
         (tmp_path / name).write_text(content, encoding="ascii")
-        (tmp_path / "a.toml").write_text(TEXT.replace('"K"', f'"{name}"'), encoding="ascii")
-        refused(DescriptionError, said, load_robot, tmp_path / "a.toml")
+        refused(DescriptionError, said, load_robot, text_file(tmp_path / "a.toml", TEXT.replace('"K"', f'"{name}"')))
         assert check_file(tmp_path / "a.toml").errors
     with pytest.raises(DescriptionError, match=r"got 'K.mtx'; allowed: the path of a file that ends in \.mtx"):
         robot_from_toml(TEXT.replace('"K"', '"K.mtx"'))
@@ -427,8 +425,7 @@ def test_they_are_read_kept_and_named() -> None:
         (JointDamping(entries={"z.z": 1.0}), "z does not move"),
     ):
         wrong = replace(robot, joints=(replace(joint, **{element.TABLE: element}),))
-        with pytest.raises(DescriptionError, match=message):
-            build_model(wrong)
+        refused(DescriptionError, message, build_model, wrong)
     info = RobotInfo(build_model(robot), {}, (), {}, {})
     assert info.as_dict()["joint_stiffness"]["root"]["x.beta"] == 20.0
     assert "root.stiffness: preload.x 1, preload.gamma -0.5" in info.lines()

@@ -25,6 +25,7 @@ from tests.support.optional import needs
 from tests.support.refusals import refused
 from tests.support.soak import soaked
 from tests.support.surfaces import check_robot
+from tests.support.text_files import text_file
 
 LEG = """<mujocoinclude>
   <default><default class="leg"><joint damping="0.2" axis="0 1 0" range="-40 50"/></default></default>
@@ -69,9 +70,7 @@ def walker(tmp_path: Path) -> Path:
 
 def written(folder: Path, text: str) -> Path:
     (folder / "empty.xml").write_text("<mujocoinclude><statistic extent='2'/></mujocoinclude>")
-    path = folder / "model.xml"
-    path.write_text(text)
-    return path
+    return text_file(folder / "model.xml", text)
 
 
 @pytest.mark.soak
@@ -291,16 +290,14 @@ def test_what_would_end_mujoco_is_refused_before(case: str, tmp_path: Path, monk
 
 def test_files_that_are_named_twice_are_no_circle(tmp_path: Path) -> None:
     (tmp_path / "twice.xml").write_text(f'<mujoco model="t"><worldbody>{BODY}</worldbody></mujoco>')
-    (tmp_path / "model.xml").write_text(attaching("twice.xml", 2))
-    assert len(load_robot(tmp_path / "model.xml").joints) == 3
+    assert len(load_robot(text_file(tmp_path / "model.xml", attaching("twice.xml", 2))).joints) == 3
 
 
 @pytest.mark.soak
 def test_a_process_that_compiles_ends_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What the look at the files overlooks ends in that process: a crash, and work without end."""
     monkeypatch.setattr("eomgen.description.mjcf.compiled.check_other_files", lambda path, xml: None)
-    path = tmp_path / "model.xml"
-    path.write_text(attaching("model.xml"))
+    path = text_file(tmp_path / "model.xml", attaching("model.xml"))
     caught = refused(DescriptionError, r"MuJoCo was ended by SIG[A-Z]+ while it compiled the file", load_robot, path)
     check_message(caught)
     monkeypatch.setattr("eomgen.description.mjcf.compiled.SECONDS", 2)
@@ -344,11 +341,10 @@ def test_warnings_become_notes_and_no_log_is_left(tmp_path: Path, monkeypatch: p
 def test_numbers_that_are_none_are_refused(text: str, place: str, include: str, tmp_path: Path) -> None:
     body = f'<body name="b"><joint/><geom size="1"/><{place.format(text)}/></body>'
     path = written(tmp_path, f"<mujoco>{include}<worldbody>{body}</worldbody></mujoco>")
-    with pytest.raises(
-        DescriptionError, match=r"model\.xml:1:[0-9]+: .* is '.*(nan|NaN).*'; allowed: .*finite"
-    ) as caught:
-        load_robot(path)
-    check_message(caught.value)
+    caught = refused(
+        DescriptionError, r"model\.xml:1:[0-9]+: .* is '.*(nan|NaN).*'; allowed: .*finite", load_robot, path
+    )
+    check_message(caught)
 
 
 def test_names_may_say_nan(tmp_path: Path) -> None:
@@ -363,8 +359,7 @@ def test_check_says_that_mujoco_has_compiled(walker: Path, capsys: pytest.Captur
 
 
 def expanded(tmp_path: Path, text: str) -> Robot:
-    path = tmp_path / "arm.urdf.xacro"
-    path.write_text(text)
+    path = text_file(tmp_path / "arm.urdf.xacro", text)
     return load_robot(path, xacro=True)
 
 
@@ -395,8 +390,7 @@ def test_macros_are_expanded_only_for_who_asks(
     expanded_files: list[str] = []
     real = xacro.process_file
     monkeypatch.setattr(xacro, "process_file", lambda path: (expanded_files.append(path), real(path))[1])
-    path = tmp_path / "arm.xacro"
-    path.write_text(MACROS)
+    path = text_file(tmp_path / "arm.xacro", MACROS)
     for command in ("check", "info", "simulate"):
         assert main([command, str(path)]) == 1
         said = "".join(capsys.readouterr())
@@ -479,8 +473,7 @@ def test_without_xacro_it_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 
 def test_sdf_is_refused_with_what_to_do(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = tmp_path / "arm.sdf"
-    path.write_text('<sdf version="1.9"/>')
+    path = text_file(tmp_path / "arm.sdf", '<sdf version="1.9"/>')
     refused(DescriptionError, "SDF is not read; allowed: the URDF", load_robot, path)
     assert main(["check", str(path)]) == 1
     assert "SDF is not read" in capsys.readouterr().out

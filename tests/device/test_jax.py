@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -17,19 +16,12 @@ from tests.device.fakes import Stub
 from tests.support.optional import needs
 from tests.support.refusals import refused
 
-pytestmark = pytest.mark.quick
+pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("doubles")]
 
 jax, jnp = needs("jax"), needs("jax.numpy")
 
 COUNT = 37
 REFUSED = (ValueError, jax.errors.JaxRuntimeError)  # by whether a function is compiled
-
-
-@pytest.fixture(autouse=True)
-def doubles() -> Iterator[None]:
-    jax.config.update("jax_enable_x64", True)
-    yield
-    jax.config.update("jax_enable_x64", False)
 
 
 @pytest.fixture

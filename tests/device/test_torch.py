@@ -138,8 +138,7 @@ def test_what_is_refused(kernel: eomgen.Kernel, device: Any) -> None:
     q = torch.zeros(3, kernel.n, dtype=torch.float64)
     with pytest.raises(ArrayError, match=r"q: torch\.Tensor lies on the processor; allowed: arrays on the device"):
         function(device, "mass_matrix")(q)
-    with pytest.raises(ArrayError, match=r"q: dtype torch\.float32; allowed: torch\.float64"):
-        function(device, "mass_matrix")(q.float())
+    refused(ArrayError, r"q: dtype torch\.float32; allowed: torch\.float64", function(device, "mass_matrix"), q.float())
     refused(InputError, "rk4_rollout: a rollout, which has no derivatives on devices", function, device, "rk4_rollout")
     with pytest.raises(InputError, match="frame: 'tcp'; allowed on devices: none, frame_poses and frame_jacobians"):
         function(device, "frame_poses", "tcp")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import shutil
 import subprocess
 import sys
@@ -21,7 +20,7 @@ from eomgen.export import export_acados
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
 from tests.support.builds import Build
-from tests.support.optional import needs
+from tests.support.optional import module_of, needs
 from tests.support.random_robots import Array, random_robot
 
 casadi = needs("casadi")
@@ -68,16 +67,6 @@ int main(void)
     return 0;
 }
 """
-
-
-def module_of(path: Path) -> ModuleType:
-    """Import a file of Python."""
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 class Called:

@@ -324,7 +324,6 @@ def test_a_page_has_everything_and_no_text_ends_its_elements() -> None:
     assert "taken'</script>" not in text
     assert not re.search(r'(src|href)="(?!data:)', text)
     policy = re.search(r'Content-Security-Policy" content="([^"]*)"', text)
-    assert policy is not None
     assert "default-src 'none'" in policy[1]
     assert "http" not in policy[1]
     values = json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', text, re.DOTALL)[1])  # type: ignore[index]
@@ -360,7 +359,6 @@ def test_default_scenarios_hold_a_robot() -> None:
     initial = Initial(q={"j1.gamma": 0.0, "j2.gamma": 0.0})
     assert default_scenario(servo_axes()) == Scenario(HELD, initial=initial, control=Section("reference", {}))
     shaken = default_scenario(eomgen.load_robot("shaken_arm"))
-    assert shaken.control is not None
     assert (shaken.control.type, shaken.control.values["gravity"]) == ("pd", True)
     assert list(shaken.control.values["kp"]) == ["waist.gamma", "shoulder.gamma", "elbow.gamma"]
     names = [f"mount.{name}" for name in COORDINATES]

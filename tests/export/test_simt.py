@@ -462,8 +462,7 @@ def test_device_says_which_state_failed(tmp_path: Path) -> None:
     module = simt.driver(render_simt(build_model(as_robot("one_link")), ("mass_matrix",)), tmp_path)
     q = np.zeros((5, 2))
     q[3, 1] = 1e9
-    with pytest.raises(ArithmeticError, match="state 3: an angle is no number, or farther than"):
-        module.opencl().run("mass_matrix", q)
+    refused(ArithmeticError, "state 3: an angle is no number, or farther than", module.opencl().run, "mass_matrix", q)
 
 
 PROCESSORS = ("sm_80", "sm_90", "sm_120")

@@ -63,8 +63,7 @@ def test_arrays_are_read_as_numpy_names_them(array: Any) -> None:
     kind = make_dataclass("Rows", [("x", array)])
     assert value_of(kind, {"x": [0.0, 1.5]}, "file").x == (0.0, 1.5)
     assert value_of(kind, {"x": [[0.0, 1.5], [2.0, 3.0]]}, "file").x == ((0.0, 1.5), (2.0, 3.0))
-    with pytest.raises(InputError, match=r"file: x: got rows of different lengths"):
-        value_of(kind, {"x": [[0.0], [1.0, 2.0]]}, "file")
+    refused(InputError, r"file: x: got rows of different lengths", value_of, kind, {"x": [[0.0], [1.0, 2.0]]}, "file")
     with pytest.raises(InputError, match=r"file: x\[1\]: got 'a'; allowed: a value of type float"):
         value_of(kind, {"x": [0.0, "a"]}, "file")
 
@@ -231,8 +230,7 @@ def test_columns(text: str, column: int) -> None:
 
 
 def test_without_a_source() -> None:
-    with pytest.raises(DescriptionError, match=r"^line 2, column 11: gravity: got 3"):
-        robot_from_toml('name = "r"\ngravity = 3')
+    refused(DescriptionError, r"^line 2, column 11: gravity: got 3", robot_from_toml, 'name = "r"\ngravity = 3')
 
 
 def test_many_paths_are_found_in_one_pass(monkeypatch: pytest.MonkeyPatch) -> None:

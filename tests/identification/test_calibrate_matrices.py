@@ -29,6 +29,7 @@ from tests.loops.test_elastic_cuts import linkages
 from tests.support.builds import Build
 from tests.support.measurements import assert_slopes, calibrated, placed, poses_of
 from tests.support.random_robots import Array
+from tests.support.refusals import refused
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -241,8 +242,7 @@ def test_a_chosen_entry_between_coordinates_with_tables(built: Build, tmp_path: 
     assert dict(joint.stiffness.entries) == pytest.approx(entries, rel=1e-6)
     assert any(note.startswith(".toml cannot have 'joints.joint2.z.stiffness'") for note in found.notes)
     said = r"some entries of joint2\.stiffness are sought, and nothing holds 'joint2\.z' in the description"
-    with pytest.raises(InputError, match=said):
-        calibrated(robot, columns, stiffness=["joints.joint2.stiffness.x.z"])
+    refused(InputError, said, calibrated, robot, columns, stiffness=["joints.joint2.stiffness.x.z"])
 
 
 SOME = tuple(f"joints.joint2.stiffness.{pair}" for pair in ("x.y", "x.beta", "z.z", "alpha.beta"))
@@ -389,8 +389,7 @@ def test_an_indefinite_matrix_is_said_and_not_written(built: Build, tmp_path: Pa
     ],
 )
 def test_wrong_names_are_refused(stiffness: str, error: type[InputError], said: str, tmp_path: Path) -> None:
-    with pytest.raises(error, match=said):
-        calibrated(described(tmp_path), RANDOM, stiffness=[stiffness])
+    refused(error, said, calibrated, described(tmp_path), RANDOM, stiffness=[stiffness])
 
 
 def test_a_matrix_without_an_inverse_is_refused_by_name(tmp_path: Path) -> None:

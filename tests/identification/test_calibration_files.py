@@ -31,6 +31,7 @@ from eomgen.runtime.inverse_kinematics.rotations import rpy_of, vector_of
 from tests.support.commands import command, facts
 from tests.support.measured_poses import TCP, Trial, arm, chain, puma, trial, turned, write_csv
 from tests.support.measurements import calibrated, placed, poses_of, task_of
+from tests.support.refusals import refused
 from tests.support.same_values import compare_values
 from tests.support.soak import soaked
 
@@ -57,8 +58,7 @@ SLOW = {"joint2.gamma copies column joint1.gamma", "tcp.y copies column tcp.x", 
 
 @pytest.mark.parametrize("said", soaked(TRAPS, set(TRAPS) - SLOW))
 def test_traps_are_told_by_name(said: str) -> None:
-    with pytest.raises(InputError, match=said):
-        calibrated(puma().robot, puma().columns | TRAPS[said](puma().columns))
+    refused(InputError, said, calibrated, puma().robot, puma().columns | TRAPS[said](puma().columns))
 
 
 def test_options_are_checked(tmp_path: Path) -> None:
@@ -76,10 +76,8 @@ def test_options_are_checked(tmp_path: Path) -> None:
         ({"covariance": {"tcp": np.zeros((6, 6))}}, ArrayError, "not symmetric and positive definite"),
     ]
     for options, error, said in cases:
-        with pytest.raises(error, match=said):
-            calibrate(arm(), poses, **{"folds": 0, **options})
-    with pytest.raises(InputError, match=r"ends in \.csv or \.npz"):
-        calibrate(arm(), tmp_path / "poses.txt")
+        refused(error, said, calibrate, arm(), poses, **{"folds": 0, **options})
+    refused(InputError, r"ends in \.csv or \.npz", calibrate, arm(), tmp_path / "poses.txt")
 
 
 # Files
@@ -208,8 +206,7 @@ def test_one_place_in_each_series_shows_no_length() -> None:
     rng = np.random.default_rng(0)
     columns |= {name: 0.3 + 1e-5 * rng.normal(size=40) for name in TCP[:3]}
     columns["series"] = np.repeat([0.0, 1.0], 20)
-    with pytest.raises(InputError, match="no length was measured: tcp stays at one place in each series"):
-        calibrated(robot, columns)
+    refused(InputError, "no length was measured: tcp stays at one place in each series", calibrated, robot, columns)
     two = columns["tcp.x"] + 0.05 * (np.arange(40) % 20 == 0)
     for task, poses in ((task_of(robot, fixed=("joints.joint2.offset",)), columns), (task_of(robot), {"tcp.x": two})):
         problem_of(task, poses_of(robot, columns | poses), careful=True)
@@ -222,8 +219,7 @@ def test_lengths_of_another_robot_are_not_written(tmp_path: Path) -> None:
     longer = replace(robot, joints=(robot.joints[0], replace(robot.joints[1], placement=moved), robot.joints[2]))
     found = calibrated(robot, trial(longer, 1, 40).columns, noise=(5e-5, 1e-4))
     assert any(note.startswith("the fit is of another robot: ") for note in found.notes)
-    with pytest.raises(InputError, match="is not written"):
-        found.to_toml(tmp_path / "x.toml")
+    refused(InputError, "is not written", found.to_toml, tmp_path / "x.toml")
 
 
 @pytest.mark.parametrize("link", ["b", "a_1"])
@@ -331,8 +327,7 @@ def test_results_of_before_load_and_damaged_ones_do_not(tmp_path: Path) -> None:
     assert read.lines()
     for key, value in (("meta", np.array("{}")), ("x", np.zeros(3)), ("covariance", np.full((3, 3), np.nan))):
         np.savez(path, **{**arrays, key: value})
-        with pytest.raises(InputError):
-            load_calibration(path)
+        refused(InputError, "", load_calibration, path)
 
 
 def test_readings_of_orientations() -> None:
@@ -413,9 +408,8 @@ WRONG: dict[str, Callable[[Columns], Columns]] = {
 @pytest.mark.parametrize("said", soaked(WRONG, [next(iter(WRONG))]))
 def test_the_reading_that_explains_is_named(said: str) -> None:
     made = blind()
-    with pytest.raises(InputError) as caught:
-        calibrated(made.robot, made.columns | WRONG[said](made.columns))
-    assert said in str(caught.value)
+    caught = refused(InputError, "", calibrated, made.robot, made.columns | WRONG[said](made.columns))
+    assert said in str(caught)
 
 
 @pytest.mark.soak
@@ -424,9 +418,8 @@ def test_the_reading_that_explains_is_named(said: str) -> None:
 def test_many_blind_arms(said: str, seed: int) -> None:
     """The cause is named, or one that these poses do not tell from it; never another alone."""
     made = blind(seed)
-    with pytest.raises(InputError, match="read as") as caught:
-        calibrated(made.robot, made.columns | WRONG[said](made.columns))
-    assert said.removeprefix("read as ").rstrip(":") in str(caught.value)
+    caught = refused(InputError, "read as", calibrated, made.robot, made.columns | WRONG[said](made.columns))
+    assert said.removeprefix("read as ").rstrip(":") in str(caught)
 
 
 def test_positions_do_not_tell_mirrors_apart() -> None:
@@ -434,10 +427,9 @@ def test_positions_do_not_tell_mirrors_apart() -> None:
     made = blind()
     columns = {name: values for name, values in made.columns.items() if not name.startswith("tcp.r")}
     columns["tcp.x"] = -columns["tcp.x"]
-    with pytest.raises(InputError, match="these poses do not distinguish it from") as caught:
-        calibrated(made.robot, columns)
-    assert "x mirrored" in str(caught.value)
-    assert "millimetres" not in str(caught.value)
+    caught = refused(InputError, "these poses do not distinguish it from", calibrated, made.robot, columns)
+    assert "x mirrored" in str(caught)
+    assert "millimetres" not in str(caught)
 
 
 @pytest.mark.parametrize(("seed", "size"), soaked([(1, 0.0), (2, 1.0), (3, 6.0)], [(2, 1.0)]))
@@ -483,8 +475,7 @@ def test_what_explains_nothing_is_not_written(tmp_path: Path, monkeypatch: pytes
     found = load_calibration("found.npz")
     assert not found.is_explained
     assert "what was measured is not explained" in "\n".join(found.lines())
-    with pytest.raises(InputError, match="force=True"):
-        found.to_toml("better.toml")
+    refused(InputError, "force=True", found.to_toml, "better.toml")
     command(*words, "--force")
     assert eomgen.load_robot("better.toml").name == eomgen.load_robot("puma560").name
 

@@ -32,6 +32,7 @@ from eomgen.robot import Coordinate, JointStiffness
 from eomgen.robot.model import build_model
 from eomgen.robot.value import COORDINATES, Robot
 from tests.support.measurements import assert_slopes, calibrated, placed, poses_of
+from tests.support.refusals import refused
 
 pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
 
@@ -281,15 +282,13 @@ def test_misread_files_of_mechanisms_are_told() -> None:
         ("read as centimetres for metres", {f"tcp.{axis}": 100.0 * columns[f"tcp.{axis}"] for axis in "xyz"}),
         ("read as coordinates one row early", {f"tcp.{axis}": np.roll(columns[f"tcp.{axis}"], 1) for axis in "xyz"}),
     ):
-        with pytest.raises(InputError, match=said):
-            found_of(robot, columns | changed)
+        refused(InputError, said, found_of, robot, columns | changed)
 
 
 def test_nothing_measured_is_said() -> None:
     with pytest.raises(InputError, match="nothing is measured; allowed: columns of frames, or of passive coordinates"):
         found_of(eomgen.load_robot("four_bar"), drawn(BAR, 20, 1))
-    with pytest.raises(InputError, match="nothing is measured"):
-        poses_of(eomgen.load_robot("four_bar"), drawn(BAR, 20, 1))
+    refused(InputError, "nothing is measured", poses_of, eomgen.load_robot("four_bar"), drawn(BAR, 20, 1))
 
 
 # A linkage with one drive

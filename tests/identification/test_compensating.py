@@ -33,6 +33,7 @@ from eomgen.scenario.value import Initial, Integrator, Payload, Scenario, Sectio
 from eomgen.simulation.result import SimulationResult
 from eomgen.sweep.plan import plan_from_toml
 from tests.support.commands import command, facts
+from tests.support.refusals import refused
 
 pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
 
@@ -336,17 +337,13 @@ def test_results_are_saved_and_load_again(found: CompensationResult, tmp_path: P
     again.to_scenario(tmp_path / "again.toml")
     found.to_scenario(tmp_path / "found.toml")
     assert (tmp_path / "again.csv").read_bytes() == (tmp_path / "found.csv").read_bytes()
-    with pytest.raises(InputError, match=r"allowed: a path that ends in \.npz"):
-        found.save(tmp_path / "found.json")
-    with pytest.raises(InputError, match=r"allowed: a path that ends in \.toml"):
-        found.to_scenario(tmp_path / "found.csv")
+    refused(InputError, r"allowed: a path that ends in \.npz", found.save, tmp_path / "found.json")
+    refused(InputError, r"allowed: a path that ends in \.toml", found.to_scenario, tmp_path / "found.csv")
     np.savez(tmp_path / "other.npz", t=np.zeros(3))
-    with pytest.raises(InputError, match="is no result of the kind compensation"):
-        load_compensation(tmp_path / "other.npz")
+    refused(InputError, "is no result of the kind compensation", load_compensation, tmp_path / "other.npz")
     arrays = dict(np.load(tmp_path / "found.npz"))
     np.savez(tmp_path / "short.npz", **{**arrays, "after": arrays["after"][:5]})
-    with pytest.raises(InputError, match=r"array after has shape \(5, 6\)"):
-        load_compensation(tmp_path / "short.npz")
+    refused(InputError, r"array after has shape \(5, 6\)", load_compensation, tmp_path / "short.npz")
 
 
 def test_everything_of_a_scenario_is_written(found: CompensationResult, tmp_path: Path) -> None:

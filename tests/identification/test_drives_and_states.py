@@ -21,6 +21,7 @@ from eomgen.simulation.result import SimulationResult
 from eomgen.simulation.run import run_scenario
 from tests.support.builds import Build
 from tests.support.measurements import motion_of
+from tests.support.refusals import refused
 
 pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
 
@@ -105,8 +106,7 @@ def test_an_input_that_says_nothing_of_the_force_is_refused(servo_result: Simula
     columns = {"t": motion.t, "axis.gamma": motion.q[:, 0], "axis.gamma.drive": motion.u[:, 0]}
     bare = motion_from_columns(columns | {"axis.gamma.drive.input": 0.0 * motion.t}, motion.coordinates)
     said = r"axis\.gamma\.drive is a reference of position, rad; allowed: N m on the coordinate, or a column"
-    with pytest.raises(InputError, match=said):
-        identify(direct, bare, terms=TERMS)
+    refused(InputError, said, identify, direct, bare, terms=TERMS)
     found = identify(direct, motion_from_columns(columns, motion.coordinates), terms=TERMS)
     assert np.isfinite(found.base_values).all()
     with pytest.raises(InputError, match=r"column 'axis\.gamma\.current' is unknown"):
@@ -195,8 +195,7 @@ def test_curves_of_stribeck_are_those_that_bristles_slide_by(robot: eomgen.Robot
 def test_states_that_nobody_measured_are_refused(robot: eomgen.Robot, motion: MeasuredMotion) -> None:
     with pytest.raises(InputError, match=r"laws of 'j1\.gamma' have states; allowed: those of friction at drives"):
         identify(robot, motion, terms=("links", "viscous"))
-    with pytest.raises(InputError, match=r"laws of 'j1\.gamma' have states; allowed: robots without"):
-        forces(robot, motion)
+    refused(InputError, r"laws of 'j1\.gamma' have states; allowed: robots without", forces, robot, motion)
     assert forces(robot.without_states(), motion).t.size == motion.t.size
 
 

@@ -31,6 +31,7 @@ from tests.support.builds import Build
 from tests.support.commands import command
 from tests.support.measurements import motion_of
 from tests.support.random_robots import Array
+from tests.support.refusals import refused
 
 pytestmark = pytest.mark.quick
 
@@ -238,18 +239,14 @@ def test_files_and_text(found: ExciteResult, tmp_path: Path) -> None:
     assert [row[0] for row in limits] == list(found.limited)
     drawn = plot_excitation(found, tmp_path / "motion.svg").read_text(encoding="utf-8")
     assert all(name in drawn for name in (*found.coordinates, "position", "velocity", "drive", "rad/s", "N m"))
-    with pytest.raises(InputError, match=r"beside"):
-        found.to_scenario(tmp_path / "other" / "motion.toml", tmp_path / "motion.csv")
+    refused(InputError, r"beside", found.to_scenario, tmp_path / "other" / "motion.toml", tmp_path / "motion.csv")
     for write in (found.save, found.to_csv):
-        with pytest.raises(InputError, match=r"allowed: a path that ends in \.(npz|csv)"):
-            write(tmp_path / "found.txt")
+        refused(InputError, r"allowed: a path that ends in \.(npz|csv)", write, tmp_path / "found.txt")
     np.savez(tmp_path / "strange.npz", t=np.zeros(3))
-    with pytest.raises(InputError, match="is no result of the kind excitation"):
-        load_excitation(tmp_path / "strange.npz")
+    refused(InputError, "is no result of the kind excitation", load_excitation, tmp_path / "strange.npz")
     bad = dict(np.load(path))
     np.savez(tmp_path / "short.npz", **{**bad, "q": bad["q"][:-1]})
-    with pytest.raises(InputError, match="array q has shape"):
-        load_excitation(tmp_path / "short.npz")
+    refused(InputError, "array q has shape", load_excitation, tmp_path / "short.npz")
 
 
 def test_deviations_stay_at_zero_and_what_is_assumed_is_said(kernel: eomgen.Kernel) -> None:
@@ -310,8 +307,7 @@ def test_deviations_stay_at_zero_and_what_is_assumed_is_said(kernel: eomgen.Kern
     ],
 )
 def test_what_cannot_be_used_is_named(options: dict[str, Any], message: str, kernel: eomgen.Kernel) -> None:
-    with pytest.raises(InputError, match=message):
-        excite(arm(), **{**SHORT, "kernel": kernel, **options})
+    refused(InputError, message, excite, arm(), **{**SHORT, "kernel": kernel, **options})
 
 
 def on_springs(robot: Robot) -> Robot:
@@ -333,8 +329,7 @@ def on_springs(robot: Robot) -> Robot:
     ],
 )
 def test_robots_that_cannot_be_excited_are_named(changed: Callable[[Robot], Robot], message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        excite(changed(arm()))
+    refused(InputError, message, excite, changed(arm()))
 
 
 @pytest.mark.parametrize(

@@ -34,7 +34,9 @@ from tests.support.builds import Build
 from tests.support.commands import command, facts
 from tests.support.measurements import motion_of
 from tests.support.random_robots import Array
+from tests.support.refusals import refused
 from tests.support.soak import soaked
+from tests.support.text_files import text_file
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -179,8 +181,7 @@ def test_what_a_linkage_does_not_say(built: Build) -> None:
     said = " ".join(still.warnings)
     assert "do not determine" in said
     assert not any(entry.damping for entry in still.fitted)
-    with pytest.raises(InputError, match="joint9"):
-        fit(robot, recorded(kernel, t, samples), coordinates=["joint9.gamma"], kernel=kernel)
+    refused(InputError, "joint9", fit, robot, recorded(kernel, t, samples), coordinates=["joint9.gamma"], kernel=kernel)
 
 
 def of_the_pin(true: eomgen.Kernel) -> MeasuredMotion:
@@ -491,8 +492,7 @@ def test_an_indefinite_matrix_is_reported_and_not_cut_off(built: Build) -> None:
     assert "which noise does not" in warning
     assert not any(name.startswith("joints.mount.stiffness.") for name in found.parameters)
     assert any(name.startswith("joints.mount.damping.") for name in found.parameters)
-    with pytest.raises(InputError, match=r"mount\.stiffness: is not positive semidefinite"):
-        part.element()
+    refused(InputError, r"mount\.stiffness: is not positive semidefinite", part.element)
 
 
 @pytest.mark.soak
@@ -548,8 +548,7 @@ def test_damping_of_another_form_is_not_looked_for(built: Build) -> None:
     for damping, form in ((JointDamping(linear=3.0), "isotropic"), (None, "proportional")):
         ratio = JointDamping(ratio=0.1, at_hz=3.0)
         robot = bench(stiffness=JointStiffness.of(K.tolist()), damping=damping or ratio)
-        with pytest.raises(InputError, match=f"the damping of mount is {form}"):
-            fitted(built, robot, measured(), "joints.mount.damping")
+        refused(InputError, f"the damping of mount is {form}", fitted, built, robot, measured(), "joints.mount.damping")
 
 
 def test_results_are_kept_and_shown(tmp_path: Path, built: Build) -> None:
@@ -564,8 +563,11 @@ def test_results_are_kept_and_shown(tmp_path: Path, built: Build) -> None:
     u = rigid_forces(20.0, COORDINATES) + np.pad(q[:, :6] @ K, ((0, 0), (0, 1)))
     write_motion(tmp_path / "m.csv", motion_of(NAMES, T, q, u=u))
     rows = "".join(f"{name} = {{}}\n" for name in COORDINATES)
-    (tmp_path / "bench.toml").write_text(
-        f"""name = "bench"
+    words = (
+        "fit",
+        text_file(
+            tmp_path / "bench.toml",
+            f"""name = "bench"
 gravity = [0.0, 0.0, -9.81]
 [[links]]
 name = "body"
@@ -589,9 +591,11 @@ parent = "body"
 child = "tip"
 type = "revolute"
 """,
-        encoding="ascii",
+        ),
+        tmp_path / "m.csv",
+        "--matrices",
+        "joints.mount.stiffness",
     )
-    words = ("fit", tmp_path / "bench.toml", tmp_path / "m.csv", "--matrices", "joints.mount.stiffness")
     (matrix,) = facts(*words)["matrices"]
     np.testing.assert_allclose(matrix["matrix"], K, atol=1e-5 * K.max())
 

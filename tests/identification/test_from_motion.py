@@ -31,6 +31,7 @@ from tests.support.builds import Build
 from tests.support.commands import command, facts
 from tests.support.measurements import columns_of, motion_of
 from tests.support.random_robots import random_robot
+from tests.support.refusals import refused
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -125,8 +126,7 @@ def test_local_polynomials_are_savitzky_and_golays() -> None:
     assert np.allclose(dx[:, 0], cubic.deriv()(uneven))
     assert np.allclose(ddx[:, 0], cubic.deriv(2)(uneven), atol=1e-6)
     for window, degree in ((8, 4), (5, 5), (61, 4), (9, 1)):
-        with pytest.raises(InputError, match="allowed"):
-            local_polynomials(t, np.zeros((60, 1)), window, degree)
+        refused(InputError, "allowed", local_polynomials, t, np.zeros((60, 1)), window, degree)
 
 
 def test_the_filter_keeps_a_linear_law_and_the_noise_is_seen() -> None:
@@ -233,8 +233,7 @@ def test_what_cannot_be_fitted_is_said(built: Build) -> None:
         (short, {}, "50 samples; a fit needs at least"),
         (columns | {"t": t**1.01}, {}, "equal distances"),
     ):
-        with pytest.raises(InputError, match=words):
-            fit(robot, motion_from_columns(given, names), kernel=kernel, **change)
+        refused(InputError, words, fit, robot, motion_from_columns(given, names), kernel=kernel, **change)
 
 
 def test_commands(tmp_path: Path) -> None:

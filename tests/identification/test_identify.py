@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import tracemalloc
-import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,7 @@ import pytest
 
 import eomgen
 from eomgen.codegen.tree.regressor import INERTIAL
-from eomgen.errors import EomgenWarning, InputError
+from eomgen.errors import InputError
 from eomgen.identification import BaseParameters, IdentifyResult, base_parameters, identify, load_identification
 from eomgen.identification.consistent import Sizes, nearest_bodies, numbers_of, pseudo_inertias, with_parameters
 from eomgen.identification.dynamics import regression
@@ -32,9 +31,11 @@ from eomgen.robot.value import Coordinate, Coupling, Friction, Joint, Link, Moto
 from tests.support.blind_arms import blind_arm, periodic, record
 from tests.support.builds import Build
 from tests.support.commands import command
-from tests.support.description_samples import example_urdfs
+from tests.support.description_samples import example_urdfs, load_without_mimics
 from tests.support.measurements import columns_of, motion_of
 from tests.support.random_robots import Array, random_robot
+from tests.support.refusals import refused
+from tests.support.text_files import text_file
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -64,9 +65,7 @@ def example(name: str) -> Robot:
     paths: dict[str, Path] = {path.stem: path for path in example_urdfs()}
     if name not in paths:
         pytest.skip("no example-robot-data")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", EomgenWarning)
-        robot = eomgen.load_robot(paths[name], inertia="warn", urdf_mimic=False)
+    robot = load_without_mimics(paths[name])
     joints = (replace(x, type="fixed", coordinates={}) if "finger" in x.name else x for x in robot.joints)
     return replace(robot, joints=tuple(joints))
 
@@ -144,8 +143,7 @@ def test_terms_that_are_refused(built: Build) -> None:
     kernel = built(eomgen.load_robot("one_link"), "regressor")
     with pytest.raises(InputError, match=r"terms: 'rotor'; allowed: links, rotors, viscous, dry, offset"):
         base_parameters("one_link", terms=("rotor",), kernel=kernel)
-    with pytest.raises(InputError, match="terms: none; allowed"):
-        base_parameters("one_link", terms=(), kernel=kernel)
+    refused(InputError, "terms: none; allowed", base_parameters, "one_link", terms=(), kernel=kernel)
     with pytest.raises(InputError, match=re.escape("terms: rotors: no force of one_link depends on them")):
         base_parameters("one_link", terms=("rotors",), static=True, kernel=kernel)
     with pytest.raises(InputError, match=r"theta: shape \(3,\); allowed: \(11,\)"):
@@ -390,8 +388,7 @@ def test_what_is_refused(swung: Any) -> None:
         (still, {}, "stand still too often"),
         *((change(motion), {}, message) for change, message in TRAPS.values()),
     ):
-        with pytest.raises(InputError, match=message):
-            identify(arm(), given, kernel=bare, **options)
+        refused(InputError, message, identify, arm(), given, kernel=bare, **options)
     with pytest.raises(InputError, match="four_bar has loops or elastic couplings; allowed: robots without"):
         identify("four_bar", motion)
 
@@ -468,8 +465,7 @@ def test_what_the_robot_does_not_reproduce_is_not_written(poorly_excited: Any, t
         (far, r"puma560: nothing is written: the robot leaves .* N m of joint2\.gamma's drive, .* not excited by"),
         (open_end, r"puma560: nothing is written: not converged: not settled: 'delay'.*--force"),
     ):
-        with pytest.raises(InputError, match=message):
-            wrong.to_toml(tmp_path / "bad.toml")
+        refused(InputError, message, wrong.to_toml, tmp_path / "bad.toml")
         assert not (tmp_path / "bad.toml").exists()
         wrong.to_toml(tmp_path / "bad.toml", force=True).unlink()
 
@@ -726,8 +722,7 @@ def test_stiffness_of_transmissions(built: Build, swung: Any) -> None:
 
 def test_stiffness_below_0_is_not_written(built: Build, tmp_path: Path) -> None:
     """Angles of the joint for angles of the shaft: deflections of the other sign.  What is written is in the table."""
-    source = tmp_path / "elastic.toml"
-    source.write_text(ELASTIC, encoding="utf-8")
+    source = text_file(tmp_path / "elastic.toml", ELASTIC)
     robot, terms = eomgen.load_robot(source), (*TERMS, "transmissions")
     kernel = built(elastic(), "inverse_dynamics")
     t, q, v, a = swing()
@@ -749,8 +744,7 @@ def test_stiffness_below_0_is_not_written(built: Build, tmp_path: Path) -> None:
         text = f"{name}: is below 0 and not identifiable; the description's value stays"
         assert (text in found.warnings) == (motion is wrong)
     assert dict(zip(found.base_names, found.base_values, strict=True))[name] < -1000.0
-    with pytest.raises(InputError, match="nothing is written: the robot leaves"):
-        found.to_toml(tmp_path / "better.toml")
+    refused(InputError, "nothing is written: the robot leaves", found.to_toml, tmp_path / "better.toml")
     forced = eomgen.load_robot(found.to_toml(tmp_path / "better.toml", force=True))
     assert forced.joint("joint1").motor.transmission.stiffness == 5000.0
 
@@ -793,8 +787,7 @@ dh = { a = 0.3, alpha = 1.5707963267948966, d = 0.1, theta = 0.0 }
 
 def test_results_are_saved_loaded_drawn_and_written(built: Build, tmp_path: Path) -> None:
     """The description keeps what was not sought, and is the robot that was found; what is no result is refused."""
-    source = tmp_path / "arm.toml"
-    source.write_text(ARM, encoding="utf-8")
+    source = text_file(tmp_path / "arm.toml", ARM)
     robot = eomgen.load_robot(source)
     motion = measured(built(arm(), "inverse_dynamics"), (0.0, 0.05))
     found = identify(robot, motion, terms=(*TERMS, "delay"), kernel=bare_kernel(robot, built))
@@ -817,16 +810,13 @@ def test_results_are_saved_loaded_drawn_and_written(built: Build, tmp_path: Path
     assert read.links == found.robot.links
     assert read.joint("joint1").coordinates == found.robot.joint("joint1").coordinates
     assert read.joint("joint1").coordinates["gamma"].stiffness == 2.0
-    with pytest.raises(InputError, match=r"output: .*; allowed: a path that ends in .toml"):
-        found.to_toml(tmp_path / "better.txt")
+    refused(InputError, r"output: .*; allowed: a path that ends in .toml", found.to_toml, tmp_path / "better.txt")
     with pytest.raises(InputError, match="has no description to write into"):
         replace(found, robot=arm()).to_toml(tmp_path / "better.toml")
     source.write_text(ARM.replace("mass = 1.5\n", "mass = 1.5\ncom = [\n0.1, 0.0, 0.0]\n"), encoding="utf-8")
-    with pytest.raises(InputError, match=r"com is not written in .* so that it can be changed"):
-        found.to_toml(tmp_path / "better.toml")
+    refused(InputError, r"com is not written in .* so that it can be changed", found.to_toml, tmp_path / "better.toml")
     np.savez(tmp_path / "other.npz", meta=np.array("{}"))
-    with pytest.raises(InputError, match="is no result of the kind identification"):
-        load_identification(tmp_path / "other.npz")
+    refused(InputError, "is no result of the kind identification", load_identification, tmp_path / "other.npz")
 
 
 def test_the_command_writes_what_was_found(tmp_path: Path) -> None:

@@ -30,6 +30,7 @@ from eomgen.sweep.driver import prepare
 from eomgen.sweep.plan import plan_from_toml
 from tests.support.commands import command, facts
 from tests.support.pose_files import CROSS, GOOD, MM, OFFSET, at, line, measured, turned, write
+from tests.support.refusals import refused
 
 pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
 
@@ -116,8 +117,7 @@ def test_distances_by_hand(tmp_path: Path) -> None:
     np.testing.assert_allclose(distance.by_axis, [-0.001, 0.0, 0.0], atol=1e-15)
     np.testing.assert_allclose(distance.by_axis_repeatability, [3.0 * MM * np.sqrt(3.0), 0.0, 0.0], atol=1e-15)
     assert distance.turned is None
-    with pytest.raises(InputError, match=r"no pose '3'.*known: '2', '4'"):
-        accuracy(tmp_path / "m.csv", distances=[("2", "3")])
+    refused(InputError, r"no pose '3'.*known: '2', '4'", accuracy, tmp_path / "m.csv", distances=[("2", "3")])
 
 
 def test_stops_by_hand() -> None:
@@ -226,8 +226,7 @@ def test_measured_paths_and_their_commands_in_another_file(tmp_path: Path) -> No
     assert (path.name, path.cycles, path.points, path.left_out) == ("3", 3, 51, 0)
     np.testing.assert_allclose([path.accuracy, path.accuracy_at], [2.0 * MM, 1.0])
     np.testing.assert_allclose(path.repeatability, MM * (2.0 / 3.0 + 3.0 * np.sqrt(1.0 / 3.0)))
-    with pytest.raises(InputError, match="cycle 1 has 80 samples and its command 51"):
-        accuracy(*files, command=commands, match="sample")
+    refused(InputError, "cycle 1 has 80 samples and its command 51", accuracy, *files, command=commands, match="sample")
 
 
 # What the standard asks for
@@ -252,8 +251,7 @@ def test_cycles_of_further_files_are_further_cycles(tmp_path: Path) -> None:
     rows = (MM * CROSS[[i, i]] + goals[:2] for i in range(4))
     files = [write(tmp_path / f"{i}.csv", {"pose": [1, 2], **at(x), **command}) for i, x in enumerate(rows)]
     wanted = write(tmp_path / "commands.csv", {"pose": [1, 2, 9], **at(goals)})
-    with pytest.raises(InputError, match="has commands, and so has"):
-        accuracy(*files, command=wanted)
+    refused(InputError, "has commands, and so has", accuracy, *files, command=wanted)
     for file in files:
         lines = file.read_text(encoding="ascii").splitlines()
         file.write_text("\n".join(",".join(row.split(",")[:4]) for row in lines), encoding="ascii")
@@ -295,8 +293,7 @@ def test_what_is_wrong_in_a_file_is_said(
     columns = {name: values for name, values in {**GOOD, **change}.items() if values is not None}
     file = write(tmp_path / "m.csv", columns)
     assert accuracy(write(tmp_path / "good.csv", GOOD)).poses
-    with pytest.raises(InputError, match=message):
-        accuracy(file, **options)
+    refused(InputError, message, accuracy, file, **options)
 
 
 def test_files_that_are_none(tmp_path: Path) -> None:
@@ -326,8 +323,7 @@ def test_files_that_are_none(tmp_path: Path) -> None:
         ([good], {"robot": "one_link"}, "results, and a robot"),
         ([bare], {"command": commands}, "has no command of pose 1"),
     ):
-        with pytest.raises(InputError, match=message):
-            accuracy(*files, **options)
+        refused(InputError, message, accuracy, *files, **options)
 
 
 def test_mistaken_units_are_asked_about(tmp_path: Path) -> None:
@@ -520,8 +516,7 @@ def test_results_that_are_no_cycles_of_one_program(simulated: SimulationResult, 
         (good, {}, "good.csv is measured, and results.0. simulated; allowed: all of one kind"),
         (simulated, {"command": good}, "command: simulations know their commands"),
     ):
-        with pytest.raises(InputError, match=message):
-            accuracy(simulated, result, **options)
+        refused(InputError, message, accuracy, simulated, result, **options)
 
 
 PLAN = """
@@ -578,8 +573,7 @@ def test_a_result_is_saved_and_loaded(tmp_path: Path) -> None:
     assert found.stops
     path = found.save(tmp_path / "new" / "figures.json")
     assert load_accuracy(path) == found
-    with pytest.raises(InputError, match=r"figures.npz'; allowed: a path that ends in .json"):
-        found.save(tmp_path / "figures.npz")
+    refused(InputError, r"figures.npz'; allowed: a path that ends in .json", found.save, tmp_path / "figures.npz")
     values = json.loads(path.read_text(encoding="ascii"))
     for change, message in (
         ({"standard": "ISO 1"}, "holds no figures of ISO 9283:1998"),
@@ -587,8 +581,7 @@ def test_a_result_is_saved_and_loaded(tmp_path: Path) -> None:
         ({"load": 5}, "load: got 5; allowed: a value of type str"),
     ):
         path.write_text(json.dumps(values | change), encoding="ascii")
-        with pytest.raises(InputError, match=message):
-            load_accuracy(path)
+        refused(InputError, message, load_accuracy, path)
 
 
 def test_a_result_as_a_table_and_in_words() -> None:
@@ -634,8 +627,7 @@ def test_the_figure_shows_poses_and_paths(tmp_path: Path, simulated: SimulationR
     ):
         text = plot_accuracy(one, tmp_path / f"{name}.svg").read_text(encoding="utf-8")
         assert all(word in text for word in words), name
-    with pytest.raises(InputError, match=r"allowed: a path that ends in"):
-        plot_accuracy(found, tmp_path / "figure.txt")
+    refused(InputError, r"allowed: a path that ends in", plot_accuracy, found, tmp_path / "figure.txt")
     file = write(tmp_path / "m.csv", GOOD)
     command("accuracy", file, "--plot", tmp_path / "figure.png")
     assert (tmp_path / "figure.png").read_bytes().startswith(b"\x89PNG")

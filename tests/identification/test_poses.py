@@ -27,6 +27,7 @@ from tests.support.commands import command, facts
 from tests.support.measured_poses import chain, trial
 from tests.support.measurements import calibrated, placed, poses_of
 from tests.support.optional import needs
+from tests.support.refusals import refused
 
 pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
 
@@ -306,19 +307,16 @@ def test_mistakes_have_names(
     options: dict[str, Any], error: type[Exception], said: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("eomgen.identification.choosing.sampling._ROUNDS", 3)
-    with pytest.raises(error, match=said):
-        poses(arm(), **{"count": 5, "candidates": 30, **options})
+    refused(error, said, poses, arm(), **{"count": 5, "candidates": 30, **options})
 
 
 def test_robots_that_cannot_be_planned() -> None:
     with pytest.raises(InputError, match=r"joint1.gamma has no limits; allowed: limits in the description, or a range"):
         poses(chain(4, "RRP"))
-    with pytest.raises(InputError, match="has loops or couplings; allowed: robots that are trees"):
-        poses("four_bar")
+    refused(InputError, "has loops or couplings; allowed: robots that are trees", poses, "four_bar")
     made = trial(arm(), 3, 10)
     columns = {name: values for name, values in made.columns.items() if not name.startswith("joint3")}
-    with pytest.raises(InputError, match=r"the column joint3.z is missing"):
-        poses(arm(), after=poses_of(arm(), columns), candidates=50)
+    refused(InputError, r"the column joint3.z is missing", poses, arm(), after=poses_of(arm(), columns), candidates=50)
 
 
 # Files
@@ -331,13 +329,11 @@ def test_a_file_to_fill_in(tmp_path: Path) -> None:
     lines = [line for line in path.read_text().splitlines() if not line.startswith("#")]
     assert lines[0] == "joint1.gamma,joint2.gamma,joint3.z,tcp.x,tcp.y,tcp.z,tcp.rx,tcp.ry,tcp.rz"
     np.testing.assert_array_equal([[float(x) for x in line.split(",")[:3]] for line in lines[1:]], found.q)
-    with pytest.raises(InputError, match="nothing is measured"):
-        read_poses(path, build_model(arm()).coordinates, ["tcp"])
+    refused(InputError, "nothing is measured", read_poses, path, build_model(arm()).coordinates, ["tcp"])
     filled = [lines[0], *(line.replace(",,,,,,", ",0.1,0.2,0.3,0.0,0.0,0.0") for line in lines[1:])]
     path.write_text("\n".join(filled) + "\n")
     assert len(read_poses(path, build_model(arm()).coordinates, ["tcp"]).q) == 8
-    with pytest.raises(InputError, match=r"ends in \.csv"):
-        found.to_csv(tmp_path / "plan.npz")
+    refused(InputError, r"ends in \.csv", found.to_csv, tmp_path / "plan.npz")
 
 
 def test_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -34,6 +34,7 @@ from eomgen.simulation.assembly import Assembly, assemble
 from eomgen.simulation.run import plan_of, run_scenario
 from tests.support.builds import Build
 from tests.support.massless import massless_tip
+from tests.support.refusals import refused
 from tests.support.soak import soaked
 from tests.support.swinging import MASS, NEEDED, STIFFNESS, oscillator
 from tests.support.turning_loops import cranked_plate
@@ -164,7 +165,6 @@ def test_wrenches_of_c_are_those_of_python(robot: str, axes: str) -> None:
         assert np.abs(found.trajectory.v - wanted.trajectory.v).max() <= 1e-5
         assert found.wrench is not None
         assert np.allclose(found.wrench, wanted.wrench, rtol=1e-6, atol=1e-6)
-        assert found.balance is not None
         assert found.balance.relative_residue <= 1e-5
         works = (r.balance.of("wrenches")[-1] for r in (found, wanted))  # type: ignore[union-attr]
         assert next(works) == pytest.approx(next(works), rel=1e-5)
@@ -196,8 +196,6 @@ def test_simulations_agree_with_scipy(robot: str, text: str, method: str) -> Non
     scale = np.abs(wanted.trajectory.v).max()
     assert np.abs(found.trajectory.q - wanted.trajectory.q).max() <= 2e-6
     assert np.abs(found.trajectory.v - wanted.trajectory.v).max() <= 2e-4 * max(scale, 1.0)
-    assert found.balance is not None
-    assert wanted.balance is not None
     assert np.allclose(found.balance.work[-1], wanted.balance.work[-1], rtol=1e-4, atol=1e-4 * wanted.balance.size)
     largest = np.abs(wanted.trajectory.u).max()
     assert np.allclose(found.trajectory.u, wanted.trajectory.u, rtol=2e-3, atol=2e-3 * largest)
@@ -256,8 +254,7 @@ def test_a_coordinate_without_inertia_is_named(method: str, built: Build) -> Non
         integrate(kernel, [0.3, 0.5], [0.0, -5.0], 0.3, method=method, rtol=1e-6, atol=1e-8)
     text = "duration = 0.3\n[control]\ntype = 'torque'\ncoordinates = ['j.gamma']\nrows = [[0.0, 0.0], [1.0, 0.0]]\n"
     text += f"[initial]\nq = {{ j = 0.3, k = 0.5 }}\nequilibrium = false\n[integrator]\nmethod = '{method}'\n"
-    with pytest.raises(SingularError, match=r"cannot be inverted at k\.gamma"):
-        run_scenario(massless_tip(), scenario_from_toml(text))
+    refused(SingularError, r"cannot be inverted at k\.gamma", run_scenario, massless_tip(), scenario_from_toml(text))
 
 
 @pytest.mark.parametrize("method", IN_C)
@@ -280,7 +277,6 @@ def test_steps_land_on_what_changes(tmp_path: Path) -> None:
         "rows = [[0.0, 0.0], [5.0, 1000.0], [5.001, 0.0]]\ninterpolation = 'hold'\n[integrator]\nmethod = 'tsit5'\n"
     )
     found = run_scenario("puma560", scenario_from_toml(text))
-    assert found.balance is not None
     assert found.balance.of("drives")[-1] > 1e-3
 
 
@@ -315,7 +311,6 @@ def test_a_scenario_ends_where_its_tool_is_at_a_distance(method: str) -> None:
     first = int(np.flatnonzero((lengths[1:] >= wanted) != (lengths[:-1] >= wanted))[0]) + 1
     assert found.trajectory.t[-1] == pytest.approx(whole.trajectory.t[first], abs=6e-4)
     assert np.linalg.norm(found.pose[-1, :3, 3]) == pytest.approx(wanted, abs=1e-8)
-    assert found.balance is not None
     assert found.balance.relative_residue <= 1e-4
     assert any("reached at" in note for note in found.notes)
     assert np.abs(found.trajectory.q[:-1] - whole.trajectory.q[: found.trajectory.t.size - 1]).max() <= 1e-5
@@ -462,8 +457,6 @@ def test_radau_moves_closed_mechanisms_as_tsit5_does(label: str, text: str) -> N
     assert np.ptp(wanted.trajectory.q, axis=0).max() > 0.01
     assert np.abs(found.trajectory.q - wanted.trajectory.q).max() <= 1e-7
     assert np.abs(found.trajectory.v - wanted.trajectory.v).max() <= 1e-6 * max(1.0, np.abs(wanted.trajectory.v).max())
-    assert found.balance is not None
-    assert wanted.balance is not None
     assert np.allclose(found.balance.work[-1], wanted.balance.work[-1], rtol=1e-5, atol=1e-5 * wanted.balance.size)
 
 
@@ -488,7 +481,6 @@ def test_drives_of_closed_mechanisms_are_those_of_python(label: str, text: str) 
     assembly = assemble(robot, scenario, tool_of(robot, None, "tool"), no_progress)
     kernel, rng = assembly.kernel, np.random.default_rng(5)
     assert plan_of(assembly, scenario).in_c
-    assert assembly.path is not None
     times = np.sort(rng.uniform(0.0, 0.3, 12))
     q, v = assembly.path.at(times) + 0.02 * rng.normal(size=(12, kernel.n)), rng.normal(size=(12, kernel.n))
     assert label != "plate" or (np.abs(np.cos(q[:, kernel.coordinates.index("pose.beta")])) < 0.4).any()
@@ -522,7 +514,6 @@ def test_closed_mechanisms_move_as_by_python(label: str, text: str) -> None:
     for name, limit in (("q", 1e-8), ("v", 1e-7), ("u", 1e-6)):
         mine, other = (getattr(x.trajectory, name) for x in (found, wanted))
         assert np.abs(mine - other).max() <= limit * max(1.0, np.abs(other).max())
-    assert found.balance is not None
     assert found.balance.relative_residue <= 1e-7
     assert found.trajectory.info["gap"] <= 1e-11
 

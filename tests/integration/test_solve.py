@@ -254,8 +254,7 @@ def test_a_drive_that_fails_later(built: Build) -> None:
         integrate(kernel, [0.1], [0.0], 1.0, drive=lambda t, _q, _v: [np.nan if t > 0.5 else 0.0])
     with pytest.raises(ArrayError, match="drive: expected forces of shape"):
         integrate(kernel, [0.1], [0.0], 1.0, drive=lambda _t, _q, _v: [1.0, 2.0])
-    with pytest.raises(ZeroDivisionError):
-        integrate(kernel, [0.1], [0.0], 1.0, drive=lambda _t, _q, _v: [1 / 0])
+    refused(ZeroDivisionError, "", integrate, kernel, [0.1], [0.0], 1.0, drive=lambda _t, _q, _v: [1 / 0])
 
 
 @pytest.mark.parametrize(

@@ -213,7 +213,6 @@ def damped_by_quaternions(robot: Robot, q: Array, v: Array, times: Array) -> tup
     """Rotations and origins of a free body whose joint is damped, integrated in quaternions."""
     (link,), (joint,) = robot.links, robot.joints
     tensor, com, w, R = inertia(link), np.array(link.com), spin(q[3:], v[3:]), turned(q[3:])
-    assert joint.damping is not None
     linear, angular = joint.damping.linear, joint.damping.angular
     assert linear is not None
     assert angular is not None

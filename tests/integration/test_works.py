@@ -40,7 +40,6 @@ CLOSED = ("constrained_dynamics", "constraint", "constraint_jacobian", "residual
 
 def residue(motion: Trajectory) -> float:
     """Energy that does not balance, by the size of the works and of the energies' ranges."""
-    assert motion.works is not None
     total = motion.energy.sum(axis=1)
     found = total - total[0] - motion.works[:, :3].sum(axis=1) + motion.works[:, 3]
     return float(np.abs(found).max() / max(np.abs(motion.works).max(), np.ptp(motion.energy, axis=0).max()))
@@ -71,7 +70,6 @@ def test_a_closed_form(method: str, built: Build) -> None:
         v = force / (MASS * rate) * np.exp(-decay * t) * np.sin(rate * t)
         return float(0.5 * end * weights @ (DAMPING * v**2))
 
-    assert motion.works is not None
     assert motion.works[:, WORKS.index("drives")] == pytest.approx(force * motion.q[:, 0], abs=1e-8)
     assert motion.works[:, WORKS.index("dissipated")] == pytest.approx([taken(t) for t in times.tolist()], abs=1e-8)
     assert (motion.works[:, [WORKS.index("prescribed"), WORKS.index("wrenches")]] == 0.0).all()
@@ -95,7 +93,6 @@ def test_balances_are_as_good_as_tolerances(kind: str, method: str, built: Build
     ends, found = [], []
     for rtol, step in ((1e-5, 0.05), (1e-7, 0.05), (1e-7, 0.0005)):
         motion = integrate(kernel, s.q, s.v, 0.05, rtol=rtol, output_step=step, **how)
-        assert motion.works is not None
         found.append(residue(motion))
         ends.append(motion.works[-1])
     assert np.array_equal(ends[1], ends[2])  # steps do not end at samples
@@ -146,7 +143,6 @@ def test_steps_that_are_too_long_for_powers(method: str, built: Build) -> None:
     motion = integrate(kernel, [0.0], [0.0], end, prescribed=wave, method=method, rtol=1e-8, times=times, works=True)
     amplitude, rate = 0.2, 2.0 * np.pi * 1.3
     assert motion.info["steps"] < 100
-    assert motion.works is not None
     angle = 2.0 * (rate * times + 0.4)
     taken = 3.0 * (amplitude * rate) ** 2 * (0.5 * times + (np.sin(angle) - np.sin(0.8)) / (4.0 * rate))
     assert motion.works[:, WORKS.index("dissipated")] == pytest.approx(taken, rel=1e-7)
@@ -160,14 +156,10 @@ def test_ends_before_the_last_sample(built: Build) -> None:
     until = Until.coordinate(kernel, "slide.z", 0.004)
     for step in (0.5, 0.003):
         motion = integrate(kernel, [0.0], [0.0], 1.0, until=until, output_step=step, **how)
-        assert motion.works is not None
         assert motion.works[:, 0] == pytest.approx(5.0 * motion.q[:, 0], abs=1e-10)
         assert residue(motion) <= 1e-8
-    with pytest.raises(IntegrationStopped) as stop:
-        integrate(kernel, [0.0], [0.0], 1e9, **{**how, "drive": [1e300]}, atol=1e-9)
-    stopped = stop.value.trajectory
-    assert stopped is not None
-    assert stopped.works is not None
+    stop = refused(IntegrationStopped, "", integrate, kernel, [0.0], [0.0], 1e9, **{**how, "drive": [1e300]}, atol=1e-9)
+    stopped = stop.trajectory
     assert stopped.works.shape == (stopped.t.size, len(WORKS))
 
 
@@ -191,7 +183,6 @@ def test_a_simulation_balances_at_any_samples(robot: str) -> None:
     works = []
     for step in (0.1, 0.01):
         found = run_scenario(robot, scenario_from_toml(f"output_step = {step}\n{text}"))
-        assert found.balance is not None
         assert found.balance.relative_residue <= 1e-6
         works.append(found.balance.work[:: round(0.1 / step)])
     assert works[0] == pytest.approx(works[1], rel=1e-9, abs=1e-12)
@@ -309,7 +300,6 @@ def test_results_have_the_tools_error_and_keep_it(tmp_path: Path) -> None:
     result = eomgen.simulate("one_link", rtol=1e-4, global_error=True, **options)
     closer = eomgen.simulate("one_link", rtol=1e-11, **options)
     true, estimate = result.pose[:, :3, 3] - closer.pose[:, :3, 3], result.global_error
-    assert estimate is not None
     assert estimate.tool_error is not None
     assert effectivity(estimate.tool_error, true) < 1e-2
     assert estimate.line() in "\n".join(result.summary_lines())
@@ -321,7 +311,6 @@ def test_results_have_the_tools_error_and_keep_it(tmp_path: Path) -> None:
     assert np.array_equal(result.series(f"{result.tool}.error").values, estimate.tool_error)
     kept = eomgen.load_result(result.save(tmp_path / "r.npz"))
     assert isinstance(kept, eomgen.SimulationResult)
-    assert kept.global_error is not None
     assert kept.global_error.summary() == estimate.summary()
     assert closer.global_error is None
 
@@ -370,7 +359,6 @@ def test_built_in_robots_are_off_as_estimated(robot: str) -> None:
     result = eomgen.simulate(robot, duration=0.5, global_error=True)
     closer = eomgen.simulate(robot, duration=0.5, rtol=1e-11)
     true, estimate = result.trajectory.q - closer.trajectory.q, result.global_error
-    assert estimate is not None
     assert estimate.is_resolved
     assert effectivity(estimate.q_error, true) < 0.3
 
@@ -383,7 +371,6 @@ def test_robots_on_a_shaken_platform_are_off_as_estimated() -> None:
     narrow = replace(scenario, integrator=replace(scenario.integrator, rtol=1e-11))
     true = result.trajectory.q - eomgen.run_scenario("shaken_arm", narrow).trajectory.q
     estimate = result.global_error
-    assert estimate is not None
     assert estimate.is_resolved
     prescribed = [name in result.prescribed for name in estimate.coordinates]
     assert not estimate.q_error[:, prescribed].any()

@@ -10,6 +10,7 @@ import pytest
 from eomgen.errors import InputError
 from eomgen.motion.csv_columns import read_csv
 from eomgen.motion.files import read_motion
+from tests.support.refusals import refused
 
 NAMES = ("joint1.x", "joint1.gamma")
 
@@ -31,11 +32,9 @@ def test_blocks_are_put_together(tmp_path: Path) -> None:
         assert [lines[k - 1] for k in places[[0, 7, 8, -1]]] == [rows[0], rows[7], rows[8], rows[-1]]
     lines[100_003] = "1,2,inf"
     path.write_text("\n".join(lines))
-    with pytest.raises(InputError, match=r"line 100004: column 'joint1.gamma': 'inf'; allowed: a finite number"):
-        read_csv(path)
+    refused(InputError, r"line 100004: column 'joint1.gamma': 'inf'; allowed: a finite number", read_csv, path)
     path.write_bytes("\n".join(lines).encode() + b"\n\xc3")
-    with pytest.raises(InputError, match=f"byte {path.stat().st_size - 1} is no UTF-8"):
-        read_csv(path)
+    refused(InputError, f"byte {path.stat().st_size - 1} is no UTF-8", read_csv, path)
 
 
 def test_arrays_that_are_no_motion(tmp_path: Path) -> None:
@@ -48,8 +47,7 @@ def test_arrays_that_are_no_motion(tmp_path: Path) -> None:
         ({"t": np.zeros(21_000_000, dtype=np.int8)}, "its arrays have 21000000 numbers; allowed: up to 20000000"),
     ):
         np.savez(path, **arrays)
-        with pytest.raises(InputError, match=words):
-            read_motion(path, NAMES)
+        refused(InputError, words, read_motion, path, NAMES)
 
 
 def test_a_motion_of_very_many_coordinates(tmp_path: Path) -> None:

@@ -38,6 +38,7 @@ from eomgen.robot.model import program_coordinates
 from eomgen.robot.value import Robot
 from tests.support.builds import Build
 from tests.support.random_robots import Array, random_robot
+from tests.support.refusals import refused
 from tests.support.scaras import scara
 
 pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
@@ -244,8 +245,7 @@ def test_orientations_that_cannot_be_used(ur5: eomgen.Kernel) -> None:
         ([[0.0, 0.0]] * 2, [0.0, 1.0]),
         ([[np.nan] * 3] * 2, [0, 1]),
     ):
-        with pytest.raises(ArrayError, match=r"(times|points): .*allowed"):
-            ToolSpline(ur5, "tcp", points, times, **options)
+        refused(ArrayError, r"(times|points): .*allowed", ToolSpline, ur5, "tcp", points, times, **options)
     with pytest.raises(ArrayError, match=r"^times: .* has numbers that are not finite; allowed: .* that rise, s$"):
         ToolSpline(ur5, "tcp", ends, [0.0, np.inf], **options)
     with pytest.raises(ArrayError, match=r"^points: 'here'; allowed: finite numbers \(2, 3\), m$"):
@@ -407,14 +407,11 @@ def test_what_has_no_series_is_refused_by_name() -> None:
         def at(self, t: Any) -> tuple[Array, Array, Array]:
             return (np.zeros(1),) * 3
 
-    with pytest.raises(
-        InputError, match=r"motion: Held gives no time derivatives beyond accelerations; allowed: a prog"
-    ):
-        with_series(Held())
-    with pytest.raises(InputError, match=r"order: -1; allowed: a whole number from 0 to 16"):
-        moved(2).series(0.0, -1)
-    with pytest.raises(InputError, match=r"smooth: 7; allowed: a whole number from 2 to 6, or 'minimum_snap'"):
-        moved(7)
+    refused(
+        InputError, r"motion: Held gives no time derivatives beyond accelerations; allowed: a prog", with_series, Held()
+    )
+    refused(InputError, r"order: -1; allowed: a whole number from 0 to 16", moved(2).series, 0.0, -1)
+    refused(InputError, r"smooth: 7; allowed: a whole number from 2 to 6, or 'minimum_snap'", moved, 7)
     assert PointToPoint(np.zeros(1), np.ones(1), 1.0, smooth="minimum_snap") == moved_by_one(3)  # type: ignore[arg-type]
 
 

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from eomgen.arrays import RANK
 from eomgen.errors import InputError, LoopError, SingularError, UnknownNameError
 from eomgen.loops.redundant import Factors, Redundancy
 from eomgen.robot.coordinates import unit_of
@@ -24,6 +23,7 @@ from eomgen.runtime.singular import null_coordinates, singular_place
 from eomgen.shown import Shown
 from eomgen.state.equilibrium import known_coordinates
 from eomgen.state.vectors import prescribed_mask, state_vector
+from tests.oracles.closed_loops import cut_wrenches, least_drives
 
 Array = NDArray[np.float64]
 
@@ -264,17 +264,7 @@ class ClosedLoops:
             multipliers: (constraints,), of ``forward_dynamics``.
         """
         q = state_vector("q", q, self.kernel.coordinates)
-        values = iter(state_vector("multipliers", multipliers, self.kernel.constraints))
-        result = np.zeros((len(self.kernel.loops), 6))
-        for row, kind, pose in zip(result, self.kernel.loops.values(), self.kernel.cut_poses(q), strict=True):
-            R = pose[:3, :3]
-            for part in CUTS[kind]:
-                value = next(values)
-                if part.axis is not None:
-                    row[:3] += value * R[part.axis]
-                for factor, i, j in part.products:
-                    row[3:] += value * factor * (R.T @ np.cross(R[:, j], np.eye(3)[i]))
-        return result
+        return cut_wrenches(self.kernel, q, state_vector("multipliers", multipliers, self.kernel.constraints))
 
     def redundancy(self, q: ArrayLike) -> Redundancy:
         """Rank of the constraint at q, (n,), where prescribed coordinates do not move, and what is redundant."""
@@ -378,24 +368,3 @@ class RankedFactors(Factors):
     def multipliers(self, b: Array) -> Array:
         """The lambda of least norm with J M^-1 J^T lambda = b."""
         return np.asarray(self.U @ ((self.U.T @ b) / self.S**2))
-
-
-def least_drives(J: Array, needed: Array, places: list[int]) -> tuple[Array, Array, float]:
-    """u + J^T lambda = needed with drives at some places alone, of least sums of squares.
-
-    Args:
-        J: (m, n).
-        needed: (n,).
-        places: indices of the drives.
-
-    Returns:
-        u, (n,), lambda, (m,), and the greatest part of ``needed`` that no drive can take.
-    """
-    U, S, Vt = np.linalg.svd(J)
-    rank = int(np.count_nonzero(S / max(S.max(initial=0.0), 1e-300) > RANK))
-    ways = Vt[rank:]  # rates that keep the loops closed: lambda does no work on them
-    u = np.zeros(needed.size)
-    if places:
-        u[places] = np.linalg.lstsq(ways[:, places], ways @ needed, rcond=RANK)[0]
-    left = float(np.abs(ways @ (needed - u)).max(initial=0.0))
-    return u, U[:, :rank] @ ((Vt[:rank] @ (needed - u)) / S[:rank]), left

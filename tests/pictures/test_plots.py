@@ -47,6 +47,7 @@ from tests.support.measured_results import RESULTS
 from tests.support.random_motors import with_motors
 from tests.support.random_robots import random_robot, random_state, with_random_loops
 from tests.support.random_springs import with_springs
+from tests.support.refusals import refused
 from tests.support.soak import soaked
 
 pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
@@ -110,8 +111,7 @@ def test_drawn_energies_balance(result: SimulationResult) -> None:
     left = drawn["kinetic energy"] + drawn["potential energy"] - drawn["work of drives"] - drawn["work of wrenches"]
     residue = lower.get_lines()[0].get_ydata() / sizes[residue_unit]
     assert np.allclose(left / sizes[unit], residue, rtol=0.0, atol=1e-14 * np.abs(left).max() + 1e-13)
-    with pytest.raises(InputError, match="without an energy balance"):
-        motion_plots.plot_energy(replace(result, balance=None))
+    refused(InputError, "without an energy balance", motion_plots.plot_energy, replace(result, balance=None))
 
 
 @pytest.mark.parametrize("seed", soaked(range(4), (1,)))
@@ -204,12 +204,10 @@ def test_the_robot_comes_back_from_a_result(result: SimulationResult, tmp_path: 
     assert simulated_robot(again, robot) is robot
     with pytest.raises(InputError, match="puma560 is not what was simulated as one_link"):
         simulated_robot(again, eomgen.load_robot("puma560"))
-    with pytest.raises(InputError, match="give it: --robot"):
-        simulated_robot(replace(again, description={}))
+    refused(InputError, "give it: --robot", simulated_robot, replace(again, description={}))
     heavier = json.loads(json.dumps(dict(again.description)))
     heavier["links"][0]["mass"] = 2.0
-    with pytest.raises(InputError, match="is not that of its hash"):
-        simulated_robot(replace(again, description=heavier))
+    refused(InputError, "is not that of its hash", simulated_robot, replace(again, description=heavier))
 
 
 @pytest.mark.parametrize(
@@ -231,8 +229,7 @@ def test_what_is_no_record_is_refused(place: tuple[Any, ...], value: object) -> 
     for key in place[:-1]:
         inner = inner[key]
     inner[place[-1]] = value
-    with pytest.raises(InputError, match="this is no robot that was recorded"):
-        robot_of(record)
+    refused(InputError, "this is no robot that was recorded", robot_of, record)
 
 
 @pytest.mark.soak
@@ -266,8 +263,7 @@ def test_a_robot_is_drawn_where_its_frames_are(name: str, tmp_path: Path) -> Non
             assert any(np.allclose(line.mean(axis=0), end, atol=1e-9) for line in lines)
     first, again = (plot_robot(robot, tmp_path / f"{k}.svg", pose).read_bytes() for k in range(2))
     assert first == again
-    with pytest.raises(eomgen.UnknownNameError, match=r"pose: 'joint9.x' is unknown"):
-        plot_robot(robot, pose={"joint9.x": 1.0})
+    refused(eomgen.UnknownNameError, r"pose: 'joint9.x' is unknown", plot_robot, robot, pose={"joint9.x": 1.0})
 
 
 def modes_of(robot: Robot, eigenvalues: list[complex], shapes: Any, frame: str) -> Modes:
@@ -304,8 +300,7 @@ def test_shapes_of_modes_are_those_of_small_motions() -> None:
     with pytest.raises(InputError, match="modes: are of robot 'one_link'; allowed: those of 'puma560'"):
         plot_mode_shapes(found, "puma560")
     none = replace(found, eigenvalues=np.zeros(0, complex))
-    with pytest.raises(InputError, match="modes: there are none to draw of 'one_link'"):
-        plot_mode_shapes(none, robot)
+    refused(InputError, "modes: there are none to draw of 'one_link'", plot_mode_shapes, none, robot)
 
 
 def test_a_mechanism_is_drawn_closed() -> None:
@@ -419,12 +414,10 @@ def test_a_plot_returns_figure_and_axes_writes_a_path_and_draws_in_axes(name: st
         assert drawn_lines == others
     with pytest.raises(InputError, match=rf"^ax: {count + 1} axes; allowed: {count},"):
         plot(subject, *about, ax=[*own, mine.add_subplot()])
-    with pytest.raises(InputError, match=r"^ax: got a value of type str; allowed: Axes of Matplotlib"):
-        plot(subject, *about, ax="axes")
+    refused(InputError, r"^ax: got a value of type str; allowed: Axes of Matplotlib", plot, subject, *about, ax="axes")
     if any(spatial):
         flat = [mine.add_subplot(1, count, k + 1) for k in range(count)]
-        with pytest.raises(InputError, match=r"^ax(\[0\])?: is flat; allowed: axes in space"):
-            plot(subject, *about, ax=flat)
+        refused(InputError, r"^ax(\[0\])?: is flat; allowed: axes in space", plot, subject, *about, ax=flat)
 
 
 def kinds_with_plots() -> Iterator[type[Plotting]]:
@@ -465,8 +458,7 @@ def test_results_plot_themselves(tmp_path: Path) -> None:
 
 def test_without_matplotlib_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(__import__("sys").modules, "matplotlib", None)
-    with pytest.raises(NotInstalledError, match=r'^plots need Matplotlib.*pip install "eomgen\[sim\]"'):
-        simulated().plot()
+    refused(NotInstalledError, r'^plots need Matplotlib.*pip install "eomgen\[sim\]"', simulated().plot)
 
 
 def test_figures_of_a_result_come_by_name(tmp_path: Path) -> None:
@@ -478,10 +470,8 @@ def test_figures_of_a_result_come_by_name(tmp_path: Path) -> None:
     assert [panel.get_xlabel().split(",")[0] for panel in axes] == ["tool_deviation_max", "standardized coefficient"]
     written = pictures.plot_sweep(sweep, tmp_path / "out", "tool_deviation_max")
     assert [path.name for path in written] == ["distribution.png", "sensitivity.png"]
-    with pytest.raises(InputError, match=r"^ax: comes together with a folder"):
-        pictures.plot_sweep(sweep, tmp_path, ax=axes)
-    with pytest.raises(UnknownNameError):
-        pictures.plot_sweep(sweep, column="nothing")
+    refused(InputError, r"^ax: comes together with a folder", pictures.plot_sweep, sweep, tmp_path, ax=axes)
+    refused(UnknownNameError, "", pictures.plot_sweep, sweep, column="nothing")
 
 
 WRONG = ("one_link", Path("out"), {}, None, 3, np.zeros(3), object())
@@ -495,8 +485,7 @@ def test_what_is_no_result_is_refused_by_name(name: str) -> None:
     about = ("one_link",) if name == "plot_mode_shapes" else ()
     for wrong in WRONG:
         words = rf"^{argument}: got a value of type \w+; allowed: an? [A-Z]\w+, from "
-        with pytest.raises(InputError, match=words):
-            plot(wrong, *about)
+        refused(InputError, words, plot, wrong, *about)
 
 
 def test_round_off_is_not_drawn_as_a_response(tmp_path: Path) -> None:

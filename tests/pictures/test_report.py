@@ -33,10 +33,11 @@ from eomgen.simulation.result import SimulationResult
 from eomgen.simulation.run import run_scenario
 from tests.support.bending_arm import bending_arm
 from tests.support.browser import open_page
-from tests.support.commands import command, refused
+from tests.support.commands import command, errors_of
 from tests.support.extreme_numbers import accuracy_columns, written
 from tests.support.measured_poses import chain, trial
 from tests.support.measured_results import RESULTS
+from tests.support.refusals import refused
 
 pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
 
@@ -215,8 +216,7 @@ def test_without_the_robot_the_page_says_what_is_missing(result: SimulationResul
     assert [float(x) for x in rows["joint1.x"][1:3]] == pytest.approx([q.min(), q.max()], rel=1e-5)
     given = report_of(old, robot, modes=False)
     assert [figure.name for figure in given.figures] == ["tool", "deviations", "tracking", "zeros"]
-    with pytest.raises(InputError, match="is not what was simulated"):
-        report_of(old, eomgen.load_robot("puma560"))
+    refused(InputError, "is not what was simulated", report_of, old, eomgen.load_robot("puma560"))
 
 
 def test_what_cannot_be_drawn_is_said() -> None:
@@ -239,8 +239,8 @@ def test_command(result: SimulationResult, tmp_path: Path) -> None:
     assert page.read_bytes() == again.read_bytes()
     command("plot", tmp_path, "-o", figures)
     assert {path.suffix for path in figures.iterdir()} == {".pdf"}
-    assert "has no trajectory.npz; allowed: a folder that eomgen simulate wrote" in refused("report", figures)
-    assert "puma560 is not what was simulated" in refused("report", tmp_path, "--robot", "puma560")
+    assert "has no trajectory.npz; allowed: a folder that eomgen simulate wrote" in errors_of("report", figures)
+    assert "puma560 is not what was simulated" in errors_of("report", tmp_path, "--robot", "puma560")
 
 
 def test_a_browser_shows_the_page_without_a_word(page: str, tmp_path: Path) -> None:
@@ -333,8 +333,7 @@ def test_every_kind_has_a_page(kind: str, tmp_path: Path) -> None:
 
 def test_what_has_a_page() -> None:
     assert len(PAGES) == len(PAGED.split()) + 1, "and deflection, with its stress resultants"
-    with pytest.raises(InputError, match=r"report: got 'dict'; allowed: SimulationResult, .*CalibrationResult"):
-        report_of({})
+    refused(InputError, r"report: got 'dict'; allowed: SimulationResult, .*CalibrationResult", report_of, {})
 
 
 def test_a_calibration_says_its_numbers() -> None:
@@ -382,12 +381,12 @@ def test_saved_results_are_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert "wrote direct.html" in command("accuracy", "measured.csv", "-o", "figures.json", "--report", "direct.html")
     command("report", "figures.json", "-o", "page.html")
     assert Path("page.html").read_text() == Path("direct.html").read_text()
-    said = refused("report", "found.npz", "--robot", "one_link")
+    said = errors_of("report", "found.npz", "--robot", "one_link")
     assert "found.npz: is no simulation; allowed: --robot with simulations" in said
     np.savez("other.npz", x=np.zeros(3))
     Path("other.json").write_text("[]")
     for name in ("other.npz", "other.json"):
-        assert refused("report", name).startswith(f"eomgen: {name}: is ")
+        assert errors_of("report", name).startswith(f"eomgen: {name}: is ")
 
 
 @pytest.mark.parametrize(("kind", "load"), [("fit", load_fit), ("poses", load_poses)])
@@ -405,7 +404,5 @@ def test_fits_and_poses_are_saved_and_reported(kind: str, load: Callable[[Path],
         (text.replace('"units": [', '"units": ["m",') if kind == "poses" else "{", "units|no JSON"),
     ):
         path.write_text(bad)
-        with pytest.raises(InputError, match=said):
-            load(path)
-    with pytest.raises(InputError, match=r"allowed: a path that ends in .json"):
-        found.save(tmp_path / "result.txt")
+        refused(InputError, said, load, path)
+    refused(InputError, r"allowed: a path that ends in .json", found.save, tmp_path / "result.txt")

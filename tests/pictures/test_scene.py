@@ -57,10 +57,11 @@ from tests.pictures.test_plots import modes_of
 from tests.support.bending_arm import bending_arm
 from tests.support.bending_robots import bent
 from tests.support.browser import open_page
-from tests.support.commands import refused
+from tests.support.commands import errors_of
 from tests.support.description_samples import example_urdfs
 from tests.support.optional import needs
 from tests.support.random_robots import random_robot, random_state, with_offsets
+from tests.support.refusals import refused
 from tests.support.soak import soaked
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
@@ -327,8 +328,7 @@ def test_stl_files_are_read_in_both_forms() -> None:
         np.testing.assert_array_equal(vertices[faces], corners)
         assert len(np.unique(vertices, axis=0)) == len(vertices)
     for data in (binary(corners[:0]), b"solid x\nendsolid x\n", binary(np.full((1, 3, 3), np.nan))):
-        with pytest.raises(ValueError, match="without triangles"):
-            visuals.read_stl(data)
+        refused(ValueError, "without triangles", visuals.read_stl, data)
 
 
 def test_meshes_are_drawn_and_missing_ones_named(tmp_path: Path) -> None:
@@ -499,10 +499,8 @@ def test_tolerances_are_drawn_around_the_tool(result: SimulationResult, robot: R
 
 def test_regions_that_are_of_something_else(result: SimulationResult, robot: Robot) -> None:
     sizes = {"joints.*.offset.z": {"deviation": 1e-4}}
-    with pytest.raises(InputError, match="tolerance: is at poses; allowed"):
-        Region(tolerance(robot, sizes, "link2"), robot.name)
-    with pytest.raises(InputError, match="tolerance: is of robot"):
-        Region(tolerance("one_link", sizes), robot.name)
+    refused(InputError, "tolerance: is at poses; allowed", Region, tolerance(robot, sizes, "link2"), robot.name)
+    refused(InputError, "tolerance: is of robot", Region, tolerance("one_link", sizes), robot.name)
 
 
 def motion_of(result: SimulationResult) -> MeasuredMotion:
@@ -514,13 +512,11 @@ def motion_of(result: SimulationResult) -> MeasuredMotion:
 
 def test_what_cannot_be_viewed(result: SimulationResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     needs("viser")
-    with pytest.raises(InputError, match="port: 0; allowed"):
-        View(result, port=0)
-    with pytest.raises(InputError, match="give it: --robot"):
-        View(replace(result, description={}))
+    refused(InputError, "port: 0; allowed", View, result, port=0)
+    refused(InputError, "give it: --robot", View, replace(result, description={}))
     monkeypatch.setitem(__import__("sys").modules, "viser", None)
     result.save(tmp_path / "trajectory.npz")
-    assert 'pip install "eomgen[view]"' in refused("view", tmp_path, "--no-browser")
+    assert 'pip install "eomgen[view]"' in errors_of("view", tmp_path, "--no-browser")
 
 
 def test_a_browser_shows_the_scene_and_its_slider_moves_it(view: View) -> None:

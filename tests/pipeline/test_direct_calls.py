@@ -109,17 +109,14 @@ def test_other_interpreters_of_a_process() -> None:
 def test_the_module_is_made_once_and_from_the_same_bytes(empty_cache: Path) -> None:
     compiler = find_compiler()
     first = direct_calls.made_by(compiler)
-    assert first is not None
     assert [kind for kind, _, _ in cache.contents()] == ["extensions"]
     assert set(first.files) == {FILE, *HEADERS, next(name for name in first.files if name.startswith("_direct."))}
     made = empty_cache / "extensions" / first.key
     time = made.stat().st_mtime_ns
     again = direct_calls.made_by(compiler)
-    assert again is not None
     assert (again.files, made.stat().st_mtime_ns) == (first.files, time)
     flip(next(made.glob("_direct.*")))
     third = direct_calls.made_by(compiler)
-    assert third is not None
     assert third.files == first.files  # made anew, the same to the byte
 
 

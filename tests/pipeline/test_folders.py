@@ -20,6 +20,7 @@ from eomgen.pipeline import folders, stages
 from eomgen.pipeline.folders import exchange, new_folder, put_folder
 from eomgen.pipeline.stages import Options, generate, make_source
 from tests.support.quick_builds import ONE_LEVEL
+from tests.support.refusals import refused
 from tests.support.writers import look_until_done, release, start_writers
 
 pytestmark = pytest.mark.quick
@@ -104,15 +105,20 @@ def test_a_move_that_fails_loses_nothing(way: str, tmp_path: Path, monkeypatch: 
     monkeypatch.setattr(os, "rename", refuse)
     if way == "exchange":
         monkeypatch.setattr(folders, "exchange", fail)
-    with pytest.raises(OSError, match="no"):
-        put(target, "new")
+    refused(OSError, "no", put, target, "new")
     assert (target / "one").read_text() == "old"
 
 
-def test_several_writers_and_a_reader(tmp_path: Path) -> None:
-    """None fails, and a reader finds it at every look."""
+@pytest.fixture
+def exchanging(tmp_path: Path) -> None:
+    """Skip the test where the file system lacks the exchange."""
     if not has_exchange(tmp_path):
         pytest.skip("this file system cannot exchange folders")
+
+
+@pytest.mark.usefixtures("exchanging")
+def test_several_writers_and_a_reader(tmp_path: Path) -> None:
+    """None fails, and a reader finds it at every look."""
     target = tmp_path / "arm"
     put(target, "old")
     writers = start_writers(target, 4, 40)
@@ -123,10 +129,9 @@ def test_several_writers_and_a_reader(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["arm"]
 
 
+@pytest.mark.usefixtures("exchanging")
 def test_a_writer_that_is_killed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """It leaves an old or a new folder, and its own is swept up after a day."""
-    if not has_exchange(tmp_path):
-        pytest.skip("this file system cannot exchange folders")
     target = tmp_path / "arm"
     put(target, "old")
     for _ in range(3):
@@ -149,10 +154,9 @@ def test_a_writer_that_is_killed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     assert [path.name for path in tmp_path.iterdir()] == ["arm"]
 
 
+@pytest.mark.usefixtures("exchanging")
 def test_a_package_is_generated_over_another_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """In one exchange: nobody finds the target missing."""
-    if not has_exchange(tmp_path):
-        pytest.skip("this file system cannot exchange folders")
     robot, seen = eomgen.load_robot("one_link"), []
     target = generate(robot, tmp_path, ONE_LEVEL)
     before = target.stat().st_ino
@@ -218,8 +222,7 @@ def test_generate_writes_nothing_where_the_derivation_differs(tmp_path: Path) ->
 def test_build_stops_where_it_is_asked_to_derive() -> None:
     assert eomgen.build("one_link", kernels=("mass_matrix",)).mass_matrix([0.0, 0.0])[0, 0] == 1.0
     for kernels in ((), ("mass_matrix",)):
-        with pytest.raises(DerivationError):
-            eomgen.build("one_link", kernels=kernels, derive=True)
+        refused(DerivationError, "", eomgen.build, "one_link", kernels=kernels, derive=True)
 
 
 def test_build_derives() -> None:
@@ -244,8 +247,7 @@ def test_links_that_bend_are_generated_without(tmp_path: Path, monkeypatch: pyte
     monkeypatch.setattr(stages, "make_source", None)
     with pytest.raises(InputError, match=r"links\.upper\.modes: SymPy .*allowed: robots whose links are rigid"):
         generate(robot, tmp_path, OPTIONS, report=tmp_path / "derivation.html")
-    with pytest.raises(InputError, match=r"links\.upper\.modes: SymPy"):
-        eomgen.build(robot, kernels=("mass_matrix",), derive=True)
+    refused(InputError, r"links\.upper\.modes: SymPy", eomgen.build, robot, kernels=("mass_matrix",), derive=True)
 
 
 def test_refused_before_anything_is_derived(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

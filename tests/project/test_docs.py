@@ -21,6 +21,8 @@ import pytest
 import eomgen
 from tests.support.browser import open_page
 from tests.support.doc_blocks import blocks_of, run_page
+from tests.support.optional import module_of
+from tests.support.refusals import refused
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -86,12 +88,7 @@ PAGES = sorted(path.relative_to(DOCS).as_posix() for path in DOCS.rglob("*.md"))
 
 @pytest.fixture(scope="module")
 def hooks() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("hooks", DOCS / "hooks.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return module_of(DOCS / "hooks.py")
 
 
 @pytest.mark.parametrize(
@@ -165,8 +162,7 @@ def test_a_wrong_block_is_seen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
         "  ```python\n  ```\n": "a fence",
     }.items():
         page.write_text(text, encoding="ascii")
-        with pytest.raises((AssertionError, NameError, eomgen.InputError), match=message):
-            run_page(page, tmp_path)
+        refused((AssertionError, NameError, eomgen.InputError), message, run_page, page, tmp_path)
 
 
 @pytest.fixture(scope="module")
@@ -302,16 +298,14 @@ def test_links_out_of_the_pages(hooks: ModuleType) -> None:
     assert made("[a](../../examples/notebooks/elastic_urdf.ipynb)") == "[a](../notebooks/elastic_urdf.md)"
     assert made("before <!-- site: [a](reference/api.md),\nb. --> after") == "before [a](reference/api.md),\nb. after"
     assert made("[keys](../description.md#keys)") == "[keys](../description.md#keys)"
-    with pytest.raises(hooks.PluginError, match="no file of the repository"):
-        made("[x](../../examples/nothing.toml)")
+    refused(hooks.PluginError, "no file of the repository", made, "[x](../../examples/nothing.toml)")
 
 
 def test_formulas_become_mathml(hooks: ModuleType) -> None:
     found = hooks.mathematics.with_mathml('<span class="arithmatex">\\(\\dot{q}_1 &lt; \\frac{1}{2}\\)</span>')
     assert found.startswith("<math")
     assert "<mfrac>" in found
-    with pytest.raises(ValueError, match="nosuch"):
-        hooks.mathematics.with_mathml('<div class="arithmatex">\\[\\nosuch{x}\\]</div>')
+    refused(ValueError, "nosuch", hooks.mathematics.with_mathml, '<div class="arithmatex">\\[\\nosuch{x}\\]</div>')
 
 
 def test_a_page_without_a_place_is_in_the_menu(hooks: ModuleType, tmp_path: Path) -> None:

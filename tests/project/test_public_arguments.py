@@ -12,6 +12,7 @@ import eomgen
 from docs.generators import public
 from eomgen.errors import EomgenWarning, InputError, renamed
 from eomgen.robot import Limits
+from tests.support.refusals import refused
 
 ROOT = Path(__file__).parents[2]
 LIST = (ROOT / "docs" / "public_arguments.txt").read_text(encoding="utf-8")
@@ -68,8 +69,7 @@ def test_an_old_name_is_taken_with_a_warning(label: str, old: str, new: str) -> 
         pytest.raises(InputError, match=f"^{new}: got a value of type object"),
     ):
         function(**others, **{old: thing})
-    with pytest.raises(InputError, match=f"got {new} and {old}, its name of before"):
-        function(**others, **{old: thing, new: thing})
+    refused(InputError, f"got {new} and {old}, its name of before", function, **others, **{old: thing, new: thing})
 
 
 @renamed(found="response", given="limit")
@@ -99,5 +99,4 @@ def test_both_names_are_refused() -> None:
 
 def test_a_name_that_renames_nothing_is_refused() -> None:
     for keywords in ({"found": "answer"}, {"response": "limit"}):
-        with pytest.raises(TypeError, match="are not renamed to arguments of"):
-            renamed(**keywords)(plot)
+        refused(TypeError, "are not renamed to arguments of", renamed(**keywords), plot)

@@ -1,6 +1,5 @@
 """The README keeps its promises: its blocks run, generated tables are current, commands, extras and files exist."""
 
-import importlib.util
 import re
 import shlex
 import subprocess
@@ -15,6 +14,7 @@ import eomgen
 from eomgen.cli.entry import GROUPS, main, make_parser
 from eomgen.description.load import robot_from_toml
 from tests.support.doc_blocks import blocks_of, compare
+from tests.support.optional import module_of
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -38,12 +38,7 @@ def blocks(language: str) -> list[str]:
 @cache
 def script(name: str) -> ModuleType:
     """Import docs/NAME.py."""
-    spec = importlib.util.spec_from_file_location(name, ROOT / "docs" / f"{name}.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return module_of(ROOT / "docs" / f"{name}.py")
 
 
 @pytest.mark.parametrize("page", GENERATED)

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 import release.__main__ as checks
+from tests.support.refusals import refused
 
 ROOT = Path(__file__).parents[2]
 NAMES = ("CHANGELOG.md", "CITATION.cff", "release/conda/recipe.yaml", "src/eomgen/_version.py")
@@ -35,8 +36,7 @@ def test_another_version_is_refused(name: str, tree: Path) -> None:
     version = checks.consistent_version()
     text = (tree / name).read_text(encoding="utf-8")
     (tree / name).write_text(text.replace(version, "9.9.9", 1), encoding="utf-8")
-    with pytest.raises(checks.Refused, match=f"{re.escape(name)}: names 9.9.9; expected {re.escape(version)}"):
-        checks.consistent_version()
+    refused(checks.Refused, f"{re.escape(name)}: names 9.9.9; expected {re.escape(version)}", checks.consistent_version)
 
 
 def test_a_changelog_without_a_date_and_other_dates_are_refused(tree: Path) -> None:
@@ -44,20 +44,17 @@ def test_a_changelog_without_a_date_and_other_dates_are_refused(tree: Path) -> N
     for date, message in (("unreleased", "CHANGELOG.md: names no version"), ("2001-01-01", "expected one date")):
         changed = re.sub(r"\(\d{4}-\d\d-\d\d\)", f"({date})", changelog, count=1)
         (tree / "CHANGELOG.md").write_text(changed, encoding="utf-8")
-        with pytest.raises(checks.Refused, match=message):
-            checks.consistent_version()
+        refused(checks.Refused, message, checks.consistent_version)
 
 
 def test_a_tree_with_changes_is_refused(tree: Path) -> None:
     subprocess.run(["git", "init", "-q", str(tree)], check=True)
-    with pytest.raises(checks.Refused, match=r"not clean:\n\?\? CHANGELOG.md"):
-        checks.clean_tree()
+    refused(checks.Refused, r"not clean:\n\?\? CHANGELOG.md", checks.clean_tree)
 
 
 def test_pythons_that_are_asked_for_must_be_here(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(checks, "unpack_debian", lambda version: None)
-    with pytest.raises(checks.Refused, match=r"Python 2\.0 is not installed"):
-        checks.interpreters(["2.0"], required=True)
+    refused(checks.Refused, r"Python 2\.0 is not installed", checks.interpreters, ["2.0"], required=True)
 
 
 def test_versions_that_were_not_tested_are_named(

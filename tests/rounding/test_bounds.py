@@ -25,6 +25,7 @@ from eomgen.rounding.enclosures import Enclosures, enclose
 from eomgen.rounding.ranges import chosen_ranges
 from eomgen.rounding.whole import with_setup
 from tests.oracles.roundings import CALLS, exact, mp, worst_error
+from tests.support.refusals import refused
 
 pytestmark = pytest.mark.quick
 
@@ -299,20 +300,13 @@ def test_parameters_have_ranges_too() -> None:
 
 
 def test_kernels_with_solves_and_unknown_names_are_refused() -> None:
-    with pytest.raises(InputError, match="'forward_dynamics' solves equations"):
-        rounding_bound("one_link", "forward_dynamics")
-    with pytest.raises(InputError, match="composed of 'constrained_drives'"):
-        rounding_bound("four_bar", "inverse_dynamics")
-    with pytest.raises(UnknownNameError, match="kernel 'dynamics'"):
-        rounding_bound("one_link", "dynamics")
-    with pytest.raises(UnknownNameError, match="range of 'joint9'"):
-        rounding_bound("one_link", "gravity", {"joint9": (0.0, 1.0)})
-    with pytest.raises(InputError, match="the least first"):
-        rounding_bound("one_link", "gravity", {"q": (1.0, 0.0)})
-    with pytest.raises(InputError, match="not two numbers"):
-        rounding_bound("one_link", "gravity", {"q": (1.0,)})
-    with pytest.raises(InputError, match="dtype 'float16'"):
-        rounding_bound("one_link", "gravity", dtype="float16")
+    refused(InputError, "'forward_dynamics' solves equations", rounding_bound, "one_link", "forward_dynamics")
+    refused(InputError, "composed of 'constrained_drives'", rounding_bound, "four_bar", "inverse_dynamics")
+    refused(UnknownNameError, "kernel 'dynamics'", rounding_bound, "one_link", "dynamics")
+    refused(UnknownNameError, "range of 'joint9'", rounding_bound, "one_link", "gravity", {"joint9": (0.0, 1.0)})
+    refused(InputError, "the least first", rounding_bound, "one_link", "gravity", {"q": (1.0, 0.0)})
+    refused(InputError, "not two numbers", rounding_bound, "one_link", "gravity", {"q": (1.0,)})
+    refused(InputError, "dtype 'float16'", rounding_bound, "one_link", "gravity", dtype="float16")
 
 
 def test_all_kernels_without_solves_are_bounded_or_left_out_by_name() -> None:

@@ -22,6 +22,7 @@ from eomgen.rounding.whole import with_setup
 from tests.oracles.pinocchio_models import PinocchioOracle
 from tests.support.geared_arms import two_link_arm
 from tests.support.random_robots import random_robot, seeds
+from tests.support.refusals import refused
 
 pytestmark = pytest.mark.quick
 
@@ -143,10 +144,8 @@ def test_what_is_composed_is_left_out_by_name() -> None:
 
 
 def test_wrong_names_and_errors_are_refused() -> None:
-    with pytest.raises(UnknownNameError, match="kernel 'torque' is not one of this robot's"):
-        float32_advice("one_link", ("torque",))
-    with pytest.raises(UnknownNameError, match=r"range of 'joint9\.gamma'"):
-        float32_advice("one_link", (), {"joint9.gamma": (0.0, 1.0)})
+    refused(UnknownNameError, "kernel 'torque' is not one of this robot's", float32_advice, "one_link", ("torque",))
+    refused(UnknownNameError, r"range of 'joint9\.gamma'", float32_advice, "one_link", (), {"joint9.gamma": (0.0, 1.0)})
     for within in (1e-9, 2.0, True, "1e-6"):
         with pytest.raises(InputError, match=r"within: .*allowed: an error by the size of results, from 1\.2e-07 to 1"):
             float32_advice("one_link", (), within=within)  # type: ignore[arg-type]

@@ -31,6 +31,7 @@ from eomgen.rounding.whole import with_setup
 from tests.oracles.roundings import worst_error
 from tests.support.geared_arms import two_link_arm
 from tests.support.random_robots import random_robot, seeds
+from tests.support.refusals import refused
 
 pytestmark = pytest.mark.quick
 
@@ -200,12 +201,10 @@ def test_larger_kernels_compile_without_warnings(robot: str, kernel: str) -> Non
 
 
 def test_options_are_of_single_precision() -> None:
-    with pytest.raises(InputError, match="within: given with dtype 'float64'; allowed: with 'float32'"):
-        Options(within=1e-6)
+    refused(InputError, "within: given with dtype 'float64'; allowed: with 'float32'", Options, within=1e-6)
     with pytest.raises(InputError, match=r"within: 1e-09; allowed: an error by the size of results, from 1\.2e-07"):
         Options(dtype="float32", within=1e-9)
-    with pytest.raises(InputError, match="ranges: given with dtype 'float64'"):
-        Options(ranges=(("q", 0.0, 1.0),))
+    refused(InputError, "ranges: given with dtype 'float64'", Options, ranges=(("q", 0.0, 1.0),))
 
 
 def test_what_is_in_double_is_in_the_key_of_the_source() -> None:

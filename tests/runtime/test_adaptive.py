@@ -23,7 +23,7 @@ from eomgen.runtime.stepping.single_motion import SingleMotion
 from tests.support.builds import Build
 from tests.support.massless import massless_tip, massless_wheel
 from tests.support.random_motors import geared_robot, motor_state
-from tests.support.random_robots import Array, random_robot, random_state, seeds, some_prescribed
+from tests.support.random_robots import Array, loaded_free_joint, random_robot, random_state, seeds, some_prescribed
 from tests.support.random_springs import with_springs
 from tests.support.refusals import refused
 from tests.support.sliders import mass_on_rail
@@ -225,10 +225,7 @@ def test_a_motion_that_cannot_go_on_ends_where_it_got_to(method: str, built: Bui
 @pytest.mark.parametrize("method", METHODS)
 def test_a_singular_state_is_named(method: str, built: Build) -> None:
     """Of a joint that does not turn freely: something acts on its angles."""
-    robot = random_robot(1045, joints=(1, 1), types=("free",), armature=False, forces=False)
-    joint = robot.joint("joint1")
-    loaded = replace(joint, coordinates={**joint.coordinates, "gamma": Coordinate(preload=0.0)})
-    robot = replace(robot, name="loaded", joints=tuple(loaded if x is joint else x for x in robot.joints))
+    robot = loaded_free_joint()
     kernel, s = built(robot, *NAMES), random_state(robot, 1)
     q = s.q.copy()
     q[kernel.coordinates.index("joint1.beta")] = np.pi / 2

@@ -32,6 +32,7 @@ from tests.support.bending_mixtures import mixture
 from tests.support.builds import Build
 from tests.support.random_robots import random_robot, some_prescribed, with_random_loops
 from tests.support.random_springs import with_springs
+from tests.support.refusals import refused
 
 Array = np.ndarray[Any, Any]
 Q, V, U = np.array([0.02, 0.4]), np.array([0.3, -0.5]), np.array([1.0, 2.0])
@@ -399,8 +400,7 @@ def test_a_reference_from_before_the_code_is_there(empty_cache: Any) -> None:
     assert kernel.is_direct
     method, other = kernel.mass_matrix, kernel.with_parameters().mass_matrix
     assert not method.is_armed  # type: ignore[attr-defined]
-    with pytest.raises(ArrayError, match="q: expected float64 of shape"):
-        method(np.zeros(3))
+    refused(ArrayError, "q: expected float64 of shape", method, np.zeros(3))
     expected = method(Q)
     assert method.is_armed  # type: ignore[attr-defined]
     assert other.is_armed  # type: ignore[attr-defined]
@@ -494,8 +494,7 @@ def test_singular_states_are_named(built: Build) -> None:
     kernel = built(replace(robot, links=(*robot.links[:-1], link)), "forward_dynamics", "mass_matrix")
     for q in (Q, np.stack([Q, Q])):
         for out in (None, np.empty(q.shape)):
-            with pytest.raises(SingularError) as found:
-                kernel.forward_dynamics(q, V, U, out=out)
+            found = refused(SingularError, "", kernel.forward_dynamics, q, V, U, out=out)
             with pytest.raises(SingularError) as expected:
                 kernel.forward_dynamics.__wrapped__(q, V, U, out=out)  # type: ignore[attr-defined]
-            assert str(found.value) == str(expected.value)
+            assert str(found) == str(expected.value)

@@ -325,8 +325,7 @@ def test_kernels_of_one_code_have_parameters_of_their_own(built: Build) -> None:
         assert (motion(kernel) == found).all()
     spring = kernel.inverse_dynamics(q, 0 * q, 0 * q) - others[0].inverse_dynamics(q, 0 * q, 0 * q)
     assert spring[0] == pytest.approx((stiffnesses[-1] - stiffnesses[0]) * q[0], rel=1e-10)
-    with pytest.raises(eomgen.UnknownNameError, match="joint1"):
-        kernel.with_parameters({"joints.joint1.x.stifness": 1.0})
+    refused(eomgen.UnknownNameError, "joint1", kernel.with_parameters, {"joints.joint1.x.stifness": 1.0})
 
 
 def test_absent_parameters_are_asked_for_quickly(built: Build) -> None:
@@ -400,8 +399,7 @@ def test_what_a_description_refuses_is_refused(name: str, dtype: str, built: Bui
     for key, x in numbers.items():
         law, _, number = key.partition(".")
         changed[law][number] = x
-    with pytest.raises(DescriptionError):
-        _robot(changed)
+    refused(DescriptionError, "", _robot, changed)
 
 
 def test_what_goes_together_is_set_at_once(built: Build) -> None:

@@ -80,7 +80,6 @@ def test_functions_of_every_kind(built: Build) -> None:
         "frame_pose": "frames",
         "frame_jacobian": "frames",
     }
-    assert kernel.raw.rollout is not None
     assert (kernel.raw.rollout.name, kernel.raw.rollout.kind) == ("rollout", "rollout")
     assert built(eomgen.load_robot("one_link"), "energy").raw.rollout is None
 
@@ -104,7 +103,6 @@ def test_an_address_can_be_called(kernel: Kernel) -> None:
 
 def test_a_rollout_by_its_pointers(kernel: Kernel) -> None:
     raw, u, ends = kernel.raw, np.array([0.1, -0.2]), np.empty((2, 2, 2))
-    assert raw.rollout is not None
     drive = raw.rollout.library.drive(u=raw.view(u))
     arrays = [raw.view(x) for x in (Q, V)]
     pointer = kernel.parameters.setup.pointer(raw.rollout.library)

@@ -15,7 +15,7 @@ from eomgen.errors import ArrayError, InputError, IntegrationError, SingularErro
 from eomgen.integration.solve import integrate
 from eomgen.motion.point_to_point import Harmonic, PointToPoint
 from eomgen.motion.splines import signal_of
-from eomgen.robot.value import PRINCIPAL, Coordinate, Robot
+from eomgen.robot.value import PRINCIPAL, Robot
 from eomgen.runtime.stepping.input_signals import (
     WORKS,
     DriveData,
@@ -30,7 +30,7 @@ from eomgen.runtime.stepping.input_signals import (
 from eomgen.runtime.stepping.options import ADAPTIVE as METHODS
 from eomgen.runtime.stepping.reading_inputs import place_prescribed
 from tests.support.builds import Build
-from tests.support.random_robots import Array, random_robot, random_state, seeds, some_prescribed
+from tests.support.random_robots import Array, loaded_free_joint, random_robot, random_state, seeds, some_prescribed
 from tests.support.refusals import refused
 from tests.support.sliders import mass_on_rail
 from tests.support.soak import soaked
@@ -274,10 +274,7 @@ def test_refusals(built: Build) -> None:
 
 def test_a_singular_state_is_named(built: Build) -> None:
     """Of a joint that does not turn freely: something acts on its angles."""
-    robot = random_robot(1045, joints=(1, 1), types=("free",), armature=False, forces=False)
-    joint = robot.joint("joint1")
-    loaded = replace(joint, coordinates={**joint.coordinates, "gamma": Coordinate(preload=0.0)})
-    robot = replace(robot, name="loaded", joints=tuple(loaded if x is joint else x for x in robot.joints))
+    robot = loaded_free_joint()
     kernel, s = built(robot, *NAMES), random_state(robot, 1)
     beta = kernel.coordinates.index("joint1.beta")
     q = np.tile(s.q, (6, 1))

@@ -29,6 +29,7 @@ from eomgen.simulation.controls import Actuators, JointPD, NoControl, TableTorqu
 from eomgen.simulation.result import SimulationResult, load_result
 from eomgen.simulation.run import run_scenario, simulate
 from tests.support.builds import Build
+from tests.support.refusals import refused
 from tests.support.same_values import compare_values
 from tests.support.swinging import NEEDED, elastic_arm, oscillator
 
@@ -91,10 +92,8 @@ def test_result_file(elastic: eomgen.SimulationResult, tmp_path: Path) -> None:
         assert json.loads(str(data["meta"]))["versions"]["eomgen"] == eomgen.__version__
     path.write_bytes(path.read_bytes()[:5000])
     for bad in (path, tmp_path / "none.npz", Path(__file__)):
-        with pytest.raises(InputError, match=bad.name):
-            load_result(bad)
-    with pytest.raises(InputError, match="cannot be written"):
-        elastic.save(Path(__file__) / "trajectory.npz")
+        refused(InputError, bad.name, load_result, bad)
+    refused(InputError, "cannot be written", elastic.save, Path(__file__) / "trajectory.npz")
 
 
 @pytest.mark.soak
@@ -177,8 +176,7 @@ def test_default_motion_with_limits(limits: tuple[float, float], start: float | 
 def test_simulations_that_are_refused(options: dict[str, object], kind: type[Exception], text: str) -> None:
     robot = eomgen.load_robot("one_link")
     robot = replace(robot, joints=(replace(robot.joints[0], limits=(-1.0, 1.0)),))
-    with pytest.raises(kind, match=text):
-        simulate(robot, **options)
+    refused(kind, text, simulate, robot, **options)
 
 
 def test_nothing_to_drive_is_said() -> None:
@@ -188,8 +186,7 @@ def test_nothing_to_drive_is_said() -> None:
         (replace(robot, name="no_drive", joints=(fixed,)), "no joint has a principal coordinate"),
         (replace(robot, driven=()), r"one_link: nothing drives 'joint1\.gamma', which .*; allowed: a robot whose"),
     ):
-        with pytest.raises(InputError, match=message):
-            simulate(other, duration=0.05)
+        refused(InputError, message, simulate, other, duration=0.05)
     swing = scenario_from_toml('duration = 0.01\n[initial]\nq = { "joint1.gamma" = 0.1 }\n')
     assert not run_scenario(replace(robot, driven=()), swing).trajectory.u.any()
 
@@ -212,8 +209,7 @@ def test_missing_libraries_are_named(
     kernel = built(oscillator(), *NEEDED)
     with pytest.raises(InputError, match=r'needs SciPy, which is not .*: pip install scipy, or .* "eomgen\[sim\]"'):
         integrate(kernel, [0.1], [0.0], 0.1)
-    with pytest.raises(InputError, match=r"need Matplotlib, which is not .*: pip install matplotlib, or"):
-        plot_result(elastic, tmp_path)
+    refused(InputError, r"need Matplotlib, which is not .*: pip install matplotlib, or", plot_result, elastic, tmp_path)
     assert integrate(kernel, [0.1], [0.0], 0.1, method="rk4").t[-1] == 0.1
 
 
@@ -326,8 +322,7 @@ def test_a_csv_has_the_motion_that_commands_read(result: SimulationResult, tmp_p
         assert getattr(again, name).tobytes() == np.ascontiguousarray(getattr(motion, name)).tobytes(), name
     assert again.driven == result.motion.driven == ("joint1.gamma",)
     for load in (eomgen.load_result, eomgen.simulation.load_result):
-        with pytest.raises(InputError, match=r"r\.csv: a \.csv has columns of a motion, .*; allowed: .*read_motion"):
-            load(path)
+        refused(InputError, r"r\.csv: a \.csv has columns of a motion, .*; allowed: .*read_motion", load, path)
 
 
 def test_series_have_names_and_units(result: SimulationResult) -> None:
@@ -353,8 +348,7 @@ def test_series_have_names_and_units(result: SimulationResult) -> None:
     assert np.array_equal(force.values[acts], np.tile([1.0, 2.0, 3.0], (5, 1)))
     assert not force.values[~acts].any()
     assert set(expected) < set(result.names)
-    with pytest.raises(UnknownNameError, match=r"'joint1.z'; did you mean 'joint1.x'"):
-        result.series("joint1.z")
+    refused(UnknownNameError, r"'joint1.z'; did you mean 'joint1.x'", result.series, "joint1.z")
 
 
 def test_the_residue_is_what_the_other_series_leave(result: SimulationResult) -> None:

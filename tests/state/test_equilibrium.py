@@ -27,6 +27,7 @@ from eomgen.state.springs import coordinate_sizes, stiffnesses
 from tests.support.bristled import served_arm
 from tests.support.builds import Build
 from tests.support.drive_reference import drive, loops_of
+from tests.support.refusals import refused
 from tests.support.soak import soaked
 from tests.support.swinging import MASS, NEEDED, STIFFNESS, elastic_arm, oscillator
 
@@ -86,8 +87,7 @@ def test_what_nothing_holds_is_named(built: Build) -> None:
         ({"held": ["slide.y"]}, UnknownNameError, r"held: 'slide\.y' is unknown"),
         ({"u": lambda _q: np.zeros(5), "held": ["slide.z"]}, ArrayError, "u: expected forces of shape"),
     ):
-        with pytest.raises(error, match=message):
-            static_equilibrium(kernel, [0.0, 0.0], **options)
+        refused(error, message, static_equilibrium, kernel, [0.0, 0.0], **options)
 
 
 # Servo drives
@@ -257,8 +257,7 @@ def test_limits_that_cannot_hold_are_said_by_name(built: Build) -> None:
         (lambda: drives_at_rest(damped, [0.0], [1.0]), IntegrationError, "its controller exerts none at rest"),
         (lambda: drives_at_rest(kernel, [0.0], [1.0, 2.0]), ArrayError, r"forces: expected float64 of shape \(1,\)"),
     ):
-        with pytest.raises(error, match=said):
-            call()
+        refused(error, said, call)
     q, forces = static_equilibrium(weak, [1.4], u=[3.0])  # its limit holds the arm up elsewhere
     assert (forces[0], q[0]) == (pytest.approx(2.0), pytest.approx(np.arccos(2.0 / 3.924)))
 
@@ -294,8 +293,7 @@ def test_analyses_say_which_limits_cannot_hold() -> None:
         lambda: modes(weak, drives="free"),
         lambda: response(weak, ["axis.gamma"], ["tcp.y"], [1.0], drives="free"),
     ):
-        with pytest.raises(IntegrationError, match=r"drive\.controller\.position\.limit leaves 2 N m"):
-            analysis()
+        refused(IntegrationError, r"drive\.controller\.position\.limit leaves 2 N m", analysis)
     assert modes(weak, drives="locked").eigenvalues.size == 0
 
 
@@ -346,8 +344,7 @@ def test_a_mechanism_rests_under_its_drive(built: Build) -> None:
     weak = table.replace("400.0", "400.0, ki = 5.0, limit = 1e-3")
     closed = built(robot_from_toml(text.replace('name = "joint1"\n', f'name = "joint1"\ngamma = {{ {weak} }}\n', 1)))
     said = rf"joint1\.gamma would have to exert {abs(holding):.4g} N m, .*position\.limit leaves 0\.001 N m"
-    with pytest.raises(IntegrationError, match=said):
-        closed_equilibrium(closed, guess, u=u)
+    refused(IntegrationError, said, closed_equilibrium, closed, guess, u=u)
 
 
 def test_simulations_begin_with_the_steady_error(built: Build) -> None:
@@ -365,5 +362,4 @@ def test_simulations_begin_with_the_steady_error(built: Build) -> None:
     assert moved[0] < q[0]
     heavy = scenario + "[[wrenches]]\nlink = 'arm'\npoint = [0.5, 0.0, 0.0]\nforce = [0.0, -50.0, 0.0]\n"
     said = r"axis\.gamma would have to exert .* N m, drive\.voltage_limit leaves 10 N m"
-    with pytest.raises(IntegrationError, match=said):
-        run_scenario(robot, scenario_from_toml(heavy))
+    refused(IntegrationError, said, run_scenario, robot, scenario_from_toml(heavy))

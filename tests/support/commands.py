@@ -33,7 +33,7 @@ def facts(*words: object) -> Any:
     return json.loads(command(*words, "--json"))
 
 
-def refused(*words: object) -> str:
+def errors_of(*words: object) -> str:
     """Run a command that is refused before it has printed anything; return its errors."""
     status, out, err = run(*words)
     assert (status, out) == (1, "")

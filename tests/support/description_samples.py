@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import sys
+import warnings
 from pathlib import Path
 
 import numpy as np
 
+import eomgen
+from eomgen.errors import EomgenWarning
 from eomgen.robot.value import Joint, Placement, Robot
 
 ARM = """
@@ -148,3 +151,10 @@ def link_poses(robot: Robot, q: np.ndarray) -> dict[str, np.ndarray]:
     for joint in robot.joints:
         poses[joint.child] = poses[joint.parent] @ joint_transform(joint, {k: next(values) for k in joint.coordinates})
     return poses
+
+
+def load_without_mimics(path: Path) -> Robot:
+    """Load a URDF whose <mimic> counts for nothing and whose inertia no body needs to have."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", EomgenWarning)
+        return eomgen.load_robot(path, inertia="warn", urdf_mimic=False)

@@ -178,6 +178,15 @@ duration = 1
 motion = { type = "spline", times = [0, 1], \
 points = [{ xyz = [1, 0, 0], rpy_deg = [0, 0, 90] }, { xyz = [1, 1, 0], rpy = [0, 0, 1] }] }
 """
+ROLLOUTS = """
+samples = 3
+record = ["tool_deviation_max"]
+[engine]
+type = "rollout"
+[[vary]]
+parameter = "joints.joint1.x.stiffness"
+uniform = { low = 1e4, high = 2e4 }
+"""
 PLAN = """
 samples = 4
 seed = 1

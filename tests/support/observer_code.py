@@ -45,7 +45,6 @@ class CompiledObserver:
     def _declared(self, header: str, robot: str) -> str:
         """Return the header's declarations without preprocessor and comments."""
         hoisted = re.search(r"_HOISTED (\d+)", robot)
-        assert hoisted is not None
         text = re.sub(r"/\*.*?\*/", "", header, flags=re.S).replace(f"{self.name.upper()}_HOISTED", hoisted[1])
         begin, end = text.index("typedef struct"), text.rindex(");") + 2
         return re.sub(r"\[([^\]]*)\]", lambda found: f"[{found[1]}]", text[begin:end])

@@ -310,3 +310,19 @@ def some_prescribed(robot: Robot, seed: int) -> Robot:
         for joint in robot.joints
     )
     return replace(robot, joints=joints)
+
+
+def random_states(robot: Robot, seed: int, count: int) -> tuple[Array, Array, Array, Array]:
+    """Return q, v, a and u of random states, (count, n) each."""
+    rng = np.random.default_rng(seed)
+    states = [random_state(robot, rng) for _ in range(count)]
+    q, v, a, u = (np.array([getattr(state, name) for state in states]) for name in "qvau")
+    return q, v, a, u
+
+
+def loaded_free_joint() -> Robot:
+    """Return a body on a joint that does not turn freely: something acts on its angles."""
+    robot = random_robot(1045, joints=(1, 1), types=("free",), armature=False, forces=False)
+    joint = robot.joint("joint1")
+    loaded = replace(joint, coordinates={**joint.coordinates, "gamma": Coordinate(preload=0.0)})
+    return replace(robot, name="loaded", joints=tuple(loaded if x is joint else x for x in robot.joints))

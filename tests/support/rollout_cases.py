@@ -212,7 +212,6 @@ def numbers(loads: InputSignals, name: str) -> Array:
     if name.startswith("wrench"):
         return loads.wrenches[int(name[7:-1])].signal.coefficients
     if name.startswith("prescribed"):
-        assert loads.prescribed is not None
         return loads.prescribed.tracks[0].signal.coefficients
     _, field, *rest = name.split(".")
     own = getattr(loads.drive, field)
@@ -227,7 +226,6 @@ def put(loads: InputSignals, name: str, x: Any) -> InputSignals:
         rows[k] = replace(rows[k], signal=replace(rows[k].signal, coefficients=x))
         return replace(loads, wrenches=rows)
     if name.startswith("prescribed"):
-        assert loads.prescribed is not None
         track = loads.prescribed.tracks[0]
         moved = replace(track, signal=replace(track.signal, coefficients=x))
         return replace(loads, prescribed=replace(loads.prescribed, tracks=[moved]))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import atexit
 import ctypes
-import importlib.util
 import math
 import os
 import shutil
@@ -21,6 +20,7 @@ import eomgen
 from eomgen.codegen.simt.kernels import ROLLOUTS
 from eomgen.codegen.simt.sources import SimtSource
 from eomgen.runtime.kernel import Kernel
+from tests.support.optional import module_of
 
 COUNT = 37  # states: a whole tile and a part of one
 STEP = 1e-6  # s, short enough for explicit steps of stiff robots
@@ -48,12 +48,7 @@ def driver(source: SimtSource, folder: Path) -> Any:
     """Write the texts, and import the module that runs them."""
     for name, text in source.files.items():
         (folder / name).write_text(text, encoding="ascii")
-    spec = importlib.util.spec_from_file_location(f"{source.name}_simt", folder / f"{source.name}_simt.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return module_of(folder / f"{source.name}_simt.py")
 
 
 class Compiled:

@@ -57,7 +57,6 @@ def sliding_robot(seed: int, *, follows: bool = False) -> tuple[Robot, BendingOr
     plain = Robot("sliding", gravity, tuple(links), tuple(joints), (Frame("tool", "fore"), Frame("on", "trolley")))
     bending = bent(plain, seed, (2, 3))
     arm = bending.plain.link("arm")
-    assert arm.modes is not None
     m, beam = arm.modes.count, replace(NO_BEAM, axis=axis)
     first = 0.3 * rng.normal(size=(6, m, 4)) * (rng.random(6) < 0.7)[:, None, None]
     half = 0.2 * rng.normal(size=(6, m, m, 3)) * (np.arange(6) < 3)[:, None, None, None] * (rng.random() < 0.7)

@@ -28,14 +28,12 @@ def start_writers(target: Path, count: int, turns: int) -> list[Popen[str]]:
     arguments = ([sys.executable, "-c", code, str(target), str(who), str(turns)] for who in range(count))
     writers = [Popen(words, stdin=PIPE, stdout=PIPE, stderr=PIPE, text=True) for words in arguments]
     for writer in writers:
-        assert writer.stdout is not None
         assert writer.stdout.readline() == "ready\n"
     return writers
 
 
 def release(writers: list[Popen[str]]) -> None:
     for writer in writers:
-        assert writer.stdin is not None
         writer.stdin.write("\n")
         writer.stdin.flush()
 

@@ -37,6 +37,7 @@ from eomgen.sweep.shipping import builds_of, pack, source_keys, unpack
 from eomgen.sweep.store import ROWS, opened
 from tests.support.commands import command
 from tests.support.optional import needs
+from tests.support.refusals import refused
 from tests.support.sliders import RELEASE, SLIDER, STIFF, slider
 from tests.support.soak import soaked
 
@@ -314,8 +315,7 @@ def test_other_machines_compile_what_they_are_sent(tmp_path: Path) -> None:
         assert not (tmp_path / "packages").exists()
         assert pool.submit(work, KernelBundle(job, builds, keys), None, [0, 1], samples).result() == expected
     assert any((tmp_path / "packages").iterdir())
-    with pytest.raises(InputError, match="another one"):
-        unpack(content, builds, ("0" * 64,))
+    refused(InputError, "another one", unpack, content, builds, ("0" * 64,))
 
 
 @pytest.mark.soak
@@ -357,8 +357,7 @@ def test_an_interrupt_keeps_what_is_done(tmp_path: Path) -> None:
             assert "s left" in text
             raise KeyboardInterrupt
 
-    with pytest.raises(KeyboardInterrupt):
-        run(arm(), REACH, plan, tmp_path, threads=2, progress=stop)
+    refused(KeyboardInterrupt, "", run, arm(), REACH, plan, tmp_path, threads=2, progress=stop)
     some = SweepResult.load(tmp_path)
     assert 0 < some.index.size < 40
     asked: list[int] = []
@@ -374,10 +373,8 @@ def test_folders_of_something_else_are_refused(tmp_path: Path) -> None:
         run(slider(), {**RELEASE, "duration": 0.8}, plan, tmp_path / "a")
     (tmp_path / "b").mkdir()
     (tmp_path / "b" / "letter.txt").write_text("dear")
-    with pytest.raises(InputError, match="holds no sweep"):
-        run(slider(), RELEASE, plan, tmp_path / "b")
-    with pytest.raises(InputError, match="holds no sweep"):
-        SweepResult.load(tmp_path / "b")
+    refused(InputError, "holds no sweep", run, slider(), RELEASE, plan, tmp_path / "b")
+    refused(InputError, "holds no sweep", SweepResult.load, tmp_path / "b")
     manifest = json.loads((tmp_path / "a" / "sweep.json").read_text())
     with opened(tmp_path / "a", manifest), pytest.raises(InputError, match="another process"):
         run(slider(), RELEASE, plan, tmp_path / "a")

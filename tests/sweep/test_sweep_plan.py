@@ -27,6 +27,7 @@ from eomgen.sweep.result import SweepResult, sensitivity_of
 from tests.support.bad_files import GRID
 from tests.support.commands import command
 from tests.support.optional import needs
+from tests.support.refusals import refused
 from tests.support.sliders import RELEASE, SLIDER, STIFF, slider
 
 pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
@@ -45,18 +46,16 @@ UNFIT = {  # plans that are good and do not fit slider and RELEASE
 
 @pytest.mark.parametrize("text", UNFIT)
 def test_plans_that_do_not_fit(text: str) -> None:
-    with pytest.raises(DescriptionError) as caught:
-        prepare(slider(), RELEASE, plan_from_toml(text, source="p.toml"))
+    caught = refused(DescriptionError, "", prepare, slider(), RELEASE, plan_from_toml(text, source="p.toml"))
     for part in ("p.toml", *UNFIT[text]):
-        assert part in str(caught.value)
+        assert part in str(caught)
 
 
 @pytest.mark.parametrize("key", ["beam.E", "beam.density", "modal_damping"])
 def test_what_modes_follow_from_is_no_parameter(key: str) -> None:
     plan = plan_from_toml(f"[[vary]]\nparameter = 'links.upper.{key}'\n{GRID}")
     said = rf"vary\[0\]\.parameter: 'links\.upper\.{key}': the modes of upper follow from it, .*Robot\.with_value"
-    with pytest.raises(DescriptionError, match=said):
-        prepare("flexible_arm", {"duration": 0.1}, plan)
+    refused(DescriptionError, said, prepare, "flexible_arm", {"duration": 0.1}, plan)
 
 
 @pytest.mark.soak
@@ -204,10 +203,8 @@ def test_tables_and_summary(tmp_path: Path) -> None:
     facts = result.as_dict()
     assert facts["failed"] == 1
     assert facts["columns"]["coordinate_end.rail.z"]["percentiles"]["50"] == pytest.approx(good[1])
-    with pytest.raises(InputError, match="no table"):
-        result.save_table(tmp_path / "t.xls")
-    with pytest.raises(InputError, match="did you mean"):
-        result.of("coordinate_end.rail.x")
+    refused(InputError, "no table", result.save_table, tmp_path / "t.xls")
+    refused(InputError, "did you mean", result.of, "coordinate_end.rail.x")
 
 
 def test_the_command(tmp_path: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 from pathlib import Path
 from types import ModuleType
 
@@ -10,6 +9,7 @@ import pytest
 
 from eomgen.description.load import robot_from_toml
 from eomgen.pipeline.stages import Options, make_source
+from tests.support.optional import module_of
 
 OPTIONS = Options((), "float32", batches=False)
 LAWS = """friction = { model = "lugre", coulomb = 1.0, static = 1.5, stribeck = 0.1, bristle_stiffness = 1e3, \
@@ -24,12 +24,7 @@ PAGE, LIBRARY = PAGES.values()
 
 @pytest.fixture(scope="module")
 def misra() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("misra", DOCS / "misra.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return module_of(DOCS / "misra.py")
 
 
 @pytest.fixture(scope="module")

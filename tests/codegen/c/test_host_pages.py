@@ -234,7 +234,6 @@ def test_the_page_of_ros_names_what_the_package_has(package: Path) -> None:
         ElementTree.fromstring(block.text)
     assert "class OneLinkSystem : public hardware_interface::SystemInterface" in ROS2
     plugin = ElementTree.fromstring(titled(ROS2, "one_link_system.xml")).find("class")
-    assert plugin is not None
     assert plugin.get("type") == "OneLinkSystem"
     assert f"<plugin>{plugin.get('name')}</plugin>" in titled(ROS2, "one_link.ros2_control.xml")
 

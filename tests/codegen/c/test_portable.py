@@ -178,7 +178,6 @@ def firmware(compiler: str, processor: str, single: cache.Entry, states: str, fo
     kernel, out = unpacked(single, folder), folder / "firmware.elf"
     if compiler == "zig":  # whose own library has sinf and cosf for any target; declarations of musl
         spec = importlib.util.find_spec("ziglang")
-        assert spec is not None
         assert spec.origin is not None
         headers = Path(spec.origin).parent / "lib" / "libc" / "include"
         include = [x for name in ("arm-linux-musl", "generic-musl") for x in ("-isystem", str(headers / name))]

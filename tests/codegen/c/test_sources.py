@@ -41,6 +41,7 @@ from tests.support.builds import Build
 from tests.support.c_project import WARNINGS
 from tests.support.c_sources import check_symbols, elastic_tree, source_of, write_source
 from tests.support.random_robots import random_robot
+from tests.support.refusals import refused
 from tests.support.small_robots import free_body
 from tests.support.soak import WHOLE, soaked
 
@@ -93,7 +94,6 @@ def test_templates_ask_for_no_name_that_they_are_not_given() -> None:
     given = {"kernel.h": header, "kernel.c": alone, "batches.c": {**alone, **lane_context(equations, "float64")}}
     for name, context in given.items():
         loader = environment().loader
-        assert loader is not None
         text = loader.get_source(environment(), f"kernel/{name}.jinja")[0]
         wanted = find_undeclared_variables(environment().parse(text))
         assert len(wanted) > 5
@@ -270,8 +270,7 @@ def test_names_of_a_robot_made_by_hand_are_checked(where: str, bad: str) -> None
     else:
         items = getattr(robot, where)
         robot = replace(robot, **{where: (replace(items[0], name=bad), *items[1:])})
-    with pytest.raises(DescriptionError, match="allowed: "):
-        eomgen.build(robot)
+    refused(DescriptionError, "allowed: ", eomgen.build, robot)
 
 
 @pytest.mark.parametrize(
@@ -286,8 +285,7 @@ def test_words_of_c_as_a_name(name: str, built: Build) -> None:
 
 
 def test_a_number_too_large_for_a_float_is_named() -> None:
-    with pytest.raises(InputError, match=r"float32 cannot hold 1e\+39"):
-        SCALARS["float32"].literal(1e39)
+    refused(InputError, r"float32 cannot hold 1e\+39", SCALARS["float32"].literal, 1e39)
 
 
 SEEDS = 100

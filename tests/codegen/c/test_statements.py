@@ -175,7 +175,6 @@ def test_what_repeats_is_kept_once() -> None:
     model = branches()
     program = derive(model, "mass_matrix")
     packing = pack(program)
-    assert packing is not None
     assert len(packing.places) == model.size**2
     assert packing.size == len(set(program.outputs.values())) <= model.size * (model.size + 1) / 2
     for place, number in enumerate(packing.places):
@@ -194,7 +193,6 @@ def test_other_arrays_stay_as_they_are() -> None:
     x = graph.input("q", 0)
     repeated = {("out", i): x for i in range(100)}
     packing = pack(finish(graph, "made_up", {**repeated, ("pivot", 0): x, ("pivot", 1): 2.0 * x}))
-    assert packing is not None
     assert packing.places == (0,) * 100
     assert [key for key in packing.program.outputs if key[0] == "pivot"] == [("pivot", 0), ("pivot", 1)]
 

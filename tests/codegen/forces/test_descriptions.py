@@ -34,6 +34,7 @@ from tests.codegen.forces.test_laws import GIVEN, slider
 from tests.codegen.forces.test_loads import LOADED, cut_pin, pin
 from tests.codegen.forces.test_stops import STOPS, geared, stopped
 from tests.support.every_element import TREE
+from tests.support.refusals import refused
 
 pytestmark = pytest.mark.quick
 
@@ -211,10 +212,9 @@ def test_what_is_wrong_is_refused(name: str, case: int, tmp_path: Path) -> None:
     assert changed != text
     path = tmp_path / "my.toml"
     path.write_text(changed, encoding="utf-8")
-    with pytest.raises(DescriptionError) as caught:
-        robot_from_toml(changed, source="my.toml")
+    caught = refused(DescriptionError, "", robot_from_toml, changed, source="my.toml")
     for pattern in (said,) if isinstance(said, str) else said:
-        assert re.search(pattern, str(caught.value)), caught.value
+        assert re.search(pattern, str(caught)), caught
     found = check_file(path)
     assert found.errors
     assert all(f"{path}:" in line for line in found.lines)
@@ -307,8 +307,7 @@ def on_shaft(robot: Robot, motor: Motor) -> Robot:
 @pytest.mark.parametrize("case", MADE)
 def test_what_python_makes_is_refused_too(case: str) -> None:
     make, said = MADE[case]
-    with pytest.raises(DescriptionError, match=said):
-        build_model(make())
+    refused(DescriptionError, said, build_model, make())
 
 
 def info_of(robot: Robot) -> RobotInfo:
@@ -322,8 +321,7 @@ def test_bushings(tmp_path: Path) -> None:
     assert mount == Bushing("mount", ("base", "fore"), mount.placements, tuple(STIFFNESS), tuple(DAMPING))
     assert robot.rigid().elements == robot.elements
     assert Placement() == Bushing("mount", ("base", "fore")).placements[0]
-    with pytest.raises(InputError, match=r"the closed form knows no bushings \(mount\)"):
-        refuse_springs(build_model(robot))
+    refused(InputError, r"the closed form knows no bushings \(mount\)", refuse_springs, build_model(robot))
     with pytest.raises(InputError, match=r"MuJoCo has no equal for bushings\.mount: left out"):
         eomgen.export_mjcf(robot, tmp_path / "robot.xml")
 
@@ -355,7 +353,6 @@ def test_friction_under_load() -> None:
     """Numbers that go with the load go from rigid robots, also from what is tunable; coulomb stays."""
     friction = robot_from_toml(WHEEL).joints[0].coordinates["gamma"].friction
     assert friction == Friction(0.0, coefficient=0.08, radius=0.02)
-    assert friction is not None
     assert friction.smoothing == 4e-8
     plain = record_of(pin(Friction(1.0)))["joints"][0]["coordinates"]["gamma"]["friction"]
     assert set(plain) == {"coulomb", "static", "stribeck", "viscous", "smoothing"}
@@ -382,8 +379,7 @@ def test_journals_of_loops() -> None:
     assert info.as_dict()["journals"] == {"pin.radial": loop.radial.law()}
     assert any(line.startswith("  radial: clearance 0.001") for line in info.lines())
     assert "loops.pin.radial: without clearance" in left_out(robot)
-    with pytest.raises(InputError, match=r"no journals of cut joints \(pin\)"):
-        closed_form(build_model(robot))
+    refused(InputError, r"no journals of cut joints \(pin\)", closed_form, build_model(robot))
 
 
 def test_damping_of_joints() -> None:
@@ -422,8 +418,7 @@ def test_matrices_of_bushings_and_loops() -> None:
     changed = robot.with_value("bushings.mount.stiffness.y.y", 6.0).with_value("loops.clamp.stiffness.x.beta", 1.0)
     assert changed.elements[0].law()["stiffness.y.y"] == 6.0
     assert changed.loops[0].stiffness.entries["x.beta"] == 1.0
-    with pytest.raises(DescriptionError, match="units"):
-        robot.with_value("bushings.mount.stiffness.x.beta", 100.0)
+    refused(DescriptionError, "units", robot.with_value, "bushings.mount.stiffness.x.beta", 100.0)
     lines = info_of(robot).lines()
     assert any(line.startswith("bushing mount from base to fore") for line in lines)
     assert sum("principal 7, 8, 9 N/m and" in line for line in lines) == 1

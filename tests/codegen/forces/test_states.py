@@ -275,8 +275,6 @@ def test_a_described_diagonal_changes_alone() -> None:
     name, value = next((name, x) for name, x in robot.numbers() if name.endswith(".modes.1.stiffness"))
     link = name.split(".")[1]
     old, new = (x.link(link).modes for x in (robot, robot.with_value(name, 1.2 * (value or 0.0))))
-    assert old is not None
-    assert new is not None
     change = np.array(new.K) - np.array(old.K)
     assert change[0, 0] == pytest.approx(0.2 * (value or 0.0))
     assert np.count_nonzero(change) == 1

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -19,9 +18,10 @@ from eomgen.motion.ends import principal_limits
 from eomgen.robot.value import COORDINATES, PRINCIPAL, Coordinate, Robot
 from tests.oracles.pinocchio_models import PinocchioOracle, UrdfOracle
 from tests.support.builds import Build
-from tests.support.description_samples import example_urdfs
+from tests.support.description_samples import example_urdfs, load_without_mimics
 from tests.support.optional import needs
-from tests.support.random_robots import Array, random_robot, random_state, seeds
+from tests.support.random_robots import Array, random_robot, random_states, seeds
+from tests.support.refusals import refused
 from tests.support.soak import soaked
 
 pinocchio = needs("pinocchio")
@@ -64,20 +64,6 @@ QUICK = ("ur5_robot", "panda", "kinova", "xarm7")
 EXAMPLES = {path.stem: path for path in example_urdfs()}
 
 
-def load(path: Path) -> Robot:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", EomgenWarning)
-        return eomgen.load_robot(path, inertia="warn", urdf_mimic=False)
-
-
-def random_states(robot: Robot, seed: int, count: int = STATES) -> tuple[Array, Array, Array, Array]:
-    """q, v, a, u, each (count, n)."""
-    rng = np.random.default_rng(seed)
-    states = [random_state(robot, rng) for _ in range(count)]
-    q, v, a, u = (np.array([getattr(state, name) for state in states]) for name in "qvau")
-    return q, v, a, u
-
-
 def errors(found: Array, expected: Array) -> Array:
     """Relative error of every state, max-norm; (states,)."""
     count = len(found)
@@ -102,8 +88,7 @@ def check_dynamics(kernel: eomgen.Kernel, oracle: PinocchioOracle | UrdfOracle, 
     assert errors(kernel.mass_matrix(q), M).max() <= TOLERANCE
     assert errors(kernel.inverse_dynamics(q, v, a), each(oracle.inverse_dynamics, q, v, a)).max() <= TOLERANCE
     if is_singular(M):  # no accelerations, but an error
-        with pytest.raises(SingularError, match="cannot be inverted"):
-            kernel.forward_dynamics(q, v, u)
+        refused(SingularError, "cannot be inverted", kernel.forward_dynamics, q, v, u)
         return
     limit = 100 * np.linalg.cond(M) * np.finfo(float).eps
     assert (errors(kernel.forward_dynamics(q, v, u), each(oracle.forward_dynamics, q, v, u)) <= limit).all()
@@ -112,10 +97,10 @@ def check_dynamics(kernel: eomgen.Kernel, oracle: PinocchioOracle | UrdfOracle, 
 @pytest.mark.parametrize("name", soaked(RIGID, QUICK))
 def test_rigid_robots_from_urdf(name: str, built: Build) -> None:
     """Against Pinocchio's own reading of the file."""
-    robot, oracle = load(EXAMPLES[name]), UrdfOracle(EXAMPLES[name])
+    robot, oracle = load_without_mimics(EXAMPLES[name]), UrdfOracle(EXAMPLES[name])
     kernel = built(robot, *DYNAMICS, "reactions")
     assert [coordinate.rsplit(".", 1)[0] for coordinate in kernel.coordinates] == oracle.joints
-    states = random_states(robot, 1)
+    states = random_states(robot, 1, STATES)
     check_dynamics(kernel, oracle, states)
     q, v, a, _ = (array[:20] for array in states)
     turns = np.array([robot.joint(name).axis_turn for name in kernel.joints])
@@ -224,7 +209,7 @@ def six_each(seed: int) -> Robot:
 
 MANY: dict[str, Callable[[], Robot]] = {
     "elastic puma": lambda: eomgen.load_robot("puma560_elastic"),
-    "ur5, six coordinates each": lambda: all_coordinates(load(EXAMPLES["ur5_robot"])),
+    "ur5, six coordinates each": lambda: all_coordinates(load_without_mimics(EXAMPLES["ur5_robot"])),
     **{f"chain {seed}": partial(six_each, seed) for seed in range(3)},
 }
 
@@ -233,7 +218,7 @@ MANY: dict[str, Callable[[], Robot]] = {
 def test_joints_of_many_coordinates(name: str, built: Build) -> None:
     """Every joint hands on no inertia."""
     robot = MANY[name]()
-    check_dynamics(built(robot, *DYNAMICS), PinocchioOracle(robot), random_states(robot, 3))
+    check_dynamics(built(robot, *DYNAMICS), PinocchioOracle(robot), random_states(robot, 3, STATES))
 
 
 MIMIC_KERNELS = ("mass_matrix", "inverse_dynamics", "forward_dynamics", "kinematics")
@@ -326,8 +311,7 @@ def test_arrays_of_the_old_length_are_refused_by_name(built: Build) -> None:
     kernel = built(eomgen.load_robot(path, inertia="warn"), "mass_matrix")
     with pytest.raises(ArrayError, match=r"got shape \(9,\) \(panda_finger_joint2\.z follows others and is none"):
         kernel.mass_matrix(np.zeros(9))
-    with pytest.raises(ArrayError, match=r"got shape \(10,\)$"):
-        kernel.mass_matrix(np.zeros(10))
+    refused(ArrayError, r"got shape \(10,\)$", kernel.mass_matrix, np.zeros(10))
     free = built(eomgen.load_robot(path, inertia="warn", urdf_mimic=False), "mass_matrix")
     assert free.mass_matrix(np.zeros(9)).shape == (9, 9)
     assert free.follower_names == ()

@@ -30,20 +30,14 @@ from tests.support.figures import Figures
 from tests.support.many_laws import CHECKS
 from tests.support.many_robots import Subject
 from tests.support.programs import answer, by_solvers
-from tests.support.random_robots import Array, random_robot, random_state, seeds
+from tests.support.random_robots import Array, random_robot, random_state, random_states, seeds
+from tests.support.refusals import refused
 from tests.support.small_robots import free_body
 from tests.support.soak import soaked
 
 TOLERANCE = 1e-11  # relative, max-norm
 STATES = 20
 TYPES = ("revolute", "prismatic", "fixed", "free")
-
-
-def random_states(robot: Robot, seed: int, count: int = STATES) -> tuple[Array, Array, Array, Array]:
-    rng = np.random.default_rng(seed)
-    states = [random_state(robot, rng) for _ in range(count)]
-    q, v, a, u = (np.array([getattr(state, name) for state in states]) for name in "qvau")
-    return q, v, a, u
 
 
 KERNELS = (
@@ -67,7 +61,7 @@ def case(request: pytest.FixtureRequest, built: Build) -> Subject:
     """A random robot, its kernel, and STATES random states."""
     seed = request.param
     robot = random_robot(seed, joints=(1, 4), tree=seed % 2 == 0, types=TYPES, rods=False)
-    return Subject(robot, built(robot, *KERNELS), *random_states(robot, seed), "energy, christoffel, jacobians")
+    return Subject(robot, built(robot, *KERNELS), *random_states(robot, seed, STATES), "energy, christoffel, jacobians")
 
 
 def times(matrix: Array, vector: Array) -> Array:
@@ -131,7 +125,7 @@ def test_loop_equals_straight_line(built: Build, empty_cache: Path, monkeypatch:
         kernels.append(built(replace(robot, name=name), "christoffel"))
     loop, line = kernels
     assert loop.operations != line.operations
-    q, *_ = random_states(robot, 4)
+    q, *_ = random_states(robot, 4, STATES)
     T = line.christoffel(q)
     assert np.abs(loop.christoffel(q) - T).max() <= 1e-13 * np.abs(T).max()
 
@@ -187,8 +181,7 @@ def test_euler_angles_at_their_singularity(count: int, beta: float, built: Build
     zero = np.zeros_like(q)
     with pytest.raises(SingularError, match=rf"free{count - 1}\.(alpha|beta|gamma) in state 1; .*beta"):
         kernel.forward_dynamics(q, zero, zero)
-    with pytest.raises(SingularError, match=rf"free{count - 1}\.(alpha|beta|gamma); "):
-        kernel.forward_dynamics(q[1], zero[1], zero[1])
+    refused(SingularError, rf"free{count - 1}\.(alpha|beta|gamma); ", kernel.forward_dynamics, q[1], zero[1], zero[1])
     assert np.isfinite(kernel.forward_dynamics(q[::2], zero[::2], zero[::2])).all()
 
 
@@ -204,8 +197,7 @@ def test_a_massless_tip_is_named(joints: int, built: Build) -> None:
         replace(robot, name=f"tip_{joints}", joints=planar, links=links), "forward_dynamics", "inverse_dynamics"
     )
     zero = np.zeros(joints)
-    with pytest.raises(SingularError, match=rf"turn{joints - 1}\.gamma"):
-        kernel.forward_dynamics(zero, zero, zero)
+    refused(SingularError, rf"turn{joints - 1}\.gamma", kernel.forward_dynamics, zero, zero, zero)
     assert kernel.inverse_dynamics(zero, zero, zero)[-1] == 0.0
 
 

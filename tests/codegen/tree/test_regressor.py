@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,13 +15,13 @@ from eomgen.codegen.program.ir import Program, evaluate, finish
 from eomgen.codegen.tree.recursion import inertial_rows
 from eomgen.codegen.tree.regressor import INERTIAL, described_values, regressor_names
 from eomgen.codegen.tree.spatial import PseudoInertia, congruence, mat3, vec3
-from eomgen.errors import EomgenWarning, InputError, UnknownNameError
+from eomgen.errors import InputError, UnknownNameError
 from eomgen.robot.geometry import ZERO
 from eomgen.robot.model import Model, build_model
 from eomgen.robot.value import Link, Robot
 from tests.support.bending_robots import bent
 from tests.support.builds import Build
-from tests.support.description_samples import example_urdfs
+from tests.support.description_samples import example_urdfs, load_without_mimics
 from tests.support.optional import needs
 from tests.support.random_motors import with_motors
 from tests.support.random_robots import (
@@ -129,12 +127,6 @@ def test_a_column_is_inverse_dynamics_of_a_body_with_one_parameter(seed: int) ->
     assert np.abs(found[:, : expected.shape[1]] - expected).max() <= TOLERANCE * np.abs(expected).max()
 
 
-def load(path: Path) -> Robot:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", EomgenWarning)
-        return eomgen.load_robot(path, inertia="warn", urdf_mimic=False)
-
-
 @pytest.mark.parametrize("name", ["ur5_robot", "panda", "kinova"])
 def test_it_is_pinocchio_s(name: str) -> None:
     """Link by link in its own frame, whatever the axes of its joint are."""
@@ -144,7 +136,7 @@ def test_it_is_pinocchio_s(name: str) -> None:
     paths = {path.stem: path for path in example_urdfs()}
     if name not in paths:
         pytest.skip("no example-robot-data")
-    model, oracle = build_model(load(paths[name])), UrdfOracle(paths[name])
+    model, oracle = build_model(load_without_mimics(paths[name])), UrdfOracle(paths[name])
     place = [oracle.joints.index(body.joint) for body in model.bodies]
     state = motion(model, 1)
     own = np.array(place)
