@@ -247,7 +247,7 @@ def test_stiff_dampers_of_light_links_are_let_through(mass: float, laws: str, dt
     assert found.function == "radau_rollout"
 
 
-@pytest.mark.parametrize(("off", "refused"), [(100 * 5e-324, False), (1e-300, True)])
+@pytest.mark.parametrize(("off", "refused"), [(100 * 5e-324, False), (9.3e-317, False), (1e-300, True)])
 def test_rounding_of_denormal_numbers_is_let_through(off: float, refused: bool, built: Build) -> None:
     """A fused product is not rounded to a denormal number, and an inverse inertia makes that more."""
     name, state = "inverse_dynamics", STATES.index("denormal")
