@@ -14,19 +14,16 @@ from tests.oracles.mujoco_models import MujocoRobot
 from tests.support.beams import cantilever, straight
 from tests.support.builds import Build
 from tests.support.figures import Figures
+from tests.support.joint_table import joint_table
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
-ARM = """
+ARM = f"""
 [[links]]
 name = "arm"
 mass = 2.0
 com = [0.1, 0.0, 0.0]
-inertia = { xx = 0.01, yy = 0.03, zz = 0.03 }
-[[joints]]
-name = "wrist"
-parent = "head"
-child = "arm"
-type = "revolute"
+inertia = {{ xx = 0.01, yy = 0.03, zz = 0.03 }}
+{joint_table("wrist", "head", "arm", "revolute")}
 """
 
 

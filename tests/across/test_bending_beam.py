@@ -13,10 +13,11 @@ from scipy.integrate import solve_ivp
 
 import eomgen
 from eomgen.description.load import robot_from_toml
+from tests.support.joint_table import joint_table
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
-ROD = """
+ROD = f"""
 name = "spin_up"
 gravity = [0.0, 0.0, 0.0]
 [[links]]
@@ -31,12 +32,8 @@ Iy = 5e-6
 Iz = 5e-6
 J = 1e-5
 shear = [1, 1]
-modes = { y = 3, axial = 1 }
-[[joints]]
-name = "hub"
-parent = "base"
-child = "rod"
-type = "revolute"
+modes = {{ y = 3, axial = 1 }}
+{joint_table("hub", "base", "rod", "revolute")}
 [[frames]]
 name = "tip"
 link = "rod"

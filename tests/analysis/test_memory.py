@@ -21,6 +21,7 @@ from eomgen.state.equilibrium import static_equilibrium
 from tests.support.bristled import ARM, bristled_arm, served_arm
 from tests.support.bristles import FRICTION, GEARED, bristle_gear, bristle_linkage
 from tests.support.builds import Build
+from tests.support.joint_table import joint_table
 from tests.support.random_robots import Array
 from tests.support.soak import soaked
 
@@ -348,20 +349,16 @@ def test_branches_and_servo_drives(built: Build) -> None:
 
 def test_branches_have_their_complex_stiffness(built: Build) -> None:
     """1 / (k + i w (c + c_i k_i / (k_i + i w c_i)) - m w^2) of a mass on a spring with branches."""
-    text = """
+    text = f"""
 name = "branched"
 gravity = [0.0, 0.0, 0.0]
 [[links]]
 name = "body"
 mass = 2.0
-inertia = { xx = 0.1, yy = 0.1, zz = 0.1 }
-[[joints]]
-name = "j"
-type = "fixed"
-parent = "base"
-child = "body"
-x = { stiffness = 1e4, damping = 3.0, maxwell = [{ stiffness = 4e3, damping = 50.0 }, \
-{ stiffness = 2e3, damping = 5.0 }] }
+inertia = {{ xx = 0.1, yy = 0.1, zz = 0.1 }}
+{joint_table("j", "base", "body", "fixed")}
+x = {{ stiffness = 1e4, damping = 3.0, maxwell = [{{ stiffness = 4e3, damping = 50.0 }}, \
+{{ stiffness = 2e3, damping = 5.0 }}] }}
 """
     robot = robot_from_toml(text)
     hertz = np.geomspace(0.1, 1e3, 30)

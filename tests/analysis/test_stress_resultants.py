@@ -18,6 +18,7 @@ from eomgen.errors import DescriptionError, InputError
 from eomgen.pictures import report_of
 from eomgen.robot.value import AXES, Robot
 from tests.support.commands import command, facts
+from tests.support.joint_table import joint_table
 
 pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
 
@@ -164,7 +165,7 @@ def test_they_follow_the_axes_of_the_section(axis: str) -> None:
     assert beam.stress == pytest.approx(expected, rel=1e-12)
 
 
-SPAN = """
+SPAN = f"""
 name = "span"
 gravity = [0.0, -9.81, 0.0]
 driven = []
@@ -175,20 +176,16 @@ length = 2.0
 E = 7.0e10
 G = 2.6e10
 density = 2700.0
-section = { box = [0.1, 0.06, 0.005] }
-modes = { y = 2, axial = 1 }
-[[joints]]
-name = "pin"
-parent = "base"
-child = "bridge"
-type = "revolute"
+section = {{ box = [0.1, 0.06, 0.005] }}
+modes = {{ y = 2, axial = 1 }}
+{joint_table("pin", "base", "bridge", "revolute")}
 [[loops]]
 name = "bearing"
 links = ["base", "bridge"]
 nodes = ["root", "tip"]
 type = "spherical"
-x = {}
-placements = [{ xyz = [2.0, 0.0, 0.0] }, {}]
+x = {{}}
+placements = [{{ xyz = [2.0, 0.0, 0.0] }}, {{}}]
 [[frames]]
 name = "tcp"
 link = "bridge"
@@ -267,7 +264,7 @@ def test_a_trolley_on_a_span_has_the_moments_of_the_textbook() -> None:
     assert of(beam, "Mz") - of(empty, "Mz") == pytest.approx(expected, rel=1e-4, abs=1e-4)
 
 
-LEVER = """
+LEVER = f"""
 name = "lever"
 gravity = [0, 0, -9.81]
 driven = ["crank.gamma"]
@@ -278,40 +275,32 @@ length = 1.0
 E = 7e10
 G = 2.6e10
 density = 2700.0
-section = { box = [0.02, 0.02, 0.002] }
-modes = { y = 1 }
+section = {{ box = [0.02, 0.02, 0.002] }}
+modes = {{ y = 1 }}
 [[links]]
 name = "block"
 mass = 1.0
-inertia = { xx = 0.01, yy = 0.01, zz = 0.01 }
+inertia = {{ xx = 0.01, yy = 0.01, zz = 0.01 }}
 [[links]]
 name = "arm"
 mass = 1.0
 com = [0.1, 0, 0]
-inertia = { xx = 0.01, yy = 0.01, zz = 0.01 }
-[[joints]]
-name = "pivot"
-parent = "base"
-child = "lever"
-type = "revolute"
-placement = { rpy_deg = [90, 0, 0] }
+inertia = {{ xx = 0.01, yy = 0.01, zz = 0.01 }}
+{joint_table("pivot", "base", "lever", "revolute")}
+placement = {{ rpy_deg = [90, 0, 0] }}
 [[joints]]
 name = "slide"
 parent = "lever"
 along = "beam"
 child = "block"
 type = "prismatic"
-[[joints]]
-name = "crank"
-parent = "base"
-child = "arm"
-type = "revolute"
-placement = { xyz = [0.3, 0, 0], rpy_deg = [90, 0, 0] }
+{joint_table("crank", "base", "arm", "revolute")}
+placement = {{ xyz = [0.3, 0, 0], rpy_deg = [90, 0, 0] }}
 [[loops]]
 name = "pin"
 type = "spherical"
 links = ["block", "arm"]
-placements = [{}, { xyz = [0.2, 0, 0] }]
+placements = [{{}}, {{ xyz = [0.2, 0, 0] }}]
 """
 
 

@@ -36,6 +36,7 @@ from tests.support.builds import Build
 from tests.support.closeness import close
 from tests.support.commands import command, errors_of, run
 from tests.support.description_samples import ARM, URDF
+from tests.support.joint_table import joint_table
 from tests.support.makers import MAKERS
 from tests.support.random_robots import random_robot, with_offsets
 from tests.support.refusals import refused
@@ -227,33 +228,25 @@ def test_the_schema_is_printed() -> None:
     refused(eomgen.InputError, "there is no format 'urdf'; allowed: robot, scenario, plan", schema_text, "urdf")
 
 
-ODD = """
+ODD = f"""
 name = "arm"
-home = { j1.gamma = 90.0 }
+home = {{ j1.gamma = 90.0 }}
 
 [[links]]
 name = "upper"
 mass = 2.0
 com = [120.0, 0.0, 0.0]
-inertia = { xx = 0.1, yy = 0.1, zz = 0.1 }
+inertia = {{ xx = 0.1, yy = 0.1, zz = 0.1 }}
 
 [[links]]
 name = "fore"
 mass = 2.0
 
-[[joints]]
-name = "j1"
-parent = "base"
-child = "upper"
-type = "revolute"
-placement = { xyz = [0.0, 0.0, 500.0], rpy = [90.0, 0.0, 0.0] }
+{joint_table("j1", "base", "upper", "revolute")}
+placement = {{ xyz = [0.0, 0.0, 500.0], rpy = [90.0, 0.0, 0.0] }}
 
-[[joints]]
-name = "j2"
-parent = "upper"
-child = "fore"
-type = "revolute"
-dh = { a = 400.0, alpha = -90.0 }
+{joint_table("j2", "upper", "fore", "revolute")}
+dh = {{ a = 400.0, alpha = -90.0 }}
 
 [[springs]]
 name = "cable"
@@ -377,17 +370,13 @@ def test_a_study_from_the_first_file_on(tmp_path: Path, monkeypatch: pytest.Monk
 # Inertia
 
 
-ROD = """
+ROD = f"""
 name = "rod"
-links = [{ name = "rod", mass = 2.0, com = [0.5, 0.0, 0.0], inertia = { xx = 0.0, yy = 0.05, zz = 0.05 } }]
-[[joints]]
-name = "hinge"
-parent = "base"
-child = "rod"
-type = "revolute"
-x = { stiffness = 1e9, damping = 1e3 }
-alpha = { stiffness = 1e4, damping = 1.0 }
-beta = { stiffness = 1e4, damping = 1.0 }
+links = [{{ name = "rod", mass = 2.0, com = [0.5, 0.0, 0.0], inertia = {{ xx = 0.0, yy = 0.05, zz = 0.05 }} }}]
+{joint_table("hinge", "base", "rod", "revolute")}
+x = {{ stiffness = 1e9, damping = 1e3 }}
+alpha = {{ stiffness = 1e4, damping = 1.0 }}
+beta = {{ stiffness = 1e4, damping = 1.0 }}
 """
 BARE = """<robot name="bare"><link name="base"/><link name="a"/><link name="b"/>
 <joint name="j1" type="revolute"><parent link="base"/><child link="a"/><axis xyz="0 0 1"/>

@@ -29,23 +29,20 @@ from eomgen.scenario.builtin import builtin_scenarios
 from tests.support import element_texts
 from tests.support.commands import command, errors_of, facts, run
 from tests.support.finite_elements import bar, stress_of_bar
+from tests.support.joint_table import joint_table
 from tests.support.measured_poses import trial, write_csv
 from tests.support.optional import needs
 from tests.support.text_files import text_file
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
-BAD_LINK = """
+BAD_LINK = f"""
 name = "bad"
 [[links]]
 name = "l"
 mass = 1.0
-inertia = { xx = 1.0, yy = 1.0, zz = 5.0 }
-[[joints]]
-name = "j"
-parent = "base"
-child = "l"
-type = "revolute"
+inertia = {{ xx = 1.0, yy = 1.0, zz = 5.0 }}
+{joint_table("j", "base", "l", "revolute")}
 """
 
 

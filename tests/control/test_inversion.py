@@ -24,6 +24,7 @@ from eomgen.robot.value import Robot
 from eomgen.scenario.load import load_scenario
 from tests.support.commands import command, facts
 from tests.support.geared_arms import two_link_arm
+from tests.support.joint_table import joint_table
 from tests.support.refusals import refused
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
@@ -56,35 +57,27 @@ name = "tip"
 link = "second"
 """
 LONG, SHORT, TURNING, ROTARY_DAMPING = 0.5, 0.3, 40.0, 0.2  # two rods, a spring and a damper between them
-RODS = """
+RODS = f"""
 name = "rods"
 gravity = [0.0, 0.0, 0.0]
 [[links]]
 name = "first"
 mass = 2.0
 com = [0.25, 0.0, 0.0]
-inertia = { xx = 0.001, yy = 0.05, zz = 0.05 }
+inertia = {{ xx = 0.001, yy = 0.05, zz = 0.05 }}
 [[links]]
 name = "second"
 mass = 1.0
 com = [0.15, 0.0, 0.0]
-inertia = { xx = 0.001, yy = 0.0075, zz = 0.0075 }
-[[joints]]
-name = "hub"
-parent = "base"
-child = "first"
-type = "revolute"
-[[joints]]
-name = "elbow"
-parent = "first"
-child = "second"
-type = "fixed"
-placement = { xyz = [0.5, 0.0, 0.0] }
-gamma = { stiffness = 40.0, damping = 0.2 }
+inertia = {{ xx = 0.001, yy = 0.0075, zz = 0.0075 }}
+{joint_table("hub", "base", "first", "revolute")}
+{joint_table("elbow", "first", "second", "fixed")}
+placement = {{ xyz = [0.5, 0.0, 0.0] }}
+gamma = {{ stiffness = 40.0, damping = 0.2 }}
 [[frames]]
 name = "tip"
 link = "second"
-placement = { xyz = [0.3, 0.0, 0.0] }
+placement = {{ xyz = [0.3, 0.0, 0.0] }}
 """
 SMALL = 1e-4  # rad, of a motion in which the rods are linear
 

@@ -20,6 +20,7 @@ from eomgen.control.kalman_filter import filter_model, steps_of
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import InputError, IntegrationError, LoopError, UnknownNameError
 from tests.loops.test_elastic_cuts import coupled
+from tests.support.joint_table import joint_table
 from tests.support.observer_code import CompiledObserver
 from tests.support.refusals import refused
 from tests.support.soak import WHOLE
@@ -30,19 +31,15 @@ Array = NDArray[np.float64]
 GAMMA = "encoder:joint1.gamma"
 STIFFNESS = "joints.joint1.x.stiffness"
 DT = 1e-3
-VERTICAL = """
+VERTICAL = f"""
 name = "rod"
 gravity = [0.0, 0.0, -9.81]
 [[links]]
 name = "link1"
 mass = 1.0
 com = [0.5, 0.0, 0.0]
-inertia = { xx = 0.0, yy = 0.08, zz = 0.08 }
-[[joints]]
-name = "joint1"
-parent = "base"
-child = "link1"
-type = "revolute"
+inertia = {{ xx = 0.0, yy = 0.08, zz = 0.08 }}
+{joint_table("joint1", "base", "link1", "revolute")}
 """
 
 

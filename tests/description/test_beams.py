@@ -37,6 +37,7 @@ from tests.support.beam_elements import Plane
 from tests.support.beams import SIZES, STEEL, cantilever, toml
 from tests.support.description_samples import URDF
 from tests.support.finite_elements import bar
+from tests.support.joint_table import joint_table
 from tests.support.refusals import refused
 from tests.support.text_files import text_file
 
@@ -115,7 +116,7 @@ def test_rigid_coordinates_are_none() -> None:
 
 def test_beams_follow_each_other_and_carry_joints_where_a_node_is() -> None:
     """A beam on another one's tip, a frame and a link at an inner node; tunable numbers of a segment."""
-    more = """
+    more = f"""
 tunable = ["links.boom1.mass"]
 [[links]]
 name = "tool"
@@ -123,11 +124,7 @@ mass = 1.0
 [[links]]
 name = "bob"
 mass = 0.5
-[[joints]]
-name = "hinge"
-parent = "boom1"
-child = "bob"
-type = "revolute"
+{joint_table("hinge", "boom1", "bob", "revolute")}
 [[beams]]
 name = "jib"
 parent = "head"
@@ -137,7 +134,7 @@ segments = 1
 E = 7e10
 G = 2.6e10
 density = 2700
-section = { rod = 0.02 }
+section = {{ rod = 0.02 }}
 """
     top, _, rest = more.partition("[[links]]")
     robot = robot_from_toml(top + toml({}, 1.0, "[[links]]" + rest))
@@ -401,11 +398,7 @@ modal_damping = 0.01
 [[links]]
 name = "hand"
 mass = 0.5
-[[joints]]
-name = "shoulder"
-parent = "base"
-child = "arm"
-type = "revolute"
+{joint_table("shoulder", "base", "arm", "revolute")}
 [[joints]]
 name = "wrist"
 parent = "arm"

@@ -20,6 +20,7 @@ from eomgen.robot.value import COORDINATES, Robot
 from tests.support.bad_files import changed
 from tests.support.builds import Build
 from tests.support.description_samples import MJCF, URDF
+from tests.support.joint_table import joint_table
 from tests.support.optional import OptionalModule, needs
 from tests.support.random_robots import Array
 from tests.support.refusals import refused
@@ -32,14 +33,10 @@ BODY = """<link name="ground"><inertial>
   <inertia ixx="0.2" iyy="0.3" izz="0.25" ixy="0.02" ixz="-0.01" iyz="0.03"/>
 </inertial></link>"""
 HEAVY = URDF.replace('<link name="ground"/>', BODY)
-TOML = """
+TOML = f"""
 name = "arm"
 urdf = "arm.urdf"
-[[joints]]
-name = "floating_base"
-parent = "base"
-child = "ground"
-type = "free"
+{joint_table("floating_base", "base", "ground", "free")}
 """
 
 

@@ -28,25 +28,22 @@ from eomgen.robot.model import build_model
 from eomgen.robot.parameter_names import least_of, number_of
 from eomgen.robot.value import COORDINATES
 from eomgen.scenario.load import scenario_from_toml
+from tests.support.joint_table import joint_table
 from tests.support.refusals import refused
 from tests.support.small_robots import free_body
 from tests.support.text_files import text_file
 
 pytestmark = pytest.mark.quick
-TEXT = """name = "test"
+TEXT = f"""name = "test"
 [[links]]
 name = "plate"
 mass = 2
-inertia = { xx = 0.1, yy = 0.1, zz = 0.1 }
-[[joints]]
-name = "mount"
-parent = "base"
-child = "plate"
-type = "fixed"
-x = {}
-z = {}
-beta = {}
-stiffness = { matrix = "K" }
+inertia = {{ xx = 0.1, yy = 0.1, zz = 0.1 }}
+{joint_table("mount", "base", "plate", "fixed")}
+x = {{}}
+z = {{}}
+beta = {{}}
+stiffness = {{ matrix = "K" }}
 """
 
 
@@ -280,21 +277,17 @@ def test_any_byte_of_a_file_may_be_wrong(ending: str, tmp_path: Path) -> None:
             read_matrix(path)
 
 
-JOINTS = """
+JOINTS = f"""
 name = "mount"
 [[links]]
 name = "body"
 mass = 1.0
-inertia = { xx = 0.01, yy = 0.02, zz = 0.03 }
-[[joints]]
-name = "root"
-parent = "base"
-child = "body"
-type = "revolute"
-x = {}
-beta = { stiffness = 3.0 }
-stiffness = { matrix = [[900.0, 20.0, 0.0], [20.0, 5.0, 1.0], [0.0, 1.0, 4.0]], preload = [1.0, 0.0, -0.5] }
-damping = { loss_factor = 0.02, at_hz = 40.0 }
+inertia = {{ xx = 0.01, yy = 0.02, zz = 0.03 }}
+{joint_table("root", "base", "body", "revolute")}
+x = {{}}
+beta = {{ stiffness = 3.0 }}
+stiffness = {{ matrix = [[900.0, 20.0, 0.0], [20.0, 5.0, 1.0], [0.0, 1.0, 4.0]], preload = [1.0, 0.0, -0.5] }}
+damping = {{ loss_factor = 0.02, at_hz = 40.0 }}
 """
 SIX = """{ matrix = [[900.0, 10.0, 0.0, 0.0, 20.0, 0.0], [10.0, 50.0, 0.0, 0.0, 0.0, 0.0], \
 [0.0, 0.0, 0.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0, 0.0, 0.0], [20.0, 0.0, 0.0, 0.0, 5.0, 1.0], \

@@ -45,24 +45,21 @@ from eomgen.errors import InputError, UnknownNameError
 from eomgen.robot.model import build_model
 from tests.support import simt
 from tests.support.figures import Figures
+from tests.support.joint_table import joint_table
 from tests.support.random_robots import random_robot
 from tests.support.refusals import refused
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 DTYPES = ("float64", "float32")
 BUILTIN = tuple(zip(sorted(builtin_robots()), itertools.cycle(DTYPES), strict=False))  # each with one number of bits
-TOP = """
+TOP = f"""
 name = "top"
 [[links]]
 name = "body"
 mass = 1.0
 com = [0.1, 0.0, 0.0]
-inertia = { xx = 0.1, yy = 0.2, zz = 0.25 }
-[[joints]]
-name = "joint1"
-parent = "base"
-child = "body"
-type = "free"
+inertia = {{ xx = 0.1, yy = 0.2, zz = 0.25 }}
+{joint_table("joint1", "base", "body", "free")}
 """
 ROUNDED = {"exp", "log", "atan2"}  # operations whose last bits are the device's
 CLOSING = ("settling", "cut_poses")  # what assembles loops

@@ -27,36 +27,29 @@ from eomgen.robot.elements.matrices import matrix_of as matrix_of_entries
 from eomgen.robot.value import COORDINATES
 from tests.loops.test_elastic_cuts import linkages
 from tests.support.builds import Build
+from tests.support.joint_table import joint_table
 from tests.support.measurements import assert_slopes, calibrated, placed, poses_of
 from tests.support.random_robots import Array
 from tests.support.refusals import refused
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
-HEAD = """name = "arm"
+HEAD = f"""name = "arm"
 gravity = [0.0, 0.0, -9.81]
 driven = ["joint1.gamma", "joint2.gamma"]
 [[links]]
 name = "upper"
 mass = 6.0
 com = [0.25, 0.0, 0.0]
-inertia = { xx = 0.01, yy = 0.1, zz = 0.1 }
+inertia = {{ xx = 0.01, yy = 0.1, zz = 0.1 }}
 [[links]]
 name = "fore"
 mass = 3.0
 com = [0.2, 0.0, 0.0]
-inertia = { xx = 0.01, yy = 0.06, zz = 0.06 }
-[[joints]]
-name = "joint1"
-parent = "base"
-child = "upper"
-type = "revolute"
-[[joints]]
-name = "joint2"
-parent = "upper"
-child = "fore"
-type = "revolute"
-placement = { xyz = [0.5, 0.0, 0.0], rpy = [1.5707963267948966, 0.0, 0.0] }
+inertia = {{ xx = 0.01, yy = 0.06, zz = 0.06 }}
+{joint_table("joint1", "base", "upper", "revolute")}
+{joint_table("joint2", "upper", "fore", "revolute")}
+placement = {{ xyz = [0.5, 0.0, 0.0], rpy = [1.5707963267948966, 0.0, 0.0] }}
 """
 TEXT = f"""{HEAD}
 x = {{ stiffness = 2e7, damping = 10.0 }}
@@ -431,11 +424,7 @@ name = "tool"
 mass = 4.0
 com = [0.05, 0.02, 0.01]
 inertia = {{ xx = 0.01, yy = 0.02, zz = 0.02 }}
-[[joints]]
-name = "carrier"
-parent = "base"
-child = "tool"
-type = "fixed"
+{joint_table("carrier", "base", "tool", "fixed")}
 placement = {{ xyz = [0.9, -0.1, 0.0], rpy = [1.5707963267948966, 0.0, 0.0] }}
 x = {{}}
 y = {{}}

@@ -33,65 +33,54 @@ from eomgen.scenario.value import Initial, Integrator, Payload, Scenario, Sectio
 from eomgen.simulation.result import SimulationResult
 from eomgen.sweep.plan import plan_from_toml
 from tests.support.commands import command, facts
+from tests.support.joint_table import joint_table
 from tests.support.refusals import refused
 
 pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
 
 Array = NDArray[np.float64]
 
-ARM = """
+ARM = f"""
 name = "arm"
 [[links]]
 name = "upper"
 mass = 6.0
 com = [0.2, 0.0, 0.0]
-inertia = { xx = 0.02, yy = 0.1, zz = 0.1 }
+inertia = {{ xx = 0.02, yy = 0.1, zz = 0.1 }}
 [[links]]
 name = "fore"
 mass = 3.0
 com = [0.15, 0.0, 0.0]
-inertia = { xx = 0.01, yy = 0.04, zz = 0.04 }
-[[joints]]
-name = "shoulder"
-parent = "base"
-child = "upper"
-type = "revolute"
+inertia = {{ xx = 0.01, yy = 0.04, zz = 0.04 }}
+{joint_table("shoulder", "base", "upper", "revolute")}
 limits = [-1.6, 1.6]
-placement = { rpy = [1.5707963267948966, 0.0, 0.0] }
-y = { stiffness = 1e6, damping = 800.0 }
-beta = { stiffness = 4e4, damping = 20.0 }
-[[joints]]
-name = "elbow"
-parent = "upper"
-child = "fore"
-type = "revolute"
+placement = {{ rpy = [1.5707963267948966, 0.0, 0.0] }}
+y = {{ stiffness = 1e6, damping = 800.0 }}
+beta = {{ stiffness = 4e4, damping = 20.0 }}
+{joint_table("elbow", "upper", "fore", "revolute")}
 limits = [-2.5, 2.5]
-placement = { xyz = [0.4, 0.0, 0.0] }
-y = { stiffness = 5e5, damping = 400.0 }
+placement = {{ xyz = [0.4, 0.0, 0.0] }}
+y = {{ stiffness = 5e5, damping = 400.0 }}
 [[frames]]
 name = "tcp"
 link = "fore"
-placement = { xyz = [0.35, 0.0, 0.0] }
+placement = {{ xyz = [0.35, 0.0, 0.0] }}
 """
 
-SWING = """
+SWING = f"""
 name = "swing"
 [[links]]
 name = "beam"
 mass = 2.0
 com = [0.3, 0.0, 0.0]
-inertia = { xx = 0.001, yy = 0.06, zz = 0.06 }
-[[joints]]
-name = "hinge"
-parent = "base"
-child = "beam"
-type = "revolute"
-placement = { rpy = [1.5707963267948966, 0.0, 0.0] }
-motor = { ratio = 50.0, inertia = 1e-4, stiffness = 5e3, damping = 10.0 }
+inertia = {{ xx = 0.001, yy = 0.06, zz = 0.06 }}
+{joint_table("hinge", "base", "beam", "revolute")}
+placement = {{ rpy = [1.5707963267948966, 0.0, 0.0] }}
+motor = {{ ratio = 50.0, inertia = 1e-4, stiffness = 5e3, damping = 10.0 }}
 [[frames]]
 name = "tip"
 link = "beam"
-placement = { xyz = [0.6, 0.0, 0.0] }
+placement = {{ xyz = [0.6, 0.0, 0.0] }}
 """
 
 REACH = """

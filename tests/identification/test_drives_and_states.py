@@ -20,6 +20,7 @@ from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.result import SimulationResult
 from eomgen.simulation.run import run_scenario
 from tests.support.builds import Build
+from tests.support.joint_table import joint_table
 from tests.support.measurements import motion_of
 from tests.support.refusals import refused
 
@@ -132,11 +133,7 @@ name = "rod"
 mass = 4.0
 com = [0.2, 0.01, 0.0]
 inertia = {{ xx = 0.1, yy = 0.12, zz = 0.13 }}
-[[joints]]
-name = "j1"
-type = "revolute"
-parent = "base"
-child = "rod"
+{joint_table("j1", "base", "rod", "revolute")}
 gamma = {{ friction = {{ {FRICTION} }} }}
 """
 

@@ -32,6 +32,7 @@ from tests.loops.test_elastic_cuts import linkages
 from tests.oracles.pinocchio_models import PinocchioOracle
 from tests.support.builds import Build
 from tests.support.commands import command, facts
+from tests.support.joint_table import joint_table
 from tests.support.measurements import motion_of
 from tests.support.random_robots import Array
 from tests.support.refusals import refused
@@ -579,17 +580,9 @@ name = "tip"
 mass = 1.0
 com = [0.1, 0.0, 0.02]
 inertia = {{ xx = 0.01, yy = 0.02, zz = 0.02 }}
-[[joints]]
-name = "mount"
-parent = "base"
-child = "body"
-type = "fixed"
+{joint_table("mount", "base", "body", "fixed")}
 {rows}
-[[joints]]
-name = "arm"
-parent = "body"
-child = "tip"
-type = "revolute"
+{joint_table("arm", "body", "tip", "revolute")}
 """,
         ),
         tmp_path / "m.csv",

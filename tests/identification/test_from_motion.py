@@ -29,6 +29,7 @@ from tests.loops.test_elastic_cuts import linkages
 from tests.oracles.pinocchio_models import PinocchioOracle
 from tests.support.builds import Build
 from tests.support.commands import command, facts
+from tests.support.joint_table import joint_table
 from tests.support.measurements import columns_of, motion_of
 from tests.support.random_robots import random_robot
 from tests.support.refusals import refused
@@ -37,35 +38,27 @@ pytestmark = pytest.mark.usefixtures("unoptimised")
 
 Array = NDArray[np.float64]
 
-ARM = """
+ARM = f"""
 name = "arm"
 [[links]]
 name = "upper"
 mass = 4.0
 com = [0.3, 0.02, 0.01]
-inertia = { xx = 0.02, yy = 0.15, zz = 0.16 }
+inertia = {{ xx = 0.02, yy = 0.15, zz = 0.16 }}
 [[links]]
 name = "fore"
 mass = 2.0
 com = [0.2, 0.0, 0.03]
-inertia = { xx = 0.01, yy = 0.05, zz = 0.05 }
-[[joints]]
-name = "shoulder"
-parent = "base"
-child = "upper"
-type = "revolute"
-x = { stiffness = 2e5, damping = 100.0 }
-alpha = { stiffness = 400.0, damping = 4.0 }
-gamma = { damping = 0.8 }
-[[joints]]
-name = "elbow"
-parent = "upper"
-child = "fore"
-type = "revolute"
-placement = { xyz = [0.6, 0.0, 0.0] }
-y = { stiffness = 8e4, damping = 70.0 }
-beta = { stiffness = 900.0, damping = 2.0 }
-gamma = { stiffness = 20.0, damping = 0.3 }
+inertia = {{ xx = 0.01, yy = 0.05, zz = 0.05 }}
+{joint_table("shoulder", "base", "upper", "revolute")}
+x = {{ stiffness = 2e5, damping = 100.0 }}
+alpha = {{ stiffness = 400.0, damping = 4.0 }}
+gamma = {{ damping = 0.8 }}
+{joint_table("elbow", "upper", "fore", "revolute")}
+placement = {{ xyz = [0.6, 0.0, 0.0] }}
+y = {{ stiffness = 8e4, damping = 70.0 }}
+beta = {{ stiffness = 900.0, damping = 2.0 }}
+gamma = {{ stiffness = 20.0, damping = 0.3 }}
 """
 
 

@@ -32,6 +32,7 @@ from tests.support.blind_arms import blind_arm, periodic, record
 from tests.support.builds import Build
 from tests.support.commands import command
 from tests.support.description_samples import example_urdfs, load_without_mimics
+from tests.support.joint_table import joint_table
 from tests.support.measurements import columns_of, motion_of
 from tests.support.random_robots import Array, random_robot
 from tests.support.refusals import refused
@@ -679,22 +680,18 @@ def elastic() -> Robot:
     return Robot("elastic", (0.0, -9.81, 0.0), (link,), (joint,))
 
 
-ELASTIC = """name = "elastic"
+ELASTIC = f"""name = "elastic"
 gravity = [0.0, -9.81, 0.0]
 
 [[links]]
 name = "arm"
 mass = 2.0
 com = [0.3, 0.0, 0.0]
-inertia = { xx = 0.01, yy = 0.05, zz = 0.05 }
+inertia = {{ xx = 0.01, yy = 0.05, zz = 0.05 }}
 
-[[joints]]
-name = "joint1"
-parent = "base"
-child = "arm"
-type = "revolute"
-motor = { inertia = 1e-3, ratio = 50.0, stiffness = 5000.0, damping = 3.0, friction = { coulomb = 0.05 } }
-dh = { a = 0.0, alpha = 0.0, d = 0.0, theta = 0.0 }
+{joint_table("joint1", "base", "arm", "revolute")}
+motor = {{ inertia = 1e-3, ratio = 50.0, stiffness = 5000.0, damping = 3.0, friction = {{ coulomb = 0.05 }} }}
+dh = {{ a = 0.0, alpha = 0.0, d = 0.0, theta = 0.0 }}
 """
 
 
@@ -756,32 +753,24 @@ def test_a_drive_of_another_sign_is_named(built: Build) -> None:
     assert any("drive in the other sense leaves" in text for text in found.warnings)
 
 
-ARM = """name = "arm"
+ARM = f"""name = "arm"
 gravity = [0.0, -9.81, 0.0]
 
 [[links]]
 name = "upper"   # the first one
 mass = 2.0
 com = [0.1, 0.0, 0.0]
-inertia = { xx = 0.02, yy = 0.05, zz = 0.06 }
+inertia = {{ xx = 0.02, yy = 0.05, zz = 0.06 }}
 
 [[links]]
 name = "fore"
 mass = 1.5
 
-[[joints]]
-name = "joint1"
-parent = "base"
-child = "upper"
-type = "revolute"
-gamma = { stiffness = 2.0, friction = { coulomb = 0.1 } }
+{joint_table("joint1", "base", "upper", "revolute")}
+gamma = {{ stiffness = 2.0, friction = {{ coulomb = 0.1 }} }}
 
-[[joints]]
-name = "joint2"
-parent = "upper"
-child = "fore"
-type = "revolute"
-dh = { a = 0.3, alpha = 1.5707963267948966, d = 0.1, theta = 0.0 }
+{joint_table("joint2", "upper", "fore", "revolute")}
+dh = {{ a = 0.3, alpha = 1.5707963267948966, d = 0.1, theta = 0.0 }}
 """
 
 

@@ -21,6 +21,7 @@ from eomgen.robot.value import Coordinate, Joint, Link, Robot
 from eomgen.state.springs import stiffness_matrix
 from tests.support.bending_links import nested
 from tests.support.bending_robots import Bending, bent
+from tests.support.joint_table import joint_table
 from tests.support.random_robots import Array, random_placement, random_rotation
 from tests.support.rollout_cases import METHODS, Case, frozen
 
@@ -45,11 +46,7 @@ modes = {{ y = 5 }}
 [[links]]
 name = "trolley"
 mass = {LOAD}
-[[joints]]
-name = "rail"
-parent = "base"
-child = "bridge"
-type = "prismatic"
+{joint_table("rail", "base", "bridge", "prismatic")}
 # how it is carried
 [[joints]]
 name = "cross"
@@ -58,17 +55,13 @@ along = "beam"
 child = "trolley"
 type = "prismatic"
 """
-PENDULUM = """
+PENDULUM = f"""
 [[links]]
 name = "load"
 mass = 3.0
 com = [0.0, -0.8, 0.0]
-inertia = { xx = 0.01, yy = 0.01, zz = 0.01 }
-[[joints]]
-name = "sway"
-parent = "trolley"
-child = "load"
-type = "revolute"
+inertia = {{ xx = 0.01, yy = 0.01, zz = 0.01 }}
+{joint_table("sway", "trolley", "load", "revolute")}
 """
 
 

@@ -26,6 +26,7 @@ from eomgen.scenario.load import scenario_from_toml
 from eomgen.scenario.recorded import scenario_from_record
 from eomgen.simulation.run import run_scenario
 from tests.support.builds import Build
+from tests.support.joint_table import joint_table
 from tests.support.random_robots import random_robot, random_state
 from tests.support.refusals import refused
 from tests.support.soak import soaked
@@ -385,11 +386,7 @@ gravity = [0.0, 0.0, 0.0]
 [[links]]
 name = "mass"
 mass = 2.0
-[[joints]]
-name = "rail"
-parent = "base"
-child = "mass"
-type = "prismatic"
+{joint_table("rail", "base", "mass", "prismatic")}
 z = {{ stiffness = {stiffness}, clearance = {gap}, smoothing = 1e-9 }}
 """
     )

@@ -16,6 +16,7 @@ from eomgen.robot.value import ANGULAR, COORDINATES, LINEAR, Coordinate, Loop, R
 from eomgen.state.springs import any_spring, fastest_rates, line_rates
 from tests.support.added_forces import check_slopes
 from tests.support.builds import Build
+from tests.support.joint_table import joint_table
 from tests.support.random_robots import Array, State, random_placement, random_robot, random_state, seeds, with_offsets
 from tests.support.refusals import refused
 
@@ -28,23 +29,15 @@ mass = {}
 com = [{}, 0.02, 0.01]
 inertia = {{ xx = 0.002, yy = 0.01, zz = 0.012, xy = 0.0003 }}
 """
-HEAD = """
+HEAD = f"""
 name = "linkage"
 gravity = [0.0, -9.81, 0.0]
 driven = ["motor.gamma"]
 
-[[joints]]
-name = "motor"
-parent = "base"
-child = "crank"
-type = "revolute"
+{joint_table("motor", "base", "crank", "revolute")}
 
-[[joints]]
-name = "pin"
-parent = "crank"
-child = "coupler"
-type = "revolute"
-placement = { xyz = [0.2, 0.0, 0.0] }
+{joint_table("pin", "crank", "coupler", "revolute")}
+placement = {{ xyz = [0.2, 0.0, 0.0] }}
 """
 SIX = """
 x = { stiffness = 1e4, damping = 3.0, cubic = 1e6 }
@@ -54,19 +47,15 @@ alpha = { stiffness = 1e3, damping = 0.1 }
 beta = { stiffness = 2e3, friction = { coulomb = 0.3 } }
 gamma = { stiffness = 5.0, damping = 0.01, preload = 0.2 }
 """
-CUT_THERE = """
-[[joints]]
-name = "pivot"
-parent = "base"
-child = "rocker"
-type = "revolute"
-placement = { xyz = [0.5, 0.0, 0.0] }
+CUT_THERE = f"""
+{joint_table("pivot", "base", "rocker", "revolute")}
+placement = {{ xyz = [0.5, 0.0, 0.0] }}
 
 [[loops]]
 name = "cut"
 links = ["coupler", "rocker"]
 type = "revolute"
-placements = [{ xyz = [0.5, 0.0, 0.0] }, { xyz = [0.4, 0.0, 0.0] }]
+placements = [{{ xyz = [0.5, 0.0, 0.0] }}, {{ xyz = [0.4, 0.0, 0.0] }}]
 """
 CUT_ELSEWHERE = """
 [[joints]]

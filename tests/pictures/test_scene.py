@@ -59,6 +59,7 @@ from tests.support.bending_robots import bent
 from tests.support.browser import open_page
 from tests.support.commands import errors_of
 from tests.support.description_samples import example_urdfs
+from tests.support.joint_table import joint_table
 from tests.support.optional import needs
 from tests.support.random_robots import random_robot, random_state, with_offsets
 from tests.support.refusals import refused
@@ -549,7 +550,7 @@ def test_a_browser_shows_the_scene_and_its_slider_moves_it(view: View) -> None:
 MODULES = Path(__file__).parents[2] / "templates" / "live"
 NODE = shutil.which("node")
 
-BOOM = """
+BOOM = f"""
 name = "boom"
 [[links]]
 name = "tube"
@@ -558,14 +559,10 @@ length = 1.5
 E = 7.0e10
 G = 2.63e10
 density = 2700.0
-section = { bar = [0.06, 0.04] }
+section = {{ bar = [0.06, 0.04] }}
 axis = "y"
-modes = { y = 2, z = 1, torsion = 1 }
-[[joints]]
-name = "slew"
-parent = "base"
-child = "tube"
-type = "revolute"
+modes = {{ y = 2, z = 1, torsion = 1 }}
+{joint_table("slew", "base", "tube", "revolute")}
 [[frames]]
 name = "tcp"
 link = "tube"

@@ -31,6 +31,7 @@ from eomgen.pipeline.stages import Options, generate
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
 from tests.support.builds import Build
+from tests.support.joint_table import joint_table
 from tests.support.quick_builds import QUICK, Q, as_new_process, one_link, script, without_headers
 from tests.support.soak import soaked
 
@@ -457,7 +458,7 @@ def test_spread_of_copies(values: list[float], expected: float) -> None:
     assert spread(lanes) == pytest.approx(np.full(MEASURED, expected), rel=0.1)
 
 
-CROSSED = """
+CROSSED = f"""
 name = "crossed"
 [[links]]
 name = "bridge"
@@ -466,16 +467,12 @@ length = 2.0
 E = 7e10
 G = 2.6e10
 density = 2700.0
-section = { tube = [0.06, 0.05] }
-modes = { y = 2, z = 1 }
+section = {{ tube = [0.06, 0.05] }}
+modes = {{ y = 2, z = 1 }}
 [[links]]
 name = "trolley"
 mass = 1.5
-[[joints]]
-name = "rail"
-parent = "base"
-child = "bridge"
-type = "prismatic"
+{joint_table("rail", "base", "bridge", "prismatic")}
 [[joints]]
 name = "cross"
 parent = "bridge"

@@ -25,6 +25,7 @@ from eomgen.rounding.enclosures import Enclosures, enclose
 from eomgen.rounding.ranges import chosen_ranges
 from eomgen.rounding.whole import with_setup
 from tests.oracles.roundings import CALLS, exact, mp, worst_error
+from tests.support.joint_table import joint_table
 from tests.support.refusals import refused
 
 pytestmark = pytest.mark.quick
@@ -327,28 +328,20 @@ def test_bounds_are_near_what_happens(robot: str, kernel: str) -> None:
     assert np.median(ratios) < 100.0
 
 
-FAR = """
+FAR = f"""
 name = "far"
 [[links]]
 name = "hub"
 mass = 1e-3
-inertia = { xx = 1e-9, yy = 1e-9, zz = 1e-9 }
+inertia = {{ xx = 1e-9, yy = 1e-9, zz = 1e-9 }}
 [[links]]
 name = "tip"
 mass = 1.0
 com = [-31.99, 0.0, 0.0]
-inertia = { xx = 1e-5, yy = 1e-5, zz = 1e-5 }
-[[joints]]
-name = "hinge"
-type = "revolute"
-parent = "base"
-child = "hub"
-[[joints]]
-name = "weld"
-type = "fixed"
-parent = "hub"
-child = "tip"
-placement = { xyz = [32.0, 0.0, 0.0] }
+inertia = {{ xx = 1e-5, yy = 1e-5, zz = 1e-5 }}
+{joint_table("hinge", "base", "hub", "revolute")}
+{joint_table("weld", "hub", "tip", "fixed")}
+placement = {{ xyz = [32.0, 0.0, 0.0] }}
 """
 
 

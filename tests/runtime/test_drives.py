@@ -25,6 +25,7 @@ from eomgen.simulation.run import run_scenario
 from eomgen.state.drives import drives_at_rest
 from tests.support.builds import Build
 from tests.support.drive_reference import AXIS, DAMPING, DRIVES, INERTIA, WINDING, drive, numbers_of, rates_of, servo
+from tests.support.joint_table import joint_table
 from tests.support.refusals import refused
 from tests.support.soak import soaked
 
@@ -346,54 +347,42 @@ def test_drives_of_references_and_of_forces_follow_one_motion() -> None:
             run_scenario(both, scenario_from_toml(f"duration = 0.1\n{moved}[control]\n{control}\n"))
 
 
-LINKAGE = """
+LINKAGE = f"""
 name = "driven_bar"
 gravity = [0.0, -9.81, 0.0]
 driven = ["crank.gamma"]
-home = { "crank.gamma" = 0.9 }
+home = {{ "crank.gamma" = 0.9 }}
 [[links]]
 name = "a"
 mass = 1.0
 com = [0.1, 0.0, 0.0]
-inertia = { xx = 0.01, yy = 0.01, zz = 0.01 }
+inertia = {{ xx = 0.01, yy = 0.01, zz = 0.01 }}
 [[links]]
 name = "b"
 mass = 1.0
 com = [0.25, 0.0, 0.0]
-inertia = { xx = 0.01, yy = 0.03, zz = 0.03 }
+inertia = {{ xx = 0.01, yy = 0.03, zz = 0.03 }}
 [[links]]
 name = "c"
 mass = 1.0
 com = [0.2, 0.0, 0.0]
-inertia = { xx = 0.01, yy = 0.02, zz = 0.02 }
-[[joints]]
-name = "crank"
-type = "revolute"
-parent = "base"
-child = "a"
+inertia = {{ xx = 0.01, yy = 0.02, zz = 0.02 }}
+{joint_table("crank", "base", "a", "revolute")}
 [joints.gamma.drive]
-winding = { resistance = 1.0, inductance = 1e-3, torque_constant = 0.5 }
+winding = {{ resistance = 1.0, inductance = 1e-3, torque_constant = 0.5 }}
 voltage_limit = 60.0
-controller = { velocity = { kp = 4.0, ki = 10.0 }, current = { kp = 1.0, ki = 1000.0 } }
-[[joints]]
-name = "coupler"
-type = "revolute"
-parent = "a"
-child = "b"
-placement = { xyz = [0.2, 0.0, 0.0] }
-gamma = { damping = 0.1 }
-[[joints]]
-name = "rocker"
-type = "revolute"
-parent = "base"
-child = "c"
-placement = { xyz = [0.4, 0.0, 0.0] }
-gamma = { damping = 0.1 }
+controller = {{ velocity = {{ kp = 4.0, ki = 10.0 }}, current = {{ kp = 1.0, ki = 1000.0 }} }}
+{joint_table("coupler", "a", "b", "revolute")}
+placement = {{ xyz = [0.2, 0.0, 0.0] }}
+gamma = {{ damping = 0.1 }}
+{joint_table("rocker", "base", "c", "revolute")}
+placement = {{ xyz = [0.4, 0.0, 0.0] }}
+gamma = {{ damping = 0.1 }}
 [[loops]]
 name = "pin"
 links = ["b", "c"]
 type = "revolute"
-placements = [{ xyz = [0.5, 0.0, 0.0] }, { xyz = [0.4, 0.0, 0.0] }]
+placements = [{{ xyz = [0.5, 0.0, 0.0] }}, {{ xyz = [0.4, 0.0, 0.0] }}]
 """
 
 

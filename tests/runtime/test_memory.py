@@ -37,6 +37,7 @@ from tests.support.bristles import (
 )
 from tests.support.builds import Build
 from tests.support.drive_reference import DRIVES, servo
+from tests.support.joint_table import joint_table
 from tests.support.refusals import refused
 from tests.support.sliders import on_rail
 
@@ -58,53 +59,41 @@ LUGRE = 'model = "lugre", coulomb = 1.0, bristle_stiffness = 1e5'
 FACTOR = "loss_factor = 0.1, band_hz = [1.0, 2.0]"
 BRANCHES = ((30.0, 6.0), (20.0, 0.5))
 MAXWELL = f"maxwell = [{', '.join(f'{{ stiffness = {k}, damping = {c} }}' for k, c in BRANCHES)}]"
-ARM = """
+ARM = f"""
 name = "remembering_arm"
 gravity = [0.0, -9.81, 0.0]
 [[links]]
 name = "l1"
 mass = 2.0
 com = [0.2, 0.01, 0.0]
-inertia = { xx = 0.1, yy = 0.12, zz = 0.13 }
+inertia = {{ xx = 0.1, yy = 0.12, zz = 0.13 }}
 [[links]]
 name = "l2"
 mass = 1.0
 com = [0.2, 0.0, 0.05]
-inertia = { xx = 0.02, yy = 0.03, zz = 0.04 }
+inertia = {{ xx = 0.02, yy = 0.03, zz = 0.04 }}
 [[links]]
 name = "l3"
 mass = 0.5
 com = [0.1, 0.0, 0.02]
-inertia = { xx = 0.01, yy = 0.01, zz = 0.02 }
-[[joints]]
-name = "j1"
-type = "revolute"
-parent = "base"
-child = "l1"
-gamma = { friction = { model = "lugre", coulomb = 1.0, bristle_stiffness = 1e4, bristle_damping = 30.0, fade = 0.05 } }
+inertia = {{ xx = 0.01, yy = 0.01, zz = 0.02 }}
+{joint_table("j1", "base", "l1", "revolute")}
+gamma.friction = {{ model = "lugre", coulomb = 1.0, bristle_stiffness = 1e4, bristle_damping = 30.0, fade = 0.05 }}
 [joints.motor]
 inertia = 1e-4
 ratio = 50.0
 stiffness = 1e4
 damping = 5.0
-friction = { model = "lugre", coulomb = 0.02, static = 0.03, stribeck = 1.0, bristle_stiffness = 20.0 }
-[[joints]]
-name = "j2"
-type = "revolute"
-parent = "l1"
-child = "l2"
-placement = { xyz = [0.4, 0.0, 0.0], rpy = [0.5, 0.0, 0.0] }
-x = { stiffness = 1e5, damping = 100.0 }
-beta = { stiffness = 1e3, damping = 1.0, friction = { model = "lugre", coulomb = 0.1, bristle_stiffness = 1e3 } }
-gamma = { friction = { model = "lugre", coulomb = 0.5, bristle_stiffness = 1e3, bristle_damping = 2.0 } }
-stiffness = { matrix = [[1e4, 10.0, 0.0], [10.0, 20.0, 5.0], [0.0, 5.0, 10.0]] }
-[[joints]]
-name = "j3"
-type = "revolute"
-parent = "l2"
-child = "l3"
-placement = { xyz = [0.3, 0.0, 0.0] }
-gamma = { role = "prescribed", friction = { model = "lugre", coulomb = 0.1, bristle_stiffness = 1e3 } }
+friction = {{ model = "lugre", coulomb = 0.02, static = 0.03, stribeck = 1.0, bristle_stiffness = 20.0 }}
+{joint_table("j2", "l1", "l2", "revolute")}
+placement = {{ xyz = [0.4, 0.0, 0.0], rpy = [0.5, 0.0, 0.0] }}
+x = {{ stiffness = 1e5, damping = 100.0 }}
+beta = {{ stiffness = 1e3, damping = 1.0, friction = {{ model = "lugre", coulomb = 0.1, bristle_stiffness = 1e3 }} }}
+gamma = {{ friction = {{ model = "lugre", coulomb = 0.5, bristle_stiffness = 1e3, bristle_damping = 2.0 }} }}
+stiffness = {{ matrix = [[1e4, 10.0, 0.0], [10.0, 20.0, 5.0], [0.0, 5.0, 10.0]] }}
+{joint_table("j3", "l2", "l3", "revolute")}
+placement = {{ xyz = [0.3, 0.0, 0.0] }}
+gamma = {{ role = "prescribed", friction = {{ model = "lugre", coulomb = 0.1, bristle_stiffness = 1e3 }} }}
 [[springs]]
 name = "s1"
 links = ["base", "l2"]
@@ -117,26 +106,22 @@ TURNED = (
     "hysteresis = { stiffness = 4.0, beta = 30.0, gamma = 10.0, n = 1.4, share = 0.3 },"
     " maxwell = [{ stiffness = 2.0, damping = 0.1 }]"
 )
-SEA = """
+SEA = f"""
 name = "drive"
 gravity = [0.0, -9.81, 0.0]
 [[links]]
 name = "arm"
 mass = 1.0
 com = [0.2, 0.0, 0.0]
-inertia = { xx = 0.01, yy = 0.02, zz = 0.02 }
-[[joints]]
-name = "elbow"
-type = "revolute"
-parent = "base"
-child = "arm"
+inertia = {{ xx = 0.01, yy = 0.02, zz = 0.02 }}
+{joint_table("elbow", "base", "arm", "revolute")}
 [joints.motor]
 inertia = 1e-4
 ratio = 50.0
 stiffness = 200.0
 damping = 0.1
-hysteresis = { stiffness = 300.0, beta = 200.0, gamma = 100.0, n = 1.5, share = 0.4 }
-maxwell = [{ stiffness = 100.0, damping = 2.0 }]
+hysteresis = {{ stiffness = 300.0, beta = 200.0, gamma = 100.0, n = 1.5, share = 0.4 }}
+maxwell = [{{ stiffness = 100.0, damping = 2.0 }}]
 """
 
 

@@ -22,6 +22,7 @@ from eomgen.simulation.run import run_scenario
 from tests.loops.test_closing import GEARED
 from tests.runtime.test_inverse_kinematics import SPLIT_ARM
 from tests.support.commands import command
+from tests.support.joint_table import joint_table
 from tests.support.soak import soaked
 
 pytestmark = [pytest.mark.usefixtures("unoptimised")]
@@ -263,18 +264,10 @@ name = "first"
 [[links]]
 name = "second"
 {LINK}
-[[joints]]
-name = "one"
-parent = "base"
-child = "first"
-type = "revolute"
+{joint_table("one", "base", "first", "revolute")}
 limits = [-1.0, 2.0]
 gamma = {{ damping = 0.1 }}
-[[joints]]
-name = "two"
-parent = "first"
-child = "second"
-type = "revolute"
+{joint_table("two", "first", "second", "revolute")}
 limits = [-0.8, 0.8]
 placement = {{ xyz = [0.2, 0.0, 0.0], rpy = [1.2, 0.0, 0.0] }}
 gamma = {{ damping = 0.2, armature = 0.02, stops = {{ lower = -0.6, upper = 0.6, stiffness = 1e3, damping = 1.0 }} }}

@@ -26,6 +26,7 @@ from eomgen.simulation.sampled_drive import SampledDrive
 from eomgen.sweep.driver import run
 from eomgen.sweep.plan import plan_from_toml
 from tests.control.test_inversion import GEARED, RODS, SCENARIO
+from tests.support.joint_table import joint_table
 from tests.support.pendulums import MOTOR, described
 from tests.support.refusals import refused
 from tests.support.soak import soaked
@@ -35,34 +36,26 @@ pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
 # Clipped drives
 
 
-ARM = """
+ARM = f"""
 name = "arm"
 gravity = [0.0, -9.81, 0.0]
 [[links]]
 name = "link1"
 mass = 2.0
 com = [0.3, 0.0, 0.0]
-inertia = { xx = 0.01, yy = 0.1, zz = 0.1 }
+inertia = {{ xx = 0.01, yy = 0.1, zz = 0.1 }}
 [[links]]
 name = "link2"
 mass = 1.0
 com = [0.3, 0.0, 0.0]
-inertia = { xx = 0.01, yy = 0.1, zz = 0.1 }
-[[joints]]
-name = "joint1"
-parent = "base"
-child = "link1"
-type = "revolute"
-y = { stiffness = 2e4, damping = 20.0 }
-gamma = { limits = { velocity = 1e3, effort = 12.0 } }
-[[joints]]
-name = "joint2"
-parent = "link1"
-child = "link2"
-type = "revolute"
-placement = { xyz = [0.6, 0.0, 0.1] }
-gamma = { friction = { coulomb = 0.1 } }
-motor = { inertia = 1e-4, ratio = -50.0, stiffness = 2e3, damping = 1.0, limits = { effort = 0.08 } }
+inertia = {{ xx = 0.01, yy = 0.1, zz = 0.1 }}
+{joint_table("joint1", "base", "link1", "revolute")}
+y = {{ stiffness = 2e4, damping = 20.0 }}
+gamma = {{ limits = {{ velocity = 1e3, effort = 12.0 }} }}
+{joint_table("joint2", "link1", "link2", "revolute")}
+placement = {{ xyz = [0.6, 0.0, 0.1] }}
+gamma = {{ friction = {{ coulomb = 0.1 }} }}
+motor = {{ inertia = 1e-4, ratio = -50.0, stiffness = 2e3, damping = 1.0, limits = {{ effort = 0.08 }} }}
 """
 CONTROLS = {
     "computed": "type = 'computed_torque'",

@@ -23,6 +23,7 @@ from eomgen.simulation.loads import Wrenches, combined_body
 from eomgen.simulation.references import PrescribedMotion, make_reference
 from eomgen.simulation.run import run_scenario, simulate
 from tests.oracles.mujoco_models import MujocoRobot
+from tests.support.joint_table import joint_table
 from tests.support.optional import OptionalModule
 from tests.support.random_robots import Array, random_robot
 from tests.support.soak import soaked
@@ -243,30 +244,22 @@ def test_initial_states_are_as_given() -> None:
 
 # Prescribed motions
 
-SHAKEN = """
+SHAKEN = f"""
 name = "shaken"
 [[links]]
 name = "cart"
 mass = 1.0
-inertia = { xx = 0.1, yy = 0.1, zz = 0.1 }
+inertia = {{ xx = 0.1, yy = 0.1, zz = 0.1 }}
 [[links]]
 name = "bob"
 mass = 2.0
 com = [0.3, 0.0, 0.0]
-inertia = { xx = 0.02, yy = 0.03, zz = 0.04 }
-[[joints]]
-name = "rail"
-parent = "base"
-child = "cart"
-type = "prismatic"
+inertia = {{ xx = 0.02, yy = 0.03, zz = 0.04 }}
+{joint_table("rail", "base", "cart", "prismatic")}
 prescribed = ["z"]
-[[joints]]
-name = "pin"
-parent = "cart"
-child = "bob"
-type = "revolute"
-placement = { rpy = [1.5707963267948966, 0.0, 0.0] }
-gamma = { damping = 0.2 }
+{joint_table("pin", "cart", "bob", "revolute")}
+placement = {{ rpy = [1.5707963267948966, 0.0, 0.0] }}
+gamma = {{ damping = 0.2 }}
 """
 
 

@@ -27,6 +27,7 @@ from eomgen.state.springs import coordinate_sizes, stiffnesses
 from tests.support.bristled import served_arm
 from tests.support.builds import Build
 from tests.support.drive_reference import drive, loops_of
+from tests.support.joint_table import joint_table
 from tests.support.refusals import refused
 from tests.support.soak import soaked
 from tests.support.swinging import MASS, NEEDED, STIFFNESS, elastic_arm, oscillator
@@ -123,23 +124,19 @@ TABLES = [  # drives of all kinds
 NAMES = ("filter_position", "integral_position", "filter_velocity", "integral_velocity", "filter_current")
 NAMES = (*NAMES, "integral_current", "current", "force", "input")
 
-ARM = """
+ARM = f"""
 name = "arm"
 gravity = [0.0, -9.81, 0.0]
 [[links]]
 name = "arm"
 mass = 2.0
 com = [0.2, 0.0, 0.0]
-inertia = { xx = 0.01, yy = 0.05, zz = 0.05 }
+inertia = {{ xx = 0.01, yy = 0.05, zz = 0.05 }}
 [[frames]]
 name = "tcp"
 link = "arm"
-placement = { xyz = [0.5, 0.0, 0.0] }
-[[joints]]
-name = "axis"
-type = "revolute"
-parent = "base"
-child = "arm"
+placement = {{ xyz = [0.5, 0.0, 0.0] }}
+{joint_table("axis", "base", "arm", "revolute")}
 """
 
 

@@ -4,39 +4,32 @@ from __future__ import annotations
 
 from eomgen.description.load import robot_from_toml
 from eomgen.robot.value import Robot
+from tests.support.joint_table import joint_table
 from tests.support.random_springs import with_springs
 
-ARM = """
+ARM = f"""
 name = "arm"
 [[links]]
 name = "link1"
 mass = 3.0
 com = [0.2, 0.0, 0.0]
-inertia = { xx = 0.01, yy = 0.05, zz = 0.05 }
+inertia = {{ xx = 0.01, yy = 0.05, zz = 0.05 }}
 [[links]]
 name = "link2"
 mass = 1.5
 com = [0.15, 0.0, 0.0]
-inertia = { xx = 0.005, yy = 0.02, zz = 0.02 }
-[[joints]]
-name = "joint1"
-parent = "base"
-child = "link1"
-type = "revolute"
-x = { stiffness = 2e5, damping = 80.0 }
-alpha = { stiffness = 4e3, damping = 3.0 }
-[[joints]]
-name = "joint2"
-parent = "link1"
-child = "link2"
-type = "revolute"
-placement = { xyz = [0.4, 0.0, 0.0], rpy = [1.5707963267948966, 0.0, 0.0] }
-y = { stiffness = 1e5, damping = 60.0 }
-gamma = { damping = 0.2 }
+inertia = {{ xx = 0.005, yy = 0.02, zz = 0.02 }}
+{joint_table("joint1", "base", "link1", "revolute")}
+x = {{ stiffness = 2e5, damping = 80.0 }}
+alpha = {{ stiffness = 4e3, damping = 3.0 }}
+{joint_table("joint2", "link1", "link2", "revolute")}
+placement = {{ xyz = [0.4, 0.0, 0.0], rpy = [1.5707963267948966, 0.0, 0.0] }}
+y = {{ stiffness = 1e5, damping = 60.0 }}
+gamma = {{ damping = 0.2 }}
 [[frames]]
 name = "tcp"
 link = "link2"
-placement = { xyz = [0.3, 0.0, 0.0] }
+placement = {{ xyz = [0.3, 0.0, 0.0] }}
 """
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import eomgen
 from eomgen.description import robot_from_toml
 from eomgen.robot.value import Robot
+from tests.support.joint_table import joint_table
 
 BRISTLES = ", bristle_stiffness = 300.0, bristle_damping = 0.5, fade = 0.5"
 FRICTION = f'friction = {{ model = "lugre", coulomb = 0.3, static = 0.4, stribeck = 0.1{BRISTLES} }}'
@@ -27,17 +28,9 @@ name = "l2"
 mass = 1.0
 com = [0.2, 0.0, 0.05]
 inertia = {{ xx = 0.02, yy = 0.03, zz = 0.04 }}
-[[joints]]
-name = "j1"
-type = "revolute"
-parent = "base"
-child = "l1"
+{joint_table("j1", "base", "l1", "revolute")}
 gamma = {{ {FRICTION} }}
-[[joints]]
-name = "j2"
-type = "revolute"
-parent = "l1"
-child = "l2"
+{joint_table("j2", "l1", "l2", "revolute")}
 placement = {{ xyz = [0.4, 0.0, 0.0], rpy = [0.5, 0.0, 0.0] }}
 x = {{ stiffness = 1e4, damping = 10.0 }}
 gamma = {{ damping = 0.1 }}

@@ -11,8 +11,9 @@ import numpy as np
 import eomgen
 from eomgen.errors import EomgenWarning
 from eomgen.robot.value import Joint, Placement, Robot
+from tests.support.joint_table import joint_table
 
-ARM = """
+ARM = f"""
 name = "arm"
 gravity = [0.0, 0.0, -9.81]
 tunable = ["links.link2.mass"]
@@ -21,34 +22,26 @@ tunable = ["links.link2.mass"]
 name = "link1"
 mass = 3.0
 com = [0.1, 0.0, 0.0]
-inertia = { xx = 0.1, yy = 0.2, zz = 0.2 }
+inertia = {{ xx = 0.1, yy = 0.2, zz = 0.2 }}
 
 [[links]]
 name = "link2"
 mass = 1.0
-inertia = { xx = 0.1, yy = 0.1, zz = 0.1 }
+inertia = {{ xx = 0.1, yy = 0.1, zz = 0.1 }}
 
-[[joints]]
-name = "joint1"
-parent = "base"
-child = "link1"
-type = "revolute"
-dh = { a = 0.0, alpha = 0.0, d = 0.3, theta = 0.0 }
-x = { stiffness = 1e6, damping = 10 }
-gamma = { damping = 0.1, armature = 0.02 }
+{joint_table("joint1", "base", "link1", "revolute")}
+dh = {{ a = 0.0, alpha = 0.0, d = 0.3, theta = 0.0 }}
+x = {{ stiffness = 1e6, damping = 10 }}
+gamma = {{ damping = 0.1, armature = 0.02 }}
 limits = [-1, 2]
 
-[[joints]]
-name = "joint2"
-parent = "link1"
-child = "link2"
-type = "prismatic"
-placement = { xyz = [0.5, 0.0, 0.0], rpy = [0.0, 0.1, 0.0] }
+{joint_table("joint2", "link1", "link2", "prismatic")}
+placement = {{ xyz = [0.5, 0.0, 0.0], rpy = [0.0, 0.1, 0.0] }}
 
 [[frames]]
 name = "tcp"
 link = "link2"
-placement = { xyz = [0.0, 0.0, 0.1] }
+placement = {{ xyz = [0.0, 0.0, 0.1] }}
 """
 
 URDF = """<?xml version="1.0"?>

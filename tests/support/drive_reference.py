@@ -9,23 +9,20 @@ from typing import Any
 
 from eomgen.description.load import robot_from_toml
 from eomgen.robot.value import Robot
+from tests.support.joint_table import joint_table
 
 Table = Mapping[str, Any]
 LOOPS = ("position", "velocity", "current")
 
 
-AXIS = """
+AXIS = f"""
 name = "servo"
 [[links]]
 name = "arm"
 mass = 1.0
 com = [0.2, 0.0, 0.0]
-inertia = { xx = 0.01, yy = 0.02, zz = 0.02 }
-[[joints]]
-name = "joint1"
-parent = "base"
-child = "arm"
-type = "revolute"
+inertia = {{ xx = 0.01, yy = 0.02, zz = 0.02 }}
+{joint_table("joint1", "base", "arm", "revolute")}
 """
 INERTIA, DAMPING = 0.08, 0.05
 WINDING = "winding = { resistance = 1.0, inductance = 1e-3, torque_constant = 0.5 }"

@@ -26,6 +26,7 @@ from eomgen.robot.parameter_names import FAMILIES, element_places
 from eomgen.robot.value import Link, LinkModes, Robot
 from tests.oracles.bending_lagrange import Cloud
 from tests.support.bending_links import nested
+from tests.support.joint_table import joint_table
 
 Array = NDArray[np.float64]
 
@@ -83,38 +84,30 @@ motor = { inertia = 1e-2, ratio = 3.0, stiffness = 10.0, damping = 2.0, cubic = 
 """
 BEARING = "{ clearance = 1e-2, stiffness = 100.0, length = 0.5, smoothing = 0.1, restitution_damping = 0.5, \
 friction = { coefficient = 0.1, radius = 0.2, smoothing = 0.1 } }\n"
-STIFFNESS = """
+STIFFNESS = f"""
 [[links]]
 name = "head"
 mass = 0.5
 com = [0.05, 0.02, 0.1]
-inertia = { xx = 1e-2, yy = 2e-2, zz = 1e-2 }
-[[joints]]
-name = "neck"
-parent = "rocker"
-child = "head"
-type = "revolute"
-placement = { xyz = [0.3, 0.0, 0.1], rpy = [0.2, 0.1, 0.0] }
-x = {}
-beta = { stiffness = 2.0 }
-stiffness = { matrix = [[40.0, 3.0, -2.0], [3.0, 5.0, 1.0], [-2.0, 1.0, 4.0]], preload = [1.0, -0.5, 0.2] }
-damping = { loss_factor = 0.9, at_hz = 1.5 }
+inertia = {{ xx = 1e-2, yy = 2e-2, zz = 1e-2 }}
+{joint_table("neck", "rocker", "head", "revolute")}
+placement = {{ xyz = [0.3, 0.0, 0.1], rpy = [0.2, 0.1, 0.0] }}
+x = {{}}
+beta = {{ stiffness = 2.0 }}
+stiffness = {{ matrix = [[40.0, 3.0, -2.0], [3.0, 5.0, 1.0], [-2.0, 1.0, 4.0]], preload = [1.0, -0.5, 0.2] }}
+damping = {{ loss_factor = 0.9, at_hz = 1.5 }}
 """
-DAMPING = """
+DAMPING = f"""
 [[links]]
 name = "hand"
 mass = 0.4
 com = [0.05, 0.02, 0.1]
-inertia = { xx = 1e-2, yy = 2e-2, zz = 1e-2 }
-[[joints]]
-name = "wrist"
-parent = "fore"
-child = "hand"
-type = "revolute"
-placement = { xyz = [0.3, 0.0, 0.1] }
-z = {}
-alpha = {}
-damping = { matrix = [[4.0, 0.2, 0.0], [0.2, 0.5, -0.1], [0.0, -0.1, 0.3]] }
+inertia = {{ xx = 1e-2, yy = 2e-2, zz = 1e-2 }}
+{joint_table("wrist", "fore", "hand", "revolute")}
+placement = {{ xyz = [0.3, 0.0, 0.1] }}
+z = {{}}
+alpha = {{}}
+damping = {{ matrix = [[4.0, 0.2, 0.0], [0.2, 0.5, -0.1], [0.0, -0.1, 0.3]] }}
 """
 SPRINGS = """
 [[springs]]
@@ -211,77 +204,61 @@ damping = { matrix = [[2.0, 0.1, 0.0, 0.1, 0.0, 0.0], [0.1, 1.0, 0.2, 0.0, 0.0, 
 [0.0, 0.2, 1.5, 0.0, 0.0, 0.0], [0.1, 0.0, 0.0, 0.2, 0.0, 0.1], [0.0, 0.0, 0.0, 0.0, 0.3, 0.0], \
 [0.0, 0.1, 0.0, 0.1, 0.0, 0.4]] }
 """
-REMEMBERING = """
+REMEMBERING = f"""
 [[links]]
 name = "finger"
 mass = 0.4
 com = [0.05, 0.01, 0.0]
-inertia = { xx = 3e-3, yy = 4e-3, zz = 5e-3 }
-[[joints]]
-name = "knuckle"
-parent = "fore"
-child = "finger"
-type = "revolute"
-placement = { xyz = [0.3, 0.0, 0.0], rpy = [0.2, 0.0, 0.1] }
-beta = { friction = { model = "lugre", coulomb = 3.0, bristle_stiffness = 2.0, bristle_damping = 1.0, fade = 0.7 } }
-gamma = { friction = { model = "lugre", coulomb = 2.0, static = 3.0, stribeck = 0.5, bristle_stiffness = 1.5, \
-bristle_damping = 0.8, viscous = 0.2 }, \
-hysteresis = { stiffness = 3.0, A = 1.2, beta = 0.9, gamma = -0.4, n = 1.6, share = 0.3 }, \
-maxwell = [{ stiffness = 2.0, damping = 1.0 }, { stiffness = 1.5, damping = 0.2 }] }
+inertia = {{ xx = 3e-3, yy = 4e-3, zz = 5e-3 }}
+{joint_table("knuckle", "fore", "finger", "revolute")}
+placement = {{ xyz = [0.3, 0.0, 0.0], rpy = [0.2, 0.0, 0.1] }}
+beta = {{ friction = {{ model = "lugre", coulomb = 3.0, bristle_stiffness = 2.0, bristle_damping = 1.0, fade = 0.7 }} }}
+gamma = {{ friction = {{ model = "lugre", coulomb = 2.0, static = 3.0, stribeck = 0.5, bristle_stiffness = 1.5, \
+bristle_damping = 0.8, viscous = 0.2 }}, \
+hysteresis = {{ stiffness = 3.0, A = 1.2, beta = 0.9, gamma = -0.4, n = 1.6, share = 0.3 }}, \
+maxwell = [{{ stiffness = 2.0, damping = 1.0 }}, {{ stiffness = 1.5, damping = 0.2 }}] }}
 [[links]]
 name = "thumb"
 mass = 0.3
 com = [0.04, 0.01, 0.01]
-inertia = { xx = 3e-3, yy = 4e-3, zz = 5e-3 }
-[[joints]]
-name = "saddle"
-parent = "rocker"
-child = "thumb"
-type = "revolute"
-placement = { xyz = [0.2, 0.0, 0.1], rpy = [0.1, -0.2, 0.1] }
+inertia = {{ xx = 3e-3, yy = 4e-3, zz = 5e-3 }}
+{joint_table("saddle", "rocker", "thumb", "revolute")}
+placement = {{ xyz = [0.2, 0.0, 0.1], rpy = [0.1, -0.2, 0.1] }}
 [joints.motor]
 inertia = 2e-2
 ratio = -2.0
 stiffness = 5.0
-hysteresis = { stiffness = 4.0, beta = 1.1, gamma = 0.5, n = 1.3, share = 0.2 }
-maxwell = [{ stiffness = 3.0, damping = 0.4 }]
-friction = { model = "lugre", coulomb = 1.0, bristle_stiffness = 0.8, viscous = 0.1 }
+hysteresis = {{ stiffness = 4.0, beta = 1.1, gamma = 0.5, n = 1.3, share = 0.2 }}
+maxwell = [{{ stiffness = 3.0, damping = 0.4 }}]
+friction = {{ model = "lugre", coulomb = 1.0, bristle_stiffness = 0.8, viscous = 0.1 }}
 """
 
-DRIVES = """
+DRIVES = f"""
 [[links]]
 name = "tool"
 mass = 0.5
 com = [0.04, 0.02, 0.0]
-inertia = { xx = 6e-3, yy = 5e-3, zz = 7e-3 }
+inertia = {{ xx = 6e-3, yy = 5e-3, zz = 7e-3 }}
 [[links]]
 name = "slide"
 mass = 0.3
 com = [0.0, 0.02, 0.0]
-inertia = { xx = 2e-3, yy = 3e-3, zz = 4e-3 }
-[[joints]]
-name = "swivel"
-parent = "rocker"
-child = "tool"
-type = "revolute"
-placement = { xyz = [0.2, 0.1, 0.0], rpy = [0.1, 0.3, 0.0] }
+inertia = {{ xx = 2e-3, yy = 3e-3, zz = 4e-3 }}
+{joint_table("swivel", "rocker", "tool", "revolute")}
+placement = {{ xyz = [0.2, 0.1, 0.0], rpy = [0.1, 0.3, 0.0] }}
 [joints.gamma.drive]
-winding = { resistance = 2.0, inductance = 0.3, torque_constant = 0.8 }
+winding = {{ resistance = 2.0, inductance = 0.3, torque_constant = 0.8 }}
 current_limit = 0.3
 voltage_limit = 0.8
 [joints.gamma.drive.controller]
-position = { kp = 2.0, ki = 1.0, kd = 0.5, filter = 0.4, limit = 0.5 }
-velocity = { kp = 0.7, ki = 1.5, kd = 0.2, filter = 0.3 }
-current = { kp = 1.5, ki = 2.0, kd = 0.1, filter = 0.5 }
-[[joints]]
-name = "rail"
-parent = "tool"
-child = "slide"
-type = "prismatic"
-placement = { xyz = [0.1, 0.0, 0.0], rpy = [0.4, 0.0, 0.2] }
+position = {{ kp = 2.0, ki = 1.0, kd = 0.5, filter = 0.4, limit = 0.5 }}
+velocity = {{ kp = 0.7, ki = 1.5, kd = 0.2, filter = 0.3 }}
+current = {{ kp = 1.5, ki = 2.0, kd = 0.1, filter = 0.5 }}
+{joint_table("rail", "tool", "slide", "prismatic")}
+placement = {{ xyz = [0.1, 0.0, 0.0], rpy = [0.4, 0.0, 0.2] }}
 [joints.z.drive]
 lag = 0.2
-controller = { kp = 3.0, ki = 2.0, kd = 1.0, limit = 0.7 }
+controller = {{ kp = 3.0, ki = 2.0, kd = 1.0, limit = 0.7 }}
 """
 
 ROBOTS: Mapping[type[ForceElement], Mapping[str, str]] = {

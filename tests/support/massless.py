@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import eomgen
 from eomgen.description.load import robot_from_toml, robot_from_urdf
+from tests.support.joint_table import joint_table
 
-TIP = """
+TIP = f"""
 name = "tip"
 tunable = ["joints.k.gamma.armature"]
 gravity = [0.0, -9.81, 0.0]
@@ -14,27 +15,19 @@ gravity = [0.0, -9.81, 0.0]
 name = "a"
 mass = 1.0
 com = [0.2, 0.0, 0.0]
-inertia = { xx = 0.01, yy = 0.02, zz = 0.02 }
+inertia = {{ xx = 0.01, yy = 0.02, zz = 0.02 }}
 
 [[links]]
 name = "b"
 mass = 0.0
 com = [0.0, 0.0, 0.0]
-inertia = { xx = 0.0, yy = 0.0, zz = 0.0 }
+inertia = {{ xx = 0.0, yy = 0.0, zz = 0.0 }}
 
-[[joints]]
-name = "j"
-parent = "base"
-child = "a"
-type = "revolute"
+{joint_table("j", "base", "a", "revolute")}
 
-[[joints]]
-name = "k"
-parent = "a"
-child = "b"
-type = "revolute"
-placement = { xyz = [0.5, 0.0, 0.0] }
-gamma = { stiffness = 10.0, damping = 1.0 }
+{joint_table("k", "a", "b", "revolute")}
+placement = {{ xyz = [0.5, 0.0, 0.0] }}
+gamma = {{ stiffness = 10.0, damping = 1.0 }}
 """
 WHEEL = """
 <robot name="cart">

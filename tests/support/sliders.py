@@ -6,17 +6,14 @@ from typing import Any
 
 from eomgen.description.load import robot_from_toml
 from eomgen.robot.value import Coordinate, Joint, Link, Robot
+from tests.support.joint_table import joint_table
 
-SLIDER = """
+SLIDER = f"""
 name = "slider"
 gravity = [0.0, 0.0, 0.0]
-links = [{ name = "mass", mass = 2.0, com = [0.0, 0.0, 0.0] }]
-[[joints]]
-name = "rail"
-parent = "base"
-child = "mass"
-type = "prismatic"
-z = { stiffness = 800.0, damping = 0.0 }
+links = [{{ name = "mass", mass = 2.0, com = [0.0, 0.0, 0.0] }}]
+{joint_table("rail", "base", "mass", "prismatic")}
+z = {{ stiffness = 800.0, damping = 0.0 }}
 """
 RELEASE = {"duration": 0.7, "initial": {"q": {"rail": 0.1}}}
 STIFF = "[[vary]]\nparameter = 'joints.rail.z.stiffness'\n"

@@ -36,6 +36,7 @@ from eomgen.sweep.result import SweepResult
 from eomgen.sweep.shipping import builds_of, pack, source_keys, unpack
 from eomgen.sweep.store import ROWS, opened
 from tests.support.commands import command
+from tests.support.joint_table import joint_table
 from tests.support.optional import needs
 from tests.support.refusals import refused
 from tests.support.sliders import RELEASE, SLIDER, STIFF, slider
@@ -43,30 +44,22 @@ from tests.support.soak import soaked
 
 pytestmark = [pytest.mark.usefixtures("unoptimised")]
 
-ARM = """
+ARM = f"""
 name = "bending_arm"
 links = [
-  { name = "upper", mass = 3.0, com = [0.3, 0.0, 0.0], inertia = { xx = 0.01, yy = 0.1, zz = 0.1 } },
-  { name = "fore", mass = 1.5, com = [0.2, 0.0, 0.0], inertia = { xx = 0.005, yy = 0.03, zz = 0.03 } },
+  {{ name = "upper", mass = 3.0, com = [0.3, 0.0, 0.0], inertia = {{ xx = 0.01, yy = 0.1, zz = 0.1 }} }},
+  {{ name = "fore", mass = 1.5, com = [0.2, 0.0, 0.0], inertia = {{ xx = 0.005, yy = 0.03, zz = 0.03 }} }},
 ]
-[[joints]]
-name = "shoulder"
-parent = "base"
-child = "upper"
-type = "revolute"
-placement = { xyz = [0.0, 0.0, 0.5], rpy = [1.5707963, 0.0, 0.0] }
-alpha = { stiffness = 4e4, damping = 40.0 }
-[[joints]]
-name = "elbow"
-parent = "upper"
-child = "fore"
-type = "revolute"
-placement = { xyz = [0.6, 0.0, 0.0] }
-x = { stiffness = 5e5, damping = 500.0 }
+{joint_table("shoulder", "base", "upper", "revolute")}
+placement = {{ xyz = [0.0, 0.0, 0.5], rpy = [1.5707963, 0.0, 0.0] }}
+alpha = {{ stiffness = 4e4, damping = 40.0 }}
+{joint_table("elbow", "upper", "fore", "revolute")}
+placement = {{ xyz = [0.6, 0.0, 0.0] }}
+x = {{ stiffness = 5e5, damping = 500.0 }}
 [[frames]]
 name = "tcp"
 link = "fore"
-placement = { xyz = [0.4, 0.0, 0.0] }
+placement = {{ xyz = [0.4, 0.0, 0.0] }}
 """
 REACH_FILE = "duration = 0.4\n[motion]\ntype = 'point_to_point'\ngoal = { shoulder = 0.5, elbow = -0.4 }\n"
 REACH = {"duration": 0.4, "motion": {"type": "point_to_point", "goal": {"shoulder": 0.5, "elbow": -0.4}}}

@@ -28,6 +28,7 @@ from tests.support.bending_robots import bent
 from tests.support.bristled import bristled_arm
 from tests.support.builds import Build
 from tests.support.drive_reference import AXIS, DAMPING, DRIVES, INERTIA, drive, numbers_of
+from tests.support.joint_table import joint_table
 from tests.support.random_robots import Array, random_robot, random_state, seeds, with_random_loops
 from tests.support.soak import soaked
 
@@ -268,27 +269,23 @@ def test_they_are_printed_by_name() -> None:
     assert r"\dot{z_{2}^{\beta}} &= \dot{\beta}_{2} - 20000.0 z_{2}^{\beta} \left|{\dot{\beta}_{2}}\right|" in latex
 
 
-WOUND = """
+WOUND = f"""
 name = "wound"
 gravity = [0.0, -9.81, 0.0]
 [[links]]
 name = "arm"
 mass = 1.0
 com = [0.2, 0.0, 0.0]
-inertia = { xx = 0.01, yy = 0.02, zz = 0.02 }
-[[joints]]
-name = "elbow"
-type = "revolute"
-parent = "base"
-child = "arm"
-gamma = { stiffness = 3.0, stops = { stiffness = 50.0, damping = 2.0, lower = -0.1 } }
+inertia = {{ xx = 0.01, yy = 0.02, zz = 0.02 }}
+{joint_table("elbow", "base", "arm", "revolute")}
+gamma = {{ stiffness = 3.0, stops = {{ stiffness = 50.0, damping = 2.0, lower = -0.1 }} }}
 [joints.motor]
 inertia = 1e-2
 ratio = 5.0
 stiffness = 200.0
 damping = 0.1
-hysteresis = { stiffness = 300.0, beta = 2.0, gamma = -1.0, n = 1.5, share = 0.4 }
-maxwell = [{ stiffness = 100.0, damping = 2.0 }]
+hysteresis = {{ stiffness = 300.0, beta = 2.0, gamma = -1.0, n = 1.5, share = 0.4 }}
+maxwell = [{{ stiffness = 100.0, damping = 2.0 }}]
 """
 
 

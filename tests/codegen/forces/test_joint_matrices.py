@@ -46,6 +46,7 @@ from tests.support.added_forces import (
 )
 from tests.support.builds import Build
 from tests.support.closeness import close
+from tests.support.joint_table import joint_table
 from tests.support.random_robots import Array, random_robot, random_state, seeds
 from tests.support.refusals import refused
 from tests.support.small_robots import free_body
@@ -204,22 +205,18 @@ def test_lagranges_equations() -> None:
     """A rod on a slide that turns, both coupled by the matrix: SymPy's Euler-Lagrange equations."""
     m, c, inertia, g = 2.0, 0.3, 0.05, 9.81
     K, D = sp.Matrix([[90, 12], [12, 8]]), sp.Matrix([[3, sp.Rational(-1, 2)], [sp.Rational(-1, 2), 1]])
-    text = """
+    text = f"""
 name = "rod"
 gravity = [0.0, -9.81, 0.0]
 [[links]]
 name = "rod"
 mass = 2.0
 com = [0.3, 0.0, 0.0]
-inertia = { xx = 0.0, yy = 0.05, zz = 0.05 }
-[[joints]]
-name = "joint"
-parent = "base"
-child = "rod"
-type = "revolute"
-x = {}
-stiffness = { matrix = [[90.0, 12.0], [12.0, 8.0]], preload = [0.7, -0.2] }
-damping = { matrix = [[3.0, -0.5], [-0.5, 1.0]] }
+inertia = {{ xx = 0.0, yy = 0.05, zz = 0.05 }}
+{joint_table("joint", "base", "rod", "revolute")}
+x = {{}}
+stiffness = {{ matrix = [[90.0, 12.0], [12.0, 8.0]], preload = [0.7, -0.2] }}
+damping = {{ matrix = [[3.0, -0.5], [-0.5, 1.0]] }}
 """
     robot, t = robot_from_toml(text), sp.Symbol("t")
     x, angle = sp.Function("x")(t), sp.Function("gamma")(t)

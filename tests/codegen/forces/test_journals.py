@@ -38,6 +38,7 @@ from tests.support.added_forces import (
 )
 from tests.support.builds import Build
 from tests.support.closeness import close
+from tests.support.joint_table import joint_table
 from tests.support.programs import answer
 from tests.support.random_robots import (
     Array,
@@ -332,21 +333,17 @@ OTHERWISE = (
     CRANK[: CRANK.index('[[joints]]\nname = "pin"')].replace(
         '"pin.gamma" = 3.141592653589793', '"crankpin.gamma" = 0.0'
     )
-    + """
-[[joints]]
-name = "crankpin"
-parent = "crank"
-child = "rod"
-type = "revolute"
-placement = { xyz = [0.05, 0.0, 0.0] }
+    + f"""
+{joint_table("crankpin", "crank", "rod", "revolute")}
+placement = {{ xyz = [0.05, 0.0, 0.0] }}
 [[loops]]
 name = "pin"
 links = ["slider", "rod"]
 type = "revolute"
-placements = [{ rpy = [0.0, -1.5707963267948966, 0.0] }, { xyz = [0.12, 0.0, 0.0] }]
-x = {}
-y = {}
-radial = { clearance = 5e-4, stiffness = 4e8, restitution_damping = 0.15 }
+placements = [{{ rpy = [0.0, -1.5707963267948966, 0.0] }}, {{ xyz = [0.12, 0.0, 0.0] }}]
+x = {{}}
+y = {{}}
+radial = {{ clearance = 5e-4, stiffness = 4e8, restitution_damping = 0.15 }}
 """
 )
 
@@ -381,7 +378,7 @@ def test_a_slider_crank_cut_at_its_worn_pin(built: Build) -> None:
     assert np.abs(np.abs(s[:, :2]) - np.abs(found[0][:, 2:4])).max() < 1e-8
 
 
-SWING = """
+SWING = f"""
 name = "swing"
 gravity = [0.0, -9.81, 0.0]
 driven = []
@@ -390,20 +387,16 @@ tunable = ["loops.pin.radial.clearance"]
 name = "bar"
 mass = 1.0
 com = [0.25, 0.0, 0.0]
-inertia = { xx = 1e-3, yy = 0.02, zz = 0.02 }
-[[joints]]
-name = "hinge"
-parent = "base"
-child = "bar"
-type = "revolute"
+inertia = {{ xx = 1e-3, yy = 0.02, zz = 0.02 }}
+{joint_table("hinge", "base", "bar", "revolute")}
 [[loops]]
 name = "pin"
 links = ["base", "bar"]
 type = "revolute"
-placements = [{ xyz = [0.5, 0.0, 0.0] }, { xyz = [0.5, 0.0, 0.0] }]
-x = {}
-y = {}
-radial = { clearance = 1e-3, stiffness = 1e6, restitution_damping = 0.5 }
+placements = [{{ xyz = [0.5, 0.0, 0.0] }}, {{ xyz = [0.5, 0.0, 0.0] }}]
+x = {{}}
+y = {{}}
+radial = {{ clearance = 1e-3, stiffness = 1e6, restitution_damping = 0.5 }}
 """
 
 

@@ -26,22 +26,19 @@ from eomgen.robot.model import Model, build_model
 from eomgen.robot.parameter_names import leasts
 from tests.support.bending_robots import Bending, bent, with_mode_follower
 from tests.support.dense_stages import dense_stage, run, staged
+from tests.support.joint_table import joint_table
 from tests.support.random_robots import random_robot, seeds
 
 Array = NDArray[np.float64]
-ROBOT = """
+ROBOT = f"""
 name = "spiral"
 gravity = [0.0, 0.0, -9.81]
 [[links]]
 name = "body"
 mass = 2.0
-inertia = { xx = 0.1, yy = 0.1, zz = 0.1 }
-[[joints]]
-name = "slide"
-type = "prismatic"
-parent = "base"
-child = "body"
-z = { friction = { model = "lugre", coulomb = 1.0, bristle_stiffness = 3.0 } }
+inertia = {{ xx = 0.1, yy = 0.1, zz = 0.1 }}
+{joint_table("slide", "base", "body", "prismatic")}
+z = {{ friction = {{ model = "lugre", coulomb = 1.0, bristle_stiffness = 3.0 }} }}
 """
 F_S, F_V, F_Z = 3.0, 0.5, np.array([2.0, -1.5])
 G_S, G_V = np.array([0.3, -0.2]), np.array([1.0, 0.7])
@@ -151,41 +148,33 @@ def test_elimination_is_a_dense_solve(k: int, seed: int) -> None:
     assert [row.free(given) + row.gained([first]) for row in rows.values()] == pytest.approx(expected[1:], rel=1e-9)
 
 
-RAILS = """
+RAILS = f"""
 name = "rails"
 gravity = [0.0, 0.0, 0.0]
 [[links]]
 name = "sled"
 mass = 2.0
-inertia = { xx = 0.1, yy = 0.1, zz = 0.1 }
+inertia = {{ xx = 0.1, yy = 0.1, zz = 0.1 }}
 [[links]]
 name = "tray"
 mass = 1.0
-inertia = { xx = 0.1, yy = 0.1, zz = 0.1 }
-[[joints]]
-name = "first"
-type = "prismatic"
-parent = "base"
-child = "sled"
-z = { stiffness = 4.0, maxwell = [{ stiffness = 3.0, damping = 0.7 }, { stiffness = 2.0, damping = 5.0 }] }
+inertia = {{ xx = 0.1, yy = 0.1, zz = 0.1 }}
+{joint_table("first", "base", "sled", "prismatic")}
+z = {{ stiffness = 4.0, maxwell = [{{ stiffness = 3.0, damping = 0.7 }}, {{ stiffness = 2.0, damping = 5.0 }}] }}
 [joints.motor]
 inertia = 0.02
 ratio = 5.0
 stiffness = 9.0
 damping = 0.3
-maxwell = [{ stiffness = 6.0, damping = 0.5 }]
-[[joints]]
-name = "second"
-type = "prismatic"
-parent = "sled"
-child = "tray"
-placement = { rpy = [0.4, 0.3, 0.0] }
+maxwell = [{{ stiffness = 6.0, damping = 0.5 }}]
+{joint_table("second", "sled", "tray", "prismatic")}
+placement = {{ rpy = [0.4, 0.3, 0.0] }}
 [[couplings]]
 name = "belt"
 of = "second.z"
-to = { "first.z" = -1.5 }
+to = {{ "first.z" = -1.5 }}
 stiffness = 2.0
-maxwell = [{ stiffness = 5.0, damping = 0.4 }, { stiffness = 1.0, damping = 3.0 }]
+maxwell = [{{ stiffness = 5.0, damping = 0.4 }}, {{ stiffness = 1.0, damping = 3.0 }}]
 """
 
 

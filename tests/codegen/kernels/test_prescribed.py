@@ -21,6 +21,7 @@ from eomgen.simulation.run import simulate
 from eomgen.state.equilibrium import static_equilibrium
 from tests.oracles.pinocchio_models import PinocchioOracle
 from tests.support.builds import Build
+from tests.support.joint_table import joint_table
 from tests.support.random_robots import Array, State, random_robot, random_state, seeds, some_prescribed
 from tests.support.swinging import NEEDED
 
@@ -101,31 +102,23 @@ def test_rollouts_follow_accelerations(seed: int, built: Build) -> None:
     assert np.abs(one_q[1] - (s.q + dt * one_v[1])).max() < 1e-11
 
 
-PENDULUM = """
+PENDULUM = f"""
 name = "pendulum"
 [[links]]
 name = "rod"
 mass = 0.7
 com = [0.0, -0.4, 0.0]
-inertia = { xx = 0.01, yy = 0.001, zz = 0.01 }
+inertia = {{ xx = 0.01, yy = 0.001, zz = 0.01 }}
 [[links]]
 name = "pivot"
 mass = 0.2
 com = [0.0, 0.0, 0.0]
-inertia = { xx = 0.001, yy = 0.001, zz = 0.001 }
-[[joints]]
-name = "shaker"
-parent = "base"
-child = "pivot"
-type = "prismatic"
-z = { role = "prescribed" }
-[[joints]]
-name = "hinge"
-parent = "pivot"
-child = "rod"
-type = "revolute"
-placement = { rpy = [1.5707963267948966, 0.0, 0.0] }
-gamma = { damping = 0.05 }
+inertia = {{ xx = 0.001, yy = 0.001, zz = 0.001 }}
+{joint_table("shaker", "base", "pivot", "prismatic")}
+z = {{ role = "prescribed" }}
+{joint_table("hinge", "pivot", "rod", "revolute")}
+placement = {{ rpy = [1.5707963267948966, 0.0, 0.0] }}
+gamma = {{ damping = 0.05 }}
 """
 
 

@@ -19,6 +19,7 @@ from eomgen.robot.value import ANGULAR, COORDINATES, Robot
 from tests.oracles.pinocchio_models import PinocchioOracle
 from tests.support.builds import Build
 from tests.support.closeness import distance
+from tests.support.joint_table import joint_table
 from tests.support.random_robots import random_robot, random_state, seeds, with_offsets
 
 TYPES = ("revolute", "prismatic", "fixed", "free")
@@ -105,19 +106,15 @@ def test_closed_form_and_textbook_know_offsets(seed: int, built: Build) -> None:
 
 def test_an_offset_ends_a_coaxial_zero() -> None:
     """z and gamma of a joint share an axis, unless an angle stands between them."""
-    text = """
+    text = f"""
 name = "slide"
 [[links]]
 name = "a"
 mass = 1.0
 com = [0.1, 0.2, 0.3]
-inertia = { xx = 0.1, yy = 0.1, zz = 0.1 }
-[[joints]]
-name = "j"
-parent = "base"
-child = "a"
-type = "revolute"
-z = {}
+inertia = {{ xx = 0.1, yy = 0.1, zz = 0.1 }}
+{joint_table("j", "base", "a", "revolute")}
+z = {{}}
 """
     assert not zero_map(build_model(robot_from_toml(text))).mass_matrix.mask[0, 1]
     assert zero_map(build_model(robot_from_toml(text + "offset = { alpha = 0.1 }\n"))).mass_matrix.mask[0, 1]
