@@ -7,9 +7,7 @@ import struct
 import tokenize
 import zipfile
 import zlib
-from collections.abc import Collection, Iterator
-from contextlib import contextmanager
-from contextvars import ContextVar
+from collections.abc import Collection
 from math import prod
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -23,8 +21,6 @@ from .names import plain_path, show
 
 VARIABLE = "EOMGEN_NPZ_MB"  # of the environment: megabytes that the arrays of a file may have
 _MOST_MB = 256
-_UNLIMITED = 1 << 62  # bytes
-_ANY_SIZE = ContextVar("any_size", default=False)
 _MOST_DIRECTORY = 1 << 20  # bytes of a file's directory: some ten thousand arrays
 _END = struct.Struct("<4s4H2LH")  # of the directory, as the ZIP format has it
 _BLOCK = 1 << 20
@@ -87,20 +83,8 @@ def read_npz(
         raise InputError(f"{plain_path(path)}: is no .npz as NumPy writes it ({show(str(error))}){_ALLOWED}") from None
 
 
-@contextmanager
-def any_size() -> Iterator[None]:
-    """Let a block read arrays of any size: of files that this process has just written."""
-    token = _ANY_SIZE.set(True)
-    try:
-        yield
-    finally:
-        _ANY_SIZE.reset(token)
-
-
 def most_bytes(variable: str = VARIABLE, megabytes: int = _MOST_MB) -> int:
     """Return the bytes that a file may have: megabytes, or as the environment says; InputError for no number."""
-    if _ANY_SIZE.get():
-        return _UNLIMITED
     text = os.environ.get(variable, str(megabytes))
     if not (text.isascii() and text.isdecimal() and int(text[:9]) > 0 and len(text) <= 9):
         raise InputError(f"the environment's {variable} is {show(text)}; allowed: a number of megabytes")

@@ -192,12 +192,9 @@ def test_the_limit_can_be_another(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 def test_a_result_is_written_whatever_its_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("EOMGEN_NPZ_MB", "1")
     sizes: list[int] = []
-
-    def read(path: Path) -> None:
-        sizes.append(read_npz(path)["t"].size)
-
-    path = write_npz(tmp_path / "a.npz", {}, {"t": np.zeros(1 << 18)}, read)
-    assert sizes == [1 << 18]
+    for size in (1 << 12, 1 << 18):
+        path = write_npz(tmp_path / "a.npz", {}, {"t": np.zeros(size)}, lambda x: sizes.append(read_npz(x)["t"].size))
+    assert sizes == [1 << 12]
     with pytest.raises(InputError, match="allowed: up to 1048576"):
         read_npz(path)
 

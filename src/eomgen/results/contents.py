@@ -16,7 +16,7 @@ from ..files import Reader, check_ending, read_regular, write_atomically
 from ..forms.plain import parse_json, value_of
 from ..limits import LARGEST_FOUND
 from ..names import show, show_path
-from ..npz import any_size, most_bytes
+from ..npz import most_bytes
 from .beside import JSON as JSON
 from .beside import NPZ as NPZ
 from .stored import ALLOWED, Stored
@@ -86,14 +86,16 @@ def write_npz(path: Path | str, plain: Mapping[str, Any], arrays: Mapping[str, A
         path: of the file.
         plain: values that JSON holds.
         arrays: by name.
-        read: reads the file back, see ``write_atomically``; it may be larger than what is usually read.
+        read: reads the file back, see ``write_atomically``; not called where there are more bytes than half of what is
+            usually read, so that a long simulation is not lost at its end.
 
     Raises:
         InputError: the file cannot be written, or cannot be read back.
     """
     members: dict[str, Any] = {**arrays, META: np.array(json.dumps(plain, default=as_plain))}
-    with any_size():
-        return write_atomically(Path(path), lambda stream: np.savez_compressed(stream, **members), read=read)
+    is_usual = sum(np.asarray(x).nbytes for x in members.values()) <= most_bytes() // 2
+    back = read if is_usual else None
+    return write_atomically(Path(path), lambda stream: np.savez_compressed(stream, **members), read=back)
 
 
 def write_json(path: Path | str, plain: Mapping[str, Any], read: Reader) -> Path:
