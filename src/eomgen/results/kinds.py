@@ -139,7 +139,8 @@ class Kind(Generic[Result]):
 
 
 def _is_array(kind: Any, stored: Stored | None) -> bool:
-    is_array = getattr(getattr(kind, "__origin__", None), "__name__", "") == "ndarray"
+    origin = getattr(getattr(kind, "__origin__", None), "__name__", "")
+    is_array = origin in ("ndarray", "NDArray")  # the latter from NumPy 2.5 on, whose NDArray is an alias by itself
     return stored is not None and (is_array or stored.of is str)
 
 
