@@ -480,11 +480,11 @@ def test_what_explains_nothing_is_not_written(tmp_path: Path, monkeypatch: pytes
 def test_what_has_not_converged_is_not_written(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     made = trial(chain(2, "RRR"), 3, 16, noise=(1e-3, 1e-3))
     poses = made.poses("rx", "ry", "rz")
-    cases = (("_STEPS", (1e-3, 1e-3), "steps of the fit do not reach"), ("_ROUNDS", None, "do not settle"))
-    for name, noise, said in cases:
+    cases = (("_STEPS", 0, (1e-3, 1e-3), "steps of the fit do not reach"), ("_ROUNDS", 1, None, "do not settle"))
+    for name, most, noise, said in cases:
         assert calibrate(made.robot, poses, folds=0, noise=noise).status == "converged"
         with monkeypatch.context() as patch:
-            patch.setattr(geometry, name, 1)
+            patch.setattr(geometry, name, most)
             found = calibrate(made.robot, poses, folds=0, noise=noise)
         assert said in found.status
         assert found.status in found.lines()[0]

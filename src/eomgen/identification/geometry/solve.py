@@ -26,9 +26,7 @@ _LEAST_DAMPING = 1e-3  # of directions that show an expected size as much as its
 _UPWARD = 1e-6  # share of the sum of squares that a step may add: no noise shows that
 _RETURNED = 1e-4  # share that the way back along directions that do not show may add
 _STILL = 3  # steps one after the other that gain no more than that, behind which a fit has ended
-_STUCK = (
-    1e-3  # share of the sum of squares that a step promises without keeping it, from which a fit is not at its least
-)
+_PROMISED = 1e-2  # share of the sum of squares that a further step may promise where a fit is at its least
 _SMALL = 1e-9  # of a step, in expected sizes
 _ROUNDS = 25  # of noise that is estimated, or weights that follow from residuals
 _SETTLED = 1e-3  # relative change of estimated noise
@@ -221,11 +219,12 @@ def _descend(
         change = (x - model.nominal) / problem.prior if problem.prior is not None else np.zeros(1)
         return float(white @ white + change @ change)
 
-    best, damping, still, status = cost(r, x), 0.0, 0, SOLVED
+    best, damping, still, has_ended = cost(r, x), 0.0, 0, False
     linear = _linear(problem, r, A, x, sigma, trust, kept)
     for _ in range(steps):
         z = (x[active] - nominal) / sizes
-        if np.abs(linear.step(z, 0.0)).max(initial=0.0) < _SMALL:
+        has_ended = np.abs(linear.step(z, 0.0)).max(initial=0.0) < _SMALL
+        if has_ended:
             break
         damping = 0.1 * damping if damping > _LEAST_DAMPING else 0.0
         for _ in range(_TRIES):
@@ -239,18 +238,17 @@ def _descend(
                 break
             damping = max(10.0 * damping, _LEAST_DAMPING)
         else:
-            if linear.cost(linear.step(z, 0.0)) < (1.0 - _STUCK) * best:
-                status = "no step of the fit lowers what is left, although it is not at its least"
             break
         gained = best - new
         x, r, A, best = tried, new_r, new_A, new
         linear = _linear(problem, r, A, x, sigma, trust, kept)
         still = still + 1 if gained <= _UPWARD * best else 0
-        if still == _STILL or (gained <= 1e-12 * best and np.abs(step).max() < 1e-6):
+        has_ended = still == _STILL or bool(gained <= 1e-12 * best and np.abs(step).max() < 1e-6)
+        if has_ended:
             break
-    else:
-        status = f"{steps} steps of the fit do not reach the least sum of squares"
-    return x, r, A, linear, status
+    least = linear.cost(linear.step((x[active] - nominal) / sizes, 0.0))
+    is_least = has_ended or least >= (1.0 - _PROMISED) * best
+    return x, r, A, linear, SOLVED if is_least else "the steps of the fit do not reach the least sum of squares"
 
 
 def _linear(problem: Problem, r: Array, A: Array, x: Array, sigma: Array, trust: Array, kept: Index) -> _Linear:
