@@ -219,7 +219,8 @@ def check_kinks(joints: Sequence[Joint], courses: Sequence[Array], t: Array) -> 
         if below is not None and below != above:
             before = _passed(e, 0.0)
             slopes = np.where(np.outer([1.0, -1.0], e[before]) < 0.0, below, above)  # before 0 and behind it, (2, rows)
-            jumps = np.abs(ratio * rate[before] * (1.0 - slopes[0] / slopes[1]))
+            with np.errstate(divide="ignore"):  # without a stiffness on the other side it jumps without bound
+                jumps = np.abs(ratio * rate[before] * (1.0 - slopes[0] / slopes[1]))
             rows = before[jumps > JUMPS * np.abs(ratio * rate).max(initial=0.0)]
             if rows.size and not law.damping:
                 raise InputError(

@@ -398,21 +398,21 @@ def _drive(
         return _torque(robot, scenario, control.get("table"), kernel)
     if program is None or control.type == "feedforward":  # which is made of all of the scenario
         return NoControl()
-    meant = _by_reference(scenario, control, kernel, driven)
+    meant = _inputs(scenario, control, kernel, driven)
     reference = ReferenceControl(program, actuators(kernel, driven), np.array([x.unit.endswith("/s") for x in meant]))
     if control.type == "reference":
         return reference
+    forces = _force_control(robot, scenario, control, kernel, rigid, context)
     servos = np.array([not x.is_force for x in meant])
-    if servos.any():
-        for key in ("kp", "kd"):
-            gains = control.get(key, 0.0)
-            idle = gains if isinstance(gains, Mapping) else {}
-            named = [name for name in idle if names_in_scenarios(robot).get(name) in np.array(driven)[servos]]
-            if named:
-                scenario.fail(f"control.{key}.{named[0]}", "its drive takes a reference; allowed: drives of forces")
-        forces = _force_control(robot, scenario, control, kernel, rigid, context)
-        return MixedControl(forces, reference, reference.actuators.index[servos])
-    return _force_control(robot, scenario, control, kernel, rigid, context)
+    if not servos.any():
+        return forces
+    by_servos, places = set(np.array(driven)[servos].tolist()), names_in_scenarios(robot)
+    for key in ("kp", "kd"):
+        gains = control.get(key, 0.0)
+        for name in gains if isinstance(gains, Mapping) else ():
+            if places.get(name) in by_servos:
+                scenario.fail(f"control.{key}.{name}", "its drive takes a reference; allowed: drives of forces")
+    return MixedControl(forces, reference, reference.actuators.index[servos])
 
 
 def _force_control(
@@ -450,7 +450,7 @@ def default_control(robot: Robot) -> str:
     return "reference" if loops and all(loops) else "computed_torque"
 
 
-def _by_reference(scenario: Scenario, control: Section, kernel: Kernel, driven: tuple[str, ...]) -> list[DriveInput]:
+def _inputs(scenario: Scenario, control: Section, kernel: Kernel, driven: tuple[str, ...]) -> list[DriveInput]:
     """Return what u means at the driven coordinates; DescriptionError where the control has nothing for one of them.
 
     Beside drives that take forces those that take a reference get it under any control of forces.
@@ -491,6 +491,8 @@ def _saturated(
 
 def _distributes_forces(drive: Control) -> bool:
     """Return whether a model of the robot distributes forces among drives."""
+    if isinstance(drive, MixedControl):
+        return _distributes_forces(drive.forces)
     return isinstance(drive, ComputedTorque | SampledDrive) or (isinstance(drive, JointPD) and drive.rigid is not None)
 
 
