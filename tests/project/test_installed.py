@@ -22,7 +22,7 @@ from tests.support.optional import needs
 from tests.support.soak import WHOLE
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-QUICK = ("-m", "pytest", "-q", "-m", "quick", "-n", "0", "-p", "no:cacheprovider")
+QUICK = ("-m", "pytest", "-q", "-m", "quick and not soak", "-n", "0", "-p", "no:cacheprovider")
 EXTRA_MODULES = ("scipy", "matplotlib")
 SIMULATE = ("simulate", "one_link", "--method", "rk4")
 WHERE = "import eomgen, eomgen.codegen as c, eomgen.templates as t; print(eomgen.__file__, c.__file__, t.__file__)"
@@ -81,7 +81,7 @@ def quick_tests(version: str, packages: list[str], archives: tuple[Path, Path], 
 def test_the_quick_tests_pass_in_random_order() -> None:
     needs("pytest_randomly")
     seed = random.SystemRandom().randrange(1_000_000)
-    print(f"pytest -m quick -p randomly --randomly-seed={seed}")
+    print(f"pytest -m 'quick and not soak' -p randomly --randomly-seed={seed}")
     done = command((sys.executable, *QUICK, "-p", "randomly", f"--randomly-seed={seed}"), ROOT)
     assert done.returncode == 0, (seed, done.stdout[-6000:] + done.stderr[-2000:])
 
