@@ -257,6 +257,7 @@ def test_what_has_no_feedforward_is_refused_by_name(motor: str, more: str, messa
 TWO_SIDES = "stiffness = 800.0, stiffness_negative = 300.0"
 
 
+@pytest.mark.soak
 def test_a_gear_that_passes_a_jump_of_its_slope_is_refused_or_said() -> None:
     """Without a damper the motor's velocity would have to jump; with one its torque does."""
     program = PointToPoint(np.zeros(1), np.ones(1), 0.3, smooth=4)

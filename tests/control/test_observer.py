@@ -23,7 +23,7 @@ from tests.loops.test_elastic_cuts import coupled
 from tests.support.joint_table import joint_table
 from tests.support.observer_code import CompiledObserver
 from tests.support.refusals import refused
-from tests.support.soak import WHOLE
+from tests.support.soak import WHOLE, soaked
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -159,7 +159,7 @@ def test_c_reads_every_sensor(tmp_path: Path) -> None:
     compare_with_c("one_link", m, (), "covariance", "float64", tmp_path / "plain", lost=1e8)
 
 
-@pytest.mark.parametrize("dtype", ["float64", "float32"])
+@pytest.mark.parametrize("dtype", soaked(["float64", "float32"], ["float32"]))
 def test_masses_stay_above_0(dtype: str, tmp_path: Path) -> None:
     """A reading that a negative mass would explain: the estimate is projected, by name, and the filter goes on."""
     robot, name, u = robot_from_toml(VERTICAL), "links.link1.mass", np.array([1.0])

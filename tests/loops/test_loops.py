@@ -264,6 +264,7 @@ def test_another_cut_of_the_same_mechanism(kind: str, seed: int, built: Build) -
 # ---- laws of mechanics
 
 
+@pytest.mark.soak
 def test_closing_loses_the_energy_of_the_lost_velocity(example) -> None:  # type: ignore[no-untyped-def]
     """Carnot's theorem; and velocities that are consistent already stay."""
     loops = example("gough")

@@ -274,6 +274,7 @@ def test_a_package_that_is_installed_is_said(tmp_path: Path, monkeypatch: pytest
     assert check_module_name("an_arm_of_mine") == ""
 
 
+@pytest.mark.soak
 def test_paths_with_line_ends_are_quoted(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

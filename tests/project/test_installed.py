@@ -18,7 +18,6 @@ from packaging.requirements import Requirement
 from eomgen.cli import entry as cli
 from release.pythons import PYTHONS, interpreter
 from tests.support.archives import ROOT
-from tests.support.optional import needs
 from tests.support.soak import WHOLE
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
@@ -37,7 +36,9 @@ def command(words: Sequence[str], folder: Path) -> subprocess.CompletedProcess[s
 @pytest.mark.soak
 @pytest.mark.parametrize("version", PYTHONS if WHOLE else PYTHONS[1:2])
 def test_the_quick_tests_pass(version: str, archives: tuple[Path, Path], tmp_path: Path) -> None:
-    quick_tests(version, [f"{archives[1]}[test]"], archives, tmp_path)
+    """In random order."""
+    order = ("-p", "randomly", f"--randomly-seed={random.SystemRandom().randrange(1_000_000)}")
+    quick_tests(version, [f"{archives[1]}[test]", "pytest-randomly"], archives, tmp_path, order)
 
 
 @pytest.mark.soak
@@ -57,7 +58,9 @@ def oldest(requirements: Iterable[str]) -> Iterator[str]:
             yield f"{requirement.name}=={bound}"
 
 
-def quick_tests(version: str, packages: list[str], archives: tuple[Path, Path], folder: Path) -> None:
+def quick_tests(
+    version: str, packages: list[str], archives: tuple[Path, Path], folder: Path, order: Sequence[str] = ()
+) -> None:
     """Install packages for a Python, and run the quick tests of the source distribution there."""
     python, here = interpreter(version), str(folder / "venv" / "bin" / "python")
     if python is None:
@@ -72,18 +75,9 @@ def quick_tests(version: str, packages: list[str], archives: tuple[Path, Path], 
     where = command((here, "-c", WHERE), tree).stdout.split()
     assert len(where) == 3
     assert all(place.startswith(str(folder / "venv")) for place in where), where
-    done = command((here, *QUICK), tree)
-    assert done.returncode == 0, done.stdout[-6000:] + done.stderr[-2000:]
+    done = command((here, *QUICK, *order), tree)
+    assert done.returncode == 0, (order, done.stdout[-6000:] + done.stderr[-2000:])
     print(f"Python {version}, {', '.join(packages)}: {done.stdout.strip().splitlines()[-1]}")
-
-
-@pytest.mark.soak
-def test_the_quick_tests_pass_in_random_order() -> None:
-    needs("pytest_randomly")
-    seed = random.SystemRandom().randrange(1_000_000)
-    print(f"pytest -m 'quick and not soak' -p randomly --randomly-seed={seed}")
-    done = command((sys.executable, *QUICK, "-p", "randomly", f"--randomly-seed={seed}"), ROOT)
-    assert done.returncode == 0, (seed, done.stdout[-6000:] + done.stderr[-2000:])
 
 
 def test_without_extras_a_simulation_is_whole_but_for_its_plots(

@@ -12,6 +12,7 @@ import eomgen
 from eomgen import Kernel, Robot
 from eomgen.integration import integrate
 from tests.support.bending_links import Points, bending_chain
+from tests.support.soak import soaked
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -131,7 +132,8 @@ def test_forces_are_those_of_newton_on_the_particles(case: Case) -> None:
     assert np.abs(kernel.forward_dynamics(q, v, force) - a).max() < 1e-7
 
 
-@pytest.mark.parametrize("which", ["drawn in", pytest.param("stiffening", marks=pytest.mark.soak)])
+@pytest.mark.soak
+@pytest.mark.parametrize("which", ["drawn in", "stiffening"])
 def test_derivatives_are_those_of_differences(which: str) -> None:
     _, _, kernel = made(drawn_in=True, second=which == "stiffening")
     q, v, a = random_state(kernel, 2)
@@ -179,7 +181,7 @@ def test_forces_are_those_of_lagrange(stiffening: Case) -> None:
     assert np.abs(kernel.forward_dynamics(q, v, force) - a).max() < 1e-7
 
 
-@pytest.mark.parametrize("method", ["rk4", "tsit5", "rosenbrock", "radau"])
+@pytest.mark.parametrize("method", soaked(["rk4", "tsit5", "rosenbrock", "radau"], ["rosenbrock"]))
 def test_methods_agree_with_one_of_scipy(stiffening: Case, method: Any) -> None:
     """Springs and dampers of modes are among what implicit methods solve for."""
     _, _, kernel = stiffening
