@@ -60,10 +60,10 @@ def sizes(folder: Path) -> list[tuple[str, int]]:
 
 
 def check_results(folder: Path) -> int:
-    """Whatever is called a result is one, of one piece; the number of the last."""
+    """Whatever is called a result is one, of one piece; the number of the last.  Leftovers begin with a dot."""
     last = 0
     for path in folder.glob("*.npz"):
-        if path.name != "start.npz":
+        if path.name != "start.npz" and not path.name.startswith("."):
             found = eomgen.load_result(path)
             (number,) = np.unique(found.trajectory.q)
             assert found.notes == (str(number),)
