@@ -109,7 +109,7 @@ def write_atomically(target: Path, write: Callable[[Any], None], *, read: Reader
     Raises:
         InputError: the folder or the file cannot be written, or the file cannot be read back.
     """
-    temporary = target.with_name(f".{target.name}-{os.getpid()}-{os.urandom(4).hex()}{target.suffix}")
+    temporary = target.with_name(f".{target.name}-{os.getpid()}-{os.urandom(4).hex()}")
     made: list[Path] = []
     try:
         made = [folder for folder in (target.parent, *target.parent.parents) if not folder.exists()]
@@ -119,7 +119,8 @@ def write_atomically(target: Path, write: Callable[[Any], None], *, read: Reader
                 write(stream)
                 stream.flush()
                 os.fsync(stream.fileno())  # first the content, then its name
-            if read is not None:
+            if read is not None:  # which is of one piece now, and may be called what readers know formats by
+                temporary = temporary.rename(temporary.with_name(f"{temporary.name}{target.suffix}"))
                 read_back(temporary, target, read)
             temporary.replace(target)
             made = []

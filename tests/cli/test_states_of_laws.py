@@ -156,13 +156,13 @@ def check(command: str, calls: dict[str, tuple[tuple[str, ...], int, str]]) -> N
     assert said in out + err
 
 
-@pytest.mark.parametrize("command", soaked(CALLS, [*CALLS][::2]))
+@pytest.mark.parametrize("command", soaked(CALLS, CALLS.keys() - {"fit", "live"}))
 def test_it_works_or_refuses_by_name(command: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(folder)
     check(command, CALLS)
 
 
-@pytest.mark.parametrize("command", soaked(SERVO, [*SERVO][1::2]))
+@pytest.mark.parametrize("command", soaked(SERVO, SERVO.keys() - {"live"}))
 def test_servo_drives(command: str, servo: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(servo)
     check(command, SERVO)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import cmath
-import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -44,13 +43,11 @@ from tests.support.rollout_cases import (
     signal,
     under_loads,
 )
-from tests.support.soak import across, soaked
 
 pytestmark = [
     pytest.mark.usefixtures("unoptimised"),
     pytest.mark.filterwarnings("ignore::eomgen.errors.EomgenWarning"),
 ]
-FAST = [kind for kind in KINDS if kind not in SLOW]
 EVERY = [pytest.param(kind, marks=[pytest.mark.soak] if kind in SLOW else []) for kind in KINDS]
 BARE = ("rollout", "explicit_gradient", "explicit_sensitivity", "external_force", "inverse_dynamics")
 
@@ -63,7 +60,8 @@ def test_against_differences(kind: str, method: str, built: Build, monkeypatch: 
     case_of(built, kind, method).check_differences(h=1e-7 if kind == "stops" else 1e-5)
 
 
-@pytest.mark.parametrize(("method", "kind"), [*across(METHODS, FAST), *soaked(itertools.product(METHODS, SLOW), ())])
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("kind", EVERY)
 def test_sensitivities_are_gradients(kind: str, method: str, built: Build, monkeypatch: pytest.MonkeyPatch) -> None:
     """Weighted and summed up they are what goes back through the steps; in parts of steps to the bit."""
     case = case_of(built, kind, method)

@@ -11,11 +11,13 @@ import sys
 import textwrap
 import time
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 import pytest
 
 import eomgen
+from eomgen import files
 from eomgen.errors import InputError
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.result import SimulationResult
@@ -60,10 +62,10 @@ def sizes(folder: Path) -> list[tuple[str, int]]:
 
 
 def check_results(folder: Path) -> int:
-    """Whatever is called a result is one, of one piece; the number of the last.  Leftovers begin with a dot."""
+    """Whatever is called a result is one, of one piece; the number of the last."""
     last = 0
     for path in folder.glob("*.npz"):
-        if path.name != "start.npz" and not path.name.startswith("."):
+        if path.name != "start.npz":
             found = eomgen.load_result(path)
             (number,) = np.unique(found.trajectory.q)
             assert found.notes == (str(number),)
@@ -150,6 +152,25 @@ def test_killed_writers(kind: str, count: int, result: SimulationResult, tmp_pat
     assert max(found) > 0
     if kind == "rows":  # each goes on where the last one ended
         assert found == sorted(found)
+
+
+def test_nothing_is_called_a_result_before_it_is_whole(tmp_path: Path) -> None:
+    """Nor under a temporary name: a writer may be killed at any moment, and leave what it has then."""
+    seen = dict[str, list[bytes]]()
+
+    def look(when: str) -> None:
+        seen[when] = [path.read_bytes() for path in tmp_path.glob("*.npz")]
+
+    def write(stream: BinaryIO) -> None:
+        stream.write(b"half")
+        stream.flush()
+        look("half")
+        stream.write(b" and half")
+
+    files.write_atomically(tmp_path / "r.npz", write, read=lambda path: look("read"))
+    look("end")
+    assert seen == {"half": [], "read": [b"half and half"], "end": [b"half and half"]}
+    assert len([*tmp_path.iterdir()]) == 1
 
 
 def test_a_killed_writers_leftovers_are_removed_a_day_later(result: SimulationResult, tmp_path: Path) -> None:

@@ -13,11 +13,11 @@ Case = TypeVar("Case")
 
 VARIABLE = "EOMGEN_SOAK"  # "all" runs every case; see the Makefile
 WHOLE = os.environ.get(VARIABLE) == "all"
-MOST = 1  # cases of a test that has the marker soak, unless the marker says ``most``
+MOST = 2  # cases of a test that has the marker soak, unless the marker says ``most``
 
 
 def left_out(items: Sequence[pytest.Item]) -> set[pytest.Item]:
-    """Return the soak's cases that a run omits: all but the first of a test, or more, spread over all.
+    """Return the soak's cases that a run omits: all but the first and the last of a test and others between them.
 
     ``pytest.mark.soak(most=30)`` allows more cases of a test.  ``EOMGEN_SOAK=all`` omits none.
     """
