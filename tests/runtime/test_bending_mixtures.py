@@ -201,7 +201,7 @@ def beyond(robot: Robot, link: Link) -> np.ndarray:
     raise AssertionError(q)
 
 
-@pytest.mark.parametrize("seed", seeds(0, 1, 40))
+@pytest.mark.parametrize("seed", seeds(0, 3, 40))
 def test_ranges_end_where_the_mass_matrix_is_singular(seed: int) -> None:
     """Of a free link, which moves in all ways: a hair before it is positive for both signs, a hair behind for one."""
     robot, link = free_link(seed)

@@ -60,7 +60,7 @@ def near(found: Array, expected: Array, tolerance: float = TIGHT) -> None:
     assert np.abs(found - expected).max(initial=0.0) <= tolerance * size
 
 
-@pytest.mark.parametrize("seed", seeds(0, 0, 60))
+@pytest.mark.parametrize("seed", [*seeds(1, 1, 59), *seeds(0, 0, 1)])
 def test_kernels_are_those_of_the_tree_reduced(seed: int, built: Build) -> None:
     coupled, robot = sample(seed)
     map_ = Reduction.of(robot, coupled.couplings)

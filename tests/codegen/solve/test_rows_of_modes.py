@@ -66,7 +66,7 @@ def close(found: Array, expected: Array, limit: float = 1e-10) -> None:
     assert np.abs(found - expected).max() <= limit * np.abs(expected).max()
 
 
-@pytest.mark.parametrize("seed", seeds(0, 2, 40))
+@pytest.mark.parametrize("seed", seeds(0, 4, 40))
 @pytest.mark.parametrize("loop", [False, True])
 def test_steps_are_those_of_the_leaders_matrix(seed: int, loop: bool) -> None:
     robot, s = drawn(seed, loop=loop)
@@ -79,7 +79,7 @@ def test_steps_are_those_of_the_leaders_matrix(seed: int, loop: bool) -> None:
     close(*found)
 
 
-@pytest.mark.parametrize("seed", seeds(100, 1, 30))
+@pytest.mark.parametrize("seed", seeds(100, 3, 30))
 @pytest.mark.parametrize("is_pair", [False, True])
 def test_stages_are_those_of_the_leaders_matrix(seed: int, is_pair: bool) -> None:
     robot, s = drawn(seed, loop=seed % 2 == 0)

@@ -36,13 +36,13 @@ def close(found: Array, expected: Array, limit: float = LIMIT) -> None:
     assert np.abs(found - expected.ravel()).max() <= limit * np.abs(expected).max(), (found, expected)
 
 
-@pytest.mark.parametrize("seed", seeds(100, 3, 60))
+@pytest.mark.parametrize("seed", seeds(100, 6, 60))
 def test_random_trees_are_those_of_lagrange(seed: int) -> None:
     bending = draw(seed)
     check_dynamics(bending.robot, bending.oracle(), bending.state(seed))
 
 
-@pytest.mark.parametrize("seed", seeds(500, 1, 24))
+@pytest.mark.parametrize("seed", seeds(500, 3, 24))
 def test_numbers_that_are_parameters_are_those_of_the_description(seed: int) -> None:
     """Masses of rigid links, placements, springs of joints and of modes as run-time values: the same motion."""
     bending = draw(seed)
@@ -51,7 +51,7 @@ def test_numbers_that_are_parameters_are_those_of_the_description(seed: int) -> 
     check_dynamics(replace(bending.robot, tunable=names), bending.oracle(), bending.state(seed))
 
 
-@pytest.mark.parametrize("seed", seeds(200, 1, 30))
+@pytest.mark.parametrize("seed", seeds(200, 3, 30))
 def test_frames_of_random_trees_move_with_the_modes(seed: int) -> None:
     """Poses, velocities and accelerations of frames, links and nodes."""
     bending = draw(seed)
@@ -66,7 +66,7 @@ def test_frames_of_random_trees_move_with_the_modes(seed: int) -> None:
     close(answer(robot, "frame_accelerations", q=s.q, v=s.v, a=s.a), accelerations)
 
 
-@pytest.mark.parametrize("seed", seeds(600, 1, 24))
+@pytest.mark.parametrize("seed", seeds(600, 3, 24))
 def test_wrenches_on_links_and_nodes(seed: int) -> None:
     """Forces and moments go to the coordinates by the Jacobians of the points that they act on, J^T w."""
     bending = draw(seed)
@@ -80,7 +80,7 @@ def test_wrenches_on_links_and_nodes(seed: int) -> None:
     close(answer(robot, "external_force", q=s.q, wrench=wrench.ravel()), force)
 
 
-@pytest.mark.parametrize("seed", seeds(800, 1, 24))
+@pytest.mark.parametrize("seed", seeds(800, 3, 24))
 def test_reactions_on_the_ground_are_what_changes_the_momenta(seed: int) -> None:
     """Newton and Euler of the whole robot: wrenches of joints on the base, drives among them, less the weight."""
     types = ("revolute", "prismatic", "fixed")
@@ -98,7 +98,7 @@ def test_reactions_on_the_ground_are_what_changes_the_momenta(seed: int) -> None
     close(total, oracle.ground_wrench(s.q, s.v, s.a), 1e-11)
 
 
-@pytest.mark.parametrize("seed", seeds(300, 1, 30))
+@pytest.mark.parametrize("seed", seeds(300, 3, 30))
 def test_derivatives_of_random_trees(seed: int) -> None:
     """The residual's by complex steps of its program; C v is the bias, C + C^T the rate of M, and C is linear in v."""
     bending = draw(seed)
@@ -111,7 +111,7 @@ def test_derivatives_of_random_trees(seed: int) -> None:
     close(C @ s.v, oracle.bias_force(s.q, s.v), 1e-11)
 
 
-@pytest.mark.parametrize("seed", seeds(400, 2, 30))
+@pytest.mark.parametrize("seed", seeds(400, 4, 30))
 def test_loops_on_random_trees(seed: int) -> None:
     """J is the derivative of g, and J_dot v + J a that of J v along the motion; so are their own derivatives."""
     bending = draw(seed, follows=False)
@@ -137,7 +137,7 @@ def test_loops_on_random_trees(seed: int) -> None:
     close(total.ravel(), np.einsum("r,rij->ij", multipliers, turning), 1e-11)
 
 
-@pytest.mark.parametrize("seed", seeds(700, 2, 30))
+@pytest.mark.parametrize("seed", seeds(700, 4, 30))
 @pytest.mark.parametrize("nodes", [True, False])
 def test_motions_of_closed_loops(seed: int, nodes: bool) -> None:
     """M a + h = u + J^T lambda and J a + J_dot v = 0, also where no node moves with the modes."""
@@ -202,7 +202,7 @@ def check_dynamics(robot: Robot, oracle: BendingOracle, s: State) -> None:
     close(answer(robot, "centroidal_momentum", q=s.q, v=s.v), np.concatenate([linear, angular]))
 
 
-@pytest.mark.parametrize("seed", seeds(200, 1, 12))
+@pytest.mark.parametrize("seed", seeds(200, 2, 12))
 def test_frames_move_with_the_beam(seed: int) -> None:
     robot, oracle = sliding_robot(seed)
     s = sliding_state(robot, seed)
@@ -243,7 +243,7 @@ def test_what_modes_leave_out_is_not_there(seed: int) -> None:
     close(answer(replace(rigid, name="stiff"), "mass_matrix", q=q[places]), expected)
 
 
-@pytest.mark.parametrize("seed", seeds(100, 1, 30))
+@pytest.mark.parametrize("seed", seeds(100, 3, 30))
 def test_joints_that_slide_along_links_that_bend(seed: int) -> None:
     """Every third with a coordinate that slides as another one makes it."""
     robot, oracle = sliding_robot(seed, follows=seed % 3 == 1)
