@@ -170,12 +170,13 @@ def write_csv(
     return write_atomically(target, lambda stream: stream.write(text.getvalue().encode("utf-8")), read=read)
 
 
-def csv_cells(place: str, line: str, *, skip_spaces: bool = False) -> list[str]:
+def csv_cells(place: str, line: str, separator: str = ",", *, skip_spaces: bool = False) -> list[str]:
     """Return the cells of one line of a .csv file; a cell does not go on in the next line.
 
     Args:
         place: of the line, for messages.
         line: of the file.
+        separator: of cells.
         skip_spaces: whether spaces before a cell, its quote too, are left out.
 
     Raises:
@@ -184,9 +185,9 @@ def csv_cells(place: str, line: str, *, skip_spaces: bool = False) -> list[str]:
     if line.count('"') % 2:
         raise InputError(f"{place}: a quote is not closed; allowed: quotes that end in their line")
     try:
-        return next(csv.reader([line], skipinitialspace=skip_spaces), [])
+        return next(csv.reader([line], delimiter=separator, skipinitialspace=skip_spaces), [])
     except csv.Error as error:
-        raise InputError(f"{place}: is no CSV ({error}); allowed: values with commas between them") from None
+        raise InputError(f"{place}: is no CSV ({error}); allowed: values with {separator!r} between them") from None
 
 
 def _remove_leftovers(target: Path) -> None:

@@ -203,6 +203,18 @@ def test_errors_in_variables_are_taken_off(built: Build) -> None:
         assert abs(np.mean(values)) < 0.01, (name, values)
 
 
+def test_samples_at_unequal_times_are_resampled(built: Build) -> None:
+    """A third of the samples left out at random: with a note, and the numbers of the description."""
+    kernel = built(robot_from_toml(ARM), "inverse_dynamics", "mass_matrix")
+    t, q, u = experiment()
+    kept = np.cumsum(np.random.default_rng(2).choice([1, 2], 2 * len(t) // 3))
+    kept = kept[kept < len(t)]
+    found = fit(robot_from_toml(ARM), motion_of(kernel.coordinates, t[kept], q[kept], u=u[kept]), kernel=kernel)
+    assert max(map(abs, errors(found).values())) < 1e-3
+    (note,) = (note for note in found.notes if "resampled" in note)
+    assert "intervals from 0.5 to 1 ms, resampled to 0.74" in note
+
+
 def test_what_cannot_be_fitted_is_said(built: Build) -> None:
     robot = robot_from_toml(ARM)
     kernel = built(robot, "inverse_dynamics", "mass_matrix")
@@ -224,7 +236,8 @@ def test_what_cannot_be_fitted_is_said(built: Build) -> None:
         (columns, {"coordinates": ["elbow.gama"]}, "elbow.gamma"),
         (columns, {"confidence": 1.0}, "between 0 and 1"),
         (short, {}, "50 samples; a fit needs at least"),
-        (columns | {"t": t**1.01}, {}, "equal distances"),
+        (columns | {"t": t + 2e-3 * (t > t[99])}, {}, "sample 100 is at .* for a fit: intervals from 0.0001429 to"),
+        (columns | {"t": t - 4e-4 * (t > t[99])}, {}, "sample 100 is at .* a file without gaps"),
     ):
         refused(InputError, words, fit, robot, motion_from_columns(given, names), kernel=kernel, **change)
 

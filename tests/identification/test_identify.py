@@ -913,6 +913,25 @@ def test_what_blocks_held_out_contradict_is_not_written(swung: Any, tmp_path: Pa
         assert not (tmp_path / "better.toml").exists()
 
 
+def test_unequal_times_are_resampled(built: Build) -> None:
+    """A rate that halves on the way: a note with figures, and faults are left out where they have come to lie."""
+    whole, bare = kernels(arm(), built)
+    t, q, v, a = swing(6000)
+    at = np.cumsum(np.random.default_rng(8).integers(1, 3, 2800) + np.repeat([0, 1], 1400))
+    u = whole.inverse_dynamics(q, v, a)[at]
+    motion = motion_of(whole.coordinates, t[at], q[at], None, None, u)
+    spoilt = replace(motion, q=np.array(motion.q), u=np.minimum(u, [0.8 * float(u[:, 0].max()), np.inf]))
+    spoilt.q[1200, 1] += 0.02
+    for given, words in ((motion, ()), (spoilt, ("joint1.gamma.drive stands at", "joint2.gamma jumps by"))):
+        found = identify(arm(), given, kernel=bare)
+        (note,) = (text for text in found.notes if "resampled" in text)
+        assert "intervals from 2 to 6 ms, resampled to 3.9836 ms by splines of degree 5" in note
+        assert all(any(text.startswith(start) for text in found.warnings) for start in words)
+        off = np.abs(found.base_values - found.described)
+        assert off.max() < 5e-3
+        assert (off / found.deviations).max() < 5.0
+
+
 def test_saturated_drives_and_jumps_are_named_and_left_out(built: Build) -> None:
     """What a drive could not give, and counts that an encoder lost: by name, and the rest gives the truth."""
     whole, bare = kernels(arm(), built)

@@ -110,6 +110,15 @@ def test_kernels_keep_their_parameters(kernel: eomgen.Kernel) -> None:
     assert found.status == "converged"
 
 
+def test_unequal_times_are_resampled(kernel: eomgen.Kernel) -> None:
+    motion, kept = measured(kernel, *pushes(1.0, 900)), np.cumsum(np.random.default_rng(0).integers(1, 4, 420))
+    uneven = replace(motion, t=motion.t[kept], q=motion.q[kept], u=motion.u[kept])
+    found = fit(block(**TRUE), uneven, parameters=[PREFIX + "coulomb"])
+    assert found.status == "converged"
+    assert off(found)[PREFIX + "coulomb"] < 1e-3
+    assert "intervals from 1.111 to 3.333 ms, resampled" in found.notes[-1]
+
+
 def test_a_fit_whose_steps_do_not_come_to_an_end_has_not_converged(
     kernel: eomgen.Kernel, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -13,6 +13,7 @@ import eomgen
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import ArrayError, InputError, ReachError, UnknownNameError
 from eomgen.motion import inverse_kinematics
+from eomgen.motion.csv_columns import read_csv
 from eomgen.motion.exceeding import ROUND_OFF, Excess, excess_notes, excesses
 from eomgen.motion.files import MeasuredMotion, motion_from_columns, read_motion, write_motion
 from eomgen.motion.point_to_point import PointToPoint
@@ -44,6 +45,23 @@ def test_csv(tmp_path: Path) -> None:
     assert motion.a is None
     assert motion.u.tolist() == [[0.0, -2.0], [0.0, 3.25]]
     assert (motion.measured, motion.driven) == (("joint1.gamma",), ("joint1.gamma",))
+
+
+def test_files_of_countries_with_decimal_commas(tmp_path: Path) -> None:
+    """Semicolons and tabs separate values, with decimal points or decimal commas; cells may be empty."""
+    path, text = tmp_path / "m.csv", "t, joint1.x,joint1.gamma.drive\n0,0.125,-1.5e-3\n1.012,,+7\n"
+    path.write_text(text)
+    plain, _ = read_csv(path, blanks=True)
+    for mark, separator in ((".", ";"), (".", "\t"), (",", ";"), (",", "\t")):
+        head, *rows = text.replace(",", separator).split("\n")
+        path.write_text("\n".join([head, *(row.replace(".", mark) for row in rows)]))
+        found, lines = read_csv(path, blanks=True)
+        assert list(found) == list(plain)
+        assert all(np.array_equal(found[name], plain[name], equal_nan=True) for name in plain)
+        assert lines.tolist() == [2, 3]
+        refused(InputError, "line 3: column 'joint1.x': ''; allowed: a finite number", read_motion, path, NAMES)
+    path.write_text('"t";"joint1.x"\n"0,5";-1,5\n')
+    assert read_motion(path, NAMES).q.tolist() == [[-1.5, 0.0]]
 
 
 @pytest.mark.parametrize("with_rates", [True, False])

@@ -323,6 +323,12 @@ MADE = [  # contents that are long, or that are cut, or no text
     plan(4, PLAN * 2, "vary[1]", "varies already", "once"),
     csv(None, "t,joint1.x\n0,\N{ARABIC-INDIC DIGIT ONE}\n", "line 2:", "allowed: a finite number"),
     csv(None, "t,joint1.x\n0,1\0\n", "line 2:", "allowed: "),
+    csv(None, "t;joint1.x,joint1.gamma\n0;1,2\n", "line 1: has , and ; between names", "allowed: one of commas, "),
+    csv(None, "t;joint1.x\n0;1.5\n1;1,5\n", "line 3: decimal commas in a file with decimal points", "allowed: one"),
+    csv(None, "t\tjoint1.x\n0\t1.234,5\n", "line 2: decimal points in a file with decimal commas", "allowed: one"),
+    csv(None, "t;joint1.x\n0;1,234,567\n", "line 2: ", "'1,234,567'; allowed: a finite number"),
+    csv(None, "t,joint1.x\n0,012,1,5\n", "line 2: 4 values; allowed: 2", "as in the header, and decimal points"),
+    csv(None, "t;joint1.x\n0,1\n", "line 2: 1 values; allowed: 2", "with semicolons between them, as in the header"),
 ]
 SLOW = [  # large ones, of whose kinds others are tried
     toml(None, lambda: NAME + "gravity = [" + "0, " * 100_000 + "]"),

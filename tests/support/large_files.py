@@ -21,6 +21,13 @@ MOTIONS = {  # head, what is repeated until there are so many MB, and what is sa
     "numbers": (HEADER, DIGITS, MANY, "increasing times"),
     "a wrong number": (HEADER, DIGITS, MANY, "'x'; allowed: a finite number"),
     "zeros": (HEADER, b"0,0,0,0\n", MANY, "too many numbers"),
+    "zeros and semicolons": (HEADER.replace(b",", b";"), b"0;0;0;0\n", MANY, "too many numbers"),
+    "decimal commas": (
+        HEADER.replace(b",", b"\t"),
+        DIGITS.replace(b",", b"\t").replace(b".", b","),
+        9,
+        "increasing times",
+    ),
     "times": (b"t,joint1.x\n", b"1,\n", MANY, "too many numbers"),
     "empty lines": (HEADER, b"\n", MANY, "too many numbers"),
     "one line": (HEADER, b"0", MANY, "line 2: it has more than 1048576 bytes"),

@@ -96,6 +96,9 @@ def _table(kind: str, chance: Chance) -> bytes:
     for _ in range(chance.choice((0, 1, 1, 2, 4))):
         change_cells(rows, chance)
     end, between = chance.choice(("\n", "\n", "\r\n", "\r")), " " if kind == "mtx" else ","
+    if kind == "csv" and chance.random() < 0.4:
+        between, marks = chance.choice(";\t"), chance.choice(((".", ","), (".", "."), (",", ".")))
+        rows[1:] = [[cell.replace(*marks) for cell in row] for row in rows[1:]]
     return "".join(between.join(row) + end for row in rows).encode("utf-8", "surrogatepass")
 
 

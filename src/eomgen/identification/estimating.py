@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 
+from ..arrays import Array, Mask
 from ..errors import InputError
 from ..motion.files import MeasuredMotion
+from ..motion.splines import DEGREE, Spline
 
 FIRST = 8  # half width of the filter that differentiates, samples
 HALF_WIDTHS = (0, 8, 32, 128)  # of the filter behind it; the best of more would look better than it is
@@ -14,6 +18,8 @@ BLOCK_WIDTHS = 4  # half widths in a block, at least: what is in one block hardl
 SIGNAL = 3.0  # variance of a motion over that of its noise, below which it does not count as one
 SOLVED = "converged"  # status of a fit
 EVEN = 1e-3  # of a step: by so much a sample's time may be off
+GAP = 3.5  # times the median interval: two lost samples are interpolated, and no more
+RINGING = 16  # samples beside a jump in which a spline of degree 5 is off by more than 1e-6 of it
 
 
 def least_samples(half: int) -> int:
@@ -26,20 +32,75 @@ def block_count(samples: int, half: int) -> int:
     return min(BLOCKS[1], samples // (BLOCK_WIDTHS * half))
 
 
-def even_step(motion: MeasuredMotion) -> float:
-    """Return the distance of the samples, s.
+@dataclass(frozen=True)
+class EvenMotion:
+    """Motion at equal distances in time: as recorded, or splines through what was recorded.
+
+    Attributes:
+        motion: of T samples.
+        step: between two of them, s.
+        recorded: times of the recorded samples, (T,), s.
+        notes: a line that says what was resampled and how good that is; none where nothing was.
+    """
+
+    motion: MeasuredMotion
+    step: float
+    recorded: Array
+    notes: tuple[str, ...] = ()
+
+    def reached(self, faulty: Mask) -> Mask:
+        """Return which samples, (T, n), faulty recorded ones, (T, n), have reached: splines ring beside them."""
+        if not self.notes:
+            return faulty
+        at = np.searchsorted(self.recorded, self.motion.t).clip(0, len(faulty) - 1)
+        window = np.ones(2 * RINGING + 1)
+        near = [np.convolve(column, window)[RINGING:-RINGING] > 0.5 for column in faulty.T.astype(np.float64)]
+        return np.asarray(np.stack(near, axis=1)[at])
+
+
+def evenly_sampled(motion: MeasuredMotion) -> EvenMotion:
+    """Return a motion at equal distances in time, as fits need it.
+
+    One at other distances is resampled: its columns are splines through all samples, at as many times from the first to
+    the last.
 
     Raises:
-        InputError: too few samples, or they are not evenly spaced.
+        InputError: too few samples, or gaps between them.
     """
     if len(motion.t) < least_samples(FIRST):
         raise InputError(f"{motion.source}: {len(motion.t)} samples; a fit needs at least {least_samples(FIRST)}")
     step = float(motion.t[-1] - motion.t[0]) / (len(motion.t) - 1)
     off = np.abs(motion.t - motion.t[0] - step * np.arange(len(motion.t)))
-    worst = int(off.argmax())
-    if off[worst] > EVEN * step + 1e-9:
+    if off.max() <= EVEN * step + 1e-9:
+        return EvenMotion(motion, step, motion.t)
+    intervals = np.diff(motion.t)
+    usual = float(np.median(intervals))
+    odd = np.flatnonzero((intervals > GAP * usual) | (intervals < usual / GAP))
+    if odd.size:
+        late = int(odd[0]) + 1
         raise InputError(
-            f"{motion.source}: sample {worst} is at {motion.t[worst]:.9g} s; allowed for a fit: equal distances, here"
-            f" {motion.t[0] + worst * step:.9g} s"
+            f"{motion.source}: sample {late} is at {motion.t[late]:.9g} s, {intervals[late - 1]:.4g} s behind the one"
+            f" before; allowed for a fit: intervals from {usual / GAP:.4g} to {GAP * usual:.4g} s, {1.0 / GAP:.2g} to"
+            f" {GAP:g} times their median: a file without gaps, or a part of it"
         )
-    return step
+    return _resampled(motion, step)
+
+
+def _resampled(motion: MeasuredMotion, step: float) -> EvenMotion:
+    """Return splines through a motion's samples at equal distances, with a note about what that approximates."""
+    t, intervals = np.linspace(motion.t[0], motion.t[-1], len(motion.t)), 1e3 * np.diff(motion.t)
+    arrays = {key: array for key in ("q", "v", "a", "u") if (array := getattr(motion, key)) is not None}
+    columns = np.column_stack([*arrays.values(), *motion.states.values()])
+    smooth, rougher = (Spline(motion.t, columns, at_rest=False, degree=k).at(t)[0] for k in (DEGREE, DEGREE - 2))
+    span = np.ptp(columns, axis=0)
+    doubt = 100.0 * float((np.abs(smooth - rougher).max(axis=0) / np.where(span > 0.0, span, np.inf)).max())
+    n = len(motion.coordinates)
+    parts = {key: smooth[:, k * n : (k + 1) * n] for k, key in enumerate(arrays)}
+    states = dict(zip(motion.states, smooth[:, len(arrays) * n :].T, strict=True))
+    note = (
+        f"times of {motion.source}: intervals from {intervals.min():.4g} to {intervals.max():.4g} ms, resampled to"
+        f" {1e3 * step:.5g} ms by splines of degree {DEGREE} through all samples; those of degree {DEGREE - 2} differ"
+        f" by {doubt:.2g} % of a column's range at most; noise is estimated too small, by about a fifth"
+    )
+    q, u, v, a = parts["q"], parts["u"], parts.get("v"), parts.get("a")
+    return EvenMotion(replace(motion, t=t, q=q, v=v, a=a, u=u, states=states), step, motion.t, (note,))

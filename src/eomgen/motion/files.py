@@ -57,7 +57,8 @@ def read_motion(path: Path | str, coordinates: Sequence[str]) -> MeasuredMotion:
     """Read a motion of a robot with these coordinates from a .csv or .npz.
 
     A .csv has a header with the columns t (s), then names of coordinates (m, rad); NAME.rate, NAME.acceleration and
-    NAME.drive are optional.  Lines that begin with # are comments.  A .npz has arrays of these names, or, as
+    NAME.drive are optional.  Commas, semicolons or tabs separate values, as in the header; with the latter two decimal
+    commas are read, too.  Lines that begin with # are comments.  A .npz has arrays of these names, or, as
     ``eomgen simulate`` writes it, t, q (T, k) and coordinates (k names), optionally v, a and u.  Coordinates that the
     file does not have are zero.  Rates (accelerations) are there for all measured coordinates or for none.  States of
     laws, such as NAME.drive.current, may be there.

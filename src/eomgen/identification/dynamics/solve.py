@@ -31,7 +31,7 @@ from ...robot.model import build_model
 from ...robot.value import MOTOR, Friction, Robot
 from ...runtime.kernel import Kernel
 from ..consistent import INERTIAL, Sizes, nearest_bodies, with_parameters
-from ..estimating import SOLVED, even_step
+from ..estimating import SOLVED, evenly_sampled
 from ..identifiable import LINEAR, TERMS, TRANSMISSIONS, BaseParameters, combinations, parameter_names
 from ..relations import Relations, anchored, completed, refuse_followers, refuse_memory, relations_of
 from ..stiffness.beams import beam_notes
@@ -67,11 +67,11 @@ def identify(  # noqa: PLR0913
     """Return base parameters of a robot from a motion and its drives.
 
     Geometry and gravity are the description's, and so are springs and all other laws of coordinates but for those that
-    are sought: damping, Coulomb friction and preload of coordinates with a drive or in a rigid coupling.  The motion
-    has samples at equal distances in time; coordinates that couplings make of measured ones need not be in it.  Forces
-    are known where a drive is in the motion, and are 0 at measured coordinates without a drive.  Friction with bristles
-    counts as it slides, and keeps them.  Of a drive with states what the motion has as the drive is the force on its
-    coordinate, or its current makes it, where the motion has that (NAME.drive.current).
+    are sought: damping, Coulomb friction and preload of coordinates with a drive or in a rigid coupling.  A motion
+    with samples at unequal distances in time is resampled, with a note; coordinates that couplings make of measured
+    ones need not be in it.  Forces are known where a drive is in the motion, and are 0 at measured coordinates without
+    a drive.  Friction with bristles counts as it slides, and keeps them.  Of a drive with states what the motion has as
+    the drive is the force on its coordinate, or its current makes it, where the motion has that (NAME.drive.current).
 
     Args:
         robot: a Robot, the name of a built-in one, or the path of a description.
@@ -89,8 +89,8 @@ def identify(  # noqa: PLR0913
         kernel: of ``without_sought(robot, terms)``, float64, with regressor and inverse_dynamics; built if None.
 
     Raises:
-        InputError: the file or an argument cannot be used, samples are too few or not evenly spaced, they are in other
-            units, no force is known, or the robot has loops or elastic couplings.
+        InputError: the file or an argument cannot be used, samples are too few or have gaps, they are in other units,
+            no force is known, or the robot has loops or elastic couplings.
     """
     described = as_robot(robot)
     robot = without_drives(described.with_constraints())
@@ -111,18 +111,20 @@ def identify(  # noqa: PLR0913
     if TRANSMISSIONS in linear:
         relations = anchored(relations)
     parameter_names(kernel, linear, relations)
-    motion = at_shafts(described, measured_motion(robot.name, motion, kernel.coordinates))
-    step = even_step(motion)
-    motion, idle = _without_idle_drives(robot, motion)
-    refuse_impossible(robot, motion, step)
-    motion = completed(robot, motion)
+    recorded = at_shafts(described, measured_motion(robot.name, motion, kernel.coordinates))
+    recorded, idle = _without_idle_drives(robot, recorded)
+    even = evenly_sampled(recorded)
+    step = even.step
+    refuse_impossible(robot, even.motion, step)
+    motion = completed(robot, even.motion)
     if TRANSMISSIONS in linear:
         _check_transmissions(relations, motion)
     forces = _known(robot, motion, relations)
     moving = np.isin(relations.rows, motion.measured)
     base = combinations(kernel, linear, moving, forces, relations)
     widths = FILTERS if half is None else (half,)
-    bad, spoilt = spoiled(motion)
+    bad, spoilt = spoiled(completed(robot, recorded))
+    bad = even.reached(bad)
     data = Data(kernel, motion, base, forces, step, bad)
     shown, warnings = data.shown(base)
     warnings = spoilt + warnings
@@ -172,6 +174,7 @@ def identify(  # noqa: PLR0913
     problems += _unsettled(sought, best) + ([] if links.status == SOLVED else [links.status])
     notes = [
         *idle,
+        *even.notes,
         *_notes(kernel, motion, data),
         alternatives,
         *beam_notes(described, _modal_estimates(shown, values, deviations, drawn)),

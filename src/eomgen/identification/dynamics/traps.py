@@ -86,12 +86,14 @@ def spoiled(motion: MeasuredMotion) -> tuple[Mask, list[str]]:
                     f"{component_name(name, 'drive')} stands at {end:.4g} in {int(at.sum())} samples: saturated? they"
                     " are left out"
                 )
-    for name in motion.measured:
+    intervals = np.diff(motion.t)
+    middles = motion.t[:-1] + 0.5 * intervals
+    share, size = (middles[1:-1] - middles[:-2]) / (middles[2:] - middles[:-2]), float(np.median(intervals))
+    for name in motion.measured if len(intervals) > 2 else ():
         i = motion.coordinates.index(name)
         steps = np.diff(motion.q[:, i])
-        bend = np.abs(steps[1:-1] - 0.5 * (steps[:-2] + steps[2:]))
-        if not len(bend):
-            continue
+        slopes = steps / intervals * size
+        bend = np.abs(slopes[1:-1] - (1.0 - share) * slopes[:-2] - share * slopes[2:])
         usual = max(float(np.quantile(bend, _USUAL)), _ROUND_OFF * float(np.abs(motion.q[:, i]).max()))
         jumps = np.flatnonzero(bend > max(_JUMP * usual, _JUMPS_BY * float(np.ptp(motion.q[:, i]))))
         if jumps.size:

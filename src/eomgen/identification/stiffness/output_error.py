@@ -33,7 +33,7 @@ from ...robot.model import build_model
 from ...robot.parameter_names import expand_tunable, leasts
 from ...robot.value import Robot
 from ...runtime.kernel import Kernel
-from ..estimating import SOLVED, even_step
+from ..estimating import SOLVED, evenly_sampled
 from ..relations import refuse_followers
 from .beams import beam_notes
 from .levenberg_marquardt import BLOCKS, Certainty, Descent, certainty, descend
@@ -115,11 +115,12 @@ def fit_numbers(
     if missing:
         raise UnknownNameError(f"kernel: has no parameters {listed(missing)}; allowed: one in which they are tunable")
     own = copy(kernel)
-    measured = [measured_motion(robot.name, motion, kernel.coordinates) for motion in motions]
-    shortest = min(even_step(motion) for motion in measured)
-    runs = [run_of(own, model, motion) for motion in measured]
+    measured = [evenly_sampled(measured_motion(robot.name, motion, kernel.coordinates)) for motion in motions]
+    shortest = min(even.step for even in measured)
+    runs = [run_of(own, model, even.motion) for even in measured]
     simulation = Simulation.of(own, tuple(names), runs, np.array(model.home))
-    return _Fit(robot, simulation, 1.0 / shortest, bandwidth, progress).result(confidence)
+    found = _Fit(robot, simulation, 1.0 / shortest, bandwidth, progress).result(confidence)
+    return replace(found, notes=(*found.notes, *(note for even in measured for note in even.notes)))
 
 
 @dataclass(frozen=True)

@@ -44,7 +44,7 @@ from ...robot.value import MOTOR, PRINCIPAL, Robot
 from ...runtime.kernel import Kernel
 from ...state.springs import cut_numbers
 from ..closed_motions import closed_motion
-from ..estimating import FIRST, HALF_WIDTHS, SIGNAL, even_step, least_samples
+from ..estimating import FIRST, HALF_WIDTHS, SIGNAL, evenly_sampled, least_samples
 from ..relations import refuse_followers
 from .beams import beam_notes
 from .equations import Moved, Sought, deviation_of, known_rows, moved_by, of_mechanism, of_tree
@@ -75,7 +75,8 @@ def fit(  # noqa: PLR0913
 
     Of deviations, and of modes of links that bend, both are fitted; without a drive in the motion they have none.  Of
     principal coordinates, whose drive must be known, those that the description gives; transmissions of motors are not
-    fitted.  The motion has samples at equal distances in time; what noise there is should be white and independent
+    fitted.  A motion with samples at unequal distances in time is resampled, with a note; what noise
+    there is should be white and independent
     between coordinates.
 
     Of robots with loops and couplings those that the description gives are fitted, of loop joints and elastic couplings
@@ -104,7 +105,7 @@ def fit(  # noqa: PLR0913
         kernel: of that robot, float64, with ``fitting_kernels``; built if None.
 
     Raises:
-        InputError: the file or an argument cannot be used, samples are too few or not evenly spaced, or they leave a
+        InputError: the file or an argument cannot be used, samples are too few or have gaps, or they leave a
             mechanism's coordinates open.
         LoopError: loops do not close near a sample.
     """
@@ -129,8 +130,8 @@ def fit(  # noqa: PLR0913
     [*others, last] = _each(motion)
     if others:
         raise InputError(f"motion: got {len(others) + 1} of them; allowed: one, or several with parameters")
-    motion = measured_motion(robot.name, last, kernel.coordinates)
-    step = even_step(motion)
+    even = evenly_sampled(measured_motion(robot.name, last, kernel.coordinates))
+    motion, step = even.motion, even.step
     model = build_model(robot)
     moved = _moved(kernel, model, motion, step)
     noise = dict(zip(kernel.coordinates, noise_deviation(motion.q).tolist(), strict=True))
@@ -186,7 +187,8 @@ def fit(  # noqa: PLR0913
     if open_names:
         warnings.append(f"the motion and its drives do not determine {listed(open_names)}, or not one beside another")
     warnings += [text for matrix in found for text in doubts_about(matrix)]
-    notes = _closed_notes(motion, bool(kernel.constraints)) if robot.is_closed else _notes(motion)
+    notes = even.notes
+    notes += _closed_notes(motion, bool(kernel.constraints)) if robot.is_closed else _notes(motion)
     notes += tuple(_taken_in(matrix) for matrix in found if matrix.taken_in)
     by_name = {
         number_name(entry.owner, entry.coordinate, key): estimate
