@@ -17,9 +17,11 @@ from eomgen.control import Measurement, Observer, Uncertainty, observer, write_o
 from eomgen.control.filter_coordinates import AllCoordinates
 from eomgen.control.filter_steps import FilterSteps
 from eomgen.control.kalman_filter import filter_model, steps_of
+from eomgen.control.observability import common_observability
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import InputError, IntegrationError, LoopError, UnknownNameError
 from tests.loops.test_elastic_cuts import coupled
+from tests.support.commands import command
 from tests.support.joint_table import joint_table
 from tests.support.observer_code import CompiledObserver
 from tests.support.refusals import refused
@@ -259,10 +261,65 @@ def test_states_that_nothing_tells_are_named() -> None:
     told = observer(robot, "tachometer:joint1.gamma", dt=DT, unobservable="allow").observability([0.3], [0.1])
     assert (told.rank, told.unobservable, told.is_complete) == (1, ("joint1.gamma",), False)
     assert np.allclose(np.abs(told.directions), [[1.0, 0.0]])
-    assert told.lines() == ["rank 1 of 2 states", "  unobservable: +0.01 of joint1.gamma"]
+    assert told.lines()[:2] == ["rank 1 of 2 states", "  unobservable: +0.01 of joint1.gamma"]
+    assert told.lines()[2].startswith(
+        "error: observability Gramian over 1 s: condition above 1e+26; 1 direction known hardly"
+    )
     assert observer(robot, "encoder:joint1.gamma", dt=DT).observability([[0.3], [0.2]]).is_complete
     with pytest.raises(InputError, match=r"measurements tell 5 of 10 states; .* of 'wrench:link1.fz'"):
         observer("one_link", GAMMA, dt=DT, states=("wrench:link1",))
+
+
+@pytest.mark.quick
+def test_observability_of_a_double_integrator_is_that_of_its_closed_form() -> None:
+    """Its position is measured: sums of 1, k and k^2 make the Gramian, and the covariance after T."""
+    (p, v, noise, dt), N = (1e-2, 0.1, 1e-3, 1e-3), 800
+    F, H = np.array([[1.0, dt], [0.0, 1.0]]), np.array([[1.0, 0.0]])
+    given = {"scale": np.array([p, v]), "deviations": np.array([noise]), "dt": dt, "horizon": N * dt}
+    found = common_observability(("q", "v"), [(F, H)], **given)
+    sums = np.array([[N, dt * N * (N + 1) / 2], [dt * N * (N + 1) / 2, dt**2 * N * (N + 1) * (2 * N + 1) / 6]])
+    W = sums * np.outer([p, v], [p, v]) / noise**2
+    low, high = (np.trace(W) + sign * np.hypot(W[0, 0] - W[1, 1], 2.0 * W[0, 1]) for sign in (-1.0, 1.0))
+    assert found.condition == pytest.approx(high / low, rel=1e-9)
+    end = np.array([[1.0, N * dt * v / p], [0.0, 1.0]])
+    P = end @ np.linalg.inv(np.eye(2) + W) @ end.T
+    assert np.allclose(found.remaining.T @ found.remaining, P, rtol=1e-9)
+    assert np.allclose(found.deviations, np.sqrt(np.diag(P)) * [p, v], rtol=1e-9)
+    assert (found.rank, found.horizon, found.severity, found.poor) == (2, pytest.approx(0.8), "note", 0)
+    vague = common_observability(("q", "v"), [(F, H)], **{**given, "deviations": np.array([1e2])})
+    assert (vague.condition, vague.severity) == (pytest.approx(found.condition), "warning")
+    assert (
+        vague.lines()[2]
+        == "  standard deviation after 0.8 s: +0.0806 of q, +0.0992 of v (8.12 of that at the beginning)"
+    )
+    unstable = common_observability(("q", "v"), [(1e30 * F, H)], **given)
+    assert 0.0 <= unstable.horizon < 0.8
+    ways = [(F, H), (F @ F, H[:, ::-1])]  # half of the time each
+    both = common_observability(("q", "v"), ways, **given)
+    Phi, S = np.eye(2), np.zeros((2, 2))
+    for k in range(N):
+        A, C = ways[2 * k // N]
+        Phi = A @ Phi
+        S += (C @ Phi).T @ (C @ Phi)
+    eigenvalues = np.linalg.eigvalsh(S * np.outer([p, v], [p, v]) / noise**2)
+    assert both.condition == pytest.approx(eigenvalues[1] / eigenvalues[0], rel=1e-9)
+
+
+def test_one_encoder_of_an_elastic_arm_leaves_other_motors_unknown(tmp_path: Path) -> None:
+    """All states are observable, and hardly: the motors without an encoder drift, which the command says."""
+    arguments = ("--measure", "encoder:waist.motor", "--horizon", 0.5, "-o", tmp_path)
+    text = command("observer", "geared_arm", *arguments)
+    assert "rank 12 of 12 states\nwarning: observability Gramian over 0.5 s: condition" in text
+    assert "known hardly better than at the beginning\n  standard deviation after 0.5 s: " in text
+    assert "horizon: 0.0 s; allowed" in command("observer", "geared_arm", *arguments[:2], "--horizon", 0, code=1)
+    one = observer("geared_arm", "encoder:waist.motor", dt=DT).observability()
+    assert one.severity == "warning"
+    assert one.condition == np.inf
+    assert {one.states[np.abs(row).argmax()] for row in one.remaining[: one.poor]} == {"shoulder.motor", "elbow.motor"}
+    every = ("encoder:waist.motor", "encoder:shoulder.motor", "encoder:elbow.motor")
+    told = observer("geared_arm", every, dt=DT).observability()
+    assert (told.severity, told.poor) == ("note", 0)
+    assert told.condition < 1e20
 
 
 def test_what_cannot_be_used_is_refused_by_name() -> None:

@@ -15,7 +15,7 @@ from ..progress import StageReport
 from .shared.command import Command
 from .shared.numbers import by_name, real, whole
 from .shared.options import add_choice, add_names
-from .shared.output import say, show_written
+from .shared.output import say, say_lines, show_written
 from .shared.progress import stage_bar
 from .shared.reading import add_robot, read_robot
 
@@ -211,6 +211,8 @@ def _add_observer(parser: argparse.ArgumentParser) -> None:
     about = "of the beginning and of noise that moves states, NAME=VALUE: position, velocity, acceleration, wrench ..."
     add_names(parser, "--uncertainty", "NAME=VALUE", about)
     parser.add_argument("--step", type=real, default=1e-3, metavar="S", help="length of a step, s (0.001)")
+    about = "time of measurements after which standard deviations of the states are reported, s (1)"
+    parser.add_argument("--horizon", type=real, default=1.0, metavar="S", help=about)
     add_choice(parser, "--form", FORMS, "what is kept of the covariance", default="square_root")
     add_choice(parser, "--dtype", DTYPES, "type of all numbers")
     parser.add_argument("-o", "--output", type=Path, default=Path("out"), help="folder to write to (out)")
@@ -239,8 +241,10 @@ def _observer(options: argparse.Namespace) -> None:
             form=options.form,
             dtype=options.dtype,
         )
+        told = made.observability(horizon=options.horizon)
         written = write_observer(made, options.output, progress=report)
     say(f"{robot.name}: {len(made.states)} states by {len(made.measured)} measurements, every {options.step:g} s")
+    say_lines(told.lines())
     show_written(path for path in written if path.parent == options.output)
 
 

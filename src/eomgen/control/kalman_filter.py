@@ -22,7 +22,7 @@ from .covariances import Covariance, SquareRoot
 from .filter_coordinates import AllCoordinates, FilterCoordinates, IndependentCoordinates, kernels_of_coordinates
 from .filter_steps import Acting, FilterSteps, Slopes, kernels_of_steps, names_linear_laws
 from .independent import Independent, kernels_of_choice
-from .observability import Observability, common_observability
+from .observability import HORIZON, Observability, common_observability
 from .sensing import Measurement
 
 Numbers = NDArray[Any]
@@ -304,11 +304,20 @@ class Observer:
             H[row, N - len(self._bias_rows) + i] = 1.0
         return predicted, H
 
-    def observability(self, q: ArrayLike | None = None, v: ArrayLike | None = None) -> Observability:
-        """Return which states measurements tell of about states q and v, (n,) or (poses, n), where they stay there.
+    def observability(
+        self, q: ArrayLike | None = None, v: ArrayLike | None = None, *, horizon: float = HORIZON
+    ) -> Observability:
+        """Return how well measurements show the states, linearized about states q and v.
 
-        Without q about a state near the home that has nothing special: drives turned, all moving.
+        Args:
+            q, v: (n,) or (poses, n); without q near the home, with nothing special: drives turned, all moving.
+            horizon: time of the measurements, s, of which several poses have equal shares, one after the other.
+
+        Raises:
+            InputError: arrays of other shapes, or a time that is no number above 0.
         """
+        if not (is_usable(horizon) and horizon > 0.0):
+            raise InputError(f"horizon: {show(horizon)} s; allowed: a time above 0, up to {LARGEST:g}")
         n, kept, u = self.kernel.n, self.state, self._u
         before = self.q
         states = [self._generic()] if q is None else list(zip(*np.broadcast_arrays(*_rows(q, v, n)), strict=True))
@@ -322,7 +331,8 @@ class Observer:
         finally:
             self.state, self._u = kept, u
             self._placed(before, np.zeros(n))
-        return common_observability(self.states, systems, self.filter.deviations(), self._deviations.astype(float))
+        scale, noise = self.filter.deviations(), self._deviations.astype(float)
+        return common_observability(self.states, systems, scale, noise, dt=self.filter.dt, horizon=horizon)
 
     def _generic(self) -> tuple[Numbers, Numbers]:
         """Return q and v, (n,) each, near the home and with nothing special, where loops close."""
