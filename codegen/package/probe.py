@@ -11,6 +11,7 @@ import shlex
 import tempfile
 import threading
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future
 from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
@@ -96,24 +97,24 @@ def refusal(reason: str, command: Sequence[str]) -> str:
     )
 
 
+def begin_in_thread(work: Callable[[], T]) -> Future[T]:
+    """Begin ``work()`` in a thread that ends with the process; ``result()`` waits, and raises what the work raised."""
+    future = Future[T]()
+
+    def run() -> None:
+        try:
+            future.set_result(work())
+        except BaseException as error:  # the caller raises it
+            future.set_exception(error)
+
+    threading.Thread(target=run, name="eomgen work", daemon=True).start()
+    return future
+
+
 def in_new_thread(work: Callable[[], T]) -> T:
     """Return the value of ``work()``, or raise what it raises, in a thread that ends with it.
 
     A library that was linked with fast arithmetic turns denormal numbers off in the thread that loads it, and there
     alone.
     """
-    returned: list[T] = []
-    failed: list[BaseException] = []
-
-    def run() -> None:
-        try:
-            returned.append(work())
-        except BaseException as error:  # it is the caller's
-            failed.append(error)
-
-    thread = threading.Thread(target=run, name="eomgen self-test")
-    thread.start()
-    thread.join()
-    if failed:
-        raise failed[0]
-    return returned[0]
+    return begin_in_thread(work).result()
