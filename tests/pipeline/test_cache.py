@@ -9,6 +9,7 @@ import os
 import random
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -87,6 +88,34 @@ def test_nothing_but_entries_is_left(empty_cache: Path) -> None:
     assert empty_cache.stat().st_mode & 0o077 == 0
     (package,) = (empty_cache / "packages").iterdir()
     assert {"one_link.c", "one_link.h", "one_link.json", "__init__.py"} <= {path.name for path in package.iterdir()}
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes here")
+def test_an_interrupt_ends_compilers_and_leaves_nothing(empty_cache: Path, tmp_path: Path) -> None:
+    """Those that the caller waits for and those of threads, with what they have started."""
+    pipe, real = tmp_path / "pipe", shutil.which("cc") or "gcc"
+    os.mkfifo(pipe)
+    text = f'[ "$1" = --version ] && exec {real} --version\n(echo; exec sleep 300) > {pipe}'
+    code = f"""
+    import signal, sys
+    from eomgen.cli.entry import main
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    sys.exit(main(["generate", "one_link", "--kernels", "mass_matrix", "-o", {str(tmp_path)!r}]))
+    """
+    with open(os.open(pipe, os.O_RDONLY | os.O_NONBLOCK), "rb", buffering=0) as compilers:
+        process, started = python(code, CC=script(tmp_path / "slow", text)), 0
+        while started < 4 and process.poll() is None:  # two halves, cffi's wrapper; the extension module in a thread
+            time.sleep(0.02)
+            started += len(compilers.read(100) or b"")
+        process.send_signal(signal.SIGINT)
+        assert (*process.communicate(), process.returncode) == ("", "eomgen: interrupted\n", 130)
+        deadline = time.monotonic() + 20.0
+        while compilers.read(100) is None and time.monotonic() < deadline:  # not the end: somebody has the pipe open
+            time.sleep(0.02)
+        assert compilers.read(100) == b""
+    assert [kind for kind, _, _ in cache.contents()] == ["sources"]
+    assert {path.name for path in empty_cache.iterdir()} <= {*KINDS, "locks"}
+    assert not (tmp_path / "one_link").exists()
 
 
 @pytest.mark.parametrize("count", soaked([2, 4, 8], [2]))

@@ -183,8 +183,9 @@ def _make_locked(root: Path, kind: str, key: str, make: Callable[[Path], None]) 
         if present is not None:  # another process was faster
             return present
         _sweep(root, DAY, key if alone else "")
-        private = Path(tempfile.mkdtemp(prefix=f"making-{key}-", dir=root))
-        try:
+        # a folder that is also removed where Python ends while a thread makes an entry
+        with tempfile.TemporaryDirectory(prefix=f"making-{key}-", dir=root, ignore_cleanup_errors=True) as place:
+            private = Path(place)
             make(private)
             files = _seal(private, kind, key)
             _put_away(root, kind, key)
@@ -193,8 +194,6 @@ def _make_locked(root: Path, kind: str, key: str, make: Callable[[Path], None]) 
             except OSError:  # without a lock somebody else may have been faster; the files are right all the same
                 if _read(root, kind, key) is None:
                     raise
-        finally:
-            shutil.rmtree(private, ignore_errors=True)
     return files
 
 

@@ -11,7 +11,8 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from eomgen.codegen.package.compile import FLAGS, NO_VECTORS, WARNINGS, key_of, run_all
+from eomgen.codegen.package.compile import FLAGS, NO_VECTORS, WARNINGS, key_of
+from eomgen.codegen.package.running import run_all
 from eomgen.errors import BuildError
 from eomgen.pipeline import cache as store
 

@@ -42,7 +42,7 @@ class Libraries:
             A function that waits for the objects and gives their content; it raises BuildError where the compiler
             fails, or what it compiles computes something else than it should.
         """
-        from ...codegen.package.probe import begin_in_thread
+        from ...codegen.package.running import begin_in_thread
 
         begun = {part: begin_in_thread(partial(self._made, part)) for part in self._missing(parts)}
         return lambda: [begun[part].result() if part in begun else self._made(part) for part in parts]

@@ -1,0 +1,111 @@
+"""Compilers, which end with whoever waits for them and with this process, and work in threads."""
+
+from __future__ import annotations
+
+import atexit
+import os
+import shlex
+import signal
+import subprocess
+import threading
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future
+from contextlib import suppress
+from typing import TypeVar
+
+from eomgen.errors import BuildError
+
+T = TypeVar("T")
+
+PATIENCE = 2.0  # s that a compiler has to remove its temporary files
+
+
+def run_all(commands: Sequence[Sequence[str]]) -> None:
+    """Run the commands side by side; the first that fails is reported with what it said.
+
+    None of them goes on after an exception, such as KeyboardInterrupt, or when Python ends, also where this is called
+    from a thread that ends with it.
+
+    Raises:
+        BuildError: a command cannot be run, or fails.
+    """
+    running: list[subprocess.Popen[str]] = []
+
+    def end_all() -> None:
+        for process in running:
+            _end(process)
+
+    atexit.register(end_all)
+    try:
+        for command in commands:
+            running.append(_start(command))
+        said = [process.communicate()[0] for process in running]
+    finally:
+        end_all()
+        atexit.unregister(end_all)
+        for process in running:
+            with process:  # closes its pipe
+                pass
+    for command, process, text in zip(commands, running, said, strict=True):
+        if process.returncode != 0:
+            raise BuildError(
+                f"the C compiler failed with status {process.returncode}:\n  {shlex.join(command)}\n"
+                f"{text.strip()[:4000]}\n"
+                "check that the compiler works (CC names another one), that the disk is not full, and that flags are"
+                " right"
+            )
+
+
+def _start(command: Sequence[str]) -> subprocess.Popen[str]:
+    """Start a command as a group of processes: compilers are drivers that start others."""
+    group = 0 if os.name == "posix" else None
+    pipe, both = subprocess.PIPE, subprocess.STDOUT
+    try:
+        return subprocess.Popen(
+            command, stdin=subprocess.DEVNULL, stdout=pipe, stderr=both, text=True, process_group=group
+        )
+    except OSError as error:
+        raise BuildError(f"the C compiler does not run: {shlex.join(command)}: {error}") from None
+
+
+def _end(process: subprocess.Popen[str]) -> None:
+    """End a command that runs, and what it has started."""
+    if process.poll() is not None:
+        return
+    _send(process, signal.SIGTERM)
+    try:
+        process.wait(PATIENCE)
+    except subprocess.TimeoutExpired:
+        _send(process, signal.SIGKILL if os.name == "posix" else signal.SIGTERM)
+        process.wait()
+
+
+def _send(process: subprocess.Popen[str], number: signal.Signals) -> None:
+    with suppress(OSError):  # it has just ended
+        if os.name == "posix":
+            os.killpg(process.pid, number)
+        else:
+            process.send_signal(number)
+
+
+def begin_in_thread(work: Callable[[], T]) -> Future[T]:
+    """Begin ``work()`` in a thread that ends with the process; ``result()`` waits, and raises what the work raised."""
+    future = Future[T]()
+
+    def run() -> None:
+        try:
+            future.set_result(work())
+        except BaseException as error:  # the caller raises it
+            future.set_exception(error)
+
+    threading.Thread(target=run, name="eomgen work", daemon=True).start()
+    return future
+
+
+def in_new_thread(work: Callable[[], T]) -> T:
+    """Return the value of ``work()``, or raise what it raises, in a thread that ends with it.
+
+    A library that was linked with fast arithmetic turns denormal numbers off in the thread that loads it, and there
+    alone.
+    """
+    return begin_in_thread(work).result()
