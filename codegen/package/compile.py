@@ -90,7 +90,10 @@ def _default() -> tuple[str, ...]:
 def _probe(command: tuple[str, ...]) -> tuple[tuple[str, ...], str]:
     """Return the command, and what it says of its version."""
     try:
-        answer = subprocess.run([*command, "--version"], capture_output=True, text=True, timeout=60, check=True)
+        asked = [*command, "--version"]
+        answer = subprocess.run(
+            asked, capture_output=True, encoding="utf-8", errors="backslashreplace", timeout=60, check=True
+        )
     except (OSError, subprocess.SubprocessError) as error:
         raise BuildError(
             f"the C compiler does not run: {shlex.join(command)} --version: {error}; install gcc or clang, or set CC"

@@ -27,7 +27,7 @@ def run_all(commands: Sequence[Sequence[str]]) -> None:
     from a thread that ends with it.
 
     Raises:
-        BuildError: a command cannot be run, or fails.
+        BuildError: a command cannot be run, fails, or does not write the file that it names behind ``-o``.
     """
     running: list[subprocess.Popen[str]] = []
 
@@ -48,21 +48,28 @@ def run_all(commands: Sequence[Sequence[str]]) -> None:
                 pass
     for command, process, text in zip(commands, running, said, strict=True):
         if process.returncode != 0:
-            raise BuildError(
-                f"the C compiler failed with status {process.returncode}:\n  {shlex.join(command)}\n"
-                f"{text.strip()[:4000]}\n"
-                "check that the compiler works (CC names another one), that the disk is not full, and that flags are"
-                " right"
-            )
+            what = f"the C compiler failed with status {process.returncode}"
+        elif not os.path.isfile(command[command.index("-o") + 1]):
+            what = f"the C compiler wrote no {'object' if '-c' in command else 'library'}"
+        else:
+            continue
+        raise BuildError(
+            f"{what}:\n  {shlex.join(command)}\n{text.strip()[:4000]}\n"
+            "check that the compiler works (CC names another one), that the disk is not full, and that flags are right"
+        )
 
 
 def _start(command: Sequence[str]) -> subprocess.Popen[str]:
     """Start a command as a group of processes: compilers are drivers that start others."""
-    group = 0 if os.name == "posix" else None
-    pipe, both = subprocess.PIPE, subprocess.STDOUT
     try:
         return subprocess.Popen(
-            command, stdin=subprocess.DEVNULL, stdout=pipe, stderr=both, text=True, process_group=group
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            encoding="utf-8",
+            errors="backslashreplace",  # what it says may have any encoding
+            process_group=0 if os.name == "posix" else None,
         )
     except OSError as error:
         raise BuildError(f"the C compiler does not run: {shlex.join(command)}: {error}") from None

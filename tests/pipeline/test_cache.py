@@ -56,6 +56,8 @@ from tests.support.quick_builds import (
 from tests.support.refusals import refused
 from tests.support.soak import soaked
 
+CC = shutil.which("cc") or shutil.which("gcc") or "cc"
+
 
 def reported() -> str:
     """Return the message of a build of one link that fails."""
@@ -93,9 +95,9 @@ def test_nothing_but_entries_is_left(empty_cache: Path) -> None:
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes here")
 def test_an_interrupt_ends_compilers_and_leaves_nothing(empty_cache: Path, tmp_path: Path) -> None:
     """Those that the caller waits for and those of threads, with what they have started."""
-    pipe, real = tmp_path / "pipe", shutil.which("cc") or "gcc"
+    pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
-    text = f'[ "$1" = --version ] && exec {real} --version\n(echo; exec sleep 300) > {pipe}'
+    text = f'[ "$1" = --version ] && exec {CC} --version\n(echo; exec sleep 300) > {pipe}'
     code = f"""
     import signal, sys
     from eomgen.cli.entry import main
@@ -231,6 +233,24 @@ def test_a_compiler_that_fails(empty_cache: Path, tmp_path: Path, monkeypatch: p
     assert not list((empty_cache / "packages").iterdir())
     monkeypatch.delenv("CC")
     assert one_link().mass_matrix(Q).shape == (2, 2)
+
+
+WRONG_COMPILERS = {  # what each does, and what is said of it
+    "writes nothing": (":", "the C compiler wrote no object:\n  {} -c -fPIC"),
+    "links nothing": (f'case "$*" in *-shared*) ;; *) exec {CC} "$@";; esac', "wrote no library:\n  {} -shared"),
+    "says Latin-1": (f"[ $1 = --version ] && exec {CC} $1; printf '\\374'; exit 1", "status 1:\n  {} -c -fPIC"),
+    "has a version in Latin-1": ("printf '\\374'; exit 1", "the C compiler does not run: {} --version: "),
+}
+
+
+@pytest.mark.parametrize("does", WRONG_COMPILERS)
+def test_what_wrong_compilers_do_is_said(
+    does: str, empty_cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text, said = WRONG_COMPILERS[does]
+    command = script(tmp_path / "cc", text)
+    monkeypatch.setenv("CC", command)
+    refused(BuildError, re.escape(said.format(command)), one_link)
 
 
 def test_an_unknown_flag(empty_cache: Path) -> None:
@@ -753,6 +773,9 @@ def test_a_binary_that_does_not_load(filled_cache: Path, monkeypatch: pytest.Mon
     files = {name: b"no binary" if name.endswith(".so") else data for name, data in package.files.items()}
     with pytest.raises(BuildError, match=r"the compiled module in .*packages.* does not load: "):
         load_kernel(cache.Entry("packages", "0" * 64, files), "one_link")
+    files = {name: data for name, data in files.items() if not name.endswith(".so")}
+    missing = cache.Entry("packages", "1" * 64, files)
+    refused(BuildError, r"does not load: none of its files is a library _one_link\.", load_kernel, missing, "one_link")
 
 
 def test_what_killed_processes_left_is_removed(filled_cache: Path, tmp_path: Path) -> None:

@@ -72,4 +72,5 @@ def _version(command: Sequence[str]) -> str:
     """Say which compiler a command is."""
     if "ziglang" in command:
         return importlib.metadata.version("ziglang")
-    return subprocess.run([*command, "--version"], capture_output=True, text=True, check=False).stdout
+    asked = [*command, "--version"]
+    return subprocess.run(asked, capture_output=True, encoding="utf-8", errors="backslashreplace", check=False).stdout
