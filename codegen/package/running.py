@@ -27,8 +27,9 @@ def run_all(commands: Sequence[Sequence[str]]) -> None:
     from a thread that ends with it.
 
     Raises:
-        BuildError: a command cannot be run, fails, or does not write the file that it names behind ``-o``.
+        BuildError: a command cannot be run, fails, or does not write the file that it names behind ``-o``; Python ends.
     """
+    check_not_ending()
     running: list[subprocess.Popen[str]] = []
 
     def end_all() -> None:
@@ -57,6 +58,16 @@ def run_all(commands: Sequence[Sequence[str]]) -> None:
             f"{what}:\n  {shlex.join(command)}\n{text.strip()[:4000]}\n"
             "check that the compiler works (CC names another one), that the disk is not full, and that flags are right"
         )
+
+
+def check_not_ending() -> None:
+    """Refuse to begin, in a daemon thread, what Python would not finish because it ends.
+
+    Raises:
+        BuildError: the main thread has ended.
+    """
+    if threading.current_thread().daemon and not threading.main_thread().is_alive():
+        raise BuildError("Python ends: nothing is built any more")
 
 
 def _start(command: Sequence[str]) -> subprocess.Popen[str]:

@@ -120,6 +120,37 @@ def test_an_interrupt_ends_compilers_and_leaves_nothing(empty_cache: Path, tmp_p
     assert not (tmp_path / "one_link").exists()
 
 
+def test_threads_leave_nothing_where_python_ends(empty_cache: Path) -> None:
+    """An entry that a thread makes then is finished; another one is not begun."""
+    code = """
+    import threading, time
+    from eomgen.errors import BuildError
+    from eomgen.pipeline import cache
+
+    def make(folder):
+        begun.set()
+        for number in range(50):
+            (folder / str(number)).write_text("1")
+            time.sleep(0.01)
+
+    def too_late():
+        while threading.main_thread().is_alive():
+            time.sleep(0.01)
+        try:
+            cache.entry("sources", "b", make)
+        except BuildError as error:
+            print(error, flush=True)
+
+    begun = threading.Event()
+    for work in (too_late, lambda: cache.entry("sources", "a", make)):
+        threading.Thread(target=work, daemon=True).start()
+    begun.wait()
+    """
+    assert python(code).communicate() == ("Python ends: nothing is built any more\n", "")
+    assert [key for _, key, _ in cache.contents()] == ["a"]
+    assert {path.name for path in empty_cache.iterdir()} == {"sources", "locks"}
+
+
 @pytest.mark.parametrize("count", soaked([2, 4, 8], [2]))
 def test_processes_build_the_same_kernel_at_once(count: int, empty_cache: Path, tmp_path: Path) -> None:
     """All of them get it, and it is compiled once: wrapper, kernel, link; and before it the extension module, link."""
