@@ -36,6 +36,7 @@ from ..c.library import LINKED
 from ..c.source import Source, environment
 from .environment import check_flags, environment_words, expanded
 from .levels import fuses_unasked, level_flags
+from .running import run_all
 
 OPTIMISED, QUICK = "-O2", "-O1"
 FLAGS = (OPTIMISED, "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off")
@@ -89,7 +90,10 @@ def _default() -> tuple[str, ...]:
 def _probe(command: tuple[str, ...]) -> tuple[tuple[str, ...], str]:
     """Return the command, and what it says of its version."""
     try:
-        answer = subprocess.run([*command, "--version"], capture_output=True, text=True, timeout=60, check=True)
+        asked = [*command, "--version"]
+        answer = subprocess.run(
+            asked, capture_output=True, encoding="utf-8", errors="backslashreplace", timeout=60, check=True
+        )
     except (OSError, subprocess.SubprocessError) as error:
         raise BuildError(
             f"the C compiler does not run: {shlex.join(command)} --version: {error}; install gcc or clang, or set CC"
@@ -362,25 +366,3 @@ def link_shared(compiler: Compiler, objects: Sequence[Path], library: Path, furt
     """
     flags = [*shared_flags(), *compiler.flags, *further]
     run_all([[*compiler.command, *flags, *map(str, objects), "-o", str(library), *compiler.link_flags, "-lm"]])
-
-
-def run_all(commands: Sequence[Sequence[str]]) -> None:
-    """Run the commands side by side; the first that fails is reported with what it said."""
-    running = []
-    for command in commands:
-        try:
-            process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-        except OSError as error:
-            raise BuildError(f"the C compiler does not run: {shlex.join(command)}: {error}") from None
-        running.append((command, process))
-    failures = []
-    for command, process in running:
-        said, _ = process.communicate()
-        if process.returncode != 0:
-            failures.append((command, process.returncode, said))
-    if failures:
-        command, status, said = failures[0]
-        raise BuildError(
-            f"the C compiler failed with status {status}:\n  {shlex.join(command)}\n{said.strip()[:4000]}\n"
-            "check that the compiler works (CC names another one), that the disk is not full, and that flags are right"
-        )

@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from ..c.library import FOLDER, PARTS, library_files
-from .compile import OPTIMISED, QUICK, WARNINGS, Compiler, key_of, run_all, toolchain
+from .compile import OPTIMISED, QUICK, WARNINGS, Compiler, key_of, toolchain
+from .running import run_all
 
 OBJECT = "library.o"
 HIDDEN = "-fvisibility=hidden"  # each shared library calls the objects that it was linked with

@@ -9,19 +9,17 @@ from __future__ import annotations
 import math
 import shlex
 import tempfile
-import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import cffi
 
 from eomgen.errors import BuildError
 
-from .compile import Compiler, fuses, link_shared, run_all
-
-T = TypeVar("T")
+from .compile import Compiler, fuses, link_shared
+from .running import in_new_thread, run_all
 
 _FORMULAS: Mapping[str, str] = {  # of x, y, z, by what they are about
     "a constant": "x + 0.1",
@@ -94,26 +92,3 @@ def refusal(reason: str, command: Sequence[str]) -> str:
         f"{reason}\n  {shlex.join(command)}\n"
         "allowed: a compiler and flags that keep IEEE arithmetic; look at what CC, CFLAGS and LDFLAGS name"
     )
-
-
-def in_new_thread(work: Callable[[], T]) -> T:
-    """Return the value of ``work()``, or raise what it raises, in a thread that ends with it.
-
-    A library that was linked with fast arithmetic turns denormal numbers off in the thread that loads it, and there
-    alone.
-    """
-    returned: list[T] = []
-    failed: list[BaseException] = []
-
-    def run() -> None:
-        try:
-            returned.append(work())
-        except BaseException as error:  # it is the caller's
-            failed.append(error)
-
-    thread = threading.Thread(target=run, name="eomgen self-test")
-    thread.start()
-    thread.join()
-    if failed:
-        raise failed[0]
-    return returned[0]

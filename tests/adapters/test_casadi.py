@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import importlib
 import itertools
+import pickle
+import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -14,9 +16,10 @@ import numpy as np
 import pytest
 
 import eomgen
-from eomgen.adapters.casadi import function, kernels_for_step, step
-from eomgen.adapters.external import external_library, render_step
+from eomgen.adapters.casadi import _external, function, kernels_for_step, step
+from eomgen.adapters.external import render_step
 from eomgen.adapters.mappings import DifferentiableFunction, kernels_for
+from eomgen.codegen.package.compile import find_compiler
 from eomgen.control.discrete_steps import DiscreteStep
 from eomgen.errors import BuildError, InputError, UnknownNameError
 from eomgen.pipeline import cache
@@ -166,18 +169,36 @@ def test_on_threads(built: Build) -> None:
 
 
 def test_without_eomgen(built: Build, tmp_path: Path) -> None:
-    """The library is a function of CasADi in a program that knows nothing of this one."""
+    """A copy of the library, functions that are saved or pickled, and generated code work in another process."""
     kernel = built(eomgen.load_robot("one_link"), *kernels_for("inverse_dynamics"))
-    made = external_library(DifferentiableFunction(kernel, "inverse_dynamics"), "torques", FLAGS)
-    library = tmp_path / "elsewhere.so"
-    library.write_bytes(made.files["torques.so"])
-    code = (
-        f"import sys, casadi; f = casadi.external('torques', {str(library)!r});"
-        "assert 'eomgen' not in sys.modules; print(*f([0.1, 0.2], [0.3, 0.4], [0.5, 0.6]).full().ravel().tolist())"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    expected = kernel.inverse_dynamics([0.1, 0.2], [0.3, 0.4], [0.5, 0.6])
-    assert [float(word) for word in done.stdout.split()] == expected.tolist()
+    made = function(kernel, "inverse_dynamics", called="torques", flags=FLAGS)
+    shutil.copy(made.library, tmp_path / "copy.so")
+    q = casadi.MX.sym("q", 2)
+    around = casadi.Function("around", [q], [made(q, q, q), casadi.hessian(casadi.sumsqr(made(q, q, q)), q)[0]])
+    around.save(str(tmp_path / "saved"))
+    (tmp_path / "pickled").write_bytes(pickle.dumps(around))
+    code = casadi.CodeGenerator("around")
+    code.add(around)
+    (tmp_path / "around.c").write_text(code.dump(), encoding="ascii")
+    compiler = (*find_compiler().command, "-shared", "-fPIC", "around.c", str(made.library), "-o", "around.so", "-lm")
+    subprocess.run(compiler, cwd=tmp_path, check=True)
+    program = """
+import pickle, sys, casadi
+x, here = [0.1, 0.2], sys.argv[1]
+of = [casadi.external("torques", f"{here}/copy.so")(x, x, x)]
+with open(f"{here}/pickled", "rb") as file:
+    others = [pickle.load(file), casadi.Function.load(f"{here}/saved"), casadi.external("around", f"{here}/around.so")]
+for other in others:
+    of += other(x)
+assert "eomgen" not in sys.modules
+print(*[number for value in of for number in value.full().ravel().tolist()])
+"""
+    done = subprocess.run([sys.executable, "-c", program, tmp_path], capture_output=True, text=True, check=True)
+    expected = np.concatenate([value.full().ravel() for value in around([0.1, 0.2])])
+    found = np.array([float(word) for word in done.stdout.split()])
+    assert np.array_equal(expected[:2], kernel.inverse_dynamics([0.1, 0.2], [0.1, 0.2], [0.1, 0.2]))
+    assert np.array_equal(found[:2], expected[:2])
+    np.testing.assert_allclose(found[2:].reshape(3, -1), [expected] * 3, rtol=1e-14)
 
 
 def test_from_a_generated_package(built: Build, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -256,6 +277,8 @@ def test_what_fails(built: Build, monkeypatch: pytest.MonkeyPatch) -> None:
         refused(InputError, rf"called: '{called}' is no name", function, kernel, "inverse_dynamics", called=called)
     single = built(robot, *kernels_for("inverse_dynamics"), dtype="float32")
     refused(InputError, "kernel of float32; allowed for CasADi: float64", function, single, "inverse_dynamics")
+    missing = cache.Entry("externals", "0" * 64, {})
+    refused(BuildError, r"missing\.so does not load; set EOMGEN_CACHE_DIR", _external, casadi, missing, "missing", {})
     monkeypatch.setitem(sys.modules, "casadi", None)
     refused(InputError, r'pip install "eomgen\[casadi\]"', function, kernel, "inverse_dynamics")
 

@@ -436,6 +436,12 @@ def free_port() -> int:
         return port
 
 
+def test_what_stops_a_view_reaches_who_waits(view: View) -> None:
+    view._speed, view._playing = None, True
+    with pytest.raises(AttributeError, match="value"):
+        view.wait()
+
+
 def test_the_server_answers(view: View) -> None:
     with urllib.request.urlopen(view.address, timeout=20) as answer:
         assert answer.status == 200

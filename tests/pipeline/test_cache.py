@@ -9,6 +9,7 @@ import os
 import random
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -55,6 +56,8 @@ from tests.support.quick_builds import (
 from tests.support.refusals import refused
 from tests.support.soak import soaked
 
+CC = shutil.which("cc") or shutil.which("gcc") or "cc"
+
 
 def reported() -> str:
     """Return the message of a build of one link that fails."""
@@ -87,6 +90,65 @@ def test_nothing_but_entries_is_left(empty_cache: Path) -> None:
     assert empty_cache.stat().st_mode & 0o077 == 0
     (package,) = (empty_cache / "packages").iterdir()
     assert {"one_link.c", "one_link.h", "one_link.json", "__init__.py"} <= {path.name for path in package.iterdir()}
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes here")
+def test_an_interrupt_ends_compilers_and_leaves_nothing(empty_cache: Path, tmp_path: Path) -> None:
+    """Those that the caller waits for and those of threads, with what they have started."""
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    text = f'[ "$1" = --version ] && exec {CC} --version\n(echo; exec sleep 300) > {pipe}'
+    code = f"""
+    import signal, sys
+    from eomgen.cli.entry import main
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    sys.exit(main(["generate", "one_link", "--kernels", "mass_matrix", "-o", {str(tmp_path)!r}]))
+    """
+    with open(os.open(pipe, os.O_RDONLY | os.O_NONBLOCK), "rb", buffering=0) as compilers:
+        process, started = python(code, CC=script(tmp_path / "slow", text)), 0
+        while started < 4 and process.poll() is None:  # two halves, cffi's wrapper; the extension module in a thread
+            time.sleep(0.02)
+            started += len(compilers.read(100) or b"")
+        process.send_signal(signal.SIGINT)
+        assert (*process.communicate(), process.returncode) == ("", "eomgen: interrupted\n", 130)
+        deadline = time.monotonic() + 20.0
+        while compilers.read(100) is None and time.monotonic() < deadline:  # not the end: somebody has the pipe open
+            time.sleep(0.02)
+        assert compilers.read(100) == b""
+    assert [kind for kind, _, _ in cache.contents()] == ["sources"]
+    assert {path.name for path in empty_cache.iterdir()} <= {*KINDS, "locks"}
+    assert not (tmp_path / "one_link").exists()
+
+
+def test_threads_leave_nothing_where_python_ends(empty_cache: Path) -> None:
+    """An entry that a thread makes then is finished; another one is not begun."""
+    code = """
+    import threading, time
+    from eomgen.errors import BuildError
+    from eomgen.pipeline import cache
+
+    def make(folder):
+        begun.set()
+        for number in range(50):
+            (folder / str(number)).write_text("1")
+            time.sleep(0.01)
+
+    def too_late():
+        while threading.main_thread().is_alive():
+            time.sleep(0.01)
+        try:
+            cache.entry("sources", "b", make)
+        except BuildError as error:
+            print(error, flush=True)
+
+    begun = threading.Event()
+    for work in (too_late, lambda: cache.entry("sources", "a", make)):
+        threading.Thread(target=work, daemon=True).start()
+    begun.wait()
+    """
+    assert python(code).communicate() == ("Python ends: nothing is built any more\n", "")
+    assert [key for _, key, _ in cache.contents()] == ["a"]
+    assert {path.name for path in empty_cache.iterdir()} == {"sources", "locks"}
 
 
 @pytest.mark.parametrize("count", soaked([2, 4, 8], [2]))
@@ -202,6 +264,24 @@ def test_a_compiler_that_fails(empty_cache: Path, tmp_path: Path, monkeypatch: p
     assert not list((empty_cache / "packages").iterdir())
     monkeypatch.delenv("CC")
     assert one_link().mass_matrix(Q).shape == (2, 2)
+
+
+WRONG_COMPILERS = {  # what each does, and what is said of it
+    "writes nothing": (":", "the C compiler wrote no object:\n  {} -c -fPIC"),
+    "links nothing": (f'case "$*" in *-shared*) ;; *) exec {CC} "$@";; esac', "wrote no library:\n  {} -shared"),
+    "says Latin-1": (f"[ $1 = --version ] && exec {CC} $1; printf '\\374'; exit 1", "status 1:\n  {} -c -fPIC"),
+    "has a version in Latin-1": ("printf '\\374'; exit 1", "the C compiler does not run: {} --version: "),
+}
+
+
+@pytest.mark.parametrize("does", WRONG_COMPILERS)
+def test_what_wrong_compilers_do_is_said(
+    does: str, empty_cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text, said = WRONG_COMPILERS[does]
+    command = script(tmp_path / "cc", text)
+    monkeypatch.setenv("CC", command)
+    refused(BuildError, re.escape(said.format(command)), one_link)
 
 
 def test_an_unknown_flag(empty_cache: Path) -> None:
@@ -724,6 +804,9 @@ def test_a_binary_that_does_not_load(filled_cache: Path, monkeypatch: pytest.Mon
     files = {name: b"no binary" if name.endswith(".so") else data for name, data in package.files.items()}
     with pytest.raises(BuildError, match=r"the compiled module in .*packages.* does not load: "):
         load_kernel(cache.Entry("packages", "0" * 64, files), "one_link")
+    files = {name: data for name, data in files.items() if not name.endswith(".so")}
+    missing = cache.Entry("packages", "1" * 64, files)
+    refused(BuildError, r"does not load: none of its files is a library _one_link\.", load_kernel, missing, "one_link")
 
 
 def test_what_killed_processes_left_is_removed(filled_cache: Path, tmp_path: Path) -> None:

@@ -17,8 +17,10 @@ from eomgen.codegen.package.extension import FILE, HEADERS
 from eomgen.errors import BuildError
 from eomgen.pipeline import cache, direct_calls
 from eomgen.pipeline.direct_check import check_extension
+from eomgen.pipeline.library.objects import Libraries
 from eomgen.pipeline.stages import generate
 from tests.support.quick_builds import ONE_LEVEL, answer, flip, python, without_headers
+from tests.support.refusals import refused
 
 CALLS = """
     import json, sys
@@ -189,6 +191,25 @@ def test_what_the_module_cannot_be_made_of_is_told(empty_cache: Path, monkeypatc
     assert told[0].startswith("kernels are called through cffi alone: the C compiler failed")
     direct_calls.settle(told.append)
     assert len(told) == 1
+
+
+def test_exceptions_in_threads_reach_the_caller(empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Once, whatever they are, and without a second attempt."""
+    made: list[object] = []
+
+    def broken(*args: object) -> None:
+        made.append(args)
+        raise ModuleNotFoundError("No module named 'filelock'")
+
+    monkeypatch.setattr(direct_calls, "EXTENSION", direct_calls.Extension())
+    monkeypatch.setattr(direct_calls, "made_by", broken)
+    monkeypatch.setattr(Libraries, "_make", broken)
+    compiler = find_compiler()
+    direct_calls.begin(compiler)
+    objects = Libraries(compiler, ("-O0",), "float64").begin(("fixed",))
+    for waiting in (direct_calls.settle, objects):
+        refused(ModuleNotFoundError, "filelock", waiting)
+    assert len(made) == 2
 
 
 def test_kernels_do_not_wait_for_the_module(empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:

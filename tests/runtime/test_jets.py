@@ -153,6 +153,19 @@ def test_with_and_without_the_extension_module(kernel: eomgen.Kernel) -> None:
         assert not np.array_equal(other_way[0], wanted[0])
 
 
+def test_every_function_fits_the_extension_module(kernel: eomgen.Kernel) -> None:
+    """The arrays of all functions, those with loops included; calls of the residual to order 4 have most."""
+    for made in (kernel, eomgen.build("four_bar"), eomgen.build("flexible_arm")):
+        assert made._functions is not None
+        for name in made.raw.functions:
+            made._functions.jet(name)
+    for lead in ((), (7,)):
+        series = (*motion(kernel, 7, *lead), motion(kernel, 5, *lead, seed=2))
+        wanted = kernel._with_methods_in_python().jet("residual", series, 4)
+        for _ in range(2):
+            np.testing.assert_array_equal(kernel.jet("residual", series, 4), wanted)
+
+
 def test_numbers_of_single_precision() -> None:
     double, single = eomgen.build("one_link"), eomgen.build("one_link", dtype="float32")
     moving = tuple(x.astype(np.float32) for x in motion(double, 5, 4))

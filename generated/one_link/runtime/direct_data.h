@@ -22,7 +22,7 @@
 #define PUBLISHED(place) (place)
 #endif
 
-enum { ARRAYS = 11, PLACES = 12, AXES = 4, LIBRARIES = 64 }; /* that a function reads, parameters, axes, libraries: at most */
+enum { ARRAYS = 12, PLACES = 12, AXES = 4, LIBRARIES = 64 }; /* that a function reads, parameters, axes, libraries: at most */
 
 /* Work that others may run beside: multiplications and additions; microseconds, in which a GIL's return is lost. */
 static const double LONG = 2e4;

@@ -10,9 +10,9 @@ from collections.abc import Sequence
 from typing import Any
 
 from ..control.discrete_steps import DiscreteStep, kernels_for_step
-from ..errors import InputError
+from ..errors import BuildError, InputError
 from ..optional import optional_import
-from ..pipeline.load import linked
+from ..pipeline import cache as store
 from ..runtime.kernel import Kernel
 from .external import external_library, step_library
 from .mappings import FUNCTIONS, DifferentiableFunction, check_order, kernels_for
@@ -44,15 +44,14 @@ def function(
         flags: further flags of the compiler.
 
     Returns:
-        casadi.Function with the inputs FUNCTIONS[name].reads.
+        casadi.Function with the inputs FUNCTIONS[name].reads; its attribute ``library`` is its shared library's path.
 
     Raises:
         UnknownNameError: no function or frame of that name, or a kernel that it takes was not built.
         InputError: CasADi is not installed, or another argument cannot be used.
         BuildError: no compiler, or a compiler that fails.
     """
-    with optional_import("CasADi", "functions of CasADi need"):
-        import casadi
+    casadi = _imported()
     check_order(order)
     differentiable = DifferentiableFunction(kernel, name, frame, cut=cut)
     parts = ["eom", kernel.name, name, *([] if frame is None else [frame])]
@@ -60,7 +59,7 @@ def function(
     library = external_library(differentiable, chosen, flags, order)
     # one gradient by adj1, which has derivatives; more at once by the Jacobian
     options = {"jac_penalty": 1.5 / max(int(differentiable.patterns()[0].sum()), 1)} if order == 2 else {}
-    return linked(library, f"{chosen}.so", lambda path: casadi.external(chosen, path, options))
+    return _external(casadi, library, chosen, options)
 
 
 def step(
@@ -92,19 +91,37 @@ def step(
         flags: further flags of the compiler.
 
     Returns:
-        casadi.Function with the inputs x, u and, with parameters, p.
+        casadi.Function with the inputs x, u and, with parameters, p, and with ``library`` as that of ``function``.
 
     Raises:
         UnknownNameError: no such drive or parameter, or a kernel that it takes was not built.
         InputError: CasADi is not installed, joints have 3-DOF rotation, or another argument cannot be used.
         BuildError: no compiler, or a compiler that fails.
     """
-    with optional_import("CasADi", "functions of CasADi need"):
-        import casadi
+    casadi = _imported()
     wanted = DiscreteStep(kernel, method, dt, substeps, drives, parameters)
     chosen = _chosen(kernel, ["eom", kernel.name, method, "step"], called)
-    library = step_library(wanted, chosen, flags)
-    return linked(library, f"{chosen}.so", lambda path: casadi.external(chosen, path))
+    return _external(casadi, step_library(wanted, chosen, flags), chosen, {})
+
+
+def _imported() -> Any:
+    with optional_import("CasADi", "functions of CasADi need"):
+        import casadi
+    return casadi
+
+
+def _external(casadi: Any, library: store.Entry, called: str, options: dict[str, float]) -> Any:
+    """Open a library in its folder of the cache: saved functions and generated code name this path."""
+    path = (library.folder / f"{called}.so").absolute()
+    try:
+        made = casadi.external(called, str(path), options)
+    except RuntimeError as error:
+        raise BuildError(
+            f"the compiled library {path} does not load; set {store.VARIABLE} to a folder from which libraries can be"
+            f" loaded: {error}"
+        ) from None
+    made.library = path
+    return made
 
 
 def _chosen(kernel: Kernel, parts: Sequence[str], called: str | None) -> str:

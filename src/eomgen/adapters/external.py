@@ -92,8 +92,9 @@ def compiled_external(kernel: Kernel, wrapper: str, called: str, flags: Sequence
         BuildError: its C is not there any more, or cannot be compiled.
     """
     from ..codegen.c.library import FOLDER
-    from ..codegen.package.compile import WARNINGS, compile_flags, find_compiler, link_shared, run_all, toolchain
+    from ..codegen.package.compile import WARNINGS, compile_flags, find_compiler, link_shared, toolchain
     from ..codegen.package.probe import check_compiler
+    from ..codegen.package.running import run_all
 
     header, code = (kernel.source(ending) for ending in ("h", "c"))
     library = _library(kernel)

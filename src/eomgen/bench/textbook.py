@@ -211,7 +211,8 @@ def compile_yardstick(model: Model, flags: Sequence[str], *, is_known: bool = Tr
     import cffi
 
     from ..codegen.c.source import environment
-    from ..codegen.package.compile import WARNINGS, find_compiler, run_all, shared_flags
+    from ..codegen.package.compile import WARNINGS, find_compiler, shared_flags
+    from ..codegen.package.running import run_all
 
     ffi = cffi.FFI()
     ffi.cdef(DECLARATIONS + _DECLARATIONS)

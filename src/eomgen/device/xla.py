@@ -12,7 +12,8 @@ from math import prod
 from pathlib import Path
 from typing import Any
 
-from ..codegen.package.compile import WARNINGS, compile_flags, find_compiler, link_shared, run_all, toolchain
+from ..codegen.package.compile import WARNINGS, compile_flags, find_compiler, link_shared, toolchain
+from ..codegen.package.running import run_all
 from ..errors import InputError
 from ..pipeline import cache as store
 from ..pipeline.load import linked

@@ -92,6 +92,7 @@ class View:
         )
         self.address = f"http://127.0.0.1:{self._server.get_port()}"
         self._closed = threading.Event()
+        self._failure: Exception | None = None  # of the thread that plays
         self._axes = bent_axes(self._robot)
         self._set_stage(shapes)
         self._bodies: dict[str, list[Any]] = {}  # of links that bend, in the order of their axes
@@ -172,8 +173,10 @@ class View:
         return f'<iframe src="{self.address}" width="100%" height="{HEIGHT}" style="border: 0"></iframe><p>{words}</p>'
 
     def wait(self) -> None:
-        """Until the view is closed."""
+        """Until the view is closed; raise what stopped it from playing."""
         self._closed.wait()
+        if self._failure is not None:
+            raise self._failure
 
     def close(self) -> None:
         """Stop the server."""
@@ -331,12 +334,16 @@ class View:
     def _run(self) -> None:
         """Advance the time while it plays."""
         end, last = float(self._result.trajectory.t[-1]), monotonic()
-        while not self._closed.wait(1.0 / RATE):
-            now = monotonic()
-            if self._playing:
-                ahead = self._time.value + (now - last) * float(self._speed.value)
-                self._time.value = 0.0 if ahead > end else ahead  # its listeners draw
-            last = now
+        try:
+            while not self._closed.wait(1.0 / RATE):
+                now = monotonic()
+                if self._playing:
+                    ahead = self._time.value + (now - last) * float(self._speed.value)
+                    self._time.value = 0.0 if ahead > end else ahead  # its listeners draw
+                last = now
+        except Exception as error:
+            self._failure = error
+            self._closed.set()
 
 
 def _segments(path: Array) -> Array:

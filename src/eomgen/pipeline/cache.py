@@ -8,16 +8,19 @@ again; one that a crash of the machine left half written is one of these, so not
 
 from __future__ import annotations
 
+import atexit
 import hashlib
 import json
 import os
 import shutil
 import stat
 import tempfile
+import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path, PurePosixPath
 
 from ..errors import BuildError
@@ -28,6 +31,7 @@ VARIABLE = "EOMGEN_CACHE_DIR"
 KINDS = ("sources", "packages", "objects", "externals", "extensions", "libraries", "devices")
 LOCKS = "locks"
 PASSING = ("making-", "damaged-", "loading-")  # folders that live for one call
+GRACE = 5.0  # s that a thread has to finish or remove an entry when Python ends
 PATIENCE = 900.0  # s, after which a process that holds a lock is no longer waited for
 DAY = 86400.0
 
@@ -183,8 +187,7 @@ def _make_locked(root: Path, kind: str, key: str, make: Callable[[Path], None]) 
         if present is not None:  # another process was faster
             return present
         _sweep(root, DAY, key if alone else "")
-        private = Path(tempfile.mkdtemp(prefix=f"making-{key}-", dir=root))
-        try:
+        with _private_folder(root, key) as private:
             make(private)
             files = _seal(private, kind, key)
             _put_away(root, kind, key)
@@ -193,9 +196,29 @@ def _make_locked(root: Path, kind: str, key: str, make: Callable[[Path], None]) 
             except OSError:  # without a lock somebody else may have been faster; the files are right all the same
                 if _read(root, kind, key) is None:
                     raise
-        finally:
-            shutil.rmtree(private, ignore_errors=True)
     return files
+
+
+@contextmanager
+def _private_folder(root: Path, key: str) -> Iterator[Path]:
+    """Make a folder that is removed behind the block, for which Python waits a while where it ends meanwhile.
+
+    Raises:
+        BuildError: Python ends.
+    """
+    from ..codegen.package.running import check_not_ending
+
+    check_not_ending()
+    removed = threading.Event()
+    wait = partial(removed.wait, GRACE)
+    folder = Path(tempfile.mkdtemp(prefix=f"making-{key}-", dir=root))
+    atexit.register(wait)  # compilers of the block are registered later, and so ended before
+    try:
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+        removed.set()
+        atexit.unregister(wait)
 
 
 @contextmanager

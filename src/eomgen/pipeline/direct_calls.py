@@ -6,7 +6,8 @@ Nothing of a build depends on it: where it cannot be had, kernels are called thr
 from __future__ import annotations
 
 import threading
-from contextlib import suppress
+from concurrent.futures import Future
+from functools import partial
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
@@ -34,21 +35,20 @@ class Extension:
     def __init__(self) -> None:
         self.binding, self._guard = ExtensionBinding(expected=True), threading.Lock()
         self._compiler: Compiler | None = None
-        self._worker: threading.Thread | None = None
+        self._begun: Future[store.Entry | None] | None = None
         self._is_settled = False
 
     def begin(self, compiler: Compiler) -> ExtensionBinding:
         """Load the module where the cache has it; where not, begin to compile it beside what comes next."""
+        from ..codegen.package.running import begin_in_thread
+
         with self._guard:
             if self._compiler is not None:
                 return self.binding
             self._compiler = compiler
             key = _key(compiler)
             if key is not None and store.find(KIND, key) is None:
-                self._worker = threading.Thread(
-                    target=_try_to_make, args=(compiler,), name="eomgen direct", daemon=True
-                )
-                self._worker.start()
+                self._begun = begin_in_thread(partial(made_by, compiler))
                 return self.binding
         self.settle()
         return self.binding
@@ -58,11 +58,9 @@ class Extension:
         with self._guard:
             if self._is_settled or self._compiler is None:
                 return
-            if self._worker is not None:
-                self._worker.join()
             module: ModuleType | None = None
             try:
-                made = made_by(self._compiler)
+                made = made_by(self._compiler) if self._begun is None else self._begun.result()
                 module = None if made is None else load_module(made, NAME.removeprefix("_"))
             except BuildError as error:
                 progress(f"kernels are called through cffi alone: {error}")
@@ -124,9 +122,3 @@ def _make(compiler: Compiler, key: str, folder: Path) -> None:
 
     write_extension(compiler, folder)
     with_denormals(lambda: check_extension(store.unfinished(KIND, key, folder), compiler))
-
-
-def _try_to_make(compiler: Compiler) -> None:
-    """Fill the cache; errors come again, and are told, by ``settle``."""
-    with suppress(BuildError):
-        made_by(compiler)

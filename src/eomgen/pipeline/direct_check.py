@@ -39,7 +39,8 @@ def check_extension(made: store.Entry, compiler: Compiler) -> None:
         BuildError: it does not load, or does something else than it should; the compiler's command is named.
     """
     from ..codegen.package.extension import FILE, FLAGS
-    from ..codegen.package.probe import in_new_thread, refusal
+    from ..codegen.package.probe import refusal
+    from ..codegen.package.running import in_new_thread
 
     def work() -> str | None:
         module = fresh_module(made, "direct")

@@ -64,14 +64,14 @@ def _place(package: store.Entry, name: str) -> str:
 def _load(package: store.Entry, name: str, here: str) -> Any:
     try:
         return _load_abi(package, name) if f"_{name}_types.py" in package.files else _load_api(package, here)
-    except (ImportError, OSError, StopIteration) as error:
+    except (ImportError, OSError) as error:
         raise BuildError(f"the compiled module in {package.folder} does not load: {error}") from None
 
 
 def _load_api(package: store.Entry, here: str) -> Any:
     """Load a package of cffi's API mode: an extension module."""
     stem = here.rpartition(".")[2]
-    file = next(name for name in package.files if name.startswith(f"{stem}.") and name.endswith((".so", ".pyd")))
+    file = _library(package, f"{stem}.")
 
     def load(path: str) -> Any:
         loader = ExtensionFileLoader(here, path)
@@ -92,9 +92,16 @@ def _load_abi(package: store.Entry, name: str) -> Any:
     file = f"_{name}_types.py"
     module = ModuleType(f"_{name}")
     exec(compile(package.files[file], file, "exec"), module.__dict__)  # its hash was checked as that of any binary
-    library = next(name for name in package.files if name.startswith("lib"))
-    module.lib = linked(package, library, module.ffi.dlopen)  # type: ignore[attr-defined]
+    module.lib = linked(package, _library(package, "lib"), module.ffi.dlopen)  # type: ignore[attr-defined]
     return module
+
+
+def _library(package: store.Entry, beginning: str) -> str:
+    """Return the name of a package's shared library; ImportError where it has none."""
+    for name in package.files:
+        if name.startswith(beginning) and name.endswith((".so", ".pyd")):
+            return name
+    raise ImportError(f"none of its files is a library {beginning}*")
 
 
 def linked(package: store.Entry, file: str, load: Callable[[str], Any]) -> Any:

@@ -88,7 +88,7 @@ def first_difference(
         bits: whether the compiler may not fuse multiply-adds; then answers are equal to the bit.
         halves: of the code that the module has.
     """
-    from ..codegen.package.probe import in_new_thread
+    from ..codegen.package.running import in_new_thread
 
     def work() -> Difference | None:
         module = load()

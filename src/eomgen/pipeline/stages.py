@@ -19,7 +19,7 @@ import json
 import os
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -159,10 +159,10 @@ def build(
     at_once = whole or options.kernels
     if derive:
         _check_derivable(robot)
-    with told_at_prompt("building", progress) as report, ThreadPoolExecutor(1, "eomgen derivation") as beside:
+    with told_at_prompt("building", progress) as report:
         if derive and at_once:  # first, so that the derivation is beside the compiler, and not beside another one
             make_source(robot, _with_beside(robot, options), report)
-        derived = _begin_derivation(beside, robot, options) if derive else None
+        derived = _begin_derivation(robot, options) if derive else None
         kernel = _at_once(robot, options, report) if at_once else _on_demand(robot, options, progress)
         if derived is not None:
             derived.result()
@@ -176,15 +176,16 @@ def _check_derivable(robot: Robot) -> None:
     check_derivable(robot)
 
 
-def _begin_derivation(beside: ThreadPoolExecutor, robot: Robot, options: Options) -> Future[Derived]:
+def _begin_derivation(robot: Robot, options: Options) -> Future[Derived]:
     """Derive a robot's joints with SymPy in a thread, and compare; the result raises DerivationError."""
+    from ..codegen.package.running import begin_in_thread
 
     def work() -> Derived:
         from ..codegen.derivation.afresh import derive_afresh
 
         return derive_afresh(build_model(robot), options.kernels, options.dtype)
 
-    return beside.submit(work)
+    return begin_in_thread(work)
 
 
 def _at_once(robot: Robot, options: Options, progress: StageReport = no_report) -> Kernel:
@@ -317,11 +318,10 @@ def generate(
     if hidden:
         warnings.warn(hidden, EomgenWarning, stacklevel=3)  # above the function that tells at a prompt
     options = _with_beside(robot, options or Options())
-    with ThreadPoolExecutor(1, "eomgen derivation") as beside:
-        make_source(robot, options, progress)  # first, so that the derivation is beside the compiler alone
-        derivation = _begin_derivation(beside, robot, options) if is_rigid else None
-        files = _files_of_levels(robot, options, progress)
-        derived = None if derivation is None else derivation.result()
+    make_source(robot, options, progress)  # first, so that the derivation is beside the compiler alone
+    derivation = _begin_derivation(robot, options) if is_rigid else None
+    files = _files_of_levels(robot, options, progress)
+    derived = None if derivation is None else derivation.result()
     header = f"{robot.name}.h"
     if derived is not None:
         files = {**files, header: derived.in_header(files[header].decode("ascii")).encode("ascii")}

@@ -15,6 +15,7 @@
 #define R_9 R_8, R
 #define R_10 R_9, R
 #define R_11 R_10, R
+#define R_12 R_11, R
 #define X_1 x[0]
 #define X_2 X_1, x[1]
 #define X_3 X_2, x[2]
@@ -26,6 +27,7 @@
 #define X_9 X_8, x[8]
 #define X_10 X_9, x[9]
 #define X_11 X_10, x[10]
+#define X_12 X_11, x[11]
 #define RS_1 R, size_t
 #define RS_2 RS_1, R, size_t
 #define RS_3 RS_2, R, size_t
@@ -37,6 +39,7 @@
 #define RS_9 RS_8, R, size_t
 #define RS_10 RS_9, R, size_t
 #define RS_11 RS_10, R, size_t
+#define RS_12 RS_11, R, size_t
 #define XS_1 x[0], s[0]
 #define XS_2 XS_1, x[1], s[1]
 #define XS_3 XS_2, x[2], s[2]
@@ -48,6 +51,7 @@
 #define XS_9 XS_8, x[8], s[8]
 #define XS_10 XS_9, x[9], s[9]
 #define XS_11 XS_10, x[10], s[10]
+#define XS_12 XS_11, x[11], s[11]
 
 /* Code of one state and of a batch, with as many arrays as it reads; -1 or the first failure. */
 #define ONE(REAL, K)                                                                                                   \
@@ -56,7 +60,7 @@
     case K: return ((long long (*)(size_t, R, RS_##K, REAL *))c->address)(n, h, XS_##K, out);
 #define ALL(CASE, REAL)                                                                                                \
     CASE(REAL, 1) CASE(REAL, 2) CASE(REAL, 3) CASE(REAL, 4) CASE(REAL, 5) CASE(REAL, 6) CASE(REAL, 7) CASE(REAL, 8)    \
-    CASE(REAL, 9) CASE(REAL, 10) CASE(REAL, 11)
+    CASE(REAL, 9) CASE(REAL, 10) CASE(REAL, 11) CASE(REAL, 12)
 #define DEFINE_CALLS(REAL)                                                                                             \
     static long long one_##REAL(const Code *c, int framed, int reads, const void *h, const void *const *x,             \
                                 int frame, void *out)                                                                  \

@@ -255,8 +255,9 @@ def _compiled(
     name: str, files: Mapping[str, bytes], version: int, work: Path, flags: Sequence[str]
 ) -> tuple[str, bytes]:
     """Return the path and content of this machine's binary."""
-    from eomgen.codegen.package.compile import WARNINGS, compile_flags, find_compiler, link_shared, run_all
+    from eomgen.codegen.package.compile import WARNINGS, compile_flags, find_compiler, link_shared
     from eomgen.codegen.package.probe import check_compiler
+    from eomgen.codegen.package.running import run_all
 
     compiler = find_compiler()
     check_compiler(compiler, compile_flags(compiler, False, flags))

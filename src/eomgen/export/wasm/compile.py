@@ -11,7 +11,8 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from eomgen.codegen.package.compile import FLAGS, NO_VECTORS, WARNINGS, key_of, run_all
+from eomgen.codegen.package.compile import FLAGS, NO_VECTORS, WARNINGS, key_of
+from eomgen.codegen.package.running import run_all
 from eomgen.errors import BuildError
 from eomgen.pipeline import cache as store
 
@@ -71,4 +72,5 @@ def _version(command: Sequence[str]) -> str:
     """Say which compiler a command is."""
     if "ziglang" in command:
         return importlib.metadata.version("ziglang")
-    return subprocess.run([*command, "--version"], capture_output=True, text=True, check=False).stdout
+    asked = [*command, "--version"]
+    return subprocess.run(asked, capture_output=True, encoding="utf-8", errors="backslashreplace", check=False).stdout

@@ -55,7 +55,8 @@ def check_library(compiler: Compiler, flags: tuple[str, ...], dtype: str, compon
     """
     from ...codegen.package.compile import fuses
     from ...codegen.package.library import library_command
-    from ...codegen.package.probe import in_new_thread, refusal
+    from ...codegen.package.probe import refusal
+    from ...codegen.package.running import in_new_thread
 
     opened = _open(compiler, flags, folder, component, dtype)
 
@@ -81,8 +82,9 @@ def _open(
 ) -> Callable[[], tuple[Any, dict[str, Any]]]:
     """Link a component into a shared library; return a function that opens it: cffi's object and functions by name."""
     from ...codegen.c.library import FOLDER, library_functions
-    from ...codegen.package.compile import link_shared, run_all
+    from ...codegen.package.compile import link_shared
     from ...codegen.package.library import HIDDEN, OBJECT, library_flags, precision_flags
+    from ...codegen.package.running import run_all
 
     prefix, names = "eomf" if dtype == "float32" else "eom", FUNCTIONS[component]
     macros = [f"EOM{'_WIDE' * component.endswith('_lanes')}({name})" for name in names]

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import json
 import shutil
-import threading
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -43,18 +42,10 @@ class Libraries:
             A function that waits for the objects and gives their content; it raises BuildError where the compiler
             fails, or what it compiles computes something else than it should.
         """
-        threads = [
-            threading.Thread(target=self._try, args=(component,), daemon=True) for component in self._missing(parts)
-        ]
-        for thread in threads:
-            thread.start()
+        from ...codegen.package.running import begin_in_thread
 
-        def objects() -> list[bytes]:
-            for thread in threads:
-                thread.join()
-            return [self._made(component) for component in parts]
-
-        return objects
+        begun = {part: begin_in_thread(partial(self._made, part)) for part in self._missing(parts)}
+        return lambda: [begun[part].result() if part in begun else self._made(part) for part in parts]
 
     def begin_for(self, source: Source) -> Linked:
         """Begin with the components that a source is linked with."""
@@ -90,8 +81,3 @@ class Libraries:
         if self.tried:
             with_denormals(lambda: check_library(self.compiler, self.flags, self.dtype, component, folder))
         shutil.rmtree(folder / FOLDER)
-
-    def _try(self, component: str) -> None:
-        """Fill the cache; errors come again, and are raised, where the objects are waited for."""
-        with suppress(Exception):
-            self._made(component)

@@ -1,0 +1,129 @@
+"""Compilers, which end with whoever waits for them and with this process, and work in threads."""
+
+from __future__ import annotations
+
+import atexit
+import os
+import shlex
+import signal
+import subprocess
+import threading
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future
+from contextlib import suppress
+from typing import TypeVar
+
+from eomgen.errors import BuildError
+
+T = TypeVar("T")
+
+PATIENCE = 2.0  # s that a compiler has to remove its temporary files
+
+
+def run_all(commands: Sequence[Sequence[str]]) -> None:
+    """Run the commands side by side; the first that fails is reported with what it said.
+
+    None of them goes on after an exception, such as KeyboardInterrupt, or when Python ends, also where this is called
+    from a thread that ends with it.
+
+    Raises:
+        BuildError: a command cannot be run, fails, or does not write the file that it names behind ``-o``; Python ends.
+    """
+    check_not_ending()
+    running: list[subprocess.Popen[str]] = []
+
+    def end_all() -> None:
+        for process in running:
+            _end(process)
+
+    atexit.register(end_all)
+    try:
+        for command in commands:
+            running.append(_start(command))
+        said = [process.communicate()[0] for process in running]
+    finally:
+        end_all()
+        atexit.unregister(end_all)
+        for process in running:
+            with process:  # closes its pipe
+                pass
+    for command, process, text in zip(commands, running, said, strict=True):
+        if process.returncode != 0:
+            what = f"the C compiler failed with status {process.returncode}"
+        elif not os.path.isfile(command[command.index("-o") + 1]):
+            what = f"the C compiler wrote no {'object' if '-c' in command else 'library'}"
+        else:
+            continue
+        raise BuildError(
+            f"{what}:\n  {shlex.join(command)}\n{text.strip()[:4000]}\n"
+            "check that the compiler works (CC names another one), that the disk is not full, and that flags are right"
+        )
+
+
+def check_not_ending() -> None:
+    """Refuse to begin, in a daemon thread, what Python would not finish because it ends.
+
+    Raises:
+        BuildError: the main thread has ended.
+    """
+    if threading.current_thread().daemon and not threading.main_thread().is_alive():
+        raise BuildError("Python ends: nothing is built any more")
+
+
+def _start(command: Sequence[str]) -> subprocess.Popen[str]:
+    """Start a command as a group of processes: compilers are drivers that start others."""
+    try:
+        return subprocess.Popen(
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            encoding="utf-8",
+            errors="backslashreplace",  # what it says may have any encoding
+            process_group=0 if os.name == "posix" else None,
+        )
+    except OSError as error:
+        raise BuildError(f"the C compiler does not run: {shlex.join(command)}: {error}") from None
+
+
+def _end(process: subprocess.Popen[str]) -> None:
+    """End a command that runs, and what it has started."""
+    if process.poll() is not None:
+        return
+    _send(process, signal.SIGTERM)
+    try:
+        process.wait(PATIENCE)
+    except subprocess.TimeoutExpired:
+        _send(process, signal.SIGKILL if os.name == "posix" else signal.SIGTERM)
+        process.wait()
+
+
+def _send(process: subprocess.Popen[str], number: signal.Signals) -> None:
+    with suppress(OSError):  # it has just ended
+        if os.name == "posix":
+            os.killpg(process.pid, number)
+        else:
+            process.send_signal(number)
+
+
+def begin_in_thread(work: Callable[[], T]) -> Future[T]:
+    """Begin ``work()`` in a thread that ends with the process; ``result()`` waits, and raises what the work raised."""
+    future = Future[T]()
+
+    def run() -> None:
+        try:
+            future.set_result(work())
+        except BaseException as error:  # the caller raises it
+            future.set_exception(error)
+
+    threading.Thread(target=run, name="eomgen work", daemon=True).start()
+    return future
+
+
+def in_new_thread(work: Callable[[], T]) -> T:
+    """Return the value of ``work()``, or raise what it raises, in a thread that ends with it.
+
+    A library that was linked with fast arithmetic turns denormal numbers off in the thread that loads it, and there
+    alone.
+    """
+    return begin_in_thread(work).result()
