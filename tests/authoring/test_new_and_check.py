@@ -365,6 +365,10 @@ def test_a_study_from_the_first_file_on(tmp_path: Path, monkeypatch: pytest.Monk
     assert "there is no robot 'nothing'; allowed: the name of a .toml" in errors_of("new", "nothing", "--tolerances")
     command("new", "mine", "--plan", "-o", "here.toml")
     assert (tmp_path / "here.toml").exists()
+    (tmp_path / "My-Arm 2.urdf").write_text(URDF)
+    for kind, ending in (("poses", "csv"), ("plan", "toml"), ("tolerances", "toml"), ("scenario", "toml")):
+        assert command("new", "My-Arm 2.urdf", f"--{kind}") == f"wrote my_arm_2_{kind}.{ending}\n"
+    assert "gone.urdf: there is no such file" in errors_of("new", "gone.urdf", "--poses")
 
 
 # Inertia

@@ -22,7 +22,11 @@ if TYPE_CHECKING:
 
 
 def _add_new(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("name", metavar="NAME", help="of the robot: lower-case letters, digits and _")
+    parser.add_argument(
+        "name",
+        metavar="NAME",
+        help="of the robot: lower-case letters, digits and _; or, for files about one, its path",
+    )
     parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="a file that does not exist yet (NAME.toml)")
     kinds = parser.add_mutually_exclusive_group()
     kinds.add_argument(

@@ -211,7 +211,7 @@ def _robot_from_table(top: Table, draft: Draft, folder: Path | None, options: Re
     for name, entry in top.entries("links"):
         draft.links[name] = _link(name, entry, draft, folder)
     for name, entry in top.entries("joints"):
-        draft.joints[name] = _joint(name, entry, draft, folder)
+        draft.joints[name] = read_joint(name, entry, draft, folder)
     for name, entry in top.entries("beams"):
         add_beam(name, entry, draft)
     for name, entry in top.entries("frames"):
@@ -320,8 +320,8 @@ def _link(name: str, entry: Table, draft: Draft, folder: Path | None) -> Link:
     )
 
 
-def _joint(name: str, entry: Table, draft: Draft, folder: Path | None) -> Joint:
-    """Return a new joint, or one of the URDF with the entry's overrides and the coordinates that it activates."""
+def read_joint(name: str, entry: Table, draft: Draft, folder: Path | None) -> Joint:
+    """Return a new joint, or one of the draft with the entry's overrides and the coordinates that it activates."""
     old = draft.joints.get(name)
     if old is None:
         entry.require(_hint(name, draft))
@@ -339,7 +339,7 @@ def _joint(name: str, entry: Table, draft: Draft, folder: Path | None) -> Joint:
             coordinates[key] = read_coordinate(table, old_one, _beside(table, folder), draft.notes)
             if table.text("role") == "locked":
                 del coordinates[key]
-    motor = _motor(entry, kind, coordinates, folder, draft.notes)
+    motor = _motor(entry, kind, coordinates, folder, draft.notes) or old.motor
     for key in dict.fromkeys(entry.strings("prescribed")):
         known = COORDINATES if motor is None else (*COORDINATES, MOTOR)
         if key not in known:
@@ -356,7 +356,8 @@ def _joint(name: str, entry: Table, draft: Draft, folder: Path | None) -> Joint:
     coordinates = dict(made.coordinates)
     if "stops" in entry:
         coordinates[PRINCIPAL.get(kind, "")] = joint_stops(entry, kind, coordinates, made.range)
-    made = replace(made, coordinates=coordinates, **joint_elements(entry, coordinates, folder, draft.notes))
+    elements = old.elements | joint_elements(entry, coordinates, folder, draft.notes)
+    made = replace(made, coordinates=coordinates, **elements)
     return on_beam(entry, made, draft) if entry.choice("along") else made
 
 

@@ -111,7 +111,7 @@ def identify(  # noqa: PLR0913
     if TRANSMISSIONS in linear:
         relations = anchored(relations)
     parameter_names(kernel, linear, relations)
-    motion = at_shafts(described, measured_motion(robot.name, motion, kernel.coordinates))
+    motion = at_shafts(described, measured_motion(robot, motion, kernel.coordinates))
     step = even_step(motion)
     motion, idle = _without_idle_drives(robot, motion)
     refuse_impossible(robot, motion, step)

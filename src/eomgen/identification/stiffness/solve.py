@@ -129,7 +129,7 @@ def fit(  # noqa: PLR0913
     [*others, last] = _each(motion)
     if others:
         raise InputError(f"motion: got {len(others) + 1} of them; allowed: one, or several with parameters")
-    motion = measured_motion(robot.name, last, kernel.coordinates)
+    motion = measured_motion(robot, last, kernel.coordinates)
     step = even_step(motion)
     model = build_model(robot)
     moved = _moved(kernel, model, motion, step)
