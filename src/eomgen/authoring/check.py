@@ -60,7 +60,12 @@ class Checked:
 
 
 def check_file(
-    path: str | Path, *, inertia: str | None = None, floating_base: bool = False, xacro: Xacro = False
+    path: str | Path,
+    *,
+    inertia: str | None = None,
+    floating_base: bool = False,
+    xacro: Xacro = False,
+    xacro_args: Mapping[str, object] | None = None,
 ) -> Checked:
     """Read a description (.toml, .urdf, .xml), a scenario or a plan; which of them a .toml file is, its keys say.
 
@@ -68,10 +73,10 @@ def check_file(
         path: of the file, or the name of a built-in robot.
         inertia: what to do with an inertia that no body can have, as in ``load_robot``: a link that this lets through
             is a note, one that it refuses an error.
-        floating_base, xacro: as in ``load_robot``.
+        floating_base, xacro, xacro_args: as in ``load_robot``.
     """
     path = as_path(path, "path")
-    options = ReadOptions(inertia=inertia, floating_base=floating_base, xacro=xacro)
+    options = ReadOptions(inertia=inertia, floating_base=floating_base, xacro=xacro, xacro_args=xacro_args)
     name = str(path)
     kind = "robot"
     try:
@@ -97,10 +102,15 @@ def check_file(
 
 
 def check_files(
-    paths: Sequence[str | Path], *, inertia: str | None = None, floating_base: bool = False, xacro: Xacro = False
+    paths: Sequence[str | Path],
+    *,
+    inertia: str | None = None,
+    floating_base: bool = False,
+    xacro: Xacro = False,
+    xacro_args: Mapping[str, object] | None = None,
 ) -> list[Checked]:
     """Check each file as ``check_file``; notes of scenarios refer to the robots among them, too."""
-    how: dict[str, Any] = {"inertia": inertia, "floating_base": floating_base, "xacro": xacro}
+    how: dict[str, Any] = {"inertia": inertia, "floating_base": floating_base, "xacro": xacro, "xacro_args": xacro_args}
     checked = [check_file(path, **how) for path in paths]
     usable = [(path, file) for path, file in zip(paths, checked, strict=True) if not file.errors]
     scenarios = {file.file: load_scenario(Path(path)) for path, file in usable if file.kind == "scenario"}
@@ -127,7 +137,8 @@ def _read(path: Path | str, name: str, kind: str, options: ReadOptions) -> Check
     if kind == "plan":
         plan = load_plan(Path(path))
         return Checked(name, kind, {"samples": plan.samples, "numbers varied": len(plan.vary)})
-    robot = load_robot(path, inertia=options.inertia, floating_base=options.floating_base, xacro=options.xacro)
+    names = ("inertia", "floating_base", "xacro", "xacro_args")
+    robot = load_robot(path, **{key: getattr(options, key) for key in names})
     coordinates = sum(len(joint.all_coordinates) for joint in robot.joints) - len(robot.followers)
     states = build_model(robot).states
     return Checked(

@@ -60,7 +60,7 @@ SUFFIXES = (".toml", ".urdf", ".xml", ".mjcf", ".xacro")
 _WORLD = (BASE, "world")  # names of the ground when the root link of a URDF is put on a joint
 
 
-def load_robot(
+def load_robot(  # noqa: PLR0913
     source: str | Path,
     *,
     inertia: str | None = None,
@@ -70,6 +70,7 @@ def load_robot(
     stops: Mapping[str, float] | None = None,
     floating_base: bool = False,
     xacro: Xacro = False,
+    xacro_args: Mapping[str, object] | None = None,
 ) -> Robot:
     """Read a robot.
 
@@ -89,6 +90,7 @@ def load_robot(
         floating_base: put a free joint, ``floating_base``, between the ground and the root link of a URDF.
         xacro: expand a ``.xacro`` file, which may run any Python that stands in it; otherwise it is refused.  Folders
             of packages by their names, for ``$(find NAME)``, ask for it, too.
+        xacro_args: values of the arguments of a ``.xacro`` file by their names: {"ur_type": "ur5e"}.
 
     Returns:
         The robot in SI units; ``notes`` says what was changed or left out.
@@ -96,7 +98,10 @@ def load_robot(
     Raises:
         DescriptionError: with the file, the place, what came and what is allowed.
     """
-    options = ReadOptions(inertia, urdf_damping, urdf_friction, urdf_mimic, stops, floating_base, xacro)
+    options = ReadOptions(inertia, urdf_damping, urdf_friction, urdf_mimic, stops, floating_base, xacro, xacro_args)
+    if xacro_args and not str(source).endswith(".xacro"):
+        message = f"xacro_args: {listed(xacro_args)} of {show_path(str(source))}; allowed: with a .xacro file"
+        raise DescriptionError(message)
     if isinstance(source, str) and source in builtin_robots():
         text = read_text(BUILTIN / f"{source}.toml", source)
         return _from_toml(text, options, source)
@@ -120,7 +125,7 @@ def load_robot(
     if path.suffix == ".xacro":
         from .macros import expanded_urdf
 
-        text = expanded_urdf(path, trusted=xacro)
+        text = expanded_urdf(path, trusted=xacro, arguments=xacro_args)
     if path.suffix != ".toml":
         return _from_urdf(text, options, f"{path} (expanded)" if path.suffix == ".xacro" else str(path))
     return _from_toml(text, options, str(path), path.parent)
