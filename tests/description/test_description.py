@@ -9,6 +9,7 @@ import pickle
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -494,6 +495,7 @@ TABLES = {
 }
 
 
+@pytest.mark.quick
 @pytest.mark.parametrize("path", TABLES)
 def test_tables_of_joints_have_the_keys_of_toml(path: str) -> None:
     plain = (
@@ -513,6 +515,28 @@ def test_tables_of_joints_have_the_keys_of_toml(path: str) -> None:
     if isinstance(TABLES[path], dict):
         with pytest.raises(DescriptionError, match=r"with_value: joints\.hinge\..*stiff"):
             robot.with_value(f"joints.hinge.{path}", {"stiff": 1.0})
+
+
+WRONG_TABLES: tuple[Any, ...] = ({}, {1: 2}, {"stiffness": math.nan}, {"stiffness": 10**400}, {"matrix": "k.csv"}, [{}])
+WRONG_TABLES += (
+    {"role": "locked"},
+    {"inertia": 1.0, "ratio": 0.0, "stiffness": 1.0},
+    {"xyz": "a"},
+    {"lower": 2.0, "upper": 1.0},
+)
+
+
+@pytest.mark.quick
+def test_wrong_tables_are_refused() -> None:
+    """Or taken, where the joint has such a table; never with an error of Python's."""
+    robot = robot_from_toml(JOINT_ARM)
+    for path in ("x", "gamma", "motor", "placement", "radial", "offset", "name", "x.friction", "x.limits", "x.maxwell"):
+        for value in WRONG_TABLES:
+            with suppress(InputError):
+                assert robot.with_value(f"joints.shoulder.{path}", value).joint("shoulder")
+    refused(
+        InputError, "with_value: the key 1 of a table; allowed: texts", robot.with_value, "joints.shoulder.x", {1: 2}
+    )
 
 
 def test_kernels_have_it() -> None:

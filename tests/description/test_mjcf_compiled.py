@@ -484,6 +484,7 @@ def test_arguments_of_xacro(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
         path,
         **found | {"xacro_args": {"name": {}}},
     )
+    refused(InputError, "xacro_args: got a value of type int; allowed: values", load_robot, path, xacro_args=5)
     refused(DescriptionError, "allowed: with a .xacro file", load_robot, "ur5", xacro_args={"name": "mine"})
 
 

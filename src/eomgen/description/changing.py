@@ -101,6 +101,9 @@ def _plain(value: Any) -> Any:
     if hasattr(value, "tolist"):
         value = value.tolist()
     if isinstance(value, Mapping):
+        unnamed = [key for key in value if not isinstance(key, str)]
+        if unnamed:
+            raise InputError(f"with_value: the key {show(unnamed[0])} of a table; allowed: texts")
         return {key: _plain(x) for key, x in value.items()}
     return [_plain(x) for x in value] if isinstance(value, (list, tuple)) else value
 

@@ -12,7 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Unpack
 
-from ..errors import DescriptionError, InputError
+from ..errors import DescriptionError, InputError, check_kind
 from ..forms.keys import ByName
 from ..forms.tables import Table
 from ..forms.toml_place import located
@@ -99,6 +99,7 @@ def load_robot(  # noqa: PLR0913
         DescriptionError: with the file, the place, what came and what is allowed.
     """
     options = ReadOptions(inertia, urdf_damping, urdf_friction, urdf_mimic, stops, floating_base, xacro, xacro_args)
+    check_kind("xacro_args", xacro_args, xacro_args is None or isinstance(xacro_args, Mapping), "values by names")
     if xacro_args and not str(source).endswith(".xacro"):
         message = f"xacro_args: {listed(xacro_args)} of {show_path(str(source))}; allowed: with a .xacro file"
         raise DescriptionError(message)
