@@ -256,23 +256,46 @@ stiffness = 1e4
 """
 
 
+ASKED = re.compile("is that in|are these in")
+
+
 def test_lengths_and_angles_of_another_unit_are_asked_about(tmp_path: Path) -> None:
-    """Each by its place, in the unit that it may be of; the rest are counted; numbers of usual sizes are not."""
+    """In one note, each by its place; the rest are counted; numbers of usual sizes are not."""
     path = text_file(tmp_path / "odd.toml", ODD)
     found = check_file(path)
     assert not found.errors
-    assert [note for note in found.notes if "is that in" in note or "such sizes" in note] == [
-        "home.j1.gamma = 90 m or rad: is that in degrees (1.5708 rad) or millimetres (0.09 m)?",
-        "links.upper.com.0 = 120 m: is that in millimetres (0.12 m)?",
-        "joints.j1.placement.xyz.2 = 500 m: is that in millimetres (0.5 m)?",
-        "joints.j1.placement.rpy.0 = 90 rad: is that in degrees (1.5708 rad)?",
-        "joints.j2.dh.a = 400 m: is that in millimetres (0.4 m)?",
-        "2 more of such sizes",
+    assert [note for note in found.notes if ASKED.search(note)] == [
+        "home.j1.gamma = 90 m or rad, links.upper.com.0 = 120 m, joints.j1.placement.xyz.2 = 500 m,"
+        " joints.j1.placement.rpy.0 = 90 rad, joints.j2.dh.a = 400 m and 2 more: are these in millimetres or degrees?"
     ]
     path.write_text(re.sub(r"(\d)0\.0\b", r"\g<1>.0", ODD).replace("90", "9").replace("50.0", "5.0"), encoding="utf-8")
     small = check_file(path)
     assert not small.errors
-    assert not [note for note in small.notes if "is that in" in note]
+    assert not [note for note in small.notes if ASKED.search(note)]
+
+
+SIZES = ("links.l1.com.z = 100 m", "joints.j.placement.xyz.2 = 200 m", "joints.j.gamma.limits.lower = -180 rad")
+MILLIMETRES = {
+    "odd.urdf": """<robot name="mm"><link name="b"/><link name="l1"><inertial><origin xyz="0 0 100"/><mass value="1"/>
+<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="j" type="revolute"><parent link="b"/><child link="l1"/><origin xyz="0 0 200" rpy="90 0 0"/>
+<axis xyz="0 0 1"/><limit lower="-180" upper="1e16" effort="10" velocity="3"/></joint></robot>""",
+    "odd.xml": """<mujoco model="mm"><compiler angle="radian"/><worldbody><body name="l1" pos="0 0 200">
+<inertial pos="0 0 100" mass="1" diaginertia="0.1 0.1 0.1"/><joint name="j" range="-180 1e16"/>
+</body></worldbody></mujoco>""",
+    "refined.toml": 'urdf = "odd.urdf"\n[[joints]]\nname = "j"\nx = {}\n',
+}
+
+
+@pytest.mark.parametrize("name", MILLIMETRES)
+def test_other_formats_are_asked_about_by_the_same_check(name: str, tmp_path: Path) -> None:
+    """Of a URDF that a TOML refines, what the TOML leaves as it is."""
+    paths = {key: text_file(tmp_path / key, text) for key, text in MILLIMETRES.items()}
+    (note,) = [note for note in check_file(paths[name]).notes if ASKED.search(note)]
+    angle = ("joints.j.placement.rpy.0 = 90 rad",) if name == "odd.urdf" else ()
+    places = ", ".join((*SIZES[:2], *angle, SIZES[2]))
+    expected = f"{places}: are these in millimetres or degrees?"
+    assert note == ("links.l1.com.z = 100 m: is that in millimetres (0.1 m)?" if "toml" in name else expected)
 
 
 def test_goals_of_another_unit_are_asked_about(tmp_path: Path) -> None:
@@ -299,7 +322,8 @@ def test_goals_of_another_unit_are_asked_about(tmp_path: Path) -> None:
 def test_built_in_files_have_no_odd_sizes() -> None:
     files = [path for kind in ("robots", "scenarios") for path in (Path(eomgen.__path__[0]) / kind).glob("*.toml")]
     assert len(files) > 15
-    assert not [note for path in files for note in check_file(path).notes if "is that in" in note]
+    assert not [note for path in files for note in check_file(path).notes if ASKED.search(note)]
+    assert not [name for name in builtin_robots() for note in check_file(name).notes if ASKED.search(note)]
 
 
 # Studies
@@ -365,6 +389,10 @@ def test_a_study_from_the_first_file_on(tmp_path: Path, monkeypatch: pytest.Monk
     assert "there is no robot 'nothing'; allowed: the name of a .toml" in errors_of("new", "nothing", "--tolerances")
     command("new", "mine", "--plan", "-o", "here.toml")
     assert (tmp_path / "here.toml").exists()
+    (tmp_path / "My-Arm 2.urdf").write_text(URDF)
+    for kind, ending in (("poses", "csv"), ("plan", "toml"), ("tolerances", "toml"), ("scenario", "toml")):
+        assert command("new", "My-Arm 2.urdf", f"--{kind}") == f"wrote my_arm_2_{kind}.{ending}\n"
+    assert "gone.urdf: there is no such file" in errors_of("new", "gone.urdf", "--poses")
 
 
 # Inertia

@@ -84,7 +84,7 @@ def test_a_urdf_behind_toml_is_named(tmp_path: Path) -> None:
     message = refusal(load_robot, str(toml))
     assert "joints.elbo" in message
     assert "mean 'elbow'" in message
-    urdf.write_text(URDF.replace('"continuous"', '"planar"'))
+    urdf.write_text(URDF.replace('"continuous"', '"cylindrical"'))
     assert "arm.urdf:21:3: joint 'elbow'" in refusal(load_robot, str(toml))
     urdf.write_text(URDF.replace('izz="0.15"', 'izz="9"'))
     for entry, place in (

@@ -9,6 +9,7 @@ import pickle
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -481,10 +482,68 @@ def test_what_changes_with_a_value() -> None:
     assert robot.with_value("links.0.com", np.array([0.2, 0.0, 0.0])).link("upper_arm").com == (0.2, 0.0, 0.0)
 
 
+TABLES = {
+    "motor": {"inertia": 1e-4, "ratio": 100.0, "stiffness": 2e4, "damping": 10.0, "friction": {"coulomb": 0.1}},
+    "x": {"stiffness": 1e6, "hysteresis": {"stiffness": 1e3, "beta": 3.0, "gamma": 1.0}},
+    "gamma.friction": {"coulomb": 3.0, "viscous": 1.0},
+    "gamma.limits": {"lower": -1.0, "upper": 1.0, "effort": 3.0},
+    "x.maxwell": [{"stiffness": 1e3, "damping": 1.0}],
+    "dh": {"a": 0.1, "d": 0.2, "alpha": 0.3},
+    "stops": {"stiffness": 1e5, "damping": 10.0},
+    "offset": {"x": 1e-3},
+    "stiffness": {"matrix": [[2.0, 0.5], [0.5, 1.0]]},
+}
+
+
+@pytest.mark.quick
+@pytest.mark.parametrize("path", TABLES)
+def test_tables_of_joints_have_the_keys_of_toml(path: str) -> None:
+    plain = (
+        'name = "arm"\nlinks = [{ name = "rod", mass = 1.0, com = [0.0, 0.0, 0.1], inertia = {xx=0.1,yy=0.1,zz=0.1} }]'
+    )
+    plain += '\n[[joints]]\nname = "hinge"\nparent = "base"\nchild = "rod"\ntype = "revolute"\nlimits = [-2.0, 2.0]\n'
+    robot = robot_from_toml(plain + "x = { stiffness = 1.0 }")
+    own = {key: x for key, x in {"x": "{ stiffness = 1.0 }"}.items() if path != key}
+    given = json.dumps(TABLES[path]).replace(": ", " = ")
+    if path.startswith("x."):
+        own["x"], given = "{ stiffness = 1.0, " + f"{path[2:]} = {given} }}", ""
+    lines = [f"{key} = {x}" for key, x in own.items()] + ([f"{path} = {given}"] if given else [])
+    expected = robot_from_toml("\n".join([plain.replace("limits", "limits" if "limits" not in path else "#"), *lines]))
+    changed = robot.with_value(f"joints.hinge.{path}", TABLES[path])
+    assert replace(changed, notes=()) == replace(expected, notes=())
+    assert changed.actuated_coordinates == (("hinge.motor",) if path == "motor" else ("hinge.gamma",))
+    if isinstance(TABLES[path], dict):
+        with pytest.raises(DescriptionError, match=r"with_value: joints\.hinge\..*stiff"):
+            robot.with_value(f"joints.hinge.{path}", {"stiff": 1.0})
+
+
+WRONG_TABLES: tuple[Any, ...] = ({}, {1: 2}, {"stiffness": math.nan}, {"stiffness": 10**400}, {"matrix": "k.csv"}, [{}])
+WRONG_TABLES += (
+    {"role": "locked"},
+    {"inertia": 1.0, "ratio": 0.0, "stiffness": 1.0},
+    {"xyz": "a"},
+    {"lower": 2.0, "upper": 1.0},
+)
+
+
+@pytest.mark.quick
+def test_wrong_tables_are_refused() -> None:
+    """Or taken, where the joint has such a table; never with an error of Python's."""
+    robot = robot_from_toml(JOINT_ARM)
+    for path in ("x", "gamma", "motor", "placement", "radial", "offset", "name", "x.friction", "x.limits", "x.maxwell"):
+        for value in WRONG_TABLES:
+            with suppress(InputError):
+                assert robot.with_value(f"joints.shoulder.{path}", value).joint("shoulder")
+    refused(
+        InputError, "with_value: the key 1 of a table; allowed: texts", robot.with_value, "joints.shoulder.x", {1: 2}
+    )
+
+
 def test_kernels_have_it() -> None:
     robot = eomgen.load_robot("one_link")
     q = [0.0, 0.3]
     kernel = eomgen.build(robot.with_value("links.link1.mass", 3.0))
+    assert kernel.actuated_coordinates == robot.actuated_coordinates == ("joint1.gamma",)
     assert np.allclose(kernel.mass_matrix(q)[0, 0], 3.0 * eomgen.build(robot).mass_matrix(q)[0, 0])
 
 

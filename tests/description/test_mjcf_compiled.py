@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 import struct
 import sys
 import threading
 from dataclasses import fields, is_dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -389,7 +391,7 @@ def test_macros_are_expanded_only_for_who_asks(
     xacro = needs("xacro")
     expanded_files: list[str] = []
     real = xacro.process_file
-    monkeypatch.setattr(xacro, "process_file", lambda path: (expanded_files.append(path), real(path))[1])
+    monkeypatch.setattr(xacro, "process_file", lambda path, **how: (expanded_files.append(path), real(path, **how))[1])
     path = text_file(tmp_path / "arm.xacro", MACROS)
     for command in ("check", "info", "simulate"):
         assert main([command, str(path)]) == 1
@@ -436,6 +438,56 @@ def test_packages_are_found_where_they_are_said_to_be(
         load_robot(path, xacro={"arm_pk": "arm/pkg"})
 
 
+FAMILY = """<robot name="$(arg name)" xmlns:xacro="http://www.ros.org/wiki/xacro">
+<xacro:arg name="kind" default="choose_one"/><xacro:arg name="gripper" default="false"/>
+<xacro:macro name="arm" params="sizes length:=0.5"><link name="foot"/>
+<link name="rod"><inertial><origin xyz="${length / 2} 0 0"/><mass value="${sizes['mass']}"/>
+<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="hinge" type="continuous"><parent link="foot"/><child link="rod"/></joint></xacro:macro>
+<xacro:arm sizes="${xacro.load_yaml('$(find family)/$(arg kind).yaml')}"/>
+<xacro:if value="$(arg gripper)"><link name="hand"/>
+<joint name="wrist" type="fixed"><parent link="rod"/><child link="hand"/></joint></xacro:if></robot>"""
+
+
+def test_arguments_of_xacro(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """As of the files of Universal Robots: a name without a default, numbers from a file of YAML by an argument."""
+    needs("xacro")
+    path = text_file(tmp_path / "family.urdf.xacro", FAMILY)
+    (tmp_path / "long.yaml").write_text("mass: 3.5\n")
+    found: dict[str, Any] = {
+        "xacro": {"family": tmp_path},
+        "xacro_args": {"name": "mine", "kind": "long", "gripper": True},
+    }
+    robot = load_robot(path, **found)
+    assert (robot.name, robot.link("rod").mass, robot.link("rod").com[0]) == ("mine", 3.5, 0.25)
+    assert robot.link("hand")
+    words = ["check", str(path), "--xacro", "--package", f"family={tmp_path}"]
+    assert main([*words, "kind:=long", "--xacro-arg", "name:=mine"]) == 0
+    for given, said in (
+        (["kind:=long"], "Undefined substitution argument name; arguments of this file: 'name'; allowed"),
+        (["name:=mine"], "choose_one.yaml.*arguments of this file: 'name', 'kind', .*NAME:=VALUE, or xacro_args="),
+        (
+            ["name:=a", "kind:=long", "knid:=1"],
+            "xacro_args: there is no argument 'knid'; did you mean 'kind'.; allowed",
+        ),
+        (["name:=a", "name:=b"], "xacro-arg: 'name' is given twice"),
+        (["--xacro-arg", "name"], "xacro-arg: 'name'; allowed: NAME:=VALUE"),
+    ):
+        capsys.readouterr()
+        assert main([*words, *given]) == 1
+        assert re.search(said, "".join(capsys.readouterr()))
+    assert main(["info", str(path), "name:=mine"]) == 1
+    refused(
+        DescriptionError,
+        "xacro_args: 'name' is a table; allowed: texts, numbers",
+        load_robot,
+        path,
+        **found | {"xacro_args": {"name": {}}},
+    )
+    refused(InputError, "xacro_args: got a value of type int; allowed: values", load_robot, path, xacro_args=5)
+    refused(DescriptionError, "allowed: with a .xacro file", load_robot, "ur5", xacro_args={"name": "mine"})
+
+
 def test_packages_of_another_thread_are_not_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A thread that begins while another reads with its packages has its own alone."""
     xacro = needs("xacro")
@@ -452,12 +504,12 @@ def test_packages_of_another_thread_are_not_found(tmp_path: Path, monkeypatch: p
         except DescriptionError as error:
             refusals.append(str(error))
 
-    def process_file(name: str) -> object:
+    def process_file(name: str, **how: object) -> object:
         if not threads:
             threads.append(threading.Thread(target=read_without))
             threads[0].start()
             threads[0].join(0.5)
-        return real(name)
+        return real(name, **how)
 
     monkeypatch.setattr(xacro, "process_file", process_file)
     assert load_robot(path, xacro={"arm_pkg": tmp_path / "pkg"}).name == "r"

@@ -6,6 +6,7 @@ import re
 import warnings
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ import pytest
 import eomgen
 from eomgen.description.load import load_robot, robot_from_urdf
 from eomgen.errors import DescriptionError, EomgenWarning, SingularError
+from eomgen.identification.calibration.as_urdf import urdf_of
 from eomgen.robot.bounds import Limits
 from eomgen.robot.geometry import IDENTITY, axis_turn
 from eomgen.robot.value import Coordinate, Friction, Robot
@@ -250,6 +252,26 @@ def test_floating_joint_is_free_and_massless_link_is_a_link() -> None:
     assert list(robot.joints[1].coordinates) == ["x", "y", "z", "alpha", "beta", "gamma"]
     assert robot.joints[1].axis_turn == IDENTITY
     assert robot.links[1].mass == 0.0
+
+
+@pytest.mark.quick
+@pytest.mark.parametrize("axis", ["0 0 1", "1 0 0", "0.6 0 -0.8"])
+def test_planar_joints_move_across_and_about_their_axis(axis: str) -> None:
+    """And come back from a URDF that is written; what follows them does not."""
+    text = re.sub('"continuous"(.*?)<axis [^>]*>', rf'"planar"\1<axis xyz="{axis}"/>', URDF, flags=re.DOTALL)
+    robot = robot_from_urdf(text.replace("</joint>", '<mimic joint="elbow"/></joint>', 1))
+    elbow = next(joint for joint in robot.joints if joint.name == "elbow")
+    assert (list(elbow.coordinates), elbow.axis_turn) == (["x", "y", "gamma"], axis_turn([*map(float, axis.split())]))
+    normal = link_poses(robot, np.zeros(4))["lower"][:3, :3] @ [float(x) for x in axis.split()]
+    moved, still = (link_poses(robot, np.array([0.0, *q]))["lower"] for q in ((0.3, -0.2, 0.7), (0.0, 0.0, 0.0)))
+    assert normal @ (moved - still)[:3, 3] == pytest.approx(0.0, abs=1e-15)
+    assert moved[:3, :3] @ still[:3, :3].T @ normal == pytest.approx(normal)
+    assert np.linalg.norm((moved - still)[:3, 3]) == pytest.approx(np.hypot(0.3, 0.2))
+    assert any("planar joints move along x and y" in note for note in robot.notes)
+    assert any("the joint 'elbow' has no coordinate to follow" in note for note in robot.notes)
+    again = robot_from_urdf(ElementTree.tostring(urdf_of(robot), encoding="unicode"))
+    assert [list(x.coordinates) for x in again.joints] == [list(x.coordinates) for x in robot.joints]
+    assert link_poses(again, np.full(4, 0.2))["lower"] == pytest.approx(link_poses(robot, np.full(4, 0.2))["lower"])
 
 
 def test_foreign_names_become_unique_identifiers() -> None:

@@ -336,6 +336,20 @@ def test_a_file_to_fill_in(tmp_path: Path) -> None:
     refused(InputError, r"ends in \.csv", found.to_csv, tmp_path / "plan.npz")
 
 
+def test_columns_named_like_joints(tmp_path: Path) -> None:
+    path, principal = tmp_path / "p.csv", {"body": "body.gamma", "hinge": "hinge.gamma"}
+    path.write_text("hinge,body.gamma,body,tcp.distance\n0.1,0.2,1,0.3\n")
+    found = read_poses(path, [*principal.values()], ["tcp"], principal=principal)
+    assert (found.coordinates, found.q.tolist(), found.body.tolist()) == (
+        ("hinge.gamma", "body.gamma"),
+        [[0.1, 0.2]],
+        [1],
+    )
+    path.write_text("hinge,body,tcp.distance\n0.1,0.2,0.3\n")
+    with pytest.raises(InputError, match=r"'body' is the name of a joint, too; allowed: with a column 'body\.gamma'"):
+        read_poses(path, [*principal.values()], ["tcp"], principal=principal)
+
+
 def test_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Text, JSON, a file; options reach the function, mistakes have names."""
     monkeypatch.chdir(tmp_path)

@@ -64,6 +64,19 @@ def test_files_of_countries_with_decimal_commas(tmp_path: Path) -> None:
     assert read_motion(path, NAMES).q.tolist() == [[-1.5, 0.0]]
 
 
+def test_columns_named_like_joints_are_principal_coordinates(tmp_path: Path) -> None:
+    path, principal = tmp_path / "m.csv", {"joint1": "joint1.gamma", "t": "t.gamma"}
+    path.write_text("t,joint1,joint1.rate,joint1.drive\n0,0.1,1.5,-2\n0.5,1e-3,2,3.25\n")
+    motion = read_motion(path, NAMES, principal=principal)
+    assert (motion.q[:, 1].tolist(), motion.v[:, 1].tolist(), motion.driven) == ([0.1, 1e-3], [1.5, 2.0], NAMES[1:])
+    refused(InputError, r"m\.csv: column 'joint1' is unknown", read_motion, path, NAMES)
+    path.write_text("t,joint1.gamma,joint1\n0,0.1,1.5\n")
+    with pytest.raises(
+        InputError, match=r"m\.csv: columns 'joint1' and 'joint1\.gamma' are one coordinate; allowed: one"
+    ):
+        read_motion(path, NAMES, principal=principal)
+
+
 @pytest.mark.parametrize("with_rates", [True, False])
 def test_what_is_written_is_read_to_the_bit(with_rates: bool, tmp_path: Path) -> None:
     random = np.random.default_rng(7)

@@ -505,6 +505,6 @@ def test_prescribed_motions_jump_where_samples_begin_and_end(tmp_path: Path) -> 
         t = np.linspace(0.0, end, 6)
         np.savez(tmp_path / f"{name}.npz", **{"t": t, name: np.sin(t)})
         text += f"[[prescribed]]\ntype = 'sampled'\nfile = '{name}.npz'\n"
-    motion = PrescribedMotion(scenario_from_toml(text, folder=tmp_path), names, names)
+    motion = PrescribedMotion(scenario_from_toml(text, folder=tmp_path), names, names, {})
     assert motion.jumps(2) == (Jump(0.0, 1), Jump(1.0, 1), Jump(1.2, 1))
     assert motion.jumps(0) == ()

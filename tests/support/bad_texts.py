@@ -296,7 +296,7 @@ name="arm" -> name="&arm;" => not well-formed XML
 <link name="lower" -> <link name="upper" => 11: link 'upper' | unique
 <joint name="elbow" -> <joint name="shoulder" => joint 'shoulder' | unique
 <link name="ground" -> <link => link number 1 | name is missing
-type="revolute" -> type="planar" => joint 'shoulder' | 'planar' | continuous, prismatic
+type="revolute" -> type="helical" => joint 'shoulder' | 'helical' | continuous, prismatic, fixed, floating, planar
 type="revolute" -> => joint 'shoulder' | type is missing | continuous, prismatic
 <parent link="ground"/> -> => joint 'shoulder' | <parent
 <child link="upper"/> -> => joint 'shoulder' | <child

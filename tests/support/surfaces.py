@@ -174,7 +174,7 @@ def read_tolerances(path: Path) -> Table:
 
 def read_measured_motion(path: Path) -> MeasuredMotion:
     """Read a motion whose arrays are of one length and finite, and whose times increase."""
-    motion = read_motion(path, COORDINATES)
+    motion = read_motion(path, COORDINATES, principal={"joint1": "joint1.gamma", "joint2": "joint2.z"})
     shape = (len(motion.t), len(COORDINATES))
     arrays = [array for array in (motion.q, motion.v, motion.a, motion.u) if array is not None]
     assert all(array.shape == shape and np.isfinite(array).all() for array in arrays)

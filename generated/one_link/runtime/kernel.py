@@ -52,6 +52,7 @@ class Kernel(Differentiation, TimeDerivatives, RunningErrors, InverseKinematics,
         cut_laws: names of the coordinates of cut joints that have a force ("pin4.x"), then of elastic couplings, in the
             order of ``cut_forces``.
         prescribed: names of the coordinates whose motion is prescribed, in their order.
+        actuated_coordinates: names of the coordinates that have a drive, in their order.
         efforts: mapping from coordinates to limits of their drives' forces, N or N m, as the description has them.
         motors: mapping from the names of motors' coordinates to those of the principal coordinates that they drive.
         parameters: mapping from name to value; an assignment takes effect without recompiling.

@@ -17,7 +17,7 @@ from ..files import as_path
 from ..forms.structure import faults
 from ..forms.toml_place import locate
 from ..forms.toml_text import parse_toml, read_text
-from ..forms.unusual_sizes import unit_questions
+from ..forms.unusual_sizes import quantities_in, unit_note
 from ..robot.memory.drives import short_time_notes
 from ..robot.model import build_model
 from ..scenario.load import load_scenario
@@ -25,6 +25,7 @@ from ..sweep.plan import load_plan
 from .inertia import inertia_notes
 from .schemas import FORMATS
 from .stops import home_notes, start_notes
+from .unusual import inherited_sizes
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,12 @@ class Checked:
 
 
 def check_file(
-    path: str | Path, *, inertia: str | None = None, floating_base: bool = False, xacro: Xacro = False
+    path: str | Path,
+    *,
+    inertia: str | None = None,
+    floating_base: bool = False,
+    xacro: Xacro = False,
+    xacro_args: Mapping[str, object] | None = None,
 ) -> Checked:
     """Read a description (.toml, .urdf, .xml), a scenario or a plan; which of them a .toml file is, its keys say.
 
@@ -68,10 +74,10 @@ def check_file(
         path: of the file, or the name of a built-in robot.
         inertia: what to do with an inertia that no body can have, as in ``load_robot``: a link that this lets through
             is a note, one that it refuses an error.
-        floating_base, xacro: as in ``load_robot``.
+        floating_base, xacro, xacro_args: as in ``load_robot``.
     """
     path = as_path(path, "path")
-    options = ReadOptions(inertia=inertia, floating_base=floating_base, xacro=xacro)
+    options = ReadOptions(inertia=inertia, floating_base=floating_base, xacro=xacro, xacro_args=xacro_args)
     name = str(path)
     kind = "robot"
     try:
@@ -89,18 +95,22 @@ def check_file(
             if errors:
                 errors.sort(key=lambda error: (error.line or 0, error.column or 0))
                 return Checked(name, kind, {}, tuple(errors))
-            read = _read(Path(path), name, kind, options)
-            return replace(read, notes=(*read.notes, *unit_questions(FORMATS[kind][0], values)))
+            return _read(Path(path), name, kind, options, values)
         return _read(Path(path), name, kind, options)
     except InputError as error:
         return Checked(name, kind, {}, (error,))
 
 
 def check_files(
-    paths: Sequence[str | Path], *, inertia: str | None = None, floating_base: bool = False, xacro: Xacro = False
+    paths: Sequence[str | Path],
+    *,
+    inertia: str | None = None,
+    floating_base: bool = False,
+    xacro: Xacro = False,
+    xacro_args: Mapping[str, object] | None = None,
 ) -> list[Checked]:
     """Check each file as ``check_file``; notes of scenarios refer to the robots among them, too."""
-    how: dict[str, Any] = {"inertia": inertia, "floating_base": floating_base, "xacro": xacro}
+    how: dict[str, Any] = {"inertia": inertia, "floating_base": floating_base, "xacro": xacro, "xacro_args": xacro_args}
     checked = [check_file(path, **how) for path in paths]
     usable = [(path, file) for path, file in zip(paths, checked, strict=True) if not file.errors]
     scenarios = {file.file: load_scenario(Path(path)) for path, file in usable if file.kind == "scenario"}
@@ -119,24 +129,29 @@ def kind_of(values: Mapping[str, object]) -> str:
     return max(FORMATS, key=lambda kind: len(FORMATS[kind][0].keys.keys() & values.keys()))
 
 
-def _read(path: Path | str, name: str, kind: str, options: ReadOptions) -> Checked:
+def _read(
+    path: Path | str, name: str, kind: str, options: ReadOptions, values: Mapping[str, Any] | None = None
+) -> Checked:
+    """Read a file that may be used as far as its form says; ``values`` of a .toml file."""
+    written = [] if values is None else [*quantities_in(FORMATS[kind][0], values)]
     if kind == "scenario":
         scenario = load_scenario(Path(path))
         counts = {"s": scenario.duration, "wrenches": len(scenario.wrenches), "payloads": len(scenario.payloads)}
-        return Checked(name, kind, counts)
+        return Checked(name, kind, counts, (), unit_note(written))
     if kind == "plan":
         plan = load_plan(Path(path))
-        return Checked(name, kind, {"samples": plan.samples, "numbers varied": len(plan.vary)})
-    robot = load_robot(path, inertia=options.inertia, floating_base=options.floating_base, xacro=options.xacro)
+        return Checked(name, kind, {"samples": plan.samples, "numbers varied": len(plan.vary)}, (), unit_note(written))
+    names = ("inertia", "floating_base", "xacro", "xacro_args")
+    robot = load_robot(path, **{key: getattr(options, key) for key in names})
     coordinates = sum(len(joint.all_coordinates) for joint in robot.joints) - len(robot.followers)
-    states = build_model(robot).states
+    states, sizes = build_model(robot).states, [*written, *inherited_sizes(robot, values)]
     return Checked(
         name,
         kind,
         {"links": len(robot.links), "coordinates": coordinates}
         | ({"states of force laws": len(states)} if states else {}),
         (),
-        (*robot.notes, *inertia_notes(robot), *home_notes(robot), *short_time_notes(states)),
+        (*robot.notes, *inertia_notes(robot), *home_notes(robot), *short_time_notes(states), *unit_note(sizes)),
     )
 
 

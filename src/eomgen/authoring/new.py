@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 
 from ..description.builtin import builtin_robots
-from ..description.load import load_robot
+from ..description.load import SUFFIXES, load_robot
 from ..errors import InputError, check_kind
 from ..files import Reader, read_back, write_atomically
 from ..names import ROBOT_RULE, component_name, is_robot_name, joint_of, kind_of, listed, show, to_robot_name
@@ -34,7 +34,7 @@ def new_file_text(name: str, kind: str = "robot") -> str:
     Raises:
         InputError: the name is none of a robot, or there is no such kind.
     """
-    if not is_robot_name(name):
+    if not is_robot_name(name) and not (kind == "scenario" and _is_path(name)):
         hint = f", such as {to_robot_name(name)!r}" if name else ""
         raise InputError(f"new: got the name {show(name)}; allowed: {ROBOT_RULE}{hint}")
     if kind not in KINDS:
@@ -44,7 +44,7 @@ def new_file_text(name: str, kind: str = "robot") -> str:
     for index, line in enumerate(lines):
         if line.startswith('name = "starter"'):
             lines[index] = f'name = "{name}"'.ljust(31) + " " + line[32:]
-    robot = _known_robot(name) if kind == "scenario" else None
+    robot = None if kind != "scenario" else _robot_here(name) if _is_path(name) else _known_robot(name)
     return "\n".join(lines if robot is None else _scenario_lines(robot, lines)) + "\n"
 
 
@@ -84,7 +84,8 @@ def write_new_file(name: str, path: str | Path | None = None, kind: str = "robot
     """
     check_kind("name", name, isinstance(name, str), "a name")
     text = new_file_text(name, kind)
-    usual = f"{name}_scenario.toml" if kind == "scenario" and _known_robot(name) is not None else f"{name}.toml"
+    of_robot = kind == "scenario" and (_is_path(name) or _known_robot(name) is not None)
+    usual = f"{_base_name(name)}_scenario.toml" if of_robot else f"{name}.toml"
     return _write_beside_schema(text, Path(usual if path is None else path), kind)
 
 
@@ -122,30 +123,40 @@ def write_poses_file(name: str, path: str | Path | None = None) -> Path:
     """Write ``poses_file_text`` to a new file, NAME_poses.csv in the working folder if nothing else is said.
 
     Args:
-        name: of a robot: NAME.toml or NAME.urdf in the working folder, or a built-in one.
+        name: of a robot: NAME.toml or NAME.urdf in the working folder, or a built-in one; or the path of a description,
+            whose first part names the file: arm_poses.csv of arm.urdf.xml.
         path: of the file.
 
     Raises:
         InputError: there is no such robot, the file exists or cannot be written.
     """
     check_kind("name", name, isinstance(name, str), "a name")
-    target = Path(f"{name}_poses.csv" if path is None else path)
+    target = Path(f"{_base_name(name)}_poses.csv" if path is None else path)
     return _write_new(poses_file_text(_robot_here(name)), target, ".csv", None)  # a form: it has no rows yet
 
 
 def write_plan_file(name: str, path: str | Path | None = None) -> Path:
     """Write ``plan_file_text`` to a new file, NAME_plan.toml, and its schema; arguments as of ``write_poses_file``."""
     check_kind("name", name, isinstance(name, str), "a name")
-    target = Path(f"{name}_plan.toml" if path is None else path)
+    target = Path(f"{_base_name(name)}_plan.toml" if path is None else path)
     return _write_beside_schema(plan_file_text(_robot_here(name)), target, "plan")
 
 
 def write_tolerances_file(name: str, path: str | Path | None = None) -> Path:
     """Write ``tolerances_file_text`` to a new file, NAME_tolerances.toml; arguments as of ``write_poses_file``."""
     check_kind("name", name, isinstance(name, str), "a name")
-    target = Path(f"{name}_tolerances.toml" if path is None else path)
+    target = Path(f"{_base_name(name)}_tolerances.toml" if path is None else path)
     robot = _robot_here(name)
     return _write_new(tolerances_file_text(robot), target, ".toml", partial(check_tolerances, robot))
+
+
+def _is_path(name: str) -> bool:
+    return name.endswith(SUFFIXES)
+
+
+def _base_name(name: str) -> str:
+    """Return what the names of files for a robot begin with: its name, or one like that of its file."""
+    return to_robot_name(Path(name).name.partition(".")[0]) if _is_path(name) else name
 
 
 def _known_robot(name: str) -> Robot | None:
@@ -157,7 +168,9 @@ def _known_robot(name: str) -> Robot | None:
 
 
 def _robot_here(name: str) -> Robot:
-    """Return the robot of that name: of a file in the working folder, or a built-in one."""
+    """Return the robot of that name: of a file in the working folder, or a built-in one; or that of a path."""
+    if _is_path(name):
+        return load_robot(Path(name))
     if not is_robot_name(name):
         raise InputError(f"new: got the name {show(name)}; allowed: {ROBOT_RULE}")
     files = [Path(f"{name}{ending}") for ending in (".toml", ".urdf") if Path(f"{name}{ending}").is_file()]

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 import sys
 import traceback
 import warnings
@@ -38,6 +39,7 @@ from .shared.output import say_lines
 
 OK, INPUT_ERROR, BUG = 0, 1, 70
 INTERRUPTED = 130
+_ARGUMENT = re.compile(r"[A-Za-z_][A-Za-z0-9_]*:=")
 
 GROUPS = (  # in the order of eomgen --help
     Group("describe", "robots, and files about them", (*robots.COMMANDS, *files.COMMANDS, *reduce.COMMANDS)),
@@ -67,7 +69,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; the value is the exit status."""
     words = sys.argv[1:] if arguments is None else arguments
     try:
-        options = make_parser(words).parse_args(without_group(words))
+        options = make_parser(words).parse_args(with_arguments(without_group(words)))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", EomgenWarning)  # the robot's notes say the same, and are printed
             run: Callable[[argparse.Namespace], None] = options.run
@@ -96,6 +98,13 @@ def without_group(words: Sequence[str]) -> Sequence[str]:
         if group.name in NAMES and len(words) > 1 and words[0] == group.name and words[1] in group.names:
             return words[1:]
     return words
+
+
+def with_arguments(words: Sequence[str]) -> list[str]:
+    """Return the words with the option --xacro-arg at those that are NAME:=VALUE, which argparse has no place for."""
+    end = words.index("--") if "--" in words else len(words)
+    bare = {i for i in range(end) if _ARGUMENT.match(words[i]) and words[i - 1] != "--xacro-arg"}
+    return [f"--xacro-arg={word}" if i in bare else word for i, word in enumerate(words)]
 
 
 def make_parser(names: Collection[str] = NAMES) -> argparse.ArgumentParser:

@@ -22,7 +22,11 @@ if TYPE_CHECKING:
 
 
 def _add_new(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("name", metavar="NAME", help="of the robot: lower-case letters, digits and _")
+    parser.add_argument(
+        "name",
+        metavar="NAME",
+        help="of the robot: lower-case letters, digits and _; or, for files about one, its path",
+    )
     parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="a file that does not exist yet (NAME.toml)")
     kinds = parser.add_mutually_exclusive_group()
     kinds.add_argument(
@@ -68,7 +72,7 @@ def _add_check(parser: argparse.ArgumentParser) -> None:
     )
     add_within(parser)
     add_input_ranges(parser)
-    add_reading(parser, "inertia", "floating_base", "xacro")
+    add_reading(parser, "inertia", "floating_base", "xacro", "xacro_args")
     add_json(parser)
 
 
@@ -82,7 +86,7 @@ def _check(options: argparse.Namespace) -> None:
         raise InputError(f"{option}: given without --float32; allowed: with it")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", EomgenWarning)  # the notes say the same
-        how = {"inertia": options.inertia, "floating_base": options.floating_base, "xacro": xacro_of(options)}
+        how = {"inertia": options.inertia, "floating_base": options.floating_base, **xacro_of(options)}
         checked = check_files(options.files, **how)
         costs = {file.file: _float32(file.file, how, options, ranges) for file in checked if _is_asked(options, file)}
     if options.json:

@@ -197,7 +197,8 @@ def _scenario_course(robot: Robot, motion: Any, t: ArrayLike | None) -> _Course:
     if scenario.motion is None:
         scenario.fail("motion", "there is none; allowed: a motion for feed-forward")
     names = _prescribed_names(robot)
-    moved = PrescribedMotion(scenario, coordinate_names(robot), names) if names or scenario.prescribed else None
+    known = coordinate_names(robot), names, robot.principal_coordinates
+    moved = PrescribedMotion(scenario, *known) if names or scenario.prescribed else None
     start = {
         **leading_home(robot),
         **by_coordinate(robot, scenario, "q", scenario.initial.q if scenario.initial else {}),

@@ -16,10 +16,13 @@ from ..robot.elements.joint_element import MatrixElement
 from ..robot.elements.matrices import PAIRS, entry_name
 from ..robot.geometry import Placement, rotation_from_rpy
 from ..robot.inertia_policy import Judged, apply_inertia_policy, link_sizes, lowest_moments
-from ..robot.record import record_of
+from ..robot.record import record_of, robot_of
 from ..robot.value import COORDINATES, INERTIA_KEYS, Friction, LinkModes, Robot
 from .bending.beams import with_changed_beams
 from .bending.links import with_changed_bending
+from .draft import Draft
+from .keys import COORDINATE, JOINT, LINK
+from .load import read_joint
 from .recorded import robot_from_record
 
 AXES = ("x", "y", "z")
@@ -51,20 +54,27 @@ def with_values(robot: Robot, changes: Mapping[str, Any]) -> Robot:
     Args:
         robot: it stays what it is.
         changes: values by path: names of parameters ("links.arm.mass", "joints.joint1.x.stiffness"), and whole ones
-            ("links.arm.com", "joints.joint1.limits").  Numbers that follow from others follow anew, and all links and
-            joints of a beam one of whose numbers ("beams.boom.length") is changed, and all modes and nodes of a link
-            one of whose beam's ("links.arm.beam.E") is.
+            ("links.arm.com", "joints.joint1.limits"); tables of joints as in TOML ("joints.joint1.motor").  Numbers
+            that follow from others follow anew, and all links and joints of a beam one of whose numbers
+            ("beams.boom.length") is changed, and all modes and nodes of a link one of whose beam's
+            ("links.arm.beam.E") is.
 
     Raises:
         DescriptionError: there is no such value; says what there is.  Or the robot would be none that can be loaded.
     """
     if not isinstance(changes, Mapping):
         raise InputError(f"with_value: {show(changes)}; allowed: a path and a value, or a mapping from paths to values")
-    record = record_of(robot, whole=True)
+    record, origin = record_of(robot, whole=True), robot
     for path, value in changes.items():
         if not isinstance(path, str) or not path:
             raise InputError(f"with_value: {show(path)} is no path; allowed: names with dots, as 'links.arm.mass'")
-        _change(record, robot, path, _plain(value))
+        plain = _plain(value)
+        joint, keys = _joint_table(origin, path, plain)
+        if joint is None:
+            _change(record, origin, path, plain)
+        else:
+            origin = _with_joint_table(robot_of(record), joint, keys, plain)
+            record = record_of(origin, whole=True)
     said = "; ".join(f"{path} = {show(value)}" for path, value in changes.items())
     try:
         changed = robot_from_record(record, robot.source)
@@ -91,13 +101,56 @@ def _plain(value: Any) -> Any:
     if hasattr(value, "tolist"):
         value = value.tolist()
     if isinstance(value, Mapping):
+        unnamed = [key for key in value if not isinstance(key, str)]
+        if unnamed:
+            raise InputError(f"with_value: the key {show(unnamed[0])} of a table; allowed: texts")
         return {key: _plain(x) for key, x in value.items()}
     return [_plain(x) for x in value] if isinstance(value, (list, tuple)) else value
+
+
+def _joint_table(robot: Robot, path: str, value: Any) -> tuple[str | None, list[str]]:
+    """Return the joint and the keys of a path at which a description has the value as a table; None where it has none.
+
+    A table, or an array of tables, is read by the keys of TOML.
+    """
+    family, _, rest = path.partition(".")
+    name, *keys = rest.split(".")
+    first = value[0] if isinstance(value, list) and value else value
+    joint = next((x for x in robot.joints if x.name == name), None)
+    if family != "joints" or joint is None or not isinstance(first, dict):
+        return None, keys
+    of_joint = len(keys) == 1 and keys[0] in JOINT.keys
+    of_coordinate = len(keys) == 2 and keys[0] in joint.coordinates and keys[1] in COORDINATE.keys
+    return (name if of_joint or of_coordinate else None), keys
+
+
+def _with_joint_table(robot: Robot, name: str, keys: Sequence[str], value: Any) -> Robot:
+    """Return the robot with a table of a joint, or of one of its coordinates, read as that of a description."""
+    joint, key = robot.joint(name), keys[0]
+    coordinates = dict(joint.coordinates)
+    if len(keys) == 2:
+        value = {keys[1]: value}
+        coordinates[key] = replace(coordinates[key], limits=None) if keys[1] == "limits" else coordinates[key]
+    else:
+        coordinates.pop(key, None)
+    draft = Draft(robot.source, joints={name: replace(joint, coordinates=coordinates)})
+    try:
+        entry = JOINT.read({key: value}, f"joints.{name}", "", ())
+        made = read_joint(name, entry, draft, None)
+    except DescriptionError as error:
+        error.where = f"with_value: {error.where}"
+        raise
+    joints = tuple(made if x.name == name else x for x in robot.joints)
+    return replace(robot, joints=joints, notes=(*robot.notes, *draft.notes))
 
 
 def _change(record: dict[str, Any], robot: Robot, path: str, value: Any) -> None:
     """Put a value where a path leads."""
     parts, done = path.split("."), 0
+    if isinstance(value, dict) and parts[::2] == ["links", "inertia"]:
+        table = LINK.read({"inertia": value}, ".".join(parts[:-1]), "", ()).table("inertia")
+        assert table is not None
+        value = [table.number(key) or 0.0 for key in INERTIA_KEYS]
     here = _Value({"robot": record}, "robot", robot)
     relaxed: list[tuple[dict[str, Any], Any]] = []
     while done < len(parts):

@@ -12,7 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Unpack
 
-from ..errors import DescriptionError, InputError
+from ..errors import DescriptionError, InputError, check_kind
 from ..forms.keys import ByName
 from ..forms.tables import Table
 from ..forms.toml_place import located
@@ -60,7 +60,7 @@ SUFFIXES = (".toml", ".urdf", ".xml", ".mjcf", ".xacro")
 _WORLD = (BASE, "world")  # names of the ground when the root link of a URDF is put on a joint
 
 
-def load_robot(
+def load_robot(  # noqa: PLR0913
     source: str | Path,
     *,
     inertia: str | None = None,
@@ -70,6 +70,7 @@ def load_robot(
     stops: Mapping[str, float] | None = None,
     floating_base: bool = False,
     xacro: Xacro = False,
+    xacro_args: Mapping[str, object] | None = None,
 ) -> Robot:
     """Read a robot.
 
@@ -89,6 +90,7 @@ def load_robot(
         floating_base: put a free joint, ``floating_base``, between the ground and the root link of a URDF.
         xacro: expand a ``.xacro`` file, which may run any Python that stands in it; otherwise it is refused.  Folders
             of packages by their names, for ``$(find NAME)``, ask for it, too.
+        xacro_args: values of the arguments of a ``.xacro`` file by their names: {"ur_type": "ur5e"}.
 
     Returns:
         The robot in SI units; ``notes`` says what was changed or left out.
@@ -96,7 +98,11 @@ def load_robot(
     Raises:
         DescriptionError: with the file, the place, what came and what is allowed.
     """
-    options = ReadOptions(inertia, urdf_damping, urdf_friction, urdf_mimic, stops, floating_base, xacro)
+    options = ReadOptions(inertia, urdf_damping, urdf_friction, urdf_mimic, stops, floating_base, xacro, xacro_args)
+    check_kind("xacro_args", xacro_args, xacro_args is None or isinstance(xacro_args, Mapping), "values by names")
+    if xacro_args and not str(source).endswith(".xacro"):
+        message = f"xacro_args: {listed(xacro_args)} of {show_path(str(source))}; allowed: with a .xacro file"
+        raise DescriptionError(message)
     if isinstance(source, str) and source in builtin_robots():
         text = read_text(BUILTIN / f"{source}.toml", source)
         return _from_toml(text, options, source)
@@ -120,7 +126,7 @@ def load_robot(
     if path.suffix == ".xacro":
         from .macros import expanded_urdf
 
-        text = expanded_urdf(path, trusted=xacro)
+        text = expanded_urdf(path, trusted=xacro, arguments=xacro_args)
     if path.suffix != ".toml":
         return _from_urdf(text, options, f"{path} (expanded)" if path.suffix == ".xacro" else str(path))
     return _from_toml(text, options, str(path), path.parent)
@@ -211,7 +217,7 @@ def _robot_from_table(top: Table, draft: Draft, folder: Path | None, options: Re
     for name, entry in top.entries("links"):
         draft.links[name] = _link(name, entry, draft, folder)
     for name, entry in top.entries("joints"):
-        draft.joints[name] = _joint(name, entry, draft, folder)
+        draft.joints[name] = read_joint(name, entry, draft, folder)
     for name, entry in top.entries("beams"):
         add_beam(name, entry, draft)
     for name, entry in top.entries("frames"):
@@ -320,8 +326,8 @@ def _link(name: str, entry: Table, draft: Draft, folder: Path | None) -> Link:
     )
 
 
-def _joint(name: str, entry: Table, draft: Draft, folder: Path | None) -> Joint:
-    """Return a new joint, or one of the URDF with the entry's overrides and the coordinates that it activates."""
+def read_joint(name: str, entry: Table, draft: Draft, folder: Path | None) -> Joint:
+    """Return a new joint, or one of the draft with the entry's overrides and the coordinates that it activates."""
     old = draft.joints.get(name)
     if old is None:
         entry.require(_hint(name, draft))
@@ -339,7 +345,7 @@ def _joint(name: str, entry: Table, draft: Draft, folder: Path | None) -> Joint:
             coordinates[key] = read_coordinate(table, old_one, _beside(table, folder), draft.notes)
             if table.text("role") == "locked":
                 del coordinates[key]
-    motor = _motor(entry, kind, coordinates, folder, draft.notes)
+    motor = _motor(entry, kind, coordinates, folder, draft.notes) or old.motor
     for key in dict.fromkeys(entry.strings("prescribed")):
         known = COORDINATES if motor is None else (*COORDINATES, MOTOR)
         if key not in known:
@@ -356,7 +362,8 @@ def _joint(name: str, entry: Table, draft: Draft, folder: Path | None) -> Joint:
     coordinates = dict(made.coordinates)
     if "stops" in entry:
         coordinates[PRINCIPAL.get(kind, "")] = joint_stops(entry, kind, coordinates, made.range)
-    made = replace(made, coordinates=coordinates, **joint_elements(entry, coordinates, folder, draft.notes))
+    elements = old.elements | joint_elements(entry, coordinates, folder, draft.notes)
+    made = replace(made, coordinates=coordinates, **elements)
     return on_beam(entry, made, draft) if entry.choice("along") else made
 
 

@@ -11,18 +11,35 @@ from pathlib import Path
 from types import ModuleType
 
 from ..errors import DescriptionError
-from ..names import nearest, show, show_path
+from ..names import listed, nearest, show, show_path
 from ..optional import optional_import
 
 Xacro = bool | Mapping[str, str | Path]  # whether to expand, or the folders of packages with which to
 _WHY = "xacro runs what stands in ${...} of a .xacro file as Python, which can do whatever you can"
 _ASK = "--xacro, or xacro=True, for files of people whom you trust; or a URDF: xacro robot.xacro > robot.urdf"
-_ALLOWED = "a file that xacro expands; $(find NAME) needs --package NAME=DIR, xacro={NAME: DIR}, or ROS that is sourced"
+_PACKAGES = "$(find NAME) needs --package NAME=DIR, xacro={NAME: DIR}, or ROS that is sourced"
+_ARGUMENTS = "NAME:=VALUE, or xacro_args={NAME: VALUE}"
 _INDEX = "ament_index_python"
 _FOLDERS = threading.Lock()  # xacro looks for packages in one place for all threads
 
 
-def expanded_urdf(path: Path, *, trusted: Xacro) -> str:
+class _Arguments(dict[str, str]):
+    """Arguments of a file, to which xacro adds its defaults; ``asked`` has the names that the file asks for."""
+
+    def __init__(self, given: Mapping[str, str]) -> None:
+        super().__init__(given)
+        self.asked: dict[str, None] = {}
+
+    def __contains__(self, name: object) -> bool:
+        self.asked[str(name)] = None
+        return super().__contains__(name)
+
+    def __getitem__(self, name: str) -> str:
+        self.asked[name] = None
+        return super().__getitem__(name)
+
+
+def expanded_urdf(path: Path, *, trusted: Xacro, arguments: Mapping[str, object] | None = None) -> str:
     """Return the URDF that a .xacro file stands for.
 
     xacro evaluates the file's ${...} as Python expressions, from whose few names all others can be reached, and opens
@@ -31,11 +48,12 @@ def expanded_urdf(path: Path, *, trusted: Xacro) -> str:
     Args:
         path: of the file.
         trusted: whether somebody has asked for that; or the folders of packages by their names, for $(find NAME).
+        arguments: values of the file's arguments by their names, for $(arg NAME).
 
     Raises:
         NotInstalledError: xacro is not installed.
-        DescriptionError: nobody has asked for it, a package's folder does not exist, or xacro does not take the file;
-            says what xacro says.
+        DescriptionError: nobody has asked for it, a package's folder does not exist, the file has no such argument, or
+            xacro does not take the file; says what xacro says.
     """
     packages = dict(trusted) if isinstance(trusted, Mapping) else {}
     if trusted is not True and not isinstance(trusted, Mapping):
@@ -44,16 +62,33 @@ def expanded_urdf(path: Path, *, trusted: Xacro) -> str:
         if not isinstance(folder, (str, Path)) or not Path(folder).is_dir():
             what = f"package {show(name)}: there is no folder {show_path(str(folder))}"
             raise DescriptionError(f"{what}; allowed: the folder of the package", source=str(path))
+    given = _Arguments({name: _value_of(path, name, value) for name, value in (arguments or {}).items()})
     with optional_import("xacro", "files that end in .xacro need", "or expand it: xacro robot.xacro > robot.urdf"):
         import xacro
     try:
         with _packages_found(packages):
-            return str(xacro.process_file(str(path)).toxml())
+            text = str(xacro.process_file(str(path), mappings=given).toxml())
     except Exception as error:  # whatever the file's expressions raise
         from .xml_text import one_line  # with expat, which descriptions in TOML do without
 
         said = f"{type(error).__name__}: {one_line(error)}"
-        raise DescriptionError(f"xacro says: {said}; allowed: {_ALLOWED}", source=str(path)) from None
+        known = f"; arguments of this file: {listed(given.asked)}" if given.asked else ""
+        allowed = f"a file that xacro expands; its arguments are given as {_ARGUMENTS}; {_PACKAGES}"
+        raise DescriptionError(f"xacro says: {said}{known}; allowed: {allowed}", source=str(path)) from None
+    unknown = [name for name in given if name not in dict(given.asked)]
+    if unknown:
+        message = f"there is no argument {show(unknown[0])}{nearest(unknown[0], given.asked)}"
+        allowed = listed(given.asked) or "no arguments"
+        raise DescriptionError(f"{message}; allowed: {allowed}", where="xacro_args", source=str(path))
+    return text
+
+
+def _value_of(path: Path, name: object, value: object) -> str:
+    """Return the value of an argument as a launch file writes it."""
+    if not isinstance(name, str) or not name or not isinstance(value, (str, bool, int, float)):
+        message = f"{show(name)} is {show(value)}; allowed: texts, numbers, true and false by names of arguments"
+        raise DescriptionError(message, where="xacro_args", source=str(path))
+    return str(value).lower() if isinstance(value, bool) else str(value)
 
 
 @contextmanager

@@ -16,6 +16,7 @@ _INERTIA = (
 _STOPS = "stops at all limits: stiffness=K, with damping, restitution_damping, smoothing behind commas"
 _FLOATING = "put a free joint, floating_base, between the ground and the root link of a URDF"
 _XACRO = "expand a .xacro file, which runs the Python that stands in it: for files that you trust"
+_XACRO_ARGS = "with --xacro: value of an argument of the file, as xacro takes it, also without --xacro-arg"
 
 
 class ReadKeywords(TypedDict, total=False):
@@ -45,3 +46,7 @@ class ReadOptions:
     stops: Mapping[str, float] | None = field(default=None, metadata={"metavar": "KEY=NUMBER,...", "help": _STOPS})
     floating_base: bool = field(default=False, metadata={"help": _FLOATING})
     xacro: Xacro = field(default=False, metadata={"help": _XACRO})
+    xacro_args: Mapping[str, object] | None = field(
+        default=None,
+        metadata={"option": "--xacro-arg", "action": "append", "metavar": "NAME:=VALUE", "help": _XACRO_ARGS},
+    )

@@ -29,7 +29,9 @@ TYPES = {
     "prismatic": "prismatic",
     "fixed": "fixed",
     "floating": "free",
+    "planar": "revolute",  # with x and y
 }
+IN_PLANE = ("x", "y", "gamma")  # coordinates of a planar joint, about and across its axis
 SDF = (
     "SDF is not read; allowed: the URDF that it was made from, or MJCF, as sdformat_mjcf of"
     " https://github.com/gazebosim/gz-mujoco writes it"
@@ -79,6 +81,7 @@ class _Reader:
         self.with_friction: list[str] = []
         self.unlimited: list[str] = []  # limits of velocity and effort that are not above 0
         self.mimics: dict[str, Element] = {}  # by the joints that follow
+        self.planar: list[str] = []
         self.unmoved: list[str] = []  # those of them that have no coordinate to follow with
 
     def fail(self, where: str, message: str) -> NoReturn:
@@ -177,7 +180,10 @@ class _Reader:
             self.fail(where, f"{got}; allowed: {', '.join(TYPES)}")
         parent, child = (links[self._end(element, end, where, links)] for end in ("parent", "child"))
         turn, coordinates, limits = IDENTITY, {}, None
-        if TYPES[kind] in PRINCIPAL:
+        if kind == "planar":
+            turn, coordinates = self._axis(element, where), {key: Coordinate() for key in IN_PLANE}
+            self.planar.append(name)
+        elif TYPES[kind] in PRINCIPAL:
             turn = self._axis(element, where)
             dynamics = self._dynamics(element, where, name)
             limits, drive = self._limits(element, where, name, ranged=kind != "continuous")
@@ -197,11 +203,11 @@ class _Reader:
         text = element.get("joint", "")
         multiplier = self._number(element, "multiplier", where, 1.0)
         offset = self._number(element, "offset", where, 0.0)
-        if text not in names or self.draft.joints[names[text]].type not in PRINCIPAL:
+        if text not in names or names[text] in self.planar or self.draft.joints[names[text]].type not in PRINCIPAL:
             what = "has no coordinate to follow" if text in names else f"is not there{nearest(text, names)}"
             self.mended.append((element, f"{where}: the joint {show(text)} {what}; it is read as independent"))
             return
-        if kind is None:
+        if kind is None or name in self.planar:
             self.unmoved.append(name)
             return
         other = self.draft.joints[names[text]]
@@ -336,6 +342,9 @@ class _Reader:
             notes.append(f"mimic joints are read as independent (urdf_mimic=True couples them): {listed(self.mimics)}")
         elif self.draft.couplings:
             notes.append(f"mimic joints are coupled rigidly to those they follow: {listed(self.draft.couplings)}")
+        if self.planar:
+            said = "move along x and y and about gamma, which alone has a drive by default"
+            notes.append(f"planar joints {said}; <limit> and <dynamics> of them are left out: {listed(self.planar)}")
         if self.unmoved:
             notes.append(f"<mimic> is left out of joints without a coordinate: {listed(self.unmoved)}")
         if self.unlimited:

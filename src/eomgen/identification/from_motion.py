@@ -267,7 +267,7 @@ def forces(
         names = ("inverse_dynamics", "reactions", *mechanism_kernels(robot), *_cut_kernels(robot))
         kernel = build(robot, kernels=names, progress=progress or (lambda _: None))
     refuse_memory(kernel, "robots without, as robot.without_states() is")
-    motion = measured_motion(robot.name, motion, kernel.coordinates)
+    motion = measured_motion(robot, motion, kernel.coordinates)
     _refuse_transmissions(kernel, motion)
     model = build_model(robot)
     q, v, a, notes = _derivatives(motion, window, degree, [model.bodies[k].joint for k in model.turning])

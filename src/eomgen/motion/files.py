@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,12 +18,14 @@ from ..errors import InputError, check_kind
 from ..files import as_path, check_ending, write_csv
 from ..names import are_names, listed, nearest, show
 from ..npz import read_npz
+from ..robot.value import Robot
 from ..shown import Shown
 from .csv_columns import COLUMNS_RULE, read_csv
 from .measured_numbers import SHORTEST, checked_numbers
 
 SUFFIXES = {"": "q", ".rate": "v", ".acceleration": "a", ".drive": "u"}  # of a coordinate's columns
 STATE = re.compile(r"\.(?:(?:friction|hysteresis|maxwell\.[0-9])\.z|drive\.[a-z_]+)$")  # behind a coordinate
+Column = TypeVar("Column")
 _MOST_NUMBERS = 10_000_000  # of all coordinates at all times: a motion has up to four arrays of so many
 
 
@@ -53,7 +56,9 @@ class MeasuredMotion(Shown):
     states: Mapping[str, Array] = field(default_factory=dict)
 
 
-def read_motion(path: Path | str, coordinates: Sequence[str]) -> MeasuredMotion:
+def read_motion(
+    path: Path | str, coordinates: Sequence[str], *, principal: Mapping[str, str] | None = None
+) -> MeasuredMotion:
     """Read a motion of a robot with these coordinates from a .csv or .npz.
 
     A .csv has a header with the columns t (s), then names of coordinates (m, rad); NAME.rate, NAME.acceleration and
@@ -63,6 +68,12 @@ def read_motion(path: Path | str, coordinates: Sequence[str]) -> MeasuredMotion:
     file does not have are zero.  Rates (accelerations) are there for all measured coordinates or for none.  States of
     laws, such as NAME.drive.current, may be there.
 
+    Args:
+        path: of the file.
+        coordinates: names of all coordinates of the robot.
+        principal: coordinates by the names of their joints, which columns may have instead
+            (``Robot.principal_coordinates``); None: no column is named like a joint.
+
     Raises:
         InputError: with the file, line and column (or array and element), the value and what is allowed.
     """
@@ -70,7 +81,8 @@ def read_motion(path: Path | str, coordinates: Sequence[str]) -> MeasuredMotion:
     if source.suffix not in (".csv", ".npz"):
         raise InputError(f"motion: {show(str(path))}; allowed: a path that ends in .csv or .npz")
     columns, lines = read_columns(source)
-    return _motion(columns, tuple(coordinates), str(source), lines)
+    full = named_by_coordinate(columns, {**(principal or {}), "t": "t"}, str(source), SUFFIXES)
+    return _motion(full, tuple(coordinates), str(source), lines)
 
 
 def write_motion(path: Path | str, motion: MeasuredMotion, comments: Sequence[str] = ()) -> Path:
@@ -105,7 +117,33 @@ def read_columns(path: Path) -> tuple[dict[str, Array], NDArray[np.int32] | None
     return read_csv(path) if path.suffix == ".csv" else (_read_npz(path), None)
 
 
-def measured_motion(robot: str, motion: MeasuredMotion | Path | str, coordinates: tuple[str, ...]) -> MeasuredMotion:
+def named_by_coordinate(
+    columns: Mapping[str, Column], principal: Mapping[str, str], source: str, suffixes: Iterable[str] = ("",)
+) -> dict[str, Column]:
+    """Return columns with the name of a joint's principal coordinate in the place of the joint's.
+
+    Args:
+        columns: by their names in the file.
+        principal: coordinates by joint.
+        source: the file, for messages.
+        suffixes: that may stand behind either name.
+
+    Raises:
+        InputError: two columns are of one coordinate.
+    """
+    longer = {joint + end: name + end for joint, name in principal.items() for end in suffixes}
+    named: dict[str, Column] = {}
+    for column, values in columns.items():
+        name = longer.get(column, column)
+        if name in named or (name != column and name in columns):
+            raise InputError(
+                f"{source}: columns {show(column)} and {show(name)} are one coordinate; allowed: one of them"
+            )
+        named[name] = values
+    return named
+
+
+def measured_motion(robot: Robot, motion: MeasuredMotion | Path | str, coordinates: tuple[str, ...]) -> MeasuredMotion:
     """Return the motion, read if it is a file's path.
 
     Raises:
@@ -113,9 +151,15 @@ def measured_motion(robot: str, motion: MeasuredMotion | Path | str, coordinates
     """
     if not isinstance(motion, (MeasuredMotion, Path, str)):
         raise InputError(f"motion: got {show(motion)}; allowed: a MeasuredMotion, or the path of a .csv or .npz file")
-    measured = motion if isinstance(motion, MeasuredMotion) else read_motion(motion, coordinates)
+    measured = (
+        motion
+        if isinstance(motion, MeasuredMotion)
+        else read_motion(motion, coordinates, principal=robot.principal_coordinates)
+    )
     if measured.coordinates != coordinates:
-        raise InputError(f"motion: is of other coordinates than {robot}'s: {', '.join(measured.coordinates[:6])}, ...")
+        raise InputError(
+            f"motion: is of other coordinates than {robot.name}'s: {', '.join(measured.coordinates[:6])}, ..."
+        )
     return measured
 
 

@@ -65,6 +65,7 @@ class CompiledCode:
         )
         self.elements: Mapping[str, Mapping[str, Mapping[str, int]]] = meta.get("elements", {})
         self.prescribed: tuple[str, ...] = tuple(meta["prescribed"])
+        self.actuated_coordinates: tuple[str, ...] = tuple(self.coordinates[i] for i in meta["driven"])
         self.motors: dict[str, str] = {name: drives for name, (drives, _) in meta.get("motors", {}).items()}
         self.operations: Mapping[str, Mapping[str, int]] = Operations(libraries)
         self._again, self._opener = again, opener

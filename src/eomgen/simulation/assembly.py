@@ -17,7 +17,7 @@ from ..integration.until import Until
 from ..motion.point_to_point import Program
 from ..motion.splines import Standstill, signal_of
 from ..motion.timetable import TimeTable
-from ..names import DriveInput, joint_of, listed, nearest, split_component, split_state
+from ..names import DriveInput, joint_of, listed, nearest, split_state
 from ..pipeline.ahead import Ahead
 from ..pipeline.mechanisms import mechanism_kernels
 from ..pipeline.stages import build, build_groups
@@ -27,7 +27,7 @@ from ..robot.mechanism import coordinate_of, drive_of, following_text, leading_c
 from ..robot.memory.drives import LOOPS, loops_of
 from ..robot.model import build_model, program_coordinates
 from ..robot.record import record_of, robot_hash
-from ..robot.value import PRINCIPAL, Robot
+from ..robot.value import Robot
 from ..runtime.kernel import Kernel
 from ..runtime.stepping.input_signals import Gains
 from ..runtime.stepping.options import AUTO, RADAU, rollout_of
@@ -126,7 +126,8 @@ def assemble(
     model = build_model(robot)
     names = [model.coordinates[i] for i in model.prescribed]
     check_loads(scenario, robot)
-    prescribed = PrescribedMotion(scenario, model.coordinates, names) if names or scenario.prescribed else None
+    known = model.coordinates, names, robot.principal_coordinates
+    prescribed = PrescribedMotion(scenario, *known) if names or scenario.prescribed else None
     driven = program_coordinates(robot)
     usual = default_control(robot)
     hold = scenario.motion is not None or any(_position_loops(robot))
@@ -367,13 +368,9 @@ def names_in_scenarios(robot: Robot) -> dict[str, str]:
 
     Followers of rigid couplings are not among them.
     """
-    names, followers = {}, robot.followers
-    for full in (name for name in coordinate_names(robot) if name not in followers):
-        names[full] = full
-        joint, kind = split_component(full)
-        if full not in robot.modal_coordinates and PRINCIPAL.get(robot.joint(joint).type) == kind:
-            names[joint] = full
-    return names
+    followers = robot.followers
+    names = {name: name for name in coordinate_names(robot) if name not in followers}
+    return names | {joint: full for joint, full in robot.principal_coordinates.items() if full in names}
 
 
 class _DriveContext(NamedTuple):

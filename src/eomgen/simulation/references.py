@@ -30,7 +30,9 @@ MOVING_SHARE = 0.8  # of the duration; the rest shows what rings after the motio
 class PrescribedMotion:
     """Motions of prescribed coordinates, each harmonic or a spline; t -> (q, v, a), (m,) each."""
 
-    def __init__(self, scenario: Scenario, coordinates: Sequence[str], names: Sequence[str]) -> None:
+    def __init__(
+        self, scenario: Scenario, coordinates: Sequence[str], names: Sequence[str], principal: Mapping[str, str]
+    ) -> None:
         numbers = np.zeros((4, len(names)))  # amplitude, frequency, phase, offset
         seen: dict[str, str] = {}
         self._splines: list[tuple[Spline, list[int], list[int]]] = []
@@ -46,10 +48,11 @@ class PrescribedMotion:
         for place, section in enumerate(scenario.prescribed):
             key = f"prescribed[{place}]"
             if section.type == "harmonic":
-                i = take(section.get("coordinate"), f"{key}.coordinate")
+                name = section.get("coordinate")
+                i = take(principal.get(name, name), f"{key}.coordinate")
                 numbers[:, i] = [section.get(name, 0.0) for name in ("amplitude", "frequency", "phase", "offset")]
                 continue
-            motion = read_motion(section.get("file"), coordinates)
+            motion = read_motion(section.get("file"), coordinates, principal=principal)
             _check_covers(scenario, f"{key}.file", motion)
             here = [take(name, f"{key}.file") for name in motion.measured]
             columns = [coordinates.index(name) for name in motion.measured]
@@ -141,7 +144,7 @@ def make_reference(
     if section.type == "via":
         return _via(section, robot, driven, label, start)
     if section.type == "sampled":
-        motion = read_motion(section.get("file"), coordinate_names(robot))
+        motion = read_motion(section.get("file"), coordinate_names(robot), principal=robot.principal_coordinates)
         names = [name for name in motion.measured if name in driven]
         if not names or motion.t.size < 2:
             scenario.fail(

@@ -15,7 +15,6 @@ from .numbers import by_name, once_each
 from .output import say
 
 if TYPE_CHECKING:
-    from ...description.macros import Xacro
     from ...robot.value import Robot
 
 
@@ -87,7 +86,7 @@ def read_robot(options: argparse.Namespace) -> Robot:
     from ...description.load import load_robot
     from ...description.options import ReadOptions
 
-    how = {item.name: getattr(options, item.name) for item in fields(ReadOptions)} | {"xacro": xacro_of(options)}
+    how = {item.name: getattr(options, item.name) for item in fields(ReadOptions)} | xacro_of(options)
     if how["stops"] is not None:
         how["stops"] = by_name("stops", how["stops"].split(","))
     robot = load_robot(options.robot, **how)
@@ -96,8 +95,12 @@ def read_robot(options: argparse.Namespace) -> Robot:
     return robot
 
 
-def xacro_of(options: argparse.Namespace) -> Xacro:
-    """Return what --xacro and --package ask for; InputError of packages without --xacro, and of a name twice."""
+def xacro_of(options: argparse.Namespace) -> dict[str, Any]:
+    """Return what --xacro, --package and --xacro-arg ask for, by arguments of ``load_robot``.
+
+    Raises:
+        InputError: packages or arguments without --xacro, and a name twice.
+    """
     rows = []
     for text in options.packages:
         name, sign, folder = text.partition("=")
@@ -105,9 +108,19 @@ def xacro_of(options: argparse.Namespace) -> Xacro:
             raise InputError(f"package: {show(text)}; allowed: NAME=DIR")
         rows.append((name, folder))
     packages = once_each("package", rows)
-    if packages and not options.xacro:
-        raise InputError("--package: given without --xacro; allowed: with it, for files of people whom you trust")
-    return packages or bool(options.xacro)
+    arguments = once_each("xacro-arg", [_argument(text) for text in options.xacro_args or ()])
+    for option, given in (("--package", packages), ("--xacro-arg", arguments)):
+        if given and not options.xacro:
+            raise InputError(f"{option}: given without --xacro; allowed: with it, for files of people whom you trust")
+    return {"xacro": packages or bool(options.xacro), "xacro_args": arguments or None}
+
+
+def _argument(text: str) -> tuple[str, str]:
+    """Return name and value of an argument of xacro; a value may be empty."""
+    name, sign, value = text.partition(":=")
+    if not (name and sign):
+        raise InputError(f"xacro-arg: {show(text)}; allowed: NAME:=VALUE")
+    return name, value
 
 
 def result_path(path: Path) -> Path:

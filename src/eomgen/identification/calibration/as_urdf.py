@@ -13,13 +13,14 @@ import numpy as np
 
 from ...arrays import Array
 from ...description.load import load_robot
+from ...description.urdf import IN_PLANE
 from ...description.xml_text import parse_xml
 from ...errors import InputError
 from ...files import check_ending, write_atomically
 from ...forms.toml_text import read_text
 from ...names import unique_identifiers
 from ...robot.bounds import Limits
-from ...robot.value import PRINCIPAL, Joint, Robot
+from ...robot.value import PRINCIPAL, Coordinate, Joint, Robot
 from ...runtime.inverse_kinematics.rotations import rpy_of
 from ..geometry.rotations import pose_from, pose_of
 from ..geometry.stations import chain_of, located, matrix_of
@@ -147,6 +148,13 @@ def _placed(fitted: FittedParameters) -> Iterator[tuple[str, str, Array]]:
         yield name + OF_LINK if name in links else name, link, pose
 
 
+def _is_planar(joint: Joint) -> bool:
+    """Return whether a joint is a planar one of a URDF: without forces in its plane, and offsets that turn its axes."""
+    is_turned = any(joint.offset[3:])
+    in_plane = [joint.coordinates.get(key) == Coordinate() for key in IN_PLANE[:2]]
+    return joint.type == "revolute" and tuple(joint.coordinates) == IN_PLANE and all(in_plane) and not is_turned
+
+
 def _plain(robot: Robot) -> Element:
     """Return a URDF of a robot's links and joints, without origins."""
     from xml.etree.ElementTree import Element
@@ -164,6 +172,8 @@ def _plain(robot: Robot) -> Element:
     for joint in robot.joints:
         kind = PRINCIPAL.get(joint.type)
         further = [name for name in joint.coordinates if name != kind and joint.type != "free"]
+        if _is_planar(joint):
+            further, kind = [], None
         if further:
             raise InputError(
                 f"{robot.name}: {joint.name}.{further[0]} is active; allowed in a URDF: principal coordinates alone"
@@ -171,6 +181,7 @@ def _plain(robot: Robot) -> Element:
         limits = joint.limits_of(kind) if kind is not None else Limits()
         bounded = any(map(math.isfinite, limits.range))
         word = _TYPES[joint.type] if bounded or joint.type != "revolute" else "continuous"
+        word = "planar" if kind is None and joint.type == "revolute" else word
         element = _add(root, "joint", name=joint.name, type=word)
         _add(element, "parent", link=joint.parent)
         _add(element, "child", link=joint.child)

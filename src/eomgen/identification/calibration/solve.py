@@ -182,7 +182,8 @@ def calibrate(  # noqa: PLR0913
     report("reading poses")
     if not isinstance(poses, MeasuredPoses):
         columns = build_model(robot).coordinates
-        poses = read_poses(poses, columns, tuple(task.links), rotation=rotation, encoders=robot.is_closed)
+        names, places = tuple(task.links), robot.principal_coordinates
+        poses = read_poses(poses, columns, names, rotation=rotation, encoders=robot.is_closed, principal=places)
     problem, start = problem_of(task, poses, careful=True)
     units, notes = at_once(poses), list[str]()
     suspicion = suspicion_of(poses, problem.model.chain, problem.rows)

@@ -220,7 +220,8 @@ def _noise_of(fit: CalibrationResult | Path | str | None) -> tuple[float, float]
 def _measured(task: Task, after: MeasuredPoses | Path | str | None, rotation: str) -> MeasuredPoses | None:
     if after is None or isinstance(after, MeasuredPoses):
         return after
-    return read_poses(after, build_model(task.robot).coordinates, tuple(task.links), rotation=rotation)
+    columns, principal = build_model(task.robot).coordinates, task.robot.principal_coordinates
+    return read_poses(after, columns, tuple(task.links), rotation=rotation, principal=principal)
 
 
 def _base(task: Task, before: MeasuredPoses | None, where: Where, measure: str) -> tuple[Array, int]:

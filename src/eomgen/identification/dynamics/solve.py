@@ -111,7 +111,7 @@ def identify(  # noqa: PLR0913
     if TRANSMISSIONS in linear:
         relations = anchored(relations)
     parameter_names(kernel, linear, relations)
-    recorded = at_shafts(described, measured_motion(robot.name, motion, kernel.coordinates))
+    recorded = at_shafts(described, measured_motion(robot, motion, kernel.coordinates))
     recorded, idle = _without_idle_drives(robot, recorded)
     even = evenly_sampled(recorded)
     step = even.step

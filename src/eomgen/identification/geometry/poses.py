@@ -14,6 +14,7 @@ from ...arrays import Array, Index, Mask
 from ...errors import InputError, check_kind
 from ...files import as_path
 from ...motion.csv_columns import read_csv
+from ...motion.files import named_by_coordinate
 from ...motion.measured_numbers import ALLOWED_DIVISOR, checked_numbers, is_divisor
 from ...names import listed, nearest, show, split_component
 from ...npz import read_npz
@@ -137,6 +138,7 @@ def read_poses(
     *,
     rotation: str = "rotvector",
     encoders: bool = False,
+    principal: Mapping[str, str] | None = None,
 ) -> MeasuredPoses:
     """Read measured poses from a .csv or .npz.
 
@@ -149,6 +151,8 @@ def read_poses(
         frames: names that columns of frames may have.
         rotation: what F.rx F.ry F.rz are: "rotvector" or "rpy" (rad); or "quaternion", of F.qw F.qx F.qy F.qz.
         encoders: whether columns of coordinates will do, of a closed mechanism with more encoders than drives.
+        principal: coordinates by the names of their joints, which columns may have instead
+            (``Robot.principal_coordinates``); None: no column is named like a joint.
 
     Raises:
         InputError: with the file, line and column, the value and what is allowed.
@@ -159,8 +163,9 @@ def read_poses(
         raise InputError(f"poses: {show(str(path))}; allowed: a path that ends in .csv or .npz")
     is_csv = source.suffix == ".csv"
     columns, lines = read_csv(source, rule=POSES_RULE, blanks=True) if is_csv else (read_npz(source), None)
+    named = _by_coordinate(columns, principal or {}, str(source))
     return poses_from_columns(
-        columns, coordinates, frames, rotation=rotation, encoders=encoders, source=str(source), lines=lines
+        named, coordinates, frames, rotation=rotation, encoders=encoders, source=str(source), lines=lines
     )
 
 
@@ -206,6 +211,15 @@ def poses_from_columns(
         source=source,
         lines=lines,
     )
+
+
+def _by_coordinate(columns: Mapping[str, Array], principal: Mapping[str, str], source: str) -> dict[str, Array]:
+    """Return columns by coordinates where they are named like joints; InputError where a name is of something else."""
+    for name in WHOLE:
+        if name in columns and principal.get(name, name) not in columns:
+            message = f"column {show(name)} is the name of a joint, too; allowed: with a column {show(principal[name])}"
+            raise InputError(f"{source}: {message}")
+    return named_by_coordinate(columns, {joint: x for joint, x in principal.items() if joint not in WHOLE}, source)
 
 
 def _arrays(columns: Mapping[str, Array], source: str) -> dict[str, Array]:

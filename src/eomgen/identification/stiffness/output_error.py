@@ -115,7 +115,7 @@ def fit_numbers(
     if missing:
         raise UnknownNameError(f"kernel: has no parameters {listed(missing)}; allowed: one in which they are tunable")
     own = copy(kernel)
-    measured = [evenly_sampled(measured_motion(robot.name, motion, kernel.coordinates)) for motion in motions]
+    measured = [evenly_sampled(measured_motion(robot, motion, kernel.coordinates)) for motion in motions]
     shortest = min(even.step for even in measured)
     runs = [run_of(own, model, even.motion) for even in measured]
     simulation = Simulation.of(own, tuple(names), runs, np.array(model.home))

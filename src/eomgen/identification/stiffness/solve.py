@@ -130,7 +130,7 @@ def fit(  # noqa: PLR0913
     [*others, last] = _each(motion)
     if others:
         raise InputError(f"motion: got {len(others) + 1} of them; allowed: one, or several with parameters")
-    even = evenly_sampled(measured_motion(robot.name, last, kernel.coordinates))
+    even = evenly_sampled(measured_motion(robot, last, kernel.coordinates))
     motion, step = even.motion, even.step
     model = build_model(robot)
     moved = _moved(kernel, model, motion, step)

@@ -212,7 +212,7 @@ def _random_poses(robot: Robot, names: Sequence[str], count: int, seed: int) -> 
 
 
 def _motion(model: Model, names: Sequence[str], along: MeasuredMotion | Path | str) -> tuple[Array, Array]:
-    motion = measured_motion(model.name, along, model.coordinates)
+    motion = measured_motion(model.robot, along, model.coordinates)
     missing = [name for name in names if name not in motion.measured]
     if missing:
         raise InputError(f"along: {motion.source}: {missing[0]} is missing; allowed: all of {listed(names)}")

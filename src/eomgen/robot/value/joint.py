@@ -56,9 +56,10 @@ class Motor(Picklable):
     inertia: of the rotor about its axis, kg m^2.  ratio: of the gear, rad of the motor per rad (or m) of the
     joint's principal coordinate; negative where the sense is reversed.  transmission: the force in the deflection phi =
     motor / ratio - principal coordinate, which pulls the joint after the motor; in units of the joint's side, without
-    friction, armature and role.  friction: of the rotor's bearings, N m and rad/s at the shaft.  prescribed: the
-    rotor's motion is, as that of a position-controlled motor.  further: numbers of the rotor's other laws, as in
-    Coordinate: stops of its angle, rad and N m at the shaft.  limits: of its motion and its drive, at the shaft.
+    friction, armature and role: ``Coordinate(stiffness=2e4)``, say (``Robot.with_value`` takes a motor by the keys of
+    TOML).  friction: of the rotor's bearings, N m and rad/s at the shaft.  prescribed: the rotor's motion is, as that
+    of a position-controlled motor.  further: numbers of the rotor's other laws, as in Coordinate: stops of its angle,
+    rad and N m at the shaft.  limits: of its motion and its drive, at the shaft.
 
     Source: M. W. Spong, "Modeling and Control of Elastic Joint Robots", Journal of Dynamic Systems, Measurement, and
     Control 109 (1987): of a rotor, the energy of its spin alone counts.

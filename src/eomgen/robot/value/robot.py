@@ -44,7 +44,8 @@ class Robot(Picklable):
     stay run-time values; ``notes`` are one-line remarks about the reading (an inertia that was projected, say), for the
     user to see.
     driven: names of the actuated coordinates (of a joint or its motor, which is the same drive); None: the
-    principal ones.  home: where simulations start and assembly begins, m or rad by coordinate; default 0.
+    principal ones; ``actuated_coordinates`` has the names in both cases.  home: where simulations start and assembly
+    begins, m or rad by coordinate; default 0.
     beams: what some links and joints were made of, for ``with_value``; nothing else looks at them.
     sensors: what the kernel ``measurement`` tells, in its order; see ``eomgen.control.Measurement``.
     """
@@ -146,6 +147,18 @@ class Robot(Picklable):
                 own = modes[joint.child].coordinates()
                 found |= {component_name(joint.child, kind): x for kind, x in own.items()}
         return MappingProxyType(found)
+
+    @property
+    def principal_coordinates(self) -> dict[str, str]:
+        """Names of the principal coordinates that move, by joint, which files of measurements call them by, too."""
+        kinds = {joint.name: (PRINCIPAL.get(joint.type), joint.coordinates) for joint in self.joints}
+        return {name: component_name(name, kind) for name, (kind, own) in kinds.items() if kind in own and kind}
+
+    @property
+    def actuated_coordinates(self) -> tuple[str, ...]:
+        """Names of the coordinates that have a drive, in the order of q: those of ``driven``, or its default."""
+        found: list[str] = from_above(".robot.mechanism", "driven_coordinates")(self, self.coordinates)
+        return tuple(found)
 
     @property
     @kept
@@ -314,8 +327,9 @@ class Robot(Picklable):
 
         Args:
             path: keys and names with dots: a parameter ("links.arm.mass", "joints.joint1.x.stiffness", "gravity.z"), or
-                a whole value ("links.arm.com", "joints.joint1.limits").  A number of a beam ("beams.boom.E") makes all
-                its links and joints anew.
+                a whole value ("links.arm.com", "joints.joint1.limits"), as which joints take tables with the keys of
+                TOML ("joints.joint1.motor": {"inertia": 1e-4, "ratio": 100, "stiffness": 2e4}).  A number of a beam
+                ("beams.boom.E") makes all its links and joints anew.
             value: a number, a list, a text or a mapping, in SI units; numbers that follow from it follow anew.
 
         Raises:
