@@ -15,7 +15,7 @@ from scipy.sparse import block_diag, coo_array, csr_array
 from eomgen.bending.element_files import arrays_of, elements_of, has_elements, read_elements
 from eomgen.bending.finite_elements import FiniteElements, Interface
 from eomgen.bending.link_files import read_link
-from eomgen.bending.readers import calculix, op4
+from eomgen.bending.readers import abaqus, calculix, op4
 from eomgen.bending.reducing import LinkSets, reduce_files
 from eomgen.bending.reduction import reduce
 from eomgen.errors import InputError
@@ -79,6 +79,11 @@ OF_OUTPUT4 = (  # what is changed in a text, and what is said
     ("MAAX", "KBBX", r"arm\.op4: has the matrices KAAX, KBBX; allowed: one that begins with K"),
     ("       1       1", "       1      47", r"line 2: got .* entries from row 47 on in column 1; allowed: within 48"),
     ("      49       1       1\n", "      48       1       2\n", r"arm\.op4.*line .*: got .*; allowed: .*"),
+    (
+        "       1       1",
+        f"       1       1       1\n{1.0:23}{1.0:23}\n1.\n       2       1",
+        r"line 2: got '1 words, and 2 entries behind",
+    ),
     ("E+0", "E+400", r"allowed: finite numbers of 23 characters behind their row"),
 )
 
@@ -320,8 +325,45 @@ def test_texts_are_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     refused(InputError, r"arm.sti: got more than 1000 lines of row, column, entry", reduce_files, files, BY_PLANES)
     (tmp_path / "arm.sti").write_text("1" * 5000)
     refused(InputError, r"arm.sti, line 1: has more than 4096 bytes", reduce_files, files, BY_PLANES)
+    element_texts.op4(tmp_path, bar(**SMALL))
+    keys = calculix.read_directions(tmp_path / "arm.dof")
+    monkeypatch.setattr("eomgen.bending.readers.op4.MOST_MATRICES", 2)
+    refused(InputError, r"arm.op4, line .*: has more than 2 matrices", op4.read_matrices, tmp_path / "arm.op4", keys)
+    element_texts.substructure(tmp_path, bar(**SMALL))
+    monkeypatch.setattr("eomgen.bending.readers.abaqus._MOST_TRIANGLE", 50)
+    refused(InputError, r"arm.mtx, line .*: got 'more than 50 entr", abaqus.read_substructure, tmp_path / "arm.mtx")
     monkeypatch.setattr("eomgen.bending.readers.abaqus.MOST_NODES", 5)
     refused(InputError, "more than 5 nodes", reduce_files, files[::-1], BY_PLANES)
+
+
+GENERATED = "".join(f"*NSET, NSET=S{k}, GENERATE\n1, 100000\n" for k in range(21))
+OF_EACH_OTHER = "*NSET, NSET=B\nA\n" + "*NSET, NSET=A\nB\n*NSET, NSET=B\nA\n" * 20
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("*NSET, NSET=A\n" + "A, A, A, A\n" * 100, ""),
+        ("*NSET, NSET=B, GENERATE\n1, 1000000000\n", "line 4: got '2 sets of 1000000001 nodes'; allowed: up to 10000"),
+        (GENERATED, "line 42: got '21 sets of 2000001 nodes'; allowed: up to 10000 sets, and 2000000 nodes of all"),
+        (OF_EACH_OTHER, "line .*: got '2 sets of .* nodes'; allowed: up to 10000 sets"),
+        ("".join(f"*NSET, NSET=S{k}\n1\n" for k in range(10_000)), "got '10001 sets of 10001 nodes'"),
+    ],
+)
+def test_sets_are_counted_before_they_are_made(text: str, message: str, tmp_path: Path) -> None:
+    (tmp_path / "arm.inp").write_text(f"*NODE, NSET=A\n1, 0., 0., 0.\n{text}")
+    if message:
+        refused(InputError, rf"arm\.inp, .*{message}", abaqus.read_nodes, tmp_path / "arm.inp")
+    else:
+        assert abaqus.read_nodes(tmp_path / "arm.inp").sets["A"].tolist() == [1]
+
+
+def test_numbers_of_nodes_are_not_listed_before_they_are_known(tmp_path: Path) -> None:
+    files = _placed(tmp_path, element_texts.calculix(tmp_path, bar(**SMALL)))
+    with (tmp_path / "arm.inp").open("a") as stream:
+        stream.write("*NODE\n900000000000000, 0., 0., 0.\n")
+    message = "root: there is no node 17; allowed: nodes of the files"
+    refused(InputError, message, reduce_files, files, LinkSets("3-900000000000000", rigid={"tip": "x=1"}))
 
 
 FEW = {"counts": (3, 1, 1), "count": 2}
@@ -519,6 +561,9 @@ ARRAYS: dict[str, tuple[dict[str, Any], str]] = {
     "kinds": ({"interface_kinds": np.array(["rbe2", "rbe3"])}, "interface_kinds: has 2 entries; allowed: 1"),
     "members": ({"interface_nodes": np.array([0, 1, 2, 99])}, "interface_nodes: got 0 to 99; allowed: 0 to 15"),
     "root": ({"root": np.array([0, 99])}, "root: got a node 0 or 99; allowed: 0 to 15"),
+    "many interfaces": ({"interface_names": np.full(10**5, "a")}, "'interface_names': has 100000 entries; .* up to 33"),
+    "many cases": ({"stress_names": np.full(10**5, "a")}, "'stress_names': has 100000 entries; allowed: up to 15"),
+    "many rows": ({"dofs": np.zeros((300_001, 2), dtype=bool)}, "'dofs': has 300001 entries; allowed: up to 300000"),
     "cases": (
         {"stress_names": np.array(["a"]), **{f"stress_{k}": np.array([4]) for k in ("case", "row", "col", "data")}},
         "stress_case: got 4 to 4; allowed: 0 to 0",

@@ -281,24 +281,31 @@ def _set(name: str, text: str, nodes: Nodes) -> Index:
     else:
         known = f"; sets: {', '.join(sorted(nodes.sets)[:_SHOWN])}" if nodes.sets else ""
         raise InputError(f"{name}: got {show(text)}; allowed: {_ALLOWED}{known}")
-    order = np.argsort(nodes.labels)
-    at_row = np.minimum(np.searchsorted(nodes.labels[order], labels), len(order) - 1)
-    missing = np.flatnonzero(nodes.labels[order][at_row] != labels)
+    at_row = np.minimum(np.searchsorted(nodes.labels, labels), len(nodes.labels) - 1)
+    missing = np.flatnonzero(nodes.labels[at_row] != labels)
     if len(missing):
-        raise InputError(f"{name}: there is no node {labels[missing[0]]}; allowed: nodes of the files")
-    return order[at_row]
+        raise _no_node(name, int(labels[missing[0]]))
+    return at_row
 
 
 def _labels(name: str, text: str, nodes: Nodes) -> Labels:
-    """Return the numbers of a text "1-12,40"."""
-    parts = []
+    """Return the numbers of a text "1-12,40", all of which nodes have."""
+    has = np.zeros(len(nodes.labels), dtype=bool)
     for part in text.split(","):
         first, sign, last = part.partition("-")
         begin, end = int(first), int(last if sign else first)
-        if end < begin or end > int(nodes.labels.max(initial=0)):
-            raise InputError(f"{name}: got {show(part)}; allowed: first-last, up to node {nodes.labels.max(initial=0)}")
-        parts.append(np.arange(begin, end + 1, dtype=np.int64))
-    return np.unique(np.concatenate(parts))
+        if end < begin or end > int(nodes.labels[-1]):
+            raise InputError(f"{name}: got {show(part)}; allowed: first-last, up to node {nodes.labels[-1]}")
+        row, behind = np.searchsorted(nodes.labels, [begin, end + 1]).tolist()
+        if behind - row != end + 1 - begin:
+            gaps = np.flatnonzero(nodes.labels[row:behind] != begin + np.arange(behind - row))
+            raise _no_node(name, begin + int(gaps[0] if len(gaps) else behind - row))
+        has[row:behind] = True
+    return nodes.labels[has]
+
+
+def _no_node(name: str, label: int) -> InputError:
+    return InputError(f"{name}: there is no node {label}; allowed: nodes of the files")
 
 
 def _interfaces(sets: LinkSets, nodes: Nodes) -> tuple[Interface, ...]:

@@ -18,12 +18,13 @@ import numpy as np
 
 from ...errors import InputError
 from ...names import plain_path
-from ..finite_elements import MOST_ENTRIES, MOST_NODES
+from ..finite_elements import MOST_ENTRIES, MOST_NODES, MOST_ROWS
 from .contents import Entries, Nodes, keys_of
 from .text import SMALLER, lines_of, number_of, refusal
 
 _SMALL, _LARGE = 8, 16
 _SYMMETRIC, _SQUARE = 6, 1
+_MOST_FIELDS = 4 * (MOST_ROWS + 1)  # of an entry: a full column
 
 
 @dataclass
@@ -86,6 +87,8 @@ def _cards(path: Path) -> Iterator[_Card]:
             card = _Card(line, name, fields[1:]) if name in ("GRID", "DMIG") else None
         elif card is not None:
             card.fields += fields[1:]
+            if len(card.fields) > _MOST_FIELDS:
+                raise refusal(path, line, f"more than {_MOST_FIELDS} fields of {card.name}", "up to that")
     if card is not None:
         yield card
 

@@ -22,6 +22,7 @@ import numpy as np
 
 from ...arrays import Array
 from ...errors import InputError
+from ...limits import MOST_MATRICES
 from ...names import plain_path
 from ..finite_elements import MOST_ENTRIES, MOST_ROWS
 from .contents import Entries, Labels
@@ -46,8 +47,8 @@ class _Matrix:
     kind: int
     name: str
     is_kept: bool
-    of_rows: array[int] = field(default_factory=lambda: array("q"))
-    of_columns: array[int] = field(default_factory=lambda: array("q"))
+    of_rows: array[int] = field(default_factory=lambda: array("i"))
+    of_columns: array[int] = field(default_factory=lambda: array("i"))
     entries: array[float] = field(default_factory=lambda: array("d"))
 
     @property
@@ -80,8 +81,8 @@ class _Matrix:
         if len(keys) != self.columns:
             got = f"{self.name} has {self.columns} rows, and {len(keys)} have names"
             raise InputError(f"{plain_path(path)}: {got}; allowed: a .dof or .mapping file with all its rows")
-        rows, columns = (np.frombuffer(x, dtype=np.int64) - 1 for x in (self.of_rows, self.of_columns))
-        return Entries(keys[rows], keys[columns], np.frombuffer(self.entries, dtype=np.float64), path)
+        rows, columns = (np.array(x) - 1 for x in (self.of_rows, self.of_columns))
+        return Entries(keys[rows], keys[columns], np.array(self.entries), path)
 
 
 def read_matrices(path: Path, keys: Labels, role: str = "") -> dict[str, Entries]:
@@ -128,9 +129,16 @@ def _ascii(path: Path, role: str) -> list[_Matrix]:
     lines = (line for line in lines_of(path) if line[1].strip())
     for heading in lines:
         matrix, width = _heading(path, heading, role)
-        matrices.append(matrix)
+        _keep(matrices, matrix)
         _columns(path, lines, matrix, width)
     return matrices
+
+
+def _keep(matrices: list[_Matrix], matrix: _Matrix) -> None:
+    """Take a matrix, if there are not too many."""
+    if len(matrices) == MOST_MATRICES:
+        raise InputError(f"{matrix.where}: has more than {MOST_MATRICES} matrices; allowed: up to that")
+    matrices.append(matrix)
 
 
 def _heading(path: Path, line: Line, role: str) -> tuple[_Matrix, int]:
@@ -151,27 +159,34 @@ def _heading(path: Path, line: Line, role: str) -> tuple[_Matrix, int]:
 def _columns(path: Path, lines: Iterator[Line], matrix: _Matrix, width: int) -> None:
     """Read the columns of a matrix, up to the one that ends it."""
     column, row, line, words = 0, 0, 0, 0  # where entries go, the line that says so, and how many words they have
-    entries: list[float] = []
+    each = _WORDS.get(matrix.kind, 1)
+    entries = array("d")
+
+    def wrong() -> InputError:
+        got = f"{words} words, and {len(entries)} entries behind it"
+        return refusal(path, line, got, f"{each} words of an entry, as its type is {matrix.kind}")
 
     def keep() -> None:
         if column > matrix.columns or not (entries or words):
             return
-        each = _WORDS.get(matrix.kind, 1)
         if matrix.is_kept and words not in (len(entries), each * len(entries)):  # some writers count entries
-            got = f"{words} words, and {len(entries)} entries behind it"
-            raise refusal(path, line, got, f"{each} words of an entry, as its type is {matrix.kind}")
+            raise wrong()
         if matrix.is_kept:
             matrix.add(f"{plain_path(path)}, line {line}", column, row, np.array(entries))
-        entries.clear()
+        del entries[:]
 
     for number, text in lines:
         if "." in text:
-            found = [number_of(text[k : k + width]) for k in range(0, len(text.rstrip()), width)]
-            entries += [x for x in found if x is not None]
-            if None in found or row == 0:
-                raise refusal(path, number, text.strip(), f"finite numbers of {width} characters behind their row")
             if column > matrix.columns:
                 return
+            if not matrix.is_kept:
+                continue
+            found = [number_of(text[k : k + width]) for k in range(0, len(text.rstrip()), width)]
+            entries.extend(x for x in found if x is not None)
+            if None in found or row == 0:
+                raise refusal(path, number, text.strip(), f"finite numbers of {width} characters behind their row")
+            if len(entries) > min(words, abs(matrix.rows)):
+                raise wrong()
             continue
         keep()
         says = [int(word) for word in text.split() if re.fullmatch(r"[0-9]{1,10}", word)]
@@ -219,7 +234,7 @@ def _binary(path: Path, stream: BinaryIO, order: str, role: str) -> list[_Matrix
         name = text.decode("ascii", "replace").strip().upper()
         matrix = _Matrix(where, columns, rows, form, kind, name, _is_kept(name, role))
         matrix.check()
-        matrices.append(matrix)
+        _keep(matrices, matrix)
         for start, record in records:
             column, row, words = unpack(f"{order}3i", record[:12])
             if column == matrix.columns + 1:
