@@ -15,6 +15,7 @@ MOST_INTERFACES = 200  # of such a link, which are names
 MOST_SHAPE_NUMBERS = 4_000_000  # of modes at all its interfaces: second orders of 200 modes at 33 of them
 MOST_SETS = 10_000  # of nodes, in a file of finite elements
 MOST_SET_MEMBERS = 2_000_000  # of all its sets together
+MOST_SYSTEMS = 5_000  # of coordinates, in such a file
 MOST_MATRICES = 1_000  # in such a file, whether they are read or passed over
 MOST_TEXTS = 1_000_000  # of an array
 MOST_BEAM_MODES = 12  # of a link that is a beam, in one direction: more are far above what such a link is modelled for

@@ -22,10 +22,10 @@ import numpy as np
 
 from ...arrays import Array
 from ...errors import InputError
-from ...limits import MOST_MATRICES
 from ...names import plain_path
 from ..finite_elements import MOST_ENTRIES, MOST_ROWS
 from .contents import Entries, Labels
+from .selection import Selection
 from .text import Line, lines_of, number_of, opened, refusal
 
 _PACKED = 65536
@@ -46,7 +46,7 @@ class _Matrix:
     form: int
     kind: int
     name: str
-    is_kept: bool
+    is_kept: bool = False
     of_rows: array[int] = field(default_factory=lambda: array("i"))
     of_columns: array[int] = field(default_factory=lambda: array("i"))
     entries: array[float] = field(default_factory=lambda: array("d"))
@@ -56,11 +56,13 @@ class _Matrix:
         """Whether strings say their rows in words of their own."""
         return self.rows < 0 or self.rows >= _PACKED
 
-    def check(self) -> None:
-        """Refuse what is no square matrix of real numbers, if it is one of those that are looked at."""
+    def offer(self, selection: Selection) -> None:
+        """Keep the matrix if the selection wants it; InputError if it is no square matrix of real numbers then."""
         size = abs(self.rows)
-        fits = size == self.columns and 1 <= size <= MOST_ROWS and self.form in (_SQUARE, _SYMMETRIC)
-        if self.is_kept and not (fits and self.kind in _WORDS):
+        is_square = size == self.columns and 1 <= size <= MOST_ROWS and self.form in (_SQUARE, _SYMMETRIC)
+        fits = is_square and self.kind in _WORDS
+        self.is_kept = selection.wants(self.name, fits)
+        if self.is_kept and not fits:
             got = f"{size} rows, {self.columns} columns, form {self.form}, type {self.kind}"
             allowed = f"square up to {MOST_ROWS} rows, form 1 or 6, type 1 or 2, real"
             raise InputError(f"{self.where}: {self.name} has {got}; allowed: {allowed}")
@@ -85,63 +87,41 @@ class _Matrix:
         return Entries(keys[rows], keys[columns], np.array(self.entries), path)
 
 
-def read_matrices(path: Path, keys: Labels, role: str = "") -> dict[str, Entries]:
-    """Return the matrices of a file: the one whose name begins with K, and with M, or the only one by its role.
+def read_matrices(path: Path, keys: Labels, selection: Selection) -> dict[str, Entries]:
+    """Return the matrices of a file by the roles of the selection, as far as it has them.
 
     Args:
         path: of the file.
         keys: of the rows, in the order of the matrices.
-        role: what the file was said to be; "" where its matrices say it.
+        selection: which of its matrices are read.
 
     Raises:
-        InputError: it is no such file or ends early, or two matrices begin alike; the message has the place.
+        InputError: it is no such file or ends early, or several matrices may be meant; the message has the place.
     """
     with opened(path) as stream:
         start = stream.read(4)
         order = next((x for x in ("little", "big") if int.from_bytes(start, x) in (_HEADING, _LONG_HEADING)), "")
         stream.seek(0)
-        found = _binary(path, stream, "<" if order == "little" else ">", role) if order else _ascii(path, role)
-    kept = [matrix for matrix in found if matrix.is_kept]
-    if role:
-        if len(kept) != 1:
-            raise InputError(f"{plain_path(path)}: has {len(kept)} matrices; allowed: one, as it is said to be {role}")
-        return {role: kept[0].by_keys(path, keys)}
-    result = {}
-    for letter in ("K", "M"):
-        mine = [matrix for matrix in kept if matrix.name.startswith(letter)]
-        if len(mine) > 1:
-            names = ", ".join(matrix.name for matrix in mine)
-            raise InputError(f"{plain_path(path)}: has the matrices {names}; allowed: one that begins with {letter}")
-        if mine:
-            result[letter] = mine[0].by_keys(path, keys)
-    if not result:
-        raise InputError(f"{plain_path(path)}: has no matrix whose name begins with K or M; allowed: K=FILE or M=FILE")
-    return result
+        if order:
+            found = _binary(path, stream, "<" if order == "little" else ">", selection)
+        else:
+            found = _ascii(path, selection)
+    return {role: found[number].by_keys(path, keys) for role, number in selection.chosen().items()}
 
 
-def _is_kept(name: str, role: str) -> bool:
-    return bool(role) or name.startswith(("K", "M"))
-
-
-def _ascii(path: Path, role: str) -> list[_Matrix]:
-    """Return the matrices of a file in ASCII."""
+def _ascii(path: Path, selection: Selection) -> list[_Matrix]:
+    """Return the matrices of a file in ASCII, without entries where they are not asked for."""
     matrices: list[_Matrix] = []
     lines = (line for line in lines_of(path) if line[1].strip())
     for heading in lines:
-        matrix, width = _heading(path, heading, role)
-        _keep(matrices, matrix)
+        matrix, width = _heading(path, heading)
+        matrix.offer(selection)
+        matrices.append(matrix)
         _columns(path, lines, matrix, width)
     return matrices
 
 
-def _keep(matrices: list[_Matrix], matrix: _Matrix) -> None:
-    """Take a matrix, if there are not too many."""
-    if len(matrices) == MOST_MATRICES:
-        raise InputError(f"{matrix.where}: has more than {MOST_MATRICES} matrices; allowed: up to that")
-    matrices.append(matrix)
-
-
-def _heading(path: Path, line: Line, role: str) -> tuple[_Matrix, int]:
+def _heading(path: Path, line: Line) -> tuple[_Matrix, int]:
     """Return a matrix without entries, and how many characters an entry has."""
     number, text = line
     words = [text[8 * k : 8 * k + 8].strip() for k in range(5)]
@@ -149,11 +129,8 @@ def _heading(path: Path, line: Line, role: str) -> tuple[_Matrix, int]:
     if width is None or not int(width[1]) or not all(re.fullmatch(r"-?[0-9]{1,8}", word) for word in words[:4]):
         raise refusal(path, number, text, f"columns, rows, form, type, name and format, {_ALLOWED}")
     columns, rows, form, kind = (int(word) for word in words[:4])
-    name = words[4].upper()
     where = f"{plain_path(path)}, line {number}"
-    matrix = _Matrix(where, columns, rows, form, kind, name, _is_kept(name, role))
-    matrix.check()
-    return matrix, int(width[1])
+    return _Matrix(where, columns, rows, form, kind, words[4].upper()), int(width[1])
 
 
 def _columns(path: Path, lines: Iterator[Line], matrix: _Matrix, width: int) -> None:
@@ -221,7 +198,7 @@ def _records(path: Path, stream: BinaryIO, order: str) -> Iterator[tuple[int, by
         yield at, data
 
 
-def _binary(path: Path, stream: BinaryIO, order: str, role: str) -> list[_Matrix]:
+def _binary(path: Path, stream: BinaryIO, order: str, selection: Selection) -> list[_Matrix]:
     """Return the matrices of a binary file, ``order`` its order of bytes."""
     matrices: list[_Matrix] = []
     records = _records(path, stream, order)
@@ -232,9 +209,9 @@ def _binary(path: Path, stream: BinaryIO, order: str, role: str) -> list[_Matrix
             raise InputError(f"{where}: has {words}; allowed: words of 32 bits, with a heading of {_HEADING} bytes")
         columns, rows, form, kind, text = unpack(f"{order}4i8s", data)
         name = text.decode("ascii", "replace").strip().upper()
-        matrix = _Matrix(where, columns, rows, form, kind, name, _is_kept(name, role))
-        matrix.check()
-        _keep(matrices, matrix)
+        matrix = _Matrix(where, columns, rows, form, kind, name)
+        matrix.offer(selection)
+        matrices.append(matrix)
         for start, record in records:
             column, row, words = unpack(f"{order}3i", record[:12])
             if column == matrix.columns + 1:
