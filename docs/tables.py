@@ -152,8 +152,8 @@ def sizes() -> str:
         ),
         ("nodes, and entries of a matrix, of a link's finite elements", f"{MOST_NODES}, {MOST_ENTRIES}"),
         (
-            "sets of nodes of an input file, nodes of all of them together; matrices of a file",
-            f"{limits.MOST_SETS}, {limits.MOST_SET_MEMBERS}; {limits.MOST_MATRICES}",
+            "sets of nodes of an input file, nodes of all of them together; matrices, coordinate systems of a file",
+            f"{limits.MOST_SETS}, {limits.MOST_SET_MEMBERS}; {limits.MOST_MATRICES}, {limits.MOST_SYSTEMS}",
         ),
         (
             "interfaces of a link that bends out of a file, and numbers of their modes",

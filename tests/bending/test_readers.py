@@ -484,6 +484,10 @@ WRONG: dict[str, tuple[Callable[[FiniteElements], FiniteElements], str]] = {
         lambda e: replace(e, M=_at(e.M, 4, 4, 0.1)),
         "M: has masses of 12 kg along x, 12.1 kg along y, 12 kg along z; allowed: the same",
     ),
+    "masses that couple root and tip": (
+        lambda e: replace(e, M=_at(_at(e.M, 10, 47, 1e4), 47, 10, 1e4)),
+        "M: has second moments of mass of -.* kg m.2 together; allowed: 0 or more",
+    ),
     "no masses": (lambda e: replace(e, M=e.M * 0.0), "M: all entries are 0"),
     "in two pieces": (
         _in_two,

@@ -195,7 +195,7 @@ def nastran_systems(folder: Path, elements: FiniteElements) -> list[str]:
     within = [(first.T @ (x - origins[1])).tolist() for x in origins[2] + np.array([0 * up, second.T[2], second.T[0]])]
     points = [origins[1] + x for x in (0 * up, first.T[2], first.T[0] + 0.5 * first.T[2])]
     lines = [f"GRID,{900 + k},0,{x!r},{y!r},{z!r}" for k, (x, y, z) in enumerate(corners.tolist())]
-    lines += ["GRDSET,,5", "CORD1S,7,900,901,902"]
+    lines += ["GRDSET,,5", "CORD1S,8,901,900,902,7,900,901,902"]
     for name, system, (a, b, c) in (("CORD2R,5", 0, np.array(points).tolist()), ("CORD2C,6", 5, within)):
         lines += [",".join([name, str(system), *map(repr, (*a, *b))]), ",".join(["", *map(repr, c)])]
     turn = np.eye(len(elements.dofs))
