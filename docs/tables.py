@@ -146,8 +146,19 @@ def sizes() -> str:
             f"below {limits.LARGEST:g} in size; deviations and weights from {1.0 / limits.LARGEST:g} on; samples at"
             f" least {SHORTEST:g} s apart",
         ),
-        ("arrays of a .npz file", f"{most_bytes() // 1_000_000} MB, or what EOMGEN_NPZ_MB says"),
+        (
+            "arrays of a .npz file, as numbers of 8 bytes; texts of one",
+            f"{most_bytes() // 1_000_000} MB, or what EOMGEN_NPZ_MB says; {limits.MOST_TEXTS}",
+        ),
         ("nodes, and entries of a matrix, of a link's finite elements", f"{MOST_NODES}, {MOST_ENTRIES}"),
+        (
+            "sets of nodes of an input file, nodes of all of them together; matrices, coordinate systems of a file",
+            f"{limits.MOST_SETS}, {limits.MOST_SET_MEMBERS}; {limits.MOST_MATRICES}, {limits.MOST_SYSTEMS}",
+        ),
+        (
+            "interfaces of a link that bends out of a file, and numbers of their modes",
+            f"{limits.MOST_INTERFACES}, {limits.MOST_SHAPE_NUMBERS}",
+        ),
         (
             "rows, and modes beside those of interfaces, of finite elements that descriptions name",
             f"{MOST_UNKNOWNS}, {MOST_COUNT}",

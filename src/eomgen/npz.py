@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from .errors import InputError
 from .files import as_path, open_regular
+from .limits import MOST_TEXTS
 from .names import plain_path, show
 
 VARIABLE = "EOMGEN_NPZ_MB"  # of the environment: megabytes that the arrays of a file may have
@@ -24,6 +25,7 @@ _MOST_MB = 256
 _MOST_DIRECTORY = 1 << 20  # bytes of a file's directory: some ten thousand arrays
 _END = struct.Struct("<4s4H2LH")  # of the directory, as the ZIP format has it
 _BLOCK = 1 << 20
+_WIDE = 8  # bytes of a number, once it is computed with
 _ALLOWED = "; allowed: what numpy.savez writes"
 REAL = "biufUS"  # kinds of dtypes: real numbers and texts
 COMPLEX = f"{REAL}c"
@@ -50,8 +52,9 @@ def read_npz(
 ) -> dict[str, NDArray[Any]]:
     """Read arrays of numbers and texts by name, as ``numpy.savez`` and ``numpy.savez_compressed`` write them.
 
-    Arrays may have 256 MB together; the environment's ``EOMGEN_NPZ_MB`` says otherwise.  It is known before anything is
-    unpacked, so that a small file cannot become a large one.
+    Arrays may have 256 MB together, where a shorter number counts as one of eight bytes; the environment's
+    ``EOMGEN_NPZ_MB`` says otherwise.  It is known before anything is unpacked, so that a small file cannot become a
+    large one.
 
     Args:
         path: of the file.
@@ -117,17 +120,24 @@ def _arrays(
     total = sum(entry.file_size for entry in entries.values())
     if total > most[0]:
         raise InputError(f"{path}: its arrays have {total} bytes; allowed: up to {most[1]}")
-    arrays = {}
+    arrays: dict[str, NDArray[Any]] = {}
+    wide = 0
     for name, entry in entries.items():
         if names is not None and name not in names:
             continue
         with archive.open(entry) as member:
-            arrays[name] = _array(member, entry.file_size, kinds, f"{path}: array {show(name)}")
+            place = f"{path}: array {show(name)}"
+            shape, by_columns, dtype = _header(member, entry.file_size, kinds, place)
+            wide += prod(shape) * max(dtype.itemsize, _WIDE)
+            if wide > most[0]:
+                got = f"with it the arrays have {wide} bytes as numbers of {_WIDE} bytes each"
+                raise InputError(f"{place}: {got}; allowed: up to {most[1]}")
+            arrays[name] = _array(member, np.empty(shape, dtype, order="F" if by_columns else "C"), place)
     return arrays
 
 
-def _array(member: Any, size: int, kinds: str, place: str) -> NDArray[Any]:
-    """Read the array of an entry of that size."""
+def _header(member: Any, size: int, kinds: str, place: str) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+    """Return shape, order and dtype of an entry of that size, as it has them."""
     if np.lib.format.read_magic(member) != (1, 0):
         raise InputError(
             f"{place}: is of another format than (1, 0), which NumPy writes for numbers and texts{_ALLOWED}"
@@ -142,7 +152,13 @@ def _array(member: Any, size: int, kinds: str, place: str) -> NDArray[Any]:
         raise InputError(
             f"{place}: has {size - member.tell()} bytes; its shape and dtype ask for another number{_ALLOWED}"
         )
-    whole = np.empty(shape, dtype, order="F" if by_columns else "C")
+    if dtype.kind in "US" and prod(shape) > MOST_TEXTS:
+        raise InputError(f"{place}: has {prod(shape)} texts; allowed: up to {MOST_TEXTS}")
+    return shape, by_columns, dtype
+
+
+def _array(member: Any, whole: NDArray[Any], place: str) -> NDArray[Any]:
+    """Read an array whose header has been read."""
     flat = whole.reshape(-1, order="A").view(np.uint8).data if whole.size else memoryview(b"")
     for start in range(0, len(flat), _BLOCK):
         block = flat[start : start + _BLOCK]

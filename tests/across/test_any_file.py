@@ -179,6 +179,17 @@ def test_a_small_file_of_many_zeros_is_not_unpacked(tmp_path: Path) -> None:
     refused(InputError, r"arrays have 3145.* bytes; allowed: up to 268435456.*EOMGEN_NPZ_MB", read_npz, path)
 
 
+def test_short_numbers_and_texts_count_as_what_they_become(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "a.npz"
+    np.savez_compressed(path, t=np.zeros(1_000_001, dtype="U1"))
+    refused(InputError, r"a.npz: array 't': has 1000001 texts; allowed: up to 1000000", read_npz, path)
+    np.savez_compressed(path, a=np.zeros(1000), t=np.zeros(1 << 18, dtype=bool))
+    assert read_npz(path)["t"].size == 1 << 18
+    monkeypatch.setenv("EOMGEN_NPZ_MB", "1")
+    message = r"array 't': with it the arrays have 2105152 bytes as numbers of 8 bytes each; allowed: up to 1048576"
+    refused(InputError, message, read_npz, path)
+
+
 def test_the_limit_can_be_another(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "a.npz"
     np.savez_compressed(path, t=np.zeros(1 << 18))

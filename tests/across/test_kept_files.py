@@ -438,6 +438,8 @@ def stream(tmp_path: Path) -> Path:
         ("z", "shape", [10**15, 1], "array z: is float64"),
         ("", "attributes.units", ["m", "m"], "units: got 'm', 'm'"),
         ("q", "codecs.1.name", "gzip", "its codecs are others than eomgen's"),
+        ("q", "chunk_key_encoding", {"name": "v2", "configuration": {"separator": "."}}, "names its chunks in another"),
+        ("t", "chunk_key_encoding.configuration.separator", ".", "another way than eomgen; allowed: default"),
         ("", "attributes", KeyError, "allowed: a table"),
         ("", "attributes.format", 99, "newer eomgen"),
         ("", "attributes.meta.robot", float("inf"), "meta.robot: got inf"),
@@ -449,6 +451,15 @@ def test_streams_that_were_changed_are_refused(stream: Path, part: str, path: st
     file = stream / part / "zarr.json"
     file.write_text(json.dumps(changed(json.loads(file.read_text()), path, value)), encoding="ascii")
     assert message in refusal(eomgen.load_stream, stream)
+
+
+def test_sizes_of_streams_are_those_of_their_arrays(stream: Path) -> None:
+    """A group's copy of the metadata of its arrays could have other sizes: it is not looked at."""
+    group, arrays = (json.loads((stream / part / "zarr.json").read_text()) for part in ("", "q"))
+    copies = {"q": {**arrays, "shape": [10**9, 2]}}
+    group["consolidated_metadata"] = {"kind": "inline", "must_understand": False, "metadata": copies}
+    (stream / "zarr.json").write_text(json.dumps(group))
+    assert eomgen.load_stream(stream).q.shape == (200, 2)
 
 
 @pytest.mark.parametrize("name", ["zarr.json", "t/zarr.json", "t/c/0", "q/c/0/0"])

@@ -32,11 +32,12 @@ from tests.support.surfaces import SURFACES, Surface
 
 QUICK = {  # surfaces of one process each
     "descriptions": ("toml", "urdf", "mjcf"),
-    "inputs": ("scenario", "plan", "tolerances", "csv", "dh", "mtx", "npz", "modes"),
+    "inputs": ("scenario", "plan", "tolerances", "csv", "dh", "mtx", "npz", "modes", "finite elements"),
     "results": ("result", "sweep", *MEASURED),
     "analyses": tuple(f"numbers of {kind}" for kind, (few, _) in COUNTS.items() if few),
 }
-SINGLE = [name for names in QUICK.values() for name in names if name != "sweep" and not name.startswith("numbers")]
+FOLDERS = ("sweep", "finite elements")
+SINGLE = [name for names in QUICK.values() for name in names if name not in FOLDERS and not name.startswith("numbers")]
 BLOCK = 50_000
 
 

@@ -195,6 +195,14 @@ BAD_CONSTANTS: dict[str, tuple[Callable[[Arrays], None], str]] = {
     "name that is none": (become("interface_names", ["a b"]), r"'interface_names': got 'a b'; allowed: an identifier"),
     "root as a name": (become("interface_names", ["root"]), r"'interface_names': got 'root'.*other than root"),
     "numbers as names": (become("interface_names", [1.0]), r"'interface_names': got shape \(1,\) of float64.*texts"),
+    "many names": (
+        become("interface_names", [f"n{k}" for k in range(201)]),
+        r"'interface_names': has 201 names; allowed: up to 200",
+    ),
+    "many second orders": (
+        become("interface_Psi", np.zeros((1, 3, 1200, 1200))),
+        r"'interface_Psi': with interface_Phi it has 43200[0-9]+ numbers; allowed: up to 4000000",
+    ),
     "two names": (become("interface_names", ["tip", "tip"]), r"'interface_names': 'tip' is there twice"),
     "more names": (become("interface_names", ["tip", "end"]), r"'interface_places': got shape \(1, 3\).*2 x 3 numbers"),
     "unknown array": (become("Qq", [1.0]), r"'Qq': it is unknown; allowed: H00, H0, P"),

@@ -15,7 +15,8 @@ from scipy.sparse import block_diag, coo_array, csr_array
 from eomgen.bending.element_files import arrays_of, elements_of, has_elements, read_elements
 from eomgen.bending.finite_elements import FiniteElements, Interface
 from eomgen.bending.link_files import read_link
-from eomgen.bending.readers import calculix, op4
+from eomgen.bending.readers import abaqus, calculix, op4
+from eomgen.bending.readers.selection import Selection
 from eomgen.bending.reducing import LinkSets, reduce_files
 from eomgen.bending.reduction import reduce
 from eomgen.errors import InputError
@@ -41,7 +42,7 @@ def test_each_program_has_the_same_link(program: str, tmp_path: Path) -> None:
     elements = bar(**SMALL)
     files = _placed(tmp_path, element_texts.PROGRAMS[program](tmp_path, elements))
     found, expected = reduce_files(files, BY_PLANES), reduce(elements)
-    digits = 1e-5 if program == "nastran" else 1e-8  # its files have nine of them
+    digits = 1e-5 if program.startswith("nastran") else 1e-8  # its files have nine of them
     assert found.frequencies == pytest.approx(expected.frequencies, rel=digits)
     assert found.mass == pytest.approx(expected.mass, rel=1e-8)
     assert found.inertia == pytest.approx(expected.inertia, rel=digits, abs=1e-8)
@@ -56,7 +57,7 @@ def test_files_of_output4_have_the_same_link(case: str, tmp_path: Path) -> None:
     elements, about = bar(**SMALL), element_texts.OP4[case]
     files = _placed(tmp_path, element_texts.op4(tmp_path, elements, **about))
     keys = calculix.read_directions(tmp_path / "arm.dof")
-    matrices = op4.read_matrices(tmp_path / "arm.op4", keys)
+    matrices = op4.read_matrices(tmp_path / "arm.op4", keys, Selection(tmp_path / "arm.op4"))
     assert matrices.keys() == {"K", "M"}
     for name, matrix in (("K", elements.K), ("M", elements.M)):
         found = matrices[name]
@@ -76,9 +77,15 @@ OF_OUTPUT4 = (  # what is changed in a text, and what is said
         "       6       3KAAX",
         r"line 1: KAAX has 48 rows, 48 columns, form 6, type 3; allowed: square",
     ),
-    ("MAAX", "KBBX", r"arm\.op4: has the matrices KAAX, KBBX; allowed: one that begins with K"),
+    ("MAAX", "KXX ", r"arm\.op4: has the matrices 'KAAX', 'KXX', each of which may be K; allowed: .*: --matrix K=NAME"),
+    ("MAAX", "KBBX", r"files: have no M; allowed: both, .*, or --matrix M=NAME, one of 'KAAX', 'GOAT', 'KBBX'"),
     ("       1       1", "       1      47", r"line 2: got .* entries from row 47 on in column 1; allowed: within 48"),
     ("      49       1       1\n", "      48       1       2\n", r"arm\.op4.*line .*: got .*; allowed: .*"),
+    (
+        "       1       1",
+        f"       1       1       1\n{1.0:23}{1.0:23}\n1.\n       2       1",
+        r"line 2: got '1 words, and 2 entries behind",
+    ),
     ("E+0", "E+400", r"allowed: finite numbers of 23 characters behind their row"),
 )
 
@@ -93,6 +100,57 @@ def test_wrong_files_of_output4_are_refused_with_their_line(old: str, new: str, 
     refused(InputError, message, reduce_files, files, BY_PLANES)
 
 
+@pytest.mark.parametrize(
+    ("names", "asked", "chosen"),
+    [
+        ("MES1- KXX K4XX MXX MUG1-", {}, {"K": "KXX", "M": "MXX"}),
+        ("KSE K4SE MSE PSE-", {}, {"K": "KSE", "M": "MSE"}),
+        ("KAAX KXX MAAX", {"K": "KXX"}, {"K": "KXX", "M": "MAAX"}),
+        ("KSE KTE KUE KXX", {}, {"K": "KXX"}),
+        ("KSE KTE", {"M": "KTE"}, {"K": None}),
+    ],
+)
+def test_matrices_of_superelements_are_chosen_by_their_names(
+    names: str, asked: dict[str, str], chosen: dict[str, str | None]
+) -> None:
+    """A minus stands behind names of such as are not square; of some names K may be either."""
+    selection, words = Selection(Path("se.op4"), names=asked), names.split()
+    wanted = [k for k, word in enumerate(words) if selection.wants(word.rstrip("-"), not word.endswith("-"))]
+    if None in chosen.values():
+        refused(InputError, "has the matrices 'KSE', 'KTE', each of which may be K", selection.chosen)
+    else:
+        assert {role: words[number] for role, number in selection.chosen().items()} == chosen
+        assert set(selection.chosen().values()) <= set(wanted)
+
+
+def test_files_of_superelements_have_more_than_two_matrices(tmp_path: Path) -> None:
+    files = _placed(tmp_path, element_texts.op4(tmp_path, bar(**SMALL)))
+    path = tmp_path / "arm.op4"
+    text = path.read_text().replace("GOAT", "MUG1").replace("KAAX", "KXX ").replace("MAAX", "MXX ")
+    path.write_text(text + text[: text.index("       3       2")].replace("KXX ", "K4XX"))
+    found = reduce_files(files, BY_PLANES)
+    assert found.frequencies == pytest.approx(reduce(bar(**SMALL)).frequencies, rel=1e-9)
+    stiff = reduce_files(files, BY_PLANES, matrices={"K": "k4xx", "M": "MXX"})
+    assert stiff.frequencies == pytest.approx(found.frequencies, rel=1e-12)
+    for matrices, message in (
+        ({"K": "KYY"}, "matrices: no file has 'KYY'; allowed: 'KXX', 'MUG1', 'MXX', 'K4XX'"),
+        ({"L": "KXX"}, "matrices: got 'L' of 'KXX'; allowed: names by K, M"),
+    ):
+        refused(InputError, message, reduce_files, files, BY_PLANES, matrices=matrices)
+    sti = _placed(tmp_path, element_texts.calculix(tmp_path, bar(**SMALL)))
+    message = r"matrices: no file has 'KXX'; allowed: names of matrices in \.op4, \.pch and \.bdf files"
+    refused(InputError, message, reduce_files, sti, BY_PLANES, matrices={"K": "KXX"})
+
+
+def test_directions_of_a_node_are_turned_together(tmp_path: Path) -> None:
+    files = _placed(tmp_path, element_texts.nastran_systems(tmp_path, beam()))
+    text = (tmp_path / "arm.pch").read_text().split("\n")
+    rows = [line for line in text if f"{2:16d}{6:16d}" not in line]  # node 2 has no rotation about its z
+    (tmp_path / "arm.pch").write_text("\n".join(rows))
+    message = r"nodes: node 2 has a rotation in a coordinate system of its own \(CD\), and not all three; allowed: all"
+    refused(InputError, message, reduce_files, files, LinkSets("1", node={"tip": "11"}))
+
+
 @pytest.mark.parametrize("case", ["text", "binary", "big binary strings"])
 def test_cut_files_of_output4_are_refused(case: str, tmp_path: Path) -> None:
     """Wherever a file ends, and whatever a byte of it becomes: a link, or an InputError."""
@@ -101,14 +159,14 @@ def test_cut_files_of_output4_are_refused(case: str, tmp_path: Path) -> None:
     data, rng = path.read_bytes(), np.random.default_rng(3)
     for end in rng.integers(1, len(data) - 40, size=20):
         path.write_bytes(data[:end])
-        refused(InputError, r"arm\.op4", op4.read_matrices, path, keys)
+        refused(InputError, r"arm\.op4", op4.read_matrices, path, keys, Selection(path))
     for at in rng.integers(0, len(data), size=100):
         path.write_bytes(data[:at] + bytes([int(rng.integers(256))]) + data[at + 1 :])
         with suppress(InputError):
-            assert op4.read_matrices(path, keys)
+            assert op4.read_matrices(path, keys, Selection(path))
     path.write_bytes(data)
     with pytest.raises(InputError, match=r"arm\.op4.*GOAT has 2 rows, 3 columns, form 2, type 4; allowed: square"):
-        reduce_files([f"K={path}", *files[1:]], BY_PLANES)
+        reduce_files(files, BY_PLANES, matrices={"K": "goat"})
     (tmp_path / "arm.dof").write_text("1.1\n1.2\n")
     with pytest.raises(InputError, match=r"KAAX has 24 rows, and 2 have names; allowed: a \.dof or \.mapping"):
         reduce_files(files, BY_PLANES)
@@ -121,7 +179,7 @@ def test_files_of_output4_with_long_words_are_refused(tmp_path: Path) -> None:
         np.array([48], dtype="<i4").tobytes() + bytes(48) + np.array([48], "<i4").tobytes()
     )
     with pytest.raises(InputError, match=r"byte 0: has words of 64 bits; allowed: words of 32 bits"):
-        op4.read_matrices(tmp_path / "arm.op4", np.arange(3))
+        op4.read_matrices(tmp_path / "arm.op4", np.arange(3), Selection(tmp_path / "arm.op4"))
 
 
 @pytest.mark.parametrize("program", ["calculix", "abaqus"])
@@ -132,17 +190,21 @@ def test_sets_of_input_files_are_known_by_name(program: str, tmp_path: Path) -> 
     assert found.frequencies == pytest.approx(reduce(replace(elements, count=2)).frequencies, rel=1e-9)
 
 
-def test_rotations_of_nodes_and_numbers_of_nodes(tmp_path: Path) -> None:
+@pytest.mark.parametrize("program", ["nastran", "nastran_systems"])
+def test_rotations_of_nodes_and_numbers_of_nodes(program: str, tmp_path: Path) -> None:
     elements = beam()
-    files = _placed(tmp_path, element_texts.nastran(tmp_path, elements))
+    files = _placed(tmp_path, element_texts.PROGRAMS[program](tmp_path, elements))
     found = reduce_files(files, LinkSets("1", node={"tip": "11"}), modes=4)
-    assert found.frequencies == pytest.approx(reduce(elements).frequencies, rel=1e-7)
+    digits = 1e-7 if program == "nastran" else 1e-5  # its files have nine, and bending beside tension in each entry
+    assert found.frequencies == pytest.approx(reduce(elements).frequencies, rel=digits)
 
 
-def test_millimetres_and_tonnes_become_si(tmp_path: Path) -> None:
-    """The same beam in mm, t, s and N: rotations keep their unit, entries by their directions do not."""
+@pytest.mark.parametrize(
+    ("units", "length", "mass"), [("mm", 1e-3, 1e3), ("mm-kg-s", 1e-3, 1.0), ("inch-lbf-s", 0.0254, 175.12683524647637)]
+)
+def test_other_units_become_si(units: str, length: float, mass: float, tmp_path: Path) -> None:
+    """The same beam in other units: rotations keep their unit, entries by their directions do not."""
     elements = beam()
-    length, mass = 1e-3, 1e3
     scale = np.where(elements.dofs[:, 1] > 2, 1.0 / length, 1.0)
     by_row = np.outer(scale, scale) / mass
     in_mm = replace(
@@ -152,7 +214,7 @@ def test_millimetres_and_tonnes_become_si(tmp_path: Path) -> None:
         M=elements.M.multiply(by_row).tocsr(),
     )
     files = _placed(tmp_path, element_texts.calculix(tmp_path, in_mm))
-    found, expected = reduce_files(files, LinkSets("1", node={"tip": "11"}), modes=4, units="mm"), reduce(elements)
+    found, expected = reduce_files(files, LinkSets("1", node={"tip": "11"}), modes=4, units=units), reduce(elements)
     assert found.frequencies == pytest.approx(expected.frequencies, rel=1e-9)
     assert pytest.approx(expected.H00, rel=1e-9, abs=1e-12) == found.H00
     assert found.interface_places[0] == pytest.approx([0.8, 0.0, 0.0])
@@ -216,7 +278,13 @@ CHANGES = (  # program, file, line, what it becomes, and the message; a colon st
     ("harwell_boeing", "STIFF.matrix", 4, "free", ": got 'free'; allowed: formats"),
     ("nastran", "arm.pch", 2, "DMIG    KAAX           0       9       2", ": got 'form 9, type 2'; allowed: form 6"),
     ("nastran", "arm.pch", 4, f"*       {1:16d}{1:16d}{'what':>16}", "line 3: got 'what'; allowed: a finite number"),
-    ("nastran", "arm.bdf", 4, "GRID,2,7,0.,0.,0.", ": got 'CP = 7'; allowed: 0 or nothing"),
+    ("nastran", "arm.bdf", 4, "GRID,2,7,0.,0.,0.", ": got 'CP = 7'; allowed: 0 or nothing, or a system of a CORD1R"),
+    ("nastran", "arm.bdf", 4, "GRID,2,,0.,0.,0.,-1", ": got 'CD = -1'; allowed: 0 or nothing, or a system of a CORD1R"),
+    ("nastran_systems", "arm.bdf", 5, "CORD1S,7,900,901,999", ": got 'node 999'; allowed: nodes of GRID entries"),
+    ("nastran_systems", "arm.bdf", 5, "CORD1S,7,900,901,901", ": got 'system 7, its points in a line'; allowed: three"),
+    ("nastran_systems", "arm.bdf", 5, "CORD2R,7,9", ": got 'system 9'; allowed: 0, or a system of a CORD1R"),
+    ("nastran_systems", "arm.bdf", 5, "CORD2R,7,7,,,,,,1.,1.", ": got 'system 7, which refers to itself'; allowed"),
+    ("nastran_systems", "arm.bdf", 5, "CORD2R,5", "arm.bdf, line 6: got 'system 5'; allowed: numbers from 1 on, once"),
     ("nastran", "arm.bdf", 4, "GRID,2,,a,0.,0.", ": got 'a, 0., 0.'; allowed: three finite numbers"),
 )
 
@@ -268,7 +336,7 @@ def test_random_changes_are_read_or_refused(program: str, seed: int, tmp_path: P
         changed = (text[:at], text[:at] + word + text[at + 3 :], text[:at] + text[at + int(rng.integers(200)) :])[kind]
         path.write_text(changed)
         try:
-            reduce_files(files, BY_PLANES)
+            reduce_files(files, BY_PLANES, modes=0)
         except InputError:
             count += 1
         path.write_text(text)
@@ -320,8 +388,46 @@ def test_texts_are_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     refused(InputError, r"arm.sti: got more than 1000 lines of row, column, entry", reduce_files, files, BY_PLANES)
     (tmp_path / "arm.sti").write_text("1" * 5000)
     refused(InputError, r"arm.sti, line 1: has more than 4096 bytes", reduce_files, files, BY_PLANES)
+    element_texts.op4(tmp_path, bar(**SMALL))
+    keys = calculix.read_directions(tmp_path / "arm.dof")
+    path = tmp_path / "arm.op4"
+    monkeypatch.setattr("eomgen.bending.readers.selection.MOST_MATRICES", 2)
+    refused(InputError, r"arm.op4: has more than 2 matrices", op4.read_matrices, path, keys, Selection(path))
+    element_texts.substructure(tmp_path, bar(**SMALL))
+    monkeypatch.setattr("eomgen.bending.readers.abaqus._MOST_TRIANGLE", 50)
+    refused(InputError, r"arm.mtx, line .*: got 'more than 50 entr", abaqus.read_substructure, tmp_path / "arm.mtx")
     monkeypatch.setattr("eomgen.bending.readers.abaqus.MOST_NODES", 5)
     refused(InputError, "more than 5 nodes", reduce_files, files[::-1], BY_PLANES)
+
+
+GENERATED = "".join(f"*NSET, NSET=S{k}, GENERATE\n1, 100000\n" for k in range(21))
+OF_EACH_OTHER = "*NSET, NSET=B\nA\n" + "*NSET, NSET=A\nB\n*NSET, NSET=B\nA\n" * 20
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("*NSET, NSET=A\n" + "A, A, A, A\n" * 100, ""),
+        ("*NSET, NSET=B, GENERATE\n1, 1000000000\n", "line 4: got '2 sets of 1000000001 nodes'; allowed: up to 10000"),
+        (GENERATED, "line 42: got '21 sets of 2000001 nodes'; allowed: up to 10000 sets, and 2000000 nodes of all"),
+        (OF_EACH_OTHER, "line .*: got '2 sets of .* nodes'; allowed: up to 10000 sets"),
+        ("".join(f"*NSET, NSET=S{k}\n1\n" for k in range(10_000)), "got '10001 sets of 10001 nodes'"),
+    ],
+)
+def test_sets_are_counted_before_they_are_made(text: str, message: str, tmp_path: Path) -> None:
+    (tmp_path / "arm.inp").write_text(f"*NODE, NSET=A\n1, 0., 0., 0.\n{text}")
+    if message:
+        refused(InputError, rf"arm\.inp, .*{message}", abaqus.read_nodes, tmp_path / "arm.inp")
+    else:
+        assert abaqus.read_nodes(tmp_path / "arm.inp").sets["A"].tolist() == [1]
+
+
+def test_numbers_of_nodes_are_not_listed_before_they_are_known(tmp_path: Path) -> None:
+    files = _placed(tmp_path, element_texts.calculix(tmp_path, bar(**SMALL)))
+    with (tmp_path / "arm.inp").open("a") as stream:
+        stream.write("*NODE\n900000000000000, 0., 0., 0.\n")
+    message = "root: there is no node 17; allowed: nodes of the files"
+    refused(InputError, message, reduce_files, files, LinkSets("3-900000000000000", rigid={"tip": "x=1"}))
 
 
 FEW = {"counts": (3, 1, 1), "count": 2}
@@ -377,6 +483,10 @@ WRONG: dict[str, tuple[Callable[[FiniteElements], FiniteElements], str]] = {
     "masses by direction": (
         lambda e: replace(e, M=_at(e.M, 4, 4, 0.1)),
         "M: has masses of 12 kg along x, 12.1 kg along y, 12 kg along z; allowed: the same",
+    ),
+    "masses that couple root and tip": (
+        lambda e: replace(e, M=_at(_at(e.M, 10, 47, 1e4), 47, 10, 1e4)),
+        "M: has second moments of mass of -.* kg m.2 together; allowed: 0 or more",
     ),
     "no masses": (lambda e: replace(e, M=e.M * 0.0), "M: all entries are 0"),
     "in two pieces": (
@@ -519,6 +629,9 @@ ARRAYS: dict[str, tuple[dict[str, Any], str]] = {
     "kinds": ({"interface_kinds": np.array(["rbe2", "rbe3"])}, "interface_kinds: has 2 entries; allowed: 1"),
     "members": ({"interface_nodes": np.array([0, 1, 2, 99])}, "interface_nodes: got 0 to 99; allowed: 0 to 15"),
     "root": ({"root": np.array([0, 99])}, "root: got a node 0 or 99; allowed: 0 to 15"),
+    "many interfaces": ({"interface_names": np.full(10**5, "a")}, "'interface_names': has 100000 entries; .* up to 33"),
+    "many cases": ({"stress_names": np.full(10**5, "a")}, "'stress_names': has 100000 entries; allowed: up to 15"),
+    "many rows": ({"dofs": np.zeros((300_001, 2), dtype=bool)}, "'dofs': has 300001 entries; allowed: up to 300000"),
     "cases": (
         {"stress_names": np.array(["a"]), **{f"stress_{k}": np.array([4]) for k in ("case", "row", "col", "data")}},
         "stress_case: got 4 to 4; allowed: 0 to 0",

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from eomgen.bending.finite_elements import FiniteElements
 
@@ -159,6 +161,60 @@ def nastran(folder: Path, elements: FiniteElements) -> list[str]:
     return ["arm.pch", "arm.bdf"]
 
 
+def _rotation(angles: tuple[float, float, float]) -> np.ndarray:
+    turns = []
+    for k, angle in enumerate(angles):
+        turn, (i, j) = np.eye(3), [(1, 2), (2, 0), (0, 1)][k]
+        turn[[i, j], [i, j]], turn[j, i], turn[i, j] = np.cos(angle), np.sin(angle), -np.sin(angle)
+        turns.append(turn)
+    return np.linalg.multi_dot(turns)
+
+
+def _in_system(kind: str, local: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return coordinates by those of rectangular axes, and their directions, rows, as differences have them."""
+    x, y, z = local
+    away, angle = float(np.hypot(x, y)), float(np.degrees(np.arctan2(y, x)))
+    if kind == "R":
+        return local, np.eye(3)
+    outward, around, up = np.array([x, y, 0.0]) / away, np.array([-y, x, 0.0]) / away, np.array([0.0, 0.0, 1.0])
+    if kind == "C":
+        return np.array([away, angle, z]), np.array([outward, around, up])
+    size = float(np.linalg.norm(local))
+    along = local / size
+    return np.array([size, np.degrees(np.arccos(z / size)), angle]), np.array([along, np.cross(around, along), around])
+
+
+def nastran_systems(folder: Path, elements: FiniteElements) -> list[str]:
+    """Write what ``nastran`` does, with places and directions in systems of CORD2R, CORD2C and CORD1S entries."""
+    first, second = _rotation((0.3, -0.5, 1.1)), _rotation((0.3, -0.5, 1.1)) @ _rotation((-0.9, 0.4, 0.2))
+    corners = np.array([[0.37, 2.0, 0.0], [0.37, 2.0, 1.0], [0.45, 2.5, 0.3]])
+    up, normal = corners[1] - corners[0], np.cross(corners[1] - corners[0], corners[2] - corners[0])
+    third = np.array([np.cross(normal, up), normal, up]).T
+    origins = np.zeros(3), np.array([0.1, 0.2, -0.3]), np.array([0.5, 3.0, 0.4]), corners[0]
+    axes = np.eye(3), first, second, third / np.linalg.norm(third, axis=0)
+    within = [(first.T @ (x - origins[1])).tolist() for x in origins[2] + np.array([0 * up, second.T[2], second.T[0]])]
+    points = [origins[1] + x for x in (0 * up, first.T[2], first.T[0] + 0.5 * first.T[2])]
+    lines = [f"GRID,{900 + k},0,{x!r},{y!r},{z!r}" for k, (x, y, z) in enumerate(corners.tolist())]
+    lines += ["GRDSET,,5", "CORD1S,8,901,900,902,7,900,901,902"]
+    for name, system, (a, b, c) in (("CORD2R,5", 0, np.array(points).tolist()), ("CORD2C,6", 5, within)):
+        lines += [",".join([name, str(system), *map(repr, (*a, *b))]), ",".join(["", *map(repr, c)])]
+    turn = np.eye(len(elements.dofs))
+    for node, (label, *place) in enumerate(_nodes(elements)):
+        local = [axes[k].T @ (place - origins[k]) for k in range(4)]
+        of_place, of_ways = node % 3 + 1, (node + 1) % 4
+        coordinates = _in_system("RRCS"[of_place], local[of_place])[0].tolist()
+        ways = axes[of_ways] @ _in_system("RRCS"[of_ways], local[of_ways])[1].T
+        said = "" if of_place == 1 else str(4 + of_place)
+        lines.append(f"GRID,{label},{said},{','.join(map(repr, coordinates))},{(0, 5, 6, 7)[of_ways]}")
+        rows = np.flatnonzero(elements.dofs[:, 0] == node)
+        for three in (rows[:3], rows[3:]):
+            turn[np.ix_(three, three)] = ways if len(three) else 0.0
+    again = {name: csr_array(turn.T @ getattr(elements, name).toarray() @ turn) for name in ("K", "M")}
+    nastran(folder, replace(elements, **again))
+    (folder / "arm.bdf").write_text("\n".join(lines) + "\n")
+    return ["arm.pch", "arm.bdf"]
+
+
 def _runs(column: np.ndarray, is_sparse: bool) -> list[tuple[int, np.ndarray]]:
     """Return the strings of a column: first row, from 1 on, and entries; of a dense one all up to the last."""
     places = np.flatnonzero(column)
@@ -251,4 +307,5 @@ PROGRAMS: dict[str, Write] = {
     "market": market,
     "harwell_boeing": harwell_boeing,
     "nastran": nastran,
+    "nastran_systems": nastran_systems,
 }

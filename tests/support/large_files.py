@@ -97,6 +97,11 @@ LINKS: dict[str, tuple[str, Callable[[], Iterable[str]], str]] = {  # head and l
         lambda: (f"{k}, {1e-6 * k:.6f}, 0, 0\n" for k in COUNT),
         "line 50002: got 'more than 50000 nodes'; allowed: up to that",
     ),
+    "sets.inp": (
+        "*NODE, NSET=A\n1, 0., 0., 0.\n",
+        lambda: ("*NSET, NSET=A\n", "A, A, A, A\n" * 10**6, "*NSET, NSET=B, GENERATE\n1, 1000000000\n"),
+        "got '2 sets of 1000000001 nodes'; allowed: up to 10000 sets",
+    ),
     "nodes.bdf": (
         "",
         lambda: (f"GRID,{k},,{1e-6 * k:.6f},0.,0.\n" for k in COUNT),
@@ -117,7 +122,13 @@ LINKS: dict[str, tuple[str, Callable[[], Iterable[str]], str]] = {  # head and l
         lambda: (f"DMIG,K,{k},{d},,{k},{d},1.0\n" for k in COUNT for d in (1, 2, 3)),
         "files: have no M",
     ),
+    "k.op4": (
+        f"{10**5:8d}{10**5:8d}       6       2KAAX    1P,3E23.16\n       1       1  200000\n",
+        lambda: (f"{1.0:23.16E}\n" for _ in COUNT),
+        "got '200000 words, and 100001 entries behind it'; allowed: 2 words of an entry",
+    ),
     "STIF.mtx": ("", lambda: (f"{k},{d},{k},{d},1.0\n" for k in COUNT for d in (1, 2, 3)), "files: have no M"),
+    "names.npz": ("", lambda: (), "has 64000000 texts; allowed: up to 1000000"),
     "link.npz": ("", lambda: (), "nodes: got 1000000 nodes; allowed: 1 to 50000, reduce larger models where they are"),
 }
 
@@ -126,16 +137,20 @@ def write_link(folder: Path, seed: int) -> Path:
     """Write a file of a million nodes; the name says of which program it is."""
     name = list(LINKS)[seed]
     head, lines, _ = LINKS[name]
-    if name.endswith(".npz"):
+    if name == "names.npz":
+        np.savez_compressed(folder / name, stress_names=np.zeros(64 * 10**6, dtype="U1"))
+    elif name.endswith(".npz"):
         _arrays(folder / name)
     else:
         with (folder / name).open("w", encoding="ascii") as stream:
             stream.write(head)
             stream.writelines(lines())
+        (folder / "rows.of.k.dof").write_text("1.1\n")  # of a .op4
     return folder / name
 
 
 def read_large_link(path: Path) -> None:
     """Refuse a link by its size; matrices alone are read, and miss what belongs to them."""
     sets = None if path.suffix == ".npz" else LinkSets("x=0", rigid={"tip": "x=1"})
-    _refuse(lambda: reduce_files([str(path)], sets), LINKS[path.name][-1], path)
+    files = [path, path.with_name("rows.of.k.dof")] if path.suffix == ".op4" else [path]
+    _refuse(lambda: reduce_files(files, sets), LINKS[path.name][-1], path)

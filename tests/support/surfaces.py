@@ -18,7 +18,10 @@ import numpy as np
 import eomgen
 from eomgen.authoring.dh import CONVENTIONS, dh_file_text
 from eomgen.bending.files import BendingBody
+from eomgen.bending.finite_elements import FiniteElements
 from eomgen.bending.link_files import read_link
+from eomgen.bending.reduced_link import ReducedLink
+from eomgen.bending.reducing import LinkSets, reduce_files
 from eomgen.description.load import load_robot, robot_from_mjcf
 from eomgen.description.matrix_files import read_matrix
 from eomgen.errors import DescriptionError, InputError
@@ -34,8 +37,9 @@ from eomgen.scenario.load import load_scenario
 from eomgen.simulation.result import SimulationResult
 from eomgen.sweep.plan import load_plan
 from eomgen.sweep.result import SweepResult
-from tests.support import extreme_numbers, large_files
+from tests.support import element_texts, extreme_numbers, large_files
 from tests.support.bad_files import BAD, READERS, SLOW
+from tests.support.finite_elements import bar
 from tests.support.good_files import COORDINATES, MOTIONS, TABLES, bending_links
 from tests.support.kept_files import MEASURED, changed_file, changed_sweep, raw_kept, raw_result, sample_result
 from tests.support.mutations import Chance, change_arrays, change_bytes, change_cells, document, npz
@@ -225,6 +229,43 @@ def read_bending(path: Path) -> BendingBody:
     return body
 
 
+ELEMENTS: dict[str, Callable[[Path, FiniteElements], list[str]]] = {
+    **element_texts.PROGRAMS,
+    "substructure": element_texts.substructure,
+    **{f"op4 {kind}": partial(element_texts.op4, **about) for kind, about in element_texts.OP4.items()},
+}
+
+
+def write_elements(folder: Path, seed: int) -> Path:
+    """Write a brick as a program does into a folder, changed in words or bytes of its files; return the folder."""
+    chance = random.Random(f"finite elements {seed}")
+    path = folder / chance.choice(list(ELEMENTS))
+    path.mkdir(exist_ok=True)
+    ELEMENTS[path.name](path, bar(counts=(1, 1, 1), count=0))
+    for file in chance.sample(sorted(path.iterdir()), k=chance.choice((0, 0, 1, 1, 2))):
+        content = file.read_bytes()
+        if path.name.startswith("op4 ") or chance.random() < 0.3:
+            content = change_bytes(content, chance)
+        else:
+            rows = [line.split(",") for line in content.decode().split("\n")]
+            change_cells(rows, chance)
+            content = "\n".join(",".join(row) for row in rows).encode("utf-8", "surrogatepass")
+        file.write_bytes(content)
+    return path
+
+
+def read_elements(path: Path) -> ReducedLink:
+    """Read the files of a folder, by their names, as a link with a mass and frequencies."""
+    roles = {"k.mmf": "K=", "m.mmf": "M="}
+    files = [f"{roles.get(file.name, '')}{file}" for file in sorted(path.iterdir())]
+    names = {"M": "MAAX"} if path.name.startswith(("op4 ", "nastran")) else None
+    sets = LinkSets("x=0", rigid={"tip": "x=1"})
+    link = reduce_files(files, sets, modes=0, units="inch-lbf-s", matrices=names)
+    assert link.mass > 0.0
+    assert np.isfinite(link.frequencies).all()
+    return link
+
+
 def read_result(path: Path) -> SimulationResult:
     """Read a result whose summary is printable and whose series have its times."""
     found = eomgen.load_result(path)
@@ -284,6 +325,7 @@ def _surfaces() -> Iterator[Surface]:
     for kind, table in (("csv", read_measured_motion), ("dh", read_dh), ("mtx", read_square)):
         ending = "csv" if kind == "dh" else kind
         yield Surface(kind, mutants(kind, f"m.{ending}", partial(_table, kind), 0.3), table)
+    yield Surface("finite elements", write_elements, read_elements, few=100, many=5_000, whole=20_000, most=0.7)
     for kind, files, array in (("npz", lambda: MOTIONS, read_measured_motion), ("modes", bending_links, read_bending)):
         yield Surface(kind, mutants(kind, "m.npz", partial(_arrays, files), 0.3), array)
     for kind, file, reader, *counts in (

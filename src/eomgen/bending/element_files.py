@@ -31,7 +31,18 @@ from ..arrays import Array, Index
 from ..errors import InputError
 from ..names import plain_path, show
 from ..npz import read_npz
-from .finite_elements import MODAL, MOST_NODES, FiniteElements, Interface, checked, symmetric_from
+from .finite_elements import (
+    MODAL,
+    MOST_ENTRIES,
+    MOST_FACES,
+    MOST_NODES,
+    MOST_ROWS,
+    FiniteElements,
+    Interface,
+    checked,
+    stress_cases,
+    symmetric_from,
+)
 
 Arrays = Mapping[str, NDArray[Any]]
 
@@ -68,21 +79,22 @@ def elements_of(arrays: Arrays) -> FiniteElements:
     Raises:
         InputError: they are not; the message has the array.
     """
-    nodes = _numbers(arrays, "nodes", (None, 3))
-    if len(nodes) > MOST_NODES:
+    count = len(_shaped(_of(arrays, "nodes", "iuf", "numbers"), "nodes", (None, 3)))
+    if count > MOST_NODES:
         raise InputError(
-            f"nodes: got {len(nodes)} nodes; allowed: 1 to {MOST_NODES}, reduce larger models where they are made"
+            f"nodes: got {count} nodes; allowed: 1 to {MOST_NODES}, reduce larger models where they are made"
         )
-    dofs = _integers(arrays, "dofs", (None, 2))
+    nodes, dofs = _numbers(arrays, "nodes", (None, 3)), _integers(arrays, "dofs", (None, 2), MOST_ROWS)
     matrices = {}
     for name in ("M", "K"):
-        rows, columns = _integers(arrays, f"{name}_row", (None,)), _integers(arrays, f"{name}_col", (None,))
-        matrices[name] = symmetric_from(rows, columns, _numbers(arrays, f"{name}_data", (None,)), len(dofs), name)
-    root = _integers(arrays, "root", (None,)) if "root" in arrays else np.array([], dtype=np.intp)
+        rows, columns = (_integers(arrays, f"{name}_{part}", (None,), MOST_ENTRIES) for part in ("row", "col"))
+        entries = _numbers(arrays, f"{name}_data", (None,), MOST_ENTRIES)
+        matrices[name] = symmetric_from(rows, columns, entries, len(dofs), name)
+    root = _integers(arrays, "root", (None,), MOST_NODES) if "root" in arrays else np.array([], dtype=np.intp)
     count = int(_integers(arrays, "count", ())) if "count" in arrays else COUNT
     reduced = bool(_integers(arrays, "reduced", ())) if "reduced" in arrays else bool(np.any(dofs[:, 0] == MODAL))
     interfaces = _interfaces(arrays, nodes)
-    labels, stress = np.arange(len(nodes)), _stress(arrays, len(dofs))
+    labels, stress = np.arange(len(nodes)), _stress(arrays, len(dofs), len(stress_cases(interfaces)))
     return checked(
         FiniteElements(nodes, dofs, matrices["M"], matrices["K"], root, interfaces, count, labels, reduced, stress)
     )
@@ -116,10 +128,9 @@ def _interfaces(arrays: Arrays, nodes: Array) -> tuple[Interface, ...]:
     """Return the interfaces of a file; their places are those of their nodes' means where it has none."""
     if "interface_names" not in arrays:
         return ()
-    names = [str(name) for name in _texts(arrays, "interface_names")]
-    kinds = [str(kind) for kind in _texts(arrays, "interface_kinds")]
-    counts = _integers(arrays, "interface_counts", (None,))
-    members = _integers(arrays, "interface_nodes", (None,))
+    names, kinds = (_texts(arrays, f"interface_{part}", MOST_FACES) for part in ("names", "kinds"))
+    counts = _integers(arrays, "interface_counts", (None,), MOST_FACES)
+    members = _integers(arrays, "interface_nodes", (None,), MOST_FACES * MOST_NODES)
     for name, length in (("interface_kinds", len(kinds)), ("interface_counts", len(counts))):
         if length != len(names):
             raise InputError(f"{name}: has {length} entries; allowed: {len(names)}, as interface_names has")
@@ -145,12 +156,14 @@ def _interfaces(arrays: Arrays, nodes: Array) -> tuple[Interface, ...]:
     return tuple(faces)
 
 
-def _stress(arrays: Arrays, size: int) -> dict[str, Any]:
-    """Return geometric stiffness matrices by load case."""
+def _stress(arrays: Arrays, size: int, most: int) -> dict[str, Any]:
+    """Return geometric stiffness matrices by load case, of which there are so many at most."""
     if "stress_names" not in arrays:
         return {}
-    names = [str(name) for name in _texts(arrays, "stress_names")]
-    case, rows, columns = (_integers(arrays, f"stress_{part}", (None,)) for part in ("case", "row", "col"))
+    names = _texts(arrays, "stress_names", most)
+    case, rows, columns = (
+        _integers(arrays, f"stress_{part}", (None,), most * MOST_ENTRIES) for part in ("case", "row", "col")
+    )
     entries = _numbers(arrays, "stress_data", (len(case),))
     if not len(rows) == len(columns) == len(case):
         got = f"{len(case)} cases, {len(rows)} rows, {len(columns)} columns"
@@ -175,22 +188,24 @@ def _of(arrays: Arrays, name: str, kinds: str, allowed: str) -> NDArray[Any]:
     return array
 
 
-def _shaped(array: NDArray[Any], name: str, shape: tuple[int | None, ...]) -> NDArray[Any]:
+def _shaped(array: NDArray[Any], name: str, shape: tuple[int | None, ...], most: int | None = None) -> NDArray[Any]:
+    """Return an array of that shape, of so many rows at most, before it is made another."""
     fits = array.ndim == len(shape) and all(want in (None, have) for want, have in zip(shape, array.shape, strict=True))
     if not fits:
         text = ", ".join("n" if want is None else str(want) for want in shape)
         raise InputError(f"array {show(name)}: has shape {array.shape}; allowed: ({text})")
+    if most is not None and len(array) > most:
+        raise InputError(f"array {show(name)}: has {len(array)} entries; allowed: up to {most}")
     return array
 
 
-def _numbers(arrays: Arrays, name: str, shape: tuple[int | None, ...]) -> Array:
-    return _shaped(_of(arrays, name, "iuf", "numbers"), name, shape).astype(np.float64)
+def _numbers(arrays: Arrays, name: str, shape: tuple[int | None, ...], most: int | None = None) -> Array:
+    return _shaped(_of(arrays, name, "iuf", "numbers"), name, shape, most).astype(np.float64)
 
 
-def _integers(arrays: Arrays, name: str, shape: tuple[int | None, ...]) -> Index:
-    return _shaped(_of(arrays, name, "iub", "integers"), name, shape).astype(np.intp)
+def _integers(arrays: Arrays, name: str, shape: tuple[int | None, ...], most: int | None = None) -> Index:
+    return _shaped(_of(arrays, name, "iub", "integers"), name, shape, most).astype(np.intp)
 
 
-def _texts(arrays: Arrays, name: str) -> list[Any]:
-    texts: list[Any] = _shaped(_of(arrays, name, "U", "texts"), name, (None,)).tolist()
-    return texts
+def _texts(arrays: Arrays, name: str, most: int) -> list[str]:
+    return [str(text) for text in _shaped(_of(arrays, name, "U", "texts"), name, (None,), most)]

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from ..arrays import Array
 from ..errors import InputError
 from ..files import check_ending, write_atomically
-from ..limits import LARGEST, MOST_MODES
+from ..limits import LARGEST, MOST_INTERFACES, MOST_MODES, MOST_SHAPE_NUMBERS
 from ..names import is_identifier, listed, plain_path, show
 from ..npz import read_npz
 from ..robot.value import ROOT, Node
@@ -164,12 +164,18 @@ class _File:
             return []
         if array.dtype.kind != "U" or array.ndim != 1:
             self.fail("interface_names", f"got shape {array.shape} of {array.dtype}; allowed: a list of texts")
+        if len(array) > MOST_INTERFACES:
+            self.fail("interface_names", f"has {len(array)} names; allowed: up to {MOST_INTERFACES}")
         names = [str(name) for name in array]
         for name in names:
             if not is_identifier(name) or name == ROOT:
                 self.fail("interface_names", f"got {show(name)}; allowed: an identifier other than {ROOT}")
             if names.count(name) > 1:
                 self.fail("interface_names", f"{show(name)} is there twice; allowed: unique names")
+        shapes = sum(self.arrays[key].size for key in ("interface_Phi", "interface_Psi") if key in self.arrays)
+        if shapes > MOST_SHAPE_NUMBERS:
+            got = f"with interface_Phi it has {shapes} numbers"
+            self.fail("interface_Psi", f"{got}; allowed: up to {MOST_SHAPE_NUMBERS}, fewer modes or interfaces")
         return names
 
     def velocity_terms(self) -> str:

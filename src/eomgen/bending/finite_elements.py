@@ -26,6 +26,7 @@ MODAL = -1  # node of a coordinate that is an amplitude of a mode
 MOST_NODES = 50_000  # 150 000 unknowns of solids: their sparse factors take some GB, and minutes
 MOST_ROWS = len(DIRECTIONS) * MOST_NODES  # of a matrix
 MOST_ENTRIES = 30_000_000  # of one matrix: 480 MB
+MOST_FACES = MOST_MODES // len(DIRECTIONS)  # interfaces, each of which has so many modes
 FAR = 100.0  # of a link's size: interfaces that are further away were given in other units
 BODY_CASES = tuple(f"body.{j}.{i}" for j in ("x", "y", "z", "1") for i in ("x", "y", "z"))
 _NAMED = 5  # of things that are wrong
@@ -138,12 +139,12 @@ def checked(elements: FiniteElements) -> FiniteElements:
     for name, matrix in (("M", elements.M), ("K", elements.K), *elements.stress.items()):
         if matrix.shape != (n, n):
             raise InputError(f"{name}: got a matrix of {matrix.shape}; allowed: {(n, n)}, as there are {n} dofs")
+    if len(elements.interfaces) > MOST_FACES:
+        faces = f"{len(elements.interfaces)} interfaces; allowed: up to {MOST_FACES}"
+        raise InputError(f"interface_names: got {faces}, each of which has {len(DIRECTIONS)} modes")
     _check_dofs(elements)
     _check_sets(elements)
     most = MOST_MODES - len(DIRECTIONS) * len(elements.interfaces)
-    if most < 0:
-        faces = f"{len(elements.interfaces)} interfaces; allowed: up to {MOST_MODES // len(DIRECTIONS)}"
-        raise InputError(f"interface_names: got {faces}, each of which has {len(DIRECTIONS)} modes")
     if not 0 <= elements.count <= most:
         raise InputError(f"count: got {elements.count}; allowed: 0 to {most} modes beside those of interfaces")
     if not elements.interfaces and not elements.count:

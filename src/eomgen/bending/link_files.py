@@ -75,7 +75,7 @@ def _reduced_once(path: Path | str, arrays: Mapping[str, NDArray[Any]], how: How
     content = hashlib.sha256(repr((how.count, how.units)).encode())
     for name in sorted(set(NAMES) & arrays.keys()):
         content.update(f"{name} {arrays[name].dtype} {arrays[name].shape}".encode())
-        content.update(np.ascontiguousarray(arrays[name]).tobytes())
+        content.update(np.ascontiguousarray(arrays[name]).reshape(-1).view(np.uint8).data)
     key = content.digest()
     if key not in _reduced:
         body = _reduce(path, arrays, how)

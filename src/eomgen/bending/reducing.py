@@ -13,7 +13,7 @@ import numpy as np
 from ..arrays import Array, Index
 from ..errors import InputError, check_kind
 from ..files import as_path
-from ..names import nearest_or_all, plain_path, show
+from ..names import listed, nearest_or_all, plain_path, show
 from ..progress import StageReport, no_report
 from ..robot.value import Placement
 from .element_files import COUNT, read_elements
@@ -21,6 +21,7 @@ from .finite_elements import FiniteElements, Interface, checked, stress_cases
 from .readers import abaqus, ansys, calculix, nastran, op4
 from .readers import nodes as node_files
 from .readers.contents import Entries, Labels, Nodes, assembled, is_point, merged
+from .readers.selection import Selection
 from .readers.text import lines_of
 from .reduced_link import ReducedLink
 from .reduction import reduce
@@ -60,13 +61,14 @@ class LinkSets:
     mean: Mapping[str, str] = field(default_factory=dict)
 
 
-def reduce_files(
+def reduce_files(  # noqa: PLR0913
     files: Sequence[Path | str],
     sets: LinkSets | None = None,
     *,
     modes: int | None = None,
     units: str = SI,
     stress: Mapping[str, Path | str] | None = None,
+    matrices: Mapping[str, str] | None = None,
     craig_bampton: bool = False,
     placement: Placement | None = None,
     report: StageReport = no_report,
@@ -78,7 +80,10 @@ def reduce_files(
             what they are; "K=FILE", "M=FILE", "nodes=FILE" and "map=FILE" say it where these do not.
         sets: root and interfaces; of a .npz None, as it has its own.
         modes: beside those of interfaces (6, or what a .npz says).
-        units: "m" (m, kg, s, N) or "mm" (mm, t, s, N) of the files.
+        units: of the files: "m" (m, kg, s, N), "mm" (mm, t, s, N), "mm-kg-s" (mm, kg, s, mN) or "inch-lbf-s" (inch,
+            lbf s^2 / inch, s, lbf).
+        matrices: names of matrices in files of Nastran, by "K", "M" or load case; those that it does not name are KAAX
+            or MAAX, KXX or MXX, ..., or the only square one that begins with K or M, K4 left out.
         stress: files of geometric stiffness matrices by load case, all that ``stress_cases`` names or none.
         craig_bampton: whether modes stay displacements of interfaces and fixed-interface modes.
         placement: pose of the files' axes in the link's frame, m; None: they are the same.
@@ -92,9 +97,13 @@ def reduce_files(
     if units not in UNITS:
         raise InputError(f"units: got {show(units)}; allowed: {', '.join(UNITS)}")
     if any(path.suffix == ".npz" for _, path in named):
-        elements = in_si(_of_npz([path for _, path in named], sets, stress, report), units)
+        elements = in_si(
+            _of_npz([path for _, path in named], report, sets=sets, stress=stress, matrices=matrices), units
+        )
     else:
-        elements = _of_program(named, LinkSets() if sets is None else sets, units, stress or {}, report)
+        contents = _Contents(_names(matrices or {}, stress or {}))
+        elements = _of_program(named, LinkSets() if sets is None else sets, contents, stress or {}, report)
+        elements = checked(in_si(elements, units))
     if modes is not None:
         elements = replace(elements, count=modes)
     link = reduce(elements, craig_bampton=craig_bampton, report=report)
@@ -107,10 +116,19 @@ def _named(file: Path | str) -> tuple[str, Path]:
     return (role, as_path(path, "files")) if sign and role in ROLES else ("", as_path(file, "files"))
 
 
-def _of_npz(paths: list[Path], sets: LinkSets | None, stress: Any, report: StageReport) -> FiniteElements:
+def _names(matrices: Mapping[str, str], stress: Mapping[str, Any]) -> dict[str, str]:
+    """Return names of matrices in upper case, by what they are."""
+    known = ("K", "M", *stress)
+    for role, name in matrices.items():
+        if role not in known or not isinstance(name, str):
+            raise InputError(f"matrices: got {show(role)} of {show(name)}; allowed: names by {', '.join(known)}")
+    return {role: name.upper() for role, name in matrices.items()}
+
+
+def _of_npz(paths: list[Path], report: StageReport, **more: Any) -> FiniteElements:
     if len(paths) > 1:
         raise InputError(f"files: got {len(paths)} with a .npz among them; allowed: a .npz alone, which has all")
-    given = [name for name, value in (("sets", sets), ("stress", stress)) if value]
+    given = [name for name, value in more.items() if value]
     if given:
         raise InputError(f"files: got {', '.join(given)} beside a .npz; allowed: none, as the file has its own")
     report(f"reading {plain_path(paths[0])}")
@@ -119,8 +137,10 @@ def _of_npz(paths: list[Path], sets: LinkSets | None, stress: Any, report: Stage
 
 @dataclass
 class _Contents:
-    """Contents of files, as far as they are read."""
+    """Contents of files, as far as they are read; ``names`` of matrices are asked for by what they are."""
 
+    names: Mapping[str, str] = field(default_factory=dict)
+    selections: list[Selection] = field(default_factory=list)  # of files of Nastran
     matrices: dict[str, Entries] = field(default_factory=dict)
     nodes: list[Nodes] = field(default_factory=list)
     keys: Labels | None = None
@@ -134,12 +154,40 @@ class _Contents:
             raise InputError(f"{plain_path(entries.path)}: is {name}, as is {other}; allowed: one of each")
         self.matrices[name] = entries
 
+    def selection(self, path: Path, role: str) -> Selection:
+        """Return which matrices of a file are read, by what it is said to be."""
+        self.selections.append(Selection(path, (role,) if role else ("K", "M"), self.names, bool(role)))
+        return self.selections[-1]
+
+    def check(self) -> None:
+        """Refuse names that no file has, and files without K or M."""
+        seen = list(dict.fromkeys(name for selection in self.selections for name in selection.seen))
+        for name in self.names.values():
+            if name not in seen:
+                allowed = listed(seen) if seen else "names of matrices in .op4, .pch and .bdf files"
+                raise InputError(f"matrices: no file has {show(name)}; allowed: {allowed}")
+        missing = [name for name in ("K", "M") if name not in self.matrices]
+        if missing:
+            kinds = "; ".join(f"{endings} ({program})" for endings, program in KINDS.items())
+            more = f", or --matrix {missing[0]}=NAME, one of {listed(seen)}" if seen else ""
+            allowed = f"both, in {kinds}, or as K=FILE and M=FILE{more}"
+            raise InputError(f"files: have no {' and no '.join(missing)}; allowed: {allowed}")
+
+    def take_all(self, found: Mapping[str, Entries]) -> None:
+        """Keep the matrices of a file, and whether they are of a reduced model."""
+        for role, entries in found.items():
+            self.take(role, entries)
+            self.reduced = self.reduced or bool(is_point(entries.rows).any())
+
 
 def _of_program(
-    named: list[tuple[str, Path]], sets: LinkSets, units: str, stress: Mapping[str, Path | str], report: StageReport
+    named: list[tuple[str, Path]],
+    sets: LinkSets,
+    contents: _Contents,
+    stress: Mapping[str, Path | str],
+    report: StageReport,
 ) -> FiniteElements:
-    """Read matrices and nodes of a program's files, and make finite elements of them."""
-    contents = _Contents()
+    """Read matrices and nodes of a program's files, and make finite elements of them, in their units."""
     for role, path in named:
         report(f"reading {plain_path(path)}")
         _read(role, path, contents)
@@ -147,12 +195,7 @@ def _of_program(
         report(f"reading {plain_path(file)}")
         _read_matrix(f"stress {name}", as_path(file, "stress"), contents)
     _take_waiting(contents)
-    missing = [name for name in ("K", "M") if name not in contents.matrices]
-    if missing:
-        kinds = "; ".join(f"{endings} ({program})" for endings, program in KINDS.items())
-        raise InputError(
-            f"files: have no {' and no '.join(missing)}; allowed: both, in {kinds}, or as K=FILE and M=FILE"
-        )
+    contents.check()
     nodes = merged(contents.nodes)
     dofs, matrices = assembled(nodes, contents.matrices, contents.reduced)
     elements = FiniteElements(
@@ -168,7 +211,7 @@ def _of_program(
         {name: matrices[f"stress {name}"] for name in stress},
     )
     _check_cases(elements, stress)
-    return checked(in_si(_with_used_nodes(elements), units))
+    return _with_used_nodes(elements)
 
 
 def _take_waiting(contents: _Contents) -> None:
@@ -179,9 +222,7 @@ def _take_waiting(contents: _Contents) -> None:
                 f"{plain_path(path)}: has no names of its rows; allowed: with a .mapping or a .dof file beside it"
             )
         if path.suffix.lower() == ".op4":
-            for letter, entries in op4.read_matrices(path, contents.keys, name).items():
-                contents.take(letter, entries)
-                contents.reduced = contents.reduced or _has_amplitudes(entries)
+            contents.take_all(op4.read_matrices(path, contents.keys, contents.selection(path, name)))
         else:
             contents.take(name, _by_mapping(path, contents.keys))
 
@@ -201,14 +242,13 @@ def _read(role: str, path: Path, contents: _Contents) -> None:
     elif ending == ".csv":
         contents.nodes.append(node_files.read_nodes(path))
     elif role == "nodes" or ending == ".inp":
-        contents.nodes.append(nastran.read(path)[0] if ending in NASTRAN else abaqus.read_nodes(path))
+        is_bulk = ending in NASTRAN
+        contents.nodes.append(nastran.read(path, Selection(path, ()))[0] if is_bulk else abaqus.read_nodes(path))
     elif ending in NASTRAN:
-        nodes, matrices = nastran.read(path)
+        nodes, matrices = nastran.read(path, contents.selection(path, role))
         if len(nodes.labels):
             contents.nodes.append(nodes)
-        for name, entries in matrices.items():
-            contents.take(role or name, entries)
-        contents.reduced = contents.reduced or any(_has_amplitudes(entries) for entries in matrices.values())
+        contents.take_all(matrices)
     elif ending in (".sti", ".mas"):
         _read_matrix(role or {".sti": "K", ".mas": "M"}[ending], path, contents)
     elif ending == ".op4":
@@ -225,11 +265,6 @@ def _read(role: str, path: Path, contents: _Contents) -> None:
         raise InputError(f"files: {plain_path(path)}; allowed: {kinds}, or K=FILE, M=FILE, nodes=FILE, map=FILE")
 
 
-def _has_amplitudes(entries: Entries) -> bool:
-    """Whether a matrix has points without a direction."""
-    return bool(is_point(entries.rows).any())
-
-
 def _by_name(path: Path) -> str:
     """Return K or M, as the name of a file says."""
     stem = path.stem.upper()
@@ -243,7 +278,9 @@ def _by_name(path: Path) -> str:
 
 def _read_matrix(name: str, path: Path, contents: _Contents) -> None:
     """Read a matrix that names its rows by itself, or let it wait for the file that does."""
-    if path.suffix.lower() in (".sti", ".mas", ".op4") or not _names_rows(path):
+    if path.suffix.lower() in NASTRAN:
+        contents.take_all(nastran.read(path, contents.selection(path, name))[1])
+    elif path.suffix.lower() in (".sti", ".mas", ".op4") or not _names_rows(path):
         contents.waiting.append((name, path))
     else:
         contents.take(name, abaqus.read_matrix(path))
@@ -281,24 +318,31 @@ def _set(name: str, text: str, nodes: Nodes) -> Index:
     else:
         known = f"; sets: {', '.join(sorted(nodes.sets)[:_SHOWN])}" if nodes.sets else ""
         raise InputError(f"{name}: got {show(text)}; allowed: {_ALLOWED}{known}")
-    order = np.argsort(nodes.labels)
-    at_row = np.minimum(np.searchsorted(nodes.labels[order], labels), len(order) - 1)
-    missing = np.flatnonzero(nodes.labels[order][at_row] != labels)
+    at_row = np.minimum(np.searchsorted(nodes.labels, labels), len(nodes.labels) - 1)
+    missing = np.flatnonzero(nodes.labels[at_row] != labels)
     if len(missing):
-        raise InputError(f"{name}: there is no node {labels[missing[0]]}; allowed: nodes of the files")
-    return order[at_row]
+        raise _no_node(name, int(labels[missing[0]]))
+    return at_row
 
 
 def _labels(name: str, text: str, nodes: Nodes) -> Labels:
-    """Return the numbers of a text "1-12,40"."""
-    parts = []
+    """Return the numbers of a text "1-12,40", all of which nodes have."""
+    has = np.zeros(len(nodes.labels), dtype=bool)
     for part in text.split(","):
         first, sign, last = part.partition("-")
         begin, end = int(first), int(last if sign else first)
-        if end < begin or end > int(nodes.labels.max(initial=0)):
-            raise InputError(f"{name}: got {show(part)}; allowed: first-last, up to node {nodes.labels.max(initial=0)}")
-        parts.append(np.arange(begin, end + 1, dtype=np.int64))
-    return np.unique(np.concatenate(parts))
+        if end < begin or end > int(nodes.labels[-1]):
+            raise InputError(f"{name}: got {show(part)}; allowed: first-last, up to node {nodes.labels[-1]}")
+        row, behind = np.searchsorted(nodes.labels, [begin, end + 1]).tolist()
+        if behind - row != end + 1 - begin:
+            gaps = np.flatnonzero(nodes.labels[row:behind] != begin + np.arange(behind - row))
+            raise _no_node(name, begin + int(gaps[0] if len(gaps) else behind - row))
+        has[row:behind] = True
+    return nodes.labels[has]
+
+
+def _no_node(name: str, label: int) -> InputError:
+    return InputError(f"{name}: there is no node {label}; allowed: nodes of the files")
 
 
 def _interfaces(sets: LinkSets, nodes: Nodes) -> tuple[Interface, ...]:

@@ -374,7 +374,10 @@ def _without_noise(entries: Array, sizes: Array) -> Array:
 
 def _clean_inertia(H00: Array) -> Array:
     """Return H00 with exact zeros for round-off, measured by the link's mass and size."""
-    sizes = np.append(np.full(3, np.sqrt(np.trace(H00[:3, :3]))), np.sqrt(H00[3, 3]))
+    moments = float(np.trace(H00[:3, :3]))
+    if not moments >= 0.0:
+        raise InputError(f"M: has second moments of mass of {moments:.3g} kg m^2 together; allowed: 0 or more")
+    sizes = np.append(np.full(3, np.sqrt(moments)), np.sqrt(H00[3, 3]))
     return np.where(np.abs(H00) > NEGLIGIBLE * np.outer(sizes, sizes), H00, 0.0)
 
 

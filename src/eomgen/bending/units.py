@@ -11,10 +11,14 @@ if TYPE_CHECKING:
     from .finite_elements import FiniteElements
 
 SI = "m"
+_INCH, _POUND_FORCE = 0.0254, 4.4482216152605  # m, N: exact
+WORDS = "m (m, kg, s), mm (mm, t, s), mm-kg-s or inch-lbf-s (mass: lbf s^2 / inch)"
 UNITS: Mapping[str, tuple[float, float]] = MappingProxyType(
-    {  # name -> of length in m, of mass in kg; forces follow: N in both
+    {  # name -> of length in m, of mass in kg; forces follow: N, N, mN and lbf
         SI: (1.0, 1.0),
         "mm": (1e-3, 1e3),
+        "mm-kg-s": (1e-3, 1.0),
+        "inch-lbf-s": (_INCH, _POUND_FORCE / _INCH),  # lbf s^2 / inch
     }
 )
 

@@ -19,14 +19,15 @@ Reduce the finite elements of a link to modes, and write the constants of its eq
 FILES: a .npz of nodes, M, K, root and interfaces alone; or matrices and nodes as programs write them: .sti, .mas, .dof
 and .inp (CalculiX), .mtx and .inp (Abaqus), .mmf or .matrix, .mapping and .csv (Ansys), .pch and .bdf (Nastran), or
 .op4 with a .dof that names its rows, a line NODE.DIRECTION for each; .csv has node,x,y,z.  K=FILE, M=FILE, nodes=FILE
-and map=FILE say what a file is where its name does not.
+and map=FILE say what a file is where its name does not.  Matrices of Nastran are KAAX, KXX, KAA, KGG or K, and the same
+with M, or what --matrix names; coordinate systems of nodes (CP, CD) are CORD1 and CORD2 entries of the same file.
 
 A SET: numbers of nodes (1-12,40), a plane (x=0.5), or a set of *NSET; behind an @ the interface's place (x=1@1,0,0).
 """
 
 
 def _add_reduce(parser: argparse.ArgumentParser) -> None:
-    from ..bending.units import SI, UNITS
+    from ..bending.units import SI, UNITS, WORDS
 
     parser.add_argument("files", metavar="FILES", nargs="+", help="a .npz of finite elements, or matrices and nodes")
     parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="the .npz of constants to write")
@@ -38,7 +39,9 @@ def _add_reduce(parser: argparse.ArgumentParser) -> None:
     ):
         parser.add_argument(option, action="append", default=[], metavar="NAME=SET", help=f"{about}; more than once")
     parser.add_argument("--modes", type=whole, metavar="N", help="modes beside those of interfaces (6)")
-    parser.add_argument("--units", choices=tuple(UNITS), default=SI, help="of the files: m, kg, s or mm, t, s (m)")
+    parser.add_argument("--units", choices=tuple(UNITS), default=SI, help=f"of the files: {WORDS} (m)")
+    about = "name of the matrix in files of Nastran that is K, M or a load case's (KAAX, KXX, ...); more than once"
+    parser.add_argument("--matrix", action="append", default=[], metavar="K=NAME", help=about)
     about = "pose of the files' axes in the link's frame: m, and rad as rpy of descriptions"
     words = ("X", "Y", "Z", "ROLL", "PITCH", "YAW")
     parser.add_argument("--placement", nargs=6, type=real, metavar=words, help=about)
@@ -57,8 +60,8 @@ def _reduce(options: argparse.Namespace) -> None:
 
     if options.output is not None:
         check_ending(options.output, ENDING)
-    named = {name: _by_name(name, getattr(options, name)) for name in ("node", "rigid", "mean", "stress")}
-    stress = named.pop("stress")
+    named = {name: _by_name(name, getattr(options, name)) for name in ("node", "rigid", "mean", "stress", "matrix")}
+    stress, matrices = named.pop("stress"), named.pop("matrix")
     sets = LinkSets(options.root, **named) if options.root is not None or any(named.values()) else None
     pose = options.placement
     with stage_bar("reducing") as report:
@@ -68,6 +71,7 @@ def _reduce(options: argparse.Namespace) -> None:
             modes=options.modes,
             units=options.units,
             stress=stress,
+            matrices=matrices,
             craig_bampton=options.craig_bampton,
             placement=None if pose is None else Placement.from_rpy((pose[0], pose[1], pose[2]), tuple(pose[3:])),
             report=report,
@@ -82,8 +86,8 @@ def _by_name(option: str, texts: list[str]) -> dict[str, str]:
     for text in texts:
         name, sign, value = text.partition("=")
         if not (name and sign and value):
-            what = "CASE=FILE" if option == "stress" else "NAME=SET"
-            raise InputError(f"{option}: {show(text)}; allowed: {what}")
+            what = {"stress": "CASE=FILE", "matrix": "K=NAME or M=NAME"}
+            raise InputError(f"{option}: {show(text)}; allowed: {what.get(option, 'NAME=SET')}")
         rows.append((name, value))
     return once_each(option, rows)
 
@@ -95,6 +99,7 @@ COMMANDS = (
         "modes of a link that bends, from finite elements",
         {
             "reduce bar.npz -o bar_modes.npz": "from nodes, M and K in one file",
+            "reduce se.op4 se.dof se.bdf --node tip=2 --matrix K=KXX": "from a superelement of Nastran, free",
             "reduce arm.sti arm.mas arm.dof arm.inp --root CLAMP --rigid tip=FLANGE": "from CalculiX, by sets of nodes",
         },
         _ABOUT,

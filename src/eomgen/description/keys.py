@@ -6,6 +6,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar
 
 from ..bending.units import UNITS as FILE_UNITS
+from ..bending.units import WORDS
 from ..forms.keys import (
     ByName,
     Choice,
@@ -377,7 +378,7 @@ LINK_MODES = Form(
         "count": Whole(
             "of finite elements: modes beside six of each interface; default the file's", least=0, most=MOST_MODES
         ),
-        "units": Choice("of finite elements: m, kg, s or mm, t, s; default m", words=tuple(FILE_UNITS)),
+        "units": Choice(f"of finite elements: {WORDS}; default m", words=tuple(FILE_UNITS)),
     }
 )
 LINK = Form(

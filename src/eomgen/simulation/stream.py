@@ -13,7 +13,7 @@ import stat
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from math import prod
 from pathlib import Path
 from types import MappingProxyType
@@ -165,7 +165,7 @@ def load_stream(folder: Path | str) -> StreamedMotion:
     zarr, most = _zarr(), most_bytes()
     try:
         about = _checked_layout(Path(folder), most)
-        group = zarr.open_group(str(folder), mode="r")
+        group = zarr.open_group(str(folder), mode="r", zarr_format=3, use_consolidated=False)
         t = np.asarray(group["t"][:], dtype=np.float64)
         unknown = np.flatnonzero(np.isnan(t))
         count = int(unknown[0]) if unknown.size else t.size
@@ -207,6 +207,9 @@ class _Codec:
     configuration: Mapping[str, Any]
 
 
+_KEYS = _Codec("default", MappingProxyType({"separator": "/"}))
+
+
 @dataclass(frozen=True)
 class _Stored:
     """Metadata of an array, as far as its size depends on them."""
@@ -214,6 +217,7 @@ class _Stored:
     shape: tuple[int, ...]
     data_type: str
     chunk_grid: _Codec
+    chunk_key_encoding: _Codec
     codecs: tuple[_Codec, ...]
 
 
@@ -236,7 +240,7 @@ def _checked_layout(folder: Path, most: int) -> _About:
     for name in ("t", "q", "v", *(("z",) if states else ())):
         where = f"{folder}: array {name}"
         declared = _metadata(folder / name)
-        known = {key: declared[key] for key in ("shape", "data_type", "chunk_grid", "codecs") if key in declared}
+        known = {field.name: declared[field.name] for field in fields(_Stored) if field.name in declared}
         stored: _Stored = value_of(_Stored, known, where)
         chunk: tuple[int, ...] = value_of(tuple[int, ...], stored.chunk_grid.configuration.get("chunk_shape"), where)
         samples = stored.shape[0] if name == "t" and stored.shape else samples
@@ -246,6 +250,8 @@ def _checked_layout(folder: Path, most: int) -> _About:
             raise InputError(f"{where}: is {shown:.80}; allowed: float64 {wanted}, one row for each time")
         if chunk != (min(ROWS, samples), *wanted[1:]):
             raise InputError(f"{where}: its chunks are {chunk!s:.40}; allowed: {ROWS} rows each")
+        if stored.chunk_key_encoding != _KEYS:  # chunks of other names would not be looked at
+            raise InputError(f"{where}: names its chunks in another way than eomgen; allowed: {_KEYS.name}, c/0/0")
         if [codec.name for codec in stored.codecs] != _CODECS:
             raise InputError(f"{where}: its codecs are others than eomgen's; allowed: {', '.join(_CODECS)}")
         _check_chunks(folder / name / "c", 8 * prod(chunk), where)

@@ -10,22 +10,24 @@ OUTPUT, *USER ELEMENT, *NODE and *NSET.  FORMAT=COORDINATE is refused: it does n
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from array import array
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from ...errors import InputError
-from ...names import plain_path, show
-from ..finite_elements import MOST_NODES
+from ...limits import MOST_MATRICES, MOST_SET_MEMBERS, MOST_SETS
+from ...names import plain_path
+from ..finite_elements import DIRECTIONS, MOST_NODES
 from .contents import Entries, Labels, Nodes, keys_of
 from .text import SMALLER, Line, integers, lines_of, number_of, refusal, rows_of_numbers
 
 WHAT = "row node, direction, column node, direction, entry"
 _ELEMENT_NODES = "ELEMENT NODES"
 _GENERATING = ("*NGEN", "*NFILL", "*NCOPY", "*NMAP", "*SYSTEM", "*INCLUDE", "*INSTANCE", "*PART", "*IMPORT")
-_MOST_SUBSTRUCTURE = 3000  # coordinates: nine million entries
+_MOST_SUBSTRUCTURE = 3000  # coordinates
+_MOST_TRIANGLE = _MOST_SUBSTRUCTURE * (_MOST_SUBSTRUCTURE + 1) // 2
 
 
 def keyword_of(text: str) -> tuple[str, dict[str, str]]:
@@ -66,7 +68,7 @@ class _Element:
 
     nodes: list[int]
     directions: dict[int, list[int]]
-    matrices: dict[str, list[float]]
+    matrices: dict[str, array[float]]
 
 
 def read_substructure(path: Path) -> dict[str, Entries]:
@@ -81,13 +83,15 @@ def read_substructure(path: Path) -> dict[str, Entries]:
         keyword, options = keyword_of(text)
         if keyword == "*MATRIX":
             current = options.get("TYPE", "").upper()
-            element.matrices[current] = []
+            element.matrices[current] = array("d")
+            if len(element.matrices) > MOST_MATRICES:
+                raise refusal(path, line, f"more than {MOST_MATRICES} matrices", "up to that")
         elif keyword:
             current = keyword
         elif current == "*USER ELEMENT" and text.strip():
             _take_directions(path, (line, text), element)
         elif current in element.matrices:
-            element.matrices[current] += _numbers(path, (line, text))
+            _take_numbers(path, (line, text), element.matrices[current])
     keys = _keys(path, element)
     names = {"STIFFNESS": "K", "MASS": "M"}
     found = {
@@ -119,21 +123,23 @@ def _take_directions(path: Path, line: Line, element: _Element) -> None:
             path, line[0], line[1].strip(), "directions of the first node, or a node's place and its directions"
         )
     numbers = [int(word) for word in words]
-    if element.directions:
-        element.directions[numbers[0]] = numbers[1:]
-    else:
-        element.directions[1] = numbers
+    place, directions = (numbers[0], numbers[1:]) if element.directions else (1, numbers)
+    if len(directions) > len(DIRECTIONS) or place > _MOST_SUBSTRUCTURE:
+        most = f"up to {len(DIRECTIONS)} directions of a node, and {_MOST_SUBSTRUCTURE} nodes"
+        raise refusal(path, line[0], line[1].strip(), most)
+    element.directions[place] = directions
 
 
-def _numbers(path: Path, line: Line) -> list[float]:
-    found = []
+def _take_numbers(path: Path, line: Line, found: array[float]) -> None:
+    """Take the numbers of a line into a matrix."""
     for word in line[1].split(","):
         if word.strip():
             number = number_of(word)
             if number is None:
                 raise refusal(path, line[0], word.strip(), "a finite number")
+            if len(found) == _MOST_TRIANGLE:
+                raise refusal(path, line[0], f"more than {_MOST_TRIANGLE} entries", f"up to that, {SMALLER}")
             found.append(number)
-    return found
 
 
 def _keys(path: Path, element: _Element) -> Labels:
@@ -149,7 +155,7 @@ def _keys(path: Path, element: _Element) -> Labels:
     return keys_of(path, np.array(labels, dtype=np.int64), np.array(directions, dtype=np.int64))
 
 
-def _triangle(path: Path, kind: str, keys: Labels, entries: list[float]) -> Entries:
+def _triangle(path: Path, kind: str, keys: Labels, entries: array[float]) -> Entries:
     """Return the entries of an upper triangle by columns."""
     n = len(keys)
     if len(entries) != n * (n + 1) // 2:
@@ -165,7 +171,7 @@ def read_nodes(path: Path) -> Nodes:
     Raises:
         InputError: it makes nodes in other ways than *NODE, or a line has something else.
     """
-    labels, places, sets = list[int](), list[list[float]](), dict[str, list[int]]()
+    labels, places, sets = list[int](), list[list[float]](), _Sets(path)
     current, options = "", dict[str, str]()
     for line, text in lines_of(path):
         if not text.strip() or text.startswith("**"):
@@ -178,14 +184,34 @@ def read_nodes(path: Path) -> Nodes:
             labels.append(label)
             places.append(place)
             if "NSET" in options:
-                sets.setdefault(options["NSET"].upper(), []).append(label)
+                sets.add(line, options["NSET"], range(label, label + 1))
             if len(labels) > MOST_NODES:
                 raise refusal(path, line, f"more than {MOST_NODES} nodes", f"up to that, {SMALLER}")
         elif current == "*NSET":
-            name = options.get("NSET", "").upper()
-            sets.setdefault(name, []).extend(_members(path, (line, text), sets, "GENERATE" in options))
-    arrays = {name: np.unique(np.array(mine, dtype=np.int64)) for name, mine in sets.items()}
+            for members in _members(path, (line, text), sets, "GENERATE" in options):
+                sets.add(line, options.get("NSET", ""), members)
+    arrays = {name: np.unique(np.array(mine, dtype=np.int64)) for name, mine in sets.by_name.items()}
     return Nodes(np.array(labels, dtype=np.int64), np.array(places).reshape(-1, 3), arrays)
+
+
+@dataclass
+class _Sets:
+    """Sets of nodes as they are read, by their names; how many nodes they have is known before these are there."""
+
+    path: Path
+    by_name: dict[str, array[int]] = field(default_factory=dict)
+    count: int = 0
+
+    def add(self, line: int, name: str, members: range | array[int]) -> None:
+        """Add nodes to a set; to itself it adds nothing."""
+        own = self.by_name.setdefault(name.upper(), array("q"))
+        if members is own:
+            return
+        self.count += len(members)
+        if self.count > MOST_SET_MEMBERS or len(self.by_name) > MOST_SETS:
+            got = f"{len(self.by_name)} sets of {self.count} nodes"
+            raise refusal(self.path, line, got, f"up to {MOST_SETS} sets, and {MOST_SET_MEMBERS} nodes of all together")
+        own.extend(members)
 
 
 def _refuse_generating(path: Path, line: Line, keyword: str, options: dict[str, str]) -> None:
@@ -203,21 +229,21 @@ def _node(path: Path, line: Line) -> tuple[int, list[float]]:
     return int(words[0]), place + [0.0] * (3 - len(place))
 
 
-def _members(path: Path, line: Line, sets: dict[str, list[int]], is_generated: bool) -> Iterator[int]:
-    """Yield the nodes of a line of *NSET: numbers and sets, or with GENERATE first, last and step."""
+def _members(path: Path, line: Line, sets: _Sets, is_generated: bool) -> list[range | array[int]]:
+    """Return the nodes of a line of *NSET: numbers and sets, or with GENERATE first, last and step."""
     words = [word.strip() for word in line[1].split(",") if word.strip()]
     if is_generated:
         numbers = [int(word) for word in words if word.isdecimal() and len(word) < 16]
         step = numbers[2] if len(numbers) > 2 else 1
-        fits = len(numbers) == len(words) and len(numbers) in (2, 3) and step > 0
-        if not fits or numbers[1] - numbers[0] > MOST_NODES * step:
+        if not (len(numbers) == len(words) and len(numbers) in (2, 3) and step > 0):
             raise refusal(path, line[0], line[1].strip(), "first, last and step")
-        yield from range(numbers[0], numbers[1] + 1, step)
-        return
+        return [range(numbers[0], numbers[1] + 1, step)]
+    members: list[range | array[int]] = []
     for word in words:
         if word.isdecimal() and len(word) < 16:
-            yield int(word)
-        elif word.upper() in sets:
-            yield from list(sets[word.upper()])
+            members.append(range(int(word), int(word) + 1))
+        elif word.upper() in sets.by_name:
+            members.append(sets.by_name[word.upper()])
         else:
-            raise refusal(path, line[0], show(word), "numbers of nodes, and sets before it")
+            raise refusal(path, line[0], word, "numbers of nodes, and sets before it")
+    return members

@@ -129,7 +129,7 @@ def _fixed(path: Path, lines: Iterator[Line], width: int, count: int) -> Array:
     """Return so many numbers of lines of fixed width."""
     if width < 1:
         raise InputError(f"{plain_path(path)}: has a format of width {width}; allowed: 1 or more")
-    numbers: list[float] = []
+    numbers = array("d")
     for line, text in lines:
         for start in range(0, len(text.rstrip()), width):
             number = number_of(text[start : start + width])

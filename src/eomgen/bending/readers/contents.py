@@ -21,11 +21,15 @@ _WAYS = len(DIRECTIONS) + 2  # of keys: six directions, 6 for points without any
 
 @dataclass(frozen=True)
 class Nodes:
-    """Nodes by what the file calls them: labels, (N,), places, (N, 3), and sets of labels by their names."""
+    """Nodes by what the file calls them: labels, (N,), places, (N, 3), and sets of labels by their names.
+
+    axes: directions of their displacements, columns, (N, 3, 3); None: those of the places' axes.
+    """
 
     labels: Labels
     places: Array
     sets: Mapping[str, Labels] = field(default_factory=dict)
+    axes: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -69,7 +73,7 @@ def assembled(nodes: Nodes, matrices: Mapping[str, Entries], reduced: bool) -> t
         reduced: whether the model is a reduced one.
 
     Raises:
-        InputError: a matrix has a node without a place.
+        InputError: a matrix has a node without a place, or not all directions of a node whose axes are others.
     """
     keys = np.unique(
         np.concatenate([matrix.rows for matrix in matrices.values()] + [m.columns for m in matrices.values()])
@@ -93,7 +97,30 @@ def assembled(nodes: Nodes, matrices: Mapping[str, Entries], reduced: bool) -> t
     for name, matrix in matrices.items():
         rows, columns = np.searchsorted(keys, matrix.rows), np.searchsorted(keys, matrix.columns)
         found[name] = symmetric_from(rows, columns, matrix.entries, len(keys), f"{plain_path(matrix.path)}: {name}")
-    return dofs, found
+    return dofs, found if nodes.axes is None else _turned(nodes.labels, nodes.axes, dofs, found)
+
+
+def _turned(labels: Labels, axes: Array, dofs: Index, matrices: Mapping[str, Any]) -> dict[str, Any]:
+    """Return matrices of displacements along the axes of places, out of those along axes of the nodes."""
+    from scipy.sparse import csr_array
+
+    rows = np.full((len(labels), 2, 3), -1, dtype=np.intp)
+    of_nodes = np.flatnonzero(dofs[:, 0] != MODAL)
+    rows[dofs[of_nodes, 0], dofs[of_nodes, 1] // 3, dofs[of_nodes, 1] % 3] = of_nodes
+    others = (axes != np.eye(3)).any(axis=(1, 2))
+    has = rows >= 0
+    partly = np.argwhere(others[:, np.newaxis] & has.any(axis=2) & ~has.all(axis=2))
+    if len(partly):
+        label, kind = labels[partly[0, 0]], ("translation", "rotation")[partly[0, 1]]
+        got = f"node {label} has a {kind} in a coordinate system of its own (CD), and not all three"
+        raise InputError(f"nodes: {got}; allowed: all three or none, as they become those along x, y and z")
+    node, which = np.nonzero(others[:, np.newaxis] & has.all(axis=2))
+    mine = rows[node, which]
+    left = np.setdiff1d(np.arange(len(dofs)), mine)
+    places = np.concatenate([np.repeat(mine, 3, axis=1).ravel(), left])
+    columns = np.concatenate([np.tile(mine, (1, 3)).ravel(), left])
+    turn = csr_array((np.concatenate([axes[node].ravel(), np.ones(len(left))]), (places, columns)))
+    return {name: (turn @ matrix @ turn.T).tocsr() for name, matrix in matrices.items()}
 
 
 def merged(parts: list[Nodes]) -> Nodes:
@@ -103,7 +130,13 @@ def merged(parts: list[Nodes]) -> Nodes:
     labels = np.concatenate([part.labels for part in parts])
     places = np.concatenate([part.places for part in parts])
     unique, first, inverse = np.unique(labels, return_index=True, return_inverse=True)
-    differ = np.flatnonzero((places[first][inverse.ravel()] != places).any(axis=1))
-    if len(differ):
-        raise InputError(f"nodes: node {labels[differ[0]]} is there with two places; allowed: one")
-    return Nodes(unique, places[first], {name: mine for part in parts for name, mine in part.sets.items()})
+    axes = None
+    if any(part.axes is not None for part in parts):
+        usual = [np.tile(np.eye(3), (len(part.labels), 1, 1)) if part.axes is None else part.axes for part in parts]
+        axes = np.concatenate(usual)
+    for what, values in (("places", places), ("coordinate systems", axes)):
+        differs = values is not None and (values[first][inverse.ravel()] != values).reshape(len(labels), -1).any(axis=1)
+        if np.any(differs):
+            raise InputError(f"nodes: node {labels[int(np.argmax(differs))]} is there with two {what}; allowed: one")
+    sets = {name: mine for part in parts for name, mine in part.sets.items()}
+    return Nodes(unique, places[first], sets, None if axes is None else axes[first])

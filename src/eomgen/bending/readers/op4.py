@@ -25,6 +25,7 @@ from ...errors import InputError
 from ...names import plain_path
 from ..finite_elements import MOST_ENTRIES, MOST_ROWS
 from .contents import Entries, Labels
+from .selection import Selection
 from .text import Line, lines_of, number_of, opened, refusal
 
 _PACKED = 65536
@@ -45,9 +46,9 @@ class _Matrix:
     form: int
     kind: int
     name: str
-    is_kept: bool
-    of_rows: array[int] = field(default_factory=lambda: array("q"))
-    of_columns: array[int] = field(default_factory=lambda: array("q"))
+    is_kept: bool = False
+    of_rows: array[int] = field(default_factory=lambda: array("i"))
+    of_columns: array[int] = field(default_factory=lambda: array("i"))
     entries: array[float] = field(default_factory=lambda: array("d"))
 
     @property
@@ -55,11 +56,13 @@ class _Matrix:
         """Whether strings say their rows in words of their own."""
         return self.rows < 0 or self.rows >= _PACKED
 
-    def check(self) -> None:
-        """Refuse what is no square matrix of real numbers, if it is one of those that are looked at."""
+    def offer(self, selection: Selection) -> None:
+        """Keep the matrix if the selection wants it; InputError if it is no square matrix of real numbers then."""
         size = abs(self.rows)
-        fits = size == self.columns and 1 <= size <= MOST_ROWS and self.form in (_SQUARE, _SYMMETRIC)
-        if self.is_kept and not (fits and self.kind in _WORDS):
+        is_square = size == self.columns and 1 <= size <= MOST_ROWS and self.form in (_SQUARE, _SYMMETRIC)
+        fits = is_square and self.kind in _WORDS
+        self.is_kept = selection.wants(self.name, fits)
+        if self.is_kept and not fits:
             got = f"{size} rows, {self.columns} columns, form {self.form}, type {self.kind}"
             allowed = f"square up to {MOST_ROWS} rows, form 1 or 6, type 1 or 2, real"
             raise InputError(f"{self.where}: {self.name} has {got}; allowed: {allowed}")
@@ -80,60 +83,45 @@ class _Matrix:
         if len(keys) != self.columns:
             got = f"{self.name} has {self.columns} rows, and {len(keys)} have names"
             raise InputError(f"{plain_path(path)}: {got}; allowed: a .dof or .mapping file with all its rows")
-        rows, columns = (np.frombuffer(x, dtype=np.int64) - 1 for x in (self.of_rows, self.of_columns))
-        return Entries(keys[rows], keys[columns], np.frombuffer(self.entries, dtype=np.float64), path)
+        rows, columns = (np.array(x) - 1 for x in (self.of_rows, self.of_columns))
+        return Entries(keys[rows], keys[columns], np.array(self.entries), path)
 
 
-def read_matrices(path: Path, keys: Labels, role: str = "") -> dict[str, Entries]:
-    """Return the matrices of a file: the one whose name begins with K, and with M, or the only one by its role.
+def read_matrices(path: Path, keys: Labels, selection: Selection) -> dict[str, Entries]:
+    """Return the matrices of a file by the roles of the selection, as far as it has them.
 
     Args:
         path: of the file.
         keys: of the rows, in the order of the matrices.
-        role: what the file was said to be; "" where its matrices say it.
+        selection: which of its matrices are read.
 
     Raises:
-        InputError: it is no such file or ends early, or two matrices begin alike; the message has the place.
+        InputError: it is no such file or ends early, or several matrices may be meant; the message has the place.
     """
     with opened(path) as stream:
         start = stream.read(4)
         order = next((x for x in ("little", "big") if int.from_bytes(start, x) in (_HEADING, _LONG_HEADING)), "")
         stream.seek(0)
-        found = _binary(path, stream, "<" if order == "little" else ">", role) if order else _ascii(path, role)
-    kept = [matrix for matrix in found if matrix.is_kept]
-    if role:
-        if len(kept) != 1:
-            raise InputError(f"{plain_path(path)}: has {len(kept)} matrices; allowed: one, as it is said to be {role}")
-        return {role: kept[0].by_keys(path, keys)}
-    result = {}
-    for letter in ("K", "M"):
-        mine = [matrix for matrix in kept if matrix.name.startswith(letter)]
-        if len(mine) > 1:
-            names = ", ".join(matrix.name for matrix in mine)
-            raise InputError(f"{plain_path(path)}: has the matrices {names}; allowed: one that begins with {letter}")
-        if mine:
-            result[letter] = mine[0].by_keys(path, keys)
-    if not result:
-        raise InputError(f"{plain_path(path)}: has no matrix whose name begins with K or M; allowed: K=FILE or M=FILE")
-    return result
+        if order:
+            found = _binary(path, stream, "<" if order == "little" else ">", selection)
+        else:
+            found = _ascii(path, selection)
+    return {role: found[number].by_keys(path, keys) for role, number in selection.chosen().items()}
 
 
-def _is_kept(name: str, role: str) -> bool:
-    return bool(role) or name.startswith(("K", "M"))
-
-
-def _ascii(path: Path, role: str) -> list[_Matrix]:
-    """Return the matrices of a file in ASCII."""
+def _ascii(path: Path, selection: Selection) -> list[_Matrix]:
+    """Return the matrices of a file in ASCII, without entries where they are not asked for."""
     matrices: list[_Matrix] = []
     lines = (line for line in lines_of(path) if line[1].strip())
     for heading in lines:
-        matrix, width = _heading(path, heading, role)
+        matrix, width = _heading(path, heading)
+        matrix.offer(selection)
         matrices.append(matrix)
         _columns(path, lines, matrix, width)
     return matrices
 
 
-def _heading(path: Path, line: Line, role: str) -> tuple[_Matrix, int]:
+def _heading(path: Path, line: Line) -> tuple[_Matrix, int]:
     """Return a matrix without entries, and how many characters an entry has."""
     number, text = line
     words = [text[8 * k : 8 * k + 8].strip() for k in range(5)]
@@ -141,37 +129,41 @@ def _heading(path: Path, line: Line, role: str) -> tuple[_Matrix, int]:
     if width is None or not int(width[1]) or not all(re.fullmatch(r"-?[0-9]{1,8}", word) for word in words[:4]):
         raise refusal(path, number, text, f"columns, rows, form, type, name and format, {_ALLOWED}")
     columns, rows, form, kind = (int(word) for word in words[:4])
-    name = words[4].upper()
     where = f"{plain_path(path)}, line {number}"
-    matrix = _Matrix(where, columns, rows, form, kind, name, _is_kept(name, role))
-    matrix.check()
-    return matrix, int(width[1])
+    return _Matrix(where, columns, rows, form, kind, words[4].upper()), int(width[1])
 
 
 def _columns(path: Path, lines: Iterator[Line], matrix: _Matrix, width: int) -> None:
     """Read the columns of a matrix, up to the one that ends it."""
     column, row, line, words = 0, 0, 0, 0  # where entries go, the line that says so, and how many words they have
-    entries: list[float] = []
+    each = _WORDS.get(matrix.kind, 1)
+    entries = array("d")
+
+    def wrong() -> InputError:
+        got = f"{words} words, and {len(entries)} entries behind it"
+        return refusal(path, line, got, f"{each} words of an entry, as its type is {matrix.kind}")
 
     def keep() -> None:
         if column > matrix.columns or not (entries or words):
             return
-        each = _WORDS.get(matrix.kind, 1)
         if matrix.is_kept and words not in (len(entries), each * len(entries)):  # some writers count entries
-            got = f"{words} words, and {len(entries)} entries behind it"
-            raise refusal(path, line, got, f"{each} words of an entry, as its type is {matrix.kind}")
+            raise wrong()
         if matrix.is_kept:
             matrix.add(f"{plain_path(path)}, line {line}", column, row, np.array(entries))
-        entries.clear()
+        del entries[:]
 
     for number, text in lines:
         if "." in text:
-            found = [number_of(text[k : k + width]) for k in range(0, len(text.rstrip()), width)]
-            entries += [x for x in found if x is not None]
-            if None in found or row == 0:
-                raise refusal(path, number, text.strip(), f"finite numbers of {width} characters behind their row")
             if column > matrix.columns:
                 return
+            if not matrix.is_kept:
+                continue
+            found = [number_of(text[k : k + width]) for k in range(0, len(text.rstrip()), width)]
+            entries.extend(x for x in found if x is not None)
+            if None in found or row == 0:
+                raise refusal(path, number, text.strip(), f"finite numbers of {width} characters behind their row")
+            if len(entries) > min(words, abs(matrix.rows)):
+                raise wrong()
             continue
         keep()
         says = [int(word) for word in text.split() if re.fullmatch(r"[0-9]{1,10}", word)]
@@ -206,7 +198,7 @@ def _records(path: Path, stream: BinaryIO, order: str) -> Iterator[tuple[int, by
         yield at, data
 
 
-def _binary(path: Path, stream: BinaryIO, order: str, role: str) -> list[_Matrix]:
+def _binary(path: Path, stream: BinaryIO, order: str, selection: Selection) -> list[_Matrix]:
     """Return the matrices of a binary file, ``order`` its order of bytes."""
     matrices: list[_Matrix] = []
     records = _records(path, stream, order)
@@ -217,8 +209,8 @@ def _binary(path: Path, stream: BinaryIO, order: str, role: str) -> list[_Matrix
             raise InputError(f"{where}: has {words}; allowed: words of 32 bits, with a heading of {_HEADING} bytes")
         columns, rows, form, kind, text = unpack(f"{order}4i8s", data)
         name = text.decode("ascii", "replace").strip().upper()
-        matrix = _Matrix(where, columns, rows, form, kind, name, _is_kept(name, role))
-        matrix.check()
+        matrix = _Matrix(where, columns, rows, form, kind, name)
+        matrix.offer(selection)
         matrices.append(matrix)
         for start, record in records:
             column, row, words = unpack(f"{order}3i", record[:12])

@@ -1,0 +1,81 @@
+"""Which matrices of a file are K and M: by names that superelements of Nastran have, or by those that are asked for.
+
+Superelements are named by what they are and which set of coordinates they have: KAAX, KXX or KGG.  K4XX and K4AAX are
+structural damping; MUG1, MES1, MEF1, ... recover displacements, stresses and forces, and are rarely square.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from ...errors import InputError
+from ...limits import MOST_MATRICES
+from ...names import listed, plain_path
+
+KNOWN = ("AAX", "XX", "AA", "GG", "")  # sets of coordinates, behind K and M
+_DAMPING = "K4"
+_STRESS = "stress "
+_BY_NAME, _BY_SET, _BY_LETTER, _ANY, _NONE = range(5)
+
+
+@dataclass
+class Selection:
+    """A choice among the matrices of a file, of which each is asked for when its heading is read.
+
+    Attributes:
+        path: of the file.
+        roles: what the file may have: "K", "M", or "stress CASE".
+        names: of matrices that are asked for, by "K", "M" or CASE.
+        is_said: whether the file was said to be of its one role, so that any square matrix may be meant.
+    """
+
+    path: Path
+    roles: tuple[str, ...] = ("K", "M")
+    names: Mapping[str, str] = field(default_factory=dict)
+    is_said: bool = False
+    seen: list[str] = field(default_factory=list)
+    _found: dict[str, list[tuple[int, int]]] = field(default_factory=dict)  # role -> grade and number of matrices
+
+    def wants(self, name: str, is_square: bool) -> bool:
+        """Return whether the next matrix, real and square or not, may be one of the roles."""
+        if len(self.seen) == MOST_MATRICES:
+            raise InputError(f"{plain_path(self.path)}: has more than {MOST_MATRICES} matrices; allowed: up to that")
+        is_wanted = False
+        for role in self.roles:
+            grade, mine = self._grade(role, name, is_square), self._found.setdefault(role, [])
+            is_wanted = is_wanted or (grade < _NONE and all(grade < other for other, _ in mine))
+            if grade < _NONE:
+                mine.append((grade, len(self.seen)))
+        self.seen.append(name)
+        return is_wanted
+
+    def _grade(self, role: str, name: str, is_square: bool) -> int:
+        """Return how sure it is that a matrix is of a role, the least number for the surest."""
+        asked, letter = self.names.get(role.removeprefix(_STRESS)), "M" if role == "M" else "K"
+        if asked is not None:
+            return _BY_NAME if name == asked.upper() else _NONE
+        if name in {f"{letter}{of}" for of in KNOWN}:
+            return _BY_SET
+        if is_square and name.startswith(letter) and not name.startswith(_DAMPING):
+            return _BY_LETTER
+        return _ANY if is_square and self.is_said else _NONE
+
+    def chosen(self) -> dict[str, int]:
+        """Return the numbers of the matrices, in the order of the file, by their roles, as far as it has them.
+
+        Raises:
+            InputError: several are as likely.
+        """
+        result = {}
+        for role, mine in self._found.items():
+            surest = [number for grade, number in mine if grade == min(mine)[0]]
+            if len(surest) > 1:
+                names = listed(self.seen[number] for number in surest)
+                key = role.removeprefix(_STRESS)
+                got = f"has the matrices {names}, each of which may be {key}"
+                raise InputError(f"{plain_path(self.path)}: {got}; allowed: one, or its name: --matrix {key}=NAME")
+            if surest:
+                result[role] = surest[0]
+        return result
