@@ -554,6 +554,28 @@ def test_a_state_that_is_not_finite_is_named(exported: Export) -> None:
         assert f"{name} = nan" in host.messages[-1]
 
 
+@pytest.mark.parametrize("version", VERSIONS)
+def test_results_that_are_not_finite_are_refused(version: int, exported: Export) -> None:
+    """In model exchange derivatives and outputs, each time that they are asked for; states and poses stay."""
+    host = exported(eomgen.load_robot("one_link"), version).host().start()
+    host.to_continuous_time()
+    host.set_states(np.array([0.0, 0.3, 0.0, 1e200]))
+    for name, call in (
+        *(("a.joint1.x", host.rates) for _ in range(2)),
+        ("a.joint1.x", lambda: host.get(["a.joint1.x"])),
+        ("a.joint1.x", lambda: host.get(["reaction.joint1.fx"])),
+        ("energy.kinetic", lambda: host.get(["energy.kinetic"])),
+        ("energy.kinetic", lambda: host.derivative(["energy.kinetic"], ["v.joint1.gamma"], [1e200])),
+    ):
+        refused(Exception, "fmi", call)
+        assert f"{name} = " in host.messages[-1]
+        assert "is not allowed; allowed: states, inputs and" in host.messages[-1]
+    assert host.get(["v.joint1.gamma"])[0] == 1e200
+    assert np.isfinite(host.get(host.names("pose."))).all()
+    host.set_states(np.zeros(4))
+    assert np.isfinite(host.rates()).all()
+
+
 def test_inputs_and_states_of_drives_have_their_units(exported: Export) -> None:
     unit = exported(robot_of("axis"), 3, method="rosenbrock")
     assert fmpy.validation.validate_fmu(str(unit.path)) == []
