@@ -18,7 +18,7 @@ from eomgen.robot import JointStiffness
 from eomgen.robot.value import Robot
 from eomgen.runtime.kernel import Array
 from tests.support.bending_exports import BENDING
-from tests.support.bristles import SIZE
+from tests.support.bristles import SIZE, law_changes
 from tests.support.fmu_units import (
     BUILTIN,
     FIXED,
@@ -388,6 +388,20 @@ def test_parameters_are_tunable_and_each_instances_own(version: int, exported: E
     still_air = replace(p, wrench=0.0 * p.wrench)
     close(one.get(outputs(one)), expected(unit.kernel.with_parameters(values), still_air), 1e-13)
     close(other.get(outputs(other)), expected(unit.kernel, still_air), 1e-13)
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_numbers_of_laws_go_together_as_in_python(version: int, exported: Export) -> None:
+    unit = exported(robot_of("laws"), version)
+    host, first = unit.host().start(), dict(unit.kernel.parameters)
+    for values, taken in law_changes(unit.kernel):
+        if taken:
+            host.set(list(values), list(values.values()))
+            host.set(list(first), list(first.values()))
+            continue
+        refused(Exception, "fmi", host.set, list(values), list(values.values()))
+        assert "allowed" in host.messages[-1]
+        assert host.get(list(first)).tolist() == list(first.values())
 
 
 BAD = [
