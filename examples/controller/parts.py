@@ -58,7 +58,7 @@ static const float states[{samples}][{size}] = {{
 static const float p[] = {{ {parameters} }};
 static float h[{hoisted}], u[{n}];
 static int k, status;
-void setup(void) {{ {name}_setup(p, h); {name}_momentum_observer_start(h, states[0], &states[0][{n}], &memory); }}
+void setup(void) {{ {name}_setup(p, h); (void){name}_momentum_observer_start(h, states[0], &states[0][{n}], &memory); }}
 void sample(void) {{ status |= {name}_momentum_observer_step(h, states[k], &states[k][{n}], u, &memory); ++k; }}
 void reset(void) {{ setup(); sample(); }}
 """

@@ -378,6 +378,10 @@ def test_a_damper_makes_a_filter(gear: str, tmp_path: Path) -> None:
         code = CompiledFeedForward(robot, tmp_path / dtype, dt=float(t[1] / 2), dtype=dtype)
         assert code.rows == 4
         assert off_python(robot, code, program, t, is_filter=True).max() < bound
+        memory = bytes(code.ffi.buffer(code.struct))
+        for bad in (np.nan, np.finfo(dtype).max):
+            assert code.step(np.full((code.rows, code.n), bad))[0] in (-2, 1)  # or a cubic spring has no such force
+        assert bytes(code.ffi.buffer(code.struct)) == memory
 
 
 @pytest.mark.soak

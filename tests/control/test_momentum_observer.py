@@ -269,6 +269,15 @@ def test_the_c_has_the_bits_of_python(dtype: str, built: Build, tmp_path: Path) 
         assert np.array_equal(code.external, found)
         assert (beyond == n) == bool(observer.collisions)
     assert beyond == n  # random samples are no motion
+    fast, struct = np.full(n, np.finfo(dtype).max), bytes(code.ffi.buffer(code.struct))
+    for bad in ((q[0], v[0], np.full(n, np.inf)), (q[0], fast, u[0]), (q[0], v[0], np.full(n, np.nan))):
+        assert code.step(*bad) == -2
+        with pytest.raises(InputError), np.errstate(all="ignore"):
+            observer.step(*bad)
+    assert code.start(q[0], fast) == -2
+    assert bytes(code.ffi.buffer(code.struct)) == struct
+    code.step(q[0], v[0], u[0])
+    assert np.array_equal(code.external, observer.step(q[0], v[0], u[0]))  # both go on from where they were
 
 
 def test_what_cannot_be_observed_is_refused_by_name() -> None:

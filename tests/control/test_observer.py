@@ -184,6 +184,60 @@ def test_masses_stay_above_0(dtype: str, tmp_path: Path) -> None:
     assert min(least) == pytest.approx(1e-3)
 
 
+HOSTILE = (  # form, dtype, measurements, further states
+    ("covariance", "float64", GAMMA, ()),
+    ("square_root", "float32", f"{GAMMA},imu:tcp", (STIFFNESS, "wrench:link1")),
+)
+
+
+@pytest.mark.parametrize(("form", "dtype", "measure", "states"), HOSTILE)
+def test_numbers_that_overflow_leave_the_estimate(
+    form: Any, dtype: str, measure: str, states: tuple[str, ...], tmp_path: Path
+) -> None:
+    """In Python and in C: drives and readings of any size are taken or refused, and what is kept is finite."""
+    made = observer("one_link", measure, dt=DT, states=states, form=form, dtype=dtype, unobservable="allow")
+    code = CompiledObserver(made, tmp_path)
+    rng, n = np.random.default_rng(11), made.kernel.n
+    readings, most = len(made.filter.measurement.readings), float(np.log10(np.finfo(dtype).max))
+    seen: dict[str, int] = {"Python": 0, "C": 0}
+    for case in range(120):
+        if case % 12 == 0:  # what was taken may be large
+            made.begin(np.zeros(n))
+            code.setup(np.zeros(n), np.zeros(n))
+            code.predict(np.zeros(n))
+        u, y = (rng.choice([-1.0, 1.0], k) * 10.0 ** rng.uniform(-2.0, most, k) for k in (n, readings))
+        for call, status, given in ((made.predict, code.predict, u), (made.update, code.update, y)):
+            kept = [
+                *made.state,
+                *made.covariance.ravel(),
+                *made.normalized_innovation,
+                *made.kernel.parameters.values(),
+            ]
+            try:
+                call(given)
+            except (InputError, ArithmeticError):
+                seen["Python"] += 1
+                after = [*made.state, *made.covariance.ravel(), *made.normalized_innovation]
+                assert [*after, *made.kernel.parameters.values()] == kept
+            assert np.isfinite(made.state).all()
+            assert np.isfinite(made.covariance).all()
+            before, drives = (
+                [*code.state, *code.covariance.ravel(), *code.struct.normalized],
+                [*getattr(code.struct, "u", ())],
+            )
+            answer = status(given)
+            if answer < 0 or (status == code.predict and answer > 0):
+                seen["C"] += 1
+                assert answer in (-2, -1) or status == code.predict
+                assert [*code.state, *code.covariance.ravel(), *code.struct.normalized] == before
+                assert [*getattr(code.struct, "u", ())] == drives
+            assert np.isfinite(code.state).all()
+            assert np.isfinite(code.covariance).all()
+    assert min(seen.values()) > 20
+    code.setup(np.zeros(n), np.zeros(n))
+    assert [code.predict(np.full(n, np.nan)), code.update(np.full(readings, np.nan))] == [-2, -2]
+
+
 @pytest.mark.parametrize("compiler", ["gcc", "clang"])
 def test_c_is_python(compiler: str, tmp_path: Path) -> None:
     """Both forms, a precision each; linear steps, and general ones with a wrench and a parameter."""
@@ -239,7 +293,7 @@ def test_readings_of_sensors_have_the_derivatives_of_differences() -> None:
 
     def readings(x: Array) -> Array:
         made.state = x.copy()
-        made._write_parameters()
+        made._write_parameters(x)
         found, _ = made.predicted()
         return np.asarray(found + np.eye(len(found))[0] * x[-1])
 

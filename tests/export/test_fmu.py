@@ -18,7 +18,7 @@ from eomgen.robot import JointStiffness
 from eomgen.robot.value import Robot
 from eomgen.runtime.kernel import Array
 from tests.support.bending_exports import BENDING
-from tests.support.bristles import SIZE
+from tests.support.bristles import SIZE, law_changes
 from tests.support.fmu_units import (
     BUILTIN,
     FIXED,
@@ -390,6 +390,20 @@ def test_parameters_are_tunable_and_each_instances_own(version: int, exported: E
     close(other.get(outputs(other)), expected(unit.kernel, still_air), 1e-13)
 
 
+@pytest.mark.parametrize("version", VERSIONS)
+def test_numbers_of_laws_go_together_as_in_python(version: int, exported: Export) -> None:
+    unit = exported(robot_of("laws"), version)
+    host, first = unit.host().start(), dict(unit.kernel.parameters)
+    for values, taken in law_changes(unit.kernel):
+        if taken:
+            host.set(list(values), list(values.values()))
+            host.set(list(first), list(first.values()))
+            continue
+        refused(Exception, "fmi", host.set, list(values), list(values.values()))
+        assert "allowed" in host.messages[-1]
+        assert host.get(list(first)).tolist() == list(first.values())
+
+
 BAD = [
     ("u.joint1.x", np.nan, "u.joint1.x = nan is not finite"),
     ("u.joint1.gamma", np.inf, "u.joint1.gamma = inf is not finite"),
@@ -552,6 +566,28 @@ def test_a_state_that_is_not_finite_is_named(exported: Export) -> None:
         x[place] = np.nan
         refused(Exception, "fmi", host.set_states, x)
         assert f"{name} = nan" in host.messages[-1]
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_results_that_are_not_finite_are_refused(version: int, exported: Export) -> None:
+    """In model exchange derivatives and outputs, each time that they are asked for; states and poses stay."""
+    host = exported(eomgen.load_robot("one_link"), version).host().start()
+    host.to_continuous_time()
+    host.set_states(np.array([0.0, 0.3, 0.0, 1e200]))
+    for name, call in (
+        *(("a.joint1.x", host.rates) for _ in range(2)),
+        ("a.joint1.x", lambda: host.get(["a.joint1.x"])),
+        ("a.joint1.x", lambda: host.get(["reaction.joint1.fx"])),
+        ("energy.kinetic", lambda: host.get(["energy.kinetic"])),
+        ("energy.kinetic", lambda: host.derivative(["energy.kinetic"], ["v.joint1.gamma"], [1e200])),
+    ):
+        refused(Exception, "fmi", call)
+        assert f"{name} = " in host.messages[-1]
+        assert "is not allowed; allowed: states, inputs and" in host.messages[-1]
+    assert host.get(["v.joint1.gamma"])[0] == 1e200
+    assert np.isfinite(host.get(host.names("pose."))).all()
+    host.set_states(np.zeros(4))
+    assert np.isfinite(host.rates()).all()
 
 
 def test_inputs_and_states_of_drives_have_their_units(exported: Export) -> None:

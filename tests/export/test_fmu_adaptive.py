@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
@@ -202,6 +203,48 @@ def test_kept_states_go_on_to_the_same_bits(version: int, exported: Export) -> N
     found = run(anew, 30, 2e-3, drives, first=7)
     assert not np.array_equal(found, wanted)
     np.testing.assert_allclose(found, wanted, atol=1e-4)
+
+
+WRONG = (  # place among the numbers of a state, a value, and the message
+    (0, 2.0, "a state of format 2 with"),
+    (1, 7.0, "a state of format 1 with 7 numbers is not allowed; allowed: format 1 with"),
+    (-16, 3.0, "a state with mode = 3 is not allowed; allowed: one mode"),
+    (-13, 2.0, "a state with progress.excess = 2 is not allowed; allowed: numbers from 0 to 1"),
+    (-12, 0.5, "a state with progress.refused = 0.5 is not allowed; allowed: whole numbers from 0 to 1"),
+    (-7, 0.0, "a state with switching.left = 0 is not allowed"),
+    (-6, 1e9, "a state with switching.method = 1000000000 is not allowed"),
+)
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_bytes_that_no_state_has_are_refused(version: int, exported: Export) -> None:
+    """They hold numbers alone, each of which is checked, so that none becomes an address or an index."""
+    host = Host(exported(eomgen.load_robot("one_link"), version, method="auto").folder, stepping=True).start()
+    run(host, 3, 2e-3)
+    read = getattr(host.unit, "deSerializeFMUstate" if version == 2 else "deserializeFMUState")
+    saved, head = host.unit.serializeFMUState(host.unit.getFMUState()), len(host.description.guid) + 1
+    numbers = np.frombuffer(saved[head:])
+    stiffness = (2 + host.references["joints.joint1.x.stiffness"], -1.0, "joint1.x.stiffness = -1 is not allowed")
+    for place, value, message in (*WRONG, stiffness, *((i, np.nan, "nan") for i in range(numbers.size))):
+        changed = numbers.copy()
+        changed[place] = value
+        refused(Exception, "erializeFMU", read, saved[:head] + changed.tobytes())
+        assert message in host.messages[-1]
+    rng, fits = np.random.default_rng(5), 0
+    for _ in range(300):
+        changed = np.frombuffer(saved, np.uint8).copy()
+        changed[rng.integers(changed.size - 8 * 16, changed.size, 2)] = rng.integers(0, 256, 2)  # how steps go on
+        try:
+            state = read(changed.tobytes())
+        except Exception:
+            continue
+        fits += 1
+        again = np.frombuffer(host.unit.serializeFMUState(state)[head:])
+        np.testing.assert_array_equal(again, changed[head:].view(float))
+        host.unit.setFMUState(state)
+        with suppress(Exception):  # another mode
+            host.step(6e-3, 1e-4)
+    assert 50 < fits < 290
 
 
 def begun(host: Host, tolerance: float | None, own: float | None = None) -> Host:

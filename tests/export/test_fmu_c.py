@@ -122,10 +122,13 @@ COMMON = r"""
     FAILS(X(Serialize)(a, state, BYTES bytes, size - 1));
     CHECK(X(Deserialize)(b, BYTES bytes, size, &copy));
     FAILS(X(Deserialize)(b, BYTES bytes, size - 1, &copy));
+    FAILS(X(Serialize)(a, NULL, BYTES bytes, size));
     CHECK(X(SetS)(b, copy));
     CHECK(X(FreeS)(b, &copy));
     CHECK(X(FreeS)(a, &state));
     CHECK(X(FreeS)(a, &state));
+    memset(bytes + size - sizeof(double), 0xff, sizeof(double));
+    FAILS(X(Deserialize)(b, BYTES bytes, size, &copy));
     free(bytes);
     CHECK(X(Reset)(a));
     CHECK(X(GetAll)(a, all, UNIT_END, values));

@@ -30,7 +30,7 @@ from eomgen.scenario.value import Scenario
 from eomgen.simulation.assembly import assemble
 from tests.oracles.force_laws import with_drives, with_laws
 from tests.support.bending_exports import BENDING
-from tests.support.bristles import bent, bristle_linkage, remembering_arm, servo_arm, wide
+from tests.support.bristles import bent, bristle_linkage, law_changes, remembering_arm, servo_arm, wide
 from tests.support.optional import needs
 from tests.support.random_robots import random_robot
 from tests.support.refusals import refused
@@ -232,9 +232,9 @@ def test_errors_name_what_is_wrong(tmp_path: Path) -> None:
     z = [0.0, 0.0]
     calls_refused: list[tuple[list[Any], str]] = [
         (["forwardDynamics", [0.0], z, z], "q: expected 2 numbers, got 1"),
-        (["forwardDynamics", z, [0.0, "heavy"], z], "v[joint1.gamma] = heavy is not a finite number"),
+        (["forwardDynamics", z, [0.0, "heavy"], z], 'v[joint1.gamma] = "heavy" is not a finite number'),
         (["set", {"gravity.w": 1.0}], "parameter gravity.w is unknown; allowed: gravity.x"),
-        (["set", {"gravity.x": "heavy"}], "gravity.x = heavy is not allowed; a finite number is"),
+        (["set", {"gravity.x": "heavy"}], 'gravity.x = "heavy" is not allowed; a finite number is'),
         (
             ["set", {"joints.joint1.x.stiffness": -1.0}],
             "joints.joint1.x.stiffness = -1 is not allowed; a number from 0 on is",
@@ -252,6 +252,18 @@ def test_errors_name_what_is_wrong(tmp_path: Path) -> None:
     answers = with_node(tmp_path, "one_link", [call for call, _ in calls_refused])
     for (call, message), got in zip(calls_refused, answers, strict=True):
         assert message in got["error"], (call, got)
+
+
+@needs_node
+def test_what_is_no_finite_number_is_refused_everywhere(tmp_path: Path) -> None:
+    """Also null and texts of digits; what is refused changes nothing, and a motion from NaN on does not hang."""
+    eomgen.export_wasm("one_link", tmp_path)
+    shutil.copy(Path(__file__).with_name("odd_numbers.mjs"), tmp_path)
+    ran = subprocess.run(
+        [str(NODE), "odd_numbers.mjs"], capture_output=True, text=True, cwd=tmp_path, check=False, timeout=60
+    )
+    assert ran.returncode == 0, ran.stderr
+    assert json.loads(ran.stdout) == {"taken": [], "refused": 3, "stays": True}
 
 
 @needs_node
@@ -280,6 +292,18 @@ def test_matrices_stay_positive_semidefinite(tmp_path: Path) -> None:
     assert same == first
     moved = np.subtract(*(np.frombuffer(bytes.fromhex(answer)) for answer in (first, last)))
     np.testing.assert_allclose(moved, [-(9.0 * 0.1 + 2.0 * 0.2), -(2.0 * 0.1 + 4.0 * 0.2)], rtol=1e-12)
+
+
+@needs_node
+def test_numbers_of_laws_go_together_as_in_python(tmp_path: Path) -> None:
+    robot = remembering_arm()
+    kernel = eomgen.build(robot, kernels=("energy",))
+    eomgen.export_wasm(robot, tmp_path, kernels=("energy",))
+    changes, first = law_changes(kernel), dict(kernel.parameters)
+    answers = with_node(tmp_path, robot.name, [["set", x] for values, _ in changes for x in (values, first)])
+    for (values, taken), got in zip(changes, answers[::2], strict=True):
+        assert (got == "set") == taken, (values, got)
+        assert taken or "is not allowed; " in got["error"]
 
 
 def test_under_wasmtime_it_needs_nothing_and_has_the_same_bits() -> None:

@@ -176,6 +176,23 @@ def bent(kernel: eomgen.Kernel, seed: int = 3) -> tuple[Any, Any, Any, Any]:
     return q, v, u, SIZE * rng.uniform(-0.8, 0.8, len(kernel.memory))
 
 
+def law_changes(kernel: eomgen.Kernel, count: int = 200) -> list[tuple[dict[str, float], bool]]:
+    """Return random changes of numbers of laws, and whether the kernel takes each."""
+    rng, changes = np.random.default_rng(8), list[tuple[dict[str, float], bool]]()
+    names = [name for name in kernel.parameters if ".friction." in name or ".hysteresis." in name]
+    for _ in range(count):
+        chosen = rng.choice(names, 3, replace=False)
+        values = {str(name): float(kernel.parameters[name] * 10.0 ** rng.uniform(-1.0, 1.0)) for name in chosen}
+        values |= {name: -value for name, value in values.items() if name.endswith("gamma") and rng.random() < 0.5}
+        try:
+            kernel.with_parameters().parameters.update(values)
+            changes.append((values, True))
+        except eomgen.InputError:
+            changes.append((values, False))
+    assert {taken for _, taken in changes} == {True, False}
+    return changes
+
+
 def wide(kernel: eomgen.Kernel, q: Any, v: Any, u: Any, z: Any) -> tuple[Any, Any, Any]:
     """Return q, v and u as arrays of the C have them: states of laws stand behind the coordinates of v."""
     nothing = np.zeros(len(kernel.memory))

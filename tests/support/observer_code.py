@@ -109,9 +109,10 @@ class CompiledMomentumObserver:
     def _at(self, values: ArrayLike) -> Any:
         return self.ffi.from_buffer(self._real, np.ascontiguousarray(values, self.dtype))
 
-    def start(self, q: ArrayLike, v: ArrayLike) -> None:
-        """Begin at q and v."""
-        getattr(self._library, f"{self._own}_start")(self._at(self._hoisted), self._at(q), self._at(v), self.struct)
+    def start(self, q: ArrayLike, v: ArrayLike) -> int:
+        """Begin at q and v: 0, or why not."""
+        arrays = [self._at(x) for x in (self._hoisted, q, v)]
+        return int(getattr(self._library, f"{self._own}_start")(*arrays, self.struct))
 
     def step(self, q: ArrayLike, v: ArrayLike, u: ArrayLike) -> int:
         """Take a sample: 0, or which coordinate is beyond its threshold."""

@@ -6,7 +6,7 @@ transformations as in T. Kailath, A. H. Sayed, B. Hassibi, "Linear Estimation", 
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,19 +17,24 @@ Numbers = NDArray[Any]  # of either precision
 
 
 class Uncertain(Protocol):
-    """How a filter keeps the covariance of its state."""
+    """How a filter keeps the covariance of its state: a value, which steps and measurements make others of."""
 
     @property
     def covariance(self) -> Numbers:
         """The covariance P, (N, N)."""
         ...
 
-    def carry(self, F: Numbers, G: Numbers) -> None:
-        """Carry P over a step: F P F^T + G G^T, with the transition matrix F, (N, N), and noise along columns of G."""
+    @property
+    def is_finite(self) -> bool:
+        """Whether P is finite."""
         ...
 
-    def take(self, H: Numbers, deviations: Numbers, innovation: Numbers) -> tuple[Numbers, Numbers]:
-        """Take measurements into P, and return the change of the state, (N,), and normalized innovations, (m,).
+    def carried(self, F: Numbers, G: Numbers) -> Self:
+        """Return P after a step, F P F^T + G G^T: F is the transition matrix, (N, N), noise is along columns of G."""
+        ...
+
+    def measured(self, H: Numbers, deviations: Numbers, innovation: Numbers) -> tuple[Self, Numbers, Numbers]:
+        """Return P after measurements, the change of the state, (N,), and normalized innovations, (m,).
 
         Args:
             H: derivatives of what is measured by the state, (m, N).
@@ -42,22 +47,32 @@ class Uncertain(Protocol):
 class Covariance:
     """P itself: the extended Kalman filter as it is in textbooks."""
 
-    def __init__(self, deviations: Numbers) -> None:
-        """Begin with independent numbers of these standard deviations, (N,)."""
-        self._P = np.diag(deviations * deviations)
+    def __init__(self, P: Numbers) -> None:
+        """Keep a covariance P, (N, N)."""
+        self._P = P
+
+    @classmethod
+    def of(cls, deviations: Numbers) -> Self:
+        """Return the covariance of independent numbers of these standard deviations, (N,)."""
+        return cls(np.diag(deviations * deviations))
 
     @property
     def covariance(self) -> Numbers:
         """The covariance P, (N, N)."""
         return np.array(self._P)
 
-    def carry(self, F: Numbers, G: Numbers) -> None:
-        """Carry P over a step: F P F^T + G G^T."""
-        P = F @ self._P @ F.T + G @ G.T
-        self._P = (P + P.T) / 2
+    @property
+    def is_finite(self) -> bool:
+        """Whether P is finite."""
+        return bool(np.isfinite(self._P).all())
 
-    def take(self, H: Numbers, deviations: Numbers, innovation: Numbers) -> tuple[Numbers, Numbers]:
-        """Take measurements into P; see Uncertain.
+    def carried(self, F: Numbers, G: Numbers) -> Self:
+        """Return P after a step: F P F^T + G G^T."""
+        P = F @ self._P @ F.T + G @ G.T
+        return type(self)((P + P.T) / 2)
+
+    def measured(self, H: Numbers, deviations: Numbers, innovation: Numbers) -> tuple[Self, Numbers, Numbers]:
+        """Return P after measurements; see Uncertain.
 
         Raises:
             IntegrationError: the covariance of what is measured is not positive, by round-off.
@@ -73,28 +88,37 @@ class Covariance:
             ) from None
         normalized = np.linalg.solve(L, innovation)
         scaled = np.linalg.solve(L, PH.T)  # (m, N)
-        self._P = self._P - scaled.T @ scaled
-        return scaled.T @ normalized, normalized
+        return type(self)(self._P - scaled.T @ scaled), scaled.T @ normalized, normalized
 
 
 class SquareRoot:
     """The upper triangle U, P = U^T U: P cannot lose its sign, and counts twice as many digits."""
 
-    def __init__(self, deviations: Numbers) -> None:
-        """Begin with independent numbers of these standard deviations, (N,)."""
-        self._U = np.diag(deviations)
+    def __init__(self, U: Numbers) -> None:
+        """Keep an upper triangle U, (N, N)."""
+        self._U = U
+
+    @classmethod
+    def of(cls, deviations: Numbers) -> Self:
+        """Return the square root of the covariance of independent numbers of these standard deviations, (N,)."""
+        return cls(np.diag(deviations))
 
     @property
     def covariance(self) -> Numbers:
         """The covariance P, (N, N)."""
         return np.asarray(self._U.T @ self._U)
 
-    def carry(self, F: Numbers, G: Numbers) -> None:
-        """Carry P over a step: F P F^T + G G^T."""
-        self._U = _triangle(np.vstack([self._U @ F.T, G.T]))
+    @property
+    def is_finite(self) -> bool:
+        """Whether P is finite: variances are, and so what is between them."""
+        return bool(np.isfinite(np.einsum("ij,ij->j", self._U, self._U)).all())
 
-    def take(self, H: Numbers, deviations: Numbers, innovation: Numbers) -> tuple[Numbers, Numbers]:
-        """Take measurements into P; see Uncertain."""
+    def carried(self, F: Numbers, G: Numbers) -> Self:
+        """Return P after a step: F P F^T + G G^T."""
+        return type(self)(_triangle(np.vstack([self._U @ F.T, G.T])))
+
+    def measured(self, H: Numbers, deviations: Numbers, innovation: Numbers) -> tuple[Self, Numbers, Numbers]:
+        """Return P after measurements; see Uncertain."""
         m, N = H.shape
         whole = np.zeros((m + N, m + N), H.dtype)
         whole[:m, :m] = np.diag(deviations)
@@ -103,8 +127,7 @@ class SquareRoot:
         sign = np.where(np.diag(R)[:m] < 0.0, -1.0, 1.0).astype(H.dtype)
         L, scaled = (sign[:, None] * R[:m, :m]).T, sign[:, None] * R[:m, m:]
         normalized = np.linalg.solve(L, innovation)
-        self._U = R[m:, m:]
-        return scaled.T @ normalized, normalized
+        return type(self)(R[m:, m:]), scaled.T @ normalized, normalized
 
 
 def _triangle(A: Numbers) -> Numbers:

@@ -53,6 +53,52 @@ EOM_LOCAL int EOM(kalman_linear_step)(int n, EOM_SCALAR dt, const EOM_SCALAR *re
     return 0;
 }
 
+/* Whether numbers are finite. */
+EOM_LOCAL int EOM(kalman_finite)(int count, const EOM_SCALAR *restrict x)
+{
+    int is_finite = 1;
+    for (int i = 0; i < count; ++i) {
+        if (!((x[i] - x[i]) >= (EOM_SCALAR)0.0)) { is_finite = 0; }
+    }
+    return is_finite;
+}
+
+/* Whether U^T U is finite: variances are, and so what is between them. */
+EOM_LOCAL int EOM(kalman_root_finite)(int N, const EOM_SCALAR *restrict U)
+{
+    int is_finite = 1;
+    for (int j = 0; j < N; ++j) {
+        EOM_SCALAR sum = (EOM_SCALAR)0.0;
+        for (int k = 0; k <= j; ++k) { sum += U[N * k + j] * U[N * k + j]; }
+        if (EOM(kalman_finite)(1, &sum) == 0) { is_finite = 0; }
+    }
+    return is_finite;
+}
+
+/* Where P or U is kept while it is changed: behind all that this takes of work. */
+#define EOM_KALMAN_KEPT(N) (EOM_KALMAN_ROOM(N) - (N) * ((N) + 1) / 2)
+
+/* Keep the upper triangle of X, P or U. */
+EOM_LOCAL void EOM(kalman_keep)(int N, const EOM_SCALAR *restrict X, EOM_SCALAR *restrict kept)
+{
+    int place = 0;
+    for (int i = 0; i < N; ++i) {
+        (void)memcpy(&kept[place], &X[(N + 1) * i], (size_t)(N - i) * sizeof *X);
+        place += N - i;
+    }
+}
+
+/* Make X what it was. */
+EOM_LOCAL void EOM(kalman_restore)(int N, int is_root, const EOM_SCALAR *restrict kept, EOM_SCALAR *restrict X)
+{
+    int place = 0;
+    for (int i = 0; i < N; ++i) {
+        (void)memcpy(&X[(N + 1) * i], &kept[place], (size_t)(N - i) * sizeof *X);
+        place += N - i;
+        for (int j = 0; j < i; ++j) { X[N * i + j] = (is_root != 0) ? (EOM_SCALAR)0.0 : X[N * j + i]; }
+    }
+}
+
 /* Carry P over a step; noise: N variances that the step adds, those of velocities to positions as well, as dt times them.
  * work: n N. */
 EOM_LOCAL void EOM(kalman_predict)(int n, int p, EOM_SCALAR dt, const EOM_SCALAR *restrict by, const EOM_SCALAR *restrict noise, EOM_SCALAR *restrict P, EOM_SCALAR *restrict work)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, fields
 from typing import Any, Literal, get_args
 
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..description import RobotLike
-from ..errors import InputError, LoopError, UnknownNameError
+from ..errors import InputError, IntegrationError, LoopError, UnknownNameError
 from ..limits import LARGEST, is_usable
 from ..names import component_name, nearest_or_all, show
 from ..pipeline.stages import build
@@ -203,8 +204,8 @@ class Observer:
         begins = self._placed(_vector("q", q, n), _vector("v", np.zeros(n) if v is None else v, n))
         self.state = np.concatenate([begins, rest]).astype(dtype)
         form = SquareRoot if self.filter.form == "square_root" else Covariance
-        self._uncertain = form(self.filter.deviations().astype(dtype))
-        self._write_parameters()
+        self._uncertain = form.of(self.filter.deviations().astype(dtype))
+        self._write_parameters(self.state)
 
     @property
     def is_linear(self) -> bool:
@@ -237,41 +238,56 @@ class Observer:
         return float(self.state[self.states.index(name)])
 
     def predict(self, u: ArrayLike) -> None:
-        """Go on by a step of dt under the drives u, (n,), held over it.
+        """Go on by a step of dt under the drives u, (n,), held over it; an error leaves the estimate as it was.
 
         Raises:
             InputError: another shape, or no numbers.
             SingularError, IntegrationStopped: as of ``Kernel.rollout``.
+            IntegrationError: the estimate or its covariance is not finite after the step.
             LoopError: the loops of a closed mechanism do not close at the estimate.
         """
-        self._u = _vector("u", u, self.kernel.n).astype(self.kernel.dtype)
-        end, by = self._steps.advance(self.q, self.v, self._acting())
-        F, G = self.transition(by)
-        self.state[: 2 * self._f] = end
-        self._uncertain.carry(F, G)
+        held = _vector("u", u, self.kernel.n).astype(self.kernel.dtype)
+        with _computing("u", held):
+            end, by = self._steps.advance(self.q, self.v, self._acting(held))
+            uncertain = self._uncertain.carried(*self.transition(by))
+        _check_finite("u", held, end, uncertain)
+        self._coordinates.state(end)
+        self._u, self._uncertain = held, uncertain
+        self.state = np.concatenate([end, self.state[2 * self._f :]]).astype(self.kernel.dtype)
 
     def update(self, y: ArrayLike) -> float:
         """Take readings y of the sensors, (readings,), and return the sum of squares of normalized innovations.
 
-        It is about as large as the number of innovations where the noise is as told (chi-square).
+        It is about as large as the number of innovations where the noise is as told (chi-square).  An error leaves the
+        estimate as it was.
 
         Raises:
             InputError: another shape, or no numbers.
-            IntegrationError: the covariance is not positive any more, by round-off, in the form "covariance".
+            IntegrationError: the estimate or its covariance is not finite after the readings, or the covariance is not
+                positive any more, by round-off, in the form "covariance".
+            LoopError: the loops of a closed mechanism do not close at the estimate.
         """
         readings = _vector("y", y, len(self.filter.measurement.readings))
-        predicted, H = self.predicted()
-        innovation = self.filter.measurement.innovation(readings, predicted)
-        innovation[self._bias_rows] -= self.state[len(self.states) - len(self._bias_rows) :]
-        dtype = self.kernel.dtype
-        change, self.normalized_innovation = self._uncertain.take(H, self._deviations, innovation.astype(dtype))
-        self.state = self.state + change
+        with _computing("y", readings):
+            predicted, H = self.predicted()
+            innovation = self.filter.measurement.innovation(readings, predicted)
+            innovation[self._bias_rows] -= self.state[len(self.states) - len(self._bias_rows) :]
+            known = innovation.astype(self.kernel.dtype)
+            uncertain, change, normalized = self._uncertain.measured(H, self._deviations, known)
+            state, squares = self.state + change, float(normalized @ normalized)
+        _check_finite("y", readings, [*state, squares], uncertain)
         places = slice(2 * self._f + 6 * len(self.filter.links), len(self.states) - len(self._bias_rows))
-        below = self.state[places] < self._least
+        below = state[places] < self._least
+        state[places] = np.where(below, self._least, state[places])
+        self._write_parameters(state)
+        try:
+            self._coordinates.state(state[: 2 * self._f])
+        except InputError:
+            self._write_parameters(self.state)
+            raise
         self.at_bounds = tuple(np.array(self.filter.parameters, dtype=object)[below].tolist())
-        self.state[places] = np.where(below, self._least, self.state[places])
-        self._write_parameters()
-        return float(self.normalized_innovation @ self.normalized_innovation)
+        self.state, self._uncertain, self.normalized_innovation = state, uncertain, normalized
+        return squares
 
     def transition(self, by: Numbers) -> tuple[Numbers, Numbers]:
         """Return the transition matrix F, (N, N), and the noise's columns G, (N, N), from derivatives of q and v."""
@@ -288,7 +304,7 @@ class Observer:
         q, v, f, N = self.q, self.v, self._f, len(self.states)
         a, by = np.zeros(n, kernel.dtype), np.zeros((n, self._steps.size), kernel.dtype)
         if measurement.depends_on_acceleration:
-            a, by = self._steps.accelerations(q, v, self._acting())
+            a, by = self._steps.accelerations(q, v, self._acting(self._u))
         predicted = kernel.measurement(q, v, a)
         H_q, H_v, H_a = measurement.jacobian(kernel, q, v, a)
         H = np.zeros((len(self.measured), N), kernel.dtype)
@@ -326,7 +342,7 @@ class Observer:
             for here, rate in states:
                 self.state = np.concatenate([self._placed(here, rate), kept[2 * self._f :]]).astype(self.kernel.dtype)
                 _, H = self.predicted()
-                by = self._steps.advance(self.q, self.v, self._acting())[1]
+                by = self._steps.advance(self.q, self.v, self._acting(self._u))[1]
                 systems.append((self.transition(by)[0], H))
         finally:
             self.state, self._u = kept, u
@@ -355,16 +371,16 @@ class Observer:
             return self._coordinates.begin(q, v)
         return np.concatenate([q, v])
 
-    def _acting(self) -> Acting:
+    def _acting(self, u: Numbers) -> Acting:
         f, links = self._f, self._steps.links
         wrench = np.zeros((len(self.kernel.links), 6), self.kernel.dtype)
         wrench[list(links)] = self.state[2 * f : 2 * f + 6 * len(links)].reshape(-1, 6)
-        return Acting(self._u, wrench)
+        return Acting(u, wrench)
 
-    def _write_parameters(self) -> None:
+    def _write_parameters(self, state: Numbers) -> None:
+        """Let the kernel have a state's parameters: all or, where one cannot be, none."""
         at = 2 * self._f + 6 * len(self.filter.links)
-        for i, name in enumerate(self.filter.parameters):
-            self.kernel.parameters[name] = float(self.state[at + i])
+        self.kernel.parameters.update({name: float(state[at + i]) for i, name in enumerate(self.filter.parameters)})
 
 
 def observer(
@@ -539,6 +555,34 @@ def _vector(label: str, values: ArrayLike, size: int) -> Numbers:
     if array.shape != (size,) or not np.isfinite(array).all():
         raise InputError(f"{label}: got the shape {array.shape}; allowed: ({size},), finite numbers")
     return array
+
+
+@contextmanager
+def _computing(label: str, given: Numbers) -> Iterator[None]:
+    """Compute without warnings of numbers that overflow, which are looked at behind it.
+
+    Raises:
+        IntegrationError: equations cannot be solved with them.
+    """
+    try:
+        with np.errstate(all="ignore"):
+            yield
+    except np.linalg.LinAlgError:
+        raise _not_finite(label, given) from None
+
+
+def _check_finite(label: str, given: Numbers, state: ArrayLike, uncertain: Covariance | SquareRoot) -> None:
+    """Refuse what is not finite, of an estimate and its covariance."""
+    with np.errstate(all="ignore"):
+        if not np.isfinite(state).all() or not uncertain.is_finite:
+            raise _not_finite(label, given)
+
+
+def _not_finite(label: str, given: Numbers) -> IntegrationError:
+    return IntegrationError(
+        f"observer: {label} = {show(given.tolist())} is not allowed, as the estimate or its covariance would not be"
+        " finite; allowed: smaller numbers, or begin anew"
+    )
 
 
 def _rows(q: ArrayLike, v: ArrayLike | None, n: int) -> tuple[Numbers, Numbers]:

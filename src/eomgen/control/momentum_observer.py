@@ -139,7 +139,7 @@ class MomentumObserver:
             u: drives that were held since the sample before, (..., n).
 
         Raises:
-            InputError: u of another shape.
+            InputError: u of another shape, or a sample whose forces are not finite; the observer stays as it was.
             SingularError: the independent coordinates of a closed mechanism do not hold the others in this state.
         """
         if self._before is None:
@@ -151,10 +151,15 @@ class MomentumObserver:
             raise InputError(f"u: got the shape {held.shape}; allowed: (..., {self._size})")
         if self._independent is not None and before.slopes is not None and now.slopes is not None:
             held = self._independent.along(self._half * (before.slopes + now.slopes), held)
-        known = self._half * (before.force + now.force) + held
-        rate = (now.momentum - before.momentum) * self._per_second
-        self.external = self._keep * self.external + self._share * (rate - known)
-        self._before = now
+        with np.errstate(all="ignore"):
+            known = self._half * (before.force + now.force) + held
+            rate = (now.momentum - before.momentum) * self._per_second
+            external = self._keep * self.external + self._share * (rate - known)
+        if not np.isfinite(external).all():
+            raise InputError(
+                f"u: {show(held.tolist())} is not allowed, as forces would not be finite; allowed: finite numbers"
+            )
+        self.external, self._before = external, now
         return self.external
 
     @property

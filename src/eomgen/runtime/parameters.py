@@ -18,6 +18,7 @@ from .raw import RawKernel, Setup
 ROUND_OFF = 1e-9  # of a matrix scaled by its diagonal, and as many roundings of entries in single precision:
 ROUNDINGS = 8.0
 SPEEDS, TINY = 4000, 1e-12  # at which damping of bristles is looked at; least of it that counts, N s/m or N m s/rad
+FADING = "bristle_damping or fade so low that bristles give no energy back"  # what is allowed of them
 SEEN = 0.1  # of a direction's largest share, from which on its coordinates are named
 
 
@@ -75,7 +76,7 @@ class Condition:
     @classmethod
     def of(cls, said: Mapping[str, Any]) -> Condition:
         """Return it from plain values."""
-        allowed = said.get("allowed", "bristle_damping or fade so low that bristles give no energy back")
+        allowed = said.get("allowed", FADING)
         return cls(said.get("factors", {}), said.get("least", 0.0), allowed, said.get("fades", {}))
 
     @property

@@ -28,6 +28,7 @@ from eomgen.pipeline.stages import Options, make_source
 from eomgen.progress import StageReport, no_report, tells_at_prompt
 from eomgen.robot.model import Model, build_model
 from eomgen.robot.value import Robot
+from eomgen.runtime.parameters import FADING, SPEEDS, TINY
 from eomgen.runtime.stepping.options import ADAPTIVE as STEPPERS
 from eomgen.runtime.stepping.options import rollout_of
 
@@ -173,6 +174,7 @@ def _files(
         "prescribed": model.prescribed,
         "beside": [model.beside.get(i, i) for i in range(model.size)] if model.beside else [],
         "matrices": _matrices(layout.at["parameters"], list(model.parameters), meta.get("matrices", {})),
+        **_conditions(layout.at["parameters"], list(model.parameters), meta.get("conditions", ())),
         "method": method,
         **_stepping(model, method, meta),
     }
@@ -223,6 +225,34 @@ def _matrices(
         upper = {(one, other): places.get(f"{owner}.{one}.{other}", 0) for one in names for other in names}
         tables.append((owner, [[upper[one, other] or upper[other, one] for other in names] for one in names]))
     return tables
+
+
+def _conditions(first: int, parameters: Sequence[str], conditions: Sequence[Mapping[str, Any]]) -> dict[str, object]:
+    """Return names that ``fmu/laws.c.jinja`` uses: conditions between numbers of laws, by value references.
+
+    Args:
+        first: value reference of the first parameter.
+        parameters: their names.
+        conditions: as of ``eomgen.robot.parameter_names.conditions``.
+    """
+    at = {name: first + i for i, name in enumerate(parameters)}
+    sums = [
+        (one["allowed"], one["least"], [(at[name], factor) for name, factor in one["factors"].items()])
+        for one in conditions
+        if "factors" in one
+    ]
+    keys = ("coulomb", "bristle_damping", "fade", "static", "gaussian")
+    fading = [
+        [at.get(one["fades"].get(f"friction.{key}", ""), 0) for key in keys] for one in conditions if "fades" in one
+    ]
+    return {
+        "conditions": sums,
+        "terms": max((len(terms) for *_, terms in sums), default=0),
+        "fading": fading,
+        "fading_allowed": FADING,
+        "speeds": SPEEDS,
+        "tiny": TINY,
+    }
 
 
 def _rendered(templates: Mapping[str, str], context: Mapping[str, object]) -> dict[str, str]:

@@ -24,6 +24,7 @@ from eomgen.pipeline.stages import Options, make_source
 from eomgen.progress import StageReport, no_report, tells_at_prompt
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
+from eomgen.runtime.parameters import FADING, SPEEDS, TINY
 from eomgen.runtime.stepping.options import ADAPTIVE, FIXED, LEAST, ROLLOUTS, rollout_of
 
 from .compile import compile_wasm, wasm_command
@@ -171,6 +172,10 @@ def _context(robot: Robot, meta: Mapping[str, Any], rigid: Source | None) -> dic
         "structs": struct_table(meta["dtype"]) if "adaptive" in kinds else "{}",
         "model": rigid.name if rigid else "",
         "coupled": "matrices" in meta,
+        "fading": any("fades" in condition for condition in meta.get("conditions", ())),
+        "speeds": SPEEDS,
+        "tiny": TINY,
+        "fading_allowed": FADING,
         "pushed": {"external_force", "frame_pose"} <= meta["functions"].keys(),
         "turning": bool(meta.get("turning")),
         "turned_size": turning_joints(build_model(robot))["room"],
@@ -195,6 +200,7 @@ def _description(
         "rubbing": meta.get("rubbing", []),
         "least_rtol": LEAST[meta["dtype"]],
         **({"matrices": meta["matrices"]} if "matrices" in meta else {}),
+        "conditions": meta.get("conditions", []),
         "pushed": pushed,
         "home": [*home, *(0.0 for _ in memory)],
         "model": None if rigid is None else {key: rigid[key] for key in ("coordinates", "parameters", "hoisted")},
