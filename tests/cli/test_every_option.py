@@ -260,7 +260,7 @@ def test_numbers_behind_names_are_refused(folder: None) -> None:
         assert show(text) in last or re.search(r"expected (at least one|one|\d) argument", last), last
 
 
-@pytest.mark.parametrize("kind", soaked(["missing", "folder", "fifo", "bytes"], ["fifo"]))
+@pytest.mark.parametrize("kind", soaked(["missing", "folder", "fifo", "bytes", "x" * 300], ["fifo", "x" * 300]))
 def test_files_that_are_none_are_refused_by_name(kind: str, folder: None) -> None:
     numbers = count()
     for command, action in of_kind("file"):
@@ -272,7 +272,7 @@ def test_files_that_are_none_are_refused_by_name(kind: str, folder: None) -> Non
         elif kind == "bytes":
             path.write_bytes(b"\x89\x00\xff\x1b[2J" * 9)
         last = refusal(command, action, [str(path)])
-        assert path.name in last or action.dest == "files", last  # check says it in lines before
+        assert path.name[-20:] in last or action.dest == "files", last  # check says it in lines before
 
 
 def test_names_that_are_none_are_refused_as_code(folder: None) -> None:

@@ -61,6 +61,7 @@ REFUSED = [
     ("info pumma560", "pumma560.*puma560"),
     ("info missing.toml", "missing.toml"),
     ("generate one_link -o /dev/null/x --kernels mass_matrix", "/dev/null/x"),
+    (f"generate one_link -o {'x' * 300} --kernels mass_matrix", "x/one_link cannot be written: File name too long"),
     ("simulate ur5 --goal 1", "goal.*6 numbers"),
     ("simulate ur5 --duration -1", "duration.*-1.0"),
     # a name twice: the last value does not silently take the place of the first
