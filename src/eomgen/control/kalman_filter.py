@@ -75,7 +75,7 @@ class Uncertainty:
                 )
 
     def of_coordinates(self, name: str, n: int) -> Numbers:
-        """Return one number for each coordinate, (n,), of the field of that name."""
+        """Return one number for each coordinate, (n,), of the field of that name; InputError of another count."""
         value = np.asarray(getattr(self, word_in("name", name, PER_COORDINATE)), float)
         check_kind("n", n, type(n) is int and 0 <= n <= MOST_COUNTED, "a number of coordinates")
         if value.ndim and value.shape != (n,):
@@ -279,7 +279,11 @@ class Observer:
         return float(self.normalized_innovation @ self.normalized_innovation)
 
     def transition(self, by: Numbers) -> tuple[Numbers, Numbers]:
-        """Return the transition matrix F, (N, N), and the noise's columns G, (N, N), from derivatives of q and v."""
+        """Return the transition matrix F, (N, N), and the noise's columns G, (N, N), from derivatives of q and v.
+
+        Raises:
+            InputError: derivatives of another shape, or no numbers.
+        """
         f, N, dtype = self._f, len(self.states), self.kernel.dtype
         dt, noise = dtype.type(self.filter.dt), np.diag(self._noise)
         shape = (2 * f, self._steps.size)
@@ -317,6 +321,10 @@ class Observer:
         """Return which states measurements tell of about states q and v, (n,) or (poses, n), where they stay there.
 
         Without q about a state near the home that has nothing special: drives turned, all moving.
+
+        Raises:
+            InputError: another shape, or no numbers.
+            LoopError: the loops do not close near a state.
         """
         n, kept, u = self.kernel.n, self.state, self._u
         before = self.q

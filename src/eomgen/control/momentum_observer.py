@@ -94,8 +94,8 @@ class MomentumObserver:
             kernel: one of the robot with ``kernels`` that is there already; built without one.
 
         Raises:
-            InputError: numbers out of their range, or a robot whose external forces cannot be told: with prescribed
-                coordinates, or laws with states.
+            InputError: arguments of other types, numbers out of their range, or a robot whose external forces cannot be
+                told: with prescribed coordinates, or laws with states.
             LoopError: loops do not close near the described home.
             UnknownNameError: a name that is no coordinate.
         """
@@ -144,7 +144,7 @@ class MomentumObserver:
             u: drives that were held since the sample before, (..., n).
 
         Raises:
-            InputError: u of another shape.
+            InputError: q, v or u of another shape than before, or no numbers.
             SingularError: the independent coordinates of a closed mechanism do not hold the others in this state.
         """
         if self._before is None:

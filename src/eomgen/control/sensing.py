@@ -151,6 +151,9 @@ class Measurement(Picklable):
 
         Args:
             measured, predicted: (..., readings).
+
+        Raises:
+            InputError: numbers of another shape, or not finite.
         """
         y, h = self._taken("measured", measured), self._taken("predicted", predicted)
         lead = joint_lead("predicted", y.shape[:-1], h.shape[:-1])
@@ -167,6 +170,9 @@ class Measurement(Picklable):
         """Return derivatives of the innovations' predicted part by the readings, (..., innovations, readings).
 
         H = weights times the derivative of ``measurement``: each row is the cotangent of one reverse sweep.
+
+        Raises:
+            InputError: numbers of another shape, or not finite.
         """
         h = self._taken("predicted", predicted)
         W = np.zeros((*h.shape[:-1], len(self.noise), h.shape[-1]))
@@ -188,6 +194,9 @@ class Measurement(Picklable):
         Args:
             kernel: of ``robot``, with ``kernels``.
             q, v, a: (..., n).
+
+        Raises:
+            InputError: no kernel, or numbers of another shape, or not finite.
         """
         check_kind("kernel", kernel, isinstance(kernel, Kernel), "a Kernel (from build)")
         W = self.weights(kernel.measurement(q, v, a)).astype(kernel.dtype)
@@ -202,6 +211,9 @@ class Measurement(Picklable):
         Args:
             exact: (..., readings), of the kernel.
             rng: draws the noise.
+
+        Raises:
+            InputError: numbers of another shape, or not finite.
         """
         check_kind("rng", rng, isinstance(rng, np.random.Generator), "a numpy.random.Generator")
         y = self._taken("exact", exact)
@@ -222,6 +234,9 @@ class Measurement(Picklable):
 
         Args:
             dtype: of the robot's C.
+
+        Raises:
+            InputError: the dtype is unknown.
         """
         from ..codegen.c.scalar_types import SCALARS
         from ..codegen.c.source import environment
