@@ -39,7 +39,7 @@ def as_path(path: Path | str, label: str = "path") -> Path:
     if not str(path):
         raise InputError(f"{label}: is an empty text; allowed: a path, as text or as a Path")
     if "\0" in str(path):
-        raise InputError(f"{label}: {show_path(str(path))} has a NUL; allowed: a path, as text or as a Path")
+        raise InputError(f"{label}: {show_path(str(path))} has a null byte; allowed: a path, as text or as a Path")
     return Path(path)
 
 
