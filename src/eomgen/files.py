@@ -38,6 +38,8 @@ def as_path(path: Path | str, label: str = "path") -> Path:
         raise InputError(f"{label}: got a value of type {type(path).__name__}; allowed: a path, as text or as a Path")
     if not str(path):
         raise InputError(f"{label}: is an empty text; allowed: a path, as text or as a Path")
+    if "\0" in str(path):
+        raise InputError(f"{label}: {show_path(str(path))} has a null byte; allowed: a path, as text or as a Path")
     return Path(path)
 
 

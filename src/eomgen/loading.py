@@ -5,6 +5,7 @@ Uses results, simulation, analysis, sweep, identification and control.
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +34,7 @@ def load_result(path: Path | str) -> Any:
         InputError: nothing is there, it is no result, or a damaged one; says what in it is wrong, and what is allowed.
     """
     place = as_path(path)
-    if place.is_dir():
+    if os.path.isdir(place):
         return _of_folder(place)
     if place.suffix == CSV:
         return load_simulation(place)  # which says what reads it
@@ -55,13 +56,13 @@ def load_result(path: Path | str) -> Any:
 
 
 def _of_folder(folder: Path) -> Any:
-    if (folder / TRAJECTORY).exists():
+    if os.path.exists(folder / TRAJECTORY):
         return load_simulation(folder / TRAJECTORY)
-    if (folder / SWEEP).exists():
+    if os.path.exists(folder / SWEEP):
         from .sweep.result import SweepResult
 
         return SweepResult.load(folder)
-    if (folder / STREAM).exists():
+    if os.path.exists(folder / STREAM):
         from .simulation.stream import load_stream
 
         return load_stream(folder)

@@ -185,13 +185,13 @@ def parameter_path(name: str) -> tuple[str, ...]:
     return tuple(name.split("."))
 
 
-def nearest(name: str, allowed: Iterable[str]) -> str:
+def nearest(name: object, allowed: Iterable[str]) -> str:
     """Return ``; did you mean 'x'?`` for the nearest allowed name, or nothing."""
     name_nearby = _nearest(name, allowed)
     return "" if name_nearby is None else f"; did you mean {show(name_nearby)}?"
 
 
-def nearest_or_all(name: str, known: Iterable[str]) -> str:
+def nearest_or_all(name: object, known: Iterable[str]) -> str:
     """Return ``; did you mean 'x'?`` for the nearest known name, or ``; known: x, y`` with all where none is near."""
     names = list(known)
     suggestion = _nearest(name, names)
@@ -200,7 +200,9 @@ def nearest_or_all(name: str, known: Iterable[str]) -> str:
     return f"; known: {', '.join(names)}" if names else "; there are none"
 
 
-def _nearest(name: str, allowed: Iterable[str]) -> str | None:
+def _nearest(name: object, allowed: Iterable[str]) -> str | None:
+    if not isinstance(name, str):
+        return None
     name = name[:NAME_LENGTH]
     candidates, pairs = [], _PAIRS
     for item in allowed:

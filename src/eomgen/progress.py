@@ -9,6 +9,8 @@ from contextlib import contextmanager
 from functools import wraps
 from typing import Any, ParamSpec, TypeVar
 
+from .errors import check_kind
+
 Arguments = ParamSpec("Arguments")
 Returned = TypeVar("Returned")
 
@@ -102,9 +104,12 @@ def tells_at_prompt(title: str) -> Callable[[Callable[Arguments, Returned]], Cal
     def decorate(function: Callable[Arguments, Returned]) -> Callable[Arguments, Returned]:
         @wraps(function)
         def telling(*args: Arguments.args, **keywords: Arguments.kwargs) -> Returned:
+            own: Any = keywords.pop("progress", None)
+            check_kind("progress", own, own is None or callable(own), "a function, or None")
+            if own is not None:
+                keywords["progress"] = own
             if not is_at_prompt():
                 return function(*args, **keywords)
-            own: Any = keywords.get("progress")
             with told_at_prompt(title, own) as report:
                 keywords["progress"] = report
                 return function(*args, **keywords)

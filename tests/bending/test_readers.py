@@ -587,6 +587,16 @@ def test_what_is_asked_of_a_free_link_only_or_of_a_clamped_one() -> None:
     refused(InputError, "count: got 12 modes; allowed: up to 6, as so many have a mass", reduce, massless)
 
 
+def test_what_leaves_no_node_free_or_has_no_rows_is_refused(tmp_path: Path) -> None:
+    link = bar(**FEW)
+    every = np.arange(len(link.nodes))
+    free = replace(link, root=every[:0], interfaces=(Interface("tip", "rbe2", every, link.nodes.mean(axis=0)),))
+    for whole in (replace(link, root=every, interfaces=()), free):
+        refused(InputError, "^root: with rigid interfaces it has all nodes; allowed: ", reduce, whole)
+    np.savez(tmp_path / "link.npz", **{**arrays_of(link), "dofs": np.array(3)})
+    refused(InputError, r"array 'dofs': has shape \(\); allowed: ", read_link, tmp_path / "link.npz")
+
+
 def test_files_of_finite_elements_hold_what_they_were_written_from(tmp_path: Path) -> None:
     elements = bar("rbe3", counts=(3, 1, 1))
     elements = replace(elements, interfaces=(replace(elements.interfaces[0], weights=np.array([1.0, 2.0, 1.0, 2.0])),))

@@ -39,6 +39,19 @@ USAGE = [  # words, and what is said, as a regular expression
         )
     ),
     ("measure simulate one_link", "invalid choice: 'simulate'"),
+    # an option twice: the first value is not dropped
+    ("simulate ur5 --duration 1 --duration 1", "argument --duration: given more than once; allowed: once"),
+    ("excite ur5 --sample-time 1 --step 2", "argument --step: given more than once; allowed: once"),
+    ("info ur5 --json --json", "argument --json: given more than once; allowed: once"),
+    # what steers a terminal
+    ("info ur5 --\x1b[2J", r"unrecognized arguments: --\\x1b\[2J"),
+    ("info ur5 -o\x07\u202e", r"unrecognized arguments: -o\\x07\\u202e"),
+    ("excite ur5 --h=\x1b[2J", r"ambiguous option: --h=\\x1b\[2J"),
+    # what is no number
+    *(
+        (f"modes one_link --points {text}", rf"argument --points: '{text}'; allowed: a whole number")
+        for text in ("-1e-2", "-inf", "-NaN", "-.5x")
+    ),
     *(
         (f"{words} -o trajectory.npz", "trajectory.npz'; allowed: a path that ends in .html")
         for words in ("report trajectory.npz", "view one_link", "live one_link")
@@ -48,6 +61,7 @@ REFUSED = [
     ("info pumma560", "pumma560.*puma560"),
     ("info missing.toml", "missing.toml"),
     ("generate one_link -o /dev/null/x --kernels mass_matrix", "/dev/null/x"),
+    (f"generate one_link -o {'x' * 300} --kernels mass_matrix", "x/one_link cannot be written: File name too long"),
     ("simulate ur5 --goal 1", "goal.*6 numbers"),
     ("simulate ur5 --duration -1", "duration.*-1.0"),
     # a name twice: the last value does not silently take the place of the first
@@ -101,5 +115,6 @@ def test_refusals(words: str, said: str, code: int, tmp_path: Path, monkeypatch:
     assert (status, out) == (code, ""), err
     assert "Traceback" not in err
     pattern = said.format(["", *words.split()[-2:]]) if code == 2 else said
+    assert err.replace("\n", "").isprintable()
     assert re.search(pattern, " ".join(err.split())), err
     assert not list(tmp_path.iterdir())

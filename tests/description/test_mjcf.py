@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from eomgen.errors import DescriptionError
 from eomgen.export.mujoco import mjcf
 from eomgen.robot.elements.joint_damping import JointDamping
 from eomgen.robot.model import build_model
-from eomgen.robot.value import COORDINATES, Robot
+from eomgen.robot.value import COORDINATES, Coordinate, Coupling, Robot
 from tests.oracles.mjcf import MjcfOracle
 from tests.support.builds import Build
 from tests.support.description_samples import MJCF, URDF, link_poses
@@ -483,3 +484,17 @@ def test_an_aligned_free_joint_is_followed_or_named() -> None:
     inertial = '<inertial pos="0.1 0 0" mass="1" fullinertia="0.02 0.03 0.04 0.005 0 0"/>'
     text = f'<mujoco><worldbody><body name="a"><freejoint align="true"/>{inertial}</body></worldbody></mujoco>'
     assert any("align" in note for note in robot_from_mjcf(text).notes)
+
+
+@pytest.mark.xfail(
+    strict=True,
+    raises=DescriptionError,
+    reason="couplings of several coordinates are written as fixed tendons, which are refused when read: issue 64",
+)
+@pytest.mark.parametrize("law", [None, Coordinate(stiffness=2.0, damping=0.01)], ids=["rigid", "elastic"])
+def test_a_coupling_that_is_written_as_a_tendon_is_read_again(law: Coordinate | None) -> None:
+    ratios = {"joint1.gamma": 0.4, "joint2.gamma": -0.7}
+    coupling = Coupling("pull", "joint3.gamma", ratios, law=law)
+    robot = replace(load_robot("ur5"), couplings=(coupling,), driven=None)
+    (again,) = robot_from_mjcf(mjcf(robot, 1e-3, approximate=True)).couplings
+    assert (sorted(again.to.values()), again.law is None) == ([-0.7, 0.4], law is None)

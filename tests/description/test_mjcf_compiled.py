@@ -15,6 +15,7 @@ import pytest
 
 from eomgen.cli.entry import main
 from eomgen.description.load import as_robot, load_robot, robot_from_mjcf
+from eomgen.description.mjcf import compiling
 from eomgen.errors import DescriptionError, InputError
 from eomgen.robot.value import Robot
 from tests.oracles.mjcf import MjcfOracle
@@ -167,6 +168,22 @@ def test_what_is_only_shown_or_measured_need_not_be_there(tmp_path: Path) -> Non
     text = MJCF.replace('mesh="shin"/>', 'mesh="shin" material="blue"/>')
     path = written(tmp_path, text.replace("</mujoco>", f"{more}{EMPTY}</mujoco>"))
     assert apart(load_robot(path), robot_from_mjcf(MJCF)) == []
+
+
+@pytest.mark.xfail(
+    strict=True,
+    raises=AssertionError,
+    reason="elements without effect are deleted one by one, which takes the square of their number: issue 64",
+)
+def test_many_elements_are_not_deleted_one_by_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    mujoco, calls = needs("mujoco"), list[object]()
+    delete = mujoco.MjSpec.delete
+    monkeypatch.setattr(mujoco.MjSpec, "delete", lambda spec, item: (calls.append(item), delete(spec, item)))
+    motors = "".join(f'<motor name="m{i}" joint="rootx"/>' for i in range(50))
+    compiling._flat(
+        str(written(tmp_path, MJCF.replace("</mujoco>", f"<actuator>{motors}</actuator></mujoco>"))), mujoco
+    )
+    assert len(calls) < 50
 
 
 REFUSED = {  # what stands in the model instead of its include, and words of the refusal

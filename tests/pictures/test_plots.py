@@ -44,6 +44,7 @@ from eomgen.sweep import plan_from_toml, run
 from tests.oracles.force_laws import with_laws
 from tests.support.bristles import block
 from tests.support.measured_results import RESULTS
+from tests.support.quick_builds import answer, python
 from tests.support.random_motors import with_motors
 from tests.support.random_robots import random_robot, random_state, with_random_loops
 from tests.support.random_springs import with_springs
@@ -509,3 +510,18 @@ def test_views_look_along_axes_of_the_base() -> None:
         assert [name for name, count in ticks.items() if not count] == [hidden]
     with warnings.catch_warnings(), pytest.raises(InputError, match=r"^view: 'sde', did you mean|^view: 'sde'"):
         pictures.plot_robot("puma560", view="sde")
+
+
+def test_a_backend_that_is_none_is_refused() -> None:
+    code = """
+    import json
+    from eomgen.errors import InputError
+    from eomgen.pictures.style import sheet
+    try:
+        with sheet(1.0, 1.0, "x.svg"):
+            pass
+    except InputError as error:
+        print(json.dumps(str(error)))
+    """
+    said = answer(python(code, MPLBACKEND="nonsense\x1b"))
+    assert said == "the environment's MPLBACKEND is 'nonsense\\x1b'; allowed: a backend of Matplotlib"

@@ -277,6 +277,12 @@ def test_the_page_has_its_date_and_amber_is_for_warnings(
     assert report_of(result, modes=False).made == date.today().isoformat()
 
 
+@pytest.mark.parametrize("epoch", ["99999999999999999", "9" * 5000, "\N{SUPERSCRIPT TWO}", "today"])
+def test_dates_that_are_none_are_refused(epoch: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", epoch)
+    refused(InputError, "^the environment's SOURCE_DATE_EPOCH is .*; allowed: seconds", Report, "x", (), (), (), ())
+
+
 def texts_of_notes() -> Iterator[str]:
     """Texts in the source of the rooms whose results have notes, with 0 for what is put into them."""
     for room in ("description", "identification", "integration", "motion", "runtime", "simulation", "state"):

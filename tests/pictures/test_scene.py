@@ -352,6 +352,22 @@ def test_meshes_are_drawn_and_missing_ones_named(tmp_path: Path) -> None:
     assert len(axes.collections) == len(shapes) + 1, "three shapes, and the capsule of b"
 
 
+@pytest.mark.parametrize(
+    ("corners", "words"),
+    [
+        ("", "it has no vertices or no faces; allowed: "),
+        ("v 0 0 0\nv 1e300 0 0\nv 0 1 0\n", "farther than 1e+30 m; allowed: "),
+        ("v 0 0 0\nv 1 0 1e20\nv 0 1 0\n", "farther than 1e+30 m; allowed: "),
+    ],
+)
+def test_meshes_without_places_are_left_out(corners: str, words: str, tmp_path: Path) -> None:
+    needs("trimesh")
+    (tmp_path / "x.obj").write_text(f"{corners}f 1 2 3\n")
+    shapes, notes = visuals.urdf_shapes(arm(tmp_path, {"a": ("<mesh filename='x.obj' scale='2 2 1e300'/>",)}))
+    assert shapes == []
+    assert words in notes[0]
+
+
 def test_meshes_of_a_package_are_found() -> None:
     needs("collada", "example_robot_data")
     (path,) = [path for path in example_urdfs() if path.name == "ur5_robot.urdf"]

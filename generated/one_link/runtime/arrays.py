@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -240,13 +240,23 @@ def flag(label: str, value: Any) -> bool:
 
 def names_in(label: str, value: Any) -> list[str]:
     """Return names as a list; InputError, which begins with the label, of anything but texts in a row."""
-    if isinstance(value, (str, bytes)) or not isinstance(value, Iterable):
+    try:
+        names = None if isinstance(value, (str, bytes)) else list(value)
+    except TypeError:  # arrays without axes are iterables, too
+        names = None
+    if names is None:
         raise InputError(f"{label}: {show(value)}; allowed: a sequence of names")
-    names = list(value)
     for name in names:
         if not isinstance(name, str):
             raise InputError(f"{label}: {show(name)} is no name; allowed: a sequence of names")
     return names
+
+
+def word_in(label: str, value: Any, allowed: Collection[str]) -> str:
+    """Return one of the allowed words; InputError, which begins with the label, of anything else."""
+    if not isinstance(value, str) or value not in allowed:
+        raise InputError(f"{label}: {show(value)} is unknown; allowed: {', '.join(allowed)}")
+    return value
 
 
 def numbers_in(label: str, value: Any, allowed: str, *, finite: bool = True) -> Array:

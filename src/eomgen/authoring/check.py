@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -81,7 +82,7 @@ def check_file(
     name = str(path)
     kind = "robot"
     try:
-        if name in builtin_robots() and not Path(path).is_file():
+        if name in builtin_robots() and not os.path.isfile(path):
             return _read(name, name, kind, options)
         if Path(path).suffix not in (*SUFFIXES, ".sdf"):  # whose refusal says what to do
             message = f"cannot be checked; allowed: a path that ends in {', '.join(SUFFIXES)}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
@@ -92,7 +93,7 @@ def write_new_file(name: str, path: str | Path | None = None, kind: str = "robot
 def _write_beside_schema(text: str, target: Path, kind: str) -> Path:
     """Write a new file and beside it the schema that its first line names; return its path."""
     schema = target.with_name(schema_path(kind).name)
-    if schema.exists() and not is_schema(schema, kind):
+    if os.path.exists(schema) and not is_schema(schema, kind):
         raise InputError(f"new: {show(schema.name)} there is no schema of a {kind}; allowed: another folder")
     _write_new(text, target, ".toml", _READERS[kind])
     write_atomically(schema, lambda stream: stream.write(schema_path(kind).read_bytes()), read=None)
@@ -173,7 +174,7 @@ def _robot_here(name: str) -> Robot:
         return load_robot(Path(name))
     if not is_robot_name(name):
         raise InputError(f"new: got the name {show(name)}; allowed: {ROBOT_RULE}")
-    files = [Path(f"{name}{ending}") for ending in (".toml", ".urdf") if Path(f"{name}{ending}").is_file()]
+    files = [Path(f"{name}{ending}") for ending in (".toml", ".urdf") if os.path.isfile(f"{name}{ending}")]
     if not files and name not in builtin_robots():
         raise InputError(
             f"new: there is no robot {show(name)}; allowed: the name of a .toml or .urdf file here, or of a built-in"

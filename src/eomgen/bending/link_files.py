@@ -70,7 +70,7 @@ def read_link(path: Path | str, how: HowToTake | None = None) -> BendingBody:
 
 def _reduced_once(path: Path | str, arrays: Mapping[str, NDArray[Any]], how: HowToTake) -> BendingBody:
     """Return the reduced link of arrays of finite elements, kept by their content."""
-    if "dofs" in arrays and len(arrays["dofs"]) > MOST_UNKNOWNS:
+    if "dofs" in arrays and arrays["dofs"].shape[:1] > (MOST_UNKNOWNS,):
         raise _too_large(path, f"its matrices have {len(arrays['dofs'])} rows; allowed: up to {MOST_UNKNOWNS}")
     content = hashlib.sha256(repr((how.count, how.units)).encode())
     for name in sorted(set(NAMES) & arrays.keys()):

@@ -183,6 +183,8 @@ def _factors(K: Any, names: Callable[[int], str]) -> Any:
     """Factorise a symmetric, positive definite matrix without exchanges of rows."""
     from scipy.sparse.linalg import splu
 
+    if not K.shape[0]:
+        raise InputError("root: with rigid interfaces it has all nodes; allowed: a link with nodes in neither")
     try:
         options = {"SymmetricMode": True}
         factors = splu(K, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)

@@ -36,6 +36,7 @@ from . import (
 from .completion import SHELLS, Completion
 from .shared.command import Command, Group
 from .shared.output import say_lines
+from .shared.parser import CommandParser
 
 OK, INPUT_ERROR, BUG = 0, 1, 70
 INTERRUPTED = 130
@@ -126,7 +127,7 @@ def make_parser(names: Collection[str] = NAMES) -> argparse.ArgumentParser:
         parser=make_parser,
         help="print what a shell completes commands, options and built-in robots with",
     )
-    commands = parser.add_subparsers(required=True, metavar="COMMAND", parser_class=argparse.ArgumentParser)
+    commands = parser.add_subparsers(required=True, metavar="COMMAND", parser_class=CommandParser)
     for command in COMMANDS:
         _add_command(commands, command, command.name in names)
     for group in GROUPS:
@@ -145,7 +146,7 @@ def make_parser(names: Collection[str] = NAMES) -> argparse.ArgumentParser:
     return parser
 
 
-class _Parser(argparse.ArgumentParser):
+class _Parser(CommandParser):
     """The parser of ``eomgen``: its help lists commands by groups."""
 
     def format_help(self) -> str:
@@ -164,7 +165,7 @@ class _Parser(argparse.ArgumentParser):
         return formatter.format_help()
 
 
-def _add_command(commands: argparse._SubParsersAction[argparse.ArgumentParser], command: Command, whole: bool) -> None:
+def _add_command(commands: argparse._SubParsersAction[CommandParser], command: Command, whole: bool) -> None:
     """Add the parser of a command, with its arguments if it is to be ``whole``."""
     sentence = f"{command.help[0].upper()}{command.help[1:]}."
     added = commands.add_parser(

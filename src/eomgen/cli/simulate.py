@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from pathlib import Path
 
@@ -50,7 +51,7 @@ def _simulate(options: argparse.Namespace) -> None:
         within = once_each("--within", ((name, reals("--within", [error])[0]) for name, error in options.within))
     robot, target = read_robot(options), options.output / TRAJECTORY
     scenario = load_scenario(options.scenario) if options.scenario else None
-    replaced = target.exists()
+    replaced = os.path.exists(target)
     try:
         with progress_bar("simulating") as report:
             if scenario is not None:

@@ -63,7 +63,7 @@ class FeedForward(Shown, Tabular, SavedColumns):
 
     def of(self, coordinate: str) -> tuple[Array, Array, Array, Array]:
         """Return position, velocity, acceleration and drive of a coordinate, (T,) each; InputError if there is none."""
-        if coordinate not in self.coordinates:
+        if not isinstance(coordinate, str) or coordinate not in self.coordinates:
             raise InputError(f"coordinate: {show(coordinate)} is unknown; known: {', '.join(self.coordinates)}")
         i = self.coordinates.index(coordinate)
         return self.q[:, i], self.v[:, i], self.a[:, i], self.u[:, i]
@@ -78,7 +78,7 @@ class FeedForward(Shown, Tabular, SavedColumns):
         Raises:
             InputError: another degree, too few samples for it, gains that are none, or SciPy is not installed.
         """
-        if degree not in DEGREES or len(self.t) <= degree:
+        if not isinstance(degree, int) or degree not in DEGREES or len(self.t) <= degree:
             raise InputError(
                 f"degree: {show(degree)} for {len(self.t)} samples; allowed: {', '.join(map(str, DEGREES))}, less than"
                 " there are samples"

@@ -24,6 +24,7 @@ from ..progress import StageReport, no_report, tells_at_prompt
 from ..robot.mechanism import driven_coordinates
 from ..robot.model import build_model
 from ..robot.value import Coordinate, Motor, Robot
+from ..runtime.arrays import word_in
 from .elastic_feedforward import check_flat, check_smoothing, links_alone
 from .gears import Gears, check_one_slope, filter_weights, gears_of, laws_alone, principal_of
 from .link_friction import coulomb_frictions, softened
@@ -77,8 +78,7 @@ def feedforward_files(
     robot = as_robot(robot)
     if not (is_usable(dt) and dt > 0.0):
         raise InputError(f"dt: {show(dt)}; allowed: a time above 0, up to {LARGEST:g} s")
-    if dtype not in SCALARS:
-        raise InputError(f"dtype: {show(dtype)} is unknown; allowed: {', '.join(SCALARS)}")
+    word_in("dtype", dtype, SCALARS)
     progress("looking at the gears")
     parts = _parts_of(robot, friction_smoothing)
     progress("deriving the equations")

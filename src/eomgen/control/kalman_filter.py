@@ -11,13 +11,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..description import RobotLike
-from ..errors import InputError, IntegrationError, LoopError, UnknownNameError
-from ..limits import LARGEST, is_usable
+from ..errors import InputError, IntegrationError, LoopError, UnknownNameError, check_kind
+from ..limits import LARGEST, MOST_COUNTED, is_usable
 from ..names import component_name, nearest_or_all, show
 from ..pipeline.stages import build
 from ..robot.model import Model, build_model
 from ..robot.parameter_names import leasts
 from ..robot.value import Sensor
+from ..runtime.arrays import joint_lead, names_in, numbers_in, word_in
 from ..runtime.kernel import Kernel
 from .covariances import Covariance, SquareRoot
 from .filter_coordinates import AllCoordinates, FilterCoordinates, IndependentCoordinates, kernels_of_coordinates
@@ -37,6 +38,7 @@ POSE_SEED, POSES_APART, DEFLECTED = (
     1e-3,
 )  # of the state about which observability is looked at; rad or m, rad/s
 LEAST = 1e-3  # of a described parameter: what remains of an estimate that may not be below 0
+PER_COORDINATE = ("position", "velocity", "acceleration")  # fields that may have a number for each coordinate
 NEARER = 6  # times that it is halved where loops do not close so far from the home
 
 
@@ -66,16 +68,17 @@ class Uncertainty:
         for each in fields(self):
             value = getattr(self, each.name)
             least = 0.0 if each.name.endswith(("drift", "acceleration")) else np.nextafter(0.0, 1.0)
-            per_coordinate = each.name in ("position", "velocity", "acceleration")
-            numbers = list(value) if per_coordinate and isinstance(value, (list, tuple, np.ndarray)) else [value]
+            several = isinstance(value, (list, tuple)) or (isinstance(value, np.ndarray) and value.ndim > 0)
+            numbers = list(value) if several and each.name in PER_COORDINATE else [value]
             if not numbers or not all(is_usable(x) and x >= least for x in numbers):
                 raise InputError(
                     f"uncertainty: {each.name} is {show(value)}; allowed: above 0 (of noise, 0), up to {LARGEST:g}"
                 )
 
     def of_coordinates(self, name: str, n: int) -> Numbers:
-        """Return one number for each coordinate, (n,), of the field of that name."""
-        value = np.asarray(getattr(self, name), float)
+        """Return one number for each coordinate, (n,), of the field of that name; InputError of another count."""
+        value = np.asarray(getattr(self, word_in("name", name, PER_COORDINATE)), float)
+        check_kind("n", n, type(n) is int and 0 <= n <= MOST_COUNTED, "a number of coordinates")
         if value.ndim and value.shape != (n,):
             raise InputError(f"uncertainty: {name} has {value.size} numbers; allowed: one, or {n}, one per coordinate")
         return np.array(np.broadcast_to(value, (n,)))
@@ -172,6 +175,8 @@ class Observer:
 
     def __init__(self, model: FilterModel, steps: FilterSteps) -> None:
         """Begin at the described home, at rest, with the described parameters."""
+        check_kind("model", model, isinstance(model, FilterModel), "a model that observer makes")
+        check_kind("steps", steps, isinstance(steps, FilterSteps), "steps that observer makes")
         self.filter, self.kernel, self._steps = model, steps.kernel, steps
         self._f, self._coordinates = len(model.coordinates), steps.coordinates
         self.states, dtype = model.states, steps.kernel.dtype
@@ -233,7 +238,7 @@ class Observer:
         Raises:
             UnknownNameError: no such state.
         """
-        if name not in self.states:
+        if not isinstance(name, str) or name not in self.states:
             raise UnknownNameError(f"observer: {show(name)} is no state{nearest_or_all(name, self.states)}")
         return float(self.state[self.states.index(name)])
 
@@ -290,11 +295,19 @@ class Observer:
         return squares
 
     def transition(self, by: Numbers) -> tuple[Numbers, Numbers]:
-        """Return the transition matrix F, (N, N), and the noise's columns G, (N, N), from derivatives of q and v."""
+        """Return the transition matrix F, (N, N), and the noise's columns G, (N, N), from derivatives of q and v.
+
+        Raises:
+            InputError: derivatives of another shape, or no numbers.
+        """
         f, N, dtype = self._f, len(self.states), self.kernel.dtype
         dt, noise = dtype.type(self.filter.dt), np.diag(self._noise)
-        F, size = np.eye(N, dtype=dtype), by.shape[1]
-        F[: 2 * f, :size] = by
+        shape = (2 * f, self._steps.size)
+        slopes = numbers_in("by", by, f"numbers of shape {shape}", finite=False)
+        if slopes.shape != shape:
+            raise InputError(f"by: got the shape {slopes.shape}; allowed: {shape}")
+        F = np.eye(N, dtype=dtype)
+        F[: 2 * f, : self._steps.size] = slopes
         noise[:f] += dt * noise[f : 2 * f]
         return F, noise
 
@@ -331,12 +344,13 @@ class Observer:
 
         Raises:
             InputError: arrays of other shapes, or a time that is no number above 0.
+            LoopError: the loops do not close near a state.
         """
         if not (is_usable(horizon) and horizon > 0.0):
             raise InputError(f"horizon: {show(horizon)} s; allowed: a time above 0, up to {LARGEST:g}")
         n, kept, u = self.kernel.n, self.state, self._u
         before = self.q
-        states = [self._generic()] if q is None else list(zip(*np.broadcast_arrays(*_rows(q, v, n)), strict=True))
+        states = [self._generic()] if q is None else list(zip(*_rows(q, v, n), strict=True))
         systems = []
         try:
             for here, rate in states:
@@ -418,8 +432,7 @@ def observer(
         BuildError: see ``build``.
     """
     model = filter_model(robot, measure, dt=dt, states=states, uncertainty=uncertainty, form=form, dtype=dtype)
-    if unobservable not in ("refuse", "allow"):
-        raise InputError(f"unobservable: {show(unobservable)}; allowed: refuse, allow")
+    word_in("unobservable", unobservable, ("refuse", "allow"))
     made = Observer(model, steps_of(model))
     if unobservable == "refuse":
         told = made.observability()
@@ -444,20 +457,19 @@ def filter_model(
     measurement = measure if isinstance(measure, Measurement) else Measurement.of(robot, measure)
     if not (is_usable(dt) and dt > 0.0):
         raise InputError(f"dt: {show(dt)} s; allowed: a time above 0, up to {LARGEST:g}")
-    if form not in FORMS:
-        raise InputError(f"form: {show(form)} is unknown; allowed: {', '.join(FORMS)}")
+    word_in("form", form, FORMS)
+    fits = uncertainty is None or isinstance(uncertainty, Uncertainty)
+    check_kind("uncertainty", uncertainty, fits, "an Uncertainty, or None")
     model = build_model(measurement.robot)
     _refuse_what_filters_lack(model)
-    if isinstance(states, str):
-        raise InputError(f"states: {show(states)}; allowed: a sequence of names")
     links, parameters = list[str](), list[str]()
-    for name in states:
-        is_wrench = isinstance(name, str) and name.startswith(WRENCH)
+    for name in names_in("states", states):
+        is_wrench = name.startswith(WRENCH)
         known = model.links if is_wrench else tuple(model.parameters)
         key = name.removeprefix(WRENCH) if is_wrench else name
         if key not in known:
             what = "link that moves" if is_wrench else "parameter, nor a wrench, wrench:LINK"
-            raise UnknownNameError(f"states: {show(key)} is no {what}{nearest_or_all(str(key), known)}")
+            raise UnknownNameError(f"states: {show(key)} is no {what}{nearest_or_all(key, known)}")
         (links if is_wrench else parameters).append(key)
     for names in (links, parameters):
         twice = [x for x in names if names.count(x) > 1]
@@ -548,12 +560,10 @@ def kernels_of(model: FilterModel, *, is_linear: bool) -> tuple[str, ...]:
 
 def _vector(label: str, values: ArrayLike, size: int) -> Numbers:
     """Return finite numbers, (size,)."""
-    try:
-        array = np.asarray(values, float)
-    except (TypeError, ValueError):
-        raise InputError(f"{label}: {show(values)}; allowed: {size} numbers") from None
-    if array.shape != (size,) or not np.isfinite(array).all():
-        raise InputError(f"{label}: got the shape {array.shape}; allowed: ({size},), finite numbers")
+    allowed = f"({size},), finite numbers"
+    array = numbers_in(label, values, allowed)
+    if array.shape != (size,):
+        raise InputError(f"{label}: got the shape {array.shape}; allowed: {allowed}")
     return array
 
 
@@ -587,8 +597,10 @@ def _not_finite(label: str, given: Numbers) -> IntegrationError:
 
 def _rows(q: ArrayLike, v: ArrayLike | None, n: int) -> tuple[Numbers, Numbers]:
     """Return states, (poses, n) each."""
-    rows = [np.atleast_2d(np.asarray(x, float)) for x in (q, np.zeros(n) if v is None else v)]
+    allowed = f"({n},) or (poses, {n}), finite numbers"
+    rows = [numbers_in(label, x, allowed) for label, x in (("q", q), ("v", np.zeros(n) if v is None else v))]
     for label, array in zip("qv", rows, strict=True):
-        if array.ndim != 2 or array.shape[1] != n or not np.isfinite(array).all():
-            raise InputError(f"{label}: got the shape {array.shape}; allowed: ({n},) or (poses, {n}), finite numbers")
-    return rows[0], rows[1]
+        if array.ndim not in (1, 2) or array.shape[-1] != n:
+            raise InputError(f"{label}: got the shape {array.shape}; allowed: {allowed}")
+    lead = joint_lead("v", rows[0].shape[:-1], rows[1].shape[:-1]) or (1,)
+    return np.broadcast_to(rows[0], (*lead, n)), np.broadcast_to(rows[1], (*lead, n))

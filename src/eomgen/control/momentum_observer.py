@@ -28,13 +28,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._version import __version__
+from ..codegen.c.scalar_types import SCALARS
 from ..description import RobotLike, as_robot
-from ..errors import InputError, UnknownNameError
+from ..errors import InputError, UnknownNameError, check_kind
+from ..limits import is_usable
 from ..names import listed, nearest_or_all, show
 from ..pipeline import Options, build, generate
 from ..robot.mechanism import coordinate_of
 from ..robot.model import build_model
 from ..robot.value import PRINCIPAL, Coordinate, Robot
+from ..runtime.arrays import flag, joint_lead, numbers_in, word_in
 from ..runtime.kernel import Kernel
 from . import independent
 from .independent import Independent, kernels_of_choice
@@ -91,15 +94,17 @@ class MomentumObserver:
             kernel: one of the robot with ``kernels`` that is there already; built without one.
 
         Raises:
-            InputError: numbers out of their range, or a robot whose external forces cannot be told: with prescribed
-                coordinates, or laws with states.
+            InputError: arguments of other types, numbers out of their range, or a robot whose external forces cannot be
+                told: with prescribed coordinates, or laws with states.
             LoopError: loops do not close near the described home.
             UnknownNameError: a name that is no coordinate.
         """
         whole = as_robot(robot)
-        self.robot = links_alone(whole) if torque_sensors else whole
+        self.robot = links_alone(whole) if flag("torque_sensors", torque_sensors) else whole
         _check_observable(self.robot)
-        model, self.dtype, self._given = build_model(self.robot), np.dtype(dtype), kernel
+        check_kind("kernel", kernel, kernel is None or isinstance(kernel, Kernel), "a Kernel (from build), or None")
+        model, self._given = build_model(self.robot), kernel
+        self.dtype = np.dtype(word_in("dtype", dtype, SCALARS))
         self._size = model.size
         self.kernels: tuple[str, ...] = KERNELS
         self._independent: Independent | None = None
@@ -109,7 +114,7 @@ class MomentumObserver:
             self._independent = Independent.of(self.kernel, assembled, model.driven)
         kept = range(model.size) if self._independent is None else self._independent.free
         self.coordinates = tuple(model.coordinates[i] for i in kept)
-        if not _is_number(dt) or not 0.0 < dt < math.inf:
+        if not (is_usable(dt) and dt > 0.0):
             raise InputError(f"dt: got {show(dt)}; allowed: a number above 0, s")
         self.dt = float(dt)
         self.gain = self._numbers("gain", gain, None)
@@ -139,16 +144,19 @@ class MomentumObserver:
             u: drives that were held since the sample before, (..., n).
 
         Raises:
-            InputError: u of another shape, or a sample whose forces are not finite; the observer stays as it was.
+            InputError: q, v or u of another shape than before, or a sample whose forces are not finite; the observer
+                stays as it was.
             SingularError: the independent coordinates of a closed mechanism do not hold the others in this state.
         """
         if self._before is None:
             self.start(q, v)
             return self.external
         now, before = self._look(q, v), self._before
-        held = np.asarray(u, self.dtype)
+        held = numbers_in("u", u, f"(..., {self._size}), finite numbers").astype(self.dtype)
         if held.shape[-1:] != (self._size,):
             raise InputError(f"u: got the shape {held.shape}; allowed: (..., {self._size})")
+        lead = joint_lead("q", self.external.shape[:-1], now.momentum.shape[:-1])
+        joint_lead("u", lead, held.shape[:-1])
         if self._independent is not None and before.slopes is not None and now.slopes is not None:
             held = self._independent.along(self._half * (before.slopes + now.slopes), held)
         with np.errstate(all="ignore"):
@@ -179,7 +187,6 @@ class MomentumObserver:
         It takes no heap, keeps its state in the caller's struct, and needs the same time for each sample.  Its numbers
         are those of ``step`` to the bit, where products are not fused with sums; of closed mechanisms to round-off.
         """
-        from ..codegen.c.scalar_types import SCALARS
         from ..codegen.c.source import environment
 
         scalar = SCALARS[str(self.dtype)]
@@ -244,12 +251,12 @@ class MomentumObserver:
         if isinstance(given, Mapping):
             for name in given:
                 if name not in names:
-                    raise UnknownNameError(f"{label}: {show(name)} is no coordinate{nearest_or_all(str(name), names)}")
+                    raise UnknownNameError(f"{label}: {show(name)} is no coordinate{nearest_or_all(name, names)}")
             missing = [name for name in names if name not in given]
             if missing and left is None:
                 raise InputError(f"{label}: {listed(missing)} has none; allowed: a number for each coordinate")
             values = [given.get(name, left) for name in names]
-        elif isinstance(given, (Sequence, np.ndarray)):
+        elif isinstance(given, Sequence) or (isinstance(given, np.ndarray) and given.ndim > 0):
             values = list(given)
         else:
             values = [given] * len(names)
@@ -258,7 +265,8 @@ class MomentumObserver:
                 f"{label}: got {len(values)} numbers; allowed: one, or {len(names)}, one for each coordinate"
             )
         for name, value in zip(names, values, strict=True):
-            if not _is_number(value) or not value > 0.0 or (left is None and value == math.inf):
+            endless = left is not None and isinstance(value, float) and value == math.inf
+            if not endless and not (is_usable(value) and value > 0.0):
                 raise InputError(f"{label}: {name} has {show(value)}; allowed: a number above 0")
         return np.array(values, float)
 
@@ -295,7 +303,3 @@ def _check_observable(robot: Robot) -> None:
         raise InputError(
             f"robot: laws have states ({listed(model.memory)}), which are not measured; allowed: robot.without_states()"
         )
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
@@ -14,11 +13,13 @@ from numpy.typing import ArrayLike
 from .._version import __version__
 from ..arrays import Array
 from ..description import RobotLike, as_robot
-from ..errors import InputError, UnknownNameError
+from ..errors import InputError, UnknownNameError, check_kind
+from ..limits import is_usable
 from ..names import nearest, nearest_or_all, show
 from ..robot.fields import Picklable
 from ..robot.model import build_model
 from ..robot.value import SENSOR_KINDS, Robot, Sensor, innovations, readings, sensor_conflict
+from ..runtime.arrays import joint_lead, numbers_in, word_in
 from ..runtime.kernel import Kernel
 
 NOISE: Mapping[str, float] = MappingProxyType(  # standard deviations of readings, by their units
@@ -49,6 +50,14 @@ class Measurement(Picklable):
     drift: tuple[float, ...]
     kernels: tuple[str, ...] = field(default=KERNELS, init=False)
 
+    def __post_init__(self) -> None:
+        check_kind("robot", self.robot, isinstance(self.robot, Robot), "a Robot (from load_robot)")
+        count = len(self.innovations)
+        for label, numbers in (("noise", self.noise), ("drift", self.drift)):
+            check_kind(label, numbers, isinstance(numbers, tuple), f"a tuple of {count} numbers")
+            if len(numbers) != count or not all(is_usable(x) and x >= 0.0 for x in numbers):
+                raise InputError(f"{label}: {show(list(numbers))}; allowed: {count} numbers from 0 on")
+
     @classmethod
     def of(
         cls,
@@ -78,8 +87,7 @@ class Measurement(Picklable):
             if conflict is not None:
                 raise InputError(f"sensors of {chosen.name}: {conflict}")
         rows = [(sensor, name, unit) for sensor in found for name, unit in innovations(chosen, sensor)]
-        deviations = _by_name("noise", noise or {}, rows)
-        drifts = _by_name("drift", drift or {}, rows)
+        deviations, drifts = _by_name("noise", noise, rows), _by_name("drift", drift, rows)
         for (sensor, _, _), walk in zip(rows, drifts, strict=True):
             if sensor.kind == "pose" and walk:
                 raise InputError(f"drift: {sensor.name} is a pose, which has no bias; allowed: other sensors")
@@ -143,9 +151,13 @@ class Measurement(Picklable):
 
         Args:
             measured, predicted: (..., readings).
+
+        Raises:
+            InputError: numbers of another shape, or not finite.
         """
         y, h = self._taken("measured", measured), self._taken("predicted", predicted)
-        y, h = np.broadcast_arrays(y, h)
+        lead = joint_lead("predicted", y.shape[:-1], h.shape[:-1])
+        y, h = (np.broadcast_to(x, (*lead, x.shape[-1])) for x in (y, h))
         parts, at = list[Array](), 0
         for begin, _ in self.poses:
             parts += [y[..., at:begin] - h[..., at:begin]]
@@ -158,6 +170,9 @@ class Measurement(Picklable):
         """Return derivatives of the innovations' predicted part by the readings, (..., innovations, readings).
 
         H = weights times the derivative of ``measurement``: each row is the cotangent of one reverse sweep.
+
+        Raises:
+            InputError: numbers of another shape, or not finite.
         """
         h = self._taken("predicted", predicted)
         W = np.zeros((*h.shape[:-1], len(self.noise), h.shape[-1]))
@@ -179,10 +194,14 @@ class Measurement(Picklable):
         Args:
             kernel: of ``robot``, with ``kernels``.
             q, v, a: (..., n).
+
+        Raises:
+            InputError: no kernel, or numbers of another shape, or not finite.
         """
-        states = np.broadcast_arrays(*(np.asarray(x, kernel.dtype) for x in (q, v, a)))
-        W = self.weights(kernel.measurement(*states)).astype(kernel.dtype)
-        rows = [np.ascontiguousarray(np.broadcast_to(x[..., None, :], (*W.shape[:-1], x.shape[-1]))) for x in states]
+        check_kind("kernel", kernel, isinstance(kernel, Kernel), "a Kernel (from build)")
+        W = self.weights(kernel.measurement(q, v, a)).astype(kernel.dtype)
+        states = (np.asarray(x, kernel.dtype)[..., None, :] for x in (q, v, a))
+        rows = [np.ascontiguousarray(np.broadcast_to(x, (*W.shape[:-1], kernel.n))) for x in states]
         H_q, H_v, H_a = kernel.vjp("measurement", rows, W)
         return H_q, H_v, H_a
 
@@ -192,8 +211,12 @@ class Measurement(Picklable):
         Args:
             exact: (..., readings), of the kernel.
             rng: draws the noise.
+
+        Raises:
+            InputError: numbers of another shape, or not finite.
         """
-        y: Array = self._taken("exact", exact).copy()
+        check_kind("rng", rng, isinstance(rng, np.random.Generator), "a numpy.random.Generator")
+        y = self._taken("exact", exact)
         noise = rng.normal(size=(*y.shape[:-1], len(self.noise))) * np.array(self.noise)
         row = at = 0
         for begin, first in self.poses:
@@ -211,11 +234,14 @@ class Measurement(Picklable):
 
         Args:
             dtype: of the robot's C.
+
+        Raises:
+            InputError: the dtype is unknown.
         """
         from ..codegen.c.scalar_types import SCALARS
         from ..codegen.c.source import environment
 
-        real, name = SCALARS[dtype], self.robot.name
+        real, name = SCALARS[word_in("dtype", dtype, SCALARS)], self.robot.name
         rows = self.weights(np.zeros(len(self.readings)))
         context = {
             "name": name,
@@ -233,7 +259,8 @@ class Measurement(Picklable):
         return {f"{name}_innovation.{ending}": text.render(context) for ending, text in texts.items()}
 
     def _taken(self, label: str, values: ArrayLike) -> Array:
-        array, size = np.asarray(values, float), len(self.readings)
+        size = len(self.readings)
+        array = numbers_in(label, values, f"(..., {size}), one number for each reading")
         if array.shape[-1:] != (size,):
             raise InputError(
                 f"{label}: got the shape {array.shape}; allowed: (..., {size}), one number for each reading"
@@ -282,18 +309,20 @@ def _sensors(given: str | Sequence[str | Sensor]) -> tuple[Sensor, ...]:
     return tuple(found)
 
 
-def _by_name(label: str, given: Mapping[str, float], rows: Sequence[tuple[Sensor, str, str]]) -> list[float | None]:
+def _by_name(label: str, named: Any, rows: Sequence[tuple[Sensor, str, str]]) -> list[float | None]:
     """Return a number for each innovation from those by names of innovations, sensors or kinds.
 
     Raises:
         UnknownNameError: a name of nothing that is measured.
         InputError: no number, or one below 0.
     """
+    check_kind(label, named, named is None or isinstance(named, Mapping), "numbers by name, or None")
+    given = named or {}
     known = {x for sensor, name, _ in rows for x in (name, sensor.name, sensor.kind)}
     for name, value in given.items():
         if name not in known:
-            raise UnknownNameError(f"{label}: {show(name)} is not measured{nearest_or_all(str(name), known)}")
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 <= value < math.inf:
+            raise UnknownNameError(f"{label}: {show(name)} is not measured{nearest_or_all(name, known)}")
+        if not (is_usable(value) and value >= 0.0):
             raise InputError(f"{label}: {name} has {show(value)}; allowed: a number that is at least 0")
     return [
         next((float(given[x]) for x in (name, sensor.name, sensor.kind) if x in given), None)

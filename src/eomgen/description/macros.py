@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import os
 import sys
 import threading
 from collections.abc import Iterator, Mapping
@@ -59,7 +60,7 @@ def expanded_urdf(path: Path, *, trusted: Xacro, arguments: Mapping[str, object]
     if trusted is not True and not isinstance(trusted, Mapping):
         raise DescriptionError(f"{_WHY}; allowed: {_ASK}", source=str(path))
     for name, folder in packages.items():
-        if not isinstance(folder, (str, Path)) or not Path(folder).is_dir():
+        if not isinstance(folder, (str, Path)) or not os.path.isdir(folder):
             what = f"package {show(name)}: there is no folder {show_path(str(folder))}"
             raise DescriptionError(f"{what}; allowed: the folder of the package", source=str(path))
     given = _Arguments({name: _value_of(path, name, value) for name, value in (arguments or {}).items()})

@@ -12,7 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from .._version import __version__
+from ..errors import InputError
 from ..files import PAGE_ENDING, check_ending, write_atomically
+from ..names import show
 from .svg import inline_svg
 
 TEMPLATE = "report/report.html.jinja"
@@ -93,7 +95,13 @@ def sorted_notes(notes: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]
 
 def _today() -> date:
     epoch = os.environ.get("SOURCE_DATE_EPOCH", "")
-    return datetime.fromtimestamp(int(epoch), tz=UTC).date() if epoch.isdecimal() else date.today()
+    if not epoch:
+        return date.today()
+    try:
+        return datetime.fromtimestamp(int(epoch), tz=UTC).date()
+    except (ValueError, OverflowError, OSError):  # as systems say it
+        allowed = "seconds since 1970, up to the year 9999"
+        raise InputError(f"the environment's SOURCE_DATE_EPOCH is {show(epoch)}; allowed: {allowed}") from None
 
 
 def drawn(result: Any, drawings: Iterable[tuple[str, str, Callable[[Any, Path], Path]]]) -> tuple[Figure, ...]:

@@ -22,6 +22,7 @@ from ..arrays import Array
 from ..errors import DescriptionError
 from ..files import read_regular
 from ..forms.toml_text import read_text
+from ..limits import LARGEST
 from ..names import show, unique_identifiers
 from ..optional import optional_import
 from ..robot.geometry import rotation_from_rpy
@@ -73,13 +74,23 @@ def urdf_shapes(robot: Robot) -> tuple[list[Shape], list[str]]:
         link = names[element.get("name", "")]
         for visual in element.iterfind("visual"):
             try:
-                vertices, faces = _geometry(visual, path, room)
+                with np.errstate(over="ignore", invalid="ignore"):  # of places that are refused then
+                    vertices, faces = _placed(*_geometry(visual, path, room), _origin(visual))
             except Exception as error:  # whatever a reader of meshes raises: the link is a capsule then
                 notes.append(f"shape of {link}: {ascii(str(error))[1:-1][:300]}")
                 continue
-            pose = _origin(visual)
-            shapes.append(Shape(link, vertices @ pose[:3, :3].T + pose[:3, 3], faces))
+            shapes.append(Shape(link, vertices, faces))
     return shapes, notes
+
+
+def _placed(vertices: Array, faces: NDArray[np.int32], pose: Array) -> Mesh:
+    """Return a mesh in the link's frame; ValueError where there is nothing to draw, or vertices are no places."""
+    placed = vertices @ pose[:3, :3].T + pose[:3, 3]
+    if not len(vertices) or not len(faces):
+        raise ValueError("it has no vertices or no faces; allowed: at least a triangle")
+    if not (np.abs(placed) <= LARGEST).all():
+        raise ValueError(f"it has vertices that are farther than {LARGEST:g} m; allowed: nearer ones")
+    return placed, faces
 
 
 def _origin(visual: Element) -> Array:
@@ -272,7 +283,7 @@ def mesh_path(name: str, urdf: Path) -> Path:
         ValueError: there is none.
     """
     for place in _places(name, urdf.resolve()):
-        if place.is_file():
+        if os.path.isfile(place):
             return place
     raise ValueError(f"there is no mesh {show(name)}; packages are looked for above the URDF and in ROS_PACKAGE_PATH")
 

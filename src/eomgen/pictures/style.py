@@ -5,6 +5,7 @@ Matplotlib is imported when a plot is made, not with this file; figures are draw
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..files import FIGURE_ENDINGS, check_ending, write_atomically
+from ..names import show
 from ..optional import optional_import
 from ..results.beside import CREATOR
 from ..simulation.result import SimulationResult
@@ -88,10 +90,14 @@ def _figure(width: float, height: float) -> Any:
 
 
 def _matplotlib() -> Any:
-    """Return Matplotlib; InputError where it is not installed."""
+    """Return Matplotlib; InputError where it is not installed, or the environment asks for a backend that is none."""
     with optional_import("Matplotlib", "plots need"):
-        import matplotlib
-        import matplotlib.figure  # with what it needs itself
+        try:
+            import matplotlib
+            import matplotlib.figure  # with what it needs itself
+        except ValueError:  # of the environment, when it is imported first
+            backend = show(os.environ.get("MPLBACKEND", ""))
+            raise InputError(f"the environment's MPLBACKEND is {backend}; allowed: a backend of Matplotlib") from None
     return matplotlib
 
 

@@ -36,6 +36,7 @@ from ..progress import StageReport, no_report, tells_at_prompt, told_at_prompt
 from ..robot.model import build_model
 from ..robot.record import robot_hash
 from ..robot.value import Robot
+from ..runtime.arrays import word_in
 from ..runtime.kernel import Kernel
 from ..runtime.levels import BASE, LEVELS, NATIVE, allowed_levels
 from . import cache as store
@@ -104,9 +105,8 @@ class Options:
                 known = f"{', '.join(_NAMED)}, and their derivatives, such as energy_adjoint"
                 raise InputError(f"kernels: {show(name)} is unknown; allowed: {known}")
         object.__setattr__(self, "kernels", tuple(dict.fromkeys(OWNERS[name] for name in names)))
-        if self.dtype not in DTYPES:
-            raise InputError(f"dtype: {self.dtype!r} is unknown; allowed: {', '.join(DTYPES)}")
-        if self.level not in ("", *LEVELS):
+        word_in("dtype", self.dtype, DTYPES)
+        if not isinstance(self.level, str) or self.level not in ("", *LEVELS):
             raise InputError(f"level: {show(self.level)} is unknown; allowed: {', '.join(LEVELS)}")
         if self.level and self.native:
             raise InputError(f"level: {show(self.level)} beside native; allowed: one of them")
@@ -390,7 +390,7 @@ def _check_target(place: Path, target: Path) -> None:
         text = read_regular(place / f"{target.name}.json", _LARGEST)
         foreign = "eomgen" not in json.loads(text)["generator"]
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
-        foreign = any(place.iterdir()) if place.is_dir() else os.path.lexists(place)
+        foreign = any(place.iterdir()) if os.path.isdir(place) else os.path.lexists(place)
     if foreign:
         shown = plain_path(target)
         raise InputError(f"{shown} exists and is not a generated package; give another folder with -o, or move it")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -42,13 +43,13 @@ def older_than(result: Path, names: Iterable[str], written: Iterable[Path] = ())
     """
     fresh, dated = {path.name for path in written if path.parent == result.parent}, _date(result)
     places = [result.with_name(name) for name in names if name not in fresh]
-    return [path for path in places if path.is_file() and _date(path) <= dated]
+    return [path for path in places if os.path.isfile(path) and _date(path) <= dated]
 
 
 def is_ours(path: Path) -> bool:
     """Return whether a figure or page says that eomgen wrote it; a link, and what cannot be read, does not."""
     mark = _MARKS.get(path.suffix)
-    if mark is None or path.is_symlink():
+    if mark is None or os.path.islink(path):
         return False
     try:
         return mark in read_regular(path, _MOST_BYTES)

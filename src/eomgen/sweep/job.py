@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import hashlib
 import json
+import os
 import sys
 import threading
 from collections import OrderedDict
@@ -102,7 +103,7 @@ def file_hashes(job: Job) -> dict[str, str]:
 
     def walk(value: Any) -> None:
         if isinstance(value, Mapping):
-            if isinstance(value.get("file"), str) and (job.folder / value["file"]).is_file():
+            if isinstance(value.get("file"), str) and os.path.isfile(job.folder / value["file"]):
                 hashes[value["file"]] = _digest(job.folder / value["file"])
             for item in value.values():
                 walk(item)

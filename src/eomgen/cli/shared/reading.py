@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from dataclasses import fields
 from pathlib import Path
@@ -44,7 +45,9 @@ def is_result(subject: str) -> bool:
     from ...description.builtin import builtin_robots
 
     path = Path(subject)
-    return path.suffix == NPZ or (path.is_dir() and (subject not in builtin_robots() or (path / TRAJECTORY).is_file()))
+    return path.suffix == NPZ or (
+        os.path.isdir(path) and (subject not in builtin_robots() or os.path.isfile(path / TRAJECTORY))
+    )
 
 
 def add_robot_of_result(parser: argparse.ArgumentParser, default: str) -> None:
@@ -129,8 +132,8 @@ def result_path(path: Path) -> Path:
     Raises:
         InputError: there is none.
     """
-    if path.is_dir():
-        if not (path / TRAJECTORY).is_file():
+    if os.path.isdir(path):
+        if not os.path.isfile(path / TRAJECTORY):
             raise InputError(f"{path}: has no {TRAJECTORY}; allowed: a folder that eomgen simulate wrote, or a .npz")
         return path / TRAJECTORY
     return path

@@ -31,6 +31,7 @@ from ...robot.coordinates import MOTIONS, index_of
 from ...robot.mechanism import leading_home
 from ...robot.model import build_model, program_coordinates, tool_of
 from ...robot.value import Robot
+from ...runtime.arrays import names_in
 from ...runtime.kernel import Kernel
 from ...scenario.load import as_scenario
 from ...scenario.value import Scenario
@@ -140,7 +141,7 @@ def invert(robot: Robot, motion: MotionLike, options: InversionOptions, progress
             f"{robot.name}: {listed(played)} has a clearance, in which nothing says where it is; allowed: robots"
             " without one"
         )
-    problem = _problem(robot, kernel, program, options.frame or named, options.outputs)
+    problem = _problem(robot, kernel, program, named if options.frame is None else options.frame, options.outputs)
     progress("zeros from drives to outputs")
     step = span / STEPS if options.step is None else _positive("step", options.step)
     begin, *_, end = [zeros_at(problem, t) for t in np.linspace(0.0, span, POSES).tolist()]
@@ -212,7 +213,7 @@ def _problem(
                 " allowed: outputs, as many as drives"
             )
         outputs = [component_name(tool, x) for x in MOTIONS] if posed else driven
-    names = tuple(outputs)
+    names = tuple(names_in("outputs", outputs))
     if len(names) != len(driven):
         raise InputError(f"outputs: {len(names)} for {len(driven)} drives of {robot.name}; allowed: as many as drives")
     start = np.asarray(program.at(0.0)[0])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -114,8 +115,8 @@ def _kind(item: SimulationResult | Path | str) -> str:
     if isinstance(item, SimulationResult):
         return "simulated"
     path = Path(item)
-    if path.is_dir():
-        if (path / SWEEP).is_file():
+    if os.path.isdir(path):
+        if os.path.isfile(path / SWEEP):
             raise InputError(
                 f"{path}: is the folder of a sweep, whose table has no poses of the tool; allowed: robot, scenario"
                 " and plan in its place, whose samples are simulated again"
@@ -125,9 +126,9 @@ def _kind(item: SimulationResult | Path | str) -> str:
 
 
 def _file(path: Path) -> Path:
-    if not path.is_dir():
+    if not os.path.isdir(path):
         return path
-    if not (path / TRAJECTORY).is_file():
+    if not os.path.isfile(path / TRAJECTORY):
         raise InputError(f"{path}: has no {TRAJECTORY}; allowed: a folder that eomgen simulate wrote, or a file")
     return path / TRAJECTORY
 
