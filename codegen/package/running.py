@@ -1,4 +1,4 @@
-"""Compilers, which end with whoever waits for them and with this process, and work in threads."""
+"""Run compilers, which are terminated with the calling process, and background work in threads."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from eomgen.errors import BuildError
 
 T = TypeVar("T")
 
-PATIENCE = 2.0  # s that a compiler has to remove its temporary files
+PATIENCE = 2.0  # s for a terminated compiler to remove its temporary files
 
 
 def run_all(commands: Sequence[Sequence[str]]) -> None:
-    """Run the commands side by side; the first that fails is reported with what it said.
+    """Run compiler commands in parallel and report the output of the first that fails.
 
-    None of them goes on after an exception, such as KeyboardInterrupt, or when Python ends, also where this is called
-    from a thread that ends with it.
+    All commands are terminated after an exception such as KeyboardInterrupt, and when Python exits, also if the caller
+    is a daemon thread.
 
     Raises:
-        BuildError: a command cannot be run, fails, or does not write the file that it names behind ``-o``; Python ends.
+        BuildError: a command cannot be run, fails, or does not write its output file (``-o``); or Python is exiting.
     """
     check_not_ending()
     running: list[subprocess.Popen[str]] = []
@@ -61,17 +61,17 @@ def run_all(commands: Sequence[Sequence[str]]) -> None:
 
 
 def check_not_ending() -> None:
-    """Refuse to begin, in a daemon thread, what Python would not finish because it ends.
+    """Raise an error in a daemon thread if Python is exiting and would not finish its work.
 
     Raises:
         BuildError: the main thread has ended.
     """
     if threading.current_thread().daemon and not threading.main_thread().is_alive():
-        raise BuildError("Python ends: nothing is built any more")
+        raise BuildError("Python is exiting; nothing is built any more")
 
 
 def _start(command: Sequence[str]) -> subprocess.Popen[str]:
-    """Start a command as a group of processes: compilers are drivers that start others."""
+    """Start a command in a process group of its own, because compiler drivers start child processes."""
     try:
         return subprocess.Popen(
             command,
@@ -79,7 +79,7 @@ def _start(command: Sequence[str]) -> subprocess.Popen[str]:
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             encoding="utf-8",
-            errors="backslashreplace",  # what it says may have any encoding
+            errors="backslashreplace",  # the output may have any encoding
             process_group=0 if os.name == "posix" else None,
         )
     except OSError as error:
@@ -87,7 +87,7 @@ def _start(command: Sequence[str]) -> subprocess.Popen[str]:
 
 
 def _end(process: subprocess.Popen[str]) -> None:
-    """End a command that runs, and what it has started."""
+    """Terminate a running command and its child processes."""
     if process.poll() is not None:
         return
     _send(process, signal.SIGTERM)
@@ -99,7 +99,7 @@ def _end(process: subprocess.Popen[str]) -> None:
 
 
 def _send(process: subprocess.Popen[str], number: signal.Signals) -> None:
-    with suppress(OSError):  # it has just ended
+    with suppress(OSError):  # the process has just ended
         if os.name == "posix":
             os.killpg(process.pid, number)
         else:
@@ -107,7 +107,7 @@ def _send(process: subprocess.Popen[str], number: signal.Signals) -> None:
 
 
 def begin_in_thread(work: Callable[[], T]) -> Future[T]:
-    """Begin ``work()`` in a thread that ends with the process; ``result()`` waits, and raises what the work raised."""
+    """Start ``work()`` in a daemon thread; ``result()`` waits for it and re-raises its exception."""
     future = Future[T]()
 
     def run() -> None:
@@ -121,7 +121,7 @@ def begin_in_thread(work: Callable[[], T]) -> Future[T]:
 
 
 def in_new_thread(work: Callable[[], T]) -> T:
-    """Return the value of ``work()``, or raise what it raises, in a thread that ends with it.
+    """Run ``work()`` in a new thread and return its result or re-raise its exception.
 
     A library that was linked with fast arithmetic turns denormal numbers off in the thread that loads it, and there
     alone.

@@ -146,7 +146,7 @@ def test_threads_leave_nothing_where_python_ends(empty_cache: Path) -> None:
         threading.Thread(target=work, daemon=True).start()
     begun.wait()
     """
-    assert python(code).communicate() == ("Python ends: nothing is built any more\n", "")
+    assert python(code).communicate() == ("Python is exiting; nothing is built any more\n", "")
     assert [key for _, key, _ in cache.contents()] == ["a"]
     assert {path.name for path in empty_cache.iterdir()} == {"sources", "locks"}
 

@@ -34,13 +34,13 @@ def block_count(samples: int, half: int) -> int:
 
 @dataclass(frozen=True)
 class EvenMotion:
-    """Motion at equal distances in time: as recorded, or splines through what was recorded.
+    """Motion with equal sampling intervals: as recorded, or interpolated by splines.
 
     Attributes:
         motion: of T samples.
-        step: between two of them, s.
+        step: sampling interval, s.
         recorded: times of the recorded samples, (T,), s.
-        notes: a line that says what was resampled and how good that is; none where nothing was.
+        notes: description and accuracy of the resampling; empty if the motion was not resampled.
     """
 
     motion: MeasuredMotion
@@ -49,7 +49,7 @@ class EvenMotion:
     notes: tuple[str, ...] = ()
 
     def reached(self, faulty: Mask) -> Mask:
-        """Return which samples, (T, n), faulty recorded ones, (T, n), have reached: splines ring beside them."""
+        """Return the samples, (T, n), that are affected by faulty recorded samples, (T, n), through spline ringing."""
         if not self.notes:
             return faulty
         at = np.searchsorted(self.recorded, self.motion.t).clip(0, len(faulty) - 1)
@@ -59,13 +59,13 @@ class EvenMotion:
 
 
 def evenly_sampled(motion: MeasuredMotion) -> EvenMotion:
-    """Return a motion at equal distances in time, as fits need it.
+    """Return a motion with equal sampling intervals, as fits require.
 
-    One at other distances is resampled: its columns are splines through all samples, at as many times from the first to
-    the last.
+    A motion with unequal intervals is resampled: interpolating splines are evaluated at the same number of equally
+    spaced times.
 
     Raises:
-        InputError: too few samples, or gaps between them.
+        InputError: there are too few samples, or gaps between them.
     """
     if len(motion.t) < least_samples(FIRST):
         raise InputError(f"{motion.source}: {len(motion.t)} samples; a fit needs at least {least_samples(FIRST)}")
@@ -87,7 +87,7 @@ def evenly_sampled(motion: MeasuredMotion) -> EvenMotion:
 
 
 def _resampled(motion: MeasuredMotion, step: float) -> EvenMotion:
-    """Return splines through a motion's samples at equal distances, with a note about what that approximates."""
+    """Return a motion interpolated at equally spaced times, with a note on the accuracy."""
     t, intervals = np.linspace(motion.t[0], motion.t[-1], len(motion.t)), 1e3 * np.diff(motion.t)
     arrays = {key: array for key in ("q", "v", "a", "u") if (array := getattr(motion, key)) is not None}
     columns = np.column_stack([*arrays.values(), *motion.states.values()])

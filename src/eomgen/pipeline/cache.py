@@ -31,7 +31,7 @@ VARIABLE = "EOMGEN_CACHE_DIR"
 KINDS = ("sources", "packages", "objects", "externals", "extensions", "libraries", "devices")
 LOCKS = "locks"
 PASSING = ("making-", "damaged-", "loading-")  # folders that live for one call
-GRACE = 5.0  # s that a thread has to finish or remove an entry when Python ends
+GRACE = 5.0  # s for a thread to finish or remove an entry when Python exits
 PATIENCE = 900.0  # s, after which a process that holds a lock is no longer waited for
 DAY = 86400.0
 
@@ -204,7 +204,7 @@ def _private_folder(root: Path, key: str) -> Iterator[Path]:
     """Make a folder that is removed behind the block, for which Python waits a while where it ends meanwhile.
 
     Raises:
-        BuildError: Python ends.
+        BuildError: Python is exiting.
     """
     from ..codegen.package.running import check_not_ending
 

@@ -1,6 +1,6 @@
-"""Entries of Nastran's bulk data.
+"""Entries of Nastran bulk data.
 
-Fields are small (8 characters), large (16, a star behind the name) or free (commas).
+Fields are small (8 characters), large (16 characters, star after the name) or free (comma-separated).
 """
 
 from __future__ import annotations
@@ -19,19 +19,19 @@ _MOST_FIELDS = 4 * (MOST_ROWS + 1)  # of an entry: a full column of a matrix
 
 @dataclass
 class Card:
-    """An entry of bulk data: the line where it begins, and its fields without names of continuations."""
+    """A bulk data entry: its first line and its fields, without the names of continuation lines."""
 
     line: int
     name: str
     fields: list[str]
 
     def padded(self, count: int) -> list[str]:
-        """Return so many fields, without spaces around them; "" where the entry ends earlier."""
+        """Return ``count`` stripped fields; missing fields are empty."""
         return [field.strip() for field in (self.fields + [""] * count)[:count]]
 
 
 def cards(path: Path, names: Collection[str]) -> Iterator[Card]:
-    """Yield the entries of bulk data that have one of these names, with their continuations."""
+    """Yield the entries with one of the given names, including their continuation lines."""
     card: Card | None = None
     for line, text in lines_of(path):
         text = text.split("$")[0].rstrip()
@@ -52,7 +52,7 @@ def cards(path: Path, names: Collection[str]) -> Iterator[Card]:
 
 
 def _fields(text: str) -> list[str]:
-    """Return the first field of a line, and the four or eight behind it."""
+    """Return the name field of a line and its four or eight data fields."""
     if "," in text:
         words = text.split(",")
         count = 4 if words[0].strip().endswith("*") or words[0].startswith("*") else 8
@@ -65,7 +65,7 @@ def _fields(text: str) -> list[str]:
 
 
 def whole(path: Path, card: Card, text: str, default: int | None = None) -> int:
-    """Return the whole number in a field; the default, if there is one, where it is empty."""
+    """Return the integer in a field, or the default if the field is empty."""
     word = text.strip()
     if not word and default is not None:
         return default
@@ -75,7 +75,7 @@ def whole(path: Path, card: Card, text: str, default: int | None = None) -> int:
 
 
 def three_numbers(path: Path, card: Card, fields: list[str]) -> list[float]:
-    """Return the coordinates in three fields; 0 where one is empty."""
+    """Return three coordinates; an empty field is 0."""
     numbers = [number_of(word) if word.strip() else 0.0 for word in fields]
     found = [number for number in numbers if number is not None and abs(number) <= LARGEST]
     if len(found) != 3:

@@ -1,9 +1,9 @@
-"""Coordinate systems of Nastran's bulk data: places of nodes, and their directions, in the basic system.
+"""Coordinate systems of Nastran bulk data: node positions and displacement directions in the basic system.
 
-CORD2R, CORD2C and CORD2S entries have three points in another system: the origin, one on the z axis, and one in the
-half-plane of x and z.  CORD1R, CORD1C and CORD1S have three nodes instead, and there may be two systems in an entry.
+CORD2R, CORD2C and CORD2S entries contain three points in a reference system: the origin, a point on the z axis, and a
+point in the x-z half-plane.  CORD1R, CORD1C and CORD1S refer to three nodes, and an entry may define two systems.
 Coordinates are x, y, z (R), r, theta, z (C) or r, theta, phi (S), with angles in degrees.  Directions of a cylindrical
-or spherical system are those at the node; on its z axis those of the rectangular system by the same points.  Source:
+or spherical system are those at the node; on the z axis those of the rectangular system of the same points.  Source:
 MSC Nastran Quick Reference Guide, CORD1C to CORD2S, GRID and GRDSET.
 """
 
@@ -38,7 +38,7 @@ class System:
     axes: Array
 
     def places(self, coordinates: Array) -> Array:
-        """Return places in the basic system, (k, 3)."""
+        """Return positions in the basic system, shape (k, 3)."""
         first, second, third = coordinates.T
         if self.kind != "R":
             polar, angle = (second, third) if self.kind == "S" else (90.0, second)
@@ -48,7 +48,7 @@ class System:
         return np.asarray(np.column_stack([first, second, third]) @ self.axes.T + self.origin)
 
     def directions(self, places: Array) -> Array:
-        """Return the directions of displacements at places in the basic system, columns, (k, 3, 3)."""
+        """Return the displacement directions at positions in the basic system, as columns, shape (k, 3, 3)."""
         local = (places - self.origin) @ self.axes
         turn = np.tile(np.eye(3), (len(places), 1, 1))
         if self.kind != "R":
@@ -71,7 +71,7 @@ BASIC = System("R", np.zeros(3), np.eye(3))
 
 @dataclass(frozen=True)
 class Definition:
-    """An entry that defines a system: its kind, and its points, or the nodes where these are."""
+    """Definition of a system: its kind (R, C or S) and its points, or the nodes at these points."""
 
     line: int
     kind: str
@@ -80,7 +80,7 @@ class Definition:
 
 
 def take(path: Path, card: Card, definitions: dict[int, Definition]) -> None:
-    """Take the one system of an entry, or two, into the definitions by their numbers."""
+    """Add the one or two systems of an entry to the definitions."""
     kind = card.name[-1]
     if card.name.startswith("CORD2"):
         fields = card.padded(11)

@@ -1,6 +1,6 @@
-"""Which matrices of a file are K and M: by names that superelements of Nastran have, or by those that are asked for.
+"""Selection of the stiffness and mass matrices of a file: by standard Nastran superelement names, or by given names.
 
-Superelements are named by what they are and which set of coordinates they have: KAAX, KXX or KGG.  K4XX and K4AAX are
+Matrix names consist of the quantity and the coordinate set: KAAX, KXX or KGG.  K4XX and K4AAX are
 structural damping; MUG1, MES1, MEF1, ... recover displacements, stresses and forces, and are rarely square.
 """
 
@@ -14,7 +14,7 @@ from ...errors import InputError
 from ...limits import MOST_MATRICES
 from ...names import listed, plain_path
 
-KNOWN = ("AAX", "XX", "AA", "GG", "")  # sets of coordinates, behind K and M
+KNOWN = ("AAX", "XX", "AA", "GG", "")  # coordinate sets, after K or M
 _DAMPING = "K4"
 _STRESS = "stress "
 _BY_NAME, _BY_SET, _BY_LETTER, _ANY, _NONE = range(5)
@@ -22,13 +22,13 @@ _BY_NAME, _BY_SET, _BY_LETTER, _ANY, _NONE = range(5)
 
 @dataclass
 class Selection:
-    """A choice among the matrices of a file, of which each is asked for when its heading is read.
+    """Selection among the matrices of a file; ``wants`` is called for each header in the order of the file.
 
     Attributes:
         path: of the file.
-        roles: what the file may have: "K", "M", or "stress CASE".
-        names: of matrices that are asked for, by "K", "M" or CASE.
-        is_said: whether the file was said to be of its one role, so that any square matrix may be meant.
+        roles: quantities that the file may contain: "K", "M", or "stress CASE".
+        names: matrix names given by the user, by "K", "M" or CASE.
+        is_said: whether the user assigned the file to its only role; then any square matrix qualifies.
     """
 
     path: Path
@@ -39,7 +39,7 @@ class Selection:
     _found: dict[str, list[tuple[int, int]]] = field(default_factory=dict)  # role -> grade and number of matrices
 
     def wants(self, name: str, is_square: bool) -> bool:
-        """Return whether the next matrix, real and square or not, may be one of the roles."""
+        """Return whether the next matrix is a candidate for a role."""
         if len(self.seen) == MOST_MATRICES:
             raise InputError(f"{plain_path(self.path)}: has more than {MOST_MATRICES} matrices; allowed: up to that")
         is_wanted = False
@@ -52,7 +52,7 @@ class Selection:
         return is_wanted
 
     def _grade(self, role: str, name: str, is_square: bool) -> int:
-        """Return how sure it is that a matrix is of a role, the least number for the surest."""
+        """Return the grade of a matrix as a candidate for a role; the lowest grade is the best."""
         asked, letter = self.names.get(role.removeprefix(_STRESS)), "M" if role == "M" else "K"
         if asked is not None:
             return _BY_NAME if name == asked.upper() else _NONE
@@ -63,10 +63,10 @@ class Selection:
         return _ANY if is_square and self.is_said else _NONE
 
     def chosen(self) -> dict[str, int]:
-        """Return the numbers of the matrices, in the order of the file, by their roles, as far as it has them.
+        """Return the index of the selected matrix of each role that the file contains.
 
         Raises:
-            InputError: several are as likely.
+            InputError: several candidates have the same grade.
         """
         result = {}
         for role, mine in self._found.items():

@@ -1,4 +1,4 @@
-"""The parser of a command: repeated options are collected or refused, negative numbers are values, messages print."""
+"""Argument parser of commands: repeated options, negative numbers and printable messages."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ _SEVERAL = (argparse.ZERO_OR_MORE, argparse.ONE_OR_MORE)
 
 
 class CommandParser(argparse.ArgumentParser):
-    """A parser of which no option loses a value.
+    """An argument parser that never drops the value of an option.
 
-    - An option that takes any number of values and is repeated takes the values of all.
-    - Other options are refused when they are repeated, unless their action collects ("append", "extend").
-    - What begins as a negative number is a value: ``-1e-2``, for which argparse looks for an option.
+    - A repeated option with any number of values collects them.
+    - Repeating another option is an error, unless its action is "append" or "extend".
+    - A word that begins like a negative number is a value; argparse takes ``-1e-2`` for an option.
     """
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
@@ -27,12 +27,12 @@ class CommandParser(argparse.ArgumentParser):
         self._given: dict[str, Any] = {}
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Parse words as argparse does; what was given before is forgotten."""
+        """Parse the arguments of one command line."""
         self._given = {}
         return super().parse_known_args(args, namespace)
 
     def error(self, message: str) -> NoReturn:
-        """Print usage and a message in one line that does not steer the terminal, and exit with status 2."""
+        """Print the usage and a one-line message with escaped control characters, and exit with status 2."""
         super().error(printable(message).replace("\n", "\\n"))
 
     def _get_values(self, action: argparse.Action, arg_strings: Sequence[str]) -> Any:
