@@ -77,8 +77,12 @@ OF_OUTPUT4 = (  # what is changed in a text, and what is said
         "       6       3KAAX",
         r"line 1: KAAX has 48 rows, 48 columns, form 6, type 3; allowed: square",
     ),
-    ("MAAX", "KXX ", r"arm\.op4: has the matrices 'KAAX', 'KXX', each of which may be K; allowed: .*: --matrix K=NAME"),
-    ("MAAX", "KBBX", r"files: have no M; allowed: both, .*, or --matrix M=NAME, one of 'KAAX', 'GOAT', 'KBBX'"),
+    (
+        "MAAX",
+        "KXX ",
+        r"arm\.op4: has the matrices 'KAAX', 'KXX', each of which may be K; allowed: .*: --matrix-name K=NAME",
+    ),
+    ("MAAX", "KBBX", r"files: have no M; allowed: both, .*, or --matrix-name M=NAME, one of 'KAAX', 'GOAT', 'KBBX'"),
     ("       1       1", "       1      47", r"line 2: got .* entries from row 47 on in column 1; allowed: within 48"),
     ("      49       1       1\n", "      48       1       2\n", r"arm\.op4.*line .*: got .*; allowed: .*"),
     (

@@ -215,8 +215,10 @@ def test_it_reads_files_of_a_program_with_load_cases(tmp_path: Path) -> None:
     assert arrays["interface_Psi"].shape == (1, 3, 8, 8)
     assert "modes     3, free:" in command("reduce", *words, "--modes", 3)
     words = [tmp_path / name for name in element_texts.op4(tmp_path, elements)]
-    assert "modes     3, free:" in command("reduce", *words, "--modes", 3, "--matrix", "K=KAAX", "--matrix", "M=maax")
-    said = command("reduce", *words, "--matrix", "K=KXX", code=1)
+    assert "modes     3, free:" in command(
+        "reduce", *words, "--modes", 3, "--matrix-name", "K=KAAX", "--matrix-name", "M=maax"
+    )
+    said = command("reduce", *words, "--matrix-name", "K=KXX", code=1)
     assert "matrices: no file has 'KXX'; allowed: 'KAAX', 'GOAT', 'MAAX'" in said
 
 

@@ -175,7 +175,7 @@ NAMES = {  # words behind the option, X in the place of a name
 LATER = {  # once a file was read: tests of analysis, identification and pages try them
     *("budget stops", "report stops", "budget robot", "report robot", "view robot", "live robot", "tolerance"),
     *("fit parameters", "coordinates", "matrices", "known", "distance", "calibrate attach", "calibrate fixed"),
-    *("reduce root", "reduce node", "reduce rigid", "reduce mean", "reduce stress"),
+    *("reduce root", "reduce node", "reduce rigid", "reduce mean", "reduce stress", "reduce matrix_name", "xacro_args"),
     *("calibrate stiffness", "feedforward outputs", "budget frame", "accuracy frame", "compensate frame"),
     *("tolerance frame", "plot output"),
 }

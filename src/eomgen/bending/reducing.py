@@ -169,7 +169,7 @@ class _Contents:
         missing = [name for name in ("K", "M") if name not in self.matrices]
         if missing:
             kinds = "; ".join(f"{endings} ({program})" for endings, program in KINDS.items())
-            more = f", or --matrix {missing[0]}=NAME, one of {listed(seen)}" if seen else ""
+            more = f", or --matrix-name {missing[0]}=NAME, one of {listed(seen)}" if seen else ""
             allowed = f"both, in {kinds}, or as K=FILE and M=FILE{more}"
             raise InputError(f"files: have no {' and no '.join(missing)}; allowed: {allowed}")
 

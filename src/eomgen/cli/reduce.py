@@ -20,7 +20,7 @@ FILES: a .npz of nodes, M, K, root and interfaces alone; or matrices and nodes a
 and .inp (CalculiX), .mtx and .inp (Abaqus), .mmf or .matrix, .mapping and .csv (Ansys), .pch and .bdf (Nastran), or
 .op4 with a .dof that names its rows, a line NODE.DIRECTION for each; .csv has node,x,y,z.  K=FILE, M=FILE, nodes=FILE
 and map=FILE say what a file is where its name does not.  Matrices of Nastran are KAAX, KXX, KAA, KGG or K, and the same
-with M, or what --matrix names; coordinate systems of nodes (CP, CD) are CORD1 and CORD2 entries of the same file.
+with M, or what --matrix-name gives; coordinate systems of nodes (CP, CD) are CORD1 and CORD2 entries of the same file.
 
 A SET: numbers of nodes (1-12,40), a plane (x=0.5), or a set of *NSET; behind an @ the interface's place (x=1@1,0,0).
 """
@@ -41,7 +41,7 @@ def _add_reduce(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--modes", type=whole, metavar="N", help="modes beside those of interfaces (6)")
     parser.add_argument("--units", choices=tuple(UNITS), default=SI, help=f"of the files: {WORDS} (m)")
     about = "name of the matrix in files of Nastran that is K, M or a load case's (KAAX, KXX, ...); more than once"
-    parser.add_argument("--matrix", action="append", default=[], metavar="K=NAME", help=about)
+    parser.add_argument("--matrix-name", action="append", default=[], metavar="K=NAME", help=about)
     about = "pose of the files' axes in the link's frame: m, and rad as rpy of descriptions"
     words = ("X", "Y", "Z", "ROLL", "PITCH", "YAW")
     parser.add_argument("--placement", nargs=6, type=real, metavar=words, help=about)
@@ -60,8 +60,10 @@ def _reduce(options: argparse.Namespace) -> None:
 
     if options.output is not None:
         check_ending(options.output, ENDING)
-    named = {name: _by_name(name, getattr(options, name)) for name in ("node", "rigid", "mean", "stress", "matrix")}
-    stress, matrices = named.pop("stress"), named.pop("matrix")
+    named = {
+        name: _by_name(name, getattr(options, name)) for name in ("node", "rigid", "mean", "stress", "matrix_name")
+    }
+    stress, matrices = named.pop("stress"), named.pop("matrix_name")
     sets = LinkSets(options.root, **named) if options.root is not None or any(named.values()) else None
     pose = options.placement
     with stage_bar("reducing") as report:
@@ -86,8 +88,8 @@ def _by_name(option: str, texts: list[str]) -> dict[str, str]:
     for text in texts:
         name, sign, value = text.partition("=")
         if not (name and sign and value):
-            what = {"stress": "CASE=FILE", "matrix": "K=NAME or M=NAME"}
-            raise InputError(f"{option}: {show(text)}; allowed: {what.get(option, 'NAME=SET')}")
+            what = {"stress": "CASE=FILE", "matrix_name": "K=NAME or M=NAME"}
+            raise InputError(f"{option.replace('_', '-')}: {show(text)}; allowed: {what.get(option, 'NAME=SET')}")
         rows.append((name, value))
     return once_each(option, rows)
 
@@ -99,7 +101,7 @@ COMMANDS = (
         "modes of a link that bends, from finite elements",
         {
             "reduce bar.npz -o bar_modes.npz": "from nodes, M and K in one file",
-            "reduce se.op4 se.dof se.bdf --node tip=2 --matrix K=KXX": "from a superelement of Nastran, free",
+            "reduce se.op4 se.dof se.bdf --node tip=2 --matrix-name K=KXX": "from a superelement of Nastran, free",
             "reduce arm.sti arm.mas arm.dof arm.inp --root CLAMP --rigid tip=FLANGE": "from CalculiX, by sets of nodes",
         },
         _ABOUT,

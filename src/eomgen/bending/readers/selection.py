@@ -75,7 +75,7 @@ class Selection:
                 names = listed(self.seen[number] for number in surest)
                 key = role.removeprefix(_STRESS)
                 got = f"has the matrices {names}, each of which may be {key}"
-                raise InputError(f"{plain_path(self.path)}: {got}; allowed: one, or its name: --matrix {key}=NAME")
+                raise InputError(f"{plain_path(self.path)}: {got}; allowed: one, or its name: --matrix-name {key}=NAME")
             if surest:
                 result[role] = surest[0]
         return result
