@@ -164,7 +164,7 @@ def _newton(kernel: Kernel, q: Array, free: Mask, residual: Callable[[Array], Ar
         slopes = (r[1:] - r[0]).T / Q_STEP * size
         refuse_singular(slopes, [kernel.velocities[i] for i in index], kernel.name)
         change = -np.linalg.solve(slopes, r[0]) * size
-        change *= min(1.0, 0.5 / np.abs(change).max(initial=0.0)) if change.any() else 1.0
+        change *= 0.5 / max(0.5, np.abs(change).max())
         for factor in 0.5 ** np.arange(12):
             trial = q.copy()
             trial[free] += factor * change
