@@ -18,7 +18,7 @@ from eomgen.errors import DescriptionError, InputError
 from eomgen.pictures import report_of
 from eomgen.robot.value import AXES, Robot
 from tests.support.commands import command, facts
-from tests.support.joint_table import joint_table
+from tests.support.joint_table import joint_table, link_table
 
 pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
 
@@ -277,23 +277,12 @@ G = 2.6e10
 density = 2700.0
 section = {{ box = [0.02, 0.02, 0.002] }}
 modes = {{ y = 1 }}
-[[links]]
-name = "block"
-mass = 1.0
-inertia = {{ xx = 0.01, yy = 0.01, zz = 0.01 }}
-[[links]]
-name = "arm"
-mass = 1.0
-com = [0.1, 0, 0]
-inertia = {{ xx = 0.01, yy = 0.01, zz = 0.01 }}
+{link_table("block", 1.0, inertia=(0.01, 0.01, 0.01))}
+{link_table("arm", 1.0, (0.1, 0, 0), (0.01, 0.01, 0.01))}
 {joint_table("pivot", "base", "lever", "revolute")}
 placement = {{ rpy_deg = [90, 0, 0] }}
-[[joints]]
-name = "slide"
-parent = "lever"
+{joint_table("slide", "lever", "block", "prismatic")}
 along = "beam"
-child = "block"
-type = "prismatic"
 {joint_table("crank", "base", "arm", "revolute")}
 placement = {{ xyz = [0.3, 0, 0], rpy_deg = [90, 0, 0] }}
 [[loops]]

@@ -37,7 +37,7 @@ from tests.support.beam_elements import Plane
 from tests.support.beams import SIZES, STEEL, cantilever, toml
 from tests.support.description_samples import URDF
 from tests.support.finite_elements import bar
-from tests.support.joint_table import joint_table
+from tests.support.joint_table import joint_table, link_table
 from tests.support.refusals import refused
 from tests.support.text_files import text_file
 
@@ -118,12 +118,8 @@ def test_beams_follow_each_other_and_carry_joints_where_a_node_is() -> None:
     """A beam on another one's tip, a frame and a link at an inner node; tunable numbers of a segment."""
     more = f"""
 tunable = ["links.boom1.mass"]
-[[links]]
-name = "tool"
-mass = 1.0
-[[links]]
-name = "bob"
-mass = 0.5
+{link_table("tool", 1.0)}
+{link_table("bob", 0.5)}
 {joint_table("hinge", "boom1", "bob", "revolute")}
 [[beams]]
 name = "jib"
@@ -395,16 +391,10 @@ name = "crane"
 name = "arm"
 beam = {{ {BEAM}, modes = {MODES} }}
 modal_damping = 0.01
-[[links]]
-name = "hand"
-mass = 0.5
+{link_table("hand", 0.5)}
 {joint_table("shoulder", "base", "arm", "revolute")}
-[[joints]]
-name = "wrist"
-parent = "arm"
+{joint_table("wrist", "arm", "hand", "revolute")}
 node = "tip"
-child = "hand"
-type = "revolute"
 [[frames]]
 name = "eye"
 link = "arm"

@@ -29,7 +29,7 @@ from tests.loops.test_elastic_cuts import linkages
 from tests.oracles.pinocchio_models import PinocchioOracle
 from tests.support.builds import Build
 from tests.support.commands import command, facts
-from tests.support.joint_table import joint_table
+from tests.support.joint_table import joint_table, link_table
 from tests.support.measurements import columns_of, motion_of
 from tests.support.random_robots import random_robot
 from tests.support.refusals import refused
@@ -40,16 +40,8 @@ Array = NDArray[np.float64]
 
 ARM = f"""
 name = "arm"
-[[links]]
-name = "upper"
-mass = 4.0
-com = [0.3, 0.02, 0.01]
-inertia = {{ xx = 0.02, yy = 0.15, zz = 0.16 }}
-[[links]]
-name = "fore"
-mass = 2.0
-com = [0.2, 0.0, 0.03]
-inertia = {{ xx = 0.01, yy = 0.05, zz = 0.05 }}
+{link_table("upper", 4.0, (0.3, 0.02, 0.01), (0.02, 0.15, 0.16))}
+{link_table("fore", 2.0, (0.2, 0.0, 0.03), (0.01, 0.05, 0.05))}
 {joint_table("shoulder", "base", "upper", "revolute")}
 x = {{ stiffness = 2e5, damping = 100.0 }}
 alpha = {{ stiffness = 400.0, damping = 4.0 }}

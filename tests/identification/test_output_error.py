@@ -22,7 +22,7 @@ from eomgen.robot.model import build_model
 from eomgen.runtime.stepping.input_signals import DriveData, InputSignals, Signal, Track
 from tests.loops.test_elastic_cuts import linkages
 from tests.support.builds import Build
-from tests.support.joint_table import joint_table
+from tests.support.joint_table import joint_table, link_table
 
 pytestmark = [pytest.mark.usefixtures("unoptimised")]
 
@@ -256,11 +256,7 @@ def test_windings_are_found_by_their_voltages() -> None:
 PENDULUM = f"""
 name = "standing"
 gravity = [0.0, -9.81, 0.0]
-[[links]]
-name = "rod"
-mass = 2.0
-com = [0.0, 0.4, 0.0]
-inertia = {{ xx = 0.1, yy = 0.01, zz = 0.1 }}
+{link_table("rod", 2.0, (0.0, 0.4, 0.0), (0.1, 0.01, 0.1))}
 {joint_table("foot", "base", "rod", "revolute")}
 gamma = {{ damping = 0.3 }}
 """

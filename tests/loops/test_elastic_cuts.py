@@ -16,7 +16,7 @@ from eomgen.robot.value import ANGULAR, COORDINATES, LINEAR, Coordinate, Loop, R
 from eomgen.state.springs import any_spring, fastest_rates, line_rates
 from tests.support.added_forces import check_slopes
 from tests.support.builds import Build
-from tests.support.joint_table import joint_table
+from tests.support.joint_table import joint_table, link_table
 from tests.support.random_robots import Array, State, random_placement, random_robot, random_state, seeds, with_offsets
 from tests.support.refusals import refused
 
@@ -57,19 +57,15 @@ links = ["coupler", "rocker"]
 type = "revolute"
 placements = [{{ xyz = [0.5, 0.0, 0.0] }}, {{ xyz = [0.4, 0.0, 0.0] }}]
 """
-CUT_ELSEWHERE = """
-[[joints]]
-name = "hinge"
-parent = "coupler"
-child = "rocker"
-type = "revolute"
-placement = { xyz = [0.5, 0.0, 0.0] }
+CUT_ELSEWHERE = f"""
+{joint_table("hinge", "coupler", "rocker", "revolute")}
+placement = {{ xyz = [0.5, 0.0, 0.0] }}
 SIX
 [[loops]]
 name = "cut"
 links = ["base", "rocker"]
 type = "revolute"
-placements = [{ xyz = [0.5, 0.0, 0.0] }, { xyz = [-0.4, 0.0, 0.0] }]
+placements = [{{ xyz = [0.5, 0.0, 0.0] }}, {{ xyz = [-0.4, 0.0, 0.0] }}]
 """
 AT = np.array([0.5, 0.13, 1.36]), np.array([0.4, -0.3, 0.2])  # coordinates and velocities of the first linkage
 
@@ -169,34 +165,18 @@ def test_an_implicit_step_is_the_linear_system(built: Build) -> None:
     assert np.allclose(found, wanted, rtol=1e-8, atol=1e-8 * np.abs(wanted).max())
 
 
-ARM = """
+ARM = f"""
 name = "pair"
 COUPLING
 
-[[links]]
-name = "one"
-mass = 1.0
-com = [0.3, 0.0, 0.0]
-inertia = { xx = 0.01, yy = 0.04, zz = 0.05 }
+{link_table("one", 1.0, (0.3, 0.0, 0.0), (0.01, 0.04, 0.05))}
 
-[[links]]
-name = "two"
-mass = 0.5
-com = [0.2, 0.0, 0.0]
-inertia = { xx = 0.01, yy = 0.02, zz = 0.03 }
+{link_table("two", 0.5, (0.2, 0.0, 0.0), (0.01, 0.02, 0.03))}
 
-[[joints]]
-name = "a"
-parent = "base"
-child = "one"
-type = "revolute"
+{joint_table("a", "base", "one", "revolute")}
 
-[[joints]]
-name = "b"
-parent = "base"
-child = "two"
-type = "revolute"
-placement = { xyz = [0.0, 1.0, 0.0] }
+{joint_table("b", "base", "two", "revolute")}
+placement = {{ xyz = [0.0, 1.0, 0.0] }}
 """
 
 

@@ -31,7 +31,7 @@ from eomgen.pipeline.stages import Options, generate
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
 from tests.support.builds import Build
-from tests.support.joint_table import joint_table
+from tests.support.joint_table import joint_table, link_table
 from tests.support.quick_builds import QUICK, Q, as_new_process, one_link, script, without_headers
 from tests.support.soak import soaked
 
@@ -469,16 +469,10 @@ G = 2.6e10
 density = 2700.0
 section = {{ tube = [0.06, 0.05] }}
 modes = {{ y = 2, z = 1 }}
-[[links]]
-name = "trolley"
-mass = 1.5
+{link_table("trolley", 1.5)}
 {joint_table("rail", "base", "bridge", "prismatic")}
-[[joints]]
-name = "cross"
-parent = "bridge"
+{joint_table("cross", "bridge", "trolley", "prismatic")}
 along = "beam"
-child = "trolley"
-type = "prismatic"
 """
 
 

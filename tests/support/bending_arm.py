@@ -4,21 +4,13 @@ from __future__ import annotations
 
 from eomgen.description.load import robot_from_toml
 from eomgen.robot.value import Robot
-from tests.support.joint_table import joint_table
+from tests.support.joint_table import joint_table, link_table
 from tests.support.random_springs import with_springs
 
 ARM = f"""
 name = "arm"
-[[links]]
-name = "link1"
-mass = 3.0
-com = [0.2, 0.0, 0.0]
-inertia = {{ xx = 0.01, yy = 0.05, zz = 0.05 }}
-[[links]]
-name = "link2"
-mass = 1.5
-com = [0.15, 0.0, 0.0]
-inertia = {{ xx = 0.005, yy = 0.02, zz = 0.02 }}
+{link_table("link1", 3.0, (0.2, 0.0, 0.0), (0.01, 0.05, 0.05))}
+{link_table("link2", 1.5, (0.15, 0.0, 0.0), (0.005, 0.02, 0.02))}
 {joint_table("joint1", "base", "link1", "revolute")}
 x = {{ stiffness = 2e5, damping = 80.0 }}
 alpha = {{ stiffness = 4e3, damping = 3.0 }}

@@ -10,7 +10,7 @@ import numpy as np
 import eomgen
 from eomgen.description import robot_from_toml
 from eomgen.robot.value import Robot
-from tests.support.joint_table import joint_table
+from tests.support.joint_table import joint_table, link_table
 
 BRISTLES = ", bristle_stiffness = 300.0, bristle_damping = 0.5, fade = 0.5"
 FRICTION = f'friction = {{ model = "lugre", coulomb = 0.3, static = 0.4, stribeck = 0.1{BRISTLES} }}'
@@ -18,16 +18,8 @@ SIZE = 1e-3  # m or rad, by which its bristles bend before they slide
 ARM = f"""
 name = "bristle_arm"
 gravity = [0.0, -9.81, 0.0]
-[[links]]
-name = "l1"
-mass = 2.0
-com = [0.2, 0.01, 0.0]
-inertia = {{ xx = 0.1, yy = 0.12, zz = 0.13 }}
-[[links]]
-name = "l2"
-mass = 1.0
-com = [0.2, 0.0, 0.05]
-inertia = {{ xx = 0.02, yy = 0.03, zz = 0.04 }}
+{link_table("l1", 2.0, (0.2, 0.01, 0.0), (0.1, 0.12, 0.13))}
+{link_table("l2", 1.0, (0.2, 0.0, 0.05), (0.02, 0.03, 0.04))}
 {joint_table("j1", "base", "l1", "revolute")}
 gamma = {{ {FRICTION} }}
 {joint_table("j2", "l1", "l2", "revolute")}

@@ -26,7 +26,7 @@ from eomgen.robot.parameter_names import FAMILIES, element_places
 from eomgen.robot.value import Link, LinkModes, Robot
 from tests.oracles.bending_lagrange import Cloud
 from tests.support.bending_links import nested
-from tests.support.joint_table import joint_table
+from tests.support.joint_table import joint_table, link_table
 
 Array = NDArray[np.float64]
 
@@ -85,11 +85,7 @@ motor = { inertia = 1e-2, ratio = 3.0, stiffness = 10.0, damping = 2.0, cubic = 
 BEARING = "{ clearance = 1e-2, stiffness = 100.0, length = 0.5, smoothing = 0.1, restitution_damping = 0.5, \
 friction = { coefficient = 0.1, radius = 0.2, smoothing = 0.1 } }\n"
 STIFFNESS = f"""
-[[links]]
-name = "head"
-mass = 0.5
-com = [0.05, 0.02, 0.1]
-inertia = {{ xx = 1e-2, yy = 2e-2, zz = 1e-2 }}
+{link_table("head", 0.5, (0.05, 0.02, 0.1), (1e-2, 2e-2, 1e-2))}
 {joint_table("neck", "rocker", "head", "revolute")}
 placement = {{ xyz = [0.3, 0.0, 0.1], rpy = [0.2, 0.1, 0.0] }}
 x = {{}}
@@ -98,11 +94,7 @@ stiffness = {{ matrix = [[40.0, 3.0, -2.0], [3.0, 5.0, 1.0], [-2.0, 1.0, 4.0]], 
 damping = {{ loss_factor = 0.9, at_hz = 1.5 }}
 """
 DAMPING = f"""
-[[links]]
-name = "hand"
-mass = 0.4
-com = [0.05, 0.02, 0.1]
-inertia = {{ xx = 1e-2, yy = 2e-2, zz = 1e-2 }}
+{link_table("hand", 0.4, (0.05, 0.02, 0.1), (1e-2, 2e-2, 1e-2))}
 {joint_table("wrist", "fore", "hand", "revolute")}
 placement = {{ xyz = [0.3, 0.0, 0.1] }}
 z = {{}}
@@ -205,11 +197,7 @@ damping = { matrix = [[2.0, 0.1, 0.0, 0.1, 0.0, 0.0], [0.1, 1.0, 0.2, 0.0, 0.0, 
 [0.0, 0.1, 0.0, 0.1, 0.0, 0.4]] }
 """
 REMEMBERING = f"""
-[[links]]
-name = "finger"
-mass = 0.4
-com = [0.05, 0.01, 0.0]
-inertia = {{ xx = 3e-3, yy = 4e-3, zz = 5e-3 }}
+{link_table("finger", 0.4, (0.05, 0.01, 0.0), (3e-3, 4e-3, 5e-3))}
 {joint_table("knuckle", "fore", "finger", "revolute")}
 placement = {{ xyz = [0.3, 0.0, 0.0], rpy = [0.2, 0.0, 0.1] }}
 beta = {{ friction = {{ model = "lugre", coulomb = 3.0, bristle_stiffness = 2.0, bristle_damping = 1.0, fade = 0.7 }} }}
@@ -217,11 +205,7 @@ gamma = {{ friction = {{ model = "lugre", coulomb = 2.0, static = 3.0, stribeck 
 bristle_damping = 0.8, viscous = 0.2 }}, \
 hysteresis = {{ stiffness = 3.0, A = 1.2, beta = 0.9, gamma = -0.4, n = 1.6, share = 0.3 }}, \
 maxwell = [{{ stiffness = 2.0, damping = 1.0 }}, {{ stiffness = 1.5, damping = 0.2 }}] }}
-[[links]]
-name = "thumb"
-mass = 0.3
-com = [0.04, 0.01, 0.01]
-inertia = {{ xx = 3e-3, yy = 4e-3, zz = 5e-3 }}
+{link_table("thumb", 0.3, (0.04, 0.01, 0.01), (3e-3, 4e-3, 5e-3))}
 {joint_table("saddle", "rocker", "thumb", "revolute")}
 placement = {{ xyz = [0.2, 0.0, 0.1], rpy = [0.1, -0.2, 0.1] }}
 [joints.motor]
@@ -234,16 +218,8 @@ friction = {{ model = "lugre", coulomb = 1.0, bristle_stiffness = 0.8, viscous =
 """
 
 DRIVES = f"""
-[[links]]
-name = "tool"
-mass = 0.5
-com = [0.04, 0.02, 0.0]
-inertia = {{ xx = 6e-3, yy = 5e-3, zz = 7e-3 }}
-[[links]]
-name = "slide"
-mass = 0.3
-com = [0.0, 0.02, 0.0]
-inertia = {{ xx = 2e-3, yy = 3e-3, zz = 4e-3 }}
+{link_table("tool", 0.5, (0.04, 0.02, 0.0), (6e-3, 5e-3, 7e-3))}
+{link_table("slide", 0.3, (0.0, 0.02, 0.0), (2e-3, 3e-3, 4e-3))}
 {joint_table("swivel", "rocker", "tool", "revolute")}
 placement = {{ xyz = [0.2, 0.1, 0.0], rpy = [0.1, 0.3, 0.0] }}
 [joints.gamma.drive]

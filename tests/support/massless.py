@@ -4,24 +4,16 @@ from __future__ import annotations
 
 import eomgen
 from eomgen.description.load import robot_from_toml, robot_from_urdf
-from tests.support.joint_table import joint_table
+from tests.support.joint_table import joint_table, link_table
 
 TIP = f"""
 name = "tip"
 tunable = ["joints.k.gamma.armature"]
 gravity = [0.0, -9.81, 0.0]
 
-[[links]]
-name = "a"
-mass = 1.0
-com = [0.2, 0.0, 0.0]
-inertia = {{ xx = 0.01, yy = 0.02, zz = 0.02 }}
+{link_table("a", 1.0, (0.2, 0.0, 0.0), (0.01, 0.02, 0.02))}
 
-[[links]]
-name = "b"
-mass = 0.0
-com = [0.0, 0.0, 0.0]
-inertia = {{ xx = 0.0, yy = 0.0, zz = 0.0 }}
+{link_table("b", 0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))}
 
 {joint_table("j", "base", "a", "revolute")}
 

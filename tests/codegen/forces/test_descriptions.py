@@ -34,7 +34,7 @@ from tests.codegen.forces.test_laws import GIVEN, slider
 from tests.codegen.forces.test_loads import LOADED, cut_pin, pin
 from tests.codegen.forces.test_stops import STOPS, geared, stopped
 from tests.support.every_element import TREE
-from tests.support.joint_table import joint_table
+from tests.support.joint_table import joint_table, link_table
 from tests.support.refusals import refused
 
 pytestmark = pytest.mark.quick
@@ -42,21 +42,14 @@ pytestmark = pytest.mark.quick
 BLOCK = f"""
 name = "slider"
 gravity = [0.0, 0.0, 0.0]
-[[links]]
-name = "block"
-mass = 2.0
-inertia = {{ xx = 1.0, yy = 1.0, zz = 1.0 }}
+{link_table("block", 2.0, inertia=(1.0, 1.0, 1.0))}
 {joint_table("rail", "base", "block", "prismatic")}
 z = {{ stiffness = 40.0, exponential = {{ force = 3.0, scale = 0.05 }} }}
 """
 LAW, TABLE = "stiffness = 40.0, exponential = { force = 3.0, scale = 0.05 }", "{ force = 3.0, scale = 0.05 }"
 WHEEL = f"""
 name = "wheel"
-[[links]]
-name = "wheel"
-mass = 1.0
-com = [0.0, 0.0, 0.0]
-inertia = {{ xx = 1.0, yy = 1.0, zz = 1.0 }}
+{link_table("wheel", 1.0, (0.0, 0.0, 0.0), (1.0, 1.0, 1.0))}
 {joint_table("pin", "base", "wheel", "revolute")}
 x = {{ stiffness = 1e6 }}
 gamma = {{ friction = {{ coefficient = 0.08, radius = 0.02 }} }}
