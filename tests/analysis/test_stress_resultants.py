@@ -18,7 +18,7 @@ from eomgen.errors import DescriptionError, InputError
 from eomgen.pictures import report_of
 from eomgen.robot.value import AXES, Robot
 from tests.support.commands import command, facts
-from tests.support.joint_table import joint_table, link_table
+from tests.support.joint_table import frame_table, joint_table, link_table, loop_table
 
 pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
 
@@ -179,16 +179,11 @@ density = 2700.0
 section = {{ box = [0.1, 0.06, 0.005] }}
 modes = {{ y = 2, axial = 1 }}
 {joint_table("pin", "base", "bridge", "revolute")}
-[[loops]]
-name = "bearing"
-links = ["base", "bridge"]
+{loop_table("bearing", "base", "bridge", "spherical")}
 nodes = ["root", "tip"]
-type = "spherical"
 x = {{}}
 placements = [{{ xyz = [2.0, 0.0, 0.0] }}, {{}}]
-[[frames]]
-name = "tcp"
-link = "bridge"
+{frame_table("tcp", "bridge")}
 node = "tip"
 """
 
@@ -285,10 +280,7 @@ placement = {{ rpy_deg = [90, 0, 0] }}
 along = "beam"
 {joint_table("crank", "base", "arm", "revolute")}
 placement = {{ xyz = [0.3, 0, 0], rpy_deg = [90, 0, 0] }}
-[[loops]]
-name = "pin"
-type = "spherical"
-links = ["block", "arm"]
+{loop_table("pin", "block", "arm", "spherical")}
 placements = [{{}}, {{ xyz = [0.2, 0, 0] }}]
 """
 

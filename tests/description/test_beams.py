@@ -37,7 +37,7 @@ from tests.support.beam_elements import Plane
 from tests.support.beams import SIZES, STEEL, cantilever, toml
 from tests.support.description_samples import URDF
 from tests.support.finite_elements import bar
-from tests.support.joint_table import joint_table, link_table
+from tests.support.joint_table import frame_table, joint_table, link_table, loop_table
 from tests.support.refusals import refused
 from tests.support.text_files import text_file
 
@@ -395,14 +395,10 @@ modal_damping = 0.01
 {joint_table("shoulder", "base", "arm", "revolute")}
 {joint_table("wrist", "arm", "hand", "revolute")}
 node = "tip"
-[[frames]]
-name = "eye"
-link = "arm"
+{frame_table("eye", "arm")}
 node = "tip"
 placement = {{ xyz = [0.1, 0, 0] }}
-[[frames]]
-name = "foot"
-link = "arm"
+{frame_table("foot", "arm")}
 node = "root"
 [[springs]]
 name = "stay"
@@ -446,17 +442,14 @@ def test_what_stands_on_a_node() -> None:
     assert robot.springs[0].links == ("base", "arm_tip")
     assert robot.joint("arm_tip").placement.xyz == (0.8, 0.0, 0.0)
     assert set(robot.followers) == {f"arm_tip.{kind}" for kind in robot.joint("arm_tip").coordinates}
-    more = """
+    more = f"""
 [[bushings]]
 name = "mount"
 links = ["arm", "base"]
 nodes = ["tip", "root"]
 stiffness = [1, 1, 1, 0, 0, 0]
-[[loops]]
-name = "pin"
-links = ["base", "arm"]
+{loop_table("pin", "base", "arm", "spherical")}
 nodes = ["root", "tip"]
-type = "spherical"
 """
     closed = arm(ARM + more)
     assert closed.elements[0].links == ("arm_tip", "base")

@@ -27,7 +27,7 @@ from eomgen.robot.elements.matrices import matrix_of as matrix_of_entries
 from eomgen.robot.value import COORDINATES
 from tests.loops.test_elastic_cuts import linkages
 from tests.support.builds import Build
-from tests.support.joint_table import joint_table, link_table
+from tests.support.joint_table import frame_table, joint_table, link_table, loop_table
 from tests.support.measurements import assert_slopes, calibrated, placed, poses_of
 from tests.support.random_robots import Array
 from tests.support.refusals import refused
@@ -49,10 +49,7 @@ y = {{ stiffness = 3e7 }}
 z = {{}}
 alpha = {{ stiffness = 8e4 }}
 beta = {{ damping = 1.0, stiffness = 9e4 }}
-[[frames]]
-name = "tcp"
-link = "fore"
-placement = {{ xyz = [0.4, 0.0, 0.1] }}
+{frame_table("tcp", "fore", (0.4, 0.0, 0.1))}
 """
 NAMES = COORDINATES[:5]
 LOADS = tuple(f"tcp.{part}" for part in ("fx", "fy", "fz", "mx", "my", "mz"))
@@ -420,10 +417,7 @@ z = {{}}
 alpha = {{}}
 beta = {{}}
 gamma = {{}}
-[[loops]]
-name = "flange"
-links = ["fore", "tool"]
-type = "fixed"
+{loop_table("flange", "fore", "tool", "fixed")}
 placements = [{{ xyz = [0.4, 0.0, 0.1] }}, {{}}]
 x = {{ stiffness = 2e7, damping = 10.0 }}
 y = {{ stiffness = 3e7 }}
@@ -431,10 +425,7 @@ z = {{ stiffness = 1e7 }}
 alpha = {{ stiffness = 8e4 }}
 beta = {{ damping = 1.0, stiffness = 9e4 }}
 gamma = {{ stiffness = 7e4 }}
-[[frames]]
-name = "tcp"
-link = "tool"
-placement = {{ xyz = [0.1, 0.05, 0.02] }}
+{frame_table("tcp", "tool", (0.1, 0.05, 0.02))}
 """
 LOOP_TABLES = np.array([2e7, 3e7, 1e7, 8e4, 9e4, 7e4])
 LOOP_SIZES = (np.array([1.1, 0.8, 1.3, 0.9, 1.2, 0.7]) * LOOP_TABLES) ** 0.5

@@ -33,7 +33,7 @@ from eomgen.scenario.value import Initial, Integrator, Payload, Scenario, Sectio
 from eomgen.simulation.result import SimulationResult
 from eomgen.sweep.plan import plan_from_toml
 from tests.support.commands import command, facts
-from tests.support.joint_table import joint_table, link_table
+from tests.support.joint_table import frame_table, joint_table, link_table
 from tests.support.refusals import refused
 
 pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
@@ -53,10 +53,7 @@ beta = {{ stiffness = 4e4, damping = 20.0 }}
 limits = [-2.5, 2.5]
 placement = {{ xyz = [0.4, 0.0, 0.0] }}
 y = {{ stiffness = 5e5, damping = 400.0 }}
-[[frames]]
-name = "tcp"
-link = "fore"
-placement = {{ xyz = [0.35, 0.0, 0.0] }}
+{frame_table("tcp", "fore", (0.35, 0.0, 0.0))}
 """
 
 SWING = f"""
@@ -65,10 +62,7 @@ name = "swing"
 {joint_table("hinge", "base", "beam", "revolute")}
 placement = {{ rpy = [1.5707963267948966, 0.0, 0.0] }}
 motor = {{ ratio = 50.0, inertia = 1e-4, stiffness = 5e3, damping = 10.0 }}
-[[frames]]
-name = "tip"
-link = "beam"
-placement = {{ xyz = [0.6, 0.0, 0.0] }}
+{frame_table("tip", "beam", (0.6, 0.0, 0.0))}
 """
 
 REACH = """

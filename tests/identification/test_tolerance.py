@@ -32,7 +32,7 @@ from eomgen.pictures import plot_tolerance
 from eomgen.pictures.measured.kinds import page_of
 from eomgen.robot.value import Coordinate, Robot
 from tests.support.commands import command, facts
-from tests.support.joint_table import joint_table, link_table
+from tests.support.joint_table import frame_table, joint_table, link_table
 from tests.support.measured_poses import chain
 from tests.support.refusals import refused
 from tests.support.soak import soaked
@@ -831,9 +831,7 @@ modes = {{ z = 2 }} }}
 {joint_table("slew", "base", "tube", "revolute")}
 {joint_table("flange", "tube", "load", "fixed")}
 node = "tip"
-[[frames]]
-name = "tcp"
-link = "load"
+{frame_table("tcp", "load")}
 """
 E, DENSITY = "links.tube.beam.E", "links.tube.beam.density"
 BOOM_TABLE = {

@@ -16,7 +16,7 @@ from eomgen.robot.value import ANGULAR, COORDINATES, LINEAR, Coordinate, Loop, R
 from eomgen.state.springs import any_spring, fastest_rates, line_rates
 from tests.support.added_forces import check_slopes
 from tests.support.builds import Build
-from tests.support.joint_table import joint_table, link_table
+from tests.support.joint_table import joint_table, link_table, loop_table
 from tests.support.random_robots import Array, State, random_placement, random_robot, random_state, seeds, with_offsets
 from tests.support.refusals import refused
 
@@ -51,20 +51,14 @@ CUT_THERE = f"""
 {joint_table("pivot", "base", "rocker", "revolute")}
 placement = {{ xyz = [0.5, 0.0, 0.0] }}
 
-[[loops]]
-name = "cut"
-links = ["coupler", "rocker"]
-type = "revolute"
+{loop_table("cut", "coupler", "rocker", "revolute")}
 placements = [{{ xyz = [0.5, 0.0, 0.0] }}, {{ xyz = [0.4, 0.0, 0.0] }}]
 """
 CUT_ELSEWHERE = f"""
 {joint_table("hinge", "coupler", "rocker", "revolute")}
 placement = {{ xyz = [0.5, 0.0, 0.0] }}
 SIX
-[[loops]]
-name = "cut"
-links = ["base", "rocker"]
-type = "revolute"
+{loop_table("cut", "base", "rocker", "revolute")}
 placements = [{{ xyz = [0.5, 0.0, 0.0] }}, {{ xyz = [-0.4, 0.0, 0.0] }}]
 """
 AT = np.array([0.5, 0.13, 1.36]), np.array([0.4, -0.3, 0.2])  # coordinates and velocities of the first linkage

@@ -59,7 +59,7 @@ from tests.support.bending_robots import bent
 from tests.support.browser import open_page
 from tests.support.commands import errors_of
 from tests.support.description_samples import example_urdfs
-from tests.support.joint_table import joint_table
+from tests.support.joint_table import frame_table, joint_table
 from tests.support.optional import needs
 from tests.support.random_robots import random_robot, random_state, with_offsets
 from tests.support.refusals import refused
@@ -569,9 +569,7 @@ section = {{ bar = [0.06, 0.04] }}
 axis = "y"
 modes = {{ y = 2, z = 1, torsion = 1 }}
 {joint_table("slew", "base", "tube", "revolute")}
-[[frames]]
-name = "tcp"
-link = "tube"
+{frame_table("tcp", "tube")}
 node = "tip"
 """
 

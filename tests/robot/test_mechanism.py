@@ -34,6 +34,7 @@ from eomgen.robot.value import (
     Robot,
     first_contradiction,
 )
+from tests.support.joint_table import loop_table
 from tests.support.optional import needs
 from tests.support.random_robots import random_robot
 from tests.support.refusals import refused
@@ -188,11 +189,8 @@ def test_poses_begin_at_home() -> None:
 
 
 JOINTS = ("a", "b", "c", "d", "rack")
-PLANAR = """
-[[loops]]
-name = "pin"
-links = ["la", "lb"]
-type = "planar"
+PLANAR = f"""
+{loop_table("pin", "la", "lb", "planar")}
 """
 
 

@@ -25,7 +25,7 @@ from eomgen.simulation.run import run_scenario
 from eomgen.state.drives import drives_at_rest
 from tests.support.builds import Build
 from tests.support.drive_reference import AXIS, DAMPING, DRIVES, INERTIA, WINDING, drive, numbers_of, rates_of, servo
-from tests.support.joint_table import joint_table, link_table
+from tests.support.joint_table import joint_table, link_table, loop_table
 from tests.support.refusals import refused
 from tests.support.soak import soaked
 
@@ -366,10 +366,7 @@ gamma = {{ damping = 0.1 }}
 {joint_table("rocker", "base", "c", "revolute")}
 placement = {{ xyz = [0.4, 0.0, 0.0] }}
 gamma = {{ damping = 0.1 }}
-[[loops]]
-name = "pin"
-links = ["b", "c"]
-type = "revolute"
+{loop_table("pin", "b", "c", "revolute")}
 placements = [{{ xyz = [0.5, 0.0, 0.0] }}, {{ xyz = [0.4, 0.0, 0.0] }}]
 """
 

@@ -37,7 +37,7 @@ from tests.support.bristles import (
 )
 from tests.support.builds import Build
 from tests.support.drive_reference import DRIVES, servo
-from tests.support.joint_table import joint_table, link_table
+from tests.support.joint_table import joint_table, link_table, spring_table
 from tests.support.refusals import refused
 from tests.support.sliders import on_rail
 
@@ -82,12 +82,8 @@ stiffness = {{ matrix = [[1e4, 10.0, 0.0], [10.0, 20.0, 5.0], [0.0, 5.0, 10.0]] 
 {joint_table("j3", "l2", "l3", "revolute")}
 placement = {{ xyz = [0.3, 0.0, 0.0] }}
 gamma = {{ role = "prescribed", friction = {{ model = "lugre", coulomb = 0.1, bristle_stiffness = 1e3 }} }}
-[[springs]]
-name = "s1"
-links = ["base", "l2"]
+{spring_table("s1", "base", "l2", 300.0, 3.0)}
 points = [[0.1, 0.5, 0.0], [0.2, 0.0, 0.0]]
-stiffness = 300.0
-damping = 3.0
 free_length = 0.3
 """
 TURNED = (

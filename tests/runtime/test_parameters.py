@@ -20,7 +20,7 @@ from eomgen.robot.parameter_names import parameters
 from eomgen.robot.value import Placement, Robot
 from eomgen.runtime import Kernel
 from tests.support.builds import Build
-from tests.support.joint_table import joint_table, link_table
+from tests.support.joint_table import frame_table, joint_table, link_table
 from tests.support.other_numbers import changed
 from tests.support.random_robots import random_placement, random_robot, random_state, seeds
 from tests.support.refusals import refused
@@ -156,9 +156,7 @@ name = "tuned"
 tunable = ["links.*.mass", "links.link1.com", "joints.joint1.gamma.armature", "frames.tcp.placement.rpy.2"]
 {link_table("link1", 2.0, inertia=(0.1, 0.1, 0.1))}
 {joint_table("joint1", "base", "link1", "revolute")}
-[[frames]]
-name = "tcp"
-link = "link1"
+{frame_table("tcp", "link1")}
 placement = {{ xyz = [0.0, 0.1, 0.0], rpy = [0.0, 0.0, 0.5] }}
 """
 

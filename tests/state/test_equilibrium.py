@@ -27,7 +27,7 @@ from eomgen.state.springs import coordinate_sizes, stiffnesses
 from tests.support.bristled import served_arm
 from tests.support.builds import Build
 from tests.support.drive_reference import drive, loops_of
-from tests.support.joint_table import joint_table, link_table
+from tests.support.joint_table import frame_table, joint_table, link_table
 from tests.support.refusals import refused
 from tests.support.soak import soaked
 from tests.support.swinging import MASS, NEEDED, STIFFNESS, elastic_arm, oscillator
@@ -128,10 +128,7 @@ ARM = f"""
 name = "arm"
 gravity = [0.0, -9.81, 0.0]
 {link_table("arm", 2.0, (0.2, 0.0, 0.0), (0.01, 0.05, 0.05))}
-[[frames]]
-name = "tcp"
-link = "arm"
-placement = {{ xyz = [0.5, 0.0, 0.0] }}
+{frame_table("tcp", "arm", (0.5, 0.0, 0.0))}
 {joint_table("axis", "base", "arm", "revolute")}
 """
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from eomgen.description.load import robot_from_toml
 from eomgen.robot.value import Robot
-from tests.support.joint_table import joint_table, link_table
+from tests.support.joint_table import frame_table, joint_table, link_table
 from tests.support.random_springs import with_springs
 
 ARM = f"""
@@ -18,10 +18,7 @@ alpha = {{ stiffness = 4e3, damping = 3.0 }}
 placement = {{ xyz = [0.4, 0.0, 0.0], rpy = [1.5707963267948966, 0.0, 0.0] }}
 y = {{ stiffness = 1e5, damping = 60.0 }}
 gamma = {{ damping = 0.2 }}
-[[frames]]
-name = "tcp"
-link = "link2"
-placement = {{ xyz = [0.3, 0.0, 0.0] }}
+{frame_table("tcp", "link2", (0.3, 0.0, 0.0))}
 """
 
 

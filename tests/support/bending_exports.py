@@ -8,7 +8,7 @@ import eomgen
 from eomgen.description.load import robot_from_toml
 from eomgen.robot.value import Robot
 from tests.support.bending_robots import bent
-from tests.support.joint_table import joint_table, link_table
+from tests.support.joint_table import frame_table, joint_table, link_table
 from tests.support.random_robots import random_robot
 
 SPATIAL = f"""
@@ -29,10 +29,7 @@ modes = {{ y = 1, z = 1, torsion = 1 }}
 {joint_table("wrist", "arm", "hand", "revolute")}
 node = "tip"
 placement = {{ xyz = [0.02, 0.0, 0.01], rpy = [0.4, 0.2, 0.1] }}
-[[frames]]
-name = "tcp"
-link = "hand"
-placement = {{ xyz = [0.1, 0.0, 0.0] }}
+{frame_table("tcp", "hand", (0.1, 0.0, 0.0))}
 """
 BENDING: Mapping[str, Callable[[], Robot]] = {  # modes that work on each other first
     "tree": lambda: bent(random_robot(1, (1, 1)), 1, (2,), second=True).robot,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import eomgen
 from eomgen.description.load import robot_from_toml
-from tests.support.joint_table import joint_table, link_table
+from tests.support.joint_table import frame_table, joint_table, link_table
 
 ARM = f"""
 name = "bristled"
@@ -18,10 +18,7 @@ bristle_damping = 30.0, viscous = 0.5, fade = 0.05 }} }}
 placement = {{ xyz = [0.4, 0.0, 0.0] }}
 x = {{ stiffness = 1e5, damping = 100.0 }}
 beta = {{ stiffness = 1e3, damping = 1.0, friction = {{ model = "lugre", coulomb = 0.1, bristle_stiffness = 2e3 }} }}
-[[frames]]
-name = "tcp"
-link = "lower"
-placement = {{ xyz = [0.4, 0.0, 0.0] }}
+{frame_table("tcp", "lower", (0.4, 0.0, 0.0))}
 """
 SERVO = ARM.replace('name = "bristled"', 'name = "served"').replace(
     "x = { stiffness = 1e5, damping = 100.0 }",

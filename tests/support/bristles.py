@@ -10,7 +10,7 @@ import numpy as np
 import eomgen
 from eomgen.description import robot_from_toml
 from eomgen.robot.value import Robot
-from tests.support.joint_table import joint_table, link_table
+from tests.support.joint_table import frame_table, joint_table, link_table
 
 BRISTLES = ", bristle_stiffness = 300.0, bristle_damping = 0.5, fade = 0.5"
 FRICTION = f'friction = {{ model = "lugre", coulomb = 0.3, static = 0.4, stribeck = 0.1{BRISTLES} }}'
@@ -32,10 +32,7 @@ ratio = 5.0
 stiffness = 100.0
 damping = 0.5
 {FRICTION}
-[[frames]]
-name = "tcp"
-link = "l2"
-placement = {{ xyz = [0.3, 0.0, 0.0] }}
+{frame_table("tcp", "l2", (0.3, 0.0, 0.0))}
 """
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import eomgen
 from eomgen.errors import EomgenWarning
 from eomgen.robot.value import Joint, Placement, Robot
-from tests.support.joint_table import joint_table, link_table
+from tests.support.joint_table import frame_table, joint_table, link_table
 
 ARM = f"""
 name = "arm"
@@ -31,10 +31,7 @@ limits = [-1, 2]
 {joint_table("joint2", "link1", "link2", "prismatic")}
 placement = {{ xyz = [0.5, 0.0, 0.0], rpy = [0.0, 0.1, 0.0] }}
 
-[[frames]]
-name = "tcp"
-link = "link2"
-placement = {{ xyz = [0.0, 0.0, 0.1] }}
+{frame_table("tcp", "link2", (0.0, 0.0, 0.1))}
 """
 
 URDF = """<?xml version="1.0"?>

@@ -26,7 +26,7 @@ from eomgen.robot.parameter_names import FAMILIES, element_places
 from eomgen.robot.value import Link, LinkModes, Robot
 from tests.oracles.bending_lagrange import Cloud
 from tests.support.bending_links import nested
-from tests.support.joint_table import joint_table, link_table
+from tests.support.joint_table import joint_table, link_table, loop_table, spring_table
 
 Array = NDArray[np.float64]
 
@@ -101,27 +101,15 @@ z = {{}}
 alpha = {{}}
 damping = {{ matrix = [[4.0, 0.2, 0.0], [0.2, 0.5, -0.1], [0.0, -0.1, 0.3]] }}
 """
-SPRINGS = """
-[[springs]]
-name = "coil"
-links = ["base", "fore"]
+SPRINGS = f"""
+{spring_table("coil", "base", "fore", 30.0, 2.0)}
 points = [[0.0, 0.5, 0.0], [0.1, 0.0, 0.0]]
 free_length = 0.3
-stiffness = 30.0
-damping = 2.0
-[[springs]]
-name = "zero"
-links = ["rocker", "fore"]
+{spring_table("zero", "rocker", "fore", 30.0, 1.0)}
 points = [[0.0, 0.5, 0.0], [0.1, 0.0, 0.0]]
-stiffness = 30.0
-damping = 1.0
-[[springs]]
-name = "rope"
-links = ["base", "fore"]
+{spring_table("rope", "base", "fore", 30.0, 2.0)}
 points = [[0.0, -0.9, 0.0], [0.1, 0.0, 0.0]]
 free_length = 0.1
-stiffness = 30.0
-damping = 2.0
 tension_only = true
 smoothing = 0.1
 """
@@ -161,10 +149,7 @@ damping = 2.0
 maxwell = [{ stiffness = 3.0, damping = 0.5 }]
 """
 CUT_BEARING = f"""
-[[loops]]
-name = "bush"
-links = ["fore", "base"]
-type = "revolute"
+{loop_table("bush", "fore", "base", "revolute")}
 placements = [{{ xyz = [0.1, 0.0, 0.1] }}, {{ xyz = [0.5, 0.1, 0.0] }}]
 x = {{ damping = 2.0 }}
 y = {{ damping = 2.0 }}

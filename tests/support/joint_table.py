@@ -1,4 +1,4 @@
-"""Tables of links and joints in descriptions as TOML."""
+"""Tables of links, joints, frames, loops and springs in descriptions as TOML."""
 
 from __future__ import annotations
 
@@ -18,3 +18,21 @@ def link_table(name: str, mass: object, com: Sequence[object] = (), inertia: Seq
 def joint_table(name: str, parent: str, child: str, kind: str) -> str:
     """Return the beginning of a joint's table, behind which further keys of it may stand."""
     return f'[[joints]]\nname = "{name}"\nparent = "{parent}"\nchild = "{child}"\ntype = "{kind}"'
+
+
+def frame_table(name: str, link: str, xyz: Sequence[object] = ()) -> str:
+    """Return a frame's table, with its placement if ``xyz`` is given; further keys may stand behind it."""
+    placement = f"\nplacement = {{ xyz = [{', '.join(map(str, xyz))}] }}" if xyz else ""
+    return f'[[frames]]\nname = "{name}"\nlink = "{link}"{placement}'
+
+
+def loop_table(name: str, first: str, second: str, kind: str) -> str:
+    """Return the beginning of a loop joint's table, behind which further keys of it may stand."""
+    return f'[[loops]]\nname = "{name}"\nlinks = ["{first}", "{second}"]\ntype = "{kind}"'
+
+
+def spring_table(name: str, first: str, second: str, stiffness: object, damping: object) -> str:
+    """Return the beginning of a spring's table, behind which further keys of it may stand."""
+    return (
+        f'[[springs]]\nname = "{name}"\nlinks = ["{first}", "{second}"]\nstiffness = {stiffness}\ndamping = {damping}'
+    )

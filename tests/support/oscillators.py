@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from eomgen.robot.value import Coordinate, Frame, Joint, Link, Placement, Robot
-from tests.support.joint_table import joint_table, link_table
+from tests.support.joint_table import joint_table, link_table, loop_table
 
 STIFFNESS, MASS, DAMPING = 4e4, 2.5, 3.0
 
@@ -32,9 +32,6 @@ gravity = [0.0, -9.81, 0.0]
 placement = {{ xyz = [0.2, 0.0, 0.0] }}
 {joint_table("guide", "base", "slider", "fixed")}
 x = {{ stiffness = 3000.0, damping = 8.0, preload = 40.0 }}
-[[loops]]
-name = "ball"
-links = ["rod", "slider"]
-type = "revolute"
+{loop_table("ball", "rod", "slider", "revolute")}
 placements = [{{ xyz = [0.4, 0.0, 0.0] }}, {{}}]
 """
