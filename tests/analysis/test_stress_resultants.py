@@ -23,7 +23,14 @@ from tests.support.joint_table import frame_table, joint_table, link_table, loop
 pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
 
 LENGTH, GRAVITY = 1.5, 9.81
-BOOM = """
+
+
+def boom(axis: str = "x", section: str = "{ tube = [0.06, 0.05] }", gravity: str = "[0.0, 0.0, -9.81]") -> Robot:
+    return robot_from_toml(boom_text(axis, section, gravity))
+
+
+def boom_text(axis: str = "x", section: str = "{ tube = [0.06, 0.05] }", gravity: str = "[0.0, 0.0, -9.81]") -> str:
+    return f"""
 name = "boom"
 gravity = {gravity}
 [[links]]
@@ -36,21 +43,16 @@ G = 2.63e10
 density = 2700.0
 section = {section}
 modes = {{ y = 2, z = 2 }}
-[[joints]]
-name = "slew"
-parent = "base"
-child = "tube"
-type = "revolute"
+{joint_table("slew", "base", "tube", "revolute")}
 placement = {{ xyz = [0.1, 0.0, 0.2] }}
-[[frames]]
-name = "tcp"
-link = "tube"
+{frame_table("tcp", "tube")}
 node = "tip"
 """
 
 
-def boom(axis: str = "x", section: str = "{ tube = [0.06, 0.05] }", gravity: str = "[0.0, 0.0, -9.81]") -> Robot:
-    return robot_from_toml(BOOM.format(axis=axis, section=section, gravity=gravity))
+def crossed(beam: str) -> str:
+    """Return a trolley that slides along a beam."""
+    return f'{link_table("trolley", 5.0)}\n{joint_table("cross", beam, "trolley", "prismatic")}\nalong = "beam"\n'
 
 
 def of(beam: StressResultants, name: str) -> np.ndarray:
@@ -110,7 +112,7 @@ def test_stress_is_that_of_the_outermost_fibre(tmp_path: Path) -> None:
 def test_files_and_figures_have_them(tmp_path: Path) -> None:
     """A row of the .csv for each section; a figure; JSON."""
     path, table, page = tmp_path / "boom.toml", tmp_path / "beams.csv", tmp_path / "boom.html"
-    path.write_text(BOOM.format(axis="x", section="{ tube = [0.06, 0.05] }", gravity="[0.0, 0.0, -9.81]"))
+    path.write_text(boom_text())
     [beam] = facts("deflection", path, "-o", table)["beams"]
     header, *rows = csv.reader(table.read_text().splitlines()[1:])
     assert header == ["beam", "x", *COMPONENTS, "stress"]
@@ -203,7 +205,7 @@ def test_a_span_on_two_supports_has_the_moments_of_the_textbook() -> None:
 @pytest.mark.soak
 def test_a_load_between_the_ends_makes_a_step() -> None:
     """At a node in the middle of the beam: the shear force steps there, and the moment has a kink."""
-    text = BOOM.format(axis="x", section="{ tube = [0.06, 0.05] }", gravity="[0.0, 0.0, 0.0]")
+    text = boom_text(gravity="[0.0, 0.0, 0.0]")
     node = "modes = { y = 2, z = 2 }\nnodes = { middle = 0.75 }"
     text = text.replace("modes = { y = 2, z = 2 }", node) + '[[frames]]\nname = "mid"\nlink = "tube"\nnode = "middle"\n'
     [beam] = deflection(robot_from_toml(text), loads={"mid": [0.0, 0.0, -10.0, 0.0, 0.0, 0.0]}).beams
@@ -211,26 +213,13 @@ def test_a_load_between_the_ends_makes_a_step() -> None:
     assert of(beam, "My") == pytest.approx(10.0 * np.maximum(0.75 - beam.x, 0.0), abs=1e-4)
 
 
-CROSSED = """
-[[links]]
-name = "trolley"
-mass = 5.0
-[[joints]]
-name = "cross"
-parent = "{beam}"
-along = "beam"
-child = "trolley"
-type = "prismatic"
-"""
-
-
 @pytest.mark.soak
 @pytest.mark.parametrize("axis", ["x", "-z"])
 def test_a_trolley_on_a_cantilever_makes_a_step_where_it_is(axis: str) -> None:
     """Its weight and a force on it, on a beam that is so stiff that it is the textbook's; at the root the reaction."""
     gravity = {"x": "[0.0, 0.0, -9.81]", "-z": "[-9.81, 0.0, 0.0]"}[axis]
-    text = BOOM.format(axis=axis, section="{ tube = [0.06, 0.05] }", gravity=gravity)
-    robot = robot_from_toml(text + CROSSED.format(beam="tube"))
+    text = boom_text(axis, gravity=gravity)
+    robot = robot_from_toml(text + crossed("tube"))
     link, force = robot.links[0], 20.0 / GRAVITY * np.array(robot.gravity)
     pose, loads = {"cross.z": 0.8}, {"trolley": [*force, 0.0, 0.0, 0.0]}
     stiffness = {f"links.tube.modes.{k + 1}.stiffness": 1e6 * row[k] for k, row in enumerate(link.modes.K)}
@@ -249,7 +238,7 @@ def test_a_trolley_on_a_cantilever_makes_a_step_where_it_is(axis: str) -> None:
 @pytest.mark.soak
 def test_a_trolley_on_a_span_has_the_moments_of_the_textbook() -> None:
     """M = P a b / L under it, on two supports."""
-    robot = robot_from_toml(SPAN.replace("driven = []", 'driven = ["cross.z"]') + CROSSED.format(beam="bridge"))
+    robot = robot_from_toml(SPAN.replace("driven = []", 'driven = ["cross.z"]') + crossed("bridge"))
     [empty], [beam] = (
         deflection(robot, {"cross.z": 0.6}, loads={"trolley": [0.0, force, 0.0, 0.0, 0.0, 0.0]}).beams
         for force in (5.0 * GRAVITY, -30.0)

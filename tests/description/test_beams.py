@@ -285,7 +285,12 @@ def test_a_beam_in_python() -> None:
     assert beam.placement == Placement()
 
 
-CRANE = """
+def crane(axis: str = "x") -> Robot:
+    return robot_from_toml(crane_text(axis))
+
+
+def crane_text(axis: str = "x") -> str:
+    return f"""
 name = "crane"
 [[links]]
 name = "bridge"
@@ -298,30 +303,14 @@ density = 2700
 section = {{ tube = [0.1, 0.09] }}
 modes = {{ y = 3, z = 2 }}
 nodes = {{ quarter = 1.0, middle = 2.0 }}
-[[links]]
-name = "trolley"
-mass = 5.0
-[[joints]]
-name = "rail"
-parent = "base"
-child = "bridge"
-type = "prismatic"
-[[joints]]
-name = "cross"
-parent = "bridge"
+{link_table("trolley", 5.0)}
+{joint_table("rail", "base", "bridge", "prismatic")}
+{joint_table("cross", "bridge", "trolley", "prismatic")}
 along = "beam"
-child = "trolley"
-type = "prismatic"
 z = {{ damping = 2.0 }}
-[[frames]]
-name = "mid"
-link = "bridge"
+{frame_table("mid", "bridge")}
 node = "middle"
 """
-
-
-def crane(axis: str = "x") -> Robot:
-    return robot_from_toml(CRANE.format(axis=axis))
 
 
 def test_a_joint_along_a_beam_is_two() -> None:
@@ -361,7 +350,7 @@ def test_changes_and_records() -> None:
     """Shapes follow numbers of the beam; through JSON and pickle nothing changes."""
     robot = crane()
     longer = robot.with_value("links.bridge.beam.length", 5.0)
-    assert longer == robot_from_toml(CRANE.format(axis="x").replace("length = 4.0", "length = 5.0"))
+    assert longer == robot_from_toml(crane_text().replace("length = 4.0", "length = 5.0"))
     assert longer.joint("cross").limits == (0.0, 5.0)
     planar = robot.with_value("links.bridge.beam.modes.z", 0)
     assert list(planar.joint("bridge_cross").coordinates) == ["x", "y", "gamma"]

@@ -242,40 +242,32 @@ def test_forces_and_rows_of_cut_joints(built: Build) -> None:
 
 
 HALF = 1.5707963267948966
-CART = """
-name = "pole"
-gravity = [0.0, 0.0, 0.0]
-home = {{ {home} }}
-[[links]]
-name = "cart"
-mass = 1.0
-com = [0.05, 0.0, 0.0]
-inertia = {{ xx = 0.01, yy = 0.01, zz = 0.01 }}
-[[joints]]
-name = "joint"
-parent = "base"
-child = "cart"
-type = "{kind}"
-placement = {{ rpy = [{along}, 0.0, 0.0] }}
-{more}
-[[loops]]
-name = "weld"
-links = ["base", "cart"]
-type = "fixed"
-placements = [{{}}, {{ rpy = [0.0, {beta}, 0.0] }}]
-"""
 
 
 def cut(kind: str, beta: float, angles: Sequence[str], along: float = 0.0, home: str = "", more: str = "") -> Robot:
     """One link that slides or turns, and an elastic cut joint to the base; ``along`` turns the joint's axis about x."""
-    text = CART.format(kind=kind, along=along, home=home, beta=beta, more=more)
+    text = cart(kind, beta, along, home, more)
     return robot_from_toml(text + springs([*LINEAR, *angles], stiffness=100.0, damping=1.0))
+
+
+def cart(kind: str, beta: float = 0.0, along: float = 0.0, home: str = "", more: str = "") -> str:
+    return f"""
+name = "pole"
+gravity = [0.0, 0.0, 0.0]
+home = {{ {home} }}
+{link_table("cart", 1.0, (0.05, 0.0, 0.0), (0.01, 0.01, 0.01))}
+{joint_table("joint", "base", "cart", kind)}
+placement = {{ rpy = [{along}, 0.0, 0.0] }}
+{more}
+{loop_table("weld", "base", "cart", "fixed")}
+placements = [{{}}, {{ rpy = [0.0, {beta}, 0.0] }}]
+"""
 
 
 def guide(laws: str = "") -> Robot:
     """A cart on a slide with offsets, and a weld to the base."""
     more = "z = { damping = 2.0 }\noffset = { alpha = 0.01, x = 1e-3 }"
-    return robot_from_toml(CART.format(kind="prismatic", along=0.0, home="", beta=0.0, more=more) + laws)
+    return robot_from_toml(cart("prismatic", more=more) + laws)
 
 
 def test_coordinates_of_a_cut_that_only_offsets_move(built: Build) -> None:

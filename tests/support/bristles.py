@@ -173,20 +173,6 @@ def wide(kernel: eomgen.Kernel, q: Any, v: Any, u: Any, z: Any) -> tuple[Any, An
 
 STIFFNESS, DAMPING, VISCOUS, COULOMB, STATIC, STRIBECK = 1e5, float(np.sqrt(1e5)), 0.4, 1.0, 1.5, 1e-3  # published
 PULL = 2.0  # N/m of the spring that pulls a mass of 1 kg
-BLOCK = """
-name = "block"
-gravity = [0.0, -9.81, 0.0]
-[[links]]
-name = "body"
-mass = 1.0
-inertia = {{ xx = 0.1, yy = 0.1, zz = 0.1 }}
-[[joints]]
-name = "slide"
-type = "prismatic"
-parent = "base"
-child = "body"
-z = {{ stiffness = {pull}, friction = {{ {friction} }} }}
-"""
 PUBLISHED = (
     f'model = "lugre", coulomb = {COULOMB}, static = {STATIC}, stribeck = {STRIBECK}, bristle_stiffness = {STIFFNESS},'
     f" bristle_damping = {DAMPING}, viscous = {VISCOUS}"
@@ -195,7 +181,13 @@ PUBLISHED = (
 
 def block(friction: str = PUBLISHED, pull: float = PULL) -> Robot:
     """Return a mass of 1 kg on a rail, pulled by a spring, with the published friction or another one."""
-    return robot_from_toml(BLOCK.format(friction=friction, pull=pull))
+    return robot_from_toml(f"""
+name = "block"
+gravity = [0.0, -9.81, 0.0]
+{link_table("body", 1.0, inertia=(0.1, 0.1, 0.1))}
+{joint_table("slide", "base", "body", "prismatic")}
+z = {{ stiffness = {pull}, friction = {{ {friction} }} }}
+""")
 
 
 def rates(v: Any, z: Any) -> tuple[Any, Any]:

@@ -6,7 +6,7 @@ from typing import Any
 
 from eomgen.description.load import robot_from_toml
 from eomgen.robot.value import Coordinate, Joint, Link, Robot
-from tests.support.joint_table import joint_table
+from tests.support.joint_table import joint_table, link_table
 
 SLIDER = f"""
 name = "slider"
@@ -17,25 +17,17 @@ z = {{ stiffness = 800.0, damping = 0.0 }}
 """
 RELEASE = {"duration": 0.7, "initial": {"q": {"rail": 0.1}}}
 STIFF = "[[vary]]\nparameter = 'joints.rail.z.stiffness'\n"
-RAIL = """
-name = "{name}"
-gravity = [0.0, -9.81, 0.0]
-[[links]]
-name = "body"
-mass = {mass}
-inertia = {{ xx = 0.1, yy = 0.1, zz = 0.1 }}
-[[joints]]
-name = "rail"
-type = "prismatic"
-parent = "base"
-child = "body"
-z = {{ {law} }}
-"""
 
 
 def on_rail(law: str, name: str = "slide", mass: float = 1.0) -> str:
     """Describe a mass on a prismatic joint across gravity; the law is that of its coordinate, in TOML."""
-    return RAIL.format(law=law, name=name, mass=mass)
+    return f"""
+name = "{name}"
+gravity = [0.0, -9.81, 0.0]
+{link_table("body", mass, inertia=(0.1, 0.1, 0.1))}
+{joint_table("rail", "base", "body", "prismatic")}
+z = {{ {law} }}
+"""
 
 
 def slider() -> Robot:
