@@ -18,7 +18,7 @@ from eomgen.errors import DescriptionError, InputError
 from eomgen.pictures import report_of
 from eomgen.robot.value import AXES, Robot
 from tests.support.commands import command, facts
-from tests.support.joint_table import frame_table, joint_table, link_table, loop_table
+from tests.support.joint_table import beam_table, frame_table, joint_table, link_table, loop_table
 
 pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
 
@@ -33,16 +33,8 @@ def boom_text(axis: str = "x", section: str = "{ tube = [0.06, 0.05] }", gravity
     return f"""
 name = "boom"
 gravity = {gravity}
-[[links]]
-name = "tube"
-[links.beam]
-length = 1.5
+{beam_table("tube", 1.5, section, "{ y = 2, z = 2 }", 2.63e10)}
 axis = "{axis}"
-E = 7.0e10
-G = 2.63e10
-density = 2700.0
-section = {section}
-modes = {{ y = 2, z = 2 }}
 {joint_table("slew", "base", "tube", "revolute")}
 placement = {{ xyz = [0.1, 0.0, 0.2] }}
 {frame_table("tcp", "tube")}
@@ -171,15 +163,7 @@ SPAN = f"""
 name = "span"
 gravity = [0.0, -9.81, 0.0]
 driven = []
-[[links]]
-name = "bridge"
-[links.beam]
-length = 2.0
-E = 7.0e10
-G = 2.6e10
-density = 2700.0
-section = {{ box = [0.1, 0.06, 0.005] }}
-modes = {{ y = 2, axial = 1 }}
+{beam_table("bridge", 2.0, "{ box = [0.1, 0.06, 0.005] }", "{ y = 2, axial = 1 }")}
 {joint_table("pin", "base", "bridge", "revolute")}
 {loop_table("bearing", "base", "bridge", "spherical")}
 nodes = ["root", "tip"]
@@ -252,15 +236,7 @@ LEVER = f"""
 name = "lever"
 gravity = [0, 0, -9.81]
 driven = ["crank.gamma"]
-[[links]]
-name = "lever"
-[links.beam]
-length = 1.0
-E = 7e10
-G = 2.6e10
-density = 2700.0
-section = {{ box = [0.02, 0.02, 0.002] }}
-modes = {{ y = 1 }}
+{beam_table("lever", 1.0, "{ box = [0.02, 0.02, 0.002] }", "{ y = 1 }")}
 {link_table("block", 1.0, inertia=(0.01, 0.01, 0.01))}
 {link_table("arm", 1.0, (0.1, 0, 0), (0.01, 0.01, 0.01))}
 {joint_table("pivot", "base", "lever", "revolute")}

@@ -37,7 +37,7 @@ from tests.support.beam_elements import Plane
 from tests.support.beams import SIZES, STEEL, cantilever, toml
 from tests.support.description_samples import URDF
 from tests.support.finite_elements import bar
-from tests.support.joint_table import frame_table, joint_table, link_table, loop_table
+from tests.support.joint_table import beam_table, frame_table, joint_table, link_table, loop_table
 from tests.support.refusals import refused
 from tests.support.text_files import text_file
 
@@ -292,16 +292,8 @@ def crane(axis: str = "x") -> Robot:
 def crane_text(axis: str = "x") -> str:
     return f"""
 name = "crane"
-[[links]]
-name = "bridge"
-[links.beam]
+{beam_table("bridge", 4.0, "{ tube = [0.1, 0.09] }", "{ y = 3, z = 2 }")}
 axis = "{axis}"
-length = 4.0
-E = 7e10
-G = 2.6e10
-density = 2700
-section = {{ tube = [0.1, 0.09] }}
-modes = {{ y = 3, z = 2 }}
 nodes = {{ quarter = 1.0, middle = 2.0 }}
 {link_table("trolley", 5.0)}
 {joint_table("rail", "base", "bridge", "prismatic")}

@@ -31,7 +31,7 @@ from eomgen.pipeline.stages import Options, generate
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
 from tests.support.builds import Build
-from tests.support.joint_table import joint_table, link_table
+from tests.support.joint_table import beam_table, joint_table, link_table
 from tests.support.quick_builds import QUICK, Q, as_new_process, one_link, script, without_headers
 from tests.support.soak import soaked
 
@@ -434,15 +434,7 @@ def test_spread_of_copies(values: list[float], expected: float) -> None:
 
 CROSSED = f"""
 name = "crossed"
-[[links]]
-name = "bridge"
-[links.beam]
-length = 2.0
-E = 7e10
-G = 2.6e10
-density = 2700.0
-section = {{ tube = [0.06, 0.05] }}
-modes = {{ y = 2, z = 1 }}
+{beam_table("bridge", 2.0, "{ tube = [0.06, 0.05] }", "{ y = 2, z = 1 }")}
 {link_table("trolley", 1.5)}
 {joint_table("rail", "base", "bridge", "prismatic")}
 {joint_table("cross", "bridge", "trolley", "prismatic")}

@@ -20,7 +20,7 @@ from eomgen.sweep.driver import prepare
 from eomgen.sweep.job import SampleRunner
 from eomgen.sweep.plan import plan_from_toml
 from tests.support.bending_mixtures import mixture
-from tests.support.bristles import GEAR, block
+from tests.support.bristles import block, gear_text
 from tests.support.joint_table import frame_table, joint_table, link_table
 from tests.support.optional import needs
 from tests.support.random_robots import seeds
@@ -119,7 +119,7 @@ def test_series_tables_and_files(result: SimulationResult, tmp_path: Path) -> No
 def test_states_of_followers_are_kept(tmp_path: Path) -> None:
     """A gear's follower has bristles, and is no coordinate."""
     law = f"friction = {{ {BRISTLES.format(0.2, 0.3)} }}"
-    result = run_scenario(robot_from_toml(GEAR.format(friction=law)), scenario_from_toml("duration = 0.01"))
+    result = run_scenario(robot_from_toml(gear_text(law)), scenario_from_toml("duration = 0.01"))
     again = eomgen.load_result(result.save(tmp_path / "motion.npz")).trajectory
     assert again.memory == ("j1.gamma.friction.z", "j2.gamma.friction.z")
     assert again.coordinates == ("j1.gamma",)

@@ -36,30 +36,16 @@ damping = 0.5
 """
 
 
-GEAR = """
+def gear_text(friction: str) -> str:
+    """Describe two links of which the second one follows the first, with this friction on both sides of the gear."""
+    return f"""
 name = "bristle_gear"
 gravity = [0.0, -9.81, 0.0]
-[[links]]
-name = "a"
-mass = 1.0
-com = [0.2, 0.0, 0.0]
-inertia = {{ xx = 0.01, yy = 0.02, zz = 0.02 }}
-[[links]]
-name = "b"
-mass = 0.5
-com = [0.1, 0.0, 0.0]
-inertia = {{ xx = 0.01, yy = 0.01, zz = 0.01 }}
-[[joints]]
-name = "j1"
-parent = "base"
-child = "a"
-type = "revolute"
+{link_table("a", 1.0, (0.2, 0.0, 0.0), (0.01, 0.02, 0.02))}
+{link_table("b", 0.5, (0.1, 0.0, 0.0), (0.01, 0.01, 0.01))}
+{joint_table("j1", "base", "a", "revolute")}
 gamma = {{ {friction} }}
-[[joints]]
-name = "j2"
-parent = "a"
-child = "b"
-type = "revolute"
+{joint_table("j2", "a", "b", "revolute")}
 placement = {{ xyz = [0.4, 0.0, 0.0] }}
 gamma = {{ {friction} }}
 [[couplings]]
@@ -67,7 +53,9 @@ name = "gear"
 of = "j2.gamma"
 to = {{ "j1.gamma" = -2.0 }}
 """
-GEARED = GEAR.format(friction=FRICTION)
+
+
+GEARED = gear_text(FRICTION)
 
 
 HYSTERESIS = "hysteresis = {{ stiffness = {}, beta = 30.0, gamma = 10.0, n = 1.5, share = 0.3 }}"

@@ -30,46 +30,6 @@ from tests.support.joint_table import joint_table, link_table, loop_table, sprin
 
 Array = NDArray[np.float64]
 
-TREE = """
-name = "every"
-gravity = [0.0, -9.81, 1.0]
-[[links]]
-name = "upper"
-mass = 2.0
-com = [0.2, 0.01, 0.02]
-inertia = {{ xx = 2e-2, yy = 3e-2, zz = 3e-2, xy = 1e-3 }}
-[[links]]
-name = "fore"
-mass = 1.5
-com = [0.1, 0.0, 0.03]
-inertia = {{ xx = 2e-2, yy = 3e-2, zz = 3e-2 }}
-[[links]]
-name = "rocker"
-mass = 0.7
-com = [0.15, 0.02, 0.0]
-inertia = {{ xx = 1e-2, yy = 1e-2, zz = 1e-2 }}
-[[joints]]
-name = "hip"
-parent = "base"
-child = "upper"
-type = "revolute"
-{hip}
-[[joints]]
-name = "knee"
-parent = "upper"
-child = "fore"
-type = "revolute"
-placement = {{ xyz = [0.4, 0.0, 0.0], rpy = [0.3, 0.1, 0.0] }}
-{knee}
-[[joints]]
-name = "pivot"
-parent = "base"
-child = "rocker"
-type = "revolute"
-placement = {{ xyz = [0.6, 0.2, 0.0], rpy = [0.1, -0.2, 0.0] }}
-{beside}
-"""
-
 FREE = "x = {}\ny = {}\nalpha = {}\nbeta = {}\n"
 LAWS = """
 x = { stiffness = 20.0, damping = 4.0, clearance = 1e-2, smoothing = 5e-2, restitution_damping = 2.0 }
@@ -113,40 +73,34 @@ free_length = 0.1
 tension_only = true
 smoothing = 0.1
 """
-CUT = """
-[[loops]]
-name = "pin"
-links = ["fore", "rocker"]
-type = "revolute"
-placements = [{ xyz = [0.3, 0.0, 0.0] }, { xyz = [0.3, 0.1, 0.0], rpy = [0.2, 0.0, 0.0] }]
-x = { stiffness = 10.0, damping = 2.0 }
-y = { stiffness = 10.0, damping = 2.0, clearance = 2e-2 }
-z = { stiffness = 10.0, damping = 2.0, friction = { model = "lugre", coulomb = 2.0, bristle_stiffness = 3.0 } }
-alpha = { stiffness = 1.0, damping = 0.2, maxwell = [{ stiffness = 2.0, damping = 1.0 }] }
-beta = { stiffness = 1.0, damping = 0.2, hysteresis = { stiffness = 3.0, beta = 0.9, gamma = 0.4, n = 1.4 } }
-gamma = { friction = { coefficient = 0.8, radius = 0.2, smoothing = 0.1 } }
-[[loops]]
-name = "clamp"
-links = ["base", "rocker"]
-type = "fixed"
-placements = [{ xyz = [0.6, 0.2, 0.1] }, { xyz = [0.0, 0.1, 0.1], rpy = [-0.1, 0.2, 0.0] }]
-x = {}
-y = {}
-z = { stiffness = 3.0 }
-alpha = {}
-beta = {}
-gamma = {}
-stiffness = { matrix = [[9.0, 1.0, -2.0, 0.3, 0.1, 0.0], [1.0, 8.0, 0.5, 0.2, -0.3, 0.4], \
+CUT = f"""
+{loop_table("pin", "fore", "rocker", "revolute")}
+placements = [{{ xyz = [0.3, 0.0, 0.0] }}, {{ xyz = [0.3, 0.1, 0.0], rpy = [0.2, 0.0, 0.0] }}]
+x = {{ stiffness = 10.0, damping = 2.0 }}
+y = {{ stiffness = 10.0, damping = 2.0, clearance = 2e-2 }}
+z = {{ stiffness = 10.0, damping = 2.0, friction = {{ model = "lugre", coulomb = 2.0, bristle_stiffness = 3.0 }} }}
+alpha = {{ stiffness = 1.0, damping = 0.2, maxwell = [{{ stiffness = 2.0, damping = 1.0 }}] }}
+beta = {{ stiffness = 1.0, damping = 0.2, hysteresis = {{ stiffness = 3.0, beta = 0.9, gamma = 0.4, n = 1.4 }} }}
+gamma = {{ friction = {{ coefficient = 0.8, radius = 0.2, smoothing = 0.1 }} }}
+{loop_table("clamp", "base", "rocker", "fixed")}
+placements = [{{ xyz = [0.6, 0.2, 0.1] }}, {{ xyz = [0.0, 0.1, 0.1], rpy = [-0.1, 0.2, 0.0] }}]
+x = {{}}
+y = {{}}
+z = {{ stiffness = 3.0 }}
+alpha = {{}}
+beta = {{}}
+gamma = {{}}
+stiffness = {{ matrix = [[9.0, 1.0, -2.0, 0.3, 0.1, 0.0], [1.0, 8.0, 0.5, 0.2, -0.3, 0.4], \
 [-2.0, 0.5, 7.0, 0.1, 0.6, 0.2], [0.3, 0.2, 0.1, 1.0, 0.2, 0.1], [0.1, -0.3, 0.6, 0.2, 1.5, -0.2], \
-[0.0, 0.4, 0.2, 0.1, -0.2, 1.2]], preload = [0.1, 0.0, 0.2, 0.0, -0.1, 0.0] }
-damping = { ratio = 0.8, at_hz = 1.5 }
+[0.0, 0.4, 0.2, 0.1, -0.2, 1.2]], preload = [0.1, 0.0, 0.2, 0.0, -0.1, 0.0] }}
+damping = {{ ratio = 0.8, at_hz = 1.5 }}
 [[couplings]]
 name = "belt"
 of = "pivot.gamma"
-to = { "knee.gamma" = -1.5 }
+to = {{ "knee.gamma" = -1.5 }}
 stiffness = 10.0
 damping = 2.0
-maxwell = [{ stiffness = 3.0, damping = 0.5 }]
+maxwell = [{{ stiffness = 3.0, damping = 0.5 }}]
 """
 CUT_BEARING = f"""
 {loop_table("bush", "fore", "base", "revolute")}
@@ -244,7 +198,27 @@ def robot_with(*families: type[ForceElement]) -> str:
     parts = {part: "".join(ROBOTS[family].get(part, "") for family in families) for part in PARTS}
     if parts["hip"].count(FREE) > 1:
         parts["hip"] = FREE + parts["hip"].replace(FREE, "")
-    return TREE.format(**parts)
+    return tree(**parts)
+
+
+def tree(hip: str = "", knee: str = "", beside: str = "") -> str:
+    """Describe three links on three joints, of which two have further keys, with more tables behind them."""
+    return f"""
+name = "every"
+gravity = [0.0, -9.81, 1.0]
+{link_table("upper", 2.0, (0.2, 0.01, 0.02))}
+inertia = {{ xx = 2e-2, yy = 3e-2, zz = 3e-2, xy = 1e-3 }}
+{link_table("fore", 1.5, (0.1, 0.0, 0.03), (2e-2, 3e-2, 3e-2))}
+{link_table("rocker", 0.7, (0.15, 0.02, 0.0), (1e-2, 1e-2, 1e-2))}
+{joint_table("hip", "base", "upper", "revolute")}
+{hip}
+{joint_table("knee", "upper", "fore", "revolute")}
+placement = {{ xyz = [0.4, 0.0, 0.0], rpy = [0.3, 0.1, 0.0] }}
+{knee}
+{joint_table("pivot", "base", "rocker", "revolute")}
+placement = {{ xyz = [0.6, 0.2, 0.0], rpy = [0.1, -0.2, 0.0] }}
+{beside}
+"""
 
 
 def robot_of(*families: type[ForceElement]) -> Robot:

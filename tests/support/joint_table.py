@@ -1,4 +1,4 @@
-"""Tables of links, joints, frames, loops and springs in descriptions as TOML."""
+"""Tables of links, beams, joints, frames, loops and springs in descriptions as TOML."""
 
 from __future__ import annotations
 
@@ -13,6 +13,14 @@ def link_table(name: str, mass: object, com: Sequence[object] = (), inertia: Seq
     if inertia:
         table += "\ninertia = {{ xx = {}, yy = {}, zz = {} }}".format(*inertia)
     return table
+
+
+def beam_table(name: str, length: float, section: str, modes: str, G: float = 2.6e10) -> str:
+    """Return the table of a link that is a beam of aluminium; further keys of its beam may stand behind it."""
+    return (
+        f'[[links]]\nname = "{name}"\n[links.beam]\nlength = {length}\nE = 7e10\nG = {G}\ndensity = 2700.0\n'
+        f"section = {section}\nmodes = {modes}"
+    )
 
 
 def joint_table(name: str, parent: str, child: str, kind: str) -> str:
