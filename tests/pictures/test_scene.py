@@ -54,7 +54,6 @@ from eomgen.simulation.run import run_scenario
 from tests.description.test_beams import crane
 from tests.oracles.pinocchio_models import PinocchioOracle
 from tests.pictures.test_plots import modes_of
-from tests.support.bending_arm import bending_arm
 from tests.support.bending_robots import bent
 from tests.support.browser import open_page
 from tests.support.commands import errors_of
@@ -63,6 +62,7 @@ from tests.support.joint_table import beam_table, frame_table, joint_table
 from tests.support.optional import needs
 from tests.support.random_robots import random_robot, random_state, with_offsets
 from tests.support.refusals import refused
+from tests.support.small_robots import bending_arm
 from tests.support.soak import soaked
 
 pytestmark = pytest.mark.usefixtures("unoptimised")

@@ -17,8 +17,8 @@ from eomgen.robot import Bushing, JointDamping, JointStiffness, Placement, Robot
 from eomgen.robot.model import build_model
 from eomgen.state.springs import fastest_rates
 from tests.support.builds import Build
-from tests.support.dense_stages import dense_stage, run, staged
 from tests.support.every_element import tree
+from tests.support.programs import dense_stage, run, staged
 from tests.support.random_robots import random_state, seeds
 from tests.support.small_robots import free_body
 

@@ -25,8 +25,8 @@ from eomgen.robot.memory.states import WEIGHTLESS, State
 from eomgen.robot.model import Model, build_model
 from eomgen.robot.parameter_names import leasts
 from tests.support.bending_robots import Bending, bent, with_mode_follower
-from tests.support.dense_stages import dense_stage, run, staged
 from tests.support.joint_table import joint_table, link_table
+from tests.support.programs import dense_stage, run, staged
 from tests.support.random_robots import random_robot, seeds
 
 Array = NDArray[np.float64]

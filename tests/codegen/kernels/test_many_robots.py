@@ -18,10 +18,9 @@ from eomgen.robot.model import build_model
 from eomgen.robot.value import COORDINATES, PRINCIPAL, Coordinate, Joint, Robot
 from tests.support.builds import Build
 from tests.support.figures import Figures
-from tests.support.many_descriptions import check_descriptions
+from tests.support.many_descriptions import check_descriptions, check_forms, check_oracles
 from tests.support.many_laws import CHECKS
 from tests.support.many_motion import momenta
-from tests.support.many_oracles import check_forms, check_oracles
 from tests.support.many_robots import FORMS, ROBOTS, Subject, many_robot, named, run, size_of, subject
 from tests.support.random_robots import random_robot
 from tests.support.soak import soaked

@@ -20,8 +20,8 @@ from eomgen.robot.elements import Bushing
 from eomgen.robot.model import Model, build_model
 from eomgen.robot.value import Robot
 from tests.support.bending_robots import bent
-from tests.support.dense_stages import run
 from tests.support.joint_table import beam_table, joint_table
+from tests.support.programs import run
 from tests.support.random_robots import Array, State, random_placement, random_robot, seeds, with_random_loops
 from tests.support.random_springs import with_springs
 
