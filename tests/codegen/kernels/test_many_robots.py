@@ -1,4 +1,4 @@
-"""A thousand random robots of up to 36 coordinates: oracles, laws, and every form that the generator can choose."""
+"""A thousand random robots of up to 36 coordinates: oracles, laws, every form of the generator, and motions."""
 
 from __future__ import annotations
 
@@ -152,17 +152,17 @@ def check_momentum(seed: int, built: Build, figures: Figures) -> None:
 
 
 Check = Callable[[int, Build, Figures], None]
-CHECKS: tuple[Check, ...] = (check_energy, check_damped_energy, check_momentum)
+ENERGIES: tuple[Check, ...] = (check_energy, check_damped_energy, check_momentum)
 
 
-@pytest.mark.parametrize("check", CHECKS)
+@pytest.mark.parametrize("check", ENERGIES)
 @pytest.mark.parametrize("seed", [1])
 def test_a_motion(check: Check, seed: int, built: Build, figures: Figures, empty_cache: Path) -> None:
     check(seed, built, figures)
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("check", CHECKS)
+@pytest.mark.parametrize("check", ENERGIES)
 @pytest.mark.parametrize("seed", range(100, 140))
 def test_forty_motions(check: Check, seed: int, built: Build, figures: Figures, empty_cache: Path) -> None:
     check(seed, built, figures)
