@@ -21,7 +21,7 @@ from eomgen.state.equilibrium import static_equilibrium
 from tests.support.bristled import ARM, bristled_arm, served_arm
 from tests.support.bristles import FRICTION, GEARED, bristle_gear, bristle_linkage
 from tests.support.builds import Build
-from tests.support.joint_table import joint_table
+from tests.support.joint_table import joint_table, link_table
 from tests.support.random_robots import Array
 from tests.support.soak import soaked
 
@@ -352,10 +352,7 @@ def test_branches_have_their_complex_stiffness(built: Build) -> None:
     text = f"""
 name = "branched"
 gravity = [0.0, 0.0, 0.0]
-[[links]]
-name = "body"
-mass = 2.0
-inertia = {{ xx = 0.1, yy = 0.1, zz = 0.1 }}
+{link_table("body", 2.0, inertia=(0.1, 0.1, 0.1))}
 {joint_table("j", "base", "body", "fixed")}
 x = {{ stiffness = 1e4, damping = 3.0, maxwell = [{{ stiffness = 4e3, damping = 50.0 }}, \
 {{ stiffness = 2e3, damping = 5.0 }}] }}

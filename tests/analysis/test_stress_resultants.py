@@ -18,39 +18,33 @@ from eomgen.errors import DescriptionError, InputError
 from eomgen.pictures import report_of
 from eomgen.robot.value import AXES, Robot
 from tests.support.commands import command, facts
-from tests.support.joint_table import joint_table
+from tests.support.joint_table import beam_table, frame_table, joint_table, link_table, loop_table
 
 pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
 
 LENGTH, GRAVITY = 1.5, 9.81
-BOOM = """
+
+
+def boom(axis: str = "x", section: str = "{ tube = [0.06, 0.05] }", gravity: str = "[0.0, 0.0, -9.81]") -> Robot:
+    return robot_from_toml(boom_text(axis, section, gravity))
+
+
+def boom_text(axis: str = "x", section: str = "{ tube = [0.06, 0.05] }", gravity: str = "[0.0, 0.0, -9.81]") -> str:
+    return f"""
 name = "boom"
 gravity = {gravity}
-[[links]]
-name = "tube"
-[links.beam]
-length = 1.5
+{beam_table("tube", 1.5, section, "{ y = 2, z = 2 }", 2.63e10)}
 axis = "{axis}"
-E = 7.0e10
-G = 2.63e10
-density = 2700.0
-section = {section}
-modes = {{ y = 2, z = 2 }}
-[[joints]]
-name = "slew"
-parent = "base"
-child = "tube"
-type = "revolute"
+{joint_table("slew", "base", "tube", "revolute")}
 placement = {{ xyz = [0.1, 0.0, 0.2] }}
-[[frames]]
-name = "tcp"
-link = "tube"
+{frame_table("tcp", "tube")}
 node = "tip"
 """
 
 
-def boom(axis: str = "x", section: str = "{ tube = [0.06, 0.05] }", gravity: str = "[0.0, 0.0, -9.81]") -> Robot:
-    return robot_from_toml(BOOM.format(axis=axis, section=section, gravity=gravity))
+def crossed(beam: str) -> str:
+    """Return a trolley that slides along a beam."""
+    return f'{link_table("trolley", 5.0)}\n{joint_table("cross", beam, "trolley", "prismatic")}\nalong = "beam"\n'
 
 
 def of(beam: StressResultants, name: str) -> np.ndarray:
@@ -110,7 +104,7 @@ def test_stress_is_that_of_the_outermost_fibre(tmp_path: Path) -> None:
 def test_files_and_figures_have_them(tmp_path: Path) -> None:
     """A row of the .csv for each section; a figure; JSON."""
     path, table, page = tmp_path / "boom.toml", tmp_path / "beams.csv", tmp_path / "boom.html"
-    path.write_text(BOOM.format(axis="x", section="{ tube = [0.06, 0.05] }", gravity="[0.0, 0.0, -9.81]"))
+    path.write_text(boom_text())
     [beam] = facts("deflection", path, "-o", table)["beams"]
     header, *rows = csv.reader(table.read_text().splitlines()[1:])
     assert header == ["beam", "x", *COMPONENTS, "stress"]
@@ -169,26 +163,13 @@ SPAN = f"""
 name = "span"
 gravity = [0.0, -9.81, 0.0]
 driven = []
-[[links]]
-name = "bridge"
-[links.beam]
-length = 2.0
-E = 7.0e10
-G = 2.6e10
-density = 2700.0
-section = {{ box = [0.1, 0.06, 0.005] }}
-modes = {{ y = 2, axial = 1 }}
+{beam_table("bridge", 2.0, "{ box = [0.1, 0.06, 0.005] }", "{ y = 2, axial = 1 }")}
 {joint_table("pin", "base", "bridge", "revolute")}
-[[loops]]
-name = "bearing"
-links = ["base", "bridge"]
+{loop_table("bearing", "base", "bridge", "spherical")}
 nodes = ["root", "tip"]
-type = "spherical"
 x = {{}}
 placements = [{{ xyz = [2.0, 0.0, 0.0] }}, {{}}]
-[[frames]]
-name = "tcp"
-link = "bridge"
+{frame_table("tcp", "bridge")}
 node = "tip"
 """
 
@@ -208,7 +189,7 @@ def test_a_span_on_two_supports_has_the_moments_of_the_textbook() -> None:
 @pytest.mark.soak
 def test_a_load_between_the_ends_makes_a_step() -> None:
     """At a node in the middle of the beam: the shear force steps there, and the moment has a kink."""
-    text = BOOM.format(axis="x", section="{ tube = [0.06, 0.05] }", gravity="[0.0, 0.0, 0.0]")
+    text = boom_text(gravity="[0.0, 0.0, 0.0]")
     node = "modes = { y = 2, z = 2 }\nnodes = { middle = 0.75 }"
     text = text.replace("modes = { y = 2, z = 2 }", node) + '[[frames]]\nname = "mid"\nlink = "tube"\nnode = "middle"\n'
     [beam] = deflection(robot_from_toml(text), loads={"mid": [0.0, 0.0, -10.0, 0.0, 0.0, 0.0]}).beams
@@ -216,26 +197,13 @@ def test_a_load_between_the_ends_makes_a_step() -> None:
     assert of(beam, "My") == pytest.approx(10.0 * np.maximum(0.75 - beam.x, 0.0), abs=1e-4)
 
 
-CROSSED = """
-[[links]]
-name = "trolley"
-mass = 5.0
-[[joints]]
-name = "cross"
-parent = "{beam}"
-along = "beam"
-child = "trolley"
-type = "prismatic"
-"""
-
-
 @pytest.mark.soak
 @pytest.mark.parametrize("axis", ["x", "-z"])
 def test_a_trolley_on_a_cantilever_makes_a_step_where_it_is(axis: str) -> None:
     """Its weight and a force on it, on a beam that is so stiff that it is the textbook's; at the root the reaction."""
     gravity = {"x": "[0.0, 0.0, -9.81]", "-z": "[-9.81, 0.0, 0.0]"}[axis]
-    text = BOOM.format(axis=axis, section="{ tube = [0.06, 0.05] }", gravity=gravity)
-    robot = robot_from_toml(text + CROSSED.format(beam="tube"))
+    text = boom_text(axis, gravity=gravity)
+    robot = robot_from_toml(text + crossed("tube"))
     link, force = robot.links[0], 20.0 / GRAVITY * np.array(robot.gravity)
     pose, loads = {"cross.z": 0.8}, {"trolley": [*force, 0.0, 0.0, 0.0]}
     stiffness = {f"links.tube.modes.{k + 1}.stiffness": 1e6 * row[k] for k, row in enumerate(link.modes.K)}
@@ -254,7 +222,7 @@ def test_a_trolley_on_a_cantilever_makes_a_step_where_it_is(axis: str) -> None:
 @pytest.mark.soak
 def test_a_trolley_on_a_span_has_the_moments_of_the_textbook() -> None:
     """M = P a b / L under it, on two supports."""
-    robot = robot_from_toml(SPAN.replace("driven = []", 'driven = ["cross.z"]') + CROSSED.format(beam="bridge"))
+    robot = robot_from_toml(SPAN.replace("driven = []", 'driven = ["cross.z"]') + crossed("bridge"))
     [empty], [beam] = (
         deflection(robot, {"cross.z": 0.6}, loads={"trolley": [0.0, force, 0.0, 0.0, 0.0, 0.0]}).beams
         for force in (5.0 * GRAVITY, -30.0)
@@ -268,38 +236,16 @@ LEVER = f"""
 name = "lever"
 gravity = [0, 0, -9.81]
 driven = ["crank.gamma"]
-[[links]]
-name = "lever"
-[links.beam]
-length = 1.0
-E = 7e10
-G = 2.6e10
-density = 2700.0
-section = {{ box = [0.02, 0.02, 0.002] }}
-modes = {{ y = 1 }}
-[[links]]
-name = "block"
-mass = 1.0
-inertia = {{ xx = 0.01, yy = 0.01, zz = 0.01 }}
-[[links]]
-name = "arm"
-mass = 1.0
-com = [0.1, 0, 0]
-inertia = {{ xx = 0.01, yy = 0.01, zz = 0.01 }}
+{beam_table("lever", 1.0, "{ box = [0.02, 0.02, 0.002] }", "{ y = 1 }")}
+{link_table("block", 1.0, inertia=(0.01, 0.01, 0.01))}
+{link_table("arm", 1.0, (0.1, 0, 0), (0.01, 0.01, 0.01))}
 {joint_table("pivot", "base", "lever", "revolute")}
 placement = {{ rpy_deg = [90, 0, 0] }}
-[[joints]]
-name = "slide"
-parent = "lever"
+{joint_table("slide", "lever", "block", "prismatic")}
 along = "beam"
-child = "block"
-type = "prismatic"
 {joint_table("crank", "base", "arm", "revolute")}
 placement = {{ xyz = [0.3, 0, 0], rpy_deg = [90, 0, 0] }}
-[[loops]]
-name = "pin"
-type = "spherical"
-links = ["block", "arm"]
+{loop_table("pin", "block", "arm", "spherical")}
 placements = [{{}}, {{ xyz = [0.2, 0, 0] }}]
 """
 

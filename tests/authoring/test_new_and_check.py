@@ -36,7 +36,7 @@ from tests.support.builds import Build
 from tests.support.closeness import close
 from tests.support.commands import command, errors_of, run
 from tests.support.description_samples import ARM, URDF
-from tests.support.joint_table import joint_table
+from tests.support.joint_table import joint_table, link_table
 from tests.support.makers import MAKERS
 from tests.support.random_robots import random_robot, with_offsets
 from tests.support.refusals import refused
@@ -232,15 +232,9 @@ ODD = f"""
 name = "arm"
 home = {{ j1.gamma = 90.0 }}
 
-[[links]]
-name = "upper"
-mass = 2.0
-com = [120.0, 0.0, 0.0]
-inertia = {{ xx = 0.1, yy = 0.1, zz = 0.1 }}
+{link_table("upper", 2.0, (120.0, 0.0, 0.0), (0.1, 0.1, 0.1))}
 
-[[links]]
-name = "fore"
-mass = 2.0
+{link_table("fore", 2.0)}
 
 {joint_table("j1", "base", "upper", "revolute")}
 placement = {{ xyz = [0.0, 0.0, 500.0], rpy = [90.0, 0.0, 0.0] }}

@@ -37,7 +37,7 @@ from tests.support.beam_elements import Plane
 from tests.support.beams import SIZES, STEEL, cantilever, toml
 from tests.support.description_samples import URDF
 from tests.support.finite_elements import bar
-from tests.support.joint_table import joint_table
+from tests.support.joint_table import beam_table, frame_table, joint_table, link_table, loop_table
 from tests.support.refusals import refused
 from tests.support.text_files import text_file
 
@@ -118,12 +118,8 @@ def test_beams_follow_each_other_and_carry_joints_where_a_node_is() -> None:
     """A beam on another one's tip, a frame and a link at an inner node; tunable numbers of a segment."""
     more = f"""
 tunable = ["links.boom1.mass"]
-[[links]]
-name = "tool"
-mass = 1.0
-[[links]]
-name = "bob"
-mass = 0.5
+{link_table("tool", 1.0)}
+{link_table("bob", 0.5)}
 {joint_table("hinge", "boom1", "bob", "revolute")}
 [[beams]]
 name = "jib"
@@ -289,43 +285,24 @@ def test_a_beam_in_python() -> None:
     assert beam.placement == Placement()
 
 
-CRANE = """
+def crane(axis: str = "x") -> Robot:
+    return robot_from_toml(crane_text(axis))
+
+
+def crane_text(axis: str = "x") -> str:
+    return f"""
 name = "crane"
-[[links]]
-name = "bridge"
-[links.beam]
+{beam_table("bridge", 4.0, "{ tube = [0.1, 0.09] }", "{ y = 3, z = 2 }")}
 axis = "{axis}"
-length = 4.0
-E = 7e10
-G = 2.6e10
-density = 2700
-section = {{ tube = [0.1, 0.09] }}
-modes = {{ y = 3, z = 2 }}
 nodes = {{ quarter = 1.0, middle = 2.0 }}
-[[links]]
-name = "trolley"
-mass = 5.0
-[[joints]]
-name = "rail"
-parent = "base"
-child = "bridge"
-type = "prismatic"
-[[joints]]
-name = "cross"
-parent = "bridge"
+{link_table("trolley", 5.0)}
+{joint_table("rail", "base", "bridge", "prismatic")}
+{joint_table("cross", "bridge", "trolley", "prismatic")}
 along = "beam"
-child = "trolley"
-type = "prismatic"
 z = {{ damping = 2.0 }}
-[[frames]]
-name = "mid"
-link = "bridge"
+{frame_table("mid", "bridge")}
 node = "middle"
 """
-
-
-def crane(axis: str = "x") -> Robot:
-    return robot_from_toml(CRANE.format(axis=axis))
 
 
 def test_a_joint_along_a_beam_is_two() -> None:
@@ -365,7 +342,7 @@ def test_changes_and_records() -> None:
     """Shapes follow numbers of the beam; through JSON and pickle nothing changes."""
     robot = crane()
     longer = robot.with_value("links.bridge.beam.length", 5.0)
-    assert longer == robot_from_toml(CRANE.format(axis="x").replace("length = 4.0", "length = 5.0"))
+    assert longer == robot_from_toml(crane_text().replace("length = 4.0", "length = 5.0"))
     assert longer.joint("cross").limits == (0.0, 5.0)
     planar = robot.with_value("links.bridge.beam.modes.z", 0)
     assert list(planar.joint("bridge_cross").coordinates) == ["x", "y", "gamma"]
@@ -395,24 +372,14 @@ name = "crane"
 name = "arm"
 beam = {{ {BEAM}, modes = {MODES} }}
 modal_damping = 0.01
-[[links]]
-name = "hand"
-mass = 0.5
+{link_table("hand", 0.5)}
 {joint_table("shoulder", "base", "arm", "revolute")}
-[[joints]]
-name = "wrist"
-parent = "arm"
+{joint_table("wrist", "arm", "hand", "revolute")}
 node = "tip"
-child = "hand"
-type = "revolute"
-[[frames]]
-name = "eye"
-link = "arm"
+{frame_table("eye", "arm")}
 node = "tip"
 placement = {{ xyz = [0.1, 0, 0] }}
-[[frames]]
-name = "foot"
-link = "arm"
+{frame_table("foot", "arm")}
 node = "root"
 [[springs]]
 name = "stay"
@@ -456,17 +423,14 @@ def test_what_stands_on_a_node() -> None:
     assert robot.springs[0].links == ("base", "arm_tip")
     assert robot.joint("arm_tip").placement.xyz == (0.8, 0.0, 0.0)
     assert set(robot.followers) == {f"arm_tip.{kind}" for kind in robot.joint("arm_tip").coordinates}
-    more = """
+    more = f"""
 [[bushings]]
 name = "mount"
 links = ["arm", "base"]
 nodes = ["tip", "root"]
 stiffness = [1, 1, 1, 0, 0, 0]
-[[loops]]
-name = "pin"
-links = ["base", "arm"]
+{loop_table("pin", "base", "arm", "spherical")}
 nodes = ["root", "tip"]
-type = "spherical"
 """
     closed = arm(ARM + more)
     assert closed.elements[0].links == ("arm_tip", "base")

@@ -54,7 +54,7 @@ from tests.support.bending_mixtures import mixture
 from tests.support.builds import Build
 from tests.support.description_samples import ARM, URDF, example_urdfs, homogeneous, link_poses
 from tests.support.every_element import ROBOTS, robot_with
-from tests.support.joint_table import joint_table
+from tests.support.joint_table import joint_table, link_table
 from tests.support.many_robots import many_robot
 from tests.support.quick_builds import ONE_LEVEL
 from tests.support.random_robots import seeds
@@ -399,11 +399,7 @@ def test_notes_say_where_bristles_can_give_energy_back() -> None:
 
 JOINT_ARM = f"""
 name = "arm"
-[[links]]
-name = "upper_arm"
-mass = 2.0
-com = [0.1, 0.0, 0.0]
-inertia = {{ xx = 0.01, yy = 0.02, zz = 0.02 }}
+{link_table("upper_arm", 2.0, (0.1, 0.0, 0.0), (0.01, 0.02, 0.02))}
 {joint_table("shoulder", "base", "upper_arm", "revolute")}
 placement = {{ rpy = [0.1, 0.2, 0.3] }}
 limits = [-1.0, 1.0]

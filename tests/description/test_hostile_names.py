@@ -26,8 +26,7 @@ from eomgen.robot.value import Robot
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.sweep.plan import plan_from_toml
 from tests.support.builds import Build
-from tests.support.c_project import WARNINGS
-from tests.support.c_sources import source_of, write_source
+from tests.support.c_project import WARNINGS, source_of, write_source
 from tests.support.description_samples import ARM
 from tests.support.fuzzing import check_message
 from tests.support.good_files import PLAN, SCENARIO, WORN

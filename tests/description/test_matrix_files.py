@@ -28,17 +28,14 @@ from eomgen.robot.model import build_model
 from eomgen.robot.parameter_names import least_of, number_of
 from eomgen.robot.value import COORDINATES
 from eomgen.scenario.load import scenario_from_toml
-from tests.support.joint_table import joint_table
+from tests.support.joint_table import joint_table, link_table
 from tests.support.refusals import refused
 from tests.support.small_robots import free_body
 from tests.support.text_files import text_file
 
 pytestmark = pytest.mark.quick
 TEXT = f"""name = "test"
-[[links]]
-name = "plate"
-mass = 2
-inertia = {{ xx = 0.1, yy = 0.1, zz = 0.1 }}
+{link_table("plate", 2, inertia=(0.1, 0.1, 0.1))}
 {joint_table("mount", "base", "plate", "fixed")}
 x = {{}}
 z = {{}}
@@ -279,10 +276,7 @@ def test_any_byte_of_a_file_may_be_wrong(ending: str, tmp_path: Path) -> None:
 
 JOINTS = f"""
 name = "mount"
-[[links]]
-name = "body"
-mass = 1.0
-inertia = {{ xx = 0.01, yy = 0.02, zz = 0.03 }}
+{link_table("body", 1.0, inertia=(0.01, 0.02, 0.03))}
 {joint_table("root", "base", "body", "revolute")}
 x = {{}}
 beta = {{ stiffness = 3.0 }}

@@ -15,6 +15,7 @@ from eomgen.errors import DescriptionError
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Coordinate, Coupling, Friction, Motor, Robot, Spring
 from tests.support.description_samples import ARM, URDF
+from tests.support.joint_table import joint_table, link_table, loop_table
 from tests.support.pendulums import MOTOR, described, pendulum
 from tests.support.refusals import refused
 from tests.support.text_files import text_file
@@ -254,35 +255,18 @@ def test_entries_of_toml_refine_mimics(tmp_path: Path) -> None:
         robot_from_toml('urdf = "hand.urdf"\n' + more, folder=tmp_path)
 
 
-HEAD = """
+def read(keys: str, tunable: str = "[]", folder: Path | None = None) -> Robot:
+    head = f"""
 name = "window"
 tunable = {tunable}
-[[links]]
-name = "crank"
-mass = 1.0
-[[links]]
-name = "rocker"
-mass = 1.0
-[[joints]]
-name = "turn"
-parent = "base"
-child = "crank"
-type = "revolute"
-[[joints]]
-name = "swing"
-parent = "base"
-child = "rocker"
-type = "revolute"
-[[loops]]
-name = "pin"
-links = ["crank", "rocker"]
-type = "revolute"
+{link_table("crank", 1.0)}
+{link_table("rocker", 1.0)}
+{joint_table("turn", "base", "crank", "revolute")}
+{joint_table("swing", "base", "rocker", "revolute")}
+{loop_table("pin", "crank", "rocker", "revolute")}
 placements = [{{ xyz = [1.0, 0.0, 0.0], rpy = [0.0, 0.1, 0.0] }}, {{}}]
 """
-
-
-def read(keys: str, tunable: str = "[]", folder: Path | None = None) -> Robot:
-    return robot_from_toml(HEAD.format(tunable=tunable) + keys, folder=folder)
+    return robot_from_toml(head + keys, folder=folder)
 
 
 def test_every_key_of_a_coordinate(tmp_path: Path) -> None:

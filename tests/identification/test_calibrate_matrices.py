@@ -27,7 +27,7 @@ from eomgen.robot.elements.matrices import matrix_of as matrix_of_entries
 from eomgen.robot.value import COORDINATES
 from tests.loops.test_elastic_cuts import linkages
 from tests.support.builds import Build
-from tests.support.joint_table import joint_table
+from tests.support.joint_table import frame_table, joint_table, link_table, loop_table
 from tests.support.measurements import assert_slopes, calibrated, placed, poses_of
 from tests.support.random_robots import Array
 from tests.support.refusals import refused
@@ -37,16 +37,8 @@ pytestmark = pytest.mark.usefixtures("unoptimised")
 HEAD = f"""name = "arm"
 gravity = [0.0, 0.0, -9.81]
 driven = ["joint1.gamma", "joint2.gamma"]
-[[links]]
-name = "upper"
-mass = 6.0
-com = [0.25, 0.0, 0.0]
-inertia = {{ xx = 0.01, yy = 0.1, zz = 0.1 }}
-[[links]]
-name = "fore"
-mass = 3.0
-com = [0.2, 0.0, 0.0]
-inertia = {{ xx = 0.01, yy = 0.06, zz = 0.06 }}
+{link_table("upper", 6.0, (0.25, 0.0, 0.0), (0.01, 0.1, 0.1))}
+{link_table("fore", 3.0, (0.2, 0.0, 0.0), (0.01, 0.06, 0.06))}
 {joint_table("joint1", "base", "upper", "revolute")}
 {joint_table("joint2", "upper", "fore", "revolute")}
 placement = {{ xyz = [0.5, 0.0, 0.0], rpy = [1.5707963267948966, 0.0, 0.0] }}
@@ -57,10 +49,7 @@ y = {{ stiffness = 3e7 }}
 z = {{}}
 alpha = {{ stiffness = 8e4 }}
 beta = {{ damping = 1.0, stiffness = 9e4 }}
-[[frames]]
-name = "tcp"
-link = "fore"
-placement = {{ xyz = [0.4, 0.0, 0.1] }}
+{frame_table("tcp", "fore", (0.4, 0.0, 0.1))}
 """
 NAMES = COORDINATES[:5]
 LOADS = tuple(f"tcp.{part}" for part in ("fx", "fy", "fz", "mx", "my", "mz"))
@@ -419,11 +408,7 @@ def test_parameters_of_files_are_checked() -> None:
 
 
 LOOP_TEXT = f"""{HEAD}
-[[links]]
-name = "tool"
-mass = 4.0
-com = [0.05, 0.02, 0.01]
-inertia = {{ xx = 0.01, yy = 0.02, zz = 0.02 }}
+{link_table("tool", 4.0, (0.05, 0.02, 0.01), (0.01, 0.02, 0.02))}
 {joint_table("carrier", "base", "tool", "fixed")}
 placement = {{ xyz = [0.9, -0.1, 0.0], rpy = [1.5707963267948966, 0.0, 0.0] }}
 x = {{}}
@@ -432,10 +417,7 @@ z = {{}}
 alpha = {{}}
 beta = {{}}
 gamma = {{}}
-[[loops]]
-name = "flange"
-links = ["fore", "tool"]
-type = "fixed"
+{loop_table("flange", "fore", "tool", "fixed")}
 placements = [{{ xyz = [0.4, 0.0, 0.1] }}, {{}}]
 x = {{ stiffness = 2e7, damping = 10.0 }}
 y = {{ stiffness = 3e7 }}
@@ -443,10 +425,7 @@ z = {{ stiffness = 1e7 }}
 alpha = {{ stiffness = 8e4 }}
 beta = {{ damping = 1.0, stiffness = 9e4 }}
 gamma = {{ stiffness = 7e4 }}
-[[frames]]
-name = "tcp"
-link = "tool"
-placement = {{ xyz = [0.1, 0.05, 0.02] }}
+{frame_table("tcp", "tool", (0.1, 0.05, 0.02))}
 """
 LOOP_TABLES = np.array([2e7, 3e7, 1e7, 8e4, 9e4, 7e4])
 LOOP_SIZES = (np.array([1.1, 0.8, 1.3, 0.9, 1.2, 0.7]) * LOOP_TABLES) ** 0.5

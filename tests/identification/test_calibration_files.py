@@ -29,7 +29,7 @@ from eomgen.pictures.page import report_of
 from eomgen.robot.value import COORDINATES, Robot
 from eomgen.runtime.inverse_kinematics.rotations import rpy_of, vector_of
 from tests.support.commands import command, facts
-from tests.support.joint_table import joint_table
+from tests.support.joint_table import frame_table, joint_table, link_table
 from tests.support.measured_poses import TCP, Trial, arm, chain, puma, trial, turned, write_csv
 from tests.support.measurements import calibrated, placed, poses_of, task_of
 from tests.support.refusals import refused
@@ -262,14 +262,10 @@ def test_a_urdf_that_reads_as_another_robot_is_not_written(tmp_path: Path, monke
 
 
 RAIL = f"""name = "rail"
-[[links]]
-name = "slide"
-mass = 1.0
+{link_table("slide", 1.0)}
 {joint_table("rail", "base", "slide", "prismatic")}
 dh = {{ a = 0.2, alpha_deg = 90.0 }}
-[[frames]]
-name = "tcp"
-link = "slide"
+{frame_table("tcp", "slide")}
 placement = {{ xyz = [0.0, 0.0, 0.1], rpy_deg = [0.0, 45.0, 0.0] }}
 """
 

@@ -33,7 +33,7 @@ from eomgen.scenario.value import Initial, Integrator, Payload, Scenario, Sectio
 from eomgen.simulation.result import SimulationResult
 from eomgen.sweep.plan import plan_from_toml
 from tests.support.commands import command, facts
-from tests.support.joint_table import joint_table
+from tests.support.joint_table import frame_table, joint_table, link_table
 from tests.support.refusals import refused
 
 pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
@@ -42,16 +42,8 @@ Array = NDArray[np.float64]
 
 ARM = f"""
 name = "arm"
-[[links]]
-name = "upper"
-mass = 6.0
-com = [0.2, 0.0, 0.0]
-inertia = {{ xx = 0.02, yy = 0.1, zz = 0.1 }}
-[[links]]
-name = "fore"
-mass = 3.0
-com = [0.15, 0.0, 0.0]
-inertia = {{ xx = 0.01, yy = 0.04, zz = 0.04 }}
+{link_table("upper", 6.0, (0.2, 0.0, 0.0), (0.02, 0.1, 0.1))}
+{link_table("fore", 3.0, (0.15, 0.0, 0.0), (0.01, 0.04, 0.04))}
 {joint_table("shoulder", "base", "upper", "revolute")}
 limits = [-1.6, 1.6]
 placement = {{ rpy = [1.5707963267948966, 0.0, 0.0] }}
@@ -61,26 +53,16 @@ beta = {{ stiffness = 4e4, damping = 20.0 }}
 limits = [-2.5, 2.5]
 placement = {{ xyz = [0.4, 0.0, 0.0] }}
 y = {{ stiffness = 5e5, damping = 400.0 }}
-[[frames]]
-name = "tcp"
-link = "fore"
-placement = {{ xyz = [0.35, 0.0, 0.0] }}
+{frame_table("tcp", "fore", (0.35, 0.0, 0.0))}
 """
 
 SWING = f"""
 name = "swing"
-[[links]]
-name = "beam"
-mass = 2.0
-com = [0.3, 0.0, 0.0]
-inertia = {{ xx = 0.001, yy = 0.06, zz = 0.06 }}
+{link_table("beam", 2.0, (0.3, 0.0, 0.0), (0.001, 0.06, 0.06))}
 {joint_table("hinge", "base", "beam", "revolute")}
 placement = {{ rpy = [1.5707963267948966, 0.0, 0.0] }}
 motor = {{ ratio = 50.0, inertia = 1e-4, stiffness = 5e3, damping = 10.0 }}
-[[frames]]
-name = "tip"
-link = "beam"
-placement = {{ xyz = [0.6, 0.0, 0.0] }}
+{frame_table("tip", "beam", (0.6, 0.0, 0.0))}
 """
 
 REACH = """

@@ -20,7 +20,7 @@ from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.result import SimulationResult
 from eomgen.simulation.run import run_scenario
 from tests.support.builds import Build
-from tests.support.joint_table import joint_table
+from tests.support.joint_table import joint_table, link_table
 from tests.support.measurements import motion_of
 from tests.support.refusals import refused
 
@@ -128,11 +128,7 @@ FRICTION = f'model = "lugre", coulomb = {COULOMB}, bristle_stiffness = {STIFFNES
 TEXT = f"""
 name = "arm"
 gravity = [0.0, -9.81, 0.0]
-[[links]]
-name = "rod"
-mass = 4.0
-com = [0.2, 0.01, 0.0]
-inertia = {{ xx = 0.1, yy = 0.12, zz = 0.13 }}
+{link_table("rod", 4.0, (0.2, 0.01, 0.0), (0.1, 0.12, 0.13))}
 {joint_table("j1", "base", "rod", "revolute")}
 gamma = {{ friction = {{ {FRICTION} }} }}
 """

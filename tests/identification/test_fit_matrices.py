@@ -32,7 +32,7 @@ from tests.loops.test_elastic_cuts import linkages
 from tests.oracles.pinocchio_models import PinocchioOracle
 from tests.support.builds import Build
 from tests.support.commands import command, facts
-from tests.support.joint_table import joint_table
+from tests.support.joint_table import joint_table, link_table
 from tests.support.measurements import motion_of
 from tests.support.random_robots import Array
 from tests.support.refusals import refused
@@ -570,16 +570,9 @@ def test_results_are_kept_and_shown(tmp_path: Path, built: Build) -> None:
             tmp_path / "bench.toml",
             f"""name = "bench"
 gravity = [0.0, 0.0, -9.81]
-[[links]]
-name = "body"
-mass = 4.0
-com = [0.02, -0.01, 0.05]
+{link_table("body", 4.0, (0.02, -0.01, 0.05))}
 inertia = {{ xx = 0.05, yy = 0.04, zz = 0.06, xy = 0.001, xz = 0.002, yz = -0.001 }}
-[[links]]
-name = "tip"
-mass = 1.0
-com = [0.1, 0.0, 0.02]
-inertia = {{ xx = 0.01, yy = 0.02, zz = 0.02 }}
+{link_table("tip", 1.0, (0.1, 0.0, 0.02), (0.01, 0.02, 0.02))}
 {joint_table("mount", "base", "body", "fixed")}
 {rows}
 {joint_table("arm", "body", "tip", "revolute")}

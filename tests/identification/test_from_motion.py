@@ -29,7 +29,7 @@ from tests.loops.test_elastic_cuts import linkages
 from tests.oracles.pinocchio_models import PinocchioOracle
 from tests.support.builds import Build
 from tests.support.commands import command, facts
-from tests.support.joint_table import joint_table
+from tests.support.joint_table import joint_table, link_table, loop_table
 from tests.support.measurements import columns_of, motion_of
 from tests.support.random_robots import random_robot
 from tests.support.refusals import refused
@@ -40,16 +40,8 @@ Array = NDArray[np.float64]
 
 ARM = f"""
 name = "arm"
-[[links]]
-name = "upper"
-mass = 4.0
-com = [0.3, 0.02, 0.01]
-inertia = {{ xx = 0.02, yy = 0.15, zz = 0.16 }}
-[[links]]
-name = "fore"
-mass = 2.0
-com = [0.2, 0.0, 0.03]
-inertia = {{ xx = 0.01, yy = 0.05, zz = 0.05 }}
+{link_table("upper", 4.0, (0.3, 0.02, 0.01), (0.02, 0.15, 0.16))}
+{link_table("fore", 2.0, (0.2, 0.0, 0.03), (0.01, 0.05, 0.05))}
 {joint_table("shoulder", "base", "upper", "revolute")}
 x = {{ stiffness = 2e5, damping = 100.0 }}
 alpha = {{ stiffness = 400.0, damping = 4.0 }}
@@ -322,43 +314,30 @@ def test_forces_of_a_mechanism_make_its_motion() -> None:
     assert "they follow from the others: joint2.gamma, joint3.gamma" in found.notes[1]
 
 
-ROD = """
-[[links]]
-name = "{name}"
-mass = {mass}
-com = [{com}, 0.02, 0.01]
-inertia = {{ xx = 0.002, yy = 0.01, zz = 0.012, xy = 0.0003 }}
-"""
-PIVOT = """
-[[joints]]
-name = "{name}"
-parent = "{parent}"
-child = "{child}"
-type = "revolute"
-placement = {{ xyz = [{x}, 0.0, 0.0] }}
-"""
-CUT = """
-[[loops]]
-name = "{name}"
-links = ["{first}", "{second}"]
-type = "revolute"
-placements = [{{ xyz = [{x1}, 0.0, 0.0] }}, {{ xyz = [{x2}, 0.0, 0.0] }}]
-"""
+def rod(name: str, mass: float, com: float) -> str:
+    inertia = "inertia = { xx = 0.002, yy = 0.01, zz = 0.012, xy = 0.0003 }"
+    return f"{link_table(name, mass, (com, 0.02, 0.01))}\n{inertia}\n"
+
+
+def pivot(name: str, parent: str, child: str, x: float) -> str:
+    return f"{joint_table(name, parent, child, 'revolute')}\nplacement = {{ xyz = [{x}, 0.0, 0.0] }}\n"
+
+
+def cut(name: str, first: str, second: str, *x: float) -> str:
+    places = ", ".join(f"{{ xyz = [{value}, 0.0, 0.0] }}" for value in x)
+    return f"{loop_table(name, first, second, 'revolute')}\nplacements = [{places}]\n"
 
 
 def four_rods(*, cut_at_rocker: bool) -> eomgen.Robot:
     """A four-bar linkage, cut between coupler and rocker, or between rocker and ground; frames of a joint agree."""
     text = 'name = "four_rods"\ngravity = [0.0, -9.81, 0.0]\ndriven = ["motor.gamma"]\n'
-    text += ROD.format(name="crank", mass=0.4, com=0.1) + ROD.format(name="coupler", mass=1.0, com=0.25)
-    text += ROD.format(name="rocker", mass=0.8, com=0.2 if cut_at_rocker else -0.2)
-    text += PIVOT.format(name="motor", parent="base", child="crank", x=0.0)
-    text += PIVOT.format(name="pin", parent="crank", child="coupler", x=0.2)
+    text += rod("crank", 0.4, 0.1) + rod("coupler", 1.0, 0.25)
+    text += rod("rocker", 0.8, 0.2 if cut_at_rocker else -0.2)
+    text += pivot("motor", "base", "crank", 0.0) + pivot("pin", "crank", "coupler", 0.2)
     if cut_at_rocker:
-        text += PIVOT.format(name="pivot", parent="base", child="rocker", x=0.5)
-        text += CUT.format(name="hinge", first="coupler", second="rocker", x1=0.5, x2=0.4)
+        text += pivot("pivot", "base", "rocker", 0.5) + cut("hinge", "coupler", "rocker", 0.5, 0.4)
     else:
-        text += PIVOT.format(name="hinge", parent="coupler", child="rocker", x=0.5)
-        text += CUT.format(name="pivot", first="base", second="rocker", x1=0.5, x2=-0.4)
+        text += pivot("hinge", "coupler", "rocker", 0.5) + cut("pivot", "base", "rocker", 0.5, -0.4)
     return robot_from_toml(text)
 
 

@@ -32,12 +32,23 @@ from eomgen.robot.value import Frame, Robot
 from eomgen.runtime.stepping.input_signals import DriveData, InputSignals, Signal, Track
 from eomgen.scenario.value import Scenario, Section
 from tests.support.builds import Build
+from tests.support.joint_table import joint_table, link_table
 from tests.support.measurements import columns_of
 from tests.support.refusals import refused
 
 pytestmark = [pytest.mark.usefixtures("unoptimised")]
 
-BOOM = """
+KERNELS = ("radau_rollout", "forward_dynamics", "inverse_dynamics", "mass_matrix", "regressor")
+TRUE = {"links.arm.modes.1.stiffness": 330.0, "links.arm.modes.1.damping": 0.25}
+
+
+def boom(E: float = 7e10, modes: str = "{ y = 1 }") -> Robot:
+    """Return a beam of aluminium that turns in a plane, upright, with a load at its tip."""
+    return robot_from_toml(boom_text(E, E / 2.7, modes))
+
+
+def boom_text(E: float, G: float, modes: str) -> str:
+    return f"""
 name = "boom"
 gravity = [0.0, -9.81, 0.0]
 [[links]]
@@ -50,31 +61,13 @@ G = {G}
 density = 2700.0
 section = {{ box = [0.02, 0.01, 0.002] }}
 modes = {modes}
-[[links]]
-name = "load"
-mass = 0.5
-inertia = {{ xx = 0.001, yy = 0.001, zz = 0.001 }}
-[[joints]]
-name = "slew"
-parent = "base"
-child = "arm"
-type = "revolute"
+{link_table("load", 0.5, inertia=(0.001, 0.001, 0.001))}
+{joint_table("slew", "base", "arm", "revolute")}
 gamma = {{ armature = 0.05, damping = 0.1 }}
-[[joints]]
-name = "flange"
-parent = "arm"
+{joint_table("flange", "arm", "load", "fixed")}
 node = "tip"
-child = "load"
-type = "fixed"
 placement = {{ xyz = [0.01, 0.0, 0.02], rpy = [0.2, 0.0, 0.0] }}
 """
-KERNELS = ("radau_rollout", "forward_dynamics", "inverse_dynamics", "mass_matrix", "regressor")
-TRUE = {"links.arm.modes.1.stiffness": 330.0, "links.arm.modes.1.damping": 0.25}
-
-
-def boom(E: float = 7e10, modes: str = "{ y = 1 }") -> Robot:
-    """Return a beam of aluminium that turns in a plane, upright, with a load at its tip."""
-    return robot_from_toml(BOOM.format(E=E, G=E / 2.7, modes=modes))
 
 
 @pytest.fixture(scope="module")
@@ -205,7 +198,7 @@ def test_identify(built: Build) -> None:
 def test_identified_loads_are_written(tmp_path: Path) -> None:
     """What stands on a node goes to the first link there, in its own frame."""
     path = tmp_path / "boom.toml"
-    path.write_text(BOOM.format(E=7e10, G=2.6e10, modes="{ y = 1 }"), encoding="ascii")
+    path.write_text(boom_text(7e10, 2.6e10, "{ y = 1 }"), encoding="ascii")
     described = eomgen.load_robot(path)
     kernel = eomgen.build(described, kernels=KERNELS)
     load = replace(described.link("load"), mass=0.62, com=(0.03, 0.01, 0.0))

@@ -22,24 +22,10 @@ from eomgen.robot.model import build_model
 from eomgen.runtime.stepping.input_signals import DriveData, InputSignals, Signal, Track
 from tests.loops.test_elastic_cuts import linkages
 from tests.support.builds import Build
-from tests.support.joint_table import joint_table
+from tests.support.joint_table import joint_table, link_table
 
 pytestmark = [pytest.mark.usefixtures("unoptimised")]
 
-RAIL = """
-name = "block"
-gravity = [0.0, -9.81, 0.0]
-[[links]]
-name = "body"
-mass = 1.0
-inertia = {{ xx = 0.1, yy = 0.1, zz = 0.1 }}
-[[joints]]
-name = "slide"
-type = "prismatic"
-parent = "base"
-child = "body"
-z = {{ {laws} }}
-"""
 KEYS = ("coulomb", "static", "stribeck", "viscous", "bristle_stiffness", "bristle_damping")
 TRUE = dict(zip(KEYS, (1.0, 1.5, 0.01, 0.4, 1e4, 60.0), strict=True))
 FAR = dict(zip(KEYS, (0.5, 2.4, 0.03, 0.8, 2e4, 100.0), strict=True))
@@ -49,7 +35,17 @@ NAMES = {f"{PREFIX}{'gaussian' if key == 'stribeck' else key}": value for key, v
 
 def block(**numbers: float) -> eomgen.Robot:
     friction = ", ".join(f"{key} = {value!r}" for key, value in numbers.items())
-    return robot_from_toml(RAIL.format(laws=f'friction = {{ model = "lugre", {friction} }}'))
+    return on_slide(f'friction = {{ model = "lugre", {friction} }}')
+
+
+def on_slide(laws: str) -> eomgen.Robot:
+    return robot_from_toml(f"""
+name = "block"
+gravity = [0.0, -9.81, 0.0]
+{link_table("body", 1.0, inertia=(0.1, 0.1, 0.1))}
+{joint_table("slide", "base", "body", "prismatic")}
+z = {{ {laws} }}
+""")
 
 
 def pushes(duration: float, samples: int, hold: float = 1.4) -> tuple[Any, Any]:
@@ -203,7 +199,7 @@ LAWS = {  # with true numbers, and those to begin with
 def rocked(law: str, noise: float) -> tuple[eomgen.Robot, MeasuredMotion, list[float]]:
     """Return a rail with numbers to begin with, its motion under a force that rises, and the true numbers."""
     true, begun = LAWS[law]
-    robot, guess = (robot_from_toml(RAIL.format(laws=law.format(*numbers))) for numbers in (true, begun))
+    robot, guess = (on_slide(law.format(*numbers)) for numbers in (true, begun))
     t = np.linspace(0.0, 4.0, 2001)
     slow = 50.0 * t * np.sin(2.0 * np.pi * t) + 40.0 * np.sin(6.2 * np.pi * t)
     force = slow + (10.0 * np.sin(60.0 * np.pi * t) if law == BRANCHES else 0.0)
@@ -240,7 +236,7 @@ WINDING = "damping = 3.0, drive = {{ winding = {{ resistance = {}, inductance = 
 
 def test_windings_are_found_by_their_voltages() -> None:
     true = 1.2, 6e-3, 4.0
-    robot, guess = (robot_from_toml(RAIL.format(laws=WINDING.format(*numbers))) for numbers in (true, (2.0, 1e-2, 3.0)))
+    robot, guess = (on_slide(WINDING.format(*numbers)) for numbers in (true, (2.0, 1e-2, 3.0)))
     t = np.linspace(0.0, 2.0, 1001)
     volts = 10.0 * np.sin(2.0 * np.pi * (0.3 * t + 8.0 * t**2))
     kernel = eomgen.build(robot, kernels=("radau_rollout",), flags=("-O0",))
@@ -256,11 +252,7 @@ def test_windings_are_found_by_their_voltages() -> None:
 PENDULUM = f"""
 name = "standing"
 gravity = [0.0, -9.81, 0.0]
-[[links]]
-name = "rod"
-mass = 2.0
-com = [0.0, 0.4, 0.0]
-inertia = {{ xx = 0.1, yy = 0.01, zz = 0.1 }}
+{link_table("rod", 2.0, (0.0, 0.4, 0.0), (0.1, 0.01, 0.1))}
 {joint_table("foot", "base", "rod", "revolute")}
 gamma = {{ damping = 0.3 }}
 """

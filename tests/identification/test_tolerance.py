@@ -32,6 +32,7 @@ from eomgen.pictures import plot_tolerance
 from eomgen.pictures.measured.kinds import page_of
 from eomgen.robot.value import Coordinate, Robot
 from tests.support.commands import command, facts
+from tests.support.joint_table import frame_table, joint_table, link_table
 from tests.support.measured_poses import chain
 from tests.support.refusals import refused
 from tests.support.soak import soaked
@@ -819,30 +820,18 @@ def test_they_are_saved_shown_and_load_again(tmp_path: Path) -> None:
 
 
 LENGTH, LOAD, GRAVITY = 1.5, 5.0, 9.81
-BOOM = """
+BOOM = f"""
 name = "boom"
 gravity = [0.0, 0.0, -9.81]
 [[links]]
 name = "tube"
-beam = { length = 1.5, E = 7e10, G = 2.63e10, density = 2700.0, section = { tube = [0.06, 0.05] }, modes = { z = 2 } }
-[[links]]
-name = "load"
-mass = 5.0
-inertia = { xx = 0.01, yy = 0.01, zz = 0.01 }
-[[joints]]
-name = "slew"
-parent = "base"
-child = "tube"
-type = "revolute"
-[[joints]]
-name = "flange"
-parent = "tube"
+beam = {{ length = 1.5, E = 7e10, G = 2.63e10, density = 2700.0, section = {{ tube = [0.06, 0.05] }}, \
+modes = {{ z = 2 }} }}
+{link_table("load", 5.0, inertia=(0.01, 0.01, 0.01))}
+{joint_table("slew", "base", "tube", "revolute")}
+{joint_table("flange", "tube", "load", "fixed")}
 node = "tip"
-child = "load"
-type = "fixed"
-[[frames]]
-name = "tcp"
-link = "load"
+{frame_table("tcp", "load")}
 """
 E, DENSITY = "links.tube.beam.E", "links.tube.beam.density"
 BOOM_TABLE = {

@@ -33,8 +33,8 @@ from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.assembly import Assembly, assemble
 from eomgen.simulation.run import plan_of, run_scenario
 from tests.support.builds import Build
-from tests.support.massless import massless_tip
 from tests.support.refusals import refused
+from tests.support.sliders import massless_tip
 from tests.support.soak import soaked
 from tests.support.swinging import MASS, NEEDED, STIFFNESS, oscillator
 from tests.support.turning_loops import cranked_plate

@@ -21,7 +21,7 @@ from eomgen.robot.value import Coordinate, Joint, Link, Robot
 from eomgen.state.springs import stiffness_matrix
 from tests.support.bending_links import nested
 from tests.support.bending_robots import Bending, bent
-from tests.support.joint_table import joint_table
+from tests.support.joint_table import joint_table, link_table
 from tests.support.random_robots import Array, random_placement, random_rotation
 from tests.support.rollout_cases import METHODS, Case, frozen
 
@@ -43,24 +43,14 @@ Iz = {SECTION**4 / 12}
 J = {SECTION**4 / 6}
 shear = [1.0, 1.0]
 modes = {{ y = 5 }}
-[[links]]
-name = "trolley"
-mass = {LOAD}
+{link_table("trolley", LOAD)}
 {joint_table("rail", "base", "bridge", "prismatic")}
 # how it is carried
-[[joints]]
-name = "cross"
-parent = "bridge"
+{joint_table("cross", "bridge", "trolley", "prismatic")}
 along = "beam"
-child = "trolley"
-type = "prismatic"
 """
 PENDULUM = f"""
-[[links]]
-name = "load"
-mass = 3.0
-com = [0.0, -0.8, 0.0]
-inertia = {{ xx = 0.01, yy = 0.01, zz = 0.01 }}
+{link_table("load", 3.0, (0.0, -0.8, 0.0), (0.01, 0.01, 0.01))}
 {joint_table("sway", "trolley", "load", "revolute")}
 """
 

@@ -18,6 +18,7 @@ from eomgen.robot.value import Coordinate, Coupling, Friction, Joint, Link, Robo
 from eomgen.runtime.stepping.input_signals import Signal, Track, Waves
 from eomgen.scenario.value import Scenario, Section
 from tests.support.builds import Build
+from tests.support.joint_table import joint_table, link_table
 from tests.support.random_robots import Array
 from tests.support.sliders import mass_on_rail
 from tests.support.soak import soaked
@@ -240,33 +241,6 @@ def test_stick_slip_on_a_belt(stribeck: float, method: str, built: Build) -> Non
     assert found.sticks == pytest.approx(wanted.sticks, rel=5e-3)
 
 
-BELT = """
-name = "belt"
-gravity = [0.0, 0.0, 0.0]
-[[links]]
-name = "band"
-mass = 1.0
-[[links]]
-name = "block"
-mass = 1.0
-[[joints]]
-name = "drive"
-parent = "base"
-child = "band"
-type = "prismatic"
-prescribed = ["z"]
-[[joints]]
-name = "slip"
-parent = "band"
-child = "block"
-type = "prismatic"
-z = {{ friction = {{ coulomb = 1.0, static = 2.0, stribeck = {stribeck} }} }}
-[[couplings]]
-name = "spring"
-of = "slip.z"
-to = {{ "drive.z" = -1.0 }}
-stiffness = 100.0
-"""
 PULLED = """
 duration = 5.0
 output_step = 5e-4
@@ -286,7 +260,22 @@ def test_the_period_of_stick_slip_is_that_of_airys_function(stribeck: float, tmp
     """A block on a belt at 0.1 m/s: the delay of breaking loose from F = 2 - (v / stribeck)^2 is an Airy function's."""
     (tmp_path / "ramp.csv").write_text("t,drive.z\n" + "".join(f"{i / 10},{i / 100}\n" for i in range(61)))
     (tmp_path / "pulled.toml").write_text(PULLED)
-    motion = eomgen.run_scenario(robot_from_toml(BELT.format(stribeck=stribeck)), tmp_path / "pulled.toml").trajectory
+    belt = f"""
+name = "belt"
+gravity = [0.0, 0.0, 0.0]
+{link_table("band", 1.0)}
+{link_table("block", 1.0)}
+{joint_table("drive", "base", "band", "prismatic")}
+prescribed = ["z"]
+{joint_table("slip", "band", "block", "prismatic")}
+z = {{ friction = {{ coulomb = 1.0, static = 2.0, stribeck = {stribeck} }} }}
+[[couplings]]
+name = "spring"
+of = "slip.z"
+to = {{ "drive.z" = -1.0 }}
+stiffness = 100.0
+"""
+    motion = eomgen.run_scenario(robot_from_toml(belt), tmp_path / "pulled.toml").trajectory
     x, t, level = motion.q.sum(axis=1), motion.t, 0.01
     at = np.flatnonzero((x[:-1] < level) & (x[1:] >= level))
     passed = t[at] + (level - x[at]) / (x[at + 1] - x[at]) * (t[at + 1] - t[at])

@@ -26,7 +26,7 @@ from eomgen.scenario.load import scenario_from_toml
 from eomgen.scenario.recorded import scenario_from_record
 from eomgen.simulation.run import run_scenario
 from tests.support.builds import Build
-from tests.support.joint_table import joint_table
+from tests.support.joint_table import joint_table, link_table
 from tests.support.random_robots import random_robot, random_state
 from tests.support.refusals import refused
 from tests.support.soak import soaked
@@ -383,9 +383,7 @@ def in_a_gap(gap: float, stiffness: float) -> Robot:
         f"""
 name = "slider"
 gravity = [0.0, 0.0, 0.0]
-[[links]]
-name = "mass"
-mass = 2.0
+{link_table("mass", 2.0)}
 {joint_table("rail", "base", "mass", "prismatic")}
 z = {{ stiffness = {stiffness}, clearance = {gap}, smoothing = 1e-9 }}
 """

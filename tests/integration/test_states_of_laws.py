@@ -18,7 +18,7 @@ from eomgen.integration.solve import integrate
 from eomgen.integration.trajectory import Trajectory, motion_columns
 from eomgen.integration.until import Until
 from tests.support.bristled import ARM, SERVO
-from tests.support.bristles import GEAR, block, rates
+from tests.support.bristles import block, gear_text, rates
 from tests.support.builds import Build
 from tests.support.drive_reference import DRIVES, servo
 from tests.support.refusals import refused
@@ -194,7 +194,7 @@ def test_bristles_hold_until_they_yield(kernel: eomgen.Kernel) -> None:
 @pytest.mark.parametrize("friction", ["coulomb = 0.3", 'model = "lugre", coulomb = 0.3, bristle_stiffness = 300.0'])
 def test_friction_of_followers_holds_them(friction: str, built: Build) -> None:
     """A drive of 0.1 N m does not turn two joints that a gear couples."""
-    robot = robot_from_toml(GEAR.format(friction=f"friction = {{ {friction} }}"))
+    robot = robot_from_toml(gear_text(f"friction = {{ {friction} }}"))
     kernel = built(robot, "forward_dynamics", "energy", "adaptive_rollout", "mass_matrix", "inverse_dynamics")
     motion = integrate(kernel, [-np.pi / 2.0], [0.0], 1.0, drive=[0.1], method="rosenbrock", output_step=0.01)
     assert {rest.coordinate for rest in motion.rests} == {"j1.gamma", "j2.gamma"}

@@ -16,7 +16,7 @@ from eomgen.robot.value import ANGULAR, COORDINATES, LINEAR, Coordinate, Loop, R
 from eomgen.state.springs import any_spring, fastest_rates, line_rates
 from tests.support.added_forces import check_slopes
 from tests.support.builds import Build
-from tests.support.joint_table import joint_table
+from tests.support.joint_table import joint_table, link_table, loop_table
 from tests.support.random_robots import Array, State, random_placement, random_robot, random_state, seeds, with_offsets
 from tests.support.refusals import refused
 
@@ -51,25 +51,15 @@ CUT_THERE = f"""
 {joint_table("pivot", "base", "rocker", "revolute")}
 placement = {{ xyz = [0.5, 0.0, 0.0] }}
 
-[[loops]]
-name = "cut"
-links = ["coupler", "rocker"]
-type = "revolute"
+{loop_table("cut", "coupler", "rocker", "revolute")}
 placements = [{{ xyz = [0.5, 0.0, 0.0] }}, {{ xyz = [0.4, 0.0, 0.0] }}]
 """
-CUT_ELSEWHERE = """
-[[joints]]
-name = "hinge"
-parent = "coupler"
-child = "rocker"
-type = "revolute"
-placement = { xyz = [0.5, 0.0, 0.0] }
+CUT_ELSEWHERE = f"""
+{joint_table("hinge", "coupler", "rocker", "revolute")}
+placement = {{ xyz = [0.5, 0.0, 0.0] }}
 SIX
-[[loops]]
-name = "cut"
-links = ["base", "rocker"]
-type = "revolute"
-placements = [{ xyz = [0.5, 0.0, 0.0] }, { xyz = [-0.4, 0.0, 0.0] }]
+{loop_table("cut", "base", "rocker", "revolute")}
+placements = [{{ xyz = [0.5, 0.0, 0.0] }}, {{ xyz = [-0.4, 0.0, 0.0] }}]
 """
 AT = np.array([0.5, 0.13, 1.36]), np.array([0.4, -0.3, 0.2])  # coordinates and velocities of the first linkage
 
@@ -169,34 +159,18 @@ def test_an_implicit_step_is_the_linear_system(built: Build) -> None:
     assert np.allclose(found, wanted, rtol=1e-8, atol=1e-8 * np.abs(wanted).max())
 
 
-ARM = """
+ARM = f"""
 name = "pair"
 COUPLING
 
-[[links]]
-name = "one"
-mass = 1.0
-com = [0.3, 0.0, 0.0]
-inertia = { xx = 0.01, yy = 0.04, zz = 0.05 }
+{link_table("one", 1.0, (0.3, 0.0, 0.0), (0.01, 0.04, 0.05))}
 
-[[links]]
-name = "two"
-mass = 0.5
-com = [0.2, 0.0, 0.0]
-inertia = { xx = 0.01, yy = 0.02, zz = 0.03 }
+{link_table("two", 0.5, (0.2, 0.0, 0.0), (0.01, 0.02, 0.03))}
 
-[[joints]]
-name = "a"
-parent = "base"
-child = "one"
-type = "revolute"
+{joint_table("a", "base", "one", "revolute")}
 
-[[joints]]
-name = "b"
-parent = "base"
-child = "two"
-type = "revolute"
-placement = { xyz = [0.0, 1.0, 0.0] }
+{joint_table("b", "base", "two", "revolute")}
+placement = {{ xyz = [0.0, 1.0, 0.0] }}
 """
 
 
@@ -268,40 +242,32 @@ def test_forces_and_rows_of_cut_joints(built: Build) -> None:
 
 
 HALF = 1.5707963267948966
-CART = """
-name = "pole"
-gravity = [0.0, 0.0, 0.0]
-home = {{ {home} }}
-[[links]]
-name = "cart"
-mass = 1.0
-com = [0.05, 0.0, 0.0]
-inertia = {{ xx = 0.01, yy = 0.01, zz = 0.01 }}
-[[joints]]
-name = "joint"
-parent = "base"
-child = "cart"
-type = "{kind}"
-placement = {{ rpy = [{along}, 0.0, 0.0] }}
-{more}
-[[loops]]
-name = "weld"
-links = ["base", "cart"]
-type = "fixed"
-placements = [{{}}, {{ rpy = [0.0, {beta}, 0.0] }}]
-"""
 
 
 def cut(kind: str, beta: float, angles: Sequence[str], along: float = 0.0, home: str = "", more: str = "") -> Robot:
     """One link that slides or turns, and an elastic cut joint to the base; ``along`` turns the joint's axis about x."""
-    text = CART.format(kind=kind, along=along, home=home, beta=beta, more=more)
+    text = cart(kind, beta, along, home, more)
     return robot_from_toml(text + springs([*LINEAR, *angles], stiffness=100.0, damping=1.0))
+
+
+def cart(kind: str, beta: float = 0.0, along: float = 0.0, home: str = "", more: str = "") -> str:
+    return f"""
+name = "pole"
+gravity = [0.0, 0.0, 0.0]
+home = {{ {home} }}
+{link_table("cart", 1.0, (0.05, 0.0, 0.0), (0.01, 0.01, 0.01))}
+{joint_table("joint", "base", "cart", kind)}
+placement = {{ rpy = [{along}, 0.0, 0.0] }}
+{more}
+{loop_table("weld", "base", "cart", "fixed")}
+placements = [{{}}, {{ rpy = [0.0, {beta}, 0.0] }}]
+"""
 
 
 def guide(laws: str = "") -> Robot:
     """A cart on a slide with offsets, and a weld to the base."""
     more = "z = { damping = 2.0 }\noffset = { alpha = 0.01, x = 1e-3 }"
-    return robot_from_toml(CART.format(kind="prismatic", along=0.0, home="", beta=0.0, more=more) + laws)
+    return robot_from_toml(cart("prismatic", more=more) + laws)
 
 
 def test_coordinates_of_a_cut_that_only_offsets_move(built: Build) -> None:

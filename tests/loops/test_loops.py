@@ -14,6 +14,7 @@ from eomgen.robot.value import COORDINATES, Coordinate, Joint, Loop, Placement, 
 from eomgen.runtime.kernel import Kernel
 from tests.oracles.by_singular_values import ClosedLoops
 from tests.support.builds import Build
+from tests.support.joint_table import loop_table
 from tests.support.linkages import FREE, KERNELS, bricard, threefold
 from tests.support.optional import needs
 from tests.support.random_robots import Array, random_link, random_placement, random_robot, random_state, seeds
@@ -123,24 +124,21 @@ def test_bricards_mechanism(built: Build) -> None:
     assert np.ptp(energy) <= 1e-6 * result.energy[:, 0].max()
 
 
-SLIDER = """
+SLIDER = f"""
 name = "slider_crank"
 gravity = [0, -9.81, 0]
 links = [
-  { name = "crank", mass = 1, com = [0.1, 0, 0], inertia = { xx = 1, yy = 1, zz = 1 } },
-  { name = "rod", mass = 1, com = [0.3, 0, 0], inertia = { xx = 1, yy = 1, zz = 1 } },
-  { name = "slider", mass = 2, inertia = { xx = 1, yy = 1, zz = 1 } },
+  {{ name = "crank", mass = 1, com = [0.1, 0, 0], inertia = {{ xx = 1, yy = 1, zz = 1 }} }},
+  {{ name = "rod", mass = 1, com = [0.3, 0, 0], inertia = {{ xx = 1, yy = 1, zz = 1 }} }},
+  {{ name = "slider", mass = 2, inertia = {{ xx = 1, yy = 1, zz = 1 }} }},
 ]
 joints = [
-  { name = "turn", parent = "base", child = "crank", type = "revolute" },
-  { name = "pin", parent = "crank", child = "rod", type = "revolute", placement = { xyz = [0.2, 0, 0] } },
-  { name = "head", parent = "rod", child = "slider", type = "revolute", placement = { xyz = [0.7, 0, 0] } },
+  {{ name = "turn", parent = "base", child = "crank", type = "revolute" }},
+  {{ name = "pin", parent = "crank", child = "rod", type = "revolute", placement = {{ xyz = [0.2, 0, 0] }} }},
+  {{ name = "head", parent = "rod", child = "slider", type = "revolute", placement = {{ xyz = [0.7, 0, 0] }} }},
 ]
-[[loops]]
-name = "guide"
-links = ["base", "slider"]
-type = "prismatic"
-placements = [{ rpy = [0, 1.5707963267948966, 0] }, { rpy = [0, 1.5707963267948966, 0] }]
+{loop_table("guide", "base", "slider", "prismatic")}
+placements = [{{ rpy = [0, 1.5707963267948966, 0] }}, {{ rpy = [0, 1.5707963267948966, 0] }}]
 """
 
 

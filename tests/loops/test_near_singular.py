@@ -20,10 +20,9 @@ from eomgen.codegen.program.ir import evaluate, first_values
 from eomgen.errors import SingularError
 from eomgen.robot.model import build_model
 from tests.oracles.dense_solve import DenseSolve
-from tests.support.change_points import ChangePoint, four_bar, three_cranks
+from tests.support.change_points import ChangePoint, four_bar, rod_on_balls, spherical_bar, three_cranks, two_bars
 from tests.support.random_robots import Array
 from tests.support.soak import soaked
-from tests.support.spatial_change_points import rod_on_balls, spherical_bar, two_bars
 
 RIGHT = 1e-9  # of the largest acceleration
 ALWAYS = 1e-4  # rad, as near as a state is answered where a dense solution in double precision is right

@@ -9,17 +9,37 @@ import numpy as np
 import pytest
 from scipy.linalg import null_space
 
+import eomgen
 from benchmarks.ladder import GRAVITY, ladder, ladder_state
 from eomgen.names import joint_of
 from eomgen.robot.cuts import CUTS
 from eomgen.robot.model import build_model
-from tests.oracles.closed_mechanisms import RANK, ROWS, SIZES, Closed, ClosedOracle
+from tests.oracles.by_singular_values import ClosedLoops
+from tests.oracles.closed_mechanisms import NO_WRENCH, RANK, ROWS, SIZES, Closed, ClosedOracle, Wrench
 from tests.support.builds import Build
-from tests.support.closed_kernels import USED, closed_dynamics
 from tests.support.figures import Figures
+from tests.support.linkages import KERNELS
 from tests.support.random_mechanisms import Mechanism, mechanism
 from tests.support.random_robots import Array, seeds
 from tests.support.recuts import recuts
+
+CHECKED = ("forward_dynamics", "constraint_forces")
+USED = (*(name for name in KERNELS if name not in ("energy", "kinematics")), "external_force", *CHECKED)
+
+
+def closed_dynamics(kernel: eomgen.Kernel, q: Array, v: Array, u: Array, wrench: Wrench = NO_WRENCH) -> Closed:
+    """Accelerations, multipliers and wrenches in the cuts of one state, with the loops closed.
+
+    The one place that says which of this project's functions tests of random mechanisms check.
+    """
+    outside = np.array([wrench.get(name, np.zeros(6)) for name in kernel.links]) if wrench else None
+    a = kernel.forward_dynamics(q, v, u, wrench=outside)
+    multipliers = kernel.constraint_forces(q, v, u, wrench=outside)
+    loops = ClosedLoops(kernel)
+    undetermined = loops.redundancy(q).undetermined
+    unique = np.array([name not in undetermined for name in kernel.constraints])
+    return Closed(a, multipliers, unique, loops.reactions(q, multipliers))
+
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 

@@ -31,13 +31,13 @@ from eomgen.robot.value import Robot
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.result import SimulationResult
 from eomgen.simulation.run import run_scenario
-from tests.support.bending_arm import bending_arm
 from tests.support.browser import open_page
 from tests.support.commands import command, errors_of
 from tests.support.extreme_numbers import accuracy_columns, written
 from tests.support.measured_poses import chain, trial
 from tests.support.measured_results import RESULTS
 from tests.support.refusals import refused
+from tests.support.small_robots import bending_arm
 
 pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
 

@@ -54,15 +54,15 @@ from eomgen.simulation.run import run_scenario
 from tests.description.test_beams import crane
 from tests.oracles.pinocchio_models import PinocchioOracle
 from tests.pictures.test_plots import modes_of
-from tests.support.bending_arm import bending_arm
 from tests.support.bending_robots import bent
 from tests.support.browser import open_page
 from tests.support.commands import errors_of
 from tests.support.description_samples import example_urdfs
-from tests.support.joint_table import joint_table
+from tests.support.joint_table import beam_table, frame_table, joint_table
 from tests.support.optional import needs
 from tests.support.random_robots import random_robot, random_state, with_offsets
 from tests.support.refusals import refused
+from tests.support.small_robots import bending_arm
 from tests.support.soak import soaked
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
@@ -574,20 +574,10 @@ NODE = shutil.which("node")
 
 BOOM = f"""
 name = "boom"
-[[links]]
-name = "tube"
-[links.beam]
-length = 1.5
-E = 7.0e10
-G = 2.63e10
-density = 2700.0
-section = {{ bar = [0.06, 0.04] }}
+{beam_table("tube", 1.5, "{ bar = [0.06, 0.04] }", "{ y = 2, z = 1, torsion = 1 }", 2.63e10)}
 axis = "y"
-modes = {{ y = 2, z = 1, torsion = 1 }}
 {joint_table("slew", "base", "tube", "revolute")}
-[[frames]]
-name = "tcp"
-link = "tube"
+{frame_table("tcp", "tube")}
 node = "tip"
 """
 

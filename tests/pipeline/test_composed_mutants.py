@@ -23,7 +23,7 @@ from eomgen.codegen.samples.stored import read_samples
 from eomgen.pipeline.self_test import first_difference
 from eomgen.robot.model import Model, build_model
 from eomgen.robot.value import Coordinate, Robot
-from tests.support.c_sources import elastic_tree, write_source
+from tests.support.c_project import elastic_tree, write_source
 from tests.support.mutant import Mutant
 from tests.support.random_mechanisms import mechanism
 from tests.support.random_robots import random_robot

@@ -31,7 +31,7 @@ from eomgen.pipeline.stages import Options, generate
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
 from tests.support.builds import Build
-from tests.support.joint_table import joint_table
+from tests.support.joint_table import beam_table, joint_table, link_table
 from tests.support.quick_builds import QUICK, Q, as_new_process, one_link, script, without_headers
 from tests.support.soak import soaked
 
@@ -90,16 +90,8 @@ def slides(count: int) -> Robot:
     text = 'name = "slides"\n'
     for i in range(count):
         text += f"""
-[[links]]
-name = "link{i}"
-mass = {1.3 + 0.17 * i}
-com = [0.1, 0.2, 0.3]
-inertia = {{ xx = 0.1, yy = 0.1, zz = 0.1 }}
-[[joints]]
-name = "joint{i}"
-parent = "{f"link{i - 1}" if i else "base"}"
-child = "link{i}"
-type = "prismatic"
+{link_table(f"link{i}", 1.3 + 0.17 * i, (0.1, 0.2, 0.3), (0.1, 0.1, 0.1))}
+{joint_table(f"joint{i}", f"link{i - 1}" if i else "base", f"link{i}", "prismatic")}
 x = {{ stiffness = 1.7, damping = 0.3 }}
 placement = {{ xyz = [0.1, 0.2, 0.3], rpy = [0.3, 0.4, {0.5 + i}] }}
 """
@@ -212,22 +204,6 @@ def test_native_builds_are_compared_within_rounding() -> None:
         assert found.function == name
 
 
-LIGHT = """
-name = "light"
-[[links]]
-name = "a"
-mass = {mass}
-com = [0.0, 0.0, 0.0]
-inertia = {{ xx = 1e-3, yy = 1e-3, zz = 1e-3 }}
-[[joints]]
-name = "j"
-type = "prismatic"
-parent = "base"
-child = "a"
-z = {{ {laws} }}
-"""
-
-
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
 @pytest.mark.parametrize(
     ("mass", "laws"),
@@ -239,7 +215,13 @@ z = {{ {laws} }}
 )
 def test_stiff_dampers_of_light_links_are_let_through(mass: float, laws: str, dtype: str) -> None:
     """A step of Radau is that of Euler's method it is compared with however fast a damper is, and nothing else."""
-    robot, names = robot_from_toml(LIGHT.format(mass=mass, laws=laws)), ("forward_dynamics", "radau_rollout")
+    text = f"""
+name = "light"
+{link_table("a", mass, (0.0, 0.0, 0.0), (1e-3, 1e-3, 1e-3))}
+{joint_table("j", "base", "a", "prismatic")}
+z = {{ {laws} }}
+"""
+    robot, names = robot_from_toml(text), ("forward_dynamics", "radau_rollout")
     kernel = eomgen.build(robot, kernels=names, dtype=dtype, flags=("-O0",))
     meta = json.loads(kernel.source("json"))
     given = read_samples(samples(derive_equations(build_model(robot), names, dtype), dtype))
@@ -408,16 +390,8 @@ def paired_slides() -> Robot:
     text = 'name = "paired"\n'
     for name, parent, turn in (("hand", "base", 0.7), ("left", "hand", 1.3), ("right", "hand", 1.3 - np.pi)):
         text += f"""
-[[links]]
-name = "{name}"
-mass = 0.7
-com = [0.0, 0.0, 0.0]
-inertia = {{ xx = 0.1, yy = 0.1, zz = 0.1 }}
-[[joints]]
-name = "{name}_joint"
-parent = "{parent}"
-child = "{name}"
-type = "prismatic"
+{link_table(name, 0.7, (0.0, 0.0, 0.0), (0.1, 0.1, 0.1))}
+{joint_table(f"{name}_joint", parent, name, "prismatic")}
 placement = {{ xyz = [0.0, 0.0, 0.0], rpy = [{turn}, 0.0, 0.0] }}
 """
     coupling = 'name = "fingers"\nof = "right_joint.z"\nto = { "left_joint.z" = 1.0 }'
@@ -460,25 +434,11 @@ def test_spread_of_copies(values: list[float], expected: float) -> None:
 
 CROSSED = f"""
 name = "crossed"
-[[links]]
-name = "bridge"
-[links.beam]
-length = 2.0
-E = 7e10
-G = 2.6e10
-density = 2700.0
-section = {{ tube = [0.06, 0.05] }}
-modes = {{ y = 2, z = 1 }}
-[[links]]
-name = "trolley"
-mass = 1.5
+{beam_table("bridge", 2.0, "{ tube = [0.06, 0.05] }", "{ y = 2, z = 1 }")}
+{link_table("trolley", 1.5)}
 {joint_table("rail", "base", "bridge", "prismatic")}
-[[joints]]
-name = "cross"
-parent = "bridge"
+{joint_table("cross", "bridge", "trolley", "prismatic")}
 along = "beam"
-child = "trolley"
-type = "prismatic"
 """
 
 

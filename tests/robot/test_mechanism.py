@@ -34,49 +34,30 @@ from eomgen.robot.value import (
     Robot,
     first_contradiction,
 )
+from tests.support.joint_table import joint_table, link_table, loop_table
 from tests.support.optional import needs
 from tests.support.random_robots import random_robot
 from tests.support.refusals import refused
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
-ARM = """
+
+def read(top: str = "") -> Robot:
+    return robot_from_toml(f"""
 name = "arm"
 {top}
-[[links]]
-name = "upper"
-mass = 1.0
-[[links]]
-name = "fore"
-mass = 1.0
-[[joints]]
-name = "shoulder"
-parent = "base"
-child = "upper"
-type = "revolute"
+{link_table("upper", 1.0)}
+{link_table("fore", 1.0)}
+{joint_table("shoulder", "base", "upper", "revolute")}
 limits = [-1.0, 2.0]
 motor = {{ inertia = 1e-4, ratio = 50.0, stiffness = 1e4 }}
 alpha = {{ stiffness = 1e5 }}
-[[joints]]
-name = "elbow"
-parent = "upper"
-child = "fore"
-type = "revolute"
+{joint_table("elbow", "upper", "fore", "revolute")}
 beta = {{ stiffness = 1e5 }}
-[[joints]]
-name = "shaft"
-parent = "base"
-child = "hub"
-type = "revolute"
+{joint_table("shaft", "base", "hub", "revolute")}
 prescribed = ["gamma"]
-[[links]]
-name = "hub"
-mass = 1.0
-"""
-
-
-def read(top: str = "") -> Robot:
-    return robot_from_toml(ARM.format(top=top))
+{link_table("hub", 1.0)}
+""")
 
 
 def driven(robot: Robot) -> list[str]:
@@ -188,11 +169,8 @@ def test_poses_begin_at_home() -> None:
 
 
 JOINTS = ("a", "b", "c", "d", "rack")
-PLANAR = """
-[[loops]]
-name = "pin"
-links = ["la", "lb"]
-type = "planar"
+PLANAR = f"""
+{loop_table("pin", "la", "lb", "planar")}
 """
 
 

@@ -25,7 +25,7 @@ from eomgen.rounding.enclosures import Enclosures, enclose
 from eomgen.rounding.ranges import chosen_ranges
 from eomgen.rounding.whole import with_setup
 from tests.oracles.roundings import CALLS, exact, mp, worst_error
-from tests.support.joint_table import joint_table
+from tests.support.joint_table import joint_table, link_table
 from tests.support.refusals import refused
 
 pytestmark = pytest.mark.quick
@@ -330,15 +330,8 @@ def test_bounds_are_near_what_happens(robot: str, kernel: str) -> None:
 
 FAR = f"""
 name = "far"
-[[links]]
-name = "hub"
-mass = 1e-3
-inertia = {{ xx = 1e-9, yy = 1e-9, zz = 1e-9 }}
-[[links]]
-name = "tip"
-mass = 1.0
-com = [-31.99, 0.0, 0.0]
-inertia = {{ xx = 1e-5, yy = 1e-5, zz = 1e-5 }}
+{link_table("hub", 1e-3, inertia=(1e-9, 1e-9, 1e-9))}
+{link_table("tip", 1.0, (-31.99, 0.0, 0.0), (1e-5, 1e-5, 1e-5))}
 {joint_table("hinge", "base", "hub", "revolute")}
 {joint_table("weld", "hub", "tip", "fixed")}
 placement = {{ xyz = [32.0, 0.0, 0.0] }}

@@ -21,12 +21,11 @@ from eomgen.runtime.stepping.options import ADAPTIVE as METHODS
 from eomgen.runtime.stepping.options import NARROW_TURNS, ErrorControl, rollout_of
 from eomgen.runtime.stepping.single_motion import SingleMotion
 from tests.support.builds import Build
-from tests.support.massless import massless_tip, massless_wheel
 from tests.support.random_motors import geared_robot, motor_state
 from tests.support.random_robots import Array, loaded_free_joint, random_robot, random_state, seeds, some_prescribed
 from tests.support.random_springs import with_springs
 from tests.support.refusals import refused
-from tests.support.sliders import mass_on_rail
+from tests.support.sliders import mass_on_rail, massless_tip, massless_wheel
 from tests.support.soak import soaked
 
 pytestmark = pytest.mark.usefixtures("unoptimised")

@@ -19,7 +19,6 @@ from eomgen.robot.value import Coordinate, Friction, Robot
 from eomgen.runtime.stepping.input_signals import DriveData, Gains, InputSignals, LinkWrench, Signal, Track, jump_times
 from eomgen.runtime.stepping.options import ADAPTIVE as METHODS
 from tests.support.builds import Build
-from tests.support.massless import massless_tip
 from tests.support.random_robots import Array, random_robot, random_state, some_prescribed
 from tests.support.refusals import refused
 from tests.support.rollout_cases import (
@@ -33,7 +32,7 @@ from tests.support.rollout_cases import (
     prescribed_robot,
     put,
 )
-from tests.support.sliders import mass_on_rail
+from tests.support.sliders import mass_on_rail, massless_tip
 from tests.support.soak import soaked
 
 pytestmark = pytest.mark.usefixtures("unoptimised")

@@ -18,7 +18,7 @@ from eomgen.robot.value import COORDINATES, Coordinate, Joint, Link, Robot
 from eomgen.runtime.tiled import aligned
 from tests.support.bending_robots import bent
 from tests.support.builds import Build
-from tests.support.joint_table import joint_table
+from tests.support.joint_table import joint_table, link_table
 from tests.support.random_robots import Array, random_robot, random_state, seeds
 from tests.support.refusals import refused
 from tests.support.soak import soaked
@@ -211,20 +211,11 @@ N = 37  # states, no multiple of what vectors hold
 WIDTHS = {"-DEOMGEN_VECTOR=0": 1, "-mno-avx": 2, "-mavx2": 4, "-mavx512f": 8}
 POINT = f"""
 name = "point"
-[[links]]
-name = "post"
-mass = 0.0
-[[links]]
-name = "arm"
-mass = 2.0
-com = [0.0, 1.0, 0.0]
+{link_table("post", 0.0)}
+{link_table("arm", 2.0, (0.0, 1.0, 0.0))}
 {joint_table("turn", "base", "post", "revolute")}
-[[joints]]
-name = "lift"
-type = "revolute"
+{joint_table("lift", "post", "arm", "revolute")}
 placement = {{ rpy = [0.0, 1.5707963267948966, 0.0] }}
-parent = "post"
-child = "arm"
 """  # where the arm points upwards its mass is on the first axis
 
 

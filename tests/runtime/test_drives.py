@@ -25,7 +25,7 @@ from eomgen.simulation.run import run_scenario
 from eomgen.state.drives import drives_at_rest
 from tests.support.builds import Build
 from tests.support.drive_reference import AXIS, DAMPING, DRIVES, INERTIA, WINDING, drive, numbers_of, rates_of, servo
-from tests.support.joint_table import joint_table
+from tests.support.joint_table import joint_table, link_table, loop_table
 from tests.support.refusals import refused
 from tests.support.soak import soaked
 
@@ -352,21 +352,9 @@ name = "driven_bar"
 gravity = [0.0, -9.81, 0.0]
 driven = ["crank.gamma"]
 home = {{ "crank.gamma" = 0.9 }}
-[[links]]
-name = "a"
-mass = 1.0
-com = [0.1, 0.0, 0.0]
-inertia = {{ xx = 0.01, yy = 0.01, zz = 0.01 }}
-[[links]]
-name = "b"
-mass = 1.0
-com = [0.25, 0.0, 0.0]
-inertia = {{ xx = 0.01, yy = 0.03, zz = 0.03 }}
-[[links]]
-name = "c"
-mass = 1.0
-com = [0.2, 0.0, 0.0]
-inertia = {{ xx = 0.01, yy = 0.02, zz = 0.02 }}
+{link_table("a", 1.0, (0.1, 0.0, 0.0), (0.01, 0.01, 0.01))}
+{link_table("b", 1.0, (0.25, 0.0, 0.0), (0.01, 0.03, 0.03))}
+{link_table("c", 1.0, (0.2, 0.0, 0.0), (0.01, 0.02, 0.02))}
 {joint_table("crank", "base", "a", "revolute")}
 [joints.gamma.drive]
 winding = {{ resistance = 1.0, inductance = 1e-3, torque_constant = 0.5 }}
@@ -378,10 +366,7 @@ gamma = {{ damping = 0.1 }}
 {joint_table("rocker", "base", "c", "revolute")}
 placement = {{ xyz = [0.4, 0.0, 0.0] }}
 gamma = {{ damping = 0.1 }}
-[[loops]]
-name = "pin"
-links = ["b", "c"]
-type = "revolute"
+{loop_table("pin", "b", "c", "revolute")}
 placements = [{{ xyz = [0.5, 0.0, 0.0] }}, {{ xyz = [0.4, 0.0, 0.0] }}]
 """
 

@@ -37,7 +37,7 @@ from tests.support.bristles import (
 )
 from tests.support.builds import Build
 from tests.support.drive_reference import DRIVES, servo
-from tests.support.joint_table import joint_table
+from tests.support.joint_table import joint_table, link_table, spring_table
 from tests.support.refusals import refused
 from tests.support.sliders import on_rail
 
@@ -62,21 +62,9 @@ MAXWELL = f"maxwell = [{', '.join(f'{{ stiffness = {k}, damping = {c} }}' for k,
 ARM = f"""
 name = "remembering_arm"
 gravity = [0.0, -9.81, 0.0]
-[[links]]
-name = "l1"
-mass = 2.0
-com = [0.2, 0.01, 0.0]
-inertia = {{ xx = 0.1, yy = 0.12, zz = 0.13 }}
-[[links]]
-name = "l2"
-mass = 1.0
-com = [0.2, 0.0, 0.05]
-inertia = {{ xx = 0.02, yy = 0.03, zz = 0.04 }}
-[[links]]
-name = "l3"
-mass = 0.5
-com = [0.1, 0.0, 0.02]
-inertia = {{ xx = 0.01, yy = 0.01, zz = 0.02 }}
+{link_table("l1", 2.0, (0.2, 0.01, 0.0), (0.1, 0.12, 0.13))}
+{link_table("l2", 1.0, (0.2, 0.0, 0.05), (0.02, 0.03, 0.04))}
+{link_table("l3", 0.5, (0.1, 0.0, 0.02), (0.01, 0.01, 0.02))}
 {joint_table("j1", "base", "l1", "revolute")}
 gamma.friction = {{ model = "lugre", coulomb = 1.0, bristle_stiffness = 1e4, bristle_damping = 30.0, fade = 0.05 }}
 [joints.motor]
@@ -94,12 +82,8 @@ stiffness = {{ matrix = [[1e4, 10.0, 0.0], [10.0, 20.0, 5.0], [0.0, 5.0, 10.0]] 
 {joint_table("j3", "l2", "l3", "revolute")}
 placement = {{ xyz = [0.3, 0.0, 0.0] }}
 gamma = {{ role = "prescribed", friction = {{ model = "lugre", coulomb = 0.1, bristle_stiffness = 1e3 }} }}
-[[springs]]
-name = "s1"
-links = ["base", "l2"]
+{spring_table("s1", "base", "l2", 300.0, 3.0)}
 points = [[0.1, 0.5, 0.0], [0.2, 0.0, 0.0]]
-stiffness = 300.0
-damping = 3.0
 free_length = 0.3
 """
 TURNED = (
@@ -109,11 +93,7 @@ TURNED = (
 SEA = f"""
 name = "drive"
 gravity = [0.0, -9.81, 0.0]
-[[links]]
-name = "arm"
-mass = 1.0
-com = [0.2, 0.0, 0.0]
-inertia = {{ xx = 0.01, yy = 0.02, zz = 0.02 }}
+{link_table("arm", 1.0, (0.2, 0.0, 0.0), (0.01, 0.02, 0.02))}
 {joint_table("elbow", "base", "arm", "revolute")}
 [joints.motor]
 inertia = 1e-4

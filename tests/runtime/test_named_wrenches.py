@@ -27,10 +27,10 @@ from eomgen.state import static_equilibrium
 from tests.oracles.pinocchio_models import PinocchioOracle
 from tests.oracles.unpruned import brute_force
 from tests.support.builds import Build
-from tests.support.generic_robots import chain, generic
 from tests.support.random_mechanisms import mechanism
 from tests.support.random_robots import Array, random_placement, random_robot, random_state, seeds
 from tests.support.refusals import refused
+from tests.support.small_robots import chain, generic
 
 pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
 

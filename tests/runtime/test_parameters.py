@@ -20,7 +20,7 @@ from eomgen.robot.parameter_names import parameters
 from eomgen.robot.value import Placement, Robot
 from eomgen.runtime import Kernel
 from tests.support.builds import Build
-from tests.support.joint_table import joint_table
+from tests.support.joint_table import frame_table, joint_table, link_table
 from tests.support.other_numbers import changed
 from tests.support.random_robots import random_placement, random_robot, random_state, seeds
 from tests.support.refusals import refused
@@ -154,14 +154,9 @@ def test_springs_dampers_and_gravity_are_always_parameters(built: Build) -> None
 TOML = f"""
 name = "tuned"
 tunable = ["links.*.mass", "links.link1.com", "joints.joint1.gamma.armature", "frames.tcp.placement.rpy.2"]
-[[links]]
-name = "link1"
-mass = 2.0
-inertia = {{ xx = 0.1, yy = 0.1, zz = 0.1 }}
+{link_table("link1", 2.0, inertia=(0.1, 0.1, 0.1))}
 {joint_table("joint1", "base", "link1", "revolute")}
-[[frames]]
-name = "tcp"
-link = "link1"
+{frame_table("tcp", "link1")}
 placement = {{ xyz = [0.0, 0.1, 0.0], rpy = [0.0, 0.0, 0.5] }}
 """
 
@@ -337,10 +332,7 @@ def test_absent_parameters_are_asked_for_quickly(built: Build) -> None:
 
 AXIS = f"""
 name = "axis"
-[[links]]
-name = "body"
-mass = 1.0
-inertia = {{ xx = 0.01, yy = 0.01, zz = 0.01 }}
+{link_table("body", 1.0, inertia=(0.01, 0.01, 0.01))}
 {joint_table("joint1", "base", "body", "revolute")}
 """
 WOUND = {"stiffness": 300.0, "A": 1.0, "beta": 50.0, "gamma": 20.0, "n": 1.0, "share": 0.3}

@@ -20,7 +20,7 @@ from eomgen.runtime import Kernel
 from eomgen.runtime.raw import TILE_BYTES
 from eomgen.runtime.tiled import Tiled
 from tests.support.builds import Build
-from tests.support.joint_table import joint_table
+from tests.support.joint_table import joint_table, link_table
 from tests.support.refusals import refused
 
 pytestmark = pytest.mark.quick
@@ -29,10 +29,7 @@ Array = np.ndarray[Any, Any]
 N = 21  # states, no multiple of a tile
 RAIL = f"""
 name = "rail"
-[[links]]
-name = "body"
-mass = 1.0
-inertia = {{ xx = 0.1, yy = 0.1, zz = 0.1 }}
+{link_table("body", 1.0, inertia=(0.1, 0.1, 0.1))}
 {joint_table("slide", "base", "body", "prismatic")}
 z.friction = {{ model = "lugre", coulomb = 1.0, bristle_stiffness = 1e3 }}
 """  # with a state

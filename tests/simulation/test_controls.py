@@ -26,7 +26,7 @@ from eomgen.simulation.sampled_drive import SampledDrive
 from eomgen.sweep.driver import run
 from eomgen.sweep.plan import plan_from_toml
 from tests.control.test_inversion import GEARED, RODS, SCENARIO
-from tests.support.joint_table import joint_table
+from tests.support.joint_table import joint_table, link_table
 from tests.support.pendulums import MOTOR, described
 from tests.support.refusals import refused
 from tests.support.soak import soaked
@@ -39,16 +39,8 @@ pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
 ARM = f"""
 name = "arm"
 gravity = [0.0, -9.81, 0.0]
-[[links]]
-name = "link1"
-mass = 2.0
-com = [0.3, 0.0, 0.0]
-inertia = {{ xx = 0.01, yy = 0.1, zz = 0.1 }}
-[[links]]
-name = "link2"
-mass = 1.0
-com = [0.3, 0.0, 0.0]
-inertia = {{ xx = 0.01, yy = 0.1, zz = 0.1 }}
+{link_table("link1", 2.0, (0.3, 0.0, 0.0), (0.01, 0.1, 0.1))}
+{link_table("link2", 1.0, (0.3, 0.0, 0.0), (0.01, 0.1, 0.1))}
 {joint_table("joint1", "base", "link1", "revolute")}
 y = {{ stiffness = 2e4, damping = 20.0 }}
 gamma = {{ limits = {{ velocity = 1e3, effort = 12.0 }} }}

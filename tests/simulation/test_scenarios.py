@@ -23,7 +23,7 @@ from eomgen.simulation.loads import Wrenches, combined_body
 from eomgen.simulation.references import PrescribedMotion, make_reference
 from eomgen.simulation.run import run_scenario, simulate
 from tests.oracles.mujoco_models import MujocoRobot
-from tests.support.joint_table import joint_table
+from tests.support.joint_table import joint_table, link_table
 from tests.support.optional import OptionalModule
 from tests.support.random_robots import Array, random_robot
 from tests.support.soak import soaked
@@ -246,15 +246,8 @@ def test_initial_states_are_as_given() -> None:
 
 SHAKEN = f"""
 name = "shaken"
-[[links]]
-name = "cart"
-mass = 1.0
-inertia = {{ xx = 0.1, yy = 0.1, zz = 0.1 }}
-[[links]]
-name = "bob"
-mass = 2.0
-com = [0.3, 0.0, 0.0]
-inertia = {{ xx = 0.02, yy = 0.03, zz = 0.04 }}
+{link_table("cart", 1.0, inertia=(0.1, 0.1, 0.1))}
+{link_table("bob", 2.0, (0.3, 0.0, 0.0), (0.02, 0.03, 0.04))}
 {joint_table("rail", "base", "cart", "prismatic")}
 prescribed = ["z"]
 {joint_table("pin", "cart", "bob", "revolute")}

@@ -20,7 +20,8 @@ from eomgen.sweep.driver import prepare
 from eomgen.sweep.job import SampleRunner
 from eomgen.sweep.plan import plan_from_toml
 from tests.support.bending_mixtures import mixture
-from tests.support.bristles import GEAR, block
+from tests.support.bristles import block, gear_text
+from tests.support.joint_table import frame_table, joint_table, link_table
 from tests.support.optional import needs
 from tests.support.random_robots import seeds
 from tests.support.refusals import refused
@@ -28,20 +29,6 @@ from tests.support.refusals import refused
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
 BRISTLES = 'model = "lugre", coulomb = {}, static = {}, stribeck = 0.01, bristle_stiffness = 1e4, bristle_damping = 1.0'
-LINK = """
-[[links]]
-name = "{link}"
-mass = 1.0
-com = [0.2, 0.0, 0.0]
-inertia = {{ xx = 0.01, yy = 0.02, zz = 0.02 }}
-[[joints]]
-name = "{joint}"
-type = "revolute"
-parent = "{parent}"
-child = "{link}"
-placement = {{ xyz = [0.3, 0.0, 0.0] }}
-{law}
-"""
 NAMES = ("shoulder.gamma.friction.z", "elbow.beta.friction.z", "elbow.gamma.friction.z")
 PUSHED = """
 duration = 0.2
@@ -67,10 +54,16 @@ def robot() -> Robot:
     """Two links with bristles, also in a deviation of the second joint."""
     beta = f"beta = {{ stiffness = 2e3, damping = 2.0, friction = {{ {BRISTLES.format(0.2, 0.3)} }} }}"
     gamma = f"gamma = {{ friction = {{ {BRISTLES.format(0.5, 0.7)} }} }}"
-    upper = LINK.format(link="upper", joint="shoulder", parent="base", law=gamma)
-    fore = LINK.format(link="fore", joint="elbow", parent="upper", law=f"{beta}\n{gamma}")
-    frame = '[[frames]]\nname = "tcp"\nlink = "fore"\nplacement = { xyz = [0.4, 0.0, 0.0] }\n'
-    return robot_from_toml(f'name = "bristled"\ngravity = [0.0, -9.81, 0.0]\n{upper}{fore}{frame}')
+    text = 'name = "bristled"\ngravity = [0.0, -9.81, 0.0]\n'
+    laws = ("upper", "shoulder", "base", gamma), ("fore", "elbow", "upper", f"{beta}\n{gamma}")
+    for link, joint, parent, law in laws:
+        text += f"""
+{link_table(link, 1.0, (0.2, 0.0, 0.0), (0.01, 0.02, 0.02))}
+{joint_table(joint, parent, link, "revolute")}
+placement = {{ xyz = [0.3, 0.0, 0.0] }}
+{law}
+"""
+    return robot_from_toml(text + frame_table("tcp", "fore", (0.4, 0.0, 0.0)))
 
 
 @pytest.fixture(scope="module")
@@ -126,7 +119,7 @@ def test_series_tables_and_files(result: SimulationResult, tmp_path: Path) -> No
 def test_states_of_followers_are_kept(tmp_path: Path) -> None:
     """A gear's follower has bristles, and is no coordinate."""
     law = f"friction = {{ {BRISTLES.format(0.2, 0.3)} }}"
-    result = run_scenario(robot_from_toml(GEAR.format(friction=law)), scenario_from_toml("duration = 0.01"))
+    result = run_scenario(robot_from_toml(gear_text(law)), scenario_from_toml("duration = 0.01"))
     again = eomgen.load_result(result.save(tmp_path / "motion.npz")).trajectory
     assert again.memory == ("j1.gamma.friction.z", "j2.gamma.friction.z")
     assert again.coordinates == ("j1.gamma",)

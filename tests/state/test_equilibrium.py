@@ -27,7 +27,7 @@ from eomgen.state.springs import coordinate_sizes, stiffnesses
 from tests.support.bristled import served_arm
 from tests.support.builds import Build
 from tests.support.drive_reference import drive, loops_of
-from tests.support.joint_table import joint_table
+from tests.support.joint_table import frame_table, joint_table, link_table
 from tests.support.refusals import refused
 from tests.support.soak import soaked
 from tests.support.swinging import MASS, NEEDED, STIFFNESS, elastic_arm, oscillator
@@ -127,15 +127,8 @@ NAMES = (*NAMES, "integral_current", "current", "force", "input")
 ARM = f"""
 name = "arm"
 gravity = [0.0, -9.81, 0.0]
-[[links]]
-name = "arm"
-mass = 2.0
-com = [0.2, 0.0, 0.0]
-inertia = {{ xx = 0.01, yy = 0.05, zz = 0.05 }}
-[[frames]]
-name = "tcp"
-link = "arm"
-placement = {{ xyz = [0.5, 0.0, 0.0] }}
+{link_table("arm", 2.0, (0.2, 0.0, 0.0), (0.01, 0.05, 0.05))}
+{frame_table("tcp", "arm", (0.5, 0.0, 0.0))}
 {joint_table("axis", "base", "arm", "revolute")}
 """
 

@@ -8,7 +8,7 @@ import eomgen
 from eomgen.description.load import robot_from_toml
 from eomgen.robot.value import Robot
 from tests.support.bending_robots import bent
-from tests.support.joint_table import joint_table
+from tests.support.joint_table import frame_table, joint_table, link_table
 from tests.support.random_robots import random_robot
 
 SPATIAL = f"""
@@ -24,23 +24,12 @@ G = 2.63e10
 density = 2700.0
 section = {{ bar = [0.004, 0.006] }}
 modes = {{ y = 1, z = 1, torsion = 1 }}
-[[links]]
-name = "hand"
-mass = 0.5
-com = [0.05, 0.01, 0.0]
-inertia = {{ xx = 0.01, yy = 0.02, zz = 0.02 }}
+{link_table("hand", 0.5, (0.05, 0.01, 0.0), (0.01, 0.02, 0.02))}
 {joint_table("shoulder", "base", "arm", "revolute")}
-[[joints]]
-name = "wrist"
-parent = "arm"
+{joint_table("wrist", "arm", "hand", "revolute")}
 node = "tip"
-child = "hand"
-type = "revolute"
 placement = {{ xyz = [0.02, 0.0, 0.01], rpy = [0.4, 0.2, 0.1] }}
-[[frames]]
-name = "tcp"
-link = "hand"
-placement = {{ xyz = [0.1, 0.0, 0.0] }}
+{frame_table("tcp", "hand", (0.1, 0.0, 0.0))}
 """
 BENDING: Mapping[str, Callable[[], Robot]] = {  # modes that work on each other first
     "tree": lambda: bent(random_robot(1, (1, 1)), 1, (2,), second=True).robot,

@@ -4,21 +4,13 @@ from __future__ import annotations
 
 import eomgen
 from eomgen.description.load import robot_from_toml
-from tests.support.joint_table import joint_table
+from tests.support.joint_table import frame_table, joint_table, link_table
 
 ARM = f"""
 name = "bristled"
 gravity = [0.0, -9.81, 0.0]
-[[links]]
-name = "upper"
-mass = 2.0
-com = [0.2, 0.01, 0.0]
-inertia = {{ xx = 0.02, yy = 0.12, zz = 0.13 }}
-[[links]]
-name = "lower"
-mass = 1.0
-com = [0.2, 0.0, 0.05]
-inertia = {{ xx = 0.02, yy = 0.03, zz = 0.04 }}
+{link_table("upper", 2.0, (0.2, 0.01, 0.0), (0.02, 0.12, 0.13))}
+{link_table("lower", 1.0, (0.2, 0.0, 0.05), (0.02, 0.03, 0.04))}
 {joint_table("j1", "base", "upper", "revolute")}
 gamma = {{ friction = {{ model = "lugre", coulomb = 1.0, static = 1.5, stribeck = 0.1, bristle_stiffness = 1e4, \
 bristle_damping = 30.0, viscous = 0.5, fade = 0.05 }} }}
@@ -26,10 +18,7 @@ bristle_damping = 30.0, viscous = 0.5, fade = 0.05 }} }}
 placement = {{ xyz = [0.4, 0.0, 0.0] }}
 x = {{ stiffness = 1e5, damping = 100.0 }}
 beta = {{ stiffness = 1e3, damping = 1.0, friction = {{ model = "lugre", coulomb = 0.1, bristle_stiffness = 2e3 }} }}
-[[frames]]
-name = "tcp"
-link = "lower"
-placement = {{ xyz = [0.4, 0.0, 0.0] }}
+{frame_table("tcp", "lower", (0.4, 0.0, 0.0))}
 """
 SERVO = ARM.replace('name = "bristled"', 'name = "served"').replace(
     "x = { stiffness = 1e5, damping = 100.0 }",

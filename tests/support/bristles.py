@@ -10,7 +10,7 @@ import numpy as np
 import eomgen
 from eomgen.description import robot_from_toml
 from eomgen.robot.value import Robot
-from tests.support.joint_table import joint_table
+from tests.support.joint_table import frame_table, joint_table, link_table
 
 BRISTLES = ", bristle_stiffness = 300.0, bristle_damping = 0.5, fade = 0.5"
 FRICTION = f'friction = {{ model = "lugre", coulomb = 0.3, static = 0.4, stribeck = 0.1{BRISTLES} }}'
@@ -18,16 +18,8 @@ SIZE = 1e-3  # m or rad, by which its bristles bend before they slide
 ARM = f"""
 name = "bristle_arm"
 gravity = [0.0, -9.81, 0.0]
-[[links]]
-name = "l1"
-mass = 2.0
-com = [0.2, 0.01, 0.0]
-inertia = {{ xx = 0.1, yy = 0.12, zz = 0.13 }}
-[[links]]
-name = "l2"
-mass = 1.0
-com = [0.2, 0.0, 0.05]
-inertia = {{ xx = 0.02, yy = 0.03, zz = 0.04 }}
+{link_table("l1", 2.0, (0.2, 0.01, 0.0), (0.1, 0.12, 0.13))}
+{link_table("l2", 1.0, (0.2, 0.0, 0.05), (0.02, 0.03, 0.04))}
 {joint_table("j1", "base", "l1", "revolute")}
 gamma = {{ {FRICTION} }}
 {joint_table("j2", "l1", "l2", "revolute")}
@@ -40,37 +32,20 @@ ratio = 5.0
 stiffness = 100.0
 damping = 0.5
 {FRICTION}
-[[frames]]
-name = "tcp"
-link = "l2"
-placement = {{ xyz = [0.3, 0.0, 0.0] }}
+{frame_table("tcp", "l2", (0.3, 0.0, 0.0))}
 """
 
 
-GEAR = """
+def gear_text(friction: str) -> str:
+    """Describe two links of which the second one follows the first, with this friction on both sides of the gear."""
+    return f"""
 name = "bristle_gear"
 gravity = [0.0, -9.81, 0.0]
-[[links]]
-name = "a"
-mass = 1.0
-com = [0.2, 0.0, 0.0]
-inertia = {{ xx = 0.01, yy = 0.02, zz = 0.02 }}
-[[links]]
-name = "b"
-mass = 0.5
-com = [0.1, 0.0, 0.0]
-inertia = {{ xx = 0.01, yy = 0.01, zz = 0.01 }}
-[[joints]]
-name = "j1"
-parent = "base"
-child = "a"
-type = "revolute"
+{link_table("a", 1.0, (0.2, 0.0, 0.0), (0.01, 0.02, 0.02))}
+{link_table("b", 0.5, (0.1, 0.0, 0.0), (0.01, 0.01, 0.01))}
+{joint_table("j1", "base", "a", "revolute")}
 gamma = {{ {friction} }}
-[[joints]]
-name = "j2"
-parent = "a"
-child = "b"
-type = "revolute"
+{joint_table("j2", "a", "b", "revolute")}
 placement = {{ xyz = [0.4, 0.0, 0.0] }}
 gamma = {{ {friction} }}
 [[couplings]]
@@ -78,7 +53,9 @@ name = "gear"
 of = "j2.gamma"
 to = {{ "j1.gamma" = -2.0 }}
 """
-GEARED = GEAR.format(friction=FRICTION)
+
+
+GEARED = gear_text(FRICTION)
 
 
 HYSTERESIS = "hysteresis = {{ stiffness = {}, beta = 30.0, gamma = 10.0, n = 1.5, share = 0.3 }}"
@@ -201,20 +178,6 @@ def wide(kernel: eomgen.Kernel, q: Any, v: Any, u: Any, z: Any) -> tuple[Any, An
 
 STIFFNESS, DAMPING, VISCOUS, COULOMB, STATIC, STRIBECK = 1e5, float(np.sqrt(1e5)), 0.4, 1.0, 1.5, 1e-3  # published
 PULL = 2.0  # N/m of the spring that pulls a mass of 1 kg
-BLOCK = """
-name = "block"
-gravity = [0.0, -9.81, 0.0]
-[[links]]
-name = "body"
-mass = 1.0
-inertia = {{ xx = 0.1, yy = 0.1, zz = 0.1 }}
-[[joints]]
-name = "slide"
-type = "prismatic"
-parent = "base"
-child = "body"
-z = {{ stiffness = {pull}, friction = {{ {friction} }} }}
-"""
 PUBLISHED = (
     f'model = "lugre", coulomb = {COULOMB}, static = {STATIC}, stribeck = {STRIBECK}, bristle_stiffness = {STIFFNESS},'
     f" bristle_damping = {DAMPING}, viscous = {VISCOUS}"
@@ -223,7 +186,13 @@ PUBLISHED = (
 
 def block(friction: str = PUBLISHED, pull: float = PULL) -> Robot:
     """Return a mass of 1 kg on a rail, pulled by a spring, with the published friction or another one."""
-    return robot_from_toml(BLOCK.format(friction=friction, pull=pull))
+    return robot_from_toml(f"""
+name = "block"
+gravity = [0.0, -9.81, 0.0]
+{link_table("body", 1.0, inertia=(0.1, 0.1, 0.1))}
+{joint_table("slide", "base", "body", "prismatic")}
+z = {{ stiffness = {pull}, friction = {{ {friction} }} }}
+""")
 
 
 def rates(v: Any, z: Any) -> tuple[Any, Any]:

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eomgen.codegen.c.source import Source
-from tests.support.c_sources import write_source
+from tests.support.c_project import write_source
 
 Array = NDArray[Any]
 STATES = 19  # no multiple of any number of lanes

@@ -11,23 +11,16 @@ import numpy as np
 import eomgen
 from eomgen.errors import EomgenWarning
 from eomgen.robot.value import Joint, Placement, Robot
-from tests.support.joint_table import joint_table
+from tests.support.joint_table import frame_table, joint_table, link_table
 
 ARM = f"""
 name = "arm"
 gravity = [0.0, 0.0, -9.81]
 tunable = ["links.link2.mass"]
 
-[[links]]
-name = "link1"
-mass = 3.0
-com = [0.1, 0.0, 0.0]
-inertia = {{ xx = 0.1, yy = 0.2, zz = 0.2 }}
+{link_table("link1", 3.0, (0.1, 0.0, 0.0), (0.1, 0.2, 0.2))}
 
-[[links]]
-name = "link2"
-mass = 1.0
-inertia = {{ xx = 0.1, yy = 0.1, zz = 0.1 }}
+{link_table("link2", 1.0, inertia=(0.1, 0.1, 0.1))}
 
 {joint_table("joint1", "base", "link1", "revolute")}
 dh = {{ a = 0.0, alpha = 0.0, d = 0.3, theta = 0.0 }}
@@ -38,10 +31,7 @@ limits = [-1, 2]
 {joint_table("joint2", "link1", "link2", "prismatic")}
 placement = {{ xyz = [0.5, 0.0, 0.0], rpy = [0.0, 0.1, 0.0] }}
 
-[[frames]]
-name = "tcp"
-link = "link2"
-placement = {{ xyz = [0.0, 0.0, 0.1] }}
+{frame_table("tcp", "link2", (0.0, 0.0, 0.1))}
 """
 
 URDF = """<?xml version="1.0"?>

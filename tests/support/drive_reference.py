@@ -9,7 +9,7 @@ from typing import Any
 
 from eomgen.description.load import robot_from_toml
 from eomgen.robot.value import Robot
-from tests.support.joint_table import joint_table
+from tests.support.joint_table import joint_table, link_table
 
 Table = Mapping[str, Any]
 LOOPS = ("position", "velocity", "current")
@@ -17,11 +17,7 @@ LOOPS = ("position", "velocity", "current")
 
 AXIS = f"""
 name = "servo"
-[[links]]
-name = "arm"
-mass = 1.0
-com = [0.2, 0.0, 0.0]
-inertia = {{ xx = 0.01, yy = 0.02, zz = 0.02 }}
+{link_table("arm", 1.0, (0.2, 0.0, 0.0), (0.01, 0.02, 0.02))}
 {joint_table("joint1", "base", "arm", "revolute")}
 """
 INERTIA, DAMPING = 0.08, 0.05

@@ -26,49 +26,9 @@ from eomgen.robot.parameter_names import FAMILIES, element_places
 from eomgen.robot.value import Link, LinkModes, Robot
 from tests.oracles.bending_lagrange import Cloud
 from tests.support.bending_links import nested
-from tests.support.joint_table import joint_table
+from tests.support.joint_table import joint_table, link_table, loop_table, spring_table
 
 Array = NDArray[np.float64]
-
-TREE = """
-name = "every"
-gravity = [0.0, -9.81, 1.0]
-[[links]]
-name = "upper"
-mass = 2.0
-com = [0.2, 0.01, 0.02]
-inertia = {{ xx = 2e-2, yy = 3e-2, zz = 3e-2, xy = 1e-3 }}
-[[links]]
-name = "fore"
-mass = 1.5
-com = [0.1, 0.0, 0.03]
-inertia = {{ xx = 2e-2, yy = 3e-2, zz = 3e-2 }}
-[[links]]
-name = "rocker"
-mass = 0.7
-com = [0.15, 0.02, 0.0]
-inertia = {{ xx = 1e-2, yy = 1e-2, zz = 1e-2 }}
-[[joints]]
-name = "hip"
-parent = "base"
-child = "upper"
-type = "revolute"
-{hip}
-[[joints]]
-name = "knee"
-parent = "upper"
-child = "fore"
-type = "revolute"
-placement = {{ xyz = [0.4, 0.0, 0.0], rpy = [0.3, 0.1, 0.0] }}
-{knee}
-[[joints]]
-name = "pivot"
-parent = "base"
-child = "rocker"
-type = "revolute"
-placement = {{ xyz = [0.6, 0.2, 0.0], rpy = [0.1, -0.2, 0.0] }}
-{beside}
-"""
 
 FREE = "x = {}\ny = {}\nalpha = {}\nbeta = {}\n"
 LAWS = """
@@ -85,11 +45,7 @@ motor = { inertia = 1e-2, ratio = 3.0, stiffness = 10.0, damping = 2.0, cubic = 
 BEARING = "{ clearance = 1e-2, stiffness = 100.0, length = 0.5, smoothing = 0.1, restitution_damping = 0.5, \
 friction = { coefficient = 0.1, radius = 0.2, smoothing = 0.1 } }\n"
 STIFFNESS = f"""
-[[links]]
-name = "head"
-mass = 0.5
-com = [0.05, 0.02, 0.1]
-inertia = {{ xx = 1e-2, yy = 2e-2, zz = 1e-2 }}
+{link_table("head", 0.5, (0.05, 0.02, 0.1), (1e-2, 2e-2, 1e-2))}
 {joint_table("neck", "rocker", "head", "revolute")}
 placement = {{ xyz = [0.3, 0.0, 0.1], rpy = [0.2, 0.1, 0.0] }}
 x = {{}}
@@ -98,81 +54,56 @@ stiffness = {{ matrix = [[40.0, 3.0, -2.0], [3.0, 5.0, 1.0], [-2.0, 1.0, 4.0]], 
 damping = {{ loss_factor = 0.9, at_hz = 1.5 }}
 """
 DAMPING = f"""
-[[links]]
-name = "hand"
-mass = 0.4
-com = [0.05, 0.02, 0.1]
-inertia = {{ xx = 1e-2, yy = 2e-2, zz = 1e-2 }}
+{link_table("hand", 0.4, (0.05, 0.02, 0.1), (1e-2, 2e-2, 1e-2))}
 {joint_table("wrist", "fore", "hand", "revolute")}
 placement = {{ xyz = [0.3, 0.0, 0.1] }}
 z = {{}}
 alpha = {{}}
 damping = {{ matrix = [[4.0, 0.2, 0.0], [0.2, 0.5, -0.1], [0.0, -0.1, 0.3]] }}
 """
-SPRINGS = """
-[[springs]]
-name = "coil"
-links = ["base", "fore"]
+SPRINGS = f"""
+{spring_table("coil", "base", "fore", 30.0, 2.0)}
 points = [[0.0, 0.5, 0.0], [0.1, 0.0, 0.0]]
 free_length = 0.3
-stiffness = 30.0
-damping = 2.0
-[[springs]]
-name = "zero"
-links = ["rocker", "fore"]
+{spring_table("zero", "rocker", "fore", 30.0, 1.0)}
 points = [[0.0, 0.5, 0.0], [0.1, 0.0, 0.0]]
-stiffness = 30.0
-damping = 1.0
-[[springs]]
-name = "rope"
-links = ["base", "fore"]
+{spring_table("rope", "base", "fore", 30.0, 2.0)}
 points = [[0.0, -0.9, 0.0], [0.1, 0.0, 0.0]]
 free_length = 0.1
-stiffness = 30.0
-damping = 2.0
 tension_only = true
 smoothing = 0.1
 """
-CUT = """
-[[loops]]
-name = "pin"
-links = ["fore", "rocker"]
-type = "revolute"
-placements = [{ xyz = [0.3, 0.0, 0.0] }, { xyz = [0.3, 0.1, 0.0], rpy = [0.2, 0.0, 0.0] }]
-x = { stiffness = 10.0, damping = 2.0 }
-y = { stiffness = 10.0, damping = 2.0, clearance = 2e-2 }
-z = { stiffness = 10.0, damping = 2.0, friction = { model = "lugre", coulomb = 2.0, bristle_stiffness = 3.0 } }
-alpha = { stiffness = 1.0, damping = 0.2, maxwell = [{ stiffness = 2.0, damping = 1.0 }] }
-beta = { stiffness = 1.0, damping = 0.2, hysteresis = { stiffness = 3.0, beta = 0.9, gamma = 0.4, n = 1.4 } }
-gamma = { friction = { coefficient = 0.8, radius = 0.2, smoothing = 0.1 } }
-[[loops]]
-name = "clamp"
-links = ["base", "rocker"]
-type = "fixed"
-placements = [{ xyz = [0.6, 0.2, 0.1] }, { xyz = [0.0, 0.1, 0.1], rpy = [-0.1, 0.2, 0.0] }]
-x = {}
-y = {}
-z = { stiffness = 3.0 }
-alpha = {}
-beta = {}
-gamma = {}
-stiffness = { matrix = [[9.0, 1.0, -2.0, 0.3, 0.1, 0.0], [1.0, 8.0, 0.5, 0.2, -0.3, 0.4], \
+CUT = f"""
+{loop_table("pin", "fore", "rocker", "revolute")}
+placements = [{{ xyz = [0.3, 0.0, 0.0] }}, {{ xyz = [0.3, 0.1, 0.0], rpy = [0.2, 0.0, 0.0] }}]
+x = {{ stiffness = 10.0, damping = 2.0 }}
+y = {{ stiffness = 10.0, damping = 2.0, clearance = 2e-2 }}
+z = {{ stiffness = 10.0, damping = 2.0, friction = {{ model = "lugre", coulomb = 2.0, bristle_stiffness = 3.0 }} }}
+alpha = {{ stiffness = 1.0, damping = 0.2, maxwell = [{{ stiffness = 2.0, damping = 1.0 }}] }}
+beta = {{ stiffness = 1.0, damping = 0.2, hysteresis = {{ stiffness = 3.0, beta = 0.9, gamma = 0.4, n = 1.4 }} }}
+gamma = {{ friction = {{ coefficient = 0.8, radius = 0.2, smoothing = 0.1 }} }}
+{loop_table("clamp", "base", "rocker", "fixed")}
+placements = [{{ xyz = [0.6, 0.2, 0.1] }}, {{ xyz = [0.0, 0.1, 0.1], rpy = [-0.1, 0.2, 0.0] }}]
+x = {{}}
+y = {{}}
+z = {{ stiffness = 3.0 }}
+alpha = {{}}
+beta = {{}}
+gamma = {{}}
+stiffness = {{ matrix = [[9.0, 1.0, -2.0, 0.3, 0.1, 0.0], [1.0, 8.0, 0.5, 0.2, -0.3, 0.4], \
 [-2.0, 0.5, 7.0, 0.1, 0.6, 0.2], [0.3, 0.2, 0.1, 1.0, 0.2, 0.1], [0.1, -0.3, 0.6, 0.2, 1.5, -0.2], \
-[0.0, 0.4, 0.2, 0.1, -0.2, 1.2]], preload = [0.1, 0.0, 0.2, 0.0, -0.1, 0.0] }
-damping = { ratio = 0.8, at_hz = 1.5 }
+[0.0, 0.4, 0.2, 0.1, -0.2, 1.2]], preload = [0.1, 0.0, 0.2, 0.0, -0.1, 0.0] }}
+damping = {{ ratio = 0.8, at_hz = 1.5 }}
 [[couplings]]
 name = "belt"
 of = "pivot.gamma"
-to = { "knee.gamma" = -1.5 }
+to = {{ "knee.gamma" = -1.5 }}
 stiffness = 10.0
 damping = 2.0
-maxwell = [{ stiffness = 3.0, damping = 0.5 }]
+maxwell = [{{ stiffness = 3.0, damping = 0.5 }}]
 """
 CUT_BEARING = f"""
-[[loops]]
-name = "bush"
-links = ["fore", "base"]
-type = "revolute"
+{loop_table("bush", "fore", "base", "revolute")}
 placements = [{{ xyz = [0.1, 0.0, 0.1] }}, {{ xyz = [0.5, 0.1, 0.0] }}]
 x = {{ damping = 2.0 }}
 y = {{ damping = 2.0 }}
@@ -205,11 +136,7 @@ damping = { matrix = [[2.0, 0.1, 0.0, 0.1, 0.0, 0.0], [0.1, 1.0, 0.2, 0.0, 0.0, 
 [0.0, 0.1, 0.0, 0.1, 0.0, 0.4]] }
 """
 REMEMBERING = f"""
-[[links]]
-name = "finger"
-mass = 0.4
-com = [0.05, 0.01, 0.0]
-inertia = {{ xx = 3e-3, yy = 4e-3, zz = 5e-3 }}
+{link_table("finger", 0.4, (0.05, 0.01, 0.0), (3e-3, 4e-3, 5e-3))}
 {joint_table("knuckle", "fore", "finger", "revolute")}
 placement = {{ xyz = [0.3, 0.0, 0.0], rpy = [0.2, 0.0, 0.1] }}
 beta = {{ friction = {{ model = "lugre", coulomb = 3.0, bristle_stiffness = 2.0, bristle_damping = 1.0, fade = 0.7 }} }}
@@ -217,11 +144,7 @@ gamma = {{ friction = {{ model = "lugre", coulomb = 2.0, static = 3.0, stribeck 
 bristle_damping = 0.8, viscous = 0.2 }}, \
 hysteresis = {{ stiffness = 3.0, A = 1.2, beta = 0.9, gamma = -0.4, n = 1.6, share = 0.3 }}, \
 maxwell = [{{ stiffness = 2.0, damping = 1.0 }}, {{ stiffness = 1.5, damping = 0.2 }}] }}
-[[links]]
-name = "thumb"
-mass = 0.3
-com = [0.04, 0.01, 0.01]
-inertia = {{ xx = 3e-3, yy = 4e-3, zz = 5e-3 }}
+{link_table("thumb", 0.3, (0.04, 0.01, 0.01), (3e-3, 4e-3, 5e-3))}
 {joint_table("saddle", "rocker", "thumb", "revolute")}
 placement = {{ xyz = [0.2, 0.0, 0.1], rpy = [0.1, -0.2, 0.1] }}
 [joints.motor]
@@ -234,16 +157,8 @@ friction = {{ model = "lugre", coulomb = 1.0, bristle_stiffness = 0.8, viscous =
 """
 
 DRIVES = f"""
-[[links]]
-name = "tool"
-mass = 0.5
-com = [0.04, 0.02, 0.0]
-inertia = {{ xx = 6e-3, yy = 5e-3, zz = 7e-3 }}
-[[links]]
-name = "slide"
-mass = 0.3
-com = [0.0, 0.02, 0.0]
-inertia = {{ xx = 2e-3, yy = 3e-3, zz = 4e-3 }}
+{link_table("tool", 0.5, (0.04, 0.02, 0.0), (6e-3, 5e-3, 7e-3))}
+{link_table("slide", 0.3, (0.0, 0.02, 0.0), (2e-3, 3e-3, 4e-3))}
 {joint_table("swivel", "rocker", "tool", "revolute")}
 placement = {{ xyz = [0.2, 0.1, 0.0], rpy = [0.1, 0.3, 0.0] }}
 [joints.gamma.drive]
@@ -283,7 +198,27 @@ def robot_with(*families: type[ForceElement]) -> str:
     parts = {part: "".join(ROBOTS[family].get(part, "") for family in families) for part in PARTS}
     if parts["hip"].count(FREE) > 1:
         parts["hip"] = FREE + parts["hip"].replace(FREE, "")
-    return TREE.format(**parts)
+    return tree(**parts)
+
+
+def tree(hip: str = "", knee: str = "", beside: str = "") -> str:
+    """Describe three links on three joints, of which two have further keys, with more tables behind them."""
+    return f"""
+name = "every"
+gravity = [0.0, -9.81, 1.0]
+{link_table("upper", 2.0, (0.2, 0.01, 0.02))}
+inertia = {{ xx = 2e-2, yy = 3e-2, zz = 3e-2, xy = 1e-3 }}
+{link_table("fore", 1.5, (0.1, 0.0, 0.03), (2e-2, 3e-2, 3e-2))}
+{link_table("rocker", 0.7, (0.15, 0.02, 0.0), (1e-2, 1e-2, 1e-2))}
+{joint_table("hip", "base", "upper", "revolute")}
+{hip}
+{joint_table("knee", "upper", "fore", "revolute")}
+placement = {{ xyz = [0.4, 0.0, 0.0], rpy = [0.3, 0.1, 0.0] }}
+{knee}
+{joint_table("pivot", "base", "rocker", "revolute")}
+placement = {{ xyz = [0.6, 0.2, 0.0], rpy = [0.1, -0.2, 0.0] }}
+{beside}
+"""
 
 
 def robot_of(*families: type[ForceElement]) -> Robot:

@@ -21,7 +21,7 @@ from eomgen.codegen.samples.stored import MEASURED, STATES, read_samples
 from eomgen.pipeline.stages import Options, make_source
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
-from tests.support.c_sources import write_source
+from tests.support.c_project import write_source
 
 GIVEN, SAID, ROOM = 0x60000000, 0x61000000, 1 << 22  # addresses on a bare machine, and bytes of each
 MAIN = """

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from eomgen.robot.value import Coordinate, Frame, Joint, Link, Placement, Robot
-from tests.support.joint_table import joint_table
+from tests.support.joint_table import joint_table, link_table, loop_table
 
 STIFFNESS, MASS, DAMPING = 4e4, 2.5, 3.0
 
@@ -24,29 +24,14 @@ def chain(n: int, *, ends: str = "fixed-free", damping: float | None = None) -> 
 LOOP = f"""
 name = "slider_crank"
 gravity = [0.0, -9.81, 0.0]
-[[links]]
-name = "crank"
-mass = 0.7
-com = [0.1, 0.0, 0.0]
-inertia = {{ xx = 1e-3, yy = 4e-3, zz = 4e-3 }}
-[[links]]
-name = "rod"
-mass = 0.5
-com = [0.2, 0.0, 0.0]
-inertia = {{ xx = 1e-3, yy = 7e-3, zz = 7e-3 }}
-[[links]]
-name = "slider"
-mass = 0.9
-com = [0.0, 0.0, 0.0]
-inertia = {{ xx = 1e-3, yy = 1e-3, zz = 1e-3 }}
+{link_table("crank", 0.7, (0.1, 0.0, 0.0), (1e-3, 4e-3, 4e-3))}
+{link_table("rod", 0.5, (0.2, 0.0, 0.0), (1e-3, 7e-3, 7e-3))}
+{link_table("slider", 0.9, (0.0, 0.0, 0.0), (1e-3, 1e-3, 1e-3))}
 {joint_table("turn", "base", "crank", "revolute")}
 {joint_table("pin", "crank", "rod", "revolute")}
 placement = {{ xyz = [0.2, 0.0, 0.0] }}
 {joint_table("guide", "base", "slider", "fixed")}
 x = {{ stiffness = 3000.0, damping = 8.0, preload = 40.0 }}
-[[loops]]
-name = "ball"
-links = ["rod", "slider"]
-type = "revolute"
+{loop_table("ball", "rod", "slider", "revolute")}
 placements = [{{ xyz = [0.4, 0.0, 0.0] }}, {{}}]
 """

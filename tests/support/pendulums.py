@@ -6,6 +6,7 @@ from typing import Any
 
 from eomgen.description.load import robot_from_toml
 from eomgen.robot.value import Coordinate, Joint, Link, Robot, Spring
+from tests.support.joint_table import joint_table, link_table
 
 MOTOR = "motor = { inertia = 1e-4, ratio = 100, stiffness = 2e4 }"
 
@@ -21,16 +22,8 @@ def description(motor: str, kind: str = "revolute", more: str = "", tunable: str
 name = "pendulum"
 gravity = [0.0, -9.81, 0.0]
 tunable = {tunable}
-[[links]]
-name = "rod"
-mass = 2.0
-com = [0.25, 0.0, 0.0]
-inertia = {{ xx = 0.0, yy = 0.05, zz = 0.05 }}
-[[joints]]
-name = "joint1"
-parent = "base"
-child = "rod"
-type = "{kind}"
+{link_table("rod", 2.0, (0.25, 0.0, 0.0), (0.0, 0.05, 0.05))}
+{joint_table("joint1", "base", "rod", kind)}
 {motor}
 {more}
 """

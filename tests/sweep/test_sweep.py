@@ -36,7 +36,7 @@ from eomgen.sweep.result import SweepResult
 from eomgen.sweep.shipping import builds_of, pack, source_keys, unpack
 from eomgen.sweep.store import ROWS, opened
 from tests.support.commands import command
-from tests.support.joint_table import joint_table
+from tests.support.joint_table import frame_table, joint_table
 from tests.support.optional import needs
 from tests.support.refusals import refused
 from tests.support.sliders import RELEASE, SLIDER, STIFF, slider
@@ -56,10 +56,7 @@ alpha = {{ stiffness = 4e4, damping = 40.0 }}
 {joint_table("elbow", "upper", "fore", "revolute")}
 placement = {{ xyz = [0.6, 0.0, 0.0] }}
 x = {{ stiffness = 5e5, damping = 500.0 }}
-[[frames]]
-name = "tcp"
-link = "fore"
-placement = {{ xyz = [0.4, 0.0, 0.0] }}
+{frame_table("tcp", "fore", (0.4, 0.0, 0.0))}
 """
 REACH_FILE = "duration = 0.4\n[motion]\ntype = 'point_to_point'\ngoal = { shoulder = 0.5, elbow = -0.4 }\n"
 REACH = {"duration": 0.4, "motion": {"type": "point_to_point", "goal": {"shoulder": 0.5, "elbow": -0.4}}}

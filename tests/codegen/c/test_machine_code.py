@@ -47,7 +47,7 @@ from tests.support.c_driver import (
     run_driver,
     write_driver,
 )
-from tests.support.c_sources import check_symbols
+from tests.support.c_project import check_symbols
 from tests.support.makers import MAKERS
 from tests.support.random_robots import random_robot, with_random_loops
 from tests.support.refusals import refused

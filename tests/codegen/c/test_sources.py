@@ -38,8 +38,7 @@ from release.packages import link_package
 from release.pythons import PYTHONS, interpreter
 from tests.oracles.force_laws import with_laws
 from tests.support.builds import Build
-from tests.support.c_project import WARNINGS
-from tests.support.c_sources import check_symbols, elastic_tree, source_of, write_source
+from tests.support.c_project import WARNINGS, check_symbols, elastic_tree, source_of, write_source
 from tests.support.random_robots import random_robot
 from tests.support.refusals import refused
 from tests.support.small_robots import free_body

@@ -28,7 +28,7 @@ from tests.support.bending_robots import bent
 from tests.support.bristled import bristled_arm
 from tests.support.builds import Build
 from tests.support.drive_reference import AXIS, DAMPING, DRIVES, INERTIA, drive, numbers_of
-from tests.support.joint_table import joint_table
+from tests.support.joint_table import joint_table, link_table
 from tests.support.random_robots import Array, random_robot, random_state, seeds, with_random_loops
 from tests.support.soak import soaked
 
@@ -272,11 +272,7 @@ def test_they_are_printed_by_name() -> None:
 WOUND = f"""
 name = "wound"
 gravity = [0.0, -9.81, 0.0]
-[[links]]
-name = "arm"
-mass = 1.0
-com = [0.2, 0.0, 0.0]
-inertia = {{ xx = 0.01, yy = 0.02, zz = 0.02 }}
+{link_table("arm", 1.0, (0.2, 0.0, 0.0), (0.01, 0.02, 0.02))}
 {joint_table("elbow", "base", "arm", "revolute")}
 gamma = {{ stiffness = 3.0, stops = {{ stiffness = 50.0, damping = 2.0, lower = -0.1 }} }}
 [joints.motor]

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import re
+import shutil
+import subprocess
 from collections.abc import Callable
 from dataclasses import replace
+from html.parser import HTMLParser
 from itertools import product
 from pathlib import Path
 
@@ -15,7 +19,7 @@ from eomgen.codegen.derivation.afresh import Derived, derive_afresh
 from eomgen.codegen.derivation.fresh import derive_blocks
 from eomgen.codegen.derivation.generic_terms import check_zeros
 from eomgen.codegen.derivation.programs import CHECKED
-from eomgen.codegen.derivation.report import terms
+from eomgen.codegen.derivation.report import render_report, terms
 from eomgen.codegen.forces.coordinates import ModalCouplings
 from eomgen.codegen.forces.element import ForceElement
 from eomgen.codegen.joint.facts import SHARPER, Facts, ZeroPair
@@ -28,7 +32,6 @@ from eomgen.errors import DerivationError
 from eomgen.names import component_name
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
-from tests.support.derivation_reports import checked_latex, checked_page
 from tests.support.elastic_robots import elastic_robot
 from tests.support.every_element import ROBOTS, robot_with
 from tests.support.random_followers import with_followers
@@ -36,6 +39,48 @@ from tests.support.random_motors import with_motors
 from tests.support.random_robots import random_robot, seeds, with_offsets, with_random_loops
 from tests.support.refusals import refused
 from tests.support.soak import soaked
+
+
+class _Reader(HTMLParser):
+    def __init__(self) -> None:
+        super().__init__()
+        self.open = list[str]()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        if tag != "meta":
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+
+def checked_page(derived: Derived) -> str:
+    """The page of a derivation, which names every coordinate that has an equation."""
+    text, reader = render_report(derived, ".html"), _Reader()
+    reader.feed(text)
+    reader.close()
+    assert not reader.open
+    assert text.isascii()
+    assert all(f">{body.joint}<" in text or f"{body.joint}." in text for body in derived.model.bodies if body.active)
+    return text
+
+
+def checked_latex(derived: Derived, folder: Path) -> str:
+    """The document of a derivation; pdflatex, where there is one, leaves nothing out of it."""
+    text = render_report(derived, ".tex")
+    assert text.isascii()
+    begun, ended = (sorted(re.findall(rf"\\{word}{{(\w+\*?)}}", text)) for word in ("begin", "end"))
+    assert begun == ended
+    assert text.count("{") == text.count("}")
+    if shutil.which("pdflatex"):
+        (folder / "derivation.tex").write_text(text, encoding="ascii")
+        command = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "derivation.tex"]
+        made = subprocess.run(command, cwd=folder, capture_output=True, text=True, errors="replace")
+        assert made.returncode == 0, made.stdout[-3000:]
+        assert "Missing character" not in made.stdout
+        assert (folder / "derivation.pdf").stat().st_size > 10_000
+    return text
+
 
 pytestmark = pytest.mark.quick
 

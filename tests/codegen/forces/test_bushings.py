@@ -17,8 +17,8 @@ from eomgen.robot import Bushing, JointDamping, JointStiffness, Placement, Robot
 from eomgen.robot.model import build_model
 from eomgen.state.springs import fastest_rates
 from tests.support.builds import Build
-from tests.support.dense_stages import dense_stage, run, staged
-from tests.support.every_element import TREE
+from tests.support.every_element import tree
+from tests.support.programs import dense_stage, run, staged
 from tests.support.random_robots import random_state, seeds
 from tests.support.small_robots import free_body
 
@@ -32,7 +32,7 @@ MOUNT = '[[bushings]]\nname = "mount"\nlinks = ["base", "fore"]\n'
 
 
 def robot_of_text(text: str, hip: str = "") -> Robot:
-    return robot_from_toml(TREE.format(hip=hip, knee="", beside=text))
+    return robot_from_toml(tree(hip=hip, beside=text))
 
 
 @pytest.mark.parametrize("seed", seeds(2, 2, 8))
@@ -73,7 +73,7 @@ def test_what_does_not_act_is_in_no_equation(built: Build) -> None:
     assert kernel.element_rows == ("mount.x",)
     assert [name for name in kernel.parameters if name.startswith("bushings.")] == ["bushings.mount.stiffness.x"]
     assert kernel.operations["residual"]["div"] == 0
-    text = TREE.format(hip="", knee="", beside=MOUNT + "stiffness = [900.0, 0, 0, 0, 0, 0]\n")
+    text = tree(beside=MOUNT + "stiffness = [900.0, 0, 0, 0, 0, 0]\n")
     tuned = build_model(robot_from_toml('tunable = ["bushings.mount.damping.y"]\n' + text))
     assert tuned.parameters["bushings.mount.damping.y"] == 0.0
 

@@ -33,8 +33,8 @@ from tests.codegen.forces.test_journals import SWING
 from tests.codegen.forces.test_laws import GIVEN, slider
 from tests.codegen.forces.test_loads import LOADED, cut_pin, pin
 from tests.codegen.forces.test_stops import STOPS, geared, stopped
-from tests.support.every_element import TREE
-from tests.support.joint_table import joint_table
+from tests.support.every_element import tree
+from tests.support.joint_table import joint_table, link_table
 from tests.support.refusals import refused
 
 pytestmark = pytest.mark.quick
@@ -42,21 +42,14 @@ pytestmark = pytest.mark.quick
 BLOCK = f"""
 name = "slider"
 gravity = [0.0, 0.0, 0.0]
-[[links]]
-name = "block"
-mass = 2.0
-inertia = {{ xx = 1.0, yy = 1.0, zz = 1.0 }}
+{link_table("block", 2.0, inertia=(1.0, 1.0, 1.0))}
 {joint_table("rail", "base", "block", "prismatic")}
 z = {{ stiffness = 40.0, exponential = {{ force = 3.0, scale = 0.05 }} }}
 """
 LAW, TABLE = "stiffness = 40.0, exponential = { force = 3.0, scale = 0.05 }", "{ force = 3.0, scale = 0.05 }"
 WHEEL = f"""
 name = "wheel"
-[[links]]
-name = "wheel"
-mass = 1.0
-com = [0.0, 0.0, 0.0]
-inertia = {{ xx = 1.0, yy = 1.0, zz = 1.0 }}
+{link_table("wheel", 1.0, (0.0, 0.0, 0.0), (1.0, 1.0, 1.0))}
 {joint_table("pin", "base", "wheel", "revolute")}
 x = {{ stiffness = 1e6 }}
 gamma = {{ friction = {{ coefficient = 0.08, radius = 0.02 }} }}
@@ -83,18 +76,14 @@ damping = { loss_factor = 0.1, at_hz = 5.0 }
 ROWS = "[[9.0, 0.0, 2.0], [0.0, 8.0, 0.0], [2.0, 0.0, 1.0]]"
 
 
-def in_tree(beside: str) -> str:
-    return TREE.format(hip="", knee="", beside=beside)
-
-
 TEXTS = {
-    "bushing": in_tree(MOUNT + PLACEMENTS + NUMBERS),
+    "bushing": tree(beside=MOUNT + PLACEMENTS + NUMBERS),
     "exponential": BLOCK,
     "loaded friction": WHEEL,
     "loop's journal": SWING,
     "joint damping": TUMBLER,
-    "bushing's matrix": in_tree(MATRIX_MOUNT),
-    "loop's matrix": in_tree(CLAMP),
+    "bushing's matrix": tree(beside=MATRIX_MOUNT),
+    "loop's matrix": tree(beside=CLAMP),
 }
 REFUSED: dict[
     str, list[tuple[str, str, str | tuple[str, ...]]]
@@ -285,7 +274,7 @@ def mounted(
     damping: object = None,
 ) -> Robot:
     mount = Bushing(name, links, stiffness=stiffness, damping=damping)  # type: ignore[arg-type]
-    return replace(robot_from_toml(in_tree("")), elements=(mount,))
+    return replace(robot_from_toml(tree(beside="")), elements=(mount,))
 
 
 def looped(text: str, **changes: object) -> Robot:
@@ -401,7 +390,7 @@ def test_damping_of_joints() -> None:
 
 
 def test_matrices_of_bushings_and_loops() -> None:
-    robot = robot_from_toml(in_tree(MATRIX_MOUNT + CLAMP))
+    robot = robot_from_toml(tree(beside=MATRIX_MOUNT + CLAMP))
     (mount,), (clamp,) = robot.elements, robot.loops
     K = np.diag([9.0, 8.0, 7.0, 1.0, 1.0, 1.0])
     K[0, 4] = K[4, 0] = 2.0
@@ -419,7 +408,7 @@ def test_matrices_of_bushings_and_loops() -> None:
     lost = {"bushings.mount: left out", "loops.clamp.stiffness: left out", "loops.clamp.damping: left out"}
     assert lost <= {*left_out(robot)}
     six = str(np.diag([9.0, 8.0, 5.0, 0.0, 1.0, 0.0]).tolist())
-    assert robot_from_toml(in_tree(CLAMP.replace(ROWS, six))).notes == (
+    assert robot_from_toml(tree(beside=CLAMP.replace(ROWS, six))).notes == (
         "loops.clamp.stiffness: rows of coordinates that do not move are left out: z",
     )
     assert (robot.rigid().loops[0].stiffness, robot.rigid().loops[0].damping) == (None, None)

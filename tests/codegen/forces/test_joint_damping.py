@@ -28,7 +28,7 @@ from tests.support.added_forces import (
 )
 from tests.support.builds import Build
 from tests.support.closeness import close
-from tests.support.joint_table import joint_table
+from tests.support.joint_table import joint_table, link_table
 from tests.support.random_robots import Array, random_robot, random_state, seeds, some_prescribed
 from tests.support.random_springs import with_springs
 from tests.support.small_robots import free_body
@@ -172,10 +172,7 @@ def test_what_it_costs() -> None:
 
 TUMBLER = f"""
 name = "tumbler"
-[[links]]
-name = "body"
-mass = 1.0
-inertia = {{ xx = 0.01, yy = 0.02, zz = 0.03 }}
+{link_table("body", 1.0, inertia=(0.01, 0.02, 0.03))}
 {joint_table("root", "base", "body", "free")}
 damping = {{ linear = 2.0, angular = 0.1 }}
 """

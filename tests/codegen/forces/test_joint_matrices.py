@@ -46,7 +46,7 @@ from tests.support.added_forces import (
 )
 from tests.support.builds import Build
 from tests.support.closeness import close
-from tests.support.joint_table import joint_table
+from tests.support.joint_table import joint_table, link_table
 from tests.support.random_robots import Array, random_robot, random_state, seeds
 from tests.support.refusals import refused
 from tests.support.small_robots import free_body
@@ -208,11 +208,7 @@ def test_lagranges_equations() -> None:
     text = f"""
 name = "rod"
 gravity = [0.0, -9.81, 0.0]
-[[links]]
-name = "rod"
-mass = 2.0
-com = [0.3, 0.0, 0.0]
-inertia = {{ xx = 0.0, yy = 0.05, zz = 0.05 }}
+{link_table("rod", 2.0, (0.3, 0.0, 0.0), (0.0, 0.05, 0.05))}
 {joint_table("joint", "base", "rod", "revolute")}
 x = {{}}
 stiffness = {{ matrix = [[90.0, 12.0], [12.0, 8.0]], preload = [0.7, -0.2] }}

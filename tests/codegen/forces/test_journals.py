@@ -38,7 +38,7 @@ from tests.support.added_forces import (
 )
 from tests.support.builds import Build
 from tests.support.closeness import close
-from tests.support.joint_table import joint_table
+from tests.support.joint_table import joint_table, link_table, loop_table
 from tests.support.programs import answer
 from tests.support.random_robots import (
     Array,
@@ -336,10 +336,7 @@ OTHERWISE = (
     + f"""
 {joint_table("crankpin", "crank", "rod", "revolute")}
 placement = {{ xyz = [0.05, 0.0, 0.0] }}
-[[loops]]
-name = "pin"
-links = ["slider", "rod"]
-type = "revolute"
+{loop_table("pin", "slider", "rod", "revolute")}
 placements = [{{ rpy = [0.0, -1.5707963267948966, 0.0] }}, {{ xyz = [0.12, 0.0, 0.0] }}]
 x = {{}}
 y = {{}}
@@ -383,16 +380,9 @@ name = "swing"
 gravity = [0.0, -9.81, 0.0]
 driven = []
 tunable = ["loops.pin.radial.clearance"]
-[[links]]
-name = "bar"
-mass = 1.0
-com = [0.25, 0.0, 0.0]
-inertia = {{ xx = 1e-3, yy = 0.02, zz = 0.02 }}
+{link_table("bar", 1.0, (0.25, 0.0, 0.0), (1e-3, 0.02, 0.02))}
 {joint_table("hinge", "base", "bar", "revolute")}
-[[loops]]
-name = "pin"
-links = ["base", "bar"]
-type = "revolute"
+{loop_table("pin", "base", "bar", "revolute")}
 placements = [{{ xyz = [0.5, 0.0, 0.0] }}, {{ xyz = [0.5, 0.0, 0.0] }}]
 x = {{}}
 y = {{}}

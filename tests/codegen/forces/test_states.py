@@ -25,18 +25,15 @@ from eomgen.robot.memory.states import WEIGHTLESS, State
 from eomgen.robot.model import Model, build_model
 from eomgen.robot.parameter_names import leasts
 from tests.support.bending_robots import Bending, bent, with_mode_follower
-from tests.support.dense_stages import dense_stage, run, staged
-from tests.support.joint_table import joint_table
+from tests.support.joint_table import joint_table, link_table
+from tests.support.programs import dense_stage, run, staged
 from tests.support.random_robots import random_robot, seeds
 
 Array = NDArray[np.float64]
 ROBOT = f"""
 name = "spiral"
 gravity = [0.0, 0.0, -9.81]
-[[links]]
-name = "body"
-mass = 2.0
-inertia = {{ xx = 0.1, yy = 0.1, zz = 0.1 }}
+{link_table("body", 2.0, inertia=(0.1, 0.1, 0.1))}
 {joint_table("slide", "base", "body", "prismatic")}
 z = {{ friction = {{ model = "lugre", coulomb = 1.0, bristle_stiffness = 3.0 }} }}
 """
@@ -151,14 +148,8 @@ def test_elimination_is_a_dense_solve(k: int, seed: int) -> None:
 RAILS = f"""
 name = "rails"
 gravity = [0.0, 0.0, 0.0]
-[[links]]
-name = "sled"
-mass = 2.0
-inertia = {{ xx = 0.1, yy = 0.1, zz = 0.1 }}
-[[links]]
-name = "tray"
-mass = 1.0
-inertia = {{ xx = 0.1, yy = 0.1, zz = 0.1 }}
+{link_table("sled", 2.0, inertia=(0.1, 0.1, 0.1))}
+{link_table("tray", 1.0, inertia=(0.1, 0.1, 0.1))}
 {joint_table("first", "base", "sled", "prismatic")}
 z = {{ stiffness = 4.0, maxwell = [{{ stiffness = 3.0, damping = 0.7 }}, {{ stiffness = 2.0, damping = 5.0 }}] }}
 [joints.motor]

@@ -24,6 +24,7 @@ from eomgen.state.springs import coordinate_sizes, law_numbers, stiffnesses, sto
 from tests.codegen.forces.test_laws import slider
 from tests.oracles.force_laws import resistance
 from tests.support.builds import Build
+from tests.support.joint_table import joint_table, link_table
 from tests.support.random_robots import Array
 
 STOPS = {
@@ -245,23 +246,19 @@ SLIDES = {
     "stiffness_positive": f"{{ stiffness = {2.0**40}, stiffness_negative = {K} }}",
     "curve": f"{{ curve = {[[W * x, force] for x, force in KNOTS.items()]} }}",
 }
-BODY = """
-[[links]]
-name = "{0}_body"
-mass = 1.0
-inertia = {{ xx = 1.0, yy = 1.0, zz = 1.0 }}
-[[joints]]
-name = "{0}"
-parent = "base"
-child = "{0}_body"
-"""
 EPS = float(np.finfo(np.float32).eps)
 CONTACTS = ("generalized_force", "residual_jacobian", "energy")
 
 
+def body(name: str, kind: str) -> str:
+    """Return a link and its joint to the base, behind which the joint's laws may stand."""
+    link = link_table(f"{name}_body", 1.0, inertia=(1.0, 1.0, 1.0))
+    return f"{link}\n{joint_table(name, 'base', f'{name}_body', kind)}\n"
+
+
 def slides() -> Robot:
     """A slide for every law, without gravity."""
-    text = "".join(BODY.format(name) + f'type = "prismatic"\nz = {law}\n' for name, law in SLIDES.items())
+    text = "".join(body(name, "prismatic") + f"z = {law}\n" for name, law in SLIDES.items())
     return robot_from_toml(f'name = "slides"\ngravity = [0.0, 0.0, 0.0]\n{text}')
 
 
@@ -272,9 +269,9 @@ def everywhere() -> Robot:
     six = "".join(f"{name} = {{}}\n" for name in ("x", "y", "alpha", "beta"))
     return robot_from_toml(
         'name = "everywhere"\ngravity = [0.0, 0.0, 0.0]\n'
-        + BODY.format("pin") + f'type = "revolute"\n{six}{radial}'
-        + BODY.format("one") + f'type = "prismatic"\nx = {{ {CONTACT} }}\ny = {{}}\n'
-        + BODY.format("two") + 'type = "prismatic"\n'
+        + body("pin", "revolute") + six + radial
+        + body("one", "prismatic") + f"x = {{ {CONTACT} }}\ny = {{}}\n"
+        + body("two", "prismatic")
         + f'[[couplings]]\nname = "belt"\nof = "one.z"\nto = {{ "two.z" = 2.0 }}\n{CONTACT.replace(", ", chr(10))}\n'
         + '[[loops]]\nname = "cut"\nlinks = ["base", "one_body"]\ntype = "fixed"\n'
         + f"x = {{}}\ny = {{}}\nz = {{ {CONTACT} }}\nalpha = {{ stiffness = 1.0 }}\nbeta = {{ stiffness = 1.0 }}\n"

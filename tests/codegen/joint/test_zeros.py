@@ -19,9 +19,9 @@ from eomgen.robot.model import Model, build_model
 from eomgen.robot.value import Coordinate, Coupling
 from tests.oracles.unpruned import brute_force
 from tests.support.bristled import bristled_arm
-from tests.support.generic_robots import chain, generic
 from tests.support.random_motors import geared_robot
 from tests.support.random_robots import Array, random_robot, random_state
+from tests.support.small_robots import chain, generic
 from tests.support.soak import soaked
 
 pytestmark = pytest.mark.quick

@@ -13,8 +13,8 @@ from eomgen.codegen.joint.zeros import ZeroMap, zero_map
 from eomgen.robot.model import build_model
 from tests.codegen.joint.test_zeros import different_sizes
 from tests.support.bending_robots import Bending, bent, with_mode_follower
-from tests.support.generic_robots import generic
 from tests.support.random_robots import Array, random_robot, seeds
+from tests.support.small_robots import generic
 
 pytestmark = pytest.mark.quick
 

@@ -15,7 +15,7 @@ from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
 from eomgen.state.springs import damping_matrix, stiffness_matrix
 from tests.support.builds import Build
-from tests.support.dense_stages import staged
+from tests.support.programs import staged
 from tests.support.random_motors import geared_robot, motor_state
 from tests.support.random_robots import random_robot, random_state, some_prescribed
 

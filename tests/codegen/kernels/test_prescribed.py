@@ -21,7 +21,7 @@ from eomgen.simulation.run import simulate
 from eomgen.state.equilibrium import static_equilibrium
 from tests.oracles.pinocchio_models import PinocchioOracle
 from tests.support.builds import Build
-from tests.support.joint_table import joint_table
+from tests.support.joint_table import joint_table, link_table
 from tests.support.random_robots import Array, State, random_robot, random_state, seeds, some_prescribed
 from tests.support.swinging import NEEDED
 
@@ -104,16 +104,8 @@ def test_rollouts_follow_accelerations(seed: int, built: Build) -> None:
 
 PENDULUM = f"""
 name = "pendulum"
-[[links]]
-name = "rod"
-mass = 0.7
-com = [0.0, -0.4, 0.0]
-inertia = {{ xx = 0.01, yy = 0.001, zz = 0.01 }}
-[[links]]
-name = "pivot"
-mass = 0.2
-com = [0.0, 0.0, 0.0]
-inertia = {{ xx = 0.001, yy = 0.001, zz = 0.001 }}
+{link_table("rod", 0.7, (0.0, -0.4, 0.0), (0.01, 0.001, 0.01))}
+{link_table("pivot", 0.2, (0.0, 0.0, 0.0), (0.001, 0.001, 0.001))}
 {joint_table("shaker", "base", "pivot", "prismatic")}
 z = {{ role = "prescribed" }}
 {joint_table("hinge", "pivot", "rod", "revolute")}

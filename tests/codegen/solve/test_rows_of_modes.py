@@ -20,7 +20,8 @@ from eomgen.robot.elements import Bushing
 from eomgen.robot.model import Model, build_model
 from eomgen.robot.value import Robot
 from tests.support.bending_robots import bent
-from tests.support.dense_stages import run
+from tests.support.joint_table import beam_table, joint_table
+from tests.support.programs import run
 from tests.support.random_robots import Array, State, random_placement, random_robot, seeds, with_random_loops
 from tests.support.random_springs import with_springs
 
@@ -96,23 +97,6 @@ def test_stages_are_those_of_the_leaders_matrix(seed: int, is_pair: bool) -> Non
     close(*found)
 
 
-LINK = """[[links]]
-name = "beam{i}"
-[links.beam]
-length = 0.5
-E = 7.0e10
-G = 2.6e10
-density = 2700.0
-section = {{ bar = [0.02, 0.01] }}
-modes = {{ y = 2, z = 2 }}
-[[joints]]
-name = "joint{i}"
-parent = "{parent}"
-{node}
-child = "beam{i}"
-type = "revolute"
-placement = {{ xyz = [0.0, 0.0, 0.0], rpy = [0.3, 0.2, 0.1] }}
-"""
 ENDS = {
     "bushing": '[[bushings]]\nname = "mount"\nlinks = ["base", "{last}"]\nnodes = ["root", "tip"]\n'
     "stiffness = [1e5, 1e5, 1e5, 50.0, 60.0, 70.0]\n",
@@ -122,11 +106,15 @@ ENDS = {
 
 def arm(links: int, end: str) -> Robot:
     """Return beams on revolute joints, one behind the other, the tip of the last held by a bushing or closed."""
-    parts = []
+    text = 'name = "arm"\n'
     for i in range(1, links + 1):
         parent, node = ("base", "") if i == 1 else (f"beam{i - 1}", 'node = "tip"')
-        parts.append(LINK.format(i=i, parent=parent, node=node))
-    return robot_from_toml('name = "arm"\n' + "".join(parts) + ENDS[end].format(last=f"beam{links}"))
+        text += f"""{beam_table(f"beam{i}", 0.5, "{ bar = [0.02, 0.01] }", "{ y = 2, z = 2 }")}
+{joint_table(f"joint{i}", parent, f"beam{i}", "revolute")}
+{node}
+placement = {{ xyz = [0.0, 0.0, 0.0], rpy = [0.3, 0.2, 0.1] }}
+"""
+    return robot_from_toml(text + ENDS[end].format(last=f"beam{links}"))
 
 
 def cost(program: Program) -> int:

@@ -19,7 +19,7 @@ from eomgen.robot.value import ANGULAR, COORDINATES, Robot
 from tests.oracles.pinocchio_models import PinocchioOracle
 from tests.support.builds import Build
 from tests.support.closeness import distance
-from tests.support.joint_table import joint_table
+from tests.support.joint_table import joint_table, link_table
 from tests.support.random_robots import random_robot, random_state, seeds, with_offsets
 
 TYPES = ("revolute", "prismatic", "fixed", "free")
@@ -108,11 +108,7 @@ def test_an_offset_ends_a_coaxial_zero() -> None:
     """z and gamma of a joint share an axis, unless an angle stands between them."""
     text = f"""
 name = "slide"
-[[links]]
-name = "a"
-mass = 1.0
-com = [0.1, 0.2, 0.3]
-inertia = {{ xx = 0.1, yy = 0.1, zz = 0.1 }}
+{link_table("a", 1.0, (0.1, 0.2, 0.3), (0.1, 0.1, 0.1))}
 {joint_table("j", "base", "a", "revolute")}
 z = {{}}
 """
