@@ -259,8 +259,7 @@ def test_devices_are_refused_by_name(kernel: eomgen.Kernel, stub: Stub, monkeypa
     for where in ("metal", "cuda:", "cuda:-1", "cuda:x", 3, None):
         refused(InputError, r'device: .*; allowed: "cuda", "hip" or "opencl"', kernel.device, where)
     refused(InputError, 'device: \'cuda:2\'; allowed: "cuda:0" to "cuda:1"', kernel.device, "cuda:2")
-    with pytest.raises(InputError, match="contract: 1; allowed: True or False"):
-        kernel.device("cuda", contract=1)  # type: ignore[arg-type]
+    refused(InputError, "contract: 1; allowed: True or False", kernel.device, "cuda", contract=1)
     monkeypatch.setattr(compilers, "SYSTEM", {"cuda": ("libnone.so",)})
     refused(NotInstalledError, r'NVRTC.*not installed .*: pip install "eomgen\[cuda\]"', kernel.device, "cuda")
     monkeypatch.setattr(driver, "LIBRARIES", {"cuda": ("libnone.so",), "hip": ("libnone.so",)})

@@ -35,6 +35,7 @@ from tests.support.bristles import bristle_arm, bristle_linkage, servo_arm, serv
 from tests.support.browser import Page, open_page
 from tests.support.every_element import robot_with
 from tests.support.optional import needs
+from tests.support.refusals import refused
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -336,8 +337,7 @@ def test_a_page_has_everything_and_no_text_ends_its_elements() -> None:
 def test_without_a_compiler_the_extra_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr("importlib.util.find_spec", lambda name, package=None: None)
     monkeypatch.setattr("shutil.which", lambda *given, **more: None)
-    with pytest.raises(eomgen.BuildError, match=r"eomgen\[compiler\]"):
-        eomgen.export_live("one_link", tmp_path / "page.html")
+    refused(eomgen.BuildError, r"eomgen\[compiler\]", eomgen.export_live, "one_link", tmp_path / "page.html")
     assert not list(tmp_path.iterdir())
 
 

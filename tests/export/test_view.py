@@ -30,6 +30,7 @@ from tests.support.bending_robots import bent
 from tests.support.browser import open_page
 from tests.support.random_followers import with_followers
 from tests.support.random_robots import random_robot, with_random_loops
+from tests.support.refusals import refused
 
 pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
 
@@ -294,10 +295,8 @@ def test_a_robot_shows_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setitem(sys.modules, "IPython", SimpleNamespace(get_ipython=lambda: shell))
     robot.show()
     assert len(opened) == 2
-    with pytest.raises(InputError, match=r"^robot: got a value of type int"):
-        show_robot(3)  # type: ignore[arg-type]
-    with pytest.raises(InputError, match=r"^path: got a value of type int"):
-        robot.show(3)  # type: ignore[arg-type]
+    refused(InputError, r"^robot: got a value of type int", show_robot, 3)
+    refused(InputError, r"^path: got a value of type int", robot.show, 3)
 
 
 def test_the_command_shows_a_robot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:

@@ -15,6 +15,7 @@ from eomgen.scenario.load import load_scenario, scenario_from_toml
 from eomgen.simulation.run import run_scenario
 from tests.support.bad_files import CIRCLE, DURATION, LINE, MOTION, SHAKEN
 from tests.support.commands import command
+from tests.support.refusals import refused
 
 pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
 
@@ -104,8 +105,7 @@ def test_no_equilibrium_is_said() -> None:
     robot = eomgen.robot.Robot(**{**vars(eomgen.load_robot("one_link")), "gravity": (0.0, 0.0, 0.0)})
     text = DURATION + "[initial]\nequilibrium = true"
     said = r"bad.toml:[0-9:]* initial: one_link: no static equilibrium: nothing holds joint1.gamma"
-    with pytest.raises(InputError, match=said):
-        run_scenario(robot, scenario_from_toml(text, source="bad.toml"))
+    refused(InputError, said, run_scenario, robot, scenario_from_toml(text, source="bad.toml"))
 
 
 def test_files_that_are_not_there() -> None:
