@@ -29,18 +29,10 @@ SMALL = {"counts": (3, 1, 1)}
 BY_PLANES = LinkSets("x=0", rigid={"tip": "x=1@1,0,0"})
 
 
-def _placed(folder: Path, words: list[str]) -> list[str]:
-    """Return words of files with their folder."""
-    return [
-        f"{role}={folder / path}" if (role := word.partition("=")[0]) != word else str(folder / word)
-        for word, path in ((word, word.rpartition("=")[2]) for word in words)
-    ]
-
-
 @pytest.mark.parametrize("program", element_texts.PROGRAMS)
 def test_each_program_has_the_same_link(program: str, tmp_path: Path) -> None:
     elements = bar(**SMALL)
-    files = _placed(tmp_path, element_texts.PROGRAMS[program](tmp_path, elements))
+    files = element_texts.PROGRAMS[program](tmp_path, elements)
     found, expected = reduce_files(files, BY_PLANES), reduce(elements)
     digits = 1e-5 if program.startswith("nastran") else 1e-8  # its files have nine of them
     assert found.frequencies == pytest.approx(expected.frequencies, rel=digits)
@@ -55,7 +47,7 @@ def test_each_program_has_the_same_link(program: str, tmp_path: Path) -> None:
 def test_files_of_output4_have_the_same_link(case: str, tmp_path: Path) -> None:
     """Dense and sparse, in ASCII and binary, of both orders of bytes; rows are named by another file."""
     elements, about = bar(**SMALL), element_texts.OP4[case]
-    files = _placed(tmp_path, element_texts.op4(tmp_path, elements, **about))
+    files = element_texts.op4(tmp_path, elements, **about)
     keys = calculix.read_directions(tmp_path / "arm.dof")
     matrices = op4.read_matrices(tmp_path / "arm.op4", keys, Selection(tmp_path / "arm.op4"))
     assert matrices.keys() == {"K", "M"}
@@ -96,7 +88,7 @@ OF_OUTPUT4 = (  # what is changed in a text, and what is said
 
 @pytest.mark.parametrize(("old", "new", "message"), OF_OUTPUT4)
 def test_wrong_files_of_output4_are_refused_with_their_line(old: str, new: str, message: str, tmp_path: Path) -> None:
-    files = _placed(tmp_path, element_texts.op4(tmp_path, bar(**SMALL)))
+    files = element_texts.op4(tmp_path, bar(**SMALL))
     path = tmp_path / "arm.op4"
     text = path.read_text()
     assert old in text
@@ -128,7 +120,7 @@ def test_matrices_of_superelements_are_chosen_by_their_names(
 
 
 def test_files_of_superelements_have_more_than_two_matrices(tmp_path: Path) -> None:
-    files = _placed(tmp_path, element_texts.op4(tmp_path, bar(**SMALL)))
+    files = element_texts.op4(tmp_path, bar(**SMALL))
     path = tmp_path / "arm.op4"
     text = path.read_text().replace("GOAT", "MUG1").replace("KAAX", "KXX ").replace("MAAX", "MXX ")
     path.write_text(text + text[: text.index("       3       2")].replace("KXX ", "K4XX"))
@@ -141,13 +133,13 @@ def test_files_of_superelements_have_more_than_two_matrices(tmp_path: Path) -> N
         ({"L": "KXX"}, "matrices: got 'L' of 'KXX'; allowed: names by K, M"),
     ):
         refused(InputError, message, reduce_files, files, BY_PLANES, matrices=matrices)
-    sti = _placed(tmp_path, element_texts.calculix(tmp_path, bar(**SMALL)))
+    sti = element_texts.calculix(tmp_path, bar(**SMALL))
     message = r"matrices: no file has 'KXX'; allowed: names of matrices in \.op4, \.pch and \.bdf files"
     refused(InputError, message, reduce_files, sti, BY_PLANES, matrices={"K": "KXX"})
 
 
 def test_directions_of_a_node_are_turned_together(tmp_path: Path) -> None:
-    files = _placed(tmp_path, element_texts.nastran_systems(tmp_path, beam()))
+    files = element_texts.nastran_systems(tmp_path, beam())
     text = (tmp_path / "arm.pch").read_text().split("\n")
     rows = [line for line in text if f"{2:16d}{6:16d}" not in line]  # node 2 has no rotation about its z
     (tmp_path / "arm.pch").write_text("\n".join(rows))
@@ -158,7 +150,7 @@ def test_directions_of_a_node_are_turned_together(tmp_path: Path) -> None:
 @pytest.mark.parametrize("case", ["text", "binary", "big binary strings"])
 def test_cut_files_of_output4_are_refused(case: str, tmp_path: Path) -> None:
     """Wherever a file ends, and whatever a byte of it becomes: a link, or an InputError."""
-    files = _placed(tmp_path, element_texts.op4(tmp_path, bar(counts=(1, 1, 1), count=0), **element_texts.OP4[case]))
+    files = element_texts.op4(tmp_path, bar(counts=(1, 1, 1), count=0), **element_texts.OP4[case])
     path, keys = tmp_path / "arm.op4", calculix.read_directions(tmp_path / "arm.dof")
     data, rng = path.read_bytes(), np.random.default_rng(3)
     for end in rng.integers(1, len(data) - 40, size=20):
@@ -186,21 +178,23 @@ def test_files_of_output4_with_long_words_are_refused(tmp_path: Path) -> None:
         op4.read_matrices(tmp_path / "arm.op4", np.arange(3), Selection(tmp_path / "arm.op4"))
 
 
-@pytest.mark.parametrize("program", ["calculix", "abaqus"])
-def test_sets_of_input_files_are_known_by_name(program: str, tmp_path: Path) -> None:
-    elements = bar("rbe3", **SMALL)
-    files = _placed(tmp_path, element_texts.PROGRAMS[program](tmp_path, elements))
-    found = reduce_files(files, LinkSets("clamp", mean={"tip": "FLANGE"}), modes=2)
-    assert found.frequencies == pytest.approx(reduce(replace(elements, count=2)).frequencies, rel=1e-9)
+OF_SETS = (  # program, elements, sets by name or number, and how exact the program's files are
+    ("calculix", bar("rbe3", **SMALL, count=2), LinkSets("clamp", mean={"tip": "FLANGE"}), 1e-9),
+    ("abaqus", bar("rbe3", **SMALL, count=2), LinkSets("clamp", mean={"tip": "FLANGE"}), 1e-9),
+    ("nastran", beam(), LinkSets("1", node={"tip": "11"}), 1e-7),  # its files have nine digits
+    ("nastran_systems", beam(), LinkSets("1", node={"tip": "11"}), 1e-5),  # bending beside tension in each entry
+    ("substructure", beam(count=3, pieces=4), LinkSets("CLAMP", node={"tip": "FLANGE"}), 1e-9),
+)
 
 
-@pytest.mark.parametrize("program", ["nastran", "nastran_systems"])
-def test_rotations_of_nodes_and_numbers_of_nodes(program: str, tmp_path: Path) -> None:
-    elements = beam()
-    files = _placed(tmp_path, element_texts.PROGRAMS[program](tmp_path, elements))
-    found = reduce_files(files, LinkSets("1", node={"tip": "11"}), modes=4)
-    digits = 1e-7 if program == "nastran" else 1e-5  # its files have nine, and bending beside tension in each entry
+@pytest.mark.parametrize(("program", "elements", "sets", "digits"), OF_SETS, ids=[case[0] for case in OF_SETS])
+def test_sets_are_known_by_name_or_number(
+    program: str, elements: FiniteElements, sets: LinkSets, digits: float, tmp_path: Path
+) -> None:
+    """Of solids and of nodes with rotations; a substructure is a reduced model."""
+    found = reduce_files(getattr(element_texts, program)(tmp_path, elements), sets, modes=elements.count)
     assert found.frequencies == pytest.approx(reduce(elements).frequencies, rel=digits)
+    assert program != "substructure" or any("reduced model" in note for note in found.notes())
 
 
 @pytest.mark.parametrize(
@@ -217,19 +211,11 @@ def test_other_units_become_si(units: str, length: float, mass: float, tmp_path:
         K=elements.K.multiply(by_row).tocsr(),
         M=elements.M.multiply(by_row).tocsr(),
     )
-    files = _placed(tmp_path, element_texts.calculix(tmp_path, in_mm))
+    files = element_texts.calculix(tmp_path, in_mm)
     found, expected = reduce_files(files, LinkSets("1", node={"tip": "11"}), modes=4, units=units), reduce(elements)
     assert found.frequencies == pytest.approx(expected.frequencies, rel=1e-9)
     assert pytest.approx(expected.H00, rel=1e-9, abs=1e-12) == found.H00
     assert found.interface_places[0] == pytest.approx([0.8, 0.0, 0.0])
-
-
-def test_a_substructure_is_a_reduced_model(tmp_path: Path) -> None:
-    elements = beam(count=3, pieces=4)
-    files = _placed(tmp_path, element_texts.substructure(tmp_path, elements))
-    found = reduce_files(files, LinkSets("CLAMP", node={"tip": "FLANGE"}), modes=3)
-    assert found.frequencies == pytest.approx(reduce(elements).frequencies, rel=1e-9)
-    assert any("reduced model" in note for note in found.notes())
 
 
 def test_points_of_nastran_are_amplitudes(tmp_path: Path) -> None:
@@ -297,7 +283,7 @@ CHANGES = (  # program, file, line, what it becomes, and the message; a colon st
 def test_a_wrong_line_is_refused_with_its_number(
     program: str, file: str, line: int, text: str, message: str, tmp_path: Path
 ) -> None:
-    files = _placed(tmp_path, element_texts.PROGRAMS[program](tmp_path, bar(**SMALL)))
+    files = element_texts.PROGRAMS[program](tmp_path, bar(**SMALL))
     lines = (tmp_path / file).read_text().split("\n")
     lines[line - 1] = text
     (tmp_path / file).write_text("\n".join(lines))
@@ -310,7 +296,7 @@ def test_a_wrong_line_is_refused_with_its_number(
 def test_random_changes_are_read_or_refused(program: str, seed: int, tmp_path: Path) -> None:
     """Whatever a text has, the answer is a link or an InputError."""
     write = getattr(element_texts, program)
-    files = _placed(tmp_path, write(tmp_path, bar(counts=(1, 1, 1), count=0)))
+    files = write(tmp_path, bar(counts=(1, 1, 1), count=0))
     rng = np.random.default_rng(seed)
     paths = [Path(file.rpartition("=")[2]) for file in files]
     texts = {path: path.read_text() for path in paths}
@@ -348,7 +334,7 @@ def test_random_changes_are_read_or_refused(program: str, seed: int, tmp_path: P
 
 
 def test_files_that_do_not_belong_together_are_refused(tmp_path: Path) -> None:
-    files = _placed(tmp_path, element_texts.calculix(tmp_path, bar(**SMALL)))
+    files = element_texts.calculix(tmp_path, bar(**SMALL))
     sti, mas, dof, inp = files
     for given, message in (
         ([sti, dof, inp], "files: have no M; allowed: both"),
@@ -382,7 +368,7 @@ def test_files_that_do_not_belong_together_are_refused(tmp_path: Path) -> None:
 
 
 def test_texts_are_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    files = _placed(tmp_path, element_texts.calculix(tmp_path, bar(**SMALL)))
+    files = element_texts.calculix(tmp_path, bar(**SMALL))
     monkeypatch.setenv("EOMGEN_MATRIX_MB", "1")
     with (tmp_path / "arm.sti").open("a") as stream:
         stream.write("1 1 0.0\n" * 140_000)
@@ -427,7 +413,7 @@ def test_sets_are_counted_before_they_are_made(text: str, message: str, tmp_path
 
 
 def test_numbers_of_nodes_are_not_listed_before_they_are_known(tmp_path: Path) -> None:
-    files = _placed(tmp_path, element_texts.calculix(tmp_path, bar(**SMALL)))
+    files = element_texts.calculix(tmp_path, bar(**SMALL))
     with (tmp_path / "arm.inp").open("a") as stream:
         stream.write("*NODE\n900000000000000, 0., 0., 0.\n")
     message = "root: there is no node 17; allowed: nodes of the files"

@@ -15,6 +15,10 @@ from eomgen.bending.finite_elements import FiniteElements
 Write = Callable[[Path, FiniteElements], list[str]]
 
 
+def _paths(folder: Path, *names: str) -> list[str]:
+    return [str(folder / name) for name in names]
+
+
 def _triangle(matrix: Any) -> list[tuple[int, int, float]]:
     """Return row, column and entry of the upper triangle, rows from 0 on."""
     found = matrix.tocoo()
@@ -57,7 +61,7 @@ def calculix(folder: Path, elements: FiniteElements) -> list[str]:
     rows = [_name(elements, row) for row in range(len(elements.dofs))]
     (folder / "arm.dof").write_text("".join(f"{label}.{way}\n" for label, way in rows))
     (folder / "arm.inp").write_text(_input_file(elements, with_sets=True))
-    return ["arm.sti", "arm.mas", "arm.dof", "arm.inp"]
+    return _paths(folder, "arm.sti", "arm.mas", "arm.dof", "arm.inp")
 
 
 def abaqus(folder: Path, elements: FiniteElements) -> list[str]:
@@ -69,7 +73,7 @@ def abaqus(folder: Path, elements: FiniteElements) -> list[str]:
             lines.append(f"{a},{b}, {c},{d}, {x:.15e}\n")
         (folder / f"{name}.mtx").write_text("".join(lines))
     (folder / "arm.inp").write_text(_input_file(elements, with_sets=True))
-    return ["arm_STIF2.mtx", "arm_MASS2.mtx", "arm.inp"]
+    return _paths(folder, "arm_STIF2.mtx", "arm_MASS2.mtx", "arm.inp")
 
 
 def substructure(folder: Path, elements: FiniteElements) -> list[str]:
@@ -86,7 +90,7 @@ def substructure(folder: Path, elements: FiniteElements) -> list[str]:
             lines += [" , ".join(numbers[k : k + 4]) for k in range(0, len(numbers), 4)]
     (folder / "arm.mtx").write_text("\n".join(lines) + "\n")
     (folder / "arm.inp").write_text(_input_file(elements, with_sets=True))
-    return ["arm.mtx", "arm.inp"]
+    return _paths(folder, "arm.mtx", "arm.inp")
 
 
 def _ansys_rows(folder: Path, elements: FiniteElements) -> None:
@@ -106,7 +110,7 @@ def market(folder: Path, elements: FiniteElements) -> list[str]:
         n = len(elements.dofs)
         head = f"%%MatrixMarket matrix coordinate real symmetric\n% a link\n{n} {n} {len(entries)}\n"
         (folder / f"{name}.mmf").write_text(head + "".join(f"{j + 1} {i + 1} {x:.15e}\n" for i, j, x in entries))
-    return ["K=k.mmf", "M=m.mmf", "arm.mapping", "arm.csv"]
+    return [f"K={folder / 'k.mmf'}", f"M={folder / 'm.mmf'}", *_paths(folder, "arm.mapping", "arm.csv")]
 
 
 def harwell_boeing(folder: Path, elements: FiniteElements) -> list[str]:
@@ -129,7 +133,7 @@ def harwell_boeing(folder: Path, elements: FiniteElements) -> list[str]:
             f"{'(10I8)':<16}{'(10I8)':<16}{'(1P,3D24.15)':<20}{'':<20}",
         ]
         (folder / f"{name}.matrix").write_text("\n".join(lines + [line for part in cards for line in part]) + "\n")
-    return ["STIFF.matrix", "MASS.matrix", "arm.mapping", "arm.csv"]
+    return _paths(folder, "STIFF.matrix", "MASS.matrix", "arm.mapping", "arm.csv")
 
 
 def _cards(words: list[str], count: int) -> list[str]:
@@ -158,7 +162,7 @@ def nastran(folder: Path, elements: FiniteElements) -> list[str]:
         else:
             grids += [f"GRID*   {label:16d}{'':16}{x:16.9E}{y:16.9E}*", f"*       {z:16.9E}"]
     (folder / "arm.bdf").write_text("BEGIN BULK\n" + "\n".join(grids) + "\nENDDATA\n")
-    return ["arm.pch", "arm.bdf"]
+    return _paths(folder, "arm.pch", "arm.bdf")
 
 
 def _rotation(angles: tuple[float, float, float]) -> np.ndarray:
@@ -212,7 +216,7 @@ def nastran_systems(folder: Path, elements: FiniteElements) -> list[str]:
     again = {name: csr_array(turn.T @ getattr(elements, name).toarray() @ turn) for name in ("K", "M")}
     nastran(folder, replace(elements, **again))
     (folder / "arm.bdf").write_text("\n".join(lines) + "\n")
-    return ["arm.pch", "arm.bdf"]
+    return _paths(folder, "arm.pch", "arm.bdf")
 
 
 def _runs(column: np.ndarray, is_sparse: bool) -> list[tuple[int, np.ndarray]]:
@@ -263,7 +267,7 @@ def op4(
     (folder / "arm.dof").write_text("".join(f"{label}.{way}\n" for label, way in named))
     nodes = "".join(f"{label},{x!r},{y!r},{z!r}\n" for label, x, y, z in _nodes(elements))
     (folder / "arm.csv").write_text("node,x,y,z\n" + nodes)
-    return ["arm.op4", "arm.dof", "arm.csv"]
+    return _paths(folder, "arm.op4", "arm.dof", "arm.csv")
 
 
 def _op4_ascii(about: tuple[int, ...], name: str, records: Any) -> bytes:
