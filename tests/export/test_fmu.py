@@ -381,8 +381,7 @@ def test_parameters_are_tunable_and_each_instances_own(version: int, exported: E
         host.set_states(np.concatenate([p.q, p.v]))
         host.set(host.names("u."), p.u)
         host.get(outputs(host))  # computed before the change
-    refused(Exception, "fmi", one.set, list(values), list(values.values()))
-    assert "event mode" in one.messages[-1]
+    one.refuses("event mode", one.set, list(values), list(values.values()))
     one.unit.enterEventMode()
     one.set(list(values), list(values.values()))
     still_air = replace(p, wrench=0.0 * p.wrench)
@@ -399,8 +398,7 @@ def test_numbers_of_laws_go_together_as_in_python(version: int, exported: Export
             host.set(list(values), list(values.values()))
             host.set(list(first), list(first.values()))
             continue
-        refused(Exception, "fmi", host.set, list(values), list(values.values()))
-        assert "allowed" in host.messages[-1]
+        host.refuses("allowed", host.set, list(values), list(values.values()))
         assert host.get(list(first)).tolist() == list(first.values())
 
 
@@ -425,8 +423,12 @@ def test_matrices_stay_positive_semidefinite(version: int, exported: Export) -> 
     prefix, everything = "joints.joint1.stiffness", list(host.references)
     before = host.get(everything)
     for values in ({"x.gamma": 7.0}, {"x.x": 0.0}, {"gamma.gamma": 1.0, "x.x": 2.0}):
-        refused(Exception, "fmi", host.set, [f"{prefix}.{key}" for key in values], list(values.values()))
-        assert f"{prefix} would have a negative energy" in host.messages[-1]
+        host.refuses(
+            f"{prefix} would have a negative energy",
+            host.set,
+            [f"{prefix}.{key}" for key in values],
+            list(values.values()),
+        )
         np.testing.assert_array_equal(host.get(everything), before)
     for values in ({"x.gamma": 7.0, "x.x": 13.0}, {"x.gamma": 0.0}, {"x.x": 0.0, "gamma.gamma": 0.0}):
         host.set([f"{prefix}.{key}" for key in values], list(values.values()))
@@ -439,25 +441,20 @@ def test_bad_values_are_refused_with_a_message(version: int, exported: Export) -
     everything = list(host.references)
     before = host.get(everything)
     for name, value, message in BAD:
-        refused(Exception, "fmi", host.set, ["u.joint1.x", name], [5.0, value])
-        assert message in host.messages[-1]
+        host.refuses(message, host.set, ["u.joint1.x", name], [5.0, value])
         np.testing.assert_array_equal(host.get(everything), before)
     host.references |= {"nothing": 10**6}
     for call in (lambda: host.get(["nothing"]), lambda: host.set(["nothing"], [0.0])):
-        refused(Exception, "fmi", call)
-        assert "value reference 1000000 is unknown" in host.messages[-1]
+        host.refuses("value reference 1000000 is unknown", call)
     for unknown, known, message in (
         ("a.joint1.x", "joints.joint1.x.stiffness", "no derivatives by joints.joint1.x.stiffness; allowed"),
         ("a.joint1.x", "energy.kinetic", "no derivatives by energy.kinetic"),
         ("u.joint1.x", "q.joint1.x", "u.joint1.x has no derivatives"),
     ):
-        refused(Exception, "fmi", host.derivative, [unknown], [known], [1.0])
-        assert message in host.messages[-1]
+        host.refuses(message, host.derivative, [unknown], [known], [1.0])
     for begin, length, message in ((0.5, 0.1, "the time here is 0 s"), (0.0, -0.1, "allowed: a finite number above 0")):
-        refused(Exception, "fmi", host.step, begin, length)
-        assert message in host.messages[-1]
-    refused(Exception, "fmi", host.unit.exitInitializationMode)
-    assert "ExitInitializationMode is not allowed here: the mode is step" in host.messages[-1]
+        host.refuses(message, host.step, begin, length)
+    host.refuses("ExitInitializationMode is not allowed here: the mode is step", host.unit.exitInitializationMode)
     refused(Exception, "instantiate", exported(eomgen.load_robot("one_link"), version).host, guid="{other}")
 
 
@@ -486,8 +483,7 @@ def test_a_step_that_is_too_long_fails_and_changes_nothing(version: int, exporte
     unit = exported(eomgen.load_robot("worn_arm"), version)
     host = unit.host(stepping=True).start(["q.shoulder.x", "solver.step"], [3e-3, 0.05])
     before = host.get(list(host.references))
-    refused(Exception, "fmi", host.step, 0.0, 5.0)
-    assert "set a shorter solver.step, or export with the method implicit" in host.messages[-1]
+    host.refuses("set a shorter solver.step, or export with the method implicit", host.step, 0.0, 5.0)
     np.testing.assert_array_equal(host.get(list(host.references)), before)
 
 
@@ -506,8 +502,7 @@ def test_open_homes_and_wrong_options_are_refused(tmp_path: Path) -> None:
         ({"method": "rk4", "step": 0.0}, "step: 0.0 is no length"),
         ({"method": "rk4", "step": float("nan")}, "step: nan is no length"),
     ):
-        with pytest.raises(eomgen.InputError, match=message):
-            export_fmu(one, tmp_path / "x.fmu", **options)  # type: ignore[arg-type]
+        refused(eomgen.InputError, message, export_fmu, one, tmp_path / "x.fmu", **options)
     (tmp_path / "file").write_text("")
     refused(eomgen.InputError, "cannot be written", export_fmu, one, tmp_path / "file" / "x.fmu", flags=("-O0",))
 
@@ -551,11 +546,9 @@ def test_states_are_set_before_steps_alone(version: int, exported: Export) -> No
         *((lambda i=i: host.derivative(["a.j1.gamma"], [f"beside.{i}"], [1.0]), "is unknown") for i in beside),
         *((lambda i=i: host.derivative([f"beside.{i}"], ["q.j1.gamma"], [1.0]), "is unknown") for i in beside),
     ):
-        refused(Exception, "fmi", call)
-        assert message in host.messages[-1]
+        host.refuses(message, call)
     host.unit.reset()
-    refused(Exception, "fmi", host.start, [state_name], [np.nan])
-    assert f"{state_name} = nan is not finite" in host.messages[-1]
+    host.refuses(f"{state_name} = nan is not finite", host.start, [state_name], [np.nan])
 
 
 def test_a_state_that_is_not_finite_is_named(exported: Export) -> None:
@@ -564,8 +557,7 @@ def test_a_state_that_is_not_finite_is_named(exported: Export) -> None:
     for place, name in ((3, "q.j2.motor"), (4, "v.j1.gamma"), (9, "z.j2.motor.friction.z")):
         x = np.zeros(host.states)
         x[place] = np.nan
-        refused(Exception, "fmi", host.set_states, x)
-        assert f"{name} = nan" in host.messages[-1]
+        host.refuses(f"{name} = nan", host.set_states, x)
 
 
 @pytest.mark.parametrize("version", VERSIONS)
@@ -581,8 +573,7 @@ def test_results_that_are_not_finite_are_refused(version: int, exported: Export)
         ("energy.kinetic", lambda: host.get(["energy.kinetic"])),
         ("energy.kinetic", lambda: host.derivative(["energy.kinetic"], ["v.joint1.gamma"], [1e200])),
     ):
-        refused(Exception, "fmi", call)
-        assert f"{name} = " in host.messages[-1]
+        host.refuses(f"{name} = ", call)
         assert "is not allowed; allowed: states, inputs and" in host.messages[-1]
     assert host.get(["v.joint1.gamma"])[0] == 1e200
     assert np.isfinite(host.get(host.names("pose."))).all()

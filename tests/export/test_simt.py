@@ -46,6 +46,7 @@ from eomgen.robot.model import build_model
 from tests.support import simt
 from tests.support.figures import Figures
 from tests.support.joint_table import joint_table
+from tests.support.link_table import link_table
 from tests.support.random_robots import random_robot
 from tests.support.refusals import refused
 
@@ -54,11 +55,7 @@ DTYPES = ("float64", "float32")
 BUILTIN = tuple(zip(sorted(builtin_robots()), itertools.cycle(DTYPES), strict=False))  # each with one number of bits
 TOP = f"""
 name = "top"
-[[links]]
-name = "body"
-mass = 1.0
-com = [0.1, 0.0, 0.0]
-inertia = {{ xx = 0.1, yy = 0.2, zz = 0.25 }}
+{link_table("body", 1.0, (0.1, 0.0, 0.0), (0.1, 0.2, 0.25))}
 {joint_table("joint1", "base", "body", "free")}
 """
 ROUNDED = {"exp", "log", "atan2"}  # operations whose last bits are the device's
@@ -271,8 +268,7 @@ def test_wrong_choices_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="dtype: 'half' is unknown; allowed: float64, float32"):
         eomgen.export_simt("one_link", tmp_path, dtype="half")
     for tile in (0, 3, True, 512, 2.5):
-        with pytest.raises(InputError, match=r"tile: .*; allowed: 1, 2, 4, .* 256"):
-            eomgen.export_simt("one_link", tmp_path, tile=tile)  # type: ignore[arg-type]
+        refused(InputError, r"tile: .*; allowed: 1, 2, 4, .* 256", eomgen.export_simt, "one_link", tmp_path, tile=tile)
     for contract in (None, 1, "on"):
         with pytest.raises(InputError, match=r"contract: .*; allowed: True or False"):
             eomgen.export_simt("one_link", tmp_path, contract=contract)  # type: ignore[arg-type]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.support.optional import needs
+from tests.support.refusals import refused
 
 fmpy = needs("fmpy", "fmpy.fmi2", "fmpy.fmi3", "fmpy.validation")
 fmi2, fmi3 = fmpy.fmi2, fmpy.fmi3
@@ -91,6 +92,11 @@ class Host:
 
     def step(self, begin: float, length: float) -> None:
         self.unit.doStep(currentCommunicationPoint=begin, communicationStepSize=length)
+
+    def refuses(self, said: str, call: Callable[..., Any], *arguments: Any) -> None:
+        """Assert that a call fails, and that the last message says why."""
+        refused(Exception, "fmi", call, *arguments)
+        assert said in self.messages[-1]
 
     def to_continuous_time(self) -> None:
         """From event mode on."""
