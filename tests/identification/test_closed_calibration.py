@@ -49,17 +49,22 @@ def drawn(drives: dict[str, tuple[float, float]], count: int, seed: int) -> dict
     return {name: middle + half * rng.uniform(-1.0, 1.0, count) for name, (middle, half) in drives.items()}
 
 
-def model_of(robot: Robot, drives: dict[str, Array]) -> tuple[ErrorModel, Rows]:
-    """The error model of a robot's frame tcp, and rows of its drives."""
+def model_of(
+    robot: Robot,
+    drives: dict[str, Array],
+    more: dict[str, Array] | None = None,
+    parameters: tuple[ErrorParameter, ...] = (),
+) -> tuple[ErrorModel, Rows]:
+    """The error model of a robot's frame tcp, and rows of its drives; more: further columns, with positions."""
     tree, frame, count = build_model(robot), robot.frames[0], len(next(iter(drives.values())))
     stations = chain_of(robot, {"tcp": (frame.link, matrix_of(frame.placement))})
     at = {s.name: k for k, s in enumerate(stations.stations) if s.joint is not None}
     places = {name: (at[name.split(".")[0]], COORDINATES.index(name.split(".")[1]), 1.0) for name in drives}
-    blank = {f"tcp.{axis}": np.zeros(count) for axis in "xyz"}
-    rows = rows_of(stations, robot, poses_from_columns(drives | blank, tree.coordinates, ["tcp"]), places)
+    given = drives | (more or {f"tcp.{axis}": np.zeros(count) for axis in "xyz"})
+    rows = rows_of(stations, robot, poses_from_columns(given, tree.coordinates, ["tcp"]), places)
     closing = closing_of(tree, stations, [place[:2] for place in places.values()], "poses")
     readings = closed_readings(stations, closing, tree, rows.readings, [""] * count)
-    parameters = tuple(model_parameters(robot, stations, [0], {"tcp": True}))
+    parameters = parameters or tuple(model_parameters(robot, stations, [0], {"tcp": True}))
     return ErrorModel(robot, stations, parameters, {0: np.eye(4)}, closing), replace(rows, readings=readings)
 
 
@@ -354,13 +359,7 @@ def columns() -> dict[str, Array]:
 
 
 def linkage(given: dict[str, Array], parameters: tuple[ErrorParameter, ...]) -> tuple[ErrorModel, Rows]:
-    robot = eomgen.load_robot("four_bar")
-    tree = build_model(robot)
-    chain = chain_of(robot, {"tcp": ("coupler", matrix_of(robot.frames[0].placement))})
-    rows = rows_of(chain, robot, poses_from_columns(given, tree.coordinates, ["tcp"]), {"joint1.gamma": (1, 5, 1.0)})
-    closing = closing_of(tree, chain, [(1, 5)], "poses")
-    readings = closed_readings(chain, closing, tree, rows.readings, [""] * len(rows.series))
-    return ErrorModel(robot, chain, parameters, {0: np.eye(4)}, closing), replace(rows, readings=readings)
+    return model_of(eomgen.load_robot("four_bar"), {"joint1.gamma": given["joint1.gamma"]}, given, parameters)
 
 
 def compliances() -> tuple[ErrorParameter, ...]:
