@@ -58,16 +58,15 @@ console.log(JSON.stringify(cases.map(({ data, states, held, moves }) => {
 """
 
 
-def run(tmp_path: Path, cases: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """What the script answers; beside the modules, whose names it imports."""
+def run(tmp_path: Path, given: Any, script: str = SCRIPT, *words: str) -> Any:
+    """What a script answers; beside the modules, whose names it imports."""
     for path in (*MODULES.glob("*.mjs"), MODULES / "package.json"):
         shutil.copy(path, tmp_path / path.name)
-    (tmp_path / "test.mjs").write_text(SCRIPT)
-    done = subprocess.run(
-        [NODE or "node", "test.mjs"], cwd=tmp_path, input=json.dumps(cases), capture_output=True, text=True, check=True
-    )
-    answers: list[dict[str, Any]] = json.loads(done.stdout)
-    return answers
+    (tmp_path / "test.mjs").write_text(script)
+    command, given = [NODE or "node", "test.mjs", *words], json.dumps(given)
+    done = subprocess.run(command, cwd=tmp_path, input=given, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
 
 
 def _case(robot: Robot, states: Any, **more: Any) -> dict[str, Any]:
@@ -156,7 +155,7 @@ def test_the_page_asks_for_nothing_and_has_sliders_with_limits() -> None:
     assert page.notes == ()
 
 
-@pytest.mark.skipif(NODE is None, reason="node is not installed")
+@needs_node
 def test_scripts_are_well_formed() -> None:
     for path in MODULES.glob("*.mjs"):
         subprocess.run([NODE or "node", "--check", path], check=True)
@@ -246,16 +245,8 @@ console.log(JSON.stringify(answers));
 @needs_node
 def test_sliders_move_what_is_drawn(tmp_path: Path) -> None:
     """The page's script on a document that has no more than what it asks for."""
-    for path in (*MODULES.glob("*.mjs"), MODULES / "package.json"):
-        shutil.copy(path, tmp_path / path.name)
-    (tmp_path / "page.test.mjs").write_text(PAGE)
     contents = contents_of_view(eomgen.load_robot("four_bar"))
-    command = [NODE or "node", "page.test.mjs", "#q.joint1.gamma=1.2"]
-    done = subprocess.run(
-        command, cwd=tmp_path, input=json.dumps(contents), capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    answers = json.loads(done.stdout)
+    answers = run(tmp_path, contents, PAGE, "#q.joint1.gamma=1.2")
     assert answers["opened"][0] == 1.2
     assert answers["sliders"] == len(contents["sliders"]) == 3
     assert answers["read"] == 2 * len(contents["frames"])
