@@ -89,6 +89,15 @@ console.log(JSON.stringify({
 """
 
 
+def answer_of(folder: Path, script: str, given: Any) -> Any:
+    """Return what a script of node answers, from JSON; it stands with the page's modules in the folder live."""
+    (folder / "live" / "runner.mjs").write_text(script, encoding="ascii")
+    command = [str(NODE), str(folder / "live" / "runner.mjs")]
+    done = subprocess.run(command, input=json.dumps(given), capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
 @pytest.mark.skipif(NODE is None, reason="node is not installed")
 def test_the_modules_of_the_page(tmp_path: Path) -> None:
     """Programs, payloads and settings as Python has them."""
@@ -113,11 +122,7 @@ def test_the_modules_of_the_page(tmp_path: Path) -> None:
         "mass": 0.7,
     }
     shutil.copytree(MODULES, tmp_path / "live")
-    (tmp_path / "live" / "runner.mjs").write_text(PURE, encoding="ascii")
-    command = [str(NODE), str(tmp_path / "live" / "runner.mjs")]
-    done = subprocess.run(command, input=json.dumps(given), capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    found: dict[str, Any] = json.loads(done.stdout)
+    found = answer_of(tmp_path, PURE, given)
     for program, rows in zip(programs, found["signals"], strict=True):
         expected = [np.array(program.at(t)) for t in times]
         np.testing.assert_allclose(np.array(rows), expected, rtol=0.0, atol=1e-10)
@@ -172,15 +177,9 @@ def moved_on_page(contents: Any, folder: Path, ticks: int, first: str = "", **gi
     text = MOVING.replace("NAME", contents.robot.name)
     if first.startswith("simulation.push"):
         text = text.replace('simulation.drive = "none";\n', "")
-    script = folder / "live" / "moving.mjs"
-    script.write_text(
-        text.replace("for (let i = 0; i < ticks", f"{first}\nfor (let i = 0; i < ticks"), encoding="ascii"
-    )
+    script = text.replace("for (let i = 0; i < ticks", f"{first}\nfor (let i = 0; i < ticks")
     changed = given.pop("changed", {})
-    asked = json.dumps({"data": {**contents.values, **given}, "ticks": ticks, "changed": changed})
-    done = subprocess.run([str(NODE), str(script)], input=asked, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout)
+    return answer_of(folder, script, {"data": {**contents.values, **given}, "ticks": ticks, "changed": changed})
 
 
 def rolled(kernel: eomgen.Kernel, values: dict[str, Any], ticks: int, u: Any = None) -> tuple[Any, Any]:
@@ -432,16 +431,13 @@ def test_it_moves_as_rollouts_of_python_do(name: str, browser: Page, pages: Path
     for key, value in changed.items():
         assert page.evaluate("([key, value]) => live.settings.put(key, value)", [f"p.{key}", value])
     kernel.parameters.update(changed)
-    q, v = np.array(start["q"]), np.array(start["v"])
-    how = {"duration": contents.values["period"], "rtol": contents.values["rtol"], "method": contents.values["method"]}
-    for _ in range(40):
-        q, v = (x[-1] for x in kernel.rollout(q, v, **how))
+    q, v = rolled(kernel, contents.values, 40)
     page.evaluate("() => { for (let i = 0; i < 40; i++) live.step(); }")
     found = page.evaluate(STATE)
     assert np.abs(q - start["q"]).max() > 1e-3
     np.testing.assert_allclose(found["q"], q, rtol=0.0, atol=NEAR)
     np.testing.assert_allclose(found["v"], v, rtol=0.0, atol=NEAR)
-    assert found["t"] == pytest.approx(40 * how["duration"])
+    assert found["t"] == pytest.approx(40 * contents.values["period"])
     assert browser.errors == []
     assert [url for url in browser.requests if not url.startswith(("file:", "data:"))] == []
 
