@@ -8,6 +8,7 @@ import struct
 import subprocess
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -363,24 +364,26 @@ def test_what_cannot_be_exported(monkeypatch: pytest.MonkeyPatch, tmp_path: Path
     assert not list(tmp_path.iterdir())
 
 
+BUILTIN = ("ur5", "puma560", "puma560_elastic", "four_bar", "delta", "worn_arm", "shaken_arm")
+RIGID = {"joints": (2, 4), "tree": True, "max_coordinates": 3}
+SAME: dict[str, tuple[Callable[[], Robot], float]] = {  # what makes a robot, and for how long it moves, s
+    **{name: (partial(eomgen.load_robot, name), 2e-3) for name in BUILTIN},
+    **{name: (make, 1e-3) for name, make in BENDING.items()},
+    **{f"random {seed}": (partial(random_robot, seed, **RIGID), 1e-3) for seed in range(4)},
+}
+
+
 @pytest.mark.soak
 @needs_node
-@pytest.mark.parametrize("name", ["ur5", "puma560", "puma560_elastic", "four_bar", "delta", "worn_arm", "shaken_arm"])
+@pytest.mark.parametrize("name", SAME)
 def test_robots_have_the_same_bits(name: str, tmp_path: Path) -> None:
-    robot = eomgen.load_robot(name)
+    make, duration = SAME[name]
+    robot = make()
     compare_functions(tmp_path, robot)
     if name != "shaken_arm":  # whose prescribed coordinates take accelerations
-        compare_rollouts(tmp_path, robot, 2e-3, exact=name != "worn_arm")
+        compare_rollouts(tmp_path, robot, duration, exact=name != "worn_arm")
     if name in ("ur5", "puma560"):
         assert (tmp_path / f"{name}.wasm").stat().st_size < LARGEST
-
-
-@pytest.mark.soak
-@needs_node
-@pytest.mark.parametrize("name", BENDING)
-def test_links_that_bend_have_the_same_bits(name: str, tmp_path: Path) -> None:
-    compare_functions(tmp_path, BENDING[name]())
-    compare_rollouts(tmp_path, BENDING[name](), 1e-3)
 
 
 @pytest.mark.soak
@@ -389,15 +392,6 @@ def test_links_that_bend_have_the_same_bits(name: str, tmp_path: Path) -> None:
 def test_random_robots_agree(seed: int, tmp_path: Path) -> None:
     """Laws with powers and exponentials are as exact as the library of each side is."""
     compare_functions(tmp_path, laws(seed), ("float64", "float32")[seed % 2], exact=False)
-
-
-@pytest.mark.soak
-@needs_node
-@pytest.mark.parametrize("seed", range(4))
-def test_random_rigid_robots_have_the_same_bits(seed: int, tmp_path: Path) -> None:
-    robot = random_robot(seed, joints=(2, 4), tree=True, max_coordinates=3)
-    compare_functions(tmp_path, robot)
-    compare_rollouts(tmp_path, robot, 1e-3)
 
 
 TSC = shutil.which("tsc")

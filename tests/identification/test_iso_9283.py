@@ -36,6 +36,7 @@ pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
 
 Array = NDArray[np.float64]
 QUATERNION = [f"tool.{key}" for key in ("qw", "qx", "qy", "qz")]
+AWAY = np.array([10.0, 4.0, 0.0, 4.0, -4.0 / 3.0, 0.0])  # of a stop, each second
 
 
 # Poses
@@ -122,9 +123,7 @@ def test_distances_by_hand(tmp_path: Path) -> None:
 
 def test_stops_by_hand() -> None:
     """Straight lines between samples: the band of 2 is crossed at 1.5, left, and come back to at 3.75."""
-    t = np.arange(6.0)
-    away = np.array([10.0, 4.0, 0.0, 4.0, -4.0 / 3.0, 0.0])
-    position = away[:, np.newaxis] * [1.0, 0.0, 0.0]
+    t, position = np.arange(6.0), AWAY[:, np.newaxis] * [1.0, 0.0, 0.0]
     assert stabilization(t, position, np.zeros(3), 2.0) == pytest.approx((3.75 - 1.5, 4.0))
     assert stabilization(t, position, np.zeros(3), 5.0) == (0.0, 0.0)  # once inside, it stays
     assert stabilization(t, position, np.zeros(3), 20.0) == (0.0, 0.0)
@@ -133,8 +132,7 @@ def test_stops_by_hand() -> None:
 def test_stops_of_measured_approaches(tmp_path: Path) -> None:
     """With t the last row of a cycle is what was attained; by default the band is the repeatability."""
     t = np.arange(6.0)
-    away = np.array([10.0, 4.0, 0.0, 4.0, -4.0 / 3.0, 0.0])
-    cycles = np.vstack([away[:, np.newaxis] * [1.0, 0.0, 0.0] + end for end in ([0.0, 0.0, 2.0], [0.0, 0.0, -2.0])])
+    cycles = np.vstack([AWAY[:, np.newaxis] * [1.0, 0.0, 0.0] + end for end in ([0.0, 0.0, 2.0], [0.0, 0.0, -2.0])])
     columns = {"pose": [1] * 12, "cycle": [1] * 6 + [2] * 6, "t": [*t, *t], **at(cycles)}
     file = write(tmp_path / "m.csv", columns | at(np.zeros((12, 3)), "tool.command"))
     found = accuracy(file)

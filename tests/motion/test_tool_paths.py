@@ -239,21 +239,17 @@ def test_orientations_that_cannot_be_used(ur5: eomgen.Kernel) -> None:
         ToolLine(ur5, "tcp", *ends, 1.0, orientation=(2.0 * np.eye(3), None), **options)
     with pytest.raises(ArrayError, match=r"orientation\[1\]: is no rotation"):
         ToolSpline(ur5, "tcp", ends, [0.0, 1.0], orientation=[np.eye(3), -np.eye(3)], **options)
-    for points, times in (
-        (ends, [0.0]),
-        (ends, [1.0, 1.0]),
-        ([[0.0, 0.0]] * 2, [0.0, 1.0]),
-        ([[np.nan] * 3] * 2, [0, 1]),
+    for make, given, message in (
+        (ToolSpline, (ends, [0.0]), r"(times|points): .*allowed"),
+        (ToolSpline, (ends, [1.0, 1.0]), r"(times|points): .*allowed"),
+        (ToolSpline, ([[0.0, 0.0]] * 2, [0.0, 1.0]), r"(times|points): .*allowed"),
+        (ToolSpline, ([[np.nan] * 3] * 2, [0, 1]), r"(times|points): .*allowed"),
+        (ToolSpline, (ends, [0.0, np.inf]), r"^times: .* has numbers that are not finite; allowed: .* that rise, s$"),
+        (ToolSpline, ("here", [0.0, 1.0]), r"^points: 'here'; allowed: finite numbers \(2, 3\), m$"),
+        (ToolLine, (["a", 0.0, 0.0], ends[1], 1.0), r"^begin: \['a', 0.0, 0.0\]; allowed: three finite numbers, m$"),
+        (ToolLine, (ends[0], [0.4, 0.2], 1.0), r"^end: got shape \(2,\); allowed: three finite numbers, m$"),
     ):
-        refused(ArrayError, r"(times|points): .*allowed", ToolSpline, ur5, "tcp", points, times, **options)
-    with pytest.raises(ArrayError, match=r"^times: .* has numbers that are not finite; allowed: .* that rise, s$"):
-        ToolSpline(ur5, "tcp", ends, [0.0, np.inf], **options)
-    with pytest.raises(ArrayError, match=r"^points: 'here'; allowed: finite numbers \(2, 3\), m$"):
-        ToolSpline(ur5, "tcp", "here", [0.0, 1.0], **options)
-    with pytest.raises(ArrayError, match=r"^begin: \['a', 0.0, 0.0\]; allowed: three finite numbers, m$"):
-        ToolLine(ur5, "tcp", ["a", 0.0, 0.0], ends[1], 1.0, **options)
-    with pytest.raises(ArrayError, match=r"^end: got shape \(2,\); allowed: three finite numbers, m$"):
-        ToolLine(ur5, "tcp", ends[0], [0.4, 0.2], 1.0, **options)
+        refused(ArrayError, message, make, ur5, "tcp", *given, **options)
 
 
 @pytest.mark.soak

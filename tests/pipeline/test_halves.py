@@ -5,6 +5,7 @@ from __future__ import annotations
 import pickle
 import sys
 import threading
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -222,11 +223,8 @@ def test_threads_build_a_half_once(compiled: Compiled) -> None:
         begin.wait()
         found[number] = kernel.energy(MANY if number % 2 else MANY[3], V)
 
-    threads = [threading.Thread(target=ask, args=(number,)) for number in range(6)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
+    with ThreadPoolExecutor(6) as pool:
+        list(pool.map(ask, range(6)))
     assert sorted(compiled.new()) == ["batches", "singles"]
     assert all(np.array_equal(found[number], found[1] if number % 2 else found[1][3]) for number in range(6))
 
@@ -236,6 +234,7 @@ def test_copies_have_both_halves(built: Build) -> None:
     kernel.parameters[STIFFNESS] = 7.0
     expected = kernel.residual(MANY, V, V, V)
     again = pickle.loads(pickle.dumps(kernel))
+    assert again.parameters[STIFFNESS] == 7.0
     assert np.array_equal(again.residual(MANY[9], V, V, V), expected[9])
     assert np.array_equal(again.residual(MANY, V, V, V), expected)
     function: RawFunction = again.raw.function("residual")
