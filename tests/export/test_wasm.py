@@ -373,7 +373,7 @@ SAME: dict[str, tuple[Callable[[], Robot], float]] = {  # what makes a robot, an
 }
 
 
-@pytest.mark.soak
+@pytest.mark.soak(most=6)
 @needs_node
 @pytest.mark.parametrize("name", SAME)
 def test_robots_have_the_same_bits(name: str, tmp_path: Path) -> None:
