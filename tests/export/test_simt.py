@@ -45,8 +45,7 @@ from eomgen.errors import InputError, UnknownNameError
 from eomgen.robot.model import build_model
 from tests.support import simt
 from tests.support.figures import Figures
-from tests.support.joint_table import joint_table
-from tests.support.link_table import link_table
+from tests.support.joint_table import joint_table, link_table
 from tests.support.random_robots import random_robot
 from tests.support.refusals import refused
 

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from eomgen.robot.value import INERTIA_KEYS
+
 
 def link_table(name: str, mass: object, com: Sequence[object] = (), inertia: Sequence[object] = ()) -> str:
-    """Return a link's table, without ``com`` or ``inertia`` (xx, yy, zz) if these are not given."""
+    """Return a link's table, without ``com`` or ``inertia`` (moments, or these and products) if these are not given."""
     table = f'[[links]]\nname = "{name}"\nmass = {mass}'
     if com:
         table += f"\ncom = [{', '.join(map(str, com))}]"
     if inertia:
-        table += "\ninertia = {{ xx = {}, yy = {}, zz = {} }}".format(*inertia)
+        moments = ", ".join(f"{key} = {value}" for key, value in zip(INERTIA_KEYS, inertia, strict=False))
+        table += f"\ninertia = {{ {moments} }}"
     return table
 
 
