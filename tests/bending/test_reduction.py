@@ -34,6 +34,7 @@ from tests.support.builds import Build
 from tests.support.description_samples import link_poses
 from tests.support.figures import Figures
 from tests.support.finite_elements import bar, beam, free_rows, stress_of_bar
+from tests.support.joint_table import joint_table
 from tests.support.random_robots import Array, random_robot, seeds
 
 pytestmark = pytest.mark.quick
@@ -297,17 +298,11 @@ modes = {{ {modes} }}
 [[links]]
 name = "hand"
 mass = {mass}
-[[joints]]
-name = "shoulder"
-parent = "base"
-child = "arm"
-type = "revolute"
-[[joints]]
-name = "wrist"
-parent = "arm"
+"""
+JOINTS = f"""
+{joint_table("shoulder", "base", "arm", "revolute")}
+{joint_table("wrist", "arm", "hand", "fixed")}
 node = "tip"
-child = "hand"
-type = "fixed"
 [[frames]]
 name = "tcp"
 link = "hand"
@@ -316,7 +311,7 @@ WHOLE = "y = 5, z = 5, torsion = 4, axial = 4"
 
 
 def arm(modes: str = WHOLE, *, mass: float = 0.0, damping: float = 0.0, axis: str = "x") -> Robot:
-    return robot_from_toml(ARM.format(modes=modes, mass=mass, damping=damping, axis=axis))
+    return robot_from_toml(ARM.format(modes=modes, mass=mass, damping=damping, axis=axis) + JOINTS)
 
 
 def clamped(robot: Robot) -> Robot:

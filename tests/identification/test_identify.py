@@ -33,6 +33,7 @@ from tests.support.builds import Build
 from tests.support.commands import command
 from tests.support.description_samples import example_urdfs, load_without_mimics
 from tests.support.joint_table import joint_table
+from tests.support.link_table import link_table
 from tests.support.measurements import columns_of, motion_of
 from tests.support.random_robots import Array, random_robot
 from tests.support.refusals import refused
@@ -683,11 +684,7 @@ def elastic() -> Robot:
 ELASTIC = f"""name = "elastic"
 gravity = [0.0, -9.81, 0.0]
 
-[[links]]
-name = "arm"
-mass = 2.0
-com = [0.3, 0.0, 0.0]
-inertia = {{ xx = 0.01, yy = 0.05, zz = 0.05 }}
+{link_table("arm", 2.0, (0.3, 0.0, 0.0), (0.01, 0.05, 0.05))}
 
 {joint_table("joint1", "base", "arm", "revolute")}
 motor = {{ inertia = 1e-3, ratio = 50.0, stiffness = 5000.0, damping = 3.0, friction = {{ coulomb = 0.05 }} }}
@@ -810,14 +807,9 @@ def test_results_are_saved_loaded_drawn_and_written(built: Build, tmp_path: Path
 
 def test_the_command_writes_what_was_found(tmp_path: Path) -> None:
     """Options reach ``identify``; a result, a figure and a description are written."""
-    source, record = tmp_path / "one.toml", tmp_path / "one.csv"
-    source.write_text(
-        'name = "one_link"\n[[links]]\nname = "arm"\nmass = 1.0\ncom = [0.2, 0.0, 0.0]\n'
-        "inertia = { xx = 0.01, yy = 0.01, zz = 0.01 }\n[[joints]]\n"
-        'name = "joint1"\nparent = "base"\nchild = "arm"\ntype = "revolute"\n'
-        "dh = { a = 0, alpha = 1.5, d = 0, theta = 0 }\n",
-        encoding="utf-8",
-    )
+    record, link = tmp_path / "one.csv", link_table("arm", 1.0, (0.2, 0.0, 0.0), (0.01, 0.01, 0.01))
+    joint = joint_table("joint1", "base", "arm", "revolute") + "\ndh = { a = 0, alpha = 1.5, d = 0, theta = 0 }\n"
+    source = text_file(tmp_path / "one.toml", f'name = "one_link"\n{link}\n{joint}')
     t, q, v, a = swing(1200)
     drive = 0.3 * a[:, 0] + 2.0 * np.cos(q[:, 0]) + 0.5 * np.sign(v[:, 0])
     write_motion(record, motion_of(("joint1.gamma",), t, q[:, :1], v[:, :1], a[:, :1], drive[:, None]))

@@ -343,8 +343,7 @@ def test_is_a_value() -> None:
     ],
 )
 def test_refusals(values: tuple[object, ...], kind: type[Exception], text: str) -> None:
-    with pytest.raises(kind, match=text):
-        PointToPoint(*values)  # type: ignore[arg-type]
+    refused(kind, text, PointToPoint, *values)
 
 
 def test_a_time_is_a_number() -> None:
@@ -356,8 +355,7 @@ def test_angles_of_numpy_are_angles() -> None:
     for rpy in (np.array([0, 1, 2]), np.array([0.0, 1.0, 2.0], np.float32), [np.int32(0), 1.0, 2]):
         assert rotation_from_rpy(rpy) == exact  # type: ignore[arg-type]
     for wrong in ((0.0, np.nan, 0.0), (0.0, np.inf, 0.0), (10**400, 0.0, 0.0), ("1", "2", "3"), (0.0, 1.0)):
-        with pytest.raises(InputError, match=r"^rpy: .*three numbers of magnitude up to 1e\+30, rad"):
-            rotation_from_rpy(wrong)  # type: ignore[arg-type]
+        refused(InputError, r"^rpy: .*three numbers of magnitude up to 1e\+30, rad", rotation_from_rpy, wrong)
 
 
 def test_vectors_and_rotations_are_those_of_scipy() -> None:
@@ -414,8 +412,7 @@ def test_a_spline_of_orientations() -> None:
     "wrong", [np.eye(4), np.diag([1.0, 1.0, -1.0]), 1.1 * np.eye(3), [["x"]], np.full((3, 3), np.nan)]
 )
 def test_what_is_no_rotation(wrong: object) -> None:
-    with pytest.raises(ArrayError, match=r"axes: .*allowed: "):
-        rotation_matrices("axes", wrong)  # type: ignore[arg-type]
+    refused(ArrayError, r"axes: .*allowed: ", rotation_matrices, "axes", wrong)
 
 
 LIMITS = Limits(-0.5, 2.0, 3.0, 4.0)
