@@ -10,9 +10,22 @@ from typing import Any
 import numpy as np
 
 from eomgen.device.dlpack import TYPES, make_capsule
+from eomgen.runtime.kernel import Kernel
 
 HERE = Path(__file__).parent / "stub"
 FLAGS = ("-D_GNU_SOURCE", "-O1", "-fPIC", "-shared")
+COUNT, TILE = 37, 32  # states: a whole tile and a part of one
+
+
+def states(kernel: Kernel, number: int = 3, count: int = COUNT, scale: float = 0.3) -> list[np.ndarray]:
+    """Return random arrays of states."""
+    rng = np.random.default_rng(0)
+    return [rng.uniform(-scale, scale, (count, kernel.n)).astype(kernel.dtype) for _ in range(number)]
+
+
+def in_tiles(x: np.ndarray) -> np.ndarray:
+    """Return whole tiles of states."""
+    return np.ascontiguousarray(np.moveaxis(x.reshape(-1, TILE, *x.shape[1:]), 1, -1))
 
 
 def compiled(folder: Path) -> tuple[Path, Path]:

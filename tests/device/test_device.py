@@ -19,26 +19,14 @@ from eomgen.device.opencl import OpenCLBackend, _devices
 from eomgen.device.texts import setup_of, text_of
 from eomgen.errors import ArrayError, BuildError, InputError, LoopError, SingularError
 from eomgen.optional import NotInstalledError
-from tests.device.fakes import Lent, Lying, Stub
+from tests.device.fakes import COUNT, TILE, Lent, Lying, Stub, in_tiles, states
 from tests.export.test_simt import TOP
 from tests.support.refusals import refused
 from tests.support.simt import opencl_platforms
 
 pytestmark = pytest.mark.quick
 
-COUNT, TILE = 37, 32
 GOOD = np.zeros((3, 2))
-
-
-def states(kernel: eomgen.Kernel, number: int = 3, count: int = COUNT) -> list[np.ndarray]:
-    """Return random arrays of states."""
-    rng = np.random.default_rng(0)
-    return [rng.uniform(-0.3, 0.3, (count, kernel.n)).astype(kernel.dtype) for _ in range(number)]
-
-
-def in_tiles(x: np.ndarray) -> np.ndarray:
-    """Return whole tiles of states."""
-    return np.ascontiguousarray(np.moveaxis(x.reshape(-1, TILE, *x.shape[1:]), 1, -1))
 
 
 def test_rows_tiles_and_outputs_have_the_bits_of_the_kernel(kernel: eomgen.Kernel, device: Any, stub: Stub) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import ctypes
 import gc
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,8 @@ from eomgen.device.driver import Chosen, Driver
 from eomgen.device.gpu import GpuBackend
 from eomgen.errors import ArrayError, InputError
 from eomgen.optional import NotInstalledError
+from tests.device.fakes import in_tiles
+from tests.device.fakes import states as drawn_states
 from tests.support.optional import needs
 from tests.support.random_robots import random_robot
 from tests.support.refusals import refused
@@ -32,7 +35,7 @@ pytestmark = pytest.mark.quick
 NAMES = ("inverse_dynamics", "forward_dynamics", "mass_matrix")
 BUILTIN = ("one_link", "four_bar", "worn_arm", "ur5", "panda", "shaken_arm", "geared_arm", "bennett", "flexible_arm")
 RANDOM = 6
-COUNT = 1000
+states = partial(drawn_states, count=1000, scale=1.0)
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -55,15 +58,6 @@ def kernel(built: Any) -> eomgen.Kernel:
 def device(kernel: eomgen.Kernel) -> Any:
     """Its methods there."""
     return kernel.device("cuda")
-
-
-def states(kernel: eomgen.Kernel, number: int = 3, count: int = COUNT) -> list[np.ndarray]:
-    rng = np.random.default_rng(0)
-    return [rng.uniform(-1.0, 1.0, (count, kernel.n)).astype(kernel.dtype) for _ in range(number)]
-
-
-def in_tiles(x: np.ndarray) -> np.ndarray:
-    return np.ascontiguousarray(np.moveaxis(x.reshape(-1, 32, *x.shape[1:]), 1, -1))
 
 
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
@@ -143,7 +137,7 @@ def free_memory() -> int:
 
 def test_nothing_is_left_of_calls(kernel: eomgen.Kernel, device: Any) -> None:
     """Of 5,000 calls, whose results are forgotten; others may take some of the device's memory meanwhile."""
-    (q,) = map(device.put, states(kernel, 1, 100_000))
+    (q,) = map(device.put, states(kernel, 1, count=100_000))
     device.mass_matrix(q)
     gc.collect()
     before = free_memory()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,8 @@ from eomgen.adapters import jax_devices
 from eomgen.adapters.jax import function
 from eomgen.device import xla
 from eomgen.errors import ArrayError, InputError
-from tests.device.fakes import Stub
+from tests.device.fakes import COUNT, Stub
+from tests.device.fakes import states as drawn_states
 from tests.support.optional import needs
 from tests.support.refusals import refused
 
@@ -20,7 +22,7 @@ pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("doubles")]
 
 jax, jnp = needs("jax"), needs("jax.numpy")
 
-COUNT = 37
+states = partial(drawn_states, scale=1e-2)
 REFUSED = (ValueError, jax.errors.JaxRuntimeError)  # by whether a function is compiled
 
 
@@ -30,11 +32,6 @@ def on_processor(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(xla, "FLAGS", ("-DEOM_NO_STREAM",))
     monkeypatch.setattr(jax_devices, "HANDLERS", {"cpu": "eomgen_launch"})
     monkeypatch.setattr(jax_devices, "TARGET", "eomgen_stub")
-
-
-def states(kernel: eomgen.Kernel, number: int, count: int = COUNT, scale: float = 1e-2) -> list[np.ndarray]:
-    rng = np.random.default_rng(0)
-    return [rng.uniform(-scale, scale, (count, kernel.n)).astype(kernel.dtype) for _ in range(number)]
 
 
 @pytest.mark.usefixtures("on_processor")

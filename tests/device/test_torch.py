@@ -11,12 +11,12 @@ import pytest
 import eomgen
 from eomgen.adapters.torch import function
 from eomgen.errors import ArrayError, InputError, UnknownNameError
-from tests.device.fakes import Stub
+from tests.device.fakes import COUNT, Stub, states
 from tests.support.optional import needs
 from tests.support.refusals import refused
 
 torch = needs("torch", extra="torch")
-COUNT, STREAM = 37, 11
+STREAM = 11
 
 
 def interface(x: Any) -> dict[str, Any]:
@@ -39,9 +39,7 @@ def lying(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def tensors(kernel: eomgen.Kernel, number: int, count: int = COUNT, scale: float = 1e-2) -> list[Any]:
     """Random tensors of states that ask for gradients."""
-    rng = np.random.default_rng(0)
-    arrays = (rng.uniform(-scale, scale, (count, kernel.n)).astype(kernel.dtype) for _ in range(number))
-    return [torch.from_numpy(x).requires_grad_() for x in arrays]
+    return [torch.from_numpy(x).requires_grad_() for x in states(kernel, number, count, scale)]
 
 
 @pytest.mark.usefixtures("lying")
