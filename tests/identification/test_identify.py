@@ -32,8 +32,7 @@ from tests.support.blind_arms import blind_arm, periodic, record
 from tests.support.builds import Build
 from tests.support.commands import command
 from tests.support.description_samples import example_urdfs, load_without_mimics
-from tests.support.joint_table import joint_table
-from tests.support.link_table import link_table
+from tests.support.joint_table import joint_table, link_table
 from tests.support.measurements import columns_of, motion_of
 from tests.support.random_robots import Array, random_robot
 from tests.support.refusals import refused

@@ -23,6 +23,7 @@ from eomgen.runtime.stepping.input_signals import DriveData, InputSignals, Signa
 from tests.loops.test_elastic_cuts import linkages
 from tests.support.builds import Build
 from tests.support.joint_table import joint_table, link_table
+from tests.support.refusals import refused
 
 pytestmark = [pytest.mark.usefixtures("unoptimised")]
 
@@ -31,15 +32,6 @@ TRUE = dict(zip(KEYS, (1.0, 1.5, 0.01, 0.4, 1e4, 60.0), strict=True))
 FAR = dict(zip(KEYS, (0.5, 2.4, 0.03, 0.8, 2e4, 100.0), strict=True))
 PREFIX = "joints.slide.z.friction."
 NAMES = {f"{PREFIX}{'gaussian' if key == 'stribeck' else key}": value for key, value in TRUE.items()}
-
-
-def on_rail(laws: str) -> eomgen.Robot:
-    """Return a mass on a prismatic joint across gravity, with these laws of its coordinate."""
-    tables = (
-        link_table("body", 1.0, (0.0, 0.0, 0.0), (0.1, 0.1, 0.1)),
-        joint_table("slide", "base", "body", "prismatic"),
-    )
-    return robot_from_toml("\n".join(['name = "block"', "gravity = [0.0, -9.81, 0.0]", *tables, f"z = {{ {laws} }}"]))
 
 
 def block(**numbers: float) -> eomgen.Robot:

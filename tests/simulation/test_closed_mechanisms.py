@@ -22,8 +22,7 @@ from eomgen.simulation.run import run_scenario
 from tests.loops.test_closing import GEARED
 from tests.runtime.test_inverse_kinematics import SPLIT_ARM
 from tests.support.commands import command
-from tests.support.joint_table import joint_table
-from tests.support.link_table import link_table
+from tests.support.joint_table import joint_table, link_table
 from tests.support.refusals import refused
 from tests.support.soak import soaked
 
