@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +16,6 @@ import eomgen
 from eomgen.codegen.arrays.sources import render_arrays
 from eomgen.codegen.arrays.statements import FORMS
 from eomgen.codegen.forces.bushings import Bushings
-from eomgen.codegen.forces.element import ForceElement
 from eomgen.codegen.forces.joint_stiffness import JointStiffnesses
 from eomgen.codegen.program.operations import OPERATIONS
 from eomgen.description.load import robot_from_toml
@@ -27,7 +28,6 @@ from tests.support.every_element import robot_with
 from tests.support.optional import needs
 from tests.support.random_robots import random_robot
 from tests.support.refusals import refused
-from tests.support.soak import soaked
 from tests.support.turning_loops import OFFSET, STAND, held_pendulum
 
 pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
@@ -85,14 +85,25 @@ def test_one_link_with_numpy_alone(tmp_path: Path) -> None:
     close(eval(result.stdout), kernel.forward_dynamics([0.1, 0.2], [0.3, 0.4], [0.0, 1.0]))
 
 
-def test_one_link_has_the_kernels_numbers() -> None:
-    compare(eomgen.load_robot("one_link"))
+def with_forces(seed: int) -> Robot:
+    """A random tree with forces of every kind, every other one with servo drives."""
+    robot = with_laws(random_robot(seed, joints=(2, 4), tree=True, max_coordinates=3), seed)
+    return with_drives(robot, seed) if seed % 2 else robot
 
 
-@pytest.mark.soak
-@pytest.mark.parametrize("family", [JointStiffnesses, Bushings])
-def test_matrices_have_the_kernels_numbers(family: type[ForceElement]) -> None:
-    compare(robot_from_toml(robot_with(family)))
+BUILTIN = ("one_link", "worn_arm", "ur5", "puma560", "puma560_elastic", "shaken_arm", "two_arms")
+ROBOTS: dict[str, Callable[[], Robot]] = {
+    **{name: partial(eomgen.load_robot, name) for name in BUILTIN},
+    **{x.__name__: lambda x=x: robot_from_toml(robot_with(x)) for x in (JointStiffnesses, Bushings)},
+    **BENDING,
+    **{f"random {seed}": partial(with_forces, seed) for seed in range(8)},
+}
+SOAKED = [pytest.param(name, marks=pytest.mark.soak(most=8)) for name in ROBOTS if name not in ("one_link", "tree")]
+
+
+@pytest.mark.parametrize("name", ["one_link", "tree", *SOAKED])
+def test_robots_have_the_kernels_numbers(name: str) -> None:
+    compare(ROBOTS[name]())
 
 
 @pytest.mark.soak
@@ -145,24 +156,6 @@ def test_jax_compiles_maps_and_differentiates() -> None:
         h = 1e-6
         rate = float(end(u[0] + [h, 0.0]) - end(u[0] - [h, 0.0])) / (2.0 * h)
         assert float(jax.grad(end)(u[0])[0]) == pytest.approx(rate, rel=1e-6)
-
-
-@pytest.mark.parametrize("name", soaked(BENDING, ("tree",)))
-def test_links_that_bend_have_the_kernels_numbers(name: str) -> None:
-    compare(BENDING[name]())
-
-
-@pytest.mark.soak
-@pytest.mark.parametrize("name", ["worn_arm", "ur5", "puma560", "puma560_elastic", "shaken_arm", "two_arms"])
-def test_built_in_robots_have_the_kernels_numbers(name: str) -> None:
-    compare(eomgen.load_robot(name))
-
-
-@pytest.mark.soak
-@pytest.mark.parametrize("seed", range(8))
-def test_random_robots_have_the_kernels_numbers(seed: int) -> None:
-    robot = with_laws(random_robot(seed, joints=(2, 4), tree=True, max_coordinates=3), seed)
-    compare(with_drives(robot, seed) if seed % 2 else robot)
 
 
 @pytest.mark.soak
