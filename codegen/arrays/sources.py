@@ -92,7 +92,7 @@ def _program(equations: Equations, name: str) -> tuple[Program, tuple[str, ...],
     if closed is not None:
         reads, closed_reads = KERNELS[name].reads, SIGNATURES[closed].reads
         return equations.programs[closed], reads, tuple(array for array in closed_reads if array not in reads)
-    if name not in equations.programs or KERNELS[name].kind == "extended":
+    if name not in equations.programs:
         raise InputError(f"kernels: {show(name)} is no program of arrays; allowed: kernels without loops or calls in C")
     return equations.programs[name], KERNELS[name].reads, ()
 

@@ -26,7 +26,6 @@ from ..program.orders import with_short_lives
 from ..program.shares import GIVEN
 from ..solve.factorised import coordinate_parents
 from .definitions import define, define_setup, define_share
-from .extended import tabulate
 from .lanes import batched, calls_of, kept_size, pack, part_by_part
 from .scalar_types import SCALARS, Scalar
 from .statements import CHUNK
@@ -115,8 +114,7 @@ def number_context(equations: Equations, dtype: str, meta: Mapping[str, Any]) ->
     model, scalar = equations.model, SCALARS[dtype]
     programs = equations.programs.values()
     public = [name for name in equations.kernels if SIGNATURES[name].kind != "frames"]
-    extended = [program for program in programs if _is_extended(program.name)]
-    whole = [program for program in programs if program.name not in equations.shares and program not in extended]
+    whole = [program for program in programs if program.name not in equations.shares]
     singular = f"singular({model.size}, pivot)"
     definitions = [
         define(program, model.name, scalar, singular=singular, public=program.name in public) for program in whole
@@ -141,7 +139,6 @@ def number_context(equations: Equations, dtype: str, meta: Mapping[str, Any]) ->
         "setup": define_setup(equations.setup, model.name, scalar),
         "programs": definitions,
         "equations_of_robot": {"": {program.name for program in whole}},
-        "extended": [tabulate(program) for program in extended],
         "composed": _templates(_composed(equations)),
         "looped": [function for function in looped if not function.is_rollout],
         "rollout_is_looped": any(function.kind == "rollout" for function in looped),
@@ -156,10 +153,6 @@ def number_context(equations: Equations, dtype: str, meta: Mapping[str, Any]) ->
         "kept_numbers": kept_of_a_step(model),
         "texts": {name: KERNELS[name].text for name in GRADIENTS},
     }
-
-
-def _is_extended(name: str) -> bool:
-    return SIGNATURES[name].kind == "extended"
 
 
 def kept_of_a_step(model: Model) -> dict[str, int]:
@@ -329,7 +322,7 @@ def lane_context(equations: Equations, dtype: str) -> dict[str, Any]:
 
 def _short_lived(program: Program) -> Program:
     """Return a program of several parts in the order in which these hand least on; one of a single part as it is."""
-    return with_short_lives(program) if len(program.instructions) > CHUNK and not program.wide else program
+    return with_short_lives(program) if len(program.instructions) > CHUNK else program
 
 
 def christoffel_words(model: Model) -> list[str]:

@@ -12,7 +12,7 @@ from eomgen.robot.elements import KINDS, Spring
 from eomgen.robot.model import Model
 
 from ..program.ir import Program, finish
-from ..program.passes import hoist_parameters, on_demand, parameters_as_they_are, run_passes
+from ..program.passes import hoist_parameters, on_demand, run_passes
 from ..program.shares import Shares
 from .accelerations import implicit_step, step_has_rows
 from .bodies import share_among_bodies
@@ -82,8 +82,6 @@ class Equations:
 
 def why_missing(kernel: str, model: Model) -> str:
     """Say what a robot would have to have for a kernel that is not among those available for it."""
-    if KERNELS[kernel].tree_only:
-        return f"is for robots without rigid [[loops]] and [[couplings]], and {model.name} has some"
     return f"is for robots with {NEEDS[KERNELS[kernel].needs]}, and {model.name} has none"
 
 
@@ -138,13 +136,8 @@ def derive_equations(model: Model, kernels: Sequence[str] = (), dtype: str = "fl
                 raw[program], choices[program] = derive_cheapest(model, program, dtype=dtype)
             else:
                 raw[program] = derive(model, program, dtype, derived)
-    extended = {name for name in raw if SIGNATURES[name].kind == "extended"}  # which compute all themselves
-    plain = [program for name, program in raw.items() if name not in extended]
-    setup, programs = hoist_parameters(plain, len(model.parameters) + len(model.turning))
-    hoisted = iter(programs)
-    written = {
-        name: parameters_as_they_are(program) if name in extended else next(hoisted) for name, program in raw.items()
-    }
+    setup, programs = hoist_parameters(list(raw.values()), len(model.parameters) + len(model.turning))
+    written = dict(zip(raw, programs, strict=True))
     shares = {name: share_among_bodies(model, written[name]) for name in public if KERNELS[name].kind == "frames"}
     return Equations(model, public, setup, written, calls, choices, shares, dtype)
 
@@ -182,7 +175,7 @@ def _derived(model: Model, kernel: str, dtype: str, known: dict[str, Program]) -
     if kernel in WITH_ROWS:
         return _derived_with_rows(model, kernel, dtype)
     if SIGNATURES[kernel].derivative_of:
-        return {kernel: derive_derivative(model, kernel, lambda name: derive(model, name, dtype, known), dtype)}
+        return {kernel: derive_derivative(model, kernel, lambda name: derive(model, name, dtype, known))}
     regrouped, turned = kernel not in DESCRIPTION_FRAMES, knows_turns(kernel, model)
     derivation = Derivation(model, regrouped=regrouped, dtype=dtype, turned=turned)
     return {kernel: run_passes(finish(derivation.graph, kernel, WRITERS[kernel](derivation)))}

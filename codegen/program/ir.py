@@ -289,16 +289,12 @@ class Graph:
 
 @dataclass(frozen=True)
 class Program:
-    """A finished program: ``outputs`` maps (array, index) to the value written there, in order of writing.
-
-    ``wide`` are values that are kept in double precision where all others are in single; none of them is written.
-    """
+    """A finished program: ``outputs`` maps (array, index) to the value written there, in order of writing."""
 
     name: str
     instructions: tuple[Instruction, ...]
     outputs: Mapping[tuple[str, int], int]
     notes: Mapping[int, str] = field(default_factory=dict)
-    wide: frozenset[int] = frozenset()
 
     def count(self) -> dict[str, int]:
         """Count operations of one run up to the gate, if there is one, by their ``cost``; sine and cosine are one."""
@@ -384,7 +380,6 @@ def select(
     instructions: Sequence[Instruction],
     outputs: Mapping[tuple[str, int], int],
     notes: Mapping[int, str],
-    wide: Iterable[int] = (),
 ) -> Program:
     """Keep the instructions that the outputs need, renumbered; notes move to the next instruction that stays."""
     alive = needed(instructions, outputs.values())
@@ -403,8 +398,7 @@ def select(
         kept.append(instruction)
     places = {index: bisect_left(staying, index) for index in sorted(notes)}
     kept_notes = {place: notes[index] for index, place in places.items() if place < len(kept)}
-    kept_wide = frozenset(renumbered[index] for index in wide if alive[index])
-    return Program(name, tuple(kept), {key: renumbered[index] for key, index in outputs.items()}, kept_notes, kept_wide)
+    return Program(name, tuple(kept), {key: renumbered[index] for key, index in outputs.items()}, kept_notes)
 
 
 def verify(program: Program) -> Program:

@@ -234,15 +234,6 @@ def hoist_parameters(programs: Sequence[Program], parameters: int) -> tuple[Prog
     return verify(finish(setup, "setup", outputs)), [verify(program) for program in rewritten]
 
 
-def parameters_as_they_are(program: Program) -> Program:
-    """Return a program that reads parameters from "h", of which they are the first numbers, and hoists nothing."""
-    instructions = [
-        Instruction("input", (), ("h", x.leaf[1])) if x.op == "input" and x.leaf[0] == PARAMETERS else x
-        for x in program.instructions
-    ]
-    return verify(select(program.name, instructions, program.outputs, program.notes))
-
-
 def _hoist(program: Program, setup: Graph, slots: dict[int, int]) -> Program:
     """Read every value that depends on parameters alone from "h", and so what is computed of numbers that are known."""
     reads: list[int] = []  # 1: parameters, 2: the state, 3: both, 0: neither

@@ -8,13 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from ..kernels.derived import radii_of
 from ..kernels.equations import Equations
-from ..kernels.signatures import KERNELS, functions
+from ..kernels.signatures import functions
 from ..program.ir import Program
 from .arithmetic import SAFETY, Arithmetic, Array, spread, with_copies
 from .composed import COMPOSED, FRAMED, Run, status_of
-from .double_double import run_extended
 from .states import sample_inputs, sample_parameters
 from .steps import clipped, one_adapted_step, one_step
 from .stored import MEASURED, STATES, pack_samples
@@ -73,8 +71,6 @@ class _Samples:
                 self._store(name, answers, None, *programs)
             elif function.kernel in self.equations.calls:
                 self._store_composed(name, programs)
-            elif function.kind == "extended":
-                self._store_extended(name, *programs)
             else:
                 self._store(name, *self.run(name), *programs)
         return self.samples
@@ -91,19 +87,6 @@ class _Samples:
                 return answer, status
             self.known[name] = answer, status
         return self.known[name]
-
-    def _store_extended(self, name: str, program: Program) -> None:
-        """Put answers in double-double arithmetic among the samples: sines and all have bits, whatever is fused."""
-        inputs = {**self.inputs, "h": self.h}
-        answers = run_extended(program, inputs, self.arithmetic.dtype, radii_of(KERNELS[name].reads))
-        answers = np.broadcast_to(answers, (len(answers), inputs["q"].shape[1]))  # constants have no states
-        self._store(name, answers, None, program, certain=True)
-        plain = self.arithmetic.run(program, inputs)["out"]
-        near = SAFETY * np.moveaxis(spread(plain), -1, 0).astype(np.float64)
-        bounds = np.abs(self.samples[name][:MEASURED, 2 * near.shape[1] :]).astype(np.float64)
-        self.samples[f"{name} near"] = np.concatenate(
-            [near, near, 0.5 * bounds], axis=1
-        )  # which last bits make much of
 
     def _store_composed(self, name: str, programs: list[Program]) -> None:
         known, status, places, identity, exact = COMPOSED[name](self.model, self.run, self.inputs)

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..program.ir import Program
-from ..program.mixed import in_double
 from ..program.operations import VALUES
 from .stored import MEASURED, STATES
 
@@ -63,7 +62,6 @@ class Arithmetic:
         rng, copies = np.random.default_rng(seed), MEASURED * COPIES
         off = _UNITS * float(np.finfo(self.dtype).eps) * rng.uniform(-1.0, 1.0, (_ROWS, copies))
         self._rounding = np.concatenate([np.ones((_ROWS, len(STATES))), 1.0 + off], axis=1).astype(self.dtype)
-        self._fine = 1.0 + (self._rounding.astype(np.float64) - 1.0) * 2.0**-29  # of wide values
         self._turns: dict[tuple[str, bytes], tuple[Array, Array]] = {}
 
     def run(self, program: Program, inputs: Mapping[str, Any], *, rounding: bool = True) -> dict[str, Array]:
@@ -73,15 +71,7 @@ class Arithmetic:
         """
         values: list[Any] = []
         number, rows = self.dtype.type, list(self._rounding)
-        double = in_double(program)
         for index, (op, args, leaf) in enumerate(program.instructions):
-            if index in double:
-                values.append(self._in_double(op, [values[arg] for arg in args], index in program.wide))
-                if rounding and op not in _EXACT:
-                    values[-1] = values[-1] * (
-                        rows[index % _ROWS] if index not in program.wide else self._fine[index % _ROWS]
-                    )
-                continue
             operator = _OPERATORS.get(op)
             if operator is not None:
                 value = operator(values[args[0]], values[args[1]]) if len(args) == 2 else operator(values[args[0]])
@@ -89,7 +79,7 @@ class Arithmetic:
                 values.append(inputs[leaf[0]][leaf[1]])
                 continue
             elif op == "const":
-                values.append(np.float64(leaf) if index in program.wide else number(leaf))
+                values.append(number(leaf))
                 continue
             elif op in ("sin", "cos"):
                 value = self.turn(values[args[0]])[op == "cos"]
@@ -97,17 +87,6 @@ class Arithmetic:
                 value = self._called(op, [values[arg] for arg in args])
             values.append(value * rows[index % _ROWS] if rounding and op not in _EXACT else value)
         return _arrays(program, values, rows[0].size, self.dtype)
-
-    def _in_double(self, op: str, args: list[Any], wide: bool) -> Any:
-        """Return the result of an operation in double precision; rounded to that of all other numbers if not wide."""
-        exact = [np.asarray(arg, np.float64) for arg in args]
-        if op in ("sin", "cos"):
-            value = self.turn(exact[0], "float64")[op == "cos"]
-        elif op in _OPERATORS:
-            value = _OPERATORS[op](*exact)
-        else:
-            value = self._called(op, exact, "float64")
-        return value if wide else value.astype(self.dtype)
 
     def value(self, op: str, args: Sequence[Any]) -> Any:
         """Return the result of an operation that is no sine and no cosine."""
@@ -120,9 +99,9 @@ class Arithmetic:
         known = {*_OPERATORS, *_EXACT, "sin", "cos", "const", "input"}
         return all(instruction.op in known for instruction in program.instructions)
 
-    def turn(self, x: Any, dtype: str = "") -> tuple[Array, Array]:
-        """Return sines and cosines; the same arrays for the same angles.  Of a dtype, or the numbers' own."""
-        angles = np.asarray(x, dtype or self.dtype)
+    def turn(self, x: Any) -> tuple[Array, Array]:
+        """Return sines and cosines; the same arrays for the same angles."""
+        angles = np.asarray(x, self.dtype)
         key = str(angles.dtype), angles.tobytes()
         if key not in self._turns:
             pairs = [
@@ -132,11 +111,11 @@ class Arithmetic:
             self._turns[key] = (sine, cosine)
         return self._turns[key]
 
-    def _called(self, op: str, args: list[Any], dtype: str = "") -> Array:
+    def _called(self, op: str, args: list[Any]) -> Array:
         """Call an operation that NumPy has no ufunc of, or rounds in another way: number by number."""
         columns = np.broadcast_arrays(*args)
         numbers = [_value(op, row) for row in zip(*(column.ravel().tolist() for column in columns), strict=True)]
-        return np.array(numbers).astype(dtype or self.dtype).reshape(columns[0].shape)
+        return np.array(numbers).astype(self.dtype).reshape(columns[0].shape)
 
 
 def _value(op: str, numbers: tuple[float, ...]) -> float:

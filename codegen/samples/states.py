@@ -25,9 +25,6 @@ READ = (
     "u",
     "wrench",
     "multipliers",
-    "step_length",
-    "end_q",
-    "end_v",
 )  # arrays of numbers that may be anything
 _CANDIDATES = 128  # numbers that coordinates are chosen from
 _SOLVED = 3  # rows of a chart

@@ -118,8 +118,6 @@ def refusal(model: Model, name: str) -> str | None:
         return f"takes a frame's number; allowed: {', '.join(FRAMES)}"
     if signature.kind == "gradient":
         return "has steps and loops"
-    if signature.kind == "extended":
-        return "is run from tables by the C library"
     checks_loops = bool(model.constraints) and KERNELS.get(signature.derivative_of or name, signature).closed != ()
     if checks_loops and name not in CLOSED:
         parts = ", ".join((*CLOSED, *(x for x in PARTS if x in available(model))))

@@ -50,6 +50,8 @@ with imports_when_used(globals()):
     from .loading import load_result as load_result
     from .pipeline import build as build
     from .pipeline import generate as generate
+    from .precision import float32_advice as float32_advice
+    from .precision import rounding_bound as rounding_bound
     from .robot import Coordinate as Coordinate
     from .robot import Frame as Frame
     from .robot import Joint as Joint
@@ -59,8 +61,6 @@ with imports_when_used(globals()):
     from .robot import Placement as Placement
     from .robot import Robot as Robot
     from .robot import Spring as Spring
-    from .rounding import float32_advice as float32_advice
-    from .rounding import rounding_bound as rounding_bound
     from .runtime import Kernel as Kernel
     from .scenario import Scenario as Scenario
     from .scenario import load_scenario as load_scenario

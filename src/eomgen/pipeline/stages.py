@@ -43,7 +43,7 @@ from . import cache as store
 from . import direct_calls
 from .denormals import prepare, with_denormals
 from .folders import new_folder, put_folder
-from .generator_key import generator_hash, room_hash
+from .generator_key import generator_hash
 from .importable import check_module_name
 from .library.objects import Libraries
 from .on_demand import OnDemand, one_library
@@ -78,9 +78,6 @@ class Options:
     batches: with functions for several states in one call; Python's kernels need them.
     quick: compile in two thirds of the time, for calls from Python; code that stores much, such as a mass matrix, may
         be slower by half.
-    within: of float32, the largest error of results by their size: instructions are in double precision, those first
-        that contribute most, until proved bounds are within (docs/rounding.md).  None: all are in single precision.
-    ranges: (name, least, largest) of inputs and parameters that errors in float32 are bounded over.
     """
 
     kernels: tuple[str, ...] = ()
@@ -90,8 +87,6 @@ class Options:
     batches: bool = True
     level: str = ""
     quick: bool = False
-    within: float | None = None
-    ranges: tuple[tuple[str, float, float], ...] = ()
 
     def __post_init__(self) -> None:
         if isinstance(self.kernels, str) or not isinstance(self.kernels, Iterable):
@@ -110,19 +105,6 @@ class Options:
             raise InputError(f"level: {show(self.level)} is unknown; allowed: {', '.join(LEVELS)}")
         if self.level and self.native:
             raise InputError(f"level: {show(self.level)} beside native; allowed: one of them")
-        if self.within is not None:
-            from ..rounding.mixing import check_within
-
-            check_within(self.within, self.dtype)
-        if not isinstance(self.ranges, tuple) or any(not isinstance(x, tuple) or len(x) != 3 for x in self.ranges):
-            raise InputError(f"ranges: {show(self.ranges)}; allowed: a tuple of (name, least, largest)")
-        if self.ranges and self.dtype != "float32":
-            raise InputError(f"ranges: given with dtype {self.dtype!r}; allowed: with 'float32'")
-
-    @property
-    def ranges_by_name(self) -> dict[str, tuple[float, float]]:
-        """Ranges of inputs and parameters by their names."""
-        return {name: (lower, upper) for name, lower, upper in self.ranges}
 
 
 def build(
@@ -325,12 +307,6 @@ def generate(
     header = f"{robot.name}.h"
     if derived is not None:
         files = {**files, header: derived.in_header(files[header].decode("ascii")).encode("ascii")}
-    if options.dtype == "float32":
-        from .single_precision import with_notes
-
-        files = with_notes(
-            robot, options.kernels, files, progress, ranges=options.ranges_by_name, within=options.within
-        )
     target = folder / robot.name
     _check_target(target, target)
     try:
@@ -507,11 +483,6 @@ def _derive(robot: Robot, options: Options, folder: Path, progress: StageReport)
     model = build_model(robot)  # Robot -> Model
     progress(f"deriving the equations of {len(model.coordinates)} coordinates")
     equations = derive_equations(model, options.kernels, options.dtype)  # Model -> Equations
-    if options.within is not None:
-        from ..rounding.mixing import mixed
-
-        progress("choosing instructions in double precision")
-        equations = mixed(equations, options.within, options.ranges_by_name)
     source = render(equations, options.dtype, batches=options.batches)  # Equations -> Source
     (folder / _SOURCE).write_text(json.dumps(asdict(source)), encoding="ascii")
     (folder / _SAMPLES).write_bytes(samples(equations, options.dtype))
@@ -520,8 +491,6 @@ def _derive(robot: Robot, options: Options, folder: Path, progress: StageReport)
 def _source_key(robot: Robot, options: Options) -> str:
     """Hash of the description, the options that change the source, and the generator's code."""
     parts = [robot_hash(robot), options.kernels, options.dtype, options.batches, __version__, generator_hash()]
-    if options.within is not None:
-        parts.append([options.within, options.ranges, room_hash("eomgen.rounding")])
     text = json.dumps(parts)
     return hashlib.sha256(text.encode()).hexdigest()
 

@@ -342,12 +342,7 @@ class CompiledCode:
     @checks.setter
     def checks(self, wanted: bool) -> None:
         if not isinstance(wanted, (bool, np.bool_)):
-            more = (
-                "; kernel.with_checks('errors', most=...) has methods that check by errors"
-                if isinstance(wanted, str) and wanted == "errors"
-                else ""
-            )
-            raise InputError(f"checks: {show(wanted)} is neither True nor False{more}")
+            raise InputError(f"checks: {show(wanted)} is neither True nor False")
         self.parameters.state.checks = bool(wanted)
 
     def frame_index(self, name: str) -> int:

@@ -10,14 +10,13 @@ from .arrays import flag, is_narrow, joint_lead, states_apart, whole_array, wide
 from .by_name import WrenchLike, wrench_rows
 from .derivatives.by_arguments import Differentiation
 from .derivatives.in_time import TimeDerivatives
-from .derivatives.running_errors import RunningErrors
 from .inverse_kinematics.kernel_method import InverseKinematics
 from .loop_errors import LOADED
 from .raw import Array
 from .stepping.interface import Rollouts
 
 
-class Kernel(Differentiation, TimeDerivatives, RunningErrors, InverseKinematics, Rollouts):
+class Kernel(Differentiation, TimeDerivatives, InverseKinematics, Rollouts):
     """Compiled equations of motion of one robot.
 
     Arrays are (n,) for one state, (N, n) for N states, or (..., n); the result gains the same leading axes.  Leading

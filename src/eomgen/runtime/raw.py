@@ -25,8 +25,6 @@ DERIVED = (
     "adjoint",
     "hessian",
     "jet",
-    "errors",
-    "extended",
     "gradient",
 )  # kinds of functions that are of others
 SETUP = "parameters"  # among operations: of what depends on parameters alone
@@ -49,9 +47,8 @@ class RawFunction:
         name: its name, without the robot's in front.
         kernel: the kernel that it belongs to, as in ``Kernel.operations``; frame_pose belongs to "kinematics".
         kind: "program" (straight-line code), "tangent", "adjoint", "hessian" or "jet" (the same, derivatives of
-            another kernel), "errors" (the same, with bounds of rounding errors), "extended" (the same in double-double
-            arithmetic), "composed" (calls programs), "frames" (takes the number of a frame) or "rollout" (many steps in
-            one call).
+            another kernel), "composed" (calls programs), "frames" (takes the number of a frame) or "rollout" (many
+            steps in one call).
         reads: names of the arrays that it reads, in the order of the arguments; ``RawKernel.shapes`` has their shapes.
         writes: name of the array that it writes.
     """

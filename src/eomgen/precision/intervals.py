@@ -1,7 +1,7 @@
 """Intervals with outward rounding, one per box of inputs: ends (lower, upper) as arrays (boxes,).
 
-Each end is moved to the next float64 outwards after it is computed, so that an interval holds what exact arithmetic
-gives.  Ends may be infinite; an interval is then no statement.
+Each end is moved to the next float64 outwards after it is computed, so that an interval holds the exact result; a sum
+that is 0 is exact and stays.  Infinite ends bound nothing.
 """
 
 from __future__ import annotations
@@ -33,14 +33,20 @@ def magnitude(x: Interval) -> Array:
     return np.maximum(-x[0], x[1])
 
 
+def _outward_sum(lower: Array, upper: Array) -> Interval:
+    """Return sums as an interval; a sum of two numbers that is rounded to 0 is 0."""
+    low, high = outward(lower, upper)
+    return np.where(lower == 0.0, 0.0, low), np.where(upper == 0.0, 0.0, high)
+
+
 def add(x: Interval, y: Interval) -> Interval:
     """Return x + y."""
-    return outward(x[0] + y[0], x[1] + y[1])
+    return _outward_sum(x[0] + y[0], x[1] + y[1])
 
 
 def sub(x: Interval, y: Interval) -> Interval:
     """Return x - y of independent intervals."""
-    return outward(x[0] - y[1], x[1] - y[0])
+    return _outward_sum(x[0] - y[1], x[1] - y[0])
 
 
 def mul(x: Interval, y: Interval) -> Interval:
@@ -83,11 +89,6 @@ def widened(x: Interval, by: Array) -> Interval:
 def common(x: Interval, y: Interval) -> Interval:
     """Return what two enclosures of one value have in common."""
     return np.maximum(x[0], y[0]), np.minimum(x[1], y[1])
-
-
-def hull(x: Interval, y: Interval) -> Interval:
-    """Return the smallest interval that holds both."""
-    return np.minimum(x[0], y[0]), np.maximum(x[1], y[1])
 
 
 def sqrt(x: Interval) -> Interval:

@@ -1,4 +1,4 @@
-"""Ranges of inputs and parameters that bounds are for: what is usual, and what somebody asks for by its name."""
+"""Ranges of inputs and parameters: defaults, and what the caller gives by name."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ..names import component_name, joint_of, kind_of, parameter_name, show
 from ..robot.mechanism import position_limits
 from ..robot.model import Model
 from ..robot.value import ANGULAR, MOTOR, PRINCIPAL
-from .intervals import ROOM, Array, Interval
+from .intervals import Array, Interval
 
 Range = tuple[float, float]
 ANGLE = 3.0  # rad, either way, of a coordinate without limits
@@ -78,7 +78,7 @@ def _position(model: Model, name: str, kind: str) -> Range:
 def chosen_ranges(
     model: Model, reads: Sequence[str], ranges: Mapping[str, Sequence[float]], dtype: str
 ) -> dict[str, list[Range]]:
-    """Return ranges of all that a kernel and its parameters read: the usual ones, but for those that are given.
+    """Return ranges of all that a kernel and its parameters read: the caller's, else defaults.
 
     Args:
         model: the robot's model.
@@ -92,7 +92,7 @@ def chosen_ranges(
     chosen["p"] = [(value, value) for value in (*values, *[0.0] * _turned(model))]
     places = _places(model)
     gears = deflections(model, ranges) if "q" in chosen else ()
-    following = {("q", gear.motor) for gear in gears}  # motors, wherever their joints are
+    following = {("q", gear.motor) for gear in gears}  # motors, whose joints have ranges
     for gear in gears:
         ends = ranges.get(model.coordinates[gear.joint], ranges.get("q"))
         lower, upper = chosen["q"][gear.joint] if ends is None else _checked("q", ends)
@@ -119,9 +119,9 @@ class Deflection:
 
 
 def deflections(model: Model, ranges: Mapping[str, Sequence[float]]) -> tuple[Deflection, ...]:
-    """Return how far gears of motors are deflected: as somebody asks for by "deflection:joint2", or like deviations.
+    """Return how far gears are deflected: the caller's "deflection:joint2", else +-0.01 where the motor has no range.
 
-    Where a ratio is in a range there is none.
+    Where the caller gives a range of the motor, alone or with all of "q", or of the ratio, nothing is assumed.
     """
     places = {name: place for place, name in enumerate(model.coordinates)}
     found = []
@@ -129,9 +129,12 @@ def deflections(model: Model, ranges: Mapping[str, Sequence[float]]) -> tuple[De
         motor, name = component_name(joint.name, MOTOR), component_name(joint.name, PRINCIPAL.get(joint.type, ""))
         if joint.motor is None or motor not in places or name not in places:
             continue
-        lower, upper = ranges.get(f"{DEFLECTION}:{joint.name}", (-DEVIATION, DEVIATION))
-        if parameter_name("joints", joint.name, MOTOR, "ratio") not in ranges:
-            found.append(Deflection(places[motor], places[name], joint.motor.ratio, max(abs(lower), abs(upper))))
+        given = ranges.get(f"{DEFLECTION}:{joint.name}")
+        apart = parameter_name("joints", joint.name, MOTOR, "ratio") in ranges
+        if apart or (given is None and (motor in ranges or "q" in ranges)):
+            continue
+        lower, upper = _checked(name, given) if given is not None else (-DEVIATION, DEVIATION)
+        found.append(Deflection(places[motor], places[name], joint.motor.ratio, max(abs(lower), abs(upper))))
     return tuple(found)
 
 
@@ -151,26 +154,6 @@ def random_states(
         lower, upper = ranges["q"][gear.motor]
         drawn["q"][gear.motor] = np.where((turned >= lower) & (turned <= upper), turned, np.nan)
     return {array: [row.astype(dtype).astype(np.float64) for row in rows] for array, rows in drawn.items()}
-
-
-def held_errors(model: Model, array: str, ranges: Sequence[Range], dtype: str) -> list[float]:
-    """Return how far elements of an array are, as ``dtype`` holds them, from what they are in double precision.
-
-    A parameter at its value is what the description says; all else is anywhere in its range, and at most half a unit in
-    the last place off.
-    """
-    if dtype == "float64":
-        return [0.0] * len(ranges)
-    unit, least = 2.0**-24, 2.0**-150
-    errors = [max(abs(lower), abs(upper)) * unit * ROOM + least for lower, upper in ranges]
-    if array == "p":
-        errors = [0.0] * len(ranges)
-        for place, value in enumerate(model.parameters.values()):
-            lower, upper = ranges[place]
-            held = float(np.float32(value))
-            if lower == upper == held:
-                errors[place] = math.nextafter(abs(held - value), math.inf) if held != value else 0.0
-    return errors
 
 
 def check_ranges(model: Model, ranges: Mapping[str, Sequence[float]]) -> None:
@@ -203,6 +186,12 @@ def _places(model: Model) -> dict[str, tuple[str, int | None]]:
     return places | {array: (array, None) for array in ("q", *APART, "wrench")}
 
 
+def input_name(model: Model, array: str, place: int) -> str:
+    """Name an element of an input array as ranges do, or by its place where these have no name for it."""
+    known = {where: name for name, where in _places(model).items()}
+    return known.get((array, place), f"{array}[{place}]")
+
+
 def _checked(name: str, ends: Sequence[float]) -> Range:
     """Return the ends of a range as floats."""
     try:
@@ -226,12 +215,11 @@ def shown_ranges(
     gears: Sequence[Deflection] = (),
 ) -> dict[str, Range]:
     """Return ranges of what is read, by the names of inputs; parameters at their values are left out."""
-    names = {place: name for name, place in _places(model).items()}
     shown = {}
     for array, place in sorted(read):
         lower, upper = ranges[array][place]
         if array != "p" or lower < upper:
-            shown[names.get((array, place), f"{array}[{place}]")] = (lower, upper)
+            shown[input_name(model, array, place)] = (lower, upper)
     for gear in gears:
         if {("q", gear.motor), ("q", gear.joint)} <= set(read):
             shown[f"{DEFLECTION}:{joint_of(model.coordinates[gear.joint])}"] = (-gear.most, gear.most)

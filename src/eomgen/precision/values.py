@@ -1,21 +1,19 @@
-"""Enclosures of all values of a program over boxes of inputs, with the rounding error of each.
+"""Interval of every value of a program over boxes of inputs, with a bound of the error that its rounding adds.
 
-Every value is enclosed as it may be computed: what exact arithmetic gives of enclosed arguments, widened by the bound
-of its own rounding.  So the enclosures hold exact values, computed ones, and all between: the mean-value form over them
-(``adjoints``) needs no remainder.
+An interval holds the value as exact arithmetic has it, as it may be computed, and all between: the exact result of the
+arguments' intervals, widened by the bound of the value's own rounding.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Container, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
 import numpy as np
 
 from ..codegen.program.ir import Program
-from ..codegen.program.mixed import in_double
 from . import intervals
 from .intervals import ROOM, Array, Interval
 from .ranges import Deflection
@@ -41,18 +39,18 @@ PRECISIONS: Mapping[str, Precision] = {
 
 
 @dataclass
-class Enclosures:
-    """Enclosures of the values of a program, per instruction.
+class ProgramIntervals:
+    """Intervals of the values of a program, one per instruction.
 
     Attributes:
         program: the program.
-        values: of each value as it may be computed, (boxes,) each end.
-        rounding: bounds of the error that each instruction adds itself, (boxes,), 0 for none.
-        slopes: derivatives by each argument of instructions that are no sums, products or signs.
-        is_exact: whether a value is an input, or what signs make of inputs: it has the sign of the exact one, and its
-            value but for what inputs are rounded by.
-        obstacles: per value the instruction on its way that has no bound; -1 for none.
-        reasons: of these instructions.
+        dtype: of the numbers that C computes with.
+        values: ends, (boxes,) each, of what the value may be.
+        rounding: (boxes,), bounds of the error that each instruction itself adds; 0 for none.
+        slopes: derivatives by each argument, of instructions that are no sums, products or signs.
+        is_exact: whether a value is an input, or what signs make of inputs: it has the sign of the exact one.
+        obstacles: per value the instruction that leaves it without a bound; -1 for none.
+        reasons: of these instructions, why they have no bound.
     """
 
     program: Program
@@ -65,33 +63,32 @@ class Enclosures:
     reasons: dict[int, str] = field(default_factory=dict)
 
 
-def enclose(
+def program_intervals(
     program: Program,
     dtype: str,
     inputs: Mapping[str, Sequence[Interval]],
-    rounded: Mapping[str, Sequence[float]] = MappingProxyType({}),
     gears: Sequence[Deflection] = (),
-) -> Enclosures:
-    """Enclose all values of a program.
+    rounded: Mapping[str, Sequence[float]] = MappingProxyType({}),
+) -> ProgramIntervals:
+    """Return the intervals of all values of a program.
 
     Args:
-        program: with what it reads of parameters in front (``whole.with_setup``).
+        program: with what it reads of parameters in front (``programs.with_setup``).
         dtype: of the numbers that C computes with; the constants of C are of it, too.
         inputs: per array an interval per element.
-        rounded: per array how far its elements are from the numbers that the exact result is for, of the same sign;
-            nothing for what is not named.
         gears: how far motors are from their joints: a sum that is a deflection is no larger.
+        rounded: per array how far its elements are from the numbers that the exact result is for; 0 if not named.
     """
-    found = Enclosures(program, dtype)
+    found = ProgramIntervals(program, dtype)
     boxes = np.shape(next((row[0][0] for row in inputs.values() if len(row)), np.zeros(1)))
     with np.errstate(all="ignore"):
-        writer = _Writer(found, boxes, in_double(program), gears)
+        writer = _Writer(found, boxes, gears)
         for index, (op, args, leaf) in enumerate(program.instructions):
             if op == "input":
                 off = rounded[leaf[0]][leaf[1]] if leaf[0] in rounded else 0.0
-                writer.keep(inputs[leaf[0]][leaf[1]], np.full(boxes, off) if off > 0.0 else 0.0, exact=True)
+                writer.keep(inputs[leaf[0]][leaf[1]], np.full(boxes, off), exact=True)
             elif op == "const":
-                writer.constant(leaf, "float64" if index in program.wide else dtype)
+                writer.constant(leaf)
             else:
                 writer.operation(index, op, args)
     return found
@@ -100,69 +97,57 @@ def enclose(
 class _Writer:
     """Appends to enclosures, value by value."""
 
-    def __init__(
-        self, found: Enclosures, boxes: tuple[int, ...], double: Container[int], gears: Sequence[Deflection]
-    ) -> None:
+    def __init__(self, found: ProgramIntervals, boxes: tuple[int, ...], gears: Sequence[Deflection]) -> None:
         self.gears = {(gear.motor, gear.joint): gear for gear in gears}
-        self.found, self.boxes, self.double, self.wide = found, boxes, double, found.program.wide
+        self.found, self.boxes = found, boxes
         self.precision = PRECISIONS[found.dtype]
         self.zero = np.zeros(boxes)
         self.everything: Interval = (np.full(boxes, -np.inf), np.full(boxes, np.inf))
 
-    def keep(self, value: Interval, rounding: Array | float, *, exact: bool = False, obstacle: int = -1) -> None:
+    def keep(self, value: Interval, rounding: Array, *, exact: bool = False, obstacle: int = -1) -> None:
         """Append a value, widened by its own rounding."""
-        none = isinstance(rounding, float)
-        self.found.values.append(value if none else intervals.widened(value, np.asarray(rounding)))
-        self.found.rounding.append(self.zero if none else np.asarray(rounding))
+        self.found.values.append(intervals.widened(value, rounding) if rounding.any() else value)
+        self.found.rounding.append(rounding)
         self.found.is_exact.append(exact)
         self.found.obstacles.append(obstacle)
 
-    def constant(self, number: float, dtype: str) -> None:
-        """Append a constant, which C has as a number of ``dtype``."""
-        kept = float(np.dtype(dtype).type(number))
-        ends = np.full(self.boxes, min(kept, number)), np.full(self.boxes, max(kept, number))
-        error = math.nextafter(abs(kept - number), math.inf) if kept != number else 0.0
-        self.found.values.append(ends)
-        self.found.rounding.append(np.full(self.boxes, error))
-        self.found.is_exact.append(kept == number)
-        self.found.obstacles.append(-1)
+    def constant(self, number: float) -> None:
+        """Append a constant, which C has as a number of the dtype."""
+        held = float(np.dtype(self.found.dtype).type(number))
+        error = math.nextafter(abs(held - number), math.inf) if held != number else 0.0
+        value = np.full(self.boxes, number)
+        self.keep((value, value), np.full(self.boxes, error), exact=held == number)
 
     def operation(self, index: int, op: str, args: tuple[int, ...]) -> None:
         """Append the result of an operation, or say why it has no bound."""
         found = self.found
         before = next((found.obstacles[arg] for arg in args if found.obstacles[arg] >= 0), -1)
         if before >= 0:
-            self.keep(self.everything, 0.0, obstacle=before)
+            self.keep(self.everything, self.zero, obstacle=before)
             return
         values = [found.values[arg] for arg in args]
         exact = all(found.is_exact[arg] for arg in args)
         reason = _obstacle(op, values, exact=found.is_exact[args[0]])
         if not reason:
             value, slopes = _VALUES[op](values) if op in _VALUES else self._arithmetic(index, op, values)
-            largest = (PRECISIONS["float64"] if index in self.wide else self.precision).largest
-            if not (intervals.magnitude(value) <= largest).all():
+            if not (intervals.magnitude(value) <= self.precision.largest).all():
                 reason = f"{op} of {' and '.join(map(_range, values))} may be no number of {found.dtype}"
         if reason:
             found.reasons[index] = reason
-            self.keep(self.everything, 0.0, obstacle=index)
+            self.keep(self.everything, self.zero, obstacle=index)
             return
         if slopes:
             found.slopes[index] = slopes
-        is_narrowed = index in self.double and index not in self.wide
-        if op in SIGNS and not is_narrowed:
-            self.keep(value, 0.0, exact=exact or self._is_decided(op, args))
-        elif (known := self._with_zero(op, args)) is not None and not is_narrowed:
-            self.keep(known[0], 0.0, exact=known[1])
-        elif is_narrowed:
-            rounding = 0.0 if op in SIGNS or known is not None else self._rounding(op, args, value, "float64")
-            size = intervals.magnitude(value) + rounding
-            self.keep(value, (rounding + size * self.precision.unit) * ROOM + self.precision.underflow)
+        if op in SIGNS:
+            self.keep(value, self.zero, exact=exact or self._is_decided(op, args))
+        elif (known := self._with_zero(op, args)) is not None:
+            self.keep(known[0], self.zero, exact=known[1])
         else:
-            self.keep(value, self._rounding(op, args, value, "float64" if index in self.wide else self.found.dtype))
+            self.keep(value, self._rounding(op, args, value))
 
-    def _rounding(self, op: str, args: tuple[int, ...], value: Interval, dtype: str) -> Array:
-        """Bound what the operation rounds its exact result by, in numbers of ``dtype``."""
-        size, unit, least = intervals.magnitude(value), PRECISIONS[dtype].unit, PRECISIONS[dtype].underflow
+    def _rounding(self, op: str, args: tuple[int, ...], value: Interval) -> Array:
+        """Bound what the operation rounds its exact result by."""
+        size, unit, least = intervals.magnitude(value), self.precision.unit, self.precision.underflow
         if op in ("sin", "cos"):  # results are less than 1 in magnitude, or 1 exactly
             exponent = np.minimum(np.frexp(size)[1], 0)
             return np.ldexp(TURN * unit, exponent) + least

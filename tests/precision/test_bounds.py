@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from fractions import Fraction
 from functools import cache
 from typing import Any
 
@@ -11,21 +10,18 @@ import numpy as np
 import pytest
 
 import eomgen
-from eomgen.codegen.kernels.equations import Equations, derive, derive_equations
+from eomgen.codegen.kernels.equations import Equations, derive_equations
 from eomgen.codegen.kernels.signatures import KERNELS
 from eomgen.codegen.program.ir import Graph, Node, Program, evaluate, finish
-from eomgen.codegen.samples.arithmetic import Arithmetic
-from eomgen.description.load import robot_from_toml
 from eomgen.errors import InputError, UnknownNameError
+from eomgen.precision import RoundingBound, intervals, rounding_bound, rounding_bounds
+from eomgen.precision.adjoints import Bounds, bound_outputs
+from eomgen.precision.programs import output_values, with_setup
+from eomgen.precision.ranges import chosen_ranges
+from eomgen.precision.values import ProgramIntervals, program_intervals
 from eomgen.robot.model import build_model
-from eomgen.rounding import RoundingBound, intervals, rounding_bound, rounding_bounds
-from eomgen.rounding.adjoints import Bounds, bound_outputs
-from eomgen.rounding.bounds import bounded
-from eomgen.rounding.enclosures import Enclosures, enclose
-from eomgen.rounding.ranges import chosen_ranges
-from eomgen.rounding.whole import with_setup
 from tests.oracles.roundings import CALLS, exact, mp, worst_error
-from tests.support.joint_table import joint_table, link_table
+from tests.support.geared_arms import two_link_arm
 from tests.support.refusals import refused
 
 pytestmark = pytest.mark.quick
@@ -80,15 +76,13 @@ def float32_errors(robot: str, kernel: str, count: int) -> Array:
     """Least errors of single precision (outputs, states): beside double precision, less the bound of that."""
     program, narrow = whole(robot, kernel, "float32"), states(robot, kernel, count, "float32")
     wide = {name: row.astype(np.float64) for name, row in narrow.items()}
-    single = Arithmetic("float32").run(program, narrow, rounding=False)["out"].astype(np.float64)
-    double = Arithmetic("float64").run(program, wide, rounding=False)["out"]
-    margin = rounding_bound(robot, kernel).bound[: len(single), np.newaxis]
-    return np.abs(single - double) - 1.01 * margin
+    bound = rounding_bound(robot, kernel)
+    single, double = (output_values(program, x, x["q"].dtype.name, len(bound.outputs)) for x in (narrow, wide))
+    return np.abs(single - double) - 1.01 * bound.bound[:, np.newaxis]
 
 
 def check_float32(robot: str, kernel: str, count: int) -> None:
     bound, errors = rounding_bound(robot, kernel, dtype="float32"), float32_errors(robot, kernel, count)
-    errors = np.concatenate([errors, np.zeros((len(bound.outputs) - len(errors), count))])
     assert not violations(bound, errors)
     assert (errors > 0.0).any()
 
@@ -108,8 +102,8 @@ def test_single_precision_stays_within_its_bound_in_many_states(robot: str, kern
 def check_exact(robot: str, kernel: str, count: int) -> None:
     """Compare double precision with long arithmetic, setup and program each by itself."""
     equations, inputs = derived(robot, kernel), states(robot, kernel, count)
-    computed = Arithmetic("float64").run(whole(robot, kernel), inputs, rounding=False)["out"]
     bound = rounding_bound(robot, kernel)
+    computed = output_values(whole(robot, kernel), inputs, "float64", len(bound.outputs))
     errors = np.zeros((len(bound.outputs), count))
     h = exact(equations.setup, {"p": inputs["p"][:, 0]})
     constants = [h["h", place] for place in range(len(h))]
@@ -138,11 +132,9 @@ def test_double_precision_stays_within_its_bound_in_more_states(robot: str, kern
     check_exact(robot, kernel, 200)
 
 
-def at_point(program: Program, inputs: Mapping[str, Array], dtype: str = "float64") -> Enclosures:
-    intervals = {
-        name: [(np.array([float(x)]), np.array([float(x)])) for x in row[:, 0]] for name, row in inputs.items()
-    }
-    return enclose(program, dtype, intervals)
+def at_point(program: Program, inputs: Mapping[str, Array], dtype: str = "float64") -> ProgramIntervals:
+    ends = {name: [(np.array([float(x)]), np.array([float(x)])) for x in row[:, 0]] for name, row in inputs.items()}
+    return program_intervals(program, dtype, ends)
 
 
 def reached(bound: float, error: float) -> bool:
@@ -211,10 +203,10 @@ def graph_program(write: Any) -> Program:
     return finish(graph, "made", {("out", 0): value})
 
 
-def enclosed(write: Any, *ends: tuple[float, float]) -> tuple[Program, Enclosures]:
+def enclosed(write: Any, *ends: tuple[float, float]) -> tuple[Program, ProgramIntervals]:
     program = graph_program(write)
     rows = [(np.array([lower]), np.array([upper])) for lower, upper in (*ends, *[(0.0, 0.0)] * 3)]
-    return program, enclose(program, "float64", {"q": rows})
+    return program, program_intervals(program, "float64", {"q": rows})
 
 
 REFUSED = {
@@ -300,8 +292,7 @@ def test_parameters_have_ranges_too() -> None:
     assert stiffer.ranges[name] == (1e4, 1e9)
 
 
-def test_kernels_with_solves_and_unknown_names_are_refused() -> None:
-    refused(InputError, "'forward_dynamics' solves equations", rounding_bound, "one_link", "forward_dynamics")
+def test_unknown_names_and_ends_that_are_no_range_are_refused() -> None:
     refused(InputError, "composed of 'constrained_drives'", rounding_bound, "four_bar", "inverse_dynamics")
     refused(UnknownNameError, "kernel 'dynamics'", rounding_bound, "one_link", "dynamics")
     refused(UnknownNameError, "range of 'joint9'", rounding_bound, "one_link", "gravity", {"joint9": (0.0, 1.0)})
@@ -310,11 +301,77 @@ def test_kernels_with_solves_and_unknown_names_are_refused() -> None:
     refused(InputError, "dtype 'float16'", rounding_bound, "one_link", "gravity", dtype="float16")
 
 
-def test_all_kernels_without_solves_are_bounded_or_left_out_by_name() -> None:
-    model = build_model(eomgen.load_robot("one_link"))
+def test_solutions_are_bounded_where_no_pivot_may_vanish() -> None:
+    assert np.isfinite(rounding_bound("one_link", "forward_dynamics").bound).all()
+    narrow = dict.fromkeys(("q", "v", "u"), (0.5, 0.5 + 1e-06))
+    assert (rounding_bound("ur5", "forward_dynamics", narrow).relative < 1e-8).all()
+    wide = rounding_bound("ur5", "forward_dynamics")
+    assert np.isinf(wide.bound).all()
+    assert set(wide.refused) == set(wide.outputs)
+    assert all("division by what is in [" in reason for reason in wide.refused.values())
+
+
+def test_the_callers_ranges_are_never_narrowed() -> None:
+    """Deflections of gears are +-0.01 by default, and anything where the caller gives the motors a range."""
+    arm = two_link_arm()
+    given = {"joint1.motor": (-300.0, 300.0), "joint1.gamma": (-3.0, 3.0)}
+    usual = rounding_bound(arm, "inverse_dynamics")
+    assert usual.ranges["deflection:joint1"] == usual.ranges["deflection:joint2"] == (-0.01, 0.01)
+    wide = rounding_bound(arm, "inverse_dynamics", given)
+    assert {name: wide.ranges[name] for name in given} == given
+    assert "deflection:joint1" not in wide.ranges
+    assert wide.bound[0] > 5.0 * usual.bound[0]
+    everywhere = rounding_bound(arm, "inverse_dynamics", {"q": (-1.5, 1.5)})
+    assert {everywhere.ranges[name] for name in build_model(arm).coordinates} == {(-1.5, 1.5)}
+    assert not [name for name in everywhere.ranges if name.startswith("deflection:")]
+
+
+@pytest.mark.parametrize("kernel", ["inverse_dynamics", "generalized_force"])
+def test_states_anywhere_in_the_callers_ranges_are_within_the_bound(kernel: str) -> None:
+    """Motors anywhere, whose gears are deflected by radians."""
+    arm, ranges = two_link_arm(), {"q": (-3.0, 3.0)}
+    equations = derive_equations(build_model(arm), (kernel,))
+    program, rng = with_setup(equations.programs[kernel], equations.setup), np.random.default_rng(2)
+    bound = rounding_bound(arm, kernel, ranges)
+    inputs = {name: rng.uniform(-x, x, (4, 40)) for name, x in (("q", 3.0), ("v", 3.0), ("a", 10.0))}
+    inputs["p"] = np.repeat([[float(x)] for x in equations.model.parameters.values()], 40, axis=1)
+    computed, errors = output_values(program, inputs, "float64", 4), np.zeros((4, 40))
+    for state in range(40):
+        true = exact(program, {name: rows[:, state] for name, rows in inputs.items()})
+        for (_, place), value in true.items():
+            errors[place, state] = float(abs(value - mp.mpf(float(computed[place, state]))))
+    assert not violations(bound, errors)
+    assert (errors > rounding_bound(arm, kernel).bound[:, np.newaxis]).any()  # of deflections of +-0.01
+
+
+def test_deflections_are_ranges_of_gears() -> None:
+    arm = two_link_arm()
+    bounds = [
+        rounding_bound(arm, "inverse_dynamics", ranges, dtype="float32").bound[2]
+        for ranges in ({"deflection:joint2": (-1e-3, 1e-3)}, {}, {"deflection:joint2": (-10.0, 10.0)})
+    ]
+    assert bounds[0] < bounds[1] < 0.3 * bounds[2]
+    found = rounding_bound(arm, "inverse_dynamics", {"deflection:joint2": (-1e-3, 1e-3)})
+    assert found.ranges["deflection:joint2"] == (-1e-3, 1e-3)
+    assert found.ranges["deflection:joint1"] == (-0.01, 0.01)
+    assert found.size[2] < 0.95 * rounding_bound(arm, "inverse_dynamics").size[2]
+    both = rounding_bound(arm, "inverse_dynamics", {"q": (-1.5, 1.5), "deflection:joint1": (-0.01, 0.01)})
+    assert both.ranges["joint1.gamma"] == (-1.5, 1.5)
+    assert both.ranges["joint1.motor"][1] == pytest.approx(151.0)
+    with pytest.raises(UnknownNameError, match="range of 'deflection:joint3'"):
+        rounding_bound(arm, "inverse_dynamics", {"deflection:joint3": (0.0, 1.0)})
+
+
+def test_premises_are_told() -> None:
+    found = rounding_bounds("one_link", ["gravity"])
+    assert "rounding at generation adds at most 1e-12 relative and is not counted" in str(found)
+    assert len(found.as_dict()["kernels"]["gravity"]["premises"]) == 3
+
+
+def test_all_kernels_are_bounded_or_left_out_by_name() -> None:
     found = rounding_bounds("one_link")
-    assert set(bounded(model)) <= found.kernels.keys() | found.left_out.keys()
-    assert found.left_out["forward_dynamics"] == "they solve equations"
+    assert {"forward_dynamics", "inverse_dynamics", "mass_matrix"} <= found.kernels.keys()
+    assert found.left_out["rollout"].startswith("composed of ")
     assert "regressor of one_link" in "\n".join(found.lines())
     assert found.as_dict()["kernels"]["energy"]["outputs"]
 
@@ -326,24 +383,3 @@ def test_bounds_are_near_what_happens(robot: str, kernel: str) -> None:
     largest = errors.max(axis=1)
     ratios = bound.bound[largest > 0.0] / largest[largest > 0.0]
     assert np.median(ratios) < 100.0
-
-
-FAR = f"""
-name = "far"
-{link_table("hub", 1e-3, inertia=(1e-9, 1e-9, 1e-9))}
-{link_table("tip", 1.0, (-31.99, 0.0, 0.0), (1e-5, 1e-5, 1e-5))}
-{joint_table("hinge", "base", "hub", "revolute")}
-{joint_table("weld", "hub", "tip", "fixed")}
-placement = {{ xyz = [32.0, 0.0, 0.0] }}
-"""
-
-
-@pytest.mark.xfail(
-    strict=True, raises=AssertionError, reason="bounds leave out the rounding of merged links at generation: issue 64"
-)
-def test_merged_links_are_within_the_bound_and_1e_12() -> None:
-    robot = robot_from_toml(FAR)
-    program = derive(build_model(robot), "mass_matrix")
-    found = Fraction(float(evaluate(program, {"q": [0.3]})["out", 0]))
-    exact = Fraction(1e-9) + Fraction(1e-5) + (Fraction(32) + Fraction(-31.99)) ** 2
-    assert abs(found - exact) <= Fraction(float(rounding_bound(robot, "mass_matrix").bound[0])) + exact / 10**12

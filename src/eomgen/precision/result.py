@@ -1,4 +1,4 @@
-"""Bounds of rounding errors of a kernel's outputs, as a result that says itself in lines."""
+"""Bounds of rounding errors of a kernel's outputs, as a printable result."""
 
 from __future__ import annotations
 
@@ -11,12 +11,17 @@ import numpy as np
 from ..shown import Shown
 from .intervals import Array
 
+PREMISES = (
+    "rounding at generation adds at most 1e-12 relative and is not counted",
+    "ranges are the caller's, defaults are listed with them, and none is narrowed",
+    "IEEE 754 arithmetic with denormal numbers; sines within 3 units in the last place, exp, log, atan2 within 2",
+)
 _LINES = 12  # outputs that are printed, those with the largest relative bounds first
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class RoundingBound(Shown):
-    """Proved bounds of the rounding errors of the outputs of one kernel, over ranges of its inputs and parameters.
+    """Proved bounds of the rounding errors of the outputs of one kernel, over ranges, under ``PREMISES``.
 
     Attributes:
         robot, kernel: their names.
@@ -57,6 +62,7 @@ class RoundingBound(Shown):
             "robot": self.robot,
             "kernel": self.kernel,
             "dtype": self.dtype,
+            "premises": list(PREMISES),
             "ranges": {name: list(ends) for name, ends in self.ranges.items()},
             "outputs": {
                 name: {
@@ -115,6 +121,7 @@ class RoundingBounds(Shown):
         lines: list[str] = []
         for bound in self.kernels.values():
             lines += [*bound.lines(), ""]
+        lines += [*(f"premise: {text}" for text in PREMISES), ""] if lines else []
         by_reason: dict[str, list[str]] = {}
         for name, reason in self.left_out.items():
             by_reason.setdefault(reason, []).append(name)
