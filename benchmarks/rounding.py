@@ -15,12 +15,12 @@ import numpy as np
 import eomgen
 from eomgen.codegen.kernels.equations import derive_equations
 from eomgen.codegen.kernels.signatures import KERNELS
-from eomgen.robot.model import build_model
 from eomgen.precision import rounding_bound
 from eomgen.precision.adjoints import bound_outputs
 from eomgen.precision.programs import output_values, with_setup
 from eomgen.precision.ranges import chosen_ranges
 from eomgen.precision.values import program_intervals
+from eomgen.robot.model import build_model
 
 PAGE = Path(__file__).parents[1] / "docs" / "rounding.md"
 BEGIN, END = "<!-- begin of bounds -->\n", "<!-- end of bounds -->"

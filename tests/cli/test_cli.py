@@ -159,20 +159,6 @@ def test_check_of_files_has_no_advice_on_what_cannot_be_used(tmp_path: Path) -> 
     assert set(second["float32"]["kernels"]) == {"energy"}
 
 
-@pytest.mark.soak
-def test_a_generated_package_is_mixed_and_says_so(tmp_path: Path) -> None:
-    words = ("generate", "geared_arm", "--dtype", "float32", "--kernels", "inverse_dynamics", WITHIN, "1e-5")
-    command(*words, "--native", "-o", tmp_path)
-    json_text, header, source = (
-        (tmp_path / "geared_arm" / f"geared_arm.{ending}").read_text(encoding="ascii") for ending in ("json", "h", "c")
-    )
-    about = json.loads(json_text)["float32"]["inverse_dynamics"]
-    assert 0 < about["in_double"] < about["operations"]
-    assert about["bound"] <= 1e-5 * about["size"]
-    assert " operations in double\n" in header
-    assert "(double)" in source
-
-
 # reduce
 
 
