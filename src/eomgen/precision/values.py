@@ -95,7 +95,7 @@ def program_intervals(
 
 
 class _Writer:
-    """Appends to enclosures, value by value."""
+    """Appends intervals, value by value."""
 
     def __init__(self, found: ProgramIntervals, boxes: tuple[int, ...], gears: Sequence[Deflection]) -> None:
         self.gears = {(gear.motor, gear.joint): gear for gear in gears}
@@ -159,16 +159,15 @@ class _Writer:
 
     def _is_decided(self, op: str, args: tuple[int, ...]) -> bool:
         """Whether an operation on signs gives the same number or the same exact argument everywhere."""
-        if op in ("neg", "abs"):
-            return False
-        slopes = self.found.slopes[len(self.found.values)]
-        decided = all((lower == upper).all() and (lower == lower[0]).all() for lower, upper in slopes)
         if op == "step":
             x = self.found.values[args[0]]
             return bool((x[0] > 0.0).all() or (x[1] <= 0.0).all())
-        return decided and all(
-            self.found.is_exact[arg] for arg, (lower, _) in zip(args, slopes, strict=True) if lower[0] != 0.0
-        )
+        if op not in ("max", "choose"):
+            return False
+        slopes = self.found.slopes[len(self.found.values)]
+        taken = [arg for arg, (lower, _) in zip(args, slopes, strict=True) if lower[0] != 0.0]
+        same = all((lower == upper).all() and (lower == lower[0]).all() for lower, upper in slopes)
+        return same and all(self.found.is_exact[arg] for arg in taken)
 
     def _with_zero(self, op: str, args: tuple[int, ...]) -> tuple[Interval, bool] | None:
         """Return what an operation with an exact 0 makes of its other argument, and whether that is exact; or None."""
@@ -194,12 +193,11 @@ class _Writer:
         args = self.found.program.instructions[index].args
         value = intervals.square(values[0]) if op == "mul" and args[0] == args[1] else _ARITHMETIC[op](*values)
         if op in ("add", "sub"):
-            pair = rotated_pair(self.found.program, index)
+            pair = _rotated_pair(self.found.program, args)
             if pair is not None:
-                (_, first), (_, second), products = pair
-                length = self._length(first, second)
-                for product in products:
-                    length = (length + self.found.rounding[product]) * ROOM
+                sizes = [intervals.magnitude(self.found.values[x]) for x in pair]
+                length = (np.hypot(*sizes) + intervals.TINY) * circle(self.precision.unit)
+                length = (length + self.found.rounding[args[0]] + self.found.rounding[args[1]]) * ROOM
                 value = intervals.common(value, (-length, length))
             deflection = self._deflection(op, args)
             if deflection is not None:
@@ -225,34 +223,25 @@ class _Writer:
                 return (gear.most * ROOM + size * ROOM + self.found.rounding[first]) * ROOM + intervals.TINY
         return None
 
-    def _length(self, first: int, second: int) -> Array:
-        """Bound |c x + s y| for computed c and s of one angle."""
-        x, y = (intervals.magnitude(self.found.values[arg]) for arg in (first, second))
-        return (np.hypot(x, y) + intervals.TINY) * circle(self.precision.unit)
-
 
 def circle(unit: float) -> float:
     """Bound the length of (c, s), a computed cosine and sine: each is off by TURN units in the last place of 1."""
     return (1.0 + 4.0 * TURN * unit) * ROOM
 
 
-def rotated_pair(program: Program, index: int) -> tuple[tuple[str, int], tuple[str, int], tuple[int, int]] | None:
-    """Return what a sum multiplies with sine and cosine of one angle: two of (function, value), and both products."""
-    turned = []
-    products = program.instructions[index].args
-    for arg in products:
-        op, args, _ = program.instructions[arg]
-        if op != "mul":
-            return None
-        angular = [place for place in (0, 1) if program.instructions[args[place]].op in ("sin", "cos")]
+def _rotated_pair(program: Program, products: Sequence[int]) -> tuple[int, int] | None:
+    """Return x and y of two products s x and c y with the sine and cosine of one angle; None of others."""
+    turned: dict[str, tuple[int, int]] = {}
+    for product in products:
+        op, factors, _ = program.instructions[product]
+        angular = [x for x in factors if program.instructions[x].op in ("sin", "cos")] if op == "mul" else []
         if len(angular) != 1:
             return None
-        turn = program.instructions[args[angular[0]]]
-        turned.append((turn.op, turn.args[0], args[1 - angular[0]]))
-    (one, angle, first), (other, second_angle, second) = turned
-    if angle != second_angle or one == other:
+        function, (angle,), _ = program.instructions[angular[0]]
+        turned[function] = angle, factors[1] if factors[0] == angular[0] else factors[0]
+    if len(turned) != 2 or turned["sin"][0] != turned["cos"][0]:
         return None
-    return (one, first), (other, second), (products[0], products[1])
+    return turned["sin"][1], turned["cos"][1]
 
 
 def _range(x: Interval) -> str:
