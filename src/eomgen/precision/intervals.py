@@ -87,7 +87,7 @@ def widened(x: Interval, by: Array) -> Interval:
 
 
 def common(x: Interval, y: Interval) -> Interval:
-    """Return what two enclosures of one value have in common."""
+    """Return the intersection of two intervals of one value."""
     return np.maximum(x[0], y[0]), np.minimum(x[1], y[1])
 
 
