@@ -511,7 +511,7 @@ def test_the_hash_of_the_generator_covers_what_it_imports(package: Path) -> None
                     todo.append(file)
     assert found - set(files) == set()
     assert {"errors.py", "names.py"} < set(files)
-    assert all(path.is_file() for path in files.values())
+    assert all(Path(path).is_file() for path in files.values())
 
 
 @pytest.mark.parametrize("deep", ["codegen/inner/deep.py", "templates/inner/deep.jinja", "codegen/__init__.py"])

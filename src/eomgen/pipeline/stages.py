@@ -43,7 +43,7 @@ from . import cache as store
 from . import direct_calls
 from .denormals import prepare, with_denormals
 from .folders import new_folder, put_folder
-from .generator_key import generator_hash, room_hash
+from .generator_key import generator_hash
 from .importable import check_module_name
 from .library.objects import Libraries
 from .on_demand import OnDemand, one_library
@@ -521,7 +521,7 @@ def _source_key(robot: Robot, options: Options) -> str:
     """Hash of the description, the options that change the source, and the generator's code."""
     parts = [robot_hash(robot), options.kernels, options.dtype, options.batches, __version__, generator_hash()]
     if options.within is not None:
-        parts.append([options.within, options.ranges, room_hash("eomgen.rounding")])
+        parts.append([options.within, options.ranges, generator_hash("rounding")])
     text = json.dumps(parts)
     return hashlib.sha256(text.encode()).hexdigest()
 
