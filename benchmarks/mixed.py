@@ -17,7 +17,8 @@ import numpy as np
 
 import eomgen
 from eomgen.codegen.kernels.signatures import KERNELS
-from eomgen.pipeline.stages import Options, make_source
+from eomgen.pipeline.options import Options
+from eomgen.pipeline.stages import make_source
 from eomgen.robot.model import Model, build_model
 from eomgen.robot.value import Coordinate, Motor, Robot
 from eomgen.rounding import float32_advice

@@ -18,9 +18,11 @@ from eomgen.cli.entry import main
 from eomgen.codegen.derivation import fresh
 from eomgen.codegen.joint.kept import KEPT
 from eomgen.errors import DerivationError, InputError
-from eomgen.pipeline import folders, stages
+from eomgen.pipeline import folders, generating
 from eomgen.pipeline.folders import new_folder, put_folder
-from eomgen.pipeline.stages import Options, generate, make_source
+from eomgen.pipeline.generating import generate
+from eomgen.pipeline.options import Options
+from eomgen.pipeline.stages import make_source
 from tests.support.quick_builds import ONE_LEVEL
 from tests.support.refusals import refused
 
@@ -194,18 +196,6 @@ def test_generate_writes_nothing_where_the_derivation_differs(tmp_path: Path) ->
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.usefixtures("wrong")
-def test_build_stops_where_it_is_asked_to_derive() -> None:
-    assert eomgen.build("one_link", kernels=("mass_matrix",)).mass_matrix([0.0, 0.0])[0, 0] == 1.0
-    for kernels in ((), ("mass_matrix",)):
-        refused(DerivationError, "", eomgen.build, "one_link", kernels=kernels, derive=True)
-
-
-def test_build_derives() -> None:
-    for kernels in ((), ("mass_matrix",)):
-        assert eomgen.build("one_link", kernels=kernels, derive=True).mass_matrix([0.0, 0.0])[0, 0] == 1.0
-
-
 @pytest.mark.parametrize("ending", [".html", ".tex"])
 def test_the_report_of_the_command(ending: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     page = tmp_path / f"derivation{ending}"
@@ -216,14 +206,13 @@ def test_the_report_of_the_command(ending: str, tmp_path: Path, capsys: pytest.C
 
 
 def test_links_that_bend_are_generated_without(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """SymPy derives joints alone: a package is as its source; a report, and a build that derives, are refused first."""
+    """SymPy derives joints alone: a package is as its source; a report is refused first."""
     robot = eomgen.load_robot("flexible_arm")
     text = (generate(robot, tmp_path, OPTIONS) / "flexible_arm.h").read_text(encoding="ascii")
     assert text == make_source(robot, OPTIONS).header
-    monkeypatch.setattr(stages, "make_source", None)
+    monkeypatch.setattr(generating, "rendered", None)
     with pytest.raises(InputError, match=r"links\.upper\.modes: SymPy .*allowed: robots whose links are rigid"):
         generate(robot, tmp_path, OPTIONS, report=tmp_path / "derivation.html")
-    refused(InputError, r"links\.upper\.modes: SymPy", eomgen.build, robot, kernels=("mass_matrix",), derive=True)
 
 
 def test_refused_before_anything_is_derived(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

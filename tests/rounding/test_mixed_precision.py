@@ -20,8 +20,10 @@ from eomgen.codegen.program.ir import Graph, Node, Program, finish
 from eomgen.codegen.program.mixed import in_double, with_wide
 from eomgen.codegen.samples.arithmetic import Arithmetic
 from eomgen.errors import InputError, UnknownNameError
+from eomgen.pipeline.building import load_kernel
+from eomgen.pipeline.options import Options
 from eomgen.pipeline.single_precision import with_notes
-from eomgen.pipeline.stages import Options, load_kernel, make_package, make_source
+from eomgen.pipeline.stages import make_source
 from eomgen.progress import no_report
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
@@ -34,6 +36,7 @@ from eomgen.rounding.whole import with_setup
 from tests.oracles.pinocchio_models import PinocchioOracle
 from tests.oracles.roundings import worst_error
 from tests.support.geared_arms import two_link_arm
+from tests.support.quick_builds import package_of
 from tests.support.random_robots import random_robot, seeds
 from tests.support.refusals import refused
 
@@ -183,7 +186,7 @@ def test_bounds_and_errors_of_random_robots_shrink(seed: int) -> None:
 def test_compiled_code_has_the_numbers_of_the_program() -> None:
     """Every package is compared with its samples to the bit before it is used; errors shrink as they do there."""
     options = Options((INVERSE,), "float32", within=WITHIN, flags=("-Werror",))
-    kernel = load_kernel(make_package(arm(), options), arm().name)
+    kernel = load_kernel(package_of(arm(), options), arm().name)
     states = gripping(40)
     given = [np.ascontiguousarray(states[name].T.astype(np.float32)) for name in ("q", "v", "a")]
     computed, program = kernel.inverse_dynamics(*given).T, torques("float32", states, WITHIN)
@@ -200,7 +203,7 @@ def test_compiled_code_has_the_numbers_of_the_program() -> None:
 def test_larger_kernels_compile_without_warnings(robot: str, kernel: str) -> None:
     """Sines in double, choices, and programs in several parts, which hand on numbers of both precisions."""
     options = Options((kernel,), "float32", within=1e-6, flags=("-Werror",))
-    made = load_kernel(make_package(eomgen.load_robot(robot), options), robot)
+    made = load_kernel(package_of(eomgen.load_robot(robot), options), robot)
     assert kernel in made.operations
 
 

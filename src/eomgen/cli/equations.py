@@ -83,8 +83,8 @@ def _names(text: str) -> list[str]:
 def _generate(options: argparse.Namespace) -> None:
     from ..errors import InputError
     from ..export.wheel import export_wheel
-    from ..pipeline.importable import check_module_name
-    from ..pipeline.stages import Options, generate
+    from ..pipeline.generating import check_module_name, generate
+    from ..pipeline.options import Options
 
     robot, ranges = read_robot(options), ranges_of(options)
     if options.dtype != "float32" and (ranges or options.within is not None):

@@ -19,7 +19,9 @@ from ..errors import InputError
 from ..files import as_path
 from ..limits import LARGEST, is_usable
 from ..names import listed, show
-from ..pipeline.stages import Options, build, make_source
+from ..pipeline.building import build
+from ..pipeline.options import Options
+from ..pipeline.stages import make_source
 from ..progress import StageReport, no_report, tells_at_prompt
 from ..robot.mechanism import driven_coordinates
 from ..robot.model import build_model

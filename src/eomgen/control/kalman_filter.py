@@ -14,7 +14,7 @@ from ..description import RobotLike
 from ..errors import InputError, IntegrationError, LoopError, UnknownNameError, check_kind
 from ..limits import LARGEST, MOST_COUNTED, is_usable
 from ..names import component_name, nearest_or_all, show
-from ..pipeline.stages import build
+from ..pipeline.building import build
 from ..robot.model import Model, build_model
 from ..robot.parameter_names import leasts
 from ..robot.value import Sensor
