@@ -13,10 +13,18 @@ import numpy as np
 import pytest
 
 import eomgen
-from eomgen.codegen.c.library import LINKED, PARTS, parts_of
+from eomgen.codegen.c.library import LINKED
 from eomgen.codegen.kernels.signatures import BATCHES, SINGLES
 from eomgen.codegen.package.compile import Compiler, compile_flags, find_compiler, write_package
-from eomgen.codegen.package.library import OBJECT, library_command, library_flags, library_key, write_library
+from eomgen.codegen.package.library import (
+    OBJECT,
+    PARTS,
+    library_command,
+    library_flags,
+    library_key,
+    parts_of,
+    write_library,
+)
 from eomgen.errors import BuildError, InputError, SingularError
 from eomgen.pipeline import cache, on_demand
 from eomgen.pipeline.building import load_kernel

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 from ..codegen.kernels.signatures import DTYPES, KERNELS, OWN_KERNELS
 from ..errors import InputError
-from ..names import show
-from ..runtime.arrays import word_in
+from ..names import show, word_in
 from ..runtime.levels import LEVELS
 
 KERNEL_NAMES = tuple(KERNELS)

@@ -204,7 +204,7 @@ def make_package(described: Described, tools: Tools, half: str = "", progress: S
     Raises:
         BuildError: see ``build``.
     """
-    from ..codegen.c.library import parts_of
+    from ..codegen.package.library import parts_of
 
     options = described.options
     direct_calls.begin(tools.compiler)
