@@ -30,9 +30,12 @@ from eomgen.description import keys as robot_keys
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import BuildError, DescriptionError, InputError
 from eomgen.pipeline import cache
+from eomgen.pipeline.building import load_kernel
 from eomgen.pipeline.cache import KINDS, VARIABLE, is_whole
+from eomgen.pipeline.generating import generate
 from eomgen.pipeline.generator_key import generator_files
-from eomgen.pipeline.stages import Options, cache_keys, generate, load_kernel, make_package, make_source
+from eomgen.pipeline.options import Options
+from eomgen.pipeline.stages import cache_keys, make_source
 from eomgen.runtime.levels import BASE
 from eomgen.scenario import keys as scenario_keys
 from eomgen.sweep import keys as plan_keys
@@ -48,6 +51,7 @@ from tests.support.quick_builds import (
     flip,
     logging_compiler,
     one_link,
+    package_of,
     python,
     script,
     truncate,
@@ -435,7 +439,7 @@ def test_loading_again_does_not_import_sympy(built: Build) -> None:
     """What makes the second start of the 36 coordinates quick."""
     robot = eomgen.load_robot("puma560_elastic")
     options = Options(("mass_matrix", "inverse_dynamics", "forward_dynamics"), flags=("-O0",))
-    make_package(robot, options)
+    package_of(robot, options)
     code = f"""
         import json, sys
         import eomgen
@@ -511,7 +515,7 @@ def test_the_hash_of_the_generator_covers_what_it_imports(package: Path) -> None
                     todo.append(file)
     assert found - set(files) == set()
     assert {"errors.py", "names.py"} < set(files)
-    assert all(path.is_file() for path in files.values())
+    assert all(Path(path).is_file() for path in files.values())
 
 
 @pytest.mark.parametrize("deep", ["codegen/inner/deep.py", "templates/inner/deep.jinja", "codegen/__init__.py"])
@@ -759,7 +763,7 @@ def test_what_is_loaded_is_what_was_checked(filled_cache: Path) -> None:
     expected = one_link().mass_matrix(Q)
     for name in [name for name in sys.modules if name.startswith("_eomgen_")]:
         del sys.modules[name]
-    package = make_package(robot, options)
+    package = package_of(robot, options)
     (folder,) = (filled_cache / "packages").iterdir()
     for path in folder.rglob("*"):
         if path.is_file():
@@ -800,7 +804,7 @@ def test_where_no_copy_can_be_had_the_file_itself_is_loaded(
 
 
 def test_a_binary_that_does_not_load(filled_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    package = make_package(eomgen.load_robot("one_link"), QUICK)
+    package = package_of(eomgen.load_robot("one_link"), QUICK)
     files = {name: b"no binary" if name.endswith(".so") else data for name, data in package.files.items()}
     with pytest.raises(BuildError, match=r"the compiled module in .*packages.* does not load: "):
         load_kernel(cache.Entry("packages", "0" * 64, files), "one_link")

@@ -17,8 +17,8 @@ from eomgen.codegen.package.extension import FILE, HEADERS
 from eomgen.errors import BuildError
 from eomgen.pipeline import cache, direct_calls
 from eomgen.pipeline.direct_check import check_extension
-from eomgen.pipeline.library.objects import Libraries
-from eomgen.pipeline.stages import generate
+from eomgen.pipeline.generating import generate
+from eomgen.pipeline.library.objects import LibraryObjects
 from tests.support.quick_builds import ONE_LEVEL, answer, flip, python, without_headers
 from tests.support.refusals import refused
 
@@ -203,10 +203,10 @@ def test_exceptions_in_threads_reach_the_caller(empty_cache: Path, monkeypatch: 
 
     monkeypatch.setattr(direct_calls, "EXTENSION", direct_calls.Extension())
     monkeypatch.setattr(direct_calls, "made_by", broken)
-    monkeypatch.setattr(Libraries, "_make", broken)
+    monkeypatch.setattr(LibraryObjects, "_make", broken)
     compiler = find_compiler()
     direct_calls.begin(compiler)
-    objects = Libraries(compiler, ("-O0",), "float64").begin(("fixed",))
+    objects = LibraryObjects(compiler, ("-O0",), "float64", {"singles": ("fixed",)}).begin().result
     for waiting in (direct_calls.settle, objects):
         refused(ModuleNotFoundError, "filelock", waiting)
     assert len(made) == 2

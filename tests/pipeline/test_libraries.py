@@ -13,15 +13,26 @@ import numpy as np
 import pytest
 
 import eomgen
-from eomgen.codegen.c.library import LINKED, PARTS, parts_of
+from eomgen.codegen.c.library import LINKED
 from eomgen.codegen.kernels.signatures import BATCHES, SINGLES
 from eomgen.codegen.package.compile import Compiler, compile_flags, find_compiler, write_package
-from eomgen.codegen.package.library import OBJECT, library_command, library_flags, library_key, write_library
+from eomgen.codegen.package.library import (
+    OBJECT,
+    PARTS,
+    library_command,
+    library_flags,
+    library_key,
+    parts_of,
+    write_library,
+)
 from eomgen.errors import BuildError, InputError, SingularError
-from eomgen.pipeline import cache, stages
+from eomgen.pipeline import cache, on_demand
+from eomgen.pipeline.building import load_kernel
+from eomgen.pipeline.generating import generate
 from eomgen.pipeline.library.check import check_library
-from eomgen.pipeline.library.objects import KIND, Libraries
-from eomgen.pipeline.stages import Options, generate, load_kernel, make_source
+from eomgen.pipeline.library.objects import KIND, LibraryObjects
+from eomgen.pipeline.options import Options
+from eomgen.pipeline.stages import make_source
 from eomgen.runtime.levels import LEVELS, VARIABLE, supported
 from tests.support.processors import needs_levels, pretend
 from tests.support.quick_builds import (
@@ -170,13 +181,16 @@ def test_keys_and_flags() -> None:
     assert len({key, *others}) == 6
 
 
+def objects_of(part: str, **options: bool) -> LibraryObjects:
+    return LibraryObjects(find_compiler(), PLAIN, "float64", {"singles": (part,)}, **options)
+
+
 @pytest.mark.soak
 def test_a_damaged_object_is_made_again(empty_cache: Path) -> None:
-    library = Libraries(find_compiler(), PLAIN, "float64")
-    (first,) = library.begin(("fixed",))()
+    (first,) = objects_of("fixed").begin().result()
     made = next((empty_cache / KIND).iterdir())
     flip(made / OBJECT)
-    assert library.begin(("fixed",))() == [first]
+    assert objects_of("fixed").begin().result() == [first]
     assert (made / OBJECT).read_bytes() == first
 
 
@@ -186,9 +200,9 @@ def test_an_object_is_not_examined_where_it_cannot_run(empty_cache: Path, monkey
         raise BuildError("examined")
 
     monkeypatch.setattr("eomgen.pipeline.library.check.check_library", refused)
-    assert Libraries(find_compiler(), PLAIN, "float64", tried=False).begin(("fixed",))()
+    assert objects_of("fixed", runs_here=False).begin().result()
     with pytest.raises(BuildError, match="examined"):
-        Libraries(find_compiler(), PLAIN, "float64").begin(("fixed",))()
+        objects_of("fixed").begin().result()
 
 
 CHANGES = {  # of a file of the library, by part: what the examination must see
@@ -249,7 +263,7 @@ def test_a_compiler_that_adds_flags_is_refused(
     command = script(tmp_path / "cc-wrapper", f'case "$*" in *clib*) set -- "$@" {added};; esac\nexec {CC} "$@"')
     compiler = Compiler((command,), "")
     with pytest.raises(BuildError) as error:
-        Libraries(compiler, (*PLAIN, "-O1"), "float64").begin((part,))()
+        LibraryObjects(compiler, (*PLAIN, "-O1"), "float64", {"singles": (part,)}).begin().result()
     assert "the compiled C library computes something else than its methods: " in str(error.value)
     assert f"\n  {command} -c -fPIC " in str(error.value)
     assert not [kind for kind, _, _ in cache.contents() if kind == KIND]
@@ -423,8 +437,8 @@ def test_native_packages_have_one_binary(empty_cache: Path, tmp_path: Path, monk
 @needs_levels
 def test_on_demand_kernels_keep_the_level_of_their_build(empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[str] = []
-    own = stages.make_package
-    monkeypatch.setattr(stages, "make_package", lambda *args: asked.append(args[1].level) or own(*args))
+    own = on_demand.make_package
+    monkeypatch.setattr(on_demand, "make_package", lambda *args: asked.append(args[1].level) or own(*args))
     monkeypatch.setenv(VARIABLE, "v1")
     kernel = eomgen.build("one_link", flags=QUICK.flags)
     monkeypatch.delenv(VARIABLE)

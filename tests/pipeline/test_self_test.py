@@ -26,8 +26,9 @@ from eomgen.codegen.samples.stored import MEASURED, ROUNDED, STATES, read_sample
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import BuildError
 from eomgen.pipeline.cache import clear
+from eomgen.pipeline.generating import generate
+from eomgen.pipeline.options import Options
 from eomgen.pipeline.self_test import first_difference
-from eomgen.pipeline.stages import Options, generate
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
 from tests.support.builds import Build

@@ -34,8 +34,8 @@ REPEATS = (sre.MAX_REPEAT, sre.MIN_REPEAT, sre.POSSESSIVE_REPEAT)
 CLASSES = {sre.CATEGORY_DIGIT: "0", sre.CATEGORY_SPACE: " ", sre.CATEGORY_WORD: "a", sre.CATEGORY_NOT_DIGIT: "a"}
 CLASSES |= {sre.CATEGORY_NOT_SPACE: "a", sre.CATEGORY_NOT_WORD: "-"}
 HEAVY = {  # modules of whose patterns many are tried, or with long texts
-    *("eomgen.identification.calibration.as_toml", "eomgen.pipeline.generator_key"),
-    *("eomgen.forms.toml_place", "eomgen.forms.toml_text", "eomgen.export.wasm.layout"),
+    *("eomgen.identification.calibration.as_toml", "eomgen.forms.toml_place"),
+    *("eomgen.forms.toml_text", "eomgen.export.wasm.layout"),
 }
 
 

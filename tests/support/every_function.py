@@ -18,7 +18,8 @@ from eomgen.codegen.kernels.equations import derive_equations
 from eomgen.codegen.package.compile import FLAGS
 from eomgen.codegen.samples.answers import samples
 from eomgen.codegen.samples.stored import MEASURED, STATES, read_samples
-from eomgen.pipeline.stages import Options, make_source
+from eomgen.pipeline.options import Options
+from eomgen.pipeline.stages import make_source
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
 from tests.support.c_project import write_source

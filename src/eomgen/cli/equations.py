@@ -79,8 +79,8 @@ def _names(text: str) -> list[str]:
 def _generate(options: argparse.Namespace) -> None:
     from ..errors import InputError
     from ..export.wheel import export_wheel
-    from ..pipeline.importable import check_module_name
-    from ..pipeline.stages import Options, generate
+    from ..pipeline.generating import check_module_name, generate
+    from ..pipeline.options import Options
 
     robot = read_robot(options)
     if options.simt:

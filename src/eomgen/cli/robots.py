@@ -45,7 +45,7 @@ def _info(options: argparse.Namespace) -> None:
         show_result(options, zero_report(model, vanishing_rows(model)))
         return
     from ..pipeline.costs import robot_info
-    from ..pipeline.mobility import mobility_of
+    from ..pipeline.mechanisms import mobility_of
 
     with stage_bar("deriving") as report:
         info = replace(robot_info(robot, progress=report), mobility=mobility_of(robot, progress=report))

@@ -32,12 +32,12 @@ from ..codegen.c.scalar_types import SCALARS
 from ..description import RobotLike, as_robot
 from ..errors import InputError, UnknownNameError, check_kind
 from ..limits import is_usable
-from ..names import listed, nearest_or_all, show
+from ..names import listed, nearest_or_all, show, word_in
 from ..pipeline import Options, build, generate
 from ..robot.mechanism import coordinate_of
 from ..robot.model import build_model
 from ..robot.value import PRINCIPAL, Coordinate, Robot
-from ..runtime.arrays import flag, joint_lead, numbers_in, word_in
+from ..runtime.arrays import flag, joint_lead, numbers_in
 from ..runtime.kernel import Kernel
 from . import independent
 from .independent import Independent, kernels_of_choice

@@ -17,7 +17,7 @@ from ..description import RobotLike
 from ..errors import BuildError, InputError
 from ..identification.tolerances.result import ToleranceResult
 from ..optional import optional_import
-from ..pipeline.stages import build
+from ..pipeline.building import build
 from ..simulation.result import SimulationResult, simulated_robot
 from .framing import STEP, first_factor, framed, largest_power, motion_points, up_of
 from .scene import (

@@ -26,7 +26,7 @@ from ..robot.value import (
     deflection_range,
     range_line,
 )
-from .mobility import Mobility
+from .mechanisms import Mobility
 
 
 @dataclass(frozen=True)

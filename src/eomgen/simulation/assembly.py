@@ -19,8 +19,8 @@ from ..motion.splines import Standstill, signal_of
 from ..motion.timetable import TimeTable
 from ..names import DriveInput, joint_of, listed, nearest, split_state
 from ..pipeline.ahead import Ahead
+from ..pipeline.building import build, build_groups
 from ..pipeline.mechanisms import mechanism_kernels
-from ..pipeline.stages import build, build_groups
 from ..progress import Progress
 from ..robot.coordinates import coordinate_names, index_of
 from ..robot.mechanism import coordinate_of, drive_of, following_text, leading_coordinate, leading_home
