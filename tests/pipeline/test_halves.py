@@ -20,7 +20,7 @@ from eomgen.errors import BuildError, DescriptionError, EomgenWarning, InputErro
 from eomgen.export.wheel import export_wheel
 from eomgen.motion.csv_columns import read_csv
 from eomgen.npz import read_npz
-from eomgen.pipeline.importable import check_module_name
+from eomgen.pipeline.folders import check_module_name
 from eomgen.pipeline.stages import Options, build_groups, generate
 from eomgen.runtime.raw import RawFunction
 from tests.support.builds import Build

@@ -83,7 +83,7 @@ def _names(text: str) -> list[str]:
 def _generate(options: argparse.Namespace) -> None:
     from ..errors import InputError
     from ..export.wheel import export_wheel
-    from ..pipeline.importable import check_module_name
+    from ..pipeline.folders import check_module_name
     from ..pipeline.stages import Options, generate
 
     robot, ranges = read_robot(options), ranges_of(options)

@@ -1,7 +1,8 @@
 """Folders that are replaced in one step: whoever looks sees the old one or the new one, and never none.
 
 Two folders change places where the system has a call for that: renameat2 of Linux, renamex_np of macOS.  Elsewhere, and
-on file systems that cannot do it, writers take turns and a reader may find nothing for a moment.
+on file systems that cannot do it, writers take turns and a reader may find nothing for a moment.  A generated package
+with the name of another module would be imported in its place: ``check_module_name`` refuses such names.
 """
 
 from __future__ import annotations
@@ -17,10 +18,15 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from importlib.machinery import PathFinder
 from pathlib import Path
 
+from ..errors import InputError
+from ..files import read_regular
 from . import cache as store
 
+NEEDED = ("numpy", "cffi", "_cffi_backend", "eomgen")  # what a package imports, and what writes it
+_MOST = 1 << 26  # bytes of a package's metadata
 _HERE, _EXCHANGE, _SWAP = -100, 2, 2  # AT_FDCWD, RENAME_EXCHANGE and RENAME_SWAP of the systems' headers
 _CANNOT = (errno.ENOSYS, errno.EINVAL, errno.ENOTSUP, errno.EOPNOTSUPP)
 _TAKEN = (errno.ENOTEMPTY, errno.EEXIST, errno.ENOTDIR)
@@ -141,3 +147,33 @@ def _remove(path: Path) -> None:
             path.unlink()
     else:
         shutil.rmtree(path, ignore_errors=True)
+
+
+def check_module_name(name: str) -> str:
+    """Refuse a name for a package that could not be imported, or that would break others.
+
+    Args:
+        name: of the package.
+
+    Returns:
+        A note about a package of that name that is installed and would be hidden, or hide this one; "" where there is
+        none.
+
+    Raises:
+        InputError: it is the name of a module of Python itself, or of what the package needs.
+    """
+    if name in NEEDED or name in sys.stdlib_module_names:
+        owner = "which the package itself imports" if name in NEEDED else "a module of Python itself"
+        raise InputError(f"name: the package would be called {name!r}, {owner}; allowed: another name of the robot")
+    spec = PathFinder.find_spec(name)  # of those on sys.path; nothing is imported
+    if spec is None or _is_generated(name, spec.origin):
+        return ""
+    return f"a package {name!r} is installed; where both can be found, import takes the first on sys.path"
+
+
+def _is_generated(name: str, origin: str | None) -> bool:
+    """Whether a module is a package that was generated before."""
+    try:
+        return origin is not None and b'"generator"' in read_regular(Path(origin).parent / f"{name}.json", _MOST)
+    except (OSError, ValueError):
+        return False

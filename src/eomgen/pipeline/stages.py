@@ -2,14 +2,15 @@
 
     stage            input              output
     build_model      Robot              Model       the ordered tree, its coordinates and parameters
-    derive_equations Model              Equations   SymPy joint blocks bound along the tree: one program per kernel
+    derived_model    Model              Model       with what SymPy derives of its joints, and proves to vanish
+    derive_equations Model              Equations   these joint blocks bound along the tree: one program per kernel
     render           Equations          Source      C, header, metadata
     write_package    Source             package     compiled; with what all carry importable with NumPy and cffi alone
     check_package    package            package     it answers samples of the equations as they do
     load_kernel      package            Kernel      the NumPy interface
 
-The first three are skipped when the cache holds their source, the next two when it holds their package.  Where it is
-asked for, ``derive_afresh`` derives the joints anew beside the compiler, and compares; no cache spares that.
+The first four are skipped when the cache holds their source, the next two when it holds their package.  SymPy is
+imported only for joints whose facts the cache does not hold.
 """
 
 from __future__ import annotations
@@ -19,7 +20,6 @@ import json
 import os
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import Future
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -42,15 +42,14 @@ from ..runtime.levels import BASE, LEVELS, NATIVE, allowed_levels
 from . import cache as store
 from . import direct_calls
 from .denormals import prepare, with_denormals
-from .folders import new_folder, put_folder
+from .derivations import derived_model
+from .folders import check_module_name, new_folder, put_folder
 from .generator_key import generator_hash, room_hash
-from .importable import check_module_name
 from .library.objects import Libraries
 from .on_demand import OnDemand, one_library
 
 if TYPE_CHECKING:
     from ..codegen.c.source import Source
-    from ..codegen.derivation.afresh import Derived
     from ..codegen.package.compile import Compiler
 
 KERNEL_NAMES = tuple(KERNELS)
@@ -133,7 +132,6 @@ def build(
     native: bool = False,
     flags: Sequence[str] = (),
     level: str = "",
-    derive: bool = False,
     progress: StageReport = no_report,
 ) -> Kernel:
     """Derive, render and compile the robot's equations of motion, or load them from the cache.
@@ -143,8 +141,6 @@ def build(
         kernels: names of KERNEL_NAMES that are built at once, in one library; "all" for all but derivatives.  Without
             names each kernel is built when it is first called.
         dtype, native, flags, level: see Options.
-        derive: derive the joints with SymPy now, beside the compiler, and compare what is kept of them, the terms that
-            are dropped and the programs, at random rational points; without it builds rely on the tests that did so.
         progress: called with a line of text when a stage begins, also when that is later; without one a terminal sees
             a line for every kernel that is built later.
 
@@ -152,40 +148,11 @@ def build(
         InputError: an option is unknown, or a level that this processor does not run.
         BuildError: no compiler, a compiler that fails or whose binary computes something else than the equations, a
             cache that cannot be written; from the call of a kernel where that is what builds it.
-        DerivationError: what ``derive`` compares differs.
     """
     robot, whole = as_robot(robot), isinstance(kernels, str) and kernels == "all"
     options = Options(() if whole else cast(tuple[str, ...], kernels), dtype, native, tuple(flags), level=level)
-    at_once = whole or options.kernels
-    if derive:
-        _check_derivable(robot)
     with told_at_prompt("building", progress) as report:
-        if derive and at_once:  # first, so that the derivation is beside the compiler, and not beside another one
-            make_source(robot, _with_beside(robot, options), report)
-        derived = _begin_derivation(robot, options) if derive else None
-        kernel = _at_once(robot, options, report) if at_once else _on_demand(robot, options, progress)
-        if derived is not None:
-            derived.result()
-    return kernel
-
-
-def _check_derivable(robot: Robot) -> None:
-    """Refuse, before anything is compiled, what cannot be derived."""
-    from ..codegen.derivation.afresh import check_derivable
-
-    check_derivable(robot)
-
-
-def _begin_derivation(robot: Robot, options: Options) -> Future[Derived]:
-    """Derive a robot's joints with SymPy in a thread, and compare; the result raises DerivationError."""
-    from ..codegen.package.running import begin_in_thread
-
-    def work() -> Derived:
-        from ..codegen.derivation.afresh import derive_afresh
-
-        return derive_afresh(build_model(robot), options.kernels, options.dtype)
-
-    return begin_in_thread(work)
+        return _at_once(robot, options, report) if whole or options.kernels else _on_demand(robot, options, progress)
 
 
 def _at_once(robot: Robot, options: Options, progress: StageReport = no_report) -> Kernel:
@@ -284,9 +251,8 @@ def generate(
     It has binaries for all x86-64 levels, those of further levels in separate folders, and loads the best
     one that runs where it is imported.  Binaries of levels beyond this processor are compiled, but not tried.
 
-    Beside the compiler SymPy derives the robot's joints anew.  What is kept of joints, the terms of eqs. (11) and (12)
-    that are dropped, and the programs are compared with that; the header says what was derived.  Of a robot whose links
-    bend nothing is.  In float32 header and metadata say what single precision costs (``eomgen check --float32``).
+    The header says what SymPy derived of the robot's joints, and how many terms of eqs. (11) and (12) vanish by which
+    lemma.  In float32 header and metadata say what single precision costs (``eomgen check --float32``).
 
     A package of an earlier generation there is replaced in one step; a folder that holds anything else is refused.
 
@@ -303,28 +269,21 @@ def generate(
     Raises:
         InputError: the target exists and is not a generated package, the folder cannot be written, the robot is named
             as a module that Python or the package needs, ROS 2 is asked for without the kernel ``rollout``, or the
-            report has another ending, or is asked for where links bend.
-        BuildError, DerivationError: see ``build``.
+            report has another ending.
+        BuildError: see ``build``.
     """
     folder = as_path(folder, "folder")
+    from ..codegen.derivation.report import render_report, with_summary
     from ..codegen.package.compile import find_compiler
 
     robot, folder = as_robot(robot), Path(folder)
     page = None if report is None else check_ending(report, ".html", ".tex", label="report")
-    if page is not None:
-        _check_derivable(robot)
-    is_rigid = all(link.modes is None for link in robot.links)
     hidden = check_module_name(robot.name)
     if hidden:
         warnings.warn(hidden, EomgenWarning, stacklevel=3)  # above the function that tells at a prompt
     options = _with_beside(robot, options or Options())
-    make_source(robot, options, progress)  # first, so that the derivation is beside the compiler alone
-    derivation = _begin_derivation(robot, options) if is_rigid else None
-    files = _files_of_levels(robot, options, progress)
-    derived = None if derivation is None else derivation.result()
-    header = f"{robot.name}.h"
-    if derived is not None:
-        files = {**files, header: derived.in_header(files[header].decode("ascii")).encode("ascii")}
+    files, model, header = _files_of_levels(robot, options, progress), derived_model(robot), f"{robot.name}.h"
+    files = {**files, header: with_summary(files[header].decode("ascii"), model).encode("ascii")}
     if options.dtype == "float32":
         from .single_precision import with_notes
 
@@ -344,10 +303,8 @@ def generate(
             put_folder(private, target, lambda place: _check_target(place, target))
     except OSError as error:
         raise InputError(f"{target} cannot be written: {error.strerror or error}") from None
-    if page is not None and derived is not None:
-        from ..codegen.derivation.report import render_report
-
-        write_atomically(page, lambda stream: stream.write(render_report(derived, page.suffix).encode()), read=None)
+    if page is not None:
+        write_atomically(page, lambda stream: stream.write(render_report(model, page.suffix).encode()), read=None)
     return target
 
 
@@ -504,7 +461,7 @@ def _derive(robot: Robot, options: Options, folder: Path, progress: StageReport)
     from ..codegen.kernels.equations import derive_equations
     from ..codegen.samples.answers import samples
 
-    model = build_model(robot)  # Robot -> Model
+    model = derived_model(robot)  # Robot -> Model
     progress(f"deriving the equations of {len(model.coordinates)} coordinates")
     equations = derive_equations(model, options.kernels, options.dtype)  # Model -> Equations
     if options.within is not None:
