@@ -149,7 +149,7 @@ def test_facts_of_the_model_are_read() -> None:
 
 def wrong_step(facts: JointFacts) -> JointFacts:
     rows = [list(row) for row in facts.steps[1].rotation]
-    rows[0][1] = (0.0, 1.0, 0.0)  # sin instead of -sin
+    rows[1][0] = (0.0, -1.0, 0.0)  # -sin instead of sin
     return replace(facts, steps=(facts.steps[0], facts.steps[1]._replace(rotation=tuple(map(tuple, rows)))))
 
 
