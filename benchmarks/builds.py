@@ -1,6 +1,7 @@
 """What starts and first builds cost: ``python -m benchmarks.builds [--rounds N] [--deep N] [-o FILE] [ROBOT ...]``.
 
-All of them take turns, each in a process whose cache holds the facts about joints alone; the least of all rounds counts.
+All of them take turns, each in a process whose cache holds nothing but facts about joints; the least of all rounds
+counts.
 """
 
 from __future__ import annotations
@@ -85,8 +86,8 @@ HEAD = """# What a first build costs
 A kernel is derived and compiled when it is first called, and comes from the cache from then on; its functions for
 batches are compiled when a batch is first asked for. These are times
 without a cache, Python's start and NumPy's import included, but with the facts about joints that SymPy derives
-([Theory](theory.md#the-steps-from-eq-3-to-a-kernel)): to import it and to derive them takes 0.3 to 0.5 s more, once for all robots whose
-joints have the same active coordinates. Rollouts are linked with [the C library](library.md), whose objects a machine's
+([Theory](theory.md)): to import it and to derive them takes 0.3 to 0.5 s more, once for all robots whose joints have
+the same active coordinates. Rollouts are linked with [the C library](library.md), whose objects a machine's
 first build of rollouts compiles beside the derivation, as here, and later ones find in the cache.
 Measured on {processor} with {cores} cores by `python -m benchmarks.builds`: the least of
 {rounds} rounds in turns, in seconds. The time of all kernels is that of one library with all but derivatives.

@@ -1,5 +1,5 @@
-"""One joint in SymPy: eq. (3), its derivatives and the proofs of the lemmas, as plain values that the recursion reads; and
-the map of what vanishes.
+"""One joint in SymPy: eq. (3), its derivatives and proofs of the lemmas, as plain values for the recursion; and the map
+of what vanishes.
 
 Uses robot.
 """

@@ -23,7 +23,7 @@ from eomgen.codegen.joint.zeros import zero_map
 from eomgen.codegen.kernels.equations import Equations, derive_equations
 from eomgen.codegen.kernels.signatures import available
 from eomgen.codegen.program.ir import Program, evaluate
-from eomgen.description.load import load_robot, robot_from_toml
+from eomgen.description.load import builtin_robots, load_robot, robot_from_toml
 from eomgen.names import component_name
 from eomgen.robot.geometry import JointFacts
 from eomgen.robot.model import Model, build_model
@@ -92,6 +92,7 @@ KINDS: dict[str, Callable[[int], Robot]] = {
     "motors": lambda seed: with_motors(random_robot(seed, types=("revolute", "prismatic")), seed),
     "loops": lambda seed: with_random_loops(random_robot(seed, joints=(2, 4)), seed, ["revolute", "spherical"]),
 }
+RIGID = [name for name in builtin_robots() if all(link.modes is None for link in load_robot(name).links)]
 LEAST = {"mass_matrix", "bias_force", "coriolis_matrix", "residual"}
 
 
@@ -119,12 +120,23 @@ def test_random_robots(kind: str, seed: int, tmp_path: Path, short: None) -> Non
     checked_latex(model, tmp_path)
 
 
+@pytest.mark.parametrize("name", soaked(RIGID, ["one_link", "geared_arm", "four_bar"]))
+def test_built_in_robots(name: str) -> None:
+    check_derivation(build_model(load_robot(name)))
+
+
 @pytest.mark.parametrize("family", [x for x in ROBOTS if x is not ModalCouplings], ids=lambda family: family.__name__)
 def test_all_forces(family: type[ForceElement], tmp_path: Path, short: None) -> None:
     model = build_model(robot_from_toml(robot_with(family)))
     check_derivation(model)
     checked_page(model)
     checked_latex(model, tmp_path)
+
+
+def test_float32() -> None:
+    """Constants are those of double precision until C is written."""
+    equations = derive_equations(build_model(load_robot("one_link")), ("mass_matrix",), "float32")
+    assert "mass_matrix" in check_programs(equations)
 
 
 def test_the_summary_counts_terms_by_lemma() -> None:
