@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations_with_replacement, groupby
 from textwrap import wrap
@@ -206,8 +206,12 @@ def _mathml(entries: Entries) -> str:
 
 
 def _matrix(entries: Entries) -> Any:
-    """Read the expressions of a matrix; names of angles are symbols, though SymPy has functions of these names."""
-    from sympy import Matrix, Symbol, sympify
+    """Return SymPy's matrix of the entries."""
+    import sympy
 
-    symbols = {name: Symbol(name, real=True) for name in COORDINATES}
-    return Matrix([[sympify(entry, symbols) for entry in row] for row in entries])
+    functions = {"": lambda x: x, "sin": sympy.sin, "cos": sympy.cos}
+
+    def product(coefficient: int, factors: Iterable[tuple[str, str]]) -> Any:
+        return sympy.Mul(coefficient, *(functions[name](sympy.Symbol(x)) for name, x in factors))
+
+    return sympy.Matrix([[sympy.Add(*(product(*term) for term in entry)) for entry in row] for row in entries])

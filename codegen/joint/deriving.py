@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from functools import cache
 from itertools import combinations_with_replacement
+from typing import Any
 
 import sympy
 
 from eomgen.errors import InternalError
-from eomgen.robot.geometry import Entries, JointFacts, JointStep
+from eomgen.robot.geometry import Entries, JointFacts, JointStep, Term
 
 from .lemmas import (
     Matrix,
@@ -59,20 +60,32 @@ def joint_step(coordinate: str) -> JointStep:
     Raises:
         InternalError: its rotation is more than a sum of numbers, sines and cosines.
     """
-    source = step(coordinate)
-    sin, cos = sympy.sin(source.symbol), sympy.cos(source.symbol)
+    source, kinds = step(coordinate), ((), (("sin", coordinate),), (("cos", coordinate),))
     rows = []
-    for i in range(3):
-        row = []
-        for j in range(3):
-            entry = sympy.expand(source.rotation[i, j])
-            one, by_sin, by_cos = entry.subs({sin: 0, cos: 0}), entry.coeff(sin), entry.coeff(cos)
-            if sympy.expand(entry - one - by_sin * sin - by_cos * cos) != 0:
-                raise InternalError(f"the rotation of {coordinate} has an entry of another form: {entry}")
-            row.append((float(one), float(by_sin), float(by_cos)))
-        rows.append(tuple(row))
+    for row in _entries(source.rotation):
+        terms = [{factors: coefficient for coefficient, factors in entry} for entry in row]
+        if any(found.keys() - {*kinds} for found in terms):
+            raise InternalError(f"the rotation of {coordinate} has an entry of another form: {source.rotation}")
+        one, by_sin, by_cos = kinds
+        rows.append(tuple((float(x.get(one, 0)), float(x.get(by_sin, 0)), float(x.get(by_cos, 0))) for x in terms))
     return JointStep(source.is_rotation, source.axis, tuple(rows))
 
 
 def _entries(matrix: Matrix) -> Entries:
-    return tuple(tuple(map(str, row)) for row in matrix.tolist())
+    def sum_of_terms(entry: Any) -> tuple[Term, ...]:
+        return tuple(map(_term, sympy.Add.make_args(entry))) if entry != 0 else ()
+
+    return tuple(tuple(map(sum_of_terms, row)) for row in matrix.tolist())
+
+
+def _term(product: Any) -> Term:
+    """Return the coefficient and the factors of a product of numbers, coordinates, sines and cosines.
+
+    Raises:
+        InternalError: a factor is something else.
+    """
+    coefficient, factors = product.as_coeff_mul()
+    named = [("", x.name) if x.is_Symbol else (x.func.__name__, str(x.args[0])) for x in factors]
+    if not coefficient.is_Integer or any(function not in ("", "sin", "cos") for function, _ in named):
+        raise InternalError(f"a joint's transform has an entry of another form: {product}")
+    return int(coefficient), tuple(named)

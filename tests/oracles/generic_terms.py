@@ -6,11 +6,9 @@ zero, and what does not is zero about once in a thousand million times.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from functools import cache
 from itertools import combinations_with_replacement
-from operator import itemgetter
-from types import CodeType
 from typing import Any
 
 import numpy as np
@@ -34,18 +32,18 @@ def blocks_at(facts: JointFacts, at: Sequence[tuple[Any, Any]]) -> tuple[list[An
     Args:
         at: per active coordinate (0, position) of a translation, (sine, cosine) of an angle.
     """
-    names: dict[str, Any] = {"sin": itemgetter(0), "cos": itemgetter(1)}
-    names |= {name: pair if name in ANGULAR else pair[1] for name, pair in zip(facts.active, at, strict=True)}
+    values: dict[tuple[str, str], Any] = {}
+    for name, (sine, cosine) in zip(facts.active, at, strict=True):
+        values |= {("sin", name): sine, ("cos", name): cosine} if name in ANGULAR else {("", name): cosine}
 
     def flat(matrix: Entries) -> list[Any]:
-        return [eval(_compiled(entry), {}, names) for row in matrix for entry in row]
+        return [
+            sum(coefficient * math.prod(values[factor] for factor in factors) for coefficient, factors in entry)
+            for row in matrix
+            for entry in row
+        ]
 
     return flat(facts.transform), list(map(flat, facts.first)), list(map(flat, facts.second))
-
-
-@cache
-def _compiled(entry: str) -> CodeType:
-    return compile(entry, "entry of a matrix", "eval")
 
 
 def check_zeros(model: Model, zeros: ZeroMap, seed: int = 0) -> int:

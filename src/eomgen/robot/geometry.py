@@ -129,7 +129,8 @@ class JointStep(NamedTuple):
     rotation: tuple[tuple[tuple[float, float, float], ...], ...]
 
 
-Entries = tuple[tuple[str, ...], ...]  # rows of a 4x4 matrix, expressions as SymPy writes them
+Term = tuple[int, tuple[tuple[str, str], ...]]  # a coefficient, and factors ("sin", "gamma") or ("", "x")
+Entries = tuple[tuple[tuple[Term, ...], ...], ...]  # rows of a 4x4 matrix, each entry a sum of terms
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from itertools import combinations, combinations_with_replacement, product
 from typing import Any
@@ -16,7 +16,7 @@ from eomgen.codegen.joint.deriving import derive_joint
 from eomgen.codegen.joint.facts import LEMMA_7, SHARPER, lemma_of
 from eomgen.codegen.joint.lemmas import joint_derivatives, joint_transform, step
 from eomgen.errors import InternalError
-from eomgen.robot.geometry import JointFacts, rotation_from_rpy
+from eomgen.robot.geometry import JointFacts, Term, rotation_from_rpy
 from eomgen.robot.value import ANGULAR, COORDINATES, LINEAR
 from tests.support.mutant import mutated
 
@@ -173,9 +173,15 @@ def test_facts_are_written_and_read(active: tuple[str, ...]) -> None:
     facts = derive_joint(active)
     assert JointFacts.from_json(facts.to_json()) == facts
     symbols, derivatives = {name: step(name).symbol for name in COORDINATES}, joint_derivatives(active)
-    found = [sp.Matrix([[sp.sympify(x, symbols) for x in row] for row in D]) for D in (*facts.first, *facts.second)]
+    functions: dict[str, Callable[[Any], Any]] = {"": lambda x: x, "sin": sp.sin, "cos": sp.cos}
+
+    def entry(terms: tuple[Term, ...]) -> Any:
+        return sum(c * sp.prod(functions[kind](symbols[name]) for kind, name in factors) for c, factors in terms)
+
+    found = [sp.Matrix([[entry(x) for x in row] for row in D]) for D in (facts.transform, *facts.first, *facts.second)]
     pairs = combinations_with_replacement(active, 2)
-    assert found == [*(derivatives.first[name] for name in active), *(derivatives.second[pair] for pair in pairs)]
+    wanted = [derivatives.first[name] for name in active] + [derivatives.second[pair] for pair in pairs]
+    assert found == [joint_transform(active), *wanted]
 
 
 def test_a_rotation_of_another_form_is_refused() -> None:
