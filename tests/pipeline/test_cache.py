@@ -461,11 +461,6 @@ def test_command(empty_cache: Path, capsys: pytest.CaptureFixture[str], monkeypa
     (empty_cache / "making-0-x").mkdir()
     kinds = ("derivations", "sources", "packages")
     files = [path for kind in kinds for path in (empty_cache / kind).rglob("*") if path.is_file()]
-        path
-        for kind in ("derivations", "sources", "packages")
-        for path in (empty_cache / kind).rglob("*")
-        if path.is_file()
-    ]
     size = sum(path.stat().st_size for path in files)
     assert said() == {**nothing, "derivations": 1, "sources": 1, "packages": 1, "bytes": size}
     assert cli.main(["cache"]) == 0
