@@ -43,7 +43,8 @@
  *   adaptive_rollout     36     23      3      2
  *   parameters            2      1      0      0
  *
- * Derived afresh by SymPy 1.14.0, joint by joint; terms tr(dA/ds H dA^T) and tr(dA/ds H d2A^T):
+ * SymPy 1.14.0 derived A_(i-1)i of eq. (3) and its first and second derivatives for joints with the active
+ * coordinates (x gamma), and proved which terms tr(dA/ds H dA^T) of M and tr(dA/ds H d2A^T) of C vanish:
  * M, eq. (11), entries s <= v: 3
  *           3  survive
  * C, eq. (12), entries v <= w: 6
@@ -53,8 +54,6 @@
  *           1  survive
  *           1  of them independent up to sign by the antisymmetry
  *           1  when coaxial pairs of two joints are exchanged as well
- * Programs that agree with them at a random rational point: mass_matrix, bias_force, coriolis_matrix,
- * christoffel, inverse_dynamics, residual, forward_dynamics
  */
 #ifndef EOMGEN_ONE_LINK_H
 #define EOMGEN_ONE_LINK_H

@@ -28,7 +28,6 @@ with imports_when_used(globals()):
     from .description import load_robot as load_robot
     from .errors import ArrayError as ArrayError
     from .errors import BuildError as BuildError
-    from .errors import DerivationError as DerivationError
     from .errors import DescriptionError as DescriptionError
     from .errors import EomgenError as EomgenError
     from .errors import EomgenWarning as EomgenWarning

@@ -1,7 +1,7 @@
 """Files that people write: checks of one, a new one to begin with, their JSON Schemas.
 
 Uses runtime, robot, motion and forms, the keys and readers of description, scenario and sweep, the names of tolerances
-of identification, and codegen (tree) on floats.
+of identification, models of pipeline, and codegen (tree) on floats.
 """
 
 from ..lazily import imports_when_used

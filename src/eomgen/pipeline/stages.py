@@ -31,6 +31,7 @@ from ..runtime.levels import NATIVE, allowed_levels
 from . import cache as store
 from . import direct_calls
 from .denormals import with_denormals
+from .derivations import derived_model
 from .generator_key import generator_hash
 from .library.objects import LibraryObjects
 from .options import Options
@@ -123,7 +124,7 @@ def derive(described: Described) -> Equations:
     from ..codegen.kernels.equations import derive_equations
 
     options = described.options
-    return derive_equations(described.model, options.kernels, options.dtype)
+    return derive_equations(derived_model(described.robot), options.kernels, options.dtype)
 
 
 def render(equations: Equations, options: Options) -> Rendered:
