@@ -195,12 +195,12 @@ class CompiledCode:
         }
 
     def device(self, where: Any = "cuda", *, contract: bool = False) -> Any:
-        """Return methods of the same names on arrays that lie on an accelerator; see ``eomgen.device.face.Device``.
+        """Return methods of the same names on arrays that lie on a device of CUDA; see ``eomgen.device.face.Device``.
 
         Parameters are those of this kernel, also when they change.
 
         Args:
-            where: "cuda", "hip" or "opencl", with the number of a device such as "cuda:1"; or a queue of pyopencl.
+            where: "cuda", with the number of a device such as "cuda:1".
             contract: let products and sums be one operation: faster, with other last bits than on processors.
 
         Raises:

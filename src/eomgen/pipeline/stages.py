@@ -530,7 +530,7 @@ def _opener(robot: Robot) -> Callable[..., Any]:
     """Return what opens a device for kernels of a robot, by the room above, which is imported then."""
 
     def opened(kernel: Kernel, where: Any, **options: Any) -> Any:
-        return from_above(".device.opened", "open_device")(robot, kernel, where, **options)
+        return from_above(".device.face", "open_device")(robot, kernel, where, **options)
 
     return opened
 
