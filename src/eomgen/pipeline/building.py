@@ -141,4 +141,4 @@ def load_kernel(
 
 def _on_device(robot: Robot, kernel: Kernel, where: Any, **options: Any) -> Any:
     """Return methods of a robot's kernel on a device."""
-    return from_above(".device.opened", "open_device")(robot, kernel, where, **options)
+    return from_above(".device.face", "open_device")(robot, kernel, where, **options)

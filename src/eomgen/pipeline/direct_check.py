@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import BuildError
-from ..runtime.raw import TILE_BYTES, TILES
 from . import cache as store
 from .load import fresh_module
 
@@ -57,33 +56,25 @@ def check_extension(made: store.Entry, compiler: Compiler) -> None:
 def _wrong(module: ModuleType, dtype: np.dtype[Any]) -> Iterator[str]:
     """Yield all that a module does wrong with a function that multiplies by 2 (so in ``h``), for this dtype."""
     code, batch, setup, kept = _doubling(dtype)
-    width = TILE_BYTES // dtype.itemsize
-    functions = [
-        module.Function(
-            name=name,
-            method=_asked,
-            arming=_asked,
-            dtype=dtype,
-            places=(("q", "read", (4,)), ("out", "out", ())),
-            positional=1,
-            result=(4,),
-            in_parts=False,
-            cut_must_be_false=False,
-            frames={},
-            added=(1.0, -1, ()),
-            tile=tile,
-        )
-        for name, tile in (("doubled", 0), ("in_tiles", width))
-    ]
+    function = module.Function(
+        name="doubled",
+        method=_asked,
+        arming=_asked,
+        dtype=dtype,
+        places=(("q", "read", (4,)), ("out", "out", ())),
+        positional=1,
+        result=(4,),
+        in_parts=False,
+        cut_must_be_false=False,
+        frames={},
+        added=(1.0, -1, ()),
+    )
     state = module.State(np.ones(1, dtype), _asked)
     bound: dict[str, Any] = {}
-    module.bind(tuple(functions), kept, state, bound)
+    module.bind((function,), kept, state, bound)
     call = bound["doubled"]
-    for function in functions:
-        for many, address in ((False, code), (True, batch)):
-            function.arm("main", many, kept, int(many), address, setup, 1, 1.0, 4 * width)
-    yield from _wrong_in_tiles(bound["in_tiles"], width, dtype)
-    yield from _wrong_conversions(module, width, dtype)
+    for many, address in ((False, code), (True, batch)):
+        function.arm("main", many, kept, int(many), address, setup, 1, 1.0, 32)
     for numbers in PLAIN:
         argument, out = np.array(numbers, dtype), np.empty(4, dtype)
         rows = np.array([numbers, numbers[::-1]], dtype)  # which no memory holds twice of before
@@ -94,6 +85,11 @@ def _wrong(module: ModuleType, dtype: np.dtype[Any]) -> Iterator[str]:
         for argument in (np.array(numbers, dtype), np.array([NUMBERS, numbers], dtype)):
             if call(argument) is not ASKED:
                 yield f"{argument} is taken as it is"
+    for place in np.ndindex(9, 4):  # more than four lines of 64 bytes in double precision, two in single
+        rows = np.ones((9, 4), dtype)
+        rows[place] = math.nan
+        if call(rows) is not ASKED:
+            yield f"rows with NaN at {place} are taken as they are"
     large = np.array(OVERFLOWING, dtype) * (1 if dtype == np.float32 else dtype.type(5e269))
     for argument in (large, np.array([large])):
         state.checks = True
@@ -105,40 +101,6 @@ def _wrong(module: ModuleType, dtype: np.dtype[Any]) -> Iterator[str]:
     state.checks = True
     if not float(np.array([5e-324])[0] * 1.0) > 0.0:
         yield "denormal numbers are lost"
-
-
-def _wrong_in_tiles(call: Any, width: int, dtype: np.dtype[Any]) -> Iterator[str]:
-    """Yield all that is wrong with the function that multiplies by 2, on tiles."""
-    for numbers in PLAIN:
-        tiles = np.outer(np.tile(numbers, 3), np.linspace(-1.0, 1.0, width)).astype(dtype).reshape(3, 4, width)
-        out = np.empty_like(tiles)
-        for answer in (call(tiles), call(q=tiles, out=out)):
-            if not isinstance(answer, np.ndarray) or answer.tobytes() != (tiles * dtype.type(2)).tobytes():
-                yield f"twice tiles of {numbers} is {answer}"
-    for place in np.ndindex(3, 4, width):
-        tiles = np.ones((3, 4, width), dtype)
-        tiles[place] = math.nan
-        if call(tiles) is not ASKED:
-            yield f"tiles with NaN at {place} are taken as they are"
-    refused = np.ones((3, 4, width), dtype)
-    refused[1, 0, width - 1] = FAILS
-    for argument in (refused, np.ones((3, 4), dtype), np.ones((3, 4, width + 1), dtype), np.ones((4, width), dtype)):
-        if call(argument) is not ASKED:
-            yield f"{argument} is taken as tiles of {width} states"
-
-
-def _wrong_conversions(module: ModuleType, width: int, dtype: np.dtype[Any]) -> Iterator[str]:
-    """Yield all that is wrong with states that are written into tiles and back."""
-    for size in (1, 2, 3, 4, 5, 9):
-        for count in (1, width - 1, width, 2 * width + 3):
-            states = np.linspace(-1.0, 1.0, count * size).astype(dtype).reshape(count, size)
-            tiles, back = np.empty((-(-count // width), size, width), dtype), np.empty_like(states)
-            module.pack(states, tiles)
-            module.unpack(tiles, back)
-            filled = states[np.minimum(np.arange(tiles.size // size), count - 1)]
-            expected = filled.reshape(len(tiles), width, size).transpose(0, 2, 1)
-            if not np.array_equal(tiles, expected) or not np.array_equal(back, states):
-                yield f"{count} states of {size} numbers in tiles are {tiles}"
 
 
 def _asked(kernel: object, q: Array, *, out: Array | None = None) -> str:
@@ -156,15 +118,11 @@ def _doubling(dtype: np.dtype[Any]) -> tuple[int, int, int, object]:
         return int(q[0] == FAILS)
 
     def many(count: int, h: Any, q: Any, step: int, out: Any) -> int:
-        failed, width = -1, TILE_BYTES // ctypes.sizeof(real)
+        failed = -1
         for state in range(count):
-            tiled = state // width * 4 * width + state % width
             for i in range(4):
-                if step == TILES:
-                    out[tiled + i * width] = h[0] * q[tiled + i * width]
-                else:
-                    out[4 * state + i] = h[0] * q[step * state + i]
-            if failed < 0 and q[tiled if step == TILES else step * state] == FAILS:
+                out[4 * state + i] = h[0] * q[step * state + i]
+            if failed < 0 and q[step * state] == FAILS:
                 failed = 4 * state
         return failed
 
