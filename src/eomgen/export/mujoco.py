@@ -19,8 +19,8 @@ import numpy as np
 
 from ..arrays import Array
 from ..description import RobotLike, as_robot
+from ..description.mjcf.poses import about, matrix, triple
 from ..description.mjcf.read import VELOCITY
-from ..description.mjcf.values import about, matrix, triple
 from ..description.xml_text import one_line
 from ..errors import EomgenWarning, InputError
 from ..files import as_path, write_atomically
