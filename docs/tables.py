@@ -96,7 +96,7 @@ EXTRAS = {  # for users, then for who works on the repository
     "torch": "functions of PyTorch; with `cuda`, on devices",
     "cuda": 'kernels on devices of NVIDIA, `kernel.device("cuda")`',
     "opencl": '`kernel.device("opencl")`, and the driver that `eomgen generate --simt` writes',
-    "mujoco": "MJCF files with includes, defaults by file, replicates, mesh inertias",
+    "mujoco": "models of MuJoCo (MJCF)",
     "xacro": "descriptions that end in .xacro",
     "completion": "completion of commands in bash, zsh, fish",
     "bench": "comparison with other libraries: `make bench`",

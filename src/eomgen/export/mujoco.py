@@ -108,7 +108,7 @@ def export_mjcf(
 def _check_by_mujoco(path: Path) -> None:
     """Raise InputError where MuJoCo does not take a file; nothing is checked where it is not installed.
 
-    ``load_robot`` reads less of MJCF than is written here: no slack tendons, no transmissions.
+    ``load_robot`` reads less of MJCF than is written here: no slack tendons.
     """
     try:
         import mujoco
