@@ -95,7 +95,7 @@ EXTRAS = {  # for users, then for who works on the repository
     "jax": "functions of JAX; with `cuda`, on devices",
     "torch": "functions of PyTorch; with `cuda`, on devices",
     "cuda": 'kernels on devices of NVIDIA, `kernel.device("cuda")`',
-    "mujoco": "MJCF files with includes, defaults by file, replicates, mesh inertias",
+    "mujoco": "models of MuJoCo (MJCF)",
     "xacro": "descriptions that end in .xacro",
     "completion": "completion of commands in bash, zsh, fish",
     "bench": "comparison with other libraries: `make bench`",
