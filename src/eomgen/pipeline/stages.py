@@ -30,7 +30,6 @@ from ..codegen.kernels.signatures import DTYPES, KERNELS, OWN_KERNELS, SINGLES, 
 from ..description import RobotLike, as_robot
 from ..errors import EomgenWarning, InputError
 from ..files import as_path, check_ending, read_regular, write_atomically
-from ..lazily import from_above
 from ..names import plain_path, show
 from ..progress import StageReport, no_report, tells_at_prompt, told_at_prompt
 from ..robot.model import build_model
@@ -530,7 +529,9 @@ def _opener(robot: Robot) -> Callable[..., Any]:
     """Return what opens a device for kernels of a robot, by the room above, which is imported then."""
 
     def opened(kernel: Kernel, where: Any, **options: Any) -> Any:
-        return from_above(".device.opened", "open_device")(robot, kernel, where, **options)
+        from ..device.opened import open_device
+
+        return open_device(robot, kernel, where, **options)
 
     return opened
 

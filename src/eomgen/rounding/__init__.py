@@ -3,9 +3,11 @@
 Uses robot, description and codegen (program, kernels, samples).
 """
 
-from ..lazily import imports_when_used
+from typing import TYPE_CHECKING
 
-with imports_when_used(globals()):
+from ..lazily import lazy_names
+
+if TYPE_CHECKING:
     from .advice import float32_advice as float32_advice
     from .advice_result import Float32Advice as Float32Advice
     from .advice_result import Float32Errors as Float32Errors
@@ -13,3 +15,5 @@ with imports_when_used(globals()):
     from .bounds import rounding_bounds as rounding_bounds
     from .result import RoundingBound as RoundingBound
     from .result import RoundingBounds as RoundingBounds
+else:
+    __getattr__, __dir__, __all__ = lazy_names(__name__)
