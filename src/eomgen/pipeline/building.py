@@ -10,7 +10,6 @@ from typing import Any, Literal, cast
 from .._version import __version__
 from ..codegen.kernels.signatures import available
 from ..description import RobotLike
-from ..lazily import from_above
 from ..progress import StageReport, no_report, told_at_prompt
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
@@ -141,4 +140,6 @@ def load_kernel(
 
 def _on_device(robot: Robot, kernel: Kernel, where: Any, **options: Any) -> Any:
     """Return methods of a robot's kernel on a device."""
-    return from_above(".device.face", "open_device")(robot, kernel, where, **options)
+    from ..device.face import open_device
+
+    return open_device(robot, kernel, where, **options)
