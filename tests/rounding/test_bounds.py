@@ -338,9 +338,6 @@ placement = {{ xyz = [32.0, 0.0, 0.0] }}
 """
 
 
-@pytest.mark.xfail(
-    strict=True, raises=AssertionError, reason="bounds leave out the rounding of merged links at generation: issue 64"
-)
 def test_merged_links_are_within_the_bound_and_1e_12() -> None:
     robot = robot_from_toml(FAR)
     program = derive(build_model(robot), "mass_matrix")
