@@ -186,7 +186,8 @@ def _read(program: Program) -> set[tuple[str, int]]:
 
 def _sizes(values: np.ndarray) -> np.ndarray:
     """Return the largest finite magnitudes of outputs, (outputs,), in states (outputs, states)."""
-    return np.where(np.isfinite(values), np.abs(values), 0.0).max(axis=1, initial=0.0)
+    largest: np.ndarray = np.where(np.isfinite(values), np.abs(values), 0.0).max(axis=1, initial=0.0)
+    return largest
 
 
 def output_names(model: Model, kernel: str) -> tuple[str, ...]:
