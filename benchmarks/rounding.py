@@ -15,7 +15,7 @@ import numpy as np
 import eomgen
 from eomgen.codegen.kernels.equations import derive_equations
 from eomgen.codegen.kernels.signatures import KERNELS
-from eomgen.codegen.samples.arithmetic import Arithmetic
+from eomgen.codegen.program.numeric import evaluate_lanes
 from eomgen.robot.model import build_model
 from eomgen.rounding import rounding_bound
 from eomgen.rounding.adjoints import bound_outputs
@@ -55,7 +55,7 @@ def row(robot: str, kernel: str) -> str:
     narrow = states(OBSERVED)
     wide = {name: [x.astype(np.float64) for x in rows] for name, rows in narrow.items()}
     single, double = (
-        Arithmetic(dtype).run(program, x, rounding=False)["out"].astype(np.float64)
+        evaluate_lanes(program, x, dtype)["out"].astype(np.float64)
         for dtype, x in (("float32", narrow), ("float64", wide))
     )
     observed = np.zeros(len(bound.outputs))

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from eomgen.codegen.c.extended import ORDER, Table, rows_of
 from eomgen.codegen.program.ir import Program
-from eomgen.codegen.samples import double_double
-from eomgen.codegen.samples.double_double import run_extended
 from tests.codegen.program.test_running_errors import at_high, random_program
+from tests.oracles import double_double
+from tests.oracles.double_double import run_extended
 from tests.support.soak import soaked
 
 from .test_library import LIBRARY, WARNINGS

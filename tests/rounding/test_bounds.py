@@ -14,7 +14,7 @@ import eomgen
 from eomgen.codegen.kernels.equations import Equations, derive, derive_equations
 from eomgen.codegen.kernels.signatures import KERNELS
 from eomgen.codegen.program.ir import Graph, Node, Program, evaluate, finish
-from eomgen.codegen.samples.arithmetic import Arithmetic
+from eomgen.codegen.program.numeric import evaluate_lanes
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import InputError, UnknownNameError
 from eomgen.robot.model import build_model
@@ -80,8 +80,8 @@ def float32_errors(robot: str, kernel: str, count: int) -> Array:
     """Least errors of single precision (outputs, states): beside double precision, less the bound of that."""
     program, narrow = whole(robot, kernel, "float32"), states(robot, kernel, count, "float32")
     wide = {name: row.astype(np.float64) for name, row in narrow.items()}
-    single = Arithmetic("float32").run(program, narrow, rounding=False)["out"].astype(np.float64)
-    double = Arithmetic("float64").run(program, wide, rounding=False)["out"]
+    single = evaluate_lanes(program, narrow, "float32")["out"].astype(np.float64)
+    double = evaluate_lanes(program, wide, "float64")["out"]
     margin = rounding_bound(robot, kernel).bound[: len(single), np.newaxis]
     return np.abs(single - double) - 1.01 * margin
 
@@ -108,7 +108,7 @@ def test_single_precision_stays_within_its_bound_in_many_states(robot: str, kern
 def check_exact(robot: str, kernel: str, count: int) -> None:
     """Compare double precision with long arithmetic, setup and program each by itself."""
     equations, inputs = derived(robot, kernel), states(robot, kernel, count)
-    computed = Arithmetic("float64").run(whole(robot, kernel), inputs, rounding=False)["out"]
+    computed = evaluate_lanes(whole(robot, kernel), inputs, "float64")["out"]
     bound = rounding_bound(robot, kernel)
     errors = np.zeros((len(bound.outputs), count))
     h = exact(equations.setup, {"p": inputs["p"][:, 0]})

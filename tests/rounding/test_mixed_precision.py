@@ -18,7 +18,7 @@ from eomgen.codegen.c.statements import write_function
 from eomgen.codegen.kernels.equations import Equations, derive_equations
 from eomgen.codegen.program.ir import Graph, Node, Program, finish
 from eomgen.codegen.program.mixed import in_double, with_wide
-from eomgen.codegen.samples.arithmetic import Arithmetic
+from eomgen.codegen.program.numeric import evaluate_lanes
 from eomgen.errors import InputError, UnknownNameError
 from eomgen.pipeline.single_precision import with_notes
 from eomgen.pipeline.stages import Options, load_kernel, make_package, make_source
@@ -121,7 +121,7 @@ def torques(dtype: str, states: Mapping[str, Any], within: float | None = None) 
     values = np.array([*found.model.parameters.values(), *[0.0] * len(found.model.turning)])
     inputs = {**states, "p": np.repeat(values[:, None], states["q"].shape[1], axis=1)}
     given = {name: row.astype(dtype) for name, row in inputs.items()}
-    return Arithmetic(dtype).run(program, given, rounding=False)["out"].astype(np.float64)
+    return evaluate_lanes(program, given, dtype)["out"].astype(np.float64)
 
 
 def gripping(count: int) -> dict[str, Any]:
@@ -257,7 +257,7 @@ def test_single_precision_is_within_its_bound_beside_pinocchio() -> None:
     for _ in range(50):
         q, v, a = (rng.uniform(-x, x, 6).astype(np.float32) for x in (3.0, 3.0, 10.0))
         inputs = {"q": q[:, None], "v": v[:, None], "a": a[:, None], "p": p[:, None]}
-        single = Arithmetic("float32").run(program, inputs, rounding=False)["out"][:, 0]
+        single = evaluate_lanes(program, inputs, "float32")["out"][:, 0]
         exact = oracle.inverse_dynamics(*(x.astype(np.float64) for x in (q, v, a)))
         worst = np.maximum(worst, np.abs(single - exact))
     assert (worst <= errors.bound + 1e-10).all()

@@ -5,7 +5,7 @@
     derive_equations Model              Equations   SymPy joint blocks bound along the tree: one program per kernel
     render           Equations          Source      C, header, metadata
     write_package    Source             package     compiled; with what all carry importable with NumPy and cffi alone
-    check_package    package            package     it answers samples of the equations as they do
+    check_package    package            package     its functions return what the programs evaluate to
     load_kernel      package            Kernel      the NumPy interface
 
 The first three are skipped when the cache holds their source, the next two when it holds their package.  Where it is
@@ -41,11 +41,10 @@ from ..runtime.kernel import Kernel
 from ..runtime.levels import BASE, LEVELS, NATIVE, allowed_levels
 from . import cache as store
 from . import direct_calls
-from .denormals import prepare, with_denormals
 from .folders import new_folder, put_folder
 from .generator_key import generator_hash, room_hash
 from .importable import check_module_name
-from .library.objects import Libraries
+from .library_objects import Libraries
 from .on_demand import OnDemand, one_library
 
 if TYPE_CHECKING:
@@ -58,7 +57,7 @@ OWNERS = {name: name for name in KERNELS} | {  # the kernel that a name stands f
     function: kernel for kernel, signature in KERNELS.items() for function in signature.functions
 }
 _NAMED = tuple(name for name, kernel in OWNERS.items() if kernel in OWN_KERNELS)
-_SOURCE, _SAMPLES = "source.json", "samples"  # files of an entry
+_SOURCE, _EXPECTED = "source.json", "expected"  # files of an entry
 _LARGEST = 1 << 28  # bytes of a package's metadata
 _BINARIES = (".so", ".pyd", ".dylib", ".dll")
 
@@ -232,7 +231,6 @@ def _on_demand(
     from ..codegen.kernels.interface import describe_kernels
     from ..codegen.package.compile import find_compiler
 
-    prepare()
     compiler, model = find_compiler(), build_model(robot)
     fixed = replace(options, level=build_level(options, compiler))
     build_flags(fixed, compiler)
@@ -421,7 +419,7 @@ def make_package(
     flags = build_flags(options, compiler)
     level = NATIVE if options.native else options.level or build_level(options, compiler)
     tried = level == NATIVE or level in allowed_levels()
-    library = Libraries(compiler, flags, options.dtype, tried)
+    library = Libraries(compiler, flags, options.dtype)
     if store.find("sources", _source_key(robot, options)) is None:  # beside the derivation
         library.begin(parts_of(options.kernels or OWN_KERNELS, half if options.batches else SINGLES))
     derived = _derived(robot, options, progress)
@@ -436,7 +434,7 @@ def make_package(
         write_package(source, compiler, flags, folder, level, library.begin_for(source))
         if tried:
             made = store.unfinished("packages", key, folder)
-            with_denormals(lambda: check_package(made, source, derived.files[_SAMPLES], compiler, flags))
+            check_package(made, source, derived.files[_EXPECTED], compiler, flags)
 
     return store.entry("packages", key, make)
 
@@ -471,9 +469,9 @@ def make_source(robot: Robot, options: Options, progress: StageReport = no_repor
 
 
 def _derived(robot: Robot, options: Options, progress: StageReport) -> store.Entry:
-    """Return the source of a robot's kernels and samples of what they compute, derived or from the cache."""
+    """Return the source of a robot's kernels and the numbers that they have to return, derived or from the cache."""
     key = _source_key(robot, options)
-    return store.entry("sources", key, lambda folder: with_denormals(lambda: _derive(robot, options, folder, progress)))
+    return store.entry("sources", key, lambda folder: _derive(robot, options, folder, progress))
 
 
 def _source(derived: store.Entry) -> Source:
@@ -499,10 +497,10 @@ def cache_keys(robot: Robot, kernels: Sequence[str]) -> tuple[str, str | None]:
 
 
 def _derive(robot: Robot, options: Options, folder: Path, progress: StageReport) -> None:
-    """Derive the source of a robot and its samples, and write them into the folder."""
+    """Derive the source of a robot and the numbers that it has to return, and write them into the folder."""
+    from ..codegen.c.expected import pack_expected
     from ..codegen.c.sources import render
     from ..codegen.kernels.equations import derive_equations
-    from ..codegen.samples.answers import samples
 
     model = build_model(robot)  # Robot -> Model
     progress(f"deriving the equations of {len(model.coordinates)} coordinates")
@@ -514,7 +512,7 @@ def _derive(robot: Robot, options: Options, folder: Path, progress: StageReport)
         equations = mixed(equations, options.within, options.ranges_by_name)
     source = render(equations, options.dtype, batches=options.batches)  # Equations -> Source
     (folder / _SOURCE).write_text(json.dumps(asdict(source)), encoding="ascii")
-    (folder / _SAMPLES).write_bytes(samples(equations, options.dtype))
+    (folder / _EXPECTED).write_bytes(pack_expected(equations, options.dtype))
 
 
 def _source_key(robot: Robot, options: Options) -> str:

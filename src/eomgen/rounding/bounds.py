@@ -21,7 +21,7 @@ from ..codegen.kernels.bodies import axes_of
 from ..codegen.kernels.equations import Equations, derive_equations
 from ..codegen.kernels.signatures import DTYPES, KERNELS, available, shapes
 from ..codegen.program.ir import Program
-from ..codegen.samples.arithmetic import Arithmetic
+from ..codegen.program.numeric import evaluate_lanes
 from ..description import RobotLike, as_robot
 from ..errors import InputError, UnknownNameError, check_kind
 from ..names import listed, show
@@ -251,7 +251,7 @@ def output_sizes(made: Enclosed) -> Array:
     size, program = len(made.names), replace(made.program, wide=frozenset())
     inputs = random_states(made.chosen, made.gears, STATES)
     with np.errstate(all="ignore"):
-        out = Arithmetic("float64").run(program, inputs, rounding=False).get("out", np.zeros((size, STATES)))
+        out = evaluate_lanes(program, inputs, "float64").get("out", np.zeros((size, STATES)))
     found = np.zeros(size)
     found[: len(out)] = np.nanmax(np.where(np.isfinite(out), np.abs(out), 0.0), axis=1, initial=0.0)
     return found

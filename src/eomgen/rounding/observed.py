@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..codegen.program.ir import Program
-from ..codegen.samples.arithmetic import Arithmetic
+from ..codegen.program.numeric import evaluate_lanes
 from ..robot.model import Model
 from .intervals import Array
 from .ranges import Deflection, Range, random_states
@@ -41,9 +41,9 @@ def observed_errors(
         for value, row, (lower, upper) in zip(parameters, narrow.get("p", ()), ranges.get("p", ()), strict=True)
     ]
     with np.errstate(all="ignore"):
-        exact = _out(Arithmetic("float64"), double, wide)
+        exact = _out(double, wide, "float64")
         given = {array: [row.astype(np.float32) for row in rows] for array, rows in narrow.items()}
-        computed = _out(Arithmetic("float32"), single, given)
+        computed = _out(single, given, "float32")
         error = np.abs(computed - exact)
     error, scale = (np.where(np.isfinite(x), x, 0.0).max(axis=1, initial=0.0) for x in (error, np.abs(exact)))
     found, sizes = np.zeros(size), np.zeros(size)
@@ -51,6 +51,6 @@ def observed_errors(
     return found, sizes
 
 
-def _out(arithmetic: Arithmetic, program: Program, inputs: Mapping[str, Any]) -> Array:
-    written = arithmetic.run(program, inputs, rounding=False)
+def _out(program: Program, inputs: Mapping[str, Any], dtype: str) -> Array:
+    written = evaluate_lanes(program, inputs, dtype)
     return written.get("out", np.zeros((0, STATES))).astype(np.float64)

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..program.ir import Program
+from eomgen.codegen.program.ir import Program
 
 Array = NDArray[Any]
 

@@ -10,12 +10,11 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .. import cache as store
-from ..denormals import with_denormals
+from . import cache as store
 
 if TYPE_CHECKING:
-    from ...codegen.c.source import Source
-    from ...codegen.package.compile import Compiler, Linked
+    from ..codegen.c.source import Source
+    from ..codegen.package.compile import Compiler, Linked
 
 KIND = "libraries"
 
@@ -27,30 +26,28 @@ class Libraries:
     Attributes:
         compiler, flags: those of the kernels that are linked with them.
         dtype: "float64" or "float32".
-        tried: whether this processor runs them, and can try them.
     """
 
     compiler: Compiler
     flags: tuple[str, ...]
     dtype: str
-    tried: bool = True
 
     def begin(self, parts: Sequence[str]) -> Callable[[], list[bytes]]:
         """Begin to compile what the cache does not have, each component in a thread.
 
         Returns:
-            A function that waits for the objects and gives their content; it raises BuildError where the compiler
-            fails, or what it compiles computes something else than it should.
+            A function that waits for the objects and returns their content; it raises BuildError where the compiler
+            fails.
         """
-        from ...codegen.package.running import begin_in_thread
+        from ..codegen.package.running import begin_in_thread
 
         begun = {part: begin_in_thread(partial(self._made, part)) for part in self._missing(parts)}
         return lambda: [begun[part].result() if part in begun else self._made(part) for part in parts]
 
     def begin_for(self, source: Source) -> Linked:
         """Begin with the components that a source is linked with."""
-        from ...codegen.c.library import parts_of
-        from ...codegen.package.compile import Linked
+        from ..codegen.c.library import parts_of
+        from ..codegen.package.compile import Linked
 
         kernels = json.loads(source.meta)["kernels"]
         parts = {half: parts_of(kernels, half) for half in ([source.half] if source.half else source.cdefs)}
@@ -61,23 +58,20 @@ class Libraries:
         return [component for component in parts if store.find(KIND, self._key(component)) is None]
 
     def _key(self, component: str) -> str:
-        from ...codegen.package.library import library_key
+        from ..codegen.package.library import library_key
 
-        return library_key(self.compiler, self.flags, self.dtype, component, tried=self.tried)
+        return library_key(self.compiler, self.flags, self.dtype, component)
 
     def _made(self, component: str) -> bytes:
         """Return the object of a component, made or from the cache."""
-        from ...codegen.package.library import OBJECT
+        from ..codegen.package.library import OBJECT
 
         key = self._key(component)
         return store.entry(KIND, key, lambda folder: self._make(component, folder)).files[OBJECT]
 
     def _make(self, component: str, folder: Path) -> None:
-        from ...codegen.c.library import FOLDER
-        from ...codegen.package.library import write_library
-        from .check import check_library
+        from ..codegen.c.library import FOLDER
+        from ..codegen.package.library import write_library
 
         write_library(self.compiler, self.flags, self.dtype, component, folder)
-        if self.tried:
-            with_denormals(lambda: check_library(self.compiler, self.flags, self.dtype, component, folder))
         shutil.rmtree(folder / FOLDER)
