@@ -1,6 +1,6 @@
 """Robot -> Kernel: stages, the cache of sources and packages, loading, costs.
 
-Uses runtime, robot, loops, description, rounding and codegen (joint, kernels, c, derivation, samples, package).
+Uses runtime, robot, loops, description, rounding and codegen (joint, kernels, c, derivation, package).
 """
 
 from ..lazily import imports_when_used

@@ -280,7 +280,7 @@ def generate(
     """Write the importable package ``folder/<robot.name>`` and return its path.
 
     It has binaries for all x86-64 levels, those of further levels in separate folders, and loads the best
-    one that runs where it is imported.  Binaries of levels beyond this processor are compiled, but not tried.
+    one that runs where it is imported.  Binaries of levels beyond this processor are compiled, but not checked.
 
     Beside the compiler SymPy derives the robot's joints anew.  What is kept of joints, the terms of eqs. (11) and (12)
     that are dropped, and the programs are compared with that; the header says what was derived.  Of a robot whose links

@@ -1,6 +1,6 @@
 """Proved bounds of rounding errors of kernels over ranges of inputs and parameters; what single precision costs.
 
-Uses robot, description and codegen (program, kernels, samples).
+Uses robot, description and codegen (program, kernels).
 """
 
 from ..lazily import imports_when_used
