@@ -18,10 +18,10 @@ from ..c.scalar_types import SCALARS, Scalar
 from ..c.source import environment
 from ..kernels.signatures import DTYPES
 from ..program.ir import Program
-from ..samples.sines import COEFFICIENTS
 from .kernels import CONTROLLED, ROLLOUTS, ThreadKernel, derive_kernels
 from .parts import Part, split_columns
 from .registers import PLACES, scheduled
+from .sines import COEFFICIENTS
 from .statements import PIVOTS, STATUS, Writer
 
 TILE = 32  # states of a tile: threads that go together on most accelerators

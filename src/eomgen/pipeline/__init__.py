@@ -1,6 +1,6 @@
 """Robot -> Kernel: stages, the cache of sources and packages, loading, costs.
 
-Uses runtime, robot, loops, description and codegen (joint, kernels, c, derivation, samples, package); ``kernel.device``
+Uses runtime, robot, loops, description and codegen (joint, kernels, c, derivation, package); ``kernel.device``
 uses device.
 """
 

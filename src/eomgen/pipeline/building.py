@@ -16,7 +16,6 @@ from ..runtime.kernel import Kernel
 from ..runtime.levels import allowed_levels
 from . import cache as store
 from . import direct_calls
-from .denormals import prepare
 from .on_demand import OnDemand, one_library
 from .options import Options
 from .stages import Described, describe, make_package, tools_for
@@ -88,7 +87,6 @@ def _on_demand(
     """Return a kernel whose functions are built when they are first asked for, by the compiler that is here now."""
     from ..codegen.kernels.interface import describe_kernels
 
-    prepare()
     tools, model, options = tools_for(described.options), described.model, described.options
     meta = describe_kernels(model, available(model), options.dtype)
     libraries = OnDemand(meta, described, tools, progress, groups)
