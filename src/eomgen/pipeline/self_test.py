@@ -107,6 +107,11 @@ class _Check:
                     yield from self._of_steps(function, called) if steps else self._of_function(function, called)
 
     def _of_function(self, function: RawFunction, called: str) -> Iterator[str]:
+        """Call a function in both states, or once in a batch of them.
+
+        In random states loops are open, which the status says: results are the same, of a batch those up to there, and
+        of other states whose vectors were complete; NaN stands where nothing was written.
+        """
         is_batch, status = called != function.name, self.expected[f"{function.name} status"]
         size = math.prod(self.raw.shapes[function.writes])
         states = [[x for x in ROWS if status[x] == PASSES]] if is_batch else [[x] for x in range(STATES)]
@@ -119,14 +124,15 @@ class _Check:
                     sizes = [self.expected[name].shape[1] for name in function.reads]
                     pairs = [x for pair in zip(arrays, sizes, strict=True) for x in pair]
                     code = function.batch(len(rows), self.h, *pairs, *frame, self.raw.view(out))
-                    done, code = (len(rows), 0) if code == -1 else (0, 1 + code % self.raw.statuses)
+                    done = len(rows) if code == -1 else 1 + code // self.raw.statuses
+                    code = 0 if code == -1 else 1 + code % self.raw.statuses
                 else:
                     done, code = 1, function.code(self.h, *arrays, *frame, self.raw.view(out))
-                is_open = code > len(self.expected["q"][0])  # loops are, in random states: it returns all the same
+                is_open = code > self.expected["q"].shape[1]
                 if (code == 0) != (status[rows[0]] == PASSES) and not is_open and status[rows[0]] in (PASSES, FAILS):
                     yield f"{called} returns status {code}"
-                for row, numbers in zip(rows, out[:, :size], strict=True):
-                    if status[row] == PASSES and (done or not np.isnan(numbers).all()):
+                for lane, (row, numbers) in enumerate(zip(rows, out[:, :size], strict=True)):
+                    if status[row] == PASSES and (lane < done or not np.isnan(numbers).all()):
                         yield from self._of_state(function.name, called, row, numbers, frame and place)
 
     def _of_state(self, name: str, called: str, state: int, numbers: Array, frame: Any) -> Iterator[str]:
