@@ -31,8 +31,7 @@ from eomgen.codegen.c.sources import render
 from eomgen.codegen.kernels import equations as deriving
 from eomgen.codegen.kernels.signatures import BATCHES, KERNELS, SINGLES
 from eomgen.codegen.package.compile import FLAGS, fuses
-from eomgen.codegen.program.ir import Graph, finish
-from eomgen.codegen.program.numeric import OPERATORS, evaluate_lanes
+from eomgen.codegen.program.ir import OPERATORS, Graph, evaluate_lanes, finish
 from eomgen.codegen.program.operations import OPERATIONS
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import BuildError

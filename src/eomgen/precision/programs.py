@@ -6,8 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ..codegen.program.ir import ASIDE, Instruction, Program, select
-from ..codegen.program.numeric import evaluate_lanes
+from ..codegen.program.ir import ASIDE, Instruction, Program, evaluate_lanes, select
 from .intervals import Array
 
 
