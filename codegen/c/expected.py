@@ -80,7 +80,7 @@ class _Reference:
         rng, copies = np.random.default_rng(1), STATES * COPIES
         off = UNITS * float(np.finfo(dtype).eps) * rng.uniform(-1.0, 1.0, (_ROWS, copies))
         self.rounding = np.concatenate([np.ones((_ROWS, STATES)), 1.0 + off], axis=1)
-        self.functions = [x for x in functions(equations.kernels) if x.kind not in ("gradient", "extended")]
+        self.functions = [x for x in functions(equations.kernels) if x.kind != "gradient"]
         sizes = shapes(self.model)
         read = sorted({"q", "v", "u"} | {array for x in self.functions for array in x.signature.reads})
         self.states = {name: _random(rng, (STATES, int(np.prod(sizes[name])))).astype(dtype) for name in read}

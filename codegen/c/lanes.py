@@ -52,9 +52,7 @@ def part_by_part(program: Program) -> bool:
 def _has_lanes(equations: Equations, name: str) -> bool:
     """True if there is C of the kernel for vectors: a program, or a template that is written for both."""
     known, composed = KERNELS[name], KERNELS[name].kind in ("composed", "rollout", "adaptive")
-    if name in equations.programs:
-        return known.vectors and not equations.programs[name].wide  # those with values in double are for one state
-    return known.vectors and (composed or bool(known.closed))
+    return known.vectors and (name in equations.programs or composed or bool(known.closed))
 
 
 def kept_size(equations: Equations, factors: str = "stage_factors") -> int:

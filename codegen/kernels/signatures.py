@@ -16,7 +16,7 @@ from eomgen.robot.value import readings
 from ..tree.regressor import regressor_names
 from .blocks import row_blocks
 from .bodies import axes_of
-from .derived import BACKWARDS, GRADIENTS, derivative_shapes, differentiated, enclosed, extended
+from .derived import BACKWARDS, GRADIENTS, derivative_shapes, differentiated
 from .entries import KINDS, Kind, Signature, kernel, table
 
 DTYPES = ("float64", "float32")  # types of kernels' numbers
@@ -324,18 +324,8 @@ PARTS: Mapping[str, Signature] = table(  # programs that only other kernels call
         needs="cuts",
     ),
     kernel(
-        "constrained_residual(q, v, a, u, multipliers) -> constrained_rows",
-        "M a + bias - Q - u - J^T multipliers, then J a + J_dot v: zero on a motion with these forces in the cuts.",
-        needs="constraints",
-    ),
-    kernel(
         "implicit_step(q, v, u, added, dt) -> vector",
         "(M + dt B + dt^2 K + added) a = u - bias - K (q + dt v) - B v: accelerations of a linearly implicit step.",
-    ),
-    kernel(
-        "step_residual(q, v, u, step_length, end_q, end_v) -> step_rows",
-        "What a state at the end of a linearly implicit step leaves of its equations, and of end_q = q + dt end_v.",
-        tree_only=True,
     ),
     kernel(
         "stage_factors(q, v, kp, kd, times) -> kept",
@@ -355,17 +345,7 @@ PARTS: Mapping[str, Signature] = table(  # programs that only other kernels call
     ),
 )
 
-EXTENDED_PARTS = (
-    "closing_reactions",
-    "loop_wrenches",
-    "constrained_residual",
-    "step_residual",
-)  # of bounds of solutions
-DERIVATIVES: Mapping[str, Signature] = {  # there only if they are asked for
-    **differentiated(OWN_KERNELS),
-    **{name: signature for part in EXTENDED_PARTS for name, signature in extended(part, PARTS[part]).items()},
-    **enclosed("constraint_jacobian", OWN_KERNELS["constraint_jacobian"]),
-}
+DERIVATIVES: Mapping[str, Signature] = differentiated(OWN_KERNELS)  # there only if they are asked for
 KERNELS: Mapping[str, Signature] = {**OWN_KERNELS, **DERIVATIVES, **GRADIENTS}
 CLOSURE_KERNELS = ("constraint", "constraint_jacobian", "constraint_bias", "cut_poses")  # of the constraint itself
 LOOP_KERNELS = tuple(
@@ -423,9 +403,7 @@ def available(model: Model) -> tuple[str, ...]:
     return tuple(
         name
         for name, signature in KERNELS.items()
-        if has[signature.needs]
-        and (model.parameters or not signature.by_parameters)
-        and not (signature.tree_only and model.constraints)
+        if has[signature.needs] and (model.parameters or not signature.by_parameters)
     )
 
 
@@ -495,7 +473,7 @@ def shapes(model: Model, kernels: Collection[str] | None = None) -> dict[str, tu
 def _shapes(model: Model, kernels: frozenset[str] | None) -> dict[str, tuple[int, ...]]:
     n = model.size
     vectors: dict[str, tuple[int, ...]] = dict.fromkeys(("q", "v", "a", "u", "added", "vector"), (n,))
-    vectors |= dict.fromkeys(("kp", "kd", "rates", "shifts", "end_q", "end_v"), (n,))
+    vectors |= dict.fromkeys(("kp", "kd", "rates", "shifts"), (n,))
     m, loops = len(model.constraints), len(model.robot.loops)
     closing: dict[str, tuple[int, ...]] = {
         "constraints": (m,),
@@ -506,7 +484,6 @@ def _shapes(model: Model, kernels: frozenset[str] | None) -> dict[str, tuple[int
         "following": (3 * n + m * n + m,),
         "driving": (3 * n + 5 * m,),
         "multipliers": (m,),
-        "constrained_rows": (n + m,),
         "closing": (sum(3 * block.size + len(block.columns) ** 2 for block in row_blocks(model)),),
     }
     springs, laws, elements = len(model.robot.springs), len(model.cut_laws), len(element_rows(model))
@@ -528,10 +505,8 @@ def _shapes(model: Model, kernels: frozenset[str] | None) -> dict[str, tuple[int
         "point": (3,),
         "momentum": (6,),
         "momenta": (2, n),
-        "step_rows": (2, n),
         "frame_rates": (len(model.frames), 6),
         "dt": (2,),
-        "step_length": (1,),
         "times": (2,),
         "joints": (len(model.bodies),),
         "reactions": (len(model.bodies), 6),

@@ -69,7 +69,8 @@ def find_compiler() -> Compiler:
     chosen, compiling, linking = (environment_words(name) for name in ("CC", "CFLAGS", "LDFLAGS"))
     for name, words in (("$CC", chosen[1:]), ("$CFLAGS", compiling), ("$LDFLAGS", linking)):
         check_flags(words, name)
-    command, version = _probe(chosen or _default())
+    asked = chosen or _default()
+    command, version = _probe(asked, _stamp(asked[0]))
     return Compiler(command, version, compiling, linking)
 
 
@@ -86,9 +87,19 @@ def _default() -> tuple[str, ...]:
     return (sys.executable, "-m", "ziglang", "cc")
 
 
+def _stamp(command: str) -> tuple[str, int, int]:
+    """Return the path of a command's binary, its size in bytes and the time of its last change, ns."""
+    path = os.path.realpath(shutil.which(command) or command)
+    try:
+        status = os.stat(path)
+    except OSError:  # asking it for its version says why
+        return path, 0, 0
+    return path, status.st_size, status.st_mtime_ns
+
+
 @cache
-def _probe(command: tuple[str, ...]) -> tuple[tuple[str, ...], str]:
-    """Return the command, and what it says of its version."""
+def _probe(command: tuple[str, ...], stamp: tuple[str, int, int]) -> tuple[tuple[str, ...], str]:
+    """Return the command, and what it says of its version; asked again when the binary changes, see ``_stamp``."""
     try:
         asked = [*command, "--version"]
         answer = subprocess.run(

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .ir import Program
-from .mixed import in_double
 
 Array = NDArray[Any]
 SinCos = Callable[[Any], tuple[Any, Any]]
@@ -52,7 +51,7 @@ def evaluate_lanes(
     """Evaluate a program in many states at once.
 
     Args:
-        program: instructions that are wide are evaluated in double precision.
+        program: any one.
         inputs: arrays of the dtype by name, (size, lanes), or (size,) for numbers that are the same in all lanes.
         dtype: "float64" or "float32".
         rounding: factors (rows, lanes) near 1: the result of instruction i is multiplied by row i modulo rows, as if it
@@ -64,23 +63,19 @@ def evaluate_lanes(
     """
     lanes = max((np.size(row) for rows in inputs.values() for row in rows[:1]), default=1)
     rows = None if rounding is None else list(rounding.astype(dtype))
-    number, double, turned, values = np.dtype(dtype).type, in_double(program), dict[int, Any](), list[Any]()
+    number, turned, values = np.dtype(dtype).type, dict[int, Any](), list[Any]()
     for index, (op, args, leaf) in enumerate(program.instructions):
         given = [values[arg] for arg in args]
-        if index in double:
-            given = [np.asarray(x, np.float64) for x in given]
         if op == "input":
             value = inputs[leaf[0]][leaf[1]]
         elif op == "const":
-            value = np.float64(leaf) if index in program.wide else number(leaf)
+            value = number(leaf)
         elif op in ("sin", "cos"):
             if args[0] not in turned:
                 turned[args[0]] = sincos(given[0])
             value = turned[args[0]][op == "cos"]
         else:
             value = OPERATORS[op](*given)
-        if index in double and index not in program.wide:
-            value = value.astype(number)
         if rows is not None and op not in EXACT:
             value = value * rows[index % len(rows)]
         values.append(value)

@@ -10,7 +10,6 @@ from typing import Any
 
 from eomgen._version import __version__
 from eomgen.errors import InputError
-from eomgen.memory import without_collection
 from eomgen.names import show
 from eomgen.robot.model import Model
 
@@ -70,7 +69,6 @@ class SimtSource:
         }
 
 
-@without_collection()
 def render_simt(
     model: Model,
     kernels: Sequence[str] = (),

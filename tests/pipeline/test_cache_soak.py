@@ -26,8 +26,7 @@ import eomgen
 from eomgen.errors import BuildError
 from eomgen.pipeline import cache
 from eomgen.pipeline.cache import VARIABLE
-from eomgen.pipeline.stages import make_package
-from tests.support.quick_builds import QUICK, Q, as_new_process, logging_compiler, one_link
+from tests.support.quick_builds import QUICK, Q, as_new_process, logging_compiler, one_link, package_of
 from tests.support.soak import WHOLE
 
 LIMIT = 5.0  # CPU s, beyond builds, for the next call to be right
@@ -329,7 +328,7 @@ def test_every_write_that_fails_is_reported(empty_cache: Path, monkeypatch: pyte
         with monkeypatch.context() as patch:
             for name in ("write_text", "write_bytes"):
                 patch.setattr(Path, name, until(limit, getattr(Path, name)))
-            package, said = attempt(lambda: make_package(robot, QUICK))
+            package, said = attempt(lambda: package_of(robot, QUICK))
         if package is not None:
             break
         failures += 1

@@ -15,8 +15,8 @@ from eomgen.codegen.package import extension
 from eomgen.codegen.package.compile import Compiler, find_compiler
 from eomgen.codegen.package.extension import FILE, HEADERS
 from eomgen.pipeline import cache, direct_calls
-from eomgen.pipeline.library_objects import Libraries
-from eomgen.pipeline.stages import generate
+from eomgen.pipeline.generating import generate
+from eomgen.pipeline.library_objects import LibraryObjects
 from tests.support.quick_builds import ONE_LEVEL, answer, flip, python, without_headers
 from tests.support.refusals import refused
 
@@ -173,10 +173,10 @@ def test_exceptions_in_threads_reach_the_caller(empty_cache: Path, monkeypatch: 
 
     monkeypatch.setattr(direct_calls, "EXTENSION", direct_calls.Extension())
     monkeypatch.setattr(direct_calls, "made_by", broken)
-    monkeypatch.setattr(Libraries, "_make", broken)
+    monkeypatch.setattr(LibraryObjects, "_make", broken)
     compiler = find_compiler()
     direct_calls.begin(compiler)
-    objects = Libraries(compiler, ("-O0",), "float64").begin(("fixed",))
+    objects = LibraryObjects(compiler, ("-O0",), "float64", {"singles": ("fixed",)}).begin().result
     for waiting in (direct_calls.settle, objects):
         refused(ModuleNotFoundError, "filelock", waiting)
     assert len(made) == 2

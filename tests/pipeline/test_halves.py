@@ -20,8 +20,9 @@ from eomgen.errors import BuildError, DescriptionError, EomgenWarning, InputErro
 from eomgen.export.wheel import export_wheel
 from eomgen.motion.csv_columns import read_csv
 from eomgen.npz import read_npz
-from eomgen.pipeline.importable import check_module_name
-from eomgen.pipeline.stages import Options, build_groups, generate
+from eomgen.pipeline.building import build_groups
+from eomgen.pipeline.generating import check_module_name, generate
+from eomgen.pipeline.options import Options
 from eomgen.runtime.raw import RawFunction
 from tests.support.builds import Build
 from tests.support.quick_builds import logging_compiler, script

@@ -13,14 +13,25 @@ import numpy as np
 import pytest
 
 import eomgen
-from eomgen.codegen.c.library import LINKED, PARTS, parts_of
+from eomgen.codegen.c.library import LINKED
 from eomgen.codegen.kernels.signatures import BATCHES, SINGLES
 from eomgen.codegen.package.compile import Compiler, compile_flags, find_compiler, write_package
-from eomgen.codegen.package.library import OBJECT, library_command, library_flags, library_key, write_library
+from eomgen.codegen.package.library import (
+    OBJECT,
+    PARTS,
+    library_command,
+    library_flags,
+    library_key,
+    parts_of,
+    write_library,
+)
 from eomgen.errors import BuildError, InputError, SingularError
-from eomgen.pipeline import cache, stages
-from eomgen.pipeline.library_objects import KIND, Libraries
-from eomgen.pipeline.stages import Options, generate, load_kernel, make_source
+from eomgen.pipeline import cache, on_demand
+from eomgen.pipeline.building import load_kernel
+from eomgen.pipeline.generating import generate
+from eomgen.pipeline.library_objects import KIND, LibraryObjects
+from eomgen.pipeline.options import Options
+from eomgen.pipeline.stages import make_source
 from eomgen.runtime.levels import LEVELS, VARIABLE, supported
 from tests.support.processors import needs_levels, pretend
 from tests.support.quick_builds import (
@@ -166,13 +177,16 @@ def test_keys_and_flags() -> None:
     assert len({key, *others}) == 5
 
 
+def objects_of(part: str, **options: bool) -> LibraryObjects:
+    return LibraryObjects(find_compiler(), PLAIN, "float64", {"singles": (part,)}, **options)
+
+
 @pytest.mark.soak
 def test_a_damaged_object_is_made_again(empty_cache: Path) -> None:
-    library = Libraries(find_compiler(), PLAIN, "float64")
-    (first,) = library.begin(("fixed",))()
+    (first,) = objects_of("fixed").begin().result()
     made = next((empty_cache / KIND).iterdir())
     flip(made / OBJECT)
-    assert library.begin(("fixed",))() == [first]
+    assert objects_of("fixed").begin().result() == [first]
     assert (made / OBJECT).read_bytes() == first
 
 
@@ -342,8 +356,8 @@ def test_native_packages_have_one_binary(empty_cache: Path, tmp_path: Path, monk
 @needs_levels
 def test_on_demand_kernels_keep_the_level_of_their_build(empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[str] = []
-    own = stages.make_package
-    monkeypatch.setattr(stages, "make_package", lambda *args: asked.append(args[1].level) or own(*args))
+    own = on_demand.make_package
+    monkeypatch.setattr(on_demand, "make_package", lambda *args: asked.append(args[1].level) or own(*args))
     monkeypatch.setenv(VARIABLE, "v1")
     kernel = eomgen.build("one_link", flags=QUICK.flags)
     monkeypatch.delenv(VARIABLE)

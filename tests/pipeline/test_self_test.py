@@ -37,8 +37,9 @@ from eomgen.codegen.program.operations import OPERATIONS
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import BuildError
 from eomgen.pipeline.cache import clear
+from eomgen.pipeline.generating import generate
+from eomgen.pipeline.options import Options
 from eomgen.pipeline.self_test import first_difference
-from eomgen.pipeline.stages import Options, generate
 from eomgen.robot.model import Model, build_model
 from eomgen.robot.value import Coordinate, Robot
 from tests.support.c_project import elastic_tree, write_source

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eomgen.codegen.package.compile import FLAGS
-from eomgen.pipeline.stages import Options, make_source
+from eomgen.pipeline.options import Options
+from eomgen.pipeline.stages import make_source
 from eomgen.robot.value import Robot
 from tests.support.c_project import write_source
 

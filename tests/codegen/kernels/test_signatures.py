@@ -35,8 +35,6 @@ OF_A_KIND: dict[str, Callable[[str, Signature], bool]] = {
     "adjoint": lambda name, entry: is_derivative(name, entry),
     "hessian": lambda name, entry: is_derivative(name, entry),
     "jet": lambda name, entry: is_derivative(name, entry) and name.endswith(f"_jet{entry.order}"),
-    "errors": lambda name, entry: is_derivative(name, entry) and name == f"{entry.derivative_of}_with_errors",
-    "extended": lambda name, entry: is_derivative(name, entry) and name.endswith(("_extended", "_around")),
     "frames": lambda name, entry: name in WRITERS and bool(entry.functions) and is_written(name),
     "composed": lambda name, entry: entry.calls and set(entry.calls) >= set(entry.counts) and is_written(name),
     "rollout": lambda name, entry: entry.calls and set(entry.calls) >= set(entry.counts),
@@ -59,7 +57,7 @@ def test_an_entry_has_what_its_kind_needs(name: str) -> None:
     entry = SIGNATURES[name]
     assert entry.kind in KINDS
     assert OF_A_KIND[entry.kind](name, entry)
-    derived = ("tangent", "adjoint", "hessian", "jet", "errors", "extended", "gradient")
+    derived = ("tangent", "adjoint", "hessian", "jet", "gradient")
     assert (entry.derivative_of != "") == (entry.kind in derived)
     assert (entry.order > 0) == (entry.kind == "jet")
     assert (entry.functions != {}) == (entry.kind == "frames")
