@@ -71,14 +71,7 @@ def describe_kernels(model: Model, kernels: Sequence[str], dtype: str) -> dict[s
         "knots": knots(model),
         "elements": {x: owners for x, owners in element_places(robot, model.parameters).items() if owners},
         "turning": turning_joints(model) if model.turning else {},
-        "loops": {loop.name: loop.type for loop in robot.loops},
-        "upright": {loop.name: _upright(loop) for loop in robot.loops},
-        "constraints": model.constraints,
-        "couplings": {coupling.name: coupling.of for coupling in robot.couplings if coupling.law is None},
-        "followers": {
-            name: {"coupling": x.name, "to": dict(x.to), "offset": x.offset or 0.0, **_bends(x)}
-            for name, x in model.followers.items()
-        },
+        **_closed(model),
         "cut_laws": [component_name(owner, name) if name else owner for owner, name, _ in model.cut_laws],
         "regressor": regressor_names(model) if "regressor" in kernels else (),
         "springs": [spring.name for spring in robot.springs],
@@ -89,6 +82,21 @@ def describe_kernels(model: Model, kernels: Sequence[str], dtype: str) -> dict[s
         "readings": reading_names(model),
     }
     return {key: value for key, value in described.items() if value or key not in IF_ANY}
+
+
+def _closed(model: Model) -> dict[str, Any]:
+    """Return what closes a mechanism: loops, constraints, couplings and followers."""
+    robot = model.robot
+    return {
+        "loops": {loop.name: loop.type for loop in robot.loops},
+        "upright": {loop.name: _upright(loop) for loop in robot.loops},
+        "constraints": model.constraints,
+        "couplings": {coupling.name: coupling.of for coupling in robot.couplings if coupling.law is None},
+        "followers": {
+            name: {"coupling": x.name, "to": dict(x.to), "offset": x.offset or 0.0, **_bends(x)}
+            for name, x in model.followers.items()
+        },
+    }
 
 
 def _bends(coupling: Coupling) -> dict[str, Any]:

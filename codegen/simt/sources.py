@@ -18,7 +18,7 @@ from ..c.scalar_types import SCALARS, Scalar
 from ..c.source import environment
 from ..kernels.signatures import DTYPES
 from ..program.ir import Program
-from .kernels import CONTROLLED, ROLLOUTS, ThreadKernel, derive_kernels
+from .kernels import CONTROLLED, ROLLOUTS, ThreadKernel, ThreadKernels, derive_kernels
 from .parts import Part, split_columns
 from .registers import PLACES, scheduled
 from .sines import COEFFICIENTS
@@ -69,6 +69,9 @@ class SimtSource:
         }
 
 
+Plans = Sequence[tuple[ThreadKernel, tuple[Part, ...]]]
+
+
 def render_simt(
     model: Model,
     kernels: Sequence[str] = (),
@@ -97,14 +100,17 @@ def render_simt(
         raise InputError(f"contract: {show(contract)}; allowed: True or False")
     derived, scalar = derive_kernels(model, kernels, dtype), SCALARS[dtype]
     plans = [(kernel, _parts(kernel, model, dtype)) for kernel in derived.kernels]
-    context = {
+    said = {
         "name": model.name,
-        "version": __version__,
         "dtype": dtype,
-        "is_double": int(dtype == "float64"),
         "tile": tile,
-        "contract": int(contract),
         "flags": {language: told[contract] for language, told in CONTRACTION.items()},
+    }
+    context = {
+        **said,
+        "version": __version__,
+        "is_double": int(dtype == "float64"),
+        "contract": int(contract),
         "sines": _sines(dtype, scalar),
         **{word: scalar.literal(number) for word, number in NUMBERS.items()},
         "vanished": scalar.literal(PIVOT_LIMITS[dtype]),
@@ -112,13 +118,19 @@ def render_simt(
         "far": STATUS["far"],
         "kernels": [part for kernel, parts in plans for part in _kernel(model, kernel, parts, scalar)],
     }
-    meta = {
+    templates = environment()
+    return SimtSource(
+        model.name,
+        templates.get_template("simt/kernels.h.jinja").render(context),
+        json.dumps({**said, "contract": contract, **_metadata(model, derived, plans, dtype)}, indent=1) + "\n",
+        templates.get_template("simt/driver.py.jinja").render(context),
+    )
+
+
+def _metadata(model: Model, derived: ThreadKernels, plans: Plans, dtype: str) -> dict[str, Any]:
+    """Return what Python reads of the text, for JSON."""
+    return {
         "generator": f"eomgen {__version__}",
-        "name": model.name,
-        "dtype": dtype,
-        "tile": tile,
-        "contract": contract,
-        "flags": {language: told[contract] for language, told in CONTRACTION.items()},
         "coordinates": list(model.coordinates),
         "memory": list(model.memory),
         "links": list(model.links),
@@ -130,13 +142,6 @@ def render_simt(
         "farthest": COEFFICIENTS[dtype].farthest,
         "kernels": {kernel.name: _described(model, kernel, parts) for kernel, parts in plans},
     }
-    templates = environment()
-    return SimtSource(
-        model.name,
-        templates.get_template("simt/kernels.h.jinja").render(context),
-        json.dumps(meta, indent=1) + "\n",
-        templates.get_template("simt/driver.py.jinja").render(context),
-    )
 
 
 def _sines(dtype: str, scalar: Scalar) -> dict[str, Any]:

@@ -109,13 +109,17 @@ def load_robot(  # noqa: PLR0913
         return _from_toml(text, options, source)
     if not isinstance(source, (str, Path)):
         raise DescriptionError(f"robot: got a value of type {type(source).__name__}; allowed: a name or a path")
-    path = Path(source)
+    return _from_file(Path(source), options)
+
+
+def _from_file(path: Path, options: ReadOptions) -> Robot:
+    """Read a file by its ending."""
     if path.suffix == ".sdf":
         from .urdf import SDF
 
         raise DescriptionError(SDF, source=str(path))
     if path.suffix not in SUFFIXES:
-        known, name = builtin_robots(), str(source)
+        known, name = builtin_robots(), str(path)
         allowed = f"a path that ends in {', '.join(SUFFIXES)}, or one of {', '.join(known)}"
         raise DescriptionError(f"there is no robot {show_path(name)}{nearest(name, known)} (allowed: {allowed})")
     text = read_text(path, str(path))
@@ -127,7 +131,7 @@ def load_robot(  # noqa: PLR0913
     if path.suffix == ".xacro":
         from .macros import expanded_urdf
 
-        text = expanded_urdf(path, trusted=xacro, arguments=xacro_args)
+        text = expanded_urdf(path, trusted=options.xacro, arguments=options.xacro_args)
     if path.suffix != ".toml":
         return _from_urdf(text, options, f"{path} (expanded)" if path.suffix == ".xacro" else str(path))
     return _from_toml(text, options, str(path), path.parent)

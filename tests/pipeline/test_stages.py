@@ -1,0 +1,47 @@
+"""A build goes through the packages of the generator in their order."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import pytest
+
+import eomgen
+
+pytestmark = pytest.mark.quick
+
+RETURNS = 10  # at most, to packages that the build had left
+
+
+def entered(name: str) -> str:
+    """The package of a module: a folder of eomgen, or of its generator; none of the modules that all packages use."""
+    parts = name.split(".")
+    depth = 3 if parts[1:2] == ["codegen"] else 2
+    is_package = hasattr(sys.modules[name], "__path__")
+    return ".".join(parts[:depth]) if len(parts) > depth or (len(parts) == depth and is_package) else ""
+
+
+def test_an_uncached_build_returns_to_few_packages_that_it_had_left(empty_cache: Path) -> None:
+    """In the order in which its modules are first called; they were imported by an earlier build."""
+    eomgen.build("one_link", kernels=("mass_matrix",), flags=("-O0",)).mass_matrix([0.1, 0.2])
+    robot, modules = eomgen.load_robot("ur5"), dict[str, None]()
+
+    def note(frame: FrameType, event: str, argument: Any) -> None:
+        name = frame.f_globals.get("__name__", "")
+        if event == "call" and name.startswith("eomgen."):
+            modules.setdefault(name)
+
+    before = sys.getprofile()
+    sys.setprofile(note)
+    try:
+        kernel = eomgen.build(robot, kernels=("mass_matrix",), flags=("-O0",))
+    finally:
+        sys.setprofile(before)
+    assert kernel.n == 6
+    packages = [package for package in map(entered, modules) if package]
+    way = [package for package, last in zip(packages, ["", *packages], strict=False) if package != last]
+    assert {"eomgen.pipeline", "eomgen.robot", "eomgen.codegen.tree", "eomgen.codegen.c"} <= set(way)
+    assert len(way) - len(set(way)) <= RETURNS, way
