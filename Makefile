@@ -93,7 +93,6 @@ bench: $(VENV)/.bench
 	$(BIN)/python -m benchmarks.rounding
 	$(BIN)/python -m benchmarks.rotor
 	$(BIN)/python -m benchmarks.threads
-	$(BIN)/python -m benchmarks.tiles
 	$(BIN)/python -m benchmarks.wasm
 	$(BIN)/python docs/tables.py
 

@@ -8,7 +8,6 @@ from typing import Any
 
 from eomgen._version import __version__
 from eomgen.errors import InputError
-from eomgen.memory import without_collection
 from eomgen.names import show
 from eomgen.robot.model import Model
 
@@ -28,7 +27,6 @@ CLOSED = {"forward_dynamics": "constrained_dynamics", "inverse_dynamics": "const
 POSES = "Poses [R | X] of all frames in the base; eqs. (1) and (2)."
 
 
-@without_collection()
 def render_arrays(model: Model, kernels: Sequence[str] = ()) -> str:
     """Render a model as text of a Python module that needs neither eomgen nor anything else.
 

@@ -19,7 +19,7 @@ from ..kernels.constraint_rows import deriving_precision
 from ..kernels.derived import GRADIENTS
 from ..kernels.equations import Equations
 from ..kernels.interface import turning_joints
-from ..kernels.signatures import BATCHES, KERNELS, SIGNATURES, SINGLES, Function, by_kind, functions, shapes
+from ..kernels.signatures import KERNELS, SIGNATURES, SINGLES, Function, by_kind, functions, shapes
 from ..kernels.steps.methods import RK4, TSIT5, W643
 from ..program.ir import Program
 from ..program.orders import with_short_lives
@@ -36,7 +36,6 @@ OPEN_GAPS = {"float64": 1e-9, "float32": 1e-5}  # m or rad, and per second of a 
 CLOSED_GAPS = {"float64": 1e-11, "float32": 2e-6}  # m or rad, from which one more projection leaves round-off
 MET_GAPS = {"float64": 1e-12, "float32": 2e-6}  # m, or sine of an angle: a constraint that is met
 LEFT = 10.0  # times that is what round-off may leave of it
-TILE_BYTES = 64  # of a number of all states of a tile: a line of memory; TILE of clib/batches.h
 RUN = ("last", "h", "q", "sine", "cosine", GIVEN, "pose", "origins", "axes")  # that a run of bodies may take
 CHECKED = (
     "constrained_dynamics",
@@ -69,10 +68,6 @@ def header_context(equations: Equations, dtype: str, meta: Mapping[str, Any], ba
         "closed": bool(model.constraints),
         "batches": batches,
         "declared": [name for names in meta["halves"].values() for name in names],
-        "tile": TILE_BYTES // np.dtype(dtype).itemsize,
-        "in_tiles": [
-            x.name for x in public if not x.is_rollout and f"{x.name}_batch" in meta["halves"].get(BATCHES, ())
-        ],
         "coordinates": model.coordinates,
         "memory": model.memory,
         "inputs": meta.get("inputs", {}),

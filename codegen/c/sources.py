@@ -10,8 +10,6 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-from eomgen.memory import without_collection
-
 from ..kernels.equations import Equations
 from .contexts import header_context, lane_context, number_context
 from .library import library_types
@@ -21,7 +19,6 @@ from .source import Source, environment
 DECLARATIONS = "kernel/declarations.jinja"
 
 
-@without_collection()
 def render(equations: Equations, dtype: str, *, batches: bool = True) -> Source:
     """Render equations as C; ``batches``: with the functions for several states in one call."""
     meta = kernel_metadata(equations, dtype, batches=batches)

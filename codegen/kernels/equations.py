@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from eomgen.errors import InputError
-from eomgen.memory import without_collection
 from eomgen.robot.elements import KINDS, Spring
 from eomgen.robot.model import Model
 
@@ -85,7 +84,6 @@ def why_missing(kernel: str, model: Model) -> str:
     return f"is for robots with {NEEDS[KERNELS[kernel].needs]}, and {model.name} has none"
 
 
-@without_collection()
 def derive_equations(model: Model, kernels: Sequence[str] = (), dtype: str = "float64") -> Equations:
     """Derive a model's equations: one program per kernel, with every pass run.
 
@@ -152,7 +150,6 @@ def columns_cost(model: Model, column: Program) -> int:
     return model.size * sum(column.count().values())
 
 
-@without_collection()
 def derive(model: Model, kernel: str, dtype: str = "float64", known: dict[str, Program] | None = None) -> Program:
     """Derive the program of one entry of WRITERS or VARIANTS, or of a derivative.
 

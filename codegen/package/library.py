@@ -40,10 +40,10 @@ def library_flags(flags: Sequence[str]) -> tuple[str, ...]:
     return (*WARNINGS, *first, *flags[1:], HIDDEN)
 
 
-def library_key(compiler: Compiler, flags: Sequence[str], dtype: str, name: str, *, tried: bool) -> str:
-    """Hash all that an object of the library depends on; another one where nobody could try what was compiled."""
+def library_key(compiler: Compiler, flags: Sequence[str], dtype: str, name: str) -> str:
+    """Hash all that an object of the library depends on."""
     inputs: dict[str, Any] = {
-        "object": [name, *PARTS[name], dtype, tried],
+        "object": [name, *PARTS[name], dtype],
         "files": library_files(),
         "maker": Path(__file__).read_text(encoding="utf-8"),
     }

@@ -1,7 +1,7 @@
 """A few lines of C, compiled as a kernel is: whether a compiler and its flags keep IEEE arithmetic.
 
 For binaries that hold kernels and that nobody here can call, such as FMUs; compiled kernels of
-packages answer samples instead.
+packages are compared with their programs instead.
 """
 
 from __future__ import annotations

@@ -35,6 +35,9 @@ class Instruction(NamedTuple):
     leaf: Any = None
 
 
+Written = tuple[str, tuple[int, ...], Any]  # an Instruction in a graph; plain tuples cost the collector nothing
+
+
 class Node:
     """A value of a graph, with the operators of arithmetic."""
 
@@ -79,7 +82,7 @@ class Graph:
     """
 
     def __init__(self) -> None:
-        self.instructions: list[Instruction] = []
+        self.instructions: list[Written] = []
         self.notes: dict[int, str] = {}
         self._interned: dict[tuple[Any, ...], int] = {}
 
@@ -137,20 +140,20 @@ class Graph:
                 return x
             y = self.constant(y)
         i, j = x.index, y.index
-        one, other = self.instructions[i], self.instructions[j]
-        if one.op == "neg":
-            minus_x = Node(self, one.args[0])
-            return self.neg(self.add(minus_x, Node(self, other.args[0]))) if other.op == "neg" else self.sub(y, minus_x)
-        if other.op == "neg":
-            return self.sub(x, Node(self, other.args[0]))
-        if one.op == "sub" and one.args[1] == j:  # (a - b) + b
-            return Node(self, one.args[0])
-        if other.op == "sub" and other.args[1] == i:
-            return Node(self, other.args[0])
+        (op, args, _), (other_op, other_args, _) = self.instructions[i], self.instructions[j]
+        if op == "neg":
+            minus_x = Node(self, args[0])
+            return self.neg(self.add(minus_x, Node(self, other_args[0]))) if other_op == "neg" else self.sub(y, minus_x)
+        if other_op == "neg":
+            return self.sub(x, Node(self, other_args[0]))
+        if op == "sub" and args[1] == j:  # (a - b) + b
+            return Node(self, args[0])
+        if other_op == "sub" and other_args[1] == i:
+            return Node(self, other_args[0])
         merged = self._merged_constants(x, y)
         if merged is not None:
             return merged
-        if i == j and one.op == "mul" and self.instructions[one.args[0]].op == "const":  # c z + c z
+        if i == j and op == "mul" and self.instructions[args[0]][0] == "const":  # c z + c z
             return self._scaled(2.0, x)
         return self._node("add", (i, j) if i <= j else (j, i))
 
@@ -161,17 +164,17 @@ class Graph:
         if not isinstance(x, Node):
             if x == 0.0:
                 return self.neg(y)
-            subtrahend = self.instructions[y.index]
-            if subtrahend.op == "neg":
-                return self.add(Node(self, subtrahend.args[0]), x)
+            op, args, _ = self.instructions[y.index]
+            if op == "neg":
+                return self.add(Node(self, args[0]), x)
             return self._binary("sub", self.constant(x), y)
         if x.index == y.index:
             return 0.0
-        one, other = self.instructions[x.index], self.instructions[y.index]
-        if other.op == "neg":
-            return self.add(x, Node(self, other.args[0]))
-        if one.op == "neg":
-            return self.neg(self.add(Node(self, one.args[0]), y))
+        (op, args, _), (other_op, other_args, _) = self.instructions[x.index], self.instructions[y.index]
+        if other_op == "neg":
+            return self.add(x, Node(self, other_args[0]))
+        if op == "neg":
+            return self.neg(self.add(Node(self, args[0]), y))
         cancelled = self._cancelled(x, y)
         if cancelled is not None:
             return cancelled
@@ -204,10 +207,10 @@ class Graph:
             return 0.0, leaf
         if op in ("add", "sub"):
             for arg, other in (args, args[::-1]) if op == "add" else (args,):
-                summand = self.instructions[arg]
-                if summand.op == "const":
+                kind, _, number = self.instructions[arg]
+                if kind == "const":
                     rest = Node(self, other)
-                    return (rest if op == "add" else self.neg(rest)), summand.leaf
+                    return (rest if op == "add" else self.neg(rest)), number
         return x, None
 
     def mul(self, x: Value, y: Value) -> Value:
@@ -219,16 +222,16 @@ class Graph:
         if not isinstance(y, Node):
             return self._scaled(y, x)
         i, j = x.index, y.index
-        one, other = self.instructions[i], self.instructions[j]
-        if one.op == "neg" or other.op == "neg":
+        (op, args, leaf), (other_op, other_args, other_leaf) = self.instructions[i], self.instructions[j]
+        if op == "neg" or other_op == "neg":
             product = self.mul(
-                Node(self, one.args[0]) if one.op == "neg" else x, Node(self, other.args[0]) if other.op == "neg" else y
+                Node(self, args[0]) if op == "neg" else x, Node(self, other_args[0]) if other_op == "neg" else y
             )
-            return product if one.op == other.op else self.neg(product)
-        if one.op == "const":  # c x y: keep the constant where it can meet another one
-            return self._scaled(one.leaf, y)
-        if other.op == "const":
-            return self._scaled(other.leaf, x)
+            return product if op == other_op else self.neg(product)
+        if op == "const":  # c x y: keep the constant where it can meet another one
+            return self._scaled(leaf, y)
+        if other_op == "const":
+            return self._scaled(other_leaf, x)
         return self._node("mul", (i, j) if i <= j else (j, i))
 
     def div(self, x: Value, y: Value) -> Value:
@@ -245,27 +248,29 @@ class Graph:
         """Return -x."""
         if not isinstance(x, Node):
             return -x
-        instruction = self.instructions[x.index]
-        if instruction.op == "const":
-            number: float = instruction.leaf
+        op, args, leaf = self.instructions[x.index]
+        if op == "const":
+            number: float = leaf
             return -number
-        return Node(self, instruction.args[0]) if instruction.op == "neg" else self._node("neg", (x.index,))
+        return Node(self, args[0]) if op == "neg" else self._node("neg", (x.index,))
 
     def _scaled(self, factor: float, x: Node) -> Value:
         if factor == 0.0:
             return 0.0
         if factor < 0.0:
             return self.neg(self._scaled(-factor, x))
-        instruction = self.instructions[x.index]
-        if instruction.op == "neg":
-            return self.neg(self._scaled(factor, Node(self, instruction.args[0])))
+        op, args, leaf = self.instructions[x.index]
+        if op == "neg":
+            return self.neg(self._scaled(factor, Node(self, args[0])))
         if factor == 1.0:
             return x
-        if instruction.op == "const":
-            number: float = instruction.leaf
+        if op == "const":
+            number: float = leaf
             return factor * number
-        if instruction.op == "mul" and self.instructions[instruction.args[0]].op == "const":
-            return self._scaled(factor * self.instructions[instruction.args[0]].leaf, Node(self, instruction.args[1]))
+        if op == "mul":
+            kind, _, inner = self.instructions[args[0]]
+            if kind == "const":
+                return self._scaled(factor * inner, Node(self, args[1]))
         return self._binary("mul", self.constant(factor), x)
 
     def _binary(self, op: str, x: Node, y: Node) -> Value:
@@ -275,15 +280,15 @@ class Graph:
 
     def number(self, x: Node) -> float | None:
         """Return the number of a constant node, or None."""
-        instruction = self.instructions[x.index]
-        return float(instruction.leaf) if instruction.op == "const" else None
+        op, _, leaf = self.instructions[x.index]
+        return float(leaf) if op == "const" else None
 
     def _node(self, op: str, args: tuple[int, ...], leaf: Any = None) -> Node:
         key = (op, args, leaf)
         index = self._interned.get(key)
         if index is None:
             index = self._interned[key] = len(self.instructions)
-            self.instructions.append(Instruction._make(key))
+            self.instructions.append(key)
         return Node(self, index)
 
 
@@ -336,7 +341,7 @@ def first_values(program: Program) -> list[bool]:
     return needed(program.instructions, wanted)
 
 
-def needed(instructions: Sequence[Instruction], wanted: Iterable[int]) -> list[bool]:
+def needed(instructions: Sequence[Written], wanted: Iterable[int]) -> list[bool]:
     """Say of every value whether some of them need it, themselves among them."""
     marked = [False] * len(instructions)
     last = -1
@@ -345,7 +350,7 @@ def needed(instructions: Sequence[Instruction], wanted: Iterable[int]) -> list[b
         last = max(last, index)
     for index in range(last, -1, -1):
         if marked[index]:
-            for arg in instructions[index].args:
+            for arg in instructions[index][1]:
                 marked[arg] = True
     return marked
 
@@ -377,7 +382,7 @@ def finish(graph: Graph, name: str, outputs: Mapping[tuple[str, int], Value]) ->
 
 def select(
     name: str,
-    instructions: Sequence[Instruction],
+    instructions: Sequence[Written],
     outputs: Mapping[tuple[str, int], int],
     notes: Mapping[int, str],
 ) -> Program:
@@ -387,15 +392,10 @@ def select(
     renumbered = [-1] * len(alive)
     for place, index in enumerate(staying):
         renumbered[index] = place
-    kept: list[Instruction] = []
+    kept, make = list[Instruction](), tuple.__new__  # which takes half the time of Instruction(...)
     for index in staying:
-        instruction = instructions[index]
-        args = instruction.args
-        if args:
-            moved = tuple([renumbered[arg] for arg in args])
-            if moved != args:
-                instruction = Instruction(instruction.op, moved, instruction.leaf)
-        kept.append(instruction)
+        op, args, leaf = instructions[index]
+        kept.append(make(Instruction, (op, tuple([renumbered[arg] for arg in args]), leaf)))
     places = {index: bisect_left(staying, index) for index in sorted(notes)}
     kept_notes = {place: notes[index] for index, place in places.items() if place < len(kept)}
     return Program(name, tuple(kept), {key: renumbered[index] for key, index in outputs.items()}, kept_notes)
@@ -409,8 +409,8 @@ def verify(program: Program) -> Program:
             constant that is not finite, or an output that does not exist.
     """
     for index, (op, args, leaf) in enumerate(program.instructions):
-        assert op in ARITY, f"{program.name}: value {index}, unknown operation {op}"
-        arity = ARITY[op]
+        arity = ARITY.get(op)
+        assert arity is not None, f"{program.name}: value {index}, unknown operation {op}"
         assert len(args) == arity, f"{program.name}: value {index}, {op} takes {arity} arguments"
         for arg in args:
             assert 0 <= arg < index, f"{program.name}: value {index} uses a later one"

@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from eomgen.errors import InputError, UnknownNameError
-from eomgen.memory import without_collection
 from eomgen.names import nearest_or_all, show
 from eomgen.robot.model import Model
 
@@ -72,7 +71,6 @@ class ThreadKernels:
     kernels: tuple[ThreadKernel, ...]
 
 
-@without_collection()
 def derive_kernels(model: Model, names: Sequence[str] = (), dtype: str = "float64") -> ThreadKernels:
     """Derive kernels of a model by their names; those of DEFAULT that it has without any.
 

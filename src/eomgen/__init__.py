@@ -8,9 +8,11 @@ eomgen.analysis.modes("puma560_elastic")
 Names and rooms are imported when they are first used.
 """
 
-from .lazily import imports_when_used
+from typing import TYPE_CHECKING
 
-with imports_when_used(globals()):
+from .lazily import lazy_names
+
+if TYPE_CHECKING:
     from . import analysis as analysis
     from . import control as control
     from . import description as description
@@ -28,7 +30,6 @@ with imports_when_used(globals()):
     from .description import load_robot as load_robot
     from .errors import ArrayError as ArrayError
     from .errors import BuildError as BuildError
-    from .errors import DerivationError as DerivationError
     from .errors import DescriptionError as DescriptionError
     from .errors import EomgenError as EomgenError
     from .errors import EomgenWarning as EomgenWarning
@@ -68,3 +69,5 @@ with imports_when_used(globals()):
     from .simulation import load_stream as load_stream
     from .simulation import run_scenario as run_scenario
     from .simulation import simulate as simulate
+else:
+    __getattr__, __dir__, __all__ = lazy_names(__name__)

@@ -31,13 +31,16 @@ from tests.support.soak import WHOLE
 from tests.support.surfaces import SURFACES, Surface
 
 QUICK = {  # surfaces of one process each
-    "descriptions": ("toml", "urdf", "mjcf"),
+    "descriptions": ("toml", "urdf"),
+    "models of MuJoCo": ("mjcf",),
     "inputs": ("scenario", "plan", "tolerances", "csv", "dh", "mtx", "npz", "modes", "finite elements"),
     "results": ("result", "sweep", *MEASURED),
     "analyses": tuple(f"numbers of {kind}" for kind, (few, _) in COUNTS.items() if few),
 }
 FOLDERS = ("sweep", "finite elements")
-SINGLE = [name for names in QUICK.values() for name in names if name not in FOLDERS and not name.startswith("numbers")]
+ELSEWHERE = ("mjcf",)  # read by a process of its own
+SINGLE = [name for names in QUICK.values() for name in names if name not in (*FOLDERS, *ELSEWHERE)]
+SINGLE = [name for name in SINGLE if not name.startswith("numbers")]
 BLOCK = 50_000
 
 
@@ -53,6 +56,8 @@ def test_all_surfaces_are_tried() -> None:
 
 @pytest.mark.parametrize("group", QUICK)
 def test_changed_files_are_refused_or_read(group: str) -> None:
+    if group == "models of MuJoCo":
+        needs("mujoco")
     fuzzed(*QUICK[group], first=10_000_000, count=0)
 
 

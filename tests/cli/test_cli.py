@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from threading import Event
 
 import numpy as np
 import pytest
@@ -287,6 +288,19 @@ def test_lines_of_long_work() -> None:
     count = len(lines)
     time.sleep(0.06)
     assert len(lines) == count
+
+
+def test_an_exception_of_who_says_the_lines_is_raised_behind_the_block() -> None:
+    called = Event()
+
+    def say(line: str) -> None:
+        called.set()
+        raise BrokenPipeError(line)
+
+    with pytest.raises(BrokenPipeError, match="sweeping"), told_in_lines("sweeping", say, every=0.01):
+        assert called.wait(10.0)
+    with pytest.raises(ZeroDivisionError), told_in_lines("sweeping", say, every=0.01):
+        raise ZeroDivisionError
 
 
 def test_short_work_and_errors_say_nothing(capsys: pytest.CaptureFixture[str]) -> None:

@@ -28,31 +28,25 @@ from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.run import run_scenario
 from tests.support.bad_files import changed
 from tests.support.description_samples import ARM, MJCF, URDF
-from tests.support.optional import OptionalModule
+from tests.support.optional import OptionalModule, needs
 from tests.support.refusals import refused
 from tests.support.text_files import text_file
 
 pytestmark = [pytest.mark.quick, pytest.mark.usefixtures("unoptimised")]
 STRANGE = changed(URDF, 'izz="0.15"', 'izz="0.9"')  # of the link upper, line 4
 STRANGE_TOML = changed(ARM, "{ xx = 0.1, yy = 0.2, zz = 0.2 }", "{ xx = 0.1, yy = 0.2, zz = 0.5 }")
-STRANGE_MJCF = changed(MJCF, "0.02 0.03 0.02", "0.02 0.03 0.2")  # of the body shin, line 23
 LIGHTLY = "ignore::eomgen.errors.EomgenWarning"
 
 
-@pytest.mark.parametrize(
-    ("read", "text", "place", "link"),
-    [(robot_from_urdf, STRANGE, "r.x:4:3", "upper"), (robot_from_mjcf, STRANGE_MJCF, "r.x:23:11", "shin")],
-    ids=["URDF", "MJCF"],
-)
-def test_what_others_wrote_is_taken_with_a_note_that_says_where(read, text: str, place: str, link: str) -> None:  # type: ignore[no-untyped-def]
-    with pytest.warns(EomgenWarning, match=re.escape(f"{place}: link {link}: no body can have")):
-        robot: Robot = read(text, source="r.x")
+def test_what_others_wrote_is_taken_with_a_note_that_says_where() -> None:
+    with pytest.warns(EomgenWarning, match=re.escape("r.x:4:3: link upper: no body can have")):
+        robot = robot_from_urdf(STRANGE, source="r.x")
     (note,) = [note for note in robot.notes if "no body" in note]
-    assert note.startswith(f"{place}: link {link}: no body can have")
+    assert note.startswith("r.x:4:3: link upper: no body can have")
     assert note.endswith("taken as it is")
     with pytest.warns(EomgenWarning):
-        assert robot.links == read(text, inertia="warn").links
-    refused(DescriptionError, f"links.{link}.inertia", read, text, inertia="error")
+        assert robot.links == robot_from_urdf(STRANGE, inertia="warn").links
+    refused(DescriptionError, "links.upper.inertia", robot_from_urdf, STRANGE, inertia="error")
 
 
 def test_toml_is_refused_by_default() -> None:
@@ -239,6 +233,7 @@ def test_limits_of_a_urdf_that_are_none_are_said(limit: str, kept: Limits, said:
 
 
 def test_mjcf_has_efforts() -> None:
+    needs("mujoco")
     text = MJCF.replace('<joint name="knee"', '<joint name="knee" actuatorfrcrange="-8 9"')
     robot = robot_from_mjcf(text)
     by_name = {f"{j.name}.{c}": j.limits_of(c).effort for j in robot.joints for c in j.coordinates}
@@ -259,7 +254,8 @@ ACTUATED = """<mujoco>
 
 @pytest.mark.parametrize("geom", ["", '<replicate count="1"><geom size="0.1"/></replicate>'])
 def test_actuators_push_as_hard_as_mujoco_lets_them(geom: str, tmp_path: Path) -> None:
-    """The largest force of the actuators on each joint, in MuJoCo, whatever their controls; read here or by MuJoCo."""
+    """The largest force of the actuators on each joint, in MuJoCo, whatever their controls."""
+    needs("mujoco")
     text = ACTUATED.format(geom=geom)
     path = text_file(tmp_path / "model.xml", text)
     robot = load_robot(path)
@@ -368,6 +364,7 @@ def test_urdfs_on_request(tmp_path: Path) -> None:
 
 def test_mjcf_on_request() -> None:
     """Any coordinate whose range MuJoCo keeps; without stops a note says that nothing stops there."""
+    needs("mujoco")
     robot = robot_from_mjcf(MJCF, stops=ASKED)
     low, high = np.radians([-30.0, 40.0])
     for name in ("hip", "twist"):

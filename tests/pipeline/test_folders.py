@@ -1,4 +1,4 @@
-"""What is written: folders that are replaced in one step, nothing where a derivation beside the compiler differs."""
+"""Folders that are replaced in one step; headers, reports and cached facts of the derivation."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ import pytest
 
 import eomgen
 from eomgen.cli.entry import main
-from eomgen.codegen.derivation import fresh
-from eomgen.codegen.joint.kept import KEPT
-from eomgen.errors import DerivationError, InputError
-from eomgen.pipeline import folders, generating
+from eomgen.codegen.joint import deriving
+from eomgen.errors import InputError, InternalError
+from eomgen.pipeline import cache, folders
+from eomgen.pipeline.derivations import derived_model
 from eomgen.pipeline.folders import new_folder, put_folder
 from eomgen.pipeline.generating import generate
 from eomgen.pipeline.options import Options
@@ -169,19 +169,12 @@ def test_many_writers_and_kills(tmp_path: Path) -> None:
 OPTIONS = Options(("mass_matrix",), flags=("-O0",), level="v1")
 
 
-@pytest.fixture
-def wrong(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A kept table that is not what is derived."""
-    facts = replace(KEPT, coaxial=KEPT.coaxial[1:])
-    monkeypatch.setattr(fresh, "derived_facts", lambda: facts)
-
-
 def test_the_header_says_what_was_derived(tmp_path: Path) -> None:
     """Its comment alone is longer than that of the source, and the C is as it was."""
     robot = eomgen.load_robot("one_link")
     made, source = generate(robot, tmp_path, OPTIONS), make_source(robot, OPTIONS)
     text = (made / "one_link.h").read_text(encoding="ascii")
-    assert "Derived afresh by SymPy" in text
+    assert "derived A_(i-1)i of eq. (3)" in text
     assert "2  sharper lemma" in text
     assert text.split("\n */\n")[1:] == source.header.split("\n */\n")[1:]
     assert text.startswith(source.header.split("\n */\n")[0])
@@ -189,11 +182,31 @@ def test_the_header_says_what_was_derived(tmp_path: Path) -> None:
     assert (made / "one_link.c").read_text(encoding="ascii") == source.code
 
 
-@pytest.mark.usefixtures("wrong")
-def test_generate_writes_nothing_where_the_derivation_differs(tmp_path: Path) -> None:
-    with pytest.raises(DerivationError, match="joint1, coaxial pairs, x, alpha"):
-        generate("one_link", tmp_path, OPTIONS, report=tmp_path / "derivation.html")
-    assert not list(tmp_path.iterdir())
+@pytest.fixture
+def empty_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("EOMGEN_CACHE_DIR", str(tmp_path / "cache"))
+
+
+@pytest.mark.usefixtures("empty_cache")
+def test_facts_are_derived_once_for_a_kind_of_joint(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Another robot with joints of the same coordinates is derived from the same entries."""
+    facts = derived_model(eomgen.load_robot("one_link")).facts
+    assert [kind for kind, _, _ in cache.contents()] == ["derivations"]
+    assert facts == {("x", "gamma"): deriving.derive_joint(("x", "gamma"))}
+    monkeypatch.setattr(deriving, "derive_joint", None)
+    assert derived_model(replace(eomgen.load_robot("one_link"), name="another")).facts == facts
+
+
+@pytest.mark.usefixtures("empty_cache")
+def test_nothing_is_written_where_a_proof_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(active: tuple[str, ...]) -> None:
+        raise InternalError("the proof failed")
+
+    monkeypatch.setattr(deriving, "derive_joint", fail)
+    with pytest.raises(InternalError, match="the proof failed"):
+        generate("one_link", tmp_path / "out", OPTIONS, report=tmp_path / "derivation.html")
+    assert not [kind for kind, _, _ in cache.contents() if kind in ("derivations", "sources")]
+    assert [path.name for path in tmp_path.iterdir()] == ["cache"]
 
 
 @pytest.mark.parametrize("ending", [".html", ".tex"])
@@ -205,14 +218,13 @@ def test_the_report_of_the_command(ending: str, tmp_path: Path, capsys: pytest.C
     assert "sharper lemma" in page.read_text(encoding="ascii")
 
 
-def test_links_that_bend_are_generated_without(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """SymPy derives joints alone: a package is as its source; a report is refused first."""
-    robot = eomgen.load_robot("flexible_arm")
-    text = (generate(robot, tmp_path, OPTIONS) / "flexible_arm.h").read_text(encoding="ascii")
-    assert text == make_source(robot, OPTIONS).header
-    monkeypatch.setattr(generating, "rendered", None)
-    with pytest.raises(InputError, match=r"links\.upper\.modes: SymPy .*allowed: robots whose links are rigid"):
-        generate(robot, tmp_path, OPTIONS, report=tmp_path / "derivation.html")
+def test_joints_of_robots_with_flexible_links_are_derived(tmp_path: Path) -> None:
+    """Header and report say so, and name the lemmas of modes."""
+    page = tmp_path / "derivation.html"
+    text = (generate("flexible_arm", tmp_path, OPTIONS, report=page) / "flexible_arm.h").read_text(encoding="ascii")
+    for found in (text, page.read_text(encoding="ascii")):
+        assert "derived A_(i-1)i of eq. (3)" in found
+        assert "lemmas of modes: those of eomgen.codegen.joint.modal_lemmas" in found
 
 
 def test_refused_before_anything_is_derived(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -85,7 +85,6 @@ def beyond(robot: Robot, kernel: str, compiled: eomgen.Kernel | None = None, van
 
 
 ROBOTS = ("one_link", "ur5", "two_link_arm", "tree", "far")
-MERGING = pytest.mark.xfail(strict=True, raises=AssertionError, reason="merging of links")
 
 
 @pytest.mark.parametrize("kernel", FUNCTIONS)
@@ -94,7 +93,7 @@ def test_programs_are_within_the_bound_and_1e_12_of_the_description(name: str, k
     assert beyond(robot_of(name), kernel) <= GENERATION
 
 
-@pytest.mark.parametrize("kernel", [pytest.param(name, marks=MERGING) for name in FUNCTIONS[:2]])
+@pytest.mark.parametrize("kernel", FUNCTIONS[:2])
 def test_merged_links_are_within_the_bound_and_1e_12_of_the_description(kernel: str) -> None:
     assert beyond(robot_of("merged"), kernel) <= GENERATION
 

@@ -79,28 +79,6 @@ def test_any_argument_is_taken_or_refused(kernel: Kernel, steps: dict[str, Any])
     assert wrong == []
 
 
-def test_any_argument_on_tiles_is_taken_or_refused(kernel: Kernel) -> None:
-    """Methods on tiles, beside tiles and one state that they take, and conversions."""
-    tried, wrong = 0, list[str]()
-    still = np.zeros(len(kernel.coordinates))
-    tiles = kernel.tiled.pack(np.zeros((3, still.size)))
-    others = (tiles, tiles[:, :, :5], tiles.astype(np.float32), [tiles], *({kernel.links[0]: x} for x in WRONG))
-    known: dict[str, dict[str, Any]] = {
-        name: {key: np.zeros((1, *x.shape, 8)) if isinstance(x, np.ndarray) else x for key, x in needed.items()}
-        for name, needed in calls(kernel, FIXED)
-        if name in dir(kernel.tiled)
-    }
-    for name, needed in {**known, "pack": {"x": still}, "unpack": {"x": tiles, "N": 3}}.items():
-        method = getattr(kernel.tiled, name)
-        handed_on = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
-        for key in (key for key, x in inspect.signature(method).parameters.items() if x.kind not in handed_on):
-            for value in (*WRONG, *others):
-                tried += 1
-                wrong += wrong_errors(f"{name}: {key}={value!r}", partial(method, **{**needed, key: value}))
-    assert tried > 1000
-    assert wrong == []
-
-
 def wrong_errors(what: str, call: Callable[[], object]) -> list[str]:
     """What comes instead of a result or an error of eomgen in a line of ASCII."""
     try:

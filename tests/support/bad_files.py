@@ -199,11 +199,6 @@ def toml_chain(count: int, top: str = "", joint: str = "fixed") -> str:
     return "\n".join(lines)
 
 
-def mjcf_chain(count: int, top: str = "") -> str:
-    """Return the same as MJCF."""
-    return "\n".join([f"<mujoco>{top}<worldbody>", *count * ["<body>"], *count * ["</body>"], "</worldbody></mujoco>"])
-
-
 def many_deep_tables(count: int) -> str:
     """Return so many tables, each as deep as one may be; the largest file has room for 43,000."""
     return "name = 'r'\n" + "".join(f"[x{k}.a.a.a.a.a.a.a]\n" for k in range(count))
@@ -214,16 +209,6 @@ def tunable_names(count: int) -> str:
     every = ["*.*.*", "links.*.*", "links.*.com", "links.*.inertia.*", "gravity.*"]
     single = [f"links.l{k % 1000}.{what}" for what in ("*", "com.*", "inertia", "com", "*.x") for k in range(1000)]
     return ", ".join(f"'{name}'" for name in [*every, *single][:count])
-
-
-def many_attributes(count: int, first: int = 0) -> str:
-    return " ".join(f"a{k}=''" for k in range(first, first + count))
-
-
-def nested_classes(count: int) -> str:
-    """Return default classes, each inside of the one before, with 100 further attributes each."""
-    inside = "".join(f"<default class='c{k}'><joint {many_attributes(100, 100 * k)}/>\n" for k in range(count))
-    return f"<mujoco><default>{inside}{'</default>' * count}</default></mujoco>"
 
 
 def elements(line: str, count: int, attribute: str = "") -> str:
@@ -306,7 +291,6 @@ MADE = [  # contents that are long, or that are cut, or no text
     urdf(1, b"\x89PNG\r\n\x1a\n" + bytes(range(256)), "byte 0", UTF_8, "UTF-8 text"),
     urdf(1, b"", BAD_XML, NO_END, "<robot name='...'>"),
     urdf(1, '<sdf version="1.6"/>', "", "root element is 'sdf'", "'robot'"),
-    xml(5002, lambda: mjcf_chain(100_000), "", "100000 <body>", "up to 5000"),
     xml(1, "<robot/>", "robot", "no <link>"),
     scenario(1, "duration = inf\n", "duration", "got inf", "at least 1e-09"),
     scenario(3, changed(SCENARIO, "point_to", "pint_to"), "motion.type", "'pint_to_point'", "line, circle"),
@@ -351,13 +335,6 @@ SLOW = [  # large ones, of whose kinds others are tried
     urdf(1, lambda: elements("<a{0}:b{0} c:d=''>", 80_000), BAD_XML, "mismatched tag", "closed first"),
     urdf(1, lambda: elements("<a{}:b/>", 300_000), "", NO_LINK, "at least one link"),
     urdf(200001, lambda: "\n<?xml ?>" * 200_000, "", NO_END, "</robot>"),
-    xml(1, lambda: mjcf_chain(5000), "joints", MOVES, "one joint that moves"),
-    xml(
-        2,
-        lambda: mjcf_chain(4000, f"<default>\n<geom {many_attributes(100_000)}/></default>"),
-        *("default, <geom>", "its class has 100000 attributes of <geom>", "up to 128"),
-    ),
-    xml(2, lambda: nested_classes(1500), "default, <joint>", "its class has 200 attributes", "up to 128"),
     plan(
         4,
         "".join(

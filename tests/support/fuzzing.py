@@ -60,10 +60,10 @@ def late(*_: object) -> None:
 
 
 def limit_memory(megabytes: int) -> None:
-    """Allow this process so many MB of addresses more than it has now."""
+    """Allow this process so many MB of addresses more than it has now; one that it starts may allow itself others."""
     pages = int(Path("/proc/self/statm").read_text().split()[0])
     most = pages * resource.getpagesize() + megabytes * 2**20
-    resource.setrlimit(resource.RLIMIT_AS, (most, most))
+    resource.setrlimit(resource.RLIMIT_AS, (most, resource.getrlimit(resource.RLIMIT_AS)[1]))
 
 
 def strict() -> None:

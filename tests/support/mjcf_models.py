@@ -215,3 +215,31 @@ class RandomModel:
 def random_model(seed: int) -> str:
     """Its XML."""
     return RandomModel(seed).text_of
+
+
+def humanoids(count: int) -> str:
+    """So many bodies of 22 coordinates, with motors, tendons and sensors, and with pictures whose files are missing."""
+    worldbody, actuator, tendon, sensor = [], [], [], []
+    for k in range(count):
+        limbs = [f"{side}{limb}{k}" for side in "lr" for limb in ("arm", "leg")]
+        inside = "".join(
+            f'<body name="upper_{n}" pos="0 0.1 0"><joint name="a_{n}" axis="1 0 0" armature="0.01"/>'
+            f'<joint name="b_{n}" axis="0 1 0" range="-30 40"/><joint name="c_{n}" stiffness="3" damping="1"/><geom/>'
+            f'<geom type="mesh" mesh="limb" class="shown"/><body name="lower_{n}" pos="0 0 -0.3"><joint name="d_{n}"'
+            ' axis="0 1 0"/><geom/><geom type="mesh" mesh="limb" class="shown"/></body></body>'
+            for n in limbs
+        )
+        torso = '<freejoint/><geom type="sphere" size="0.1"/><geom type="mesh" mesh="torso" class="shown"/>'
+        worldbody.append(f'<body name="torso{k}" pos="{0.1 * k} 0 1">{torso}{inside}</body>')
+        actuator += [f'<motor name="{j}_{n}" joint="{j}_{n}" ctrlrange="-1 1"/>' for n in limbs for j in "abcd"]
+        tendon += [
+            f'<fixed name="{n}"><joint joint="a_{n}" coef="2"/><joint joint="d_{n}" coef="1"/></fixed>' for n in limbs
+        ]
+        sensor += [f'<jointpos joint="{j}_{n}"/>' for n in limbs for j in "abcd"]
+    assets = '<mesh name="limb" file="limb.stl"/><mesh name="torso" file="torso.stl"/>'
+    picture = '<texture name="skin" type="2d" file="skin.png"/><material name="skin" texture="skin"/>'
+    shown = '<default class="shown"><geom contype="0" conaffinity="0" density="0" material="skin"/></default>'
+    default = f'<default><geom type="capsule" size="0.05 0.1"/>{shown}</default>'
+    sections = {"worldbody": worldbody, "actuator": actuator, "tendon": tendon, "sensor": sensor}
+    body = "".join(f"<{tag}>{''.join(items)}</{tag}>" for tag, items in sections.items())
+    return f"<mujoco>{default}<asset>{assets}{picture}</asset>{body}</mujoco>"

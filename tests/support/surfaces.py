@@ -316,7 +316,12 @@ def _surfaces() -> Iterator[Surface]:
     for kind, file, reader, more in (
         ("toml", "r.toml", read_robot, {"whole": 500_000}),
         ("urdf", "r.urdf", read_urdf, {"whole": 500_000, "has_line": True}),
-        ("mjcf", "r.mjcf", partial(read_robot, **projected), {"has_line": True}),
+        (
+            "mjcf",
+            "r.mjcf",
+            partial(read_robot, **projected),
+            {"has_line": True, "few": 20, "many": 300, "whole": 5_000},
+        ),
         ("scenario", "s.toml", load_scenario, {"whole": 100_000}),
         ("plan", "p.toml", load_plan, {}),
         ("tolerances", "t.toml", read_tolerances, {}),

@@ -64,7 +64,6 @@ class Kernel(Differentiation, TimeDerivatives, InverseKinematics, Rollouts):
         dtype: the dtype of all arrays.
         raw: the functions of C as they are, for programs that call them without checks.
         calls: checked calls of those functions by their names.
-        tiled: methods of the same names on tiles of states, which vectors load without transposes; see ``Tiled``.
 
     Raises (all methods):
         ArrayError: an array of wrong shape, with numbers that the dtype cannot hold exactly, or with NaN or infinity

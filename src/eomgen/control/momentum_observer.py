@@ -223,7 +223,7 @@ class MomentumObserver:
         """Write the robot's package with ``kernels_in_c`` into a folder, and the observer's C into it; return its path.
 
         Raises:
-            InputError, BuildError, DerivationError: as of ``eomgen.generate``.
+            InputError, BuildError: as of ``eomgen.generate``.
         """
         package = generate(self.robot, folder, Options(self.kernels_in_c, str(self.dtype)))
         for name, text in self.sources().items():

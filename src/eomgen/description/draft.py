@@ -12,7 +12,7 @@ from ..robot.elements import LinkElement
 from ..robot.geometry import Vector
 from ..robot.value import BASE, Beam, Coupling, Frame, Joint, Link, Loop
 
-Place = tuple[int, int]  # line and column, from 1
+Place = tuple[int, int | None]  # line and column, from 1; None where the column is not known
 GRAVITY: Vector = (0.0, 0.0, -9.81)
 
 

@@ -76,11 +76,11 @@ def load_robot(  # noqa: PLR0913
 
     Args:
         source: name of a built-in robot, or path of a ``.toml``, ``.urdf``, ``.xacro`` or ``.xml`` file.  ``.xml``:
-            MJCF or URDF, whatever its root element says.  What the reader here does not know of MJCF goes
-            through MuJoCo, where it is installed, and ``.xacro`` through xacro, where ``xacro`` asks for it.
+            MJCF or URDF, whatever its root element says.  MJCF goes through MuJoCo, and ``.xacro`` through xacro,
+            where ``xacro`` asks for it.
         inertia: what to do with a link whose inertia no body can have: "error", "warn" (take it as it is) or "project"
             (take the nearest possible body).  None: the description's policy, or "error" for an inertia in TOML and
-            "warn" for one of a URDF or MJCF.
+            "warn" for one of a URDF; MuJoCo refuses such inertias in MJCF.
         urdf_damping: read ``<dynamics damping>`` of a URDF; otherwise a note says that it is left out.
         urdf_friction: the same for ``<dynamics friction>``, as Coulomb friction.
         urdf_mimic: make couplings of ``<mimic>``; otherwise a note says that its joints are independent.
@@ -97,6 +97,7 @@ def load_robot(  # noqa: PLR0913
 
     Raises:
         DescriptionError: with the file, the place, what came and what is allowed.
+        NotInstalledError: of MJCF, MuJoCo is not installed.
     """
     options = ReadOptions(inertia, urdf_damping, urdf_friction, urdf_mimic, stops, floating_base, xacro, xacro_args)
     check_kind("xacro_args", xacro_args, xacro_args is None or isinstance(xacro_args, Mapping), "values by names")
@@ -167,8 +168,7 @@ def _of_urdf(options: ReadOptions) -> dict[str, bool]:
 def robot_from_mjcf(text: str, *, source: str = "", path: Path | None = None, **options: Unpack[ReadKeywords]) -> Robot:
     """Return the robot of an MJCF text; options and errors as load_robot.
 
-    With the ``path`` of the file MuJoCo, if it is installed, compiles what the reader here does not take; a text alone
-    opens no file.
+    Files that it names are looked for in the folder of ``path``; a text alone opens no file.
     """
     return _from_mjcf(text, ReadOptions(**options), source, path)
 

@@ -13,7 +13,7 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 
 from ..arrays import Array
-from ..description.mjcf.values import about
+from ..description.mjcf.poses import about
 from ..robot.cuts import CUTS
 from ..robot.laws import active_laws
 from ..robot.value import COORDINATES, Coordinate, Coupling, Loop, Robot

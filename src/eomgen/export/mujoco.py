@@ -19,8 +19,8 @@ import numpy as np
 
 from ..arrays import Array
 from ..description import RobotLike, as_robot
+from ..description.mjcf.poses import about, matrix, triple
 from ..description.mjcf.read import VELOCITY
-from ..description.mjcf.values import about, matrix, triple
 from ..description.xml_text import one_line
 from ..errors import EomgenWarning, InputError
 from ..files import as_path, write_atomically
@@ -108,7 +108,7 @@ def export_mjcf(
 def _check_by_mujoco(path: Path) -> None:
     """Raise InputError where MuJoCo does not take a file; nothing is checked where it is not installed.
 
-    ``load_robot`` reads less of MJCF than is written here: no slack tendons, no transmissions.
+    ``load_robot`` reads less of MJCF than is written here: no slack tendons.
     """
     try:
         import mujoco

@@ -10,14 +10,12 @@ from typing import Any, Literal, cast
 from .._version import __version__
 from ..codegen.kernels.signatures import available
 from ..description import RobotLike
-from ..lazily import from_above
 from ..progress import StageReport, no_report, told_at_prompt
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
 from ..runtime.levels import allowed_levels
 from . import cache as store
 from . import direct_calls
-from .denormals import prepare
 from .on_demand import OnDemand, one_library
 from .options import Options
 from .stages import Described, describe, make_package, tools_for
@@ -89,7 +87,6 @@ def _on_demand(
     """Return a kernel whose functions are built when they are first asked for, by the compiler that is here now."""
     from ..codegen.kernels.interface import describe_kernels
 
-    prepare()
     tools, model, options = tools_for(described.options), described.model, described.options
     meta = describe_kernels(model, available(model), options.dtype)
     libraries = OnDemand(meta, described, tools, progress, groups)
@@ -141,4 +138,6 @@ def load_kernel(
 
 def _on_device(robot: Robot, kernel: Kernel, where: Any, **options: Any) -> Any:
     """Return methods of a robot's kernel on a device."""
-    return from_above(".device.opened", "open_device")(robot, kernel, where, **options)
+    from ..device.face import open_device
+
+    return open_device(robot, kernel, where, **options)

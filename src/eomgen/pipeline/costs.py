@@ -13,7 +13,7 @@ from ..progress import StageReport, no_report
 from ..robot.bounds import limit_texts
 from ..robot.coordinates import UNITS, unit_of
 from ..robot.laws import number_texts
-from ..robot.model import Model, build_model
+from ..robot.model import Model
 from ..robot.value import (
     CUT_NUMBERS,
     MOTOR,
@@ -26,6 +26,7 @@ from ..robot.value import (
     deflection_range,
     range_line,
 )
+from .derivations import derived_model
 from .mechanisms import Mobility
 
 
@@ -237,7 +238,7 @@ def robot_info(robot: RobotLike, *, progress: StageReport = no_report) -> RobotI
     from ..codegen.kernels.equations import derive_equations
     from ..codegen.kernels.operation_counts import operations
 
-    model = build_model(as_robot(robot))
+    model = derived_model(as_robot(robot))
     progress(f"deriving the equations of {len(model.coordinates)} coordinates")
     equations = derive_equations(model)
     zeros = zero_map(model)

@@ -6,25 +6,20 @@ import json
 import os
 import sys
 import warnings
-from concurrent.futures import Future
 from importlib.machinery import PathFinder
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from ..description import RobotLike, as_robot
 from ..errors import EomgenWarning, InputError
 from ..files import as_path, check_ending, read_regular, write_atomically
 from ..names import plain_path
 from ..progress import StageReport, no_report, tells_at_prompt
-from ..robot.value import Robot
 from . import cache as store
 from . import direct_calls
+from .derivations import derived_model
 from .folders import new_folder, put_folder
 from .options import Options
-from .stages import Described, describe, make_package, rendered, tools_for
-
-if TYPE_CHECKING:
-    from ..codegen.derivation.afresh import Derived
+from .stages import Described, describe, make_package, tools_for
 
 _LARGEST = 1 << 28  # bytes of a package's metadata
 NEEDED = ("numpy", "cffi", "_cffi_backend", "eomgen")  # what a package imports, and what writes it
@@ -46,12 +41,8 @@ def generate(
 
     It has binaries for all x86-64 levels, those of further levels in separate folders, and loads the best
     one that runs where it is imported.  Binaries of levels beyond this processor are compiled, but not tried.
-
-    Beside the compiler SymPy derives the robot's joints anew.  What is kept of joints, the terms of eqs. (11) and (12)
-    that are dropped, and the programs are compared with that; the header says what was derived.  Of a robot whose links
-    bend nothing is.  In float32 header and metadata say what single precision costs (``eomgen check --float32``).
-
-    A package of an earlier generation there is replaced in one step; a folder that holds anything else is refused.
+    The header says what SymPy derived of the robot's joints, and how many terms of eqs. (11) and (12) vanish by which
+    lemma.  A package of an earlier generation there is replaced; a folder that holds anything else is refused.
 
     Args:
         robot: a Robot, the name of a built-in one, or the path of a description.
@@ -66,65 +57,42 @@ def generate(
     Raises:
         InputError: the target exists and is not a generated package, the folder cannot be written, the robot is named
             as a module that Python or the package needs, ROS 2 is asked for without the kernel ``rollout``, or the
-            report has another ending, or is asked for where links bend.
-        BuildError, DerivationError: see ``build``.
+            report has another ending.
+        BuildError: see ``build``.
     """
-    from ..codegen.package.compile import find_compiler
+    from ..codegen.derivation.report import render_report, with_summary
 
     folder, robot = Path(as_path(folder, "folder")), as_robot(robot)
     page = None if report is None else check_ending(report, ".html", ".tex", label="report")
-    if page is not None:
-        _check_derivable(robot)
-    is_rigid = all(link.modes is None for link in robot.links)
     hidden = check_module_name(robot.name)
     if hidden:
         warnings.warn(hidden, EomgenWarning, stacklevel=3)  # above the function that tells at a prompt
     described = describe(robot, options or Options()).with_beside()
-    options = described.options
-    rendered(described, progress)  # first, so that the derivation is beside the compiler alone
-    derivation = _begin_derivation(described) if is_rigid else None
-    files = _files_of_levels(described, progress)
-    derived = None if derivation is None else derivation.result()
-    header = f"{robot.name}.h"
-    if derived is not None:
-        files = {**files, header: derived.in_header(files[header].decode("ascii")).encode("ascii")}
+    files, model, header = _files_of_levels(described, progress), derived_model(robot), f"{robot.name}.h"
+    files = {**files, header: with_summary(files[header].decode("ascii"), model).encode("ascii")}
     target = folder / robot.name
-    _check_target(target, target)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with new_folder(target) as private:
-            binary = direct_calls.binary_of(find_compiler())  # what calls from Python go through, where it can be had
-            store.write_files(private, {**files, **{f"runtime/{name}": data for name, data in binary.items()}})
-            if cmake or ros2:
-                _write_project(private, robot.name, options, ros2)
-            private.chmod(0o755)
-            put_folder(private, target, lambda place: _check_target(place, target))
+        _write_package(target, files, described.options, cmake=cmake or ros2, ros2=ros2)
     except OSError as error:
         raise InputError(f"{target} cannot be written: {error.strerror or error}") from None
-    if page is not None and derived is not None:
-        from ..codegen.derivation.report import render_report
-
-        write_atomically(page, lambda stream: stream.write(render_report(derived, page.suffix).encode()), read=None)
+    if page is not None:
+        write_atomically(page, lambda stream: stream.write(render_report(model, page.suffix).encode()), read=None)
     return target
 
 
-def _check_derivable(robot: Robot) -> None:
-    """Refuse, before anything is compiled, what cannot be derived."""
-    from ..codegen.derivation.afresh import check_derivable
+def _write_package(target: Path, files: store.Files, options: Options, *, cmake: bool, ros2: bool) -> None:
+    """Write a package's files, and the extension module where it can be had, in place of an earlier package."""
+    from ..codegen.package.compile import find_compiler
 
-    check_derivable(robot)
-
-
-def _begin_derivation(described: Described) -> Future[Derived]:
-    """Derive a robot's joints with SymPy in a thread, and compare; the result raises DerivationError."""
-    from ..codegen.package.running import begin_in_thread
-
-    def work() -> Derived:
-        from ..codegen.derivation.afresh import derive_afresh
-
-        return derive_afresh(described.model, described.options.kernels, described.options.dtype)
-
-    return begin_in_thread(work)
+    _check_target(target, target)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    with new_folder(target) as private:
+        binary = direct_calls.binary_of(find_compiler())
+        store.write_files(private, {**files, **{f"runtime/{name}": data for name, data in binary.items()}})
+        if cmake:
+            _write_project(private, target.name, options, ros2)
+        private.chmod(0o755)
+        put_folder(private, target, lambda place: _check_target(place, target))
 
 
 def _files_of_levels(described: Described, progress: StageReport) -> store.Files:

@@ -30,9 +30,9 @@ from ..robot.value import Robot
 from ..runtime.levels import NATIVE, allowed_levels
 from . import cache as store
 from . import direct_calls
-from .denormals import with_denormals
+from .derivations import derived_model
 from .generator_key import generator_hash
-from .library.objects import LibraryObjects
+from .library_objects import LibraryObjects
 from .options import Options
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from ..codegen.kernels.equations import Equations
     from ..codegen.package.compile import Compiler
 
-_SOURCE, _SAMPLES = "source.json", "samples"  # files of an entry
+_SOURCE, _EXPECTED = "source.json", "expected"  # files of an entry
 
 
 @dataclass(frozen=True)
@@ -69,10 +69,10 @@ class Described:
 
 @dataclass(frozen=True)
 class Rendered:
-    """The C of a robot's kernels, and what it must answer when it is tested."""
+    """The C of a robot's kernels, and numbers that they have to return, of ``pack_expected``."""
 
     source: Source
-    samples: bytes
+    expected: bytes
 
 
 @dataclass(frozen=True)
@@ -123,16 +123,16 @@ def derive(described: Described) -> Equations:
     from ..codegen.kernels.equations import derive_equations
 
     options = described.options
-    return derive_equations(described.model, options.kernels, options.dtype)
+    return derive_equations(derived_model(described.robot), options.kernels, options.dtype)
 
 
 def render(equations: Equations, options: Options) -> Rendered:
-    """Return the C of equations, and samples of what it must answer."""
+    """Return the C of equations, and numbers that it has to return."""
+    from ..codegen.c.expected import pack_expected
     from ..codegen.c.sources import render as render_source
-    from ..codegen.samples.answers import samples
 
     source = render_source(equations, options.dtype, batches=options.batches)
-    return Rendered(source, samples(equations, options.dtype))
+    return Rendered(source, pack_expected(equations, options.dtype))
 
 
 def rendered(
@@ -151,12 +151,12 @@ def rendered(
         if library is not None:
             library.begin()
         progress(f"deriving the equations of {len(described.model.coordinates)} coordinates")
-        text = with_denormals(lambda: render(derive(described), described.options))
+        text = render(derive(described), described.options)
         source = json.dumps(asdict(text.source)).encode("ascii")
-        store.write_files(folder, {_SOURCE: source, _SAMPLES: text.samples})
+        store.write_files(folder, {_SOURCE: source, _EXPECTED: text.expected})
 
     files = store.entry("sources", described.key, make).files
-    return Rendered(Source(**json.loads(files[_SOURCE])), files[_SAMPLES])
+    return Rendered(Source(**json.loads(files[_SOURCE])), files[_EXPECTED])
 
 
 def compile_source(
@@ -185,8 +185,7 @@ def compile_source(
         progress(f"compiling {source.statements} statements of C{note}")
         write_package(source, tools.compiler, tools.flags, folder, tools.level, library.linked())
         if tools.runs_here:
-            made = store.unfinished("packages", key, folder)
-            with_denormals(lambda: check_package(made, source, text.samples, tools.compiler, tools.flags))
+            check_package(store.unfinished("packages", key, folder), source, text.expected, tools.compiler, tools.flags)
 
     return store.entry("packages", key, make)
 
@@ -209,7 +208,7 @@ def make_package(described: Described, tools: Tools, half: str = "", progress: S
     kernels = [name for name in options.kernels or OWN_KERNELS if name in available(described.model)]
     halves = (half,) if half else (SINGLES, BATCHES) if options.batches else (SINGLES,)
     parts = {one: parts_of(kernels, one) for one in halves}
-    library = LibraryObjects(tools.compiler, tools.flags, options.dtype, parts, tools.runs_here)
+    library = LibraryObjects(tools.compiler, tools.flags, options.dtype, parts)
     text = rendered(described, progress, library)
     return compile_source(replace(text, source=text.source.only(half)), tools, library, progress)
 

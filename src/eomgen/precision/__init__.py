@@ -3,9 +3,11 @@
 Uses robot, description and codegen (program, kernels).
 """
 
-from ..lazily import imports_when_used
+from typing import TYPE_CHECKING
 
-with imports_when_used(globals()):
+from ..lazily import lazy_names
+
+if TYPE_CHECKING:
     from .bounds import rounding_bound as rounding_bound
     from .bounds import rounding_bounds as rounding_bounds
     from .float32 import float32_advice as float32_advice
@@ -13,3 +15,5 @@ with imports_when_used(globals()):
     from .float32_result import Float32Errors as Float32Errors
     from .result import RoundingBound as RoundingBound
     from .result import RoundingBounds as RoundingBounds
+else:
+    __getattr__, __dir__, __all__ = lazy_names(__name__)

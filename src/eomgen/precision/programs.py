@@ -2,24 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ..codegen.program.ir import ASIDE, Instruction, Program, evaluate, select
+from ..codegen.program.ir import ASIDE, Instruction, Program, select
+from ..codegen.program.numeric import evaluate_lanes
 from .intervals import Array
-
-_FUNCTIONS: Mapping[str, Callable[..., Any]] = {
-    "sqrt": np.sqrt,
-    "exp": np.exp,
-    "log": np.log,
-    "atan2": np.arctan2,
-    "abs": np.abs,
-    "max": np.maximum,
-    "step": lambda x: np.where(x > 0.0, x.dtype.type(1.0), x.dtype.type(0.0)),
-    "choose": lambda gate, x, y: np.where(gate > 0.0, x, y),
-}
 
 
 def with_setup(program: Program, setup: Program) -> Program:
@@ -50,16 +39,11 @@ def output_values(program: Program, inputs: Mapping[str, Sequence[Array]], dtype
         dtype: "float64" or "float32".
         size: number of outputs; those that are not written are 0.
     """
-    number = np.dtype(dtype).type
     given = {array: [row.astype(dtype) for row in rows] for array, rows in inputs.items()}
-    instructions = tuple(x._replace(leaf=number(x.leaf)) if x.op == "const" else x for x in program.instructions)
-    typed = Program(program.name, instructions, program.outputs)
-    states = next((len(rows[0]) for rows in given.values() if rows), 1)
-    found = np.zeros((size, states))
     with np.errstate(all="ignore"):
-        for (array, place), value in evaluate(typed, given, lambda x: (np.sin(x), np.cos(x)), _FUNCTIONS).items():
-            if array == "out":
-                found[place] = value
+        out = evaluate_lanes(program, given, dtype, sincos=lambda x: (np.sin(x), np.cos(x)))["out"]
+    found = np.zeros((size, out.shape[1]))
+    found[: len(out)] = out
     return found
 
 

@@ -1,4 +1,4 @@
-"""MJCF through MuJoCo's compiler, for what the reader here leaves to it: includes, copies, inertias of meshes.
+"""Models of MuJoCo as its compiler leaves them.
 
 A separate process compiles (``mjcf.compiling``), within limits: a crash of MuJoCo's C++ on a foreign file ends that
 process alone.
@@ -9,89 +9,162 @@ from __future__ import annotations
 import importlib.util
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
 import tempfile
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
-from xml.etree.ElementTree import Element, SubElement
+from typing import Any, NoReturn
+
+import numpy as np
 
 from eomgen.errors import DescriptionError
-from eomgen.optional import NotInstalledError, optional_import
+from eomgen.limits import LARGEST
+from eomgen.names import show
+from eomgen.optional import optional_import
 
-from ..xml_text import Xml
-from .other_files import check_other_files
+from ..xml_text import one_line
+from .poses import Array, Pose, turned
 
 SECONDS, GIBIBYTES = 60, 4  # of processor time, and of address space, of which threads reserve some
 
 _ALLOWED = "a model that MuJoCo compiles, with all files that it names"
 _MOST_WARNINGS = 5
+_NAN = re.compile(r"\b(?!name\b)(\w+)\s*=\s*([\"'])([^\"']*?[+-]?\bnan\b[^\"']*)\2", re.ASCII | re.IGNORECASE)
+_LINE = re.compile(r"\bline(?: number=)? ?(\d+)", re.IGNORECASE)  # in what MuJoCo says
+_QUOTED = re.compile(r"'([^'\s]+)'")
 _BEGIN = (
     "import sys; sys.path[:] = sys.argv[4:]; from eomgen.description.mjcf.compiling import main; main(*sys.argv[1:4])"
 )
+_KIND_OF = {"jnt": "joint", "eq": "equality"}  # of arrays of mjModel; others begin with it
+_ADDRESSES = {"dof": "jnt_dofadr", "qpos0": "jnt_qposadr", "qpos": "jnt_qposadr"}  # of joints, in such arrays
 
 
 @dataclass(frozen=True)
-class Compiled:
-    """A file as MuJoCo compiles it: the root of plain MJCF, the version of MuJoCo, and its warnings."""
+class Model:
+    """A compiled model.
 
-    root: Element
-    version: str
-    warnings: tuple[str, ...]
+    Attributes:
+        source: the file's name, for messages.
+        notes: MuJoCo's warnings.
+        name: of the model.
+        arrays: of mjModel by their names.
+        words: arrays of mjModel that hold an enumeration, such as jnt_type: "hinge".
+        option: gravity (m/s^2), density, viscosity.
+        disabled: flags that are off, such as "mjDSBL_SPRING".
+        names: by kind, such as "body", of each element; empty where it has none.
+        lines: by kind, of each element in the text; None where it is not known.
+        explicit: bodies whose inertia is that of an <inertial>.
+        degrees: hinges whose range is in degrees.
+        aligned: bodies whose frames ``align`` or ``alignfree`` has moved.
+        fused: names of bodies that ``fusestatic`` has joined with their parents.
+    """
+
+    source: str
+    notes: tuple[str, ...]
+    name: str
+    arrays: Mapping[str, Array]
+    words: Mapping[str, Sequence[str]]
+    option: Mapping[str, Any]
+    disabled: frozenset[str]
+    names: Mapping[str, Sequence[str]]
+    lines: Mapping[str, Sequence[int | None]]
+    explicit: frozenset[int]
+    degrees: frozenset[int]
+    aligned: frozenset[int]
+    fused: Sequence[str]
+
+    def __getitem__(self, key: str) -> Array:
+        return self.arrays[key]
+
+    def count(self, kind: str) -> int:
+        """Return the number of elements of a kind."""
+        return len(self.names[kind])
+
+    def pose(self, prefix: str, index: int) -> Pose:
+        """Return the pose of a body or site in its parent or body, or of an inertia ("body_i") in its body."""
+        return Pose(turned(self[f"{prefix}quat"][index]), self[f"{prefix}pos"][index])
+
+    def numbers(self, key: str, index: int) -> list[float]:
+        """Return an element's numbers; of a coefficient that those of higher powers follow, where this MuJoCo has them.
+
+        Numbers of newer versions of MuJoCo are [0.0] in others.
+        """
+        rows = [self.arrays[name][index] for name in (key, f"{key}poly") if name in self.arrays]
+        return [float(x) for row in rows for x in np.atleast_1d(row)] or [0.0]
+
+    def fail(self, kind: str, index: int, message: str) -> NoReturn:
+        """Raise the DescriptionError of an element."""
+        name = self.names[kind][index]
+        where = f"{kind} {show(name)}" if name else f"{kind} number {index + 1}"
+        raise _refusal(message, self.source, self.lines[kind][index], where)
+
+    def check_numbers(self) -> None:
+        """Raise DescriptionError if a number is not finite, or too large to compute with."""
+        for key, values in self.arrays.items():
+            rows = (~(np.abs(values) <= LARGEST)).reshape(len(values), values[0].size if len(values) else 0).any(axis=1)
+            if rows.any():
+                index, kind = int(rows.argmax()), key.partition("_")[0]
+                row = np.atleast_1d(values[index])
+                value = row[~(np.abs(row) <= LARGEST)][0]
+                if kind in _ADDRESSES:
+                    kind, index = "jnt", int(np.searchsorted(self[_ADDRESSES[kind]], index, side="right")) - 1
+                message = f"{key} is {value:g}; allowed: finite numbers of magnitude up to {LARGEST:g}"
+                kind = _KIND_OF.get(kind, kind)
+                if kind in self.names and index < len(self.names[kind]):
+                    self.fail(kind, index, message)
+                raise DescriptionError(message, source=self.source)
 
 
-def compiled_model(path: Path, refusal: DescriptionError, xml: Xml) -> Compiled:
-    """Compile a model by MuJoCo and return it as plain MJCF: bodies with their inertias, joints, sites.
+def compiled_model(text: str, source: str, folder: Path | None) -> Model:
+    """Compile a text of MJCF with MuJoCo.
 
     Args:
-        path: the file.
-        refusal: the error of the reader here.
-        xml: the file's elements.
+        text: the XML.
+        source: its name, for messages.
+        folder: where files that it names are; None: it may open none.
 
     Raises:
-        DescriptionError: MuJoCo is not installed, or does not take the file either, or not within the limits of time
-            and memory; with MuJoCo's message.
+        NotInstalledError: MuJoCo is not installed.
+        DescriptionError: MuJoCo does not take the text, or not within the limits of time and memory; with its message.
     """
-    try:
-        _check_installed()
-    except NotInstalledError as missing:
-        raise DescriptionError(f"{refusal.message}; or {missing}", where=refusal.where, source=refusal.source) from None
-    check_other_files(path, xml)
-    answer = _answer_of_child(path)
-    if "said" in answer:
-        text = f"{_compiler(answer)} says: {answer['said']}"
-    elif "rows" not in answer:
-        text = f"{_compiler(answer)} {answer['ended']}"
-    else:
-        return Compiled(_root(answer["rows"]), answer["version"], _as_notes(answer["warnings"]))
-    raise DescriptionError(f"{text}; allowed: {_ALLOWED}", where=refusal.where, source=refusal.source)
-
-
-def _check_installed() -> None:
-    with optional_import("MuJoCo", "it is read through"):
+    with optional_import("MuJoCo", "models of MuJoCo (MJCF) are read through"):
         if importlib.util.find_spec("mujoco") is None:
             raise ModuleNotFoundError("mujoco")
+    answer = _answer_of_child(text, folder)
+    if any("NaN" in warning for warning in answer.get("warnings", ())):
+        raise _not_a_number(text, source)
+    if "model" not in answer:
+        raise _refused(answer, text, source)
+    found = answer["model"]
+    attached = "<attach" in text  # lines of elements are those of other files, too
+    found["lines"] = {
+        kind: _lines(infos, len(found["names"][kind]), attached) for kind, infos in found["lines"].items()
+    }
+    found["arrays"] = {key: np.array(rows, dtype=float) for key, rows in found["arrays"].items()}
+    found |= {key: frozenset(found[key]) for key in ("disabled", "explicit", "degrees", "aligned")}
+    model = Model(source, _as_notes(answer["warnings"]), **found)
+    model.check_numbers()
+    return model
 
 
-def _compiler(answer: dict[str, Any]) -> str:
-    return f"MuJoCo {answer['version']}, which is to compile the file," if "version" in answer else "MuJoCo"
-
-
-def _answer_of_child(path: Path) -> dict[str, Any]:
-    """Compile a file in a separate process; return its answer, or how it ended."""
-    paths = [os.path.abspath(each) for each in sys.path]  # it works in a temporary folder: MuJoCo writes logs
-    command = [sys.executable or "", "-c", _BEGIN, str(path.resolve()), str(SECONDS), str(GIBIBYTES), *paths]
+def _answer_of_child(text: str, folder: Path | None) -> dict[str, Any]:
+    """Compile a text in a separate process; return its answer, or how it ended."""
+    paths = [os.path.abspath(each) for each in sys.path]  # it works in another folder
+    place = "" if folder is None else str(folder.resolve())
+    command = [sys.executable or "", "-c", _BEGIN, place, str(SECONDS), str(GIBIBYTES), *paths]
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}  # each reserves memory
-    with tempfile.TemporaryDirectory(prefix="eomgen-mjcf-") as folder:
+    with tempfile.TemporaryDirectory(prefix="eomgen-mjcf-") as empty:
         try:
             child = subprocess.run(
                 command,
-                stdin=subprocess.DEVNULL,
+                input=text.encode(errors="replace"),
                 stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL,
-                cwd=folder,
+                cwd=empty,
                 env=environment,
                 timeout=3 * SECONDS,
             )
@@ -108,25 +181,60 @@ def _answer_of_child(path: Path) -> dict[str, Any]:
 
 def _ending(status: int) -> str:
     """Say how a process without an answer ended."""
-    limits = f"allowed to it: {SECONDS} s and {GIBIBYTES} GiB"
+    limits = f"limits: {SECONDS} s and {GIBIBYTES} GiB"
     if status < 0:
         names = {each.value: each.name for each in signal.Signals}
         return f"was ended by {names.get(-status, f'signal {-status}')} while it compiled the file ({limits})"
     return f"ended with status {status} while it compiled the file ({limits})"
 
 
+def _refused(answer: dict[str, Any], text: str, source: str) -> DescriptionError:
+    """Return the error of a text that is not read."""
+    if "refused" in answer:
+        return _refusal(one_line(answer["refused"]), source, _line_of(answer["refused"], text))
+    said = str(answer.get("said", ""))
+    message = f"MuJoCo {answer.get('version', '')} says: {one_line(said)}" if said else f"MuJoCo {answer['ended']}"
+    return _refusal(f"{message}; allowed: {_ALLOWED}", source, _line_of(said, text))
+
+
+def _line_of(said: str, text: str) -> int:
+    """Return the line that a message names, or in which a name of it stands first, or of the model's first element."""
+    if (found := _LINE.search(said)) and int(found[1]):
+        return int(found[1])
+    return next((line for name in _QUOTED.findall(said) if (line := line_with(name, text))), line_with("", text) or 1)
+
+
+def line_with(words: str, text: str) -> int | None:
+    """Return the line of a text in which words stand first, without them that of its first element; None: nowhere."""
+    at = text.find(words or "<mujoco")
+    return None if at < 0 else text.count("\n", 0, at) + 1
+
+
+def _not_a_number(text: str, source: str) -> DescriptionError:
+    """Return the error of a text with NaN among its numbers, which MuJoCo takes for a missing number."""
+    found = _NAN.search(text)
+    key, value = (found[1], show(found[3])) if found else ("a number", "nan, in a file that it names")
+    line = text.count("\n", 0, found.start()) + 1 if found else line_with("", text)
+    return _refusal(f"{key} is {value}; allowed: finite numbers, or no such attribute", source, line)
+
+
+def _refusal(message: str, source: str, line: int | None, where: str = "") -> DescriptionError:
+    error = DescriptionError(message, where=where, source=source)
+    error.line = line
+    return error
+
+
+def _lines(infos: Mapping[str, str], count: int, attached: bool) -> list[int | None]:
+    """Return the lines of elements by their ids; None for those of other files, which MuJoCo calls line 0."""
+    found = {int(index): _LINE.search(info) for index, info in infos.items()}
+    numbers = [int(match[1]) if (match := found.get(index)) else 0 for index in range(count)]
+    return [None if attached else number or None for number in numbers]
+
+
 def _as_notes(warnings: list[str]) -> tuple[str, ...]:
     """Return MuJoCo's warnings as notes, each once, and how many more there are."""
-    different = list(dict.fromkeys(warnings))
+    different = list(dict.fromkeys(map(one_line, warnings)))
     notes = [f"MuJoCo warns: {text}" for text in different[:_MOST_WARNINGS]]
     if len(different) > _MOST_WARNINGS:
         notes.append(f"MuJoCo gives {len(different) - _MOST_WARNINGS} more warnings")
     return tuple(notes)
-
-
-def _root(rows: list[tuple[int, str, dict[str, str]]]) -> Element:
-    """Return the element of the first row, with all others in it: index of the parent's row, tag, attributes."""
-    made: list[Element] = []
-    for parent, tag, attributes in rows:
-        made.append(SubElement(made[parent], tag, attributes) if made else Element(tag, attributes))
-    return made[0]

@@ -17,7 +17,7 @@ from eomgen.robot.elements.joint_damping import JointDamping
 from eomgen.robot.geometry import axis_turn
 from eomgen.robot.value import ANGULAR, COORDINATES, LINEAR, PRINCIPAL, Coordinate
 
-from .values import Array, Pose, about, tidy, triple
+from .poses import Array, tidy, triple
 
 _CLOSE = 1e-12  # of unit vectors and metres
 
@@ -27,12 +27,12 @@ class Moving:
     """A hinge, slide, ball or free joint of the file.
 
     axis: unit vector in its body's axes; anchor: a point that does not move, m, in its body; both in the reference
-    position.  offset: added to the coordinate, m or rad.  spring_offset: distance of the spring's unloaded position
-    from the reference position, m or rad.  limited: whether MuJoCo keeps it within its limits.  effort: greatest
-    force of its actuators, N or N m.
+    position.  offset: added to the coordinate, m or rad.  limited: whether MuJoCo keeps it within its limits.
+    effort: greatest force of its actuators, N or N m.
     damping: of a ball or free joint.
     """
 
+    index: int
     name: str
     kind: str
     axis: Array
@@ -40,18 +40,9 @@ class Moving:
     coordinate: Coordinate = field(default_factory=Coordinate)
     offset: float | None = None
     limits: tuple[float, float] | None = None
-    spring_offset: float = 0.0
     limited: bool = False
     effort: float | None = None
     damping: JointDamping | None = None
-
-    @property
-    def spring_pose(self) -> Pose:
-        """The joint's motion in its body's axes from the reference position to the spring's unloaded position."""
-        if self.kind == "slide":
-            return Pose(np.eye(3), self.spring_offset * self.axis)
-        turn = about(self.axis, self.spring_offset)
-        return Pose(turn, self.anchor - turn @ self.anchor)
 
 
 @dataclass(frozen=True)

@@ -1,11 +1,11 @@
-"""Devices of CUDA and HIP: memory, streams, images and launches."""
+"""A device of CUDA: memory, streams, functions and launches."""
 
 from __future__ import annotations
 
 import ctypes
 import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from math import prod
 from typing import Any
 
@@ -13,15 +13,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ArrayError
-from .backends import Launch
-from .compilers import RuntimeCompiler
-from .dlpack import TYPES, make_capsule
+from .dlpack import CUDA, make_capsule
 from .driver import NO_TIMES, ORDINAL, Chosen, Driver
-from .foreign import View, current_stream, handed_over, handle_of, library_of, new_array, refuse_elsewhere, view_of
+from .foreign import (
+    DEFAULT,
+    View,
+    current_stream,
+    handed_over,
+    handle_of,
+    library_of,
+    new_array,
+    refuse_elsewhere,
+    view_of,
+)
+from .nvrtc import Nvrtc
 
 BLOCK = 128  # threads of a block
 LINE = 256  # bytes at whose multiples memory begins
-DEFAULT = 1  # the default stream, as the array interface counts
 SHAPE = tuple(ctypes.c_uint(x) for x in (1, 1, BLOCK, 1, 1, 0))  # of grids, blocks and shared memory, behind the first
 NOTHING = ctypes.c_void_p(0)
 WORDS: Mapping[type, Any] = {  # 64 bits that begin with those of an argument; addresses are plain numbers
@@ -33,6 +41,7 @@ WORDS: Mapping[type, Any] = {  # 64 bits that begin with those of an argument; a
 }
 WORD = 8  # bytes
 Array = NDArray[Any]
+Launch = tuple[str, int, Sequence[Any]]  # a function's name, threads, arguments
 
 
 class Memory:
@@ -49,8 +58,7 @@ class Memory:
 
     def __del__(self) -> None:
         if self.address:
-            with suppress(Exception), self._chosen.current():  # at the end of a process the driver may be gone
-                self._chosen.driver("free", ctypes.c_void_p(self.address))
+            self._chosen.release("free", self.address)
 
 
 class DeviceArray:
@@ -66,7 +74,7 @@ class DeviceArray:
         self.stream = DEFAULT
 
     def __repr__(self) -> str:
-        return f"<array {self.shape} of {self.dtype} on {self._chosen.driver.kind}:{self._chosen.ordinal}>"
+        return f"<array {self.shape} of {self.dtype} on cuda:{self._chosen.ordinal}>"
 
     @property
     def address(self) -> int:
@@ -74,9 +82,9 @@ class DeviceArray:
         return self._memory.address
 
     @property
-    def lies_on(self) -> tuple[str, int]:
-        """Kind and number of its device."""
-        return self._chosen.driver.kind, self._chosen.ordinal
+    def lies_on(self) -> int:
+        """Number of its device."""
+        return self._chosen.ordinal
 
     @property
     def __cuda_array_interface__(self) -> dict[str, Any]:
@@ -98,7 +106,7 @@ class DeviceArray:
 
     def __dlpack_device__(self) -> tuple[int, int]:
         """Return the type and the number of its device."""
-        return TYPES[self._chosen.driver.kind], self._chosen.ordinal
+        return CUDA, self._chosen.ordinal
 
 
 class Functions:
@@ -111,8 +119,7 @@ class Functions:
 
     def __del__(self) -> None:
         if self._module:
-            with suppress(Exception), self._chosen.current():
-                self._chosen.driver("unload", ctypes.c_void_p(self._module))
+            self._chosen.release("unload", self._module)
 
     def find(self, name: str) -> int:
         """Return a function's address."""
@@ -122,27 +129,32 @@ class Functions:
         return self._found[name]
 
 
-class GpuBackend:
-    """A device of CUDA or HIP as calls of kernels need it; all of it inside ``with session(...)``."""
+class Cuda:
+    """A device of CUDA; all calls of it go inside ``with session(...)``.
 
-    def __init__(self, kind: str, ordinal: int, contract: bool) -> None:
-        """Open a device.
+    Attributes:
+        chosen: the device.
+        title: its number and name.
+        contract: whether a product and a sum may be one operation.
+    """
+
+    def __init__(self, ordinal: int, contract: bool) -> None:
+        """Open a device by its number.
 
         Raises:
             InputError: no driver, or no device of this number.
-            NotInstalledError: no compiler of texts.
+            NotInstalledError: no NVRTC.
         """
-        self.chosen = Chosen(Driver(kind), ordinal)
-        self.title = f"{kind}:{ordinal}, {self.chosen.name}"
-        self._place, self.contract = (kind, ordinal), contract
-        self._compiler = RuntimeCompiler(kind)
+        self.chosen, self.contract = Chosen(Driver(), ordinal), contract
+        self.title = f"cuda:{ordinal}, {self.chosen.name}"
+        self._compiler = Nvrtc()
         self._scratch: Memory | None = None  # for what lives for one call
         self._used: tuple[int, int] | None = None  # the last stream that it was used on, and what says when it is done
 
     def __del__(self) -> None:
-        if getattr(self, "_used", None):
-            with suppress(Exception), self.chosen.current():
-                self._drop()
+        used = getattr(self, "_used", None)  # not there where the device was not opened
+        if used is not None:
+            self.chosen.release("drop", used[1])
 
     @contextmanager
     def session(self, stream: Any, arrays: Sequence[Any]) -> Iterator[int]:
@@ -174,22 +186,17 @@ class GpuBackend:
             raise
         return event
 
-    def _drop(self) -> None:
-        if self._used is not None:
-            self.chosen.driver("drop", ctypes.c_void_p(self._used[1]))
-            self._used = None
-
-    def functions(self, code: str, dtype: np.dtype[Any]) -> Functions:
-        """Return the functions of a text."""
+    def functions(self, code: str) -> Functions:
+        """Return the functions of source code."""
         with self.chosen.current():
             return Functions(self.chosen, self._compiler.image(code, self.chosen, self.contract))
 
     def view(self, label: str, x: Any, dtype: np.dtype[Any], stream: int, is_written: bool = False) -> View:
         """Return where an array lies, behind whatever its library has still to do."""
-        if isinstance(x, DeviceArray) and x.dtype == dtype and x.lies_on == self._place:  # it need not be asked
+        if isinstance(x, DeviceArray) and x.dtype == dtype and x.lies_on == self.chosen.ordinal:  # it need not be asked
             view = View(x.address, x.shape, x, x.stream)
         else:
-            view = view_of(label, x, dtype, self._place, stream, is_written)
+            view = view_of(label, x, dtype, self.chosen.ordinal, stream, is_written)
             if prod(view.shape):
                 self._refuse_elsewhere(label, view.place)
         self._follow(stream, view.stream)
@@ -200,8 +207,8 @@ class GpuBackend:
         try:
             driver("pointer", ctypes.byref(found), ctypes.c_int(ORDINAL), ctypes.c_void_p(address))
         except ValueError as error:
-            raise ArrayError(f"{label}: the array lies on no device of {driver.title} ({error})") from None
-        refuse_elsewhere(label, found.value, self._place)
+            raise ArrayError(f"{label}: the array lies on no device of CUDA ({error})") from None
+        refuse_elsewhere(label, found.value, self.chosen.ordinal)
 
     def made(self, like: Any, shape: tuple[int, ...], dtype: np.dtype[Any], stream: int) -> tuple[Any, View]:
         """Return a new array for a result, of the library of another array where that can be, and where it lies."""
@@ -234,21 +241,21 @@ class GpuBackend:
 
     def own_rooms(self, sizes: Sequence[int]) -> tuple[Memory, list[int]]:
         """Return memory of so many bytes each, and what holds on to it."""
-        ends = list(itertools.accumulate(_whole(size) for size in sizes))
-        memory = Memory(self.chosen, ends[-1])
-        return memory, [memory.address + begin for begin in (0, *ends[:-1])]
+        begins, total = _packed(sizes)
+        memory = Memory(self.chosen, total)
+        return memory, [memory.address + begin for begin in begins]
 
     def rooms(self, sizes: Sequence[int], stream: int) -> list[int]:
         """Return memory of so many bytes each, for this call on this stream."""
-        ends = list(itertools.accumulate(_whole(size) for size in sizes))
-        total = ends[-1] if ends else 0
+        begins, total = _packed(sizes)
         if self._used is not None and self._used[0] != stream:
             self.chosen.driver("wait_for", ctypes.c_void_p(stream), ctypes.c_void_p(self._used[1]), ctypes.c_uint(0))
         if self._scratch is None or self._scratch.size < total:
-            self._drop()
-            self._scratch = None
+            if self._used is not None:
+                self.chosen.driver("drop", ctypes.c_void_p(self._used[1]))
+            self._used = self._scratch = None
             self._scratch = Memory(self.chosen, total)
-        return [self._scratch.address + begin for begin in (0, *ends[:-1])]
+        return [self._scratch.address + begin for begin in begins]
 
     def used(self, stream: int) -> None:
         """Say that all of a call is on its stream, so that others wait before they take the memory of ``rooms``."""
@@ -261,10 +268,8 @@ class GpuBackend:
 
     def fill(self, place: int, words: int, stream: int) -> None:
         """Set so many words of 32 bits to their largest number."""
-        driver = self.chosen.driver
-        driver(
-            "fill", ctypes.c_void_p(place), ctypes.c_uint(0xFFFFFFFF), ctypes.c_size_t(words), ctypes.c_void_p(stream)
-        )
+        count, largest = ctypes.c_size_t(words), ctypes.c_uint(0xFFFFFFFF)
+        self.chosen.driver("fill", ctypes.c_void_p(place), largest, count, ctypes.c_void_p(stream))
 
     def read(self, place: int, offset: int, target: Array, stream: int) -> Array:
         """Copy bytes from so far behind a place into an array of NumPy, wait for that, and return it."""
@@ -275,25 +280,21 @@ class GpuBackend:
         driver("wait", ctypes.c_void_p(stream))
         return target
 
-    def put(self, array: Array, stream: int) -> tuple[DeviceArray, int]:
-        """Return a copy of an array of NumPy on the device, and its place; the copy is complete."""
+    def put(self, array: Array, stream: int) -> DeviceArray:
+        """Return a copy of an array of NumPy on the device; the copy is complete."""
         own = DeviceArray(self.chosen, array.shape, array.dtype)
         if array.nbytes:
-            driver, source = self.chosen.driver, ctypes.c_void_p(array.ctypes.data)
-            driver(
-                "to_device",
-                ctypes.c_void_p(own.address),
-                source,
-                ctypes.c_size_t(array.nbytes),
-                ctypes.c_void_p(stream),
-            )
+            driver, size = self.chosen.driver, ctypes.c_size_t(array.nbytes)
+            source, target = ctypes.c_void_p(array.ctypes.data), ctypes.c_void_p(own.address)
+            driver("to_device", target, source, size, ctypes.c_void_p(stream))
             driver("wait", ctypes.c_void_p(stream))
-        return own, own.address
+        return own
 
 
-def _whole(size: int) -> int:
-    """Return so many bytes, up to a whole line."""
-    return -(-size // LINE) * LINE
+def _packed(sizes: Sequence[int]) -> tuple[list[int], int]:
+    """Return where parts of so many bytes begin, one behind the other in whole lines, and the size of all."""
+    *begins, total = itertools.accumulate((-(-size // LINE) * LINE for size in sizes), initial=0)
+    return begins, total
 
 
 def _arguments(

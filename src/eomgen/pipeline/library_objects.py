@@ -9,11 +9,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .. import cache as store
-from ..denormals import with_denormals
+from . import cache as store
 
 if TYPE_CHECKING:
-    from ...codegen.package.compile import Compiler, Linked
+    from ..codegen.package.compile import Compiler, Linked
 
 KIND = "libraries"
 
@@ -26,19 +25,17 @@ class LibraryObjects:
         compiler, flags: those of the kernels that are linked with them.
         dtype: "float64" or "float32".
         parts: names of objects by half, see ``parts_of``.
-        runs_here: whether this processor runs them, and can try them.
     """
 
     compiler: Compiler
     flags: tuple[str, ...]
     dtype: str
     parts: Mapping[str, Sequence[str]]
-    runs_here: bool = True
     _begun: Future[list[bytes]] | None = field(default=None, init=False)
 
     def begin(self) -> Future[list[bytes]]:
         """Begin to make the objects that the cache lacks, once; the result raises BuildError where that fails."""
-        from ...codegen.package.running import begin_in_thread
+        from ..codegen.package.running import begin_in_thread
 
         if self._begun is None:
             self._begun = begin_in_thread(self._made)
@@ -46,7 +43,7 @@ class LibraryObjects:
 
     def linked(self) -> Linked:
         """Return what the code is linked with, and begin to make it."""
-        from ...codegen.package.compile import Linked
+        from ..codegen.package.compile import Linked
 
         return Linked([half for half, names in self.parts.items() if names], self.begin().result)
 
@@ -55,17 +52,14 @@ class LibraryObjects:
 
     def _object(self, name: str) -> bytes:
         """Return the content of an object, from the cache or made."""
-        from ...codegen.package.library import OBJECT, library_key
+        from ..codegen.package.library import OBJECT, library_key
 
-        key = library_key(self.compiler, self.flags, self.dtype, name, tried=self.runs_here)
+        key = library_key(self.compiler, self.flags, self.dtype, name)
         return store.entry(KIND, key, lambda folder: self._make(name, folder)).files[OBJECT]
 
     def _make(self, name: str, folder: Path) -> None:
-        from ...codegen.c.library import FOLDER
-        from ...codegen.package.library import write_library
-        from .check import check_library
+        from ..codegen.c.library import FOLDER
+        from ..codegen.package.library import write_library
 
         write_library(self.compiler, self.flags, self.dtype, name, folder)
-        if self.runs_here:
-            with_denormals(lambda: check_library(self.compiler, self.flags, self.dtype, name, folder))
         shutil.rmtree(folder / FOLDER)

@@ -1,4 +1,4 @@
-"""Text -> image for a device's processor, by the compilers that come as libraries: NVRTC, and hiprtc of ROCm."""
+"""Source code -> image for a device's processor, by NVRTC, NVIDIA's compiler that comes as a library."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import ctypes
 import hashlib
 import importlib.util
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,71 +17,69 @@ from ..pipeline import cache as store
 from .driver import Chosen
 from .texts import KIND
 
-SYSTEM: Mapping[str, Sequence[str]] = {  # as loaders find them
-    "cuda": ("libnvrtc.so.13", "libnvrtc.so.12", "libnvrtc.so", "nvrtc64_130_0.dll", "nvrtc64_120_0.dll"),
-    "hip": ("libhiprtc.so.7", "libhiprtc.so.6", "libhiprtc.so", "hiprtc0700.dll", "hiprtc0600.dll"),
-}
+SYSTEM = ("libnvrtc.so.13", "libnvrtc.so.12", "libnvrtc.so", "nvrtc64_130_0.dll", "nvrtc64_120_0.dll")
 WHEELS = ("*/lib/libnvrtc.so.*", "*/bin/nvrtc64_*.dll", "*/bin/*/nvrtc64_*.dll")  # inside the package nvidia
-PREFIX = {"cuda": "nvrtc", "hip": "hiprtc"}
-OPTIONS: Mapping[str, Sequence[str]] = {  # beside what says whether products and sums may be one operation
-    "cuda": ("--std=c++17", "--ftz=false", "--prec-div=true", "--prec-sqrt=true"),
-    "hip": ("-std=c++17", "-fhip-fp32-correctly-rounded-divide-sqrt"),
-}
+OPTIONS = ("--std=c++17", "--ftz=false", "--prec-div=true", "--prec-sqrt=true")
 IMAGE = "image"  # file of an entry
-CUBIN, PTX, CODE = "CUBIN", "PTX", "Code"  # what is asked for: machine code of NVIDIA's, text for its driver, HIP's
+CUBIN, PTX = "CUBIN", "PTX"  # what is asked for: machine code, or assembly for the driver
 
 
-class RuntimeCompiler:
-    """NVRTC or hiprtc."""
+class Nvrtc:
+    """The compiler.
 
-    def __init__(self, kind: str) -> None:
-        """Find and load the compiler of "cuda" or "hip".
+    Attributes:
+        version: its major and minor number.
+    """
+
+    def __init__(self) -> None:
+        """Find and load the compiler.
 
         Raises:
             NotInstalledError: it is not here.
         """
-        self.kind = kind
-        self._library = _loaded(kind)
+        self._library = _loaded()
         version = [ctypes.c_int(), ctypes.c_int()]
         self._call("Version", *map(ctypes.byref, version))
         self.version = tuple(x.value for x in version)
 
     def image(self, code: str, chosen: Chosen, contract: bool) -> bytes:
-        """Return what the driver loads of a text, from the cache where it is there.
+        """Return what the driver loads for a device, from the cache where it is there.
+
+        Args:
+            code: source code.
+            chosen: the device.
+            contract: whether a product and a sum may be one operation.
 
         Raises:
-            BuildError: the text does not compile; the compiler's log is in the message.
+            BuildError: the source does not compile; the compiler's log is in the message.
             InputError: the device is older than all that the compiler knows.
         """
         form, architecture = self._target(chosen)
-        options = [*OPTIONS[self.kind], CONTRACTION[self.kind][contract], *architecture]
-        known = [self.kind, self.version, form, options, chosen.name if self.kind == "hip" else ""]
-        key = hashlib.sha256(json.dumps([*known, code]).encode()).hexdigest()
+        options = [*OPTIONS, CONTRACTION["cuda"][contract], architecture]
+        key = hashlib.sha256(json.dumps([self.version, form, options, code]).encode()).hexdigest()
 
         def make(folder: Path) -> None:
             store.write_files(folder, {IMAGE: self._compiled(code, options, form)})
 
         return store.entry(KIND, key, make).files[IMAGE]
 
-    def _target(self, chosen: Chosen) -> tuple[str, list[str]]:
-        """Return what is asked for, and options that say the processor; hiprtc takes that of the current device."""
-        if self.kind == "hip":
-            return CODE, []
+    def _target(self, chosen: Chosen) -> tuple[str, str]:
+        """Return what is asked for, and the option with the processor."""
         count = ctypes.c_int()
         self._call("GetNumSupportedArchs", ctypes.byref(count))
         numbers = (ctypes.c_int * max(count.value, 1))()
         self._call("GetSupportedArchs", numbers)
         known, own = sorted(numbers[: count.value]), chosen.capability
         if own in known:
-            return CUBIN, [f"--gpu-architecture=sm_{own}"]
+            return CUBIN, f"--gpu-architecture=sm_{own}"
         older = [x for x in known if x < own]
         if not older:
             version = ".".join(map(str, self.version))
             raise InputError(
                 f"device: {chosen.name} has compute capability {own / 10:g}, and NVRTC {version} compiles for"
-                f" {known[0] / 10:g} and later; allowed: an older NVRTC, or OpenCL"
+                f" {known[0] / 10:g} and later; allowed: an older NVRTC"
             )
-        return PTX, [f"--gpu-architecture=compute_{older[-1]}"]
+        return PTX, f"--gpu-architecture=compute_{older[-1]}"
 
     def _compiled(self, code: str, options: Sequence[str], form: str) -> bytes:
         program = ctypes.c_void_p()
@@ -91,7 +89,7 @@ class RuntimeCompiler:
             status = self._function("CompileProgram")(program, ctypes.c_int(len(options)), words)
             if status:
                 log = self._text("GetProgramLogSize", "GetProgramLog", program).decode("utf-8", "replace")
-                raise BuildError(f"device: {PREFIX[self.kind]} {' '.join(options)} failed: {log.strip()}")
+                raise BuildError(f"device: nvrtc {' '.join(options)} failed: {log.strip()}")
             return self._text(f"Get{form}Size", f"Get{form}", program)
         finally:
             self._call("DestroyProgram", ctypes.byref(program))
@@ -104,25 +102,25 @@ class RuntimeCompiler:
         return room.raw[: size.value]
 
     def _function(self, name: str) -> Any:
-        return getattr(self._library, f"{PREFIX[self.kind]}{name}")
+        return getattr(self._library, f"nvrtc{name}")
 
     def _call(self, name: str, *arguments: Any) -> None:
         code = self._function(name)(*arguments)
         if code:
-            raise BuildError(f"device: {PREFIX[self.kind]}{name} failed ({code})")
+            raise BuildError(f"device: nvrtc{name} failed ({code})")
 
 
-def _loaded(kind: str) -> ctypes.CDLL:
+def _loaded() -> ctypes.CDLL:
     """Load the compiler: of NVIDIA's wheel, or of the system."""
     said = ""
-    for name in (*(_in_wheels() if kind == "cuda" else ()), *SYSTEM[kind]):
+    for name in (*_in_wheels(), *SYSTEM):
         try:
             return ctypes.CDLL(name)
         except OSError as error:
             said = said or str(error)
-    advice = 'pip install "eomgen[cuda]"' if kind == "cuda" else "install ROCm, whose hiprtc it is"
-    title = "NVRTC, NVIDIA's compiler" if kind == "cuda" else "hiprtc, AMD's compiler"
-    raise NotInstalledError(f"device: kernels need {title}, which is not installed ({said}): {advice}")
+    raise NotInstalledError(
+        f'device: kernels need NVRTC, NVIDIA\'s compiler, which is not installed ({said}): pip install "eomgen[cuda]"'
+    )
 
 
 def _in_wheels() -> Iterator[str]:
