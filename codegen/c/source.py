@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache
-
-import jinja2
+from typing import TYPE_CHECKING
 
 from .library import library_files
+
+if TYPE_CHECKING:
+    import jinja2
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,8 @@ class Source:
 @cache
 def environment() -> jinja2.Environment:
     """Return Jinja's environment with the templates; a name that a context lacks is an error."""
+    import jinja2  # a source from the cache needs none
+
     return jinja2.Environment(
         loader=jinja2.PackageLoader("eomgen.templates", ""),
         undefined=jinja2.StrictUndefined,

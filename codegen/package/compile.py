@@ -25,8 +25,7 @@ from importlib.machinery import EXTENSION_SUFFIXES
 from pathlib import Path
 from typing import Any
 
-import cffi
-from cffi.recompiler import make_c_source, make_py_source
+import _cffi_backend
 
 from eomgen._version import __version__
 from eomgen.errors import BuildError
@@ -185,7 +184,7 @@ def dependencies(source: Source, compiler: Compiler, flags: Sequence[str]) -> di
     return {
         **toolchain(compiler, flags),
         "source": asdict(source),
-        "cffi": cffi.__version__,
+        "cffi": _cffi_backend.__version__,
         **_hashes(),
     }
 
@@ -193,7 +192,7 @@ def dependencies(source: Source, compiler: Compiler, flags: Sequence[str]) -> di
 @cache
 def _hashes() -> dict[str, dict[str, str]]:
     """Hash, by name, the files that make a package, and those that it carries; read once."""
-    template = Path(str(environment().get_template(PACKAGE).filename))
+    template = Path(str(importlib.resources.files("eomgen.templates"))) / PACKAGE
     makers = {"compile.py": Path(__file__), "library.py": _LIBRARY, PACKAGE: template}
     kinds = {"package": makers, "carried": carried_files()}
     return {
@@ -285,6 +284,9 @@ def _build_api(
     source: Source, compiler: Compiler, flags: Sequence[str], folder: Path, headers: str, linked: Linked
 ) -> None:
     """Build by cffi's API mode: its wrapper and the kernel, compiled side by side, linked into one extension module."""
+    import cffi  # what is loaded from the cache needs none
+    from cffi.recompiler import make_c_source
+
     name, work = source.name, folder / "build"
     work.mkdir()
     ffi = cffi.FFI()
@@ -340,6 +342,9 @@ def _only(half: str, source: Source) -> tuple[str, ...]:
 
 def _build_abi(source: Source, compiler: Compiler, flags: Sequence[str], folder: Path, linked: Linked) -> None:
     """Build by cffi's ABI mode: a plain shared library, opened by a Python module."""
+    import cffi
+    from cffi.recompiler import make_py_source
+
     name, work = source.name, folder / "build"
     work.mkdir()
     ffi = cffi.FFI()
