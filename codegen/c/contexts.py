@@ -19,12 +19,12 @@ from ..kernels.constraint_rows import deriving_precision
 from ..kernels.derived import GRADIENTS
 from ..kernels.equations import Equations
 from ..kernels.interface import turning_joints
-from ..kernels.signatures import KERNELS, SIGNATURES, SINGLES, Function, by_kind, functions, shapes
+from ..kernels.signatures import KERNELS, SIGNATURES, SINGLES, Function, by_kind, functions
 from ..kernels.steps.methods import RK4, TSIT5, W643
 from ..program.ir import Program
 from ..program.orders import with_short_lives
 from ..program.shares import GIVEN
-from ..solve.factorised import coordinate_parents
+from ..tree.followers import coordinate_parents
 from .definitions import define, define_setup, define_share
 from .lanes import batched, calls_of, kept_size, pack, part_by_part
 from .scalar_types import SCALARS, Scalar
@@ -130,7 +130,7 @@ def number_context(equations: Equations, dtype: str, meta: Mapping[str, Any]) ->
         "met_gap": scalar.literal(MET_GAPS[dtype]),
         "left_gap": scalar.literal(LEFT * MET_GAPS[dtype]),
         "closing": _closing_files(equations, _composed(equations)),
-        "sizes": {key: int(np.prod(shape)) for key, shape in shapes(model).items()},
+        "sizes": {key: int(np.prod(shape)) for key, shape in equations.interface["shapes"].items()},
         "setup": define_setup(equations.setup, model.name, scalar),
         "programs": definitions,
         "equations_of_robot": {"": {program.name for program in whole}},
@@ -140,6 +140,7 @@ def number_context(equations: Equations, dtype: str, meta: Mapping[str, Any]) ->
         "adaptive_looped": [function.name for function in looped if function.kind == "adaptive"],
         "shares": _shares(equations, scalar),
         **_tables(model),
+        **(_frame_tables(model) if equations.shares else {}),
         **_closing_tables(equations, dtype),
         "kept_size": kept_size(equations),
         "has_radau": "pair_factors" in equations.programs,
@@ -244,8 +245,8 @@ def _templates(kernels: Iterable[str]) -> list[dict[str, str]]:
     return [{"template": f"composed/{name}.c.jinja", "text": KERNELS[name].text} for name in kernels]
 
 
-def _tables(model: Model) -> dict[str, Any]:
-    """Return numbers of the tree that templates of composed kernels have tables of."""
+def _frame_tables(model: Model) -> dict[str, Any]:
+    """Return tables of bodies and axes by which poses and Jacobians of frames are computed."""
     bodies, axes = model.bodies, axes_of(model)
     return {
         "frame_bodies": frame_bodies(model),
@@ -254,6 +255,12 @@ def _tables(model: Model) -> dict[str, Any]:
         "body_count": [sum(x.body == k for x in axes) for k in range(len(bodies))],
         "is_rotation": [int(axis.is_rotation) for axis in axes],
         "columns_of_axes": [axis.column for axis in axes] if model.followers else [],
+    }
+
+
+def _tables(model: Model) -> dict[str, Any]:
+    """Return numbers of the tree that templates of composed kernels have tables of."""
+    return {
         "coordinate_parents": coordinate_parents(model),
         "prescribed": model.prescribed,
         "is_prescribed": [int(i in model.prescribed) for i in range(model.size)],

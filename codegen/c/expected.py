@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from ..kernels.blocks import row_blocks
 from ..kernels.bodies import jacobian_columns
 from ..kernels.equations import Equations
-from ..kernels.signatures import Function, functions, shapes
-from ..program.numeric import evaluate_lanes
+from ..kernels.signatures import Function, functions
+from ..program.ir import evaluate_lanes
 from .contexts import PIVOT_LIMITS
 
 Array = NDArray[Any]
@@ -81,7 +81,7 @@ class _Reference:
         off = UNITS * float(np.finfo(dtype).eps) * rng.uniform(-1.0, 1.0, (_ROWS, copies))
         self.rounding = np.concatenate([np.ones((_ROWS, STATES)), 1.0 + off], axis=1)
         self.functions = [x for x in functions(equations.kernels) if x.kind != "gradient"]
-        sizes = shapes(self.model)
+        sizes = equations.interface["shapes"]
         read = sorted({"q", "v", "u"} | {array for x in self.functions for array in x.signature.reads})
         self.states = {name: _random(rng, (STATES, int(np.prod(sizes[name])))).astype(dtype) for name in read}
         values = np.array(list(self.model.parameters.values()))

@@ -21,7 +21,7 @@ DECLARATIONS = "kernel/declarations.jinja"
 
 def render(equations: Equations, dtype: str, *, batches: bool = True) -> Source:
     """Render equations as C; ``batches``: with the functions for several states in one call."""
-    meta = kernel_metadata(equations, dtype, batches=batches)
+    meta = kernel_metadata(equations, batches=batches)
     names = header_context(equations, dtype, meta, batches)
     context = {**names, **number_context(equations, dtype, meta)}
     header = _fill("kernel/kernel.h.jinja", names)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 from eomgen.errors import InputError
 from eomgen.robot.elements import KINDS, Spring
@@ -20,6 +20,7 @@ from .derivation import Derivation
 from .derivatives.modal_slopes import bends
 from .derivatives.programs import derive_derivative
 from .derivatives.whole import by_columns
+from .interface import describe_kernels
 from .signatures import KERNELS, SIGNATURES, available, knows_turns
 from .stages import PAIR_STAGES, STAGES, derive_pair_stage, derive_stage, stage_has_rows
 from .writers import DESCRIPTION_FRAMES, VARIANTS, WRITERS
@@ -65,8 +66,8 @@ class Equations:
 
     ``setup`` computes what depends on parameters alone; ``calls`` holds, by name, the kernels that are no programs but
     templates, with the programs that their C calls; ``choices`` says which variant was taken where there are several;
-    ``shares`` are what a program of frames is written out as, by its name; ``dtype`` is that of the numbers that the C
-    computes with.
+    ``shares`` are what a program of frames is written out as, by its name; ``interface`` is what users see, of
+    ``describe_kernels``; ``dtype`` is that of the numbers that the C computes with.
     """
 
     model: Model
@@ -76,6 +77,7 @@ class Equations:
     calls: Mapping[str, tuple[str, ...]]
     choices: Mapping[str, str]
     shares: Mapping[str, Shares]
+    interface: Mapping[str, Any]
     dtype: str = "float64"
 
 
@@ -104,6 +106,7 @@ def derive_equations(model: Model, kernels: Sequence[str] = (), dtype: str = "fl
     wanted = kernels or usual
     small = {name for name in usual if KERNELS[name].needs in SMALL}
     public = tuple(name for name in known if name in wanted or name in small)
+    interface = describe_kernels(model, public, dtype)
     raw: dict[str, Program] = {}
     derived: dict[str, Program] = {}  # what several derivatives are of
     calls: dict[str, tuple[str, ...]] = {}
@@ -137,7 +140,7 @@ def derive_equations(model: Model, kernels: Sequence[str] = (), dtype: str = "fl
     setup, programs = hoist_parameters(list(raw.values()), len(model.parameters) + len(model.turning))
     written = dict(zip(raw, programs, strict=True))
     shares = {name: share_among_bodies(model, written[name]) for name in public if KERNELS[name].kind == "frames"}
-    return Equations(model, public, setup, written, calls, choices, shares, dtype)
+    return Equations(model, public, setup, written, calls, choices, shares, interface, dtype)
 
 
 def _takes_columns(model: Model, kernel: str, known: Mapping[str, Program]) -> bool:

@@ -15,13 +15,15 @@ from eomgen.robot.value import readings
 
 from ..tree.regressor import regressor_names
 from .blocks import row_blocks
-from .bodies import axes_of
+from .bodies import kinematics_size
 from .derived import BACKWARDS, GRADIENTS, derivative_shapes, differentiated
 from .entries import KINDS, Kind, Signature, kernel, table
 
 DTYPES = ("float64", "float32")  # types of kernels' numbers
 SINGLES, BATCHES = "singles", "batches"  # the C of all kernels as two libraries: for one state, and on vectors
 
+
+LIBRARY_OBJECTS = {"rollout": "fixed", "adaptive": "adaptive"}  # of the C library, that kernels of a kind call
 
 TOLD = ("constraint", "constraint_jacobian", "constraint_bias", "constrained_drives")  # what errors of loops tell
 
@@ -415,6 +417,17 @@ def with_beside(names: Sequence[str], model: Model) -> tuple[str, ...]:
     return tuple(kernels)
 
 
+def library_objects(kernels: Iterable[str], half: str) -> tuple[str, ...]:
+    """Name the objects that the scalar or the batch library of kernels is linked with, of both without a name.
+
+    None where that includes what it needs: the C of gradients does, which calls its equations by name.
+    """
+    kinds = {KERNELS[name].kind for name in kernels}
+    called = [name for kind, name in LIBRARY_OBJECTS.items() if kind in kinds]
+    singles = called if half != BATCHES and "gradient" not in kinds else []
+    return (*singles, *(f"{name}_lanes" for name in called if half != SINGLES))
+
+
 def by_kind(names: Iterable[str]) -> list[str]:
     """Order kernels as KINDS has them; those of one kind in the order of KERNELS."""
     order, place = list(KINDS), list(SIGNATURES)
@@ -459,6 +472,29 @@ def functions(names: Iterable[str]) -> list[Function]:
     return sorted(listed, key=lambda function: (function.is_rollout, function.is_framed))
 
 
+def _uses(array: str, kernels: Collection[str] | None) -> bool:
+    """Return whether kernels, what they are derivatives of, or programs that their C calls write an array."""
+    named = [KERNELS[name] for name in (KERNELS if kernels is None else kernels)]
+    called = {name for x in named for name in (x.derivative_of, *x.calls, *x.closed)}
+    return any(x.writes == array for x in (*named, *(SIGNATURES[name] for name in called if name in SIGNATURES)))
+
+
+def _closing(model: Model) -> dict[str, tuple[int, ...]]:
+    """Return shapes of arrays of the constraints."""
+    n, m = model.size, len(model.constraints)
+    return {
+        "constraints": (m,),
+        "constraint_rows": (m, n),
+        "constrained": (n + 3 * m,),
+        "settling": (2 * n + m,),
+        "chart": (2 * n + m + 1 + m * n,),
+        "following": (3 * n + m * n + m,),
+        "driving": (3 * n + 5 * m,),
+        "multipliers": (m,),
+        "closing": (sum(3 * block.size + len(block.columns) ** 2 for block in row_blocks(model)),),
+    }
+
+
 def _pairs(n: int) -> dict[str, tuple[int, ...]]:
     """Return shapes of arrays of complex numbers."""
     return {**dict.fromkeys(("pair_rates", "pair_shifts", "pair_vector"), (2 * n,)), "pair_times": (4,), "spans": (2,)}
@@ -474,22 +510,11 @@ def _shapes(model: Model, kernels: frozenset[str] | None) -> dict[str, tuple[int
     n = model.size
     vectors: dict[str, tuple[int, ...]] = dict.fromkeys(("q", "v", "a", "u", "added", "vector"), (n,))
     vectors |= dict.fromkeys(("kp", "kd", "rates", "shifts"), (n,))
-    m, loops = len(model.constraints), len(model.robot.loops)
-    closing: dict[str, tuple[int, ...]] = {
-        "constraints": (m,),
-        "constraint_rows": (m, n),
-        "constrained": (n + 3 * m,),
-        "settling": (2 * n + m,),
-        "chart": (2 * n + m + 1 + m * n,),
-        "following": (3 * n + m * n + m,),
-        "driving": (3 * n + 5 * m,),
-        "multipliers": (m,),
-        "closing": (sum(3 * block.size + len(block.columns) ** 2 for block in row_blocks(model)),),
-    }
+    loops = len(model.robot.loops)
     springs, laws, elements = len(model.robot.springs), len(model.cut_laws), len(element_rows(model))
     table: dict[str, tuple[int, ...]] = {
         **vectors,
-        **(closing if m else {}),
+        **(_closing(model) if model.constraints else {}),
         **(_pairs(n) if kernels is None or "radau_rollout" in kernels else {}),
         **({"cut_poses": (loops, 4, 4), "loop_reactions": (loops, 6)} if loops else {}),
         **({"law_pairs": (laws, 2), "law_rows": (laws, n)} if laws else {}),
@@ -510,12 +535,12 @@ def _shapes(model: Model, kernels: frozenset[str] | None) -> dict[str, tuple[int
         "times": (2,),
         "joints": (len(model.bodies),),
         "reactions": (len(model.bodies), 6),
-        "regressor": (n, len(regressor_names(model))),
+        **({"regressor": (n, len(regressor_names(model)))} if _uses("regressor", kernels) else {}),
         "pose": (4, 4),
         "jacobian": (6, n),
         "poses": (len(model.frames), 3, 4),
         "jacobians": (len(model.frames), 6, n),
-        "kinematics": (12 * len(model.frames) + 3 * len(model.bodies) + 3 * len(axes_of(model)),),
+        **({"kinematics": (kinematics_size(model),)} if _uses("kinematics", kernels) else {}),
     }
     wanted = {name: x for name, x in DERIVATIVES.items() if kernels is None or name in kernels}
     return {**table, **derivative_shapes(wanted, table, len(model.parameters))}

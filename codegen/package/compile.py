@@ -36,7 +36,7 @@ from ..c.library import LINKED
 from ..c.source import Source, environment
 from .environment import check_flags, environment_words, expanded
 from .levels import fuses_unasked, level_flags
-from .running import run_all
+from .running import identity, run_all
 
 OPTIMISED, QUICK = "-O2", "-O1"
 FLAGS = (OPTIMISED, "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off")
@@ -70,7 +70,7 @@ def find_compiler() -> Compiler:
     for name, words in (("$CC", chosen[1:]), ("$CFLAGS", compiling), ("$LDFLAGS", linking)):
         check_flags(words, name)
     asked = chosen or _default()
-    command, version = _probe(asked, _stamp(asked[0]))
+    command, version = _probe(asked, identity(asked[0]))
     return Compiler(command, version, compiling, linking)
 
 
@@ -87,19 +87,9 @@ def _default() -> tuple[str, ...]:
     return (sys.executable, "-m", "ziglang", "cc")
 
 
-def _stamp(command: str) -> tuple[str, int, int]:
-    """Return the path of a command's binary, its size in bytes and the time of its last change, ns."""
-    path = os.path.realpath(shutil.which(command) or command)
-    try:
-        status = os.stat(path)
-    except OSError:  # asking it for its version says why
-        return path, 0, 0
-    return path, status.st_size, status.st_mtime_ns
-
-
 @cache
 def _probe(command: tuple[str, ...], stamp: tuple[str, int, int]) -> tuple[tuple[str, ...], str]:
-    """Return the command, and what it says of its version; asked again when the binary changes, see ``_stamp``."""
+    """Return the command, and what it says of its version; asked again when the binary changes, see ``identity``."""
     try:
         asked = [*command, "--version"]
         answer = subprocess.run(

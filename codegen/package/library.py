@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from ..c.library import FOLDER, library_files
-from ..kernels.signatures import BATCHES, KERNELS, SINGLES
 from .compile import OPTIMISED, QUICK, WARNINGS, Compiler, key_of, toolchain
 from .running import run_all
 
@@ -20,18 +19,6 @@ PARTS: Mapping[str, tuple[str, str]] = {  # file of each object of the library, 
     "fixed_lanes": ("integrate_lanes.c", "EOM_FIXED_ONLY"),
     "adaptive_lanes": ("integrate_lanes.c", "EOM_ADAPTIVE_ONLY"),
 }
-_PART_OF = {"rollout": "fixed", "adaptive": "adaptive"}  # by kind of the kernels that call it
-
-
-def parts_of(kernels: Iterable[str], half: str) -> tuple[str, ...]:
-    """Name the objects that the scalar or the batch library of kernels is linked with, of both without a name.
-
-    None where that includes what it needs: the C of gradients does, which calls its equations by name.
-    """
-    kinds = {KERNELS[name].kind for name in kernels}
-    called = [name for kind, name in _PART_OF.items() if kind in kinds]
-    singles = called if half != BATCHES and "gradient" not in kinds else []
-    return (*singles, *(f"{name}_lanes" for name in called if half != SINGLES))
 
 
 def library_flags(flags: Sequence[str]) -> tuple[str, ...]:

@@ -156,13 +156,13 @@ def test_build_tells_and_so_do_kernels_that_are_built_later(prompt: Session, mon
     monkeypatch.setattr(building, "_at_once", slow)
     eomgen.build("one_link", kernels=["mass_matrix"])
     assert prompt.take()[-1].startswith("building: compiling (")
-    loaded = on_demand._loaded
+    loaded = on_demand.loaded
 
     def slowly(*about: Any) -> Any:
         prompt.wait()
         return loaded(*about)
 
-    monkeypatch.setattr(on_demand, "_loaded", slowly)
+    monkeypatch.setattr(on_demand, "loaded", slowly)
     kernel = eomgen.build("one_link")
     prompt.take()
     kernel.mass_matrix([0.1] * kernel.n)

@@ -33,7 +33,7 @@ PAGE, ARGUMENTS = ROOT / "docs" / "mutation.md", ROOT / "benchmarks" / "mutation
 NASTY = [
     ("joint.lemmas", "A[i, j], A[j, i] = -sp.sin(s), sp.sin(s)", "A[i, j], A[j, i] = sp.sin(s), -sp.sin(s)", "joint"),
     ("joint.lemmas", "H * step(j).generator.T) == 0)", "H * step(j).generator.T) != 0)", "joint"),
-    ("joint.deriving", "float(by_sin), float(by_cos)", "float(by_cos), float(by_sin)", "joint"),
+    ("joint.deriving", "by_sin, by_cos = kinds", "by_cos, by_sin = kinds", "joint"),
     ("joint.deriving", "source.is_rotation, source.axis", "source.is_rotation, 0", "joint"),
     ("joint.zeros", "(s == w) & self.before[v, w]", "(s == v) & self.before[v, w]", "zeros"),
     ("joint.zeros", "for pair in facts.coaxial if pair[1] == turn]", "for pair in facts.coaxial]", "zeros"),

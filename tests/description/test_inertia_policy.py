@@ -371,6 +371,9 @@ def test_mjcf_on_request() -> None:
         assert numbers(robot, name) == pytest.approx({**HARD, "stops.lower": low, "stops.upper": high})
     assert not numbers(robot, "knee")  # limited="false"
     assert not any("nothing stops" in note for note in robot.notes)
+    off = robot_from_mjcf(MJCF.replace('contact="disable"', 'limit="disable"'), stops=ASKED)
+    assert not numbers(off, "hip")
+    assert off.limits_of("hip.gamma").lower == low
     text = MJCF.replace('type="slide" axis="0 0 1" armature="0.2"', 'type="slide" axis="0 0 1" range="-1 3"')
     beside = robot_from_mjcf(text, stops=ASKED)
     assert numbers(beside, "torso_joint", "z") == {**HARD, "stops.lower": -1.0, "stops.upper": 3.0}

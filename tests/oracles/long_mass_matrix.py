@@ -21,7 +21,8 @@ def _cross(a: Any, b: Any) -> Any:
 def exact_mass_matrix(robot: Robot, q: Sequence[Any]) -> Any:
     """Return M by the Jacobians of all links, in long arithmetic."""
     moves = [joint for joint in robot.joints if joint.coordinates]
-    poses, above = {robot.base: mp.eye(4)}, {robot.base: ()}
+    poses: dict[str, Any] = {robot.base: mp.eye(4)}
+    above: dict[str, tuple[int, ...]] = {robot.base: ()}
     axes: list[tuple[bool, Any, Any]] = []
     for joint in robot.joints:
         pose = poses[joint.parent] * long_pose(joint.placement.rotation, joint.placement.xyz)

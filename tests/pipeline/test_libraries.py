@@ -14,7 +14,7 @@ import pytest
 
 import eomgen
 from eomgen.codegen.c.library import LINKED
-from eomgen.codegen.kernels.signatures import BATCHES, SINGLES
+from eomgen.codegen.kernels.signatures import BATCHES, SINGLES, library_objects
 from eomgen.codegen.package.compile import Compiler, compile_flags, find_compiler, write_package
 from eomgen.codegen.package.library import (
     OBJECT,
@@ -22,7 +22,6 @@ from eomgen.codegen.package.library import (
     library_command,
     library_flags,
     library_key,
-    parts_of,
     write_library,
 )
 from eomgen.errors import BuildError, InputError, SingularError
@@ -154,11 +153,11 @@ def test_without_headers(empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> 
 
 def test_parts_of_halves() -> None:
     """Gradients' C includes the library."""
-    assert parts_of(("mass_matrix", "energy"), "") == ()
-    assert parts_of(("rollout", "energy"), SINGLES) == ("fixed",)
-    assert parts_of(ROLLS, "") == tuple(PARTS)
-    assert parts_of(ROLLS, BATCHES) == ("fixed_lanes", "adaptive_lanes")
-    assert parts_of(("rollout", "explicit_gradient"), "") == ("fixed_lanes",)
+    assert library_objects(("mass_matrix", "energy"), "") == ()
+    assert library_objects(("rollout", "energy"), SINGLES) == ("fixed",)
+    assert library_objects(ROLLS, "") == tuple(PARTS)
+    assert library_objects(ROLLS, BATCHES) == ("fixed_lanes", "adaptive_lanes")
+    assert library_objects(("rollout", "explicit_gradient"), "") == ("fixed_lanes",)
 
 
 def test_keys_and_flags() -> None:
@@ -177,8 +176,8 @@ def test_keys_and_flags() -> None:
     assert len({key, *others}) == 5
 
 
-def objects_of(part: str, **options: bool) -> LibraryObjects:
-    return LibraryObjects(find_compiler(), PLAIN, "float64", {"singles": (part,)}, **options)
+def objects_of(part: str) -> LibraryObjects:
+    return LibraryObjects(find_compiler(), PLAIN, "float64", {"singles": (part,)})
 
 
 @pytest.mark.soak

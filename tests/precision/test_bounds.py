@@ -309,6 +309,7 @@ def test_solutions_are_bounded_where_no_pivot_may_vanish() -> None:
     assert np.isinf(wide.bound).all()
     assert set(wide.refused) == set(wide.outputs)
     assert all("division by what is in [" in reason for reason in wide.refused.values())
+    assert "joint1.gamma and 5 outputs more: no bound: div " in str(wide)
 
 
 def test_the_callers_ranges_are_never_narrowed() -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -250,13 +250,6 @@ def names_in(label: str, value: Any) -> list[str]:
         if not isinstance(name, str):
             raise InputError(f"{label}: {show(name)} is no name; allowed: a sequence of names")
     return names
-
-
-def word_in(label: str, value: Any, allowed: Collection[str]) -> str:
-    """Return one of the allowed words; InputError, which begins with the label, of anything else."""
-    if not isinstance(value, str) or value not in allowed:
-        raise InputError(f"{label}: {show(value)} is unknown; allowed: {', '.join(allowed)}")
-    return value
 
 
 def numbers_in(label: str, value: Any, allowed: str, *, finite: bool = True) -> Array:

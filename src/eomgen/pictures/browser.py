@@ -13,13 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from ..codegen.package.running import begin_in_thread
 from ..description import RobotLike
 from ..errors import BuildError, InputError
 from ..identification.tolerances.result import ToleranceResult
 from ..optional import optional_import
 from ..pipeline.building import build
 from ..simulation.result import SimulationResult, simulated_robot
+from ..threads import begin_in_thread
 from .framing import STEP, first_factor, framed, largest_power, motion_points, up_of
 from .scene import (
     SLENDER,

@@ -7,9 +7,9 @@ from concurrent.futures import Future, wait
 from contextlib import suppress
 from types import TracebackType
 
-from ..codegen.package.running import begin_in_thread
 from ..errors import BuildError
 from ..runtime.kernel import Kernel
+from ..threads import begin_in_thread
 
 
 class Ahead:

@@ -16,7 +16,8 @@ from ..runtime.kernel import Kernel
 from ..runtime.levels import allowed_levels
 from . import cache as store
 from . import direct_calls
-from .on_demand import OnDemand, one_library
+from .load import one_library
+from .on_demand import OnDemand
 from .options import Options
 from .stages import Described, describe, make_package, tools_for
 

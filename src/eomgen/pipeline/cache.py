@@ -206,7 +206,7 @@ def _private_folder(root: Path, key: str) -> Iterator[Path]:
     Raises:
         BuildError: Python is exiting.
     """
-    from ..codegen.package.running import check_not_ending
+    from ..threads import check_not_ending
 
     check_not_ending()
     removed = threading.Event()

@@ -234,9 +234,9 @@ def _coupling_line(coupling: Coupling) -> str:
 
 def robot_info(robot: RobotLike, *, progress: StageReport = no_report) -> RobotInfo:
     """Derive the robot's equations and say what came out; nothing is compiled."""
+    from ..codegen.c.operation_counts import operations
     from ..codegen.joint.zeros import zero_map
     from ..codegen.kernels.equations import derive_equations
-    from ..codegen.kernels.operation_counts import operations
 
     model = derived_model(as_robot(robot))
     progress(f"deriving the equations of {len(model.coordinates)} coordinates")

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 
 from .._version import __version__
+from ..codegen.joint.facts import with_facts
 from ..once import kept
 from ..robot.geometry import JointFacts
-from ..robot.model import Model, build_model, with_offset_angles
+from ..robot.model import Model, build_model
 from ..robot.value import Robot
 from . import cache as store
 from .generator_key import generator_hash
@@ -28,10 +28,7 @@ def derived_model(robot: Robot) -> Model:
         BuildError: the cache cannot be written.
         InternalError: a proof fails.
     """
-    model = build_model(robot)
-    models = (model, model.tree, with_offset_angles(model)[0])
-    kinds = {body.active for x in models for body in x.bodies}
-    return replace(model, facts={active: _facts(active) for active in sorted(kinds)})
+    return with_facts(build_model(robot), _facts)
 
 
 def _facts(active: tuple[str, ...]) -> JointFacts:

@@ -38,7 +38,7 @@ class Extension:
 
     def begin(self, compiler: Compiler) -> ExtensionBinding:
         """Load the module where the cache has it; where not, begin to compile it beside what comes next."""
-        from ..codegen.package.running import begin_in_thread
+        from ..threads import begin_in_thread
 
         with self._guard:
             if self._compiler is not None:

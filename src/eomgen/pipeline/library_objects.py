@@ -24,7 +24,7 @@ class LibraryObjects:
     Attributes:
         compiler, flags: those of the kernels that are linked with them.
         dtype: "float64" or "float32".
-        parts: names of objects by half, see ``parts_of``.
+        parts: names of objects by half, see ``signatures.library_objects``.
     """
 
     compiler: Compiler
@@ -35,7 +35,7 @@ class LibraryObjects:
 
     def begin(self) -> Future[list[bytes]]:
         """Begin to make the objects that the cache lacks, once; the result raises BuildError where that fails."""
-        from ..codegen.package.running import begin_in_thread
+        from ..threads import begin_in_thread
 
         if self._begun is None:
             self._begun = begin_in_thread(self._made)

@@ -15,32 +15,10 @@ from ..progress import StageReport, no_report, told_at_prompt
 from ..runtime.raw import BATCH, SETUP, Library, OneLibrary
 from . import cache as store
 from .direct_calls import settle
-from .load import load_module
+from .load import loaded, one_library
 from .stages import Described, Tools, make_package, rendered
 
 Names = tuple[str, ...]
-
-
-def one_library(package: store.Entry, name: str) -> OneLibrary:
-    """Return the library of a package in the cache, whose texts are read while they are there; ``name`` is the robot's.
-
-    Raises:
-        BuildError: it does not load.
-    """
-
-    def read(file: str) -> str:
-        entry = store.find(package.kind, package.key)
-        if entry is None:
-            raise FileNotFoundError(file)
-        return entry.files[file].decode("ascii")
-
-    return OneLibrary(*_loaded(package, name), read)
-
-
-def _loaded(package: store.Entry, name: str) -> tuple[Any, Any, dict[str, Any]]:
-    """Return cffi's objects of a package's module, and its metadata."""
-    module = load_module(package, name)
-    return module.ffi, module.lib, json.loads(package.files[f"{name}.json"])
 
 
 @dataclass
@@ -82,7 +60,7 @@ class OnDemand:
         with self._locks.setdefault(place, threading.Lock()):
             if place not in self._found:
                 package = self._package(*place, report)
-                self._found[place] = Library(*_loaded(package, self._name))
+                self._found[place] = Library(*loaded(package, self._name))
                 settle(self.progress)
             return self._found[place]
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,7 +20,7 @@ from ..codegen.kernels.signatures import BATCHES, SINGLES
 from ..errors import BuildError
 from ..runtime.raw import ADAPTIVE, BATCH, FFI, OneLibrary, RawFunction, RawKernel
 from . import cache as store
-from .load import fresh_module, keep_module
+from .load import tried_module
 
 if TYPE_CHECKING:
     from ..codegen.c.source import Source
@@ -51,26 +51,26 @@ def check_package(
             is named.
     """
     from ..codegen.package.probe import refusal
-    from ..codegen.package.running import in_new_thread
+    from ..threads import in_new_thread
 
-    meta, loaded = json.loads(source.meta), list[Any]()
+    meta = json.loads(source.meta)
     halves = [source.half] if source.half else list(meta["halves"])
-
-    def load() -> bool:
-        """Load it, and return whether that turned denormal numbers off, as fast arithmetic does in this thread."""
-        tiny = np.array([5e-324])
-        kept = (tiny * 1.0).any()
-        loaded.append(fresh_module(package, source.name))
-        return bool(kept and not (tiny * 1.0).any())
-
-    if in_new_thread(load):
+    with tried_module(package, source.name) as load:
+        module, turned_off = in_new_thread(lambda: _loaded(load))
         wrong: str | None = "loading them turns denormal numbers off"
-    else:
-        wrong = first_difference(loaded[0], meta, read_expected(expected), halves)
-    if wrong is not None:
-        reason = f"the compiled kernels of {source.name} compute something else than their equations: {wrong}"
-        raise BuildError(refusal(reason, (*compiler.command, *flags, f"{source.name}.c")))
-    keep_module(package, source.name, loaded[0])
+        if not turned_off:
+            wrong = first_difference(module, meta, read_expected(expected), halves)
+        if wrong is not None:
+            reason = f"the compiled kernels of {source.name} compute something else than their equations: {wrong}"
+            raise BuildError(refusal(reason, (*compiler.command, *flags, f"{source.name}.c")))
+
+
+def _loaded(load: Callable[[], Any]) -> tuple[Any, bool]:
+    """Load a module, and return whether that turned denormal numbers off in this thread, as fast arithmetic does."""
+    tiny = np.array([5e-324])
+    kept = (tiny * 1.0).any()
+    module = load()
+    return module, bool(kept and not (tiny * 1.0).any())
 
 
 def first_difference(

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .._version import __version__
-from ..codegen.kernels.signatures import BATCHES, OWN_KERNELS, SINGLES, available, with_beside
+from ..codegen.kernels.signatures import BATCHES, OWN_KERNELS, SINGLES, available, library_objects, with_beside
 from ..description import RobotLike, as_robot
 from ..progress import StageReport, no_report
 from ..robot.model import Model, build_model
@@ -45,17 +45,18 @@ _SOURCE, _EXPECTED = "source.json", "expected"  # files of an entry
 
 @dataclass(frozen=True)
 class Described:
-    """What is to be built: a robot, the model of its bodies and coordinates, and options."""
+    """What is to be built: a robot, the model of its bodies and coordinates, its hash, and options."""
 
     robot: Robot
     model: Model
+    robot_hash: str
     options: Options
 
     @cached_property
     def key(self) -> str:
         """Hash of the description, the options that change the source, and the generator's code."""
         options = self.options
-        parts = [robot_hash(self.robot), options.kernels, options.dtype, options.batches, __version__, generator_hash()]
+        parts = [self.robot_hash, options.kernels, options.dtype, options.batches, __version__, generator_hash()]
         return hashlib.sha256(json.dumps(parts).encode()).hexdigest()
 
     def of(self, kernels: Sequence[str]) -> Described:
@@ -69,7 +70,7 @@ class Described:
 
 @dataclass(frozen=True)
 class Rendered:
-    """The C of a robot's kernels, and what it must answer when it is tested."""
+    """The C of a robot's kernels, and numbers that they have to return, of ``pack_expected``."""
 
     source: Source
     expected: bytes
@@ -93,7 +94,7 @@ def describe(robot: RobotLike, options: Options) -> Described:
         options: see Options.
     """
     robot = as_robot(robot)
-    return Described(robot, build_model(robot), options)
+    return Described(robot, build_model(robot), robot_hash(robot), options)
 
 
 def tools_for(options: Options, level: str = "") -> Tools:
@@ -127,7 +128,7 @@ def derive(described: Described) -> Equations:
 
 
 def render(equations: Equations, options: Options) -> Rendered:
-    """Return the C of equations, and the numbers that it has to return."""
+    """Return the C of equations, and numbers that it has to return."""
     from ..codegen.c.expected import pack_expected
     from ..codegen.c.sources import render as render_source
 
@@ -185,8 +186,7 @@ def compile_source(
         progress(f"compiling {source.statements} statements of C{note}")
         write_package(source, tools.compiler, tools.flags, folder, tools.level, library.linked())
         if tools.runs_here:
-            made = store.unfinished("packages", key, folder)
-            check_package(made, source, text.expected, tools.compiler, tools.flags)
+            check_package(store.unfinished("packages", key, folder), source, text.expected, tools.compiler, tools.flags)
 
     return store.entry("packages", key, make)
 
@@ -202,13 +202,11 @@ def make_package(described: Described, tools: Tools, half: str = "", progress: S
     Raises:
         BuildError: see ``build``.
     """
-    from ..codegen.package.library import parts_of
-
     options = described.options
     direct_calls.begin(tools.compiler)
     kernels = [name for name in options.kernels or OWN_KERNELS if name in available(described.model)]
     halves = (half,) if half else (SINGLES, BATCHES) if options.batches else (SINGLES,)
-    parts = {one: parts_of(kernels, one) for one in halves}
+    parts = {one: library_objects(kernels, one) for one in halves}
     library = LibraryObjects(tools.compiler, tools.flags, options.dtype, parts)
     text = rendered(described, progress, library)
     return compile_source(replace(text, source=text.source.only(half)), tools, library, progress)

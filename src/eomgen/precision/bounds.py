@@ -26,6 +26,7 @@ from ..names import listed, show
 from ..progress import StageReport, no_report
 from ..robot.model import Model, build_model
 from .adjoints import bound_outputs
+from .intervals import Array
 from .programs import describe, output_values, with_setup
 from .ranges import as_intervals, check_ranges, chosen_ranges, deflections, random_states, shown_ranges
 from .result import RoundingBound, RoundingBounds
@@ -46,7 +47,7 @@ def rounding_bound(
 
     - The error is the distance from the exact equations of the description for the inputs handed in.  Rounding at
       generation, of constants that are computed once from the description, adds at most 1e-12 relative and is not
-      counted.
+      counted; to an output in which rotations of the description cancel, 1e-12 of the largest output.
     - Ranges are the caller's and are never narrowed.  Inputs without a range of the caller's have the defaults below,
       and the result's ``ranges`` name them.
     - Arithmetic is that of IEEE 754 with denormal numbers, rounded to nearest.  A sine or cosine is within 3 units in
@@ -184,10 +185,10 @@ def _read(program: Program) -> set[tuple[str, int]]:
     return {instruction.leaf for instruction in program.instructions if instruction.op == "input"}
 
 
-def _sizes(values: np.ndarray) -> np.ndarray:
+def _sizes(values: Array) -> Array:
     """Return the largest finite magnitudes of outputs, (outputs,), in states (outputs, states)."""
-    largest: np.ndarray = np.where(np.isfinite(values), np.abs(values), 0.0).max(axis=1, initial=0.0)
-    return largest
+    sizes: Array = np.where(np.isfinite(values), np.abs(values), 0.0).max(axis=1, initial=0.0)
+    return sizes
 
 
 def output_names(model: Model, kernel: str) -> tuple[str, ...]:

@@ -6,8 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ..codegen.program.ir import ASIDE, Instruction, Program, select
-from ..codegen.program.numeric import evaluate_lanes
+from ..codegen.program.ir import ASIDE, Instruction, Program, evaluate_lanes, select
 from .intervals import Array
 
 
@@ -40,11 +39,10 @@ def output_values(program: Program, inputs: Mapping[str, Sequence[Array]], dtype
         size: number of outputs; those that are not written are 0.
     """
     given = {array: [row.astype(dtype) for row in rows] for array, rows in inputs.items()}
-    states = next((len(rows[0]) for rows in given.values() if rows), 1)
-    found = np.zeros((size, states))
     with np.errstate(all="ignore"):
-        written = evaluate_lanes(program, given, dtype).get("out", found[:0])
-    found[: len(written)] = written
+        out = evaluate_lanes(program, given, dtype, sincos=lambda x: (np.sin(x), np.cos(x)))["out"]
+    found = np.zeros((size, out.shape[1]))
+    found[: len(out)] = out
     return found
 
 

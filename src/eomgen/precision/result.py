@@ -13,7 +13,7 @@ from .intervals import Array
 
 PREMISES = (
     "rounding at generation adds at most 1e-12 relative and is not counted",
-    "ranges are the caller's, defaults are listed with them, and none is narrowed",
+    "ranges are the caller's, of other inputs the defaults that the result's ranges name, and none is narrowed",
     "IEEE 754 arithmetic with denormal numbers; sines within 3 units in the last place, exp, log, atan2 within 2",
 )
 _LINES = 12  # outputs that are printed, those with the largest relative bounds first
@@ -94,7 +94,10 @@ class RoundingBound(Shown):
         exact = sum(self.bound[i] == 0.0 for i in order)
         if exact:
             lines.append(f"{exact} outputs without rounding errors")
-        return [*lines, *(f"{name}: no bound: {reason}" for name, reason in self.refused.items())]
+        for reason, names in _by_reason(self.refused).items():
+            more = f" and {len(names) - 1} outputs more" if len(names) > 1 else ""
+            lines.append(f"{names[0]}{more}: no bound: {reason}")
+        return lines
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -122,11 +125,15 @@ class RoundingBounds(Shown):
         for bound in self.kernels.values():
             lines += [*bound.lines(), ""]
         lines += [*(f"premise: {text}" for text in PREMISES), ""] if lines else []
-        by_reason: dict[str, list[str]] = {}
-        for name, reason in self.left_out.items():
-            by_reason.setdefault(reason, []).append(name)
-        lines += [f"without bounds, {reason}: {', '.join(names)}" for reason, names in by_reason.items()]
-        return lines
+        return [*lines, *(f"without bounds, {why}: {', '.join(x)}" for why, x in _by_reason(self.left_out).items())]
+
+
+def _by_reason(reasons: Mapping[str, str]) -> dict[str, list[str]]:
+    """Return names grouped by their reason."""
+    grouped: dict[str, list[str]] = {}
+    for name, reason in reasons.items():
+        grouped.setdefault(reason, []).append(name)
+    return grouped
 
 
 def _plain(number: float) -> float | None:

@@ -20,7 +20,7 @@ from eomgen.codegen.kernels.equations import derive_equations
 from eomgen.codegen.kernels.signatures import with_beside
 from eomgen.codegen.package.compile import find_compiler
 from eomgen.codegen.package.levels import level_flags
-from eomgen.codegen.program.numeric import evaluate_lanes
+from eomgen.codegen.program.ir import evaluate_lanes
 from eomgen.robot.model import build_model
 from eomgen.runtime.levels import supported
 from tests.oracles.sines import polynomials

@@ -12,12 +12,12 @@ import pytest
 
 import eomgen.templates
 from eomgen.codegen.c import lanes
+from eomgen.codegen.c.operation_counts import OWN
 from eomgen.codegen.c.sources import render
 from eomgen.codegen.forces.bushings import Bushings
 from eomgen.codegen.kernels.derived import BACKWARDS, GRADIENTS
 from eomgen.codegen.kernels.entries import KINDS, Signature
 from eomgen.codegen.kernels.equations import derive_equations
-from eomgen.codegen.kernels.operation_counts import OWN
 from eomgen.codegen.kernels.signatures import DERIVATIVES, KERNELS, SIGNATURES, by_kind, functions, shapes
 from eomgen.codegen.kernels.stages import PAIR_STAGES, STAGES
 from eomgen.codegen.kernels.writers import VARIANTS, WRITERS

@@ -11,7 +11,7 @@ import pytest
 from eomgen.codegen.kernels.derivation import Derivation
 from eomgen.codegen.kernels.equations import derive
 from eomgen.codegen.program.ir import evaluate
-from eomgen.codegen.tree.spatial import Pose
+from eomgen.codegen.tree.spatial import Pose, vec3
 from eomgen.description.load import robot_from_toml
 from eomgen.robot.geometry import IDENTITY, rotation_from_rpy
 from eomgen.robot.model import build_model
@@ -31,7 +31,7 @@ def _seen(R: Array, p: Array, point: Array) -> list[float]:
     return [float(x) for x in R.T @ (point - p)]
 
 
-def _placement(xyz: Sequence[float], rpy: Sequence[float]) -> str:
+def _placement(xyz: Sequence[float], rpy: Array) -> str:
     return f"placement = {{ xyz = {list(xyz)}, rpy = {list(map(float, rpy))} }}"
 
 
@@ -121,7 +121,7 @@ def test_components_that_are_zero_but_for_rounding_of_the_description_are_zero()
 
 def test_products_of_poses_are_rounded_once() -> None:
     far = Pose(rotation_from_rpy((0.3, 0.4, 0.5)), (1e3, -1e3, 1e3))
-    back = Pose(IDENTITY, tuple(_seen(np.array(far.rotation), np.array(far.origin), np.array([0.01, 0.02, 0.03]))))
+    back = Pose(IDENTITY, vec3(_seen(np.array(far.rotation), np.array(far.origin), np.array([0.01, 0.02, 0.03]))))
     exact = long_pose(far.rotation, far.origin) * long_pose(back.rotation, back.origin)
     product = (far.exact() @ back).rounded()
     assert product.origin == tuple(float(exact[i, 3]) for i in range(3))

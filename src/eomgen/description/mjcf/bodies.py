@@ -214,7 +214,7 @@ class Bodies:
             *(index, name, kind, axis, anchor, self._coordinate(index, dof, springref, name or body)),
             offset=-ref if ref else None,
             limits=limits,
-            limited=limits is not None and bool(model["jnt_limited"][index]),
+            limited=self._stops(index),
             effort=self._effort(index, name or body),
         )
 
@@ -226,7 +226,7 @@ class Bodies:
             numbers = model.numbers(array, at)
             if any(numbers):
                 way = "<freejoint/>" if joint.kind == "free" else "three hinges about x, y and z"
-                message = f"{key} is {_text(numbers)}, which acts otherwise on the angles of eomgen"
+                message = f"{key} is {text_of(numbers)}, which acts otherwise on the angles of eomgen"
                 model.fail("joint", index, f"{message}; allowed: 0 (or {way})")
         if model["jnt_limited"][index]:
             self.note("the range of ball joints is left out", name)
@@ -240,7 +240,7 @@ class Bodies:
         """Return the damping of any joint, which must be linear."""
         numbers = self.model.numbers("dof_damping", dof)
         if any(numbers[1:]) or numbers[0] < 0.0:
-            self.model.fail("joint", index, f"damping is {_text(numbers)}; allowed: a linear term that is at least 0")
+            self.model.fail("joint", index, f"damping is {text_of(numbers)}; allowed: a linear term that is at least 0")
         return numbers[0]
 
     def _coordinate(self, index: int, dof: int, springref: float, name: str) -> Coordinate:
@@ -249,7 +249,7 @@ class Bodies:
         stiffness, quadratic, cubic = (*numbers, 0.0, 0.0)[:3]
         if quadratic or min(numbers) < 0.0:
             allowed = "a linear and a cubic term that are at least 0"
-            model.fail("joint", index, f"stiffness is {_text(numbers)}; allowed: {allowed}")
+            model.fail("joint", index, f"stiffness is {text_of(numbers)}; allowed: {allowed}")
         damping = self._damping(index, dof)
         if cubic and springref:
             model.fail("joint", index, f"springref is {springref:g} with a cubic stiffness; allowed: springref 0")
@@ -283,17 +283,21 @@ class Bodies:
         """Return the range, rad or m; nothing stops at it unless stops are asked for."""
         unit = math.pi / 180.0 if index in self.model.degrees else 1.0
         lower, upper = (unit * value for value in self.model.numbers("jnt_range", index))
-        limited = bool(self.model["jnt_limited"][index])
-        if not limited and not (lower or upper):
+        if not self.model["jnt_limited"][index] and not (lower or upper):
             return None
         if lower > upper:
-            self.model.fail("joint", index, f"range is {_text([lower, upper])}; allowed: lower <= upper")
-        if limited:
+            self.model.fail("joint", index, f"range is {text_of([lower, upper])}; allowed: lower <= upper")
+        if self._stops(index):
             self.draft.unstopped.append(name)
         return lower, upper
 
+    def _stops(self, index: int) -> bool:
+        """Return whether MuJoCo keeps a joint within its limits."""
+        off = self.model.disabled & {"mjDSBL_LIMIT", "mjDSBL_CONSTRAINT"}
+        return bool(self.model["jnt_limited"][index]) and not off
 
-def _text(numbers: Sequence[float]) -> str:
+
+def text_of(numbers: Sequence[float]) -> str:
     """Return numbers as MJCF has them, without trailing zeros."""
     count = max((place for place, number in enumerate(numbers, 1) if number), default=1)
     return show(" ".join(f"{number:g}" for number in numbers[:count]))

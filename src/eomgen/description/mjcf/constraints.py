@@ -9,10 +9,10 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from eomgen.names import listed
+from eomgen.names import listed, show
 from eomgen.robot.value import Coordinate, Coupling, Loop, Spring
 
-from .bodies import Bodies, Names
+from .bodies import Bodies, Names, text_of
 from .poses import Pose, triple, turned
 
 _FORCES = ("stiffness", "damping", "frictionloss", "armature", "springyield")
@@ -69,8 +69,8 @@ class Constraints:
         first, second = (int(self.model[key][index]) for key in ("eq_obj1id", "eq_obj2id"))
         a, b, *further = self.model["eq_data"][index][:5]
         if any(further) and second >= 0:
-            message = f"polycoef is '{' '.join(f'{x:g}' for x in (a, b, *further))}'"
-            self.model.fail("equality", index, f"{message}; allowed: a constant and a linear term")
+            message = f"polycoef is {text_of([a, b, *further])}; allowed: a constant and a linear term"
+            self.model.fail("equality", index, message)
         of = self._length(index, kind, first)
         to = self._length(index, kind, second) if second >= 0 else ({}, 0.0)
         factors = dict(of[0])
@@ -85,7 +85,7 @@ class Constraints:
             return {coordinate: 1.0}, start
         if not self._is_fixed(number):
             name = self.model.names["tendon"][number]
-            self.model.fail("equality", index, f"tendon {name!r} is no <fixed> one; allowed: fixed tendons")
+            self.model.fail("equality", index, f"tendon {show(name)} is no <fixed> one; allowed: fixed tendons")
         return self._factors(number), float(self.model["tendon_length0"][number])
 
     def _coupling(
@@ -112,12 +112,13 @@ class Constraints:
     def _loop(self, index: int, kind: str, name: str) -> Loop:
         """Return the loop of a connect (a ball joint) or a weld (a fixed joint)."""
         data, ends = self.model["eq_data"][index], []
+        by_sites = self.model.words["eq_objtype"][index] == "site"
         poses = [Pose(np.eye(3), data[:3]), Pose(np.eye(3), data[3:6])]
-        if kind == "weld":  # first is body2's point in MuJoCo
+        if kind == "weld" and not by_sites:  # first is body2's point in MuJoCo
             poses = [Pose(turned(data[6:10]), data[3:6]), Pose(np.eye(3), data[:3])]
         for key, pose in zip(("eq_obj1id", "eq_obj2id"), poses, strict=True):
             body = int(self.model[key][index])
-            if self.model.words["eq_objtype"][index] == "site":
+            if by_sites:
                 pose, body = self.model.pose("site_", body), int(self.model["site_bodyid"][body])
             if kind == "connect":  # how its frames are turned does not matter
                 pose = Pose(np.eye(3), pose.xyz)
@@ -153,7 +154,7 @@ class Constraints:
                 self.model.fail("tendon", index, message)
         lower, upper = self.model.numbers("tendon_lengthspring", index)
         if lower != upper:
-            message = f"springlength is '{lower:g} {upper:g}', with a slack range; allowed: one length"
+            message = f"springlength is {text_of([lower, upper])}, with a slack range; allowed: one length"
             self.model.fail("tendon", index, message)
         text = self.model.names["tendon"][index]
         if not self._is_fixed(index):
@@ -194,8 +195,8 @@ class Constraints:
         numbers = self.model.numbers(f"tendon_{key}", index)
         first, second, third = (*numbers, 0.0, 0.0)[:3]
         if second or min(numbers) < 0.0:
-            message = f"{key} is '{' '.join(f'{x:g}' for x in numbers)}'"
-            self.model.fail("tendon", index, f"{message}; allowed: a linear and a cubic term that are at least 0")
+            message = f"{key} is {text_of(numbers)}; allowed: a linear and a cubic term that are at least 0"
+            self.model.fail("tendon", index, message)
         return (0.0, 0.0) if flag in self.model.disabled else (first, third)
 
 

@@ -9,12 +9,12 @@ from collections.abc import Callable, Mapping
 
 from eomgen.robot.model import Model
 
+from ..kernels.blocks import row_blocks
+from ..kernels.closed_motion import CLOSING, row_kinds
+from ..kernels.equations import Equations
+from ..kernels.signatures import KERNELS
 from ..solve.factorised import coordinates_in_front, solve_operations
 from ..solve.rows import DERIVING
-from .blocks import row_blocks
-from .closed_motion import CLOSING, row_kinds
-from .equations import Equations
-from .signatures import KERNELS
 
 Counts = dict[str, int]  # "mul", "add", "div", "sincos"
 
