@@ -99,8 +99,8 @@ class ExactGraph(Graph):
         return self._node("const", (), Exact(number))
 
     def number(self, x: Node) -> float | None:
-        instruction = self.instructions[x.index]
-        return Exact(instruction.leaf) if instruction.op == "const" else None
+        op, _, leaf = self.instructions[x.index]
+        return Exact(leaf) if op == "const" else None
 
     def sincos(self, x: Value) -> tuple[Value, Value]:
         if not isinstance(x, Node):

@@ -11,8 +11,10 @@ import pytest
 
 import eomgen
 from eomgen.codegen.kernels.equations import derive_equations
+from eomgen.codegen.program.ir import Graph, finish
 from eomgen.errors import InputError, UnknownNameError
 from eomgen.precision import Float32Advice, float32_advice, rounding_bound
+from eomgen.precision.float32 import _operation
 from eomgen.precision.programs import output_values, with_setup
 from eomgen.robot.model import build_model
 from tests.oracles.pinocchio_models import PinocchioOracle
@@ -146,3 +148,10 @@ def test_results_say_themselves() -> None:
     lines = "\n".join(found.lines())
     assert "joint1.gamma, joint1.gamma, kg m^2" in lines
     assert "dominant operations of" in lines
+
+
+def test_a_constant_that_is_a_result_is_named() -> None:
+    """No operation takes it."""
+    graph = Graph()
+    program = finish(graph, "constant", {("out", 0): graph.constant(0.1)})
+    assert _operation(build_model(eomgen.load_robot("one_link")), program, 0) == "constant in a result"

@@ -140,14 +140,14 @@ def _dominant(model: Model, program: Program, states: Mapping[str, Sequence[Arra
 def _operation(model: Model, program: Program, index: int) -> str:
     """Name an operation by the inputs that it takes, or by the comment of the C that it belongs to.
 
-    A parameter is named alone, and a constant by the operation that takes it.
+    A parameter is named alone, and a constant by the operation that takes it, if one does.
     """
     op, args, leaf = program.instructions[index]
     if op == "input":
         return f"parameter {input_name(model, *leaf)}"
     if op == "const":
-        user = next(i for i, x in enumerate(program.instructions) if index in x.args)
-        return f"constant in {_operation(model, program, user)}"
+        user = next((i for i, x in enumerate(program.instructions) if index in x.args), None)
+        return f"constant in {'a result' if user is None else _operation(model, program, user)}"
     leaves = [program.instructions[arg].leaf for arg in args if program.instructions[arg].op == "input"]
     taken = " and ".join(input_name(model, *x) for x in dict.fromkeys(leaves))
     return f"{op} of {taken}" if taken else f"{op} ({note_of(program, index)})"
