@@ -40,19 +40,43 @@ def load_result(path: Path | str) -> Any:
         return load_simulation(place)  # which says what reads it
     kind = kind_of(place)
     if kind is None:
-        from . import analysis as analysis  # it declares its kinds
-
+        _bare_results()
         kind = bare_kind(place) or ""
     if not kind and place.suffix != JSON:
         return load_simulation(path)
-    from . import identification as identification  # likewise, also those of analysis
-    from .control import feedforward_result as feedforward_result
-    from .control.inversion import result as result
-
+    _bare_results()
+    _results()
     if kind not in KINDS:
         allowed = listed(sorted(KINDS), len(KINDS))
         raise InputError(f"{path}: is no result that eomgen wrote (kind: {show(kind)}); allowed: those of {allowed}")
     return read(KINDS[kind], path)
+
+
+def _bare_results() -> tuple[type, ...]:
+    """Return classes of results whose files do not name their kind; the modules that define them declare it."""
+    from .analysis.compliance import ComplianceMap
+    from .analysis.frequency import Response
+    from .analysis.matrices import StateSpace
+
+    return ComplianceMap, Response, StateSpace
+
+
+def _results() -> tuple[type, ...]:
+    """Return classes of other results; the modules that define them declare their kinds."""
+    from .control.feedforward_result import FeedForward
+    from .control.inversion.result import StableInversion
+    from .identification.calibration.result import CalibrationResult
+    from .identification.choosing.result import PosesResult
+    from .identification.compensating.result import CompensationResult
+    from .identification.dynamics.result import IdentifyResult
+    from .identification.exciting.result import ExciteResult
+    from .identification.from_motion import ForcesResult
+    from .identification.iso_9283.result import AccuracyResult
+    from .identification.stiffness.result import FitResult
+    from .identification.tolerances.solve import ToleranceResult
+
+    measured = AccuracyResult, CalibrationResult, CompensationResult, FitResult, ForcesResult, IdentifyResult
+    return FeedForward, StableInversion, ExciteResult, PosesResult, ToleranceResult, *measured
 
 
 def _of_folder(folder: Path) -> Any:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import json
 import math
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
@@ -19,6 +20,7 @@ from eomgen.errors import InputError
 from eomgen.identification.tolerances import solve
 from eomgen.sweep.result import SweepResult
 from tests.support.optional import needs
+from tests.support.quick_builds import answer, python
 
 pytestmark = pytest.mark.quick
 
@@ -142,3 +144,18 @@ def test_what_is_no_result_is_refused_by_name(tmp_path: Path) -> None:
         with pytest.raises(InputError) as caught:
             eomgen.load_result(tmp_path / name)
         assert f"{tmp_path / name}: {message}" in str(caught.value)
+
+
+def test_a_fresh_process_knows_all_kinds_of_results() -> None:
+    """Modules declare theirs where they are imported, and nothing else of eomgen was imported before."""
+    folder = Path(eomgen.__file__).parent
+    texts = [path.read_text(encoding="utf-8") for path in folder.rglob("*.py")]
+    declared = {name for text in texts for name in re.findall(r'\bKind\(\s*"(\w+)"', text)}
+    code = f"""
+    import json, eomgen
+    from eomgen.results.kinds import KINDS
+    eomgen.load_result({str(KEPT / "fit.json")!r})
+    print(json.dumps(sorted(KINDS)))
+    """
+    assert answer(python(code)) == sorted(declared)
+    assert len(declared) > 12
