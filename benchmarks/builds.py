@@ -1,7 +1,6 @@
 """What starts and first builds cost: ``python -m benchmarks.builds [--rounds N] [--deep N] [-o FILE] [ROBOT ...]``.
 
-All of them take turns, each in a process whose cache holds nothing but facts about joints; the least of all rounds
-counts.
+All of them take turns, each in a process; caches are empty where nothing else is said; the least of all rounds counts.
 """
 
 from __future__ import annotations
@@ -18,6 +17,12 @@ from pathlib import Path
 from time import perf_counter
 
 from eomgen.bench.beside import processor_name
+from eomgen.codegen.c.expected import pack_expected, read_expected
+from eomgen.errors import InternalError
+from eomgen.pipeline.load import load_module
+from eomgen.pipeline.options import Options
+from eomgen.pipeline.self_test import first_difference
+from eomgen.pipeline.stages import derive, describe, make_package, tools_for
 
 from .bars import Bar, conclusion
 from .peers.cases import URDFS, case
@@ -32,6 +37,13 @@ STARTS: Mapping[str, tuple[str, ...]] = {
     "`eomgen info one_link`": ("-m", "eomgen", "info", "one_link"),
     "`eomgen simulate puma560_elastic`": ("-m", "eomgen", "simulate", "puma560_elastic", "-o", "{folder}/out"),
 }
+ANSWER = "import sys, numpy, eomgen; k = eomgen.build(sys.argv[1]); k.mass_matrix(numpy.zeros(k.n))"
+ANSWERS = {  # in one cache, one after the other
+    '`eomgen.build("ur5").mass_matrix(q)`, empty cache': "ur5",
+    "the same of `panda`, with the cache of the first": "panda",
+    "the same of `ur5` again": "ur5",
+}
+SELF_TEST = "self-test of `ur5`, all kernels"
 ROBOTS = ("ur5", "puma560_elastic", "Talos")
 MEASURED = (
     "forward_dynamics",
@@ -74,21 +86,13 @@ here, others = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resour
 memory = [x.ru_maxrss / 1024 for x in (here, others)]
 print(json.dumps([here.ru_utime + here.ru_stime, others.ru_utime + others.ru_stime, max(memory)]))
 """
-FACTS = """
-import sys
-import eomgen
-from eomgen.pipeline.derivations import derived_model
-for robot in sys.argv[1:]:
-    derived_model(eomgen.load_robot(robot))
-"""
 HEAD = """# What a first build costs
 
 A kernel is derived and compiled when it is first called, and comes from the cache from then on; its functions for
 batches are compiled when a batch is first asked for. These are times
-without a cache, Python's start and NumPy's import included, but with the facts about joints that SymPy derives
-([Theory](theory.md)): to import it and to derive them takes 0.3 to 0.5 s more, once for all robots whose joints have
-the same active coordinates. Rollouts are linked with [the C library](library.md), whose objects a machine's
-first build of rollouts compiles beside the derivation, as here, and later ones find in the cache.
+without a cache, Python's start and imports of NumPy and SymPy included. SymPy derives joints; the cache holds the result
+for all robots whose joints have the same active coordinates ([Theory](theory.md)). Rollouts are linked with
+[the C library](library.md), whose objects a machine's first build of rollouts compiles beside the derivation, as here, and later ones find in the cache.
 Measured on {processor} with {cores} cores by `python -m benchmarks.builds`: the least of
 {rounds} rounds in turns, in seconds. The time of all kernels is that of one library with all but derivatives.
 Derivatives of the dynamics are, in one library with functions for batches, first and second ones of inverse and forward
@@ -108,12 +112,35 @@ class Cost:
 
 
 def start(words: Sequence[str]) -> Cost:
-    """Run Python with these words, and no source or package in the cache.
+    """Run Python with these words and an empty cache.
 
     Raises:
         subprocess.CalledProcessError: it fails, and has said why.
     """
-    return _timed(words, "one_link", "puma560_elastic")[0]
+    return _timed(words)[0]
+
+
+def answers() -> dict[str, Cost]:
+    """Time processes that build a robot and call it, with one cache.
+
+    Raises:
+        subprocess.CalledProcessError: a build failed, and has said why.
+    """
+    with tempfile.TemporaryDirectory(prefix="eomgen-builds-") as folder:
+        return {name: _timed_in(folder, ("-c", ANSWER, robot))[0] for name, robot in ANSWERS.items()}
+
+
+def self_test() -> float:
+    """Time the self-test of the ur5 with all kernels, s: the numbers that are expected, and the comparison."""
+    described = describe("ur5", Options())
+    equations, package = derive(described), make_package(described, tools_for(described.options))
+    module, meta = load_module(package, "ur5"), json.loads(package.files["ur5.json"])
+    begin = perf_counter()
+    difference = first_difference(module, meta, read_expected(pack_expected(equations, "float64")))
+    taken = perf_counter() - begin
+    if difference is not None:
+        raise InternalError(difference)
+    return taken
 
 
 def build(robot: str, kernels: str) -> Cost:
@@ -122,19 +149,22 @@ def build(robot: str, kernels: str) -> Cost:
     Raises:
         subprocess.CalledProcessError: the build failed, and has said why.
     """
-    cost, said = _timed(("-c", WORK, robot, kernels), robot)
+    cost, said = _timed(("-c", WORK, robot, kernels))
     return Cost(cost.wall, *json.loads(said))
 
 
-def _timed(words: Sequence[str], *robots: str) -> tuple[Cost, str]:
-    """Time Python with these words, after the derivation of the robots' joints; what it prints."""
+def _timed(words: Sequence[str]) -> tuple[Cost, str]:
     with tempfile.TemporaryDirectory(prefix="eomgen-builds-") as folder:
-        command = [sys.executable, *(word.replace("{folder}", folder) for word in words)]
-        environment = {**os.environ, "EOMGEN_CACHE_DIR": f"{folder}/cache"}
-        subprocess.run([sys.executable, "-c", FACTS, *robots], env=environment, check=True)
-        begin = perf_counter()
-        done = subprocess.run(command, env=environment, stdout=subprocess.PIPE, text=True, check=True)
-        return Cost(perf_counter() - begin), done.stdout
+        return _timed_in(folder, words)
+
+
+def _timed_in(folder: str, words: Sequence[str]) -> tuple[Cost, str]:
+    command = [sys.executable, *(word.replace("{folder}", folder) for word in words)]
+    environment = {**os.environ, "EOMGEN_CACHE_DIR": f"{folder}/cache"}
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)  # modules are compiled once for all users
+    begin = perf_counter()
+    done = subprocess.run(command, env=environment, stdout=subprocess.PIPE, text=True, check=True)
+    return Cost(perf_counter() - begin), done.stdout
 
 
 @dataclass(frozen=True)
@@ -179,7 +209,7 @@ def read(path: Path) -> Report:
 
 def measure(robots: Sequence[str], rounds: int, deep: int) -> Report:
     """Start and build in turns; ``deep``: rounds of builds of derivatives."""
-    starts: dict[str, list[Cost]] = {name: [] for name in STARTS}
+    starts: dict[str, list[Cost]] = {name: [] for name in (*STARTS, *ANSWERS)}
     builds: dict[tuple[str, str], list[Cost]] = {
         (robot, what): []
         for robot in robots
@@ -187,9 +217,9 @@ def measure(robots: Sequence[str], rounds: int, deep: int) -> Report:
         if what not in (DYNAMICS, EVERY) or (deep and robot in DIFFERENTIATED)
     }
     for turn in range(max(rounds, deep)):
-        for name, costs in starts.items():
-            if turn < rounds:
-                costs.append(start(STARTS[name]))
+        if turn < rounds:
+            for name, cost in {**{name: start(words) for name, words in STARTS.items()}, **answers()}.items():
+                starts[name].append(cost)
         for (robot, what), costs in builds.items():
             if turn < (deep if what in (DYNAMICS, EVERY) else rounds):
                 costs.append(build(str(case(robot).urdf) if robot in URDFS else robot, BUILDS[what]))
@@ -198,7 +228,8 @@ def measure(robots: Sequence[str], rounds: int, deep: int) -> Report:
         len(os.sched_getaffinity(0)),
         rounds,
         deep,
-        {name: min(cost.wall for cost in costs) for name, costs in starts.items()},
+        {name: min(cost.wall for cost in costs) for name, costs in starts.items()}
+        | {SELF_TEST: min(self_test() for _ in range(rounds))},
         tuple(Built(*key, min(costs, key=lambda cost: cost.wall)) for key, costs in builds.items()),
     )
 
