@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 import eomgen
-
-pytestmark = pytest.mark.quick
+from eomgen.pipeline import cache
+from tests.support.quick_builds import answer, python
 
 RETURNS = 10  # at most, to packages that the build had left
 
@@ -24,6 +24,7 @@ def entered(name: str) -> str:
     return ".".join(parts[:depth]) if len(parts) > depth or (len(parts) == depth and is_package) else ""
 
 
+@pytest.mark.quick
 def test_an_uncached_build_returns_to_few_packages_that_it_had_left(empty_cache: Path) -> None:
     """In the order in which its modules are first called; they were imported by an earlier build."""
     eomgen.build("one_link", kernels=("mass_matrix",), flags=("-O0",)).mass_matrix([0.1, 0.2])
@@ -45,3 +46,21 @@ def test_an_uncached_build_returns_to_few_packages_that_it_had_left(empty_cache:
     way = [package for package, last in zip(packages, ["", *packages], strict=False) if package != last]
     assert {"eomgen.pipeline", "eomgen.robot", "eomgen.codegen.tree", "eomgen.codegen.c"} <= set(way)
     assert len(way) - len(set(way)) <= RETURNS, way
+
+
+def test_entries_of_another_version_are_never_loaded(empty_cache: Path) -> None:
+    """Every kind of entry that a build with a rollout makes has another key."""
+    code = """
+    import eomgen._version
+    eomgen._version.__version__ = {version!r}
+    import json, eomgen
+    kernel = eomgen.build("one_link", kernels=("rollout",), flags=("-O0",))
+    print(json.dumps(eomgen.__version__))
+    """
+    keys = []
+    for version in ("0.0.1", "0.0.2"):
+        assert answer(python(code.format(version=version))) == version
+        keys.append({(kind, key) for kind, key, _ in cache.contents()})
+    earlier, later = keys[0], keys[1] - keys[0]
+    assert {kind for kind, _ in earlier} == {"derivations", "extensions", "libraries", "packages", "sources"}
+    assert sorted(kind for kind, _ in later) == sorted(kind for kind, _ in earlier)
