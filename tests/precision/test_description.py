@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -16,6 +17,7 @@ from eomgen.precision.programs import output_values, with_setup
 from eomgen.precision.ranges import chosen_ranges, deflections, random_states
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
+from tests.codegen.tree.test_merged_links import moving_tree
 from tests.oracles.long_dynamics import evaluated, mp
 from tests.support.builds import Build
 from tests.support.geared_arms import two_link_arm
@@ -102,6 +104,15 @@ def test_programs_are_within_the_bound_and_1e_12_of_the_description(name: str, k
 def test_masses_far_from_their_frames_are_within_the_bound_and_1e_12_of_the_description(name: str, kernel: str) -> None:
     """The mass is 1 cm from the hinge, 32 m from its frame, behind a fixed or moving joint; "along": along its axis."""
     assert beyond(robot_of(name), kernel) <= GENERATION
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_trees_of_far_frames_are_within_the_bound_and_1e_12_of_the_description(seed: int) -> None:
+    """Their rotations are matrices, as those of angles are rounded, which moves what is 1 km away by 1e-13 m."""
+    robot = moving_tree(seed)
+    joints = (replace(joint, placement=replace(joint.placement, rpy=None)) for joint in robot.joints)
+    robot = replace(robot, joints=tuple(joints))
+    assert max(beyond(robot, function) for function in FUNCTIONS) <= GENERATION
 
 
 @pytest.mark.parametrize("name", ["one_link", "far"])
