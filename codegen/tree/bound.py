@@ -62,7 +62,7 @@ from .spatial import (
 
 Cuts = tuple[tuple[tuple[int, Pose], tuple[int, Pose]], ...]  # per loop, on both links: the body, the cut frame in it
 
-NEAR = 8.0  # masses so many times nearer to the parent's frame than to their own draw that one there
+NEAR = 8.0  # a frame moves where masses behind it are so many times nearer to the parent's frame
 
 
 @dataclass(frozen=True)
@@ -218,7 +218,7 @@ def bind(
     Args:
         value: turns a named number into a scalar.
         sincos: sine and cosine of a scalar (used for rotations whose angles are parameters).
-        near: move frames that are far from the masses behind them (``_far_joints``).
+        near: whether frames move that are far from the masses behind them (``_far_joints``).
     """
     binder = _Binder(model, value, sincos)
     robot = model.robot
@@ -279,11 +279,10 @@ def bind(
 
 
 def _far_joints(robot: Robot) -> dict[str, tuple[int, ...]]:
-    """Return axes by joints whose bodies' frames move along them to their parents', as masses behind are near those.
+    """Return the axes along which frames move to their parents' frames, by joints, where masses behind are near those.
 
-    That is where all coordinates are 0.  Any translation goes through a joint that does not turn, one along z through
-    one that turns about z.  What regrouping moves to the parent, as a second moment about the frame's origin, would
-    else cancel with the placement.
+    Distances are those where all coordinates are 0.  A frame may move anywhere if its joint has no rotation, and along
+    z if it rotates about z only.  Otherwise second moments that regrouping moves to the parent cancel with placements.
     """
     poses, origins = {robot.base: Pose(IDENTITY, ZERO)}, {robot.base: ZERO}
     for joint in robot.joints:
