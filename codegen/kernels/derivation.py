@@ -64,7 +64,7 @@ class Derivation:
         self.u = [self.u[self.model.beside.get(i, i)] for i in range(self.model.size)]
         for k in self.model.states_of_drives:
             self.u[k] = 0.0  # what stands there is a force on a coordinate
-        bound = bind(self.model, value, self.graph.sincos)
+        bound = bind(self.model, value, self.graph.sincos, near=regrouped)
         self.followers = Followers(self.model, self.described, bound)
         self.followers.place(self.q)
         self.followers.follow(self.v)

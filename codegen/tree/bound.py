@@ -33,6 +33,7 @@ from eomgen.robot.value import (
     Joint,
     Link,
     Placement,
+    Robot,
     load_dependent,
 )
 from eomgen.robot.value.modes import DIAGONALS, coupling_name
@@ -40,21 +41,28 @@ from eomgen.robot.value.modes import DIAGONALS, coupling_name
 from .modal import Bent, Modal, constants_of
 from .spatial import (
     ZERO,
+    ExactPose,
     Mat,
     Pose,
     PseudoInertia,
     Scalar,
     Vec,
     about,
+    add,
     along,
     congruence,
     is_zero,
     matmul,
+    matvec,
+    scale,
+    subtract,
     transpose,
     vec3,
 )
 
 Cuts = tuple[tuple[tuple[int, Pose], tuple[int, Pose]], ...]  # per loop, on both links: the body, the cut frame in it
+
+NEAR = 8.0  # a frame moves where masses behind it are so many times nearer to the parent's frame
 
 
 @dataclass(frozen=True)
@@ -202,23 +210,32 @@ def bind(
     model: Model,
     value: Callable[[str, float], Scalar],
     sincos: Callable[[Scalar], tuple[Scalar, Scalar]],
+    *,
+    near: bool = False,
 ) -> Bound:
     """Bind bodies of the model with every number passed through ``value(name, number)``.
 
     Args:
         value: turns a named number into a scalar.
         sincos: sine and cosine of a scalar (used for rotations whose angles are parameters).
+        near: whether frames move that are far from the masses behind them (``_far_joints``).
     """
     binder = _Binder(model, value, sincos)
     robot = model.robot
     poses: dict[str, tuple[int, Pose]] = {robot.base: (FIXED_BODY, Pose(IDENTITY, ZERO))}
     placements: list[Pose] = []
+    far = _far_joints(robot) if near else {}
     for joint in robot.joints:
         body, parent = poses[joint.parent]
         placement = binder.placed(f"joints.{joint.name}.placement", joint.placement)
         axes, back = Pose(joint.axis_turn, ZERO), Pose(transpose(joint.axis_turn), ZERO)
         if joint.coordinates:
+            if joint.name in far:
+                parent = parent.exact()
             placed = parent @ placement @ axes @ binder.shift(joint)
+            if joint.name in far and isinstance(placed, ExactPose):
+                placed, translation = placed.split(far[joint.name])
+                back = translation @ back
             placements.append(binder.turned(joint, placed.rounded()))
             poses[joint.child] = (len(placements) - 1, back)
             continue
@@ -259,6 +276,42 @@ def bind(
         cut_matrices=binder.cut_matrices(),
         modal_couplings=binder.modal_couplings(),
     )
+
+
+def _far_joints(robot: Robot) -> dict[str, tuple[int, ...]]:
+    """Return the axes along which frames move to their parents' frames, by joints, where masses behind are near those.
+
+    Distances are those where all coordinates are 0.  A frame may move anywhere if its joint has no rotation, and along
+    z if it rotates about z only.  Otherwise second moments that regrouping moves to the parent cancel with placements.
+    """
+    poses, origins = {robot.base: Pose(IDENTITY, ZERO)}, {robot.base: ZERO}
+    for joint in robot.joints:
+        poses[joint.child] = poses[joint.parent] @ Pose(joint.placement.rotation, joint.placement.xyz)
+    masses = dict.fromkeys(poses, 0.0) | {link.name: link.mass for link in robot.links}
+    firsts = dict.fromkeys(poses, ZERO)
+    for link in robot.links:
+        pose = poses[link.name]
+        firsts[link.name] = scale(link.mass, add(matvec(pose.rotation, link.com), pose.origin))
+    for joint in reversed(robot.joints):
+        masses[joint.parent] += masses[joint.child]
+        firsts[joint.parent] = add(firsts[joint.parent], firsts[joint.child])
+    far: dict[str, tuple[int, ...]] = {}
+    for joint in robot.joints:
+        child = joint.child
+        origins[child] = poses[child].origin if joint.coordinates else origins[joint.parent]
+        turns = set(ANGULAR) & set(joint.coordinates)
+        bends = joint.name in robot.nodes or robot.link(child).modes is not None
+        if bends or not joint.coordinates or not turns <= {"gamma"} or masses[child] <= 0.0:
+            continue
+        axes = (2,) if turns else (0, 1, 2)
+        back = transpose(matmul(poses[child].rotation, joint.axis_turn))
+        centre = matvec(back, subtract(scale(1.0 / masses[child], firsts[child]), origins[child]))
+        shift = matvec(back, subtract(origins[joint.parent], origins[child]))
+        if math.hypot(*(centre[i] - shift[i] for i in axes)) * NEAR < math.hypot(*(centre[i] for i in axes)):
+            far[joint.name] = axes
+            moved = vec3(x if i in axes else 0.0 for i, x in enumerate(shift))
+            origins[child] = add(origins[child], matvec(transpose(back), moved))
+    return far
 
 
 class _Binder:

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from eomgen.robot.geometry import snap
+from eomgen.robot.geometry import IDENTITY, snap
 
 Scalar = Any  # float, sympy.Expr, ir.Node or, in an ExactPose, Decimal
 Vec = tuple[Scalar, Scalar, Scalar]
@@ -70,6 +70,19 @@ class ExactPose(Pose):
             product = super().__matmul__(Pose(*_to_decimals(other)))
         terms = matvec(mat3(vec3(abs(float(x)) for x in row) for row in self.rotation), vec3(map(abs, other.origin)))
         return ExactPose(product.rotation, product.origin, add(self.size, terms))
+
+    def split(self, axes: Sequence[int]) -> tuple[ExactPose, ExactPose]:
+        """Return a pose and a translation along these of its axes whose product is this one, nearest to the origin."""
+        with decimal.localcontext(_PRECISION):
+            by, origin = scale(decimal.Decimal(0), self.origin), self.origin
+            for _ in range(4):  # as the transpose is the inverse to 16 digits
+                whole = matvec(transpose(self.rotation), origin)
+                by = vec3(x + whole[i] if i in axes else x for i, x in enumerate(by))
+                origin = subtract(self.origin, matvec(self.rotation, by))
+        sizes = vec3(abs(float(x)) for x in by)
+        terms = matvec(mat3(vec3(abs(float(x)) for x in row) for row in self.rotation), sizes)
+        translation = ExactPose(_to_decimals(Pose(IDENTITY, ZERO))[0], by, sizes)
+        return ExactPose(self.rotation, origin, add(self.size, terms)), translation
 
     def rounded(self) -> Pose:
         """Round every entry once; right angles are exact, and origins 0 where only the numbers' rounding is left."""

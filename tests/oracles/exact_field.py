@@ -351,7 +351,7 @@ def _derivations(graph: type[Graph], orthogonal: Orthogonal) -> Iterator[None]:
     """Let derivations run over rational numbers in graphs of this kind, in the frames of the description."""
     plain = graph is PlainGraph
 
-    def bind(model: Model, value: Callable[[str, float], Any], sincos: Any) -> Bound:
+    def bind(model: Model, value: Callable[[str, float], Any], sincos: Any, **_: bool) -> Bound:
         made = getattr(sincos, "__self__", None)
 
         def lifted(number: Any) -> Any:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -16,6 +17,7 @@ from eomgen.precision.programs import output_values, with_setup
 from eomgen.precision.ranges import chosen_ranges, deflections, random_states
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
+from tests.codegen.tree.test_merged_links import moving_tree
 from tests.oracles.long_dynamics import evaluated, mp
 from tests.support.builds import Build
 from tests.support.geared_arms import two_link_arm
@@ -35,6 +37,9 @@ name = "merged"
 {joint_table("weld", "hub", "tip", "fixed")}
 placement = {{ xyz = [32.0, 0.0, 0.0] }}
 """
+ALONG = MERGED.replace("[-31.99, 0.0, 0.0]", "[0.0, 1e-3, -31.99]").replace(
+    "xyz = [32.0, 0.0, 0.0]", "xyz = [32.0, 0.0, 0.0], rpy = [0.0, 1.5707963267948966, 0.0]"
+)
 FAR = f"""
 name = "far"
 {link_table("hub", 1.0, (0.0, 0.1, 0.0), (1e-3, 1e-3, 1e-3))}
@@ -50,7 +55,8 @@ placement = {{ xyz = [-100.0, 80.0, 0.0], rpy = [0.3, 1.2, 0.1] }}
 
 @cache
 def robot_of(name: str) -> Robot:
-    made = {"merged": MERGED, "far": FAR}
+    made = {"merged": MERGED, "far": FAR, "along": ALONG.replace('"fixed"', '"revolute"')}
+    made |= {kind: MERGED.replace('"fixed"', f'"{kind}"') for kind in ("revolute", "prismatic")}
     if name in made:
         return robot_from_toml(made[name])
     if name == "tree":
@@ -94,8 +100,19 @@ def test_programs_are_within_the_bound_and_1e_12_of_the_description(name: str, k
 
 
 @pytest.mark.parametrize("kernel", FUNCTIONS[:2])
-def test_merged_links_are_within_the_bound_and_1e_12_of_the_description(kernel: str) -> None:
-    assert beyond(robot_of("merged"), kernel) <= GENERATION
+@pytest.mark.parametrize("name", ["merged", "revolute", "prismatic", "along"])
+def test_masses_far_from_their_frames_are_within_the_bound_and_1e_12_of_the_description(name: str, kernel: str) -> None:
+    """The mass is 1 cm from the hinge, 32 m from its frame, behind a fixed or moving joint; "along": along its axis."""
+    assert beyond(robot_of(name), kernel) <= GENERATION
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_trees_of_far_frames_are_within_the_bound_and_1e_12_of_the_description(seed: int) -> None:
+    """Their rotations are matrices, as those of angles are rounded, which moves what is 1 km away by 1e-13 m."""
+    robot = moving_tree(seed)
+    joints = (replace(joint, placement=replace(joint.placement, rpy=None)) for joint in robot.joints)
+    robot = replace(robot, joints=tuple(joints))
+    assert max(beyond(robot, function) for function in FUNCTIONS) <= GENERATION
 
 
 @pytest.mark.parametrize("name", ["one_link", "far"])

@@ -1,8 +1,8 @@
-"""Links behind fixed joints: their merged inertia and frames, compared with 60-digit arithmetic of the description."""
+"""Links far from their frames, behind fixed and moving joints, compared with 60-digit arithmetic of the description."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -64,9 +64,28 @@ def far_tree(seed: int, tunable: Sequence[str] = (), bodies: int = 3, welds: int
     return robot_from_toml("\n".join(tables))
 
 
+def moving_tree(seed: int, bodies: int = 5) -> Robot:
+    """Return a tree whose masses and axes are near the base, and whose frames are 1 m to 1 km from there."""
+    rng = np.random.default_rng(seed)
+    tables, frames = [f'name = "moving{seed}"'], [("base", np.eye(3), np.zeros(3))]
+    for k in range(bodies):
+        parent, R, p = frames[rng.integers(1, len(frames)) if k else 0]
+        rpy, kind = rng.uniform(-3.0, 3.0, 3), ("revolute", "prismatic")[rng.integers(2) if k else 0]
+        turned = R @ np.array(rotation_from_rpy(tuple(rpy)))
+        away = turned[:, 2] if kind == "revolute" else rng.normal(size=3)
+        far = 10.0 ** rng.uniform(0.0, 3.0) * away / np.linalg.norm(away) + rng.uniform(-0.3, 0.3, 3)
+        tables += [joint_table(f"joint{k}", parent, f"body{k}", kind), _placement(_seen(R, p, far), rpy)]
+        tables += [_link(rng, f"body{k}", _seen(turned, far, rng.uniform(-0.3, 0.3, 3)))]
+        frames.append((f"body{k}", turned, far))
+    return robot_from_toml("\n".join(tables))
+
+
 @pytest.mark.parametrize("seed", range(12))
-def test_mass_matrices_of_links_that_are_far_from_their_frames_are_exact_to_1e_12(seed: int) -> None:
-    robot = far_tree(seed)
+@pytest.mark.parametrize("made", [far_tree, moving_tree])
+def test_mass_matrices_of_links_that_are_far_from_their_frames_are_exact_to_1e_12(
+    made: Callable[[int], Robot], seed: int
+) -> None:
+    robot = made(seed)
     model, rng = build_model(robot), np.random.default_rng(seed)
     q = [mp.mpf(x) for x in rng.uniform(-2.0, 2.0, model.size)]
     program = derive(model, "mass_matrix")
