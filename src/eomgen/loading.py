@@ -61,8 +61,8 @@ def _bare_results() -> tuple[type, ...]:
     return ComplianceMap, Response, StateSpace
 
 
-def _results() -> tuple[type, ...]:
-    """Return classes of other results; the modules that define them declare their kinds."""
+def _results() -> tuple[Any, ...]:
+    """Return classes of other results, or what loads them; the modules that define them declare their kinds."""
     from .control.feedforward_result import FeedForward
     from .control.inversion.result import StableInversion
     from .identification.calibration.result import CalibrationResult
@@ -73,10 +73,10 @@ def _results() -> tuple[type, ...]:
     from .identification.from_motion import ForcesResult
     from .identification.iso_9283.result import AccuracyResult
     from .identification.stiffness.result import FitResult
-    from .identification.tolerances.solve import ToleranceResult
+    from .identification.tolerances.solve import load_tolerance
 
     measured = AccuracyResult, CalibrationResult, CompensationResult, FitResult, ForcesResult, IdentifyResult
-    return FeedForward, StableInversion, ExciteResult, PosesResult, ToleranceResult, *measured
+    return FeedForward, StableInversion, ExciteResult, PosesResult, load_tolerance, *measured
 
 
 def _of_folder(folder: Path) -> Any:
