@@ -80,7 +80,6 @@ bench: $(VENV)/.bench
 	$(BIN)/python -m benchmarks.arrays
 	$(BIN)/python -m benchmarks.batches
 	$(BIN)/python -m benchmarks.bits
-	$(BIN)/python -m benchmarks.bounded_results
 	$(BIN)/python -m benchmarks.builds
 	$(BIN)/python -m benchmarks.calibrating
 	$(BIN)/python -m benchmarks.closed
@@ -88,14 +87,12 @@ bench: $(VENV)/.bench
 	$(BIN)/python -m benchmarks.global_error
 	$(BIN)/python -m benchmarks.jets
 	$(BIN)/python -m benchmarks.levels
-	$(BIN)/python -m benchmarks.mixed
 	$(BIN)/python -m benchmarks.observers
 	$(BIN)/python -m benchmarks.peers
 	$(BIN)/python -m benchmarks.precision
 	$(BIN)/python -m benchmarks.rounding
 	$(BIN)/python -m benchmarks.rotor
 	$(BIN)/python -m benchmarks.threads
-	$(BIN)/python -m benchmarks.tiles
 	$(BIN)/python -m benchmarks.wasm
 	$(BIN)/python docs/tables.py
 

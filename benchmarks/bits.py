@@ -73,8 +73,8 @@ TEXT = """# Matrix of bits
 
 Written by `{command}`; do not edit. A build of a robot's C is compared with that by {reference}:
 every function of these kernels ({kernels}),
-for one state and for {together} side by side, in ordinary, small, denormal, infinite states, in those that are no
-number, and in some in which another order of sums and products shows.
+for one state and for {together} side by side, in ordinary, small, denormal and infinite states,
+and in those that are NaN.
 
 A cell says how many functions answer alike, to the bit, with their statuses; then by how much the others differ at
 most, by the largest number of the function's answers.

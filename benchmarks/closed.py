@@ -22,8 +22,8 @@ import eomgen
 from eomgen.bench.beside import processor_name
 from eomgen.bench.clock import Stopwatch
 from eomgen.bench.textbook import compile_yardstick
+from eomgen.codegen.c.operation_counts import operations
 from eomgen.codegen.kernels.equations import derive, derive_equations
-from eomgen.codegen.kernels.operation_counts import operations
 from eomgen.codegen.package.compile import find_compiler
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot

@@ -1,4 +1,4 @@
-"""Write the table of docs/rounding.md: proved bounds beside the largest bounds and errors of random states.
+"""Write the table of docs/rounding.md: proved bounds compared with bounds and errors of random states.
 
 python -m benchmarks.rounding [--print]
 """
@@ -15,13 +15,12 @@ import numpy as np
 import eomgen
 from eomgen.codegen.kernels.equations import derive_equations
 from eomgen.codegen.kernels.signatures import KERNELS
-from eomgen.codegen.samples.arithmetic import Arithmetic
+from eomgen.precision import rounding_bound
+from eomgen.precision.adjoints import bound_outputs
+from eomgen.precision.programs import output_values, with_setup
+from eomgen.precision.ranges import chosen_ranges
+from eomgen.precision.values import program_intervals
 from eomgen.robot.model import build_model
-from eomgen.rounding import rounding_bound
-from eomgen.rounding.adjoints import bound_outputs
-from eomgen.rounding.enclosures import enclose
-from eomgen.rounding.ranges import chosen_ranges
-from eomgen.rounding.whole import with_setup
 
 PAGE = Path(__file__).parents[1] / "docs" / "rounding.md"
 BEGIN, END = "<!-- begin of bounds -->\n", "<!-- end of bounds -->"
@@ -47,7 +46,7 @@ def row(robot: str, kernel: str) -> str:
         return {name: [rng.uniform(*ends, count).astype("f4") for ends in rows] for name, rows in ranges.items()}
 
     points = {name: [(x, x) for x in map(np.float64, rows)] for name, rows in states(STATES).items()}
-    found = enclose(program, "float64", points)
+    found = program_intervals(program, "float64", points)
     places = [place for (_, place), index in program.outputs.items() if found.obstacles[index] < 0]
     each = bound_outputs(found, [program.outputs["out", place] for place in places])
     running = np.zeros(len(bound.outputs))
@@ -55,11 +54,9 @@ def row(robot: str, kernel: str) -> str:
     narrow = states(OBSERVED)
     wide = {name: [x.astype(np.float64) for x in rows] for name, rows in narrow.items()}
     single, double = (
-        Arithmetic(dtype).run(program, x, rounding=False)["out"].astype(np.float64)
-        for dtype, x in (("float32", narrow), ("float64", wide))
+        output_values(program, x, dtype, len(bound.outputs)) for dtype, x in (("float32", narrow), ("float64", wide))
     )
-    observed = np.zeros(len(bound.outputs))
-    observed[: len(single)] = np.abs(single - double).max(axis=1)
+    observed = np.abs(single - double).max(axis=1)
     in_single = rounding_bound(robot, kernel, dtype="float32").bound
     cells = [
         robot,

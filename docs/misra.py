@@ -22,17 +22,13 @@ from eomgen.control import MomentumObserver, observer
 from eomgen.control.feedforward_source import feedforward_files
 from eomgen.control.momentum_observer import KERNELS as MOMENTUM
 from eomgen.control.observer_source import observer_files
-from eomgen.pipeline.stages import Options, make_source
+from eomgen.pipeline.options import Options
+from eomgen.pipeline.stages import make_source
 from eomgen.robot.value import Coordinate, Friction, Motor
 
 ROBOTS = ("one_link", "puma560", "worn_arm", "four_bar")  # the smallest; an arm; with laws; with a loop
 FOR_ROBOTS = ("constraint_checks.h", "acceleration_derivatives.h", "kinematics.h")  # beside what integrates
-FOR_ONE = (
-    "double_double.h",
-    "dependent_coordinates.h",
-    "automatic_switching.h",
-    *FOR_ROBOTS,
-)  # the first have no lanes
+FOR_ONE = ("dependent_coordinates.h", "automatic_switching.h", *FOR_ROBOTS)  # the first have no lanes
 CONTROL = ("feedforward.h", "kalman.h")  # beside these in the room of controllers
 FRAMES = """#define EOM_FRAMES frames
 #include "clib/frames.h"

@@ -95,7 +95,6 @@ EXTRAS = {  # for users, then for who works on the repository
     "jax": "functions of JAX; with `cuda`, on devices",
     "torch": "functions of PyTorch; with `cuda`, on devices",
     "cuda": 'kernels on devices of NVIDIA, `kernel.device("cuda")`',
-    "opencl": '`kernel.device("opencl")`, and the driver that `eomgen generate --simt` writes',
     "mujoco": "models of MuJoCo (MJCF)",
     "xacro": "descriptions that end in .xacro",
     "completion": "completion of commands in bash, zsh, fish",

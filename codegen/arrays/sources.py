@@ -8,7 +8,6 @@ from typing import Any
 
 from eomgen._version import __version__
 from eomgen.errors import InputError
-from eomgen.memory import without_collection
 from eomgen.names import show
 from eomgen.robot.model import Model
 
@@ -28,7 +27,6 @@ CLOSED = {"forward_dynamics": "constrained_dynamics", "inverse_dynamics": "const
 POSES = "Poses [R | X] of all frames in the base; eqs. (1) and (2)."
 
 
-@without_collection()
 def render_arrays(model: Model, kernels: Sequence[str] = ()) -> str:
     """Render a model as text of a Python module that needs neither eomgen nor anything else.
 
@@ -92,7 +90,7 @@ def _program(equations: Equations, name: str) -> tuple[Program, tuple[str, ...],
     if closed is not None:
         reads, closed_reads = KERNELS[name].reads, SIGNATURES[closed].reads
         return equations.programs[closed], reads, tuple(array for array in closed_reads if array not in reads)
-    if name not in equations.programs or KERNELS[name].kind == "extended":
+    if name not in equations.programs:
         raise InputError(f"kernels: {show(name)} is no program of arrays; allowed: kernels without loops or calls in C")
     return equations.programs[name], KERNELS[name].reads, ()
 

@@ -19,14 +19,13 @@ from ..kernels.constraint_rows import deriving_precision
 from ..kernels.derived import GRADIENTS
 from ..kernels.equations import Equations
 from ..kernels.interface import turning_joints
-from ..kernels.signatures import BATCHES, KERNELS, SIGNATURES, SINGLES, Function, by_kind, functions, shapes
+from ..kernels.signatures import KERNELS, SIGNATURES, SINGLES, Function, by_kind, functions
 from ..kernels.steps.methods import RK4, TSIT5, W643
 from ..program.ir import Program
 from ..program.orders import with_short_lives
 from ..program.shares import GIVEN
-from ..solve.factorised import coordinate_parents
+from ..tree.followers import coordinate_parents
 from .definitions import define, define_setup, define_share
-from .extended import tabulate
 from .lanes import batched, calls_of, kept_size, pack, part_by_part
 from .scalar_types import SCALARS, Scalar
 from .statements import CHUNK
@@ -37,7 +36,6 @@ OPEN_GAPS = {"float64": 1e-9, "float32": 1e-5}  # m or rad, and per second of a 
 CLOSED_GAPS = {"float64": 1e-11, "float32": 2e-6}  # m or rad, from which one more projection leaves round-off
 MET_GAPS = {"float64": 1e-12, "float32": 2e-6}  # m, or sine of an angle: a constraint that is met
 LEFT = 10.0  # times that is what round-off may leave of it
-TILE_BYTES = 64  # of a number of all states of a tile: a line of memory; TILE of clib/batches.h
 RUN = ("last", "h", "q", "sine", "cosine", GIVEN, "pose", "origins", "axes")  # that a run of bodies may take
 CHECKED = (
     "constrained_dynamics",
@@ -70,10 +68,6 @@ def header_context(equations: Equations, dtype: str, meta: Mapping[str, Any], ba
         "closed": bool(model.constraints),
         "batches": batches,
         "declared": [name for names in meta["halves"].values() for name in names],
-        "tile": TILE_BYTES // np.dtype(dtype).itemsize,
-        "in_tiles": [
-            x.name for x in public if not x.is_rollout and f"{x.name}_batch" in meta["halves"].get(BATCHES, ())
-        ],
         "coordinates": model.coordinates,
         "memory": model.memory,
         "inputs": meta.get("inputs", {}),
@@ -115,8 +109,7 @@ def number_context(equations: Equations, dtype: str, meta: Mapping[str, Any]) ->
     model, scalar = equations.model, SCALARS[dtype]
     programs = equations.programs.values()
     public = [name for name in equations.kernels if SIGNATURES[name].kind != "frames"]
-    extended = [program for program in programs if _is_extended(program.name)]
-    whole = [program for program in programs if program.name not in equations.shares and program not in extended]
+    whole = [program for program in programs if program.name not in equations.shares]
     singular = f"singular({model.size}, pivot)"
     definitions = [
         define(program, model.name, scalar, singular=singular, public=program.name in public) for program in whole
@@ -137,17 +130,17 @@ def number_context(equations: Equations, dtype: str, meta: Mapping[str, Any]) ->
         "met_gap": scalar.literal(MET_GAPS[dtype]),
         "left_gap": scalar.literal(LEFT * MET_GAPS[dtype]),
         "closing": _closing_files(equations, _composed(equations)),
-        "sizes": {key: int(np.prod(shape)) for key, shape in shapes(model).items()},
+        "sizes": {key: int(np.prod(shape)) for key, shape in equations.interface["shapes"].items()},
         "setup": define_setup(equations.setup, model.name, scalar),
         "programs": definitions,
         "equations_of_robot": {"": {program.name for program in whole}},
-        "extended": [tabulate(program) for program in extended],
         "composed": _templates(_composed(equations)),
         "looped": [function for function in looped if not function.is_rollout],
         "rollout_is_looped": any(function.kind == "rollout" for function in looped),
         "adaptive_looped": [function.name for function in looped if function.kind == "adaptive"],
         "shares": _shares(equations, scalar),
         **_tables(model),
+        **(_frame_tables(model) if equations.shares else {}),
         **_closing_tables(equations, dtype),
         "kept_size": kept_size(equations),
         "has_radau": "pair_factors" in equations.programs,
@@ -156,10 +149,6 @@ def number_context(equations: Equations, dtype: str, meta: Mapping[str, Any]) ->
         "kept_numbers": kept_of_a_step(model),
         "texts": {name: KERNELS[name].text for name in GRADIENTS},
     }
-
-
-def _is_extended(name: str) -> bool:
-    return SIGNATURES[name].kind == "extended"
 
 
 def kept_of_a_step(model: Model) -> dict[str, int]:
@@ -256,8 +245,8 @@ def _templates(kernels: Iterable[str]) -> list[dict[str, str]]:
     return [{"template": f"composed/{name}.c.jinja", "text": KERNELS[name].text} for name in kernels]
 
 
-def _tables(model: Model) -> dict[str, Any]:
-    """Return numbers of the tree that templates of composed kernels have tables of."""
+def _frame_tables(model: Model) -> dict[str, Any]:
+    """Return tables of bodies and axes by which poses and Jacobians of frames are computed."""
     bodies, axes = model.bodies, axes_of(model)
     return {
         "frame_bodies": frame_bodies(model),
@@ -266,6 +255,12 @@ def _tables(model: Model) -> dict[str, Any]:
         "body_count": [sum(x.body == k for x in axes) for k in range(len(bodies))],
         "is_rotation": [int(axis.is_rotation) for axis in axes],
         "columns_of_axes": [axis.column for axis in axes] if model.followers else [],
+    }
+
+
+def _tables(model: Model) -> dict[str, Any]:
+    """Return numbers of the tree that templates of composed kernels have tables of."""
+    return {
         "coordinate_parents": coordinate_parents(model),
         "prescribed": model.prescribed,
         "is_prescribed": [int(i in model.prescribed) for i in range(model.size)],
@@ -329,7 +324,7 @@ def lane_context(equations: Equations, dtype: str) -> dict[str, Any]:
 
 def _short_lived(program: Program) -> Program:
     """Return a program of several parts in the order in which these hand least on; one of a single part as it is."""
-    return with_short_lives(program) if len(program.instructions) > CHUNK and not program.wide else program
+    return with_short_lives(program) if len(program.instructions) > CHUNK else program
 
 
 def christoffel_words(model: Model) -> list[str]:

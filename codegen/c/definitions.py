@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from ..kernels.signatures import SIGNATURES
 from ..program.ir import Program
 from .scalar_types import Scalar
-from .statements import CHUNK, DOUBLE, NO_STOPS, Function, reads, write_function
+from .statements import CHUNK, NO_STOPS, Function, reads, write_function
 
 SHARED = ("h", "p")  # arrays with one number for all states
 SHORT = 300  # values per function that several vectors go through: some 3 KB of instructions
@@ -26,7 +26,6 @@ class Definition:
     turns: the macro of clib/lanes.h that takes sines and cosines in front, as C; empty where there are none.
     parts: each one's statements, and the arrays that these do not read; a single one is written in place.
     workspace: numbers that parts hand on.
-    room: their type.
     has_pivots: whether it has a pivot for every coordinate, which says whether the mass matrix can be inverted.
     gated: the first one that is left out where the gate is shut; None if there is no gate, or a single one.
     has_gate: whether it has a gate.
@@ -44,7 +43,6 @@ class Definition:
     turns: str
     parts: tuple[tuple[tuple[str, ...], tuple[str, ...]], ...]
     workspace: int
-    room: str
     has_pivots: bool
     gated: int | None = None
     has_gate: bool = False
@@ -112,7 +110,6 @@ def _definition(function: Function, name: str, scalar: Scalar, turns: str, linka
         turns,
         tuple(zip(function.chunks, function.unused, strict=True)),
         function.workspace,
-        DOUBLE if function.is_mixed else scalar.name,
         "pivot" in function.outputs,
         function.gated,
         "gate" in function.outputs,

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..kernels.equations import Equations
-from ..kernels.signatures import BATCHES, KERNELS, SIGNATURES, SINGLES, functions, shapes
+from ..kernels.signatures import BATCHES, KERNELS, SIGNATURES, SINGLES, functions
 from ..program.ir import GATE, Program
 from .statements import handed_on, split, trig_values, workspace
 
@@ -19,7 +19,7 @@ LANE_VALUES = 8192  # values that a kernel for several states may keep on the st
 
 def batched(equations: Equations) -> list[str]:
     """List kernels that work on several states at a time: public ones whose arrays fit the stack as vectors."""
-    size = {key: int(np.prod(shape)) for key, shape in shapes(equations.model).items()}
+    size = {key: int(np.prod(shape)) for key, shape in equations.interface["shapes"].items()}
     size |= {"kept": kept_size(equations), "pair_kept": kept_size(equations, "pair_factors")}
 
     def values(name: str) -> int:
@@ -52,9 +52,7 @@ def part_by_part(program: Program) -> bool:
 def _has_lanes(equations: Equations, name: str) -> bool:
     """True if there is C of the kernel for vectors: a program, or a template that is written for both."""
     known, composed = KERNELS[name], KERNELS[name].kind in ("composed", "rollout", "adaptive")
-    if name in equations.programs:
-        return known.vectors and not equations.programs[name].wide  # those with values in double are for one state
-    return known.vectors and (composed or bool(known.closed))
+    return known.vectors and (name in equations.programs or composed or bool(known.closed))
 
 
 def kept_size(equations: Equations, factors: str = "stage_factors") -> int:

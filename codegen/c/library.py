@@ -4,32 +4,12 @@ from __future__ import annotations
 
 import importlib.resources
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from functools import cache
-
-from ..kernels.signatures import BATCHES, KERNELS, SINGLES
 
 FOLDER = "clib"  # of eomgen, and beside a robot's file
 LINKED = "EOM_LINKED"  # macro of robots' files that are linked with the library's objects
-PARTS: Mapping[str, tuple[str, str]] = {  # file of each object of the library, and the macro that compiles it alone
-    "fixed": ("integrate.c", "EOM_FIXED_ONLY"),
-    "adaptive": ("integrate.c", "EOM_ADAPTIVE_ONLY"),
-    "fixed_lanes": ("integrate_lanes.c", "EOM_FIXED_ONLY"),
-    "adaptive_lanes": ("integrate_lanes.c", "EOM_ADAPTIVE_ONLY"),
-}
-_PART_OF = {"rollout": "fixed", "adaptive": "adaptive"}  # by kind of the kernels that call it
 _TYPES = ("eom.h", "eom_types.h")
-
-
-def parts_of(kernels: Iterable[str], half: str) -> tuple[str, ...]:
-    """Name the objects that the scalar or the batch library of kernels is linked with, of both without a name.
-
-    None where that includes what it needs: the C of gradients does, which calls its equations by name.
-    """
-    kinds = {KERNELS[name].kind for name in kernels}
-    called = [name for kind, name in _PART_OF.items() if kind in kinds]
-    singles = called if half != BATCHES and "gradient" not in kinds else []
-    return (*singles, *(f"{name}_lanes" for name in called if half != SINGLES))
 
 
 @cache

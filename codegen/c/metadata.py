@@ -11,19 +11,19 @@ from eomgen.robot.model import Model
 from ..joint.zeros import zero_map
 from ..kernels.constraint_rows import is_redundant
 from ..kernels.equations import Equations
-from ..kernels.interface import describe_kernels, inertial_parameters
-from ..kernels.operation_counts import operations
+from ..kernels.interface import inertial_parameters
 from ..kernels.signatures import KERNELS
 from ..kernels.steps.tolerances import coordinate_sizes, rubbing_parameters
 from .contexts import kept_of_a_step, statuses
 from .lanes import functions_of_libraries
+from .operation_counts import operations
 
 
-def kernel_metadata(equations: Equations, dtype: str, *, batches: bool = True) -> dict[str, Any]:
-    """Return plain values for JSON: ``describe_kernels``, operations, zeros, functions of both libraries."""
+def kernel_metadata(equations: Equations, *, batches: bool = True) -> dict[str, Any]:
+    """Return plain values for JSON: the interface of the equations, operations, zeros, functions of both libraries."""
     model, mapped = equations.model, any(KERNELS[name].mapped for name in equations.kernels)
     return {
-        **describe_kernels(model, equations.kernels, dtype),
+        **equations.interface,
         "hoisted": len(equations.setup.outputs),
         "operations": operations(equations),
         "survivors": survivors(model) if mapped else {},

@@ -10,10 +10,7 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-from eomgen.memory import without_collection
-
 from ..kernels.equations import Equations
-from ..kernels.signatures import SIGNATURES
 from .contexts import header_context, lane_context, number_context
 from .library import library_types
 from .metadata import kernel_metadata
@@ -22,10 +19,9 @@ from .source import Source, environment
 DECLARATIONS = "kernel/declarations.jinja"
 
 
-@without_collection()
 def render(equations: Equations, dtype: str, *, batches: bool = True) -> Source:
     """Render equations as C; ``batches``: with the functions for several states in one call."""
-    meta = kernel_metadata(equations, dtype, batches=batches)
+    meta = kernel_metadata(equations, batches=batches)
     names = header_context(equations, dtype, meta, batches)
     context = {**names, **number_context(equations, dtype, meta)}
     header = _fill("kernel/kernel.h.jinja", names)
@@ -36,8 +32,7 @@ def render(equations: Equations, dtype: str, *, batches: bool = True) -> Source:
     cdefs = {
         half: types + _fill(DECLARATIONS, {**names, "declared": declared}) for half, declared in meta["halves"].items()
     }
-    written = (x for name, x in equations.programs.items() if SIGNATURES[name].kind != "extended")  # others are tables
-    lengths = [len(program.instructions) for program in written]
+    lengths = [len(program.instructions) for program in equations.programs.values()]
     text = json.dumps(meta, indent=1) + "\n"
     cdef, longest = types + _fill(DECLARATIONS, names), max(lengths, default=0)
     return Source(equations.model.name, header, _tidy(code), cdef, text, sum(lengths), longest, cdefs)

@@ -14,22 +14,14 @@ from types import MappingProxyType
 
 from ..kernels.signatures import SIGNATURES
 from ..program.ir import FIRST, GATE, Program, first_values, users
-from ..program.mixed import in_double
 from ..program.operations import CALLS
 from ..program.shares import GIVEN, TURNS
 from .scalar_types import Scalar
 
 CHUNK = 900  # values per function
 INLINE = 72  # longest expression, in characters, that is written into another one
-_CHOICES = {  # magnitude, larger, positive and chosen of clib/lanes.h, in double precision
-    "abs": "fabs({0})",
-    "max": "(({0}) < ({1}) ? ({1}) : ({0}))",
-    "step": "(({0}) > 0.0 ? 1.0 : 0.0)",
-    "choose": "(({0}) > 0.0 ? ({1}) : ({2}))",
-}
 _BRACKETS = re.compile(r"\([^()]*\)")
 ARRAYS = ("h", "p", "q", "v", "a", "u", "wrench", *TURNS.values(), GIVEN)  # that no signature lists, in this order
-DOUBLE = "double"  # type of wide values
 NO_STOPS: Mapping[int, int] = MappingProxyType({})
 FILL = 16  # from so many zeros on an output is cleared in a loop
 
@@ -39,7 +31,7 @@ class Function:
     """A program as C: per chunk its statements, the size of the array that chunks share, arrays that are not read.
 
     ``angles`` are the expressions whose sines and cosines are taken before all else; ``gated`` is the first chunk that
-    is left out where the gate is shut, or None.  ``is_mixed``: chunks hand on numbers in double precision, as some are.
+    is left out where the gate is shut, or None.
     """
 
     name: str
@@ -50,7 +42,6 @@ class Function:
     unused: tuple[tuple[str, ...], ...]
     outputs: tuple[str, ...]
     gated: int | None = None
-    is_mixed: bool = False
 
     @property
     def contiguous_angles(self) -> str:
@@ -98,7 +89,6 @@ def write_function(
         tuple(tuple(names) for names in unused),
         outputs,
         writer.gated if len(chunks) > 1 else None,
-        bool(program.wide),
     )
 
 
@@ -107,15 +97,15 @@ def reads(text: str, array: str) -> bool:
     return re.search(rf"\b{array}\[", text) is not None
 
 
-def trig_values(program: Program, double: Container[int] = ()) -> set[int]:
-    """Return sines and cosines, but for those in double, and what they alone need: values without statements."""
+def trig_values(program: Program) -> set[int]:
+    """Return sines and cosines, and what they alone need: values without statements."""
     needs = [0] * len(program.instructions)  # statements and outputs that need a value
     for index in program.outputs.values():
         needs[index] += 1
     values: set[int] = set()
     for index in range(len(program.instructions) - 1, -1, -1):
         op, args, _ = program.instructions[index]
-        if index not in double and (op == "sin" or op == "cos" or (needs[index] == 0 and args)):
+        if op == "sin" or op == "cos" or (needs[index] == 0 and args):
             values.add(index)
         else:
             for arg in args:
@@ -176,10 +166,7 @@ class _Writer:
         self.stores: dict[int, list[str]] = {}
         for (array, position), index in program.outputs.items():
             self.stores.setdefault(index, []).append(f"{FIRST.get(array, array)}[{position}]")
-        self.double = in_double(program)
-        choices = [index for index in self.double if program.instructions[index].op in _CHOICES]
-        self.named = {*choices, *(arg for index in choices for arg in program.instructions[index].args)}
-        apart = trig_values(program, self.double) if turning else set()
+        apart = trig_values(program) if turning else set()
         self.angles: list[str] = []
         self.turns: dict[int, str] = {}  # sines and cosines that are taken in front
         self._take_turns(apart)
@@ -244,7 +231,7 @@ class _Writer:
             if index in self.stores and self.count[index] == len(self.stores[index]):
                 lines[chunk].extend(_stored(self.stores[index], expression))
                 continue
-            lines[chunk].append(f"const {self._type(index)} t{index} = {expression};")
+            lines[chunk].append(f"const {self.scalar.name} t{index} = {expression};")
             text[index] = f"t{index}"
             if index in self.slots:
                 lines[chunk].append(f"w[{self.slots[index]}] = t{index};")
@@ -278,28 +265,19 @@ class _Writer:
         if index in self.turns:
             return self.turns[index]
         if instruction.op == "const":
-            return (
-                repr(float(instruction.leaf)) if index in self.program.wide else self.scalar.literal(instruction.leaf)
-            )
+            return self.scalar.literal(instruction.leaf)
         return f"{instruction.leaf[0]}[{instruction.leaf[1]}]"
 
     def _handed(self, arg: int, known: dict[int, str], lines: list[str]) -> str:
         """Write an argument from an earlier chunk, which is loaded once."""
         if arg not in known:
-            kept = f"w[{self.slots[arg]}]"
-            narrowed = kept if not self.double or arg in self.program.wide else f"({self.scalar.name}){kept}"
-            lines.append(f"const {self._type(arg)} t{arg} = {narrowed};")
+            lines.append(f"const {self.scalar.name} t{arg} = w[{self.slots[arg]}];")
             known[arg] = f"t{arg}"
         return known[arg]
-
-    def _type(self, index: int) -> str:
-        """Return the type of a value."""
-        return DOUBLE if index in self.program.wide else self.scalar.name
 
     def _is_inlined(self, index: int, expression: str) -> bool:
         return (
             self.count[index] == 1
-            and index not in self.named
             and index not in self.stores
             and index not in self.slots
             and len(expression) <= INLINE
@@ -315,24 +293,10 @@ class _Writer:
     def _write(self, index: int, args: Sequence[str]) -> str:
         """Write a value as an expression of its arguments' texts."""
         instruction = self.program.instructions[index]
-        if index in self.double:
-            return self._write_double(index, args)
         if instruction.op in CALLS:
             whole = [self._whole(arg, text) for arg, text in zip(instruction.args, args, strict=True)]
             return f"{CALLS[instruction.op].function}{'_lanes' if self.scalar.spread else ''}({', '.join(whole)})"
         return self._expression(instruction.op, args)
-
-    def _write_double(self, index: int, args: Sequence[str]) -> str:
-        """Write an operation in double precision: arguments are converted, and a result that is not wide is rounded."""
-        op, places, _ = self.program.instructions[index]
-        wide = self.program.wide
-        taken = [x if arg in wide else _cast(DOUBLE, x) for arg, x in zip(places, args, strict=True)]
-        if op in _CHOICES:
-            value = _CHOICES[op].format(*taken)
-        else:
-            is_function = op in CALLS or op in ("sin", "cos")
-            value = f"{op}({', '.join(taken)})" if is_function else self._expression(op, taken)
-        return value if index in wide else _cast(self.scalar.name, value)
 
     def _expression(self, op: str, args: Sequence[str]) -> str:
         if op == "mul":
@@ -346,10 +310,6 @@ class _Writer:
         if op == "div":
             return f"{_factor(args[0], leading=True)}/{_factor(args[1])}"
         return f"{op}{self.scalar.suffix}({args[0]})"
-
-
-def _cast(name: str, text: str) -> str:
-    return f"({name}){text}" if re.fullmatch(r"[\w.]+(\[\d+\])?", text) else f"({name})({text})"
 
 
 def _stored(places: Sequence[str], value: str) -> list[str]:

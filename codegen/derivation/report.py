@@ -1,29 +1,27 @@
-"""A derivation to be read, as a page or in LaTeX: joint matrices, terms of eqs. (11) and (12) that survive."""
+"""A model's derivation to be read: a summary for headers; a page or LaTeX with joint matrices and surviving terms."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations_with_replacement, groupby
+from textwrap import wrap
 from typing import Any
 
 import numpy as np
-import sympy as sp
-from sympy.printing.mathml import mathml
 
 from eomgen.errors import InputError
-from eomgen.names import kind_of
-from eomgen.robot.model import FIXED_BODY
+from eomgen.robot.geometry import Entries, JointFacts
+from eomgen.robot.model import FIXED_BODY, Body, Model
 from eomgen.robot.value import COORDINATES
 
 from ..c.source import environment
-from ..closed_form.readable import MOST_COORDINATES, ReadableClosedForm, readable_closed_form
-from ..joint.zeros import Tally, ZeroMap
-from .afresh import Derived
-from .fresh import Blocks
+from ..joint.facts import facts_of, lemma_of
+from ..joint.zeros import Tally, ZeroMap, zero_map
 
-ENDINGS = (".html", ".tex")
+MOST_COUNTED = 256  # coordinates of robots whose terms of C are counted
+WIDTH = 110  # of lines in a header
 _NUMBERS = {name: place for place, name in enumerate(COORDINATES)}
 
 Zeros = tuple[tuple[str, int], ...]
@@ -45,18 +43,52 @@ class Terms:
     zeros: tuple[Zeros, Zeros]
 
 
-def terms(derived: Derived) -> Iterator[Terms]:
-    """List the surviving terms of all equations, joint by joint; none where zeros are not counted."""
-    model, zeros = derived.model, derived.zeros
+def summary(model: Model) -> list[str]:
+    """Write lines: what SymPy derived, and how many terms of M and C vanish by which lemma."""
+    facts, zeros = _kinds(model), _zeros(model)
+    joints = ", ".join(f"({' '.join(active)})" for active in facts if active)
+    lines = wrap(
+        f"SymPy {next(iter(facts.values())).sympy} derived A_(i-1)i of eq. (3) and its first and second derivatives for"
+        f" joints with the active coordinates {joints}, and proved which terms tr(dA/ds H dA^T) of M and"
+        " tr(dA/ds H d2A^T) of C vanish:",
+        WIDTH,
+    )
+    lines += [f"terms of more than {MOST_COUNTED} coordinates are not counted"] if zeros is None else zeros.lines()
+    if any(body.modes for body in model.bodies):
+        lines.append("lemmas of modes: those of eomgen.codegen.joint.modal_lemmas, which the tests of eomgen prove")
+    return lines
+
+
+def with_summary(header: str, model: Model) -> str:
+    """Return a C header with the summary in its first comment."""
+    end = header.index("\n */\n")
+    return header[:end] + "".join(f"\n * {line}".rstrip() for line in ("", *summary(model))) + header[end:]
+
+
+def _kinds(model: Model) -> dict[tuple[str, ...], JointFacts]:
+    """Return the facts about the joints of the tree, by their active coordinates."""
+    return {body.active: facts_of(model, body.active) for body in model.tree.bodies}
+
+
+def _zeros(model: Model) -> ZeroMap | None:
+    """Find the zeros of the tree, with followers as coordinates; None of large robots."""
+    return zero_map(model.tree) if model.tree.size <= MOST_COUNTED else None
+
+
+def terms(model: Model) -> Iterator[Terms]:
+    """List the surviving terms between coordinates of joints, joint by joint; none where zeros are not counted."""
+    model, zeros = model.tree, _zeros(model)
     if zeros is None:
         return
     owner = {index: (k + 1, name) for k, body in enumerate(model.bodies) for index, name in _active(body)}
     for index, (number, kind) in owner.items():
         mass: dict[str, list[int]] = {}
-        for v in np.flatnonzero(zeros.mass_matrix.mask[index]).tolist():
+        for v in filter(owner.get, np.flatnonzero(zeros.mass_matrix.mask[index]).tolist()):
             mass.setdefault(owner[v][1], []).append(owner[v][0])
         pairs: dict[tuple[str, str], list[tuple[int, int]]] = {}
         for v, w in np.argwhere(zeros.christoffel.mask[index]).tolist():
+            if v not in owner or w not in owner:
+                continue  # modes of flexible links
             (first, one), (second, other) = owner[v], owner[w]
             if _NUMBERS[one] < _NUMBERS[other] or (one == other and first <= second):
                 pairs.setdefault((one, other), []).append((first, second))
@@ -70,7 +102,7 @@ def terms(derived: Derived) -> Iterator[Terms]:
         )
 
 
-def _active(body: Any) -> Iterator[tuple[int, str]]:
+def _active(body: Body) -> Iterator[tuple[int, str]]:
     return zip(body.indices, body.active, strict=True)
 
 
@@ -101,49 +133,50 @@ def _pairs(pairs: Sequence[tuple[int, int]]) -> str:
     return "; ".join(f"({first}, {_ranges([second for _, second in row])})" for first, row in rows)
 
 
-def render_report(derived: Derived, ending: str) -> str:
-    """Write a derivation as a page (".html") or as a document of LaTeX (".tex")."""
-    style = ending.removeprefix(".")
+def render_report(model: Model, ending: str) -> str:
+    """Write a model's derivation as a page (".html") or as a document of LaTeX (".tex")."""
+    style, tree = ending.removeprefix("."), model.tree
     printer = _mathml if style == "html" else _latex
-    model = derived.model
     bodies = [
         {
             "joint": body.joint,
-            "parent": "base" if body.parent == FIXED_BODY else model.bodies[body.parent].joint,
+            "parent": "base" if body.parent == FIXED_BODY else tree.bodies[body.parent].joint,
             "active": body.active,
         }
-        for body in model.bodies
+        for body in tree.bodies
     ]
     names = {
         "name": model.name,
-        "summary": list(derived.lines()),
+        "summary": summary(model),
         "bodies": bodies,
-        "motors": [name for name in model.coordinates if kind_of(name) not in COORDINATES],
-        "blocks": [_block(model, blocks, printer) for blocks in derived.blocks.values()],
-        "terms": list(terms(derived)),
-        "closed": _closed(derived),
+        "motors": [tree.coordinates[i] for i in tree.motors],
+        "blocks": [_block(tree, facts, printer) for facts in _kinds(model).values()],
+        "terms": list(terms(model)),
+        "closed": _closed(tree),
     }
     return environment().get_template(f"derivation/report.{style}.jinja").render(names)
 
 
-def _block(model: Any, blocks: Blocks, printer: Any) -> dict[str, Any]:
+def _block(model: Model, facts: JointFacts, printer: Callable[[Entries], str]) -> dict[str, Any]:
     """Print the matrices of a kind of joint."""
-    pairs = combinations_with_replacement(blocks.active, 2)
+    second = zip(combinations_with_replacement(facts.active, 2), facts.second, strict=True)
     return {
-        "joints": [k + 1 for k, body in enumerate(model.bodies) if body.active == blocks.active],
-        "transform": printer(blocks.transform),
-        "first": [(name, printer(D)) for name, D in blocks.first.items()],
-        "second": [(*pair, printer(blocks.second[pair])) for pair in pairs if pair not in blocks.lemmas],
-        "lemmas": [(*pair, lemma) for pair, lemma in blocks.lemmas.items()],
+        "joints": [k + 1 for k, body in enumerate(model.bodies) if body.active == facts.active],
+        "transform": printer(facts.transform),
+        "first": [(name, printer(D)) for name, D in zip(facts.active, facts.first, strict=True)],
+        "second": [(*pair, printer(D)) for pair, D in second if pair not in facts.zero_pairs],
+        "lemmas": [(*pair, lemma_of(*pair)) for pair in facts.zero_pairs],
     }
 
 
-def _closed(derived: Derived) -> dict[str, Any]:
+def _closed(model: Model) -> dict[str, Any]:
     """Return closed-form equations of a small robot, as text and for LaTeX; nothing where they cannot be read."""
-    if derived.model.size > MOST_COORDINATES:
+    from ..closed_form.readable import MOST_COORDINATES, readable_closed_form  # imports SymPy
+
+    if model.size > MOST_COORDINATES:
         return {}
     try:
-        form: ReadableClosedForm = readable_closed_form(derived.model)
+        form = readable_closed_form(model)
     except InputError:
         return {}
     rows = [row for block in form.equations(long_frac_ratio=2) for row in block]
@@ -160,9 +193,25 @@ def _breakable(text: str) -> str:
     return text.replace("\\left(", "(").replace("\\right)", ")")
 
 
-def _latex(matrix: Any) -> str:
-    return str(sp.latex(matrix))
+def _latex(entries: Entries) -> str:
+    from sympy import latex
+
+    return str(latex(_matrix(entries)))
 
 
-def _mathml(matrix: Any) -> str:
-    return f"<math>{mathml(matrix, printer='presentation')}</math>"
+def _mathml(entries: Entries) -> str:
+    from sympy.printing.mathml import mathml
+
+    return f"<math>{mathml(_matrix(entries), printer='presentation')}</math>"
+
+
+def _matrix(entries: Entries) -> Any:
+    """Return SymPy's matrix of the entries."""
+    import sympy
+
+    functions = {"": lambda x: x, "sin": sympy.sin, "cos": sympy.cos}
+
+    def product(coefficient: int, factors: Iterable[tuple[str, str]]) -> Any:
+        return sympy.Mul(coefficient, *(functions[name](sympy.Symbol(x)) for name, x in factors))
+
+    return sympy.Matrix([[sympy.Add(*(product(*term) for term in entry)) for entry in row] for row in entries])

@@ -1,57 +1,43 @@
-"""Facts about one joint as plain values: steps of eq. (3), and the pairs of coordinates that the lemmas name.
-
-``freezing`` takes them from SymPy's expressions and proofs, ``kept`` holds them.
-"""
+"""Facts about the joints of a model: those that it carries, others derived by SymPy; and names of the lemmas."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import replace
 
-from eomgen.robot.value import LINEAR
+from eomgen.robot.geometry import LINEAR, JointFacts
+from eomgen.robot.model import Model, with_offset_angles
 
 LEMMA_7 = "lemma (7): two translations"
 SHARPER = "sharper lemma: nothing downstream turns a translation"
 
 
-@dataclass(frozen=True)
-class FrozenStep:
-    """An elementary transform of eq. (3): along or about ``axis``; rotation[i][j] = (1, sine, cosine) factors."""
-
-    is_rotation: bool
-    axis: int
-    rotation: tuple[tuple[tuple[float, float, float], ...], ...]
-
-
-@dataclass(frozen=True)
-class ZeroPair:
-    """A pair of coordinates whose second derivative of A_0k is proved to vanish identically.
-
-    Both coordinates belong to one joint (``same_joint``), or ``first`` to a joint upstream of that of ``second``.
-    """
-
-    first: str
-    second: str
-    same_joint: bool
-    reason: str
-
-
 def lemma_of(first: str, second: str) -> str:
-    """Name the lemma about a pair of coordinates."""
+    """Name the lemma about a pair of coordinates whose second derivative vanishes."""
     return LEMMA_7 if first in LINEAR and second in LINEAR else SHARPER
 
 
-@dataclass(frozen=True)
-class Facts:
-    """All that the generator takes from a joint.
+def with_facts(model: Model, find: Callable[[tuple[str, ...]], JointFacts]) -> Model:
+    """Return a model that carries the facts about the joints of all its trees.
 
-    steps: by coordinate, "x" ... "gamma".
-    zero_pairs: of ``prove_second_derivative_zeros``.
-    orthogonal: pairs of translations of ``prove_translations_orthogonal``.
-    coaxial: pairs of a translation and a rotation of ``prove_coaxial``.
+    Args:
+        model: with followers as it was described.
+        find: returns the facts about joints with some active coordinates.
     """
+    models = (model, model.tree, with_offset_angles(model)[0])
+    kinds = {body.active for x in models for body in x.bodies}
+    return replace(model, facts={active: find(active) for active in sorted(kinds)})
 
-    steps: Mapping[str, FrozenStep]
-    zero_pairs: tuple[ZeroPair, ...]
-    orthogonal: tuple[tuple[str, str], ...]
-    coaxial: tuple[tuple[str, str], ...]
+
+def facts_of(model: Model, active: tuple[str, ...]) -> JointFacts:
+    """Return the facts about joints with these active coordinates: the model's, or derived once in this process.
+
+    Raises:
+        InternalError: a proof fails.
+    """
+    known = model.facts.get(active)
+    if known is None:
+        from .deriving import derive_joint  # imports SymPy
+
+        known = derive_joint(active)
+    return known

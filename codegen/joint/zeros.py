@@ -14,14 +14,12 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from eomgen.robot.model import Model
-from eomgen.robot.value import ANGULAR, COORDINATES, LINEAR
+from eomgen.robot.model import Body, Model
+from eomgen.robot.value import ANGULAR, LINEAR
 
-from . import facts
-from .kept import KEPT
+from .facts import facts_of
 
 Mask = NDArray[np.bool_]
-MODAL = len(COORDINATES)  # behind the six, in tables of kinds of coordinates
 
 ROTOR = "motor: its rotor's inertia about its own axis stands on the diagonal of M alone"
 STATE = "state of a law: its inertia stands on the diagonal of M alone"
@@ -152,14 +150,12 @@ class _Structure:
     """Relations between the coordinates of a model, as (n, n) masks."""
 
     def __init__(self, model: Model) -> None:
-        self.names, self.body = np.zeros(model.size, dtype=int), np.zeros(model.size, dtype=int)
+        self.body, self.modal = np.zeros(model.size, dtype=int), np.zeros(model.size, dtype=bool)
         for k, body in enumerate(model.bodies):
-            self.body[list(body.indices)] = k
-            self.names[list(body.indices)] = [COORDINATES.index(name) for name in body.active]
-            self.body[list(body.modes)], self.names[list(body.modes)] = k, MODAL
+            self.body[[*body.indices, *body.modes]] = k
+            self.modal[list(body.modes)] = True
         self.motor = np.isin(np.arange(model.size), list(model.motors))
         self.state = np.arange(model.size) >= len(model.coordinates)
-        self.modal = self.names == MODAL
         bent = np.array([_is_bent(model, body.links[0]) for body in model.bodies], dtype=bool)
         self.linear = self.modal & ~bent[self.body]  # modes whose deflections have no second order
         self.apart = self.motor | self.state  # have an inertia of their own alone
@@ -172,8 +168,11 @@ class _Structure:
         upstream = above[np.ix_(self.body, self.body)] & spatial
         upstream &= self.same | ~self.modal[:, None]  # modes move their own bodies; nodes are joints that follow them
         self.related = upstream | upstream.T | np.diag(self.apart)
-        self.before = upstream & (~self.same | (np.arange(len(self.names))[:, None] <= np.arange(len(self.names))))
-        self.coaxial = self._coaxial(model)
+        self.before = upstream & (~self.same | (np.arange(model.size)[:, None] <= np.arange(model.size)))
+        self.translations, self.constant = (np.zeros(model.size, dtype=bool) for _ in range(2))
+        self.vanishing, self.orthogonal, self.coaxial = (np.zeros((model.size,) * 2, dtype=bool) for _ in range(3))
+        for body in model.bodies:
+            self._take_facts(model, body)
 
     def mass_rules(self) -> Iterator[tuple[str, Mask]]:
         if self.motor.any():
@@ -181,21 +180,22 @@ class _Structure:
         if self.state.any():
             yield STATE, (self.state[:, None] | self.state) & ~np.eye(len(self.state), dtype=bool)
         yield TREE, ~self.related
-        orthogonal = _table(KEPT.orthogonal)
-        yield ORTHOGONAL, self.same & self._look_up(orthogonal | orthogonal.T)
+        yield ORTHOGONAL, self.orthogonal | self.orthogonal.T
         yield COAXIAL, self.coaxial | self.coaxial.T
 
     def christoffel_rules(self) -> Iterator[tuple[str, Mask]]:
         """Yield zeros of C_s,vw for v <= w; masks broadcast over [s, v, w]."""
-        s, v, w = np.ix_(*(np.arange(len(self.names)),) * 3)
+        s, v, w = np.ix_(*(np.arange(len(self.body)),) * 3)
         if self.motor.any():
             yield ROTOR, self.motor[s] | self.motor[v] | self.motor[w]
         if self.state.any():
             yield STATE, self.state[s] | self.state[v] | self.state[w]
         together = self.related[s, v] & self.related[s, w] & self.related[v, w]
         yield TREE, ~together
-        yield LEMMA_7, self._second_derivative_zero(facts.LEMMA_7)[v, w]
-        yield SHARPER, self._second_derivative_zero(facts.SHARPER)[v, w]
+        # the second derivatives of one joint, or a first one that nothing downstream changes
+        zero = self.before & np.where(self.same & ~self.modal, self.vanishing, self.constant[:, None])
+        yield LEMMA_7, (zero & self.translations)[v, w]
+        yield SHARPER, zero[v, w]
         if self.modal.any():
             yield MODES, self.linear[v] & self.linear[w] & self.same[v, w]
             yield MODAL_MASS, self.modal[s] & self.modal[v] & self.modal[w]
@@ -209,44 +209,24 @@ class _Structure:
         moved = self.before[turns].sum(axis=1)  # coordinates at or after a rotation: the values of k
         return int((above.sum(axis=0) * moved).sum())
 
-    def _second_derivative_zero(self, reason: str) -> Mask:
-        """Mask (v, w) with v before w in the chain, whose second derivative the named lemma proves zero."""
-        pairs = [pair for pair in KEPT.zero_pairs if pair.reason == reason]
-        same = _table([(pair.first, pair.second) for pair in pairs if pair.same_joint])
-        apart = _table([(pair.first, pair.second) for pair in pairs if not pair.same_joint])
-        zero: Mask = self.before & np.where(self.same, self._look_up(same), self._look_up(apart))
-        if reason == facts.SHARPER:
-            translations = self.names < len(LINEAR)
-            zero |= self.before & translations[:, None] & self.modal
-        return zero
-
-    def _coaxial(self, model: Model) -> Mask:
-        """Mask (s, v): a translation, and its joint's first active rotation on the same axis."""
-        table = _table(KEPT.coaxial)
-        turned = [{*body.active, *model.offset_angles(body.joint)} for body in model.bodies]
-        turns = [next((name for name in ANGULAR if name in angles), None) for angles in turned]
-        kinds = (*COORDINATES, "")
-        is_first = np.array([turns[k] == kinds[i] for k, i in zip(self.body, self.names, strict=True)])
-        coaxial: Mask = self.same & self._look_up(table) & is_first
-        return coaxial
-
-    def _look_up(self, table: Mask) -> Mask:
-        by_coordinate: Mask = table[np.ix_(self.names, self.names)]
-        return by_coordinate
+    def _take_facts(self, model: Model, body: Body) -> None:
+        """Enter the facts about a body's joint into the masks."""
+        facts, place = facts_of(model, body.active), dict(zip(body.active, body.indices, strict=True))
+        turned = {*body.active, *model.offset_angles(body.joint)}
+        turn = next((name for name in ANGULAR if name in turned), None)
+        first_turn = [pair for pair in facts.coaxial if pair[1] == turn]  # nothing turns between the two
+        tables = ((self.vanishing, facts.zero_pairs), (self.orthogonal, facts.orthogonal), (self.coaxial, first_turn))
+        for mask, pairs in tables:
+            for one, other in pairs:
+                mask[place[one], place[other]] = True
+        self.constant[[place[name] for name in facts.constant]] = True
+        self.translations[[place[name] for name in body.active if name in LINEAR]] = True
 
 
 def _is_bent(model: Model, link: str) -> bool:
     """Return whether a link's own deflections have a second order."""
     modes = model.robot.link(link).modes
     return modes is not None and modes.Q is not None
-
-
-def _table(pairs: Iterable[tuple[str, str]]) -> Mask:
-    """Return a (7, 7) mask of coordinate names, the last one that of modes."""
-    table = np.zeros((MODAL + 1,) * 2, dtype=bool)
-    for a, b in pairs:
-        table[COORDINATES.index(a), COORDINATES.index(b)] = True
-    return table
 
 
 def _tally(entries: Mask, rules: Iterable[tuple[str, Mask]]) -> Tally:

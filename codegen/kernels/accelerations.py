@@ -14,8 +14,7 @@ from ..solve.responses import EliminatedTree, FactorisedTree, Tree
 from ..solve.rows import Row, elastic_row
 from ..solve.states import ScalarSlopes, StateRow, share, state_rows
 from ..tree.composite import Rows
-from ..tree.recursion import inertial_rows
-from ..tree.spatial import ZERO, Scalar, along
+from ..tree.spatial import ZERO, Scalar
 from .closed import (
     Pivots,
     constrained,
@@ -28,7 +27,7 @@ from .closed import (
     with_rows,
 )
 from .constraint_rows import closure_residuals, general_rank
-from .derivation import Derivation, Outputs, vector
+from .derivation import Derivation, Outputs
 from .derivatives.modal_slopes import bends
 
 FACTORISED = "M = L^T D L factorised"
@@ -87,15 +86,8 @@ def solved_accelerations(d: Derivation, tree: Tree, pivots: Pivots, rows: Sequen
 class _Step(ImplicitShare):
     """Shares in a linearly implicit step: forces at its end, and what slopes add to inertia, dt D + dt^2 K."""
 
-    def __init__(self, d: Derivation, *, alone: bool = False) -> None:
-        """Begin without shares.
-
-        Args:
-            alone: whether there is no controller, and dt^2 is taken of dt, where both are read else.
-        """
-        self.alone = alone
-        self.dt = d.graph.input("step_length" if alone else "dt", 0)
-        self.square = self.dt * self.dt if alone else d.graph.input("dt", 1)
+    def __init__(self, d: Derivation) -> None:
+        self.dt, self.square = (d.graph.input("dt", place) for place in (0, 1))
         super().__init__([q + self.dt * v for q, v in zip(d.q, d.v, strict=True)], d.v, self.dt, d.drive_inputs)
         self.functions, self.round_off = d.functions, ROUND_OFFS[d.dtype]
         self.places = {index: place for place, index in enumerate(d.active)}
@@ -111,7 +103,7 @@ class _Step(ImplicitShare):
 
     def added(self, d: Derivation, i: int) -> Scalar:
         """Return what a controller adds to the inertia of a coordinate."""
-        return 0.0 if self.alone else d.graph.input("added", self.places[i])
+        return d.graph.input("added", self.places[i])
 
     def push(self, i: int, force: Scalar) -> None:
         self.forces[i] = self.forces[i] + force
@@ -202,46 +194,9 @@ def step_has_rows(d: Derivation) -> bool:
     return bool(_written_step(d).rows)
 
 
-def step_residual(d: Derivation) -> Outputs:
-    """Write what a state at the end of a linearly implicit step leaves of the step's equations.
-
-    These are M a + bias with the step's slopes, less drives and forces, of a = (end_v - v) / dt, then end_q - q - dt
-    end_v, of trees without rigid rows.  Slopes are not eliminated, but for states of laws, which an inverse of their
-    blocks defines.
-    """
-    step, end_q, end_v = _written_step(d, alone=True), d.inputs("end_q"), d.inputs("end_v")
-    dt = step.dt
-    a = d.followers.accelerate([(end - v) / dt for end, v in zip(end_v, d.v, strict=True)], d.v)
-    bound, drives = replace(d.bound, armature=tuple(step.armature)), drives_left(d, step.forces)
-    needed, _ = inertial_rows(d.model, bound, d.joints, d.v, a, bound.gravity, d.graph.note)
-    for (i, j), slope in step.beside.items():
-        needed[i], needed[j] = needed[i] + slope * a[j], needed[j] + slope * a[i]
-    for motor, slope in step.slopes.items():
-        between = d.bound.transmissions[motor]
-        force = slope * (a[motor] * between.inverse_ratio - a[between.principal])
-        needed[motor] = needed[motor] + force * between.inverse_ratio
-        needed[between.principal] = needed[between.principal] - force
-    for row in step.rows:
-        assert row.slope is not None, "rigid rows have multipliers"
-        led = d.followers.row(row.jacobian_row) if d.followers else row.jacobian_row
-        force = row.slope * along(led, a)
-        for i, arm in led.items():
-            needed[i] = needed[i] + force * arm
-    for k, state in step.states.items():
-        free = state.free(drives)
-        needed[k] = drives[k] + (a[k] - (free + state.gained(a)))
-        for i, arm in state.along.items():
-            needed[i] = needed[i] + arm * (state.coupling * free)
-    left = d.followers.gather([row - drive for row, drive in zip(needed, drives, strict=True)])
-    for i in d.model.prescribed:
-        left[i] = a[i] - drives[i]
-    moved = [end - (q + dt * rate) for end, q, rate in zip(end_q, d.q, end_v, strict=True)]
-    return vector([rows[i] for rows in (left, moved) for i in d.active])
-
-
-def _written_step(d: Derivation, *, alone: bool = False) -> _Step:
+def _written_step(d: Derivation) -> _Step:
     """Return what all elements add to a step; see ``_Step``."""
-    step = _Step(d, alone=alone)
+    step = _Step(d)
     for element in d.elements:
         element.advance(step)
     for element in d.elements:

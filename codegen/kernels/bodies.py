@@ -81,6 +81,11 @@ class Axis:
         return kind_of(self.name) in ANGULAR
 
 
+def kinematics_size(model: Model) -> int:
+    """Return how many numbers the kernel "kinematics" writes: poses of frames, origins of bodies, axes."""
+    return 12 * len(model.frames) + 3 * len(model.bodies) + 3 * len(axes_of(model))
+
+
 def axes_of(model: Model) -> list[Axis]:
     """Return axes of all coordinates in the order of the tree, followers behind the others of their bodies."""
     axes: list[Axis] = []

@@ -12,7 +12,7 @@ from typing import Any
 from eomgen.robot.model import FIXED_BODY
 
 from ..solve.elimination import NO_COUPLINGS, Elimination
-from ..solve.factorised import Factors, coordinate_parents
+from ..solve.factorised import Factors
 from ..solve.reduced import ReducedTree
 from ..solve.refining import precision_of, refined
 from ..solve.responses import EliminatedTree, Tree, total
@@ -22,6 +22,7 @@ from ..solve.states import ScalarSlopes, States
 from ..solve.unsymmetric import UnsymmetricSystem, scaled
 from ..tree.bound import Bound
 from ..tree.composite import mass_matrix
+from ..tree.followers import coordinate_parents
 from ..tree.recursion import inertial_rows
 from ..tree.spatial import Scalar
 from .constraint_rows import closure_residuals, general_rank

@@ -44,19 +44,6 @@ def drives(d: Derivation) -> Outputs:
     return vector(values)
 
 
-def constrained_residual(d: Derivation) -> Outputs:
-    """Return M a + h - u - J^T lambda of a motion and of multipliers, then J a + J_dot v."""
-    residuals = closure_residuals(d, d.v)
-    forces = [row - drive for row, drive in zip(d.dynamics_with_drives(d.v, d.a), d.u, strict=True)]
-    for r, residual in enumerate(residuals):
-        multiplier = d.graph.input("multipliers", r)
-        for i, arm in residual.jacobian_row.items():
-            forces[i] = forces[i] - arm * multiplier
-    gathered = d.followers.gather(forces)
-    rates = [along(residual.jacobian_row, d.a) + residual.bias for residual in residuals]
-    return vector([gathered[i] for i in d.active] + rates)
-
-
 def closing_reactions(d: Derivation) -> Outputs:
     """Compute reactions of the tree's joints to the forces in the cuts, of multipliers."""
     total = [NO_WRENCH] * len(d.model.bodies)

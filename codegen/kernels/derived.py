@@ -5,9 +5,6 @@ Of a function f(x) of arrays x, and of the run-time parameters p:
 - f_tangent: what f changes by along rates dx; f_parameter_tangent: along dp.
 - f_adjoint: the gradient of w . f by x for weights w, a cotangent; f_parameter_adjoint: by x and p.
 - f_hessian: the second derivatives of w . f by x.
-- f_with_errors: f and bounds of its rounding errors, without solves.
-- f_extended: the same in double-double arithmetic, of both dtypes: high parts, low parts, bounds; f_around: of arrays
-  that are known within radii.
 - f_jet1, ...: f and its time derivatives up to an order along a motion, given by the time derivatives of q and others.
 """
 
@@ -29,16 +26,10 @@ _HIGHER = tuple(f"{array}{k}" for array in ("u", "wrench") for k in ORDERS)  # t
 WEIGHTS, GRADIENT, HESSIAN = "cotangent_", "gradient_", "hessian_"  # begin names of arrays
 WITH_PARAMETERS = "_p"  # ends the name of a gradient that has the parameters behind the arrays
 JET = "jet"  # begins the name of an array of time derivatives, before the order
-WITH_ERRORS = "_with_errors"  # ends the name of a function that bounds its errors, too
-ERRORS = "errors_"  # begins the name of an array of results and bounds of their rounding errors
-IN_EXTENDED = "_extended"  # ends the name of a function in double-double arithmetic
-EXTENDED = "extended_"  # begins the name of an array of high parts, low parts and bounds of their errors
-AROUND = "_around"  # ends the name of such a function that knows its arrays within radii alone
 FRAMED: Mapping[str, str] = {"frame_pose": "poses", "frame_jacobian": "jacobians"}  # results of all frames at once
 TIMES = ("dt", "times")  # arrays that steps are not differentiated by
 EXACT = ("christoffel", "forward_dynamics_jacobian", "tree_forward_dynamics_jacobian")  # derivatives: jets alone
 CHART = "following"  # which is not differentiated
-SOLVED = ("christoffel", "constrained_drives")  # in loops of C, or for multipliers: without bounds of errors
 
 
 def differentiated(kernels: Mapping[str, Signature]) -> dict[str, Signature]:
@@ -48,13 +39,11 @@ def differentiated(kernels: Mapping[str, Signature]) -> dict[str, Signature]:
         if kernel.kind == "frames":
             for function, signature in kernel.functions.items():
                 framed = replace(signature, writes=FRAMED[function])
-                derivatives |= _of(function, framed) | _errors(function, framed)
+                derivatives |= _of(function, framed)
         elif name in EXACT:
             derivatives |= _jets(name, kernel)
         elif kernel.kind in ("program", "composed") and name != CHART:
             derivatives |= _of(name, kernel)
-        if kernel.kind == "program" and not kernel.solves and name not in SOLVED:
-            derivatives |= _errors(name, kernel)
     return derivatives
 
 
@@ -76,45 +65,6 @@ def _of(name: str, kernel: Signature) -> dict[str, Signature]:
         f"{name}_parameter_adjoint": replace(whole, text=f"Gradient by {x} and the parameters of {weighted}."),
         f"{name}_hessian": replace(hessian, text=f"Second derivatives by {x} of {weighted}."),
     }
-
-
-def _errors(name: str, kernel: Signature) -> dict[str, Signature]:
-    """Return the function with bounds of its rounding errors; of one that solves for multipliers only in trees."""
-    text = f"Results of {name}, then bounds of their rounding errors."
-    bounded = Signature(
-        kernel.reads, f"{ERRORS}{kernel.writes}", text, "errors", derivative_of=name, needs=kernel.needs
-    )
-    bounded = replace(bounded, tree_only=bool(kernel.closed))
-    return {f"{name}{WITH_ERRORS}": bounded} | extended(name, kernel)
-
-
-def extended(name: str, kernel: Signature) -> dict[str, Signature]:
-    """Return the function in double-double arithmetic; of one that solves for multipliers only in trees."""
-    return {
-        f"{name}{IN_EXTENDED}": Signature(
-            kernel.reads,
-            f"{EXTENDED}{kernel.writes}",
-            f"Results of {name} in double-double arithmetic: high parts, low parts, bounds of their rounding errors.",
-            "extended",
-            derivative_of=name,
-            needs=kernel.needs,
-            tree_only=kernel.tree_only or bool(kernel.closed),
-            vectors=False,
-        )
-    }
-
-
-def enclosed(name: str, kernel: Signature) -> dict[str, Signature]:
-    """Return the function of arrays that are within radii, dq and so on, of others: bounds hold for these, too."""
-    function = extended(name, kernel)[f"{name}{IN_EXTENDED}"]
-    radii = tuple(RATES[array] for array in kernel.reads)
-    text = f"{function.text[:-1]}, and of errors of the arrays up to {', '.join(radii)}."
-    return {f"{name}{AROUND}": replace(function, reads=(*kernel.reads, *radii), text=text)}
-
-
-def radii_of(reads: Sequence[str]) -> dict[str, str]:
-    """Return, of arrays that a function of the kind "extended" reads, those that say how near they are."""
-    return {array: radius for array, radius in RATES.items() if array in reads and radius in reads}
 
 
 def _jets(name: str, kernel: Signature) -> dict[str, Signature]:
@@ -238,10 +188,6 @@ def derivative_shapes(
         written = kernel.writes.removeprefix(f"{JET}{kernel.order}_")
         if kernel.kind == "jet" and written in shapes:
             table[kernel.writes] = (kernel.order + 1, *shapes[written])
-        if kernel.kind == "errors" and (bounded := kernel.writes.removeprefix(ERRORS)) in shapes:
-            table[kernel.writes] = (2, *shapes[bounded])
-        if kernel.kind == "extended" and (bounded := kernel.writes.removeprefix(EXTENDED)) in shapes:
-            table[kernel.writes] = (3, *shapes[bounded])
         if kernel.kind in ("adjoint", "hessian") and all(array in shapes for array in kernel.reads[:-1]):
             size = sum(math.prod(shapes[array]) for array in kernel.reads[:-1])
             table[kernel.writes] = (

@@ -13,8 +13,6 @@ Kind = Literal[
     "adjoint",
     "hessian",
     "jet",
-    "errors",
-    "extended",
     "frames",
     "composed",
     "rollout",
@@ -27,9 +25,6 @@ KINDS: Mapping[Kind, str] = {  # in the order in which C and packages have them
     "adjoint": "the same, its gradient by a reverse sweep",
     "hessian": "the same, second derivatives",
     "jet": "straight-line code, time derivatives of another kernel's; there only if they are asked for",
-    "errors": "straight-line code, another kernel's with bounds of its rounding errors; there only if it is asked for",
-    "extended": "tables of another kernel's program, which the library runs in double-double arithmetic, with bounds of"
-    " its rounding errors; there only if it is asked for",
     "frames": "straight-line code in shares of bodies and frames, which functions of a frame's number call",
     "composed": "a template that calls programs: ``templates/composed``",
     "rollout": "the same, by another call: many steps at once",
@@ -50,7 +45,7 @@ class Signature:
     closed: the programs that its C calls where the robot has loops; they count, too.
     by_request: whether it is there only if it is asked for, as derivatives are.
     derivative_of: the function that it differentiates, where the kind is "tangent", "adjoint", "hessian", "jet" or
-        "gradient"; of which it bounds rounding errors, where it is "errors" or "extended".
+        "gradient".
     order: the highest of the time derivatives, where the kind is "jet".
     by_parameters: whether that is by run-time parameters, too, which a robot must have for it.
     functions: what users call instead of it, where the kind is "frames".
@@ -64,7 +59,6 @@ class Signature:
         states), "sensors" or nothing.
     beside: kernels that come with it where the robot has constraints: those of the open tree, of wrenches, of charts.
     mapped: whether packages say which of its entries vanish identically.
-    tree_only: whether only robots without constraints have it.
     vectors: whether its template is written for several states at a time, too; otherwise batches call it one by one.
     """
 
@@ -86,7 +80,6 @@ class Signature:
     needs: Need = ""
     beside: tuple[str, ...] = ()
     mapped: bool = False
-    tree_only: bool = False
     vectors: bool = True
 
 

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 from eomgen.errors import InputError
-from eomgen.memory import without_collection
 from eomgen.robot.elements import KINDS, Spring
 from eomgen.robot.model import Model
 
 from ..program.ir import Program, finish
-from ..program.passes import hoist_parameters, on_demand, parameters_as_they_are, run_passes
+from ..program.passes import hoist_parameters, on_demand, run_passes
 from ..program.shares import Shares
 from .accelerations import implicit_step, step_has_rows
 from .bodies import share_among_bodies
@@ -21,6 +20,7 @@ from .derivation import Derivation
 from .derivatives.modal_slopes import bends
 from .derivatives.programs import derive_derivative
 from .derivatives.whole import by_columns
+from .interface import describe_kernels
 from .signatures import KERNELS, SIGNATURES, available, knows_turns
 from .stages import PAIR_STAGES, STAGES, derive_pair_stage, derive_stage, stage_has_rows
 from .writers import DESCRIPTION_FRAMES, VARIANTS, WRITERS
@@ -66,8 +66,8 @@ class Equations:
 
     ``setup`` computes what depends on parameters alone; ``calls`` holds, by name, the kernels that are no programs but
     templates, with the programs that their C calls; ``choices`` says which variant was taken where there are several;
-    ``shares`` are what a program of frames is written out as, by its name; ``dtype`` is that of the numbers that the C
-    computes with.
+    ``shares`` are what a program of frames is written out as, by its name; ``interface`` is what users see, of
+    ``describe_kernels``; ``dtype`` is that of the numbers that the C computes with.
     """
 
     model: Model
@@ -77,17 +77,15 @@ class Equations:
     calls: Mapping[str, tuple[str, ...]]
     choices: Mapping[str, str]
     shares: Mapping[str, Shares]
+    interface: Mapping[str, Any]
     dtype: str = "float64"
 
 
 def why_missing(kernel: str, model: Model) -> str:
     """Say what a robot would have to have for a kernel that is not among those available for it."""
-    if KERNELS[kernel].tree_only:
-        return f"is for robots without rigid [[loops]] and [[couplings]], and {model.name} has some"
     return f"is for robots with {NEEDS[KERNELS[kernel].needs]}, and {model.name} has none"
 
 
-@without_collection()
 def derive_equations(model: Model, kernels: Sequence[str] = (), dtype: str = "float64") -> Equations:
     """Derive a model's equations: one program per kernel, with every pass run.
 
@@ -108,6 +106,7 @@ def derive_equations(model: Model, kernels: Sequence[str] = (), dtype: str = "fl
     wanted = kernels or usual
     small = {name for name in usual if KERNELS[name].needs in SMALL}
     public = tuple(name for name in known if name in wanted or name in small)
+    interface = describe_kernels(model, public, dtype)
     raw: dict[str, Program] = {}
     derived: dict[str, Program] = {}  # what several derivatives are of
     calls: dict[str, tuple[str, ...]] = {}
@@ -138,15 +137,10 @@ def derive_equations(model: Model, kernels: Sequence[str] = (), dtype: str = "fl
                 raw[program], choices[program] = derive_cheapest(model, program, dtype=dtype)
             else:
                 raw[program] = derive(model, program, dtype, derived)
-    extended = {name for name in raw if SIGNATURES[name].kind == "extended"}  # which compute all themselves
-    plain = [program for name, program in raw.items() if name not in extended]
-    setup, programs = hoist_parameters(plain, len(model.parameters) + len(model.turning))
-    hoisted = iter(programs)
-    written = {
-        name: parameters_as_they_are(program) if name in extended else next(hoisted) for name, program in raw.items()
-    }
+    setup, programs = hoist_parameters(list(raw.values()), len(model.parameters) + len(model.turning))
+    written = dict(zip(raw, programs, strict=True))
     shares = {name: share_among_bodies(model, written[name]) for name in public if KERNELS[name].kind == "frames"}
-    return Equations(model, public, setup, written, calls, choices, shares, dtype)
+    return Equations(model, public, setup, written, calls, choices, shares, interface, dtype)
 
 
 def _takes_columns(model: Model, kernel: str, known: Mapping[str, Program]) -> bool:
@@ -159,7 +153,6 @@ def columns_cost(model: Model, column: Program) -> int:
     return model.size * sum(column.count().values())
 
 
-@without_collection()
 def derive(model: Model, kernel: str, dtype: str = "float64", known: dict[str, Program] | None = None) -> Program:
     """Derive the program of one entry of WRITERS or VARIANTS, or of a derivative.
 
@@ -182,7 +175,7 @@ def _derived(model: Model, kernel: str, dtype: str, known: dict[str, Program]) -
     if kernel in WITH_ROWS:
         return _derived_with_rows(model, kernel, dtype)
     if SIGNATURES[kernel].derivative_of:
-        return {kernel: derive_derivative(model, kernel, lambda name: derive(model, name, dtype, known), dtype)}
+        return {kernel: derive_derivative(model, kernel, lambda name: derive(model, name, dtype, known))}
     regrouped, turned = kernel not in DESCRIPTION_FRAMES, knows_turns(kernel, model)
     derivation = Derivation(model, regrouped=regrouped, dtype=dtype, turned=turned)
     return {kernel: run_passes(finish(derivation.graph, kernel, WRITERS[kernel](derivation)))}

@@ -15,13 +15,15 @@ from eomgen.robot.value import readings
 
 from ..tree.regressor import regressor_names
 from .blocks import row_blocks
-from .bodies import axes_of
-from .derived import BACKWARDS, GRADIENTS, derivative_shapes, differentiated, enclosed, extended
+from .bodies import kinematics_size
+from .derived import BACKWARDS, GRADIENTS, derivative_shapes, differentiated
 from .entries import KINDS, Kind, Signature, kernel, table
 
 DTYPES = ("float64", "float32")  # types of kernels' numbers
 SINGLES, BATCHES = "singles", "batches"  # the C of all kernels as two libraries: for one state, and on vectors
 
+
+LIBRARY_OBJECTS = {"rollout": "fixed", "adaptive": "adaptive"}  # of the C library, that kernels of a kind call
 
 TOLD = ("constraint", "constraint_jacobian", "constraint_bias", "constrained_drives")  # what errors of loops tell
 
@@ -324,18 +326,8 @@ PARTS: Mapping[str, Signature] = table(  # programs that only other kernels call
         needs="cuts",
     ),
     kernel(
-        "constrained_residual(q, v, a, u, multipliers) -> constrained_rows",
-        "M a + bias - Q - u - J^T multipliers, then J a + J_dot v: zero on a motion with these forces in the cuts.",
-        needs="constraints",
-    ),
-    kernel(
         "implicit_step(q, v, u, added, dt) -> vector",
         "(M + dt B + dt^2 K + added) a = u - bias - K (q + dt v) - B v: accelerations of a linearly implicit step.",
-    ),
-    kernel(
-        "step_residual(q, v, u, step_length, end_q, end_v) -> step_rows",
-        "What a state at the end of a linearly implicit step leaves of its equations, and of end_q = q + dt end_v.",
-        tree_only=True,
     ),
     kernel(
         "stage_factors(q, v, kp, kd, times) -> kept",
@@ -355,17 +347,7 @@ PARTS: Mapping[str, Signature] = table(  # programs that only other kernels call
     ),
 )
 
-EXTENDED_PARTS = (
-    "closing_reactions",
-    "loop_wrenches",
-    "constrained_residual",
-    "step_residual",
-)  # of bounds of solutions
-DERIVATIVES: Mapping[str, Signature] = {  # there only if they are asked for
-    **differentiated(OWN_KERNELS),
-    **{name: signature for part in EXTENDED_PARTS for name, signature in extended(part, PARTS[part]).items()},
-    **enclosed("constraint_jacobian", OWN_KERNELS["constraint_jacobian"]),
-}
+DERIVATIVES: Mapping[str, Signature] = differentiated(OWN_KERNELS)  # there only if they are asked for
 KERNELS: Mapping[str, Signature] = {**OWN_KERNELS, **DERIVATIVES, **GRADIENTS}
 CLOSURE_KERNELS = ("constraint", "constraint_jacobian", "constraint_bias", "cut_poses")  # of the constraint itself
 LOOP_KERNELS = tuple(
@@ -423,9 +405,7 @@ def available(model: Model) -> tuple[str, ...]:
     return tuple(
         name
         for name, signature in KERNELS.items()
-        if has[signature.needs]
-        and (model.parameters or not signature.by_parameters)
-        and not (signature.tree_only and model.constraints)
+        if has[signature.needs] and (model.parameters or not signature.by_parameters)
     )
 
 
@@ -435,6 +415,17 @@ def with_beside(names: Sequence[str], model: Model) -> tuple[str, ...]:
     for name in names if model.constraints else ():
         kernels |= dict.fromkeys(x for x in KERNELS[name].beside if x in known)
     return tuple(kernels)
+
+
+def library_objects(kernels: Iterable[str], half: str) -> tuple[str, ...]:
+    """Name the objects that the scalar or the batch library of kernels is linked with, of both without a name.
+
+    None where that includes what it needs: the C of gradients does, which calls its equations by name.
+    """
+    kinds = {KERNELS[name].kind for name in kernels}
+    called = [name for kind, name in LIBRARY_OBJECTS.items() if kind in kinds]
+    singles = called if half != BATCHES and "gradient" not in kinds else []
+    return (*singles, *(f"{name}_lanes" for name in called if half != SINGLES))
 
 
 def by_kind(names: Iterable[str]) -> list[str]:
@@ -481,6 +472,29 @@ def functions(names: Iterable[str]) -> list[Function]:
     return sorted(listed, key=lambda function: (function.is_rollout, function.is_framed))
 
 
+def _uses(array: str, kernels: Collection[str] | None) -> bool:
+    """Return whether kernels, what they are derivatives of, or programs that their C calls write an array."""
+    named = [KERNELS[name] for name in (KERNELS if kernels is None else kernels)]
+    called = {name for x in named for name in (x.derivative_of, *x.calls, *x.closed)}
+    return any(x.writes == array for x in (*named, *(SIGNATURES[name] for name in called if name in SIGNATURES)))
+
+
+def _closing(model: Model) -> dict[str, tuple[int, ...]]:
+    """Return shapes of arrays of the constraints."""
+    n, m = model.size, len(model.constraints)
+    return {
+        "constraints": (m,),
+        "constraint_rows": (m, n),
+        "constrained": (n + 3 * m,),
+        "settling": (2 * n + m,),
+        "chart": (2 * n + m + 1 + m * n,),
+        "following": (3 * n + m * n + m,),
+        "driving": (3 * n + 5 * m,),
+        "multipliers": (m,),
+        "closing": (sum(3 * block.size + len(block.columns) ** 2 for block in row_blocks(model)),),
+    }
+
+
 def _pairs(n: int) -> dict[str, tuple[int, ...]]:
     """Return shapes of arrays of complex numbers."""
     return {**dict.fromkeys(("pair_rates", "pair_shifts", "pair_vector"), (2 * n,)), "pair_times": (4,), "spans": (2,)}
@@ -495,24 +509,12 @@ def shapes(model: Model, kernels: Collection[str] | None = None) -> dict[str, tu
 def _shapes(model: Model, kernels: frozenset[str] | None) -> dict[str, tuple[int, ...]]:
     n = model.size
     vectors: dict[str, tuple[int, ...]] = dict.fromkeys(("q", "v", "a", "u", "added", "vector"), (n,))
-    vectors |= dict.fromkeys(("kp", "kd", "rates", "shifts", "end_q", "end_v"), (n,))
-    m, loops = len(model.constraints), len(model.robot.loops)
-    closing: dict[str, tuple[int, ...]] = {
-        "constraints": (m,),
-        "constraint_rows": (m, n),
-        "constrained": (n + 3 * m,),
-        "settling": (2 * n + m,),
-        "chart": (2 * n + m + 1 + m * n,),
-        "following": (3 * n + m * n + m,),
-        "driving": (3 * n + 5 * m,),
-        "multipliers": (m,),
-        "constrained_rows": (n + m,),
-        "closing": (sum(3 * block.size + len(block.columns) ** 2 for block in row_blocks(model)),),
-    }
+    vectors |= dict.fromkeys(("kp", "kd", "rates", "shifts"), (n,))
+    loops = len(model.robot.loops)
     springs, laws, elements = len(model.robot.springs), len(model.cut_laws), len(element_rows(model))
     table: dict[str, tuple[int, ...]] = {
         **vectors,
-        **(closing if m else {}),
+        **(_closing(model) if model.constraints else {}),
         **(_pairs(n) if kernels is None or "radau_rollout" in kernels else {}),
         **({"cut_poses": (loops, 4, 4), "loop_reactions": (loops, 6)} if loops else {}),
         **({"law_pairs": (laws, 2), "law_rows": (laws, n)} if laws else {}),
@@ -528,19 +530,17 @@ def _shapes(model: Model, kernels: frozenset[str] | None) -> dict[str, tuple[int
         "point": (3,),
         "momentum": (6,),
         "momenta": (2, n),
-        "step_rows": (2, n),
         "frame_rates": (len(model.frames), 6),
         "dt": (2,),
-        "step_length": (1,),
         "times": (2,),
         "joints": (len(model.bodies),),
         "reactions": (len(model.bodies), 6),
-        "regressor": (n, len(regressor_names(model))),
+        **({"regressor": (n, len(regressor_names(model)))} if _uses("regressor", kernels) else {}),
         "pose": (4, 4),
         "jacobian": (6, n),
         "poses": (len(model.frames), 3, 4),
         "jacobians": (len(model.frames), 6, n),
-        "kinematics": (12 * len(model.frames) + 3 * len(model.bodies) + 3 * len(axes_of(model)),),
+        **({"kinematics": (kinematics_size(model),)} if _uses("kinematics", kernels) else {}),
     }
     wanted = {name: x for name, x in DERIVATIVES.items() if kernels is None or name in kernels}
     return {**table, **derivative_shapes(wanted, table, len(model.parameters))}

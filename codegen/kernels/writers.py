@@ -23,12 +23,11 @@ from ..tree.recursion import Wrench, accelerations, inertial_rows, kinetic_energ
 from ..tree.regressor import INERTIAL, armatures, inertial_columns
 from ..tree.spatial import ZERO, Scalar, cross, is_zero, subtract
 from .acceleration_slopes import SLOPES, drive_slopes, residual_slopes
-from .accelerations import CONSTRAINED, PROJECTION, SOLVERS, Variant, implicit_step, step_residual
+from .accelerations import CONSTRAINED, PROJECTION, SOLVERS, Variant, implicit_step
 from .bodies import axes_of
 from .closed_motion import (
     closing_derivatives,
     closing_reactions,
-    constrained_residual,
     drives,
     loop_reactions,
     loop_wrenches,
@@ -291,7 +290,6 @@ WRITERS: Mapping[str, Callable[[Derivation], Outputs]] = {
     "regressor": _regressor,
     "closing_derivatives": closing_derivatives,
     "closing_reactions": closing_reactions,
-    "constrained_residual": constrained_residual,
     "loop_reactions": loop_reactions,
     "loop_wrenches": loop_wrenches,
     "euler_cosines": _euler_cosines,
@@ -302,7 +300,6 @@ WRITERS: Mapping[str, Callable[[Derivation], Outputs]] = {
     "external_coupling_forces": lambda d: _coupled(d, [-1.0 * x for x in _external(d)[0]]),
     "cut_poses": _cut_poses,
     "implicit_step": implicit_step,
-    "step_residual": step_residual,
     "element_forces": lambda d: vector([x for one in _deflections(d) for x in (one.value, one.force)]),
     "element_jacobian": lambda d: d.rows([one.jacobian_row for one in _deflections(d)]),
     **{kernel: _of_element(family, kernel) for family in ELEMENTS for kernel in family.KERNELS},

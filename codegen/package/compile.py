@@ -36,7 +36,7 @@ from ..c.library import LINKED
 from ..c.source import Source, environment
 from .environment import check_flags, environment_words, expanded
 from .levels import fuses_unasked, level_flags
-from .running import run_all
+from .running import identity, run_all
 
 OPTIMISED, QUICK = "-O2", "-O1"
 FLAGS = (OPTIMISED, "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off")
@@ -69,7 +69,8 @@ def find_compiler() -> Compiler:
     chosen, compiling, linking = (environment_words(name) for name in ("CC", "CFLAGS", "LDFLAGS"))
     for name, words in (("$CC", chosen[1:]), ("$CFLAGS", compiling), ("$LDFLAGS", linking)):
         check_flags(words, name)
-    command, version = _probe(chosen or _default())
+    asked = chosen or _default()
+    command, version = _probe(asked, identity(asked[0]))
     return Compiler(command, version, compiling, linking)
 
 
@@ -87,8 +88,8 @@ def _default() -> tuple[str, ...]:
 
 
 @cache
-def _probe(command: tuple[str, ...]) -> tuple[tuple[str, ...], str]:
-    """Return the command, and what it says of its version."""
+def _probe(command: tuple[str, ...], stamp: tuple[str, int, int]) -> tuple[tuple[str, ...], str]:
+    """Return the command, and what it says of its version; asked again when the binary changes, see ``identity``."""
     try:
         asked = [*command, "--version"]
         answer = subprocess.run(

@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ..c.library import FOLDER, PARTS, library_files
+from ..c.library import FOLDER, library_files
 from .compile import OPTIMISED, QUICK, WARNINGS, Compiler, key_of, toolchain
 from .running import run_all
 
 OBJECT = "library.o"
 HIDDEN = "-fvisibility=hidden"  # each shared library calls the objects that it was linked with
+
+PARTS: Mapping[str, tuple[str, str]] = {  # file of each object of the library, and the macro that compiles it alone
+    "fixed": ("integrate.c", "EOM_FIXED_ONLY"),
+    "adaptive": ("integrate.c", "EOM_ADAPTIVE_ONLY"),
+    "fixed_lanes": ("integrate_lanes.c", "EOM_FIXED_ONLY"),
+    "adaptive_lanes": ("integrate_lanes.c", "EOM_ADAPTIVE_ONLY"),
+}
 
 
 def library_flags(flags: Sequence[str]) -> tuple[str, ...]:
@@ -20,10 +27,10 @@ def library_flags(flags: Sequence[str]) -> tuple[str, ...]:
     return (*WARNINGS, *first, *flags[1:], HIDDEN)
 
 
-def library_key(compiler: Compiler, flags: Sequence[str], dtype: str, name: str, *, tried: bool) -> str:
-    """Hash all that an object of the library depends on; another one where nobody could try what was compiled."""
+def library_key(compiler: Compiler, flags: Sequence[str], dtype: str, name: str) -> str:
+    """Hash all that an object of the library depends on."""
     inputs: dict[str, Any] = {
-        "object": [name, *PARTS[name], dtype, tried],
+        "object": [name, *PARTS[name], dtype],
         "files": library_files(),
         "maker": Path(__file__).read_text(encoding="utf-8"),
     }

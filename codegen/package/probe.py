@@ -1,7 +1,7 @@
 """A few lines of C, compiled as a kernel is: whether a compiler and its flags keep IEEE arithmetic.
 
 For binaries that hold kernels and that nobody here can call, such as FMUs; compiled kernels of
-packages answer samples instead.
+packages are compared with their programs instead.
 """
 
 from __future__ import annotations
@@ -17,9 +17,10 @@ from typing import Any
 import cffi
 
 from eomgen.errors import BuildError
+from eomgen.threads import in_new_thread
 
 from .compile import Compiler, fuses, link_shared
-from .running import in_new_thread, run_all
+from .running import run_all
 
 _FORMULAS: Mapping[str, str] = {  # of x, y, z, by what they are about
     "a constant": "x + 0.1",

@@ -1,23 +1,30 @@
-"""Run compilers, which are terminated with the calling process, and background work in threads."""
+"""Compilers: the binary of a command, and commands that are terminated with the calling process."""
 
 from __future__ import annotations
 
 import atexit
 import os
 import shlex
+import shutil
 import signal
 import subprocess
-import threading
-from collections.abc import Callable, Sequence
-from concurrent.futures import Future
+from collections.abc import Sequence
 from contextlib import suppress
-from typing import TypeVar
 
 from eomgen.errors import BuildError
-
-T = TypeVar("T")
+from eomgen.threads import check_not_ending
 
 PATIENCE = 2.0  # s for a terminated compiler to remove its temporary files
+
+
+def identity(command: str) -> tuple[str, int, int]:
+    """Return the path of a command's binary, its size in bytes and the time of its last change, ns."""
+    path = os.path.realpath(shutil.which(command) or command)
+    try:
+        status = os.stat(path)
+    except OSError:  # asking it for its version says why
+        return path, 0, 0
+    return path, status.st_size, status.st_mtime_ns
 
 
 def run_all(commands: Sequence[Sequence[str]]) -> None:
@@ -60,16 +67,6 @@ def run_all(commands: Sequence[Sequence[str]]) -> None:
         )
 
 
-def check_not_ending() -> None:
-    """Raise an error in a daemon thread if Python is exiting and would not finish its work.
-
-    Raises:
-        BuildError: the main thread has ended.
-    """
-    if threading.current_thread().daemon and not threading.main_thread().is_alive():
-        raise BuildError("Python is exiting; nothing is built any more")
-
-
 def _start(command: Sequence[str]) -> subprocess.Popen[str]:
     """Start a command in a process group of its own, because compiler drivers start child processes."""
     try:
@@ -104,26 +101,3 @@ def _send(process: subprocess.Popen[str], number: signal.Signals) -> None:
             os.killpg(process.pid, number)
         else:
             process.send_signal(number)
-
-
-def begin_in_thread(work: Callable[[], T]) -> Future[T]:
-    """Start ``work()`` in a daemon thread; ``result()`` waits for it and re-raises its exception."""
-    future = Future[T]()
-
-    def run() -> None:
-        try:
-            future.set_result(work())
-        except BaseException as error:  # the caller raises it
-            future.set_exception(error)
-
-    threading.Thread(target=run, name="eomgen work", daemon=True).start()
-    return future
-
-
-def in_new_thread(work: Callable[[], T]) -> T:
-    """Run ``work()`` in a new thread and return its result or re-raise its exception.
-
-    A library that was linked with fast arithmetic turns denormal numbers off in the thread that loads it, and there
-    alone.
-    """
-    return begin_in_thread(work).result()

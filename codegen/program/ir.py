@@ -20,11 +20,18 @@ from itertools import compress
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from .operations import ARITY, CALLS, OPERATIONS, VALUES
+import numpy as np
+from numpy.typing import NDArray
+
+from .operations import ARITY, ARRAYS, CALLS, OPERATIONS, VALUES
+
+Array = NDArray[Any]
+SinCos = Callable[[Any], tuple[Any, Any]]
 
 GATE = "gate"  # output: what says whether a program goes on
 FIRST = {"first": "out", "first_pivot": "pivot"}  # outputs: what is written if it does not, and where
 ASIDE = ("pivot", GATE, *FIRST)  # outputs that are no results
+EXACT = ("neg", "abs", "max", "step", "choose", "input", "const")  # operations that do not round
 
 
 class Instruction(NamedTuple):
@@ -33,6 +40,9 @@ class Instruction(NamedTuple):
     op: str
     args: tuple[int, ...] = ()
     leaf: Any = None
+
+
+Written = tuple[str, tuple[int, ...], Any]  # an Instruction in a graph; plain tuples cost the collector nothing
 
 
 class Node:
@@ -79,7 +89,7 @@ class Graph:
     """
 
     def __init__(self) -> None:
-        self.instructions: list[Instruction] = []
+        self.instructions: list[Written] = []
         self.notes: dict[int, str] = {}
         self._interned: dict[tuple[Any, ...], int] = {}
 
@@ -137,20 +147,20 @@ class Graph:
                 return x
             y = self.constant(y)
         i, j = x.index, y.index
-        one, other = self.instructions[i], self.instructions[j]
-        if one.op == "neg":
-            minus_x = Node(self, one.args[0])
-            return self.neg(self.add(minus_x, Node(self, other.args[0]))) if other.op == "neg" else self.sub(y, minus_x)
-        if other.op == "neg":
-            return self.sub(x, Node(self, other.args[0]))
-        if one.op == "sub" and one.args[1] == j:  # (a - b) + b
-            return Node(self, one.args[0])
-        if other.op == "sub" and other.args[1] == i:
-            return Node(self, other.args[0])
+        (op, args, _), (other_op, other_args, _) = self.instructions[i], self.instructions[j]
+        if op == "neg":
+            minus_x = Node(self, args[0])
+            return self.neg(self.add(minus_x, Node(self, other_args[0]))) if other_op == "neg" else self.sub(y, minus_x)
+        if other_op == "neg":
+            return self.sub(x, Node(self, other_args[0]))
+        if op == "sub" and args[1] == j:  # (a - b) + b
+            return Node(self, args[0])
+        if other_op == "sub" and other_args[1] == i:
+            return Node(self, other_args[0])
         merged = self._merged_constants(x, y)
         if merged is not None:
             return merged
-        if i == j and one.op == "mul" and self.instructions[one.args[0]].op == "const":  # c z + c z
+        if i == j and op == "mul" and self.instructions[args[0]][0] == "const":  # c z + c z
             return self._scaled(2.0, x)
         return self._node("add", (i, j) if i <= j else (j, i))
 
@@ -161,17 +171,17 @@ class Graph:
         if not isinstance(x, Node):
             if x == 0.0:
                 return self.neg(y)
-            subtrahend = self.instructions[y.index]
-            if subtrahend.op == "neg":
-                return self.add(Node(self, subtrahend.args[0]), x)
+            op, args, _ = self.instructions[y.index]
+            if op == "neg":
+                return self.add(Node(self, args[0]), x)
             return self._binary("sub", self.constant(x), y)
         if x.index == y.index:
             return 0.0
-        one, other = self.instructions[x.index], self.instructions[y.index]
-        if other.op == "neg":
-            return self.add(x, Node(self, other.args[0]))
-        if one.op == "neg":
-            return self.neg(self.add(Node(self, one.args[0]), y))
+        (op, args, _), (other_op, other_args, _) = self.instructions[x.index], self.instructions[y.index]
+        if other_op == "neg":
+            return self.add(x, Node(self, other_args[0]))
+        if op == "neg":
+            return self.neg(self.add(Node(self, args[0]), y))
         cancelled = self._cancelled(x, y)
         if cancelled is not None:
             return cancelled
@@ -204,10 +214,10 @@ class Graph:
             return 0.0, leaf
         if op in ("add", "sub"):
             for arg, other in (args, args[::-1]) if op == "add" else (args,):
-                summand = self.instructions[arg]
-                if summand.op == "const":
+                kind, _, number = self.instructions[arg]
+                if kind == "const":
                     rest = Node(self, other)
-                    return (rest if op == "add" else self.neg(rest)), summand.leaf
+                    return (rest if op == "add" else self.neg(rest)), number
         return x, None
 
     def mul(self, x: Value, y: Value) -> Value:
@@ -219,16 +229,16 @@ class Graph:
         if not isinstance(y, Node):
             return self._scaled(y, x)
         i, j = x.index, y.index
-        one, other = self.instructions[i], self.instructions[j]
-        if one.op == "neg" or other.op == "neg":
+        (op, args, leaf), (other_op, other_args, other_leaf) = self.instructions[i], self.instructions[j]
+        if op == "neg" or other_op == "neg":
             product = self.mul(
-                Node(self, one.args[0]) if one.op == "neg" else x, Node(self, other.args[0]) if other.op == "neg" else y
+                Node(self, args[0]) if op == "neg" else x, Node(self, other_args[0]) if other_op == "neg" else y
             )
-            return product if one.op == other.op else self.neg(product)
-        if one.op == "const":  # c x y: keep the constant where it can meet another one
-            return self._scaled(one.leaf, y)
-        if other.op == "const":
-            return self._scaled(other.leaf, x)
+            return product if op == other_op else self.neg(product)
+        if op == "const":  # c x y: keep the constant where it can meet another one
+            return self._scaled(leaf, y)
+        if other_op == "const":
+            return self._scaled(other_leaf, x)
         return self._node("mul", (i, j) if i <= j else (j, i))
 
     def div(self, x: Value, y: Value) -> Value:
@@ -245,27 +255,29 @@ class Graph:
         """Return -x."""
         if not isinstance(x, Node):
             return -x
-        instruction = self.instructions[x.index]
-        if instruction.op == "const":
-            number: float = instruction.leaf
+        op, args, leaf = self.instructions[x.index]
+        if op == "const":
+            number: float = leaf
             return -number
-        return Node(self, instruction.args[0]) if instruction.op == "neg" else self._node("neg", (x.index,))
+        return Node(self, args[0]) if op == "neg" else self._node("neg", (x.index,))
 
     def _scaled(self, factor: float, x: Node) -> Value:
         if factor == 0.0:
             return 0.0
         if factor < 0.0:
             return self.neg(self._scaled(-factor, x))
-        instruction = self.instructions[x.index]
-        if instruction.op == "neg":
-            return self.neg(self._scaled(factor, Node(self, instruction.args[0])))
+        op, args, leaf = self.instructions[x.index]
+        if op == "neg":
+            return self.neg(self._scaled(factor, Node(self, args[0])))
         if factor == 1.0:
             return x
-        if instruction.op == "const":
-            number: float = instruction.leaf
+        if op == "const":
+            number: float = leaf
             return factor * number
-        if instruction.op == "mul" and self.instructions[instruction.args[0]].op == "const":
-            return self._scaled(factor * self.instructions[instruction.args[0]].leaf, Node(self, instruction.args[1]))
+        if op == "mul":
+            kind, _, inner = self.instructions[args[0]]
+            if kind == "const":
+                return self._scaled(factor * inner, Node(self, args[1]))
         return self._binary("mul", self.constant(factor), x)
 
     def _binary(self, op: str, x: Node, y: Node) -> Value:
@@ -275,30 +287,26 @@ class Graph:
 
     def number(self, x: Node) -> float | None:
         """Return the number of a constant node, or None."""
-        instruction = self.instructions[x.index]
-        return float(instruction.leaf) if instruction.op == "const" else None
+        op, _, leaf = self.instructions[x.index]
+        return float(leaf) if op == "const" else None
 
     def _node(self, op: str, args: tuple[int, ...], leaf: Any = None) -> Node:
         key = (op, args, leaf)
         index = self._interned.get(key)
         if index is None:
             index = self._interned[key] = len(self.instructions)
-            self.instructions.append(Instruction._make(key))
+            self.instructions.append(key)
         return Node(self, index)
 
 
 @dataclass(frozen=True)
 class Program:
-    """A finished program: ``outputs`` maps (array, index) to the value written there, in order of writing.
-
-    ``wide`` are values that are kept in double precision where all others are in single; none of them is written.
-    """
+    """A finished program: ``outputs`` maps (array, index) to the value written there, in order of writing."""
 
     name: str
     instructions: tuple[Instruction, ...]
     outputs: Mapping[tuple[str, int], int]
     notes: Mapping[int, str] = field(default_factory=dict)
-    wide: frozenset[int] = frozenset()
 
     def count(self) -> dict[str, int]:
         """Count operations of one run up to the gate, if there is one, by their ``cost``; sine and cosine are one."""
@@ -340,7 +348,7 @@ def first_values(program: Program) -> list[bool]:
     return needed(program.instructions, wanted)
 
 
-def needed(instructions: Sequence[Instruction], wanted: Iterable[int]) -> list[bool]:
+def needed(instructions: Sequence[Written], wanted: Iterable[int]) -> list[bool]:
     """Say of every value whether some of them need it, themselves among them."""
     marked = [False] * len(instructions)
     last = -1
@@ -349,7 +357,7 @@ def needed(instructions: Sequence[Instruction], wanted: Iterable[int]) -> list[b
         last = max(last, index)
     for index in range(last, -1, -1):
         if marked[index]:
-            for arg in instructions[index].args:
+            for arg in instructions[index][1]:
                 marked[arg] = True
     return marked
 
@@ -381,10 +389,9 @@ def finish(graph: Graph, name: str, outputs: Mapping[tuple[str, int], Value]) ->
 
 def select(
     name: str,
-    instructions: Sequence[Instruction],
+    instructions: Sequence[Written],
     outputs: Mapping[tuple[str, int], int],
     notes: Mapping[int, str],
-    wide: Iterable[int] = (),
 ) -> Program:
     """Keep the instructions that the outputs need, renumbered; notes move to the next instruction that stays."""
     alive = needed(instructions, outputs.values())
@@ -392,19 +399,13 @@ def select(
     renumbered = [-1] * len(alive)
     for place, index in enumerate(staying):
         renumbered[index] = place
-    kept: list[Instruction] = []
+    kept, make = list[Instruction](), tuple.__new__  # which takes half the time of Instruction(...)
     for index in staying:
-        instruction = instructions[index]
-        args = instruction.args
-        if args:
-            moved = tuple([renumbered[arg] for arg in args])
-            if moved != args:
-                instruction = Instruction(instruction.op, moved, instruction.leaf)
-        kept.append(instruction)
+        op, args, leaf = instructions[index]
+        kept.append(make(Instruction, (op, tuple([renumbered[arg] for arg in args]), leaf)))
     places = {index: bisect_left(staying, index) for index in sorted(notes)}
     kept_notes = {place: notes[index] for index, place in places.items() if place < len(kept)}
-    kept_wide = frozenset(renumbered[index] for index in wide if alive[index])
-    return Program(name, tuple(kept), {key: renumbered[index] for key, index in outputs.items()}, kept_notes, kept_wide)
+    return Program(name, tuple(kept), {key: renumbered[index] for key, index in outputs.items()}, kept_notes)
 
 
 def verify(program: Program) -> Program:
@@ -415,8 +416,8 @@ def verify(program: Program) -> Program:
             constant that is not finite, or an output that does not exist.
     """
     for index, (op, args, leaf) in enumerate(program.instructions):
-        assert op in ARITY, f"{program.name}: value {index}, unknown operation {op}"
-        arity = ARITY[op]
+        arity = ARITY.get(op)
+        assert arity is not None, f"{program.name}: value {index}, unknown operation {op}"
         assert len(args) == arity, f"{program.name}: value {index}, {op} takes {arity} arguments"
         for arg in args:
             assert 0 <= arg < index, f"{program.name}: value {index} uses a later one"
@@ -450,6 +451,60 @@ def evaluate(
             value = (calls.get(op) or VALUES[op])(*[values[arg] for arg in args])
         values.append(value)
     return {key: values[index] for key, index in program.outputs.items()}
+
+
+def sine_and_cosine(x: Any) -> tuple[Array, Array]:
+    """Return the sines and cosines of x, computed in double precision and rounded to the dtype of x."""
+    wide = np.asarray(x, np.float64)
+    return np.sin(wide).astype(x.dtype), np.cos(wide).astype(x.dtype)
+
+
+def evaluate_lanes(
+    program: Program,
+    inputs: Mapping[str, Any],
+    dtype: str,
+    *,
+    rounding: Array | None = None,
+    sincos: SinCos = sine_and_cosine,
+) -> dict[str, Array]:
+    """Evaluate a program in many states at once.
+
+    Args:
+        program: what is evaluated.
+        inputs: arrays of the dtype by name, (size, lanes), or (size,) for numbers that are the same in all lanes.
+        dtype: "float64" or "float32".
+        rounding: factors (rows, lanes) near 1: the result of instruction i is multiplied by row i modulo rows, as if it
+            had been rounded less accurately (Monte Carlo arithmetic).  None: results are as they are.
+        sincos: function that returns the sines and cosines of an array, in its dtype.
+
+    Returns:
+        Arrays (size, lanes) that the program writes, by name, with the dtype.
+    """
+    lanes = max((np.size(row) for rows in inputs.values() for row in rows[:1]), default=1)
+    rows = None if rounding is None else list(rounding.astype(dtype))
+    number, turned, values = np.dtype(dtype).type, dict[int, Any](), list[Any]()
+    for index, (op, args, leaf) in enumerate(program.instructions):
+        given = [values[arg] for arg in args]
+        if op == "input":
+            value = inputs[leaf[0]][leaf[1]]
+        elif op == "const":
+            value = number(leaf)
+        elif op in ("sin", "cos"):
+            if args[0] not in turned:
+                turned[args[0]] = sincos(given[0])
+            value = turned[args[0]][op == "cos"]
+        else:
+            value = ARRAYS[op](*given)
+        if rows is not None and op not in EXACT:
+            value = value * rows[index % len(rows)]
+        values.append(value)
+    sizes: dict[str, int] = {}
+    for array, place in program.outputs:
+        sizes[array] = max(sizes.get(array, 0), place + 1)
+    arrays = {array: np.zeros((size, lanes), dtype) for array, size in sizes.items()}
+    for (array, place), index in program.outputs.items():
+        arrays[array][place] = values[index]
+    return arrays
 
 
 def users(program: Program) -> list[int]:

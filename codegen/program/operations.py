@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
+
 Rate = Callable[[Any, Sequence[Any], Any, Sequence[Any]], Any]
 
 
@@ -26,6 +28,7 @@ class Operation:
             vector of them; empty where C has an operator, or a function of <math.h>.
         sympy: (sympy, *x) -> its expression, of a function; the module is an argument, so that programs import none.
         idempotent: whether op(x, x) is x.
+        numpy: its value on arrays; ``value`` is where None.
     """
 
     arity: int
@@ -35,6 +38,7 @@ class Operation:
     function: str = ""
     sympy: Callable[..., Any] | None = None
     idempotent: bool = False
+    numpy: Callable[..., Any] | None = None
 
     def compute(self, *numbers: float) -> float | None:
         """Return the value at these numbers; None where it is not defined or no float."""
@@ -62,7 +66,13 @@ OPERATIONS: Mapping[str, Operation] = MappingProxyType(
         "mul": Operation(2, "mul", operator.mul, lambda g, x, y, dx: dx[0] * x[1] + x[0] * dx[1]),
         "div": Operation(2, "div", operator.truediv, lambda g, x, y, dx: (dx[0] - y * dx[1]) * (1.0 / x[1])),
         "sqrt": Operation(
-            1, "div", math.sqrt, lambda g, x, y, dx: 0.5 * dx[0] * (1.0 / y), "root", lambda sympy, x: sympy.sqrt(x)
+            1,
+            "div",
+            math.sqrt,
+            lambda g, x, y, dx: 0.5 * dx[0] * (1.0 / y),
+            "root",
+            lambda sympy, x: sympy.sqrt(x),
+            numpy=np.sqrt,
         ),
         "abs": Operation(  # its rate at 0 is that below
             1,
@@ -80,9 +90,16 @@ OPERATIONS: Mapping[str, Operation] = MappingProxyType(
             "larger",
             lambda sympy, x, y: sympy.Max(x, y),
             idempotent=True,
+            numpy=lambda x, y: np.where(x < y, y, x),
         ),
         "step": Operation(  # 1 where greater than 0, else 0
-            1, "add", lambda x: 1.0 if x > 0.0 else 0.0, None, "positive", lambda sympy, x: sympy.Heaviside(x, 0)
+            1,
+            "add",
+            lambda x: 1.0 if x > 0.0 else 0.0,
+            None,
+            "positive",
+            lambda sympy, x: sympy.Heaviside(x, 0),
+            numpy=lambda x: (x > 0.0).astype(x.dtype),
         ),
         "choose": Operation(  # the second where the first is greater than 0, else the third
             3,
@@ -91,12 +108,25 @@ OPERATIONS: Mapping[str, Operation] = MappingProxyType(
             lambda g, x, y, dx: g.choose(x[0], dx[1], dx[2]),
             "chosen",
             lambda sympy, gate, x, y: sympy.Piecewise((x, gate > 0), (y, True)),
+            numpy=lambda gate, x, y: np.where(gate > 0.0, x, y),
         ),
         "exp": Operation(
-            1, "sincos", math.exp, lambda g, x, y, dx: y * dx[0], "exponential", lambda sympy, x: sympy.exp(x)
+            1,
+            "sincos",
+            math.exp,
+            lambda g, x, y, dx: y * dx[0],
+            "exponential",
+            lambda sympy, x: sympy.exp(x),
+            numpy=np.exp,
         ),
         "log": Operation(
-            1, "sincos", math.log, lambda g, x, y, dx: dx[0] * (1.0 / x[0]), "logarithm", lambda sympy, x: sympy.log(x)
+            1,
+            "sincos",
+            math.log,
+            lambda g, x, y, dx: dx[0] * (1.0 / x[0]),
+            "logarithm",
+            lambda sympy, x: sympy.log(x),
+            numpy=np.log,
         ),
         "atan2": Operation(  # the angle of (x[1], x[0]), as in C
             2,
@@ -105,6 +135,7 @@ OPERATIONS: Mapping[str, Operation] = MappingProxyType(
             lambda g, x, y, dx: (x[1] * dx[0] - x[0] * dx[1]) / (x[0] * x[0] + x[1] * x[1]),
             "bearing",
             lambda sympy, x, y: sympy.atan2(x, y),
+            numpy=np.arctan2,
         ),
     }
 )
@@ -112,4 +143,7 @@ ARITY = {name: op.arity for name, op in OPERATIONS.items()}
 CALLS: Mapping[str, Operation] = MappingProxyType({name: op for name, op in OPERATIONS.items() if op.function})
 VALUES: Mapping[str, Callable[..., Any]] = MappingProxyType(
     {name: op.value for name, op in OPERATIONS.items() if op.value is not None}
+)
+ARRAYS: Mapping[str, Callable[..., Any]] = MappingProxyType(
+    {name: op.numpy or value for name, op in OPERATIONS.items() if (value := op.value) is not None}
 )

@@ -30,7 +30,7 @@ def absorb_negations(program: Program) -> Program:
                 turned[index] = arg
     if not turned:
         return program
-    moved = [Instruction(i.op, tuple(turned.get(arg, arg) for arg in i.args), i.leaf) for i in instructions]
+    moved = [(op, tuple([turned.get(arg, arg) for arg in args]), leaf) for op, args, leaf in instructions]
     outputs = {key: turned.get(index, index) for key, index in program.outputs.items()}
     return select(program.name, moved, outputs, program.notes)
 
@@ -189,9 +189,10 @@ PASSES: Sequence[Callable[[Program], Program]] = (factor_sums, absorb_negations)
 def run_passes(program: Program) -> Program:
     """Run the passes in order, and check the program's form after each."""
     verify(program)
-    for step in PASSES:
-        program = verify(step(program))
-    return verify(gate_between(program))
+    for step in (*PASSES, gate_between):
+        changed = step(program)
+        program = program if changed is program else verify(changed)
+    return program
 
 
 def on_demand(program: Program) -> Program:
@@ -232,15 +233,6 @@ def hoist_parameters(programs: Sequence[Program], parameters: int) -> tuple[Prog
     rewritten = [_hoist(program, setup, slots) for program in programs]
     outputs: dict[tuple[str, int], Value] = {("h", slot): Node(setup, index) for index, slot in slots.items()}
     return verify(finish(setup, "setup", outputs)), [verify(program) for program in rewritten]
-
-
-def parameters_as_they_are(program: Program) -> Program:
-    """Return a program that reads parameters from "h", of which they are the first numbers, and hoists nothing."""
-    instructions = [
-        Instruction("input", (), ("h", x.leaf[1])) if x.op == "input" and x.leaf[0] == PARAMETERS else x
-        for x in program.instructions
-    ]
-    return verify(select(program.name, instructions, program.outputs, program.notes))
 
 
 def _hoist(program: Program, setup: Graph, slots: dict[int, int]) -> Program:

@@ -49,8 +49,8 @@ def gradient(graph: Graph, value: Value) -> dict[tuple[str, int], Value]:
         return {}
     by_value: dict[int, Value] = {value.index: 1.0}
     _sweep(graph, value.index, by_value)
-    leaves = ((graph.instructions[index], slope) for index, slope in by_value.items())
-    return {instruction.leaf: slope for instruction, slope in leaves if instruction.op == "input"}
+    leaves = ((*graph.instructions[index], slope) for index, slope in by_value.items())
+    return {leaf: slope for op, _, leaf, slope in leaves if op == "input"}
 
 
 def _sweep(graph: Graph, last: int, by_value: dict[int, Value]) -> None:

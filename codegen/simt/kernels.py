@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from eomgen.errors import InputError, UnknownNameError
-from eomgen.memory import without_collection
 from eomgen.names import nearest_or_all, show
 from eomgen.robot.model import Model
 
@@ -72,7 +71,6 @@ class ThreadKernels:
     kernels: tuple[ThreadKernel, ...]
 
 
-@without_collection()
 def derive_kernels(model: Model, names: Sequence[str] = (), dtype: str = "float64") -> ThreadKernels:
     """Derive kernels of a model by their names; those of DEFAULT that it has without any.
 
@@ -118,8 +116,6 @@ def refusal(model: Model, name: str) -> str | None:
         return f"takes a frame's number; allowed: {', '.join(FRAMES)}"
     if signature.kind == "gradient":
         return "has steps and loops"
-    if signature.kind == "extended":
-        return "is run from tables by the C library"
     checks_loops = bool(model.constraints) and KERNELS.get(signature.derivative_of or name, signature).closed != ()
     if checks_loops and name not in CLOSED:
         parts = ", ".join((*CLOSED, *(x for x in PARTS if x in available(model))))

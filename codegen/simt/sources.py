@@ -10,7 +10,6 @@ from typing import Any
 
 from eomgen._version import __version__
 from eomgen.errors import InputError
-from eomgen.memory import without_collection
 from eomgen.names import show
 from eomgen.robot.model import Model
 
@@ -19,10 +18,10 @@ from ..c.scalar_types import SCALARS, Scalar
 from ..c.source import environment
 from ..kernels.signatures import DTYPES
 from ..program.ir import Program
-from ..samples.sines import COEFFICIENTS
 from .kernels import CONTROLLED, ROLLOUTS, ThreadKernel, derive_kernels
 from .parts import Part, split_columns
 from .registers import PLACES, scheduled
+from .sines import COEFFICIENTS
 from .statements import PIVOTS, STATUS, Writer
 
 TILE = 32  # states of a tile: threads that go together on most accelerators
@@ -70,7 +69,6 @@ class SimtSource:
         }
 
 
-@without_collection()
 def render_simt(
     model: Model,
     kernels: Sequence[str] = (),

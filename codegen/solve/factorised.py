@@ -7,55 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from eomgen.robot.model import Model, with_offset_angles
+from eomgen.robot.model import Model
 
 from ..tree.composite import Rows
+from ..tree.followers import coordinate_parents
 from ..tree.spatial import Scalar
 from .articulated import inverse_or_zero
 from .rows import Response
-
-
-def coordinate_parents(model: Model) -> list[int]:
-    """Return the index of the coordinate in front of each one on the way to the base, or -1; motors stand alone.
-
-    Where coordinates lead others, the way goes through all with which these couple them.
-    """
-    return _elimination_parents(model) if model.followers else _tree_parents(model)
-
-
-def _elimination_parents(model: Model) -> list[int]:
-    """The elimination tree of M: rows of L have entries at ancestors alone (J. W. H. Liu, "The Role of Elimination
-    Trees in Sparse Factorization", SIAM J. Matrix Analysis and Applications 11, 1990).
-    """
-    whole, active = with_offset_angles(model)
-    parents, places = _tree_parents(whole), {name: i for i, name in enumerate(model.velocities)}
-    moved_by: list[set[int]] = [set() for _ in parents]  # by which coordinates, of all in front and of each one itself
-    names = enumerate(whole.velocities)
-    leaders = {i: {places[x] for x in model.leaders.get(name, (name,)) if x in places} for i, name in names}
-    for i, parent in enumerate(parents):
-        moved_by[i] = leaders[i] | (moved_by[parent] if parent >= 0 else set())
-    front: list[set[int]] = [set() for _ in active]
-    for i in range(len(parents)):
-        for k in moved_by[i]:
-            front[k] |= {j for j in moved_by[i] if j < k}
-    nearest = [-1] * model.size
-    for k in range(model.size - 1, -1, -1):
-        if front[k]:
-            nearest[k] = max(front[k])
-            front[nearest[k]] |= front[k] - {nearest[k]}
-    return nearest
-
-
-def _tree_parents(model: Model) -> list[int]:
-    parents = [-1] * model.size
-    last: dict[int, int] = {-1: -1}
-    for k, body in enumerate(model.bodies):
-        before = last[body.parent]
-        for index in (*body.indices, *body.modes):
-            parents[index] = before
-            before = index
-        last[k] = before
-    return parents
 
 
 def coordinates_in_front(model: Model) -> list[list[int]]:

@@ -46,14 +46,10 @@ from .spatial import (
     Scalar,
     Vec,
     about,
-    add,
     along,
     congruence,
     is_zero,
-    mat3,
     matmul,
-    matvec,
-    scale,
     transpose,
     vec3,
 )
@@ -219,23 +215,25 @@ def bind(
     placements: list[Pose] = []
     for joint in robot.joints:
         body, parent = poses[joint.parent]
-        placed = parent @ binder.placed(f"joints.{joint.name}.placement", joint.placement)
+        placement = binder.placed(f"joints.{joint.name}.placement", joint.placement)
         axes, back = Pose(joint.axis_turn, ZERO), Pose(transpose(joint.axis_turn), ZERO)
         if joint.coordinates:
-            placements.append(binder.turned(joint, placed @ axes @ binder.shift(joint)))
+            placed = parent @ placement @ axes @ binder.shift(joint)
+            placements.append(binder.turned(joint, placed.rounded()))
             poses[joint.child] = (len(placements) - 1, back)
-        elif any(f"joints.{joint.name}.offset.{name}" in model.parameters for name in COORDINATES):
-            poses[joint.child] = (body, placed @ axes @ binder.shift(joint) @ binder.turn(joint) @ back)
-        else:
-            poses[joint.child] = (body, placed)
+            continue
+        placed = parent.exact() @ placement
+        if any(f"joints.{joint.name}.offset.{name}" in model.parameters for name in COORDINATES):
+            placed = placed @ axes @ binder.shift(joint) @ binder.turn(joint) @ back
+        poses[joint.child] = (body, placed)
     inertias = [PseudoInertia((ZERO,) * 3, ZERO, 0.0)] * len(placements)
     coms: dict[str, tuple[int, Vec]] = {}
     for link in robot.links:
         body, pose = poses[link.name]
         if body != FIXED_BODY:
-            inertia, com = binder.pseudo_inertia(link.name)
-            inertias[body] = inertias[body] + congruence(pose, inertia)
-            coms[link.name] = (body, add(matvec(pose.rotation, com), pose.origin))
+            inertia, com = binder.pseudo_inertia(link.name, pose)
+            inertias[body] = inertias[body] + inertia
+            coms[link.name] = (body, com)
     laws, armature = binder.laws()
     return Bound(
         bodies=tuple(
@@ -334,11 +332,14 @@ class _Binder:
         """Return sine and cosine; of a number as the description reads it, so that right angles prune."""
         return (snap(math.sin(angle)), snap(math.cos(angle))) if isinstance(angle, float) else self.sincos(angle)
 
-    def pseudo_inertia(self, name: str) -> tuple[PseudoInertia, Vec]:
-        """Return a link's H in its frame, J = 1/2 tr(I) 1 - I about the origin, and its centre of mass."""
+    def pseudo_inertia(self, name: str, pose: Pose) -> tuple[PseudoInertia, Vec]:
+        """Return H of a link that stands at ``pose`` in its body, and its centre of mass there.
+
+        J = 1/2 tr(I) 1 - I is that about the centre of mass, so that nothing but origins cancels in H.
+        """
         link = self.model.robot.link(name)
         mass = self.value(f"links.{name}.mass", link.mass)
-        com = self.triple(f"links.{name}.com", link.com)
+        at = (pose @ Pose(IDENTITY, self.triple(f"links.{name}.com", link.com))).rounded()
         numbers = dict(zip(INERTIA_KEYS, link.inertia, strict=True))
         xx, yy, zz, xy, xz, yz = self._values(f"links.{name}.inertia", numbers).values()
         about_com = (
@@ -346,15 +347,14 @@ class _Binder:
             (-xy, (xx + zz - yy) * 0.5, -yz),
             (-xz, -yz, (xx + yy - zz) * 0.5),
         )
-        first = scale(mass, com)
-        second = mat3(tuple(about_com[i][j] + first[i] * com[j] for j in range(3)) for i in range(3))
-        return PseudoInertia(second, first, mass), com
+        return congruence(at, PseudoInertia(about_com, ZERO, mass)), at.origin
 
     def frames(self, poses: dict[str, tuple[int, Pose]]) -> dict[str, tuple[int, Pose]]:
-        frames = dict(poses)
+        frames = {name: (body, pose.rounded()) for name, (body, pose) in poses.items()}
         for frame in self.model.robot.frames:
             body, pose = poses[frame.link]
-            frames[frame.name] = (body, pose @ self.placed(f"frames.{frame.name}.placement", frame.placement))
+            placed = pose @ self.placed(f"frames.{frame.name}.placement", frame.placement)
+            frames[frame.name] = (body, placed.rounded())
         return {name: frames[name] for name in self.model.frames}
 
     def cuts(self, poses: dict[str, tuple[int, Pose]]) -> Cuts:
@@ -364,7 +364,8 @@ class _Binder:
             sides = []
             for i, (link, placement) in enumerate(zip(loop.links, loop.placements, strict=True)):
                 body, pose = poses[link]
-                sides.append((body, pose @ self.placed(f"loops.{loop.name}.placements.{i}", placement)))
+                placed = pose @ self.placed(f"loops.{loop.name}.placements.{i}", placement)
+                sides.append((body, placed.rounded()))
             cuts.append((sides[0], sides[1]))
         return tuple(cuts)
 
@@ -479,7 +480,7 @@ class _Binder:
                 body, pose = poses[link]
                 name = f"{element.prefix}.{key}"
                 at = self.placed(name, end) if isinstance(end, Placement) else Pose(IDENTITY, self.triple(name, end))
-                ends.append((body, pose @ at))
+                ends.append((body, (pose @ at).rounded()))
             law = {**dict.fromkeys(KINDS[table].ALWAYS, 0.0), **element.law()}
             numbers = self._values(element.prefix, law)
             elements.append(BoundElement(element.name, element.links, (ends[0], ends[1]), numbers, element.knots()))

@@ -1,7 +1,7 @@
-"""The one place where the program begins: joints as what SymPy has left of them.
+"""The one place where programs begin: joints from the numbers that SymPy derived.
 
-``freeze`` gives a joint's step as rows of plain factors of 1, sine and cosine (``eomgen.codegen.joint.freezing`` takes
-them from SymPy), and ``geometry`` evaluates these rows on any scalar along the tree.
+``JointFacts`` have each elementary transform of a joint as rows of factors of 1, sine and cosine; ``geometry``
+evaluates these rows on any scalar along the tree.
 """
 
 from __future__ import annotations
@@ -10,17 +10,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import reduce
 
+from eomgen.robot.geometry import JointStep
 from eomgen.robot.model import Model
 
-from ..joint.facts import FrozenStep
-from ..joint.kept import KEPT
+from ..joint.facts import facts_of
 from .bound import Bound
 from .spatial import ZERO, Mat, Scalar, Vec, add, mat3, matvec, transpose, vec3
-
-
-def freeze(coordinate: str) -> FrozenStep:
-    """Step of one coordinate ("x" ... "gamma") without SymPy."""
-    return KEPT.steps[coordinate]
 
 
 @dataclass(frozen=True)
@@ -69,21 +64,20 @@ def geometry(
     """Evaluate every joint's transform at q, elementary step by elementary step."""
     joints = []
     for body, numbers in zip(model.bodies, bound.bodies, strict=True):
-        steps = [(index, freeze(name)) for index, name in zip(body.indices, body.active, strict=True)]
         shift = ZERO
-        rotations = []
-        for index, frozen in steps:
-            if frozen.is_rotation:
+        translations, rotations = [], []
+        for index, step in zip(body.indices, facts_of(model, body.active).steps, strict=True):
+            if step.is_rotation:
                 sin, cos = sincos(q[index] + bound.angle_offsets[index])
-                rotations.append(Rotation(index, frozen.axis, sin, cos, _evaluate(frozen, sin, cos)))
+                rotations.append(Rotation(index, step.axis, sin, cos, _evaluate(step, sin, cos)))
             else:
-                shift = add(shift, unit(frozen.axis, q[index]))
+                shift = add(shift, unit(step.axis, q[index]))
+                translations.append((index, step.axis))
         turn = numbers.placement.rotation
         offset = add(matvec(turn, shift), numbers.placement.origin)
-        translations = tuple((index, frozen.axis) for index, frozen in steps if not frozen.is_rotation)
-        joints.append(JointGeometry(turn, offset, translations, tuple(rotations)))
+        joints.append(JointGeometry(turn, offset, tuple(translations), tuple(rotations)))
     return joints
 
 
-def _evaluate(frozen: FrozenStep, sin: Scalar, cos: Scalar) -> Mat:
-    return mat3([one + s * sin + co * cos for one, s, co in row] for row in frozen.rotation)
+def _evaluate(step: JointStep, sin: Scalar, cos: Scalar) -> Mat:
+    return mat3([one + s * sin + co * cos for one, s, co in row] for row in step.rotation)

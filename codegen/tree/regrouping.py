@@ -7,12 +7,14 @@ translates.  Residual and mass matrix do not change, reactions do: kernels that 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
+from eomgen.robot.geometry import JointStep
 from eomgen.robot.model import FIXED_BODY, Model
 
+from ..joint.facts import facts_of
 from .bound import Bound
-from .frozen_joints import freeze
 from .spatial import PseudoInertia, add, congruence, mat3, vec3
 
 
@@ -24,7 +26,7 @@ def regroup(model: Model, bound: Bound) -> Bound:
         body = model.bodies[k]
         if body.parent != FIXED_BODY and model.bodies[body.parent].joint in nodes:
             continue  # of a link that bends: what stands there has no inertia that could take it in
-        moved, inertias[k] = split(inertias[k], body.active)
+        moved, inertias[k] = split(inertias[k], facts_of(model, body.active).steps)
         moved = congruence(bound.bodies[k].placement, moved)
         if body.parent != FIXED_BODY:
             inertias[body.parent] = inertias[body.parent] + moved
@@ -34,9 +36,8 @@ def regroup(model: Model, bound: Bound) -> Bound:
     return replace(bound, bodies=bodies, at_rest=at_rest)
 
 
-def split(H: PseudoInertia, active: tuple[str, ...]) -> tuple[PseudoInertia, PseudoInertia]:
-    """Split H into what may move to the parent and what stays, for a joint with these active coordinates."""
-    steps = [freeze(name) for name in active]
+def split(H: PseudoInertia, steps: Sequence[JointStep]) -> tuple[PseudoInertia, PseudoInertia]:
+    """Split H into what may move to the parent and what stays, for a joint of these elementary transforms."""
     axes = {0, 1, 2}.intersection(*({step.axis} for step in steps if step.is_rotation))
     with_mass = all(step.is_rotation for step in steps)
 

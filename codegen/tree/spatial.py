@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import decimal
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-Scalar = Any  # float, sympy.Expr or ir.Node
+from eomgen.robot.geometry import snap
+
+Scalar = Any  # float, sympy.Expr, ir.Node or, in an ExactPose, Decimal
 Vec = tuple[Scalar, Scalar, Scalar]
 Mat = tuple[Vec, Vec, Vec]
 
 ZERO: Vec = (0.0, 0.0, 0.0)
+_PRECISION = decimal.Context(prec=60)
+_UNIT_ROUND_OFF = 2.0**-53  # largest relative error of a decimal number as a float
 
 
 @dataclass(frozen=True)
@@ -37,6 +42,49 @@ class Pose:
 
     def __matmul__(self, other: Pose) -> Pose:
         return Pose(matmul(self.rotation, other.rotation), add(matvec(self.rotation, other.origin), self.origin))
+
+    def exact(self) -> Pose:
+        """Return the pose as the first factor of an exact product, if all its entries are numbers; otherwise itself."""
+        if not _has_numbers(self):
+            return self
+        return ExactPose(*_to_decimals(self), vec3(map(abs, self.origin)))
+
+    def rounded(self) -> Pose:
+        """Return the pose with floats where it is an exact product; otherwise itself."""
+        return self
+
+
+@dataclass(frozen=True)
+class ExactPose(Pose):
+    """A product of poses, computed with 60 digits: origins of frames that are far from masses cancel in it.
+
+    ``size`` holds the sums of the magnitudes of the terms of each component of the origin, m.
+    """
+
+    size: Vec
+
+    def __matmul__(self, other: Pose) -> Pose:
+        if not _has_numbers(other):
+            return self.rounded() @ other
+        with decimal.localcontext(_PRECISION):
+            product = super().__matmul__(Pose(*_to_decimals(other)))
+        terms = matvec(mat3(vec3(abs(float(x)) for x in row) for row in self.rotation), vec3(map(abs, other.origin)))
+        return ExactPose(product.rotation, product.origin, add(self.size, terms))
+
+    def rounded(self) -> Pose:
+        """Round every entry once; right angles are exact, and origins 0 where only the numbers' rounding is left."""
+        rotation = mat3(vec3(snap(float(x)) for x in row) for row in self.rotation)
+        origin = ((float(x), _UNIT_ROUND_OFF * size) for x, size in zip(self.origin, self.size, strict=True))
+        return Pose(rotation, vec3(x if abs(x) > least else 0.0 for x, least in origin))
+
+
+def _has_numbers(pose: Pose) -> bool:
+    return all(isinstance(x, int | float) for row in (*pose.rotation, pose.origin) for x in row)
+
+
+def _to_decimals(pose: Pose) -> tuple[Mat, Vec]:
+    rotation, origin = pose.rotation, pose.origin
+    return mat3(vec3(map(decimal.Decimal, row)) for row in rotation), vec3(map(decimal.Decimal, origin))
 
 
 def congruence(pose: Pose, inertia: PseudoInertia) -> PseudoInertia:

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 import eomgen
+from eomgen.codegen.c.operation_counts import operations
 from eomgen.codegen.joint.zeros import zero_map
 from eomgen.codegen.kernels.equations import derive_equations
-from eomgen.codegen.kernels.operation_counts import operations
 from eomgen.pictures.journals import draw_journal
 from eomgen.pictures.scene import link_poses
 from eomgen.pictures.style import COLORS, PROGRAM_COLOR, TOOL_COLOR, canvas

@@ -8,8 +8,8 @@ from importlib import resources
 from pathlib import Path
 
 import eomgen
+from eomgen.codegen.c.operation_counts import operations
 from eomgen.codegen.kernels.equations import derive_equations
-from eomgen.codegen.kernels.operation_counts import operations
 from eomgen.pictures import plot_robot, plot_zeros
 from eomgen.robot import Model, build_model
 

@@ -995,97 +995,97 @@ static int one_link_stage_solution_lanes(const lanes *restrict h, const lanes *r
 long long one_link_mass_matrix_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, double *restrict out)
 {
     SPREAD(h, 7)
-    BY_LANES(2, 1, (q_step == TILES), READ_LANES(q, 2, 1) ROOM_LANES(4, 1), ONE_VECTOR(2, one_link_mass_matrix_lanes(h_lanes, VECTOR(q, 2), VECTOR(out, 4))), WRITE_LANES(4))
+    BY_LANES(2, 1, READ_LANES(q, 2, 1) ROOM_LANES(4, 1), ONE_VECTOR(2, one_link_mass_matrix_lanes(h_lanes, VECTOR(q, 2), VECTOR(out, 4))), WRITE_LANES(4))
 }
 
 long long one_link_bias_force_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, double *restrict out)
 {
     SPREAD(h, 7)
-    BY_LANES(2, 1, (q_step == TILES) || (v_step == TILES), READ_LANES(q, 2, 1) READ_LANES(v, 2, 1) ROOM_LANES(2, 1), ONE_VECTOR(2, one_link_bias_force_lanes(h_lanes, VECTOR(q, 2), VECTOR(v, 2), VECTOR(out, 2))), WRITE_LANES(2))
+    BY_LANES(2, 1, READ_LANES(q, 2, 1) READ_LANES(v, 2, 1) ROOM_LANES(2, 1), ONE_VECTOR(2, one_link_bias_force_lanes(h_lanes, VECTOR(q, 2), VECTOR(v, 2), VECTOR(out, 2))), WRITE_LANES(2))
 }
 
 long long one_link_generalized_force_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, double *restrict out)
 {
     SPREAD(h, 7)
-    BY_LANES(2, 1, (q_step == TILES) || (v_step == TILES), READ_LANES(q, 2, 1) READ_LANES(v, 2, 1) ROOM_LANES(2, 1), ONE_VECTOR(2, one_link_generalized_force_lanes(h_lanes, VECTOR(q, 2), VECTOR(v, 2), VECTOR(out, 2))), WRITE_LANES(2))
+    BY_LANES(2, 1, READ_LANES(q, 2, 1) READ_LANES(v, 2, 1) ROOM_LANES(2, 1), ONE_VECTOR(2, one_link_generalized_force_lanes(h_lanes, VECTOR(q, 2), VECTOR(v, 2), VECTOR(out, 2))), WRITE_LANES(2))
 }
 
 long long one_link_external_force_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict wrench, size_t wrench_step, double *restrict out)
 {
     SPREAD(h, 7)
-    BY_LANES(2, 1, (q_step == TILES) || (wrench_step == TILES), READ_LANES(q, 2, 1) READ_LANES(wrench, 6, 1) ROOM_LANES(2, 1), ONE_VECTOR(2, one_link_external_force_lanes(h_lanes, VECTOR(q, 2), VECTOR(wrench, 6), VECTOR(out, 2))), WRITE_LANES(2))
+    BY_LANES(2, 1, READ_LANES(q, 2, 1) READ_LANES(wrench, 6, 1) ROOM_LANES(2, 1), ONE_VECTOR(2, one_link_external_force_lanes(h_lanes, VECTOR(q, 2), VECTOR(wrench, 6), VECTOR(out, 2))), WRITE_LANES(2))
 }
 
 long long one_link_residual_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, const double *restrict a, size_t a_step, const double *restrict u, size_t u_step, double *restrict out)
 {
     SPREAD(h, 7)
-    BY_LANES(2, 1, (q_step == TILES) || (v_step == TILES) || (a_step == TILES) || (u_step == TILES), READ_LANES(q, 2, 1) READ_LANES(v, 2, 1) READ_LANES(a, 2, 1) READ_LANES(u, 2, 1) ROOM_LANES(2, 1), ONE_VECTOR(2, one_link_residual_lanes(h_lanes, VECTOR(q, 2), VECTOR(v, 2), VECTOR(a, 2), VECTOR(u, 2), VECTOR(out, 2))), WRITE_LANES(2))
+    BY_LANES(2, 1, READ_LANES(q, 2, 1) READ_LANES(v, 2, 1) READ_LANES(a, 2, 1) READ_LANES(u, 2, 1) ROOM_LANES(2, 1), ONE_VECTOR(2, one_link_residual_lanes(h_lanes, VECTOR(q, 2), VECTOR(v, 2), VECTOR(a, 2), VECTOR(u, 2), VECTOR(out, 2))), WRITE_LANES(2))
 }
 
 long long one_link_inverse_dynamics_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, const double *restrict a, size_t a_step, double *restrict out)
 {
     SPREAD(h, 7)
-    BY_LANES(2, 1, (q_step == TILES) || (v_step == TILES) || (a_step == TILES), READ_LANES(q, 2, 1) READ_LANES(v, 2, 1) READ_LANES(a, 2, 1) ROOM_LANES(2, 1), ONE_VECTOR(2, one_link_inverse_dynamics_lanes(h_lanes, VECTOR(q, 2), VECTOR(v, 2), VECTOR(a, 2), VECTOR(out, 2))), WRITE_LANES(2))
+    BY_LANES(2, 1, READ_LANES(q, 2, 1) READ_LANES(v, 2, 1) READ_LANES(a, 2, 1) ROOM_LANES(2, 1), ONE_VECTOR(2, one_link_inverse_dynamics_lanes(h_lanes, VECTOR(q, 2), VECTOR(v, 2), VECTOR(a, 2), VECTOR(out, 2))), WRITE_LANES(2))
 }
 
 long long one_link_forward_dynamics_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, const double *restrict u, size_t u_step, double *restrict out)
 {
     SPREAD(h, 7)
-    BY_LANES(2, 1, (q_step == TILES) || (v_step == TILES) || (u_step == TILES), READ_LANES(q, 2, 1) READ_LANES(v, 2, 1) READ_LANES(u, 2, 1) ROOM_LANES(2, 1), ONE_VECTOR(2, one_link_forward_dynamics_lanes(h_lanes, VECTOR(q, 2), VECTOR(v, 2), VECTOR(u, 2), VECTOR(out, 2))), WRITE_LANES(2))
+    BY_LANES(2, 1, READ_LANES(q, 2, 1) READ_LANES(v, 2, 1) READ_LANES(u, 2, 1) ROOM_LANES(2, 1), ONE_VECTOR(2, one_link_forward_dynamics_lanes(h_lanes, VECTOR(q, 2), VECTOR(v, 2), VECTOR(u, 2), VECTOR(out, 2))), WRITE_LANES(2))
 }
 
 long long one_link_residual_jacobian_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, const double *restrict a, size_t a_step, double *restrict out)
 {
     SPREAD(h, 7)
-    BY_LANES(2, 1, (q_step == TILES) || (v_step == TILES) || (a_step == TILES), READ_LANES(q, 2, 1) READ_LANES(v, 2, 1) READ_LANES(a, 2, 1) ROOM_LANES(12, 1), ONE_VECTOR(2, one_link_residual_jacobian_lanes(h_lanes, VECTOR(q, 2), VECTOR(v, 2), VECTOR(a, 2), VECTOR(out, 12))), WRITE_LANES(12))
+    BY_LANES(2, 1, READ_LANES(q, 2, 1) READ_LANES(v, 2, 1) READ_LANES(a, 2, 1) ROOM_LANES(12, 1), ONE_VECTOR(2, one_link_residual_jacobian_lanes(h_lanes, VECTOR(q, 2), VECTOR(v, 2), VECTOR(a, 2), VECTOR(out, 12))), WRITE_LANES(12))
 }
 
 long long one_link_forward_dynamics_jacobian_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, const double *restrict u, size_t u_step, double *restrict out)
 {
     SPREAD(h, 7)
-    BY_LANES(2, 1, (q_step == TILES) || (v_step == TILES) || (u_step == TILES), READ_LANES(q, 2, 1) READ_LANES(v, 2, 1) READ_LANES(u, 2, 1) ROOM_LANES(12, 1), ONE_VECTOR(2, one_link_forward_dynamics_jacobian_lanes(h_lanes, VECTOR(q, 2), VECTOR(v, 2), VECTOR(u, 2), VECTOR(out, 12))), WRITE_LANES(12))
+    BY_LANES(2, 1, READ_LANES(q, 2, 1) READ_LANES(v, 2, 1) READ_LANES(u, 2, 1) ROOM_LANES(12, 1), ONE_VECTOR(2, one_link_forward_dynamics_jacobian_lanes(h_lanes, VECTOR(q, 2), VECTOR(v, 2), VECTOR(u, 2), VECTOR(out, 12))), WRITE_LANES(12))
 }
 
 long long one_link_coriolis_matrix_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, double *restrict out)
 {
     SPREAD(h, 7)
-    BY_LANES(2, 1, (q_step == TILES) || (v_step == TILES), READ_LANES(q, 2, 1) READ_LANES(v, 2, 1) ROOM_LANES(4, 1), ONE_VECTOR(2, one_link_coriolis_matrix_lanes(h_lanes, VECTOR(q, 2), VECTOR(v, 2), VECTOR(out, 4))), WRITE_LANES(4))
+    BY_LANES(2, 1, READ_LANES(q, 2, 1) READ_LANES(v, 2, 1) ROOM_LANES(4, 1), ONE_VECTOR(2, one_link_coriolis_matrix_lanes(h_lanes, VECTOR(q, 2), VECTOR(v, 2), VECTOR(out, 4))), WRITE_LANES(4))
 }
 
 long long one_link_christoffel_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, double *restrict out)
 {
     SPREAD(h, 7)
-    BY_LANES(2, 1, (q_step == TILES), READ_LANES(q, 2, 1) ROOM_LANES(8, 1), ONE_VECTOR(2, one_link_christoffel_lanes(h_lanes, VECTOR(q, 2), VECTOR(out, 8))), WRITE_LANES(8))
+    BY_LANES(2, 1, READ_LANES(q, 2, 1) ROOM_LANES(8, 1), ONE_VECTOR(2, one_link_christoffel_lanes(h_lanes, VECTOR(q, 2), VECTOR(out, 8))), WRITE_LANES(8))
 }
 
 long long one_link_energy_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, double *restrict out)
 {
     SPREAD(h, 7)
-    BY_LANES(2, 1, (q_step == TILES) || (v_step == TILES), READ_LANES(q, 2, 1) READ_LANES(v, 2, 1) ROOM_LANES(2, 1), ONE_VECTOR(2, one_link_energy_lanes(h_lanes, VECTOR(q, 2), VECTOR(v, 2), VECTOR(out, 2))), WRITE_LANES(2))
+    BY_LANES(2, 1, READ_LANES(q, 2, 1) READ_LANES(v, 2, 1) ROOM_LANES(2, 1), ONE_VECTOR(2, one_link_energy_lanes(h_lanes, VECTOR(q, 2), VECTOR(v, 2), VECTOR(out, 2))), WRITE_LANES(2))
 }
 
 long long one_link_reactions_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, const double *restrict a, size_t a_step, double *restrict out)
 {
     SPREAD(h, 7)
-    BY_LANES(2, 1, (q_step == TILES) || (v_step == TILES) || (a_step == TILES), READ_LANES(q, 2, 1) READ_LANES(v, 2, 1) READ_LANES(a, 2, 1) ROOM_LANES(6, 1), ONE_VECTOR(2, one_link_reactions_lanes(h_lanes, VECTOR(q, 2), VECTOR(v, 2), VECTOR(a, 2), VECTOR(out, 6))), WRITE_LANES(6))
+    BY_LANES(2, 1, READ_LANES(q, 2, 1) READ_LANES(v, 2, 1) READ_LANES(a, 2, 1) ROOM_LANES(6, 1), ONE_VECTOR(2, one_link_reactions_lanes(h_lanes, VECTOR(q, 2), VECTOR(v, 2), VECTOR(a, 2), VECTOR(out, 6))), WRITE_LANES(6))
 }
 
 long long one_link_external_reactions_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict wrench, size_t wrench_step, double *restrict out)
 {
     SPREAD(h, 7)
-    BY_LANES(2, 1, (q_step == TILES) || (wrench_step == TILES), READ_LANES(q, 2, 1) READ_LANES(wrench, 6, 1) ROOM_LANES(6, 1), ONE_VECTOR(2, one_link_external_reactions_lanes(h_lanes, VECTOR(q, 2), VECTOR(wrench, 6), VECTOR(out, 6))), WRITE_LANES(6))
+    BY_LANES(2, 1, READ_LANES(q, 2, 1) READ_LANES(wrench, 6, 1) ROOM_LANES(6, 1), ONE_VECTOR(2, one_link_external_reactions_lanes(h_lanes, VECTOR(q, 2), VECTOR(wrench, 6), VECTOR(out, 6))), WRITE_LANES(6))
 }
 
 long long one_link_regressor_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, const double *restrict a, size_t a_step, double *restrict out)
 {
     SPREAD(h, 7)
-    BY_LANES(2, 1, (q_step == TILES) || (v_step == TILES) || (a_step == TILES), READ_LANES(q, 2, 1) READ_LANES(v, 2, 1) READ_LANES(a, 2, 1) ROOM_LANES(22, 1), ONE_VECTOR(2, one_link_regressor_lanes(h_lanes, VECTOR(q, 2), VECTOR(v, 2), VECTOR(a, 2), VECTOR(out, 22))), WRITE_LANES(22))
+    BY_LANES(2, 1, READ_LANES(q, 2, 1) READ_LANES(v, 2, 1) READ_LANES(a, 2, 1) ROOM_LANES(22, 1), ONE_VECTOR(2, one_link_regressor_lanes(h_lanes, VECTOR(q, 2), VECTOR(v, 2), VECTOR(a, 2), VECTOR(out, 22))), WRITE_LANES(22))
 }
 
 long long one_link_euler_cosines_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, double *restrict out)
 {
     SPREAD(h, 7)
-    BY_LANES(2, 1, (q_step == TILES), READ_LANES(q, 2, 1) ROOM_LANES(1, 1), ONE_VECTOR(2, one_link_euler_cosines_lanes(h_lanes, VECTOR(q, 2), VECTOR(out, 1))), WRITE_LANES(1))
+    BY_LANES(2, 1, READ_LANES(q, 2, 1) ROOM_LANES(1, 1), ONE_VECTOR(2, one_link_euler_cosines_lanes(h_lanes, VECTOR(q, 2), VECTOR(out, 1))), WRITE_LANES(1))
 }
 
 EOM_PART void one_link_kinematics0_lanes(const lanes *restrict q, const lanes *restrict sine, const lanes *restrict cosine, int last, lanes *restrict origins, lanes *restrict axes, lanes *restrict kept)
@@ -1200,12 +1200,12 @@ static int one_link_frame_jacobian_lanes(const double *restrict h, const lanes *
 
 long long one_link_frame_pose_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, int frame, double *restrict out)
 {
-    BY_LANES(2, 1, (q_step == TILES), READ_LANES(q, 2, 1) ROOM_LANES(16, 1), ONE_VECTOR(2, one_link_frame_pose_lanes(h, VECTOR(q, 2), frame, VECTOR(out, 16))), WRITE_LANES(16))
+    BY_LANES(2, 1, READ_LANES(q, 2, 1) ROOM_LANES(16, 1), ONE_VECTOR(2, one_link_frame_pose_lanes(h, VECTOR(q, 2), frame, VECTOR(out, 16))), WRITE_LANES(16))
 }
 
 long long one_link_frame_jacobian_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, int frame, double *restrict out)
 {
-    BY_LANES(2, 1, (q_step == TILES), READ_LANES(q, 2, 1) ROOM_LANES(12, 1), ONE_VECTOR(2, one_link_frame_jacobian_lanes(h, VECTOR(q, 2), frame, VECTOR(out, 12))), WRITE_LANES(12))
+    BY_LANES(2, 1, READ_LANES(q, 2, 1) ROOM_LANES(12, 1), ONE_VECTOR(2, one_link_frame_jacobian_lanes(h, VECTOR(q, 2), frame, VECTOR(out, 12))), WRITE_LANES(12))
 }
 
 #if defined(EOM_LINKED)

@@ -43,7 +43,8 @@
  *   adaptive_rollout     36     23      3      2
  *   parameters            2      1      0      0
  *
- * Derived afresh by SymPy 1.14.0, joint by joint; terms tr(dA/ds H dA^T) and tr(dA/ds H d2A^T):
+ * SymPy 1.14.0 derived A_(i-1)i of eq. (3) and its first and second derivatives for joints with the active
+ * coordinates (x gamma), and proved which terms tr(dA/ds H dA^T) of M and tr(dA/ds H d2A^T) of C vanish:
  * M, eq. (11), entries s <= v: 3
  *           3  survive
  * C, eq. (12), entries v <= w: 6
@@ -53,8 +54,6 @@
  *           1  survive
  *           1  of them independent up to sign by the antisymmetry
  *           1  when coaxial pairs of two joints are exchanged as well
- * Programs that agree with them at a random rational point: mass_matrix, bias_force, coriolis_matrix,
- * christoffel, inverse_dynamics, residual, forward_dynamics
  */
 #ifndef EOMGEN_ONE_LINK_H
 #define EOMGEN_ONE_LINK_H
@@ -77,13 +76,7 @@ extern "C" {
  * h is what one_link_setup makes of the parameters p; all arrays are the caller's, and out overlaps no other.
  * A batch takes count states that lie step numbers apart (0: the same for all) and returns -1, or
  * state * ONE_LINK_DOF + i of the first failure; what out
- * holds of states behind it is left open.
- * Arguments with a step of (size_t)-1 are in tiles of 8 states, and so is the result then: number i of state k is at
- * (k / 8 * size + i) * 8 + k % 8, and count is a multiple of 8.  That is so for
- * mass_matrix, bias_force, generalized_force, external_force, residual,
- * inverse_dynamics, forward_dynamics, residual_jacobian, forward_dynamics_jacobian, coriolis_matrix,
- * christoffel, energy, reactions, external_reactions, regressor,
- * euler_cosines, frame_pose, frame_jacobian. */
+ * holds of states behind it is left open. */
 
 /* A rollout takes steps of length dt by the classical Runge-Kutta method (method 0) or linearly implicit ones (1), and
  * stores q and v of the beginning and of every so many steps.  Drives, held over a step, are u + kp (target - q) - kd v;

@@ -8,9 +8,11 @@ eomgen.analysis.modes("puma560_elastic")
 Names and rooms are imported when they are first used.
 """
 
-from .lazily import imports_when_used
+from typing import TYPE_CHECKING
 
-with imports_when_used(globals()):
+from .lazily import lazy_names
+
+if TYPE_CHECKING:
     from . import analysis as analysis
     from . import control as control
     from . import description as description
@@ -28,7 +30,6 @@ with imports_when_used(globals()):
     from .description import load_robot as load_robot
     from .errors import ArrayError as ArrayError
     from .errors import BuildError as BuildError
-    from .errors import DerivationError as DerivationError
     from .errors import DescriptionError as DescriptionError
     from .errors import EomgenError as EomgenError
     from .errors import EomgenWarning as EomgenWarning
@@ -50,6 +51,8 @@ with imports_when_used(globals()):
     from .loading import load_result as load_result
     from .pipeline import build as build
     from .pipeline import generate as generate
+    from .precision import float32_advice as float32_advice
+    from .precision import rounding_bound as rounding_bound
     from .robot import Coordinate as Coordinate
     from .robot import Frame as Frame
     from .robot import Joint as Joint
@@ -59,8 +62,6 @@ with imports_when_used(globals()):
     from .robot import Placement as Placement
     from .robot import Robot as Robot
     from .robot import Spring as Spring
-    from .rounding import float32_advice as float32_advice
-    from .rounding import rounding_bound as rounding_bound
     from .runtime import Kernel as Kernel
     from .scenario import Scenario as Scenario
     from .scenario import load_scenario as load_scenario
@@ -68,3 +69,5 @@ with imports_when_used(globals()):
     from .simulation import load_stream as load_stream
     from .simulation import run_scenario as run_scenario
     from .simulation import simulate as simulate
+else:
+    __getattr__, __dir__, __all__ = lazy_names(__name__)

@@ -159,20 +159,6 @@ class InternalError(EomgenError):
     """A bug of eomgen: something that the code relies on does not hold.  Please report it."""
 
 
-class DerivationError(InternalError):
-    """Raised where what SymPy derives of a robot is not what the generator keeps, drops or renders.
-
-    Attributes:
-        joint: its name; empty where no joint of the robot has it.
-        block: the matrix, lemma or kernel that differs.
-        place: the entry in it.
-    """
-
-    def __init__(self, message: str, *, joint: str, block: str, place: str) -> None:
-        super().__init__(message)
-        self.joint, self.block, self.place = joint, block, place
-
-
 class EomgenWarning(UserWarning):
     """Something to know about, although it works: an inertia that no body can have, an old name of an argument."""
 

@@ -1,69 +1,45 @@
-"""Names whose modules are imported when they are first asked for: of packages, and of rooms above the caller."""
+"""Public names of packages, imported when they are first used (PEP 562)."""
 
 from __future__ import annotations
 
-import builtins
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+import re
+import sys
+from collections.abc import Callable
 from importlib import import_module
-from threading import Lock
-from types import SimpleNamespace
 from typing import Any
 
-_ONE_AT_A_TIME = Lock()  # or two threads might put back each other's way of importing
+_IMPORT = re.compile(r"^    from (\.[\w.]*) import (\w+) as \2$", re.MULTILINE)
 
 
-def public_names(package: Mapping[str, Any], names: Iterable[str]) -> list[str]:
-    """Return what ``dir`` of a package shows: these names, and what Python itself puts into packages."""
-    return sorted({*names, *(name for name in package if name.startswith("__"))})
+def lazy_names(package: str) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
+    """Return ``__getattr__``, ``__dir__`` and ``__all__`` of a package from its lines ``from .module import x as x``.
 
-
-@contextmanager
-def imports_when_used(package: dict[str, Any]) -> Iterator[None]:
-    """Put off what a block imports, ``from .module import name as name``, until a name is asked for.
-
-    The package gets ``__getattr__``, ``__dir__``, which has no other names, and ``__all__``, which has those of them
-    that are no modules.
+    These lines stand under ``if TYPE_CHECKING:``, where type checkers and editors read them, and the call under its
+    ``else``. They are read from the package's source, so that each name is written once; the loader gives it, of a
+    folder or a zip file.
 
     Args:
-        package: its ``globals()``.
-    """
-    modules: dict[str, str] = {}  # of every name, inside the package; "" of a module
+        package: its ``__name__``.
 
-    def note(name: str, *args: Any, **keywords: Any) -> Any:
-        if not args or args[0] is not package:  # of another thread
-            return ordinary(name, *args, **keywords)
-        modules.update(dict.fromkeys(args[2], name))
-        return SimpleNamespace(**dict.fromkeys(args[2]))
+    Raises:
+        ImportError: the package has no source with such lines, for instance where only bytecode is installed.
+    """
+    module = sys.modules[package]
+    spec: Any = module.__spec__
+    source = spec.loader.get_data(spec.origin).decode("utf-8", "replace").replace("\r\n", "\n")
+    origins = {name: origin for origin, name in _IMPORT.findall(source)}
+    if not origins:
+        raise ImportError(f"{package}: {spec.origin} holds no source; allowed: packages with their .py files")
 
     def find(name: str) -> Any:
-        if name not in modules:
-            raise AttributeError(f"module {package['__name__']!r} has no attribute {name!r}")
-        module = import_module("." + (modules[name] or name), package["__name__"])
-        package[name] = getattr(module, name) if modules[name] else module
-        return package[name]
+        if name not in origins:
+            raise AttributeError(f"module {package!r} has no attribute {name!r}")
+        origin = origins[name]
+        value = import_module(f".{name}", package) if origin == "." else getattr(import_module(origin, package), name)
+        setattr(module, name, value)
+        return value
 
-    with _ONE_AT_A_TIME:
-        ordinary, builtins.__import__ = builtins.__import__, note
-        try:
-            yield
-        finally:
-            builtins.__import__ = ordinary
-    for name in modules:
-        del package[name]
-    package["__getattr__"] = find
-    package["__dir__"] = lambda: public_names(package, modules)
-    package["__all__"] = sorted(name for name, module in modules.items() if module)
+    def names() -> list[str]:
+        return sorted({*origins, *(name for name in vars(module) if name.startswith("__"))})
 
-
-def from_above(module: str, name: str) -> Any:
-    """Return a name of a module of eomgen by their names, imported now.
-
-    For methods that are short for a function of a room above: of a result that plots itself, a robot that shows itself.
-    The rooms below import nothing of it, and work without it.
-
-    Args:
-        module: inside eomgen, ".pictures".
-        name: in it.
-    """
-    return getattr(import_module(module, __package__), name)
+    return find, names, sorted(name for name, origin in origins.items() if origin != ".")

@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import keyword
 import re
-from collections.abc import Iterable, Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+from .errors import InputError
 
 NAME_LENGTH = 128
 ROBOT_LENGTH = 48
@@ -249,3 +251,10 @@ def unique_identifiers(texts: Sequence[str]) -> dict[str, str]:
 def are_names(values: object) -> bool:
     """Return whether a value is a sequence of texts, and no text itself."""
     return isinstance(values, Sequence) and not isinstance(values, str) and all(isinstance(x, str) for x in values)
+
+
+def word_in(label: str, value: Any, allowed: Collection[str]) -> str:
+    """Return one of the allowed words; InputError, which begins with the label, of anything else."""
+    if not isinstance(value, str) or value not in allowed:
+        raise InputError(f"{label}: {show(value)} is unknown; allowed: {', '.join(allowed)}")
+    return value

@@ -25,7 +25,6 @@ PACKAGES = {  # name as people write it: what pip installs it by, and the extra 
     "CasADi": ("casadi", "casadi"),
     "JAX": ("jax", "jax"),
     "torch": ("torch", "torch"),
-    "pyopencl": ("pyopencl", "opencl"),
 }
 
 

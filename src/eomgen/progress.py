@@ -35,9 +35,11 @@ def told_in_lines(title: str, say: Callable[[str], None], every: float = EVERY) 
 
     Args:
         title: what the block does.
-        say: called with each line, by a thread of its own.
+        say: called with each line, by a thread of its own, which its exceptions end; they are raised behind the block.
         every: s.
     """
+    from concurrent.futures import ThreadPoolExecutor  # with logging, which short commands do without
+
     latest, done = [(0.0, "")], threading.Event()
 
     def tell() -> None:
@@ -51,13 +53,13 @@ def told_in_lines(title: str, say: Callable[[str], None], every: float = EVERY) 
     def report(fraction: float, text: str) -> None:
         latest[:] = [(fraction, text)]
 
-    thread = threading.Thread(target=tell, name="eomgen-progress", daemon=True)
-    thread.start()
-    try:
-        yield report
-    finally:
-        done.set()
-        thread.join()
+    with ThreadPoolExecutor(1, "eomgen-progress") as pool:
+        telling = pool.submit(tell)
+        try:
+            yield report
+        finally:
+            done.set()
+    telling.result()
 
 
 @contextmanager

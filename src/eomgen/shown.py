@@ -13,7 +13,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from .lazily import from_above
 from .names import listed, show, show_path
 
 LONGEST = 300  # characters of a line
@@ -92,7 +91,9 @@ class Plotting:
         Raises:
             InputError: Matplotlib is not installed (the extra "sim"), or an argument does not fit.
         """
-        return from_above(".pictures", self._plot)(self, *about, path=path, ax=ax, **options)
+        from . import pictures
+
+        return getattr(pictures, self._plot)(self, *about, path=path, ax=ax, **options)
 
 
 def scale_of(values: Any, unit: str) -> tuple[float, str]:

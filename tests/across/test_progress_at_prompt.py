@@ -20,7 +20,7 @@ from eomgen import progress
 from eomgen.cli import entry as cli
 from eomgen.cli.shared.progress import stage_bar
 from eomgen.errors import EomgenWarning
-from eomgen.pipeline import on_demand, stages
+from eomgen.pipeline import building, on_demand
 from eomgen.progress import no_progress, no_report, tells_at_prompt, told_at_prompt
 from tests.support.oscillators import chain
 
@@ -145,24 +145,24 @@ def test_commands_and_python_do_not_say_it_twice(
 
 
 def test_build_tells_and_so_do_kernels_that_are_built_later(prompt: Session, monkeypatch: pytest.MonkeyPatch) -> None:
-    at_once = stages._at_once
+    at_once = building._at_once
 
-    def slow(robot: Any, options: Any, report: Callable[[str], None]) -> Any:
-        kernel = at_once(robot, options, report)
+    def slow(described: Any, report: Callable[[str], None]) -> Any:
+        kernel = at_once(described, report)
         report("compiling")
         prompt.wait()
         return kernel
 
-    monkeypatch.setattr(stages, "_at_once", slow)
+    monkeypatch.setattr(building, "_at_once", slow)
     eomgen.build("one_link", kernels=["mass_matrix"])
     assert prompt.take()[-1].startswith("building: compiling (")
-    loaded = on_demand._loaded
+    loaded = on_demand.loaded
 
     def slowly(*about: Any) -> Any:
         prompt.wait()
         return loaded(*about)
 
-    monkeypatch.setattr(on_demand, "_loaded", slowly)
+    monkeypatch.setattr(on_demand, "loaded", slowly)
     kernel = eomgen.build("one_link")
     prompt.take()
     kernel.mass_matrix([0.1] * kernel.n)

@@ -20,7 +20,7 @@ from eomgen.bench.beside import CALLS, COUNTERPARTS, STATES, bench, compare
 from eomgen.bench.textbook import Yardstick, compile_yardstick, instrument, newton_euler
 from eomgen.codegen.kernels.signatures import KERNELS
 from eomgen.codegen.package.compile import WARNINGS
-from eomgen.pipeline.stages import KERNEL_NAMES
+from eomgen.pipeline.options import KERNEL_NAMES
 from eomgen.robot.model import build_model
 from eomgen.robot.value import COORDINATES, Coordinate, Robot
 from eomgen.runtime.calls import Calls

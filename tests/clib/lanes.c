@@ -1,11 +1,8 @@
 /* lanes.c: what tests call of lanes.h. */
 #include "lanes.h"
 
-#include "batches.h"
-
 int width(void);
 void pass_on(size_t count, const EOM_SCALAR *x, size_t x_step, int read, const unsigned short *place, int written, EOM_SCALAR *y, size_t y_step);
-void pass_on_tiles(size_t count, const EOM_SCALAR *x, int read, const unsigned short *place, int written, EOM_SCALAR *y);
 void whole(EOM_SCALAR x, EOM_SCALAR *y);
 void by_numbers(size_t count, const EOM_SCALAR *x, EOM_SCALAR *y);
 void by_vectors(size_t count, const EOM_SCALAR *x, EOM_SCALAR *y);
@@ -23,17 +20,6 @@ void pass_on(size_t count, const EOM_SCALAR *x, size_t x_step, int read, const u
         const int more = count - i >= AHEAD + LANES;
         gather(&x[i * x_step], x_step, here, more, read, numbers);
         scatter(numbers, place, here, more, written, y_step, &y[i * y_step]);
-    }
-}
-
-/* Read at most 17 numbers of count states in tiles, VECTORS(2) vectors at a time, and write them into tiles, or those at place. */
-void pass_on_tiles(size_t count, const EOM_SCALAR *x, int read, const unsigned short *place, int written, EOM_SCALAR *y)
-{
-    lanes numbers[VECTORS(2) * 17];
-    for (size_t i = 0; i < count; i += VECTORS(2) * LANES) {
-        const size_t left = (count - i + LANES - 1) / LANES, used = (left < VECTORS(2)) ? left : VECTORS(2);
-        from_tiles(x, i, count, used, read, numbers);
-        into_tiles(numbers, place, read, i, count, used, written, y);
     }
 }
 

@@ -50,7 +50,6 @@ DECLARED = """
 int width(void);
 void pass_on(size_t count, const REAL *x, size_t x_step, int read, const unsigned short *place, int written, REAL *y,
     size_t y_step);
-void pass_on_tiles(size_t count, const REAL *x, int read, const unsigned short *place, int written, REAL *y);
 void whole(REAL x, REAL *y);
 void by_numbers(size_t count, const REAL *x, REAL *y);
 void by_vectors(size_t count, const REAL *x, REAL *y);
@@ -114,23 +113,6 @@ def test_results_that_repeat_are_written_from_their_places(lanes: Lanes) -> None
                 lanes.lib.pass_on(count, lanes.pointer(x), *sizes, target, written)
                 assert np.array_equal(y, x[:, place]), (count, written, behind)
                 assert (np.delete(whole, slice(behind, behind + y.size)) == LEFT).all()
-
-
-def test_tiles_come_out_as_they_went_in(lanes: Lanes) -> None:
-    """Of any number of tiles, whole or at places, whatever the vectors' width; no number besides is written."""
-    rng = np.random.default_rng(5)
-    tile = 64 // np.dtype(lanes.dtype).itemsize
-    for tiles in (1, 2, 3, 5):
-        for size in (1, 5, 17):
-            x = rng.standard_normal((tiles, size, tile)).astype(lanes.dtype)
-            place = rng.integers(0, size, size + 2).astype(np.uint16)
-            places = lanes.ffi.from_buffer("unsigned short[]", place)
-            for written, pointer, expected in ((size, lanes.ffi.NULL, x), (size + 2, places, x[:, place])):
-                y = np.full(tiles * written * tile + 1, LEFT, lanes.dtype)
-                target = lanes.pointer(y)
-                lanes.lib.pass_on_tiles(tiles * tile, lanes.pointer(x), size, pointer, written, target)
-                assert np.array_equal(y[:-1].reshape(expected.shape), expected), (tiles, size, written)
-                assert y[-1] == LEFT
 
 
 def test_one_state_for_all(lanes: Lanes) -> None:

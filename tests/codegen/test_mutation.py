@@ -32,11 +32,11 @@ PAGE, ARGUMENTS = ROOT / "docs" / "mutation.md", ROOT / "benchmarks" / "mutation
 # Module, what it says, what it says instead, and the check that sees it: a robot, or one of the others by name.
 NASTY = [
     ("joint.lemmas", "A[i, j], A[j, i] = -sp.sin(s), sp.sin(s)", "A[i, j], A[j, i] = sp.sin(s), -sp.sin(s)", "joint"),
-    ("joint.lemmas", "if i < j and _trace(", "if _trace(", "joint"),
-    ("joint.freezing", "float(by_sin), float(by_cos)", "float(by_cos), float(by_sin)", "joint"),
-    ("joint.kept", "FrozenStep(True, 2,", "FrozenStep(True, 1,", "joint"),
+    ("joint.lemmas", "H * step(j).generator.T) == 0)", "H * step(j).generator.T) != 0)", "joint"),
+    ("joint.deriving", "by_sin, by_cos = kinds", "by_cos, by_sin = kinds", "joint"),
+    ("joint.deriving", "source.is_rotation, source.axis", "source.is_rotation, 0", "joint"),
     ("joint.zeros", "(s == w) & self.before[v, w]", "(s == v) & self.before[v, w]", "zeros"),
-    ("joint.zeros", "self.same & self._look_up(table) & is_first", "self.same & self._look_up(table)", "zeros"),
+    ("joint.zeros", "for pair in facts.coaxial if pair[1] == turn]", "for pair in facts.coaxial]", "zeros"),
     ("closed_form.trace", "_dot(DH, D2)", "_dot(D, D2)", "small tree"),
     ("tree.recursion", "cross(scale(2.0, w), unit(axis, v[index]))", "cross(w, unit(axis, v[index]))", "chain"),
     ("tree.recursion", "column = matvec(back, matvec(", "column = matvec(turn.matrix, matvec(", "puma560"),
@@ -112,10 +112,8 @@ def test_all_that_imports_a_changed_module_is_imported_anew() -> None:
 
 def test_what_imports_a_module_is_found() -> None:
     found = dependents("joint.lemmas")
-    assert {"joint.freezing", "closed_form.trace"} <= found
-    assert {"tree.frozen_joints", "kernels.equations"}.isdisjoint(found)
-    found = dependents("joint.kept")
-    assert {"joint.zeros", "tree.frozen_joints", "kernels.equations", "c.sources"} <= found
+    assert {"joint.deriving", "joint.zeros", "closed_form.trace", "tree.frozen_joints", "c.sources"} <= found
+    assert {"program.ir", "tree.spatial"}.isdisjoint(found)
     assert "joint.lemmas" not in dependents("tree.recursion")
     assert dependents("c.sources") == {"c.sources"}
 

@@ -21,7 +21,7 @@ from eomgen.description.load import robot_from_toml, robot_from_urdf
 from eomgen.errors import InputError
 from eomgen.names import is_identifier, is_robot_name
 from eomgen.pictures.shapes import mesh_path, urdf_shapes
-from eomgen.pipeline.stages import generate
+from eomgen.pipeline.generating import generate
 from eomgen.robot.value import Robot
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.sweep.plan import plan_from_toml

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 import eomgen
-from eomgen.device import compilers, driver
+from eomgen.device import driver, nvrtc
 from tests.device.fakes import Stub, compiled
 
 
@@ -24,9 +24,9 @@ def stub_paths(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
 def stub(stub_paths: tuple[Path, Path], tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stub]:
     """The stubs in the place of the libraries; what they compile is of no use to others."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(driver, "LIBRARIES", {**driver.LIBRARIES, "cuda": (str(stub_paths[0]),)})
-        patch.setattr(compilers, "SYSTEM", {**compilers.SYSTEM, "cuda": (str(stub_paths[1]),)})
-        patch.setattr(compilers, "WHEELS", ())
+        patch.setattr(driver, "LIBRARIES", (str(stub_paths[0]),))
+        patch.setattr(nvrtc, "SYSTEM", (str(stub_paths[1]),))
+        patch.setattr(nvrtc, "WHEELS", ())
         patch.setenv("STUB_FOLDER", str(tmp_path_factory.mktemp("images")))
         patch.setenv("STUB_VERSION", str(time.time_ns() % 2_000_000_000))
         yield Stub(*stub_paths)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from eomgen.device.dlpack import TYPES, make_capsule
+from eomgen.device.dlpack import CUDA, make_capsule
 from eomgen.runtime.kernel import Kernel
 
 HERE = Path(__file__).parent / "stub"
@@ -71,7 +71,7 @@ class Lying:
 class Lent:
     """An array of a library with DLPack alone."""
 
-    def __init__(self, x: np.ndarray, device: tuple[int, int] = (TYPES["cuda"], 0)) -> None:
+    def __init__(self, x: np.ndarray, device: tuple[int, int] = (CUDA, 0)) -> None:
         self.x, self.device, self.streams = x, device, list[Any]()
 
     def __dlpack__(self, stream: Any = None) -> Any:

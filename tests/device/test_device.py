@@ -12,17 +12,15 @@ import numpy as np
 import pytest
 
 import eomgen
-from eomgen.device import compilers, driver
-from eomgen.device.dlpack import TYPES, lent_count
+from eomgen.device import driver, nvrtc
+from eomgen.device.dlpack import CPU, CUDA, lent_count
 from eomgen.device.driver import Chosen, Driver
-from eomgen.device.opencl import OpenCLBackend, _devices
 from eomgen.device.texts import setup_of, text_of
 from eomgen.errors import ArrayError, BuildError, InputError, LoopError, SingularError
 from eomgen.optional import NotInstalledError
 from tests.device.fakes import COUNT, TILE, Lent, Lying, Stub, in_tiles, states
 from tests.export.test_simt import TOP
 from tests.support.refusals import refused
-from tests.support.simt import opencl_platforms
 
 pytestmark = pytest.mark.quick
 
@@ -139,8 +137,8 @@ CASES: tuple[tuple[tuple[Any, ...], dict[str, Any], str], ...] = (
     ((Lying(np.zeros((2, 3)).T), Lying(GOOD), Lying(GOOD)), {}, r"q: strides \(8, 24\) of shape \(3, 2\); allowed"),
     ((GOOD, Lying(GOOD), Lying(GOOD)), {}, "q: got numpy.ndarray, which lies on the processor; allowed"),
     ((3.0, Lying(GOOD), Lying(GOOD)), {}, r"q: got builtins\.float, which lies on the processor; allowed"),
-    ((Lent(GOOD, (TYPES["cpu"], 0)), Lying(GOOD), Lying(GOOD)), {}, "q: .*Lent lies on the processor"),
-    ((Lent(GOOD, (TYPES["cuda"], 1)), Lying(GOOD), Lying(GOOD)), {}, "q: the array lies on cuda:1; allowed: cuda:0"),
+    ((Lent(GOOD, (CPU, 0)), Lying(GOOD), Lying(GOOD)), {}, "q: .*Lent lies on the processor"),
+    ((Lent(GOOD, (CUDA, 1)), Lying(GOOD), Lying(GOOD)), {}, "q: the array lies on cuda:1; allowed: cuda:0"),
     ((Lent(GOOD.astype("i4")),) * 3, {}, "q: dtype float32|q: dtype"),
     ((Lying(GOOD),) * 3, {"out": Lying(np.ones((3, 2)), readonly=True)}, "out: the array may not be written"),
     ((Lying(GOOD),) * 3, {"out": Lying(np.ones((2, 2)))}, r"out: shape \(2, 2\); allowed: \(3, 2\)"),
@@ -183,6 +181,37 @@ def test_states_that_fail_are_named(kernel: eomgen.Kernel, device: Any) -> None:
         device.inverse_dynamics(Lying(q), Lying(large), Lying(a))
     quiet = kernel.with_checks(False).device("cuda")
     assert not np.isfinite(quiet.get(quiet.inverse_dynamics(Lying(q), Lying(bad), Lying(a)))).all()
+
+
+class Refusing(Lying):
+    """An array of a library that says why it lends nothing."""
+
+    error: Exception = RuntimeError("it asks for gradients")
+
+    @property
+    def __cuda_array_interface__(self) -> dict[str, Any]:
+        raise self.error
+
+
+class NotLent(Lent):
+    """An array of a library whose DLPack is refused."""
+
+    def __dlpack__(self, stream: Any = None) -> Any:
+        raise BufferError("it is read-only")
+
+
+def test_what_other_libraries_refuse_is_passed_on(device: Any) -> None:
+    """By the array's name, with the library's error as the cause; other errors stay as they are."""
+    with pytest.raises(ArrayError, match=r"^q: it asks for gradients$") as caught:
+        device.mass_matrix(Refusing(GOOD))
+    assert caught.value.__cause__ is Refusing.error
+    with pytest.raises(ArrayError, match=r"^q: .*NotLent gives no DLPack: it is read-only$") as caught:
+        device.mass_matrix(NotLent(GOOD))
+    assert isinstance(caught.value.__cause__, BufferError)
+    broken = Refusing(GOOD)
+    broken.error = ZeroDivisionError()
+    with pytest.raises(ZeroDivisionError):
+        device.mass_matrix(broken)
 
 
 def test_streams_wait_for_those_that_arrays_are_made_on(kernel: eomgen.Kernel, device: Any, stub: Stub) -> None:
@@ -245,29 +274,30 @@ def test_methods_are_the_straight_functions(device: Any) -> None:
 
 def test_devices_are_refused_by_name(kernel: eomgen.Kernel, stub: Stub, monkeypatch: pytest.MonkeyPatch) -> None:
     for where in ("metal", "cuda:", "cuda:-1", "cuda:x", 3, None):
-        refused(InputError, r'device: .*; allowed: "cuda", "hip" or "opencl"', kernel.device, where)
+        refused(InputError, r'device: .*; allowed: "cuda", with a number such as "cuda:1"$', kernel.device, where)
+    for where in ("hip", "hip:1", "opencl"):
+        refused(InputError, r"; eomgen\.export_simt writes source code for HIP and OpenCL$", kernel.device, where)
     refused(InputError, 'device: \'cuda:2\'; allowed: "cuda:0" to "cuda:1"', kernel.device, "cuda:2")
     refused(InputError, "contract: 1; allowed: True or False", kernel.device, "cuda", contract=1)
-    monkeypatch.setattr(compilers, "SYSTEM", {"cuda": ("libnone.so",)})
+    monkeypatch.setattr(nvrtc, "SYSTEM", ("libnone.so",))
     refused(NotInstalledError, r'NVRTC.*not installed .*: pip install "eomgen\[cuda\]"', kernel.device, "cuda")
-    monkeypatch.setattr(driver, "LIBRARIES", {"cuda": ("libnone.so",), "hip": ("libnone.so",)})
-    for kind, title in (("cuda", "CUDA"), ("hip", "HIP")):
-        refused(InputError, f"device: no driver of {title} here .*; allowed: a machine with one", kernel.device, kind)
+    monkeypatch.setattr(driver, "LIBRARIES", ("libnone.so",))
+    refused(InputError, "device: no driver of CUDA here .*; allowed: a machine with one", kernel.device, "cuda")
     assert stub.count("contexts") == 0
 
 
-def test_backends_take_arrays_of_their_device(kernel: eomgen.Kernel, device: Any) -> None:
+def test_devices_take_their_own_arrays(kernel: eomgen.Kernel, device: Any) -> None:
     """Sums of products are contracted where they are asked to be, as they change the bits."""
     array = device.put(GOOD)
-    with device.backend.session(None, (array,)) as stream:
-        view = device.backend.view("q", array, kernel.dtype, stream)
+    with device.cuda.session(None, (array,)) as stream:
+        view = device.cuda.view("q", array, kernel.dtype, stream)
     assert (view.place, view.shape) == (array.address, GOOD.shape)
-    assert device.backend.contract is False
-    assert kernel.device("cuda", contract=True).backend.contract is True
+    assert device.cuda.contract is False
+    assert kernel.device("cuda", contract=True).cuda.contract is True
 
 
 def test_images_are_cubins_or_for_newer_processors_texts(stub: Stub, monkeypatch: pytest.MonkeyPatch) -> None:
-    compiler, chosen = compilers.RuntimeCompiler("cuda"), Chosen(Driver("cuda"), 0)
+    compiler, chosen = nvrtc.Nvrtc(), Chosen(Driver(), 0)
     try:
         for processor, target in ((90, b"sm_90"), (89, b"compute_80"), (120, b"compute_100")):
             stub.library.stub_processor(processor)
@@ -396,65 +426,3 @@ def test_setup_of_a_text_is_rounded_operation_by_operation(kernel: eomgen.Kernel
     assert one.shape == other.shape == (len(text.meta["setup"]["h"]) or 1,)
     assert np.isfinite(one).all()
     assert not np.array_equal(one, other)
-
-
-@pytest.mark.soak
-@pytest.mark.parametrize("dtype", ["float64", "float32"])
-def test_opencl_has_the_bits_of_the_kernel(built: Any, dtype: str) -> None:
-    if not opencl_platforms():
-        pytest.skip("no runtime of OpenCL, or no pyopencl, is installed")
-    import pyopencl
-
-    kernel = built("one_link", "inverse_dynamics", "mass_matrix", dtype=dtype)
-    device, arrays = kernel.device("opencl"), states(kernel)
-    q, v, a = map(device.put, arrays)
-    expected = kernel.inverse_dynamics(*arrays)
-    assert np.array_equal(device.inverse_dynamics(q, v, a).get(), expected)
-    out = device.put(np.zeros_like(expected))
-    assert device.inverse_dynamics(q, v, a, out=out) is out
-    assert np.array_equal(out.get(), expected)
-    out.fill(0.0)
-    assert np.array_equal(device.bind("inverse_dynamics", q, v, a, out=out)().get(), expected)
-    whole = device.put(in_tiles(np.concatenate([arrays[0]] * 32)))
-    assert np.array_equal(
-        device.get(device.mass_matrix(whole)), in_tiles(kernel.mass_matrix(np.concatenate([arrays[0]] * 32)))
-    )
-    buffers = [x.base_data for x in (q, v, a)]
-    made = device.inverse_dynamics(*buffers)
-    assert isinstance(made, pyopencl.Buffer)
-    assert np.array_equal(device.get(made).reshape(expected.shape), expected)
-    for wrong, said in (
-        (arrays[0], "q: got numpy.ndarray; allowed: arrays and buffers of pyopencl, or device.put"),
-        (device.put(np.zeros((3, 5))), r"q: shape \(3, 5\); allowed: \(N, 2\)"),
-        (q[1:], "q: offset .*; allowed: an array in C's order from the beginning"),
-    ):
-        refused(ArrayError, said, device.mass_matrix, wrong)
-    arrays[1][4, 0] = np.inf
-    with pytest.raises(ArrayError, match=f"v: {kernel.coordinates[0]} in state 4 is inf"):
-        device.inverse_dynamics(q, device.put(arrays[1]), a)
-    context = pyopencl.create_some_context(interactive=False)  # held, as Intel's runtime asks for
-    other = kernel.device(pyopencl.CommandQueue(context))
-    refused(ArrayError, "q: an array of another context", other.mass_matrix, q)
-    refused(InputError, 'device: "opencl:99"; allowed: "opencl:0"', kernel.device, "opencl:99")
-
-
-def test_devices_of_opencl_are_numbered_in_the_order_of_their_platform() -> None:
-    """Without pyopencl: a driver that fails has none; buffers have a byte at least, as OpenCL refuses empty ones."""
-
-    def broken() -> list[str]:
-        raise RuntimeError("no driver")
-
-    flags = SimpleNamespace(READ_WRITE=1)
-    cl = SimpleNamespace(Error=RuntimeError, mem_flags=flags, Buffer=lambda context, flag, size: (context, flag, size))
-    assert _devices(cl, SimpleNamespace(get_devices=lambda: ("first", "second"))) == ["first", "second"]
-    assert _devices(cl, SimpleNamespace(get_devices=broken)) == []
-    backend = OpenCLBackend.__new__(OpenCLBackend)
-    backend.cl, backend.context = cl, "context"
-    assert backend._buffer(24) == ("context", flags.READ_WRITE, 24)
-    assert backend._buffer(0) == ("context", flags.READ_WRITE, 1)
-
-
-def test_opencl_that_is_missing_is_refused_by_name(kernel: eomgen.Kernel, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "pyopencl", None)
-    with pytest.raises(NotInstalledError, match=r'devices of OpenCL need pyopencl.*pip install "eomgen\[opencl\]"'):
-        kernel.device("opencl")

@@ -18,9 +18,9 @@ import pytest
 
 import eomgen
 from eomgen.description import as_robot
-from eomgen.device import compilers
+from eomgen.device import nvrtc
+from eomgen.device.cuda import Cuda
 from eomgen.device.driver import Chosen, Driver
-from eomgen.device.gpu import GpuBackend
 from eomgen.errors import ArrayError, InputError
 from eomgen.optional import NotInstalledError
 from tests.device.fakes import in_tiles
@@ -42,7 +42,7 @@ states = partial(drawn_states, count=1000, scale=1.0)
 def title() -> str:
     """The device's name."""
     try:
-        return GpuBackend("cuda", 0, False).title
+        return Cuda(0, False).title
     except (InputError, NotInstalledError) as error:
         pytest.skip(str(error))
 
@@ -97,8 +97,8 @@ def test_text_for_the_driver_has_the_same_bits(
     kernel: eomgen.Kernel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """PTX of an older processor, as for one that is newer than NVRTC knows."""
-    older = (compilers.PTX, ["--gpu-architecture=compute_80"])
-    monkeypatch.setattr(compilers.RuntimeCompiler, "_target", lambda self, chosen: older)
+    older = (nvrtc.PTX, "--gpu-architecture=compute_80")
+    monkeypatch.setattr(nvrtc.Nvrtc, "_target", lambda self, chosen: older)
     device, arrays = kernel.device("cuda"), states(kernel)
     made = device.forward_dynamics(*map(device.put, arrays))
     assert np.array_equal(device.get(made), kernel.forward_dynamics(*arrays))
@@ -130,7 +130,7 @@ def test_states_that_fail_are_named(kernel: eomgen.Kernel, device: Any) -> None:
 def free_memory() -> int:
     """Return the device's bytes that nobody has."""
     library, found = ctypes.CDLL("libcuda.so.1"), (ctypes.c_size_t(), ctypes.c_size_t())
-    with Chosen(Driver("cuda"), 0).current():
+    with Chosen(Driver(), 0).current():
         assert library.cuMemGetInfo_v2(ctypes.byref(found[0]), ctypes.byref(found[1])) == 0
     return found[0].value
 

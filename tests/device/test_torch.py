@@ -82,13 +82,13 @@ def operators(made: Any) -> Any:
 def test_work_goes_to_the_stream_of_pytorch(
     kernel: eomgen.Kernel, device: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    streams, launch = [], type(device._backend).launch
+    streams, launch = [], type(device.cuda).launch
 
     def watched(self: Any, functions: Any, name: str, threads: int, arguments: Any, stream: int) -> None:
         streams.append(stream)
         launch(self, functions, name, threads, arguments, stream)
 
-    monkeypatch.setattr(type(device._backend), "launch", watched)
+    monkeypatch.setattr(type(device.cuda), "launch", watched)
     (q,) = tensors(kernel, 1)
     function(device, "mass_matrix")(q).sum().backward()
     assert set(streams) == {STREAM}

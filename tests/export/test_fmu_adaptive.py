@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import importlib.resources
+import re
 import subprocess
 from collections.abc import Callable
 from contextlib import suppress
@@ -203,6 +205,46 @@ def test_kept_states_go_on_to_the_same_bits(version: int, exported: Export) -> N
     found = run(anew, 30, 2e-3, drives, first=7)
     assert not np.array_equal(found, wanted)
     np.testing.assert_allclose(found, wanted, atol=1e-4)
+
+
+NOT_KEPT = (  # of progress: what every call sets where it begins, statistics that no step reads, and pointers
+    *("t", "largest", "smallest", "looked", "work[0]", "work[1]", "work[2]", "work[3]", "works"),
+    *("steps", "rejected", "counted", "sample", "reason", "kept"),
+)
+
+
+def struct_fields(text: str, name: str) -> dict[str, str]:
+    """Types of the fields of a struct by their names; of short arrays one by one."""
+    body = re.findall(r"typedef struct \{((?:(?!typedef).)*?)\} " + re.escape(name) + ";", text, re.DOTALL)[-1]
+    body = re.sub(r"/\*.*?\*/|\{%.*?%\}", "", body, flags=re.DOTALL)
+    fields: dict[str, str] = {}
+    for declaration in body.split(";")[:-1]:
+        kind, field = re.fullmatch(r"\s*(.+?)[ *]+(\w+(?:\[.+\])?)\s*", declaration, re.DOTALL).groups()  # type: ignore[union-attr]
+        length = re.fullmatch(r"(\w+)\[(\d+)\]", field)
+        names = [f"{length[1]}[{i}]" for i in range(int(length[2]))] if length else [field.partition("[")[0]]
+        fields |= dict.fromkeys(names, kind)
+    return fields
+
+
+def test_bytes_of_a_state_hold_all_its_fields() -> None:
+    """Except for NOT_KEPT: a field that is added to a struct needs a place in states.c, or a reason there."""
+    templates = importlib.resources.files("eomgen.templates").joinpath("fmu")
+    unit, states_c = (templates.joinpath(f"{x}.jinja").read_text(encoding="ascii") for x in ("unit.h", "states.c"))
+    library = importlib.resources.files("eomgen").joinpath("clib", "eom.h").read_text(encoding="ascii")
+    fields = struct_fields(unit, "{{ name }}_state")
+    nested = {"progress": "eom_progress", "switching": "eom_switching"}
+    assert fields.keys() >= nested.keys() | {"value", "suggested", "turned", "mode"}
+    kinds = {name: kind for name, kind in fields.items() if name not in nested}
+    for part, struct in nested.items():
+        kinds |= {f"{part}.{name}": kind for name, kind in struct_fields(library, struct).items()}
+    listed = dict(re.findall(r'\("([\w.\[\]]+)", "([\w ]+)",', states_c))
+    for name in listed:
+        assert kinds[name] == listed[name]
+    copied = set(re.findall(r"memcpy\(out, state->(\w+),", states_c))
+    assert copied == set(re.findall(r"memcpy\(state->(\w+), in,", states_c))
+    left_out = {f"progress.{name}" for name in NOT_KEPT}
+    assert kinds.keys() == listed.keys() | copied | left_out
+    assert not left_out & listed.keys()
 
 
 WRONG = (  # place among the numbers of a state, a value, and the message

@@ -26,7 +26,9 @@ from eomgen.export import export_mjcf
 from eomgen.export.fmu.pack import export_fmu
 from eomgen.export.mujoco import left_out, mjcf
 from eomgen.export.step import _velocities, default_step
-from eomgen.pipeline.stages import Options, generate, make_source
+from eomgen.pipeline.generating import generate
+from eomgen.pipeline.options import Options
+from eomgen.pipeline.stages import make_source
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
 from eomgen.runtime.levels import BASE

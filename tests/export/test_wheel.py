@@ -20,7 +20,7 @@ import eomgen
 from eomgen.cli.entry import main
 from eomgen.errors import InputError
 from eomgen.export.wheel import platform_of, python_of
-from eomgen.pipeline.stages import Options
+from eomgen.pipeline.options import Options
 from tests.support.refusals import refused
 
 pytestmark = pytest.mark.quick

@@ -16,8 +16,7 @@ from eomgen.errors import InputError, IntegrationError, IntegrationStopped, Loop
 from eomgen.integration import integrate
 from eomgen.loops import closed_equilibrium, redundancy
 from eomgen.loops.chart import Chart
-from eomgen.pipeline.mechanisms import assembly_kernels
-from eomgen.pipeline.mobility import BRANCHES, Mobility
+from eomgen.pipeline.mechanisms import BRANCHES, Mobility, assembly_kernels
 from eomgen.robot.geometry import IDENTITY
 from eomgen.robot.model import build_model
 from eomgen.robot.parameter_names import expand_tunable

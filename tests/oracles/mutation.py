@@ -20,7 +20,7 @@ from eomgen.robot.model import build_model
 from eomgen.robot.value import COORDINATES
 from tests.support.bending_robots import bent
 from tests.support.bristled import bristled_arm
-from tests.support.mutant import full_name, source_of
+from tests.support.mutant import full_name
 from tests.support.mutation_cases import Case, cases, flexible_cases, small_cases
 from tests.support.random_robots import Array
 from tests.support.refusals import refused
@@ -104,7 +104,6 @@ def again(tests: str) -> Any:
 def check_joint() -> None:
     """Elementary transforms, their derivatives and every proof."""
     tests = again("joint.test_joint")
-    tests.test_what_the_proofs_say()
     for name in COORDINATES:
         tests.test_step_moves_along_or_about_its_own_axis(name)
         tests.test_generator_is_constant_and_gives_the_derivative(name)
@@ -114,17 +113,15 @@ def check_joint() -> None:
     tests.test_lemmas_name_exactly_the_zero_second_derivatives()
     tests.test_lemma_7_and_the_sharper_lemma_are_told_apart()
     tests.test_relations_inside_a_joint()
-    tests.test_what_is_kept_is_what_is_derived()
+    for active in tests.SUBSETS[::7]:
+        tests.test_facts_of_few_coordinates_are_those_of_all(active)
+    tests.test_facts_are_written_and_read(COORDINATES)
     for name in COORDINATES:
-        tests.test_frozen_steps_have_the_values_of_symbolic_ones(name)
+        tests.test_steps_have_the_values_of_symbolic_ones(name)
     text = tests.text_now()
     for wrong in tests.WRONG:
         if text.count(wrong[0]) == 1:  # else a mutant has changed that very piece
             tests.test_every_proof_fails_where_its_claim_is_wrong(*wrong)
-    piece = "pairs = tuple(zero_pairs)"
-    assert source_of("joint.lemmas").count(piece) == 1, "the code has changed: change this piece too"
-    for pairs in tests.PAIRS if text.count(piece) == 1 else ():
-        tests.test_a_lemma_too_many_or_too_few_is_noticed(pairs)
     tests.test_derivatives_against_finite_differences()
 
 
@@ -315,7 +312,6 @@ KERNELS = (
 SOLVERS = ("forward_dynamics", "implicit_step")
 PART_OF: dict[str, tuple[str, ...]] = {  # kernels that a module takes part in, where it is not all
     "joint.facts": ("inverse_dynamics", "kinematics"),
-    "joint.kept": ("inverse_dynamics", "kinematics"),
     "tree.recursion": (
         "inverse_dynamics",
         "bias_force",
@@ -354,9 +350,9 @@ def checks(module: str) -> list[Check]:
     """The checks that look at a module, the most deadly ones first."""
     full_name(module)  # raises where there is none
     kernels = kernel_checks(PART_OF.get(module, KERNELS))
-    if module in ("joint.lemmas", "joint.freezing"):
+    if module in ("joint.lemmas", "joint.deriving"):
         return [check_joint]
-    if module in ("joint.facts", "joint.kept"):
+    if module == "joint.facts":
         return [check_joint, *kernels[:3], check_zeros]
     if module == "joint.zeros":
         return [check_zeros]

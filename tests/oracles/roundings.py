@@ -7,7 +7,6 @@ as IEEE arithmetic allows, in the direction in which it moves an output: to firs
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import mpmath
@@ -112,16 +111,8 @@ def worst_error(program: Program, inputs: Inputs, output: int, *, dtype: str = "
 
 
 def _rounding(program: Program, index: int, value: Any, args: Sequence[Any], unit: float) -> Any:
-    """Return by how much an instruction may be off; given powers of two and zeros round nothing.
-
-    A wide value is off as in double precision; what takes one and is none is rounded once more.
-    """
+    """Return by how much an instruction may be off; given powers of two and zeros round nothing."""
     op, places, _ = program.instructions[index]
-    if index in program.wide:
-        unit = UNITS["float64"]
-    elif any(arg in program.wide for arg in places):
-        first = _rounding(replace(program, wide=frozenset()), index, value, args, UNITS["float64"])
-        return first + unit * (abs(value) + first)
     given = [x for x, arg in zip(args, places, strict=True) if program.instructions[arg].op in ("const", "input")]
     if op in ("sin", "cos"):
         _, exponent = mp.frexp(value)

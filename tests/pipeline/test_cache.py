@@ -13,6 +13,7 @@ import signal
 import subprocess
 import sys
 import time
+import tomllib
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -30,9 +31,12 @@ from eomgen.description import keys as robot_keys
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import BuildError, DescriptionError, InputError
 from eomgen.pipeline import cache
+from eomgen.pipeline.building import load_kernel
 from eomgen.pipeline.cache import KINDS, VARIABLE, is_whole
+from eomgen.pipeline.generating import generate
 from eomgen.pipeline.generator_key import generator_files
-from eomgen.pipeline.stages import Options, cache_keys, generate, load_kernel, make_package, make_source
+from eomgen.pipeline.options import Options
+from eomgen.pipeline.stages import cache_keys, make_source
 from eomgen.runtime.levels import BASE
 from eomgen.scenario import keys as scenario_keys
 from eomgen.sweep import keys as plan_keys
@@ -48,6 +52,7 @@ from tests.support.quick_builds import (
     flip,
     logging_compiler,
     one_link,
+    package_of,
     python,
     script,
     truncate,
@@ -86,7 +91,7 @@ def test_stages_are_skipped_when_their_result_is_there(empty_cache: Path) -> Non
 
 def test_nothing_but_entries_is_left(empty_cache: Path) -> None:
     one_link()
-    assert sorted(path.name for path in empty_cache.iterdir()) == ["locks", "packages", "sources"]
+    assert sorted(path.name for path in empty_cache.iterdir()) == ["derivations", "locks", "packages", "sources"]
     assert empty_cache.stat().st_mode & 0o077 == 0
     (package,) = (empty_cache / "packages").iterdir()
     assert {"one_link.c", "one_link.h", "one_link.json", "__init__.py"} <= {path.name for path in package.iterdir()}
@@ -115,7 +120,7 @@ def test_an_interrupt_ends_compilers_and_leaves_nothing(empty_cache: Path, tmp_p
         while compilers.read(100) is None and time.monotonic() < deadline:  # not the end: somebody has the pipe open
             time.sleep(0.02)
         assert compilers.read(100) == b""
-    assert [kind for kind, _, _ in cache.contents()] == ["sources"]
+    assert [kind for kind, _, _ in cache.contents()] == ["derivations", "sources"]
     assert {path.name for path in empty_cache.iterdir()} <= {*KINDS, "locks"}
     assert not (tmp_path / "one_link").exists()
 
@@ -201,7 +206,7 @@ def test_damaged_entries_are_made_again(
     assert np.array_equal(one_link(steps).mass_matrix(Q), kernel.mass_matrix(Q))
     assert [step.split()[0] for step in steps] == (["compiling"] if kind == "packages" else ["deriving"])
     assert is_whole(folder)
-    assert sorted(path.name for path in filled_cache.iterdir()) == ["locks", "packages", "sources"]
+    assert sorted(path.name for path in filled_cache.iterdir()) == ["derivations", "locks", "packages", "sources"]
 
 
 def test_a_kernel_outlives_its_cache(filled_cache: Path) -> None:
@@ -435,7 +440,7 @@ def test_loading_again_does_not_import_sympy(built: Build) -> None:
     """What makes the second start of the 36 coordinates quick."""
     robot = eomgen.load_robot("puma560_elastic")
     options = Options(("mass_matrix", "inverse_dynamics", "forward_dynamics"), flags=("-O0",))
-    make_package(robot, options)
+    package_of(robot, options)
     code = f"""
         import json, sys
         import eomgen
@@ -459,13 +464,14 @@ def test_command(empty_cache: Path, capsys: pytest.CaptureFixture[str], monkeypa
     assert not empty_cache.exists()
     kernel = one_link()
     (empty_cache / "making-0-x").mkdir()
-    files = [path for kind in ("sources", "packages") for path in (empty_cache / kind).rglob("*") if path.is_file()]
+    kinds = ("derivations", "sources", "packages")
+    files = [path for kind in kinds for path in (empty_cache / kind).rglob("*") if path.is_file()]
     size = sum(path.stat().st_size for path in files)
-    assert said() == {**nothing, "sources": 1, "packages": 1, "bytes": size}
+    assert said() == {**nothing, "derivations": 1, "sources": 1, "packages": 1, "bytes": size}
     assert cli.main(["cache"]) == 0
-    assert f"1 sources, 1 packages, {size / 1e6:.1f} MB" in capsys.readouterr().out
-    assert said("--clear") == {**nothing, "removed": 2}
-    assert sorted(path.name for path in empty_cache.iterdir()) == ["locks", "packages", "sources"]
+    assert f"1 derivations, 1 sources, 1 packages, {size / 1e6:.1f} MB" in capsys.readouterr().out
+    assert said("--clear") == {**nothing, "removed": 3}
+    assert sorted(path.name for path in empty_cache.iterdir()) == ["derivations", "locks", "packages", "sources"]
     assert np.isfinite(kernel.mass_matrix(Q)).all()
     as_new_process(monkeypatch)
     assert np.array_equal(one_link().mass_matrix(Q), kernel.mass_matrix(Q))
@@ -495,7 +501,13 @@ def imported(name: str, path: Path) -> set[str]:
 
 
 def test_the_hash_of_the_generator_covers_what_it_imports(package: Path) -> None:
-    """All files of the generator, and every module of eomgen that they import, found here by their syntax trees."""
+    """All files of the generator, and every module of eomgen that they import, found here by their syntax trees.
+
+    Methods that are short for a function of a package above import it when they are called, and no build calls them.
+    """
+    text = (Path(__file__).parents[2] / "pyproject.toml").read_text(encoding="utf-8")
+    rules = tomllib.loads(text)["tool"]["importlinter"]["contracts"]
+    above = {x.partition(" -> ")[2] for rule in rules if rule["id"] == "rooms" for x in rule["ignore_imports"]}
     files = generator_files()
     own = [path for room in ("codegen", "templates") for path in (package / room).rglob("*")]
     found = {path.relative_to(package).as_posix() for path in own if path.suffix in (".py", ".jinja")}
@@ -503,7 +515,7 @@ def test_the_hash_of_the_generator_covers_what_it_imports(package: Path) -> None
     todo = [name for name in found if name.endswith(".py")]
     while todo:
         file = todo.pop()
-        for name in imported(file, package / file):
+        for name in imported(file, package / file) - above:
             inner = name.removeprefix("eomgen.").replace(".", "/") if name.startswith("eomgen.") else None
             for file in () if inner is None else (f"{inner}.py", f"{inner}/__init__.py"):
                 if (package / file).is_file() and file not in found:
@@ -511,7 +523,7 @@ def test_the_hash_of_the_generator_covers_what_it_imports(package: Path) -> None
                     todo.append(file)
     assert found - set(files) == set()
     assert {"errors.py", "names.py"} < set(files)
-    assert all(path.is_file() for path in files.values())
+    assert all(Path(path).is_file() for path in files.values())
 
 
 @pytest.mark.parametrize("deep", ["codegen/inner/deep.py", "templates/inner/deep.jinja", "codegen/__init__.py"])
@@ -759,7 +771,7 @@ def test_what_is_loaded_is_what_was_checked(filled_cache: Path) -> None:
     expected = one_link().mass_matrix(Q)
     for name in [name for name in sys.modules if name.startswith("_eomgen_")]:
         del sys.modules[name]
-    package = make_package(robot, options)
+    package = package_of(robot, options)
     (folder,) = (filled_cache / "packages").iterdir()
     for path in folder.rglob("*"):
         if path.is_file():
@@ -800,7 +812,7 @@ def test_where_no_copy_can_be_had_the_file_itself_is_loaded(
 
 
 def test_a_binary_that_does_not_load(filled_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    package = make_package(eomgen.load_robot("one_link"), QUICK)
+    package = package_of(eomgen.load_robot("one_link"), QUICK)
     files = {name: b"no binary" if name.endswith(".so") else data for name, data in package.files.items()}
     with pytest.raises(BuildError, match=r"the compiled module in .*packages.* does not load: "):
         load_kernel(cache.Entry("packages", "0" * 64, files), "one_link")
@@ -825,6 +837,7 @@ def test_what_killed_processes_left_is_removed(filled_cache: Path, tmp_path: Pat
         del sys.modules[name]
     one_link()
     assert sorted(path.name for path in filled_cache.iterdir()) == [
+        "derivations",
         "locks",
         "making-1-c",
         "mine",

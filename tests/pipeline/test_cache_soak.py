@@ -26,8 +26,7 @@ import eomgen
 from eomgen.errors import BuildError
 from eomgen.pipeline import cache
 from eomgen.pipeline.cache import VARIABLE
-from eomgen.pipeline.stages import make_package
-from tests.support.quick_builds import QUICK, Q, as_new_process, logging_compiler, one_link
+from tests.support.quick_builds import QUICK, Q, as_new_process, logging_compiler, one_link, package_of
 from tests.support.soak import WHOLE
 
 LIMIT = 5.0  # CPU s, beyond builds, for the next call to be right
@@ -129,7 +128,10 @@ def test_killed_builds(
     left = [path.name for path in empty_cache.iterdir() if path.name.startswith(cache.PASSING)]
     assert len(left) <= 4 + count // 20, left
     cache.clear()
-    left = {path.name for path in empty_cache.iterdir()} - {"extensions"}  # in fresh processes alone
+    left = {path.name for path in empty_cache.iterdir()} - {
+        "derivations",
+        "extensions",
+    }  # where this process has not made them
     assert left == {"locks", "packages", "sources"}
     if count > 100:
         say(capsys, f"{count} kills, {cut} in the middle; then {slowest:.2f} CPU s at most, for a build {build:.2f}")
@@ -305,7 +307,10 @@ def test_no_room_for_a_build(size: int, empty_cache: Path) -> None:
     assert isinstance(said, str), said
     assert "disk" in said
     assert mass_matrix().shape == (2, 2)
-    left = {path.name for path in empty_cache.iterdir()} - {"extensions"}  # in fresh processes alone
+    left = {path.name for path in empty_cache.iterdir()} - {
+        "derivations",
+        "extensions",
+    }  # where this process has not made them
     assert left == {"locks", "packages", "sources"}
 
 
@@ -329,7 +334,7 @@ def test_every_write_that_fails_is_reported(empty_cache: Path, monkeypatch: pyte
         with monkeypatch.context() as patch:
             for name in ("write_text", "write_bytes"):
                 patch.setattr(Path, name, until(limit, getattr(Path, name)))
-            package, said = attempt(lambda: make_package(robot, QUICK))
+            package, said = attempt(lambda: package_of(robot, QUICK))
         if package is not None:
             break
         failures += 1

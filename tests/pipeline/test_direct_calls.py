@@ -1,4 +1,4 @@
-"""The extension module that calls from Python go through: made once, tested, kept; packages with and without it."""
+"""The extension module that calls from Python go through: made once, and kept; packages with and without it."""
 
 from __future__ import annotations
 
@@ -14,11 +14,9 @@ import eomgen
 from eomgen.codegen.package import extension
 from eomgen.codegen.package.compile import Compiler, find_compiler
 from eomgen.codegen.package.extension import FILE, HEADERS
-from eomgen.errors import BuildError
 from eomgen.pipeline import cache, direct_calls
-from eomgen.pipeline.direct_check import check_extension
-from eomgen.pipeline.library.objects import Libraries
-from eomgen.pipeline.stages import generate
+from eomgen.pipeline.generating import generate
+from eomgen.pipeline.library_objects import LibraryObjects
 from tests.support.quick_builds import ONE_LEVEL, answer, flip, python, without_headers
 from tests.support.refusals import refused
 
@@ -138,34 +136,6 @@ def test_the_key_names_all_that_the_module_depends_on(monkeypatch: pytest.Monkey
     assert None not in keys
 
 
-@pytest.mark.parametrize(
-    ("right", "wrong", "said"),
-    [
-        pytest.param("UINT64_C(0x0010000000000000), T", "UINT64_C(0), T", "are taken", marks=pytest.mark.soak),
-        pytest.param("UINT32_C(0x00800000), T", "UINT32_C(0), T", "are taken", marks=pytest.mark.soak),
-        ("if (compute(f, h, call, out) >= 0) return -1;", "(void)compute(f, h, call, out);", "is taken as it is"),
-        pytest.param(
-            "many_double : many_float)(call->codes[MAIN], f->framed, call->reads, (size_t)call->states",
-            "many_double : many_float)(call->codes[MAIN], f->framed, 1, 1",
-            "twice",
-            marks=pytest.mark.soak,
-        ),
-    ],
-)
-def test_a_module_that_does_something_else_is_refused(
-    right: str, wrong: str, said: str, empty_cache: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    sources = extension._sources()
-    assert sum(text.count(right) for text in sources.values()) == 1
-    changed = {name: text.replace(right, wrong) for name, text in sources.items()}
-    monkeypatch.setattr(extension, "_sources", lambda: changed)
-    with pytest.raises(BuildError, match="does something else than it should") as caught:
-        direct_calls.made_by(find_compiler())
-    assert said in str(caught.value)
-    assert direct_calls.binary_of(find_compiler()) == {}
-    assert cache.contents() == []
-
-
 def test_without_headers(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     compiler = find_compiler()
     without_headers(monkeypatch)
@@ -203,10 +173,10 @@ def test_exceptions_in_threads_reach_the_caller(empty_cache: Path, monkeypatch: 
 
     monkeypatch.setattr(direct_calls, "EXTENSION", direct_calls.Extension())
     monkeypatch.setattr(direct_calls, "made_by", broken)
-    monkeypatch.setattr(Libraries, "_make", broken)
+    monkeypatch.setattr(LibraryObjects, "_make", broken)
     compiler = find_compiler()
     direct_calls.begin(compiler)
-    objects = Libraries(compiler, ("-O0",), "float64").begin(("fixed",))
+    objects = LibraryObjects(compiler, ("-O0",), "float64", {"singles": ("fixed",)}).begin().result
     for waiting in (direct_calls.settle, objects):
         refused(ModuleNotFoundError, "filelock", waiting)
     assert len(made) == 2
@@ -232,6 +202,3 @@ def test_the_source_has_no_warnings(tmp_path: Path) -> None:
     extension.write_extension(strict, tmp_path)
     if shutil.which("clang") is not None:
         extension.write_extension(Compiler(("clang",), "", ("-Werror",)), tmp_path)
-    key = extension.extension_key(compiler)
-    assert key is not None
-    check_extension(cache.unfinished("extensions", key, tmp_path), compiler)

@@ -1,10 +1,9 @@
-"""What is written: folders that are replaced in one step, nothing where a derivation beside the compiler differs."""
+"""Folders that are replaced in one step; headers, reports and cached facts of the derivation."""
 
 from __future__ import annotations
 
 import errno
 import os
-import signal
 import sys
 import textwrap
 import time
@@ -16,12 +15,14 @@ import pytest
 
 import eomgen
 from eomgen.cli.entry import main
-from eomgen.codegen.derivation import fresh
-from eomgen.codegen.joint.kept import KEPT
-from eomgen.errors import DerivationError, InputError
-from eomgen.pipeline import folders, stages
-from eomgen.pipeline.folders import exchange, new_folder, put_folder
-from eomgen.pipeline.stages import Options, generate, make_source
+from eomgen.codegen.joint import deriving
+from eomgen.errors import InputError, InternalError
+from eomgen.pipeline import cache, folders
+from eomgen.pipeline.derivations import derived_model
+from eomgen.pipeline.folders import new_folder, put_folder
+from eomgen.pipeline.generating import generate
+from eomgen.pipeline.options import Options
+from eomgen.pipeline.stages import make_source
 from tests.support.quick_builds import ONE_LEVEL
 from tests.support.refusals import refused
 
@@ -56,16 +57,6 @@ def release(writers: list[Popen[str]]) -> None:
         writer.stdin.flush()
 
 
-def look_until_done(target: Path, writers: list[Popen[str]]) -> int:
-    """Number of looks at the folder while writers replace it; each look finds it with both of its files."""
-    looks = 0
-    while any(writer.poll() is None for writer in writers):
-        assert (target / "one").read_text()
-        assert (target / "two").read_text()
-        looks += 1
-    return looks
-
-
 pytestmark = pytest.mark.quick
 
 
@@ -76,25 +67,7 @@ def put(target: Path, text: str) -> None:
         put_folder(private, target, lambda place: None)
 
 
-def has_exchange(folder: Path) -> bool:
-    one, other = folder / "a", folder / "b"
-    one.mkdir()
-    other.mkdir()
-    found = exchange(one, other)
-    one.rmdir()
-    other.rmdir()
-    return found
-
-
-@pytest.fixture(params=["exchange", "turns"])
-def way(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch, empty_cache: Path) -> str:
-    """With the system's exchange, and as it is where there is none."""
-    if request.param == "turns":
-        monkeypatch.setattr(folders, "exchange", lambda one, other: False)
-    return str(request.param)
-
-
-def test_what_is_replaced(way: str, tmp_path: Path) -> None:
+def test_what_is_replaced(tmp_path: Path) -> None:
     """Nothing, an empty folder, a full one, a link to a folder; nothing else is left beside it."""
     place = tmp_path / "place"
     target, other = place / "arm", tmp_path / "other"
@@ -115,16 +88,12 @@ def test_what_is_replaced(way: str, tmp_path: Path) -> None:
     assert [path.name for path in place.iterdir()] == ["arm"]
 
 
-def test_what_must_not_be_replaced_stays(way: str, tmp_path: Path) -> None:
-    """Also what somebody puts there after the first look."""
+def test_what_must_not_be_replaced_stays(tmp_path: Path) -> None:
     target = tmp_path / "arm"
     put(target, "old")
-    looks = []
 
     def check(place: Path) -> None:
-        looks.append(place)
-        if len(looks) == 2:
-            raise InputError("not yours")
+        raise InputError("not yours")
 
     with new_folder(target) as private, pytest.raises(InputError, match="not yours"):
         put_folder(private, target, check)
@@ -132,60 +101,34 @@ def test_what_must_not_be_replaced_stays(way: str, tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir() if path.name != "cache"] == ["arm"]
 
 
-def test_a_move_that_fails_loses_nothing(way: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_move_that_fails_loses_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     target = tmp_path / "arm"
     put(target, "old")
     rename = os.rename
 
     def refuse(one: Path, other: Path) -> None:
-        if Path(other) == target and "making" in Path(one).name and not Path(one).name.endswith("-replaced"):
-            raise OSError(errno.ENOTEMPTY if (target / "one").exists() else errno.EIO, "no")
+        if Path(other) == target and not Path(one).name.endswith("-replaced"):
+            raise OSError(errno.EIO, "no")
         rename(one, other)
 
-    def fail(one: Path, other: Path) -> bool:
-        raise OSError(errno.EIO, "no")
-
     monkeypatch.setattr(os, "rename", refuse)
-    if way == "exchange":
-        monkeypatch.setattr(folders, "exchange", fail)
     refused(OSError, "no", put, target, "new")
     assert (target / "one").read_text() == "old"
 
 
-@pytest.fixture
-def exchanging(tmp_path: Path) -> None:
-    """Skip the test where the file system lacks the exchange."""
-    if not has_exchange(tmp_path):
-        pytest.skip("this file system cannot exchange folders")
-
-
-@pytest.mark.usefixtures("exchanging")
-def test_several_writers_and_a_reader(tmp_path: Path) -> None:
-    """None fails, and a reader finds it at every look."""
+def test_several_writers(tmp_path: Path) -> None:
+    """None fails, and the folder is that of one of them."""
     target = tmp_path / "arm"
     put(target, "old")
     writers = start_writers(target, 4, 40)
     release(writers)
-    assert look_until_done(target, writers) > 0
     assert [(writer.wait(), writer.communicate()[1]) for writer in writers] == [(0, "")] * 4
     assert (target / "one").read_text() == (target / "two").read_text()
     assert [path.name for path in tmp_path.iterdir()] == ["arm"]
 
 
-@pytest.mark.usefixtures("exchanging")
-def test_a_writer_that_is_killed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """It leaves an old or a new folder, and its own is swept up after a day."""
+def test_what_a_killed_writer_left_is_removed_after_a_day(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     target = tmp_path / "arm"
-    put(target, "old")
-    for _ in range(3):
-        (writer,) = start_writers(target, 1, 1_000_000)
-        release([writer])
-        while (target / "one").read_text() == "old":
-            time.sleep(0.001)
-        writer.send_signal(signal.SIGKILL)
-        writer.communicate()
-        assert (target / "one").read_text() == (target / "two").read_text()
-        put(target, "old")
     left = target.with_name(".arm-making-x")
     (left / "inner").mkdir(parents=True)
     os.utime(left, (0.0, 0.0))
@@ -197,48 +140,33 @@ def test_a_writer_that_is_killed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     assert [path.name for path in tmp_path.iterdir()] == ["arm"]
 
 
-@pytest.mark.usefixtures("exchanging")
-def test_a_package_is_generated_over_another_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """In one exchange: nobody finds the target missing."""
-    robot, seen = eomgen.load_robot("one_link"), []
+def test_a_package_is_generated_over_another_one(tmp_path: Path) -> None:
+    robot = eomgen.load_robot("one_link")
     target = generate(robot, tmp_path, ONE_LEVEL)
     before = target.stat().st_ino
-    monkeypatch.setattr(folders, "_take_turns", lambda *args: seen.append(args))
     assert generate(robot, tmp_path, ONE_LEVEL) == target
-    assert not seen
     assert target.stat().st_ino != before
     assert [path.name for path in tmp_path.iterdir()] == ["one_link"]
 
 
 @pytest.mark.soak
 def test_many_writers_and_kills(tmp_path: Path) -> None:
-    """The long form: eight writers, readers, and kills at any moment."""
+    """Killed at any moment they leave an old folder, a new one or none, never parts of two."""
     target = tmp_path / "arm"
-    put(target, "old")
     for turn in range(10):
+        put(target, "old")
         writers = start_writers(target, 8, 1_000_000)
         release(writers)
-        until, looks = time.monotonic() + 0.5 + 0.1 * turn, 0
-        while time.monotonic() < until:
-            assert (target / "one").read_text()
-            assert (target / "two").read_text()
-            looks += 1
+        time.sleep(0.5 + 0.1 * turn)
         for writer in writers:
             assert writer.poll() is None
             writer.kill()
             writer.communicate()
-        assert (target / "one").read_text() == (target / "two").read_text()
-        assert looks > 0
+        texts = {(target / name).read_text() for name in ("one", "two")} if target.exists() else {"none"}
+        assert len(texts) == 1
 
 
 OPTIONS = Options(("mass_matrix",), flags=("-O0",), level="v1")
-
-
-@pytest.fixture
-def wrong(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A kept table that is not what is derived."""
-    facts = replace(KEPT, coaxial=KEPT.coaxial[1:])
-    monkeypatch.setattr(fresh, "derived_facts", lambda: facts)
 
 
 def test_the_header_says_what_was_derived(tmp_path: Path) -> None:
@@ -246,7 +174,7 @@ def test_the_header_says_what_was_derived(tmp_path: Path) -> None:
     robot = eomgen.load_robot("one_link")
     made, source = generate(robot, tmp_path, OPTIONS), make_source(robot, OPTIONS)
     text = (made / "one_link.h").read_text(encoding="ascii")
-    assert "Derived afresh by SymPy" in text
+    assert "derived A_(i-1)i of eq. (3)" in text
     assert "2  sharper lemma" in text
     assert text.split("\n */\n")[1:] == source.header.split("\n */\n")[1:]
     assert text.startswith(source.header.split("\n */\n")[0])
@@ -254,23 +182,31 @@ def test_the_header_says_what_was_derived(tmp_path: Path) -> None:
     assert (made / "one_link.c").read_text(encoding="ascii") == source.code
 
 
-@pytest.mark.usefixtures("wrong")
-def test_generate_writes_nothing_where_the_derivation_differs(tmp_path: Path) -> None:
-    with pytest.raises(DerivationError, match="joint1, coaxial pairs, x, alpha"):
-        generate("one_link", tmp_path, OPTIONS, report=tmp_path / "derivation.html")
-    assert not list(tmp_path.iterdir())
+@pytest.fixture
+def empty_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("EOMGEN_CACHE_DIR", str(tmp_path / "cache"))
 
 
-@pytest.mark.usefixtures("wrong")
-def test_build_stops_where_it_is_asked_to_derive() -> None:
-    assert eomgen.build("one_link", kernels=("mass_matrix",)).mass_matrix([0.0, 0.0])[0, 0] == 1.0
-    for kernels in ((), ("mass_matrix",)):
-        refused(DerivationError, "", eomgen.build, "one_link", kernels=kernels, derive=True)
+@pytest.mark.usefixtures("empty_cache")
+def test_facts_are_derived_once_for_a_kind_of_joint(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Another robot with joints of the same coordinates is derived from the same entries."""
+    facts = derived_model(eomgen.load_robot("one_link")).facts
+    assert [kind for kind, _, _ in cache.contents()] == ["derivations"]
+    assert facts == {("x", "gamma"): deriving.derive_joint(("x", "gamma"))}
+    monkeypatch.setattr(deriving, "derive_joint", None)
+    assert derived_model(replace(eomgen.load_robot("one_link"), name="another")).facts == facts
 
 
-def test_build_derives() -> None:
-    for kernels in ((), ("mass_matrix",)):
-        assert eomgen.build("one_link", kernels=kernels, derive=True).mass_matrix([0.0, 0.0])[0, 0] == 1.0
+@pytest.mark.usefixtures("empty_cache")
+def test_nothing_is_written_where_a_proof_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(active: tuple[str, ...]) -> None:
+        raise InternalError("the proof failed")
+
+    monkeypatch.setattr(deriving, "derive_joint", fail)
+    with pytest.raises(InternalError, match="the proof failed"):
+        generate("one_link", tmp_path / "out", OPTIONS, report=tmp_path / "derivation.html")
+    assert not [kind for kind, _, _ in cache.contents() if kind in ("derivations", "sources")]
+    assert [path.name for path in tmp_path.iterdir()] == ["cache"]
 
 
 @pytest.mark.parametrize("ending", [".html", ".tex"])
@@ -282,15 +218,13 @@ def test_the_report_of_the_command(ending: str, tmp_path: Path, capsys: pytest.C
     assert "sharper lemma" in page.read_text(encoding="ascii")
 
 
-def test_links_that_bend_are_generated_without(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """SymPy derives joints alone: a package is as its source; a report, and a build that derives, are refused first."""
-    robot = eomgen.load_robot("flexible_arm")
-    text = (generate(robot, tmp_path, OPTIONS) / "flexible_arm.h").read_text(encoding="ascii")
-    assert text == make_source(robot, OPTIONS).header
-    monkeypatch.setattr(stages, "make_source", None)
-    with pytest.raises(InputError, match=r"links\.upper\.modes: SymPy .*allowed: robots whose links are rigid"):
-        generate(robot, tmp_path, OPTIONS, report=tmp_path / "derivation.html")
-    refused(InputError, r"links\.upper\.modes: SymPy", eomgen.build, robot, kernels=("mass_matrix",), derive=True)
+def test_joints_of_robots_with_flexible_links_are_derived(tmp_path: Path) -> None:
+    """Header and report say so, and name the lemmas of modes."""
+    page = tmp_path / "derivation.html"
+    text = (generate("flexible_arm", tmp_path, OPTIONS, report=page) / "flexible_arm.h").read_text(encoding="ascii")
+    for found in (text, page.read_text(encoding="ascii")):
+        assert "derived A_(i-1)i of eq. (3)" in found
+        assert "lemmas of modes: those of eomgen.codegen.joint.modal_lemmas" in found
 
 
 def test_refused_before_anything_is_derived(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +13,8 @@ import pytest
 
 import eomgen
 from eomgen.errors import BuildError, UnknownNameError
-from eomgen.pipeline import cache, denormals
-from eomgen.pipeline.ahead import THREADS, Ahead
+from eomgen.pipeline import cache
+from eomgen.pipeline.ahead import Ahead, build_function
 from tests.support.builds import Build
 from tests.support.optional import OptionalModule
 from tests.support.quick_builds import logging_compiler, script
@@ -164,37 +165,41 @@ def test_work_is_done_beside_the_caller() -> None:
 
 
 def test_what_has_not_begun_is_left_out() -> None:
-    begun, free, seen = threading.Semaphore(0), threading.Event(), list[int]()
+    begun, free, seen = threading.Event(), threading.Event(), list[int]()
 
     def hold() -> None:
-        begun.release()
+        begun.set()
         free.wait()
 
     with Ahead() as ahead:
-        ahead.begin(*[hold] * THREADS, lambda: seen.append(1))
-        for _ in range(THREADS):
-            begun.acquire()
+        ahead.begin(hold, lambda: seen.append(1))
+        begun.wait()
         threading.Timer(0.05, free.set).start()
     assert not seen
 
 
-def test_work_that_comes_while_a_thread_ends_is_done(monkeypatch: pytest.MonkeyPatch) -> None:
-    work, ended, free, done = Ahead._work, threading.Event(), threading.Event(), threading.Event()
-
-    def end_slowly(ahead: Ahead) -> None:
-        work(ahead)
-        ended.set()
-        free.wait()
-
-    monkeypatch.setattr(Ahead, "_work", end_slowly)
-    monkeypatch.setattr("eomgen.pipeline.ahead.THREADS", 1)
+def test_work_is_done_in_its_order() -> None:
+    seen, done = list[int](), threading.Event()
     with Ahead() as ahead:
-        ahead.begin(int)
-        ended.wait()
-        ahead.begin(done.set)
-        is_done = done.wait(10)
-        free.set()
-    assert is_done
+        ahead.begin(lambda: seen.append(1), lambda: seen.append(2), done.set)
+        assert done.wait(10)
+    assert seen == [1, 2]
+
+
+def test_an_exception_of_the_thread_is_raised_at_the_end_of_the_block() -> None:
+    def block(error: type[Exception] | None) -> None:
+        with Ahead() as ahead:
+            ahead.begin(lambda: 1 // 0)
+            seen.append(1)
+            if error is not None:
+                raise error
+
+    seen: list[int] = []
+    with pytest.raises(ZeroDivisionError):
+        block(None)
+    with pytest.raises(KeyError):
+        block(KeyError)
+    assert len(seen) == 2
 
 
 @pytest.mark.usefixtures("empty_cache")
@@ -203,8 +208,7 @@ def test_a_function_is_built_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     monkeypatch.setenv("CC", compiler)
     kernel = eomgen.build("one_link")
     with Ahead() as ahead:
-        ahead.build(kernel, "mass_matrix")
-        ahead.build(kernel, "mass_matrix", batch=True)
+        ahead.begin(*(partial(build_function, kernel, "mass_matrix", batch=batch) for batch in (False, True)))
         kernel.mass_matrix(Q)
         kernel.mass_matrix(np.array([Q]))
     assert [log.read_text().count(f"-DEOMGEN_{half}_ONLY") for half in ("SINGLES", "BATCHES")] == [1, 1]
@@ -216,8 +220,7 @@ def test_a_failure_is_said_by_who_asks(tmp_path: Path, monkeypatch: pytest.Monke
     monkeypatch.setenv("CC", script(tmp_path / "cc", text))
     kernel, done = eomgen.build("one_link"), threading.Event()
     with Ahead() as ahead:
-        ahead.build(kernel, "mass_matrix")
-        ahead.begin(done.set)
+        ahead.begin(partial(build_function, kernel, "mass_matrix"), done.set)
         assert done.wait(60)
         refused(BuildError, "no room on the moon", kernel.mass_matrix, Q)
 
@@ -230,7 +233,7 @@ def of_jax(kernel: eomgen.Kernel) -> tuple[bool, np.ndarray]:
     kept: list[bool] = []
 
     def host(q: np.ndarray) -> np.ndarray:
-        kept.append(denormals.keeps_denormals())
+        kept.append(bool(np.array([5e-324])[0] * 1.0 > 0.0))
         return kernel.mass_matrix(np.asarray(q, np.float64)).astype(np.float32)
 
     shape = jax.ShapeDtypeStruct((kernel.n, kernel.n), np.float32)
@@ -240,31 +243,9 @@ def of_jax(kernel: eomgen.Kernel) -> tuple[bool, np.ndarray]:
 
 @pytest.mark.usefixtures("empty_cache")
 def test_a_kernel_is_built_within_a_callback_of_jax() -> None:
-    """Its samples are those of a build elsewhere: they stay in the cache."""
+    """In a thread that rounds denormal numbers to zero; the source is that of a build elsewhere."""
     kept, found = of_jax(eomgen.build("one_link"))
     if kept:
         pytest.skip("this JAX keeps denormal numbers")
     expected = eomgen.build("one_link", kernels=("mass_matrix",)).mass_matrix(Q.astype(np.float32).astype(float))
     assert np.array_equal(found, expected.astype(np.float32))
-
-
-@pytest.mark.usefixtures("empty_cache")
-def test_without_another_thread_it_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(denormals, "_kept", [])
-    kernel = eomgen.build("one_link", kernels=("energy",))
-    monkeypatch.setattr(denormals, "keeps_denormals", lambda: False)
-    with pytest.raises(BuildError, match="rounds denormal numbers to zero"):
-        eomgen.build("one_link", kernels=("mass_matrix",))
-    assert kernel.energy(Q, Q).shape == (2,)
-
-
-def test_work_goes_to_the_thread_that_was_prepared(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(denormals, "_kept", [])
-    denormals.prepare()
-    denormals.prepare()
-    assert len(denormals._kept) == 1
-    here = threading.get_ident()
-    assert denormals.with_denormals(threading.get_ident) == here
-    monkeypatch.setattr(denormals, "keeps_denormals", lambda: False)
-    assert denormals.with_denormals(threading.get_ident) != here
-    denormals._kept[0].shutdown()

@@ -34,8 +34,8 @@ REPEATS = (sre.MAX_REPEAT, sre.MIN_REPEAT, sre.POSSESSIVE_REPEAT)
 CLASSES = {sre.CATEGORY_DIGIT: "0", sre.CATEGORY_SPACE: " ", sre.CATEGORY_WORD: "a", sre.CATEGORY_NOT_DIGIT: "a"}
 CLASSES |= {sre.CATEGORY_NOT_SPACE: "a", sre.CATEGORY_NOT_WORD: "-"}
 HEAVY = {  # modules of whose patterns many are tried, or with long texts
-    *("eomgen.identification.calibration.as_toml", "eomgen.pipeline.generator_key"),
-    *("eomgen.forms.toml_place", "eomgen.forms.toml_text", "eomgen.export.wasm.layout"),
+    *("eomgen.identification.calibration.as_toml", "eomgen.forms.toml_place"),
+    *("eomgen.forms.toml_text", "eomgen.export.wasm.layout"),
 }
 
 
@@ -222,13 +222,16 @@ def test_patterns_take_time_in_proportion_to_the_text(module: str, limited: None
 FILES = sorted(path for folder in ("src/eomgen", "codegen", "templates") for path in (ROOT / folder).rglob("*.py"))
 
 BUILTINS = {"eval", "exec", "compile", "__import__", "execfile", "input", "breakpoint"}
-MODULES = {"pickle", "cPickle", "dill", "cloudpickle", "marshal", "shelve", "yaml", "ruamel", "pty", "runpy", "code"}
+MODULES = {
+    *("pickle", "cPickle", "dill", "cloudpickle", "marshal", "shelve", "yaml", "ruamel", "pty", "runpy", "code"),
+    *("builtins", "gc"),  # what is set there is set for the whole process
+}
 CALLS = {  # attributes that are called, of whatever they belong to
     *("system", "popen", "getoutput", "getstatusoutput", "spawnl", "spawnv", "execv", "execl", "execve"),
     *("parse_expr", "parse_latex", "import_module", "exec_module", "read_pickle", "unsafe_load", "S", "sympify"),
 }
-ALLOWED = {  # file, what is called, and why that is no text of a description
-    ("src/eomgen/lazily.py", "import_module"): "modules of a package of eomgen, by its table of names",
+ALLOWED = {  # file, what is called or caught, and why that is no text of a description, or loses no error
+    ("src/eomgen/lazily.py", "import_module"): "modules of a package of eomgen, by its own imports",
     ("src/eomgen/runtime/__init__.py", "import_module"): "modules of this package, by its table of names",
     (
         "src/eomgen/description/macros.py",
@@ -242,12 +245,33 @@ ALLOWED = {  # file, what is called, and why that is no text of a description
     ("src/eomgen/adapters/jax.py", "exec"): "the same",
     ("codegen/closed_form/trace.py", "sympify"): "numbers and expressions, which the test below makes sure of",
     ("codegen/closed_form/exact_numbers.py", "sympify"): "the same",
+    ("src/eomgen/cli/entry.py", "except Exception"): "the last resort, which says that it is our bug",
+    ("src/eomgen/runtime/chunking.py", "except BaseException"): "of a thread; the caller raises it",
+    ("codegen/package/running.py", "except BaseException"): "of a thread; the caller raises it",
+    # still to be named:
+    ("src/eomgen/description/mjcf/compiling.py", "except Exception"): "what MuJoCo's binding raises",
+    ("src/eomgen/device/foreign.py", "except Exception"): "what other libraries raise",
+    ("src/eomgen/device/gpu.py", "suppress Exception"): "the driver may be gone",
 }
+BROAD = ("Exception", "BaseException")
+
+
+def caught(node: ast.AST) -> list[str]:
+    """What a handler or ``suppress`` takes, whatever error it is; nothing of handlers that end by raising it again."""
+    if isinstance(node, ast.ExceptHandler) and ast.unparse(node.body[-1]) != "raise":
+        types, way = [node.type] if node.type else [ast.Name("BaseException")], "except"
+    elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith("suppress"):
+        types, way = node.args, "suppress"
+    else:
+        return []
+    names = [name.id for kind in types for name in ast.walk(kind) if isinstance(name, ast.Name)]
+    return [f"{way} {name}" for name in names if name in BROAD]
 
 
 def found(tree: ast.AST) -> Iterator[tuple[str, int]]:
-    """Calls and imports that are not allowed without a reason, with their lines."""
+    """Calls, imports and handlers that are not allowed without a reason, with their lines."""
     for node in ast.walk(tree):
+        yield from ((name, getattr(node, "lineno", 0)) for name in caught(node))
         if isinstance(node, (ast.Import, ast.ImportFrom)):
             names = [alias.name for alias in node.names]
             modules = [node.module or ""] if isinstance(node, ast.ImportFrom) else names
@@ -306,6 +330,11 @@ def test_every_exception_is_needed() -> None:
         "np.load(path, allow_pickle=True)",
         "jinja2.Environment(loader=x)",
         "importlib.import_module(name)",
+        "import builtins",
+        "from gc import disable",
+        "try: f()\nexcept: pass",
+        "try: f()\nexcept (OSError, Exception) as error: log(error)",
+        "with contextlib.suppress(Exception): f()",
     ],
 )
 def test_what_is_looked_for_is_found(text: str) -> None:

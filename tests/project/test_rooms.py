@@ -6,11 +6,13 @@ import ast
 import importlib.util
 import json
 import os
+import py_compile
 import re
 import rlcompleter
 import shutil
 import subprocess
 import sys
+import zipfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
@@ -56,11 +58,10 @@ MODULES = dict(modules())
 
 @dataclass(frozen=True)
 class Parsed:
-    """What tests look at of a module: its docstring, imports, names from above, functions and classes."""
+    """What tests look at of a module: its docstring, imports, functions and classes."""
 
     docstring: str
     imports: tuple[ast.Import | ast.ImportFrom, ...]
-    from_above: tuple[ast.Call, ...]
     defined: frozenset[str]
 
 
@@ -68,11 +69,9 @@ class Parsed:
 def parsed(path: Path) -> Parsed:
     """Parse a module once for all tests; whole trees would take much memory."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
-    nodes = list(ast.walk(tree))
     return Parsed(
         ast.get_docstring(tree) or "",
-        tuple(node for node in nodes if isinstance(node, (ast.Import, ast.ImportFrom))),
-        tuple(node for node in nodes if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "from_above"),
+        tuple(node for node in ast.walk(tree) if isinstance(node, (ast.Import, ast.ImportFrom))),
         frozenset(node.name for node in tree.body if isinstance(node, (ast.FunctionDef, ast.ClassDef))),
     )
 
@@ -185,17 +184,6 @@ def test_no_private_name_is_imported() -> None:
                 assert set(private) <= {"__version__", "_version"}, (name, private)
 
 
-def test_names_from_above_are_there() -> None:
-    """Which no checker of imports or types sees: they are texts."""
-    seen = 0
-    for path in MODULES.values():
-        for node in parsed(path).from_above:
-            module, *name = (x.value for x in node.args if isinstance(x, ast.Constant))
-            seen += len(name)
-            assert not name or callable(getattr(importlib.import_module(str(module), "eomgen"), name[0]))
-    assert seen >= 2
-
-
 def test_no_module_has_the_name_of_what_is_in_it() -> None:
     """A room that re-exported ``modes`` from a module ``modes`` would have one name for two things."""
     for name, path in MODULES.items():
@@ -237,20 +225,53 @@ assert all(getattr(eomgen, name) is sys.modules["eomgen." + name] for name in ro
 
 
 def test_rooms_that_threads_import_at_once_stay_lazy() -> None:
-    """Imports are put back as they were, and none that a room puts off is made."""
+    """No import that a room puts off is made."""
     code = f"""
-import builtins, sys
+import sys
 from concurrent.futures import ThreadPoolExecutor
 from importlib import import_module
-ordinary = builtins.__import__
-rooms = ["eomgen." + name for name in {ROOMS!r} if name not in ("analysis", "identification", "loops")]
+rooms = ["eomgen." + name for name in {ROOMS!r}]
 with ThreadPoolExecutor(len(rooms)) as pool:
     found = dict(zip(rooms, pool.map(import_module, rooms)))
-assert builtins.__import__ is ordinary
-assert not {{"eomgen.robot.value", "eomgen.pictures.robot", "eomgen.errors"}} & set(sys.modules)
+assert not {{"eomgen.robot.value", "eomgen.pictures.robot", "eomgen.errors", "numpy"}} & set(sys.modules)
 assert all(getattr(room, name) is not None for room in found.values() for name in room.__all__)
 """
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_each_name_that_type_checkers_see_is_there_at_run_time() -> None:
+    """Names are found in the text of packages, whatever the form of their imports."""
+    seen = 0
+    for name, path in MODULES.items():
+        if path.name == "__init__.py" and "lazy_names(" in path.read_text(encoding="utf-8"):
+            imports = [node for node in parsed(path).imports if node.col_offset > 0]
+            names = [alias.asname for node in imports for alias in node.names]
+            own = {x for x in dir(importlib.import_module(name)) if x[:2] != "__"}
+            assert own == {x for x in names if x != "__version__"}, name
+            assert len(set(names)) == len(names), name
+            seen += len(names)
+    assert seen > 250
+
+
+def test_packages_in_a_zip_file_find_their_names(tmp_path: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "some.zip", "w") as archive:
+        for name in ("lazily", "loops"):
+            path, text = MODULES[f"eomgen.{name}"], MODULES[f"eomgen.{name}"].read_text(encoding="utf-8")
+            archive.writestr(path.relative_to(ROOT / "src").as_posix(), text.replace("\n", "\r\n"))
+        archive.writestr("eomgen/__init__.py", "")
+        archive.writestr("eomgen/loops/equilibrium.py", "closed_equilibrium = 1")
+    code = "import eomgen.loops as x; assert x.closed_equilibrium == 1 and x.__all__[-1] == 'redundancy'"
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path / "some.zip")}
+    subprocess.run([sys.executable, "-S", "-c", code], check=True, env=environment)
+
+
+def test_a_package_without_source_says_so(tmp_path: Path) -> None:
+    (tmp_path / "bare").mkdir()
+    source = tmp_path / "source.py"
+    source.write_text("from eomgen.lazily import lazy_names\nlazy_names(__name__)\n", encoding="ascii")
+    py_compile.compile(str(source), str(tmp_path / "bare" / "__init__.pyc"))
+    done = subprocess.run([sys.executable, "-c", "import bare"], cwd=tmp_path, capture_output=True, text=True)
+    assert re.search(r"ImportError: bare: .*__init__.pyc holds no source; allowed: packages with ", done.stderr)
 
 
 def test_tab_completes_the_facade() -> None:

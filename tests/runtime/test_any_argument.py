@@ -79,28 +79,6 @@ def test_any_argument_is_taken_or_refused(kernel: Kernel, steps: dict[str, Any])
     assert wrong == []
 
 
-def test_any_argument_on_tiles_is_taken_or_refused(kernel: Kernel) -> None:
-    """Methods on tiles, beside tiles and one state that they take, and conversions."""
-    tried, wrong = 0, list[str]()
-    still = np.zeros(len(kernel.coordinates))
-    tiles = kernel.tiled.pack(np.zeros((3, still.size)))
-    others = (tiles, tiles[:, :, :5], tiles.astype(np.float32), [tiles], *({kernel.links[0]: x} for x in WRONG))
-    known: dict[str, dict[str, Any]] = {
-        name: {key: np.zeros((1, *x.shape, 8)) if isinstance(x, np.ndarray) else x for key, x in needed.items()}
-        for name, needed in calls(kernel, FIXED)
-        if name in dir(kernel.tiled)
-    }
-    for name, needed in {**known, "pack": {"x": still}, "unpack": {"x": tiles, "N": 3}}.items():
-        method = getattr(kernel.tiled, name)
-        handed_on = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
-        for key in (key for key, x in inspect.signature(method).parameters.items() if x.kind not in handed_on):
-            for value in (*WRONG, *others):
-                tried += 1
-                wrong += wrong_errors(f"{name}: {key}={value!r}", partial(method, **{**needed, key: value}))
-    assert tried > 1000
-    assert wrong == []
-
-
 def wrong_errors(what: str, call: Callable[[], object]) -> list[str]:
     """What comes instead of a result or an error of eomgen in a line of ASCII."""
     try:
@@ -110,41 +88,6 @@ def wrong_errors(what: str, call: Callable[[], object]) -> list[str]:
     except Exception as error:
         return [f"{what}: {type(error).__name__}: {error}"]
     return []
-
-
-BOUNDED = ("mass_matrix_with_errors", "frame_pose_with_errors", "residual_extended", "step_residual_extended")
-
-
-@pytest.mark.parametrize("name", ["one_link", "four_bar"])
-def test_any_argument_of_a_bounded_method_is_taken_or_refused(name: str, built: Build) -> None:
-    """Of results with bounds of rounding errors, and of their checks."""
-    robot = load_robot(name)
-    closed = ("constraint_extended",) if robot.loops else BOUNDED[2:]
-    kernel = built(robot, "mass_matrix", "frame_pose", "forward_dynamics", "rollout", *BOUNDED[:2], *closed)
-    still = np.zeros(kernel.n)
-    known: dict[str, tuple[Any, ...]] = {
-        "mass_matrix": (still,),
-        "frame_pose": (still, kernel.frames[0]),
-        "forward_dynamics": (still, still, still),
-        "implicit_step": (still, still, still, 1e-3),
-        "assemble": (still, ()),
-    }
-    checked = kernel.with_checks("errors", most=1e-3)
-    names = sorted(set(known).intersection(kernel.bounded_methods()))
-    assert names == sorted(known.keys() - ({"forward_dynamics", "implicit_step"} if robot.loops else {"assemble"}))
-    wrong = []
-    for method in names:
-        for place in range(len(known[method])):
-            for value in WRONG:
-                args = tuple(value if i == place else x for i, x in enumerate(known[method]))
-                wrong += wrong_errors(f"{method}: {value!r}", partial(kernel.with_errors, method, args))
-                wrong += wrong_errors(f"checked {method}: {value!r}", partial(getattr(checked, method), *args))
-    for value in WRONG:
-        wrong += wrong_errors(f"with_errors({value!r})", partial(kernel.with_errors, value, (still,)))
-        wrong += wrong_errors(f"args={value!r}", partial(kernel.with_errors, "mass_matrix", value))
-        wrong += wrong_errors(f"most={value!r}", partial(kernel.with_errors, "mass_matrix", (still,), most=value))
-        wrong += wrong_errors(f"most={value!r}", partial(kernel.with_checks, "errors", most=value))
-    assert wrong == []
 
 
 def test_any_argument_of_a_global_error_is_taken_or_refused() -> None:

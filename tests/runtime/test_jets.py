@@ -15,7 +15,7 @@ import pytest
 import eomgen
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import ArrayError, InputError, LoopError, UnknownNameError
-from eomgen.pipeline.stages import Options
+from eomgen.pipeline.options import Options
 from eomgen.runtime.derivatives.in_time import MOTION
 from eomgen.runtime.levels import BASE
 from tests.runtime.test_memory import ARM

@@ -18,7 +18,7 @@ from eomgen.codegen.joint.zeros import zero_map
 from eomgen.errors import ArrayError, InputError, UnknownNameError
 from eomgen.integration import integrate
 from eomgen.loops import closed_equilibrium
-from eomgen.pipeline.stages import Options
+from eomgen.pipeline.options import Options
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Frame, Placement
 from eomgen.runtime.by_name import wrench_rows

@@ -16,7 +16,9 @@ import pytest
 import eomgen
 from eomgen.errors import InputError, UnknownNameError
 from eomgen.pipeline import cache
-from eomgen.pipeline.stages import Options, generate, load_kernel
+from eomgen.pipeline.building import load_kernel
+from eomgen.pipeline.generating import generate
+from eomgen.pipeline.options import Options
 from eomgen.runtime.kernel import Kernel
 from tests.support.quick_builds import ONE_LEVEL, Q, answer, as_new_process, one_link, python
 from tests.support.refusals import refused
@@ -73,7 +75,7 @@ def test_copies_have_parameters_of_their_own(filled_cache: Path) -> None:
 def test_the_package_is_loaded_where_it_is(filled_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     data = pickle.dumps(one_link())
     as_new_process(monkeypatch)
-    monkeypatch.setattr("eomgen.pipeline.stages.make_package", lambda *_: pytest.fail("it is there"))
+    monkeypatch.setattr("eomgen.pipeline.building.make_package", lambda *_: pytest.fail("it is there"))
     assert pickle.loads(data).name == "one_link"
 
 

@@ -29,7 +29,7 @@ CLOSED = {"forward_dynamics", "forward_dynamics_jacobian", "constraint_forces"} 
 }
 DERIVATIVES = (  # of many
     *("energy_tangent", "energy_parameter_tangent", "forward_dynamics_adjoint", "energy_hessian"),
-    *("energy_jet1", "external_force_jet1", "energy_with_errors", "energy_extended", "constraint_jacobian_around"),
+    *("energy_jet1", "external_force_jet1"),
 )
 Q, V = np.array([0.02, 0.4]), np.array([0.3, -0.5])
 
@@ -68,7 +68,7 @@ def test_every_function_does_what_its_call_does(dtype: str, built: Build) -> Non
         assert np.array_equal(one[0], kernel.calls.run(name, None, [x[0] for x in arrays], extra)), name
         assert function.kernel in kernel.operations
         seen.add(function.kind)
-    assert seen == {"program", "tangent", "adjoint", "hessian", "jet", "errors", "extended", "composed", "frames"}
+    assert seen == {"program", "tangent", "adjoint", "hessian", "jet", "composed", "frames"}
 
 
 def test_functions_of_every_kind(built: Build) -> None:

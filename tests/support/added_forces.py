@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 import eomgen
+from eomgen.codegen.c.operation_counts import operations
 from eomgen.codegen.closed_form.trace import closed_form
 from eomgen.codegen.kernels.equations import derive_equations
-from eomgen.codegen.kernels.operation_counts import operations
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
 from tests.oracles.complex_step import complex_steps

@@ -15,7 +15,8 @@ import pytest
 from eomgen.codegen.c.source import Source
 from eomgen.codegen.c.sources import render
 from eomgen.codegen.kernels.equations import derive_equations
-from eomgen.pipeline.stages import Options, generate
+from eomgen.pipeline.generating import generate
+from eomgen.pipeline.options import Options
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
 from eomgen.runtime.levels import supported

@@ -1,4 +1,4 @@
-"""A small program in C that calls all functions of a kernel on the samples of fresh binaries and writes what they say.
+"""A small program in C that calls all functions of a kernel in states of all sizes and writes what they return.
 
 It reads and writes standard streams; on a bare machine (``BARE``) memory at fixed addresses.
 """
@@ -14,15 +14,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from eomgen.codegen.kernels.equations import derive_equations
 from eomgen.codegen.package.compile import FLAGS
-from eomgen.codegen.samples.answers import samples
-from eomgen.codegen.samples.stored import MEASURED, STATES, read_samples
-from eomgen.pipeline.stages import Options, make_source
-from eomgen.robot.model import build_model
+from eomgen.pipeline.options import Options
+from eomgen.pipeline.stages import make_source
 from eomgen.robot.value import Robot
 from tests.support.c_project import write_source
 
+STATES, TOGETHER = 9, 4  # states, of which the first are a batch
+SPECIAL = (2, 3, 4)  # states of denormal numbers, infinities and NaN
 GIVEN, SAID, ROOM = 0x60000000, 0x61000000, 1 << 22  # addresses on a bare machine, and bytes of each
 MAIN = """
 #include <stddef.h>
@@ -105,16 +104,30 @@ class EveryFunction:
         return {name: np.concatenate(arrays) for name, arrays in parts.items()}
 
 
+def states_of_all_sizes(name: str, size: int, dtype: str) -> NDArray[np.floating]:
+    """Return an array (STATES, size): small, denormal and infinite numbers, NaN, and random ones of ordinary size."""
+    rng = np.random.default_rng(list(name.encode()))
+    states = rng.uniform(0.25, 1.0, (STATES, size)) * rng.choice((-1.0, 1.0), (STATES, size))
+    if name == "chart":  # no coordinate follows the others
+        return np.zeros((STATES, size), dtype)
+    states[1] *= 2.0**-12
+    states[SPECIAL[0]] *= 2.0**-1040 if dtype == "float64" else 2.0**-140
+    if name != "q":  # whose sines are NaN then
+        states[SPECIAL[1]] = np.copysign(np.inf, states[SPECIAL[1]])
+    states[SPECIAL[2]] = np.nan
+    return states.astype(dtype)
+
+
 def every_function(robot: Robot, folder: Path, kernels: Sequence[str] = (), dtype: str = "float64") -> EveryFunction:
     """Write the C of a robot's kernels, all by default, and main.c into a folder."""
     source = make_source(robot, Options(tuple(kernels), dtype))
     meta = json.loads(source.meta)
-    given = read_samples(samples(derive_equations(build_model(robot), tuple(kernels)), dtype))
     shapes = {name: int(np.prod(shape)) for name, shape in meta["shapes"].items()}
     functions = {
         name: entry for name, entry in meta["functions"].items() if entry["kind"] not in ("rollout", "adaptive")
     }
     read = sorted({array for entry in functions.values() for array in entry["reads"]})
+    given = {name: states_of_all_sizes(name, shapes[name], dtype) for name in read}
     single, batch = [], []
     for name, entry in functions.items():
         size = shapes[entry["writes"]]
@@ -130,8 +143,8 @@ def every_function(robot: Robot, folder: Path, kernels: Sequence[str] = (), dtyp
         real=real,
         given=hex(GIVEN),
         said=hex(SAID),
-        states=len(STATES),
-        together=MEASURED,
+        states=STATES,
+        together=TOGETHER,
         inputs="\n".join(f"static {real} {name}[STATES][{shapes[name]}];" for name in read),
         parameters=max(1, values.size),
         hoisted=max(1, meta["hoisted"]),
@@ -144,7 +157,7 @@ def every_function(robot: Robot, folder: Path, kernels: Sequence[str] = (), dtyp
     (folder / "main.c").write_text(text, encoding="ascii")
     arrays = [values if values.size else np.zeros(1), *(given[name] for name in read)]
     sizes = [(name, shapes[entry["writes"]]) for name, entry in functions.items()]
-    calls = [*sizes * len(STATES), *((name, MEASURED * size) for name, size in sizes)]
+    calls = [*sizes * STATES, *((name, TOGETHER * size) for name, size in sizes)]
     data = b"".join(np.ascontiguousarray(array, dtype).tobytes() for array in arrays)
     return EveryFunction(folder / f"{robot.name}.c", data, dtype, tuple(calls))
 

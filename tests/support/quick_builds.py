@@ -16,7 +16,9 @@ from typing import Any
 import pytest
 
 import eomgen
-from eomgen.pipeline.stages import Options
+from eomgen.pipeline.cache import Entry
+from eomgen.pipeline.options import Options
+from eomgen.pipeline.stages import describe, make_package, tools_for
 from eomgen.runtime.levels import BASE
 
 Q = [0.2, 0.5]
@@ -53,6 +55,11 @@ def one_link(progress: Any = None, options: Options = QUICK) -> eomgen.Kernel:
         flags=options.flags,
         progress=steps.append,
     )
+
+
+def package_of(robot: eomgen.Robot, options: Options) -> Entry:
+    """The compiled package in the cache, of the level that is the best here."""
+    return make_package(describe(robot, options), tools_for(options))
 
 
 def script(path: Path, text: str) -> str:

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 from eomgen.errors import InputError
 from eomgen.robot.model import Model
 
 from ...program.forward_mode import tangent
-from ...program.ir import Program, verify
+from ...program.ir import Program
 from ...program.passes import PARAMETERS, run_passes
 from ...program.reverse_mode import adjoint
-from ...program.running_errors import with_errors
 from ...program.second_order import hessian
 from ...program.taylor import jet
 from ...solve.factorised import solve_operations
@@ -25,7 +23,7 @@ MOST_OPERATIONS = (
 )
 
 
-def derive_derivative(model: Model, kernel: str, derive: Derive, dtype: str = "float64") -> Program:
+def derive_derivative(model: Model, kernel: str, derive: Derive) -> Program:
     """Derive the program of one entry of DERIVATIVES; ``derive`` gives that of any entry of the tables."""
     signature, size = SIGNATURES[kernel], shapes(model)
     if signature.kind == "tangent":
@@ -33,10 +31,6 @@ def derive_derivative(model: Model, kernel: str, derive: Derive, dtype: str = "f
         rates |= {PARAMETERS: PARAMETER_RATES} if signature.by_parameters else {}
         program = whole_program(model, signature.derivative_of, derive)
         return run_passes(tangent(program, rates, kernel, {PARAMETERS: len(model.parameters)}))
-    if signature.kind == "errors":
-        return verify(with_errors(whole_program(model, signature.derivative_of, derive), kernel, dtype))
-    if signature.kind == "extended":
-        return replace(whole_program(model, signature.derivative_of, derive), name=kernel)
     if signature.kind == "jet":
         _check_length(model, kernel, derive)
         series = jet_series(sorted(RATES), signature.order)

@@ -1,5 +1,5 @@
 /* precision.h: names and numbers of one precision: of double precision, or with EOM_SINGLE of single precision; and sizes, of the
- * robot, or with EOM_N, EOM_M and EOM_ROTATIONS known when this is compiled. */
+ * robot, or with EOM_N, EOM_M and EOM_ROTATIONS known when this is compiled; and a check of numbers. */
 #ifndef EOM_PRECISION_H
 #define EOM_PRECISION_H
 #if defined(EOM_SINGLE)
@@ -59,4 +59,14 @@
 
 #define EOM_LOOK 2000        /* steps and rejections between two looks at whether they lead anywhere */
 #define EOM_LEAST_PART 1e-07 /* of the duration by which they do */
+
+/* Whether numbers are finite. */
+EOM_LOCAL int EOM(all_finite)(int count, const EOM_SCALAR *restrict x)
+{
+    int is_finite = 1;
+    for (int i = 0; i < count; ++i) {
+        if (!((x[i] - x[i]) >= (EOM_SCALAR)0.0)) { is_finite = 0; }
+    }
+    return is_finite;
+}
 #endif

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -22,7 +22,7 @@ from .raw import Array, RawFunction, RawKernel
 Lead = tuple[int, ...]  # axes in front of a state's: () for one state, (N,) for N of them
 
 WRENCHES = ("wrench", "dwrench")  # arguments with rows of links
-WEIGHTS, NUMBERED = "cotangent", ("dp", "multipliers", "step_length")  # arguments whose elements have numbers, no names
+WEIGHTS, NUMBERED = "cotangent", ("dp", "multipliers")  # arguments whose elements have numbers, no names
 WRENCH_PARTS = ("force.x", "force.y", "force.z", "moment.x", "moment.y", "moment.z")
 BY_COORDINATE = {  # how many of the last axes of a result are coordinates
     "vector": 1,
@@ -37,9 +37,9 @@ BY_COORDINATE = {  # how many of the last axes of a result are coordinates
     "element_rows": 1,
 }
 
-DERIVATIVE = re.compile(r"(_parameter)?_(tangent|adjoint|hessian|jet\d|with_errors|extended)$")
+DERIVATIVE = re.compile(r"(_parameter)?_(tangent|adjoint|hessian|jet\d)$")
 DERIVED = re.compile(r"_(tangent|adjoint|hessian|jet\d)$")
-OF_ORDERS = re.compile(r"^(jet\d|errors|extended)_")  # begins names of results with time derivatives, or with bounds
+OF_ORDERS = re.compile(r"^jet\d_")  # begins names of results with time derivatives
 REMEMBERING = frozenset(  # functions, also of the open tree and under load, whose results depend on states of laws
     (
         *("generalized_force", "residual", "inverse_dynamics", "forward_dynamics", "constraint_forces", "energy"),
@@ -250,13 +250,6 @@ def names_in(label: str, value: Any) -> list[str]:
         if not isinstance(name, str):
             raise InputError(f"{label}: {show(name)} is no name; allowed: a sequence of names")
     return names
-
-
-def word_in(label: str, value: Any, allowed: Collection[str]) -> str:
-    """Return one of the allowed words; InputError, which begins with the label, of anything else."""
-    if not isinstance(value, str) or value not in allowed:
-        raise InputError(f"{label}: {show(value)} is unknown; allowed: {', '.join(allowed)}")
-    return value
 
 
 def numbers_in(label: str, value: Any, allowed: str, *, finite: bool = True) -> Array:

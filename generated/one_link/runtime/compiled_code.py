@@ -16,7 +16,6 @@ from .calls import Calls
 from .direct import DirectFunctions, ExtensionBinding
 from .parameters import Parameters
 from .raw import Array, Libraries, Operations, RawKernel
-from .tiled import Tiled
 
 PACKAGE = f"{__package__}."  # begins the names of the modules whose methods can be direct
 
@@ -184,7 +183,6 @@ class CompiledCode:
         """Copy this kernel, not bound to an extension module."""
         other = object.__new__(type(self))
         other.__dict__.update(self.__dict__.get("_plain", self).__dict__)  # a third of the time of copy.copy
-        other.__dict__.pop("_tiled", None)
         return other
 
     def _methods_of_functions(self) -> dict[str, FunctionType]:
@@ -196,28 +194,13 @@ class CompiledCode:
             if isinstance(method, FunctionType) and method.__module__.startswith(PACKAGE)
         }
 
-    @property
-    def tiled(self) -> Tiled:
-        """Methods of the same names on tiles, (ceil(N / W), n, W), and their conversion; see ``Tiled``.
-
-        They do without the transposes that arrays (N, n) take.
-        """
-        tiled: Tiled | None = self.__dict__.get("_tiled")
-        if tiled is None:
-            plain = self.__dict__["_plain"] if self.is_direct else self._with_methods_in_python()
-            tiled = Tiled(plain, self._methods_of_functions())
-            if self.is_direct and self._functions is not None:
-                tiled.bind(plain, self._functions, self.parameters.state)
-            self.__dict__["_tiled"] = tiled
-        return tiled
-
     def device(self, where: Any = "cuda", *, contract: bool = False) -> Any:
-        """Return methods of the same names on arrays that lie on an accelerator; see ``eomgen.device.face.Device``.
+        """Return methods of the same names on arrays that lie on a device of CUDA; see ``eomgen.device.face.Device``.
 
         Parameters are those of this kernel, also when they change.
 
         Args:
-            where: "cuda", "hip" or "opencl", with the number of a device such as "cuda:1"; or a queue of pyopencl.
+            where: "cuda", with the number of a device such as "cuda:1".
             contract: let products and sums be one operation: faster, with other last bits than on processors.
 
         Raises:
@@ -247,8 +230,6 @@ class CompiledCode:
         module.bind(self._functions.methods, plain, state, self.__dict__)
         self.__dict__["_plain"] = plain
         self.__dict__["_direct_jets"] = {}
-        if "_tiled" in self.__dict__:
-            self.__dict__["_tiled"].bind(plain, self._functions, state)
 
     def _bound_jet(self, name: str) -> Callable[..., tuple[Array, ...]] | None:
         """Return a function of time derivatives through the extension module; None where there is none."""
@@ -342,12 +323,7 @@ class CompiledCode:
     @checks.setter
     def checks(self, wanted: bool) -> None:
         if not isinstance(wanted, (bool, np.bool_)):
-            more = (
-                "; kernel.with_checks('errors', most=...) has methods that check by errors"
-                if isinstance(wanted, str) and wanted == "errors"
-                else ""
-            )
-            raise InputError(f"checks: {show(wanted)} is neither True nor False{more}")
+            raise InputError(f"checks: {show(wanted)} is neither True nor False")
         self.parameters.state.checks = bool(wanted)
 
     def frame_index(self, name: str) -> int:

@@ -7,8 +7,7 @@
  * kernel: a Function and a State, with a kernel that has methods in Python alone.
  *
  * A call is plain where every array is an ndarray itself (no subclass) of the kernel's dtype, aligned, C-contiguous, of
- * exactly the shape of one state or of N of them, and no keyword asks for more than `out` and `wrench`.  Functions with a
- * tile take one state or tiles of them.  Whatever is not plain, and whatever turns out not to be regular (NaN, infinity, a
+ * exactly the shape of one state or of N of them, and no keyword asks for more than `out` and `wrench`.  Whatever is not plain, and whatever turns out not to be regular (NaN, infinity, a
  * singular mass matrix), is left to the method in Python, which is called with the very same arguments: it computes what
  * has to be computed, or raises.  So results and messages are the same by construction.
  *
@@ -43,24 +42,6 @@ static PyObject *bind(PyObject *module, PyObject *args)
         if (failed) return NULL;
     }
     Py_RETURN_NONE;
-}
-
-PyDoc_STRVAR(pack_doc, "pack(states, tiles)\n\n"
-                       "Write states, (N, n), into tiles, (T, n, W); the last state fills the last tile.");
-
-static PyObject *pack(PyObject *module, PyObject *args)
-{
-    (void)module;
-    return convert(args, 0);
-}
-
-PyDoc_STRVAR(unpack_doc, "unpack(tiles, states)\n\n"
-                         "Write tiles, (T, n, W), into states, (N, n), N of those that the tiles hold.");
-
-static PyObject *unpack(PyObject *module, PyObject *args)
-{
-    (void)module;
-    return convert(args, 1);
 }
 
 /* Numpy 2 runs what was compiled for it alone, and says so at length on the error stream: better not to ask it. */
@@ -116,8 +97,6 @@ static int module_clear(PyObject *module)
 
 static PyMethodDef module_methods[] = {
     {"bind", bind, METH_VARARGS, bind_doc},
-    {"pack", pack, METH_VARARGS, pack_doc},
-    {"unpack", unpack, METH_VARARGS, unpack_doc},
     {NULL, NULL, 0, NULL},
 };
 static PyModuleDef_Slot module_slots[] = {

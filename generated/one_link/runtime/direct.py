@@ -189,23 +189,13 @@ class DirectFunctions:
         self._prescribed = tuple(prescribed)
         self._arming = partial(_arm, raw, {}, itertools.count())
         self._jets: dict[str, Any] = {}
-        self._in_tiles: tuple[Any, ...] | None = None
-        self._methods = {
-            name: methods[name]
+        self.methods = tuple(
+            self._of_method(name, methods[name])
             for name in raw.libraries.meta["functions"]
             if name in methods and calls_its_function(raw, name)
-        }
-        self.methods = tuple(self._of_method(name, method) for name, method in self._methods.items())
+        )
 
-    def in_tiles(self, width: int, wrap: Callable[[str, FunctionType], FunctionType]) -> tuple[Any, ...]:
-        """Return the module's ``Function`` of every method on tiles of that width; ``wrap`` gives each in Python."""
-        if self._in_tiles is None:
-            self._in_tiles = tuple(
-                self._of_method(name, method, width, wrap(name, method)) for name, method in self._methods.items()
-            )
-        return self._in_tiles
-
-    def _of_method(self, name: str, method: FunctionType, tile: int = 0, called: FunctionType | None = None) -> Any:
+    def _of_method(self, name: str, method: FunctionType) -> Any:
         code, loops = method.__code__, bool(self._raw.libraries.meta.get("constraints"))
         parameters = code.co_varnames[1 : code.co_argcount + code.co_kwonlyargcount]
         entry = self._raw.libraries.meta["functions"][name]
@@ -214,17 +204,16 @@ class DirectFunctions:
         under_load = "" if loops and name in DRIVING else name
         return self.module.Function(
             name=name,
-            method=called or method,
+            method=method,
             arming=self._arming,
             dtype=self._raw.dtype,
-            places=tuple(_place(label, reads, self._raw, "" if tile else under_load) for label in parameters),
+            places=tuple(_place(label, reads, self._raw, under_load) for label in parameters),
             positional=code.co_argcount - 1,
             result=self._raw.shapes[entry["writes"]],
             in_parts=entry["writes"] == "derivatives",
             cut_must_be_false=loops and "cut" in parameters,
             frames=self._frames,
             added=(added.sign, reads.index(added.into), self._prescribed) if added.into else (added.sign, -1, ()),
-            tile=tile,
         )
 
     def jet(self, name: str) -> Any:
@@ -273,8 +262,6 @@ def _arm(
 ) -> None:
     """Tell a ``Function`` where its "main" code is, or that of wrenches, "added": for one state, or for many."""
     code = raw.functions[function.name if kind == "main" else WRENCHED[function.name].function]
-    if function.tile and not (many and code.takes_tiles):
-        return
     address, library, work = code.address(batch=many), code.where(batch=many), code.operations
     number = libraries[library] if library in libraries else libraries.setdefault(library, next(new))
     setup = library.address(library.setup)

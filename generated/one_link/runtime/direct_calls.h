@@ -88,15 +88,8 @@ DEFINE_CALLS(float)
 
 /* ---- arrays -------------------------------------------------------------------------------------------------- */
 
-/* States that stand side by side in an array of many. */
-static npy_intp width_of(const Function *f) { return f->tile > 0 ? f->tile : 1; }
-
-/* Numbers between two states, or what stands for tiles; 0 for one state alone. */
-static size_t step_of(const Function *f, const Shape *shape, npy_intp states)
-{
-    if (states == 0) return 0;
-    return f->tile > 0 ? (size_t)-1 : (size_t)shape->size;
-}
+/* Numbers between two states; 0 for one state alone. */
+static size_t step_of(const Shape *shape, npy_intp states) { return states == 0 ? 0 : (size_t)shape->size; }
 
 /* An array that the code can take as it is, of one state or of many: their number, 0 for one alone; -1 for another. */
 static npy_intp states_of(PyObject *value, const Function *f, const Shape *shape)
@@ -108,13 +101,12 @@ static npy_intp states_of(PyObject *value, const Function *f, const Shape *shape
     const PyArray_Descr *dtype = PyArray_DESCR(array);
     if (dtype != f->dtype && (dtype->type_num != f->dtype->type_num || !PyArray_ISNBO(dtype->byteorder))) return -1;
     const int more = PyArray_NDIM(array) - shape->axes, leading = more > 0;
-    if (more != 0 && more != (f->tile > 0 ? 2 : 1)) return -1;
+    if (more != 0 && more != 1) return -1;
     const npy_intp *lengths = PyArray_DIMS(array);
     for (int i = 0; i < shape->axes; ++i)
         if (lengths[leading + i] != shape->lengths[i]) return -1;
     if (leading == 0) return 0;
-    if (f->tile > 0 && lengths[1 + shape->axes] != f->tile) return -1;
-    return lengths[0] > 0 ? lengths[0] * width_of(f) : -1;
+    return lengths[0] > 0 ? lengths[0] : -1;
 }
 
 static int all_finite(const Function *f, const void *numbers, npy_intp count)
@@ -130,13 +122,10 @@ static npy_intp bytes_of(const Function *f, npy_intp count)
 /* The parts of a result along its first axis, as views of it. */
 static PyObject *views_of(const Function *f, PyArrayObject *whole, npy_intp states)
 {
-    const npy_intp count = f->result.lengths[0], width = width_of(f);
-    const npy_intp size = count > 0 ? f->result.size / count * width : 0;
-    const int axes = f->result.axes + (f->tile > 0), skipped = states == 0;
-    npy_intp lengths[AXES + 2] = {states / width}, steps[AXES + 2] = {bytes_of(f, f->result.size * width)};
+    const npy_intp count = f->result.lengths[0], size = count > 0 ? f->result.size / count : 0;
+    const int axes = f->result.axes, skipped = states == 0;
+    npy_intp lengths[AXES] = {states}, steps[AXES] = {bytes_of(f, f->result.size)};
     npy_intp below = size;
-    lengths[f->result.axes] = width;
-    steps[f->result.axes] = bytes_of(f, 1);
     for (int i = 1; i < f->result.axes; ++i) {
         lengths[i] = f->result.lengths[i];
         below = lengths[i] > 0 ? below / lengths[i] : 0;
@@ -270,13 +259,13 @@ static int look(Function *f, const State *state, PyObject *const *arguments, Pla
             if (place->role == WRENCH) {
                 call->wrench = PyArray_DATA((PyArrayObject *)value);
                 call->wrench_size = states > 0 ? states * place->shape.size : place->shape.size;
-                call->wrench_step = step_of(f, &place->shape, states);
+                call->wrench_step = step_of(&place->shape, states);
                 continue;
             }
             const int to = place->role == READ ? call->reads++ : ARRAYS;
             call->x[to] = PyArray_DATA((PyArrayObject *)value);
             call->sizes[to] = states > 0 ? states * place->shape.size : place->shape.size;
-            call->steps[to] = step_of(f, &place->shape, states);
+            call->steps[to] = step_of(&place->shape, states);
         } else if (place->role == FRAME) {
             if (value == NULL || !PyUnicode_CheckExact(value)) return -1;
             PyObject *number = PyDict_GetItemWithError(f->frames, value);
@@ -290,7 +279,6 @@ static int look(Function *f, const State *state, PyObject *const *arguments, Pla
         }
     }
     if (call->wrench != NULL && (call->steps[0] > 0 || call->wrench_step > 0)) call->wrench_states = call->states;
-    if (f->tile > 0 && call->states == 0) return -1;
     if (find_codes(f, call) < 0) return -1;
     if (call->states > 0) {
         const Py_ssize_t threads = PUBLISHED(state->threads);
@@ -317,35 +305,13 @@ static int look(Function *f, const State *state, PyObject *const *arguments, Pla
     return 0;
 }
 
-/* A new array; of tiles one whose memory begins at a line, so that vectors may stand where numbers of a tile do. */
 static PyArrayObject *new_result(const Function *f, npy_intp states)
 {
-    npy_intp lengths[AXES + 2] = {states / width_of(f)};
+    npy_intp lengths[AXES + 1] = {states};
     memcpy(lengths + 1, f->result.lengths, sizeof f->result.lengths);
-    lengths[1 + f->result.axes] = width_of(f);
-    const int skipped = states == 0, axes = f->result.axes + 1 - skipped + (f->tile > 0);
+    const int skipped = states == 0, axes = f->result.axes + 1 - skipped;
     Py_INCREF(f->dtype);
-    if (f->tile == 0)
-        return (PyArrayObject *)PyArray_NewFromDescr(&PyArray_Type, f->dtype, axes, lengths + skipped, NULL, NULL, 0,
-                                                     NULL);
-    const npy_intp room = states * f->result.size + f->tile, line = bytes_of(f, f->tile);
-    PyObject *whole = PyArray_NewFromDescr(&PyArray_Type, f->dtype, 1, &room, NULL, NULL, 0, NULL);
-    if (whole == NULL) return NULL;
-    char *const memory = PyArray_BYTES((PyArrayObject *)whole);
-    const npy_intp past = (npy_intp)((size_t)memory % (size_t)line);
-    char *const first = past > 0 ? memory + (line - past) : memory;
-    Py_INCREF(f->dtype);
-    PyArrayObject *tiles = (PyArrayObject *)PyArray_NewFromDescr(&PyArray_Type, f->dtype, axes, lengths, NULL, first,
-                                                                 NPY_ARRAY_CARRAY, NULL);
-    if (tiles == NULL) {
-        Py_DECREF(whole);
-        return NULL;
-    }
-    if (PyArray_SetBaseObject(tiles, whole) < 0) { /* which takes the reference in any case */
-        Py_DECREF(tiles);
-        return NULL;
-    }
-    return tiles;
+    return (PyArrayObject *)PyArray_NewFromDescr(&PyArray_Type, f->dtype, axes, lengths + skipped, NULL, NULL, 0, NULL);
 }
 
 static long long compute(const Function *f, const void *h, const Plain *call, void *out)
@@ -545,41 +511,4 @@ static PyObject *direct_vectorcall(PyObject *self, PyObject *const *args, size_t
         if (codes[kind] != NULL && PUBLISHED(codes[kind]->address) == 0 && arm_once(f, (CodeKind)kind, codes[kind]) < 0)
             Py_CLEAR(answer);
     return answer;
-}
-
-/* ---- tiles ---------------------------------------------------------------------------------------------------- */
-
-/* Whether tiles, (T, size, W), hold so many states, (N, size), of the same numbers; both without gaps. */
-static int holds(PyArrayObject *states, PyArrayObject *tiles)
-{
-    const int plain = NPY_ARRAY_C_CONTIGUOUS | NPY_ARRAY_ALIGNED, type = PyArray_TYPE(states);
-    if ((PyArray_FLAGS(states) & plain) != plain || (PyArray_FLAGS(tiles) & plain) != plain) return 0;
-    if (type != PyArray_TYPE(tiles) || (type != NPY_DOUBLE && type != NPY_FLOAT)) return 0;
-    if (!PyArray_ISNOTSWAPPED(states) || !PyArray_ISNOTSWAPPED(tiles)) return 0;
-    const npy_intp width = TILE_BYTES / (type == NPY_DOUBLE ? (npy_intp)sizeof(double) : (npy_intp)sizeof(float));
-    if (PyArray_NDIM(states) != 2 || PyArray_NDIM(tiles) != 3 || PyArray_DIM(tiles, 2) != width) return 0;
-    return PyArray_DIM(states, 1) == PyArray_DIM(tiles, 1) &&
-           PyArray_DIM(tiles, 0) == (PyArray_DIM(states, 0) + width - 1) / width;
-}
-
-static PyObject *convert(PyObject *args, int back)
-{
-    PyArrayObject *from, *to;
-    if (!PyArg_ParseTuple(args, "O!O!", &PyArray_Type, &from, &PyArray_Type, &to)) return NULL;
-    PyArrayObject *states = back ? to : from;
-    if (!holds(states, back ? from : to) || !PyArray_ISWRITEABLE(to)) {
-        PyErr_SetString(PyExc_ValueError, "no states, (N, n), and tiles of them, (T, n, W), of one dtype, without gaps");
-        return NULL;
-    }
-    const int is_double = PyArray_TYPE(states) == NPY_DOUBLE;
-    const npy_intp count = PyArray_DIM(states, 0), size = PyArray_DIM(states, 1);
-    const void *read = PyArray_DATA(from);
-    void *written = PyArray_DATA(to);
-    Py_BEGIN_ALLOW_THREADS
-    if (back)
-        (is_double ? out_of_tiles_double : out_of_tiles_float)(read, count, size, written);
-    else
-        (is_double ? into_tiles_double : into_tiles_float)(read, count, size, written);
-    Py_END_ALLOW_THREADS
-    Py_RETURN_NONE;
 }

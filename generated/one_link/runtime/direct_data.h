@@ -29,7 +29,7 @@ static const double LONG = 2e4;
 /* States that are worth a separate thread, as in calls.py. */
 static const npy_intp SHARE = 256;
 
-/* Bytes of arguments and results that stay in a cache; states in multiples of so many fill vectors and tiles. */
+/* Bytes of arguments and results that stay in a cache; states in multiples of so many fill vectors. */
 enum { PIECE = 1 << 19, ROUND = 16 };
 
 /* What a parameter is for. */
@@ -87,7 +87,6 @@ typedef struct {
     Shape result;
     int framed, in_parts; /* takes a frame's number; its result are views along the first axis */
     int cut_must_be_false;
-    npy_intp tile; /* states that stand side by side, behind a state's axes; 0 where each stands by itself */
     Code codes[KINDS][2]; /* of each kind for one state and for many */
     double sign;         /* of what is added to the result */
     int into;            /* number of the array that it is added to instead, with sign 1; -1 for the result */

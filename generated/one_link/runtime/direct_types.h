@@ -232,13 +232,12 @@ static int read_added(Function *f, PyObject *entry)
 static PyObject *function_new(PyTypeObject *type, PyObject *args, PyObject *kwargs)
 {
     static char *names[] = {"name",     "method",           "arming", "dtype", "places", "positional", "result",
-                            "in_parts", "cut_must_be_false", "frames", "added", "tile", NULL};
+                            "in_parts", "cut_must_be_false", "frames", "added", NULL};
     PyObject *name, *method, *arming, *dtype, *places, *result, *frames, *added;
     int positional, in_parts, cut;
-    Py_ssize_t tile = 0;
-    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "UOOO!O!iOppO!O!|n:Function", names, &name, &method, &arming,
+    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "UOOO!O!iOppO!O!:Function", names, &name, &method, &arming,
                                      &PyArrayDescr_Type, &dtype, &PyTuple_Type, &places, &positional, &result,
-                                     &in_parts, &cut, &PyDict_Type, &frames, &PyTuple_Type, &added, &tile))
+                                     &in_parts, &cut, &PyDict_Type, &frames, &PyTuple_Type, &added))
         return NULL;
     const int number = ((PyArray_Descr *)dtype)->type_num;
     if ((number != NPY_DOUBLE && number != NPY_FLOAT) || !PyArray_ISNBO(((PyArray_Descr *)dtype)->byteorder)) {
@@ -255,9 +254,8 @@ static PyObject *function_new(PyTypeObject *type, PyObject *args, PyObject *kwar
     f->positional = positional;
     f->in_parts = in_parts;
     f->cut_must_be_false = cut;
-    f->tile = tile;
     if (read_places(f, places) < 0 || read_shape(result, &f->result) < 0 || read_added(f, added) < 0) goto failed;
-    if (positional > f->places || (in_parts && f->result.axes < 1) || tile < 0) {
+    if (positional > f->places || (in_parts && f->result.axes < 1)) {
         PyErr_SetString(PyExc_ValueError, "no function has such parameters or such a result");
         goto failed;
     }
@@ -340,7 +338,6 @@ static void function_dealloc(PyObject *self)
 
 static PyMemberDef function_members[] = {
     {"name", T_OBJECT_EX, offsetof(Function, name), READONLY, "name of the method"},
-    {"tile", T_PYSSIZET, offsetof(Function, tile), READONLY, "states of a tile, 0 where it takes none"},
     {NULL, 0, 0, 0, NULL},
 };
 static PyMethodDef function_methods[] = {

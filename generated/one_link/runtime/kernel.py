@@ -10,14 +10,13 @@ from .arrays import flag, is_narrow, joint_lead, states_apart, whole_array, wide
 from .by_name import WrenchLike, wrench_rows
 from .derivatives.by_arguments import Differentiation
 from .derivatives.in_time import TimeDerivatives
-from .derivatives.running_errors import RunningErrors
 from .inverse_kinematics.kernel_method import InverseKinematics
 from .loop_errors import LOADED
 from .raw import Array
 from .stepping.interface import Rollouts
 
 
-class Kernel(Differentiation, TimeDerivatives, RunningErrors, InverseKinematics, Rollouts):
+class Kernel(Differentiation, TimeDerivatives, InverseKinematics, Rollouts):
     """Compiled equations of motion of one robot.
 
     Arrays are (n,) for one state, (N, n) for N states, or (..., n); the result gains the same leading axes.  Leading
@@ -65,7 +64,6 @@ class Kernel(Differentiation, TimeDerivatives, RunningErrors, InverseKinematics,
         dtype: the dtype of all arrays.
         raw: the functions of C as they are, for programs that call them without checks.
         calls: checked calls of those functions by their names.
-        tiled: methods of the same names on tiles of states, which vectors load without transposes; see ``Tiled``.
 
     Raises (all methods):
         ArrayError: an array of wrong shape, with numbers that the dtype cannot hold exactly, or with NaN or infinity

@@ -18,7 +18,7 @@ from ..device.face import Device
 from ..errors import ArrayError, InputError
 from ..names import show
 from ..optional import optional_import
-from ..robot.model import build_model
+from ..pipeline.derivations import derived_model
 from ..runtime.kernel import Kernel
 from ..runtime.stepping.options import StepOptions
 from .frames import jacobian_derivative, pose_derivative
@@ -105,7 +105,7 @@ def native(robot: RobotLike, kernels: Sequence[str] = ()) -> Any:
 
     described = as_robot(robot)
     module: dict[str, Any] = {"__name__": f"{described.name}_arrays"}
-    exec(compile(render_arrays(build_model(described), kernels), f"<{described.name}_arrays>", "exec"), module)
+    exec(compile(render_arrays(derived_model(described), kernels), f"<{described.name}_arrays>", "exec"), module)
     return module["make"](jnp, jax.lax.scan)
 
 

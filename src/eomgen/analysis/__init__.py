@@ -3,46 +3,33 @@
 Uses runtime, robot, results, bending, description, state, loops, motion, pipeline, integration and simulation.
 """
 
-from ..bending.beams.resultants import StressResultants
-from ..lazily import public_names
-from .compliance import ComplianceMap, compliance_map
-from .discrete import DiscreteStateSpace
-from .frequency import Response, h1, response
-from .matrices import StateSpace, linearize
-from .modal import modes, modes_along
-from .modal_result import Modes, TrackedModes
-from .options import StateOptions
-from .sensitivity import offset_sensitivity
-from .statics import Deflection, JointStiffnessMatrix, deflection, joint_stiffness_matrix
-from .structures import Comparison, compare
-from .tool_budget import Budget, budget
+from typing import TYPE_CHECKING
 
-__all__ = [
-    "Budget",
-    "Comparison",
-    "ComplianceMap",
-    "Deflection",
-    "DiscreteStateSpace",
-    "JointStiffnessMatrix",
-    "Modes",
-    "Response",
-    "StateOptions",
-    "StateSpace",
-    "StressResultants",
-    "TrackedModes",
-    "budget",
-    "compare",
-    "compliance_map",
-    "deflection",
-    "h1",
-    "joint_stiffness_matrix",
-    "linearize",
-    "modes",
-    "modes_along",
-    "offset_sensitivity",
-    "response",
-]
+from ..lazily import lazy_names
 
-
-def __dir__() -> list[str]:
-    return public_names(globals(), __all__)
+if TYPE_CHECKING:
+    from ..bending.beams.resultants import StressResultants as StressResultants
+    from .compliance import ComplianceMap as ComplianceMap
+    from .compliance import compliance_map as compliance_map
+    from .discrete import DiscreteStateSpace as DiscreteStateSpace
+    from .frequency import Response as Response
+    from .frequency import h1 as h1
+    from .frequency import response as response
+    from .matrices import StateSpace as StateSpace
+    from .matrices import linearize as linearize
+    from .modal import modes as modes
+    from .modal import modes_along as modes_along
+    from .modal_result import Modes as Modes
+    from .modal_result import TrackedModes as TrackedModes
+    from .options import StateOptions as StateOptions
+    from .sensitivity import offset_sensitivity as offset_sensitivity
+    from .statics import Deflection as Deflection
+    from .statics import JointStiffnessMatrix as JointStiffnessMatrix
+    from .statics import deflection as deflection
+    from .statics import joint_stiffness_matrix as joint_stiffness_matrix
+    from .structures import Comparison as Comparison
+    from .structures import compare as compare
+    from .tool_budget import Budget as Budget
+    from .tool_budget import budget as budget
+else:
+    __getattr__, __dir__, __all__ = lazy_names(__name__)

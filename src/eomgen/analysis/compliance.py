@@ -16,8 +16,8 @@ from ..limits import MOST_COUNTED
 from ..motion.ends import limits_beside
 from ..motion.tool_path import space_point
 from ..names import show
+from ..pipeline.building import build
 from ..pipeline.mechanisms import mechanism_kernels
-from ..pipeline.stages import build
 from ..progress import Progress, StageReport, no_progress, tells_at_prompt
 from ..results.kinds import Kind, Saved, declare
 from ..results.stored import Stored

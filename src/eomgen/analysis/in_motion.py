@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from ..arrays import RANK, Array, Mask
 from ..errors import InputError, LoopError
 from ..names import joint_of
-from ..pipeline.stages import build
+from ..pipeline.building import build
 from ..runtime.kernel import Kernel
 from ..runtime.loop_errors import left_open
 from ..state.drives import has_drives

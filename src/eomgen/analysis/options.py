@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike
 from ..arrays import Array
 from ..description import RobotLike, as_robot
 from ..errors import ArrayError, EomgenWarning, InputError
+from ..pipeline.building import build
 from ..pipeline.mechanisms import mechanism_kernels
-from ..pipeline.stages import build
 from ..progress import StageReport, no_report
 from ..robot.model import build_model
 from ..robot.value import Robot

@@ -12,7 +12,7 @@ from ..arrays import Array
 from ..description import RobotLike, as_robot
 from ..errors import ArrayError
 from ..names import joint_of, kind_of, parameter_name
-from ..pipeline.stages import build
+from ..pipeline.building import build
 from ..robot.model import build_model
 from ..robot.value import COORDINATES, Coordinate
 from ..runtime.arrays import numbers_in

@@ -16,7 +16,7 @@ from ..description.matrix_files import read_matrix
 from ..errors import InputError, LoopError, UnknownNameError, check_kind
 from ..files import check_ending, write_atomically, write_csv
 from ..names import component_name, joint_of, nearest_or_all, parameter_name
-from ..pipeline.stages import build
+from ..pipeline.building import build
 from ..progress import StageReport, tells_at_prompt
 from ..robot.coordinates import MOTIONS, index_of
 from ..robot.elements.matrices import entries_of, matrix_lines

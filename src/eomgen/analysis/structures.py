@@ -22,7 +22,7 @@ from ..motion.ends import default_motion, principal_limits
 from ..motion.exceeding import excess_notes, excesses
 from ..motion.tool_path import ToolLine
 from ..names import joint_of, kind_of, listed
-from ..pipeline.stages import build
+from ..pipeline.building import build
 from ..progress import Progress, tells_at_prompt
 from ..robot.coordinates import force_unit_of, index_of, unit_of
 from ..robot.model import build_model, program_coordinates, tool_of

@@ -15,8 +15,8 @@ import numpy as np
 from ..arrays import RANK, Array
 from ..description import RobotLike, as_robot
 from ..errors import InputError, check_kind
+from ..pipeline.building import build
 from ..pipeline.mechanisms import mechanism_kernels
-from ..pipeline.stages import build
 from ..robot.coordinates import MOTIONS, index_of, owner_of
 from ..robot.model import build_model, tool_of
 from ..robot.value import Robot

@@ -1,12 +1,14 @@
 """Files that people write: checks of one, a new one to begin with, their JSON Schemas.
 
 Uses runtime, robot, motion and forms, the keys and readers of description, scenario and sweep, the names of tolerances
-of identification, and codegen (tree) on floats.
+of identification, models of pipeline, and codegen (tree) on floats.
 """
 
-from ..lazily import imports_when_used
+from typing import TYPE_CHECKING
 
-with imports_when_used(globals()):
+from ..lazily import lazy_names
+
+if TYPE_CHECKING:
     from .check import check_file as check_file
     from .dh import dh_file_text as dh_file_text
     from .dh import robot_from_dh as robot_from_dh
@@ -17,3 +19,5 @@ with imports_when_used(globals()):
     from .new import write_tolerances_file as write_tolerances_file
     from .schema_files import schema_path as schema_path
     from .schemas import schema_text as schema_text
+else:
+    __getattr__, __dir__, __all__ = lazy_names(__name__)

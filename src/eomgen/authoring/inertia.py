@@ -8,7 +8,8 @@ import numpy as np
 
 from ..arrays import Array
 from ..names import listed
-from ..robot.model import Model, build_model, with_offset_angles
+from ..pipeline.derivations import derived_model
+from ..robot.model import Model, with_offset_angles
 from ..robot.value import Robot
 from ..runtime.singular import ADVICE, VANISHED, null_coordinates, scaled_eigenvalues
 
@@ -21,7 +22,7 @@ def inertia_notes(robot: Robot) -> tuple[str, ...]:
     """Return lines about missing inertia: nothing that moves has any, or M is singular in every state."""
     if not any(joint.coordinates for joint in robot.joints):
         return ()
-    model = build_model(robot)
+    model = derived_model(robot)
     moving = [robot.link(name) for name in model.links]
     if not any(link.mass or any(link.inertia) for link in moving):
         return (f"0 kg: no link that moves has mass or inertia, so that there are no accelerations; {ADVICE}",)
@@ -48,7 +49,7 @@ def inertia_notes(robot: Robot) -> tuple[str, ...]:
 def mass_matrix(model: Model, q: Array) -> Array:
     """Return M of the tree in one state, (n, n), by the generator's recursion on floats; q of coordinates."""
     from ..codegen.tree.bending import bent
-    from ..codegen.tree.bound import bind  # SymPy, which only a robot's check needs
+    from ..codegen.tree.bound import bind
     from ..codegen.tree.composite import mass_matrix as entries
     from ..codegen.tree.followers import Followers
     from ..codegen.tree.frozen_joints import geometry

@@ -25,8 +25,10 @@ from ..arrays import Array
 from ..description import RobotLike, as_robot
 from ..errors import InputError, InternalError, LoopError
 from ..names import component_name, listed
+from ..pipeline.building import build
 from ..pipeline.mechanisms import assembly_kernels
-from ..pipeline.stages import Options, build, build_flags
+from ..pipeline.options import Options
+from ..pipeline.stages import tools_for
 from ..progress import StageReport, no_report
 from ..robot.model import build_model, open_tree
 from ..robot.value import MOTOR, PRINCIPAL, Robot
@@ -162,7 +164,7 @@ def bench(
 
     options = Options(tuple(kernels), native=native, flags=tuple(flags))
     kernel = build(robot, kernels=options.kernels or "all", native=native, flags=options.flags, progress=progress)
-    used = build_flags(options, find_compiler())
+    used = tools_for(options).flags
     progress("compiling the Newton-Euler algorithm")
     unknown = unknown_to_textbook(build_model(robot).tree)
     yardstick = compile_yardstick(build_model(robot).tree, used, is_known=not unknown)

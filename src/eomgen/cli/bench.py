@@ -29,14 +29,14 @@ def _add_bound(parser: argparse.ArgumentParser) -> None:
     from ..codegen.kernels.signatures import DTYPES
 
     add_robot(parser)
-    parser.add_argument("--kernels", nargs="+", default=[], metavar="NAME", help="only these kernels (without solves)")
+    parser.add_argument("--kernels", nargs="+", default=[], metavar="NAME", help="only these kernels (all)")
     add_input_ranges(parser)
     parser.add_argument("--dtype", choices=DTYPES, default="float64", help="type of all numbers (float64)")
     add_json(parser)
 
 
 def _bound(options: argparse.Namespace) -> None:
-    from ..rounding import rounding_bounds
+    from ..precision import rounding_bounds
 
     robot, ranges = read_robot(options), ranges_of(options)
     with stage_bar("bounding") as report:

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 from .shared.command import Command
 from .shared.numbers import whole
-from .shared.options import add_input_ranges, add_within, ranges_of
 from .shared.output import say, show_written
 from .shared.progress import stage_bar
 from .shared.reading import add_robot, read_robot
@@ -47,8 +46,6 @@ def _add_generate(parser: argparse.ArgumentParser) -> None:
     add_robot(parser)
     parser.add_argument("-o", "--output", type=Path, default=Path("generated"), help="folder to write to (generated)")
     parser.add_argument("--dtype", choices=DTYPES, default="float64", help="type of all numbers (float64)")
-    add_within(parser)
-    add_input_ranges(parser)
     processors = parser.add_mutually_exclusive_group()
     processors.add_argument("--level", choices=LEVELS, default="", help="x86-64 level to compile for (all)")
     processors.add_argument("--native", action="store_true", help="compile for this processor alone")
@@ -70,8 +67,7 @@ def _add_generate(parser: argparse.ArgumentParser) -> None:
         default=[],
         metavar="NAME[,NAME...]",
         help=f"only these kernels (all but derivatives): {', '.join(OWN_KERNELS)}; derivatives of them, such as"
-        " energy_adjoint, end in _tangent, _adjoint, _hessian, _parameter_tangent, _parameter_adjoint, _jet1 to _jet4;"
-        " with bounds of rounding errors in _with_errors, the same in double-double arithmetic in _extended",
+        " energy_adjoint, end in _tangent, _adjoint, _hessian, _parameter_tangent, _parameter_adjoint, _jet1 to _jet4",
     )
 
 
@@ -83,22 +79,17 @@ def _names(text: str) -> list[str]:
 def _generate(options: argparse.Namespace) -> None:
     from ..errors import InputError
     from ..export.wheel import export_wheel
-    from ..pipeline.importable import check_module_name
-    from ..pipeline.stages import Options, generate
+    from ..pipeline.generating import check_module_name, generate
+    from ..pipeline.options import Options
 
-    robot, ranges = read_robot(options), ranges_of(options)
-    if options.dtype != "float32" and (ranges or options.within is not None):
-        option = "--range" if ranges else "--float32-within"
-        raise InputError(f"{option}: given without --dtype float32; allowed: with it")
+    robot = read_robot(options)
     if options.simt:
         _generate_simt(robot, options)
         return
     for flag, is_given in (("--tile", options.tile is not None), ("--contract", options.contract)):
         if is_given:
             raise InputError(f"{flag}: given without --simt; allowed: with --simt")
-    over = tuple((name, lower, upper) for name, (lower, upper) in ranges.items())
-    kernels, about = tuple(options.kernels), {"level": options.level, "within": options.within, "ranges": over}
-    chosen = Options(kernels, options.dtype, options.native, **about)
+    chosen = Options(tuple(options.kernels), options.dtype, options.native, level=options.level)
     if options.wheel and (options.cmake or options.ros2 or options.native or options.report):
         raise InputError(
             "--wheel stands without --cmake, --ros2, --native and --report; allowed: with --dtype, --level, --kernels"
@@ -120,8 +111,6 @@ def _generate_simt(robot: Robot, options: argparse.Namespace) -> None:
     from ..errors import InputError
     from ..export.simt import export_simt
 
-    if options.within is not None or options.range:
-        raise InputError("--simt stands without --float32-within and --range; allowed: without --simt")
     if options.wheel or options.cmake or options.ros2 or options.native or options.report or options.level:
         raise InputError(
             "--simt stands without --cmake, --ros2, --wheel, --native, --level and --report; allowed: with --dtype,"
@@ -157,7 +146,6 @@ COMMANDS = (
             "generate arm.toml -o generated": "write and compile generated/arm, then: import arm",
             "generate arm.toml --cmake": "the same, with a CMake package and a header for C++17",
             "generate arm.toml --report derivation.html": "the same, and which terms survive, joint by joint",
-            "generate arm.toml --dtype float32 --float32-within 1e-6": "in float, and in double where results need it",
             "generate arm.toml --simt": "a text for accelerators, CUDA, HIP or OpenCL C, one thread per state",
             "generate arm.toml --wheel": "a wheel of it, which pip installs where eomgen is not",
         },

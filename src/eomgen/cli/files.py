@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, Any
 from ..errors import EomgenWarning, InputError
 from .choices import FORMATS
 from .shared.command import Command
-from .shared.options import add_input_ranges, add_json, add_within, ranges_of
+from .shared.options import add_input_ranges, add_json, ranges_of
 from .shared.output import say, say_lines, show_json
 from .shared.progress import stage_bar
 from .shared.reading import add_reading, xacro_of
 
 if TYPE_CHECKING:
     from ..authoring.check import Checked
-    from ..rounding import Float32Advice
+    from ..precision import Float32Advice
 
 
 def _add_new(parser: argparse.ArgumentParser) -> None:
@@ -70,7 +70,6 @@ def _add_check(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--kernels", nargs="+", default=[], metavar="NAME", help="only these kernels (those that control and simulate)"
     )
-    add_within(parser)
     add_input_ranges(parser)
     add_reading(parser, "inertia", "floating_base", "xacro", "xacro_args")
     add_json(parser)
@@ -80,7 +79,7 @@ def _check(options: argparse.Namespace) -> None:
     from ..authoring.check import check_files
 
     ranges = ranges_of(options)
-    given = {"--range": ranges, "--kernels": options.kernels, "--float32-within": options.within is not None}
+    given = {"--range": ranges, "--kernels": options.kernels}
     if any(given.values()) and not options.float32:
         option = next(name for name, is_given in given.items() if is_given)
         raise InputError(f"{option}: given without --float32; allowed: with it")
@@ -110,11 +109,11 @@ def _float32(
 ) -> Float32Advice:
     """Return what single precision costs the robot of a file."""
     from ..description.load import load_robot
-    from ..rounding import float32_advice
+    from ..precision import float32_advice
 
     robot = load_robot(file, **how)
-    with stage_bar("bounding") as report:
-        return float32_advice(robot, options.kernels, ranges, within=options.within, progress=report)
+    with stage_bar("comparing") as report:
+        return float32_advice(robot, options.kernels, ranges, progress=report)
 
 
 def _add_schema(parser: argparse.ArgumentParser) -> None:
@@ -143,7 +142,7 @@ COMMANDS = (
         "check descriptions, scenarios and plans without generating anything",
         {
             "check arm.toml": "is it right? every error with file:line:column",
-            "check ur5 --float32": "what single precision costs: how far results are off, and what that comes from",
+            "check ur5 --float32": "errors of single precision, and the operations that dominate them",
         },
     ),
     Command(

@@ -39,13 +39,13 @@ def _info(options: argparse.Namespace) -> None:
     if options.zeros:
         from ..codegen.joint.zero_listing import zero_report
         from ..codegen.kernels.constraint_rows import vanishing_rows
-        from ..robot.model import build_model
+        from ..pipeline.derivations import derived_model
 
-        model = build_model(robot)
+        model = derived_model(robot)
         show_result(options, zero_report(model, vanishing_rows(model)))
         return
     from ..pipeline.costs import robot_info
-    from ..pipeline.mobility import mobility_of
+    from ..pipeline.mechanisms import mobility_of
 
     with stage_bar("deriving") as report:
         info = replace(robot_info(robot, progress=report), mobility=mobility_of(robot, progress=report))

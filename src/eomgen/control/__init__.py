@@ -3,9 +3,11 @@
 Uses runtime, robot, results, description, state, motion, scenario, codegen (c), templates, pipeline and simulation.
 """
 
-from ..lazily import imports_when_used
+from typing import TYPE_CHECKING
 
-with imports_when_used(globals()):
+from ..lazily import lazy_names
+
+if TYPE_CHECKING:
     from .elastic_feedforward import feedforward as feedforward
     from .feedforward_result import FeedForward as FeedForward
     from .feedforward_source import write_feedforward as write_feedforward
@@ -19,3 +21,5 @@ with imports_when_used(globals()):
     from .observer_source import write_observer as write_observer
     from .sensing import Measurement as Measurement
     from .sensing import parse_sensors as parse_sensors
+else:
+    __getattr__, __dir__, __all__ = lazy_names(__name__)

@@ -23,7 +23,7 @@ from ..errors import ArrayError, InputError
 from ..limits import LARGEST, is_usable
 from ..motion.time_derivatives import Jump, SmoothProgram, by_time, with_series
 from ..names import listed, show
-from ..pipeline.stages import build
+from ..pipeline.building import build
 from ..progress import StageReport, no_report, tells_at_prompt
 from ..robot.coordinates import coordinate_names, index_of
 from ..robot.mechanism import driven_coordinates, leading_home

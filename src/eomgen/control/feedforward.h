@@ -20,16 +20,6 @@
 #define EOM_FLAT C(1e-9)
 #endif
 
-/* Whether numbers are finite. */
-EOM_LOCAL int EOM(feedforward_finite)(int count, const EOM_SCALAR *x)
-{
-    int is_finite = 1;
-    for (int i = 0; i < count; ++i) {
-        if (!((x[i] - x[i]) >= (EOM_SCALAR)0.0)) { is_finite = 0; }
-    }
-    return is_finite;
-}
-
 /* Writes forces phi of n springs at deflections e, their first and their second derivatives, (3, n). */
 typedef void (*EOM(feedforward_springs))(const EOM_SCALAR *h, const EOM_SCALAR *e, EOM_SCALAR *phi);
 

@@ -18,13 +18,14 @@ from ..description import RobotLike, as_robot
 from ..errors import InputError
 from ..files import as_path
 from ..limits import LARGEST, is_usable
-from ..names import listed, show
-from ..pipeline.stages import Options, build, make_source
+from ..names import listed, show, word_in
+from ..pipeline.building import build
+from ..pipeline.options import Options
+from ..pipeline.stages import make_source
 from ..progress import StageReport, no_report, tells_at_prompt
 from ..robot.mechanism import driven_coordinates
 from ..robot.model import build_model
 from ..robot.value import Coordinate, Motor, Robot
-from ..runtime.arrays import word_in
 from .elastic_feedforward import check_flat, check_smoothing, links_alone
 from .gears import Gears, check_one_slope, filter_weights, gears_of, laws_alone, principal_of
 from .link_friction import coulomb_frictions, softened

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..arrays import Array, Index, Mask
 from ..errors import InputError
-from ..pipeline.stages import build
+from ..pipeline.building import build
 from ..robot.coordinates import force_unit_of
 from ..robot.value import PRINCIPAL, Coordinate, Joint, Link, Motor, Robot
 from ..runtime.kernel import Kernel

@@ -53,16 +53,6 @@ EOM_LOCAL int EOM(kalman_linear_step)(int n, EOM_SCALAR dt, const EOM_SCALAR *re
     return 0;
 }
 
-/* Whether numbers are finite. */
-EOM_LOCAL int EOM(kalman_finite)(int count, const EOM_SCALAR *restrict x)
-{
-    int is_finite = 1;
-    for (int i = 0; i < count; ++i) {
-        if (!((x[i] - x[i]) >= (EOM_SCALAR)0.0)) { is_finite = 0; }
-    }
-    return is_finite;
-}
-
 /* Whether U^T U is finite: variances are, and so what is between them. */
 EOM_LOCAL int EOM(kalman_root_finite)(int N, const EOM_SCALAR *restrict U)
 {
@@ -70,7 +60,7 @@ EOM_LOCAL int EOM(kalman_root_finite)(int N, const EOM_SCALAR *restrict U)
     for (int j = 0; j < N; ++j) {
         EOM_SCALAR sum = (EOM_SCALAR)0.0;
         for (int k = 0; k <= j; ++k) { sum += U[N * k + j] * U[N * k + j]; }
-        if (EOM(kalman_finite)(1, &sum) == 0) { is_finite = 0; }
+        if (EOM(all_finite)(1, &sum) == 0) { is_finite = 0; }
     }
     return is_finite;
 }

@@ -13,12 +13,12 @@ from numpy.typing import ArrayLike, NDArray
 from ..description import RobotLike
 from ..errors import InputError, IntegrationError, LoopError, UnknownNameError, check_kind
 from ..limits import LARGEST, MOST_COUNTED, is_usable
-from ..names import component_name, nearest_or_all, show
-from ..pipeline.stages import build
+from ..names import component_name, nearest_or_all, show, word_in
+from ..pipeline.building import build
 from ..robot.model import Model, build_model
 from ..robot.parameter_names import leasts
 from ..robot.value import Sensor
-from ..runtime.arrays import joint_lead, names_in, numbers_in, word_in
+from ..runtime.arrays import joint_lead, names_in, numbers_in
 from ..runtime.kernel import Kernel
 from .covariances import Covariance, SquareRoot
 from .filter_coordinates import AllCoordinates, FilterCoordinates, IndependentCoordinates, kernels_of_coordinates

@@ -32,12 +32,12 @@ from ..codegen.c.scalar_types import SCALARS
 from ..description import RobotLike, as_robot
 from ..errors import InputError, UnknownNameError, check_kind
 from ..limits import is_usable
-from ..names import listed, nearest_or_all, show
+from ..names import listed, nearest_or_all, show, word_in
 from ..pipeline import Options, build, generate
 from ..robot.mechanism import coordinate_of
 from ..robot.model import build_model
 from ..robot.value import PRINCIPAL, Coordinate, Robot
-from ..runtime.arrays import flag, joint_lead, numbers_in, word_in
+from ..runtime.arrays import flag, joint_lead, numbers_in
 from ..runtime.kernel import Kernel
 from . import independent
 from .independent import Independent, kernels_of_choice
@@ -223,7 +223,7 @@ class MomentumObserver:
         """Write the robot's package with ``kernels_in_c`` into a folder, and the observer's C into it; return its path.
 
         Raises:
-            InputError, BuildError, DerivationError: as of ``eomgen.generate``.
+            InputError, BuildError: as of ``eomgen.generate``.
         """
         package = generate(self.robot, folder, Options(self.kernels_in_c, str(self.dtype)))
         for name, text in self.sources().items():

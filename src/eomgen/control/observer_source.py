@@ -15,7 +15,8 @@ from .._version import __version__
 from ..codegen.c.source import environment
 from ..errors import InputError, check_kind
 from ..files import as_path, write_atomically
-from ..pipeline.stages import Options, make_source
+from ..pipeline.options import Options
+from ..pipeline.stages import make_source
 from ..progress import StageReport, no_report, tells_at_prompt
 from .filter_steps import GENERAL_KERNELS, LINEAR_KERNELS, WRENCH_KERNELS
 from .kalman_filter import FilterModel, Observer

@@ -15,11 +15,11 @@ from ..arrays import Array
 from ..description import RobotLike, as_robot
 from ..errors import InputError, UnknownNameError, check_kind
 from ..limits import is_usable
-from ..names import nearest, nearest_or_all, show
+from ..names import nearest, nearest_or_all, show, word_in
 from ..robot.fields import Picklable
 from ..robot.model import build_model
 from ..robot.value import SENSOR_KINDS, Robot, Sensor, innovations, readings, sensor_conflict
-from ..runtime.arrays import joint_lead, numbers_in, word_in
+from ..runtime.arrays import joint_lead, numbers_in
 from ..runtime.kernel import Kernel
 
 NOISE: Mapping[str, float] = MappingProxyType(  # standard deviations of readings, by their units

@@ -3,11 +3,15 @@
 Uses bending, robot and forms.
 """
 
-from ..lazily import imports_when_used
+from typing import TYPE_CHECKING
 
-with imports_when_used(globals()):
+from ..lazily import lazy_names
+
+if TYPE_CHECKING:
     from .builtin import builtin_robots as builtin_robots
     from .load import RobotLike as RobotLike
     from .load import as_robot as as_robot
     from .load import load_robot as load_robot
     from .load import robot_from_toml as robot_from_toml
+else:
+    __getattr__, __dir__, __all__ = lazy_names(__name__)

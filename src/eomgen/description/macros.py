@@ -66,10 +66,16 @@ def expanded_urdf(path: Path, *, trusted: Xacro, arguments: Mapping[str, object]
     given = _Arguments({name: _value_of(path, name, value) for name, value in (arguments or {}).items()})
     with optional_import("xacro", "files that end in .xacro need", "or expand it: xacro robot.xacro > robot.urdf"):
         import xacro
+    from xml.dom import DOMException
+    from xml.parsers.expat import ExpatError
+
+    # what xacro raises itself, and what it lets through of XML, of files, of Python in ${...} and of macros without end
+    of_files = (xacro.XacroException, DOMException, ExpatError, OSError, RecursionError)
+    of_python = (ArithmeticError, AttributeError, LookupError, NameError, SyntaxError, TypeError, ValueError)
     try:
         with _packages_found(packages):
             text = str(xacro.process_file(str(path), mappings=given).toxml())
-    except Exception as error:  # whatever the file's expressions raise
+    except (*of_files, *of_python) as error:
         from .xml_text import one_line  # with expat, which descriptions in TOML do without
 
         said = f"{type(error).__name__}: {one_line(error)}"

@@ -1,5 +1,5 @@
-"""Kernels on accelerators: the text of codegen.simt compiled for a device, called with arrays that lie on it.
+"""Kernels on GPUs: the source of codegen.simt compiled for a device of CUDA, called with arrays that lie on it.
 
-CUDA and HIP by the driver's library through ctypes, OpenCL by pyopencl; each is loaded when asked for.
+CUDA by the driver's library and NVRTC through ctypes, loaded when asked for.
 Uses runtime, robot, codegen (kernels, c, program, simt, package), templates and pipeline.
 """

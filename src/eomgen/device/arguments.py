@@ -10,7 +10,6 @@ import numpy as np
 
 from ..errors import InputError
 from ..names import show
-from .backends import Placed
 
 MOST_STEPS = 2**31 - 1
 
@@ -72,12 +71,6 @@ def number_of(name: str, key: str, kind: str, value: Any, dtype: np.dtype[Any]) 
     if not is_allowed:
         raise InputError(f"{name}: {key} = {show(value)}; allowed: a finite number from 0 on")
     return dtype.type(value)
-
-
-def axes_of(view: Placed, inner: tuple[int, ...]) -> tuple[int, ...]:
-    """Return an array's shape; of a buffer that of as many rows of states as it holds."""
-    rows, left = divmod(view.shape[0], math.prod(inner)) if view.is_flat else (0, 1)
-    return view.shape if left else (rows, *inner)
 
 
 def shown_shape(shape: Sequence[Any]) -> str:

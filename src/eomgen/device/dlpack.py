@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 NAME, FLOAT = b"dltensor", 2
-TYPES = {"cpu": 1, "cuda": 2, "hip": 10}  # of devices
+CPU, CUDA = 1, 2  # types of devices
 CODES = {0: "i", 1: "u", FLOAT: "f", 5: "c", 6: "b"}  # of dtypes, as NumPy's kinds
 
 
@@ -80,7 +80,7 @@ def make_capsule(owner: Any, address: int, shape: Sequence[int], dtype: np.dtype
     """Return a capsule of an array in C's order, which holds on to the owner of its memory.
 
     Args:
-        device: its type, one of TYPES, and its number.
+        device: its type, CPU or CUDA, and its number.
     """
     count = len(shape)
     lengths = (ctypes.c_int64 * max(count, 1))(*shape)

@@ -14,11 +14,13 @@ from ..errors import ArrayError, InputError, LoopError, SingularError, UnknownNa
 from ..names import nearest_or_all, show
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
-from .arguments import axes_of, named_arrays, named_outs, number_of, shown_shape
-from .backends import Backend, Call, Launch, Loaded, Placed, Prepared, Taken
-from .foreign import IMMUTABLE, library_of
+from .arguments import named_arrays, named_outs, number_of, shown_shape
+from .calls import Loaded, Taken
+from .cuda import Cuda, DeviceArray, Functions, Launch
+from .foreign import IMMUTABLE, View, library_of
 from .texts import FunctionText, setup_of, text_of
 
+ALLOWED = '"cuda", with a number such as "cuda:1"'
 WELL = 0xFFFFFFFF  # where no state is named
 MOST = WELL - 1  # states of a call: they are named by 32 bits
 Array = NDArray[Any]
@@ -29,13 +31,12 @@ class Device:
 
     Arrays are (N, n), or tiles (T, n, 32) for 32 T states: number i of state k at [k // 32, i, k % 32], which takes no
     transposes.  They have the kernel's dtype, lie in C's order, and are of any library with the CUDA array interface or
-    DLPack (CuPy, PyTorch, JAX); of OpenCL, arrays or buffers of pyopencl.  Results are arrays of the library that the
-    first one is of, or ``out``.  Methods are the functions of ``eomgen.export_simt``: those of ``dir``.  They take
-    arrays by position or by name, and
+    DLPack (CuPy, PyTorch, JAX).  Results are arrays of the library that the first one is of, or ``out``.  Methods are
+    the functions of ``eomgen.export_simt``: those of ``dir``.  They take arrays by position or by name, and
 
         out: array to write to; a tuple of two for rollouts.
-        stream: of CUDA or HIP, a stream's address or object; that on which the library of the first array works, or the
-            default one, without.  Other streams that arrays say they are made on are waited for.
+        stream: a stream's address or object; that on which the library of the first array works, or the default one,
+            without.  Other streams that arrays say they are made on are waited for.
         step, steps: of rollouts, the length of a step in s and how many there are.
         kp, kd, target: of rk4_pd_rollout and implicit_pd_rollout, arrays (N, driven coordinates).
 
@@ -49,14 +50,14 @@ class Device:
             infinity in arrays, results that are not finite, mass matrices that cannot be inverted, open loops, and
             angles that are too far.  With False calls return at once, and nothing is looked at.
         tile: states of a tile.
-        queue: of pyopencl, in whose context arrays are; None with CUDA and HIP.
+        cuda: the device itself.
     """
 
-    def __init__(self, robot: Robot, kernel: Kernel, backend: Backend) -> None:
+    def __init__(self, robot: Robot, kernel: Kernel, cuda: Cuda) -> None:
         """Make the methods of a kernel on a device that is open."""
-        self.name, self.checks, self.tile = backend.title, kernel.checks, 32
-        self.queue: Any = getattr(backend, "queue", None)
-        self._robot, self._kernel, self._backend = robot, kernel, backend
+        self.name, self.checks, self.tile = cuda.title, kernel.checks, 32
+        self.cuda = cuda
+        self._robot, self._kernel = robot, kernel
         self._loaded, self._lock = dict[str, Loaded](), threading.RLock()
 
     def __repr__(self) -> str:
@@ -109,21 +110,17 @@ class Device:
         text = self._load(name).text
         return text.shapes("reads"), text.shapes("writes")
 
-    @property
-    def backend(self) -> Backend:
-        """The device as calls need it."""
-        return self._backend
+    def prepared(self, name: str) -> tuple[FunctionText, Functions, DeviceArray]:
+        """Return a method's function with the numbers h of the parameters that the kernel has now.
 
-    def prepared(self, name: str) -> Prepared:
-        """Return a method's function for whoever launches it himself, with the parameters that the kernel has now.
+        For whoever launches it himself: its source and metadata, the compiled source, and h on the device.
 
         Raises:
             UnknownNameError, InputError: there is no such method.
         """
         loaded = self._load(name)
-        with self._lock, self._backend.session(None, ()) as stream:
-            self._h(loaded, stream)
-            return Prepared(loaded.text, loaded.functions, loaded.h[0])
+        with self._lock, self.cuda.session(None, ()) as stream:
+            return loaded.text, loaded.functions, self._h(loaded, stream)
 
     def put(self, x: ArrayLike) -> Any:
         """Return a copy on the device of an array, in the kernel's dtype.
@@ -135,8 +132,8 @@ class Device:
             array = np.ascontiguousarray(x, self._kernel.dtype).reshape(np.shape(x))
         except (TypeError, ValueError):
             raise InputError(f"x: {show(x)}; allowed: an array of numbers") from None
-        with self._lock, self._backend.session(None, ()) as stream:
-            return self._backend.put(array, stream)[0]
+        with self._lock, self.cuda.session(None, ()) as stream:
+            return self.cuda.put(array, stream)
 
     def get(self, x: Any) -> Array:
         """Return a copy in NumPy of an array on the device.
@@ -144,23 +141,23 @@ class Device:
         Raises:
             ArrayError: it is none, of another dtype, or not in C's order.
         """
-        with self._lock, self._backend.session(None, (x,)) as stream:
-            view = self._backend.view("x", x, self._kernel.dtype, stream)
-            return self._backend.read(view.place, 0, np.empty(view.shape, self._kernel.dtype), stream)
+        with self._lock, self.cuda.session(None, (x,)) as stream:
+            view = self.cuda.view("x", x, self._kernel.dtype, stream)
+            return self.cuda.read(view.place, 0, np.empty(view.shape, self._kernel.dtype), stream)
 
     def _load(self, name: str) -> Loaded:
         """Return a function on the device, compiled when it is first asked for."""
         with self._lock:
             if name not in self._loaded:
                 text = text_of(self._robot, name, str(self._kernel.dtype))
-                self._loaded[name] = Loaded(text, self._backend.functions(text.code, self._kernel.dtype))
+                self._loaded[name] = Loaded(text, self.cuda.functions(text.code))
             return self._loaded[name]
 
     def _call(self, name: str, arrays: tuple[Any, ...], others: dict[str, Any], out: Any, stream: Any) -> Any:
         loaded = self._load(name)
         given = named_arrays(name, arrays, others, loaded.reads)
         numbers, outs = self._numbers(loaded.text, others), named_outs(name, out, loaded.writes)
-        with self._lock, self._backend.session(stream, list(given.values())) as on:
+        with self._lock, self.cuda.session(stream, list(given.values())) as on:
             taken = self._taken(loaded, given, numbers, outs, on)
             if taken.count:
                 self._run(taken, on)
@@ -190,12 +187,12 @@ class Device:
             if library_of(x) in IMMUTABLE:
                 raise ArrayError(f"{label}: an array of JAX, whose numbers never change; allowed: others")
         numbers, outs = self._numbers(loaded.text, others), named_outs(name, out, loaded.writes)
-        with self._lock, self._backend.session(stream, list(given.values())) as on:
+        with self._lock, self.cuda.session(stream, list(given.values())) as on:
             taken = self._taken(loaded, given, numbers, outs, on)
-            memory, rooms = self._backend.own_rooms(taken.sizes(self.tile, self._kernel.dtype.itemsize))
+            memory, rooms = self.cuda.own_rooms(taken.room_sizes(self.tile, self._kernel.dtype.itemsize))
             launches, _ = self._launches(taken, rooms, self._h(loaded, on)) if taken.count else ([], None)
-            again, results = self._backend.ready(loaded.functions, launches, on), self._results(taken)
-            kept = (taken, memory, loaded.h, self._backend)
+            again, results = self.cuda.ready(loaded.functions, launches, on), self._results(taken)
+            kept = (taken, memory, loaded.h, self.cuda)
 
         def call() -> Any:
             again()
@@ -213,9 +210,9 @@ class Device:
         on: Any,
     ) -> Taken:
         """Look at arrays, and make those of results that are not given."""
-        views = {x: self._backend.view(x, value, self._kernel.dtype, on) for x, value in given.items()}
+        views = {x: self.cuda.view(x, value, self._kernel.dtype, on) for x, value in given.items()}
         count, is_tiled = self._layout(loaded.text.name, views, loaded.reads)
-        like, results = next(iter(given.values())), dict[str, tuple[Any, Placed]]()
+        like, results = next(iter(given.values())), dict[str, tuple[Any, View]]()
         for array, shape in loaded.writes.items():
             whole = (count // self.tile, *shape, self.tile) if is_tiled else (count, *shape)
             results[array] = self._result(array, outs.get(array), whole, like, on)
@@ -225,7 +222,7 @@ class Device:
         return taken
 
     def _results(self, taken: Taken) -> Any:
-        made = [self._backend.finished(taken.like, array) for array, _ in taken.results.values()]
+        made = [self.cuda.finished(taken.like, array) for array, _ in taken.results.values()]
         return made[0] if len(made) == 1 else tuple(made)
 
     def _numbers(self, text: FunctionText, given: Mapping[str, Any]) -> list[Any]:
@@ -236,13 +233,11 @@ class Device:
             raise InputError(f"{text.name}: {said} beside arrays; allowed: {', '.join(wanted) or 'out and stream'}")
         return [number_of(text.name, key, kind, given[key], self._kernel.dtype) for key, kind in wanted.items()]
 
-    def _layout(
-        self, name: str, views: Mapping[str, Placed], shapes: Mapping[str, tuple[int, ...]]
-    ) -> tuple[int, bool]:
+    def _layout(self, name: str, views: Mapping[str, View], shapes: Mapping[str, tuple[int, ...]]) -> tuple[int, bool]:
         """Return the number of states, and whether arrays are tiles; what is neither is refused by name."""
         found = dict[str, tuple[int, bool]]()
         for label, shape in shapes.items():
-            actual = axes_of(views[label], shape)
+            actual = views[label].shape
             if actual[1:] == shape:
                 found[label] = actual[0], False
             elif len(actual) == len(shape) + 2 and actual[1:] == (*shape, self.tile):
@@ -261,49 +256,45 @@ class Device:
             raise ArrayError(f"{name}: {layout[0]} states; allowed: at most {MOST} in a call")
         return layout
 
-    def _result(self, label: str, out: Any, shape: tuple[int, ...], like: Any, stream: Any) -> tuple[Any, Placed]:
+    def _result(self, label: str, out: Any, shape: tuple[int, ...], like: Any, stream: Any) -> tuple[Any, View]:
         if out is None:
-            return self._backend.made(like, shape, self._kernel.dtype, stream)
-        view = self._backend.view(label, out, self._kernel.dtype, stream, True)
-        fits = math.prod(view.shape) == math.prod(shape) if view.is_flat else view.shape == shape
-        if not fits:
+            return self.cuda.made(like, shape, self._kernel.dtype, stream)
+        view = self.cuda.view(label, out, self._kernel.dtype, stream, True)
+        if view.shape != shape:
             raise ArrayError(f"{label}: shape {view.shape}; allowed: {shape}")
         return out, view
 
-    def _refuse_shared(self, views: Mapping[str, Placed], outs: Mapping[str, Placed]) -> None:
+    def _refuse_shared(self, views: Mapping[str, View], outs: Mapping[str, View]) -> None:
         """Refuse outputs that begin or end inside what is read, or inside each other."""
         size = self._kernel.dtype.itemsize
         for label, one in outs.items():
             for other, view in (*views.items(), *((x, y) for x, y in outs.items() if x != label)):
-                is_shared = one.place == view.place
-                if isinstance(one.place, int):
-                    ends = [x.place + math.prod(x.shape) * size for x in (one, view)]
-                    is_shared = one.place < ends[1] and view.place < ends[0]
-                if is_shared:
+                ends = [x.place + math.prod(x.shape) * size for x in (one, view)]
+                if one.place < ends[1] and view.place < ends[0]:
                     raise ArrayError(f"{label}: shares memory with {other}; allowed: memory of its own")
 
-    def _run(self, taken: Taken, stream: Any) -> None:
+    def _run(self, taken: Taken, stream: int) -> None:
         """Put all of a call on its stream: its launches, and what is looked for."""
-        backend, loaded = self._backend, taken.loaded
-        rooms = backend.rooms(taken.sizes(self.tile, self._kernel.dtype.itemsize), stream)
-        launches, within = self._launches(taken, rooms, self._h(loaded, stream))
-        for name, threads, arguments in launches:
-            backend.launch(loaded.functions, name, threads, arguments, stream)
-        reads, writes = ({x: within[x] for x in which} for which in (taken.reads, taken.results))
-        call = Call(loaded, taken.count, reads, writes, rooms[0], rooms[1], stream)
-        if self.checks:
-            self._look(call)
-        backend.used(stream)
-        if self.checks:
-            self._check(call, loaded.sizes)
+        loaded, checks = taken.loaded, self.checks
+        rooms = self.cuda.rooms(taken.room_sizes(self.tile, self._kernel.dtype.itemsize), stream)
+        launches, places = self._launches(taken, rooms, self._h(loaded, stream))
+        if checks:  # for a status that is not 0 and for numbers that are not finite
+            self.cuda.fill(rooms[1], 1 + len(places), stream)
+            arguments = [np.uint64(taken.count), *places.values(), *rooms[:2]]
+            launches.append((loaded.text.beside("find"), taken.count, arguments))
+        for launch in launches:
+            self.cuda.launch(loaded.functions, *launch, stream)
+        self.cuda.used(stream)
+        if checks:
+            self._check(taken, places, rooms, stream)
 
-    def _launches(self, taken: Taken, rooms: Sequence[Any], h: Any) -> tuple[list[Launch], dict[str, Any]]:
+    def _launches(self, taken: Taken, rooms: Sequence[int], h: DeviceArray) -> tuple[list[Launch], dict[str, int]]:
         """Return launches of a call, with transposes around them where arrays are rows, and places of tiles."""
         loaded, count = taken.loaded, np.uint64(taken.count)
         status, _, *tiles = rooms
         rows = [x.place for x in (*taken.reads.values(), *taken.writes.values())]
         within = dict(zip((*taken.reads, *taken.results), rows if taken.is_tiled else tiles, strict=True))
-        arguments = [count, h, *taken.numbers, *within.values(), status]
+        arguments = [count, h.address, *taken.numbers, *within.values(), status]
         launches: list[Launch] = [(name, taken.count, arguments) for name in loaded.text.about["functions"]]
         if not taken.is_tiled:
             first = len(taken.reads)
@@ -313,45 +304,39 @@ class Device:
             launches.append((loaded.text.beside("end"), taken.count * widest[1], end))
         return launches, within
 
-    def _h(self, loaded: Loaded, stream: Any) -> Any:
-        """Return where the numbers h lie that belong to the kernel's parameters now."""
+    def _h(self, loaded: Loaded, stream: int) -> DeviceArray:
+        """Return the numbers h that belong to the kernel's parameters now."""
         setup = self._kernel.parameters.setup
-        if loaded.setup is not setup:
+        if loaded.h is None or loaded.setup is not setup:
             values = self._kernel.parameters.state.values
-            loaded.h = self._backend.put(setup_of(loaded.text, list(values), self._kernel.dtype), stream)
+            loaded.h = self.cuda.put(setup_of(loaded.text, list(values), self._kernel.dtype), stream)
             loaded.setup = setup
-        return loaded.h[1]
+        return loaded.h
 
-    def _look(self, call: Call) -> None:
-        """Put the search on the stream, for a status that is not 0 and for numbers that are not finite."""
-        backend, arrays = self._backend, (*call.reads.values(), *call.writes.values())
-        backend.fill(call.first, 1 + len(arrays), call.stream)
-        arguments = [np.uint64(call.count), *arrays, call.status, call.first]
-        backend.launch(call.loaded.functions, call.text.beside("find"), call.count, arguments, call.stream)
-
-    def _check(self, call: Call, sizes: Mapping[str, int]) -> None:
+    def _check(self, taken: Taken, places: Mapping[str, int], rooms: Sequence[int], stream: int) -> None:
         """Wait for a call, and raise what its searches found: in what it reads, in statuses, in what it writes."""
-        failed, *bad = self._backend.read(call.first, 0, np.empty(1 + len(sizes), np.uint32), call.stream).tolist()
-        found = dict(zip((*call.reads, *call.writes), bad, strict=True))
-        for label in call.reads:
-            if found[label] != WELL:
-                text, name = self._entry(call, label, call.reads[label], sizes[label], found[label])
-                raise ArrayError(f"{label}: {text}; numbers must be finite", name)
+        text = taken.loaded.text
+        failed, *bad = self.cuda.read(rooms[1], 0, np.empty(1 + len(places), np.uint32), stream).tolist()
+        wrong = {label: state for label, state in zip(places, bad, strict=True) if state != WELL}
+        for label in taken.reads:
+            if label in wrong:
+                said, name = self._entry(taken.loaded, label, places[label], wrong[label], stream)
+                raise ArrayError(f"{label}: {said}; numbers must be finite", name)
         if failed != WELL:
-            status = int(self._backend.read(call.status, 4 * failed, np.empty(1, np.int32), call.stream)[0])
-            raise self._failure(call.text, failed, status)
-        for label in call.writes:
-            if found[label] != WELL:
-                text, name = self._entry(call, label, call.writes[label], sizes[label], found[label])
-                raise ArrayError(f"{call.text.name}: {text}, out of numbers that are finite", name)
+            (status,) = self.cuda.read(rooms[0], 4 * failed, np.empty(1, np.int32), stream).tolist()
+            raise self._failure(text, failed, status)
+        for label in wrong:
+            said, name = self._entry(taken.loaded, label, places[label], wrong[label], stream)
+            raise ArrayError(f"{text.name}: {said}, out of numbers that are finite", name)
 
-    def _entry(self, call: Call, label: str, place: Any, size: int, state: int) -> tuple[str, str]:
+    def _entry(self, loaded: Loaded, label: str, place: int, state: int, stream: int) -> tuple[str, str]:
         """Return which number of a state is not finite, and the name of its coordinate, "" where it has none."""
+        size = loaded.sizes[label]
         offset = state // self.tile * size * self.tile * self._kernel.dtype.itemsize
-        tile = self._backend.read(place, offset, np.empty((size, self.tile), self._kernel.dtype), call.stream)
+        tile = self.cuda.read(place, offset, np.empty((size, self.tile), self._kernel.dtype), stream)
         numbers = tile[:, state % self.tile]
         entry = int(np.flatnonzero(~np.isfinite(numbers))[0])
-        shape = {**call.text.shapes("reads"), **call.text.shapes("writes")}[label]
+        shape = {**loaded.reads, **loaded.writes}[label]
         index = tuple(int(i) for i in np.unravel_index(entry, shape))
         names = self._kernel.velocities
         name = names[entry] if shape == (len(names),) else ""
@@ -367,3 +352,26 @@ class Device:
             return LoopError(f"{message} ({loops})", loop=loops, gap=math.nan) if is_loop else ArrayError(message)
         names = " or ".join(text.vanished(status))
         return SingularError(f"{text.name}: the mass matrix cannot be inverted at {names} in state {state}")
+
+
+def open_device(robot: Robot, kernel: Kernel, where: Any, *, contract: bool = False) -> Device:
+    """Return methods of a robot's kernel on a device.
+
+    Args:
+        robot: of the kernel.
+        kernel: whose parameters, dtype and checks they have.
+        where: "cuda", with the number of a device behind a colon.
+        contract: let products and sums be one operation: faster, with other last bits than on processors.
+
+    Raises:
+        InputError: there is no such device, no driver, or no compiler for it.
+    """
+    if not isinstance(contract, bool):
+        raise InputError(f"contract: {show(contract)}; allowed: True or False")
+    if not isinstance(where, str):
+        raise InputError(f"device: got {type(where).__name__}; allowed: {ALLOWED}")
+    kind, colon, number = where.partition(":")
+    if kind != "cuda" or (colon and not (number.isascii() and number.isdigit() and len(number) < 9)):
+        more = "; eomgen.export_simt writes source code for HIP and OpenCL" if kind in ("hip", "opencl") else ""
+        raise InputError(f"device: {show(where)}; allowed: {ALLOWED}{more}")
+    return Device(robot, kernel, Cuda(int(number or 0), contract))

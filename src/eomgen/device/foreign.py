@@ -1,4 +1,4 @@
-"""Arrays of other libraries on a device of CUDA or HIP: where they lie, on which streams, and new ones for results."""
+"""Arrays of other libraries on a device of CUDA: where they lie, on which streams, and new ones for results."""
 
 from __future__ import annotations
 
@@ -12,9 +12,11 @@ import numpy as np
 
 from ..errors import ArrayError, InputError
 from ..names import show
-from .dlpack import TYPES, Lent, read_capsule
+from .dlpack import CPU, CUDA, Lent, read_capsule
 
 IMMUTABLE = ("jax", "jaxlib")
+DEFAULT = 1  # the default stream, as the array interface and DLPack count
+REFUSALS = (BufferError, RuntimeError, TypeError, ValueError)  # of libraries that do not lend an array
 ALLOWED = "arrays on the device with __cuda_array_interface__ or DLPack, such as those of CuPy, PyTorch and JAX"
 
 
@@ -22,15 +24,14 @@ ALLOWED = "arrays on the device with __cuda_array_interface__ or DLPack, such as
 class View:
     """An array on a device, in C's order.
 
-    place: its address, or its buffer.  owner: what holds on to the memory.  stream: of its library, on which its
-    numbers are made; None where there is nothing to wait for.  is_flat: whether it is a buffer, which has no axes.
+    place: its address.  owner: what holds on to the memory.  stream: of its library, on which its numbers are made;
+    None where there is nothing to wait for.
     """
 
-    place: Any
+    place: int
     shape: tuple[int, ...]
     owner: Any
     stream: int | None = None
-    is_flat: bool = False
 
 
 def library_of(x: Any) -> str:
@@ -38,12 +39,12 @@ def library_of(x: Any) -> str:
     return type(x).__module__.partition(".")[0]
 
 
-def view_of(label: str, x: Any, dtype: np.dtype[Any], device: tuple[str, int], stream: int, is_written: bool) -> View:
+def view_of(label: str, x: Any, dtype: np.dtype[Any], ordinal: int, stream: int, is_written: bool) -> View:
     """Return where an array lies.
 
     Args:
         label: its name in messages.
-        device: "cuda" or "hip", and its number.
+        ordinal: number of the device.
         stream: on which it will be read or written.
         is_written: whether it is written to.
 
@@ -53,7 +54,7 @@ def view_of(label: str, x: Any, dtype: np.dtype[Any], device: tuple[str, int], s
     if is_written and library_of(x) in IMMUTABLE:
         raise ArrayError(f"{label}: arrays of JAX cannot be written; allowed: no out, or an array of another library")
     said = _by_interface(label, x, is_written)
-    lent, made_on = (_by_dlpack(label, x, device, stream), None) if said is None else said
+    lent, made_on = (_by_dlpack(label, x, ordinal, stream), None) if said is None else said
     if lent.typestr != dtype.str:
         raise ArrayError(f"{label}: dtype {_dtype_name(lent.typestr)}; allowed: {dtype}")
     if lent.strides is not None and not _is_in_order(lent.shape, lent.strides, dtype.itemsize):
@@ -67,8 +68,8 @@ def _by_interface(label: str, x: Any, is_written: bool) -> tuple[Lent, int | Non
         said = x.__cuda_array_interface__
     except AttributeError:
         return None
-    except Exception as error:  # PyTorch's of arrays that ask for gradients
-        raise ArrayError(f"{label}: {error}") from None
+    except REFUSALS as error:  # a RuntimeError of PyTorch's arrays that ask for gradients
+        raise ArrayError(f"{label}: {error}") from error
     address, is_fixed = said["data"]
     if is_written and is_fixed:
         raise ArrayError(f"{label}: the array may not be written; allowed: a writable one")
@@ -82,32 +83,26 @@ def _by_interface(label: str, x: Any, is_written: bool) -> tuple[Lent, int | Non
     return lent, said.get("stream")
 
 
-def _by_dlpack(label: str, x: Any, device: tuple[str, int], stream: int) -> Lent:
+def _by_dlpack(label: str, x: Any, ordinal: int, stream: int) -> Lent:
     """Return what a capsule says, whose numbers are there for what comes next on the stream."""
     if isinstance(x, np.ndarray) or not hasattr(x, "__dlpack__") or not hasattr(x, "__dlpack_device__"):
         raise ArrayError(f"{label}: got {_said(x)}, which lies on the processor; allowed: {ALLOWED}, or device.put")
     kind, number = (int(word) for word in x.__dlpack_device__())
-    expected = TYPES[device[0]]
-    if kind != expected:
-        where = "on the processor" if kind == TYPES["cpu"] else f"on a device of DLPack's type {kind}"
+    if kind != CUDA:
+        where = "on the processor" if kind == CPU else f"on a device of DLPack's type {kind}"
         raise ArrayError(f"{label}: {_said(x)} lies {where}; allowed: {ALLOWED}")
-    refuse_elsewhere(label, number, device)
+    refuse_elsewhere(label, number, ordinal)
     try:
-        capsule = x.__dlpack__(stream=_for_dlpack(stream, device[0]))
-    except Exception as error:  # each library has errors of its own
-        raise ArrayError(f"{label}: {_said(x)} gives no DLPack: {error}") from None
+        capsule = x.__dlpack__(stream=stream or DEFAULT)
+    except REFUSALS as error:  # a BufferError by the standard of arrays
+        raise ArrayError(f"{label}: {_said(x)} gives no DLPack: {error}") from error
     return read_capsule(capsule)
 
 
-def refuse_elsewhere(label: str, number: int, device: tuple[str, int]) -> None:
+def refuse_elsewhere(label: str, number: int, ordinal: int) -> None:
     """Raise ArrayError where an array lies on another device than that of a number."""
-    if number != device[1]:
-        raise ArrayError(f"{label}: the array lies on {device[0]}:{number}; allowed: {device[0]}:{device[1]}")
-
-
-def _for_dlpack(stream: int, kind: str) -> int:
-    """Return a stream as DLPack counts: CUDA's default one is 1, that of HIP 0."""
-    return 1 if stream == 0 and kind == "cuda" else stream
+    if number != ordinal:
+        raise ArrayError(f"{label}: the array lies on cuda:{number}; allowed: cuda:{ordinal}")
 
 
 def _is_in_order(shape: Sequence[int], strides: Sequence[int], size: int) -> bool:

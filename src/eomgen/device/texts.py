@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from .._version import __version__
 from ..pipeline import cache as store
+from ..pipeline.derivations import derived_model
 from ..pipeline.generator_key import generator_hash
-from ..robot.model import build_model
 from ..robot.record import robot_hash
 from ..robot.value import Robot
 
@@ -96,7 +96,7 @@ def _rendered(robot: Robot, name: str, dtype: str) -> tuple[str, str]:
     from ..codegen.c.source import environment
     from ..codegen.simt.sources import render_simt
 
-    source = render_simt(build_model(robot), (name,), dtype)
+    source = render_simt(derived_model(robot), (name,), dtype)
     about = json.loads(source.meta)["kernels"][name]
     reads, writes = ({x: math.prod(shape) for x, shape in about[which].items()} for which in ("reads", "writes"))
     template = environment().get_template("simt/watch.h.jinja")

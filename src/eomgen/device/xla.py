@@ -6,7 +6,7 @@ import ctypes
 import hashlib
 import json
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import cache
 from math import prod
 from pathlib import Path
@@ -14,12 +14,10 @@ from typing import Any
 
 from ..codegen.package.compile import WARNINGS, compile_flags, find_compiler, link_shared, toolchain
 from ..codegen.package.running import run_all
-from ..errors import InputError
 from ..pipeline import cache as store
 from ..pipeline.load import linked
-from .backends import Prepared
+from .cuda import LINE, DeviceArray, Functions
 from .face import Device
-from .gpu import LINE, GpuBackend
 from .texts import KIND, FunctionText
 
 SOURCE = Path(__file__).with_name("xla_handler.c")
@@ -110,31 +108,28 @@ def plan_number(library: ctypes.CDLL, device: Device, name: str) -> tuple[int, F
     """Return the number by which handlers know a function with the parameters that the kernel has now, and its text.
 
     Raises:
-        UnknownNameError, InputError: the device has no such method, or it is none of CUDA.
+        UnknownNameError, InputError: the device has no such method.
     """
-    backend = device.backend
-    if not isinstance(backend, GpuBackend) or backend.chosen.driver.kind != "cuda":
-        raise InputError(f"device: {device.name}; allowed for JAX: a device of CUDA")
-    prepared = device.prepared(name)
-    text, h = prepared.text, device.get(prepared.h)
-    known = [device.name, backend.contract, device.checks, text.code, name]
-    digest = hashlib.sha256(json.dumps(known).encode() + h.tobytes()).digest()
+    text, functions, h = device.prepared(name)
+    known = [device.name, device.cuda.contract, device.checks, text.code, name]
+    digest = hashlib.sha256(json.dumps(known).encode() + device.get(h).tobytes()).digest()
     number = int.from_bytes(digest[:8], "little") >> 1  # attributes of XLA are signed
     with _lock:
         if (library._handle, number) not in _kept:  # noqa: SLF001
-            plan, held = _plan(number, device, backend, prepared)
-            _kept[library._handle, number] = plan, held, prepared  # noqa: SLF001
+            plan, held = _plan(number, device, text, functions, h)
+            _kept[library._handle, number] = plan, held, functions, h  # noqa: SLF001
             library.eomgen_add_plan(ctypes.byref(plan))
     return number, text
 
 
-def _plan(number: int, device: Device, backend: GpuBackend, prepared: Prepared) -> tuple[Plan, list[Any]]:
+def _plan(
+    number: int, device: Device, text: FunctionText, functions: Functions, h: DeviceArray
+) -> tuple[Plan, list[Any]]:
     """Return a plan, and what it points to."""
-    text, chosen = prepared.text, backend.chosen
-    find: Callable[[str], int] = prepared.functions.find
+    chosen = device.cuda.chosen
     with chosen.current():
-        parts = [find(name) for name in text.about["functions"]]
-        beside = {word: find(text.beside(word)) for word in ("begin", "end", "find")}
+        parts = [functions.find(name) for name in text.about["functions"]]
+        beside = {word: functions.find(text.beside(word)) for word in ("begin", "end", "find")}
     calls = Calls(*(chosen.driver.address(word) for word in CALLS))
     sizes = _sizes(text)
     labels = [*text.shapes("reads"), *text.shapes("writes")]
@@ -149,7 +144,7 @@ def _plan(number: int, device: Device, backend: GpuBackend, prepared: Prepared) 
     ]
     plan = Plan(
         number=number,
-        h=prepared.h.address,
+        h=h.address,
         name=text.name.encode(),
         device=device.name.encode(),
         context=chosen.context,

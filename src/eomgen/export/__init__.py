@@ -4,9 +4,11 @@ Uses runtime, robot, description, state, loops, motion, integration, scenario, c
 simt), templates, pipeline, simulation, control and pictures.
 """
 
-from ..lazily import imports_when_used
+from typing import TYPE_CHECKING
 
-with imports_when_used(globals()):
+from ..lazily import lazy_names
+
+if TYPE_CHECKING:
     from .acados import export_acados as export_acados
     from .arrays import export_arrays as export_arrays
     from .fmu import export_fmu as export_fmu
@@ -15,3 +17,5 @@ with imports_when_used(globals()):
     from .simt import export_simt as export_simt
     from .wasm import export_wasm as export_wasm
     from .wheel import export_wheel as export_wheel
+else:
+    __getattr__, __dir__, __all__ = lazy_names(__name__)

@@ -11,7 +11,7 @@ from .._version import __version__
 from ..control.discrete_steps import DiscreteStep, checked_step, kernels_for_step
 from ..description import RobotLike, as_robot
 from ..files import as_path, write_atomically
-from ..pipeline.stages import build
+from ..pipeline.building import build
 from ..progress import StageReport, no_report, tells_at_prompt
 from ..robot.model import build_model
 from ..robot.value import Robot

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from eomgen.description import RobotLike, as_robot
 from eomgen.files import check_ending, write_atomically
+from eomgen.pipeline.derivations import derived_model
 from eomgen.progress import StageReport, no_report, tells_at_prompt
-from eomgen.robot.model import build_model
 
 
 @tells_at_prompt("exporting")
@@ -34,5 +34,5 @@ def export_arrays(
     target = check_ending(path, ".py")
     robot = as_robot(robot)
     progress("deriving the equations")
-    text = render_arrays(build_model(robot), kernels)
+    text = render_arrays(derived_model(robot), kernels)
     return write_atomically(target, lambda stream: stream.write(text.encode("ascii")), read=None)

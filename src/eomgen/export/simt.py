@@ -9,8 +9,8 @@ from ..description import RobotLike, as_robot
 from ..errors import InputError
 from ..files import as_path, write_atomically
 from ..names import show
+from ..pipeline.derivations import derived_model
 from ..progress import StageReport, no_report, tells_at_prompt
-from ..robot.model import build_model
 
 
 @tells_at_prompt("exporting")
@@ -50,7 +50,7 @@ def export_simt(
     if isinstance(kernels, str) or not all(isinstance(name, str) for name in kernels):
         raise InputError(f"kernels: {show(kernels)}; allowed: a sequence of names")
     progress("deriving the equations")
-    source = render_simt(build_model(robot), tuple(kernels), dtype, tile, contract=contract)
+    source = render_simt(derived_model(robot), tuple(kernels), dtype, tile, contract=contract)
     return [_written(target / name, text) for name, text in source.files.items()]
 
 

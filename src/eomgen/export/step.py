@@ -9,8 +9,8 @@ import numpy as np
 from ..arrays import Array
 from ..errors import InputError, SingularError
 from ..names import listed
+from ..pipeline.building import build
 from ..pipeline.mechanisms import assembled_home
-from ..pipeline.stages import build
 from ..progress import StageReport, no_report
 from ..robot.laws import COARSE
 from ..robot.memory.branches import BRANCHES

@@ -16,7 +16,8 @@ from eomgen._version import __version__
 from eomgen.description import RobotLike, as_robot
 from eomgen.errors import InputError
 from eomgen.files import as_path, write_atomically
-from eomgen.pipeline.stages import Options, generate
+from eomgen.pipeline.generating import generate
+from eomgen.pipeline.options import Options
 from eomgen.progress import StageReport, no_report, tells_at_prompt
 
 OLDEST = (1980, 1, 1, 0, 0, 0)  # the first time that an archive can hold: the same files make the same bytes

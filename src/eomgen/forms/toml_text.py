@@ -10,7 +10,6 @@ from pathlib import Path
 from ..errors import DescriptionError, check_kind
 from ..files import read_regular
 from ..limits import LARGEST
-from ..memory import without_collection
 
 _MOST_BYTES = 1 << 20  # these take a second to read, if they are the slowest of their kind
 _MOST_XML = 1 << 22  # so does this of XML
@@ -84,8 +83,7 @@ def parse_toml(text: str, source: str) -> dict[str, object]:
             error.line, error.column = line_and_column(text, match.start())
             raise error
     try:
-        with without_collection():
-            values: dict[str, object] = tomllib.loads(text)
+        values: dict[str, object] = tomllib.loads(text)
     except RecursionError:
         message = "not TOML that can be read: it is nested too deeply; allowed: tables and arrays a few levels deep"
         refusal = DescriptionError(message, source=source)

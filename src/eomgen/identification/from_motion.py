@@ -20,8 +20,8 @@ from ..motion.files import MeasuredMotion, measured_motion
 from ..motion.measured_numbers import answers_in_numbers
 from ..motion.smoothing import local_polynomials
 from ..names import component_name, split_component
+from ..pipeline.building import build
 from ..pipeline.mechanisms import mechanism_kernels
-from ..pipeline.stages import build
 from ..progress import StageReport, tells_at_prompt
 from ..results.contents import Contents
 from ..results.kinds import Kind, SavedColumns, declare

@@ -17,7 +17,7 @@ from ..arrays import Array, Index, Mask
 from ..description import RobotLike, as_robot
 from ..errors import InputError
 from ..names import component_name, show
-from ..pipeline.stages import build
+from ..pipeline.building import build
 from ..results.contents import Contents
 from ..robot.coordinates import is_mode
 from ..runtime.kernel import Kernel

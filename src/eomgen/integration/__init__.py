@@ -3,9 +3,11 @@
 Uses runtime, robot, state and loops; never the generator or the pipeline, so that it builds nothing behind your back.
 """
 
-from ..lazily import imports_when_used
+from typing import TYPE_CHECKING
 
-with imports_when_used(globals()):
+from ..lazily import lazy_names
+
+if TYPE_CHECKING:
     from .contacts import Contact as Contact
     from .methods import METHODS as METHODS
     from .plan import choose_method as choose_method
@@ -16,3 +18,5 @@ with imports_when_used(globals()):
     from .solve import integrate as integrate
     from .trajectory import Trajectory as Trajectory
     from .until import Until as Until
+else:
+    __getattr__, __dir__, __all__ = lazy_names(__name__)

@@ -3,12 +3,13 @@
 Uses robot, runtime and state.
 """
 
-from ..lazily import public_names
-from .equilibrium import closed_equilibrium
-from .redundant import Redundancy, redundancy
+from typing import TYPE_CHECKING
 
-__all__ = ["Redundancy", "closed_equilibrium", "redundancy"]
+from ..lazily import lazy_names
 
-
-def __dir__() -> list[str]:
-    return public_names(globals(), __all__)
+if TYPE_CHECKING:
+    from .equilibrium import closed_equilibrium as closed_equilibrium
+    from .redundant import Redundancy as Redundancy
+    from .redundant import redundancy as redundancy
+else:
+    __getattr__, __dir__, __all__ = lazy_names(__name__)

@@ -1,18 +1,20 @@
 """Motions of coordinates and tools over time: from point to point, splines, tables, tool paths, poses, measured files.
 
-Uses runtime, robot, forms, state and loops.
+Uses runtime, robot, forms, state and loops; ``feedforward`` is that of control.
 """
 
-from ..lazily import imports_when_used
+from typing import TYPE_CHECKING
 
-with imports_when_used(globals()):
+from ..lazily import lazy_names
+
+if TYPE_CHECKING:
+    from ..control.elastic_feedforward import feedforward as feedforward
     from .ends import default_motion as default_motion
     from .ends import principal_limits as principal_limits
     from .files import MeasuredMotion as MeasuredMotion
     from .files import motion_from_columns as motion_from_columns
     from .files import read_motion as read_motion
     from .files import write_motion as write_motion
-    from .from_control import feedforward as feedforward
     from .point_to_point import Harmonic as Harmonic
     from .point_to_point import PointToPoint as PointToPoint
     from .point_to_point import Program as Program
@@ -27,3 +29,5 @@ with imports_when_used(globals()):
     from .tool_path import ToolLine as ToolLine
     from .tool_path import ToolPath as ToolPath
     from .tool_path import ToolSpline as ToolSpline
+else:
+    __getattr__, __dir__, __all__ = lazy_names(__name__)

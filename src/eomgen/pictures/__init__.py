@@ -1,12 +1,14 @@
 """Figures, pages and views of robots and results.
 
-Uses runtime, robot, results, forms, bending, description, state, codegen (joint), templates, pipeline, simulation,
-analysis, sweep and identification.
+Uses runtime, robot, results, forms, bending, description, state, codegen (joint, package), templates, pipeline,
+simulation, analysis, sweep and identification.
 """
 
-from ..lazily import imports_when_used
+from typing import TYPE_CHECKING
 
-with imports_when_used(globals()):
+from ..lazily import lazy_names
+
+if TYPE_CHECKING:
     from .analysis import plot_budget as plot_budget
     from .analysis import plot_compliance as plot_compliance
     from .analysis import plot_mode_shapes as plot_mode_shapes
@@ -36,3 +38,5 @@ with imports_when_used(globals()):
     from .sweep import plot_column as plot_column
     from .sweep import plot_sweep as plot_sweep
     from .zeros import plot_zeros as plot_zeros
+else:
+    __getattr__, __dir__, __all__ = lazy_names(__name__)

@@ -17,8 +17,9 @@ from ..description import RobotLike
 from ..errors import BuildError, InputError
 from ..identification.tolerances.result import ToleranceResult
 from ..optional import optional_import
-from ..pipeline.stages import build
+from ..pipeline.building import build
 from ..simulation.result import SimulationResult, simulated_robot
+from ..threads import begin_in_thread
 from .framing import STEP, first_factor, framed, largest_power, motion_points, up_of
 from .scene import (
     SLENDER,
@@ -92,7 +93,6 @@ class View:
         )
         self.address = f"http://127.0.0.1:{self._server.get_port()}"
         self._closed = threading.Event()
-        self._failure: Exception | None = None  # of the thread that plays
         self._axes = bent_axes(self._robot)
         self._set_stage(shapes)
         self._bodies: dict[str, list[Any]] = {}  # of links that bend, in the order of their axes
@@ -100,7 +100,7 @@ class View:
         self._add_lines()
         self._add_controls()
         self.show()
-        threading.Thread(target=self._run, daemon=True).start()
+        self._player = begin_in_thread(self._run)
 
     def show(self) -> None:
         """Draw the time and the exaggeration that the controls have."""
@@ -174,9 +174,7 @@ class View:
 
     def wait(self) -> None:
         """Until the view is closed; raise what stopped it from playing."""
-        self._closed.wait()
-        if self._failure is not None:
-            raise self._failure
+        self._player.result()
 
     def close(self) -> None:
         """Stop the server."""
@@ -334,16 +332,12 @@ class View:
     def _run(self) -> None:
         """Advance the time while it plays."""
         end, last = float(self._result.trajectory.t[-1]), monotonic()
-        try:
-            while not self._closed.wait(1.0 / RATE):
-                now = monotonic()
-                if self._playing:
-                    ahead = self._time.value + (now - last) * float(self._speed.value)
-                    self._time.value = 0.0 if ahead > end else ahead  # its listeners draw
-                last = now
-        except Exception as error:
-            self._failure = error
-            self._closed.set()
+        while not self._closed.wait(1.0 / RATE):
+            now = monotonic()
+            if self._playing:
+                ahead = self._time.value + (now - last) * float(self._speed.value)
+                self._time.value = 0.0 if ahead > end else ahead  # its listeners draw
+            last = now
 
 
 def _segments(path: Array) -> Array:

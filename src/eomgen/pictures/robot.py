@@ -13,8 +13,8 @@ from ..analysis.at_rest import closed
 from ..description import RobotLike, as_robot
 from ..errors import EomgenWarning, InputError, UnknownNameError
 from ..names import nearest, show
+from ..pipeline.building import build
 from ..pipeline.mechanisms import assembly_kernels
-from ..pipeline.stages import build
 from ..robot.model import build_model
 from ..robot.value import Robot
 from .scene import Array, Faces, bent_axes, extent, link_poses, placed, spring_lines

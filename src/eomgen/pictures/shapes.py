@@ -9,6 +9,7 @@ import io
 import os
 import re
 import struct
+import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -19,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Array
-from ..errors import DescriptionError
+from ..errors import DescriptionError, EomgenError
 from ..files import read_regular
 from ..forms.toml_text import read_text
 from ..limits import LARGEST
@@ -76,11 +77,19 @@ def urdf_shapes(robot: Robot) -> tuple[list[Shape], list[str]]:
             try:
                 with np.errstate(over="ignore", invalid="ignore"):  # of places that are refused then
                     vertices, faces = _placed(*_geometry(visual, path, room), _origin(visual))
-            except Exception as error:  # whatever a reader of meshes raises: the link is a capsule then
+            except unreadable() as error:  # the link is a capsule then
                 notes.append(f"shape of {link}: {ascii(str(error))[1:-1][:300]}")
                 continue
             shapes.append(Shape(link, vertices, faces))
     return shapes, notes
+
+
+def unreadable() -> tuple[type[Exception], ...]:
+    """Return what readers of meshes raise, ours and those of trimesh, of which COLLADA's has errors of its own."""
+    collada: Any = sys.modules.get("collada.common")
+    ours = (EomgenError, OSError, ValueError, struct.error)
+    theirs = (ArithmeticError, AttributeError, ImportError, LookupError, RuntimeError, SyntaxError, TypeError)
+    return (*ours, *theirs) if collada is None else (*ours, *theirs, collada.DaeError)
 
 
 def _placed(vertices: Array, faces: NDArray[np.int32], pose: Array) -> Mesh:

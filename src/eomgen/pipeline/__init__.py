@@ -1,13 +1,18 @@
 """Robot -> Kernel: stages, the cache of sources and packages, loading, costs.
 
-Uses runtime, robot, loops, description, rounding and codegen (joint, kernels, c, derivation, samples, package).
+Uses runtime, robot, loops, description and codegen (joint, kernels, c, derivation, package); ``kernel.device``
+uses device.
 """
 
-from ..lazily import imports_when_used
+from typing import TYPE_CHECKING
 
-with imports_when_used(globals()):
-    from .stages import KERNEL_NAMES as KERNEL_NAMES
-    from .stages import Options as Options
-    from .stages import build as build
-    from .stages import generate as generate
+from ..lazily import lazy_names
+
+if TYPE_CHECKING:
+    from .building import build as build
+    from .generating import generate as generate
+    from .options import KERNEL_NAMES as KERNEL_NAMES
+    from .options import Options as Options
     from .stages import make_source as make_source
+else:
+    __getattr__, __dir__, __all__ = lazy_names(__name__)

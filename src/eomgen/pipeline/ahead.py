@@ -1,31 +1,27 @@
-"""Work that begins before its results are asked for: builds of kernels that will be called, beside what comes first."""
+"""Builds of kernels that will be called, in a thread that works while the caller does what comes first."""
 
 from __future__ import annotations
 
-import os
-import threading
-from collections import deque
 from collections.abc import Callable
+from concurrent.futures import Future, wait
 from contextlib import suppress
-from functools import partial
 from types import TracebackType
 
+from ..errors import BuildError
 from ..runtime.kernel import Kernel
-
-THREADS = max(2, min(os.cpu_count() or 1, 4))  # each waits for two or three compilers
+from ..threads import begin_in_thread
 
 
 class Ahead:
-    """Threads for such work, until the block ends that it is the context of; what has not begun by then is left out.
+    """Work in a thread until the block ends that this is the context of; what has not begun by then is left out.
 
-    An exception ends a piece of work and nothing else: whoever asks for its result tries again, and is told.
+    The end of the block waits for what has begun, and raises the exception that ended the thread, unless the block
+    itself ended by one.
     """
 
     def __init__(self) -> None:
-        self._waiting: deque[Callable[[], object]] = deque()
-        self._threads: list[threading.Thread] = []
-        self._lock = threading.Lock()
-        self._working = 0  # threads that will look for further work
+        self._threads: list[Future[None]] = []
+        self._over = False
 
     def __enter__(self) -> Ahead:
         return self
@@ -33,32 +29,26 @@ class Ahead:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        with self._lock:
-            self._waiting.clear()
+        self._over = True
         if kind is None or issubclass(kind, Exception):  # Ctrl-C waits for nothing
+            wait(self._threads)
+        if kind is None:
             for thread in self._threads:
-                thread.join()
+                thread.result()
 
     def begin(self, *work: Callable[[], object]) -> None:
-        """Do this in its order, on a few threads."""
-        with self._lock:
-            self._waiting.extend(work)
-            new = min(len(work), THREADS - self._working)
-            self._working += new
-        for _ in range(new):
-            self._threads.append(threading.Thread(target=self._work, name="eomgen ahead", daemon=True))
-            self._threads[-1].start()
+        """Do this in its order, in a thread of its own."""
 
-    def build(self, kernel: Kernel, *functions: str, batch: bool = False) -> None:
-        """Begin to build functions of a kernel, for one state or for batches."""
-        self.begin(*(partial(kernel.raw.function(name).where, batch=batch) for name in functions))
-
-    def _work(self) -> None:
-        while True:
-            with self._lock:
-                if not self._waiting:
-                    self._working -= 1
+        def run() -> None:
+            for piece in work:
+                if self._over:
                     return
-                piece = self._waiting.popleft()
-            with suppress(Exception):
                 piece()
+
+        self._threads.append(begin_in_thread(run))
+
+
+def build_function(kernel: Kernel, name: str, *, batch: bool = False) -> None:
+    """Build a function of a kernel, for one state or for batches; whoever calls it is told what a build fails of."""
+    with suppress(BuildError):  # the call builds again, and raises
+        kernel.raw.function(name).where(batch=batch)

@@ -28,7 +28,7 @@ from ..errors import BuildError
 MANIFEST = "manifest.json"
 _MOST_MANIFEST = 1 << 20  # bytes; a name and a hash of each file
 VARIABLE = "EOMGEN_CACHE_DIR"
-KINDS = ("sources", "packages", "objects", "externals", "extensions", "libraries", "devices")
+KINDS = ("derivations", "sources", "packages", "objects", "externals", "extensions", "libraries", "devices")
 LOCKS = "locks"
 PASSING = ("making-", "damaged-", "loading-")  # folders that live for one call
 GRACE = 5.0  # s for a thread to finish or remove an entry when Python exits
@@ -206,7 +206,7 @@ def _private_folder(root: Path, key: str) -> Iterator[Path]:
     Raises:
         BuildError: Python is exiting.
     """
-    from ..codegen.package.running import check_not_ending
+    from ..threads import check_not_ending
 
     check_not_ending()
     removed = threading.Event()

@@ -13,7 +13,7 @@ from ..progress import StageReport, no_report
 from ..robot.bounds import limit_texts
 from ..robot.coordinates import UNITS, unit_of
 from ..robot.laws import number_texts
-from ..robot.model import Model, build_model
+from ..robot.model import Model
 from ..robot.value import (
     CUT_NUMBERS,
     MOTOR,
@@ -26,7 +26,8 @@ from ..robot.value import (
     deflection_range,
     range_line,
 )
-from .mobility import Mobility
+from .derivations import derived_model
+from .mechanisms import Mobility
 
 
 @dataclass(frozen=True)
@@ -233,11 +234,11 @@ def _coupling_line(coupling: Coupling) -> str:
 
 def robot_info(robot: RobotLike, *, progress: StageReport = no_report) -> RobotInfo:
     """Derive the robot's equations and say what came out; nothing is compiled."""
+    from ..codegen.c.operation_counts import operations
     from ..codegen.joint.zeros import zero_map
     from ..codegen.kernels.equations import derive_equations
-    from ..codegen.kernels.operation_counts import operations
 
-    model = build_model(as_robot(robot))
+    model = derived_model(as_robot(robot))
     progress(f"deriving the equations of {len(model.coordinates)} coordinates")
     equations = derive_equations(model)
     zeros = zero_map(model)

@@ -8,7 +8,6 @@ from __future__ import annotations
 import threading
 from concurrent.futures import Future
 from functools import partial
-from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
 
@@ -16,7 +15,6 @@ from ..errors import BuildError
 from ..progress import StageReport, no_report
 from ..runtime.direct import NAME, ExtensionBinding
 from . import cache as store
-from .denormals import with_denormals
 from .load import load_module
 
 if TYPE_CHECKING:
@@ -40,7 +38,7 @@ class Extension:
 
     def begin(self, compiler: Compiler) -> ExtensionBinding:
         """Load the module where the cache has it; where not, begin to compile it beside what comes next."""
-        from ..codegen.package.running import begin_in_thread
+        from ..threads import begin_in_thread
 
         with self._guard:
             if self._compiler is not None:
@@ -94,11 +92,12 @@ def made_by(compiler: Compiler) -> store.Entry | None:
     """Return the compiled module, made or from the cache; None where there are no headers.
 
     Raises:
-        BuildError: the compiler fails, the module does not load or does something else than it should, or the cache
-            cannot be written.
+        BuildError: the compiler fails, or the cache cannot be written.
     """
+    from ..codegen.package.extension import write_extension
+
     key = _key(compiler)
-    return None if key is None else store.entry(KIND, key, lambda folder: _make(compiler, key, folder))
+    return None if key is None else store.entry(KIND, key, lambda folder: write_extension(compiler, folder))
 
 
 def binary_of(compiler: Compiler) -> store.Files:
@@ -114,11 +113,3 @@ def _key(compiler: Compiler) -> str | None:
     from ..codegen.package.extension import extension_key
 
     return extension_key(compiler)
-
-
-def _make(compiler: Compiler, key: str, folder: Path) -> None:
-    from ..codegen.package.extension import write_extension
-    from .direct_check import check_extension
-
-    write_extension(compiler, folder)
-    with_denormals(lambda: check_extension(store.unfinished(KIND, key, folder), compiler))

@@ -1,18 +1,11 @@
-"""Folders that are replaced in one step: whoever looks sees the old one or the new one, and never none.
-
-Two folders change places where the system has a call for that: renameat2 of Linux, renamex_np of macOS.  Elsewhere, and
-on file systems that cannot do it, writers take turns and a reader may find nothing for a moment.
-"""
+"""Folders that are replaced whole: by two renames under a lock, between which a reader may find nothing."""
 
 from __future__ import annotations
 
-import ctypes
-import errno
 import glob
 import hashlib
 import os
 import shutil
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -20,12 +13,6 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from . import cache as store
-
-_HERE, _EXCHANGE, _SWAP = -100, 2, 2  # AT_FDCWD, RENAME_EXCHANGE and RENAME_SWAP of the systems' headers
-_CANNOT = (errno.ENOSYS, errno.EINVAL, errno.ENOTSUP, errno.EOPNOTSUPP)
-_TAKEN = (errno.ENOTEMPTY, errno.EEXIST, errno.ENOTDIR)
-_REFUSED = (errno.EACCES, errno.EPERM)  # what Windows says of a folder that is there
-_ATTEMPTS = 1000  # each begins anew only where somebody else was faster
 
 
 @contextmanager
@@ -43,7 +30,7 @@ def new_folder(target: Path) -> Iterator[Path]:
 
 
 def put_folder(private: Path, target: Path, check: Callable[[Path], None]) -> None:
-    """Put a folder of ``new_folder`` in place of its target; what was there before is left under the private name.
+    """Put a folder of ``new_folder`` in place of its target; the first rename is undone if the second fails.
 
     Args:
         private: the new folder.
@@ -53,67 +40,9 @@ def put_folder(private: Path, target: Path, check: Callable[[Path], None]) -> No
     Raises:
         OSError: it cannot be moved there.
     """
-    for _ in range(_ATTEMPTS):
-        check(target)
-        try:
-            os.rename(private, target)  # nothing is there, or an empty folder
-            return
-        except OSError as error:
-            if error.errno not in _TAKEN and not (error.errno in _REFUSED and os.path.lexists(target)):
-                raise
-        try:
-            if not exchange(private, target):
-                _take_turns(private, target, check)
-                return
-        except FileNotFoundError:  # somebody took the target away
-            if not private.exists():
-                raise
-            continue
-        try:
-            check(private)
-        except BaseException:  # somebody put something else there after the first look
-            exchange(private, target)
-            raise
-        return
-    raise OSError(errno.EBUSY, "others replace it all the time", str(target))
-
-
-def exchange(one: Path, other: Path) -> bool:
-    """Let two paths change places in one step; False where the system or the file system cannot.
-
-    Raises:
-        OSError: the paths cannot be renamed.
-    """
-    call = _system_call()
-    if call is None:
-        return False
-    if call(os.fsencode(one), os.fsencode(other)) == 0:
-        return True
-    number = ctypes.get_errno()
-    if number in _CANNOT:
-        return False
-    raise OSError(number, os.strerror(number), str(other))
-
-
-def _system_call() -> Callable[[bytes, bytes], int] | None:
-    """Return the system call that exchanges two paths, or None."""
-    if not sys.platform.startswith(("linux", "darwin")):
-        return None
-    library = ctypes.CDLL(None, use_errno=True)
-    if sys.platform == "darwin":
-        swap = getattr(library, "renamex_np", None)
-        return None if swap is None else lambda one, other: int(swap(one, other, ctypes.c_uint(_SWAP)))
-    rename = getattr(library, "renameat2", None)
-    if rename is None:
-        return None
-    return lambda one, other: int(rename(_HERE, one, _HERE, other, ctypes.c_uint(_EXCHANGE)))
-
-
-def _take_turns(private: Path, target: Path, check: Callable[[Path], None]) -> None:
-    """Replace a folder by two renames, under a lock that writers know; the first one is undone if the second fails."""
+    aside = private.with_name(f"{private.name}-replaced")
     with store.locked(hashlib.sha256(os.fsencode(target.absolute())).hexdigest()):
         check(target)
-        aside = private.with_name(f"{private.name}-replaced")
         if os.path.lexists(target):
             os.rename(target, aside)
         try:
@@ -122,7 +51,7 @@ def _take_turns(private: Path, target: Path, check: Callable[[Path], None]) -> N
             if os.path.lexists(aside):
                 os.rename(aside, target)  # nothing is lost
             raise
-        _remove(aside)
+    _remove(aside)
 
 
 def _remove_leftovers(target: Path) -> None:

@@ -7,6 +7,7 @@ soon as it is loaded: so the code that runs is that whose hash was checked, and 
 from __future__ import annotations
 
 import importlib.util
+import json
 import os
 import sys
 import tempfile
@@ -18,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import BuildError
+from ..runtime.raw import OneLibrary
 from . import cache as store
 
 _guard = threading.Lock()
@@ -36,24 +38,48 @@ def load_module(package: store.Entry, name: str) -> Any:
         return sys.modules[here]
 
 
-def fresh_module(package: store.Entry, name: str) -> Any:
-    """Load the module of a package that was just made, even if one of the same key is loaded; ``keep_module`` keeps it.
+@contextmanager
+def tried_module(package: store.Entry, name: str) -> Iterator[Callable[[], Any]]:
+    """Give a function that loads the module of a package that was just made, even if one of the same key is loaded.
+
+    Where the block ends without an exception, ``load_module`` gives that module, if it has none of the package yet.
+    The function raises BuildError where the module does not load.
+    """
+    here, loaded = f"_eomgen_fresh_{package.key}._{name}", list[Any]()
+
+    def load() -> Any:
+        with _guard:
+            try:
+                loaded.append(_load(package, name, here))
+            finally:
+                sys.modules.pop(here, None)
+        return loaded[0]
+
+    yield load
+    with _guard:
+        sys.modules.setdefault(_place(package, name), loaded[0])
+
+
+def one_library(package: store.Entry, name: str) -> OneLibrary:
+    """Return the library of a package in the cache, whose texts are read while they are there; ``name`` is the robot's.
 
     Raises:
         BuildError: it does not load.
     """
-    here = f"_eomgen_fresh_{package.key}._{name}"
-    with _guard:
-        try:
-            return _load(package, name, here)
-        finally:
-            sys.modules.pop(here, None)
+
+    def read(file: str) -> str:
+        entry = store.find(package.kind, package.key)
+        if entry is None:
+            raise FileNotFoundError(file)
+        return entry.files[file].decode("ascii")
+
+    return OneLibrary(*loaded(package, name), read)
 
 
-def keep_module(package: store.Entry, name: str, module: Any) -> None:
-    """Let ``load_module`` give this module, if it has none of the package yet."""
-    with _guard:
-        sys.modules.setdefault(_place(package, name), module)
+def loaded(package: store.Entry, name: str) -> tuple[Any, Any, dict[str, Any]]:
+    """Return cffi's objects of a package's module, and its metadata."""
+    module = load_module(package, name)
+    return module.ffi, module.lib, json.loads(package.files[f"{name}.json"])
 
 
 def _place(package: store.Entry, name: str) -> str:

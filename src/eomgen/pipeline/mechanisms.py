@@ -1,11 +1,20 @@
-"""Kernels that assemble a mechanism, and the description's home with its loops assembled."""
+"""Kernels that assemble a mechanism, its home with loops assembled, and its mobility there."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..errors import BuildError, LoopError
+from ..loops.redundant import redundancy
 from ..progress import StageReport, no_report
 from ..robot.model import build_model
 from ..robot.value import Robot
-from .stages import build
+from .building import build
+
+BRANCHES = 8  # ways to close that are looked for
 
 
 def assembly_kernels(robot: Robot) -> tuple[str, ...]:
@@ -33,3 +42,56 @@ def assembled_home(robot: Robot, progress: StageReport = no_report) -> tuple[flo
     kernel = build(robot, kernels=kernels, flags=("-O0",), progress=progress)
     whole = [*home, *(0.0 for _ in kernel.memory)]
     return tuple(kernel.assemble(whole)[: len(home)].tolist())
+
+
+@dataclass(frozen=True)
+class Mobility:
+    """A rigid mechanism at home, its loops closed.
+
+    Attributes:
+        freedoms: degrees of freedom, prescribed coordinates at rest.
+        rank: of the constraint.
+        redundant, undetermined: names of constraints, see ``loops.Redundancy``.
+        branches: in how many ways it closes near home with its drives held, up to BRANCHES; home is the nearest.
+        note: why nothing of this is known; empty where it is.
+    """
+
+    freedoms: int = 0
+    rank: int = 0
+    redundant: tuple[str, ...] = ()
+    undetermined: tuple[str, ...] = ()
+    branches: int = 0
+    note: str = ""
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain values, for JSON."""
+        return {**vars(self), "redundant": list(self.redundant), "undetermined": list(self.undetermined)}
+
+    def lines(self) -> list[str]:
+        """Say what is known, for people."""
+        if self.note:
+            return [f"mobility: not known: {self.note}"]
+        many = f"{BRANCHES} ways or more" if self.branches >= BRANCHES else f"{self.branches} ways"
+        ways = "one way" if self.branches == 1 else many
+        text = f"mobility at home: {self.freedoms}; {self.rank} independent constraints"
+        redundant = f", {len(self.redundant)} redundant ({', '.join(self.redundant)})" if self.redundant else ""
+        if not self.branches:
+            return [f"{text}{redundant}", "branch: its drives do not hold it"]
+        return [f"{text}{redundant}", f"branch: with its drives held it closes in {ways}, home is the nearest"]
+
+
+def mobility_of(robot: Robot, *, progress: StageReport = no_report) -> Mobility | None:
+    """Analyse a rigid mechanism's mobility; None without a loop or coupling.  Compiles a few kernels."""
+    rigid = robot.rigid() if robot.is_closed else robot
+    model = build_model(rigid)
+    if not model.constraints:
+        return None
+    try:
+        kernel = build(rigid, kernels=("mass_matrix", *assembly_kernels(rigid)), flags=("-O0",), progress=progress)
+        driven = [model.coordinates[i] for i in model.driven]
+        home = kernel.assemble(np.array(model.home))
+        constraints = redundancy(kernel, home)
+        ways = len(kernel.assemble(home, driven, roots=BRANCHES)) if len(driven) >= constraints.mobility else 0
+    except (BuildError, LoopError) as error:
+        return Mobility(note=str(error).splitlines()[0])
+    return Mobility(constraints.mobility, constraints.rank, constraints.redundant, constraints.undetermined, ways)

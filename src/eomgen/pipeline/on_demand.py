@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 import sys
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ..codegen.kernels.signatures import BATCHES, SINGLES
 from ..errors import UnknownNameError
@@ -15,34 +15,10 @@ from ..progress import StageReport, no_report, told_at_prompt
 from ..runtime.raw import BATCH, SETUP, Library, OneLibrary
 from . import cache as store
 from .direct_calls import settle
-from .load import load_module
-
-if TYPE_CHECKING:
-    from ..codegen.c.source import Source
+from .load import loaded, one_library
+from .stages import Described, Tools, make_package, rendered
 
 Names = tuple[str, ...]
-
-
-def one_library(package: store.Entry, name: str) -> OneLibrary:
-    """Return the library of a package in the cache, whose texts are read while they are there; ``name`` is the robot's.
-
-    Raises:
-        BuildError: it does not load.
-    """
-
-    def read(file: str) -> str:
-        entry = store.find(package.kind, package.key)
-        if entry is None:
-            raise FileNotFoundError(file)
-        return entry.files[file].decode("ascii")
-
-    return OneLibrary(*_loaded(package, name), read)
-
-
-def _loaded(package: store.Entry, name: str) -> tuple[Any, Any, dict[str, Any]]:
-    """Return cffi's objects of a package's module, and its metadata."""
-    module = load_module(package, name)
-    return module.ffi, module.lib, json.loads(package.files[f"{name}.json"])
 
 
 @dataclass
@@ -54,16 +30,15 @@ class OnDemand:
 
     Attributes:
         meta: what users see of the kernels.
-        package_of: gives the compiled package of kernels by their names, all if there are none, of one half of their
-            code, or of both without a name, and tells its stages.
-        source_of: gives the C of kernels, with both halves.
+        described: the robot.
+        tools: that its kernels are compiled with.
         progress: called with a line of text when a stage begins; without one a terminal sees which kernel is built.
         groups: by the name of a half, kernels whose halves are in one library.
     """
 
     meta: Mapping[str, Any]
-    package_of: Callable[[Names, str, StageReport], store.Entry]
-    source_of: Callable[[Names, StageReport], Source]
+    described: Described
+    tools: Tools
     progress: StageReport = no_report
     groups: Mapping[str, Names] = field(default_factory=dict)
     _found: dict[tuple[Names, str], Library] = field(default_factory=dict)
@@ -84,10 +59,13 @@ class OnDemand:
         place = self._names(kernel, half), half
         with self._locks.setdefault(place, threading.Lock()):
             if place not in self._found:
-                package = self.package_of(*place, report)
-                self._found[place] = Library(*_loaded(package, self._name))
+                package = self._package(*place, report)
+                self._found[place] = Library(*loaded(package, self._name))
                 settle(self.progress)
             return self._found[place]
+
+    def _package(self, kernels: Names, half: str, report: StageReport) -> store.Entry:
+        return make_package(self.described.of(kernels), self.tools, half, report)
 
     def _half(self, kernel: str, function: str, report: StageReport) -> str:
         """Return the half of a kernel's code that has a function; batches that are loops are in that of one state."""
@@ -113,12 +91,12 @@ class OnDemand:
         return metas[0] if metas else self._read(places[1][0], report)
 
     def _read(self, kernels: Names, report: StageReport) -> Mapping[str, Any]:
-        meta: dict[str, Any] = json.loads(self.source_of(kernels, report).meta)
+        meta: dict[str, Any] = json.loads(rendered(self.described.of(kernels), report).source.meta)
         return meta
 
     def source(self, file: str) -> str:
         """Return the text of NAME.h, NAME.c or NAME.json with all kernels but derivatives."""
-        source = self.source_of((), self.progress)
+        source = rendered(self.described.of(()), self.progress).source
         texts = {"h": source.header, "c": source.code, "json": source.meta}
         return texts[file.removeprefix(f"{self._name}.")]
 
@@ -133,7 +111,7 @@ class OnDemand:
             if name not in self.meta["kernels"]:
                 known = ", ".join(self.meta["kernels"])
                 raise UnknownNameError(f"{name!r} is no kernel of {self._name}; known: {known}")
-        return one_library(self.package_of(kernels, "", self.progress), self._name)
+        return one_library(self._package(kernels, "", self.progress), self._name)
 
     @property
     def _name(self) -> str:

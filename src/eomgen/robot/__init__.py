@@ -1,11 +1,13 @@
 """A robot as an immutable value: links, joints, elements, its rules, and the model that equations are derived for.
 
-Uses forms; it knows neither files nor kernels.
+Uses forms; methods that are short for functions above use bending, description and export.
 """
 
-from ..lazily import imports_when_used
+from typing import TYPE_CHECKING
 
-with imports_when_used(globals()):
+from ..lazily import lazy_names
+
+if TYPE_CHECKING:
     from .bounds import Limits as Limits
     from .elements import Bushing as Bushing
     from .elements import LinkElement as LinkElement
@@ -45,3 +47,5 @@ with imports_when_used(globals()):
     from .value import Robot as Robot
     from .value import Sensor as Sensor
     from .value import Spring as Spring
+else:
+    __getattr__, __dir__, __all__ = lazy_names(__name__)

@@ -1,11 +1,16 @@
-"""Poses, vectors, rotation matrices and inertia tensors of a description as floats; right angles stay exact."""
+"""Poses, vectors, rotation matrices and inertia tensors of a description as floats; right angles stay exact.
+
+``JointFacts`` are the results of the symbolic derivation of a joint's transform, as plain values.
+"""
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from numbers import Real
+from typing import Any, NamedTuple
 
 from ..errors import check_kind
 from ..limits import LARGEST
@@ -114,3 +119,58 @@ class Placement:
         """Yield the numbers that may be run-time parameters, by their names: "xyz.0"; rpy where it is known."""
         yield from ((f"xyz.{i}", x) for i, x in enumerate(self.xyz))
         yield from ((f"rpy.{i}", x) for i, x in enumerate(self.rpy or ()))
+
+
+class JointStep(NamedTuple):
+    """An elementary transform of eq. (3), along or about ``axis``; rotation[i][j] = (1, sine, cosine) factors."""
+
+    is_rotation: bool
+    axis: int
+    rotation: tuple[tuple[tuple[float, float, float], ...], ...]
+
+
+Term = tuple[int, tuple[tuple[str, str], ...]]  # a coefficient, and factors ("sin", "gamma") or ("", "x")
+Entries = tuple[tuple[tuple[Term, ...], ...], ...]  # rows of a 4x4 matrix, each entry a sum of terms
+
+
+@dataclass(frozen=True)
+class JointFacts:
+    """Transform of a joint by eq. (3), its derivatives, and identities that are proved of them.
+
+    Attributes:
+        active: the joint's active coordinates, in canonical order.
+        sympy: version of SymPy that derived the facts.
+        steps: elementary transform per active coordinate.
+        transform: A_(i-1)i.
+        first: dA_(i-1)i/ds per active coordinate.
+        second: d2A_(i-1)i/ds dw per pair of ``combinations_with_replacement(active, 2)``.
+        zero_pairs: pairs of them whose second derivative vanishes.
+        constant: coordinates s with dA_(i-1)i/ds N = dA_(i-1)i/ds for every downstream transform N.
+        orthogonal: pairs of translations with orthogonal derivatives.
+        coaxial: pairs of a translation and a rotation about the same axis that do not act on each other.
+    """
+
+    active: tuple[str, ...]
+    sympy: str
+    steps: tuple[JointStep, ...]
+    transform: Entries
+    first: tuple[Entries, ...]
+    second: tuple[Entries, ...]
+    zero_pairs: tuple[tuple[str, str], ...]
+    constant: tuple[str, ...]
+    orthogonal: tuple[tuple[str, str], ...]
+    coaxial: tuple[tuple[str, str], ...]
+
+    def to_json(self) -> str:
+        """Write the facts as JSON."""
+        return json.dumps(vars(self))
+
+    @classmethod
+    def from_json(cls, text: str | bytes) -> JointFacts:
+        """Read what ``to_json`` wrote."""
+        values = {name: _tuples(value) for name, value in json.loads(text).items()}
+        return cls(**{**values, "steps": tuple(JointStep(*step) for step in values["steps"])})
+
+
+def _tuples(value: Any) -> Any:
+    return tuple(map(_tuples, value)) if isinstance(value, list) else value

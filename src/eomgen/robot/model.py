@@ -32,6 +32,7 @@ from .coordinates import coordinate_names
 from .cuts import CUTS, rigid_components
 from .elements import MATRICES
 from .elements.joint_element import missing_table
+from .geometry import JointFacts
 from .laws import ARMATURE, states_of
 from .mechanism import coordinate_of, driven_coordinates, leading_home, mechanism_conflict, position_limits
 from .memory.drives import DRIVE
@@ -79,7 +80,8 @@ class Model:
     ``links`` are the links that move; ``body_of`` has the index of each link's body; ``parameters`` maps the run-time
     parameters to their values in the description.
     ``followers`` has the couplings of followers, as ``Robot.followers``; none where followers are coordinates
-    (``with_followers``).
+    (``with_followers``).  ``facts`` are what SymPy derived of joints, by their active coordinates; the generator
+    derives those that are missing.
     """
 
     robot: Robot
@@ -89,6 +91,7 @@ class Model:
     body_of: Mapping[str, int]
     parameters: Mapping[str, float]
     followers: Mapping[str, Coupling] = field(default_factory=dict)
+    facts: Mapping[tuple[str, ...], JointFacts] = field(default_factory=dict)
 
     @property
     def name(self) -> str:
@@ -178,7 +181,7 @@ class Model:
     @cached_property
     def tree(self) -> Model:
         """The model in which followers are coordinates, and their couplings rows of the constraint."""
-        return build_model(self.robot, with_followers=True) if self.followers else self
+        return replace(build_model(self.robot, with_followers=True), facts=self.facts) if self.followers else self
 
     @property
     def leading_couplings(self) -> tuple[Coupling, ...]:
@@ -378,6 +381,7 @@ def with_offset_angles(model: Model) -> tuple[Model, tuple[int, ...]]:
         more = {name: Coordinate(prescribed=True) for name in extra}
         joints.append(replace(joint, coordinates={**joint.coordinates, **more}))
     whole = build_model(replace(model.robot, joints=tuple(joints)), with_followers=True)
+    whole = replace(whole, facts=model.facts)
     return whole, tuple(whole.velocities.index(name) for name in model.velocities)
 
 

@@ -25,8 +25,6 @@ DERIVED = (
     "adjoint",
     "hessian",
     "jet",
-    "errors",
-    "extended",
     "gradient",
 )  # kinds of functions that are of others
 SETUP = "parameters"  # among operations: of what depends on parameters alone
@@ -34,8 +32,6 @@ FRAMES, ROLLOUT, ADAPTIVE, GRADIENT = "frames", "rollout", "adaptive", "gradient
 WEIGHTS = {"mul": 1, "add": 1, "div": 5, "sincos": 25}  # times of operations beside each other
 BATCH = "_batch"  # behind the name of what works on several states
 ENDINGS = ("h", "c", "json")  # of the files that a kernel's package has beside its libraries
-TILES = 2 ** (8 * FFI.sizeof("size_t")) - 1  # in place of a step: arrays are in tiles, (count / W, n, W)
-TILE_BYTES = 64  # of a number of all W states of a tile; in C the same, TILE of clib/batches.h
 STAGES = 5  # of a step of a rollout: four of rk4, in numbers of linearly implicit ones, and what is around them
 
 
@@ -49,9 +45,8 @@ class RawFunction:
         name: its name, without the robot's in front.
         kernel: the kernel that it belongs to, as in ``Kernel.operations``; frame_pose belongs to "kinematics".
         kind: "program" (straight-line code), "tangent", "adjoint", "hessian" or "jet" (the same, derivatives of
-            another kernel), "errors" (the same, with bounds of rounding errors), "extended" (the same in double-double
-            arithmetic), "composed" (calls programs), "frames" (takes the number of a frame) or "rollout" (many steps in
-            one call).
+            another kernel), "composed" (calls programs), "frames" (takes the number of a frame) or "rollout" (many
+            steps in one call).
         reads: names of the arrays that it reads, in the order of the arguments; ``RawKernel.shapes`` has their shapes.
         writes: name of the array that it writes.
     """
@@ -82,8 +77,8 @@ class RawFunction:
     def batch(self) -> Any:
         """The C for several: ``long long batch(count, h, array, step, ..., out)``, states ``step`` numbers apart.
 
-        A step of 0 stands for one that is the same for all, TILES for tiles where ``takes_tiles``.  The value is -1, or
-        state * ``statuses`` + i of the first failure.
+        A step of 0 stands for one that is the same for all.  The value is -1, or state * ``statuses`` + i of the first
+        failure.
         """
         return self._code_of(batch=True)[0]
 
@@ -100,12 +95,6 @@ class RawFunction:
         library = self.where(batch=False not in self._codes and True in self._codes)  # either says it
         work: int = sum(WEIGHTS[key] * count for key, count in library.meta["operations"][self.kernel].items())
         return work * (STAGES if self.kind == ROLLOUT else 1)
-
-    @cached_property
-    def takes_tiles(self) -> bool:
-        """True if ``batch`` works on vectors of states: it then takes tiles, too, by the step TILES."""
-        halves = self.where(batch=True).meta.get("halves", {})
-        return f"{self.name}{BATCH}" in halves.get("batches", ())
 
     def address(self, *, batch: bool = False) -> int:
         """Return the address of the code for one state, or for several."""

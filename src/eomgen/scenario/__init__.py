@@ -3,9 +3,13 @@
 Uses robot, forms, description, motion, and the names of integration's methods.
 """
 
-from ..lazily import imports_when_used
+from typing import TYPE_CHECKING
 
-with imports_when_used(globals()):
+from ..lazily import lazy_names
+
+if TYPE_CHECKING:
     from .load import load_scenario as load_scenario
     from .load import scenario_from_toml as scenario_from_toml
     from .value import Scenario as Scenario
+else:
+    __getattr__, __dir__, __all__ = lazy_names(__name__)

@@ -1,11 +1,14 @@
 """Robot and Scenario -> SimulationResult: reference motions, drives, loads, segments, energy balance, files of results.
 
-Uses runtime, robot, results, forms, description, state, loops, motion, integration, scenario and pipeline.
+Uses runtime, robot, results, forms, description, state, loops, motion, integration, scenario and pipeline;
+feedforward uses control.
 """
 
-from ..lazily import imports_when_used
+from typing import TYPE_CHECKING
 
-with imports_when_used(globals()):
+from ..lazily import lazy_names
+
+if TYPE_CHECKING:
     from .balance import EnergyBalance as EnergyBalance
     from .result import Series as Series
     from .result import SimulationResult as SimulationResult
@@ -14,3 +17,5 @@ with imports_when_used(globals()):
     from .run import simulate as simulate
     from .stream import StreamedMotion as StreamedMotion
     from .stream import load_stream as load_stream
+else:
+    __getattr__, __dir__, __all__ = lazy_names(__name__)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,9 +18,9 @@ from ..motion.point_to_point import Program
 from ..motion.splines import Standstill, signal_of
 from ..motion.timetable import TimeTable
 from ..names import DriveInput, joint_of, listed, nearest, split_state
-from ..pipeline.ahead import Ahead
+from ..pipeline.ahead import Ahead, build_function
+from ..pipeline.building import build, build_groups
 from ..pipeline.mechanisms import mechanism_kernels
-from ..pipeline.stages import build, build_groups
 from ..progress import Progress
 from ..robot.coordinates import coordinate_names, index_of
 from ..robot.mechanism import coordinate_of, drive_of, following_text, leading_coordinate, leading_home
@@ -241,14 +241,11 @@ def _begin(ahead: Ahead, kernel: Kernel, kernels: tuple[str, ...], turns: tuple[
     rollouts = [name for name in kernels if name in kernel.raw.rollouts]
     if len(rollouts) > 1:  # one of them takes all steps
         rollouts = [rollout_of(RADAU if RADAU in turns else AUTO)]
-    for rollout in rollouts:
-        kernel.raw.libraries.about(rollout)  # which derives it
-        ahead.build(kernel, rollout)
-    ahead.build(kernel, "mass_matrix")
-    if "residual_jacobian" in kernels and any_spring(kernel):
-        kernel.raw.libraries.about("residual_jacobian")  # which derives it
-        ahead.build(kernel, "residual_jacobian")
-    ahead.build(kernel, "inverse_dynamics", batch=True)
+    jacobians = ["residual_jacobian"] if "residual_jacobian" in kernels and any_spring(kernel) else []
+    for name in (*rollouts, *jacobians):
+        kernel.raw.libraries.about(name)  # which derives it
+    singles = [partial(build_function, kernel, name) for name in (*rollouts, "mass_matrix", *jacobians)]
+    ahead.begin(*singles, partial(build_function, kernel, "inverse_dynamics", batch=True))
 
 
 def _refuse_undriven(robot: Robot, moved: tuple[str, ...]) -> None:

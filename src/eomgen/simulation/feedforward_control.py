@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from ..arrays import Array
 from ..errors import DescriptionError, InputError
-from ..lazily import from_above
 from ..motion.point_to_point import Program
 from ..motion.splines import Spline
 from ..robot.coordinates import index_of
@@ -59,15 +58,15 @@ def feedforward_start(
         DescriptionError, or another InputError: there is no feed-forward of the robot or the motion; names the control.
         IntegrationError: as of ``stable_inversion``.
     """
+    from ..control.elastic_feedforward import feedforward
+
     step = max(min(scenario.output_step or np.inf, scenario.duration / SAMPLES, LONGEST), scenario.duration / MOST)
     pieces = _pieces(motion.program, scenario.duration, step)
     before = [np.append(t[:-1], np.nextafter(t[-1], 0.0)) for t in pieces[:-1]]  # a jump
     options = {key: control.get(key) for key in ("outputs", "tolerance")}
     undisturbed = replace(scenario, wrenches=(), payloads=())
     try:
-        made: Any = from_above(".control.elastic_feedforward", "feedforward")(
-            robot, undisturbed, t=np.concatenate([*before, pieces[-1]]), **options
-        )
+        made = feedforward(robot, undisturbed, t=np.concatenate([*before, pieces[-1]]), **options)
     except DescriptionError:
         raise
     except InputError as error:

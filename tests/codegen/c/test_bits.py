@@ -16,11 +16,23 @@ from numpy.typing import NDArray
 import eomgen
 from benchmarks import bits
 from benchmarks.bits import Cell, compared, differences, largest, table
+from eomgen.codegen.kernels.equations import derive_equations
+from eomgen.codegen.kernels.signatures import with_beside
 from eomgen.codegen.package.compile import find_compiler
 from eomgen.codegen.package.levels import level_flags
+from eomgen.codegen.program.ir import evaluate_lanes
+from eomgen.robot.model import build_model
 from eomgen.runtime.levels import supported
+from tests.oracles.sines import polynomials
 from tests.support import simt
-from tests.support.every_function import EveryFunction, differing, every_function, said
+from tests.support.every_function import (
+    SPECIAL,
+    EveryFunction,
+    differing,
+    every_function,
+    said,
+    states_of_all_sizes,
+)
 from tests.support.processors import needs_levels
 from tests.support.random_robots import random_robot
 
@@ -43,6 +55,44 @@ def test_text_for_accelerators(language: str, tmp_path: Path) -> None:
     if language == bits.OPENCL and not simt.opencl_platforms():
         pytest.skip("no runtime of OpenCL, or no pyopencl")
     assert bits.on_threads("one_link", "float64", language, tmp_path) == Cell(len(bits.ON_THREADS), {})
+
+
+@pytest.mark.soak(most=12)
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+@pytest.mark.parametrize("seed", [700, 701, 702, 703, 704, 705])
+def test_compiled_code_has_the_bits_of_its_programs(seed: int, dtype: str) -> None:
+    """Every program, alone and in a batch, is that evaluated in NumPy; of infinities, NaN and denormal numbers, too."""
+    model = build_model(robot := random_robot(seed, joints=(1, 3), tree=seed % 2 == 0))
+    equations = derive_equations(model, with_beside((), model), dtype)
+    kernel = eomgen.build(robot, kernels="all", dtype=dtype, flags=("-O1",))
+    raw, library = kernel.raw, kernel.raw.libraries.library("")
+    p = np.array([*model.parameters.values(), *[0.0] * len(model.turning)], dtype)
+    setup = evaluate_lanes(equations.setup, {"p": p[:, np.newaxis]}, dtype, sincos=polynomials)
+    h = setup.get("h", np.zeros((1, 1), dtype))[:, 0]
+    assert np.array_equal(library.compute(p), h)
+    compared = 0
+    for name, function in raw.functions.items():
+        program = equations.programs.get(name)
+        if program is None or {x.op for x in program.instructions} & {"exp", "log", "atan2"}:
+            continue  # of the C library
+        states = [states_of_all_sizes(x, int(np.prod(raw.shapes[x])), dtype) for x in function.reads]
+        given = {x: array.T for x, array in zip(function.reads, states, strict=True)}
+        with np.errstate(all="ignore"):
+            out = evaluate_lanes(program, {**given, "h": h}, dtype, sincos=polynomials)["out"].T
+        view, size = raw.view, int(np.prod(raw.shapes[function.writes]))
+        alone, rows = np.zeros((len(out), size), dtype), list[int]()
+        for k, row in enumerate(alone):
+            if function.code(view(h), *(view(x[k]) for x in states), view(row)) == 0:
+                rows.append(k)
+        chosen = [np.ascontiguousarray(array[rows]) for array in states]
+        pairs = [x for array in chosen for x in (view(array), array.shape[1])]
+        together = np.zeros((len(rows), size), dtype)
+        assert function.batch(len(rows), view(h), *pairs, view(together)) == -1
+        assert not differing(together, alone[rows]).any(), name
+        ordinary = [k for k in rows if k not in SPECIAL]
+        assert not differing(alone[ordinary, : out.shape[1]], out[ordinary]).any(), name
+        compared += len(ordinary)
+    assert compared > 50
 
 
 def test_a_changed_bit_is_seen(tmp_path: Path) -> None:

@@ -8,7 +8,8 @@ from types import ModuleType
 import pytest
 
 from eomgen.description.load import robot_from_toml
-from eomgen.pipeline.stages import Options, make_source
+from eomgen.pipeline.options import Options
+from eomgen.pipeline.stages import make_source
 from tests.support.optional import module_of
 
 OPTIONS = Options((), "float32", batches=False)

@@ -20,7 +20,8 @@ from eomgen.codegen.c.project import TAKEN, identifiers, project_files, quoted, 
 from eomgen.codegen.kernels.signatures import KERNELS
 from eomgen.errors import LoopError, SingularError
 from eomgen.names import kind_of
-from eomgen.pipeline.stages import Options, make_source
+from eomgen.pipeline.options import Options
+from eomgen.pipeline.stages import make_source
 from eomgen.robot.coordinates import MODE
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot

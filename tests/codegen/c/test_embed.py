@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 import eomgen
 from eomgen.codegen.package.compile import FLAGS, NATIVE, carried_files
-from eomgen.pipeline.stages import Options, generate
+from eomgen.pipeline.generating import generate
+from eomgen.pipeline.options import Options
 from eomgen.runtime.levels import BASE
 from tests.support.c_project import COMPILERS, eigen_prefix, need, run, search_path
 

@@ -15,7 +15,8 @@ import pytest
 
 import eomgen
 from eomgen.errors import InputError
-from eomgen.pipeline.stages import Options, generate
+from eomgen.pipeline.generating import generate
+from eomgen.pipeline.options import Options
 from eomgen.runtime.levels import BASE
 from tests.support.c_project import NO_EIGEN, WARNINGS, need, run
 from tests.support.doc_blocks import Block, blocks_of

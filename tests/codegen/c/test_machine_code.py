@@ -29,7 +29,8 @@ from eomgen.codegen.kernels.signatures import KERNELS
 from eomgen.codegen.package.compile import FLAGS, carried_contents, compile_flags, find_compiler, write_package
 from eomgen.description.builtin import builtin_robots
 from eomgen.pipeline.cache import write_files
-from eomgen.pipeline.stages import Options, generate
+from eomgen.pipeline.generating import generate
+from eomgen.pipeline.options import Options
 from eomgen.robot.model import Model, build_model
 from eomgen.robot.value import PRINCIPAL, Coordinate, Friction, Robot
 from eomgen.runtime.levels import supported

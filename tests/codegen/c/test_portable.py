@@ -20,9 +20,9 @@ import eomgen
 from eomgen.codegen.package.compile import FLAGS, WARNINGS, carried_contents, find_compiler
 from eomgen.errors import BuildError
 from eomgen.pipeline import cache
-from eomgen.pipeline.stages import Options, make_package
+from eomgen.pipeline.options import Options
 from tests.support.optional import needs
-from tests.support.quick_builds import Q, one_link, script, without_headers
+from tests.support.quick_builds import Q, one_link, package_of, script, without_headers
 
 needs_zig = pytest.mark.skipif(importlib.util.find_spec("ziglang") is None, reason="pip install eomgen[compiler]")
 ZIG = [sys.executable, "-m", "ziglang", "cc"]
@@ -97,7 +97,7 @@ def test_no_compiler_at_all(empty_cache: Path, tmp_path: Path, monkeypatch: pyte
 @pytest.fixture(scope="module")
 def single() -> cache.Entry:
     """The package of a 6-DOF arm's inverse dynamics in float32."""
-    return make_package(eomgen.load_robot("puma560"), Options(("inverse_dynamics",), "float32"))
+    return package_of(eomgen.load_robot("puma560"), Options(("inverse_dynamics",), "float32"))
 
 
 def unpacked(package: cache.Entry, folder: Path) -> Path:
@@ -123,7 +123,7 @@ TARGETS = {
 def test_other_systems(target: str, dtype: str, tmp_path: Path) -> None:
     """A shared library for it, without a warning."""
     options = Options((), dtype, flags=("-O0",))
-    package = make_package(eomgen.load_robot("one_link"), options)
+    package = package_of(eomgen.load_robot("one_link"), options)
     source = unpacked(package, tmp_path)
     special, magic, at, machine = TARGETS[target]
     out = tmp_path / "library"

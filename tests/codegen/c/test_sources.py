@@ -87,7 +87,7 @@ def equations_of(name: str) -> Equations:
 def test_templates_ask_for_no_name_that_they_are_not_given() -> None:
     """Not even where a branch of theirs is not taken."""
     equations = equations_of("one_link")
-    meta = kernel_metadata(equations, "float64")
+    meta = kernel_metadata(equations)
     header = header_context(equations, "float64", meta, True)
     alone = {**header, **number_context(equations, "float64", meta)}
     given = {"kernel.h": header, "kernel.c": alone, "batches.c": {**alone, **lane_context(equations, "float64")}}

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 import eomgen
 from eomgen.codegen.package.compile import FLAGS, processor
-from eomgen.codegen.samples.sines import COEFFICIENTS, polynomials
+from eomgen.codegen.simt.sines import COEFFICIENTS
+from tests.oracles.sines import polynomials
 from tests.support.soak import soaked
 
 VECTORS = [("-DEOMGEN_VECTOR=0",), (), ("-mavx2", "-mfma", "-ffp-contract=fast"), ("-mavx512f",)]

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from itertools import combinations, product
+from itertools import combinations, combinations_with_replacement, product
 from typing import Any
 
 import numpy as np
 import pytest
 import sympy as sp
 
-from eomgen.codegen.joint import lemmas as joint
-from eomgen.codegen.joint.kept import KEPT
+from eomgen.codegen.joint.deriving import derive_joint
+from eomgen.codegen.joint.facts import LEMMA_7, SHARPER, lemma_of
 from eomgen.codegen.joint.lemmas import joint_derivatives, joint_transform, step
 from eomgen.errors import InternalError
-from eomgen.robot.geometry import rotation_from_rpy
+from eomgen.robot.geometry import JointFacts, Term, rotation_from_rpy
 from eomgen.robot.value import ANGULAR, COORDINATES, LINEAR
 from tests.support.mutant import mutated
 
@@ -91,28 +91,25 @@ def test_lemmas_name_exactly_the_zero_second_derivatives() -> None:
     )
     between = np.eye(4)
     between[:3] = np.random.default_rng(1).uniform(-1.0, 1.0, (3, 4))
-    proved = {(pair.first, pair.second, pair.same_joint) for pair in joint.prove_second_derivative_zeros()}
+    facts = derive_joint(COORDINATES)
     for s, w in product(COORDINATES, repeat=2):
-        assert ((s, w, False) in proved) == (not np.any(first[s] @ between @ first[w]))
+        assert (s in facts.constant) == (not np.any(first[s] @ between @ first[w]))
         if COORDINATES.index(s) <= COORDINATES.index(w):
-            assert ((s, w, True) in proved) == (not np.any(second[s, w]))
+            assert ((s, w) in facts.zero_pairs) == (not np.any(second[s, w]))
 
 
 def test_lemma_7_and_the_sharper_lemma_are_told_apart() -> None:
-    pairs = joint.prove_second_derivative_zeros()
-    for pair in pairs:
-        both_linear = pair.first in LINEAR and pair.second in LINEAR
-        assert pair.reason == (joint.LEMMA_7 if both_linear else joint.SHARPER)
-    assert sum(pair.reason == joint.LEMMA_7 for pair in pairs) == 6 + 9  # in one joint, and in two
-    assert sum(pair.reason == joint.SHARPER for pair in pairs) == 9 + 9
+    facts = derive_joint(COORDINATES)
+    inside, between = list(facts.zero_pairs), list(product(facts.constant, COORDINATES))
+    for pairs, count in ((inside, 6), (between, 9)):
+        assert sum(lemma_of(*pair) == LEMMA_7 for pair in pairs) == count
+        assert sum(lemma_of(*pair) == SHARPER for pair in pairs) == 9
 
 
 def test_relations_inside_a_joint() -> None:
-    assert joint.prove_translations_orthogonal() == (("x", "y"), ("x", "z"), ("y", "z"))
-    assert joint.prove_coaxial() == (("x", "alpha"), ("y", "beta"), ("z", "gamma"))
-    joint.prove_antisymmetry()
-    joint.prove_translation_column()
-    joint.prove_coaxial_swap()
+    facts = derive_joint(COORDINATES)
+    assert facts.orthogonal == (("x", "y"), ("x", "z"), ("y", "z"))
+    assert facts.coaxial == (("x", "alpha"), ("y", "beta"), ("z", "gamma"))
 
 
 def text_now(module: str = "joint.lemmas") -> str:
@@ -131,63 +128,73 @@ def changed(old: str, new: str, module: str = "joint.lemmas") -> Iterator[Any]:
         yield importlib.import_module(f"eomgen.codegen.{module}")
 
 
-WRONG = [  # a piece of text, what it is replaced by, and the proof that must fail then, with its arguments
+ALL = (COORDINATES,)
+WRONG: list[tuple[str, str, str, tuple[Any, ...]]] = [  # what replaces which text, and the proof that must fail then
     ("3] = s\n", "3] = s**2\n", "step", ("y",)),
     ("A[j, j] = sp.cos(s)", "A[j, j] = sp.cosh(s)", "step", ("beta",)),
-    ("first = {name: A.diff(step(name).symbol)", "first = {name: A", "prove_translation_column", ()),
-    ("A, sp.ImmutableMatrix(D))", "A, sp.ones(4, 4))", "prove_antisymmetry", ()),
+    ("first = {name: A.diff(step(name).symbol)", "first = {name: A", "prove_translation_columns", ALL),
+    (
+        "upper = {(s, w): first[s].diff(step(w).symbol)",
+        "upper = {(s, w): first[s]",
+        "prove_second_derivative_zeros",
+        ALL,
+    ),
+    ("first[s].diff(step(w).symbol)", "first[s]", "prove_second_derivative_zeros", ALL),
+    ("first[s].diff(step(w).symbol)", "0 * A", "prove_second_derivative_zeros", ALL),
+    ("A, sp.ImmutableMatrix(D))", "A, sp.ones(4, 4))", "prove_antisymmetry", ALL),
     ("[[0, -a[2], a[1]]", "[[0, a[2], a[1]]", "prove_coaxial_swap", ()),
 ]
-PAIRS = ["zero_pairs[1:]", "zero_pairs[:-1]"]  # a lemma too few, and too many
-PAIRS += [f'[*zero_pairs, ZeroPair("alpha", "beta", {same_joint}, SHARPER)]' for same_joint in (True, False)]
 
 
 @pytest.mark.parametrize(("old", "new", "proof", "arguments"), WRONG)
-def test_every_proof_fails_where_its_claim_is_wrong(old: str, new: str, proof: str, arguments: tuple[str, ...]) -> None:
+def test_every_proof_fails_where_its_claim_is_wrong(old: str, new: str, proof: str, arguments: tuple[Any, ...]) -> None:
     """With a matrix in the place of another for which the claim does not hold."""
     with changed(old, new) as other, pytest.raises(InternalError, match="the proof failed"):
         getattr(other, proof)(*arguments)
 
 
-@pytest.mark.parametrize("pairs", PAIRS)
-def test_a_lemma_too_many_or_too_few_is_noticed(pairs: str) -> None:
-    other_pairs = f"pairs = tuple({pairs})"
-    with changed("pairs = tuple(zero_pairs)", other_pairs) as other, pytest.raises(InternalError, match="lemma"):
-        other.prove_second_derivative_zeros()
+def restricted(pairs: tuple[tuple[str, str], ...], active: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
+    return tuple(pair for pair in pairs if {*pair} <= {*active})
 
 
-def test_what_is_kept_is_what_is_derived() -> None:
-    """The plain values that builds use against all of them derived and proved anew."""
-    name = "eomgen.codegen.joint.freezing"
-    freezing = importlib.import_module(name)
-    derived = freezing.derived_facts()
-    assert (derived.steps, derived.zero_pairs) == (dict(KEPT.steps), KEPT.zero_pairs)
-    assert (derived.orthogonal, derived.coaxial) == (KEPT.orthogonal, KEPT.coaxial)
+@pytest.mark.parametrize("active", SUBSETS[::7], ids="-".join)
+def test_facts_of_few_coordinates_are_those_of_all(active: tuple[str, ...]) -> None:
+    """Inactive coordinates are zero, so identities of a joint with all coordinates hold; there are no others."""
+    whole, facts = derive_joint(COORDINATES), derive_joint(active)
+    assert facts.steps == tuple(whole.steps[COORDINATES.index(name)] for name in active)
+    for pairs in ("zero_pairs", "orthogonal", "coaxial"):
+        assert getattr(facts, pairs) == restricted(getattr(whole, pairs), active)
+    assert facts.constant == tuple(name for name in active if name in whole.constant)
+    assert (facts.active, facts.sympy) == (active, sp.__version__)
 
 
-def test_a_rotation_of_another_form_is_not_frozen() -> None:
+@pytest.mark.parametrize("active", [(), ("x", "gamma"), COORDINATES], ids="-".join)
+def test_facts_are_written_and_read(active: tuple[str, ...]) -> None:
+    facts = derive_joint(active)
+    assert JointFacts.from_json(facts.to_json()) == facts
+    symbols, derivatives = {name: step(name).symbol for name in COORDINATES}, joint_derivatives(active)
+    functions: dict[str, Callable[[Any], Any]] = {"": lambda x: x, "sin": sp.sin, "cos": sp.cos}
+
+    def entry(terms: tuple[Term, ...]) -> Any:
+        return sum(c * sp.prod(functions[kind](symbols[name]) for kind, name in factors) for c, factors in terms)
+
+    found = [sp.Matrix([[entry(x) for x in row] for row in D]) for D in (facts.transform, *facts.first, *facts.second)]
+    pairs = combinations_with_replacement(active, 2)
+    wanted = [derivatives.first[name] for name in active] + [derivatives.second[pair] for pair in pairs]
+    assert found == [joint_transform(active), *wanted]
+
+
+def test_a_rotation_of_another_form_is_refused() -> None:
     with changed("A[j, j] = sp.cos(s)", "A[j, j] = sp.cosh(s)"):
-        freezing = importlib.import_module("eomgen.codegen.joint.freezing")
+        deriving = importlib.import_module("eomgen.codegen.joint.deriving")
         with pytest.raises(InternalError, match=r"the proof failed|of another form"):
-            freezing.frozen_step("beta")
+            deriving.joint_step("beta")
 
 
 @pytest.mark.parametrize("coordinate", COORDINATES)
-def test_frozen_steps_have_the_values_of_symbolic_ones(coordinate: str) -> None:
+def test_steps_have_the_values_of_symbolic_ones(coordinate: str) -> None:
     found, t = step(coordinate), 0.7
     expected = np.array(found.rotation.subs(found.symbol, t), dtype=float)
-    frozen = KEPT.steps[coordinate]
-    assert np.allclose(np.array(frozen.rotation) @ (1.0, np.sin(t), np.cos(t)), expected, atol=1e-15)
-    assert (frozen.is_rotation, frozen.axis) == (found.is_rotation, found.axis)
-
-
-def test_what_the_proofs_say() -> None:
-    assert list(joint.proofs()) == [
-        "dA_0k/dx = L [0 | e_x]",
-        f"{joint.LEMMA_7} (15 pairs)",
-        f"{joint.SHARPER} (18 pairs)",
-        "translations of one joint are orthogonal (3 pairs)",
-        "coaxial translation and rotation (3 pairs)",
-        "C_i,jk = -C_k,ij for j <= min(i, k)",
-        "C_i,jk = -C_l,mk for coaxial (i, m) and (l, j)",
-    ]
+    (numbers,) = derive_joint((coordinate,)).steps
+    assert np.allclose(np.array(numbers.rotation) @ (1.0, np.sin(t), np.cos(t)), expected, atol=1e-15)
+    assert (numbers.is_rotation, numbers.axis) == (found.is_rotation, found.axis)

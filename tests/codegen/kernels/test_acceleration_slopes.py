@@ -12,9 +12,9 @@ import pytest
 
 import eomgen
 from benchmarks.run import six
+from eomgen.codegen.c.operation_counts import operations
 from eomgen.codegen.kernels.acceleration_slopes import BY_FACTORS, BY_VALUES
 from eomgen.codegen.kernels.equations import derive_cheapest, derive_equations
-from eomgen.codegen.kernels.operation_counts import operations
 from eomgen.codegen.program.ir import evaluate
 from eomgen.errors import EomgenWarning
 from eomgen.robot.model import build_model

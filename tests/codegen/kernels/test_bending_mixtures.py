@@ -11,7 +11,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eomgen.codegen.derivation.afresh import derive_afresh
 from eomgen.codegen.kernels.steps.tolerances import coordinate_sizes
 from eomgen.errors import InputError
 from eomgen.robot.elements import Bushing
@@ -125,13 +124,6 @@ def test_bodies_whose_modes_have_the_same_mass() -> None:
         said = rf"tunable: 'links\.{name}\.{key}': the modes of {name} are of the same mass.*modes\.1\.stiffness"
         with pytest.raises(InputError, match=said):
             build_model(replace(robot, tunable=(f"links.{name}.{key}",)))
-
-
-def test_a_derivation_by_sympy_is_refused() -> None:
-    model = build_model(mixture(600, ("laws", "springs")).robot)
-    name = next(x.name for x in model.robot.links if x.modes is not None)
-    with pytest.raises(InputError, match=rf"links\.{name}\.modes: SymPy derives joints afresh, and no link that bends"):
-        derive_afresh(model, ("mass_matrix",))
 
 
 def test_a_pole_that_modes_alone_move_is_refused() -> None:

@@ -12,12 +12,12 @@ import pytest
 
 import eomgen.templates
 from eomgen.codegen.c import lanes
+from eomgen.codegen.c.operation_counts import OWN
 from eomgen.codegen.c.sources import render
 from eomgen.codegen.forces.bushings import Bushings
 from eomgen.codegen.kernels.derived import BACKWARDS, GRADIENTS
 from eomgen.codegen.kernels.entries import KINDS, Signature
 from eomgen.codegen.kernels.equations import derive_equations
-from eomgen.codegen.kernels.operation_counts import OWN
 from eomgen.codegen.kernels.signatures import DERIVATIVES, KERNELS, SIGNATURES, by_kind, functions, shapes
 from eomgen.codegen.kernels.stages import PAIR_STAGES, STAGES
 from eomgen.codegen.kernels.writers import VARIANTS, WRITERS
@@ -35,8 +35,6 @@ OF_A_KIND: dict[str, Callable[[str, Signature], bool]] = {
     "adjoint": lambda name, entry: is_derivative(name, entry),
     "hessian": lambda name, entry: is_derivative(name, entry),
     "jet": lambda name, entry: is_derivative(name, entry) and name.endswith(f"_jet{entry.order}"),
-    "errors": lambda name, entry: is_derivative(name, entry) and name == f"{entry.derivative_of}_with_errors",
-    "extended": lambda name, entry: is_derivative(name, entry) and name.endswith(("_extended", "_around")),
     "frames": lambda name, entry: name in WRITERS and bool(entry.functions) and is_written(name),
     "composed": lambda name, entry: entry.calls and set(entry.calls) >= set(entry.counts) and is_written(name),
     "rollout": lambda name, entry: entry.calls and set(entry.calls) >= set(entry.counts),
@@ -59,7 +57,7 @@ def test_an_entry_has_what_its_kind_needs(name: str) -> None:
     entry = SIGNATURES[name]
     assert entry.kind in KINDS
     assert OF_A_KIND[entry.kind](name, entry)
-    derived = ("tangent", "adjoint", "hessian", "jet", "errors", "extended", "gradient")
+    derived = ("tangent", "adjoint", "hessian", "jet", "gradient")
     assert (entry.derivative_of != "") == (entry.kind in derived)
     assert (entry.order > 0) == (entry.kind == "jet")
     assert (entry.functions != {}) == (entry.kind == "frames")

@@ -218,3 +218,12 @@ def test_a_unit_is_not_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     with pytest.raises(BuildError, match="the compiler does not keep IEEE arithmetic: a constant"):
         eomgen.export_fmu("one_link", tmp_path / "unit.fmu")
     assert not (tmp_path / "unit.fmu").exists()
+
+
+def test_a_compiler_that_changes_is_asked_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    compiler = tmp_path / "cc"
+    monkeypatch.setenv("CC", str(compiler))
+    for version in ("one", "two two"):
+        compiler.write_text(f"#!/bin/sh\necho {version}\n", encoding="ascii")
+        compiler.chmod(0o755)
+        assert find_compiler().version == version

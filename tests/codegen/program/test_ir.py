@@ -229,7 +229,7 @@ def build_both(plan: Sequence[tuple[str, int, int]], pool: Sequence[Any], graph:
             nodes.append(graph.neg(x))
             numbers.append(-numbers[i])
         elif op == "div":
-            number = graph.instructions[y.index].leaf if isinstance(y, Node) else y  # folding makes numbers of nodes
+            number = graph.instructions[y.index][2] if isinstance(y, Node) else y  # folding makes numbers of nodes
             exact = not isinstance(number, float) or abs(number) in (0.5, 1.0, 2.0)
             if numbers[j].value != 0 and exact:
                 nodes.append(graph.div(x, y))

@@ -14,7 +14,8 @@ from eomgen.codegen.kernels.signatures import CLOSURE_KERNELS, KERNELS, LOOP_KER
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import DescriptionError, InputError, LoopError
 from eomgen.integration.solve import integrate
-from eomgen.pipeline.stages import Options, make_source
+from eomgen.pipeline.options import Options
+from eomgen.pipeline.stages import make_source
 from eomgen.robot.cuts import CUTS
 from eomgen.robot.geometry import IDENTITY
 from eomgen.robot.model import build_model

@@ -94,12 +94,6 @@ def add_input_ranges(parser: argparse.ArgumentParser) -> None:
     add_rows(parser, "--range", "NAME LOW HIGH", "of an input, an array or a parameter (what is usual); more than once")
 
 
-def add_within(parser: argparse.ArgumentParser) -> None:
-    """Add the option --float32-within of commands about single precision."""
-    about = "error of float32 results by their size; what contributes most is in double until it is met"
-    parser.add_argument("--float32-within", dest="within", type=real, metavar="E", help=about)
-
-
 def ranges_of(options: argparse.Namespace) -> dict[str, list[float]]:
     """Return least and greatest values of coordinates by --range; InputError of no number, and of a name twice."""
     return once_each("range", ((name, reals(f"range: {name}", ends)) for name, *ends in options.range))

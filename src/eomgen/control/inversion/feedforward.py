@@ -11,7 +11,7 @@ from ...arrays import Array
 from ...errors import InputError
 from ...motion.time_derivatives import Jump
 from ...names import listed
-from ...pipeline.stages import build
+from ...pipeline.building import build
 from ...progress import StageReport
 from ...robot.coordinates import index_of
 from ...robot.model import program_coordinates

@@ -25,7 +25,7 @@ from ...errors import InputError
 from ...limits import LARGEST, is_usable
 from ...motion.point_to_point import Program
 from ...names import component_name, listed, show
-from ...pipeline.stages import build
+from ...pipeline.building import build
 from ...progress import StageReport, no_report, tells_at_prompt
 from ...robot.coordinates import MOTIONS, index_of
 from ...robot.mechanism import leading_home

@@ -3,7 +3,11 @@
 Uses what export uses.
 """
 
-from ...lazily import imports_when_used
+from typing import TYPE_CHECKING
 
-with imports_when_used(globals()):
+from ...lazily import lazy_names
+
+if TYPE_CHECKING:
     from .pack import export_fmu as export_fmu
+else:
+    __getattr__, __dir__, __all__ = lazy_names(__name__)

@@ -24,7 +24,8 @@ from eomgen.description import RobotLike, as_robot
 from eomgen.errors import InputError
 from eomgen.files import as_path, write_atomically
 from eomgen.names import show
-from eomgen.pipeline.stages import Options, make_source
+from eomgen.pipeline.options import Options
+from eomgen.pipeline.stages import make_source
 from eomgen.progress import StageReport, no_report, tells_at_prompt
 from eomgen.robot.model import Model, build_model
 from eomgen.robot.value import Robot

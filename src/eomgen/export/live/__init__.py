@@ -3,7 +3,11 @@
 Uses what export uses, and forms, loops, motion, integration, scenario, simulation and pictures.
 """
 
-from ...lazily import imports_when_used
+from typing import TYPE_CHECKING
 
-with imports_when_used(globals()):
+from ...lazily import lazy_names
+
+if TYPE_CHECKING:
     from .page import export_live as export_live
+else:
+    __getattr__, __dir__, __all__ = lazy_names(__name__)

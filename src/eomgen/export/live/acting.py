@@ -14,7 +14,7 @@ from ...errors import EomgenError, InputError, LoopError
 from ...motion.ends import default_ends, principal_limits
 from ...motion.splines import signal_of
 from ...names import joint_of
-from ...pipeline.stages import build
+from ...pipeline.building import build
 from ...progress import Progress
 from ...robot.coordinates import index_of, unit_of
 from ...robot.mechanism import coordinate_of, drive_of, leading_home

@@ -3,8 +3,12 @@
 Uses what export uses.
 """
 
-from ...lazily import imports_when_used
+from typing import TYPE_CHECKING
 
-with imports_when_used(globals()):
+from ...lazily import lazy_names
+
+if TYPE_CHECKING:
     from .pack import export_wasm as export_wasm
     from .signals import plain_loads as plain_loads
+else:
+    __getattr__, __dir__, __all__ = lazy_names(__name__)

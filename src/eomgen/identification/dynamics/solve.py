@@ -24,7 +24,7 @@ from ...motion.files import MeasuredMotion, measured_motion
 from ...motion.measured_numbers import answers_in_numbers
 from ...motion.smoothing import STENCIL
 from ...names import component_name, joint_of, kind_of, listed, show, split_component
-from ...pipeline.stages import build
+from ...pipeline.building import build
 from ...progress import StageReport, tells_at_prompt
 from ...robot.coordinates import LINKS, is_mode, number_name
 from ...robot.model import build_model

@@ -18,7 +18,7 @@ from ...errors import InputError
 from ...limits import LARGEST, SMALLEST, is_usable
 from ...motion.exceeding import excess_notes, excesses
 from ...names import component_name, joint_of, kind_of, listed, show
-from ...pipeline.stages import build
+from ...pipeline.building import build
 from ...progress import StageReport, no_report, tells_at_prompt
 from ...robot.coordinates import force_unit_of
 from ...robot.model import build_model

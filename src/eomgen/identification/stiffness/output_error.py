@@ -24,8 +24,8 @@ from ...errors import DescriptionError, InputError, UnknownNameError
 from ...motion.files import MeasuredMotion, measured_motion
 from ...names import listed
 from ...optional import optional_import
+from ...pipeline.building import build
 from ...pipeline.mechanisms import mechanism_kernels
-from ...pipeline.stages import build
 from ...progress import StageReport
 from ...robot.laws import law_conflict
 from ...robot.memory.drives import DRIVE

@@ -35,8 +35,8 @@ from ...motion.files import MeasuredMotion, measured_motion
 from ...motion.measured_numbers import answers_in_numbers
 from ...motion.smoothing import Differentiator, noise_deviation
 from ...names import component_name, joint_of, listed, nearest, show, split_component
+from ...pipeline.building import build
 from ...pipeline.mechanisms import mechanism_kernels
-from ...pipeline.stages import build
 from ...progress import StageReport, no_report, tells_at_prompt
 from ...robot.coordinates import LINKS, is_mode, number_name
 from ...robot.model import Model, build_model

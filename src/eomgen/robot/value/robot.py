@@ -9,7 +9,6 @@ from types import MappingProxyType
 from typing import Any, TypeVar
 
 from ...errors import UnknownNameError
-from ...lazily import from_above
 from ...names import (
     component_name,
     html_table,
@@ -101,7 +100,9 @@ class Robot(Picklable):
         Raises:
             InputError: the file cannot be written.
         """
-        return from_above(".export.live.view", "show_robot")(self, path, browser=browser)
+        from ...export.live.view import show_robot
+
+        return show_robot(self, path, browser=browser)
 
     @property
     def link_elements(self) -> tuple[LinkElement, ...]:
@@ -157,8 +158,9 @@ class Robot(Picklable):
     @property
     def actuated_coordinates(self) -> tuple[str, ...]:
         """Names of the coordinates that have a drive, in the order of q: those of ``driven``, or its default."""
-        found: list[str] = from_above(".robot.mechanism", "driven_coordinates")(self, self.coordinates)
-        return tuple(found)
+        from ..mechanism import driven_coordinates
+
+        return tuple(driven_coordinates(self, self.coordinates))
 
     @property
     @kept
@@ -339,8 +341,9 @@ class Robot(Picklable):
 
     def with_values(self, changes: Mapping[str, Any]) -> Robot:
         """Return the robot with several values changed at once, by their paths; see ``with_value``."""
-        changed: Robot = from_above(".description.changing", "with_values")(self, changes)
-        return changed
+        from ...description.changing import with_values
+
+        return with_values(self, changes)
 
     def with_segments(self, segments: int, links: Collection[str] | None = None) -> Robot:
         """Return the robot with links that bend as chains of rigid segments with elastic joints, as ``[[beams]]`` are.
@@ -357,8 +360,9 @@ class Robot(Picklable):
             InputError: no link bends; one that should become a chain is no beam, its modes are no longer the beam's, or
                 couplings, drives or a home need its modes; a number of segments that no beam has; or names are taken.
         """
-        made: Robot = from_above(".bending.beams.segments", "with_segments")(self, segments, links)
-        return made
+        from ...bending.beams.segments import with_segments
+
+        return with_segments(self, segments, links)
 
     def with_coordinates(self, coordinates: Mapping[str, Mapping[str, Coordinate]]) -> Robot:
         """Return the robot with these coordinates (by joint, then by name) active, too."""

@@ -1,0 +1,279 @@
+"""Equations -> the numbers that a compiled package has to return in two random states, and how accurately.
+
+The programs are evaluated in NumPy.  A tolerance of each number is estimated by Monte Carlo arithmetic: the program is
+evaluated again with every operation rounded some units in the last place off at random, so that ill-conditioned results
+have wide tolerances, and robots of any size and mass tolerances of their own scale.
+"""
+
+from __future__ import annotations
+
+import io
+import zlib
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..kernels.blocks import row_blocks
+from ..kernels.bodies import jacobian_columns
+from ..kernels.equations import Equations
+from ..kernels.signatures import Function, functions
+from ..program.ir import evaluate_lanes
+from .contexts import PIVOT_LIMITS
+
+Array = NDArray[Any]
+
+STATES = 2
+COPIES = 4  # of each state, rounded at random
+UNITS = 8.0  # in the last place that an operation of a copy is off by at most
+SAFETY = 16.0  # times the largest deviation of a copy: the tolerance
+INCREMENT = 2.0**-14  # of coordinates, velocities and forces, for finite differences
+DAMPED = {"float64": 1e-6, "float32": 0.1}  # relative error of derivatives where loops are closed
+_ROWS = 251  # of random roundings, which instructions take in turn
+DRIVEN = ("inverse_dynamics", "reactions", "loop_reactions")
+PASSES, FAILS, UNCERTAIN = 0, 1, 2  # whether a function fails in a state because a pivot vanishes
+
+
+class Answer(NamedTuple):
+    """Expected numbers of a function, (count, lanes), and pivots with their scales, (2 n, lanes), if it solves.
+
+    With ``places``, (count, terms), a number is the sum of the function's results there times ``weights``, (terms,).
+    ``error``, (count, lanes), is what the expected numbers themselves are off by.
+    """
+
+    numbers: Array
+    pivots: Array | None = None
+    error: Array | None = None
+    places: Array | None = None
+    weights: Array | None = None
+
+
+def pack_expected(equations: Equations, dtype: str) -> bytes:
+    """Evaluate what every function of a package has to return, see ``read_expected``."""
+    stream = io.BytesIO()
+    with np.errstate(all="ignore"):
+        np.savez(stream, **_Reference(equations, dtype).arrays())
+    return zlib.compress(stream.getvalue(), 1)
+
+
+def read_expected(data: bytes) -> dict[str, Array]:
+    """Read the arrays of ``pack_expected`` by name, without SymPy and without the equations.
+
+    Returns:
+        "p" and "h", (size,): parameters and what is precomputed from them, whose tolerances are "h near".
+        "q", "v" and so on, (STATES, size): inputs.  "frames": indices of frames.
+        By the name of each function what it returns, (STATES, count), of a function of a frame (frames, STATES, count);
+        of a rollout the accelerations of its first step from rest.  "NAME near": tolerances.  "NAME status", (STATES,):
+        PASSES, FAILS or UNCERTAIN.  "NAME places" and "NAME weights" as in ``Answer``.
+    """
+    with np.load(io.BytesIO(zlib.decompress(data)), allow_pickle=False) as archive:
+        return {name: archive[name] for name in archive.files}
+
+
+class _Reference:
+    """Lanes are the states, then copies of the first state, then those of the second one."""
+
+    def __init__(self, equations: Equations, dtype: str) -> None:
+        self.equations, self.model, self.dtype = equations, equations.model, dtype
+        rng, copies = np.random.default_rng(1), STATES * COPIES
+        off = UNITS * float(np.finfo(dtype).eps) * rng.uniform(-1.0, 1.0, (_ROWS, copies))
+        self.rounding = np.concatenate([np.ones((_ROWS, STATES)), 1.0 + off], axis=1)
+        self.functions = [x for x in functions(equations.kernels) if x.kind != "gradient"]
+        sizes = equations.interface["shapes"]
+        read = sorted({"q", "v", "u"} | {array for x in self.functions for array in x.signature.reads})
+        self.states = {name: _random(rng, (STATES, int(np.prod(sizes[name])))).astype(dtype) for name in read}
+        values = np.array(list(self.model.parameters.values()))
+        values = values * (1.0 + 0.1 * rng.uniform(-1.0, 1.0, values.shape))
+        self.p = np.concatenate([values, np.zeros(len(self.model.turning))]).astype(dtype)
+        copied = [*range(STATES), *np.repeat(np.arange(STATES), COPIES)]
+        self.inputs = {name: array[copied].T for name, array in self.states.items()}
+        p = np.repeat(self.p[:, np.newaxis], len(copied), axis=1)
+        setup = evaluate_lanes(equations.setup, {"p": p}, dtype, rounding=self.rounding)
+        self.setup = setup.get("h", np.zeros((0, len(copied)), dtype))
+        self.h = self.setup[:, 0]
+        self.known: dict[str, dict[str, Array]] = {}
+
+    def arrays(self) -> dict[str, Any]:
+        """Return all arrays of ``read_expected``."""
+        found: dict[str, Any] = {**self.states, "p": self.p, "h": self.h, "h near": _tolerances(self.setup)[0]}
+        frames = found["frames"] = sorted({0, len(self.model.frames) // 2, len(self.model.frames) - 1})
+        for function in self.functions:
+            if function.is_framed:
+                answers = [Answer(FRAMED[function.name](self, frame)) for frame in frames]
+            else:
+                answers = [answer for answer in [self._answer(function)] if answer is not None]
+            if not answers:
+                continue
+            numbers, near = ([x[kind] for x in map(_measured, answers)] for kind in (0, 1))
+            name, [first, *_] = function.name, answers
+            found[name], found[f"{name} near"] = (x if function.is_framed else x[0] for x in (numbers, near))
+            found[f"{name} status"] = self._status(first.pivots)
+            if first.places is not None:
+                found[f"{name} places"], found[f"{name} weights"] = first.places, first.weights
+        return found
+
+    def run(self, name: str, **changed: Array) -> dict[str, Array]:
+        """Return what a program writes, with some of its inputs changed."""
+        if name in self.known and not changed:
+            return self.known[name]
+        inputs = {**self.inputs, **changed, "h": self.h}
+        found = evaluate_lanes(self.equations.programs[name], inputs, self.dtype, rounding=self.rounding)
+        found.setdefault("out", np.zeros((0, self.rounding.shape[1]), self.dtype))
+        if not changed:
+            self.known[name] = found
+        return found
+
+    def accelerations(self, calls: tuple[str, ...], dtype: str, **changed: Array) -> dict[str, Array]:
+        """Return what the program of accelerations among ``calls`` writes at changed inputs, in any dtype."""
+        name = next(x for x in ("constrained_dynamics", "tree_forward_dynamics", "forward_dynamics") if x in calls)
+        inputs = {key: array.astype(dtype) for key, array in {**self.inputs, **changed, "h": self.h}.items()}
+        found = evaluate_lanes(self.equations.programs[name], inputs, dtype, rounding=self.rounding)
+        return {**found, "out": found["out"][: self.model.size]}
+
+    def _answer(self, function: Function) -> Answer | None:
+        """Return what a function has to return; None where only the test suite checks it."""
+        name = function.name
+        if name in self.equations.calls:
+            return COMPOSED[name](self, self.equations.calls[name]) if name in COMPOSED else None
+        found = self.run(name)
+        return Answer(found["out"], found.get("pivot"))
+
+    def _status(self, pivots: Array | None) -> Array:
+        if pivots is None:
+            return np.full(STATES, PASSES)
+        limit = pivots.dtype.type(PIVOT_LIMITS[self.dtype])
+        fails = ~(pivots[::2] > limit * pivots[1::2]).all(axis=0)
+        copies = fails[STATES:].reshape(STATES, COPIES)
+        certain = (copies == fails[:STATES, np.newaxis]).all(axis=1)
+        return np.where(certain, np.where(fails[:STATES], FAILS, PASSES), UNCERTAIN)
+
+
+def _random(rng: np.random.Generator, shape: tuple[int, ...]) -> Array:
+    """Draw numbers of both signs, between 1/4 and 1 in size."""
+    return np.asarray(rng.uniform(0.25, 1.0, shape) * rng.choice((-1.0, 1.0), shape))
+
+
+def _measured(answer: Answer) -> tuple[Array, Array]:
+    near = _tolerances(answer.numbers)
+    if answer.error is not None:
+        near += np.abs(answer.error[:, :STATES].T)
+    return answer.numbers[:, :STATES].T, near
+
+
+def _tolerances(lanes: Array) -> Array:
+    """Return tolerances (STATES, count) of numbers (count, lanes); infinity where a state or a copy is not finite."""
+    wide = lanes.astype(np.float64)
+    copies = wide[:, STATES:].reshape(len(wide), STATES, COPIES)
+    off = np.abs(copies - wide[:, :STATES, np.newaxis]).max(axis=2)
+    near: Array = SAFETY * np.where(np.isfinite(off), off, np.inf)
+    return near.T
+
+
+def _christoffel(of: _Reference, calls: tuple[str, ...]) -> Answer:
+    """Contract the symbols with a velocity: the Coriolis matrix there."""
+    n, v = of.model.size, of.states["v"][0]
+    C = of.run("coriolis_matrix", v=np.repeat(v[:, np.newaxis], of.rounding.shape[1], axis=1))["out"]
+    return Answer(C, places=np.arange(n**3).reshape(n * n, n), weights=v)
+
+
+def _acceleration_derivatives(of: _Reference, calls: tuple[str, ...]) -> Answer | None:
+    """Take the derivative along a direction of q, v and u by central differences in double precision.
+
+    Copies are rounded alike on both sides, so that their derivatives differ as those of rounded programs.  Where rows
+    of constraints are redundant no random state fulfils them, and what the function returns there is not a derivative.
+    """
+    n = of.model.size
+    if "closing_derivatives" in calls and not _rows_are_independent(of):
+        return None
+    moved = {name: np.asarray(of.states[name][0], np.float64) for name in "qvu"}
+
+    def difference(step: float) -> Array:
+        ahead, back = (
+            of.accelerations(calls, "float64", **{x: of.inputs[x] + s * d[:, np.newaxis] for x, d in moved.items()})
+            for s in (step, -step)
+        )
+        return np.asarray((ahead["out"] - back["out"]) / (2.0 * step))
+
+    fine, coarse = difference(INCREMENT), difference(2.0 * INCREMENT)
+    places = np.arange(3 * n * n).reshape(3, n, n).transpose(1, 0, 2).reshape(n, 3 * n)
+    pivots = of.accelerations(calls, of.dtype).get("pivot")
+    error = np.abs(fine - coarse)
+    if "closing_derivatives" in calls:  # whose matrix is factored with more on its diagonal
+        error += DAMPED[of.dtype] * np.abs(fine).max(axis=0)
+    return Answer(fine, pivots, error, places, np.concatenate([moved[x] for x in "qvu"]))
+
+
+def _rows_are_independent(of: _Reference) -> bool:
+    """Return whether rows of the constraints' Jacobian that do not vanish are independent in both states."""
+    n, m, lanes, at = of.model.size, len(of.model.constraints), of.rounding.shape[1], 0
+    D = of.run("closing_derivatives", a=np.zeros((n, lanes)), multipliers=np.zeros((m, lanes)))["out"]
+    J = np.zeros((STATES, m, n))
+    for block in row_blocks(of.model):
+        rows = D[at : at + block.size, :STATES].T.reshape(STATES, block.rows, -1)
+        J[:, block.first : block.first + block.rows, list(block.columns)] = rows
+        at += 3 * block.size + len(block.columns) ** 2
+    J[:, :, list(of.model.prescribed)] = 0.0
+    return bool((np.linalg.matrix_rank(J) == (J != 0.0).any(axis=2).sum(axis=1)).all())
+
+
+def _constrained(of: _Reference, calls: tuple[str, ...], *, forces: bool) -> Answer:
+    """Return accelerations or multipliers of closed loops."""
+    n, found = of.model.size, of.run("constrained_dynamics")
+    numbers = found["out"][n : n + len(of.model.constraints)] if forces else found["out"][:n]
+    return Answer(numbers, found.get("pivot"))
+
+
+def _driven(of: _Reference, calls: tuple[str, ...], *, writes: str, loaded: bool) -> Answer:
+    """Return drives, or what joints bear, of a motion with closed loops."""
+    n, m = of.model.size, len(of.model.constraints)
+    found = of.run("constrained_drives", **({} if loaded else {"u": np.zeros_like(of.inputs["u"])}))["out"]
+    if writes == "inverse_dynamics":
+        return Answer(found[:n])
+    multipliers = found[n : n + m]
+    if writes == "loop_reactions":
+        return Answer(of.run("loop_wrenches", multipliers=multipliers)["out"])
+    return Answer(of.run("tree_reactions")["out"] + of.run("closing_reactions", multipliers=multipliers)["out"])
+
+
+def _first_step(of: _Reference, calls: tuple[str, ...]) -> Answer | None:
+    """Return the accelerations from rest, by which velocities change in a very short step of every method."""
+    if of.model.constraints:
+        return None  # states are projected onto the constraints first
+    found = of.accelerations(calls, of.dtype, v=np.zeros_like(of.inputs["v"]))
+    return Answer(found["out"], found.get("pivot"))
+
+
+COMPOSED: Mapping[str, Callable[[_Reference, tuple[str, ...]], Answer | None]] = {
+    "christoffel": _christoffel,
+    "forward_dynamics_jacobian": _acceleration_derivatives,
+    "tree_forward_dynamics_jacobian": _acceleration_derivatives,
+    "forward_dynamics": partial(_constrained, forces=False),
+    "constraint_forces": partial(_constrained, forces=True),
+    **{name: partial(_driven, writes=name, loaded=False) for name in DRIVEN},
+    **{f"{name}_under_load": partial(_driven, writes=name, loaded=True) for name in DRIVEN},
+    **dict.fromkeys(("rollout", "adaptive_rollout", "radau_rollout"), _first_step),
+}
+
+
+def _frame_pose(of: _Reference, frame: int) -> Array:
+    k = of.run("kinematics")["out"]
+    last = np.zeros((4, k.shape[1]), k.dtype)
+    last[3] = 1.0
+    return np.concatenate([k[12 * frame : 12 * frame + 12], last])
+
+
+def _frame_jacobian(of: _Reference, frame: int) -> Array:
+    k, n = of.run("kinematics")["out"], of.model.size
+    out = np.zeros((6, n, k.shape[1]), k.dtype)
+    for s, column in jacobian_columns(of.model, k, frame).items():
+        for i, entry in enumerate(column):
+            out[i, s] = entry
+    return out.reshape(6 * n, -1)
+
+
+FRAMED: Mapping[str, Callable[[_Reference, int], Array]] = {
+    "frame_pose": _frame_pose,
+    "frame_jacobian": _frame_jacobian,
+}

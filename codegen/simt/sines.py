@@ -1,0 +1,61 @@
+"""Coefficients of the sines and cosines of ``clib/lanes.h``, for device source code."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Coefficients:
+    """Numbers of the sines and cosines of one precision, those of ``clib/lanes.h``.
+
+    error: of a result, in units in the last place.
+    farthest: larger angles are left to the C library.
+    shift: what brings a number's units into the lowest bits.
+    quarter: pi/2 in parts, products of all but the last exact.
+    sine, cosine: of powers of z = r^2, the lowest first, in sin r = r + r z (...), cos r = 1 - z (1/2 - z (...)).
+    """
+
+    error: float
+    farthest: float
+    per_quarter: float
+    shift: float
+    quarter: tuple[float, ...]
+    sine: tuple[float, ...]
+    cosine: tuple[float, ...]
+
+
+COEFFICIENTS = {
+    "float64": Coefficients(
+        2.5,
+        1e6,
+        0.63661977236758134308,
+        float.fromhex("0x1.8p52"),
+        tuple(map(float.fromhex, ("0x1.921fb544p+0", "0x1.0b4611a6p-34", "0x1.3198a2e037073p-69"))),
+        (
+            -1.66666666666666324348e-01,
+            8.33333333332248946124e-03,
+            -1.98412698298579493134e-04,
+            2.75573137070700676789e-06,
+            -2.50507602534068634195e-08,
+            1.58969099521155010221e-10,
+        ),
+        (
+            4.16666666666666019037e-02,
+            -1.38888888888741095749e-03,
+            2.48015872894767294178e-05,
+            -2.75573143513906633035e-07,
+            2.08757232129817482790e-09,
+            -1.13596475577881948265e-11,
+        ),
+    ),
+    "float32": Coefficients(
+        2.5,
+        5e3,
+        0.636619772,
+        float.fromhex("0x1.8p23"),
+        tuple(map(float.fromhex, ("0x1.92p+0", "0x1.fb4p-12", "0x1.444p-24", "0x1.68c234p-39"))),
+        (-1.6666654611e-1, 8.3321608736e-3, -1.9515295891e-4),
+        (4.166664568298827e-2, -1.388731625493765e-3, 2.443315711809948e-5),
+    ),
+}

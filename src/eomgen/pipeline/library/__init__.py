@@ -1,1 +1,0 @@
-"""The C library's objects, that robots' libraries are linked with: made once, examined, kept in the cache."""
