@@ -249,7 +249,6 @@ ALLOWED = {  # file, what is called or caught, and why that is no text of a desc
     ("src/eomgen/runtime/chunking.py", "except BaseException"): "of a thread; the caller raises it",
     ("codegen/package/running.py", "except BaseException"): "of a thread; the caller raises it",
     # still to be named:
-    ("src/eomgen/description/mjcf/compiling.py", "except Exception"): "what MuJoCo's binding raises",
     ("src/eomgen/device/foreign.py", "except Exception"): "what other libraries raise",
     ("src/eomgen/device/gpu.py", "suppress Exception"): "the driver may be gone",
 }

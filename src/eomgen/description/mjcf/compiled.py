@@ -27,9 +27,11 @@ from eomgen.names import show
 from eomgen.optional import optional_import
 
 from ..xml_text import one_line
+from .copies import check_copies
 from .poses import Array, Pose, turned
 
-SECONDS, GIBIBYTES = 60, 4  # of processor time, and of address space, of which threads reserve some
+SECONDS, GIBIBYTES = 6, 2  # of processor time, and of address space, of which threads reserve some
+WALL_SECONDS = 60  # for one that waits, or gets a tenth of a processor
 
 _ALLOWED = "a model that MuJoCo compiles, with all files that it names"
 _MOST_WARNINGS = 5
@@ -49,7 +51,7 @@ class Model:
 
     Attributes:
         source: the file's name, for messages.
-        notes: MuJoCo's warnings.
+        notes: attributes that MuJoCo ignores, and its warnings.
         name: of the model.
         arrays: of mjModel by their names.
         words: arrays of mjModel that hold an enumeration, such as jnt_type: "hinge".
@@ -134,6 +136,7 @@ def compiled_model(text: str, source: str, folder: Path | None) -> Model:
     with optional_import("MuJoCo", "models of MuJoCo (MJCF) are read through"):
         if importlib.util.find_spec("mujoco") is None:
             raise ModuleNotFoundError("mujoco")
+    notes = check_copies(text, source, folder)
     answer = _answer_of_child(text, folder)
     if any("NaN" in warning for warning in answer.get("warnings", ())):
         raise _not_a_number(text, source)
@@ -146,7 +149,7 @@ def compiled_model(text: str, source: str, folder: Path | None) -> Model:
     }
     found["arrays"] = {key: np.array(rows, dtype=float) for key, rows in found["arrays"].items()}
     found |= {key: frozenset(found[key]) for key in ("disabled", "explicit", "degrees", "aligned")}
-    model = Model(source, _as_notes(answer["warnings"]), **found)
+    model = Model(source, (*notes, *_as_notes(answer["warnings"])), **found)
     model.check_numbers()
     return model
 
@@ -156,7 +159,10 @@ def _answer_of_child(text: str, folder: Path | None) -> dict[str, Any]:
     paths = [os.path.abspath(each) for each in sys.path]  # it works in another folder
     place = "" if folder is None else str(folder.resolve())
     command = [sys.executable or "", "-c", _BEGIN, place, str(SECONDS), str(GIBIBYTES), *paths]
-    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}  # each reserves memory
+    threads = dict.fromkeys(
+        ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MALLOC_ARENA_MAX"), "1"
+    )  # each reserves memory
+    environment = {**os.environ, **threads}
     with tempfile.TemporaryDirectory(prefix="eomgen-mjcf-") as empty:
         try:
             child = subprocess.run(
@@ -166,10 +172,10 @@ def _answer_of_child(text: str, folder: Path | None) -> dict[str, Any]:
                 stderr=subprocess.DEVNULL,
                 cwd=empty,
                 env=environment,
-                timeout=3 * SECONDS,
+                timeout=WALL_SECONDS,
             )
         except subprocess.TimeoutExpired:
-            return {"ended": f"took more than {3 * SECONDS} s to compile the file"}
+            return {"ended": f"took more than {WALL_SECONDS} s to compile the file"}
         except OSError as error:
             return {"ended": f"cannot be started in a separate process ({error.strerror or error})"}
     try:

@@ -48,7 +48,7 @@ _WORDS = {  # arrays of mjModel that hold numbers of an enumeration
     "actuator_biastype": "mjtBias",
     "actuator_dyntype": "mjtDyn",
 }
-_MOST_WRAPS = 20 * MOST_ENTRIES  # what tendons go along, together
+_MOST_NUMBERS = 20 * MOST_ENTRIES  # of points that tendons go along, and of custom numbers
 
 
 class _RefusalError(Exception):
@@ -94,7 +94,7 @@ def _answer(text: str, folder: str) -> dict[str, Any]:
     else:
         _limit(NOFILE=0)
     heard: list[str] = []
-    mujoco.set_mju_user_warning(heard.append)  # the default writes MUJOCO_LOG.TXT
+    mujoco.set_mju_user_warning(heard.append)
     answer: dict[str, Any] = {"version": mujoco.__version__}
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
@@ -122,7 +122,7 @@ def _compiled(text: str, mujoco: Any) -> dict[str, Any]:
     model = spec.compile()
     if model.nplugin:
         raise _RefusalError("plugins are not supported; allowed: a model without <plugin>")
-    _refuse_many({"points of tendons": model.nwrap}, _MOST_WRAPS)
+    _refuse_many({"points of tendons": model.nwrap, "numbers of <numeric>": model.nnumericdata}, _MOST_NUMBERS)
     flags = mujoco.mjtDisableBit.__members__
     found: dict[str, Any] = {"name": bytes(model.names).partition(b"\0")[0].decode()}
     found["words"] = {key: _words(getattr(model, key), getattr(mujoco, kind)) for key, kind in _WORDS.items()}
