@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import struct
+import subprocess
 import sys
 import threading
 from pathlib import Path
@@ -340,7 +341,21 @@ def test_warnings_become_notes_and_no_log_is_left(tmp_path: Path, monkeypatch: p
     (note,) = (note for note in robot.notes if "MuJoCo warns" in note)
     assert "'settotalmass' is deprecated" in note
     assert robot.links[0].mass == pytest.approx(3.0)
+    for section in ('<include file="part"/>', '<asset><mesh name="m" file="part"/></asset>', "<bad/>"):
+        body = BODY.replace("<geom ", '<geom type="mesh" mesh="m"/><geom ')
+        path = written(tmp_path, f"<mujoco>{section}{world(body)[8:]}")
+        refused(DescriptionError, "MuJoCo .* says", load_robot, path)
     assert not list(tmp_path.glob("MUJOCO_LOG*"))
+
+
+def test_the_compiling_process_logs_nothing(tmp_path: Path) -> None:
+    """By MuJoCo's logger alone, which writes a file in the folder where its process works; the model's here."""
+    needs("mujoco")
+    log = "import mujoco; mujoco.set_mju_user_warning(None); mujoco.MjSpec.from_file('part')"
+    code = f"from eomgen.description.mjcf.compiling import _answer; _answer('', {str(tmp_path)!r}); {log}"
+    found = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True)
+    assert "could not find decoder" in found.stderr
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("text", ["nan", "NaN", "-nan", "nan(12)"])

@@ -95,6 +95,10 @@ def _answer(text: str, folder: str) -> dict[str, Any]:
         _limit(NOFILE=0)
     heard: list[str] = []
     mujoco.set_mju_user_warning(heard.append)
+    if hasattr(mujoco, "MjLogConfig"):
+        config = mujoco.MjLogConfig.get()
+        config.logto_file = False  # MUJOCO_LOG.TXT, in the folder of the model
+        config.set()
     answer: dict[str, Any] = {"version": mujoco.__version__}
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
