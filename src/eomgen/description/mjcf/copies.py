@@ -18,8 +18,6 @@ from eomgen.files import read_regular
 from eomgen.limits import MOST_ENTRIES
 from eomgen.names import show
 
-from ..draft import spot
-
 _MOST_ELEMENTS = 4 * MOST_ENTRIES  # a body has a joint, some geoms and sites
 _MOST_COPIES = 1_000  # MuJoCo's time grows with their square: 0.5 s
 _MOST_FILES, _MOST_TEXT = 200, 1 << 22
@@ -112,8 +110,7 @@ class _Files:
     def _element(self, place: _Place, attributes: dict[str, str], copies: int, model: _Model) -> int:
         """Count what an element stands for; return how often its content is copied."""
         unknown = attributes.keys() - _KNOWN.get(place.tag, attributes.keys())
-        where = f"{spot(place.source, (place.line, None))}: <{place.tag}>" if unknown else ""
-        self.notes += [f"{where}: MuJoCo ignores the attribute {show(key)}" for key in sorted(unknown)]
+        self.notes += map(place.ignoring, sorted(unknown))
         if place.tag in _COPYING:
             words = map(_WHOLE.match, attributes.get("count", "1").split()[:3])
             made = prod(max(1, int(word[1][:9])) for word in words if word)
@@ -170,13 +167,21 @@ class _Place:
     at: int
     tag: str
 
-    @property
-    def line(self) -> int:
-        """Its line."""
-        return self.text.count("\n", 0, self.at) + 1
+    def ignoring(self, key: str) -> str:
+        """Return a note on an attribute that MuJoCo ignores."""
+        return str(self._refusal(f"MuJoCo ignores the attribute {show(key)}"))
 
     def fail(self, message: str, allowed: str) -> NoReturn:
         """Raise the DescriptionError of the element."""
-        error = DescriptionError(f"{message}; allowed: {allowed}", where=f"<{self.tag}>", source=self.source)
-        error.line = self.line
-        raise error
+        raise self._refusal(f"{message}; allowed: {allowed}")
+
+    def _refusal(self, message: str) -> DescriptionError:
+        return refusal(message, self.source, self.text.count("\n", 0, self.at) + 1, f"<{self.tag}>")
+
+
+def refusal(message: str, source: str, line: int | None, where: str = "") -> DescriptionError:
+    """Return the error of a place in a text."""
+    source = source if source.isascii() and source.isprintable() else ascii(source)
+    error = DescriptionError(message, where=where, source=source)
+    error.line = line
+    return error
