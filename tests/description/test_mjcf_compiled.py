@@ -235,7 +235,7 @@ HOSTILE = {  # files, and words of the refusal; model.xml is the one that is rea
         r"a\.xml:2: <replicate>: its content is copied 2500 times",
     ),
     "copies in other words": (
-        {"model.xml": world(copied(1, BODY).replace('"1"', "\n'&#57;99999999999'", 1) + "<!-- <mujoco")},
+        {"model.xml": world(copied(1, BODY).replace('"1"', "\n'00000000000&#57;99999999999'", 1) + "<!-- <mujoco")},
         r"model\.xml:1: <replicate>: its content is copied 999999999 times",
     ),
     "a composite": (
@@ -247,6 +247,10 @@ HOSTILE = {  # files, and words of the refusal; model.xml is the one that is rea
         r"model\.xml:1: <flexcomp>: its content is copied 9000000 times",
     ),
     "many elements": ({"model.xml": world("<site/>" * 500_000)}, r"<site>: the model has 20001 elements"),
+    "a long tag": ({"model.xml": "<mujoco><" + "a" * 2_000_000}, "MuJoCo .* says"),
+    "long attributes": ({"model.xml": "<mujoco><frame " + "a" * 2_000_000 + ">"}, "MuJoCo .* says"),
+    "comments without end": ({"model.xml": "<mujoco>" + "<!-- '" * 300_000}, "MuJoCo .* says"),
+    "quotes without end": ({"model.xml": "<mujoco>" + "<a \"'" * 300_000}, "MuJoCo .* says"),
     "many numbers": (
         {"model.xml": f'<mujoco><custom><numeric name="n" size="200000"/></custom>{world(BODY)[8:]}'},
         "the model has 200000 numbers of <numeric>; allowed: up to 100000",

@@ -28,10 +28,10 @@ _KNOWN = {  # attributes; MuJoCo ignores others of these elements, and refuses t
 }
 _TAG = re.compile(
     r"<!--.*?(?:-->|\Z)|<!\[CDATA\[.*?(?:\]\]>|\Z)|<\?.*?(?:\?>|\Z)|<![^>]*"
-    r"|<(?P<end>/?)(?P<tag>[^\s/<>!?]+)(?P<attributes>(?:[^<>\"']|\"[^\"]*\"|'[^']*')*)>",
+    r"|<(?P<end>/?)(?P<tag>[^\s/<>!?]++)(?P<attributes>(?:[^<>\"']++|\"[^\"]*+\"|'[^']*+')*+)>",
     re.DOTALL,
 )
-_ATTRIBUTE = re.compile(r"""([^\s=<>"'/]+)\s*=\s*(?:"([^"]*)"|'([^']*)')""")
+_ATTRIBUTE = re.compile(r"""(?<![^\s"'/])([^\s=<>"'/]++)\s*+=\s*+(?:"([^"]*+)"|'([^']*+)')""")
 _WHOLE = re.compile(r"\s*\+?([0-9]+)")  # MuJoCo reads no further than it goes
 
 
@@ -51,7 +51,9 @@ def check_copies(text: str, source: str, folder: Path | None) -> list[str]:
     """
     files = _Files(folder)
     files.count(text, source)
-    return files.notes
+    return [
+        str(place.refusal(f"MuJoCo ignores the attribute {show(key)}")) for (_, key), place in files.ignored.items()
+    ]
 
 
 @dataclass
@@ -74,7 +76,7 @@ class _Files:
     """Files that a model names."""
 
     folder: Path | None
-    notes: list[str] = field(default_factory=list)
+    ignored: dict[tuple[str, str], _Place] = field(default_factory=dict)  # tag and attribute: where it is first
     texts: dict[Path, str] = field(default_factory=dict)
     counted: dict[Path, int | None] = field(default_factory=dict)  # models to attach; None: while it is counted
 
@@ -85,9 +87,10 @@ class _Files:
         return model.total
 
     def _walk(self, text: str, source: str, copies: int, model: _Model) -> None:
-        stack = [copies]
+        stack, line, at = [copies], 1, 0
         for match in _TAG.finditer(text):
             tag, words = match["tag"], match["attributes"]
+            line, at = line + text.count("\n", at, match.start()), match.start()
             if tag is None:
                 continue
             if match["end"]:
@@ -95,25 +98,23 @@ class _Files:
                 continue
             copies = stack[-1]
             if tag in _KNOWN or tag in (*_COPYING, "include", "model", "attach"):
-                place = _Place(source, text, match.start(), tag)
+                place = _Place(source, line, tag)
                 attributes = {key: unescape(one or other) for key, one, other in _ATTRIBUTE.findall(words)}
                 copies *= self._element(place, attributes, copies, model)
             model.elements += copies
             if model.total > _MOST_ELEMENTS:
-                what = "elements, with all copies and files"
-                _Place(source, text, match.start(), tag).fail(
-                    f"the model has {model.total} {what}", f"up to {_MOST_ELEMENTS}"
-                )
+                message = f"the model has {model.total} elements, with all copies and files"
+                _Place(source, line, tag).fail(message, f"up to {_MOST_ELEMENTS}")
             if not words.endswith("/"):
                 stack.append(copies)
 
     def _element(self, place: _Place, attributes: dict[str, str], copies: int, model: _Model) -> int:
         """Count what an element stands for; return how often its content is copied."""
-        unknown = attributes.keys() - _KNOWN.get(place.tag, attributes.keys())
-        self.notes += map(place.ignoring, sorted(unknown))
+        for key in (key for key in attributes if key not in _KNOWN.get(place.tag, attributes)):
+            self.ignored.setdefault((place.tag, key), place)
         if place.tag in _COPYING:
             words = map(_WHOLE.match, attributes.get("count", "1").split()[:3])
-            made = prod(max(1, int(word[1][:9])) for word in words if word)
+            made = prod(max(1, int(word[1].lstrip("0")[:9] or 0)) for word in words if word)
             if copies * made > _MOST_COPIES:
                 place.fail(f"its content is copied {copies * made} times", f"up to {_MOST_COPIES}")
             return made
@@ -160,23 +161,19 @@ class _Files:
 
 @dataclass(frozen=True)
 class _Place:
-    """A tag in a text, which begins at a character."""
+    """A tag in a text."""
 
     source: str
-    text: str
-    at: int
+    line: int
     tag: str
-
-    def ignoring(self, key: str) -> str:
-        """Return a note on an attribute that MuJoCo ignores."""
-        return str(self._refusal(f"MuJoCo ignores the attribute {show(key)}"))
 
     def fail(self, message: str, allowed: str) -> NoReturn:
         """Raise the DescriptionError of the element."""
-        raise self._refusal(f"{message}; allowed: {allowed}")
+        raise self.refusal(f"{message}; allowed: {allowed}")
 
-    def _refusal(self, message: str) -> DescriptionError:
-        return refusal(message, self.source, self.text.count("\n", 0, self.at) + 1, f"<{self.tag}>")
+    def refusal(self, message: str) -> DescriptionError:
+        """Return the error of the element."""
+        return refusal(message, self.source, self.line, f"<{self.tag}>")
 
 
 def refusal(message: str, source: str, line: int | None, where: str = "") -> DescriptionError:
