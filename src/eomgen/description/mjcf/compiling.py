@@ -137,8 +137,7 @@ def _compiled(text: str, mujoco: Any) -> dict[str, Any]:
     found["names"] = {kind: _names(model, kind, size) for kind, (size, _) in _KINDS.items()}
     found["lines"] = {kind: {item.id: item.info for item in getattr(spec, key)} for kind, (_, key) in _KINDS.items()}
     found["explicit"] = [body.id for body in spec.bodies if body.explicitinertial]
-    found["degrees"] = list(_in_degrees(spec, model, mujoco))
-    found["aligned"] = list(_aligned(spec, mujoco))
+    found |= _changed(spec, model, mujoco)
     found["fused"] = sorted(before - set(found["names"]["body"]))
     return found
 
@@ -160,20 +159,20 @@ def _refuse_many(counts: dict[str, int], most: int) -> None:
             raise _RefusalError(f"the model has {count} {what}; allowed: up to {most}")
 
 
-def _in_degrees(spec: Any, model: Any, mujoco: Any) -> Iterator[int]:
-    """Yield hinges whose range MuJoCo leaves in degrees, because it is not active."""
-    for joint in spec.joints:
-        if joint.type == mujoco.mjtJoint.mjJNT_HINGE and joint.compiler.degree and not model.jnt_limited[joint.id]:
-            yield joint.id
+def _changed(spec: Any, model: Any, mujoco: Any) -> dict[str, list[int]]:
+    """Return hinges whose range stays in degrees, as it is not active, and bodies that move to their centres of mass.
 
-
-def _aligned(spec: Any, mujoco: Any) -> Iterator[int]:
-    """Yield bodies whose frames MuJoCo moves to their centre of mass: with a free joint, and none on them."""
-    default, always = mujoco.mjtAlignFree.mjALIGNFREE_AUTO, mujoco.mjtAlignFree.mjALIGNFREE_TRUE
+    These have a free joint, and no bodies on them.
+    """
+    found: dict[str, list[int]] = {"degrees": [], "aligned": []}
+    always, never = mujoco.mjtAlignFree.mjALIGNFREE_TRUE, mujoco.mjtAlignFree.mjALIGNFREE_FALSE
     for joint in spec.joints:
-        wanted = joint.align == always or (joint.align == default and joint.compiler.alignfree)
-        if joint.type == mujoco.mjtJoint.mjJNT_FREE and wanted and not joint.parent.bodies:
-            yield joint.parent.id
+        if joint.type == mujoco.mjtJoint.mjJNT_HINGE:
+            found["degrees"] += [joint.id] * bool(joint.compiler.degree and not model.jnt_limited[joint.id])
+        elif joint.type == mujoco.mjtJoint.mjJNT_FREE and not joint.parent.bodies:
+            wanted = joint.align == always or (joint.align != never and joint.compiler.alignfree)
+            found["aligned"] += [joint.parent.id] * bool(wanted)
+    return found
 
 
 def _replace_visuals(spec: Any, mujoco: Any) -> None:
