@@ -505,7 +505,7 @@ def test_links_that_do_not_move_against_each_other_are_refused_with_their_place(
 
 
 COMPILED = {  # what MuJoCo's compiler makes of a model
-    "frames": """<mujoco><compiler angle="radian" eulerseq="zyx" settotalmass="7"/>
+    "frames": """<mujoco><compiler angle="radian" eulerseq="zyx"/>
   <default><joint damping="0.2"/><default class="leg"><joint stiffness="3" springref="0.4" axis="0 1 0"/>
     <geom type="capsule" size="0.05" fromto="0 0 0 0 0 -0.4"/></default></default>
   <worldbody><frame pos="0.1 0.2 0.3" euler="0.3 0.2 0.1" childclass="leg">

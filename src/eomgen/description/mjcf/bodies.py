@@ -24,7 +24,7 @@ from eomgen.robot.geometry import ZERO
 from eomgen.robot.value import COORDINATES, Coordinate, Frame, Friction, Joint, Link
 
 from ..draft import Draft
-from .compiled import Model
+from .compiled import Model, text_of
 from .joints import Group, Moving, groups
 from .poses import Array, Pose, tidy, triple, turned
 
@@ -230,42 +230,28 @@ class Bodies:
                 model.fail("joint", index, f"{message}; allowed: 0 (or {way})")
         if model["jnt_limited"][index]:
             self.note("the range of ball joints is left out", name)
-        value, made = self._damping(index, dof), None
-        if value and "mjDSBL_DAMPER" not in model.disabled:
-            made = JointDamping(linear=value if joint.kind == "free" else None, angular=value)
+        value, _ = model.law("joint", index, "dof_damping", dof, cubic=False)
+        made = JointDamping(linear=value if joint.kind == "free" else None, angular=value) if value else None
         origin = np.zeros(3) if joint.kind == "free" else joint.anchor
         return replace(joint, axis=np.array([0.0, 0.0, 1.0]), anchor=origin, damping=made)
 
-    def _damping(self, index: int, dof: int) -> float:
-        """Return the damping of any joint, which must be linear."""
-        numbers = self.model.numbers("dof_damping", dof)
-        if any(numbers[1:]) or numbers[0] < 0.0:
-            self.model.fail("joint", index, f"damping is {text_of(numbers)}; allowed: a linear term that is at least 0")
-        return numbers[0]
-
     def _coordinate(self, index: int, dof: int, springref: float, name: str) -> Coordinate:
         model = self.model
-        numbers = model.numbers("jnt_stiffness", index)
-        stiffness, quadratic, cubic = (*numbers, 0.0, 0.0)[:3]
-        if quadratic or min(numbers) < 0.0:
-            allowed = "a linear and a cubic term that are at least 0"
-            model.fail("joint", index, f"stiffness is {text_of(numbers)}; allowed: {allowed}")
-        damping = self._damping(index, dof)
+        stiffness, cubic = model.law("joint", index, "jnt_stiffness", index)
+        damping, _ = model.law("joint", index, "dof_damping", dof, cubic=False)
         if cubic and springref:
             model.fail("joint", index, f"springref is {springref:g} with a cubic stiffness; allowed: springref 0")
         armature, friction = (model.numbers(key, dof)[0] for key in ("dof_armature", "dof_frictionloss"))
         for key, value in (("armature", armature), ("frictionloss", friction)):
             if value < 0.0:
                 model.fail("joint", index, f"{key} is {value:g}; allowed: a number that is at least 0")
-        if "mjDSBL_SPRING" in model.disabled:
-            stiffness = cubic = 0.0
         if model.disabled & {"mjDSBL_FRICTIONLOSS", "mjDSBL_CONSTRAINT"}:
             friction = 0.0
         if friction:
             self.note("frictionloss is read as Coulomb friction that reverses smoothly", name)
         return Coordinate(
             stiffness=stiffness or None,
-            damping=None if "mjDSBL_DAMPER" in model.disabled else damping or None,
+            damping=damping or None,
             armature=armature or None,
             preload=-stiffness * springref or None,
             cubic=cubic or None,
@@ -295,12 +281,6 @@ class Bodies:
         """Return whether MuJoCo keeps a joint within its limits."""
         off = self.model.disabled & {"mjDSBL_LIMIT", "mjDSBL_CONSTRAINT"}
         return bool(self.model["jnt_limited"][index]) and not off
-
-
-def text_of(numbers: Sequence[float]) -> str:
-    """Return numbers as MJCF has them, without trailing zeros."""
-    count = max((place for place, number in enumerate(numbers, 1) if number), default=1)
-    return show(" ".join(f"{number:g}" for number in numbers[:count]))
 
 
 def _massless(name: str) -> Link:

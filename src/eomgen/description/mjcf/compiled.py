@@ -27,9 +27,12 @@ from eomgen.names import show
 from eomgen.optional import optional_import
 
 from ..xml_text import one_line
+from .copies import check_copies, refusal
 from .poses import Array, Pose, turned
 
-SECONDS, GIBIBYTES = 60, 4  # of processor time, and of address space, of which threads reserve some
+SECONDS = 10  # of processor time: three times that of 5,000 bodies
+GIBIBYTES = 2  # of address space, of which threads reserve some
+WALL_SECONDS = 60  # for one that waits, or gets a tenth of a processor
 
 _ALLOWED = "a model that MuJoCo compiles, with all files that it names"
 _MOST_WARNINGS = 5
@@ -39,6 +42,7 @@ _QUOTED = re.compile(r"'([^'\s]+)'")
 _BEGIN = (
     "import sys; sys.path[:] = sys.argv[4:]; from eomgen.description.mjcf.compiling import main; main(*sys.argv[1:4])"
 )
+_FLAGS = {"stiffness": "mjDSBL_SPRING", "damping": "mjDSBL_DAMPER"}
 _KIND_OF = {"jnt": "joint", "eq": "equality"}  # of arrays of mjModel; others begin with it
 _ADDRESSES = {"dof": "jnt_dofadr", "qpos0": "jnt_qposadr", "qpos": "jnt_qposadr"}  # of joints, in such arrays
 
@@ -49,7 +53,7 @@ class Model:
 
     Attributes:
         source: the file's name, for messages.
-        notes: MuJoCo's warnings.
+        notes: attributes that MuJoCo ignores, and its warnings.
         name: of the model.
         arrays: of mjModel by their names.
         words: arrays of mjModel that hold an enumeration, such as jnt_type: "hinge".
@@ -96,11 +100,23 @@ class Model:
         rows = [self.arrays[name][index] for name in (key, f"{key}poly") if name in self.arrays]
         return [float(x) for row in rows for x in np.atleast_1d(row)] or [0.0]
 
+    def law(self, kind: str, index: int, array: str, at: int, cubic: bool = True) -> tuple[float, float]:
+        """Return the linear and the cubic coefficient of an element's stiffness or damping; 0 where its flag is off.
+
+        ``array``, such as "dof_damping", has them at ``at``.  Others, or those below 0, are refused.
+        """
+        key, numbers = array.partition("_")[2], self.numbers(array, at)
+        first, second, third = (*numbers, 0.0, 0.0)[:3]
+        if second or min(numbers) < 0.0 or (third and not cubic):
+            allowed = "a linear and a cubic term that are" if cubic else "a linear term that is"
+            self.fail(kind, index, f"{key} is {text_of(numbers)}; allowed: {allowed} at least 0")
+        return (0.0, 0.0) if _FLAGS[key] in self.disabled else (first, third)
+
     def fail(self, kind: str, index: int, message: str) -> NoReturn:
         """Raise the DescriptionError of an element."""
         name = self.names[kind][index]
         where = f"{kind} {show(name)}" if name else f"{kind} number {index + 1}"
-        raise _refusal(message, self.source, self.lines[kind][index], where)
+        raise refusal(message, self.source, self.lines[kind][index], where)
 
     def check_numbers(self) -> None:
         """Raise DescriptionError if a number is not finite, or too large to compute with."""
@@ -119,6 +135,12 @@ class Model:
                 raise DescriptionError(message, source=self.source)
 
 
+def text_of(numbers: Sequence[float]) -> str:
+    """Return numbers as MJCF has them, without trailing zeros."""
+    count = max((place for place, number in enumerate(numbers, 1) if number), default=1)
+    return show(" ".join(f"{number:g}" for number in numbers[:count]))
+
+
 def compiled_model(text: str, source: str, folder: Path | None) -> Model:
     """Compile a text of MJCF with MuJoCo.
 
@@ -134,6 +156,7 @@ def compiled_model(text: str, source: str, folder: Path | None) -> Model:
     with optional_import("MuJoCo", "models of MuJoCo (MJCF) are read through"):
         if importlib.util.find_spec("mujoco") is None:
             raise ModuleNotFoundError("mujoco")
+    notes = check_copies(text, source, folder)
     answer = _answer_of_child(text, folder)
     if any("NaN" in warning for warning in answer.get("warnings", ())):
         raise _not_a_number(text, source)
@@ -146,7 +169,7 @@ def compiled_model(text: str, source: str, folder: Path | None) -> Model:
     }
     found["arrays"] = {key: np.array(rows, dtype=float) for key, rows in found["arrays"].items()}
     found |= {key: frozenset(found[key]) for key in ("disabled", "explicit", "degrees", "aligned")}
-    model = Model(source, _as_notes(answer["warnings"]), **found)
+    model = Model(source, (*notes, *_as_notes(answer["warnings"])), **found)
     model.check_numbers()
     return model
 
@@ -156,7 +179,10 @@ def _answer_of_child(text: str, folder: Path | None) -> dict[str, Any]:
     paths = [os.path.abspath(each) for each in sys.path]  # it works in another folder
     place = "" if folder is None else str(folder.resolve())
     command = [sys.executable or "", "-c", _BEGIN, place, str(SECONDS), str(GIBIBYTES), *paths]
-    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}  # each reserves memory
+    threads = dict.fromkeys(
+        ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MALLOC_ARENA_MAX"), "1"
+    )  # each reserves memory
+    environment = {**os.environ, **threads}
     with tempfile.TemporaryDirectory(prefix="eomgen-mjcf-") as empty:
         try:
             child = subprocess.run(
@@ -166,10 +192,10 @@ def _answer_of_child(text: str, folder: Path | None) -> dict[str, Any]:
                 stderr=subprocess.DEVNULL,
                 cwd=empty,
                 env=environment,
-                timeout=3 * SECONDS,
+                timeout=WALL_SECONDS,
             )
         except subprocess.TimeoutExpired:
-            return {"ended": f"took more than {3 * SECONDS} s to compile the file"}
+            return {"ended": f"took more than {WALL_SECONDS} s to compile the file"}
         except OSError as error:
             return {"ended": f"cannot be started in a separate process ({error.strerror or error})"}
     try:
@@ -191,10 +217,10 @@ def _ending(status: int) -> str:
 def _refused(answer: dict[str, Any], text: str, source: str) -> DescriptionError:
     """Return the error of a text that is not read."""
     if "refused" in answer:
-        return _refusal(one_line(answer["refused"]), source, _line_of(answer["refused"], text))
+        return refusal(one_line(answer["refused"]), source, _line_of(answer["refused"], text))
     said = str(answer.get("said", ""))
     message = f"MuJoCo {answer.get('version', '')} says: {one_line(said)}" if said else f"MuJoCo {answer['ended']}"
-    return _refusal(f"{message}; allowed: {_ALLOWED}", source, _line_of(said, text))
+    return refusal(f"{message}; allowed: {_ALLOWED}", source, _line_of(said, text))
 
 
 def _line_of(said: str, text: str) -> int:
@@ -215,13 +241,7 @@ def _not_a_number(text: str, source: str) -> DescriptionError:
     found = _NAN.search(text)
     key, value = (found[1], show(found[3])) if found else ("a number", "nan, in a file that it names")
     line = text.count("\n", 0, found.start()) + 1 if found else line_with("", text)
-    return _refusal(f"{key} is {value}; allowed: finite numbers, or no such attribute", source, line)
-
-
-def _refusal(message: str, source: str, line: int | None, where: str = "") -> DescriptionError:
-    error = DescriptionError(message, where=where, source=source)
-    error.line = line
-    return error
+    return refusal(f"{key} is {value}; allowed: finite numbers, or no such attribute", source, line)
 
 
 def _lines(infos: Mapping[str, str], count: int, attached: bool) -> list[int | None]:

@@ -48,7 +48,7 @@ _WORDS = {  # arrays of mjModel that hold numbers of an enumeration
     "actuator_biastype": "mjtBias",
     "actuator_dyntype": "mjtDyn",
 }
-_MOST_WRAPS = 20 * MOST_ENTRIES  # what tendons go along, together
+_MOST_NUMBERS = 20 * MOST_ENTRIES  # of points that tendons go along, and of custom numbers
 
 
 class _RefusalError(Exception):
@@ -94,7 +94,11 @@ def _answer(text: str, folder: str) -> dict[str, Any]:
     else:
         _limit(NOFILE=0)
     heard: list[str] = []
-    mujoco.set_mju_user_warning(heard.append)  # the default writes MUJOCO_LOG.TXT
+    mujoco.set_mju_user_warning(heard.append)
+    if hasattr(mujoco, "MjLogConfig"):
+        config = mujoco.MjLogConfig.get()
+        config.logto_file = False  # MUJOCO_LOG.TXT, in the folder of the model
+        config.set()
     answer: dict[str, Any] = {"version": mujoco.__version__}
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
@@ -122,7 +126,7 @@ def _compiled(text: str, mujoco: Any) -> dict[str, Any]:
     model = spec.compile()
     if model.nplugin:
         raise _RefusalError("plugins are not supported; allowed: a model without <plugin>")
-    _refuse_many({"points of tendons": model.nwrap}, _MOST_WRAPS)
+    _refuse_many({"points of tendons": model.nwrap, "numbers of <numeric>": model.nnumericdata}, _MOST_NUMBERS)
     flags = mujoco.mjtDisableBit.__members__
     found: dict[str, Any] = {"name": bytes(model.names).partition(b"\0")[0].decode()}
     found["words"] = {key: _words(getattr(model, key), getattr(mujoco, kind)) for key, kind in _WORDS.items()}
@@ -133,8 +137,7 @@ def _compiled(text: str, mujoco: Any) -> dict[str, Any]:
     found["names"] = {kind: _names(model, kind, size) for kind, (size, _) in _KINDS.items()}
     found["lines"] = {kind: {item.id: item.info for item in getattr(spec, key)} for kind, (_, key) in _KINDS.items()}
     found["explicit"] = [body.id for body in spec.bodies if body.explicitinertial]
-    found["degrees"] = list(_in_degrees(spec, model, mujoco))
-    found["aligned"] = list(_aligned(spec, mujoco))
+    found |= _changed(spec, model, mujoco)
     found["fused"] = sorted(before - set(found["names"]["body"]))
     return found
 
@@ -156,20 +159,20 @@ def _refuse_many(counts: dict[str, int], most: int) -> None:
             raise _RefusalError(f"the model has {count} {what}; allowed: up to {most}")
 
 
-def _in_degrees(spec: Any, model: Any, mujoco: Any) -> Iterator[int]:
-    """Yield hinges whose range MuJoCo leaves in degrees, because it is not active."""
-    for joint in spec.joints:
-        if joint.type == mujoco.mjtJoint.mjJNT_HINGE and joint.compiler.degree and not model.jnt_limited[joint.id]:
-            yield joint.id
+def _changed(spec: Any, model: Any, mujoco: Any) -> dict[str, list[int]]:
+    """Return hinges whose range stays in degrees, as it is not active, and bodies that move to their centres of mass.
 
-
-def _aligned(spec: Any, mujoco: Any) -> Iterator[int]:
-    """Yield bodies whose frames MuJoCo moves to their centre of mass: with a free joint, and none on them."""
-    default, always = mujoco.mjtAlignFree.mjALIGNFREE_AUTO, mujoco.mjtAlignFree.mjALIGNFREE_TRUE
+    These have a free joint, and no bodies on them.
+    """
+    found: dict[str, list[int]] = {"degrees": [], "aligned": []}
+    always, never = mujoco.mjtAlignFree.mjALIGNFREE_TRUE, mujoco.mjtAlignFree.mjALIGNFREE_FALSE
     for joint in spec.joints:
-        wanted = joint.align == always or (joint.align == default and joint.compiler.alignfree)
-        if joint.type == mujoco.mjtJoint.mjJNT_FREE and wanted and not joint.parent.bodies:
-            yield joint.parent.id
+        if joint.type == mujoco.mjtJoint.mjJNT_HINGE:
+            found["degrees"] += [joint.id] * bool(joint.compiler.degree and not model.jnt_limited[joint.id])
+        elif joint.type == mujoco.mjtJoint.mjJNT_FREE and not joint.parent.bodies:
+            wanted = joint.align == always or (joint.align != never and joint.compiler.alignfree)
+            found["aligned"] += [joint.parent.id] * bool(wanted)
+    return found
 
 
 def _replace_visuals(spec: Any, mujoco: Any) -> None:

@@ -12,7 +12,8 @@ import numpy as np
 from eomgen.names import listed, show
 from eomgen.robot.value import Coordinate, Coupling, Loop, Spring
 
-from .bodies import Bodies, Names, text_of
+from .bodies import Bodies, Names
+from .compiled import text_of
 from .poses import Pose, triple, turned
 
 _FORCES = ("stiffness", "damping", "frictionloss", "armature", "springyield")
@@ -160,10 +161,8 @@ class Constraints:
         if not self._is_fixed(index):
             self._spring(index, text, lower)
             return
-        stiffness, cubic = self._law(index, "stiffness", "mjDSBL_SPRING")
-        damping, bend = self._law(index, "damping", "mjDSBL_DAMPER")
-        if bend:
-            self.model.fail("tendon", index, "damping is not linear; allowed: a linear term")
+        stiffness, cubic = self.model.law("tendon", index, "tendon_stiffness", index)
+        damping, _ = self.model.law("tendon", index, "tendon_damping", index, cubic=False)
         if stiffness or cubic or damping:
             law = Coordinate(stiffness or None, damping or None, cubic=cubic or None)
             name = self.names.fresh(text.removeprefix(_PREFIX) or "tendon")
@@ -179,25 +178,15 @@ class Constraints:
         sites = [int(self.model["wrap_objid"][wrap]) for wrap in along]
         first, second = (int(self.model["site_bodyid"][site]) for site in sites)
         stiffness, damping = (
-            self._law(index, key, flag) for key, flag in (("stiffness", "mjDSBL_SPRING"), ("damping", "mjDSBL_DAMPER"))
+            self.model.law("tendon", index, key, index, cubic=False)[0]
+            for key in ("tendon_stiffness", "tendon_damping")
         )
-        if stiffness[1] or damping[1]:
-            self.model.fail("tendon", index, "stiffness or damping is not linear; allowed: a linear term")
-        if self.bodies.carriers[first] == self.bodies.carriers[second] or not (stiffness[0] or damping[0]):
+        if self.bodies.carriers[first] == self.bodies.carriers[second] or not (stiffness or damping):
             return  # its length is constant, or it does nothing
         name = self.names.fresh(text or "tendon")
         points = triple(self.model["site_pos"][sites[0]]), triple(self.model["site_pos"][sites[1]])
         links = self.bodies.links[first], self.bodies.links[second]
-        self.draft.elements[name] = Spring(name, links, points, length, stiffness[0] or None, damping[0] or None)
-
-    def _law(self, index: int, key: str, flag: str) -> tuple[float, float]:
-        """Return the linear and the cubic coefficient of a tendon's force; none where its flag is off."""
-        numbers = self.model.numbers(f"tendon_{key}", index)
-        first, second, third = (*numbers, 0.0, 0.0)[:3]
-        if second or min(numbers) < 0.0:
-            message = f"{key} is {text_of(numbers)}; allowed: a linear and a cubic term that are at least 0"
-            self.model.fail("tendon", index, message)
-        return (0.0, 0.0) if flag in self.model.disabled else (first, third)
+        self.draft.elements[name] = Spring(name, links, points, length, stiffness or None, damping or None)
 
 
 def _consistent_home(start: dict[str, float], couplings: Iterable[Coupling]) -> dict[str, float]:

@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from eomgen.errors import DescriptionError
 from eomgen.names import is_robot_name, joint_of, kind_of, listed, show, to_robot_name
 from eomgen.robot.bounds import Limits
 from eomgen.robot.geometry import ZERO
@@ -21,6 +20,7 @@ from ..draft import Draft, Place
 from .bodies import Bodies
 from .compiled import Model, compiled_model, line_with
 from .constraints import Constraints
+from .copies import refusal
 from .poses import triple
 
 VELOCITY = ".limits.velocity"  # behind a coordinate's name: a <numeric> with the limit of its speed
@@ -82,9 +82,7 @@ def _read_option(model: Model, draft: Draft, text: str) -> None:
     for key in ("density", "viscosity"):
         if model.option[key] != 0.0:
             message = f"{key} is {model.option[key]:g}: forces of a fluid are not supported; allowed: 0"
-            refusal = DescriptionError(message, where="option", source=model.source)
-            refusal.line = line_with(f"{key}=", text)
-            raise refusal
+            raise refusal(message, model.source, line_with(f"{key}=", text), "option")
     draft.gravity = ZERO if "mjDSBL_GRAVITY" in model.disabled else triple(model.option["gravity"])
 
 
