@@ -45,7 +45,7 @@ _SOURCE, _EXPECTED = "source.json", "expected"  # files of an entry
 
 @dataclass(frozen=True)
 class Described:
-    """What is to be built: a robot, the model of its bodies and coordinates, its hash, and options."""
+    """Robot to be built, with the model of its bodies and coordinates, its hash, and options."""
 
     robot: Robot
     model: Model
