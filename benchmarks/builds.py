@@ -140,7 +140,7 @@ def self_test() -> float:
     equations, package = derive(described), make_package(described, tools_for(described.options))
     module, meta = load_module(package, "ur5"), json.loads(package.files["ur5.json"])
     begin = perf_counter()
-    difference = first_difference(module, meta, read_expected(pack_expected(equations, "float64")))
+    difference = first_difference(module, meta, read_expected(pack_expected(equations)))
     taken = perf_counter() - begin
     if difference is not None:
         raise InternalError(difference)

@@ -51,7 +51,7 @@ def statuses(model: Model) -> int:
     return model.size + (3 * len(model.constraints) + model.size if model.constraints else 0)
 
 
-def header_context(equations: Equations, dtype: str, meta: Mapping[str, Any], batches: bool) -> dict[str, Any]:
+def header_context(equations: Equations, meta: Mapping[str, Any], batches: bool) -> dict[str, Any]:
     """Return names, their counts, and functions, for kernel.h and kernel.c; ``meta`` is the package's metadata."""
     model, public = equations.model, functions(equations.kernels)
     turning = turning_joints(model)
@@ -59,9 +59,9 @@ def header_context(equations: Equations, dtype: str, meta: Mapping[str, Any], ba
         "name": model.name,
         "guard": f"EOMGEN_{model.name.upper()}_H",
         "version": __version__,
-        "dtype": dtype,
-        "real": SCALARS[dtype].name,
-        "eom": LIBRARY[dtype],
+        "dtype": equations.dtype,
+        "real": SCALARS[equations.dtype].name,
+        "eom": LIBRARY[equations.dtype],
         "n": model.size,
         "m": len(model.constraints),
         "statuses": statuses(model),
@@ -104,9 +104,9 @@ def _functions(public: list[Function]) -> dict[str, Any]:
     }
 
 
-def number_context(equations: Equations, dtype: str, meta: Mapping[str, Any]) -> dict[str, Any]:
+def number_context(equations: Equations, meta: Mapping[str, Any]) -> dict[str, Any]:
     """Return names that C uses beside the header's, where a number is one state's; ``meta`` as of the header."""
-    model, scalar = equations.model, SCALARS[dtype]
+    model, dtype, scalar = equations.model, equations.dtype, SCALARS[equations.dtype]
     programs = equations.programs.values()
     public = [name for name in equations.kernels if SIGNATURES[name].kind != "frames"]
     whole = [program for program in programs if program.name not in equations.shares]
@@ -141,7 +141,7 @@ def number_context(equations: Equations, dtype: str, meta: Mapping[str, Any]) ->
         "shares": _shares(equations, scalar),
         **_tables(model),
         **(_frame_tables(model) if equations.shares else {}),
-        **_closing_tables(equations, dtype),
+        **_closing_tables(equations),
         "kept_size": kept_size(equations),
         "has_radau": "pair_factors" in equations.programs,
         "pair_size": kept_size(equations, "pair_factors"),
@@ -161,12 +161,12 @@ def kept_of_a_step(model: Model) -> dict[str, int]:
     return {name: model.size * number for name, number in each.items()}
 
 
-def _closing_tables(equations: Equations, dtype: str) -> dict[str, Any]:
+def _closing_tables(equations: Equations) -> dict[str, Any]:
     """Return tables of the template of the closed accelerations' derivatives."""
     if CLOSING not in equations.programs:
         return {}
     kinds = row_kinds(equations.model, equations.programs[CLOSING])
-    precision = deriving_precision(equations.model, sum(kind >= 0 for kind in kinds), dtype)
+    precision = deriving_precision(equations.model, sum(kind >= 0 for kind in kinds), equations.dtype)
     blocks = row_blocks(equations.model)
     starts = [sum(len(block.columns) for block in blocks[:b]) for b in range(len(blocks))]
     owners = [b for b, block in enumerate(blocks) for _ in range(block.rows)]
@@ -178,8 +178,8 @@ def _closing_tables(equations: Equations, dtype: str) -> dict[str, Any]:
         "row_widths": [len(blocks[owners[r]].columns) for r in kept],
         "row_places": [kept.index(r) if r in kept else -1 for r in range(len(kinds))],
         "row_kinds": [kinds[r] for r in kept],
-        "closing_share": SCALARS[dtype].literal(precision.added),
-        "closing_floor": SCALARS[dtype].literal(precision.floor),
+        "closing_share": SCALARS[equations.dtype].literal(precision.added),
+        "closing_floor": SCALARS[equations.dtype].literal(precision.floor),
         "closing_passes": precision.refinements,
     }
 
@@ -271,11 +271,12 @@ def _tables(model: Model) -> dict[str, Any]:
     }
 
 
-def lane_context(equations: Equations, dtype: str) -> dict[str, Any]:
+def lane_context(equations: Equations) -> dict[str, Any]:
     """Return names that mean something else in C on lanes, where a number is a vector of states."""
     model, together = equations.model, batched(equations)
     apart = any(_rolls(name) for name in together)
-    lanes = SCALARS[dtype].lanes(apart=apart)
+    scalar = SCALARS[equations.dtype]
+    lanes = scalar.lanes(apart=apart)
     wanted = {program for name in together for program in calls_of(equations, name)}
     programs = [
         program for name, program in equations.programs.items() if name in wanted and name not in equations.shares
@@ -299,7 +300,7 @@ def lane_context(equations: Equations, dtype: str) -> dict[str, Any]:
     called = {program for name in together for program in equations.calls.get(name, ())}
     composed = by_kind(name for name in together if name in equations.calls and not _rolls(name))
     framed = [name for name in together if KERNELS[name].kind == "frames"]
-    zero, one = (SCALARS[dtype].literal(number) for number in (0.0, 1.0))
+    zero, one = (scalar.literal(number) for number in (0.0, 1.0))
     return {
         "real": lanes.name,
         "shared": lanes.shared,
@@ -314,7 +315,7 @@ def lane_context(equations: Equations, dtype: str) -> dict[str, Any]:
         "packings": packings,
         "several": {p.name for p, definition in zip(programs, definitions, strict=True) if definition.several},
         "unpacked": [(name, SIGNATURES[name]) for name in packings if name in called],
-        "shares": _shares(equations, SCALARS[dtype].lanes()) if equations.shares.keys() & set(together) else None,
+        "shares": _shares(equations, scalar.lanes()) if equations.shares.keys() & set(together) else None,
         "composed": _templates(composed),
         "closing": _closing_files(equations, [*composed, *framed]),
         "framed": _templates(framed),

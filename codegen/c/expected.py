@@ -50,11 +50,11 @@ class Answer(NamedTuple):
     weights: Array | None = None
 
 
-def pack_expected(equations: Equations, dtype: str) -> bytes:
+def pack_expected(equations: Equations) -> bytes:
     """Evaluate what every function of a package has to return, see ``read_expected``."""
     stream = io.BytesIO()
     with np.errstate(all="ignore"):
-        np.savez(stream, **_Reference(equations, dtype).arrays())
+        np.savez(stream, **_Reference(equations).arrays())
     return zlib.compress(stream.getvalue(), 1)
 
 
@@ -75,8 +75,9 @@ def read_expected(data: bytes) -> dict[str, Array]:
 class _Reference:
     """Lanes are the states, then copies of the first state, then those of the second one."""
 
-    def __init__(self, equations: Equations, dtype: str) -> None:
-        self.equations, self.model, self.dtype = equations, equations.model, dtype
+    def __init__(self, equations: Equations) -> None:
+        self.equations, self.model, self.dtype = equations, equations.model, equations.dtype
+        dtype = self.dtype
         rng, copies = np.random.default_rng(1), STATES * COPIES
         off = UNITS * float(np.finfo(dtype).eps) * rng.uniform(-1.0, 1.0, (_ROWS, copies))
         self.rounding = np.concatenate([np.ones((_ROWS, STATES)), 1.0 + off], axis=1)

@@ -19,16 +19,16 @@ from .source import Source, environment
 DECLARATIONS = "kernel/declarations.jinja"
 
 
-def render(equations: Equations, dtype: str, *, batches: bool = True) -> Source:
+def render(equations: Equations, *, batches: bool = True) -> Source:
     """Render equations as C; ``batches``: with the functions for several states in one call."""
     meta = kernel_metadata(equations, batches=batches)
-    names = header_context(equations, dtype, meta, batches)
-    context = {**names, **number_context(equations, dtype, meta)}
+    names = header_context(equations, meta, batches)
+    context = {**names, **number_context(equations, meta)}
     header = _fill("kernel/kernel.h.jinja", names)
     code = _fill("kernel/kernel.c.jinja", context)
     if batches:
-        code += _fill("kernel/batches.c.jinja", {**context, **lane_context(equations, dtype)})
-    types = library_types(dtype) if names["rolls"] or names["adapts"] or names["gradients"] else ""
+        code += _fill("kernel/batches.c.jinja", {**context, **lane_context(equations)})
+    types = library_types(equations.dtype) if names["rolls"] or names["adapts"] or names["gradients"] else ""
     cdefs = {
         half: types + _fill(DECLARATIONS, {**names, "declared": declared}) for half, declared in meta["halves"].items()
     }

@@ -172,7 +172,7 @@ def test_what_was_read_can_be_rendered(kind: str, count: int, tmp_path: Path) ->
     """C of all that was let in is ASCII without numbers that are not finite."""
     length = 0
     for robot in robots(kind, 20_000_000 + count, count, tmp_path):
-        source = render(derive_equations(build_model(robot), ("residual", "mass_matrix")), "float64")
+        source = render(derive_equations(build_model(robot), ("residual", "mass_matrix")))
         assert source.code.isascii()
         code = re.sub(r"/\*.*?\*/", "", source.code, flags=re.DOTALL)  # comments have names
         assert not [word for word in ("nan", "inf", "NAN", "INFINITY") if f" {word}" in code]

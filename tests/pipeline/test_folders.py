@@ -23,7 +23,7 @@ from eomgen.pipeline.folders import new_folder, put_folder
 from eomgen.pipeline.generating import generate
 from eomgen.pipeline.options import Options
 from eomgen.pipeline.stages import make_source
-from tests.support.quick_builds import ONE_LEVEL
+from tests.support.quick_builds import ONE_LEVEL, flip
 from tests.support.refusals import refused
 
 REPLACING = """
@@ -195,6 +195,16 @@ def test_facts_are_derived_once_for_a_kind_of_joint(monkeypatch: pytest.MonkeyPa
     assert facts == {("x", "gamma"): deriving.derive_joint(("x", "gamma"))}
     monkeypatch.setattr(deriving, "derive_joint", None)
     assert derived_model(replace(eomgen.load_robot("one_link"), name="another")).facts == facts
+
+
+@pytest.mark.usefixtures("empty_cache")
+def test_damaged_facts_are_derived_again() -> None:
+    facts = derived_model(eomgen.load_robot("one_link")).facts
+    (entry,) = (cache.cache_folder() / "derivations").iterdir()
+    flip(entry / "facts.json")
+    assert not cache.is_whole(entry)
+    assert derived_model(replace(eomgen.load_robot("one_link"), name="another")).facts == facts
+    assert cache.is_whole(entry)
 
 
 @pytest.mark.usefixtures("empty_cache")

@@ -251,7 +251,7 @@ def known(robot: str, kernel: str, dtype: str = "float64") -> tuple[Source, dict
         patch.setattr(deriving, "_candidates", candidates)
         patch.setattr(deriving, "STRAIGHT_COLUMNS", 0)
         equations = deriving.derive_equations(build_model(ROBOTS[robot]()), (kernel,), dtype)
-    return render(equations, dtype), read_expected(pack_expected(equations, dtype))
+    return render(equations), read_expected(pack_expected(equations))
 
 
 def found_in(
@@ -311,7 +311,7 @@ z = {{ {laws} }}
 """
     robot, names = robot_from_toml(text), ("rollout", "adaptive_rollout", "radau_rollout")
     kernel = eomgen.build(robot, kernels=names, dtype=dtype, flags=("-O0",))
-    expected = read_expected(pack_expected(deriving.derive_equations(build_model(robot), names, dtype), dtype))
+    expected = read_expected(pack_expected(deriving.derive_equations(build_model(robot), names, dtype)))
     meta, module = json.loads(kernel.source("json")), kernel.raw.libraries.library("rollout")
     assert first_difference(module, meta, expected) is None
     for name in names:
@@ -323,7 +323,7 @@ z = {{ {laws} }}
 def test_all_functions_are_compared(name: str) -> None:
     """But those of loops' dependent coordinates and of their steps, which the tests of the library have."""
     kernel = eomgen.build(name, kernels="all", flags=("-O0",))
-    expected = read_expected(pack_expected(deriving.derive_equations(build_model(eomgen.load_robot(name))), "float64"))
+    expected = read_expected(pack_expected(deriving.derive_equations(build_model(eomgen.load_robot(name)))))
     meta, module = json.loads(kernel.source("json")), kernel.raw.libraries.library("")
     assert first_difference(module, meta, expected) is None
     functions = {**kernel.raw.functions, **kernel.raw.rollouts}

@@ -123,7 +123,7 @@ def write_source(source: Source, folder: Path) -> None:
 
 
 def source_of(robot: Robot, dtype: str = "float64") -> Source:
-    return render(derive_equations(build_model(robot)), dtype)
+    return render(derive_equations(build_model(robot), dtype=dtype))
 
 
 def check_symbols(library: Path, source: Source) -> None:

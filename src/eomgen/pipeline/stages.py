@@ -132,8 +132,8 @@ def render(equations: Equations, options: Options) -> Rendered:
     from ..codegen.c.expected import pack_expected
     from ..codegen.c.sources import render as render_source
 
-    source = render_source(equations, options.dtype, batches=options.batches)
-    return Rendered(source, pack_expected(equations, options.dtype))
+    source = render_source(equations, batches=options.batches)
+    return Rendered(source, pack_expected(equations))
 
 
 def rendered(

@@ -109,12 +109,12 @@ corpus = pytest.mark.parametrize(
 
 @functools.cache
 def source_of(name: str, dtype: str) -> Source:
-    return render(equations_of(name), dtype)
+    return render(equations_of(name, dtype))
 
 
 @functools.lru_cache(2)
-def equations_of(name: str) -> Any:
-    return derive_equations(build_model(CORPUS[name]()))
+def equations_of(name: str, dtype: str = "float64") -> Any:
+    return derive_equations(build_model(CORPUS[name]()), dtype=dtype)
 
 
 def spread_of(robot: Robot) -> Array:
@@ -148,7 +148,7 @@ def prepared(name: str, dtype: str, folder: Path) -> Source:
 def prepared_alone(folder: Path) -> Source:
     """The mass matrix of ``one_link`` and nothing else: what a compiler makes of it in a moment."""
     robot = CORPUS["one_link"]()
-    source = render(derive_equations(build_model(robot), ("mass_matrix",)), "float64")
+    source = render(derive_equations(build_model(robot), ("mass_matrix",)))
     write_driver(source, inputs_of(source, spread_of(robot)), folder)
     return source
 
@@ -527,14 +527,14 @@ def test_nothing_is_read_before_it_is_written(name: str, tmp_path: Path) -> None
     """Steps, their derivatives and accelerations: no byte out of bounds, no undefined value, no lane by another."""
     make, further = (WATCHED_QUICK[name], ()) if name in WATCHED_QUICK else WATCHED_SOAK[name]
     model = build_model(make())
-    source = render(derive_equations(model, (*MOVING, *further)), "float64")
+    source = render(derive_equations(model, (*MOVING, *further)))
     check_filled(source, model, tmp_path, MEMORY)
 
 
 @pytest.mark.soak
 def test_a_local_that_is_not_written_is_seen(tmp_path: Path) -> None:
     model = build_model(eomgen.load_robot("one_link"))
-    source = render(derive_equations(model, MOVING), "float64")
+    source = render(derive_equations(model, MOVING))
     empty = r"    double sine[PADDED(\1)], cosine[PADDED(\1)];"  # of angles of which nobody takes the sine
     broken = replace(source, code=re.sub(r"^ *TURN\((\d+), .*\);$", empty, source.code, flags=re.M))
     assert broken.code != source.code

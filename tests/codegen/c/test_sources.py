@@ -80,17 +80,17 @@ QUICK = ("worn_joint", "one_link", "elastic_tree")
 
 
 @cache
-def equations_of(name: str) -> Equations:
-    return derive_equations(build_model(ROBOTS[name]()))
+def equations_of(name: str, dtype: str = "float64") -> Equations:
+    return derive_equations(build_model(ROBOTS[name]()), dtype=dtype)
 
 
 def test_templates_ask_for_no_name_that_they_are_not_given() -> None:
     """Not even where a branch of theirs is not taken."""
     equations = equations_of("one_link")
     meta = kernel_metadata(equations)
-    header = header_context(equations, "float64", meta, True)
-    alone = {**header, **number_context(equations, "float64", meta)}
-    given = {"kernel.h": header, "kernel.c": alone, "batches.c": {**alone, **lane_context(equations, "float64")}}
+    header = header_context(equations, meta, True)
+    alone = {**header, **number_context(equations, meta)}
+    given = {"kernel.h": header, "kernel.c": alone, "batches.c": {**alone, **lane_context(equations)}}
     for name, context in given.items():
         loader = environment().loader
         text = loader.get_source(environment(), f"kernel/{name}.jinja")[0]
@@ -101,7 +101,7 @@ def test_templates_ask_for_no_name_that_they_are_not_given() -> None:
 
 @cache
 def source_of_robot(name: str, dtype: str = "float64") -> Source:
-    return render(equations_of(name), dtype)
+    return render(equations_of(name, dtype))
 
 
 def compiled(compiler: str, *arguments: str | Path) -> None:
@@ -297,9 +297,8 @@ from eomgen import load_robot
 from eomgen.robot import build_model
 found = {}
 for name in sys.argv[1:]:
-    equations = derive_equations(build_model(load_robot(name)))
     for dtype in ("float64", "float32"):
-        source = render(equations, dtype)
+        source = render(derive_equations(build_model(load_robot(name)), dtype=dtype))
         text = chr(0).join((source.header, source.code, source.cdef, source.meta))
         found[f"{name} {dtype}"] = hashlib.sha256(text.encode()).hexdigest()
 print(json.dumps(found))

@@ -122,7 +122,7 @@ def test_operations_are_those_of_the_text(laws: bool) -> None:
     robot = random_robot(8, joints=(3, 3), tree=True, max_size=9)
     robot = with_laws(robot, 8) if laws else robot
     equations = derive_equations(build_model(robot))
-    reported = json.loads(render(equations, "float64").meta)["operations"]
+    reported = json.loads(render(equations).meta)["operations"]
     for name, program in equations.programs.items():
         function = write_function(program, DOUBLE)
         lines = [line for chunk in function.chunks for line in chunk]
@@ -201,12 +201,12 @@ def test_composed_kernels_find_every_result_in_its_place(monkeypatch: pytest.Mon
     """A kernel that another one calls is there with all its places, and as what its batch writes from."""
     model = branches()
     monkeypatch.setattr(acceleration_slopes, "MOST_PRODUCTS", -1)  # a solution in loops, as of long ones
-    alone = render(derive_equations(model, ("residual_jacobian",)), "float64").code
+    alone = render(derive_equations(model, ("residual_jacobian",))).code
     assert "tree_residual_jacobian_packed(" in alone
     assert "tree_residual_jacobian_lanes(" not in alone
-    called = render(derive_equations(model, ("residual_jacobian", "forward_dynamics_jacobian")), "float64").code
+    called = render(derive_equations(model, ("residual_jacobian", "forward_dynamics_jacobian"))).code
     assert re.search(r"static int tree_residual_jacobian_lanes\(.*\n\{\n    lanes packed\[\d+\];", called)
-    only = render(derive_equations(model, ("forward_dynamics_jacobian",)), "float64").code
+    only = render(derive_equations(model, ("forward_dynamics_jacobian",))).code
     assert "tree_residual_jacobian_packed(" not in only
     assert "tree_residual_jacobian_lanes(" in only
 

@@ -127,7 +127,7 @@ def test_kernels_too_large_for_vectors(built: Build, empty_cache: Path, monkeypa
 
 def test_metadata_keeps_what_older_readers_know() -> None:
     """The key "kernels" holds what each reads and writes and nothing else; kinds are in "functions"."""
-    meta = json.loads(render(derive_equations(build_model(eomgen.load_robot("one_link"))), "float64").meta)
+    meta = json.loads(render(derive_equations(build_model(eomgen.load_robot("one_link")))).meta)
     assert meta["kernels"]["mass_matrix"] == {"reads": ["q"], "writes": "matrix"}
     assert {"kinematics", "rollout"} <= set(meta["kernels"])
     assert meta["functions"]["frame_pose"] == {

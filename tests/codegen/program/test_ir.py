@@ -365,7 +365,7 @@ def test_evaluate_on_arrays_and_symbols() -> None:
 def test_the_source_is_a_value() -> None:
     """Everything that is compiled is text; two derivations give equal sources."""
     model = build_model(eomgen.load_robot("one_link"))
-    first, second = (render(derive_equations(model), "float64") for _ in range(2))
+    first, second = (render(derive_equations(model)) for _ in range(2))
     assert isinstance(first, Source)
     assert first == second
 
