@@ -433,23 +433,26 @@ def evaluate(
     inputs: Mapping[str, Sequence[Any]],
     sincos: Callable[[Any], tuple[Any, Any]] = lambda x: (math.sin(x), math.cos(x)),
     calls: Mapping[str, Callable[..., Any]] = MappingProxyType({}),
+    rounded: Callable[[int, str, Any], Any] | None = None,
 ) -> dict[tuple[str, int], Any]:
     """Run the program on floats, or on anything that has arithmetic (SymPy expressions, NumPy arrays).
 
     ``sincos`` and ``calls`` (functions by the names of their operations, which arithmetic does not give) are those of
-    its kind; of floats where there are none.
+    its kind; of floats where there are none.  ``rounded`` (index, operation, value) returns what a value is kept as.
     """
-    values: list[Any] = []
-    for op, args, leaf in program.instructions:
+    values, turned = list[Any](), dict[int, tuple[Any, Any]]()
+    for index, (op, args, leaf) in enumerate(program.instructions):
         if op == "const":
             value = leaf
         elif op == "input":
             value = inputs[leaf[0]][leaf[1]]
         elif op in ("sin", "cos"):
-            value = sincos(values[args[0]])[op == "cos"]
+            if args[0] not in turned:
+                turned[args[0]] = sincos(values[args[0]])
+            value = turned[args[0]][op == "cos"]
         else:
             value = (calls.get(op) or VALUES[op])(*[values[arg] for arg in args])
-        values.append(value)
+        values.append(value if rounded is None else rounded(index, op, value))
     return {key: values[index] for key, index in program.outputs.items()}
 
 
@@ -481,29 +484,19 @@ def evaluate_lanes(
         Arrays (size, lanes) that the program writes, by name, with the dtype.
     """
     lanes = max((np.size(row) for rows in inputs.values() for row in rows[:1]), default=1)
-    rows = None if rounding is None else list(rounding.astype(dtype))
-    number, turned, values = np.dtype(dtype).type, dict[int, Any](), list[Any]()
-    for index, (op, args, leaf) in enumerate(program.instructions):
-        given = [values[arg] for arg in args]
-        if op == "input":
-            value = inputs[leaf[0]][leaf[1]]
-        elif op == "const":
-            value = number(leaf)
-        elif op in ("sin", "cos"):
-            if args[0] not in turned:
-                turned[args[0]] = sincos(given[0])
-            value = turned[args[0]][op == "cos"]
-        else:
-            value = ARRAYS[op](*given)
-        if rows is not None and op not in EXACT:
-            value = value * rows[index % len(rows)]
-        values.append(value)
-    sizes: dict[str, int] = {}
+    number, rows = np.dtype(dtype).type, [] if rounding is None else list(rounding.astype(dtype))
+
+    def rounded(index: int, op: str, value: Any) -> Any:
+        if op == "const":
+            return number(value)
+        return value * rows[index % len(rows)] if rows and op not in EXACT else value
+
+    found, sizes = evaluate(program, inputs, sincos, ARRAYS, rounded), dict[str, int]()
     for array, place in program.outputs:
         sizes[array] = max(sizes.get(array, 0), place + 1)
     arrays = {array: np.zeros((size, lanes), dtype) for array, size in sizes.items()}
-    for (array, place), index in program.outputs.items():
-        arrays[array][place] = values[index]
+    for (array, place), value in found.items():
+        arrays[array][place] = value
     return arrays
 
 
