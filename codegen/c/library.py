@@ -36,17 +36,6 @@ def library_types(dtype: str) -> str:
     return _declared(dtype, _TYPES)
 
 
-@cache
-def library_functions(dtype: str) -> str:
-    """Return declarations with robots, workspaces and functions that integrate; lanes are pointers to their numbers."""
-    text = _declared(dtype, (*_TYPES, "eom_robot.h", "robot_lanes.h"))
-    real, prefix = ("float", "eomf") if dtype == "float32" else ("double", "eom")
-    text = re.sub(r"\blanes\b", real, re.sub(r"EOM_WIDE\((\w+)\)", rf"{prefix}_\1", text))
-    equations = re.search(r"#define EOM_EQUATIONS\(real\)(.*)", _plain("eom.h"))
-    assert equations is not None
-    return re.sub(r"EOM_EQUATIONS\(\w+\)", re.sub(r"\breal\b", real, equations[1]), text)
-
-
 def _plain(name: str) -> str:
     """Return a file without comments and what is for C++, continued lines joined."""
     text = re.sub(r"#ifdef __cplusplus\n.*?#endif\n", "", library_files()[f"{FOLDER}/{name}"], flags=re.DOTALL)

@@ -22,7 +22,6 @@ RATES: Mapping[str, str] = {"q": "dq", "v": "dv", "a": "da", "u": "du", "wrench"
 PARAMETER_RATES = "dp"
 MOTION = ("q", "v", "a", "jerk", "snap", "crackle", "pop")  # time derivatives of coordinates, by their order
 ORDERS = (1, 2, 3, 4)  # of jets
-_HIGHER = tuple(f"{array}{k}" for array in ("u", "wrench") for k in ORDERS)  # time derivatives
 WEIGHTS, GRADIENT, HESSIAN = "cotangent_", "gradient_", "hessian_"  # begin names of arrays
 WITH_PARAMETERS = "_p"  # ends the name of a gradient that has the parameters behind the arrays
 JET = "jet"  # begins the name of an array of time derivatives, before the order
@@ -194,8 +193,3 @@ def derivative_shapes(
                 (size, size) if kernel.kind == "hessian" else (size + (parameters if kernel.by_parameters else 0),)
             )
     return table
-
-
-def is_direction(array: str) -> bool:
-    """Whether an array holds rates, weights or higher time derivatives, along which a derivative is taken."""
-    return array.startswith(WEIGHTS) or array in (PARAMETER_RATES, *RATES.values(), *MOTION[3:], *_HIGHER)
