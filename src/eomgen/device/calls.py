@@ -52,7 +52,7 @@ class Taken:
         """Places of results."""
         return {label: place for label, (_, place) in self.results.items()}
 
-    def room_sizes(self, tile: int, item: int) -> list[int]:
+    def scratch_sizes(self, tile: int, item: int) -> list[int]:
         """Return bytes that a call needs in addition to its arrays: statuses, what a search finds, and tiles.
 
         Args:

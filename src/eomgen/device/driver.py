@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from typing import Any
 
@@ -160,12 +160,23 @@ def _loaded() -> ctypes.CDLL:
     Raises:
         InputError: there is none.
     """
-    said = ""
-    for name in LIBRARIES:
+    try:
+        return first_library(LIBRARIES)
+    except OSError as error:
+        allowed = "a machine with one, or the methods of the kernel itself"
+        raise InputError(f"device: no driver of CUDA here ({error}); allowed: {allowed}") from None
+
+
+def first_library(names: Iterable[str]) -> ctypes.CDLL:
+    """Load the first of some libraries that is here.
+
+    Raises:
+        OSError: none is; what the system says of the first.
+    """
+    said: OSError | None = None
+    for name in names:
         try:
             return ctypes.CDLL(name)
         except OSError as error:
-            said = said or str(error)
-    raise InputError(
-        f"device: no driver of CUDA here ({said}); allowed: a machine with one, or the methods of the kernel itself"
-    )
+            said = said or error
+    raise said or OSError("no library is named")

@@ -189,7 +189,7 @@ class Device:
         numbers, outs = self._numbers(loaded.text, others), named_outs(name, out, loaded.writes)
         with self._lock, self.cuda.session(stream, list(given.values())) as on:
             taken = self._taken(loaded, given, numbers, outs, on)
-            memory, rooms = self.cuda.own_rooms(taken.room_sizes(self.tile, self._kernel.dtype.itemsize))
+            memory, rooms = self.cuda.own_rooms(taken.scratch_sizes(self.tile, self._kernel.dtype.itemsize))
             launches, _ = self._launches(taken, rooms, self._h(loaded, on)) if taken.count else ([], None)
             again, results = self.cuda.ready(loaded.functions, launches, on), self._results(taken)
             kept = (taken, memory, loaded.h, self.cuda)
@@ -276,7 +276,7 @@ class Device:
     def _run(self, taken: Taken, stream: int) -> None:
         """Put all of a call on its stream: its launches, and what is looked for."""
         loaded, checks = taken.loaded, self.checks
-        rooms = self.cuda.rooms(taken.room_sizes(self.tile, self._kernel.dtype.itemsize), stream)
+        rooms = self.cuda.rooms(taken.scratch_sizes(self.tile, self._kernel.dtype.itemsize), stream)
         launches, places = self._launches(taken, rooms, self._h(loaded, stream))
         if checks:  # for a status that is not 0 and for numbers that are not finite
             self.cuda.fill(rooms[1], 1 + len(places), stream)

@@ -14,7 +14,7 @@ from ..codegen.simt.sources import CONTRACTION
 from ..errors import BuildError, InputError
 from ..optional import NotInstalledError
 from ..pipeline import cache as store
-from .driver import Chosen
+from .driver import Chosen, first_library
 from .texts import KIND
 
 SYSTEM = ("libnvrtc.so.13", "libnvrtc.so.12", "libnvrtc.so", "nvrtc64_130_0.dll", "nvrtc64_120_0.dll")
@@ -112,15 +112,11 @@ class Nvrtc:
 
 def _loaded() -> ctypes.CDLL:
     """Load the compiler: of NVIDIA's wheel, or of the system."""
-    said = ""
-    for name in (*_in_wheels(), *SYSTEM):
-        try:
-            return ctypes.CDLL(name)
-        except OSError as error:
-            said = said or str(error)
-    raise NotInstalledError(
-        f'device: kernels need NVRTC, NVIDIA\'s compiler, which is not installed ({said}): pip install "eomgen[cuda]"'
-    )
+    try:
+        return first_library((*_in_wheels(), *SYSTEM))
+    except OSError as error:
+        needed = "device: kernels need NVRTC, NVIDIA's compiler, which is not installed"
+        raise NotInstalledError(f'{needed} ({error}): pip install "eomgen[cuda]"') from None
 
 
 def _in_wheels() -> Iterator[str]:
