@@ -45,12 +45,16 @@ _SOURCE, _EXPECTED = "source.json", "expected"  # files of an entry
 
 @dataclass(frozen=True)
 class Described:
-    """Robot to be built, with the model of its bodies and coordinates, its hash, and options."""
+    """Model of a robot to be built, the hash of its description, and options."""
 
-    robot: Robot
     model: Model
     robot_hash: str
     options: Options
+
+    @property
+    def robot(self) -> Robot:
+        """The robot of the model."""
+        return self.model.robot
 
     @cached_property
     def key(self) -> str:
@@ -94,7 +98,7 @@ def describe(robot: RobotLike, options: Options) -> Described:
         options: see Options.
     """
     robot = as_robot(robot)
-    return Described(robot, build_model(robot), robot_hash(robot), options)
+    return Described(build_model(robot), robot_hash(robot), options)
 
 
 def tools_for(options: Options, level: str = "") -> Tools:
