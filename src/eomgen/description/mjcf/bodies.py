@@ -26,7 +26,7 @@ from eomgen.robot.value import COORDINATES, Coordinate, Frame, Friction, Joint, 
 from ..draft import Draft
 from .compiled import Model, text_of
 from .joints import Group, Moving, groups
-from .poses import Array, Pose, tidy, triple, turned
+from .poses import Array, Pose, rotation_from_quaternion, tidy, triple
 
 _ROUND_OFF = 1e-14  # of an inertia's greatest entry
 
@@ -192,7 +192,7 @@ class Bodies:
     def _link(self, name: str, index: int) -> Link:
         """Return mass and inertia in the body's axes; round-off becomes 0, which prunes the equations."""
         model = self.model
-        turn = turned(model["body_iquat"][index])
+        turn = rotation_from_quaternion(model["body_iquat"][index])
         full: Array = turn @ np.diag(model["body_inertia"][index]) @ turn.T
         full = np.where(np.abs(full) < _ROUND_OFF * np.abs(full).max(), 0.0, full) + 0.0
         xx, yy, zz, xy, xz, yz = (float(full[at]) for at in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))

@@ -28,7 +28,7 @@ from eomgen.optional import optional_import
 
 from ..xml_text import one_line
 from .copies import check_copies, refusal
-from .poses import Array, Pose, turned
+from .poses import Array, Pose, rotation_from_quaternion
 
 SECONDS = 10  # of processor time: three times that of 5,000 bodies
 GIBIBYTES = 2  # of address space, of which threads reserve some
@@ -90,7 +90,7 @@ class Model:
 
     def pose(self, prefix: str, index: int) -> Pose:
         """Return the pose of a body or site in its parent or body, or of an inertia ("body_i") in its body."""
-        return Pose(turned(self[f"{prefix}quat"][index]), self[f"{prefix}pos"][index])
+        return Pose(rotation_from_quaternion(self[f"{prefix}quat"][index]), self[f"{prefix}pos"][index])
 
     def numbers(self, key: str, index: int) -> list[float]:
         """Return an element's numbers; of a coefficient that those of higher powers follow, where this MuJoCo has them.

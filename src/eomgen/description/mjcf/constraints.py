@@ -14,7 +14,7 @@ from eomgen.robot.value import Coordinate, Coupling, Loop, Spring
 
 from .bodies import Bodies, Names
 from .compiled import text_of
-from .poses import Pose, triple, turned
+from .poses import Pose, rotation_from_quaternion, triple
 
 _FORCES = ("stiffness", "damping", "frictionloss", "armature", "springyield")
 _AGREES = 1e-9  # m or rad: allowed difference of a reference position from its coupling
@@ -116,7 +116,7 @@ class Constraints:
         by_sites = self.model.words["eq_objtype"][index] == "site"
         poses = [Pose(np.eye(3), data[:3]), Pose(np.eye(3), data[3:6])]
         if kind == "weld" and not by_sites:  # first is body2's point in MuJoCo
-            poses = [Pose(turned(data[6:10]), data[3:6]), Pose(np.eye(3), data[:3])]
+            poses = [Pose(rotation_from_quaternion(data[6:10]), data[3:6]), Pose(np.eye(3), data[:3])]
         for key, pose in zip(("eq_obj1id", "eq_obj2id"), poses, strict=True):
             body = int(self.model[key][index])
             if by_sites:

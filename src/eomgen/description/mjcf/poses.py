@@ -45,7 +45,7 @@ def matrix(values: Array) -> Matrix:
     return a, b, c
 
 
-def turned(quat: Array) -> Array:
+def rotation_from_quaternion(quat: Array) -> Array:
     """Return the rotation of a quaternion w, x, y, z that is not 0, (3, 3)."""
     w, x, y, z = quat / math.hypot(*quat)
     return tidy(
