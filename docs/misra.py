@@ -29,7 +29,7 @@ from eomgen.robot.value import Coordinate, Friction, Motor
 ROBOTS = ("one_link", "puma560", "worn_arm", "four_bar")  # the smallest; an arm; with laws; with a loop
 FOR_ROBOTS = ("constraint_checks.h", "acceleration_derivatives.h", "kinematics.h")  # beside what integrates
 FOR_ONE = ("dependent_coordinates.h", "automatic_switching.h", *FOR_ROBOTS)  # the first have no lanes
-CONTROL = ("feedforward.h", "kalman.h")  # beside these in the room of controllers
+CONTROL = ("feedforward.h", "kalman.h")  # beside these in the folder of controllers
 FRAMES = """#define EOM_FRAMES frames
 #include "clib/frames.h"
 static const EOM_TABLES_OF_FRAMES(1, 1, 1, 1, 1, 1) frames = { .first_frame = 0, .n = 1 };

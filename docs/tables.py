@@ -8,7 +8,6 @@ from __future__ import annotations
 import re
 import sys
 import tomllib
-from functools import partial
 from pathlib import Path
 
 import eomgen
@@ -21,7 +20,7 @@ from eomgen.robot.model import build_model
 ROOT = Path(__file__).parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "docs")]  # for benchmarks and generators
 
-from generators import public, rooms  # noqa: E402
+from generators import packages, public  # noqa: E402
 
 ROBOTS = ("one_link", "puma560", "ur5", "puma560_elastic")
 DIFFERENTIATED = ("inverse_dynamics", "forward_dynamics")
@@ -195,9 +194,8 @@ PARTS = {
     "docs/limits.md": {"sizes": sizes},
     "docs/stability.md": {"names": public.names, "renamed": public.renamings},
     "docs/architecture.md": {
-        "rooms": partial(rooms.floors, "rooms"),
-        "generator": partial(rooms.floors, "generator"),
-        "rules": rooms.rules,
+        "packages": packages.table,
+        "rules": packages.rules,
     },
 }
 

@@ -1,4 +1,4 @@
-"""Equations -> Python text on arrays, for NumPy and JAX: statements, functions, a module that needs nothing else.
+"""Equations -> Python source on NumPy or JAX arrays.
 
 Uses robot, program, kernels and templates; beside c, whose modules these mirror.
 """

@@ -1,4 +1,4 @@
-"""Equations -> C: statements, functions, files, projects around them, and the metadata that Python reads.
+"""Equations -> C: statements, functions, files, CMake projects, metadata.
 
 Uses robot, program, joint, tree, solve, kernels and templates.
 """

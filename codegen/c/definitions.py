@@ -31,6 +31,7 @@ class Definition:
     has_gate: whether it has a gate.
     several: name of the function that computes several vectors part by part; empty where there is none.
     writes: the array of its result.
+    shared: statements of values that angles use more than once.
     angles: those whose sines and cosines are taken in front.
     no_angles: arrays that these do not read.
     """
@@ -48,6 +49,7 @@ class Definition:
     has_gate: bool = False
     several: str = ""
     writes: str = ""
+    shared: tuple[str, ...] = ()
     angles: tuple[str, ...] = ()
     no_angles: tuple[str, ...] = ()
 
@@ -79,10 +81,13 @@ def define(
     )
     if not several or len(function.chunks) == 1:
         return definition
-    unread = tuple(array for array in function.arrays if not reads("\n".join(function.angles), array))
-    writes = SIGNATURES[program.name].writes
+    text = "\n".join(function.shared + function.angles)
     return replace(
-        definition, several=f"{robot}_{program.name}_several", writes=writes, angles=function.angles, no_angles=unread
+        definition,
+        several=f"{robot}_{program.name}_several",
+        writes=SIGNATURES[program.name].writes,
+        angles=function.angles,
+        no_angles=tuple(array for array in function.arrays if not reads(text, array)),
     )
 
 
@@ -113,6 +118,7 @@ def _definition(function: Function, name: str, scalar: Scalar, turns: str, linka
         "pivot" in function.outputs,
         function.gated,
         "gate" in function.outputs,
+        shared=function.shared,
     )
 
 

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import heapq
 import re
+from collections import Counter
 from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
 from ..kernels.signatures import SIGNATURES
-from ..program.ir import FIRST, GATE, Program, first_values, users
+from ..program.ir import FIRST, GATE, Program, first_values, needed, users
 from ..program.operations import CALLS
 from ..program.shares import GIVEN, TURNS
 from .scalar_types import Scalar
@@ -30,12 +31,13 @@ FILL = 16  # from so many zeros on an output is cleared in a loop
 class Function:
     """A program as C: per chunk its statements, the size of the array that chunks share, arrays that are not read.
 
-    ``angles`` are the expressions whose sines and cosines are taken before all else; ``gated`` is the first chunk that
-    is left out where the gate is shut, or None.
+    ``angles`` are the expressions whose sines and cosines are taken before all else, ``shared`` the statements of
+    values that they use more than once; ``gated`` is the first chunk that is left out where the gate is shut, or None.
     """
 
     name: str
     arrays: tuple[str, ...]
+    shared: tuple[str, ...]
     angles: tuple[str, ...]
     chunks: tuple[tuple[str, ...], ...]
     workspace: int
@@ -78,11 +80,12 @@ def write_function(
     texts = ["\n".join(chunk) for chunk in chunks]
     unused = [[a for a in arrays if not reads(text, a)] for text in texts]
     if len(chunks) == 1:
-        unused[0] = [a for a in unused[0] if not reads("\n".join(writer.angles), a)]
+        unused[0] = [a for a in unused[0] if not reads("\n".join(writer.shared + writer.angles), a)]
     outputs = tuple(dict.fromkeys(key[0] for key in program.outputs if key[0] not in FIRST))
     return Function(
         program.name,
         arrays,
+        tuple(writer.shared),
         tuple(writer.angles),
         tuple(tuple(chunk) for chunk in chunks),
         workspace(writer.slots),
@@ -167,9 +170,8 @@ class _Writer:
         for (array, position), index in program.outputs.items():
             self.stores.setdefault(index, []).append(f"{FIRST.get(array, array)}[{position}]")
         apart = trig_values(program) if turning else set()
-        self.angles: list[str] = []
         self.turns: dict[int, str] = {}  # sines and cosines that are taken in front
-        self._take_turns(apart)
+        self.shared, self.angles = self._take_turns(apart)
         self.chunk_of = split(program, apart, chunk)
         if stops:  # a run is short, and what ends it ends a function
             self.chunk_of = dict.fromkeys(self.chunk_of, 0)
@@ -179,22 +181,25 @@ class _Writer:
         self.gated = None if self.behind is None else self.chunk_of[self.behind]
         self.slots = handed_on(program, self.chunk_of)
 
-    def _take_turns(self, apart: Container[int]) -> None:
-        place: dict[int, int] = {}
-        for index, instruction in enumerate(self.program.instructions):
-            if index in apart and instruction.op in ("sin", "cos"):
-                (arg,) = instruction.args
-                if arg not in place:
-                    place[arg] = len(self.angles)
-                    self.angles.append(self._from_inputs(arg))
-                self.turns[index] = f"{'sine' if instruction.op == 'sin' else 'cosine'}[{place[arg]}]"
-
-    def _from_inputs(self, index: int) -> str:
-        """Write a value as one expression of inputs."""
-        instruction = self.program.instructions[index]
-        if not instruction.args:
-            return self._leaf(index)
-        return self._write(index, [self._from_inputs(arg) for arg in instruction.args])
+    def _take_turns(self, apart: Container[int]) -> tuple[list[str], list[str]]:
+        """Return statements of values that angles use more than once, and the angles as expressions."""
+        instructions = self.program.instructions
+        places: dict[int, int] = {}
+        for index, (op, args, _) in enumerate(instructions):
+            if index in apart and op in ("sin", "cos"):
+                place = places.setdefault(args[0], len(places))
+                self.turns[index] = f"{'sine' if op == 'sin' else 'cosine'}[{place}]"
+        wanted = [index for index, is_wanted in enumerate(needed(instructions, places)) if is_wanted]
+        uses = Counter([*places, *(arg for index in wanted for arg in instructions[index].args)])
+        text: dict[int, str] = {}
+        shared = []
+        for index in wanted:
+            args = instructions[index].args
+            text[index] = self._write(index, [text[arg] for arg in args]) if args else self._leaf(index)
+            if args and uses[index] > 1:
+                shared.append(f"const {self.scalar.name} s{index} = {text[index]};")
+                text[index] = f"s{index}"
+        return shared, [text[index] for index in places]
 
     def chunks(self) -> list[list[str]]:
         """Write the statements of each chunk."""

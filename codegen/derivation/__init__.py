@@ -1,4 +1,4 @@
-"""A derivation to be read: what SymPy derived of a model's joints, and the terms of M and C that survive.
+"""Report of a derivation: blocks of joints, terms of M and C.
 
 Uses robot, joint, closed_form and c.
 """

@@ -1,5 +1,4 @@
-"""One joint in SymPy: eq. (3), its derivatives and proofs of the lemmas, as plain values for the recursion; and the map
-of what vanishes.
+"""One joint in SymPy: eq. (3), its derivatives, and which terms vanish.
 
 Uses robot.
 """

@@ -1,4 +1,4 @@
-"""Model -> Equations: the table of all kernels, and the program that each of them is.
+"""Model -> Equations: the descriptors of all kernels, and the program of each.
 
 A new kernel is an entry of ``signatures`` and a function of ``writers``.
 Uses robot, runtime, program, joint, tree, forces and solve.

@@ -1,4 +1,4 @@
-"""Straight-line programs: their instructions, passes over finished ones, forward differentiation.
+"""Straight-line programs: instructions, optimization passes, differentiation.
 
 Uses the root alone; nothing is known here of robots.
 """

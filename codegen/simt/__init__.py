@@ -1,4 +1,4 @@
-"""Equations -> one text that is CUDA, HIP, OpenCL C, C and C++: orders, registers, statements, a kernel per function.
+"""Equations -> device source: CUDA, HIP, OpenCL C, C, C++.
 
 Uses robot, joint, program, kernels, c and templates; beside c, whose modules these mirror.
 """

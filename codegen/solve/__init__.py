@@ -1,4 +1,4 @@
-"""Accelerations from forces: joints eliminated from the tips, the factorised mass matrix, free bodies, rotors.
+"""Accelerations from forces: joint elimination, factorised mass matrix, free bodies, rotors.
 
 Uses robot, tree and forces.
 """

@@ -1,4 +1,4 @@
-"""Reference of the Python interface: the facade, then a page per subject with its rooms, filled from docstrings."""
+"""Reference of the Python interface: the facade, then a page per subject with its packages, filled from docstrings."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from importlib import import_module
 
 import eomgen
 
-# What stands on which page: rooms and modules, of which what ``__all__`` names is shown.
+# What stands on which page: packages and modules, of which what ``__all__`` names is shown.
 PAGES: dict[str, tuple[str, tuple[str, ...]]] = {
     "api_robots": ("Robots and their parts", ("eomgen.robot", "eomgen.description")),
     "api_simulation": ("Simulation", ("eomgen.simulation", "eomgen.scenario", "eomgen.integration", "eomgen.motion")),
@@ -29,14 +29,14 @@ ERRORS = tuple(name for name in eomgen.__all__ if name.startswith("Integration")
 
 def main_page() -> str:
     """What ``import eomgen`` gives, kernels first, with links to the other pages."""
-    links = [f"- [{title}]({name}.md): {', '.join(f'`{m}`' for m in rooms)}" for name, (title, rooms) in PAGES.items()]
+    links = [f"- [{title}]({name}.md): {', '.join(f'`{x}`' for x in inner)}" for name, (title, inner) in PAGES.items()]
     functions = [name for name in eomgen.__all__ if inspect.isfunction(getattr(eomgen, name))]
     lines = [
         "# Python interface",
         "",
         "What `import eomgen` gives; written from the docstrings. Arrays are (n,) or (..., n), SI units and radians. "
         "Where a robot is asked for, a `Robot`, the name of a built-in one and the path of a description do alike. "
-        "What belongs to a subject is in its room, which needs no import of its own: `eomgen.analysis.modes(...)`.",
+        "What belongs to a subject is in its package, which needs no import of its own: `eomgen.analysis.modes(...)`.",
         "",
         *links,
         "",
@@ -52,35 +52,35 @@ def main_page() -> str:
 def pages() -> dict[str, str]:
     """The pages by their names without ending."""
     found = {}
-    for name, (title, rooms) in PAGES.items():
+    for name, (title, packages) in PAGES.items():
         lines = [f"# {title}", ""]
-        for room in rooms:
-            lines += [f"## {room}", "", f"{(inspect.getdoc(import_module(room)) or '').splitlines()[0]}", ""]
-            lines += _elsewhere(room)
-            for where, names in (("eomgen", facade_classes(room)), (room, own(room))):
+        for package in packages:
+            lines += [f"## {package}", "", f"{(inspect.getdoc(import_module(package)) or '').splitlines()[0]}", ""]
+            lines += _elsewhere(package)
+            for where, names in (("eomgen", facade_classes(package)), (package, own(package))):
                 lines += _shown(where, names)
         found[name] = "\n".join(lines)
     return found
 
 
-def facade_classes(room: str) -> list[str]:
-    """Classes of a room that the facade has, too: they are called eomgen.NAME."""
-    module = import_module(room)
+def facade_classes(package: str) -> list[str]:
+    """Classes of a package that the facade has, too: they are called eomgen.NAME."""
+    module = import_module(package)
     names = (name for name in module.__all__ if name in eomgen.__all__)
     return [name for name in names if inspect.isclass(getattr(module, name))]
 
 
-def own(room: str) -> list[str]:
-    """What a room has and the facade has not: functions, then classes."""
-    module = import_module(room)
+def own(package: str) -> list[str]:
+    """What a package has and the facade has not: functions, then classes."""
+    module = import_module(package)
     names = [name for name in module.__all__ if name not in eomgen.__all__]
     kinds = (inspect.isfunction, inspect.isclass)
     return [name for kind in kinds for name in names if kind(getattr(module, name))]
 
 
-def _elsewhere(room: str) -> Iterator[str]:
-    """A line about functions of a room that stand on the main page."""
-    module = import_module(room)
+def _elsewhere(package: str) -> Iterator[str]:
+    """A line about functions of a package that stand on the main page."""
+    module = import_module(package)
     names = [name for name in module.__all__ if name in eomgen.__all__ and inspect.isfunction(getattr(module, name))]
     if names:
         yield "On the facade: " + ", ".join(f"[`eomgen.{name}`](api.md#eomgen.{name})" for name in names) + "."

@@ -10,7 +10,7 @@ from typing import Any
 from eomgen.cli.entry import COMMANDS
 from eomgen.errors import RENAMED
 
-ROOMS = (
+SUBPACKAGES = (
     *(
         "analysis",
         "authoring",
@@ -25,7 +25,7 @@ ROOMS = (
     ),
     *("robot", "scenario", "simulation", "state", "sweep", "adapters.casadi", "adapters.jax", "adapters.torch"),
 )
-PACKAGES = ("eomgen", *(f"eomgen.{name}" for name in ROOMS))
+PACKAGES = ("eomgen", *(f"eomgen.{name}" for name in SUBPACKAGES))
 MADE_BY_EOMGEN = ("eomgen.Kernel",)  # whose constructors are no part of what stays
 OR = " or "  # between the keyword of today and those of before
 

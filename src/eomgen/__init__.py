@@ -5,7 +5,7 @@ kernel = eomgen.build("puma560_elastic")
 kernel.mass_matrix(q)
 eomgen.analysis.modes("puma560_elastic")
 
-Names and rooms are imported when they are first used.
+Names and packages are imported when they are first used.
 """
 
 from typing import TYPE_CHECKING

@@ -1,4 +1,4 @@
-"""Files and folders of results: which kind they are of, and the result that they hold, whatever its kind.
+"""Results of all kinds, read from files and folders.
 
 Uses results, simulation, analysis, sweep, identification and control.
 """

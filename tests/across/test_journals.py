@@ -1,4 +1,4 @@
-"""Journals in bearings through all rooms: what is read and refused, kept, simulated, drawn and exported."""
+"""Journals in bearings through all packages: what is read and refused, kept, simulated, drawn and exported."""
 
 from __future__ import annotations
 

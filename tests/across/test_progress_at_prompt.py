@@ -27,7 +27,7 @@ from tests.support.oscillators import chain
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
 EOMGEN = Path(eomgen.__file__).parent
-ROOMS = ("analysis", "export", "identification", "integration", "pictures", "pipeline", "simulation", "sweep")
+SUBPACKAGES = ("analysis", "export", "identification", "integration", "pictures", "pipeline", "simulation", "sweep")
 OTHERWISE = {"build", "make_source"}  # one tells in its body, the other is part of what does
 OF_PYTHON = {"integrating"}  # what no command does
 
@@ -189,7 +189,7 @@ def test_simulations_tell(prompt: Session, monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def public_functions() -> Iterator[tuple[str, Any]]:
-    for module in (eomgen, *(importlib.import_module(f"eomgen.{room}") for room in ROOMS)):
+    for module in (eomgen, *(importlib.import_module(f"eomgen.{name}") for name in SUBPACKAGES)):
         for name in module.__all__:
             value = getattr(module, name)
             if inspect.isfunction(value) and "progress" in inspect.signature(value).parameters:
@@ -224,7 +224,7 @@ def words(name: str, *folders: str) -> set[str]:
 
 
 def test_they_say_it_in_the_words_of_commands() -> None:
-    said = words("tells_at_prompt", *ROOMS)
+    said = words("tells_at_prompt", *SUBPACKAGES)
     of_commands = words("progress_bar", "cli") | words("stage_bar", "cli")
     assert said
     assert said - of_commands == OF_PYTHON

@@ -31,7 +31,7 @@ from tests.support.same_values import compare_values
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
 HOSTILE = "<script>\x1b[31m&" + "x" * 300
-ROOMS = ("analysis", "control", "identification", "integration", "loops", "motion", "simulation", "sweep")
+SUBPACKAGES = ("analysis", "control", "identification", "integration", "loops", "motion", "simulation", "sweep")
 ARRAYS = ("Array", "NDArray", "Complex")
 
 
@@ -75,17 +75,17 @@ def test_results_of_every_kind_are_copied_and_pickled(results: dict[str, Any]) -
             compare_values(found, other, kind)
 
 
-def test_what_rooms_give_and_holds_arrays_is_shown_in_short() -> None:
+def test_what_packages_give_and_holds_arrays_is_shown_in_short() -> None:
     found = 0
-    for room in ROOMS:
-        module = import_module(f"eomgen.{room}")
+    for package in SUBPACKAGES:
+        module = import_module(f"eomgen.{package}")
         for name in module.__all__:
             given = getattr(module, name)
             if isinstance(given, type) and is_dataclass(given):
                 types = {str(field.type).partition("[")[0] for field in fields(given)}
                 if types & {*ARRAYS, *(f"{kind} | None" for kind in ARRAYS)}:
                     found += 1
-                    assert issubclass(given, Shown), f"{room}.{name}"
+                    assert issubclass(given, Shown), f"{package}.{name}"
     assert found > 10
 
 

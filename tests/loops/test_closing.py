@@ -313,10 +313,19 @@ def test_bennetts_linkage_goes_on(built: Build) -> None:
     assert np.isfinite(kernel.forward_dynamics(q, np.zeros(3), np.array([1.0, 0.0, 0.0]))).all()
 
 
+def lighter(robot: Robot, share: float) -> Robot:
+    """Return the robot with that share of its masses."""
+    links = (replace(x, mass=share * x.mass, inertia=tuple(share * i for i in x.inertia)) for x in robot.links)
+    return replace(robot, name="lighter", links=tuple(links))
+
+
 def test_a_motion_says_how_near_it_came(built: Build) -> None:
-    """The margin is least where the parallelogram is flattest, and falls with the sine of its angle."""
+    """The margin is least where the parallelogram is flattest, falls with the sine of its angle, and has no unit."""
     kernel = built(parallelogram(), *KERNELS)
     motion = integrate(kernel, np.array([0.6, -0.6, 0.6]), -np.array([1.0, -1.0, 1.0]), 0.1, method="rk4", step=2e-3)
+    tiny = built(lighter(parallelogram(), 1e-18), *KERNELS)
+    small = integrate(tiny, motion.q[0], motion.v[0], 0.1, method="rk4", step=2e-3)
+    assert small.info["margin"] == pytest.approx(motion.info["margin"], rel=1e-9)
     flattest = int(np.abs(np.sin(motion.q[:, 0])).argmin())
     assert motion.info["margin_at"] == motion.t[flattest]
     assert flattest > 0

@@ -422,7 +422,7 @@ def test_a_plot_returns_figure_and_axes_writes_a_path_and_draws_in_axes(name: st
 
 
 def kinds_with_plots() -> Iterator[type[Plotting]]:
-    """All classes of results that plot themselves, from all rooms that have some."""
+    """All classes of results that plot themselves, from all packages that have some."""
     for room in (analysis, eomgen.identification, eomgen.simulation, eomgen.sweep):
         for module in pkgutil.walk_packages(room.__path__, f"{room.__name__}."):
             import_module(module.name)

@@ -284,7 +284,7 @@ def test_dates_that_are_none_are_refused(epoch: str, monkeypatch: pytest.MonkeyP
 
 
 def texts_of_notes() -> Iterator[str]:
-    """Texts in the source of the rooms whose results have notes, with 0 for what is put into them."""
+    """Texts in the source of the packages whose results have notes, with 0 for what is put into them."""
     for room in ("description", "identification", "integration", "motion", "runtime", "simulation", "state"):
         for path in (Path(eomgen.__file__).parent / room).rglob("*.py"):
             nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))

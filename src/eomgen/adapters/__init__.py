@@ -1,4 +1,4 @@
-"""Kernels as functions of other people's tools: ``eomgen.adapters.casadi``, ``.jax`` and ``.torch``.
+"""Kernels as functions of CasADi, JAX and PyTorch.
 
 Each is an extra and imports its tool when it is used; importing eomgen imports none of them.
 Uses runtime, robot, description, control, device, codegen (arrays, c, package) and pipeline.

@@ -1,4 +1,4 @@
-"""A robot about a state or along a path: statics, vibration, frequency responses, linear systems, error budgets.
+"""Statics, vibration, frequency response, linearization and error budgets about a state or along a path.
 
 Uses runtime, robot, results, bending, description, state, loops, motion, pipeline, integration and simulation.
 """

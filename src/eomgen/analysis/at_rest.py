@@ -14,6 +14,7 @@ import numpy as np
 from ..arrays import RANK, Array, Mask
 from ..errors import IntegrationError
 from ..runtime.kernel import Kernel
+from ..runtime.singular import inertias
 from ..shown import Shown
 from ..state.drives import drives_at_rest
 from ..state.law_states import at_rest_with, refuse_moving
@@ -75,7 +76,7 @@ def rest(
     target, springs = q.copy(), fixation.kp if sagging else zero
     still = fixation.still & ~(fixation.driven & (springs > 0.0))
     q = closed(kernel, q, still)
-    inertia = np.maximum(np.diagonal(kernel.residual_jacobian(q, zero, zero)[2]), 1e-12)
+    inertia = inertias(kernel.residual_jacobian(q, zero, zero)[2])
     tau, before = FIRST, np.inf
     for _ in range(STEPS):
         force = (

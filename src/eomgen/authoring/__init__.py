@@ -1,4 +1,4 @@
-"""Files that people write: checks of one, a new one to begin with, their JSON Schemas.
+"""Checks, templates and JSON Schemas of the files that users write.
 
 Uses runtime, robot, motion and forms, the keys and readers of description, scenario and sweep, the names of tolerances
 of identification, models of pipeline, and codegen (tree) on floats.

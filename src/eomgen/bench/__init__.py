@@ -1,4 +1,4 @@
-"""Operation counts and times of kernels beside a Newton-Euler algorithm in C.
+"""Kernels compared with a Newton-Euler algorithm in C: operations and times.
 
 Uses runtime, robot, description, codegen (tree, kernels, c, package), templates and pipeline.
 """

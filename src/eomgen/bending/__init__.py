@@ -1,4 +1,4 @@
-"""Links that bend: constants of their modes, out of beams, of masses that move with modes, and of files.
+"""Flexible links: constants of their modes from beams, finite elements and files.
 
 Uses npz, files and robot; NumPy alone, SciPy where finite elements are reduced.
 """

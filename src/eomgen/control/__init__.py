@@ -1,4 +1,4 @@
-"""Control of robots: feed-forward, observers and prediction, in Python and as C.
+"""Feed-forward, observers and predictive control, in Python and as C.
 
 Uses runtime, robot, results, description, state, motion, scenario, codegen (c), templates, pipeline and simulation.
 """

@@ -23,6 +23,7 @@ from ..errors import SingularError
 from ..names import listed
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
+from ..runtime.singular import inertias
 
 Numbers = NDArray[Any]
 KERNELS = ("constraint_jacobian", "constraint_bias", "constraint_bias_adjoint")  # that momenta along them take
@@ -57,7 +58,7 @@ class Independent:
             driven: indices of the driven coordinates.
         """
         M = np.asarray(kernel.mass_matrix(q), float)
-        J = np.asarray(kernel.constraint_jacobian(q), float) / np.sqrt(np.maximum(np.diagonal(M), 1e-12))
+        J = np.asarray(kernel.constraint_jacobian(q), float) / np.sqrt(inertias(M))
         rank, others = rank_of(J), np.setdiff1d(np.arange(kernel.n), driven)
         chosen = others[independent_columns(J[:, others], rank_of(J[:, others]))]
         if chosen.size < rank:  # more drives than freedoms

@@ -1,4 +1,4 @@
-"""Text -> Robot: TOML, URDF and MJCF, each read into a Draft that is checked once.
+"""Readers of TOML, URDF and MJCF: each fills a Draft, which becomes a Robot.
 
 Uses bending, robot and forms.
 """

@@ -1,4 +1,4 @@
-"""Kernels on GPUs: the source of codegen.simt compiled for a device of CUDA, called with arrays that lie on it.
+"""Kernels on CUDA devices, called with device arrays.
 
 CUDA by the driver's library and NVRTC through ctypes, loaded when asked for.
 Uses runtime, robot, codegen (kernels, c, program, simt, package), templates and pipeline.

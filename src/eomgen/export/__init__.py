@@ -1,4 +1,4 @@
-"""Robots for other tools: FMUs, models of MuJoCo and acados, WebAssembly, accelerators, Python on arrays, wheels.
+"""Export to FMU, MuJoCo, acados, WebAssembly, GPU source, NumPy, JAX and wheels.
 
 Uses runtime, robot, description, state, loops, motion, integration, scenario, codegen (arrays, c, kernels, package,
 simt), templates, pipeline, simulation, control and pictures.

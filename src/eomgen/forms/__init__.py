@@ -1,4 +1,4 @@
-"""TOML tables by their forms: keys, types, ranges, places of what is wrong, JSON Schema; declared types out of JSON.
+"""TOML tables by declared keys: types, ranges, positions of errors, JSON Schema.
 
 Whatever the tables are about: nothing is known here of robots.
 Uses the root alone.

@@ -1,4 +1,4 @@
-"""A kernel over time: the system of equations, steps, solvers, contacts, loops that stay closed.
+"""Time integration of a kernel: steps, solvers, contacts, closed loops.
 
 Uses runtime, robot, state and loops; never the generator or the pipeline, so that it builds nothing behind your back.
 """

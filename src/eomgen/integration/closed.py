@@ -12,6 +12,7 @@ from ..errors import ArrayError, IntegrationStopped, LoopError
 from ..loops.chart import Chart, Followed
 from ..runtime.kernel import Kernel
 from ..runtime.loop_errors import left_open
+from ..runtime.singular import inertias
 from ..state.springs import rate_step
 from ..state.vectors import Q_STEP
 from .system import System
@@ -204,8 +205,8 @@ class ClosedSystem(System):
         moving = np.flatnonzero(self._free)
         if len(self.kernel.constraints) * moving.size > LARGE or not self.chart.rank:
             return None
-        inertia = np.diagonal(self.here.mass_matrix(q), axis1=1, axis2=2)[:, np.newaxis, moving]
-        scaled = self.here.constraint_jacobian(q)[:, :, moving] / np.sqrt(np.maximum(inertia, 1e-12))
+        inertia = inertias(self.here.mass_matrix(q))[:, np.newaxis, moving]
+        scaled = self.here.constraint_jacobian(q)[:, :, moving] / np.sqrt(inertia)
         sizes = np.linalg.svd(scaled, compute_uv=False)
         return np.asarray(sizes[:, self.chart.rank - 1] / np.maximum(sizes[:, 0], 1e-300))
 

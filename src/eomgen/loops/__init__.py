@@ -1,4 +1,4 @@
-"""Closed mechanisms: which constraints are redundant, which coordinates are independent, and how others follow.
+"""Closed mechanisms: redundant constraints, independent and dependent coordinates.
 
 Uses robot, runtime and state.
 """

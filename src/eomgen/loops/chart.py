@@ -17,6 +17,7 @@ from ..errors import LoopError
 from ..names import joint_of, listed
 from ..runtime.kernel import Kernel
 from ..runtime.loop_errors import left_open
+from ..runtime.singular import inertias
 from ..state.vectors import prescribed_mask
 
 CLOSED, NEARLY = 1e-12, 1e-11  # m, or sine of an angle: what is met, and what round-off may leave of it
@@ -66,7 +67,7 @@ class Chart:
         self.kernel = kernel
         moving = np.flatnonzero(~(prescribed_mask(kernel) if prescribed is None else prescribed))
         J = kernel.constraint_jacobian(q)
-        self._sizes = 1.0 / np.sqrt(np.maximum(np.diagonal(kernel.mass_matrix(q)), 1e-12))  # of equal kinetic energy
+        self._sizes = 1.0 / np.sqrt(inertias(kernel.mass_matrix(q)))  # of equal kinetic energy
         scaled = J * self._sizes
         self.rank = rank_of(scaled[:, moving])
         others = moving if free is None else np.setdiff1d(moving, np.asarray(free, dtype=np.intp))

@@ -12,6 +12,7 @@ from ..errors import IntegrationError, check_kind
 from ..robot.sizes import REFERENCE_ACCELERATION
 from ..runtime.by_name import WrenchLike, wrench_rows
 from ..runtime.kernel import Kernel
+from ..runtime.singular import inertias
 from ..runtime.turning import singular_joints
 from ..state.drives import DrivesAtRest, is_of_drive
 from ..state.equilibrium import (
@@ -170,7 +171,7 @@ def _newton_step(chart: Chart, q: Array, imbalance: Callable[[Array], Array]) ->
     states, slopes = chart.assemble(states)
     r, basis = _along(chart, imbalance(states), slopes), chart.tangent_basis(slopes[:1])[0]
     springs = (stiffnesses(kernel) + np.diagonal(line_rates(kernel, q)[0]))[free] * size / REFERENCE_ACCELERATION
-    inertia = np.maximum(np.einsum("ni,nm,mi->i", basis, kernel.mass_matrix(q), basis), np.maximum(springs, 1e-12))
+    inertia = np.maximum(inertias(basis.T @ kernel.mass_matrix(q) @ basis), springs)
     matrix = ((r[1:] - r[0]).T / Q_STEP * size) / inertia[:, np.newaxis]
     refuse_singular(matrix, [kernel.coordinates[i] for i in free], kernel.name)
     change = -np.linalg.solve(matrix, r[0] / inertia) * size

@@ -1,4 +1,4 @@
-"""Motions of coordinates and tools over time: from point to point, splines, tables, tool paths, poses, measured files.
+"""Reference motions of coordinates and tools: splines, tables, tool paths, measured files.
 
 Uses runtime, robot, forms, state and loops; ``feedforward`` is that of control.
 """

@@ -1,4 +1,4 @@
-"""Robot -> Kernel: stages, the cache of sources and packages, loading, costs.
+"""Robot -> Kernel: the functions of a build, the cache, loading, costs.
 
 Uses runtime, robot, loops, description and codegen (joint, kernels, c, derivation, package); ``kernel.device``
 uses device.

@@ -1,4 +1,4 @@
-"""Static bounds of the rounding errors of kernels over ranges of inputs and parameters; errors of single precision.
+"""Static bounds of rounding errors over ranges of inputs; errors of single precision.
 
 Uses robot, description and codegen (program, kernels).
 """

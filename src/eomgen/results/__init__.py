@@ -1,4 +1,4 @@
-"""Results as files: fields declared with shapes and units, by which results are written, read and checked.
+"""Files of results: fields declared with shapes and units, written, read and checked.
 
 Uses forms alone; nothing is known here of robots: what a result is rebuilt from is said by its kind.
 """

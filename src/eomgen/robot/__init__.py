@@ -1,6 +1,6 @@
-"""A robot as an immutable value: links, joints, elements, its rules, and the model that equations are derived for.
+"""Robots as immutable values, and the model that equations are derived for.
 
-Uses forms; methods that are short for functions above use bending, description and export.
+Uses forms; methods that are short for functions of higher layers use bending, description and export.
 """
 
 from typing import TYPE_CHECKING

@@ -282,7 +282,8 @@ _LAWS = (
             Number("friction.viscous", "force per velocity", DAMPING),
             divisor(
                 "friction.smoothing",
-                "velocity over which friction reverses; default 4e-8, or 1e-6 stribeck if that is less",
+                "velocity s over which friction reverses, sgn(v) = v / sqrt(v^2 + s^2): x times the limit creeps at"
+                " s x / sqrt(1 - x^2), where lugre holds; default 4e-8, or 1e-6 stribeck if that is less",
                 RATE,
                 default=_friction_smoothing,
             ),

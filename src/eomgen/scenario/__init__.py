@@ -1,4 +1,4 @@
-"""Text -> Scenario: a simulation as a value that names no kernel.
+"""TOML -> Scenario: a simulation as a value that names no kernel.
 
 Uses robot, forms, description, motion, and the names of integration's methods.
 """

@@ -1,4 +1,4 @@
-"""Robot and Scenario -> SimulationResult: reference motions, drives, loads, segments, energy balance, files of results.
+"""Robot and Scenario -> SimulationResult: reference motions, actuators, loads, energy.
 
 Uses runtime, robot, results, forms, description, state, loops, motion, integration, scenario and pipeline;
 feedforward uses control.

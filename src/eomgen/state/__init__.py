@@ -1,4 +1,4 @@
-"""A kernel in one state: motors behind their gears, springs and their stiffness, static equilibrium.
+"""A kernel in one state: motors behind gears, stiffness of springs, static equilibrium.
 
 Uses runtime and robot.
 """

@@ -12,6 +12,7 @@ from ..errors import ArrayError, InputError, IntegrationError, LoopError, Unknow
 from ..robot.sizes import REFERENCE_ACCELERATION
 from ..runtime.by_name import WrenchLike
 from ..runtime.kernel import Kernel
+from ..runtime.singular import inertias
 from .drives import DrivesAtRest
 from .law_states import StatesLike, at_rest_with, memory_vector, refuse_moving, whole_vector
 from .springs import coordinate_sizes, line_rates, stiffnesses
@@ -153,7 +154,7 @@ def _newton(kernel: Kernel, q: Array, free: Mask, residual: Callable[[Array], Ar
     size = coordinate_sizes(kernel, q)[0][free]
     held = stiffnesses(kernel) + np.diagonal(line_rates(kernel, q)[0])
     springs = held[free] * size / REFERENCE_ACCELERATION  # what stands for inertia where a spring holds none
-    inertia = np.maximum(np.maximum(np.diagonal(kernel.mass_matrix(q))[free], springs), 1e-12)
+    inertia = np.maximum(inertias(kernel.mass_matrix(q))[free], springs)
     index = np.flatnonzero(free)
     if not index.size:
         return q

@@ -1,4 +1,4 @@
-"""Parameter sweeps: many simulations of a robot whose numbers vary; plans, samples, workers, stores, results.
+"""Parameter sweeps: plans, samples, workers, stores, results.
 
 Uses runtime, robot, forms, description, state, integration, motion, scenario, pipeline and simulation.
 """

@@ -6,8 +6,10 @@ import ast
 import json
 import re
 import subprocess
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +18,7 @@ import numpy as np
 import pytest
 
 import eomgen
+from eomgen.codegen.arrays.statements import write_statements
 from eomgen.codegen.c import contexts, definitions, statements
 from eomgen.codegen.c.lanes import pack
 from eomgen.codegen.c.scalar_types import SCALARS
@@ -28,9 +31,17 @@ from eomgen.codegen.package.compile import FLAGS
 from eomgen.codegen.program.ir import Graph, Node, Program, evaluate, finish
 from eomgen.codegen.program.operations import CALLS
 from eomgen.codegen.program.passes import run_passes
+from eomgen.description.load import robot_from_toml
 from eomgen.robot.model import Model, build_model
+from eomgen.robot.value import Robot
 from tests.oracles.force_laws import with_laws
+from tests.support.bending_mixtures import PARTS as PARTS_OF_MIXTURES
+from tests.support.bending_mixtures import mixture
+from tests.support.bristles import remembering_arm
 from tests.support.builds import Build
+from tests.support.every_element import ROBOTS, robot_of
+from tests.support.linkages import bricard
+from tests.support.many_robots import many_robot
 from tests.support.random_robots import random_robot, random_state
 
 DOUBLE = SCALARS["float64"]
@@ -211,15 +222,54 @@ def test_composed_kernels_find_every_result_in_its_place(monkeypatch: pytest.Mon
     assert "tree_residual_jacobian_lanes(" in only
 
 
+def mixed(seed: int) -> Robot:
+    """Return a robot whose links bend, with laws, motors, drives, springs and loops."""
+    return mixture(seed, PARTS_OF_MIXTURES).robot
+
+
 MOST = 25  # bytes per operation
-SHARED = pytest.mark.xfail(
-    strict=True, raises=AssertionError, reason="angles of loads on beams are written as full trees: issue 65"
-)
+SUITE: Mapping[str, Callable[[], Robot]] = {  # robots with one instance each of all that a description can have
+    **{name: partial(eomgen.load_robot, name) for name in eomgen.builtin_robots()},
+    **{f"many{number}": partial(many_robot, number) for number in (3, 27 * 11, 27 * 29, 100)},
+    **{f"mixture{seed}": partial(mixed, seed) for seed in range(3)},
+    "every": partial(robot_of, *ROBOTS),
+    "states": remembering_arm,
+    "linkage": bricard,
+}
 
 
-@pytest.mark.parametrize("robot", ["one_link", "ur5", "four_bar", "flexible_arm", pytest.param("gantry", marks=SHARED)])
-def test_code_is_as_long_as_its_operations(robot: str) -> None:
-    program = derive(build_model(eomgen.load_robot(robot)), "inverse_dynamics")
-    function = write_function(program, SCALARS["float64"])
-    size = sum(map(len, function.angles)) + sum(len(line) for chunk in function.chunks for line in chunk)
-    assert size <= MOST * len(program.instructions)
+@pytest.mark.parametrize("name", SUITE)
+def test_code_is_as_long_as_its_operations(name: str) -> None:
+    """Values that several others use are written once, those of angles too, in C and in Python."""
+    model = build_model(SUITE[name]())
+    program = derive(model, "inverse_dynamics")
+    for scalar in (DOUBLE, DOUBLE.lanes()):
+        function = write_function(program, scalar)
+        lines = [*function.shared, *function.angles, *(line for chunk in function.chunks for line in chunk)]
+        assert sum(map(len, lines)) <= MOST * len(program.instructions)
+    lines = write_statements(program, "out", model.size).lines
+    assert sum(map(len, lines)) <= MOST * len(program.instructions)
+
+
+@pytest.mark.parametrize("modes", [2, 4, pytest.param(8, marks=pytest.mark.soak)])
+def test_code_of_a_sliding_load_grows_with_the_square_of_the_modes(modes: int) -> None:
+    gantry = (resources.files("eomgen") / "robots" / "gantry.toml").read_text("utf-8")
+
+    def size(count: int) -> int:
+        robot = robot_from_toml(gantry.replace("{ y = 3, z = 1 }", f"{{ y = {count}, z = {count} }}"))
+        return len(render(derive_equations(build_model(robot), ("inverse_dynamics",))).code)
+
+    assert size(modes) <= modes**2 * size(1)
+
+
+def test_operations_of_angles_are_written_once() -> None:
+    """Angles by a recurrence, each of two before it: their statements and the C count the program's operations."""
+    graph = Graph()
+    angles = [graph.input("q", 0), graph.input("q", 1)]
+    for _ in range(30):
+        angles.append(graph.add(graph.mul(2.0, angles[-1]), angles[-2]))
+    outputs = {("out", i): graph.sincos(angle)[i % 2] for i, angle in enumerate(angles)}
+    program = finish(graph, "recurrence", outputs)
+    function = write_function(program, DOUBLE)
+    lines = [*function.shared, *(line for chunk in function.chunks for line in chunk)]
+    assert counted([*lines, *(f"angle = sin({angle});" for angle in function.angles)]) == program.count()

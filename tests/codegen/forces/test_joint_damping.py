@@ -1,4 +1,4 @@
-"""Damping of joints' own motions: against rotations, complex steps, linear systems, and through all rooms."""
+"""Damping of joints' own motions: against rotations, complex steps, linear systems, and through all packages."""
 
 from __future__ import annotations
 

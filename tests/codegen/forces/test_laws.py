@@ -18,11 +18,14 @@ from eomgen.analysis.holding import fixation_of
 from eomgen.codegen.c.sources import render
 from eomgen.codegen.closed_form.readable import readable_closed_form
 from eomgen.codegen.closed_form.trace import closed_form
+from eomgen.codegen.forces.laws import effect
+from eomgen.codegen.forces.scalar_functions import Functions
 from eomgen.codegen.kernels.equations import derive_equations
 from eomgen.errors import ArrayError, EomgenWarning, InputError
 from eomgen.export.mujoco import left_out, mjcf
 from eomgen.integration.plan import choose_method
 from eomgen.integration.solve import integrate
+from eomgen.robot.laws import SHARP, SMOOTHING
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Coordinate, Friction, Joint, Link, Motor, Robot
 from eomgen.scenario.load import scenario_from_toml
@@ -220,6 +223,19 @@ def test_dry_friction_stops_a_mass(built: Build) -> None:
     assert q[-1, 0] == pytest.approx(3.0 * 4.0 / (2 * 6.0), rel=1e-3)
     assert abs(v[-1, 0]) < 1e-8
     assert kernel.generalized_force([0.0], [5.0]) == pytest.approx([-6.0])
+
+
+@pytest.mark.parametrize("x", [1e-3, 0.5, 0.9, 0.999])
+@pytest.mark.parametrize("peak", [{}, {"static": 4.0, "stribeck": 0.5}, {"static": 4.0, "gaussian": 1e-3}])
+def test_a_load_below_the_limit_creeps(x: float, peak: dict[str, float]) -> None:
+    """Friction carries the part x of its limit at the velocity smoothing x / sqrt(1 - x^2): the creep of the docs."""
+    numbers = {f"friction.{key}": number for key, number in {"coulomb": 3.0, **peak}.items()}
+    smoothing = min(SMOOTHING, SHARP * peak.get("stribeck", peak.get("gaussian", 1.0)))
+    creep = smoothing * x / np.sqrt(1.0 - x**2)
+    functions = Functions(lambda name, *args: getattr(np, name)(*args))
+    found = effect({**numbers, "friction.smoothing": smoothing}, (), 0.0, creep, functions).force
+    assert found == pytest.approx(x * peak.get("static", 3.0), rel=1e-6)
+    assert 10.0 * SMOOTHING * 0.9 / np.sqrt(1.0 - 0.9**2) == pytest.approx(0.8e-6, rel=0.05)
 
 
 def test_a_gaussian_stribeck_curve(built: Build) -> None:

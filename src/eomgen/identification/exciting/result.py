@@ -95,14 +95,15 @@ class ExciteResult(Plotting, Shown, Saved, plot="plot_excitation"):
     def used(self) -> Array:
         """How much of the way to its limit each number goes, (l,): 1 at the limit.
 
-        From the middle between two limits; where there is one alone, that limit over what is nearest to it.
+        From the middle between two limits; where there is one alone, that limit over what is nearest to it.  Beyond a
+        limit it is more than 1.
         """
         (low, high), (least, greatest) = self.limits.T, self.extremes.T
         both = np.isfinite(low) & np.isfinite(high)
         middle, half = np.where(both, (low + high) / 2.0, 0.0), np.where(both, (high - low) / 2.0, 1.0)
         of_two = np.maximum(greatest - middle, middle - least) / half
         gap = np.where(np.isfinite(low), least - low, high - greatest)
-        return np.asarray(np.where(both, of_two, 1.0 / (1.0 + np.maximum(gap, 0.0))))
+        return np.asarray(np.where(both, of_two, 1.0 / (1.0 + np.maximum(gap, 0.0)) + np.maximum(-gap, 0.0)))
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain values, for JSON."""

@@ -18,6 +18,7 @@ from ...optional import optional_import
 from ...robot.coordinates import index_of
 from ...robot.model import Model
 from ...runtime.kernel import Kernel
+from ...runtime.singular import inertias
 from ...runtime.stepping.input_signals import DriveData, Gains, Index, InputSignals, Signal, Track, Waves
 from .closed_starts import ClosedStarts
 from .levenberg_marquardt import Residuals
@@ -57,7 +58,7 @@ class Run:
         """Return it with gains that lead the model along the measured motion, rad/s; as it is with 0."""
         if not bandwidth:
             return self
-        inertia = np.maximum(np.diagonal(kernel.mass_matrix(self.start[0]))[self.places], 1e-12)
+        inertia = inertias(kernel.mass_matrix(self.start[0]))[self.places]
         program = Track(_splines(self.times, self.q, 3), self.places)
         gains = Gains(inertia * bandwidth**2, 2.0 * inertia * bandwidth)
         drive = replace(self.loads.drive, program=program, gains=gains)

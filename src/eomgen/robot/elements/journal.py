@@ -79,7 +79,11 @@ class Radial(JointElement):
             needed="a number that is at least 0",
         ),
         Number("friction.radius", "of the journal; with it the velocity of gamma slides, too", ("m",)),
-        divisor("friction.smoothing", f"velocity over which friction reverses; default {SMOOTHING:g}", ("m/s",)),
+        divisor(
+            "friction.smoothing",
+            f"velocity s over which friction reverses, sgn(v) = v / sqrt(v^2 + s^2); default {SMOOTHING:g}",
+            ("m/s",),
+        ),
     )
     ABOUT: ClassVar[Mapping[str, str]] = MappingProxyType(
         {

@@ -1,4 +1,4 @@
-"""The rooms of the code: who may import whom, how many modules share a folder, what the facade shows."""
+"""The packages: who may import whom, how many modules share a folder, what the facade shows."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ from tests.support.soak import soaked
 
 ROOT = Path(__file__).parents[2]
 PLACES = {"src/eomgen": "eomgen", "codegen": "eomgen.codegen", "templates": "eomgen.templates"}
-MOST_MODULES = 16
-ROOMS = (  # that users reach through the facade
+MOST_MODULES, MOST_WORDS = 16, 1500
+SUBPACKAGES = (  # that users reach through the facade
     *(
         "analysis",
         "control",
@@ -97,26 +97,27 @@ def copy(tmp_path: Path) -> Path:
     return tmp_path
 
 
+LAYERS = "A package uses packages of lower layers only"
 BROKEN = [
-    ("robot/value/robot.py", "from eomgen.pipeline import build", "A room uses rooms below it only"),
+    ("robot/value/robot.py", "from eomgen.pipeline import build", LAYERS),
     ("runtime/calls.py", "from eomgen.robot.value import Robot", "What a generated package carries"),
     ("integration/solve.py", "from eomgen.codegen.c.source import Source", "An integration builds nothing"),
     ("errors.py", "import matplotlib", "import eomgen brings neither"),
     ("cli/shared/reading.py", "from eomgen.cli.bench import COMMANDS", "No group of commands uses another"),
 ]
 FURTHER = [
-    ("loops/closed.py", "from eomgen.integration.solve import integrate", "A room uses rooms below it only"),
+    ("loops/closed.py", "from eomgen.integration.solve import integrate", LAYERS),
     ("codegen/tree/bound.py", "from eomgen.codegen.c import sources", "The generator goes one way"),
     ("runtime/calls.py", "import scipy", "What a generated package carries"),
-    ("robot/geometry.py", "from .value import Robot", "No modules or rooms use each other in a circle"),
-    ("surprise.py", "", "A room uses rooms below it only"),
+    ("robot/geometry.py", "from .value import Robot", "No modules or packages use each other in a circle"),
+    ("surprise.py", "", LAYERS),
     ("cli/bench.py", "from eomgen.cli.cache import COMMANDS", "No group of commands uses another"),
     ("cli/surprise.py", "", "No group of commands uses another"),
 ]
 
 
 @pytest.mark.parametrize(("module", "line", "contract"), soaked([*BROKEN, *FURTHER], BROKEN[:2]))
-def test_an_import_of_the_wrong_room_is_seen(module: str, line: str, contract: str, copy: Path) -> None:
+def test_an_import_of_a_higher_layer_is_seen(module: str, line: str, contract: str, copy: Path) -> None:
     path = copy / "eomgen" / module
     path.write_text((path.read_text(encoding="utf-8") if path.exists() else "") + f"\n{line}\n", encoding="utf-8")
     done = lint(copy)
@@ -124,19 +125,19 @@ def test_an_import_of_the_wrong_room_is_seen(module: str, line: str, contract: s
     assert re.search(rf"{contract}.*BROKEN|Modules missing from layers: .*surprise", done.stdout), done.stdout
 
 
-def test_every_room_uses_those_below_it(copy: Path) -> None:
+def test_every_package_uses_lower_layers(copy: Path) -> None:
     done = lint(copy)
     assert done.returncode == 0, done.stdout + done.stderr
     assert " 0 broken" in done.stdout
 
 
-def test_no_room_is_crowded() -> None:
+def test_no_package_is_crowded() -> None:
     for place in ("src/eomgen", "codegen"):
         for folder in {path.parent for path in (ROOT / place).rglob("*.py")}:
             assert len(list(folder.glob("*.py"))) - 1 <= MOST_MODULES, folder
 
 
-def test_every_room_says_what_it_is_for() -> None:
+def test_every_package_says_what_it_is_for() -> None:
     """In two to four lines, in its ``__init__.py``."""
     for name, path in MODULES.items():
         if path.name == "__init__.py" and name != "eomgen":
@@ -144,10 +145,10 @@ def test_every_room_says_what_it_is_for() -> None:
             assert 1 <= len(text.splitlines()) <= 4, name
 
 
-def room_of(module: str) -> str:
-    """The package of a room, ``eomgen.robot`` or ``eomgen.codegen.tree``, that a module is in; "" for the root's."""
-    room = ".".join(module.split(".")[: 3 if module.startswith("eomgen.codegen.") else 2])
-    return room if room != "eomgen" and room in MODULES and MODULES[room].name == "__init__.py" else ""
+def package_of(module: str) -> str:
+    """The package, ``eomgen.robot`` or ``eomgen.codegen.tree``, that a module is in; "" for the root's."""
+    package = ".".join(module.split(".")[: 3 if module.startswith("eomgen.codegen.") else 2])
+    return package if package != "eomgen" and package in MODULES and MODULES[package].name == "__init__.py" else ""
 
 
 def imported(module: str, path: Path) -> Iterator[str]:
@@ -161,17 +162,17 @@ def imported(module: str, path: Path) -> Iterator[str]:
             yield from (alias.name for alias in node.names)
 
 
-def test_every_room_says_what_it_uses() -> None:
-    """Behind "Uses" in its ``__init__.py`` are all rooms that its modules import from."""
+def test_every_package_says_what_it_uses() -> None:
+    """Behind "Uses" in its ``__init__.py`` are all packages that its modules import from."""
     seen = 0
     for module, path in MODULES.items():
-        room = room_of(module)
-        text = parsed(MODULES[room]).docstring if room else ""
+        package = package_of(module)
+        text = parsed(MODULES[package]).docstring if package else ""
         said = set(re.findall(r"\w+", text.partition("Uses ")[2]))
         for name in imported(module, path):
-            other = room_of(name)
-            if room and other not in ("", room, "eomgen.codegen") and "all rooms" not in text:
-                assert other.rpartition(".")[2] in said, f"{module} imports from {other}, of which {room} says nothing"
+            other = package_of(name)
+            if package and other not in ("", package, "eomgen.codegen") and "all packages" not in text:
+                assert other.rpartition(".")[2] in said, f"{module} imports from {other}, which {package} does not name"
                 seen += 1
     assert seen > 300
 
@@ -185,9 +186,19 @@ def test_no_private_name_is_imported() -> None:
 
 
 def test_no_module_has_the_name_of_what_is_in_it() -> None:
-    """A room that re-exported ``modes`` from a module ``modes`` would have one name for two things."""
+    """A package that re-exported ``modes`` from a module ``modes`` would have one name for two things."""
     for name, path in MODULES.items():
         assert name.rpartition(".")[2] not in parsed(path).defined, name
+
+
+def test_the_page_of_the_architecture_is_short() -> None:
+    """It has at most 1,500 words, the only table is that of the packages, and files that it names exist."""
+    page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    assert len(page.split()) <= MOST_WORDS
+    assert len(re.findall(r"(?m)^\|[-:|]+\|$", page)) == 1
+    named = re.findall(r"`((?:src|codegen|templates|tests)/[\w/.]+)`", page)
+    assert len(named) > 30
+    assert [name for name in named if not (ROOT / name).exists()] == []
 
 
 # The facade
@@ -203,38 +214,38 @@ def test_the_facade_shows_what_it_has() -> None:
         eomgen.nothing  # noqa: B018
 
 
-@pytest.mark.parametrize("package", ["", "runtime", *ROOMS])
+@pytest.mark.parametrize("package", ["", "runtime", *SUBPACKAGES])
 def test_tab_completes_public_names_alone(package: str) -> None:
     """No module or helper that a package imports for itself, however many of them are imported by now."""
     module = importlib.import_module(f"eomgen.{package}".rstrip("."))
     own = {name for name in dir(module) if not name.startswith("__")}
-    assert own == {name for name in (*module.__all__, *(() if package else ROOMS)) if not name.startswith("__")}
+    assert own == {name for name in (*module.__all__, *(() if package else SUBPACKAGES)) if not name.startswith("__")}
 
 
-def test_rooms_are_reached_through_the_facade() -> None:
+def test_packages_are_reached_through_the_facade() -> None:
     """``eomgen.analysis`` needs no import of its own, and is in what Tab completes."""
     code = f"""
 import sys
 import eomgen
-rooms = {set(ROOMS)!r}
-assert rooms <= set(dir(eomgen)) - set(eomgen.__all__)
-assert not any("eomgen." + name in sys.modules for name in rooms)
-assert all(getattr(eomgen, name) is sys.modules["eomgen." + name] for name in rooms)
+names = {set(SUBPACKAGES)!r}
+assert names <= set(dir(eomgen)) - set(eomgen.__all__)
+assert not any("eomgen." + name in sys.modules for name in names)
+assert all(getattr(eomgen, name) is sys.modules["eomgen." + name] for name in names)
 """
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
-def test_rooms_that_threads_import_at_once_stay_lazy() -> None:
-    """No import that a room puts off is made."""
+def test_packages_that_threads_import_at_once_stay_lazy() -> None:
+    """No import that a package puts off is made."""
     code = f"""
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from importlib import import_module
-rooms = ["eomgen." + name for name in {ROOMS!r}]
-with ThreadPoolExecutor(len(rooms)) as pool:
-    found = dict(zip(rooms, pool.map(import_module, rooms)))
+names = ["eomgen." + name for name in {SUBPACKAGES!r}]
+with ThreadPoolExecutor(len(names)) as pool:
+    found = dict(zip(names, pool.map(import_module, names)))
 assert not {{"eomgen.robot.value", "eomgen.pictures.robot", "eomgen.errors", "numpy"}} & set(sys.modules)
-assert all(getattr(room, name) is not None for room in found.values() for name in room.__all__)
+assert all(getattr(package, name) is not None for package in found.values() for name in package.__all__)
 """
     subprocess.run([sys.executable, "-c", code], check=True)
 
@@ -284,7 +295,7 @@ def test_tab_completes_the_facade() -> None:
 @pytest.mark.soak
 def test_type_checkers_see_all_of_the_facade(tmp_path: Path) -> None:
     """Every name has a type, and a name that is not there is an error."""
-    names = [name for name in eomgen.__all__ if name != "__version__"] + list(ROOMS)
+    names = [name for name in eomgen.__all__ if name != "__version__"] + list(SUBPACKAGES)
     lines = ["import eomgen", *(f"reveal_type(eomgen.{name})" for name in names), "eomgen.nothing"]
     (tmp_path / "user.py").write_text("\n".join(lines) + "\n", encoding="ascii")
     command = [sys.executable, "-m", "mypy", "--config-file", str(ROOT / "pyproject.toml"), "user.py"]
@@ -301,7 +312,7 @@ def test_type_checkers_see_all_of_the_facade(tmp_path: Path) -> None:
 
 
 def test_the_facade_stays_what_it_is_after_all_modules_are_imported() -> None:
-    """No room or module takes the place of a function: ``eomgen.build`` is callable before and after."""
+    """No package or module takes the place of a function: ``eomgen.build`` is callable before and after."""
     code = f"""
 import importlib, json, types
 import eomgen
