@@ -145,7 +145,7 @@ def gears_of(robot: Robot) -> Gears | None:
 
 def principal_of(joint: Joint) -> str:
     """Return the name of a joint's principal coordinate."""
-    return f"{joint.name}.{PRINCIPAL[joint.type]}"
+    return f"{joint.name}.{joint.principal}"
 
 
 def _check_invertible(joint: Joint) -> None:

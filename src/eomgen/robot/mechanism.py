@@ -21,7 +21,6 @@ from .value import (
     ANGULAR,
     LINEAR,
     MOTOR,
-    PRINCIPAL,
     Coordinate,
     Coupling,
     Robot,
@@ -150,7 +149,7 @@ def driven_coordinates(robot: Robot, coordinates: Iterable[str]) -> list[str]:
     if robot.driven is not None:
         drives = {drive_of(robot, leading_coordinate(robot, name)) for name in robot.driven}
         return [name for name in coordinates if name in drives]
-    principal = [f"{joint.name}.{PRINCIPAL[joint.type]}" for joint in robot.joints if PRINCIPAL.get(joint.type)]
+    principal = [f"{joint.name}.{joint.principal}" for joint in robot.joints if joint.principal]
     drives = {drive_of(robot, name) for name in principal}
     drives -= {coupling.of for coupling in robot.couplings if coupling.law is None}
     return [name for name in coordinates if name in drives and not coordinate_of(robot, name).prescribed]
@@ -183,7 +182,7 @@ def follower_limits(robot: Robot, name: str) -> tuple[float, float]:
     for follower, share in _leaders(robot).items():
         joint = robot.joint(joint_of(follower))
         ratio = share.get(name, 0.0)
-        if len(share) > 1 or ratio == 0.0 or PRINCIPAL.get(joint.type) != kind_of(follower):
+        if len(share) > 1 or ratio == 0.0 or joint.principal != kind_of(follower):
             continue
         ends = sorted((x - offsets[follower]) / ratio for x in joint.range)
         low, high = max(low, ends[0]), min(high, ends[1])
@@ -198,7 +197,7 @@ def position_limits(robot: Robot, name: str) -> tuple[float, float] | None:
     if name in robot.modal_coordinates:
         return None
     joint = robot.joint(joint_of(name))
-    if PRINCIPAL.get(joint.type) != kind_of(name):
+    if joint.principal != kind_of(name):
         return None
     low, high = joint.range
     least, most = follower_limits(robot, name)
@@ -209,7 +208,7 @@ def following_text(robot: Robot, name: str) -> str:
     """Say which coordinates one follows, by its name or, where it is principal, its joint's; "" where it is none."""
     for follower, coupling in robot.followers.items():
         joint = robot.joint(joint_of(follower))
-        if name == follower or (name == joint.name and PRINCIPAL.get(joint.type) == kind_of(follower)):
+        if name == follower or (name == joint.name and joint.principal == kind_of(follower)):
             leaders = listed(list(coupling.to)) or "nothing that moves"
             return f"{follower} follows {leaders} by the coupling {coupling.name} and is no independent coordinate"
     return ""
@@ -260,7 +259,7 @@ def effort_of(robot: Robot, name: str) -> float | None:
     joint, kind = robot.joint(joint_of(name)), kind_of(name)
     limits = joint.limits_of(kind)
     if kind == MOTOR and joint.motor is not None:
-        at_joint = Limits(effort=joint.limits_of(PRINCIPAL[joint.type]).effort)
+        at_joint = Limits(effort=joint.limits_of(joint.principal).effort)
         limits = limits.within(at_joint.behind(1.0 / joint.motor.ratio))
     return limits.effort
 
@@ -270,4 +269,4 @@ def drive_of(robot: Robot, name: str) -> str:
     if name in robot.modal_coordinates:
         return name
     joint = robot.joint(joint_of(name))
-    return f"{joint.name}.{MOTOR}" if joint.motor is not None and kind_of(name) == PRINCIPAL[joint.type] else name
+    return f"{joint.name}.{MOTOR}" if joint.motor is not None and kind_of(name) == joint.principal else name

@@ -28,7 +28,7 @@ from ..geometry import LINEAR, Vector
 from .beam import Beam
 from .coordinate import Coordinate
 from .coupling import Coupling, first_contradiction
-from .joint import MOTOR, PRINCIPAL, Joint, Loop
+from .joint import MOTOR, Joint, Loop
 from .link import BASE, Frame, Link
 from .nodes import node_link, sliding_joints
 from .sensor import Sensor
@@ -152,7 +152,7 @@ class Robot(Picklable):
     @property
     def principal_coordinates(self) -> dict[str, str]:
         """Names of the principal coordinates that move, by joint, which files of measurements call them by, too."""
-        kinds = {joint.name: (PRINCIPAL.get(joint.type), joint.coordinates) for joint in self.joints}
+        kinds = {joint.name: (joint.principal, joint.coordinates) for joint in self.joints}
         return {name: component_name(name, kind) for name, (kind, own) in kinds.items() if kind in own and kind}
 
     @property
@@ -205,7 +205,7 @@ class Robot(Picklable):
         for joint in self.joints:
             if joint.motor is not None:
                 prefix = parameter_name("joints", joint.name, MOTOR)
-                yield prefix, PRINCIPAL[joint.type], joint.motor.transmission
+                yield prefix, joint.principal, joint.motor.transmission
         for loop in self.loops:
             yield from ((parameter_name("loops", loop.name, kind), kind, x) for kind, x in loop.coordinates.items())
         for coupling in self.couplings:
@@ -300,7 +300,7 @@ class Robot(Picklable):
         springs = tuple(s for s in self.springs if carrier[s.links[0]] != carrier[s.links[1]])
         elements = tuple(x for x in self.elements if carrier[x.links[0]] != carrier[x.links[1]])
         moving = {f"{joint.name}.{name}" for joint in joints for name in joint.coordinates}
-        drives = {f"{j.name}.{MOTOR}": f"{j.name}.{PRINCIPAL[j.type]}" for j in self.joints if j.motor is not None}
+        drives = {f"{j.name}.{MOTOR}": f"{j.name}.{j.principal}" for j in self.joints if j.motor is not None}
         driven = None if self.driven is None else dict.fromkeys(drives.get(name, name) for name in self.driven)
         couplings: tuple[Coupling, ...] = ()
         for coupling in self.couplings:
