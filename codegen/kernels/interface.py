@@ -93,7 +93,7 @@ def _closed(model: Model) -> dict[str, Any]:
         "constraints": model.constraints,
         "couplings": {coupling.name: coupling.of for coupling in robot.couplings if coupling.law is None},
         "followers": {
-            name: {"coupling": x.name, "to": dict(x.to), "offset": x.offset or 0.0, **_bends(x)}
+            name: {"coupling": x.name, "to": x.sources, "offset": x.offset or 0.0, **_bends(x)}
             for name, x in model.followers.items()
         },
     }

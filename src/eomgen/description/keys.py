@@ -294,6 +294,7 @@ JOINT = Form(
             words=tuple(OWN_COORDINATES),
             synonyms=SYNONYMS,
         ),
+        "pitch": Number("of a screw: z = pitch gamma / (2 pi); negative where the thread is left-handed", "m"),
         "dh": Sub("modified Denavit-Hartenberg: Rx(alpha) Tx(a) Rz(theta) Tz(d)", "m, rad", inner=DH),
         "placement": Sub("pose of the joint's frame in the parent link's", "m, rad", inner=PLACEMENT),
         **{

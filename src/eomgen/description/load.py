@@ -368,7 +368,8 @@ def read_joint(name: str, entry: Table, draft: Draft, folder: Path | None) -> Jo
     if "stops" in entry:
         coordinates[made.principal] = joint_stops(entry, kind, coordinates, made.range)
     elements = old.elements | joint_elements(entry, coordinates, folder, draft.notes)
-    made = replace(made, coordinates=coordinates, **elements)
+    pitch = entry.number("pitch") if "pitch" in entry else old.pitch if kind == old.type else None
+    made = replace(made, coordinates=coordinates, pitch=pitch, **elements)
     return on_beam(entry, made, draft) if entry.choice("along") else made
 
 

@@ -67,6 +67,7 @@ class JointType:
     that drives move and limits bound; "" where there is none.
     blocked: components of a loop joint's constraint; None where loop joints have not this type.  upright: products of
     axes vanish for opposite axes, too, so that the sum of these is above 0 where the joint is closed.
+    has_pitch: whether z follows gamma, z = pitch gamma / (2 pi).
     urdf: types of URDF that are read as this one; of those it is written as the first one within limits, and as the
     last one without.  mjcf: joint of MuJoCo that moves as the principal coordinate, or as all.
     """
@@ -76,6 +77,7 @@ class JointType:
     principal: str = ""
     blocked: tuple[Component, ...] | None = None
     upright: Products = ()
+    has_pitch: bool = False
     urdf: tuple[str, ...] = ()
     mjcf: str = ""
 
@@ -88,16 +90,17 @@ JOINT_TYPES: Mapping[str, JointType] = MappingProxyType(
             "gamma",
             (_X, _Y, _Z, *_AXES_PARALLEL),
             _Z_AXES,
-            ("revolute", "continuous"),
-            "hinge",
+            urdf=("revolute", "continuous"),
+            mjcf="hinge",
         ),
-        "prismatic": JointType("z", ("z",), "z", (_X, _Y, *_NO_TURN), _ALL_AXES, ("prismatic",), "slide"),
+        "prismatic": JointType("z", ("z",), "z", (_X, _Y, *_NO_TURN), _ALL_AXES, urdf=("prismatic",), mjcf="slide"),
         "cylindrical": JointType(blocked=(_X, _Y, *_AXES_PARALLEL), upright=_Z_AXES),
         "universal": JointType(blocked=(_X, _Y, _Z, *_CROSS)),
         "spherical": JointType(blocked=(_X, _Y, _Z)),
         "planar": JointType(blocked=(_Z, *_AXES_PARALLEL), upright=_Z_AXES),
-        "fixed": JointType("none", (), "", (_X, _Y, _Z, *_NO_TURN), _ALL_AXES, ("fixed",)),
+        "fixed": JointType("none", (), "", (_X, _Y, _Z, *_NO_TURN), _ALL_AXES, urdf=("fixed",)),
         "free": JointType("all six", COORDINATES, urdf=("floating",), mjcf="free"),
+        "screw": JointType("gamma, which z follows by the pitch", ("z", "gamma"), "gamma", has_pitch=True),
     }
 )
 OWN_COORDINATES: Mapping[str, tuple[str, ...]] = MappingProxyType(  # of joints of the tree, by their types

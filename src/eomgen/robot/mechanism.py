@@ -10,9 +10,11 @@ import math
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
+from ..limits import LARGEST
 from ..names import joint_of, kind_of, listed, nearest, show
 from .bounds import Limits
 from .coordinates import coordinate_names, unit_of
+from .joint_types import JOINT_TYPES, OWN_COORDINATES
 from .laws import states_of
 from .memory.drives import DRIVE, has_drive
 from .rules import cut_conflict
@@ -40,6 +42,7 @@ def mechanism_conflict(robot: Robot) -> Refused | None:
 
 
 def _refusals(robot: Robot, known: tuple[str, ...]) -> Iterator[Refused]:
+    yield from _pitch_refusals(robot)
     yield from _drive_refusals(robot, known)
     yield from _home_refusals(robot, known)
     for coupling in robot.couplings:
@@ -49,6 +52,31 @@ def _refusals(robot: Robot, known: tuple[str, ...]) -> Iterator[Refused]:
     if contradiction is not None:
         allowed = "rigid couplings of different coordinates that do not contradict each other"
         yield f"couplings.{contradiction[0].name}", f"{contradiction[1]}; allowed: {allowed}"
+
+
+def _pitch_refusals(robot: Robot) -> Iterator[Refused]:
+    """Refuse screws without a pitch, a pitch of other joints, and screws whose own coordinates do not both move."""
+    taken = {coupling.name for coupling in robot.couplings if coupling.pitch is None}
+    able = [name for name, kind in JOINT_TYPES.items() if kind.has_pitch]
+    for joint in robot.joints:
+        where, has_pitch = f"joints.{joint.name}", joint.type in able
+        if joint.pitch is None and not has_pitch:
+            continue
+        if joint.pitch is None or not has_pitch:
+            message = f"a {joint.type} joint has no pitch" if joint.pitch is not None else "the key 'pitch' is missing"
+            yield f"{where}.pitch", f"{message}; allowed: m per revolution, for {listed(able)}"
+        elif not 1.0 / LARGEST <= abs(joint.pitch) <= LARGEST:
+            allowed = "a finite number that is not 0, m per revolution (a revolute joint has no lead)"
+            yield f"{where}.pitch", f"got {show(joint.pitch)}; allowed: {allowed}"
+        for coupling in robot.couplings:
+            if coupling.pitch is not None and joint_of(coupling.of) == joint.name and coupling.name in taken:
+                message = f"its z follows gamma by a coupling of the name {coupling.name}, which is taken"
+                yield where, f"{message}; allowed: another name of either"
+        for name in OWN_COORDINATES[joint.type] if has_pitch else ():
+            if name not in joint.coordinates:
+                yield f"{where}.{name}", f"it is locked, and z follows gamma in a {joint.type}; allowed: that both move"
+            elif name != joint.principal and joint.coordinates[name].prescribed:
+                yield f"{where}.{name}", f"it follows {joint.principal}; allowed: a prescribed {joint.principal}"
 
 
 def _drive_refusals(robot: Robot, known: tuple[str, ...]) -> Iterator[Refused]:

@@ -299,6 +299,8 @@ def parameter_unit(robot: Robot, name: str) -> str:
         return _coupling_unit(robot, parts)
     if parts[2] in ("placement", "placements") or (number is None and parts[0] in KINDS):
         return "rad" if "rpy" in parts[3:5] else "m"
+    if parts[2] == "pitch":
+        return "m"
     if parts[2] == "offset":
         return "m" if parts[3] in LINEAR else "rad"
     of_motor = parts[0] == "joints" and parts[2] == MOTOR

@@ -20,7 +20,7 @@ from ...files import check_ending, write_atomically
 from ...forms.toml_text import read_text
 from ...names import unique_identifiers
 from ...robot.bounds import Limits
-from ...robot.joint_types import JOINT_TYPES
+from ...robot.joint_types import JOINT_TYPES, OWN_COORDINATES
 from ...robot.value import Coordinate, Joint, Robot
 from ...runtime.inverse_kinematics.rotations import rpy_of
 from ..geometry.rotations import pose_from, pose_of
@@ -171,8 +171,11 @@ def _plain(robot: Robot) -> Element:
             _add(inertial, "inertia", **moments)
     for joint in robot.joints:
         kind, own = joint.principal, JOINT_TYPES[joint.type]
-        further = [name for name in joint.coordinates if name not in own.coordinates]
+        further = [name for name in joint.coordinates if name not in OWN_COORDINATES[joint.type]]
         words = own.urdf
+        if not words:
+            known = ", ".join(word for kind in JOINT_TYPES.values() for word in kind.urdf)
+            raise InputError(f"{robot.name}: {joint.name} is a {joint.type}; allowed in a URDF: {known}")
         if _is_planar(joint):
             further, kind, words = [], "", ("planar",)
         if further:

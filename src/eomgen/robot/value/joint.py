@@ -108,6 +108,7 @@ class Joint(Jointed):
     radial: contact of the child's journal in the parent's round bearing; None where there is none.
     damping: of its motion as a whole, beside that of its coordinates; None where there is none.
     stiffness: between its coordinates, beside that of each of them; None where there is none.
+    pitch: of a screw, m per revolution: its z is pitch gamma / (2 pi), a coupling of the robot (``Robot.couplings``).
     """
 
     name: str
@@ -123,6 +124,7 @@ class Joint(Jointed):
     radial: Radial | None = field(default=None, metadata=LATER)
     damping: JointDamping | None = field(default=None, metadata=LATER)
     stiffness: JointStiffness | None = field(default=None, metadata=LATER)
+    pitch: float | None = field(default=None, metadata=LATER)
 
     @property
     def principal(self) -> str:
@@ -153,6 +155,8 @@ class Joint(Jointed):
         for table, element in self.elements.items():
             yield from below(table, element.numbers(tuple(self.coordinates)))
         yield from below("offset", zip(COORDINATES, self.offset, strict=True))
+        if self.pitch is not None:
+            yield "pitch", self.pitch
         yield from below("placement", self.placement.numbers())
 
     def limits_of(self, name: str) -> Limits:

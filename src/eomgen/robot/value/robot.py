@@ -27,7 +27,7 @@ from ..fields import LATER, Numbers, Picklable, below
 from ..geometry import LINEAR, Vector
 from .beam import Beam
 from .coordinate import Coordinate
-from .coupling import Coupling, first_contradiction
+from .coupling import Coupling, first_contradiction, with_screws
 from .joint import MOTOR, Joint, Loop
 from .link import BASE, Frame, Link
 from .nodes import node_link, sliding_joints
@@ -69,6 +69,7 @@ class Robot(Picklable):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "home", MappingProxyType(dict(self.home)))
+        object.__setattr__(self, "couplings", with_screws(self.couplings, self.joints))
 
     def _repr_html_(self) -> str:
         """Return a small table, for notebooks."""
@@ -224,14 +225,15 @@ class Robot(Picklable):
         A follower is no coordinate of kernels: its position, velocity and acceleration are those that its leaders give
         it.  Of rigid couplings those stay constraints whose dependent coordinate moves a loop, belongs to a joint with
         a motor, a journal, or stiffness or damping as a whole, follows a motor, or has a drive and follows
-        several, and those that ``is_constraint`` keeps.
+        several, and those that ``is_constraint`` keeps.  z of a screw is a follower in any case but the last one.
         """
         acted_on = {x.name for x in self.joints if x.motor is not None or x.elements}
         shared = {x.of for x in self.couplings if len(x.to) - [*x.to.values()].count(0.0) != 1}
         acted_on |= {joint_of(name) for name in self.driven or () if name in shared}
         kept = (_in_loops(self) | acted_on).difference(self.nodes)  # which carry no mass of their own
         rigid = [x for x in self.couplings if x.law is None and not x.is_constraint]
-        left = {x.of: x for x in rigid if joint_of(x.of) not in kept and all(kind_of(name) != MOTOR for name in x.to)}
+        able = (x for x in rigid if x.pitch is not None or joint_of(x.of) not in kept)
+        left = {x.of: x for x in able if all(kind_of(name) != MOTOR for name in x.to)}
         behind: dict[str, list[str]] = {}
         for name, coupling in left.items():
             for other in left.keys() & coupling.others:
