@@ -182,7 +182,7 @@ def _deflected(robot: Robot, joints: Sequence[Joint]) -> Robot:
 
 def laws_alone(name: str, base: str, laws: Sequence[tuple[str, str, Coordinate]]) -> Robot:
     """Return a robot without weight whose coordinates have laws alone, each by names of its joint and coordinate."""
-    types = {kind: name for name, kind in reversed(PRINCIPAL.items())}
+    types = {kind: name for name, kind in [*PRINCIPAL.items()][::-1]}
     joints = tuple(Joint(x, base, x, types[kind], coordinates={kind: law}) for x, kind, law in laws)
     links = tuple(Link(joint.name, 1.0, (0.0, 0.0, 0.0), (1.0, 1.0, 1.0, 0.0, 0.0, 0.0)) for joint in joints)
     return Robot(name, (0.0, 0.0, 0.0), links, joints, base=base)

@@ -6,7 +6,6 @@ import dataclasses
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from itertools import compress
 from typing import Any
 
 from ..errors import InputError, check_kind
@@ -26,9 +25,6 @@ def record_of(robot: Robot, *, whole: bool = False) -> dict[str, Any]:
     check_kind("robot", robot, isinstance(robot, Robot), "a Robot (from load_robot)")
     plain = _plain(robot, whole=whole)
     assert isinstance(plain, dict)
-    if any(joint.pitch is not None for joint in robot.joints):  # whose couplings follow from them
-        kept = (coupling.pitch is None or coupling.is_constraint for coupling in robot.couplings)
-        plain["couplings"] = list(compress(plain["couplings"], kept))
     return plain
 
 
