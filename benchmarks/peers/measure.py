@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eomgen.bench.clock import Stopwatch, Timed
-from eomgen.robot.value import PRINCIPAL, Robot
+from eomgen.robot.value import Robot
 
 from .contender import Contender
 
@@ -67,7 +67,7 @@ def states(robot: Robot, count: int) -> dict[str, Array]:
     reach, rate = [], []
     for joint in robot.joints:
         for name, coordinate in joint.coordinates.items():
-            wide = name == PRINCIPAL.get(joint.type)
+            wide = name == joint.principal
             reach.append(min(3.0 if wide else 0.3, 100.0 / max(coordinate.stiffness or 0.0, 1e-9)))
             rate.append(min(2.0, 100.0 / max(coordinate.damping or 0.0, 1e-9)))
     n = len(reach)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from eomgen._version import __version__
-from eomgen.robot.cuts import CUTS
+from eomgen.robot.joint_types import CUTS
 from eomgen.robot.model import Model
 
 from ..joint.zeros import zero_map

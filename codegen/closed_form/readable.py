@@ -316,8 +316,7 @@ def _driven(model: Model) -> set[int]:
     """Return indices of coordinates with a drive: principal ones, and all of a free joint; driven ones of loops."""
     if model.robot.is_closed:
         return set(model.driven)
-    kinds = {joint.name: joint.type for joint in model.robot.joints}
-    free = [i for body in model.bodies if kinds[body.joint] == "free" for i in body.indices]
+    free = [i for body in model.bodies if model.robot.joint(body.joint).is_free for i in body.indices]
     return {*model.principal, *free, *model.motors}.difference(model.motors.values())
 
 
@@ -355,7 +354,7 @@ def _parameters(model: Model) -> Iterator[tuple[str, Letter]]:
 
     Numbers of forces beyond linear springs and dampers stay numbers, and so do those of couplings.
     """
-    turning = {joint.name for joint in model.robot.joints if joint.type == "revolute"}
+    turning = {joint.name for joint in model.robot.joints if joint.principal in ANGULAR}
     yield from _modal_numbers(model)
     for name, value in model.robot.numbers():
         if value is None or value == 0.0:

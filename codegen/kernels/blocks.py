@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from eomgen.names import component_name
-from eomgen.robot.cuts import rigid_components
+from eomgen.robot.joint_types import rigid_components
 
 if TYPE_CHECKING:
     from eomgen.robot.model import Model

@@ -8,7 +8,7 @@ from typing import Any
 
 from eomgen._version import __version__
 from eomgen.names import component_name, joint_of, parameter_path
-from eomgen.robot.cuts import UPRIGHT
+from eomgen.robot.joint_types import JOINT_TYPES
 from eomgen.robot.mechanism import coordinate_of, effort_of, leading_home
 from eomgen.robot.memory.drives import input_of
 from eomgen.robot.model import Model, movable_limits
@@ -93,7 +93,7 @@ def _closed(model: Model) -> dict[str, Any]:
         "constraints": model.constraints,
         "couplings": {coupling.name: coupling.of for coupling in robot.couplings if coupling.law is None},
         "followers": {
-            name: {"coupling": x.name, "to": dict(x.to), "offset": x.offset or 0.0, **_bends(x)}
+            name: {"coupling": x.name, "to": x.sources, "offset": x.offset or 0.0, **_bends(x)}
             for name, x in model.followers.items()
         },
     }
@@ -176,6 +176,6 @@ def _ratio(model: Model, motor: str) -> float:
 
 
 def _upright(loop: Loop) -> tuple[tuple[float, int, int], ...]:
-    """Return the terms of UPRIGHT where a rigid angle could be half a turn off."""
+    """Return the ``upright`` products where a rigid angle could be half a turn off."""
     is_bent = any(loop.offset[3:]) or {"alpha", "beta", "gamma"} & loop.coordinates.keys()
-    return () if is_bent else UPRIGHT.get(loop.type, ())
+    return () if is_bent else JOINT_TYPES[loop.type].upright

@@ -450,8 +450,8 @@ class _Binder:
         for coupling in self.model.robot.couplings:
             prefix = f"couplings.{coupling.name}"
             row: dict[int, Scalar] = {place(coupling.of): 1.0}
-            for name, ratio in coupling.to.items():
-                row[place(name)] = -1.0 * self.value(f"{prefix}.ratio.{name}", ratio)
+            for name, (parameter, number, factor) in coupling.sources.items():
+                row[place(name)] = -factor * self.value(parameter, number)
             offset = self.value(f"{prefix}.offset", coupling.offset or 0.0)
             if coupling.law is None:
                 bends = {(place(one), place(other)): bend for one, other, bend in coupling.bends}

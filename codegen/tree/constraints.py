@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from eomgen.robot.cuts import Component, rigid_components
+from eomgen.robot.joint_types import Component, rigid_components
 from eomgen.robot.model import FIXED_BODY, Model
 from eomgen.robot.value import ANGULAR
 

@@ -12,7 +12,7 @@ from scipy.linalg import null_space
 import eomgen
 from benchmarks.ladder import GRAVITY, ladder, ladder_state
 from eomgen.names import joint_of
-from eomgen.robot.cuts import CUTS
+from eomgen.robot.joint_types import CUTS
 from eomgen.robot.model import build_model
 from tests.oracles.by_singular_values import ClosedLoops
 from tests.oracles.closed_mechanisms import NO_WRENCH, RANK, ROWS, SIZES, Closed, ClosedOracle, Wrench

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from eomgen.errors import InputError, LoopError, SingularError, UnknownNameError
 from eomgen.loops.redundant import Factors, Redundancy
 from eomgen.robot.coordinates import unit_of
-from eomgen.robot.cuts import CUTS, UPRIGHT
+from eomgen.robot.joint_types import CUTS, JOINT_TYPES
 from eomgen.runtime.kernel import Kernel
 from eomgen.runtime.singular import null_coordinates, singular_place
 from eomgen.shown import Shown
@@ -123,7 +123,7 @@ class ClosedLoops:
     def _refuse_turned_over(self, q: Array) -> None:
         """Products of axes vanish for opposite axes, too."""
         for (name, kind), pose in zip(self.kernel.loops.items(), self.kernel.cut_poses(q), strict=True):
-            terms = UPRIGHT.get(kind, ())
+            terms = JOINT_TYPES[kind].upright
             if terms and sum(factor * pose[i, j] for factor, i, j in terms) <= 0.0:
                 raise LoopError(
                     f"{self.kernel.name}: loop {name} closes near the guess only turned over by half a turn; allowed: a"

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eomgen.robot.cuts import CUTS
+from eomgen.robot.joint_types import CUTS
 from eomgen.robot.value import Robot
 from eomgen.runtime.kernel import Kernel
 

@@ -7,13 +7,15 @@ its coordinates are in the order of the robot's.  Springs and dampers are added 
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.peers.pinocchio_peer import coordinate_joints
-from eomgen.robot.value import COORDINATES, LINEAR, Placement, Robot
+from eomgen.robot.value import COORDINATES, LINEAR, Joint, Placement, Robot
 from tests.support.optional import OptionalModule
 
 pin = OptionalModule("pinocchio")
@@ -41,8 +43,8 @@ class PinocchioOracle:
             pose = pose * _pose(joint.placement)
             pose = pose * turn
             for name, offset in zip(COORDINATES, joint.offset, strict=True):
-                if name in joint.coordinates:
-                    at = self.model.addJoint(at, kinds[name](), pose, f"{joint.name}.{name}")
+                if name in joint.coordinates and f"{joint.name}.{name}" not in robot.followers:
+                    at = self.model.addJoint(at, _joint_model(joint, name, kinds), pose, f"{joint.name}.{name}")
                     pose = pin.SE3.Identity()
                 pose = pose * _elementary(name, offset or 0.0)
             pose = pose * turn.inverse()
@@ -56,7 +58,7 @@ class PinocchioOracle:
             at, pose = where[frame.link]
             pose = pose * _pose(frame.placement)
             self.model.addFrame(pin.Frame(f"frame {frame.name}", at, 0, pose, pin.FrameType.OP_FRAME))
-        given = [coordinate for joint in robot.joints for coordinate in joint.coordinates.values()]
+        given = [coordinate for name, coordinate in robot.coordinates.items() if name not in robot.followers]
         self.stiffness, self.damping, self.armature = (
             np.array([getattr(coordinate, key) or 0.0 for coordinate in given])
             for key in ("stiffness", "damping", "armature")
@@ -170,6 +172,13 @@ class PinocchioOracle:
             J = pin.getFrameJacobian(self.model, self.data, at, placed, pin.LOCAL_WORLD_ALIGNED)
             result += J.T @ given
         return result
+
+
+def _joint_model(joint: Joint, name: str, kinds: Mapping[str, Any]) -> Any:
+    """A joint of one coordinate; of a screw the helical one, m per radian."""
+    if joint.pitch is None or name != joint.principal:
+        return kinds[name]()
+    return pin.JointModelHelicalUnaligned(0.0, 0.0, 1.0, joint.pitch / (2 * np.pi))
 
 
 def _elementary(name: str, value: float) -> pin.SE3:

@@ -19,7 +19,7 @@ from eomgen.export.fmu.variables import UNITS, parameter_unit
 from eomgen.motion.ends import default_motion
 from eomgen.once import KEPT, kept
 from eomgen.pipeline.costs import RobotInfo
-from eomgen.robot.cuts import CUTS, Component, rigid_components
+from eomgen.robot.joint_types import CUTS, Component, rigid_components
 from eomgen.robot.model import build_model, movable_coordinates, open_tree, program_coordinates, rigid_coordinates
 from eomgen.robot.parameter_names import least_of
 from eomgen.robot.record import record_of, robot_hash, robot_of

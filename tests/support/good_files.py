@@ -102,10 +102,12 @@ springs = [{ name = "stay", links = ["base", "arm"], nodes = ["root", "tip"], st
 joints = [
     { name = "hinge", parent = "b", child = "arm", type = "revolute" },
     { name = "slides", parent = "arm", along = "beam", child = "trolley", type = "prismatic" },
+    { name = "spindle", parent = "trolley", child = "nut", type = "screw", pitch = -0.01, z = { damping = 1.0 } },
 ]
 links = [{ name = "a", mass = 2 }, { name = "b", mass = 1 }, { name = "arm", modal_damping = 0.01, beam = { \
 axis = "y", length = 0.7, E = 7e10, G = 2.6e10, density = 2700, section = { rod = 0.02 }, modes = { y = 1, \
-torsion = 1 }, nodes = { middle = 0.35 } } }, { name = "trolley", mass = 0.5 }]
+torsion = 1 }, nodes = { middle = 0.35 } } }, { name = "trolley", mass = 0.5 }, \
+{ name = "nut", mass = 0.1 }]
 [[beams]]
 name = "boom"
 parent = "base"

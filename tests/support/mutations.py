@@ -34,7 +34,7 @@ NAMES = [
     *("gamma", "prescribed", "project", "warn", "error", "links.*.mass", "*", "*.*.*", "joints", "a.urdf", "m.csv", ""),
     *("base.x", "joints.*.offset.z", "*.*", "**", "joints.*o*o*o*o*o*o*o*o*o*o*o*o*o*o*p.*.x", "frames.tcp.x", "tcp"),
     *("..", "../../etc/passwd.csv", "\0.csv", "\n", "\x1b[31m", "\u202e", "int", "*/", "%s%n", "a" * 200),
-    *("\U0001f600" * 90, "K.mtx", "lugre", "bouc_wen", "arm.npz", "tip", "root"),
+    *("\U0001f600" * 90, "K.mtx", "lugre", "bouc_wen", "arm.npz", "tip", "root", "screw"),
 ]
 NUMBERS = [0, -1, 1, 1e-320, 1e30, -1e30, 1e31, 1e308, 2**63, 2**70, -(2**2000), 0.1, 1e-12, 1e-9, 0.5, 3.14159265]
 EMPTY = [[], {}, [[]], [{}], {"": 0}, [0, 0, 0], [[0, 1], [1, 2]]]

@@ -11,8 +11,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from eomgen.robot.cuts import CUTS
 from eomgen.robot.geometry import IDENTITY
+from eomgen.robot.joint_types import CUTS
 from eomgen.robot.model import FIXED_BODY, Model, build_model
 from eomgen.robot.value import PRINCIPAL, Coordinate, Joint, Loop, Placement, Robot
 from tests.oracles.closed_mechanisms import ROWS, ClosedOracle

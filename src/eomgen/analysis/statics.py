@@ -24,6 +24,7 @@ from ..robot.elements.stiffness_center import principal_line
 from ..robot.model import tool_of
 from ..robot.parameter_names import number_of
 from ..robot.value import AXES, COORDINATES, Link, Robot, node_link
+from ..robot.value.nodes import SLIDING
 from ..runtime.by_name import wrench_rows
 from ..runtime.kernel import Kernel
 from ..shown import Plotting, Shown, scale_of
@@ -256,7 +257,7 @@ def _beam_loads(
             loads.append((float(along @ node.place), seen(name), -reactions[name]))
     for joint in robot.joints:  # behind what slides on the straight axis, a joint has what the modes do there
         name = node_link(link.name, joint.name)
-        if joint.type == "prismatic" and (joint.parent, joint.child) == (link.name, name) and name in reactions:
+        if joint.type == SLIDING and (joint.parent, joint.child) == (link.name, name) and name in reactions:
             loads.append((float(along @ seen(name)[:3, 3]), seen(robot.joint(name).child), -reactions[name]))
     return loads
 

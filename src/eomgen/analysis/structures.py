@@ -26,7 +26,7 @@ from ..pipeline.building import build
 from ..progress import Progress, tells_at_prompt
 from ..robot.coordinates import force_unit_of, index_of, unit_of
 from ..robot.model import build_model, program_coordinates, tool_of
-from ..robot.value import PRINCIPAL, Robot
+from ..robot.value import Robot
 from ..shown import Shown, prefixed
 from ..simulation.assembly import RIGID_KERNELS
 from ..simulation.controls import actuators
@@ -170,7 +170,7 @@ def _movable(robot: Robot) -> list[str]:
     if robot.is_closed:
         return list(program_coordinates(robot))
     names = build_model(robot.rigid()).coordinates
-    kinds = {joint.name: PRINCIPAL.get(joint.type) for joint in robot.joints}
+    kinds = {joint.name: joint.principal for joint in robot.joints}
     return [name for name in names if kinds[joint_of(name)] == kind_of(name)]
 
 

@@ -38,11 +38,12 @@ from ..names import (
     to_robot_name,
 )
 from ..robot.geometry import IDENTITY, ZERO, Matrix, Placement, Vector, turn_inertia
-from ..robot.value import INERTIA_KEYS, Robot
+from ..robot.joint_types import OWN_COORDINATES, PRINCIPAL
+from ..robot.value import INERTIA_KEYS, LINEAR, Robot
 from .schema_files import schema_path
 
 CONVENTIONS = ("classic", "modified")
-JOINTS = ("revolute", "prismatic", "fixed")
+JOINTS = tuple(name for name, own in OWN_COORDINATES.items() if len(own) <= 1)
 _LENGTHS, _ANGLES, _ENDS = ("a", "d"), ("alpha", "theta"), ("lower", "upper")
 _COM, _INERTIA = ("com_x", "com_y", "com_z"), tuple(f"i{key}" for key in INERTIA_KEYS)
 COLUMNS = (
@@ -206,12 +207,14 @@ def _number(where: str, cell: object) -> float:
 
 def _check_rows(rows: Sequence[_Row], place: str) -> None:
     """Raise an InputError where rows do not go together; ``place``: of the table, for messages."""
-    moving = [row for row in rows if row.type != "fixed"]
+    moving = [row for row in rows if OWN_COORDINATES[row.type]]
     if not moving or len(rows) > MOST_ENTRIES:
         raise InputError(f"{place}: has {len(rows)} rows; allowed: one and more that move, up to {MOST_ENTRIES}")
     for row in rows[:-1]:
-        if row.type == "fixed":
-            raise InputError(f"{row.where}: type: got 'fixed'; allowed: in the last row, which places the frame tcp")
+        if not OWN_COORDINATES[row.type]:
+            raise InputError(
+                f"{row.where}: type: got {row.type!r}; allowed: in the last row, which places the frame tcp"
+            )
     names = [row.joint for row in moving]
     for row in moving:
         if names.count(row.joint) > 1:
@@ -219,15 +222,17 @@ def _check_rows(rows: Sequence[_Row], place: str) -> None:
         ends = [end for end in _ENDS if end in row.numbers]
         if len(ends) == 1 or (ends and row.get("lower") > row.get("upper")):
             raise InputError(f"{row.where}: limits: allowed: lower and upper, lower <= upper, or none of them")
-        if row.type == "prismatic" and row.degrees.keys() & set(_ENDS):
-            raise InputError(f"{row.where}: a prismatic joint has limits in m; allowed: lower and upper")
+        if PRINCIPAL.get(row.type) in LINEAR and row.degrees.keys() & set(_ENDS):
+            raise InputError(f"{row.where}: a {row.type} joint has limits in m; allowed: lower and upper")
         inertial = [key for key in (*_COM, *_INERTIA) if key in row.numbers]
         if "mass" not in row.numbers and inertial:
             raise InputError(f"{row.where}: {inertial[0]} stands without mass; allowed: with it")
         missing = [key for key in _INERTIA[:3] if key not in row.numbers]
         if row.has_inertia and missing:
             raise InputError(f"{row.where}: {missing[0]} is missing; allowed: ixx, iyy and izz, or no inertia")
-    foreign = [key for row in rows if row.type == "fixed" for key in row.numbers if key not in _LENGTHS + _ANGLES]
+    foreign = [
+        key for row in rows if not OWN_COORDINATES[row.type] for key in row.numbers if key not in _LENGTHS + _ANGLES
+    ]
     if foreign:
         raise InputError(f"{rows[-1].where}: {foreign[0]} of a fixed row; allowed: a, alpha, d, theta")
 
@@ -237,7 +242,7 @@ def _check_rows(rows: Sequence[_Row], place: str) -> None:
 
 def _lines(name: str, rows: Sequence[_Row], convention: str, source: str) -> Iterator[str]:
     """Write the lines of the description."""
-    moving = [row for row in rows if row.type != "fixed"]
+    moving = [row for row in rows if OWN_COORDINATES[row.type]]
     classic = convention == "classic"
     about = "Rz(theta) Tz(d) Tx(a) Rx(alpha)" if classic else "Rx(alpha) Tx(a) Rz(theta) Tz(d)"
     yield f"#:schema ./{schema_path('robot').name}"
@@ -301,7 +306,7 @@ def _tool(moving: Sequence[_Row], rows: Sequence[_Row], classic: bool) -> Iterat
     """Write the frame tcp: of the last row of a classic table, then of the fixed row."""
     end = moving[-1]
     pose = Placement.from_dh(end.get("a"), end.get("alpha"), 0.0, 0.0) if classic else Placement()
-    if rows[-1].type == "fixed":
+    if not OWN_COORDINATES[rows[-1].type]:
         a, alpha, d, theta = (rows[-1].get(key) for key in ("a", "alpha", "d", "theta"))
         if classic:  # Rz(theta) Tz(d) and Tx(a) Rx(alpha)
             pose = _product(pose, Placement.from_dh(0.0, 0.0, d, theta))

@@ -15,7 +15,7 @@ from ..files import Reader, read_back, write_atomically
 from ..names import ROBOT_RULE, component_name, is_robot_name, joint_of, kind_of, listed, show, to_robot_name
 from ..robot.coordinates import MOTIONS, unit_of
 from ..robot.model import program_coordinates, tool_of
-from ..robot.value import PRINCIPAL, Robot
+from ..robot.value import Robot
 from ..scenario.load import load_scenario
 from ..sweep.plan import load_plan
 from .dh import Table, dh_file_text
@@ -60,7 +60,7 @@ def _scenario_lines(robot: Robot, lines: list[str]) -> list[str]:
         from ..motion.ends import default_ends  # which imports NumPy
 
         joint = robot.joint(joint_of(name))
-        key = joint.name if PRINCIPAL.get(joint.type) == kind_of(name) else f'"{name}"'
+        key = joint.name if joint.principal == kind_of(name) else f'"{name}"'
         _, goal = default_ends(robot, driven)
         goals = f"goal = {{ {key} = {float(goal[0]):.3g} }}"
         _replace(lines, "goal = ", f"{goals:<31} # {unit_of(name)}; the others stay")

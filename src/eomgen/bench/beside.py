@@ -31,7 +31,7 @@ from ..pipeline.options import Options
 from ..pipeline.stages import tools_for
 from ..progress import StageReport, no_report
 from ..robot.model import build_model, open_tree
-from ..robot.value import MOTOR, PRINCIPAL, Robot
+from ..robot.value import MOTOR, Robot
 from ..runtime.kernel import Kernel
 from ..runtime.raw import RawFunction
 from .clock import FRAME, Timed
@@ -256,13 +256,13 @@ def _inputs(robot: Robot, kernel: Kernel) -> dict[str, Array]:
         for name, coordinate in joint.all_coordinates.items():
             if name == MOTOR and joint.motor is not None:  # it turns with its joint, to which the gear is stiff
                 places = list(joint.coordinates)
-                lead = places.index(PRINCIPAL[joint.type]) - len(places)
+                lead = places.index(joint.principal) - len(places)
                 q.append(joint.motor.ratio * q[lead])
                 v.append(joint.motor.ratio * v[lead])
                 continue
             if component_name(joint.name, name) not in kernel.coordinates:  # it follows others
                 continue
-            wide = name == PRINCIPAL.get(joint.type) or joint.type == "free"
+            wide = name == joint.principal or joint.is_free
             reach = min({"beta": 1.2}.get(name, 3.0) if wide else 0.3, 100.0 / max(coordinate.stiffness or 0.0, 1e-9))
             rate = min(2.0, 100.0 / max(coordinate.damping or 0.0, 1e-9))
             q.append(rng.uniform(-reach, reach, STATES))

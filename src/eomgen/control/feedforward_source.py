@@ -125,7 +125,7 @@ class _Parts:
     def robot_of(self, what: str) -> Robot:
         """Return the robot whose coordinates are the deflections of gears without their dampers, or the rotors."""
         laws = [
-            (joint.name, "revolute", _rotor(motor)) if what == "rotors" else (joint.name, joint.type, _spring(motor))
+            (joint.name, "gamma", _rotor(motor)) if what == "rotors" else (joint.name, joint.principal, _spring(motor))
             for joint, motor in ((self.gears.joints[i], self.gears.motors[i]) for i in getattr(self, what))
         ]
         return laws_alone(f"{self.name[:39]}_{what}", self.links.base, laws)

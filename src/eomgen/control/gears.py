@@ -145,7 +145,7 @@ def gears_of(robot: Robot) -> Gears | None:
 
 def principal_of(joint: Joint) -> str:
     """Return the name of a joint's principal coordinate."""
-    return f"{joint.name}.{PRINCIPAL[joint.type]}"
+    return f"{joint.name}.{joint.principal}"
 
 
 def _check_invertible(joint: Joint) -> None:
@@ -176,13 +176,14 @@ def _deflected(robot: Robot, joints: Sequence[Joint]) -> Robot:
     laws = []
     for joint in joints:
         assert joint.motor is not None
-        laws.append((joint.name, joint.type, replace(joint.motor.transmission, limits=None, prescribed=False)))
+        laws.append((joint.name, joint.principal, replace(joint.motor.transmission, limits=None, prescribed=False)))
     return laws_alone(robot.name[:42] + "_gears", robot.base, laws)
 
 
 def laws_alone(name: str, base: str, laws: Sequence[tuple[str, str, Coordinate]]) -> Robot:
-    """Return a robot without weight whose coordinates have nothing but laws, each by the name and type of its joint."""
-    joints = tuple(Joint(x, base, x, kind, coordinates={PRINCIPAL[kind]: law}) for x, kind, law in laws)
+    """Return a robot without weight whose coordinates have laws alone, each by names of its joint and coordinate."""
+    types = {kind: name for name, kind in [*PRINCIPAL.items()][::-1]}
+    joints = tuple(Joint(x, base, x, types[kind], coordinates={kind: law}) for x, kind, law in laws)
     links = tuple(Link(joint.name, 1.0, (0.0, 0.0, 0.0), (1.0, 1.0, 1.0, 0.0, 0.0, 0.0)) for joint in joints)
     return Robot(name, (0.0, 0.0, 0.0), links, joints, base=base)
 

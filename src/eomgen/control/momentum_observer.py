@@ -36,7 +36,7 @@ from ..names import listed, nearest_or_all, show, word_in
 from ..pipeline import Options, build, generate
 from ..robot.mechanism import coordinate_of
 from ..robot.model import build_model
-from ..robot.value import PRINCIPAL, Coordinate, Robot
+from ..robot.value import Coordinate, Robot
 from ..runtime.arrays import flag, joint_lead, numbers_in
 from ..runtime.kernel import Kernel
 from . import independent
@@ -279,8 +279,7 @@ def links_alone(robot: Robot) -> Robot:
     """
     joints = []
     for joint in robot.joints:
-        principal = PRINCIPAL.get(joint.type)
-        plain = {k: Coordinate() if k == principal else c for k, c in joint.coordinates.items()}
+        plain = {k: Coordinate() if k == joint.principal else c for k, c in joint.coordinates.items()}
         joints.append(replace(joint, motor=None, coordinates=plain))
     names = {f"{joint.name}.{kind}" for joint in joints for kind in joint.coordinates}
     driven = None if robot.driven is None else tuple(dict.fromkeys(x for x in robot.driven if x in names))

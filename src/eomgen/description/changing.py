@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import compress
 from typing import Any
 
 from ..errors import DescriptionError, InputError
@@ -64,7 +65,7 @@ def with_values(robot: Robot, changes: Mapping[str, Any]) -> Robot:
     """
     if not isinstance(changes, Mapping):
         raise InputError(f"with_value: {show(changes)}; allowed: a path and a value, or a mapping from paths to values")
-    record, origin = record_of(robot, whole=True), robot
+    record, origin = _record(robot), robot
     for path, value in changes.items():
         if not isinstance(path, str) or not path:
             raise InputError(f"with_value: {show(path)} is no path; allowed: names with dots, as 'links.arm.mass'")
@@ -74,7 +75,7 @@ def with_values(robot: Robot, changes: Mapping[str, Any]) -> Robot:
             _change(record, origin, path, plain)
         else:
             origin = _with_joint_table(robot_of(record), joint, keys, plain)
-            record = record_of(origin, whole=True)
+            record = _record(origin)
     said = "; ".join(f"{path} = {show(value)}" for path, value in changes.items())
     try:
         changed = robot_from_record(record, robot.source)
@@ -89,6 +90,13 @@ def with_values(robot: Robot, changes: Mapping[str, Any]) -> Robot:
     except InputError as error:
         raise DescriptionError(f"{getattr(error, 'message', error)}", where=_where(said, error)) from None
     return changed
+
+
+def _record(robot: Robot) -> dict[str, Any]:
+    """Return the record of a robot without couplings of screws, which follow from joints."""
+    record = record_of(robot, whole=True)
+    kept = (coupling.pitch is None or coupling.is_constraint for coupling in robot.couplings)
+    return {**record, "couplings": [*compress(record["couplings"], kept)]}
 
 
 def _where(said: str, error: InputError) -> str:

@@ -30,18 +30,18 @@ from ..limits import MOST_BEAM_MODES, MOST_MODES, MOST_SEGMENTS
 from ..names import IDENTIFIER_RULE, ROBOT_RULE
 from ..robot import laws, numbers
 from ..robot.coordinates import UNITS
-from ..robot.cuts import CUTS
 from ..robot.elements import JOINT_ELEMENTS, KINDS, JointElement, LinkElement
 from ..robot.elements.joint_damping import MOVED
 from ..robot.elements.joint_element import MatrixElement
 from ..robot.elements.matrices import ABOUT
 from ..robot.geometry import Placement, Vector
 from ..robot.inertia_policy import POLICIES
+from ..robot.joint_types import CUTS, JOINT_TYPES, OWN_COORDINATES, SYNONYMS
 from ..robot.laws import POINTS
 from ..robot.memory import bouc_wen, branches, bristles
 from ..robot.memory.drives import DRIVE, LOOPS
 from ..robot.sections import SHAPES
-from ..robot.value import AXES, COORDINATES, INERTIA_KEYS, JOINT_TYPES, LINEAR, MOTOR, BeamModes
+from ..robot.value import AXES, COORDINATES, INERTIA_KEYS, LINEAR, MOTOR, BeamModes
 from .matrix_files import ENDINGS
 
 MODES_FILE = ".npz"
@@ -289,10 +289,12 @@ JOINT = Form(
         ),
         "child": Text("the link that the joint carries", needed="a link"),
         "type": Choice(
-            "revolute (principal coordinate gamma), prismatic (z), fixed (none), free (all six)",
-            needed=", ".join(JOINT_TYPES),
-            words=JOINT_TYPES,
+            ", ".join(f"{name} ({JOINT_TYPES[name].about})" for name in OWN_COORDINATES),
+            needed=", ".join(OWN_COORDINATES),
+            words=tuple(OWN_COORDINATES),
+            synonyms=SYNONYMS,
         ),
+        "pitch": Number("of a screw: z = pitch gamma / (2 pi); negative where the thread is left-handed", "m"),
         "dh": Sub("modified Denavit-Hartenberg: Rx(alpha) Tx(a) Rz(theta) Tz(d)", "m, rad", inner=DH),
         "placement": Sub("pose of the joint's frame in the parent link's", "m, rad", inner=PLACEMENT),
         **{
@@ -453,7 +455,7 @@ LOOP = Form(
         "name": Name("of the loop joint, unique", needed=IDENTIFIER_RULE),
         "links": Strings("the two links that it joins, either may be 'base'", needed=_LINKS, count=2, rule=_LINKS),
         "nodes": _NODES,
-        "type": Choice("of the loop joint", needed=", ".join(CUTS), words=tuple(CUTS)),
+        "type": Choice("of the loop joint", needed=", ".join(CUTS), words=tuple(CUTS), synonyms=SYNONYMS),
         "placements": Pair("the loop joint's frame on both links; default their frames", "m, rad", inner=PLACEMENT),
         **{
             key: Sub(

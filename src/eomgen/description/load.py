@@ -22,6 +22,7 @@ from ..robot.bounds import Limits, limits_conflict
 from ..robot.elements import KINDS, Element, Spring
 from ..robot.geometry import ZERO
 from ..robot.inertia_policy import POLICIES, Judged, apply_inertia_policy, link_sizes
+from ..robot.joint_types import OWN_COORDINATES
 from ..robot.mechanism import mechanism_conflict
 from ..robot.memory.bristles import active_above
 from ..robot.parameter_names import expand_tunable
@@ -340,7 +341,7 @@ def read_joint(name: str, entry: Table, draft: Draft, folder: Path | None) -> Jo
     parent = on_node(entry, "node", parent, entry.text("node"), draft)
     kind = entry.choice("type") or old.type
     coordinates = dict(old.coordinates) if kind == old.type else {}
-    for key in COORDINATES if kind == "free" else filter(None, [PRINCIPAL.get(kind)]):
+    for key in OWN_COORDINATES[kind]:
         coordinates.setdefault(key, Coordinate())
     for key in COORDINATES:
         table = entry.table(key)
@@ -365,9 +366,10 @@ def read_joint(name: str, entry: Table, draft: Draft, folder: Path | None) -> Jo
     made = _range(entry, Joint(name, parent, child, kind, placement, turn, coordinates, None, offset, motor), old)
     coordinates = dict(made.coordinates)
     if "stops" in entry:
-        coordinates[PRINCIPAL.get(kind, "")] = joint_stops(entry, kind, coordinates, made.range)
+        coordinates[made.principal] = joint_stops(entry, kind, coordinates, made.range)
     elements = old.elements | joint_elements(entry, coordinates, folder, draft.notes)
-    made = replace(made, coordinates=coordinates, **elements)
+    pitch = entry.number("pitch") if "pitch" in entry else old.pitch if kind == old.type else None
+    made = replace(made, coordinates=coordinates, pitch=pitch, **elements)
     return on_beam(entry, made, draft) if entry.choice("along") else made
 
 
@@ -398,7 +400,7 @@ def _beside(table: Table, folder: Path | None) -> Callable[[str], str]:
 
 def _range(entry: Table, made: Joint, old: Joint) -> Joint:
     """Return the joint with its principal coordinate's range: of ``limits``, of its table, or of the URDF."""
-    short, principal = entry.numbers("limits"), PRINCIPAL.get(made.type, "")
+    short, principal = entry.numbers("limits"), made.principal
     if short is not None and not principal:
         entry.fail(f"a {made.type} joint has no principal coordinate; allowed for: {', '.join(PRINCIPAL)}", "limits")
     if short is not None and short[0] > short[1]:

@@ -9,7 +9,7 @@ from pathlib import Path
 from ..forms.keys import ByName
 from ..forms.tables import Pair, Table
 from ..names import show
-from ..robot.cuts import CUTS
+from ..robot.joint_types import CUTS
 from ..robot.value import COORDINATES, Coordinate, Coupling, Loop
 from .forces import ReadText, joint_elements, read_coordinate, read_placement
 from .keys import CUT_COORDINATE

@@ -15,20 +15,16 @@ from ..limits import LARGEST, MOST_ENTRIES
 from ..names import component_name, is_robot_name, listed, nearest, show, to_robot_name, unique_identifiers
 from ..robot.bounds import Limits
 from ..robot.geometry import IDENTITY, ZERO, Matrix, Vector, axis_turn, turn_inertia
+from ..robot.joint_types import JOINT_TYPES
 from ..robot.laws import SMOOTHING
-from ..robot.value import COORDINATES, PRINCIPAL, Coordinate, Coupling, Friction, Joint, Link, Placement
+from ..robot.value import Coordinate, Coupling, Friction, Joint, Link, Placement
 from .draft import Draft, spot
 from .xml_text import NUMBER, Xml, parse_xml
 
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
 
-TYPES = {
-    "revolute": "revolute",
-    "continuous": "revolute",
-    "prismatic": "prismatic",
-    "fixed": "fixed",
-    "floating": "free",
+TYPES = {word: name for name, kind in JOINT_TYPES.items() for word in kind.urdf} | {
     "planar": "revolute",  # with x and y
 }
 IN_PLANE = ("x", "y", "gamma")  # coordinates of a planar joint, about and across its axis
@@ -183,13 +179,13 @@ class _Reader:
         if kind == "planar":
             turn, coordinates = self._axis(element, where), {key: Coordinate() for key in IN_PLANE}
             self.planar.append(name)
-        elif TYPES[kind] in PRINCIPAL:
+        elif (own := JOINT_TYPES[TYPES[kind]]).principal:
             turn = self._axis(element, where)
             dynamics = self._dynamics(element, where, name)
             limits, drive = self._limits(element, where, name, ranged=kind != "continuous")
-            coordinates = {PRINCIPAL[TYPES[kind]]: replace(dynamics, limits=drive or None)}
-        elif kind == "floating":
-            coordinates = {key: Coordinate() for key in COORDINATES}
+            coordinates = {own.principal: replace(dynamics, limits=drive or None)}
+        else:
+            coordinates = {key: Coordinate() for key in own.coordinates or ()}
         mimic = self._only(element, "mimic", where)
         if mimic is not None:
             self.mimics[name] = mimic
@@ -199,19 +195,19 @@ class _Reader:
         """Couple a joint that follows another: value = multiplier * that of the other + offset."""
         self.written[f"couplings.{name}"] = self.at = element
         where = f"joint {show(name)}, <mimic>"
-        kind = PRINCIPAL.get(self.draft.joints[name].type)
+        kind = self.draft.joints[name].principal
         text = element.get("joint", "")
         multiplier = self._number(element, "multiplier", where, 1.0)
         offset = self._number(element, "offset", where, 0.0)
-        if text not in names or names[text] in self.planar or self.draft.joints[names[text]].type not in PRINCIPAL:
+        if text not in names or names[text] in self.planar or not self.draft.joints[names[text]].principal:
             what = "has no coordinate to follow" if text in names else f"is not there{nearest(text, names)}"
             self.mended.append((element, f"{where}: the joint {show(text)} {what}; it is read as independent"))
             return
-        if kind is None or name in self.planar:
+        if not kind or name in self.planar:
             self.unmoved.append(name)
             return
         other = self.draft.joints[names[text]]
-        to = {component_name(other.name, PRINCIPAL[other.type]): multiplier}
+        to = {component_name(other.name, other.principal): multiplier}
         self.draft.couplings[name] = Coupling(name, component_name(name, kind), to, offset or None)
 
     def _end(self, element: Element, end: str, where: str, links: dict[str, str]) -> str:

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..description.mjcf.poses import about
-from ..robot.cuts import CUTS
+from ..robot.joint_types import CUTS
 from ..robot.laws import active_laws
 from ..robot.value import COORDINATES, Coordinate, Coupling, Loop, Robot
 

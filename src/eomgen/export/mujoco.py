@@ -36,7 +36,6 @@ from ..robot.value import (
     ANGULAR,
     COORDINATES,
     MOTOR,
-    PRINCIPAL,
     Coordinate,
     Friction,
     Joint,
@@ -356,7 +355,7 @@ def _add_tendons(root: ElementTree.Element, robot: Robot, bodies: Bodies) -> Non
         transmission = joint.motor.transmission
         values = {"name": f"{joint.name}.transmission", "springlength": "0", **spring_values(transmission)}
         tendon = ElementTree.SubElement(tendons, "fixed", values)
-        ends = ((MOTOR, 1.0 / joint.motor.ratio), (PRINCIPAL[joint.type], -1.0))
+        ends = ((MOTOR, 1.0 / joint.motor.ratio), (joint.principal, -1.0))
         for name, coefficient in ends:
             ElementTree.SubElement(tendon, "joint", joint=component_name(joint.name, name), coef=repr(coefficient))
     for spring in springs:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar, NoReturn, Protocol
 
 from ..limits import LARGEST, MOST_ENTRIES
@@ -29,7 +29,6 @@ from ..names import (
     to_robot_name,
 )
 
-SYNONYMS = {"continuous": "revolute", "hinge": "revolute", "slide": "prismatic", "floating": "free"}
 Json = dict[str, Any]
 
 
@@ -207,14 +206,15 @@ class FileName(Text):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Choice(Text):
-    """One of a few words."""
+    """One of a few words; ``synonyms``: what other words mean, of which a message reminds."""
 
     words: Sequence[str] = ()
+    synonyms: Mapping[str, str] = field(default_factory=dict)
 
     def take(self, table: Place, key: str, value: Any) -> str:
         word = super().take(table, key, value)
         if word not in self.words:
-            near = SYNONYMS.get(word)
+            near = self.synonyms.get(word)
             hint = f"; did you mean {near!r}?" if near in self.words else nearest(word, self.words)
             table.fail(f"got {show(word)}{hint} (allowed: {', '.join(self.words)})", key)
         return word

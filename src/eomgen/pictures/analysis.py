@@ -127,9 +127,7 @@ def plot_mode_shapes(
     lines = [(capsule.link, np.stack([capsule.begin, capsule.end])) for capsule in capsules(robot)]
     bent = bent_axes(robot)
     on_beams = slides_along_beams(robot)
-    slides = [
-        x for x in robot.joints if x.type == "prismatic" and x not in on_beams
-    ]  # between their links there is no capsule
+    slides = [x for x in robot.joints if x.slides and x not in on_beams]  # between their links there is no capsule
 
     def lines_of(q: Array) -> list[Array]:
         """Return the points of all lines, (P, 3) each, m: two of those that are straight."""

@@ -15,7 +15,7 @@ from ..progress import Progress, no_progress, tells_at_prompt
 from ..robot.coordinates import UNITS
 from ..robot.laws import number_texts
 from ..robot.model import build_model
-from ..robot.value import MOTOR, PRINCIPAL, Coordinate, Robot
+from ..robot.value import MOTOR, Coordinate, Robot
 from ..simulation.balance import TERMS
 from ..simulation.result import SimulationResult, simulated_robot
 from .page_figures import figures_of
@@ -113,8 +113,8 @@ def _coordinate_table(robot: Robot) -> Table:
         for name, coordinate in joint.all_coordinates.items():
             motor = joint.motor if name == MOTOR else None
             spring = motor.transmission if motor else coordinate
-            role = "principal" if name == PRINCIPAL.get(joint.type) else "motor" if motor else "deviation"
-            role = "prescribed" if coordinate.prescribed else "free" if joint.type == "free" else role
+            role = "principal" if name == joint.principal else "motor" if motor else "deviation"
+            role = "prescribed" if coordinate.prescribed else "free" if joint.is_free else role
             law = _law(coordinate) if motor is None else f"ratio {motor.ratio:.6g}, rotor {_law(coordinate)}"
             label = component_name(joint.name, name)
             unit = UNITS[name]

@@ -20,6 +20,7 @@ from ..names import component_name, show
 from ..robot.coordinates import index_of
 from ..robot.mechanism import follower_positions
 from ..robot.value import COORDINATES, LINEAR, Joint, Placement, Robot, node_link
+from ..robot.value.nodes import SLIDING
 from ..runtime.kernel import Kernel
 from ..simulation.result import SimulationResult
 
@@ -213,7 +214,7 @@ def capsules(robot: Robot, axes: Sequence[BentAxis] | None = None) -> tuple[Caps
 
 def slides_along_beams(robot: Robot) -> tuple[Joint, ...]:
     """Joints that slide along beams that bend: behind each stands a place that modes move, of the name of its child."""
-    return tuple(joint for joint in robot.joints if joint.type == "prismatic" and joint.child in robot.nodes)
+    return tuple(joint for joint in robot.joints if joint.type == SLIDING and joint.child in robot.nodes)
 
 
 def bent_axes(robot: Robot) -> tuple[BentAxis, ...]:

@@ -17,7 +17,6 @@ from ..robot.model import Model
 from ..robot.value import (
     CUT_NUMBERS,
     MOTOR,
-    PRINCIPAL,
     Coordinate,
     Coupling,
     Joint,
@@ -137,7 +136,7 @@ class RobotInfo:
                 lines.append(f"{label:<30} {texts[0]:>12}{texts[1]:>12}{texts[2]:>12}{role}")
                 further = number_texts({**(spring.law() if motor else {}), **coordinate.law()})
                 if motor is not None:
-                    further.insert(0, f"drives {body.joint}.{PRINCIPAL[joint.type]}, ratio {motor.ratio:.6g}")
+                    further.insert(0, f"drives {body.joint}.{joint.principal}, ratio {motor.ratio:.6g}")
                 further += limit_texts(joint.limits_of(name), UNITS[name])
                 lines += [f"  {', '.join(further)}"] if further else []
             for table, element in joint.elements.items():

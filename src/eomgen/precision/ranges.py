@@ -13,7 +13,7 @@ from ..errors import InputError, UnknownNameError, check_kind
 from ..names import component_name, joint_of, kind_of, parameter_name, show
 from ..robot.mechanism import position_limits
 from ..robot.model import Model
-from ..robot.value import ANGULAR, MOTOR, PRINCIPAL
+from ..robot.value import ANGULAR, MOTOR
 from .intervals import Array, Interval
 
 Range = tuple[float, float]
@@ -55,7 +55,7 @@ def _kind(model: Model, name: str) -> str:
     joint, kind = model.robot.joint(joint_of(name)), kind_of(name)
     if kind == MOTOR:
         return "angle"
-    if joint.type in PRINCIPAL and kind != PRINCIPAL[joint.type]:
+    if joint.principal and kind != joint.principal:
         return "deviation"
     return "angle" if kind in ANGULAR else "length"
 
@@ -126,7 +126,7 @@ def deflections(model: Model, ranges: Mapping[str, Sequence[float]]) -> tuple[De
     places = {name: place for place, name in enumerate(model.coordinates)}
     found = []
     for joint in model.robot.joints:
-        motor, name = component_name(joint.name, MOTOR), component_name(joint.name, PRINCIPAL.get(joint.type, ""))
+        motor, name = component_name(joint.name, MOTOR), component_name(joint.name, joint.principal)
         if joint.motor is None or motor not in places or name not in places:
             continue
         given = ranges.get(f"{DEFLECTION}:{joint.name}")

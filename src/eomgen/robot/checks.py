@@ -12,8 +12,9 @@ from ..errors import DescriptionError
 from ..names import show
 from .bounds import limits_conflict
 from .geometry import Matrix, Placement
+from .joint_types import OWN_COORDINATES
 from .parameter_names import least_of
-from .value import COORDINATES, JOINT_TYPES, PRINCIPAL, Joint, Robot, sensor_conflict
+from .value import COORDINATES, Joint, Robot, sensor_conflict
 
 _TURNED = 1e-6  # that a rotation's R R^T may be off the identity: some decimals of a text
 
@@ -61,11 +62,11 @@ def check_values(robot: Robot) -> None:
 
 def _check_joint(robot: Robot, joint: Joint) -> None:
     where = f"joints.{joint.name}"
-    if joint.type not in JOINT_TYPES:
-        _fail(robot, f"{where}.type", f"got {show(joint.type)}; allowed: {', '.join(JOINT_TYPES)}")
+    if joint.type not in OWN_COORDINATES:
+        _fail(robot, f"{where}.type", f"got {show(joint.type)}; allowed: {', '.join(OWN_COORDINATES)}")
     if len(joint.offset) != len(COORDINATES):
         _fail(robot, f"{where}.offset", f"got {len(joint.offset)} numbers; allowed: {len(COORDINATES)}")
-    if joint.limits is not None and joint.type not in PRINCIPAL:
+    if joint.limits is not None and not joint.principal:
         _fail(robot, f"{where}.limits", f"a {joint.type} joint has no principal coordinate; allowed: none")
     for name in joint.all_coordinates:
         conflict = limits_conflict(joint.limits_of(name))

@@ -10,9 +10,11 @@ import math
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
+from ..limits import LARGEST
 from ..names import joint_of, kind_of, listed, nearest, show
 from .bounds import Limits
 from .coordinates import coordinate_names, unit_of
+from .joint_types import JOINT_TYPES, OWN_COORDINATES
 from .laws import states_of
 from .memory.drives import DRIVE, has_drive
 from .rules import cut_conflict
@@ -21,7 +23,6 @@ from .value import (
     ANGULAR,
     LINEAR,
     MOTOR,
-    PRINCIPAL,
     Coordinate,
     Coupling,
     Robot,
@@ -41,6 +42,7 @@ def mechanism_conflict(robot: Robot) -> Refused | None:
 
 
 def _refusals(robot: Robot, known: tuple[str, ...]) -> Iterator[Refused]:
+    yield from _pitch_refusals(robot)
     yield from _drive_refusals(robot, known)
     yield from _home_refusals(robot, known)
     for coupling in robot.couplings:
@@ -50,6 +52,31 @@ def _refusals(robot: Robot, known: tuple[str, ...]) -> Iterator[Refused]:
     if contradiction is not None:
         allowed = "rigid couplings of different coordinates that do not contradict each other"
         yield f"couplings.{contradiction[0].name}", f"{contradiction[1]}; allowed: {allowed}"
+
+
+def _pitch_refusals(robot: Robot) -> Iterator[Refused]:
+    """Refuse screws without a pitch, a pitch of other joints, and screws whose own coordinates do not both move."""
+    taken = {coupling.name for coupling in robot.couplings if coupling.pitch is None}
+    able = [name for name, kind in JOINT_TYPES.items() if kind.has_pitch]
+    for joint in robot.joints:
+        where, has_pitch = f"joints.{joint.name}", joint.type in able
+        if joint.pitch is None and not has_pitch:
+            continue
+        if joint.pitch is None or not has_pitch:
+            message = f"a {joint.type} joint has no pitch" if joint.pitch is not None else "the key 'pitch' is missing"
+            yield f"{where}.pitch", f"{message}; allowed: m per revolution, for {listed(able)}"
+        elif not 1.0 / LARGEST <= abs(joint.pitch) <= LARGEST:
+            allowed = "a finite number that is not 0, m per revolution (a revolute joint has no lead)"
+            yield f"{where}.pitch", f"got {show(joint.pitch)}; allowed: {allowed}"
+        for coupling in robot.couplings:
+            if coupling.pitch is not None and joint_of(coupling.of) == joint.name and coupling.name in taken:
+                message = f"its z follows gamma by a coupling of the name {coupling.name}, which is taken"
+                yield where, f"{message}; allowed: another name of either"
+        for name in OWN_COORDINATES[joint.type] if has_pitch else ():
+            if name not in joint.coordinates:
+                yield f"{where}.{name}", f"it is locked, and z follows gamma in a {joint.type}; allowed: that both move"
+            elif name != joint.principal and joint.coordinates[name].prescribed:
+                yield f"{where}.{name}", f"it follows {joint.principal}; allowed: a prescribed {joint.principal}"
 
 
 def _drive_refusals(robot: Robot, known: tuple[str, ...]) -> Iterator[Refused]:
@@ -150,7 +177,7 @@ def driven_coordinates(robot: Robot, coordinates: Iterable[str]) -> list[str]:
     if robot.driven is not None:
         drives = {drive_of(robot, leading_coordinate(robot, name)) for name in robot.driven}
         return [name for name in coordinates if name in drives]
-    principal = [f"{joint.name}.{PRINCIPAL[joint.type]}" for joint in robot.joints if PRINCIPAL.get(joint.type)]
+    principal = [f"{joint.name}.{joint.principal}" for joint in robot.joints if joint.principal]
     drives = {drive_of(robot, name) for name in principal}
     drives -= {coupling.of for coupling in robot.couplings if coupling.law is None}
     return [name for name in coordinates if name in drives and not coordinate_of(robot, name).prescribed]
@@ -183,7 +210,7 @@ def follower_limits(robot: Robot, name: str) -> tuple[float, float]:
     for follower, share in _leaders(robot).items():
         joint = robot.joint(joint_of(follower))
         ratio = share.get(name, 0.0)
-        if len(share) > 1 or ratio == 0.0 or PRINCIPAL.get(joint.type) != kind_of(follower):
+        if len(share) > 1 or ratio == 0.0 or joint.principal != kind_of(follower):
             continue
         ends = sorted((x - offsets[follower]) / ratio for x in joint.range)
         low, high = max(low, ends[0]), min(high, ends[1])
@@ -198,7 +225,7 @@ def position_limits(robot: Robot, name: str) -> tuple[float, float] | None:
     if name in robot.modal_coordinates:
         return None
     joint = robot.joint(joint_of(name))
-    if PRINCIPAL.get(joint.type) != kind_of(name):
+    if joint.principal != kind_of(name):
         return None
     low, high = joint.range
     least, most = follower_limits(robot, name)
@@ -209,7 +236,7 @@ def following_text(robot: Robot, name: str) -> str:
     """Say which coordinates one follows, by its name or, where it is principal, its joint's; "" where it is none."""
     for follower, coupling in robot.followers.items():
         joint = robot.joint(joint_of(follower))
-        if name == follower or (name == joint.name and PRINCIPAL.get(joint.type) == kind_of(follower)):
+        if name == follower or (name == joint.name and joint.principal == kind_of(follower)):
             leaders = listed(list(coupling.to)) or "nothing that moves"
             return f"{follower} follows {leaders} by the coupling {coupling.name} and is no independent coordinate"
     return ""
@@ -260,7 +287,7 @@ def effort_of(robot: Robot, name: str) -> float | None:
     joint, kind = robot.joint(joint_of(name)), kind_of(name)
     limits = joint.limits_of(kind)
     if kind == MOTOR and joint.motor is not None:
-        at_joint = Limits(effort=joint.limits_of(PRINCIPAL[joint.type]).effort)
+        at_joint = Limits(effort=joint.limits_of(joint.principal).effort)
         limits = limits.within(at_joint.behind(1.0 / joint.motor.ratio))
     return limits.effort
 
@@ -270,4 +297,4 @@ def drive_of(robot: Robot, name: str) -> str:
     if name in robot.modal_coordinates:
         return name
     joint = robot.joint(joint_of(name))
-    return f"{joint.name}.{MOTOR}" if joint.motor is not None and kind_of(name) == PRINCIPAL[joint.type] else name
+    return f"{joint.name}.{MOTOR}" if joint.motor is not None and kind_of(name) == joint.principal else name

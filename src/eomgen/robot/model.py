@@ -29,10 +29,10 @@ from ..names import (
 )
 from ..once import kept
 from .coordinates import coordinate_names
-from .cuts import CUTS, rigid_components
 from .elements import MATRICES
 from .elements.joint_element import missing_table
 from .geometry import JointFacts
+from .joint_types import CUTS, rigid_components
 from .laws import ARMATURE, states_of
 from .mechanism import coordinate_of, driven_coordinates, leading_home, mechanism_conflict, position_limits
 from .memory.drives import DRIVE
@@ -40,7 +40,7 @@ from .memory.states import OwnedState
 from .numbers import Conflict
 from .parameter_names import following_modes, number_of
 from .rules import coordinate_conflict, cut_conflict, motor_conflict, unmoved
-from .value import ANGULAR, COORDINATES, LINEAR, MOTOR, PRINCIPAL, Coordinate, Coupling, Joint, Loop, Robot
+from .value import ANGULAR, COORDINATES, LINEAR, MOTOR, Coordinate, Coupling, Joint, Loop, Robot
 
 FIXED_BODY = -1  # links on the base without a moving joint
 
@@ -221,7 +221,7 @@ class Model:
     @property
     def principal(self) -> tuple[int, ...]:
         """Indices of the coordinates that are their joints' principal ones."""
-        kinds = {joint.name: PRINCIPAL.get(joint.type) for joint in self.robot.joints}
+        kinds = {joint.name: joint.principal for joint in self.robot.joints}
         return tuple(
             body.first + place
             for body in self.bodies
@@ -273,7 +273,7 @@ class Model:
 
     def _turns(self, body: Body, coupled: set[str]) -> bool:
         joint, plain = self.robot.joint(body.joint), Coordinate()
-        if body.active != (COORDINATES if joint.type == "free" else ANGULAR):
+        if body.active != (COORDINATES if joint.is_free else ANGULAR):
             return False
         if joint.motor is not None or any(not element.is_isotropic for element in joint.elements.values()):
             return False

@@ -21,7 +21,7 @@ FORMS = (
     "gravity[.x], links.LINK.mass, links.LINK.com[.x] (or inertia[.xx], modes.1.stiffness), "
     "joints.JOINT.COORDINATE.stiffness (or damping, armature), joints.JOINT.offset[.x], "
     "joints.JOINT.stiffness.x.beta (or damping, damping.linear), "
-    "joints.JOINT.motor.inertia (or ratio), "
+    "joints.JOINT.motor.inertia (or ratio), joints.JOINT.pitch, "
     "joints.JOINT.placement.xyz[.0] (or rpy), frames.FRAME.placement.xyz[.0] (or rpy), "
     "loops.LOOP.COORDINATE.stiffness (or damping), loops.LOOP.offset[.x], "
     "loops.LOOP.placements[.0.xyz.0] (or rpy), couplings.COUPLING.ratio[.JOINT.COORDINATE], "
@@ -40,7 +40,7 @@ FAMILIES: Mapping[str, Mapping[str, Number]] = MappingProxyType(  # of forces, w
     | {family: x.NUMBERS for x in JOINT_ELEMENTS.values() for family in x.FAMILIES.values()}
     | {table: x.NUMBERS for table, x in KINDS.items()}
 )
-_OF_JOINTS = ("offset", "placement")
+_OF_JOINTS = ("offset", "pitch", "placement")
 BODY = ("mass", "com", "inertia")  # of a link
 OF_MODES = ("beam", "modal_damping")  # what modes of a link follow from
 _LONG = 1000  # characters of a name that no parameter has which are looked at for a hint

@@ -332,7 +332,7 @@ def _assumptions(robot: Robot, loose: tuple[str, ...], scenario: Scenario, assem
     undisturbed = programmed and computed and not scenario.wrenches and not scenario.payloads
     if undisturbed and assembly.facts.is_rigid:
         notes.append("no joint has a deviation: the tool's tracking error is the integration's error")
-    free = [joint.name for joint in robot.joints if joint.type == "free"]
+    free = [joint.name for joint in robot.joints if joint.is_free]
     if free and programmed and not robot.is_closed:
         notes.append(f"free joint {', '.join(free)}: fixed where it is by drives on all its six coordinates")
     motors = [component_name(joint.name, MOTOR) for joint in robot.joints if joint.motor]

@@ -16,8 +16,8 @@ from eomgen.errors import DescriptionError, InputError, LoopError
 from eomgen.integration.solve import integrate
 from eomgen.pipeline.options import Options
 from eomgen.pipeline.stages import make_source
-from eomgen.robot.cuts import CUTS
 from eomgen.robot.geometry import IDENTITY
+from eomgen.robot.joint_types import CUTS
 from eomgen.robot.model import build_model
 from eomgen.robot.value import COORDINATES, Coordinate, Frame, Joint, Link, Loop, Placement, Robot
 from tests.oracles.complex_step import complex_jacobian

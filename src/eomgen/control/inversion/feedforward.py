@@ -15,7 +15,7 @@ from ...pipeline.building import build
 from ...progress import StageReport
 from ...robot.coordinates import index_of
 from ...robot.model import program_coordinates
-from ...robot.value import MOTOR, PRINCIPAL, Robot
+from ...robot.value import MOTOR, Robot
 from ...runtime.kernel import Kernel
 from ...scenario.load import as_scenario
 from ..feedforward_result import FeedForward, left_out
@@ -78,7 +78,7 @@ def _with_smooth_friction(
     robot: Robot, program: Any, span: float, smoothing: float | None
 ) -> tuple[Robot, dict[str, float]]:
     """Return the robot whose friction at links behind motors reverses over a velocity, and these by coordinate."""
-    behind = [f"{joint.name}.{PRINCIPAL[joint.type]}" for joint in robot.joints if joint.motor is not None]
+    behind = [f"{joint.name}.{joint.principal}" for joint in robot.joints if joint.motor is not None]
     if not behind:
         return robot, {}
     names = program_coordinates(robot)

@@ -142,7 +142,7 @@ def check_carriers(draft: Draft) -> None:
         if link is not None and link.modes is not None and not joint.coordinates:
             message = f"it bends, and joint {show(joint.name)} is rigid"
             draft.fail(f"links.{link.name}", f"{message}; allowed: behind a joint that moves")
-        if joint.child in draft.free_modes and joint.type != "free":
+        if joint.child in draft.free_modes and not joint.is_free:
             message = f"these are modes of a free link, and joint {show(joint.name)} is {joint.type}"
             draft.fail(
                 f"links.{joint.child}.modes",

@@ -111,7 +111,7 @@ def _group(joints: Sequence[Moving]) -> Group | None:
         return None
     hint = tuple(joint.name.rpartition(".")[2] for joint in joints)
     choices = [first + second for first in combinations(LINEAR, slides) for second in combinations(ANGULAR, hinges)]
-    last = PRINCIPAL["revolute"] if hinges else PRINCIPAL["prismatic"]
+    last = "gamma" if hinges else "z"
     for names in sorted(choices, key=lambda names: (names != hint, names[-1] != last)):
         turn = _triad(names, [joint.axis for joint in joints])
         if turn is not None:

@@ -23,7 +23,7 @@ from eomgen.robot.memory.drives import input_of
 from eomgen.robot.model import FIXED_BODY, Model
 from eomgen.robot.parameter_names import FAMILIES, leasts, number_of
 from eomgen.robot.rules import ROTORS
-from eomgen.robot.value import LINEAR, MOTOR, PRINCIPAL, Robot
+from eomgen.robot.value import LINEAR, MOTOR, Robot
 from eomgen.runtime.stepping.options import LEAST
 
 BASE = {  # exponents of SI base units, and of rad
@@ -299,10 +299,12 @@ def parameter_unit(robot: Robot, name: str) -> str:
         return _coupling_unit(robot, parts)
     if parts[2] in ("placement", "placements") or (number is None and parts[0] in KINDS):
         return "rad" if "rpy" in parts[3:5] else "m"
+    if parts[2] == "pitch":
+        return "m"
     if parts[2] == "offset":
         return "m" if parts[3] in LINEAR else "rad"
     of_motor = parts[0] == "joints" and parts[2] == MOTOR
-    linear = PRINCIPAL[robot.joint(parts[1]).type] in LINEAR if of_motor else parts[2] in LINEAR
+    linear = robot.joint(parts[1]).principal in LINEAR if of_motor else parts[2] in LINEAR
     if number is None:  # of a motor
         return {"inertia": "kg.m2", "ratio": "rad/m" if linear else "1"}[parts[3]]
     at_shaft = parts[2] == MOTOR and parts[3] in ROTORS

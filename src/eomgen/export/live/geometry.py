@@ -13,7 +13,7 @@ from ...arrays import Array
 from ...pictures.framing import drawn_points, framed, up_of
 from ...pictures.scene import SLENDER, BentAxis, bent_axes, extent, slides_along_beams
 from ...pictures.shapes import Shape, bare_capsules, urdf_shapes
-from ...robot.value import Robot
+from ...robot.value import LINEAR, Robot
 
 FIELD_OF_VIEW = np.radians(38.0)
 MOST_MESH = 24 << 20  # bytes of all meshes of a page; more would take long to open
@@ -108,11 +108,12 @@ def _drums(robot: Robot, radius: float) -> list[dict[str, Any]]:
     drums = []
     on_beams = slides_along_beams(robot)
     for joint in robot.joints:
-        if joint.type not in ("revolute", "prismatic") or joint in on_beams:
+        if not joint.principal or joint in on_beams:
             continue
         axis = np.array(joint.axis_turn)[:, 2]
-        slides = joint.type == "prismatic"
-        drums.append({"link": joint.child, "axis": axis.tolist(), "slides": slides, "radius": radius})
+        drums.append(
+            {"link": joint.child, "axis": axis.tolist(), "slides": joint.principal in LINEAR, "radius": radius}
+        )
     return drums
 
 
@@ -126,5 +127,5 @@ def _rods(robot: Robot, radius: float) -> list[dict[str, Any]]:
             "radius": 0.6 * radius,
         }
         for joint in robot.joints
-        if joint.type == "prismatic" and joint not in on_beams
+        if joint.slides and joint not in on_beams
     ]

@@ -19,8 +19,8 @@ from ...files import PAGE_ENDING, check_ending, write_atomically
 from ...names import component_name, joint_of
 from ...pictures.scene import bent_axes, extent, placed, turned
 from ...robot.coordinates import unit_of
-from ...robot.cuts import rigid_components
 from ...robot.geometry import ANGULAR, COORDINATES
+from ...robot.joint_types import rigid_components
 from ...robot.model import Model, build_model
 from ...robot.value import Joint, Loop, Robot, SlidingShapes
 from ...runtime.turning import rotation

@@ -20,7 +20,8 @@ from ...files import check_ending, write_atomically
 from ...forms.toml_text import read_text
 from ...names import unique_identifiers
 from ...robot.bounds import Limits
-from ...robot.value import PRINCIPAL, Coordinate, Joint, Robot
+from ...robot.joint_types import JOINT_TYPES, OWN_COORDINATES
+from ...robot.value import Coordinate, Joint, Robot
 from ...runtime.inverse_kinematics.rotations import rpy_of
 from ..geometry.rotations import pose_from, pose_of
 from ..geometry.stations import chain_of, located, matrix_of
@@ -34,7 +35,6 @@ if TYPE_CHECKING:
 _FAR = 1e3  # m or rad, of the end of a range that the description leaves open
 _NONE = 1e6  # effort and velocity, which other readers need, where the description has none
 _CLOSE = 1e-9  # m or rad, by which frames of what was written may be off when it is read again
-_TYPES = {"revolute": "revolute", "prismatic": "prismatic", "fixed": "fixed", "free": "floating"}
 
 
 def write_urdf(fitted: FittedParameters, target: Path) -> Path:
@@ -117,9 +117,9 @@ def _set_origin(element: Element, joint: Joint) -> None:
     if not offset.any() and element.find("origin") is not None:
         return
     _put(element, "origin", xyz=_numbers(pose[:3, 3]), rpy=_numbers(rpy_of(pose[:3, :3])))
-    if joint.type in PRINCIPAL:
+    if joint.principal:
         along = turn[:3, :3] @ np.array([0.0, 0.0, 1.0])
-        if joint.type == "prismatic":  # moves along z before it turns
+        if joint.slides:  # moves along z before it turns
             along = turn[:3, :3] @ pose_from(offset)[:3, :3].T @ np.array([0.0, 0.0, 1.0])
         _put(element, "axis", xyz=_numbers(along))
 
@@ -170,25 +170,27 @@ def _plain(robot: Robot) -> Element:
             moments = dict(zip(("ixx", "iyy", "izz", "ixy", "ixz", "iyz"), map(repr, link.inertia), strict=True))
             _add(inertial, "inertia", **moments)
     for joint in robot.joints:
-        kind = PRINCIPAL.get(joint.type)
-        further = [name for name in joint.coordinates if name != kind and joint.type != "free"]
+        kind, own = joint.principal, JOINT_TYPES[joint.type]
+        further = [name for name in joint.coordinates if name not in OWN_COORDINATES[joint.type]]
+        words = own.urdf
+        if not words:
+            known = ", ".join(word for kind in JOINT_TYPES.values() for word in kind.urdf)
+            raise InputError(f"{robot.name}: {joint.name} is a {joint.type}; allowed in a URDF: {known}")
         if _is_planar(joint):
-            further, kind = [], None
+            further, kind, words = [], "", ("planar",)
         if further:
             raise InputError(
                 f"{robot.name}: {joint.name}.{further[0]} is active; allowed in a URDF: principal coordinates alone"
             )
-        limits = joint.limits_of(kind) if kind is not None else Limits()
+        limits = joint.limits_of(kind) if kind else Limits()
         bounded = any(map(math.isfinite, limits.range))
-        word = _TYPES[joint.type] if bounded or joint.type != "revolute" else "continuous"
-        word = "planar" if kind is None and joint.type == "revolute" else word
-        element = _add(root, "joint", name=joint.name, type=word)
+        element = _add(root, "joint", name=joint.name, type=words[0 if bounded else -1])
         _add(element, "parent", link=joint.parent)
         _add(element, "child", link=joint.child)
-        if kind is not None and (limits or joint.type == "prismatic"):
+        if kind and (limits or joint.slides):
             low, high = limits.range
             drive = {"effort": repr(limits.effort or _NONE), "velocity": repr(limits.velocity or _NONE)}
-            if bounded or joint.type == "prismatic":
+            if bounded or joint.slides:
                 drive |= {"lower": repr(max(low, -_FAR)), "upper": repr(min(high, _FAR))}
             _add(element, "limit", **drive)
     return root

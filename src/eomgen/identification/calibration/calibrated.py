@@ -12,7 +12,7 @@ from ...names import component_name, parameter_name
 from ...robot.elements.joint_stiffness import JOINT_STIFFNESS, JointStiffness
 from ...robot.elements.matrices import PAIRS, entry_name, matrix_conflict
 from ...robot.elements.matrices import matrix_of as rows_of
-from ...robot.value import COORDINATES, MOTOR, PRINCIPAL, Coordinate, Frame, Joint, Loop, Motor, Placement, Robot
+from ...robot.value import COORDINATES, MOTOR, Coordinate, Frame, Joint, Loop, Motor, Placement, Robot
 from ...runtime.inverse_kinematics.rotations import rpy_of
 from ..geometry.error_model import FRAMES, JOINTS, LOOPS, SECOND, TILT
 from ..geometry.rotations import pose_from, pose_of
@@ -128,7 +128,7 @@ def matrix_of_joint(joint: Joint | Loop, values: Mapping[str, float]) -> JointSt
     names = [name for name in COORDINATES if name in joint.coordinates]
     if not fitted or not ends.issubset(names) or not all(np.isfinite(x) for x in fitted.values()):
         return None
-    if isinstance(joint, Joint) and joint.motor is not None and PRINCIPAL.get(joint.type) in ends:
+    if isinstance(joint, Joint) and joint.motor is not None and joint.principal in ends:
         return None  # its transmission's stiffness is in the entry
     if any(joint.coordinates[name].law().keys() & {"clearance", "stiffness_negative"} for name in ends):
         return None

@@ -20,8 +20,8 @@ from ...motion.measured_numbers import answers_in_numbers
 from ...names import component_name, is_identifier, listed, nearest_or_all, show, split_component
 from ...optional import optional_import
 from ...progress import StageReport, no_report, tells_at_prompt
-from ...robot.cuts import CUTS
 from ...robot.elements.joint_stiffness import JOINT_STIFFNESS
+from ...robot.joint_types import CUTS
 from ...robot.model import Model, build_model
 from ...robot.value import COORDINATES, MOTOR, Joint, Loop, Robot
 from ..estimating import SOLVED

@@ -13,7 +13,7 @@ from ...motion.files import MeasuredMotion
 from ...motion.smoothing import Differentiator
 from ...names import component_name
 from ...robot.coordinates import force_unit_of, unit_of
-from ...robot.value import ANGULAR, PRINCIPAL, Robot
+from ...robot.value import ANGULAR, Robot
 from ..estimating import FIRST
 from ..odd_angles import odd_angles_of
 from .further import STRIBECK, Sought, State
@@ -116,8 +116,8 @@ def offset_warnings(motion: MeasuredMotion, robot: Robot, left: Callable[[Measur
     """
     before, best = left(motion), (0.0, "")
     for joint in robot.joints:
-        name = component_name(joint.name, PRINCIPAL.get(joint.type) or "")
-        if PRINCIPAL.get(joint.type) not in ANGULAR or name not in motion.measured:
+        name = component_name(joint.name, joint.principal)
+        if joint.principal not in ANGULAR or name not in motion.measured:
             continue
         for degrees in (90, -90, 180):
             q = motion.q.copy()
@@ -134,9 +134,8 @@ def _refuse_angles(robot: Robot, motion: MeasuredMotion) -> None:
     coupled = {name for coupling in robot.own_couplings for name in (coupling.of, *coupling.to)}
     turning = []
     for joint in robot.joints:
-        kind = PRINCIPAL.get(joint.type)
-        name = component_name(joint.name, kind or "")
-        if kind in ANGULAR and name in motion.measured and (joint.limits is not None or name not in coupled):
+        name = component_name(joint.name, joint.principal)
+        if joint.principal in ANGULAR and name in motion.measured and (joint.limits is not None or name not in coupled):
             turning.append((name, joint, motion.q[:, motion.coordinates.index(name)]))
     if message := odd_angles_of(motion.source, turning):
         raise InputError(message)

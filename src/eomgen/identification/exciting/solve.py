@@ -22,7 +22,7 @@ from ...pipeline.building import build
 from ...progress import StageReport, no_report, tells_at_prompt
 from ...robot.coordinates import force_unit_of
 from ...robot.model import build_model
-from ...robot.value import PRINCIPAL, Robot
+from ...robot.value import Robot
 from ...runtime.kernel import Kernel
 from ..dynamics.solve import without_sought
 from ..estimating import FIRST, least_samples
@@ -197,13 +197,11 @@ def moving_coordinates(robot: Robot) -> tuple[str, ...]:
     """
     if robot.loops or robot.own_couplings:
         raise InputError(f"excite: {robot.name} has loops or couplings; allowed: robots without, as of identify")
-    free = [joint.name for joint in robot.joints if joint.type == "free"]
+    free = [joint.name for joint in robot.joints if joint.is_free]
     if free:
         raise InputError(f"excite: {robot.name} moves freely at {listed(free)}; allowed: robots with a fixed base")
     names = tuple(
-        component_name(joint.name, PRINCIPAL[joint.type])
-        for joint in robot.joints
-        if PRINCIPAL.get(joint.type) in joint.coordinates
+        component_name(joint.name, joint.principal) for joint in robot.joints if joint.principal in joint.coordinates
     )
     if not names:
         raise InputError(f"excite: {robot.name} has no joint that turns or slides; allowed: robots that have one")

@@ -18,9 +18,9 @@ import numpy as np
 from ...arrays import Array
 from ...errors import InputError
 from ...names import component_name, listed, parameter_name
-from ...robot.cuts import CUTS
 from ...robot.elements.joint_stiffness import JOINT_STIFFNESS, JointStiffness
 from ...robot.elements.matrices import matrix_of
+from ...robot.joint_types import CUTS
 from ...robot.value import COORDINATES, MOTOR, Robot
 from .blocks import ENTRY, FORCE
 from .error_model import COMPLIANCE, JOINTS, LOOPS, ErrorParameter

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ...arrays import Array, Index
 from ...names import component_name, parameter_name
 from ...robot.coordinates import UNITS
-from ...robot.cuts import rigid_components
+from ...robot.joint_types import rigid_components
 from ...robot.value import COORDINATES, Robot
 from .blocks import ENTRY, FORCE, Block, blocks_of
 from .loop_constraints import LoopConstraints

@@ -13,9 +13,9 @@ import numpy as np
 from ...arrays import RANK, Array, independent_columns, rank_of
 from ...errors import InputError
 from ...names import component_name, joint_of, kind_of, listed
-from ...robot.cuts import rigid_components
+from ...robot.joint_types import rigid_components
 from ...robot.model import Model
-from ...robot.value import COORDINATES, MOTOR, PRINCIPAL, Robot
+from ...robot.value import COORDINATES, MOTOR, Robot
 from .blocks import Unknown
 from .stations import Chain, Located, cross, jacobian, located
 
@@ -167,7 +167,7 @@ def closing_of(model: Model, chain: Chain, read: Sequence[Place], source: str) -
 
     def place(name: str) -> Place:
         kind = kind_of(name)
-        kind = PRINCIPAL[robot.joint(joint_of(name)).type] if kind == MOTOR else kind
+        kind = robot.joint(joint_of(name)).principal if kind == MOTOR else kind
         return station[joint_of(name)], COORDINATES.index(kind)
 
     driven = [model.coordinates[i] for i in (*model.driven, *model.prescribed)]

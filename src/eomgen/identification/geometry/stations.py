@@ -15,7 +15,8 @@ import numpy as np
 
 from ...arrays import Array
 from ...errors import InputError
-from ...robot.value import COORDINATES, PRINCIPAL, Joint, Placement, Robot
+from ...robot.joint_types import OWN_COORDINATES
+from ...robot.value import COORDINATES, Joint, Placement, Robot
 from .rotations import pose_from, pose_of
 
 
@@ -43,8 +44,8 @@ class Station:
     @property
     def principal(self) -> int | None:
         """Index of the joint's principal coordinate among the six; None where it has none."""
-        kind = PRINCIPAL.get(self.joint.type) if self.joint is not None else None
-        return None if kind is None else COORDINATES.index(kind)
+        kind = self.joint.principal if self.joint is not None else ""
+        return COORDINATES.index(kind) if kind else None
 
 
 @dataclass(frozen=True)
@@ -151,10 +152,10 @@ def _tilts(robot: Robot, joint: Joint) -> tuple[int, ...]:
     Of joints of one type that turn about several axes alone where loops show them: in a tree the next joint's
     offsets do the same.
     """
-    if joint.type == "prismatic":
+    if joint.slides:
         return (3, 4)
     moving = [c for c in (3, 4, 5) if COORDINATES[c] in joint.coordinates]
-    if not robot.loops or joint.type != "fixed" or not moving or len(moving) == 3:
+    if not robot.loops or OWN_COORDINATES[joint.type] or not moving or len(moving) == 3:
         return ()
     return tuple(c for c in (3, 4, 5) if c > moving[0])
 

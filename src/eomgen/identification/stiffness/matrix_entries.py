@@ -17,7 +17,7 @@ from ...robot.elements.joint_damping import JointDamping, lag_of
 from ...robot.elements.joint_element import JointElement, MatrixElement
 from ...robot.elements.matrices import PAIRS, entry_name
 from ...robot.parameter_names import CUT_MOTIONS, CUT_STIFFNESSES, CUTS, JOINTS, MOTIONS, STIFFNESSES
-from ...robot.value import COORDINATES, PRINCIPAL, Robot
+from ...robot.value import COORDINATES, Robot
 from ...runtime.kernel import Kernel
 from ...state.elements import Numbers, element_numbers
 from .frame_pairs import bushings_of
@@ -163,7 +163,7 @@ def entries_sought(
     if not patterns:
         return ()
     every = [x for y in places for x in y.entries(COORDINATES if rigid and y.owner == OF_JOINTS else y.coordinates)]
-    unwanted = {component_name(x.name, PRINCIPAL[x.type]) for x in robot.joints if x.type in PRINCIPAL}
+    unwanted = {component_name(x.name, x.principal) for x in robot.joints if x.principal}
     for joint in robot.joints if rigid else ():
         if any(component_name(joint.name, name) not in unwanted for name in joint.coordinates):
             unwanted |= {component_name(joint.name, x) for x in COORDINATES if x not in joint.coordinates}

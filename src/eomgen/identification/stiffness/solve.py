@@ -40,7 +40,7 @@ from ...pipeline.mechanisms import mechanism_kernels
 from ...progress import StageReport, no_report, tells_at_prompt
 from ...robot.coordinates import LINKS, is_mode, number_name
 from ...robot.model import Model, build_model
-from ...robot.value import MOTOR, PRINCIPAL, Robot
+from ...robot.value import MOTOR, Robot
 from ...runtime.kernel import Kernel
 from ...state.springs import cut_numbers
 from ..closed_motions import closed_motion
@@ -296,7 +296,7 @@ def _is_principal(robot: Robot, name: str) -> bool:
     if is_mode(name):
         return False
     joint, short = split_component(name)
-    return PRINCIPAL.get(robot.joint(joint).type) == short
+    return robot.joint(joint).principal == short
 
 
 def _is_transmitted(robot: Robot, name: str) -> bool:
@@ -305,7 +305,7 @@ def _is_transmitted(robot: Robot, name: str) -> bool:
         return False
     joint, short = split_component(name)
     moved = robot.joint(joint)
-    return moved.motor is not None and short in (MOTOR, PRINCIPAL[moved.type])
+    return moved.motor is not None and short in (MOTOR, moved.principal)
 
 
 _TRANSMITTED = "hangs on a transmission between motor and joint, which is not fitted"

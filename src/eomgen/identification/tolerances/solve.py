@@ -27,7 +27,7 @@ from ...results.contents import Contents
 from ...results.kinds import Kind, declare
 from ...robot.model import Model, build_model, tool_of
 from ...robot.record import record_of
-from ...robot.value import COORDINATES, MOTOR, PRINCIPAL, Robot
+from ...robot.value import COORDINATES, MOTOR, Robot
 from ..geometry.error_model import Rows
 from ..geometry.loop_constraints import closed_readings, closing_of
 from ..geometry.stations import Chain, chain_of, matrix_of
@@ -155,9 +155,9 @@ def _coordinates(robot: Robot, model: Model) -> tuple[str, ...]:
     """
     if not robot.is_closed:
         return tuple(
-            component_name(joint.name, PRINCIPAL[joint.type])
+            component_name(joint.name, joint.principal)
             for joint in robot.joints
-            if joint.coordinates and joint.type in PRINCIPAL
+            if joint.coordinates and joint.principal
         )
     driven = [model.coordinates[i] for i in (*model.driven, *model.prescribed)]
     return tuple(_of_joint(robot, name) for name in driven)
@@ -167,7 +167,7 @@ def _of_joint(robot: Robot, name: str) -> str:
     """Return the coordinate of the joint that a motor turns."""
     if kind_of(name) != MOTOR:
         return name
-    return component_name(joint_of(name), PRINCIPAL[robot.joint(joint_of(name)).type])
+    return component_name(joint_of(name), robot.joint(joint_of(name)).principal)
 
 
 def _checked_poses(model: Model, names: Sequence[str], poses: ArrayLike | Mapping[str, float] | None) -> Array:

@@ -5,6 +5,7 @@ from ..geometry import ANGULAR as ANGULAR
 from ..geometry import COORDINATES as COORDINATES
 from ..geometry import LINEAR as LINEAR
 from ..geometry import Placement as Placement
+from ..joint_types import PRINCIPAL as PRINCIPAL
 from ..laws import Curve as Curve
 from ..sections import AXES as AXES
 from .beam import Beam as Beam
@@ -19,9 +20,7 @@ from .coordinate import load_dependent as load_dependent
 from .coupling import Coupling as Coupling
 from .coupling import first_contradiction as first_contradiction
 from .joint import CUT_NUMBERS as CUT_NUMBERS
-from .joint import JOINT_TYPES as JOINT_TYPES
 from .joint import MOTOR as MOTOR
-from .joint import PRINCIPAL as PRINCIPAL
 from .joint import Joint as Joint
 from .joint import Loop as Loop
 from .joint import Motor as Motor

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Iterator, Mapping, Sequence
+import math
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any
 
-from ...names import NAME_LENGTH
+from ...names import NAME_LENGTH, component_name, joint_of
 from ..fields import LATER, Picklable
 from .coordinate import Coordinate
-from .joint import CUT_NUMBERS
+from .joint import CUT_NUMBERS, Joint
 from .sliding import SlidingShapes
+
+PER_RADIAN = 0.5 / math.pi  # revolutions per radian
 
 
 @dataclass(frozen=True)
@@ -25,6 +28,7 @@ class Coupling(Picklable):
     bends: pairs of coordinates, each pair once, and a number b for what else is added: b x y of two, b x^2 / 2 of one
     with itself; how far the node of a link that bends is drawn in.
     sliding: what else is added where a joint slides along a beam that bends; its coefficients are constants.
+    pitch: of the screw whose z is ``of``, m per revolution: the ratio is pitch / (2 pi), and no parameter.
     """
 
     name: str
@@ -35,6 +39,7 @@ class Coupling(Picklable):
     is_constraint: bool = field(default=False, metadata=LATER)
     bends: tuple[tuple[str, str, float], ...] = field(default=(), metadata=LATER)
     sliding: SlidingShapes | None = field(default=None, metadata=LATER)
+    pitch: float | None = field(default=None, metadata=LATER)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "to", MappingProxyType(dict(self.to)))
@@ -52,9 +57,19 @@ class Coupling(Picklable):
 
     def numbers(self) -> dict[str, float | None]:
         """Return numbers by the names of parameters: "ratio.finger1.gamma", "offset"; None where not set."""
+        if self.pitch is not None:
+            return {}
         numbers: dict[str, float | None] = {f"ratio.{name}": ratio for name, ratio in self.to.items()}
         numbers["offset"] = self.offset
         return numbers | (self.law.numbers(CUT_NUMBERS) if self.law else {})
+
+    @property
+    def sources(self) -> dict[str, tuple[str, float, float]]:
+        """What each ratio is made of: a parameter's name, its value, and the factor by which it is multiplied."""
+        if self.pitch is not None:
+            pitch = f"joints.{joint_of(self.of)}.pitch", self.pitch, PER_RADIAN
+            return dict.fromkeys(self.to, pitch)
+        return {name: (f"couplings.{self.name}.ratio.{name}", ratio, 1.0) for name, ratio in self.to.items()}
 
     def value(self, of: Callable[[str], Any]) -> Any:
         """Return what the coordinate has to be by the description's numbers.
@@ -86,6 +101,25 @@ class Coupling(Picklable):
         offset = None if self.offset is None else -self.offset / ratio
         solved = {name: -x / ratio for name, x in to.items()}
         return Coupling(self.name[: NAME_LENGTH - 6] + "_rigid", lead, solved, offset)  # its numbers are others
+
+
+def with_screws(couplings: Iterable[Coupling], joints: Iterable[Joint]) -> tuple[Coupling, ...]:
+    """Return couplings of a robot, behind others those by which z of its screws follows gamma.
+
+    Args:
+        couplings: with or without those of screws, of which ``is_constraint`` alone counts.
+        joints: of the robot.
+    """
+    given = tuple(couplings)
+    constraints = {x.of for x in given if x.pitch is not None and x.is_constraint}
+    made = []
+    for joint in joints:
+        if joint.pitch is not None:
+            z, gamma = (component_name(joint.name, kind) for kind in ("z", joint.principal))
+            to = {gamma: PER_RADIAN * joint.pitch}
+            name = f"{joint.name}_z"[-NAME_LENGTH:]
+            made.append(Coupling(name, z, to, is_constraint=z in constraints, pitch=joint.pitch))
+    return (*(x for x in given if x.pitch is None), *made)
 
 
 def first_contradiction(couplings: Sequence[Coupling]) -> tuple[Coupling, str] | None:

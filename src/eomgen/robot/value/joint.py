@@ -17,7 +17,6 @@ from typing import Any
 
 from ...errors import renamed
 from ..bounds import Limits
-from ..cuts import CUTS
 from ..elements import JOINT_ELEMENTS, JointElement
 from ..elements.joint_damping import JointDamping
 from ..elements.joint_element import elements_left
@@ -25,10 +24,9 @@ from ..elements.joint_stiffness import JointStiffness
 from ..elements.journal import Radial
 from ..fields import LATER, Numbers, Picklable, below
 from ..geometry import COORDINATES, IDENTITY, Matrix, Placement
+from ..joint_types import CUTS, OWN_COORDINATES, PRINCIPAL
 from .coordinate import Coordinate, Friction, unloaded
 
-JOINT_TYPES = ("revolute", "prismatic", "fixed", "free")
-PRINCIPAL = {"revolute": "gamma", "prismatic": "z"}
 MOTOR = "motor"  # the coordinate of a joint's motor, behind the six
 CUT_NUMBERS = ("stiffness", "damping")  # those of a loop joint's, which moves no inertia
 
@@ -110,6 +108,7 @@ class Joint(Jointed):
     radial: contact of the child's journal in the parent's round bearing; None where there is none.
     damping: of its motion as a whole, beside that of its coordinates; None where there is none.
     stiffness: between its coordinates, beside that of each of them; None where there is none.
+    pitch: of a screw, m per revolution: its z is pitch gamma / (2 pi), a coupling of the robot (``Robot.couplings``).
     """
 
     name: str
@@ -125,6 +124,22 @@ class Joint(Jointed):
     radial: Radial | None = field(default=None, metadata=LATER)
     damping: JointDamping | None = field(default=None, metadata=LATER)
     stiffness: JointStiffness | None = field(default=None, metadata=LATER)
+    pitch: float | None = field(default=None, metadata=LATER)
+
+    @property
+    def principal(self) -> str:
+        """The coordinate that drives move and ``limits`` bound; "" where the type has none."""
+        return PRINCIPAL.get(self.type, "")
+
+    @property
+    def slides(self) -> bool:
+        """Whether it moves along its axis by its type, without being free."""
+        return bool(self.principal) and "z" in OWN_COORDINATES[self.type]
+
+    @property
+    def is_free(self) -> bool:
+        """Whether all six coordinates move by the joint's type."""
+        return OWN_COORDINATES.get(self.type) == COORDINATES
 
     @property
     def all_coordinates(self) -> dict[str, Coordinate]:
@@ -140,13 +155,15 @@ class Joint(Jointed):
         for table, element in self.elements.items():
             yield from below(table, element.numbers(tuple(self.coordinates)))
         yield from below("offset", zip(COORDINATES, self.offset, strict=True))
+        if self.pitch is not None:
+            yield "pitch", self.pitch
         yield from below("placement", self.placement.numbers())
 
     def limits_of(self, name: str) -> Limits:
         """Return the limits of a coordinate of the joint, or of its motor's; an empty one where it has none."""
         owner = self.motor if name == MOTOR else self.coordinates.get(name)
         limits = (owner.limits if owner is not None else None) or Limits()
-        if self.limits is None or PRINCIPAL.get(self.type) != name:
+        if self.limits is None or name != self.principal:
             return limits
         lower, upper = (x if math.isfinite(x) else None for x in self.limits)
         return replace(limits, lower=lower, upper=upper)
@@ -158,7 +175,7 @@ class Joint(Jointed):
             assert self.motor is not None
             return replace(self, motor=replace(self.motor, limits=limits or None))
         ends, rest = self.limits, limits
-        if PRINCIPAL.get(self.type) == name:
+        if name == self.principal:
             ends = (limits.lower, limits.upper) if limits.lower is not None and limits.upper is not None else None
             rest = limits if ends is None else replace(limits, lower=None, upper=None)
         coordinate = replace(self.coordinates[name], limits=rest or None)
@@ -167,7 +184,7 @@ class Joint(Jointed):
     @property
     def range(self) -> tuple[float, float]:
         """Lower and upper limit of the principal coordinate, m or rad; infinite where there is none."""
-        return self.limits_of(PRINCIPAL.get(self.type, "")).range
+        return self.limits_of(self.principal).range
 
     def without_states(self) -> Joint:
         """Return the joint without laws that have states."""
@@ -181,13 +198,13 @@ class Joint(Jointed):
 
         loose: keep deviations without a stiffness, which loops hold: those of a universal joint, say.
         """
-        keep = COORDINATES if self.type == "free" else (PRINCIPAL.get(self.type),)
+        keep = OWN_COORDINATES[self.type]
         held = {name for element in self.elements.values() for name in element.held}
         locked = {k for k, v in self.coordinates.items() if v.has_stiffness or k in held or not loose}
         left_free = (k for k, v in self.coordinates.items() if k in keep or v.prescribed or k not in locked)
         kept = {k: self.coordinates[k].unstopped().without_states() for k in left_free}
         if self.motor is not None:
-            name = PRINCIPAL[self.type]
+            name = self.principal
             principal = kept[name]
             armature = (principal.armature or 0.0) + self.motor.inertia * self.motor.ratio**2
             kept[name] = replace(principal, armature=armature, prescribed=principal.prescribed or self.motor.prescribed)
@@ -200,7 +217,7 @@ class Joint(Jointed):
 
 @dataclass(frozen=True)
 class Loop(Jointed):
-    """A loop joint (cut): its type (``cuts.CUTS``) and its frame on each of the two links that it joins.
+    """A loop joint (cut): its type (``joint_types.CUTS``) and its frame on each of the two links that it joins.
 
     Its six coordinates are those of the second frame as seen from the first, T(x, y, z) . Rx(alpha) . Ry(beta) .
     Rz(gamma).  One with properties in ``coordinates`` (without armature and role) has that force; of the others those

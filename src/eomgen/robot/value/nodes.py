@@ -10,10 +10,11 @@ from dataclasses import dataclass, replace
 
 from ...names import component_name
 from ..geometry import COORDINATES, Matrix, Placement
+from ..joint_types import PRINCIPAL
 from ..sections import AXES
 from .coordinate import Coordinate
 from .coupling import Coupling
-from .joint import PRINCIPAL, Joint
+from .joint import Joint
 from .link import Link
 from .link_beam import ROOT as ROOT  # node where the link stands on its joint: the link itself
 from .modes import Node

@@ -27,8 +27,8 @@ from ..fields import LATER, Numbers, Picklable, below
 from ..geometry import LINEAR, Vector
 from .beam import Beam
 from .coordinate import Coordinate
-from .coupling import Coupling, first_contradiction
-from .joint import MOTOR, PRINCIPAL, Joint, Loop
+from .coupling import Coupling, first_contradiction, with_screws
+from .joint import MOTOR, Joint, Loop
 from .link import BASE, Frame, Link
 from .nodes import node_link, sliding_joints
 from .sensor import Sensor
@@ -69,6 +69,7 @@ class Robot(Picklable):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "home", MappingProxyType(dict(self.home)))
+        object.__setattr__(self, "couplings", with_screws(self.couplings, self.joints))
 
     def _repr_html_(self) -> str:
         """Return a small table, for notebooks."""
@@ -152,7 +153,7 @@ class Robot(Picklable):
     @property
     def principal_coordinates(self) -> dict[str, str]:
         """Names of the principal coordinates that move, by joint, which files of measurements call them by, too."""
-        kinds = {joint.name: (PRINCIPAL.get(joint.type), joint.coordinates) for joint in self.joints}
+        kinds = {joint.name: (joint.principal, joint.coordinates) for joint in self.joints}
         return {name: component_name(name, kind) for name, (kind, own) in kinds.items() if kind in own and kind}
 
     @property
@@ -205,7 +206,7 @@ class Robot(Picklable):
         for joint in self.joints:
             if joint.motor is not None:
                 prefix = parameter_name("joints", joint.name, MOTOR)
-                yield prefix, PRINCIPAL[joint.type], joint.motor.transmission
+                yield prefix, joint.principal, joint.motor.transmission
         for loop in self.loops:
             yield from ((parameter_name("loops", loop.name, kind), kind, x) for kind, x in loop.coordinates.items())
         for coupling in self.couplings:
@@ -224,14 +225,15 @@ class Robot(Picklable):
         A follower is no coordinate of kernels: its position, velocity and acceleration are those that its leaders give
         it.  Of rigid couplings those stay constraints whose dependent coordinate moves a loop, belongs to a joint with
         a motor, a journal, or stiffness or damping as a whole, follows a motor, or has a drive and follows
-        several, and those that ``is_constraint`` keeps.
+        several, and those that ``is_constraint`` keeps.  z of a screw is a follower in any case but the last one.
         """
         acted_on = {x.name for x in self.joints if x.motor is not None or x.elements}
         shared = {x.of for x in self.couplings if len(x.to) - [*x.to.values()].count(0.0) != 1}
         acted_on |= {joint_of(name) for name in self.driven or () if name in shared}
         kept = (_in_loops(self) | acted_on).difference(self.nodes)  # which carry no mass of their own
         rigid = [x for x in self.couplings if x.law is None and not x.is_constraint]
-        left = {x.of: x for x in rigid if joint_of(x.of) not in kept and all(kind_of(name) != MOTOR for name in x.to)}
+        able = (x for x in rigid if x.pitch is not None or joint_of(x.of) not in kept)
+        left = {x.of: x for x in able if all(kind_of(name) != MOTOR for name in x.to)}
         behind: dict[str, list[str]] = {}
         for name, coupling in left.items():
             for other in left.keys() & coupling.others:
@@ -300,7 +302,7 @@ class Robot(Picklable):
         springs = tuple(s for s in self.springs if carrier[s.links[0]] != carrier[s.links[1]])
         elements = tuple(x for x in self.elements if carrier[x.links[0]] != carrier[x.links[1]])
         moving = {f"{joint.name}.{name}" for joint in joints for name in joint.coordinates}
-        drives = {f"{j.name}.{MOTOR}": f"{j.name}.{PRINCIPAL[j.type]}" for j in self.joints if j.motor is not None}
+        drives = {f"{j.name}.{MOTOR}": f"{j.name}.{j.principal}" for j in self.joints if j.motor is not None}
         driven = None if self.driven is None else dict.fromkeys(drives.get(name, name) for name in self.driven)
         couplings: tuple[Coupling, ...] = ()
         for coupling in self.couplings:

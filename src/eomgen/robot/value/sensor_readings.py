@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from ...names import component_name, joint_of, kind_of, listed, nearest, show
 from ..geometry import LINEAR
-from .joint import MOTOR, PRINCIPAL
+from .joint import MOTOR
 from .robot import Robot
 from .sensor import AT_COORDINATES, SENSOR_KINDS, Sensor
 
@@ -70,5 +70,5 @@ def _named(robot: Robot, sensor: Sensor, rows: Mapping[str, Rows]) -> Rows:
     linear, angular = _AT_COORDINATE[sensor.kind]
     kind = kind_of(sensor.of)
     if kind == MOTOR and sensor.kind == "torque":  # on the output of its gear
-        kind = PRINCIPAL[robot.joint(joint_of(sensor.of)).type]
+        kind = robot.joint(joint_of(sensor.of)).principal
     return ((sensor.name, linear if kind in LINEAR else angular),)
