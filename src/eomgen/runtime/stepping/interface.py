@@ -17,7 +17,8 @@ from ..raw import Array
 from .adaptive import adaptive_rollout
 from .gradients import NAMES, Loss, rollout_gradient
 from .many_steps import rollout
-from .options import Control, InputStepOptions, StepMethod, StepOptions, method_for
+from .methods import StepMethod
+from .options import Control, InputStepOptions, StepOptions, method_for
 from .reading_inputs import InputsLike
 from .rollouts import Inputs, Rollout
 from .saturation import Saturate, efforts_of
