@@ -233,8 +233,8 @@ def report(rounds: int) -> str:
         *arm_table(rounds),
         "",
         f"{SPAN:g} s of the published experiment at {SAMPLES} samples, by `integrate`, which also looks for contacts",
-        "and computes energies and drives at samples; errors are those of the position, beside scipy:DOP853 at a relative",
-        "tolerance of 1e-12:",
+        "and computes energies and drives at samples; errors are those of the position, beside scipy:DOP853 at a",
+        "relative tolerance of 1e-12:",
         "",
         *block_table(rounds),
     ]
