@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from fractions import Fraction
 from functools import cache
 from itertools import product
@@ -26,6 +27,7 @@ from eomgen.codegen.c.tableaus import render_tableaus
 from eomgen.robot.model import build_model
 from eomgen.runtime.stepping.alternation import COST, Alternation, Turn
 from eomgen.runtime.stepping.methods import ADAPTIVE, TABLE
+from tests.support.method_rows import BS3, RODAS4
 from tests.support.optional import needs
 from tests.support.soak import soaked
 
@@ -286,6 +288,22 @@ def test_a_pendulum_written_by_hand(method: str, flags: tuple[str, ...], make: M
     """Every method goes where SciPy goes, dense output with it, and nothing is written behind its room."""
     motion = numbers(make("pendulum", WHOLE, *flags), METHODS.index(method)).reshape(-1, 2)
     assert np.abs(motion - reference).max() <= WITHIN[method]
+
+
+def test_a_new_method_is_a_row(tmp_path: Path, reference: Array) -> None:
+    """Published pairs, explicit and Rosenbrock, with no C of their own; the pendulum's matrix is its Jacobian."""
+    library = tmp_path / "clib"
+    shutil.copytree(LIBRARY, library)
+    (library / "tableaus.h").write_text(render_tableaus((*TABLE, BS3, RODAS4)))
+    made = program(HERE / "pendulum.c", tmp_path, str(library / "integrate.c"))
+    for number, within in ((len(METHODS), 1e-7), (len(METHODS) + 1, 2e-9)):
+        assert np.abs(numbers(made, number).reshape(-1, 2) - reference).max() <= within
+
+
+def test_a_method_with_too_many_stages_is_refused() -> None:
+    long = replace(BS3, a=(*BS3.a, *[(0.0,)] * 4))
+    with pytest.raises(ValueError, match="bs3: allowed: 6 stages; workspaces"):
+        render_tableaus((long,))
 
 
 @CHECKED

@@ -32,6 +32,7 @@ from eomgen.runtime.stepping.methods import (
 )
 from eomgen.state.springs import damping_matrix, stiffness_matrix
 from tests.support.builds import Build
+from tests.support.method_rows import BS3, RODAS4
 from tests.support.programs import staged
 from tests.support.random_motors import geared_robot, motor_state
 from tests.support.random_robots import random_robot, random_state, some_prescribed
@@ -53,19 +54,25 @@ def largest(residuals: Iterable[Fraction]) -> Fraction:
     return max(abs(x) for x in residuals)
 
 
-def conditions(a: Exact, b: Exact, order: int, gamma: Exact | None = None) -> list[Fraction]:
+def conditions(
+    a: Exact, b: Exact, order: int, *, matrix: Exact | None = None, single: Exact | None = None
+) -> list[Fraction]:
     """What b sums over trees of up to so many nodes, less what the solution has there (E. Hairer, G. Wanner, IV.7).
 
-    A node is the function, with any number of branches, or with gamma the matrix, with one branch; the latter is
-    nowhere in the solution, so that the method is of this order with any matrix.
+    A node is the function, with any number of branches, or the matrix, with one branch; the latter is nowhere in the
+    solution, so that the method is of this order with any matrix.
+
+    Args:
+        matrix: gamma, of Rosenbrock methods with any matrix.
+        single: of nodes with one branch; alpha + gamma, of Rosenbrock methods whose matrix is the Jacobian.
     """
-    one = np.array([Fraction(1)] * len(b), dtype=object)
-    trees: list[list[tuple[Exact, Fraction]]] = [[], [(one, Fraction(1))]]
+    trees: list[list[tuple[Exact, Fraction]]] = [[], [(np.array([Fraction(1)] * len(b), dtype=object), Fraction(1))]]
     for nodes in range(2, order + 1):
-        smaller = [(k, tree) for k in range(1, nodes) for tree in trees[k]]
-        functions = [(value, density / nodes) for value, density in bushes(a, smaller, nodes - 1)]
-        matrices = [] if gamma is None else [(gamma @ value, Fraction(0)) for value, _ in trees[nodes - 1]]
-        trees.append([*functions, *matrices])
+        smaller = [(k, tree) for k in range(1, nodes - 1) for tree in trees[k]]
+        several = [(value, density / nodes) for value, density in bushes(a, smaller, nodes - 1)]
+        one = [((a if single is None else single) @ value, density / nodes) for value, density in trees[nodes - 1]]
+        matrices = [] if matrix is None else [(matrix @ value, Fraction(0)) for value, _ in trees[nodes - 1]]
+        trees.append([*one, *several, *matrices])
     return [b @ value - density for kind in trees for value, density in kind]
 
 
@@ -92,19 +99,29 @@ def test_trees_are_as_many_as_are_known() -> None:
     """Of rooted trees (J. Butcher), and of those with nodes of a matrix."""
     a, gamma, b, _ = coefficients(tableaus(ROSENBROCK)[0])
     for kind, counts in ((None, (1, 1, 2, 4, 9)), (gamma, (1, 2, 5, 13, 37))):
-        assert [len(conditions(a, b, order, kind)) for order in range(1, 6)] == list(accumulate(counts))
+        assert [len(conditions(a, b, order, matrix=kind)) for order in range(1, 6)] == list(accumulate(counts))
 
 
 @pytest.mark.parametrize("method", tableaus(ROSENBROCK), ids=lambda x: x.name)
 def test_rosenbrock_methods_have_their_orders_with_any_matrix(method: IntegrationMethod) -> None:
     a, gamma, b, embedded = coefficients(method)
     for weights, order in ((b, method.order), (embedded, method.embedded)):
-        assert largest(conditions(a, weights, order, gamma)) <= ROUND_OFF
-        assert largest(conditions(a, weights, order + 1, gamma)) > 1e-4
+        assert largest(conditions(a, weights, order, matrix=gamma)) <= ROUND_OFF
+        assert largest(conditions(a, weights, order + 1, matrix=gamma)) > 1e-4
     assert largest(conditions(a, b, method.order)) <= ROUND_OFF
 
 
-@pytest.mark.parametrize("method", tableaus(ROSENBROCK), ids=lambda x: x.name)
+def test_rodas4_has_its_order_with_the_jacobian_alone() -> None:
+    """With the matrix of springs, dampers and gains it is of order 1: why it is no row of ours."""
+    a, gamma, b, embedded = coefficients(RODAS4)
+    for weights, order in ((b, 4), (embedded, 3)):
+        assert largest(conditions(a, weights, order, single=a + gamma)) <= ROUND_OFF
+        assert largest(conditions(a, weights, order + 1, single=a + gamma)) > 1e-4
+    assert largest(conditions(a, b, 1, matrix=gamma)) <= ROUND_OFF
+    assert largest(conditions(a, b, 2, matrix=gamma)) > 0.03
+
+
+@pytest.mark.parametrize("method", [*tableaus(ROSENBROCK), RODAS4], ids=lambda x: x.name)
 def test_rosenbrock_methods_are_l_stable_and_stiffly_accurate(method: IntegrationMethod) -> None:
     """|R(iy)| <= 1 for all y, all poles being at 1 / gamma, and R(inf) = 0, with R = P / Q of the exact coefficients.
 
@@ -145,7 +162,7 @@ def test_the_second_stage_of_rosenbrock_is_at_the_beginning() -> None:
     assert np.abs(growth).max() <= 1.5  # nor do stages grow at infinity
 
 
-@pytest.mark.parametrize("method", tableaus(EXPLICIT), ids=lambda x: x.name)
+@pytest.mark.parametrize("method", [*tableaus(EXPLICIT), BS3], ids=lambda x: x.name)
 def test_explicit_methods_have_their_orders(method: IntegrationMethod) -> None:
     a, _, b, embedded = coefficients(method)
     for weights, order in ((b, method.order), (embedded, method.embedded))[: 1 + (method.embedded > 0)]:
