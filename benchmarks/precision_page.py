@@ -19,16 +19,20 @@ STYLES = {  # colour and marker; Okabe and Ito: told apart by colour-blind reade
     "eomgen auto": ("#882255", "d"),
     "eomgen implicit": ("#56b4e9", "s"),
     "eomgen rk4": ("#000000", "^"),
-    "Radau": ("#d55e00", "v"),
+    "scipy:Radau": ("#d55e00", "v"),
     "CVODE": ("#e69f00", "P"),
     "IDA": ("#f0e442", "X"),
-    "DOP853": ("#cc79a7", "<"),
+    "scipy:DOP853": ("#cc79a7", "<"),
     "MuJoCo discrete": ("#777777", "s"),
     "MuJoCo implicitfast": ("#aaaaaa", "h"),
     "MuJoCo RK4": ("#444444", "^"),
 }
 NAMED = ("puma560_elastic", ONE)  # the problem and tolerance of ratios at one tolerance
-AT_ONE = (("Radau", 30.0, False), ("Radau", 30.0, True), ("CVODE", 10.0, True))  # peer, required, at the same error
+AT_ONE = (
+    ("scipy:Radau", 30.0, False),
+    ("scipy:Radau", 30.0, True),
+    ("CVODE", 10.0, True),
+)  # peer, required, at the same error
 NONE = "-"
 
 
@@ -152,7 +156,7 @@ def page(report: Report) -> str:
         "- eomgen `auto`: `eomgen.integration.integrate`, which switches between methods of C by stiffness,"
         " `radau` too at relative tolerances of 1e-7 and less; its time is that of a call from Python, which also looks"
         " for contacts, and computes energies and drives at samples.",
-        "- Radau, DOP853 (SciPy), CVODE, IDA (SUNDIALS): `eomgen.integration.integrate` on the same kernel, with exact"
+        "- scipy:Radau, scipy:DOP853, CVODE, IDA: `eomgen.integration.integrate` on the same kernel, with exact"
         " derivatives. Python calls the kernel at every evaluation, and most of their time is not the kernel's.",
         "- MuJoCo: the same robot by [`eomgen.export_mjcf`](mjcf.md), `mj_step` in a loop in C. `discrete` is implicit"
         " in position and rate and is the scheme of our `implicit`; `implicitfast` is implicit in rate alone; `RK4`"

@@ -20,7 +20,6 @@ from ..kernels.derived import GRADIENTS
 from ..kernels.equations import Equations
 from ..kernels.interface import turning_joints
 from ..kernels.signatures import KERNELS, SIGNATURES, SINGLES, Function, by_kind, functions
-from ..kernels.steps.methods import RK4, TSIT5, W643
 from ..program.ir import Program
 from ..program.orders import with_short_lives
 from ..program.shares import GIVEN
@@ -29,6 +28,7 @@ from .definitions import define, define_setup, define_share
 from .lanes import batched, calls_of, kept_size, pack, part_by_part
 from .scalar_types import SCALARS, Scalar
 from .statements import CHUNK
+from .tableaus import STAGES
 
 LIBRARY = {"float64": "eom", "float32": "eomf"}  # what names of the library begin with
 PIVOT_LIMITS = {"float64": 1e-12, "float32": 1e-5}  # EOM_VANISHED of clib/precision.h
@@ -153,9 +153,9 @@ def number_context(equations: Equations, meta: Mapping[str, Any]) -> dict[str, A
 
 def kept_of_a_step(model: Model) -> dict[str, int]:
     """Count the numbers of a step that the C of each gradient keeps, where there is room for them."""
-    closed, stages = bool(model.constraints), max(len(RK4.b), len(TSIT5.b) - 1)
+    closed, stages = bool(model.constraints), STAGES
     explicit = (3 if closed else 1) * stages  # accelerations of a stage; of loops q and v, which were closed, as well
-    rosenbrock = (6 if closed else 2) * len(W643.b)  # what is solved for, parts of the end; of loops all of a stage
+    rosenbrock = (6 if closed else 2) * STAGES  # what is solved for, parts of the end; of loops all of a stage
     each = {"explicit_gradient": explicit, "implicit_gradient": int(closed), "rosenbrock_gradient": rosenbrock}
     each |= {name.replace("gradient", "sensitivity"): number for name, number in each.items()}
     return {name: model.size * number for name, number in each.items()}

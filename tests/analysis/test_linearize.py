@@ -161,7 +161,7 @@ def test_a_long_harmonic_simulation_swings_as_the_response_says() -> None:
         u[driven] -= 400.0 * (q - target)[driven] + 20.0 * v[driven]
         return u
 
-    options = {"method": "Radau", "rtol": 1e-8, "output_step": 1 / 400}
+    options = {"method": "scipy:Radau", "rtol": 1e-8, "output_step": 1 / 400}
     motion = integrate(kernel, target, np.zeros(kernel.n), 4.0, drive=drive, **options)
     last = motion.t >= 2.0 - 1e-9  # eight periods
     t, q = motion.t[last][:-1], motion.q[last][:-1]

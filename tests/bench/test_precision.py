@@ -41,7 +41,7 @@ def found() -> Measured:
     points = (
         Point("eomgen tsit5", 1e-6, 5e-7, 4e-7, 0.002, 90),
         Point("eomgen rosenbrock", 1e-6, 2e-4, 1e-4, 0.001, 40),
-        Point("Radau", 1e-6, 5e-7, 1e-7, 0.060, 30),
+        Point("scipy:Radau", 1e-6, 5e-7, 1e-7, 0.060, 30),
         Point("CVODE", 1e-6, 9e-5, 1e-7, 0.012, 30),
     )
     missing = {"MuJoCo RK4": "no equal", "MuJoCo discrete": "no equal"}
@@ -71,7 +71,7 @@ def test_tables(found: Measured, tmp_path: Path) -> None:
     assert "elastic PUMA 560 (36 DOF) at 1e-04 (6.0 of 10)" in text
     assert "CVODE at a relative tolerance of 1e-06, at the same error (6.0 of 10)" in text
     assert "required 10: missed." in text
-    assert "12.0 (CVODE) | 6.0 (CVODE) | 30.0 (Radau)" in precision_page.ratios(report)
+    assert "12.0 (CVODE) | 6.0 (CVODE) | 30.0 (scipy:Radau)" in precision_page.ratios(report)
 
 
 def test_figures_are_the_same_bytes(found: Measured, tmp_path: Path) -> None:
@@ -93,7 +93,7 @@ def test_the_page_is_that_of_the_last_run() -> None:
 
 def test_errors_shrink_with_the_setting() -> None:
     """Ours, SciPy's and SUNDIALS', at a small robot."""
-    problem, names = one_link(), ("eomgen tsit5", "eomgen radau", "eomgen auto", "eomgen rk4", "Radau", "CVODE")
+    problem, names = one_link(), ("eomgen tsit5", "eomgen radau", "eomgen auto", "eomgen rk4", "scipy:Radau", "CVODE")
     measured = precision.measure(problem, 2, lambda line: None, names)
     assert measured.difference <= precision.AGREE
     for name in names:
@@ -101,7 +101,7 @@ def test_errors_shrink_with_the_setting() -> None:
         assert len(points) >= 2, (name, measured.missing)
         assert points[-1].error <= 1e-8
         assert all(p.end <= p.error and p.seconds > 0.0 for p in points)
-    assert {p.setting for p in measured.points if p.contender == "Radau"} <= set(TOLERANCES)
+    assert {p.setting for p in measured.points if p.contender == "scipy:Radau"} <= set(TOLERANCES)
 
 
 def test_references_that_differ_are_refused() -> None:

@@ -305,7 +305,9 @@ int main(void)
             direction.u[k] = (real)(0.5 - 0.02 * k);
         }
     }
-    for (int method = EOM_RK4; method <= EOM_ROSENBROCK; ++method) {
+    for (int k = 0; k < 4; ++k) {
+        static const int methods[] = { EOM_EXPLICIT, EOM_EXPLICIT + EOM_KINDS, EOM_IMPLICIT_EULER, EOM_ROSENBROCK };
+        const int method = methods[k];
         for (int loaded = 0; loaded < 2; ++loaded) {
             motion by, again, there = moved(&x, 1e-5, &direction), back = moved(&x, -1e-5, &direction);
             (void)integrate(method, loaded, &x, 1, &by, NULL);

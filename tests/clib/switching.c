@@ -11,11 +11,12 @@ int main(void)
 {
     eom_switching switching;
     long long steps = 0;
+    double cost = 0.0;
     double time = 0.0;
     eom_begin_switching(&switching);
     printf("%d %lld\n", switching.method, switching.left);
-    while (scanf("%lld %lf", &steps, &time) == 2) {
-        eom_count_steps(&switching, steps, time);
+    while (scanf("%lld %lf %lf", &steps, &cost, &time) == 3) {
+        eom_count_steps(&switching, steps, cost, time);
         printf("%d %lld\n", switching.method, switching.left);
     }
     return 0;

@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from fractions import Fraction
 from functools import cache
 from itertools import product
@@ -22,10 +23,11 @@ from scipy.integrate import solve_ivp
 import eomgen
 from eomgen.codegen.c.contexts import kept_of_a_step
 from eomgen.codegen.c.library import library_files, library_types
-from eomgen.codegen.kernels.steps.methods import RK4, TSIT5, W643
+from eomgen.codegen.c.tableaus import render_tableaus
 from eomgen.robot.model import build_model
 from eomgen.runtime.stepping.alternation import COST, Alternation, Turn
-from eomgen.runtime.stepping.options import ADAPTIVE
+from eomgen.runtime.stepping.methods import ADAPTIVE, TABLE
+from tests.support.method_rows import BS3, RODAS4
 from tests.support.optional import needs
 from tests.support.soak import soaked
 
@@ -64,25 +66,7 @@ def table(name: str) -> Array:
 
 def test_tables_are_those_of_the_methods() -> None:
     """What C integrates with are the coefficients whose order conditions are tested."""
-    ahead, back, weight, wrong = W643.transformed()
-    n = len(weight)
-    assert np.array_equal(table("eom_tsit5_a"), TSIT5.a[:, : table("eom_tsit5_a").shape[1]])
-    assert np.array_equal(table("eom_tsit5_error")[0], TSIT5.error)
-    assert np.array_equal(table("eom_tsit5_works"), TSIT5.between)
-    assert table("eom_rosenbrock_diagonal")[0, 0] == W643.diagonal
-    assert np.array_equal(table("eom_rosenbrock_a"), ahead[:, : n - 1])
-    assert np.array_equal(table("eom_rosenbrock_c"), back[:, : n - 1])
-    assert np.array_equal(table("eom_rosenbrock_b")[0], weight)
-    assert np.array_equal(table("eom_rosenbrock_error")[0], wrong)
-    assert np.array_equal(table("eom_rosenbrock_works")[0], W643.b)
-    doubted = table("eom_work_errors")
-    assert np.array_equal(doubted[:2], [[*(W643.b - W643.embedded), 0.0], TSIT5.error])
-    explicit = table("eom_explicit_a")
-    classical, tsitouras = explicit[:7], explicit[7:]
-    assert np.array_equal(classical[:5, :4], [*RK4.a, RK4.b])
-    assert not classical[5:].any()
-    assert np.array_equal(tsitouras[:6, :6], TSIT5.a[:-1, :-1])
-    assert np.array_equal(tsitouras[6, :6], TSIT5.b[:-1])
+    assert library_files()["clib/tableaus.h"] == render_tableaus(), "run: make methods"
 
 
 def test_tables_of_radau_are_those_of_its_conditions() -> None:
@@ -104,18 +88,14 @@ def test_tables_of_radau_are_those_of_its_conditions() -> None:
     assert np.abs(back @ blocks @ ahead - np.linalg.inv(a)).max() <= 1e-12
     inside = table("eom_radau_inside")
     assert np.abs((nodes[:, None] ** powers) @ inside - np.eye(count)).max() <= 1e-12
-    assert np.abs(table("eom_radau_works").sum(axis=1) - a[-1]).max() <= 1e-14
-    first, *wrong = table("eom_work_errors")[2][: count + 1]
+    row = next(x for x in TABLE if x.name == "radau")
+    assert np.abs(np.sum(row.within[1:], axis=1) - a[-1]).max() <= 1e-14
+    first, *wrong = row.error
     assert first == pytest.approx(1.0 / real, rel=1e-15)
     embedded = a[-1] + np.array(wrong)
     for order in range(1, count + 1):
         assert embedded @ nodes ** (order - 1) + first * (order == 1) == pytest.approx(1.0 / order, abs=1e-14)
     assert np.abs(real * np.array(wrong) @ np.linalg.inv(a) - table("eom_radau_error")[0]).max() <= 1e-12
-
-
-def test_shares_of_stages_are_sums_of_their_rows() -> None:
-    for name, a in (("tsit5", TSIT5.a), ("rosenbrock", W643.alpha)):
-        assert table(f"eom_{name}_shares")[0] == pytest.approx(a.sum(axis=1), abs=1e-15)
 
 
 def test_the_rule_of_gauss_is_exact_for_polynomials_of_degree_9() -> None:
@@ -310,6 +290,22 @@ def test_a_pendulum_written_by_hand(method: str, flags: tuple[str, ...], make: M
     assert np.abs(motion - reference).max() <= WITHIN[method]
 
 
+def test_a_new_method_is_a_row(tmp_path: Path, reference: Array) -> None:
+    """Published pairs, explicit and Rosenbrock, with no C of their own; the pendulum's matrix is its Jacobian."""
+    library = tmp_path / "clib"
+    shutil.copytree(LIBRARY, library)
+    (library / "tableaus.h").write_text(render_tableaus((*TABLE, BS3, RODAS4)))
+    made = program(HERE / "pendulum.c", tmp_path, str(library / "integrate.c"))
+    for number, within in ((len(METHODS), 1e-7), (len(METHODS) + 1, 2e-9)):
+        assert np.abs(numbers(made, number).reshape(-1, 2) - reference).max() <= within
+
+
+def test_a_method_with_too_many_stages_is_refused() -> None:
+    long = replace(BS3, a=(*BS3.a, *[(0.0,)] * 4))
+    with pytest.raises(ValueError, match="bs3: allowed: 6 stages; workspaces"):
+        render_tableaus((long,))
+
+
 @CHECKED
 @pytest.mark.parametrize("method", METHODS[2:])
 def test_calls_of_few_steps_go_on_to_the_bit(method: str, flags: tuple[str, ...], make: Make) -> None:
@@ -327,7 +323,7 @@ def printed(text: str, folder: Path) -> list[int]:
 
 
 KEPT = {
-    "explicit_gradient": "EOM_TSIT5",
+    "explicit_gradient": "EOM_EXPLICIT",
     "implicit_gradient": "EOM_IMPLICIT_EULER",
     "rosenbrock_gradient": "EOM_ROSENBROCK",
 }
@@ -387,10 +383,11 @@ def test_switching_chooses_as_python_does(seed: int, make: Make) -> None:
         stiff = (k // 60) % 2 == 1
         steps = int(rng.integers(1, model.steps + 1))
         length = rng.uniform(0.5, 1.5) * (0.2 if stiff and model.method == "tsit5" else 1.0)
-        turns.append((steps, float(steps * length)))
-        model.took(Turn(*turns[-1], 0, COST[model.method] * steps))
+        cost, time = COST[model.method], float(steps * length)
+        turns.append((steps, cost, time))
+        model.took(Turn(steps, time, 0, cost * steps))
         expected.append((model.method, model.steps))
-    text = said(make("switching"), input="".join(f"{steps} {time!r}\n" for steps, time in turns))
+    text = said(make("switching"), input="".join(f"{steps} {cost} {time!r}\n" for steps, cost, time in turns))
     found = [tuple(map(int, line.split())) for line in text.splitlines()]
     assert found == [(ADAPTIVE[method], steps) for method, steps in expected]
     assert {method for method, _ in expected} == {"rosenbrock", "tsit5"}

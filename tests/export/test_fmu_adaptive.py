@@ -92,7 +92,7 @@ def test_a_stiff_robot_against_tight_tolerances(method: str, exported: Export, b
     wanted = np.zeros(2 * n)
     for k in range(steps):
         u = drives(k * length)
-        options = {"drive": lambda t, q, v, u=u: u, "wrench": wrench, "method": "Radau", "rtol": 1e-11}
+        options = {"drive": lambda t, q, v, u=u: u, "wrench": wrench, "method": "scipy:Radau", "rtol": 1e-11}
         found = integrate(kernel, wanted[:n], wanted[n:], length, output_step=length, **options)  # type: ignore[arg-type]
         wanted = np.concatenate([found.q[-1], found.v[-1]])
     errors = []
@@ -119,7 +119,13 @@ def test_prescribed_coordinates_and_wrenches(exported: Export, built: Build) -> 
     given = [i for i, name in enumerate(kernel.coordinates) if name in kernel.prescribed]
     motion = lambda t: (0.5 * u[given] * t**2, u[given] * t, u[given])  # noqa: E731
     zero = np.zeros(kernel.n)
-    options = {"drive": lambda t, q, v: u, "wrench": wrench, "prescribed": motion, "method": "DOP853", "rtol": 1e-11}
+    options = {
+        "drive": lambda t, q, v: u,
+        "wrench": wrench,
+        "prescribed": motion,
+        "method": "scipy:DOP853",
+        "rtol": 1e-11,
+    }
     wanted = integrate(kernel, zero, zero, 0.1, output_step=0.1, **options)  # type: ignore[arg-type]
     found = run(host, 10, 0.01)
     np.testing.assert_allclose(found, np.concatenate([wanted.q[-1], wanted.v[-1]]), atol=1e-7)
@@ -357,7 +363,7 @@ def test_frictions_that_turn_round_fast(exported: Export, built: Build) -> None:
         host.start(names, [0.1, 1.0, smoothing, 1e-3])
         tuned = kernel.with_parameters({"joints.rail.z.friction.smoothing": smoothing})
         drive = lambda t, q, v: np.array([1.0])  # noqa: E731
-        wanted = integrate(tuned, [0.0], [0.1], 0.5, drive=drive, method="Radau", rtol=1e-9, output_step=0.5)
+        wanted = integrate(tuned, [0.0], [0.1], 0.5, drive=drive, method="scipy:Radau", rtol=1e-9, output_step=0.5)
         found = run(host, 50, 0.01)
         assert found == pytest.approx([wanted.q[-1, 0], wanted.v[-1, 0]], rel=2e-2, abs=1e-5)
 

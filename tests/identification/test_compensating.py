@@ -335,7 +335,7 @@ def test_everything_of_a_scenario_is_written(found: CompensationResult, tmp_path
         wrenches=(Wrench("fore", table, "link", (0.1, 0.0, 0.0), 0.1, 0.3), Wrench("fore", table)),
         payloads=(Payload("fore", 2.0, (0.1, 0.0, 0.0), (0.01, 0.02, 0.02, 0.0, 0.0, 0.0), 0.2, 0.4),),
         until=Section("coordinate", {"coordinate": "joint1", "value": 0.3}),
-        integrator=Integrator("Radau", 1e-8, 1e-9, 1e-3),
+        integrator=Integrator("scipy:Radau", 1e-8, 1e-9, 1e-3),
     )
     replace(found, scenario=whole).to_scenario(tmp_path / "whole.toml")
     again = load_scenario(tmp_path / "whole.toml").as_dict()

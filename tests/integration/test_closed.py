@@ -72,7 +72,7 @@ def test_every_method_keeps_the_balance_of_energy(example) -> None:  # type: ign
     """A fast crank under a constant torque, by default tolerances; nothing drifts, whatever the steps."""
     kernel = example("four_bar").kernel
     q = kernel.assemble([1.0, -0.5, 1.0])
-    for method in ("auto", "RK45", "Radau", "BDF", "LSODA"):
+    for method in ("auto", "scipy:RK45", "scipy:Radau", "scipy:BDF", "scipy:LSODA"):
         motion = integrate(kernel, q, np.zeros(3), 0.3, drive=lambda t, q, v: [20.0, 0.0, 0.0], method=method)
         energy, turned = motion.energy.sum(axis=1), motion.q[:, 0] - q[0]
         assert turned[-1] >= 2.0 * np.pi

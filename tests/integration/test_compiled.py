@@ -12,7 +12,6 @@ import pytest
 
 import eomgen
 from eomgen import InputError, SingularError
-from eomgen.integration.methods import IN_C
 from eomgen.integration.plan import IntegratorOptions, turns_of, why_not_in_c
 from eomgen.integration.solve import integrate
 from eomgen.integration.until import Until
@@ -24,8 +23,9 @@ from eomgen.robot.model import tool_of
 from eomgen.robot.value import Coordinate, Robot
 from eomgen.runtime.stepping.batch_motion import BatchMotion
 from eomgen.runtime.stepping.input_signals import DriveData, InputSignals, Signal, Track
-from eomgen.runtime.stepping.options import ADAPTIVE as NUMBERS
-from eomgen.runtime.stepping.options import AUTO, NARROW, NARROW_TURNS, TURNS, ErrorControl, rollout_of
+from eomgen.runtime.stepping.methods import ADAPTIVE as NUMBERS
+from eomgen.runtime.stepping.methods import AUTO, IN_C
+from eomgen.runtime.stepping.options import NARROW, NARROW_TURNS, TURNS, ErrorControl, rollout_of
 from eomgen.runtime.stepping.packed_inputs import PackedInputs
 from eomgen.runtime.stepping.reading_inputs import input_signals
 from eomgen.runtime.stepping.single_motion import SingleMotion
@@ -154,10 +154,10 @@ def test_wrenches_of_c_are_those_of_python(robot: str, axes: str) -> None:
     text = "duration = 0.1\noutput_step = 0.005\n[control]\ntype = 'none'\n" + PUSH.format(link="link1", axes=axes)
     text += SHAKEN if robot == "shaken_arm" else ""
     results = {}
-    for method in (*IN_C, "DOP853"):
+    for method in (*IN_C, "scipy:DOP853"):
         scenario = scenario_from_toml(text + f"[integrator]\nmethod = '{method}'\nrtol = 1e-9\n")
         results[method] = run_scenario(robot, scenario)
-    wanted = results["DOP853"]
+    wanted = results["scipy:DOP853"]
     for method in IN_C:
         found = results[method]
         assert found.trajectory.method == method
@@ -190,7 +190,7 @@ def test_wrenches_of_c_are_those_of_python(robot: str, axes: str) -> None:
 def test_simulations_agree_with_scipy(robot: str, text: str, method: str) -> None:
     found, wanted = (
         run_scenario(robot, scenario_from_toml(text + f"[integrator]\nmethod = '{name}'\nrtol = {rtol}\n"))
-        for name, rtol in ((method, "1e-8"), ("Radau", "1e-9"))
+        for name, rtol in ((method, "1e-8"), ("scipy:Radau", "1e-9"))
     )
     assert found.trajectory.method == method
     scale = np.abs(wanted.trajectory.v).max()
@@ -206,7 +206,7 @@ def test_a_closed_form(method: str, built: Build) -> None:
     """The oscillator under a constant force, and with an attachment that shakes it by a harmonic motion."""
     kernel = built(oscillator(), *NEEDED, "adaptive_rollout", "radau_rollout")
     motion = integrate(kernel, [0.0], [0.0], 1.0, drive=[5.0], method=method, rtol=1e-9)
-    again = integrate(kernel, [0.0], [0.0], 1.0, drive=lambda _t, _q, _v: [5.0], method="DOP853", rtol=1e-11)
+    again = integrate(kernel, [0.0], [0.0], 1.0, drive=lambda _t, _q, _v: [5.0], method="scipy:DOP853", rtol=1e-11)
     assert np.abs(motion.q - again.q).max() <= 1e-8
     assert np.abs(motion.v - again.v).max() <= 1e-6
     assert (motion.u == 5.0).all()
@@ -219,7 +219,7 @@ def test_samples_may_lie_anywhere(method: str, built: Build) -> None:
     kernel = built(oscillator(), *NEEDED, "adaptive_rollout", "radau_rollout")
     times = np.concatenate([[0.3, 0.30001], np.linspace(0.4, 1.0, 5001)])
     motion = integrate(kernel, [0.1], [0.5], 1.0, times=times, method=method, rtol=1e-7)
-    dense = integrate(kernel, [0.1], [0.5], 1.0, times=times, method="DOP853", rtol=1e-10)
+    dense = integrate(kernel, [0.1], [0.5], 1.0, times=times, method="scipy:DOP853", rtol=1e-10)
     assert motion.info["steps"] < 4000
     assert np.abs(motion.q - dense.q).max() <= 1e-6
     assert np.abs(motion.v - dense.v).max() <= 1e-4
@@ -229,9 +229,9 @@ def test_what_c_cannot_do_is_said(built: Build) -> None:
     """A function that only Python can call, and a kernel without the steps; "auto" takes SciPy's methods then."""
     kernel = built(oscillator(), *NEEDED, "adaptive_rollout", "radau_rollout")
     drive: Callable[..., list[float]] = lambda _t, _q, _v: [1.0]  # noqa: E731
-    with pytest.raises(InputError, match=r"'tsit5' integrates in C, but the drive is a function .* auto, Radau"):
+    with pytest.raises(InputError, match=r"'tsit5' integrates in C, but the drive is a function .* auto, scipy:Radau"):
         integrate(kernel, [0.0], [0.0], 0.1, drive=drive, method="tsit5")
-    assert integrate(kernel, [0.0], [0.0], 0.1, drive=drive).method == "Radau"
+    assert integrate(kernel, [0.0], [0.0], 0.1, drive=drive).method == "scipy:Radau"
     assert integrate(kernel, [0.0], [0.0], 0.1).method == "tsit5"
     assert "without adaptive_rollout" in why_not_in_c(built(oscillator(), *NEEDED))
     with pytest.raises(eomgen.ArrayError, match=r"drive: expected float64 of shape \(1,\)"):
@@ -246,7 +246,7 @@ def test_harmonic_motions_are_data() -> None:
         assert offset + amplitude * np.sin(rate * t + phase) == pytest.approx(shake(t)[0], abs=1e-15)
 
 
-@pytest.mark.parametrize("method", [*IN_C, AUTO, "rk4", "Radau", "DOP853"])
+@pytest.mark.parametrize("method", [*IN_C, AUTO, "rk4", "scipy:Radau", "scipy:DOP853"])
 def test_a_coordinate_without_inertia_is_named(method: str, built: Build) -> None:
     """Whoever integrates: nothing says that its velocity stays what it is."""
     kernel = built(massless_tip(), *NEEDED, "mass_matrix", "adaptive_rollout", "radau_rollout")
@@ -280,7 +280,7 @@ def test_steps_land_on_what_changes(tmp_path: Path) -> None:
     assert found.balance.of("drives")[-1] > 1e-3
 
 
-@pytest.mark.parametrize("method", [*IN_C, "auto", "Radau", "DOP853", "rk4"])
+@pytest.mark.parametrize("method", [*IN_C, "auto", "scipy:Radau", "scipy:DOP853", "rk4"])
 def test_a_motion_ends_where_a_coordinate_reaches_a_value(method: str, built: Build) -> None:
     """The oscillator passes a place at a time that its closed form knows; samples end there."""
     kernel = built(oscillator(damping=0.0), *NEEDED, "adaptive_rollout", "radau_rollout")
@@ -298,7 +298,7 @@ def test_a_motion_ends_where_a_coordinate_reaches_a_value(method: str, built: Bu
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("method", ["auto", "Radau"])
+@pytest.mark.parametrize("method", ["auto", "scipy:Radau"])
 def test_a_scenario_ends_where_its_tool_is_at_a_distance(method: str) -> None:
     text = (
         "duration = 0.5\n[until]\nframe = 'tcp'\npoint = [0.0, 0.0, 0.0]\ndistance = {}\n[integrator]\nmethod = '{}'\n"
@@ -405,7 +405,7 @@ def test_a_drive_with_data_of_its_own_is_a_function(built: Build) -> None:
             return 0.0 * q
 
     kernel = built(oscillator(), *NEEDED, "adaptive_rollout", "radau_rollout")
-    assert integrate(kernel, [0.1], [0.0], 0.1, drive=Logging()).method == "Radau"
+    assert integrate(kernel, [0.1], [0.0], 0.1, drive=Logging()).method == "scipy:Radau"
 
 
 def test_sundials_goes_on_to_the_duration(built: Build) -> None:
@@ -507,7 +507,7 @@ def test_closed_mechanisms_move_as_by_python(label: str, text: str) -> None:
     text = "duration = 0.3\noutput_step = 0.01\n" + text
     found, wanted = (
         run_scenario(bars(label), scenario_from_toml(text + f"[integrator]\nmethod = '{method}'\nrtol = {rtol}\n"))
-        for method, rtol in (("auto", "1e-9"), ("Radau", "1e-10"))
+        for method, rtol in (("auto", "1e-9"), ("scipy:Radau", "1e-10"))
     )
     assert found.trajectory.method in IN_C
     assert any("stiffness switching between tsit5 and rosenbrock (implicit)" in note for note in found.notes)

@@ -15,7 +15,6 @@ from eomgen.description.load import robot_from_urdf
 from eomgen.errors import EomgenWarning
 from eomgen.integration import Until, integrate
 from eomgen.integration.cubics import Cubics, hermite
-from eomgen.integration.methods import IN_C
 from eomgen.integration.plan import why_not_in_c
 from eomgen.motion.point_to_point import Harmonic
 from eomgen.motion.splines import Standstill
@@ -24,7 +23,8 @@ from eomgen.robot.value import ANGULAR, Coordinate, Joint, Link, Placement, Robo
 from eomgen.runtime.kernel import Kernel
 from eomgen.runtime.stepping.adaptive import keep_steps
 from eomgen.runtime.stepping.input_signals import Gains, LinkWrench, Signal
-from eomgen.runtime.stepping.options import ADAPTIVE as NUMBERS
+from eomgen.runtime.stepping.methods import ADAPTIVE as NUMBERS
+from eomgen.runtime.stepping.methods import IN_C
 from eomgen.runtime.stepping.options import ErrorControl
 from eomgen.runtime.stepping.packed_inputs import PackedInputs
 from eomgen.runtime.stepping.reading_inputs import input_signals
@@ -71,7 +71,7 @@ def agree(kernel: Kernel, q: Array, v: Array, duration: float, method: str, **lo
     assert not why_not_in_c(kernel, *(loads.get(name) for name in ("drive", "wrench", "prescribed")))
     rtol = 1e-6 if method == "rosenbrock" else 1e-10
     found = integrate(kernel, q, v, duration, method=method, rtol=rtol, output_step=0.02, **loads)
-    exact = integrate(kernel, q, v, duration, method="DOP853", rtol=1e-12, output_step=0.02, **loads)
+    exact = integrate(kernel, q, v, duration, method="scipy:DOP853", rtol=1e-12, output_step=0.02, **loads)
     assert found.method in IN_C
     for link in kernel.links:
         mine, other = (np.asarray(kernel.frame_pose(x.q, link)) for x in (found, exact))
@@ -187,7 +187,7 @@ def test_a_closed_pendulum_under_loads(method: str, built: Build) -> None:
     pull = np.array([[0.0, 1.0, 0.0, 0.2, 0.1, -0.3]])
     found, exact = (
         integrate(kernel, q, v, 1.0, drive=u, wrench=pull, method=name, rtol=1e-9, output_step=0.02)
-        for name in (method, "DOP853")
+        for name in (method, "scipy:DOP853")
     )
     assert np.abs(np.cos(found.q[:, 4])).min() < 0.45
     assert np.abs(found.q - exact.q).max() <= (1e-6 if method == "rosenbrock" else 1e-8)
@@ -199,7 +199,7 @@ def test_a_closed_pendulum_under_loads(method: str, built: Build) -> None:
 def test_ends_beside_the_pole(name: str, built: Build) -> None:
     """A motion ends where a described angle reaches a value, while other angles are integrated."""
     kernel = built(tumbler(), *NEEDED)
-    whole = integrate(kernel, Q0, V0, 2.0, method="DOP853", rtol=1e-11, output_step=0.01)
+    whole = integrate(kernel, Q0, V0, 2.0, method="scipy:DOP853", rtol=1e-11, output_step=0.01)
     i, near = kernel.coordinates.index(name), int(np.abs(np.cos(whole.q[:, 4])).argmin()) - 3
     value = float(whole.q[near, i])
     assert (np.sign(whole.q[:near, i] - value) == np.sign(whole.q[0, i] - value)).all()
@@ -220,7 +220,7 @@ def test_cubics_do_not_cross_the_pole(built: Build) -> None:
     kernel = built(tumbler(), *NEEDED)
     q = np.array([0.0, 0.0, 0.0, 0.2, np.pi / 2 - 0.1, 0.1])
     v = np.array([0.1, 0.0, 0.0, 30.0, 3.0, 0.0])
-    motion = integrate(kernel, q, v, 0.04, method="DOP853", rtol=1e-12, output_step=0.02)
+    motion = integrate(kernel, q, v, 0.04, method="scipy:DOP853", rtol=1e-12, output_step=0.02)
     begin, exact, end = np.hstack([motion.q, motion.v])
     assert end[3] - begin[3] > 2.0
     found, plain = Cubics(kernel.raw.turning).at(0.02, 0.0, begin, 0.04, end), hermite(0.02, 0.0, begin, 0.04, end)
@@ -342,7 +342,7 @@ def test_a_fall_over_the_pole(name: str, built: Build) -> None:
     q[6:], v[6:] = rng.uniform(-0.3, 0.3, (2, kernel.n - 6))
     dt, steps = 2e-4, 1000
     rolled = kernel.rollout(q, v, np.zeros(kernel.n), dt, steps)
-    found = integrate(kernel, q, v, dt * steps, method="DOP853", rtol=1e-10, output_step=dt)
+    found = integrate(kernel, q, v, dt * steps, method="scipy:DOP853", rtol=1e-10, output_step=dt)
     assert q[4] < 0.5 * np.pi
     assert np.abs(np.cos(found.q[:, 4])).min() < 0.1
     x, w = flyer.motion(flyer.configuration(q), flyer.rates(q, v), np.zeros(kernel.n - 6), dt, steps)

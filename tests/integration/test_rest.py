@@ -68,7 +68,7 @@ def test_drives_that_know_of_friction(built: Build) -> None:
 
     J = System(kernel, drive, None).jacobian(0.0, np.array([0.1, 1e-9]))
     assert np.abs(J - [[0.0, 1.0], [-25.0, -10.0]]).max() < 2e-3 * 2.0 / 4e-8
-    found = integrate(kernel, [0.1], [0.0], 4.0, drive=drive, method="Radau", output_step=0.5)
+    found = integrate(kernel, [0.1], [0.0], 4.0, drive=drive, method="scipy:Radau", output_step=0.5)
     np.testing.assert_allclose(found.q[:, 0], 0.1 * (1.0 + 5.0 * found.t) * np.exp(-5.0 * found.t), atol=1e-6)
     assert found.info["evaluations"] < 2500
 
@@ -80,7 +80,7 @@ def test_what_friction_holds_stays(start: float, built: Build) -> None:
     way = 0.5 * start * abs(start) / (LIMIT - np.sign(start) * LOAD[0])  # to rest, m
     for drive, method, steps in ((loaded, "auto", 100), (LOAD, "rosenbrock", 400), (LOAD, "auto", 400)):
         found = integrate(kernel, [0.0], [start], 12.0, drive=drive, output_step=0.5, method=method)
-        assert (found.method == "Radau") == (drive is loaded)
+        assert (found.method == "scipy:Radau") == (drive is loaded)
         assert found.info["steps"] < steps
         assert found.info["friction_smoothing"] == 4e-8
         assert found.q[-1, 0] == pytest.approx(way, abs=2e-6)
@@ -227,14 +227,14 @@ class Belt:
         return Waves(np.zeros((1, 4)), [Track(signal, np.zeros(1, np.intp))])
 
 
-@pytest.mark.parametrize("method", soaked(("Radau", "rosenbrock", "auto"), ("rosenbrock", "auto")))
+@pytest.mark.parametrize("method", soaked(("scipy:Radau", "rosenbrock", "auto"), ("rosenbrock", "auto")))
 @pytest.mark.parametrize("stribeck", [0.02, 0.2])
 def test_stick_slip_on_a_belt(stribeck: float, method: str, built: Build) -> None:
     """Period and travel against motions from event to event."""
     friction = Friction(3.0, 5.0, stribeck)
     kernel, wanted = built(on_a_belt(friction), *NEEDED, "adaptive_rollout"), by_events(friction)
     motion = integrate(kernel, [0.0, 0.0], [SPEED, -SPEED], 8.0, prescribed=Belt(), output_step=1e-3, method=method)
-    assert motion.info["steps"] < (1500 if method == "Radau" else 5000)
+    assert motion.info["steps"] < (1500 if method == "scipy:Radau" else 5000)
     found = cycle_of(motion)
     assert found.period == pytest.approx(wanted.period, rel=2e-3)
     assert found.travel == pytest.approx(wanted.travel, rel=2e-3)

@@ -15,13 +15,13 @@ import eomgen
 from eomgen import ArrayError, IntegrationError, SingularError
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import InputError, IntegrationStopped, UnknownNameError
-from eomgen.integration.methods import IN_C, METHODS
 from eomgen.integration.plan import IntegratorOptions, choose_method, why_stiff
 from eomgen.integration.solve import integrate
 from eomgen.integration.steps import fixed_step
 from eomgen.integration.system import WORK, Advance, System
 from eomgen.motion.point_to_point import Harmonic
 from eomgen.robot.value import Coordinate, Friction, Robot
+from eomgen.runtime.stepping.methods import IN_C, METHODS
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.scenario.recorded import scenario_from_record
 from eomgen.simulation.run import run_scenario
@@ -44,11 +44,11 @@ def closed_form(t: np.ndarray, q0: float, v0: float) -> np.ndarray:
 @pytest.mark.parametrize(
     ("method", "options", "bound"),
     [
-        ("DOP853", {"rtol": 1e-10}, 1e-9),
-        ("RK45", {"rtol": 1e-9}, 1e-8),
-        ("Radau", {"rtol": 1e-8}, 1e-8),
-        ("BDF", {"rtol": 1e-8}, 1e-6),
-        ("LSODA", {"rtol": 1e-9}, 1e-7),
+        ("scipy:DOP853", {"rtol": 1e-10}, 1e-9),
+        ("scipy:RK45", {"rtol": 1e-9}, 1e-8),
+        ("scipy:Radau", {"rtol": 1e-8}, 1e-8),
+        ("scipy:BDF", {"rtol": 1e-8}, 1e-6),
+        ("scipy:LSODA", {"rtol": 1e-9}, 1e-7),
         ("rk4", {"step": 1e-4}, 1e-10),
         ("auto", {"rtol": 1e-8}, 1e-8),
     ],
@@ -61,11 +61,11 @@ def test_oscillator_equals_its_closed_form(method: str, options: dict[str, float
     assert np.abs(motion.of("slide.z") - closed_form(motion.t, 0.1, 0.5)).max() <= bound
     energy = 0.5 * MASS * motion.v[:, 0] ** 2, 0.5 * STIFFNESS * motion.q[:, 0] ** 2
     assert np.allclose(motion.energy, np.transpose(energy), rtol=1e-12, atol=1e-15)
-    assert motion.method == ("Radau" if method == "auto" else method)
+    assert motion.method == ("scipy:Radau" if method == "auto" else method)
     assert min(motion.info["steps"], motion.info["evaluations"]) > 0
 
 
-@pytest.mark.parametrize("method", soaked(["DOP853", "Radau", "rk4"], ["DOP853", "rk4"]))
+@pytest.mark.parametrize("method", soaked(["scipy:DOP853", "scipy:Radau", "rk4"], ["scipy:DOP853", "rk4"]))
 def test_times_of_samples_are_free(method: str, built: Build) -> None:
     """The state given is that at the first time, drives see the times themselves; what is recorded is the samples."""
     kernel = built(oscillator(), *NEEDED)
@@ -99,7 +99,9 @@ def test_rk4_is_of_order_four(built: Build) -> None:
     assert np.abs(orders - 4.0).max() < 0.25
 
 
-@pytest.mark.parametrize(("method", "rtol"), [("DOP853", 1e-11), pytest.param("Radau", 1e-10, marks=pytest.mark.soak)])
+@pytest.mark.parametrize(
+    ("method", "rtol"), [("scipy:DOP853", 1e-11), pytest.param("scipy:Radau", 1e-10, marks=pytest.mark.soak)]
+)
 def test_energy_is_conserved_without_damping(method: str, rtol: float, built: Build) -> None:
     robot = elastic_arm(damping=0.0)
     kernel = built(robot, *NEEDED)
@@ -125,24 +127,29 @@ def test_implicit_equals_explicit(built: Build) -> None:
     q0, v0 = np.full(kernel.n, 0.02), np.full(kernel.n, -0.1)
     motions = [
         integrate(kernel, q0, v0, 0.5, method=method, rtol=rtol, output_step=0.01)
-        for method, rtol in (("DOP853", 1e-11), ("Radau", 1e-9), ("BDF", 1e-9), ("LSODA", 1e-10))
+        for method, rtol in (
+            ("scipy:DOP853", 1e-11),
+            ("scipy:Radau", 1e-9),
+            ("scipy:BDF", 1e-9),
+            ("scipy:LSODA", 1e-10),
+        )
     ]
     for motion in motions[1:]:
         assert np.abs(motion.q - motions[0].q).max() < 1e-6
-        assert motion.info["jacobians"] > 0 or motion.method == "LSODA"  # which takes none while nothing is stiff
+        assert motion.info["jacobians"] > 0 or motion.method == "scipy:LSODA"  # which takes none while nothing is stiff
 
 
 def test_a_wrench_acts_as_its_generalized_force(built: Build) -> None:
     kernel = built(elastic_arm(), *NEEDED, "external_force")
     wrench = np.random.default_rng(1).uniform(-5.0, 5.0, (len(kernel.links), 6))
     zero = np.zeros(kernel.n)
-    options = {"method": "DOP853", "output_step": 0.05, "rtol": 1e-10}
+    options = {"method": "scipy:DOP853", "output_step": 0.05, "rtol": 1e-10}
     given = integrate(kernel, zero, zero, 0.3, wrench=wrench, **options)
     called = integrate(kernel, zero, zero, 0.3, wrench=lambda _t, _q, _v: wrench, **options)
     as_drive = integrate(kernel, zero, zero, 0.3, drive=lambda _t, q, _v: kernel.external_force(q, wrench), **options)
     assert (given.q == called.q).all()
     assert np.abs(given.q - as_drive.q).max() < 1e-9
-    implicit = integrate(kernel, zero, zero, 0.3, wrench=wrench, method="Radau", output_step=0.05, rtol=1e-8)
+    implicit = integrate(kernel, zero, zero, 0.3, wrench=wrench, method="scipy:Radau", output_step=0.05, rtol=1e-8)
     assert np.abs(given.q - implicit.q).max() < 1e-6
 
 
@@ -173,7 +180,7 @@ def runaway(_t: float, q: np.ndarray, _v: np.ndarray) -> np.ndarray:
     return 1e3 * q**3
 
 
-@pytest.mark.parametrize("method", ["rk4", "DOP853", "RK45", "Radau", "BDF", "LSODA"])
+@pytest.mark.parametrize("method", ["rk4", "scipy:DOP853", "scipy:RK45", "scipy:Radau", "scipy:BDF", "scipy:LSODA"])
 def test_divergence_names_coordinate_and_time(method: str, built: Build) -> None:
     kernel = built(oscillator(), *NEEDED)
     with pytest.raises(IntegrationStopped, match=r"oscillator, t = 0\.\d+ s: .*slide\.z") as caught:
@@ -190,7 +197,7 @@ def test_divergence_names_coordinate_and_time(method: str, built: Build) -> None
 @pytest.mark.parametrize(
     ("method", "what"),
     [
-        pytest.param(method, what, marks=() if method in ("IDA", "RK45", "rosenbrock") else pytest.mark.soak)
+        pytest.param(method, what, marks=() if method in ("IDA", "scipy:RK45", "rosenbrock") else pytest.mark.soak)
         for method, what in zip(METHODS[1:-1], itertools.cycle(("rate", "force")), strict=False)
     ],
 )
@@ -235,7 +242,7 @@ def test_stiff_motions_are_no_standstill(built: Build) -> None:
     """An undamped spring that an explicit method follows through many evaluations."""
     kernel = built(oscillator(damping=0.0), *NEEDED)
     kernel.parameters["joints.slide.z.stiffness"] = 1e6
-    motion = integrate(kernel, [1e-3], [0.0], 2.0, method="DOP853", rtol=1e-10, output_step=0.1)
+    motion = integrate(kernel, [1e-3], [0.0], 2.0, method="scipy:DOP853", rtol=1e-10, output_step=0.1)
     assert motion.info["evaluations"] > 3 * WORK
     assert np.abs(motion.energy.sum(axis=1) / 0.5 - 1.0).max() < 1e-5
 
@@ -261,7 +268,7 @@ def test_a_drive_that_fails_later(built: Build) -> None:
 @pytest.mark.parametrize(
     ("changes", "text"),
     [
-        ({"method": "euler"}, "method: 'euler' is unknown; allowed: auto, rosenbrock, tsit5, radau, Radau"),
+        ({"method": "euler"}, "method: 'euler' is unknown; allowed: auto, rosenbrock, tsit5, radau, scipy:Radau"),
         ({"duration": 0.0}, "duration: 0.0 s"),
         ({"duration": np.nan}, "duration: nan s"),
         ({"output_step": -1.0}, "output_step: -1.0 s"),
@@ -322,9 +329,9 @@ def test_stiff_friction_takes_an_implicit_method(built: Build) -> None:
     options = {"drive": lambda _t, _q, _v: [3.0], "output_step": 0.1}
     found, explicit = (
         integrate(kernel, [0.0], [0.0], duration, method=method, **options)
-        for method, duration in (("auto", 1.0), ("DOP853", 0.1))
+        for method, duration in (("auto", 1.0), ("scipy:DOP853", 0.1))
     )
-    assert found.method == "Radau"
+    assert found.method == "scipy:Radau"
     assert found.info["steps"] < 50 < 500 < 10 * explicit.info["steps"]
     assert found.v[-1, 0] == pytest.approx(1e-4 * 3.0 / 4.0, rel=1e-3)  # it creeps, as the law says
     assert np.abs(found.q[1] - explicit.q[-1]).max() < 1e-8
@@ -333,17 +340,19 @@ def test_stiff_friction_takes_an_implicit_method(built: Build) -> None:
 def test_what_is_stiff_depends_on_slopes_mass_and_duration(built: Build) -> None:
     kernel = built(rubbing(), *NEEDED)
     assert why_stiff(kernel, np.zeros(1), 1.0) == "dampers or friction take effect within 1e-05 s"
-    assert choose_method(kernel, "auto", np.zeros(1), 1e-3) == "DOP853"  # 100 time constants
+    assert choose_method(kernel, "auto", np.zeros(1), 1e-3) == "scipy:DOP853"  # 100 time constants
     kernel.parameters["joints.slide.z.friction.smoothing"] = 1.0
-    assert choose_method(kernel) == "DOP853"
+    assert choose_method(kernel) == "scipy:DOP853"
     heavy = built(rubbing(mass=500.0), *NEEDED)
-    assert choose_method(heavy) == "DOP853"
+    assert choose_method(heavy) == "scipy:DOP853"
     damped = built(with_table(Coordinate(damping=1e4)), *NEEDED)
-    assert choose_method(damped) == "Radau"  # 5000 1/s
-    assert choose_method(built(with_table(Coordinate(damping=1e4)), "forward_dynamics", "mass_matrix")) == "DOP853"
+    assert choose_method(damped) == "scipy:Radau"  # 5000 1/s
+    assert (
+        choose_method(built(with_table(Coordinate(damping=1e4)), "forward_dynamics", "mass_matrix")) == "scipy:DOP853"
+    )
     damped.parameters["joints.slide.z.damping"] = 1e3
-    assert choose_method(damped) == "DOP853"
-    assert choose_method(built(with_table(Coordinate(cubic=1e9)), *NEEDED)) == "Radau"  # at 0 it has no stiffness
+    assert choose_method(damped) == "scipy:DOP853"
+    assert choose_method(built(with_table(Coordinate(cubic=1e9)), *NEEDED)) == "scipy:Radau"  # at 0 it has no stiffness
 
 
 def test_default_fixed_step_follows_friction_and_dampers(built: Build) -> None:
@@ -395,7 +404,7 @@ def test_a_stiff_joint_costs_few_residual_calls(built: Build) -> None:
     """1e8 N/m, damped: at most 2000 residual calls for 2 s at rtol 1e-8, and an error below 1e-6 rad."""
     kernel = built(stiff_rod(1e8, 2e4), *KERNELS)
     q0, zero = [0.0, 0.3], np.zeros(2)
-    reference = integrate(kernel, q0, zero, 2.0, method="Radau", rtol=1e-12)
+    reference = integrate(kernel, q0, zero, 2.0, method="scipy:Radau", rtol=1e-12)
     found = integrate(kernel, q0, zero, 2.0, method="IDA", rtol=1e-8)
     assert found.info["evaluations"] <= 2000
     assert np.abs(found.of("joint1.gamma") - reference.of("joint1.gamma")).max() <= 1e-6
@@ -406,7 +415,10 @@ def test_a_stiff_joint_costs_few_residual_calls(built: Build) -> None:
     assert short[1] > 3 * short[0]
 
 
-@pytest.mark.parametrize("method", soaked(["Radau", "BDF", "LSODA", "CVODE", "IDA", "DOP853"], ["LSODA", "IDA"]))
+@pytest.mark.parametrize(
+    "method",
+    soaked(["scipy:Radau", "scipy:BDF", "scipy:LSODA", "CVODE", "IDA", "scipy:DOP853"], ["scipy:LSODA", "IDA"]),
+)
 def test_all_methods_find_the_same_motion(method: str, built: Build) -> None:
     rng = np.random.default_rng(12)
     robot = random_robot(rng, joints=(2, 3), types=("revolute", "prismatic"))
@@ -417,7 +429,7 @@ def test_all_methods_find_the_same_motion(method: str, built: Build) -> None:
 
     wrench = rng.normal(size=(len(kernel.links), 6))
     options = {"drive": drive, "wrench": wrench, "output_step": 0.02}
-    reference = integrate(kernel, s.q, s.v, 0.2, method="DOP853", rtol=1e-11, **options)  # type: ignore[arg-type]
+    reference = integrate(kernel, s.q, s.v, 0.2, method="scipy:DOP853", rtol=1e-11, **options)  # type: ignore[arg-type]
     found = integrate(kernel, s.q, s.v, 0.2, method=method, rtol=1e-8, **options)  # type: ignore[arg-type]
     scale = np.ptp(reference.q, axis=0) + 1e-9
     assert np.abs((found.q - reference.q) / scale).max() <= 1e-4
@@ -477,7 +489,7 @@ def test_a_drives_own_slopes_are_taken(built: Build) -> None:
     assert np.abs(found - by_differences).max() <= 1e-6 * np.abs(found).max()
 
 
-@pytest.mark.parametrize("method", ["DOP853", "Radau", "IDA", "CVODE", "rk4"])
+@pytest.mark.parametrize("method", ["scipy:DOP853", "scipy:Radau", "IDA", "CVODE", "rk4"])
 def test_contacts_of_a_sliding_mass(method: str, built: Build) -> None:
     """Constant speed in the gap, half a period of sqrt(k / m) at its end."""
     gap, stiffness, speed = 0.01, 2e5, 0.4
@@ -509,7 +521,7 @@ def test_what_stops_a_motion_is_said(method: str, built: Build) -> None:
     assert 0.04 <= caught.value.t <= 0.051
 
 
-@pytest.mark.parametrize("method", ["IDA", "CVODE", "Radau", "DOP853"])
+@pytest.mark.parametrize("method", ["IDA", "CVODE", "scipy:Radau", "scipy:DOP853"])
 def test_a_mistake_of_the_input_is_not_met_by_shorter_steps(method: str, built: Build) -> None:
     """It has its own name, and ends the motion where it is made, though a ValueError of the state does not."""
     kernel, calls = built(stiff_rod(1e4, 1.0), *KERNELS), [0]

@@ -12,11 +12,11 @@ import pytest
 import eomgen
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import ArrayError, InputError, IntegrationStopped
-from eomgen.integration.methods import METHODS, SUNDIALS
 from eomgen.integration.plan import stiff_in_real_time, why_stiff
 from eomgen.integration.solve import integrate
 from eomgen.integration.trajectory import Trajectory, motion_columns
 from eomgen.integration.until import Until
+from eomgen.runtime.stepping.methods import METHODS, SUNDIALS
 from tests.support.bristled import ARM, SERVO
 from tests.support.bristles import block, gear_text, rates
 from tests.support.builds import Build
@@ -101,7 +101,7 @@ def test_arguments_are_of_coordinates(kernel: eomgen.Kernel) -> None:
         assert q.shape == v.shape == (1,)
         return np.zeros((1, 6))
 
-    how: dict[str, Any] = {"method": "DOP853", "output_step": 0.01, "z0": [1e-6]}
+    how: dict[str, Any] = {"method": "scipy:DOP853", "output_step": 0.01, "z0": [1e-6]}
     motion = integrate(
         kernel, [0.0], [0.0], 0.05, drive=drive, wrench=wrench, record=lambda t, y: seen.append(y), atol=1e-9, **how
     )
@@ -140,9 +140,11 @@ def test_drives_with_slopes_stay_so(kernel: eomgen.Kernel) -> None:
             return np.zeros((1, 1)), np.array([[-3.0]])
 
     damper = Damper()
-    motion = integrate(kernel, [0.0], [0.1], 0.05, drive=damper, method="Radau", output_step=0.05)
+    motion = integrate(kernel, [0.0], [0.1], 0.05, drive=damper, method="scipy:Radau", output_step=0.05)
     assert damper.called
-    other = integrate(kernel, [0.0], [0.1], 0.05, drive=lambda t, q, v: -3.0 * v, method="DOP853", output_step=0.05)
+    other = integrate(
+        kernel, [0.0], [0.1], 0.05, drive=lambda t, q, v: -3.0 * v, method="scipy:DOP853", output_step=0.05
+    )
     assert motion.v == pytest.approx(other.v, rel=1e-4)
 
 
@@ -159,7 +161,7 @@ def test_laws_with_states_ask_for_implicit_methods(kernel: eomgen.Kernel) -> Non
 def test_motions_end_where_a_state_says_so(kernel: eomgen.Kernel) -> None:
     """Bristles of a block that is pulled steadily bend to 8 um of the 15 at which they yield after 4 s."""
     until = Until.coordinate(kernel, "slide.z.friction.z", 8e-6)
-    for method in ("rosenbrock", "Radau"):
+    for method in ("rosenbrock", "scipy:Radau"):
         motion = integrate(kernel, [0.0], [0.0], 9.0, drive=Ramp(), method=method, output_step=0.5, until=until)
         assert motion.t[-1] == pytest.approx(4.0, rel=1e-3), method
     refused(InputError, r"did you mean 'slide\.z\.friction\.z'", Until.coordinate, kernel, "slide.z.friction", 1.0)

@@ -20,7 +20,7 @@ from eomgen.integration.until import Until
 from eomgen.motion.point_to_point import Harmonic
 from eomgen.robot.value import Coordinate, Placement, Robot
 from eomgen.runtime.stepping.input_signals import WORKS
-from eomgen.runtime.stepping.options import ADAPTIVE as METHODS
+from eomgen.runtime.stepping.methods import ADAPTIVE as METHODS
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.run import run_scenario
 from tests.integration.test_solve import closed_form
@@ -125,7 +125,7 @@ def test_a_mechanism_with_a_prescribed_crank(method: str, built: Build) -> None:
     assert residue(motion) <= 1e-6
     moved, taken = (abs(motion.works[-1, WORKS.index(name)]) for name in ("prescribed", "dissipated"))
     assert min(moved, taken) > 1e-3
-    fine = integrate(kernel, q, v, 0.2, prescribed=wave, method="DOP853", rtol=1e-10, output_step=2e-4)
+    fine = integrate(kernel, q, v, 0.2, prescribed=wave, method="scipy:DOP853", rtol=1e-10, output_step=2e-4)
     power = (fine.u * fine.v)[:, 0]
     assert np.sum(0.5 * (power[1:] + power[:-1]) * np.diff(fine.t)) == pytest.approx(
         motion.works[-1, WORKS.index("prescribed")], rel=1e-4
@@ -165,10 +165,12 @@ def test_ends_before_the_last_sample(built: Build) -> None:
 
 def test_what_cannot_be_integrated_along_is_said(built: Build) -> None:
     kernel = built(oscillator(), *NAMES)
-    with pytest.raises(InputError, match="works: oscillator: DOP853 integrates in Python; allowed: integrations in C"):
-        integrate(kernel, [0.0], [0.0], 0.1, method="DOP853", works=True)
     with pytest.raises(
-        InputError, match="Radau integrates in Python, because the drive is a function that only Python"
+        InputError, match="works: oscillator: scipy:DOP853 integrates in Python; allowed: integrations in C"
+    ):
+        integrate(kernel, [0.0], [0.0], 0.1, method="scipy:DOP853", works=True)
+    with pytest.raises(
+        InputError, match="scipy:Radau integrates in Python, because the drive is a function that only Python"
     ):
         integrate(kernel, [0.0], [0.0], 0.1, drive=lambda _t, _q, _v: [1.0], works=True)
     with pytest.raises(UnknownNameError, match="without the kernel generalized_force"):
@@ -189,8 +191,16 @@ def test_a_simulation_balances_at_any_samples(robot: str) -> None:
 
 
 ALL = (*NEEDED, "adaptive_rollout", "radau_rollout")
-IN_PYTHON: dict[str, dict[str, float]] = {"DOP853": {"rtol": 1e-5}, "Radau": {"rtol": 1e-5}, "rk4": {"step": 5e-3}}
-OTHERS: dict[str, dict[str, float]] = {"RK45": {"rtol": 1e-5}, "BDF": {"rtol": 1e-5}, "LSODA": {"rtol": 1e-5}}
+IN_PYTHON: dict[str, dict[str, float]] = {
+    "scipy:DOP853": {"rtol": 1e-5},
+    "scipy:Radau": {"rtol": 1e-5},
+    "rk4": {"step": 5e-3},
+}
+OTHERS: dict[str, dict[str, float]] = {
+    "scipy:RK45": {"rtol": 1e-5},
+    "scipy:BDF": {"rtol": 1e-5},
+    "scipy:LSODA": {"rtol": 1e-5},
+}
 IN_C: dict[str, dict[str, float]] = {name: {"rtol": 1e-5} for name in ("tsit5", "rosenbrock", "radau", "auto")}
 
 
@@ -215,7 +225,7 @@ def test_errors_of_a_pendulum_are_those_beside_elliptic_functions(built: Build) 
     mass, com, inertia = 2.0, 0.3, 0.05
     kernel = built(pendulum((), mass, com), *NEEDED)
     w, k = np.sqrt(mass * 9.81 * com / (inertia + mass * com**2)), np.sin(1.0)
-    motion = integrate(kernel, [2.0 - np.pi / 2.0], [0.0], 3.0, method="DOP853", rtol=1e-5, output_step=0.02)
+    motion = integrate(kernel, [2.0 - np.pi / 2.0], [0.0], 3.0, method="scipy:DOP853", rtol=1e-5, output_step=0.02)
     exact = 2.0 * np.arcsin(k * ellipj(ellipk(k**2) - w * motion.t, k**2)[0]) - np.pi / 2.0
     true = motion.q - exact[:, np.newaxis]
     assert np.abs(true).max() > 1e-6
@@ -232,7 +242,7 @@ def drift(kernel: eomgen.Kernel, motion: Trajectory, estimate: GlobalError) -> t
 def test_energy_drifts_as_estimated(built: Build) -> None:
     kernel = built(elastic_arm(damping=0.0), *NEEDED)
     q, v = 0.02 * np.sin(np.arange(12.0)), 0.1 * np.cos(np.arange(12.0))
-    motion = integrate(kernel, q, v, 0.4, method="DOP853", rtol=1e-4, output_step=4e-3)
+    motion = integrate(kernel, q, v, 0.4, method="scipy:DOP853", rtol=1e-4, output_step=4e-3)
     estimated, true = drift(kernel, motion, global_error(kernel, motion))
     assert np.abs(true).max() > 1e-6
     assert effectivity(estimated, true) < 0.05
@@ -241,7 +251,7 @@ def test_energy_drifts_as_estimated(built: Build) -> None:
 def test_samples_that_nobody_integrated_are_found_out(built: Build) -> None:
     """A sample that is moved is off by that, and the others are as they were."""
     kernel = built(oscillator(), *NEEDED)
-    motion = integrate(kernel, [0.1], [0.5], 0.5, method="DOP853", rtol=1e-10, output_step=1e-2)
+    motion = integrate(kernel, [0.1], [0.5], 0.5, method="scipy:DOP853", rtol=1e-10, output_step=1e-2)
     q = motion.q.copy()
     q[20] += 1e-5
     estimate = global_error(kernel, replace(motion, q=q))
@@ -346,7 +356,7 @@ def test_random_robots_are_off_as_estimated(seed: int, method: str, built: Build
     q, v = 0.1 * rng.uniform(-1.0, 1.0, (2, kernel.n))
     options = {**IN_PYTHON, **OTHERS, **IN_C}[method]
     motion = integrate(kernel, q, v, 0.2, method=method, output_step=2e-3, **options)
-    exact = integrate(kernel, q, v, 0.2, method="Radau", rtol=1e-12, output_step=2e-3)
+    exact = integrate(kernel, q, v, 0.2, method="scipy:Radau", rtol=1e-12, output_step=2e-3)
     true, estimate = motion.q - exact.q, global_error(kernel, motion)
     if estimate.is_resolved and np.abs(true).max() > 1e-9:
         assert effectivity(estimate.q_error, true) < 0.3
@@ -378,13 +388,13 @@ def test_robots_on_a_shaken_platform_are_off_as_estimated() -> None:
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("method", ["auto", "rosenbrock", "Radau"])
+@pytest.mark.parametrize("method", ["auto", "rosenbrock", "scipy:Radau"])
 def test_laws_with_states_are_off_as_estimated(method: str, built: Build) -> None:
     """Maxwell branches, hysteresis, bristles: their states have errors, too, and bend those of coordinates."""
     kernel = built(remembering_arm(), *ALL)
     q, v = np.full(kernel.n, 0.01), np.full(kernel.n, 0.05)
     motion = integrate(kernel, q, v, 0.2, output_step=1e-3, method=method, rtol=1e-4)
-    exact = integrate(kernel, q, v, 0.2, output_step=1e-3, method="Radau", rtol=1e-12)
+    exact = integrate(kernel, q, v, 0.2, output_step=1e-3, method="scipy:Radau", rtol=1e-12)
     estimate, true = global_error(kernel, motion), motion.q - exact.q
     assert estimate.is_resolved
     assert effectivity(estimate.q_error, true) < 0.3
@@ -397,7 +407,7 @@ def test_a_tumbling_body_is_off_as_estimated(method: str, built: Build) -> None:
     """Through singular angles; compared where they are far."""
     kernel = built(tumbler(), *ALL)
     motion = integrate(kernel, Q0, V0, 6.0, method=method, rtol=1e-5, output_step=5e-3)
-    exact = integrate(kernel, Q0, V0, 6.0, method="DOP853", rtol=1e-12, output_step=5e-3)
+    exact = integrate(kernel, Q0, V0, 6.0, method="scipy:DOP853", rtol=1e-12, output_step=5e-3)
     far = np.abs(np.cos(exact.q[:, 4])) > 0.5
     assert not far.all()
     estimate, true = global_error(kernel, motion), motion.q - exact.q

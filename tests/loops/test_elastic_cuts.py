@@ -278,7 +278,7 @@ def test_coordinates_of_a_cut_that_only_offsets_move(built: Build) -> None:
     assert np.allclose([K, B, M], np.reshape([300.0, 3.0, 1.0], (3, 1, 1)), rtol=1e-14)
     by = kernel.forward_dynamics_jacobian(q, v, u)
     assert np.allclose(by, np.reshape([-300.0, -3.0, 1.0], (3, 1, 1)), rtol=1e-14)
-    motion = eomgen.integration.integrate(kernel, q, v, 0.1, method="Radau", rtol=1e-9, atol=1e-12)
+    motion = eomgen.integration.integrate(kernel, q, v, 0.1, method="scipy:Radau", rtol=1e-9, atol=1e-12)
     w, d = np.sqrt(300.0 - 1.5**2), 1.5
     t = motion.t[-1]
     wanted = np.exp(-d * t) * (q[0] * np.cos(w * t) + (v[0] + d * q[0]) / w * np.sin(w * t))

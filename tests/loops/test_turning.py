@@ -84,7 +84,9 @@ def test_rollouts_of_a_held_pendulum(method: str, held: Kernel, hung: Array) -> 
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("method", soaked(("rk4", "DOP853", "Radau", "LSODA"), ("rk4", "LSODA")))
+@pytest.mark.parametrize(
+    "method", soaked(("rk4", "scipy:DOP853", "scipy:Radau", "scipy:LSODA"), ("rk4", "scipy:LSODA"))
+)
 def test_integrations_of_a_held_pendulum(method: str, held: Kernel, hung: Array) -> None:
     step = {"step": 5e-4} if method == "rk4" else {}
     found = integrate(held, *held_at(ANGLES, RATES), DURATION, method=method, rtol=1e-8, output_step=0.05, **step)
@@ -99,7 +101,7 @@ def test_forces_keep_their_meaning(held: Kernel) -> None:
     """Drives of described coordinates, held in rollouts and given to integrations; their work is what energy gains."""
     u = np.array([3.0, -2.0, 4.0, 0.3, -0.2, 0.1])
     q0, v0 = held_at(ANGLES, 0.5 * RATES)
-    found = integrate(held, q0, v0, 1.0, drive=lambda t, q, v: u, rtol=1e-10, output_step=1e-3, method="DOP853")
+    found = integrate(held, q0, v0, 1.0, drive=lambda t, q, v: u, rtol=1e-10, output_step=1e-3, method="scipy:DOP853")
     assert np.abs(np.cos(found.q[:, 4])).min() < 0.45
     power = found.v @ u
     work = np.concatenate([[0.0], np.cumsum(0.5e-3 * (power[1:] + power[:-1]))])
@@ -115,7 +117,7 @@ def test_forces_keep_their_meaning(held: Kernel) -> None:
     wrench = np.array([[0.0, 0.0, 0.0, 0.2, 0.1, -0.3]])
     plain, implicit = (
         integrate(held, q0, 2.0 * v0, 1.0, wrench=lambda t, q, v: wrench, rtol=1e-9, output_step=0.1, method=method)
-        for method in ("DOP853", "Radau")
+        for method in ("scipy:DOP853", "scipy:Radau")
     )
     assert np.abs(np.cos(plain.q[:, 4])).min() < 0.45
     assert np.abs(plain.q - implicit.q).max() < 1e-6

@@ -89,7 +89,7 @@ def test_without_extras_a_simulation_is_whole_but_for_its_plots(
     shown = capsys.readouterr()
     check_simulation(shown.out, shown.err, tmp_path)
     assert cli.main(["simulate", "one_link", "-o", str(tmp_path)]) == 0  # in C
-    assert cli.main(["simulate", "one_link", "-o", str(tmp_path), "--method", "Radau"]) == 1
+    assert cli.main(["simulate", "one_link", "-o", str(tmp_path), "--method", "scipy:Radau"]) == 1
     assert 'needs SciPy, which is not installed: pip install scipy, or pip install "eomgen[sim]"; "rk4" works' in (
         capsys.readouterr().err
     )

@@ -18,10 +18,18 @@ from eomgen.identification.choosing.information import CRITERIA as POSE_CRITERIA
 from eomgen.identification.choosing.proposals import MEASURES
 from eomgen.identification.exciting.weighted_columns import CRITERIA as EXCITATION_CRITERIA
 from eomgen.identification.geometry.solve import LOSSES
-from eomgen.integration.methods import EXPLICIT_IN_PYTHON, IN_C, METHODS, SCIPY_IMPLICIT, SUNDIALS
 from eomgen.robot import Limits
 from eomgen.runtime.kinematics import REFERENCES
-from eomgen.runtime.stepping.options import ADAPTIVE, AUTO, FIXED
+from eomgen.runtime.stepping.methods import (
+    ADAPTIVE,
+    AUTO,
+    EXPLICIT_METHODS,
+    FIXED,
+    IN_C,
+    METHODS,
+    SCIPY_IMPLICIT,
+    SUNDIALS,
+)
 from tests.support.refusals import refused
 
 ROOT = Path(__file__).parents[2]
@@ -147,4 +155,4 @@ def test_types_name_what_is_allowed(function: Any, argument: str, allowed: Any) 
 
 
 def test_methods_are_those_of_their_families() -> None:
-    assert sorted(METHODS) == sorted({AUTO, *IN_C, *SCIPY_IMPLICIT, *SUNDIALS, *EXPLICIT_IN_PYTHON})
+    assert sorted(METHODS) == sorted({AUTO, *IN_C, *SCIPY_IMPLICIT, *SUNDIALS, *EXPLICIT_METHODS})

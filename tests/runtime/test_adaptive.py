@@ -17,7 +17,7 @@ from eomgen.runtime.stepping.adaptive import KEPT_NUMBERS
 from eomgen.runtime.stepping.alternation import ELIMINATION, EVALUATION, FRESH, Alternation, Spent, Turn, implicit_spans
 from eomgen.runtime.stepping.batch_motion import BatchMotion
 from eomgen.runtime.stepping.input_signals import InputSignals
-from eomgen.runtime.stepping.options import ADAPTIVE as METHODS
+from eomgen.runtime.stepping.methods import ADAPTIVE as METHODS
 from eomgen.runtime.stepping.options import NARROW_TURNS, ErrorControl, rollout_of
 from eomgen.runtime.stepping.single_motion import SingleMotion
 from tests.support.builds import Build
@@ -88,7 +88,7 @@ def test_worn_joints_against_radau(method: str, seed: int, built: Build) -> None
         v0,
         duration,
         drive=lambda t, q, v: u,
-        method="Radau",
+        method="scipy:Radau",
         rtol=1e-10,
         output_step=duration / samples,
         z0=z,
@@ -116,7 +116,7 @@ def test_tolerances_know_frictions_as_they_are_set(method: str, built: Build) ->
     kernel = built(replace(mass_on_rail(friction=Friction(coulomb=4.0, smoothing=1e-2)), name="sledge"), *NAMES)
     tuned = kernel.with_parameters({"joints.rail.z.friction.smoothing": 1e-4})
     wanted = integrate(
-        tuned, [0.0], [0.1], 0.5, drive=lambda t, q, v: np.ones(1), method="Radau", rtol=1e-9, output_step=0.5
+        tuned, [0.0], [0.1], 0.5, drive=lambda t, q, v: np.ones(1), method="scipy:Radau", rtol=1e-9, output_step=0.5
     )
     q, v = tuned.rollout([0.0], [0.1], [1.0], method=method, duration=0.5, samples=1, rtol=1e-3)
     assert q[-1] == pytest.approx(wanted.q[-1], rel=2e-2)

@@ -17,7 +17,7 @@ from eomgen.description.load import robot_from_toml
 from eomgen.errors import InputError, SingularError
 from eomgen.robot.value import Coordinate, Friction, Robot
 from eomgen.runtime.stepping.input_signals import DriveData, Gains, InputSignals, LinkWrench, Signal, Track, jump_times
-from eomgen.runtime.stepping.options import ADAPTIVE as METHODS
+from eomgen.runtime.stepping.methods import ADAPTIVE as METHODS
 from tests.support.builds import Build
 from tests.support.random_robots import Array, random_robot, random_state, some_prescribed
 from tests.support.refusals import refused

@@ -18,7 +18,7 @@ from eomgen.pipeline.costs import RobotInfo
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Link, Robot, deflection_range
 from eomgen.runtime.singular import bent_too_far
-from eomgen.runtime.stepping.options import ADAPTIVE
+from eomgen.runtime.stepping.methods import ADAPTIVE
 from tests.support.bending_mixtures import Mixture, answer, mixture
 from tests.support.bending_robots import bent
 from tests.support.builds import Build

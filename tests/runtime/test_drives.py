@@ -85,7 +85,7 @@ def test_all_methods_follow_an_integration_to_twelve_digits(name: str, built: Bu
             [0.0], [0.0], [u], dt=0.5 / steps, steps=steps, every=steps // samples, method=method, z=zero
         )
         assert np.abs((np.hstack([*motion, motion.z]) - wanted) / size).max() < bound, method
-    for method in ("Radau", "LSODA"):
+    for method in ("scipy:Radau", "scipy:LSODA"):
         motion = integrate(kernel, [0.0], [0.0], duration=0.5, times=t, drive=[u], method=method, rtol=1e-8)
         assert np.abs((np.hstack([motion.q, motion.v, motion.z]) - wanted) / size).max() < 1e-4, method
 
@@ -183,7 +183,7 @@ def test_forces_beside_a_drive_act_on_its_coordinate(built: Build) -> None:
     loads = InputSignals(wrenches=[LinkWrench(0, row)])
     in_c = kernel.rollout([0.0], [0.0], [u], duration=0.2, samples=4, method="radau", rtol=1e-9, loads=loads, z=[0.0])
     motion = integrate(
-        kernel, [0.0], [0.0], duration=0.2, output_step=0.05, drive=[u], wrench=wrench, method="Radau", rtol=1e-9
+        kernel, [0.0], [0.0], duration=0.2, output_step=0.05, drive=[u], wrench=wrench, method="scipy:Radau", rtol=1e-9
     )
     np.testing.assert_allclose(in_c[0], motion.q, atol=1e-7)
     still = kernel.rollout([0.0], [0.0], [u], duration=0.2, samples=4, method="radau", rtol=1e-9, z=[0.0])
@@ -390,7 +390,7 @@ def test_drives_move_closed_loops(built: Build) -> None:
     options: dict[str, Any] = {"duration": 1.0, "output_step": 0.25, "drive": [2.0, 0.0, 0.0]}
     motions = [
         integrate(kernel, begin, np.zeros(m), method=method, rtol=1e-9, works=method == "radau", **options)
-        for method in ("radau", "rosenbrock", "tsit5", "Radau")
+        for method in ("radau", "rosenbrock", "tsit5", "scipy:Radau")
     ]
     for motion in motions[1:]:
         np.testing.assert_allclose(motion.q, motions[0].q, atol=1e-5)

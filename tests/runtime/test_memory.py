@@ -636,7 +636,7 @@ def test_simulations_of_all_methods_agree_and_balance(name: str, tmp_path: Path)
     """Results have z by name, also in files."""
     robot, duration, place, states, least, within = RELEASED[name]
     coordinate, ends = states[0].rpartition(".z.")[0] + ".z", []
-    for method in ("auto", "rosenbrock", "radau", "DOP853"):
+    for method in ("auto", "rosenbrock", "radau", "scipy:DOP853"):
         initial = f'[initial]\nq = {{ "{coordinate}" = {place} }}\n'
         integrator = f'[integrator]\nmethod = "{method}"\nrtol = 1e-8\n'
         result = run_scenario(robot, scenario_from_toml(f"duration = {duration}\n{initial}{integrator}"))

@@ -27,7 +27,7 @@ from tests.support.soak import soaked
 
 pytestmark = pytest.mark.quick
 
-METHODS = ("rk4", "RK45", "DOP853", "Radau", "BDF", "LSODA", "CVODE", "IDA")
+METHODS = ("rk4", "scipy:RK45", "scipy:DOP853", "scipy:Radau", "scipy:BDF", "scipy:LSODA", "CVODE", "IDA")
 KERNELS = (
     "forward_dynamics",
     "inverse_dynamics",
@@ -180,10 +180,10 @@ def test_a_drive_that_is_bad_at_a_sample_alone(kernel: eomgen.Kernel) -> None:
         return np.full(2, np.nan if t == 0.06 else 0.0)
 
     with pytest.raises(IntegrationStopped, match=r"t = 0\.05 s: .*drive: joint1\.x is nan at t = 0\.06 s") as caught:
-        integrate(kernel, Q, V, 0.1, drive=drive, method="DOP853", times=[0.0, 0.05, 0.06, 0.1])
+        integrate(kernel, Q, V, 0.1, drive=drive, method="scipy:DOP853", times=[0.0, 0.05, 0.06, 0.1])
     assert caught.value.trajectory.t.tolist() == [0.0, 0.05]
     with pytest.raises(ArrayError, match=r"drive: joint1\.gamma is inf at t = 0 s"):
-        integrate(kernel, Q, V, 0.1, drive=turning(np.inf, 1, at=0.0), method="Radau")
+        integrate(kernel, Q, V, 0.1, drive=turning(np.inf, 1, at=0.0), method="scipy:Radau")
     kernel.checks = False
     with pytest.raises(ArrayError, match=r"wrench: force\.x of link link1 is nan"):
         integrate(kernel, Q, V, 0.1, wrench=np.full((1, 6), np.nan))
@@ -203,7 +203,7 @@ def test_a_trouble_that_was_overcome_is_not_blamed(kernel: eomgen.Kernel) -> Non
         return u
 
     with pytest.raises(IntegrationStopped, match=r"drive: joint1\.gamma is inf at t = 0\.08") as caught:
-        integrate(kernel, Q, V, 0.1, drive=drive, method="DOP853")
+        integrate(kernel, Q, V, 0.1, drive=drive, method="scipy:DOP853")
     assert tried
     assert "nan" not in str(caught.value)
 

@@ -27,7 +27,7 @@ from eomgen.runtime.stepping.input_signals import (
     Track,
     Waves,
 )
-from eomgen.runtime.stepping.options import ADAPTIVE as METHODS
+from eomgen.runtime.stepping.methods import ADAPTIVE as METHODS
 from eomgen.runtime.stepping.reading_inputs import place_prescribed
 from tests.support.builds import Build
 from tests.support.random_robots import Array, loaded_free_joint, random_robot, random_state, seeds, some_prescribed

@@ -9,14 +9,15 @@ import numpy as np
 import pytest
 
 import eomgen
+from eomgen.codegen.c.tableaus import transformed
 from eomgen.codegen.kernels.equations import derive
-from eomgen.codegen.kernels.steps.methods import RK4, TSIT5, W643
 from eomgen.codegen.program.ir import evaluate
 from eomgen.errors import ArrayError, InputError, IntegrationStopped, UnknownNameError
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
 from eomgen.runtime.stepping import gradients, sensitivities
 from eomgen.runtime.stepping.input_signals import InputSignals, LinkWrench, MechanismData, Signal, Track, Waves
+from eomgen.runtime.stepping.methods import TABLE
 from tests.oracles.complex_step import COMPLEX
 from tests.support.builds import Build
 from tests.support.random_robots import random_robot, some_prescribed
@@ -337,21 +338,22 @@ class Evaluated:
             return q + dt * v_end, v_end
         if method == "rosenbrock":
             return self.rosenbrock(row, dt, q, v)
-        table = RK4 if method == "rk4" else TSIT5
+        table = next(row for row in TABLE if row.name == method)
         rates: list[np.ndarray] = []
         for shares in table.a[: 4 if method == "rk4" else 6]:
             moved = sum((dt * w * k for w, k in zip(shares, rates, strict=False)), np.zeros((2, q.size), complex))
             q_here, v_here = np.array([q, v]) + moved
-            rates.append(np.array([v_here, self.accelerations(row, q_here, v_here, shares.sum())]))
-        q, v = np.array([q, v]) + sum(dt * w * k for w, k in zip(table.b, rates, strict=False))
+            rates.append(np.array([v_here, self.accelerations(row, q_here, v_here, sum(shares))]))
+        q, v = np.array([q, v]) + sum(dt * w * k for w, k in zip(table.weights, rates, strict=False))
         return q, v
 
     def rosenbrock(self, row: int, dt: float, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        ahead, back, weight, _ = W643.transformed()
-        c = W643.diagonal * dt
+        method = next(row for row in TABLE if row.name == "rosenbrock")
+        ahead, back, weight, _ = transformed(method)
+        c = method.gamma[0][0] * dt
         kept = self.run("stage_factors", q=q, v=v, times=np.array([c, c * c]), **self.gains())
         parts: list[np.ndarray] = []
-        for more, less, part in zip(ahead, back, W643.alpha.sum(axis=1), strict=True):
+        for more, less, part in zip(ahead, back, map(sum, method.a), strict=True):
             start = np.zeros((2, q.size), complex)
             q_here, v_here = np.array([q, v]) + sum((w * x for w, x in zip(more, parts, strict=False)), start)
             a = self.accelerations(row, q_here, v_here, part)

@@ -173,7 +173,7 @@ def test_a_mechanism_whose_drive_is_clipped(built: Build) -> None:
         u[i] = np.clip(kp[i] * (3.0 - q[i]), -0.7, 0.7)
         return u
 
-    wanted = integrate(kernel, q, v, 0.2, drive=drive, method="DOP853", rtol=1e-9)
+    wanted = integrate(kernel, q, v, 0.2, drive=drive, method="scipy:DOP853", rtol=1e-9)
     assert np.abs(wanted.q[-1] - ends[0][-1]).max() < 1e-6
     assert np.abs(wanted.q[-1] - kernel.rollout(q, v, method="tsit5", **how)[0][-1]).max() > 1e-3
 

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 import eomgen
 from eomgen.description import robot_from_toml
 from eomgen.errors import DescriptionError, InputError, IntegrationStopped, LoopError
-from eomgen.integration.methods import IN_C
 from eomgen.robot import Coupling, build_model, record_of, robot_hash
 from eomgen.robot.value import Coordinate, Robot
+from eomgen.runtime.stepping.methods import IN_C
 from eomgen.scenario import scenario_from_toml
 from eomgen.simulation.assembly import kernels_of
 from eomgen.simulation.result import SimulationResult, load_result
@@ -83,7 +83,7 @@ def test_stiff_cut_joints_are_integrated_implicitly() -> None:
     coordinates = {x: Coordinate(stiffness=1e8, damping=1e3) for x in ("x", "y", "z", "alpha", "beta")}
     elastic = replace(robot, loops=(replace(loop, coordinates=coordinates),))
     assert "adaptive_rollout" in kernels_of(elastic, scenario)
-    implicit = scenario_from_toml("duration = 1.0\n[integrator]\nmethod = 'Radau'")
+    implicit = scenario_from_toml("duration = 1.0\n[integrator]\nmethod = 'scipy:Radau'")
     assert "residual_jacobian" in kernels_of(elastic, implicit)
     assert "residual_jacobian" not in kernels_of(replace(robot, loops=()), scenario)
 

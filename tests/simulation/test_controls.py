@@ -76,7 +76,7 @@ def test_drives_are_clipped_in_c_and_in_python(control: str) -> None:
     """By the same amounts, at the joint and at a motor behind a gear, and the energy balances."""
     robot = robot_from_toml(ARM)
     by_c = run_scenario(robot, scenario(CONTROLS[control]))
-    by_python = run_scenario(robot, scenario(CONTROLS[control], "BDF"))
+    by_python = run_scenario(robot, scenario(CONTROLS[control], "scipy:BDF"))
     free = run_scenario(robot, scenario(CONTROLS[control], saturate=""))
     assert drives(free)[0] > 12.5
     assert drives(by_c)[0] == drives(by_python)[0] == 12.0

@@ -33,7 +33,7 @@ pytestmark = pytest.mark.usefixtures("unoptimised")
 mujoco, pin = OptionalModule("mujoco"), OptionalModule("pinocchio")
 MASS, LENGTH, INERTIA = 2.0, 0.5, 0.1  # of the pendulum; about the axis:
 ABOUT_AXIS = INERTIA + MASS * LENGTH**2
-TIGHT = "[integrator]\nmethod = 'DOP853'\nrtol = 1e-11\n"
+TIGHT = "[integrator]\nmethod = 'scipy:DOP853'\nrtol = 1e-11\n"
 
 
 def pendulum(gravity: float) -> Robot:
@@ -266,7 +266,9 @@ def test_prescribed_motions(tmp_path: Path) -> None:
     found = run_scenario(robot, scenario_from_toml("duration = 1.0\noutput_step = 0.02\n" + harmonic + TIGHT))
     kernel = eomgen.build(robot)
     wave = Harmonic([0.1], 2.0, 0.4)
-    direct = integrate(kernel, [0, 0], [0, 0], 1.0, prescribed=wave, method="DOP853", rtol=1e-11, output_step=0.02)
+    direct = integrate(
+        kernel, [0, 0], [0, 0], 1.0, prescribed=wave, method="scipy:DOP853", rtol=1e-11, output_step=0.02
+    )
     assert np.abs(found.trajectory.q - direct.q).max() < 1e-9
     assert np.abs(found.trajectory.u - direct.u).max() < 1e-6
     assert found.prescribed == ("rail.z",)
@@ -459,7 +461,7 @@ def test_a_payload_is_a_further_body(t0: float) -> None:
     t = result.trajectory.t
     heavy = eomgen.build(replace(carrying(robot, "link1", load), name="heavy"))
     light = eomgen.build(robot)
-    options = {"method": "DOP853", "rtol": 1e-11}
+    options = {"method": "scipy:DOP853", "rtol": 1e-11}
     q0, v0, before = np.zeros(2), np.array([0.0, 1.5]), np.zeros((0, 2))
     if t0:
         first = integrate(light, q0, v0, t0, times=np.append(t[t < t0], t0), **options)

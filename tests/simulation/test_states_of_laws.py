@@ -78,7 +78,7 @@ def test_beginnings_and_pieces(result: SimulationResult, robot: Robot) -> None:
     assert motion.z[0].tolist() == [3e-5, -2e-5, 0.0]
     assert (np.abs(np.diff(motion.z, axis=0)).max(axis=0) < 1e-4).all()
     assert result.balance.relative_residue < 1e-4
-    exact = scenario_from_toml(PUSHED + "[integrator]\nmethod = 'DOP853'\nrtol = 1e-8\n")
+    exact = scenario_from_toml(PUSHED + "[integrator]\nmethod = 'scipy:DOP853'\nrtol = 1e-8\n")
     other = run_scenario(robot, exact).trajectory
     assert motion.q == pytest.approx(other.q, abs=1e-5)
     assert motion.z == pytest.approx(other.z, abs=1e-7)

@@ -43,7 +43,7 @@ def test_sizes_of_coordinates(built: Build) -> None:
     kernel.parameters["joints.slide.z.stiffness"] = 0.0
     assert [x.tolist() for x in coordinate_sizes(kernel, np.zeros(1))] == [[1.0], [1.0]]
     assert not stiffnesses(kernel).any()
-    assert choose_method(kernel) == "DOP853"
+    assert choose_method(kernel) == "scipy:DOP853"
 
 
 def test_a_spring_under_gravity_hangs_where_it_must(built: Build) -> None:

@@ -143,7 +143,7 @@ def test_rollouts_come_near_scipy(tmp_path: Path, case: str) -> None:
 def check_beside_scipy(robot: Robot, scenario: dict[str, object], plan: str, folder: Path) -> None:
     """Numbers of samples in C at the default tolerance beside those of SciPy's Radau at 1e-8."""
     found = []
-    for engine, integrator in (("rollout", {}), ("integrate", {"method": "Radau", "rtol": 1e-8})):
+    for engine, integrator in (("rollout", {}), ("integrate", {"method": "scipy:Radau", "rtol": 1e-8})):
         how = {**scenario, "integrator": integrator}
         result = run(robot, how, plan_from_toml(f"engine = {{ type = '{engine}' }}\n{plan}"), folder / engine)
         assert not result.errors

@@ -17,7 +17,6 @@ from numpy.typing import ArrayLike
 from ..arrays import Array
 from ..description import RobotLike, as_robot
 from ..errors import InputError, check_kind
-from ..integration.methods import Method
 from ..motion.ends import default_motion, principal_limits
 from ..motion.exceeding import excess_notes, excesses
 from ..motion.tool_path import ToolLine
@@ -27,6 +26,7 @@ from ..progress import Progress, tells_at_prompt
 from ..robot.coordinates import force_unit_of, index_of, unit_of
 from ..robot.model import build_model, program_coordinates, tool_of
 from ..robot.value import Robot
+from ..runtime.stepping.methods import Method
 from ..shown import Shown, prefixed
 from ..simulation.assembly import RIGID_KERNELS
 from ..simulation.controls import actuators

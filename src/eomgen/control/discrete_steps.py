@@ -17,7 +17,7 @@ import numpy as np
 from ..errors import InputError, UnknownNameError
 from ..names import listed, show
 from ..runtime.kernel import Kernel
-from ..runtime.stepping.gradients import STEP_CODES
+from ..runtime.stepping.methods import STEP_CODES
 
 LONGEST = 1e6  # s, of a step
 MOST_SUBSTEPS = 10_000

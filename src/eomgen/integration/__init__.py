@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 from ..lazily import lazy_names
 
 if TYPE_CHECKING:
+    from ..runtime.stepping.methods import METHODS as METHODS
     from .contacts import Contact as Contact
-    from .methods import METHODS as METHODS
     from .plan import choose_method as choose_method
     from .reference_motions import GlobalError as GlobalError
     from .reference_motions import global_error as global_error

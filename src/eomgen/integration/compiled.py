@@ -13,7 +13,8 @@ from ..runtime.kernel import Kernel
 from ..runtime.stepping.adaptive import DONE, refuse_unmoved, why_ended
 from ..runtime.stepping.alternation import implicit_spans
 from ..runtime.stepping.input_signals import InputSignals
-from ..runtime.stepping.options import AUTO, ErrorControl
+from ..runtime.stepping.methods import AUTO
+from ..runtime.stepping.options import ErrorControl
 from ..runtime.stepping.single_motion import SingleMotion
 from .contacts import ContactWatch
 from .steps import Samples
@@ -21,6 +22,7 @@ from .system import System
 from .until import Reached
 
 STEP_SHARE = 0.5  # of tolerances, for each step: errors of many add up
+LEAST_ATOL = 1e-30  # in place of smaller ones: numbers that stay 0 have an allowed error
 KEPT = 1024  # steps of a call in which contacts are looked for
 
 
@@ -84,7 +86,7 @@ def compiled_states(
 
 def per_step(control: ErrorControl) -> ErrorControl:
     """Return the control with tolerances of each step, of a motion that has these as a whole."""
-    return replace(control, rtol=STEP_SHARE * control.rtol, atol=STEP_SHARE * np.maximum(control.atol, 1e-30))
+    return replace(control, rtol=STEP_SHARE * control.rtol, atol=STEP_SHARE * np.maximum(control.atol, LEAST_ATOL))
 
 
 def _moved(

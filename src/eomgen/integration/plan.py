@@ -14,11 +14,11 @@ from ..limits import LARGEST, is_usable
 from ..names import show
 from ..runtime.by_name import WrenchLike
 from ..runtime.kernel import Kernel
-from ..runtime.stepping.options import AUTO, NARROW, NARROW_TURNS, RADAU, TURNS, rollout_of
+from ..runtime.stepping.methods import AUTO, IN_C, METHODS, RADAU, SUNDIALS
+from ..runtime.stepping.options import NARROW, NARROW_TURNS, TURNS, rollout_of
 from ..runtime.stepping.reading_inputs import signals_of
 from ..state.springs import any_spring, damping_matrix, fastest_rates
 from ..state.vectors import DriveFunction, MotionFunction, WrenchFunction
-from .methods import IN_C, METHODS, SUNDIALS
 
 REAL_TIME = 300.0  # rad/s or 1/s: eigenvalues above which steps of some ms, in pace with a clock, are implicit
 STIFF = 1000.0  # time constants in a motion: an explicit method takes 2000 evaluations, and an implicit one not more
@@ -94,7 +94,7 @@ def plan_integration(
 ) -> IntegratorPlan:
     """Choose the integrator of a motion; "auto" is the kernel's C where it can follow the loads.
 
-    Where it cannot, "auto" is Radau if something is stiff (``why_stiff``), else DOP853.
+    Where it cannot, "auto" is "scipy:Radau" if something is stiff (``why_stiff``), else "scipy:DOP853".
 
     Args:
         kernel: with the parameters that it has now.
@@ -119,7 +119,7 @@ def plan_integration(
     if method == AUTO and slow:
         stiff = why_stiff(kernel, q, duration)
         why = stiff or "nothing has a stiffness, nor stiff dampers or friction"
-        taken, reason = "Radau" if stiff else "DOP853", f"because {why}; not in C: {slow}"
+        taken, reason = "scipy:Radau" if stiff else "scipy:DOP853", f"because {why}; not in C: {slow}"
     turns = turns_of(kernel, wanted)
     return IntegratorPlan(taken, wanted.rtol, wanted.atol, wanted.step, method, reason, slow, turns)
 

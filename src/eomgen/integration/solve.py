@@ -16,6 +16,7 @@ from ..errors import InputError, IntegrationStopped, check_kind
 from ..progress import Progress, tells_at_prompt
 from ..runtime.by_name import WrenchLike
 from ..runtime.kernel import Kernel
+from ..runtime.stepping.methods import SUNDIALS, Method
 from ..runtime.stepping.options import ErrorControl
 from ..runtime.stepping.reading_inputs import input_signals
 from ..state.vectors import DriveFunction, MotionFunction, WrenchFunction
@@ -23,7 +24,6 @@ from . import compiled, sundials
 from .closed import ClosedSystem
 from .contacts import ContactWatch
 from .drives import begin_of, drive_beside_states, drive_of, record_apart, wrench_beside_states
-from .methods import SUNDIALS, Method
 from .plan import IntegratorOptions, IntegratorPlan, plan_integration
 from .resting import rests
 from .steps import Record, Samples, checked_times, fixed_step, output_times, reporter, rk4, sampled, tolerances
@@ -83,13 +83,13 @@ def integrate(  # noqa: PLR0913
             does not count.  The trajectory's u is there the force that the motion needs, so that the kernel must have
             inverse_dynamics.
         method: "rosenbrock", "tsit5" or "radau": the kernel's C (adaptive_rollout, radau_rollout), where it can
-            follow drive, wrench and prescribed; "Radau", "BDF", "LSODA", "DOP853", "RK45" (all
-            SciPy's), "CVODE", "IDA" (SUNDIALS', not for loops), or "rk4" with a fixed step.  "auto" switches between
-            the first two by stiffness and cost, and "radau", too, where rtol is 1e-7 or less and there are
-            springs, dampers or friction (see ``plan.turns_of``); where C cannot do it, Radau if there are springs,
-            stiff dampers or friction (see ``plan.why_stiff``), else DOP853.
+            follow drive, wrench and prescribed; "scipy:Radau", "scipy:BDF", "scipy:LSODA", "scipy:DOP853",
+            "scipy:RK45", "CVODE", "IDA" (SUNDIALS', not for loops), or "rk4" with a fixed step.  "auto" switches
+            between the first two by stiffness and cost, and "radau", too, where rtol is 1e-7 or less and there are
+            springs, dampers or friction (see ``plan.turns_of``); where C cannot do it, "scipy:Radau" if there are
+            springs, stiff dampers or friction (see ``plan.why_stiff``), else "scipy:DOP853".
         rtol, atol: tolerances; atol is a number or (2n,), first of q, then of v, behind which may be those of states of
-            laws (which a number leaves as they are).  By default rtol times the size of
+            laws (which a number leaves as they are); C takes what is below 1e-30 as 1e-30.  By default rtol times the size of
             each coordinate: ``coordinate_sizes``; of a velocity that friction resists at most the smoothing of that.
         step: of rk4, s; shortened so that it divides ``output_step``.  Default: half the shortest time constant, 1 /
             the angular frequency of a spring, or the decay time by 1 / e of a damper or friction; of states of laws as

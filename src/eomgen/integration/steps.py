@@ -20,10 +20,10 @@ from ..runtime.arrays import numbers_in
 from ..runtime.calls import Memory
 from ..runtime.kernel import Kernel
 from ..runtime.stepping.many_steps import StateBounds
+from ..runtime.stepping.methods import SCIPY_IMPLICIT
 from ..runtime.stepping.options import ErrorControl
 from ..state.springs import coordinate_sizes, fastest_rates, memory_sizes, rubbing_rates
 from .contacts import ContactWatch
-from .methods import SCIPY_IMPLICIT
 from .plan import IntegratorOptions
 from .system import System
 from .until import Reached
@@ -217,14 +217,14 @@ def _solver(system: System, control: ErrorControl, y: Array, span: tuple[float, 
     with optional_import("SciPy", f"method {name} needs", '"rk4" works without'):
         from scipy import integrate as scipy_integrate
     system.derivative(t, y)  # a state that cannot move is the caller's: its error comes as it is
-    share = 1.0 if name == "Radau" else system.tolerance_share  # whose estimate is larger than its error
+    share = 1.0 if name == "scipy:Radau" else system.tolerance_share  # whose estimate is larger than its error
     options: dict[str, Any] = {"rtol": max(share * control.rtol, 1e-13), "atol": share * control.atol[system.index]}
     if name in SCIPY_IMPLICIT:
         options["jac"] = system.jacobian
     if first:
         options["first_step"] = min(first, end - t)
-    function = system.derivative if name == "LSODA" else system.trial
-    return getattr(scipy_integrate, name)(function, t, y, end, **options)
+    function = system.derivative if name == "scipy:LSODA" else system.trial
+    return getattr(scipy_integrate, name.removeprefix("scipy:"))(function, t, y, end, **options)
 
 
 def sampled(

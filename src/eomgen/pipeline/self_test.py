@@ -7,6 +7,7 @@ random states, alone and in a batch that fills all lanes of vectors, and compare
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -19,6 +20,8 @@ from ..codegen.c.expected import FAILS, PASSES, STATES, read_expected
 from ..codegen.kernels.signatures import BATCHES, SINGLES
 from ..errors import BuildError
 from ..runtime.raw import ADAPTIVE, BATCH, FFI, OneLibrary, RawFunction, RawKernel
+from ..runtime.stepping.methods import ADAPTIVE as METHODS_IN_C
+from ..runtime.stepping.methods import FIXED, RADAU
 from . import cache as store
 from .load import tried_module
 
@@ -31,7 +34,11 @@ Array = NDArray[Any]
 ROWS = [row.bit_count() % STATES for row in range(35)]  # states of a batch: two vectors of 16 lanes, and some
 UNITS = 16.0  # eps of a sum of results by its terms
 STEP = {"float64": 2.0**-200, "float32": 2.0**-60}  # s; so short that velocities change by the accelerations alone
-METHODS = {"rollout": 2, "adaptive_rollout": 2, "radau_rollout": 3}
+METHODS = {  # numbers of methods in C, by kernels
+    "rollout": tuple(FIXED.values()),
+    "adaptive_rollout": tuple(number for name, number in METHODS_IN_C.items() if name != RADAU),
+    "radau_rollout": tuple(METHODS_IN_C.values()),
+}
 ITERATED = 256.0 * UNITS  # eps of velocities behind a step that is solved by iterations
 
 
@@ -148,7 +155,7 @@ class _Check:
     def _of_steps(self, rollout: RawFunction, called: str) -> Iterator[str]:
         """Compare velocities after one step from rest by each method with the accelerations there."""
         name, n, dt = rollout.name, self.expected["q"].shape[1], STEP[str(self.raw.dtype)]
-        for method, state in np.ndindex(METHODS[name], STATES):
+        for method, state in itertools.product(METHODS[name], range(STATES)):
             if self.expected[f"{name} status"][state] != PASSES:
                 continue
             q, u = (self._pointer(self.expected[x][state].copy()) for x in "qu")

@@ -36,11 +36,14 @@ _TURNS: dict[Vector, Matrix] = {
 }
 
 
+RIGHT = 4e-16  # round-off of sines and cosines of right angles
+
+
 def snap(value: float) -> float:
-    """Return the value; a sine or cosine that misses -1, 0 or 1 by round-off of a right angle becomes exact."""
+    """Return the value; a sine or cosine that misses -1, 0 or 1 by less than 4e-16 becomes exact."""
     check_kind("value", value, isinstance(value, Real), "a number")
     for exact in (-1.0, 0.0, 1.0):
-        if abs(value - exact) < 4e-16:
+        if abs(value - exact) < RIGHT:
             return exact
     return value
 

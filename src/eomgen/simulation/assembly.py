@@ -11,7 +11,6 @@ import numpy as np
 
 from ..arrays import Array
 from ..errors import InputError
-from ..integration.methods import EXPLICIT, IN_C
 from ..integration.plan import may_take_radau, turns_of
 from ..integration.until import Until
 from ..motion.point_to_point import Program
@@ -30,7 +29,8 @@ from ..robot.record import record_of, robot_hash
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
 from ..runtime.stepping.input_signals import Gains
-from ..runtime.stepping.options import AUTO, RADAU, rollout_of
+from ..runtime.stepping.methods import AUTO, EXPLICIT_METHODS, IN_C, RADAU
+from ..runtime.stepping.options import rollout_of
 from ..runtime.stepping.saturation import efforts_of
 from ..scenario.value import Scenario, Section
 from ..state.motors import shafts
@@ -281,7 +281,7 @@ def kernels_of(robot: Robot, scenario: Scenario) -> tuple[str, ...]:
         return (*closing, *CLOSED_KERNELS, *drives, *rollouts)
     if drives:
         return (*dict.fromkeys((*KERNELS, *drives, *rollouts)),)
-    return (*KERNELS, *rollouts) if scenario.integrator.method in EXPLICIT or rollouts else IMPLICIT_KERNELS
+    return (*KERNELS, *rollouts) if scenario.integrator.method in EXPLICIT_METHODS or rollouts else IMPLICIT_KERNELS
 
 
 def _rollouts(scenario: Scenario) -> tuple[str, ...]:

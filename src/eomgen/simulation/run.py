@@ -24,7 +24,6 @@ from .._version import __version__
 from ..arrays import Array
 from ..description import RobotLike, as_robot
 from ..errors import InputError, IntegrationStopped
-from ..integration.methods import EXPLICIT, Method
 from ..integration.plan import IntegratorPlan, plan_integration
 from ..integration.reference_motions import references
 from ..integration.steps import output_times
@@ -43,6 +42,7 @@ from ..robot.memory.drives import short_time_notes
 from ..robot.model import build_model, rigid_coordinates, tool_of
 from ..robot.value import MOTOR, Robot
 from ..runtime.kernel import Kernel
+from ..runtime.stepping.methods import EXPLICIT_METHODS, Method
 from ..scenario.load import as_scenario
 from ..scenario.value import Integrator, Scenario, Section
 from ..state.drives import has_drives
@@ -322,7 +322,7 @@ def _method_note(motion: Trajectory, plan: IntegratorPlan) -> tuple[str, ...]:
             methods = f"{', '.join(plan.turns[:-1])} and {plan.turns[-1]}"
             return (f"{switching} {methods}, implicit for {share:.0f} % of the time",)
         return (f"{switching} tsit5 and rosenbrock (implicit), the latter for {share:.0f} % of the time",)
-    kind = "explicit" if motion.method in EXPLICIT else "implicit"
+    kind = "explicit" if motion.method in EXPLICIT_METHODS else "implicit"
     return (f"method: {motion.method} ({kind}), {plan.reason}",)
 
 

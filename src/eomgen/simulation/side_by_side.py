@@ -13,7 +13,6 @@ import numpy as np
 from ..arrays import Array, Mask
 from ..errors import EomgenError
 from ..integration.compiled import per_step
-from ..integration.methods import IN_C
 from ..integration.plan import IntegratorPlan
 from ..integration.solve import system_of
 from ..integration.steps import output_times, tolerances
@@ -26,6 +25,7 @@ from ..runtime.stepping.adaptive import DONE
 from ..runtime.stepping.alternation import implicit_spans
 from ..runtime.stepping.batch_motion import BatchMotion
 from ..runtime.stepping.input_signals import InputSignals
+from ..runtime.stepping.methods import IN_C
 from ..runtime.stepping.options import ErrorControl
 from ..runtime.stepping.packed_inputs import PackedInputs
 from ..scenario.value import Scenario

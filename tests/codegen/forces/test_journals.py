@@ -145,9 +145,9 @@ def test_a_dropped_journal_moves_as_integrated_otherwise(built: Build) -> None:
     """Two bodies, the bearing's and the journal's, with the force between them in branches: 1e-6 of the clearance."""
     radial = Radial(1e-3, 1e5, None, 0.8, None, SlidingFriction(0.2, 0.01, 1e-3))
     kernel = built(rotor(radial, gravity=9.81), "forward_dynamics", "energy", "mass_matrix", "inverse_dynamics")
-    assert choose_method(kernel) == "Radau"
+    assert choose_method(kernel) == "scipy:Radau"
     q0, v0 = np.array([2e-4, 0.0, 0.0]), np.array([0.02, 0.0, 30.0])
-    found = integrate(kernel, q0, v0, 0.06, method="DOP853", rtol=1e-10, output_step=2e-3)
+    found = integrate(kernel, q0, v0, 0.06, method="scipy:DOP853", rtol=1e-10, output_step=2e-3)
     inverse = np.array([1 / 2.0, 1 / 2.0, 1 / 2e-3])
 
     def slopes(_: float, y: Array) -> Array:
@@ -170,7 +170,7 @@ def test_a_tilting_journal_keeps_its_energy(built: Build) -> None:
     names = ("forward_dynamics", "energy", "generalized_force", "mass_matrix")
     kernel = built(robot, *names)
     start = np.array([0.0, 0.0, 0.0, 2e-3, -1e-3, 0.0]), np.array([0.05, 0.0, 0.0, 0.5, 1.0, 5.0])
-    found = integrate(kernel, *start, 0.05, method="DOP853", rtol=1e-10)
+    found = integrate(kernel, *start, 0.05, method="scipy:DOP853", rtol=1e-10)
     total = found.energy.sum(axis=1)
     assert np.abs(total - total[0]).max() < 1e-7 * np.ptp(found.energy[:, 0])
     assert {(contact.coordinate, contact.side) for contact in found.contacts} == {("pin.radial", 1), ("pin.radial", -1)}

@@ -339,7 +339,7 @@ def test_simulation_with_clearances(built: Build) -> None:
     robot = replace(robot, gravity=(0.0, 0.0, -9.81))
     kernel = built(robot, "forward_dynamics", "energy", "mass_matrix", "inverse_dynamics")
     found = integrate(kernel, np.zeros(1), np.zeros(1), 0.5)
-    assert found.method == "Radau"
+    assert found.method == "scipy:Radau"
     energy = np.asarray(found.energy).sum(axis=1)
     assert np.max(np.diff(energy)) <= 1e-4 * np.abs(energy).max()
     assert found.q[-1, 0] == pytest.approx(-5e-3, abs=2e-4)
@@ -390,12 +390,12 @@ def test_what_counts_as_its_stiffness(built: Build) -> None:
     assert stiffnesses(kernel) == pytest.approx([F / SCALE])
     assert stiffnesses(built(replaced(robot, stiffness=40.0), "energy")) == pytest.approx([40.0 + F / SCALE])
     assert coordinate_sizes(kernel, np.zeros(1))[0] == pytest.approx([min(1.0, 10.0 * 2.0 / (F / SCALE))])
-    assert choose_method(kernel) == "Radau"
+    assert choose_method(kernel) == "scipy:Radau"
     assert robot.joints[0].coordinates["z"].has_stiffness
     deviation = replace(robot, joints=(replace(robot.joints[0], type="fixed"),))
     assert not fixation_of(deviation, built(replace(deviation, name="deviation"), "energy")).still.any()
     kernel.parameters["joints.rail.z.exponential.force"] = 0.0
-    assert choose_method(kernel) == "DOP853"
+    assert choose_method(kernel) == "scipy:DOP853"
 
 
 def test_a_simulation(built: Build) -> None:
@@ -403,7 +403,7 @@ def test_a_simulation(built: Build) -> None:
     robot = slider(damping=20.0, further=GIVEN)
     kernel = built(robot, "forward_dynamics", "mass_matrix", "energy", "inverse_dynamics", "forward_dynamics_jacobian")
     found = integrate(kernel, np.zeros(1), np.zeros(1), 8.0, drive=lambda t, q, v: np.full_like(q, 30.0))
-    assert found.method == "Radau"
+    assert found.method == "scipy:Radau"
     assert found.q[-1, 0] == pytest.approx(SCALE * np.log(1.0 + 30.0 / F), rel=1e-5)
 
 
@@ -416,7 +416,7 @@ def test_overflow_is_named(built: Build) -> None:
     assert kernel.with_checks(False).generalized_force([1000.0 * SCALE], [0.0]) == [-np.inf]
     assert kernel.generalized_force([-1000.0 * SCALE], [0.0]) == [F]
     with pytest.raises(ArrayError, match=r"forward_dynamics: rail\.z is -inf"):
-        integrate(kernel, np.array([1000.0 * SCALE]), np.zeros(1), 0.1, method="DOP853")
+        integrate(kernel, np.array([1000.0 * SCALE]), np.zeros(1), 0.1, method="scipy:DOP853")
 
 
 def test_mujoco_has_no_equal(tmp_path: Path) -> None:
@@ -458,7 +458,9 @@ def test_bias_without_it(built: Build) -> None:
 
 
 def test_scenarios_build_what_its_method_asks_for() -> None:
-    implicit, explicit = (scenario_from_toml(f"duration = 1.0\n[integrator]\nmethod = '{x}'") for x in ("Radau", "rk4"))
+    implicit, explicit = (
+        scenario_from_toml(f"duration = 1.0\n[integrator]\nmethod = '{x}'") for x in ("scipy:Radau", "rk4")
+    )
     robot = slider(further=GIVEN)
     assert "adaptive_rollout" in kernels_of(robot, scenario_from_toml("duration = 1.0"))
     assert set(kernels_of(robot, implicit)) > set(kernels_of(robot, explicit))

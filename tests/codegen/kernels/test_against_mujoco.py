@@ -55,7 +55,7 @@ def test_motion_of_one_second_equals_mujocos_step_by_step(motion: Motion) -> Non
     assert np.abs(np.hstack([ours.q, ours.v]) - states).max() <= 1e-12
 
 
-@pytest.mark.parametrize(("method", "rtol", "bound"), [("DOP853", 1e-11, 2e-9), ("Radau", 1e-8, 5e-8)])
+@pytest.mark.parametrize(("method", "rtol", "bound"), [("scipy:DOP853", 1e-11, 2e-9), ("scipy:Radau", 1e-8, 5e-8)])
 def test_motion_of_one_second_equals_mujocos(motion: Motion, method: str, rtol: float, bound: float) -> None:
     kernel, q, v, u, states = motion
     ours = integrate(kernel, q, v, 1.0, drive=lambda *_: u, method=method, rtol=rtol, output_step=0.01)

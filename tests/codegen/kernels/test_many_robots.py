@@ -116,7 +116,7 @@ def motion(robot: Robot, seed: int, built: Build, floating: bool = False) -> Tra
     q, v = rng.uniform(-0.2, 0.2, kernel.n), rng.uniform(-0.5, 0.5, kernel.n)
     if floating:
         v[3:6] *= 0.2  # in ten seconds beta does not come to +-pi/2
-    return integrate(kernel, q, v, DURATION, method="DOP853", rtol=1e-12, atol=1e-14, output_step=0.02)
+    return integrate(kernel, q, v, DURATION, method="scipy:DOP853", rtol=1e-12, atol=1e-14, output_step=0.02)
 
 
 def check_energy(seed: int, built: Build, figures: Figures) -> None:

@@ -2,111 +2,183 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from fractions import Fraction
+from itertools import accumulate
+from typing import get_args
 
 import numpy as np
 import pytest
+import sympy
 
 import eomgen
+from eomgen.codegen.c.tableaus import Exact, exact
 from eomgen.codegen.kernels.equations import derive
 from eomgen.codegen.kernels.stages import STAGES
-from eomgen.codegen.kernels.steps.methods import TSIT5, W643, Array, Rosenbrock
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
+from eomgen.runtime.stepping.methods import (
+    ADAPTIVE,
+    COST,
+    EXPLICIT,
+    FIXED,
+    METHODS,
+    ROSENBROCK,
+    TABLE,
+    IntegrationMethod,
+    Method,
+    StepMethod,
+    tableaus,
+)
 from eomgen.state.springs import damping_matrix, stiffness_matrix
 from tests.support.builds import Build
+from tests.support.method_rows import BS3, RODAS4
 from tests.support.programs import staged
 from tests.support.random_motors import geared_robot, motor_state
 from tests.support.random_robots import random_robot, random_state, some_prescribed
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
-ROUND_OFF = 1e-13
+ROUND_OFF = Fraction(1, 10**13)  # of coefficients, which are doubles; sums of these are exact
+PAIRS = [row for row in tableaus(EXPLICIT) if row.embedded]
 
 
-def rooted_trees(b: Array, a: Array, order: int) -> list[float]:
-    """What b sums over every rooted tree of up to so many nodes, less 1 / its density (J. Butcher)."""
-    c = a.sum(axis=1)
-    found = [b.sum() - 1]
-    if order > 1:
-        found += [b @ c - 1 / 2]
-    if order > 2:
-        found += [b @ c**2 - 1 / 3, b @ a @ c - 1 / 6]
-    if order > 3:
-        found += [b @ c**3 - 1 / 4, b @ (c * (a @ c)) - 1 / 8, b @ a @ c**2 - 1 / 12, b @ a @ a @ c - 1 / 24]
-    if order > 4:
-        found += [b @ c**4 - 1 / 5, b @ (c**2 * (a @ c)) - 1 / 10, b @ (a @ c) ** 2 - 1 / 20]
-        found += [b @ (c * (a @ c**2)) - 1 / 15, b @ a @ c**3 - 1 / 20, b @ (c * (a @ a @ c)) - 1 / 30]
-        found += [b @ a @ (c * (a @ c)) - 1 / 40, b @ a @ a @ c**2 - 1 / 60, b @ a @ a @ a @ c - 1 / 120]
-    return [float(x) for x in found]
+def coefficients(method: IntegrationMethod) -> tuple[Exact, Exact, Exact, Exact]:
+    """Exact a, gamma, weights and weights of the embedded method."""
+    n = len(method.a)
+    b, error = (np.array([Fraction(x) for x in row], dtype=object) for row in (method.weights, method.error or [0] * n))
+    return exact(method.a, n), exact(method.gamma, n), b, b - error
 
 
-def w_conditions(method: Rosenbrock, b: Array, order: int) -> list[float]:
+def largest(residuals: Iterable[Fraction]) -> Fraction:
+    return max(abs(x) for x in residuals)
+
+
+def conditions(
+    a: Exact, b: Exact, order: int, *, matrix: Exact | None = None, single: Exact | None = None
+) -> list[Fraction]:
     """What b sums over trees of up to so many nodes, less what the solution has there (E. Hairer, G. Wanner, IV.7).
 
-    A node is the function, with any number of branches, or the matrix, with one; the latter is nowhere in the solution.
+    A node is the function, with any number of branches, or the matrix, with one branch; the latter is nowhere in the
+    solution, so that the method is of this order with any matrix.
+
+    Args:
+        matrix: gamma, of Rosenbrock methods with any matrix.
+        single: of nodes with one branch; alpha + gamma, of Rosenbrock methods whose matrix is the Jacobian.
     """
-    trees: list[list[tuple[Array, float]]] = [[], [(np.ones(len(b)), 1.0)]]
+    trees: list[list[tuple[Exact, Fraction]]] = [[], [(np.array([Fraction(1)] * len(b), dtype=object), Fraction(1))]]
     for nodes in range(2, order + 1):
-        smaller = [(k, tree) for k in range(1, nodes) for tree in trees[k]]
-        functions = [(value, density / nodes) for value, density in bushes(method.alpha, smaller, nodes - 1)]
-        trees.append([*functions, *((method.gamma @ value, 0.0) for value, _ in trees[nodes - 1])])
-    return [float(b @ value) - density for kind in trees for value, density in kind]
+        smaller = [(k, tree) for k in range(1, nodes - 1) for tree in trees[k]]
+        several = [(value, density / nodes) for value, density in bushes(a, smaller, nodes - 1)]
+        one = [((a if single is None else single) @ value, density / nodes) for value, density in trees[nodes - 1]]
+        matrices = [] if matrix is None else [(matrix @ value, Fraction(0)) for value, _ in trees[nodes - 1]]
+        trees.append([*one, *several, *matrices])
+    return [b @ value - density for kind in trees for value, density in kind]
 
 
-def bushes(alpha: Array, trees: list[tuple[int, tuple[Array, float]]], nodes: int) -> Iterator[tuple[Array, float]]:
+def bushes(
+    alpha: Exact, trees: list[tuple[int, tuple[Exact, Fraction]]], nodes: int
+) -> Iterator[tuple[Exact, Fraction]]:
     """Products of all choices of trees, taken once or more, that have so many nodes together."""
     if nodes == 0:
-        yield np.ones(len(alpha)), 1.0
+        yield np.array([Fraction(1)] * len(alpha), dtype=object), Fraction(1)
     for place, (size, (value, density)) in enumerate(trees):
         if size <= nodes:
             for others, rest in bushes(alpha, trees[place:], nodes - size):
                 yield (alpha @ value) * others, density * rest
 
 
-def test_trees_with_a_matrix_are_as_many_as_are_known() -> None:
-    method, before = W643, 0
-    for order, count in enumerate((1, 2, 5, 13, 37), 1):
-        found = len(w_conditions(method, method.b, order))
-        assert found - before == count
-        before = found
+def test_names_are_those_of_the_rows() -> None:
+    assert sorted(get_args(StepMethod)) == sorted([*FIXED, *ADAPTIVE])
+    assert get_args(Method) == METHODS
+    assert all(row.source and row.order >= 1 for row in TABLE)
+    assert list(COST) == list(ADAPTIVE)[: len(COST)]
 
 
-def test_the_rosenbrock_method_is_of_orders_4_and_3_with_any_matrix() -> None:
-    method = W643
-    assert np.abs(w_conditions(method, method.b, 4)).max() <= ROUND_OFF
-    assert np.abs(w_conditions(method, method.embedded, 3)).max() <= ROUND_OFF
-    assert np.abs(rooted_trees(method.b, method.alpha, 4)).max() <= ROUND_OFF
-    assert np.abs(w_conditions(method, method.b, 5)).max() > 1e-4
-    assert np.abs(w_conditions(method, method.embedded, 4)).max() > 1e-4
+def test_trees_are_as_many_as_are_known() -> None:
+    """Of rooted trees (J. Butcher), and of those with nodes of a matrix."""
+    a, gamma, b, _ = coefficients(tableaus(ROSENBROCK)[0])
+    for kind, counts in ((None, (1, 1, 2, 4, 9)), (gamma, (1, 2, 5, 13, 37))):
+        assert [len(conditions(a, b, order, matrix=kind)) for order in range(1, 6)] == list(accumulate(counts))
 
 
-def test_the_rosenbrock_method_is_stiffly_accurate_and_damps() -> None:
-    whole, one = W643.alpha + W643.gamma, np.ones(len(W643.b))
-    assert (whole[-1] == W643.b).all()
-    assert abs(W643.alpha[-1].sum() - 1.0) <= ROUND_OFF  # the last stage is at the end
-    assert not W643.alpha[1].any()  # and the second one at the beginning
-    assert (np.diagonal(W643.gamma) == W643.diagonal).all()
-    for z in (*(1j * np.logspace(-3, 6, 400)), *np.logspace(-3, 6, 50) * -1.0):
-        growth = 1 + z * W643.b @ np.linalg.solve(np.eye(len(one)) - z * whole, one)
-        assert abs(growth) <= 1.0 + 1e-12
-    assert abs(1 - W643.b @ np.linalg.solve(whole, one)) <= 1e-12  # at infinity
-    assert np.abs(1 - W643.alpha @ np.linalg.solve(whole, one)).max() <= 1.5  # nor do stages swing out there
+@pytest.mark.parametrize("method", tableaus(ROSENBROCK), ids=lambda x: x.name)
+def test_rosenbrock_methods_have_their_orders_with_any_matrix(method: IntegrationMethod) -> None:
+    a, gamma, b, embedded = coefficients(method)
+    for weights, order in ((b, method.order), (embedded, method.embedded)):
+        assert largest(conditions(a, weights, order, matrix=gamma)) <= ROUND_OFF
+        assert largest(conditions(a, weights, order + 1, matrix=gamma)) > 1e-4
+    assert largest(conditions(a, b, method.order)) <= ROUND_OFF
 
 
-def test_the_explicit_pair_is_of_orders_5_and_4() -> None:
-    assert np.abs(rooted_trees(TSIT5.b, TSIT5.a, 5)).max() <= ROUND_OFF
-    embedded = TSIT5.b - TSIT5.error
-    assert np.abs(rooted_trees(embedded, TSIT5.a, 4)).max() <= ROUND_OFF
-    assert np.abs(rooted_trees(embedded, TSIT5.a, 5)).max() > 1e-5
-    assert (TSIT5.a[-1] == TSIT5.b).all()  # the last stage is the next step's first
+def test_rodas4_has_its_order_with_the_jacobian_alone() -> None:
+    """With the matrix of springs, dampers and gains it is of order 1: why it is no row of ours."""
+    a, gamma, b, embedded = coefficients(RODAS4)
+    for weights, order in ((b, 4), (embedded, 3)):
+        assert largest(conditions(a, weights, order, single=a + gamma)) <= ROUND_OFF
+        assert largest(conditions(a, weights, order + 1, single=a + gamma)) > 1e-4
+    assert largest(conditions(a, b, 1, matrix=gamma)) <= ROUND_OFF
+    assert largest(conditions(a, b, 2, matrix=gamma)) > 0.03
 
 
-def test_weights_within_a_step_are_of_order_4() -> None:
-    assert np.abs(TSIT5.between.sum(axis=1) - TSIT5.b).max() <= ROUND_OFF
-    for share in (0.1, 0.5, 0.9):  # a method of its own, of steps that are as much longer than their part
-        weights = TSIT5.between @ share ** np.arange(4)
-        assert np.abs(rooted_trees(weights, TSIT5.a / share, 4)).max() <= 1e3 * ROUND_OFF
+@pytest.mark.parametrize("method", [*tableaus(ROSENBROCK), RODAS4], ids=lambda x: x.name)
+def test_rosenbrock_methods_are_l_stable_and_stiffly_accurate(method: IntegrationMethod) -> None:
+    """|R(iy)| <= 1 for all y, all poles being at 1 / gamma, and R(inf) = 0, with R = P / Q of the exact coefficients.
+
+    With the roundings of doubles E(y) = |Q(iy)|^2 - |P(iy)|^2 has powers below that of the order, which are no larger
+    than these; without them it has no root but 0.
+    """
+    a, gamma, b, _ = coefficients(method)
+    whole, n = a + gamma, len(b)
+    assert np.abs(whole[-1] - b).max() <= ROUND_OFF
+    assert abs(a[-1].sum() - 1) <= ROUND_OFF  # the last stage is at the end
+    assert (np.diagonal(gamma) == gamma[0, 0]).all()
+    z, y = sympy.symbols("z y", real=True)
+    rational = sympy.Matrix(n, n, [sympy.Rational(x.numerator, x.denominator) for x in whole.ravel()])
+    weights = sympy.Matrix(1, n, [sympy.Rational(x.numerator, x.denominator) for x in b])
+    identity, one = sympy.eye(n), sympy.ones(n, 1)
+    numerator = sympy.Poly((identity - z * rational + z * one * weights).det(method="berkowitz"), z)
+    denominator = sympy.Poly((1 - z * rational[0, 0]) ** n, z)
+    assert abs(numerator.coeff_monomial(z**n)) <= 1e-13 * abs(denominator.coeff_monomial(z**n))  # R(inf)
+    powers = [
+        sympy.Poly(sympy.expand(x.as_expr().subs(z, sympy.I * y) * x.as_expr().subs(z, -sympy.I * y)), y)
+        for x in (denominator, numerator)
+    ]
+    difference = powers[0] - powers[1]
+    lowest = method.order + 2 - method.order % 2
+    assert all(k % 2 == 0 for (k,), _ in difference.terms())
+    assert all(abs(c) <= 1e-13 for (k,), c in difference.terms() if k < lowest)
+    rest = sympy.Poly({(k - lowest,): c for (k,), c in difference.terms() if k >= lowest}, y)
+    assert rest.degree() > 0
+    assert rest.eval(0) > 0
+    assert rest.count_roots() == 0  # real ones, by Sturm's theorem
+
+
+def test_the_second_stage_of_rosenbrock_is_at_the_beginning() -> None:
+    method = tableaus(ROSENBROCK)[0]
+    a, gamma, b, _ = (x.astype(float) for x in coefficients(method))
+    assert not a[1].any()
+    growth = 1 - a @ np.linalg.solve(a + gamma, np.ones(len(b)))
+    assert np.abs(growth).max() <= 1.5  # nor do stages grow at infinity
+
+
+@pytest.mark.parametrize("method", [*tableaus(EXPLICIT), BS3], ids=lambda x: x.name)
+def test_explicit_methods_have_their_orders(method: IntegrationMethod) -> None:
+    a, _, b, embedded = coefficients(method)
+    for weights, order in ((b, method.order), (embedded, method.embedded))[: 1 + (method.embedded > 0)]:
+        assert largest(conditions(a, weights, order)) <= ROUND_OFF
+        assert largest(conditions(a, weights, order + 1)) > 1e-5
+    assert not method.embedded or list(a[-1]) == list(b)  # the last stage is the next step's first
+
+
+@pytest.mark.parametrize("method", [row for row in PAIRS if row.within], ids=lambda x: x.name)
+def test_weights_within_a_step_are_of_order_4(method: IntegrationMethod) -> None:
+    a, _, b, _ = coefficients(method)
+    within = np.array([[Fraction(x) for x in row] for row in method.within], dtype=object)
+    assert largest(within.sum(axis=1) - b) <= ROUND_OFF
+    for share in (Fraction(1, 10), Fraction(1, 2), Fraction(9, 10)):  # a method of its own, of longer steps
+        weights = within @ np.array([share**k for k in range(within.shape[1])], dtype=object)
+        assert largest(conditions(a / share, weights, 4)) <= 1000 * ROUND_OFF
 
 
 @pytest.mark.parametrize("name", ["worn_arm", "balanced_arm", "andrews"])

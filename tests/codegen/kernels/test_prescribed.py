@@ -114,7 +114,7 @@ gamma = {{ damping = 0.05 }}
 """
 
 
-@pytest.mark.parametrize("method", ["DOP853", "Radau"])
+@pytest.mark.parametrize("method", ["scipy:DOP853", "scipy:Radau"])
 def test_a_pendulum_on_a_shaken_pivot(method: str, built: Build) -> None:
     """(I + m l^2) phi'' = -b phi' - m l (g + z'') sin(phi): parametric excitation, at twice the eigenfrequency."""
     m, length, inertia, b, g = 0.7, 0.4, 0.01, 0.05, 9.81

@@ -188,5 +188,5 @@ def test_methods_agree_with_one_of_scipy(stiffening: Case, method: Any) -> None:
     q, v, _ = random_state(kernel, 7)
     steps: dict[str, Any] = {"step": 2e-4} if method == "rk4" else {"rtol": 1e-9}
     motion = integrate(kernel, 0.3 * q, 0.3 * v, 0.4, method=method, **steps)
-    reference = integrate(kernel, 0.3 * q, 0.3 * v, 0.4, method="DOP853", rtol=1e-11, atol=1e-13)
+    reference = integrate(kernel, 0.3 * q, 0.3 * v, 0.4, method="scipy:DOP853", rtol=1e-11, atol=1e-13)
     assert np.abs(motion.q[-1] - reference.q[-1]).max() < 1e-7

@@ -30,7 +30,8 @@ from eomgen.progress import StageReport, no_report, tells_at_prompt
 from eomgen.robot.model import Model, build_model
 from eomgen.robot.value import Robot
 from eomgen.runtime.parameters import FADING, SPEEDS, TINY
-from eomgen.runtime.stepping.options import ADAPTIVE as STEPPERS
+from eomgen.runtime.stepping.methods import ADAPTIVE as STEPPERS
+from eomgen.runtime.stepping.methods import COST
 from eomgen.runtime.stepping.options import rollout_of
 
 from ...pipeline.mechanisms import assembled_home
@@ -205,6 +206,7 @@ def _stepping(model: Model, method: str, meta: Mapping[str, Any]) -> dict[str, o
         "sizes": [repr(float(size)) for size in meta["sizes"]],
         "rubbing": [(i, list(model.parameters).index(name)) for i, name in rubbing_parameters(model)],
         "number": STEPPERS.get(method),
+        "costs": list(COST.values()),
         "stepping": rollout_of(method),
         "most": 2**62,
     }

@@ -26,7 +26,8 @@ from eomgen.progress import StageReport, no_report, tells_at_prompt
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
 from eomgen.runtime.parameters import FADING, SPEEDS, TINY
-from eomgen.runtime.stepping.options import ADAPTIVE, FIXED, LEAST, ROLLOUTS, rollout_of
+from eomgen.runtime.stepping.methods import ADAPTIVE, FIXED
+from eomgen.runtime.stepping.options import LEAST, ROLLOUTS, rollout_of
 
 from .compile import compile_wasm, wasm_command
 from .layout import checked_places, struct_table

@@ -9,10 +9,11 @@ import numpy as np
 from ..calls import Calls
 from ..chunking import OPERATIONS
 from ..raw import FFI, Array
-from .adaptive import STAGES, keep_steps
+from .adaptive import keep_steps
 from .alternation import TRIAL, Alternation, Spent
 from .input_signals import InputSignals
-from .options import ADAPTIVE, AUTO, ErrorControl
+from .methods import ADAPTIVE, AUTO, EVALUATIONS
+from .options import ErrorControl
 from .packed_inputs import PackedBatch
 
 SIDE_BY_SIDE = 16  # states of a call that go equally far: as many as the widest vector has numbers
@@ -58,7 +59,7 @@ class BatchMotion:
         self.spans = [dict.fromkeys(ADAPTIVE, 0.0) for _ in calls]
         self._alternations = [Alternation(control.turns) for _ in calls] if control.method == AUTO else []
         self._going = list(range(count))
-        self._operations = function.operations * max(STAGES.values())
+        self._operations = function.operations * max(EVALUATIONS.values())
         self._h = np.array([each.parameters.setup.computed(library) for each in calls])
         self._u, self._atol = np.zeros(n, raw.dtype), np.array(control.atol, dtype=raw.dtype)
         self._loads = PackedBatch(library, calls, loads, works=False)

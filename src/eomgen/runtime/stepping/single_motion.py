@@ -9,10 +9,11 @@ import numpy as np
 from ..calls import Calls
 from ..chunking import OPERATIONS
 from ..raw import FFI, Array
-from .adaptive import STAGES, keep_steps
+from .adaptive import keep_steps
 from .alternation import Alternation, Spent
 from .input_signals import WORKS, InputSignals
-from .options import ADAPTIVE, AUTO, ErrorControl
+from .methods import ADAPTIVE, AUTO, EVALUATIONS
+from .options import ErrorControl
 from .packed_inputs import PackedInputs
 from .reading_inputs import check_signals
 
@@ -63,7 +64,7 @@ class SingleMotion:
         self._atol, self._nothing = np.array(control.atol, dtype=calls.dtype), np.zeros(calls.n, calls.dtype)
         self._alternation = Alternation(control.turns) if control.method == AUTO else None
         self._method = control.method
-        operations = max(function.operations, 1) * max(STAGES.values())  # none where all is prescribed
+        operations = max(function.operations, 1) * max(EVALUATIONS.values())  # none where all is prescribed
         self._most = max(OPERATIONS // CALLS // operations, 1)
         self._allowed = library.new("tolerance", rtol=control.rtol, atol=view(self._atol), most=self._most)
         self._turned = np.zeros(calls.raw.turning_room, calls.dtype)  # by which a call goes on, to the bit
