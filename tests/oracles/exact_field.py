@@ -116,7 +116,7 @@ class ExactGraph(Graph):
         if op == "choose" and numbers[0] is not None:
             return args[1] if numbers[0] > 0.0 else args[2]
         nodes = [x if isinstance(x, Node) else self.constant(x) for x in args]
-        if CALLS[op].idempotent and len({x.index for x in nodes}) == 1:
+        if op == "max" and len({x.index for x in nodes}) == 1:
             return args[0]
         return self._node(op, tuple(x.index for x in nodes))
 
