@@ -19,6 +19,7 @@
 #   make packages   write the list of packages in pyproject.toml, after a folder of code was added, renamed or removed
 #   make methods    write the coefficients of integration methods for C, src/eomgen/clib/tableaus.h
 #   make schemas    regenerate the JSON Schemas in src/eomgen/schemas
+#   make operations regenerate src/eomgen/clib/operations.h from the table of operations
 #   make claims     run the commands behind the figures of README and docs that take less than an hour
 #   make misra      what MISRA C finds in generated code and in the C library; writes the tables of two pages in docs
 #   make wheel      build the source distribution and the wheel into dist/, and check what an index would show of them
@@ -40,7 +41,7 @@ COVERAGE_TESTS := -m "quick and not soak"
 WHEEL_TOOLS := $(shell sed -n 's/^wheel = \[\(.*\)\]$$/\1/p' pyproject.toml | tr ',' ' ')
 
 .PHONY: help demo test test-all lint types coverage size compare bench soak mutation claims docs notebooks sample tables picture \
-  packages methods schemas misra wheel release clean
+   packages methods schemas operations misra wheel release clean
 
 help:
 	@sed -n 's/^#   //p' Makefile
@@ -129,6 +130,9 @@ packages:
 
 methods: $(VENV)/.sim
 	$(BIN)/python -m eomgen.codegen.c.tableaus > src/eomgen/clib/tableaus.h
+
+operations: $(VENV)/.sim
+	$(BIN)/python -m eomgen.codegen.c.functions > src/eomgen/clib/operations.h
 
 schemas: $(VENV)/.sim
 	for name in robot scenario plan; do $(BIN)/eomgen schema $$name > src/eomgen/schemas/$$name.schema.json; done

@@ -4,29 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
 
 from ..program.ir import Program, needed
-
-FORMS: Mapping[str, str] = MappingProxyType(  # every operation that has arguments
-    {
-        "neg": "-{0}",
-        "add": "{0} + {1}",
-        "sub": "{0} - {1}",
-        "mul": "{0}*{1}",
-        "div": "{0}/{1}",
-        "sin": "sin({0})",
-        "cos": "cos({0})",
-        "sqrt": "sqrt({0})",
-        "exp": "exp({0})",
-        "log": "log({0})",
-        "atan2": "atan2({0}, {1})",
-        "abs": "abs({0})",
-        "max": "larger({0}, {1})",
-        "step": "positive({0})",
-        "choose": "chosen({0}, {1}, {2})",
-    }
-)
 
 
 @dataclass(frozen=True)
@@ -64,7 +43,7 @@ def write_statements(program: Program, output: str, size: int) -> Statements:
             inputs.setdefault(leaf[0], set()).add(leaf[1])
             names[index] = f"{leaf[0]}{leaf[1]}"
         else:
-            lines.append(f"t{index} = {FORMS[op].format(*(names[arg] for arg in args))}")
+            lines.append(f"t{index} = {program.operations[op].form.format(*(names[arg] for arg in args))}")
             names[index] = f"t{index}"
     results = tuple(names[places[i]] if i in places else "0.0" for i in range(size))
     return Statements({array: tuple(sorted(reads)) for array, reads in inputs.items()}, tuple(lines), results)

@@ -15,14 +15,14 @@ from types import MappingProxyType
 
 from ..kernels.signatures import SIGNATURES
 from ..program.ir import FIRST, GATE, Program, first_values, needed, users
-from ..program.operations import CALLS
-from ..program.shares import GIVEN, TURNS
+from ..program.operations import ANGULAR
+from ..program.shares import GIVEN
 from .scalar_types import Scalar
 
 CHUNK = 900  # values per function
 INLINE = 72  # longest expression, in characters, that is written into another one
 _BRACKETS = re.compile(r"\([^()]*\)")
-ARRAYS = ("h", "p", "q", "v", "a", "u", "wrench", *TURNS.values(), GIVEN)  # that no signature lists, in this order
+ARRAYS = ("h", "p", "q", "v", "a", "u", "wrench", *ANGULAR.values(), GIVEN)  # that no signature lists, in this order
 NO_STOPS: Mapping[int, int] = MappingProxyType({})
 FILL = 16  # from so many zeros on an output is cleared in a loop
 
@@ -108,7 +108,7 @@ def trig_values(program: Program) -> set[int]:
     values: set[int] = set()
     for index in range(len(program.instructions) - 1, -1, -1):
         op, args, _ = program.instructions[index]
-        if op == "sin" or op == "cos" or (needs[index] == 0 and args):
+        if op in ANGULAR or (needs[index] == 0 and args):
             values.add(index)
         else:
             for arg in args:
@@ -186,9 +186,9 @@ class _Writer:
         instructions = self.program.instructions
         places: dict[int, int] = {}
         for index, (op, args, _) in enumerate(instructions):
-            if index in apart and op in ("sin", "cos"):
+            if index in apart and op in ANGULAR:
                 place = places.setdefault(args[0], len(places))
-                self.turns[index] = f"{'sine' if op == 'sin' else 'cosine'}[{place}]"
+                self.turns[index] = f"{ANGULAR[op]}[{place}]"
         wanted = [index for index, is_wanted in enumerate(needed(instructions, places)) if is_wanted]
         uses = Counter([*places, *(arg for index in wanted for arg in instructions[index].args)])
         text: dict[int, str] = {}
@@ -286,7 +286,7 @@ class _Writer:
             and index not in self.stores
             and index not in self.slots
             and len(expression) <= INLINE
-            and self.program.instructions[index].op not in ("sin", "cos")
+            and self.program.instructions[index].op not in ANGULAR
         )
 
     def _whole(self, index: int, text: str) -> str:
@@ -297,24 +297,17 @@ class _Writer:
 
     def _write(self, index: int, args: Sequence[str]) -> str:
         """Write a value as an expression of its arguments' texts."""
-        instruction = self.program.instructions[index]
-        if instruction.op in CALLS:
-            whole = [self._whole(arg, text) for arg, text in zip(instruction.args, args, strict=True)]
-            return f"{CALLS[instruction.op].function}{'_lanes' if self.scalar.spread else ''}({', '.join(whole)})"
-        return self._expression(instruction.op, args)
-
-    def _expression(self, op: str, args: Sequence[str]) -> str:
-        if op == "mul":
-            return f"{_factor(args[0], leading=True)}*{_factor(args[1])}"
-        if op == "add":
-            return f"{args[0]} + {_term(args[1])}"
-        if op == "sub":
-            return f"{args[0]} - {_term(args[1])}"
-        if op == "neg":
-            return f"-{_factor(args[0])}"
-        if op == "div":
-            return f"{_factor(args[0], leading=True)}/{_factor(args[1])}"
-        return f"{op}{self.scalar.suffix}({args[0]})"
+        op, places, _ = self.program.instructions[index]
+        if op in ANGULAR:
+            return f"{op}{self.scalar.suffix}({args[0]})"
+        operation = self.program.operations[op]
+        if operation.function:
+            whole = [self._whole(arg, text) for arg, text in zip(places, args, strict=True)]
+            return f"{operation.function}{'_lanes' if self.scalar.spread else ''}({', '.join(whole)})"
+        first, others = args[0], args[1:]
+        if " " in operation.form:
+            return operation.form.format(first, *map(_term, others))
+        return operation.form.format(_factor(first, leading=len(args) > 1), *map(_factor, others))
 
 
 def _stored(places: Sequence[str], value: str) -> list[str]:

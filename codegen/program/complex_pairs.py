@@ -2,11 +2,47 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
 
 from .ir import Graph, Instruction, Program, Value, finish
+from .operations import ANGULAR
 
-Pair = tuple[Value, Value | None]  # real and imaginary part, None where that is none
+
+@dataclass(frozen=True)
+class Pair:
+    """A complex number, with the operators of arithmetic; the imaginary part is None where there is none."""
+
+    real: Value
+    imaginary: Value | None = None
+
+    def __neg__(self) -> Pair:
+        return Pair(-self.real, None if self.imaginary is None else -self.imaginary)
+
+    def __add__(self, other: Pair) -> Pair:
+        x, y = self.imaginary, other.imaginary
+        imaginary = y if x is None else x if y is None else x + y
+        return Pair(self.real + other.real, imaginary)
+
+    def __sub__(self, other: Pair) -> Pair:
+        x, y = self.imaginary, other.imaginary
+        return Pair(self.real - other.real, x if y is None else -y if x is None else x - y)
+
+    def __mul__(self, other: Pair) -> Pair:
+        x, y = (other, self) if self.imaginary is None else (self, other)
+        if x.imaginary is None:
+            return Pair(x.real * y.real)
+        if y.imaginary is None:
+            return Pair(x.real * y.real, x.imaginary * y.real)
+        real = x.real * y.real - x.imaginary * y.imaginary
+        return Pair(real, x.real * y.imaginary + x.imaginary * y.real)
+
+    def __truediv__(self, other: Pair) -> Pair:
+        """Divide with one division of real numbers, by the sum of the squares of both of the divisor's numbers."""
+        if other.imaginary is None:
+            return self * Pair(1.0 / other.real)
+        share = 1.0 / (other.real * other.real + other.imaginary * other.imaginary)
+        return self * Pair(other.real * share, -(other.imaginary * share))
 
 
 def on_pairs(
@@ -27,7 +63,7 @@ def on_pairs(
     Raises:
         AssertionError: an operation that has no meaning on complex numbers comes to one, as a comparison does.
     """
-    graph = Graph()
+    graph = Graph(program.operations)
     pairs: list[Pair] = []
     for index, instruction in enumerate(program.instructions):
         if index in program.notes:
@@ -36,13 +72,13 @@ def on_pairs(
     outputs: dict[tuple[str, int], Value] = {}
     kept = {key: pairs[index] for key, index in program.outputs.items() if key[0] not in dropped}
     lengths: dict[str, int] = {}
-    for (array, _), (_, imaginary) in kept.items():
-        if imaginary is not None or array in results:
+    for (array, _), pair in kept.items():
+        if pair.imaginary is not None or array in results:
             lengths[array] = 1 + max(place for name, place in kept if name == array)
-    for (array, place), (real, imaginary) in kept.items():
-        outputs[array, place] = real
+    for (array, place), pair in kept.items():
+        outputs[array, place] = pair.real
         if array in lengths:
-            outputs[array, lengths[array] + place] = 0.0 if imaginary is None else imaginary
+            outputs[array, lengths[array] + place] = 0.0 if pair.imaginary is None else pair.imaginary
     return finish(graph, program.name, outputs)
 
 
@@ -52,76 +88,18 @@ def _pair(graph: Graph, name: str, instruction: Instruction, args: list[Pair], i
     if op == "input":
         array, place = leaf
         real = graph.input(array, place)
-        return real, graph.input(array, inputs[array] + place) if array in inputs else None
+        return Pair(real, graph.input(array, inputs[array] + place) if array in inputs else None)
     if op == "const":
-        return graph.constant(leaf), None
-    if all(imaginary is None for _, imaginary in args):
-        return _single(graph, op, [real for real, _ in args]), None
-    known = op in _PAIRS and (op != "choose" or args[0][1] is None)
-    assert known, f"{name}: {op} of a complex number is not defined"
-    return _PAIRS[op](graph, *args)
-
-
-def _single(graph: Graph, op: str, args: list[Value]) -> Value:
-    """Write an operation on real numbers."""
-    if op in ("sin", "cos"):
-        return graph.sincos(args[0])[op == "cos"]
-    plain: Mapping[str, Callable[..., Value]] = {
-        "neg": graph.neg,
-        "add": graph.add,
-        "sub": graph.sub,
-        "mul": graph.mul,
-        "div": graph.div,
-        "choose": graph.choose,
-    }
-    return plain[op](*args) if op in plain else graph.call(op, *args)
-
-
-def _neg(graph: Graph, x: Pair) -> Pair:
-    return graph.neg(x[0]), None if x[1] is None else graph.neg(x[1])
-
-
-def _add(graph: Graph, x: Pair, y: Pair) -> Pair:
-    imaginary = y[1] if x[1] is None else x[1] if y[1] is None else graph.add(x[1], y[1])
-    return graph.add(x[0], y[0]), imaginary
-
-
-def _sub(graph: Graph, x: Pair, y: Pair) -> Pair:
-    if y[1] is None:
-        return graph.sub(x[0], y[0]), x[1]
-    return graph.sub(x[0], y[0]), graph.neg(y[1]) if x[1] is None else graph.sub(x[1], y[1])
-
-
-def _mul(graph: Graph, x: Pair, y: Pair) -> Pair:
-    if x[1] is None:
-        x, y = y, x
-    assert x[1] is not None
-    if y[1] is None:
-        return graph.mul(x[0], y[0]), graph.mul(x[1], y[0])
-    real = graph.sub(graph.mul(x[0], y[0]), graph.mul(x[1], y[1]))
-    return real, graph.add(graph.mul(x[0], y[1]), graph.mul(x[1], y[0]))
-
-
-def _div(graph: Graph, x: Pair, y: Pair) -> Pair:
-    """Divide x by y with one division of real numbers, by the sum of the squares of both of y's numbers."""
-    if y[1] is None:
-        inverse = graph.div(1.0, y[0])
-        assert x[1] is not None
-        return graph.mul(x[0], inverse), graph.mul(x[1], inverse)
-    share = graph.div(1.0, graph.add(graph.mul(y[0], y[0]), graph.mul(y[1], y[1])))
-    return _mul(graph, x, (graph.mul(y[0], share), graph.neg(graph.mul(y[1], share))))
-
-
-def _choose(graph: Graph, gate: Pair, x: Pair, y: Pair) -> Pair:
-    imaginary = graph.choose(gate[0], 0.0 if x[1] is None else x[1], 0.0 if y[1] is None else y[1])
-    return graph.choose(gate[0], x[0], y[0]), imaginary
-
-
-_PAIRS: Mapping[str, Callable[..., Pair]] = {
-    "neg": _neg,
-    "add": _add,
-    "sub": _sub,
-    "mul": _mul,
-    "div": _div,
-    "choose": _choose,
-}
+        return Pair(graph.constant(leaf))
+    if all(x.imaginary is None for x in args):
+        return Pair(graph.call(op, *(x.real for x in args)))
+    operation = graph.operations[op]
+    if op == "choose" and args[0].imaginary is None:
+        gate, *both = args
+        imaginary = graph.choose(gate.real, *(0.0 if x.imaginary is None else x.imaginary for x in both))
+        return Pair(graph.choose(gate.real, *(x.real for x in both)), imaginary)
+    has_meaning = not operation.function and op not in ANGULAR  # arithmetic
+    assert has_meaning, f"{name}: {op} of a complex number is not defined"
+    assert operation.value is not None
+    value: Pair = operation.value(*args)
+    return value

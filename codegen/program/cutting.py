@@ -37,6 +37,6 @@ def cut(program: Program, late: Collection[str], shared: Collection[str], kept: 
         instructions[index] = Instruction("input", (), (kept, place))
     second = {key: index for key, index in program.outputs.items() if key[0] == "out"}
     return (
-        verify(select(program.name, program.instructions, first, program.notes)),
-        verify(select(program.name, instructions, second, program.notes)),
+        verify(select(program.name, program.instructions, first, program.notes, program.operations)),
+        verify(select(program.name, instructions, second, program.notes, program.operations)),
     )

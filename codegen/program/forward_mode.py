@@ -14,7 +14,6 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
 from .ir import GATE, Graph, Instruction, Node, Program, Value, finish, needed
-from .operations import OPERATIONS
 
 
 def tangent(
@@ -27,7 +26,7 @@ def tangent(
         rates: names of the input arrays that move, with the name of the input array of their rates.
         lengths: of the first numbers of arrays that move, where others do not.
     """
-    graph = Graph()
+    graph = Graph(program.operations)
     values: list[Node] = []
     moving: list[Value] = []
     for index, instruction in enumerate(program.instructions):
@@ -49,7 +48,7 @@ def tangent(
 def local_slopes(graph: Graph, index: int) -> dict[int, Value]:
     """Differentiate a value of a graph by its arguments, by their indices."""
     op, args, _ = graph.instructions[index]
-    derivative = OPERATIONS[op].rate
+    derivative = graph.operations[op].rate
     if derivative is None:
         return {}
     x, y = [Node(graph, arg) for arg in args], Node(graph, index)
@@ -67,7 +66,7 @@ def gradients(graph: Graph, values: Sequence[Value], inputs: Sequence[Node]) -> 
         rates: dict[int, Value] = {moved.index: 1.0}
         for index in order:
             op, args, _ = graph.instructions[index]
-            derivative = OPERATIONS[op].rate
+            derivative = graph.operations[op].rate
             if derivative is None or not any(arg in rates for arg in args):
                 continue
             x = [Node(graph, arg) for arg in args]
@@ -88,7 +87,7 @@ def _rate(
         return graph.input(rates[array], place) if array in rates else 0.0
     x = [values[arg] for arg in instruction.args]
     dx = [moving[arg] for arg in instruction.args]
-    derivative = OPERATIONS[op].rate
+    derivative = graph.operations[op].rate
     if derivative is None or not any(isinstance(rate, Node) or rate != 0.0 for rate in dx):
         return 0.0
     slope: Value = derivative(graph, x, this, dx)

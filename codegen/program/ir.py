@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .operations import ARITY, ARRAYS, CALLS, OPERATIONS, VALUES
+from .operations import ANGULAR, OPERATIONS, Operations
 
 Array = NDArray[Any]
 SinCos = Callable[[Any], tuple[Any, Any]]
@@ -31,7 +31,6 @@ SinCos = Callable[[Any], tuple[Any, Any]]
 GATE = "gate"  # output: what says whether a program goes on
 FIRST = {"first": "out", "first_pivot": "pivot"}  # outputs: what is written if it does not, and where
 ASIDE = ("pivot", GATE, *FIRST)  # outputs that are no results
-EXACT = ("neg", "abs", "max", "step", "choose", "input", "const")  # operations that do not round
 
 
 class Instruction(NamedTuple):
@@ -88,7 +87,8 @@ class Graph:
     Constants are plain floats until they meet a node; ``notes`` are comments that belong in front of a node.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, operations: Operations = OPERATIONS) -> None:
+        self.operations = operations
         self.instructions: list[Written] = []
         self.notes: dict[int, str] = {}
         self._interned: dict[tuple[Any, ...], int] = {}
@@ -119,10 +119,11 @@ class Graph:
         return math.sin(x), math.cos(x)
 
     def call(self, op: str, *args: Value) -> Value:
-        """Call a function, by its name in ``operations.CALLS``; of max(x, y), x is where no number may come."""
-        operation, first = CALLS[op], args[0]
-        if operation.idempotent and len({(x.index,) if isinstance(x, Node) else x for x in args}) == 1:
-            return first
+        """Write an operation by its name; of max(x, y), x is where no number may come."""
+        operation = self.operations[op]
+        folded: Value | None = None if operation.fold is None else operation.fold(self, *args)
+        if folded is not None:
+            return folded
         numbers = [self.number(x) if isinstance(x, Node) else float(x) for x in args]
         known = [x for x in numbers if x is not None]
         value = operation.compute(*known) if len(known) == len(args) else None
@@ -133,8 +134,11 @@ class Graph:
 
     def choose(self, gate: Value, x: Value, y: Value) -> Value:
         """Return x where the gate is greater than 0, else y."""
-        same = x.index == y.index if isinstance(x, Node) and isinstance(y, Node) else x is y or x == y
-        return x if same else self.call("choose", gate, x, y)
+        return self.call("choose", gate, x, y)
+
+    def is_same(self, x: Value, y: Value) -> bool:
+        """Whether two values are the same node or number."""
+        return x.index == y.index if isinstance(x, Node) and isinstance(y, Node) else x is y or x == y
 
     def add(self, x: Value, y: Value) -> Value:
         """Return x + y."""
@@ -282,7 +286,7 @@ class Graph:
 
     def _binary(self, op: str, x: Node, y: Node) -> Value:
         a, b = self.number(x), self.number(y)
-        folded = None if a is None or b is None else OPERATIONS[op].compute(a, b)
+        folded = None if a is None or b is None else self.operations[op].compute(a, b)
         return self._node(op, (x.index, y.index)) if folded is None else folded
 
     def number(self, x: Node) -> float | None:
@@ -307,12 +311,13 @@ class Program:
     instructions: tuple[Instruction, ...]
     outputs: Mapping[tuple[str, int], int]
     notes: Mapping[int, str] = field(default_factory=dict)
+    operations: Operations = field(default_factory=lambda: OPERATIONS, repr=False, compare=False)
 
     def count(self) -> dict[str, int]:
         """Count operations of one run up to the gate, if there is one, by their ``cost``; sine and cosine are one."""
-        here = [x for x, is_first in zip(self.instructions, first_values(self), strict=True) if is_first]
-        counts = Counter(OPERATIONS[instruction.op].cost for instruction in here)
-        angles = {i.args[0] for i in here if i.op in ("sin", "cos")}
+        here = list(compress(self.instructions, first_values(self)))
+        counts = Counter(self.operations[instruction.op].cost for instruction in here)
+        angles = {i.args[0] for i in here if i.op in ANGULAR}
         return {
             "mul": counts["mul"],
             "add": counts["add"],
@@ -368,7 +373,8 @@ def reordered(program: Program, order: Sequence[int], notes: Mapping[int, str]) 
     moved = (program.instructions[index] for index in order)
     instructions = tuple(Instruction(x.op, tuple([number[arg] for arg in x.args]), x.leaf) for x in moved)
     outputs = {key: number[index] for key, index in program.outputs.items()}
-    return Program(program.name, instructions, outputs, {number[index]: text for index, text in notes.items()})
+    moved_notes = {number[index]: text for index, text in notes.items()}
+    return Program(program.name, instructions, outputs, moved_notes, program.operations)
 
 
 def gate_between(program: Program) -> Program:
@@ -384,7 +390,7 @@ def finish(graph: Graph, name: str, outputs: Mapping[tuple[str, int], Value]) ->
     wanted = {
         key: value.index if isinstance(value, Node) else graph.constant(value).index for key, value in outputs.items()
     }
-    return select(name, graph.instructions, wanted, graph.notes)
+    return select(name, graph.instructions, wanted, graph.notes, graph.operations)
 
 
 def select(
@@ -392,6 +398,7 @@ def select(
     instructions: Sequence[Written],
     outputs: Mapping[tuple[str, int], int],
     notes: Mapping[int, str],
+    operations: Operations,
 ) -> Program:
     """Keep the instructions that the outputs need, renumbered; notes move to the next instruction that stays."""
     alive = needed(instructions, outputs.values())
@@ -405,7 +412,8 @@ def select(
         kept.append(make(Instruction, (op, tuple([renumbered[arg] for arg in args]), leaf)))
     places = {index: bisect_left(staying, index) for index in sorted(notes)}
     kept_notes = {place: notes[index] for index, place in places.items() if place < len(kept)}
-    return Program(name, tuple(kept), {key: renumbered[index] for key, index in outputs.items()}, kept_notes)
+    kept_outputs = {key: renumbered[index] for key, index in outputs.items()}
+    return Program(name, tuple(kept), kept_outputs, kept_notes, operations)
 
 
 def verify(program: Program) -> Program:
@@ -415,8 +423,9 @@ def verify(program: Program) -> Program:
         AssertionError: an unknown operation, a wrong number of arguments, an argument that is not defined before, a
             constant that is not finite, or an output that does not exist.
     """
+    arities = {name: operation.arity for name, operation in program.operations.items()}
     for index, (op, args, leaf) in enumerate(program.instructions):
-        arity = ARITY.get(op)
+        arity = arities.get(op)
         assert arity is not None, f"{program.name}: value {index}, unknown operation {op}"
         assert len(args) == arity, f"{program.name}: value {index}, {op} takes {arity} arguments"
         for arg in args:
@@ -441,17 +450,18 @@ def evaluate(
     its kind; of floats where there are none.  ``rounded`` (index, operation, value) returns what a value is kept as.
     """
     values, turned = list[Any](), dict[int, tuple[Any, Any]]()
+    functions = {name: operation.value for name, operation in program.operations.items()} | dict(calls)
     for index, (op, args, leaf) in enumerate(program.instructions):
         if op == "const":
             value = leaf
         elif op == "input":
             value = inputs[leaf[0]][leaf[1]]
-        elif op in ("sin", "cos"):
+        elif op in ANGULAR:
             if args[0] not in turned:
                 turned[args[0]] = sincos(values[args[0]])
             value = turned[args[0]][op == "cos"]
         else:
-            value = (calls.get(op) or VALUES[op])(*[values[arg] for arg in args])
+            value = functions[op](*[values[arg] for arg in args])  # type: ignore[misc]  # none of leaves alone
         values.append(value if rounded is None else rounded(index, op, value))
     return {key: values[index] for key, index in program.outputs.items()}
 
@@ -489,9 +499,10 @@ def evaluate_lanes(
     def rounded(index: int, op: str, value: Any) -> Any:
         if op == "const":
             return number(value)
-        return value * rows[index % len(rows)] if rows and op not in EXACT else value
+        return value * rows[index % len(rows)] if rows and program.operations[op].error else value
 
-    found, sizes = evaluate(program, inputs, sincos, ARRAYS, rounded), dict[str, int]()
+    arrays_of = {name: operation.numpy for name, operation in program.operations.items() if operation.numpy}
+    found, sizes = evaluate(program, inputs, sincos, arrays_of, rounded), dict[str, int]()
     for array, place in program.outputs:
         sizes[array] = max(sizes.get(array, 0), place + 1)
     arrays = {array: np.zeros((size, lanes), dtype) for array, size in sizes.items()}

@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from .ir import Graph, Instruction, Node, Program, Value, finish, gate_between, reordered, select, users, verify
-from .operations import CALLS
 
 PARAMETERS = "p"  # the input array of run-time parameters
 
@@ -32,7 +31,7 @@ def absorb_negations(program: Program) -> Program:
         return program
     moved = [(op, tuple([turned.get(arg, arg) for arg in args]), leaf) for op, args, leaf in instructions]
     outputs = {key: turned.get(index, index) for key, index in program.outputs.items()}
-    return select(program.name, moved, outputs, program.notes)
+    return select(program.name, moved, outputs, program.notes, program.operations)
 
 
 def _negative(
@@ -62,17 +61,14 @@ def _negative(
 def factor_sums(program: Program) -> Program:
     """Write a f + b f as (a + b) f, also where other summands stand between; products that others use stay."""
     count = users(program)
-    inner = _inner_sums(program, count)
+    inner, sums = _inner_sums(program, count), _sums(program)
     plans: dict[int, list[_Group]] = {}
     for index, instruction in enumerate(program.instructions):
-        if instruction.op in SUMS and not inner[index]:
+        if instruction.op in sums and not inner[index]:
             groups = _groups(_summands(program, index, inner), program, count)
             if groups:
                 plans[index] = groups
     return _rebuilt(program, plans) if plans else program
-
-
-SUMS = ("add", "sub", "neg")
 
 
 @dataclass
@@ -85,12 +81,17 @@ class _Group:
 
 def _inner_sums(program: Program, count: Sequence[int]) -> list[bool]:
     """Whether a value is a sum that only another sum uses, once."""
-    inner = [False] * len(program.instructions)
+    inner, sums = [False] * len(program.instructions), _sums(program)
     for op, args, _ in program.instructions:
-        if op in SUMS:
+        if op in sums:
             for arg in args:
-                inner[arg] = count[arg] == 1 and program.instructions[arg].op in SUMS
+                inner[arg] = count[arg] == 1 and program.instructions[arg].op in sums
     return inner
+
+
+def _sums(program: Program) -> set[str]:
+    """Return the operations that add up their arguments, with signs."""
+    return {name for name, operation in program.operations.items() if operation.signs}
 
 
 def _summands(program: Program, index: int, inner: Sequence[bool]) -> list[tuple[int, int]]:
@@ -102,17 +103,16 @@ def _summands(program: Program, index: int, inner: Sequence[bool]) -> list[tuple
         op, args, _ = program.instructions[value]
         if value != index and not inner[value]:
             terms.append((sign, value))
-        elif op == "neg":
-            waiting.append((-sign, args[0]))
         else:
-            waiting += [(sign if op == "add" else -sign, args[1]), (sign, args[0])]
+            signs = program.operations[op].signs
+            waiting += [(sign * of, arg) for of, arg in zip(signs[::-1], args[::-1], strict=True)]
     return terms
 
 
 def summands(program: Program) -> dict[int, list[tuple[int, int]]]:
     """Return, per sum that no other one contains, (sign, value) of what it adds up."""
-    inner = _inner_sums(program, users(program))
-    tops = (i for i, instruction in enumerate(program.instructions) if instruction.op in SUMS and not inner[i])
+    inner, sums = _inner_sums(program, users(program)), _sums(program)
+    tops = (i for i, instruction in enumerate(program.instructions) if instruction.op in sums and not inner[i])
     return {index: _summands(program, index, inner) for index in tops}
 
 
@@ -142,7 +142,7 @@ def _groups(terms: list[tuple[int, int]], program: Program, count: Sequence[int]
 
 def _rebuilt(program: Program, plans: Mapping[int, list[_Group]]) -> Program:
     """Write the program anew with the planned sums."""
-    graph, made = Graph(), list[Node]()
+    graph, made = Graph(program.operations), list[Node]()
     folded: set[int] = set()  # values that have turned out to be numbers
 
     def total(parts: list[tuple[int, Value]]) -> Value:
@@ -176,11 +176,7 @@ def _rebuilt(program: Program, plans: Mapping[int, list[_Group]]) -> Program:
 def _folded(graph: Graph, op: str, nodes: Sequence[Node]) -> Value:
     """Write a value anew, because one of its arguments has turned out to be a number."""
     numbers = [graph.number(node) for node in nodes]
-    args: list[Value] = [node if x is None else x for node, x in zip(nodes, numbers, strict=True)]
-    if op in ("sin", "cos"):
-        return graph.sincos(args[0])[op == "cos"]
-    value: Value = graph.call(op, *args) if op in CALLS else getattr(graph, op)(*args)
-    return value
+    return graph.call(op, *(node if x is None else x for node, x in zip(nodes, numbers, strict=True)))
 
 
 PASSES: Sequence[Callable[[Program], Program]] = (factor_sums, absorb_negations)
@@ -228,7 +224,7 @@ def hoist_parameters(programs: Sequence[Program], parameters: int) -> tuple[Prog
         The setup program, which writes the array "h" (the parameters, then what is computed from them; shared by all
         kernels), and the programs with "h" in the place of "p".
     """
-    setup = Graph()
+    setup = Graph(programs[0].operations)
     slots: dict[int, int] = {setup.input(PARAMETERS, i).index: i for i in range(parameters)}
     rewritten = [_hoist(program, setup, slots) for program in programs]
     outputs: dict[tuple[str, int], Value] = {("h", slot): Node(setup, index) for index, slot in slots.items()}
@@ -255,4 +251,4 @@ def _hoist(program: Program, setup: Graph, slots: dict[int, int]) -> Program:
         if index in wanted:
             slot = slots.setdefault(moved[index].index, len(slots))
             instructions[index] = Instruction("input", (), ("h", slot))
-    return select(program.name, instructions, program.outputs, program.notes)
+    return select(program.name, instructions, program.outputs, program.notes, program.operations)

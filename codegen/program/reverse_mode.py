@@ -23,7 +23,7 @@ def adjoint(program: Program, seed: str, wanted: Mapping[str, int], name: str) -
         wanted: names of the input arrays that the gradient is taken by, with their lengths; their derivatives are
             written one array behind the other.
     """
-    graph = Graph()
+    graph = Graph(program.operations)
     values = copied(graph, program)
     by_value: dict[int, Value] = {}
     for key, index in program.outputs.items():

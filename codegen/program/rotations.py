@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from .ir import Program, users
+from .operations import ANGULAR
 from .passes import summands
-
-ANGULAR = ("sin", "cos")
 
 
 @dataclass(frozen=True)

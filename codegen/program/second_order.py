@@ -17,7 +17,7 @@ def hessian(first: Program, wanted: Mapping[str, int], name: str) -> Program:
     Args:
         first: the program of its first derivatives, which ``adjoint`` makes.
     """
-    graph = Graph()
+    graph = Graph(first.operations)
     values = copied(graph, first)
     inputs = [graph.input(array, place) for array, size in wanted.items() for place in range(size)]
     slopes: list[Value] = [values[first.outputs["out", i]] for i in range(len(inputs))]

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from .ir import Instruction, Program, select, verify
+from .operations import ANGULAR
 
 KEPT, GIVEN = "kept", "given"  # one array: a run writes to it, runs behind it read from it
-TURNS = {"sin": "sine", "cos": "cosine"}  # arrays of a run's angles, which are taken before it
 LENGTH = 600  # values of a run that has several nodes, at most: such a run stays one function of C
 
 
@@ -69,7 +69,7 @@ class Shares:
         for last in self.way(node):
             run = self.runs[self.run_of[last]]
             end = min((index for index, done in run.stops.items() if done >= last), default=None)
-            count = Program("", run.program.instructions[:end], {}).count()
+            count = replace(run.program, instructions=run.program.instructions[:end], outputs={}).count()
             counts = {key: number + count[key] for key, number in counts.items()}
             counts["sincos"] += self.turned[last]
         return counts
@@ -111,7 +111,7 @@ def share(program: Program, goals: Mapping[tuple[str, int], Goal], parents: Sequ
     return Shares(
         tuple(writer.run(f"{program.name}{number}") for number, writer in enumerate(writers)),
         tuple(run_of),
-        verify(select(f"{program.name}_angles", program.instructions, outputs, {})),
+        verify(select(f"{program.name}_angles", program.instructions, outputs, {}, program.operations)),
         tuple(turned),
         len(slots),
     )
@@ -149,10 +149,10 @@ def _nodes(
         if index in nodes:
             op, args, _ = program.instructions[index]
             for arg in args:
-                join(angles if op in TURNS else nodes, arg, nodes[index])
+                join(angles if op in ANGULAR else nodes, arg, nodes[index])
     for index in nodes:
         op, args, _ = program.instructions[index]
-        if op in TURNS:
+        if op in ANGULAR:
             nodes[index] = angles[args[0]]
     return dict(sorted(nodes.items())), dict(sorted(angles.items()))
 
@@ -178,8 +178,8 @@ class _Writer:
     def compute(self, index: int, slots: dict[int, int]) -> None:
         """Compute a value of the whole program here."""
         op, args, leaf = self.whole.instructions[index]
-        if op in TURNS:
-            instruction = Instruction("input", (), (TURNS[op], self.angles.index(args[0])))
+        if op in ANGULAR:
+            instruction = Instruction("input", (), (ANGULAR[op], self.angles.index(args[0])))
         else:
             instruction = Instruction(op, tuple(self.value(arg, slots) for arg in args), leaf)
         self.known[index] = self._append(instruction)
@@ -198,4 +198,5 @@ class _Writer:
         return len(self.instructions) - 1
 
     def run(self, name: str) -> Run:
-        return Run(verify(Program(name, tuple(self.instructions), self.outputs)), self.behind, self.stops)
+        program = Program(name, tuple(self.instructions), self.outputs, operations=self.whole.operations)
+        return Run(verify(program), self.behind, self.stops)

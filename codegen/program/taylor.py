@@ -16,15 +16,15 @@ Source: A. Griewank, A. Walther, "Evaluating Derivatives", 2nd ed., SIAM 2008, c
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from heapq import heapify, heappop, heappush
 from itertools import compress
 
 from .ir import GATE, Graph, Node, Program, Value, finish, needed, reordered
+from .operations import ANGULAR
 from .rotations import Rotation, Turned, find_rotations
+from .series import Series, convolved, shares, squared
 
-Series = list[Value]  # coefficients of powers of time, from that of order 0 on
-Rule = Callable[[Graph, Sequence[Series], Series, int], Value]
 STAYING = ("pivot", "first_pivot", GATE)  # outputs that say whether there are others
 
 
@@ -70,7 +70,7 @@ class _Expansion:
     """Coefficients of all values of a program, order by order."""
 
     def __init__(self, program: Program, series: Mapping[str, Sequence[str]]) -> None:
-        self.program, self.series, self.graph = program, series, Graph()
+        self.program, self.series, self.graph = program, series, Graph(program.operations)
         self.values: list[Series] = [[] for _ in program.instructions]
         self.turned: Mapping[int, Turned] = find_rotations(program)
         self.angles: dict[int, _Angle] = {}
@@ -107,11 +107,13 @@ class _Expansion:
         x = [self.values[arg] for arg in args]
         if not any(_moves(series, k) for series in x):
             return 0.0
-        if op in ("sin", "cos"):
+        if op in ANGULAR:
             return self._angle(args[0]).upto(k)[op == "cos"]
         if index in self.turned:
             return self._rotated(index, k)
-        return RULES[op](self.graph, x, self.values[index], k)
+        rule = self.graph.operations[op].taylor
+        value: Value = 0.0 if rule is None else rule(self.graph, x, self.values[index], k)
+        return value
 
     def _angle(self, index: int) -> _Angle:
         if index not in self.angles:
@@ -123,11 +125,11 @@ class _Expansion:
         rotation, is_second = self.turned[index]
         if rotation not in self.rotations:
             pair = self.values[rotation.x], self.values[rotation.y]
-            self.rotations[rotation] = _Turning(self.graph, self._angle(rotation.angle), *pair, rotation.sense)
+            self.rotations[rotation] = _Turning(self._angle(rotation.angle), *pair, rotation.sense)
         turn = next(
             i
             for i in map(self.program.instructions.__getitem__, self.program.instructions[index].args)
-            if i.op in ("sin", "cos") and i.args[0] == rotation.angle
+            if i.op in ANGULAR and i.args[0] == rotation.angle
         )
         fixed = self._angle(rotation.angle).start[turn.op == "cos"]
         return self.graph.mul(fixed, self.rotations[rotation].coefficient(is_second, k))
@@ -138,93 +140,11 @@ def _moves(series: Series, order: int) -> bool:
     return any(isinstance(x, Node) or x != 0.0 for x in series[1 : order + 1])
 
 
-def _convolved(graph: Graph, x: Series, y: Series, k: int, first: int = 0, last: int | None = None) -> Value:
-    """Return the sum of x_i y_(k - i) for i from first to last, k by default."""
-    total: Value = 0.0
-    for i in range(first, (k if last is None else last) + 1):
-        total = graph.add(total, graph.mul(x[i], y[k - i]))
-    return total
-
-
-def _squared(graph: Graph, x: Series, k: int, first: int = 0) -> Value:
-    """Return the sum of x_i x_(k - i) for i from first to k - first."""
-    twice: Value = 0.0
-    for i in range(first, (k + 1) // 2):
-        twice = graph.add(twice, graph.mul(x[i], x[k - i]))
-    total = graph.add(twice, twice)
-    return graph.add(total, graph.mul(x[k // 2], x[k // 2])) if k % 2 == 0 and k // 2 >= first else total
-
-
-def _rates(graph: Graph, x: Series, k: int) -> Series:
-    """Return i x_i for i up to k: coefficients of t x'."""
-    return [graph.mul(float(i), x[i]) for i in range(k + 1)]
-
-
-def _shares(graph: Graph, x: Series, k: int) -> Series:
-    """Return i x_i / k for i up to k: the last one is x_k itself, and whoever needs the others shares them."""
-    return [graph.mul(i / k, x[i]) for i in range(k + 1)]
-
-
-def _product(graph: Graph, x: Sequence[Series], z: Series, k: int) -> Value:
-    return _squared(graph, x[0], k) if x[0] is x[1] else _convolved(graph, x[0], x[1], k)
-
-
-def _quotient(graph: Graph, x: Sequence[Series], z: Series, k: int) -> Value:
-    rest = graph.sub(x[0][k], _convolved(graph, z, x[1], k, 0, k - 1))
-    return graph.mul(rest, graph.div(1.0, x[1][0]))
-
-
-def _root(graph: Graph, x: Sequence[Series], z: Series, k: int) -> Value:
-    return graph.mul(graph.sub(x[0][k], _squared(graph, z, k, 1)), graph.div(0.5, z[0]))
-
-
-def _larger(graph: Graph, x: Sequence[Series], z: Series, k: int) -> Value:
-    gate = graph.call("step", graph.sub(x[0][0], x[1][0]))
-    return graph.add(x[1][k], graph.mul(gate, graph.sub(x[0][k], x[1][k])))
-
-
-def _exponential(graph: Graph, x: Sequence[Series], z: Series, k: int) -> Value:
-    return _convolved(graph, _shares(graph, x[0], k), z, k, 1)  # t z' = z t x'
-
-
-def _logarithm(graph: Graph, x: Sequence[Series], z: Series, k: int) -> Value:
-    lower = _convolved(graph, _rates(graph, z, k - 1), x[0], k, 1, k - 1)  # x t z' = t x'
-    return graph.div(graph.sub(x[0][k], graph.mul(1.0 / k, lower)), x[0][0])
-
-
-def _bearing(graph: Graph, x: Sequence[Series], z: Series, k: int) -> Value:
-    """Solve (x^2 + y^2) t z' = x t y' - y t x' for z = atan2(y, x)."""
-    y, x_ = x
-    squares = [graph.add(_squared(graph, x_, i), _squared(graph, y, i)) for i in range(k)]
-    turned = graph.sub(
-        _convolved(graph, _rates(graph, y, k), x_, k, 1), _convolved(graph, _rates(graph, x_, k), y, k, 1)
-    )
-    lower = _convolved(graph, _rates(graph, z, k - 1), squares, k, 1, k - 1)
-    return graph.div(graph.mul(1.0 / k, graph.sub(turned, lower)), squares[0])
-
-
-RULES: Mapping[str, Rule] = {  # of operations with arguments, but for sine and cosine, which have one rule for both
-    "neg": lambda g, x, z, k: g.neg(x[0][k]),
-    "add": lambda g, x, z, k: g.add(x[0][k], x[1][k]),
-    "sub": lambda g, x, z, k: g.sub(x[0][k], x[1][k]),
-    "mul": _product,
-    "div": _quotient,
-    "sqrt": _root,
-    "abs": lambda g, x, z, k: g.choose(x[0][0], x[0][k], g.neg(x[0][k])),
-    "max": _larger,
-    "step": lambda g, x, z, k: 0.0,
-    "choose": lambda g, x, z, k: g.choose(x[0][0], x[1][k], x[2][k]),
-    "exp": _exponential,
-    "log": _logarithm,
-    "atan2": _bearing,
-}
-
-
 class _Angle:
     """Sine and cosine of an angle, and the tangent of half of what it has turned by, as series."""
 
     def __init__(self, graph: Graph, angle: Series) -> None:
-        self.graph, self.angle = graph, angle
+        self.angle = angle
         self.start = graph.sincos(angle[0])
         self._sine, self._cosine = ([x] for x in self.start)
         self._half: Series = [0.0]
@@ -232,44 +152,43 @@ class _Angle:
     def upto(self, k: int) -> tuple[Value, Value]:
         """Return the coefficients of order k of sine and cosine."""
         for order in range(len(self._sine), k + 1):
-            shares = _shares(self.graph, self.angle, order)
-            sine = _convolved(self.graph, shares, self._cosine, order, 1)
-            cosine = self.graph.neg(_convolved(self.graph, shares, self._sine, order, 1))
+            terms = shares(self.angle, order)
+            sine, cosine = convolved(terms, self._cosine, order, 1), -convolved(terms, self._sine, order, 1)
             self._sine.append(sine)
             self._cosine.append(cosine)
         return self._sine[k], self._cosine[k]
 
     def half_tangent(self, k: int) -> Value:
         """Return the coefficient of order k of tau: 2 tau' = (1 + tau^2) q'."""
-        graph, tau = self.graph, self._half
+        tau = self._half
         for order in range(len(tau), k + 1):
-            total = graph.mul(float(order), self.angle[order])
+            total = float(order) * self.angle[order]
             for i in range(2, order):
-                rate = graph.mul(float(order - i), self.angle[order - i])
-                total = graph.add(total, graph.mul(_squared(graph, tau, i), rate))
-            tau.append(graph.mul(0.5 / order, total))
+                rate = float(order - i) * self.angle[order - i]
+                total = total + squared(tau, i) * rate
+            tau.append(0.5 / order * total)
         return tau[k]
 
 
 class _Turning:
     """Series of a pair of values, turned by what an angle has turned by since time 0."""
 
-    def __init__(self, graph: Graph, angle: _Angle, x: Series, y: Series, sense: int) -> None:
-        self.graph, self.angle, self.before = graph, angle, (x, y)
+    def __init__(self, angle: _Angle, x: Series, y: Series, sense: int) -> None:
+        self.angle, self.before = angle, (x, y)
         self.behind: tuple[Series, Series] = ([x[0]], [y[0]])
         self.senses = (sense, -sense)
 
     def coefficient(self, which: int, k: int) -> Value:
         """Return the coefficient of order k of X, or of Y where ``which`` is 1; lower ones of both come first."""
-        graph, turned = self.graph, self.behind[which]
+        turned = self.behind[which]
         while len(turned) <= k:
             order, other = len(turned), 1 - which
-            total = graph.mul(graph.mul(2.0, self.angle.half_tangent(order)), self.before[other][0])
+            total = 2.0 * self.angle.half_tangent(order) * self.before[other][0]
             for i in range(1, order):
-                both = graph.add(self.before[other][i], self.coefficient(other, i))
-                total = graph.add(total, graph.mul(self.angle.half_tangent(order - i), both))
-            add = graph.add if self.senses[which] > 0 else graph.sub
-            turned.append(add(self.before[which][order], total))
+                both = self.before[other][i] + self.coefficient(other, i)
+                total = total + self.angle.half_tangent(order - i) * both
+            start = self.before[which][order]
+            turned.append(start + total if self.senses[which] > 0 else start - total)
         return turned[k]
 
 

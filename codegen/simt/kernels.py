@@ -156,7 +156,7 @@ def _program(model: Model, name: str, derived: Callable[[str], Program]) -> Prog
     if name in ROLLOUTS:
         program = derived(ROLLOUTS[name][0])
         values = program.instructions if name in CONTROLLED else [_still(x) for x in program.instructions]
-        return verify(select(name, values, program.outputs, {}))
+        return verify(select(name, values, program.outputs, {}, program.operations))
     if name in FRAMES:
         return whole_program(model, FRAMES[name][0], derived)
     if name in CLOSED and model.constraints:

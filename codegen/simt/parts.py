@@ -42,7 +42,7 @@ def _parts(program: Program, columns: int, count: int) -> Iterator[Program]:
             for (array, place), index in program.outputs.items()
             if (place % columns * count // columns == part if array == "out" else part == 0)
         }
-        yield select(program.name, program.instructions, outputs, {})
+        yield select(program.name, program.instructions, outputs, {}, program.operations)
 
 
 def _cost(parts: tuple[Part, ...]) -> int:

@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from ..program.ir import Program
+from ..program.operations import ANGULAR
 from ..program.orders import FREE, ORDERS, SUNK, Order, computed, sunk
 
 SPILL, FAR = 4, 20  # operations of an access to the first cache and to the second; see docs/simt.md
@@ -134,7 +135,7 @@ def _statements(program: Program, order: Order, gap: int) -> Iterator[Statement]
     pairs: dict[int, list[int]] = {}  # sines and cosines of each angle
     for index in order:
         op, args, _ = instructions[index]
-        if op in ("sin", "cos"):
+        if op in ANGULAR:
             pairs.setdefault(args[0], []).append(index)
     taken: dict[int, int] = {}  # when an angle was taken last
     round_of: dict[int, int] = {}
@@ -147,7 +148,7 @@ def _statements(program: Program, order: Order, gap: int) -> Iterator[Statement]
 
     def name(value: int) -> int:
         op, args, _ = instructions[value]
-        return value + size * round_of.get(args[0], 0) if op in ("sin", "cos") else value
+        return value + size * round_of.get(args[0], 0) if op in ANGULAR else value
 
     def turn(angle: int) -> Statement:
         return Statement(TURN, angle, tuple(name(x) for x in pairs[angle]), (angle,))
@@ -157,13 +158,13 @@ def _statements(program: Program, order: Order, gap: int) -> Iterator[Statement]
             yield Statement(*place, (), pair)
     for time, index in enumerate(order):
         op, args, _ = instructions[index]
-        if op in ("sin", "cos"):
+        if op in ANGULAR:
             if args[0] not in taken:
                 taken[args[0]] = time
                 yield turn(args[0])
         else:
             for arg in args:
-                angle = instructions[arg].args[0] if instructions[arg].op in ("sin", "cos") else None
+                angle = instructions[arg].args[0] if instructions[arg].op in ANGULAR else None
                 if angle is not None and instructions[angle].op == "input":
                     if gap and time - taken[angle] > gap:
                         round_of[angle] = round_of.get(angle, 0) + 1

@@ -14,14 +14,15 @@ from eomgen.names import show
 from eomgen.robot.model import Model
 
 from ..c.contexts import OPEN_GAPS, PIVOT_LIMITS
+from ..c.functions import COEFFICIENTS, device_functions, sine_constants
 from ..c.scalar_types import SCALARS, Scalar
 from ..c.source import environment
 from ..kernels.signatures import DTYPES
 from ..program.ir import Program
+from ..program.operations import OPERATIONS, Operation, Operations
 from .kernels import CONTROLLED, ROLLOUTS, ThreadKernel, ThreadKernels, derive_kernels
 from .parts import Part, split_columns
 from .registers import PLACES, scheduled
-from .sines import COEFFICIENTS
 from .statements import PIVOTS, STATUS, Writer
 
 TILE = 32  # states of a tile: threads that go together on most accelerators
@@ -106,18 +107,8 @@ def render_simt(
         "tile": tile,
         "flags": {language: told[contract] for language, told in CONTRACTION.items()},
     }
-    context = {
-        **said,
-        "version": __version__,
-        "is_double": int(dtype == "float64"),
-        "contract": int(contract),
-        "sines": _sines(dtype, scalar),
-        **{word: scalar.literal(number) for word, number in NUMBERS.items()},
-        "vanished": scalar.literal(PIVOT_LIMITS[dtype]),
-        "open": scalar.literal(OPEN_GAPS[dtype]),
-        "far": STATUS["far"],
-        "kernels": [part for kernel, parts in plans for part in _kernel(model, kernel, parts, scalar)],
-    }
+    described = [part for kernel, parts in plans for part in _kernel(model, kernel, parts, scalar)]
+    context = _context(said, described, contract=contract)
     templates = environment()
     return SimtSource(
         model.name,
@@ -125,6 +116,32 @@ def render_simt(
         json.dumps({**said, "contract": contract, **_metadata(model, derived, plans, dtype)}, indent=1) + "\n",
         templates.get_template("simt/driver.py.jinja").render(context),
     )
+
+
+def _context(
+    said: Mapping[str, Any],
+    kernels: Sequence[Mapping[str, Any]],
+    operations: Operations = OPERATIONS,
+    *,
+    contract: bool = False,
+) -> dict[str, Any]:
+    """Return the names that templates use of a text with these kernels."""
+    dtype = said["dtype"]
+    scalar = SCALARS[dtype]
+    return {
+        **said,
+        "version": __version__,
+        "is_double": int(dtype == "float64"),
+        "contract": int(contract),
+        "sines": sine_constants(dtype),
+        "functions": device_functions(operations, scalar),
+        "python": {name: _python(operation) for name, operation in operations.items() if "xp" in operation.form},
+        **{word: scalar.literal(number) for word, number in NUMBERS.items()},
+        "vanished": scalar.literal(PIVOT_LIMITS[dtype]),
+        "open": scalar.literal(OPEN_GAPS[dtype]),
+        "far": STATUS["far"],
+        "kernels": kernels,
+    }
 
 
 def _metadata(model: Model, derived: ThreadKernels, plans: Plans, dtype: str) -> dict[str, Any]:
@@ -141,24 +158,6 @@ def _metadata(model: Model, derived: ThreadKernels, plans: Plans, dtype: str) ->
         "status": {"pivots": PIVOTS, **STATUS},
         "farthest": COEFFICIENTS[dtype].farthest,
         "kernels": {kernel.name: _described(model, kernel, parts) for kernel, parts in plans},
-    }
-
-
-def _sines(dtype: str, scalar: Scalar) -> dict[str, Any]:
-    """Return the numbers of sines and cosines as C; polynomials as Horner has them."""
-    table = COEFFICIENTS[dtype]
-
-    def polynomial(numbers: Sequence[float]) -> str:
-        first, *others = numbers
-        return f"({scalar.literal(first)} + z*{polynomial(others)})" if others else f"{scalar.literal(first)}"
-
-    return {
-        "per_quarter": scalar.literal(table.per_quarter),
-        "shift": scalar.literal(table.shift),
-        "quarter": [scalar.literal(piece) for piece in table.quarter],
-        "sine": polynomial(table.sine),
-        "cosine": polynomial(table.cosine),
-        "farthest": scalar.literal(table.farthest),
     }
 
 
@@ -229,3 +228,11 @@ def _setup(setup: Program) -> dict[str, Any]:
         for op, args, leaf in setup.instructions
     ]
     return {"values": values, "h": [setup.outputs["h", slot] for slot in range(len(setup.outputs))]}
+
+
+def _python(operation: Operation) -> str:
+    """Return a function of floats in Python, that of math where it is one."""
+    if getattr(operation.value, "__module__", "") == "math":
+        return f"math.{operation.value.__name__}"  # type: ignore[union-attr]  # which math has
+    names = ", ".join(operation.arguments)
+    return f"lambda {names}: {operation.form.format(*operation.arguments)}".replace("xp.", "np.")

@@ -6,13 +6,11 @@ from collections.abc import Container, Iterator, Mapping
 
 from ..c.scalar_types import Scalar
 from ..program.ir import Program
-from ..program.operations import CALLS
 from .registers import CHECKS, TURN, Schedule, Statement
 
 SHARED = ("h", "dt")  # arrays with one number for all states
 PIVOTS = 28  # bits of a status for pivots, the first of coordinate 0; then those of STATUS
 STATUS: Mapping[str, int] = {"violation": 28, "violation_rate": 29, "far": 30}
-_FORMS: Mapping[str, str] = {"mul": "{}*{}", "add": "{} + {}", "sub": "{} - {}", "neg": "-{}", "div": "{}/{}"}
 
 
 class Writer:
@@ -106,6 +104,5 @@ class Writer:
         return f"t{name % self.size}{f'_{again}' if again else ''}"
 
     def _expression(self, op: str, args: list[str]) -> str:
-        if op in CALLS:
-            return f"eom_{CALLS[op].function}({', '.join(args)})"
-        return _FORMS[op].format(*args)
+        operation = self.program.operations[op]
+        return f"eom_{operation.function}({', '.join(args)})" if operation.function else operation.form.format(*args)

@@ -28,7 +28,6 @@ from eomgen.codegen.kernels.signatures import knows_turns
 from eomgen.codegen.kernels.writers import VARIANTS, WRITERS
 from eomgen.codegen.program import forward_mode, passes, reverse_mode, second_order, taylor
 from eomgen.codegen.program.ir import Graph, Node, Program, Value, evaluate, finish
-from eomgen.codegen.program.operations import CALLS
 from eomgen.codegen.tree import bound as bound_module
 from eomgen.codegen.tree.bound import Bound
 from eomgen.codegen.tree.spatial import Mat, Pose
@@ -116,7 +115,7 @@ class ExactGraph(Graph):
         if op == "choose" and numbers[0] is not None:
             return args[1] if numbers[0] > 0.0 else args[2]
         nodes = [x if isinstance(x, Node) else self.constant(x) for x in args]
-        if CALLS[op].idempotent and len({x.index for x in nodes}) == 1:
+        if op == "max" and len({x.index for x in nodes}) == 1:
             return args[0]
         return self._node(op, tuple(x.index for x in nodes))
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eomgen.codegen.simt.sines import COEFFICIENTS
+from eomgen.codegen.c.functions import COEFFICIENTS
 
 Array = NDArray[Any]
 

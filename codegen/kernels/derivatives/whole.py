@@ -10,7 +10,6 @@ from eomgen.robot.model import Model
 
 from ...program.forward_mode import gradients
 from ...program.ir import Graph, Node, Program, Value, evaluate, finish
-from ...program.operations import CALLS
 from ..bodies import POSE_SIZE, jacobian_columns
 from ..derivation import vector
 
@@ -34,7 +33,7 @@ class _Whole:
         for array in program.inputs():
             places = [i.leaf[1] for i in program.instructions if i.op == "input" and i.leaf[0] == array]
             inputs[array] = arrays[array] if array in arrays else self.array(array, 1 + max(places))
-        calls = {op: partial(self.graph.call, op) for op in CALLS}
+        calls = {op: partial(self.graph.call, op) for op, operation in program.operations.items() if operation.function}
         outputs = evaluate(program, inputs, self.graph.sincos, calls)
         return [outputs["out", i] for i in range(sum(key[0] == "out" for key in outputs))]
 

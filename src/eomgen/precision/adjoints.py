@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..codegen.program.operations import ANGULAR
 from . import intervals
 from .intervals import LEAST, ROOM, TINY, Array, Interval
 from .values import PRECISIONS, ProgramIntervals, circle
@@ -123,8 +124,7 @@ class _Backward:
             turned = [use for use in uses if use.turn is not None and use.turn[1] == angle]
             share = _sum([use.share for use in turned])
             outer = {
-                op: [use.outer for use in turned if use.turn == (op, angle) and use.outer is not None]
-                for op in ("sin", "cos")
+                op: [use.outer for use in turned if use.turn == (op, angle) and use.outer is not None] for op in ANGULAR
             }
             if all(outer.values()):
                 sizes = [intervals.magnitude(_sum(of_function)) for of_function in outer.values()]
@@ -138,15 +138,15 @@ class _Backward:
         op, args, _ = self.instructions[index]
         if op == "neg":  # a sign is no operation of its own for what is fused
             self.uses[args[0]].extend(use.negated() for use in here)
-        elif op in ("add", "sub"):
-            self.uses[args[0]].append(_Use(adjoint, is_sum=True))
-            self.uses[args[1]].append(_Use(adjoint if op == "add" else intervals.neg(adjoint), is_sum=True))
+        elif signs := self.found.program.operations[op].signs:
+            for arg, sign in zip(args, signs, strict=True):
+                self.uses[arg].append(_Use(adjoint if sign > 0 else intervals.neg(adjoint), is_sum=True))
         elif op == "mul":
             for arg, other in (args, args[::-1]):
                 by, angle, _ = self.instructions[other]
-                turn = (by, angle[0]) if by in ("sin", "cos") else None
+                turn = (by, angle[0]) if by in ANGULAR else None
                 self.uses[arg].append(_Use(_scaled(adjoint, self.found.values[other]), turn, adjoint))
-        elif op in ("sin", "cos"):
+        elif op in ANGULAR:
             (slope,) = self.found.slopes[index]
             turn = ("cos" if op == "sin" else "sin", args[0])
             outer = adjoint if op == "sin" else intervals.neg(adjoint)

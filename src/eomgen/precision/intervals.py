@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Interval = tuple[Array, Array]
+Sloped = tuple[Interval, tuple[Interval, ...]]  # a value, and its derivative by each argument
 
 ROOM = 1.0 + 2.0**-48  # times a sum or product of a few magnitudes: more than rounding takes from it
 LEAST = 2.0**-1074  # the smallest number
@@ -70,12 +71,6 @@ def reciprocal(x: Interval) -> Interval:
     return np.where(has_zero, -np.inf, lower), np.where(has_zero, np.inf, upper)
 
 
-def div(x: Interval, y: Interval) -> Interval:
-    """Return x / y of a y without 0."""
-    a, b, c, d = x[0] / y[0], x[0] / y[1], x[1] / y[0], x[1] / y[1]
-    return outward(np.minimum(np.minimum(a, b), np.minimum(c, d)), np.maximum(np.maximum(a, b), np.maximum(c, d)))
-
-
 def neg(x: Interval) -> Interval:
     """Return -x."""
     return -x[1], -x[0]
@@ -89,12 +84,6 @@ def widened(x: Interval, by: Array) -> Interval:
 def common(x: Interval, y: Interval) -> Interval:
     """Return the intersection of two intervals of one value."""
     return np.maximum(x[0], y[0]), np.minimum(x[1], y[1])
-
-
-def sqrt(x: Interval) -> Interval:
-    """Return the square root of what is not negative."""
-    lower, upper = outward(np.sqrt(x[0]), np.sqrt(x[1]))
-    return np.maximum(lower, 0.0), upper
 
 
 def _between(function: Callable[[Array], Array], x: Interval) -> Interval:
@@ -113,14 +102,6 @@ def exp(x: Interval) -> Interval:
 def log(x: Interval) -> Interval:
     """Return the natural logarithm of what is positive."""
     return _between(np.log, x)
-
-
-def atan2(y: Interval, x: Interval) -> Interval:
-    """Return the angle of points that stay off the cut: angles at corners are the extreme ones."""
-    corners = np.stack([np.arctan2(a, b) for a in y for b in x])
-    lower, upper = corners.min(axis=0), corners.max(axis=0)
-    error = _FUNCTION * 2.0**-52 * 4.0
-    return outward(lower - error, upper + error)
 
 
 def cos(x: Interval) -> Interval:
@@ -145,3 +126,56 @@ def _turned(function: Callable[[Array], Array], x: Interval, crest: float) -> In
     crests = (np.floor(last) >= np.ceil(first)) | is_far
     troughs = (np.floor(last - 0.5) >= np.ceil(first - 0.5)) | is_far
     return np.where(troughs, -1.0, np.maximum(lower, -1.0)), np.where(crests, 1.0, np.minimum(upper, 1.0))
+
+
+def quotient(x: Interval, y: Interval) -> Sloped:
+    """Return x / y of a y without 0, with slopes."""
+    a, b, c, d = x[0] / y[0], x[0] / y[1], x[1] / y[0], x[1] / y[1]
+    value = outward(np.minimum(np.minimum(a, b), np.minimum(c, d)), np.maximum(np.maximum(a, b), np.maximum(c, d)))
+    inverse = reciprocal(y)
+    return value, (inverse, neg(mul(value, inverse)))
+
+
+def square_root(x: Interval) -> Sloped:
+    """Return the square root of what is positive, with its slope."""
+    lower, upper = outward(np.sqrt(x[0]), np.sqrt(x[1]))
+    root = np.maximum(lower, 0.0), upper
+    return root, (reciprocal((2.0 * root[0], 2.0 * root[1])),)
+
+
+def angle(y: Interval, x: Interval) -> Sloped:
+    """Return the angle of points that stay off the cut, with slopes: angles at corners are the extreme ones."""
+    corners = np.stack([np.arctan2(a, b) for a in y for b in x])
+    error = _FUNCTION * 2.0**-52 * 4.0
+    inverse = reciprocal(add(square(x), square(y)))
+    value = outward(corners.min(axis=0) - error, corners.max(axis=0) + error)
+    return value, (mul(x, inverse), neg(mul(y, inverse)))
+
+
+def absolute(x: Interval) -> Sloped:
+    """Return the magnitude, with its slope."""
+    value = (np.maximum(np.maximum(x[0], -x[1]), 0.0), np.maximum(-x[0], x[1]))
+    return value, ((np.where(x[0] >= 0.0, 1.0, -1.0), np.where(x[1] <= 0.0, -1.0, 1.0)),)
+
+
+def larger(x: Interval, y: Interval) -> Sloped:
+    """Return the larger one; slopes are 0 to 1, and generalised ones where both may be equal."""
+    first, second = (y[1] < x[0]).astype(np.float64), (x[1] < y[0]).astype(np.float64)
+    slopes = ((first, 1.0 - second), (second, 1.0 - first))
+    return (np.maximum(x[0], y[0]), np.maximum(x[1], y[1])), slopes
+
+
+def step(x: Interval) -> Sloped:
+    """Return 1 where x is greater than 0, else 0."""
+    none = np.zeros_like(x[0])
+    return ((x[0] > 0.0).astype(np.float64), (x[1] > 0.0).astype(np.float64)), ((none, none),)
+
+
+def choose(gate: Interval, x: Interval, y: Interval) -> Sloped:
+    """Return either; a gate that may be both is exact, so that the computed choice is the right one."""
+    opened, shut = gate[0] > 0.0, gate[1] <= 0.0
+    lower = np.where(opened, x[0], np.where(shut, y[0], np.minimum(x[0], y[0])))
+    upper = np.where(opened, x[1], np.where(shut, y[1], np.maximum(x[1], y[1])))
+    none = np.zeros_like(lower)
+    is_first, is_second = opened.astype(np.float64), shut.astype(np.float64)
+    return (lower, upper), ((none, none), (is_first, 1.0 - is_second), (is_second, 1.0 - is_first))

@@ -26,7 +26,7 @@ def with_setup(program: Program, setup: Program) -> Program:
         instructions.append(Instruction(op, tuple([moved[arg] for arg in args]), leaf))
     outputs = {key: moved[index] for key, index in program.outputs.items() if key[0] not in ASIDE}
     notes = {moved[index]: text for index, text in program.notes.items() if moved[index] >= len(setup.instructions)}
-    return select(program.name, instructions, outputs, notes)
+    return select(program.name, instructions, outputs, notes, program.operations)
 
 
 def output_values(program: Program, inputs: Mapping[str, Sequence[Array]], dtype: str, size: int) -> Array:

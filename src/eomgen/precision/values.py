@@ -7,20 +7,17 @@ arguments' intervals, widened by the bound of the value's own rounding.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
 import numpy as np
 
 from ..codegen.program.ir import Program
+from ..codegen.program.operations import ANGULAR, ROUNDED, TURNED
 from . import intervals
 from .intervals import ROOM, Array, Interval
 from .ranges import Deflection
-
-SIGNS = ("neg", "abs", "max", "step", "choose")  # operations that do not round
-TURN = 3.0  # units in the last place: error of a sine or cosine, by ``turn`` of clib/lanes.h or a C library
-CALLED = 2.0  # units in the last place: error of exp, log and atan2 of a C library
 
 
 @dataclass(frozen=True)
@@ -99,7 +96,7 @@ class _Writer:
 
     def __init__(self, found: ProgramIntervals, boxes: tuple[int, ...], gears: Sequence[Deflection]) -> None:
         self.gears = {(gear.motor, gear.joint): gear for gear in gears}
-        self.found, self.boxes = found, boxes
+        self.found, self.boxes, self.operations = found, boxes, found.program.operations
         self.precision = PRECISIONS[found.dtype]
         self.zero = np.zeros(boxes)
         self.everything: Interval = (np.full(boxes, -np.inf), np.full(boxes, np.inf))
@@ -127,9 +124,9 @@ class _Writer:
             return
         values = [found.values[arg] for arg in args]
         exact = all(found.is_exact[arg] for arg in args)
-        reason = _obstacle(op, values, exact=found.is_exact[args[0]])
+        reason = self._obstacle(op, args)
         if not reason:
-            value, slopes = _VALUES[op](values) if op in _VALUES else self._arithmetic(index, op, values)
+            value, slopes = self._result(op, args)
             if not (intervals.magnitude(value) <= self.precision.largest).all():
                 reason = f"{op} of {' and '.join(map(_range, values))} may be no number of {found.dtype}"
         if reason:
@@ -138,8 +135,8 @@ class _Writer:
             return
         if slopes:
             found.slopes[index] = slopes
-        if op in SIGNS:
-            self.keep(value, self.zero, exact=exact or self._is_decided(op, args))
+        if self.operations[op].error == 0.0:
+            self.keep(value, self.zero, exact=exact or self._is_decided(args, value, slopes))
         elif (known := self._with_zero(op, args)) is not None:
             self.keep(known[0], self.zero, exact=known[1])
         else:
@@ -148,25 +145,21 @@ class _Writer:
     def _rounding(self, op: str, args: tuple[int, ...], value: Interval) -> Array:
         """Bound what the operation rounds its exact result by."""
         size, unit, least = intervals.magnitude(value), self.precision.unit, self.precision.underflow
-        if op in ("sin", "cos"):  # results are less than 1 in magnitude, or 1 exactly
+        error = self.operations[op].error
+        if op in ANGULAR:  # results are less than 1 in magnitude, or 1 exactly
             exponent = np.minimum(np.frexp(size)[1], 0)
-            return np.ldexp(TURN * unit, exponent) + least
-        if op in ("exp", "log", "atan2"):
-            return size * (2.0 * CALLED * unit * ROOM) + least
+            return np.ldexp(error * unit, exponent) + least
+        if error > ROUNDED:
+            return size * (2.0 * error * unit * ROOM) + least
         if op == "mul" and any(self._is_power_of_two(arg) for arg in args):
             return np.full(self.boxes, least)
         return size * unit + least
 
-    def _is_decided(self, op: str, args: tuple[int, ...]) -> bool:
+    def _is_decided(self, args: tuple[int, ...], value: Interval, slopes: Sequence[Interval]) -> bool:
         """Whether an operation on signs gives the same number or the same exact argument everywhere."""
-        if op == "step":
-            x = self.found.values[args[0]]
-            return bool((x[0] > 0.0).all() or (x[1] <= 0.0).all())
-        if op not in ("max", "choose"):
-            return False
-        slopes = self.found.slopes[len(self.found.values)]
-        taken = [arg for arg, (lower, _) in zip(args, slopes, strict=True) if lower[0] != 0.0]
-        same = all((lower == upper).all() and (lower == lower[0]).all() for lower, upper in slopes)
+        taken = [arg for arg, (lower, _) in zip(args, slopes, strict=False) if lower[0] != 0.0]
+        fixed = slopes if taken else (value,)
+        same = all((lower == upper).all() and (lower == lower[0]).all() for lower, upper in fixed)
         return same and all(self.found.is_exact[arg] for arg in taken)
 
     def _with_zero(self, op: str, args: tuple[int, ...]) -> tuple[Interval, bool] | None:
@@ -188,10 +181,21 @@ class _Writer:
             return False
         return bool((np.abs(np.frexp(lower)[0]) == 0.5).all())
 
-    def _arithmetic(self, index: int, op: str, values: Sequence[Interval]) -> tuple[Interval, tuple[Interval, ...]]:
-        """Return sums, products and signs; a rotated pair, c x + s y, is no longer than (x, y)."""
-        args = self.found.program.instructions[index].args
-        value = intervals.square(values[0]) if op == "mul" and args[0] == args[1] else _ARITHMETIC[op](*values)
+    def _obstacle(self, op: str, args: tuple[int, ...]) -> str:
+        """Say why an operation has no bound over its arguments; nothing where it has one."""
+        operation, values = self.operations[op], [self.found.values[arg] for arg in args]
+        if operation.barrier is None or (operation.by_sign and self.found.is_exact[args[0]]):
+            return ""
+        text, is_beyond = operation.barrier
+        return text.format(*map(_range, values), op=op) if is_beyond(*values).any() else ""
+
+    def _result(self, op: str, args: tuple[int, ...]) -> tuple[Interval, tuple[Interval, ...]]:
+        """Return an interval and slopes; a rotated pair, c x + s y, is no longer than (x, y)."""
+        values, rule = [self.found.values[arg] for arg in args], self.operations[op].interval
+        assert rule is not None, op
+        value, slopes = rule(intervals, *values)
+        if op == "mul" and args[0] == args[1]:
+            value = intervals.square(values[0])
         if op in ("add", "sub"):
             pair = _rotated_pair(self.found.program, args)
             if pair is not None:
@@ -202,7 +206,7 @@ class _Writer:
             deflection = self._deflection(op, args)
             if deflection is not None:
                 value = intervals.common(value, (-deflection, deflection))
-        return value, ()
+        return value, slopes
 
     def _deflection(self, op: str, args: tuple[int, ...]) -> Array | None:
         """Bound joint + c motor, or their difference, which is the deflection but for c + 1 / ratio; None of others."""
@@ -225,8 +229,8 @@ class _Writer:
 
 
 def circle(unit: float) -> float:
-    """Bound the length of (c, s), a computed cosine and sine: each is off by TURN units in the last place of 1."""
-    return (1.0 + 4.0 * TURN * unit) * ROOM
+    """Bound the length of (c, s), a computed cosine and sine: each is off by TURNED units in the last place of 1."""
+    return (1.0 + 4.0 * TURNED * unit) * ROOM
 
 
 def _rotated_pair(program: Program, products: Sequence[int]) -> tuple[int, int] | None:
@@ -234,7 +238,7 @@ def _rotated_pair(program: Program, products: Sequence[int]) -> tuple[int, int] 
     turned: dict[str, tuple[int, int]] = {}
     for product in products:
         op, factors, _ = program.instructions[product]
-        angular = [x for x in factors if program.instructions[x].op in ("sin", "cos")] if op == "mul" else []
+        angular = [x for x in factors if program.instructions[x].op in ANGULAR] if op == "mul" else []
         if len(angular) != 1:
             return None
         function, (angle,), _ = program.instructions[angular[0]]
@@ -246,111 +250,3 @@ def _rotated_pair(program: Program, products: Sequence[int]) -> tuple[int, int] 
 
 def _range(x: Interval) -> str:
     return f"[{x[0].min():.6g}, {x[1].max():.6g}]"
-
-
-def _obstacle(op: str, values: Sequence[Interval], *, exact: bool) -> str:
-    """Say why an operation has no bound over its arguments; nothing where it has one."""
-    x = values[0]
-    if op == "div" and ((values[1][0] <= 0.0) & (values[1][1] >= 0.0)).any():
-        return f"division by what is in {_range(values[1])}"
-    if op == "sqrt" and (x[0] <= 0.0).any():
-        return f"square root of what is in {_range(x)}, with an infinite slope at 0"
-    if op == "log" and (x[0] <= 0.0).any():
-        return f"logarithm of what is in {_range(x)}"
-    if op in ("step", "choose") and not exact and ((x[0] <= 0.0) & (x[1] > 0.0)).any():
-        return f"{op} at the sign of what is in {_range(x)}: rounding may decide it"
-    if op == "atan2" and ((x[0] <= 0.0) & (x[1] >= 0.0) & (values[1][0] <= 0.0)).any():
-        return f"atan2 of {_range(x)} and {_range(values[1])}: across its cut, or at its origin"
-    return ""
-
-
-Sloped = tuple[Interval, tuple[Interval, ...]]
-_ARITHMETIC: Mapping[str, Callable[..., Interval]] = {
-    "add": intervals.add,
-    "sub": intervals.sub,
-    "mul": intervals.mul,
-    "neg": intervals.neg,
-}
-
-
-def _sin(values: Sequence[Interval]) -> Sloped:
-    (x,) = values
-    return intervals.sin(x), (intervals.cos(x),)
-
-
-def _cos(values: Sequence[Interval]) -> Sloped:
-    (x,) = values
-    return intervals.cos(x), (intervals.neg(intervals.sin(x)),)
-
-
-def _div(values: Sequence[Interval]) -> Sloped:
-    x, y = values
-    quotient, inverse = intervals.div(x, y), intervals.reciprocal(y)
-    return quotient, (inverse, intervals.neg(intervals.mul(quotient, inverse)))
-
-
-def _sqrt(values: Sequence[Interval]) -> Sloped:
-    root = intervals.sqrt(values[0])
-    return root, (intervals.reciprocal((2.0 * root[0], 2.0 * root[1])),)
-
-
-def _exp(values: Sequence[Interval]) -> Sloped:
-    value = intervals.exp(values[0])
-    return value, (value,)
-
-
-def _log(values: Sequence[Interval]) -> Sloped:
-    return intervals.log(values[0]), (intervals.reciprocal(values[0]),)
-
-
-def _atan2(values: Sequence[Interval]) -> Sloped:
-    y, x = values
-    square = intervals.reciprocal(intervals.add(intervals.square(x), intervals.square(y)))
-    return intervals.atan2(y, x), (intervals.mul(x, square), intervals.neg(intervals.mul(y, square)))
-
-
-def _abs(values: Sequence[Interval]) -> Sloped:
-    (x,) = values
-    value = (np.maximum(np.maximum(x[0], -x[1]), 0.0), np.maximum(-x[0], x[1]))
-    return value, ((np.where(x[0] >= 0.0, 1.0, -1.0), np.where(x[1] <= 0.0, -1.0, 1.0)),)
-
-
-def _max(values: Sequence[Interval]) -> Sloped:
-    """Return the larger one; slopes are 0 to 1, and generalised ones where both may be equal."""
-    x, y = values
-    first, second = (y[1] < x[0]).astype(np.float64), (x[1] < y[0]).astype(np.float64)
-    slopes = ((first, 1.0 - second), (second, 1.0 - first))
-    return (np.maximum(x[0], y[0]), np.maximum(x[1], y[1])), slopes
-
-
-def _step(values: Sequence[Interval]) -> Sloped:
-    (x,) = values
-    none = np.zeros_like(x[0])
-    return ((x[0] > 0.0).astype(np.float64), (x[1] > 0.0).astype(np.float64)), ((none, none),)
-
-
-def _choose(values: Sequence[Interval]) -> Sloped:
-    """Return either; a gate that may be both is exact (``_obstacle``), so that the computed choice is the right one."""
-    gate, x, y = values
-    opened, shut = gate[0] > 0.0, gate[1] <= 0.0
-    lower = np.where(opened, x[0], np.where(shut, y[0], np.minimum(x[0], y[0])))
-    upper = np.where(opened, x[1], np.where(shut, y[1], np.maximum(x[1], y[1])))
-    none = np.zeros_like(lower)
-    is_first, is_second = opened.astype(np.float64), shut.astype(np.float64)
-    first, second = (is_first, 1.0 - is_second), (is_second, 1.0 - is_first)
-    return (lower, upper), ((none, none), first, second)
-
-
-_VALUES: Mapping[str, Callable[[Sequence[Interval]], Sloped]] = {
-    "sin": _sin,
-    "cos": _cos,
-    "div": _div,
-    "sqrt": _sqrt,
-    "exp": _exp,
-    "log": _log,
-    "atan2": _atan2,
-    "abs": _abs,
-    "max": _max,
-    "step": _step,
-    "choose": _choose,
-}

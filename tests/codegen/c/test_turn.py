@@ -12,8 +12,8 @@ import pytest
 from numpy.typing import NDArray
 
 import eomgen
+from eomgen.codegen.c.functions import COEFFICIENTS
 from eomgen.codegen.package.compile import FLAGS, processor
-from eomgen.codegen.simt.sines import COEFFICIENTS
 from tests.oracles.sines import polynomials
 from tests.support.soak import soaked
 
