@@ -304,9 +304,9 @@ def _sizes(kernel: Kernel, base: BaseParameters, scales: Mapping[str, tuple[floa
     """
     links = 10 * len(kernel.joints)
     bodies = np.abs(kernel.regressor_values[:links]).reshape(-1, 10)
-    mass = np.where(bodies[:, 0] > 0.0, bodies[:, 0], max(bodies[:, 0].mean(), 1e-3) if links else 0.0)
+    mass = np.where(bodies[:, 0] > 0.0, bodies[:, 0], (bodies[:, 0].mean() or 1e-3) if links else 0.0)
     square = bodies[:, [4, 7, 9]].sum(axis=1) / 2.0 / mass  # mean of the squared distance from the frame's origin
-    square = np.maximum(square, max(1e-3 * square.max(initial=0.0), 1e-6))
+    square = np.maximum(square, 1e-3 * square.max(initial=0.0) or 1e-6)
     spread = np.repeat(np.stack([mass, mass * np.sqrt(square), mass * square], axis=1), (1, 3, 6), axis=1).ravel()
     by_name = dict(zip(kernel.regressor_names, spread.tolist(), strict=False))
     rotors = dict(zip(kernel.regressor_names[links:], kernel.regressor_values[links:].tolist(), strict=True))
