@@ -16,6 +16,7 @@ from eomgen.codegen.closed_form.trace import closed_form
 from eomgen.description.load import robot_from_toml
 from eomgen.description.recorded import robot_from_record
 from eomgen.errors import DescriptionError, EomgenWarning, InputError
+from eomgen.export.fmu.variables import parameter_unit
 from eomgen.export.live.geometry import geometry_of
 from eomgen.robot import record_of, robot_hash
 from eomgen.robot.elements.joint_stiffness import JointStiffness
@@ -304,6 +305,7 @@ def test_records_and_changed_values_keep_screws() -> None:
     assert steep.couplings[0].to == {"spindle.gamma": -0.2 / (2 * np.pi)}
     assert robot_hash(steep) != robot_hash(robot)
     assert steep.rigid().followers.keys() == {"spindle.z"}
+    assert parameter_unit(robot, "joints.spindle.pitch") == "m"
     assert robot.with_constraints().rigid().couplings[0].is_constraint
     refused(DescriptionError, "which has no parts", robot.with_value, "couplings.spindle_z.offset", 1.0)
 
