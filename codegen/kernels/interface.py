@@ -93,15 +93,17 @@ def _closed(model: Model) -> dict[str, Any]:
         "constraints": model.constraints,
         "couplings": {coupling.name: coupling.of for coupling in robot.couplings if coupling.law is None},
         "followers": {
-            name: {"coupling": x.name, "to": x.sources, "offset": x.offset or 0.0, **_bends(x)}
+            name: {"coupling": x.name, "to": dict(x.to), "offset": x.offset or 0.0, **_bends(x)}
             for name, x in model.followers.items()
         },
     }
 
 
 def _bends(coupling: Coupling) -> dict[str, Any]:
-    """Return what a coupling adds of products of coordinates, and of a place on a beam, where there are some."""
+    """Return what a coupling adds of products of coordinates and of a place on a beam, and its pitch's name, if any."""
     added: dict[str, Any] = {"bends": [list(bend) for bend in coupling.bends]} if coupling.bends else {}
+    if coupling.pitch is not None:
+        added["pitch"] = coupling.pitch_name
     if coupling.sliding is not None:
         shapes = coupling.sliding
         first, second = [list(x) for x in shapes.first], [list(x) for x in shapes.second]

@@ -36,6 +36,7 @@ from eomgen.robot.value import (
     Robot,
     load_dependent,
 )
+from eomgen.robot.value.coupling import PER_RADIAN
 from eomgen.robot.value.modes import DIAGONALS, coupling_name
 
 from .modal import Bent, Modal, constants_of
@@ -450,8 +451,11 @@ class _Binder:
         for coupling in self.model.robot.couplings:
             prefix = f"couplings.{coupling.name}"
             row: dict[int, Scalar] = {place(coupling.of): 1.0}
-            for name, (parameter, number, factor) in coupling.sources.items():
-                row[place(name)] = -factor * self.value(parameter, number)
+            for name, ratio in coupling.to.items():
+                if coupling.pitch is None:
+                    row[place(name)] = -1.0 * self.value(f"{prefix}.ratio.{name}", ratio)
+                else:
+                    row[place(name)] = -PER_RADIAN * self.value(coupling.pitch_name, coupling.pitch)
             offset = self.value(f"{prefix}.offset", coupling.offset or 0.0)
             if coupling.law is None:
                 bends = {(place(one), place(other)): bend for one, other, bend in coupling.bends}

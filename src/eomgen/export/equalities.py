@@ -14,14 +14,11 @@ import numpy as np
 
 from ..arrays import Array
 from ..description.mjcf.poses import about
-from ..robot.joint_types import CUTS
+from ..robot.joint_types import CUTS, JOINT_TYPES
 from ..robot.laws import active_laws
 from ..robot.value import COORDINATES, Coordinate, Coupling, Loop, Robot
 
 Bodies = Mapping[str, Element]
-ARM = 0.1  # m, between the two points of a hinge's axis
-POINTS = {"spherical": (0.0,), "revolute": (0.0, ARM)}  # m, along the axis: pairs that stay together
-WELDED = "fixed"
 STIFF = 2.0  # steps, the shortest time constant that MuJoCo takes
 _IMPEDANCE = (0.9999, 0.9999, 0.001, 0.5, 2.0)
 _SOFT = "soft in MuJoCo"
@@ -31,7 +28,7 @@ def held_softly(robot: Robot) -> Iterator[str]:
     """Yield notes on what becomes of loops and couplings: the name, and what MuJoCo has in its place."""
     for loop in robot.loops:
         where = f"loops.{loop.name}"
-        if loop.type not in POINTS and loop.type != WELDED:
+        if not JOINT_TYPES[loop.type].equality:
             yield f"{where}: left open (MuJoCo has no {loop.type} joint among its constraints)"
             continue
         yield f"{where}: {_SOFT}"
@@ -66,7 +63,7 @@ def add_equalities(root: Element, robot: Robot, bodies: Bodies, start: Sequence[
     stiff = {"solref": f"{STIFF * step!r} 1", "solimp": text_of(_IMPEDANCE)}
     equality = Element("equality")
     for loop in robot.loops:
-        if loop.type in POINTS or loop.type == WELDED:
+        if JOINT_TYPES[loop.type].equality:
             _add_loop(equality, loop, bodies, stiff)
     tendons = root.find("tendon")
     if tendons is None:
@@ -85,8 +82,8 @@ def _add_loop(equality: Element, loop: Loop, bodies: Bodies, stiff: Mapping[str,
     frames = [(np.array(placement.rotation), np.array(placement.xyz)) for placement in loop.placements]
     turn, shift = _kept(loop)
     frames[0] = (frames[0][0] @ turn, frames[0][1] + frames[0][0] @ shift)
-    kind = "weld" if loop.type == WELDED else "connect"
-    for number, arm in enumerate(POINTS.get(loop.type, (0.0,))):
+    kind = JOINT_TYPES[loop.type]
+    for number, arm in enumerate(kind.points):
         sites = []
         for end, (link, (rotation, origin)) in enumerate(zip(loop.links, frames, strict=True)):
             sites.append(f"loops.{loop.name}.{end}" + (f".{number}" if number else ""))
@@ -96,7 +93,7 @@ def _add_loop(equality: Element, loop: Loop, bodies: Bodies, stiff: Mapping[str,
             }
             SubElement(bodies[link], "site", {"name": sites[-1], **place})
         name = loop.name + (f".{number}" if number else "")
-        SubElement(equality, kind, {"name": name, "site1": sites[0], "site2": sites[1], **stiff})
+        SubElement(equality, kind.equality, {"name": name, "site1": sites[0], "site2": sites[1], **stiff})
 
 
 def _kept(loop: Loop) -> tuple[Array, Array]:

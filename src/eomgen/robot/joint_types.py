@@ -70,6 +70,7 @@ class JointType:
     has_pitch: whether z follows gamma, z = pitch gamma / (2 pi).
     urdf: types of URDF that are read as this one; of those it is written as the first one within limits, and as the
     last one without.  mjcf: joint of MuJoCo that moves as the principal coordinate, or as all.
+    equality: constraint of MuJoCo that a loop joint of this type becomes, at ``points``, m along its axis; "" if none.
     """
 
     about: str = ""
@@ -80,6 +81,8 @@ class JointType:
     has_pitch: bool = False
     urdf: tuple[str, ...] = ()
     mjcf: str = ""
+    equality: str = ""
+    points: tuple[float, ...] = (0.0,)
 
 
 JOINT_TYPES: Mapping[str, JointType] = MappingProxyType(
@@ -92,13 +95,15 @@ JOINT_TYPES: Mapping[str, JointType] = MappingProxyType(
             _Z_AXES,
             urdf=("revolute", "continuous"),
             mjcf="hinge",
+            equality="connect",
+            points=(0.0, 0.1),
         ),
         "prismatic": JointType("z", ("z",), "z", (_X, _Y, *_NO_TURN), _ALL_AXES, urdf=("prismatic",), mjcf="slide"),
         "cylindrical": JointType(blocked=(_X, _Y, *_AXES_PARALLEL), upright=_Z_AXES),
         "universal": JointType(blocked=(_X, _Y, _Z, *_CROSS)),
-        "spherical": JointType(blocked=(_X, _Y, _Z)),
+        "spherical": JointType(blocked=(_X, _Y, _Z), equality="connect"),
         "planar": JointType(blocked=(_Z, *_AXES_PARALLEL), upright=_Z_AXES),
-        "fixed": JointType("none", (), "", (_X, _Y, _Z, *_NO_TURN), _ALL_AXES, urdf=("fixed",)),
+        "fixed": JointType("none", (), "", (_X, _Y, _Z, *_NO_TURN), _ALL_AXES, urdf=("fixed",), equality="weld"),
         "free": JointType("all six", COORDINATES, urdf=("floating",), mjcf="free"),
         "screw": JointType("gamma, which z follows by the pitch", ("z", "gamma"), "gamma", has_pitch=True),
     }

@@ -294,10 +294,12 @@ class NamedViews(CompiledCode):
         """
         rows, offsets = dict[str, Array](), dict[str, float]()
         for name, coupling in self._followers.items():
-            row = np.zeros(self.n)
-            offset = self.parameters.get(f"couplings.{coupling['coupling']}.offset", coupling["offset"])
-            for other, (parameter, described, factor) in coupling["to"].items():
-                ratio = factor * self.parameters.get(parameter, described)
+            prefix, row = f"couplings.{coupling['coupling']}", np.zeros(self.n)
+            offset = self.parameters.get(f"{prefix}.offset", coupling["offset"])
+            for other, described in coupling["to"].items():
+                ratio = self.parameters.get(f"{prefix}.ratio.{other}", described)
+                if coupling.get("pitch") in self.parameters:
+                    ratio = 0.5 / np.pi * self.parameters[coupling["pitch"]]
                 if other in rows:
                     row, offset = row + ratio * rows[other], offset + ratio * offsets[other]
                 else:

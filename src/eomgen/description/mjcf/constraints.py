@@ -10,6 +10,7 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 
 from eomgen.names import listed, show
+from eomgen.robot.joint_types import JOINT_TYPES
 from eomgen.robot.value import Coordinate, Coupling, Loop, Spring
 
 from .bodies import Bodies, Names
@@ -127,8 +128,8 @@ class Constraints:
         (first, at_first), (second, at_second) = ends
         if first == second:
             self.model.fail("equality", index, f"both ends are on {first!r}; allowed: two different bodies")
-        kind = "spherical" if kind == "connect" else "fixed"
-        return Loop(name, (first, second), kind, (at_first, at_second))
+        at_origin = (x for x, row in JOINT_TYPES.items() if row.equality == kind and row.points == (0.0,))
+        return Loop(name, (first, second), next(at_origin), (at_first, at_second))
 
     def _wraps(self, tendon: int) -> range:
         first, count = (int(self.model[f"tendon_{key}"][tendon]) for key in ("adr", "num"))

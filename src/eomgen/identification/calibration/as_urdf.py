@@ -13,7 +13,7 @@ import numpy as np
 
 from ...arrays import Array
 from ...description.load import load_robot
-from ...description.urdf import IN_PLANE
+from ...description.urdf import IN_PLANE, TYPES
 from ...description.xml_text import parse_xml
 from ...errors import InputError
 from ...files import check_ending, write_atomically
@@ -152,7 +152,7 @@ def _is_planar(joint: Joint) -> bool:
     """Return whether a joint is a planar one of a URDF: without forces in its plane, and offsets that turn its axes."""
     is_turned = any(joint.offset[3:])
     in_plane = [joint.coordinates.get(key) == Coordinate() for key in IN_PLANE[:2]]
-    return joint.type == "revolute" and tuple(joint.coordinates) == IN_PLANE and all(in_plane) and not is_turned
+    return joint.type == TYPES["planar"] and tuple(joint.coordinates) == IN_PLANE and all(in_plane) and not is_turned
 
 
 def _plain(robot: Robot) -> Element:

@@ -64,12 +64,9 @@ class Coupling(Picklable):
         return numbers | (self.law.numbers(CUT_NUMBERS) if self.law else {})
 
     @property
-    def sources(self) -> dict[str, tuple[str, float, float]]:
-        """What each ratio is made of: a parameter's name, its value, and the factor by which it is multiplied."""
-        if self.pitch is not None:
-            pitch = f"joints.{joint_of(self.of)}.pitch", self.pitch, PER_RADIAN
-            return dict.fromkeys(self.to, pitch)
-        return {name: (f"couplings.{self.name}.ratio.{name}", ratio, 1.0) for name, ratio in self.to.items()}
+    def pitch_name(self) -> str:
+        """Name of the pitch as a parameter; "" of a coupling that is none of a screw."""
+        return "" if self.pitch is None else f"joints.{joint_of(self.of)}.pitch"
 
     def value(self, of: Callable[[str], Any]) -> Any:
         """Return what the coordinate has to be by the description's numbers.
