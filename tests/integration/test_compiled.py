@@ -21,14 +21,13 @@ from eomgen.motion.timetable import TimeTable
 from eomgen.progress import no_progress
 from eomgen.robot.model import tool_of
 from eomgen.robot.value import Coordinate, Robot
-from eomgen.runtime.stepping.batch_motion import BatchMotion
 from eomgen.runtime.stepping.input_signals import DriveData, InputSignals, Signal, Track
 from eomgen.runtime.stepping.methods import ADAPTIVE as NUMBERS
 from eomgen.runtime.stepping.methods import AUTO, IN_C
+from eomgen.runtime.stepping.motions import BatchMotion, SingleMotion
 from eomgen.runtime.stepping.options import NARROW, NARROW_TURNS, TURNS, ErrorControl, rollout_of
 from eomgen.runtime.stepping.packed_inputs import PackedInputs
 from eomgen.runtime.stepping.reading_inputs import input_signals
-from eomgen.runtime.stepping.single_motion import SingleMotion
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.assembly import Assembly, assemble
 from eomgen.simulation.run import plan_of, run_scenario

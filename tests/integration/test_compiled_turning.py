@@ -25,10 +25,10 @@ from eomgen.runtime.stepping.adaptive import keep_steps
 from eomgen.runtime.stepping.input_signals import Gains, LinkWrench, Signal
 from eomgen.runtime.stepping.methods import ADAPTIVE as NUMBERS
 from eomgen.runtime.stepping.methods import IN_C
+from eomgen.runtime.stepping.motions import SingleMotion
 from eomgen.runtime.stepping.options import ErrorControl
 from eomgen.runtime.stepping.packed_inputs import PackedInputs
 from eomgen.runtime.stepping.reading_inputs import input_signals
-from eomgen.runtime.stepping.single_motion import SingleMotion
 from eomgen.simulation.controls import JointPD, actuators
 from tests.description.test_floating import HEAVY
 from tests.oracles.flyers import Flyer

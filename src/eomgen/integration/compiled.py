@@ -14,8 +14,8 @@ from ..runtime.stepping.adaptive import DONE, refuse_unmoved, why_ended
 from ..runtime.stepping.alternation import implicit_spans
 from ..runtime.stepping.input_signals import InputSignals
 from ..runtime.stepping.methods import AUTO
+from ..runtime.stepping.motions import SingleMotion
 from ..runtime.stepping.options import ErrorControl
-from ..runtime.stepping.single_motion import SingleMotion
 from .contacts import ContactWatch
 from .steps import Samples
 from .system import System

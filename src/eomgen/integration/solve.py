@@ -90,7 +90,8 @@ def integrate(  # noqa: PLR0913
             springs, stiff dampers or friction (see ``plan.why_stiff``), else "scipy:DOP853".
         rtol, atol: tolerances; atol is a number or (2n,), first of q, then of v, behind which may be those of states of
             laws (which a number leaves as they are); C takes what is below 1e-30 as 1e-30.  By default rtol times the
-            size of each coordinate, ``coordinate_sizes``; of a velocity that friction resists at most its smoothing.
+            size of each coordinate: ``coordinate_sizes``; of a velocity that friction resists at most the smoothing of
+            that.
         step: of rk4, s; shortened so that it divides ``output_step``.  Default: half the shortest time constant, 1 /
             the angular frequency of a spring, or the decay time by 1 / e of a damper or friction; of states of laws as
             they follow at the velocity of each sample.

@@ -13,9 +13,9 @@ from ..errors import ArrayError, InputError, IntegrationError, IntegrationStoppe
 from ..runtime.arrays import numbers_in
 from ..runtime.by_name import WrenchLike, wrench_rows
 from ..runtime.kernel import Kernel
+from ..runtime.stepping.motions import SingleMotion
 from ..runtime.stepping.packed_inputs import PackedInputs
 from ..runtime.stepping.reading_inputs import NamedWrenches
-from ..runtime.stepping.single_motion import SingleMotion
 from ..state.drives import drive_jacobian, has_drives
 from ..state.springs import coordinate_sizes, rate_step, smoothings
 from ..state.vectors import Q_STEP, DriveFunction, MotionFunction, WrenchFunction, prescribed_mask

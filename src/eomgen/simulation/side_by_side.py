@@ -23,9 +23,9 @@ from ..robot.value import Robot
 from ..runtime.stepping import reading_inputs
 from ..runtime.stepping.adaptive import DONE
 from ..runtime.stepping.alternation import implicit_spans
-from ..runtime.stepping.batch_motion import BatchMotion
 from ..runtime.stepping.input_signals import InputSignals
 from ..runtime.stepping.methods import IN_C
+from ..runtime.stepping.motions import BatchMotion
 from ..runtime.stepping.options import ErrorControl
 from ..runtime.stepping.packed_inputs import PackedInputs
 from ..scenario.value import Scenario

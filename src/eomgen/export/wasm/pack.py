@@ -134,7 +134,15 @@ def make_wasm(
     binary = compile_wasm(
         _sources(source, rigid, context), [f"{robot.name}_{x}" for x in exported], long=source.longest > LONG
     )
-    script = {"description": json.dumps(described, allow_nan=False), **context}
+    adaptive = [name for name in ADAPTIVE if name not in ROLLOUTS]  # others have kernels of their own
+    numbers = FIXED | {name: ADAPTIVE[name] for name in adaptive}
+    script = {
+        "description": json.dumps(described, allow_nan=False),
+        "numbers": json.dumps(numbers),
+        "fixed": json.dumps(list(FIXED)),
+        "adaptive": json.dumps(adaptive),
+        **context,
+    }
     return WasmModule(
         robot.name,
         binary,
@@ -228,6 +236,8 @@ def _declared(meta: Mapping[str, Any]) -> dict[str, Any]:
         "plain": [row for row in rows if not row["framed"]],
         "framed": [row for row in rows if row["framed"]],
         "methods": _literals(methods),
+        "fixed": _literals(FIXED),
+        "adaptive": _literals([name for name in ADAPTIVE if name not in ROLLOUTS]),
         "array": {"float64": "Float64Array", "float32": "Float32Array"}[meta["dtype"]],
         **{key: _literals(meta[key]) for key in ("coordinates", "links", "frames", "parameters")},
         "memory": _literals(meta.get("memory", ())),
