@@ -6,7 +6,6 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 from .ir import Graph, Instruction, Program, Value, finish
-from .operations import ANGULAR
 
 
 @dataclass(frozen=True)
@@ -98,8 +97,7 @@ def _pair(graph: Graph, name: str, instruction: Instruction, args: list[Pair], i
         gate, *both = args
         imaginary = graph.choose(gate.real, *(0.0 if x.imaginary is None else x.imaginary for x in both))
         return Pair(graph.choose(gate.real, *(x.real for x in both)), imaginary)
-    has_meaning = not operation.function and op not in ANGULAR  # arithmetic
-    assert has_meaning, f"{name}: {op} of a complex number is not defined"
+    assert operation.is_arithmetic, f"{name}: {op} of a complex number is not defined"
     assert operation.value is not None
     value: Pair = operation.value(*args)
     return value

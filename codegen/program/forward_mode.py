@@ -13,7 +13,7 @@ import math
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
-from .ir import GATE, Graph, Instruction, Node, Program, Value, finish, needed
+from .ir import GATE, Graph, Node, Program, Value, finish, needed
 
 
 def tangent(
@@ -28,31 +28,46 @@ def tangent(
     """
     graph = Graph(program.operations)
     values: list[Node] = []
-    moving: list[Value] = []
-    for index, instruction in enumerate(program.instructions):
+    moving: dict[int, Value] = {}
+    for index, (op, args, leaf) in enumerate(program.instructions):
         if index in program.notes:
             graph.note(program.notes[index])
-        args = tuple(values[arg].index for arg in instruction.args)
-        values.append(graph.insert(instruction.op, args, instruction.leaf))
-        still = instruction.op == "input" and instruction.leaf[1] >= lengths.get(instruction.leaf[0], math.inf)
-        moving.append(0.0 if still else _rate(graph, instruction, values, moving, rates))
+        value = graph.insert(op, tuple(values[arg].index for arg in args), leaf)
+        values.append(value)
+        if op != "input":
+            _move(graph, value.index, moving)
+        elif leaf[0] in rates and leaf[1] < lengths.get(leaf[0], math.inf):
+            moving[value.index] = graph.input(rates[leaf[0]], leaf[1])
     outputs: dict[tuple[str, int], Value] = {}
     for key, index in program.outputs.items():
         if key[0] in ("pivot", "first_pivot", GATE):
             outputs[key] = values[index]
         else:
-            outputs[key] = moving[index]
+            outputs[key] = moving.get(values[index].index, 0.0)
     return finish(graph, name, outputs)
+
+
+def _rate(graph: Graph, index: int, rates: Mapping[int, Value]) -> Value:
+    """Return the rate of a value of a graph by those of its arguments, 0 where there is none."""
+    op, args, _ = graph.instructions[index]
+    rule = graph.operations[op].rate
+    if rule is None or rates.keys().isdisjoint(args):
+        return 0.0
+    dx = [rates.get(arg, 0.0) for arg in args]
+    rate: Value = rule(graph, [Node(graph, arg) for arg in args], Node(graph, index), dx)
+    return rate
+
+
+def _move(graph: Graph, index: int, rates: dict[int, Value]) -> None:
+    """Add the rate of a value to those of its arguments, if it has one."""
+    rate = _rate(graph, index, rates)
+    if isinstance(rate, Node) or rate != 0.0:
+        rates[index] = rate
 
 
 def local_slopes(graph: Graph, index: int) -> dict[int, Value]:
     """Differentiate a value of a graph by its arguments, by their indices."""
-    op, args, _ = graph.instructions[index]
-    derivative = graph.operations[op].rate
-    if derivative is None:
-        return {}
-    x, y = [Node(graph, arg) for arg in args], Node(graph, index)
-    return {arg: derivative(graph, x, y, [float(other == arg) for other in args]) for arg in args}
+    return {arg: _rate(graph, index, {arg: 1.0}) for arg in graph.instructions[index][1]}
 
 
 def gradients(graph: Graph, values: Sequence[Value], inputs: Sequence[Node]) -> list[list[Value]]:
@@ -65,30 +80,6 @@ def gradients(graph: Graph, values: Sequence[Value], inputs: Sequence[Node]) -> 
     for moved in inputs:
         rates: dict[int, Value] = {moved.index: 1.0}
         for index in order:
-            op, args, _ = graph.instructions[index]
-            derivative = graph.operations[op].rate
-            if derivative is None or not any(arg in rates for arg in args):
-                continue
-            x = [Node(graph, arg) for arg in args]
-            rate: Value = derivative(graph, x, Node(graph, index), [rates.get(arg, 0.0) for arg in args])
-            if isinstance(rate, Node) or rate != 0.0:
-                rates[index] = rate
+            _move(graph, index, rates)
         columns.append([rates.get(value.index, 0.0) if isinstance(value, Node) else 0.0 for value in values])
     return [[column[place] for column in columns] for place in range(len(values))]  # rows without inputs, too
-
-
-def _rate(
-    graph: Graph, instruction: Instruction, values: list[Node], moving: list[Value], rates: Mapping[str, str]
-) -> Value:
-    """Return the rate of the newest value, by those of its arguments."""
-    op, this = instruction.op, values[-1]
-    if op == "input":
-        array, place = instruction.leaf
-        return graph.input(rates[array], place) if array in rates else 0.0
-    x = [values[arg] for arg in instruction.args]
-    dx = [moving[arg] for arg in instruction.args]
-    derivative = graph.operations[op].rate
-    if derivative is None or not any(isinstance(rate, Node) or rate != 0.0 for rate in dx):
-        return 0.0
-    slope: Value = derivative(graph, x, this, dx)
-    return slope

@@ -121,6 +121,11 @@ class Graph:
     def call(self, op: str, *args: Value) -> Value:
         """Write an operation by its name; of max(x, y), x is where no number may come."""
         operation = self.operations[op]
+        if op in ANGULAR:
+            return self.sincos(args[0])[op == "cos"]
+        if not operation.function:
+            arithmetic: Value = getattr(self, op)(*args)
+            return arithmetic
         folded: Value | None = None if operation.fold is None else operation.fold(self, *args)
         if folded is not None:
             return folded

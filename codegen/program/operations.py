@@ -31,7 +31,7 @@ class Operation:
             for sine and cosine, which are counted by their angles.
         value: its value, of floats; of arithmetic, for anything that has it.
         numpy: its value on arrays; ``value`` is where None.
-        fold: (graph, *x) -> what a graph makes of it without computing it, or None.
+        fold: (graph, *x) -> what a function is without being computed, or None; ``Graph`` has methods for the others.
         rate: (graph, x, y, dx) -> dy, where y is its value at the arguments x; None where it is always zero.
         taylor: see ``series``; None where it is always zero, and for sine and cosine, which are expanded together.
         signs: with which it adds its arguments up; none where it is no sum.
@@ -69,6 +69,11 @@ class Operation:
     def arity(self) -> int:
         """Number of its arguments."""
         return len(self.arguments)
+
+    @property
+    def is_arithmetic(self) -> bool:
+        """Whether it is an operator of C and Python."""
+        return bool(self.form) and "xp." not in self.form and not self.function
 
     def compute(self, *numbers: float) -> float | None:
         """Return the value at these numbers; None where it is not defined or no float."""
@@ -111,7 +116,6 @@ OPERATIONS: Operations = MappingProxyType(
             ("x",),
             "add",
             operator.neg,
-            fold=lambda g, x: g.neg(x),
             rate=lambda g, x, y, dx: -dx[0],
             taylor=lambda g, x, z, k: -x[0][k],
             signs=(-1,),
@@ -121,7 +125,6 @@ OPERATIONS: Operations = MappingProxyType(
         "sin": Operation(
             ("x",),
             value=math.sin,
-            fold=lambda g, x: g.sincos(x)[0],
             rate=lambda g, x, y, dx: g.sincos(x[0])[1] * dx[0],
             form="xp.sin({0})",
             error=TURNED,
@@ -130,7 +133,6 @@ OPERATIONS: Operations = MappingProxyType(
         "cos": Operation(
             ("x",),
             value=math.cos,
-            fold=lambda g, x: g.sincos(x)[1],
             rate=lambda g, x, y, dx: -(g.sincos(x[0])[0] * dx[0]),
             form="xp.cos({0})",
             error=TURNED,
@@ -140,7 +142,6 @@ OPERATIONS: Operations = MappingProxyType(
             ("x", "y"),
             "add",
             operator.add,
-            fold=lambda g, x, y: g.add(x, y),
             rate=lambda g, x, y, dx: dx[0] + dx[1],
             taylor=lambda g, x, z, k: x[0][k] + x[1][k],
             signs=(1, 1),
@@ -152,7 +153,6 @@ OPERATIONS: Operations = MappingProxyType(
             ("x", "y"),
             "add",
             operator.sub,
-            fold=lambda g, x, y: g.sub(x, y),
             rate=lambda g, x, y, dx: dx[0] - dx[1],
             taylor=lambda g, x, z, k: x[0][k] - x[1][k],
             signs=(1, -1),
@@ -164,7 +164,6 @@ OPERATIONS: Operations = MappingProxyType(
             ("x", "y"),
             "mul",
             operator.mul,
-            fold=lambda g, x, y: g.mul(x, y),
             rate=lambda g, x, y, dx: dx[0] * x[1] + x[0] * dx[1],
             taylor=series.product,
             form="{0}*{1}",
@@ -175,7 +174,6 @@ OPERATIONS: Operations = MappingProxyType(
             ("x", "y"),
             "div",
             operator.truediv,
-            fold=lambda g, x, y: g.div(x, y),
             rate=lambda g, x, y, dx: (dx[0] - y * dx[1]) * (1.0 / x[1]),
             taylor=series.quotient,
             form="{0}/{1}",

@@ -147,7 +147,7 @@ class _Angle:
         self.angle = angle
         self.start = graph.sincos(angle[0])
         self._sine, self._cosine = ([x] for x in self.start)
-        self._half: Series = [0.0]
+        self._half: list[Value] = [0.0]
 
     def upto(self, k: int) -> tuple[Value, Value]:
         """Return the coefficients of order k of sine and cosine."""
@@ -175,7 +175,7 @@ class _Turning:
 
     def __init__(self, angle: _Angle, x: Series, y: Series, sense: int) -> None:
         self.angle, self.before = angle, (x, y)
-        self.behind: tuple[Series, Series] = ([x[0]], [y[0]])
+        self.behind: tuple[list[Value], list[Value]] = ([x[0]], [y[0]])
         self.senses = (sense, -sense)
 
     def coefficient(self, which: int, k: int) -> Value:

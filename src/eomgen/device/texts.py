@@ -22,7 +22,6 @@ from ..robot.value import Robot
 
 KIND = "devices"  # of entries of the cache: texts, and what compilers of devices make of them
 CODE, META = "text.h", "text.json"
-ARITHMETIC = ("add", "sub", "mul", "div", "neg")  # operations that NumPy's numbers round as devices do
 Array = NDArray[Any]
 
 
@@ -119,11 +118,11 @@ def setup_of(text: FunctionText, parameters: Sequence[Any], dtype: np.dtype[Any]
                 computed.append(dtype.type(parameters[args[0]] if op == "p" else args[0]))
                 continue
             numbers = [computed[place] for place in args]
-            if op in ARITHMETIC:
-                value = OPERATIONS[op].value
-                assert value is not None
-                computed.append(value(*numbers))
+            operation = OPERATIONS[op]
+            if operation.is_arithmetic:  # which NumPy's numbers round as devices do
+                assert operation.value is not None
+                computed.append(operation.value(*numbers))
             else:
-                found = OPERATIONS[op].compute(*map(float, numbers))
+                found = operation.compute(*map(float, numbers))
                 computed.append(dtype.type(math.nan if found is None else found))
     return np.array([computed[place] for place in text.meta["setup"]["h"]] or [0.0], dtype)

@@ -136,10 +136,15 @@ def quotient(x: Interval, y: Interval) -> Sloped:
     return value, (inverse, neg(mul(value, inverse)))
 
 
+def sqrt(x: Interval) -> Interval:
+    """Return the square root of what is not negative."""
+    lower, upper = outward(np.sqrt(x[0]), np.sqrt(x[1]))
+    return np.maximum(lower, 0.0), upper
+
+
 def square_root(x: Interval) -> Sloped:
     """Return the square root of what is positive, with its slope."""
-    lower, upper = outward(np.sqrt(x[0]), np.sqrt(x[1]))
-    root = np.maximum(lower, 0.0), upper
+    root = sqrt(x)
     return root, (reciprocal((2.0 * root[0], 2.0 * root[1])),)
 
 
