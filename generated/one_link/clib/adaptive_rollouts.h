@@ -27,6 +27,7 @@ typedef struct {
     int failed[WIDTH]; /* see problem */
     int left;          /* lanes that go on */
     int method;
+    EOM_SCALAR diagonal; /* of a Rosenbrock method */
     int held;          /* whether drives are the same from sample to sample */
     int dense;         /* whether samples lie within steps */
     int works;
@@ -147,7 +148,7 @@ EOM_LOCAL void F(choose_lengths)(F(integration) *restrict it, REAL *restrict dt)
 EOM_LOCAL void F(judge_steps)(F(integration) *restrict it, REAL *restrict work)
 {
     const F(motion) *const motion = &it->problem.motion;
-    const double order = (it->method == 1) ? 0.2 : 0.25;
+    const eom_error_control *const control = &eom_error_controls[it->method];
     for (int l = 0; l < (int)WIDTH; ++l) {
         eom_progress *const p = &it->progress[it->place[l]];
         int where = 0;
@@ -156,12 +157,12 @@ EOM_LOCAL void F(judge_steps)(F(integration) *restrict it, REAL *restrict work)
         const double excess = (it->failed[l] != 0) ? HUGE_VAL : F(error_norm)(motion, F(tolerance_of)(it, l), l, &it->step, &where);
         if (it->failed[l] != 0) { where = 2 * N_OF(motion->robot->sizes) + it->failed[l] - 1; }
 #if defined(EOM_HAS_RADAU)
-        if (it->method == 2) {
+        if (control->kind == RADAU_KIND) {
             it->taken[l] = F(judge_radau)(&it->radau, p, excess, l, it->length[l], it->duration, where);
         } else
 #endif
         {
-            it->taken[l] = F(judge)(p, excess, order, it->length[l], it->duration, where);
+            it->taken[l] = F(judge)(p, excess, control->exponent, it->length[l], it->duration, where);
         }
         if (p->reason != 0) {
             it->taken[l] = 0;
@@ -173,12 +174,13 @@ EOM_LOCAL void F(judge_steps)(F(integration) *restrict it, REAL *restrict work)
     }
 }
 
-/* Prepare what lies within steps of the Rosenbrock method where a sample or doubtful works ask for it.  Whether any does. */
+/* Prepare what lies within steps of a Rosenbrock method where a sample or doubtful works ask for it.  Whether any does. */
 EOM_LOCAL int F(prepare_inside)(F(integration) *restrict it, REAL dt, F(workspace) work)
 {
     const EOM(sizes) *const sizes = it->problem.motion.robot->sizes;
+    const eom_error_control *const control = &eom_error_controls[it->method];
     int inside = 0;
-    for (int l = 0; (M_OF(sizes) == 0) && (it->method == 0) && (l < (int)WIDTH); ++l) {
+    for (int l = 0; (M_OF(sizes) == 0) && (control->kind == ROSENBROCK_KIND) && (l < (int)WIDTH); ++l) {
         const eom_progress *const p = &it->progress[it->place[l]];
         if (it->taken[l] == 0) { continue; }
         if ((it->dense != 0) && (it->times[p->sample] < it->problem.clock.end[l])) { inside = 1; }
@@ -186,10 +188,10 @@ EOM_LOCAL int F(prepare_inside)(F(integration) *restrict it, REAL dt, F(workspac
     }
     if (inside != 0) {
         if (sizes->has_friction == 0) {
-            F(rate)(&it->problem, 1.0, END_STAGE, it->step.x_end, it->step.dx_end, work);
+            F(rate)(&it->problem, 1.0, control->stages, it->step.x_end, it->step.dx_end, work);
             F(end_failed)(it, it->taken);
         }
-        F(bend_of_step)(&it->problem, dt, &it->step, work.state);
+        F(bend_of_step)(&it->problem, it->diagonal * dt, dt, &it->step, work.state);
     }
     return inside;
 }
@@ -265,6 +267,7 @@ EOM_LOCAL void F(accept_step)(F(integration) *restrict it, int l, int inside, F(
     const EOM(sizes) *const sizes = it->problem.motion.robot->sizes;
     const int n = N_OF(sizes);
     const int closed = (M_OF(sizes) > 0) ? 1 : 0;
+    const eom_error_control *const control = &eom_error_controls[it->method];
     const double length = it->length[l];
     const double rtol = F(tolerance_of)(it, l)->rtol;
     eom_progress *const p = &it->progress[it->place[l]];
@@ -272,7 +275,7 @@ EOM_LOCAL void F(accept_step)(F(integration) *restrict it, int l, int inside, F(
     const double began = p->t;
     double works_began[EOM_WORKS];
     const int doubtful = ((it->works != 0) && (closed == 0)) ? F(works_are_doubtful)(power, p->work, l, it->method, length, rtol) : 0;
-    it->known[l] = ((closed == 0) && (it->halts[l] == 0) && (it->method != 2) && ((sizes->has_friction != 0) || (it->method == 1) || (inside != 0))) ? 1 : 0;
+    it->known[l] = ((closed == 0) && (it->halts[l] == 0) && (control->kind != RADAU_KIND) && ((sizes->has_friction != 0) || (control->kind == EXPLICIT_KIND) || (inside != 0))) ? 1 : 0;
     (void)memcpy(works_began, p->work, sizeof works_began);
     for (int w = 0; (it->works != 0) && (doubtful == 0) && (w < EOM_WORKS); ++w) { p->work[w] += F(work_of_step)(power, w, l, it->method, length, 1.0); }
     p->steps += 1;
@@ -288,7 +291,7 @@ EOM_LOCAL void F(accept_step)(F(integration) *restrict it, int l, int inside, F(
         LANE_OF(it->step.dx[i], l) = LANE_OF(it->step.x_end[n + i], l); /* prescribed motions are in it */
         LANE_OF(it->step.dx[n + i], l) = LANE_OF(it->step.dx_end[n + i], l);
     }
-    for (int w = 0; (it->works != 0) && (closed == 0) && (w < EOM_WORKS); ++w) { power[w * (int)WIDTH + l] = power[(END_STAGE * EOM_WORKS + w) * (int)WIDTH + l]; }
+    for (int w = 0; (it->works != 0) && (closed == 0) && (w < EOM_WORKS); ++w) { power[w * (int)WIDTH + l] = power[(control->stages * EOM_WORKS + w) * (int)WIDTH + l]; }
 }
 
 /* Take room for an integration from a workspace. */
@@ -312,12 +315,17 @@ EOM_LOCAL void F(carve_integration)(const EOM(sizes) *restrict sizes, F(integrat
     (void)memset(it->u, 0, (size_t)(work->state - it->u) * sizeof *it->u);
 }
 
+/* Steps by each method, whose coefficients are constants there. */
+#define TAKE_EXPLICIT(number, row) case number: F(explicit_step)(&it.problem, &eom_explicit_methods[row], dt, &it.step, F(tolerance_of)(&it, 0), estimate, work); break;
+#define TAKE_ROSENBROCK(number, row) case number: it.diagonal = eom_rosenbrock_methods[row].diagonal; F(rosenbrock_step)(&it.problem, &eom_rosenbrock_methods[row], dt, &it.step, work); break;
+
 /* Go on with up to WIDTH states, those at place, from where their progress is, each by steps of its length; at most so many in
  * this call.  The numbers at place behind the ones that are here are those of one of them.  x = (q, v). */
 EOM_LOCAL void F(adapt)(const F(robot) *restrict robot, const REAL *restrict h, const EOM(drive) *restrict drive, const EOM(inputs) *restrict inputs, size_t inputs_step, const EOM(tolerance) *restrict allowed, size_t allowed_step, const size_t *restrict place, int here, const double *restrict times, size_t samples, int method, REAL *restrict x, EOM_SCALAR *restrict q_out, EOM_SCALAR *restrict v_out, eom_progress *restrict progress, EOM(record) *restrict record, F(workspace) work)
 {
     const EOM(sizes) *const sizes = robot->sizes;
     const int n = N_OF(sizes);
+    const int kind = eom_error_controls[method].kind;
     F(integration) it;
     F(charts) charts;
     REAL dt = WHOLE((EOM_SCALAR)1.0);
@@ -339,6 +347,7 @@ EOM_LOCAL void F(adapt)(const F(robot) *restrict robot, const REAL *restrict h, 
     it.progress = progress;
     it.duration = times[samples] - times[0];
     it.method = method;
+    it.diagonal = (EOM_SCALAR)0.0;
     it.held = ((drive->u_step == 0U) && (drive->target_step == 0U)) ? 1 : 0;
     it.dense = ((it.held != 0) && (M_OF(sizes) == 0)) ? 1 : 0;
     it.works = ((ROTATIONS_OF(sizes) == 0) && (inputs != NULL) && (inputs->work != NULL)) ? 1 : 0;
@@ -348,7 +357,7 @@ EOM_LOCAL void F(adapt)(const F(robot) *restrict robot, const REAL *restrict h, 
     it.step.x = x;
     it.step.inside = NULL;
 #if defined(EOM_HAS_RADAU)
-    if (method == 2) {
+    if (kind == RADAU_KIND) {
         F(carve_radau)(sizes, &it.radau, &work);
         it.step.inside = it.radau.inside;
     }
@@ -366,7 +375,7 @@ EOM_LOCAL void F(adapt)(const F(robot) *restrict robot, const REAL *restrict h, 
         F(resume_charts)(sizes, drive, place, &charts, x, &x[n]);
     }
 #if defined(EOM_HAS_RADAU)
-    if (method == 2) { F(resume_radau)(&it.problem, place, progress, &it.radau); }
+    if (kind == RADAU_KIND) { F(resume_radau)(&it.problem, place, progress, &it.radau); }
 #endif
     for (long long pass = 0; (it.left > 0) && (pass < most) && ((record == NULL) || (record->count < record->room)); ++pass) {
         if (F(look_at_clock)(&it, pass) != 0) {
@@ -375,26 +384,26 @@ EOM_LOCAL void F(adapt)(const F(robot) *restrict robot, const REAL *restrict h, 
             if (it.left == 0) { break; }
         }
         F(choose_lengths)(&it, &dt);
-        if (method == 0) {
-            F(rosenbrock_step)(&it.problem, dt, &it.step, work);
+        switch (method) {
+            EOM_EACH_EXPLICIT(TAKE_EXPLICIT)
+            EOM_EACH_ROSENBROCK(TAKE_ROSENBROCK)
+            default:
 #if defined(EOM_HAS_RADAU)
-        } else if (method == 2) {
-            F(take_radau_step)(&it, dt, work);
+                F(take_radau_step)(&it, dt, work);
 #endif
-        } else {
-            F(tsit5_step)(&it.problem, dt, &it.step, F(tolerance_of)(&it, 0), estimate, work);
+                break;
         }
-        if ((inputs != NULL) && (method != 2)) { F(put_prescribed_ends)(&it.problem, &it.step, work.input); }
+        if ((inputs != NULL) && (kind != RADAU_KIND)) { F(put_prescribed_ends)(&it.problem, &it.step, work.input); }
         F(judge_steps)(&it, work.state);
 #if defined(EOM_HAS_RADAU)
-        if (method == 2) { F(keep_inside)(&it); }
+        if (kind == RADAU_KIND) { F(keep_inside)(&it); }
 #endif
         const int inside = F(prepare_inside)(&it, dt, work);
         for (int l = 0; l < (int)WIDTH; ++l) {
             if (it.taken[l] == 0) { continue; }
             F(accept_step)(&it, l, inside, work);
 #if defined(EOM_HAS_RADAU)
-            if ((method == 2) && (it.halts[l] != 0)) { F(forget_radau)(n, &it.radau, l); }
+            if ((kind == RADAU_KIND) && (it.halts[l] != 0)) { F(forget_radau)(n, &it.radau, l); }
 #endif
             if (record != NULL) { F(record_step)(&it, l, stiffness, record, work.state); }
             if ((progress[place[l]].sample > samples) && (it.failed[l] == 0)) {
@@ -405,17 +414,17 @@ EOM_LOCAL void F(adapt)(const F(robot) *restrict robot, const REAL *restrict h, 
         F(end_failed)(&it, it.taken); /* within a step, where works are integrated */
         if (ROTATIONS_OF(sizes) == 0) { continue; }
 #if defined(EOM_HAS_RADAU)
-        if (method == 2) { F(look_at_charts)(sizes, &charts, &it.radau, 0); }
+        if (kind == RADAU_KIND) { F(look_at_charts)(sizes, &charts, &it.radau, 0); }
 #endif
         if (F(change_charts)(sizes, &charts, x, &x[n]) != 0) {
             for (int l = 0; l < (int)WIDTH; ++l) { it.known[l] = 0; }
 #if defined(EOM_HAS_RADAU)
-            if (method == 2) { F(look_at_charts)(sizes, &charts, &it.radau, 1); }
+            if (kind == RADAU_KIND) { F(look_at_charts)(sizes, &charts, &it.radau, 1); }
 #endif
         }
     }
 #if defined(EOM_HAS_RADAU)
-    if (method == 2) { F(keep_radau)(&it.problem, place, progress, &it.radau); }
+    if (kind == RADAU_KIND) { F(keep_radau)(&it.problem, place, progress, &it.radau); }
 #endif
     if (ROTATIONS_OF(sizes) > 0) {
         F(keep_charts)(sizes, drive, place, (size_t)here, &charts, x, &x[n]);
@@ -423,3 +432,5 @@ EOM_LOCAL void F(adapt)(const F(robot) *restrict robot, const REAL *restrict h, 
         (void)memcpy(x, it.step.x_end, (size_t)(2 * n) * sizeof *x);
     }
 }
+#undef TAKE_EXPLICIT
+#undef TAKE_ROSENBROCK

@@ -143,8 +143,8 @@ EOM_LOCAL void F(rate)(const F(problem) *restrict problem, double share, int sta
     if ((robot->sizes->is_prescribed != NULL) && (problem->clock.power != NULL)) { F(power_of_prescribed)(problem, stage, x, &x[n], &dx[n], (EOM_SCALAR *)(void *)work.state); }
 }
 
-/* Take one stage of the Rosenbrock method, a linear system with the step's matrix, from the rate dx there; increments: (stages, 2 n). */
-EOM_INLINE void F(rosenbrock_stage)(const F(problem) *restrict problem, int stage, const REAL *restrict factors, REAL time, REAL inverse, const REAL *restrict dx, REAL *restrict increments, REAL *restrict right, REAL *restrict w)
+/* Take one stage of a Rosenbrock method, a linear system with the step's matrix, from the rate dx there; increments: (stages, 2 n). */
+EOM_INLINE void F(rosenbrock_stage)(const F(problem) *restrict problem, const EOM(rosenbrock_method) *restrict method, int stage, const REAL *restrict factors, REAL time, REAL inverse, const REAL *restrict dx, REAL *restrict increments, REAL *restrict right, REAL *restrict w)
 {
     const int n = N_OF(problem->motion.robot->sizes);
     const int apart = PADDED_TO_BLOCKS(2 * n);
@@ -152,7 +152,7 @@ EOM_INLINE void F(rosenbrock_stage)(const F(problem) *restrict problem, int stag
     if (stage == 0) {
         F(copy)(2 * n, dx, right);
     } else {
-        F(advance)(2 * n, stage, eom_rosenbrock_c[stage], inverse, increments, apart, dx, right);
+        F(advance)(2 * n, stage, method->c[stage], inverse, increments, apart, dx, right);
     }
     (void)problem->motion.robot->stage_solution(problem->motion.h, factors, &right[n], right, w);
     for (int i = 0; i < n; ++i) {
@@ -161,8 +161,8 @@ EOM_INLINE void F(rosenbrock_stage)(const F(problem) *restrict problem, int stag
     }
 }
 
-/* Take a step of the Rosenbrock method from the rate at its beginning: its end, with friction the rate there, and its error. */
-EOM_LOCAL void F(rosenbrock_step)(const F(problem) *restrict problem, REAL dt, const F(step) *restrict step, F(workspace) work)
+/* Take a step of a Rosenbrock method from the rate at its beginning: its end, with friction the rate there, and its error. */
+EOM_IN_PLACE void F(rosenbrock_step)(const F(problem) *restrict problem, const EOM(rosenbrock_method) *restrict method, REAL dt, const F(step) *restrict step, F(workspace) work)
 {
     const F(robot) *const robot = problem->motion.robot;
     const REAL *const h = problem->motion.h;
@@ -176,31 +176,34 @@ EOM_LOCAL void F(rosenbrock_step)(const F(problem) *restrict problem, REAL dt, c
     REAL *restrict const w = &kp[apart];
     REAL *restrict const right = &w[PADDED_TO_BLOCKS(n)];
     REAL *restrict const increments = &right[apart];                   /* (stages, 2 n) */
-    REAL *restrict const dx = &increments[ROSENBROCK_STAGES * apart]; /* 2 n + 3 m */
+    REAL *restrict const dx = &increments[method->stages * apart]; /* 2 n + 3 m */
     work.state = &dx[PADDED_TO_BLOCKS(2 * n + 3 * M_OF(robot->sizes))];
-    times[0] = eom_rosenbrock_diagonal * dt;
+    times[0] = method->diagonal * dt;
     times[1] = times[0] * times[0];
     F(gains)(problem, step->x, kp, kd, work);
     F(solve_or_note)(problem, F(factors_of_stage), step->x, &step->x[n], kp, kd, times, step->factors);
-    F(rosenbrock_stage)(problem, 0, step->factors, times[0], inverse, step->dx, increments, right, w);
-    if (power != NULL) { (void)memcpy(&power[EOM_WORKS * (int)WIDTH], power, (size_t)EOM_WORKS * (size_t)WIDTH * sizeof *power); }
-    F(rosenbrock_stage)(problem, 1, step->factors, times[0], inverse, step->dx, increments, right, w);
-    UNROLL(4)
-    for (int stage = 2; stage < ROSENBROCK_STAGES; ++stage) {
-        F(accumulate)(2 * n, stage, eom_rosenbrock_a[stage], increments, apart, step->x, step->x_end);
+    F(rosenbrock_stage)(problem, method, 0, step->factors, times[0], inverse, step->dx, increments, right, w);
+    UNROLL(6)
+    for (int stage = 1; stage < method->stages; ++stage) {
+        if (method->begins[stage] != 0) {
+            if (power != NULL) { (void)memcpy(&power[stage * EOM_WORKS * (int)WIDTH], power, (size_t)EOM_WORKS * (size_t)WIDTH * sizeof *power); }
+            F(rosenbrock_stage)(problem, method, stage, step->factors, times[0], inverse, step->dx, increments, right, w);
+            continue;
+        }
+        F(accumulate)(2 * n, stage, method->a[stage], increments, apart, step->x, step->x_end);
         if (robot->sizes->has_redundant_rows != 0) { (void)F(assemble)(robot, h, step->x_end, &step->x_end[n], work.state, problem->failed); } /* redundant rows answer to violations */
-        F(rate)(problem, eom_rosenbrock_shares[stage], stage, step->x_end, dx, work);
-        F(rosenbrock_stage)(problem, stage, step->factors, times[0], inverse, dx, increments, right, w);
+        F(rate)(problem, method->shares[stage], stage, step->x_end, dx, work);
+        F(rosenbrock_stage)(problem, method, stage, step->factors, times[0], inverse, dx, increments, right, w);
     }
-    F(accumulate)(2 * n, ROSENBROCK_STAGES, eom_rosenbrock_b, increments, apart, step->x, step->x_end);
-    F(weigh)(2 * n, ROSENBROCK_STAGES, eom_rosenbrock_error, increments, apart, step->error);
+    F(accumulate)(2 * n, method->stages, method->b, increments, apart, step->x, step->x_end);
+    F(weigh)(2 * n, method->stages, method->error, increments, apart, step->error);
     if (robot->sizes->has_friction != 0) {
         /* Friction that lets go within the step holds in its matrix, and both orders agree: what the matrix of the end leaves of
          * the difference between the end's rates and those of the last stage counts, too. */
-        const int last = ROSENBROCK_STAGES - 1;
-        F(rate)(problem, 1.0, END_STAGE, step->x_end, step->dx_end, work);
+        const int last = method->stages - 1;
+        F(rate)(problem, 1.0, method->stages, step->x_end, step->dx_end, work);
         F(solve_or_note)(problem, F(factors_of_stage), step->x_end, &step->x_end[n], kp, kd, times, step->factors);
-        F(advance)(2 * n, last, eom_rosenbrock_c[last], inverse, increments, apart, step->dx_end, right);
+        F(advance)(2 * n, last, method->c[last], inverse, increments, apart, step->dx_end, right);
         for (int i = 0; i < 2 * n; ++i) { right[i] = times[0] * right[i] - increments[last * apart + i]; }
         (void)robot->stage_solution(h, step->factors, &right[n], right, w);
         for (int i = 0; i < n; ++i) {
@@ -214,30 +217,30 @@ EOM_LOCAL void F(rosenbrock_step)(const F(problem) *restrict problem, REAL dt, c
     }
 }
 
-/* Take a step of the explicit method from the rate at its beginning: its end, the rate there, and its error.  The last two stages
- * are at the same time: where stiffness is not NULL, it becomes the step times what the difference of their accelerations is of
+/* Take a step of an explicit method from the rate at its beginning: its end, the rate there, and its error.  Where the last two
+ * stages are at the same time and stiffness is not NULL, it becomes the step times what the difference of their accelerations is of
  * that of their velocities, by the tolerances, of the first lane (E. Hairer, G. Wanner, "Solving Ordinary Differential Equations
  * II", section IV.2). */
-EOM_LOCAL void F(tsit5_step)(const F(problem) *restrict problem, REAL dt, const F(step) *restrict step, const EOM(tolerance) *restrict allowed, double *restrict stiffness, F(workspace) work)
+EOM_IN_PLACE void F(explicit_step)(const F(problem) *restrict problem, const EOM(explicit_method) *restrict method, REAL dt, const F(step) *restrict step, const EOM(tolerance) *restrict allowed, double *restrict stiffness, F(workspace) work)
 {
     const F(robot) *const robot = problem->motion.robot;
     const int n = N_OF(robot->sizes);
     const int apart = PADDED_TO_BLOCKS(2 * n + 3 * M_OF(robot->sizes));
     REAL *restrict const dx = work.state; /* (stages, 2 n + 3 m) */
-    const REAL *restrict const last = &dx[(TSIT5_STAGES - 1) * apart];
-    work.state = &dx[TSIT5_STAGES * apart];
+    const REAL *restrict const last = &dx[method->stages * apart];
+    work.state = &dx[(method->stages + 1) * apart];
     F(copy)(2 * n, step->dx, dx);
     UNROLL(6)
-    for (int stage = 1; stage < TSIT5_STAGES; ++stage) {
-        F(advance)(2 * n, stage, eom_tsit5_a[stage], dt, dx, apart, step->x, step->x_end);
+    for (int stage = 1; stage <= method->stages; ++stage) {
+        F(advance)(2 * n, stage, method->a[stage], dt, dx, apart, step->x, step->x_end);
         if (robot->sizes->has_redundant_rows != 0) { (void)F(assemble)(robot, problem->motion.h, step->x_end, &step->x_end[n], work.state, problem->failed); } /* redundant rows answer to violations */
-        F(rate)(problem, eom_tsit5_shares[stage], stage, step->x_end, &dx[stage * apart], work);
+        F(rate)(problem, method->shares[stage], stage, step->x_end, &dx[stage * apart], work);
     }
     F(copy)(2 * n, last, step->dx_end);
-    F(weigh)(2 * n, TSIT5_STAGES, eom_tsit5_error, dx, apart, step->error);
+    F(weigh)(2 * n, method->stages + 1, method->error, dx, apart, step->error);
     for (int i = 0; i < 2 * n; ++i) { step->error[i] = dt * step->error[i]; }
     if (stiffness != NULL) {
-        const REAL *const before = &dx[(TSIT5_STAGES - 2) * apart];
+        const REAL *const before = &dx[(method->stages - 1) * apart];
         double change = 0.0;
         double moved = 0.0;
         for (int i = 0; i < n; ++i) {
@@ -316,37 +319,24 @@ EOM_LOCAL double F(first_step)(const F(motion) *restrict motion, const EOM(toler
     return ((size < 1e-5) || !(change > 1e-5)) ? 1e-6 : (0.01 * size / change);
 }
 
-/* Stages that have powers. */
-EOM_LOCAL int F(powered_stages)(int method)
-{
-    static const int stages[3] = { ROSENBROCK_STAGES, TSIT5_STAGES, 1 + RADAU_STAGES };
-    return stages[method];
-}
-
 /* What powers of a lane's stages make of a step, J: whole, or up to a share of one whose powers are a polynomial. */
 EOM_LOCAL double F(work_of_step)(const double *restrict power, int work, int l, int method, double step, double share)
 {
+    const eom_error_control *const control = &eom_error_controls[method];
     double sum = 0.0;
-    for (int stage = 0; stage < F(powered_stages)(method); ++stage) {
-        double weight = 0.0;
-        if (method == 1) {
-            for (int k = TSIT5_DEGREE - 1; k >= 0; --k) { weight = share * (weight + eom_tsit5_works[stage][k]); }
-        } else if (method == 2) { /* the first one is no separate stage */
-            for (int k = RADAU_STAGES - 1; (stage > 0) && (k >= 0); --k) { weight = share * (weight + eom_radau_works[stage - 1][k]); }
-        } else {
-            weight = eom_rosenbrock_works[stage];
-        }
+    for (int stage = 0; stage < control->powers; ++stage) {
+        double weight = (control->degree == 0) ? control->works[stage][0] : 0.0;
+        for (int k = control->degree - 1; k >= 0; --k) { weight = share * (weight + control->works[stage][k]); }
         sum += weight * power[(stage * EOM_WORKS + work) * (int)WIDTH + l];
     }
     return step * sum;
 }
 
-/* What accelerations at both ends of a step of the Rosenbrock method say of velocities in between that coordinates and
+/* What accelerations at both ends of a step of a Rosenbrock method say of velocities in between that coordinates and
  * velocities there do not, as its matrix damps that: accelerations of stiff coordinates are full of their errors.  work: 4 n. */
-EOM_LOCAL void F(bend_of_step)(const F(problem) *restrict problem, REAL dt, const F(step) *restrict step, REAL *restrict work)
+EOM_LOCAL void F(bend_of_step)(const F(problem) *restrict problem, REAL time, REAL dt, const F(step) *restrict step, REAL *restrict work)
 {
     const int n = N_OF(problem->motion.robot->sizes);
-    const REAL time = eom_rosenbrock_diagonal * dt;
     REAL *restrict const right = work;
     REAL *restrict const shifts = &right[n];
     REAL *restrict const w = &shifts[n];
@@ -359,14 +349,15 @@ EOM_LOCAL void F(bend_of_step)(const F(problem) *restrict problem, REAL dt, cons
     for (int i = 0; i < n; ++i) { step->bend[i] = time * (right[i] + w[i]); }
 }
 
-/* Dense output, a lane's state at a share of its step: of the explicit method the polynomial of degree 5 with its coordinates,
- * velocities and accelerations, of the Rosenbrock method the cubic without the latter, and what is bent, of Radau IIA the one
+/* Dense output, a lane's state at a share of its step: of an explicit method the polynomial of degree 5 with its coordinates,
+ * velocities and accelerations, of a Rosenbrock method the cubic without the latter, and what is bent, of Radau IIA the one
  * through its stages. */
 EOM_LOCAL void F(dense_output)(double share, double length, int n, int l, int method, const F(step) *restrict step, EOM_SCALAR *restrict q_out, EOM_SCALAR *restrict v_out)
 {
     const double s = share;
+    const int kind = eom_error_controls[method].kind;
     (void)l;
-    for (int i = 0; (method == 2) && (i < n); ++i) {
+    for (int i = 0; (kind == RADAU_KIND) && (i < n); ++i) {
         double q = 0.0;
         double v = 0.0;
         for (int k = RADAU_STAGES - 1; k >= 0; --k) {
@@ -377,7 +368,7 @@ EOM_LOCAL void F(dense_output)(double share, double length, int n, int l, int me
         q_out[i] = (EOM_SCALAR)((double)LANE_OF(step->x[i], l) + q);
         v_out[i] = (EOM_SCALAR)((double)LANE_OF(step->x[n + i], l) + v);
     }
-    for (int i = 0; (method != 2) && (i < n); ++i) {
+    for (int i = 0; (kind != RADAU_KIND) && (i < n); ++i) {
         const double q0 = (double)LANE_OF(step->x[i], l);
         const double d = (double)LANE_OF(step->x_end[i], l) - q0;
         const double v0 = length * (double)LANE_OF(step->x[n + i], l);
@@ -386,7 +377,7 @@ EOM_LOCAL void F(dense_output)(double share, double length, int n, int l, int me
         double c3 = v0 + v1 - 2.0 * d;
         double c4 = 0.0;
         double c5 = 0.0;
-        if (method == 1) {
+        if (kind == EXPLICIT_KIND) {
             const double a0 = 0.5 * length * length * (double)LANE_OF(step->dx[n + i], l);
             const double a1 = 0.5 * length * length * (double)LANE_OF(step->dx_end[n + i], l);
             c2 = a0;
@@ -405,15 +396,14 @@ EOM_LOCAL void F(dense_output)(double share, double length, int n, int l, int me
     }
 }
 
-/* Works of a lane at a share of its step, J: of the Rosenbrock method on the cubic with powers at both ends, of others by their own
- * weights there. */
+/* Works of a lane at a share of its step, J: by the method's weights there, or on the cubic with powers at both ends. */
 EOM_LOCAL void F(works_between)(double share, double length, int l, int method, const double *restrict power, const double *restrict begin, const double *restrict end, double *restrict out)
 {
     for (int w = 0; w < EOM_WORKS; ++w) {
         const double d = end[w] - begin[w];
         const double p0 = length * power[w * (int)WIDTH + l];
-        const double p1 = length * power[(END_STAGE * EOM_WORKS + w) * (int)WIDTH + l];
-        if (method != 0) {
+        const double p1 = length * power[(eom_error_controls[method].stages * EOM_WORKS + w) * (int)WIDTH + l];
+        if (eom_error_controls[method].degree > 0) {
             out[w] = begin[w] + F(work_of_step)(power, w, l, method, length, share);
         } else {
             out[w] = begin[w] + share * (p0 + share * (3.0 * d - 2.0 * p0 - p1 + share * (p0 + p1 - 2.0 * d)));
@@ -429,9 +419,9 @@ EOM_LOCAL int F(works_are_doubtful)(const double *restrict power, const double *
     for (int w = 0; w < EOM_WORKS; ++w) {
         double error = 0.0;
         double top = 0.0;
-        for (int stage = 0; stage < F(powered_stages)(method); ++stage) {
+        for (int stage = 0; stage < eom_error_controls[method].powers; ++stage) {
             const double here = power[(stage * EOM_WORKS + w) * (int)WIDTH + l];
-            error += eom_work_errors[method][stage] * here;
+            error += eom_error_controls[method].errors[stage] * here;
             if (fabs(here) > top) { top = fabs(here); }
         }
         if (length * fabs(error) > 10.0 * rtol * (fabs(works[w]) + length * top)) { doubtful = 1; }

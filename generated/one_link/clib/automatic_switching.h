@@ -12,16 +12,15 @@ EOM_LOCAL void eom_begin_switching(eom_switching *restrict switching)
     switching->left = EOM_TRIAL;
 }
 
-/* Count steps, rejected ones too, by which the method led on for so much time, and choose the next one at the end of its turn. */
-EOM_LOCAL void eom_count_steps(eom_switching *restrict switching, long long steps, double time)
+/* Count steps, rejected ones too, that cost so many evaluations each, by which the method led on for so much time, and choose the next one at the end of its turn. */
+EOM_LOCAL void eom_count_steps(eom_switching *restrict switching, long long steps, double cost, double time)
 {
-    static const double cost[2] = { 15.0, 6.0 }; /* of a step, in evaluations: the implicit one factors and solves besides */
     const int other = 1 - switching->method;
     switching->taken += steps;
     switching->led += time;
     switching->left -= steps;
     if (switching->left > 0) { return; }
-    switching->worth[switching->method] = switching->led / ((double)switching->taken * cost[switching->method]);
+    switching->worth[switching->method] = switching->led / ((double)switching->taken * cost);
     switching->tried[switching->method] = 1;
     const int is_trial = (switching->taken <= EOM_TRIAL) ? 1 : 0;
     switching->taken = 0;

@@ -153,10 +153,11 @@ typedef struct {
 #define EOM_INPUT_ROOM(n, lanes, gaps) ((9 * (lanes) + 18) * (n) + (((gaps) > 0) ? ((n) * (n) + (gaps) * ((n) + 1)) : 0))
 #define EOM_INDEX_ROOM(n, lanes, rotations) (2 * (n) + ((lanes) + 1) * (rotations))
 
-/* Methods of steps that are differentiated: explicit of order 4 and 5, linearly implicit ones of order 1 and 4; how many numbers
- * are kept of a step; and sizes of a workspace for them, of scalars and of doubles; it takes no integers. */
-enum { EOM_RK4, EOM_TSIT5, EOM_IMPLICIT_EULER, EOM_ROSENBROCK };
-#define EOM_KEPT_NUMBERS(n, m, method) ((n) * (((method) == EOM_ROSENBROCK) ? (((m) > 0) ? 36 : 12) : (((method) == EOM_IMPLICIT_EULER) ? (((m) > 0) ? 1 : 0) : (((m) > 0) ? 18 : 6))))
+/* Methods of steps that are differentiated: their kind + EOM_KINDS times their number in it (of explicit ones 0 is the classical
+ * Runge-Kutta method, 1 Tsitouras'); how many numbers are kept of a step; and sizes of a workspace for them, of scalars and of
+ * doubles; it takes no integers. */
+enum { EOM_EXPLICIT, EOM_IMPLICIT_EULER, EOM_ROSENBROCK, EOM_KINDS };
+#define EOM_KEPT_NUMBERS(n, m, method) ((n) * (((method) % EOM_KINDS == EOM_ROSENBROCK) ? (((m) > 0) ? 36 : 12) : (((method) % EOM_KINDS == EOM_IMPLICIT_EULER) ? (((m) > 0) ? 1 : 0) : (((m) > 0) ? 18 : 6))))
 #define EOM_SENSITIVITY_ROOM(n, m, hoisted, factors, wrench, parameters, poses) (147 * (n) + 4 * (m) + (hoisted) + 3 * (factors) + 2 * (wrench) + 5 * (parameters) + 2 * (poses))
 #define EOM_SENSITIVITY_INPUT_ROOM(n) (24 * (n))
 

@@ -63,7 +63,7 @@ typedef struct {
     const double *times;
     const long long *row;
     size_t count;
-    int method; /* EOM_RK4, EOM_TSIT5, EOM_IMPLICIT_EULER or EOM_ROSENBROCK */
+    int method; /* EOM_EXPLICIT, EOM_IMPLICIT_EULER or EOM_ROSENBROCK, + EOM_KINDS times its number there */
 } EOM(step_sequence);
 
 /* Room for numbers: scalars for one state, or lanes for several; doubles; and integers. */

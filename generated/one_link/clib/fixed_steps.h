@@ -49,9 +49,7 @@ EOM_LOCAL void F(begin_fixed_step)(F(problem) *restrict problem, size_t state, s
  * stage.  x is not restrict: GCC 12 at -O3 takes sums for what they were before some stages where it is. */
 EOM_LOCAL int F(rk4_step)(const F(problem) *restrict problem, size_t state, size_t step, EOM_SCALAR dt, REAL *x, F(workspace) work)
 {
-    static const double share[4] = { 0.0, 0.5, 0.5, 1.0 };
-    static const EOM_SCALAR ahead[4] = { (EOM_SCALAR)0.5, (EOM_SCALAR)0.5, (EOM_SCALAR)1.0, (EOM_SCALAR)0.0 };
-    static const EOM_SCALAR weight[4] = { (EOM_SCALAR)1.0, (EOM_SCALAR)2.0, (EOM_SCALAR)2.0, (EOM_SCALAR)1.0 };
+    const EOM(explicit_method) *const method = &eom_explicit_methods[0];
     const F(motion) *const motion = &problem->motion;
     const F(robot) *const robot = motion->robot;
     const int n = N_OF(robot->sizes);
@@ -63,6 +61,8 @@ EOM_LOCAL int F(rk4_step)(const F(problem) *restrict problem, size_t state, size
     F(copy)(2 * n, x, x_here);
     for (int i = 0; i < 2 * n; ++i) { sum[i] = WHOLE((EOM_SCALAR)0.0); }
     for (int stage = 0; stage < 4; ++stage) {
+        const EOM_SCALAR weight = (EOM_SCALAR)6.0 * method->a[4][stage]; /* whole numbers, by which sums are rounded once */
+        const EOM_SCALAR ahead = (stage < 3) ? method->a[stage + 1][stage] : (EOM_SCALAR)0.0;
         if ((robot->sizes->has_redundant_rows != 0) && (stage > 0)) { /* redundant rows answer to violations */
             const int opened = F(assemble)(robot, motion->h, x_here, &x_here[n], work.state, NULL);
             if (opened != 0) { return opened; }
@@ -70,15 +70,15 @@ EOM_LOCAL int F(rk4_step)(const F(problem) *restrict problem, size_t state, size
         if (problem->clock.inputs[0] == NULL) {
             F(held_forces)(motion, state, (size_t)problem->clock.here, step, x_here, &x_here[n], (EOM_SCALAR)0.0, u, NULL, work.state);
         } else {
-            F(forces)(problem, share[stage], 0, x_here, &x_here[n], u, NULL, work);
+            F(forces)(problem, method->shares[stage], 0, x_here, &x_here[n], u, NULL, work);
         }
         const int status = robot->forward_dynamics(motion->h, x_here, &x_here[n], u, a);
         if (status != 0) { return status; }
         for (int i = 0; i < n; ++i) {
-            sum[i] += weight[stage] * x_here[n + i];
-            sum[n + i] += weight[stage] * a[i];
-            x_here[i] = x[i] + ahead[stage] * dt * x_here[n + i];
-            x_here[n + i] = x[n + i] + ahead[stage] * dt * a[i];
+            sum[i] += weight * x_here[n + i];
+            sum[n + i] += weight * a[i];
+            x_here[i] = x[i] + ahead * dt * x_here[n + i];
+            x_here[n + i] = x[n + i] + ahead * dt * a[i];
         }
     }
     for (int i = 0; i < 2 * n; ++i) { x[i] += dt / (EOM_SCALAR)6.0 * sum[i]; }

@@ -68,7 +68,7 @@ EOM_PUBLIC long long EOM(integrate_fixed_one_by_one)(const EOM(robot) *restrict 
  * denormal numbers there cost time. */
 EOM_LOCAL void EOM(clear_room)(const EOM(sizes) *restrict sizes, int method, EOM_SCALAR *restrict state)
 {
-    const int more = (method == 2) ? EOM_RADAU_ROOM(sizes->n, sizes->m, sizes->factors, sizes->pair_factors) : 0;
+    const int more = (eom_error_controls[method].kind == RADAU_KIND) ? EOM_RADAU_ROOM(sizes->n, sizes->m, sizes->factors, sizes->pair_factors) : 0;
     const int room = EOM_STATE_ROOM(sizes->n, sizes->m, sizes->hoisted, sizes->factors, sizes->wrench, sizes->parameters, sizes->rotations) + more;
     if (BLOCK > 1) { (void)memset(state, 0, (size_t)room * sizeof *state); }
 }

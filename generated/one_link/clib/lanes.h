@@ -61,23 +61,8 @@ typedef EOM_SCALAR lanes;
 #endif
 #define PADDED(count) (((count) + LANES - 1) / LANES * LANES)
 
-#if defined(EOM_SINGLE)
-#define FARTHEST 5e3f
-#define QUARTERS 0.636619772f /* 2/pi */
-#define SHIFT 0x1.8p23f /* brings a number's units into the lowest bits */
-#define SIGN 30 /* from bit 1 to the sign */
-#define REST(x, k) ((x) - (k)*0x1.92p+0f - (k)*0x1.fb4p-12f - (k)*0x1.444p-24f - (k)*0x1.68c234p-39f)
-#define SINE(z) (-1.6666654611e-1f + (z)*(8.3321608736e-3f + (z)*-1.9515295891e-4f))
-#define COSINE(z) (4.166664568298827e-2f + (z)*(-1.388731625493765e-3f + (z)*2.443315711809948e-5f))
-#else
-#define FARTHEST 1e6
-#define QUARTERS 0.63661977236758134308
-#define SHIFT 0x1.8p52
-#define SIGN 62
-#define REST(x, k) ((x) - (k)*0x1.921fb544p+0 - (k)*0x1.0b4611a6p-34 - (k)*0x1.3198a2e037073p-69)
-#define SINE(z) (-1.66666666666666324348e-01 + (z)*(8.33333333332248946124e-03 + (z)*(-1.98412698298579493134e-04 + (z)*(2.75573137070700676789e-06 + (z)*(-2.50507602534068634195e-08 + (z)*1.58969099521155010221e-10)))))
-#define COSINE(z) (4.16666666666666019037e-02 + (z)*(-1.38888888888741095749e-03 + (z)*(2.48015872894767294178e-05 + (z)*(-2.75573143513906633035e-07 + (z)*(2.08757232129817482790e-09 + (z)*-1.13596475577881948265e-11)))))
-#endif
+#include "operations.h"
+#define SIGN (8 * EOM_BYTES - 2) /* from bit 1 to the sign */
 
 /* Take sines and cosines of count angles, a multiple of LANES, within 2.5 units in the last place.  The nearest multiple of pi/2
  * is taken off in parts, products of all but the last exact, and the rest r goes with z = r^2 into the polynomials of fdlibm (Sun
@@ -140,97 +125,15 @@ EOM_LOCAL void turn(const EOM_SCALAR *restrict angle, size_t count, EOM_SCALAR *
     lanes cosine[count]; \
     turn((const EOM_SCALAR *)(place), (count) * LANES, (EOM_SCALAR *)sine, (EOM_SCALAR *)cosine)
 
-/* Return the size of a number. */
-EOM_INLINE EOM_SCALAR magnitude(EOM_SCALAR x) { return EOM_MATH(fabs)(x); }
-
-/* Return the larger one; what is no number stays so in x. */
-EOM_INLINE EOM_SCALAR larger(EOM_SCALAR x, EOM_SCALAR y) { return (x < y) ? y : x; }
-
-/* Return 1 where x is greater than 0, else 0. */
-EOM_INLINE EOM_SCALAR positive(EOM_SCALAR x) { return (x > C(0.0)) ? C(1.0) : C(0.0); }
-
-/* Return x where the gate is greater than 0, else y. */
-EOM_INLINE EOM_SCALAR chosen(EOM_SCALAR gate, EOM_SCALAR x, EOM_SCALAR y) { return (gate > C(0.0)) ? x : y; }
-
-/* Tell whether a gate is greater than 0. */
+/* Tell whether a gate is greater than 0, of lanes any of them. */
 EOM_INLINE int beyond(EOM_SCALAR gate) { return (gate > C(0.0)) ? 1 : 0; }
-
-/* Return the square root; the angle of the point (x, y); the exponential function; the natural logarithm. */
-EOM_INLINE EOM_SCALAR root(EOM_SCALAR x) { return EOM_MATH(sqrt)(x); }
-EOM_INLINE EOM_SCALAR bearing(EOM_SCALAR y, EOM_SCALAR x) { return EOM_MATH(atan2)(y, x); }
-EOM_INLINE EOM_SCALAR exponential(EOM_SCALAR x) { return EOM_MATH(exp)(x); }
-EOM_INLINE EOM_SCALAR logarithm(EOM_SCALAR x) { return EOM_MATH(log)(x); }
-
-/* The same of all lanes; beyond tells of any of them. */
-#if EOMGEN_VECTOR
-EOM_INLINE lanes magnitude_lanes(lanes x)
-{
-    const lanes none = { C(0.0) };
-    return (lanes)((bits)x & ~(bits)-none);
-}
-
-EOM_INLINE lanes larger_lanes(lanes x, lanes y)
-{
-    const bits less = (bits)(x < y);
-    return (lanes)((less & (bits)y) | (~less & (bits)x));
-}
-
-EOM_INLINE lanes positive_lanes(lanes x)
-{
-    const lanes none = { C(0.0) };
-    const bits greater = (bits)(x > none);
-    return (lanes)(greater & (bits)(none + C(1.0)));
-}
-
-EOM_INLINE lanes chosen_lanes(lanes gate, lanes x, lanes y)
-{
-    const lanes none = { C(0.0) };
-    const bits greater = (bits)(gate > none);
-    return (lanes)((greater & (bits)x) | (~greater & (bits)y));
-}
-
 EOM_INLINE int beyond_lanes(lanes gate)
 {
     for (int l = 0; l < LANES; ++l) {
-        if (gate[l] > C(0.0)) { return 1; }
+        if (LANE(gate, l) > C(0.0)) { return 1; }
     }
     return 0;
 }
-
-EOM_INLINE lanes root_lanes(lanes x)
-{
-    for (int l = 0; l < LANES; ++l) { x[l] = EOM_MATH(sqrt)(x[l]); }
-    return x;
-}
-
-EOM_INLINE lanes bearing_lanes(lanes y, lanes x)
-{
-    for (int l = 0; l < LANES; ++l) { y[l] = EOM_MATH(atan2)(y[l], x[l]); }
-    return y;
-}
-
-EOM_INLINE lanes exponential_lanes(lanes x)
-{
-    for (int l = 0; l < LANES; ++l) { x[l] = EOM_MATH(exp)(x[l]); }
-    return x;
-}
-
-EOM_INLINE lanes logarithm_lanes(lanes x)
-{
-    for (int l = 0; l < LANES; ++l) { x[l] = EOM_MATH(log)(x[l]); }
-    return x;
-}
-#else
-EOM_INLINE lanes magnitude_lanes(lanes x) { return magnitude(x); }
-EOM_INLINE lanes larger_lanes(lanes x, lanes y) { return larger(x, y); }
-EOM_INLINE lanes positive_lanes(lanes x) { return positive(x); }
-EOM_INLINE lanes chosen_lanes(lanes gate, lanes x, lanes y) { return chosen(gate, x, y); }
-EOM_INLINE int beyond_lanes(lanes gate) { return beyond(gate); }
-EOM_INLINE lanes root_lanes(lanes x) { return root(x); }
-EOM_INLINE lanes bearing_lanes(lanes y, lanes x) { return bearing(y, x); }
-EOM_INLINE lanes exponential_lanes(lanes x) { return exponential(x); }
-EOM_INLINE lanes logarithm_lanes(lanes x) { return logarithm(x); }
-#endif
 
 /* Return 0, or 1 + i for the first of n coordinates whose pivot vanishes beside its scale, which stands behind it; what is no number
  * has vanished. */

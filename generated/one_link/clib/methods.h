@@ -1,66 +1,44 @@
-/* methods.h: coefficients of the methods with error control; rows are stages, and C() makes numbers of the precision of states. */
+/* methods.h: coefficients of the methods; rows are stages, and C() makes numbers of the precision of states.  Those of explicit
+ * and Rosenbrock methods are rendered from the table of methods (tableaus.h). */
 
-enum { TSIT5_STAGES = 7, ROSENBROCK_STAGES = 6, END_STAGE = 6, INSIDE_STAGE = 7, STAGES_WITH_POWERS = 8, TSIT5_DEGREE = 4 };
+enum { EXPLICIT_STAGES = 6, ROSENBROCK_STAGES = 6, INSIDE_STAGE = 7, STAGES_WITH_POWERS = 8, WORK_DEGREE = 5 };
 enum { RADAU_STAGES = 5, RADAU_PAIRS = 2, RADAU_ROUNDS = 8 };
 
-/* Ch. Tsitouras, "Runge-Kutta pairs of order 5(4) satisfying only the first column simplifying assumption", Computers and
- * Mathematics with Applications 62 (2011) 770: the last stage is at the end of the step. */
+/* An explicit method.  Behind the rows of its stages stands that of the step, which is the last stage with error control. */
+typedef struct {
+    int stages; /* without the last one */
+    EOM_SCALAR a[EXPLICIT_STAGES + 1][EXPLICIT_STAGES];
+    EOM_SCALAR error[EXPLICIT_STAGES + 1];
+    double shares[EXPLICIT_STAGES + 1];
+} EOM(explicit_method);
 
-static const EOM_SCALAR eom_tsit5_a[TSIT5_STAGES][TSIT5_STAGES] = {
-    { C(0.0) },
-    { C(0.161) },
-    { C(-0.008480655492356989), C(0.335480655492357) },
-    { C(2.8971530571054935), C(-6.359448489975075), C(4.3622954328695815) },
-    { C(5.325864828439257), C(-11.748883564062828), C(7.4955393428898365), C(-0.09249506636175525) },
-    { C(5.86145544294642), C(-12.92096931784711), C(8.159367898576159), C(-0.071584973281401), C(-0.028269050394068383) },
-    { C(0.09646076681806523), C(0.01), C(0.4798896504144996), C(1.379008574103742), C(-3.290069515436081), C(2.324710524099774) },
-};
+/* A Rosenbrock method, in the variables that spare products with the matrix (E. Hairer, G. Wanner, "Solving Ordinary Differential
+ * Equations II", section IV.7). */
+typedef struct {
+    int stages;
+    EOM_SCALAR diagonal;
+    EOM_SCALAR a[ROSENBROCK_STAGES][ROSENBROCK_STAGES];
+    EOM_SCALAR c[ROSENBROCK_STAGES][ROSENBROCK_STAGES];
+    EOM_SCALAR b[ROSENBROCK_STAGES];
+    EOM_SCALAR error[ROSENBROCK_STAGES];
+    double shares[ROSENBROCK_STAGES];
+    int begins[ROSENBROCK_STAGES]; /* whether a stage has the state and the time of the first one */
+} EOM(rosenbrock_method);
 
-static const EOM_SCALAR eom_tsit5_error[TSIT5_STAGES] = { C(-0.001780011052225771), C(-0.0008164344596567469), C(0.007880878010261995), C(-0.1447110071732629), C(0.5823571654525552), C(-0.45808210592918697), C(0.015151515151515152) };
+/* A method with error control, by its number.  Work integrals: weights, of stages from 0 to the one at the end; with a degree
+ * those of powers of the share of a step; and errors. */
+enum { EXPLICIT_KIND, ROSENBROCK_KIND, RADAU_KIND };
+typedef struct {
+    int kind;
+    int stages;      /* before the one at the end of a step */
+    int powers;      /* stages that have powers */
+    int degree;
+    double exponent; /* of the error in the length of the next step */
+    double works[STAGES_WITH_POWERS][WORK_DEGREE];
+    double errors[STAGES_WITH_POWERS];
+} eom_error_control;
 
-static const double eom_tsit5_shares[TSIT5_STAGES] = { 0.0, 0.161, 0.327, 0.8999999999999999, 0.9800255409045104, 1.0, 1.0 };
-
-/* Weights of powers of the share of a step in work integrals. */
-static const double eom_tsit5_works[TSIT5_STAGES][TSIT5_DEGREE] = {
-    { 1.0, -2.763706197274826, 2.9132554618219126, -1.0530884977290216 },
-    { 0.0, 0.1317, -0.2234, 0.1017 },
-    { 0.0, 3.9302962368947516, -5.941033872131505, 2.490627285651253 },
-    { 0.0, -12.411077166933676, 30.33818863028232, -16.548102889244902 },
-    { 0.0, 37.50931341651104, -88.1789048947664, 47.37952196281928 },
-    { 0.0, -27.896526289197286, 65.09189467479366, -34.87065786149661 },
-    { 0.0, 1.5, -4.0, 2.5 },
-};
-
-/* A W-method of six stages and order 4(3), in the variables that spare products with the matrix (E. Hairer, G. Wanner, "Solving
- * Ordinary Differential Equations II", section IV.7). */
-
-static const EOM_SCALAR eom_rosenbrock_diagonal = C(0.3032708221029452);
-
-static const EOM_SCALAR eom_rosenbrock_a[ROSENBROCK_STAGES][ROSENBROCK_STAGES] = {
-    { C(0.0) },
-    { C(0.0) },
-    { C(1.9577095275421397), C(0.09624753940753493) },
-    { C(-12.640540988794982), C(11.47406531595545), C(-2.184901588069644) },
-    { C(45.22669571531797), C(-34.051994120856214), C(9.233342776456102), C(-2.585735849637662) },
-    { C(44.59618164199451), C(-35.304949600239034), C(9.10972197560695), C(-2.286091141567749), C(0.18287548796164538) },
-};
-
-static const EOM_SCALAR eom_rosenbrock_c[ROSENBROCK_STAGES][ROSENBROCK_STAGES] = {
-    { C(0.0) },
-    { C(-1.8485366682621636) },
-    { C(-17.631601587128756), C(10.558804728186503) },
-    { C(43.65182054686954), C(-40.087802443765035), C(10.279818576010475) },
-    { C(-105.84058964242176), C(89.65494156265976), C(-24.593504310310063), C(8.468103283975356) },
-    { C(-132.02707597161847), C(97.96337774644046), C(-31.303025590584195), C(9.868030987977615), C(-1.7691899740810053) },
-};
-
-static const EOM_SCALAR eom_rosenbrock_b[ROSENBROCK_STAGES] = { C(44.59618164199451), C(-35.304949600239034), C(9.10972197560695), C(-2.286091141567749), C(0.1828754879616454), C(1.0) };
-
-static const EOM_SCALAR eom_rosenbrock_error[ROSENBROCK_STAGES] = { C(0.7641522361446427), C(-0.6573679684815938), C(0.14144711229099638), C(-0.01754850566540496), C(-0.030774661879316458), C(0.08701562938055106) };
-
-static const double eom_rosenbrock_shares[ROSENBROCK_STAGES] = { 0.0, 0.0, 0.6065416442058904, -0.35634633722581177, 1.1568159026419864, 1.0 };
-
-static const double eom_rosenbrock_works[ROSENBROCK_STAGES] = { 2.66325806659267, -2.291088688834055, 0.49297789757946875, -0.0611608486626099, -0.10725724877841863, 0.3032708221029452 };
+#include "tableaus.h"
 
 /* Radau IIA of five stages and order 9, and its error of order 5 (E. Hairer, G. Wanner, "Stiff differential equations solved by
  * Radau methods", Journal of Computational and Applied Mathematics 111, 1999, 93; "Solving Ordinary Differential Equations II",
@@ -102,15 +80,6 @@ static const EOM_SCALAR eom_radau_inside[RADAU_STAGES][RADAU_STAGES] = {
     { C(199.88739542347736), C(-127.022853068795), C(92.10283313613321), C(-64.16737549081559), C(25.2) },
 };
 
-/* Weights of powers of the share of a step in work integrals. */
-static const double eom_radau_works[RADAU_STAGES][RADAU_STAGES] = {
-    { 1.5864079001863283, -5.939631780296785, 9.977775909015968, -7.763720273930764, 2.282881805816479 },
-    { -1.008117881498373, 10.780734269705055, -24.444768723212707, 21.98658623905105, -7.033077888895562 },
-    { 0.7309748661597875, -8.510911966412785, 26.82627186871281, -29.484574687947706, 10.750066442463638 },
-    { -0.5092648848477427, 6.069809477004513, -20.759279054516067, 26.46170872282742, -11.039870359384553 },
-    { 0.2, -2.4, 8.4, -11.2, 5.04 },
-};
-
 /* Newton's iteration that leaves more than so much of an error has new factors for the next step; the first one of a step is taken
  * to leave so much at least. */
 #define RADAU_SLOW 1e-3
@@ -119,45 +88,6 @@ static const double eom_radau_works[RADAU_STAGES][RADAU_STAGES] = {
 /* Changes below so much of what is allowed that do not become smaller are rounding. */
 #define RADAU_ROUNDING 0.01
 
-/* Errors of work integrals: of the Rosenbrock method, of the explicit one, and of Radau IIA, behind the beginning of a step. */
-static const double eom_work_errors[3][TSIT5_STAGES] = {
-    { 0.16149752429294262, -0.18684096907609637, 0.00912393277044904, 0.013322280951927667, -0.023492070397267834, 0.02638930145804491, 0.0 },
-    { -0.001780011052225771, -0.0008164344596567469, 0.007880878010261995, -0.1447110071732629, 0.5823571654525552, -0.45808210592918697, 0.015151515151515152 },
-    { 0.15906584442746913, -0.2523433122495464, 0.16035712210296996, -0.11627313434096281, 0.08100664894556402, -0.03181316888549383, 0.0 },
-};
-
 /* Gauss's rule of five nodes on [0, 1]. */
 static const double eom_gauss_nodes[5] = { 0.04691007703066802, 0.23076534494715845, 0.5, 0.7692346550528415, 0.9530899229693319 };
 static const double eom_gauss_weights[5] = { 0.11846344252809454, 0.23931433524968324, 0.2844444444444444, 0.23931433524968324, 0.11846344252809454 };
-
-/* Explicit methods in steps that are differentiated: the classical Runge-Kutta method, and Tsitouras' without its last stage.
- * Behind the rows of the stages stands that of the step. */
-enum { EXPLICIT_STAGES = 6 };
-
-static const EOM_SCALAR eom_explicit_a[2][EXPLICIT_STAGES + 1][EXPLICIT_STAGES] = {
-    {
-        { C(0.0) },
-        { C(0.5) },
-        { C(0.0), C(0.5) },
-        { C(0.0), C(0.0), C(1.0) },
-        { C(0.16666666666666666), C(0.3333333333333333), C(0.3333333333333333), C(0.16666666666666666) },
-        { C(0.0) },
-        { C(0.0) },
-    },
-    {
-        { C(0.0) },
-        { C(0.161) },
-        { C(-0.008480655492356989), C(0.335480655492357) },
-        { C(2.8971530571054935), C(-6.359448489975075), C(4.3622954328695815) },
-        { C(5.325864828439257), C(-11.748883564062828), C(7.4955393428898365), C(-0.09249506636175525) },
-        { C(5.86145544294642), C(-12.92096931784711), C(8.159367898576159), C(-0.071584973281401), C(-0.028269050394068383) },
-        { C(0.09646076681806523), C(0.01), C(0.4798896504144996), C(1.379008574103742), C(-3.290069515436081), C(2.324710524099774) },
-    },
-};
-
-static const int eom_explicit_stages[2] = { 4, 6 };
-
-static const double eom_explicit_shares[2][EXPLICIT_STAGES] = {
-    { 0.0, 0.5, 0.5, 1.0, 1.0, 1.0 },
-    { 0.0, 0.161, 0.327, 0.8999999999999999, 0.9800255409045104, 1.0 },
-};

@@ -1,13 +1,20 @@
-/* rosenbrock_sensitivities.h: steps of the Rosenbrock method with all that their derivatives need, their adjoints and tangents;
+/* rosenbrock_sensitivities.h: steps of Rosenbrock methods with all that their derivatives need, their adjoints and tangents;
  * of one state.  A stage has six rows of n numbers: q and v, rates and shifts that are solved with, parts of q and v. */
 
 enum { ROW_V = 1, ROW_RATE = 2, ROW_SHIFT = 3, ROW_PART = 4, ROW_PART_V = 5, STAGE_ROWS = 6 };
+
+/* The method of a step. */
+EOM_INLINE const EOM(rosenbrock_method) *EOM(rosenbrock_of)(const EOM(interval) *restrict interval)
+{
+    return &eom_rosenbrock_methods[interval->method / EOM_KINDS];
+}
 
 /* The state of a stage from the parts in front, or with the number of stages the end, or the same of rates. */
 EOM_LOCAL void EOM(rosenbrock_state)(const EOM(interval) *restrict interval, int stage, const EOM_SCALAR *restrict q, const EOM_SCALAR *restrict v, const EOM_SCALAR *restrict stages, EOM_SCALAR *restrict q_here, EOM_SCALAR *restrict v_here)
 {
     const int n = EOM(size_of)(interval);
-    const EOM_SCALAR *const weight = (stage < ROSENBROCK_STAGES) ? eom_rosenbrock_a[stage] : eom_rosenbrock_b;
+    const EOM(rosenbrock_method) *const method = EOM(rosenbrock_of)(interval);
+    const EOM_SCALAR *const weight = (stage < method->stages) ? method->a[stage] : method->b;
     (void)memcpy(q_here, q, (size_t)n * sizeof *q);
     (void)memcpy(v_here, v, (size_t)n * sizeof *v);
     for (int j = 0; j < stage; ++j) {
@@ -24,9 +31,10 @@ EOM_LOCAL void EOM(rosenbrock_state)(const EOM(interval) *restrict interval, int
 EOM_LOCAL void EOM(rosenbrock_added)(const EOM(interval) *restrict interval, int stage, const EOM_SCALAR *restrict stages, EOM_SCALAR *restrict shift, EOM_SCALAR *restrict rate)
 {
     const int n = EOM(size_of)(interval);
+    const EOM(rosenbrock_method) *const method = EOM(rosenbrock_of)(interval);
     const EOM_SCALAR inverse = (EOM_SCALAR)1.0 / interval->dt;
     for (int j = 0; j < stage; ++j) {
-        const EOM_SCALAR share = inverse * eom_rosenbrock_c[stage][j];
+        const EOM_SCALAR share = inverse * method->c[stage][j];
         const EOM_SCALAR *const increment = &stages[n * (STAGE_ROWS * j + ROW_PART)];
         for (int i = 0; i < n; ++i) {
             shift[i] += share * increment[i];
@@ -39,15 +47,16 @@ EOM_LOCAL void EOM(rosenbrock_added)(const EOM(interval) *restrict interval, int
 EOM_LOCAL const EOM_SCALAR *EOM(rosenbrock_stages)(const EOM(interval) *restrict interval, const EOM_SCALAR *restrict q, const EOM_SCALAR *restrict v, const EOM_SCALAR *kept, EOM_SCALAR *room, EOM_SCALAR *restrict work)
 {
     const int n = EOM(size_of)(interval);
-    const EOM_SCALAR time = eom_rosenbrock_diagonal * interval->dt;
+    const EOM(rosenbrock_method) *const method = EOM(rosenbrock_of)(interval);
+    const EOM_SCALAR time = method->diagonal * interval->dt;
     EOM_SCALAR *restrict const none = work;
     if (M_OF(EOM(sizes_of)(interval)) > 0) { return kept; }
-    for (int s = 0; s < ROSENBROCK_STAGES; ++s) {
+    for (int s = 0; s < method->stages; ++s) {
         EOM_SCALAR *const here = &room[n * STAGE_ROWS * s];
         EOM_SCALAR *const shift = &here[n * ROW_SHIFT];
         EOM_SCALAR *const increment = &here[n * ROW_PART];
-        EOM(rosenbrock_state)(interval, (s == 1) ? 0 : s, q, v, room, here, &here[n]);
-        EOM(prescribe_within)(interval, eom_rosenbrock_shares[s], here, &here[n]);
+        EOM(rosenbrock_state)(interval, (method->begins[s] != 0) ? 0 : s, q, v, room, here, &here[n]);
+        EOM(prescribe_within)(interval, method->shares[s], here, &here[n]);
         (void)memcpy(shift, &here[n], (size_t)n * sizeof *here);
         (void)memset(none, 0, (size_t)n * sizeof *none);
         EOM(rosenbrock_added)(interval, s, room, shift, none);
@@ -62,17 +71,18 @@ EOM_LOCAL const EOM_SCALAR *EOM(rosenbrock_stages)(const EOM(interval) *restrict
 EOM_LOCAL int EOM(rosenbrock_factors)(const EOM(interval) *restrict interval, const EOM_SCALAR *restrict q, const EOM_SCALAR *restrict v, EOM_SCALAR *restrict gains, EOM_SCALAR *restrict times, EOM_SCALAR *restrict factors)
 {
     const int n = EOM(size_of)(interval);
-    times[0] = eom_rosenbrock_diagonal * interval->dt;
+    times[0] = EOM(rosenbrock_of)(interval)->diagonal * interval->dt;
     times[1] = times[0] * times[0];
     EOM(gains_within)(interval, (EOM_SCALAR)0.0, 0.0, q, v, gains, &gains[n], &gains[2 * n]);
     return KNOWN(interval->derivatives)->robot->stage_factors(interval->h, q, v, gains, &gains[n], times, factors);
 }
 
-/* Take a step of the Rosenbrock method.  work: 6 n + 3 m + factors, and 36 n of a tree, or what assembly
+/* Take a step of a Rosenbrock method.  work: 6 n + 3 m + factors, and 36 n of a tree, or what assembly
  * takes. */
 EOM_LOCAL int EOM(rosenbrock_forward)(const EOM(interval) *restrict interval, const EOM_SCALAR *restrict q, const EOM_SCALAR *restrict v, EOM_SCALAR *restrict kept, EOM_SCALAR *restrict q_end, EOM_SCALAR *restrict v_end, EOM_SCALAR *restrict work)
 {
     const EOM(robot) *const robot = KNOWN(interval->derivatives)->robot;
+    const EOM(rosenbrock_method) *const method = EOM(rosenbrock_of)(interval);
     const int n = N_OF(robot->sizes);
     const int closed = (M_OF(robot->sizes) > 0) ? 1 : 0;
     EOM_SCALAR *restrict const gains = work;
@@ -85,12 +95,12 @@ EOM_LOCAL int EOM(rosenbrock_forward)(const EOM(interval) *restrict interval, co
     EOM_SCALAR times[2];
     const int unsolved = EOM(rosenbrock_factors)(interval, q, v, gains, times, factors);
     if (unsolved != 0) { return unsolved; }
-    for (int s = 0; s < ROSENBROCK_STAGES; ++s) {
+    for (int s = 0; s < method->stages; ++s) {
         EOM_SCALAR *const here = &stages[n * STAGE_ROWS * s];
         EOM_SCALAR *const rate = &here[n * ROW_RATE];
         EOM_SCALAR *const shift = &here[n * ROW_SHIFT];
         EOM_SCALAR *const increment = &here[n * ROW_PART];
-        if (s == 1) { /* where the first one is */
+        if (method->begins[s] != 0) { /* where the first one is */
             (void)memcpy(here, stages, (size_t)(2 * n) * sizeof *here);
             (void)memcpy(a, &stages[n * ROW_RATE], (size_t)n * sizeof *a); /* nothing was added to those */
         } else {
@@ -99,8 +109,8 @@ EOM_LOCAL int EOM(rosenbrock_forward)(const EOM(interval) *restrict interval, co
                 const int opened = EOM(assemble)(robot, interval->h, here, &here[n], rest, NULL);
                 if (opened != 0) { return opened; }
             }
-            EOM(prescribe_within)(interval, eom_rosenbrock_shares[s], here, &here[n]);
-            EOM(forces_within)(interval, eom_rosenbrock_shares[s], (EOM_SCALAR)0.0, here, &here[n], u, NULL);
+            EOM(prescribe_within)(interval, method->shares[s], here, &here[n]);
+            EOM(forces_within)(interval, method->shares[s], (EOM_SCALAR)0.0, here, &here[n], u, NULL);
             const int status = robot->forward_dynamics(interval->h, here, &here[n], u, a);
             if (status != 0) { return status; }
         }
@@ -117,7 +127,7 @@ EOM_LOCAL int EOM(rosenbrock_forward)(const EOM(interval) *restrict interval, co
             (void)memcpy(&kept[2 * n * s + n], &increment[n], (size_t)n * sizeof *here);
         }
     }
-    EOM(rosenbrock_state)(interval, ROSENBROCK_STAGES, q, v, stages, q_end, v_end);
+    EOM(rosenbrock_state)(interval, method->stages, q, v, stages, q_end, v_end);
     return 0;
 }
 
@@ -127,7 +137,7 @@ EOM_LOCAL void EOM(rosenbrock_state_adjoint)(const EOM(interval) *restrict inter
 {
     const EOM(sizes) *const sizes = EOM(sizes_of)(interval);
     const int n = N_OF(sizes);
-    const double share = eom_rosenbrock_shares[s];
+    const double share = EOM(rosenbrock_of)(interval)->shares[s];
     const EOM_SCALAR *const here = &stages[n * STAGE_ROWS * s];
     EOM_SCALAR *restrict const u = work;
     EOM_SCALAR *const q_open = &u[n];
@@ -148,13 +158,14 @@ EOM_LOCAL void EOM(rosenbrock_state_adjoint)(const EOM(interval) *restrict inter
     }
 }
 
-/* Go back from the end of a step of the Rosenbrock method to its beginning: its stages, then the factors that all of them share.
+/* Go back from the end of a step of a Rosenbrock method to its beginning: its stages, then the factors that all of them share.
  * work: 24 n + 3 factors + parameters, 36 n of a tree, and what a stage takes. */
 EOM_LOCAL void EOM(rosenbrock_adjoint)(const EOM(interval) *restrict interval, const EOM_SCALAR *restrict q, const EOM_SCALAR *restrict v, const EOM_SCALAR *restrict kept, EOM_SCALAR *restrict to_q, EOM_SCALAR *restrict to_v, const EOM(slopes) *restrict slopes, EOM_SCALAR *restrict work)
 {
     const EOM(sizes) *const sizes = EOM(sizes_of)(interval);
     const int n = N_OF(sizes);
     const int size = sizes->factors;
+    const EOM(rosenbrock_method) *const method = EOM(rosenbrock_of)(interval);
     const EOM_SCALAR inverse = (EOM_SCALAR)1.0 / interval->dt;
     EOM_SCALAR *restrict const gains = work;
     EOM_SCALAR *restrict const by_part = &gains[3 * n]; /* (stages, 2 n) */
@@ -172,13 +183,14 @@ EOM_LOCAL void EOM(rosenbrock_adjoint)(const EOM(interval) *restrict interval, c
     const EOM_SCALAR *const stages = EOM(rosenbrock_stages)(interval, q, v, kept, room, rest);
     EOM(refuse_failed)(EOM(rosenbrock_factors)(interval, q, v, gains, times, factors), size, factors);
     for (int i = 0; i < size; ++i) { by_factors[i] = (EOM_SCALAR)0.0; }
-    for (int s = 0; s < ROSENBROCK_STAGES; ++s) {
+    (void)memset(by_second, 0, (size_t)n * sizeof *by_second);
+    for (int s = 0; s < method->stages; ++s) {
         for (int i = 0; i < n; ++i) {
-            by_part[2 * n * s + i] = eom_rosenbrock_b[s] * to_q[i];
-            by_part[2 * n * s + n + i] = eom_rosenbrock_b[s] * to_v[i];
+            by_part[2 * n * s + i] = method->b[s] * to_q[i];
+            by_part[2 * n * s + n + i] = method->b[s] * to_v[i];
         }
     }
-    for (int s = ROSENBROCK_STAGES - 1; s >= 0; --s) {
+    for (int s = method->stages - 1; s >= 0; --s) {
         const EOM_SCALAR *const here = &stages[n * STAGE_ROWS * s];
         for (int i = 0; i < n; ++i) {
             by_shift[i] = times[0] * by_part[2 * n * s + i];
@@ -191,14 +203,14 @@ EOM_LOCAL void EOM(rosenbrock_adjoint)(const EOM(interval) *restrict interval, c
             by_shift[i] += gradient[size + n + i];
         }
         for (int j = 0; j < s; ++j) {
-            const EOM_SCALAR share = inverse * eom_rosenbrock_c[s][j];
+            const EOM_SCALAR share = inverse * method->c[s][j];
             EOM(add_share)(n, share, by_shift, &by_part[2 * n * j]);
             EOM(add_share)(n, share, by_rate, &by_part[2 * n * j + n]);
         }
         EOM(parameters_adjoint)(interval, &gradient[size + 2 * n], slopes);
-        if (s == 1) { /* where the first one is, whose accelerations it shares */
+        if (method->begins[s] != 0) { /* where the first one is, whose accelerations it shares */
             for (int i = 0; i < n; ++i) {
-                by_second[i] = by_rate[i];
+                by_second[i] += by_rate[i];
                 to_v[i] += by_shift[i];
             }
             continue;
@@ -210,7 +222,7 @@ EOM_LOCAL void EOM(rosenbrock_adjoint)(const EOM(interval) *restrict interval, c
             to_v[i] += by_shift[i];
         }
         for (int j = 0; j < s; ++j) {
-            const EOM_SCALAR share = eom_rosenbrock_a[s][j];
+            const EOM_SCALAR share = method->a[s][j];
             EOM(add_share)(n, share, by_q, &by_part[2 * n * j]);
             EOM(add_share)(n, share, by_shift, &by_part[2 * n * j + n]);
         }
@@ -224,11 +236,12 @@ EOM_LOCAL void EOM(rosenbrock_adjoint)(const EOM(interval) *restrict interval, c
     EOM(parameters_adjoint)(interval, &gradient[4 * n], slopes);
 }
 
-/* Carry rates dq and dv along directions from the beginning of a step of the Rosenbrock method to its end, in front of assembly.
+/* Carry rates dq and dv along directions from the beginning of a step of a Rosenbrock method to its end, in front of assembly.
  * work: 44 n + 2 factors, 36 n of a tree, and what assembly takes. */
 EOM_LOCAL void EOM(rosenbrock_tangent)(const EOM(interval) *restrict interval, const EOM_SCALAR *restrict q, const EOM_SCALAR *restrict v, const EOM_SCALAR *restrict kept, size_t directions, const EOM(rates) *restrict rates, EOM_SCALAR *restrict dq, EOM_SCALAR *restrict dv, EOM_SCALAR *restrict work)
 {
     const EOM(robot_derivatives) *const derivatives = KNOWN(interval->derivatives);
+    const EOM(rosenbrock_method) *const method = EOM(rosenbrock_of)(interval);
     const EOM(sizes) *const sizes = derivatives->robot->sizes;
     const int n = N_OF(sizes);
     EOM_SCALAR *restrict const gains = work;
@@ -249,14 +262,14 @@ EOM_LOCAL void EOM(rosenbrock_tangent)(const EOM(interval) *restrict interval, c
         EOM_SCALAR *const dv_own = &dv[d * (size_t)n];
         const EOM_SCALAR *const dp = &rates->parameters[d * (size_t)sizes->parameters];
         EOM(refuse_failed)(derivatives->stage_factors_tangent(interval->h, q, v, gains, &gains[n], times, dq_own, dv_own, dp, moved_factors), sizes->factors, moved_factors);
-        for (int s = 0; s < ROSENBROCK_STAGES; ++s) {
-            const double share = eom_rosenbrock_shares[s];
+        for (int s = 0; s < method->stages; ++s) {
+            const double share = method->shares[s];
             const EOM_SCALAR *const here = &stages[n * STAGE_ROWS * s];
             EOM_SCALAR *const there = &moved[n * STAGE_ROWS * s];
             EOM_SCALAR *const rate = &there[n * ROW_RATE];
             EOM_SCALAR *const shift = &there[n * ROW_SHIFT];
             EOM_SCALAR *const increment = &there[n * ROW_PART];
-            if (s == 1) { /* where the first one is, whose accelerations it shares */
+            if (method->begins[s] != 0) { /* where the first one is, whose accelerations it shares */
                 (void)memcpy(there, moved, (size_t)(3 * n) * sizeof *there);
             } else {
                 EOM(rosenbrock_state)(interval, s, dq_own, dv_own, moved, there, &there[n]);
@@ -277,7 +290,7 @@ EOM_LOCAL void EOM(rosenbrock_tangent)(const EOM(interval) *restrict interval, c
                 increment[i] = times[0] * (increment[n + i] + shift[i]);
             }
         }
-        EOM(rosenbrock_state)(interval, ROSENBROCK_STAGES, dq_own, dv_own, moved, end, &end[n]);
+        EOM(rosenbrock_state)(interval, method->stages, dq_own, dv_own, moved, end, &end[n]);
         (void)memcpy(dq_own, end, (size_t)n * sizeof *end);
         (void)memcpy(dv_own, &end[n], (size_t)n * sizeof *end);
     }

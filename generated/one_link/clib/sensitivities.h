@@ -17,9 +17,9 @@ EOM_LOCAL size_t EOM(kept_of_step)(const EOM(sizes) *restrict sizes, int method)
 EOM_LOCAL int EOM(step_forward)(const EOM(interval) *restrict interval, const EOM_SCALAR *restrict q, const EOM_SCALAR *restrict v, EOM_SCALAR *restrict kept, EOM_SCALAR *restrict q_end, EOM_SCALAR *restrict v_end, EOM_SCALAR *restrict work)
 {
     int status = 0;
-    if (interval->method == EOM_ROSENBROCK) {
+    if (interval->method % EOM_KINDS == EOM_ROSENBROCK) {
         status = EOM(rosenbrock_forward)(interval, q, v, kept, q_end, v_end, work);
-    } else if (interval->method == EOM_IMPLICIT_EULER) {
+    } else if (interval->method % EOM_KINDS == EOM_IMPLICIT_EULER) {
         status = EOM(implicit_forward)(interval, q, v, kept, q_end, v_end, work);
     } else {
         status = EOM(explicit_forward)(interval, q, v, kept, q_end, v_end, work);
@@ -30,21 +30,21 @@ EOM_LOCAL int EOM(step_forward)(const EOM(interval) *restrict interval, const EO
 /* The end of a step with closed loops, in front of assembly, from what is kept of it. */
 EOM_LOCAL void EOM(step_end)(const EOM(interval) *restrict interval, const EOM_SCALAR *restrict q, const EOM_SCALAR *restrict v, const EOM_SCALAR *restrict kept, EOM_SCALAR *restrict q_end, EOM_SCALAR *restrict v_end)
 {
-    if (interval->method == EOM_ROSENBROCK) {
-        EOM(rosenbrock_state)(interval, ROSENBROCK_STAGES, q, v, kept, q_end, v_end);
-    } else if (interval->method == EOM_IMPLICIT_EULER) {
+    if (interval->method % EOM_KINDS == EOM_ROSENBROCK) {
+        EOM(rosenbrock_state)(interval, EOM(rosenbrock_of)(interval)->stages, q, v, kept, q_end, v_end);
+    } else if (interval->method % EOM_KINDS == EOM_IMPLICIT_EULER) {
         EOM(implicit_end)(interval, q, v, kept, q_end, v_end);
     } else {
-        EOM(explicit_stage)(interval, eom_explicit_stages[interval->method], q, v, kept, &kept[EOM(size_of)(interval) * EXPLICIT_STAGES], q_end, v_end);
+        EOM(explicit_stage)(interval, EOM(explicit_of)(interval)->stages, q, v, kept, &kept[EOM(size_of)(interval) * EXPLICIT_STAGES], q_end, v_end);
     }
 }
 
 /* Go back from the end of a step, in front of assembly, to its beginning. */
 EOM_LOCAL void EOM(step_adjoint)(const EOM(interval) *restrict interval, const EOM_SCALAR *restrict q, const EOM_SCALAR *restrict v, const EOM_SCALAR *restrict kept, EOM_SCALAR *restrict to_q, EOM_SCALAR *restrict to_v, const EOM(slopes) *restrict slopes, EOM_SCALAR *restrict work)
 {
-    if (interval->method == EOM_ROSENBROCK) {
+    if (interval->method % EOM_KINDS == EOM_ROSENBROCK) {
         EOM(rosenbrock_adjoint)(interval, q, v, kept, to_q, to_v, slopes, work);
-    } else if (interval->method == EOM_IMPLICIT_EULER) {
+    } else if (interval->method % EOM_KINDS == EOM_IMPLICIT_EULER) {
         EOM(implicit_adjoint)(interval, q, v, to_q, to_v, slopes, work);
     } else {
         EOM(explicit_adjoint)(interval, q, v, kept, to_q, to_v, slopes, work);
@@ -54,9 +54,9 @@ EOM_LOCAL void EOM(step_adjoint)(const EOM(interval) *restrict interval, const E
 /* Carry rates along directions from the beginning of a step to its end, in front of assembly. */
 EOM_LOCAL void EOM(step_tangent)(const EOM(interval) *restrict interval, const EOM_SCALAR *restrict q, const EOM_SCALAR *restrict v, const EOM_SCALAR *restrict kept, size_t directions, const EOM(rates) *restrict rates, EOM_SCALAR *restrict dq, EOM_SCALAR *restrict dv, EOM_SCALAR *restrict work)
 {
-    if (interval->method == EOM_ROSENBROCK) {
+    if (interval->method % EOM_KINDS == EOM_ROSENBROCK) {
         EOM(rosenbrock_tangent)(interval, q, v, kept, directions, rates, dq, dv, work);
-    } else if (interval->method == EOM_IMPLICIT_EULER) {
+    } else if (interval->method % EOM_KINDS == EOM_IMPLICIT_EULER) {
         EOM(implicit_tangent)(interval, q, v, directions, rates, dq, dv, work);
     } else {
         EOM(explicit_tangent)(interval, q, v, kept, directions, rates, dq, dv, work);

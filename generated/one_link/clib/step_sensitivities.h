@@ -82,6 +82,12 @@ EOM_LOCAL void EOM(assemble_tangent)(const EOM(interval) *restrict interval, con
     for (int i = 0; i < n; ++i) { dv[i] += moved[n + i]; }
 }
 
+/* The explicit method of a step. */
+EOM_INLINE const EOM(explicit_method) *EOM(explicit_of)(const EOM(interval) *restrict interval)
+{
+    return &eom_explicit_methods[interval->method / EOM_KINDS];
+}
+
 /* The state in front of a stage of an explicit method, or behind the last one, from the stages' states (q, then v), of each at
  * 2 n stage, and accelerations a, or the same of rates. */
 EOM_LOCAL void EOM(explicit_stage)(const EOM(interval) *restrict interval, int stage, const EOM_SCALAR *restrict q, const EOM_SCALAR *restrict v, const EOM_SCALAR *restrict a, const EOM_SCALAR *restrict states, EOM_SCALAR *restrict q_here, EOM_SCALAR *restrict v_here)
@@ -90,7 +96,7 @@ EOM_LOCAL void EOM(explicit_stage)(const EOM(interval) *restrict interval, int s
     (void)memcpy(q_here, q, (size_t)n * sizeof *q);
     (void)memcpy(v_here, v, (size_t)n * sizeof *v);
     for (int j = 0; j < stage; ++j) {
-        const EOM_SCALAR share = interval->dt * eom_explicit_a[interval->method][stage][j];
+        const EOM_SCALAR share = interval->dt * EOM(explicit_of)(interval)->a[stage][j];
         const EOM_SCALAR *const rates = &states[2 * n * j + n];
         const EOM_SCALAR *const changes = &a[n * j];
         if (!(EOM_MATH(fabs)(share) > (EOM_SCALAR)0.0)) { continue; }
@@ -106,10 +112,10 @@ EOM_INLINE const EOM_SCALAR *EOM(explicit_states)(const EOM(interval) *restrict 
 {
     const int n = EOM(size_of)(interval);
     if (M_OF(EOM(sizes_of)(interval)) > 0) { return &kept[n * EXPLICIT_STAGES]; }
-    for (int s = 0; s < eom_explicit_stages[interval->method]; ++s) {
+    for (int s = 0; s < EOM(explicit_of)(interval)->stages; ++s) {
         EOM_SCALAR *const here = &room[2 * n * s];
         EOM(explicit_stage)(interval, s, q, v, kept, room, here, &here[n]);
-        EOM(prescribe_within)(interval, eom_explicit_shares[interval->method][s], here, &here[n]);
+        EOM(prescribe_within)(interval, EOM(explicit_of)(interval)->shares[s], here, &here[n]);
     }
     return room;
 }
@@ -119,13 +125,13 @@ EOM_LOCAL int EOM(explicit_forward)(const EOM(interval) *restrict interval, cons
 {
     const EOM(robot) *const robot = KNOWN(interval->derivatives)->robot;
     const int n = N_OF(robot->sizes);
-    const int stages = eom_explicit_stages[interval->method];
+    const int stages = EOM(explicit_of)(interval)->stages;
     EOM_SCALAR *restrict const u = work;
     EOM_SCALAR *restrict const a = &u[n];
     EOM_SCALAR *const rest = &a[n + 3 * M_OF(robot->sizes)]; /* of assembly, or states of a tree's stages */
     EOM_SCALAR *const states = (M_OF(robot->sizes) > 0) ? &kept[n * EXPLICIT_STAGES] : rest;
     for (int s = 0; s < stages; ++s) {
-        const double share = eom_explicit_shares[interval->method][s];
+        const double share = EOM(explicit_of)(interval)->shares[s];
         EOM_SCALAR *const q_here = &states[2 * n * s];
         EOM_SCALAR *const v_here = &q_here[n];
         EOM(explicit_stage)(interval, s, q, v, kept, states, q_here, v_here);
@@ -149,7 +155,7 @@ EOM_LOCAL void EOM(explicit_adjoint)(const EOM(interval) *restrict interval, con
 {
     const EOM(sizes) *const sizes = EOM(sizes_of)(interval);
     const int n = N_OF(sizes);
-    const int count = eom_explicit_stages[interval->method];
+    const int count = EOM(explicit_of)(interval)->stages;
     EOM_SCALAR *restrict const by_rate = work; /* (stages, n) */
     EOM_SCALAR *restrict const by_a = &by_rate[n * EXPLICIT_STAGES];
     EOM_SCALAR *restrict const by_q = &by_a[n * EXPLICIT_STAGES];
@@ -161,14 +167,14 @@ EOM_LOCAL void EOM(explicit_adjoint)(const EOM(interval) *restrict interval, con
     EOM_SCALAR *const rest = &gradient[3 * n + sizes->parameters]; /* of assembly, or states of a tree's stages */
     const EOM_SCALAR *const states = EOM(explicit_states)(interval, q, v, kept, rest);
     for (int j = 0; j < count; ++j) { /* what the end adds */
-        const EOM_SCALAR share = interval->dt * eom_explicit_a[interval->method][count][j];
+        const EOM_SCALAR share = interval->dt * EOM(explicit_of)(interval)->a[count][j];
         for (int i = 0; i < n; ++i) {
             by_rate[n * j + i] = share * to_q[i];
             by_a[n * j + i] = share * to_v[i];
         }
     }
     for (int s = count - 1; s >= 0; --s) {
-        const double stage_share = eom_explicit_shares[interval->method][s];
+        const double stage_share = EOM(explicit_of)(interval)->shares[s];
         const EOM_SCALAR *const q_here = &states[2 * n * s];
         const EOM_SCALAR *const v_here = &q_here[n];
         EOM(forces_within)(interval, stage_share, (EOM_SCALAR)0.0, q_here, v_here, u, NULL);
@@ -189,7 +195,7 @@ EOM_LOCAL void EOM(explicit_adjoint)(const EOM(interval) *restrict interval, con
             to_v[i] += by_v[i];
         }
         for (int j = 0; j < s; ++j) {
-            const EOM_SCALAR share = interval->dt * eom_explicit_a[interval->method][s][j];
+            const EOM_SCALAR share = interval->dt * EOM(explicit_of)(interval)->a[s][j];
             if (!(EOM_MATH(fabs)(share) > (EOM_SCALAR)0.0)) { continue; }
             EOM(add_share)(n, share, by_q, &by_rate[n * j]);
             EOM(add_share)(n, share, by_v, &by_a[n * j]);
@@ -203,7 +209,7 @@ EOM_LOCAL void EOM(explicit_tangent)(const EOM(interval) *restrict interval, con
 {
     const EOM(sizes) *const sizes = EOM(sizes_of)(interval);
     const int n = N_OF(sizes);
-    const int count = eom_explicit_stages[interval->method];
+    const int count = EOM(explicit_of)(interval)->stages;
     EOM_SCALAR *restrict const u = work;
     EOM_SCALAR *restrict const du = &u[n];
     EOM_SCALAR *restrict const da = &du[n];                      /* (stages, n) */
@@ -216,7 +222,7 @@ EOM_LOCAL void EOM(explicit_tangent)(const EOM(interval) *restrict interval, con
         EOM_SCALAR *const dv_own = &dv[d * (size_t)n];
         const EOM_SCALAR *const dp = &rates->parameters[d * (size_t)sizes->parameters];
         for (int s = 0; s < count; ++s) {
-            const double share = eom_explicit_shares[interval->method][s];
+            const double share = EOM(explicit_of)(interval)->shares[s];
             const EOM_SCALAR *const q_here = &states[2 * n * s];
             const EOM_SCALAR *const v_here = &q_here[n];
             EOM_SCALAR *const dq_here = &moved[2 * n * s];

@@ -298,6 +298,8 @@ class NamedViews(CompiledCode):
             offset = self.parameters.get(f"{prefix}.offset", coupling["offset"])
             for other, described in coupling["to"].items():
                 ratio = self.parameters.get(f"{prefix}.ratio.{other}", described)
+                if coupling.get("pitch") in self.parameters:
+                    ratio = 0.5 / np.pi * self.parameters[coupling["pitch"]]
                 if other in rows:
                     row, offset = row + ratio * rows[other], offset + ratio * offsets[other]
                 else:

@@ -21,15 +21,16 @@ ADVICE = (
 MODE = "mode"  # begins the kinds of modal coordinates, "arm.mode1"
 
 
-def _sizes(M: Array, least: float) -> Array:
-    """Return square roots of each coordinate's inertia, (m,), at least that fraction of the largest one."""
-    inertia = np.asarray(np.diagonal(M), dtype=np.float64)
-    return np.asarray(np.sqrt(np.maximum(inertia, max(least * inertia.max(initial=0.0), 1e-300))))
+def inertias(M: Array, least: float = NO_SIZE) -> Array:
+    """Return each coordinate's inertia, (..., m), at least that fraction of the largest one."""
+    inertia = np.asarray(np.diagonal(M, axis1=-2, axis2=-1), dtype=np.float64)
+    largest = inertia.max(axis=-1, initial=0.0, keepdims=True)
+    return np.asarray(np.maximum(inertia, np.maximum(least * largest, 1e-300)))
 
 
 def scaled_eigenvalues(M: Array) -> tuple[Array, Array]:
     """Return eigenvalues and eigenvectors of a mass matrix, (m, m), scaled so that kilograms and kg m^2 compare."""
-    size = _sizes(M, NO_SIZE)
+    size = np.sqrt(inertias(M))
     values, vectors = np.linalg.eigh(np.asarray(M, dtype=np.float64) / np.outer(size, size))
     return values, vectors
 
@@ -42,8 +43,8 @@ def null_coordinates(M: Array, names: Sequence[str], limit: float = VANISHED) ->
         limit: scaled eigenvalues below it are zero; the smallest one always is.
     """
     values, vectors = scaled_eigenvalues(M)
-    null = vectors[:, values <= max(limit, values[0])] / _sizes(M, NO_SIZE)[:, np.newaxis]
-    null *= _sizes(M, SMALL)[:, np.newaxis]  # a component of a null vector counts, though its inertia is small
+    null = vectors[:, values <= max(limit, values[0])] / np.sqrt(inertias(M))[:, np.newaxis]
+    null *= np.sqrt(inertias(M, SMALL))[:, np.newaxis]  # a component counts, though its inertia is small
     parts = np.linalg.norm(null / np.linalg.norm(null, axis=0), axis=1)
     return tuple(name for name, share in zip(names, parts, strict=True) if share > SHARE * parts.max())
 

@@ -15,12 +15,12 @@ from ..loop_assembly import OPEN
 from ..loop_errors import stays_open
 from ..raw import FFI, Array, Library, RawFunction
 from .input_signals import WORKS, InputSignals
-from .options import ADAPTIVE, RADAU, ErrorControl, InputStepOptions, rollout_of
+from .methods import ADAPTIVE, EVALUATIONS, RADAU
+from .options import ErrorControl, InputStepOptions, rollout_of
 from .packed_inputs import PackedBatch, PackedInputs
 from .reading_inputs import clipped_signals, count_of, place_prescribed, read_signals
 from .rollouts import SHARE, Inputs, Rollout, RolloutArrays, allocate_states, read_arrays
 
-STAGES = {"rosenbrock": 5, "tsit5": 6, "radau": 15}  # evaluations of a step, of radau about as many
 KEPT_COLUMNS, KEPT_NUMBERS = 14, 6  # EOM_KEPT_ROOM of the C library
 DONE = 1  # reason to stop: all samples are there; above are the places of what stopped it
 
@@ -59,7 +59,7 @@ class _Motion:
     def pieces(self, first: int, last: int) -> Iterator[int]:
         """Go on until these states have ended, a vector of them at a time; yields -1."""
         view, library = self.calls.raw.view, self.function.where(batch=not self.single)
-        operations = max(self.function.operations, 1) * STAGES[self.control.method]  # none where all is prescribed
+        operations = max(self.function.operations, 1) * EVALUATIONS[self.control.method]  # none where all is prescribed
         times = FFI.from_buffer("double[]", self.times)
         pointer = self.calls.parameters.setup.pointer(library)
         rtol, atol = self.control.rtol, self.control.atol

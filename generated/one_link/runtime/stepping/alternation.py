@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..raw import Array
-from .adaptive import KEPT_NUMBERS, STAGES
-from .options import RADAU, TURNS
+from .adaptive import KEPT_NUMBERS
+from .methods import COST, EVALUATIONS, RADAU
+from .options import TURNS
 
-COST = {"rosenbrock": 15, "tsit5": 6}  # of a step, in evaluations: the former factors and solves besides
 EVALUATION, ELIMINATION = 2.0, 8.0  # of Radau IIA: an evaluation with its share of solves, and all its factors
 TRIAL = 24  # steps by which a method shows what it is worth
 LONG_TRIAL = 8  # those of Radau IIA, which are long,
@@ -61,7 +61,7 @@ class Spent:
         steps = int(self._progress.steps + self._progress.rejected - self._steps)
         led = float(self._progress.t - self._t)
         if method != RADAU or self._row is None:
-            return Turn(steps, led, STAGES[method] * steps, float(COST[method] * steps))
+            return Turn(steps, led, EVALUATIONS[method] * steps, float(COST[method] * steps))
         evaluations, eliminations = (int(self._row[4 + k]) - self._counts[k] for k in range(2))
         return Turn(steps, led, evaluations, EVALUATION * evaluations + ELIMINATION * eliminations)
 

@@ -21,7 +21,8 @@ from .adaptive import DONE, adaptive_rollout
 from .input_signals import BACK, Slopes
 from .input_slopes import DifferentiatedInputs
 from .many_steps import rollout, wrong_state
-from .options import ADAPTIVE, ErrorControl, InputStepOptions, StepOptions, rollout_of
+from .methods import ADAPTIVE, STEP_CODES
+from .options import ErrorControl, InputStepOptions, StepOptions, rollout_of
 from .reading_inputs import InputsLike
 from .rollouts import Inputs, RolloutArrays, allocate_states, read_arrays
 from .stiff_steps import Pair, refuse_different, substep_counts
@@ -29,12 +30,6 @@ from .stiff_steps import Pair, refuse_different, substep_counts
 Loss = Callable[[Array, Array, Array], tuple[Any, ArrayLike, ArrayLike]]
 
 NAMES = ("q", "v", "u", "target", "kp", "kd")  # inputs that gradients are taken by
-STEP_CODES = {
-    "rk4": ("explicit", 0),
-    "tsit5": ("explicit", 1),
-    "implicit": ("implicit", 0),
-    "rosenbrock": ("rosenbrock", 0),
-}
 KEPT = 2**22  # numbers kept of all steps; segments of longer ones are stepped through again
 SHORTEST = 256  # steps of such a segment: shorter ones would take longer in Python than in C
 SEGMENT = 2**14  # coordinates of the steps of a segment where all are kept: their derivatives stay in the cache

@@ -17,7 +17,8 @@ from ..raw import Array
 from .adaptive import adaptive_rollout
 from .gradients import NAMES, Loss, rollout_gradient
 from .many_steps import rollout
-from .options import Control, InputStepOptions, StepMethod, StepOptions, method_for
+from .methods import StepMethod
+from .options import Control, InputStepOptions, StepOptions, method_for
 from .reading_inputs import InputsLike
 from .rollouts import Inputs, Rollout
 from .saturation import Saturate, efforts_of
@@ -59,8 +60,9 @@ class Rollouts(CompiledCode):
 
         Two methods take ``steps`` of length ``dt``.  "rk4" is the classical Runge-Kutta method: fourth order, stable
         while dt is below about 2.8 over the highest natural frequency.  "implicit" takes springs, dampers and the
-        controller at the end of a step: first order, and stable whatever their stiffness; theory section "Stiff joints
-        without small steps".  Springs between points are taken so along their lines, and across them as they are at a
+        controller at the end of a step: first order, and stable whatever their stiffness; where c D + c^2 K of a law is
+        negative, as its force falls, the law counts as it is at the beginning; theory section "Stiff joints without
+        small steps".  Springs between points are taken so along their lines, and across them as they are at a
         step's beginning.
 
         Three methods choose their steps so that the error of each stays within tolerances, and give ``samples`` at

@@ -14,7 +14,8 @@ from ..calls import Calls
 from ..chunking import OPERATIONS, ROUND, shared
 from ..loop_errors import stays_open
 from ..raw import Array, RawFunction
-from .options import FIXED, StepOptions
+from .methods import FIXED
+from .options import StepOptions
 from .rollouts import SHARE, Inputs, Rollout, RolloutArrays, allocate_states, read_arrays
 
 BUFFER = 2**15  # numbers of many states that are stored at once where a piece of work does not reach the end

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,17 +14,13 @@ from ...names import show
 from ..arrays import flag, numbers_in
 from ..calls import Calls, Memory
 from ..raw import Array
+from .methods import ADAPTIVE, AUTO, FIXED, RADAU
 
-StepMethod = Literal["rk4", "implicit", "rosenbrock", "tsit5", "radau"]
-FIXED = {"rk4": 0, "implicit": 1}  # methods of steps of one length, by their numbers in C
-ADAPTIVE = {"rosenbrock": 0, "tsit5": 1, "radau": 2}  # methods with error control, likewise
-RADAU = "radau"
 ROLLOUTS = {RADAU: "radau_rollout"}  # the kernel of a method, where it is not adaptive_rollout
 NUMBERS = 2**62  # of all coordinates at all steps of all states, at most: C counts them
 LONGEST = 1e30  # time, s: as of all numbers that descriptions and scenarios may have
-AUTO = "auto"  # methods with error control in turn
-TURNS = ("tsit5", "rosenbrock")  # which ones
-NARROW_TURNS = (*TURNS, RADAU)  # and which ones at narrow tolerances,
+TURNS = ("tsit5", "rosenbrock")  # methods of AUTO,
+NARROW_TURNS = (*TURNS, RADAU)  # those at narrow tolerances,
 NARROW = 1e-7  # which begin here: wider ones are not worth the time that it takes to compile Radau IIA
 LEAST = {"float64": 1e-13, "float32": 1e-5}  # relative tolerances that round-off lets steps reach
 

@@ -12,10 +12,11 @@ from ...names import listed, show
 from ..calls import Calls
 from ..parameters import parameter_slots
 from ..raw import FFI, Array
-from .gradients import STEP_CODES, Motion, Steps, stopped, taken_steps
+from .gradients import Motion, Steps, stopped, taken_steps
 from .input_signals import ALONG
 from .input_slopes import DifferentiatedInputs
 from .many_steps import wrong_state
+from .methods import STEP_CODES
 from .options import StepOptions
 from .reading_inputs import InputsLike
 from .rollouts import Inputs, allocate_states, shape_of
