@@ -189,13 +189,15 @@ class _PlaceOnBeam:
 class _Sliding:
     """Functions by which modes move a place on a beam, x = p_k(s) e_k + 1/2 b_kj(s) e_k e_j, by indices of q.
 
-    by: index of the coordinate s that slides.
+    by: index of the coordinate s that slides.  Derivatives of b_kj by s are c s_k s_j with slopes s_k(s), so that those
+    of the sum are c / 2 w^2 and c w w' with w = s_k e_k: as many operations as modes, not as pairs of them.
     """
 
     def __init__(self, shapes: SlidingShapes, index: Callable[[str], int]) -> None:
         self.by, self.degree, self.rate = index(shapes.by), shapes.degree, 2.0 / shapes.length
         self.modes = tuple(map(index, shapes.modes))
         self.first = {index(name): series for name, series in shapes.first}
+        self.slopes = [(c, {index(name): series for name, series in group}) for c, group in shapes.slopes]
         self.second: dict[tuple[int, int], tuple[float, ...]] = {}
         for name, other, series in shapes.second:
             i, j = index(name), index(other)
@@ -204,30 +206,7 @@ class _Sliding:
     def at(self, q: Sequence[Scalar]) -> _PlaceOnBeam:
         """Return the coordinate where q is."""
         T = chebyshev(self.rate * q[self.by] - 1.0, self.degree)
-        seconds: dict[tuple[int, int], Scalar] = {}
-        value, (sums, slopes) = self._order(0, T, q)
-        for pair in self.second:
-            seconds[pair] = sums[pair]
-        rate, (_, by_modes) = self._order(1, T, q)
-        bend, _ = self._order(2, T, q)
-        for mode in self.modes:
-            seconds[min(mode, self.by), max(mode, self.by)] = by_modes[mode]
-        seconds[self.by, self.by] = bend
-        return _PlaceOnBeam(value, {**slopes, self.by: rate}, seconds)
-
-    def _order(
-        self, order: int, T: Sequence[Scalar], q: Sequence[Scalar]
-    ) -> tuple[Scalar, tuple[dict[tuple[int, int], Scalar], dict[int, Scalar]]]:
-        """Return the derivative by s of some order, of the value; of b by pairs, and of what modes add, by index."""
-
-        def at(series: Sequence[float]) -> Scalar:
-            factor = 1.0
-            for _ in range(order):
-                series, factor = derivative(series), factor * self.rate
-            return combined([factor * x for x in series], T)
-
-        first = {mode: at(series) for mode, series in self.first.items()}
-        second = {pair: at(series) for pair, series in self.second.items()}
+        second = {pair: combined(series, T) for pair, series in self.second.items()}
         half: dict[int, Scalar] = dict.fromkeys(self.modes, 0.0)  # of b e
         for (i, j), entry in second.items():
             half[i] = half[i] + (0.5 * entry) * q[j]
@@ -235,11 +214,41 @@ class _Sliding:
                 half[j] = half[j] + (0.5 * entry) * q[i]
         value: Scalar = 0.0
         slopes: dict[int, Scalar] = {}
+        first = {mode: combined(series, T) for mode, series in self.first.items()}
         for mode in self.modes:
             straight = first.get(mode, 0.0) + half[mode]
             value = value + straight * q[mode]
             slopes[mode] = straight + half[mode]
-        return value, (second, slopes)
+        rate, bend, by_modes = self._derivatives(T, q)
+        mixed = {(min(mode, self.by), max(mode, self.by)): entry for mode, entry in by_modes.items()}
+        return _PlaceOnBeam(value, {**slopes, self.by: rate}, {**second, **mixed, (self.by, self.by): bend})
+
+    def _derivatives(self, T: Sequence[Scalar], q: Sequence[Scalar]) -> tuple[Scalar, Scalar, dict[int, Scalar]]:
+        """Return the first and the second derivative of the value by s, and those of the first one by modes."""
+        by_modes: dict[int, Scalar] = dict.fromkeys(self.modes, 0.0)
+        rates, bends = self._moved(self.first, 1, T, q), self._moved(self.first, 2, T, q)
+        by_modes |= rates[1]
+        rate, bend = rates[0], bends[0]
+        for c, group in self.slopes:
+            (w, entries), (w_rate, _) = self._moved(group, 0, T, q), self._moved(group, 1, T, q)
+            rate, bend = rate + (0.5 * c) * (w * w), bend + c * (w * w_rate)
+            for mode, entry in entries.items():
+                by_modes[mode] = by_modes[mode] + c * (entry * w)
+        return rate, bend, by_modes
+
+    def _moved(
+        self, functions: Mapping[int, Sequence[float]], order: int, T: Sequence[Scalar], q: Sequence[Scalar]
+    ) -> tuple[Scalar, dict[int, Scalar]]:
+        """Return the derivative by s of some order of a sum of functions times modes, and those of the functions."""
+        total: Scalar = 0.0
+        entries: dict[int, Scalar] = {}
+        for mode, series in functions.items():
+            factor = 1.0
+            for _ in range(order):
+                series, factor = derivative(series), factor * self.rate
+            entries[mode] = combined([factor * x for x in series], T)
+            total = total + entries[mode] * q[mode]
+        return total, entries
 
 
 def coordinate_parents(model: Model) -> list[int]:

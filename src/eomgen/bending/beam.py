@@ -78,21 +78,21 @@ class _Curves:
         found = (slopes * (weights * x / 2.0)[:, None]).T @ slopes
         return np.asarray((found + found.T) / 2.0)
 
-    def series(self) -> tuple[list[Array], list[Array], dict[tuple[int, int], Array]]:
-        """Return deflections and rotations, and integrals of products of slopes by pairs (k, j), k <= j.
+    def series(self) -> tuple[list[Array], list[Array], list[Array], dict[tuple[int, int], Array]]:
+        """Return deflections, rotations and slopes, and integrals of products of slopes by pairs (k, j), k <= j.
 
         All of them are series of P. L. Chebyshev's polynomials of 2 x / length - 1.
         """
         turned = [_chebyshev(self.rotation[:, k]) for k in range(self.count)]
+        slopes = [_chebyshev(self.slope[:, k]) for k in range(self.count)]
         products = dict[tuple[int, int], Array]()
         if self.slope.any():
-            slopes = [_chebyshev(self.slope[:, k]) for k in range(self.count)]
             for k in range(self.count):
                 for j in range(k, self.count):
                     product = np.asarray(chebyshev.chebmul(slopes[k].tolist(), slopes[j].tolist()), float)
                     integral = chebyshev.chebint(product, lbnd=-1.0, scl=self.length / 2.0)
                     products[k, j] = _trimmed(np.asarray(integral))
-        return [_chebyshev(self.deflection[:, k]) for k in range(self.count)], turned, products
+        return [_chebyshev(self.deflection[:, k]) for k in range(self.count)], turned, slopes, products
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,9 +161,10 @@ def shapes_along(beam: LinkBeam) -> ShapesAlong:
     R = np.array(AXES[beam.axis])
     first: dict[str, list[tuple[int, tuple[float, ...]]]] = {}
     second: dict[str, list[tuple[int, int, tuple[float, ...]]]] = {}
+    inclined: dict[str, list[tuple[float, list[tuple[int, tuple[float, ...]]]]]] = {}
     for (direction, shape), columns in zip(shapes.items(), _places(shapes), strict=True):
         row, turns, sense = _ROWS[direction]
-        deflections, rotations, products = shape.curves.series()
+        deflections, rotations, slopes, products = shape.curves.series()
         for of, factor, series in ((row, 1.0, deflections), (turns, sense, rotations)):
             kind, along = _turned_row(R, of)
             moved = [(columns.start + k, as_tuples(along * factor * x)) for k, x in enumerate(series) if x.any()]
@@ -175,7 +176,10 @@ def shapes_along(beam: LinkBeam) -> ShapesAlong:
         ]
         if drawn:
             second.setdefault(kind, []).extend(drawn)
-    return ShapesAlong(first, second)
+            inclined.setdefault(kind, []).append(
+                (-along, [(columns.start + k, as_tuples(x)) for k, x in enumerate(slopes)])
+            )
+    return ShapesAlong(first, second, inclined)
 
 
 def _turned_row(R: Array, row: int) -> tuple[str, float]:

@@ -1,4 +1,4 @@
-"""The command line: one module per group of commands, each with a parser.
+"""The command line: a module per group of commands.
 
 Uses all packages; no module of it imports another but ``shared`` and the table of ``entry``.
 """

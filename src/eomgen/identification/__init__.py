@@ -1,4 +1,4 @@
-"""Identification from measurements: stiffness, masses, friction, offsets; accuracy, tolerances and corrections.
+"""Identification of stiffness, masses, friction and offsets; accuracy, tolerances, corrections.
 
 Uses runtime, robot, results, forms, description, state, motion, integration, scenario, pipeline, analysis, simulation
 and sweep.

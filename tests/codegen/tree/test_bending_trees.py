@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from numpy.polynomial import chebyshev
 
 from eomgen.codegen.kernels.blocks import row_blocks
 from eomgen.errors import InputError
@@ -66,9 +68,8 @@ def sliding_robot(seed: int, *, follows: bool = False) -> tuple[Robot, BendingOr
     arm = bending.plain.link("arm")
     m, beam = arm.modes.count, replace(NO_BEAM, axis=axis)
     first = 0.3 * rng.normal(size=(6, m, 4)) * (rng.random(6) < 0.7)[:, None, None]
-    half = 0.2 * rng.normal(size=(6, m, m, 3)) * (np.arange(6) < 3)[:, None, None, None] * (rng.random() < 0.7)
-    second = half + half.transpose(0, 2, 1, 3)
-    parts = sliding_joint(plain.joint("cross"), replace(arm, beam=beam), _shapes(first, second))
+    second, slopes = _drawn_in(rng, m) if rng.random() < 0.7 else (np.zeros((6, m, m, 4)), {})
+    parts = sliding_joint(plain.joint("cross"), replace(arm, beam=beam), _shapes(first, second, slopes))
     slides, place = parts.joints
     straight = replace(plain.joint("cross"), placement=slides.placement)
     more = (Coupling("belt", "cross.z", {"shoulder.gamma": 0.4}, 0.3),) if follows else ()
@@ -96,7 +97,28 @@ def sliding_state(robot: Robot, seed: int) -> State:
     return State(np.where([name == "cross.z" for name in names], LENGTH * (0.5 + 0.4 * q), q), v, a, u)
 
 
-def _shapes(first: Array, second: Array) -> ShapesAlong:
+Groups = dict[str, list[tuple[float, list[tuple[int, tuple[float, ...]]]]]]
+
+
+def _drawn_in(rng: np.random.Generator, m: int) -> tuple[Array, Groups]:
+    """Draw second derivatives by pairs of modes, (6, m, m, 4): constants, and integrals of products of slopes.
+
+    Even and odd modes are the groups of which slopes are multiplied; these are returned, too.
+    """
+    half = 0.2 * rng.normal(size=(6, m, m, 4)) * (np.arange(6) < 3)[:, None, None, None] * (np.arange(4) == 0)
+    second, slopes = half + half.transpose(0, 2, 1, 3), 0.5 * rng.normal(size=(3, m, 2))
+    groups: Groups = {}
+    for i, kind in enumerate(COORDINATES[:3]):
+        for begin in range(min(m, 2)):
+            sense, modes = float(rng.choice([-1.0, 1.0])), range(begin, m, 2)
+            groups.setdefault(kind, []).append((sense, [(k, _tuple(slopes[i, k])) for k in modes]))
+            for k, j in itertools.product(modes, modes):
+                product = chebyshev.chebmul(slopes[i, k], slopes[i, j])
+                second[i, k, j] += sense * np.resize([*chebyshev.chebint(product, scl=LENGTH / 2.0), 0.0, 0.0], 4)
+    return second, groups
+
+
+def _shapes(first: Array, second: Array, slopes: Groups) -> ShapesAlong:
     m = range(first.shape[1])
     return ShapesAlong(
         {kind: [(k, _tuple(row[k])) for k in m] for kind, row in zip(COORDINATES, first, strict=True) if row.any()},
@@ -105,6 +127,7 @@ def _shapes(first: Array, second: Array) -> ShapesAlong:
             for kind, row in zip(COORDINATES, second, strict=True)
             if row.any()
         },
+        slopes,
     )
 
 

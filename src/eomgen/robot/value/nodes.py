@@ -57,10 +57,12 @@ class ShapesAlong:
     """Functions of a place on a beam's axis, by which its modes move the coordinates of that.
 
     first: by coordinates, pairs of a mode's place among the modes and its function.  second: of pairs of modes.
+    slopes: as those of ``SlidingShapes``.
     """
 
     first: Mapping[str, Sequence[tuple[int, Series]]]
     second: Mapping[str, Sequence[tuple[int, int, Series]]]
+    slopes: Mapping[str, Sequence[tuple[float, Sequence[tuple[int, Series]]]]]
 
 
 @dataclass(frozen=True)
@@ -92,8 +94,10 @@ def sliding_joint(joint: Joint, link: Link, shapes: ShapesAlong) -> SlidingParts
     for kind in COORDINATES:
         first = tuple((modes[k], series) for k, series in shapes.first.get(kind, ()))
         second = tuple((modes[k], modes[j], series) for k, j, series in shapes.second.get(kind, ()))
+        groups = shapes.slopes.get(kind, ())
+        slopes = tuple((sense, tuple((modes[k], series) for k, series in group)) for sense, group in groups)
         if first or second:
-            sliding = SlidingShapes(by, link.beam.length, first, second)
+            sliding = SlidingShapes(by, link.beam.length, first, second, slopes)
             couplings.append(Coupling(f"{name}_{kind}", component_name(name, kind), {}, sliding=sliding))
     along = _along(link.beam.axis)
     slides = replace(joint, parent=link.name, child=name, placement=Placement(rotation=along))

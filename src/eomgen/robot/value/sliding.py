@@ -21,13 +21,19 @@ class SlidingShapes(Picklable):
     """Functions of a place on a beam by which one coordinate of that follows modes.
 
     by: name of the coordinate s, m from the root.  length: of the beam, m.  first: p_k by names of modes, m or rad.
-    second: b_kj by pairs of names, each pair once.
+    second: b_kj by pairs of names, each pair once.  slopes: by directions of bending, c and s_k by names: the
+    derivative of b_kj by the place is c s_k s_j.
     """
 
     by: str
     length: float
     first: tuple[tuple[str, Series], ...]
     second: tuple[tuple[str, str, Series], ...] = ()
+    slopes: tuple[tuple[float, tuple[tuple[str, Series], ...]], ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.second and not self.slopes:
+            raise ValueError("second: there are no slopes, of whose products these are integrals")
 
     @property
     def modes(self) -> tuple[str, ...]:
@@ -43,7 +49,8 @@ class SlidingShapes(Picklable):
     @property
     def degree(self) -> int:
         """The highest degree of the polynomials."""
-        return max((len(series) - 1 for *_, series in (*self.first, *self.second)), default=0)
+        slopes = (item for _, group in self.slopes for item in group)
+        return max((len(series) - 1 for *_, series in (*self.first, *self.second, *slopes)), default=0)
 
     def value(self, of: Callable[[str], Any]) -> Any:
         """Return what the coordinate has to be; ``of`` gives a coordinate by its name, a number or an array."""
