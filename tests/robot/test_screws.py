@@ -18,6 +18,7 @@ from eomgen.description.recorded import robot_from_record
 from eomgen.errors import DescriptionError, EomgenWarning, InputError
 from eomgen.export.fmu.variables import parameter_unit
 from eomgen.export.live.geometry import geometry_of
+from eomgen.names import NAME_LENGTH
 from eomgen.robot import record_of, robot_hash
 from eomgen.robot.elements.joint_stiffness import JointStiffness
 from eomgen.robot.model import build_model
@@ -329,6 +330,18 @@ REFUSED = (
     ("pitch = 0.05", 'pitch = "1"', "joints.spindle.pitch: got '1'; allowed: a finite number"),
     ('pitch"]', 'pitch.x"]', "no parameter has this name"),
 )
+
+
+def test_long_names_of_screws_are_told_apart() -> None:
+    """Couplings have names as long as joints' at most."""
+    text = NUT.replace("spindle", "s" * NAME_LENGTH)
+    robot = robot_from_toml(text)
+    assert robot.couplings[0].name == "s" * (NAME_LENGTH - 2) + "_z"
+    (joint,) = robot.joints
+    twin = replace(joint, name="s" * (NAME_LENGTH - 1) + "t", parent="nut", child="other")
+    links = (*robot.links, replace(robot.links[0], name="other"))
+    error = refused(DescriptionError, "is taken", build_model, replace(robot, joints=(joint, twin), links=links))
+    assert "another name of either" in str(error)
 
 
 @pytest.mark.parametrize(("old", "new", "message"), REFUSED)

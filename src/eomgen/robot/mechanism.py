@@ -56,7 +56,8 @@ def _refusals(robot: Robot, known: tuple[str, ...]) -> Iterator[Refused]:
 
 def _pitch_refusals(robot: Robot) -> Iterator[Refused]:
     """Refuse screws without a pitch, a pitch of other joints, and screws whose own coordinates do not both move."""
-    taken = {coupling.name for coupling in robot.couplings if coupling.pitch is None}
+    names = [coupling.name for coupling in robot.couplings]
+    owners = {joint_of(x.of): x.name for x in robot.couplings if x.pitch is not None}
     able = [name for name, kind in JOINT_TYPES.items() if kind.has_pitch]
     for joint in robot.joints:
         where, has_pitch = f"joints.{joint.name}", joint.type in able
@@ -68,10 +69,9 @@ def _pitch_refusals(robot: Robot) -> Iterator[Refused]:
         elif not 1.0 / LARGEST <= abs(joint.pitch) <= LARGEST:
             allowed = "a finite number that is not 0, m per revolution (a revolute joint has no lead)"
             yield f"{where}.pitch", f"got {show(joint.pitch)}; allowed: {allowed}"
-        for coupling in robot.couplings:
-            if coupling.pitch is not None and joint_of(coupling.of) == joint.name and coupling.name in taken:
-                message = f"its z follows gamma by a coupling of the name {coupling.name}, which is taken"
-                yield where, f"{message}; allowed: another name of either"
+        elif names.count(owners[joint.name]) > 1:
+            message = f"its z follows gamma by a coupling of the name {owners[joint.name]}, which is taken"
+            yield where, f"{message}; allowed: another name of either"
         for name in OWN_COORDINATES[joint.type] if has_pitch else ():
             if name not in joint.coordinates:
                 yield f"{where}.{name}", f"it is locked, and z follows gamma in a {joint.type}; allowed: that both move"

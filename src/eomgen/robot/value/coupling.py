@@ -114,7 +114,7 @@ def with_screws(couplings: Iterable[Coupling], joints: Iterable[Joint]) -> tuple
         if joint.pitch is not None:
             z, gamma = (component_name(joint.name, kind) for kind in ("z", joint.principal))
             to = {gamma: PER_RADIAN * joint.pitch}
-            name = f"{joint.name}_z"[-NAME_LENGTH:]
+            name = f"{joint.name[: NAME_LENGTH - 2]}_z"
             made.append(Coupling(name, z, to, is_constraint=z in constraints, pitch=joint.pitch))
     return (*(x for x in given if x.pitch is None), *made)
 
