@@ -89,8 +89,8 @@ def _rosenbrock(method: IntegrationMethod) -> str:
         {
             "stages": str(stages),
             "diagonal": f"C({method.gamma[0][0]!r})",
-            "a": _rows(a[i, :i] for i in range(stages)),
-            "c": _rows(c[i, :i] for i in range(stages)),
+            "a": _rows(a[i, :i].tolist() for i in range(stages)),
+            "c": _rows(c[i, :i].tolist() for i in range(stages)),
             "b": _numbers(b),
             "error": _numbers(error),
             "shares": _shares(method.a),
