@@ -17,7 +17,7 @@ from ..tree.regressor import regressor_names
 from .blocks import row_blocks
 from .bodies import kinematics_size
 from .derived import BACKWARDS, GRADIENTS, derivative_shapes, differentiated
-from .entries import KINDS, Kind, Signature, kernel, table
+from .entries import ARRAYS, KINDS, Kind, Signature, WrenchTerm, kernel, table
 
 DTYPES = ("float64", "float32")  # types of kernels' numbers
 SINGLES, BATCHES = "singles", "batches"  # the C of all kernels as two libraries: for one state, and on vectors
@@ -27,22 +27,38 @@ LIBRARY_OBJECTS = {"rollout": "fixed", "adaptive": "adaptive"}  # of the C libra
 
 TOLD = ("constraint", "constraint_jacobian", "constraint_bias", "constrained_drives")  # what errors of loops tell
 
+EXTERNAL = WrenchTerm("external_force")
+EXTERNAL_OF_ROWS = WrenchTerm("external_force", -1.0)  # where they stand on the other side of the equation
+EXTERNAL_REACTIONS = WrenchTerm("external_reactions")
+
 OWN_KERNELS: Mapping[str, Signature] = table(
     kernel("mass_matrix(q) -> matrix", "Mass matrix M(q), eq. (11).", symmetric=True),
     kernel("bias_force(q, v) -> vector", "Coriolis and centrifugal terms, eq. (12) contracted."),
-    kernel("generalized_force(q, v) -> vector", "Springs, dampers, gravity: Q_P + Q_G, eqs. (13), (14)."),
+    kernel(
+        "generalized_force(q, v) -> vector",
+        "Springs, dampers, gravity: Q_P + Q_G, eqs. (13), (14).",
+        wrench=EXTERNAL,
+    ),
     kernel("external_force(q, wrench) -> vector", "Q_F of eq. (14), its moment term corrected; base frame."),
-    kernel("residual(q, v, a, u) -> vector", "M a + bias - Q - u, eq. (5) unexpanded; zero on a motion."),
+    kernel(
+        "residual(q, v, a, u) -> vector",
+        "M a + bias - Q - u, eq. (5) unexpanded; zero on a motion.",
+        wrench=EXTERNAL_OF_ROWS,
+    ),
     kernel(
         "inverse_dynamics(q, v, a) -> vector",
         "The drives u that make the residual zero.",
         closed=("constrained_drives",),
         beside=("tree_inverse_dynamics", "inverse_dynamics_under_load", *TOLD),
+        wrench=EXTERNAL_OF_ROWS,
+        tree="tree_inverse_dynamics",
+        loaded="inverse_dynamics_under_load",
     ),
     kernel(
         "tree_inverse_dynamics(q, v, a) -> vector",
         "The drives u that make the residual zero, loops cut.",
         needs="constraints",
+        wrench=EXTERNAL_OF_ROWS,
     ),
     kernel(
         "constrained_drives(q, v, a, u) -> driving",
@@ -62,12 +78,15 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         solves=True,
         closed=("constrained_dynamics",),
         beside=("tree_forward_dynamics", *TOLD),
+        wrench=WrenchTerm("external_force", into="u"),
+        tree="tree_forward_dynamics",
     ),
     kernel(
         "tree_forward_dynamics(q, v, u) -> vector",
         "Accelerations under the drives u, loops cut.",
         solves=True,
         needs="constraints",
+        wrench=WrenchTerm("external_force", into="u"),
     ),
     kernel(
         "constrained_dynamics(q, v, u) -> constrained",
@@ -83,6 +102,7 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         calls=("constrained_dynamics",),
         solves=True,
         needs="constraints",
+        wrench=WrenchTerm("external_force", into="u"),
     ),
     kernel(
         "settling(q, v) -> settling",
@@ -107,6 +127,7 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         closed=("constrained_dynamics", "residual_jacobian", "closing_derivatives"),
         solves=True,
         beside=("tree_forward_dynamics_jacobian", *TOLD),
+        tree="tree_forward_dynamics_jacobian",
     ),
     kernel(
         "tree_forward_dynamics_jacobian(q, v, u) -> derivatives",
@@ -183,11 +204,15 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         "Joint reaction wrenches: force and moment on child links, joint frames after the motion.",
         closed=("tree_reactions", "constrained_drives", "closing_reactions"),
         beside=("tree_reactions", "reactions_under_load", *TOLD),
+        wrench=EXTERNAL_REACTIONS,
+        tree="tree_reactions",
+        loaded="reactions_under_load",
     ),
     kernel(
         "tree_reactions(q, v, a) -> reactions",
         "Joint reaction wrenches: force and moment on child links, joint frames after the motion, loops cut.",
         needs="constraints",
+        wrench=EXTERNAL_REACTIONS,
     ),
     kernel(
         "reactions_under_load(q, v, a, u) -> reactions",
@@ -195,6 +220,7 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         "composed",
         calls=("tree_reactions", "constrained_drives", "closing_reactions"),
         needs="constraints",
+        wrench=EXTERNAL_REACTIONS,
     ),
     kernel(
         "loop_reactions(q, v, a) -> loop_reactions",
@@ -202,6 +228,7 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         closed=("constrained_drives", "loop_wrenches"),
         needs="loops",
         beside=("loop_reactions_under_load", *TOLD),
+        loaded="loop_reactions_under_load",
     ),
     kernel(
         "loop_reactions_under_load(q, v, a, u) -> loop_reactions",
@@ -230,6 +257,7 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         "coupling_forces(q, v, a) -> couplings",
         "Force on each follower of a rigid coupling that a motion takes.",
         needs="followers",
+        wrench=WrenchTerm("external_coupling_forces"),
     ),
     kernel(
         "external_coupling_forces(q, wrench) -> couplings",
@@ -479,20 +507,33 @@ def _uses(array: str, kernels: Collection[str] | None) -> bool:
     return any(x.writes == array for x in (*named, *(SIGNATURES[name] for name in called if name in SIGNATURES)))
 
 
-def _closing(model: Model) -> dict[str, tuple[int, ...]]:
-    """Return shapes of arrays of the constraints."""
-    n, m = model.size, len(model.constraints)
-    return {
-        "constraints": (m,),
-        "constraint_rows": (m, n),
-        "constrained": (n + 3 * m,),
-        "settling": (2 * n + m,),
-        "chart": (2 * n + m + 1 + m * n,),
-        "following": (3 * n + m * n + m,),
-        "driving": (3 * n + 5 * m,),
-        "multipliers": (m,),
-        "closing": (sum(3 * block.size + len(block.columns) ** 2 for block in row_blocks(model)),),
+def _lengths(model: Model, kernels: frozenset[str] | None) -> dict[str, int]:
+    """Return the lengths of axes that arrays of a model have; what it has nothing of is left out."""
+    n, m, robot = model.size, len(model.constraints), model.robot
+    always = {"coordinates": n, "links": len(model.links), "frames": len(model.frames), "joints": len(model.bodies)}
+    if _uses("regressor", kernels):
+        always["inertial_parameters"] = len(regressor_names(model))
+    if _uses("kinematics", kernels):
+        always["kinematics"] = kinematics_size(model)
+    if m:
+        always |= {
+            "constraints": m,
+            "constrained": n + 3 * m,
+            "settling": 2 * n + m,
+            "chart": 2 * n + m + 1 + m * n,
+            "following": 3 * n + m * n + m,
+            "driving": 3 * n + 5 * m,
+            "closing": sum(3 * block.size + len(block.columns) ** 2 for block in row_blocks(model)),
+        }
+    counted = {
+        "loops": len(robot.loops),
+        "cut_laws": len(model.cut_laws),
+        "couplings": len(model.followers),
+        "springs": len(robot.springs),
+        "element_rows": len(element_rows(model)),
+        "readings": len(reading_names(model)) if robot.sensors else 0,
     }
+    return always | {name: length for name, length in counted.items() if length}
 
 
 def _pairs(n: int) -> dict[str, tuple[int, ...]]:
@@ -507,40 +548,13 @@ def shapes(model: Model, kernels: Collection[str] | None = None) -> dict[str, tu
 
 @kept
 def _shapes(model: Model, kernels: frozenset[str] | None) -> dict[str, tuple[int, ...]]:
-    n = model.size
-    vectors: dict[str, tuple[int, ...]] = dict.fromkeys(("q", "v", "a", "u", "added", "vector"), (n,))
-    vectors |= dict.fromkeys(("kp", "kd", "rates", "shifts"), (n,))
-    loops = len(model.robot.loops)
-    springs, laws, elements = len(model.robot.springs), len(model.cut_laws), len(element_rows(model))
+    lengths = _lengths(model, kernels)
     table: dict[str, tuple[int, ...]] = {
-        **vectors,
-        **(_closing(model) if model.constraints else {}),
-        **(_pairs(n) if kernels is None or "radau_rollout" in kernels else {}),
-        **({"cut_poses": (loops, 4, 4), "loop_reactions": (loops, 6)} if loops else {}),
-        **({"law_pairs": (laws, 2), "law_rows": (laws, n)} if laws else {}),
-        **({"couplings": (len(model.followers),)} if model.followers else {}),
-        **({"spring_pairs": (springs, 2), "spring_rows": (springs, n)} if springs else {}),
-        **({"element_pairs": (elements, 2), "element_rows": (elements, n)} if elements else {}),
-        **({"readings": (len(reading_names(model)),)} if model.robot.sensors else {}),
-        "wrench": (len(model.links), 6),
-        "matrix": (n, n),
-        "tensor": (n, n, n),
-        "derivatives": (3, n, n),
-        "pair": (2,),
-        "point": (3,),
-        "momentum": (6,),
-        "momenta": (2, n),
-        "frame_rates": (len(model.frames), 6),
-        "dt": (2,),
-        "times": (2,),
-        "joints": (len(model.bodies),),
-        "reactions": (len(model.bodies), 6),
-        **({"regressor": (n, len(regressor_names(model)))} if _uses("regressor", kernels) else {}),
-        "pose": (4, 4),
-        "jacobian": (6, n),
-        "poses": (len(model.frames), 3, 4),
-        "jacobians": (len(model.frames), 6, n),
-        **({"kinematics": (kinematics_size(model),)} if _uses("kinematics", kernels) else {}),
+        name: tuple(axis if isinstance(axis, int) else lengths[axis] for axis in array.axes)
+        for name, array in ARRAYS.items()
+        if all(isinstance(axis, int) or axis in lengths for axis in array.axes)
     }
+    if kernels is None or "radau_rollout" in kernels:
+        table |= _pairs(model.size)
     wanted = {name: x for name, x in DERIVATIVES.items() if kernels is None or name in kernels}
     return {**table, **derivative_shapes(wanted, table, len(model.parameters))}
