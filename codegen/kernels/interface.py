@@ -57,7 +57,9 @@ def describe_kernels(model: Model, kernels: Sequence[str], dtype: str) -> dict[s
         "least": leasts(robot, model.parameters),
         "shapes": {key: list(shape) for key, shape in shapes(model, kernels).items()},
         "kernels": {
-            name: {"reads": KERNELS[name].reads, "writes": KERNELS[name].writes} for name in KERNELS if name in kernels
+            name: {"reads": KERNELS[name].reads, "writes": KERNELS[name].writes}
+            for name in KERNELS.compiled
+            if name in kernels
         },
         "functions": {
             function.name: {
