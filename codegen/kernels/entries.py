@@ -34,8 +34,7 @@ KINDS: Mapping[Kind, str] = {  # in the order in which C and packages have them
 Need = Literal["", "loops", "springs", "elements", "constraints", "cuts", "laws", "followers", "drives", "sensors"]
 
 
-FIRST_ORDER: tuple[Kind, ...] = ("jet", "tangent", "adjoint")
-SECOND_ORDER: tuple[Kind, ...] = (*FIRST_ORDER, "hessian")
+DERIVED: tuple[Kind, ...] = ("jet", "tangent", "adjoint", "hessian")
 
 
 @dataclass(frozen=True)
@@ -175,7 +174,7 @@ class Signature:
     wrench: WrenchTerm | None = None
     tree: str = ""
     loaded: str = ""
-    derivatives: tuple[Kind, ...] = FIRST_ORDER
+    derivatives: tuple[Kind, ...] = DERIVED
     variants: Mapping[str, Signature] = field(default_factory=dict)
 
 

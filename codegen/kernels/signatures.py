@@ -17,7 +17,7 @@ from ..tree.regressor import regressor_names
 from .blocks import row_blocks
 from .bodies import kinematics_size
 from .derived import BACKWARDS, GRADIENTS, derivative_shapes, differentiated
-from .entries import ARRAYS, KINDS, SECOND_ORDER, KernelTable, Kind, Signature, WrenchTerm, kernel, table
+from .entries import ARRAYS, KINDS, KernelTable, Kind, Signature, WrenchTerm, kernel, table
 
 DTYPES = ("float64", "float32")  # types of kernels' numbers
 SINGLES, BATCHES = "singles", "batches"  # the C of all kernels as two libraries: for one state, and on vectors
@@ -32,33 +32,18 @@ EXTERNAL_OF_ROWS = WrenchTerm("external_force", -1.0)  # where they stand on the
 EXTERNAL_REACTIONS = WrenchTerm("external_reactions")
 
 OWN_KERNELS: Mapping[str, Signature] = table(
-    kernel(
-        "mass_matrix(q) -> matrix",
-        "Mass matrix M(q), eq. (11).",
-        symmetric=True,
-        derivatives=SECOND_ORDER,
-    ),
-    kernel(
-        "bias_force(q, v) -> vector",
-        "Coriolis and centrifugal terms, eq. (12) contracted.",
-        derivatives=SECOND_ORDER,
-    ),
+    kernel("mass_matrix(q) -> matrix", "Mass matrix M(q), eq. (11).", symmetric=True),
+    kernel("bias_force(q, v) -> vector", "Coriolis and centrifugal terms, eq. (12) contracted."),
     kernel(
         "generalized_force(q, v) -> vector",
         "Springs, dampers, gravity: Q_P + Q_G, eqs. (13), (14).",
         wrench=EXTERNAL,
-        derivatives=SECOND_ORDER,
     ),
-    kernel(
-        "external_force(q, wrench) -> vector",
-        "Q_F of eq. (14), its moment term corrected; base frame.",
-        derivatives=SECOND_ORDER,
-    ),
+    kernel("external_force(q, wrench) -> vector", "Q_F of eq. (14), its moment term corrected; base frame."),
     kernel(
         "residual(q, v, a, u) -> vector",
         "M a + bias - Q - u, eq. (5) unexpanded; zero on a motion.",
         wrench=EXTERNAL_OF_ROWS,
-        derivatives=SECOND_ORDER,
     ),
     kernel(
         "inverse_dynamics(q, v, a) -> vector",
@@ -68,20 +53,17 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         wrench=EXTERNAL_OF_ROWS,
         tree="tree_inverse_dynamics",
         loaded="inverse_dynamics_under_load",
-        derivatives=SECOND_ORDER,
     ),
     kernel(
         "tree_inverse_dynamics(q, v, a) -> vector",
         "The drives u that make the residual zero, loops cut.",
         needs="constraints",
         wrench=EXTERNAL_OF_ROWS,
-        derivatives=SECOND_ORDER,
     ),
     kernel(
         "constrained_drives(q, v, a, u) -> driving",
         "Drives of a motion beside forces u, multipliers, g, J v, J a, J_dot v, forces left and needed.",
         needs="constraints",
-        derivatives=SECOND_ORDER,
     ),
     kernel(
         "inverse_dynamics_under_load(q, v, a, u) -> vector",
@@ -98,7 +80,6 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         beside=("tree_forward_dynamics", *TOLD),
         wrench=WrenchTerm("external_force", into="u"),
         tree="tree_forward_dynamics",
-        derivatives=SECOND_ORDER,
     ),
     kernel(
         "tree_forward_dynamics(q, v, u) -> vector",
@@ -106,7 +87,6 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         solves=True,
         needs="constraints",
         wrench=WrenchTerm("external_force", into="u"),
-        derivatives=SECOND_ORDER,
     ),
     kernel(
         "constrained_dynamics(q, v, u) -> constrained",
@@ -114,7 +94,6 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         solves=True,
         needs="constraints",
         beside=("following",),  # charts, along which it is integrated
-        derivatives=SECOND_ORDER,
     ),
     kernel(
         "constraint_forces(q, v, u) -> constraints",
@@ -177,56 +156,35 @@ OWN_KERNELS: Mapping[str, Signature] = table(
             kernel(
                 "frame_pose(q) -> pose",
                 "Pose A_0k of a frame in the base; eqs. (1) and (2).",
-                derivatives=SECOND_ORDER,
             ),
             kernel(
                 "frame_jacobian(q) -> jacobian",
                 "Velocity of a frame's origin (3 rows) and angular velocity (3 rows) per coordinate rate, base frame.",
-                derivatives=SECOND_ORDER,
             ),
         ),
     ),
-    kernel(
-        "gravity(q) -> vector",
-        "Forces that hold the links' weight, loops cut.",
-        by_request=True,
-        derivatives=SECOND_ORDER,
-    ),
-    kernel(
-        "nonlinear_effects(q, v) -> vector",
-        "Coriolis, centrifugal and gravity terms, loops cut.",
-        by_request=True,
-        derivatives=SECOND_ORDER,
-    ),
-    kernel(
-        "center_of_mass(q) -> point",
-        "Center of mass of the moving links, base frame.",
-        by_request=True,
-        derivatives=SECOND_ORDER,
-    ),
+    kernel("gravity(q) -> vector", "Forces that hold the links' weight, loops cut.", by_request=True),
+    kernel("nonlinear_effects(q, v) -> vector", "Coriolis, centrifugal and gravity terms, loops cut.", by_request=True),
+    kernel("center_of_mass(q) -> point", "Center of mass of the moving links, base frame.", by_request=True),
     kernel(
         "centroidal_momentum(q, v) -> momentum",
         "Linear momentum of the moving links, and angular momentum about their center of mass; base frame.",
         by_request=True,
-        derivatives=SECOND_ORDER,
     ),
     kernel(
         "frame_velocities(q, v) -> frame_rates",
         "Per frame the velocity of its origin and its angular velocity, base frame.",
         by_request=True,
-        derivatives=SECOND_ORDER,
     ),
     kernel(
         "frame_accelerations(q, v, a) -> frame_rates",
         "Per frame the acceleration of its origin and its angular acceleration, base frame.",
         by_request=True,
-        derivatives=SECOND_ORDER,
     ),
     kernel(
         "imu(q, v, a) -> frame_rates",
         "Per frame what an IMU reads in the frame's axes: specific force R^T (a - g), angular rate R^T w.",
         by_request=True,
-        derivatives=SECOND_ORDER,
     ),
     kernel(
         "measurement(q, v, a) -> readings",
@@ -238,13 +196,8 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         "generalized_momentum(q, v) -> momenta",
         "Generalized momentum p = M v, and C^T v = dT/dq: p' = u + C^T v + Q on a motion.",
         by_request=True,
-        derivatives=SECOND_ORDER,
     ),
-    kernel(
-        "energy(q, v) -> pair",
-        "Kinetic energy, eq. (4), and potential energy of gravity and springs.",
-        derivatives=SECOND_ORDER,
-    ),
+    kernel("energy(q, v) -> pair", "Kinetic energy, eq. (4), and potential energy of gravity and springs."),
     kernel(
         "reactions(q, v, a) -> reactions",
         "Joint reaction wrenches: force and moment on child links, joint frames after the motion.",
@@ -296,13 +249,11 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         "constraint(q) -> constraints",
         "Constraint g(q) of the cut joints; zero where loops are closed.",
         needs="constraints",
-        derivatives=SECOND_ORDER,
     ),
     kernel(
         "constraint_jacobian(q) -> constraint_rows",
         "Jacobian J = dg/dq of the constraint.",
         needs="constraints",
-        derivatives=SECOND_ORDER,
     ),
     kernel("constraint_bias(q, v) -> constraints", "J_dot v: g_ddot = J a + J_dot v.", needs="constraints"),
     kernel(
