@@ -147,6 +147,7 @@ class Signature:
     wrench: how external wrenches enter, if they do.
     tree: the kernel that computes the same for the open tree, where the robot has constraints.
     loaded: the kernel that computes the same where generalized forces u act in addition, for closed loops.
+    states: whether the result depends on internal states of force laws.
     derivatives: kinds of the derivatives that there are of it.
     variants: of a derivative the functions of C among which its arguments choose, by name: the order of "jet", whether
         "tangent" and "adjoint" are by parameters, too, and the order of "adjoint", whose second one is a "hessian".
@@ -174,8 +175,15 @@ class Signature:
     wrench: WrenchTerm | None = None
     tree: str = ""
     loaded: str = ""
+    states: bool = False
     derivatives: tuple[Kind, ...] = DERIVED
     variants: Mapping[str, Signature] = field(default_factory=dict)
+
+    @property
+    def takes(self) -> tuple[str, ...]:
+        """Optional arguments behind the arrays that methods take: "wrench", "z", "cut"."""
+        has = {"wrench": bool(self.wrench or self.loaded), "z": self.states, "cut": bool(self.tree)}
+        return tuple(name for name, there in has.items() if there)
 
 
 class KernelTable(Mapping[str, Signature]):

@@ -38,12 +38,14 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         "generalized_force(q, v) -> vector",
         "Springs, dampers, gravity: Q_P + Q_G, eqs. (13), (14).",
         wrench=EXTERNAL,
+        states=True,
     ),
     kernel("external_force(q, wrench) -> vector", "Q_F of eq. (14), its moment term corrected; base frame."),
     kernel(
         "residual(q, v, a, u) -> vector",
         "M a + bias - Q - u, eq. (5) unexpanded; zero on a motion.",
         wrench=EXTERNAL_OF_ROWS,
+        states=True,
     ),
     kernel(
         "inverse_dynamics(q, v, a) -> vector",
@@ -53,17 +55,20 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         wrench=EXTERNAL_OF_ROWS,
         tree="tree_inverse_dynamics",
         loaded="inverse_dynamics_under_load",
+        states=True,
     ),
     kernel(
         "tree_inverse_dynamics(q, v, a) -> vector",
         "The drives u that make the residual zero, loops cut.",
         needs="constraints",
         wrench=EXTERNAL_OF_ROWS,
+        states=True,
     ),
     kernel(
         "constrained_drives(q, v, a, u) -> driving",
         "Drives of a motion beside forces u, multipliers, g, J v, J a, J_dot v, forces left and needed.",
         needs="constraints",
+        states=True,
     ),
     kernel(
         "inverse_dynamics_under_load(q, v, a, u) -> vector",
@@ -71,6 +76,7 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         "composed",
         calls=("constrained_drives",),
         needs="constraints",
+        states=True,
     ),
     kernel(
         "forward_dynamics(q, v, u) -> vector",
@@ -80,6 +86,7 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         beside=("tree_forward_dynamics", *TOLD),
         wrench=WrenchTerm("external_force", into="u"),
         tree="tree_forward_dynamics",
+        states=True,
     ),
     kernel(
         "tree_forward_dynamics(q, v, u) -> vector",
@@ -87,6 +94,7 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         solves=True,
         needs="constraints",
         wrench=WrenchTerm("external_force", into="u"),
+        states=True,
     ),
     kernel(
         "constrained_dynamics(q, v, u) -> constrained",
@@ -94,6 +102,7 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         solves=True,
         needs="constraints",
         beside=("following",),  # charts, along which it is integrated
+        states=True,
     ),
     kernel(
         "constraint_forces(q, v, u) -> constraints",
@@ -103,6 +112,7 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         solves=True,
         needs="constraints",
         wrench=WrenchTerm("external_force", into="u"),
+        states=True,
     ),
     kernel(
         "settling(q, v) -> settling",
@@ -119,7 +129,11 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         vectors=False,
         derivatives=(),
     ),
-    kernel("residual_jacobian(q, v, a) -> derivatives", "Derivatives of the residual by q, v and a: three matrices."),
+    kernel(
+        "residual_jacobian(q, v, a) -> derivatives",
+        "Derivatives of the residual by q, v and a: three matrices.",
+        states=True,
+    ),
     kernel(
         "forward_dynamics_jacobian(q, v, u) -> derivatives",
         "Derivatives of the accelerations by q, v and u: three matrices.",
@@ -130,6 +144,7 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         beside=("tree_forward_dynamics_jacobian", *TOLD),
         tree="tree_forward_dynamics_jacobian",
         derivatives=("jet",),
+        states=True,
     ),
     kernel(
         "tree_forward_dynamics_jacobian(q, v, u) -> derivatives",
@@ -139,6 +154,7 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         solves=True,
         needs="constraints",
         derivatives=("jet",),
+        states=True,
     ),
     kernel("coriolis_matrix(q, v) -> matrix", "Coriolis matrix C(q, v) with C v = bias and M_dot = C + C^T."),
     kernel(
@@ -197,7 +213,11 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         "Generalized momentum p = M v, and C^T v = dT/dq: p' = u + C^T v + Q on a motion.",
         by_request=True,
     ),
-    kernel("energy(q, v) -> pair", "Kinetic energy, eq. (4), and potential energy of gravity and springs."),
+    kernel(
+        "energy(q, v) -> pair",
+        "Kinetic energy, eq. (4), and potential energy of gravity and springs.",
+        states=True,
+    ),
     kernel(
         "reactions(q, v, a) -> reactions",
         "Joint reaction wrenches: force and moment on child links, joint frames after the motion.",
@@ -206,12 +226,14 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         wrench=EXTERNAL_REACTIONS,
         tree="tree_reactions",
         loaded="reactions_under_load",
+        states=True,
     ),
     kernel(
         "tree_reactions(q, v, a) -> reactions",
         "Joint reaction wrenches: force and moment on child links, joint frames after the motion, loops cut.",
         needs="constraints",
         wrench=EXTERNAL_REACTIONS,
+        states=True,
     ),
     kernel(
         "reactions_under_load(q, v, a, u) -> reactions",
@@ -220,6 +242,7 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         calls=("tree_reactions", "constrained_drives", "closing_reactions"),
         needs="constraints",
         wrench=EXTERNAL_REACTIONS,
+        states=True,
     ),
     kernel(
         "loop_reactions(q, v, a) -> loop_reactions",
@@ -228,6 +251,7 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         needs="loops",
         beside=("loop_reactions_under_load", *TOLD),
         loaded="loop_reactions_under_load",
+        states=True,
     ),
     kernel(
         "loop_reactions_under_load(q, v, a, u) -> loop_reactions",
@@ -235,6 +259,7 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         "composed",
         calls=("constrained_drives", "loop_wrenches"),
         needs="cuts",
+        states=True,
     ),
     kernel(
         "external_reactions(q, wrench) -> reactions",
@@ -261,6 +286,7 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         "Force on each follower of a rigid coupling that a motion takes.",
         needs="followers",
         wrench=WrenchTerm("external_coupling_forces"),
+        states=True,
     ),
     kernel(
         "external_coupling_forces(q, wrench) -> couplings",
@@ -301,11 +327,13 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         "Forces of drives on coordinates, and voltages on currents less what the motion induces; their power by v is"
         " what drives take in.",
         needs="drives",
+        states=True,
     ),
     kernel(
         "drive_jacobian(q, v, u) -> derivatives",
         "Derivatives by q, v and u of what drives with states do, of forces and of the states' rates times inertias.",
         needs="drives",
+        states=True,
     ),
     kernel(
         "spring_stiffness(q) -> matrix",
