@@ -41,7 +41,7 @@ def test_functions_have_the_kernels_numbers_and_exact_derivatives(family: type[F
     """In Python, in CasADi and in JAX; the friction of bristles by z among the velocities."""
     robot = robot_from_toml(robot_with(family))
     kernel = built(robot, *kernels_for(*NAMES))
-    assert bool(kernel.memory) == (family is MemoryLaws)
+    assert bool(kernel.internal_states) == (family is MemoryLaws)
     given = states(kernel, 3)
     for name in NAMES:
         there = DifferentiableFunction(kernel, name)
@@ -128,7 +128,7 @@ def test_mechanisms_with_states(built: Build) -> None:
         for_casadi.function(kernel, "forward_dynamics", order=1, flags=("-O0", "-Werror")),
     )
     value = there.value(Q, V, U)
-    np.testing.assert_allclose(value[q.size :], kernel.memory_rates(q, 0.0 * q, z, u), rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(value[q.size :], kernel.internal_state_derivatives(q, 0.0 * q, z, u), rtol=1e-12, atol=1e-15)
     np.testing.assert_allclose(np.array(made(Q, V, U))[:, 0], value, rtol=1e-12, atol=1e-12)
     blocks = there.derivatives(Q, V, U)
     found = made.jacobian()(Q, V, U, 0)

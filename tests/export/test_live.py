@@ -218,7 +218,7 @@ def test_what_moves_on_a_page_moves_as_rollouts_of_python(
     for drive in values["drives"]:  # critical damping, in two digits
         assert drive["kp"] > 0.0
         assert drive["kd"] == pytest.approx(2.0 * drive["kp"] / STIFF, rel=0.1)
-    assert [state["name"] for state in values["states"]] == list(kernel.memory)
+    assert [state["name"] for state in values["states"]] == list(kernel.internal_states)
     assert not any(
         name in {slider["name"] for slider in values["parameters"]} for name in changed if ".stiffness." in name
     )
@@ -228,9 +228,9 @@ def test_what_moves_on_a_page_moves_as_rollouts_of_python(
     np.testing.assert_allclose(found["q"][:n], q[:n], rtol=0.0, atol=NEAR)
     np.testing.assert_allclose(found["v"], v, rtol=1e-10, atol=NEAR)
     assert np.abs(q[:n] - start["q"][:n]).max() > 1e-3
-    if kernel.memory:
+    if kernel.internal_states:
         ((names, shown),) = found["plots"]
-        assert names == list(kernel.memory)
+        assert names == list(kernel.internal_states)
         np.testing.assert_allclose(shown, 1e3 * v[n:], rtol=1e-9)
         assert np.abs(v[n:]).min() > 1e-5
     else:

@@ -179,8 +179,8 @@ def test_states_of_laws_stand_behind_coordinates(make: Callable[[], Robot], tmp_
     assert compare_functions(tmp_path, robot, exact=False) >= 12
     kernel, made = eomgen.build(robot), make_wasm(robot)
     made.write(tmp_path)
-    description, nz = made.description, len(kernel.memory)
-    assert tuple(description["memory"]) == kernel.memory
+    description, nz = made.description, len(kernel.internal_states)
+    assert tuple(description["memory"]) == kernel.internal_states
     if robot.name == "servo_arm":  # of which a drive takes a position, and the other one a voltage
         assert description["inputs"]["j2.motor"] == {"meaning": "voltage", "unit": "V", "force": kernel.n - 1}
         header = kernel.source("h")
@@ -216,7 +216,7 @@ def test_states_of_laws_stand_behind_coordinates(make: Callable[[], Robot], tmp_
         ["rollout", *start, None, {"dt": 1e-4, "steps": 1, "kp": np.eye(kernel.n)[last].tolist(), "target": start[0]}],
     ]
     for got in with_node(tmp_path, robot.name, bad):
-        assert kernel.memory[-1] in got["error"]
+        assert kernel.internal_states[-1] in got["error"]
     if not robot.is_closed:  # the rigid robot that drives know has no states
         assert make_wasm(robot, kernels=("energy",), model=True).description["model"]["coordinates"] == [
             name for name in kernel.coordinates if name.endswith("gamma")

@@ -207,7 +207,7 @@ def test_bristles_of_loop_joints_hold() -> None:
     pin = 'gamma = { friction = { model = "lugre", coulomb = 20.0, bristle_stiffness = 3e3, bristle_damping = 9.0 } }'
     robot = robot_from_toml(text.replace("[[loops]]\n", f"[[loops]]\n{pin}\n"))
     kernel = eomgen.build(robot, flags=("-O0",))
-    assert kernel.memory == ("joint4.gamma.friction.z",)
+    assert kernel.internal_states == ("joint4.gamma.friction.z",)
     q = [robot.home[name] for name in kernel.coordinates]
     motion = integrate(kernel, q, [0.0, 0.0, 0.0], 1.0, method="rosenbrock", output_step=0.01)
     assert [rest.coordinate for rest in motion.rests][-1] == "joint4.gamma"

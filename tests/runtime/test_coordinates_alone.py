@@ -38,7 +38,7 @@ class State:
         rng, n = np.random.default_rng(seed), len(kernel.coordinates)
         near = np.asarray(kernel.home, np.float64)
         self.apart = {name: 0.1 * rng.normal(size=(*lead, n)) for name in "qvau"}
-        self.z = 1e-5 * rng.normal(size=(*lead, len(kernel.memory)))
+        self.z = 1e-5 * rng.normal(size=(*lead, len(kernel.internal_states)))
         self.apart["q"] += near
         if kernel.constraints:
             self.apart["q"] = np.broadcast_to(kernel.assemble(near), (*lead, n)).copy()
@@ -81,7 +81,7 @@ def test_all_methods_take_coordinates_alone(kernel: eomgen.Kernel, lead: tuple[i
     q, v, u = (s.apart[x] for x in "qvu")
     wide = kernel.forward_dynamics(*(s.whole[x] for x in "qvu"))
     assert equal(kernel.forward_dynamics(q, v, u, s.z), wide, 1)
-    assert (kernel.memory_rates(q, v, s.z, u) == wide[..., len(kernel.coordinates) :]).all()
+    assert (kernel.internal_state_derivatives(q, v, s.z, u) == wide[..., len(kernel.coordinates) :]).all()
     frame = kernel.links[-1]
     assert equal(kernel.frame_jacobian(q, frame), kernel.frame_jacobian(s.whole["q"], frame), 1)
     assert (
@@ -181,7 +181,7 @@ def test_what_depends_on_states_is_known(built: Build) -> None:
     for name in ROBOTS:
         kernel = built(ROBOTS[name]())
         s, n = State(kernel), len(kernel.coordinates)
-        shift = np.r_[np.zeros(n), 1e-3 * np.ones(len(kernel.memory))]
+        shift = np.r_[np.zeros(n), 1e-3 * np.ones(len(kernel.internal_states))]
         for function in kernel.raw.functions.values():
             values = [s.whole.get(x) for x in function.reads]
             steps = any(part in function.name for part in ("rollout", "gradient", "sensitivity"))
@@ -311,7 +311,7 @@ def test_forces_of_drives_without_a_servo_drive_are_what_they_are_given(built: B
     """Of as many states as the arrays have; z where no law has a state is refused."""
     kernel = built(bristled_arm())
     q, u = np.zeros((3, len(kernel.coordinates))), np.arange(float(len(kernel.coordinates)))
-    found = kernel.drive_forces(q, q, u, np.zeros((3, len(kernel.memory))))
+    found = kernel.drive_forces(q, q, u, np.zeros((3, len(kernel.internal_states))))
     assert np.array_equal(found, np.tile(u, (3, 1)))
     assert np.array_equal(kernel.drive_forces(q, q, u), found)
     plain = built(eomgen.load_robot("one_link"))

@@ -34,7 +34,7 @@ pytestmark = pytest.mark.usefixtures("unoptimised")
 
 
 def _names(kernel: eomgen.Kernel) -> list[str]:
-    return [name.rpartition(".")[2] for name in kernel.memory]
+    return [name.rpartition(".")[2] for name in kernel.internal_states]
 
 
 @pytest.mark.parametrize("name", DRIVES)
@@ -72,11 +72,11 @@ def test_all_methods_follow_an_integration_to_twelve_digits(name: str, built: Bu
     kernel, numbers, samples = built(servo(table)), numbers_of(table), 40
     assert kernel.inputs["joint1.gamma"].meaning == kernel.inputs["joint1.gamma"].meaning
     rates = rates_of(numbers, _names(kernel), u, lambda s, v, force: (force - DAMPING * v) / INERTIA)
-    begin, t = np.zeros(2 + len(kernel.memory)), np.linspace(0.0, 0.5, samples + 1)
+    begin, t = np.zeros(2 + len(kernel.internal_states)), np.linspace(0.0, 0.5, samples + 1)
     wanted = solve_ivp(rates, (0.0, 0.5), begin, "DOP853", t, rtol=1e-12, atol=1e-14, max_step=2e-4).y.T
     size = np.abs(wanted).max(axis=0) + 1e-9
     within = {"tsit5": 3e-6, "rosenbrock": 1e-4, "radau": 3e-6}
-    zero = np.zeros(len(kernel.memory))
+    zero = np.zeros(len(kernel.internal_states))
     for method, bound in within.items():
         motion = kernel.rollout([0.0], [0.0], [u], duration=0.5, samples=samples, method=method, rtol=1e-8, z=zero)
         assert np.abs((np.hstack([*motion, motion.z]) - wanted) / size).max() < bound, method
@@ -102,7 +102,7 @@ def test_a_voltage_turns_a_motor_as_its_closed_form_says(built: Build) -> None:
     motion = kernel.rollout([0.0], [0.0], [V], duration=1.0, samples=50, method="radau", rtol=1e-10, z=[0.0])
     np.testing.assert_allclose(motion[1][:, 0], wanted.real, atol=1e-8 * final)
     assert kernel.inputs["joint1.gamma"] == ("voltage", "V")
-    assert kernel.memory == ("joint1.gamma.drive.current",)
+    assert kernel.internal_states == ("joint1.gamma.drive.current",)
 
 
 def test_a_current_loop_has_the_bandwidth_that_its_gains_are_for(built: Build) -> None:
@@ -194,11 +194,11 @@ def test_a_motor_behind_a_gear_has_a_drive(built: Build) -> None:
     """Its drive acts on the rotor: in N m at the shaft."""
     motor = "motor = { inertia = 1e-3, ratio = 20.0, stiffness = 500.0, damping = 0.5, drive = { lag = 0.01 } }\n"
     kernel = built(robot_from_toml(f"{AXIS}gamma = {{ damping = 0.05 }}\n{motor}"))
-    assert kernel.memory == ("joint1.motor.drive.force",)
+    assert kernel.internal_states == ("joint1.motor.drive.force",)
     assert kernel.inputs == {"joint1.gamma": ("torque", "N m"), "joint1.motor": ("torque", "N m")}
     a = kernel.forward_dynamics([0.0, 0.0], [0.0, 0.0], [0.0, 0.7], [0.2])
     assert a[1] == pytest.approx(0.2 / 1e-3)
-    assert kernel.memory_rates([0.0, 0.0], [0.0, 0.0], [0.2], [0.0, 0.7])[0] == pytest.approx(0.5 / 0.01)
+    assert kernel.internal_state_derivatives([0.0, 0.0], [0.0, 0.0], [0.2], [0.0, 0.7])[0] == pytest.approx(0.5 / 0.01)
 
 
 BAD = {
@@ -431,7 +431,7 @@ def test_six_servo_axes_follow_an_integration_to_twelve_digits(built: Build) -> 
     arm = built(replace(plain, joints=tuple(mechanical)), "mass_matrix", "inverse_dynamics")
     kernel = built(robot, "forward_dynamics", "rollout", "adaptive_rollout", "radau_rollout")
     n, names = 6, ("integral_velocity", "integral_current", "current")
-    assert kernel.memory == tuple(f"{x}.drive.{name}" for x in kernel.coordinates for name in names)
+    assert kernel.internal_states == tuple(f"{x}.drive.{name}" for x in kernel.coordinates for name in names)
     begin, goal = np.array([0.2, -1.0, 0.8, -0.5, 0.3, 0.1]), np.array([0.5, -1.4, 1.2, -0.2, 0.1, 0.4])
 
     def rates(_: float, y: Any) -> Any:

@@ -184,7 +184,7 @@ def state_of(kernel: eomgen.Kernel, seed: int = 3) -> tuple[Any, Any, Any, Any]:
     for name, led in kernel.motors.items():
         q[places[name]] = kernel.ratio(name) * q[places[led]] + 0.01
     sizes = np.asarray(kernel.raw.libraries.meta["sizes"])
-    return q, v, u, 0.5 * rng.uniform(-1.0, 1.0, len(kernel.memory)) * sizes[len(sizes) - len(kernel.memory) :]
+    return q, v, u, 0.5 * rng.uniform(-1.0, 1.0, len(kernel.internal_states)) * sizes[len(sizes) - len(kernel.internal_states) :]
 
 
 def test_friction_is_the_papers(kernel: eomgen.Kernel) -> None:
@@ -194,7 +194,7 @@ def test_friction_is_the_papers(kernel: eomgen.Kernel) -> None:
         rate, force = rates(v, z)
         a = kernel.forward_dynamics([x], [v], [u], [z])
         assert a == pytest.approx([u - PULL * x - force], rel=1e-12, abs=1e-12)
-        assert kernel.memory_rates([x], [v], [z]) == pytest.approx([rate], rel=1e-12, abs=1e-15)
+        assert kernel.internal_state_derivatives([x], [v], [z]) == pytest.approx([rate], rel=1e-12, abs=1e-15)
         kinetic, potential = kernel.energy([x, 0.0], [v, z])
         assert (kinetic, potential) == pytest.approx((0.5 * v * v, 0.5 * (PULL * x * x + STIFFNESS * z * z)), rel=1e-12)
 
@@ -241,7 +241,7 @@ def test_arm_is_consistent(arm: eomgen.Kernel) -> None:
     Q, V, U = np.r_[q, 0.0 * z], np.r_[v, z], np.r_[u, 0.0 * z]
     a = arm.forward_dynamics(Q, V, U)
     assert (a[:n] == arm.forward_dynamics(q, v, u, z)).all()
-    assert (a[n:] == arm.memory_rates(q, v, z, u)).all()
+    assert (a[n:] == arm.internal_state_derivatives(q, v, z, u)).all()
     assert np.abs(arm.residual(Q, V, a, U)[free]).max() < 1e-9
     by_q, by_v, _ = arm.forward_dynamics_jacobian(Q, V, U)
     for j in range(Q.size):
@@ -277,15 +277,15 @@ def test_methods_agree_and_balance(arm: eomgen.Kernel) -> None:
 
 
 def test_hysteresis_is_bouc_and_wens(hysteretic: eomgen.Kernel) -> None:
-    assert hysteretic.memory == ("rail.z.hysteresis.z",)
+    assert hysteretic.internal_states == ("rail.z.hysteresis.z",)
     rng = np.random.default_rng(0)
     for s, v, z, u in rng.normal(size=(20, 4)):
         rate, force = wound(s, v, z)
         assert hysteretic.forward_dynamics([s], [v], [u], [z]) == pytest.approx([u - force], rel=1e-12, abs=1e-12)
-        assert hysteretic.memory_rates([s], [v], [z]) == pytest.approx([rate], rel=1e-12, abs=1e-14)
+        assert hysteretic.internal_state_derivatives([s], [v], [z]) == pytest.approx([rate], rel=1e-12, abs=1e-14)
         stored = 0.5 * SHARE * K * s * s + 0.5 * (1.0 - SHARE) * K / A * z * z
         assert hysteretic.energy([s, 0.0], [v, z]) == pytest.approx([0.5 * v * v, stored], rel=1e-12)
-    assert hysteretic.memory_rates([0.0], [2.0], [0.0]) == pytest.approx([2.0 * A], rel=1e-14)
+    assert hysteretic.internal_state_derivatives([0.0], [2.0], [0.0]) == pytest.approx([2.0 * A], rel=1e-14)
 
 
 def spline(t: Array, x: Array) -> Signal:
@@ -362,7 +362,7 @@ def test_dissipates_the_area_of_its_loop(built: Build, rate: float) -> None:
 def test_laws_never_give_more_than_they_store(law: str, built: Build) -> None:
     """At random states, also beyond those that motions come to: force times velocity is at least what storage takes."""
     kernel = built(slide(law), *KERNELS)
-    rng, states = np.random.default_rng(1), len(kernel.memory)
+    rng, states = np.random.default_rng(1), len(kernel.internal_states)
     q, v = rng.normal(size=(500, 1 + states)), rng.normal(size=(500, 1 + states))
     q[:, 1:] = 0.0
     passive = kernel.generalized_force(q, np.zeros_like(q)) - kernel.generalized_force(q, v)
@@ -374,7 +374,7 @@ def test_laws_never_give_more_than_they_store(law: str, built: Build) -> None:
 @pytest.mark.parametrize("law", [HYSTERESIS, f"stiffness = 100.0, {MAXWELL}"])
 def test_energies_balance(law: str, built: Build) -> None:
     kernel = built(slide(law), *KERNELS)
-    states, loads = len(kernel.memory), pushed(1.0)
+    states, loads = len(kernel.internal_states), pushed(1.0)
     for method in ("tsit5", "rosenbrock", "radau"):
         options: dict[str, Any] = {"method": method, "rtol": 1e-9, "loads": loads, "works": True, "z": np.zeros(states)}
         motion = kernel.rollout([0.1], [1.0], duration=1.0, samples=1, **options)
@@ -440,7 +440,7 @@ def test_wherever_laws_act_methods_agree_and_energies_balance(name: str, built: 
     names = ("forward_dynamics", "energy", "rollout", "adaptive_rollout", "radau_rollout", "generalized_force")
     kernel = built(robot, *names)
     n, z = len(kernel.coordinates), np.zeros(states) + z
-    assert len(kernel.memory) == states
+    assert len(kernel.internal_states) == states
     q = np.array([robot.home.get(x, 0.0) for x in kernel.coordinates])
     v, u = np.resize(v, n), np.resize(u, n)
     methods = [method for method in ADAPTIVE if method != "radau" or not kernel.constraints]
@@ -467,7 +467,7 @@ def test_wherever_laws_act_methods_agree_and_energies_balance(name: str, built: 
 def test_bristles_of_a_follower_feel_its_velocity(built: Build) -> None:
     kernel = built(bristle_gear(), "forward_dynamics")
     level = 0.3 + 0.1 * np.exp(-64.0)
-    found = kernel.memory_rates([0.3], [0.4], [5e-4, -8e-4])[1]
+    found = kernel.internal_state_derivatives([0.3], [0.4], [5e-4, -8e-4])[1]
     assert found == pytest.approx(-0.8 + 300.0 * 0.8 * 8e-4 / level, rel=1e-12)
 
 
@@ -477,7 +477,7 @@ def test_lanes_are_bit_equal(name: str, arm: eomgen.Kernel, hysteretic: eomgen.K
     kernel = {"bristles": arm, "slide": hysteretic}.get(name) or built(servo(DRIVES[name][0]))
     q, v, u, z = state_of(kernel) if name == "bristles" else (np.array([0.05]), np.array([0.3]), np.array([2.0]), 0.02)
     Q, V = np.tile(q, (5, 1)), v + 0.1 * np.abs(v) * np.arange(-2, 3)[:, None]
-    Z = z * np.linspace(0.5, 1.0, 5)[:, None] * np.ones(len(kernel.memory))
+    Z = z * np.linspace(0.5, 1.0, 5)[:, None] * np.ones(len(kernel.internal_states))
     for method in ADAPTIVE:
         many = kernel.rollout(Q, V, u, z=Z, duration=0.01, method=method)
         for i in range(5):
@@ -492,7 +492,7 @@ def test_single_precision_follows_double_precision(name: str, built: Build) -> N
     for dtype in ("float32", "float64"):
         kernel, begin = built(robot, "forward_dynamics", "adaptive_rollout", dtype=dtype), np.zeros((3, 1), dtype)
         begin[1], begin[2] = (0.5, 0.0) if name == "slide" else (0.0, DRIVES[name][1])
-        z, options = np.zeros(len(kernel.memory), dtype), {"duration": 0.2, "samples": 3, "rtol": 1e-4}
+        z, options = np.zeros(len(kernel.internal_states), dtype), {"duration": 0.2, "samples": 3, "rtol": 1e-4}
         motions.append(kernel.rollout(*begin, z=z, method="rosenbrock", **options))
     (single, of_single), (double, of_double) = ((x[0], x.z) for x in motions)
     np.testing.assert_allclose(single, double, atol=2e-3)
@@ -553,7 +553,7 @@ def test_robots_without_states_keep_all_else(name: str) -> None:
     robot = robot_of(name)
     plain = robot.without_states()
     assert plain.without_states() is plain
-    assert build_model(plain).memory == ()
+    assert build_model(plain).internal_states == ()
     numbers = {key: x for key, x in robot.numbers() if x is not None}
     kept = {key: x for key, x in numbers.items() if "hysteresis" not in key and "maxwell" not in key}
     for key in [key for key in numbers if key.endswith("hysteresis.share")]:  # whose spring has no state
@@ -563,7 +563,7 @@ def test_robots_without_states_keep_all_else(name: str) -> None:
     found = {key: x for key, x in plain.numbers() if x is not None}
     assert found == pytest.approx({key: x for key, x in kept.items() if x or key in found})
     assert found.keys() >= kept.keys() - {key for key, x in kept.items() if not x}
-    assert build_model(robot.rigid()).memory == ()
+    assert build_model(robot.rigid()).internal_states == ()
 
 
 @pytest.mark.parametrize(
@@ -573,7 +573,7 @@ def test_the_elastic_share_of_hysteresis_stays(beside: str, built: Build) -> Non
     """As a spring of both sides, where its force is that: far slower than any state, with z as it is at 0."""
     robot = slide(f"{HYSTERESIS}{beside and ', '}{beside}")
     whole, plain = built(robot), built(robot.without_states())
-    assert plain.memory == ()
+    assert plain.internal_states == ()
     for s in (-0.3, 0.2):
         forces = [kernel.generalized_force([s], [0.0], **z)[0] for kernel, z in ((whole, {"z": [0.0]}), (plain, {}))]
         lost = SHARE * K * s if "clearance" in beside else 0.0
@@ -666,7 +666,7 @@ def test_states_of_no_law_and_of_another_shape_are_refused(kernel: eomgen.Kernel
     refused(ArrayError, r"slide\.z\.friction\.z is nan", kernel.forward_dynamics, [0.0], [0.0], [0.0], [np.nan])
     refused(ArrayError, "atol: expected", kernel.rollout, [0.0], [0.0], duration=1.0, atol=[1.0] * 5, z=[0.0])
     plain = built(block("coulomb = 1.0"), "forward_dynamics")
-    assert plain.memory == ()
+    assert plain.internal_states == ()
     refused(InputError, "no law", plain.forward_dynamics, [0.0], [0.0], [0.0], [0.0])
 
 
@@ -675,4 +675,4 @@ def test_states_that_velocities_drive_pass_the_samples_of_radau() -> None:
     numbers = "coulomb = 1.0, static = 1.5, stribeck = 0.01, bristle_stiffness = 1e4, bristle_damping = 60.0"
     hanging = block(f'model = "lugre", {numbers}, viscous = 0.4', pull=0.0)
     kernel = eomgen.build(replace(hanging, gravity=(0.0, 0.0, -9.81)), kernels=("radau_rollout",))
-    assert kernel.memory == ("slide.z.friction.z",)
+    assert kernel.internal_states == ("slide.z.friction.z",)

@@ -176,7 +176,7 @@ def _stress_resultants(arm: HeldRobot, q: Array) -> tuple[StressResultants, ...]
         reacting = build(robot) if robot.is_closed else build(robot, kernels=("kinematics", *sorted(REACTING)))
         reacting.parameters.update(kernel.parameters)
     still = np.zeros(len(kernel.coordinates))
-    z = arm.fixation.z if kernel.memory else None
+    z = arm.fixation.z if kernel.internal_states else None
     try:
         wrenches = reacting.reactions(q, still, still, wrench=arm.loads or None, z=z)
     except LoopError as error:
@@ -208,7 +208,7 @@ def _reactions_of_held(arm: HeldRobot, q: Array, error: LoopError) -> Array:
         InputError: held coordinates do not hold it, or stand against each other through loops.
     """
     kernel, still = arm.kernel, np.zeros(len(arm.kernel.coordinates))
-    whole, z = build(arm.robot), arm.fixation.z if kernel.memory else None
+    whole, z = build(arm.robot), arm.fixation.z if kernel.internal_states else None
     whole.parameters.update(kernel.parameters)
     held = arm.fixation.still[: still.size]
     needed = whole.inverse_dynamics(q, still, still, wrench=arm.loads or None, cut=True, z=z)[: still.size]

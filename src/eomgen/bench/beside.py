@@ -288,7 +288,7 @@ def _inputs(robot: Robot, kernel: Kernel) -> dict[str, Array]:
 def _closed_inputs(robot: Robot, inputs: dict[str, Array], rng: np.random.Generator) -> dict[str, Array]:
     """Draw states of a closed mechanism: near home, with rates and accelerations that keep it closed."""
     model = build_model(robot)
-    kernel = build(robot, kernels=("mass_matrix", "forward_dynamics", *assembly_kernels(robot)))
+    kernel = build(robot, kernels=("mass_matrix", "forward_dynamics", *assembly_kernels(robot))).augmented
     home, driven = np.zeros(kernel.n), [model.coordinates[i] for i in model.driven]
     home[: len(model.home)] = model.home
     q, reach = np.tile(kernel.assemble(home), (STATES, 1)), 0.1

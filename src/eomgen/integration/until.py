@@ -81,8 +81,8 @@ class Until:
             raise InputError(f"until: {show(name)}{nearest(name, names)} is no coordinate; allowed: {listed(names)}")
         _refuse_not_finite("value", value)
         i = names.index(name)
-        if name in kernel.memory:
-            unit = kernel.memory_units[kernel.memory.index(name)]
+        if name in kernel.internal_states:
+            unit = kernel.internal_state_units[kernel.internal_states.index(name)]
             return cls(f"{name} = {value:g} {unit}", lambda q, v: v[:, i] - value)
         return cls(f"{name} = {value:g} {unit_of(name)}", lambda q, v: q[:, i] - value)
 

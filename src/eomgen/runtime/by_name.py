@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import ArrayError, InputError, UnknownNameError
 from ..names import joint_of, listed, nearest_or_all, parameter_name, show
-from .arrays import joint_lead, numbers_in, whole_array
+from .arrays import joint_lead, numbers_in
 from .calls import Calls
 from .compiled_code import CompiledCode
 from .raw import Array
@@ -241,8 +241,8 @@ class NamedViews(CompiledCode):
         Returns:
             Per follower a pair of numbers, or of arrays with the leading axes of q and v.
         """
-        here, lead = whole_array(self.calls, "q", q)
-        rates = np.zeros_like(here) if v is None else whole_array(self.calls, "v", v)[0]
+        here, lead = self.calls.array("q", q, (self.n,))
+        rates = np.zeros_like(here) if v is None else self.calls.array("v", v, (self.n,))[0]
         lead = joint_lead("v", rates.shape[:-1], lead)
         here, rates = (np.broadcast_to(x, (*lead, self.n)) for x in (here, rates))
         matrix, offsets = self.follower_matrix()
@@ -332,7 +332,7 @@ def wrench_rows(calls: Calls, q: ArrayLike, wrench: WrenchLike | None) -> ArrayL
     if not isinstance(wrench, Mapping):
         return wrench
     values = {name: (place_of_wrench(calls, name), wrench_numbers(calls, name, x)) for name, x in wrench.items()}
-    states, lead = whole_array(calls, "q", q)
+    states, lead = calls.array("q", q, (calls.n,))
     for name, (_, numbers) in values.items():
         lead = joint_lead(f"wrench: {name}", numbers.shape[:-1], lead)
     rows = np.zeros((*lead, len(calls.raw.libraries.meta["links"]), 6), calls.dtype)

@@ -12,12 +12,17 @@ import numpy as np
 from ..errors import InputError, UnknownNameError
 from ..names import DriveInput, html_table, joint_of, nearest_or_all, show
 from .arrays import Arrays, inputs_of, names_in
-from .calls import Calls
+from .calls import Calls, SplitCalls
 from .direct import DirectFunctions, ExtensionBinding
 from .parameters import Parameters
 from .raw import Array, Libraries, Operations, RawKernel
 
 PACKAGE = f"{__package__}."  # begins the names of the modules whose methods can be direct
+
+
+def _augmented(kernel: CompiledCode) -> CompiledCode:
+    """Return a kernel with augmented arrays, of one that was pickled."""
+    return kernel.augmented
 
 
 class CompiledCode:
@@ -43,8 +48,8 @@ class CompiledCode:
         self.name: str = self.raw.name
         self.dtype: np.dtype[Any] = self.raw.dtype
         self.coordinates: tuple[str, ...] = tuple(meta["coordinates"])
-        self.memory: tuple[str, ...] = tuple(meta.get("memory", ()))
-        self.memory_units: tuple[str, ...] = tuple(meta.get("memory_units", ()))
+        self.internal_states: tuple[str, ...] = tuple(meta.get("internal_states", ()))
+        self.internal_state_units: tuple[str, ...] = tuple(meta.get("internal_state_units", ()))
         self.inputs: dict[str, DriveInput] = inputs_of(meta)
         self.links: tuple[str, ...] = tuple(meta["links"])
         self.frames: tuple[str, ...] = tuple(meta["frames"])
@@ -74,7 +79,10 @@ class CompiledCode:
         self.knots: dict[str, tuple[float, ...]] = {k: tuple(x) for k, x in meta["knots"].items()}
         ranges = {key: meta.get(key, other) for key, other in (("least", {}), ("matrices", {}), ("conditions", ()))}
         self.parameters = Parameters.of(self.raw, meta["parameters"], **ranges, again=again)
-        self.calls = Calls(self.raw, self.parameters, Arrays(self.raw, self.velocities, self.links), self.prescribed)
+        arrays = Arrays(self.raw, (*self.coordinates, *self.internal_states), self.links)
+        self.calls = Calls(self.raw, self.parameters, arrays, self.prescribed)
+        if self.internal_states:
+            self.calls = SplitCalls(self.calls)
         self._binding = binding or ExtensionBinding()
         self._functions: DirectFunctions | None = None
         self._direct_jets: dict[tuple[str, int], Any] = {}  # not those of a copy, which has other parameters
@@ -82,8 +90,24 @@ class CompiledCode:
 
     @property
     def velocities(self) -> tuple[str, ...]:
-        """Names of the numbers in arrays of the state, (n,): ``coordinates``, then ``memory``."""
-        return (*self.coordinates, *self.memory)
+        """Names of the n numbers of arrays by coordinate: ``coordinates``, and of ``augmented`` the internal states."""
+        return self.calls.coordinates
+
+    @property
+    def augmented(self) -> Self:
+        """This kernel with augmented arrays: internal states stand behind coordinates, as in the C (``SplitCalls``).
+
+        It is for integrators and linear systems; parameters are those of this kernel, also when they change.
+        """
+        if self.calls.augmented is self.calls:
+            return self
+        known: Self | None = self.__dict__.get("_augmented")
+        if known is None or known.parameters is not self.parameters:
+            known = self._with_methods_in_python()
+            known.calls = self.calls.augmented
+            self.__dict__["_augmented"] = known
+            self._binding.take(known)
+        return known
 
     def __repr__(self) -> str:
         return f"<Kernel {self.name}: {len(self.coordinates)} coordinates, {self.dtype}>"
@@ -117,6 +141,10 @@ class CompiledCode:
                 f"{self.name}: a kernel that was put together by hand cannot be pickled; allowed: kernels of"
                 " eomgen.build and of generated packages"
             )
+        if self.is_augmented:
+            split = self._with_methods_in_python()
+            split.calls = SplitCalls(self.calls)
+            return _augmented, (split,)
         state = {"parameters": dict(self.parameters), "threads": self.threads, "checks": self.checks}
         return *self._again, state
 
@@ -129,7 +157,12 @@ class CompiledCode:
     @property
     def n(self) -> int:
         """Number of coordinates."""
-        return len(self.velocities)
+        return self.calls.n
+
+    @property
+    def is_augmented(self) -> bool:
+        """True of a kernel with augmented arrays, see ``augmented``."""
+        return bool(self.internal_states) and self.calls.augmented is self.calls
 
     def source(self, ending: str) -> str:
         """Return the C that it was compiled from: "h", the header, or "c".
@@ -220,6 +253,8 @@ class CompiledCode:
         Attributes of the kernel then stand before the methods of its class, which they call where a call is not plain;
         they do so for a second kernel that has none of them, so that no kernel is in a circle of references.
         """
+        if self.calls.augmented is not self.calls:
+            return  # plain calls are those of the C's arrays
         if self._functions is None or self._functions.module is not module:
             methods = self._methods_of_functions()
             self._functions = DirectFunctions(module, self.raw, methods, self.frames, self._given)
@@ -265,6 +300,7 @@ class CompiledCode:
         if libraries is self.raw.libraries:
             return self.with_parameters()
         other = type(self)(libraries, self._again, self._binding, self._opener)
+        other = other.augmented if self.is_augmented else other
         other.__setstate__({"parameters": dict(self.parameters), "threads": self.threads, "checks": self.checks})
         return other
 

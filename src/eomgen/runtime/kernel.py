@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .arrays import cut as cut_states
-from .arrays import flag, is_narrow, joint_lead, states_apart, whole_array, widened
+from ..errors import InputError
+from .arrays import flag, joint_lead
 from .by_name import WrenchLike, wrench_rows
+from .calls import SplitCalls
 from .derivatives.by_arguments import Differentiation
 from .derivatives.in_time import TimeDerivatives
 from .inverse_kinematics.kernel_method import InverseKinematics
@@ -30,10 +31,11 @@ class Kernel(Differentiation, TimeDerivatives, InverseKinematics, Rollouts):
 
     Attributes:
         name: the robot's name.
-        coordinates: names such as "joint1.x"; n of them, but for states of laws.
-        memory: names of the states of laws, such as "joint1.gamma.friction.z".  Arrays have them behind coordinates, in
-            v as they are, in a their rates, in q numbers that act on nothing, in u zeros; or ``z`` has them apart.
-        memory_units: their units, such as "rad".
+        coordinates: names such as "joint1.x"; n of them.
+        internal_states: names of the m internal states of force laws, such as "joint1.gamma.friction.z".  Methods whose
+            results depend on them take them as z, (m,) or (..., m); it is required there, and refused where there are
+            none.
+        internal_state_units: their units, such as "rad".
         joints: names of the joints that move, in the order of ``reactions``.
         links: names of the links that move, in the order of ``wrench``.
         frames: names that ``frame_pose`` knows: frames, then links.
@@ -113,7 +115,7 @@ class Kernel(Differentiation, TimeDerivatives, InverseKinematics, Rollouts):
                 from frames and links to six numbers, (6,) or (..., 6), base frame: at a frame's origin, about a link's
                 centre of mass.  Frames take kinematics.
             out: array to write to.
-            z: states of laws, (memory,), where arrays are of coordinates alone.
+            z: internal states, (m,).
         """
         return self._loaded("generalized_force", out, (q, v), wrench, z)
 
@@ -134,7 +136,7 @@ class Kernel(Differentiation, TimeDerivatives, InverseKinematics, Rollouts):
             q, v, a, u: (n,).
             wrench: as in ``generalized_force``.
             out: array to write to.
-            z: states of laws, (memory,), where arrays are of coordinates alone.
+            z: internal states, (m,).
         """
         return self._loaded("residual", out, (q, v, a, u), wrench, z)
 
@@ -159,7 +161,7 @@ class Kernel(Differentiation, TimeDerivatives, InverseKinematics, Rollouts):
             wrench: as in ``generalized_force``.
             out: array to write to.
             cut: of a robot with loops, that its loops are open: of the tree alone, at every coordinate.
-            z: states of laws, (memory,), where arrays are of coordinates alone.
+            z: internal states, (m,).
 
         Raises:
             LoopError: a loop is open, opening, or opens at the accelerations, by more than 1e-9 (float32: 1e-5) m or
@@ -186,7 +188,7 @@ class Kernel(Differentiation, TimeDerivatives, InverseKinematics, Rollouts):
 
         Args:
             q, v, u: (n,).
-            z: states of laws, (memory,); the arrays and the result are then those of coordinates alone.
+            z: internal states, (m,).
             wrench: as in ``generalized_force``.
             out: array to write to.
             cut: of a robot with loops, that its loops are open: of the tree alone.
@@ -196,25 +198,28 @@ class Kernel(Differentiation, TimeDerivatives, InverseKinematics, Rollouts):
             LoopError: a loop is open, or opening, by more than 1e-9 (float32: 1e-5) m or rad (per second and the
                 largest rate).
         """
-        if wrench is not None and z is not None and self.calls.arrays.has_drives:
-            whole = self.forward_dynamics(*self._behind(q, v, u, z), wrench=wrench, cut=cut)
-            return self.calls.arrays.written(cut_states(self.calls, whole, "vector"), out)
+        if wrench is not None and isinstance(self.calls, SplitCalls):
+            joined = self.calls.join_arguments("forward_dynamics", (q, v, u), z)
+            whole = self.augmented.forward_dynamics(*joined, wrench=wrench, cut=cut)
+            return self.calls.arrays.written(self.calls.split(whole, "vector"), out)
         if wrench is not None:
             u = self._with_wrench(q, u, wrench)
         name = "forward_dynamics"
         return self.calls.run(self.calls.of_tree(name) if flag("cut", cut) else name, out, (q, v, u), z=z)
 
-    def memory_rates(self, q: ArrayLike, v: ArrayLike, z: ArrayLike, u: ArrayLike | None = None) -> Array:
-        """Return the rates of the states of laws, (memory,), per s.
+    def internal_state_derivatives(self, q: ArrayLike, v: ArrayLike, z: ArrayLike, u: ArrayLike | None = None) -> Array:
+        """Return the time derivatives of internal states, (m,), in their units per s.
 
         Args:
             q, v: coordinates and their rates, (n,).
-            z: states, (memory,).
+            z: internal states, (m,).
             u: drives, (n,); zeros by default.
         """
-        n = len(self.coordinates)
-        drives = np.zeros(n, self.dtype) if u is None else u
-        return np.ascontiguousarray(self.forward_dynamics(*self._behind(q, v, drives, z))[..., n:])
+        if not isinstance(self.calls, SplitCalls):
+            raise InputError(f"z: no force law of {self.name} has internal states; allowed: robots with some")
+        drives = np.zeros(self.n, self.dtype) if u is None else u
+        joined = self.calls.join_arguments("forward_dynamics", (q, v, drives), z)
+        return np.ascontiguousarray(self.augmented.forward_dynamics(*joined)[..., self.n :])
 
     def constraint_forces(
         self,
@@ -236,14 +241,15 @@ class Kernel(Differentiation, TimeDerivatives, InverseKinematics, Rollouts):
             q, v, u: (n,), as in ``forward_dynamics``.
             wrench: as in ``generalized_force``.
             out: array to write to.
-            z: states of laws, (memory,), where arrays are of coordinates alone.
+            z: internal states, (m,).
 
         Raises:
             SingularError, LoopError: as of ``forward_dynamics``.
             UnknownNameError: the robot has no loops or rigid couplings.
         """
-        if wrench is not None and z is not None and self.calls.arrays.has_drives:
-            (q, v, u), z = self._behind(q, v, u, z), None
+        if wrench is not None and isinstance(self.calls, SplitCalls):
+            joined = self.calls.join_arguments("forward_dynamics", (q, v, u), z)
+            return self.calls.arrays.written(self.augmented.constraint_forces(*joined, wrench=wrench), out)
         under = u if wrench is None else self._with_wrench(q, u, wrench)
         if not self.couplings:
             return self.calls.run("constraint_forces", out, (q, v, under), z=z)
@@ -271,7 +277,7 @@ class Kernel(Differentiation, TimeDerivatives, InverseKinematics, Rollouts):
             q, v, a: (n,).
             wrench: as in ``generalized_force``.
             out: array to write to.
-            z: states of laws, (memory,), where arrays are of coordinates alone.
+            z: internal states, (m,).
 
         Raises:
             UnknownNameError: no rigid coupling makes followers of coordinates.
@@ -304,9 +310,7 @@ class Kernel(Differentiation, TimeDerivatives, InverseKinematics, Rollouts):
 
         Args:
             q, v, u: (n,).
-            z: states of laws, (memory,); the arrays and the result are then those of coordinates alone.  Without it
-                arrays have these states, and behind the forces stand those on the states: of a winding's current the
-                voltage less what the motion induces, so that forces by velocities are the power that drives take in.
+            z: internal states, (m,).
             out: array to write to.
         """
         if not self.calls.arrays.has_drives:
@@ -314,19 +318,16 @@ class Kernel(Differentiation, TimeDerivatives, InverseKinematics, Rollouts):
         return self.calls.run("drive_forces", out, (q, v, u), z=z)
 
     def _undriven(self, q: ArrayLike, v: ArrayLike, u: ArrayLike, z: ArrayLike | None) -> Array:
-        """Return u, which is the forces where no drive takes it otherwise, as long as the arrays are."""
-        if z is not None:
-            states_apart(self.calls, z)
-        forces, lead = whole_array(self.calls, "u", u)
-        for label, value in (("q", q), ("v", v)):
-            lead = joint_lead(label, whole_array(self.calls, label, value)[1], lead)
-        width = self.calls.narrow if z is not None or is_narrow(self.calls, u) else self.n
-        return np.array(np.broadcast_to(forces, (*lead, self.n))[..., :width])
-
-    def _behind(self, q: ArrayLike, v: ArrayLike, u: ArrayLike, z: ArrayLike) -> tuple[Array, Array, Array]:
-        """Return arrays of coordinates with room for states of laws behind them, z behind v."""
-        states = states_apart(self.calls, z)
-        return widened(self.calls, "q", q), widened(self.calls, "v", v, states), widened(self.calls, "u", u)
+        """Return u, which is the forces where no drive takes it otherwise."""
+        lead: tuple[int, ...] = ()
+        for label, value in (("q", q), ("v", v), ("u", u)):
+            array, own = self.calls.array(label, value, (self.n,))
+            lead = joint_lead(label, own, lead)
+        if isinstance(self.calls, SplitCalls) and z is not None:
+            lead = joint_lead("z", self.calls.states(z).shape[:-1], lead)
+        elif z is not None:
+            raise InputError(f"z: no force law of {self.name} has internal states; allowed: a call without z")
+        return np.array(np.broadcast_to(array, (*lead, self.n)))
 
     def euler_cosines(self, q: ArrayLike, *, out: Array | None = None) -> Array:
         """Return the cosine of beta of each joint with three angles, (joints,); 1 for other joints.
@@ -362,7 +363,7 @@ class Kernel(Differentiation, TimeDerivatives, InverseKinematics, Rollouts):
         Args:
             q, v: (n,).
             out: array to write to.
-            z: states of laws, (memory,), where arrays are of coordinates alone.
+            z: internal states, (m,).
         """
         return self.calls.run("energy", out, (q, v), z=z)
 
@@ -389,7 +390,7 @@ class Kernel(Differentiation, TimeDerivatives, InverseKinematics, Rollouts):
             wrench: external wrenches as in ``generalized_force``.
             out: array to write to.
             cut: of a robot with loops, that its loops are open: no force passes through them.
-            z: states of laws, (memory,), where arrays are of coordinates alone.
+            z: internal states, (m,).
 
         Raises:
             LoopError: as of ``inverse_dynamics``.
@@ -433,7 +434,7 @@ class Kernel(Differentiation, TimeDerivatives, InverseKinematics, Rollouts):
             q, v, a: (n,), a motion that keeps the loops closed, made by drives at the coordinates that have one.
             wrench: as in ``generalized_force``.
             out: array to write to.
-            z: states of laws, (memory,), where arrays are of coordinates alone.
+            z: internal states, (m,).
 
         Raises:
             LoopError: as of ``inverse_dynamics``.

@@ -295,7 +295,7 @@ def check_states(robot: Robot, n: int, size: tuple[float, float], built: Build) 
         z = size[1] * rng.normal(size=len(form.z))
         residual, rates, kinetic, potential, M = function(q, v, a, u, z=z)
         assert residual == pytest.approx(kernel.residual(q, v, a, u, z=z), rel=1e-9, abs=1e-9)
-        assert rates == pytest.approx(kernel.memory_rates(q, v, z, u), rel=1e-9, abs=1e-12)
+        assert rates == pytest.approx(kernel.internal_state_derivatives(q, v, z, u), rel=1e-9, abs=1e-12)
         assert (kinetic, potential) == pytest.approx(tuple(kernel.energy(q, v, z=z)), rel=1e-9)
         assert pytest.approx(kernel.mass_matrix(q), rel=1e-9, abs=1e-12) == M
 

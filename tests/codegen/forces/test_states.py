@@ -89,7 +89,7 @@ STATE["p"] = list(build_model(robot_from_toml(ROBOT)).parameters.values())
 
 
 def test_rows_and_energies(model: Model) -> None:
-    assert model.memory == ("slide.z.friction.a", "slide.z.friction.b")
+    assert model.internal_states == ("slide.z.friction.a", "slide.z.friction.b")
     assert model.remembering == {("joints.slide.z", "friction"): (1, 2)}
     M, B, K = slopes()
     q, v, a = np.array(STATE["q"]), np.array(STATE["v"]), np.array([0.2, 0.5, -0.4])
@@ -174,7 +174,7 @@ def test_transmissions_and_couplings_remember(c: complex) -> None:
     """Of linear laws along rows that do not change, steps and stages are those of M, B and K."""
     rails = build_model(robot_from_toml(RAILS))
     names = ("first.z.maxwell.0.z", "first.z.maxwell.1.z", "first.motor.maxwell.0.z", "belt.maxwell.0.z")
-    assert rails.memory == (*names, "belt.maxwell.1.z")
+    assert rails.internal_states == (*names, "belt.maxwell.1.z")
     n, rng, is_pair = rails.size, np.random.default_rng(1), isinstance(c, complex)
     q, v = np.r_[rng.normal(size=3), np.zeros(5)], rng.normal(size=n)
     state: dict[str, Any] = {"q": q.tolist(), "v": v.tolist(), "u": [0.0] * n, "p": [*rails.parameters.values()]}
