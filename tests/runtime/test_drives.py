@@ -40,7 +40,7 @@ def _names(kernel: eomgen.Kernel) -> list[str]:
 @pytest.mark.parametrize("name", DRIVES)
 def test_accelerations_and_their_derivatives_are_those_of_the_equations(name: str, built: Build) -> None:
     table, _ = DRIVES[name]
-    kernel, numbers, rng = built(servo(table)), numbers_of(table), np.random.default_rng(1)
+    kernel, numbers, rng = built(servo(table)).augmented, numbers_of(table), np.random.default_rng(1)
     for size in (0.1, 1.0, 10.0, 100.0):
         q, v, u = rng.normal(size=(3, kernel.n))
         v[1:] *= size
@@ -110,9 +110,10 @@ def test_a_current_loop_has_the_bandwidth_that_its_gains_are_for(built: Build) -
     R, L, w = 0.7, 1.4e-3, 2000.0
     winding = f"winding = {{ resistance = {R}, inductance = {L}, torque_constant = 1e-9 }}"
     kernel = built(servo(f"{winding}, controller = {{ current = {{ kp = {w * L}, ki = {w * R} }} }}"))
-    zero, u = np.zeros(kernel.n), np.zeros(kernel.n)
-    _, by_v, by_u = kernel.forward_dynamics_jacobian(zero, zero, u)
-    states = slice(1, kernel.n)
+    whole = kernel.augmented
+    zero = np.zeros(whole.n)
+    _, by_v, by_u = whole.forward_dynamics_jacobian(zero, zero, zero)
+    states = slice(1, whole.n)
     A, B, row = by_v[states, states], by_u[states, 0], _names(kernel).index("current")
     for frequency in (0.1 * w, w, 10.0 * w):
         gain = np.linalg.solve(1j * frequency * np.eye(len(A)) - A, B)[row]
@@ -175,8 +176,8 @@ def test_forces_beside_a_drive_act_on_its_coordinate(built: Build) -> None:
     kernel = built(servo(table))
     q, v, drives = np.zeros(2), np.array([0.3, 1.0]), np.array([u, 0.0])
     wrench = {"arm": [0.0, 2.0, 0.0, 0.0, 0.0, 0.5]}
-    free = kernel.forward_dynamics(q, v, drives)
-    pushed = kernel.forward_dynamics(q, v, drives, wrench=wrench)
+    free = kernel.augmented.forward_dynamics(q, v, drives)
+    pushed = kernel.augmented.forward_dynamics(q, v, drives, wrench=wrench)
     assert pushed[0] - free[0] == pytest.approx((0.2 * 2.0 + 0.5) / INERTIA)
     assert pushed[1] == free[1]
     row = Signal.constant(np.array(wrench["arm"]))
@@ -259,7 +260,7 @@ def test_efforts_clip_forces_alone(built: Build) -> None:
 def test_linear_systems_have_drives(built: Build) -> None:
     """Free drives work about the state: eigenvalues, and responses to their inputs."""
     robot = servo(DRIVES["cascade"][0])
-    kernel = built(robot)
+    kernel = built(robot).augmented
     system = eomgen.analysis.linearize(robot, drives="free", inputs=["joint1.gamma"], outputs=["joint1.gamma"])
     zero = np.zeros(kernel.n)
     by_q, by_v, by_u = kernel.forward_dynamics_jacobian(zero, zero, zero)
@@ -374,18 +375,19 @@ placements = [{{ xyz = [0.5, 0.0, 0.0] }}, {{ xyz = [0.4, 0.0, 0.0] }}]
 def test_drives_move_closed_loops(built: Build) -> None:
     """Methods agree, works and energies balance, and derivatives are those of the accelerations."""
     kernel = built(robot_from_toml(LINKAGE))
-    n, m = kernel.n, len(kernel.coordinates)
+    whole, m = kernel.augmented, kernel.n
+    n = whole.n
     begin = kernel.assemble([0.9, 0.0, 0.0], ["crank.gamma"])
     q, v, u = np.zeros((3, n))
     q[:m] = begin
     v[:m] = kernel.project_velocity(begin, [1.0, 0.0, 0.0], ["crank.gamma"])
     v[m:], u[0], u[m] = [0.1, 0.02, 0.5], 2.0, 0.3
-    _, by_v, by_u = kernel.forward_dynamics_jacobian(q, v, u)
+    _, by_v, by_u = whole.forward_dynamics_jacobian(q, v, u)
     for slopes, places in ((by_v, range(m, n)), (by_u, range(n))):
         for i in places:
             step = 1e-5 * np.eye(n)[i]
             ends = [(v + s * step, u) if slopes is by_v else (v, u + s * step) for s in (1.0, -1.0)]
-            ahead, behind = (kernel.forward_dynamics(q, *end) for end in ends)
+            ahead, behind = (whole.forward_dynamics(q, *end) for end in ends)
             np.testing.assert_allclose(slopes[:, i], (ahead - behind) / 2e-5, rtol=1e-6, atol=1e-6)
     options: dict[str, Any] = {"duration": 1.0, "output_step": 0.25, "drive": [2.0, 0.0, 0.0]}
     motions = [

@@ -42,7 +42,7 @@ class Fixation:
         locked: those that do not move about the state either, (n,).
         driven: coordinates that drives move, (n,).
         kp, kd: gains that drives add to K and D, (n,), N/m, N m/rad and per rate; 0 where there is none.
-        z: states of laws at the state, (internal_states,).
+        z: states of laws at the state, (m,).
         notes: lines about what was assumed.
     """
 
@@ -79,7 +79,7 @@ def fixation_of(
         kp, kd: gains of "pd": a number for all driven coordinates, or by their names; kd is 0 by default.
         held: names of the coordinates that stay at the state and, if drives are "locked", about it; instead of the
             above.
-        z: states of laws, (internal_states,), or by name; 0 by default.
+        z: states of laws, (m,), or by name; 0 by default.
 
     Raises:
         InputError: an option is unknown, a gain missing or negative, or there is no law with a state.

@@ -48,7 +48,7 @@ class StateSpace(Shown, Saved):
         coordinates: names of all coordinates, n.
         q, v, a, u: the state about which it is, (n,) each; u of servo drives as ``Kernel.inputs`` has it, where it was
             given or a static equilibrium says it, else the force.
-        memory, z: names of all states of laws, and the states about which it is, (internal_states,).
+        memory, z: names of all states of laws, and the states about which it is, (m,).
         notes: lines about what was assumed.
     """
 

@@ -55,8 +55,8 @@ class StateOptions:
         parameters: values that differ from the description's, {"gravity.z": 0.0} say.
         kernel: of the robot, float64, with KERNELS and ``mechanism_kernels``, and with cut_forces and
             cut_jacobian for what floats in the clearance of a loop joint; built if None.  Its parameters count.
-        z: states of laws at the state, (internal_states,), or by their names, those left out 0: they stay as they are, since a
-            robot with bristles is at rest whatever they are.
+        z: internal states at the state, (m,), or by their names, those left out 0: they stay as they are, since a robot
+            with bristles is at rest whatever they are.
     """
 
     drives: str = "locked"

@@ -301,5 +301,6 @@ def _check_observable(robot: Robot) -> None:
         )
     if model.internal_states:
         raise InputError(
-            f"robot: laws have states ({listed(model.internal_states)}), which are not measured; allowed: robot.without_states()"
+            f"robot: laws have states ({listed(model.internal_states)}), which are not measured; allowed:"
+            " robot.without_states()"
         )

@@ -52,7 +52,7 @@ def closed_equilibrium(
             default.
         held: names of coordinates that stay at their guess, whatever drive that takes; prescribed ones do.
         wrench: external wrenches, as of the kernel's methods: (links, 6), or by frame and link.
-        z: states of laws, (internal_states,), or by name; 0 by default.
+        z: states of laws, (m,), or by name; 0 by default.
 
     Raises:
         LoopError: the loops do not close near the guess.

@@ -113,7 +113,7 @@ class Model:
 
     @cached_property
     def states(self) -> tuple[OwnedState, ...]:
-        """States of laws in the order of ``internal_states``: of coordinates, transmissions, loop joints and couplings."""
+        """Internal states in the order of their names: of coordinates, transmissions, loop joints and couplings."""
         laws = ((prefix, kind, coordinate.law()) for prefix, kind, coordinate in self.robot.coordinate_laws())
         return tuple(
             OwnedState(prefix, law, numbers, state, kind in LINEAR)

@@ -145,7 +145,7 @@ def _balanced(
     """Solve the static equilibrium near q under drives and wrenches at t = 0; clearances start in their middle.
 
     Args:
-        begin: q, (n,), and the states of laws, (internal_states,), which stay.
+        begin: q, (n,), and the states of laws, (m,), which stay.
         still: coordinates that are held.
     """
     kernel, drive, wrenches, (q, z) = assembly.augmented, assembly.drive.standstill(), assembly.wrenches, begin

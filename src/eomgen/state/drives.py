@@ -161,7 +161,7 @@ class DrivesAtRest:
 def drives_at_rest(
     kernel: Kernel, q: ArrayLike, forces: ArrayLike, z: ArrayLike | None = None, *, held: Container[str] = ()
 ) -> tuple[Array, Array]:
-    """Return inputs u, (n,), and states of laws, (internal_states,), with which drives exert forces on a robot at rest.
+    """Return inputs u, (n,), and states of laws, (m,), with which drives exert forces on a robot at rest.
 
     Currents and filters stand at the values that these forces take, integrals where the control errors that they watch
     are 0; without an integral a reference differs from what is measured by the steady error.
@@ -170,7 +170,7 @@ def drives_at_rest(
         kernel: of the robot.
         q: coordinates, (n,).
         forces: on coordinates, (n,), N or N m, as ``static_equilibrium`` returns them.
-        z: states of other laws, (internal_states,); 0 by default.
+        z: states of other laws, (m,); 0 by default.
         held: names of coordinates that are held by something else: u is the force there, and states stay as in z.
 
     Raises:

@@ -41,7 +41,7 @@ def static_equilibrium(
             references of drives without an error are those of the guess; None: zero.
         held: names of coordinates that stay at their guess, whatever drive that takes; prescribed ones do.
         wrench: external wrenches, as of the kernel's methods: (links, 6), or by frame and link.
-        z: states of laws, (internal_states,), or by name; 0 by default.
+        z: states of laws, (m,), or by name; 0 by default.
 
     Returns:
         q, (n,), and the forces that hold it, (n,): u, or what drives exert under it, and in held coordinates what is

@@ -22,7 +22,7 @@ from ..shown import Shown
 from .drives import drive_slopes, has_drives
 from .vectors import state_vector
 
-StatesLike = Mapping[str, float] | ArrayLike  # of laws, (internal_states,), or by their names
+StatesLike = Mapping[str, float] | ArrayLike  # of laws, (m,), or by their names
 
 GOLDEN = 0.6180339887498949
 FINE = 1e-300  # m/s or rad/s: a velocity that only has a direction
@@ -30,7 +30,7 @@ STICKS = 1e-200  # 1/s: a rate of a state at such a velocity
 
 
 def state_values(kernel: Kernel, z: StatesLike | None) -> Array:
-    """Return states of laws, (internal_states,), m or rad: zeros where nothing is said, or by names, those left out 0.
+    """Return states of laws, (m,), m or rad: zeros where nothing is said, or by names, those left out 0.
 
     Raises:
         InputError: no law of the robot has a state.
@@ -74,7 +74,7 @@ def refuse_moving(kernel: Kernel, z: Array) -> None:
 
 
 def at_rest_with(kernel: Kernel, z: Array) -> Array:
-    """Return velocities of a robot at rest whose laws have states z, (internal_states,): (kernel.n,), zeros, then z."""
+    """Return velocities of a robot at rest whose laws have states z, (m,): (kernel.n,), zeros, then z."""
     return np.concatenate([np.zeros(len(kernel.coordinates)), z])
 
 
