@@ -38,7 +38,7 @@ def render_arrays(model: Model, kernels: Sequence[str] = ()) -> str:
     """
     known = available(model)
     for name in kernels:
-        if name not in KERNELS:
+        if name not in KERNELS.compiled:
             raise InputError(f"kernels: {show(name)} is unknown; allowed: {', '.join(known)}")
     chosen = tuple(kernels) or tuple(name for name in DEFAULT if name in known)
     equations = derive_equations(model, chosen)
