@@ -206,8 +206,8 @@ def test_what_depends_on_states_is_known(built: Build) -> None:
             if steps or DERIVATIVE.search(function.name) or "v" not in function.reads or any(x is None for x in values):
                 continue
             other = [x + shift if label == "v" else x for x, label in zip(values, function.reads, strict=True)]
-            one, two = (whole.calls.run(function.name, None, x) for x in (values, other))
-            differs = (one != two)[..., : n if one.shape[-1:] == (kernel.n,) else None].any()
+            one, two = (kernel.augmented.calls.run(function.name, None, x) for x in (values, other))
+            differs = (one != two)[..., : n if one.shape[-1:] == (kernel.augmented.n,) else None].any()
             (changed if differs else same).add(function.name)
     assert all(has_states(name) for name in changed)
     assert not any(has_states(name) for name in same - changed - {"tree_reactions", "drive_jacobian"})
