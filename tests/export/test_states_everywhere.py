@@ -163,10 +163,11 @@ def test_python_on_arrays_has_the_kernels_numbers(make: Callable[[], Robot], bui
     if robot.is_closed:
         q, v = kernel.home[: q.size], 0.0 * v
     Q, V, U = wide(kernel, q, v, u, z)
+    whole = kernel.augmented
     np.testing.assert_allclose(
-        functions.forward_dynamics(Q, V, U), kernel.forward_dynamics(Q, V, U), rtol=1e-12, atol=1e-12
+        functions.forward_dynamics(Q, V, U), whole.forward_dynamics(Q, V, U), rtol=1e-12, atol=1e-12
     )
-    np.testing.assert_allclose(functions.energy(Q, V), kernel.energy(Q, V), rtol=1e-12)
+    np.testing.assert_allclose(functions.energy(Q, V), whole.energy(Q, V), rtol=1e-12)
     if not robot.is_closed:
         found = functions.rollout(Q, V, U, 1e-4, 10)
         motion = kernel.rollout(q, v, u, 1e-4, 10, z=z)
@@ -211,7 +212,7 @@ def test_packages_have_states_with_numpy_and_cffi_alone(package: Path) -> None:
     for numbers, array in zip(arrays, wanted, strict=True):
         assert [float.fromhex(x) for x in numbers] == array.tolist()
     again = pickle.loads(pickle.dumps(kernel))
-    assert again.memory == kernel.internal_states
+    assert again.internal_states == kernel.internal_states
     assert (again.internal_state_derivatives(q, v, z, u) == kernel.internal_state_derivatives(q, v, z, u)).all()
 
 
@@ -232,12 +233,12 @@ def test_headers_name_states_and_plants_move_with_them(package: Path, tmp_path: 
     sources = (tmp_path / "main.cpp", tmp_path / "kernel.o")
     run("g++", "-std=c++17", *WARNINGS, NO_EIGEN, *places, *sources, "-o", made, "-lm")
     *found, good, z = run(made).split()
-    q, v = kernel.rollout(Q, V, U, 1e-4, 20, method="implicit")
+    q, v = kernel.augmented.rollout(Q, V, U, 1e-4, 20, method="implicit")
     np.testing.assert_array_equal([float.fromhex(x) for x in found], np.r_[q[-1], v[-1]])
     assert good == "1"
     assert float(z) == pytest.approx(v[-1, len(kernel.coordinates)], rel=1e-5)
     header = (package / "bristle_arm.h").read_text(encoding="ascii")
-    for place, name in enumerate(kernel.velocities):
+    for place, name in enumerate(kernel.augmented.velocities):
         assert f" *   {place:3d}  {name}\n" in header
     names = (package / "bristle_arm_names.h").read_text(encoding="ascii")
     assert f"BRISTLE_ARM_STATE_{first.replace('.', '_')} = {len(kernel.coordinates)}" in names

@@ -623,9 +623,7 @@ def test_fixed_steps_know_what_states_stretch(built: Build) -> None:
     )
     drive, block = drive.augmented, block.augmented
     inertias = 1e-4 * 50.0**2, 0.02 + 1.0 * 0.2**2
-    assert fastest_rates(drive, np.zeros(drive.n))[0] == pytest.approx(
-        np.sqrt(600.0 * sum(1.0 / x for x in inertias))
-    )
+    assert fastest_rates(drive, np.zeros(drive.n))[0] == pytest.approx(np.sqrt(600.0 * sum(1.0 / x for x in inertias)))
     k = 100.0 + SHARE * K + (1.0 - SHARE) * K * A + sum(k for k, _ in BRANCHES)
     assert fastest_rates(block, np.zeros(block.n))[0] == pytest.approx(np.sqrt(k))
 

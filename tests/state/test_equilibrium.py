@@ -259,7 +259,9 @@ def test_linear_systems_know_the_inputs_and_states_that_hold_the_load(built: Bui
     n = len(kernel.coordinates)
     system = linearize(robot, {"j1": 0.3, "j2": 0.4}, kernel=kernel, inputs=["j2.gamma"])
     assert kernel.forward_dynamics(system.q, 0 * system.q, system.u, system.z) == pytest.approx(np.zeros(n), abs=1e-7)
-    assert kernel.internal_state_derivatives(system.q, 0 * system.q, system.z, system.u) == pytest.approx(0 * system.z, abs=1e-7)
+    assert kernel.internal_state_derivatives(system.q, 0 * system.q, system.z, system.u) == pytest.approx(
+        0 * system.z, abs=1e-7
+    )
     assert system.z[[name.endswith("drive.current") for name in kernel.internal_states]].all()
     place = kernel.coordinates.index("j2.gamma")
     assert system.u[place] == pytest.approx(system.q[place])  # its velocity loop leaves no error
@@ -302,7 +304,9 @@ def test_a_motion_is_linear_about_inputs_of_its_drives(built: Build) -> None:
 
         def rates(x: np.ndarray, u: float = u) -> np.ndarray:
             q, v = x[:1], x[1:2]
-            return np.r_[v, kernel.forward_dynamics(q, v, [u], x[2:]), kernel.internal_state_derivatives(q, v, x[2:], [u])]
+            return np.r_[
+                v, kernel.forward_dynamics(q, v, [u], x[2:]), kernel.internal_state_derivatives(q, v, x[2:], [u])
+            ]
 
         expected = np.array([(rates(x0 + h) - rates(x0 - h)) / 2e-6 for h in 1e-6 * np.eye(5)]).T
         names = ("axis.gamma", "axis.gamma.rate", *kernel.internal_states)
