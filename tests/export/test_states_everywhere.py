@@ -74,7 +74,8 @@ import bristle_arm as package
 kernel, given = package.kernel, json.load(sys.stdin)
 q, v, u, z = (np.array(given[key]) for key in "qvuz")
 motion = kernel.rollout(q, v, u, 1e-4, 20, method="implicit", z=z)
-found = [kernel.forward_dynamics(q, v, u, z), kernel.internal_state_derivatives(q, v, z, u), *(x[-1] for x in (*motion, motion.z))]
+rates = kernel.internal_state_derivatives(q, v, z, u)
+found = [kernel.forward_dynamics(q, v, u, z), rates, *(x[-1] for x in (*motion, motion.z))]
 print(json.dumps([list(kernel.internal_states), [[x.hex() for x in array.tolist()] for array in found]]))
 """
 PLANT = """

@@ -163,7 +163,8 @@ def bench(
     from ..codegen.package.compile import find_compiler
 
     options = Options(tuple(kernels), native=native, flags=tuple(flags))
-    kernel = build(robot, kernels=options.kernels or "all", native=native, flags=options.flags, progress=progress)
+    kernels = options.kernels or "all"
+    kernel = build(robot, kernels=kernels, native=native, flags=options.flags, progress=progress).augmented
     used = tools_for(options).flags
     progress("compiling the Newton-Euler algorithm")
     unknown = unknown_to_textbook(build_model(robot).tree)

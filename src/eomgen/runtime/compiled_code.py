@@ -109,6 +109,15 @@ class CompiledCode:
             self._binding.take(known)
         return known
 
+    @property
+    def split(self) -> Self:
+        """The kernel of which this is ``augmented``: z is an array of its own."""
+        if not self.is_augmented:
+            return self
+        other = self._with_methods_in_python()
+        other.calls = SplitCalls(self.calls)
+        return other
+
     def __repr__(self) -> str:
         return f"<Kernel {self.name}: {len(self.coordinates)} coordinates, {self.dtype}>"
 
@@ -142,9 +151,7 @@ class CompiledCode:
                 " eomgen.build and of generated packages"
             )
         if self.is_augmented:
-            split = self._with_methods_in_python()
-            split.calls = SplitCalls(self.calls)
-            return _augmented, (split,)
+            return _augmented, (self.split,)
         state = {"parameters": dict(self.parameters), "threads": self.threads, "checks": self.checks}
         return *self._again, state
 

@@ -195,7 +195,7 @@ def assemble(
         drive, begun, notes = feedforward_start(robot, scenario, control, kernel, moved_by, Gains(kp, kd))
     if control.get("saturate"):
         drive = _saturated(scenario, kernel, driven, drive, mechanism)
-    wrenches = Wrenches(scenario, robot, kernel) if scenario.wrenches else None
+    wrenches = Wrenches(scenario, robot, plain) if scenario.wrenches else None
     facts = Facts(record_of(robot), robot_hash(robot), scenario.as_dict(), is_rigid(robot))
     until = _until(scenario, robot, kernel)
     return Assembly(
@@ -307,7 +307,7 @@ def _may_run_in_c(scenario: Scenario) -> bool:
 
 def with_kernel(assembly: Assembly, robot: Robot, scenario: Scenario, kernel: Kernel) -> Assembly:
     """Return the assembly for a kernel of other parameters; program and drives stay, with the model that they know."""
-    wrenches = Wrenches(scenario, robot, kernel.augmented) if scenario.wrenches else None
+    wrenches = Wrenches(scenario, robot, kernel) if scenario.wrenches else None
     return replace(assembly, kernel=kernel, wrenches=wrenches, until=_until(scenario, robot, kernel.augmented))
 
 

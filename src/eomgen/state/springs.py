@@ -226,7 +226,8 @@ def coordinate_sizes(kernel: Kernel, q: Array) -> tuple[Array, Array]:
     stiffness = stiffnesses(kernel) + np.diagonal(line_rates(kernel, q)[0])
     inertia = np.diagonal(kernel.mass_matrix(q))
     n = len(kernel.coordinates)
-    return sizes.with_states(*sizes.deviation_sizes(stiffness[:n], inertia[:n]), internal_state_sizes(kernel))
+    found = sizes.deviation_sizes(stiffness[:n], inertia[:n])
+    return sizes.with_states(*found, internal_state_sizes(kernel)) if kernel.is_augmented else found
 
 
 def internal_state_sizes(kernel: Kernel) -> list[float]:
