@@ -12,7 +12,7 @@ from ..arrays import Array
 from ..errors import IntegrationError, check_kind
 from ..names import split_state
 from ..robot.coordinates import force_unit_of
-from ..robot.memory.drives import DRIVE
+from ..robot.memory.drives import DRIVE, STATES
 from ..robot.memory.standstill import standstill_of
 from ..robot.parameter_names import JOINTS
 from ..runtime.kernel import Kernel
@@ -30,6 +30,11 @@ def has_drives(kernel: Kernel) -> bool:
 def is_of_drive(state: str) -> bool:
     """Tell of a state of a law, by its name, whether it is one of a drive: "joint1.gamma.drive.current"."""
     return split_state(state)[1] == DRIVE
+
+
+def stores_energy(state: str) -> bool:
+    """Tell of an internal state, by its name, whether it stores energy: not those of loops, filters and lags."""
+    return not is_of_drive(state) or STATES[state.rpartition(".")[2]].inertia is not None
 
 
 def inputs_at(kernel: Kernel, q: Array, v: Array) -> Array:

@@ -21,7 +21,7 @@ from eomgen.codegen.solve.states import share, state_rows
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import DescriptionError
 from eomgen.robot import laws
-from eomgen.robot.memory.states import WEIGHTLESS, State
+from eomgen.robot.memory.states import State
 from eomgen.robot.model import Model, build_model
 from eomgen.robot.parameter_names import leasts
 from tests.support.bending_robots import Bending, bent, with_mode_follower
@@ -40,7 +40,7 @@ z = {{ friction = {{ model = "lugre", coulomb = 1.0, bristle_stiffness = 3.0 }} 
 F_S, F_V, F_Z = 3.0, 0.5, np.array([2.0, -1.5])
 G_S, G_V = np.array([0.3, -0.2]), np.array([1.0, 0.7])
 G_Z = np.array([[-4.0, 2.0], [-3.0, 0.5]])  # its second diagonal entry alone would grow
-INERTIAS = np.array([3.0, WEIGHTLESS])
+INERTIAS = np.array([3.0, 1.0])
 
 
 def spiral(x: Remembered) -> StateEffect:
