@@ -184,7 +184,7 @@ class NamedViews(CompiledCode):
         survivors = self.raw.libraries.about("christoffel")["survivors"]
         part = slice(len(self.coordinates))  # without states of laws
         arrays = mass[..., part, part], christoffel[..., part, part, part]
-        return make_blocks(*arrays, survivors, self.coordinates, self.n)
+        return make_blocks(*arrays, survivors, self.coordinates, self.augmented.n)
 
     @property
     def regressor_names(self) -> tuple[str, ...]:

@@ -97,7 +97,7 @@ class Calls:
         """Run a function, and add the contribution of wrenches to its result, as ``WRENCHED`` says."""
         if wrench is None:
             return self.run(name, out, values, z=z)
-        self._refuse_z(z)
+        self.refuse_z(z)
         added, sign, _ = WRENCHED[name]
         external = self.run(added, None, (values[0], wrench))
         single = self.raw.shapes[self.raw.functions[added].writes]
@@ -136,7 +136,7 @@ class Calls:
             ArrayError: an array of wrong shape or dtype, or with NaN or infinity, or a result that would be one.
             SingularError: the mass matrix cannot be inverted in a state.
         """
-        self._refuse_z(z)
+        self.refuse_z(z)
         raw, take, checks = self.raw, self.arrays.taken, self.checks
         if name not in raw.functions:
             raise raw.missing(name)
@@ -173,10 +173,27 @@ class Calls:
             raise self._overflow(name, result, function.reads, arrays)
         return result
 
-    def _refuse_z(self, z: ArrayLike | None) -> None:
+    def refuse_z(self, z: ArrayLike | None) -> None:
         """Raise InputError if there is z where no force law has internal states."""
         if z is not None:
             raise InputError(f"z: no force law of {self.raw.name} has internal states; allowed: a call without z")
+
+    def takes_z(self, name: str) -> bool:
+        """Whether a function takes z: its result depends on internal states, which are an array of their own."""
+        return False
+
+    def join_arguments(self, name: str, values: Sequence[ArrayLike], z: ArrayLike | None) -> list[ArrayLike]:
+        """Return augmented arrays of a function's arguments, in their order; InputError if z means nothing."""
+        self.refuse_z(z)
+        return list(values)
+
+    def join(self, label: str, value: ArrayLike, z: ArrayLike | None = None) -> ArrayLike:
+        """Return an argument as an augmented array, where it is by coordinate."""
+        return value
+
+    def split(self, result: Array, writes: str) -> Array:
+        """Return the entries of coordinates of an augmented result of that kind."""
+        return result
 
     def _rows(self, labels: Sequence[str], arrays: Sequence[Array], lead: Lead) -> tuple[list[Array], list[int]]:
         """Return arguments as rows of states, and strides between states, in numbers: 0 where one stands for all."""
@@ -358,6 +375,10 @@ class SplitCalls(Calls):
         """Calls with augmented arrays, as the C reads and writes them."""
         return self._augmented
 
+    def takes_z(self, name: str) -> bool:
+        """Whether a function takes z: its result depends on internal states."""
+        return has_states(name)
+
     def with_parameters(self, parameters: Parameters) -> Calls:
         """Return the calls by other parameters of the same code, whose state has threads and checks."""
         return SplitCalls(self._augmented.with_parameters(parameters))
@@ -398,19 +419,20 @@ class SplitCalls(Calls):
         """
         if name not in self.raw.functions:
             raise self.raw.missing(name)
-        if z is None and has_states(name):
+        if z is None and self.takes_z(name):
             what = f"allowed: z, (..., {len(self.internal_states)}), of {listed(self.internal_states)}"
             raise ArrayError(f"{name}: its result depends on internal states, and z is missing; {what}")
-        states = None if z is None else self.states(z)
         pairs = zip(self.raw.functions[name].reads, values, strict=True)
-        return [self.join(x, value, states if x == "v" else None) for x, value in pairs]
+        if z is not None:
+            self.states(z)  # refuses another shape
+        return [self.join(x, value, z if x == "v" else None) for x, value in pairs]
 
-    def join(self, label: str, value: ArrayLike, behind: Array | None = None) -> ArrayLike:
-        """Return an argument by coordinate with numbers of internal states behind, zeros by default; others as is."""
+    def join(self, label: str, value: ArrayLike, z: ArrayLike | None = None) -> ArrayLike:
+        """Return an argument by coordinate with internal states behind, zeros by default; others as they are."""
         if not self.arrays.is_by_coordinate(label):
             return value
         array, lead = self.array(label, value, (self.n,))
-        states = np.zeros(len(self.internal_states), self.dtype) if behind is None else behind
+        states = np.zeros(len(self.internal_states), self.dtype) if z is None else self.states(z)
         both = joint_lead(label, lead, states.shape[:-1])
         return np.concatenate([np.broadcast_to(x, (*both, x.shape[-1])) for x in (array, states)], axis=-1)
 

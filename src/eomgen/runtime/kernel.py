@@ -5,10 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import InputError
 from .arrays import flag, joint_lead
 from .by_name import WrenchLike, wrench_rows
-from .calls import SplitCalls
 from .derivatives.by_arguments import Differentiation
 from .derivatives.in_time import TimeDerivatives
 from .inverse_kinematics.kernel_method import InverseKinematics
@@ -198,7 +196,7 @@ class Kernel(Differentiation, TimeDerivatives, InverseKinematics, Rollouts):
             LoopError: a loop is open, or opening, by more than 1e-9 (float32: 1e-5) m or rad (per second and the
                 largest rate).
         """
-        if wrench is not None and isinstance(self.calls, SplitCalls):
+        if wrench is not None and self.augmented is not self:
             joined = self.calls.join_arguments("forward_dynamics", (q, v, u), z)
             whole = self.augmented.forward_dynamics(*joined, wrench=wrench, cut=cut)
             return self.calls.arrays.written(self.calls.split(whole, "vector"), out)
@@ -215,8 +213,6 @@ class Kernel(Differentiation, TimeDerivatives, InverseKinematics, Rollouts):
             z: internal states, (m,).
             u: drives, (n,); zeros by default.
         """
-        if not isinstance(self.calls, SplitCalls):
-            raise InputError(f"z: no force law of {self.name} has internal states; allowed: robots with some")
         drives = np.zeros(self.n, self.dtype) if u is None else u
         joined = self.calls.join_arguments("forward_dynamics", (q, v, drives), z)
         return np.ascontiguousarray(self.augmented.forward_dynamics(*joined)[..., self.n :])
@@ -247,7 +243,7 @@ class Kernel(Differentiation, TimeDerivatives, InverseKinematics, Rollouts):
             SingularError, LoopError: as of ``forward_dynamics``.
             UnknownNameError: the robot has no loops or rigid couplings.
         """
-        if wrench is not None and isinstance(self.calls, SplitCalls):
+        if wrench is not None and self.augmented is not self:
             joined = self.calls.join_arguments("forward_dynamics", (q, v, u), z)
             return self.calls.arrays.written(self.augmented.constraint_forces(*joined, wrench=wrench), out)
         under = u if wrench is None else self._with_wrench(q, u, wrench)
@@ -320,14 +316,10 @@ class Kernel(Differentiation, TimeDerivatives, InverseKinematics, Rollouts):
     def _undriven(self, q: ArrayLike, v: ArrayLike, u: ArrayLike, z: ArrayLike | None) -> Array:
         """Return u, which is the forces where no drive takes it otherwise."""
         lead: tuple[int, ...] = ()
-        for label, value in (("q", q), ("v", v), ("u", u)):
-            array, own = self.calls.array(label, value, (self.n,))
+        for label, value in zip("qvu", self.calls.join_arguments("forward_dynamics", (q, v, u), z), strict=True):
+            array, own = self.calls.augmented.array(label, value, (self.augmented.n,))
             lead = joint_lead(label, own, lead)
-        if isinstance(self.calls, SplitCalls) and z is not None:
-            lead = joint_lead("z", self.calls.states(z).shape[:-1], lead)
-        elif z is not None:
-            raise InputError(f"z: no force law of {self.name} has internal states; allowed: a call without z")
-        return np.array(np.broadcast_to(array, (*lead, self.n)))
+        return self.calls.split(np.array(np.broadcast_to(array, (*lead, self.augmented.n))), "vector")
 
     def euler_cosines(self, q: ArrayLike, *, out: Array | None = None) -> Array:
         """Return the cosine of beta of each joint with three angles, (joints,); 1 for other joints.

@@ -40,7 +40,7 @@ def state_values(kernel: Kernel, z: StatesLike | None) -> Array:
     if z is None:
         return np.zeros(len(kernel.internal_states))
     if not kernel.internal_states:
-        raise InputError(f"z: no force law of {kernel.name} has internal states; allowed: a call without z")
+        kernel.calls.refuse_z(0.0)
     if not isinstance(z, Mapping):
         return state_vector("z", z, kernel.internal_states)
     for name in z:

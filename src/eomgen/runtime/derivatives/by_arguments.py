@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 
 from ...errors import InputError, UnknownNameError
 from ...names import nearest_or_all, show
-from ..arrays import coordinate_axes, flag, has_states
-from ..calls import Calls, SplitCalls
+from ..arrays import coordinate_axes, flag
+from ..calls import Calls
 from ..compiled_code import CompiledCode
 from ..loop_errors import LOADED
 from ..parameters import parameter_slots
@@ -78,8 +78,7 @@ class Differentiated:
     @property
     def arguments(self) -> tuple[str, ...]:
         """Names of the method's arrays: z behind the others where its result depends on internal states."""
-        with_z = isinstance(self.calls, SplitCalls) and has_states(self.name)
-        return (*self.reads, "z") if with_z else self.reads
+        return (*self.reads, "z") if self.calls.takes_z(self.name) else self.reads
 
     def shape(self, label: str) -> tuple[int, ...]:
         """Return the shape of one of the C's arrays for one state."""
@@ -106,16 +105,9 @@ class Differentiated:
 
     def joined(self, arrays: Sequence[ArrayLike], prefix: str = "") -> list[ArrayLike]:
         """Return arguments, or rates of them, whose labels have a prefix, as the C reads them."""
-        if not isinstance(self.calls, SplitCalls):
-            return list(arrays)
-        reads, calls = len(self.reads), self.calls
-        z = calls.states(arrays[reads]) if len(arrays) > reads else None
+        z = arrays[len(self.reads)] if len(arrays) > len(self.reads) else None
         pairs = zip(self.reads, arrays, strict=False)
-        by_coordinate = calls.arrays.is_by_coordinate
-        return [
-            calls.join(f"{prefix}{x}", value, z if x == "v" else None) if by_coordinate(x) else value
-            for x, value in pairs
-        ]
+        return [self.calls.join(f"{prefix}{x}", value, z if x == "v" else None) for x, value in pairs]
 
     def run(self, kind: str, arrays: Sequence[ArrayLike], inner: int = 0) -> Array:
         """Call one of its derivatives on the C's arrays; the last ``inner`` leading axes are not of states.
@@ -129,7 +121,7 @@ class Differentiated:
 
     def split(self, result: Array) -> Array:
         """Return the method's result, or a rate of it, of the C's."""
-        return self.calls.split(result, self.writes) if isinstance(self.calls, SplitCalls) else result
+        return self.calls.split(result, self.writes)
 
     def weights(self, cotangent: ArrayLike, frame: int | None) -> Array:
         """Return weights of the results in the layout that derivatives read.
@@ -152,11 +144,13 @@ class Differentiated:
 
     def _weights(self, cotangent: ArrayLike, shape: tuple[int, ...]) -> tuple[Array, tuple[int, ...]]:
         """Return weights of that shape of the C's, with zeros for internal states, and leading axes."""
-        if not isinstance(self.calls, SplitCalls):
-            return self.calls.array(COTANGENT, cotangent, shape)
         axes = coordinate_axes(self.writes)
         inner = (*shape[: len(shape) - axes], *(self.calls.n,) * axes)
+        if self.writes == "regressor":  # its columns are parameters
+            inner = (self.calls.n, *shape[1:])
         weights, lead = self.calls.array(COTANGENT, cotangent, inner)
+        if inner == shape:
+            return weights, lead
         whole = np.zeros((*lead, *shape), self.calls.dtype)
         whole[(..., *map(slice, inner))] = weights
         return whole, lead
@@ -166,7 +160,7 @@ class Differentiated:
         places, begin, states = list[range](), 0, range(0)
         for label in self.reads:
             end = begin + math.prod(self.shape(label))
-            is_cut = isinstance(self.calls, SplitCalls) and self.calls.arrays.is_by_coordinate(label)
+            is_cut = self.calls.arrays.is_by_coordinate(label)
             places.append(range(begin, begin + self.calls.n if is_cut else end))
             if label == "v":
                 states = range(places[-1].stop, end)
@@ -336,8 +330,6 @@ class Differentiation(CompiledCode):
         f = self._differentiated(name)
         arrays, frame = f.state(args)
         second = f.run(HESSIAN, [*f.joined(arrays), f.weights(cotangent, frame)])
-        if not isinstance(self.calls, SplitCalls):
-            return second
         places = np.concatenate(f.places()).astype(np.intp)
         return np.ascontiguousarray(second[..., places[:, np.newaxis], places])
 

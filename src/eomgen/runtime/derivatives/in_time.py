@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike
 
 from ...errors import InputError, UnknownNameError
 from ...names import listed, nearest_or_all, show
-from ..arrays import OF_ORDERS, has_states, names_in, place_of
-from ..calls import SplitCalls
+from ..arrays import OF_ORDERS, names_in, place_of
 from ..loop_assembly import LoopClosure, closed_rates, free_coordinates
 from ..raw import Array
 from .by_arguments import CLOSED, FRAMED
@@ -98,10 +97,9 @@ class TimeDerivatives(LoopClosure):
         motion, others, frame = _split(name, wanted, series)
         index = self.frame_index(frame) if wanted.writes in FRAMED else None
         arrays = [*motion, *(x for one in others for x in one)]
-        z = None
-        if isinstance(self.calls, SplitCalls):
-            z = others.pop() if has_states(name) else None
-            arrays = self._joined(self.calls, motion, zip(wanted.others, others, strict=False), z)
+        z = others.pop() if self.calls.takes_z(name) else None
+        if self.augmented is not self:
+            arrays = self._joined(motion, zip(wanted.others, others, strict=False), z)
         if name in REFUSING and self.raw.libraries.meta.get("constraints"):  # refuses states in which loops are open
             values = [*motion[: len(wanted.motion) - order], *(one[0] for one in others)]
             self.calls.run(name, None, values, z=None if z is None else z[0])
@@ -110,7 +108,7 @@ class TimeDerivatives(LoopClosure):
             return bound(*arrays)
         writes = self.raw.functions[wanted.function].writes
         result, inner = self.calls.augmented.run(wanted.function, None, arrays), len(self.raw.shapes[writes])
-        result = self.calls.split(result, writes) if isinstance(self.calls, SplitCalls) else result
+        result = self.calls.split(result, writes)
         if index is None:
             return tuple(np.moveaxis(result, -inner, 0))
         return tuple(_of_frame(x, index, wanted.writes, k) for k, x in enumerate(np.moveaxis(result, -inner, 0)))
@@ -149,13 +147,11 @@ class TimeDerivatives(LoopClosure):
             motion.append(closed.reshape(guess.shape))
         return tuple(motion)
 
-    @staticmethod
-    def _joined(calls: SplitCalls, motion: Sequence[Any], others: Iterable[Any], z: Sequence[Any] | None) -> list[Any]:
+    def _joined(self, motion: Sequence[Any], others: Iterable[Any], z: Sequence[Any] | None) -> list[Any]:
         """Return series as the C reads them: z behind v, its time derivatives behind those of v."""
-        behind = [None, *map(calls.states, z or ())]
-        behind += [None] * (len(motion) - len(behind))
-        joined = [calls.join(*row) for row in zip(MOTION, motion, behind, strict=False)]
-        return [*joined, *(calls.join(names[0], x) for names, one in others for x in one)]
+        behind = [None, *(z or ()), *(None for _ in motion)]
+        joined = [self.calls.join(*row) for row in zip(MOTION, motion, behind, strict=False)]
+        return [*joined, *(self.calls.join(names[0], x) for names, one in others for x in one)]
 
     def _constraint_rest(self, motion: Sequence[Array]) -> Array:
         """Return what the constraint's next time derivative has beside J times that of the coordinates, (N, m)."""
@@ -182,7 +178,7 @@ class TimeDerivatives(LoopClosure):
         motion = tuple(x for x in reads if x in MOTION)
         rest = reads[len(motion) :]
         others = tuple(rest[i : i + order + 1] for i in range(0, len(rest), order + 1))
-        if isinstance(self.calls, SplitCalls) and has_states(name):
+        if self.calls.takes_z(name):
             others += (tuple(f"z{k or ''}" for k in range(order + 1)),)
         return _Request(function, int(order), motion, others, OF_ORDERS.sub("", known[function].writes))
 

@@ -137,8 +137,7 @@ class Rollouts(CompiledCode):
         """Return the calls where z is an array of its own; refuse z where no force law has internal states."""
         if isinstance(self.calls, SplitCalls):
             return self.calls
-        if z is not None:
-            raise InputError(f"z: no force law of {self.name} has internal states; allowed: a call without z")
+        self.calls.refuse_z(z)
         return None
 
     def _inputs(self, split: SplitCalls | None, z: ArrayLike | None, inputs: Inputs, saturate: Saturate) -> Inputs:
@@ -146,8 +145,7 @@ class Rollouts(CompiledCode):
         q0, v0, u, control = inputs.q0, inputs.v0, inputs.u, inputs.control
         kp, kd, target = control.kp, control.kd, control.target
         if split is not None:
-            states = None if z is None else split.states(z)
-            q0, v0 = split.join("q0", q0), split.join("v0", v0, states)
+            q0, v0 = split.join("q0", q0), split.join("v0", v0, z)
             u, target, kp, kd = (_padded(split, x) for x in (u, target, kp, kd))
             saturate = saturate if isinstance(saturate, Mapping) else _padded(split, saturate, np.inf)
         return Inputs(q0, v0, u, Control(kp, kd, target, efforts_of(self.calls.augmented, saturate)))
