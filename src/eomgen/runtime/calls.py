@@ -188,7 +188,8 @@ class Calls:
         return list(values)
 
     def join(self, label: str, value: ArrayLike, z: ArrayLike | None = None) -> ArrayLike:
-        """Return an argument as an augmented array, where it is by coordinate."""
+        """Return an argument as an augmented array, where it is by coordinate; InputError if z means nothing."""
+        self.refuse_z(z)
         return value
 
     def split(self, result: Array, writes: str) -> Array:
@@ -423,8 +424,6 @@ class SplitCalls(Calls):
             what = f"allowed: z, (..., {len(self.internal_states)}), of {listed(self.internal_states)}"
             raise ArrayError(f"{name}: its result depends on internal states, and z is missing; {what}")
         pairs = zip(self.raw.functions[name].reads, values, strict=True)
-        if z is not None:
-            self.states(z)  # refuses another shape
         return [self.join(x, value, z if x == "v" else None) for x, value in pairs]
 
     def join(self, label: str, value: ArrayLike, z: ArrayLike | None = None) -> ArrayLike:
@@ -456,6 +455,7 @@ class SplitCalls(Calls):
         return states
 
     def moving_mass(self, q: Array) -> Array | None:
+        """Return the mass matrix of what is not prescribed at q, (n,); None where no function gives one."""
         M = self._augmented.moving_mass(np.asarray(self.join("q", q)))
         moving = self.n - len(self.prescribed)
         return None if M is None else M[:moving, :moving]

@@ -316,8 +316,9 @@ class Kernel(Differentiation, TimeDerivatives, InverseKinematics, Rollouts):
     def _undriven(self, q: ArrayLike, v: ArrayLike, u: ArrayLike, z: ArrayLike | None) -> Array:
         """Return u, which is the forces where no drive takes it otherwise."""
         lead: tuple[int, ...] = ()
-        for label, value in zip("qvu", self.calls.join_arguments("forward_dynamics", (q, v, u), z), strict=True):
-            array, own = self.calls.augmented.array(label, value, (self.augmented.n,))
+        for label, value, states in (("q", q, None), ("v", v, z), ("u", u, None)):
+            joined = self.calls.join(label, value, states)
+            array, own = self.calls.augmented.array(label, joined, (self.augmented.n,))
             lead = joint_lead(label, own, lead)
         return self.calls.split(np.array(np.broadcast_to(array, (*lead, self.augmented.n))), "vector")
 
