@@ -199,7 +199,7 @@ def _line_motion(robot: Robot, line: Line, duration: float, tool: str | None) ->
 
 
 def _entry(robot: Robot, result: SimulationResult) -> Entry:
-    kernel = build(robot) if robot.is_closed else build(robot, kernels=(*COUNTED, "reactions"))
+    kernel = (build(robot) if robot.is_closed else build(robot, kernels=(*COUNTED, "reactions"))).augmented
     motion = result.trajectory
     q, v, u = motion.joined()
     reactions = np.asarray(kernel.reactions(q, v, kernel.forward_dynamics(q, v, u)))

@@ -164,7 +164,7 @@ def _files(
         "guard": f"EOMGEN_{name.upper()}_H",
         "version": __version__,
         "n": model.size,
-        "memory": len(model.memory),
+        "memory": len(model.internal_states),
         "hoisted": meta["hoisted"],
         "m": len(model.constraints),
         "dynamics": "constrained_dynamics" if model.constraints else "forward_dynamics",

@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike
 
 from ...errors import UnknownNameError
 from ...names import nearest_or_all, show
-from ..arrays import cut as cut_states
-from ..arrays import flag, joint_lead, states_apart, widened
+from ..arrays import flag, joint_lead
 from ..calls import Calls
 from ..direct import DirectFunctions
 from ..raw import Array, RawFunction, RawKernel
@@ -115,17 +114,11 @@ def evaluate(
         return calls.run(name, out, values, z=z)
     if not function.wrench.into:
         return calls.run_with_wrench(name, out, values, wrench_rows(calls, values[0], wrench), z)
-    if z is not None and calls.arrays.has_drives:
-        whole = evaluate(calls, name, _behind(calls, function, values, z), wrench=wrench)
-        return calls.arrays.written(cut_states(calls, whole, function.writes), out)
+    if calls.augmented is not calls:
+        joined = calls.join_arguments(name, values, z)
+        whole = evaluate(calls.augmented, name, joined, wrench=wrench)
+        return calls.arrays.written(calls.split(whole, function.writes), out)
     return calls.run(name, out, _with_wrench(calls, function, values, wrench), z=z)
-
-
-def _behind(calls: Calls, function: RawFunction, values: Sequence[Any], z: ArrayLike) -> list[Array]:
-    """Return arrays of coordinates with room for states of laws behind them, z behind v."""
-    states = states_apart(calls, z)
-    labelled = zip(function.reads, values, strict=True)
-    return [widened(calls, label, x, states if label == "v" else None) for label, x in labelled]
 
 
 def _with_wrench(calls: Calls, function: RawFunction, values: Sequence[Any], wrench: WrenchLike) -> list[Any]:
