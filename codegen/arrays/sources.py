@@ -13,15 +13,12 @@ from eomgen.robot.model import Model
 
 from ..c.source import environment
 from ..kernels.equations import Equations, derive_equations
+from ..kernels.groups import ARRAYS, kernel_group
 from ..kernels.interface import drive_inputs
 from ..kernels.signatures import KERNELS, SIGNATURES, available, shapes
 from ..program.ir import Program
 from .statements import Statements, write_statements
 
-DEFAULT = (
-    *("inverse_dynamics", "forward_dynamics", "mass_matrix", "bias_force", "generalized_force", "external_force"),
-    *("energy", "kinematics", "residual", "constraint", "constraint_jacobian"),
-)
 # Programs whose first n numbers they are.
 CLOSED = {"forward_dynamics": "constrained_dynamics", "inverse_dynamics": "constrained_drives"}
 POSES = "Poses [R | X] of all frames in the base; eqs. (1) and (2)."
@@ -31,7 +28,7 @@ def render_arrays(model: Model, kernels: Sequence[str] = ()) -> str:
     """Render a model as text of a Python module that needs neither eomgen nor anything else.
 
     Args:
-        kernels: names of KERNELS; those of DEFAULT that the model has if empty.
+        kernels: names of KERNELS; those of ARRAYS that the model has if empty.
 
     Raises:
         InputError: a kernel is unknown, or no program: its C has loops or calls.
@@ -40,7 +37,7 @@ def render_arrays(model: Model, kernels: Sequence[str] = ()) -> str:
     for name in kernels:
         if name not in KERNELS:
             raise InputError(f"kernels: {show(name)} is unknown; allowed: {', '.join(known)}")
-    chosen = tuple(kernels) or tuple(name for name in DEFAULT if name in known)
+    chosen = tuple(kernels) or kernel_group(model, ARRAYS)
     equations = derive_equations(model, chosen)
     functions = [_function(equations, name) for name in equations.kernels if name in chosen]
     h = write_statements(equations.setup, "h", len(equations.setup.outputs))

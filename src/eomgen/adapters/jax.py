@@ -220,7 +220,7 @@ def _frame_functions(jax: Any, jnp: Any, there: DifferentiableFunction) -> Calla
 
     def turned(q: Array) -> Array:
         along = (np.broadcast_to(rates, q.shape) for rates in np.eye(q.shape[-1]))
-        return np.stack([kernel.jvp("frame_jacobian", (q, frame), (rates,)) for rates in along], axis=-1)
+        return np.stack([kernel.jvp(kernel.frame_jacobian, (q, frame), (rates,)) for rates in along], axis=-1)
 
     shape = kernel.raw.shapes["jacobian"]
     moved = jax.ShapeDtypeStruct((*shape, shape[-1]), kernel.dtype)

@@ -33,6 +33,7 @@ from eomgen.runtime.parameters import FADING, SPEEDS, TINY
 from eomgen.runtime.stepping.options import ADAPTIVE as STEPPERS
 from eomgen.runtime.stepping.options import rollout_of
 
+from ...codegen.kernels.groups import CLOSED_FMU, FMU, kernel_group
 from ...pipeline.mechanisms import assembled_home
 from ..step import default_step
 from .choices import ADAPTIVE, AUTO, METHODS, VERSIONS
@@ -40,15 +41,6 @@ from .choices import ADAPTIVE, AUTO, METHODS, VERSIONS
 if TYPE_CHECKING:
     from .variables import Variable
 
-TANGENTS = ("external_force_tangent", "energy_tangent", "reactions_tangent", "external_reactions_tangent")
-KERNELS = (
-    *("forward_dynamics", "forward_dynamics_jacobian", "external_force", "kinematics", "energy", "reactions"),
-    *("external_reactions", *TANGENTS),
-)
-CLOSED_KERNELS = (  # of robots with a constraint
-    *("constrained_dynamics", "settling", "external_force", "kinematics", "energy"),
-    *("constrained_dynamics_tangent", "settling_tangent", "external_force_tangent", "energy_tangent"),
-)
 RTOL = 1e-6  # relative tolerance of co-simulation at first
 
 
@@ -92,7 +84,7 @@ def export_fmu(
     _check(version, method, rtol, step)
     home = assembled_home(robot, progress)
     solver = _solver(robot, method, rtol, step, progress)
-    kernels = CLOSED_KERNELS if build_model(robot).constraints else KERNELS
+    kernels = kernel_group(robot, CLOSED_FMU if build_model(robot).constraints else FMU)
     stepping = (rollout_of(method),) if method in ADAPTIVE else ("rollout",)
     options = Options((*kernels, *stepping), batches=False)
     files = _files(robot, options, version, method, (solver, home), progress)

@@ -17,7 +17,7 @@ from ..calls import Calls
 from ..compiled_code import CompiledCode
 from ..loop_errors import LOADED
 from ..parameters import parameter_slots
-from ..raw import Array
+from ..raw import Array, Method, name_of
 
 ADJOINT, TANGENT, HESSIAN = "adjoint", "tangent", "hessian"
 BY_PARAMETERS = "parameter_"
@@ -234,7 +234,7 @@ class Differentiation(CompiledCode):
 
     def jvp(
         self,
-        name: str,
+        name: Method,
         args: Sequence[Any],
         tangents: Sequence[ArrayLike],
         *,
@@ -243,7 +243,7 @@ class Differentiation(CompiledCode):
         """Give what a method's result changes by along rates of its arguments: its Jacobian times them, exact.
 
         Args:
-            name: the method, such as "inverse_dynamics", "reactions", "energy", "frame_pose".
+            name: the method or its name, such as "inverse_dynamics", "reactions", "energy", "frame_pose".
             args: its arguments in their order, such as (q, v, a) or (q, "tool"); without ``wrench``.
             tangents: a rate for each array among them, of its shape.
             parameters: rates of run-time parameters by their names.
@@ -268,7 +268,7 @@ class Differentiation(CompiledCode):
         return derivative
 
     def vjp(
-        self, name: str, args: Sequence[Any], cotangent: ArrayLike, parameters: Sequence[str] = ()
+        self, name: Method, args: Sequence[Any], cotangent: ArrayLike, parameters: Sequence[str] = ()
     ) -> tuple[Array, ...]:
         """Return the gradient of the sum of a method's weighted results: weights times its Jacobian, exact.
 
@@ -298,7 +298,7 @@ class Differentiation(CompiledCode):
         split = gradient.shape[-1] - len(self.parameters)
         return (*f.rows(gradient[..., :split], narrow), gradient[..., split:][..., slots])
 
-    def hessian(self, name: str, args: Sequence[Any], cotangent: ArrayLike) -> Array:
+    def hessian(self, name: Method, args: Sequence[Any], cotangent: ArrayLike) -> Array:
         """Return exact second derivatives, symmetric, of the sum of a method's weighted results by its arguments.
 
         Args:
@@ -321,7 +321,7 @@ class Differentiation(CompiledCode):
         places = np.array(f.coordinate_places())
         return np.ascontiguousarray(second[..., places[:, np.newaxis], places])
 
-    def parameter_jacobian(self, name: str, args: Sequence[Any], parameters: Sequence[str] | None = None) -> Array:
+    def parameter_jacobian(self, name: Method, args: Sequence[Any], parameters: Sequence[str] | None = None) -> Array:
         """Return derivatives of a method's results by run-time parameters, exact.
 
         Args:
@@ -351,8 +351,8 @@ class Differentiation(CompiledCode):
         columns = cut(self.calls, columns, f.writes) if narrow else columns
         return np.moveaxis(columns, len(lead), -1)
 
-    def _differentiated(self, name: str) -> Differentiated:
-        return Differentiated.of(self.calls, name, self.frame_index)
+    def _differentiated(self, name: Method) -> Differentiated:
+        return Differentiated.of(self.calls, name_of(name), self.frame_index)
 
 
 def _three(blocks: Array) -> tuple[Array, Array, Array]:

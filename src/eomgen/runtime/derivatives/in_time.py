@@ -14,7 +14,7 @@ from ...errors import InputError, UnknownNameError
 from ...names import listed, nearest_or_all, show
 from ..arrays import OF_ORDERS, cut, is_narrow, names_in, place_of, whole_array
 from ..loop_assembly import LoopClosure, closed_rates, free_coordinates
-from ..raw import Array
+from ..raw import Array, Method, name_of
 from .by_arguments import CLOSED, FRAMED
 
 MOTION = ("q", "v", "a", "jerk", "snap", "crackle", "pop")  # time derivatives of coordinates, by their order
@@ -58,7 +58,7 @@ class _Direct(NamedTuple):
 class TimeDerivatives(LoopClosure):
     """Time derivatives along motions, of any order up to four."""
 
-    def jet(self, name: str, series: Sequence[Any], order: int = 1) -> tuple[Array, ...]:
+    def jet(self, method: Method, series: Sequence[Any], order: int = 1) -> tuple[Array, ...]:
         """Return a method's result and its time derivatives along a motion: f, f', f'', ...; exact.
 
         They are coefficients of a truncated Taylor series through the equations; run-time parameters and joints'
@@ -66,8 +66,8 @@ class TimeDerivatives(LoopClosure):
         ``close_series`` completes one.
 
         Args:
-            name: the method, such as "inverse_dynamics", "forward_dynamics", "frame_pose", "mass_matrix"; without
-                ``wrench``.
+            method: the method or its name, such as "inverse_dynamics", "forward_dynamics", "frame_pose", "mass_matrix";
+                without ``wrench``.
             series: time derivatives of the coordinates, q, v, a, jerk, snap, ..., each (n,) or (..., n), as many as
                 function and order need: q'''' for the inverse dynamics to order 2.  More are not read.  Behind them
                 for each further array that the method reads, u or wrench, a tuple of the array and its time
@@ -85,7 +85,7 @@ class TimeDerivatives(LoopClosure):
             ArrayError: an array of wrong shape or dtype, or with NaN or infinity.
             SingularError, LoopError: as of the method.
         """
-        direct: _Direct | None = None
+        name, direct = name_of(method), None
         if type(order) is int and type(name) is str:
             direct = self._direct_jets.get((name, order))
         if direct is not None and type(series) is tuple and len(series) == direct.arrays:
@@ -149,8 +149,8 @@ class TimeDerivatives(LoopClosure):
         order = len(motion) - 2
         if order == 0:
             return self.calls.run("constraint_bias", None, motion)
-        rest = self.jet("constraint_bias", motion, order)[order]
-        for i, J in enumerate(self.jet("constraint_jacobian", motion[:-1], order)[1:], 1):
+        rest = self.jet(self.constraint_bias, motion, order)[order]
+        for i, J in enumerate(self.jet(self.constraint_jacobian, motion[:-1], order)[1:], 1):
             rest = rest + math.comb(order, i) * np.einsum("kmn,kn->km", J, motion[order + 2 - i])
         return rest
 
