@@ -35,7 +35,7 @@ def render_arrays(model: Model, kernels: Sequence[str] = ()) -> str:
     """
     known = available(model)
     for name in kernels:
-        if name not in KERNELS:
+        if name not in KERNELS.compiled:
             raise InputError(f"kernels: {show(name)} is unknown; allowed: {', '.join(known)}")
     chosen = tuple(kernels) or kernel_group(model, ARRAYS)
     equations = derive_equations(model, chosen)

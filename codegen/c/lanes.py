@@ -38,7 +38,7 @@ def batched(equations: Equations) -> list[str]:
             per_state += radau_room(equations)
         return per_state + arrays + max(values(program) for program in calls_of(equations, name))
 
-    public = [name for name in KERNELS if name in equations.kernels and _has_lanes(equations, name)]
+    public = [name for name in KERNELS.compiled if name in equations.kernels and _has_lanes(equations, name)]
     return [name for name in public if values(name) <= LANE_VALUES]
 
 

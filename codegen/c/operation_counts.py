@@ -50,7 +50,7 @@ OWN: Mapping[str, Callable[[Model], Counts]] = {  # of templates, beside the pro
 
 def operations(equations: Equations) -> dict[str, Counts]:
     """Count multiplications, additions, divisions, sine-cosine pairs of every kernel's C and the parameters' setup."""
-    counts = {name: _of_kernel(equations, name) for name in KERNELS if name in equations.kernels}
+    counts = {name: _of_kernel(equations, name) for name in KERNELS.compiled if name in equations.kernels}
     return {**counts, "parameters": equations.setup.count()}
 
 

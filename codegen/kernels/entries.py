@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -32,6 +32,9 @@ KINDS: Mapping[Kind, str] = {  # in the order in which C and packages have them
     "gradient": "the same, and back through the steps; there only if it is asked for",
 }
 Need = Literal["", "loops", "springs", "elements", "constraints", "cuts", "laws", "followers", "drives", "sensors"]
+
+
+DERIVED: tuple[Kind, ...] = ("jet", "tangent", "adjoint", "hessian")
 
 
 @dataclass(frozen=True)
@@ -144,6 +147,10 @@ class Signature:
     wrench: how external wrenches enter, if they do.
     tree: the kernel that computes the same for the open tree, where the robot has constraints.
     loaded: the kernel that computes the same where generalized forces u act in addition, for closed loops.
+    states: whether the result depends on internal states of force laws.
+    derivatives: kinds of the derivatives that there are of it.
+    variants: of a derivative the functions of C among which its arguments choose, by name: the order of "jet", whether
+        "tangent" and "adjoint" are by parameters, too, and the order of "adjoint", whose second one is a "hessian".
     """
 
     reads: tuple[str, ...]
@@ -168,6 +175,43 @@ class Signature:
     wrench: WrenchTerm | None = None
     tree: str = ""
     loaded: str = ""
+    states: bool = False
+    derivatives: tuple[Kind, ...] = DERIVED
+    variants: Mapping[str, Signature] = field(default_factory=dict)
+
+    @property
+    def takes(self) -> tuple[str, ...]:
+        """Optional arguments behind the arrays that methods take: "wrench", "z", "cut"."""
+        has = {"wrench": bool(self.wrench or self.loaded), "z": self.states, "cut": bool(self.tree)}
+        return tuple(name for name, there in has.items() if there)
+
+
+class KernelTable(Mapping[str, Signature]):
+    """Signatures by the names of kernels; by those of the functions of C, too, among which arguments choose.
+
+    "f_jet" is one kernel, whose argument ``order`` chooses one of "f_jet1" to "f_jet4".  It is the names of kernels
+    that are iterated over and counted.
+
+    Attributes:
+        compiled: signatures of all functions of C, by their names; what builds are asked for.
+    """
+
+    def __init__(self, rows: Mapping[str, Signature]) -> None:
+        self._rows = dict(rows)
+        self.compiled: Mapping[str, Signature] = {
+            function: signature
+            for name, row in rows.items()
+            for function, signature in (row.variants or {name: row}).items()
+        }
+
+    def __getitem__(self, name: str) -> Signature:
+        return self._rows[name] if name in self._rows else self.compiled[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._rows)
+
+    def __len__(self) -> int:
+        return len(self._rows)
 
 
 def kernel(form: str, text: str, kind: Kind = "program", **more: Any) -> tuple[str, Signature]:

@@ -16,7 +16,8 @@ from eomgen.robot.parameter_names import conditions, element_places, leasts, mat
 from eomgen.robot.value import MOTOR, Coupling, Loop
 
 from ..tree.regressor import described_values, regressor_names
-from .signatures import KERNELS, element_rows, functions, reading_names, shapes
+from .entries import Signature
+from .signatures import EXTERNAL, KERNELS, element_rows, functions, reading_names, shapes
 
 IF_ANY = (  # entries of the metadata that are there only where there is something to tell
     *("motors", "efforts", "ranges", "home", "frame_links", "turning", "loops", "upright", "constraints", "couplings"),
@@ -57,7 +58,9 @@ def describe_kernels(model: Model, kernels: Sequence[str], dtype: str) -> dict[s
         "least": leasts(robot, model.parameters),
         "shapes": {key: list(shape) for key, shape in shapes(model, kernels).items()},
         "kernels": {
-            name: {"reads": KERNELS[name].reads, "writes": KERNELS[name].writes} for name in KERNELS if name in kernels
+            name: {"reads": KERNELS[name].reads, "writes": KERNELS[name].writes}
+            for name in KERNELS.compiled
+            if name in kernels
         },
         "functions": {
             function.name: {
@@ -65,6 +68,7 @@ def describe_kernels(model: Model, kernels: Sequence[str], dtype: str) -> dict[s
                 "kind": function.kind,
                 "reads": function.signature.reads,
                 "writes": function.signature.writes,
+                **_method(function.signature),
             }
             for function in functions(kernels)
         },
@@ -82,6 +86,18 @@ def describe_kernels(model: Model, kernels: Sequence[str], dtype: str) -> dict[s
         "readings": reading_names(model),
     }
     return {key: value for key, value in described.items() if value or key not in IF_ANY}
+
+
+def _method(signature: Signature) -> dict[str, Any]:
+    """Return what methods need to know of a function beside its arrays, as far as there is something."""
+    wrench, loaded = signature.wrench, signature.loaded
+    known = {
+        "takes": signature.takes,
+        "wrench": wrench and [wrench.kernel, wrench.sign, wrench.into],
+        "tree": signature.tree,
+        "loaded": loaded and [loaded, EXTERNAL.kernel],
+    }
+    return {key: value for key, value in known.items() if value}
 
 
 def _closed(model: Model) -> dict[str, Any]:

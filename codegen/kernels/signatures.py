@@ -17,7 +17,7 @@ from ..tree.regressor import regressor_names
 from .blocks import row_blocks
 from .bodies import kinematics_size
 from .derived import BACKWARDS, GRADIENTS, derivative_shapes, differentiated
-from .entries import ARRAYS, KINDS, Kind, Signature, WrenchTerm, kernel, table
+from .entries import ARRAYS, KINDS, KernelTable, Kind, Signature, WrenchTerm, kernel, table
 
 DTYPES = ("float64", "float32")  # types of kernels' numbers
 SINGLES, BATCHES = "singles", "batches"  # the C of all kernels as two libraries: for one state, and on vectors
@@ -38,12 +38,14 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         "generalized_force(q, v) -> vector",
         "Springs, dampers, gravity: Q_P + Q_G, eqs. (13), (14).",
         wrench=EXTERNAL,
+        states=True,
     ),
     kernel("external_force(q, wrench) -> vector", "Q_F of eq. (14), its moment term corrected; base frame."),
     kernel(
         "residual(q, v, a, u) -> vector",
         "M a + bias - Q - u, eq. (5) unexpanded; zero on a motion.",
         wrench=EXTERNAL_OF_ROWS,
+        states=True,
     ),
     kernel(
         "inverse_dynamics(q, v, a) -> vector",
@@ -53,17 +55,20 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         wrench=EXTERNAL_OF_ROWS,
         tree="tree_inverse_dynamics",
         loaded="inverse_dynamics_under_load",
+        states=True,
     ),
     kernel(
         "tree_inverse_dynamics(q, v, a) -> vector",
         "The drives u that make the residual zero, loops cut.",
         needs="constraints",
         wrench=EXTERNAL_OF_ROWS,
+        states=True,
     ),
     kernel(
         "constrained_drives(q, v, a, u) -> driving",
         "Drives of a motion beside forces u, multipliers, g, J v, J a, J_dot v, forces left and needed.",
         needs="constraints",
+        states=True,
     ),
     kernel(
         "inverse_dynamics_under_load(q, v, a, u) -> vector",
@@ -71,6 +76,7 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         "composed",
         calls=("constrained_drives",),
         needs="constraints",
+        states=True,
     ),
     kernel(
         "forward_dynamics(q, v, u) -> vector",
@@ -80,6 +86,7 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         beside=("tree_forward_dynamics", *TOLD),
         wrench=WrenchTerm("external_force", into="u"),
         tree="tree_forward_dynamics",
+        states=True,
     ),
     kernel(
         "tree_forward_dynamics(q, v, u) -> vector",
@@ -87,6 +94,7 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         solves=True,
         needs="constraints",
         wrench=WrenchTerm("external_force", into="u"),
+        states=True,
     ),
     kernel(
         "constrained_dynamics(q, v, u) -> constrained",
@@ -94,6 +102,7 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         solves=True,
         needs="constraints",
         beside=("following",),  # charts, along which it is integrated
+        states=True,
     ),
     kernel(
         "constraint_forces(q, v, u) -> constraints",
@@ -103,6 +112,7 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         solves=True,
         needs="constraints",
         wrench=WrenchTerm("external_force", into="u"),
+        states=True,
     ),
     kernel(
         "settling(q, v) -> settling",
@@ -117,8 +127,13 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         calls=("constraint", "constraint_jacobian", "constraint_bias"),
         needs="constraints",
         vectors=False,
+        derivatives=(),
     ),
-    kernel("residual_jacobian(q, v, a) -> derivatives", "Derivatives of the residual by q, v and a: three matrices."),
+    kernel(
+        "residual_jacobian(q, v, a) -> derivatives",
+        "Derivatives of the residual by q, v and a: three matrices.",
+        states=True,
+    ),
     kernel(
         "forward_dynamics_jacobian(q, v, u) -> derivatives",
         "Derivatives of the accelerations by q, v and u: three matrices.",
@@ -128,6 +143,8 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         solves=True,
         beside=("tree_forward_dynamics_jacobian", *TOLD),
         tree="tree_forward_dynamics_jacobian",
+        derivatives=("jet",),
+        states=True,
     ),
     kernel(
         "tree_forward_dynamics_jacobian(q, v, u) -> derivatives",
@@ -136,6 +153,8 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         calls=("tree_forward_dynamics", "residual_jacobian"),
         solves=True,
         needs="constraints",
+        derivatives=("jet",),
+        states=True,
     ),
     kernel("coriolis_matrix(q, v) -> matrix", "Coriolis matrix C(q, v) with C v = bias and M_dot = C + C^T."),
     kernel(
@@ -143,29 +162,25 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         "Christoffel symbols of the first kind, the tensor C of eq. (12).",
         columns_of="coriolis_matrix",
         mapped=True,
+        derivatives=("jet",),
     ),
     kernel(
         "kinematics(q) -> kinematics",
         "Frames [R | X], bodies' origins, coordinates' axes; eqs. (1)-(3).",
         "frames",
         functions=table(
-            kernel("frame_pose(q) -> pose", "Pose A_0k of a frame in the base; eqs. (1) and (2)."),
+            kernel(
+                "frame_pose(q) -> pose",
+                "Pose A_0k of a frame in the base; eqs. (1) and (2).",
+            ),
             kernel(
                 "frame_jacobian(q) -> jacobian",
                 "Velocity of a frame's origin (3 rows) and angular velocity (3 rows) per coordinate rate, base frame.",
             ),
         ),
     ),
-    kernel(
-        "gravity(q) -> vector",
-        "Forces that hold the links' weight, loops cut.",
-        by_request=True,
-    ),
-    kernel(
-        "nonlinear_effects(q, v) -> vector",
-        "Coriolis, centrifugal and gravity terms, loops cut.",
-        by_request=True,
-    ),
+    kernel("gravity(q) -> vector", "Forces that hold the links' weight, loops cut.", by_request=True),
+    kernel("nonlinear_effects(q, v) -> vector", "Coriolis, centrifugal and gravity terms, loops cut.", by_request=True),
     kernel("center_of_mass(q) -> point", "Center of mass of the moving links, base frame.", by_request=True),
     kernel(
         "centroidal_momentum(q, v) -> momentum",
@@ -198,7 +213,11 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         "Generalized momentum p = M v, and C^T v = dT/dq: p' = u + C^T v + Q on a motion.",
         by_request=True,
     ),
-    kernel("energy(q, v) -> pair", "Kinetic energy, eq. (4), and potential energy of gravity and springs."),
+    kernel(
+        "energy(q, v) -> pair",
+        "Kinetic energy, eq. (4), and potential energy of gravity and springs.",
+        states=True,
+    ),
     kernel(
         "reactions(q, v, a) -> reactions",
         "Joint reaction wrenches: force and moment on child links, joint frames after the motion.",
@@ -207,12 +226,14 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         wrench=EXTERNAL_REACTIONS,
         tree="tree_reactions",
         loaded="reactions_under_load",
+        states=True,
     ),
     kernel(
         "tree_reactions(q, v, a) -> reactions",
         "Joint reaction wrenches: force and moment on child links, joint frames after the motion, loops cut.",
         needs="constraints",
         wrench=EXTERNAL_REACTIONS,
+        states=True,
     ),
     kernel(
         "reactions_under_load(q, v, a, u) -> reactions",
@@ -221,6 +242,7 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         calls=("tree_reactions", "constrained_drives", "closing_reactions"),
         needs="constraints",
         wrench=EXTERNAL_REACTIONS,
+        states=True,
     ),
     kernel(
         "loop_reactions(q, v, a) -> loop_reactions",
@@ -229,6 +251,7 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         needs="loops",
         beside=("loop_reactions_under_load", *TOLD),
         loaded="loop_reactions_under_load",
+        states=True,
     ),
     kernel(
         "loop_reactions_under_load(q, v, a, u) -> loop_reactions",
@@ -236,6 +259,7 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         "composed",
         calls=("constrained_drives", "loop_wrenches"),
         needs="cuts",
+        states=True,
     ),
     kernel(
         "external_reactions(q, wrench) -> reactions",
@@ -251,13 +275,18 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         "Constraint g(q) of the cut joints; zero where loops are closed.",
         needs="constraints",
     ),
-    kernel("constraint_jacobian(q) -> constraint_rows", "Jacobian J = dg/dq of the constraint.", needs="constraints"),
+    kernel(
+        "constraint_jacobian(q) -> constraint_rows",
+        "Jacobian J = dg/dq of the constraint.",
+        needs="constraints",
+    ),
     kernel("constraint_bias(q, v) -> constraints", "J_dot v: g_ddot = J a + J_dot v.", needs="constraints"),
     kernel(
         "coupling_forces(q, v, a) -> couplings",
         "Force on each follower of a rigid coupling that a motion takes.",
         needs="followers",
         wrench=WrenchTerm("external_coupling_forces"),
+        states=True,
     ),
     kernel(
         "external_coupling_forces(q, wrench) -> couplings",
@@ -298,11 +327,13 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         "Forces of drives on coordinates, and voltages on currents less what the motion induces; their power by v is"
         " what drives take in.",
         needs="drives",
+        states=True,
     ),
     kernel(
         "drive_jacobian(q, v, u) -> derivatives",
         "Derivatives by q, v and u of what drives with states do, of forces and of the states' rates times inertias.",
         needs="drives",
+        states=True,
     ),
     kernel(
         "spring_stiffness(q) -> matrix",
@@ -375,14 +406,14 @@ PARTS: Mapping[str, Signature] = table(  # programs that only other kernels call
     ),
 )
 
-DERIVATIVES: Mapping[str, Signature] = differentiated(OWN_KERNELS)  # there only if they are asked for
-KERNELS: Mapping[str, Signature] = {**OWN_KERNELS, **DERIVATIVES, **GRADIENTS}
+DERIVATIVES = KernelTable(differentiated(OWN_KERNELS))  # there only if they are asked for
+KERNELS = KernelTable({**OWN_KERNELS, **DERIVATIVES, **GRADIENTS})
 CLOSURE_KERNELS = ("constraint", "constraint_jacobian", "constraint_bias", "cut_poses")  # of the constraint itself
 LOOP_KERNELS = tuple(
     name for name, signature in OWN_KERNELS.items() if signature.needs in ("loops", "constraints", "cuts")
 )
 
-SIGNATURES: Mapping[str, Signature] = {**KERNELS, **PARTS, **BACKWARDS}
+SIGNATURES = KernelTable({**OWN_KERNELS, **DERIVATIVES, **GRADIENTS, **PARTS, **BACKWARDS})
 
 TURNED = (  # programs that know how joints are turned, which integrations call
     *("forward_dynamics", "forward_dynamics_jacobian", "implicit_step", "stage_factors", "stage_solution"),
@@ -417,7 +448,7 @@ def reading_names(model: Model) -> tuple[str, ...]:
 
 
 def available(model: Model) -> tuple[str, ...]:
-    """Name the kernels that there are for a model."""
+    """Name the functions of C of the kernels that there are for a model."""
     has = {
         "": True,
         "loops": bool(model.robot.loops),
@@ -432,7 +463,7 @@ def available(model: Model) -> tuple[str, ...]:
     }
     return tuple(
         name
-        for name, signature in KERNELS.items()
+        for name, signature in KERNELS.compiled.items()
         if has[signature.needs] and (model.parameters or not signature.by_parameters)
     )
 
@@ -458,7 +489,7 @@ def library_objects(kernels: Iterable[str], half: str) -> tuple[str, ...]:
 
 def by_kind(names: Iterable[str]) -> list[str]:
     """Order kernels as KINDS has them; those of one kind in the order of KERNELS."""
-    order, place = list(KINDS), list(SIGNATURES)
+    order, place = list(KINDS), list(SIGNATURES.compiled)
     return sorted(names, key=lambda name: (order.index(SIGNATURES[name].kind), place.index(name)))
 
 
@@ -491,7 +522,7 @@ def functions(names: Iterable[str]) -> list[Function]:
     That is the order of KERNELS, with functions of a frame's number behind the others, and rollouts last.
     """
     wanted = set(names)
-    kernels = {name: signature for name, signature in KERNELS.items() if name in wanted}
+    kernels = {name: signature for name, signature in KERNELS.compiled.items() if name in wanted}
     listed = [
         Function(name, kernel, owner.kind, called)
         for kernel, owner in kernels.items()
@@ -502,7 +533,7 @@ def functions(names: Iterable[str]) -> list[Function]:
 
 def _uses(array: str, kernels: Collection[str] | None) -> bool:
     """Return whether kernels, what they are derivatives of, or programs that their C calls write an array."""
-    named = [KERNELS[name] for name in (KERNELS if kernels is None else kernels)]
+    named = [KERNELS[name] for name in (KERNELS.compiled if kernels is None else kernels)]
     called = {name for x in named for name in (x.derivative_of, *x.calls, *x.closed)}
     return any(x.writes == array for x in (*named, *(SIGNATURES[name] for name in called if name in SIGNATURES)))
 
@@ -556,5 +587,5 @@ def _shapes(model: Model, kernels: frozenset[str] | None) -> dict[str, tuple[int
     }
     if kernels is None or "radau_rollout" in kernels:
         table |= _pairs(model.size)
-    wanted = {name: x for name, x in DERIVATIVES.items() if kernels is None or name in kernels}
+    wanted = {name: x for name, x in DERIVATIVES.compiled.items() if kernels is None or name in kernels}
     return {**table, **derivative_shapes(wanted, table, len(model.parameters))}

@@ -105,9 +105,9 @@ def refusal(model: Model, name: str) -> str | None:
         if name in CONTROLLED and not model.driven:
             return "is for robots with driven coordinates"
         return _refused_rollout(model)
-    if name not in KERNELS:
+    if name not in KERNELS.compiled:
         raise UnknownNameError(
-            f"kernels: {show(name)} is unknown{nearest_or_all(name, [*FRAMES, *ROLLOUTS, *KERNELS])}"
+            f"kernels: {show(name)} is unknown{nearest_or_all(name, [*FRAMES, *ROLLOUTS, *KERNELS.compiled])}"
         )
     signature = KERNELS[name]
     if name not in available(model):
@@ -210,7 +210,7 @@ def _with_violations(program: Program, model: Model) -> Program:
 
 def _kernel(model: Model, name: str, chosen: Sequence[str], program: Program) -> ThreadKernel:
     """Describe a kernel beside its program."""
-    known = shapes(model, [x for x in chosen if x in KERNELS])
+    known = shapes(model, [x for x in chosen if x in KERNELS.compiled])
     if name in FRAMES:
         _, array, text = FRAMES[name]
         return ThreadKernel(name, text, program, {"q": known["q"]}, {"out": known[array]})

@@ -74,7 +74,7 @@ class Device:
         from ..robot.model import build_model
 
         model = build_model(self._robot)
-        return tuple(name for name in (*KERNELS, *FRAMES, *ROLLOUTS) if refusal(model, name) is None)
+        return tuple(name for name in (*KERNELS.compiled, *FRAMES, *ROLLOUTS) if refusal(model, name) is None)
 
     def __getattr__(self, name: str) -> Callable[..., Any]:
         if name.startswith("_"):
