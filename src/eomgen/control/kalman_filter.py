@@ -20,6 +20,7 @@ from ..codegen.kernels.groups import (
     FILTERED_WRENCHES,
     INDEPENDENT_COORDINATES,
     INVERSE_DYNAMICS,
+    SENSORS,
     SLOPES_OF_CLOSURE,
     kernel_group,
 )
@@ -565,7 +566,7 @@ def kernels_of(model: FilterModel, *, is_linear: bool) -> tuple[str, ...]:
         INVERSE_DYNAMICS: is_linear,
         FILTER_BY_SENSITIVITIES: not is_linear,
         FILTERED_WRENCHES: bool(model.links),
-        "sensors": True,
+        SENSORS: True,
         INDEPENDENT_COORDINATES: model.independent is not None,
         SLOPES_OF_CLOSURE: model.independent is not None,
         FILTERED_SENSORS: bool(model.parameters),

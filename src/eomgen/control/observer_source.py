@@ -20,6 +20,7 @@ from ..codegen.kernels.groups import (
     FILTERED_ACCELERATIONS_IN_C,
     FILTERED_SENSORS_IN_C,
     FILTERED_WRENCHES,
+    SENSORS,
     kernel_group,
 )
 from ..errors import InputError, check_kind
@@ -98,7 +99,7 @@ def _kernels(model: FilterModel, *, is_linear: bool) -> tuple[str, ...]:
         FILTER_OF_LINEAR_LAWS: is_linear,
         FILTER_BY_SENSITIVITIES: not is_linear,
         FILTERED_WRENCHES: bool(model.links),
-        "sensors": evaluates,
+        SENSORS: evaluates,
         FILTERED_ACCELERATIONS_IN_C: evaluates and by_acceleration,
         FILTERED_SENSORS_IN_C: estimates,
         FILTERED_ACCELERATIONS_BY_PARAMETERS: estimates and by_acceleration,

@@ -40,8 +40,7 @@ STAGES = 5  # of a step of a rollout: four of rk4, in numbers of linearly implic
 
 def name_of(method: Method) -> str:
     """Return the name of a method of a kernel; anything else as it is."""
-    name: str = getattr(method, "__name__", method)
-    return name
+    return str(getattr(method, "__name__", "")) if callable(method) else method
 
 
 @dataclass(frozen=True)

@@ -85,7 +85,8 @@ class TimeDerivatives(LoopClosure):
             ArrayError: an array of wrong shape or dtype, or with NaN or infinity.
             SingularError, LoopError: as of the method.
         """
-        name, direct = name_of(method), None
+        name = name_of(method)
+        direct: _Direct | None = None
         if type(order) is int and type(name) is str:
             direct = self._direct_jets.get((name, order))
         if direct is not None and type(series) is tuple and len(series) == direct.arrays:
