@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+
 from eomgen.robot.model import Model, build_model
 from eomgen.robot.value import Robot
 
@@ -35,7 +38,7 @@ CUT_LAWS = ("cut_forces", "cut_jacobian")
 STRUCTURES = ("inverse_dynamics", "forward_dynamics", "mass_matrix")
 SLOPES_OF_CLOSURE = ("constraint_bias_tangent",)
 CLOSURE_BY_PARAMETERS = ("constraint_tangent", "constraint_parameter_tangent")
-POLES = ("forward_dynamics_jacobian",)
+ACCELERATION_SLOPES = ("forward_dynamics_jacobian",)
 POLES_OF_MECHANISMS = ("constrained_dynamics", "constrained_dynamics_tangent")
 ADVICE_ON_FLOAT32 = (
     *("inverse_dynamics", "tree_inverse_dynamics", "forward_dynamics", "tree_forward_dynamics"),
@@ -86,9 +89,49 @@ ARRAYS = (
 )
 DEVICE = (
     *("inverse_dynamics", "forward_dynamics", "mass_matrix", "residual"),
-    *("residual_jacobian", "forward_dynamics_jacobian", "frame_poses", "frame_jacobians"),
-    *("rk4_rollout", "implicit_rollout"),
+    *("residual_jacobian", "forward_dynamics_jacobian"),
 )
+
+
+@dataclass(frozen=True)
+class Differentiable:
+    """A kernel that JAX, PyTorch and CasADi take as a differentiable function.
+
+    symbol: of its result.
+    jacobian: the kernel that its derivatives follow from; that of its tangents where there is none.
+    flat: pairs of arguments: derivatives by one do not change with the other.
+    """
+
+    symbol: str
+    jacobian: str = ""
+    flat: tuple[tuple[str, str], ...] = ()
+
+
+DIFFERENTIABLE: Mapping[str, Differentiable] = {
+    "residual": Differentiable("r", "residual_jacobian", (("u", "q"), ("u", "v"), ("u", "a"), ("u", "u"))),
+    "inverse_dynamics": Differentiable("u", "residual_jacobian"),
+    "forward_dynamics": Differentiable("a", "forward_dynamics_jacobian"),
+    "mass_matrix": Differentiable("M", "christoffel"),
+    "bias_force": Differentiable("b"),
+    "gravity": Differentiable("g"),
+    "nonlinear_effects": Differentiable("n"),
+    "generalized_force": Differentiable("Q"),
+    "external_force": Differentiable("Q", flat=(("wrench", "wrench"),)),
+    "energy": Differentiable("E"),
+    "center_of_mass": Differentiable("c"),
+    "centroidal_momentum": Differentiable("h"),
+    "frame_velocities": Differentiable("V"),
+    "frame_accelerations": Differentiable("A_dot"),
+    "imu": Differentiable("y"),
+    "generalized_momentum": Differentiable("p"),
+    "frame_pose": Differentiable("A"),
+    "frame_jacobian": Differentiable("J"),
+    "constraint": Differentiable("g", "constraint_jacobian"),
+    "constraint_jacobian": Differentiable("G"),
+    "constraint_forces": Differentiable("f"),
+    "tree_forward_dynamics": Differentiable("a", "tree_forward_dynamics_jacobian"),
+    "tree_inverse_dynamics": Differentiable("u", "residual_jacobian"),
+}
 
 
 def kernel_group(of: Robot | Model, *groups: tuple[str, ...]) -> tuple[str, ...]:

@@ -12,6 +12,7 @@ import numpy as np
 from ..arrays import Array, rank_of
 from ..bending.beams.resultants import COMPONENTS, StressResultants, stress_resultants
 from ..codegen.kernels.groups import FRAME_POSES, JOINT_REACTIONS, kernel_group
+from ..codegen.kernels.signatures import KERNELS
 from ..description import RobotLike
 from ..description.matrix_files import read_matrix
 from ..errors import InputError, LoopError, UnknownNameError, check_kind
@@ -228,7 +229,9 @@ def _reactions_of_held(arm: HeldRobot, q: Array, error: LoopError) -> Array:
     if arm.loads:
         total = total + whole.external_force(q, arm.loads)[: still.size]
     values, calls = (q, still, still, total), whole.calls
-    return calls.run_with_wrench("reactions_under_load", None, values, wrench_rows(calls, q, arm.loads or None), z)
+    return calls.run_with_wrench(
+        KERNELS[JOINT_REACTIONS[0]].loaded, None, values, wrench_rows(calls, q, arm.loads or None), z
+    )
 
 
 def _beam_loads(

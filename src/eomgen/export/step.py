@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from ..arrays import Array
-from ..codegen.kernels.groups import POLES, POLES_OF_MECHANISMS
+from ..codegen.kernels.groups import ACCELERATION_SLOPES, POLES_OF_MECHANISMS
 from ..errors import InputError, SingularError
 from ..names import listed
 from ..pipeline.building import build
@@ -74,7 +74,7 @@ def _fastest(robot: Robot, v: Array, progress: StageReport) -> float:
 
 def _open(robot: Robot, v: Array, progress: StageReport) -> tuple[Array, Array]:
     """Return derivatives of the accelerations by q and v, (n, n) each, where all coordinates are zero."""
-    kernel = _coarse(build(robot, kernels=POLES, flags=("-O0",), progress=progress))
+    kernel = _coarse(build(robot, kernels=ACCELERATION_SLOPES, flags=("-O0",), progress=progress))
     zero = np.zeros(kernel.n)
     return kernel.forward_dynamics_jacobian(zero, v, zero)[:2]
 

@@ -33,7 +33,9 @@ from eomgen.runtime.parameters import FADING, SPEEDS, TINY
 from eomgen.runtime.stepping.options import ADAPTIVE as STEPPERS
 from eomgen.runtime.stepping.options import rollout_of
 
+from ...codegen.kernels.derived import METHODS as PROGRAMS_OF_METHODS
 from ...codegen.kernels.groups import CLOSED_FMU, FMU, kernel_group
+from ...codegen.kernels.signatures import CLOSED_PROGRAMS
 from ...pipeline.mechanisms import assembled_home
 from ..step import default_step
 from .choices import ADAPTIVE, AUTO, METHODS, VERSIONS
@@ -85,8 +87,7 @@ def export_fmu(
     home = assembled_home(robot, progress)
     solver = _solver(robot, method, rtol, step, progress)
     kernels = kernel_group(robot, CLOSED_FMU if build_model(robot).constraints else FMU)
-    stepping = (rollout_of(method),) if method in ADAPTIVE else ("rollout",)
-    options = Options((*kernels, *stepping), batches=False)
+    options = Options((*kernels, rollout_of(method)), batches=False)
     files = _files(robot, options, version, method, (solver, home), progress)
     with tempfile.TemporaryDirectory() as work:
         progress("compiling the FMU")
@@ -145,7 +146,7 @@ def _files(
     from .xml import Fmu, build_description, model_description
 
     model, source = build_model(robot), make_source(robot, options, progress)
-    layout = make_layout(model, *begin)
+    layout, [dynamics] = make_layout(model, *begin), PROGRAMS_OF_METHODS["explicit"][2]
     name, meta, turning = robot.name, json.loads(source.meta), turning_joints(model)
     context = {
         "at": layout.at,
@@ -159,7 +160,7 @@ def _files(
         "memory": len(model.memory),
         "hoisted": meta["hoisted"],
         "m": len(model.constraints),
-        "dynamics": "constrained_dynamics" if model.constraints else "forward_dynamics",
+        "dynamics": CLOSED_PROGRAMS[dynamics] if model.constraints else dynamics,
         "links": len(model.links),
         "parameters": len(model.parameters),
         "turning": len(turning["joints"]),
