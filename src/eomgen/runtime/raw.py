@@ -333,6 +333,17 @@ class RawKernel:
             return self.rollouts[name]
         raise self.missing(name)
 
+    def writing(self, array: str) -> RawFunction:
+        """Return the function that writes an array, of those that only one function writes.
+
+        Raises:
+            UnknownNameError: the kernel was built without it.
+        """
+        found = [function for function in self.functions.values() if function.writes == array]
+        if len(found) != 1:
+            raise self.missing(f"that writes {array}")
+        return found[0]
+
     def address(self, name: str, *, batch: bool = False) -> int:
         """Return the address of the code of a function, for programs that call it without Python.
 
