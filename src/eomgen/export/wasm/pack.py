@@ -28,7 +28,7 @@ from eomgen.robot.value import Robot
 from eomgen.runtime.parameters import FADING, SPEEDS, TINY
 from eomgen.runtime.stepping.options import ADAPTIVE, FIXED, LEAST, ROLLOUTS, rollout_of
 
-from ...codegen.kernels.groups import EXTERNAL_WRENCHES, INVERSE_DYNAMICS, WEBASSEMBLY, kernel_group
+from ...codegen.kernels.groups import INVERSE_DYNAMICS, WEBASSEMBLY, kernel_group
 from .compile import compile_wasm, wasm_command
 from .layout import checked_places, struct_table
 
@@ -173,10 +173,15 @@ def _context(robot: Robot, meta: Mapping[str, Any], rigid: Source | None) -> dic
         "speeds": SPEEDS,
         "tiny": TINY,
         "fading_allowed": FADING,
-        "pushed": {*EXTERNAL_WRENCHES} <= meta["functions"].keys() and "frames" in kinds,
+        "pushed": "frames" in kinds and any(_pushes(function) for function in meta["functions"].values()),
         "turning": bool(meta.get("turning")),
         "turned_size": turning_joints(build_model(robot))["room"],
     }
+
+
+def _pushes(function: Mapping[str, Any]) -> bool:
+    """Return whether a function computes the generalized forces of wrenches on links."""
+    return "wrench" in function["reads"] and function["writes"] == "vector"
 
 
 def _description(
