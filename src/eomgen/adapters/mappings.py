@@ -63,7 +63,8 @@ def _own(name: str) -> Entry:
     """Return the function that has the name of the kernel's; of one that calls a program, the block of its result."""
     signature, known = _SIGNATURES[name], DIFFERENTIABLE[name]
     if signature.calls:
-        return Entry(*signature.calls, signature.reads, known.symbol, block=(signature.writes, 1))
+        [program] = signature.calls
+        return Entry(program, signature.reads, known.symbol, block=(signature.writes, 1))
     return Entry(name, signature.reads, known.symbol, _rule(name), flat=known.flat)
 
 
