@@ -320,13 +320,13 @@ class RawKernel:
         """Return whether the kernel was built with the functions of all these methods."""
         return all(name_of(method) in self.functions for method in methods)
 
-    def function(self, method: Method) -> RawFunction:
-        """Return the function of a method or of a name, that of ``rollout`` as well.
+    def function(self, name: Method) -> RawFunction:
+        """Return the function of a method, or of its own name, that of ``rollout`` as well.
 
         Raises:
             UnknownNameError: the kernel was built without it.
         """
-        name = name_of(method)
+        name = name_of(name)
         if name in self.functions:
             return self.functions[name]
         if name in self.rollouts:

@@ -58,7 +58,7 @@ class _Direct(NamedTuple):
 class TimeDerivatives(LoopClosure):
     """Time derivatives along motions, of any order up to four."""
 
-    def jet(self, method: Method, series: Sequence[Any], order: int = 1) -> tuple[Array, ...]:
+    def jet(self, name: Method, series: Sequence[Any], order: int = 1) -> tuple[Array, ...]:
         """Return a method's result and its time derivatives along a motion: f, f', f'', ...; exact.
 
         They are coefficients of a truncated Taylor series through the equations; run-time parameters and joints'
@@ -66,7 +66,7 @@ class TimeDerivatives(LoopClosure):
         ``close_series`` completes one.
 
         Args:
-            method: the method or its name, such as "inverse_dynamics", "forward_dynamics", "frame_pose", "mass_matrix";
+            name: the method or its name, such as "inverse_dynamics", "forward_dynamics", "frame_pose", "mass_matrix";
                 without ``wrench``.
             series: time derivatives of the coordinates, q, v, a, jerk, snap, ..., each (n,) or (..., n), as many as
                 function and order need: q'''' for the inverse dynamics to order 2.  More are not read.  Behind them
@@ -85,7 +85,7 @@ class TimeDerivatives(LoopClosure):
             ArrayError: an array of wrong shape or dtype, or with NaN or infinity.
             SingularError, LoopError: as of the method.
         """
-        name = name_of(method)
+        name = name_of(name)
         direct: _Direct | None = None
         if type(order) is int and type(name) is str:
             direct = self._direct_jets.get((name, order))
