@@ -28,7 +28,7 @@ KNOWN = {  # modules that have names, and why
 }
 LATER = {  # modules of the runtime whose methods are to be generated from the table
     *("arrays", "by_name", "calls", "derivatives/by_arguments", "derivatives/in_time", "direct", "kernel"),
-    *("kinematics", "loop_assembly", "loop_errors", "stepping/adaptive", "stepping/gradients", "stepping/many_steps"),
+    *("kinematics", "loop_assembly", "loop_errors", "stepping/adaptive", "stepping/gradients"),
 }
 OTHERS = {  # words that are names of kernels, too, and what they mean elsewhere
     "constraint": "what has names in headers",
