@@ -36,9 +36,7 @@ COLUMNS = ("derivatives", "jacobians")  # arrays that are matrices of n columns
 CONTROLLED = ("rk4_pd_rollout", "implicit_pd_rollout")  # rollouts with joint controllers on driven coordinates
 DEFAULT = (*DEVICE, *FRAMES, *(name for name in ROLLOUTS if name not in CONTROLLED))
 CLOSED = {name: program for name, program in CLOSED_PROGRAMS.items() if KERNELS[name].solves}
-PARTS = tuple(
-    sorted(CLOSED_PROGRAMS.values(), key=[*CLOSED.values()].__contains__, reverse=True)
-)  # what is there of closed mechanisms, whatever is violated
+PARTS = tuple(dict.fromkeys((*CLOSED.values(), *CLOSED_PROGRAMS.values())))  # what there is, whatever is violated
 
 
 @dataclass(frozen=True)
