@@ -36,6 +36,8 @@ Need = Literal["", "loops", "springs", "elements", "constraints", "cuts", "laws"
 
 DERIVED: tuple[Kind, ...] = ("jet", "tangent", "adjoint", "hessian")
 
+MethodClass = Literal["KernelMethods", "KernelFunctions"]
+
 
 @dataclass(frozen=True)
 class ArrayAxes:
@@ -147,6 +149,7 @@ class Signature:
     wrench: how external wrenches enter, if they do.
     tree: the kernel that computes the same for the open tree, where the robot has constraints.
     loaded: the kernel that computes the same where generalized forces u act in addition, for closed loops.
+    method: class of the generated method of its name in ``runtime/kernel_methods.py``, if there is one.
     states: whether the result depends on internal states of force laws.
     derivatives: kinds of the derivatives that there are of it.
     variants: of a derivative the functions of C among which its arguments choose, by name: the order of "jet", whether
@@ -175,6 +178,7 @@ class Signature:
     wrench: WrenchTerm | None = None
     tree: str = ""
     loaded: str = ""
+    method: MethodClass | None = None
     states: bool = False
     derivatives: tuple[Kind, ...] = DERIVED
     variants: Mapping[str, Signature] = field(default_factory=dict)

@@ -27,25 +27,41 @@ LIBRARY_OBJECTS = {"rollout": "fixed", "adaptive": "adaptive"}  # of the C libra
 
 TOLD = ("constraint", "constraint_jacobian", "constraint_bias", "constrained_drives")  # what errors of loops tell
 
+CORE, MORE = "KernelMethods", "KernelFunctions"  # classes of methods: those of kernels, and of ``kernel.functions``
 EXTERNAL = WrenchTerm("external_force")
 EXTERNAL_OF_ROWS = WrenchTerm("external_force", -1.0)  # where they stand on the other side of the equation
 EXTERNAL_REACTIONS = WrenchTerm("external_reactions")
 
 OWN_KERNELS: Mapping[str, Signature] = table(
-    kernel("mass_matrix(q) -> matrix", "Mass matrix M(q), eq. (11).", symmetric=True),
-    kernel("bias_force(q, v) -> vector", "Coriolis and centrifugal terms, eq. (12) contracted."),
+    kernel(
+        "mass_matrix(q) -> matrix",
+        "Mass matrix M(q), eq. (11).",
+        symmetric=True,
+        method=CORE,
+    ),
+    kernel(
+        "bias_force(q, v) -> vector",
+        "Coriolis and centrifugal terms, eq. (12) contracted.",
+        method=CORE,
+    ),
     kernel(
         "generalized_force(q, v) -> vector",
         "Springs, dampers, gravity: Q_P + Q_G, eqs. (13), (14).",
         wrench=EXTERNAL,
         states=True,
+        method=CORE,
     ),
-    kernel("external_force(q, wrench) -> vector", "Q_F of eq. (14), its moment term corrected; base frame."),
+    kernel(
+        "external_force(q, wrench) -> vector",
+        "Q_F of eq. (14), its moment term corrected; base frame.",
+        method=MORE,
+    ),
     kernel(
         "residual(q, v, a, u) -> vector",
         "M a + bias - Q - u, eq. (5) unexpanded; zero on a motion.",
         wrench=EXTERNAL_OF_ROWS,
         states=True,
+        method=CORE,
     ),
     kernel(
         "inverse_dynamics(q, v, a) -> vector",
@@ -56,6 +72,7 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         tree="tree_inverse_dynamics",
         loaded="inverse_dynamics_under_load",
         states=True,
+        method=CORE,
     ),
     kernel(
         "tree_inverse_dynamics(q, v, a) -> vector",
@@ -87,6 +104,7 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         wrench=WrenchTerm("external_force", into="u"),
         tree="tree_forward_dynamics",
         states=True,
+        method=CORE,
     ),
     kernel(
         "tree_forward_dynamics(q, v, u) -> vector",
@@ -156,13 +174,18 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         derivatives=("jet",),
         states=True,
     ),
-    kernel("coriolis_matrix(q, v) -> matrix", "Coriolis matrix C(q, v) with C v = bias and M_dot = C + C^T."),
+    kernel(
+        "coriolis_matrix(q, v) -> matrix",
+        "Coriolis matrix C(q, v) with C v = bias and M_dot = C + C^T.",
+        method=CORE,
+    ),
     kernel(
         "christoffel(q) -> tensor",
         "Christoffel symbols of the first kind, the tensor C of eq. (12).",
         columns_of="coriolis_matrix",
         mapped=True,
         derivatives=("jet",),
+        method=CORE,
     ),
     kernel(
         "kinematics(q) -> kinematics",
@@ -172,51 +195,75 @@ OWN_KERNELS: Mapping[str, Signature] = table(
             kernel(
                 "frame_pose(q) -> pose",
                 "Pose A_0k of a frame in the base; eqs. (1) and (2).",
+                method=CORE,
             ),
             kernel(
                 "frame_jacobian(q) -> jacobian",
                 "Velocity of a frame's origin (3 rows) and angular velocity (3 rows) per coordinate rate, base frame.",
+                method=CORE,
             ),
         ),
     ),
-    kernel("gravity(q) -> vector", "Forces that hold the links' weight, loops cut.", by_request=True),
-    kernel("nonlinear_effects(q, v) -> vector", "Coriolis, centrifugal and gravity terms, loops cut.", by_request=True),
-    kernel("center_of_mass(q) -> point", "Center of mass of the moving links, base frame.", by_request=True),
+    kernel(
+        "gravity(q) -> vector",
+        "Forces that hold the links' weight, loops cut.",
+        by_request=True,
+        method=CORE,
+    ),
+    kernel(
+        "nonlinear_effects(q, v) -> vector",
+        "Coriolis, centrifugal and gravity terms, loops cut.",
+        by_request=True,
+        method=CORE,
+    ),
+    kernel(
+        "center_of_mass(q) -> point",
+        "Center of mass of the moving links, base frame.",
+        by_request=True,
+        method=CORE,
+    ),
     kernel(
         "centroidal_momentum(q, v) -> momentum",
         "Linear momentum of the moving links, and angular momentum about their center of mass; base frame.",
         by_request=True,
+        method=CORE,
     ),
     kernel(
         "frame_velocities(q, v) -> frame_rates",
         "Per frame the velocity of its origin and its angular velocity, base frame.",
         by_request=True,
+        method=MORE,
     ),
     kernel(
         "frame_accelerations(q, v, a) -> frame_rates",
         "Per frame the acceleration of its origin and its angular acceleration, base frame.",
         by_request=True,
+        method=MORE,
     ),
     kernel(
         "imu(q, v, a) -> frame_rates",
         "Per frame what an IMU reads in the frame's axes: specific force R^T (a - g), angular rate R^T w.",
         by_request=True,
+        method=MORE,
     ),
     kernel(
         "measurement(q, v, a) -> readings",
         "Readings of the robot's sensors, one behind the other.",
         by_request=True,
         needs="sensors",
+        method=MORE,
     ),
     kernel(
         "generalized_momentum(q, v) -> momenta",
         "Generalized momentum p = M v, and C^T v = dT/dq: p' = u + C^T v + Q on a motion.",
         by_request=True,
+        method=MORE,
     ),
     kernel(
         "energy(q, v) -> pair",
         "Kinetic energy, eq. (4), and potential energy of gravity and springs.",
         states=True,
+        method=CORE,
     ),
     kernel(
         "reactions(q, v, a) -> reactions",
@@ -227,6 +274,7 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         tree="tree_reactions",
         loaded="reactions_under_load",
         states=True,
+        method=CORE,
     ),
     kernel(
         "tree_reactions(q, v, a) -> reactions",
@@ -252,6 +300,7 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         beside=("loop_reactions_under_load", *TOLD),
         loaded="loop_reactions_under_load",
         states=True,
+        method=CORE,
     ),
     kernel(
         "loop_reactions_under_load(q, v, a, u) -> loop_reactions",
@@ -268,25 +317,38 @@ OWN_KERNELS: Mapping[str, Signature] = table(
     kernel(
         "regressor(q, v, a) -> regressor",
         "Y of inverse dynamics without springs and dampers, u = Y theta; loops cut.",
+        method=MORE,
     ),
-    kernel("euler_cosines(q) -> joints", "Cosine of beta of every joint with three angles, 1 for the others."),
+    kernel(
+        "euler_cosines(q) -> joints",
+        "Cosine of beta of every joint with three angles, 1 for the others.",
+        method=MORE,
+    ),
     kernel(
         "constraint(q) -> constraints",
         "Constraint g(q) of the cut joints; zero where loops are closed.",
         needs="constraints",
+        method=MORE,
     ),
     kernel(
         "constraint_jacobian(q) -> constraint_rows",
         "Jacobian J = dg/dq of the constraint.",
         needs="constraints",
+        method=MORE,
     ),
-    kernel("constraint_bias(q, v) -> constraints", "J_dot v: g_ddot = J a + J_dot v.", needs="constraints"),
+    kernel(
+        "constraint_bias(q, v) -> constraints",
+        "J_dot v: g_ddot = J a + J_dot v.",
+        needs="constraints",
+        method=MORE,
+    ),
     kernel(
         "coupling_forces(q, v, a) -> couplings",
         "Force on each follower of a rigid coupling that a motion takes.",
         needs="followers",
         wrench=WrenchTerm("external_coupling_forces"),
         states=True,
+        method=MORE,
     ),
     kernel(
         "external_coupling_forces(q, wrench) -> couplings",
@@ -297,30 +359,43 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         "cut_poses(q) -> cut_poses",
         "Per loop the cut frame on its second link seen from that on its first.",
         needs="loops",
+        method=MORE,
     ),
-    kernel("spring_forces(q, v) -> spring_pairs", "Length and tension of each point-to-point spring.", needs="springs"),
     kernel(
-        "spring_jacobian(q) -> spring_rows", "Derivatives of the springs' lengths by q: moment arms.", needs="springs"
+        "spring_forces(q, v) -> spring_pairs",
+        "Length and tension of each point-to-point spring.",
+        needs="springs",
+        method=MORE,
+    ),
+    kernel(
+        "spring_jacobian(q) -> spring_rows",
+        "Derivatives of the springs' lengths by q: moment arms.",
+        needs="springs",
+        method=MORE,
     ),
     kernel(
         "cut_forces(q, v) -> law_pairs",
         "Per coordinate of a cut joint with a force, and elastic coupling, its deviation and what resists it.",
         needs="laws",
+        method=MORE,
     ),
     kernel(
         "cut_jacobian(q) -> law_rows",
         "Derivatives by q of the deviations of cut joints and elastic couplings.",
         needs="laws",
+        method=MORE,
     ),
     kernel(
         "element_forces(q, v) -> element_pairs",
         "Per coordinate of a force element between two links its value and what resists it.",
         needs="elements",
+        method=MORE,
     ),
     kernel(
         "element_jacobian(q) -> element_rows",
         "Derivatives by q of the coordinates of force elements.",
         needs="elements",
+        method=MORE,
     ),
     kernel(
         "drive_forces(q, v, u) -> vector",
@@ -340,6 +415,7 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         "Largest stiffness of the point-to-point springs: sum of k (dd/dq)^T dd/dq.",
         symmetric=True,
         needs="springs",
+        method=MORE,
     ),
     kernel(
         "rollout(q, v, u) -> vector",

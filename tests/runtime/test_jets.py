@@ -18,6 +18,7 @@ from eomgen.errors import ArrayError, InputError, LoopError, UnknownNameError
 from eomgen.pipeline.options import Options
 from eomgen.runtime.derivatives.in_time import MOTION
 from eomgen.runtime.levels import BASE
+from tests.runtime.test_direct import in_python
 from tests.runtime.test_memory import ARM
 from tests.support.builds import Build
 from tests.support.random_robots import random_robot, seeds
@@ -136,7 +137,7 @@ def test_one_state_and_many_have_the_same_bits(kernel: eomgen.Kernel) -> None:
 def test_with_and_without_the_extension_module(kernel: eomgen.Kernel) -> None:
     """Both give the same bits, whatever calls look like, and parameters of a copy are its own."""
     moving, u = motion(kernel, 5), motion(kernel, 3, seed=4)
-    plain = kernel._with_methods_in_python()
+    plain = in_python(kernel)
     assert kernel.is_direct
     assert not plain.is_direct
     heavier = kernel.with_parameters({"joints.joint1.x.stiffness": 9.0})
@@ -146,7 +147,7 @@ def test_with_and_without_the_extension_module(kernel: eomgen.Kernel) -> None:
             for _ in range(2):
                 for one, other in zip(kernel.jet(name, given, 2), wanted, strict=True):
                     np.testing.assert_array_equal(one, other)
-        other_way = heavier._with_methods_in_python().jet(name, series, 2)
+        other_way = in_python(heavier).jet(name, series, 2)
         for _ in range(2):
             for one, other in zip(heavier.jet(name, series, 2), other_way, strict=True):
                 np.testing.assert_array_equal(one, other)
@@ -156,12 +157,12 @@ def test_with_and_without_the_extension_module(kernel: eomgen.Kernel) -> None:
 def test_every_function_fits_the_extension_module(kernel: eomgen.Kernel) -> None:
     """The arrays of all functions, those with loops included; calls of the residual to order 4 have most."""
     for made in (kernel, eomgen.build("four_bar"), eomgen.build("flexible_arm")):
-        assert made._functions is not None
+        assert made.is_direct
         for name in made.raw.functions:
-            made._functions.jet(name)
+            assert type(made._bound[name]).__name__ == "Direct"
     for lead in ((), (7,)):
         series = (*motion(kernel, 7, *lead), motion(kernel, 5, *lead, seed=2))
-        wanted = kernel._with_methods_in_python().jet("residual", series, 4)
+        wanted = in_python(kernel).jet("residual", series, 4)
         for _ in range(2):
             np.testing.assert_array_equal(kernel.jet("residual", series, 4), wanted)
 

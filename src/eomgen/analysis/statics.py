@@ -26,8 +26,8 @@ from ..robot.elements.stiffness_center import principal_line
 from ..robot.model import tool_of
 from ..robot.parameter_names import number_of
 from ..robot.value import AXES, COORDINATES, Link, Robot, node_link
-from ..runtime.by_name import wrench_rows
 from ..runtime.kernel import Kernel
+from ..runtime.methods.wrenches import wrench_rows
 from ..shown import Plotting, Shown, scale_of
 from .at_rest import closed, rest
 from .holding import Fixation, PoseLike, floating, floating_cuts

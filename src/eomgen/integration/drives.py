@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 from ..arrays import Array
 from ..errors import ArrayError, InputError
 from ..runtime.arrays import numbers_in
-from ..runtime.by_name import WrenchLike
 from ..runtime.kernel import Kernel
+from ..runtime.methods.wrenches import WrenchLike
 from ..runtime.stepping.input_signals import DriveData, Signal, Track
 from ..runtime.stepping.reading_inputs import signals_of
 from ..state.law_states import is_whole

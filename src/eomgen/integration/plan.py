@@ -12,8 +12,8 @@ from ..arrays import Array
 from ..errors import EomgenError, InputError, check_kind
 from ..limits import LARGEST, is_usable
 from ..names import show
-from ..runtime.by_name import WrenchLike
 from ..runtime.kernel import Kernel
+from ..runtime.methods.wrenches import WrenchLike
 from ..runtime.stepping.options import AUTO, NARROW, NARROW_TURNS, RADAU, TURNS, rollout_of
 from ..runtime.stepping.reading_inputs import signals_of
 from ..state.springs import any_spring, damping_matrix, fastest_rates

@@ -21,8 +21,8 @@ from ..errors import InputError, IntegrationStopped, check_kind
 from ..names import component_name, listed
 from ..robot.coordinates import index_of, rotating_joints, unit_of
 from ..robot.value import ANGULAR
-from ..runtime.by_name import WrenchLike
 from ..runtime.kernel import Kernel
+from ..runtime.methods.wrenches import WrenchLike
 from ..shown import Shown, prefixed
 from ..state.vectors import DriveFunction, MotionFunction, WrenchFunction
 from .drives import drive_beside_states, drive_of, wrench_beside_states

@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike
 from ..arrays import Array
 from ..errors import InputError, IntegrationStopped, check_kind
 from ..progress import Progress, tells_at_prompt
-from ..runtime.by_name import WrenchLike
 from ..runtime.kernel import Kernel
+from ..runtime.methods.wrenches import WrenchLike
 from ..runtime.stepping.options import ErrorControl
 from ..runtime.stepping.reading_inputs import input_signals
 from ..state.vectors import DriveFunction, MotionFunction, WrenchFunction

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 from ..arrays import Array, Index
 from ..errors import ArrayError, InputError, IntegrationError, IntegrationStopped, SingularError
 from ..runtime.arrays import numbers_in
-from ..runtime.by_name import WrenchLike, wrench_rows
 from ..runtime.kernel import Kernel
+from ..runtime.methods.wrenches import WrenchLike, wrench_rows
 from ..runtime.stepping.packed_inputs import PackedInputs
 from ..runtime.stepping.reading_inputs import NamedWrenches
 from ..runtime.stepping.single_motion import SingleMotion

@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 from ..arrays import RANK, Array, Mask
 from ..errors import IntegrationError, check_kind
 from ..robot.sizes import REFERENCE_ACCELERATION
-from ..runtime.by_name import WrenchLike, wrench_rows
 from ..runtime.kernel import Kernel
+from ..runtime.methods.wrenches import WrenchLike, wrench_rows
 from ..runtime.turning import singular_joints
 from ..state.drives import DrivesAtRest, is_of_drive
 from ..state.equilibrium import (

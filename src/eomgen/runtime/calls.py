@@ -27,7 +27,6 @@ from .arrays import (
     widened,
 )
 from .chunking import shared, states_at_once
-from .direct import WRENCHED
 from .loop_errors import loop_error, singular_loop
 from .parameters import Parameters
 from .raw import Array, RawFunction, RawKernel
@@ -87,14 +86,16 @@ class Calls:
         wrench: ArrayLike | None,
         z: ArrayLike | None = None,
     ) -> Array:
-        """Run a function, and add the contribution of wrenches to its result, as ``WRENCHED`` says."""
+        """Run a function, and add the contribution of wrenches to its result, as its ``wrench`` says."""
         if wrench is None:
             return self.run(name, out, values, z=z)
         if self.memory or z is not None:
             result = run_narrow(self, name, out, values, z, lambda x: self.run_with_wrench(name, None, x, wrench))
             if result is not None:
                 return result
-        added, sign, _ = WRENCHED[name]
+        term = self.raw.functions[name].wrench
+        assert term is not None
+        added, sign, _ = term
         external = self.run(added, None, (values[0], wrench))
         single = self.raw.shapes[self.raw.functions[added].writes]
         result = self.run(name, out, values, lead=external.shape[: external.ndim - len(single)])

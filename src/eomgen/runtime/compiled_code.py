@@ -4,23 +4,23 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Collection, Mapping
-from types import FunctionType, ModuleType
+from types import ModuleType
 from typing import Any, Self
 
 import numpy as np
 
 from ..errors import InputError, UnknownNameError
-from ..names import DriveInput, html_table, joint_of, nearest_or_all, show
+from ..names import DriveInput, html_table, joint_of, show
 from .arrays import Arrays, inputs_of, names_in
 from .calls import Calls
 from .direct import DirectFunctions, ExtensionBinding
+from .methods.bound import BoundFunctions, frame_number
+from .methods.kernel_methods import KernelFunctions, KernelMethods
 from .parameters import Parameters
 from .raw import Array, Libraries, Operations, RawKernel
 
-PACKAGE = f"{__package__}."  # begins the names of the modules whose methods can be direct
 
-
-class CompiledCode:
+class CompiledCode(KernelMethods, KernelFunctions):
     """Compiled functions with separate parameters, and how they are called; attributes as of ``Kernel``."""
 
     def __init__(
@@ -76,9 +76,8 @@ class CompiledCode:
         self.parameters = Parameters.of(self.raw, meta["parameters"], **ranges, again=again)
         self.calls = Calls(self.raw, self.parameters, Arrays(self.raw, self.velocities, self.links), self.prescribed)
         self._binding = binding or ExtensionBinding()
-        self._functions: DirectFunctions | None = None
-        self._direct_jets: dict[tuple[str, int], Any] = {}  # not those of a copy, which has other parameters
-        self._binding.take(self)
+        self._direct: DirectFunctions | None = None
+        self._take_calls(self.calls)
 
     @property
     def velocities(self) -> tuple[str, ...]:
@@ -147,10 +146,10 @@ class CompiledCode:
         Raises:
             UnknownNameError, InputError: as for an assignment to ``parameters``.
         """
-        other = self._with_methods_in_python()
+        other = object.__new__(type(self))
+        other.__dict__.update(self.__dict__)  # a third of the time of copy.copy
         other.parameters = self.parameters.copy()
-        other.calls = self.calls.with_parameters(other.parameters)
-        self._binding.take(other)
+        other._take_calls(self.calls.with_parameters(other.parameters))
         if values is not None:
             other.parameters.update(values)
         return other
@@ -179,20 +178,10 @@ class CompiledCode:
         other.parameters.turn(joints)
         return other
 
-    def _with_methods_in_python(self) -> Self:
-        """Copy this kernel, not bound to an extension module."""
-        other = object.__new__(type(self))
-        other.__dict__.update(self.__dict__.get("_plain", self).__dict__)  # a third of the time of copy.copy
-        return other
-
-    def _methods_of_functions(self) -> dict[str, FunctionType]:
-        """Return methods with the names of functions; not those of a subclass elsewhere."""
-        known = {name: getattr(type(self), name, None) for name in self.raw.functions}
-        return {
-            name: method
-            for name, method in known.items()
-            if isinstance(method, FunctionType) and method.__module__.startswith(PACKAGE)
-        }
+    def _take_calls(self, calls: Calls) -> None:
+        """Let methods go through these calls, and through the extension module as soon as there is one."""
+        self.calls, self._bound = calls, BoundFunctions(calls)
+        self._binding.take(self)
 
     def device(self, where: Any = "cuda", *, contract: bool = False) -> Any:
         """Return methods of the same names on arrays that lie on a device of CUDA; see ``eomgen.device.face.Device``.
@@ -215,39 +204,21 @@ class CompiledCode:
         return self._opener(self, where, contract=contract)
 
     def bind(self, module: ModuleType) -> None:
-        """Let plain calls of methods go through an extension module.
-
-        Attributes of the kernel then stand before the methods of its class, which they call where a call is not plain;
-        they do so for a second kernel that has none of them, so that no kernel is in a circle of references.
-        """
-        if self._functions is None or self._functions.module is not module:
-            methods = self._methods_of_functions()
-            self._functions = DirectFunctions(module, self.raw, methods, self.frames, self._given)
-        plain = self._with_methods_in_python()
-        state = self.parameters.state
-        if not isinstance(state, module.State):
-            state = self.parameters.state = state.moved_to(module.State)
-        module.bind(self._functions.methods, plain, state, self.__dict__)
-        self.__dict__["_plain"] = plain
-        self.__dict__["_direct_jets"] = {}
-
-    def _bound_jet(self, name: str) -> Callable[..., tuple[Array, ...]] | None:
-        """Return a function of time derivatives through the extension module; None where there is none."""
-        if not self.is_direct or self._functions is None:
-            return None
-        plain, bound = self.__dict__["_plain"], dict[str, Any]()
-        self._functions.module.bind((self._functions.jet(name),), plain, self.parameters.state, bound)
-        found: Callable[..., tuple[Array, ...]] = bound[name]
-        return found
+        """Let plain calls of methods go through an extension module."""
+        if self._direct is None or self._direct.module is not module:
+            self._direct = DirectFunctions(module, self.raw)
+        if not isinstance(self.parameters.state, module.State):
+            self.parameters.state = self.parameters.state.moved_to(module.State)
+        self._bound.bind(self._direct)
 
     @property
     def is_direct(self) -> bool:
         """True if an extension module takes plain calls: arrays of the kernel's dtype and of exactly its shapes.
 
-        They go to the C without Python in between.  All others, and all errors, are those of the methods in Python, so
+        They go to the C without checks in Python.  All others, and all errors, are those of the calls in Python, so
         that nothing but their time depends on it.  It is False where Python's or NumPy's headers were missing.
         """
-        return "_plain" in self.__dict__
+        return self._bound.is_direct
 
     def together(self, *kernels: str) -> Self:
         """Return the kernel with these kernels in one library of C, and with separate parameters.
@@ -332,9 +303,7 @@ class CompiledCode:
         Raises:
             UnknownNameError: no frame or link of that name.
         """
-        if not isinstance(name, str) or name not in self.frames:
-            raise UnknownNameError(f"frame: {show(name)} is unknown{nearest_or_all(str(name), self.frames)}")
-        return self.frames.index(name)
+        return frame_number(self.frames, name)
 
     def refuse_not_finite(self, label: str, array: Array, shape: tuple[int, ...], place: str = "") -> None:
         """Refuse NaN and infinity in an argument of a kernel, or in a batch of them, whatever ``checks`` says.

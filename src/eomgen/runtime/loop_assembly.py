@@ -35,27 +35,7 @@ SAME = 1e-6  # m or rad: roots that differ by less are one
 class LoopClosure(CompiledCode):
     """The constraint of closed loops, and states that meet it."""
 
-    def constraint(self, q: ArrayLike, *, out: Array | None = None) -> Array:
-        """Return g(q), (constraints,): zero where the loops are closed.
-
-        Of frame b on a loop's second link, seen from frame a on its first: x, y, z (m) of its origin, and sines of its
-        turns alpha, beta, gamma about x, y, z, as far as the cut joint blocks them (``eomgen.robot.cuts``).
-        """
-        return self.calls.run("constraint", out, (q,))
-
-    def constraint_jacobian(self, q: ArrayLike, *, out: Array | None = None) -> Array:
-        """Return J = dg/dq, (constraints, n), exact; J v is the rate of g."""
-        return self.calls.run("constraint_jacobian", out, (q,))
-
-    def constraint_bias(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
-        """Return J_dot v, (constraints,): the second derivative of g is J a + J_dot v."""
-        return self.calls.run("constraint_bias", out, (q, v))
-
-    def cut_poses(self, q: ArrayLike, *, out: Array | None = None) -> Array:
-        """Return the pose of frame b seen from frame a of each loop, (loops, 4, 4), m: the motion of the cut joint."""
-        return self.calls.run("cut_poses", out, (q,))
-
-    def cut_coordinates(self, q: ArrayLike) -> Array:
+    def loop_coordinates(self, q: ArrayLike) -> Array:
         """Return coordinates of loop joints, (loops, 6): x, y, z (m), alpha, beta, gamma (rad) as of other joints.
 
         They are those of frame b on a loop's second link, seen from frame a on its first, where the angles turn about
@@ -128,8 +108,6 @@ class LoopClosure(CompiledCode):
             moving[group.rows] = group.described(turned, velocities, states[group.rows], place)[1]
         rates = np.asarray(moving.reshape(*lead, n))
         return cut(calls, rates, "vector") if is_narrow(calls, v) else rates
-
-    close, close_rates = assemble, project_velocity  # their names of before
 
 
 def closed_near(calls: Calls, guess: Array, free: Mask) -> Array | None:

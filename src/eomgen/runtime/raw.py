@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, partial
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import _cffi_backend
 import numpy as np
@@ -43,6 +43,20 @@ def name_of(method: Method) -> str:
     return str(getattr(method, "__name__", "")) if callable(method) else method
 
 
+class WrenchTerm(NamedTuple):
+    """Contribution of external wrenches to what a function computes.
+
+    Attributes:
+        function: of q and the wrenches, whose result is added.
+        sign: 1 or -1.
+        into: the argument that it is added to, with sign 1, where it is not the result.
+    """
+
+    function: str
+    sign: float
+    into: str = ""
+
+
 @dataclass(frozen=True)
 class RawFunction:
     """A function of C that users call.
@@ -57,6 +71,11 @@ class RawFunction:
             steps in one call).
         reads: names of the arrays that it reads, in the order of the arguments; ``RawKernel.shapes`` has their shapes.
         writes: name of the array that it writes.
+        takes: optional arguments of its method behind the arrays, in their order: "wrench", "z", "cut".
+        wrench: how external wrenches enter, if they do.
+        tree: the function that computes the same for the open tree, where there are constraints; or "".
+        loaded: the function that computes the same for closed loops where generalized forces act in addition, and
+            that which gives these forces of wrenches; or ().
     """
 
     name: str
@@ -65,6 +84,10 @@ class RawFunction:
     reads: tuple[str, ...]
     writes: str
     _libraries: Libraries = field(repr=False, compare=False)
+    takes: tuple[str, ...] = ()
+    wrench: WrenchTerm | None = None
+    tree: str = ""
+    loaded: tuple[str, ...] = ()
     _codes: dict[bool, tuple[Any, Library]] = field(default_factory=dict, repr=False, compare=False)
 
     @property
@@ -293,7 +316,13 @@ class RawKernel:
         self.ffi = FFI
         self.view = partial(FFI.from_buffer, POINTERS[meta["dtype"]])
         known = [
-            RawFunction(name, entry["kernel"], entry["kind"], tuple(entry["reads"]), entry["writes"], libraries)
+            RawFunction(
+                *(name, entry["kernel"], entry["kind"], tuple(entry["reads"]), entry["writes"], libraries),
+                tuple(entry.get("takes", ())),
+                WrenchTerm(*entry["wrench"]) if "wrench" in entry else None,
+                entry.get("tree", ""),
+                tuple(entry.get("loaded", ())),
+            )
             for name, entry in meta["functions"].items()
         ]
         self.rollout: RawFunction | None = next((x for x in known if x.kind == ROLLOUT), None)

@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 from ..arrays import Array, Mask
 from ..errors import ArrayError, InputError, IntegrationError, LoopError, UnknownNameError, check_kind
 from ..robot.sizes import REFERENCE_ACCELERATION
-from ..runtime.by_name import WrenchLike
 from ..runtime.kernel import Kernel
+from ..runtime.methods.wrenches import WrenchLike
 from .drives import DrivesAtRest
 from .law_states import StatesLike, at_rest_with, memory_vector, refuse_moving, whole_vector
 from .springs import coordinate_sizes, line_rates, stiffnesses

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from ...errors import InputError, UnknownNameError
 from ...names import nearest_or_all, show
-from ..arrays import cut, flag, is_narrow, narrow_shape, refuse_mixed, widened
+from ..arrays import cut, is_narrow, narrow_shape, refuse_mixed, widened
 from ..calls import Calls
 from ..compiled_code import CompiledCode
 from ..loop_errors import LOADED
@@ -208,7 +208,9 @@ class Differentiation(CompiledCode):
             out: array (3, n, n) to write to; the result are views of it.
         """
         lead = () if u is None else self.calls.array("u", u, self.raw.shapes["u"])[1]
-        return _three(self.calls.run("residual_jacobian", out, (q, v, a), lead=lead))
+        if not lead or lead == np.shape(q)[:-1]:
+            return _three(*self._bound["residual_jacobian"](q, v, a, None, out))
+        return _three(*np.moveaxis(self.calls.run("residual_jacobian", out, (q, v, a), lead=lead), -3, 0))
 
     def forward_dynamics_jacobian(
         self, q: ArrayLike, v: ArrayLike, u: ArrayLike, *, out: Array | None = None, cut: bool = False
@@ -229,8 +231,7 @@ class Differentiation(CompiledCode):
         Raises:
             SingularError, LoopError: as of ``forward_dynamics``.
         """
-        name = "forward_dynamics_jacobian"
-        return _three(self.calls.run(self.calls.of_tree(name) if flag("cut", cut) else name, out, (q, v, u)))
+        return _three(*self._bound["forward_dynamics_jacobian"](q, v, u, None, cut, out))
 
     def jvp(
         self,
@@ -355,5 +356,5 @@ class Differentiation(CompiledCode):
         return Differentiated.of(self.calls, name_of(name), self.frame_index)
 
 
-def _three(blocks: Array) -> tuple[Array, Array, Array]:
-    return blocks[..., 0, :, :], blocks[..., 1, :, :], blocks[..., 2, :, :]
+def _three(first: Array, second: Array, third: Array) -> tuple[Array, Array, Array]:
+    return first, second, third

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -41,20 +41,6 @@ class _Request(NamedTuple):
     writes: str
 
 
-class _Direct(NamedTuple):
-    """Time derivatives through the extension module.
-
-    Attributes:
-        call: takes arrays in a row.
-        arrays: how many time derivatives of coordinates it takes, and tuples behind them.
-        has_another: whether there is such a tuple.
-    """
-
-    call: Callable[..., tuple[Array, ...]]
-    arrays: int
-    has_another: bool
-
-
 class TimeDerivatives(LoopClosure):
     """Time derivatives along motions, of any order up to four."""
 
@@ -86,34 +72,22 @@ class TimeDerivatives(LoopClosure):
             SingularError, LoopError: as of the method.
         """
         name = name_of(name)
-        direct: _Direct | None = None
-        if type(order) is int and type(name) is str:
-            direct = self._direct_jets.get((name, order))
-        if direct is not None and type(series) is tuple and len(series) == direct.arrays:
-            if not direct.has_another:
-                return direct.call(*series)
-            if type(series[-1]) is tuple and len(series[-1]) == order + 1:
-                return direct.call(*series[:-1], *series[-1])
         wanted = self._requested(name, order)
         motion, others, frame = _split(name, wanted, series)
         index = self.frame_index(frame) if wanted.writes in FRAMED else None
         arrays = [*motion, *(x for one in others for x in one)]
         if name in REFUSING and self.raw.libraries.meta.get("constraints"):  # refuses states in which loops are open
             self.calls.run(name, None, [*motion[: len(wanted.motion) - order], *(one[0] for one in others)])
-        elif index is None and len(others) < 2 and (bound := self._bound_jet(wanted.function)) is not None:
-            self._direct_jets[name, order] = _Direct(bound, len(motion) + len(others), bool(others))
-            return bound(*arrays)
-        result = self.calls.run(wanted.function, None, arrays)
-        inner = len(self.raw.shapes[self.raw.functions[wanted.function].writes])
+        orders: tuple[Array, ...] = self._bound[wanted.function](*arrays, None)
         if index is None:
-            return tuple(np.moveaxis(result, -inner, 0))
-        return tuple(_of_frame(x, index, wanted.writes, k) for k, x in enumerate(np.moveaxis(result, -inner, 0)))
+            return orders
+        return tuple(_of_frame(x, index, wanted.writes, k) for k, x in enumerate(orders))
 
     def close_series(self, series: Sequence[ArrayLike], held: Iterable[str] = ()) -> tuple[Array, ...]:
         """Return time derivatives of coordinates that keep loops closed, those next to a guess: q, v, a, jerk, ...
 
         Coordinates that depend on others follow by implicit differentiation of the constraint, order by order; each
-        change is that of least kinetic energy, as in ``close_rates``.
+        change is that of least kinetic energy, as in ``project_velocity``.
 
         Args:
             series: the guess, each (n,) or (..., n): zeros where nothing is known of a dependent coordinate.
@@ -125,7 +99,7 @@ class TimeDerivatives(LoopClosure):
         Raises:
             LoopError: loops cannot be closed, or not by motions that have what is held.
             UnknownNameError, InputError: an unknown name, no loops, or other than 2 to 7 arrays.
-            SingularError: as of ``close_rates``.
+            SingularError: as of ``project_velocity``.
         """
         if not isinstance(series, (tuple, list)) or not 2 <= len(series) <= len(MOTION):
             got = len(series) if isinstance(series, (tuple, list)) else type(series).__name__
