@@ -144,7 +144,7 @@ def number_context(equations: Equations, meta: Mapping[str, Any]) -> dict[str, A
         **_closing_tables(equations),
         "kept_size": kept_size(equations),
         "has_radau": "pair_factors" in equations.programs,
-        "pair_size": kept_size(equations, "pair_factors"),
+        "pair_size": kept_size(equations, "pair_kept"),
         "rubs": any(name.endswith("friction.smoothing") for name in model.parameters),
         "kept_numbers": kept_of_a_step(model),
         "texts": {name: KERNELS[name].text for name in GRADIENTS},

@@ -484,6 +484,10 @@ PARTS: Mapping[str, Signature] = table(  # programs that only other kernels call
 
 DERIVATIVES = KernelTable(differentiated(OWN_KERNELS))  # there only if they are asked for
 KERNELS = KernelTable({**OWN_KERNELS, **DERIVATIVES, **GRADIENTS})
+FRAME_KERNEL = next(name for name, signature in OWN_KERNELS.items() if signature.kind == "frames")
+CLOSED_PROGRAMS: Mapping[str, str] = {  # the one program with whose first numbers a kernel ends where there are loops
+    name: signature.closed[0] for name, signature in OWN_KERNELS.items() if len(signature.closed) == 1
+}
 CLOSURE_KERNELS = ("constraint", "constraint_jacobian", "constraint_bias", "cut_poses")  # of the constraint itself
 LOOP_KERNELS = tuple(
     name for name, signature in OWN_KERNELS.items() if signature.needs in ("loops", "constraints", "cuts")

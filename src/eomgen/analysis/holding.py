@@ -185,7 +185,7 @@ def floating(kernel: Kernel, q: Array) -> tuple[str, ...]:
 def floating_cuts(kernel: Kernel, q: Array) -> list[str]:
     """Return names of the loop joints' coordinates and couplings that touch no end of their clearance at q, (n,)."""
     ends = {name: law["clearance"] for name, law in cut_numbers(kernel).items() if law.get("clearance")}
-    known = {"cut_forces", "cut_jacobian"} <= set(kernel.raw.functions)  # a kernel that the caller built may lack them
+    known = kernel.raw.has(kernel.cut_forces, kernel.cut_jacobian)  # a kernel that the caller built may lack them
     contacts = cut_contacts(kernel)
     if not (ends or contacts) or not known:
         return []

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array
+from ..codegen.kernels.groups import ANALYSIS, ANALYSIS_OF_LAWS, kernel_group
 from ..description import RobotLike, as_robot
 from ..errors import ArrayError, EomgenWarning, InputError
 from ..pipeline.building import build
@@ -24,7 +25,7 @@ from .holding import Fixation, Gains, PoseLike, fixation_of, pose_of
 
 FrameLoads = Mapping[str, ArrayLike]
 
-KERNELS = ("inverse_dynamics", "residual_jacobian", "kinematics")
+KERNELS = ANALYSIS
 
 
 class StateKeywords(TypedDict, total=False):
@@ -108,9 +109,7 @@ def kernel_of(
         InputError: the kernel is of another robot or not float64, or parameters stand beside a kernel.
     """
     if kernel is None:
-        cuts = ("cut_forces", "cut_jacobian") if build_model(robot).cut_laws else ()
-        drives = ("drive_forces",) if build_model(robot).beside else ()
-        names = (*KERNELS, *mechanism_kernels(robot), *cuts, *drives)
+        names = (*kernel_group(robot, ANALYSIS, ANALYSIS_OF_LAWS), *mechanism_kernels(robot))
         kernel = build(robot, kernels=names, progress=progress or no_report)
         kernel.parameters.update(parameters or {})
         return kernel

@@ -11,6 +11,8 @@ import numpy as np
 
 from ..arrays import Array, rank_of
 from ..bending.beams.resultants import COMPONENTS, StressResultants, stress_resultants
+from ..codegen.kernels.groups import FRAME_POSES, JOINT_REACTIONS, kernel_group
+from ..codegen.kernels.signatures import KERNELS
 from ..description import RobotLike
 from ..description.matrix_files import read_matrix
 from ..errors import InputError, LoopError, UnknownNameError, check_kind
@@ -36,7 +38,6 @@ RANK = 1e-9  # of the greatest principal compliance: what is taken to be zero
 SOFT = 1e-13  # of the greatest stiffness, scaled: nothing holds what has less
 MATRIX_ENDINGS = (".csv", ".npz", ".mtx")  # of files that it is written to
 LEFT = 1e-6  # of the greatest force in an equilibrium: what its search may leave
-REACTING = frozenset(("external_reactions", "reactions"))  # kernels that stress resultants need
 UNITS = "N/m, N/rad, N m/rad"
 NO_BEAM = "no link of {} is a beam, whose stress resultants could be written; allowed: with --map or --matrix"
 
@@ -172,8 +173,8 @@ def _stress_resultants(arm: HeldRobot, q: Array) -> tuple[StressResultants, ...]
     if not beams:
         return ()
     reacting = kernel
-    if not frozenset(kernel.raw.functions) >= REACTING:
-        reacting = build(robot) if robot.is_closed else build(robot, kernels=("kinematics", *sorted(REACTING)))
+    if not kernel.raw.has(*JOINT_REACTIONS):
+        reacting = build(robot, kernels=() if robot.is_closed else kernel_group(robot, FRAME_POSES, JOINT_REACTIONS))
         reacting.parameters.update(kernel.parameters)
     still = np.zeros(len(kernel.coordinates))
     z = arm.fixation.z if kernel.internal_states else None
@@ -228,7 +229,9 @@ def _reactions_of_held(arm: HeldRobot, q: Array, error: LoopError) -> Array:
     if arm.loads:
         total = total + whole.external_force(q, arm.loads)
     values, calls = (q, still, still, total), whole.calls
-    return calls.run_with_wrench("reactions_under_load", None, values, wrench_rows(calls, q, arm.loads or None), z)
+    return calls.run_with_wrench(
+        KERNELS[JOINT_REACTIONS[0]].loaded, None, values, wrench_rows(calls, q, arm.loads or None), z
+    )
 
 
 def _beam_loads(

@@ -325,7 +325,7 @@ def _forces(kernel: Kernel, series: tuple[Array, ...], order: int) -> tuple[Arra
     """Return the forces of drives at the links' side, and their time derivatives up to an order, (T, n) each."""
     if order == 0:
         return (kernel.inverse_dynamics(*series[:3]),)
-    return kernel.jet("inverse_dynamics", tuple(np.ascontiguousarray(x) for x in series), order)
+    return kernel.jet(kernel.inverse_dynamics, tuple(np.ascontiguousarray(x) for x in series), order)
 
 
 def _assembled(

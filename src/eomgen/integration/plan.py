@@ -201,7 +201,7 @@ def why_stiff(kernel: Kernel, q: Array | None = None, duration: float = 1.0) -> 
         return "laws have states, which follow fast motions in no time"
     if any_spring(kernel):
         return "there are springs"
-    if not ({"mass_matrix"} if kernel.constraints else {"mass_matrix", "inverse_dynamics"}) <= set(kernel.operations):
+    if not kernel.raw.has(kernel.mass_matrix) or not (kernel.constraints or kernel.raw.has(kernel.inverse_dynamics)):
         return ""
     try:
         slowing = fastest_rates(kernel, np.zeros(kernel.n) if q is None else q)[1]

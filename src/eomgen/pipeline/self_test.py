@@ -19,6 +19,7 @@ from ..codegen.c.expected import FAILS, PASSES, STATES, read_expected
 from ..codegen.kernels.signatures import BATCHES, SINGLES
 from ..errors import BuildError
 from ..runtime.raw import ADAPTIVE, BATCH, FFI, OneLibrary, RawFunction, RawKernel
+from ..runtime.stepping import options as steps
 from . import cache as store
 from .load import tried_module
 
@@ -31,7 +32,6 @@ Array = NDArray[Any]
 ROWS = [row.bit_count() % STATES for row in range(35)]  # states of a batch: two vectors of 16 lanes, and some
 UNITS = 16.0  # eps of a sum of results by its terms
 STEP = {"float64": 2.0**-200, "float32": 2.0**-60}  # s; so short that velocities change by the accelerations alone
-METHODS = {"rollout": 2, "adaptive_rollout": 2, "radau_rollout": 3}
 ITERATED = 256.0 * UNITS  # eps of velocities behind a step that is solved by iterations
 
 
@@ -63,6 +63,13 @@ def check_package(
         if wrong is not None:
             reason = f"the compiled kernels of {source.name} compute something else than their equations: {wrong}"
             raise BuildError(refusal(reason, (*compiler.command, *flags, f"{source.name}.c")))
+
+
+def _methods(rollout: str) -> int:
+    """Return how many methods the C of a rollout has, by their numbers."""
+    return 1 + max(
+        number for method, number in {**steps.ADAPTIVE, **steps.FIXED}.items() if steps.rollout_of(method) == rollout
+    )
 
 
 def _loaded(load: Callable[[], Any]) -> tuple[Any, bool]:
@@ -148,7 +155,7 @@ class _Check:
     def _of_steps(self, rollout: RawFunction, called: str) -> Iterator[str]:
         """Compare velocities after one step from rest by each method with the accelerations there."""
         name, n, dt = rollout.name, self.expected["q"].shape[1], STEP[str(self.raw.dtype)]
-        for method, state in np.ndindex(METHODS[name], STATES):
+        for method, state in np.ndindex(_methods(name), STATES):
             if self.expected[f"{name} status"][state] != PASSES:
                 continue
             q, u = (self._pointer(self.expected[x][state].copy()) for x in "qu")

@@ -150,8 +150,8 @@ def make_blocks(
         names: of the coordinates.
     """
     part = slice(len(names))
-    rows = np.stack([_bits(text, n) for text in meta["mass_matrix"]])
-    upper = np.stack([_bits(text, n * (n + 1) // 2) for text in meta["christoffel"]])
+    rows = np.stack([_bits(text, n) for text in meta["matrix"]])
+    upper = np.stack([_bits(text, n * (n + 1) // 2) for text in meta["tensor"]])
     mask = np.zeros((n, n, n), dtype=np.bool_)
     v, w = np.triu_indices(n)
     mask[:, v, w] = upper

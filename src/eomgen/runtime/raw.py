@@ -15,8 +15,11 @@ from ..errors import BuildError, InputError, UnknownNameError
 from ..names import show
 
 Array = NDArray[Any]
+Method = str | Callable[..., Any]  # a method of a kernel, or its name
 
-__all__ = ["Libraries", "Library", "OneLibrary", "Operations", "RawFunction", "RawKernel", "Setup"]
+__all__ = [
+    *("Libraries", "Library", "Method", "OneLibrary", "Operations", "RawFunction", "RawKernel", "Setup", "name_of"),
+]
 
 FFI = _cffi_backend.FFI()  # knows C's own types; pointers of all libraries are of these
 POINTERS = {"float64": "double[]", "float32": "float[]"}
@@ -33,6 +36,11 @@ WEIGHTS = {"mul": 1, "add": 1, "div": 5, "sincos": 25}  # times of operations be
 BATCH = "_batch"  # behind the name of what works on several states
 ENDINGS = ("h", "c", "json")  # of the files that a kernel's package has beside its libraries
 STAGES = 5  # of a step of a rollout: four of rk4, in numbers of linearly implicit ones, and what is around them
+
+
+def name_of(method: Method) -> str:
+    """Return the name of a method of a kernel; anything else as it is."""
+    return str(getattr(method, "__name__", "")) if callable(method) else method
 
 
 class WrenchTerm(NamedTuple):
@@ -337,17 +345,33 @@ class RawKernel:
         """Return the error that says that the kernel has no such function, and which ones it has."""
         return UnknownNameError(f"{self.name} was built without the kernel {name}; built: {', '.join(self.functions)}")
 
-    def function(self, name: str) -> RawFunction:
-        """Return a function by its name, that of ``rollout`` as well.
+    def has(self, *methods: Method) -> bool:
+        """Return whether the kernel was built with the functions of all these methods."""
+        return all(name_of(method) in self.functions for method in methods)
+
+    def function(self, name: Method) -> RawFunction:
+        """Return the function of a method, or of its own name, that of ``rollout`` as well.
 
         Raises:
             UnknownNameError: the kernel was built without it.
         """
+        name = name_of(name)
         if name in self.functions:
             return self.functions[name]
         if name in self.rollouts:
             return self.rollouts[name]
         raise self.missing(name)
+
+    def writing(self, array: str) -> RawFunction:
+        """Return the function that writes an array, of those that only one function writes.
+
+        Raises:
+            UnknownNameError: the kernel was built without it.
+        """
+        found = [function for function in self.functions.values() if function.writes == array]
+        if len(found) != 1:
+            raise self.missing(f"that writes {array}")
+        return found[0]
 
     def address(self, name: str, *, batch: bool = False) -> int:
         """Return the address of the code of a function, for programs that call it without Python.

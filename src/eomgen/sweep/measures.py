@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import Array
+from ..codegen.kernels.groups import JOINT_REACTIONS
 from ..errors import InputError
 from ..motion.exceeding import excesses
 from ..names import joint_of
@@ -22,7 +23,7 @@ from ..state.motors import shafts
 from ..state.turning import quaternion_columns
 from .plan import Plan
 
-NEEDS = {"reaction_max": ("reactions",)}  # kernels beside those of a simulation
+NEEDS = {"reaction_max": JOINT_REACTIONS}  # kernels beside those of a simulation
 READS = {  # fields of results that not all motions have, by recorded name
     "tool_deviation_max": (POSE,),
     "tool_deviation_rms": (POSE,),

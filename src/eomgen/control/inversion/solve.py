@@ -20,6 +20,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from ...arrays import Array
+from ...codegen.kernels.groups import CONTROLLED_INVERSION
 from ...description import RobotLike, as_robot
 from ...errors import InputError
 from ...limits import LARGEST, is_usable
@@ -45,7 +46,7 @@ from .refinement import STEPS, TOLERANCE, Ends, RefinedMotion, on_steps, refine
 from .result import StableInversion
 from .zeros import Complex
 
-KERNELS = ("residual", "residual_jacobian", "mass_matrix", "kinematics")
+KERNELS = CONTROLLED_INVERSION
 FEWEST, MOST = 24, 20_000  # steps
 MOST_NUMBERS = 60_000_000  # of the linear equations
 FADED = 1e-4  # of an internal motion: what is left of it before the first and after the last sample

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ...arrays import Array, Index
+from ...codegen.kernels.groups import INERTIA
 from ...errors import EomgenError, InputError, LoopError
 from ...motion.ends import default_ends, principal_limits
 from ...motion.splines import signal_of
@@ -81,7 +82,7 @@ def default_gains(robot: Robot, driven: tuple[str, ...], start: Array) -> tuple[
         moved = [kernel.forward_dynamics(q, nothing, np.eye(kernel.n)[i])[i] - rest[i] for i in index]
         inertia = 1.0 / np.maximum(np.array(moved), 1e-9)
     else:
-        kernel = build(robot.rigid(), kernels=("mass_matrix", *rigid_kernels(robot)))
+        kernel = build(robot.rigid(), kernels=(*INERTIA, *rigid_kernels(robot)))
         at = dict(zip(driven, start, strict=True))
         M = kernel.mass_matrix([at.get(name, 0.0) for name in kernel.coordinates])
         inertia = np.diag(M)[index_of(kernel.coordinates, driven)]

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...arrays import Array
+from ...codegen.kernels.groups import LIVE_PAGE
 from ...errors import EomgenError, InputError
 from ...integration.plan import stiff_in_real_time
 from ...names import kind_of
@@ -36,7 +37,7 @@ MORE = 100.0  # times further they can be exaggerated
 MOST_SAMPLES = 4000  # of a recording
 VIEWED = 50  # of them, that the first view is to show
 GRAVITY = 9.81  # m/s^2, by which forces of pushes are weighed
-KERNELS = ("adaptive_rollout", "inverse_dynamics", "energy", "kinematics", "external_force")
+KERNELS = LIVE_PAGE
 
 
 @dataclass(frozen=True)

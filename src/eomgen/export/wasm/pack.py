@@ -14,7 +14,7 @@ from eomgen._version import __version__
 from eomgen.codegen.c.scalar_types import SCALARS
 from eomgen.codegen.c.source import Source, environment
 from eomgen.codegen.kernels.interface import turning_joints
-from eomgen.codegen.kernels.signatures import available, functions, with_beside
+from eomgen.codegen.kernels.signatures import functions, with_beside
 from eomgen.codegen.package.compile import LONG
 from eomgen.description import RobotLike, as_robot
 from eomgen.errors import InputError
@@ -28,13 +28,10 @@ from eomgen.robot.value import Robot
 from eomgen.runtime.parameters import FADING, SPEEDS, TINY
 from eomgen.runtime.stepping.options import ADAPTIVE, FIXED, LEAST, ROLLOUTS, rollout_of
 
+from ...codegen.kernels.groups import INVERSE_DYNAMICS, WEBASSEMBLY, kernel_group
 from .compile import compile_wasm, wasm_command
 from .layout import checked_places, struct_table
 
-KERNELS = (
-    *("forward_dynamics", "inverse_dynamics", "mass_matrix", "bias_force", "generalized_force", "external_force"),
-    *("kinematics", "energy", "reactions", "constraint", "rollout", "adaptive_rollout"),
-)
 _SAID = (  # of a kernel's metadata, to those who call it
     *("name", "generator", "dtype", "coordinates", "joints", "links", "frames", "driven", "prescribed", "parameters"),
     *("least", "shapes", "functions", "hoisted"),
@@ -116,8 +113,7 @@ def make_wasm(
     robot = as_robot(robot)
     wasm_command()  # before longer work
     described_model = build_model(robot)
-    there = available(described_model)
-    chosen = Options(tuple(kernels), dtype).kernels or tuple(name for name in KERNELS if name in there)
+    chosen = Options(tuple(kernels), dtype).kernels or kernel_group(described_model, WEBASSEMBLY)
     for method, kernel in ROLLOUTS.items():
         if kernel in chosen:
             named = ", ".join(name for name in (*FIXED, *ADAPTIVE) if name != method)
@@ -150,7 +146,7 @@ def _rigid(robot: Robot, progress: StageReport) -> Source:
         raise InputError(
             f"model: {robot.name} has loops or couplings; allowed: robots without, whose drives can ask it"
         )
-    return make_source(rigid, Options(("inverse_dynamics",), batches=False), progress)
+    return make_source(rigid, Options(INVERSE_DYNAMICS, batches=False), progress)
 
 
 def _sources(source: Source, rigid: Source | None, context: Mapping[str, Any]) -> dict[str, str]:
@@ -177,10 +173,15 @@ def _context(robot: Robot, meta: Mapping[str, Any], rigid: Source | None) -> dic
         "speeds": SPEEDS,
         "tiny": TINY,
         "fading_allowed": FADING,
-        "pushed": {"external_force", "frame_pose"} <= meta["functions"].keys(),
+        "pushed": "frames" in kinds and any(_pushes(function) for function in meta["functions"].values()),
         "turning": bool(meta.get("turning")),
         "turned_size": turning_joints(build_model(robot))["room"],
     }
+
+
+def _pushes(function: Mapping[str, Any]) -> bool:
+    """Return whether a function computes the generalized forces of wrenches on links."""
+    return "wrench" in function["reads"] and function["writes"] == "vector"
 
 
 def _description(

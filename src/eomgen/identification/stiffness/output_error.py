@@ -20,6 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from ...arrays import Array
+from ...codegen.kernels.groups import FIT_OF_MOTIONS
 from ...errors import DescriptionError, InputError, UnknownNameError
 from ...motion.files import MeasuredMotion, measured_motion
 from ...names import listed
@@ -38,7 +39,7 @@ from ..relations import refuse_followers
 from .beams import beam_notes
 from .levenberg_marquardt import BLOCKS, Certainty, Descent, certainty, descend
 from .result import Estimate, FitResult, FittedNumber
-from .simulated import LEAST_NOISE, METHOD, Simulation, run_of
+from .simulated import LEAST_NOISE, Simulation, run_of
 
 KEPT = ("fade", "smoothing", "A")  # numbers of laws with states that are looked for by their names alone
 LED = (0.1, 0.01)  # bandwidths of the first descents, per step of the samples
@@ -68,7 +69,7 @@ def numbers_sought(robot: Robot, patterns: Sequence[str] | None) -> tuple[str, .
 
 def output_error_kernels() -> tuple[str, ...]:
     """Return names of the kernels that such a fit calls."""
-    return ("mass_matrix", "forward_dynamics", "adaptive_rollout", f"{METHOD}_sensitivity")
+    return FIT_OF_MOTIONS
 
 
 def fit_numbers(

@@ -17,7 +17,7 @@ from ..calls import Calls
 from ..compiled_code import CompiledCode
 from ..loop_errors import LOADED
 from ..parameters import parameter_slots
-from ..raw import Array
+from ..raw import Array, Method, name_of
 
 ADJOINT, TANGENT, HESSIAN = "adjoint", "tangent", "hessian"
 BY_PARAMETERS = "parameter_"
@@ -249,7 +249,7 @@ class Differentiation(CompiledCode):
 
     def jvp(
         self,
-        name: str,
+        name: Method,
         args: Sequence[Any],
         tangents: Sequence[ArrayLike],
         *,
@@ -258,7 +258,7 @@ class Differentiation(CompiledCode):
         """Give what a method's result changes by along rates of its arguments: its Jacobian times them, exact.
 
         Args:
-            name: the method, such as "inverse_dynamics", "reactions", "energy", "frame_pose".
+            name: the method or its name, such as "inverse_dynamics", "reactions", "energy", "frame_pose".
             args: its arguments in their order, such as (q, v, a) or (q, "tool"); without ``wrench``; z behind the other
                 arrays where the result depends on internal states.
             tangents: a rate for each array among them, of its shape.
@@ -285,7 +285,7 @@ class Differentiation(CompiledCode):
         return derivative
 
     def vjp(
-        self, name: str, args: Sequence[Any], cotangent: ArrayLike, parameters: Sequence[str] = ()
+        self, name: Method, args: Sequence[Any], cotangent: ArrayLike, parameters: Sequence[str] = ()
     ) -> tuple[Array, ...]:
         """Return the gradient of the sum of a method's weighted results: weights times its Jacobian, exact.
 
@@ -314,7 +314,7 @@ class Differentiation(CompiledCode):
         split = gradient.shape[-1] - len(self.parameters)
         return (*f.rows(gradient[..., :split]), gradient[..., split:][..., slots])
 
-    def hessian(self, name: str, args: Sequence[Any], cotangent: ArrayLike) -> Array:
+    def hessian(self, name: Method, args: Sequence[Any], cotangent: ArrayLike) -> Array:
         """Return exact second derivatives, symmetric, of the sum of a method's weighted results by its arguments.
 
         Args:
@@ -334,7 +334,7 @@ class Differentiation(CompiledCode):
         places = np.concatenate(f.places()).astype(np.intp)
         return np.ascontiguousarray(second[..., places[:, np.newaxis], places])
 
-    def parameter_jacobian(self, name: str, args: Sequence[Any], parameters: Sequence[str] | None = None) -> Array:
+    def parameter_jacobian(self, name: Method, args: Sequence[Any], parameters: Sequence[str] | None = None) -> Array:
         """Return derivatives of a method's results by run-time parameters, exact.
 
         Args:
@@ -362,8 +362,8 @@ class Differentiation(CompiledCode):
         columns = f.of_frame(f.split(f.run(f"{BY_PARAMETERS}{TANGENT}", [*beside, units], inner=1)), frame)
         return np.moveaxis(columns, len(lead), -1)
 
-    def _differentiated(self, name: str) -> Differentiated:
-        return Differentiated.of(self.calls, name, self.frame_index)
+    def _differentiated(self, name: Method) -> Differentiated:
+        return Differentiated.of(self.calls, name_of(name), self.frame_index)
 
 
 def _three(first: Array, second: Array, third: Array) -> tuple[Array, Array, Array]:

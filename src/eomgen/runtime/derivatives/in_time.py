@@ -14,7 +14,7 @@ from ...errors import InputError, UnknownNameError
 from ...names import listed, nearest_or_all, show
 from ..arrays import OF_ORDERS, names_in, place_of
 from ..loop_assembly import LoopClosure, closed_rates, free_coordinates
-from ..raw import Array
+from ..raw import Array, Method, name_of
 from .by_arguments import CLOSED, FRAMED
 
 MOTION = ("q", "v", "a", "jerk", "snap", "crackle", "pop")  # time derivatives of coordinates, by their order
@@ -44,7 +44,7 @@ class _Request(NamedTuple):
 class TimeDerivatives(LoopClosure):
     """Time derivatives along motions, of any order up to four."""
 
-    def jet(self, name: str, series: Sequence[Any], order: int = 1) -> tuple[Array, ...]:
+    def jet(self, name: Method, series: Sequence[Any], order: int = 1) -> tuple[Array, ...]:
         """Return a method's result and its time derivatives along a motion: f, f', f'', ...; exact.
 
         They are coefficients of a truncated Taylor series through the equations; run-time parameters and joints'
@@ -52,8 +52,8 @@ class TimeDerivatives(LoopClosure):
         ``close_series`` completes one.
 
         Args:
-            name: the method, such as "inverse_dynamics", "forward_dynamics", "frame_pose", "mass_matrix"; without
-                ``wrench``.
+            name: the method or its name, such as "inverse_dynamics", "forward_dynamics", "frame_pose", "mass_matrix";
+                without ``wrench``.
             series: time derivatives of the coordinates, q, v, a, jerk, snap, ..., each (n,) or (..., n), as many as
                 function and order need: q'''' for the inverse dynamics to order 2.  More are not read.  Behind them
                 for each further array that the method reads, u, wrench or z, a tuple of the array and its time
@@ -71,6 +71,7 @@ class TimeDerivatives(LoopClosure):
             ArrayError: an array of wrong shape or dtype, or with NaN or infinity.
             SingularError, LoopError: as of the method.
         """
+        name = name_of(name)
         wanted = self._requested(name, order)
         motion, others, frame = _split(name, wanted, series)
         index = self.frame_index(frame) if wanted.writes in FRAMED else None
@@ -133,8 +134,8 @@ class TimeDerivatives(LoopClosure):
         order = len(motion) - 2
         if order == 0:
             return self.calls.run("constraint_bias", None, motion)
-        rest = self.jet("constraint_bias", motion, order)[order]
-        for i, J in enumerate(self.jet("constraint_jacobian", motion[:-1], order)[1:], 1):
+        rest = self.jet(self.constraint_bias, motion, order)[order]
+        for i, J in enumerate(self.jet(self.constraint_jacobian, motion[:-1], order)[1:], 1):
             rest = rest + math.comb(order, i) * np.einsum("kmn,kn->km", J, motion[order + 2 - i])
         return rest
 

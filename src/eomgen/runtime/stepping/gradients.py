@@ -529,7 +529,7 @@ class Motion:
 
 def _chosen_steps(motion: Motion, state: int, times: Array, control: ErrorControl) -> Steps | None:
     """Return the steps that error control chooses for a state; None where it does not reach its end."""
-    calls, function = motion.calls, motion.calls.raw.function("adaptive_rollout")
+    calls, function = motion.calls, motion.calls.raw.function(control.kernel)
     library, view = function.library, calls.raw.view
     at = [x.copy() for x in motion.start(state)]
     stored = [np.empty((times.size, calls.n), calls.dtype) for _ in at]

@@ -14,7 +14,7 @@ from ..calls import Calls
 from ..chunking import OPERATIONS, ROUND, shared
 from ..loop_errors import stays_open
 from ..raw import Array, RawFunction
-from .options import FIXED, StepOptions
+from .options import FIXED, StepOptions, rollout_of
 from .rollouts import SHARE, Inputs, Rollout, RolloutArrays, allocate_states, read_arrays
 
 BUFFER = 2**15  # numbers of many states that are stored at once where a piece of work does not reach the end
@@ -93,7 +93,7 @@ class StateBounds:
 
 def rollout(calls: Calls, inputs: Inputs, options: StepOptions) -> Rollout:
     """Integrate with fixed steps, as ``Kernel.rollout`` describes it."""
-    calls.raw.function("rollout")  # or the error that it is not there
+    calls.raw.function(rollout_of(options.method))  # or the error that it is not there
     count, method = inputs.count(), FIXED[options.method]
     dt, steps, every = options.fixed_steps(calls, count)
     arrays = read_arrays(calls, inputs, steps, count)
@@ -119,7 +119,7 @@ def rollout(calls: Calls, inputs: Inputs, options: StepOptions) -> Rollout:
             what = f"{stays_open(calls.raw, reason - calls.n)}{place};{ADVICE}"
             raise _stopped(calls, result, state, every * dt, 0, what, trouble)
         if trouble is None and not _begins_well(calls, alone, dt, step, method):
-            raise calls.singular("rollout", reason, place, None if step else alone.starts[0][0])
+            raise calls.singular(rollout_of(options.method), reason, place, None if step else alone.starts[0][0])
         advice = _turned_about(calls, alone) or ADVICE
         what = f"no acceleration{place}, though there is one where it begins;{advice}"
         raise _stopped(calls, result, state, every * dt, reason, what, trouble)
@@ -218,7 +218,8 @@ def _call(calls: Calls, arrays: RolloutArrays, how: tuple[float, int, int, int],
         how: dt, steps, every, number of the method.
         result: q and v, (rows, n) or (count, rows, n); written.
     """
-    function, count = calls.raw.function("rollout"), arrays.count
+    function, count = calls.raw.rollout, arrays.count
+    assert function is not None
     function.where(batch=count is not None)  # compiled before work is shared out
     stored = result if count is not None else (result[0][np.newaxis], result[1][np.newaxis])
     run = _Run(calls, function, arrays, how, stored)

@@ -30,8 +30,8 @@ LEAST = {"float64": 1e-13, "float32": 1e-5}  # relative tolerances that round-of
 
 
 def rollout_of(method: str) -> str:
-    """Return the name of the kernel that a method with error control is of."""
-    return ROLLOUTS.get(method, "adaptive_rollout")
+    """Return the name of the kernel that a method is of."""
+    return ROLLOUTS.get(method, "rollout" if method in FIXED else "adaptive_rollout")
 
 
 @dataclass(frozen=True)
