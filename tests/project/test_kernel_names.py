@@ -22,13 +22,13 @@ KNOWN = {  # modules that have names, and why
     "codegen/joint/zero_listing.py": "zeros of M and C",
     "codegen/joint/zeros.py": "zeros of M and C",
     "src/eomgen/bench/textbook.py": "the textbook's algorithms for the same quantities, in C",
+    "src/eomgen/runtime/methods/kernel_methods.py": "methods, written from the table",
     "src/eomgen/runtime/stepping/input_signals.py": "members of C structures that hold functions",
     "src/eomgen/runtime/stepping/packed_inputs.py": "members of C structures that hold functions",
     "src/eomgen/runtime/stepping/options.py": "table of the methods of rollouts",
 }
-LATER = {  # modules of the runtime whose methods are to be generated from the table
-    *("arrays", "by_name", "calls", "derivatives/by_arguments", "derivatives/in_time", "direct", "kernel"),
-    *("kinematics", "loop_assembly", "loop_errors", "stepping/adaptive", "stepping/gradients"),
+LATER = {  # modules of the runtime below the methods, which ask for functions by name
+    *("arrays", "calls", "derivatives/by_arguments", "derivatives/in_time", "kernel", "loop_errors"),
 }
 OTHERS = {  # words that are names of kernels, too, and what they mean elsewhere
     "constraint": "what has names in headers",
@@ -41,7 +41,7 @@ OTHERS = {  # words that are names of kernels, too, and what they mean elsewhere
     "reactions": "column of forces along a motion, variable of an FMU",
     "regressor": "array",
     "residual": "what equations leave",
-    "rollout": "kind of kernels, engine of sweeps",
+    "rollout": "kind of kernels, engine of sweeps, method of kernels in messages",
     "settling": "array",
 }
 WHERE = {  # modules in which they mean that
@@ -62,13 +62,13 @@ WHERE = {  # modules in which they mean that
     "imu": ("control/sensing", "robot/value/sensor", "robot/value/sensor_readings"),
     "loop_reactions": ("identification/from_motion",),
     "reactions": ("export/fmu/variables", "identification/from_motion"),
-    "regressor": ("codegen/c/metadata.py",),
+    "regressor": ("codegen/c/metadata.py", "runtime/by_name"),
     "residual": (
         *("control/feedforward_result", "control/inversion/result", "integration/system"),
         "pictures/measured/motions",
     ),
     "rollout": (
-        *("adapters/jax", "export/wasm/pack", "runtime/raw", "sweep/driver", "sweep/keys"),
+        *("adapters/jax", "export/wasm/pack", "runtime/raw", "runtime/stepping/adaptive", "sweep/driver", "sweep/keys"),
         *("codegen/c/lanes.py", "codegen/c/ros2.py"),
     ),
     "settling": ("codegen/c/metadata.py",),

@@ -17,7 +17,7 @@ from ..errors import InputError, UnknownNameError
 from ..names import joint_of, nearest_or_all, show
 from .arrays import joint_lead
 from .compiled_code import CompiledCode
-from .raw import Array
+from .raw import Array, name_of
 
 Mask = NDArray[np.bool_]
 Index = int | slice
@@ -176,8 +176,8 @@ class NamedViews(CompiledCode):
         "joint2.gamma"]`` an entry; blocks that vanish identically are absent.  ``blocks.row`` and ``blocks.matrix``
         are the paper's M_i^sv and C_i^svw over all joints.
         """
-        mass, christoffel = (self.calls.run(name, None, (q,)) for name in ("mass_matrix", "christoffel"))
-        survivors = self.raw.libraries.about("christoffel")["survivors"]
+        mass, christoffel = self.mass_matrix(q), self.christoffel(q)
+        survivors = self.raw.libraries.about(name_of(self.christoffel))["survivors"]
         part = slice(len(self.coordinates))  # without states of laws
         arrays = mass[..., part, part], christoffel[..., part, part, part]
         return make_blocks(*arrays, survivors, self.coordinates, self.augmented.n)
@@ -191,8 +191,7 @@ class NamedViews(CompiledCode):
         Raises:
             UnknownNameError: the kernel was built without the regressor.
         """
-        if "regressor" not in self.raw.functions:
-            raise self.raw.missing("regressor")
+        self.raw.function(self.regressor)  # or the error that it is not there
         return tuple(self.raw.libraries.meta["regressor"])
 
     @property
@@ -207,7 +206,7 @@ class NamedViews(CompiledCode):
             InputError: a run-time parameter of links was changed since.
         """
         names, meta = self.regressor_names, self.raw.libraries.meta
-        inertial = self.raw.libraries.about("regressor")["inertial"]
+        inertial = self.raw.libraries.about(name_of(self.regressor))["inertial"]
         for name in inertial["come_from"]:
             if self.parameters[name] != meta["parameters"][name]:
                 raise InputError(

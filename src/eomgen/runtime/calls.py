@@ -26,7 +26,7 @@ from .arrays import (
 from .chunking import shared, states_at_once
 from .loop_errors import loop_error, singular_loop
 from .parameters import Parameters
-from .raw import Array, RawFunction, RawKernel
+from .raw import Array, Method, RawFunction, RawKernel, name_of
 from .singular import (
     NEARLY,
     VANISHED,
@@ -115,7 +115,7 @@ class Calls:
 
     def run(
         self,
-        name: str,
+        name: Method,
         out: Array | None,
         values: Sequence[ArrayLike],
         extra: tuple[int, ...] = (),
@@ -126,6 +126,7 @@ class Calls:
         """Check the arrays, call the C, and say what went wrong.
 
         Args:
+            name: of the function, or the kernel's method.
             values: what it reads, for one state or many; their leading axes go together as NumPy broadcasts.
             extra: the number of a frame, for a function that takes one.
             lead: leading axes that the result has at least.
@@ -137,6 +138,7 @@ class Calls:
             ArrayError: an array of wrong shape or dtype, or with NaN or infinity, or a result that would be one.
             SingularError: the mass matrix cannot be inverted in a state.
         """
+        name = name_of(name)
         self.refuse_z(z)
         raw, take, checks = self.raw, self.arrays.taken, self.checks
         if name not in raw.functions:

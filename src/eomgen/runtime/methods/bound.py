@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,7 +22,8 @@ FRAME, WRENCH, OUT = "frame", "wrench", "out"  # names of arguments
 PARTS = ("jet", "derivatives")  # kinds of functions, or of results, whose result is a tuple of arrays
 
 
-class CheckedFunction(NamedTuple):
+@dataclass(frozen=True)
+class CheckedFunction:
     """A function that is called in Python, which checks all arguments.
 
     Attributes:
@@ -56,17 +58,19 @@ class CheckedFunction(NamedTuple):
         return tuple(np.moveaxis(result, -self.axes, 0)) if self.axes else result
 
 
-class BoundFunctions(dict[str, Callable[..., Any]]):
+class BoundFunctions(dict[str, Callable[..., Array]]):
     """Functions by their names, which take arrays and options in their order; made when they are first looked up."""
 
     def __init__(self, calls: Calls) -> None:
         super().__init__()
-        self.calls, self._direct = calls, None
-        self._direct: DirectFunctions | None
+        self.calls = calls
+        self._direct: DirectFunctions | None = None
 
-    def __missing__(self, name: str) -> Callable[..., Any]:
+    def __missing__(self, name: str) -> Callable[..., Array]:
         checked = CheckedFunction.of(self.calls.raw, name)
-        bound = partial(checked, self.calls) if self._direct is None else self._direct.bound(checked, self.calls)
+        bound: Callable[..., Array] = partial(checked, self.calls)
+        if self._direct is not None:
+            bound = self._direct.bound(checked, self.calls)
         self[name] = bound
         return bound
 

@@ -51,7 +51,7 @@ def wrench_rows(calls: Calls, q: ArrayLike, wrench: WrenchLike | None) -> ArrayL
     for place, numbers in values.values():
         rows[..., place.link, :] += numbers
         if place.arm is not None:
-            R_0k = calls.run("frame_pose", None, (states,), (place.frame,))[..., :3, :3]
+            R_0k = calls.run(calls.raw.writing("pose").name, None, (states,), (place.frame,))[..., :3, :3]
             rows[..., place.link, 3:] += np.cross(R_0k @ place.arm, numbers[..., :3])
     return rows
 
@@ -76,7 +76,7 @@ def place_of_wrench(calls: Calls, name: str) -> Place:
             f" array of shape ({len(links)}, 6)"
         )
     zero = np.zeros(calls.n, calls.dtype)
-    T_0f, T_0k = (calls.run("frame_pose", None, (zero,), (frames.index(x),)) for x in (name, link))
+    T_0f, T_0k = (calls.run(calls.raw.writing("pose").name, None, (zero,), (frames.index(x),)) for x in (name, link))
     arm = T_0k[:3, :3].T @ (T_0f[:3, 3] - T_0k[:3, 3]) - _centre_of_mass(calls, link)
     return Place(links.index(link), frames.index(link), np.asarray(arm, calls.dtype))
 

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from ...errors import ArrayError, InputError, LoopError
 from ...names import listed, show
 from ..calls import Calls
+from ..methods.kernel_methods import KernelMethods
 from ..parameters import parameter_slots
 from ..raw import FFI, Array, Library, RawFunction
 from .adaptive import DONE, adaptive_rollout
@@ -313,9 +314,9 @@ def _refuse_singular(calls: Calls, q: ArrayLike, v: ArrayLike) -> None:
 
     An open state is not refused: steps close it.
     """
-    if calls.raw.libraries.meta.get("constraints") and "forward_dynamics" in calls.raw.functions:
+    if calls.raw.libraries.meta.get("constraints") and calls.raw.has(KernelMethods.forward_dynamics):
         with suppress(LoopError):
-            calls.run("forward_dynamics", None, (q, v, np.zeros(calls.n, calls.dtype)))
+            calls.run(KernelMethods.forward_dynamics, None, (q, v, np.zeros(calls.n, calls.dtype)))
 
 
 def taken_steps(
