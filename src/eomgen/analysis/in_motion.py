@@ -141,7 +141,7 @@ def _jacobian_rates(arm: HeldRobot, q: Array, v: Array, a: Array) -> tuple[Array
     With H the second derivatives of g the bias is v^T H v, whose derivatives by q are those of H along the motion.
     """
     kernel = arm.kernel
-    beside = build(arm.robot, kernels=("constraint_bias_tangent",))
+    beside = build(arm.robot, kernels=("constraint_bias_tangent",)).augmented
     beside.parameters.update(kernel.parameters)
     H, along = constraint_hessian(kernel, q), np.eye(kernel.n)
     states, rates = (np.tile(x, (kernel.n, 1)) for x in (q, v))
