@@ -104,7 +104,6 @@ def _method(signature: Signature) -> dict[str, Any]:
     known = {
         "takes": signature.takes,
         "wrench": wrench and [wrench.kernel, wrench.sign, wrench.into],
-        "tree": signature.tree,
         "loaded": loaded and [loaded, EXTERNAL.kernel],
     }
     return {key: value for key, value in known.items() if value}

@@ -73,7 +73,6 @@ class RawFunction:
         writes: name of the array that it writes.
         takes: optional arguments of its method behind the arrays, in their order: "wrench", "z", "cut".
         wrench: how external wrenches enter, if they do.
-        tree: the function that computes the same for the open tree, where there are constraints; or "".
         loaded: the function that computes the same for closed loops where generalized forces act in addition, and
             that which gives these forces of wrenches; or ().
     """
@@ -86,7 +85,6 @@ class RawFunction:
     _libraries: Libraries = field(repr=False, compare=False)
     takes: tuple[str, ...] = ()
     wrench: WrenchTerm | None = None
-    tree: str = ""
     loaded: tuple[str, ...] = ()
     _codes: dict[bool, tuple[Any, Library]] = field(default_factory=dict, repr=False, compare=False)
 
@@ -320,7 +318,6 @@ class RawKernel:
                 *(name, entry["kernel"], entry["kind"], tuple(entry["reads"]), entry["writes"], libraries),
                 tuple(entry.get("takes", ())),
                 WrenchTerm(*entry["wrench"]) if "wrench" in entry else None,
-                entry.get("tree", ""),
                 tuple(entry.get("loaded", ())),
             )
             for name, entry in meta["functions"].items()

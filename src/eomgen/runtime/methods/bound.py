@@ -13,12 +13,12 @@ from numpy.typing import ArrayLike
 from ...errors import UnknownNameError
 from ...names import nearest_or_all, show
 from ..arrays import flag, joint_lead
-from ..calls import Calls
+from ..calls import TREE, Calls
 from ..direct import DirectFunctions
 from ..raw import Array, RawFunction, RawKernel
 from .wrenches import WrenchLike, wrench_rows
 
-FRAME, WRENCH, OUT = "frame", "wrench", "out"  # names of arguments
+FRAME, WRENCH, CUT, OUT = "frame", "wrench", "cut", "out"  # names of arguments
 PARTS = ("jet", "derivatives")  # kinds of functions, or of results, whose result is a tuple of arrays
 
 
@@ -40,16 +40,17 @@ class CheckedFunction:
 
     @classmethod
     def of(cls, raw: RawKernel, name: str) -> CheckedFunction:
-        """Return the function of that name.
+        """Return the function of that name, which may be there for the open tree alone.
 
         Raises:
             UnknownNameError: the kernel was built without it.
         """
-        if name not in raw.functions:
+        function = raw.functions.get(name) or raw.functions.get(f"{TREE}{name}")
+        if function is None:
             raise raw.missing(name)
-        function = raw.functions[name]
+        options = (*function.takes, CUT, OUT) if name not in raw.functions else options_of(function)
         in_parts = not {function.kind, function.writes}.isdisjoint(PARTS)
-        return cls(name, len(function.reads), options_of(function), len(raw.shapes[function.writes]) * in_parts)
+        return cls(name, len(function.reads), options, len(raw.shapes[function.writes]) * in_parts)
 
     def __call__(self, calls: Calls, *args: Any) -> Any:
         """Call it with the arrays and then the options, in their order."""
@@ -69,7 +70,7 @@ class BoundFunctions(dict[str, Callable[..., Array]]):
     def __missing__(self, name: str) -> Callable[..., Array]:
         checked = CheckedFunction.of(self.calls.raw, name)
         bound: Callable[..., Array] = partial(checked, self.calls)
-        if self._direct is not None:
+        if self._direct is not None and name in self.calls.raw.functions:
             bound = self._direct.bound(checked, self.calls)
         self[name] = bound
         return bound
@@ -102,14 +103,16 @@ def evaluate(
     out: Array | None = None,
 ) -> Array:
     """Compute a function as the method of its name does; see ``Kernel`` for arguments and errors."""
-    function, meta = calls.raw.functions[name], calls.raw.libraries.meta
+    meta, function = calls.raw.libraries.meta, calls.raw.functions.get(name)
     is_closed = bool(meta.get("constraints"))
+    if flag(CUT, cut) and is_closed:
+        return evaluate(calls, calls.of_tree(name), values, wrench=wrench, z=z, out=out)
+    if function is None:
+        raise calls.raw.missing(name)
     if function.is_framed:
         return calls.run(name, out, values, (frame_number(meta["frames"], frame),))
     if WRENCH in function.reads:
         values = [wrench_rows(calls, values[0], x) if i else x for i, x in enumerate(values)]
-    if flag("cut", cut) and is_closed:
-        return evaluate(calls, function.tree, values, wrench=wrench, z=z, out=out)
     if wrench is not None and function.loaded and is_closed:
         loaded, external = function.loaded
         values = (*values, evaluate(calls, external, (values[0], wrench)))
