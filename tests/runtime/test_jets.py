@@ -222,9 +222,9 @@ def test_series_close_loops_in_batches_of_single_precision() -> None:
 
 
 def test_states_of_laws_move_as_velocities(built: Build) -> None:
-    """They stand behind the coordinates, in v as they are; functions that do not depend on them need none."""
-    kernel = built(robot_from_toml(ARM), "inverse_dynamics_jet1", "inverse_dynamics", "mass_matrix_jet1", "mass_matrix")
-    n = len(kernel.coordinates)
+    """They are a series of their own; functions that do not depend on them need none."""
+    split = built(robot_from_toml(ARM), "inverse_dynamics_jet1", "inverse_dynamics", "mass_matrix_jet1", "mass_matrix")
+    n, kernel = split.n, split.augmented
     moving, h = motion(kernel, 4), 1e-6
     rate = kernel.jet("inverse_dynamics", moving)[1]
 
@@ -233,11 +233,17 @@ def test_states_of_laws_move_as_velocities(built: Build) -> None:
 
     slope = (kernel.inverse_dynamics(*at(h)) - kernel.inverse_dynamics(*at(-h))) / (2 * h)
     np.testing.assert_allclose(rate, slope, rtol=1e-5, atol=1e-6 * np.abs(slope).max())
-    narrow = kernel.jet("mass_matrix", tuple(x[:n] for x in moving[:2]))
+    apart = tuple(x[:n] for x in moving)
+    narrow = split.jet("mass_matrix", apart[:2])
     for one, other in zip(narrow, kernel.jet("mass_matrix", moving[:2]), strict=True):
         np.testing.assert_array_equal(one, other[:n, :n])
-    with pytest.raises(ArrayError, match=r"derivatives of inverse_dynamics: arrays of .* lack states of laws"):
-        kernel.jet("inverse_dynamics", tuple(x[:n] for x in moving))
+    z = moving[1][n:], moving[2][n:]
+    for one, other in zip(
+        split.jet("inverse_dynamics", (*apart, z)), kernel.jet("inverse_dynamics", moving), strict=True
+    ):
+        np.testing.assert_array_equal(one, other[:n])
+    with pytest.raises(InputError, match=r"series: lacks 'jerk'.*allowed: \(q, v, a, jerk, \(z, z1\)\)"):
+        split.jet("inverse_dynamics", apart)
 
 
 @pytest.mark.soak

@@ -146,8 +146,9 @@ class Rollouts(CompiledCode):
         kp, kd, target = control.kp, control.kd, control.target
         if split is not None:
             q0, v0 = split.join("q0", q0), split.join("v0", v0, z)
-            u, target, kp, kd = (_padded(split, x) for x in (u, target, kp, kd))
-            saturate = saturate if isinstance(saturate, Mapping) else _padded(split, saturate, np.inf)
+            given = (("u", u), ("target", target), ("kp", kp), ("kd", kd))
+            u, target, kp, kd = (_padded(split, label, x) for label, x in given)
+            saturate = saturate if isinstance(saturate, Mapping) else _padded(split, "saturate", saturate, np.inf)
         return Inputs(q0, v0, u, Control(kp, kd, target, efforts_of(self.calls.augmented, saturate)))
 
     def rollout_gradient(  # noqa: PLR0913
@@ -286,10 +287,20 @@ def _refuse_out(out: object) -> None:
         raise InputError("out: results with z are new arrays; allowed: without out")
 
 
-def _padded(split: SplitCalls, value: ArrayLike | None, number: float = 0.0) -> Any:
-    """Return numbers of coordinates, (..., n), with others for internal states behind; what is no array as it is."""
-    if value is None or not np.ndim(value) or np.shape(value)[-1] != split.n:
+def _padded(split: SplitCalls, label: str, value: ArrayLike | None, number: float = 0.0) -> Any:
+    """Return numbers of coordinates, (..., n), with others for internal states behind; what is no array as it is.
+
+    Raises:
+        ArrayError: an array of another length.
+    """
+    try:
+        shape = np.shape(value)  # type: ignore[arg-type]  # of None ()
+    except ValueError:  # no array at all: checks say so
         return value
+    if not shape:
+        return value
+    if shape[-1] != split.n:
+        raise ArrayError(f"{label}: got shape {shape}; allowed: ({split.n},) or (..., {split.n})")
     array = np.asarray(value)
     behind = np.full((*array.shape[:-1], len(split.internal_states)), number, array.dtype)
     return np.concatenate([array, behind], axis=-1)
@@ -343,7 +354,7 @@ def _joined_directions(split: SplitCalls, along: Mapping[str, ArrayLike]) -> dic
     """
     if not isinstance(along, Mapping):
         raise InputError(f"along: {show(along)}; allowed: arrays by {listed(('q', 'v', 'u', 'z'))}")
-    joined = {name: _padded(split, x) for name, x in along.items() if name != "z"}
+    joined = {name: _padded(split, name, x) for name, x in along.items() if name != "z"}
     if "z" in along:
         states, _ = split.array("z", along["z"], (len(split.internal_states),))
         if states.ndim != 2:
