@@ -17,7 +17,7 @@ from eomgen.robot.value import MOTOR, Coupling, Loop
 
 from ..tree.regressor import described_values, regressor_names
 from .entries import Signature
-from .signatures import EXTERNAL, KERNELS, element_rows, functions, reading_names, shapes
+from .signatures import EXTERNAL, KERNELS, closes_loops, element_rows, functions, reading_names, shapes
 
 IF_ANY = (  # entries of the metadata that are there only where there is something to tell
     *("motors", "efforts", "ranges", "home", "frame_links", "turning", "loops", "upright", "constraints", "couplings"),
@@ -69,6 +69,7 @@ def describe_kernels(model: Model, kernels: Sequence[str], dtype: str) -> dict[s
                 "reads": function.signature.reads,
                 "writes": function.signature.writes,
                 **_method(function.signature),
+                **({"closes": True} if model.constraints and closes_loops(function.kernel) else {}),
             }
             for function in functions(kernels)
         },

@@ -76,6 +76,7 @@ class RawFunction:
         tree: the function that computes the same for the open tree, where there are constraints; or "".
         loaded: the function that computes the same for closed loops where generalized forces act in addition, and
             that which gives these forces of wrenches; or ().
+        closes: whether it, or what it is a derivative of, refuses states in which loops are open.
     """
 
     name: str
@@ -88,6 +89,7 @@ class RawFunction:
     wrench: WrenchTerm | None = None
     tree: str = ""
     loaded: tuple[str, ...] = ()
+    closes: bool = False
     _codes: dict[bool, tuple[Any, Library]] = field(default_factory=dict, repr=False, compare=False)
 
     @property
@@ -322,6 +324,7 @@ class RawKernel:
                 WrenchTerm(*entry["wrench"]) if "wrench" in entry else None,
                 entry.get("tree", ""),
                 tuple(entry.get("loaded", ())),
+                closes=entry.get("closes", False),
             )
             for name, entry in meta["functions"].items()
         ]
