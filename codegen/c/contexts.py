@@ -69,7 +69,7 @@ def header_context(equations: Equations, meta: Mapping[str, Any], batches: bool)
         "batches": batches,
         "declared": [name for names in meta["halves"].values() for name in names],
         "coordinates": model.coordinates,
-        "memory": model.memory,
+        "memory": model.internal_states,
         "inputs": meta.get("inputs", {}),
         "links": model.links,
         "frames": model.frames,
@@ -266,7 +266,7 @@ def _tables(model: Model) -> dict[str, Any]:
         "is_prescribed": [int(i in model.prescribed) for i in range(model.size)],
         "beside": [model.beside.get(i, i) for i in range(model.size)] if model.beside else [],
         "drives": [{"at": i, "states": states} for i, states in model.drives.items()],
-        "states": len(model.memory),
+        "states": len(model.internal_states),
         "christoffel_words": lambda: christoffel_words(model),  # asked for by one template alone
     }
 

@@ -21,7 +21,17 @@ from .signatures import EXTERNAL, KERNELS, closes_loops, element_rows, functions
 
 IF_ANY = (  # entries of the metadata that are there only where there is something to tell
     *("motors", "efforts", "ranges", "home", "frame_links", "turning", "loops", "upright", "constraints", "couplings"),
-    *("memory", "memory_units", "inputs", "followers", "cut_laws", "regressor", "springs", "element_rows", "matrices"),
+    *(
+        "internal_states",
+        "internal_state_units",
+        "inputs",
+        "followers",
+        "cut_laws",
+        "regressor",
+        "springs",
+        "element_rows",
+        "matrices",
+    ),
     *("conditions", "modal_couplings", "readings"),
 )
 
@@ -40,8 +50,8 @@ def describe_kernels(model: Model, kernels: Sequence[str], dtype: str) -> dict[s
         "name": model.name,
         "dtype": dtype,
         "coordinates": model.coordinates,
-        "memory": model.memory,
-        "memory_units": tuple(state.unit for state in model.states),
+        "internal_states": model.internal_states,
+        "internal_state_units": tuple(state.unit for state in model.states),
         "inputs": drive_inputs(model),
         "joints": [body.joint for body in model.bodies],
         "links": model.links,

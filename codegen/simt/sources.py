@@ -127,7 +127,7 @@ def _metadata(model: Model, derived: ThreadKernels, plans: Plans, dtype: str) ->
     return {
         "generator": f"eomgen {__version__}",
         "coordinates": list(model.coordinates),
-        "memory": list(model.memory),
+        "internal_states": list(model.internal_states),
         "links": list(model.links),
         "frames": list(model.frames),
         "parameters": {key: float(value) for key, value in model.parameters.items()},

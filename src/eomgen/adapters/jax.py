@@ -276,7 +276,7 @@ def rollout(
     with optional_import("JAX", "functions of JAX need"):
         import jax
         import jax.numpy as jnp
-    private = kernel.with_parameters()
+    private = kernel.augmented.with_parameters()
     how = vars(StepOptions(method, dt, steps, every, duration, samples, rtol))
     rows = (samples or 1) if steps is None else steps
     told = jax.ShapeDtypeStruct((rows // every + 1, private.n), private.dtype)

@@ -162,7 +162,7 @@ class DifferentiableFunction:
         if (name in FRAMED) != (frame is not None):
             wanted = f"one of {', '.join(kernel.frames)}" if name in FRAMED else "none"
             raise InputError(f"frame: {name} got {show(frame)}; allowed: {wanted}")
-        self.kernel, self.name, self.frame, self.rule = kernel.with_parameters(), name, frame, entry.rule
+        self.kernel, self.name, self.frame, self.rule = kernel.augmented.with_parameters(), name, frame, entry.rule
         self.kernels, self.second, self._entry = entry.kernels, entry.second, entry
         self._require(self.kernels)
         self._extra = () if frame is None else (kernel.frame_index(frame),)

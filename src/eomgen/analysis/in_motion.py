@@ -96,7 +96,7 @@ def _closed_system(arm: HeldRobot, q: Array, v: Array, driving: Array, *, is_dri
         _refuse_opening(kernel, J @ a + bias, size, "a", "/s^2", "those of its motion, or u")
     a = state_rates(kernel, q, v, a)
     needed = _needed(kernel, q, v, a) - dead
-    prescribed = np.isin(kernel.velocities, (*kernel.prescribed, *kernel.memory))
+    prescribed = np.isin(kernel.velocities, (*kernel.prescribed, *kernel.internal_states))
     u = driving.copy() if is_drive else np.zeros(kernel.n)
     basis, _ = moving_basis(kernel, q, ~prescribed)
     if not is_drive:

@@ -168,7 +168,7 @@ def _stress_resultants(arm: HeldRobot, q: Array) -> tuple[StressResultants, ...]
     Raises:
         InputError: of a robot with loops that neither drives nor held coordinates alone hold.
     """
-    robot, kernel = arm.robot, arm.kernel
+    robot, kernel = arm.robot, arm.kernel.split
     beams = [(link, link.beam) for link in robot.links if link.beam is not None]
     if not beams:
         return ()
@@ -177,7 +177,7 @@ def _stress_resultants(arm: HeldRobot, q: Array) -> tuple[StressResultants, ...]
         reacting = build(robot, kernels=() if robot.is_closed else kernel_group(robot, FRAME_POSES, JOINT_REACTIONS))
         reacting.parameters.update(kernel.parameters)
     still = np.zeros(len(kernel.coordinates))
-    z = arm.fixation.z if kernel.memory else None
+    z = arm.fixation.z if kernel.internal_states else None
     try:
         wrenches = reacting.reactions(q, still, still, wrench=arm.loads or None, z=z)
     except LoopError as error:
@@ -208,12 +208,12 @@ def _reactions_of_held(arm: HeldRobot, q: Array, error: LoopError) -> Array:
     Raises:
         InputError: held coordinates do not hold it, or stand against each other through loops.
     """
-    kernel, still = arm.kernel, np.zeros(len(arm.kernel.coordinates))
-    whole, z = build(arm.robot), arm.fixation.z if kernel.memory else None
+    kernel, still = arm.kernel.split, np.zeros(len(arm.kernel.coordinates))
+    whole, z = build(arm.robot), arm.fixation.z if kernel.internal_states else None
     whole.parameters.update(kernel.parameters)
     held = arm.fixation.still[: still.size]
-    needed = whole.inverse_dynamics(q, still, still, wrench=arm.loads or None, cut=True, z=z)[: still.size]
-    J = whole.constraint_jacobian(q)[:, : still.size]
+    needed = whole.inverse_dynamics(q, still, still, wrench=arm.loads or None, cut=True, z=z)
+    J = whole.constraint_jacobian(q)
     multipliers = np.linalg.lstsq(J[:, ~held].T, needed[~held], rcond=RANK)[0]
     holding = needed - J.T @ multipliers
     if rank_of(J[:, ~held]) < rank_of(J) or np.abs(holding[~held]).max(initial=0.0) > LEFT * np.abs(needed).max():
@@ -227,7 +227,7 @@ def _reactions_of_held(arm: HeldRobot, q: Array, error: LoopError) -> Array:
         ) from error
     total = holding * held
     if arm.loads:
-        total = total + whole.external_force(q, arm.loads)[: still.size]
+        total = total + whole.external_force(q, arm.loads)
     values, calls = (q, still, still, total), whole.calls
     return calls.run_with_wrench(
         KERNELS[JOINT_REACTIONS[0]].loaded, None, values, wrench_rows(calls, q, arm.loads or None), z
@@ -247,10 +247,11 @@ def _beam_loads(
         reactions: of each joint on its child link, (6,), in the joint's axes.
     """
     assert link.modes is not None
-    robot, pose = arm.robot, np.asarray(arm.kernel.frame_pose(q, link.name))
+    robot, kernel = arm.robot, arm.kernel.split
+    pose = np.asarray(kernel.frame_pose(q, link.name))
 
     def seen(name: str) -> Array:
-        return np.asarray(np.linalg.solve(pose, arm.kernel.frame_pose(q, name)))
+        return np.asarray(np.linalg.solve(pose, kernel.frame_pose(q, name)))
 
     loads: list[tuple[float, Array, Array]] = []
     for node in link.modes.nodes:

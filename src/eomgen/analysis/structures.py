@@ -199,7 +199,8 @@ def _line_motion(robot: Robot, line: Line, duration: float, tool: str | None) ->
 
 
 def _entry(robot: Robot, result: SimulationResult) -> Entry:
-    kernel = build(robot, kernels=() if robot.is_closed else kernel_group(robot, STRUCTURES, JOINT_REACTIONS))
+    kernels = () if robot.is_closed else kernel_group(robot, STRUCTURES, JOINT_REACTIONS)
+    kernel = build(robot, kernels=kernels).augmented
     motion = result.trajectory
     q, v, u = motion.joined()
     reactions = np.asarray(kernel.reactions(q, v, kernel.forward_dynamics(q, v, u)))

@@ -163,7 +163,8 @@ def bench(
     from ..codegen.package.compile import find_compiler
 
     options = Options(tuple(kernels), native=native, flags=tuple(flags))
-    kernel = build(robot, kernels=options.kernels or "all", native=native, flags=options.flags, progress=progress)
+    kernels = options.kernels or "all"
+    kernel = build(robot, kernels=kernels, native=native, flags=options.flags, progress=progress).augmented
     used = tools_for(options).flags
     progress("compiling the Newton-Euler algorithm")
     unknown = unknown_to_textbook(build_model(robot).tree)
@@ -288,7 +289,7 @@ def _inputs(robot: Robot, kernel: Kernel) -> dict[str, Array]:
 def _closed_inputs(robot: Robot, inputs: dict[str, Array], rng: np.random.Generator) -> dict[str, Array]:
     """Draw states of a closed mechanism: near home, with rates and accelerations that keep it closed."""
     model = build_model(robot)
-    kernel = build(robot, kernels=kernel_group(robot, STRUCTURES, ASSEMBLY))
+    kernel = build(robot, kernels=kernel_group(robot, STRUCTURES, ASSEMBLY)).augmented
     home, driven = np.zeros(kernel.n), [model.coordinates[i] for i in model.driven]
     home[: len(model.home)] = model.home
     q, reach = np.tile(kernel.assemble(home), (STATES, 1)), 0.1

@@ -92,7 +92,8 @@ class DiscreteStep:
 
     def __post_init__(self) -> None:
         """Check every field, and complete ``drives``."""
-        kernel = self.kernel
+        kernel = self.kernel.augmented
+        object.__setattr__(self, "kernel", kernel)
         wanted = kernels_for_step(self.method, closed=True)
         missing = [name for name in wanted if name not in kernel.operations]
         if missing:

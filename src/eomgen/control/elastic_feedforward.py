@@ -262,10 +262,10 @@ def _check_driven(robot: Robot, links: Robot) -> None:
 
 def _check_forces(robot: Robot, full: Kernel) -> None:
     """Refuse drives that take no forces, and laws with states, by name."""
-    if full.memory:
+    if full.internal_states:
         raise InputError(
-            f"{robot.name}: laws have the states {listed(full.memory)}; allowed for feed-forward: robots whose forces"
-            " depend on positions and velocities alone"
+            f"{robot.name}: laws have the states {listed(full.internal_states)}; allowed for feed-forward: robots whose"
+            " forces depend on positions and velocities alone"
         )
     servos = [name for name, given in full.inputs.items() if name not in full.prescribed and not given.is_force]
     if servos:

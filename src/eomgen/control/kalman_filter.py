@@ -520,7 +520,7 @@ def _independent(model: Model, parameters: Sequence[str]) -> Independent:
 def _refuse_what_filters_lack(model: Model) -> None:
     """Refuse robots whose states are not coordinates and velocities that move under forces."""
     lacks = {
-        "states of laws": model.memory,
+        "states of laws": model.internal_states,
         "prescribed coordinates": model.prescribed,
         "joints with 3-DOF rotation": model.turning,
     }

@@ -304,7 +304,8 @@ def _check_observable(robot: Robot) -> None:
         raise InputError(
             f"robot: {listed(prescribed)} is prescribed, by forces that are not known; allowed: driven ones"
         )
-    if model.memory:
+    if model.internal_states:
         raise InputError(
-            f"robot: laws have states ({listed(model.memory)}), which are not measured; allowed: robot.without_states()"
+            f"robot: laws have states ({listed(model.internal_states)}), which are not measured; allowed:"
+            " robot.without_states()"
         )

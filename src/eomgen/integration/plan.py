@@ -181,7 +181,7 @@ def stiff_in_real_time(kernel: Kernel, q: Array) -> bool:
     Explicit steps are then as short as that all the time.  Where M is singular at q, eigenvalues are not known, and
     steps are implicit; so they are where laws have states.
     """
-    if kernel.memory:  # whose laws follow the faster, the faster the motion is
+    if kernel.internal_states:  # whose laws follow the faster, the faster the motion is
         return True
     try:
         return max(fastest_rates(kernel, q)) > REAL_TIME
@@ -197,7 +197,7 @@ def why_stiff(kernel: Kernel, q: Array | None = None, duration: float = 1.0) -> 
     as the motion lasts, whatever moves.  Without the kernels that implicit methods need, dampers and friction are left
     to explicit ones.
     """
-    if kernel.memory:
+    if kernel.internal_states:
         return "laws have states, which follow fast motions in no time"
     if any_spring(kernel):
         return "there are springs"

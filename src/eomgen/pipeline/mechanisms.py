@@ -41,8 +41,7 @@ def assembled_home(robot: Robot, progress: StageReport = no_report) -> tuple[flo
     if not kernels:
         return home
     kernel = build(robot, kernels=kernels, flags=("-O0",), progress=progress)
-    whole = [*home, *(0.0 for _ in kernel.memory)]
-    return tuple(kernel.assemble(whole)[: len(home)].tolist())
+    return tuple(kernel.assemble(home).tolist())
 
 
 @dataclass(frozen=True)

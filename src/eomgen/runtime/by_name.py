@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError, UnknownNameError
 from ..names import joint_of, nearest_or_all, show
-from .arrays import joint_lead, whole_array
+from .arrays import joint_lead
 from .compiled_code import CompiledCode
 from .raw import Array, name_of
 
@@ -180,7 +180,7 @@ class NamedViews(CompiledCode):
         survivors = self.raw.libraries.about(name_of(self.christoffel))["survivors"]
         part = slice(len(self.coordinates))  # without states of laws
         arrays = mass[..., part, part], christoffel[..., part, part, part]
-        return make_blocks(*arrays, survivors, self.coordinates, self.n)
+        return make_blocks(*arrays, survivors, self.coordinates, self.augmented.n)
 
     @property
     def regressor_names(self) -> tuple[str, ...]:
@@ -236,8 +236,8 @@ class NamedViews(CompiledCode):
         Returns:
             Per follower a pair of numbers, or of arrays with the leading axes of q and v.
         """
-        here, lead = whole_array(self.calls, "q", q)
-        rates = np.zeros_like(here) if v is None else whole_array(self.calls, "v", v)[0]
+        here, lead = self.calls.array("q", q, (self.n,))
+        rates = np.zeros_like(here) if v is None else self.calls.array("v", v, (self.n,))[0]
         lead = joint_lead("v", rates.shape[:-1], lead)
         here, rates = (np.broadcast_to(x, (*lead, self.n)) for x in (here, rates))
         matrix, offsets = self.follower_matrix()

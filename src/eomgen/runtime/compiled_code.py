@@ -12,12 +12,17 @@ import numpy as np
 from ..errors import InputError, UnknownNameError
 from ..names import DriveInput, html_table, joint_of, show
 from .arrays import Arrays, inputs_of, names_in
-from .calls import Calls
+from .calls import Calls, SplitCalls
 from .direct import DirectFunctions, ExtensionBinding
 from .methods.bound import BoundFunctions, frame_number
 from .methods.kernel_methods import KernelFunctions, KernelMethods
 from .parameters import Parameters
 from .raw import Array, Libraries, Operations, RawKernel
+
+
+def _augmented(kernel: CompiledCode) -> CompiledCode:
+    """Return a kernel with augmented arrays, of one that was pickled."""
+    return kernel.augmented
 
 
 class CompiledCode(KernelMethods, KernelFunctions):
@@ -43,8 +48,8 @@ class CompiledCode(KernelMethods, KernelFunctions):
         self.name: str = self.raw.name
         self.dtype: np.dtype[Any] = self.raw.dtype
         self.coordinates: tuple[str, ...] = tuple(meta["coordinates"])
-        self.memory: tuple[str, ...] = tuple(meta.get("memory", ()))
-        self.memory_units: tuple[str, ...] = tuple(meta.get("memory_units", ()))
+        self.internal_states: tuple[str, ...] = tuple(meta.get("internal_states", ()))
+        self.internal_state_units: tuple[str, ...] = tuple(meta.get("internal_state_units", ()))
         self.inputs: dict[str, DriveInput] = inputs_of(meta)
         self.links: tuple[str, ...] = tuple(meta["links"])
         self.frames: tuple[str, ...] = tuple(meta["frames"])
@@ -69,20 +74,42 @@ class CompiledCode(KernelMethods, KernelFunctions):
         self.operations: Mapping[str, Mapping[str, int]] = Operations(libraries)
         self._again, self._opener = again, opener
         self.efforts: dict[str, float] = dict(meta.get("efforts", {}))
-        self._given = [self.coordinates.index(name) for name in self.prescribed]
         self._ratios: dict[str, float] = {name: ratio for name, (_, ratio) in meta.get("motors", {}).items()}
         self.knots: dict[str, tuple[float, ...]] = {k: tuple(x) for k, x in meta["knots"].items()}
         ranges = {key: meta.get(key, other) for key, other in (("least", {}), ("matrices", {}), ("conditions", ()))}
         self.parameters = Parameters.of(self.raw, meta["parameters"], **ranges, again=again)
-        self.calls = Calls(self.raw, self.parameters, Arrays(self.raw, self.velocities, self.links), self.prescribed)
+        arrays = Arrays(self.raw, (*self.coordinates, *self.internal_states), self.links)
+        self.calls = Calls(self.raw, self.parameters, arrays, self.prescribed)
+        if self.internal_states:
+            self.calls = SplitCalls(self.calls)
         self._binding = binding or ExtensionBinding()
         self._direct: DirectFunctions | None = None
         self._take_calls(self.calls)
 
     @property
     def velocities(self) -> tuple[str, ...]:
-        """Names of the numbers in arrays of the state, (n,): ``coordinates``, then ``memory``."""
-        return (*self.coordinates, *self.memory)
+        """Names of the n numbers of arrays by coordinate: ``coordinates``, and of ``augmented`` the internal states."""
+        return self.calls.coordinates
+
+    @property
+    def augmented(self) -> Self:
+        """This kernel with augmented arrays: internal states stand behind coordinates, as in the C (``SplitCalls``).
+
+        It is for integrators and linear systems; parameters are those of this kernel, also when they change.
+        """
+        if self.calls.augmented is self.calls:
+            return self
+        known: Self | None = self.__dict__.get("_augmented")
+        if known is None or known.parameters is not self.parameters:
+            known = self.__dict__["_augmented"] = self._with_calls(self.calls.augmented)
+        return known
+
+    @property
+    def split(self) -> Self:
+        """The kernel of which this is ``augmented``: z is an array of its own."""
+        if not self.is_augmented:
+            return self
+        return self._with_calls(SplitCalls(self.calls))
 
     def __repr__(self) -> str:
         return f"<Kernel {self.name}: {len(self.coordinates)} coordinates, {self.dtype}>"
@@ -116,6 +143,8 @@ class CompiledCode(KernelMethods, KernelFunctions):
                 f"{self.name}: a kernel that was put together by hand cannot be pickled; allowed: kernels of"
                 " eomgen.build and of generated packages"
             )
+        if self.is_augmented:
+            return _augmented, (self.split,)
         state = {"parameters": dict(self.parameters), "threads": self.threads, "checks": self.checks}
         return *self._again, state
 
@@ -128,7 +157,12 @@ class CompiledCode(KernelMethods, KernelFunctions):
     @property
     def n(self) -> int:
         """Number of coordinates."""
-        return len(self.velocities)
+        return self.calls.n
+
+    @property
+    def is_augmented(self) -> bool:
+        """True of a kernel with augmented arrays, see ``augmented``."""
+        return bool(self.internal_states) and self.calls.augmented is self.calls
 
     def source(self, ending: str) -> str:
         """Return the C that it was compiled from: "h", the header, or "c".
@@ -146,10 +180,7 @@ class CompiledCode(KernelMethods, KernelFunctions):
         Raises:
             UnknownNameError, InputError: as for an assignment to ``parameters``.
         """
-        other = object.__new__(type(self))
-        other.__dict__.update(self.__dict__)  # a third of the time of copy.copy
-        other.parameters = self.parameters.copy()
-        other._take_calls(self.calls.with_parameters(other.parameters))
+        other = self._with_calls(self.calls.with_parameters(self.parameters.copy()))
         if values is not None:
             other.parameters.update(values)
         return other
@@ -178,9 +209,16 @@ class CompiledCode(KernelMethods, KernelFunctions):
         other.parameters.turn(joints)
         return other
 
+    def _with_calls(self, calls: Calls) -> Self:
+        """Return the same code with other calls, and their parameters."""
+        other = object.__new__(type(self))
+        other.__dict__.update(self.__dict__)  # a third of the time of copy.copy
+        other._take_calls(calls)
+        return other
+
     def _take_calls(self, calls: Calls) -> None:
         """Let methods go through these calls, and through the extension module as soon as there is one."""
-        self.calls, self._bound = calls, BoundFunctions(calls)
+        self.calls, self.parameters, self._bound = calls, calls.parameters, BoundFunctions(calls)
         self._binding.take(self)
 
     def device(self, where: Any = "cuda", *, contract: bool = False) -> Any:
@@ -204,7 +242,9 @@ class CompiledCode(KernelMethods, KernelFunctions):
         return self._opener(self, where, contract=contract)
 
     def bind(self, module: ModuleType) -> None:
-        """Let plain calls of methods go through an extension module."""
+        """Let plain calls of methods go through an extension module; with augmented arrays inside those of the C."""
+        if self.calls.augmented is not self.calls:
+            return
         if self._direct is None or self._direct.module is not module:
             self._direct = DirectFunctions(module, self.raw)
         if not isinstance(self.parameters.state, module.State):
@@ -236,6 +276,7 @@ class CompiledCode(KernelMethods, KernelFunctions):
         if libraries is self.raw.libraries:
             return self.with_parameters()
         other = type(self)(libraries, self._again, self._binding, self._opener)
+        other = other.augmented if self.is_augmented else other
         other.__setstate__({"parameters": dict(self.parameters), "threads": self.threads, "checks": self.checks})
         return other
 

@@ -120,11 +120,19 @@ def packaged() -> ExtensionBinding:
 
 
 class Checked(Protocol):
-    """A function that is called in Python: see ``bound_functions.CheckedFunction``."""
+    """A function that is called in Python: see ``methods.bound.CheckedFunction``."""
 
-    name: str
-    options: tuple[str, ...]
-    axes: int
+    @property
+    def name(self) -> str:
+        """Name of the function."""
+
+    @property
+    def options(self) -> tuple[str, ...]:
+        """Names of the arguments behind the arrays."""
+
+    @property
+    def axes(self) -> int:
+        """Axes of each array of a result that is a tuple of arrays, beginning with theirs; 0 of one array."""
 
     def __call__(self, calls: Any, *args: Any) -> Any:
         """Call it with a kernel's ``Calls``, the arrays and the options, in their order."""

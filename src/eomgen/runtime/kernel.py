@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .arrays import is_narrow, joint_lead, states_apart, whole_array, widened
+from .arrays import joint_lead
 from .derivatives.by_arguments import Differentiation
 from .derivatives.in_time import TimeDerivatives
 from .inverse_kinematics.kernel_method import InverseKinematics
@@ -28,10 +28,11 @@ class Kernel(Differentiation, TimeDerivatives, InverseKinematics, Rollouts):
 
     Attributes:
         name: the robot's name.
-        coordinates: names such as "joint1.x"; n of them, but for states of laws.
-        memory: names of the states of laws, such as "joint1.gamma.friction.z".  Arrays have them behind coordinates, in
-            v as they are, in a their rates, in q numbers that act on nothing, in u zeros; or ``z`` has them apart.
-        memory_units: their units, such as "rad".
+        coordinates: names such as "joint1.x"; n of them.
+        internal_states: names of the m internal states of force laws, such as "joint1.gamma.friction.z".  Methods whose
+            results depend on them take them as z, (m,) or (..., m); it is required there, and refused where there are
+            none.
+        internal_state_units: their units, such as "rad".
         joints: names of the joints that move, in the order of ``reactions``.
         links: names of the links that move, in the order of ``wrench``.
         frames: names that ``frame_pose`` knows: frames, then links.
@@ -68,17 +69,17 @@ class Kernel(Differentiation, TimeDerivatives, InverseKinematics, Rollouts):
             (see ``checks``); or a result that is not finite.
     """
 
-    def memory_rates(self, q: ArrayLike, v: ArrayLike, z: ArrayLike, u: ArrayLike | None = None) -> Array:
-        """Return the rates of the states of laws, (memory,), per s.
+    def internal_state_derivatives(self, q: ArrayLike, v: ArrayLike, z: ArrayLike, u: ArrayLike | None = None) -> Array:
+        """Return the time derivatives of internal states, (m,), in their units per s.
 
         Args:
             q, v: coordinates and their rates, (n,).
-            z: states, (memory,).
+            z: internal states, (m,).
             u: drives, (n,); zeros by default.
         """
-        n = len(self.coordinates)
-        drives = np.zeros(n, self.dtype) if u is None else u
-        return np.ascontiguousarray(self.forward_dynamics(*self._behind(q, v, drives, z))[..., n:])
+        drives = np.zeros(self.n, self.dtype) if u is None else u
+        joined = self.calls.join_arguments(name_of(self.forward_dynamics), (q, v, drives), z)
+        return np.ascontiguousarray(self.augmented.forward_dynamics(*joined)[..., self.n :])
 
     def constraint_forces(
         self,
@@ -100,7 +101,7 @@ class Kernel(Differentiation, TimeDerivatives, InverseKinematics, Rollouts):
             q, v, u: (n,), as in ``forward_dynamics``.
             wrench: as in ``generalized_force``.
             out: array to write to.
-            z: states of laws, (memory,), where arrays are of coordinates alone.
+            z: internal states, (m,).
 
         Raises:
             SingularError, LoopError: as of ``forward_dynamics``.
@@ -123,9 +124,7 @@ class Kernel(Differentiation, TimeDerivatives, InverseKinematics, Rollouts):
 
         Args:
             q, v, u: (n,).
-            z: states of laws, (memory,); the arrays and the result are then those of coordinates alone.  Without it
-                arrays have these states, and behind the forces stand those on the states: of a winding's current the
-                voltage less what the motion induces, so that forces by velocities are the power that drives take in.
+            z: internal states, (m,).
             out: array to write to.
         """
         if not self.calls.arrays.has_drives:
@@ -133,16 +132,10 @@ class Kernel(Differentiation, TimeDerivatives, InverseKinematics, Rollouts):
         return self._bound[name_of(self.drive_forces)](q, v, u, z, out)
 
     def _undriven(self, q: ArrayLike, v: ArrayLike, u: ArrayLike, z: ArrayLike | None) -> Array:
-        """Return u, which is the forces where no drive takes it otherwise, as long as the arrays are."""
-        if z is not None:
-            states_apart(self.calls, z)
-        forces, lead = whole_array(self.calls, "u", u)
-        for label, value in (("q", q), ("v", v)):
-            lead = joint_lead(label, whole_array(self.calls, label, value)[1], lead)
-        width = self.calls.narrow if z is not None or is_narrow(self.calls, u) else self.n
-        return np.array(np.broadcast_to(forces, (*lead, self.n))[..., :width])
-
-    def _behind(self, q: ArrayLike, v: ArrayLike, u: ArrayLike, z: ArrayLike) -> tuple[Array, Array, Array]:
-        """Return arrays of coordinates with room for states of laws behind them, z behind v."""
-        states = states_apart(self.calls, z)
-        return widened(self.calls, "q", q), widened(self.calls, "v", v, states), widened(self.calls, "u", u)
+        """Return u, which is the forces where no drive takes it otherwise."""
+        lead: tuple[int, ...] = ()
+        for label, value, states in (("q", q, None), ("v", v, z), ("u", u, None)):
+            joined = self.calls.join(label, value, states)
+            array, own = self.calls.augmented.array(label, joined, (self.augmented.n,))
+            lead = joint_lead(label, own, lead)
+        return self.calls.split(np.array(np.broadcast_to(array, (*lead, self.augmented.n))), "vector")

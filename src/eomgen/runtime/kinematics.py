@@ -9,7 +9,6 @@ from numpy.typing import ArrayLike
 
 from ..errors import InputError
 from ..names import show
-from .arrays import is_narrow
 from .compiled_code import CompiledCode
 from .raw import Array
 
@@ -82,8 +81,7 @@ class Kinematics(CompiledCode):
             UnknownNameError: no frame or link of that name.
             InputError: another reference.
         """
-        n = len(self.coordinates) if is_narrow(self.calls, q) else self.n
-        return self.frame_acceleration(q, v, np.zeros(n, self.dtype), frame, reference)
+        return self.frame_acceleration(q, v, np.zeros(self.n, self.dtype), frame, reference)
 
     def _in_axes(self, q: ArrayLike, frame: str, reference: str, linear: Array, angular: Array) -> Array:
         """Return two vectors of the base frame one behind the other, in the axes of a reference."""

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError, LoopError, UnknownNameError
 from ..names import joint_of, kind_of, listed, parameter_name, parameter_path, show
-from .arrays import cut, is_narrow, joint_lead, names_in, place_of, whole_array, widened
+from .arrays import joint_lead, names_in, place_of
 from .calls import Calls
 from .compiled_code import CompiledCode
 from .loop_errors import left_open
@@ -66,8 +66,6 @@ class LoopClosure(CompiledCode):
             InputError: the robot has no loops, or roots of many states are asked for.
         """
         calls = self.calls
-        if is_narrow(calls, q):
-            return cut(calls, self.assemble(widened(calls, "q", q), held, roots=roots), "vector")
         if roots is not None:
             return _roots(calls, q, held, roots)
         guesses, lead = calls.array("q", q, (calls.n,))
@@ -93,8 +91,8 @@ class LoopClosure(CompiledCode):
         """
         calls = self.calls
         n, free = calls.n, free_coordinates(calls, held)
-        states, of_q = whole_array(calls, "q", q)
-        guesses, of_v = whole_array(calls, "v", v)
+        states, of_q = calls.array("q", q, (n,))
+        guesses, of_v = calls.array("v", v, (n,))
         lead = joint_lead("v", of_v, of_q)
         states, moving = (np.broadcast_to(x, (*lead, n)).reshape(-1, n).copy() for x in (states, guesses))
         violations = calls.run(CompiledCode.constraint, None, (states,))
@@ -106,8 +104,7 @@ class LoopClosure(CompiledCode):
             turned, guess = group.turned(states[group.rows], moving[group.rows])
             velocities = closed_rates(group.calls, turned, guess, free, place)
             moving[group.rows] = group.described(turned, velocities, states[group.rows], place)[1]
-        rates = np.asarray(moving.reshape(*lead, n))
-        return cut(calls, rates, "vector") if is_narrow(calls, v) else rates
+        return np.asarray(moving.reshape(*lead, n))
 
 
 def closed_near(calls: Calls, guess: Array, free: Mask) -> Array | None:
@@ -312,10 +309,10 @@ def free_coordinates(calls: Calls, held: Iterable[str]) -> Mask:
         raise InputError(f"close: {calls.raw.name} has nothing to close; allowed: {allowed}")
     kept = {*([held] if isinstance(held, str) else names_in("held", held))}
     for name in kept:
-        if name not in calls.coordinates[: calls.narrow]:
-            known = ", ".join(calls.coordinates[: calls.narrow])
+        if name not in calls.coordinates or name in calls.internal_states:
+            known = ", ".join(x for x in calls.coordinates if x not in calls.internal_states)
             raise UnknownNameError(f"held: {show(name)} is unknown; known: {known}")
-    kept |= {*calls.prescribed, *calls.memory}
+    kept |= {*calls.prescribed, *calls.internal_states}
     return np.array([name not in kept for name in calls.coordinates])
 
 

@@ -308,7 +308,7 @@ class RawKernel:
         self.name: str = meta["name"]
         self.dtype: np.dtype[Any] = np.dtype(meta["dtype"])
         self.shapes: dict[str, tuple[int, ...]] = {key: tuple(shape) for key, shape in meta["shapes"].items()}
-        n, m = len(meta["coordinates"]) + len(meta.get("memory", ())), len(meta.get("constraints", ()))
+        n, m = len(meta["coordinates"]) + len(meta.get("internal_states", ())), len(meta.get("constraints", ()))
         self.statuses: int = n + (3 * m + n if m else 0)
         turning = meta.get("turning", {"joints": {}, "room": 0})
         self.turning: dict[str, tuple[int, int]] = {

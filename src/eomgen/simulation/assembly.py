@@ -110,6 +110,11 @@ class Assembly:
     notes: tuple[str, ...] = ()
 
     @property
+    def augmented(self) -> Kernel:
+        """The kernel with augmented arrays, in which the motion is integrated; drives and wrenches take them."""
+        return self.kernel.augmented
+
+    @property
     def shown(self) -> Program | None:
         """The reference that results are compared with."""
         return self.program if self.wanted is None else self.wanted
@@ -153,7 +158,8 @@ def assemble(
         )
     initial_q = by_coordinate(robot, scenario, "q", scenario.initial.q if scenario.initial else {})
     changing = with_payload_parameters(robot, scenario)
-    kernel = _kernel(changing, scenario, kernels, report)
+    plain = _kernel(changing, scenario, kernels, report)
+    kernel = plain.augmented
     if ahead is not None and kernels is None and not robot.is_closed:
         _begin(ahead, kernel, kernels_of(robot, scenario), turns_of(kernel, scenario.integrator))
 
@@ -197,11 +203,11 @@ def assemble(
         drive, begun, notes = feedforward_start(robot, scenario, control, kernel, moved_by, Gains(kp, kd))
     if control.get("saturate"):
         drive = _saturated(scenario, kernel, driven, drive, mechanism)
-    wrenches = Wrenches(scenario, robot, kernel) if scenario.wrenches else None
+    wrenches = Wrenches(scenario, robot, plain) if scenario.wrenches else None
     facts = Facts(record_of(robot), robot_hash(robot), scenario.as_dict(), is_rigid(robot))
     until = _until(scenario, robot, kernel)
     return Assembly(
-        kernel, driven, initial_q, program, drive, wrenches, prescribed, path, until, facts, wanted, begun, notes
+        plain, driven, initial_q, program, drive, wrenches, prescribed, path, until, facts, wanted, begun, notes
     )
 
 
@@ -313,7 +319,7 @@ def _may_run_in_c(scenario: Scenario) -> bool:
 def with_kernel(assembly: Assembly, robot: Robot, scenario: Scenario, kernel: Kernel) -> Assembly:
     """Return the assembly for a kernel of other parameters; program and drives stay, with the model that they know."""
     wrenches = Wrenches(scenario, robot, kernel) if scenario.wrenches else None
-    return replace(assembly, kernel=kernel, wrenches=wrenches, until=_until(scenario, robot, kernel))
+    return replace(assembly, kernel=kernel, wrenches=wrenches, until=_until(scenario, robot, kernel.augmented))
 
 
 def _until(scenario: Scenario, robot: Robot, kernel: Kernel) -> Until | None:

@@ -51,7 +51,9 @@ def check_record(plan: Plan, scenario: Scenario, assembly: Assembly) -> None:
         plan.fail("record", "tracking_max: there is no reference; allowed: with a motion, pd or computed_torque")
     if "reaction_max" in plan.record and scenario.payloads:
         plan.fail("record", "reaction_max: the scenario has payloads, whose masses change; allowed: without them")
-    if not assembly.kernel.memory and (states := [name for name in ("state_max", "state_end") if name in plan.record]):
+    if not assembly.kernel.internal_states and (
+        states := [name for name in ("state_max", "state_end") if name in plan.record]
+    ):
         plan.fail("record", f"{states[0]}: no law has a state; allowed: of robots with such laws")
     if "quaternion_end" in plan.record and not rotating_joints(assembly.kernel.coordinates):
         plan.fail("record", "quaternion_end: no joint has alpha, beta and gamma; allowed: with a free or ball joint")
@@ -132,7 +134,7 @@ def _states(name: str, result: SimulationResult, assembly: Assembly) -> Measured
     z, kernel = result.trajectory.z, assembly.kernel
     assert z is not None
     values = np.abs(z).max(axis=0) if name == "state_max" else z[-1]
-    each = zip(kernel.memory, kernel.memory_units, values.tolist(), strict=True)
+    each = zip(kernel.internal_states, kernel.internal_state_units, values.tolist(), strict=True)
     return [(f"{name}.{x}", unit, value) for x, unit, value in each]
 
 
@@ -143,7 +145,7 @@ def _quaternions(name: str, result: SimulationResult, _: Assembly) -> Measured:
 
 
 def _reactions(name: str, result: SimulationResult, assembly: Assembly) -> Measured:
-    motion, kernel = result.trajectory, assembly.kernel
+    motion, kernel = result.trajectory, assembly.augmented
     q, v, u = motion.joined()
     u = u.copy()
     if assembly.prescribed is not None:

@@ -482,7 +482,7 @@ def states_of(model: Model) -> dict[str, np.ndarray]:
     rng, n = np.random.default_rng(6), model.size
     speeds, forces = np.logspace(-1.0, 1.0, 7)[:, np.newaxis], np.logspace(0.0, 3.0, 7)[:, np.newaxis]
     driven = np.isin(np.arange(n), model.driven)
-    q = np.array([*model.home, *(0.0 for _ in model.memory)]) + 0.02 * rng.normal(size=(7, n))
+    q = np.array([*model.home, *(0.0 for _ in model.internal_states)]) + 0.02 * rng.normal(size=(7, n))
     v = speeds * rng.normal(size=(7, n))
     v[:, len(model.coordinates) :] *= 1e-3  # states of laws: bristles are short
     return {"q": q, "v": v, "u": driven * forces * rng.normal(size=(7, 1))}

@@ -171,8 +171,10 @@ def check_determined(robot: Robot) -> None:
     if model.drives:
         driven = [model.coordinates[i] for i in model.drives]
         raise InputError(f"{robot.name}: {listed(driven)} has a servo drive; allowed: drives whose inputs are forces")
-    if model.memory:
-        raise InputError(f"{robot.name}: its laws have states ({listed(model.memory)}); allowed: laws without states")
+    if model.internal_states:
+        raise InputError(
+            f"{robot.name}: its laws have states ({listed(model.internal_states)}); allowed: laws without states"
+        )
 
 
 def program_of(robot: Robot, motion: MotionLike, duration: float | None) -> tuple[Program, float, str | None]:

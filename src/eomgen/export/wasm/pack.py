@@ -162,7 +162,7 @@ def _context(robot: Robot, meta: Mapping[str, Any], rigid: Source | None) -> dic
         "name": robot.name,
         "version": __version__,
         "real": SCALARS[meta["dtype"]].name,
-        "n": len(meta["coordinates"]) + len(meta.get("memory", ())),
+        "n": len(meta["coordinates"]) + len(meta.get("internal_states", ())),
         "rolls": "rollout" in kinds,
         "adapts": "adaptive" in kinds,
         "places": checked_places(meta["dtype"]) if "adaptive" in kinds else [],
@@ -188,7 +188,7 @@ def _description(
     meta: Mapping[str, Any], pushed: bool, home: Sequence[float], rigid: Mapping[str, Any] | None
 ) -> dict[str, Any]:
     """Return plain values that the script says of the kernel, and reads itself."""
-    memory = meta.get("memory", [])
+    memory = meta.get("internal_states", [])
     return {
         **{name: meta[name] for name in _SAID},
         "memory": memory,
@@ -230,7 +230,7 @@ def _declared(meta: Mapping[str, Any]) -> dict[str, Any]:
         "methods": _literals(methods),
         "array": {"float64": "Float64Array", "float32": "Float32Array"}[meta["dtype"]],
         **{key: _literals(meta[key]) for key in ("coordinates", "links", "frames", "parameters")},
-        "memory": _literals(meta.get("memory", ())),
+        "memory": _literals(meta.get("internal_states", ())),
     }
 
 

@@ -99,7 +99,7 @@ def fit_numbers(
         LoopError: loops do not close near the beginning of a motion.
     """
     model = build_model(robot)
-    if model.constraints and model.memory:
+    if model.constraints and model.internal_states:
         some = ", ".join(model.constraints[:3]) + (", ..." if len(model.constraints) > 3 else "")
         raise InputError(
             f"fit: {robot.name} has rigid loops or couplings ({some}) and laws with states; allowed for parameters:"
@@ -218,7 +218,7 @@ class _Fit:
 
     def _notes(self, simulation: Simulation, descent: Descent, sure: Certainty) -> tuple[str, ...]:
         """Say how the fit was made."""
-        memory, width = simulation.kernel.memory, simulation.moving.size
+        memory, width = simulation.kernel.internal_states, simulation.moving.size
         led = f", led along the motion with {self.bandwidth:g} rad/s" if self.bandwidth else ""
         notes = [
             f"simulated under the drives of the motion, straight lines between samples{led}; positions alone are"

@@ -115,7 +115,7 @@ def fit(  # noqa: PLR0913
         raise InputError(f"confidence: {show(confidence)}; allowed: a number between 0 and 1")
     if not (is_usable(bandwidth) and bandwidth >= 0.0):
         raise InputError(f"bandwidth: {show(bandwidth)}; allowed: a number of rad/s, at least 0")
-    memory = build_model(robot).memory
+    memory = build_model(robot).internal_states
     if parameters is not None or memory:
         _refuse_beside(memory, coordinates, matrices, parameters)
         names = numbers_sought(robot, parameters)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from ...errors import InputError, UnknownNameError
 from ...names import listed, nearest_or_all, show
-from ..arrays import OF_ORDERS, cut, is_narrow, names_in, place_of, whole_array
+from ..arrays import OF_ORDERS, names_in, place_of
 from ..loop_assembly import LoopClosure, closed_rates, free_coordinates
 from ..raw import Array, Method, name_of
 from .by_arguments import FRAMED
@@ -55,7 +55,7 @@ class TimeDerivatives(LoopClosure):
                 without ``wrench``.
             series: time derivatives of the coordinates, q, v, a, jerk, snap, ..., each (n,) or (..., n), as many as
                 function and order need: q'''' for the inverse dynamics to order 2.  More are not read.  Behind them
-                for each further array that the method reads, u or wrench, a tuple of the array and its time
+                for each further array that the method reads, u, wrench or z, a tuple of the array and its time
                 derivatives, ``order`` + 1 in all, then a frame's name where the method takes one.
             order: the highest time derivative, 1 to 4.
 
@@ -75,9 +75,15 @@ class TimeDerivatives(LoopClosure):
         motion, others, frame = _split(name, wanted, series)
         index = self.frame_index(frame) if wanted.writes in FRAMED else None
         arrays = [*motion, *(x for one in others for x in one)]
+        z = others.pop() if self.calls.takes_z(name) else None
+        if self.augmented is not self:
+            arrays = self._joined(motion, zip(wanted.others, others, strict=False), z)
         if self.raw.functions[wanted.function].closes:
-            self.calls.run(name, None, [*motion[: len(wanted.motion) - order], *(one[0] for one in others)])
-        orders: tuple[Array, ...] = self._bound[wanted.function](*arrays, None)
+            values = [*motion[: len(wanted.motion) - order], *(one[0] for one in others)]
+            self.calls.run(name, None, values, z=None if z is None else z[0])
+        writes = self.raw.functions[wanted.function].writes
+        found = self.augmented._bound[wanted.function](*arrays, None)  # noqa: SLF001  (of the same class)
+        orders = tuple(self.calls.split(x, writes) for x in found)
         if index is None:
             return orders
         return tuple(_of_frame(x, index, wanted.writes, k) for k, x in enumerate(orders))
@@ -105,7 +111,7 @@ class TimeDerivatives(LoopClosure):
             raise InputError(f"series: got {got}; allowed: 2 to {len(MOTION)} arrays, {', '.join(MOTION)}")
         names = [held] if isinstance(held, str) else names_in("held", held)
         free = free_coordinates(self.calls, names)
-        whole = [whole_array(self.calls, label, x) for label, x in zip(MOTION, series, strict=False)]
+        whole = [self.calls.array(label, x, (self.n,)) for label, x in zip(MOTION, series, strict=False)]
         arrays = np.broadcast_arrays(*(array for array, _ in whole))
         q = self.assemble(arrays[0], names)
         motion = [q, self.project_velocity(q, arrays[1], names)]
@@ -114,9 +120,13 @@ class TimeDerivatives(LoopClosure):
             rest = self._constraint_rest(flat[:-1])
             closed = closed_rates(self.calls, flat[0], flat[-1], free, lambda i: place_of([i]), rest)
             motion.append(closed.reshape(guess.shape))
-        return (
-            tuple(cut(self.calls, x, "vector") for x in motion) if is_narrow(self.calls, series[0]) else tuple(motion)
-        )
+        return tuple(motion)
+
+    def _joined(self, motion: Sequence[Any], others: Iterable[Any], z: Sequence[Any] | None) -> list[Any]:
+        """Return series as the C reads them: z behind v, its time derivatives behind those of v."""
+        behind = [None, *(z or ()), *(None for _ in motion)]
+        joined = [self.calls.join(*row) for row in zip(MOTION, motion, behind, strict=False)]
+        return [*joined, *(self.calls.join(names[0], x) for names, one in others for x in one)]
 
     def _constraint_rest(self, motion: Sequence[Array]) -> Array:
         """Return what the constraint's next time derivative has beside J times that of the coordinates, (N, m)."""
@@ -143,6 +153,8 @@ class TimeDerivatives(LoopClosure):
         motion = tuple(x for x in reads if x in MOTION)
         rest = reads[len(motion) :]
         others = tuple(rest[i : i + order + 1] for i in range(0, len(rest), order + 1))
+        if self.calls.takes_z(name):
+            others += (tuple(f"z{k or ''}" for k in range(order + 1)),)
         return _Request(function, int(order), motion, others, OF_ORDERS.sub("", known[function].writes))
 
 

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ...errors import UnknownNameError
 from ...names import nearest_or_all, show
-from ..arrays import cut as cut_states
-from ..arrays import flag, joint_lead, states_apart, widened
+from ..arrays import flag, joint_lead
 from ..calls import Calls
 from ..direct import DirectFunctions
 from ..raw import Array, RawFunction, RawKernel
@@ -22,7 +22,8 @@ FRAME, WRENCH, OUT = "frame", "wrench", "out"  # names of arguments
 PARTS = ("jet", "derivatives")  # kinds of functions, or of results, whose result is a tuple of arrays
 
 
-class CheckedFunction(NamedTuple):
+@dataclass(frozen=True)
+class CheckedFunction:
     """A function that is called in Python, which checks all arguments.
 
     Attributes:
@@ -57,17 +58,19 @@ class CheckedFunction(NamedTuple):
         return tuple(np.moveaxis(result, -self.axes, 0)) if self.axes else result
 
 
-class BoundFunctions(dict[str, Callable[..., Any]]):
+class BoundFunctions(dict[str, Callable[..., Array]]):
     """Functions by their names, which take arrays and options in their order; made when they are first looked up."""
 
     def __init__(self, calls: Calls) -> None:
         super().__init__()
-        self.calls, self._direct = calls, None
-        self._direct: DirectFunctions | None
+        self.calls = calls
+        self._direct: DirectFunctions | None = None
 
-    def __missing__(self, name: str) -> Callable[..., Any]:
+    def __missing__(self, name: str) -> Callable[..., Array]:
         checked = CheckedFunction.of(self.calls.raw, name)
-        bound = partial(checked, self.calls) if self._direct is None else self._direct.bound(checked, self.calls)
+        bound: Callable[..., Array] = partial(checked, self.calls)
+        if self._direct is not None:
+            bound = self._direct.bound(checked, self.calls)
         self[name] = bound
         return bound
 
@@ -115,17 +118,11 @@ def evaluate(
         return calls.run(name, out, values, z=z)
     if not function.wrench.into:
         return calls.run_with_wrench(name, out, values, wrench_rows(calls, values[0], wrench), z)
-    if z is not None and calls.arrays.has_drives:
-        whole = evaluate(calls, name, _behind(calls, function, values, z), wrench=wrench)
-        return calls.arrays.written(cut_states(calls, whole, function.writes), out)
+    if calls.augmented is not calls:
+        joined = calls.join_arguments(name, values, z)
+        whole = evaluate(calls.augmented, name, joined, wrench=wrench)
+        return calls.arrays.written(calls.split(whole, function.writes), out)
     return calls.run(name, out, _with_wrench(calls, function, values, wrench), z=z)
-
-
-def _behind(calls: Calls, function: RawFunction, values: Sequence[Any], z: ArrayLike) -> list[Array]:
-    """Return arrays of coordinates with room for states of laws behind them, z behind v."""
-    states = states_apart(calls, z)
-    labelled = zip(function.reads, values, strict=True)
-    return [widened(calls, label, x, states if label == "v" else None) for label, x in labelled]
 
 
 def _with_wrench(calls: Calls, function: RawFunction, values: Sequence[Any], wrench: WrenchLike) -> list[Any]:

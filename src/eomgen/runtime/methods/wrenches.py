@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from ...errors import ArrayError, UnknownNameError
 from ...names import listed, nearest_or_all, parameter_name, show
-from ..arrays import joint_lead, numbers_in, whole_array
+from ..arrays import joint_lead, numbers_in
 from ..calls import Calls
 from ..raw import Array
 
@@ -44,7 +44,7 @@ def wrench_rows(calls: Calls, q: ArrayLike, wrench: WrenchLike | None) -> ArrayL
     if not isinstance(wrench, Mapping):
         return wrench
     values = {name: (place_of_wrench(calls, name), wrench_numbers(calls, name, x)) for name, x in wrench.items()}
-    states, lead = whole_array(calls, "q", q)
+    states, lead = calls.array("q", q, (calls.n,))
     for name, (_, numbers) in values.items():
         lead = joint_lead(f"wrench: {name}", numbers.shape[:-1], lead)
     rows = np.zeros((*lead, len(calls.raw.libraries.meta["links"]), 6), calls.dtype)

@@ -65,12 +65,12 @@ class StateBounds:
         meta, values = calls.raw.libraries.meta, calls.parameters.state.values
         tables = {**meta["elements"].get("coordinates", {}), **meta["elements"].get("cut_laws", {})}
         limits = []
-        for name in calls.memory:
+        for name in calls.internal_states:
             owner, law, state = split_state(name)
             bound = BOUNDS.get(f"{law}.{state}")
             numbers = {key: float(values[place]) for key, place in tables.get(owner, {}).items()}
             limits.append(bound(numbers) if bound is not None and numbers else np.inf)
-        return cls(calls.memory, np.maximum(MARGIN * np.array(limits), np.abs(begin[..., -len(limits) :])))
+        return cls(calls.internal_states, np.maximum(MARGIN * np.array(limits), np.abs(begin[..., -len(limits) :])))
 
     def within(self, v: Array) -> Array:
         """Return which states are within their bounds, (..., rows, s), in velocities with states behind them."""
@@ -141,7 +141,7 @@ def wrong_state(calls: Calls, method: str, v: Array) -> tuple[StateBounds, tuple
     Args:
         v: velocities with the states behind them, (..., rows, n).
     """
-    if method != "rk4" or not calls.memory:
+    if method != "rk4" or not calls.internal_states:
         return None
     bounds = StateBounds.of(calls, v[..., 0, :])
     beyond = bounds.first_beyond(v)
@@ -166,7 +166,8 @@ def _refuse_wrong_states(calls: Calls, method: str, result: tuple[Array, Array],
     q[~good], v[~good] = np.nan, np.nan
     place = f" of state {lead[0]}" if lead else ""
     what = f"dt is too long: at t = {row * apart:.6g} s{place} {said}"
-    raise _stopped(calls, result, lead[0] if lead else 0, apart, calls.narrow + state, what, None)
+    where = calls.n - len(calls.internal_states) + state
+    raise _stopped(calls, result, lead[0] if lead else 0, apart, where, what, None)
 
 
 def _turned_about(calls: Calls, arrays: RolloutArrays) -> str:
