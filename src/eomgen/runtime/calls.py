@@ -389,7 +389,7 @@ class SplitCalls(Calls):
 
     def run(
         self,
-        name: str,
+        name: Method,
         out: Array | None,
         values: Sequence[ArrayLike],
         extra: tuple[int, ...] = (),
@@ -398,6 +398,7 @@ class SplitCalls(Calls):
         z: ArrayLike | None = None,
     ) -> Array:
         """Call a function as ``Calls.run`` does, with z where its result depends on internal states."""
+        name = name_of(name)
         joined = self.join_arguments(name, values, z)
         result = self._augmented.run(name, None, joined, extra, lead, inner)
         return self.arrays.written(self.split(result, self.raw.functions[name].writes), out)
