@@ -81,7 +81,7 @@ def test_matrices_of_accelerations_and_christoffel_symbols(name: str, kernel: eo
 @pytest.mark.soak
 def test_matrices_of_accelerations_of_closed_mechanisms() -> None:
     kernel = eomgen.build("four_bar")
-    moving = kernel.close_series((np.array([0.5, 0.2, 1.2]), *motion(kernel, 2)), held=["joint1.gamma"])
+    moving = kernel.close_series((np.array([0.5, 0.2, 1.2]), *motion(kernel, 2)), fixed=["joint1.gamma"])
     slopes_agree(kernel, "forward_dynamics_jacobian", (*moving, motion(kernel, 2, seed=2)))
     with pytest.raises(LoopError, match="loop joint4 is open"):
         kernel.jet("forward_dynamics_jacobian", (moving[0] + 0.1, *moving[1:], motion(kernel, 2, seed=2)))
@@ -181,7 +181,7 @@ def test_closed_mechanisms(order: int) -> None:
     """Series that close loops, drives of such a motion, and the accelerations that they make again."""
     kernel = eomgen.build("four_bar")
     guess = (np.array([0.5, 0.2, 1.2]), *motion(kernel, order + 2))
-    moving = kernel.close_series(guess, held=["joint1.gamma"])
+    moving = kernel.close_series(guess, fixed=["joint1.gamma"])
     for one, other in zip(moving, guess, strict=True):
         assert one[0] == other[0]
     for gap in kernel.jet("constraint", moving, order):
@@ -198,7 +198,7 @@ def test_closed_mechanisms(order: int) -> None:
     refused(LoopError, "loop joint4 is open", kernel.jet, "inverse_dynamics", (moving[0] + 0.1, *moving[1:]), 2)
     with pytest.raises(LoopError, match="opens at the rates that are held"):
         kernel.close_series(
-            (moving[0], moving[1], moving[2] + 0.1), held=["joint1.gamma", "joint2.gamma", "joint3.gamma"]
+            (moving[0], moving[1], moving[2] + 0.1), fixed=["joint1.gamma", "joint2.gamma", "joint3.gamma"]
         )
     with pytest.raises(InputError, match="series: got 1; allowed: 2 to 7 arrays, q, v, a, jerk, snap, crackle, pop"):
         kernel.close_series(guess[:1])
@@ -209,14 +209,14 @@ def test_series_close_loops_in_batches_of_single_precision() -> None:
     """As those of one state; arrays are of the kernel's type."""
     kernel, double = eomgen.build("four_bar", dtype="float32"), eomgen.build("four_bar")
     guess = (np.tile([0.5, 0.2, 1.2], (3, 1)), *motion(double, 3, 3))
-    wanted = double.close_series(guess, held=["joint1.gamma"])
-    many = kernel.close_series([x.astype(np.float32) for x in guess], held=["joint1.gamma"])
+    wanted = double.close_series(guess, fixed=["joint1.gamma"])
+    many = kernel.close_series([x.astype(np.float32) for x in guess], fixed=["joint1.gamma"])
     for k, (one, other) in enumerate(zip(many, wanted, strict=True)):
         assert one.shape == (3, 3)
         assert one.dtype == np.float32
         np.testing.assert_allclose(one, other, atol=1e-4 * 10**k)
     for i in range(3):
-        alone = double.close_series([x[i] for x in guess], held=["joint1.gamma"])
+        alone = double.close_series([x[i] for x in guess], fixed=["joint1.gamma"])
         np.testing.assert_allclose([x[i] for x in wanted], alone, atol=1e-10)
     refused(ArrayError, r"jerk: expected float64 of shape \(3,\)", double.close_series, (*guess[:3], guess[3][:, :2]))
 

@@ -142,7 +142,7 @@ def _jacobian_rates(arm: HeldRobot, q: Array, v: Array, a: Array) -> tuple[Array
     With H the second derivatives of g the bias is v^T H v, whose derivatives by q are those of H along the motion.
     """
     kernel = arm.kernel
-    beside = build(arm.robot, kernels=SLOPES_OF_CLOSURE)
+    beside = build(arm.robot, kernels=SLOPES_OF_CLOSURE).augmented
     beside.parameters.update(kernel.parameters)
     H, along = constraint_hessian(kernel, q), np.eye(kernel.n)
     states, rates = (np.tile(x, (kernel.n, 1)) for x in (q, v))

@@ -296,7 +296,7 @@ def _closed_inputs(robot: Robot, inputs: dict[str, Array], rng: np.random.Genera
     away = rng.uniform(-1.0, 1.0, q.shape) * np.isin(kernel.velocities, driven)
     while reach > SMALL:
         try:
-            q = kernel.assemble(q + reach * away, held=driven)
+            q = kernel.assemble(q + reach * away, fixed=driven)
             break
         except LoopError:
             reach *= 0.5

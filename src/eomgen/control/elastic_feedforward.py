@@ -318,7 +318,7 @@ def _series(links: Robot, kernel: Kernel, course: _Course, t: Array, order: int)
     near = np.column_stack([np.interp(t, path.t, column) for column in path.q.T])
     others = np.setdiff1d(np.arange(near.shape[1]), columns)
     whole[0][:, others] = near[:, others]
-    return kernel.close_series(tuple(whole), held=driven)
+    return kernel.close_series(tuple(whole), fixed=driven)
 
 
 def _forces(kernel: Kernel, series: tuple[Array, ...], order: int) -> tuple[Array, ...]:

@@ -116,7 +116,7 @@ class IndependentCoordinates:
     def _place(self, x: Numbers, guess: Numbers) -> None:
         """Let the dependent coordinates follow, near a guess, and keep the state."""
         f = len(self.free)
-        q = self.kernel.assemble(guess, held=[self.kernel.coordinates[i] for i in self.free])
+        q = self.kernel.assemble(guess, fixed=[self.kernel.coordinates[i] for i in self.free])
         slopes, _ = self.choice.follow(self.kernel, q)
         v = np.zeros_like(q)
         v[self.free] = x[f:]

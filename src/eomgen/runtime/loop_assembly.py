@@ -50,12 +50,12 @@ class LoopClosure(CompiledCode):
         )
         return np.concatenate([poses[..., :3, 3], np.stack(angles, axis=-1)], axis=-1)
 
-    def assemble(self, q: ArrayLike, held: Iterable[str] = (), *, roots: int | None = None) -> Array:
+    def assemble(self, q: ArrayLike, fixed: Iterable[str] = (), *, roots: int | None = None) -> Array:
         """Assemble: return coordinates near a guess that close all loops, (n,), by the Levenberg-Marquardt method.
 
         Args:
             q: the guess, (n,), or many of them.
-            held: names of coordinates that stay at their guess; prescribed ones do.
+            fixed: names of coordinates that stay at their guess; prescribed ones do.
             roots: find so many ways to close the loops, or as many as there are, from random guesses about this one
                 (always the same): (roots, n), the nearest first, angles within half a turn of the guess.  Where fewer
                 coordinates are held than the mechanism has freedoms, they are any of infinitely many.
@@ -67,14 +67,14 @@ class LoopClosure(CompiledCode):
         """
         calls = self.calls
         if roots is not None:
-            return _roots(calls, q, held, roots)
+            return _roots(calls, q, fixed, roots)
         guesses, lead = calls.array("q", q, (calls.n,))
-        closed, violations = _closed(calls, guesses.reshape(-1, calls.n), free_coordinates(calls, held))
+        closed, violations = _closed(calls, guesses.reshape(-1, calls.n), free_coordinates(calls, fixed))
         _refuse_violations(calls, closed, violations, lead)
         _refuse_turned_over(calls, closed, lead)
         return closed.reshape(guesses.shape)
 
-    def project_velocity(self, q: ArrayLike, v: ArrayLike, held: Iterable[str] = ()) -> Array:
+    def project_velocity(self, q: ArrayLike, v: ArrayLike, fixed: Iterable[str] = ()) -> Array:
         """Project velocities: return those that keep loops closed, (n,), with least kinetic energy of the change.
 
         That is what a sudden closing of the loops makes of the guess, too.
@@ -82,7 +82,7 @@ class LoopClosure(CompiledCode):
         Args:
             q: coordinates that close the loops, (n,).
             v: the guess, (n,).
-            held: names of coordinates whose rates stay; those of prescribed ones do.
+            fixed: names of coordinates whose rates stay; those of prescribed ones do.
 
         Raises:
             LoopError: the loops are open at q, or the rates that are held open one; names it and what remains.
@@ -90,7 +90,7 @@ class LoopClosure(CompiledCode):
             UnknownNameError, InputError: as of ``assemble``.
         """
         calls = self.calls
-        n, free = calls.n, free_coordinates(calls, held)
+        n, free = calls.n, free_coordinates(calls, fixed)
         states, of_q = calls.array("q", q, (n,))
         guesses, of_v = calls.array("v", v, (n,))
         lead = joint_lead("v", of_v, of_q)
@@ -302,16 +302,16 @@ def _scaled(calls: Calls, q: Array, J: Array, free: Mask, place: Place) -> tuple
     return back, J[:, :, free] @ back
 
 
-def free_coordinates(calls: Calls, held: Iterable[str]) -> Mask:
-    """Return the mask of coordinates that may change, (n,); UnknownNameError for an unknown name in ``held``."""
+def free_coordinates(calls: Calls, fixed: Iterable[str], label: str = "fixed") -> Mask:
+    """Return the mask of coordinates that may change, (n,); UnknownNameError, with the label, of an unknown name."""
     if not calls.raw.libraries.meta.get("constraints"):
         allowed = "a kernel of a robot with rigid [[loops]] or [[couplings]]"
         raise InputError(f"close: {calls.raw.name} has nothing to close; allowed: {allowed}")
-    kept = {*([held] if isinstance(held, str) else names_in("held", held))}
+    kept = {*([fixed] if isinstance(fixed, str) else names_in(label, fixed))}
     for name in kept:
         if name not in calls.coordinates or name in calls.internal_states:
             known = ", ".join(x for x in calls.coordinates if x not in calls.internal_states)
-            raise UnknownNameError(f"held: {show(name)} is unknown; known: {known}")
+            raise UnknownNameError(f"{label}: {show(name)} is unknown; known: {known}")
     kept |= {*calls.prescribed, *calls.internal_states}
     return np.array([name not in kept for name in calls.coordinates])
 

@@ -51,7 +51,7 @@ def state_values(kernel: Kernel, z: StatesLike | None) -> Array:
     return state_vector("z", [z.get(name, 0.0) for name in kernel.internal_states], kernel.internal_states)
 
 
-def joined_vector(kernel: Kernel, label: str, value: ArrayLike, names: Sequence[str]) -> Array:
+def joined_vector(kernel: Kernel, label: str, value: ArrayLike, names: tuple[str, ...]) -> Array:
     """Return a vector over coordinates, by their names, as an augmented one: with zeros for internal states behind.
 
     Raises:

@@ -149,7 +149,8 @@ class Differentiated:
         if inner == shape:
             return weights, lead
         whole = np.zeros((*lead, *shape), self.calls.dtype)
-        whole[(..., *map(slice, inner))] = weights
+        place: tuple[Any, ...] = (..., *map(slice, inner))
+        whole[place] = weights
         return whole, lead
 
     def places(self) -> list[range]:

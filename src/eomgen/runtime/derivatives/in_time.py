@@ -88,7 +88,7 @@ class TimeDerivatives(LoopClosure):
             return orders
         return tuple(_of_frame(x, index, wanted.writes, k) for k, x in enumerate(orders))
 
-    def close_series(self, series: Sequence[ArrayLike], held: Iterable[str] = ()) -> tuple[Array, ...]:
+    def close_series(self, series: Sequence[ArrayLike], fixed: Iterable[str] = ()) -> tuple[Array, ...]:
         """Return time derivatives of coordinates that keep loops closed, those next to a guess: q, v, a, jerk, ...
 
         Coordinates that depend on others follow by implicit differentiation of the constraint, order by order; each
@@ -96,20 +96,20 @@ class TimeDerivatives(LoopClosure):
 
         Args:
             series: the guess, each (n,) or (..., n): zeros where nothing is known of a dependent coordinate.
-            held: names of coordinates that stay as they are given; those of prescribed ones do.
+            fixed: names of coordinates that stay as they are given; those of prescribed ones do.
 
         Returns:
             As many arrays, with the leading axes of all of them.
 
         Raises:
-            LoopError: loops cannot be closed, or not by motions that have what is held.
+            LoopError: loops cannot be closed, or not by motions that have what is fixed.
             UnknownNameError, InputError: an unknown name, no loops, or other than 2 to 7 arrays.
             SingularError: as of ``project_velocity``.
         """
         if not isinstance(series, (tuple, list)) or not 2 <= len(series) <= len(MOTION):
             got = len(series) if isinstance(series, (tuple, list)) else type(series).__name__
             raise InputError(f"series: got {got}; allowed: 2 to {len(MOTION)} arrays, {', '.join(MOTION)}")
-        names = [held] if isinstance(held, str) else names_in("held", held)
+        names = [fixed] if isinstance(fixed, str) else names_in("fixed", fixed)
         free = free_coordinates(self.calls, names)
         whole = [self.calls.array(label, x, (self.n,)) for label, x in zip(MOTION, series, strict=False)]
         arrays = np.broadcast_arrays(*(array for array, _ in whole))
