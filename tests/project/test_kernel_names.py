@@ -28,7 +28,7 @@ KNOWN = {  # modules that have names, and why
     "src/eomgen/runtime/stepping/options.py": "table of the methods of rollouts",
 }
 LATER = {  # modules of the runtime below the methods, which ask for functions by name
-    *("arrays", "calls", "loop_errors"),
+    *("calls", "loop_errors"),
 }
 OTHERS = {  # words that are names of kernels, too, and what they mean elsewhere
     "constraint": "what has names in headers",
