@@ -17,7 +17,7 @@ from eomgen.robot.value import MOTOR, Coupling, Loop
 
 from ..tree.regressor import described_values, regressor_names
 from .entries import Signature
-from .signatures import EXTERNAL, KERNELS, element_rows, functions, reading_names, shapes
+from .signatures import EXTERNAL, KERNELS, OWN_KERNELS, closes_loops, element_rows, functions, reading_names, shapes
 
 IF_ANY = (  # entries of the metadata that are there only where there is something to tell
     *("motors", "efforts", "ranges", "home", "frame_links", "turning", "loops", "upright", "constraints", "couplings"),
@@ -32,7 +32,7 @@ IF_ANY = (  # entries of the metadata that are there only where there is somethi
         "element_rows",
         "matrices",
     ),
-    *("conditions", "modal_couplings", "readings"),
+    *("conditions", "modal_couplings", "readings", "stateful"),
 )
 
 
@@ -79,6 +79,7 @@ def describe_kernels(model: Model, kernels: Sequence[str], dtype: str) -> dict[s
                 "reads": function.signature.reads,
                 "writes": function.signature.writes,
                 **_method(function.signature),
+                **({"closes": True} if model.constraints and closes_loops(function.kernel) else {}),
             }
             for function in functions(kernels)
         },
@@ -94,6 +95,7 @@ def describe_kernels(model: Model, kernels: Sequence[str], dtype: str) -> dict[s
         "conditions": conditions(robot, model.parameters),
         "modal_couplings": modal_couplings(model),
         "readings": reading_names(model),
+        "stateful": [name for name, x in OWN_KERNELS.items() if x.states] if model.internal_states else (),
     }
     return {key: value for key, value in described.items() if value or key not in IF_ANY}
 

@@ -488,6 +488,14 @@ FRAME_KERNEL = next(name for name, signature in OWN_KERNELS.items() if signature
 CLOSED_PROGRAMS: Mapping[str, str] = {  # the one program with whose first numbers a kernel ends where there are loops
     name: signature.closed[0] for name, signature in OWN_KERNELS.items() if len(signature.closed) == 1
 }
+
+
+def closes_loops(name: str) -> bool:
+    """Return whether a kernel, or what it is a derivative of, refuses states in which loops are open."""
+    signature = KERNELS.get(KERNELS[name].derivative_of) or KERNELS[name]
+    return not {*signature.closed, *signature.calls}.isdisjoint(CLOSED_PROGRAMS.values())
+
+
 CLOSURE_KERNELS = ("constraint", "constraint_jacobian", "constraint_bias", "cut_poses")  # of the constraint itself
 LOOP_KERNELS = tuple(
     name for name, signature in OWN_KERNELS.items() if signature.needs in ("loops", "constraints", "cuts")

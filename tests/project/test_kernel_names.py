@@ -28,7 +28,7 @@ KNOWN = {  # modules that have names, and why
     "src/eomgen/runtime/stepping/options.py": "table of the methods of rollouts",
 }
 LATER = {  # modules of the runtime below the methods, which ask for functions by name
-    *("arrays", "calls", "derivatives/by_arguments", "derivatives/in_time", "kernel", "loop_errors"),
+    *("calls", "loop_errors"),
 }
 OTHERS = {  # words that are names of kernels, too, and what they mean elsewhere
     "constraint": "what has names in headers",
@@ -62,7 +62,7 @@ WHERE = {  # modules in which they mean that
     "imu": ("control/sensing", "robot/value/sensor", "robot/value/sensor_readings"),
     "loop_reactions": ("identification/from_motion",),
     "reactions": ("export/fmu/variables", "identification/from_motion"),
-    "regressor": ("codegen/c/metadata.py", "runtime/by_name"),
+    "regressor": ("codegen/c/metadata.py", "runtime/by_name", "runtime/derivatives/by_arguments"),
     "residual": (
         *("control/feedforward_result", "control/inversion/result", "integration/system"),
         "pictures/measured/motions",

@@ -35,13 +35,6 @@ BY_COORDINATE = {  # how many of the last axes of a result are coordinates
 DERIVATIVE = re.compile(r"(_parameter)?_(tangent|adjoint|hessian|jet\d)$")
 DERIVED = re.compile(r"_(tangent|adjoint|hessian|jet\d)$")
 OF_ORDERS = re.compile(r"^jet\d_")  # begins names of results with time derivatives
-STATEFUL = frozenset(  # functions, also of the open tree and under load, whose results depend on internal states
-    (
-        *("generalized_force", "residual", "inverse_dynamics", "forward_dynamics", "constraint_forces", "energy"),
-        *("reactions", "loop_reactions", "coupling_forces", "residual_jacobian", "forward_dynamics_jacobian"),
-        *("constrained_dynamics", "constrained_drives", "drive_forces", "drive_jacobian"),
-    )
-)
 
 
 def inputs_of(meta: Mapping[str, Any]) -> dict[str, DriveInput]:
@@ -336,12 +329,6 @@ def _first_rounded(numbers: Array, bits: int) -> int | None:
     odd = large // (large & -large)  # without the zeros at the end
     rounded = large[np.abs(odd) >= 2**bits]
     return int(rounded[0]) if rounded.size else None
-
-
-def has_states(name: str) -> bool:
-    """Return whether a function's result depends on internal states."""
-    plain = DERIVATIVE.sub("", name)
-    return plain.removeprefix("tree_").removesuffix("_under_load") in STATEFUL
 
 
 def shape_or_type(value: Any) -> str:

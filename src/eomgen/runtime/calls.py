@@ -13,11 +13,11 @@ from numpy.typing import ArrayLike
 from ..errors import ArrayError, InputError, SingularError
 from ..names import listed, split_component
 from .arrays import (
+    DERIVATIVE,
     OF_ORDERS,
     Arrays,
     Lead,
     coordinate_axes,
-    has_states,
     is_finite,
     joint_lead,
     place_of,
@@ -381,7 +381,7 @@ class SplitCalls(Calls):
 
     def takes_z(self, name: str) -> bool:
         """Whether a function takes z: its result depends on internal states."""
-        return has_states(name)
+        return DERIVATIVE.sub("", name) in self.raw.libraries.meta["stateful"]
 
     def with_parameters(self, parameters: Parameters) -> Calls:
         """Return the calls by other parameters of the same code, whose state has threads and checks."""

@@ -10,7 +10,7 @@ from .derivatives.by_arguments import Differentiation
 from .derivatives.in_time import TimeDerivatives
 from .inverse_kinematics.kernel_method import InverseKinematics
 from .methods.wrenches import WrenchLike
-from .raw import Array
+from .raw import Array, name_of
 from .stepping.interface import Rollouts
 
 
@@ -78,7 +78,7 @@ class Kernel(Differentiation, TimeDerivatives, InverseKinematics, Rollouts):
             u: drives, (n,); zeros by default.
         """
         drives = np.zeros(self.n, self.dtype) if u is None else u
-        joined = self.calls.join_arguments("forward_dynamics", (q, v, drives), z)
+        joined = self.calls.join_arguments(name_of(self.forward_dynamics), (q, v, drives), z)
         return np.ascontiguousarray(self.augmented.forward_dynamics(*joined)[..., self.n :])
 
     def constraint_forces(
@@ -108,11 +108,13 @@ class Kernel(Differentiation, TimeDerivatives, InverseKinematics, Rollouts):
             UnknownNameError: the robot has no loops or rigid couplings.
         """
         if not self.couplings:
-            return self._bound["constraint_forces"](q, v, u, wrench, z, out)
+            return self._bound[name_of(self.constraint_forces)](q, v, u, wrench, z, out)
         a = self.forward_dynamics(q, v, u, z, wrench=wrench)
         forces = self.coupling_forces(q, v, a, wrench=wrench, z=z)
         if self.constraints:
-            forces = np.concatenate([self._bound["constraint_forces"](q, v, u, wrench, z, None), forces], axis=-1)
+            forces = np.concatenate(
+                [self._bound[name_of(self.constraint_forces)](q, v, u, wrench, z, None), forces], axis=-1
+            )
         return self.calls.arrays.written(forces, out)
 
     def drive_forces(
@@ -127,7 +129,7 @@ class Kernel(Differentiation, TimeDerivatives, InverseKinematics, Rollouts):
         """
         if not self.calls.arrays.has_drives:
             return self.calls.arrays.written(self._undriven(q, v, u, z), out)
-        return self._bound["drive_forces"](q, v, u, z, out)
+        return self._bound[name_of(self.drive_forces)](q, v, u, z, out)
 
     def _undriven(self, q: ArrayLike, v: ArrayLike, u: ArrayLike, z: ArrayLike | None) -> Array:
         """Return u, which is the forces where no drive takes it otherwise."""

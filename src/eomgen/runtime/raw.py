@@ -75,6 +75,7 @@ class RawFunction:
         wrench: how external wrenches enter, if they do.
         loaded: the function that computes the same for closed loops where generalized forces act in addition, and
             that which gives these forces of wrenches; or ().
+        closes: whether it, or what it is a derivative of, refuses states in which loops are open.
     """
 
     name: str
@@ -86,6 +87,7 @@ class RawFunction:
     takes: tuple[str, ...] = ()
     wrench: WrenchTerm | None = None
     loaded: tuple[str, ...] = ()
+    closes: bool = False
     _codes: dict[bool, tuple[Any, Library]] = field(default_factory=dict, repr=False, compare=False)
 
     @property
@@ -319,6 +321,7 @@ class RawKernel:
                 tuple(entry.get("takes", ())),
                 WrenchTerm(*entry["wrench"]) if "wrench" in entry else None,
                 tuple(entry.get("loaded", ())),
+                closes=entry.get("closes", False),
             )
             for name, entry in meta["functions"].items()
         ]

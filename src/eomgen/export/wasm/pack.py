@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -129,12 +130,13 @@ def make_wasm(
     binary = compile_wasm(
         _sources(source, rigid, context), [f"{robot.name}_{x}" for x in exported], long=source.longest > LONG
     )
-    script = {"description": json.dumps(described, allow_nan=False), **context}
+    declared = _declared(meta)
+    script = {"description": json.dumps(described, allow_nan=False), **context, **declared}
     return WasmModule(
         robot.name,
         binary,
         _filled("wasm/kernel.mjs.jinja", script),
-        _filled("wasm/kernel.d.mts.jinja", {**context, **_declared(meta)}),
+        _filled("wasm/kernel.d.mts.jinja", {**context, **declared}),
         described,
     )
 
@@ -213,13 +215,19 @@ def _declared(meta: Mapping[str, Any]) -> dict[str, Any]:
     """Return names that the declarations use beside the others."""
     public = [function for function in functions(meta["kernels"]) if not function.is_rollout]
     kinds = {function.kind for function in functions(meta["kernels"])}
+    size = {array: math.prod(shape) for array, shape in meta["shapes"].items()}
+    read = {array: max(size[array], 1) for function in public for array in function.signature.reads}
+    found = max((size[function.signature.writes] for function in public), default=1)
     methods = [*(FIXED if "rollout" in kinds else ()), *(x for x in ADAPTIVE if rollout_of(x) in meta["kernels"])]
     rows = [
         {
             "name": re.sub(r"_(\w)", lambda match: match[1].upper(), function.name),
             "text": function.signature.text,
             "shape": " x ".join(map(str, meta["shapes"][function.signature.writes])),
+            "kernel": function.name,
             "reads": function.signature.reads,
+            "size": size[function.signature.writes],
+            "sizes": [size[array] for array in function.signature.reads],
             "framed": function.is_framed,
         }
         for function in public
@@ -227,6 +235,7 @@ def _declared(meta: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "plain": [row for row in rows if not row["framed"]],
         "framed": [row for row in rows if row["framed"]],
+        "sizes": {**read, "found": max(found, 1)},
         "methods": _literals(methods),
         "array": {"float64": "Float64Array", "float32": "Float32Array"}[meta["dtype"]],
         **{key: _literals(meta[key]) for key in ("coordinates", "links", "frames", "parameters")},

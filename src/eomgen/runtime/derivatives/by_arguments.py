@@ -15,7 +15,6 @@ from ...names import nearest_or_all, show
 from ..arrays import coordinate_axes
 from ..calls import Calls
 from ..compiled_code import CompiledCode
-from ..loop_errors import LOADED
 from ..parameters import parameter_slots
 from ..raw import Array, Method, name_of
 
@@ -24,10 +23,6 @@ BY_PARAMETERS = "parameter_"
 KINDS = (ADJOINT, TANGENT, HESSIAN, f"{BY_PARAMETERS}{ADJOINT}", f"{BY_PARAMETERS}{TANGENT}")  # ends of names
 COTANGENT = "cotangent"
 FRAMED = ("poses", "jacobians")  # results of all frames at once
-CLOSED = (  # functions that refuse states in which loops are open
-    *("forward_dynamics", "constraint_forces"),
-    *(f"{name}{end}" for name in ("inverse_dynamics", "reactions", "loop_reactions") for end in ("", LOADED)),
-)
 
 
 @dataclass(frozen=True)
@@ -40,6 +35,7 @@ class Differentiated:
         reads: names of the arrays that its C reads; ``arguments`` are those of the method.
         writes: name of what its derivatives take it to write; for a function of a frame that is of all frames.
         frame_index: gives a frame's number by its name.
+        closes: whether it refuses states in which loops are open.
     """
 
     calls: Calls
@@ -47,6 +43,7 @@ class Differentiated:
     reads: tuple[str, ...]
     writes: str
     frame_index: Callable[[str], int]
+    closes: bool
 
     @classmethod
     def of(cls, calls: Calls, name: str, frame_index: Callable[[str], int]) -> Differentiated:
@@ -66,9 +63,9 @@ class Differentiated:
         function = known[f"{name}_{kinds[0]}"]
         if not kinds[0].endswith(TANGENT):
             *reads, weights = function.reads
-            return cls(calls, name, tuple(reads), weights.removeprefix(f"{COTANGENT}_"), frame_index)
+            return cls(calls, name, tuple(reads), weights.removeprefix(f"{COTANGENT}_"), frame_index, function.closes)
         arrays = len(function.reads) // 2 if kinds[0] == TANGENT else len(function.reads) - 1
-        return cls(calls, name, function.reads[:arrays], function.writes, frame_index)
+        return cls(calls, name, function.reads[:arrays], function.writes, frame_index, function.closes)
 
     @property
     def is_framed(self) -> bool:
@@ -98,7 +95,7 @@ class Differentiated:
         arrays, frame = list(args[: len(self.arguments)]), None
         if self.is_framed:
             frame = self.frame_index(args[-1])
-        if self.name in CLOSED and self.calls.raw.libraries.meta.get("constraints"):
+        if self.closes:
             reads = len(self.reads)
             self.calls.run(self.name, None, arrays[:reads], z=arrays[reads] if len(arrays) > reads else None)
         return arrays, frame
@@ -216,8 +213,8 @@ class Differentiation(CompiledCode):
         """
         lead = () if u is None else self.calls.array("u", u, (self.n,))[1]
         if not lead or lead == np.shape(q)[:-1]:
-            return _three(*self._bound["residual_jacobian"](q, v, a, z, out))
-        return _three(*np.moveaxis(self.calls.run("residual_jacobian", out, (q, v, a), lead=lead, z=z), -3, 0))
+            return _three(*self._bound[name_of(self.residual_jacobian)](q, v, a, z, out))
+        return _three(*np.moveaxis(self.calls.run(self.residual_jacobian, out, (q, v, a), lead=lead, z=z), -3, 0))
 
     def forward_dynamics_jacobian(
         self,
@@ -246,7 +243,7 @@ class Differentiation(CompiledCode):
         Raises:
             SingularError, LoopError: as of ``forward_dynamics``.
         """
-        return _three(*self._bound["forward_dynamics_jacobian"](q, v, u, z, cut, out))
+        return _three(*self._bound[name_of(self.forward_dynamics_jacobian)](q, v, u, z, cut, out))
 
     def jvp(
         self,

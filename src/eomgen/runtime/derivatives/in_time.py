@@ -15,12 +15,11 @@ from ...names import listed, nearest_or_all, show
 from ..arrays import OF_ORDERS, names_in, place_of
 from ..loop_assembly import LoopClosure, closed_rates, free_coordinates
 from ..raw import Array, Method, name_of
-from .by_arguments import CLOSED, FRAMED
+from .by_arguments import FRAMED
 
 MOTION = ("q", "v", "a", "jerk", "snap", "crackle", "pop")  # time derivatives of coordinates, by their order
 ORDERS = (1, 2, 3, 4)
 JET = re.compile(r"_jet\d$")
-REFUSING = (*CLOSED, "forward_dynamics_jacobian")  # functions that refuse states in which loops are open
 
 
 class _Request(NamedTuple):
@@ -79,7 +78,7 @@ class TimeDerivatives(LoopClosure):
         z = others.pop() if self.calls.takes_z(name) else None
         if self.augmented is not self:
             arrays = self._joined(motion, zip(wanted.others, others, strict=False), z)
-        if name in REFUSING and self.raw.libraries.meta.get("constraints"):  # refuses states in which loops are open
+        if self.raw.functions[wanted.function].closes:
             values = [*motion[: len(wanted.motion) - order], *(one[0] for one in others)]
             self.calls.run(name, None, values, z=None if z is None else z[0])
         writes = self.raw.functions[wanted.function].writes
@@ -133,7 +132,7 @@ class TimeDerivatives(LoopClosure):
         """Return what the constraint's next time derivative has beside J times that of the coordinates, (N, m)."""
         order = len(motion) - 2
         if order == 0:
-            return self.calls.run("constraint_bias", None, motion)
+            return self.calls.run(self.constraint_bias, None, motion)
         rest = self.jet(self.constraint_bias, motion, order)[order]
         for i, J in enumerate(self.jet(self.constraint_jacobian, motion[:-1], order)[1:], 1):
             rest = rest + math.comb(order, i) * np.einsum("kmn,kn->km", J, motion[order + 2 - i])
