@@ -130,8 +130,8 @@ def arm_runs() -> list[Run]:
         n = len(kernel.coordinates)
         q = np.array([0.0, -1.0, 1.0, -0.5, 0.3, 0.2])
         gains: dict[str, Any] = {"kp": np.full(n, 2000.0), "kd": np.full(n, 100.0), "target": q + 0.5}
-        if kernel.memory:
-            gains["z"] = np.zeros(len(kernel.memory))
+        if kernel.internal_states:
+            gains["z"] = np.zeros(len(kernel.internal_states))
 
         def move(
             rtol: float, kernel: eomgen.Kernel = kernel, q: Array = q, more: dict[str, Any] = gains

@@ -12,18 +12,14 @@ from eomgen.names import show
 from eomgen.robot.model import Model
 
 from ..c.source import environment
+from ..kernels.derived import METHODS
 from ..kernels.equations import Equations, derive_equations
+from ..kernels.groups import ARRAYS, kernel_group
 from ..kernels.interface import drive_inputs
-from ..kernels.signatures import KERNELS, SIGNATURES, available, shapes
+from ..kernels.signatures import CLOSED_PROGRAMS, KERNELS, SIGNATURES, available, shapes
 from ..program.ir import Program
 from .statements import Statements, write_statements
 
-DEFAULT = (
-    *("inverse_dynamics", "forward_dynamics", "mass_matrix", "bias_force", "generalized_force", "external_force"),
-    *("energy", "kinematics", "residual", "constraint", "constraint_jacobian"),
-)
-# Programs whose first n numbers they are.
-CLOSED = {"forward_dynamics": "constrained_dynamics", "inverse_dynamics": "constrained_drives"}
 POSES = "Poses [R | X] of all frames in the base; eqs. (1) and (2)."
 
 
@@ -31,16 +27,16 @@ def render_arrays(model: Model, kernels: Sequence[str] = ()) -> str:
     """Render a model as text of a Python module that needs neither eomgen nor anything else.
 
     Args:
-        kernels: names of KERNELS; those of DEFAULT that the model has if empty.
+        kernels: names of KERNELS; those of ARRAYS that the model has if empty.
 
     Raises:
         InputError: a kernel is unknown, or no program: its C has loops or calls.
     """
     known = available(model)
     for name in kernels:
-        if name not in KERNELS:
+        if name not in KERNELS.compiled:
             raise InputError(f"kernels: {show(name)} is unknown; allowed: {', '.join(known)}")
-    chosen = tuple(kernels) or tuple(name for name in DEFAULT if name in known)
+    chosen = tuple(kernels) or kernel_group(model, ARRAYS)
     equations = derive_equations(model, chosen)
     functions = [_function(equations, name) for name in equations.kernels if name in chosen]
     h = write_statements(equations.setup, "h", len(equations.setup.outputs))
@@ -48,7 +44,7 @@ def render_arrays(model: Model, kernels: Sequence[str] = ()) -> str:
         "name": model.name,
         "version": __version__,
         "coordinates": model.coordinates,
-        "memory": model.memory,
+        "memory": model.internal_states,
         "inputs": drive_inputs(model),
         "links": model.links,
         "frames": model.frames,
@@ -56,7 +52,7 @@ def render_arrays(model: Model, kernels: Sequence[str] = ()) -> str:
         "n": model.size,
         "setup": _text(h),
         "functions": functions,
-        "rolls": "forward_dynamics" in chosen,
+        "rolls": {*METHODS["explicit"][2]} <= {*chosen},
     }
     return environment().get_template("arrays/module.py.jinja").render(context)
 
@@ -69,14 +65,12 @@ def _function(equations: Equations, name: str) -> dict[str, Any]:
     """
     model = equations.model
     program, reads, unread = _program(equations, name)
-    if name == "kinematics":
-        shape: tuple[int, ...] = (len(model.frames), 3, 4)
-    else:
-        shape = shapes(model, equations.kernels)[KERNELS[name].writes]
+    of_frames = KERNELS[name].kind == "frames"
+    shape = shapes(model, equations.kernels)["poses" if of_frames else KERNELS[name].writes]
     written = write_statements(program, "out", math.prod(shape))
     return {
-        "name": "frame_poses" if name == "kinematics" else name,
-        "text": POSES if name == "kinematics" else KERNELS[name].text,
+        "name": "frame_poses" if of_frames else name,
+        "text": POSES if of_frames else KERNELS[name].text,
         "reads": reads,
         "unread": unread,
         "shape": shape,
@@ -86,7 +80,7 @@ def _function(equations: Equations, name: str) -> dict[str, Any]:
 
 def _program(equations: Equations, name: str) -> tuple[Program, tuple[str, ...], tuple[str, ...]]:
     """Return the program, the arrays that callers pass, and those that are zero."""
-    closed = CLOSED.get(name) if equations.model.constraints else None
+    closed = CLOSED_PROGRAMS.get(name) if equations.model.constraints else None
     if closed is not None:
         reads, closed_reads = KERNELS[name].reads, SIGNATURES[closed].reads
         return equations.programs[closed], reads, tuple(array for array in closed_reads if array not in reads)

@@ -69,7 +69,7 @@ def header_context(equations: Equations, meta: Mapping[str, Any], batches: bool)
         "batches": batches,
         "declared": [name for names in meta["halves"].values() for name in names],
         "coordinates": model.coordinates,
-        "memory": model.memory,
+        "memory": model.internal_states,
         "inputs": meta.get("inputs", {}),
         "links": model.links,
         "frames": model.frames,
@@ -144,7 +144,7 @@ def number_context(equations: Equations, meta: Mapping[str, Any]) -> dict[str, A
         **_closing_tables(equations),
         "kept_size": kept_size(equations),
         "has_radau": "pair_factors" in equations.programs,
-        "pair_size": kept_size(equations, "pair_factors"),
+        "pair_size": kept_size(equations, "pair_kept"),
         "rubs": any(name.endswith("friction.smoothing") for name in model.parameters),
         "kept_numbers": kept_of_a_step(model),
         "texts": {name: KERNELS[name].text for name in GRADIENTS},
@@ -266,7 +266,7 @@ def _tables(model: Model) -> dict[str, Any]:
         "is_prescribed": [int(i in model.prescribed) for i in range(model.size)],
         "beside": [model.beside.get(i, i) for i in range(model.size)] if model.beside else [],
         "drives": [{"at": i, "states": states} for i, states in model.drives.items()],
-        "states": len(model.memory),
+        "states": len(model.internal_states),
         "christoffel_words": lambda: christoffel_words(model),  # asked for by one template alone
     }
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 import io
 import zlib
 from collections.abc import Callable, Mapping
-from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,9 +17,10 @@ from numpy.typing import NDArray
 
 from ..kernels.blocks import row_blocks
 from ..kernels.bodies import jacobian_columns
+from ..kernels.derivatives.whole import is_joined, whole_program
 from ..kernels.equations import Equations
-from ..kernels.signatures import Function, functions
-from ..program.ir import evaluate_lanes
+from ..kernels.signatures import SIGNATURES, Function, functions
+from ..program.ir import Program, evaluate_lanes
 from .contexts import PIVOT_LIMITS
 
 Array = NDArray[Any]
@@ -32,7 +32,6 @@ SAFETY = 16.0  # times the largest deviation of a copy: the tolerance
 INCREMENT = 2.0**-14  # of coordinates, velocities and forces, for finite differences
 DAMPED = {"float64": 1e-6, "float32": 0.1}  # relative error of derivatives where loops are closed
 _ROWS = 251  # of random roundings, which instructions take in turn
-DRIVEN = ("inverse_dynamics", "reactions", "loop_reactions")
 PASSES, FAILS, UNCERTAIN = 0, 1, 2  # whether a function fails in a state because a pivot vanishes
 
 
@@ -102,7 +101,7 @@ class _Reference:
         frames = found["frames"] = sorted({0, len(self.model.frames) // 2, len(self.model.frames) - 1})
         for function in self.functions:
             if function.is_framed:
-                answers = [Answer(FRAMED[function.name](self, frame)) for frame in frames]
+                answers = [Answer(FRAMED[function.signature.writes](self, function.kernel, frame)) for frame in frames]
             else:
                 answers = [answer for answer in [self._answer(function)] if answer is not None]
             if not answers:
@@ -119,27 +118,43 @@ class _Reference:
         """Return what a program writes, with some of its inputs changed."""
         if name in self.known and not changed:
             return self.known[name]
-        inputs = {**self.inputs, **changed, "h": self.h}
-        found = evaluate_lanes(self.equations.programs[name], inputs, self.dtype, rounding=self.rounding)
-        found.setdefault("out", np.zeros((0, self.rounding.shape[1]), self.dtype))
+        found = self.evaluate(self.equations.programs[name], **changed)
         if not changed:
             self.known[name] = found
         return found
 
+    def evaluate(self, program: Program, **changed: Array) -> dict[str, Array]:
+        """Return what a program writes, with some of its inputs changed."""
+        inputs = {**self.inputs, **changed, "h": self.h}
+        found = evaluate_lanes(program, inputs, self.dtype, rounding=self.rounding)
+        found.setdefault("out", np.zeros((0, self.rounding.shape[1]), self.dtype))
+        return found
+
     def accelerations(self, calls: tuple[str, ...], dtype: str, **changed: Array) -> dict[str, Array]:
         """Return what the program of accelerations among ``calls`` writes at changed inputs, in any dtype."""
-        name = next(x for x in ("constrained_dynamics", "tree_forward_dynamics", "forward_dynamics") if x in calls)
+        name = next(x for x in calls if SIGNATURES[x].solves and SIGNATURES[x].reads == ("q", "v", "u"))
         inputs = {key: array.astype(dtype) for key, array in {**self.inputs, **changed, "h": self.h}.items()}
         found = evaluate_lanes(self.equations.programs[name], inputs, dtype, rounding=self.rounding)
         return {**found, "out": found["out"][: self.model.size]}
 
     def _answer(self, function: Function) -> Answer | None:
         """Return what a function has to return; None where only the test suite checks it."""
-        name = function.name
-        if name in self.equations.calls:
-            return COMPOSED[name](self, self.equations.calls[name]) if name in COMPOSED else None
-        found = self.run(name)
-        return Answer(found["out"], found.get("pivot"))
+        name, signature = function.name, function.signature
+        calls = self.equations.calls.get(name)
+        if calls is None:
+            found = self.run(name)
+            return Answer(found["out"], found.get("pivot"))
+        if function.is_rollout:
+            return _first_step(self, calls)
+        if signature.columns_of:
+            return _contracted(self, signature.columns_of)
+        if signature.writes == "derivatives":
+            return _acceleration_derivatives(self, calls)
+        if not is_joined(self.model, name):
+            return None
+        found = self.evaluate(whole_program(self.model, name, self.equations.programs.__getitem__))
+        pivots = (self.run(call).get("pivot") for call in calls if SIGNATURES[call].solves)
+        return Answer(found["out"], next(pivots, None))
 
     def _status(self, pivots: Array | None) -> Array:
         if pivots is None:
@@ -172,10 +187,10 @@ def _tolerances(lanes: Array) -> Array:
     return near.T
 
 
-def _christoffel(of: _Reference, calls: tuple[str, ...]) -> Answer:
-    """Contract the symbols with a velocity: the Coriolis matrix there."""
+def _contracted(of: _Reference, column: str) -> Answer:
+    """Contract a tensor with a velocity: what the program of a column gives there, which is linear in it."""
     n, v = of.model.size, of.states["v"][0]
-    C = of.run("coriolis_matrix", v=np.repeat(v[:, np.newaxis], of.rounding.shape[1], axis=1))["out"]
+    C = of.run(column, v=np.repeat(v[:, np.newaxis], of.rounding.shape[1], axis=1))["out"]
     return Answer(C, places=np.arange(n**3).reshape(n * n, n), weights=v)
 
 
@@ -186,7 +201,8 @@ def _acceleration_derivatives(of: _Reference, calls: tuple[str, ...]) -> Answer 
     of constraints are redundant no random state fulfils them, and what the function returns there is not a derivative.
     """
     n = of.model.size
-    if "closing_derivatives" in calls and not _rows_are_independent(of):
+    closing = next((x for x in calls if SIGNATURES[x].writes == "closing"), None)
+    if closing is not None and not _rows_are_independent(of, closing):
         return None
     moved = {name: np.asarray(of.states[name][0], np.float64) for name in "qvu"}
 
@@ -201,15 +217,15 @@ def _acceleration_derivatives(of: _Reference, calls: tuple[str, ...]) -> Answer 
     places = np.arange(3 * n * n).reshape(3, n, n).transpose(1, 0, 2).reshape(n, 3 * n)
     pivots = of.accelerations(calls, of.dtype).get("pivot")
     error = np.abs(fine - coarse)
-    if "closing_derivatives" in calls:  # whose matrix is factored with more on its diagonal
+    if closing is not None:  # whose matrix is factored with more on its diagonal
         error += DAMPED[of.dtype] * np.abs(fine).max(axis=0)
     return Answer(fine, pivots, error, places, np.concatenate([moved[x] for x in "qvu"]))
 
 
-def _rows_are_independent(of: _Reference) -> bool:
+def _rows_are_independent(of: _Reference, closing: str) -> bool:
     """Return whether rows of the constraints' Jacobian that do not vanish are independent in both states."""
     n, m, lanes, at = of.model.size, len(of.model.constraints), of.rounding.shape[1], 0
-    D = of.run("closing_derivatives", a=np.zeros((n, lanes)), multipliers=np.zeros((m, lanes)))["out"]
+    D = of.run(closing, a=np.zeros((n, lanes)), multipliers=np.zeros((m, lanes)))["out"]
     J = np.zeros((STATES, m, n))
     for block in row_blocks(of.model):
         rows = D[at : at + block.size, :STATES].T.reshape(STATES, block.rows, -1)
@@ -217,25 +233,6 @@ def _rows_are_independent(of: _Reference) -> bool:
         at += 3 * block.size + len(block.columns) ** 2
     J[:, :, list(of.model.prescribed)] = 0.0
     return bool((np.linalg.matrix_rank(J) == (J != 0.0).any(axis=2).sum(axis=1)).all())
-
-
-def _constrained(of: _Reference, calls: tuple[str, ...], *, forces: bool) -> Answer:
-    """Return accelerations or multipliers of closed loops."""
-    n, found = of.model.size, of.run("constrained_dynamics")
-    numbers = found["out"][n : n + len(of.model.constraints)] if forces else found["out"][:n]
-    return Answer(numbers, found.get("pivot"))
-
-
-def _driven(of: _Reference, calls: tuple[str, ...], *, writes: str, loaded: bool) -> Answer:
-    """Return drives, or what joints bear, of a motion with closed loops."""
-    n, m = of.model.size, len(of.model.constraints)
-    found = of.run("constrained_drives", **({} if loaded else {"u": np.zeros_like(of.inputs["u"])}))["out"]
-    if writes == "inverse_dynamics":
-        return Answer(found[:n])
-    multipliers = found[n : n + m]
-    if writes == "loop_reactions":
-        return Answer(of.run("loop_wrenches", multipliers=multipliers)["out"])
-    return Answer(of.run("tree_reactions")["out"] + of.run("closing_reactions", multipliers=multipliers)["out"])
 
 
 def _first_step(of: _Reference, calls: tuple[str, ...]) -> Answer | None:
@@ -246,27 +243,15 @@ def _first_step(of: _Reference, calls: tuple[str, ...]) -> Answer | None:
     return Answer(found["out"], found.get("pivot"))
 
 
-COMPOSED: Mapping[str, Callable[[_Reference, tuple[str, ...]], Answer | None]] = {
-    "christoffel": _christoffel,
-    "forward_dynamics_jacobian": _acceleration_derivatives,
-    "tree_forward_dynamics_jacobian": _acceleration_derivatives,
-    "forward_dynamics": partial(_constrained, forces=False),
-    "constraint_forces": partial(_constrained, forces=True),
-    **{name: partial(_driven, writes=name, loaded=False) for name in DRIVEN},
-    **{f"{name}_under_load": partial(_driven, writes=name, loaded=True) for name in DRIVEN},
-    **dict.fromkeys(("rollout", "adaptive_rollout", "radau_rollout"), _first_step),
-}
-
-
-def _frame_pose(of: _Reference, frame: int) -> Array:
-    k = of.run("kinematics")["out"]
+def _frame_pose(of: _Reference, kernel: str, frame: int) -> Array:
+    k = of.run(kernel)["out"]
     last = np.zeros((4, k.shape[1]), k.dtype)
     last[3] = 1.0
     return np.concatenate([k[12 * frame : 12 * frame + 12], last])
 
 
-def _frame_jacobian(of: _Reference, frame: int) -> Array:
-    k, n = of.run("kinematics")["out"], of.model.size
+def _frame_jacobian(of: _Reference, kernel: str, frame: int) -> Array:
+    k, n = of.run(kernel)["out"], of.model.size
     out = np.zeros((6, n, k.shape[1]), k.dtype)
     for s, column in jacobian_columns(of.model, k, frame).items():
         for i, entry in enumerate(column):
@@ -274,7 +259,7 @@ def _frame_jacobian(of: _Reference, frame: int) -> Array:
     return out.reshape(6 * n, -1)
 
 
-FRAMED: Mapping[str, Callable[[_Reference, int], Array]] = {
-    "frame_pose": _frame_pose,
-    "frame_jacobian": _frame_jacobian,
+FRAMED: Mapping[str, Callable[[_Reference, str, int], Array]] = {  # by the arrays that functions of a frame write
+    "pose": _frame_pose,
+    "jacobian": _frame_jacobian,
 }

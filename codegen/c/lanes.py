@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..kernels.equations import Equations
-from ..kernels.signatures import BATCHES, KERNELS, SIGNATURES, SINGLES, functions
+from ..kernels.signatures import BATCHES, KERNELS, PARTS, SIGNATURES, SINGLES, functions
 from ..program.ir import GATE, Program
 from .statements import handed_on, split, trig_values, workspace
 
@@ -20,7 +20,7 @@ LANE_VALUES = 8192  # values that a kernel for several states may keep on the st
 def batched(equations: Equations) -> list[str]:
     """List kernels that work on several states at a time: public ones whose arrays fit the stack as vectors."""
     size = {key: int(np.prod(shape)) for key, shape in equations.interface["shapes"].items()}
-    size |= {"kept": kept_size(equations), "pair_kept": kept_size(equations, "pair_factors")}
+    size |= {"kept": kept_size(equations), "pair_kept": kept_size(equations, "pair_kept")}
 
     def values(name: str) -> int:
         signature = SIGNATURES[name]
@@ -34,11 +34,11 @@ def batched(equations: Equations) -> list[str]:
             apart = trig_values(program)
             return arrays + 3 * len(apart) + workspace(handed_on(program, split(program, apart)))
         per_state = len(equations.setup.outputs) if signature.kind == "adaptive" else 0  # every state's
-        if "pair_factors" in calls_of(equations, name):
+        if any(SIGNATURES[program].writes == "pair_kept" for program in calls_of(equations, name)):
             per_state += radau_room(equations)
         return per_state + arrays + max(values(program) for program in calls_of(equations, name))
 
-    public = [name for name in KERNELS if name in equations.kernels and _has_lanes(equations, name)]
+    public = [name for name in KERNELS.compiled if name in equations.kernels and _has_lanes(equations, name)]
     return [name for name in public if values(name) <= LANE_VALUES]
 
 
@@ -55,8 +55,9 @@ def _has_lanes(equations: Equations, name: str) -> bool:
     return known.vectors and (name in equations.programs or composed or bool(known.closed))
 
 
-def kept_size(equations: Equations, factors: str = "stage_factors") -> int:
-    """Count numbers that the factors of a step hand to its stages; none where nothing is solved for."""
+def kept_size(equations: Equations, array: str = "kept") -> int:
+    """Count numbers of an array of factors that a step hands to its stages; none where nothing is solved for."""
+    factors = next(name for name, signature in PARTS.items() if signature.writes == array)
     program = equations.programs.get(factors)
     return sum(key[0] == "out" for key in program.outputs) if program else 0
 
@@ -64,7 +65,7 @@ def kept_size(equations: Equations, factors: str = "stage_factors") -> int:
 def radau_room(equations: Equations) -> int:
     """Count numbers that steps of Radau IIA keep, about as ``EOM_RADAU_ROOM`` counts them."""
     n, m = equations.model.size, len(equations.model.constraints)
-    return 62 * n + 15 * m + kept_size(equations) + 2 * kept_size(equations, "pair_factors")
+    return 62 * n + 15 * m + kept_size(equations) + 2 * kept_size(equations, "pair_kept")
 
 
 def calls_of(equations: Equations, name: str) -> tuple[str, ...]:

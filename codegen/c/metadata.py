@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from ..joint.zeros import zero_map
 from ..kernels.constraint_rows import is_redundant
 from ..kernels.equations import Equations
 from ..kernels.interface import inertial_parameters
-from ..kernels.signatures import KERNELS
+from ..kernels.signatures import KERNELS, SIGNATURES
 from ..kernels.steps.tolerances import coordinate_sizes, rubbing_parameters
 from .contexts import kept_of_a_step, statuses
 from .lanes import functions_of_libraries
@@ -31,9 +32,14 @@ def kernel_metadata(equations: Equations, *, batches: bool = True) -> dict[str, 
         **({"statuses": statuses(model)} if model.constraints else {}),
         **(_sizes(model) if any(KERNELS[name].kind == "adaptive" for name in equations.kernels) else {}),
         **_kept(equations),
-        **({"inertial": inertial_parameters(model)} if "regressor" in equations.kernels else {}),
-        **({"redundant": is_redundant(model)} if "settling" in equations.programs else {}),
+        **({"inertial": inertial_parameters(model)} if "regressor" in _written(equations.kernels) else {}),
+        **({"redundant": is_redundant(model)} if "settling" in _written(equations.programs) else {}),
     }
+
+
+def _written(names: Iterable[str]) -> set[str]:
+    """Return the arrays that kernels or programs write."""
+    return {SIGNATURES[name].writes for name in names}
 
 
 def _kept(equations: Equations) -> dict[str, Any]:
@@ -50,12 +56,9 @@ def _sizes(model: Model) -> dict[str, Any]:
 def survivors(model: Model) -> dict[str, list[str]]:
     """Encode entries that do not vanish identically: bits as hexadecimal digits, the first in the highest bit.
 
-    A text per coordinate s: of M_sv the bits of all v, of C_s,vw those of all v <= w, row by row.
+    By array a text per coordinate s: of M_sv the bits of all v, of C_s,vw those of all v <= w, row by row.
     """
     zeros = zero_map(model)
     v, w = np.triu_indices(model.size)
-    rows = {
-        "mass_matrix": zeros.mass_matrix.mask,
-        "christoffel": zeros.christoffel.mask[:, v, w],
-    }
+    rows = {"matrix": zeros.mass_matrix.mask, "tensor": zeros.christoffel.mask[:, v, w]}
     return {name: [np.packbits(row).tobytes().hex() for row in array] for name, array in rows.items()}

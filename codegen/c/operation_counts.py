@@ -5,8 +5,6 @@ Of a frame's pose or Jacobian: those of the frame that needs most, from the base
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-
 from eomgen.robot.model import Model
 
 from ..kernels.blocks import row_blocks
@@ -42,15 +40,9 @@ def _closing_operations(model: Model, widths: list[int], refinements: int) -> Co
     }
 
 
-OWN: Mapping[str, Callable[[Model], Counts]] = {  # of templates, beside the programs that they call
-    "forward_dynamics_jacobian": solve_operations,
-    "tree_forward_dynamics_jacobian": solve_operations,
-}
-
-
 def operations(equations: Equations) -> dict[str, Counts]:
     """Count multiplications, additions, divisions, sine-cosine pairs of every kernel's C and the parameters' setup."""
-    counts = {name: _of_kernel(equations, name) for name in KERNELS if name in equations.kernels}
+    counts = {name: _of_kernel(equations, name) for name in KERNELS.compiled if name in equations.kernels}
     return {**counts, "parameters": equations.setup.count()}
 
 
@@ -65,7 +57,8 @@ def _of_kernel(equations: Equations, name: str) -> Counts:
     closed = KERNELS[name].closed if equations.model.constraints else ()
     counted = closed or KERNELS[name].counts or KERNELS[name].calls
     parts = [equations.programs[program].count() for program in counted]
-    parts += [OWN[name](equations.model)] if name in OWN else []
+    if KERNELS[name].writes == "derivatives":  # which the template solves for
+        parts.append(solve_operations(equations.model))
     if CLOSING in closed:
         kinds = row_kinds(equations.model, equations.programs[CLOSING])
         wide = [len(block.columns) for block in row_blocks(equations.model) for _ in range(block.rows)]

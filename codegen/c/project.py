@@ -82,7 +82,7 @@ def quoted(text: str) -> str:
 def _header_context(meta: Mapping[str, Any]) -> dict[str, Any]:
     """Return names that the templates of the headers use."""
     name, scalar = meta["name"], SCALARS[meta["dtype"]]
-    public, n = functions(meta["kernels"]), len(meta["coordinates"]) + len(meta.get("memory", ()))
+    public, n = functions(meta["kernels"]), len(meta["coordinates"]) + len(meta.get("internal_states", ()))
     return {
         "name": name,
         "space": safe(name),
@@ -91,7 +91,7 @@ def _header_context(meta: Mapping[str, Any]) -> dict[str, Any]:
         "dtype": meta["dtype"],
         "real": scalar.name,
         "n": n,
-        "memory": len(meta.get("memory", ())),
+        "memory": len(meta.get("internal_states", ())),
         "hoisted": max(meta["hoisted"], 1),
         "tables": _tables(meta),
         "parameters": [(key, scalar.literal(value)) for key, value in meta["parameters"].items()],
@@ -111,7 +111,7 @@ def _tables(meta: Mapping[str, Any]) -> list[dict[str, Any]]:
     """
     names = {key: meta[f"{key}s"] for key in ("coordinate", "joint", "link", "frame", "parameter")}
     names |= {key: meta[f"{key}s"] for key in ("spring", "constraint") if f"{key}s" in meta}
-    names |= {"state": meta["memory"]} if "memory" in meta else {}
+    names |= {"state": meta["internal_states"]} if "internal_states" in meta else {}
     return [
         {
             "key": key,

@@ -33,7 +33,7 @@ def ros2_files(meta: Mapping[str, Any]) -> dict[str, str]:
     Raises:
         InputError: the package has no rollouts, by which the component moves.
     """
-    if "rollout" not in meta["kernels"]:
+    if "rollout" not in {function["kind"] for function in meta["functions"].values()}:
         raise InputError("--ros2 needs the kernel rollout; allowed: --kernels with rollout, or without --kernels")
     name = meta["name"]
     numbers = [*re.findall(r"\d+", __version__)[:3], "0", "0"][:3]
@@ -44,7 +44,7 @@ def ros2_files(meta: Mapping[str, Any]) -> dict[str, str]:
         "space": safe(name),
         "version": __version__,
         "three_numbers": ".".join(numbers),
-        "memory": len(meta.get("memory", ())),
+        "memory": len(meta.get("internal_states", ())),
         "inputs": meta.get("inputs", {}),
     }
     return {file: environment().get_template(f"ros2/{text}").render(context) for file, text in TEMPLATES.items()}

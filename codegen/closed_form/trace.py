@@ -178,7 +178,7 @@ def bends(model: Model) -> bool:
 def _of_bending_links(model: Model, binder: _Values, *, external_forces: bool) -> ClosedForm:
     """Derive the closed form of a robot whose links bend, in the coordinates that follow no others."""
     refuse_springs(model)
-    if model.constraints or model.memory or model.drives:
+    if model.constraints or model.internal_states or model.drives:
         what = "loops and couplings" if model.constraints else "laws with states, nor servo drives"
         raise InputError(f"{model.name}: the closed form of links that bend knows no {what}; leave them out")
     whole = model.tree

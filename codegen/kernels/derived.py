@@ -2,10 +2,11 @@
 
 Of a function f(x) of arrays x, and of the run-time parameters p:
 
-- f_tangent: what f changes by along rates dx; f_parameter_tangent: along dp.
-- f_adjoint: the gradient of w . f by x for weights w, a cotangent; f_parameter_adjoint: by x and p.
-- f_hessian: the second derivatives of w . f by x.
-- f_jet1, ...: f and its time derivatives up to an order along a motion, given by the time derivatives of q and others.
+- f_tangent: what f changes by along rates dx; in C "f_tangent", and "f_parameter_tangent" along dp.
+- f_adjoint: derivatives of w . f for weights w, a cotangent; in C "f_adjoint", the gradient by x,
+  "f_parameter_adjoint", by x and p, and of some functions "f_hessian", the second derivatives by x.
+- f_jet: f and its time derivatives up to an order along a motion, given by the time derivatives of q and others; in C
+  "f_jet1" to "f_jet4".
 """
 
 from __future__ import annotations
@@ -27,8 +28,6 @@ WITH_PARAMETERS = "_p"  # ends the name of a gradient that has the parameters be
 JET = "jet"  # begins the name of an array of time derivatives, before the order
 FRAMED: Mapping[str, str] = {"frame_pose": "poses", "frame_jacobian": "jacobians"}  # results of all frames at once
 TIMES = ("dt", "times")  # arrays that steps are not differentiated by
-EXACT = ("christoffel", "forward_dynamics_jacobian", "tree_forward_dynamics_jacobian")  # derivatives: jets alone
-CHART = "following"  # which is not differentiated
 
 
 def differentiated(kernels: Mapping[str, Signature]) -> dict[str, Signature]:
@@ -37,38 +36,56 @@ def differentiated(kernels: Mapping[str, Signature]) -> dict[str, Signature]:
     for name, kernel in kernels.items():
         if kernel.kind == "frames":
             for function, signature in kernel.functions.items():
-                framed = replace(signature, writes=FRAMED[function])
-                derivatives |= _of(function, framed)
-        elif name in EXACT:
-            derivatives |= _jets(name, kernel)
-        elif kernel.kind in ("program", "composed") and name != CHART:
+                derivatives |= _of(function, replace(signature, writes=FRAMED[function]))
+        elif kernel.kind in ("program", "composed"):
             derivatives |= _of(name, kernel)
     return derivatives
 
 
 def _of(name: str, kernel: Signature) -> dict[str, Signature]:
-    """Return the derivatives of one function."""
-    x, arrays = ", ".join(kernel.reads), "_".join(kernel.reads)
-    rates, weighted = tuple(RATES[array] for array in kernel.reads), f"{name} along weights"
-    none = Signature(kernel.reads, kernel.writes, "", derivative_of=name, needs=kernel.needs, solves=kernel.solves)
+    """Return the derivatives that there are of one function, each with the functions of C that its arguments choose."""
+    made = {"jet": _jets, "tangent": _tangents, "adjoint": _adjoints}
+    return {
+        f"{name}_{kind}": replace(next(iter(variants.values())), variants=variants)
+        for kind, variants in ((kind, made[kind](name, kernel)) for kind in made if kind in kernel.derivatives)
+    }
+
+
+def _none(name: str, kernel: Signature) -> Signature:
+    """Return what the derivatives of a function have in common."""
+    return Signature(kernel.reads, kernel.writes, "", derivative_of=name, needs=kernel.needs, solves=kernel.solves)
+
+
+def _tangents(name: str, kernel: Signature) -> dict[str, Signature]:
+    """Return what a function changes by along rates of its arrays, and along those of the parameters."""
+    none, rates = _none(name, kernel), tuple(RATES[array] for array in kernel.reads)
     tangent = replace(none, kind="tangent", reads=(*none.reads, *rates))
     along = replace(none, kind="tangent", reads=(*none.reads, PARAMETER_RATES), by_parameters=True)
-    back = replace(none, reads=(*none.reads, f"{WEIGHTS}{kernel.writes}"))
-    adjoint = replace(back, kind="adjoint", writes=f"{GRADIENT}{arrays}")
-    whole = replace(adjoint, writes=f"{adjoint.writes}{WITH_PARAMETERS}", by_parameters=True)
-    hessian = replace(back, kind="hessian", writes=f"{HESSIAN}{arrays}")
-    return _jets(name, kernel) | {
+    return {
         f"{name}_tangent": replace(tangent, text=f"Derivative of {name} along {', '.join(rates)}."),
         f"{name}_parameter_tangent": replace(along, text=f"Derivative of {name} along rates of the parameters."),
+    }
+
+
+def _adjoints(name: str, kernel: Signature) -> dict[str, Signature]:
+    """Return derivatives of a function along weights: the gradient, that by parameters as well, and the second ones."""
+    x, arrays, weighted = ", ".join(kernel.reads), "_".join(kernel.reads), f"{name} along weights"
+    back = replace(_none(name, kernel), reads=(*kernel.reads, f"{WEIGHTS}{kernel.writes}"))
+    adjoint = replace(back, kind="adjoint", writes=f"{GRADIENT}{arrays}")
+    whole = replace(adjoint, writes=f"{adjoint.writes}{WITH_PARAMETERS}", by_parameters=True)
+    adjoints = {
         f"{name}_adjoint": replace(adjoint, text=f"Gradient by {x} of {weighted}."),
         f"{name}_parameter_adjoint": replace(whole, text=f"Gradient by {x} and the parameters of {weighted}."),
-        f"{name}_hessian": replace(hessian, text=f"Second derivatives by {x} of {weighted}."),
     }
+    if "hessian" in kernel.derivatives:
+        hessian = replace(back, kind="hessian", writes=f"{HESSIAN}{arrays}")
+        adjoints[f"{name}_hessian"] = replace(hessian, text=f"Second derivatives by {x} of {weighted}.")
+    return adjoints
 
 
 def _jets(name: str, kernel: Signature) -> dict[str, Signature]:
     """Return a function's time derivatives along motions, by their orders."""
-    none = Signature((), "", "", "jet", derivative_of=name, needs=kernel.needs, solves=kernel.solves)
+    none = replace(_none(name, kernel), kind="jet")
     jets = {}
     for order in ORDERS:
         series = jet_series(kernel.reads, order)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -34,6 +34,92 @@ KINDS: Mapping[Kind, str] = {  # in the order in which C and packages have them
 Need = Literal["", "loops", "springs", "elements", "constraints", "cuts", "laws", "followers", "drives", "sensors"]
 
 
+DERIVED: tuple[Kind, ...] = ("jet", "tangent", "adjoint", "hessian")
+
+MethodClass = Literal["KernelMethods", "KernelFunctions"]
+
+
+@dataclass(frozen=True)
+class ArrayAxes:
+    """Axes, unit and meaning of an array that kernels read or write.
+
+    axes: lengths, or names of lengths that depend on the robot: "coordinates", "links", "loops", ...
+    unit: SI units of its numbers; empty where they depend on the kernel that writes it.
+    text: what it holds.
+    """
+
+    axes: tuple[str | int, ...]
+    unit: str = ""
+    text: str = ""
+
+
+PER_COORDINATE = ("coordinates",)
+ARRAYS: Mapping[str, ArrayAxes] = {
+    "q": ArrayAxes(PER_COORDINATE, "m or rad", "coordinates"),
+    "v": ArrayAxes(PER_COORDINATE, "m/s or rad/s", "velocities of the coordinates"),
+    "a": ArrayAxes(PER_COORDINATE, "m/s^2 or rad/s^2", "accelerations of the coordinates"),
+    "u": ArrayAxes(PER_COORDINATE, "N or N m", "actuator forces; accelerations at prescribed coordinates"),
+    "wrench": ArrayAxes(("links", 6), "N, N m", "external force, then moment about the centre of mass, base frame"),
+    "vector": ArrayAxes(PER_COORDINATE, "", "a number per coordinate"),
+    "matrix": ArrayAxes(PER_COORDINATE * 2, "", "a matrix over the coordinates"),
+    "tensor": ArrayAxes(PER_COORDINATE * 3, "", "a number per triple of coordinates"),
+    "derivatives": ArrayAxes((3, *PER_COORDINATE * 2), "", "derivatives by three arrays"),
+    "momenta": ArrayAxes((2, "coordinates"), "", "generalized momentum p = M v, then C^T v"),
+    "pair": ArrayAxes((2,), "J", "kinetic, then potential energy"),
+    "point": ArrayAxes((3,), "m", "a point, base frame"),
+    "momentum": ArrayAxes((6,), "N s, N m s", "linear, then angular momentum, base frame"),
+    "pose": ArrayAxes((4, 4), "m", "homogeneous transform of a frame to the base"),
+    "jacobian": ArrayAxes((6, "coordinates"), "", "linear, then angular rows, base frame"),
+    "poses": ArrayAxes(("frames", 3, 4), "m", "[R | X] of each frame"),
+    "jacobians": ArrayAxes(("frames", 6, "coordinates"), "", "linear, then angular rows of each frame"),
+    "frame_rates": ArrayAxes(("frames", 6), "", "a linear, then an angular vector of each frame"),
+    "kinematics": ArrayAxes(("kinematics",), "", "frames, origins of bodies, axes of coordinates"),
+    "joints": ArrayAxes(("joints",), "", "a number per joint"),
+    "reactions": ArrayAxes(("joints", 6), "N, N m", "force, then moment on each joint's child link, joint axes"),
+    "regressor": ArrayAxes(("coordinates", "inertial_parameters"), "", "rows of coordinates, columns of parameters"),
+    "readings": ArrayAxes(("readings",), "", "readings of the sensors"),
+    "constraints": ArrayAxes(("constraints",), "", "a number per component of the constraint"),
+    "constraint_rows": ArrayAxes(("constraints", "coordinates"), "", "derivatives of the constraint by q"),
+    "multipliers": ArrayAxes(("constraints",), "N or N m", "multipliers of the constraint"),
+    "constrained": ArrayAxes(("constrained",), "", "accelerations, multipliers, g, J v"),
+    "settling": ArrayAxes(("settling",), "", "changes of q and v, then g"),
+    "chart": ArrayAxes(("chart",), "", "which coordinates are independent, and the factors of the others"),
+    "following": ArrayAxes(("following",), "", "q, v and a on the constraint, with the factors of a chart"),
+    "driving": ArrayAxes(("driving",), "", "actuator forces, multipliers, g, J v, J a, J_dot v, forces left, needed"),
+    "closing": ArrayAxes(("closing",), "", "derivatives of the constraint, loop by loop"),
+    "cut_poses": ArrayAxes(("loops", 4, 4), "m", "homogeneous transform of each loop joint"),
+    "loop_reactions": ArrayAxes(("loops", 6), "N, N m", "force, then moment of each loop joint"),
+    "law_pairs": ArrayAxes(("cut_laws", 2), "", "deviation, then resisting force"),
+    "law_rows": ArrayAxes(("cut_laws", "coordinates"), "", "derivatives of deviations by q"),
+    "couplings": ArrayAxes(("couplings",), "N or N m", "a force per rigid coupling"),
+    "spring_pairs": ArrayAxes(("springs", 2), "m, N", "length, then tension of each spring"),
+    "spring_rows": ArrayAxes(("springs", "coordinates"), "", "derivatives of lengths by q"),
+    "element_pairs": ArrayAxes(("element_rows", 2), "", "value, then resisting force"),
+    "element_rows": ArrayAxes(("element_rows", "coordinates"), "", "derivatives of values by q"),
+    "added": ArrayAxes(PER_COORDINATE, "", "added to the diagonal of the matrix of a step"),
+    "kp": ArrayAxes(PER_COORDINATE, "", "stiffness of controllers"),
+    "kd": ArrayAxes(PER_COORDINATE, "", "damping of controllers"),
+    "rates": ArrayAxes(PER_COORDINATE, "", "velocities that a stage's matrix is multiplied by"),
+    "shifts": ArrayAxes(PER_COORDINATE, "", "displacements that a stage's matrix is multiplied by"),
+    "dt": ArrayAxes((2,), "s, s^2", "step and its square"),
+    "times": ArrayAxes((2,), "s, s^2", "factors of damping and stiffness"),
+}
+
+
+@dataclass(frozen=True)
+class WrenchTerm:
+    """Contribution of external wrenches to what a kernel computes.
+
+    kernel: the kernel of q and the wrenches whose result is added.
+    sign: 1 or -1.
+    into: the argument that it is added to, where it is not the result.
+    """
+
+    kernel: str
+    sign: float = 1.0
+    into: str = ""
+
+
 @dataclass(frozen=True)
 class Signature:
     """Arrays that a kernel reads and the one that it writes, by their names in ``shapes``, and what it computes.
@@ -60,6 +146,14 @@ class Signature:
     beside: kernels that come with it where the robot has constraints: those of the open tree, of wrenches, of charts.
     mapped: whether packages say which of its entries vanish identically.
     vectors: whether its template is written for several states at a time, too; otherwise batches call it one by one.
+    wrench: how external wrenches enter, if they do.
+    tree: the kernel that computes the same for the open tree, where the robot has constraints.
+    loaded: the kernel that computes the same where generalized forces u act in addition, for closed loops.
+    method: class of the generated method of its name in ``runtime/kernel_methods.py``, if there is one.
+    states: whether the result depends on internal states of force laws.
+    derivatives: kinds of the derivatives that there are of it.
+    variants: of a derivative the functions of C among which its arguments choose, by name: the order of "jet", whether
+        "tangent" and "adjoint" are by parameters, too, and the order of "adjoint", whose second one is a "hessian".
     """
 
     reads: tuple[str, ...]
@@ -81,6 +175,47 @@ class Signature:
     beside: tuple[str, ...] = ()
     mapped: bool = False
     vectors: bool = True
+    wrench: WrenchTerm | None = None
+    tree: str = ""
+    loaded: str = ""
+    method: MethodClass | None = None
+    states: bool = False
+    derivatives: tuple[Kind, ...] = DERIVED
+    variants: Mapping[str, Signature] = field(default_factory=dict)
+
+    @property
+    def takes(self) -> tuple[str, ...]:
+        """Optional arguments behind the arrays that methods take: "wrench", "z", "cut"."""
+        has = {"wrench": bool(self.wrench or self.loaded), "z": self.states, "cut": bool(self.tree)}
+        return tuple(name for name, there in has.items() if there)
+
+
+class KernelTable(Mapping[str, Signature]):
+    """Signatures by the names of kernels; by those of the functions of C, too, among which arguments choose.
+
+    "f_jet" is one kernel, whose argument ``order`` chooses one of "f_jet1" to "f_jet4".  It is the names of kernels
+    that are iterated over and counted.
+
+    Attributes:
+        compiled: signatures of all functions of C, by their names; what builds are asked for.
+    """
+
+    def __init__(self, rows: Mapping[str, Signature]) -> None:
+        self._rows = dict(rows)
+        self.compiled: Mapping[str, Signature] = {
+            function: signature
+            for name, row in rows.items()
+            for function, signature in (row.variants or {name: row}).items()
+        }
+
+    def __getitem__(self, name: str) -> Signature:
+        return self._rows[name] if name in self._rows else self.compiled[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._rows)
+
+    def __len__(self) -> int:
+        return len(self._rows)
 
 
 def kernel(form: str, text: str, kind: Kind = "program", **more: Any) -> tuple[str, Signature]:

@@ -16,12 +16,23 @@ from eomgen.robot.parameter_names import conditions, element_places, leasts, mat
 from eomgen.robot.value import MOTOR, Coupling, Loop
 
 from ..tree.regressor import described_values, regressor_names
-from .signatures import KERNELS, element_rows, functions, reading_names, shapes
+from .entries import Signature
+from .signatures import EXTERNAL, KERNELS, OWN_KERNELS, closes_loops, element_rows, functions, reading_names, shapes
 
 IF_ANY = (  # entries of the metadata that are there only where there is something to tell
     *("motors", "efforts", "ranges", "home", "frame_links", "turning", "loops", "upright", "constraints", "couplings"),
-    *("memory", "memory_units", "inputs", "followers", "cut_laws", "regressor", "springs", "element_rows", "matrices"),
-    *("conditions", "modal_couplings", "readings"),
+    *(
+        "internal_states",
+        "internal_state_units",
+        "inputs",
+        "followers",
+        "cut_laws",
+        "regressor",
+        "springs",
+        "element_rows",
+        "matrices",
+    ),
+    *("conditions", "modal_couplings", "readings", "stateful"),
 )
 
 
@@ -39,8 +50,8 @@ def describe_kernels(model: Model, kernels: Sequence[str], dtype: str) -> dict[s
         "name": model.name,
         "dtype": dtype,
         "coordinates": model.coordinates,
-        "memory": model.memory,
-        "memory_units": tuple(state.unit for state in model.states),
+        "internal_states": model.internal_states,
+        "internal_state_units": tuple(state.unit for state in model.states),
         "inputs": drive_inputs(model),
         "joints": [body.joint for body in model.bodies],
         "links": model.links,
@@ -57,7 +68,9 @@ def describe_kernels(model: Model, kernels: Sequence[str], dtype: str) -> dict[s
         "least": leasts(robot, model.parameters),
         "shapes": {key: list(shape) for key, shape in shapes(model, kernels).items()},
         "kernels": {
-            name: {"reads": KERNELS[name].reads, "writes": KERNELS[name].writes} for name in KERNELS if name in kernels
+            name: {"reads": KERNELS[name].reads, "writes": KERNELS[name].writes}
+            for name in KERNELS.compiled
+            if name in kernels
         },
         "functions": {
             function.name: {
@@ -65,6 +78,8 @@ def describe_kernels(model: Model, kernels: Sequence[str], dtype: str) -> dict[s
                 "kind": function.kind,
                 "reads": function.signature.reads,
                 "writes": function.signature.writes,
+                **_method(function.signature),
+                **({"closes": True} if model.constraints and closes_loops(function.kernel) else {}),
             }
             for function in functions(kernels)
         },
@@ -80,8 +95,20 @@ def describe_kernels(model: Model, kernels: Sequence[str], dtype: str) -> dict[s
         "conditions": conditions(robot, model.parameters),
         "modal_couplings": modal_couplings(model),
         "readings": reading_names(model),
+        "stateful": [name for name, x in OWN_KERNELS.items() if x.states] if model.internal_states else (),
     }
     return {key: value for key, value in described.items() if value or key not in IF_ANY}
+
+
+def _method(signature: Signature) -> dict[str, Any]:
+    """Return what methods need to know of a function beside its arrays, as far as there is something."""
+    wrench, loaded = signature.wrench, signature.loaded
+    known = {
+        "takes": signature.takes,
+        "wrench": wrench and [wrench.kernel, wrench.sign, wrench.into],
+        "loaded": loaded and [loaded, EXTERNAL.kernel],
+    }
+    return {key: value for key, value in known.items() if value}
 
 
 def _closed(model: Model) -> dict[str, Any]:

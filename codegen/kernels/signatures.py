@@ -17,7 +17,7 @@ from ..tree.regressor import regressor_names
 from .blocks import row_blocks
 from .bodies import kinematics_size
 from .derived import BACKWARDS, GRADIENTS, derivative_shapes, differentiated
-from .entries import KINDS, Kind, Signature, kernel, table
+from .entries import ARRAYS, KINDS, KernelTable, Kind, Signature, WrenchTerm, kernel, table
 
 DTYPES = ("float64", "float32")  # types of kernels' numbers
 SINGLES, BATCHES = "singles", "batches"  # the C of all kernels as two libraries: for one state, and on vectors
@@ -27,27 +27,65 @@ LIBRARY_OBJECTS = {"rollout": "fixed", "adaptive": "adaptive"}  # of the C libra
 
 TOLD = ("constraint", "constraint_jacobian", "constraint_bias", "constrained_drives")  # what errors of loops tell
 
+CORE, MORE = "KernelMethods", "KernelFunctions"  # classes of methods: those of kernels, and of ``kernel.functions``
+EXTERNAL = WrenchTerm("external_force")
+EXTERNAL_OF_ROWS = WrenchTerm("external_force", -1.0)  # where they stand on the other side of the equation
+EXTERNAL_REACTIONS = WrenchTerm("external_reactions")
+
 OWN_KERNELS: Mapping[str, Signature] = table(
-    kernel("mass_matrix(q) -> matrix", "Mass matrix M(q), eq. (11).", symmetric=True),
-    kernel("bias_force(q, v) -> vector", "Coriolis and centrifugal terms, eq. (12) contracted."),
-    kernel("generalized_force(q, v) -> vector", "Springs, dampers, gravity: Q_P + Q_G, eqs. (13), (14)."),
-    kernel("external_force(q, wrench) -> vector", "Q_F of eq. (14), its moment term corrected; base frame."),
-    kernel("residual(q, v, a, u) -> vector", "M a + bias - Q - u, eq. (5) unexpanded; zero on a motion."),
+    kernel(
+        "mass_matrix(q) -> matrix",
+        "Mass matrix M(q), eq. (11).",
+        symmetric=True,
+        method=CORE,
+    ),
+    kernel(
+        "bias_force(q, v) -> vector",
+        "Coriolis and centrifugal terms, eq. (12) contracted.",
+        method=CORE,
+    ),
+    kernel(
+        "generalized_force(q, v) -> vector",
+        "Springs, dampers, gravity: Q_P + Q_G, eqs. (13), (14).",
+        wrench=EXTERNAL,
+        states=True,
+        method=CORE,
+    ),
+    kernel(
+        "external_force(q, wrench) -> vector",
+        "Q_F of eq. (14), its moment term corrected; base frame.",
+        method=MORE,
+    ),
+    kernel(
+        "residual(q, v, a, u) -> vector",
+        "M a + bias - Q - u, eq. (5) unexpanded; zero on a motion.",
+        wrench=EXTERNAL_OF_ROWS,
+        states=True,
+        method=CORE,
+    ),
     kernel(
         "inverse_dynamics(q, v, a) -> vector",
         "The drives u that make the residual zero.",
         closed=("constrained_drives",),
         beside=("tree_inverse_dynamics", "inverse_dynamics_under_load", *TOLD),
+        wrench=EXTERNAL_OF_ROWS,
+        tree="tree_inverse_dynamics",
+        loaded="inverse_dynamics_under_load",
+        states=True,
+        method=CORE,
     ),
     kernel(
         "tree_inverse_dynamics(q, v, a) -> vector",
         "The drives u that make the residual zero, loops cut.",
         needs="constraints",
+        wrench=EXTERNAL_OF_ROWS,
+        states=True,
     ),
     kernel(
         "constrained_drives(q, v, a, u) -> driving",
         "Drives of a motion beside forces u, multipliers, g, J v, J a, J_dot v, forces left and needed.",
         needs="constraints",
+        states=True,
     ),
     kernel(
         "inverse_dynamics_under_load(q, v, a, u) -> vector",
@@ -55,6 +93,7 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         "composed",
         calls=("constrained_drives",),
         needs="constraints",
+        states=True,
     ),
     kernel(
         "forward_dynamics(q, v, u) -> vector",
@@ -62,12 +101,18 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         solves=True,
         closed=("constrained_dynamics",),
         beside=("tree_forward_dynamics", *TOLD),
+        wrench=WrenchTerm("external_force", into="u"),
+        tree="tree_forward_dynamics",
+        states=True,
+        method=CORE,
     ),
     kernel(
         "tree_forward_dynamics(q, v, u) -> vector",
         "Accelerations under the drives u, loops cut.",
         solves=True,
         needs="constraints",
+        wrench=WrenchTerm("external_force", into="u"),
+        states=True,
     ),
     kernel(
         "constrained_dynamics(q, v, u) -> constrained",
@@ -75,6 +120,7 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         solves=True,
         needs="constraints",
         beside=("following",),  # charts, along which it is integrated
+        states=True,
     ),
     kernel(
         "constraint_forces(q, v, u) -> constraints",
@@ -83,6 +129,8 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         calls=("constrained_dynamics",),
         solves=True,
         needs="constraints",
+        wrench=WrenchTerm("external_force", into="u"),
+        states=True,
     ),
     kernel(
         "settling(q, v) -> settling",
@@ -97,8 +145,13 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         calls=("constraint", "constraint_jacobian", "constraint_bias"),
         needs="constraints",
         vectors=False,
+        derivatives=(),
     ),
-    kernel("residual_jacobian(q, v, a) -> derivatives", "Derivatives of the residual by q, v and a: three matrices."),
+    kernel(
+        "residual_jacobian(q, v, a) -> derivatives",
+        "Derivatives of the residual by q, v and a: three matrices.",
+        states=True,
+    ),
     kernel(
         "forward_dynamics_jacobian(q, v, u) -> derivatives",
         "Derivatives of the accelerations by q, v and u: three matrices.",
@@ -107,6 +160,9 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         closed=("constrained_dynamics", "residual_jacobian", "closing_derivatives"),
         solves=True,
         beside=("tree_forward_dynamics_jacobian", *TOLD),
+        tree="tree_forward_dynamics_jacobian",
+        derivatives=("jet",),
+        states=True,
     ),
     kernel(
         "tree_forward_dynamics_jacobian(q, v, u) -> derivatives",
@@ -115,23 +171,36 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         calls=("tree_forward_dynamics", "residual_jacobian"),
         solves=True,
         needs="constraints",
+        derivatives=("jet",),
+        states=True,
     ),
-    kernel("coriolis_matrix(q, v) -> matrix", "Coriolis matrix C(q, v) with C v = bias and M_dot = C + C^T."),
+    kernel(
+        "coriolis_matrix(q, v) -> matrix",
+        "Coriolis matrix C(q, v) with C v = bias and M_dot = C + C^T.",
+        method=CORE,
+    ),
     kernel(
         "christoffel(q) -> tensor",
         "Christoffel symbols of the first kind, the tensor C of eq. (12).",
         columns_of="coriolis_matrix",
         mapped=True,
+        derivatives=("jet",),
+        method=CORE,
     ),
     kernel(
         "kinematics(q) -> kinematics",
         "Frames [R | X], bodies' origins, coordinates' axes; eqs. (1)-(3).",
         "frames",
         functions=table(
-            kernel("frame_pose(q) -> pose", "Pose A_0k of a frame in the base; eqs. (1) and (2)."),
+            kernel(
+                "frame_pose(q) -> pose",
+                "Pose A_0k of a frame in the base; eqs. (1) and (2).",
+                method=CORE,
+            ),
             kernel(
                 "frame_jacobian(q) -> jacobian",
                 "Velocity of a frame's origin (3 rows) and angular velocity (3 rows) per coordinate rate, base frame.",
+                method=CORE,
             ),
         ),
     ),
@@ -139,55 +208,80 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         "gravity(q) -> vector",
         "Forces that hold the links' weight, loops cut.",
         by_request=True,
+        method=CORE,
     ),
     kernel(
         "nonlinear_effects(q, v) -> vector",
         "Coriolis, centrifugal and gravity terms, loops cut.",
         by_request=True,
+        method=CORE,
     ),
-    kernel("center_of_mass(q) -> point", "Center of mass of the moving links, base frame.", by_request=True),
+    kernel(
+        "center_of_mass(q) -> point",
+        "Center of mass of the moving links, base frame.",
+        by_request=True,
+        method=CORE,
+    ),
     kernel(
         "centroidal_momentum(q, v) -> momentum",
         "Linear momentum of the moving links, and angular momentum about their center of mass; base frame.",
         by_request=True,
+        method=CORE,
     ),
     kernel(
         "frame_velocities(q, v) -> frame_rates",
         "Per frame the velocity of its origin and its angular velocity, base frame.",
         by_request=True,
+        method=MORE,
     ),
     kernel(
         "frame_accelerations(q, v, a) -> frame_rates",
         "Per frame the acceleration of its origin and its angular acceleration, base frame.",
         by_request=True,
+        method=MORE,
     ),
     kernel(
         "imu(q, v, a) -> frame_rates",
         "Per frame what an IMU reads in the frame's axes: specific force R^T (a - g), angular rate R^T w.",
         by_request=True,
+        method=MORE,
     ),
     kernel(
         "measurement(q, v, a) -> readings",
         "Readings of the robot's sensors, one behind the other.",
         by_request=True,
         needs="sensors",
+        method=MORE,
     ),
     kernel(
         "generalized_momentum(q, v) -> momenta",
         "Generalized momentum p = M v, and C^T v = dT/dq: p' = u + C^T v + Q on a motion.",
         by_request=True,
+        method=MORE,
     ),
-    kernel("energy(q, v) -> pair", "Kinetic energy, eq. (4), and potential energy of gravity and springs."),
+    kernel(
+        "energy(q, v) -> pair",
+        "Kinetic energy, eq. (4), and potential energy of gravity and springs.",
+        states=True,
+        method=CORE,
+    ),
     kernel(
         "reactions(q, v, a) -> reactions",
         "Joint reaction wrenches: force and moment on child links, joint frames after the motion.",
         closed=("tree_reactions", "constrained_drives", "closing_reactions"),
         beside=("tree_reactions", "reactions_under_load", *TOLD),
+        wrench=EXTERNAL_REACTIONS,
+        tree="tree_reactions",
+        loaded="reactions_under_load",
+        states=True,
+        method=CORE,
     ),
     kernel(
         "tree_reactions(q, v, a) -> reactions",
         "Joint reaction wrenches: force and moment on child links, joint frames after the motion, loops cut.",
         needs="constraints",
+        wrench=EXTERNAL_REACTIONS,
+        states=True,
     ),
     kernel(
         "reactions_under_load(q, v, a, u) -> reactions",
@@ -195,6 +289,8 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         "composed",
         calls=("tree_reactions", "constrained_drives", "closing_reactions"),
         needs="constraints",
+        wrench=EXTERNAL_REACTIONS,
+        states=True,
     ),
     kernel(
         "loop_reactions(q, v, a) -> loop_reactions",
@@ -202,6 +298,9 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         closed=("constrained_drives", "loop_wrenches"),
         needs="loops",
         beside=("loop_reactions_under_load", *TOLD),
+        loaded="loop_reactions_under_load",
+        states=True,
+        method=CORE,
     ),
     kernel(
         "loop_reactions_under_load(q, v, a, u) -> loop_reactions",
@@ -209,6 +308,7 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         "composed",
         calls=("constrained_drives", "loop_wrenches"),
         needs="cuts",
+        states=True,
     ),
     kernel(
         "external_reactions(q, wrench) -> reactions",
@@ -217,19 +317,38 @@ OWN_KERNELS: Mapping[str, Signature] = table(
     kernel(
         "regressor(q, v, a) -> regressor",
         "Y of inverse dynamics without springs and dampers, u = Y theta; loops cut.",
+        method=MORE,
     ),
-    kernel("euler_cosines(q) -> joints", "Cosine of beta of every joint with three angles, 1 for the others."),
+    kernel(
+        "euler_cosines(q) -> joints",
+        "Cosine of beta of every joint with three angles, 1 for the others.",
+        method=MORE,
+    ),
     kernel(
         "constraint(q) -> constraints",
         "Constraint g(q) of the cut joints; zero where loops are closed.",
         needs="constraints",
+        method=MORE,
     ),
-    kernel("constraint_jacobian(q) -> constraint_rows", "Jacobian J = dg/dq of the constraint.", needs="constraints"),
-    kernel("constraint_bias(q, v) -> constraints", "J_dot v: g_ddot = J a + J_dot v.", needs="constraints"),
+    kernel(
+        "constraint_jacobian(q) -> constraint_rows",
+        "Jacobian J = dg/dq of the constraint.",
+        needs="constraints",
+        method=MORE,
+    ),
+    kernel(
+        "constraint_bias(q, v) -> constraints",
+        "J_dot v: g_ddot = J a + J_dot v.",
+        needs="constraints",
+        method=MORE,
+    ),
     kernel(
         "coupling_forces(q, v, a) -> couplings",
         "Force on each follower of a rigid coupling that a motion takes.",
         needs="followers",
+        wrench=WrenchTerm("external_coupling_forces"),
+        states=True,
+        method=MORE,
     ),
     kernel(
         "external_coupling_forces(q, wrench) -> couplings",
@@ -240,47 +359,63 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         "cut_poses(q) -> cut_poses",
         "Per loop the cut frame on its second link seen from that on its first.",
         needs="loops",
+        method=MORE,
     ),
-    kernel("spring_forces(q, v) -> spring_pairs", "Length and tension of each point-to-point spring.", needs="springs"),
     kernel(
-        "spring_jacobian(q) -> spring_rows", "Derivatives of the springs' lengths by q: moment arms.", needs="springs"
+        "spring_forces(q, v) -> spring_pairs",
+        "Length and tension of each point-to-point spring.",
+        needs="springs",
+        method=MORE,
+    ),
+    kernel(
+        "spring_jacobian(q) -> spring_rows",
+        "Derivatives of the springs' lengths by q: moment arms.",
+        needs="springs",
+        method=MORE,
     ),
     kernel(
         "cut_forces(q, v) -> law_pairs",
         "Per coordinate of a cut joint with a force, and elastic coupling, its deviation and what resists it.",
         needs="laws",
+        method=MORE,
     ),
     kernel(
         "cut_jacobian(q) -> law_rows",
         "Derivatives by q of the deviations of cut joints and elastic couplings.",
         needs="laws",
+        method=MORE,
     ),
     kernel(
         "element_forces(q, v) -> element_pairs",
         "Per coordinate of a force element between two links its value and what resists it.",
         needs="elements",
+        method=MORE,
     ),
     kernel(
         "element_jacobian(q) -> element_rows",
         "Derivatives by q of the coordinates of force elements.",
         needs="elements",
+        method=MORE,
     ),
     kernel(
         "drive_forces(q, v, u) -> vector",
         "Forces of drives on coordinates, and voltages on currents less what the motion induces; their power by v is"
         " what drives take in.",
         needs="drives",
+        states=True,
     ),
     kernel(
         "drive_jacobian(q, v, u) -> derivatives",
         "Derivatives by q, v and u of what drives with states do, of forces and of the states' rates times inertias.",
         needs="drives",
+        states=True,
     ),
     kernel(
         "spring_stiffness(q) -> matrix",
         "Largest stiffness of the point-to-point springs: sum of k (dd/dq)^T dd/dq.",
         symmetric=True,
         needs="springs",
+        method=MORE,
     ),
     kernel(
         "rollout(q, v, u) -> vector",
@@ -347,14 +482,26 @@ PARTS: Mapping[str, Signature] = table(  # programs that only other kernels call
     ),
 )
 
-DERIVATIVES: Mapping[str, Signature] = differentiated(OWN_KERNELS)  # there only if they are asked for
-KERNELS: Mapping[str, Signature] = {**OWN_KERNELS, **DERIVATIVES, **GRADIENTS}
+DERIVATIVES = KernelTable(differentiated(OWN_KERNELS))  # there only if they are asked for
+KERNELS = KernelTable({**OWN_KERNELS, **DERIVATIVES, **GRADIENTS})
+FRAME_KERNEL = next(name for name, signature in OWN_KERNELS.items() if signature.kind == "frames")
+CLOSED_PROGRAMS: Mapping[str, str] = {  # the one program with whose first numbers a kernel ends where there are loops
+    name: signature.closed[0] for name, signature in OWN_KERNELS.items() if len(signature.closed) == 1
+}
+
+
+def closes_loops(name: str) -> bool:
+    """Return whether a kernel, or what it is a derivative of, refuses states in which loops are open."""
+    signature = KERNELS.get(KERNELS[name].derivative_of) or KERNELS[name]
+    return not {*signature.closed, *signature.calls}.isdisjoint(CLOSED_PROGRAMS.values())
+
+
 CLOSURE_KERNELS = ("constraint", "constraint_jacobian", "constraint_bias", "cut_poses")  # of the constraint itself
 LOOP_KERNELS = tuple(
     name for name, signature in OWN_KERNELS.items() if signature.needs in ("loops", "constraints", "cuts")
 )
 
-SIGNATURES: Mapping[str, Signature] = {**KERNELS, **PARTS, **BACKWARDS}
+SIGNATURES = KernelTable({**OWN_KERNELS, **DERIVATIVES, **GRADIENTS, **PARTS, **BACKWARDS})
 
 TURNED = (  # programs that know how joints are turned, which integrations call
     *("forward_dynamics", "forward_dynamics_jacobian", "implicit_step", "stage_factors", "stage_solution"),
@@ -389,7 +536,7 @@ def reading_names(model: Model) -> tuple[str, ...]:
 
 
 def available(model: Model) -> tuple[str, ...]:
-    """Name the kernels that there are for a model."""
+    """Name the functions of C of the kernels that there are for a model."""
     has = {
         "": True,
         "loops": bool(model.robot.loops),
@@ -404,7 +551,7 @@ def available(model: Model) -> tuple[str, ...]:
     }
     return tuple(
         name
-        for name, signature in KERNELS.items()
+        for name, signature in KERNELS.compiled.items()
         if has[signature.needs] and (model.parameters or not signature.by_parameters)
     )
 
@@ -430,7 +577,7 @@ def library_objects(kernels: Iterable[str], half: str) -> tuple[str, ...]:
 
 def by_kind(names: Iterable[str]) -> list[str]:
     """Order kernels as KINDS has them; those of one kind in the order of KERNELS."""
-    order, place = list(KINDS), list(SIGNATURES)
+    order, place = list(KINDS), list(SIGNATURES.compiled)
     return sorted(names, key=lambda name: (order.index(SIGNATURES[name].kind), place.index(name)))
 
 
@@ -463,7 +610,7 @@ def functions(names: Iterable[str]) -> list[Function]:
     That is the order of KERNELS, with functions of a frame's number behind the others, and rollouts last.
     """
     wanted = set(names)
-    kernels = {name: signature for name, signature in KERNELS.items() if name in wanted}
+    kernels = {name: signature for name, signature in KERNELS.compiled.items() if name in wanted}
     listed = [
         Function(name, kernel, owner.kind, called)
         for kernel, owner in kernels.items()
@@ -474,25 +621,38 @@ def functions(names: Iterable[str]) -> list[Function]:
 
 def _uses(array: str, kernels: Collection[str] | None) -> bool:
     """Return whether kernels, what they are derivatives of, or programs that their C calls write an array."""
-    named = [KERNELS[name] for name in (KERNELS if kernels is None else kernels)]
+    named = [KERNELS[name] for name in (KERNELS.compiled if kernels is None else kernels)]
     called = {name for x in named for name in (x.derivative_of, *x.calls, *x.closed)}
     return any(x.writes == array for x in (*named, *(SIGNATURES[name] for name in called if name in SIGNATURES)))
 
 
-def _closing(model: Model) -> dict[str, tuple[int, ...]]:
-    """Return shapes of arrays of the constraints."""
-    n, m = model.size, len(model.constraints)
-    return {
-        "constraints": (m,),
-        "constraint_rows": (m, n),
-        "constrained": (n + 3 * m,),
-        "settling": (2 * n + m,),
-        "chart": (2 * n + m + 1 + m * n,),
-        "following": (3 * n + m * n + m,),
-        "driving": (3 * n + 5 * m,),
-        "multipliers": (m,),
-        "closing": (sum(3 * block.size + len(block.columns) ** 2 for block in row_blocks(model)),),
+def _lengths(model: Model, kernels: frozenset[str] | None) -> dict[str, int]:
+    """Return the lengths of axes that arrays of a model have; what it has nothing of is left out."""
+    n, m, robot = model.size, len(model.constraints), model.robot
+    always = {"coordinates": n, "links": len(model.links), "frames": len(model.frames), "joints": len(model.bodies)}
+    if _uses("regressor", kernels):
+        always["inertial_parameters"] = len(regressor_names(model))
+    if _uses("kinematics", kernels):
+        always["kinematics"] = kinematics_size(model)
+    if m:
+        always |= {
+            "constraints": m,
+            "constrained": n + 3 * m,
+            "settling": 2 * n + m,
+            "chart": 2 * n + m + 1 + m * n,
+            "following": 3 * n + m * n + m,
+            "driving": 3 * n + 5 * m,
+            "closing": sum(3 * block.size + len(block.columns) ** 2 for block in row_blocks(model)),
+        }
+    counted = {
+        "loops": len(robot.loops),
+        "cut_laws": len(model.cut_laws),
+        "couplings": len(model.followers),
+        "springs": len(robot.springs),
+        "element_rows": len(element_rows(model)),
+        "readings": len(reading_names(model)) if robot.sensors else 0,
     }
+    return always | {name: length for name, length in counted.items() if length}
 
 
 def _pairs(n: int) -> dict[str, tuple[int, ...]]:
@@ -507,40 +667,13 @@ def shapes(model: Model, kernels: Collection[str] | None = None) -> dict[str, tu
 
 @kept
 def _shapes(model: Model, kernels: frozenset[str] | None) -> dict[str, tuple[int, ...]]:
-    n = model.size
-    vectors: dict[str, tuple[int, ...]] = dict.fromkeys(("q", "v", "a", "u", "added", "vector"), (n,))
-    vectors |= dict.fromkeys(("kp", "kd", "rates", "shifts"), (n,))
-    loops = len(model.robot.loops)
-    springs, laws, elements = len(model.robot.springs), len(model.cut_laws), len(element_rows(model))
+    lengths = _lengths(model, kernels)
     table: dict[str, tuple[int, ...]] = {
-        **vectors,
-        **(_closing(model) if model.constraints else {}),
-        **(_pairs(n) if kernels is None or "radau_rollout" in kernels else {}),
-        **({"cut_poses": (loops, 4, 4), "loop_reactions": (loops, 6)} if loops else {}),
-        **({"law_pairs": (laws, 2), "law_rows": (laws, n)} if laws else {}),
-        **({"couplings": (len(model.followers),)} if model.followers else {}),
-        **({"spring_pairs": (springs, 2), "spring_rows": (springs, n)} if springs else {}),
-        **({"element_pairs": (elements, 2), "element_rows": (elements, n)} if elements else {}),
-        **({"readings": (len(reading_names(model)),)} if model.robot.sensors else {}),
-        "wrench": (len(model.links), 6),
-        "matrix": (n, n),
-        "tensor": (n, n, n),
-        "derivatives": (3, n, n),
-        "pair": (2,),
-        "point": (3,),
-        "momentum": (6,),
-        "momenta": (2, n),
-        "frame_rates": (len(model.frames), 6),
-        "dt": (2,),
-        "times": (2,),
-        "joints": (len(model.bodies),),
-        "reactions": (len(model.bodies), 6),
-        **({"regressor": (n, len(regressor_names(model)))} if _uses("regressor", kernels) else {}),
-        "pose": (4, 4),
-        "jacobian": (6, n),
-        "poses": (len(model.frames), 3, 4),
-        "jacobians": (len(model.frames), 6, n),
-        **({"kinematics": (kinematics_size(model),)} if _uses("kinematics", kernels) else {}),
+        name: tuple(axis if isinstance(axis, int) else lengths[axis] for axis in array.axes)
+        for name, array in ARRAYS.items()
+        if all(isinstance(axis, int) or axis in lengths for axis in array.axes)
     }
-    wanted = {name: x for name, x in DERIVATIVES.items() if kernels is None or name in kernels}
+    if kernels is None or "radau_rollout" in kernels:
+        table |= _pairs(model.size)
+    wanted = {name: x for name, x in DERIVATIVES.compiled.items() if kernels is None or name in kernels}
     return {**table, **derivative_shapes(wanted, table, len(model.parameters))}

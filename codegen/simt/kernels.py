@@ -10,8 +10,10 @@ from eomgen.names import nearest_or_all, show
 from eomgen.robot.model import Model
 
 from ..kernels.derivatives.whole import whole_program
+from ..kernels.derived import FRAMED, METHODS
 from ..kernels.equations import STRAIGHT_COLUMNS, columns_cost, derive, why_missing
-from ..kernels.signatures import KERNELS, SIGNATURES, available, shapes
+from ..kernels.groups import DEVICE
+from ..kernels.signatures import CLOSED_PROGRAMS, FRAME_KERNEL, KERNELS, SIGNATURES, available, shapes
 from ..kernels.writers import VARIANTS, WRITERS
 from ..program.ir import FIRST, GATE, Graph, Instruction, Program, Value, copied, finish, select, verify
 from ..program.passes import hoist_parameters
@@ -19,26 +21,22 @@ from .frames import frame_jacobians
 from .unit_velocities import christoffel_by_columns
 
 FRAMES: Mapping[str, tuple[str, str, str]] = {  # kernels of all frames: functions of one, arrays, texts
-    "frame_poses": ("frame_pose", "poses", "Poses [R | X] of all frames in the base; eqs. (1) and (2)."),
-    "frame_jacobians": (
-        "frame_jacobian",
-        "jacobians",
-        "Per frame the velocity of its origin and its angular velocity per coordinate rate, base frame.",
-    ),
+    f"{function}s": (function, array, f"{signature.text.removesuffix('.')}; of all frames.")
+    for function, signature in KERNELS[FRAME_KERNEL].functions.items()
+    for array in [FRAMED[function]]
 }
+[EXPLICIT], [IMPLICIT] = METHODS["explicit"][2], METHODS["implicit"][2]  # programs that steps call
 ROLLOUTS: Mapping[str, tuple[str, str]] = {  # steps of fixed length: programs that they call, texts
-    "rk4_rollout": ("forward_dynamics", "Steps of the classical Runge-Kutta method of order 4, drives held."),
-    "implicit_rollout": ("implicit_step", "Steps of the linearly implicit Euler method, drives held."),
-    "rk4_pd_rollout": ("forward_dynamics", "As rk4_rollout, under kp (target - q) - kd v beside the drives."),
-    "implicit_pd_rollout": ("implicit_step", "As implicit_rollout, under kp (target - q) - kd v beside the drives."),
+    "rk4_rollout": (EXPLICIT, "Steps of the classical Runge-Kutta method of order 4, drives held."),
+    "implicit_rollout": (IMPLICIT, "Steps of the linearly implicit Euler method, drives held."),
+    "rk4_pd_rollout": (EXPLICIT, "As rk4_rollout, under kp (target - q) - kd v beside the drives."),
+    "implicit_pd_rollout": (IMPLICIT, "As implicit_rollout, under kp (target - q) - kd v beside the drives."),
 }
+COLUMNS = ("derivatives", "jacobians")  # arrays that are matrices of n columns
 CONTROLLED = ("rk4_pd_rollout", "implicit_pd_rollout")  # rollouts with joint controllers on driven coordinates
-DEFAULT = (
-    *("inverse_dynamics", "forward_dynamics", "mass_matrix", "residual"),
-    *("residual_jacobian", "forward_dynamics_jacobian", *FRAMES, "rk4_rollout", "implicit_rollout"),
-)
-CLOSED = {"forward_dynamics": "constrained_dynamics"}  # programs that begin with a closed mechanism's results
-PARTS = ("constrained_dynamics", "constrained_drives")  # what is there of closed mechanisms, whatever is violated
+DEFAULT = (*DEVICE, *FRAMES, *(name for name in ROLLOUTS if name not in CONTROLLED))
+CLOSED = {name: program for name, program in CLOSED_PROGRAMS.items() if KERNELS[name].solves}
+PARTS = tuple(dict.fromkeys((*CLOSED.values(), *CLOSED_PROGRAMS.values())))  # what there is, whatever is violated
 
 
 @dataclass(frozen=True)
@@ -52,6 +50,7 @@ class ThreadKernel:
     reads: shapes of the arrays that it reads.
     writes: shapes of those that it writes.
     scalars: numbers that it takes, the same for all states.
+    has_columns: whether it writes matrices of n columns, which several functions may share.
     """
 
     name: str
@@ -60,6 +59,7 @@ class ThreadKernel:
     reads: Mapping[str, tuple[int, ...]]
     writes: Mapping[str, tuple[int, ...]]
     scalars: tuple[str, ...] = ()
+    has_columns: bool = False
 
 
 @dataclass(frozen=True)
@@ -105,9 +105,9 @@ def refusal(model: Model, name: str) -> str | None:
         if name in CONTROLLED and not model.driven:
             return "is for robots with driven coordinates"
         return _refused_rollout(model)
-    if name not in KERNELS:
+    if name not in KERNELS.compiled:
         raise UnknownNameError(
-            f"kernels: {show(name)} is unknown{nearest_or_all(name, [*FRAMES, *ROLLOUTS, *KERNELS])}"
+            f"kernels: {show(name)} is unknown{nearest_or_all(name, [*FRAMES, *ROLLOUTS, *KERNELS.compiled])}"
         )
     signature = KERNELS[name]
     if name not in available(model):
@@ -120,8 +120,8 @@ def refusal(model: Model, name: str) -> str | None:
     if checks_loops and name not in CLOSED:
         parts = ", ".join((*CLOSED, *(x for x in PARTS if x in available(model))))
         return f"of a closed mechanism checks and assembles loops state by state; allowed: {parts}"
-    if name in VARIANTS and "jacobian" in name and not _has_variant(model, name):
-        return f"of {model.name} solves in a loop; allowed: forward_dynamics and residual_jacobian"
+    if name in VARIANTS and signature.kind == "composed" and not _has_variant(model, name):
+        return f"of {model.name} solves in a loop; allowed: {' and '.join(signature.calls)}"
     if signature.derivative_of or name in WRITERS or name in VARIANTS:
         return None
     return "is no straight-line program, or steps whose number is not bounded"
@@ -129,10 +129,10 @@ def refusal(model: Model, name: str) -> str | None:
 
 def _refused_rollout(model: Model) -> str | None:
     if model.constraints:
-        return f"of {model.name} assembles loops after every step, as often as it takes; allowed: constrained_dynamics"
+        return f"of {model.name} assembles loops after every step, as often as it takes; allowed: {CLOSED[EXPLICIT]}"
     if model.turning:
         names = ", ".join(model.bodies[k].joint for k in model.turning)
-        return f"of {model.name} switches charts of 3-DOF rotations ({names}); allowed: forward_dynamics"
+        return f"of {model.name} switches charts of 3-DOF rotations ({names}); allowed: {EXPLICIT}"
     return None
 
 
@@ -151,19 +151,20 @@ def _has_variant(model: Model, name: str) -> bool:
 
 def _program(model: Model, name: str, derived: Callable[[str], Program]) -> Program:
     """Derive the program of a kernel, without gates."""
-    if name == "frame_jacobians":
-        return frame_jacobians(model, derived("kinematics"))
     if name in ROLLOUTS:
         program = derived(ROLLOUTS[name][0])
         values = program.instructions if name in CONTROLLED else [_still(x) for x in program.instructions]
         return verify(select(name, values, program.outputs, {}, program.operations))
     if name in FRAMES:
-        return whole_program(model, FRAMES[name][0], derived)
+        function, array, _ = FRAMES[name]
+        if array == "jacobians":
+            return frame_jacobians(model, derived(FRAME_KERNEL))
+        return whole_program(model, function, derived)
     if name in CLOSED and model.constraints:
-        return _with_violations(without_gate(derived(CLOSED[name])), model)
+        return _with_violations(name, without_gate(derived(CLOSED[name])), model)
     columns = KERNELS[name].columns_of
     if columns and columns_cost(model, derived(columns)) > STRAIGHT_COLUMNS:
-        return christoffel_by_columns(model, without_gate(derived(columns)))
+        return christoffel_by_columns(name, model, without_gate(derived(columns)))
     return without_gate(derived(name))
 
 
@@ -188,7 +189,7 @@ def without_gate(program: Program) -> Program:
     return verify(finish(graph, program.name, chosen))
 
 
-def _with_violations(program: Program, model: Model) -> Program:
+def _with_violations(name: str, program: Program, model: Model) -> Program:
     """Keep accelerations of a closed mechanism, and compare what its loops violate, as ``check_constraints`` does."""
     n, m, graph = model.size, len(model.constraints), Graph()
     nodes = copied(graph, program)
@@ -205,15 +206,16 @@ def _with_violations(program: Program, model: Model) -> Program:
     for r in range(2 * m):
         outputs["violation", 2 * r] = size_of(nodes[program.outputs["out", n + m + r]])
         outputs["violation", 2 * r + 1] = 1.0 if r < m else fastest
-    return verify(finish(graph, "forward_dynamics", outputs))
+    return verify(finish(graph, name, outputs))
 
 
 def _kernel(model: Model, name: str, chosen: Sequence[str], program: Program) -> ThreadKernel:
     """Describe a kernel beside its program."""
-    known = shapes(model, [x for x in chosen if x in KERNELS])
+    known = shapes(model, [x for x in chosen if x in KERNELS.compiled])
     if name in FRAMES:
         _, array, text = FRAMES[name]
-        return ThreadKernel(name, text, program, {"q": known["q"]}, {"out": known[array]})
+        found = {"q": known["q"]}, {"out": known[array]}
+        return ThreadKernel(name, text, program, *found, has_columns=array in COLUMNS)
     if name in ROLLOUTS:
         reads, writes = (dict.fromkeys(names, known["q"]) for names in (("q", "v", "u"), ("q_out", "v_out")))
         if name in CONTROLLED:
@@ -221,4 +223,5 @@ def _kernel(model: Model, name: str, chosen: Sequence[str], program: Program) ->
         return ThreadKernel(name, ROLLOUTS[name][1], program, reads, writes, ("step", "steps"))
     signature = SIGNATURES[name]
     reads = {array: known[array] for array in signature.reads}
-    return ThreadKernel(name, signature.text, program, reads, {"out": known[signature.writes]})
+    writes, has_columns = {"out": known[signature.writes]}, signature.writes in COLUMNS
+    return ThreadKernel(name, signature.text, program, reads, writes, has_columns=has_columns)

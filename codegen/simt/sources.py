@@ -36,11 +36,6 @@ BESIDE = {  # numbers per coordinate that it keeps beside a step's values
 }
 LEAST = 16  # values that have room all the same
 NUMBERS = {"zero": 0.0, "half": 0.5, "one": 1.0, "two": 2.0, "six": 6.0}
-SPLIT = (
-    "residual_jacobian",
-    "forward_dynamics_jacobian",
-    "frame_jacobians",
-)  # kernels that write matrices of n columns
 SCALAR_TYPES = {"step": "real", "steps": "int"}
 CONTRACTION: Mapping[str, Mapping[bool, str]] = {  # what compilers are told, by whether products and sums may be one
     "cuda": {False: "--fmad=false", True: "--fmad=true"},
@@ -150,7 +145,7 @@ def _metadata(model: Model, derived: ThreadKernels, plans: Plans, dtype: str) ->
     return {
         "generator": f"eomgen {__version__}",
         "coordinates": list(model.coordinates),
-        "memory": list(model.memory),
+        "internal_states": list(model.internal_states),
         "links": list(model.links),
         "frames": list(model.frames),
         "parameters": {key: float(value) for key, value in model.parameters.items()},
@@ -167,7 +162,7 @@ def _parts(kernel: ThreadKernel, model: Model, dtype: str) -> tuple[Part, ...]:
     places = PLACES[dtype]
     if kernel.name in ROLLOUTS:
         places = replace(places, room=max(places.room - BESIDE[kernel.name] * model.size, LEAST))
-    if kernel.name in SPLIT:
+    if kernel.has_columns:
         return split_columns(kernel.program, model.size, places)
     return ((kernel.program, scheduled(kernel.program, places)),)
 

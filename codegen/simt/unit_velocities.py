@@ -15,7 +15,7 @@ from ..joint.zeros import zero_map
 from ..program.ir import Graph, Node, Program, Value, finish
 
 
-def christoffel_by_columns(model: Model, columns: Program) -> Program:
+def christoffel_by_columns(name: str, model: Model, columns: Program) -> Program:
     """Write the tensor by a program of the Coriolis matrix, one copy of it at every unit velocity.
 
     What vanishes only by an identity is 0, as in C, and not its round-off.
@@ -27,7 +27,7 @@ def christoffel_by_columns(model: Model, columns: Program) -> Program:
         values = _at_velocity(graph, columns, [float(i == k) for i in range(n)])
         for ij in range(n * n):
             outputs["out", ij * n + k] = values[columns.outputs["out", ij]] if survives[ij, k] else 0.0
-    return finish(graph, "christoffel", dict(sorted(outputs.items())))
+    return finish(graph, name, dict(sorted(outputs.items())))
 
 
 def _at_velocity(graph: Graph, program: Program, velocity: Sequence[float]) -> list[Value]:

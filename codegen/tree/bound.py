@@ -21,7 +21,6 @@ from eomgen.robot.elements.joint_stiffness import JOINT_STIFFNESS
 from eomgen.robot.elements.journal import RADIAL
 from eomgen.robot.geometry import IDENTITY, snap
 from eomgen.robot.laws import active_laws
-from eomgen.robot.memory.states import WEIGHTLESS
 from eomgen.robot.model import FIXED_BODY, Model, turned_name
 from eomgen.robot.value import (
     ANGULAR,
@@ -171,7 +170,7 @@ class Bound:
 
     ``coms`` are the links' centres of mass in their bodies' frames, ``cuts`` per loop the cut frame on both links;
     ``laws``, ``armature`` and ``angle_offsets`` (added to an angle before it turns, rad) are per coordinate, the first
-    two then of states of laws (``Model.memory``), whose inertia w makes w z^2 / 2 the energy that they store.
+    two then of states of laws (``Model.internal_states``), whose inertia w makes w z^2 / 2 the energy that they store.
     ``at_rest`` is the first moment (kg m, base frame) of mass that regrouping moved to the base: its weight is a
     constant of the potential energy.
     ``transmissions`` holds, by the index of a motor's coordinate, what is between it and its joint; its inertia is an
@@ -567,7 +566,7 @@ class _Binder:
         for x in self.model.states:  # their forces are laws of others
             laws.append(BoundLaw(0.0, 0.0))
             inertia = x.state.inertia
-            armatures.append(WEIGHTLESS if inertia is None else inertia(self._values(x.prefix, x.numbers)))
+            armatures.append(1.0 if inertia is None else inertia(self._values(x.prefix, x.numbers)))
         return tuple(laws), tuple(armatures)
 
     def transmissions(self) -> dict[int, BoundTransmission]:

@@ -124,7 +124,7 @@ def _journal(figure: Any) -> None:
     assert radial is not None
     kernel, speed = eomgen.build(robot), RPM * 2.0 * np.pi / 60.0
     q = kernel.assemble(np.array([0.0, 0.17, 0.0, 0.0, np.pi]))
-    v = kernel.project_velocity(q, np.array([speed, 0.0, 0.0, 0.0, 0.0]), held=("motor.gamma", "pin.x", "pin.y"))
+    v = kernel.project_velocity(q, np.array([speed, 0.0, 0.0, 0.0, 0.0]), fixed=("motor.gamma", "pin.x", "pin.y"))
     steps = round(TURNS * 2.0 * np.pi / speed / STEP)
     qs, vs = kernel.rollout(q, v, np.zeros(kernel.n), STEP, steps, every=EVERY)
     slider = kernel.forward_dynamics(qs, vs, np.zeros(kernel.n))[:, 1]

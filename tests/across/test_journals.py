@@ -169,7 +169,7 @@ def test_a_slider_crank_with_a_worn_pin(built: Build) -> None:
     """The pin flies, bounces, follows the wall; loops stay closed, and the slider is off by no more than the play."""
     kernel = built(eomgen.load_robot(ROOT / "examples" / "slider_crank.toml"))
     q, speed = kernel.assemble(np.array([0.0, 0.17, 0.0, 0.0, np.pi])), 5000.0 * 2 * np.pi / 60
-    v = kernel.project_velocity(q, np.array([speed, 0, 0, 0, 0.0]), held=("motor.gamma", "pin.x", "pin.y"))
+    v = kernel.project_velocity(q, np.array([speed, 0, 0, 0, 0.0]), fixed=("motor.gamma", "pin.x", "pin.y"))
     qs, vs = kernel.rollout(q, v, np.zeros(5), 1e-6, 12000, every=10)
     assert np.abs(kernel.constraint(qs)).max() < 1e-11
     assert qs[:, 0] == pytest.approx(speed * 1e-5 * np.arange(1201))

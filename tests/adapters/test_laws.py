@@ -1,4 +1,4 @@
-"""Adapters of robots whose forces are matrices, or whose laws have states: arrays are those of the C."""
+"""Adapters of robots whose forces are matrices, or that have internal states: arrays are augmented ones."""
 
 from __future__ import annotations
 
@@ -40,8 +40,8 @@ def states(kernel: Kernel, seed: int) -> dict[str, Array]:
 def test_functions_have_the_kernels_numbers_and_exact_derivatives(family: type[ForceElement], built: Build) -> None:
     """In Python, in CasADi and in JAX; the friction of bristles by z among the velocities."""
     robot = robot_from_toml(robot_with(family))
-    kernel = built(robot, *kernels_for(*NAMES))
-    assert bool(kernel.memory) == (family is MemoryLaws)
+    kernel = built(robot, *kernels_for(*NAMES)).augmented
+    assert bool(kernel.internal_states) == (family is MemoryLaws)
     given = states(kernel, 3)
     for name in NAMES:
         there = DifferentiableFunction(kernel, name)
@@ -103,7 +103,7 @@ def test_rollouts_with_states_have_gradients(method: str, built: Build) -> None:
     motion = kernel.rollout(q, v, u, z=z, method=method, **options)
     ends = [x[-1] for x in made(Q, V, U)]
     np.testing.assert_array_equal(np.r_[ends[0][: q.size], ends[1]], np.r_[motion[0][-1], motion[1][-1], motion.z[-1]])
-    weights = np.random.default_rng(5).uniform(-1.0, 1.0, kernel.n)
+    weights = np.random.default_rng(5).uniform(-1.0, 1.0, kernel.augmented.n)
 
     def end(V: Any) -> Any:
         return jnp.sum(weights * made(Q, V, U)[1][-1])
@@ -128,7 +128,9 @@ def test_mechanisms_with_states(built: Build) -> None:
         for_casadi.function(kernel, "forward_dynamics", order=1, flags=("-O0", "-Werror")),
     )
     value = there.value(Q, V, U)
-    np.testing.assert_allclose(value[q.size :], kernel.memory_rates(q, 0.0 * q, z, u), rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(
+        value[q.size :], kernel.internal_state_derivatives(q, 0.0 * q, z, u), rtol=1e-12, atol=1e-15
+    )
     np.testing.assert_allclose(np.array(made(Q, V, U))[:, 0], value, rtol=1e-12, atol=1e-12)
     blocks = there.derivatives(Q, V, U)
     found = made.jacobian()(Q, V, U, 0)
@@ -137,4 +139,4 @@ def test_mechanisms_with_states(built: Build) -> None:
     assert np.abs(blocks[1][:, q.size :]).max() > 1.0  # by z
     constraint = for_casadi.function(kernel, "constraint", order=1, flags=("-O0", "-Werror"))
     assert np.abs(np.array(constraint(Q))).max() < 1e-9
-    assert casadi.DM(constraint.jacobian()(Q, 0)).shape == (constraint.size_out(0)[0], kernel.n)
+    assert casadi.DM(constraint.jacobian()(Q, 0)).shape == (constraint.size_out(0)[0], kernel.augmented.n)

@@ -90,7 +90,7 @@ def test_platform_on_legs_that_yield(built: Build) -> None:
         """What the legs' springs do not hold, as the leg coordinates feel it."""
         q = rest.copy()
         q[drives] += place
-        q = kernel.assemble(q, held=names)
+        q = kernel.assemble(q, fixed=names)
         zero = np.zeros(kernel.n)
         force = kernel.residual(q, zero, zero, zero)
         force -= kernel.frame_jacobian(q, "platform").T @ np.array(loads["platform"])
@@ -148,7 +148,7 @@ def test_about_a_motion_the_closed_accelerations_are_differenced(name: str, buil
     link = robot.links[1].name
     home = np.array([robot.home.get(x, 0.0) for x in kernel.coordinates])
     if name == "elastic":
-        home = kernel.assemble([1.0, -0.5, *[0.0] * 5, 1.94], held=["motor.gamma"])
+        home = kernel.assemble([1.0, -0.5, *[0.0] * 5, 1.94], fixed=["motor.gamma"])
         home[2:] += 1e-4
     q = kernel.assemble(home)
     v = kernel.project_velocity(q, rng.uniform(-1.0, 1.0, kernel.n))
@@ -165,8 +165,8 @@ def test_about_a_motion_the_closed_accelerations_are_differenced(name: str, buil
     def state(y: Array) -> tuple[Array, Array]:
         place, rates = found.q.copy(), v.copy()
         place[index], rates[index] = y[:m], y[m:]
-        place = kernel.assemble(place, held=names)
-        return place, kernel.project_velocity(place, rates, held=names)
+        place = kernel.assemble(place, fixed=names)
+        return place, kernel.project_velocity(place, rates, fixed=names)
 
     def slopes(y: Array, force: Array = u) -> Array:
         place, rates = state(y)

@@ -41,7 +41,7 @@ def by_differences(kernel: eomgen.Kernel, x: Array, u: Array) -> Array:
 
     def rates(x: Array) -> Array:
         q, v, z = np.split(x, [n, 2 * n])
-        return np.concatenate([v, kernel.forward_dynamics(q, v, u, z), kernel.memory_rates(q, v, z, u)])
+        return np.concatenate([v, kernel.forward_dynamics(q, v, u, z), kernel.internal_state_derivatives(q, v, z, u)])
 
     h = np.repeat([1e-6, 1e-6, 1e-9], [n, n, x.size - 2 * n])
     return np.array([(rates(x + h[i] * e) - rates(x - h[i] * e)) / (2 * h[i]) for i, e in enumerate(np.eye(x.size))]).T
@@ -61,7 +61,7 @@ def test_linear_systems_are_differences(moving: bool, built: Build) -> None:
     else:
         system = linearize(robot, POSE, kernel=kernel)
         x = np.concatenate([system.q, 0 * v, [0.0, 0.0]])
-    names = (*kernel.coordinates, *(f"{name}.rate" for name in kernel.coordinates), *kernel.memory)
+    names = (*kernel.coordinates, *(f"{name}.rate" for name in kernel.coordinates), *kernel.internal_states)
     assert system.states == names
     expected = by_differences(kernel, x, system.u)
     size = np.abs(expected).max(axis=1, keepdims=True)
@@ -101,7 +101,7 @@ def test_modes_are_eigenvalues_of_the_linear_system(drives: str, built: Build) -
     kernel = built(robot)
     options = {"drives": drives, "kernel": kernel} | ({"kp": 1e3, "kd": 2.0} if drives == "pd" else {})
     found, system = modes(robot, POSE, **options), linearize(robot, POSE, **options)
-    states = kernel.memory[1:] if drives == "locked" else kernel.memory
+    states = kernel.internal_states[1:] if drives == "locked" else kernel.internal_states
     assert found.zeros == found.memory == states
     assert system.states[-len(states) :] == states
     s = found.eigenvalues
@@ -140,7 +140,7 @@ def test_responses_are_those_of_the_linear_system(built: Build) -> None:
     inputs = ("j1.gamma", "tcp.fz")
     options = {"drives": "pd", "kp": 1e3, "kd": 2.0, "kernel": kernel, "z": BENT}
     for kind in ("displacement", "velocity", "acceleration"):
-        outputs = ("tcp.x", "j2.beta", *(kernel.memory if kind != "acceleration" else ()))
+        outputs = ("tcp.x", "j2.beta", *(kernel.internal_states if kind != "acceleration" else ()))
         found = response(robot, inputs, outputs, hertz, POSE, kind=kind, **options)
         system = linearize(robot, POSE, inputs=inputs, outputs=outputs, kind=kind, **options)
         assert found.H[1:] == pytest.approx(system.bode(frequencies=hertz[1:]).H, rel=1e-6, abs=1e-12)
@@ -155,13 +155,19 @@ def test_states_of_laws_are_outputs(moving: bool, built: Build) -> None:
     kernel = built(robot)
     motion = {"v": [0.2, 0.01, -0.05, 0.3], "u": [1.0, 0.0, 0.0, 2.0]} if moving else {}
     q = [0.3, 1e-5, -1e-4, 0.4]
-    options = {"inputs": ["j1.gamma", "tcp.fx"], "outputs": kernel.memory, "kernel": kernel, "z": BENT, **motion}
+    options = {
+        "inputs": ["j1.gamma", "tcp.fx"],
+        "outputs": kernel.internal_states,
+        "kernel": kernel,
+        "z": BENT,
+        **motion,
+    }
     itself, rate = (linearize(robot, q, kind=kind, **options) for kind in ("displacement", "velocity"))
     assert (np.eye(10)[8:] == itself.C).all()
     assert not itself.D.any()
     assert (itself.A[8:] == rate.C).all()
     assert (itself.B[8:] == rate.D).all()
-    assert itself.output_units == kernel.memory_units == ("rad", "rad")
+    assert itself.output_units == kernel.internal_state_units == ("rad", "rad")
     assert itself.bode(outputs="j2.beta.friction.z").unit("j2.beta.friction.z", "tcp.fx") == "rad per N"
     with pytest.raises(InputError, match=r"kind: 'acceleration' of j1\.gamma\.friction\.z, a law's state; allowed"):
         linearize(robot, q, kind="acceleration", **options)
@@ -175,15 +181,17 @@ def test_states_of_laws_are_outputs(moving: bool, built: Build) -> None:
 def test_rates_of_a_servo_drives_states_have_its_input(built: Build) -> None:
     robot = served_arm()
     kernel = built(robot)
-    options = {"inputs": ["j2.gamma"], "outputs": kernel.memory, "kernel": kernel}
+    options = {"inputs": ["j2.gamma"], "outputs": kernel.internal_states, "kernel": kernel}
     rate = linearize(robot, POSE, kind="velocity", **options)
     assert rate.D.any()
     hertz = [0.5, 30.0]
     for kind in ("displacement", "velocity"):
-        found = response(robot, options["inputs"], kernel.memory, hertz, POSE, kind=kind, kernel=kernel, drives="free")
+        found = response(
+            robot, options["inputs"], kernel.internal_states, hertz, POSE, kind=kind, kernel=kernel, drives="free"
+        )
         system = linearize(robot, POSE, kind=kind, **options)
         assert pytest.approx(system.bode(frequencies=hertz).H, rel=1e-6, abs=1e-12) == found.H
-        assert found.output_units == kernel.memory_units
+        assert found.output_units == kernel.internal_state_units
 
 
 def test_statics_leave_states_as_they_are(built: Build) -> None:
@@ -212,10 +220,7 @@ def test_equilibria(built: Build) -> None:
     q, u = static_equilibrium(kernel, [0.3, 0.0, 0.0, 0.4], held=["j1.gamma"], z=BENT)
     assert q.shape == u.shape == (4,)
     assert kernel.forward_dynamics(q, 0 * q, u, z) == pytest.approx(0 * q, abs=1e-9)
-    assert not kernel.memory_rates(q, 0 * q, z, u).any()
-    wide, drives = static_equilibrium(kernel, [0.3, 0.0, 0.0, 0.4, 0.0, 0.0], held=["j1.gamma"], z=z)
-    assert (wide == np.r_[q, 0.0, 0.0]).all()
-    assert (drives == np.r_[u, 0.0, 0.0]).all()
+    assert not kernel.internal_state_derivatives(q, 0 * q, z, u).any()
     seen: list[tuple[int, ...]] = []
 
     def push(x: Array) -> Array:
@@ -244,7 +249,7 @@ def test_loops_and_followers_move_as_their_linear_system_says(closed: bool, buil
     n = len(kernel.coordinates)
     options = {"kernel": kernel, "held": [kernel.coordinates[0]], "drives": "free"}
     system = linearize(robot, dict(zip(kernel.coordinates, kernel.home, strict=True)), **options)
-    assert len(system.states) == 2 + len(kernel.memory)
+    assert len(system.states) == 2 + len(kernel.internal_states)
     lead = kernel.coordinates.index(system.states[0])
     x0, duration = np.array([0.0, 1e-5, 0.0, 0.0]), 0.02
     v = np.zeros(n)
@@ -257,7 +262,7 @@ def test_loops_and_followers_move_as_their_linear_system_says(closed: bool, buil
         found = np.r_[motion[0][k][lead] - system.q[lead], motion[1][k][lead], motion.z[k]]
         assert found == pytest.approx(expected, rel=2e-3, abs=1e-3 * np.abs(expected[2:]).max() + 1e-12), t
     found = modes(robot, system.q, **options)
-    assert found.zeros == kernel.memory
+    assert found.zeros == kernel.internal_states
     about = linearize(robot, system.q, v=v, u=system.u, kernel=kernel, z=[1e-4, -1e-4])
     assert about.A.shape == (4, 4)
     assert about.A[2:, 2:].any()
@@ -301,7 +306,7 @@ def test_what_cannot_be_is_refused(built: Build) -> None:
             UnknownNameError,
             f"held: '{STATE}' is unknown",
         ),
-        (lambda: modes("one_link", z=[0.0]), InputError, "z: no law of one_link has a state"),
+        (lambda: modes("one_link", z=[0.0]), InputError, "z: no force law of one_link has internal states"),
     ):
         with pytest.raises(kind, match=words):
             call()
@@ -312,8 +317,8 @@ def test_what_cannot_be_is_refused(built: Build) -> None:
 def test_fixation_keeps_states(built: Build) -> None:
     robot = bristled_arm()
     kernel = built(robot)
-    fixation = fixation_of(robot, kernel, z=BENT)
-    state = rest(kernel, np.r_[0.3, 0.0, 0.0, 0.4, 0.0, 0.0], fixation)
+    fixation = fixation_of(robot, kernel.augmented, z=BENT)
+    state = rest(kernel.augmented, np.r_[0.3, 0.0, 0.0, 0.4, 0.0, 0.0], fixation)
     assert not state.q[4:].any()
     assert not state.u[4:].any()
     assert not state.tangent.K[:, 4:].any()
@@ -324,7 +329,7 @@ def test_branches_and_servo_drives(built: Build) -> None:
     robot = served_arm()
     kernel = built(robot)
     system = linearize(robot, POSE, kernel=kernel)
-    assert len(system.states) == 8 + len(kernel.memory)
+    assert len(system.states) == 8 + len(kernel.internal_states)
     found = modes(robot, POSE, drives="free", kernel=kernel)
     s = found.eigenvalues
     whole = np.concatenate([s, s[s.imag > 0.0].conj(), np.zeros(len(found.zeros))])
@@ -379,10 +384,10 @@ def test_bristles_of_couplings_and_loop_joints(built: Build) -> None:
     head, gear = GEARED.replace(f"gamma = {{ {FRICTION} }}", "").split('to = { "j1.gamma" = -2.0 }')
     robot = robot_from_toml(f'{head}to = {{ "j1.gamma" = 1.0 }}\nstiffness = 500.0\ndamping = 0.1\n{friction}{gear}')
     kernel = built(robot)
-    assert kernel.memory == ("gear.friction.z",)
+    assert kernel.internal_states == ("gear.friction.z",)
     for z in (0.0, 4e-4):
         system = linearize(robot, kernel=kernel, z=[z], held=["j1.gamma"])
-        assert system.states[4:] == kernel.memory
+        assert system.states[4:] == kernel.internal_states
         assert system.A[4] == pytest.approx([0.0, 0.0, -1.0, 1.0, 0.0], abs=1e-12)
         x = np.concatenate([system.q, np.zeros(2), [z]])
         expected = by_differences(kernel, x, system.u)[:4]
@@ -391,7 +396,7 @@ def test_bristles_of_couplings_and_loop_joints(built: Build) -> None:
         about = linearize(robot, system.q, v=[0.1, -0.2], u=system.u, kernel=kernel, z=[z])
         expected = by_differences(kernel, moved, system.u)
         assert (np.abs(about.A - expected) <= 1e-4 * np.abs(expected).max(axis=1, keepdims=True)).all()
-    assert modes(robot, kernel=kernel, drives="free", held=["j1.gamma"]).zeros == kernel.memory
+    assert modes(robot, kernel=kernel, drives="free", held=["j1.gamma"]).zeros == kernel.internal_states
 
 
 def test_bristles_of_a_transmission_move_beside_a_locked_motor(built: Build) -> None:

@@ -149,8 +149,8 @@ def closed_motion(kernel: eomgen.Kernel, held: tuple[str, ...], q: Array, u: Arr
     """States of a mechanism under constant drives, by the classical Runge-Kutta method, closed in each stage."""
 
     def close(q: Array, v: Array) -> tuple[Array, Array]:
-        q = kernel.assemble(q, held=held)
-        return q, kernel.project_velocity(q, v, held=held)
+        q = kernel.assemble(q, fixed=held)
+        return q, kernel.project_velocity(q, v, fixed=held)
 
     def slope(q: Array, v: Array) -> tuple[Array, Array]:
         q, v = close(q, v)
@@ -221,8 +221,8 @@ def test_closed_mechanisms_in_float32_are_those_in_float64(tmp_path: Path) -> No
     kernel, code = wide.kernel, CompiledMomentumObserver(narrow, tmp_path)
     rng = np.random.default_rng(10)
     for k in range(6):
-        q = kernel.assemble([1.0 + 0.1 * k, -0.5, 1.4], held=wide.coordinates)
-        v = kernel.project_velocity(q, rng.normal(size=3), held=wide.coordinates)
+        q = kernel.assemble([1.0 + 0.1 * k, -0.5, 1.4], fixed=wide.coordinates)
+        v = kernel.project_velocity(q, rng.normal(size=3), fixed=wide.coordinates)
         u = rng.normal(size=3)
         r, found = wide.step(q, v, u), narrow.step(*(x.astype(np.float32) for x in (q, v, u)))
         assert found.dtype == np.float32

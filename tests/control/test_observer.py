@@ -477,8 +477,8 @@ FOUR_BAR = Path(str(eomgen.__file__)).parent / "robots" / "four_bar.toml"
 
 def placed(kernel: eomgen.Kernel, x: Array) -> tuple[Array, Array]:
     """All coordinates and velocities of the crank's."""
-    q = kernel.assemble(np.array([x[0], -0.5, 1.4]), held=FREE)
-    return q, kernel.project_velocity(q, np.array([x[1], 0.0, 0.0]), held=FREE)
+    q = kernel.assemble(np.array([x[0], -0.5, 1.4]), fixed=FREE)
+    return q, kernel.project_velocity(q, np.array([x[1], 0.0, 0.0]), fixed=FREE)
 
 
 def moved(kernel: eomgen.Kernel, x: Array, force: Any) -> Array:

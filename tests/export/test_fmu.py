@@ -227,9 +227,8 @@ def motion_of(name: str, unit: Unit) -> Point:
 def rolled(unit: Unit, p: Point, **options: Any) -> Array:
     """Return the states of the unit at the end of a rollout without wrenches."""
     n = p.n
-    z = {"z": p.v[n:]} if unit.kernel.memory else {}
-    motion = unit.kernel.rollout(p.q[:n], p.v[:n], p.u[:n], **z, **options)
-    return np.concatenate([motion[0][-1], motion[1][-1], *([motion.z[-1]] if z else [])])
+    q, v = unit.kernel.rollout(p.q, p.v, p.u, **options)
+    return np.concatenate([q[-1, :n], v[-1]])
 
 
 EXCHANGED = soaked([(name, 2 + i % 2) for i, name in enumerate(BUILTIN)], {("one_link", 2), ("worn_arm", 3)})

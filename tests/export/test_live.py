@@ -212,13 +212,13 @@ def test_what_moves_on_a_page_moves_as_rollouts_of_python(
     """Under node, without a browser: states of laws, loops, matrices; drives off, parameters as they were changed."""
     contents = contents_of(make(), None, None, no_progress)
     values, start = contents.values, contents.values["start"]
-    kernel = eomgen.build(contents.robot, kernels=KERNELS)
+    kernel = eomgen.build(contents.robot, kernels=KERNELS).augmented
     n, ticks = len(kernel.coordinates), 40
     assert len(start["q"]) == len(start["v"]) == kernel.n
     for drive in values["drives"]:  # critical damping, in two digits
         assert drive["kp"] > 0.0
         assert drive["kd"] == pytest.approx(2.0 * drive["kp"] / STIFF, rel=0.1)
-    assert [state["name"] for state in values["states"]] == list(kernel.memory)
+    assert [state["name"] for state in values["states"]] == list(kernel.internal_states)
     assert not any(
         name in {slider["name"] for slider in values["parameters"]} for name in changed if ".stiffness." in name
     )
@@ -228,9 +228,9 @@ def test_what_moves_on_a_page_moves_as_rollouts_of_python(
     np.testing.assert_allclose(found["q"][:n], q[:n], rtol=0.0, atol=NEAR)
     np.testing.assert_allclose(found["v"], v, rtol=1e-10, atol=NEAR)
     assert np.abs(q[:n] - start["q"][:n]).max() > 1e-3
-    if kernel.memory:
+    if kernel.internal_states:
         ((names, shown),) = found["plots"]
-        assert names == list(kernel.memory)
+        assert names == list(kernel.internal_states)
         np.testing.assert_allclose(shown, 1e3 * v[n:], rtol=1e-9)
         assert np.abs(v[n:]).min() > 1e-5
     else:
@@ -244,7 +244,7 @@ def test_servo_drives_take_references_from_a_page(tmp_path: Path) -> None:
     robot, ticks = servo_axes(), 60
     motion = Section("point_to_point", {"duration": 0.2, "goal": {"j1": 0.6, "j2": -0.3}})
     contents = contents_of(robot, eomgen.Scenario(0.2, motion=motion), None, no_progress)
-    values, kernel = contents.values, eomgen.build(contents.robot, kernels=(*KERNELS, "forward_dynamics"))
+    values, kernel = contents.values, eomgen.build(contents.robot, kernels=(*KERNELS, "forward_dynamics")).augmented
     assert (values["control"], values["drive"], [x["rate"] for x in values["drives"]]) == (
         "reference",
         "program",
@@ -275,7 +275,7 @@ def test_servo_drives_take_references_from_a_page(tmp_path: Path) -> None:
 def test_drives_that_take_a_voltage_have_sliders(tmp_path: Path) -> None:
     """Of a position and a voltage in one robot: each input acts as in Python, from where it stands at the start."""
     contents, ticks = contents_of(servo_arm(), None, None, no_progress), 30
-    values, kernel = contents.values, eomgen.build(contents.robot, kernels=KERNELS)
+    values, kernel = contents.values, eomgen.build(contents.robot, kernels=KERNELS).augmented
     assert (values["control"], values["drive"], values["drives"]) == ("none", "none", [])
     first, second = values["inputs"]
     assert first == {"label": "j1.gamma: reference of position", "place": 0, "unit": "rad", **_ends(first, 1.5)}

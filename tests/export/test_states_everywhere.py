@@ -74,8 +74,9 @@ import bristle_arm as package
 kernel, given = package.kernel, json.load(sys.stdin)
 q, v, u, z = (np.array(given[key]) for key in "qvuz")
 motion = kernel.rollout(q, v, u, 1e-4, 20, method="implicit", z=z)
-found = [kernel.forward_dynamics(q, v, u, z), kernel.memory_rates(q, v, z, u), *(x[-1] for x in (*motion, motion.z))]
-print(json.dumps([list(kernel.memory), [[x.hex() for x in array.tolist()] for array in found]]))
+rates = kernel.internal_state_derivatives(q, v, z, u)
+found = [kernel.forward_dynamics(q, v, u, z), rates, *(x[-1] for x in (*motion, motion.z))]
+print(json.dumps([list(kernel.internal_states), [[x.hex() for x in array.tolist()] for array in found]]))
 """
 PLANT = """
 #include "plant.hpp"
@@ -155,7 +156,7 @@ def test_python_on_arrays_has_the_kernels_numbers(make: Callable[[], Robot], bui
     robot, module = make(), dict[str, Any]()
     kernel = built(robot, "forward_dynamics", "energy", "rollout")
     exec(render_arrays(build_model(robot), ("forward_dynamics", "energy")), module)
-    assert tuple(module["STATES"]) == kernel.memory
+    assert tuple(module["STATES"]) == kernel.internal_states
     assert {name: tuple(x[:2]) for name, x in module.get("INPUTS", {}).items()} == {
         name: tuple(x) for name, x in kernel.inputs.items() if x.meaning not in ("force", "torque")
     }
@@ -163,10 +164,11 @@ def test_python_on_arrays_has_the_kernels_numbers(make: Callable[[], Robot], bui
     if robot.is_closed:
         q, v = kernel.home[: q.size], 0.0 * v
     Q, V, U = wide(kernel, q, v, u, z)
+    whole = kernel.augmented
     np.testing.assert_allclose(
-        functions.forward_dynamics(Q, V, U), kernel.forward_dynamics(Q, V, U), rtol=1e-12, atol=1e-12
+        functions.forward_dynamics(Q, V, U), whole.forward_dynamics(Q, V, U), rtol=1e-12, atol=1e-12
     )
-    np.testing.assert_allclose(functions.energy(Q, V), kernel.energy(Q, V), rtol=1e-12)
+    np.testing.assert_allclose(functions.energy(Q, V), whole.energy(Q, V), rtol=1e-12)
     if not robot.is_closed:
         found = functions.rollout(Q, V, U, 1e-4, 10)
         motion = kernel.rollout(q, v, u, 1e-4, 10, z=z)
@@ -199,11 +201,11 @@ def test_packages_have_states_with_numpy_and_cffi_alone(package: Path) -> None:
     found = subprocess.run(command, input=given, cwd=package.parent, capture_output=True, text=True, check=False)
     assert found.returncode == 0, found.stderr
     memory, arrays = json.loads(found.stdout)
-    assert tuple(memory) == kernel.memory
+    assert tuple(memory) == kernel.internal_states
     motion = kernel.rollout(q, v, u, 1e-4, 20, method="implicit", z=z)
     wanted = [
         kernel.forward_dynamics(q, v, u, z),
-        kernel.memory_rates(q, v, z, u),
+        kernel.internal_state_derivatives(q, v, z, u),
         motion[0][-1],
         motion[1][-1],
         motion.z[-1],
@@ -211,8 +213,8 @@ def test_packages_have_states_with_numpy_and_cffi_alone(package: Path) -> None:
     for numbers, array in zip(arrays, wanted, strict=True):
         assert [float.fromhex(x) for x in numbers] == array.tolist()
     again = pickle.loads(pickle.dumps(kernel))
-    assert again.memory == kernel.memory
-    assert (again.memory_rates(q, v, z, u) == kernel.memory_rates(q, v, z, u)).all()
+    assert again.internal_states == kernel.internal_states
+    assert (again.internal_state_derivatives(q, v, z, u) == kernel.internal_state_derivatives(q, v, z, u)).all()
 
 
 def test_headers_name_states_and_plants_move_with_them(package: Path, tmp_path: Path) -> None:
@@ -221,7 +223,7 @@ def test_headers_name_states_and_plants_move_with_them(package: Path, tmp_path: 
     kernel = eomgen.build(bristle_arm(), kernels=("forward_dynamics", "energy", "rollout"))
     Q, V, U = wide(kernel, *bent(kernel))
     numbers = {key: ", ".join(x.hex() for x in array.tolist()) for key, array in zip("qvu", (Q, V, U), strict=True)}
-    first = kernel.memory[0]
+    first = kernel.internal_states[0]
     (tmp_path / "main.cpp").write_text(PLANT.format(first=first.replace(".", "_"), name=first, **numbers))
     (tmp_path / "include").mkdir()
     (tmp_path / "include/eomgen").symlink_to(package)
@@ -232,12 +234,12 @@ def test_headers_name_states_and_plants_move_with_them(package: Path, tmp_path: 
     sources = (tmp_path / "main.cpp", tmp_path / "kernel.o")
     run("g++", "-std=c++17", *WARNINGS, NO_EIGEN, *places, *sources, "-o", made, "-lm")
     *found, good, z = run(made).split()
-    q, v = kernel.rollout(Q, V, U, 1e-4, 20, method="implicit")
+    q, v = kernel.augmented.rollout(Q, V, U, 1e-4, 20, method="implicit")
     np.testing.assert_array_equal([float.fromhex(x) for x in found], np.r_[q[-1], v[-1]])
     assert good == "1"
     assert float(z) == pytest.approx(v[-1, len(kernel.coordinates)], rel=1e-5)
     header = (package / "bristle_arm.h").read_text(encoding="ascii")
-    for place, name in enumerate(kernel.velocities):
+    for place, name in enumerate(kernel.augmented.velocities):
         assert f" *   {place:3d}  {name}\n" in header
     names = (package / "bristle_arm_names.h").read_text(encoding="ascii")
     assert f"BRISTLE_ARM_STATE_{first.replace('.', '_')} = {len(kernel.coordinates)}" in names

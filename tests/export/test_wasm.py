@@ -179,18 +179,18 @@ def test_states_of_laws_stand_behind_coordinates(make: Callable[[], Robot], tmp_
     assert compare_functions(tmp_path, robot, exact=False) >= 12
     kernel, made = eomgen.build(robot), make_wasm(robot)
     made.write(tmp_path)
-    description, nz = made.description, len(kernel.memory)
-    assert tuple(description["memory"]) == kernel.memory
+    description, nz = made.description, len(kernel.internal_states)
+    assert tuple(description["memory"]) == kernel.internal_states
     if robot.name == "servo_arm":  # of which a drive takes a position, and the other one a voltage
-        assert description["inputs"]["j2.motor"] == {"meaning": "voltage", "unit": "V", "force": kernel.n - 1}
+        assert description["inputs"]["j2.motor"] == {"meaning": "voltage", "unit": "V", "force": kernel.augmented.n - 1}
         header = kernel.source("h")
         assert "j1.gamma: reference of position, rad; 5\n" in header
         assert "j2.motor: voltage, V; 9\n" in header
     else:
         assert description["inputs"] == {}
     home = np.array(description["home"])
-    assert home[kernel.n - nz :].tolist() == [0.0] * nz
-    q, v, u, z = (home[: kernel.n - nz], *bent(kernel)[1:])
+    assert home[kernel.n :].tolist() == [0.0] * nz
+    q, v, u, z = (home[: kernel.n], *bent(kernel)[1:])
     v = 0.0 * v if robot.is_closed else v
     Q, V, U = wide(kernel, q, v, u, z)
     methods: dict[str, dict[str, Any]] = {
@@ -206,17 +206,17 @@ def test_states_of_laws_stand_behind_coordinates(make: Callable[[], Robot], tmp_
     ]
     for (method, how), got in zip(methods.items(), with_node(tmp_path, robot.name, calls), strict=True):
         motion = kernel.rollout(q, v, u, z=z, method=method, **how)
-        found = [np.frombuffer(bytes.fromhex(got[name])).reshape(-1, kernel.n) for name in "qv"]
-        for array, wanted in zip((*found, found[1][:, kernel.n - nz :]), (*motion, motion.z), strict=True):
+        found = [np.frombuffer(bytes.fromhex(got[name])).reshape(-1, kernel.n + nz) for name in "qv"]
+        for array, wanted in zip((*found, found[1][:, kernel.n :]), (*motion, motion.z), strict=True):
             part = array[:, : wanted.shape[1]]
             np.testing.assert_allclose(part, wanted, rtol=1e-9, atol=1e-12, err_msg=method)
-    last = kernel.n - 1
+    last = kernel.n + nz - 1
     bad = [
         ["forwardDynamics", Q.tolist(), [*V[:-1], "heavy"], U.tolist()],
-        ["rollout", *start, None, {"dt": 1e-4, "steps": 1, "kp": np.eye(kernel.n)[last].tolist(), "target": start[0]}],
+        ["rollout", *start, None, {"dt": 1e-4, "steps": 1, "kp": np.eye(last + 1)[last].tolist(), "target": start[0]}],
     ]
     for got in with_node(tmp_path, robot.name, bad):
-        assert kernel.memory[-1] in got["error"]
+        assert kernel.internal_states[-1] in got["error"]
     if not robot.is_closed:  # the rigid robot that drives know has no states
         assert make_wasm(robot, kernels=("energy",), model=True).description["model"]["coordinates"] == [
             name for name in kernel.coordinates if name.endswith("gamma")

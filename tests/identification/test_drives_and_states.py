@@ -170,7 +170,7 @@ def test_identify_finds_friction_as_it_slides_and_keeps_bristles(
     friction = found.robot.joint("j1").coordinates["gamma"].friction
     assert friction.coulomb == found.parameters["j1.gamma.dry"]
     assert friction.bristle_stiffness == STIFFNESS
-    assert build_model(found.robot).memory == ("j1.gamma.friction.z",)
+    assert build_model(found.robot).internal_states == ("j1.gamma.friction.z",)
     written = load_robot(found.to_toml(tmp_path / "found.toml"))
     assert written.joint("j1").coordinates["gamma"].friction == friction
 
@@ -198,7 +198,7 @@ def test_base_parameters_and_excitations_leave_states_out(built: Build, robot: e
     assert np.array_equal(base.matrix, plain.matrix)
     with pytest.raises(InputError, match=r"allowed: a kernel of robot\.without_states\(\)"):
         base_parameters(robot, kernel=built(robot, "regressor"))
-    assert build_model(moving_robot(robot)).memory == ()
+    assert build_model(moving_robot(robot)).internal_states == ()
 
 
 def test_robots_without_states() -> None:
@@ -207,6 +207,6 @@ def test_robots_without_states() -> None:
     friction: Any = plain.joint("j1").coordinates["gamma"].friction
     assert (friction.coulomb, friction.viscous, friction.bristle_stiffness) == (COULOMB, VISCOUS, None)
     assert friction.smoothing > 0.0
-    assert build_model(plain).memory == ()
+    assert build_model(plain).internal_states == ()
     assert plain.without_states() is plain
     assert eomgen.load_robot("ur5").without_states() == eomgen.load_robot("ur5")

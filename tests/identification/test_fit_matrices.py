@@ -71,7 +71,7 @@ def test_parameters_by_simulations(seen: str) -> None:
                  for all_c in ((0.2, 0.1, 0.3), (0.5, 0.02, 0.1)))  # fmt: skip
     names = (*output_error_kernels(), "radau_rollout", *mechanism_kernels(true))
     kernel = eomgen.build(true, kernels=tuple(dict.fromkeys(names)))
-    q = kernel.assemble([0.8, 0.0, 0.0], held=["joint1.gamma"])
+    q = kernel.assemble([0.8, 0.0, 0.0], fixed=["joint1.gamma"])
     v = kernel.project_velocity(q, [1.0, 0.0, 0.0], ["joint1.gamma"])
     t = np.linspace(0.0, 1.0, 301)
     u = 6.0 * np.sin(5.0 * t) + 3.0 * np.sin(17.0 * t)

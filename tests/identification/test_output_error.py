@@ -62,8 +62,8 @@ def measured(
     """Return a motion of a block as radau integrates it, with white noise."""
     loads = InputSignals(DriveData(torque=Track(Signal.through(t, u[:, None]), np.array([0]))))
     span = {"duration": float(t[-1]), "samples": t.size - 1}
-    start = [0.0] * kernel.n, [0.0, *(z for _ in kernel.memory)]
-    q, _ = kernel.rollout(*start, loads=loads, method="radau", rtol=1e-11, atol=1e-14, **span)
+    options = span | ({"z": [z] * len(kernel.internal_states)} if kernel.internal_states else {})
+    q, _ = kernel.rollout([0.0], [0.0], loads=loads, method="radau", rtol=1e-11, atol=1e-14, **options)
     more = noise * np.random.default_rng(seed).standard_normal(t.size)
     return motion_from_columns({"t": t, "slide.z": q[:, 0] + more, "slide.z.drive": u}, kernel.coordinates)
 

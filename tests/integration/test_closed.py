@@ -179,8 +179,8 @@ def test_methods_that_cannot_keep_loops_closed_are_refused(example) -> None:  # 
 def test_other_coordinates_become_independent_where_that_is_better(example) -> None:  # type: ignore[no-untyped-def]
     """The rocker passes its dead points, where it says nothing of the crank."""
     kernel = example("four_bar").kernel
-    q = kernel.assemble([0.5, 0.2, 1.2], held=["joint1.gamma"])
-    v = kernel.project_velocity(q, [10.0, 0.0, 0.0], held=["joint1.gamma"])
+    q = kernel.assemble([0.5, 0.2, 1.2], fixed=["joint1.gamma"])
+    v = kernel.project_velocity(q, [10.0, 0.0, 0.0], fixed=["joint1.gamma"])
     motion = integrate(kernel, q, v, 1.0)
     rates = motion.v[:, 2]
     assert (rates[1:] * rates[:-1] < 0.0).sum() >= 2

@@ -74,7 +74,7 @@ def test_rollouts_with_steps_that_are_too_long_are_refused(kernel: eomgen.Kernel
     assert np.isfinite(stop.stored.z[0]).all()
     assert np.isnan(stop.stored.z[1:]).all()
     refused(IntegrationStopped, "of state 1 ", kernel.rollout, [[0.0], [0.0]], [[1e-6], [1.0]], z=[0.0], **how)
-    refused(IntegrationStopped, "dt is too long", kernel.rollout, [0.0, 0.0], [1.0, 0.0], **how)
+    refused(IntegrationStopped, "dt is too long", kernel.rollout, [0.0], [1.0], **how)
     kernel.rollout([0.0], [1e-6], z=[0.0], **how)
     kernel.rollout([0.0], [0.0], z=[1e-3], **how)  # what begins beyond the bound goes back
     kernel.rollout([0.0], [1.0], z=[0.0], **{**how, "method": "implicit"})
@@ -82,9 +82,13 @@ def test_rollouts_with_steps_that_are_too_long_are_refused(kernel: eomgen.Kernel
 
 def test_derivatives_of_steps_that_are_too_long_are_refused() -> None:
     kernel = eomgen.build(block(), flags=("-O0",))
-    state, how = ([0.0, 0.0], [1.0, 0.0]), {"dt": 1e-4, "steps": 3, "method": "rk4"}
+    state, how = ([0.0], [1.0]), {"dt": 1e-4, "steps": 3, "method": "rk4"}
+
+    def loss(t: Any, q: Any, v: Any, z: Any) -> Any:
+        return q[-1].sum(), np.zeros_like(q), np.zeros_like(v), np.zeros_like(z)
+
     with pytest.raises(IntegrationStopped, match="dt is too long"):
-        kernel.rollout_gradient(*state, loss=lambda t, q, v: (q[-1].sum(), np.zeros_like(q), np.zeros_like(v)), **how)
+        kernel.rollout_gradient(*state, loss=loss, **how)
     with pytest.raises(IntegrationStopped, match="dt is too long"):
         kernel.rollout_sensitivity(*state, parameters=("joints.slide.z.stiffness",), **how)
 
@@ -115,7 +119,7 @@ def test_arguments_are_of_coordinates(kernel: eomgen.Kernel) -> None:
         accurate[len(atol)] = integrate(kernel, [0.0], [1.0], 0.05, atol=atol, rtol=1e-4, **{**how, "method": "tsit5"})
     assert accurate[3].info["steps"] > accurate[2].info["steps"]
     for wrong, said in (
-        ({"atol": [1.0] * 5}, r"\(2,\), with tolerances of states of laws \(3,\)"),
+        ({"atol": [1.0] * 5}, r"\(2,\), with tolerances of internal states \(3,\)"),
         ({"z0": [1.0, 2.0]}, "z0"),
     ):
         refused(ArrayError, said, integrate, kernel, [0.0], [0.0], 0.05, **wrong)
@@ -125,7 +129,7 @@ def test_arguments_are_of_coordinates(kernel: eomgen.Kernel) -> None:
 
 def test_states_of_laws_that_have_none_are_refused(built: Build) -> None:
     plain = built(block("coulomb = 1.0"), "forward_dynamics", "energy", "mass_matrix")
-    refused(InputError, "z0: no law of block has a state", integrate, plain, [0.0], [0.0], 0.1, z0=[0.0])
+    refused(InputError, "z0: no force law of block has internal states", integrate, plain, [0.0], [0.0], 0.1, z0=[0.0])
 
 
 def test_drives_with_slopes_stay_so(kernel: eomgen.Kernel) -> None:
@@ -150,7 +154,7 @@ def test_drives_with_slopes_stay_so(kernel: eomgen.Kernel) -> None:
 
 def test_laws_with_states_ask_for_implicit_methods(kernel: eomgen.Kernel) -> None:
     assert "states" in why_stiff(kernel)
-    assert stiff_in_real_time(kernel, np.zeros(2))
+    assert stiff_in_real_time(kernel, np.zeros(1))
     automatic, implicit = (
         integrate(kernel, [0.0], [1.0], 0.02, method=method, **FAST).info["evaluations"]
         for method in ("auto", "rosenbrock")
@@ -209,7 +213,7 @@ def test_bristles_of_loop_joints_hold() -> None:
     pin = 'gamma = { friction = { model = "lugre", coulomb = 20.0, bristle_stiffness = 3e3, bristle_damping = 9.0 } }'
     robot = robot_from_toml(text.replace("[[loops]]\n", f"[[loops]]\n{pin}\n"))
     kernel = eomgen.build(robot, flags=("-O0",))
-    assert kernel.memory == ("joint4.gamma.friction.z",)
+    assert kernel.internal_states == ("joint4.gamma.friction.z",)
     q = [robot.home[name] for name in kernel.coordinates]
     motion = integrate(kernel, q, [0.0, 0.0, 0.0], 1.0, method="rosenbrock", output_step=0.01)
     assert [rest.coordinate for rest in motion.rests][-1] == "joint4.gamma"
@@ -234,8 +238,10 @@ def test_drives_of_prescribed_coordinates_are_forces(text: str, expected: Any, b
     """What kernels take there is an acceleration; motions have the force that it needs."""
     robot = robot_from_toml(text.replace('name = "j1"\n', 'name = "j1"\nprescribed = ["gamma"]\n'))
     kernel = built(robot, "mass_matrix")
-    wide = np.zeros((2, kernel.n))
-    motion = Trajectory(np.arange(2.0), wide, wide, wide, np.zeros((2, 2)), kernel.velocities, "rk4").apart(kernel)
+    wide = np.zeros((2, kernel.augmented.n))
+    motion = Trajectory(np.arange(2.0), wide, wide, wide, np.zeros((2, 2)), kernel.augmented.velocities, "rk4").apart(
+        kernel
+    )
     assert kernel.inputs["j1.gamma"].unit == "rad/s^2"
     assert motion.input_units == expected
     assert motion_columns(motion)["j1.gamma.drive"][0] == "N m"

@@ -99,7 +99,7 @@ def test_what_does_not_close_is_named_with_its_state(four_bar: eomgen.Kernel, bu
         four_bar.assemble([q, q + 0.3], four_bar.coordinates)
     with pytest.raises(LoopError, match=r"joint4 opens at the rates that are held: joint4\.[xy] .* m/s"):
         four_bar.project_velocity(q, [1.0, 0.0, 0.0], ["joint1.gamma", "joint3.gamma"])
-    refused(UnknownNameError, "held: 'joint9' is unknown", four_bar.assemble, q, ["joint9"])
+    refused(UnknownNameError, "fixed: 'joint9' is unknown", four_bar.assemble, q, ["joint9"])
     refused(InputError, "roots of 0; allowed: a whole number from 1 to 1000", four_bar.assemble, q, roots=0)
     refused(InputError, r"roots of states of shape \(2, 3\)", four_bar.assemble, [q, q], roots=2)
     with pytest.raises(InputError, match="one_link has nothing to close"):
@@ -122,10 +122,10 @@ def test_what_does_not_close_is_named_with_its_state(four_bar: eomgen.Kernel, bu
 def test_names_of_before_go_on_without_a_warning(four_bar: eomgen.Kernel) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        q = four_bar.close([0.5, 0.2, 1.2], held=["joint1.gamma"])
-        v = four_bar.close_rates(q, [1.0, 0.0, 0.0], held=["joint1.gamma"])
-    assert np.array_equal(q, four_bar.assemble([0.5, 0.2, 1.2], held=["joint1.gamma"]))
-    assert np.array_equal(v, four_bar.project_velocity(q, [1.0, 0.0, 0.0], held=["joint1.gamma"]))
+        q = four_bar.assemble([0.5, 0.2, 1.2], fixed=["joint1.gamma"])
+        v = four_bar.project_velocity(q, [1.0, 0.0, 0.0], fixed=["joint1.gamma"])
+    assert np.array_equal(q, four_bar.assemble([0.5, 0.2, 1.2], fixed=["joint1.gamma"]))
+    assert np.array_equal(v, four_bar.project_velocity(q, [1.0, 0.0, 0.0], fixed=["joint1.gamma"]))
 
 
 def constrained(text: str) -> Robot:

@@ -233,8 +233,8 @@ def test_elastic_coordinates_of_a_cut_bear_what_their_laws_say(elastic: tuple[st
         else:  # drives at all joints: one of many ways
             J = kernel.constraint_jacobian(q)
             assert np.abs(oracle.least_drives(J, expected, drives_of(kernel))[0] - found).max() <= 1e-10
-    gap = kernel.cut_coordinates(q)[0, 0] - 0.01
-    rate = np.diff(kernel.cut_coordinates([q - 1e-6 * v, q + 1e-6 * v])[:, 0, 0])[0] / 2e-6
+    gap = kernel.loop_coordinates(q)[0, 0] - 0.01
+    rate = np.diff(kernel.loop_coordinates([q - 1e-6 * v, q + 1e-6 * v])[:, 0, 0])[0] / 2e-6
     R = kernel.cut_poses(q)[0, :3, :3]
     assert abs((R @ cut[0, :3])[0] + 3e3 * gap + 2.0 * rate) <= 1e-7
 
@@ -260,13 +260,13 @@ def test_coupled_coordinates_share_their_drives(built: Build) -> None:
 def test_coordinates_of_cut_joints(built: Build) -> None:
     kernel = built(eomgen.load_robot("bennett"), *CLOSURE)
     q = np.random.default_rng(3).uniform(-1.5, 1.5, (7, 3))
-    for found, poses in zip(kernel.cut_coordinates(q), kernel.cut_poses(q), strict=True):
+    for found, poses in zip(kernel.loop_coordinates(q), kernel.cut_poses(q), strict=True):
         (x, y, z, alpha, beta, gamma), pose = found[0], poses[0]
         (a, b, c), (s, t, u) = np.cos([alpha, beta, gamma]), np.sin([alpha, beta, gamma])
         R = np.array([[1, 0, 0], [0, a, -s], [0, s, a]]) @ [[b, 0, t], [0, 1, 0], [-t, 0, b]]
         assert np.abs(R @ [[c, -u, 0], [u, c, 0], [0, 0, 1]] - pose[:3, :3]).max() <= 1e-14
         assert np.array_equal(pose[:3, 3], [x, y, z])
-    assert np.array_equal(kernel.cut_coordinates(q[2]), kernel.cut_coordinates(q)[2])
+    assert np.array_equal(kernel.loop_coordinates(q[2]), kernel.loop_coordinates(q)[2])
 
 
 def test_robots_without_loops_have_nothing_of_them(built: Build) -> None:

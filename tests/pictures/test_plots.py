@@ -312,7 +312,7 @@ def test_a_mechanism_is_drawn_closed() -> None:
         _, axes = plot_robot(robot, pose=pose)
         home = np.array(build_model(robot).home)
         home[0] = angle
-        q = kernel.assemble(home, held=["joint1.gamma"])
+        q = kernel.assemble(home, fixed=["joint1.gamma"])
         poses = link_poses(robot, kernel.coordinates, q)
         cut = (poses["rocker"] @ [0.4, 0.0, 0.0, 1.0])[:3]
         assert any(np.allclose(np.array(line.get_data_3d()).mean(axis=1), cut, atol=1e-9) for line in axes.lines)

@@ -76,8 +76,8 @@ def test_a_batch_needs_no_single_state(compiled: Compiled) -> None:
     kernel.blocks(MANY)
     kernel.mass_matrix(MANY)
     assert compiled.new() == ["batches"] * 3
-    assert kernel.mass_matrix.takes_many  # type: ignore[attr-defined]
-    assert not kernel.mass_matrix.is_armed  # type: ignore[attr-defined]
+    assert kernel._bound["mass_matrix"].takes_many  # type: ignore[attr-defined]
+    assert not kernel._bound["mass_matrix"].is_armed  # type: ignore[attr-defined]
     refused((IntegrationStopped, SingularError), "", kernel.rollout, MANY[:2], V, V * 1e300, 1e3, 5)
     assert compiled.new() == ["batches"]
     found = kernel.mass_matrix(Q)
@@ -165,8 +165,8 @@ def test_an_assignment_reaches_both_halves(batch_first: bool, built: Build) -> N
     assert all((x != y).any() for x, y in zip(before, after, strict=True))
     assert all((x == one(kernel)).all() for x in after)
     assert all((x == one(other)).all() for x in before)
-    assert kernel.inverse_dynamics.is_armed  # type: ignore[attr-defined]
-    assert kernel.inverse_dynamics.takes_many  # type: ignore[attr-defined]
+    assert kernel._bound["inverse_dynamics"].is_armed  # type: ignore[attr-defined]
+    assert kernel._bound["inverse_dynamics"].takes_many  # type: ignore[attr-defined]
 
 
 @pytest.mark.soak
@@ -199,7 +199,7 @@ def test_a_failure_is_said_by_the_batch(empty_cache: Path, tmp_path: Path, monke
     for _ in range(2):
         refused(BuildError, "no room for vectors", kernel.energy, MANY, V)
     assert np.array_equal(kernel.energy(Q, V), expected)
-    assert not kernel.energy.takes_many  # type: ignore[attr-defined]
+    assert not kernel._bound["energy"].takes_many  # type: ignore[attr-defined]
 
 
 def test_a_half_that_computes_something_else_is_refused(

@@ -52,7 +52,7 @@ def calls(kernel: Kernel, steps: dict[str, Any]) -> Iterator[tuple[str, dict[str
             continue
         parameters = list(inspect.signature(method).parameters.items())[1:]
         given: dict[str, Any] = {"frame": kernel.frames[0], "name": kernel.frames[0], "motor": "none"}
-        given["z"] = np.zeros(len(kernel.memory))
+        given["z"] = np.zeros(len(kernel.internal_states))
         given |= derived if "args" in dict(parameters) else {}
         given |= {"name": "mass_matrix", "series": (still, still)} if "series" in dict(parameters) else {}
         needed = {key: given.get(key, still) for key, x in parameters if x.default is x.empty and x.kind not in (2, 4)}

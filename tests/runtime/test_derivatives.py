@@ -237,7 +237,7 @@ WITH_STATES = {  # laws with states: a corner at v = 0
 def test_laws_with_states_have_derivatives_of_the_negative_side_at_rest(built: Build) -> None:
     """All of them, by velocities; bristles and springs are deflected, so that the sides differ."""
     bodies = "".join(BODY.format(name, MASS, "prismatic") + f"z = {{ {law} }}\n" for name, law in WITH_STATES.items())
-    kernel = built(robot_from_toml(f'name = "resting"\ngravity = [0.0, 0.0, 0.0]\n{bodies}'), *SECOND, *EXACT)
+    kernel = built(robot_from_toml(f'name = "resting"\ngravity = [0.0, 0.0, 0.0]\n{bodies}'), *SECOND, *EXACT).augmented
     q, still, h = np.zeros(4), np.zeros(4), 1e-7
     v = np.array([0.0, 0.0, 1e-3, 0.1])
     here, one, other = (kernel.forward_dynamics(q, v + x, still) for x in (still, [-h, -h, 0, 0], [h, h, 0, 0]))

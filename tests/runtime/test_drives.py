@@ -34,13 +34,13 @@ pytestmark = pytest.mark.usefixtures("unoptimised")
 
 
 def _names(kernel: eomgen.Kernel) -> list[str]:
-    return [name.rpartition(".")[2] for name in kernel.memory]
+    return [name.rpartition(".")[2] for name in kernel.internal_states]
 
 
 @pytest.mark.parametrize("name", DRIVES)
 def test_accelerations_and_their_derivatives_are_those_of_the_equations(name: str, built: Build) -> None:
     table, _ = DRIVES[name]
-    kernel, numbers, rng = built(servo(table)), numbers_of(table), np.random.default_rng(1)
+    kernel, numbers, rng = built(servo(table)).augmented, numbers_of(table), np.random.default_rng(1)
     for size in (0.1, 1.0, 10.0, 100.0):
         q, v, u = rng.normal(size=(3, kernel.n))
         v[1:] *= size
@@ -72,11 +72,11 @@ def test_all_methods_follow_an_integration_to_twelve_digits(name: str, built: Bu
     kernel, numbers, samples = built(servo(table)), numbers_of(table), 40
     assert kernel.inputs["joint1.gamma"].meaning == kernel.inputs["joint1.gamma"].meaning
     rates = rates_of(numbers, _names(kernel), u, lambda s, v, force: (force - DAMPING * v) / INERTIA)
-    begin, t = np.zeros(2 + len(kernel.memory)), np.linspace(0.0, 0.5, samples + 1)
+    begin, t = np.zeros(2 + len(kernel.internal_states)), np.linspace(0.0, 0.5, samples + 1)
     wanted = solve_ivp(rates, (0.0, 0.5), begin, "DOP853", t, rtol=1e-12, atol=1e-14, max_step=2e-4).y.T
     size = np.abs(wanted).max(axis=0) + 1e-9
     within = {"tsit5": 3e-6, "rosenbrock": 1e-4, "radau": 3e-6}
-    zero = np.zeros(len(kernel.memory))
+    zero = np.zeros(len(kernel.internal_states))
     for method, bound in within.items():
         motion = kernel.rollout([0.0], [0.0], [u], duration=0.5, samples=samples, method=method, rtol=1e-8, z=zero)
         assert np.abs((np.hstack([*motion, motion.z]) - wanted) / size).max() < bound, method
@@ -102,7 +102,7 @@ def test_a_voltage_turns_a_motor_as_its_closed_form_says(built: Build) -> None:
     motion = kernel.rollout([0.0], [0.0], [V], duration=1.0, samples=50, method="radau", rtol=1e-10, z=[0.0])
     np.testing.assert_allclose(motion[1][:, 0], wanted.real, atol=1e-8 * final)
     assert kernel.inputs["joint1.gamma"] == ("voltage", "V")
-    assert kernel.memory == ("joint1.gamma.drive.current",)
+    assert kernel.internal_states == ("joint1.gamma.drive.current",)
 
 
 def test_a_current_loop_has_the_bandwidth_that_its_gains_are_for(built: Build) -> None:
@@ -110,9 +110,10 @@ def test_a_current_loop_has_the_bandwidth_that_its_gains_are_for(built: Build) -
     R, L, w = 0.7, 1.4e-3, 2000.0
     winding = f"winding = {{ resistance = {R}, inductance = {L}, torque_constant = 1e-9 }}"
     kernel = built(servo(f"{winding}, controller = {{ current = {{ kp = {w * L}, ki = {w * R} }} }}"))
-    zero, u = np.zeros(kernel.n), np.zeros(kernel.n)
-    _, by_v, by_u = kernel.forward_dynamics_jacobian(zero, zero, u)
-    states = slice(1, kernel.n)
+    whole = kernel.augmented
+    zero = np.zeros(whole.n)
+    _, by_v, by_u = whole.forward_dynamics_jacobian(zero, zero, zero)
+    states = slice(1, whole.n)
     A, B, row = by_v[states, states], by_u[states, 0], _names(kernel).index("current")
     for frequency in (0.1 * w, w, 10.0 * w):
         gain = np.linalg.solve(1j * frequency * np.eye(len(A)) - A, B)[row]
@@ -175,8 +176,8 @@ def test_forces_beside_a_drive_act_on_its_coordinate(built: Build) -> None:
     kernel = built(servo(table))
     q, v, drives = np.zeros(2), np.array([0.3, 1.0]), np.array([u, 0.0])
     wrench = {"arm": [0.0, 2.0, 0.0, 0.0, 0.0, 0.5]}
-    free = kernel.forward_dynamics(q, v, drives)
-    pushed = kernel.forward_dynamics(q, v, drives, wrench=wrench)
+    free = kernel.augmented.forward_dynamics(q, v, drives)
+    pushed = kernel.augmented.forward_dynamics(q, v, drives, wrench=wrench)
     assert pushed[0] - free[0] == pytest.approx((0.2 * 2.0 + 0.5) / INERTIA)
     assert pushed[1] == free[1]
     row = Signal.constant(np.array(wrench["arm"]))
@@ -194,11 +195,11 @@ def test_a_motor_behind_a_gear_has_a_drive(built: Build) -> None:
     """Its drive acts on the rotor: in N m at the shaft."""
     motor = "motor = { inertia = 1e-3, ratio = 20.0, stiffness = 500.0, damping = 0.5, drive = { lag = 0.01 } }\n"
     kernel = built(robot_from_toml(f"{AXIS}gamma = {{ damping = 0.05 }}\n{motor}"))
-    assert kernel.memory == ("joint1.motor.drive.force",)
+    assert kernel.internal_states == ("joint1.motor.drive.force",)
     assert kernel.inputs == {"joint1.gamma": ("torque", "N m"), "joint1.motor": ("torque", "N m")}
     a = kernel.forward_dynamics([0.0, 0.0], [0.0, 0.0], [0.0, 0.7], [0.2])
     assert a[1] == pytest.approx(0.2 / 1e-3)
-    assert kernel.memory_rates([0.0, 0.0], [0.0, 0.0], [0.2], [0.0, 0.7])[0] == pytest.approx(0.5 / 0.01)
+    assert kernel.internal_state_derivatives([0.0, 0.0], [0.0, 0.0], [0.2], [0.0, 0.7])[0] == pytest.approx(0.5 / 0.01)
 
 
 BAD = {
@@ -259,7 +260,7 @@ def test_efforts_clip_forces_alone(built: Build) -> None:
 def test_linear_systems_have_drives(built: Build) -> None:
     """Free drives work about the state: eigenvalues, and responses to their inputs."""
     robot = servo(DRIVES["cascade"][0])
-    kernel = built(robot)
+    kernel = built(robot).augmented
     system = eomgen.analysis.linearize(robot, drives="free", inputs=["joint1.gamma"], outputs=["joint1.gamma"])
     zero = np.zeros(kernel.n)
     by_q, by_v, by_u = kernel.forward_dynamics_jacobian(zero, zero, zero)
@@ -374,18 +375,19 @@ placements = [{{ xyz = [0.5, 0.0, 0.0] }}, {{ xyz = [0.4, 0.0, 0.0] }}]
 def test_drives_move_closed_loops(built: Build) -> None:
     """Methods agree, works and energies balance, and derivatives are those of the accelerations."""
     kernel = built(robot_from_toml(LINKAGE))
-    n, m = kernel.n, len(kernel.coordinates)
+    whole, m = kernel.augmented, kernel.n
+    n = whole.n
     begin = kernel.assemble([0.9, 0.0, 0.0], ["crank.gamma"])
     q, v, u = np.zeros((3, n))
     q[:m] = begin
     v[:m] = kernel.project_velocity(begin, [1.0, 0.0, 0.0], ["crank.gamma"])
     v[m:], u[0], u[m] = [0.1, 0.02, 0.5], 2.0, 0.3
-    _, by_v, by_u = kernel.forward_dynamics_jacobian(q, v, u)
+    _, by_v, by_u = whole.forward_dynamics_jacobian(q, v, u)
     for slopes, places in ((by_v, range(m, n)), (by_u, range(n))):
         for i in places:
             step = 1e-5 * np.eye(n)[i]
             ends = [(v + s * step, u) if slopes is by_v else (v, u + s * step) for s in (1.0, -1.0)]
-            ahead, behind = (kernel.forward_dynamics(q, *end) for end in ends)
+            ahead, behind = (whole.forward_dynamics(q, *end) for end in ends)
             np.testing.assert_allclose(slopes[:, i], (ahead - behind) / 2e-5, rtol=1e-6, atol=1e-6)
     options: dict[str, Any] = {"duration": 1.0, "output_step": 0.25, "drive": [2.0, 0.0, 0.0]}
     motions = [
@@ -431,7 +433,7 @@ def test_six_servo_axes_follow_an_integration_to_twelve_digits(built: Build) -> 
     arm = built(replace(plain, joints=tuple(mechanical)), "mass_matrix", "inverse_dynamics")
     kernel = built(robot, "forward_dynamics", "rollout", "adaptive_rollout", "radau_rollout")
     n, names = 6, ("integral_velocity", "integral_current", "current")
-    assert kernel.memory == tuple(f"{x}.drive.{name}" for x in kernel.coordinates for name in names)
+    assert kernel.internal_states == tuple(f"{x}.drive.{name}" for x in kernel.coordinates for name in names)
     begin, goal = np.array([0.2, -1.0, 0.8, -0.5, 0.3, 0.1]), np.array([0.5, -1.4, 1.2, -0.2, 0.1, 0.4])
 
     def rates(_: float, y: Any) -> Any:

@@ -18,6 +18,7 @@ from eomgen.errors import ArrayError, InputError, LoopError, UnknownNameError
 from eomgen.pipeline.options import Options
 from eomgen.runtime.derivatives.in_time import MOTION
 from eomgen.runtime.levels import BASE
+from tests.runtime.test_direct import in_python
 from tests.runtime.test_memory import ARM
 from tests.support.builds import Build
 from tests.support.random_robots import random_robot, seeds
@@ -80,7 +81,7 @@ def test_matrices_of_accelerations_and_christoffel_symbols(name: str, kernel: eo
 @pytest.mark.soak
 def test_matrices_of_accelerations_of_closed_mechanisms() -> None:
     kernel = eomgen.build("four_bar")
-    moving = kernel.close_series((np.array([0.5, 0.2, 1.2]), *motion(kernel, 2)), held=["joint1.gamma"])
+    moving = kernel.close_series((np.array([0.5, 0.2, 1.2]), *motion(kernel, 2)), fixed=["joint1.gamma"])
     slopes_agree(kernel, "forward_dynamics_jacobian", (*moving, motion(kernel, 2, seed=2)))
     with pytest.raises(LoopError, match="loop joint4 is open"):
         kernel.jet("forward_dynamics_jacobian", (moving[0] + 0.1, *moving[1:], motion(kernel, 2, seed=2)))
@@ -136,7 +137,7 @@ def test_one_state_and_many_have_the_same_bits(kernel: eomgen.Kernel) -> None:
 def test_with_and_without_the_extension_module(kernel: eomgen.Kernel) -> None:
     """Both give the same bits, whatever calls look like, and parameters of a copy are its own."""
     moving, u = motion(kernel, 5), motion(kernel, 3, seed=4)
-    plain = kernel._with_methods_in_python()
+    plain = in_python(kernel)
     assert kernel.is_direct
     assert not plain.is_direct
     heavier = kernel.with_parameters({"joints.joint1.x.stiffness": 9.0})
@@ -146,7 +147,7 @@ def test_with_and_without_the_extension_module(kernel: eomgen.Kernel) -> None:
             for _ in range(2):
                 for one, other in zip(kernel.jet(name, given, 2), wanted, strict=True):
                     np.testing.assert_array_equal(one, other)
-        other_way = heavier._with_methods_in_python().jet(name, series, 2)
+        other_way = in_python(heavier).jet(name, series, 2)
         for _ in range(2):
             for one, other in zip(heavier.jet(name, series, 2), other_way, strict=True):
                 np.testing.assert_array_equal(one, other)
@@ -156,12 +157,12 @@ def test_with_and_without_the_extension_module(kernel: eomgen.Kernel) -> None:
 def test_every_function_fits_the_extension_module(kernel: eomgen.Kernel) -> None:
     """The arrays of all functions, those with loops included; calls of the residual to order 4 have most."""
     for made in (kernel, eomgen.build("four_bar"), eomgen.build("flexible_arm")):
-        assert made._functions is not None
+        assert made.is_direct
         for name in made.raw.functions:
-            made._functions.jet(name)
+            assert type(made._bound[name]).__name__ == "Direct"
     for lead in ((), (7,)):
         series = (*motion(kernel, 7, *lead), motion(kernel, 5, *lead, seed=2))
-        wanted = kernel._with_methods_in_python().jet("residual", series, 4)
+        wanted = in_python(kernel).jet("residual", series, 4)
         for _ in range(2):
             np.testing.assert_array_equal(kernel.jet("residual", series, 4), wanted)
 
@@ -180,7 +181,7 @@ def test_closed_mechanisms(order: int) -> None:
     """Series that close loops, drives of such a motion, and the accelerations that they make again."""
     kernel = eomgen.build("four_bar")
     guess = (np.array([0.5, 0.2, 1.2]), *motion(kernel, order + 2))
-    moving = kernel.close_series(guess, held=["joint1.gamma"])
+    moving = kernel.close_series(guess, fixed=["joint1.gamma"])
     for one, other in zip(moving, guess, strict=True):
         assert one[0] == other[0]
     for gap in kernel.jet("constraint", moving, order):
@@ -197,7 +198,7 @@ def test_closed_mechanisms(order: int) -> None:
     refused(LoopError, "loop joint4 is open", kernel.jet, "inverse_dynamics", (moving[0] + 0.1, *moving[1:]), 2)
     with pytest.raises(LoopError, match="opens at the rates that are held"):
         kernel.close_series(
-            (moving[0], moving[1], moving[2] + 0.1), held=["joint1.gamma", "joint2.gamma", "joint3.gamma"]
+            (moving[0], moving[1], moving[2] + 0.1), fixed=["joint1.gamma", "joint2.gamma", "joint3.gamma"]
         )
     with pytest.raises(InputError, match="series: got 1; allowed: 2 to 7 arrays, q, v, a, jerk, snap, crackle, pop"):
         kernel.close_series(guess[:1])
@@ -208,22 +209,22 @@ def test_series_close_loops_in_batches_of_single_precision() -> None:
     """As those of one state; arrays are of the kernel's type."""
     kernel, double = eomgen.build("four_bar", dtype="float32"), eomgen.build("four_bar")
     guess = (np.tile([0.5, 0.2, 1.2], (3, 1)), *motion(double, 3, 3))
-    wanted = double.close_series(guess, held=["joint1.gamma"])
-    many = kernel.close_series([x.astype(np.float32) for x in guess], held=["joint1.gamma"])
+    wanted = double.close_series(guess, fixed=["joint1.gamma"])
+    many = kernel.close_series([x.astype(np.float32) for x in guess], fixed=["joint1.gamma"])
     for k, (one, other) in enumerate(zip(many, wanted, strict=True)):
         assert one.shape == (3, 3)
         assert one.dtype == np.float32
         np.testing.assert_allclose(one, other, atol=1e-4 * 10**k)
     for i in range(3):
-        alone = double.close_series([x[i] for x in guess], held=["joint1.gamma"])
+        alone = double.close_series([x[i] for x in guess], fixed=["joint1.gamma"])
         np.testing.assert_allclose([x[i] for x in wanted], alone, atol=1e-10)
     refused(ArrayError, r"jerk: expected float64 of shape \(3,\)", double.close_series, (*guess[:3], guess[3][:, :2]))
 
 
 def test_states_of_laws_move_as_velocities(built: Build) -> None:
-    """They stand behind the coordinates, in v as they are; functions that do not depend on them need none."""
-    kernel = built(robot_from_toml(ARM), "inverse_dynamics_jet1", "inverse_dynamics", "mass_matrix_jet1", "mass_matrix")
-    n = len(kernel.coordinates)
+    """They are a series of their own; functions that do not depend on them need none."""
+    split = built(robot_from_toml(ARM), "inverse_dynamics_jet1", "inverse_dynamics", "mass_matrix_jet1", "mass_matrix")
+    n, kernel = split.n, split.augmented
     moving, h = motion(kernel, 4), 1e-6
     rate = kernel.jet("inverse_dynamics", moving)[1]
 
@@ -232,11 +233,17 @@ def test_states_of_laws_move_as_velocities(built: Build) -> None:
 
     slope = (kernel.inverse_dynamics(*at(h)) - kernel.inverse_dynamics(*at(-h))) / (2 * h)
     np.testing.assert_allclose(rate, slope, rtol=1e-5, atol=1e-6 * np.abs(slope).max())
-    narrow = kernel.jet("mass_matrix", tuple(x[:n] for x in moving[:2]))
+    apart = tuple(x[:n] for x in moving)
+    narrow = split.jet("mass_matrix", apart[:2])
     for one, other in zip(narrow, kernel.jet("mass_matrix", moving[:2]), strict=True):
         np.testing.assert_array_equal(one, other[:n, :n])
-    with pytest.raises(ArrayError, match=r"derivatives of inverse_dynamics: arrays of .* lack states of laws"):
-        kernel.jet("inverse_dynamics", tuple(x[:n] for x in moving))
+    z = moving[1][n:], moving[2][n:]
+    for one, other in zip(
+        split.jet("inverse_dynamics", (*apart, z)), kernel.jet("inverse_dynamics", moving), strict=True
+    ):
+        np.testing.assert_array_equal(one, other[:n])
+    with pytest.raises(InputError, match=r"series: lacks 'jerk'.*allowed: \(q, v, a, jerk, \(z, z1\)\)"):
+        split.jet("inverse_dynamics", apart)
 
 
 @pytest.mark.soak

@@ -184,7 +184,12 @@ def state_of(kernel: eomgen.Kernel, seed: int = 3) -> tuple[Any, Any, Any, Any]:
     for name, led in kernel.motors.items():
         q[places[name]] = kernel.ratio(name) * q[places[led]] + 0.01
     sizes = np.asarray(kernel.raw.libraries.meta["sizes"])
-    return q, v, u, 0.5 * rng.uniform(-1.0, 1.0, len(kernel.memory)) * sizes[len(sizes) - len(kernel.memory) :]
+    return (
+        q,
+        v,
+        u,
+        0.5 * rng.uniform(-1.0, 1.0, len(kernel.internal_states)) * sizes[len(sizes) - len(kernel.internal_states) :],
+    )
 
 
 def test_friction_is_the_papers(kernel: eomgen.Kernel) -> None:
@@ -194,8 +199,8 @@ def test_friction_is_the_papers(kernel: eomgen.Kernel) -> None:
         rate, force = rates(v, z)
         a = kernel.forward_dynamics([x], [v], [u], [z])
         assert a == pytest.approx([u - PULL * x - force], rel=1e-12, abs=1e-12)
-        assert kernel.memory_rates([x], [v], [z]) == pytest.approx([rate], rel=1e-12, abs=1e-15)
-        kinetic, potential = kernel.energy([x, 0.0], [v, z])
+        assert kernel.internal_state_derivatives([x], [v], [z]) == pytest.approx([rate], rel=1e-12, abs=1e-15)
+        kinetic, potential = kernel.energy([x], [v], z=[z])
         assert (kinetic, potential) == pytest.approx((0.5 * v * v, 0.5 * (PULL * x * x + STIFFNESS * z * z)), rel=1e-12)
 
 
@@ -225,6 +230,7 @@ def test_implicit_step_is_the_dense_one(kernel: eomgen.Kernel, v: float) -> None
     """(M + dt B + dt^2 K) a = u - h at q + dt v, without the row of the force where its slopes would fall."""
     dt, state = 1e-3, (np.array([0.2, 0.0]), np.array([v, 3e-6]))
     q, rate = state[0] + dt * state[1] * [1.0, 0.0], state[1]
+    kernel = kernel.augmented
     K, B, M = kernel.residual_jacobian(q, rate, np.zeros(2))
     share = dt * B[0, 0] - dt * dt * B[0, 1] * B[1, 0] / (M[1, 1] + dt * B[1, 1])
     if share < 0.0:
@@ -237,11 +243,12 @@ def test_implicit_step_is_the_dense_one(kernel: eomgen.Kernel, v: float) -> None
 def test_arm_is_consistent(arm: eomgen.Kernel) -> None:
     """Motors, prescribed coordinates, matrices, springs: residual, slopes, mass matrix."""
     q, v, u, z = state_of(arm)
-    n, free = q.size, np.array([name not in arm.prescribed for name in arm.velocities])
+    n, split, arm = q.size, arm, arm.augmented
+    free = np.array([name not in arm.prescribed for name in arm.velocities])
     Q, V, U = np.r_[q, 0.0 * z], np.r_[v, z], np.r_[u, 0.0 * z]
     a = arm.forward_dynamics(Q, V, U)
-    assert (a[:n] == arm.forward_dynamics(q, v, u, z)).all()
-    assert (a[n:] == arm.memory_rates(q, v, z, u)).all()
+    assert (a[:n] == split.forward_dynamics(q, v, u, z)).all()
+    assert (a[n:] == split.internal_state_derivatives(q, v, z, u)).all()
     assert np.abs(arm.residual(Q, V, a, U)[free]).max() < 1e-9
     by_q, by_v, _ = arm.forward_dynamics_jacobian(Q, V, U)
     for j in range(Q.size):
@@ -270,22 +277,21 @@ def test_methods_agree_and_balance(arm: eomgen.Kernel) -> None:
     coarse, fine = (np.abs(end(dt=dt, steps=round(duration / dt), method="implicit") - whole) for dt in (2e-5, 1e-5))
     assert (fine < 0.7 * coarse + 1e-6 * np.abs(whole)).all()
     motion = arm.rollout(q, v, u, z=z, duration=duration, method="radau", rtol=1e-10, works=True)
-    states = (np.concatenate([motion[0], 0.0 * motion.z], axis=-1), np.concatenate([motion[1], motion.z], axis=-1))
-    energy, (drives, prescribed, wrenches, dissipated) = arm.energy(*states).sum(axis=-1), motion.works[-1]
+    energy, (drives, prescribed, wrenches, dissipated) = arm.energy(*motion, z=motion.z).sum(axis=-1), motion.works[-1]
     assert dissipated > 0.0
     assert energy[-1] - energy[0] == pytest.approx(drives + prescribed + wrenches - dissipated, abs=1e-9)
 
 
 def test_hysteresis_is_bouc_and_wens(hysteretic: eomgen.Kernel) -> None:
-    assert hysteretic.memory == ("rail.z.hysteresis.z",)
+    assert hysteretic.internal_states == ("rail.z.hysteresis.z",)
     rng = np.random.default_rng(0)
     for s, v, z, u in rng.normal(size=(20, 4)):
         rate, force = wound(s, v, z)
         assert hysteretic.forward_dynamics([s], [v], [u], [z]) == pytest.approx([u - force], rel=1e-12, abs=1e-12)
-        assert hysteretic.memory_rates([s], [v], [z]) == pytest.approx([rate], rel=1e-12, abs=1e-14)
+        assert hysteretic.internal_state_derivatives([s], [v], [z]) == pytest.approx([rate], rel=1e-12, abs=1e-14)
         stored = 0.5 * SHARE * K * s * s + 0.5 * (1.0 - SHARE) * K / A * z * z
-        assert hysteretic.energy([s, 0.0], [v, z]) == pytest.approx([0.5 * v * v, stored], rel=1e-12)
-    assert hysteretic.memory_rates([0.0], [2.0], [0.0]) == pytest.approx([2.0 * A], rel=1e-14)
+        assert hysteretic.energy([s], [v], z=[z]) == pytest.approx([0.5 * v * v, stored], rel=1e-12)
+    assert hysteretic.internal_state_derivatives([0.0], [2.0], [0.0]) == pytest.approx([2.0 * A], rel=1e-14)
 
 
 def spline(t: Array, x: Array) -> Signal:
@@ -361,8 +367,8 @@ def test_dissipates_the_area_of_its_loop(built: Build, rate: float) -> None:
 @pytest.mark.parametrize("law", [HYSTERESIS, SHARP, MAXWELL])
 def test_laws_never_give_more_than_they_store(law: str, built: Build) -> None:
     """At random states, also beyond those that motions come to: force times velocity is at least what storage takes."""
-    kernel = built(slide(law), *KERNELS)
-    rng, states = np.random.default_rng(1), len(kernel.memory)
+    kernel = built(slide(law), *KERNELS).augmented
+    rng, states = np.random.default_rng(1), len(kernel.internal_states)
     q, v = rng.normal(size=(500, 1 + states)), rng.normal(size=(500, 1 + states))
     q[:, 1:] = 0.0
     passive = kernel.generalized_force(q, np.zeros_like(q)) - kernel.generalized_force(q, v)
@@ -374,12 +380,11 @@ def test_laws_never_give_more_than_they_store(law: str, built: Build) -> None:
 @pytest.mark.parametrize("law", [HYSTERESIS, f"stiffness = 100.0, {MAXWELL}"])
 def test_energies_balance(law: str, built: Build) -> None:
     kernel = built(slide(law), *KERNELS)
-    states, loads = len(kernel.memory), pushed(1.0)
+    states, loads = len(kernel.internal_states), pushed(1.0)
     for method in ("tsit5", "rosenbrock", "radau"):
         options: dict[str, Any] = {"method": method, "rtol": 1e-9, "loads": loads, "works": True, "z": np.zeros(states)}
         motion = kernel.rollout([0.1], [1.0], duration=1.0, samples=1, **options)
-        rows = [(np.r_[motion[0][i], np.zeros(states)], np.r_[motion[1][i], motion.z[i]]) for i in (0, -1)]
-        before, after = (kernel.energy(*row).sum() for row in rows)
+        before, after = kernel.energy(*motion, z=motion.z).sum(axis=-1)
         works = motion.works[-1]
         assert works[3] > 0.1
         assert after - before == pytest.approx(works[:3].sum() - works[3], abs=1e-7)
@@ -387,6 +392,7 @@ def test_energies_balance(law: str, built: Build) -> None:
 
 def complex_stiffness(kernel: eomgen.Kernel, w: float) -> complex:
     """Return the force on the slide over its deviation at an angular frequency, without its inertia, by K, B and M."""
+    kernel = kernel.augmented
     n = kernel.n
     K, B, M = kernel.residual_jacobian(np.zeros(n), np.zeros(n), np.zeros(n))
     dynamic = K + 1j * w * B - w * w * M
@@ -440,7 +446,7 @@ def test_wherever_laws_act_methods_agree_and_energies_balance(name: str, built: 
     names = ("forward_dynamics", "energy", "rollout", "adaptive_rollout", "radau_rollout", "generalized_force")
     kernel = built(robot, *names)
     n, z = len(kernel.coordinates), np.zeros(states) + z
-    assert len(kernel.memory) == states
+    assert len(kernel.internal_states) == states
     q = np.array([robot.home.get(x, 0.0) for x in kernel.coordinates])
     v, u = np.resize(v, n), np.resize(u, n)
     methods = [method for method in ADAPTIVE if method != "radau" or not kernel.constraints]
@@ -453,8 +459,7 @@ def test_wherever_laws_act_methods_agree_and_energies_balance(name: str, built: 
         motion = kernel.rollout(q, v, u, z=z, **options)
         ends.append(np.concatenate([motion[0][-1], motion[1][-1], motion.z[-1]]))
         if "works" in options:
-            rows = [(np.r_[motion[0][i], 0.0 * z], np.r_[motion[1][i], motion.z[i]]) for i in (0, -1)]
-            before, after = (kernel.energy(*row).sum() for row in rows)
+            before, after = kernel.energy(*motion, z=motion.z).sum(axis=-1)[[0, -1]]
             works = motion.works[-1]
             assert after - before == pytest.approx(works[:3].sum() - works[3], abs=1e-6)
             assert works[3] > 0.0
@@ -467,7 +472,7 @@ def test_wherever_laws_act_methods_agree_and_energies_balance(name: str, built: 
 def test_bristles_of_a_follower_feel_its_velocity(built: Build) -> None:
     kernel = built(bristle_gear(), "forward_dynamics")
     level = 0.3 + 0.1 * np.exp(-64.0)
-    found = kernel.memory_rates([0.3], [0.4], [5e-4, -8e-4])[1]
+    found = kernel.internal_state_derivatives([0.3], [0.4], [5e-4, -8e-4])[1]
     assert found == pytest.approx(-0.8 + 300.0 * 0.8 * 8e-4 / level, rel=1e-12)
 
 
@@ -477,7 +482,7 @@ def test_lanes_are_bit_equal(name: str, arm: eomgen.Kernel, hysteretic: eomgen.K
     kernel = {"bristles": arm, "slide": hysteretic}.get(name) or built(servo(DRIVES[name][0]))
     q, v, u, z = state_of(kernel) if name == "bristles" else (np.array([0.05]), np.array([0.3]), np.array([2.0]), 0.02)
     Q, V = np.tile(q, (5, 1)), v + 0.1 * np.abs(v) * np.arange(-2, 3)[:, None]
-    Z = z * np.linspace(0.5, 1.0, 5)[:, None] * np.ones(len(kernel.memory))
+    Z = z * np.linspace(0.5, 1.0, 5)[:, None] * np.ones(len(kernel.internal_states))
     for method in ADAPTIVE:
         many = kernel.rollout(Q, V, u, z=Z, duration=0.01, method=method)
         for i in range(5):
@@ -492,7 +497,7 @@ def test_single_precision_follows_double_precision(name: str, built: Build) -> N
     for dtype in ("float32", "float64"):
         kernel, begin = built(robot, "forward_dynamics", "adaptive_rollout", dtype=dtype), np.zeros((3, 1), dtype)
         begin[1], begin[2] = (0.5, 0.0) if name == "slide" else (0.0, DRIVES[name][1])
-        z, options = np.zeros(len(kernel.memory), dtype), {"duration": 0.2, "samples": 3, "rtol": 1e-4}
+        z, options = np.zeros(len(kernel.internal_states), dtype), {"duration": 0.2, "samples": 3, "rtol": 1e-4}
         motions.append(kernel.rollout(*begin, z=z, method="rosenbrock", **options))
     (single, of_single), (double, of_double) = ((x[0], x.z) for x in motions)
     np.testing.assert_allclose(single, double, atol=2e-3)
@@ -553,7 +558,7 @@ def test_robots_without_states_keep_all_else(name: str) -> None:
     robot = robot_of(name)
     plain = robot.without_states()
     assert plain.without_states() is plain
-    assert build_model(plain).memory == ()
+    assert build_model(plain).internal_states == ()
     numbers = {key: x for key, x in robot.numbers() if x is not None}
     kept = {key: x for key, x in numbers.items() if "hysteresis" not in key and "maxwell" not in key}
     for key in [key for key in numbers if key.endswith("hysteresis.share")]:  # whose spring has no state
@@ -563,7 +568,7 @@ def test_robots_without_states_keep_all_else(name: str) -> None:
     found = {key: x for key, x in plain.numbers() if x is not None}
     assert found == pytest.approx({key: x for key, x in kept.items() if x or key in found})
     assert found.keys() >= kept.keys() - {key for key, x in kept.items() if not x}
-    assert build_model(robot.rigid()).memory == ()
+    assert build_model(robot.rigid()).internal_states == ()
 
 
 @pytest.mark.parametrize(
@@ -573,7 +578,7 @@ def test_the_elastic_share_of_hysteresis_stays(beside: str, built: Build) -> Non
     """As a spring of both sides, where its force is that: far slower than any state, with z as it is at 0."""
     robot = slide(f"{HYSTERESIS}{beside and ', '}{beside}")
     whole, plain = built(robot), built(robot.without_states())
-    assert plain.memory == ()
+    assert plain.internal_states == ()
     for s in (-0.3, 0.2):
         forces = [kernel.generalized_force([s], [0.0], **z)[0] for kernel, z in ((whole, {"z": [0.0]}), (plain, {}))]
         lost = SHARE * K * s if "clearance" in beside else 0.0
@@ -593,10 +598,10 @@ def test_python_on_arrays_is_the_kernel(hysteretic: eomgen.Kernel) -> None:
     """Logarithms among its functions."""
     module: dict[str, Any] = {}
     exec(render_arrays(build_model(slide(HYSTERESIS)), ("forward_dynamics", "energy")), module)
-    functions, rng = module["make"](np), np.random.default_rng(5)
+    functions, rng, whole = module["make"](np), np.random.default_rng(5), hysteretic.augmented
     for q, v, u in rng.normal(size=(10, 3, 2)):
         given = functions.forward_dynamics(q, v, u), functions.energy(q, v)
-        for found, expected in zip(given, (hysteretic.forward_dynamics(q, v, u), hysteretic.energy(q, v)), strict=True):
+        for found, expected in zip(given, (whole.forward_dynamics(q, v, u), whole.energy(q, v)), strict=True):
             np.testing.assert_allclose(found, expected, rtol=1e-13)
 
 
@@ -616,6 +621,7 @@ def test_fixed_steps_know_what_states_stretch(built: Build) -> None:
         built(robot_from_toml(SEA), *names),
         built(slide(f"stiffness = 100.0, {HYSTERESIS}, {MAXWELL}"), *names),
     )
+    drive, block = drive.augmented, block.augmented
     inertias = 1e-4 * 50.0**2, 0.02 + 1.0 * 0.2**2
     assert fastest_rates(drive, np.zeros(drive.n))[0] == pytest.approx(np.sqrt(600.0 * sum(1.0 / x for x in inertias)))
     k = 100.0 + SHARE * K + (1.0 - SHARE) * K * A + sum(k for k, _ in BRANCHES)
@@ -666,8 +672,8 @@ def test_states_of_no_law_and_of_another_shape_are_refused(kernel: eomgen.Kernel
     refused(ArrayError, r"slide\.z\.friction\.z is nan", kernel.forward_dynamics, [0.0], [0.0], [0.0], [np.nan])
     refused(ArrayError, "atol: expected", kernel.rollout, [0.0], [0.0], duration=1.0, atol=[1.0] * 5, z=[0.0])
     plain = built(block("coulomb = 1.0"), "forward_dynamics")
-    assert plain.memory == ()
-    refused(InputError, "no law", plain.forward_dynamics, [0.0], [0.0], [0.0], [0.0])
+    assert plain.internal_states == ()
+    refused(InputError, "no force law", plain.forward_dynamics, [0.0], [0.0], [0.0], [0.0])
 
 
 def test_states_that_velocities_drive_pass_the_samples_of_radau() -> None:
@@ -675,4 +681,4 @@ def test_states_that_velocities_drive_pass_the_samples_of_radau() -> None:
     numbers = "coulomb = 1.0, static = 1.5, stribeck = 0.01, bristle_stiffness = 1e4, bristle_damping = 60.0"
     hanging = block(f'model = "lugre", {numbers}, viscous = 0.4', pull=0.0)
     kernel = eomgen.build(replace(hanging, gravity=(0.0, 0.0, -9.81)), kernels=("radau_rollout",))
-    assert kernel.memory == ("slide.z.friction.z",)
+    assert kernel.internal_states == ("slide.z.friction.z",)

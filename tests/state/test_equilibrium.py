@@ -201,7 +201,7 @@ def test_equilibria_are_states_that_stay(table: str, u: float, built: Build) -> 
     assert forces == pytest.approx(9.81 * 0.4 * np.cos(q), rel=1e-9)
     assert kernel.drive_forces(q, [0.0], [u], z) == pytest.approx(forces, rel=1e-7)
     assert kernel.forward_dynamics(q, [0.0], [u], z) == pytest.approx([0.0], abs=1e-6)
-    rates = kernel.memory_rates(q, [0.0], z, [u])
+    rates = kernel.internal_state_derivatives(q, [0.0], z, [u])
     assert rates == pytest.approx(np.zeros(len(z)), abs=1e-4)
     if "ki" in table:
         assert q == pytest.approx([u if "position" in table else 0.25], abs=1e-12)
@@ -259,15 +259,17 @@ def test_linear_systems_know_the_inputs_and_states_that_hold_the_load(built: Bui
     n = len(kernel.coordinates)
     system = linearize(robot, {"j1": 0.3, "j2": 0.4}, kernel=kernel, inputs=["j2.gamma"])
     assert kernel.forward_dynamics(system.q, 0 * system.q, system.u, system.z) == pytest.approx(np.zeros(n), abs=1e-7)
-    assert kernel.memory_rates(system.q, 0 * system.q, system.z, system.u) == pytest.approx(0 * system.z, abs=1e-7)
-    assert system.z[[name.endswith("drive.current") for name in kernel.memory]].all()
+    assert kernel.internal_state_derivatives(system.q, 0 * system.q, system.z, system.u) == pytest.approx(
+        0 * system.z, abs=1e-7
+    )
+    assert system.z[[name.endswith("drive.current") for name in kernel.internal_states]].all()
     place = kernel.coordinates.index("j2.gamma")
     assert system.u[place] == pytest.approx(system.q[place])  # its velocity loop leaves no error
     ends = []
     for sign in (1.0, -1.0):
         u = system.u.copy()
         u[place] += sign * 1e-6
-        ends.append(kernel.memory_rates(system.q, 0 * system.q, system.z, u))
+        ends.append(kernel.internal_state_derivatives(system.q, 0 * system.q, system.z, u))
     assert system.B[2 * n :, 0] == pytest.approx((ends[0] - ends[1]) / 2e-6, rel=1e-6, abs=1e-6)
     again = linearize(robot, {"j1": 0.3, "j2": 0.4}, kernel=kernel, inputs=["j2.gamma"], z=system.z)
     assert (again.A == system.A).all()
@@ -302,10 +304,12 @@ def test_a_motion_is_linear_about_inputs_of_its_drives(built: Build) -> None:
 
         def rates(x: np.ndarray, u: float = u) -> np.ndarray:
             q, v = x[:1], x[1:2]
-            return np.r_[v, kernel.forward_dynamics(q, v, [u], x[2:]), kernel.memory_rates(q, v, x[2:], [u])]
+            return np.r_[
+                v, kernel.forward_dynamics(q, v, [u], x[2:]), kernel.internal_state_derivatives(q, v, x[2:], [u])
+            ]
 
         expected = np.array([(rates(x0 + h) - rates(x0 - h)) / 2e-6 for h in 1e-6 * np.eye(5)]).T
-        names = ("axis.gamma", "axis.gamma.rate", *kernel.memory)
+        names = ("axis.gamma", "axis.gamma.rate", *kernel.internal_states)
         part = [names.index(name) for name in system.states]
         assert (len(part) == 5) == free  # the velocity's integral goes its own way there
         expected = expected[np.ix_(part, part)]
@@ -324,7 +328,7 @@ def test_a_mechanism_rests_under_its_drive(built: Build) -> None:
         u = np.zeros_like(guess)
         u[place] = guess[place] + 0.05
         q = closed_equilibrium(kernel, guess, u=u)
-        forces = kernel.inverse_dynamics(q, 0 * q, 0 * q, z=np.zeros(len(kernel.memory)))
+        forces = kernel.inverse_dynamics(q, 0 * q, 0 * q, z=np.zeros(len(kernel.internal_states)))
         if loop == PI:
             holding = forces[place]
         under, z = drives_at_rest(kernel, q, forces)

@@ -7,7 +7,8 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 import eomgen
-from eomgen.adapters.mappings import FRAMES, FUNCTIONS, DifferentiableFunction, kernels_for
+from eomgen.adapters.mappings import FUNCTIONS, DifferentiableFunction, kernels_for
+from eomgen.codegen.kernels.derived import FRAMED
 from eomgen.robot.value import Robot
 from tests.oracles.force_laws import KINDS as LAWS
 from tests.oracles.force_laws import with_laws
@@ -62,7 +63,7 @@ def names_of(robot: Robot) -> list[str]:
 def functions_of(robot: Robot, kernel: eomgen.Kernel) -> Iterator[DifferentiableFunction]:
     """All of them, those of frames for the tool."""
     for name in names_of(robot):
-        yield DifferentiableFunction(kernel, name, "tcp" if name in FRAMES else None, cut=True)
+        yield DifferentiableFunction(kernel, name, "tcp" if name in FRAMED else None, cut=True)
 
 
 def differences(function: DifferentiableFunction, arrays: list[Array], at: int, step: float = 1e-5) -> Array:

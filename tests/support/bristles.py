@@ -150,7 +150,7 @@ def bent(kernel: eomgen.Kernel, seed: int = 3) -> tuple[Any, Any, Any, Any]:
     places = {name: i for i, name in enumerate(kernel.coordinates)}
     for motor, joint in kernel.motors.items():
         q[places[motor]] = kernel.ratio(motor) * q[places[joint]] + 0.01
-    return q, v, u, SIZE * rng.uniform(-0.8, 0.8, len(kernel.memory))
+    return q, v, u, SIZE * rng.uniform(-0.8, 0.8, len(kernel.internal_states))
 
 
 def law_changes(kernel: eomgen.Kernel, count: int = 200) -> list[tuple[dict[str, float], bool]]:
@@ -172,7 +172,7 @@ def law_changes(kernel: eomgen.Kernel, count: int = 200) -> list[tuple[dict[str,
 
 def wide(kernel: eomgen.Kernel, q: Any, v: Any, u: Any, z: Any) -> tuple[Any, Any, Any]:
     """Return q, v and u as arrays of the C have them: states of laws stand behind the coordinates of v."""
-    nothing = np.zeros(len(kernel.memory))
+    nothing = np.zeros(len(kernel.internal_states))
     return np.r_[q, nothing], np.r_[v, z], np.r_[u, nothing]
 
 

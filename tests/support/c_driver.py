@@ -217,7 +217,7 @@ class Call:
 def calls_of(meta: Mapping[str, Any]) -> Iterator[Call]:
     """All calls of a driver, in their order."""
     shapes = {key: int(np.prod(shape)) for key, shape in meta["shapes"].items()}
-    n = len(meta["coordinates"]) + len(meta.get("memory", ()))
+    n = len(meta["coordinates"]) + len(meta.get("internal_states", ()))
     kernels = [(name, tuple(k["reads"]), shapes[k["writes"]], (None,)) for name, k in meta["kernels"].items()]
     kernels = [entry for entry in kernels if entry[0] not in ("kinematics", "rollout", "adaptive_rollout")]
     kernels = [entry for entry in kernels if set(entry[1]) <= set(LABELS)]  # a chart is no random array: it has indices
@@ -245,7 +245,7 @@ def driver_text(source: Source) -> str:
     meta = json.loads(source.meta)
     calls = list(calls_of(meta))
     size = {label: int(np.prod(meta["shapes"][label])) for label in LABELS}
-    n = len(meta["coordinates"]) + len(meta.get("memory", ()))
+    n = len(meta["coordinates"]) + len(meta.get("internal_states", ()))
     lengths = [len(meta["parameters"]), *(ROWS.get(label, STATES) * size[label] for label in LABELS), n, n, STEPS * n]
     words = {
         "name": source.name,
@@ -313,7 +313,7 @@ def inputs_of(source: Source, spread: Array, seed: int = 1) -> dict[str, Array]:
         spread: how far each coordinate goes from 0, (n,), m or rad; states of laws, behind them, stay short.
     """
     meta, rng = json.loads(source.meta), np.random.default_rng(seed)
-    memory = len(meta.get("memory", ()))
+    memory = len(meta.get("internal_states", ()))
     n, dtype = len(meta["coordinates"]) + memory, np.dtype(meta["dtype"])
     spread = np.append(spread, np.full(memory, 1e-4))
     found = {"p": np.array(list(meta["parameters"].values()))}

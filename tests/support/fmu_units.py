@@ -62,8 +62,8 @@ class Unit:
 
     @cached_property
     def kernel(self) -> Kernel:
-        """The robot's kernel."""
-        return self._built(self.robot)
+        """The robot's kernel, with augmented arrays."""
+        return self._built(self.robot).augmented
 
     def host(self, **options: Any) -> Host:
         """Return an instance."""

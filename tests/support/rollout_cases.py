@@ -304,7 +304,8 @@ def clipped(built: Build, name: str, method: str, **options: Any) -> Case:
 
 def slide(built: Build, law: str, method: str, **options: Any) -> Case:
     """Return a slide with a law that has internal states, behind its velocity; their positions act on nothing."""
-    kernel = built(robot_from_toml(on_rail(f"stiffness = 20.0, damping = 0.3, {LAWS[law]}", law, 1.5)), **options)
+    robot = robot_from_toml(on_rail(f"stiffness = 20.0, damping = 0.3, {LAWS[law]}", law, 1.5))
+    kernel = built(robot, **options).augmented
     q, v, u = np.zeros((3, kernel.n))
     q[0], v[0], u[0] = 0.03, 0.4, 0.9
     v[1:] = 0.02 * np.arange(1, kernel.n)

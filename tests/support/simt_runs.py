@@ -220,7 +220,7 @@ def _rolled(kernel: Kernel, name: str, arrays: Sequence[Array]) -> tuple[Array, 
     """Return where the kernel's steps lead; states of laws behind velocities."""
     n = len(kernel.coordinates)
     q, v, u = (x[:, :n] for x in arrays)
-    z = {"z": arrays[1][:, n:]} if kernel.memory else {}
+    z = {"z": arrays[1][:, n:]} if kernel.internal_states else {}
     made = kernel.rollout(q, v, u, dt=simt.STEP, steps=3, method=name.removesuffix("_rollout"), **z)
     ends = [x[:, -1] for x in (*made, *([made.z] if z else []))]
     return ends[0], np.concatenate(ends[1:], axis=1)

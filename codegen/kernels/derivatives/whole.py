@@ -92,6 +92,11 @@ OF_FRAMES: Mapping[str, Callable[[_Whole], list[Value]]] = {
 }
 
 
+def is_joined(model: Model, function: str) -> bool:
+    """Return whether the C of a function calls programs, which one program joins."""
+    return function in OF_FRAMES or (bool(model.constraints) and function in CLOSED)
+
+
 def whole_program(model: Model, function: str, derive: Derive) -> Program:
     """Return the program of what a function's C computes; of one that takes a frame's number, for all frames.
 

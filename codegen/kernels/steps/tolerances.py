@@ -106,4 +106,4 @@ def _refuse_poles(d: Derivation) -> None:
 
 def _numbers_at_home(model: Model) -> dict[str, list[float]]:
     """Return inputs of programs: the coordinates at home, and the description's parameters."""
-    return {"q": [*model.home, *(0.0 for _ in model.memory)], PARAMETERS: list(model.parameters.values())}
+    return {"q": [*model.home, *(0.0 for _ in model.internal_states)], PARAMETERS: list(model.parameters.values())}

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..codegen.kernels.derived import FRAMED
 from ..description import RobotLike, as_robot
 from ..device.face import Device
 from ..errors import ArrayError, InputError
@@ -210,7 +211,7 @@ def _frame_functions(jax: Any, jnp: Any, there: DifferentiableFunction) -> Calla
         result = jax.ShapeDtypeStruct(kernel.raw.shapes[kernel.raw.functions[name].writes], kernel.dtype)
         return jax.custom_jvp(_callback(jax, call, there.inputs, result))
 
-    both = {name: raw(name) for name in ("frame_pose", "frame_jacobian")}
+    both = {name: raw(name) for name in FRAMED}
     pose, jacobian = both.values()
 
     @pose.defjvp  # type: ignore[untyped-decorator,unused-ignore]
@@ -220,7 +221,7 @@ def _frame_functions(jax: Any, jnp: Any, there: DifferentiableFunction) -> Calla
 
     def turned(q: Array) -> Array:
         along = (np.broadcast_to(rates, q.shape) for rates in np.eye(q.shape[-1]))
-        return np.stack([kernel.jvp("frame_jacobian", (q, frame), (rates,)) for rates in along], axis=-1)
+        return np.stack([kernel.jvp(kernel.frame_jacobian, (q, frame), (rates,)) for rates in along], axis=-1)
 
     shape = kernel.raw.shapes["jacobian"]
     moved = jax.ShapeDtypeStruct((*shape, shape[-1]), kernel.dtype)
@@ -275,7 +276,7 @@ def rollout(
     with optional_import("JAX", "functions of JAX need"):
         import jax
         import jax.numpy as jnp
-    private = kernel.with_parameters()
+    private = kernel.augmented.with_parameters()
     how = vars(StepOptions(method, dt, steps, every, duration, samples, rtol))
     rows = (samples or 1) if steps is None else steps
     told = jax.ShapeDtypeStruct((rows // every + 1, private.n), private.dtype)

@@ -11,6 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..codegen.kernels.derived import FRAMED
+from ..codegen.kernels.groups import DIFFERENTIABLE
+from ..codegen.kernels.signatures import CLOSED_PROGRAMS, FRAME_KERNEL, KERNELS
 from ..errors import InputError, UnknownNameError
 from ..names import show
 from ..runtime.derivatives.by_arguments import ADJOINT, HESSIAN
@@ -20,7 +23,6 @@ from . import rules
 Array = NDArray[Any]
 
 
-FRAMES: Mapping[str, str] = MappingProxyType({"frame_pose": "poses", "frame_jacobian": "jacobians"})  # of all frames
 _TANGENTS = rules.TangentRule()
 
 
@@ -46,7 +48,7 @@ class Entry:
     @property
     def kernels(self) -> tuple[str, ...]:
         """Kernels that it and its Jacobian take."""
-        return "kinematics" if self.calls in FRAMES else self.calls, self.rule.kernel or f"{self.calls}_tangent"
+        return FRAME_KERNEL if self.calls in FRAMED else self.calls, self.rule.kernel or f"{self.calls}_tangent"
 
     @property
     def second(self) -> tuple[str, ...]:
@@ -54,51 +56,40 @@ class Entry:
         return tuple(f"{self.calls}_{kind}" for kind in (ADJOINT, HESSIAN))
 
 
-_OWN = (  # functions that have the names of the kernel's
-    Entry(
-        "residual",
-        ("q", "v", "a", "u"),
-        "r",
-        rules.ResidualRule("residual_jacobian"),
-        flat=(("u", "q"), ("u", "v"), ("u", "a"), ("u", "u")),
-    ),
-    Entry("inverse_dynamics", ("q", "v", "a"), "u", rules.ByKernel("residual_jacobian")),
-    Entry("forward_dynamics", ("q", "v", "u"), "a", rules.ByKernel("forward_dynamics_jacobian")),
-    Entry("mass_matrix", ("q",), "M", rules.MatrixRule()),
-    Entry("bias_force", ("q", "v"), "b"),
-    Entry("gravity", ("q",), "g"),
-    Entry("nonlinear_effects", ("q", "v"), "n"),
-    Entry("generalized_force", ("q", "v"), "Q"),
-    Entry("external_force", ("q", "wrench"), "Q", flat=(("wrench", "wrench"),)),
-    Entry("energy", ("q", "v"), "E", rules.EnergyRule()),
-    Entry("center_of_mass", ("q",), "c"),
-    Entry("centroidal_momentum", ("q", "v"), "h"),
-    Entry("frame_velocities", ("q", "v"), "V"),
-    Entry("frame_accelerations", ("q", "v", "a"), "A_dot"),
-    Entry("imu", ("q", "v", "a"), "y"),
-    Entry("generalized_momentum", ("q", "v"), "p"),
-    Entry("frame_pose", ("q",), "A"),
-    Entry("frame_jacobian", ("q",), "J"),
-    Entry("constraint", ("q",), "g", rules.ByKernel("constraint_jacobian")),
-    Entry("constraint_jacobian", ("q",), "G"),
-)
+_SIGNATURES = {**KERNELS, **KERNELS[FRAME_KERNEL].functions}
+
+
+def _own(name: str) -> Entry:
+    """Return the function that has the name of the kernel's; of one that calls a program, the block of its result."""
+    signature, known = _SIGNATURES[name], DIFFERENTIABLE[name]
+    if signature.calls:
+        [program] = signature.calls
+        return Entry(program, signature.reads, known.symbol, block=(signature.writes, 1))
+    return Entry(name, signature.reads, known.symbol, _rule(name), flat=known.flat)
+
+
+def _rule(name: str) -> rules.Rule:
+    """Return how a function's Jacobian follows from kernels."""
+    signature, jacobian = _SIGNATURES[name], DIFFERENTIABLE[name].jacobian
+    if not jacobian:
+        return rules.EnergyRule() if signature.writes == "pair" else _TANGENTS
+    if signature.symmetric:
+        return rules.MatrixRule(jacobian)
+    by_all = len(_SIGNATURES[jacobian].reads) == len(signature.reads)
+    return (rules.ByKernel if by_all else rules.ResidualRule)(jacobian)
+
+
+_TREES = {_SIGNATURES[name].tree: name for name in DIFFERENTIABLE if _SIGNATURES[name].tree}
 FUNCTIONS: Mapping[str, Entry] = MappingProxyType(
-    {entry.calls: entry for entry in _OWN}
-    | {"constraint_forces": Entry("constrained_dynamics", ("q", "v", "u"), "f", block=("constraints", 1))}
+    {name: _own(name) for name in DIFFERENTIABLE if name not in _TREES},
 )
 CLOSED: Mapping[str, Entry] = MappingProxyType(  # in their place where a robot has loops or rigid couplings
     {
-        "forward_dynamics": Entry("constrained_dynamics", ("q", "v", "u"), "a", block=("vector", 0)),
-        "inverse_dynamics": Entry("constrained_drives", ("q", "v", "a"), "u", block=("vector", 0)),
+        name: Entry(program, KERNELS[name].reads, DIFFERENTIABLE[name].symbol, block=(KERNELS[name].writes, 0))
+        for name, program in CLOSED_PROGRAMS.items()
     }
 )
-_TREE = rules.ByKernel("tree_forward_dynamics_jacobian")
-CUT: Mapping[str, Entry] = MappingProxyType(  # and where these are meant to be open
-    {
-        "forward_dynamics": Entry("tree_forward_dynamics", ("q", "v", "u"), "a", _TREE),
-        "inverse_dynamics": Entry("tree_inverse_dynamics", ("q", "v", "a"), "u", rules.ByKernel("residual_jacobian")),
-    }
-)
+CUT: Mapping[str, Entry] = MappingProxyType({name: _own(tree) for tree, name in _TREES.items()})  # where these are open
 ORDERS = (1, 2)
 
 
@@ -164,12 +155,14 @@ class DifferentiableFunction:
 
     def __init__(self, kernel: Kernel, name: str, frame: str | None = None, *, cut: bool = False) -> None:
         entry = _entry(name, bool(kernel.constraints), cut)
-        if name == "residual" and kernel.calls.arrays.has_drives:  # its derivatives by q and v depend on u
+        if (
+            isinstance(entry.rule, rules.ResidualRule) and kernel.calls.arrays.has_drives
+        ):  # its derivatives by q and v depend on u
             entry = replace(entry, rule=_TANGENTS, flat=())
-        if (name in FRAMES) != (frame is not None):
-            wanted = f"one of {', '.join(kernel.frames)}" if name in FRAMES else "none"
+        if (name in FRAMED) != (frame is not None):
+            wanted = f"one of {', '.join(kernel.frames)}" if name in FRAMED else "none"
             raise InputError(f"frame: {name} got {show(frame)}; allowed: {wanted}")
-        self.kernel, self.name, self.frame, self.rule = kernel.with_parameters(), name, frame, entry.rule
+        self.kernel, self.name, self.frame, self.rule = kernel.augmented.with_parameters(), name, frame, entry.rule
         self.kernels, self.second, self._entry = entry.kernels, entry.second, entry
         self._require(self.kernels)
         self._extra = () if frame is None else (kernel.frame_index(frame),)
@@ -179,7 +172,7 @@ class DifferentiableFunction:
         self.idle: tuple[str, ...] = tuple(label for label in called.reads if label not in entry.reads)
         block, begin = entry.block or (called.writes, 0)
         self.output: tuple[int, ...] = shapes[block]
-        self.whole: tuple[int, ...] = shapes[FRAMES.get(name, called.writes)]
+        self.whole: tuple[int, ...] = shapes[FRAMED.get(name, called.writes)]
         self.moving = math.prod(self.output if frame is None else self.whole[1:])
         self.begins = kernel.n * begin + sum(self._extra) * self.moving
 

@@ -80,7 +80,7 @@ class ByKernel(Rule):
 class ResidualRule(ByKernel):
     """A kernel writes the derivatives by q, v and a; by the drives, which come last, the residual's is -1."""
 
-    template = "residual"
+    template = "with_drives"
 
     def derivatives(self, f: Subject, *arrays: Array) -> tuple[Array, ...]:
         blocks = super().derivatives(f, *arrays[:-1])
@@ -97,11 +97,13 @@ class ResidualRule(ByKernel):
 class MatrixRule(Rule):
     """M_dot = C + C^T, from the Christoffel symbols."""
 
-    template = "mass_matrix"
-    kernel = "christoffel"
+    template = "by_christoffel"
+
+    def __init__(self, kernel: str) -> None:
+        self.kernel = kernel
 
     def derivatives(self, f: Subject, *arrays: Array) -> tuple[Array, ...]:
-        symbols = f.kernel.christoffel(*arrays)
+        symbols = f.kernel.calls.run(self.kernel, None, arrays)
         return (symbols + np.swapaxes(symbols, -3, -2),)
 
     def patterns(self, f: Subject) -> tuple[Array, list[Array]]:

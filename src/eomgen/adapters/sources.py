@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..codegen.kernels.derived import FRAMED
 from ..device.face import Device
 from ..errors import ArrayError, InputError
 from ..names import show
@@ -17,7 +18,7 @@ from ..runtime.kernel import Kernel
 from .mappings import DifferentiableFunction
 
 Array = NDArray[Any]
-OF_FRAMES = {"frame_poses": "frame_pose", "frame_jacobians": "frame_jacobian"}  # names of derivatives, by methods
+OF_FRAMES = {f"{name}s": name for name in FRAMED}  # names of derivatives, by methods
 
 
 class OnProcessor:

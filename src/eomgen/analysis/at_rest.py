@@ -120,7 +120,7 @@ def closed(kernel: Kernel, q: Array, still: Mask) -> Array:
     names = [name for name, stays in zip(kernel.coordinates, still[: len(kernel.coordinates)], strict=True) if stays]
     if np.abs(kernel.constraint(q)).max() <= ROUND_OFF:
         names = []
-    return np.asarray(kernel.assemble(q, held=names))
+    return np.asarray(kernel.assemble(q, fixed=names))
 
 
 def _rest_state(

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array
+from ..codegen.kernels.groups import FRAME_POSES
 from ..description import RobotLike, as_robot
 from ..errors import InputError, IntegrationError
 from ..limits import MOST_COUNTED
@@ -170,9 +171,9 @@ def _rigid(arm: HeldRobot, report: StageReport) -> Kernel:
     Of a closed mechanism that of the rigid one, which closes as a whole.
     """
     if not arm.robot.is_closed:
-        return arm.kernel
+        return arm.kernel.split
     rigid = arm.robot.rigid()
-    kernel = build(rigid, kernels=("kinematics", *mechanism_kernels(rigid)), progress=report)
+    kernel = build(rigid, kernels=(*FRAME_POSES, *mechanism_kernels(rigid)), progress=report)
     kernel.parameters.update({name: x for name, x in arm.kernel.parameters.items() if name in kernel.parameters})
     return kernel
 

@@ -19,7 +19,7 @@ from ..robot.value import Robot
 from ..runtime.kernel import Kernel
 from ..state.elements import cut_matrices, joint_stiffness
 from ..state.journals import cut_contacts, cut_deviations, journal_contacts
-from ..state.law_states import StatesLike, kept_note, memory_vector
+from ..state.law_states import StatesLike, kept_note, state_values
 from ..state.motors import acting, deflections, turn_motors
 from ..state.springs import clearances, cut_numbers, journals_in_play, law_numbers
 
@@ -42,7 +42,7 @@ class Fixation:
         locked: those that do not move about the state either, (n,).
         driven: coordinates that drives move, (n,).
         kp, kd: gains that drives add to K and D, (n,), N/m, N m/rad and per rate; 0 where there is none.
-        z: states of laws at the state, (memory,).
+        z: states of laws at the state, (m,).
         notes: lines about what was assumed.
     """
 
@@ -79,7 +79,7 @@ def fixation_of(
         kp, kd: gains of "pd": a number for all driven coordinates, or by their names; kd is 0 by default.
         held: names of the coordinates that stay at the state and, if drives are "locked", about it; instead of the
             above.
-        z: states of laws, (memory,), or by name; 0 by default.
+        z: states of laws, (m,), or by name; 0 by default.
 
     Raises:
         InputError: an option is unknown, a gain missing or negative, or there is no law with a state.
@@ -88,7 +88,7 @@ def fixation_of(
     if drives not in DRIVES:
         raise InputError(f"drives: {drives!r} is unknown; allowed: {', '.join(DRIVES)}")
     model, names = build_model(robot), kernel.velocities
-    driven, memory = _mask(names, model.driven), np.isin(names, kernel.memory)
+    driven, memory = _mask(names, model.driven), np.isin(names, kernel.internal_states)
     prescribed = _mask(names, model.prescribed) | memory
     notes: list[str] = []
     if held is not None:
@@ -118,14 +118,14 @@ def fixation_of(
         gains = np.zeros(kernel.n), np.zeros(kernel.n)
     if drives != "locked":
         locked = prescribed
-    states = memory_vector(kernel, z)
+    states = state_values(kernel, z)
     locked_names = set(np.array(names)[locked].tolist())
-    parts = map(split_state, kernel.memory)
+    parts = map(split_state, kernel.internal_states)
     places = [
         k for k, (owner, law, _) in enumerate(parts) if law not in (BRANCHES, DRIVE) and owner not in locked_names
     ]
     if places:
-        notes.append(kept_note([kernel.memory[k] for k in places], states[places]))
+        notes.append(kept_note([kernel.internal_states[k] for k in places], states[places]))
     return Fixation(drives, still, locked, driven, *gains, states, tuple(notes))
 
 
@@ -185,7 +185,7 @@ def floating(kernel: Kernel, q: Array) -> tuple[str, ...]:
 def floating_cuts(kernel: Kernel, q: Array) -> list[str]:
     """Return names of the loop joints' coordinates and couplings that touch no end of their clearance at q, (n,)."""
     ends = {name: law["clearance"] for name, law in cut_numbers(kernel).items() if law.get("clearance")}
-    known = {"cut_forces", "cut_jacobian"} <= set(kernel.raw.functions)  # a kernel that the caller built may lack them
+    known = kernel.raw.has(kernel.cut_forces, kernel.cut_jacobian)  # a kernel that the caller built may lack them
     contacts = cut_contacts(kernel)
     if not (ends or contacts) or not known:
         return []

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import RANK, Array, Mask
+from ..codegen.kernels.groups import SLOPES_OF_CLOSURE
 from ..errors import InputError, LoopError
 from ..names import joint_of
 from ..pipeline.building import build
@@ -95,7 +96,7 @@ def _closed_system(arm: HeldRobot, q: Array, v: Array, driving: Array, *, is_dri
         _refuse_opening(kernel, J @ a + bias, size, "a", "/s^2", "those of its motion, or u")
     a = state_rates(kernel, q, v, a)
     needed = _needed(kernel, q, v, a) - dead
-    prescribed = np.isin(kernel.velocities, (*kernel.prescribed, *kernel.memory))
+    prescribed = np.isin(kernel.velocities, (*kernel.prescribed, *kernel.internal_states))
     u = driving.copy() if is_drive else np.zeros(kernel.n)
     basis, _ = moving_basis(kernel, q, ~prescribed)
     if not is_drive:
@@ -141,11 +142,11 @@ def _jacobian_rates(arm: HeldRobot, q: Array, v: Array, a: Array) -> tuple[Array
     With H the second derivatives of g the bias is v^T H v, whose derivatives by q are those of H along the motion.
     """
     kernel = arm.kernel
-    beside = build(arm.robot, kernels=("constraint_bias_tangent",))
+    beside = build(arm.robot, kernels=SLOPES_OF_CLOSURE).augmented
     beside.parameters.update(kernel.parameters)
     H, along = constraint_hessian(kernel, q), np.eye(kernel.n)
     states, rates = (np.tile(x, (kernel.n, 1)) for x in (q, v))
-    by_q = beside.jvp("constraint_bias", (states, rates), (along, np.zeros_like(along))).T
+    by_q = beside.jvp(beside.constraint_bias, (states, rates), (along, np.zeros_like(along))).T
     return H @ v, H @ a + by_q
 
 

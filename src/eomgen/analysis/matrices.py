@@ -48,7 +48,7 @@ class StateSpace(Shown, Saved):
         coordinates: names of all coordinates, n.
         q, v, a, u: the state about which it is, (n,) each; u of servo drives as ``Kernel.inputs`` has it, where it was
             given or a static equilibrium says it, else the force.
-        memory, z: names of all states of laws, and the states about which it is, (memory,).
+        memory, z: names of all states of laws, and the states about which it is, (m,).
         notes: lines about what was assumed.
     """
 
@@ -256,7 +256,7 @@ def state_space(
     elif kind == "velocity":
         C = np.hstack([rates, rows, np.zeros_like(of_laws)]) + of_laws @ A[2 * m :]
         D = of_laws @ B[2 * m :]
-    elif states := [name for name in outputs if name in kernel.memory]:
+    elif states := [name for name in outputs if name in kernel.internal_states]:
         raise InputError(f"kind: 'acceleration' of {states[0]}, a law's state; allowed: displacement, velocity")
     elif moving:
         raise InputError("kind: 'acceleration' about a motion; allowed: displacement, velocity (accelerations at rest)")
@@ -278,7 +278,7 @@ def state_space(
         v=system.v[:n],
         a=system.a[:n],
         u=system.u[:n],
-        memory=kernel.memory,
+        memory=kernel.internal_states,
         z=system.v[n:],
         notes=system.notes,
     )

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array
+from ..codegen.kernels.groups import ANALYSIS, ANALYSIS_OF_LAWS, kernel_group
 from ..description import RobotLike, as_robot
 from ..errors import ArrayError, EomgenWarning, InputError
 from ..pipeline.building import build
@@ -19,12 +20,12 @@ from ..progress import StageReport, no_report
 from ..robot.model import build_model
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
-from ..state.law_states import StatesLike, whole_vector
+from ..state.law_states import StatesLike, joined_vector
 from .holding import Fixation, Gains, PoseLike, fixation_of, pose_of
 
 FrameLoads = Mapping[str, ArrayLike]
 
-KERNELS = ("inverse_dynamics", "residual_jacobian", "kinematics")
+KERNELS = ANALYSIS
 
 
 class StateKeywords(TypedDict, total=False):
@@ -55,8 +56,8 @@ class StateOptions:
         parameters: values that differ from the description's, {"gravity.z": 0.0} say.
         kernel: of the robot, float64, with KERNELS and ``mechanism_kernels``, and with cut_forces and
             cut_jacobian for what floats in the clearance of a loop joint; built if None.  Its parameters count.
-        z: states of laws at the state, (memory,), or by their names, those left out 0: they stay as they are, since a
-            robot with bristles is at rest whatever they are.
+        z: internal states at the state, (m,), or by their names, those left out 0: they stay as they are, since a robot
+            with bristles is at rest whatever they are.
     """
 
     drives: str = "locked"
@@ -79,8 +80,8 @@ class HeldRobot:
     loads: Mapping[str, Array]
 
     def coordinates(self, pose: PoseLike | None) -> Array:
-        """Return coordinates of a pose, (kernel.n,), m or rad; arguments and errors as ``pose_of``."""
-        return whole_vector(self.kernel, "pose", pose_of(self.robot, self.kernel, pose))[0]
+        """Return augmented coordinates of a pose, (kernel.n,), m or rad; arguments and errors as ``pose_of``."""
+        return joined_vector(self.kernel, "pose", pose_of(self.robot, self.kernel, pose), self.kernel.coordinates)
 
 
 def prepared(robot: RobotLike, progress: StageReport | None = None, **options: Unpack[StateKeywords]) -> HeldRobot:
@@ -90,7 +91,7 @@ def prepared(robot: RobotLike, progress: StageReport | None = None, **options: U
         InputError: an option cannot be used.
     """
     settings, arm = StateOptions(**options), as_robot(robot)
-    kernel = kernel_of(arm, settings.kernel, settings.parameters, progress)
+    kernel = kernel_of(arm, settings.kernel, settings.parameters, progress).augmented
     gains: dict[str, Gains | None] = {"kp": settings.kp, "kd": settings.kd}
     fixation = fixation_of(arm, kernel, settings.drives, **gains, held=settings.held, z=settings.z)
     return HeldRobot(arm, kernel, fixation, checked_loads(kernel, settings.loads))
@@ -108,16 +109,14 @@ def kernel_of(
         InputError: the kernel is of another robot or not float64, or parameters stand beside a kernel.
     """
     if kernel is None:
-        cuts = ("cut_forces", "cut_jacobian") if build_model(robot).cut_laws else ()
-        drives = ("drive_forces",) if build_model(robot).beside else ()
-        names = (*KERNELS, *mechanism_kernels(robot), *cuts, *drives)
+        names = (*kernel_group(robot, ANALYSIS, ANALYSIS_OF_LAWS), *mechanism_kernels(robot))
         kernel = build(robot, kernels=names, progress=progress or no_report)
         kernel.parameters.update(parameters or {})
         return kernel
     if parameters:
         raise InputError("parameters and kernel are both set; allowed: one of them (a kernel has parameters)")
     model = build_model(robot)
-    if (kernel.coordinates, kernel.memory) != (model.coordinates, model.memory):
+    if (kernel.coordinates, kernel.internal_states) != (model.coordinates, model.internal_states):
         raise InputError(
             f"kernel: {kernel.name} has not the coordinates of {robot.name}; allowed: a kernel of {robot.name}"
         )

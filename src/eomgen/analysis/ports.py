@@ -86,7 +86,7 @@ def checked_kind(kind: str) -> str:
 
 def units_of_outputs(kernel: Kernel, names: Sequence[str]) -> tuple[str, ...]:
     """Return the units of outputs as displacements: "m", "rad", and of states of laws their own."""
-    memory = dict(zip(kernel.memory, kernel.memory_units, strict=True))
+    memory = dict(zip(kernel.internal_states, kernel.internal_state_units, strict=True))
     return tuple(memory[name] if name in memory else unit_of(name) for name in names)
 
 
@@ -99,7 +99,11 @@ def _component(label: str, name: str, kernel: Kernel, parts: Sequence[str]) -> t
     frame, component = split_component(str(name))
     if component in parts and frame in kernel.frames:
         return frame, parts.index(component)
-    laws = f", a state of a law ({', '.join(kernel.memory)})" if kernel.memory and label == "output" else ""
+    laws = (
+        f", a state of a law ({', '.join(kernel.internal_states)})"
+        if kernel.internal_states and label == "output"
+        else ""
+    )
     raise UnknownNameError(
         f"{label}: {show(str(name))} is unknown; allowed: a coordinate ({', '.join(kernel.coordinates)}){laws}, or one"
         f" of {', '.join(kernel.frames)} with .{', .'.join(parts)}"

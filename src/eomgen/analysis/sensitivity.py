@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array
+from ..codegen.kernels.groups import FRAME_POSES
 from ..description import RobotLike, as_robot
 from ..errors import ArrayError
 from ..names import joint_of, kind_of, parameter_name
@@ -45,7 +46,7 @@ def offset_sensitivity(
     whole = robot.with_coordinates(every)
     joints = tuple(replace(joint, motor=None) for joint in whole.joints)  # motors move no frame
     whole = replace(whole, name=robot.name[:44] + "_six", joints=joints, tunable=())
-    kernel = build(whole, kernels=("kinematics",))
+    kernel = build(whole, kernels=FRAME_POSES)
     active = build_model(robot).coordinates
     kernel.parameters.update({name: value for name, value in (parameters or {}).items() if name in kernel.parameters})
     states = numbers_in("q", q, f"finite numbers of shape ({len(active)},) or (N, {len(active)})")

@@ -11,6 +11,8 @@ import numpy as np
 
 from ..arrays import Array, rank_of
 from ..bending.beams.resultants import COMPONENTS, StressResultants, stress_resultants
+from ..codegen.kernels.groups import FRAME_POSES, JOINT_REACTIONS, kernel_group
+from ..codegen.kernels.signatures import KERNELS
 from ..description import RobotLike
 from ..description.matrix_files import read_matrix
 from ..errors import InputError, LoopError, UnknownNameError, check_kind
@@ -25,8 +27,8 @@ from ..robot.model import tool_of
 from ..robot.parameter_names import number_of
 from ..robot.value import AXES, COORDINATES, Link, Robot, node_link
 from ..robot.value.nodes import SLIDING
-from ..runtime.by_name import wrench_rows
 from ..runtime.kernel import Kernel
+from ..runtime.methods.wrenches import wrench_rows
 from ..shown import Plotting, Shown, scale_of
 from .at_rest import closed, rest
 from .holding import Fixation, PoseLike, floating, floating_cuts
@@ -37,7 +39,6 @@ RANK = 1e-9  # of the greatest principal compliance: what is taken to be zero
 SOFT = 1e-13  # of the greatest stiffness, scaled: nothing holds what has less
 MATRIX_ENDINGS = (".csv", ".npz", ".mtx")  # of files that it is written to
 LEFT = 1e-6  # of the greatest force in an equilibrium: what its search may leave
-REACTING = frozenset(("external_reactions", "reactions"))  # kernels that stress resultants need
 UNITS = "N/m, N/rad, N m/rad"
 NO_BEAM = "no link of {} is a beam, whose stress resultants could be written; allowed: with --map or --matrix"
 
@@ -168,16 +169,16 @@ def _stress_resultants(arm: HeldRobot, q: Array) -> tuple[StressResultants, ...]
     Raises:
         InputError: of a robot with loops that neither drives nor held coordinates alone hold.
     """
-    robot, kernel = arm.robot, arm.kernel
+    robot, kernel = arm.robot, arm.kernel.split
     beams = [(link, link.beam) for link in robot.links if link.beam is not None]
     if not beams:
         return ()
     reacting = kernel
-    if not frozenset(kernel.raw.functions) >= REACTING:
-        reacting = build(robot) if robot.is_closed else build(robot, kernels=("kinematics", *sorted(REACTING)))
+    if not kernel.raw.has(*JOINT_REACTIONS):
+        reacting = build(robot, kernels=() if robot.is_closed else kernel_group(robot, FRAME_POSES, JOINT_REACTIONS))
         reacting.parameters.update(kernel.parameters)
     still = np.zeros(len(kernel.coordinates))
-    z = arm.fixation.z if kernel.memory else None
+    z = arm.fixation.z if kernel.internal_states else None
     try:
         wrenches = reacting.reactions(q, still, still, wrench=arm.loads or None, z=z)
     except LoopError as error:
@@ -208,12 +209,12 @@ def _reactions_of_held(arm: HeldRobot, q: Array, error: LoopError) -> Array:
     Raises:
         InputError: held coordinates do not hold it, or stand against each other through loops.
     """
-    kernel, still = arm.kernel, np.zeros(len(arm.kernel.coordinates))
-    whole, z = build(arm.robot), arm.fixation.z if kernel.memory else None
+    kernel, still = arm.kernel.split, np.zeros(len(arm.kernel.coordinates))
+    whole, z = build(arm.robot), arm.fixation.z if kernel.internal_states else None
     whole.parameters.update(kernel.parameters)
     held = arm.fixation.still[: still.size]
-    needed = whole.inverse_dynamics(q, still, still, wrench=arm.loads or None, cut=True, z=z)[: still.size]
-    J = whole.constraint_jacobian(q)[:, : still.size]
+    needed = whole.inverse_dynamics(q, still, still, wrench=arm.loads or None, cut=True, z=z)
+    J = whole.constraint_jacobian(q)
     multipliers = np.linalg.lstsq(J[:, ~held].T, needed[~held], rcond=RANK)[0]
     holding = needed - J.T @ multipliers
     if rank_of(J[:, ~held]) < rank_of(J) or np.abs(holding[~held]).max(initial=0.0) > LEFT * np.abs(needed).max():
@@ -227,9 +228,11 @@ def _reactions_of_held(arm: HeldRobot, q: Array, error: LoopError) -> Array:
         ) from error
     total = holding * held
     if arm.loads:
-        total = total + whole.external_force(q, arm.loads)[: still.size]
+        total = total + whole.external_force(q, arm.loads)
     values, calls = (q, still, still, total), whole.calls
-    return calls.run_with_wrench("reactions_under_load", None, values, wrench_rows(calls, q, arm.loads or None), z)
+    return calls.run_with_wrench(
+        KERNELS[JOINT_REACTIONS[0]].loaded, None, values, wrench_rows(calls, q, arm.loads or None), z
+    )
 
 
 def _beam_loads(
@@ -245,10 +248,11 @@ def _beam_loads(
         reactions: of each joint on its child link, (6,), in the joint's axes.
     """
     assert link.modes is not None
-    robot, pose = arm.robot, np.asarray(arm.kernel.frame_pose(q, link.name))
+    robot, kernel = arm.robot, arm.kernel.split
+    pose = np.asarray(kernel.frame_pose(q, link.name))
 
     def seen(name: str) -> Array:
-        return np.asarray(np.linalg.solve(pose, arm.kernel.frame_pose(q, name)))
+        return np.asarray(np.linalg.solve(pose, kernel.frame_pose(q, name)))
 
     loads: list[tuple[float, Array, Array]] = []
     for node in link.modes.nodes:

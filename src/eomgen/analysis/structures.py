@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array
+from ..codegen.kernels.groups import JOINT_REACTIONS, RIGID_MODEL, STRUCTURES, kernel_group
 from ..description import RobotLike, as_robot
 from ..errors import InputError, check_kind
 from ..motion.ends import default_motion, principal_limits
@@ -28,7 +29,6 @@ from ..robot.model import build_model, program_coordinates, tool_of
 from ..robot.value import Robot
 from ..runtime.stepping.methods import Method
 from ..shown import Shown, prefixed
-from ..simulation.assembly import RIGID_KERNELS
 from ..simulation.controls import actuators
 from ..simulation.references import MOVING_SHARE
 from ..simulation.result import SimulationResult
@@ -36,7 +36,7 @@ from ..simulation.run import simulate
 
 Line = tuple[ArrayLike, ArrayLike]
 
-COUNTED = ("inverse_dynamics", "forward_dynamics", "mass_matrix")
+COUNTED = STRUCTURES
 WIDTH = 34
 
 
@@ -191,7 +191,7 @@ def _common_motion(robots: Sequence[Robot], duration: float, goal: Sequence[floa
 
 
 def _line_motion(robot: Robot, line: Line, duration: float, tool: str | None) -> ToolLine:
-    rigid = build(robot.rigid(), kernels=RIGID_KERNELS)
+    rigid = build(robot.rigid(), kernels=RIGID_MODEL)
     limits = np.array([principal_limits(robot, name) for name in rigid.coordinates])
     guess = default_motion(robot, duration, rigid.coordinates)
     middle = (guess.start + guess.goal) / 2
@@ -199,7 +199,8 @@ def _line_motion(robot: Robot, line: Line, duration: float, tool: str | None) ->
 
 
 def _entry(robot: Robot, result: SimulationResult) -> Entry:
-    kernel = build(robot) if robot.is_closed else build(robot, kernels=(*COUNTED, "reactions"))
+    kernels = () if robot.is_closed else kernel_group(robot, STRUCTURES, JOINT_REACTIONS)
+    kernel = build(robot, kernels=kernels).augmented
     motion = result.trajectory
     q, v, u = motion.joined()
     reactions = np.asarray(kernel.reactions(q, v, kernel.forward_dynamics(q, v, u)))

@@ -20,11 +20,10 @@ import numpy as np
 from ..arrays import RANK, Array, Index, Mask, independent_columns, rank_by
 from ..errors import InputError, SingularError
 from ..names import joint_of, split_state
-from ..robot.memory.states import WEIGHTLESS
 from ..runtime.kernel import Kernel
 from ..runtime.singular import null_coordinates, scaled_eigenvalues
 from ..shown import Shown
-from ..state.drives import is_of_drive
+from ..state.drives import is_of_drive, stores_energy
 from ..state.law_states import LawStates, slopes_of, states_of, zero_note
 from .holding import Fixation
 
@@ -224,7 +223,7 @@ class LinearSystem(Shown):
         """
         laws, size = self.memory, 1.0 / np.sqrt(np.diagonal(self.M))
         factors = np.sqrt(laws.inertia)
-        light = np.flatnonzero(laws.inertia <= WEIGHTLESS)
+        light = np.flatnonzero([not stores_energy(name) for name in laws.names])
         factors[light] = 1.0
         speed = np.sqrt(np.linalg.norm(self.K * np.outer(size, size))) or 1.0
         for k in np.tile(light, SWEEPS):

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import RANK, Array
+from ..codegen.kernels.groups import FRAME_POSES
 from ..description import RobotLike, as_robot
 from ..errors import InputError, check_kind
 from ..pipeline.building import build
@@ -213,7 +214,7 @@ def budget(
             f"result: {result.robot} has not the coordinates of {robot.name}; allowed: the robot simulated"
         )
     frame = tool_of(robot, frame or result.tool)
-    kernel = kernel or build(robot, kernels=("kinematics",))
+    kernel = kernel or build(robot, kernels=FRAME_POSES)
     program = np.zeros_like(motion.q)
     program[:, index_of(motion.coordinates, result.program_coordinates)] = result.program_q
     following = None

@@ -22,11 +22,11 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array
+from ..codegen.kernels.groups import ASSEMBLY, INERTIA, STRUCTURES, kernel_group
 from ..description import RobotLike, as_robot
 from ..errors import InputError, InternalError, LoopError
 from ..names import component_name, listed
 from ..pipeline.building import build
-from ..pipeline.mechanisms import assembly_kernels
 from ..pipeline.options import Options
 from ..pipeline.stages import tools_for
 from ..progress import StageReport, no_report
@@ -163,7 +163,8 @@ def bench(
     from ..codegen.package.compile import find_compiler
 
     options = Options(tuple(kernels), native=native, flags=tuple(flags))
-    kernel = build(robot, kernels=options.kernels or "all", native=native, flags=options.flags, progress=progress)
+    kernels = options.kernels or "all"
+    kernel = build(robot, kernels=kernels, native=native, flags=options.flags, progress=progress).augmented
     used = tools_for(options).flags
     progress("compiling the Newton-Euler algorithm")
     unknown = unknown_to_textbook(build_model(robot).tree)
@@ -288,14 +289,14 @@ def _inputs(robot: Robot, kernel: Kernel) -> dict[str, Array]:
 def _closed_inputs(robot: Robot, inputs: dict[str, Array], rng: np.random.Generator) -> dict[str, Array]:
     """Draw states of a closed mechanism: near home, with rates and accelerations that keep it closed."""
     model = build_model(robot)
-    kernel = build(robot, kernels=("mass_matrix", "forward_dynamics", *assembly_kernels(robot)))
+    kernel = build(robot, kernels=kernel_group(robot, STRUCTURES, ASSEMBLY)).augmented
     home, driven = np.zeros(kernel.n), [model.coordinates[i] for i in model.driven]
     home[: len(model.home)] = model.home
     q, reach = np.tile(kernel.assemble(home), (STATES, 1)), 0.1
     away = rng.uniform(-1.0, 1.0, q.shape) * np.isin(kernel.velocities, driven)
     while reach > SMALL:
         try:
-            q = kernel.assemble(q + reach * away, held=driven)
+            q = kernel.assemble(q + reach * away, fixed=driven)
             break
         except LoopError:
             reach *= 0.5
@@ -323,7 +324,11 @@ def _is_closed(kernel: Kernel, name: str) -> bool:
     from ..codegen.kernels.signatures import SIGNATURES
 
     known = SIGNATURES.get(name)
-    return bool(kernel.constraints and known and (known.closed or "constrained_dynamics" in known.calls))
+    return bool(
+        kernel.constraints
+        and known
+        and (known.closed or any(SIGNATURES[x].writes == "constrained" for x in known.calls))
+    )
 
 
 def compare(kernel: Kernel, yardstick: Yardstick, inputs: Mapping[str, Array]) -> float:
@@ -345,7 +350,7 @@ def compare(kernel: Kernel, yardstick: Yardstick, inputs: Mapping[str, Array]) -
             allowed = TOLERANCE
             if COUNTERPARTS[textbook_name].solves:
                 matrix = np.zeros((kernel.n, kernel.n))
-                yardstick.run("mass_matrix", arrays[:1], matrix)
+                yardstick.run(*INERTIA, arrays[:1], matrix)
                 allowed = max(allowed, 100.0 * float(np.linalg.cond(matrix)) * float(np.finfo(np.float64).eps))
             if not error <= allowed:
                 title = COUNTERPARTS[textbook_name].title

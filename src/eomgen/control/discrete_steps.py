@@ -14,6 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from ..codegen.kernels.derived import METHODS
+from ..codegen.kernels.groups import ACCELERATION_SLOPES
 from ..errors import InputError, UnknownNameError
 from ..names import listed, show
 from ..runtime.kernel import Kernel
@@ -21,9 +23,7 @@ from ..runtime.stepping.methods import STEP_CODES
 
 LONGEST = 1e6  # s, of a step
 MOST_SUBSTEPS = 10_000
-ROLLOUTS = {"explicit": "rollout", "implicit": "rollout", "rosenbrock": "adaptive_rollout"}  # by kinds of steps
-
-SLOPES = "forward_dynamics_jacobian"  # spares "rk4" directions, where a kernel has it
+[SLOPES] = ACCELERATION_SLOPES  # spares "rk4" directions, where a kernel has it
 
 
 def kernels_for_step(method: str = "rk4", *, closed: bool = False) -> tuple[str, ...]:
@@ -39,7 +39,7 @@ def kernels_for_step(method: str = "rk4", *, closed: bool = False) -> tuple[str,
     if method not in STEP_CODES:
         raise InputError(f"method: {show(method)} has no derivatives; allowed: {', '.join(STEP_CODES)}")
     way = STEP_CODES[method][0]
-    needed = (ROLLOUTS[way], f"{way}_gradient", f"{way}_sensitivity")
+    needed = (METHODS[way][1], f"{way}_gradient", f"{way}_sensitivity")
     return (*needed, SLOPES) if method == "rk4" and not closed else needed
 
 
@@ -92,7 +92,8 @@ class DiscreteStep:
 
     def __post_init__(self) -> None:
         """Check every field, and complete ``drives``."""
-        kernel = self.kernel
+        kernel = self.kernel.augmented
+        object.__setattr__(self, "kernel", kernel)
         wanted = kernels_for_step(self.method, closed=True)
         missing = [name for name in wanted if name not in kernel.operations]
         if missing:

@@ -262,10 +262,10 @@ def _check_driven(robot: Robot, links: Robot) -> None:
 
 def _check_forces(robot: Robot, full: Kernel) -> None:
     """Refuse drives that take no forces, and laws with states, by name."""
-    if full.memory:
+    if full.internal_states:
         raise InputError(
-            f"{robot.name}: laws have the states {listed(full.memory)}; allowed for feed-forward: robots whose forces"
-            " depend on positions and velocities alone"
+            f"{robot.name}: laws have the states {listed(full.internal_states)}; allowed for feed-forward: robots whose"
+            " forces depend on positions and velocities alone"
         )
     servos = [name for name, given in full.inputs.items() if name not in full.prescribed and not given.is_force]
     if servos:
@@ -318,14 +318,14 @@ def _series(links: Robot, kernel: Kernel, course: _Course, t: Array, order: int)
     near = np.column_stack([np.interp(t, path.t, column) for column in path.q.T])
     others = np.setdiff1d(np.arange(near.shape[1]), columns)
     whole[0][:, others] = near[:, others]
-    return kernel.close_series(tuple(whole), held=driven)
+    return kernel.close_series(tuple(whole), fixed=driven)
 
 
 def _forces(kernel: Kernel, series: tuple[Array, ...], order: int) -> tuple[Array, ...]:
     """Return the forces of drives at the links' side, and their time derivatives up to an order, (T, n) each."""
     if order == 0:
         return (kernel.inverse_dynamics(*series[:3]),)
-    return kernel.jet("inverse_dynamics", tuple(np.ascontiguousarray(x) for x in series), order)
+    return kernel.jet(kernel.inverse_dynamics, tuple(np.ascontiguousarray(x) for x in series), order)
 
 
 def _assembled(

@@ -14,6 +14,7 @@ from .._version import __version__
 from ..arrays import Array
 from ..codegen.c.scalar_types import SCALARS
 from ..codegen.c.source import environment
+from ..codegen.kernels.groups import INVERSE_DYNAMICS, ROTORS_OF_GEARS, SPRINGS_OF_GEARS
 from ..description import RobotLike, as_robot
 from ..errors import InputError
 from ..files import as_path
@@ -132,11 +133,11 @@ class _Parts:
 
     def equations(self) -> list[tuple[Robot, tuple[str, ...]]]:
         """Return the robots whose C is needed, with the kernels of each."""
-        jet = f"inverse_dynamics_jet{self.order}"
-        made: list[tuple[Robot, tuple[str, ...]]] = [(self.links, (jet,))]
-        made += [(self.robot_of(x), ("generalized_force_jet2",)) for x in ("springs", "dampers") if getattr(self, x)]
+        jets = tuple(f"{name}_jet{self.order}" for name in INVERSE_DYNAMICS)
+        made: list[tuple[Robot, tuple[str, ...]]] = [(self.links, jets)]
+        made += [(self.robot_of(x), SPRINGS_OF_GEARS) for x in ("springs", "dampers") if getattr(self, x)]
         if self.rotors:
-            made.append((self.robot_of("rotors"), ("generalized_force",)))
+            made.append((self.robot_of("rotors"), ROTORS_OF_GEARS))
         return made
 
 

@@ -8,16 +8,10 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..robot.value import Robot
 from ..runtime.kernel import Kernel
-from .independent import Independent, kernels_of_choice
+from .independent import Independent
 
 Numbers = NDArray[Any]
-
-
-def kernels_of_coordinates(robot: Robot) -> tuple[str, ...]:
-    """Name the kernels that independent coordinates of a closed mechanism take."""
-    return (*kernels_of_choice(robot), "constraint_jacobian", "constraint_bias_tangent")
 
 
 class FilterCoordinates(Protocol):
@@ -64,7 +58,7 @@ class IndependentCoordinates:
     """Independent coordinates of a closed mechanism; the others follow on the branch on which the last state was.
 
     Attributes:
-        kernel: with ``kernels_of_coordinates``.
+        kernel: with those of the groups "independent coordinates" and "slopes of closure".
         choice: which coordinates are independent.
     """
 
@@ -115,14 +109,14 @@ class IndependentCoordinates:
         dq[:f] = dv[f:] = Z
         still, half = np.zeros_like(q), q.dtype.type(0.5)
         for row, along in zip(dv, Z, strict=False):
-            bias = half * self.kernel.jvp("constraint_bias", (q, v), (still, along))
+            bias = half * self.kernel.jvp(self.kernel.constraint_bias, (q, v), (still, along))
             row[bound] = -inverse @ bias[rows]
         return dq, dv
 
     def _place(self, x: Numbers, guess: Numbers) -> None:
         """Let the dependent coordinates follow, near a guess, and keep the state."""
         f = len(self.free)
-        q = self.kernel.assemble(guess, held=[self.kernel.coordinates[i] for i in self.free])
+        q = self.kernel.assemble(guess, fixed=[self.kernel.coordinates[i] for i in self.free])
         slopes, _ = self.choice.follow(self.kernel, q)
         v = np.zeros_like(q)
         v[self.free] = x[f:]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,9 +14,6 @@ from .filter_coordinates import FilterCoordinates
 
 Numbers = NDArray[Any]
 LINEAR_LAWS = ("stiffness", "damping")  # whose forces are linear in coordinates and velocities
-LINEAR_KERNELS = ("rollout", "residual_jacobian", "inverse_dynamics")
-GENERAL_KERNELS = ("implicit_sensitivity",)
-WRENCH_KERNELS = ("external_force", "external_force_tangent")
 ROUND_OFFS = 1e5  # of what a linear step may miss its equations by
 
 
@@ -128,7 +124,7 @@ class FilterSteps:
             return acting.u, along
         still = np.zeros_like(acting.wrench)
         for d in range(f):
-            along[d] = kernel.jvp("external_force", (q, acting.wrench), (along_q[d], still))
+            along[d] = kernel.jvp(kernel.external_force, (q, acting.wrench), (along_q[d], still))
         for d in range(6 * len(self.links)):
             unit = still.copy()
             unit[self.links[d // 6], d % 6] = 1.0
@@ -142,16 +138,11 @@ class FilterSteps:
         forces, along = self.forces(q, acting, along_q)
         state = (q, v, forces)
         rows = [
-            kernel.jvp("forward_dynamics", state, directions)
+            kernel.jvp(kernel.forward_dynamics, state, directions)
             for directions in zip(along_q, along_v, along, strict=True)
         ]
         still = np.zeros(n, dtype)
         for name in self.parameters:
             rates = (still, still, still)
-            rows.append(kernel.jvp("forward_dynamics", state, rates, parameters={name: 1.0}))
+            rows.append(kernel.jvp(kernel.forward_dynamics, state, rates, parameters={name: 1.0}))
         return kernel.forward_dynamics(q, v, forces), np.array(rows, dtype).T
-
-
-def kernels_of_steps(*, is_linear: bool, has_wrenches: bool) -> Sequence[str]:
-    """Name the kernels that steps call."""
-    return (*(LINEAR_KERNELS if is_linear else GENERAL_KERNELS), *(WRENCH_KERNELS if has_wrenches else ()))

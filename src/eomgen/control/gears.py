@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from ..arrays import Array, Index, Mask
+from ..codegen.kernels.groups import GEARS
 from ..errors import InputError
 from ..pipeline.building import build
 from ..robot.coordinates import force_unit_of
@@ -63,7 +64,7 @@ class Gears:
         """Return the springs' forces phi at deflections, (..., g), with the first and second derivatives by these."""
         e = np.ascontiguousarray(e)
         ones, zeros = np.ones_like(e), np.zeros_like(e)
-        phi, slope, curvature = self.kernel.jet("generalized_force", (e, ones, zeros, zeros), 2)
+        phi, slope, curvature = self.kernel.jet(self.kernel.generalized_force, (e, ones, zeros, zeros), 2)
         return -phi - self.damping, -slope, -curvature
 
     @cached_property
@@ -137,9 +138,7 @@ def gears_of(robot: Robot) -> Gears | None:
         ratios=np.array([motor.ratio for motor in motors]),
         damping=np.array([motor.transmission.damping or 0.0 for motor in motors]),
         linear=np.array([keys <= LINEAR for keys in own]),
-        kernel=build(_deflected(robot, joints), kernels=("generalized_force", "generalized_force_jet2")).with_checks(
-            False
-        ),
+        kernel=build(_deflected(robot, joints), kernels=GEARS).with_checks(False),
     )
 
 

@@ -21,17 +21,10 @@ from numpy.typing import ArrayLike, NDArray
 from ..arrays import independent_columns, rank_of
 from ..errors import SingularError
 from ..names import listed
-from ..robot.value import Robot
 from ..runtime.kernel import Kernel
 from ..runtime.singular import inertias
 
 Numbers = NDArray[Any]
-KERNELS = ("constraint_jacobian", "constraint_bias", "constraint_bias_adjoint")  # that momenta along them take
-
-
-def kernels_of_choice(robot: Robot) -> tuple[str, ...]:
-    """Name the kernels that the choice of independent coordinates takes beside KERNELS; couplings have no cuts."""
-    return ("constraint", "mass_matrix", *(("cut_poses",) if robot.loops else ()))
 
 
 @dataclass(frozen=True)
@@ -53,7 +46,7 @@ class Independent:
         """Choose about an assembled state, (n,): driven coordinates are independent as far as they can.
 
         Args:
-            kernel: with KERNELS and ``kernels_of_choice``.
+            kernel: with those of the group "independent coordinates".
             q: closes the loops.
             driven: indices of the driven coordinates.
         """
@@ -95,4 +88,4 @@ class Independent:
         """Return J'^T mu, (..., n), with J_d^T mu = p_d: -Z^T of it is Z'^T p."""
         mu = np.zeros((*p.shape[:-1], len(kernel.constraints)), kernel.dtype)
         mu[..., list(self.rows)] = np.einsum("...br,...b->...r", inverse, p[..., list(self.bound)])
-        return np.asarray(kernel.dtype.type(0.5) * kernel.vjp("constraint_bias", (q, v), mu)[1])
+        return np.asarray(kernel.dtype.type(0.5) * kernel.vjp(kernel.constraint_bias, (q, v), mu)[1])

@@ -10,6 +10,20 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..codegen.kernels.groups import (
+    CLOSURE_BY_PARAMETERS,
+    FILTER_BY_SENSITIVITIES,
+    FILTER_OF_LINEAR_LAWS,
+    FILTERED_ACCELERATIONS,
+    FILTERED_ACCELERATIONS_BY_PARAMETERS,
+    FILTERED_SENSORS,
+    FILTERED_WRENCHES,
+    INDEPENDENT_COORDINATES,
+    INVERSE_DYNAMICS,
+    SENSORS,
+    SLOPES_OF_CLOSURE,
+    kernel_group,
+)
 from ..description import RobotLike
 from ..errors import InputError, IntegrationError, LoopError, UnknownNameError, check_kind
 from ..limits import LARGEST, MOST_COUNTED, is_usable
@@ -21,9 +35,9 @@ from ..robot.value import Sensor
 from ..runtime.arrays import joint_lead, names_in, numbers_in
 from ..runtime.kernel import Kernel
 from .covariances import Covariance, SquareRoot
-from .filter_coordinates import AllCoordinates, FilterCoordinates, IndependentCoordinates, kernels_of_coordinates
-from .filter_steps import Acting, FilterSteps, Slopes, kernels_of_steps, names_linear_laws
-from .independent import Independent, kernels_of_choice
+from .filter_coordinates import AllCoordinates, FilterCoordinates, IndependentCoordinates
+from .filter_steps import Acting, FilterSteps, Slopes, names_linear_laws
+from .independent import Independent
 from .observability import HORIZON, Observability, common_observability
 from .sensing import Measurement
 
@@ -327,7 +341,7 @@ class Observer:
         weights = measurement.weights(predicted).astype(kernel.dtype)
         for i, name in enumerate(self.filter.parameters):
             still = (np.zeros(n, kernel.dtype),) * 3
-            moved = kernel.jvp("measurement", (q, v, a), still, parameters={name: 1.0})
+            moved = kernel.jvp(kernel.measurement, (q, v, a), still, parameters={name: 1.0})
             H[:, 2 * f + 6 * len(self.filter.links) + i] += weights @ moved
         for i, row in enumerate(self._bias_rows):
             H[row, N - len(self._bias_rows) + i] = 1.0
@@ -490,12 +504,12 @@ def _independent(model: Model, parameters: Sequence[str]) -> Independent:
         InputError: a parameter that is estimated moves the dependent coordinates.
         LoopError: the loops do not close near the home.
     """
-    slopes = ("constraint_tangent", "constraint_parameter_tangent") if parameters else ()
-    kernel = build(model.robot, kernels=(*kernels_of_choice(model.robot), "constraint_jacobian", *slopes))
+    slopes = CLOSURE_BY_PARAMETERS if parameters else ()
+    kernel = build(model.robot, kernels=kernel_group(model, INDEPENDENT_COORDINATES, slopes))
     rng = np.random.default_rng(POSE_SEED)
     for name in parameters:
         for q in rng.normal(size=(3, kernel.n)):
-            if kernel.jvp("constraint", (q,), (np.zeros(kernel.n),), parameters={name: 1.0}).any():
+            if kernel.jvp(kernel.constraint, (q,), (np.zeros(kernel.n),), parameters={name: 1.0}).any():
                 raise InputError(
                     f"states: {name} changes how the loops of {model.name} close; allowed: parameters of forces and"
                     " masses"
@@ -506,7 +520,7 @@ def _independent(model: Model, parameters: Sequence[str]) -> Independent:
 def _refuse_what_filters_lack(model: Model) -> None:
     """Refuse robots whose states are not coordinates and velocities that move under forces."""
     lacks = {
-        "states of laws": model.memory,
+        "states of laws": model.internal_states,
         "prescribed coordinates": model.prescribed,
         "joints with 3-DOF rotation": model.turning,
     }
@@ -547,15 +561,19 @@ def _coordinates(model: FilterModel, kernel: Kernel) -> FilterCoordinates:
 
 def kernels_of(model: FilterModel, *, is_linear: bool) -> tuple[str, ...]:
     """Name the kernels that a filter calls."""
-    names = [*kernels_of_steps(is_linear=is_linear, has_wrenches=bool(model.links)), *model.measurement.kernels]
-    if model.independent is not None:
-        names += kernels_of_coordinates(model.model.robot)
-    if model.parameters:
-        names += ["measurement_tangent", "measurement_parameter_tangent"]
-    if model.measurement.depends_on_acceleration:
-        names += ["forward_dynamics", "forward_dynamics_tangent"]
-        names += ["forward_dynamics_parameter_tangent"] if model.parameters else []
-    return tuple(dict.fromkeys(names))
+    wanted: dict[tuple[str, ...], bool] = {
+        FILTER_OF_LINEAR_LAWS: is_linear,
+        INVERSE_DYNAMICS: is_linear,
+        FILTER_BY_SENSITIVITIES: not is_linear,
+        FILTERED_WRENCHES: bool(model.links),
+        SENSORS: True,
+        INDEPENDENT_COORDINATES: model.independent is not None,
+        SLOPES_OF_CLOSURE: model.independent is not None,
+        FILTERED_SENSORS: bool(model.parameters),
+        FILTERED_ACCELERATIONS: model.measurement.depends_on_acceleration,
+        FILTERED_ACCELERATIONS_BY_PARAMETERS: model.measurement.depends_on_acceleration and bool(model.parameters),
+    }
+    return kernel_group(model.model, *(group for group, is_wanted in wanted.items() if is_wanted))
 
 
 def _vector(label: str, values: ArrayLike, size: int) -> Numbers:

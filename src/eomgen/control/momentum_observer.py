@@ -29,6 +29,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._version import __version__
 from ..codegen.c.scalar_types import SCALARS
+from ..codegen.kernels.groups import (
+    INDEPENDENT_COORDINATES,
+    MOMENTUM_ALONG_CONSTRAINTS,
+    MOMENTUM_OBSERVER,
+    kernel_group,
+)
 from ..description import RobotLike, as_robot
 from ..errors import InputError, UnknownNameError, check_kind
 from ..limits import is_usable
@@ -39,10 +45,9 @@ from ..robot.model import build_model
 from ..robot.value import Coordinate, Robot
 from ..runtime.arrays import flag, joint_lead, numbers_in
 from ..runtime.kernel import Kernel
-from . import independent
-from .independent import Independent, kernels_of_choice
+from .independent import Independent
 
-KERNELS = ("generalized_momentum", "generalized_force")
+KERNELS = MOMENTUM_OBSERVER
 PerCoordinate = float | Sequence[float] | Mapping[str, float]  # a number for all, one each, or by names
 
 
@@ -109,7 +114,7 @@ class MomentumObserver:
         self.kernels: tuple[str, ...] = KERNELS
         self._independent: Independent | None = None
         if model.constraints:
-            self.kernels = (*KERNELS, *independent.KERNELS, *kernels_of_choice(self.robot))
+            self.kernels = kernel_group(model, MOMENTUM_OBSERVER, MOMENTUM_ALONG_CONSTRAINTS, INDEPENDENT_COORDINATES)
             assembled = self.kernel.assemble(np.asarray(model.home, self.dtype))
             self._independent = Independent.of(self.kernel, assembled, model.driven)
         kept = range(model.size) if self._independent is None else self._independent.free
@@ -179,7 +184,7 @@ class MomentumObserver:
     @property
     def kernels_in_c(self) -> tuple[str, ...]:
         """Names of the kernels that the observer's C calls."""
-        return tuple(name for name in self.kernels if name not in kernels_of_choice(self.robot))
+        return kernel_group(self.robot, MOMENTUM_OBSERVER, MOMENTUM_ALONG_CONSTRAINTS)
 
     def sources(self) -> dict[str, str]:
         """Return names and texts of the observer's C, which stands beside the robot's with ``kernels_in_c``.
@@ -298,7 +303,8 @@ def _check_observable(robot: Robot) -> None:
         raise InputError(
             f"robot: {listed(prescribed)} is prescribed, by forces that are not known; allowed: driven ones"
         )
-    if model.memory:
+    if model.internal_states:
         raise InputError(
-            f"robot: laws have states ({listed(model.memory)}), which are not measured; allowed: robot.without_states()"
+            f"robot: laws have states ({listed(model.internal_states)}), which are not measured; allowed:"
+            " robot.without_states()"
         )

@@ -13,12 +13,21 @@ import numpy as np
 
 from .._version import __version__
 from ..codegen.c.source import environment
+from ..codegen.kernels.groups import (
+    FILTER_BY_SENSITIVITIES,
+    FILTER_OF_LINEAR_LAWS,
+    FILTERED_ACCELERATIONS_BY_PARAMETERS,
+    FILTERED_ACCELERATIONS_IN_C,
+    FILTERED_SENSORS_IN_C,
+    FILTERED_WRENCHES,
+    SENSORS,
+    kernel_group,
+)
 from ..errors import InputError, check_kind
 from ..files import as_path, write_atomically
 from ..pipeline.options import Options
 from ..pipeline.stages import make_source
 from ..progress import StageReport, no_report, tells_at_prompt
-from .filter_steps import GENERAL_KERNELS, LINEAR_KERNELS, WRENCH_KERNELS
 from .kalman_filter import FilterModel, Observer
 from .sensing import Measurement
 
@@ -84,16 +93,18 @@ def _reads_states(measurement: Measurement) -> bool:
 
 def _kernels(model: FilterModel, *, is_linear: bool) -> tuple[str, ...]:
     """Name the kernels that the C of a filter calls."""
-    names = [*(LINEAR_KERNELS[:2] if is_linear else GENERAL_KERNELS), *(WRENCH_KERNELS if model.links else ())]
-    if _reads_states(model.measurement):
-        return tuple(names)
-    names += model.measurement.kernels
-    if model.measurement.depends_on_acceleration:
-        names += ["forward_dynamics", "forward_dynamics_jacobian"]
-    if model.parameters:
-        names += ["measurement_parameter_tangent"]
-        names += ["forward_dynamics_parameter_tangent"] if model.measurement.depends_on_acceleration else []
-    return tuple(names)
+    evaluates, by_acceleration = not _reads_states(model.measurement), model.measurement.depends_on_acceleration
+    estimates = evaluates and bool(model.parameters)
+    wanted: dict[tuple[str, ...], bool] = {
+        FILTER_OF_LINEAR_LAWS: is_linear,
+        FILTER_BY_SENSITIVITIES: not is_linear,
+        FILTERED_WRENCHES: bool(model.links),
+        SENSORS: evaluates,
+        FILTERED_ACCELERATIONS_IN_C: evaluates and by_acceleration,
+        FILTERED_SENSORS_IN_C: estimates,
+        FILTERED_ACCELERATIONS_BY_PARAMETERS: estimates and by_acceleration,
+    }
+    return kernel_group(model.model, *(group for group, is_wanted in wanted.items() if is_wanted))
 
 
 def _context(model: FilterModel, *, is_linear: bool) -> dict[str, object]:

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from .._version import __version__
 from ..arrays import Array
+from ..codegen.kernels.groups import SENSORS
 from ..description import RobotLike, as_robot
 from ..errors import InputError, UnknownNameError, check_kind
 from ..limits import is_usable
@@ -25,7 +26,6 @@ from ..runtime.kernel import Kernel
 NOISE: Mapping[str, float] = MappingProxyType(  # standard deviations of readings, by their units
     {"rad": 1e-4, "m": 1e-4, "rad/s": 5e-3, "m/s": 1e-3, "N m": 0.1, "N": 1.0, "m/s^2": 0.05}
 )
-KERNELS = ("measurement", "measurement_adjoint")  # that readings and their Jacobians take
 _LIKE = "KIND:NAME, such as encoder:joint1.gamma, torque:joint1.motor, imu:tcp, pose:tcp"
 _BEGINS = {"encoder": 0, "tachometer": 1}  # sensors of numbers of (q, v): of which of both
 _POSE = 12  # readings of a pose, rows of [R | X]
@@ -48,7 +48,7 @@ class Measurement(Picklable):
     robot: Robot
     noise: tuple[float, ...]
     drift: tuple[float, ...]
-    kernels: tuple[str, ...] = field(default=KERNELS, init=False)
+    kernels: tuple[str, ...] = field(default=SENSORS, init=False)
 
     def __post_init__(self) -> None:
         check_kind("robot", self.robot, isinstance(self.robot, Robot), "a Robot (from load_robot)")
@@ -202,7 +202,7 @@ class Measurement(Picklable):
         W = self.weights(kernel.measurement(q, v, a)).astype(kernel.dtype)
         states = (np.asarray(x, kernel.dtype)[..., None, :] for x in (q, v, a))
         rows = [np.ascontiguousarray(np.broadcast_to(x, (*W.shape[:-1], kernel.n))) for x in states]
-        H_q, H_v, H_a = kernel.vjp("measurement", rows, W)
+        H_q, H_v, H_a = kernel.vjp(kernel.measurement, rows, W)
         return H_q, H_v, H_a
 
     def noisy(self, exact: ArrayLike, rng: np.random.Generator) -> Array:

@@ -74,7 +74,7 @@ class Device:
         from ..robot.model import build_model
 
         model = build_model(self._robot)
-        return tuple(name for name in (*KERNELS, *FRAMES, *ROLLOUTS) if refusal(model, name) is None)
+        return tuple(name for name in (*KERNELS.compiled, *FRAMES, *ROLLOUTS) if refusal(model, name) is None)
 
     def __getattr__(self, name: str) -> Callable[..., Any]:
         if name.startswith("_"):
@@ -338,7 +338,7 @@ class Device:
         entry = int(np.flatnonzero(~np.isfinite(numbers))[0])
         shape = {**loaded.reads, **loaded.writes}[label]
         index = tuple(int(i) for i in np.unravel_index(entry, shape))
-        names = self._kernel.velocities
+        names = self._kernel.augmented.velocities
         name = names[entry] if shape == (len(names),) else ""
         return f"{name or list(index)} in state {state} is {numbers[entry]}", name
 

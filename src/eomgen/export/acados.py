@@ -67,7 +67,7 @@ def export_acados(
         **made.context(by_parameters=False, adjoint=False),
         "version": __version__,
         "code": in_one_file(texts, f"{kernel.name}.c"),
-        "laws": bool(kernel.memory),
+        "laws": bool(kernel.internal_states),
         "names": {
             "x": made.states,
             "u": made.drives,
@@ -89,7 +89,7 @@ def _written(path: Path, text: str) -> Path:
 def _method(robot: Robot) -> str:
     """Return the method that is stable whatever springs there are, or the explicit one where nothing is elastic."""
     model = build_model(robot)
-    return "rk4" if len(model.driven) == len(model.coordinates) and not model.memory else "rosenbrock"
+    return "rk4" if len(model.driven) == len(model.coordinates) and not model.internal_states else "rosenbrock"
 
 
 def in_one_file(texts: Mapping[str, str], place: str) -> str:

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from ..arrays import Array
+from ..codegen.kernels.groups import ACCELERATION_SLOPES, POLES_OF_MECHANISMS
 from ..errors import InputError, SingularError
 from ..names import listed
 from ..pipeline.building import build
@@ -45,7 +46,7 @@ def _velocities(robot: Robot) -> list[Array]:
     """Return velocities at which eigenvalues are looked at, (n,): at rest, and at limits where laws have states."""
     model = build_model(robot)
     still = np.zeros(model.size)
-    if not model.memory:
+    if not model.internal_states:
         return [still]
     owners = dict.fromkeys((x.owner, x.prefix) for x in model.states if x.law not in (BRANCHES, DRIVE))
     of_joints = [owner for owner, prefix in owners if prefix.startswith("joints.")]
@@ -73,7 +74,7 @@ def _fastest(robot: Robot, v: Array, progress: StageReport) -> float:
 
 def _open(robot: Robot, v: Array, progress: StageReport) -> tuple[Array, Array]:
     """Return derivatives of the accelerations by q and v, (n, n) each, where all coordinates are zero."""
-    kernel = _coarse(build(robot, kernels=("forward_dynamics_jacobian",), flags=("-O0",), progress=progress))
+    kernel = _coarse(build(robot, kernels=ACCELERATION_SLOPES, flags=("-O0",), progress=progress)).augmented
     zero = np.zeros(kernel.n)
     return kernel.forward_dynamics_jacobian(zero, v, zero)[:2]
 
@@ -86,14 +87,14 @@ def _coarse(kernel: Kernel) -> Kernel:
 
 def _closed(robot: Robot, v: Array, progress: StageReport) -> tuple[Array, Array]:
     """Return the same of a robot with loops at its assembled home."""
-    names = ("constrained_dynamics", "constrained_dynamics_tangent")
-    kernel = _coarse(build(robot, kernels=names, flags=("-O0",), progress=progress))
+    names = POLES_OF_MECHANISMS
+    kernel = _coarse(build(robot, kernels=names, flags=("-O0",), progress=progress)).augmented
     n, zero = kernel.n, np.zeros(kernel.n)
-    q = np.array([*assembled_home(robot, progress), *(0.0 for _ in kernel.memory)])
-    kernel.calls.run("constrained_dynamics", None, (q, v, zero))  # or a singular mass matrix would go unseen
+    q = np.array([*assembled_home(robot, progress), *(0.0 for _ in kernel.internal_states)])
+    kernel.calls.run(names[0], None, (q, v, zero))  # or a singular mass matrix would go unseen
     directions, still = np.eye(n), np.zeros((n, n))
     states = [
-        kernel.jvp("constrained_dynamics", (q, v, zero), (dq, dv, zero))[:, :n].T
+        kernel.jvp(names[0], (q, v, zero), (dq, dv, zero))[:, :n].T
         for dq, dv in ((directions, still), (still, directions))
     ]
     return states[0], states[1]

@@ -14,6 +14,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from ..arrays import Array
+from ..codegen.kernels.groups import FORCES_OF_MOTIONS, kernel_group
 from ..description import RobotLike, as_robot
 from ..errors import InputError
 from ..motion.files import MeasuredMotion, measured_motion
@@ -29,7 +30,7 @@ from ..results.stored import Stored
 from ..robot.coordinates import FORCES, force_unit_of, index_of, unit_of
 from ..robot.model import build_model
 from ..robot.parameter_names import JOINTS
-from ..robot.value import ANGULAR, Robot
+from ..robot.value import ANGULAR
 from ..runtime.kernel import Kernel
 from ..shown import Shown
 from ..state.elements import damping_forces, stiffness_forces
@@ -264,7 +265,7 @@ def forces(
     """
     robot = as_robot(robot)
     if kernel is None:
-        names = ("inverse_dynamics", "reactions", *mechanism_kernels(robot), *_cut_kernels(robot))
+        names = (*kernel_group(robot, FORCES_OF_MOTIONS), *mechanism_kernels(robot))
         kernel = build(robot, kernels=names, progress=progress or (lambda _: None))
     refuse_memory(kernel, "robots without, as robot.without_states() is")
     motion = measured_motion(robot, motion, kernel.coordinates)
@@ -329,11 +330,6 @@ def _closing(kernel: Kernel, q: Array, v: Array, rigid: Array) -> Array:
         return rigid
     resisting = kernel.cut_forces(q, v)[..., 1]
     return np.asarray(rigid - np.einsum("tcn,tc->tn", kernel.cut_jacobian(q), resisting))
-
-
-def _cut_kernels(robot: Robot) -> tuple[str, ...]:
-    laws = ("cut_forces", "cut_jacobian") if build_model(robot).cut_laws else ()
-    return (*(("loop_reactions",) if robot.loops else ()), *laws)
 
 
 def _refuse_transmissions(kernel: Kernel, motion: MeasuredMotion) -> None:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import Array, Index, Mask
+from ..codegen.kernels.groups import BASE_PARAMETERS
 from ..description import RobotLike, as_robot
 from ..errors import InputError
 from ..names import component_name, show
@@ -162,7 +163,7 @@ def base_parameters(
         InputError: terms that there are not, or whose effect no motion shows.
     """
     robot = as_robot(robot).with_constraints()
-    kernel = kernel or build(robot.without_states(), kernels=("regressor",))
+    kernel = kernel or build(robot.without_states(), kernels=BASE_PARAMETERS)
     refuse_followers(robot, kernel)
     refuse_memory(kernel, "a kernel of robot.without_states()")
     is_tree = bool(robot.loops) or any(coupling.law is not None for coupling in robot.own_couplings)

@@ -88,8 +88,8 @@ def refuse_followers(robot: Robot, kernel: Kernel) -> None:
 
 def refuse_memory(kernel: Kernel, allowed: str) -> None:
     """Raise InputError where laws of a kernel have states, which nobody has measured; with what is allowed."""
-    if kernel.memory:
-        owners = dict.fromkeys(split_state(name)[0] for name in kernel.memory)
+    if kernel.internal_states:
+        owners = dict.fromkeys(split_state(name)[0] for name in kernel.internal_states)
         raise InputError(f"{kernel.name}: laws of {listed(owners)} have states; allowed: {allowed}")
 
 

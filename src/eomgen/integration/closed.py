@@ -38,9 +38,7 @@ class ClosedSystem(System):
         self._loop_error: LoopError | None = None  # since the state that was reached
         self._origin = np.zeros(self.n)
         self._last = np.zeros(2 * self.n)  # the state that was reached
-        if "constrained_dynamics" not in kernel.raw.functions:
-            raise kernel.raw.missing("constrained_dynamics")
-        self._function = kernel.raw.functions["constrained_dynamics"]
+        self._function = kernel.raw.writing("constrained")
         self._size = self.n + 3 * len(kernel.constraints)
 
     @property
@@ -119,7 +117,7 @@ class ClosedSystem(System):
     def jacobian(self, t: float, y: Array) -> Array:
         """Evaluate dy'/dy, (2f, 2f): the kernel's exact one, else finite differences in one batch."""
         self.counts["jacobians"] += 1
-        if "forward_dynamics_jacobian" in self.here.operations:
+        if self.here.raw.has(self.here.forward_dynamics_jacobian):
             return self._exact_jacobian(t, y)
         steps = self._differences(y)
         slopes = self._derivatives(t, np.vstack([y, y + np.diag(steps)]))
@@ -192,7 +190,7 @@ class ClosedSystem(System):
         kernel, n, loads = self.here.with_checks(False), self.n, u
         if wrench is not None:
             loads = np.where(self._free, kernel.calls.arrays.beside_drives(u, kernel.external_force(q, wrench)), u)
-        solution = kernel.calls.run("constrained_dynamics", None, (q, v, loads))
+        solution = kernel.calls.run(self._function.name, None, (q, v, loads))
         a, multipliers = np.ascontiguousarray(solution[:, :n]), solution[:, n : n + len(kernel.constraints)]
         needed = kernel.residual(q, v, a, np.zeros(n), wrench=wrench)
         return np.asarray(needed - np.einsum("tmn,tm->tn", kernel.constraint_jacobian(q), multipliers))
@@ -279,7 +277,7 @@ class ClosedSystem(System):
             u[self._prescribed_index] = prescribed
         calls, solution = self.here.calls, np.empty(self._size)
         if calls.call(self._function, (q, v, u), (), (), None, solution) >= 0:
-            return calls.run("constrained_dynamics", None, (q, v, u))[: self.n]  # which says what is wrong
+            return calls.run(self._function.name, None, (q, v, u))[: self.n]  # which says what is wrong
         a = solution[: self.n]
         self._refuse_not_finite("acceleration", a, t)
         return a
@@ -289,7 +287,7 @@ class ClosedSystem(System):
         u = self._loads(t, q, v)
         if prescribed is not None:
             u[:, self._prescribed_index] = prescribed
-        return self.here.calls.run("constrained_dynamics", None, (q, v, u))
+        return self.here.calls.run(self._function.name, None, (q, v, u))
 
     def _loads(self, t: float, q: Array, v: Array, *, drives: bool = True) -> Array:
         """Sum the forces of drives and wrenches, (n,) or (N, n), N or N m; of wrenches alone without ``drives``."""

@@ -119,7 +119,7 @@ def _stopped(system: System, motion: SingleMotion, method: str) -> IntegrationSt
     trouble: Exception | None = None
     try:
         u, wrench = System.drives(system, t, q, v), System.wrench(system, t, q, v)  # of described states
-        if "forward_dynamics" in kernel.operations:
+        if kernel.raw.has(kernel.forward_dynamics):
             kernel.forward_dynamics(q, v, u, wrench=wrench)
     except (EomgenError, ValueError, ArithmeticError) as error:
         trouble = error

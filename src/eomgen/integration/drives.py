@@ -11,11 +11,10 @@ from numpy.typing import ArrayLike
 from ..arrays import Array
 from ..errors import ArrayError, InputError
 from ..runtime.arrays import numbers_in
-from ..runtime.by_name import WrenchLike
 from ..runtime.kernel import Kernel
+from ..runtime.methods.wrenches import WrenchLike
 from ..runtime.stepping.input_signals import DriveData, Signal, Track
 from ..runtime.stepping.reading_inputs import signals_of
-from ..state.law_states import is_whole
 from ..state.vectors import DriveFunction, WrenchFunction, state_vector
 from .steps import Record
 
@@ -43,34 +42,26 @@ class ConstantDrive:
 def drive_of(kernel: Kernel, drive: DriveFunction | ArrayLike | None) -> DriveFunction | None:
     """Return a drive as a function of (t, q, v): one as it is, constant forces wrapped; None stays.
 
-    Constant forces are those of coordinates, or of all of the kernel's arrays, (n,).
-
     Raises:
         ArrayError: forces that are not finite, or not as many as there are coordinates.
     """
     if drive is None or callable(drive):
         return drive
-    names = kernel.velocities if is_whole(kernel, drive) else kernel.coordinates
-    return ConstantDrive(state_vector("drive", drive, names))
+    return ConstantDrive(state_vector("drive", drive, kernel.velocities))
 
 
 def begin_of(kernel: Kernel, q0: ArrayLike, v0: ArrayLike, z0: ArrayLike | None) -> tuple[Array, Array]:
-    """Return q and v of a kernel's arrays, (n,) each: with states of laws behind the velocities, zeros by default.
-
-    Arrays that have them there already stay as they are.
+    """Return q and v of augmented arrays, with internal states behind the velocities, zeros by default.
 
     Raises:
         ArrayError: another shape, or a number that is not finite.
-        InputError: states of a kernel whose laws have none.
+        InputError: z0 where no force law has internal states.
     """
-    if z0 is not None and not kernel.memory:
-        raise InputError(f"z0: no law of {kernel.name} has a state; allowed: none")
-    if z0 is None and is_whole(kernel, q0) and is_whole(kernel, v0):
-        q, v = (state_vector(label, x, kernel.velocities) for label, x in (("q0", q0), ("v0", v0)))
-        return q, v
-    q, v = (state_vector(label, x, kernel.coordinates) for label, x in (("q0", q0), ("v0", v0)))
-    still = np.zeros(len(kernel.memory))
-    z = still if z0 is None else state_vector("z0", z0, kernel.memory)
+    if z0 is not None and (kernel.is_augmented or not kernel.internal_states):
+        raise InputError(f"z0: no force law of {kernel.name} has internal states; allowed: none")
+    q, v = (state_vector(label, x, kernel.velocities) for label, x in (("q0", q0), ("v0", v0)))
+    still = np.zeros(kernel.augmented.n - kernel.n)
+    z = still if z0 is None else state_vector("z0", z0, kernel.internal_states)
     return np.concatenate([q, still]), np.concatenate([v, z])
 
 
@@ -116,11 +107,11 @@ class SlopedDriveBesideStates(DriveBesideStates):
 
 
 def drive_beside_states(drive: DriveFunction | None, kernel: Kernel) -> DriveFunction | None:
-    """Return a drive of a kernel's coordinates for its arrays; as it is where no law has a state."""
-    if drive is None or not kernel.memory or (isinstance(drive, ConstantDrive) and drive.u.size == kernel.n):
+    """Return a drive of a kernel's arrays for its augmented ones."""
+    if drive is None or kernel.augmented is kernel:
         return drive
     kind = SlopedDriveBesideStates if hasattr(drive, "slopes") else DriveBesideStates
-    return kind(drive, len(kernel.coordinates), len(kernel.memory))
+    return kind(drive, kernel.n, len(kernel.internal_states))
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,15 +132,15 @@ class _WrenchBesideStates:
 def wrench_beside_states(
     wrench: WrenchFunction | WrenchLike | None, kernel: Kernel
 ) -> WrenchFunction | WrenchLike | None:
-    """Return wrenches of a kernel's coordinates for its arrays; as they are where no law has a state."""
-    return _WrenchBesideStates(wrench, len(kernel.coordinates)) if callable(wrench) and kernel.memory else wrench
+    """Return wrenches of a kernel's arrays for its augmented ones."""
+    return _WrenchBesideStates(wrench, kernel.n) if callable(wrench) and kernel.augmented is not kernel else wrench
 
 
 def record_apart(record: Record | None, kernel: Kernel) -> Record | None:
     """Return a function that passes states on to ``record`` as q, v, and states of laws; as it is without these."""
-    if record is None or not kernel.memory:
+    if record is None or kernel.augmented is kernel:
         return record
-    n, whole = len(kernel.coordinates), kernel.n
+    n, whole = kernel.n, kernel.augmented.n
     columns = np.r_[:n, whole : 2 * whole]
 
     def passed(times: Array, states: Array) -> None:

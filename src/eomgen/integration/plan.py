@@ -12,8 +12,8 @@ from ..arrays import Array
 from ..errors import EomgenError, InputError, check_kind
 from ..limits import LARGEST, is_usable
 from ..names import show
-from ..runtime.by_name import WrenchLike
 from ..runtime.kernel import Kernel
+from ..runtime.methods.wrenches import WrenchLike
 from ..runtime.stepping.methods import AUTO, IN_C, METHODS, RADAU, SUNDIALS
 from ..runtime.stepping.options import NARROW, NARROW_TURNS, TURNS, rollout_of
 from ..runtime.stepping.reading_inputs import signals_of
@@ -181,7 +181,7 @@ def stiff_in_real_time(kernel: Kernel, q: Array) -> bool:
     Explicit steps are then as short as that all the time.  Where M is singular at q, eigenvalues are not known, and
     steps are implicit; so they are where laws have states.
     """
-    if kernel.memory:  # whose laws follow the faster, the faster the motion is
+    if kernel.internal_states:  # whose laws follow the faster, the faster the motion is
         return True
     try:
         return max(fastest_rates(kernel, q)) > REAL_TIME
@@ -197,11 +197,11 @@ def why_stiff(kernel: Kernel, q: Array | None = None, duration: float = 1.0) -> 
     as the motion lasts, whatever moves.  Without the kernels that implicit methods need, dampers and friction are left
     to explicit ones.
     """
-    if kernel.memory:
+    if kernel.internal_states:
         return "laws have states, which follow fast motions in no time"
     if any_spring(kernel):
         return "there are springs"
-    if not ({"mass_matrix"} if kernel.constraints else {"mass_matrix", "inverse_dynamics"}) <= set(kernel.operations):
+    if not kernel.raw.has(kernel.mass_matrix) or not (kernel.constraints or kernel.raw.has(kernel.inverse_dynamics)):
         return ""
     try:
         slowing = fastest_rates(kernel, np.zeros(kernel.n) if q is None else q)[1]

@@ -21,8 +21,8 @@ from ..errors import InputError, IntegrationStopped, check_kind
 from ..names import component_name, listed
 from ..robot.coordinates import index_of, rotating_joints, unit_of
 from ..robot.value import ANGULAR
-from ..runtime.by_name import WrenchLike
 from ..runtime.kernel import Kernel
+from ..runtime.methods.wrenches import WrenchLike
 from ..shown import Shown, prefixed
 from ..state.vectors import DriveFunction, MotionFunction, WrenchFunction
 from .drives import drive_beside_states, drive_of, wrench_beside_states
@@ -251,22 +251,22 @@ def global_error(
     check_kind(
         "trajectory", trajectory, isinstance(trajectory, Trajectory), "a Trajectory, of eomgen.integration.integrate"
     )
-    if trajectory.coordinates != kernel.coordinates or (trajectory.memory or ()) != kernel.memory:
+    if trajectory.coordinates != kernel.coordinates or (trajectory.memory or ()) != kernel.internal_states:
         got, allowed = listed(trajectory.coordinates), listed(kernel.coordinates)
         raise InputError(f"trajectory: is of {got}; allowed: a motion of {kernel.name}, of {allowed}")
     drive, wrench = drive_beside_states(drive_of(kernel, drive), kernel), wrench_beside_states(wrench, kernel)
 
     def begin() -> System:
-        return system_of(kernel, drive, wrench, prescribed)
+        return system_of(kernel.augmented, drive, wrench, prescribed)
 
     q, v, _ = trajectory.joined()
     span = float(trajectory.t[-1] - trajectory.t[0])
     loads = begin().loads
-    plans = [plan_integration(kernel, IntegratorOptions(rtol=rtol), loads, q[0], span) for rtol in REFERENCES]
+    plans = [plan_integration(kernel.augmented, IntegratorOptions(rtol=rtol), loads, q[0], span) for rtol in REFERENCES]
     for pair in pairwise(plans):
         motions = ReferenceMotions(pair)
         errors = motions.extend(begin, trajectory.t, np.hstack([q, v]))
-        estimate = error_of(kernel, errors, motions)
+        estimate = error_of(kernel.augmented, errors, motions)
         if estimate.is_resolved:
             break
     return estimate
@@ -282,6 +282,6 @@ def error_of(kernel: Kernel, errors: Array, motions: ReferenceMotions) -> Global
         coordinates=kernel.coordinates,
         q_error=q,
         v_error=v,
-        z_error=z if kernel.memory else None,
+        z_error=z if kernel.internal_states else None,
         unresolved=motions.unresolved(kernel.coordinates),
     )

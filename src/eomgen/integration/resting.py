@@ -50,7 +50,7 @@ def rests(kernel: Kernel, t: Array, q: Array, v: Array) -> tuple[Rest, ...]:
     """
     check_kind("kernel", kernel, hasattr(kernel, "calls"), "a Kernel (of eomgen.build, or of a generated package)")
     widths, intervals = smoothings(kernel), list[Rest]()
-    if not (widths or kernel.memory) or t.size < 2:
+    if not (widths or kernel.internal_states) or t.size < 2:
         return ()
     rates = dict(zip(acting(kernel), np.hstack([v, v @ kernel.follower_matrix()[0].T]).T, strict=True))
     laws = {name: x for name, x in law_numbers(kernel).items() if name not in kernel.prescribed}

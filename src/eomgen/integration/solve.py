@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike
 from ..arrays import Array
 from ..errors import InputError, IntegrationStopped, check_kind
 from ..progress import Progress, tells_at_prompt
-from ..runtime.by_name import WrenchLike
 from ..runtime.kernel import Kernel
+from ..runtime.methods.wrenches import WrenchLike
 from ..runtime.stepping.methods import SUNDIALS, Method
 from ..runtime.stepping.options import ErrorControl
 from ..runtime.stepping.reading_inputs import input_signals
@@ -66,8 +66,8 @@ def integrate(  # noqa: PLR0913
             finite differences; IDA inverse_dynamics in any case, and the first for its derivatives.  Of a robot with
             loops or couplings constrained_dynamics, constraint, constraint_jacobian, mass_matrix and residual in their
             place; implicit methods take forward_dynamics_jacobian there, and finite differences without it.
-        q0, v0: the state at t = 0, (n,); without z0 v0 may have states of laws behind it, and q0 as many zeros.
-        z0: states of laws at t = 0, (memory,); zeros by default.
+        q0, v0: the state at t = 0, (n,).
+        z0: internal states at t = 0, (m,); zeros by default.
         duration: s.
         drive, wrench, prescribed: loads and prescribed motions, each described below.  C takes constant forces and
             wrenches, and objects with a method ``load_data`` (time-signal inputs), as those of scenarios and
@@ -88,8 +88,8 @@ def integrate(  # noqa: PLR0913
             between the first two by stiffness and cost, and "radau", too, where rtol is 1e-7 or less and there are
             springs, dampers or friction (see ``plan.turns_of``); where C cannot do it, "scipy:Radau" if there are
             springs, stiff dampers or friction (see ``plan.why_stiff``), else "scipy:DOP853".
-        rtol, atol: tolerances; atol is a number or (2n,), first of q, then of v, behind which may be those of states of
-            laws (which a number leaves as they are); C takes what is below 1e-30 as 1e-30.  By default rtol times the
+        rtol, atol: tolerances; atol is a number or (2n,), first of q, then of v, behind which may be those of internal
+            states (which a number leaves as they are); C takes what is below 1e-30 as 1e-30.  By default rtol times the
             size of each coordinate: ``coordinate_sizes``; of a velocity that friction resists at most the smoothing of
             that.
         step: of rk4, s; shortened so that it divides ``output_step``.  Default: half the shortest time constant, 1 /
@@ -101,7 +101,7 @@ def integrate(  # noqa: PLR0913
         progress: called with a fraction from 0 to 1 and a line of text.
         until: what the motion ends at, if that comes before the duration does: its last sample is there, and ``info``
             has the time as ended_at.  Not with SUNDIALS' methods.
-        record: called with times of samples (k,) and states (k, 2n), behind which are states of laws, as they are
+        record: called with times of samples (k,) and states (k, 2n), behind which are internal states, as they are
             reached, the first one not among them.
         works: whether the trajectory's work integrals ``works`` are computed by the same steps, which they do not
             change.  By the kernel's C alone, without joints of 3-DOF rotation; the kernel must have generalized_force,
@@ -122,11 +122,11 @@ def integrate(  # noqa: PLR0913
     """
     check_kind("kernel", kernel, hasattr(kernel, "calls"), "a Kernel (of eomgen.build, or of a generated package)")
     drive = drive_beside_states(drive_of(kernel, drive), kernel)
-    system = system_of(kernel, drive, wrench_beside_states(wrench, kernel), prescribed)
+    system = system_of(kernel.augmented, drive, wrench_beside_states(wrench, kernel), prescribed)
     q, v = begin_of(kernel, q0, v0, z0)
     times = output_times(duration, output_step) if times is None else checked_times(times, duration, output_step)
     span = float(times[-1] - times[0])
-    plan = plan_integration(kernel, IntegratorOptions(method, rtol, atol, step), system.loads, q, span)
+    plan = plan_integration(system.kernel, IntegratorOptions(method, rtol, atol, step), system.loads, q, span)
     record = record_apart(record, kernel)
     try:
         motion = integrate_by(plan, system, (q, v), times, progress=progress, record=record, until=until, works=works)

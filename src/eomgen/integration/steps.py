@@ -17,12 +17,11 @@ from ..optional import optional_import
 from ..progress import Progress
 from ..robot.laws import COARSE
 from ..runtime.arrays import numbers_in
-from ..runtime.calls import Memory
 from ..runtime.kernel import Kernel
 from ..runtime.stepping.many_steps import StateBounds
 from ..runtime.stepping.methods import SCIPY_IMPLICIT
-from ..runtime.stepping.options import ErrorControl
-from ..state.springs import coordinate_sizes, fastest_rates, memory_sizes, rubbing_rates
+from ..runtime.stepping.options import ErrorControl, joined_tolerances
+from ..state.springs import coordinate_sizes, fastest_rates, internal_state_sizes, rubbing_rates
 from .contacts import ContactWatch
 from .plan import IntegratorOptions
 from .system import System
@@ -96,8 +95,8 @@ def _decay(kernel: Kernel, state: Array) -> float:
 
     Of bristles that is sigma_0 |v| / g(v): it depends on the velocity, and no default for all of a motion is good.
     """
-    n, states = kernel.n, len(kernel.memory)
-    change = DIFFERENCE * np.maximum(np.abs(state[-states:]), memory_sizes(kernel))
+    n, states = kernel.n, len(kernel.internal_states)
+    change = DIFFERENCE * np.maximum(np.abs(state[-states:]), internal_state_sizes(kernel))
     vs, q, u = np.tile(state[n:], (2, states, 1)), np.broadcast_to(state[:n], (2, states, n)), np.zeros(n)
     each, places = np.arange(states), np.arange(n - states, n)
     for side, sign in enumerate((-1.0, 1.0)):
@@ -170,7 +169,7 @@ def rk4(
         IntegrationStopped: the state diverges, or that of a law leaves the bounds that it cannot leave.
     """
     f, whole, kernel, longest = system.derivative, samples.states[0], system.kernel, step
-    bounds = StateBounds.of(kernel.calls, whole) if kernel.memory else None
+    bounds = StateBounds.of(kernel.calls, whole) if kernel.internal_states else None
     for t0, t1 in pairwise(samples.times):
         if bounds is not None and not chosen:
             decay = _decay(kernel, whole)
@@ -199,7 +198,7 @@ def rk4(
             beyond = None if bounds is None else bounds.first_beyond(whole[np.newaxis, kernel.n :])
             if beyond is not None:
                 (_, state), said = beyond
-                system.trouble = ArrayError(said, kernel.memory[state])
+                system.trouble = ArrayError(said, kernel.internal_states[state])
                 raise system.stopped(f"rk4 cannot go on with a step of {h:.3g} s", t, good)
             if watch is not None:
                 watch.find(t, before, t + h, whole)
@@ -282,12 +281,12 @@ def _between(solver: Any, system: System, times: Array, begin: tuple[float, Arra
 def tolerances(system: System, q0: Array, options: IntegratorOptions) -> Array:
     """Return absolute tolerances of (q, v), (2n,)."""
     n, rtol, atol, kernel = system.n, options.rtol, options.atol, system.kernel
-    if atol is None or kernel.memory:
+    if atol is None or kernel.internal_states:
         q_sizes, v_sizes = coordinate_sizes(kernel, q0)
         sizes = np.concatenate([rtol * q_sizes, np.minimum(rtol * v_sizes, rubbing_rates(kernel, q0))])
         if atol is None:
             return sizes
-        atol = Memory(kernel.calls).tolerance(atol, sizes)
+        atol = joined_tolerances(kernel.calls, atol, sizes)
     wanted = numbers_in("atol", atol, f"a number or shape ({2 * n},)", finite=False)
     try:
         tolerance = np.broadcast_to(wanted, (2 * n,))

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 from ..arrays import Array, Index
 from ..errors import ArrayError, InputError, IntegrationError, IntegrationStopped, SingularError
 from ..runtime.arrays import numbers_in
-from ..runtime.by_name import WrenchLike, wrench_rows
 from ..runtime.kernel import Kernel
+from ..runtime.methods.wrenches import WrenchLike, wrench_rows
 from ..runtime.stepping.motions import SingleMotion
 from ..runtime.stepping.packed_inputs import PackedInputs
 from ..runtime.stepping.reading_inputs import NamedWrenches
@@ -20,7 +20,6 @@ from ..state.drives import drive_jacobian, has_drives
 from ..state.springs import coordinate_sizes, rate_step, smoothings
 from ..state.vectors import Q_STEP, DriveFunction, MotionFunction, WrenchFunction, prescribed_mask
 
-EXACT = ("residual_jacobian", "forward_dynamics_jacobian")  # kernels with derivatives
 MANY = 4096  # states of which forces are looked at together
 WORK = 10_000  # evaluations between two looks: a hundred times what a jump or an impact takes
 LEAST = 1e-7  # of the span by which they lead on; with less all of it would take 1e11 of them, that is weeks
@@ -344,7 +343,8 @@ class System:
         jacobian = np.zeros((2 * n, 2 * n))
         jacobian[:n, n:] = np.eye(n)
         free = self._free
-        if EXACT[0] not in self.here.operations and EXACT[1] in self.here.operations:
+        has, here = self.here.raw.has, self.here
+        if has(here.forward_dynamics_jacobian) and not has(here.residual_jacobian):
             jacobian[n:] = self._acceleration_slopes(t, y[:n], y[n:], prescribed)
         else:
             dtau_dq, dtau_dv, M = self._slopes(t, y[:n], y[n:], self.derivative(t, y)[n:])
@@ -402,7 +402,7 @@ class System:
         The kernel's exact ones where it has them, else finite differences of a batch of inverse dynamics.
         """
         n, kernel = self.n, self.here
-        if EXACT[0] in kernel.operations:
+        if kernel.raw.has(kernel.residual_jacobian):
             *exact, M = kernel.residual_jacobian(q, v, a)
             slopes = np.hstack(exact)
         else:

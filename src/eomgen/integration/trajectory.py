@@ -76,8 +76,8 @@ class Trajectory(Shown, Tabular):
         q, v, u, z = (np.ascontiguousarray(x) for x in (self.q[:, :n], self.v[:, :n], self.u[:, :n], self.v[:, n:]))
         names: dict[str, Any] = {
             "coordinates": kernel.coordinates,
-            "memory": kernel.memory,
-            "memory_units": kernel.memory_units,
+            "memory": kernel.internal_states,
+            "memory_units": kernel.internal_state_units,
         }
         inputs = {name: x for name, x in kernel.inputs.items() if name not in kernel.prescribed}  # there u has forces
         if any(not x.is_force for x in inputs.values()):
@@ -86,7 +86,7 @@ class Trajectory(Shown, Tabular):
         return replace(self, q=q, v=v, u=u, z=z, **names)
 
     def joined(self) -> tuple[Array, Array, Array]:
-        """Return q, v and u as kernels take them, (T, n) each: with states of laws behind the coordinates, if any."""
+        """Return q, v and u as augmented arrays, (T, n) each: with internal states behind the coordinates, if any."""
         if self.z is None:
             return self.q, self.v, self.u
         nothing = np.zeros_like(self.z)

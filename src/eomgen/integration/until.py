@@ -71,18 +71,18 @@ class Until:
 
     @classmethod
     def coordinate(cls, kernel: Kernel, name: str, value: float) -> Until:
-        """Return the event that a coordinate, or a law's state by its name in ``memory``, reaches a value, m or rad.
+        """Return the event that a coordinate, or an internal state by its name, reaches a value, m or rad.
 
         Raises:
             InputError: there is no coordinate or state of that name, or the value is not finite.
         """
-        names = kernel.velocities
+        names = kernel.augmented.velocities
         if name not in names:
             raise InputError(f"until: {show(name)}{nearest(name, names)} is no coordinate; allowed: {listed(names)}")
         _refuse_not_finite("value", value)
         i = names.index(name)
-        if name in kernel.memory:
-            unit = kernel.memory_units[kernel.memory.index(name)]
+        if name in kernel.internal_states:
+            unit = kernel.internal_state_units[kernel.internal_states.index(name)]
             return cls(f"{name} = {value:g} {unit}", lambda q, v: v[:, i] - value)
         return cls(f"{name} = {value:g} {unit_of(name)}", lambda q, v: q[:, i] - value)
 
@@ -106,7 +106,7 @@ class Until:
             raise InputError(f"until: distance: got {distance!r}; allowed: a distance in m greater than 0")
 
         def beyond(q: Array, v: Array) -> Array:
-            origin = np.asarray(kernel.frame_pose(np.ascontiguousarray(q), frame))[:, :3, 3]
+            origin = np.asarray(kernel.augmented.frame_pose(np.ascontiguousarray(q), frame))[:, :3, 3]
             return np.asarray(np.linalg.norm(origin - place, axis=1) - distance)
 
         return cls(f"{frame} at {distance:g} m from {place.tolist()}", beyond)

@@ -89,9 +89,7 @@ class Chart:
         """Prepare the arrays that ``following`` takes for this chart, with the slopes at an assembled state."""
         kernel = self.kernel
         n, m = kernel.n, len(kernel.constraints)
-        if "following" not in kernel.raw.functions:
-            raise kernel.raw.missing("following")
-        self._function, self._still = kernel.raw.functions["following"], np.zeros(n)
+        self._function, self._still = kernel.raw.writing("following"), np.zeros(n)
         self._ends = np.cumsum([n, n, n, m * n, m])
         self._near_choice = np.zeros(2 * n + m + 1 + m * n)  # for good guesses, which nothing changes first
         self._near_choice[self.bound] = self._near_choice[n + rows] = 1.0

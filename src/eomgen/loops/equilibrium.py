@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 from ..arrays import RANK, Array, Mask
 from ..errors import IntegrationError, check_kind
 from ..robot.sizes import REFERENCE_ACCELERATION
-from ..runtime.by_name import WrenchLike, wrench_rows
 from ..runtime.kernel import Kernel
+from ..runtime.methods.wrenches import WrenchLike, wrench_rows
 from ..runtime.singular import inertias
 from ..runtime.turning import singular_joints
 from ..state.drives import DrivesAtRest, is_of_drive
@@ -22,7 +22,7 @@ from ..state.equilibrium import (
     rest_within_limits,
     static_equilibrium,
 )
-from ..state.law_states import StatesLike, at_rest_with, memory_vector, refuse_moving, whole_vector
+from ..state.law_states import StatesLike, at_rest_with, joined_vector, refuse_moving, state_values
 from ..state.springs import coordinate_sizes, line_rates, stiffnesses
 from ..state.turning import Turns
 from ..state.vectors import Q_STEP
@@ -48,12 +48,12 @@ def closed_equilibrium(
 
     Args:
         kernel: float64, with residual, mass_matrix and the constraint.
-        q_guess: coordinates, (n,), or with room for states of laws behind them, (kernel.n,).
+        q_guess: coordinates, (n,).
         u: drives, (n,), as ``Kernel.inputs`` has them, or a function of q, (n,) or (N, n), to the same shape; none by
             default.
         held: names of coordinates that stay at their guess, whatever drive that takes; prescribed ones do.
         wrench: external wrenches, as of the kernel's methods: (links, 6), or by frame and link.
-        z: states of laws, (memory,), or by name; 0 by default.
+        z: states of laws, (m,), or by name; 0 by default.
 
     Raises:
         LoopError: the loops do not close near the guess.
@@ -64,16 +64,17 @@ def closed_equilibrium(
     check_kind("kernel", kernel, hasattr(kernel, "calls"), "a Kernel (of eomgen.build, or of a generated package)")
     if not kernel.constraints:
         return static_equilibrium(kernel, q_guess, u=u, held=held, wrench=wrench, z=z)[0]
+    guess, width = joined_vector(kernel, "q_guess", q_guess, kernel.velocities), kernel.n
+    kernel = kernel.augmented
     kept = known_coordinates(held, kernel) | set(kernel.prescribed)
-    fixed = np.array([name in kept or name in kernel.memory for name in kernel.velocities])
-    guess, width = whole_vector(kernel, "q_guess", q_guess)
+    fixed = np.array([name in kept or name in kernel.internal_states for name in kernel.velocities])
     inputs, drives = given_forces(kernel, u, width), DrivesAtRest(kernel)
     places = drives.places(guess, inputs, kept)
     guess[list(places)] = list(places.values())
     q = kernel.assemble(guess, kept | {kernel.coordinates[i] for i in places})
-    states = memory_vector(kernel, z)
+    states = state_values(kernel, z)
     refuse_moving(kernel, states)
-    states[[is_of_drive(name) for name in kernel.memory]] = 0.0  # which exert nothing where they have no error
+    states[[is_of_drive(name) for name in kernel.internal_states]] = 0.0  # which exert nothing where they have no error
     balance = _Balance(kernel, at_rest_with(kernel, states), wrench, fixed)
 
     def rest(limited: bool) -> tuple[Array, Array]:

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from ..codegen.kernels.groups import PAGE_ABOUT_A_STATE
 from ..description import RobotLike
 from ..errors import BuildError, InputError
 from ..identification.tolerances.result import ToleranceResult
@@ -46,7 +47,6 @@ HEIGHT = 520  # in a notebook, pixels
 FIELD_OF_VIEW = math.radians(45.0)  # vertical
 ARROW = 0.35  # length of the largest reaction, of the robot's size
 SPEEDS = ("0.1", "0.25", "0.5", "1", "2")
-KERNELS = ("residual", "mass_matrix", "reactions", "external_reactions", "external_force")
 
 
 class View:
@@ -187,7 +187,7 @@ class View:
             self.notes.append("joint reactions are not drawn: links carry payloads, whose mass changes them")
             return None, []
         try:
-            kernel = build(self._robot, kernels=KERNELS)
+            kernel = build(self._robot, kernels=PAGE_ABOUT_A_STATE)
         except BuildError as error:
             self.notes.append(f"joint reactions are not drawn: {error}")
             return None, []

@@ -9,6 +9,7 @@ from types import TracebackType
 
 from ..errors import BuildError
 from ..runtime.kernel import Kernel
+from ..runtime.raw import Method
 from ..threads import begin_in_thread
 
 
@@ -48,7 +49,7 @@ class Ahead:
         self._threads.append(begin_in_thread(run))
 
 
-def build_function(kernel: Kernel, name: str, *, batch: bool = False) -> None:
+def build_function(kernel: Kernel, method: Method, *, batch: bool = False) -> None:
     """Build a function of a kernel, for one state or for batches; whoever calls it is told what a build fails of."""
     with suppress(BuildError):  # the call builds again, and raises
-        kernel.raw.function(name).where(batch=batch)
+        kernel.raw.function(method).where(batch=batch)

@@ -54,7 +54,7 @@ class RobotInfo:
             "source": model.robot.source,
             "notes": list(model.robot.notes),
             "coordinates": list(model.coordinates),
-            **({"memory": _states_of(model)} if model.memory else {}),
+            **({"memory": _states_of(model)} if model.internal_states else {}),
             "driven": [model.coordinates[i] for i in model.driven],
             "motors": {model.coordinates[i]: model.coordinates[p] for i, p in model.motors.items()},
             "joints": [body.joint for body in model.bodies],

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ..codegen.kernels.groups import ASSEMBLY, INERTIA, MECHANISM, kernel_group
 from ..errors import BuildError, LoopError
 from ..loops.redundant import redundancy
 from ..progress import StageReport, no_report
@@ -21,13 +22,13 @@ def assembly_kernels(robot: Robot) -> tuple[str, ...]:
     """Return names of the kernels that ``Kernel.assemble`` calls; none without loops and couplings."""
     if not build_model(robot).constraints:
         return ()
-    return ("constraint", "constraint_jacobian", *(("cut_poses",) if robot.loops else ()))
+    return kernel_group(robot, ASSEMBLY)
 
 
 def mechanism_kernels(robot: Robot) -> tuple[str, ...]:
     """Add what moves the mechanism along its loops: charts, residual, mass matrix, the constraint's bias."""
     kernels = assembly_kernels(robot)
-    return (*kernels, "following", "constraint_bias", "mass_matrix", "residual") if kernels else ()
+    return (*kernels, *kernel_group(robot, MECHANISM)) if kernels else ()
 
 
 def assembled_home(robot: Robot, progress: StageReport = no_report) -> tuple[float, ...]:
@@ -40,8 +41,7 @@ def assembled_home(robot: Robot, progress: StageReport = no_report) -> tuple[flo
     if not kernels:
         return home
     kernel = build(robot, kernels=kernels, flags=("-O0",), progress=progress)
-    whole = [*home, *(0.0 for _ in kernel.memory)]
-    return tuple(kernel.assemble(whole)[: len(home)].tolist())
+    return tuple(kernel.assemble(home).tolist())
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ def mobility_of(robot: Robot, *, progress: StageReport = no_report) -> Mobility 
     if not model.constraints:
         return None
     try:
-        kernel = build(rigid, kernels=("mass_matrix", *assembly_kernels(rigid)), flags=("-O0",), progress=progress)
+        kernel = build(rigid, kernels=kernel_group(rigid, INERTIA, ASSEMBLY), flags=("-O0",), progress=progress)
         driven = [model.coordinates[i] for i in model.driven]
         home = kernel.assemble(np.array(model.home))
         constraints = redundancy(kernel, home)

@@ -10,8 +10,8 @@ from ..errors import InputError
 from ..names import show, word_in
 from ..runtime.levels import LEVELS
 
-KERNEL_NAMES = tuple(KERNELS)
-OWNERS = {name: name for name in KERNELS} | {  # the kernel that a name stands for
+KERNEL_NAMES = tuple(KERNELS.compiled)
+OWNERS = {name: name for name in KERNELS.compiled} | {  # the kernel that a name stands for
     function: kernel for kernel, signature in KERNELS.items() for function in signature.functions
 }
 _NAMED = tuple(name for name, kernel in OWNERS.items() if kernel in OWN_KERNELS)

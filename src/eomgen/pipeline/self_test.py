@@ -21,7 +21,8 @@ from ..codegen.kernels.signatures import BATCHES, SINGLES
 from ..errors import BuildError
 from ..runtime.raw import ADAPTIVE, BATCH, FFI, OneLibrary, RawFunction, RawKernel
 from ..runtime.stepping.methods import ADAPTIVE as METHODS_IN_C
-from ..runtime.stepping.methods import FIXED, RADAU
+from ..runtime.stepping.methods import FIXED
+from ..runtime.stepping.options import rollout_of
 from . import cache as store
 from .load import tried_module
 
@@ -34,11 +35,6 @@ Array = NDArray[Any]
 ROWS = [row.bit_count() % STATES for row in range(35)]  # states of a batch: two vectors of 16 lanes, and some
 UNITS = 16.0  # eps of a sum of results by its terms
 STEP = {"float64": 2.0**-200, "float32": 2.0**-60}  # s; so short that velocities change by the accelerations alone
-METHODS = {  # numbers of methods in C, by kernels
-    "rollout": tuple(FIXED.values()),
-    "adaptive_rollout": tuple(number for name, number in METHODS_IN_C.items() if name != RADAU),
-    "radau_rollout": tuple(METHODS_IN_C.values()),
-}
 ITERATED = 256.0 * UNITS  # eps of velocities behind a step that is solved by iterations
 
 
@@ -70,6 +66,12 @@ def check_package(
         if wrong is not None:
             reason = f"the compiled kernels of {source.name} compute something else than their equations: {wrong}"
             raise BuildError(refusal(reason, (*compiler.command, *flags, f"{source.name}.c")))
+
+
+def _methods(rollout: str) -> range:
+    """Return the numbers of the methods that the C of a rollout has."""
+    numbers = {**METHODS_IN_C, **FIXED}
+    return range(1 + max(number for method, number in numbers.items() if rollout_of(method) == rollout))
 
 
 def _loaded(load: Callable[[], Any]) -> tuple[Any, bool]:
@@ -155,7 +157,7 @@ class _Check:
     def _of_steps(self, rollout: RawFunction, called: str) -> Iterator[str]:
         """Compare velocities after one step from rest by each method with the accelerations there."""
         name, n, dt = rollout.name, self.expected["q"].shape[1], STEP[str(self.raw.dtype)]
-        for method, state in itertools.product(METHODS[name], range(STATES)):
+        for method, state in itertools.product(_methods(name), range(STATES)):
             if self.expected[f"{name} status"][state] != PASSES:
                 continue
             q, u = (self._pointer(self.expected[x][state].copy()) for x in "qu")

@@ -13,7 +13,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ..codegen.kernels.equations import Equations, derive_equations
-from ..codegen.kernels.signatures import KERNELS, available
+from ..codegen.kernels.groups import ADVICE_ON_FLOAT32, kernel_group
+from ..codegen.kernels.signatures import KERNELS
 from ..codegen.program.ir import Program
 from ..description import RobotLike, as_robot
 from ..errors import check_kind
@@ -29,20 +30,6 @@ from .units import output_units
 from .values import program_intervals
 
 STATES = 256  # random ones
-ADVISED = (  # kernels that advice is given on unless others are named; those of loops where there are some
-    "inverse_dynamics",
-    "tree_inverse_dynamics",
-    "forward_dynamics",
-    "tree_forward_dynamics",
-    "constrained_dynamics",
-    "mass_matrix",
-    "bias_force",
-    "generalized_force",
-    "gravity",
-    "residual",
-    "energy",
-    "kinematics",
-)
 
 
 @tells_at_prompt("comparing")
@@ -76,7 +63,7 @@ def float32_advice(
     check_ranges(model, ranges)
     for name in kernels:
         check_kernel(model, name)
-    wanted = tuple(kernels) or tuple(name for name in ADVISED if name in available(model))
+    wanted = tuple(kernels) or kernel_group(model, ADVICE_ON_FLOAT32)
     progress("deriving equations")
     single, double = (derive_equations(model, wanted, dtype) for dtype in ("float32", "float64"))
     found: dict[str, Float32Errors] = {}

@@ -100,11 +100,11 @@ class Model:
 
     @property
     def size(self) -> int:
-        """n, the number of coordinates and, behind them, of states of laws (``memory``)."""
-        return len(self.coordinates) + len(self.memory)
+        """n, the number of coordinates and, behind them, of states of laws (``internal_states``)."""
+        return len(self.coordinates) + len(self.internal_states)
 
     @cached_property
-    def memory(self) -> tuple[str, ...]:
+    def internal_states(self) -> tuple[str, ...]:
         """Names of the states of laws, such as "joint1.gamma.friction.z": velocities of inertias without a link.
 
         In arrays of the state they stand behind the coordinates.  What their positions are acts on nothing.
@@ -113,7 +113,7 @@ class Model:
 
     @cached_property
     def states(self) -> tuple[OwnedState, ...]:
-        """States of laws in the order of ``memory``: of coordinates, transmissions, loop joints and couplings."""
+        """Internal states in the order of their names: of coordinates, transmissions, loop joints and couplings."""
         laws = ((prefix, kind, coordinate.law()) for prefix, kind, coordinate in self.robot.coordinate_laws())
         return tuple(
             OwnedState(prefix, law, numbers, state, kind in LINEAR)
@@ -151,7 +151,7 @@ class Model:
     @property
     def velocities(self) -> tuple[str, ...]:
         """Names of all that has a velocity in arrays of the state: coordinates, then states of laws."""
-        return (*self.coordinates, *self.memory)
+        return (*self.coordinates, *self.internal_states)
 
     @property
     def frames(self) -> tuple[str, ...]:

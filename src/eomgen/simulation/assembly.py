@@ -10,6 +10,21 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..arrays import Array
+from ..codegen.kernels.groups import (
+    CLOSED_SIMULATION,
+    ELECTRIC_DRIVES,
+    ENERGY_BALANCE,
+    EXTERNAL_WRENCHES,
+    FRAME_POSES,
+    IMPLICIT_STEPS,
+    INERTIA,
+    RIGID_MODEL,
+    SIMULATED_BATCHES,
+    SIMULATED_STATES,
+    SIMULATION,
+    kernel_group,
+)
+from ..codegen.kernels.signatures import BATCHES, SINGLES
 from ..errors import InputError
 from ..integration.plan import may_take_radau, turns_of
 from ..integration.until import Until
@@ -52,13 +67,6 @@ from .mechanism import Mechanism, Path, mechanism_of
 from .references import PrescribedMotion, make_reference
 from .sampled_drive import SampledDrive
 
-# What a simulation calls; the larger kernels would take longer to compile than to simulate.
-RIGID_KERNELS = ("inverse_dynamics", "kinematics")
-KERNELS = (*RIGID_KERNELS, "forward_dynamics", "mass_matrix", "external_force", "energy", "generalized_force")
-IMPLICIT_KERNELS = (*KERNELS, "residual_jacobian")
-CLOSED_KERNELS = ("constrained_dynamics", "kinematics", "external_force", "energy", "generalized_force")
-SINGLES = ("inverse_dynamics", "forward_dynamics", "mass_matrix")  # of these what is called for one state
-BATCHES = ("inverse_dynamics", "kinematics", "energy")  # and for several
 BANDWIDTH = 30.0  # rad/s, of drives by computed torque
 FOLLOWING = ("pd", "computed_torque", "reference", "feedforward")  # controls that follow a motion, or hold the pose
 REFERENCES = ("reference of position", "reference of velocity")  # that drives take
@@ -100,6 +108,11 @@ class Assembly:
     wanted: Program | None = None
     begin: tuple[Array, Array] | None = None
     notes: tuple[str, ...] = ()
+
+    @property
+    def augmented(self) -> Kernel:
+        """The kernel with augmented arrays, in which the motion is integrated; drives and wrenches take them."""
+        return self.kernel.augmented
 
     @property
     def shown(self) -> Program | None:
@@ -145,7 +158,8 @@ def assemble(
         )
     initial_q = by_coordinate(robot, scenario, "q", scenario.initial.q if scenario.initial else {})
     changing = with_payload_parameters(robot, scenario)
-    kernel = _kernel(changing, scenario, kernels, report)
+    plain = _kernel(changing, scenario, kernels, report)
+    kernel = plain.augmented
     if ahead is not None and kernels is None and not robot.is_closed:
         _begin(ahead, kernel, kernels_of(robot, scenario), turns_of(kernel, scenario.integrator))
 
@@ -189,11 +203,11 @@ def assemble(
         drive, begun, notes = feedforward_start(robot, scenario, control, kernel, moved_by, Gains(kp, kd))
     if control.get("saturate"):
         drive = _saturated(scenario, kernel, driven, drive, mechanism)
-    wrenches = Wrenches(scenario, robot, kernel) if scenario.wrenches else None
+    wrenches = Wrenches(scenario, robot, plain) if scenario.wrenches else None
     facts = Facts(record_of(robot), robot_hash(robot), scenario.as_dict(), is_rigid(robot))
     until = _until(scenario, robot, kernel)
     return Assembly(
-        kernel, driven, initial_q, program, drive, wrenches, prescribed, path, until, facts, wanted, begun, notes
+        plain, driven, initial_q, program, drive, wrenches, prescribed, path, until, facts, wanted, begun, notes
     )
 
 
@@ -217,7 +231,7 @@ def rigid_kernels(robot: Robot) -> tuple[str, ...]:
     """Return the names of the rigid robot's kernels that drives and references call."""
     rigid = robot.rigid()
     closing = mechanism_kernels(rigid)
-    return ("kinematics", *closing) if closing else RIGID_KERNELS
+    return (*kernel_group(rigid, FRAME_POSES), *closing) if closing else kernel_group(rigid, RIGID_MODEL)
 
 
 def _kernel(robot: Robot, scenario: Scenario, kernels: tuple[str, ...] | None, report: Progress) -> Kernel:
@@ -227,10 +241,13 @@ def _kernel(robot: Robot, scenario: Scenario, kernels: tuple[str, ...] | None, r
     report(0.0, f"building kernels of {robot.name}")
     if robot.is_closed:  # which few of its many kernels are called depends on the integrator
         return build(robot)
-    wrenches = ("external_force",) if scenario.wrenches else ()
-    groups = {"singles": (*SINGLES, *wrenches), "batches": (*BATCHES, *wrenches)}
-    works = "singles" if _may_run_in_c(scenario) else "batches"  # where the energy balance asks
-    return build_groups(robot, {**groups, works: (*groups[works], "generalized_force")})
+    groups = {SINGLES: SIMULATED_STATES, BATCHES: SIMULATED_BATCHES}
+    works = SINGLES if _may_run_in_c(scenario) else BATCHES  # where the energy balance asks
+    further = {works: ENERGY_BALANCE}
+    wrenches = EXTERNAL_WRENCHES if scenario.wrenches else ()
+    return build_groups(
+        robot, {half: kernel_group(robot, group, wrenches, further.get(half, ())) for half, group in groups.items()}
+    )
 
 
 def _begin(ahead: Ahead, kernel: Kernel, kernels: tuple[str, ...], turns: tuple[str, ...]) -> None:
@@ -241,11 +258,11 @@ def _begin(ahead: Ahead, kernel: Kernel, kernels: tuple[str, ...], turns: tuple[
     rollouts = [name for name in kernels if name in kernel.raw.rollouts]
     if len(rollouts) > 1:  # one of them takes all steps
         rollouts = [rollout_of(RADAU if RADAU in turns else AUTO)]
-    jacobians = ["residual_jacobian"] if "residual_jacobian" in kernels and any_spring(kernel) else []
+    jacobians = [name for name in IMPLICIT_STEPS if name in kernels and any_spring(kernel)]
     for name in (*rollouts, *jacobians):
         kernel.raw.libraries.about(name)  # which derives it
-    singles = [partial(build_function, kernel, name) for name in (*rollouts, "mass_matrix", *jacobians)]
-    ahead.begin(*singles, partial(build_function, kernel, "inverse_dynamics", batch=True))
+    singles = [partial(build_function, kernel, name) for name in (*rollouts, *INERTIA, *jacobians)]
+    ahead.begin(*singles, partial(build_function, kernel, kernel.inverse_dynamics, batch=True))
 
 
 def _refuse_undriven(robot: Robot, moved: tuple[str, ...]) -> None:
@@ -276,12 +293,12 @@ def kernels_of(robot: Robot, scenario: Scenario) -> tuple[str, ...]:
     """Return the names of the kernels that the scenario's integrator may call."""
     rollouts = _rollouts(scenario)
     closing = mechanism_kernels(robot)
-    drives = ("inverse_dynamics", "residual", "residual_jacobian") if build_model(robot).beside else ()
+    drives = ELECTRIC_DRIVES if build_model(robot).beside else ()
     if closing:
-        return (*closing, *CLOSED_KERNELS, *drives, *rollouts)
-    if drives:
-        return (*dict.fromkeys((*KERNELS, *drives, *rollouts)),)
-    return (*KERNELS, *rollouts) if scenario.integrator.method in EXPLICIT_METHODS or rollouts else IMPLICIT_KERNELS
+        return (*closing, *kernel_group(robot, CLOSED_SIMULATION, drives), *rollouts)
+    if drives or rollouts or scenario.integrator.method in EXPLICIT_METHODS:
+        return (*kernel_group(robot, SIMULATION, drives), *rollouts)
+    return kernel_group(robot, SIMULATION, IMPLICIT_STEPS)
 
 
 def _rollouts(scenario: Scenario) -> tuple[str, ...]:
@@ -302,7 +319,7 @@ def _may_run_in_c(scenario: Scenario) -> bool:
 def with_kernel(assembly: Assembly, robot: Robot, scenario: Scenario, kernel: Kernel) -> Assembly:
     """Return the assembly for a kernel of other parameters; program and drives stay, with the model that they know."""
     wrenches = Wrenches(scenario, robot, kernel) if scenario.wrenches else None
-    return replace(assembly, kernel=kernel, wrenches=wrenches, until=_until(scenario, robot, kernel))
+    return replace(assembly, kernel=kernel, wrenches=wrenches, until=_until(scenario, robot, kernel.augmented))
 
 
 def _until(scenario: Scenario, robot: Robot, kernel: Kernel) -> Until | None:

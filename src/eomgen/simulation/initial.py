@@ -30,7 +30,7 @@ def initial_state(robot: Robot, scenario: Scenario, assembly: Assembly) -> tuple
 
     Those of a feed-forward where the scenario says nothing else.
     """
-    initial, kernel = scenario.initial, assembly.kernel
+    initial, kernel = scenario.initial, assembly.augmented
     if assembly.begin is not None and not (initial and (initial.equilibrium or initial.q or initial.v)):
         q, v = (np.array(x) for x in assembly.begin)
         return q, v, ()
@@ -41,7 +41,7 @@ def initial_state(robot: Robot, scenario: Scenario, assembly: Assembly) -> tuple
         q[driven], v[driven] = (x for x in assembly.program.at(0.0)[:2])
     for name, value in assembly.initial_q.items():
         q[kernel.coordinates.index(name)] = value
-    for name, value in states_of_laws(robot, scenario, kernel.memory).items():
+    for name, value in states_of_laws(robot, scenario, kernel.internal_states).items():
         v[kernel.velocities.index(name)] = value
     velocities = by_coordinate(robot, scenario, "v", initial.v if initial else {})
     for name, value in velocities.items():
@@ -82,7 +82,7 @@ def _servos(kernel: Kernel) -> tuple[str, ...]:
 
 def _settled(scenario: Scenario, assembly: Assembly, q: Array, v: Array) -> tuple[Array, tuple[str, ...]]:
     """Return v with states of drives that hold the robot where it is, and the coordinates of drives that do not."""
-    kernel, zero, wrenches = assembly.kernel, np.zeros(assembly.kernel.n), assembly.wrenches
+    kernel, zero, wrenches = assembly.augmented, np.zeros(assembly.augmented.n), assembly.wrenches
     u, wrench = assembly.drive.standstill()(0.0, q, zero), None if wrenches is None else wrenches(0.0, q, zero)
     try:
         forces = kernel.inverse_dynamics(q, v, zero, wrench=wrench)
@@ -98,7 +98,7 @@ def _settled(scenario: Scenario, assembly: Assembly, q: Array, v: Array) -> tupl
 
 def _closed(assembly: Assembly, q: Array, v: Array, velocities: Container[str]) -> tuple[Array, Array]:
     """Assemble the state; coordinates of the reference and the scenario stay, as far as they are independent."""
-    kernel, path = assembly.kernel, assembly.path
+    kernel, path = assembly.augmented, assembly.path
     fixed = [name for name in kernel.coordinates if name in assembly.initial_q]
     still = [name for name in kernel.coordinates if name in velocities]
     if path is not None:
@@ -120,14 +120,14 @@ def _motors_at_home(robot: Robot, assembly: Assembly) -> set[str]:
         return set()
     return {
         motor
-        for motor, joint in assembly.kernel.motors.items()
+        for motor, joint in assembly.augmented.motors.items()
         if motor in robot.home and joint not in assembly.initial_q
     }
 
 
 def _loose(robot: Robot, assembly: Assembly) -> tuple[str, ...]:
     """Return the names of deviations that nothing holds, as in a clearance; a motor takes up its gear's backlash."""
-    kernel = assembly.kernel
+    kernel = assembly.augmented
     motors = shafts(kernel)
     stiff = dict(zip(kernel.coordinates, stiffnesses(kernel).tolist(), strict=False))  # states of laws stand behind
     moved = {*kernel.prescribed, *(motors.get(name, name) for name in assembly.driven)}
@@ -145,10 +145,10 @@ def _balanced(
     """Solve the static equilibrium near q under drives and wrenches at t = 0; clearances start in their middle.
 
     Args:
-        begin: q, (n,), and the states of laws, (memory,), which stay.
+        begin: q, (n,), and the states of laws, (m,), which stay.
         still: coordinates that are held.
     """
-    kernel, drive, wrenches, (q, z) = assembly.kernel, assembly.drive.standstill(), assembly.wrenches, begin
+    kernel, drive, wrenches, (q, z) = assembly.augmented, assembly.drive.standstill(), assembly.wrenches, begin
     zero, beside = np.zeros(kernel.n), kernel.calls.arrays.beside_drives
     kernel.parameters.update(loaded_parameters(robot, scenario, 0.0))
 
@@ -189,7 +189,7 @@ def _overloaded(
         posture = _balanced(robot, scenario, free, begin, still)
     except IntegrationError:
         return ""
-    names = assembly.kernel.coordinates
+    names = assembly.augmented.coordinates
     u = free.drive.standstill()(0.0, posture, np.zeros_like(posture))
     overloaded = [
         f"{names[i]} would have to do {u[i]:.4g} {force_unit_of(names[i])}, its effort is {effort[i]:.4g}"

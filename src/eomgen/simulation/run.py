@@ -181,7 +181,7 @@ def run_assembly(
     global_error: bool = False,
 ) -> SimulationResult:
     """Run an assembled scenario, as ``run_scenario``; without ``balance`` faster."""
-    kernel = assembly.kernel
+    kernel = assembly.augmented
     report(0.0, "static equilibrium at the start")
     q0, v0, loose = initial_state(robot, scenario, assembly)
     loads = loads_of(assembly)
@@ -193,7 +193,7 @@ def run_assembly(
         "versions": versions,
     }
     samples = output_times(scenario.duration, scenario.output_step).size
-    states = dict(zip(kernel.memory, kernel.memory_units, strict=True))
+    states = dict(zip(kernel.internal_states, kernel.internal_state_units, strict=True))
     opened = None if stream is None else MotionStream(stream, kernel.coordinates, samples, about, states)
     plan = plan_of(assembly, scenario, q0)
 
@@ -272,7 +272,7 @@ def run_assembly(
 
 def _whole(kernel: Kernel, q: Array) -> Array:
     """Return coordinates, (T, n), as kernels take them: with zeros for states of laws behind."""
-    return np.hstack([q, np.zeros((len(q), len(kernel.memory)))])
+    return np.hstack([q, np.zeros((len(q), len(kernel.internal_states)))])
 
 
 def loads_of(assembly: Assembly) -> Loads:
@@ -284,14 +284,14 @@ def loads_of(assembly: Assembly) -> Loads:
 def plan_of(assembly: Assembly, scenario: Scenario, q: Array | None = None) -> IntegratorPlan:
     """Return the plan of an assembly's motion from q, (n,); errors as ``plan_integration``."""
     loads = assembly.drive, assembly.wrenches, assembly.prescribed
-    return plan_integration(assembly.kernel, scenario.integrator, loads, q, scenario.duration)
+    return plan_integration(assembly.augmented, scenario.integrator, loads, q, scenario.duration)
 
 
 def _passive(robot: Robot, assembly: Assembly) -> tuple[str, ...]:
     """Return the names of the coordinates that loops move: those of the rigid robot that nothing else moves."""
     if not robot.is_closed:
         return ()
-    moved = {*assembly.driven, *assembly.kernel.prescribed}
+    moved = {*assembly.driven, *assembly.augmented.prescribed}
     return tuple(name for name in rigid_coordinates(robot) if name not in moved)
 
 

@@ -12,7 +12,7 @@ from ..arrays import Array
 from ..errors import IntegrationError, check_kind
 from ..names import split_state
 from ..robot.coordinates import force_unit_of
-from ..robot.memory.drives import DRIVE
+from ..robot.memory.drives import DRIVE, STATES
 from ..robot.memory.standstill import standstill_of
 from ..robot.parameter_names import JOINTS
 from ..runtime.kernel import Kernel
@@ -32,6 +32,11 @@ def is_of_drive(state: str) -> bool:
     return split_state(state)[1] == DRIVE
 
 
+def stores_energy(state: str) -> bool:
+    """Tell of an internal state, by its name, whether it stores energy: not those of loops, filters and lags."""
+    return not is_of_drive(state) or STATES[state.rpartition(".")[2]].inertia is not None
+
+
 def inputs_at(kernel: Kernel, q: Array, v: Array) -> Array:
     """Return u, (..., n), by which drives have no control error: references are what they measure, other inputs 0."""
     u = np.zeros(q.shape)
@@ -48,7 +53,7 @@ def drive_jacobian(kernel: Kernel, q: Array, v: Array, u: Array) -> tuple[Array,
         q, v, u: a state with those of laws, (n,), u as ``Kernel.forward_dynamics`` takes it.
     """
     by_q, by_v, by_u = kernel.calls.run("drive_jacobian", None, (q, v, u))
-    inputs = np.diag([float(name not in kernel.memory or not is_of_drive(name)) for name in kernel.velocities])
+    inputs = np.diag([float(name not in kernel.internal_states or not is_of_drive(name)) for name in kernel.velocities])
     for name, (_, _, place) in kernel.calls.raw.libraries.meta["inputs"].items():
         i = kernel.coordinates.index(name)
         inputs[i, place] = 1.0  # a force beside the drive
@@ -161,7 +166,7 @@ class DrivesAtRest:
 def drives_at_rest(
     kernel: Kernel, q: ArrayLike, forces: ArrayLike, z: ArrayLike | None = None, *, held: Container[str] = ()
 ) -> tuple[Array, Array]:
-    """Return inputs u, (n,), and states of laws, (memory,), with which drives exert forces on a robot at rest.
+    """Return inputs u, (n,), and states of laws, (m,), with which drives exert forces on a robot at rest.
 
     Currents and filters stand at the values that these forces take, integrals where the control errors that they watch
     are 0; without an integral a reference differs from what is measured by the steady error.
@@ -170,7 +175,7 @@ def drives_at_rest(
         kernel: of the robot.
         q: coordinates, (n,).
         forces: on coordinates, (n,), N or N m, as ``static_equilibrium`` returns them.
-        z: states of other laws, (memory,); 0 by default.
+        z: states of other laws, (m,); 0 by default.
         held: names of coordinates that are held by something else: u is the force there, and states stay as in z.
 
     Raises:
@@ -180,13 +185,13 @@ def drives_at_rest(
     check_kind("kernel", kernel, hasattr(kernel, "calls"), "a Kernel (of eomgen.build, or of a generated package)")
     n, drives = len(kernel.coordinates), DrivesAtRest(kernel)
     q, u = (state_vector(label, x, kernel.coordinates) for label, x in (("q", q), ("forces", forces)))
-    states = np.zeros(len(kernel.memory)) if z is None else state_vector("z", z, kernel.memory)
+    states = np.zeros(len(kernel.internal_states)) if z is None else state_vector("z", z, kernel.internal_states)
     drives.refuse_overload(u, held)
     for i, one in drives.drives.items():
         if kernel.coordinates[i] in held:
             continue
         own = f"{kernel.coordinates[i]}.{DRIVE}."
-        for k, name in enumerate(kernel.memory):
+        for k, name in enumerate(kernel.internal_states):
             if name.startswith(own):
                 states[k] = one.states.get(name.removeprefix(own), 0.0) * u[i]
         u[i] = one.input(u[i], q[i])

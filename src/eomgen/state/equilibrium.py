@@ -10,11 +10,11 @@ from numpy.typing import ArrayLike
 from ..arrays import Array, Mask
 from ..errors import ArrayError, InputError, IntegrationError, LoopError, UnknownNameError, check_kind
 from ..robot.sizes import REFERENCE_ACCELERATION
-from ..runtime.by_name import WrenchLike
 from ..runtime.kernel import Kernel
+from ..runtime.methods.wrenches import WrenchLike
 from ..runtime.singular import inertias
 from .drives import DrivesAtRest
-from .law_states import StatesLike, at_rest_with, memory_vector, refuse_moving, whole_vector
+from .law_states import StatesLike, at_rest_with, joined_vector, refuse_moving, state_values
 from .springs import coordinate_sizes, line_rates, stiffnesses
 from .vectors import Q_STEP, state_vector
 
@@ -37,16 +37,16 @@ def static_equilibrium(
 
     Args:
         kernel: float64, with inverse_dynamics and mass_matrix.
-        q_guess: coordinates, (n,), or with room for states of laws behind them, (kernel.n,).
+        q_guess: coordinates, (n,).
         u: drives, (n,), as ``Kernel.inputs`` has them, or a function of q, (n,) or (N, n), to the same shape, whose
             references of drives without an error are those of the guess; None: zero.
         held: names of coordinates that stay at their guess, whatever drive that takes; prescribed ones do.
         wrench: external wrenches, as of the kernel's methods: (links, 6), or by frame and link.
-        z: states of laws, (memory,), or by name; 0 by default.
+        z: states of laws, (m,), or by name; 0 by default.
 
     Returns:
         q, (n,), and the forces that hold it, (n,): u, or what drives exert under it, and in held coordinates what is
-        needed; of the guess's length.
+        needed.
 
     Raises:
         IntegrationError: there is no such state near the guess: a coordinate that nothing holds is named, or a drive
@@ -57,10 +57,11 @@ def static_equilibrium(
     check_kind("kernel", kernel, hasattr(kernel, "calls"), "a Kernel (of eomgen.build, or of a generated package)")
     if kernel.constraints:
         raise InputError(f"static_equilibrium: {kernel.name} is to be closed; see eomgen.loops.closed_equilibrium")
-    q, width = whole_vector(kernel, "q_guess", q_guess)
-    kept = known_coordinates(held, kernel) | set(kernel.prescribed) | set(kernel.memory)
+    q, width = joined_vector(kernel, "q_guess", q_guess, kernel.velocities), kernel.n
+    kernel = kernel.augmented
+    kept = known_coordinates(held, kernel) | set(kernel.prescribed) | set(kernel.internal_states)
     free = np.array([name not in kept for name in kernel.velocities])
-    states = memory_vector(kernel, z)
+    states = state_values(kernel, z)
     refuse_moving(kernel, states)
     zero, rates = np.zeros(kernel.n), at_rest_with(kernel, states)
     applied, drives = given_forces(kernel, u, width), DrivesAtRest(kernel)

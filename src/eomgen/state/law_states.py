@@ -17,62 +17,49 @@ from ..arrays import Array, Index, Mask
 from ..errors import InputError, UnknownNameError
 from ..names import listed, nearest_or_all, show, split_state
 from ..robot.memory.branches import BRANCHES
-from ..runtime.arrays import refuse_z
 from ..runtime.kernel import Kernel
 from ..shown import Shown
 from .drives import drive_slopes, has_drives
 from .vectors import state_vector
 
-StatesLike = Mapping[str, float] | ArrayLike  # of laws, (memory,), or by their names
+StatesLike = Mapping[str, float] | ArrayLike  # of laws, (m,), or by their names
 
 GOLDEN = 0.6180339887498949
 FINE = 1e-300  # m/s or rad/s: a velocity that only has a direction
 STICKS = 1e-200  # 1/s: a rate of a state at such a velocity
 
 
-def memory_vector(kernel: Kernel, z: StatesLike | None) -> Array:
-    """Return states of laws, (memory,), m or rad: zeros where nothing is said, or by names, those left out 0.
+def state_values(kernel: Kernel, z: StatesLike | None) -> Array:
+    """Return states of laws, (m,), m or rad: zeros where nothing is said, or by names, those left out 0.
 
     Raises:
         InputError: no law of the robot has a state.
-        UnknownNameError: a name is none of ``kernel.memory``.
+        UnknownNameError: a name is none of ``kernel.internal_states``.
         ArrayError: another shape, or numbers that are not finite.
     """
     if z is None:
-        return np.zeros(len(kernel.memory))
-    refuse_z(kernel.calls)
+        return np.zeros(len(kernel.internal_states))
+    if not kernel.internal_states:
+        kernel.calls.refuse_z(0.0)
     if not isinstance(z, Mapping):
-        return state_vector("z", z, kernel.memory)
+        return state_vector("z", z, kernel.internal_states)
     for name in z:
-        if name not in kernel.memory:
-            raise UnknownNameError(f"z: {show(str(name))} is unknown{nearest_or_all(str(name), kernel.memory)}")
-    return state_vector("z", [z.get(name, 0.0) for name in kernel.memory], kernel.memory)
+        if name not in kernel.internal_states:
+            raise UnknownNameError(
+                f"z: {show(str(name))} is unknown{nearest_or_all(str(name), kernel.internal_states)}"
+            )
+    return state_vector("z", [z.get(name, 0.0) for name in kernel.internal_states], kernel.internal_states)
 
 
-def is_whole(kernel: Kernel, value: ArrayLike) -> bool:
-    """Return whether a vector has all numbers of the kernel's arrays, (n,), states of laws among them."""
-    try:
-        return np.shape(value) == (kernel.n,)
-    except ValueError:  # no array at all: checks say so
-        return False
-
-
-def whole_vector(kernel: Kernel, label: str, value: ArrayLike) -> tuple[Array, int]:
-    """Return a vector over coordinates and, behind them, states of laws, and how many numbers it was given with.
-
-    Args:
-        kernel: n of whose ``velocities`` are coordinates.
-        label: begins what errors say.
-        value: (n,), behind which zeros stand then, or (kernel.n,).
+def joined_vector(kernel: Kernel, label: str, value: ArrayLike, names: tuple[str, ...]) -> Array:
+    """Return a vector over coordinates, by their names, as an augmented one: with zeros for internal states behind.
 
     Raises:
-        ArrayError: it is none of both.
+        ArrayError: it has another shape; the message begins with the label.
     """
-    n = len(kernel.coordinates)
-    names = kernel.velocities if is_whole(kernel, value) else kernel.coordinates
-    whole = np.zeros(kernel.n)
+    whole = np.zeros(kernel.augmented.n)
     whole[: len(names)] = state_vector(label, value, names)
-    return whole, n if kernel.n == n else len(names)
+    return whole
 
 
 def refuse_moving(kernel: Kernel, z: Array) -> None:
@@ -81,13 +68,13 @@ def refuse_moving(kernel: Kernel, z: Array) -> None:
     Raises:
         InputError: there is one.
     """
-    for name, value in zip(kernel.memory, z, strict=True):
+    for name, value in zip(kernel.internal_states, z, strict=True):
         if split_state(name)[1] == BRANCHES and value != 0.0:
             raise InputError(f"z: {name} = {value:g}, which settles to 0 at rest; allowed: 0, or a motion")
 
 
 def at_rest_with(kernel: Kernel, z: Array) -> Array:
-    """Return velocities of a robot at rest whose laws have states z, (memory,): (kernel.n,), zeros, then z."""
+    """Return velocities of a robot at rest whose laws have states z, (m,): (kernel.n,), zeros, then z."""
     return np.concatenate([np.zeros(len(kernel.coordinates)), z])
 
 
@@ -155,7 +142,7 @@ def states_of(kernel: Kernel, slopes: tuple[Array, Array, Array], basis: Array, 
     inertia = np.diagonal(M)[index]
     by_q, by_v = (-matrix[index] / inertia[:, np.newaxis] for matrix in (K, D))
     return LawStates(
-        names=kernel.memory,
+        names=kernel.internal_states,
         places=index,
         inertia=inertia,
         acts=basis.T @ D[:, index],
@@ -181,7 +168,7 @@ def slopes_of(kernel: Kernel, q: Array, v: Array, a: Array, u: Array | None = No
 def _passive_slopes(kernel: Kernel, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
     n = len(kernel.coordinates)
     rests = np.flatnonzero(v[:n] == 0.0)
-    if not (kernel.memory and v[n:].any() and rests.size):
+    if not (kernel.internal_states and v[n:].any() and rests.size):
         K, D, M = kernel.residual_jacobian(q, v, a)
         return K, D, M
     sides = np.tile(v, (2, 1))

@@ -226,13 +226,14 @@ def coordinate_sizes(kernel: Kernel, q: Array) -> tuple[Array, Array]:
     stiffness = stiffnesses(kernel) + np.diagonal(line_rates(kernel, q)[0])
     inertia = np.diagonal(kernel.mass_matrix(q))
     n = len(kernel.coordinates)
-    return sizes.with_states(*sizes.deviation_sizes(stiffness[:n], inertia[:n]), memory_sizes(kernel))
+    found = sizes.deviation_sizes(stiffness[:n], inertia[:n])
+    return sizes.with_states(*found, internal_state_sizes(kernel)) if kernel.is_augmented else found
 
 
-def memory_sizes(kernel: Kernel) -> list[float]:
-    """Return sizes of the states of laws that tolerances refer to, (memory,)."""
+def internal_state_sizes(kernel: Kernel) -> list[float]:
+    """Return sizes of the states of laws that tolerances refer to, (m,)."""
     sizes: dict[str, float] = {}
-    for family in (JOINTS, CUTS) if kernel.memory else ():
+    for family in (JOINTS, CUTS) if kernel.internal_states else ():
         for owner, numbers in element_numbers(kernel, family).items():
             sizes |= {f"{owner}.{law}.{x.name}": x.size(numbers) for law, x in states_of(numbers)}
-    return [sizes[name] for name in kernel.memory]
+    return [sizes[name] for name in kernel.internal_states]

@@ -11,8 +11,8 @@ from ..arrays import Array, Mask
 from ..errors import ArrayError, check_kind
 from ..names import are_names
 from ..runtime.arrays import numbers_in
-from ..runtime.by_name import WrenchLike
 from ..runtime.kernel import Kernel
+from ..runtime.methods.wrenches import WrenchLike
 
 DriveFunction = Callable[[float, Array, Array], ArrayLike]  # (t, q, v) -> u, (n,), N or N m
 WrenchFunction = Callable[[float, Array, Array], WrenchLike]  # (t, q, v) -> (links, 6), or by frame and link

@@ -72,8 +72,6 @@ class Job:
     def kernels(self, scenario: Scenario) -> tuple[str, ...]:
         """Return the names of the kernels that its robot is built with."""
         further = [name for wanted in self.plan.record for name in NEEDS.get(wanted, ())]
-        if "reactions" in further and scenario.wrenches:
-            further.append("external_reactions")
         return tuple(dict.fromkeys((*kernels_of(self.robot, scenario), *further)))
 
     def scenario(self, sample: Sequence[float] = ()) -> Scenario:

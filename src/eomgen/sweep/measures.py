@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import Array
+from ..codegen.kernels.groups import JOINT_REACTIONS
 from ..errors import InputError
 from ..motion.exceeding import excesses
 from ..names import joint_of
@@ -22,7 +23,7 @@ from ..state.motors import shafts
 from ..state.turning import quaternion_columns
 from .plan import Plan
 
-NEEDS = {"reaction_max": ("reactions",)}  # kernels beside those of a simulation
+NEEDS = {"reaction_max": JOINT_REACTIONS}  # kernels beside those of a simulation
 READS = {  # fields of results that not all motions have, by recorded name
     "tool_deviation_max": (POSE,),
     "tool_deviation_rms": (POSE,),
@@ -50,7 +51,9 @@ def check_record(plan: Plan, scenario: Scenario, assembly: Assembly) -> None:
         plan.fail("record", "tracking_max: there is no reference; allowed: with a motion, pd or computed_torque")
     if "reaction_max" in plan.record and scenario.payloads:
         plan.fail("record", "reaction_max: the scenario has payloads, whose masses change; allowed: without them")
-    if not assembly.kernel.memory and (states := [name for name in ("state_max", "state_end") if name in plan.record]):
+    if not assembly.kernel.internal_states and (
+        states := [name for name in ("state_max", "state_end") if name in plan.record]
+    ):
         plan.fail("record", f"{states[0]}: no law has a state; allowed: of robots with such laws")
     if "quaternion_end" in plan.record and not rotating_joints(assembly.kernel.coordinates):
         plan.fail("record", "quaternion_end: no joint has alpha, beta and gamma; allowed: with a free or ball joint")
@@ -131,7 +134,7 @@ def _states(name: str, result: SimulationResult, assembly: Assembly) -> Measured
     z, kernel = result.trajectory.z, assembly.kernel
     assert z is not None
     values = np.abs(z).max(axis=0) if name == "state_max" else z[-1]
-    each = zip(kernel.memory, kernel.memory_units, values.tolist(), strict=True)
+    each = zip(kernel.internal_states, kernel.internal_state_units, values.tolist(), strict=True)
     return [(f"{name}.{x}", unit, value) for x, unit, value in each]
 
 
@@ -142,7 +145,7 @@ def _quaternions(name: str, result: SimulationResult, _: Assembly) -> Measured:
 
 
 def _reactions(name: str, result: SimulationResult, assembly: Assembly) -> Measured:
-    motion, kernel = result.trajectory, assembly.kernel
+    motion, kernel = result.trajectory, assembly.augmented
     q, v, u = motion.joined()
     u = u.copy()
     if assembly.prescribed is not None:

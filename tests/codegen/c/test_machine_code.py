@@ -213,7 +213,7 @@ def test_fused_multiply_add_changes_the_last_digits_alone(name: str, dtype: str,
         pytest.skip("this processor has no fused multiply-add")
     source = prepared(name, dtype, tmp_path)
     constrained = bool(json.loads(source.meta).get("constraints"))
-    undetermined = {k for k, own in KERNELS.items() if constrained and SOLVING & {k, *own.calls, *own.closed}}
+    undetermined = {k for k, own in KERNELS.compiled.items() if constrained and SOLVING & {k, *own.calls, *own.closed}}
     first = compilers()[0]
     expected = run_driver(compile_driver(source, tmp_path, first, ("-O2", *PLAIN), "plain"), source)
     levels = LEVELS[1:2] if (name, dtype) in QUICK or name in LARGE else LEVELS[1:]
@@ -482,7 +482,7 @@ def states_of(model: Model) -> dict[str, np.ndarray]:
     rng, n = np.random.default_rng(6), model.size
     speeds, forces = np.logspace(-1.0, 1.0, 7)[:, np.newaxis], np.logspace(0.0, 3.0, 7)[:, np.newaxis]
     driven = np.isin(np.arange(n), model.driven)
-    q = np.array([*model.home, *(0.0 for _ in model.memory)]) + 0.02 * rng.normal(size=(7, n))
+    q = np.array([*model.home, *(0.0 for _ in model.internal_states)]) + 0.02 * rng.normal(size=(7, n))
     v = speeds * rng.normal(size=(7, n))
     v[:, len(model.coordinates) :] *= 1e-3  # states of laws: bristles are short
     return {"q": q, "v": v, "u": driven * forces * rng.normal(size=(7, 1))}

@@ -288,14 +288,14 @@ maxwell = [{{ stiffness = 100.0, damping = 2.0 }}]
 def check_states(robot: Robot, n: int, size: tuple[float, float], built: Build) -> None:
     """Residuals, rates of states and energies by z are the kernel's."""
     model, rng = build_model(robot), np.random.default_rng(3)
-    form, kernel = closed_form(model), built(robot)
+    form, kernel = closed_form(model), built(robot).split
     function = form.function("residual", "rates", "kinetic", "potential", "mass_matrix")
     for _ in range(5):
         q, v, a, u = size[0] * rng.normal(size=(4, n))
         z = size[1] * rng.normal(size=len(form.z))
         residual, rates, kinetic, potential, M = function(q, v, a, u, z=z)
         assert residual == pytest.approx(kernel.residual(q, v, a, u, z=z), rel=1e-9, abs=1e-9)
-        assert rates == pytest.approx(kernel.memory_rates(q, v, z, u), rel=1e-9, abs=1e-12)
+        assert rates == pytest.approx(kernel.internal_state_derivatives(q, v, z, u), rel=1e-9, abs=1e-12)
         assert (kinetic, potential) == pytest.approx(tuple(kernel.energy(q, v, z=z)), rel=1e-9)
         assert pytest.approx(kernel.mass_matrix(q), rel=1e-9, abs=1e-12) == M
 

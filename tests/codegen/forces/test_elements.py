@@ -296,7 +296,7 @@ def test_an_implicit_step_is_a_dense_system(families: Sequence[type[ForceElement
     numbers = forces.run(vector([*entries, *share.forces, *forces.d.forces(forces.d.v)]), dt=np.array([dt, dt * dt]))
     slopes, ahead, here = numbers[: n * n].reshape(n, n), numbers[n * n : -n], numbers[-n:]
     states = slice(len(forces.model.coordinates), n)  # eliminated, they leave a matrix of the coordinates
-    size = np.r_[np.ones(states.start), np.diagonal(mass)[states]]  # 2^-80 of states that store nothing: pivots differ
+    size = np.r_[np.ones(states.start), np.diagonal(mass)[states]]  # pivots differ
     inner = np.linalg.solve(
         *(x[states] / size[states, np.newaxis] for x in ((mass + slopes)[:, states], slopes[:, : states.start]))
     )

@@ -355,7 +355,7 @@ def test_a_slider_crank_cut_at_its_worn_pin(built: Build) -> None:
     theirs, ours = built(eomgen.load_robot(ROOT / "examples" / "slider_crank.toml")), built(otherwise())
     speed = 5000.0 * 2 * np.pi / 60
     q = theirs.assemble(np.array([0.0, 0.17, 0.0, 0.0, np.pi]))
-    v = theirs.project_velocity(q, np.array([speed, 0, 0, 0, 0.0]), held=("motor.gamma", "pin.x", "pin.y"))
+    v = theirs.project_velocity(q, np.array([speed, 0, 0, 0, 0.0]), fixed=("motor.gamma", "pin.x", "pin.y"))
     names = list(ours.coordinates)
     assert sorted(names) == ["crankpin.gamma", "guide.z", "motor.gamma"]
     start, rates = np.zeros(3), np.zeros(3)

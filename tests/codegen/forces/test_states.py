@@ -21,7 +21,7 @@ from eomgen.codegen.solve.states import share, state_rows
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import DescriptionError
 from eomgen.robot import laws
-from eomgen.robot.memory.states import WEIGHTLESS, State
+from eomgen.robot.memory.states import State
 from eomgen.robot.model import Model, build_model
 from eomgen.robot.parameter_names import leasts
 from tests.support.bending_robots import Bending, bent, with_mode_follower
@@ -40,7 +40,7 @@ z = {{ friction = {{ model = "lugre", coulomb = 1.0, bristle_stiffness = 3.0 }} 
 F_S, F_V, F_Z = 3.0, 0.5, np.array([2.0, -1.5])
 G_S, G_V = np.array([0.3, -0.2]), np.array([1.0, 0.7])
 G_Z = np.array([[-4.0, 2.0], [-3.0, 0.5]])  # its second diagonal entry alone would grow
-INERTIAS = np.array([3.0, WEIGHTLESS])
+INERTIAS = np.array([3.0, 1.0])
 
 
 def spiral(x: Remembered) -> StateEffect:
@@ -89,7 +89,7 @@ STATE["p"] = list(build_model(robot_from_toml(ROBOT)).parameters.values())
 
 
 def test_rows_and_energies(model: Model) -> None:
-    assert model.memory == ("slide.z.friction.a", "slide.z.friction.b")
+    assert model.internal_states == ("slide.z.friction.a", "slide.z.friction.b")
     assert model.remembering == {("joints.slide.z", "friction"): (1, 2)}
     M, B, K = slopes()
     q, v, a = np.array(STATE["q"]), np.array(STATE["v"]), np.array([0.2, 0.5, -0.4])
@@ -174,7 +174,7 @@ def test_transmissions_and_couplings_remember(c: complex) -> None:
     """Of linear laws along rows that do not change, steps and stages are those of M, B and K."""
     rails = build_model(robot_from_toml(RAILS))
     names = ("first.z.maxwell.0.z", "first.z.maxwell.1.z", "first.motor.maxwell.0.z", "belt.maxwell.0.z")
-    assert rails.memory == (*names, "belt.maxwell.1.z")
+    assert rails.internal_states == (*names, "belt.maxwell.1.z")
     n, rng, is_pair = rails.size, np.random.default_rng(1), isinstance(c, complex)
     q, v = np.r_[rng.normal(size=3), np.zeros(5)], rng.normal(size=n)
     state: dict[str, Any] = {"q": q.tolist(), "v": v.tolist(), "u": [0.0] * n, "p": [*rails.parameters.values()]}

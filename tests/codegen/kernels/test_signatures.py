@@ -12,10 +12,9 @@ import pytest
 
 import eomgen.templates
 from eomgen.codegen.c import lanes
-from eomgen.codegen.c.operation_counts import OWN
 from eomgen.codegen.c.sources import render
 from eomgen.codegen.forces.bushings import Bushings
-from eomgen.codegen.kernels.derived import BACKWARDS, GRADIENTS
+from eomgen.codegen.kernels.derived import BACKWARDS, GRADIENTS, ORDERS
 from eomgen.codegen.kernels.entries import KINDS, Signature
 from eomgen.codegen.kernels.equations import derive_equations
 from eomgen.codegen.kernels.signatures import DERIVATIVES, KERNELS, SIGNATURES, by_kind, functions, shapes
@@ -28,6 +27,7 @@ from tests.support.builds import Build
 from tests.support.every_element import robot_with
 from tests.support.random_followers import with_followers
 
+MOST_NAMES = 350
 TEMPLATES = Path(eomgen.templates.__path__[0], "composed")
 OF_A_KIND: dict[str, Callable[[str, Signature], bool]] = {
     "program": lambda name, _: name in {**WRITERS, **VARIANTS} or name in (*STAGES, *PAIR_STAGES),
@@ -48,13 +48,13 @@ def is_written(name: str) -> bool:
 
 
 def is_derivative(name: str, entry: Signature) -> bool:
-    functions = {*SIGNATURES, *KERNELS["kinematics"].functions}
+    functions = {*SIGNATURES.compiled, *KERNELS["kinematics"].functions}
     return entry.derivative_of in functions and name not in WRITERS and name.startswith(f"{entry.derivative_of}_")
 
 
-@pytest.mark.parametrize("name", SIGNATURES)
+@pytest.mark.parametrize("name", SIGNATURES.compiled)
 def test_an_entry_has_what_its_kind_needs(name: str) -> None:
-    entry = SIGNATURES[name]
+    entry = SIGNATURES.compiled[name]
     assert entry.kind in KINDS
     assert OF_A_KIND[entry.kind](name, entry)
     derived = ("tangent", "adjoint", "hessian", "jet", "gradient")
@@ -62,9 +62,25 @@ def test_an_entry_has_what_its_kind_needs(name: str) -> None:
     assert (entry.order > 0) == (entry.kind == "jet")
     assert (entry.functions != {}) == (entry.kind == "frames")
     assert (entry.calls != ()) == (entry.kind in ("composed", "rollout", "adaptive", "gradient"))
-    assert set(entry.calls) <= {*WRITERS, *VARIANTS, *STAGES, *PAIR_STAGES, *DERIVATIVES, *BACKWARDS}
+    assert set(entry.calls) <= {*WRITERS, *VARIANTS, *STAGES, *PAIR_STAGES, *DERIVATIVES.compiled, *BACKWARDS}
     assert entry.columns_of == "" or (entry.columns_of in WRITERS and is_written(name))
-    assert (name in OWN) <= (entry.kind == "composed")
+
+
+def test_names_of_kernels_stay_few() -> None:
+    """Orders of time derivatives, and what derivatives are by, are arguments of one kernel, no further kernels."""
+    names = {*SIGNATURES, *(function for entry in SIGNATURES.values() for function in entry.functions)}
+    assert len(names) <= MOST_NAMES
+    assert {*SIGNATURES["energy_jet"].variants} == {f"energy_jet{order}" for order in ORDERS}
+    assert {*SIGNATURES["energy_adjoint"].variants} == {"energy_adjoint", "energy_parameter_adjoint", "energy_hessian"}
+    assert "energy_jet" not in SIGNATURES.compiled
+    assert "energy_jet2" not in set(SIGNATURES)
+    assert SIGNATURES["energy_jet2"].order == 2
+
+
+def test_derivatives_are_those_that_a_kernel_names() -> None:
+    for name, entry in DERIVATIVES.compiled.items():
+        owner = KERNELS["kinematics"].functions.get(entry.derivative_of) or KERNELS[entry.derivative_of]
+        assert entry.kind in owner.derivatives, name
 
 
 def test_every_array_has_a_shape() -> None:
@@ -76,20 +92,20 @@ def test_every_array_has_a_shape() -> None:
         "kept",
         "pair_kept",
     }  # which programs are cut by
-    parts = [part for entry in KERNELS.values() for part in entry.functions.values()]
-    public = [entry for name, entry in SIGNATURES.items() if name not in BACKWARDS]
+    parts = [part for entry in KERNELS.compiled.values() for part in entry.functions.values()]
+    public = [entry for name, entry in SIGNATURES.compiled.items() if name not in BACKWARDS]
     for entry in (*public, *parts):
         assert {*entry.reads, entry.writes} <= known
 
 
 def test_functions_are_in_the_order_of_packages() -> None:
     """Frames behind all others, rollouts last."""
-    found = functions(reversed(KERNELS))
-    assert found == functions(iter(KERNELS))
+    found = functions(reversed(tuple(KERNELS.compiled)))
+    assert found == functions(iter(KERNELS.compiled))
     last = ("kinematics", "rollout", "adaptive_rollout", "radau_rollout", *GRADIENTS)
     count = len(last) + 1
     assert [function.name for function in found[-count:]] == ["frame_pose", "frame_jacobian", *last[1:]]
-    assert [function.name for function in found[:-count]] == [x for x in KERNELS if x not in last]
+    assert [function.name for function in found[:-count]] == [x for x in KERNELS.compiled if x not in last]
     assert [function.kernel for function in found[-count:]] == ["kinematics", *last]
     assert functions([]) == []
     assert by_kind(["rollout", "forward_dynamics_jacobian", "kinematics", "mass_matrix"]) == [

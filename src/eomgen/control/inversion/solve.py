@@ -20,6 +20,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from ...arrays import Array
+from ...codegen.kernels.groups import CONTROLLED_INVERSION
 from ...description import RobotLike, as_robot
 from ...errors import InputError
 from ...limits import LARGEST, is_usable
@@ -45,7 +46,7 @@ from .refinement import STEPS, TOLERANCE, Ends, RefinedMotion, on_steps, refine
 from .result import StableInversion
 from .zeros import Complex
 
-KERNELS = ("residual", "residual_jacobian", "mass_matrix", "kinematics")
+KERNELS = CONTROLLED_INVERSION
 FEWEST, MOST = 24, 20_000  # steps
 MOST_NUMBERS = 60_000_000  # of the linear equations
 FADED = 1e-4  # of an internal motion: what is left of it before the first and after the last sample
@@ -170,8 +171,10 @@ def check_determined(robot: Robot) -> None:
     if model.drives:
         driven = [model.coordinates[i] for i in model.drives]
         raise InputError(f"{robot.name}: {listed(driven)} has a servo drive; allowed: drives whose inputs are forces")
-    if model.memory:
-        raise InputError(f"{robot.name}: its laws have states ({listed(model.memory)}); allowed: laws without states")
+    if model.internal_states:
+        raise InputError(
+            f"{robot.name}: its laws have states ({listed(model.internal_states)}); allowed: laws without states"
+        )
 
 
 def program_of(robot: Robot, motion: MotionLike, duration: float | None) -> tuple[Program, float, str | None]:

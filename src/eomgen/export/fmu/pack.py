@@ -34,6 +34,9 @@ from eomgen.runtime.stepping.methods import ADAPTIVE as STEPPERS
 from eomgen.runtime.stepping.methods import COST
 from eomgen.runtime.stepping.options import rollout_of
 
+from ...codegen.kernels.derived import METHODS as PROGRAMS_OF_METHODS
+from ...codegen.kernels.groups import CLOSED_FMU, FMU, kernel_group
+from ...codegen.kernels.signatures import CLOSED_PROGRAMS
 from ...pipeline.mechanisms import assembled_home
 from ..step import default_step
 from .choices import ADAPTIVE, AUTO, METHODS, VERSIONS
@@ -41,15 +44,6 @@ from .choices import ADAPTIVE, AUTO, METHODS, VERSIONS
 if TYPE_CHECKING:
     from .variables import Variable
 
-TANGENTS = ("external_force_tangent", "energy_tangent", "reactions_tangent", "external_reactions_tangent")
-KERNELS = (
-    *("forward_dynamics", "forward_dynamics_jacobian", "external_force", "kinematics", "energy", "reactions"),
-    *("external_reactions", *TANGENTS),
-)
-CLOSED_KERNELS = (  # of robots with a constraint
-    *("constrained_dynamics", "settling", "external_force", "kinematics", "energy"),
-    *("constrained_dynamics_tangent", "settling_tangent", "external_force_tangent", "energy_tangent"),
-)
 RTOL = 1e-6  # relative tolerance of co-simulation at first
 
 
@@ -93,9 +87,8 @@ def export_fmu(
     _check(version, method, rtol, step)
     home = assembled_home(robot, progress)
     solver = _solver(robot, method, rtol, step, progress)
-    kernels = CLOSED_KERNELS if build_model(robot).constraints else KERNELS
-    stepping = (rollout_of(method),) if method in ADAPTIVE else ("rollout",)
-    options = Options((*kernels, *stepping), batches=False)
+    kernels = kernel_group(robot, CLOSED_FMU if build_model(robot).constraints else FMU)
+    options = Options((*kernels, rollout_of(method)), batches=False)
     files = _files(robot, options, version, method, (solver, home), progress)
     with tempfile.TemporaryDirectory() as work:
         progress("compiling the FMU")
@@ -154,7 +147,7 @@ def _files(
     from .xml import Fmu, build_description, model_description
 
     model, source = build_model(robot), make_source(robot, options, progress)
-    layout = make_layout(model, *begin)
+    layout, [dynamics] = make_layout(model, *begin), PROGRAMS_OF_METHODS["explicit"][2]
     name, meta, turning = robot.name, json.loads(source.meta), turning_joints(model)
     context = {
         "at": layout.at,
@@ -165,10 +158,10 @@ def _files(
         "guard": f"EOMGEN_{name.upper()}_H",
         "version": __version__,
         "n": model.size,
-        "memory": len(model.memory),
+        "memory": len(model.internal_states),
         "hoisted": meta["hoisted"],
         "m": len(model.constraints),
-        "dynamics": "constrained_dynamics" if model.constraints else "forward_dynamics",
+        "dynamics": CLOSED_PROGRAMS[dynamics] if model.constraints else dynamics,
         "links": len(model.links),
         "parameters": len(model.parameters),
         "turning": len(turning["joints"]),

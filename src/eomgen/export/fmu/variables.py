@@ -204,7 +204,7 @@ def _per_second(unit: str) -> str:
 def _beside_states(model: Model, kind: str) -> Iterator[Variable]:
     """Give what stands behind coordinates where states of laws do among rates."""
     start = 0.0 if kind in ("q", "u") else None
-    for name in model.memory:
+    for name in model.internal_states:
         yield Variable(f"{kind}.{name}", "local", "1", "Nothing", start, is_shown=False)
 
 

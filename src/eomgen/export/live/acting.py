@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ...arrays import Array, Index
+from ...codegen.kernels.groups import INERTIA
 from ...errors import EomgenError, InputError, LoopError
 from ...motion.ends import default_ends, principal_limits
 from ...motion.splines import signal_of
@@ -81,7 +82,7 @@ def default_gains(robot: Robot, driven: tuple[str, ...], start: Array) -> tuple[
         moved = [kernel.forward_dynamics(q, nothing, np.eye(kernel.n)[i])[i] - rest[i] for i in index]
         inertia = 1.0 / np.maximum(np.array(moved), 1e-9)
     else:
-        kernel = build(robot.rigid(), kernels=("mass_matrix", *rigid_kernels(robot)))
+        kernel = build(robot.rigid(), kernels=(*INERTIA, *rigid_kernels(robot)))
         at = dict(zip(driven, start, strict=True))
         M = kernel.mass_matrix([at.get(name, 0.0) for name in kernel.coordinates])
         inertia = np.diag(M)[index_of(kernel.coordinates, driven)]
@@ -118,7 +119,7 @@ def acting_on(
     q0, v0, loose = initial_state(robot, scenario, assembly)
     if loose:
         notes.append(f"nothing holds {', '.join(loose)}, so not in balance at the start")
-    kernel = assembly.kernel
+    kernel = assembly.augmented
     data = _data_of(assembly.drive)
     if data is not None and data.effort is not None:
         raise InputError(
@@ -205,7 +206,7 @@ def _drives(
     robot: Robot, assembly: Assembly, place: Index, ratio: Array, gains: tuple[Array, Array], first: Array
 ) -> list[dict[str, Any]]:
     """Return drives with their sliders; ``first``: where their program begins, (d,)."""
-    kernel, drives = assembly.kernel, []
+    kernel, drives = assembly.augmented, []
     start, goal = default_ends(robot, assembly.driven)
     names = [joint_of(name) for name in assembly.driven]
     for i, name in enumerate(assembly.driven):
@@ -232,7 +233,7 @@ def _drives(
 
 def _inputs(robot: Robot, assembly: Assembly, q0: Array) -> list[dict[str, Any]]:
     """Return inputs of servo drives that nothing else gives, voltages and currents among them, with their sliders."""
-    kernel = assembly.kernel
+    kernel = assembly.augmented
     if not isinstance(assembly.drive, NoControl):
         return []
     return [
@@ -265,7 +266,7 @@ def _limits(robot: Robot, name: str, at: float, span: float) -> tuple[float, flo
 def _add_model(acting: dict[str, Any], model: ModelDrive, assembly: Assembly, q0: Array, notes: list[str]) -> None:
     """Add drives by a model: the rigid robot's, or of a mechanism with loops the forces that hold it at the start."""
     if model.mechanism is not None:
-        kernel = assembly.kernel
+        kernel = assembly.augmented
         try:
             u = np.asarray(assembly.drive.standstill()(0.0, q0, np.zeros(kernel.n)))
         except (LoopError, EomgenError):

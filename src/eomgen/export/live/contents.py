@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...arrays import Array
+from ...codegen.kernels.groups import LIVE_PAGE
 from ...errors import EomgenError, InputError
 from ...integration.plan import stiff_in_real_time
 from ...names import kind_of
@@ -36,7 +37,7 @@ MORE = 100.0  # times further they can be exaggerated
 MOST_SAMPLES = 4000  # of a recording
 VIEWED = 50  # of them, that the first view is to show
 GRAVITY = 9.81  # m/s^2, by which forces of pushes are weighed
-KERNELS = ("adaptive_rollout", "inverse_dynamics", "energy", "kinematics", "external_force")
+KERNELS = LIVE_PAGE
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,7 @@ def contents_of(robot: Robot, scenario: Scenario | None, result: SimulationResul
     notes: list[str] = []
     tool = result.tool if result is not None else tool_of(robot, scenario.frame if scenario else None)
     acting, assembly, acts = _acting(robot, scenario, result, tool, report, notes)
-    kernel, model = assembly.kernel, build_model(robot)
+    kernel, model = assembly.augmented, build_model(robot)
     link, point = tool_place(robot, tool)
     tunable = _tunable(robot, acts, link if link in model.links else None)
     values, deviations = dict(build_model(tunable).parameters), _deviations(robot, assembly)
@@ -91,7 +92,10 @@ def contents_of(robot: Robot, scenario: Scenario | None, result: SimulationResul
         "coordinates": list(kernel.coordinates),
         "units": [unit_of(name) for name in kernel.coordinates],
         "beside": [model.beside.get(i, i) for i in range(model.size)],
-        "states": [{"name": name, "unit": unit} for name, unit in zip(kernel.memory, kernel.memory_units, strict=True)],
+        "states": [
+            {"name": name, "unit": unit}
+            for name, unit in zip(kernel.internal_states, kernel.internal_state_units, strict=True)
+        ],
         "deviations": deviations,
         "closed": bool(robot.is_closed),
         "moving": list(kernel.links),
@@ -232,7 +236,7 @@ def _recorded(result: SimulationResult, acting: dict[str, Any], assembly: Assemb
 
 def _about(kernel: Kernel) -> str:
     """Count coordinates, states of laws and moving links in words."""
-    count = len(kernel.memory)
+    count = len(kernel.internal_states)
     states = f" {count} state{'s' * (count != 1)} of laws," if count else ""
     return f"{kernel.name}: {len(kernel.coordinates)} coordinates,{states} {len(kernel.links)} moving links."
 

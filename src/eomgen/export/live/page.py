@@ -13,6 +13,7 @@ from typing import Any
 
 from ..._version import __version__
 from ...codegen.c.source import environment
+from ...codegen.kernels.groups import INVERSE_DYNAMICS
 from ...description import RobotLike, as_robot
 from ...errors import InputError
 from ...files import PAGE_ENDING, check_ending, write_atomically
@@ -27,7 +28,6 @@ from .contents import KERNELS, contents_of
 
 TEMPLATE = "live/page.html.jinja"
 THREE = {"three": "three/three.module.min.js", "#live/three/OrbitControls": "three/OrbitControls.js"}
-MODEL_KERNELS = ("inverse_dynamics",)
 _IMPORTED = re.compile(r'^import .* from "#live/(\w+)";$', re.MULTILINE)  # of a script by another
 
 
@@ -90,7 +90,7 @@ def live_page(
     values, modules = {**contents.values, "rigid": None}, dict[str, str]()
     values["kernel"], modules["#live/kernel"] = kernel_of(contents.robot, KERNELS)
     if contents.rigid is not None:
-        values["rigid"], modules["#live/rigid"] = kernel_of(contents.rigid, MODEL_KERNELS)
+        values["rigid"], modules["#live/rigid"] = kernel_of(contents.rigid, INVERSE_DYNAMICS)
     return _html(values, modules)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -14,7 +15,7 @@ from eomgen._version import __version__
 from eomgen.codegen.c.scalar_types import SCALARS
 from eomgen.codegen.c.source import Source, environment
 from eomgen.codegen.kernels.interface import turning_joints
-from eomgen.codegen.kernels.signatures import available, functions, with_beside
+from eomgen.codegen.kernels.signatures import functions, with_beside
 from eomgen.codegen.package.compile import LONG
 from eomgen.description import RobotLike, as_robot
 from eomgen.errors import InputError
@@ -29,13 +30,10 @@ from eomgen.runtime.parameters import FADING, SPEEDS, TINY
 from eomgen.runtime.stepping.methods import ADAPTIVE, FIXED
 from eomgen.runtime.stepping.options import LEAST, ROLLOUTS, rollout_of
 
+from ...codegen.kernels.groups import INVERSE_DYNAMICS, WEBASSEMBLY, kernel_group
 from .compile import compile_wasm, wasm_command
 from .layout import checked_places, struct_table
 
-KERNELS = (
-    *("forward_dynamics", "inverse_dynamics", "mass_matrix", "bias_force", "generalized_force", "external_force"),
-    *("kinematics", "energy", "reactions", "constraint", "rollout", "adaptive_rollout"),
-)
 _SAID = (  # of a kernel's metadata, to those who call it
     *("name", "generator", "dtype", "coordinates", "joints", "links", "frames", "driven", "prescribed", "parameters"),
     *("least", "shapes", "functions", "hoisted"),
@@ -117,8 +115,7 @@ def make_wasm(
     robot = as_robot(robot)
     wasm_command()  # before longer work
     described_model = build_model(robot)
-    there = available(described_model)
-    chosen = Options(tuple(kernels), dtype).kernels or tuple(name for name in KERNELS if name in there)
+    chosen = Options(tuple(kernels), dtype).kernels or kernel_group(described_model, WEBASSEMBLY)
     for method, kernel in ROLLOUTS.items():
         if kernel in chosen:
             named = ", ".join(name for name in (*FIXED, *ADAPTIVE) if name != method)
@@ -135,19 +132,20 @@ def make_wasm(
         _sources(source, rigid, context), [f"{robot.name}_{x}" for x in exported], long=source.longest > LONG
     )
     adaptive = [name for name in ADAPTIVE if name not in ROLLOUTS]  # others have kernels of their own
-    numbers = FIXED | {name: ADAPTIVE[name] for name in adaptive}
+    declared = _declared(meta)
     script = {
         "description": json.dumps(described, allow_nan=False),
-        "numbers": json.dumps(numbers),
+        **context,
+        **declared,
+        "numbers": json.dumps(FIXED | {name: ADAPTIVE[name] for name in adaptive}),
         "fixed": json.dumps(list(FIXED)),
         "adaptive": json.dumps(adaptive),
-        **context,
     }
     return WasmModule(
         robot.name,
         binary,
         _filled("wasm/kernel.mjs.jinja", script),
-        _filled("wasm/kernel.d.mts.jinja", {**context, **_declared(meta)}),
+        _filled("wasm/kernel.d.mts.jinja", {**context, **declared}),
         described,
     )
 
@@ -159,7 +157,7 @@ def _rigid(robot: Robot, progress: StageReport) -> Source:
         raise InputError(
             f"model: {robot.name} has loops or couplings; allowed: robots without, whose drives can ask it"
         )
-    return make_source(rigid, Options(("inverse_dynamics",), batches=False), progress)
+    return make_source(rigid, Options(INVERSE_DYNAMICS, batches=False), progress)
 
 
 def _sources(source: Source, rigid: Source | None, context: Mapping[str, Any]) -> dict[str, str]:
@@ -175,7 +173,7 @@ def _context(robot: Robot, meta: Mapping[str, Any], rigid: Source | None) -> dic
         "name": robot.name,
         "version": __version__,
         "real": SCALARS[meta["dtype"]].name,
-        "n": len(meta["coordinates"]) + len(meta.get("memory", ())),
+        "n": len(meta["coordinates"]) + len(meta.get("internal_states", ())),
         "rolls": "rollout" in kinds,
         "adapts": "adaptive" in kinds,
         "places": checked_places(meta["dtype"]) if "adaptive" in kinds else [],
@@ -186,17 +184,22 @@ def _context(robot: Robot, meta: Mapping[str, Any], rigid: Source | None) -> dic
         "speeds": SPEEDS,
         "tiny": TINY,
         "fading_allowed": FADING,
-        "pushed": {"external_force", "frame_pose"} <= meta["functions"].keys(),
+        "pushed": "frames" in kinds and any(_pushes(function) for function in meta["functions"].values()),
         "turning": bool(meta.get("turning")),
         "turned_size": turning_joints(build_model(robot))["room"],
     }
+
+
+def _pushes(function: Mapping[str, Any]) -> bool:
+    """Return whether a function computes the generalized forces of wrenches on links."""
+    return "wrench" in function["reads"] and function["writes"] == "vector"
 
 
 def _description(
     meta: Mapping[str, Any], pushed: bool, home: Sequence[float], rigid: Mapping[str, Any] | None
 ) -> dict[str, Any]:
     """Return plain values that the script says of the kernel, and reads itself."""
-    memory = meta.get("memory", [])
+    memory = meta.get("internal_states", [])
     return {
         **{name: meta[name] for name in _SAID},
         "memory": memory,
@@ -221,13 +224,19 @@ def _declared(meta: Mapping[str, Any]) -> dict[str, Any]:
     """Return names that the declarations use beside the others."""
     public = [function for function in functions(meta["kernels"]) if not function.is_rollout]
     kinds = {function.kind for function in functions(meta["kernels"])}
+    size = {array: math.prod(shape) for array, shape in meta["shapes"].items()}
+    read = {array: max(size[array], 1) for function in public for array in function.signature.reads}
+    found = max((size[function.signature.writes] for function in public), default=1)
     methods = [*(FIXED if "rollout" in kinds else ()), *(x for x in ADAPTIVE if rollout_of(x) in meta["kernels"])]
     rows = [
         {
             "name": re.sub(r"_(\w)", lambda match: match[1].upper(), function.name),
             "text": function.signature.text,
             "shape": " x ".join(map(str, meta["shapes"][function.signature.writes])),
+            "kernel": function.name,
             "reads": function.signature.reads,
+            "size": size[function.signature.writes],
+            "sizes": [size[array] for array in function.signature.reads],
             "framed": function.is_framed,
         }
         for function in public
@@ -235,12 +244,13 @@ def _declared(meta: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "plain": [row for row in rows if not row["framed"]],
         "framed": [row for row in rows if row["framed"]],
+        "sizes": {**read, "found": max(found, 1)},
         "methods": _literals(methods),
         "fixed": _literals(FIXED),
         "adaptive": _literals([name for name in ADAPTIVE if name not in ROLLOUTS]),
         "array": {"float64": "Float64Array", "float32": "Float32Array"}[meta["dtype"]],
         **{key: _literals(meta[key]) for key in ("coordinates", "links", "frames", "parameters")},
-        "memory": _literals(meta.get("memory", ())),
+        "memory": _literals(meta.get("internal_states", ())),
     }
 
 

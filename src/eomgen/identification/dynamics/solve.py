@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from ...arrays import Array, Mask
+from ...codegen.kernels.groups import IDENTIFICATION
 from ...description import RobotLike, as_robot
 from ...errors import InputError
 from ...motion.files import MeasuredMotion, measured_motion
@@ -104,7 +105,7 @@ def identify(  # noqa: PLR0913
     relations = relations_of(robot, known)
     if kernel is None:
         bare = without_sought(robot, terms)
-        kernel = build(bare, kernels=("regressor", "inverse_dynamics"), progress=progress or (lambda _: None))
+        kernel = build(bare, kernels=IDENTIFICATION, progress=progress or (lambda _: None))
     refuse_followers(robot, kernel)
     such = "those of friction at drives, with the term dry; fit finds numbers of all laws with states"
     refuse_memory(kernel, such)

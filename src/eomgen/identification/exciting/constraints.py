@@ -71,7 +71,7 @@ class _Drives(Held):
     def gradient(self, course: Course, weights: Array) -> Course:
         whole = np.zeros_like(course[0])
         whole[:, self.index] = weights
-        q, v, a = self.kernel.vjp("inverse_dynamics", course, whole)
+        q, v, a = self.kernel.vjp(self.kernel.inverse_dynamics, course, whole)
         return q, v, a
 
 

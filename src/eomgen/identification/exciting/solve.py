@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...arrays import Array, Index
+from ...codegen.kernels.groups import EXCITATION, INVERSE_DYNAMICS
 from ...description import RobotLike, as_robot
 from ...errors import InputError
 from ...limits import LARGEST, SMALLEST, is_usable
@@ -44,7 +45,7 @@ from .weighted_columns import (
     singular_values,
 )
 
-KERNELS = ("regressor", "regressor_adjoint", "inverse_dynamics", "inverse_dynamics_adjoint", "kinematics")
+KERNELS = EXCITATION
 RANDOMS = 20  # random motions with which the optimum is compared; searches begin with the best of them
 TRIES = 5  # times as many as are drawn where limits leave little
 PER_WAVE = 20  # samples of a period of the highest harmonic, at least
@@ -356,7 +357,7 @@ def _drives(robot: Robot, kernel: Kernel, course: Course) -> Array:
     rigid = replace(robot.rigid(), tunable=())
     if rigid == replace(moving_robot(robot), tunable=()):
         return np.asarray(kernel.inverse_dynamics(*course))
-    return np.asarray(build(rigid, kernels=("inverse_dynamics",)).inverse_dynamics(*course))
+    return np.asarray(build(rigid, kernels=INVERSE_DYNAMICS).inverse_dynamics(*course))
 
 
 def _about(robot: Robot, names: tuple[str, ...]) -> list[str]:

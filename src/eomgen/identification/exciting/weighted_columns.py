@@ -67,7 +67,7 @@ class WeightedColumns:
         whole = np.zeros((len(q), self.kernel.n, len(self.kernel.regressor_names)))
         inner, outer = self._inertial
         whole[:, self.index[:, np.newaxis], outer] = scaled[..., inner]
-        by_q, by_v, by_a = self.kernel.vjp("regressor", (q, v, a), whole)
+        by_q, by_v, by_a = self.kernel.vjp(self.kernel.regressor, (q, v, a), whole)
         for term, column, row in self._rubbing:
             i = self.index[row]
             by_v[:, i] += scaled[:, row, column] * self._friction(term, v[:, i], row, smooth=True)[1]

@@ -14,8 +14,6 @@ from ...robot.elements import Bushing
 from ...robot.value import Placement, Robot
 from ...runtime.kernel import Kernel
 
-PAIR_KERNELS = ("frame_pose", "frame_jacobian")
-
 
 @dataclass(frozen=True)
 class FramePair:

@@ -20,6 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from ...arrays import Array
+from ...codegen.kernels.groups import FIT_OF_MOTIONS
 from ...errors import DescriptionError, InputError, UnknownNameError
 from ...motion.files import MeasuredMotion, measured_motion
 from ...names import listed
@@ -38,7 +39,7 @@ from ..relations import refuse_followers
 from .beams import beam_notes
 from .levenberg_marquardt import BLOCKS, Certainty, Descent, certainty, descend
 from .result import Estimate, FitResult, FittedNumber
-from .simulated import LEAST_NOISE, METHOD, Simulation, run_of
+from .simulated import LEAST_NOISE, Simulation, run_of
 
 KEPT = ("fade", "smoothing", "A")  # numbers of laws with states that are looked for by their names alone
 LED = (0.1, 0.01)  # bandwidths of the first descents, per step of the samples
@@ -68,7 +69,7 @@ def numbers_sought(robot: Robot, patterns: Sequence[str] | None) -> tuple[str, .
 
 def output_error_kernels() -> tuple[str, ...]:
     """Return names of the kernels that such a fit calls."""
-    return ("mass_matrix", "forward_dynamics", "adaptive_rollout", f"{METHOD}_sensitivity")
+    return FIT_OF_MOTIONS
 
 
 def fit_numbers(
@@ -98,7 +99,7 @@ def fit_numbers(
         LoopError: loops do not close near the beginning of a motion.
     """
     model = build_model(robot)
-    if model.constraints and model.memory:
+    if model.constraints and model.internal_states:
         some = ", ".join(model.constraints[:3]) + (", ..." if len(model.constraints) > 3 else "")
         raise InputError(
             f"fit: {robot.name} has rigid loops or couplings ({some}) and laws with states; allowed for parameters:"
@@ -217,7 +218,7 @@ class _Fit:
 
     def _notes(self, simulation: Simulation, descent: Descent, sure: Certainty) -> tuple[str, ...]:
         """Say how the fit was made."""
-        memory, width = simulation.kernel.memory, simulation.moving.size
+        memory, width = simulation.kernel.internal_states, simulation.moving.size
         led = f", led along the motion with {self.bandwidth:g} rad/s" if self.bandwidth else ""
         notes = [
             f"simulated under the drives of the motion, straight lines between samples{led}; positions alone are"

@@ -93,6 +93,7 @@ def run_of(kernel: Kernel, model: Model, motion: MeasuredMotion) -> Run:
     Raises:
         InputError: a drive is not known, or a prescribed coordinate or none at all was measured.
     """
+    kernel = kernel.augmented
     names, n, times = kernel.coordinates, kernel.n, motion.t - motion.t[0]
     driven = [names[i] for i in model.driven]
     open_drives = [name for name in driven if name not in motion.driven]
@@ -155,7 +156,7 @@ class Simulation:
     """Runs of a kernel as functions of parameters, then of the states at the beginning of each run.
 
     Attributes:
-        kernel: whose parameters are set.
+        kernel: whose parameters are set, with augmented arrays.
         names: of the parameters.
         runs: of the motions.
         closing: of a closed mechanism, what its state follows from; None of a tree.
@@ -177,6 +178,7 @@ class Simulation:
         Raises:
             LoopError: loops do not close near what was measured.
         """
+        kernel = kernel.augmented
         if not kernel.constraints:
             return Simulation(kernel, names, runs)
         closing, closed = None, list[Run]()

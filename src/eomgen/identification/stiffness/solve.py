@@ -28,6 +28,7 @@ from typing import cast
 
 import numpy as np
 
+from ...codegen.kernels.groups import CUT_LAWS, FRAME_POSES, INERTIA, INVERSE_DYNAMICS, kernel_group
 from ...description import RobotLike, as_robot
 from ...errors import InputError, UnknownNameError
 from ...limits import is_usable
@@ -48,7 +49,7 @@ from ..estimating import FIRST, HALF_WIDTHS, SIGNAL, evenly_sampled, least_sampl
 from ..relations import refuse_followers
 from .beams import beam_notes
 from .equations import Moved, Sought, deviation_of, known_rows, moved_by, of_mechanism, of_tree
-from .frame_pairs import PAIR_KERNELS, pairs_of
+from .frame_pairs import pairs_of
 from .matrix_entries import OF_JOINTS, Entry, MatrixNumbers, entries_sought
 from .matrix_fitting import doubts_about, fitted_matrices
 from .output_error import fit_numbers, numbers_sought
@@ -114,7 +115,7 @@ def fit(  # noqa: PLR0913
         raise InputError(f"confidence: {show(confidence)}; allowed: a number between 0 and 1")
     if not (is_usable(bandwidth) and bandwidth >= 0.0):
         raise InputError(f"bandwidth: {show(bandwidth)}; allowed: a number of rad/s, at least 0")
-    memory = build_model(robot).memory
+    memory = build_model(robot).internal_states
     if parameters is not None or memory:
         _refuse_beside(memory, coordinates, matrices, parameters)
         names = numbers_sought(robot, parameters)
@@ -230,9 +231,10 @@ def _taken_in(matrix: FittedMatrix) -> str:
 
 def fitting_kernels(robot: Robot) -> tuple[str, ...]:
     """Return names of the kernels that a fit calls."""
-    laws = ("cut_forces", "cut_jacobian") if robot.is_closed and build_model(robot).cut_laws else ()
-    pairs = PAIR_KERNELS if pairs_of(robot) else ()
-    return ("inverse_dynamics", *dict.fromkeys(("mass_matrix", *mechanism_kernels(robot), *laws, *pairs)))
+    laws = CUT_LAWS if robot.is_closed else ()
+    pairs = FRAME_POSES if pairs_of(robot) else ()
+    further = kernel_group(robot, INVERSE_DYNAMICS, INERTIA, laws, pairs)
+    return tuple(dict.fromkeys((*further, *mechanism_kernels(robot))))
 
 
 def _moved(kernel: Kernel, model: Model, motion: MeasuredMotion, step: float) -> Moved:

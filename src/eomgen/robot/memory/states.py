@@ -1,6 +1,7 @@
 """States of laws: their names, inertias and sizes.
 
-A state z is a velocity of an inertia w without a link: w z^2 / 2 is the energy that it stores.
+In equations a state z is a velocity of an inertia w without a link: w z^2 / 2 is the energy that it stores; w is 1 of a
+state that stores none.
 """
 
 from __future__ import annotations
@@ -10,8 +11,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from ..numbers import Values
-
-WEIGHTLESS = 2.0**-80  # inertia of what stores no energy: exact to divide by, and far below what sums of energies see
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""Robots with states of laws: arrays of coordinates alone, and z apart, have the numbers of whole arrays."""
+"""Robots with internal states: z is an array of its own, and results have the numbers of augmented arrays."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 import eomgen
+from eomgen.codegen.kernels.signatures import OWN_KERNELS
 from eomgen.errors import ArrayError, InputError
-from eomgen.runtime.arrays import DERIVATIVE, REMEMBERING, remembers
+from eomgen.runtime.arrays import DERIVATIVE
 from tests.support.bristled import bristled_arm, served_arm
 from tests.support.bristles import bristle_gear, bristle_linkage
 from tests.support.builds import Build
@@ -32,13 +33,13 @@ LOOPED = {"constraint": "q", "constraint_jacobian": "q", "constraint_bias": "qv"
 
 
 class State:
-    """A state of a kernel, apart and with states of laws behind coordinates."""
+    """A state of a kernel, split and augmented."""
 
     def __init__(self, kernel: eomgen.Kernel, lead: tuple[int, ...] = (), seed: int = 1) -> None:
         rng, n = np.random.default_rng(seed), len(kernel.coordinates)
         near = np.asarray(kernel.home, np.float64)
         self.apart = {name: 0.1 * rng.normal(size=(*lead, n)) for name in "qvau"}
-        self.z = 1e-5 * rng.normal(size=(*lead, len(kernel.memory)))
+        self.z = 1e-5 * rng.normal(size=(*lead, len(kernel.internal_states)))
         self.apart["q"] += near
         if kernel.constraints:
             self.apart["q"] = np.broadcast_to(kernel.assemble(near), (*lead, n)).copy()
@@ -71,51 +72,51 @@ def test_all_methods_take_coordinates_alone(kernel: eomgen.Kernel, lead: tuple[i
     axes |= {"constraint_jacobian": 1}
     calls = dict.fromkeys(PLAIN, "q") | dict.fromkeys(MOVING, "qv") | WITH_Z
     calls |= LOOPED if kernel.constraints else {}
+    whole = kernel.augmented
     for name, reads in calls.items():
         method, apart = getattr(kernel, name), {"z": s.z} if name in WITH_Z else {}
         narrow = method(*(s.apart[x] for x in reads), **apart)
-        assert equal(narrow, method(*(s.whole[x] for x in reads)), axes.get(name, 0)), name
+        assert equal(narrow, getattr(whole, name)(*(s.whole[x] for x in reads)), axes.get(name, 0)), name
         out = np.empty_like(narrow)
         assert method(*(s.apart[x] for x in reads), **apart, out=out) is out, name
         assert (out == narrow).all(), name
     q, v, u = (s.apart[x] for x in "qvu")
-    wide = kernel.forward_dynamics(*(s.whole[x] for x in "qvu"))
+    wide = whole.forward_dynamics(*(s.whole[x] for x in "qvu"))
     assert equal(kernel.forward_dynamics(q, v, u, s.z), wide, 1)
-    assert (kernel.memory_rates(q, v, s.z, u) == wide[..., len(kernel.coordinates) :]).all()
+    assert (kernel.internal_state_derivatives(q, v, s.z, u) == wide[..., len(kernel.coordinates) :]).all()
     frame = kernel.links[-1]
-    assert equal(kernel.frame_jacobian(q, frame), kernel.frame_jacobian(s.whole["q"], frame), 1)
+    assert equal(kernel.frame_jacobian(q, frame), whole.frame_jacobian(s.whole["q"], frame), 1)
     assert (
-        kernel.frame_bias_acceleration(q, v, frame)
-        == kernel.frame_bias_acceleration(*(s.whole[x] for x in "qv"), frame)
+        kernel.frame_bias_acceleration(q, v, frame) == whole.frame_bias_acceleration(*(s.whole[x] for x in "qv"), frame)
     ).all()
     regressor = kernel.regressor(*(s.apart[x] for x in "qva"))
-    assert (regressor == kernel.regressor(*(s.whole[x] for x in "qva"))[..., : len(kernel.coordinates), :]).all()
+    assert (regressor == whole.regressor(*(s.whole[x] for x in "qva"))[..., : len(kernel.coordinates), :]).all()
     load = {frame: [1.0, 2.0, 3.0, 0.1, 0.2, 0.3]}
     for name, reads in (("inverse_dynamics", "qva"), ("residual", "qvau"), ("reactions", "qva")):
-        method = getattr(kernel, name)
-        narrow = method(*(s.apart[x] for x in reads), wrench=load, z=s.z)
-        assert equal(narrow, method(*(s.whole[x] for x in reads), wrench=load), int(name != "reactions")), name
+        narrow = getattr(kernel, name)(*(s.apart[x] for x in reads), wrench=load, z=s.z)
+        wide = getattr(whole, name)(*(s.whole[x] for x in reads), wrench=load)
+        assert equal(narrow, wide, int(name != "reactions")), name
     under = kernel.forward_dynamics(q, v, u, s.z, wrench=load)
-    assert equal(under, kernel.forward_dynamics(*(s.whole[x] for x in "qvu"), wrench=load), 1)
+    assert equal(under, whole.forward_dynamics(*(s.whole[x] for x in "qvu"), wrench=load), 1)
     if kernel.constraints:
         assert equal(
-            kernel.loop_reactions(q, v, s.apart["a"], z=s.z), kernel.loop_reactions(*(s.whole[x] for x in "qva")), 0
+            kernel.loop_reactions(q, v, s.apart["a"], z=s.z), whole.loop_reactions(*(s.whole[x] for x in "qva")), 0
         )
         forces = kernel.constraint_forces(q, v, u, z=s.z)
-        assert (forces == kernel.constraint_forces(*(s.whole[x] for x in "qvu"))).all()
+        assert (forces == whole.constraint_forces(*(s.whole[x] for x in "qvu"))).all()
         assert equal(
             kernel.assemble(q + 1e-3),
-            kernel.assemble(s.whole["q"] + np.r_[1e-3 * np.ones(q.shape[-1]), 0 * s.z.reshape(-1, s.z.shape[-1])[0]]),
+            whole.assemble(s.whole["q"] + np.r_[1e-3 * np.ones(q.shape[-1]), 0 * s.z.reshape(-1, s.z.shape[-1])[0]]),
             1,
         )
-        assert equal(kernel.project_velocity(q, v + 1.0), kernel.project_velocity(s.whole["q"], s.whole["v"] + 1.0), 1)
+        assert equal(kernel.project_velocity(q, v + 1.0), whole.project_velocity(s.whole["q"], s.whole["v"] + 1.0), 1)
     if kernel.couplings:
         forces = kernel.coupling_forces(q, v, s.apart["a"], z=s.z)
-        assert (forces == kernel.coupling_forces(*(s.whole[x] for x in "qva"))).all()
+        assert (forces == whole.coupling_forces(*(s.whole[x] for x in "qva"))).all()
         followers = kernel.followers(q, v)
         assert all(
             (a == b).all()
-            for name, pair in kernel.followers(*(s.whole[x] for x in "qv")).items()
+            for name, pair in whole.followers(*(s.whole[x] for x in "qv")).items()
             for a, b in zip(pair, followers[name], strict=True)
         )
 
@@ -123,14 +124,12 @@ def test_all_methods_take_coordinates_alone(kernel: eomgen.Kernel, lead: tuple[i
 def test_blocks_and_inverse_kinematics(built: Build) -> None:
     kernel = built(bristled_arm())
     s = State(kernel)
-    for blocks in (kernel.blocks(s.apart["q"]), kernel.blocks(s.whole["q"])):
+    for blocks in (kernel.blocks(s.apart["q"]), kernel.augmented.blocks(s.whole["q"])):
         assert (blocks.mass["j1", "j2"] == kernel.mass_matrix(s.apart["q"])[:1, 1:]).all()
         assert set(blocks.mass) == {("j1", "j1"), ("j1", "j2"), ("j2", "j1"), ("j2", "j2")}
     pose = kernel.frame_pose(s.apart["q"], "tcp")
     q = kernel.inverse_kinematics(pose, q0=s.apart["q"] + [0.1, 0.0, 0.0, 0.1])
     assert q == pytest.approx(s.apart["q"], abs=1e-9)
-    wide = kernel.inverse_kinematics(pose, q0=s.whole["q"] + [0.1, 0.0, 0.0, 0.1, 0.0, 0.0])
-    assert (wide == np.r_[q, 0.0, 0.0]).all()
     linkage = built(bristle_linkage())
     home = linkage.assemble(linkage.home)
     moved = linkage.assemble(home + [0.1, 0.0, 0.0], ["joint1.gamma"])
@@ -143,58 +142,81 @@ def test_blocks_and_inverse_kinematics(built: Build) -> None:
 
 
 def test_derivatives(built: Build) -> None:
-    """Of functions that no state acts on in arrays of coordinates alone; of others in whole arrays."""
+    """Of functions that no internal state acts on, and of others, where z is one more argument."""
     kernel = built(bristled_arm())
-    s, n = State(kernel), 4
+    s, n, whole = State(kernel), 4, kernel.augmented
     weights = np.random.default_rng(0).normal(size=(n,))
     wide = np.r_[weights, 0.0, 0.0]
-    args, whole = tuple(s.apart[x] for x in "qv"), tuple(s.whole[x] for x in "qv")
+    args, augmented = tuple(s.apart[x] for x in "qv"), tuple(s.whole[x] for x in "qv")
     for narrow, full in zip(
-        kernel.vjp("bias_force", args, weights), kernel.vjp("bias_force", whole, wide), strict=True
+        kernel.vjp("bias_force", args, weights), whole.vjp("bias_force", augmented, wide), strict=True
     ):
         assert equal(narrow, full, 1)
-    assert equal(
-        kernel.jvp("bias_force", args, args), kernel.jvp("bias_force", whole, (s.whole["q"], np.r_[args[1], 0, 0])), 1
-    )
-    second = kernel.hessian("bias_force", args, weights)
-    places = [0, 1, 2, 3, 6, 7, 8, 9]
-    assert (second == kernel.hessian("bias_force", whole, wide)[np.ix_(places, places)]).all()
+    rates = s.whole["q"], np.r_[args[1], 0.0, 0.0]
+    assert equal(kernel.jvp("bias_force", args, args), whole.jvp("bias_force", augmented, rates), 1)
+    second, places = kernel.hessian("bias_force", args, weights), [0, 1, 2, 3, 6, 7, 8, 9]
+    assert (second == whole.hessian("bias_force", augmented, wide)[np.ix_(places, places)]).all()
     by_numbers = kernel.parameter_jacobian("mass_matrix", args[:1])
-    assert (by_numbers == kernel.parameter_jacobian("mass_matrix", whole[:1])[:n, :n]).all()
+    assert (by_numbers == whole.parameter_jacobian("mass_matrix", augmented[:1])[:n, :n]).all()
     assert kernel.parameter_jacobian("mass_matrix", args[:1], []).shape == (n, n, 0)
     turned = kernel.vjp("frame_jacobian", (args[0], "tcp"), np.ones((6, n)))[0]
     ones = np.concatenate([np.ones((6, n)), np.zeros((6, 2))], axis=1)
-    assert (turned == kernel.vjp("frame_jacobian", (whole[0], "tcp"), ones)[0][:n]).all()
+    assert (turned == whole.vjp("frame_jacobian", (augmented[0], "tcp"), ones)[0][:n]).all()
+    names = ["joints.j2.beta.friction.bristle_stiffness"]
+    *gradient, by_number = kernel.vjp("energy", (*args, s.z), [1.0, 2.0], names)
+    by_q, by_v, by_number_too = whole.vjp("energy", augmented, [1.0, 2.0], names)
+    assert all((x == y).all() for x, y in zip(gradient, (by_q[:n], by_v[:n], by_v[n:]), strict=True))
+    assert (by_number == by_number_too).all()
+    found = kernel.jvp("energy", (*args, s.z), (*args, s.z))
+    assert (found == whole.jvp("energy", augmented, augmented)).all()
+    second = kernel.hessian("energy", (*args, s.z), [1.0, 1.0])
+    places += [10, 11]
+    assert (second == whole.hessian("energy", augmented, [1.0, 1.0])[np.ix_(places, places)]).all()
+    by_numbers = kernel.parameter_jacobian("energy", (*args, s.z), names)
+    assert (by_numbers == whole.parameter_jacobian("energy", augmented, names)).all()
+    narrow = kernel.forward_dynamics_jacobian(*args, s.apart["u"], s.z)
+    full = whole.forward_dynamics_jacobian(*augmented, s.whole["u"])
+    assert all(equal(x, y, 2) for x, y in zip(narrow, full, strict=True))
+    narrow = kernel.residual_jacobian(*args, s.apart["a"], z=s.z)
+    full = whole.residual_jacobian(*augmented, s.whole["a"])
+    assert all(equal(x, y, 2) for x, y in zip(narrow, full, strict=True))
+    q, v, a, jerk, z, rate = *args, s.apart["a"], s.apart["u"], s.z, 2.0 * s.z
+    series = s.whole["q"], s.whole["v"], np.r_[a, rate], s.whole["u"]
+    jets = kernel.jet("inverse_dynamics", (q, v, a, jerk, (z, rate)), 1), whole.jet("inverse_dynamics", series, 1)
+    assert all(equal(x, y, 1) for x, y in zip(*jets, strict=True))
     for call in (
         lambda: kernel.vjp("energy", args, [1.0, 1.0]),
         lambda: kernel.jvp("energy", args, args),
         lambda: kernel.hessian("energy", args, [1.0, 1.0]),
         lambda: kernel.parameter_jacobian("energy", args),
     ):
-        refused(ArrayError, r"derivatives of energy.*lack.*allowed: arrays of 6 numbers", call)
+        refused(InputError, r"energy: got 2 arguments; allowed: \(q, v, z\)", call)
 
 
 @pytest.mark.soak
 def test_what_depends_on_states_is_known(built: Build) -> None:
-    """Functions whose results change with z are those that ``remembers`` knows, reactions in loops among them."""
+    """Functions whose results change with z are those that the table names, reactions in loops among them."""
     changed, same = set[str](), set[str]()
     for name in ROBOTS:
         kernel = built(ROBOTS[name]())
         s, n = State(kernel), len(kernel.coordinates)
-        shift = np.r_[np.zeros(n), 1e-3 * np.ones(len(kernel.memory))]
+        shift = np.r_[np.zeros(n), 1e-3 * np.ones(len(kernel.internal_states))]
         for function in kernel.raw.functions.values():
             values = [s.whole.get(x) for x in function.reads]
             steps = any(part in function.name for part in ("rollout", "gradient", "sensitivity"))
             if steps or DERIVATIVE.search(function.name) or "v" not in function.reads or any(x is None for x in values):
                 continue
             other = [x + shift if label == "v" else x for x, label in zip(values, function.reads, strict=True)]
-            one, two = (kernel.calls.run(function.name, None, x) for x in (values, other))
-            differs = (one != two)[..., : n if one.shape[-1:] == (kernel.n,) else None].any()
+            one, two = (kernel.augmented.calls.run(function.name, None, x) for x in (values, other))
+            differs = (one != two)[..., : n if one.shape[-1:] == (kernel.augmented.n,) else None].any()
             (changed if differs else same).add(function.name)
-    assert all(remembers(name) for name in changed)
-    assert not any(remembers(name) for name in same - changed - {"tree_reactions", "drive_jacobian"})
-    plain = {name.removeprefix("tree_").removesuffix("_under_load") for name in changed}
-    assert REMEMBERING - plain == {"drive_jacobian"}  # of drives within their limits it is constant
+    stateful = {name for name, signature in OWN_KERNELS.items() if signature.states}
+    assert changed <= stateful
+    assert not stateful & (same - changed - {"tree_reactions", "drive_jacobian"})
+    plain, expected = (
+        {name.removeprefix("tree_").removesuffix("_under_load") for name in x} for x in (changed, stateful)
+    )
+    assert expected - plain == {"drive_jacobian"}  # of drives within their limits it is constant
 
 
 def test_float32(built: Build) -> None:
@@ -202,7 +224,7 @@ def test_float32(built: Build) -> None:
     s = State(kernel)
     narrow = kernel.inverse_dynamics(*(s.apart[x] for x in "qva"), z=s.z)
     assert narrow.dtype == np.float32
-    assert equal(narrow, kernel.inverse_dynamics(*(s.whole[x] for x in "qva")), 1)
+    assert equal(narrow, kernel.augmented.inverse_dynamics(*(s.whole[x] for x in "qva")), 1)
     with pytest.raises(ArrayError, match="z: expected float32 of shape"):
         kernel.inverse_dynamics(*(s.apart[x] for x in "qva"), z=np.zeros(2) + 1e-3)
 
@@ -230,7 +252,7 @@ def test_gradients_and_sensitivities_of_rollouts(method: str, built: Build) -> N
 
     value, gradient = kernel.rollout_gradient(q, v, u, z=s.z, loss=loss, parameters=[name], **options)
     wide = [s.whole[x] for x in "qvu"]
-    other, whole = kernel.rollout_gradient(*wide, loss=whole_loss, parameters=[name], **options)
+    other, whole = kernel.augmented.rollout_gradient(*wide, loss=whole_loss, parameters=[name], **options)
     assert value == other
     assert gradient.keys() == whole.keys() | {"z"}
     assert all((gradient[x] == whole[x][:n]).all() for x in "qvu")
@@ -246,7 +268,7 @@ def test_gradients_and_sensitivities_of_rollouts(method: str, built: Build) -> N
     along = {"z": np.eye(2)[:1], "q": np.eye(n)[1:2]}
     states, rates = kernel.rollout_sensitivity(q, v, u, z=s.z, along=along, parameters=[name], **options)
     directions = {"q": np.eye(6)[1:2], "v": np.r_[np.zeros(n), 1.0, 0.0][np.newaxis]}
-    ends_of, rates_of = kernel.rollout_sensitivity(*wide, along=directions, parameters=[name], **options)
+    ends_of, rates_of = kernel.augmented.rollout_sensitivity(*wide, along=directions, parameters=[name], **options)
     for narrow, full in ((states, ends_of), (rates, rates_of)):
         assert (narrow[0] == full[0][..., :n]).all()
         assert (narrow[1] == full[1][..., :n]).all()
@@ -273,7 +295,7 @@ def test_what_rollouts_refuse(built: Build) -> None:
     ):
         refused(error, said, kernel.rollout_sensitivity, q, v, along=along, **options)
     plain, options = built(eomgen.load_robot("one_link")).rollout_sensitivity, {**options, "z": [0.0]}
-    refused(InputError, "z: no law of one_link has a state", plain, [0.0], [0.0], **options)
+    refused(InputError, "z: no force law of one_link has internal states", plain, [0.0], [0.0], **options)
 
 
 def test_what_cannot_be_is_refused(built: Build) -> None:
@@ -281,19 +303,17 @@ def test_what_cannot_be_is_refused(built: Build) -> None:
     s = State(kernel)
     (q, v, a), wide = (s.apart[x] for x in "qva"), s.whole["v"]
     calls: dict[str, Callable[[], Any]] = {
-        r"inverse_dynamics: arrays of 4 numbers lack.*j1\.gamma\.friction\.z.*allowed: z, \(\.\.\., 2\)": lambda: (
+        r"inverse_dynamics: .* z is missing; allowed: z, \(\.\.\., 2\), of .*j1\.gamma\.friction\.z": lambda: (
             kernel.inverse_dynamics(q, v, a)
         ),
-        r"forward_dynamics: arrays of 4 numbers": lambda: kernel.forward_dynamics(q, v, a),
-        r"v: got shape \(6,\); allowed: 4 numbers, as q has": lambda: kernel.bias_force(q, wide),
-        r"q: got shape \(6,\); allowed: 4 numbers, as z stands apart": lambda: kernel.energy(s.whole["q"], wide, z=s.z),
-        r"q: expected float64 of shape \(6,\).*or \(4,\) of coordinates alone, got shape \(3,\)": lambda: (
-            kernel.mass_matrix(q[:3])
-        ),
+        r"forward_dynamics: .* z is missing": lambda: kernel.forward_dynamics(q, v, a),
+        r"v: expected float64 of shape \(4,\).*, got shape \(6,\)": lambda: kernel.bias_force(q, wide),
+        r"q: expected float64 of shape \(4,\).*, got shape \(6,\)": lambda: kernel.energy(s.whole["q"], wide, z=s.z),
+        r"q: expected float64 of shape \(4,\).*, got shape \(3,\)": lambda: kernel.mass_matrix(q[:3]),
         r"z: expected float64 of shape \(2,\)": lambda: kernel.energy(q, v, z=[0.0]),
         r"z: j2\.beta\.friction\.z is nan": lambda: kernel.energy(q, v, z=[0.0, np.nan]),
         r"v: 3 states, but 2 in other arrays": lambda: kernel.energy(np.tile(q, (2, 1)), v, z=np.zeros((3, 2))),
-        r"v: got list": lambda: kernel.bias_force(q, [1.0, [2.0]]),
+        r"v: expected .*, got list": lambda: kernel.bias_force(q, [1.0, [2.0]]),
         r"v: j1\.gamma is nan": lambda: kernel.bias_force(q, np.nan * v),
         r"out: expected float64 of shape \(4,\)": lambda: kernel.bias_force(q, v, out=np.zeros(6)),
     }
@@ -304,16 +324,15 @@ def test_what_cannot_be_is_refused(built: Build) -> None:
         lambda: plain.energy([0.0], [0.0], z=[0.0]),
         lambda: plain.inverse_dynamics([0.0], [0.0], [0.0], z=[0.0]),
     ):
-        refused(InputError, "z: no law of one_link has a state", call)
+        refused(InputError, "z: no force law of one_link has internal states", call)
 
 
 def test_forces_of_drives_without_a_servo_drive_are_what_they_are_given(built: Build) -> None:
     """Of as many states as the arrays have; z where no law has a state is refused."""
     kernel = built(bristled_arm())
     q, u = np.zeros((3, len(kernel.coordinates))), np.arange(float(len(kernel.coordinates)))
-    found = kernel.drive_forces(q, q, u, np.zeros((3, len(kernel.memory))))
+    found = kernel.drive_forces(q, q, u, np.zeros((3, len(kernel.internal_states))))
     assert np.array_equal(found, np.tile(u, (3, 1)))
-    assert np.array_equal(kernel.drive_forces(q, q, u), found)
     plain = built(eomgen.load_robot("one_link"))
-    with pytest.raises(InputError, match="z: no law of one_link has a state"):
+    with pytest.raises(InputError, match="z: no force law of one_link has internal states"):
         plain.drive_forces([0.0, 0.0], [0.0, 0.0], [1.0, 0.0], [0.0])
