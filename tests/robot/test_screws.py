@@ -266,7 +266,7 @@ def test_a_screw_moves_a_closed_loop(built: Build) -> None:
     assert kernel.coordinates == ("spindle.gamma", "bearing.gamma", "rod.gamma", "crank.gamma")
     assert kernel.constraints == ("pin.x", "pin.y", "pin.z", "pin.alpha", "pin.beta")
     assert whole.constraints == (*kernel.constraints, "spindle_z")
-    q = kernel.assemble([0.4, -0.4, 0.2, 2.0], held=["spindle.gamma"])
+    q = kernel.assemble([0.4, -0.4, 0.2, 2.0], fixed=["spindle.gamma"])
     here = kernel.followers(q)["spindle.z"][0]
     Q = np.insert(q, whole.coordinates.index("spindle.z"), here)
     near(whole.constraint(Q), np.zeros(6), 1e-9)
