@@ -12,7 +12,6 @@ from scipy.integrate import quad
 from scipy.interpolate import PchipInterpolator
 
 from eomgen.robot.laws import states_of
-from eomgen.robot.memory.states import WEIGHTLESS
 from eomgen.robot.model import build_model
 from eomgen.robot.value import LINEAR, PRINCIPAL, Coordinate, Friction, Joint, Robot, carriers, load_dependent
 from tests.oracles.pinocchio_models import PinocchioOracle
@@ -424,7 +423,7 @@ class DriveOracle:
         found = np.full(self.size, np.nan)
         for table, states, names in self.drives.values():
             for k, name in zip(states, names, strict=True):
-                found[k] = table["winding"]["inductance"] if name == "current" else WEIGHTLESS
+                found[k] = table["winding"]["inductance"] if name == "current" else 1.0
         return found
 
     def inverse_dynamics(self, q: Array, v: Array, a: Array) -> Array:
