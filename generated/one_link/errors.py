@@ -129,7 +129,7 @@ class IntegrationStopped(IntegrationError):
     Attributes:
         t: time of the last good state, s.
         q, v: that state, (n,).
-        z: states of laws there, (memory,); None where v has them behind the coordinates, or there are none.
+        z: states of laws there, (m,); None where v has them behind the coordinates, or there are none.
         coordinate: name of the coordinate that is to blame: it, its drive or its acceleration is not finite, or it
             moves fastest for its size.
         trajectory: the ``Trajectory`` up to the last good state, which is its last sample (of ``simulate``: up to the

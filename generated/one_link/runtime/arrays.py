@@ -1,22 +1,17 @@
-"""Arrays on their way to the C of a kernel and back: shapes, dtypes, leading axes, and numbers that are not finite.
-
-Of arrays of robots whose laws have states there is one rule.  They have the numbers of ``kernel.velocities``, states of
-laws behind coordinates, and so have results; or all have those of ``kernel.coordinates`` alone, and so have results.
-Functions that depend on the states take them apart then, as z; the others need none.
-"""
+"""Arrays on their way to the C of a kernel and back: shapes, dtypes, leading axes, and numbers that are not finite."""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Protocol
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import ArrayError, InputError
-from ..names import DriveInput, listed, plain_input, show
+from ..names import DriveInput, plain_input, show
 from .raw import Array, RawFunction, RawKernel
 
 Lead = tuple[int, ...]  # axes in front of a state's: () for one state, (N,) for N of them
@@ -40,13 +35,6 @@ BY_COORDINATE = {  # how many of the last axes of a result are coordinates
 DERIVATIVE = re.compile(r"(_parameter)?_(tangent|adjoint|hessian|jet\d)$")
 DERIVED = re.compile(r"_(tangent|adjoint|hessian|jet\d)$")
 OF_ORDERS = re.compile(r"^jet\d_")  # begins names of results with time derivatives
-REMEMBERING = frozenset(  # functions, also of the open tree and under load, whose results depend on states of laws
-    (
-        *("generalized_force", "residual", "inverse_dynamics", "forward_dynamics", "constraint_forces", "energy"),
-        *("reactions", "loop_reactions", "coupling_forces", "residual_jacobian", "forward_dynamics_jacobian"),
-        *("constrained_dynamics", "constrained_drives", "drive_forces", "drive_jacobian"),
-    )
-)
 
 
 def inputs_of(meta: Mapping[str, Any]) -> dict[str, DriveInput]:
@@ -67,17 +55,15 @@ class Arrays:
         self._beside = [(coordinates.index(name), place) for name, (_, _, place) in own.items()]
         self.has_drives = bool(own)
         self._followers = tuple(raw.libraries.meta.get("followers", ()))
-        self._memory = len(raw.libraries.meta.get("memory", ()))
         self._bits = np.finfo(raw.dtype).nmant + 1  # of the whole numbers that are all held exactly
 
     def beside_drives(self, u: Array, forces: Array) -> Array:
-        """Return u, (..., n), with generalized forces, (..., n), beside what drives do.
+        """Return u, (..., n), with generalized forces, (..., n), that act in addition to drives; of augmented arrays.
 
         Where a drive has states, u is its input, and a force beside it stands at the place of the first of these.
         """
-        wide = forces.shape[-1] == len(self.coordinates)  # others lack states of laws, which is refused by name
         moved = forces.copy() if self._beside else forces
-        for i, place in self._beside if wide else ():
+        for i, place in self._beside:
             moved[..., place], moved[..., i] = forces[..., i], 0.0
         total: Array = u + moved
         return total
@@ -210,10 +196,7 @@ class Arrays:
     def _expected(self, shape: tuple[int, ...]) -> str:
         inner = ", ".join(map(str, shape))
         comma = "," if len(shape) == 1 else ""
-        alone = ""
-        if self._memory and shape == (len(self.coordinates),):
-            alone = f", with states of laws behind, or ({shape[0] - self._memory},) of coordinates alone"
-        return f"{self.dtype} of shape ({inner}{comma}) or (..., {inner}){alone}"
+        return f"{self.dtype} of shape ({inner}{comma}) or (..., {inner})"
 
     @staticmethod
     def is_by_coordinate(label: str) -> bool:
@@ -348,165 +331,9 @@ def _first_rounded(numbers: Array, bits: int) -> int | None:
     return int(rounded[0]) if rounded.size else None
 
 
-class Calls(Protocol):
-    """Protocol of checked calls: see ``calls.Calls``, whose arrays have n numbers, of coordinates narrow."""
-
-    raw: RawKernel
-    arrays: Arrays
-    dtype: np.dtype[Any]
-    memory: tuple[str, ...]
-    n: int
-    narrow: int
-
-    @property
-    def checks(self) -> bool:
-        """Whether NaN and infinity are refused."""
-
-    def array(self, label: str, value: ArrayLike, shape: tuple[int, ...]) -> tuple[Array, Lead]:
-        """Convert a value to an array of that shape, and tell the axes in front of it."""
-
-
-def remembers(name: str) -> bool:
-    """Return whether a function's result depends on states of laws."""
-    plain = DERIVATIVE.sub("", name)
-    return plain.removeprefix("tree_").removesuffix("_under_load") in REMEMBERING
-
-
-def is_narrow(calls: Calls, value: Any) -> bool:
-    """Return whether an array has numbers of coordinates alone, where states of laws stand behind these."""
-    if not calls.memory:
-        return False
-    try:
-        return bool(np.shape(value)[-1:] == (calls.narrow,))
-    except ValueError:  # no array at all: checks say so
-        return False
-
-
-def widened(calls: Calls, label: str, value: ArrayLike, behind: Array | None = None) -> Array:
-    """Return numbers of coordinates, (..., n), with states of laws behind them, zeros if not given."""
-    array, lead = calls.array(label, value, (calls.narrow,))
-    states = np.zeros(len(calls.memory), calls.dtype) if behind is None else behind
-    both = joint_lead(label, lead, states.shape[:-1])
-    return np.concatenate([np.broadcast_to(x, (*both, x.shape[-1])) for x in (array, states)], axis=-1)
-
-
-def whole_array(calls: Calls, label: str, value: ArrayLike) -> tuple[Array, tuple[int, ...]]:
-    """Return an array of the kernel's length, and its leading axes; of coordinates alone with zeros behind them."""
-    if is_narrow(calls, value):
-        array = widened(calls, label, value)
-        return array, array.shape[:-1]
-    return calls.array(label, value, (calls.n,))
-
-
-def refuse_z(calls: Calls) -> None:
-    """Raise InputError where no law has a state, so that z means nothing."""
-    if not calls.memory:
-        raise InputError(f"z: no law of {calls.raw.name} has a state; allowed: a call without z")
-
-
-def states_apart(calls: Calls, z: ArrayLike) -> Array:
-    """Return states of laws, (..., memory).
-
-    Raises:
-        InputError: no law has a state.
-        ArrayError: another shape, or numbers that are not finite.
-    """
-    refuse_z(calls)
-    states, _ = calls.arrays.taken("z", z, (len(calls.memory),), False)
-    if calls.checks and not np.isfinite(states).all():
-        where = np.argwhere(~np.isfinite(states))[0]
-        raise ArrayError(f"z: {calls.memory[where[-1]]} is {states[tuple(where)]}; numbers must be finite")
-    return states
-
-
-def run_narrow(
-    calls: Calls,
-    name: str,
-    out: Array | None,
-    values: Sequence[ArrayLike],
-    z: ArrayLike | None,
-    run: Callable[[list[ArrayLike]], Array],
-) -> Array | None:
-    """Call a function with room for states of laws in arrays of coordinates alone, and return its result without them.
-
-    Args:
-        name: the function's.
-        values: what it reads, in its order; others behind them stay as they are.
-        z: states of laws apart.
-        run: calls it with wide arrays.
-
-    Returns:
-        The result; None where all arrays are wide, and there is nothing to do here.
-
-    Raises:
-        InputError: z of a robot without states of laws.
-        ArrayError: arrays of both lengths, or no z where the result depends on it.
-    """
-    states = None if z is None else states_apart(calls, z)
-    function = calls.raw.functions.get(name)
-    if function is None:
-        raise calls.raw.missing(name)
-    pairs = list(zip(function.reads, values, strict=False))
-    long = [label for label, _ in pairs if calls.arrays.is_by_coordinate(label)]
-    short = [label for label, value in pairs if label in long and is_narrow(calls, value)]
-    if states is None and not short:
-        return None
-    refuse_mixed(calls, name, [pair for pair in pairs if pair[0] in long], apart=states is not None)
-    wide = [
-        widened(calls, label, value, states if label == "v" else None) if label in short else value
-        for label, value in pairs
-    ]
-    result = run([*wide, *values[len(pairs) :]])
-    return calls.arrays.written(cut(calls, result, function.writes), out)
-
-
-def refuse_mixed(calls: Calls, name: str, pairs: Sequence[tuple[str, Any]], *, apart: bool = False) -> None:
-    """Refuse arrays of coordinates, by their labels, of which some have states of laws behind them.
-
-    Args:
-        name: of the function that reads them, which may depend on such states.
-        apart: whether z is given apart.
-
-    Raises:
-        ArrayError: it is so, or nothing says what z is.
-    """
-    n = calls.narrow
-    short = [label for label, value in pairs if is_narrow(calls, value)]
-    for label, value in pairs:
-        if label not in short:
-            why = "z stands apart" if apart else f"{short[0]} has"
-            raise ArrayError(f"{label}: got {shape_or_type(value)}; allowed: {n} numbers, as {why}")
-    if not apart and remembers(name):
-        plain = DERIVATIVE.sub("", name)
-        said, or_z = (
-            (name, f"z, (..., {len(calls.memory)}), or ")
-            if plain == name
-            else (f"{'derivatives' if DERIVED.search(name) else 'bounds'} of {plain}", "")
-        )
-        what = f"allowed: {or_z}arrays of {calls.n} numbers, with z behind v"
-        raise ArrayError(f"{said}: arrays of {n} numbers lack states of laws, {listed(calls.memory)}; {what}")
-
-
 def shape_or_type(value: Any) -> str:
     """Say what an argument is: its shape, or its type where it has none."""
     try:
         return f"shape {np.shape(value)}"
     except ValueError:
         return type(value).__name__
-
-
-def narrow_shape(calls: Calls, shape: tuple[int, ...], writes: str) -> tuple[int, ...]:
-    """Return the shape of a result of that kind without states of laws."""
-    if writes == "regressor":
-        return (calls.narrow, *shape[1:])
-    axes = coordinate_axes(writes)
-    return (*shape[: len(shape) - axes], *(calls.narrow,) * axes)
-
-
-def cut(calls: Calls, result: Array, writes: str) -> Array:
-    """Return the entries of coordinates of a result of that kind."""
-    part = slice(calls.narrow)
-    if OF_ORDERS.sub("", writes) == "regressor":  # its columns are parameters
-        return np.ascontiguousarray(result[..., part, :])
-    place: tuple[Any, ...] = (..., *((part,) * coordinate_axes(writes)))
-    return np.ascontiguousarray(result[place])

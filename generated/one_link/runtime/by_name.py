@@ -1,4 +1,4 @@
-"""Views by name of kernels: coefficients of eqs. (10)-(12), inertial parameters, gears, followers; wrenches by name.
+"""Views by name of kernels: coefficients of eqs. (10)-(12), inertial parameters, gears, followers.
 
 What vanishes identically stands in a package's metadata.
 """
@@ -7,24 +7,20 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import ArrayError, InputError, UnknownNameError
-from ..names import joint_of, listed, nearest_or_all, parameter_name, show
-from .arrays import joint_lead, numbers_in, whole_array
-from .calls import Calls
+from ..errors import InputError, UnknownNameError
+from ..names import joint_of, nearest_or_all, show
+from .arrays import joint_lead
 from .compiled_code import CompiledCode
-from .raw import Array
+from .raw import Array, name_of
 
 Mask = NDArray[np.bool_]
 Index = int | slice
-
-WrenchLike = ArrayLike | Mapping[str, ArrayLike]  # rows of links, (links, 6), or wrenches by frame or link
-ALLOWED = "six finite numbers, (6,) or (..., 6): force (N), then moment (N m)"
 
 KINDS = ("x", "y", "z", "alpha", "beta", "gamma", "motor")
 
@@ -154,8 +150,8 @@ def make_blocks(
         names: of the coordinates.
     """
     part = slice(len(names))
-    rows = np.stack([_bits(text, n) for text in meta["mass_matrix"]])
-    upper = np.stack([_bits(text, n * (n + 1) // 2) for text in meta["christoffel"]])
+    rows = np.stack([_bits(text, n) for text in meta["matrix"]])
+    upper = np.stack([_bits(text, n * (n + 1) // 2) for text in meta["tensor"]])
     mask = np.zeros((n, n, n), dtype=np.bool_)
     v, w = np.triu_indices(n)
     mask[:, v, w] = upper
@@ -180,11 +176,11 @@ class NamedViews(CompiledCode):
         "joint2.gamma"]`` an entry; blocks that vanish identically are absent.  ``blocks.row`` and ``blocks.matrix``
         are the paper's M_i^sv and C_i^svw over all joints.
         """
-        mass, christoffel = (self.calls.run(name, None, (q,)) for name in ("mass_matrix", "christoffel"))
-        survivors = self.raw.libraries.about("christoffel")["survivors"]
+        mass, christoffel = self.mass_matrix(q), self.christoffel(q)
+        survivors = self.raw.libraries.about(name_of(self.christoffel))["survivors"]
         part = slice(len(self.coordinates))  # without states of laws
         arrays = mass[..., part, part], christoffel[..., part, part, part]
-        return make_blocks(*arrays, survivors, self.coordinates, self.n)
+        return make_blocks(*arrays, survivors, self.coordinates, self.augmented.n)
 
     @property
     def regressor_names(self) -> tuple[str, ...]:
@@ -195,8 +191,7 @@ class NamedViews(CompiledCode):
         Raises:
             UnknownNameError: the kernel was built without the regressor.
         """
-        if "regressor" not in self.raw.functions:
-            raise self.raw.missing("regressor")
+        self.raw.function(self.regressor)  # or the error that it is not there
         return tuple(self.raw.libraries.meta["regressor"])
 
     @property
@@ -211,7 +206,7 @@ class NamedViews(CompiledCode):
             InputError: a run-time parameter of links was changed since.
         """
         names, meta = self.regressor_names, self.raw.libraries.meta
-        inertial = self.raw.libraries.about("regressor")["inertial"]
+        inertial = self.raw.libraries.about(name_of(self.regressor))["inertial"]
         for name in inertial["come_from"]:
             if self.parameters[name] != meta["parameters"][name]:
                 raise InputError(
@@ -241,8 +236,8 @@ class NamedViews(CompiledCode):
         Returns:
             Per follower a pair of numbers, or of arrays with the leading axes of q and v.
         """
-        here, lead = whole_array(self.calls, "q", q)
-        rates = np.zeros_like(here) if v is None else whole_array(self.calls, "v", v)[0]
+        here, lead = self.calls.array("q", q, (self.n,))
+        rates = np.zeros_like(here) if v is None else self.calls.array("v", v, (self.n,))[0]
         lead = joint_lead("v", rates.shape[:-1], lead)
         here, rates = (np.broadcast_to(x, (*lead, self.n)) for x in (here, rates))
         matrix, offsets = self.follower_matrix()
@@ -306,82 +301,3 @@ class NamedViews(CompiledCode):
                     row[self.coordinates.index(other)] += ratio
             rows[name], offsets[name] = row, offset
         return np.array([*rows.values()]).reshape(-1, self.n), np.array([*offsets.values()])
-
-
-class Place(NamedTuple):
-    """Place of a wrench: the link's row, its number among the frames, and the arm from its centre of mass, (3,), m.
-
-    The arm is in the link's axes; None is at the centre of mass.
-    """
-
-    link: int
-    frame: int
-    arm: Array | None
-
-
-def wrench_rows(calls: Calls, q: ArrayLike, wrench: WrenchLike | None) -> ArrayLike | None:
-    """Return rows of links, (..., links, 6), about centres of mass in the base frame; what is no mapping as it came.
-
-    Args:
-        calls: of a kernel with kinematics, where wrenches are at frames.
-        q: (n,) or (..., n).
-        wrench: by name, (6,) or (..., 6), base frame: at a frame's origin, or about a link's centre of mass.
-
-    Raises:
-        UnknownNameError: a name is none of a frame or link that moves.
-        ArrayError: a wrench is not six finite numbers, or does not go together with q.
-    """
-    if not isinstance(wrench, Mapping):
-        return wrench
-    values = {name: (place_of_wrench(calls, name), wrench_numbers(calls, name, x)) for name, x in wrench.items()}
-    states, lead = whole_array(calls, "q", q)
-    for name, (_, numbers) in values.items():
-        lead = joint_lead(f"wrench: {name}", numbers.shape[:-1], lead)
-    rows = np.zeros((*lead, len(calls.raw.libraries.meta["links"]), 6), calls.dtype)
-    for place, numbers in values.values():
-        rows[..., place.link, :] += numbers
-        if place.arm is not None:
-            R_0k = calls.run("frame_pose", None, (states,), (place.frame,))[..., :3, :3]
-            rows[..., place.link, 3:] += np.cross(R_0k @ place.arm, numbers[..., :3])
-    return rows
-
-
-def place_of_wrench(calls: Calls, name: str) -> Place:
-    """Return the place of a wrench by name; UnknownNameError where there is nothing that moves."""
-    meta = calls.raw.libraries.meta
-    links, frames = list(meta["links"]), list(meta["frames"])
-    carriers: Mapping[str, str] = meta.get("frame_links", {})
-    known = [*(frame for frame, link in carriers.items() if link in links), *links]
-    if name not in known:
-        if name in frames:
-            raise UnknownNameError(f"wrench: {show(name)} does not move; allowed: {listed(known)}")
-        raise UnknownNameError(f"wrench: {show(name)} is unknown{nearest_or_all(str(name), known)}")
-    if name not in carriers:
-        return Place(links.index(name), frames.index(name), None)
-    link = carriers[name]
-    if link in carriers or name in links:
-        both = link if link in carriers else name
-        raise UnknownNameError(
-            f"wrench: {show(name)}: {show(both)} names a frame and a link; allowed: another name for the frame, or an"
-            f" array of shape ({len(links)}, 6)"
-        )
-    zero = np.zeros(calls.n, calls.dtype)
-    T_0f, T_0k = (calls.run("frame_pose", None, (zero,), (frames.index(x),)) for x in (name, link))
-    arm = T_0k[:3, :3].T @ (T_0f[:3, 3] - T_0k[:3, 3]) - _centre_of_mass(calls, link)
-    return Place(links.index(link), frames.index(link), np.asarray(arm, calls.dtype))
-
-
-def _centre_of_mass(calls: Calls, link: str) -> Array:
-    """Return a link's centre of mass in its axes, (3,), m, with the parameters of now."""
-    described = calls.raw.libraries.meta["coms"][link]
-    names = [parameter_name("links", link, "com", axis) for axis in "xyz"]
-    return np.array([calls.parameters.get(name, x) for name, x in zip(names, described, strict=True)], calls.dtype)
-
-
-def wrench_numbers(calls: Calls, name: str, value: Any) -> Array:
-    """Return a wrench as an array of the kernel's dtype, (6,) or (..., 6)."""
-    numbers = numbers_in(f"wrench: {name}", value, ALLOWED, finite=calls.checks)
-    if not numbers.ndim or numbers.shape[-1] != 6:
-        raise ArrayError(f"wrench: {name}: got {show(value)}; allowed: {ALLOWED}")
-    with np.errstate(over="ignore"):
-        return np.asarray(numbers, calls.dtype)

@@ -4,33 +4,29 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import ArrayError, SingularError
-from ..names import split_component
+from ..errors import ArrayError, InputError, SingularError
+from ..names import listed, split_component
 from .arrays import (
+    DERIVATIVE,
+    OF_ORDERS,
     Arrays,
     Lead,
+    coordinate_axes,
     is_finite,
-    is_narrow,
     joint_lead,
-    numbers_in,
     place_of,
-    refuse_z,
     rows_of,
-    run_narrow,
-    widened,
 )
 from .chunking import shared, states_at_once
-from .direct import WRENCHED
 from .loop_errors import loop_error, singular_loop
 from .parameters import Parameters
-from .raw import Array, RawFunction, RawKernel
+from .raw import Array, Method, RawFunction, RawKernel, name_of
 from .singular import (
     NEARLY,
     VANISHED,
@@ -51,15 +47,25 @@ ELIMINATED = (
 
 
 class Calls:
-    """Checked calls of a raw kernel's functions, by their names."""
+    """Checked calls of a raw kernel's functions, by their names.
+
+    Attributes:
+        n: length of arrays by coordinate; of robots with internal states that of augmented arrays (``SplitCalls``).
+        coordinates: names of these numbers.
+        internal_states: names of the internal states of force laws.
+    """
 
     def __init__(
         self, raw: RawKernel, parameters: Parameters, arrays: Arrays, prescribed: tuple[str, ...] = ()
     ) -> None:
         self.raw, self.parameters, self.arrays, self.prescribed = raw, parameters, arrays, prescribed
         self.dtype, self.coordinates, self.n = raw.dtype, arrays.coordinates, len(arrays.coordinates)
-        self.memory: tuple[str, ...] = tuple(raw.libraries.meta.get("memory", ()))
-        self.narrow = self.n - len(self.memory)
+        self.internal_states: tuple[str, ...] = tuple(raw.libraries.meta.get("internal_states", ()))
+
+    @property
+    def augmented(self) -> Calls:
+        """Calls with augmented arrays, as the C reads and writes them."""
+        return self
 
     @property
     def threads(self) -> int:
@@ -87,14 +93,13 @@ class Calls:
         wrench: ArrayLike | None,
         z: ArrayLike | None = None,
     ) -> Array:
-        """Run a function, and add the contribution of wrenches to its result, as ``WRENCHED`` says."""
+        """Run a function, and add the contribution of wrenches to its result, as its ``wrench`` says."""
         if wrench is None:
             return self.run(name, out, values, z=z)
-        if self.memory or z is not None:
-            result = run_narrow(self, name, out, values, z, lambda x: self.run_with_wrench(name, None, x, wrench))
-            if result is not None:
-                return result
-        added, sign, _ = WRENCHED[name]
+        self.refuse_z(z)
+        term = self.raw.functions[name].wrench
+        assert term is not None
+        added, sign, _ = term
         external = self.run(added, None, (values[0], wrench))
         single = self.raw.shapes[self.raw.functions[added].writes]
         result = self.run(name, out, values, lead=external.shape[: external.ndim - len(single)])
@@ -110,7 +115,7 @@ class Calls:
 
     def run(
         self,
-        name: str,
+        name: Method,
         out: Array | None,
         values: Sequence[ArrayLike],
         extra: tuple[int, ...] = (),
@@ -121,21 +126,20 @@ class Calls:
         """Check the arrays, call the C, and say what went wrong.
 
         Args:
+            name: of the function, or the kernel's method.
             values: what it reads, for one state or many; their leading axes go together as NumPy broadcasts.
             extra: the number of a frame, for a function that takes one.
             lead: leading axes that the result has at least.
             inner: how many of the last leading axes are not of states: errors name none of them.
-            z: states of laws apart, see ``narrow``.
+            z: internal states, (..., m), see ``SplitCalls``.
 
         Raises:
             UnknownNameError: the kernel was built without this function.
             ArrayError: an array of wrong shape or dtype, or with NaN or infinity, or a result that would be one.
             SingularError: the mass matrix cannot be inverted in a state.
         """
-        if self.memory or z is not None:
-            narrow = run_narrow(self, name, out, values, z, lambda x: self.run(name, None, x, extra, lead, inner))
-            if narrow is not None:
-                return narrow
+        name = name_of(name)
+        self.refuse_z(z)
         raw, take, checks = self.raw, self.arrays.taken, self.checks
         if name not in raw.functions:
             raise raw.missing(name)
@@ -170,6 +174,29 @@ class Calls:
             raise self.singular(name, reason, place, q[state] if q.ndim == 2 else q)
         if checks and not is_finite(result):
             raise self._overflow(name, result, function.reads, arrays)
+        return result
+
+    def refuse_z(self, z: ArrayLike | None) -> None:
+        """Raise InputError if there is z where no force law has internal states."""
+        if z is not None:
+            raise InputError(f"z: no force law of {self.raw.name} has internal states; allowed: a call without z")
+
+    def takes_z(self, name: str) -> bool:
+        """Whether a function takes z: its result depends on internal states, which are an array of their own."""
+        return False
+
+    def join_arguments(self, name: str, values: Sequence[ArrayLike], z: ArrayLike | None) -> list[ArrayLike]:
+        """Return augmented arrays of a function's arguments, in their order; InputError if z means nothing."""
+        self.refuse_z(z)
+        return list(values)
+
+    def join(self, label: str, value: ArrayLike, z: ArrayLike | None = None) -> ArrayLike:
+        """Return an argument as an augmented array, where it is by coordinate; InputError if z means nothing."""
+        self.refuse_z(z)
+        return value
+
+    def split(self, result: Array, writes: str) -> Array:
+        """Return the entries of coordinates of an augmented result of that kind."""
         return result
 
     def _rows(self, labels: Sequence[str], arrays: Sequence[Array], lead: Lead) -> tuple[list[Array], list[int]]:
@@ -290,12 +317,10 @@ class Calls:
         where, reason = self.coordinates[coordinate], ELIMINATED
         if bending := bending_links(self.coordinates):
             reason += f", or links that bend ({', '.join(bending)}) bend too far for their modes"
-        if q is not None and is_narrow(self, q):
-            q = widened(self, "q", q)
         if q is not None:
             if (loop := self._singular_loop(q)) is not None:
                 return f"{self.raw.name}: {loop}{place}"
-            M, names = self._moving_mass(q), [x for x in self.coordinates if x not in self.prescribed]
+            M, names = self.moving_mass(q), [x for x in self.coordinates if x not in self.prescribed]
             limit = VANISHED if self.dtype == np.float64 else NEARLY
             if (bent := self.bent_too_far(q)) is not None:
                 return f"the mass matrix cannot be inverted{place}: {bent}"
@@ -308,11 +333,11 @@ class Calls:
     def bent_too_far(self, q: Array) -> str | None:
         """Say which links bend so far at q, (n,), that the mass matrix is not positive definite; None if none does."""
         limit = VANISHED if self.dtype == np.float64 else NEARLY
-        return bent_too_far(self._moving_mass, q, self.coordinates, limit)
+        return bent_too_far(self.moving_mass, q, self.coordinates, limit)
 
     def _singular_loop(self, q: Array) -> str | None:
         """Say which loop has constraints that follow from others at q, (n,), where M can be inverted; else None."""
-        M = self._moving_mass(q) if self.raw.libraries.meta.get("constraints") else None
+        M = self.moving_mass(q) if self.raw.libraries.meta.get("constraints") else None
         if M is None or "constraint_jacobian" not in self.raw.functions or not np.isfinite(M).all():
             return None
         if scaled_eigenvalues(M)[0][0] <= (VANISHED if self.dtype == np.float64 else NEARLY):
@@ -321,7 +346,7 @@ class Calls:
         states = np.stack([here, here + np.linspace(0.3, 0.7, self.n)]).astype(self.dtype)
         return singular_loop(self.raw, *self.run("constraint_jacobian", None, (states,)))
 
-    def _moving_mass(self, q: Array) -> Array | None:
+    def moving_mass(self, q: Array) -> Array | None:
         """Return the mass matrix of what is not prescribed at q, (n,); None where no function gives one."""
         moving = [i for i, name in enumerate(self.coordinates) if name not in self.prescribed]
         if "mass_matrix" in self.raw.functions:
@@ -335,59 +360,106 @@ class Calls:
         return np.asarray(M[np.ix_(moving, moving)])
 
 
-@dataclass(frozen=True)
-class Memory:
-    """States of a kernel's laws apart from coordinates: numbers that stand beside them in arrays of the C.
+class SplitCalls(Calls):
+    """Checked calls where force laws have m internal states: z, (..., m), is an array of its own.
 
-    In the C a state stands behind the coordinates as a velocity: q has a number there that acts on nothing, v the
-    state, a its rate.
-
-    Attributes:
-        calls: of the kernel.
+    In augmented arrays, those of the C, a state stands behind the n coordinates as a velocity: q has a number there
+    that acts on nothing, v the state, a its rate, u zero.  This class is the one place that converts.
     """
 
-    calls: Calls
-
-    def __post_init__(self) -> None:
-        refuse_z(self.calls)
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the states, such as "joint1.gamma.friction.z"."""
-        return self.calls.memory
+    def __init__(self, augmented: Calls) -> None:
+        """Split the arrays of calls with augmented ones."""
+        n, arrays = augmented.n - len(augmented.internal_states), augmented.arrays
+        split = Arrays(augmented.raw, augmented.coordinates[:n], arrays.links)
+        super().__init__(augmented.raw, augmented.parameters, split, augmented.prescribed)
+        self._augmented = augmented
 
     @property
-    def coordinates(self) -> int:
-        """Number of coordinates before the states."""
-        return self.calls.narrow
+    def augmented(self) -> Calls:
+        """Calls with augmented arrays, as the C reads and writes them."""
+        return self._augmented
 
-    def padded(self, value: ArrayLike | None, number: float = 0.0) -> Any:
-        """Return numbers of coordinates, (..., n), with others for states behind them; what is no array as it is."""
-        if value is None or not np.ndim(value) or np.shape(value)[-1] != self.coordinates:
-            return value
-        array = np.asarray(value)
-        behind = np.full((*array.shape[:-1], len(self.names)), number, array.dtype)
-        return np.concatenate([array, behind], axis=-1)
+    def takes_z(self, name: str) -> bool:
+        """Whether a function takes z: its result depends on internal states."""
+        return DERIVATIVE.sub("", name) in self.raw.libraries.meta["stateful"]
 
-    def tolerance(self, atol: ArrayLike, defaults: Array) -> Array:
-        """Return absolute tolerances of arrays of the state, q, then v, (2n,).
+    def with_parameters(self, parameters: Parameters) -> Calls:
+        """Return the calls by other parameters of the same code, whose state has threads and checks."""
+        return SplitCalls(self._augmented.with_parameters(parameters))
 
-        Args:
-            atol: a number or numbers of coordinates, of q, then of v, behind which may be those of states; or (2n,).
-            defaults: for states whose tolerances are not given, (2n,).
+    def run(
+        self,
+        name: Method,
+        out: Array | None,
+        values: Sequence[ArrayLike],
+        extra: tuple[int, ...] = (),
+        lead: Lead = (),
+        inner: int = 0,
+        z: ArrayLike | None = None,
+    ) -> Array:
+        """Call a function as ``Calls.run`` does, with z where its result depends on internal states."""
+        name = name_of(name)
+        joined = self.join_arguments(name, values, z)
+        result = self._augmented.run(name, None, joined, extra, lead, inner)
+        return self.arrays.written(self.split(result, self.raw.functions[name].writes), out)
+
+    def run_with_wrench(
+        self,
+        name: str,
+        out: Array | None,
+        values: Sequence[ArrayLike],
+        wrench: ArrayLike | None,
+        z: ArrayLike | None = None,
+    ) -> Array:
+        """Run a function, and add the contribution of wrenches to its result, as its ``wrench`` says."""
+        result = self._augmented.run_with_wrench(name, None, self.join_arguments(name, values, z), wrench)
+        return self.arrays.written(self.split(result, self.raw.functions[name].writes), out)
+
+    def join_arguments(self, name: str, values: Sequence[ArrayLike], z: ArrayLike | None) -> list[ArrayLike]:
+        """Return augmented arrays of a function's arguments, in their order.
 
         Raises:
-            ArrayError: another shape.
+            UnknownNameError: the kernel was built without this function.
+            ArrayError: an array of another shape, or no z where the result depends on it.
         """
-        n, states, whole = self.coordinates, len(self.names), 2 * self.calls.n
-        shapes = f"({2 * n},), with tolerances of states of laws ({2 * n + states},)"
-        given = numbers_in("atol", atol, f"a number or shape {shapes}", finite=False)
-        if given.shape not in ((), (2 * n,), (2 * n + states,), (whole,)):
-            raise ArrayError(f"atol: expected a number or shape {shapes}, got shape {given.shape}")
-        if given.shape == (whole,):
-            return given
-        tolerances = np.array(defaults, np.float64)
-        tolerances[np.r_[:n, self.calls.n : self.calls.n + n]] = given[: 2 * n] if given.ndim else given
-        if given.size == 2 * n + states:
-            tolerances[self.calls.n + n :] = given[2 * n :]
-        return tolerances
+        if name not in self.raw.functions:
+            raise self.raw.missing(name)
+        if z is None and self.takes_z(name):
+            what = f"allowed: z, (..., {len(self.internal_states)}), of {listed(self.internal_states)}"
+            raise ArrayError(f"{name}: its result depends on internal states, and z is missing; {what}")
+        pairs = zip(self.raw.functions[name].reads, values, strict=True)
+        return [self.join(x, value, z if x == "v" else None) for x, value in pairs]
+
+    def join(self, label: str, value: ArrayLike, z: ArrayLike | None = None) -> ArrayLike:
+        """Return an argument by coordinate with internal states behind, zeros by default; others as they are."""
+        if not self.arrays.is_by_coordinate(label):
+            return value
+        array, lead = self.array(label, value, (self.n,))
+        states = np.zeros(len(self.internal_states), self.dtype) if z is None else self.states(z)
+        both = joint_lead(label, lead, states.shape[:-1])
+        return np.concatenate([np.broadcast_to(x, (*both, x.shape[-1])) for x in (array, states)], axis=-1)
+
+    def split(self, result: Array, writes: str) -> Array:
+        """Return the entries of coordinates of an augmented result of that kind."""
+        if OF_ORDERS.sub("", writes) == "regressor":  # its columns are parameters
+            return np.ascontiguousarray(result[..., : self.n, :])
+        place: tuple[Any, ...] = (..., *(slice(self.n),) * coordinate_axes(writes))
+        return np.ascontiguousarray(result[place])
+
+    def states(self, z: ArrayLike) -> Array:
+        """Return internal states as an array, (..., m).
+
+        Raises:
+            ArrayError: another shape, or numbers that are not finite.
+        """
+        states, _ = self.arrays.taken("z", z, (len(self.internal_states),), False)
+        if self.checks and not np.isfinite(states).all():
+            where = np.argwhere(~np.isfinite(states))[0]
+            raise ArrayError(f"z: {self.internal_states[where[-1]]} is {states[tuple(where)]}; numbers must be finite")
+        return states
+
+    def moving_mass(self, q: Array) -> Array | None:
+        """Return the mass matrix of what is not prescribed at q, (n,); None where no function gives one."""
+        M = self._augmented.moving_mass(np.asarray(self.join("q", q)))
+        moving = self.n - len(self.prescribed)
+        return None if M is None else M[:moving, :moving]

@@ -4,23 +4,28 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Collection, Mapping
-from types import FunctionType, ModuleType
+from types import ModuleType
 from typing import Any, Self
 
 import numpy as np
 
 from ..errors import InputError, UnknownNameError
-from ..names import DriveInput, html_table, joint_of, nearest_or_all, show
+from ..names import DriveInput, html_table, joint_of, show
 from .arrays import Arrays, inputs_of, names_in
-from .calls import Calls
+from .calls import Calls, SplitCalls
 from .direct import DirectFunctions, ExtensionBinding
+from .methods.bound import BoundFunctions, frame_number
+from .methods.kernel_methods import KernelFunctions, KernelMethods
 from .parameters import Parameters
 from .raw import Array, Libraries, Operations, RawKernel
 
-PACKAGE = f"{__package__}."  # begins the names of the modules whose methods can be direct
+
+def _augmented(kernel: CompiledCode) -> CompiledCode:
+    """Return a kernel with augmented arrays, of one that was pickled."""
+    return kernel.augmented
 
 
-class CompiledCode:
+class CompiledCode(KernelMethods, KernelFunctions):
     """Compiled functions with separate parameters, and how they are called; attributes as of ``Kernel``."""
 
     def __init__(
@@ -43,8 +48,8 @@ class CompiledCode:
         self.name: str = self.raw.name
         self.dtype: np.dtype[Any] = self.raw.dtype
         self.coordinates: tuple[str, ...] = tuple(meta["coordinates"])
-        self.memory: tuple[str, ...] = tuple(meta.get("memory", ()))
-        self.memory_units: tuple[str, ...] = tuple(meta.get("memory_units", ()))
+        self.internal_states: tuple[str, ...] = tuple(meta.get("internal_states", ()))
+        self.internal_state_units: tuple[str, ...] = tuple(meta.get("internal_state_units", ()))
         self.inputs: dict[str, DriveInput] = inputs_of(meta)
         self.links: tuple[str, ...] = tuple(meta["links"])
         self.frames: tuple[str, ...] = tuple(meta["frames"])
@@ -69,21 +74,42 @@ class CompiledCode:
         self.operations: Mapping[str, Mapping[str, int]] = Operations(libraries)
         self._again, self._opener = again, opener
         self.efforts: dict[str, float] = dict(meta.get("efforts", {}))
-        self._given = [self.coordinates.index(name) for name in self.prescribed]
         self._ratios: dict[str, float] = {name: ratio for name, (_, ratio) in meta.get("motors", {}).items()}
         self.knots: dict[str, tuple[float, ...]] = {k: tuple(x) for k, x in meta["knots"].items()}
         ranges = {key: meta.get(key, other) for key, other in (("least", {}), ("matrices", {}), ("conditions", ()))}
         self.parameters = Parameters.of(self.raw, meta["parameters"], **ranges, again=again)
-        self.calls = Calls(self.raw, self.parameters, Arrays(self.raw, self.velocities, self.links), self.prescribed)
+        arrays = Arrays(self.raw, (*self.coordinates, *self.internal_states), self.links)
+        self.calls = Calls(self.raw, self.parameters, arrays, self.prescribed)
+        if self.internal_states:
+            self.calls = SplitCalls(self.calls)
         self._binding = binding or ExtensionBinding()
-        self._functions: DirectFunctions | None = None
-        self._direct_jets: dict[tuple[str, int], Any] = {}  # not those of a copy, which has other parameters
-        self._binding.take(self)
+        self._direct: DirectFunctions | None = None
+        self._take_calls(self.calls)
 
     @property
     def velocities(self) -> tuple[str, ...]:
-        """Names of the numbers in arrays of the state, (n,): ``coordinates``, then ``memory``."""
-        return (*self.coordinates, *self.memory)
+        """Names of the n numbers of arrays by coordinate: ``coordinates``, and of ``augmented`` the internal states."""
+        return self.calls.coordinates
+
+    @property
+    def augmented(self) -> Self:
+        """This kernel with augmented arrays: internal states stand behind coordinates, as in the C (``SplitCalls``).
+
+        It is for integrators and linear systems; parameters are those of this kernel, also when they change.
+        """
+        if self.calls.augmented is self.calls:
+            return self
+        known: Self | None = self.__dict__.get("_augmented")
+        if known is None or known.parameters is not self.parameters:
+            known = self.__dict__["_augmented"] = self._with_calls(self.calls.augmented)
+        return known
+
+    @property
+    def split(self) -> Self:
+        """The kernel of which this is ``augmented``: z is an array of its own."""
+        if not self.is_augmented:
+            return self
+        return self._with_calls(SplitCalls(self.calls))
 
     def __repr__(self) -> str:
         return f"<Kernel {self.name}: {len(self.coordinates)} coordinates, {self.dtype}>"
@@ -117,6 +143,8 @@ class CompiledCode:
                 f"{self.name}: a kernel that was put together by hand cannot be pickled; allowed: kernels of"
                 " eomgen.build and of generated packages"
             )
+        if self.is_augmented:
+            return _augmented, (self.split,)
         state = {"parameters": dict(self.parameters), "threads": self.threads, "checks": self.checks}
         return *self._again, state
 
@@ -129,7 +157,12 @@ class CompiledCode:
     @property
     def n(self) -> int:
         """Number of coordinates."""
-        return len(self.velocities)
+        return self.calls.n
+
+    @property
+    def is_augmented(self) -> bool:
+        """True of a kernel with augmented arrays, see ``augmented``."""
+        return bool(self.internal_states) and self.calls.augmented is self.calls
 
     def source(self, ending: str) -> str:
         """Return the C that it was compiled from: "h", the header, or "c".
@@ -147,10 +180,7 @@ class CompiledCode:
         Raises:
             UnknownNameError, InputError: as for an assignment to ``parameters``.
         """
-        other = self._with_methods_in_python()
-        other.parameters = self.parameters.copy()
-        other.calls = self.calls.with_parameters(other.parameters)
-        self._binding.take(other)
+        other = self._with_calls(self.calls.with_parameters(self.parameters.copy()))
         if values is not None:
             other.parameters.update(values)
         return other
@@ -179,20 +209,17 @@ class CompiledCode:
         other.parameters.turn(joints)
         return other
 
-    def _with_methods_in_python(self) -> Self:
-        """Copy this kernel, not bound to an extension module."""
+    def _with_calls(self, calls: Calls) -> Self:
+        """Return the same code with other calls, and their parameters."""
         other = object.__new__(type(self))
-        other.__dict__.update(self.__dict__.get("_plain", self).__dict__)  # a third of the time of copy.copy
+        other.__dict__.update(self.__dict__)  # a third of the time of copy.copy
+        other._take_calls(calls)
         return other
 
-    def _methods_of_functions(self) -> dict[str, FunctionType]:
-        """Return methods with the names of functions; not those of a subclass elsewhere."""
-        known = {name: getattr(type(self), name, None) for name in self.raw.functions}
-        return {
-            name: method
-            for name, method in known.items()
-            if isinstance(method, FunctionType) and method.__module__.startswith(PACKAGE)
-        }
+    def _take_calls(self, calls: Calls) -> None:
+        """Let methods go through these calls, and through the extension module as soon as there is one."""
+        self.calls, self.parameters, self._bound = calls, calls.parameters, BoundFunctions(calls)
+        self._binding.take(self)
 
     def device(self, where: Any = "cuda", *, contract: bool = False) -> Any:
         """Return methods of the same names on arrays that lie on a device of CUDA; see ``eomgen.device.face.Device``.
@@ -215,39 +242,23 @@ class CompiledCode:
         return self._opener(self, where, contract=contract)
 
     def bind(self, module: ModuleType) -> None:
-        """Let plain calls of methods go through an extension module.
-
-        Attributes of the kernel then stand before the methods of its class, which they call where a call is not plain;
-        they do so for a second kernel that has none of them, so that no kernel is in a circle of references.
-        """
-        if self._functions is None or self._functions.module is not module:
-            methods = self._methods_of_functions()
-            self._functions = DirectFunctions(module, self.raw, methods, self.frames, self._given)
-        plain = self._with_methods_in_python()
-        state = self.parameters.state
-        if not isinstance(state, module.State):
-            state = self.parameters.state = state.moved_to(module.State)
-        module.bind(self._functions.methods, plain, state, self.__dict__)
-        self.__dict__["_plain"] = plain
-        self.__dict__["_direct_jets"] = {}
-
-    def _bound_jet(self, name: str) -> Callable[..., tuple[Array, ...]] | None:
-        """Return a function of time derivatives through the extension module; None where there is none."""
-        if not self.is_direct or self._functions is None:
-            return None
-        plain, bound = self.__dict__["_plain"], dict[str, Any]()
-        self._functions.module.bind((self._functions.jet(name),), plain, self.parameters.state, bound)
-        found: Callable[..., tuple[Array, ...]] = bound[name]
-        return found
+        """Let plain calls of methods go through an extension module; with augmented arrays inside those of the C."""
+        if self.calls.augmented is not self.calls:
+            return
+        if self._direct is None or self._direct.module is not module:
+            self._direct = DirectFunctions(module, self.raw)
+        if not isinstance(self.parameters.state, module.State):
+            self.parameters.state = self.parameters.state.moved_to(module.State)
+        self._bound.bind(self._direct)
 
     @property
     def is_direct(self) -> bool:
         """True if an extension module takes plain calls: arrays of the kernel's dtype and of exactly its shapes.
 
-        They go to the C without Python in between.  All others, and all errors, are those of the methods in Python, so
+        They go to the C without checks in Python.  All others, and all errors, are those of the calls in Python, so
         that nothing but their time depends on it.  It is False where Python's or NumPy's headers were missing.
         """
-        return "_plain" in self.__dict__
+        return self._bound.is_direct
 
     def together(self, *kernels: str) -> Self:
         """Return the kernel with these kernels in one library of C, and with separate parameters.
@@ -265,6 +276,7 @@ class CompiledCode:
         if libraries is self.raw.libraries:
             return self.with_parameters()
         other = type(self)(libraries, self._again, self._binding, self._opener)
+        other = other.augmented if self.is_augmented else other
         other.__setstate__({"parameters": dict(self.parameters), "threads": self.threads, "checks": self.checks})
         return other
 
@@ -332,9 +344,7 @@ class CompiledCode:
         Raises:
             UnknownNameError: no frame or link of that name.
         """
-        if not isinstance(name, str) or name not in self.frames:
-            raise UnknownNameError(f"frame: {show(name)} is unknown{nearest_or_all(str(name), self.frames)}")
-        return self.frames.index(name)
+        return frame_number(self.frames, name)
 
     def refuse_not_finite(self, label: str, array: Array, shape: tuple[int, ...], place: str = "") -> None:
         """Refuse NaN and infinity in an argument of a kernel, or in a batch of them, whatever ``checks`` says.

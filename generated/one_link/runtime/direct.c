@@ -1,47 +1,37 @@
-/* Methods of kernels as callables in C: calls with plain arrays go from Python to the compiled function at once.
+/* Functions of kernels as callables in C: calls with plain arrays go from Python to the compiled function at once.
  *
- * Nothing here knows a robot.  A Function is what one method of all kernels of a package does: the method in Python,
- * the names, roles and shapes of its parameters, and, once they are armed, the addresses of its codes: its main one and that
- * of wrenches, each for one state and for many, each armed after a first call that needs it, which may have compiled
- * it.  A State is what may change of one kernel: its parameters, checks and threads.  A Direct is the method of one
- * kernel: a Function and a State, with a kernel that has methods in Python alone.
+ * Nothing here knows a robot.  A Function is the same for all kernels of a package: the function in Python, the roles
+ * and shapes of its arguments, and, once they are armed, the addresses of its codes: its main one and that of wrenches,
+ * each for one state and for many, each armed after a first call that needs it, which may have compiled it.  A State is
+ * what may change of one kernel: its parameters, checks and threads.  A Direct is the function of one kernel: a
+ * Function, a State, and what the function in Python takes first.
  *
  * A call is plain where every array is an ndarray itself (no subclass) of the kernel's dtype, aligned, C-contiguous, of
- * exactly the shape of one state or of N of them, and no keyword asks for more than `out` and `wrench`.  Whatever is not plain, and whatever turns out not to be regular (NaN, infinity, a
- * singular mass matrix), is left to the method in Python, which is called with the very same arguments: it computes what
- * has to be computed, or raises.  So results and messages are the same by construction.
+ * exactly the shape of one state or of N of them, and no option asks for more than `out` and `wrench`.  Whatever is not
+ * plain, and whatever turns out not to be regular (NaN, infinity, a singular mass matrix), is left to the function in
+ * Python, which is called with the very same arguments: it computes what has to be computed, or raises.  So results and
+ * messages are the same by construction.
  *
  * A generated package carries a copy of this file and of its headers, and what they were compiled to where Python's
  * and NumPy's headers were. */
 #include "direct_types.h"
 
-PyDoc_STRVAR(bind_doc, "bind(functions, owner, state, into)\n\n"
-                       "Put a Direct of every function into a dict, by its name.\n\n"
-                       "Arguments: a tuple of Function; a kernel whose methods are those of Python; its State; a\n"
-                       "dict.");
+PyDoc_STRVAR(bind_doc, "bind(function, owner, state)\n\n"
+                       "Return a callable that takes the arguments of a Function in their order.\n\n"
+                       "Arguments: a Function; what its function in Python takes first; the State of a kernel.");
 
 static PyObject *bind(PyObject *module, PyObject *args)
 {
     const Types *types = PyModule_GetState(module);
-    PyObject *functions, *owner, *state, *into;
-    if (!PyArg_ParseTuple(args, "O!OO!O!:bind", &PyTuple_Type, &functions, &owner, types->state, &state, &PyDict_Type,
-                          &into))
-        return NULL;
-    for (Py_ssize_t i = 0; i < PyTuple_GET_SIZE(functions); ++i) {
-        PyObject *function = PyTuple_GET_ITEM(functions, i);
-        if (!PyObject_TypeCheck(function, types->function))
-            return PyErr_Format(PyExc_TypeError, "bind: a %s is no Function", Py_TYPE(function)->tp_name);
-        Direct *direct = (Direct *)types->direct->tp_alloc(types->direct, 0);
-        if (direct == NULL) return NULL;
-        direct->vectorcall = direct_vectorcall;
-        Py_INCREF(function), direct->function = (Function *)function;
-        Py_INCREF(state), direct->state = (State *)state;
-        Py_INCREF(owner), direct->owner = owner;
-        const int failed = PyDict_SetItem(into, direct->function->name, (PyObject *)direct);
-        Py_DECREF(direct);
-        if (failed) return NULL;
-    }
-    Py_RETURN_NONE;
+    PyObject *function, *owner, *state;
+    if (!PyArg_ParseTuple(args, "O!OO!:bind", types->function, &function, &owner, types->state, &state)) return NULL;
+    Direct *direct = (Direct *)types->direct->tp_alloc(types->direct, 0);
+    if (direct == NULL) return NULL;
+    direct->vectorcall = direct_vectorcall;
+    Py_INCREF(function), direct->function = (Function *)function;
+    Py_INCREF(state), direct->state = (State *)state;
+    Py_INCREF(owner), direct->owner = owner;
+    return (PyObject *)direct;
 }
 
 /* Numpy 2 runs what was compiled for it alone, and says so at length on the error stream: better not to ask it. */
@@ -109,7 +99,7 @@ static PyModuleDef_Slot module_slots[] = {
 static struct PyModuleDef module_definition = {
     PyModuleDef_HEAD_INIT,
     .m_name = "_direct",
-    .m_doc = "Methods of kernels as callables in C.",
+    .m_doc = "Functions of kernels as callables in C.",
     .m_size = sizeof(Types),
     .m_methods = module_methods,
     .m_slots = module_slots,

@@ -1,8 +1,8 @@
-"""Methods of kernels through the extension module ``_direct``: plain calls go from Python to the C at once.
+"""Functions of kernels through the extension module ``_direct``: plain calls go from methods to the C at once.
 
 ``direct.c`` beside this file is its source, with its headers, and says which calls are plain; all others go to the
-methods in Python.  A generated package carries a copy of this file, of its source, and of the module where it could be
-compiled.
+functions in Python.  A generated package carries a copy of this file, of its source, and of the module where it could
+be compiled.
 """
 
 from __future__ import annotations
@@ -11,52 +11,15 @@ import importlib
 import itertools
 import threading
 import weakref
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from functools import partial
-from types import FunctionType, ModuleType
-from typing import Any, NamedTuple, Protocol
-
-import numpy as np
+from types import ModuleType
+from typing import Any, Protocol
 
 from .chunking import states_at_once
-from .raw import Array, Library, RawKernel, Setup
+from .raw import Array, Library, RawFunction, RawKernel, Setup
 
 NAME = "_direct"
-ROLES = {
-    "frame": "frame",
-    "out": "out",
-    "wrench": "nothing",
-    "z": "nothing",
-    "cut": "cut",
-}  # of parameters that are not read
-
-
-class Added(NamedTuple):
-    """Contribution of wrenches to a method's result.
-
-    Attributes:
-        function: of q and the wrenches, whose result is added.
-        sign: 1 or -1.
-        into: the argument that it is added to, with sign 1, where it is not the result.
-    """
-
-    function: str
-    sign: float
-    into: str = ""
-
-
-WRENCHED: Mapping[str, Added] = {
-    "generalized_force": Added("external_force", 1.0),
-    "residual": Added("external_force", -1.0),
-    "inverse_dynamics": Added("external_force", -1.0),
-    "forward_dynamics": Added("external_force", 1.0, "u"),
-    "reactions": Added("external_reactions", 1.0),
-    "tree_inverse_dynamics": Added("external_force", -1.0),
-    "tree_reactions": Added("external_reactions", 1.0),
-    "reactions_under_load": Added("external_reactions", 1.0),
-    "coupling_forces": Added("external_coupling_forces", 1.0),
-}
-DRIVING = ("inverse_dynamics", "reactions")  # where loops are closed, they call other functions for wrenches
 
 
 class State:
@@ -156,112 +119,92 @@ def packaged() -> ExtensionBinding:
         return ExtensionBinding()
 
 
+class Checked(Protocol):
+    """A function that is called in Python: see ``methods.bound.CheckedFunction``."""
+
+    @property
+    def name(self) -> str:
+        """Name of the function."""
+
+    @property
+    def options(self) -> tuple[str, ...]:
+        """Names of the arguments behind the arrays."""
+
+    @property
+    def axes(self) -> int:
+        """Axes of each array of a result that is a tuple of arrays, beginning with theirs; 0 of one array."""
+
+    def __call__(self, calls: Any, *args: Any) -> Any:
+        """Call it with a kernel's ``Calls``, the arrays and the options, in their order."""
+
+
 class DirectFunctions:
-    """The module's ``Function`` of every method that calls the function of its name, for all kernels of a package.
+    """The module's ``Function`` of every function that methods call, for all kernels of a package.
 
     Each is armed with the address of its code for one state, and of that for many, after a first call of that kind,
     which may have compiled it.
 
     Attributes:
         module: the extension module.
-        methods: the ``Function`` of each method.
     """
 
-    def __init__(
-        self,
-        module: ModuleType,
-        raw: RawKernel,
-        methods: Mapping[str, FunctionType],
-        frames: tuple[str, ...],
-        prescribed: Sequence[int],
-    ) -> None:
-        """Make those of methods.
-
-        Args:
-            methods: of a kernel, by name; those that call no function are left out.
-            frames: names of the frames by their numbers.
-            prescribed: numbers of the coordinates whose motion is prescribed; to their drives wrenches add nothing.
-        """
-        self.module, self._raw = module, raw
-        self._frames = {
-            name: number for number, name in reversed(list(enumerate(frames)))
-        }  # the first of a name counts
-        self._prescribed = tuple(prescribed)
+    def __init__(self, module: ModuleType, raw: RawKernel) -> None:
+        """Make those of a package, none of them yet."""
+        self.module, self._raw, meta = module, raw, raw.libraries.meta
+        numbered = reversed(list(enumerate(meta["frames"])))  # the first of a name counts
+        self._frames = {name: number for number, name in numbered}
+        self._prescribed = tuple(meta["coordinates"].index(name) for name in meta["prescribed"])
         self._arming = partial(_arm, raw, {}, itertools.count())
-        self._jets: dict[str, Any] = {}
-        self.methods = tuple(
-            self._of_method(name, methods[name])
-            for name in raw.libraries.meta["functions"]
-            if name in methods and calls_its_function(raw, name)
-        )
+        self._made: dict[str, Any] = {}
 
-    def _of_method(self, name: str, method: FunctionType) -> Any:
-        code, loops = method.__code__, bool(self._raw.libraries.meta.get("constraints"))
-        parameters = code.co_varnames[1 : code.co_argcount + code.co_kwonlyargcount]
-        entry = self._raw.libraries.meta["functions"][name]
-        reads = tuple(entry["reads"])
-        added = WRENCHED.get(name, Added("", 1.0))
-        under_load = "" if loops and name in DRIVING else name
+    def bound(self, checked: Checked, calls: Any) -> Callable[..., Any]:
+        """Return a function for a kernel's calls: plain ones go to the C, all others to the function in Python."""
+        function = self._made.get(checked.name)
+        if function is None:
+            function = self._made.setdefault(checked.name, self._function(checked))
+        bound: Callable[..., Any] = self.module.bind(function, calls, calls.parameters.state)
+        return bound
+
+    def _function(self, checked: Checked) -> Any:
+        raw, function = self._raw, self._raw.functions[checked.name]
+        has_loops = bool(raw.libraries.meta.get("constraints"))
+        read = tuple(("read", raw.shapes[label]) for label in function.reads)
+        options = tuple(self._role(x, function, has_loops) for x in checked.options)
+        term = function.wrench
+        into = function.reads.index(term.into) if term and term.into else -1
         return self.module.Function(
-            name=name,
-            method=method,
+            name=checked.name,
+            checked=checked,
             arming=self._arming,
-            dtype=self._raw.dtype,
-            places=tuple(_place(label, reads, self._raw, under_load) for label in parameters),
-            positional=code.co_argcount - 1,
-            result=self._raw.shapes[entry["writes"]],
-            in_parts=entry["writes"] == "derivatives",
-            cut_must_be_false=loops and "cut" in parameters,
+            dtype=raw.dtype,
+            places=(*read, *options),
+            result=raw.shapes[function.writes],
+            in_parts=bool(checked.axes),
+            cut_must_be_false=has_loops,
             frames=self._frames,
-            added=(added.sign, reads.index(added.into), self._prescribed) if added.into else (added.sign, -1, ()),
+            added=(term.sign if term and into < 0 else 1.0, into, self._prescribed if into >= 0 else ()),
         )
 
-    def jet(self, name: str) -> Any:
-        """Return the ``Function`` of time derivatives, which gives each order as an array; it reads arrays alone."""
-        if name not in self._jets:
-            function, raw = self._raw.functions[name], self._raw
-            inner = len(raw.shapes[function.writes])
-
-            def in_python(kernel: Any, *arrays: Any) -> tuple[Array, ...]:
-                return tuple(np.moveaxis(kernel.calls.run(name, None, arrays), -inner, 0))
-
-            self._jets[name] = self.module.Function(
-                name=name,
-                method=in_python,
-                arming=self._arming,
-                dtype=raw.dtype,
-                places=tuple((label, "read", raw.shapes[label]) for label in function.reads),
-                positional=len(function.reads),
-                result=raw.shapes[function.writes],
-                in_parts=True,
-                cut_must_be_false=False,
-                frames=self._frames,
-                added=(1.0, -1, ()),
-            )
-        return self._jets[name]
-
-
-def calls_its_function(raw: RawKernel, name: str) -> bool:
-    """Return whether the method of that name calls the function of that name alone, if there is one."""
-    several = name == "constraint_forces" and "followers" in raw.libraries.meta
-    return name in raw.functions and not several
-
-
-def _place(label: str, reads: tuple[str, ...], raw: RawKernel, name: str) -> tuple[str, str, tuple[int, ...]]:
-    """Return the name, role and shape of a parameter of a method, as the module takes them."""
-    role = "read" if label in reads else ROLES.get(label, "beside")
-    added = WRENCHED.get(name) if label == "wrench" else None
-    beside = added is not None and added.into and raw.libraries.meta.get("inputs")  # where forces stand elsewhere
-    if added is not None and added.function in raw.functions and not beside:
-        role = "wrench"
-    return label, role, raw.shapes[label] if role in ("read", "beside", "wrench") else ()
+    def _role(self, option: str, function: RawFunction, has_loops: bool) -> tuple[str, tuple[int, ...]]:
+        """Return the role of an option and the shape of its array, as the module takes them."""
+        if option in ("frame", "out", "cut"):
+            return option, ()
+        term, functions = function.wrench, self._raw.functions
+        if option != "wrench" or term is None or term.function not in functions or (function.loaded and has_loops):
+            return "nothing", ()
+        if term.into and self._raw.libraries.meta.get("inputs"):  # where forces stand elsewhere
+            return "nothing", ()
+        return option, self._raw.shapes[option]
 
 
 def _arm(
     raw: RawKernel, libraries: dict[Library, int], new: itertools.count[int], function: Any, kind: str, many: bool
 ) -> None:
     """Tell a ``Function`` where its "main" code is, or that of wrenches, "added": for one state, or for many."""
-    code = raw.functions[function.name if kind == "main" else WRENCHED[function.name].function]
+    code = raw.functions[function.name]
+    if kind != "main":
+        assert code.wrench is not None
+        code = raw.functions[code.wrench.function]
     address, library, work = code.address(batch=many), code.where(batch=many), code.operations
     number = libraries[library] if library in libraries else libraries.setdefault(library, next(new))
     setup = library.address(library.setup)

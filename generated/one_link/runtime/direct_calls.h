@@ -195,28 +195,11 @@ static PyArrayObject *hoisted(State *state, const Function *f, const Code *code)
     return h;
 }
 
-/* Values of the parameters by place; -1 where a keyword is none of them, or comes twice. */
-static int sort_arguments(const Function *f, PyObject *const *args, Py_ssize_t count, PyObject *names,
-                          PyObject **arguments)
-{
-    if (count > f->positional) return -1;
-    for (Py_ssize_t i = 0; i < count; ++i) arguments[i] = args[i];
-    const Py_ssize_t named = names == NULL ? 0 : PyTuple_GET_SIZE(names);
-    for (Py_ssize_t k = 0; k < named; ++k) {
-        PyObject *name = PyTuple_GET_ITEM(names, k);
-        int place = 0;
-        while (place < f->places && f->place[place].label != name) ++place;
-        if (place == f->places || arguments[place] != NULL) return -1;
-        arguments[place] = args[count + k];
-    }
-    return 0;
-}
-
 /* A plain call: its arguments as the code takes them. */
 typedef struct {
-    const void *x[ARRAYS + 1]; /* the arrays that the code reads, and one beside them */
-    npy_intp sizes[ARRAYS + 1];
-    size_t steps[ARRAYS + 1]; /* numbers between two states */
+    const void *x[ARRAYS]; /* the arrays that the code reads */
+    npy_intp sizes[ARRAYS];
+    size_t steps[ARRAYS]; /* numbers between two states */
     int reads, frame;
     npy_intp states; /* 0 for one alone */
     PyArrayObject *out;
@@ -248,8 +231,7 @@ static int look(Function *f, const State *state, PyObject *const *arguments, Pla
         const Place *place = &f->place[i];
         PyObject *value = arguments[i];
         if (place->role <= WRENCH) {
-            if (place->role != READ && (value == NULL || value == Py_None)) continue;
-            if (value == NULL) return -1;
+            if (place->role != READ && value == Py_None) continue;
             const npy_intp states = states_of(value, f, &place->shape);
             if (states < 0) return -1;
             if (states > 0) {
@@ -262,18 +244,18 @@ static int look(Function *f, const State *state, PyObject *const *arguments, Pla
                 call->wrench_step = step_of(&place->shape, states);
                 continue;
             }
-            const int to = place->role == READ ? call->reads++ : ARRAYS;
+            const int to = call->reads++;
             call->x[to] = PyArray_DATA((PyArrayObject *)value);
             call->sizes[to] = states > 0 ? states * place->shape.size : place->shape.size;
             call->steps[to] = step_of(&place->shape, states);
         } else if (place->role == FRAME) {
-            if (value == NULL || !PyUnicode_CheckExact(value)) return -1;
+            if (!PyUnicode_CheckExact(value)) return -1;
             PyObject *number = PyDict_GetItemWithError(f->frames, value);
             if (number == NULL) return -1;
             call->frame = (int)PyLong_AsLong(number);
         } else if (place->role == CUT) {
-            if (value != NULL && value != Py_False && (f->cut_must_be_false || value != Py_True)) return -1;
-        } else if (value != NULL && value != Py_None) {
+            if (value != Py_False && (f->cut_must_be_false || value != Py_True)) return -1;
+        } else if (value != Py_None) {
             if (place->role != OUT || !PyArray_CheckExact(value)) return -1;
             call->out = (PyArrayObject *)value;
         }
@@ -296,9 +278,9 @@ static int look(Function *f, const State *state, PyObject *const *arguments, Pla
         }
     }
     if (PUBLISHED(state->checks)) {
-        for (int i = 0; i <= ARRAYS; ++i) {
-            if (in_pieces(call) && i < ARRAYS && call->steps[i] > 0) continue; /* each piece by itself */
-            if (call->sizes[i] > 0 && !all_finite(f, call->x[i], call->sizes[i])) return -1;
+        for (int i = 0; i < call->reads; ++i) {
+            if (in_pieces(call) && call->steps[i] > 0) continue; /* each piece by itself */
+            if (!all_finite(f, call->x[i], call->sizes[i])) return -1;
         }
         if (call->wrench != NULL && !all_finite(f, call->wrench, call->wrench_size)) return -1;
     }
@@ -430,15 +412,12 @@ static int compute_all(const Function *f, const void *h, const void *h_added, Pl
     return checks && !all_finite(f, out, states * f->result.size) ? -1 : 0;
 }
 
-/* The result of a plain call; NULL without an error where the method in Python has to be asked.  ``codes`` are then
+/* The result of a plain call; NULL without an error where the function in Python has to be asked.  ``codes`` are then
  * those that the call would need, and NULL if it is not plain whatever is armed. */
-static PyObject *straight(Function *f, State *state, PyObject *const *args, Py_ssize_t count, PyObject *names,
-                          Code **codes)
+static PyObject *straight(Function *f, State *state, PyObject *const *arguments, Code **codes)
 {
-    PyObject *arguments[PLACES] = {NULL};
     Plain call = {.states = 0};
     Beside beside;
-    if (sort_arguments(f, args, count, names, arguments) < 0) return NULL;
     const int is_plain = look(f, state, arguments, &call) == 0;
     memcpy(codes, call.codes, sizeof call.codes);
     if (!is_plain || (call.wrench != NULL && make_room(f, &call, &beside) < 0)) return NULL;
@@ -501,12 +480,14 @@ static PyObject *direct_vectorcall(PyObject *self, PyObject *const *args, size_t
     Direct *direct = (Direct *)self;
     Function *f = direct->function;
     Code *codes[KINDS] = {NULL};
-    PyObject *answer = straight(f, direct->state, args, PyVectorcall_NARGS(nargsf), names, codes);
+    const Py_ssize_t count = PyVectorcall_NARGS(nargsf);
+    if (count != f->places || names != NULL)
+        return PyErr_Format(PyExc_TypeError, "%U: takes %d arguments in their order", f->name, f->places);
+    PyObject *answer = straight(f, direct->state, args, codes);
     if (answer != NULL || PyErr_Occurred()) return answer;
-    PyObject *bound = PyMethod_New(f->method, direct->owner);
-    if (bound == NULL) return NULL;
-    answer = PyObject_Vectorcall(bound, args, nargsf, names);
-    Py_DECREF(bound);
+    PyObject *all[PLACES + 1] = {direct->owner};
+    memcpy(all + 1, args, (size_t)count * sizeof *args);
+    answer = PyObject_Vectorcall(f->checked, all, (size_t)count + 1, NULL);
     for (int kind = 0; kind < KINDS && answer != NULL; ++kind)
         if (codes[kind] != NULL && PUBLISHED(codes[kind]->address) == 0 && arm_once(f, (CodeKind)kind, codes[kind]) < 0)
             Py_CLEAR(answer);

@@ -22,7 +22,7 @@
 #define PUBLISHED(place) (place)
 #endif
 
-enum { ARRAYS = 12, PLACES = 12, AXES = 4, LIBRARIES = 64 }; /* that a function reads, parameters, axes, libraries: at most */
+enum { ARRAYS = 12, PLACES = 16, AXES = 4, LIBRARIES = 64 }; /* at most: read by a function, arguments, ... */
 
 /* Work that others may run beside: multiplications and additions; microseconds, in which a GIL's return is lost. */
 static const double LONG = 2e4;
@@ -32,14 +32,13 @@ static const npy_intp SHARE = 256;
 /* Bytes of arguments and results that stay in a cache; states in multiples of so many fill vectors. */
 enum { PIECE = 1 << 19, ROUND = 16 };
 
-/* What a parameter is for. */
+/* What an argument is for. */
 typedef enum {
     READ,    /* an array that the code reads */
-    BESIDE,  /* an array that may be left out; it has states and is checked, and nothing reads it */
-    WRENCH,  /* an array that may be left out; further code reads it, and what that computes is added */
+    WRENCH,  /* an array that may be None; further code reads it, and what that computes is added */
     FRAME,   /* the name of a frame, in place of its number */
     OUT,     /* an array to write to */
-    NOTHING, /* plain only where it is left out or None */
+    NOTHING, /* plain only where it is None */
     CUT      /* whether loops are meant to be open */
 } Role;
 
@@ -50,12 +49,11 @@ typedef struct {
 } Shape;
 
 typedef struct {
-    PyObject *label; /* interned */
     Role role;
     Shape shape;
 } Place;
 
-/* What a method calls, and for what: for one state or for many. */
+/* What a function calls, and for what: for one state or for many. */
 typedef enum {
     MAIN,  /* the function itself */
     ADDED, /* what wrenches add: reads the first array and them, writes what "main" writes or one of its arrays */
@@ -77,12 +75,12 @@ typedef struct {
 
 typedef struct {
     PyObject_HEAD
-    PyObject *method; /* the function of Python */
+    PyObject *checked; /* the same in Python: takes the owner, then the arguments */
     PyObject *name;
     PyObject *arming; /* arming(function, kind, many) tells the address of a code after a first call of it */
     PyObject *frames; /* their numbers by name, a dict */
     PyArray_Descr *dtype;
-    int places, positional;
+    int places;
     Place place[PLACES];
     Shape result;
     int framed, in_parts; /* takes a frame's number; its result are views along the first axis */
@@ -109,7 +107,7 @@ typedef struct {
     vectorcallfunc vectorcall;
     Function *function;
     State *state;
-    PyObject *owner; /* a kernel whose methods are those of Python */
+    PyObject *owner; /* what the function in Python takes first */
 } Direct;
 
 typedef struct {

@@ -1,27 +1,7 @@
 /* The types Direct, Function and State, as Python sees them.  Part of direct.c. */
 #include "direct_calls.h"
 
-/* ---- Direct: the method of a kernel ---------------------------------------------------------------------------- */
-
-static PyObject *bound_method(PyObject *self, void *closure)
-{
-    (void)closure;
-    return PyMethod_New(((Direct *)self)->function->method, ((Direct *)self)->owner);
-}
-
-static PyObject *attribute_of_method(PyObject *self, const char *name)
-{
-    PyObject *bound = bound_method(self, NULL), *attribute = NULL;
-    if (bound != NULL) attribute = PyObject_GetAttrString(bound, name);
-    Py_XDECREF(bound);
-    return attribute;
-}
-
-static PyObject *direct_doc(PyObject *self, void *closure)
-{
-    (void)closure;
-    return attribute_of_method(self, "__doc__");
-}
+/* ---- Direct: a function for one kernel -------------------------------------------------------------------------- */
 
 static PyObject *direct_is_armed(PyObject *self, void *closure)
 {
@@ -33,52 +13,6 @@ static PyObject *direct_takes_many(PyObject *self, void *closure)
 {
     (void)closure;
     return PyBool_FromLong(PUBLISHED(((Direct *)self)->function->codes[MAIN][1].address) != 0);
-}
-
-/* All that a bound method shows: its names, annotations, signature. */
-static PyObject *direct_getattro(PyObject *self, PyObject *name)
-{
-    if (PyUnicode_Check(name) && PyUnicode_CompareWithASCIIString(name, "__module__") == 0)
-        return attribute_of_method(self, "__module__");
-    PyObject *attribute = PyObject_GenericGetAttr(self, name);
-    if (attribute != NULL || !PyErr_ExceptionMatches(PyExc_AttributeError)) return attribute;
-    PyErr_Clear();
-    PyObject *bound = bound_method(self, NULL);
-    if (bound != NULL) attribute = PyObject_GetAttr(bound, name);
-    Py_XDECREF(bound);
-    return attribute;
-}
-
-static PyObject *direct_repr(PyObject *self)
-{
-    PyObject *bound = bound_method(self, NULL), *text = NULL;
-    if (bound != NULL) text = PyObject_Repr(bound);
-    Py_XDECREF(bound);
-    return text;
-}
-
-/* As a bound method: the attribute of that name of its kernel. */
-static PyObject *direct_reduce(PyObject *self, PyObject *unused)
-{
-    (void)unused;
-    PyObject *builtins = PyEval_GetBuiltins(), *getter = PyDict_GetItemString(builtins, "getattr");
-    if (getter == NULL) return PyErr_Format(PyExc_RuntimeError, "no getattr among the built-in functions");
-    return Py_BuildValue("O(OO)", getter, ((Direct *)self)->owner, ((Direct *)self)->function->name);
-}
-
-static PyObject *direct_itself(PyObject *self, PyObject *unused)
-{
-    (void)unused;
-    Py_INCREF(self);
-    return self;
-}
-
-/* Makes it a routine for `help`; as an attribute of a class it stays what it is, as a bound method does. */
-static PyObject *direct_get(PyObject *self, PyObject *object, PyObject *type)
-{
-    (void)object, (void)type;
-    Py_INCREF(self);
-    return self;
 }
 
 static int direct_traverse(PyObject *self, visitproc visit, void *arg)
@@ -108,27 +42,16 @@ static PyMemberDef direct_members[] = {
     {NULL, 0, 0, 0, NULL},
 };
 static PyGetSetDef direct_getset[] = {
-    {"__doc__", direct_doc, NULL, NULL, NULL},
-    {"__wrapped__", bound_method, NULL, "the method in Python, bound", NULL},
     {"is_armed", direct_is_armed, NULL, "whether plain calls with one state go to the code", NULL},
     {"takes_many", direct_takes_many, NULL, "whether plain calls with many states go to the code", NULL},
     {NULL, NULL, NULL, NULL, NULL},
-};
-static PyMethodDef direct_methods[] = {
-    {"__reduce__", direct_reduce, METH_NOARGS, NULL},
-    {"__copy__", direct_itself, METH_NOARGS, NULL},
-    {NULL, NULL, 0, NULL},
 };
 static PyType_Slot direct_slots[] = {
     {Py_tp_call, PyVectorcall_Call},
     {Py_tp_dealloc, direct_dealloc},
     {Py_tp_traverse, direct_traverse},
-    {Py_tp_getattro, direct_getattro},
-    {Py_tp_repr, direct_repr},
-    {Py_tp_descr_get, direct_get},
     {Py_tp_members, direct_members},
     {Py_tp_getset, direct_getset},
-    {Py_tp_methods, direct_methods},
     {0, NULL},
 };
 static PyType_Spec direct_spec = {
@@ -139,7 +62,7 @@ static PyType_Spec direct_spec = {
     .slots = direct_slots,
 };
 
-/* ---- Function: what a method does in all kernels of a package -------------------------------------------------- */
+/* ---- Function: what is the same in all kernels of a package -------------------------------------------------- */
 
 static int read_shape(PyObject *lengths, Shape *shape)
 {
@@ -160,10 +83,10 @@ static int read_shape(PyObject *lengths, Shape *shape)
 
 static int read_place(PyObject *entry, Place *place)
 {
-    static const char *const names[] = {"read", "beside", "wrench", "frame", "out", "nothing", "cut"};
-    PyObject *label, *lengths;
+    static const char *const names[] = {"read", "wrench", "frame", "out", "nothing", "cut"};
+    PyObject *lengths;
     const char *role;
-    if (!PyArg_ParseTuple(entry, "UsO:place", &label, &role, &lengths) || read_shape(lengths, &place->shape) < 0)
+    if (!PyArg_ParseTuple(entry, "sO:place", &role, &lengths) || read_shape(lengths, &place->shape) < 0)
         return -1;
     size_t role_number = 0;
     while (role_number < sizeof names / sizeof *names && strcmp(names[role_number], role) != 0) ++role_number;
@@ -172,16 +95,13 @@ static int read_place(PyObject *entry, Place *place)
         return -1;
     }
     place->role = (Role)role_number;
-    Py_INCREF(label);
-    PyUnicode_InternInPlace(&label);
-    place->label = label;
     return 0;
 }
 
 static int read_places(Function *f, PyObject *places)
 {
     const Py_ssize_t count = PyTuple_GET_SIZE(places);
-    int reads = 0, beside = 0, wrenches = 0;
+    int reads = 0, wrenches = 0;
     if (count > PLACES) {
         PyErr_SetString(PyExc_ValueError, "too many parameters");
         return -1;
@@ -190,11 +110,10 @@ static int read_places(Function *f, PyObject *places)
         if (read_place(PyTuple_GET_ITEM(places, i), &f->place[i]) < 0) return -1;
         f->places = (int)i + 1;
         reads += f->place[i].role == READ;
-        beside += f->place[i].role == BESIDE;
         wrenches += f->place[i].role == WRENCH;
         f->framed |= f->place[i].role == FRAME;
     }
-    if (reads < 1 || reads > ARRAYS || beside > 1 || wrenches > 1 || (f->framed && (reads != 1 || f->frames == NULL))) {
+    if (reads < 1 || reads > ARRAYS || wrenches > 1 || (f->framed && (reads != 1 || f->frames == NULL))) {
         PyErr_SetString(PyExc_ValueError, "no function reads such arrays");
         return -1;
     }
@@ -231,12 +150,12 @@ static int read_added(Function *f, PyObject *entry)
 
 static PyObject *function_new(PyTypeObject *type, PyObject *args, PyObject *kwargs)
 {
-    static char *names[] = {"name",     "method",           "arming", "dtype", "places", "positional", "result",
+    static char *names[] = {"name",     "checked",           "arming", "dtype", "places", "result",
                             "in_parts", "cut_must_be_false", "frames", "added", NULL};
-    PyObject *name, *method, *arming, *dtype, *places, *result, *frames, *added;
-    int positional, in_parts, cut;
-    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "UOOO!O!iOppO!O!:Function", names, &name, &method, &arming,
-                                     &PyArrayDescr_Type, &dtype, &PyTuple_Type, &places, &positional, &result,
+    PyObject *name, *checked, *arming, *dtype, *places, *result, *frames, *added;
+    int in_parts, cut;
+    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "UOOO!O!OppO!O!:Function", names, &name, &checked, &arming,
+                                     &PyArrayDescr_Type, &dtype, &PyTuple_Type, &places, &result,
                                      &in_parts, &cut, &PyDict_Type, &frames, &PyTuple_Type, &added))
         return NULL;
     const int number = ((PyArray_Descr *)dtype)->type_num;
@@ -247,16 +166,15 @@ static PyObject *function_new(PyTypeObject *type, PyObject *args, PyObject *kwar
     Function *f = (Function *)type->tp_alloc(type, 0);
     if (f == NULL) return NULL;
     Py_INCREF(name), f->name = name;
-    Py_INCREF(method), f->method = method;
+    Py_INCREF(checked), f->checked = checked;
     Py_INCREF(arming), f->arming = arming;
     Py_INCREF(frames), f->frames = frames;
     Py_INCREF(dtype), f->dtype = (PyArray_Descr *)dtype;
-    f->positional = positional;
     f->in_parts = in_parts;
     f->cut_must_be_false = cut;
     if (read_places(f, places) < 0 || read_shape(result, &f->result) < 0 || read_added(f, added) < 0) goto failed;
-    if (positional > f->places || (in_parts && f->result.axes < 1)) {
-        PyErr_SetString(PyExc_ValueError, "no function has such parameters or such a result");
+    if (in_parts && f->result.axes < 1) {
+        PyErr_SetString(PyExc_ValueError, "no function has such a result");
         goto failed;
     }
     return (PyObject *)f;
@@ -310,7 +228,7 @@ static int function_traverse(PyObject *self, visitproc visit, void *arg)
 {
     Function *f = (Function *)self;
     Py_VISIT(Py_TYPE(self));
-    Py_VISIT(f->method);
+    Py_VISIT(f->checked);
     Py_VISIT(f->arming);
     Py_VISIT(f->frames);
     for (int kind = 0; kind < KINDS; ++kind)
@@ -323,7 +241,7 @@ static void function_dealloc(PyObject *self)
     Function *f = (Function *)self;
     PyTypeObject *type = Py_TYPE(self);
     PyObject_GC_UnTrack(self);
-    Py_XDECREF(f->method);
+    Py_XDECREF(f->checked);
     Py_XDECREF(f->name);
     Py_XDECREF(f->arming);
     Py_XDECREF(f->frames);
@@ -331,13 +249,12 @@ static void function_dealloc(PyObject *self)
         for (int many = 0; many < 2; ++many) Py_XDECREF(f->codes[kind][many].library);
     PyMem_Free(f->left);
     Py_XDECREF(f->dtype);
-    for (int i = 0; i < f->places; ++i) Py_DECREF(f->place[i].label);
     type->tp_free(self);
     Py_DECREF(type);
 }
 
 static PyMemberDef function_members[] = {
-    {"name", T_OBJECT_EX, offsetof(Function, name), READONLY, "name of the method"},
+    {"name", T_OBJECT_EX, offsetof(Function, name), READONLY, "name of the function"},
     {NULL, 0, 0, 0, NULL},
 };
 static PyMethodDef function_methods[] = {

@@ -5,14 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .arrays import cut as cut_states
-from .arrays import flag, is_narrow, joint_lead, states_apart, whole_array, widened
-from .by_name import WrenchLike, wrench_rows
+from .arrays import joint_lead
 from .derivatives.by_arguments import Differentiation
 from .derivatives.in_time import TimeDerivatives
 from .inverse_kinematics.kernel_method import InverseKinematics
-from .loop_errors import LOADED
-from .raw import Array
+from .methods.wrenches import WrenchLike
+from .raw import Array, name_of
 from .stepping.interface import Rollouts
 
 
@@ -30,10 +28,11 @@ class Kernel(Differentiation, TimeDerivatives, InverseKinematics, Rollouts):
 
     Attributes:
         name: the robot's name.
-        coordinates: names such as "joint1.x"; n of them, but for states of laws.
-        memory: names of the states of laws, such as "joint1.gamma.friction.z".  Arrays have them behind coordinates, in
-            v as they are, in a their rates, in q numbers that act on nothing, in u zeros; or ``z`` has them apart.
-        memory_units: their units, such as "rad".
+        coordinates: names such as "joint1.x"; n of them.
+        internal_states: names of the m internal states of force laws, such as "joint1.gamma.friction.z".  Methods whose
+            results depend on them take them as z, (m,) or (..., m); it is required there, and refused where there are
+            none.
+        internal_state_units: their units, such as "rad".
         joints: names of the joints that move, in the order of ``reactions``.
         links: names of the links that move, in the order of ``wrench``.
         frames: names that ``frame_pose`` knows: frames, then links.
@@ -70,151 +69,17 @@ class Kernel(Differentiation, TimeDerivatives, InverseKinematics, Rollouts):
             (see ``checks``); or a result that is not finite.
     """
 
-    def mass_matrix(self, q: ArrayLike, *, out: Array | None = None) -> Array:
-        """Return the mass matrix M(q), (n, n), symmetric; eq. (11); kg, kg m or kg m^2 by its coordinates."""
-        return self.calls.run("mass_matrix", out, (q,))
-
-    def bias_force(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
-        """Return Coriolis and centrifugal terms without gravity, (n,), N or N m: sum_vw C^svw v w of eq. (12).
-
-        ``nonlinear_effects`` has gravity in it, as what MuJoCo and Featherstone call bias has.
-        """
-        return self.calls.run("bias_force", out, (q, v))
-
-    def gravity(self, q: ArrayLike, *, out: Array | None = None) -> Array:
-        """Return forces g(q) that hold the links' weight, (n,), N or N m, on the side of M a: tau = M a + C v + g.
-
-        They come of the masses alone; springs and dampers are in ``generalized_force``.  Of a robot with loops: of its
-        open tree.
-        """
-        return self.calls.run("gravity", out, (q,))
-
-    def nonlinear_effects(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
-        """Return C v + g, (n,), N or N m: ``bias_force`` and ``gravity`` together, which other libraries call the bias.
-
-        Springs and dampers are in ``generalized_force``.  Of a robot with loops: of its open tree.
-        """
-        return self.calls.run("nonlinear_effects", out, (q, v))
-
-    def generalized_force(
-        self,
-        q: ArrayLike,
-        v: ArrayLike,
-        *,
-        wrench: WrenchLike | None = None,
-        out: Array | None = None,
-        z: ArrayLike | None = None,
-    ) -> Array:
-        """Return Q_P + Q_G, eqs. (13) and (14), (n,), N or N m; with wrenches Q_F, too.
+    def internal_state_derivatives(self, q: ArrayLike, v: ArrayLike, z: ArrayLike, u: ArrayLike | None = None) -> Array:
+        """Return the time derivatives of internal states, (m,), in their units per s.
 
         Args:
             q, v: coordinates and their rates, (n,).
-            wrench: (links, 6), per link force (N) then moment (N m) about its centre of mass, base frame; or a mapping
-                from frames and links to six numbers, (6,) or (..., 6), base frame: at a frame's origin, about a link's
-                centre of mass.  Frames take kinematics.
-            out: array to write to.
-            z: states of laws, (memory,), where arrays are of coordinates alone.
-        """
-        return self._loaded("generalized_force", out, (q, v), wrench, z)
-
-    def residual(
-        self,
-        q: ArrayLike,
-        v: ArrayLike,
-        a: ArrayLike,
-        u: ArrayLike,
-        *,
-        wrench: WrenchLike | None = None,
-        out: Array | None = None,
-        z: ArrayLike | None = None,
-    ) -> Array:
-        """Return M a + bias - generalized_force - u, (n,), N or N m; zero on a motion.
-
-        Args:
-            q, v, a, u: (n,).
-            wrench: as in ``generalized_force``.
-            out: array to write to.
-            z: states of laws, (memory,), where arrays are of coordinates alone.
-        """
-        return self._loaded("residual", out, (q, v, a, u), wrench, z)
-
-    def inverse_dynamics(
-        self,
-        q: ArrayLike,
-        v: ArrayLike,
-        a: ArrayLike,
-        *,
-        wrench: WrenchLike | None = None,
-        out: Array | None = None,
-        cut: bool = False,
-        z: ArrayLike | None = None,
-    ) -> Array:
-        """Return the actuator forces u, (n,), N or N m, that make a motion: the residual is zero, but for loop forces.
-
-        Of a robot with loops: M a + h = u + J^T lambda with u at the coordinates that have a drive alone, prescribed
-        ones among them, and 0 elsewhere; of several possible drives the least by the sum of their squares.
-
-        Args:
-            q, v, a: (n,), a motion that keeps the loops closed.
-            wrench: as in ``generalized_force``.
-            out: array to write to.
-            cut: of a robot with loops, that its loops are open: of the tree alone, at every coordinate.
-            z: states of laws, (memory,), where arrays are of coordinates alone.
-
-        Raises:
-            LoopError: a loop is open, opening, or opens at the accelerations, by more than 1e-9 (float32: 1e-5) m or
-                rad (per second and the largest rate; per second squared and the largest acceleration); or these drives
-                cannot make the motion.
-        """
-        return self._driving("inverse_dynamics", out, (q, v, a), wrench, cut=cut, z=z)
-
-    def forward_dynamics(
-        self,
-        q: ArrayLike,
-        v: ArrayLike,
-        u: ArrayLike,
-        z: ArrayLike | None = None,
-        *,
-        wrench: WrenchLike | None = None,
-        out: Array | None = None,
-        cut: bool = False,
-    ) -> Array:
-        """Return accelerations, (n,), m/s^2 or rad/s^2, under the drives u.
-
-        In ``u`` a prescribed coordinate has its acceleration, m/s^2 or rad/s^2, which the result repeats; the force
-        that this takes is ``inverse_dynamics`` at the result.  Loops are closed.
-
-        Args:
-            q, v, u: (n,).
-            z: states of laws, (memory,); the arrays and the result are then those of coordinates alone.
-            wrench: as in ``generalized_force``.
-            out: array to write to.
-            cut: of a robot with loops, that its loops are open: of the tree alone.
-
-        Raises:
-            SingularError: M cannot be inverted in this state.
-            LoopError: a loop is open, or opening, by more than 1e-9 (float32: 1e-5) m or rad (per second and the
-                largest rate).
-        """
-        if wrench is not None and z is not None and self.calls.arrays.has_drives:
-            whole = self.forward_dynamics(*self._behind(q, v, u, z), wrench=wrench, cut=cut)
-            return self.calls.arrays.written(cut_states(self.calls, whole, "vector"), out)
-        if wrench is not None:
-            u = self._with_wrench(q, u, wrench)
-        name = "forward_dynamics"
-        return self.calls.run(self.calls.of_tree(name) if flag("cut", cut) else name, out, (q, v, u), z=z)
-
-    def memory_rates(self, q: ArrayLike, v: ArrayLike, z: ArrayLike, u: ArrayLike | None = None) -> Array:
-        """Return the rates of the states of laws, (memory,), per s.
-
-        Args:
-            q, v: coordinates and their rates, (n,).
-            z: states, (memory,).
+            z: internal states, (m,).
             u: drives, (n,); zeros by default.
         """
-        n = len(self.coordinates)
-        drives = np.zeros(n, self.dtype) if u is None else u
-        return np.ascontiguousarray(self.forward_dynamics(*self._behind(q, v, drives, z))[..., n:])
+        drives = np.zeros(self.n, self.dtype) if u is None else u
+        joined = self.calls.join_arguments(name_of(self.forward_dynamics), (q, v, drives), z)
+        return np.ascontiguousarray(self.augmented.forward_dynamics(*joined)[..., self.n :])
 
     def constraint_forces(
         self,
@@ -236,66 +101,21 @@ class Kernel(Differentiation, TimeDerivatives, InverseKinematics, Rollouts):
             q, v, u: (n,), as in ``forward_dynamics``.
             wrench: as in ``generalized_force``.
             out: array to write to.
-            z: states of laws, (memory,), where arrays are of coordinates alone.
+            z: internal states, (m,).
 
         Raises:
             SingularError, LoopError: as of ``forward_dynamics``.
             UnknownNameError: the robot has no loops or rigid couplings.
         """
-        if wrench is not None and z is not None and self.calls.arrays.has_drives:
-            (q, v, u), z = self._behind(q, v, u, z), None
-        under = u if wrench is None else self._with_wrench(q, u, wrench)
         if not self.couplings:
-            return self.calls.run("constraint_forces", out, (q, v, under), z=z)
-        a = self.forward_dynamics(q, v, under, z)
+            return self._bound[name_of(self.constraint_forces)](q, v, u, wrench, z, out)
+        a = self.forward_dynamics(q, v, u, z, wrench=wrench)
         forces = self.coupling_forces(q, v, a, wrench=wrench, z=z)
         if self.constraints:
-            forces = np.concatenate([self.calls.run("constraint_forces", None, (q, v, under), z=z), forces], axis=-1)
+            forces = np.concatenate(
+                [self._bound[name_of(self.constraint_forces)](q, v, u, wrench, z, None), forces], axis=-1
+            )
         return self.calls.arrays.written(forces, out)
-
-    def coupling_forces(
-        self,
-        q: ArrayLike,
-        v: ArrayLike,
-        a: ArrayLike,
-        *,
-        wrench: WrenchLike | None = None,
-        out: Array | None = None,
-        z: ArrayLike | None = None,
-    ) -> Array:
-        """Return forces on the followers of ``couplings`` that a motion takes, (couplings,), N or N m.
-
-        A coupling exerts it on its follower, and -ratio times as much on what that follows.
-
-        Args:
-            q, v, a: (n,).
-            wrench: as in ``generalized_force``.
-            out: array to write to.
-            z: states of laws, (memory,), where arrays are of coordinates alone.
-
-        Raises:
-            UnknownNameError: no rigid coupling makes followers of coordinates.
-        """
-        return self._loaded("coupling_forces", out, (q, v, a), wrench, z)
-
-    def _loaded(
-        self,
-        name: str,
-        out: Array | None,
-        values: tuple[ArrayLike, ...],
-        wrench: WrenchLike | None,
-        z: ArrayLike | None,
-    ) -> Array:
-        """Compute a function of q and more with what wrenches add to it."""
-        return self.calls.run_with_wrench(name, out, values, wrench_rows(self.calls, values[0], wrench), z)
-
-    def _with_wrench(self, q: ArrayLike, u: ArrayLike, wrench: WrenchLike) -> Array:
-        """Return drives with the generalized forces of wrenches; of a prescribed coordinate its acceleration."""
-        external = self.external_force(q, wrench)
-        drives, lead = self.calls.array("u", u, external.shape[-1:])
-        joint_lead("u", lead, external.shape[:-1])
-        external[..., self._given] = 0  # where u is an acceleration
-        return self.calls.arrays.beside_drives(drives, external)
 
     def drive_forces(
         self, q: ArrayLike, v: ArrayLike, u: ArrayLike, z: ArrayLike | None = None, *, out: Array | None = None
@@ -304,213 +124,18 @@ class Kernel(Differentiation, TimeDerivatives, InverseKinematics, Rollouts):
 
         Args:
             q, v, u: (n,).
-            z: states of laws, (memory,); the arrays and the result are then those of coordinates alone.  Without it
-                arrays have these states, and behind the forces stand those on the states: of a winding's current the
-                voltage less what the motion induces, so that forces by velocities are the power that drives take in.
+            z: internal states, (m,).
             out: array to write to.
         """
         if not self.calls.arrays.has_drives:
             return self.calls.arrays.written(self._undriven(q, v, u, z), out)
-        return self.calls.run("drive_forces", out, (q, v, u), z=z)
+        return self._bound[name_of(self.drive_forces)](q, v, u, z, out)
 
     def _undriven(self, q: ArrayLike, v: ArrayLike, u: ArrayLike, z: ArrayLike | None) -> Array:
-        """Return u, which is the forces where no drive takes it otherwise, as long as the arrays are."""
-        if z is not None:
-            states_apart(self.calls, z)
-        forces, lead = whole_array(self.calls, "u", u)
-        for label, value in (("q", q), ("v", v)):
-            lead = joint_lead(label, whole_array(self.calls, label, value)[1], lead)
-        width = self.calls.narrow if z is not None or is_narrow(self.calls, u) else self.n
-        return np.array(np.broadcast_to(forces, (*lead, self.n))[..., :width])
-
-    def _behind(self, q: ArrayLike, v: ArrayLike, u: ArrayLike, z: ArrayLike) -> tuple[Array, Array, Array]:
-        """Return arrays of coordinates with room for states of laws behind them, z behind v."""
-        states = states_apart(self.calls, z)
-        return widened(self.calls, "q", q), widened(self.calls, "v", v, states), widened(self.calls, "u", u)
-
-    def euler_cosines(self, q: ArrayLike, *, out: Array | None = None) -> Array:
-        """Return the cosine of beta of each joint with three angles, (joints,); 1 for other joints.
-
-        At 0 the Euler angles are singular (beta = +-pi/2) and forward dynamics has no solution; near it,
-        accelerations of alpha and gamma lose as many digits as the cosine has zeros.
-        """
-        return self.calls.run("euler_cosines", out, (q,))
-
-    def external_force(self, q: ArrayLike, wrench: WrenchLike, *, out: Array | None = None) -> Array:
-        """Return Q_F of eq. (14), its moment term corrected, (n,), N or N m, of wrenches in the base frame.
-
-        Args:
-            q: (n,).
-            wrench: as in ``generalized_force``.
-            out: array to write to.
-        """
-        rows = wrench_rows(self.calls, q, wrench)
-        assert rows is not None
-        return self.calls.run("external_force", out, (q, rows))
-
-    def coriolis_matrix(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
-        """Return the Coriolis matrix C(q, v), (n, n), by Christoffel symbols: C v = bias, M_dot = C + C^T."""
-        return self.calls.run("coriolis_matrix", out, (q, v))
-
-    def christoffel(self, q: ArrayLike, *, out: Array | None = None) -> Array:
-        """Return Christoffel symbols of the first kind, (n, n, n): C^svw of eq. (12), symmetric in the last two."""
-        return self.calls.run("christoffel", out, (q,))
-
-    def energy(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None, z: ArrayLike | None = None) -> Array:
-        """Return (kinetic, potential) energy, (2,), J: eq. (4); gravity (zero at the base's origin), springs, states z.
-
-        Args:
-            q, v: (n,).
-            out: array to write to.
-            z: states of laws, (memory,), where arrays are of coordinates alone.
-        """
-        return self.calls.run("energy", out, (q, v), z=z)
-
-    def reactions(
-        self,
-        q: ArrayLike,
-        v: ArrayLike,
-        a: ArrayLike,
-        *,
-        wrench: WrenchLike | None = None,
-        out: Array | None = None,
-        cut: bool = False,
-        z: ArrayLike | None = None,
-    ) -> Array:
-        """Return the wrench of each joint on its child link, (joints, 6): force (N), moment (N m) at the joint.
-
-        In the axes of the joint's frame after its motion (z is the principal axis), at that frame's origin.  The
-        joint's springs, dampers and drives are in it.  Springs between points act on the links, so that what
-        they carry passes the joints by.  The cut joints of loops act on them, too, by the forces of
-        ``loop_reactions``.
-
-        Args:
-            q, v, a: (n,).
-            wrench: external wrenches as in ``generalized_force``.
-            out: array to write to.
-            cut: of a robot with loops, that its loops are open: no force passes through them.
-            z: states of laws, (memory,), where arrays are of coordinates alone.
-
-        Raises:
-            LoopError: as of ``inverse_dynamics``.
-        """
-        return self._driving("reactions", out, (q, v, a), wrench, cut=cut, z=z)
-
-    def regressor(self, q: ArrayLike, v: ArrayLike, a: ArrayLike, *, out: Array | None = None) -> Array:
-        """Return Y(q, v, a), (n, parameters): inverse dynamics without springs and dampers is Y theta, N or N m.
-
-        The columns have the names ``regressor_names``: ten of each link that moves against its parent, with all that is
-        fixed to it, then one of every armature.  Of a link they are m (kg), m c by x, y and z (kg m) and the inertia
-        xx, xy, xz, yy, yz, zz (kg m^2) about the origin and along the axes of its frame, not about its centre of
-        mass: "link1.m", "link1.mx", "link1.ixx"; products of inertia as in the description, minus the integral of x y.
-        Columns of links that do not hang on a coordinate are zero in its row.  Of a robot with loops: of its open tree.
-        Of a link that bends they are those of the link while nothing bends; what its modes need beside that is in no
-        column.  A node of it has ten of its own: of what is fixed there, such as "arm_tip.m".
-
-        Args:
-            q, v, a: (n,).
-            out: array to write to.
-        """
-        return self.calls.run("regressor", out, (q, v, a))
-
-    def loop_reactions(
-        self,
-        q: ArrayLike,
-        v: ArrayLike,
-        a: ArrayLike,
-        *,
-        wrench: WrenchLike | None = None,
-        out: Array | None = None,
-        z: ArrayLike | None = None,
-    ) -> Array:
-        """Return the wrench that each loop's cut joint exerts on its second link, (loops, 6): force (N), moment (N m).
-
-        At the origin and in the axes of the cut frame on that link; the first link feels the opposite.  Components
-        that the joint leaves free are zero, elastic ones what their laws say.  Where constraints are redundant, those
-        of them that rigid bodies do not determine have about the least norm.
-
-        Args:
-            q, v, a: (n,), a motion that keeps the loops closed, made by drives at the coordinates that have one.
-            wrench: as in ``generalized_force``.
-            out: array to write to.
-            z: states of laws, (memory,), where arrays are of coordinates alone.
-
-        Raises:
-            LoopError: as of ``inverse_dynamics``.
-            UnknownNameError: the robot has no loops.
-        """
-        if wrench is None or not self.constraints:
-            return self.calls.run("loop_reactions", out, (q, v, a), z=z)
-        return self.calls.run("loop_reactions_under_load", out, (q, v, a, self.external_force(q, wrench)), z=z)
-
-    def _driving(
-        self,
-        name: str,
-        out: Array | None,
-        values: tuple[ArrayLike, ...],
-        wrench: WrenchLike | None,
-        *,
-        cut: bool,
-        z: ArrayLike | None,
-    ) -> Array:
-        """Compute what a motion takes, with its loops closed or cut; see ``Calls.run_with_wrench``."""
-        if flag("cut", cut) or not self.constraints:
-            return self._loaded(self.calls.of_tree(name), out, values, wrench, z)
-        if wrench is None:
-            return self.calls.run(name, out, values, z=z)
-        under = (*values, self.external_force(values[0], wrench))
-        if name != "reactions":
-            return self.calls.run(f"{name}{LOADED}", out, under, z=z)
-        return self._loaded(f"{name}{LOADED}", out, under, wrench, z)
-
-    def spring_forces(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
-        """Return length (m) and tension (N) of every point-to-point spring, (springs, 2), in the order of ``springs``.
-
-        Tension is positive where the spring pulls its points together; dampers are in it.
-        """
-        return self.calls.run("spring_forces", out, (q, v))
-
-    def spring_jacobian(self, q: ArrayLike, *, out: Array | None = None) -> Array:
-        """Return derivatives of the springs' lengths by q, (springs, n), m or m/rad: the tensions' moment arms.
-
-        The springs' generalized force is minus its transpose times the tensions.
-        """
-        return self.calls.run("spring_jacobian", out, (q,))
-
-    def element_forces(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
-        """Return the value (m, rad) and resisting force (N, N m) of each of ``element_rows``, (element_rows, 2).
-
-        The value is that of a coordinate of the frame on the second link as seen from that on the first; dampers are
-        in the force.
-        """
-        return self.calls.run("element_forces", out, (q, v))
-
-    def element_jacobian(self, q: ArrayLike, *, out: Array | None = None) -> Array:
-        """Return derivatives of the values in ``element_forces`` by q, (element_rows, n), in their units per m or rad.
-
-        The elements' generalized force is minus its transpose times the resisting forces.
-        """
-        return self.calls.run("element_jacobian", out, (q,))
-
-    def cut_forces(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
-        """Return the deviation (m, rad) and resisting force (N, N m) of everything in ``cut_laws``, (cut_laws, 2).
-
-        The deviation is that of the cut joint's coordinate (of the frame on its second link as seen from the first)
-        from its offset, or of a coupled coordinate from what it is coupled to; dampers and friction are in the force.
-        """
-        return self.calls.run("cut_forces", out, (q, v))
-
-    def cut_jacobian(self, q: ArrayLike, *, out: Array | None = None) -> Array:
-        """Return derivatives of the deviations in ``cut_forces`` by q, (cut_laws, n), in their units per m or rad.
-
-        The generalized force is minus its transpose times the resisting forces.
-        """
-        return self.calls.run("cut_jacobian", out, (q,))
-
-    def spring_stiffness(self, q: ArrayLike, *, out: Array | None = None) -> Array:
-        """Return an upper bound of the springs' stiffness matrix, (n, n), N/m, N or N m/rad; positive semidefinite.
-
-        The sum of k D^T D, D the derivative by q of the vector between a spring's points, seen from the last link that
-        moves both, k its stiffness in all directions: of a curve that of its steepest piece, of a cable as if taut.
-        """
-        return self.calls.run("spring_stiffness", out, (q,))
+        """Return u, which is the forces where no drive takes it otherwise."""
+        lead: tuple[int, ...] = ()
+        for label, value, states in (("q", q, None), ("v", v, z), ("u", u, None)):
+            joined = self.calls.join(label, value, states)
+            array, own = self.calls.augmented.array(label, joined, (self.augmented.n,))
+            lead = joint_lead(label, own, lead)
+        return self.calls.split(np.array(np.broadcast_to(array, (*lead, self.augmented.n))), "vector")

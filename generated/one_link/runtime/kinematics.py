@@ -9,7 +9,6 @@ from numpy.typing import ArrayLike
 
 from ..errors import InputError
 from ..names import show
-from .arrays import is_narrow
 from .compiled_code import CompiledCode
 from .raw import Array
 
@@ -19,52 +18,6 @@ REFERENCES: tuple[str, ...] = get_args(Reference)
 
 class Kinematics(CompiledCode):
     """Kinematics of frames and of the links' masses."""
-
-    def frame_pose(self, q: ArrayLike, frame: str, *, out: Array | None = None) -> Array:
-        """Return A_0k of a frame or link in the base, (4, 4), m; eqs. (1) and (2).
-
-        Raises:
-            UnknownNameError: no frame or link of that name.
-        """
-        return self.calls.run("frame_pose", out, (q,), (self.frame_index(frame),))
-
-    def frame_jacobian(self, q: ArrayLike, frame: str, *, out: Array | None = None) -> Array:
-        """Return a frame's Jacobian, (6, n), in the base frame: its origin's velocity, then angular velocity, per rate.
-
-        Raises:
-            UnknownNameError: no frame or link of that name.
-        """
-        return self.calls.run("frame_jacobian", out, (q,), (self.frame_index(frame),))
-
-    def frame_velocities(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
-        """Return velocities of frames, (frames, 6), in the base frame: of the origin (m/s), then angular (rad/s)."""
-        return self.calls.run("frame_velocities", out, (q, v))
-
-    def frame_accelerations(self, q: ArrayLike, v: ArrayLike, a: ArrayLike, *, out: Array | None = None) -> Array:
-        """Return accelerations of frames, (frames, 6), in the base frame: of origins (m/s^2), then angular (rad/s^2).
-
-        Gravity is not in it: a frame at rest has none.
-        """
-        return self.calls.run("frame_accelerations", out, (q, v, a))
-
-    def imu(self, q: ArrayLike, v: ArrayLike, a: ArrayLike, *, out: Array | None = None) -> Array:
-        """Return what IMUs on all frames read, (frames, 6), each in its frame's axes.
-
-        Of its accelerometer the specific force R^T (a - g), m/s^2, of its gyroscope the angular rate R^T w, rad/s: at
-        rest it reads the acceleration that holds it against gravity.
-        """
-        return self.calls.run("imu", out, (q, v, a))
-
-    def measurement(self, q: ArrayLike, v: ArrayLike, a: ArrayLike, *, out: Array | None = None) -> Array:
-        """Return readings of the robot's sensors, (readings,), in the order of ``eomgen.control.Measurement.names``."""
-        return self.calls.run("measurement", out, (q, v, a))
-
-    def generalized_momentum(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
-        """Return the generalized momentum p = M v and, below it, C^T v = dT/dq, (2, n).
-
-        On a motion p' = u + C^T v + generalized_force(q, v) + external forces, which a momentum observer finds so.
-        """
-        return self.calls.run("generalized_momentum", out, (q, v))
 
     def frame_velocity(
         self, q: ArrayLike, v: ArrayLike, frame: str, reference: Reference = "LOCAL_WORLD_ALIGNED"
@@ -128,8 +81,7 @@ class Kinematics(CompiledCode):
             UnknownNameError: no frame or link of that name.
             InputError: another reference.
         """
-        n = len(self.coordinates) if is_narrow(self.calls, q) else self.n
-        return self.frame_acceleration(q, v, np.zeros(n, self.dtype), frame, reference)
+        return self.frame_acceleration(q, v, np.zeros(self.n, self.dtype), frame, reference)
 
     def _in_axes(self, q: ArrayLike, frame: str, reference: str, linear: Array, angular: Array) -> Array:
         """Return two vectors of the base frame one behind the other, in the axes of a reference."""
@@ -137,20 +89,6 @@ class Kinematics(CompiledCode):
         if reference == "LOCAL":
             both = both @ self.frame_pose(q, frame)[..., :3, :3]
         return np.asarray(both.reshape(*both.shape[:-2], 6))
-
-    def center_of_mass(self, q: ArrayLike, *, out: Array | None = None) -> Array:
-        """Return the center of mass of the links that move, (3,), m, in the base frame.
-
-        Links that are fixed to the base do not count.
-        """
-        return self.calls.run("center_of_mass", out, (q,))
-
-    def centroidal_momentum(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
-        """Return the momentum of moving links, (6,), base frame: linear (kg m/s), angular about the center (kg m^2/s).
-
-        Rotors of motors (``armature``) are not in it: a description does not say about which axes they turn.
-        """
-        return self.calls.run("centroidal_momentum", out, (q, v))
 
 
 def _checked(reference: Any) -> str:

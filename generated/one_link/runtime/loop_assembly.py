@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError, LoopError, UnknownNameError
 from ..names import joint_of, kind_of, listed, parameter_name, parameter_path, show
-from .arrays import cut, is_narrow, joint_lead, names_in, place_of, whole_array, widened
+from .arrays import joint_lead, names_in, place_of
 from .calls import Calls
 from .compiled_code import CompiledCode
 from .loop_errors import left_open
@@ -35,27 +35,7 @@ SAME = 1e-6  # m or rad: roots that differ by less are one
 class LoopClosure(CompiledCode):
     """The constraint of closed loops, and states that meet it."""
 
-    def constraint(self, q: ArrayLike, *, out: Array | None = None) -> Array:
-        """Return g(q), (constraints,): zero where the loops are closed.
-
-        Of frame b on a loop's second link, seen from frame a on its first: x, y, z (m) of its origin, and sines of its
-        turns alpha, beta, gamma about x, y, z, as far as the cut joint blocks them (``eomgen.robot.cuts``).
-        """
-        return self.calls.run("constraint", out, (q,))
-
-    def constraint_jacobian(self, q: ArrayLike, *, out: Array | None = None) -> Array:
-        """Return J = dg/dq, (constraints, n), exact; J v is the rate of g."""
-        return self.calls.run("constraint_jacobian", out, (q,))
-
-    def constraint_bias(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
-        """Return J_dot v, (constraints,): the second derivative of g is J a + J_dot v."""
-        return self.calls.run("constraint_bias", out, (q, v))
-
-    def cut_poses(self, q: ArrayLike, *, out: Array | None = None) -> Array:
-        """Return the pose of frame b seen from frame a of each loop, (loops, 4, 4), m: the motion of the cut joint."""
-        return self.calls.run("cut_poses", out, (q,))
-
-    def cut_coordinates(self, q: ArrayLike) -> Array:
+    def loop_coordinates(self, q: ArrayLike) -> Array:
         """Return coordinates of loop joints, (loops, 6): x, y, z (m), alpha, beta, gamma (rad) as of other joints.
 
         They are those of frame b on a loop's second link, seen from frame a on its first, where the angles turn about
@@ -70,12 +50,12 @@ class LoopClosure(CompiledCode):
         )
         return np.concatenate([poses[..., :3, 3], np.stack(angles, axis=-1)], axis=-1)
 
-    def assemble(self, q: ArrayLike, held: Iterable[str] = (), *, roots: int | None = None) -> Array:
+    def assemble(self, q: ArrayLike, fixed: Iterable[str] = (), *, roots: int | None = None) -> Array:
         """Assemble: return coordinates near a guess that close all loops, (n,), by the Levenberg-Marquardt method.
 
         Args:
             q: the guess, (n,), or many of them.
-            held: names of coordinates that stay at their guess; prescribed ones do.
+            fixed: names of coordinates that stay at their guess; prescribed ones do.
             roots: find so many ways to close the loops, or as many as there are, from random guesses about this one
                 (always the same): (roots, n), the nearest first, angles within half a turn of the guess.  Where fewer
                 coordinates are held than the mechanism has freedoms, they are any of infinitely many.
@@ -86,17 +66,15 @@ class LoopClosure(CompiledCode):
             InputError: the robot has no loops, or roots of many states are asked for.
         """
         calls = self.calls
-        if is_narrow(calls, q):
-            return cut(calls, self.assemble(widened(calls, "q", q), held, roots=roots), "vector")
         if roots is not None:
-            return _roots(calls, q, held, roots)
+            return _roots(calls, q, fixed, roots)
         guesses, lead = calls.array("q", q, (calls.n,))
-        closed, violations = _closed(calls, guesses.reshape(-1, calls.n), free_coordinates(calls, held))
+        closed, violations = _closed(calls, guesses.reshape(-1, calls.n), free_coordinates(calls, fixed))
         _refuse_violations(calls, closed, violations, lead)
         _refuse_turned_over(calls, closed, lead)
         return closed.reshape(guesses.shape)
 
-    def project_velocity(self, q: ArrayLike, v: ArrayLike, held: Iterable[str] = ()) -> Array:
+    def project_velocity(self, q: ArrayLike, v: ArrayLike, fixed: Iterable[str] = ()) -> Array:
         """Project velocities: return those that keep loops closed, (n,), with least kinetic energy of the change.
 
         That is what a sudden closing of the loops makes of the guess, too.
@@ -104,7 +82,7 @@ class LoopClosure(CompiledCode):
         Args:
             q: coordinates that close the loops, (n,).
             v: the guess, (n,).
-            held: names of coordinates whose rates stay; those of prescribed ones do.
+            fixed: names of coordinates whose rates stay; those of prescribed ones do.
 
         Raises:
             LoopError: the loops are open at q, or the rates that are held open one; names it and what remains.
@@ -112,12 +90,12 @@ class LoopClosure(CompiledCode):
             UnknownNameError, InputError: as of ``assemble``.
         """
         calls = self.calls
-        n, free = calls.n, free_coordinates(calls, held)
-        states, of_q = whole_array(calls, "q", q)
-        guesses, of_v = whole_array(calls, "v", v)
+        n, free = calls.n, free_coordinates(calls, fixed)
+        states, of_q = calls.array("q", q, (n,))
+        guesses, of_v = calls.array("v", v, (n,))
         lead = joint_lead("v", of_v, of_q)
         states, moving = (np.broadcast_to(x, (*lead, n)).reshape(-1, n).copy() for x in (states, guesses))
-        violations = calls.run("constraint", None, (states,))
+        violations = calls.run(CompiledCode.constraint, None, (states,))
         _refuse(
             calls, violations, OPEN[calls.dtype.itemsize], "is open", "q of kernel.assemble", lambda i: _place(i, lead)
         )
@@ -126,10 +104,7 @@ class LoopClosure(CompiledCode):
             turned, guess = group.turned(states[group.rows], moving[group.rows])
             velocities = closed_rates(group.calls, turned, guess, free, place)
             moving[group.rows] = group.described(turned, velocities, states[group.rows], place)[1]
-        rates = np.asarray(moving.reshape(*lead, n))
-        return cut(calls, rates, "vector") if is_narrow(calls, v) else rates
-
-    close, close_rates = assemble, project_velocity  # their names of before
+        return np.asarray(moving.reshape(*lead, n))
 
 
 def closed_near(calls: Calls, guess: Array, free: Mask) -> Array | None:
@@ -152,7 +127,7 @@ def tangent_directions(calls: Calls, q: Array, weights: Array) -> Array:
         calls: of a robot with loops.
         weights: (n,); 0 where a coordinate stays.
     """
-    _, S, Vt = np.linalg.svd(calls.run("constraint_jacobian", None, (q,)) * weights)
+    _, S, Vt = np.linalg.svd(calls.run(CompiledCode.constraint_jacobian, None, (q,)) * weights)
     rank = int(np.count_nonzero(RANK[calls.dtype.itemsize] * S.max(initial=0.0) < S))
     return np.asarray(Vt[rank:].T)
 
@@ -164,7 +139,7 @@ def closed_rates(calls: Calls, states: Array, moving: Array, free: Mask, place: 
         rest: of time derivatives of higher order what the constraint's has beside J times them, (N, m).
     """
     bits, moving = calls.dtype.itemsize, moving.copy()
-    J = calls.run("constraint_jacobian", None, (states,))
+    J = calls.run(CompiledCode.constraint_jacobian, None, (states,))
     if free.any():
         back, scaled = _scaled(calls, states, J, free, place)
         pseudo = np.linalg.pinv(scaled, rcond=RANK[bits])
@@ -256,7 +231,7 @@ def _roots(calls: Calls, q: ArrayLike, held: Iterable[str], number: int) -> Arra
     turns = _turns(calls)
     spread = np.where(turns, np.pi, max(REACH, float(np.abs(guess[~turns]).max(initial=0.0))))
     tried[1:] += (rng.uniform(-1.0, 1.0, tried[1:].shape) * spread).astype(calls.dtype)
-    with_effect = free & (np.abs(calls.run("constraint_jacobian", None, (tried,))).max(axis=(0, 1)) > 0.0)
+    with_effect = free & (np.abs(calls.run(CompiledCode.constraint_jacobian, None, (tried,))).max(axis=(0, 1)) > 0.0)
     tried[:, ~with_effect] = guess[~with_effect]
     states, violations = _closed(calls, tried, with_effect)
     closed = np.abs(violations).max(axis=1) <= CLOSED[calls.dtype.itemsize]
@@ -278,7 +253,7 @@ def _roots(calls: Calls, q: ArrayLike, held: Iterable[str], number: int) -> Arra
 
 def _closed(calls: Calls, guesses: Array, free: Mask) -> tuple[Array, Array]:
     """Close states, (N, n), by the Levenberg-Marquardt method; return them and their constraint violations, (N, m)."""
-    q, violations = guesses.copy(), calls.run("constraint", None, (guesses,))
+    q, violations = guesses.copy(), calls.run(CompiledCode.constraint, None, (guesses,))
     for group in _chart_groups(calls, guesses, free):
         still = np.zeros_like(guesses[group.rows])
         solution, violations[group.rows] = _by_steps(group.calls, group.turned(guesses[group.rows], still)[0], free)
@@ -289,17 +264,17 @@ def _closed(calls: Calls, guesses: Array, free: Mask) -> tuple[Array, Array]:
 def _by_steps(calls: Calls, guesses: Array, free: Mask) -> tuple[Array, Array]:
     """Close guesses in the coordinates that these calls know."""
     q, enough = guesses.copy(), CLOSED[calls.dtype.itemsize]
-    g = calls.run("constraint", None, (q,))
+    g = calls.run(CompiledCode.constraint, None, (q,))
     damping = np.full(len(q), 1e-3)
     for _ in range(ROUNDS if free.any() else 0):
         todo = np.flatnonzero((np.abs(g).max(axis=1) > enough) & (damping <= 1e12))
         if not todo.size:
             break
         violation = np.linalg.norm(g[todo], axis=1)
-        J = calls.run("constraint_jacobian", None, (q[todo],))[:, :, free]
+        J = calls.run(CompiledCode.constraint_jacobian, None, (q[todo],))[:, :, free]
         trial = q[todo]
         trial[:, free] += _damped_step(J, g[todo], damping[todo] * violation).astype(calls.dtype)
-        trial_violations = calls.run("constraint", None, (trial,))
+        trial_violations = calls.run(CompiledCode.constraint, None, (trial,))
         better = np.linalg.norm(trial_violations, axis=1) < violation
         q[todo[better]], g[todo[better]] = trial[better], trial_violations[better]
         damping[todo] = np.where(better, np.maximum(0.2 * damping[todo], 1e-12), 5.0 * damping[todo])
@@ -317,7 +292,7 @@ def _damped_step(J: Array, g: Array, damping: Array) -> Array:
 
 def _scaled(calls: Calls, q: Array, J: Array, free: Mask, place: Place) -> tuple[Array, Array]:
     """Return L^-T and J L^-T of the free coordinates of states, M = L L^T."""
-    M = calls.run("mass_matrix", None, (q,))[:, free][:, :, free]
+    M = calls.run(CompiledCode.mass_matrix, None, (q,))[:, free][:, :, free]
     try:
         L = np.linalg.cholesky(M)
     except np.linalg.LinAlgError:
@@ -327,17 +302,17 @@ def _scaled(calls: Calls, q: Array, J: Array, free: Mask, place: Place) -> tuple
     return back, J[:, :, free] @ back
 
 
-def free_coordinates(calls: Calls, held: Iterable[str]) -> Mask:
-    """Return the mask of coordinates that may change, (n,); UnknownNameError for an unknown name in ``held``."""
+def free_coordinates(calls: Calls, fixed: Iterable[str], label: str = "fixed") -> Mask:
+    """Return the mask of coordinates that may change, (n,); UnknownNameError, with the label, of an unknown name."""
     if not calls.raw.libraries.meta.get("constraints"):
         allowed = "a kernel of a robot with rigid [[loops]] or [[couplings]]"
         raise InputError(f"close: {calls.raw.name} has nothing to close; allowed: {allowed}")
-    kept = {*([held] if isinstance(held, str) else names_in("held", held))}
+    kept = {*([fixed] if isinstance(fixed, str) else names_in(label, fixed))}
     for name in kept:
-        if name not in calls.coordinates[: calls.narrow]:
-            known = ", ".join(calls.coordinates[: calls.narrow])
-            raise UnknownNameError(f"held: {show(name)} is unknown; known: {known}")
-    kept |= {*calls.prescribed, *calls.memory}
+        if name not in calls.coordinates or name in calls.internal_states:
+            known = ", ".join(x for x in calls.coordinates if x not in calls.internal_states)
+            raise UnknownNameError(f"{label}: {show(name)} is unknown; known: {known}")
+    kept |= {*calls.prescribed, *calls.internal_states}
     return np.array([name not in kept for name in calls.coordinates])
 
 
@@ -352,7 +327,7 @@ def _turned_over(calls: Calls, q: Array) -> NDArray[np.intp]:
     upright: Mapping[str, list[tuple[float, int, int]]] = calls.raw.libraries.meta.get("upright", {})
     if not any(upright.values()):
         return loops
-    poses = calls.run("cut_poses", None, (q,))
+    poses = calls.run(CompiledCode.cut_poses, None, (q,))
     for loop, terms in reversed(list(enumerate(upright.values()))):
         if terms:
             loops[sum(factor * poses[:, loop, i, j] for factor, i, j in terms) <= 0.0] = loop
@@ -398,7 +373,7 @@ def _offsets(calls: Calls, q: Array, violations: Array) -> list[str]:
         if kind in ("joints", "loops") and path[1:2] == ["offset"] and value != 0.0 and name not in taken_up:
             other = calls.parameters.copy()
             other[name] = 0.0
-            without = calls.with_parameters(other).run("constraint", None, (q[np.newaxis],))[0, worst]
+            without = calls.with_parameters(other).run(CompiledCode.constraint, None, (q[np.newaxis],))[0, worst]
             if abs(without - violations[worst]) > CHANGED * abs(violations[worst]):
                 offsets.append(f"{name} = {value:g}")
     return offsets

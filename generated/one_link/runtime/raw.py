@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, partial
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import _cffi_backend
 import numpy as np
@@ -15,8 +15,11 @@ from ..errors import BuildError, InputError, UnknownNameError
 from ..names import show
 
 Array = NDArray[Any]
+Method = str | Callable[..., Any]  # a method of a kernel, or its name
 
-__all__ = ["Libraries", "Library", "OneLibrary", "Operations", "RawFunction", "RawKernel", "Setup"]
+__all__ = [
+    *("Libraries", "Library", "Method", "OneLibrary", "Operations", "RawFunction", "RawKernel", "Setup", "name_of"),
+]
 
 FFI = _cffi_backend.FFI()  # knows C's own types; pointers of all libraries are of these
 POINTERS = {"float64": "double[]", "float32": "float[]"}
@@ -35,6 +38,25 @@ ENDINGS = ("h", "c", "json")  # of the files that a kernel's package has beside 
 STAGES = 5  # of a step of a rollout: four of rk4, in numbers of linearly implicit ones, and what is around them
 
 
+def name_of(method: Method) -> str:
+    """Return the name of a method of a kernel; anything else as it is."""
+    return str(getattr(method, "__name__", "")) if callable(method) else method
+
+
+class WrenchTerm(NamedTuple):
+    """Contribution of external wrenches to what a function computes.
+
+    Attributes:
+        function: of q and the wrenches, whose result is added.
+        sign: 1 or -1.
+        into: the argument that it is added to, with sign 1, where it is not the result.
+    """
+
+    function: str
+    sign: float
+    into: str = ""
+
+
 @dataclass(frozen=True)
 class RawFunction:
     """A function of C that users call.
@@ -49,6 +71,11 @@ class RawFunction:
             steps in one call).
         reads: names of the arrays that it reads, in the order of the arguments; ``RawKernel.shapes`` has their shapes.
         writes: name of the array that it writes.
+        takes: optional arguments of its method behind the arrays, in their order: "wrench", "z", "cut".
+        wrench: how external wrenches enter, if they do.
+        loaded: the function that computes the same for closed loops where generalized forces act in addition, and
+            that which gives these forces of wrenches; or ().
+        closes: whether it, or what it is a derivative of, refuses states in which loops are open.
     """
 
     name: str
@@ -57,6 +84,10 @@ class RawFunction:
     reads: tuple[str, ...]
     writes: str
     _libraries: Libraries = field(repr=False, compare=False)
+    takes: tuple[str, ...] = ()
+    wrench: WrenchTerm | None = None
+    loaded: tuple[str, ...] = ()
+    closes: bool = False
     _codes: dict[bool, tuple[Any, Library]] = field(default_factory=dict, repr=False, compare=False)
 
     @property
@@ -275,7 +306,7 @@ class RawKernel:
         self.name: str = meta["name"]
         self.dtype: np.dtype[Any] = np.dtype(meta["dtype"])
         self.shapes: dict[str, tuple[int, ...]] = {key: tuple(shape) for key, shape in meta["shapes"].items()}
-        n, m = len(meta["coordinates"]) + len(meta.get("memory", ())), len(meta.get("constraints", ()))
+        n, m = len(meta["coordinates"]) + len(meta.get("internal_states", ())), len(meta.get("constraints", ()))
         self.statuses: int = n + (3 * m + n if m else 0)
         turning = meta.get("turning", {"joints": {}, "room": 0})
         self.turning: dict[str, tuple[int, int]] = {
@@ -285,7 +316,13 @@ class RawKernel:
         self.ffi = FFI
         self.view = partial(FFI.from_buffer, POINTERS[meta["dtype"]])
         known = [
-            RawFunction(name, entry["kernel"], entry["kind"], tuple(entry["reads"]), entry["writes"], libraries)
+            RawFunction(
+                *(name, entry["kernel"], entry["kind"], tuple(entry["reads"]), entry["writes"], libraries),
+                tuple(entry.get("takes", ())),
+                WrenchTerm(*entry["wrench"]) if "wrench" in entry else None,
+                tuple(entry.get("loaded", ())),
+                closes=entry.get("closes", False),
+            )
             for name, entry in meta["functions"].items()
         ]
         self.rollout: RawFunction | None = next((x for x in known if x.kind == ROLLOUT), None)
@@ -308,17 +345,33 @@ class RawKernel:
         """Return the error that says that the kernel has no such function, and which ones it has."""
         return UnknownNameError(f"{self.name} was built without the kernel {name}; built: {', '.join(self.functions)}")
 
-    def function(self, name: str) -> RawFunction:
-        """Return a function by its name, that of ``rollout`` as well.
+    def has(self, *methods: Method) -> bool:
+        """Return whether the kernel was built with the functions of all these methods."""
+        return all(name_of(method) in self.functions for method in methods)
+
+    def function(self, name: Method) -> RawFunction:
+        """Return the function of a method, or of its own name, that of ``rollout`` as well.
 
         Raises:
             UnknownNameError: the kernel was built without it.
         """
+        name = name_of(name)
         if name in self.functions:
             return self.functions[name]
         if name in self.rollouts:
             return self.rollouts[name]
         raise self.missing(name)
+
+    def writing(self, array: str) -> RawFunction:
+        """Return the function that writes an array, of those that only one function writes, but for its derivatives.
+
+        Raises:
+            UnknownNameError: the kernel was built without it.
+        """
+        found = [x for x in self.functions.values() if x.writes == array and x.kind not in DERIVED]
+        if len(found) != 1:
+            raise self.missing(f"that writes {array}")
+        return found[0]
 
     def address(self, name: str, *, batch: bool = False) -> int:
         """Return the address of the code of a function, for programs that call it without Python.

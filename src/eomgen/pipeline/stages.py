@@ -207,10 +207,10 @@ def make_package(described: Described, tools: Tools, half: str = "", progress: S
         BuildError: see ``build``.
     """
     options = described.options
-    direct_calls.begin(tools.compiler)
     kernels = [name for name in options.kernels or OWN_KERNELS if name in available(described.model)]
     halves = (half,) if half else (SINGLES, BATCHES) if options.batches else (SINGLES,)
     parts = {one: library_objects(kernels, one) for one in halves}
+    direct_calls.begin(tools.compiler)
     library = LibraryObjects(tools.compiler, tools.flags, options.dtype, parts)
     text = rendered(described, progress, library)
     return compile_source(replace(text, source=text.source.only(half)), tools, library, progress)

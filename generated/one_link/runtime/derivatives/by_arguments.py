@@ -12,22 +12,17 @@ from numpy.typing import ArrayLike
 
 from ...errors import InputError, UnknownNameError
 from ...names import nearest_or_all, show
-from ..arrays import cut, flag, is_narrow, narrow_shape, refuse_mixed, widened
+from ..arrays import coordinate_axes
 from ..calls import Calls
 from ..compiled_code import CompiledCode
-from ..loop_errors import LOADED
 from ..parameters import parameter_slots
-from ..raw import Array
+from ..raw import Array, Method, name_of
 
 ADJOINT, TANGENT, HESSIAN = "adjoint", "tangent", "hessian"
 BY_PARAMETERS = "parameter_"
 KINDS = (ADJOINT, TANGENT, HESSIAN, f"{BY_PARAMETERS}{ADJOINT}", f"{BY_PARAMETERS}{TANGENT}")  # ends of names
 COTANGENT = "cotangent"
 FRAMED = ("poses", "jacobians")  # results of all frames at once
-CLOSED = (  # functions that refuse states in which loops are open
-    *("forward_dynamics", "constraint_forces"),
-    *(f"{name}{end}" for name in ("inverse_dynamics", "reactions", "loop_reactions") for end in ("", LOADED)),
-)
 
 
 @dataclass(frozen=True)
@@ -37,9 +32,10 @@ class Differentiated:
     Attributes:
         calls: of the kernel.
         name: the function's.
-        reads: names of the arrays that it reads.
+        reads: names of the arrays that its C reads; ``arguments`` are those of the method.
         writes: name of what its derivatives take it to write; for a function of a frame that is of all frames.
         frame_index: gives a frame's number by its name.
+        closes: whether it refuses states in which loops are open.
     """
 
     calls: Calls
@@ -47,6 +43,7 @@ class Differentiated:
     reads: tuple[str, ...]
     writes: str
     frame_index: Callable[[str], int]
+    closes: bool
 
     @classmethod
     def of(cls, calls: Calls, name: str, frame_index: Callable[[str], int]) -> Differentiated:
@@ -66,17 +63,22 @@ class Differentiated:
         function = known[f"{name}_{kinds[0]}"]
         if not kinds[0].endswith(TANGENT):
             *reads, weights = function.reads
-            return cls(calls, name, tuple(reads), weights.removeprefix(f"{COTANGENT}_"), frame_index)
+            return cls(calls, name, tuple(reads), weights.removeprefix(f"{COTANGENT}_"), frame_index, function.closes)
         arrays = len(function.reads) // 2 if kinds[0] == TANGENT else len(function.reads) - 1
-        return cls(calls, name, function.reads[:arrays], function.writes, frame_index)
+        return cls(calls, name, function.reads[:arrays], function.writes, frame_index, function.closes)
 
     @property
     def is_framed(self) -> bool:
         """True if it takes a frame's name behind its arrays."""
         return self.writes in FRAMED
 
+    @property
+    def arguments(self) -> tuple[str, ...]:
+        """Names of the method's arrays: z behind the others where its result depends on internal states."""
+        return (*self.reads, "z") if self.calls.takes_z(self.name) else self.reads
+
     def shape(self, label: str) -> tuple[int, ...]:
-        """Return the shape of an array for one state."""
+        """Return the shape of one of the C's arrays for one state."""
         return self.calls.raw.shapes[label]
 
     def state(self, args: Sequence[Any]) -> tuple[list[ArrayLike], int | None]:
@@ -87,84 +89,81 @@ class Differentiated:
             UnknownNameError: no frame of that name.
             LoopError: the function refuses such a state, as its loops are open.
         """
-        wanted = (*self.reads, "frame") if self.is_framed else self.reads
+        wanted = (*self.arguments, "frame") if self.is_framed else self.arguments
         if not isinstance(args, (tuple, list)) or len(args) != len(wanted):
             raise InputError(f"{self.name}: got {_number(args)} arguments; allowed: ({', '.join(wanted)})")
-        arrays, frame = list(args[: len(self.reads)]), None
+        arrays, frame = list(args[: len(self.arguments)]), None
         if self.is_framed:
             frame = self.frame_index(args[-1])
-        if self.name in CLOSED and self.calls.raw.libraries.meta.get("constraints"):
-            self.calls.run(self.name, None, arrays)
+        if self.closes:
+            reads = len(self.reads)
+            self.calls.run(self.name, None, arrays[:reads], z=arrays[reads] if len(arrays) > reads else None)
         return arrays, frame
 
-    def wide(self, arrays: Sequence[ArrayLike]) -> tuple[list[ArrayLike], bool]:
-        """Return arrays of the kernel's length, and whether they had numbers of coordinates alone.
-
-        Raises:
-            ArrayError: some of them had, or the function depends on the states of laws that are missing.
-        """
-        pairs = [
-            (x, value) for x, value in zip(self.reads, arrays, strict=True) if self.calls.arrays.is_by_coordinate(x)
-        ]
-        if not any(is_narrow(self.calls, value) for _, value in pairs):
-            return list(arrays), False
-        refuse_mixed(self.calls, f"{self.name}_{TANGENT}", pairs)
-        known = {label for label, _ in pairs}
-        whole = [
-            widened(self.calls, x, value) if x in known else value for x, value in zip(self.reads, arrays, strict=True)
-        ]
-        return whole, True
+    def joined(self, arrays: Sequence[ArrayLike], prefix: str = "") -> list[ArrayLike]:
+        """Return arguments, or rates of them, whose labels have a prefix, as the C reads them."""
+        z = arrays[len(self.reads)] if len(arrays) > len(self.reads) else None
+        pairs = zip(self.reads, arrays, strict=False)
+        return [self.calls.join(f"{prefix}{x}", value, z if x == "v" else None) for x, value in pairs]
 
     def run(self, kind: str, arrays: Sequence[ArrayLike], inner: int = 0) -> Array:
-        """Call one of its derivatives; the last ``inner`` leading axes are not of states.
+        """Call one of its derivatives on the C's arrays; the last ``inner`` leading axes are not of states.
 
         Raises:
             UnknownNameError: the kernel was built without it.
         """
         if f"{self.name}_{kind}" not in self.calls.raw.functions:
             raise self.calls.raw.missing(f"{self.name}_{kind}")
-        return self.calls.run(f"{self.name}_{kind}", None, arrays, inner=inner)
+        return self.calls.augmented.run(f"{self.name}_{kind}", None, arrays, inner=inner)
 
-    def weights(self, cotangent: ArrayLike, frame: int | None, narrow: bool = False) -> Array:
+    def split(self, result: Array) -> Array:
+        """Return the method's result, or a rate of it, of the C's."""
+        return self.calls.split(result, self.writes)
+
+    def weights(self, cotangent: ArrayLike, frame: int | None) -> Array:
         """Return weights of the results in the layout that derivatives read.
 
         Args:
             cotangent: of the result's shape.
             frame: its number, of a function of a frame.
-            narrow: whether the result is of coordinates alone.
 
         Raises:
             ArrayError: another shape or dtype than the function's result.
         """
         if frame is None:
-            return self._weights(cotangent, self.shape(self.writes), narrow)[0]
+            return self._weights(cotangent, self.shape(self.writes))[0]
         frames, *inner = self.shape(self.writes)
         outer = (4, 4) if self.writes == "poses" else tuple(inner)
-        weights, lead = self._weights(cotangent, outer, narrow)
+        weights, lead = self._weights(cotangent, outer)
         whole = np.zeros((*lead, frames, *inner), self.calls.dtype)
         whole[..., frame, :, :] = weights[..., : inner[0], :]
         return whole
 
-    def _weights(self, cotangent: ArrayLike, shape: tuple[int, ...], narrow: bool) -> tuple[Array, tuple[int, ...]]:
-        """Return weights of that shape, and leading axes; where they are of coordinates alone, with zeros behind."""
-        if not narrow:
-            return self.calls.array(COTANGENT, cotangent, shape)
-        part = tuple(slice(x) for x in narrow_shape(self.calls, shape, self.writes))
-        weights, lead = self.calls.array(COTANGENT, cotangent, tuple(x.stop for x in part))
+    def _weights(self, cotangent: ArrayLike, shape: tuple[int, ...]) -> tuple[Array, tuple[int, ...]]:
+        """Return weights of that shape of the C's, with zeros for internal states, and leading axes."""
+        axes = coordinate_axes(self.writes)
+        inner = (*shape[: len(shape) - axes], *(self.calls.n,) * axes)
+        if self.writes == "regressor":  # its columns are parameters
+            inner = (self.calls.n, *shape[1:])
+        weights, lead = self.calls.array(COTANGENT, cotangent, inner)
+        if inner == shape:
+            return weights, lead
         whole = np.zeros((*lead, *shape), self.calls.dtype)
-        place: tuple[Any, ...] = (..., *part)
+        place: tuple[Any, ...] = (..., *map(slice, inner))
         whole[place] = weights
         return whole, lead
 
-    def coordinate_places(self) -> list[int]:
-        """Return places of coordinates, without states of laws, among the numbers of all arguments in a row."""
-        places, begin = list[int](), 0
+    def places(self) -> list[range]:
+        """Return places of the numbers of each of the method's arrays among those of all of the C's in a row."""
+        places, begin, states = list[range](), 0, range(0)
         for label in self.reads:
-            size = math.prod(self.shape(label))
-            alone = self.calls.narrow if self.calls.arrays.is_by_coordinate(label) else size
-            places += range(begin, begin + alone)
-            begin += size
-        return places
+            end = begin + math.prod(self.shape(label))
+            is_cut = self.calls.arrays.is_by_coordinate(label)
+            places.append(range(begin, begin + self.calls.n if is_cut else end))
+            if label == "v":
+                states = range(places[-1].stop, end)
+            begin = end
+        return places if self.arguments == self.reads else [*places, states]
 
     def of_frame(self, result: Array, frame: int | None) -> Array:
         """Select a frame's result of one for all frames; derivatives of a pose's last row are zero."""
@@ -175,16 +174,13 @@ class Differentiated:
             return rows
         return np.concatenate([rows, np.zeros_like(rows[..., :1, :])], axis=-2)
 
-    def rows(self, gradient: Array, narrow: bool = False) -> tuple[Array, ...]:
-        """Split a gradient into one array per argument, in its shape; ``narrow``: of coordinates alone."""
-        gradients, begin = list[Array](), 0
-        for label in self.reads:
-            shape = self.shape(label)
-            end = begin + math.prod(shape)
-            gradients.append(gradient[..., begin:end].reshape(*gradient.shape[:-1], *shape))
-            if narrow and self.calls.arrays.is_by_coordinate(label):
-                gradients[-1] = cut(self.calls, gradients[-1], "vector")
-            begin = end
+    def rows(self, gradient: Array) -> tuple[Array, ...]:
+        """Split a gradient into one array per argument, in its shape."""
+        gradients = list[Array]()
+        for label, place in zip(self.arguments, self.places(), strict=True):
+            row = np.ascontiguousarray(gradient[..., place.start : place.stop])
+            of_links = label != "z" and not self.calls.arrays.is_by_coordinate(label)
+            gradients.append(row.reshape(*row.shape[:-1], *self.shape(label)) if of_links else row)
         return tuple(gradients)
 
 
@@ -196,7 +192,14 @@ class Differentiation(CompiledCode):
     """Jacobians, products with them, and second derivatives; exact."""
 
     def residual_jacobian(
-        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, u: ArrayLike | None = None, *, out: Array | None = None
+        self,
+        q: ArrayLike,
+        v: ArrayLike,
+        a: ArrayLike,
+        u: ArrayLike | None = None,
+        *,
+        out: Array | None = None,
+        z: ArrayLike | None = None,
     ) -> tuple[Array, Array, Array]:
         """Return exact derivatives of the residual, three (n, n): dr/dq, dr/dv and dr/da (the mass matrix).
 
@@ -206,12 +209,22 @@ class Differentiation(CompiledCode):
         Args:
             q, v, a, u: (n,).
             out: array (3, n, n) to write to; the result are views of it.
+            z: internal states, (m,).
         """
-        lead = () if u is None else self.calls.array("u", u, self.raw.shapes["u"])[1]
-        return _three(self.calls.run("residual_jacobian", out, (q, v, a), lead=lead))
+        lead = () if u is None else self.calls.array("u", u, (self.n,))[1]
+        if not lead or lead == np.shape(q)[:-1]:
+            return _three(*self._bound[name_of(self.residual_jacobian)](q, v, a, z, out))
+        return _three(*np.moveaxis(self.calls.run(self.residual_jacobian, out, (q, v, a), lead=lead, z=z), -3, 0))
 
     def forward_dynamics_jacobian(
-        self, q: ArrayLike, v: ArrayLike, u: ArrayLike, *, out: Array | None = None, cut: bool = False
+        self,
+        q: ArrayLike,
+        v: ArrayLike,
+        u: ArrayLike,
+        z: ArrayLike | None = None,
+        *,
+        out: Array | None = None,
+        cut: bool = False,
     ) -> tuple[Array, Array, Array]:
         """Return exact derivatives of accelerations, three (n, n): da/dq, da/dv and da/du (the inverse mass matrix).
 
@@ -223,18 +236,18 @@ class Differentiation(CompiledCode):
 
         Args:
             q, v, u: (n,).
+            z: internal states, (m,).
             out: array (3, n, n) to write to; the result are views of it.
             cut: of a robot with loops, that its loops are open: of the tree alone.
 
         Raises:
             SingularError, LoopError: as of ``forward_dynamics``.
         """
-        name = "forward_dynamics_jacobian"
-        return _three(self.calls.run(self.calls.of_tree(name) if flag("cut", cut) else name, out, (q, v, u)))
+        return _three(*self._bound[name_of(self.forward_dynamics_jacobian)](q, v, u, z, cut, out))
 
     def jvp(
         self,
-        name: str,
+        name: Method,
         args: Sequence[Any],
         tangents: Sequence[ArrayLike],
         *,
@@ -243,8 +256,9 @@ class Differentiation(CompiledCode):
         """Give what a method's result changes by along rates of its arguments: its Jacobian times them, exact.
 
         Args:
-            name: the method, such as "inverse_dynamics", "reactions", "energy", "frame_pose".
-            args: its arguments in their order, such as (q, v, a) or (q, "tool"); without ``wrench``.
+            name: the method or its name, such as "inverse_dynamics", "reactions", "energy", "frame_pose".
+            args: its arguments in their order, such as (q, v, a) or (q, "tool"); without ``wrench``; z behind the other
+                arrays where the result depends on internal states.
             tangents: a rate for each array among them, of its shape.
             parameters: rates of run-time parameters by their names.
 
@@ -258,17 +272,18 @@ class Differentiation(CompiledCode):
         """
         f = self._differentiated(name)
         arrays, frame = f.state(args)
-        if not isinstance(tangents, (tuple, list)) or len(tangents) != len(f.reads):
-            raise InputError(f"tangents: got {_number(tangents)}; allowed: one for each of {', '.join(f.reads)}")
-        derivative = f.of_frame(f.run(TANGENT, [*arrays, *tangents]), frame)
+        if not isinstance(tangents, (tuple, list)) or len(tangents) != len(f.arguments):
+            raise InputError(f"tangents: got {_number(tangents)}; allowed: one for each of {', '.join(f.arguments)}")
+        joined = f.joined(arrays)
+        derivative = f.of_frame(f.split(f.run(TANGENT, [*joined, *f.joined(tangents, "d")])), frame)
         if parameters:
             along = np.zeros(len(self.parameters), self.dtype)
             along[parameter_slots(self.parameters, tuple(parameters))] = list(parameters.values())
-            derivative = derivative + f.of_frame(f.run(f"{BY_PARAMETERS}{TANGENT}", [*arrays, along]), frame)
+            derivative = derivative + f.of_frame(f.split(f.run(f"{BY_PARAMETERS}{TANGENT}", [*joined, along])), frame)
         return derivative
 
     def vjp(
-        self, name: str, args: Sequence[Any], cotangent: ArrayLike, parameters: Sequence[str] = ()
+        self, name: Method, args: Sequence[Any], cotangent: ArrayLike, parameters: Sequence[str] = ()
     ) -> tuple[Array, ...]:
         """Return the gradient of the sum of a method's weighted results: weights times its Jacobian, exact.
 
@@ -290,15 +305,14 @@ class Differentiation(CompiledCode):
         f = self._differentiated(name)
         arrays, frame = f.state(args)
         slots = parameter_slots(self.parameters, parameters)
-        arrays, narrow = f.wide(arrays)
-        arguments = [*arrays, f.weights(cotangent, frame, narrow)]
+        arguments = [*f.joined(arrays), f.weights(cotangent, frame)]
         if not slots:
-            return f.rows(f.run(ADJOINT, arguments), narrow)
+            return f.rows(f.run(ADJOINT, arguments))
         gradient = f.run(f"{BY_PARAMETERS}{ADJOINT}", arguments)
         split = gradient.shape[-1] - len(self.parameters)
-        return (*f.rows(gradient[..., :split], narrow), gradient[..., split:][..., slots])
+        return (*f.rows(gradient[..., :split]), gradient[..., split:][..., slots])
 
-    def hessian(self, name: str, args: Sequence[Any], cotangent: ArrayLike) -> Array:
+    def hessian(self, name: Method, args: Sequence[Any], cotangent: ArrayLike) -> Array:
         """Return exact second derivatives, symmetric, of the sum of a method's weighted results by its arguments.
 
         Args:
@@ -307,21 +321,18 @@ class Differentiation(CompiledCode):
 
         Returns:
             A matrix whose rows and columns are the numbers of all arguments one behind the other: (3 n, 3 n) of
-            "inverse_dynamics" and "forward_dynamics".
+            "inverse_dynamics" and "forward_dynamics" without internal states.
 
         Raises:
             UnknownNameError, InputError, SingularError: as of ``jvp``.
         """
         f = self._differentiated(name)
         arrays, frame = f.state(args)
-        arrays, narrow = f.wide(arrays)
-        second = f.run(HESSIAN, [*arrays, f.weights(cotangent, frame, narrow)])
-        if not narrow:
-            return second
-        places = np.array(f.coordinate_places())
+        second = f.run(HESSIAN, [*f.joined(arrays), f.weights(cotangent, frame)])
+        places = np.concatenate(f.places()).astype(np.intp)
         return np.ascontiguousarray(second[..., places[:, np.newaxis], places])
 
-    def parameter_jacobian(self, name: str, args: Sequence[Any], parameters: Sequence[str] | None = None) -> Array:
+    def parameter_jacobian(self, name: Method, args: Sequence[Any], parameters: Sequence[str] | None = None) -> Array:
         """Return derivatives of a method's results by run-time parameters, exact.
 
         Args:
@@ -337,23 +348,21 @@ class Differentiation(CompiledCode):
         f = self._differentiated(name)
         slots = parameter_slots(self.parameters, tuple(self.parameters) if parameters is None else parameters)
         arrays, frame = f.state(args)
-        arrays, narrow = f.wide(arrays)
-        shaped = [self.calls.array(label, value, f.shape(label)) for label, value in zip(f.reads, arrays, strict=True)]
+        joined, take = f.joined(arrays), self.calls.augmented.array
+        shaped = [take(label, value, f.shape(label)) for label, value in zip(f.reads, joined, strict=True)]
         lead = np.broadcast_shapes(*(leading for _, leading in shaped))
         if not slots:
-            result = f.of_frame(np.zeros((*lead, *f.shape(f.writes)), self.dtype), frame)
-            result = cut(self.calls, result, f.writes) if narrow else result
+            result = f.of_frame(f.split(np.zeros((*lead, *f.shape(f.writes)), self.dtype)), frame)
             return np.zeros((*result.shape, 0), self.dtype)
         units = np.zeros((len(slots), len(self.parameters)), self.dtype)
         units[range(len(slots)), slots] = 1.0
         beside = [x.reshape(*leading, 1, *f.shape(label)) for label, (x, leading) in zip(f.reads, shaped, strict=True)]
-        columns = f.of_frame(f.run(f"{BY_PARAMETERS}{TANGENT}", [*beside, units], inner=1), frame)
-        columns = cut(self.calls, columns, f.writes) if narrow else columns
+        columns = f.of_frame(f.split(f.run(f"{BY_PARAMETERS}{TANGENT}", [*beside, units], inner=1)), frame)
         return np.moveaxis(columns, len(lead), -1)
 
-    def _differentiated(self, name: str) -> Differentiated:
-        return Differentiated.of(self.calls, name, self.frame_index)
+    def _differentiated(self, name: Method) -> Differentiated:
+        return Differentiated.of(self.calls, name_of(name), self.frame_index)
 
 
-def _three(blocks: Array) -> tuple[Array, Array, Array]:
-    return blocks[..., 0, :, :], blocks[..., 1, :, :], blocks[..., 2, :, :]
+def _three(first: Array, second: Array, third: Array) -> tuple[Array, Array, Array]:
+    return first, second, third

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,15 +12,14 @@ from numpy.typing import ArrayLike
 
 from ...errors import InputError, UnknownNameError
 from ...names import listed, nearest_or_all, show
-from ..arrays import OF_ORDERS, cut, is_narrow, names_in, place_of, whole_array
+from ..arrays import OF_ORDERS, names_in, place_of
 from ..loop_assembly import LoopClosure, closed_rates, free_coordinates
-from ..raw import Array
-from .by_arguments import CLOSED, FRAMED
+from ..raw import Array, Method, name_of
+from .by_arguments import FRAMED
 
 MOTION = ("q", "v", "a", "jerk", "snap", "crackle", "pop")  # time derivatives of coordinates, by their order
 ORDERS = (1, 2, 3, 4)
 JET = re.compile(r"_jet\d$")
-REFUSING = (*CLOSED, "forward_dynamics_jacobian")  # functions that refuse states in which loops are open
 
 
 class _Request(NamedTuple):
@@ -41,24 +40,10 @@ class _Request(NamedTuple):
     writes: str
 
 
-class _Direct(NamedTuple):
-    """Time derivatives through the extension module.
-
-    Attributes:
-        call: takes arrays in a row.
-        arrays: how many time derivatives of coordinates it takes, and tuples behind them.
-        has_another: whether there is such a tuple.
-    """
-
-    call: Callable[..., tuple[Array, ...]]
-    arrays: int
-    has_another: bool
-
-
 class TimeDerivatives(LoopClosure):
     """Time derivatives along motions, of any order up to four."""
 
-    def jet(self, name: str, series: Sequence[Any], order: int = 1) -> tuple[Array, ...]:
+    def jet(self, name: Method, series: Sequence[Any], order: int = 1) -> tuple[Array, ...]:
         """Return a method's result and its time derivatives along a motion: f, f', f'', ...; exact.
 
         They are coefficients of a truncated Taylor series through the equations; run-time parameters and joints'
@@ -66,11 +51,11 @@ class TimeDerivatives(LoopClosure):
         ``close_series`` completes one.
 
         Args:
-            name: the method, such as "inverse_dynamics", "forward_dynamics", "frame_pose", "mass_matrix"; without
-                ``wrench``.
+            name: the method or its name, such as "inverse_dynamics", "forward_dynamics", "frame_pose", "mass_matrix";
+                without ``wrench``.
             series: time derivatives of the coordinates, q, v, a, jerk, snap, ..., each (n,) or (..., n), as many as
                 function and order need: q'''' for the inverse dynamics to order 2.  More are not read.  Behind them
-                for each further array that the method reads, u or wrench, a tuple of the array and its time
+                for each further array that the method reads, u, wrench or z, a tuple of the array and its time
                 derivatives, ``order`` + 1 in all, then a frame's name where the method takes one.
             order: the highest time derivative, 1 to 4.
 
@@ -85,53 +70,48 @@ class TimeDerivatives(LoopClosure):
             ArrayError: an array of wrong shape or dtype, or with NaN or infinity.
             SingularError, LoopError: as of the method.
         """
-        direct: _Direct | None = None
-        if type(order) is int and type(name) is str:
-            direct = self._direct_jets.get((name, order))
-        if direct is not None and type(series) is tuple and len(series) == direct.arrays:
-            if not direct.has_another:
-                return direct.call(*series)
-            if type(series[-1]) is tuple and len(series[-1]) == order + 1:
-                return direct.call(*series[:-1], *series[-1])
+        name = name_of(name)
         wanted = self._requested(name, order)
         motion, others, frame = _split(name, wanted, series)
         index = self.frame_index(frame) if wanted.writes in FRAMED else None
         arrays = [*motion, *(x for one in others for x in one)]
-        if name in REFUSING and self.raw.libraries.meta.get("constraints"):  # refuses states in which loops are open
-            self.calls.run(name, None, [*motion[: len(wanted.motion) - order], *(one[0] for one in others)])
-        elif index is None and len(others) < 2 and (bound := self._bound_jet(wanted.function)) is not None:
-            self._direct_jets[name, order] = _Direct(bound, len(motion) + len(others), bool(others))
-            return bound(*arrays)
-        result = self.calls.run(wanted.function, None, arrays)
-        inner = len(self.raw.shapes[self.raw.functions[wanted.function].writes])
+        z = others.pop() if self.calls.takes_z(name) else None
+        if self.augmented is not self:
+            arrays = self._joined(motion, zip(wanted.others, others, strict=False), z)
+        if self.raw.functions[wanted.function].closes:
+            values = [*motion[: len(wanted.motion) - order], *(one[0] for one in others)]
+            self.calls.run(name, None, values, z=None if z is None else z[0])
+        writes = self.raw.functions[wanted.function].writes
+        found = self.augmented._bound[wanted.function](*arrays, None)  # noqa: SLF001  (of the same class)
+        orders = tuple(self.calls.split(x, writes) for x in found)
         if index is None:
-            return tuple(np.moveaxis(result, -inner, 0))
-        return tuple(_of_frame(x, index, wanted.writes, k) for k, x in enumerate(np.moveaxis(result, -inner, 0)))
+            return orders
+        return tuple(_of_frame(x, index, wanted.writes, k) for k, x in enumerate(orders))
 
-    def close_series(self, series: Sequence[ArrayLike], held: Iterable[str] = ()) -> tuple[Array, ...]:
+    def close_series(self, series: Sequence[ArrayLike], fixed: Iterable[str] = ()) -> tuple[Array, ...]:
         """Return time derivatives of coordinates that keep loops closed, those next to a guess: q, v, a, jerk, ...
 
         Coordinates that depend on others follow by implicit differentiation of the constraint, order by order; each
-        change is that of least kinetic energy, as in ``close_rates``.
+        change is that of least kinetic energy, as in ``project_velocity``.
 
         Args:
             series: the guess, each (n,) or (..., n): zeros where nothing is known of a dependent coordinate.
-            held: names of coordinates that stay as they are given; those of prescribed ones do.
+            fixed: names of coordinates that stay as they are given; those of prescribed ones do.
 
         Returns:
             As many arrays, with the leading axes of all of them.
 
         Raises:
-            LoopError: loops cannot be closed, or not by motions that have what is held.
+            LoopError: loops cannot be closed, or not by motions that have what is fixed.
             UnknownNameError, InputError: an unknown name, no loops, or other than 2 to 7 arrays.
-            SingularError: as of ``close_rates``.
+            SingularError: as of ``project_velocity``.
         """
         if not isinstance(series, (tuple, list)) or not 2 <= len(series) <= len(MOTION):
             got = len(series) if isinstance(series, (tuple, list)) else type(series).__name__
             raise InputError(f"series: got {got}; allowed: 2 to {len(MOTION)} arrays, {', '.join(MOTION)}")
-        names = [held] if isinstance(held, str) else names_in("held", held)
+        names = [fixed] if isinstance(fixed, str) else names_in("fixed", fixed)
         free = free_coordinates(self.calls, names)
-        whole = [whole_array(self.calls, label, x) for label, x in zip(MOTION, series, strict=False)]
+        whole = [self.calls.array(label, x, (self.n,)) for label, x in zip(MOTION, series, strict=False)]
         arrays = np.broadcast_arrays(*(array for array, _ in whole))
         q = self.assemble(arrays[0], names)
         motion = [q, self.project_velocity(q, arrays[1], names)]
@@ -140,17 +120,21 @@ class TimeDerivatives(LoopClosure):
             rest = self._constraint_rest(flat[:-1])
             closed = closed_rates(self.calls, flat[0], flat[-1], free, lambda i: place_of([i]), rest)
             motion.append(closed.reshape(guess.shape))
-        return (
-            tuple(cut(self.calls, x, "vector") for x in motion) if is_narrow(self.calls, series[0]) else tuple(motion)
-        )
+        return tuple(motion)
+
+    def _joined(self, motion: Sequence[Any], others: Iterable[Any], z: Sequence[Any] | None) -> list[Any]:
+        """Return series as the C reads them: z behind v, its time derivatives behind those of v."""
+        behind = [None, *(z or ()), *(None for _ in motion)]
+        joined = [self.calls.join(*row) for row in zip(MOTION, motion, behind, strict=False)]
+        return [*joined, *(self.calls.join(names[0], x) for names, one in others for x in one)]
 
     def _constraint_rest(self, motion: Sequence[Array]) -> Array:
         """Return what the constraint's next time derivative has beside J times that of the coordinates, (N, m)."""
         order = len(motion) - 2
         if order == 0:
-            return self.calls.run("constraint_bias", None, motion)
-        rest = self.jet("constraint_bias", motion, order)[order]
-        for i, J in enumerate(self.jet("constraint_jacobian", motion[:-1], order)[1:], 1):
+            return self.calls.run(self.constraint_bias, None, motion)
+        rest = self.jet(self.constraint_bias, motion, order)[order]
+        for i, J in enumerate(self.jet(self.constraint_jacobian, motion[:-1], order)[1:], 1):
             rest = rest + math.comb(order, i) * np.einsum("kmn,kn->km", J, motion[order + 2 - i])
         return rest
 
@@ -169,6 +153,8 @@ class TimeDerivatives(LoopClosure):
         motion = tuple(x for x in reads if x in MOTION)
         rest = reads[len(motion) :]
         others = tuple(rest[i : i + order + 1] for i in range(0, len(rest), order + 1))
+        if self.calls.takes_z(name):
+            others += (tuple(f"z{k or ''}" for k in range(order + 1)),)
         return _Request(function, int(order), motion, others, OF_ORDERS.sub("", known[function].writes))
 
 

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from ...errors import ArrayError, InputError, UnknownNameError
 from ...names import joint_of, listed, nearest_or_all, show
-from ..arrays import is_narrow, names_in, numbers_in
+from ..arrays import names_in, numbers_in
 from ..by_name import NamedViews
 from .reaching import GUESSES, ClosedKinematics, Target, search, unreached
 from .rotations import Array, rotation_matrices
@@ -85,7 +85,7 @@ class InverseKinematics(ClosedKinematics, NamedViews):
         """
         tool = tool_frame(self, frame)
         targets, lead = targets_of(tool, pose)
-        begun, width = starting_states(self, "q0", self.home if q0 is None else q0, lead)
+        begun = starting_states(self, "q0", self.home if q0 is None else q0, lead)
         between = self._limits(limits, moving)
         if isinstance(starts, bool) or not isinstance(starts, (int, np.integer)) or not 0 <= starts <= MOST_STARTS:
             raise InputError(f"starts: {show(starts)}; allowed: a whole number from 0 to {MOST_STARTS}")
@@ -95,8 +95,7 @@ class InverseKinematics(ClosedKinematics, NamedViews):
         for motor, principal in self.motors.items():
             turned = self.ratio(motor) * reached[:, self.coordinates.index(principal)]
             reached[:, self.coordinates.index(motor)] = turned
-        behind = np.zeros((len(reached), width - reached.shape[1]), self.dtype)
-        return np.concatenate([reached, behind], axis=1).reshape(*lead, width)
+        return reached.reshape(*lead, len(self.coordinates))
 
     def _limits(self, limits: bool | ArrayLike | Mapping[str, ArrayLike], moving: Iterable[str] | None) -> Array:
         """Return lower and upper limits, (n, 2), with NaN where a coordinate stays."""
@@ -236,20 +235,19 @@ def targets_of(tool: str, pose: ArrayLike) -> tuple[list[Target], tuple[int, ...
     return [Target(tool, point, R) for point, R in zip(points, axes, strict=True)], lead
 
 
-def starting_states(kernel: ClosedKinematics, label: str, value: ArrayLike, lead: Sequence[int]) -> tuple[Array, int]:
-    """Return a state to begin from for each pose, (N, n), of one for all or one for each, and how long they were.
+def starting_states(kernel: ClosedKinematics, label: str, value: ArrayLike, lead: Sequence[int]) -> Array:
+    """Return a state to begin from for each pose, (N, n), of one for all or one for each.
 
     Raises:
         ArrayError: they are none; the message begins with the label.
     """
     n = len(kernel.coordinates)
-    width = n if kernel.n == n or is_narrow(kernel.calls, value) else kernel.n
-    whole = (*lead, width)
-    allowed = f"finite numbers ({width},){f' or {whole}' if len(lead) else ''}"
+    whole = (*lead, n)
+    allowed = f"finite numbers ({n},){f' or {whole}' if len(lead) else ''}"
     states = numbers_in(label, value, allowed)
-    if states.shape not in ((width,), whole):
+    if states.shape not in ((n,), whole):
         raise ArrayError(f"{label}: got shape {states.shape}; allowed: {allowed}")
     largest = np.finfo(kernel.dtype).max
     if (np.abs(states) > largest).any():
         raise ArrayError(f"{label}: {show(value)}; allowed: {allowed}, up to {largest:.2g} ({kernel.dtype})")
-    return np.broadcast_to(states, whole).reshape(-1, width)[:, :n], width
+    return np.broadcast_to(states, whole).reshape(-1, n)

@@ -13,6 +13,7 @@ from ..calls import Calls
 from ..chunking import OPERATIONS, ROUND, shared
 from ..loop_assembly import OPEN
 from ..loop_errors import stays_open
+from ..methods.kernel_methods import KernelFunctions
 from ..raw import FFI, Array, Library, RawFunction
 from .input_signals import WORKS, InputSignals
 from .methods import ADAPTIVE, EVALUATIONS, RADAU
@@ -196,8 +197,8 @@ def refuse_unmoved(calls: Calls, progress: Any, name: str, place: str, q: Array)
 def _end_of(calls: Calls, progress: Any, q: Array) -> int:
     """Return the place of what ended steps at q, (n,): of an open state its loop, whatever is singular there."""
     n, where = calls.n, int(progress.reason) - 2
-    if 2 * n <= where < 3 * n and "constraint" in calls.raw.functions:
-        violations = np.abs(calls.run("constraint", None, (q,)))
+    if 2 * n <= where < 3 * n and calls.raw.has(KernelFunctions.constraint):
+        violations = np.abs(calls.run(KernelFunctions.constraint, None, (q,)))
         if violations.max() > OPEN[calls.dtype.itemsize]:
             return 3 * n + int(violations.argmax())
     return where

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from ...errors import ArrayError, InputError, LoopError
 from ...names import listed, show
 from ..calls import Calls
+from ..methods.kernel_methods import KernelMethods
 from ..parameters import parameter_slots
 from ..raw import FFI, Array, Library, RawFunction
 from .adaptive import DONE, adaptive_rollout
@@ -308,9 +309,9 @@ def _refuse_singular(calls: Calls, q: ArrayLike, v: ArrayLike) -> None:
 
     An open state is not refused: steps close it.
     """
-    if calls.raw.libraries.meta.get("constraints") and "forward_dynamics" in calls.raw.functions:
+    if calls.raw.libraries.meta.get("constraints") and calls.raw.has(KernelMethods.forward_dynamics):
         with suppress(LoopError):
-            calls.run("forward_dynamics", None, (q, v, np.zeros(calls.n, calls.dtype)))
+            calls.run(KernelMethods.forward_dynamics, None, (q, v, np.zeros(calls.n, calls.dtype)))
 
 
 def taken_steps(
@@ -524,7 +525,7 @@ class Motion:
 
 def _chosen_steps(motion: Motion, state: int, times: Array, control: ErrorControl) -> Steps | None:
     """Return the steps that error control chooses for a state; None where it does not reach its end."""
-    calls, function = motion.calls, motion.calls.raw.function("adaptive_rollout")
+    calls, function = motion.calls, motion.calls.raw.function(control.kernel)
     library, view = function.library, calls.raw.view
     at = [x.copy() for x in motion.start(state)]
     stored = [np.empty((times.size, calls.n), calls.dtype) for _ in at]

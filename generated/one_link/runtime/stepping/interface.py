@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 
 from ...errors import ArrayError, InputError, IntegrationStopped
 from ...names import listed, show
-from ..arrays import shape_or_type, states_apart, widened
-from ..calls import Memory
+from ..arrays import shape_or_type
+from ..calls import SplitCalls
 from ..compiled_code import CompiledCode
 from ..raw import Array
 from .adaptive import adaptive_rollout
@@ -102,8 +102,7 @@ class Rollouts(CompiledCode):
             saturate: True: all that drives do at a coordinate (u, controller, drives of loads) is clipped at +- the
                 effort of its description (``efforts``); or efforts by coordinate, or (n,), infinite where there is
                 none.  What is clipped does not answer to the state in the matrix of an implicit step.
-            z: states of laws at the beginning, (memory,) or (N, memory); all other arrays are then those of coordinates
-                alone, and so are q and v, beside which the attribute ``z`` has the states.
+            z: internal states at the beginning, (m,) or (N, m), 0 by default; the result has them as attribute ``z``.
 
         Returns:
             q and v, (steps // every + 1, n) or (N, steps // every + 1, n), the states at the beginning first; with
@@ -119,32 +118,40 @@ class Rollouts(CompiledCode):
                 was stored.
             InputError: another argument is wrong, or does not belong to the method.
         """
-        memory = None if z is None else Memory(self.calls)
-        inputs = self._inputs(memory, z, Inputs(q0, v0, u, Control(kp, kd, target)), saturate)
+        split = self._split(z)
+        inputs = self._inputs(split, z, Inputs(q0, v0, u, Control(kp, kd, target)), saturate)
         options = InputStepOptions(
             method_for(method, duration), dt, steps, every, duration, samples, rtol, atol, loads, works
         )
         steps_taken = adaptive_rollout if options.is_adaptive else rollout
-        if memory is None:
-            return steps_taken(self.calls, inputs, options)
+        calls = self.calls.augmented
+        if split is None:
+            return steps_taken(calls, inputs, options)
         try:
-            return steps_taken(self.calls, inputs, options).apart(memory.coordinates)
+            return steps_taken(calls, inputs, options).apart(split.n)
         except IntegrationStopped as error:
-            error.set_apart(memory.coordinates)
+            error.set_apart(split.n)
             if error.stored is not None:
-                error.stored = Rollout.of(*error.stored).apart(memory.coordinates)
+                error.stored = Rollout.of(*error.stored).apart(split.n)
             raise
 
-    def _inputs(self, memory: Memory | None, z: ArrayLike | None, inputs: Inputs, saturate: Saturate) -> Inputs:
-        """Return inputs with efforts, and with room for states of laws where these are apart: z behind v."""
+    def _split(self, z: ArrayLike | None) -> SplitCalls | None:
+        """Return the calls where z is an array of its own; refuse z where no force law has internal states."""
+        if isinstance(self.calls, SplitCalls):
+            return self.calls
+        self.calls.refuse_z(z)
+        return None
+
+    def _inputs(self, split: SplitCalls | None, z: ArrayLike | None, inputs: Inputs, saturate: Saturate) -> Inputs:
+        """Return inputs with efforts, as augmented arrays where z is an array of its own; its default is 0."""
         q0, v0, u, control = inputs.q0, inputs.v0, inputs.u, inputs.control
         kp, kd, target = control.kp, control.kd, control.target
-        if memory is not None and z is not None:
-            states = states_apart(self.calls, z)
-            q0, v0 = widened(self.calls, "q0", q0), widened(self.calls, "v0", v0, states)
-            u, target, kp, kd = map(memory.padded, (u, target, kp, kd))
-            saturate = saturate if isinstance(saturate, Mapping) else memory.padded(saturate, np.inf)
-        return Inputs(q0, v0, u, Control(kp, kd, target, efforts_of(self.calls, saturate)))
+        if split is not None:
+            q0, v0 = split.join("q0", q0), split.join("v0", v0, z)
+            given = (("u", u), ("target", target), ("kp", kp), ("kd", kd))
+            u, target, kp, kd = (_padded(split, label, x) for label, x in given)
+            saturate = saturate if isinstance(saturate, Mapping) else _padded(split, "saturate", saturate, np.inf)
+        return Inputs(q0, v0, u, Control(kp, kd, target, efforts_of(self.calls.augmented, saturate)))
 
     def rollout_gradient(  # noqa: PLR0913
         self,
@@ -186,7 +193,7 @@ class Rollouts(CompiledCode):
                 model that drives know needs inverse_dynamics_adjoint, and has no loops.
             saturate: as of ``rollout``; drives that are clipped have the slope 0, those at their effort 1.
             out: arrays to write derivatives to, by the names that they are returned by; others are new.  Not with z.
-            z: states of laws as of ``rollout``: it is ``loss(t, q, v, z)`` then, which returns a derivative by z, too,
+            z: internal states as of ``rollout``: it is ``loss(t, q, v, z)`` then, which returns a derivative by z, too,
                 and one of the derivatives that are returned is "z".
 
         Returns:
@@ -203,16 +210,16 @@ class Rollouts(CompiledCode):
                 that derivatives of tsit5's steps are not those of the motion.
             SingularError, IntegrationStopped: as of ``rollout``; a mechanism begins in a singular pose.
         """
-        memory = None if z is None else Memory(self.calls)
-        inputs = self._inputs(memory, z, Inputs(q0, v0, u, Control(kp, kd, target)), saturate)
+        split = self._split(z)
+        inputs = self._inputs(split, z, Inputs(q0, v0, u, Control(kp, kd, target)), saturate)
         options = StepOptions(method_for(method, duration), dt, steps, every, duration, samples, rtol, atol)
         more: dict[str, Any] = {"parameters": parameters, "loads": loads, "out": out}
-        if memory is None:
-            return rollout_gradient(self.calls, inputs, options, loss=cast("Loss", loss), **more)
+        if split is None:
+            return rollout_gradient(self.calls.augmented, inputs, options, loss=cast("Loss", loss), **more)
         _refuse_out(out)
-        joined = _joined_loss(memory, cast("LossApart", loss))
-        value, gradients = rollout_gradient(self.calls, inputs, options, loss=joined, **more)
-        return value, _gradients_apart(memory, gradients, NAMES)
+        joined = _joined_loss(split, cast("LossApart", loss))
+        value, gradients = rollout_gradient(self.calls.augmented, inputs, options, loss=joined, **more)
+        return value, _gradients_apart(split, gradients, NAMES)
 
     def rollout_sensitivity(  # noqa: PLR0913
         self,
@@ -253,7 +260,7 @@ class Rollouts(CompiledCode):
                 drives know inverse_dynamics_tangent.
             saturate: as of ``rollout_gradient``.
             out: q, v, dq and dv to write to.  Not with z.
-            z: states of laws as of ``rollout``; ``along`` may have rates of them then, "z", (directions, memory).
+            z: internal states as of ``rollout``; ``along`` may have rates of them then, "z", (directions, m).
 
         Returns:
             q and v as of ``rollout``, then dq and dv, (samples, directions, n); of many states (N, samples, directions,
@@ -264,32 +271,51 @@ class Rollouts(CompiledCode):
             InputError: as of ``rollout``; no direction; joints with 3-DOF rotation; a robot that is too stiff.
             SingularError, IntegrationStopped: as of ``rollout``.
         """
-        memory = None if z is None else Memory(self.calls)
-        inputs = self._inputs(memory, z, Inputs(q0, v0, u, Control(kp, kd, target)), saturate)
+        split = self._split(z)
+        inputs = self._inputs(split, z, Inputs(q0, v0, u, Control(kp, kd, target)), saturate)
         options = StepOptions(method_for(method, duration), dt, steps, every, duration, samples, rtol, atol)
-        if memory is not None:
+        if split is not None:
             _refuse_out(out)
-            along = None if along is None else _joined_directions(memory, along)
+            along = None if along is None else _joined_directions(split, along)
         states, rates = rollout_sensitivity(
-            self.calls, inputs, options, parameters=parameters, along=along, loads=loads, out=out
+            self.calls.augmented, inputs, options, parameters=parameters, along=along, loads=loads, out=out
         )
-        return (states, rates) if memory is None else (_cut_apart(memory, *states), _cut_apart(memory, *rates))
+        return (states, rates) if split is None else (_cut_apart(split, *states), _cut_apart(split, *rates))
 
 
 def _refuse_out(out: object) -> None:
-    """Refuse arrays to write to beside z."""
+    """Refuse arrays to write to where there are internal states."""
     if out is not None:
-        raise InputError("out: results with z are new arrays; allowed: without out, or states of laws behind v")
+        raise InputError("out: results with z are new arrays; allowed: without out")
 
 
-def _joined_loss(memory: Memory, loss: LossApart) -> Callable[[Array, Array, Array], tuple[Any, Array, Array]]:
-    """Return a loss of arrays that have states of laws behind coordinates, of one that takes them apart.
+def _padded(split: SplitCalls, label: str, value: ArrayLike | None, number: float = 0.0) -> Any:
+    """Return numbers of coordinates, (..., n), with others for internal states behind; what is no array as it is.
+
+    Raises:
+        ArrayError: an array of another length.
+    """
+    try:
+        shape = np.shape(value)  # type: ignore[arg-type]  # of None ()
+    except ValueError:  # no array at all: checks say so
+        return value
+    if not shape:
+        return value
+    if shape[-1] != split.n:
+        raise ArrayError(f"{label}: got shape {shape}; allowed: ({split.n},) or (..., {split.n})")
+    array = np.asarray(value)
+    behind = np.full((*array.shape[:-1], len(split.internal_states)), number, array.dtype)
+    return np.concatenate([array, behind], axis=-1)
+
+
+def _joined_loss(split: SplitCalls, loss: LossApart) -> Callable[[Array, Array, Array], tuple[Any, Array, Array]]:
+    """Return a loss of arrays that have internal states behind coordinates, of one that takes them as z.
 
     Args:
-        memory: of the kernel.
+        split: the kernel's calls.
         loss: (t, q, v, z) -> its value, and derivatives by q, v and z, in their shapes.
     """
-    n = memory.coordinates
+    n = split.n
 
     def joined(t: Array, q: Array, v: Array) -> tuple[Any, Array, Array]:
         apart = [np.ascontiguousarray(x) for x in (q[..., :n], v[..., :n], v[..., n:])]
@@ -308,44 +334,44 @@ def _joined_loss(memory: Memory, loss: LossApart) -> Callable[[Array, Array, Arr
     return joined
 
 
-def _gradients_apart(memory: Memory, gradients: Mapping[str, Any], names: tuple[str, ...]) -> dict[str, Any]:
-    """Return gradients of coordinates alone, and that by states of laws at the beginning, as ``z``.
+def _gradients_apart(split: SplitCalls, gradients: Mapping[str, Any], names: tuple[str, ...]) -> dict[str, Any]:
+    """Return gradients of coordinates alone, and that by internal states at the beginning, as ``z``.
 
     Args:
         names: of the gradients that are by coordinates.
     """
-    n = memory.coordinates
+    n = split.n
     apart = {name: np.ascontiguousarray(x[..., :n]) if name in names else x for name, x in gradients.items()}
     return apart | {"z": np.ascontiguousarray(gradients["v"][..., n:])}
 
 
-def _joined_directions(memory: Memory, along: Mapping[str, ArrayLike]) -> dict[str, ArrayLike]:
-    """Return directions of a sensitivity as rates of arrays that have states of laws behind coordinates.
+def _joined_directions(split: SplitCalls, along: Mapping[str, ArrayLike]) -> dict[str, ArrayLike]:
+    """Return directions of a sensitivity as rates of arrays that have internal states behind coordinates.
 
     Args:
-        along: rates by names "q", "v" and "u", (directions, n) each, and "z", (directions, memory).
+        along: rates by names "q", "v" and "u", (directions, n) each, and "z", (directions, m).
 
     Raises:
         ArrayError: another shape of those of states.
     """
     if not isinstance(along, Mapping):
         raise InputError(f"along: {show(along)}; allowed: arrays by {listed(('q', 'v', 'u', 'z'))}")
-    joined = {name: memory.padded(x) for name, x in along.items() if name != "z"}
+    joined = {name: _padded(split, name, x) for name, x in along.items() if name != "z"}
     if "z" in along:
-        states, _ = memory.calls.array("z", along["z"], (len(memory.names),))
+        states, _ = split.array("z", along["z"], (len(split.internal_states),))
         if states.ndim != 2:
-            raise ArrayError(f"along: z has shape {states.shape}; expected (directions, {len(memory.names)})")
-        rates = np.zeros((len(states), memory.coordinates), states.dtype) if "v" not in along else along["v"]
+            raise ArrayError(f"along: z has shape {states.shape}; expected (directions, {len(split.internal_states)})")
+        rates = np.zeros((len(states), split.n), states.dtype) if "v" not in along else along["v"]
         rates = np.asarray(rates)
-        expected = (len(states), memory.coordinates)
+        expected = (len(states), split.n)
         if rates.shape != expected:
             raise ArrayError(f"along: v has shape {rates.shape}; expected {expected}, as many directions as z")
         joined["v"] = np.concatenate([rates, states], axis=1)
     return joined
 
 
-def _cut_apart(memory: Memory, q: Array, v: Array) -> tuple[Array, Array, Array]:
-    """Return q and v of coordinates alone, and states of laws."""
-    n = memory.coordinates
+def _cut_apart(split: SplitCalls, q: Array, v: Array) -> tuple[Array, Array, Array]:
+    """Return q and v of coordinates alone, and internal states."""
+    n = split.n
     parts = (q[..., :n], v[..., :n], v[..., n:])
     return tuple(np.ascontiguousarray(x) for x in parts)  # type: ignore[return-value]

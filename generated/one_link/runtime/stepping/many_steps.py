@@ -15,7 +15,7 @@ from ..chunking import OPERATIONS, ROUND, shared
 from ..loop_errors import stays_open
 from ..raw import Array, RawFunction
 from .methods import FIXED
-from .options import StepOptions
+from .options import StepOptions, rollout_of
 from .rollouts import SHARE, Inputs, Rollout, RolloutArrays, allocate_states, read_arrays
 
 BUFFER = 2**15  # numbers of many states that are stored at once where a piece of work does not reach the end
@@ -66,12 +66,12 @@ class StateBounds:
         meta, values = calls.raw.libraries.meta, calls.parameters.state.values
         tables = {**meta["elements"].get("coordinates", {}), **meta["elements"].get("cut_laws", {})}
         limits = []
-        for name in calls.memory:
+        for name in calls.internal_states:
             owner, law, state = split_state(name)
             bound = BOUNDS.get(f"{law}.{state}")
             numbers = {key: float(values[place]) for key, place in tables.get(owner, {}).items()}
             limits.append(bound(numbers) if bound is not None and numbers else np.inf)
-        return cls(calls.memory, np.maximum(MARGIN * np.array(limits), np.abs(begin[..., -len(limits) :])))
+        return cls(calls.internal_states, np.maximum(MARGIN * np.array(limits), np.abs(begin[..., -len(limits) :])))
 
     def within(self, v: Array) -> Array:
         """Return which states are within their bounds, (..., rows, s), in velocities with states behind them."""
@@ -94,7 +94,7 @@ class StateBounds:
 
 def rollout(calls: Calls, inputs: Inputs, options: StepOptions) -> Rollout:
     """Integrate with fixed steps, as ``Kernel.rollout`` describes it."""
-    calls.raw.function("rollout")  # or the error that it is not there
+    calls.raw.function(rollout_of(options.method))  # or the error that it is not there
     count, method = inputs.count(), FIXED[options.method]
     dt, steps, every = options.fixed_steps(calls, count)
     arrays = read_arrays(calls, inputs, steps, count)
@@ -120,7 +120,7 @@ def rollout(calls: Calls, inputs: Inputs, options: StepOptions) -> Rollout:
             what = f"{stays_open(calls.raw, reason - calls.n)}{place};{ADVICE}"
             raise _stopped(calls, result, state, every * dt, 0, what, trouble)
         if trouble is None and not _begins_well(calls, alone, dt, step, method):
-            raise calls.singular("rollout", reason, place, None if step else alone.starts[0][0])
+            raise calls.singular(rollout_of(options.method), reason, place, None if step else alone.starts[0][0])
         advice = _turned_about(calls, alone) or ADVICE
         what = f"no acceleration{place}, though there is one where it begins;{advice}"
         raise _stopped(calls, result, state, every * dt, reason, what, trouble)
@@ -142,7 +142,7 @@ def wrong_state(calls: Calls, method: str, v: Array) -> tuple[StateBounds, tuple
     Args:
         v: velocities with the states behind them, (..., rows, n).
     """
-    if method != "rk4" or not calls.memory:
+    if method != "rk4" or not calls.internal_states:
         return None
     bounds = StateBounds.of(calls, v[..., 0, :])
     beyond = bounds.first_beyond(v)
@@ -167,7 +167,8 @@ def _refuse_wrong_states(calls: Calls, method: str, result: tuple[Array, Array],
     q[~good], v[~good] = np.nan, np.nan
     place = f" of state {lead[0]}" if lead else ""
     what = f"dt is too long: at t = {row * apart:.6g} s{place} {said}"
-    raise _stopped(calls, result, lead[0] if lead else 0, apart, calls.narrow + state, what, None)
+    where = calls.n - len(calls.internal_states) + state
+    raise _stopped(calls, result, lead[0] if lead else 0, apart, where, what, None)
 
 
 def _turned_about(calls: Calls, arrays: RolloutArrays) -> str:
@@ -218,7 +219,8 @@ def _call(calls: Calls, arrays: RolloutArrays, how: tuple[float, int, int, int],
         how: dt, steps, every, number of the method.
         result: q and v, (rows, n) or (count, rows, n); written.
     """
-    function, count = calls.raw.function("rollout"), arrays.count
+    function, count = calls.raw.rollout, arrays.count
+    assert function is not None
     function.where(batch=count is not None)  # compiled before work is shared out
     stored = result if count is not None else (result[0][np.newaxis], result[1][np.newaxis])
     run = _Run(calls, function, arrays, how, stored)

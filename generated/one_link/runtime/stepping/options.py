@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from ...errors import ArrayError, InputError
 from ...names import show
 from ..arrays import flag, numbers_in
-from ..calls import Calls, Memory
+from ..calls import Calls
 from ..raw import Array
 from .methods import ADAPTIVE, AUTO, FIXED, RADAU
 
@@ -26,8 +26,8 @@ LEAST = {"float64": 1e-13, "float32": 1e-5}  # relative tolerances that round-of
 
 
 def rollout_of(method: str) -> str:
-    """Return the name of the kernel that a method with error control is of."""
-    return ROLLOUTS.get(method, "adaptive_rollout")
+    """Return the name of the kernel that a method is of."""
+    return ROLLOUTS.get(method, "rollout" if method in FIXED else "adaptive_rollout")
 
 
 @dataclass(frozen=True)
@@ -161,8 +161,8 @@ class StepOptions:
             for i, name in meta["rubbing"]:
                 tolerances[calls.n + i] = min(tolerances[calls.n + i], calls.parameters[name])
             return ErrorControl(self.method, float(rtol), tolerances.astype(calls.dtype))
-        if meta.get("memory"):
-            atol = Memory(calls).tolerance(atol, float(rtol) * np.array(meta["sizes"]))
+        if calls.internal_states:
+            atol = joined_tolerances(calls, atol, float(rtol) * np.array(meta["sizes"]))
         wanted = numbers_in("rollout: atol", atol, f"a number or ({2 * calls.n},)", finite=False)
         try:
             tolerances = np.broadcast_to(wanted, (2 * calls.n,)).astype(calls.dtype)
@@ -235,3 +235,29 @@ def is_number(value: Any) -> bool:
 def _most(calls: Calls, count: int | None) -> int:
     """Return the most rows that all states may have."""
     return NUMBERS // (calls.n * max(count or 1, 1))
+
+
+def joined_tolerances(calls: Calls, atol: ArrayLike, defaults: Array) -> Array:
+    """Return absolute tolerances of augmented arrays, q, then v, (2 (n + m),), where there are m internal states.
+
+    Args:
+        calls: with augmented arrays.
+        atol: a number, or numbers of q, then of v, behind which may be those of z; or (2 (n + m),).
+        defaults: for internal states whose tolerances are not given, (2 (n + m),).
+
+    Raises:
+        ArrayError: another shape.
+    """
+    m = len(calls.internal_states)
+    n = calls.n - m
+    shapes = f"({2 * n},), with tolerances of internal states ({2 * n + m},)"
+    given = numbers_in("atol", atol, f"a number or shape {shapes}", finite=False)
+    if given.shape == (2 * calls.n,):
+        return given
+    if given.shape not in ((), (2 * n,), (2 * n + m,)):
+        raise ArrayError(f"atol: expected a number or shape {shapes}, got shape {given.shape}")
+    tolerances = np.array(defaults, np.float64)
+    tolerances[np.r_[:n, n + m : 2 * n + m]] = given[: 2 * n] if given.ndim else given
+    if given.size == 2 * n + m:
+        tolerances[2 * n + m :] = given[2 * n :]
+    return tolerances

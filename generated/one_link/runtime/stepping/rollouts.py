@@ -25,7 +25,7 @@ class Rollout(tuple[Array, Array]):
         rejected: steps that were tried again, shorter, likewise.
         largest, smallest: the longest and the shortest step, s, likewise.
         works: where they were integrated, of ``input_signals.WORKS``, J, (samples + 1, 4), of many (N, samples + 1, 4).
-        z: where a rollout was given them, states of laws, as q and v.
+        z: of robots with internal states these, as q and v.
     """
 
     steps: Any
