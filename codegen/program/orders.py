@@ -44,7 +44,7 @@ def as_derived(program: Program) -> Order:
 
 def by_outputs(program: Program) -> Order:
     """Put every value right before the first output that needs it, in the order of the outputs."""
-    return _depth_first(program, lambda arg: 0)
+    return _computed_of(program, depth_first(program))
 
 
 def by_registers(program: Program) -> Order:
@@ -54,10 +54,14 @@ def by_registers(program: Program) -> Order:
         if op not in FREE:
             ranked = sorted((need[arg] for arg in set(args)), reverse=True)
             need[index] = max([1, *(number + place for place, number in enumerate(ranked))])
-    return _depth_first(program, need.__getitem__)
+    return _computed_of(program, depth_first(program, need.__getitem__))
 
 
-def _depth_first(program: Program, weight: Callable[[int], int]) -> Order:
+def _computed_of(program: Program, order: Order) -> Order:
+    return [value for value in order if program.instructions[value].op not in FREE]
+
+
+def depth_first(program: Program, weight: Callable[[int], int] = lambda arg: 0) -> Order:
     """Walk from every output to what it needs, heavier arguments first; of equal ones in their order."""
     order: Order = []
     placed = [False] * len(program.instructions)
@@ -72,7 +76,7 @@ def _depth_first(program: Program, weight: Callable[[int], int]) -> Order:
                 waiting.append((value, True))
                 args = sorted(program.instructions[value].args, key=lambda arg: -weight(arg))
                 waiting += [(arg, False) for arg in args[::-1] if not placed[arg]]
-    return [value for value in order if program.instructions[value].op not in FREE]
+    return order
 
 
 def from_the_end(program: Program) -> Order:

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from .ir import Graph, Instruction, Node, Program, Value, finish, gate_between, reordered, select, users, verify
+from .orders import depth_first
 
 PARAMETERS = "p"  # the input array of run-time parameters
 
@@ -197,20 +198,7 @@ def on_demand(program: Program) -> Program:
     Where thousands of values stay for others that come much later, it is the memory between them that takes time.
     Steps that notes speak of are torn apart, so that notes are left out.
     """
-    order: list[int] = []
-    is_placed = [False] * len(program.instructions)
-    for output in program.outputs.values():
-        waiting = [(output, False)]
-        while waiting:
-            value, is_ready = waiting.pop()
-            if is_ready:
-                order.append(value)
-            elif not is_placed[value]:
-                is_placed[value] = True
-                waiting.append((value, True))
-                args = program.instructions[value].args
-                waiting += [(arg, False) for arg in reversed(args) if not is_placed[arg]]
-    return verify(reordered(program, order, {}))
+    return verify(reordered(program, depth_first(program), {}))
 
 
 def hoist_parameters(programs: Sequence[Program], parameters: int) -> tuple[Program, list[Program]]:

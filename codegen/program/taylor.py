@@ -22,6 +22,7 @@ from itertools import compress
 
 from .ir import GATE, Graph, Node, Program, Value, finish, needed, reordered
 from .operations import ANGULAR
+from .orders import users_of
 from .rotations import Rotation, Turned, find_rotations
 from .series import Series, convolved, shares, squared
 
@@ -199,10 +200,7 @@ def _gathered(program: Program, homes: Sequence[int]) -> Program:
     """
     instructions = program.instructions
     waiting = [len(set(instruction.args)) for instruction in instructions]
-    users: list[list[int]] = [[] for _ in instructions]
-    for index, instruction in enumerate(instructions):
-        for arg in set(instruction.args):
-            users[arg].append(index)
+    users = users_of(program)
     ready = [(homes[index], index) for index, count in enumerate(waiting) if count == 0]
     heapify(ready)
     order: list[int] = []
