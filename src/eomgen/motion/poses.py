@@ -62,7 +62,7 @@ def inverse_kinematics(
     if robot is not None and not known <= set(kernel.coordinates):
         raise InputError(f"robot: {robot.name} has other coordinates than {kernel.name}; allowed: the kernel's robot")
     targets, lead = targets_of(_frame(kernel, robot, frame), pose)
-    begun, _ = starting_states(kernel, "guess", _guess(kernel, robot) if guess is None else guess, lead)
+    begun = starting_states(kernel, "guess", _guess(kernel, robot) if guess is None else guess, lead)
     between = np.empty((len(targets), len(kernel.coordinates), 2))
     for k, start in enumerate(begun):
         between[k] = _between(kernel, robot, known, start, limits)
