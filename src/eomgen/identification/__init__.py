@@ -1,7 +1,7 @@
 """Identification from measurements: stiffness, masses, friction, offsets; accuracy, tolerances and corrections.
 
-Uses runtime, robot, results, forms, description, state, motion, integration, scenario, pipeline, analysis, simulation
-and sweep.
+Uses runtime, robot, results, forms, description, state, motion, integration, scenario, codegen (kernels), pipeline,
+analysis, simulation and sweep.
 """
 
 from typing import TYPE_CHECKING
