@@ -31,7 +31,7 @@ class _Whole:
     def run(self, name: str, **arrays: Sequence[Value]) -> list[Value]:
         """Return results of a program on inputs of the graph, or on values of it."""
         program, inputs = self.derive(name), dict[str, Any]()
-        for array in program.inputs():
+        for array in sorted(program.inputs()):
             places = [i.leaf[1] for i in program.instructions if i.op == "input" and i.leaf[0] == array]
             inputs[array] = arrays[array] if array in arrays else self.array(array, 1 + max(places))
         calls = {op: partial(self.graph.call, op) for op in CALLS}

@@ -363,12 +363,12 @@ class RawKernel:
         raise self.missing(name)
 
     def writing(self, array: str) -> RawFunction:
-        """Return the function that writes an array, of those that only one function writes.
+        """Return the function that writes an array, of those that only one function writes, but for its derivatives.
 
         Raises:
             UnknownNameError: the kernel was built without it.
         """
-        found = [function for function in self.functions.values() if function.writes == array]
+        found = [x for x in self.functions.values() if x.writes == array and x.kind not in DERIVED]
         if len(found) != 1:
             raise self.missing(f"that writes {array}")
         return found[0]

@@ -1,7 +1,7 @@
 """Robot and Scenario -> SimulationResult: reference motions, drives, loads, segments, energy balance, files of results.
 
-Uses runtime, robot, results, forms, description, state, loops, motion, integration, scenario, codegen (kernels) and
-pipeline; feedforward uses control.
+Uses runtime, robot, results, forms, description, state, loops, motion, integration, scenario, codegen (kernels)
+and pipeline; feedforward uses control.
 """
 
 from typing import TYPE_CHECKING

@@ -1,7 +1,7 @@
 """Parameter sweeps: many simulations of a robot whose numbers vary; plans, samples, workers, stores, results.
 
-Uses runtime, robot, forms, description, state, integration, motion, scenario, codegen (kernels), pipeline and
-simulation.
+Uses runtime, robot, forms, description, state, integration, motion, scenario, codegen (kernels),
+pipeline and simulation.
 """
 
 from typing import TYPE_CHECKING

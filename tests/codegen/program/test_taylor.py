@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import itertools
+import os
+import subprocess
+import sys
+import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
 from pathlib import Path
@@ -260,3 +264,17 @@ def test_every_function_has_time_derivatives() -> None:
     assert KERNELS["forward_dynamics_jet2"].reads == ("q", "v", "a", "jerk", "u", "u1", "u2")
     assert KERNELS["frame_pose_jet1"].reads == ("q", "v")
     assert KERNELS["inverse_dynamics_jet4"].reads == MOTION
+
+
+def test_programs_of_mechanisms_are_the_same_in_every_process() -> None:
+    """Whatever order the hashes of names have there."""
+    code = """
+        import eomgen
+        from eomgen.codegen.kernels.equations import derive
+        from eomgen.robot.model import build_model
+        print(derive(build_model(eomgen.load_robot("four_bar")), "inverse_dynamics_jet1").instructions)
+    """
+    command = [sys.executable, "-c", textwrap.dedent(code)]
+    seeds = [os.environ | {"PYTHONHASHSEED": seed} for seed in "12"]
+    one, other = (subprocess.run(command, env=seed, capture_output=True, check=True).stdout for seed in seeds)
+    assert one == other
