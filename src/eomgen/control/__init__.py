@@ -1,6 +1,7 @@
 """Control of robots: feed-forward, observers and prediction, in Python and as C.
 
-Uses runtime, robot, results, description, state, motion, scenario, codegen (c, kernels), templates, pipeline and simulation.
+Uses runtime, robot, results, description, state, motion, scenario, codegen (c, kernels), templates, pipeline and
+simulation.
 """
 
 from typing import TYPE_CHECKING

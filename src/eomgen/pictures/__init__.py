@@ -1,7 +1,7 @@
 """Figures, pages and views of robots and results.
 
-Uses runtime, robot, results, forms, bending, description, state, codegen (joint, kernels, package), templates, pipeline,
-simulation, analysis, sweep and identification.
+Uses runtime, robot, results, forms, bending, description, state, codegen (joint, kernels, package), templates,
+pipeline, simulation, analysis, sweep and identification.
 """
 
 from typing import TYPE_CHECKING

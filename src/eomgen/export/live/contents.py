@@ -198,8 +198,8 @@ def _in_motion(robot: Robot, kernel: Kernel, q: Array, deviations: list[int], ac
     a, still = np.zeros(kernel.n), np.zeros(kernel.n)
     for drive, first, last in zip(acting["drives"], cycle["start"], cycle["goal"], strict=True):
         a[drive["joint"]] = QUINTIC * (last - first) / cycle["duration"] ** 2
-    z = np.zeros(len(kernel.internal_states)) if kernel.internal_states else None
-    force = kernel.inverse_dynamics(q, still, a, z=z) - kernel.inverse_dynamics(q, still, still, z=z)
+    at = np.concatenate([q, still[q.size :]])  # states of laws rest
+    force = kernel.inverse_dynamics(at, still, a) - kernel.inverse_dynamics(at, still, still)
     stiffness = stiffnesses(kernel)
     for i in deviations:
         deflection[i] = force[i] / stiffness[i] if stiffness[i] > 0.0 else 0.0
