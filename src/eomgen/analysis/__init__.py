@@ -1,12 +1,7 @@
 """Statics, vibration, frequency response, linearization and error budgets about a state or along a path.
 
-<<<<<<< HEAD
 Uses runtime, robot, results, bending, description, state, loops, motion, codegen (kernels), pipeline, integration and
 simulation.
-=======
-Uses runtime, robot, results, bending, description, state, loops, motion, codegen (kernels), pipeline, integration
-and simulation.
->>>>>>> writers
 """
 
 from typing import TYPE_CHECKING
