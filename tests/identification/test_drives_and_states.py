@@ -155,8 +155,7 @@ def motion(built: Build, robot: eomgen.Robot) -> MeasuredMotion:
     for k, step in enumerate(np.diff(q)):
         end = np.copysign(most, step)
         z[k + 1] = end + (z[k] - end) * np.exp(-abs(step) / most)
-    none = np.zeros_like(q)
-    u = kernel.inverse_dynamics(*(np.stack(pair, axis=1) for pair in ((q, none), (v, z), (a, none))))[:, 0]
+    u = kernel.inverse_dynamics(*(x[:, np.newaxis] for x in (q, v, a)), z=z[:, np.newaxis])[:, 0]
     columns = {"t": t, "j1.gamma": q, "j1.gamma.rate": v, "j1.gamma.acceleration": a, "j1.gamma.drive": u}
     return motion_from_columns(columns, kernel.coordinates)
 
