@@ -1,7 +1,7 @@
 """A robot about a state or along a path: statics, vibration, frequency responses, linear systems, error budgets.
 
-Uses runtime, robot, results, bending, description, state, loops, motion, codegen (kernels), pipeline, integration and
-simulation.
+Uses runtime, robot, results, bending, description, state, loops, motion, codegen (kernels), pipeline, integration
+and simulation.
 """
 
 from typing import TYPE_CHECKING
