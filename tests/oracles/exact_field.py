@@ -28,7 +28,6 @@ from eomgen.codegen.kernels.signatures import knows_turns
 from eomgen.codegen.kernels.writers import VARIANTS, WRITERS
 from eomgen.codegen.program import forward_mode, passes, reverse_mode, second_order, taylor
 from eomgen.codegen.program.ir import Graph, Node, Program, Value, evaluate, finish
-from eomgen.codegen.program.operations import CALLS
 from eomgen.codegen.tree import bound as bound_module
 from eomgen.codegen.tree.bound import Bound
 from eomgen.codegen.tree.spatial import Mat, Pose
