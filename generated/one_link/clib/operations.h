@@ -38,21 +38,25 @@ EOM_INLINE lanes chosen_lanes(lanes gate, lanes x, lanes y) { return chosen(gate
 #endif
 EOM_INLINE lanes root_lanes(lanes x)
 {
-    for (int l = 0; l < LANES; ++l) { LANE(x, l) = root(LANE(x, l)); }
-    return x;
+    lanes value = x;
+    for (int l = 0; l < LANES; ++l) { LANE(value, l) = root(LANE(x, l)); }
+    return value;
 }
 EOM_INLINE lanes bearing_lanes(lanes y, lanes x)
 {
-    for (int l = 0; l < LANES; ++l) { LANE(y, l) = bearing(LANE(y, l), LANE(x, l)); }
-    return y;
+    lanes value = y;
+    for (int l = 0; l < LANES; ++l) { LANE(value, l) = bearing(LANE(y, l), LANE(x, l)); }
+    return value;
 }
 EOM_INLINE lanes exponential_lanes(lanes x)
 {
-    for (int l = 0; l < LANES; ++l) { LANE(x, l) = exponential(LANE(x, l)); }
-    return x;
+    lanes value = x;
+    for (int l = 0; l < LANES; ++l) { LANE(value, l) = exponential(LANE(x, l)); }
+    return value;
 }
 EOM_INLINE lanes logarithm_lanes(lanes x)
 {
-    for (int l = 0; l < LANES; ++l) { LANE(x, l) = logarithm(LANE(x, l)); }
-    return x;
+    lanes value = x;
+    for (int l = 0; l < LANES; ++l) { LANE(value, l) = logarithm(LANE(x, l)); }
+    return value;
 }
