@@ -244,7 +244,9 @@ def check_internal_states(
 
     _check_names(where, key, names, is_state, "OWNER.LAW.STATE with an owner of " + (listed(owners) or "any name"))
     if len(units) != len(names) or not all(UNIT.fullmatch(unit) for unit in units):
-        raise InputError(f"{where}: {key}_units: got {listed(units)}; allowed: a unit for each of {listed(names)}")
+        raise InputError(
+            f"{where}: {key.removesuffix('s')}_units: got {listed(units)}; allowed: a unit for each of {listed(names)}"
+        )
 
 
 def _check_coordinates(meta: Meta, arrays: Mapping[str, Any], where: str) -> None:
